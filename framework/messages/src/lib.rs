@@ -1,0 +1,56 @@
+//! The values that travel on edges, each with a name and a version: public fields, no algorithms.
+//!
+//! | type | what it is | coordinates |
+//! |---|---|---|
+//! | [`Image`] | one picture of one camera | pixels of that camera |
+//! | [`Features`] | the 2D points found in one picture | pixels of that camera |
+//! | [`Targets`] | the 3D points recovered at one scale | metres in that scale's space |
+
+mod camera_set;
+mod features;
+mod image;
+mod stamped;
+mod targets;
+
+use std::any::Any;
+
+pub use camera_set::{CameraId, CameraSet};
+pub use features::{Feature, Features};
+pub use image::{Image, PixelFormat};
+pub use stamped::{Interval, SourceId, Stamp, Stamped, Time};
+pub use targets::{How, Target, TargetId, Targets};
+
+/// A type that may travel on an edge.
+pub trait Message: Any + Send + Sync {
+    /// Name in rigs, errors and recordings, lower case.
+    const NAME: &'static str;
+    /// Raised when the meaning or the layout of the fields changes.
+    const VERSION: u32 = 1;
+    /// Whose coordinates the payload is in; edges that would mix them are refused before a run.
+    const SPACE: SpaceKind;
+
+    /// What the payload can state about itself, for the ledger.
+    fn quality(&self) -> Quality {
+        Quality::default()
+    }
+}
+
+/// Whose coordinates a message is in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SpaceKind {
+    /// Holds no coordinates.
+    None,
+    /// Pixels of one camera.
+    CameraPixels,
+    /// Metres in the space of one scale.
+    ScalePoints,
+}
+
+/// What a payload states about itself, for the ledger.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Quality {
+    /// How many things it holds (features, targets).
+    pub count: Option<u32>,
+    /// Standard deviation of what it holds, in the payload's own unit (px or m): the mean over its items.
+    pub sigma: Option<f64>,
+}
