@@ -1,1 +1,19 @@
-//! To be filled.
+//! What authors of nodes and embedders depend on: the rooms re-exported, and a prelude. No code of its own.
+
+pub use foveate_dataflow as dataflow;
+pub use foveate_estimation as estimation;
+pub use foveate_geometry as geometry;
+pub use foveate_imaging as imaging;
+pub use foveate_messages as messages;
+pub use foveate_scene as scene;
+
+/// What nearly every node file needs.
+pub mod prelude {
+    pub use foveate_dataflow::{
+        ConfigError, Due, In, Interval, Io, Message, Node, NodeError, Out, Plan, Pool, Ports, Purpose, Registry,
+        Report, Role, Setup, Stamp, Stamped, Time,
+    };
+    pub use foveate_messages::{
+        CameraId, CameraSet, Feature, Features, How, Image, PixelFormat, Target, TargetId, Targets,
+    };
+}

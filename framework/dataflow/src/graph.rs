@@ -1,0 +1,171 @@
+//! A rig after all checks: node instances in the order of their schedule, and the edges between them.
+
+use std::fmt;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use foveate_messages::{CameraId, Interval, Time};
+use foveate_scene::calibration::Calibration;
+
+use crate::registry::{NodeType, Settings};
+use crate::setup::{Purpose, Setup};
+
+/// A checked rig, ready to run.
+pub struct Graph {
+    /// The rig's name.
+    pub name: String,
+    /// The rig's seed.
+    pub seed: u64,
+    /// Where simulated and file-fed sources are cut off.
+    pub duration: Option<Interval>,
+    /// The folder of the rig file.
+    pub rig_dir: PathBuf,
+    /// All cameras.
+    pub calibration: Arc<Calibration>,
+    /// The scales, parents before children.
+    pub scales: Vec<Scale>,
+    /// Node instances; each stands behind all that trigger it.
+    pub instances: Vec<Instance>,
+    /// Edges, by producer, then by consumer.
+    pub edges: Vec<Edge>,
+    /// The rig with all defaults filled in: TOML that can be run again.
+    pub resolved: String,
+}
+
+/// A named subgraph with its own space.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scale {
+    /// Its name.
+    pub name: String,
+    /// The scale it nests in.
+    pub parent: Option<String>,
+    /// The target that its space moves with: output port of a node of the parent, and the target's name.
+    pub anchor: Option<String>,
+    /// Working volume in its own space [m], opposite corners.
+    pub volume_m: Option<[[f64; 3]; 2]>,
+    /// Extent around the anchor [m].
+    pub radius_m: Option<f64>,
+}
+
+/// One node, for one camera where the rig says so.
+pub struct Instance {
+    /// Full name: `room.leds[wide-3]`, `room.targets`.
+    pub path: String,
+    /// The node's name in its scale: `leds`.
+    pub node: String,
+    /// Index of the scale.
+    pub scale: usize,
+    /// The camera it serves.
+    pub camera: Option<CameraId>,
+    /// Its type.
+    pub node_type: Arc<NodeType>,
+    /// Its settings; shared by all instances of the node.
+    pub settings: Arc<dyn Settings>,
+    /// What happens when it fails.
+    pub on_error: OnError,
+}
+
+/// What happens when a node fails on a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum OnError {
+    /// The node and what hangs on it alone stop; the rest of the rig goes on.
+    #[default]
+    Stop,
+    /// The message is dropped and counted; the node keeps its state (after a panic it is made anew).
+    Skip,
+    /// The message is dropped and counted; the node is made anew.
+    Restart,
+}
+
+/// A connection from an output port to an input port.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Edge {
+    /// Producing instance and its output port.
+    pub from: (usize, usize),
+    /// Consuming instance and its input port.
+    pub to: (usize, usize),
+    /// `room.leds[wide-3].features -> room.targets.features`
+    pub name: String,
+    /// Closes a cycle.
+    pub feedback: bool,
+    /// What happens when the consumer is behind.
+    pub queue: Queue,
+    /// What the edge promises.
+    pub require: Option<Requirement>,
+}
+
+/// The queue of an edge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Queue {
+    /// Messages that may wait, at least 1.
+    pub capacity: usize,
+    /// What happens to one more.
+    pub when_full: WhenFull,
+}
+
+impl Default for Queue {
+    fn default() -> Self {
+        Self { capacity: 8, when_full: WhenFull::DropOldest }
+    }
+}
+
+/// What happens when a message meets a full queue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum WhenFull {
+    /// The oldest waiting message is dropped and counted.
+    #[default]
+    DropOldest,
+    /// The new message is dropped and counted.
+    DropNewest,
+    /// The producer waits.
+    Wait,
+}
+
+/// What an edge promises.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Requirement {
+    /// Age at delivery, 99th percentile, at most [s].
+    pub age_s: Option<f64>,
+    /// Messages a second, at least [Hz].
+    pub rate_hz: Option<f64>,
+    /// Mean standard deviation that the payload states, at most [px or m].
+    pub sigma: Option<f64>,
+    /// Fraction of the messages that were lost (gaps and drops), at most.
+    pub loss: Option<f64>,
+    /// Not meeting it fails the run (exit code 3).
+    pub must: bool,
+}
+
+impl Graph {
+    /// What instance `index` is given when it is made.
+    pub fn setup(&self, index: usize, out_dir: Option<PathBuf>, purpose: Purpose) -> Setup {
+        let instance = &self.instances[index];
+        let scale = &self.scales[instance.scale];
+        Setup {
+            instance: instance.path.clone(),
+            scale: scale.name.clone(),
+            camera: instance.camera,
+            calibration: Arc::clone(&self.calibration),
+            volume_m: scale.volume_m,
+            random: foveate_estimation::random::Random::new(self.seed).fork(&instance.path),
+            rig_dir: self.rig_dir.clone(),
+            out_dir,
+            purpose,
+        }
+    }
+
+    /// Whether `time` is past the rig's duration.
+    pub fn is_over(&self, time: Time) -> bool {
+        self.duration.is_some_and(|duration| time >= Time::ZERO + duration)
+    }
+}
+
+impl fmt::Debug for Graph {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Graph")
+            .field("name", &self.name)
+            .field("instances", &self.instances.iter().map(|it| &it.path).collect::<Vec<_>>())
+            .field("edges", &self.edges.iter().map(|it| &it.name).collect::<Vec<_>>())
+            .finish_non_exhaustive()
+    }
+}

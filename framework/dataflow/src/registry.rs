@@ -1,0 +1,137 @@
+//! The node types that a program knows.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use schemars::Schema;
+
+use crate::error::{ConfigError, NodeError};
+use crate::io::Io;
+use crate::node::{Due, Node, Plan, Role};
+use crate::port::Ports;
+use crate::report::Report;
+use crate::setup::Setup;
+
+/// The node types that a program knows, by name.
+#[derive(Default)]
+pub struct Registry {
+    types: BTreeMap<&'static str, Arc<NodeType>>,
+}
+
+/// One node type, erased.
+pub struct NodeType {
+    /// [`Node::TYPE`].
+    pub name: &'static str,
+    /// [`Node::ROLE`].
+    pub role: Role,
+    /// [`Node::SUMMARY`].
+    pub summary: &'static str,
+    /// [`Node::ports`].
+    pub ports: Ports,
+    /// JSON Schema of the settings (an object); names, units in brackets, ranges and defaults are read from it.
+    pub schema: Schema,
+    /// Settings out of a TOML table; errors keep the table's spans.
+    pub(crate) decode: fn(toml::de::DeTable<'_>) -> Result<Box<dyn Settings>, toml::de::Error>,
+}
+
+/// The settings of one node, erased.
+pub trait Settings: Send + Sync {
+    /// Makes the node.
+    ///
+    /// # Errors
+    /// [`Node::new`]'s.
+    fn build(&self, setup: &Setup) -> Result<Box<dyn ErasedNode>, ConfigError>;
+    /// All settings, defaults filled in, as a TOML table.
+    ///
+    /// # Errors
+    /// When the type's `Serialize` gives what TOML cannot hold.
+    fn resolved(&self) -> Result<toml::Table, toml::ser::Error>;
+    /// [`Node::plan`].
+    fn plan(&self) -> Plan;
+}
+
+/// A node, erased.
+pub trait ErasedNode: Send {
+    /// [`Node::process`].
+    ///
+    /// # Errors
+    /// [`Node::process`]'s.
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError>;
+    /// [`Node::due`].
+    fn due(&mut self) -> Due;
+    /// [`Node::finish`].
+    ///
+    /// # Errors
+    /// [`Node::finish`]'s.
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError>;
+}
+
+impl<N: Node> ErasedNode for N {
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        Node::process(self, io)
+    }
+    fn due(&mut self) -> Due {
+        Node::due(self)
+    }
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        Node::finish(self, report)
+    }
+}
+
+struct SettingsOf<N: Node>(N::Settings);
+
+impl<N: Node> Settings for SettingsOf<N> {
+    fn build(&self, setup: &Setup) -> Result<Box<dyn ErasedNode>, ConfigError> {
+        Ok(Box::new(N::new(self.0.clone(), setup)?))
+    }
+    fn resolved(&self) -> Result<toml::Table, toml::ser::Error> {
+        toml::Table::try_from(&self.0)
+    }
+    fn plan(&self) -> Plan {
+        N::plan(&self.0)
+    }
+}
+
+fn decode<N: Node>(table: toml::de::DeTable<'_>) -> Result<Box<dyn Settings>, toml::de::Error> {
+    use serde::Deserialize;
+    let whole = toml::Spanned::new(0..0, toml::de::DeValue::Table(table));
+    let settings = N::Settings::deserialize(toml::de::ValueDeserializer::from(whole))?;
+    Ok(Box::new(SettingsOf::<N>(settings)))
+}
+
+impl Registry {
+    /// Knows nothing yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Makes node type `N` known.
+    ///
+    /// # Panics
+    /// When the name is taken or is not `plugin.node`: a mistake in the program's source.
+    pub fn add<N: Node>(&mut self) {
+        assert!(N::TYPE.split('.').count() == 2, "a node type is named `plugin.node`, not `{}`", N::TYPE);
+        let taken = self.types.insert(
+            N::TYPE,
+            Arc::new(NodeType {
+                name: N::TYPE,
+                role: N::ROLE,
+                summary: N::SUMMARY,
+                ports: N::ports(),
+                schema: schemars::schema_for!(N::Settings),
+                decode: decode::<N>,
+            }),
+        );
+        assert!(taken.is_none(), "two node types are named `{}`", N::TYPE);
+    }
+
+    /// The type of that name.
+    pub fn get(&self, name: &str) -> Option<&Arc<NodeType>> {
+        self.types.get(name)
+    }
+
+    /// All types by name.
+    pub fn iter(&self) -> impl Iterator<Item = &Arc<NodeType>> {
+        self.types.values()
+    }
+}

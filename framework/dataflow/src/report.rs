@@ -1,0 +1,32 @@
+//! What a run leaves behind: figures under dotted names, and files.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// Collects the figures and files of one run.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Report {
+    /// Figures by dotted name with the unit in it (`reprojection_px.median`); NaN where there was nothing to measure.
+    pub figures: BTreeMap<String, f64>,
+    /// Files and pictures written, relative to the results folder where they lie in it.
+    pub files: Vec<PathBuf>,
+    /// Sentences for the person who ran it.
+    pub remarks: Vec<String>,
+}
+
+impl Report {
+    /// Sets a figure; a later value of the same name replaces the earlier one.
+    pub fn figure(&mut self, name: impl Into<String>, value: f64) {
+        self.figures.insert(name.into(), value);
+    }
+
+    /// Notes a file that was written.
+    pub fn file(&mut self, path: impl Into<PathBuf>) {
+        self.files.push(path.into());
+    }
+
+    /// Adds a sentence.
+    pub fn remark(&mut self, text: impl Into<String>) {
+        self.remarks.push(text.into());
+    }
+}
