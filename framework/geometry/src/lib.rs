@@ -1,1 +1,25 @@
-//! To be filled.
+//! Camera models, rays, triangulation: pure functions, without time and without I/O.
+//!
+//! | module | what it gives |
+//! |---|---|
+//! | [`camera`] | [`Camera`]: pinhole with Brown–Conrady distortion; point to pixel, pixel to [`Ray`] |
+//! | [`ray`] | [`Ray`], and where two of them come closest |
+//! | [`triangulate`] | a point from two or more rays, and its refinement on pixels with a covariance |
+//!
+//! Rigid transforms are `nalgebra::Isometry3<f64>`, named `b_from_a`. The world is right-handed with Z up; a
+//! camera looks along its +z, with +x to the right and +y down; pixel (0, 0) is the centre of the top-left pixel.
+
+pub mod camera;
+mod distortion;
+mod from_matrix;
+mod look_at;
+pub mod ray;
+pub mod triangulate;
+
+pub use camera::{Camera, CameraFault, Distortion, Intrinsics};
+pub use from_matrix::ProjectionFault;
+pub use ray::{Approach, Ray, closest_approach};
+pub use triangulate::{PixelNoise, Triangulation, TriangulationFault, refine, triangulate_rays};
+
+/// A rigid transform, always named `b_from_a`: rotation, then translation [m].
+pub type Pose = nalgebra::Isometry3<f64>;

@@ -1,0 +1,115 @@
+//! Brown–Conrady lens distortion in normalised image coordinates, forward, with its derivative, and back.
+//!
+//! Source: D. C. Brown, "Decentering distortion of lenses", Photogrammetric Engineering 32(3), 1966, in the
+//! parametrisation that OpenCV and MultiCamSelfCal use. With (x, y) ideal, s = x² + y² and f = 1 + k₁s + k₂s² + k₃s³:
+//!
+//! x' = x f + 2p₁xy + p₂(s + 2x²),  y' = y f + p₁(s + 2y²) + 2p₂xy.
+//!
+//! The radius r f(r²) of real lenses grows with r, the polynomial in general only up to some radius, beyond which it
+//! turns back and one distorted point has several ideal ones. The *domain* here ends there: g(s) = d(r f)/dr =
+//! 1 + 3k₁s + 5k₂s² + 7k₃s³ is positive from the centre out to the point, and so is the determinant of the whole
+//! 2×2 derivative at the point, which the decentering terms enter too.
+
+use nalgebra::{Matrix2, Vector2};
+
+/// Distortion coefficients for normalised coordinates (radius 1 = 45° off the axis), without unit. The default is none.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Distortion {
+    /// Radial, of r².
+    pub k1: f64,
+    /// Radial, of r⁴.
+    pub k2: f64,
+    /// Decentering, vertical.
+    pub p1: f64,
+    /// Decentering, horizontal.
+    pub p2: f64,
+    /// Radial, of r⁶.
+    pub k3: f64,
+}
+
+/// How far [`Distortion::undistort`] may be from the exact answer, relative to 1 + |distorted| (normalised units).
+const UNDISTORT_TOLERANCE: f64 = 1e-13;
+
+impl Distortion {
+    /// Distorts `ideal`; `None` outside the domain (see the module) or when not finite.
+    #[inline]
+    pub fn distort(&self, ideal: &Vector2<f64>) -> Option<Vector2<f64>> {
+        self.distort_with_jacobian(ideal).map(|(distorted, _)| distorted)
+    }
+
+    /// Distorts `ideal` and gives the derivative of the distorted by the ideal point; `None` as for [`Self::distort`].
+    #[inline]
+    pub fn distort_with_jacobian(&self, ideal: &Vector2<f64>) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+        let Distortion { k1, k2, p1, p2, k3 } = *self;
+        let (x, y) = (ideal.x, ideal.y);
+        let s = x * x + y * y;
+        let radial = 1.0 + s * (k1 + s * (k2 + s * k3));
+        let twice_slope = 2.0 * (k1 + s * (2.0 * k2 + s * (3.0 * k3))); // 2 df/ds
+        let distorted = Vector2::new(
+            x * radial + 2.0 * p1 * x * y + p2 * (s + 2.0 * x * x),
+            y * radial + p1 * (s + 2.0 * y * y) + 2.0 * p2 * x * y,
+        );
+        let cross = twice_slope * x * y + 2.0 * (p1 * x + p2 * y);
+        let xx = radial + twice_slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x;
+        let yy = radial + twice_slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x;
+        let invertible = xx * yy - cross * cross > 0.0 && self.radius_grows_up_to(s);
+        // A NaN or an infinity fails the comparisons above.
+        invertible.then_some((distorted, Matrix2::new(xx, cross, cross, yy)))
+    }
+
+    /// Inverts [`Self::distort`] by Newton's method, with steps shortened until they stay in the domain and come
+    /// closer; `None` when nothing in the domain is distorted to `distorted`.
+    pub fn undistort(&self, distorted: &Vector2<f64>) -> Option<Vector2<f64>> {
+        if *self == Distortion::default() {
+            return distorted.iter().all(|it| it.is_finite()).then_some(*distorted);
+        }
+        let tolerance = UNDISTORT_TOLERANCE * (1.0 + distorted.norm());
+        let mut ideal = *distorted;
+        let mut at_ideal = self.distort_with_jacobian(&ideal);
+        for _ in 0..60 {
+            if at_ideal.is_some() {
+                break;
+            }
+            ideal *= 0.5; // the centre is always in the domain
+            at_ideal = self.distort_with_jacobian(&ideal);
+        }
+        let (mut image, mut slope) = at_ideal?;
+        for _ in 0..100 {
+            let residual = distorted - image;
+            let error = residual.norm();
+            if error <= tolerance {
+                return Some(ideal);
+            }
+            let mut step = slope.try_inverse()? * residual;
+            let closer = (0..40).find_map(|_| {
+                let candidate = ideal + step;
+                step *= 0.5;
+                let there = self.distort_with_jacobian(&candidate)?;
+                ((distorted - there.0).norm() < error).then_some((candidate, there))
+            });
+            (ideal, (image, slope)) = closer?;
+        }
+        None
+    }
+
+    /// Whether g of the module's text is positive on all of 0..=s.
+    #[inline]
+    fn radius_grows_up_to(&self, s: f64) -> bool {
+        let Distortion { k1, k2, k3, .. } = *self;
+        let pessimistic = 1.0 + s * (3.0 * k1.min(0.0) + s * (5.0 * k2.min(0.0) + s * 7.0 * k3.min(0.0)));
+        // The bound falls with s, so that it holds for all smaller s as well; most points end here.
+        s.is_finite() && (pessimistic > 0.0 || self.slowest_growth_up_to(s) > 0.0)
+    }
+
+    /// The least value of g on 0..=s: at an end, or where its derivative 3k₁ + 10k₂s + 21k₃s² is zero.
+    #[cold]
+    fn slowest_growth_up_to(&self, s: f64) -> f64 {
+        let Distortion { k1, k2, k3, .. } = *self;
+        let growth = |at: f64| 1.0 + at * (3.0 * k1 + at * (5.0 * k2 + at * 7.0 * k3));
+        let (a, half_b, c) = (21.0 * k3, 5.0 * k2, 3.0 * k1);
+        let root = (half_b * half_b - a * c).max(0.0).sqrt();
+        let q = -(half_b + root.copysign(half_b)); // q/a and c/q are the two roots, without cancellation
+        let least_at_ends = growth(s).min(1.0);
+        [q / a, c / q].into_iter().filter(|at| *at > 0.0 && *at < s).map(growth).fold(least_at_ends, f64::min)
+    }
+}
