@@ -1,1 +1,18 @@
-//! To be filled.
+//! What turns noisy numbers into estimates, without knowing sensors or nodes.
+//!
+//! | module | what it gives |
+//! |---|---|
+//! | [`kalman`] | a point that moves at nearly constant velocity, updated by pixels or positions |
+//! | [`assignment`] | which measurement belongs to which track, at the least cost, with a gate |
+//! | [`statistics`] | median, percentiles, median absolute deviation, a summary |
+//! | [`random`] | seeded random numbers, with a stream of its own for each name |
+
+pub mod assignment;
+pub mod kalman;
+pub mod random;
+pub mod statistics;
+
+pub use assignment::{Workspace, nearest_greedy, optimal};
+pub use kalman::{ConstantVelocity, Innovation};
+pub use random::Random;
+pub use statistics::Summary;
