@@ -1,1 +1,27 @@
-//! To be filled.
+//! Pictures and what can be found in them: views, colour planes, masks, learned thresholds, bright spots.
+//!
+//! One frame of one camera, as the detector of [Davis 2002 §3.3] treats it:
+//!
+//! 1. [`plane::extract`] turns RGB into one byte a pixel (a gray picture is taken as it is);
+//! 2. [`SpotFinder`] searches it whole, or sampled rows and windows of it, against a [`ThresholdMap`];
+//! 3. [`Background::update`] is told how much was lit, learns, and says whether the spots are to be trusted.
+//!
+//! Pixel (0, 0) is the centre of the top-left pixel. Nothing here reads a clock, a file or a random number.
+//!
+//! Source: J. E. Davis, *Mixed Scale Motion Recovery*, PhD thesis, Stanford, 2002.
+
+pub mod background;
+mod error;
+pub mod mask;
+pub mod plane;
+pub mod spots;
+mod thresholds;
+pub mod view;
+
+pub use background::{Background, BackgroundConfig, Statistic, Verdict};
+pub use error::ImagingError;
+pub use mask::fill_polygon;
+pub use plane::Channel;
+pub use spots::{Centroid, Found, Measure, Sampling, Spot, SpotFinder, SpotLimits, Window};
+pub use thresholds::ThresholdMap;
+pub use view::ImageView;
