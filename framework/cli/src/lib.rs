@@ -1,1 +1,31 @@
-//! To be filled.
+//! The `foveate` program: the only room that knows all the others and the built-in plugins.
+
+pub mod commands;
+pub mod outcome;
+pub mod output;
+pub mod progress;
+pub mod results;
+
+use foveate_dataflow::Registry;
+
+/// Every node type that this program is built with: each plugin is named here once.
+pub fn registry() -> Registry {
+    let mut registry = Registry::new();
+    foveate_sim::register(&mut registry);
+    foveate_capture::register(&mut registry);
+    foveate_led::register(&mut registry);
+    foveate_export::register(&mut registry);
+    registry
+}
+
+/// Exit codes, as documented in `foveate --help`.
+pub mod exit {
+    /// Done.
+    pub const DONE: u8 = 0;
+    /// The rig or its input is at fault.
+    pub const INPUT: u8 = 2;
+    /// A requirement marked `must` was not met.
+    pub const UNMET: u8 = 3;
+    /// This program is at fault.
+    pub const PROGRAM: u8 = 70;
+}

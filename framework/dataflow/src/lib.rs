@@ -20,6 +20,7 @@ pub mod registry;
 pub mod report;
 pub mod rig;
 pub mod run;
+pub mod setting_docs;
 pub mod setup;
 
 pub use error::{ConfigError, NodeError};

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
 use foveate_messages::CameraId;
-use foveate_scene::calibration::Calibration;
+use foveate_scene::calibration::{Calibration, LengthUnit};
 
 use crate::error::ConfigError;
 
@@ -52,7 +52,7 @@ impl Setup {
             instance: "test.node".to_owned(),
             scale: "test".to_owned(),
             camera: None,
-            calibration: Arc::new(Calibration::default()),
+            calibration: no_cameras(),
             volume_m: None,
             random: Random::new(1),
             rig_dir: PathBuf::from("."),
@@ -83,11 +83,19 @@ impl Setup {
             (false, _) => text.to_owned(),
             (true, Some(name)) => text.replace("{camera}", name),
             (true, None) => {
-                return Err(ConfigError::at(setting, "`{camera}` needs a node with `each` or `camera`; this one has neither"));
+                return Err(ConfigError::at(
+                    setting,
+                    "`{camera}` needs a node with `each` or `camera`; this one has neither",
+                ));
             }
         };
         expand_path(&text, &self.rig_dir).map_err(|message| ConfigError::at(setting, message))
     }
+}
+
+/// The calibration of a rig that names none.
+pub fn no_cameras() -> Arc<Calibration> {
+    Arc::new(Calibration { cameras: Vec::new(), length_unit: LengthUnit::Metre, origin: String::new() })
 }
 
 /// Replaces each `${NAME}` by the environment variable of that name; what is relative and does not begin with a

@@ -1,0 +1,155 @@
+//! The commands of the `foveate` program.
+
+mod check;
+mod graph;
+mod new;
+mod nodes;
+mod run;
+
+use std::path::{Path, PathBuf};
+
+use clap::{CommandFactory, Parser, Subcommand, ValueEnum};
+use foveate_dataflow::graph::Graph;
+use foveate_dataflow::rig::{self, Overrides};
+
+use crate::output::{say, wants_color};
+use crate::{exit, registry};
+
+/// Recover motion at mixed scales: a rig in TOML in, targets in 3D out.
+///
+/// First steps:
+///   foveate run graphs/room.toml        a walking person tracked in the simulated lab
+///   foveate nodes                       the parts that rigs are made of
+///   foveate new rig my_lab              a rig of your own to start from
+///   foveate check my_lab.toml           every fault of a rig, each at its line
+#[derive(Debug, Parser)]
+#[command(name = "foveate", version, verbatim_doc_comment, after_help = EXIT_CODES)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXIT_CODES: &str = "Exit codes: 0 done · 2 the rig or its input is at fault · 3 a requirement marked `must` was not met \
+                          · 70 the program is at fault";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Run a rig and write what it recovers into a results folder
+    Run(RunArgs),
+    /// Find every fault of a rig before anything runs
+    Check {
+        /// The rig (TOML)
+        #[arg(value_hint = clap::ValueHint::FilePath)]
+        rig: PathBuf,
+    },
+    /// List the node types, or show one: ports, settings with units and defaults
+    Nodes {
+        /// A node type, as led.detector
+        node_type: Option<String>,
+    },
+    /// Draw the graph of a rig
+    Graph {
+        /// The rig (TOML)
+        #[arg(value_hint = clap::ValueHint::FilePath)]
+        rig: PathBuf,
+        /// What to draw
+        #[arg(long, value_enum, default_value_t = PictureFormat::Svg)]
+        format: PictureFormat,
+        /// The file to write; `-` for standard output [default: <rig>.svg or <rig>.mmd in this folder]
+        #[arg(long, short, value_hint = clap::ValueHint::FilePath)]
+        output: Option<PathBuf>,
+    },
+    /// Begin something of your own
+    New {
+        #[command(subcommand)]
+        what: NewWhat,
+    },
+    /// Print the JSON Schema of rigs, for editors
+    Schema,
+    /// Print the completion script of a shell
+    Completions {
+        /// The shell
+        shell: clap_complete::Shell,
+    },
+}
+
+/// `foveate run`
+#[derive(Debug, clap::Args)]
+pub struct RunArgs {
+    /// The rig (TOML)
+    #[arg(value_hint = clap::ValueHint::FilePath)]
+    rig: PathBuf,
+    /// Folder for the results [default: results/<rig>-<n>]
+    #[arg(long, value_name = "DIR", value_hint = clap::ValueHint::DirPath)]
+    out: Option<PathBuf>,
+    /// End the session after so many seconds of its own time, in place of the rig's `duration_s`
+    #[arg(long, value_name = "SECONDS")]
+    duration: Option<f64>,
+    /// Seed of everything random, in place of the rig's
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Run on the wall clock with worker threads instead of as fast as possible in a repeatable order
+    #[arg(long)]
+    live: bool,
+    /// Worker threads of a live run [default: one for each core and one for what joins cameras]
+    #[arg(long, value_name = "N", requires = "live", value_parser = clap::value_parser!(u16).range(1..=256))]
+    workers: Option<u16>,
+    /// Show no progress
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+/// What `foveate graph` draws.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum PictureFormat {
+    /// A picture for people
+    Svg,
+    /// Text that Markdown viewers draw
+    Mermaid,
+}
+
+#[derive(Debug, Subcommand)]
+enum NewWhat {
+    /// A rig with the simulated lab in it, and its calibration: NAME.toml, NAME.calibration.toml
+    Rig {
+        /// Name of the rig: small letters, digits, `_` and `-`
+        name: String,
+    },
+}
+
+impl Cli {
+    /// Does what was asked; gives the exit code.
+    pub fn run(self) -> u8 {
+        match self.command {
+            Command::Run(args) => run::run(&args),
+            Command::Check { rig } => check::run(&rig),
+            Command::Nodes { node_type } => nodes::run(node_type.as_deref()),
+            Command::Graph { rig, format, output } => graph::run(&rig, format, output),
+            Command::New { what: NewWhat::Rig { name } } => new::rig(&name),
+            Command::Schema => {
+                say(&format!("{:#}\n", rig::schema(&registry())));
+                exit::DONE
+            }
+            Command::Completions { shell } => {
+                let mut script = Vec::new();
+                clap_complete::generate(shell, &mut Self::command(), "foveate", &mut script);
+                say(&String::from_utf8_lossy(&script));
+                exit::DONE
+            }
+        }
+    }
+}
+
+/// Loads a rig, or prints all its faults.
+fn load(path: &Path, overrides: &Overrides) -> Result<Graph, u8> {
+    rig::load_file(path, &registry(), overrides).map_err(|faults| {
+        eprint!("{}", faults.render(wants_color()));
+        exit::INPUT
+    })
+}
+
+/// Prints one sentence as an error.
+fn complain(sentence: &str) -> u8 {
+    eprintln!("error: {sentence}");
+    exit::INPUT
+}

@@ -1,0 +1,101 @@
+//! `foveate nodes`: the parts that rigs are made of.
+
+use std::fmt::Write;
+
+use foveate_dataflow::port::{InputSpec, Take};
+use foveate_dataflow::registry::NodeType;
+use foveate_dataflow::rig::closest;
+use foveate_dataflow::setting_docs::{SettingDoc, setting_docs};
+
+use crate::output::say;
+use crate::{exit, registry};
+
+pub(super) fn run(node_type: Option<&str>) -> u8 {
+    let registry = registry();
+    let Some(name) = node_type else {
+        let width = registry.iter().map(|it| it.name.len()).max().unwrap_or(0);
+        let mut text = String::new();
+        for it in registry.iter() {
+            let _ = writeln!(text, "{:width$}  {:<20}  {}", it.name, it.role.name(), it.summary);
+        }
+        text += "\n`foveate nodes TYPE` shows the ports and settings of one.\n";
+        say(&text);
+        return exit::DONE;
+    };
+    match registry.get(name) {
+        Some(it) => {
+            say(&describe(it));
+            exit::DONE
+        }
+        None => {
+            let hint = closest(name, registry.iter().map(|it| it.name)).map_or(String::new(), |it| format!(" (did you mean `{it}`?)"));
+            eprintln!("error: no node type is named `{name}`{hint}; `foveate nodes` lists them all");
+            exit::INPUT
+        }
+    }
+}
+
+/// One node type for people.
+fn describe(node_type: &NodeType) -> String {
+    let mut text = format!("{} — {}\n{}\n", node_type.name, node_type.role.name(), node_type.summary);
+    if !node_type.ports.inputs.is_empty() {
+        text += "\nInputs\n";
+        for it in &node_type.ports.inputs {
+            let _ = writeln!(text, "  {:12} {:10} {}", it.name, it.message.name, taking(it));
+        }
+    }
+    if !node_type.ports.outputs.is_empty() {
+        text += "\nOutputs\n";
+        for it in &node_type.ports.outputs {
+            let _ = writeln!(text, "  {:12} {}", it.name, it.message.name);
+        }
+    }
+    let settings = setting_docs(node_type);
+    text += if settings.is_empty() { "\nNo settings.\n" } else { "\nSettings\n" };
+    for it in &settings {
+        text += &setting(it);
+    }
+    text
+}
+
+fn taking(port: &InputSpec) -> String {
+    let how = match port.take {
+        Take::Each => "each message triggers".to_owned(),
+        Take::Latest => "the latest is sampled, never triggers; may close a cycle".to_owned(),
+        Take::Synced(tolerance) => format!("joined by capture time within {} ms", tolerance.as_ms()),
+        Take::NewestOfEach => "the newest of a source picked at random".to_owned(),
+    };
+    let many = if port.many { ", of any number of cameras" } else { "" };
+    let optional = if port.optional { ", may be left open" } else { "" };
+    format!("{how}{many}{optional}")
+}
+
+fn setting(it: &SettingDoc) -> String {
+    let value = match &it.default {
+        Some(default) => format!("default {default}"),
+        None => "required".to_owned(),
+    };
+    let facts = [Some(it.kind.clone()), it.range.clone(), Some(value)].into_iter().flatten().collect::<Vec<_>>().join(", ");
+    let mut text = format!("  {}  ({facts})\n", it.name);
+    for line in wrap(&it.description, 96) {
+        let _ = writeln!(text, "      {line}");
+    }
+    text
+}
+
+fn wrap(text: &str, width: usize) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in text.split_whitespace() {
+        let full = lines.last().is_some_and(|line| !line.is_empty() && line.chars().count() + 1 + word.chars().count() > width);
+        if full {
+            lines.push(String::new());
+        }
+        if let Some(line) = lines.last_mut() {
+            if !line.is_empty() {
+                line.push(' ');
+            }
+            line.push_str(word);
+        }
+    }
+    lines
+}

@@ -1,0 +1,74 @@
+//! `foveate run`: a rig from the first message to the results folder.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use foveate_dataflow::graph::Graph;
+use foveate_dataflow::rig::Overrides;
+use foveate_dataflow::run::{self, Options, Outcome, Progress};
+
+use super::{RunArgs, complain, load};
+use crate::outcome::{describe, exit_code};
+use crate::output::say;
+use crate::progress::Line;
+use crate::{exit, results};
+
+/// Exit code of a program that SIGINT ended, as shells report it.
+const INTERRUPTED: i32 = 130;
+
+pub(super) fn run(args: &RunArgs) -> u8 {
+    let overrides = Overrides { seed: args.seed, duration_s: args.duration };
+    let graph = match load(&args.rig, &overrides) {
+        Ok(graph) => Arc::new(graph),
+        Err(code) => return code,
+    };
+    let folder = match results::make_folder(args.out.as_deref(), &graph.name) {
+        Ok(folder) => folder,
+        Err(sentence) => return complain(&sentence),
+    };
+    if let Err(sentence) = results::write_rig(&folder, &graph) {
+        return complain(&sentence);
+    }
+    match run_into(args, &graph, &folder) {
+        Ok(outcome) => conclude(&graph, &outcome, &folder),
+        Err(sentence) => complain(&sentence),
+    }
+}
+
+fn run_into(args: &RunArgs, graph: &Arc<Graph>, folder: &Path) -> Result<Outcome, String> {
+    let options =
+        Options { out_dir: Some(folder.to_owned()), workers: args.workers.map(usize::from), ..Options::default() };
+    let stop = Arc::clone(&options.stop);
+    let handler = ctrlc::set_handler(move || {
+        if stop.swap(true, Ordering::Relaxed) {
+            std::process::exit(INTERRUPTED);
+        }
+    });
+    handler.map_err(|error| format!("Ctrl-C cannot be caught: {error}"))?;
+    let mut line = Line::new(graph);
+    let mut observe = |progress: &Progress| {
+        if !args.quiet {
+            line.show(progress);
+        }
+    };
+    let engine = if args.live { run::live } else { run::deterministic };
+    let outcome = engine(Arc::clone(graph), &options, &mut observe).map_err(|error| error.to_string());
+    line.end();
+    outcome
+}
+
+fn conclude(graph: &Graph, outcome: &Outcome, folder: &Path) -> u8 {
+    let saved = results::write_outcome(folder, graph, outcome);
+    say(&describe(outcome, folder));
+    let code = exit_code(outcome);
+    match saved {
+        Ok(()) => code,
+        Err(complaints) => {
+            complaints.iter().for_each(|it| eprintln!("error: {it}"));
+            // What could not be saved must not be lost: the figures still reach the person.
+            eprintln!("summary.json would have been:\n{}", results::summary(outcome));
+            code.max(exit::INPUT)
+        }
+    }
+}

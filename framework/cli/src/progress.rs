@@ -1,0 +1,94 @@
+//! The line that shows where a run is: time, rates, targets, unmet requirements.
+
+use std::io::{IsTerminal, Write};
+use std::time::{Duration, Instant};
+
+use foveate_dataflow::graph::Graph;
+use foveate_dataflow::run::Progress;
+
+/// Where nobody watches a terminal, one line in so long.
+const PLAIN_PERIOD: Duration = Duration::from_secs(5);
+
+/// Shows progress on standard error: one line that is rewritten on a terminal, a line now and then elsewhere.
+pub struct Line {
+    duration_s: Option<f64>,
+    /// By edge: what its rate adds to, if anything.
+    kinds: Vec<Kind>,
+    is_terminal: bool,
+    last_plain: Instant,
+    shown: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Images,
+    Targets,
+    Other,
+}
+
+impl Line {
+    /// For runs of `graph`.
+    pub fn new(graph: &Graph) -> Self {
+        let kinds = graph.edges.iter().map(|edge| {
+            if edge.feedback {
+                return Kind::Other;
+            }
+            let producer = &graph.instances[edge.from.0].node_type;
+            match (producer.ports.outputs[edge.from.1].message.name, producer.role) {
+                ("image" | "features", foveate_dataflow::Role::Source) => Kind::Images,
+                ("targets", foveate_dataflow::Role::Integrator) => Kind::Targets,
+                _ => Kind::Other,
+            }
+        });
+        Self {
+            duration_s: graph.duration.map(|it| it.as_s()),
+            kinds: kinds.collect(),
+            is_terminal: std::io::stderr().is_terminal(),
+            last_plain: Instant::now(),
+            shown: false,
+        }
+    }
+
+    /// Shows `progress`.
+    pub fn show(&mut self, progress: &Progress) {
+        let text = self.text(progress);
+        let mut err = std::io::stderr().lock();
+        if self.is_terminal {
+            self.shown = true;
+            drop(write!(err, "\r\x1b[2K{text}").and_then(|()| err.flush()));
+        } else if self.last_plain.elapsed() >= PLAIN_PERIOD {
+            self.last_plain = Instant::now();
+            drop(writeln!(err, "{text}"));
+        }
+    }
+
+    /// Clears the line.
+    pub fn end(&self) {
+        if self.shown {
+            eprint!("\r\x1b[2K");
+        }
+    }
+
+    fn text(&self, progress: &Progress) -> String {
+        let (mut images, mut cameras, mut targets, mut unmet) = (0.0, 0, None, 0);
+        for (kind, edge) in self.kinds.iter().zip(&progress.edges) {
+            unmet += usize::from(edge.unmet);
+            match kind {
+                Kind::Images => {
+                    images += edge.rate_hz.unwrap_or(0.0);
+                    cameras += usize::from(edge.delivered > 0);
+                }
+                Kind::Targets => targets = targets.max(edge.count),
+                Kind::Other => {}
+            }
+        }
+        let now = progress.now.as_s();
+        let whole = self.duration_s.map_or(String::new(), |it| format!(" of {it:.0}"));
+        let speed = now / progress.wall.as_secs_f64().max(1e-3);
+        let targets = targets.map_or("-".to_owned(), |it| it.to_string());
+        let unmet = if unmet == 0 { String::new() } else { format!("   {unmet} requirements unmet") };
+        format!(
+            "{now:7.1}{whole} s   {speed:.1}× real time   {cameras} cameras, {images:.0} frames/s   {targets} targets{unmet}"
+        )
+    }
+}

@@ -1,0 +1,179 @@
+//! The results folder: summary, ledger, the resolved rig.
+
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use foveate_dataflow::graph::Graph;
+use foveate_dataflow::run::Outcome;
+use serde_json::{Map, Value, json};
+
+/// Makes the folder for a run's results: `wanted`, or the first free `results/<rig>-<n>`.
+///
+/// # Errors
+/// A sentence with the path and the reason.
+pub fn make_folder(wanted: Option<&Path>, rig: &str) -> Result<PathBuf, String> {
+    let complain = |path: &Path, error: io::Error| format!("the results folder `{}` cannot be made: {error}", path.display());
+    if let Some(path) = wanted {
+        fs::create_dir_all(path).map_err(|error| complain(path, error))?;
+        return Ok(path.to_owned());
+    }
+    let parent = Path::new("results");
+    fs::create_dir_all(parent).map_err(|error| complain(parent, error))?;
+    for number in 1_u32.. {
+        let path = parent.join(format!("{rig}-{number}"));
+        match fs::create_dir(&path) {
+            Ok(()) => return Ok(path),
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(complain(&path, error)),
+        }
+    }
+    unreachable!("four billion result folders")
+}
+
+/// Writes `rig.resolved.toml` and `graph.svg`, before anything runs.
+///
+/// # Errors
+/// A sentence with the path and the reason.
+pub fn write_rig(folder: &Path, graph: &Graph) -> Result<(), String> {
+    write_whole(&folder.join("rig.resolved.toml"), graph.resolved.as_bytes())?;
+    write_whole(&folder.join("graph.svg"), graph.to_svg().as_bytes())
+}
+
+/// Writes `summary.json`, `ledger.csv`, `events.csv` and `timing.json`. Tries all of them even if one fails.
+///
+/// # Errors
+/// A sentence for each file that could not be written.
+pub fn write_outcome(folder: &Path, graph: &Graph, outcome: &Outcome) -> Result<(), Vec<String>> {
+    let files = [
+        ("summary.json", summary(outcome)),
+        ("ledger.csv", ledger(graph, outcome)),
+        ("events.csv", events(outcome)),
+        ("timing.json", timing(outcome)),
+    ];
+    let complaints: Vec<String> =
+        files.iter().filter_map(|(name, text)| write_whole(&folder.join(name), text.as_bytes()).err()).collect();
+    if complaints.is_empty() { Ok(()) } else { Err(complaints) }
+}
+
+/// Figures under dotted names: the nodes' own, and what the ledgers add up to. The same bytes for the same run.
+pub fn summary(outcome: &Outcome) -> String {
+    let mut figures: Map<String, Value> = Map::new();
+    let sum = |of: fn(&foveate_dataflow::ledger::Ledger) -> u64| outcome.ledgers.iter().map(of).sum::<u64>();
+    figures.insert("session_s".into(), number(outcome.ended.as_s()));
+    figures.insert("messages.delivered".into(), json!(sum(|it| it.delivered)));
+    figures.insert("messages.dropped".into(), json!(sum(|it| it.dropped)));
+    figures.insert("messages.late".into(), json!(sum(|it| it.late)));
+    figures.insert("gaps".into(), json!(outcome.gaps.iter().map(|it| it.count).sum::<u64>()));
+    figures.insert("faults".into(), json!(outcome.faults.iter().map(|it| it.count).sum::<u64>()));
+    figures.insert("requirements_unmet".into(), json!(outcome.unmet.len()));
+    for (name, &value) in &outcome.report.figures {
+        figures.insert(name.clone(), number(value));
+    }
+    let mut sorted: Vec<_> = figures.into_iter().collect();
+    sorted.sort_by(|a, b| a.0.cmp(&b.0));
+    pretty(&Value::Object(sorted.into_iter().collect()))
+}
+
+/// A JSON number; whole ones without a point, what is not finite as `null`.
+fn number(value: f64) -> Value {
+    if value.fract() == 0.0 && value.abs() < 9e15 { json!(value as i64) } else { json!(value) }
+}
+
+fn pretty(value: &Value) -> String {
+    format!("{value:#}\n")
+}
+
+/// One line an edge.
+fn ledger(graph: &Graph, outcome: &Outcome) -> String {
+    let mut text = "edge,delivered,rate_hz,age_p50_ms,age_p99_ms,age_max_ms,gaps,dropped,late,loss,sigma,requirement\n".to_owned();
+    let optional = |value: Option<f64>, scale: f64| value.map_or(String::new(), |it| format!("{:.4}", it * scale));
+    for (edge, ledger) in graph.edges.iter().zip(&outcome.ledgers) {
+        let verdict = match &edge.require {
+            None => "",
+            Some(promise) if ledger.unmet(promise).is_empty() => "met",
+            Some(_) => "unmet",
+        };
+        let ages = [ledger.age_s(0.5), ledger.age_s(0.99), ledger.age_max_s()].map(|age| optional(age, 1e3)).join(",");
+        text += &format!(
+            "{},{},{},{ages},{},{},{},{:.6},{},{verdict}\n",
+            edge.name,
+            ledger.delivered,
+            optional(ledger.rate_hz(), 1.0),
+            ledger.gaps,
+            ledger.dropped,
+            ledger.late,
+            ledger.loss(),
+            optional(ledger.sigma(), 1.0),
+        );
+    }
+    text
+}
+
+/// One line for each kind of failure and gap, and for each requirement that was not met.
+fn events(outcome: &Outcome) -> String {
+    let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\"").replace(['\n', '\r'], " "));
+    let mut text = "what,where,first_time_s,count,action,message\n".to_owned();
+    for it in &outcome.faults {
+        text += &format!("fault,{},{:.6},{},{},{}\n", it.instance, it.time.as_s(), it.count, it.action, quoted(&it.message));
+    }
+    for it in &outcome.gaps {
+        text += &format!("gap,{},{:.6},{},,{}\n", it.instance, it.time.as_s(), it.count, quoted(&it.reason));
+    }
+    for it in &outcome.unmet {
+        text += &format!("unmet,{},,,{},{}\n", quoted(&it.edge), if it.must { "must" } else { "" }, quoted(&it.what));
+    }
+    text
+}
+
+/// What differs from run to run, kept out of the summary.
+fn timing(outcome: &Outcome) -> String {
+    let (session, wall) = (outcome.ended.as_s(), outcome.wall.as_secs_f64());
+    pretty(&json!({ "wall_s": wall, "real_time_factor": session / wall, "interrupted": outcome.interrupted }))
+}
+
+/// Writes a file so that it is there whole or not at all.
+///
+/// # Errors
+/// A sentence with the path and the reason.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), String> {
+    let mut partial = path.as_os_str().to_owned();
+    partial.push(".partial");
+    let partial = PathBuf::from(partial);
+    let written = fs::File::create(&partial).and_then(|mut file| {
+        file.write_all(bytes)?;
+        file.flush()
+    });
+    written.and_then(|()| fs::rename(&partial, path)).map_err(|error| {
+        drop(fs::remove_file(&partial));
+        format!("`{}` cannot be written: {error}", path.display())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folders_are_numbered_and_never_shared() {
+        let home = tempfile::tempdir().unwrap();
+        let wanted = home.path().join("a/b");
+        assert_eq!(make_folder(Some(&wanted), "room"), Ok(wanted.clone()));
+        assert_eq!(make_folder(Some(&wanted), "room"), Ok(wanted), "a folder asked for by name may exist");
+    }
+
+    #[test]
+    fn what_is_not_finite_is_null_and_whole_numbers_have_no_point() {
+        assert_eq!(number(f64::NAN), Value::Null);
+        assert_eq!(number(8.0).to_string(), "8");
+        assert_eq!(number(0.25).to_string(), "0.25");
+    }
+
+    #[test]
+    fn file_that_cannot_be_written_is_named_and_leaves_nothing_behind() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("missing/summary.json");
+        assert!(write_whole(&path, b"{}").is_err_and(|it| it.contains("missing/summary.json")));
+        assert_eq!(fs::read_dir(home.path()).unwrap().count(), 0);
+    }
+}

@@ -1,0 +1,437 @@
+//! The nodes that one worker runs: a message is carried through all of them before the next one is looked at.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use crossbeam::channel::{Sender, TrySendError};
+use foveate_messages::{SourceId, Time};
+
+use crate::error::{Blame, NodeError};
+use crate::graph::{Graph, OnError, WhenFull};
+use crate::io::{Delivery, Io, Outbox, Packet};
+use crate::ledger::Ledger;
+use crate::node::Due;
+use crate::registry::ErasedNode;
+use crate::report::Report;
+use crate::run::faults::{FaultLog, panic_text};
+use crate::run::inbox::{Inbox, Lost, Put};
+use crate::setup::Purpose;
+
+/// One node instance at work.
+pub(crate) struct Slot {
+    /// `None`: stopped after a failure.
+    node: Option<Box<dyn ErasedNode>>,
+    inboxes: Vec<Inbox>,
+    latest: Vec<Vec<Option<Packet>>>,
+    /// By input port, by source: the edge that leads there.
+    input_edges: Vec<Vec<usize>>,
+    /// By output port: the edges that leave from there.
+    routes: Vec<Vec<Route>>,
+    sequences: Vec<u64>,
+    failures: u64,
+}
+
+/// How an edge is travelled.
+pub(crate) enum Route {
+    /// The consumer runs on the same worker.
+    Here(usize),
+    /// Across threads.
+    Away {
+        edge: usize,
+        sender: Sender<Packet>,
+        receiver: crossbeam::channel::Receiver<Packet>,
+        when_full: WhenFull,
+        dropped: u64,
+    },
+}
+
+/// An edge as its consumer's worker sees it.
+pub(crate) struct EdgeEnd {
+    to: (usize, usize),
+    source: usize,
+    pub(crate) ledger: Ledger,
+}
+
+/// What a worker must do when it has put a message on another one's queue.
+pub(crate) trait Away {
+    /// About to send along `edge`.
+    fn sending(&mut self, edge: usize);
+    /// Sent: wake the receiver.
+    fn sent(&mut self, edge: usize);
+    /// A message on `edge` was taken off its queue again, undelivered.
+    fn taken_back(&mut self, edge: usize);
+    /// The queue is full and its policy is to wait: accept what has come in meanwhile. `false`: give up, the run is over.
+    fn wait(&mut self, stage: &mut Stage) -> bool;
+}
+
+/// For runs on one thread.
+pub(crate) struct Alone;
+
+impl Away for Alone {
+    fn sending(&mut self, _edge: usize) {}
+    fn sent(&mut self, _edge: usize) {}
+    fn taken_back(&mut self, _edge: usize) {}
+    fn wait(&mut self, _stage: &mut Stage) -> bool {
+        false
+    }
+}
+
+/// The nodes that one worker runs. Indices are the graph's: what other workers run is `None` here.
+pub(crate) struct Stage {
+    graph: Arc<Graph>,
+    out_dir: Option<PathBuf>,
+    pub(crate) slots: Vec<Option<Slot>>,
+    pub(crate) ends: Vec<Option<EdgeEnd>>,
+    ready: Vec<u64>,
+    delivery: Delivery,
+    outbox: Outbox,
+    pub(crate) faults: FaultLog,
+    /// Messages that queues between threads dropped, to be entered in the ledgers of their edges.
+    pub(crate) queue_drops: Vec<(usize, u64)>,
+}
+
+impl Stage {
+    /// Makes every node and connects all edges on one worker.
+    ///
+    /// # Errors
+    /// The first instance that refuses, with its reason.
+    pub(crate) fn build(graph: Arc<Graph>, out_dir: Option<PathBuf>) -> Result<Stage, NodeError> {
+        let mut slots = Vec::with_capacity(graph.instances.len());
+        for index in 0..graph.instances.len() {
+            slots.push(Some(Slot::build(&graph, index, out_dir.clone())?));
+        }
+        let mut ends: Vec<Option<EdgeEnd>> = (0..graph.edges.len()).map(|_| None).collect();
+        for (consumer, slot) in slots.iter().enumerate() {
+            let inputs = slot.iter().flat_map(|slot| slot.input_edges.iter().enumerate());
+            for (port, edges) in inputs {
+                for (source, &edge) in edges.iter().enumerate() {
+                    ends[edge] = Some(EdgeEnd { to: (consumer, port), source, ledger: Ledger::default() });
+                }
+            }
+        }
+        let ready = vec![0; slots.len().div_ceil(64)];
+        Ok(Stage {
+            graph,
+            out_dir,
+            slots,
+            ends,
+            ready,
+            delivery: Delivery::default(),
+            outbox: Outbox::default(),
+            faults: FaultLog::default(),
+            queue_drops: Vec::new(),
+        })
+    }
+
+    /// A stage without nodes over the same graph, to move slots into.
+    pub(crate) fn empty_like(&self) -> Stage {
+        Stage {
+            graph: Arc::clone(&self.graph),
+            out_dir: self.out_dir.clone(),
+            slots: self.slots.iter().map(|_| None).collect(),
+            ends: self.ends.iter().map(|_| None).collect(),
+            ready: vec![0; self.ready.len()],
+            delivery: Delivery::default(),
+            outbox: Outbox::default(),
+            faults: FaultLog::default(),
+            queue_drops: Vec::new(),
+        }
+    }
+
+    /// When source `index` is due; a stopped or foreign node never is.
+    pub(crate) fn due(&mut self, index: usize, now: Time) -> Due {
+        let Some(node) = self.slots[index].as_mut().and_then(|slot| slot.node.as_mut()) else { return Due::Never };
+        match catch_unwind(AssertUnwindSafe(|| node.due())) {
+            Ok(due) => due,
+            Err(payload) => {
+                self.fail(index, now, NodeError::program(panic_text(&*payload)), true);
+                self.slots[index].as_mut().and_then(|slot| slot.node.as_mut()).map_or(Due::Never, |_| Due::Waiting)
+            }
+        }
+    }
+
+    /// Lets source `index` take its turn, and carries what it gave through the stage.
+    pub(crate) fn turn_source(&mut self, index: usize, now: Time, away: &mut dyn Away) {
+        self.delivery.port = usize::MAX;
+        self.activate(index, now, away);
+        self.run_ready(now, away);
+    }
+
+    /// Hands a message to the consumer of `edge`.
+    pub(crate) fn deliver(&mut self, edge: usize, packet: Packet, now: Time) {
+        let Some(end) = &mut self.ends[edge] else { return };
+        let (consumer, port) = end.to;
+        let Some(slot) = &mut self.slots[consumer] else { return };
+        if slot.node.is_none() {
+            end.ledger.dropped += 1;
+            return;
+        }
+        end.ledger.deliver(packet.stamp, now, || packet.payload.quality());
+        if let Inbox::Latest = slot.inboxes[port] {
+            slot.latest[port][end.source] = Some(packet);
+            return;
+        }
+        match slot.inboxes[port].put(end.source, packet) {
+            Put::Triggers => self.ready[consumer / 64] |= 1 << (consumer % 64),
+            Put::Waits => {}
+            Put::Replaces => {
+                end.ledger.delivered -= 1;
+                end.ledger.dropped += 1;
+            }
+        }
+    }
+
+    /// Runs nodes, first in schedule order first, until nothing is left to do.
+    pub(crate) fn run_ready(&mut self, now: Time, away: &mut dyn Away) {
+        let mut word = 0;
+        while word < self.ready.len() {
+            if self.ready[word] == 0 {
+                word += 1;
+                continue;
+            }
+            let index = word * 64 + self.ready[word].trailing_zeros() as usize;
+            if self.take_next(index, false) {
+                self.activate(index, now, away);
+                word = 0; // a feedback edge may have made an earlier one ready
+            } else {
+                self.ready[word] &= !(1 << (index % 64));
+            }
+        }
+    }
+
+    /// Enters the drops of queues in the ledgers of those edges whose consumer is here; the others are kept for later.
+    pub(crate) fn settle_queue_drops(&mut self) {
+        let ends = &mut self.ends;
+        self.queue_drops.retain(|&(edge, dropped)| match &mut ends[edge] {
+            Some(end) => {
+                end.ledger.dropped += dropped;
+                // The consumer saw each of them as a number left out: the same loss, counted once.
+                end.ledger.gaps = end.ledger.gaps.saturating_sub(dropped);
+                false
+            }
+            None => true,
+        });
+    }
+
+    /// At the end of the data: delivers sets that wait for sources which will not come.
+    pub(crate) fn flush(&mut self, now: Time) {
+        for index in 0..self.slots.len() {
+            while self.take_next(index, true) {
+                self.activate(index, now, &mut Alone);
+                self.run_ready(now, &mut Alone);
+            }
+        }
+    }
+
+    /// Lets every node finish, in schedule order; failures are logged, the others still finish.
+    pub(crate) fn finish(&mut self, now: Time, report: &mut Report) {
+        for index in 0..self.slots.len() {
+            let Some(node) = self.slots[index].as_mut().and_then(|slot| slot.node.as_mut()) else { continue };
+            let result = catch_unwind(AssertUnwindSafe(|| node.finish(report)));
+            let error = match result {
+                Ok(Ok(())) => continue,
+                Ok(Err(error)) => error,
+                Err(payload) => NodeError::program(panic_text(&*payload)),
+            };
+            self.faults.failure(&self.graph.instances[index].path, now, &error, "while finishing");
+        }
+    }
+
+    /// Puts what the next turn of `index` is about into `self.delivery`.
+    fn take_next(&mut self, index: usize, flush: bool) -> bool {
+        let Some(slot) = &mut self.slots[index] else { return false };
+        self.delivery.packets.clear();
+        for (port, inbox) in slot.inboxes.iter_mut().enumerate() {
+            let (edges, ends) = (&slot.input_edges[port], &mut self.ends);
+            let mut lost = |source: usize, how| {
+                if let Some(end) = &mut ends[edges[source]] {
+                    match how {
+                        Lost::PassedOver => {
+                            end.ledger.delivered -= 1;
+                            end.ledger.dropped += 1;
+                        }
+                        Lost::Missing => end.ledger.gaps += u64::from(end.ledger.delivered > 0),
+                    }
+                }
+            };
+            let packets = &mut self.delivery.packets;
+            if if flush { inbox.flush(packets, &mut lost) } else { inbox.next(packets, &mut lost) } {
+                self.delivery.port = port;
+                return true;
+            }
+        }
+        false
+    }
+
+    /// One turn of node `index` with `self.delivery`, then its messages on their way.
+    fn activate(&mut self, index: usize, now: Time, away: &mut dyn Away) {
+        let Some(slot) = &mut self.slots[index] else { return };
+        let Some(node) = &mut slot.node else { return };
+        let mut io = Io {
+            now,
+            delivery: &mut self.delivery,
+            latest: &slot.latest,
+            outbox: &mut self.outbox,
+            source: SourceId(index as u32),
+            sequences: &mut slot.sequences,
+        };
+        match catch_unwind(AssertUnwindSafe(|| node.process(&mut io))) {
+            Ok(Ok(())) => {}
+            Ok(Err(error)) => self.fail(index, now, error, false),
+            Err(payload) => self.fail(index, now, NodeError::program(panic_text(&*payload)), true),
+        }
+        self.route(index, now, away);
+    }
+
+    fn route(&mut self, index: usize, now: Time, away: &mut dyn Away) {
+        if self.outbox.packets.is_empty() && self.outbox.gaps.is_empty() {
+            return;
+        }
+        let mut outbox = std::mem::take(&mut self.outbox);
+        let Some(slot) = &mut self.slots[index] else { return };
+        let mut routes = std::mem::take(&mut slot.routes);
+        for (port, gap) in outbox.gaps.drain(..) {
+            for route in &routes[port] {
+                let edge = match route {
+                    Route::Here(edge) | Route::Away { edge, .. } => *edge,
+                };
+                // A gap on an edge to another worker shows there as a number left out.
+                if let Some(end) = &mut self.ends[edge] {
+                    end.ledger.declare_gap(SourceId(index as u32));
+                }
+            }
+            self.faults.gap(&self.graph.instances[index].path, &gap);
+        }
+        for (port, packet) in outbox.packets.drain(..) {
+            let Some((last, others)) = routes[port].split_last_mut() else { continue };
+            for route in others {
+                self.send(route, packet.clone(), now, away);
+            }
+            self.send(last, packet, now, away);
+        }
+        if let Some(slot) = &mut self.slots[index] {
+            slot.routes = routes;
+        }
+        self.outbox = outbox;
+    }
+
+    fn send(&mut self, route: &mut Route, packet: Packet, now: Time, away: &mut dyn Away) {
+        let (edge, sender, receiver, when_full, dropped) = match route {
+            Route::Here(edge) => return self.deliver(*edge, packet, now),
+            Route::Away { edge, sender, receiver, when_full, dropped } => {
+                (*edge, sender, receiver, *when_full, dropped)
+            }
+        };
+        let mut packet = packet;
+        away.sending(edge);
+        loop {
+            packet = match sender.try_send(packet) {
+                Ok(()) => return away.sent(edge),
+                Err(TrySendError::Disconnected(_)) => {
+                    *dropped += 1;
+                    return away.taken_back(edge);
+                }
+                Err(TrySendError::Full(packet)) => packet,
+            };
+            match when_full {
+                WhenFull::DropNewest => {
+                    *dropped += 1;
+                    return away.taken_back(edge);
+                }
+                WhenFull::DropOldest => {
+                    if receiver.try_recv().is_ok() {
+                        *dropped += 1;
+                        away.taken_back(edge);
+                    }
+                }
+                WhenFull::Wait => {
+                    if !away.wait(self) {
+                        *dropped += 1;
+                        return away.taken_back(edge);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Applies the rig's `on_error` to a failure of node `index`.
+    fn fail(&mut self, index: usize, now: Time, error: NodeError, panicked: bool) {
+        let instance = &self.graph.instances[index];
+        let action = match instance.on_error {
+            OnError::Stop => "stopped",
+            OnError::Skip if !panicked => "message skipped",
+            OnError::Skip | OnError::Restart => "restarted",
+        };
+        let stamp = self.delivery.packets.first().map(|packet| packet.stamp);
+        self.faults.failure(&instance.path, stamp.map_or(now, |it| it.time), &error, action);
+        let Some(slot) = &mut self.slots[index] else { return };
+        slot.failures += 1;
+        match action {
+            "stopped" => slot.stop(),
+            "restarted" => {
+                match instance.settings.build(&self.graph.setup(index, self.out_dir.clone(), Purpose::Run)) {
+                    Ok(node) => slot.node = Some(node),
+                    Err(refusal) => {
+                        let refusal =
+                            NodeError { blame: Blame::Input, message: format!("cannot be restarted: {refusal}") };
+                        self.faults.failure(&instance.path, now, &refusal, "stopped");
+                        slot.stop();
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+impl Slot {
+    fn build(graph: &Graph, index: usize, out_dir: Option<PathBuf>) -> Result<Slot, NodeError> {
+        let instance = &graph.instances[index];
+        let setup = graph.setup(index, out_dir, Purpose::Run);
+        let node = instance
+            .settings
+            .build(&setup)
+            .map_err(|refusal| NodeError::input(format_args!("{}: {}", instance.path, in_words(&refusal))))?;
+        let ports = &instance.node_type.ports;
+        let mut input_edges = vec![Vec::new(); ports.inputs.len()];
+        let mut routes: Vec<Vec<Route>> = ports.outputs.iter().map(|_| Vec::new()).collect();
+        for (number, edge) in graph.edges.iter().enumerate() {
+            if edge.to.0 == index {
+                input_edges[edge.to.1].push(number);
+            }
+            if edge.from.0 == index {
+                routes[edge.from.1].push(Route::Here(number));
+            }
+        }
+        let inboxes = ports.inputs.iter().zip(&input_edges);
+        Ok(Slot {
+            node: Some(node),
+            inboxes: inboxes.map(|(it, edges)| Inbox::new(it.take, edges.len(), setup.random.fork(it.name))).collect(),
+            latest: input_edges.iter().map(|edges| vec![None; edges.len()]).collect(),
+            input_edges,
+            routes,
+            sequences: vec![0; ports.outputs.len()],
+            failures: 0,
+        })
+    }
+
+    fn stop(&mut self) {
+        self.node = None;
+        for (inbox, edges) in self.inboxes.iter_mut().zip(&self.input_edges) {
+            *inbox = Inbox::new(crate::port::Take::Latest, edges.len(), foveate_estimation::random::Random::new(0));
+        }
+    }
+
+    /// The routes that leave this slot.
+    pub(crate) fn routes_mut(&mut self) -> impl Iterator<Item = &mut Route> {
+        self.routes.iter_mut().flatten()
+    }
+}
+
+fn in_words(refusal: &crate::error::ConfigError) -> String {
+    match &refusal.setting {
+        Some(setting) => format!("`{setting}`: {}", refusal.message),
+        None => refusal.message.clone(),
+    }
+}

@@ -1,0 +1,46 @@
+//! Who may know whom: the arrows between the rooms, compared with `cargo metadata`, so that a new one is a visible line.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::process::Command;
+
+use serde_json::Value;
+
+/// Room → the rooms that it knows. Development dependencies do not count.
+const ARROWS: &[(&str, &[&str])] = &[
+    ("geometry", &[]),
+    ("estimation", &[]),
+    ("imaging", &[]),
+    ("scene", &["geometry"]),
+    ("messages", &[]),
+    ("dataflow", &["estimation", "geometry", "messages", "scene"]),
+    ("sim", &["dataflow", "estimation", "geometry", "messages", "scene"]),
+    ("testkit", &["dataflow", "estimation", "geometry", "messages", "scene"]),
+    ("foveate", &["dataflow", "estimation", "geometry", "imaging", "messages", "scene"]),
+    ("capture", &["foveate"]),
+    ("led", &["foveate"]),
+    ("export", &["foveate"]),
+    ("cli", &["capture", "dataflow", "export", "led", "sim"]),
+    ("tests", &[]),
+];
+
+fn room(package: &str) -> Option<&str> {
+    if package == "foveate" { Some(package) } else { package.strip_prefix("foveate-") }
+}
+
+#[test]
+fn rooms_know_only_whom_they_may() {
+    let manifest = concat!(env!("CARGO_MANIFEST_DIR"), "/../Cargo.toml");
+    let arguments = ["metadata", "--no-deps", "--offline", "--format-version", "1", "--manifest-path", manifest];
+    let output = Command::new(env!("CARGO")).args(arguments).output().unwrap();
+    let metadata: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let mut found = BTreeMap::new();
+    for package in metadata["packages"].as_array().unwrap() {
+        let dependencies = package["dependencies"].as_array().unwrap().iter();
+        let known: BTreeSet<&str> =
+            dependencies.filter(|it| it["kind"].is_null()).filter_map(|it| room(it["name"].as_str()?)).collect();
+        found.insert(room(package["name"].as_str().unwrap()).unwrap(), known);
+    }
+    let expected: BTreeMap<&str, BTreeSet<&str>> =
+        ARROWS.iter().map(|&(room, known)| (room, known.iter().copied().collect())).collect();
+    assert_eq!(found, expected);
+}
