@@ -1,1 +1,29 @@
-//! To be filled.
+//! LED detection and integration [Davis 2002 §3.3, §3.4, §3.6].
+//!
+//! | node | what it does |
+//! |---|---|
+//! | `led.detector` | finds bright lights in the pictures of one camera |
+//! | `led.integrator` | joins the lights of all cameras, each in its own time, into targets in space |
+//! | `led.triangulator` | the same for synchronised cameras, without a motion model: for comparison |
+//! | `led.reprojection` | compares recovered targets with what the cameras saw, in pixels |
+//!
+//! The algorithms are plain structures that know no graph: [`spotter::Spotter`], [`tracker::Tracker`],
+//! [`triangulator::Triangulator`], [`reprojection::Comparison`].
+
+pub mod consensus;
+pub mod detector;
+pub mod integrator;
+pub mod reprojection;
+pub mod spotter;
+pub mod tracker;
+pub mod triangulator;
+
+use foveate::prelude::Registry;
+
+/// Makes the nodes of this plugin known.
+pub fn register(registry: &mut Registry) {
+    registry.add::<detector::Detector>();
+    registry.add::<integrator::Integrator>();
+    registry.add::<triangulator::TriangulatorNode>();
+    registry.add::<reprojection::Reprojection>();
+}

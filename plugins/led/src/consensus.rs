@@ -1,0 +1,216 @@
+//! Points where lines of sight of several cameras meet, without a motion model and without knowing who is who.
+//!
+//! [Davis 2002 §3.6]: a real light is seen by several cameras along lines that meet within a tolerance; what one camera
+//! imagines is not. With many lights, lines of *different* lights meet by accident as well (a ghost). Therefore:
+//!
+//! 1. each pair of lines that comes close enough, at a sufficient angle, is a candidate;
+//! 2. its support is the number of cameras with a line through it (the nearest of each camera);
+//! 3. the best supported candidate is taken first, among equals the one whose lines meet best, and its lines are used
+//!    up, so that an accident has to live on what real lights left over.
+
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+
+use foveate::geometry::{Ray, closest_approach, triangulate_rays};
+use foveate::messages::{CameraId, Time};
+use nalgebra::{Matrix2, Point2, Point3};
+use smallvec::SmallVec;
+
+/// A feature as a line of sight.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sighting {
+    /// Who saw it.
+    pub camera: CameraId,
+    /// When.
+    pub time: Time,
+    /// In the world [m].
+    pub ray: Ray,
+    /// Raw pixels [px].
+    pub pixel: Point2<f64>,
+    /// Of the pixel [px²].
+    pub covariance: Matrix2<f64>,
+    /// Its place in the list of features it came from.
+    pub feature: usize,
+}
+
+/// What counts as a meeting.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rules {
+    /// Lines this close to a point go through it [m].
+    pub tolerance: f64,
+    /// How many different cameras a point needs.
+    pub min_cameras: usize,
+    /// Two lines fix a point only when the sine of their angle is at least this [–].
+    pub min_sine: f64,
+}
+
+/// A point and the lines through it, at most one a camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Meeting {
+    /// Least squares over the lines [m].
+    pub position: Point3<f64>,
+    /// Places in the list of sightings, ascending.
+    pub members: SmallVec<[usize; 20]>,
+}
+
+/// The search, with its buffers.
+#[derive(Debug, Default)]
+pub struct Consensus {
+    heap: BinaryHeap<Candidate>,
+    used: Vec<bool>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Candidate {
+    cameras: usize,
+    /// Sum of the squared distances of the supporting lines over their count [m²].
+    spread: f64,
+    position: Point3<f64>,
+    /// The pair it came from: makes the order complete, hence the result the same in every run.
+    pair: (usize, usize),
+}
+
+impl Ord for Candidate {
+    fn cmp(&self, other: &Self) -> Ordering {
+        let better = self.cameras.cmp(&other.cameras).then(other.spread.total_cmp(&self.spread));
+        better.then(other.pair.cmp(&self.pair))
+    }
+}
+
+impl PartialOrd for Candidate {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Candidate {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+
+impl Eq for Candidate {}
+
+impl Consensus {
+    /// Fills `found` with the meetings among `sightings`, best first; no sighting is in two of them.
+    ///
+    /// `sightings` must be grouped by camera. With `seeds`, each meeting was proposed by a line of that camera: the only one
+    /// that is new. `accept` says whether a point with that many cameras may be a light at all.
+    pub fn find(
+        &mut self,
+        sightings: &[Sighting],
+        seeds: Option<CameraId>,
+        rules: &Rules,
+        accept: impl Fn(&Point3<f64>, usize) -> bool,
+        found: &mut Vec<Meeting>,
+    ) {
+        found.clear();
+        self.heap.clear();
+        self.used.clear();
+        self.used.resize(sightings.len(), false);
+        self.propose(sightings, seeds, rules, &accept);
+        while let Some(candidate) = self.heap.pop() {
+            let Some((meeting, now)) = self.settle(sightings, candidate, rules) else { continue };
+            if now.cameras < candidate.cameras {
+                self.heap.push(now); // others took some of its lines: it queues again
+            } else if accept(&meeting.position, meeting.members.len()) {
+                for &member in &meeting.members {
+                    self.used[member] = true;
+                }
+                found.push(meeting);
+            }
+        }
+    }
+
+    /// Puts all pairs of lines that meet, with enough support, into the heap.
+    fn propose(
+        &mut self,
+        sightings: &[Sighting],
+        seeds: Option<CameraId>,
+        rules: &Rules,
+        accept: &impl Fn(&Point3<f64>, usize) -> bool,
+    ) {
+        for (i, a) in sightings.iter().enumerate() {
+            if seeds.is_some_and(|camera| camera != a.camera) {
+                continue;
+            }
+            for (j, b) in sightings.iter().enumerate() {
+                if b.camera == a.camera || (seeds.is_none() && j < i) {
+                    continue;
+                }
+                let Some(position) = meet(a, b, rules) else { continue };
+                let (members, spread) = self.support(sightings, &position, rules);
+                if members.len() >= rules.min_cameras && accept(&position, members.len()) {
+                    self.heap.push(Candidate { cameras: members.len(), spread, position, pair: (i, j) });
+                }
+            }
+        }
+    }
+
+    /// The candidate on the lines that are still unused, moved to where these meet best.
+    fn settle(&self, sightings: &[Sighting], candidate: Candidate, rules: &Rules) -> Option<(Meeting, Candidate)> {
+        let (members, spread) = self.support(sightings, &candidate.position, rules);
+        if members.len() < rules.min_cameras {
+            return None;
+        }
+        let now = Candidate { cameras: members.len(), spread, ..candidate };
+        let Some(position) = least_squares(sightings, &members) else {
+            return Some((Meeting { position: candidate.position, members }, now));
+        };
+        // Lines that the first guess missed may go through the better point; never fewer than before.
+        let (again, _) = self.support(sightings, &position, rules);
+        if again.len() < members.len() {
+            return Some((Meeting { position: candidate.position, members }, now));
+        }
+        let position = least_squares(sightings, &again).unwrap_or(position);
+        Some((Meeting { position, members: again }, now))
+    }
+
+    /// The nearest unused line of each camera within the tolerance of `point`, and their mean squared distance [m²].
+    fn support(&self, sightings: &[Sighting], point: &Point3<f64>, rules: &Rules) -> (SmallVec<[usize; 20]>, f64) {
+        let mut members: SmallVec<[usize; 20]> = SmallVec::new();
+        let (mut sum, mut nearest) = (0.0, f64::INFINITY);
+        let mut camera = None;
+        for (i, it) in sightings.iter().enumerate() {
+            if self.used[i] {
+                continue;
+            }
+            let to_point = point - it.ray.origin;
+            let depth = to_point.dot(&it.ray.direction);
+            let squared = to_point.norm_squared() - depth * depth;
+            if !(depth > 0.0 && squared <= rules.tolerance * rules.tolerance) {
+                continue;
+            }
+            if camera != Some(it.camera) {
+                camera = Some(it.camera);
+                nearest = squared;
+                sum += squared;
+                members.push(i);
+            } else if squared < nearest {
+                sum += squared - nearest;
+                nearest = squared;
+                if let Some(last) = members.last_mut() {
+                    *last = i;
+                }
+            }
+        }
+        let spread = sum.max(0.0) / members.len().max(1) as f64;
+        (members, spread)
+    }
+}
+
+/// Where two lines meet in front of both cameras, at a sufficient angle and within the tolerance.
+fn meet(a: &Sighting, b: &Sighting, rules: &Rules) -> Option<Point3<f64>> {
+    let sine_squared = a.ray.direction.cross(&b.ray.direction).norm_squared();
+    if !(sine_squared >= rules.min_sine * rules.min_sine) {
+        return None; // also when it is not a number
+    }
+    let approach = closest_approach(&a.ray, &b.ray)?;
+    let in_front = approach.depth_a > 0.0 && approach.depth_b > 0.0;
+    (in_front && approach.gap <= rules.tolerance).then_some(approach.midpoint)
+}
+
+fn least_squares(sightings: &[Sighting], members: &[usize]) -> Option<Point3<f64>> {
+    let rays: SmallVec<[Ray; 20]> = members.iter().map(|&i| sightings[i].ray).collect();
+    triangulate_rays(&rays)
+}

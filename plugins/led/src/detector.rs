@@ -1,0 +1,284 @@
+//! `led.detector`: finds bright lights in the pictures of one camera [Davis 2002 §3.3].
+
+use foveate::geometry::Camera;
+use foveate::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::spotter::{Outcome, Spotter};
+
+const IMAGE: In<Image> = In::each(0, "image");
+const PREDICTED: In<Targets> = In::latest(1, "predicted").optional();
+const FEATURES: Out<Features> = Out::new(0, "features");
+
+/// Settings of [`Detector`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct DetectorSettings {
+    /// Which plane of a colour picture is searched; the colour of the lights, or `max` where they differ [–].
+    pub channel: ColourPlane,
+    /// A pixel is lit when brighter than its learnt background by more than this: about three times the noise, and slow
+    /// changes of the light [gray level].
+    pub offset: u8,
+    /// No threshold is lower than this, however dark the background [gray level].
+    pub min_threshold: u8,
+    /// Pictures that the background is learnt from; 0: nothing is learnt, and `min_threshold` holds everywhere [frames].
+    #[schemars(range(min = 0, max = 10000))]
+    pub learn_frames: u32,
+    /// The background of a pixel is the brightest that was learnt, less this many brighter ones: a light that moves on within
+    /// as many pictures leaves no trace. 0 is the paper's maximum; fewer than `learn_frames` [frames].
+    #[schemars(range(min = 0, max = 15))]
+    pub left_out_frames: u8,
+    /// What is given out until the background has been learnt for the first time: nothing, or what exceeds `min_threshold` [–].
+    pub while_learning: WhileLearning,
+    /// When more than this part of the picture is lit, the room has changed and is learnt again [–].
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub relearn_fraction: f64,
+    /// How far the background of a pixel that has become darker sinks each time it is visited, once every 8 rows' worth of
+    /// pictures; 0: never, as in the paper [gray level].
+    pub sink: u8,
+    /// Which point of a spot is its centre: the mean of its light, or that of its pixels rounded to whole pixels, as in the
+    /// paper [–].
+    pub centroid: CentroidKind,
+    /// Regions in which nothing is searched, such as monitors: a list of polygons, each a list of corners (x, y) [px].
+    pub masks: Vec<Vec<[f64; 2]>>,
+    /// `full`: every pixel; `sampled`: one row in `grid_px`, and windows where lights are expected [–].
+    pub search: Search,
+    /// In a sampled search, the distance of the searched rows. They move on from picture to picture, so that a small light at
+    /// rest is found in one of this many [px].
+    #[schemars(range(min = 1, max = 1000))]
+    pub grid_px: u32,
+    /// In a sampled search, the side of the windows in which every pixel is searched [px].
+    #[schemars(range(min = 1, max = 10000))]
+    pub window_px: u32,
+    /// Smallest spot kept; removes hot pixels and noise [px²].
+    #[schemars(range(min = 1, max = 10000000))]
+    pub min_area_px: u32,
+    /// Largest spot kept; removes lamps and windows [px²].
+    #[schemars(range(min = 1, max = 10000000))]
+    pub max_area_px: u32,
+    /// Longer over shorter axis of a spot, at most; removes reflections on edges [–].
+    #[schemars(range(min = 1.0, max = 1000.0))]
+    pub max_elongation: f64,
+    /// Part of its bounding box that a spot fills, at least; removes hollow and branched things [–].
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub min_fill: f64,
+    /// Spots of one picture, at most [–].
+    #[schemars(range(min = 1, max = 10000))]
+    pub max_features: u32,
+    /// Noise of a pixel, standard deviation: what the centres' covariance comes from [gray level].
+    #[schemars(range(min = 0.0, max = 255.0))]
+    pub pixel_noise: f64,
+}
+
+impl Default for DetectorSettings {
+    /// The paper's grid, windows and rules.
+    fn default() -> Self {
+        Self {
+            channel: ColourPlane::Luma,
+            offset: 20,
+            min_threshold: 40,
+            learn_frames: 30,
+            left_out_frames: 0,
+            while_learning: WhileLearning::Wait,
+            relearn_fraction: 0.02,
+            sink: 0,
+            centroid: CentroidKind::Weighted,
+            masks: Vec::new(),
+            search: Search::Sampled,
+            grid_px: 5,
+            window_px: 40,
+            min_area_px: 2,
+            max_area_px: 2000,
+            max_elongation: 4.0,
+            min_fill: 0.3,
+            max_features: 256,
+            pixel_noise: 3.0,
+        }
+    }
+}
+
+/// Which plane of a colour picture is searched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ColourPlane {
+    /// Brightness as the eye weighs it.
+    Luma,
+    /// Red.
+    Red,
+    /// Green.
+    Green,
+    /// Blue.
+    Blue,
+    /// The brightest of the three.
+    Max,
+}
+
+/// Which point of a spot is its centre.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum CentroidKind {
+    /// The mean position of its light.
+    Weighted,
+    /// The mean position of its pixels, rounded to whole ones: the paper's.
+    Integer,
+}
+
+/// How much of a picture is searched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Search {
+    /// Every pixel.
+    Full,
+    /// Some rows, and windows.
+    Sampled,
+}
+
+/// What is given out until the background has been learnt for the first time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum WhileLearning {
+    /// Empty lists: the camera is alive, and sees nothing yet.
+    Wait,
+    /// What exceeds the lowest threshold, clutter included; for recordings that begin with what is to be seen.
+    Search,
+}
+
+/// Pictures in, lights out, each with a sub-pixel centre and its covariance; the camera's, in scan order.
+///
+/// Nothing seen, or the background not learnt yet: an empty list. A picture of the wrong size or a broken one, and one in
+/// which so much is lit that hardly any of it can be a light, is a gap on the output; the detector goes on with the next.
+pub struct Detector {
+    spotter: Spotter,
+    camera: Option<CameraId>,
+    camera_name: String,
+    model: Option<Camera>,
+    pool: Pool<Features>,
+    tally: Tally,
+}
+
+#[derive(Default)]
+struct Tally {
+    searched: u64,
+    learning: u64,
+    flooded: u64,
+    refused: u64,
+    features: u64,
+}
+
+impl Node for Detector {
+    const TYPE: &'static str = "led.detector";
+    const ROLE: Role = Role::Detector;
+    const SUMMARY: &'static str = "Finds bright lights in the pictures of one camera, each with a sub-pixel centre";
+    type Settings = DetectorSettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&IMAGE).input(&PREDICTED).output(&FEATURES)
+    }
+
+    fn new(settings: DetectorSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        settings.check()?;
+        let model = setup.camera_model().cloned();
+        let size = model.as_ref().map(|it| it.image_size);
+        let phase = setup.random.clone().next_u64();
+        let spotter = Spotter::new(settings, size, phase).map_err(ConfigError::node)?;
+        Ok(Self {
+            spotter,
+            camera: setup.camera,
+            camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
+            model,
+            pool: Pool::default(),
+            tally: Tally::default(),
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let Some(image) = io.take(&IMAGE) else { return Ok(()) };
+        let mut features = self.pool.take(Features::default);
+        features.camera = self.camera.unwrap_or(image.value.camera);
+        let expected = io.latest(&PREDICTED);
+        let model = self.model.as_ref();
+        let predicted = expected.iter().flat_map(|targets| {
+            let later = image.time() - targets.value.time;
+            targets.value.list.iter().filter_map(move |target| model?.project(&target.position_after(later)))
+        });
+        match self.spotter.find(&image.value, predicted, &mut features) {
+            Ok(outcome) => {
+                *match outcome {
+                    Outcome::Searched => &mut self.tally.searched,
+                    Outcome::Learning => &mut self.tally.learning,
+                    Outcome::Flooded => &mut self.tally.flooded,
+                } += 1;
+                self.tally.features += features.list.len() as u64;
+                let features = self.pool.share(features);
+                if outcome == Outcome::Flooded {
+                    io.gap(
+                        &FEATURES,
+                        image.time(),
+                        "too much of the picture is lit: the background is being learnt again",
+                    );
+                } else {
+                    io.emit(&FEATURES, image.stamp, features);
+                }
+            }
+            Err(refusal) => {
+                self.tally.refused += 1;
+                io.gap(&FEATURES, image.time(), refusal);
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let Tally { searched, learning, flooded, refused, features } = self.tally;
+        for (what, count) in [
+            ("pictures_searched", searched),
+            ("pictures_learning", learning),
+            ("pictures_flooded", flooded),
+            ("pictures_refused", refused),
+            ("features", features),
+        ] {
+            report.figure(format!("detector.{what}.{}", self.camera_name), count as f64);
+        }
+        Ok(())
+    }
+}
+
+impl DetectorSettings {
+    /// Names the first setting that is out of its range.
+    ///
+    /// # Errors
+    /// The setting, what was found, and the range.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        ConfigError::unless_in("learn_frames", self.learn_frames, 0..=10_000)?;
+        ConfigError::unless_in("left_out_frames", self.left_out_frames, 0..=15)?;
+        if self.learn_frames > 0 && u32::from(self.left_out_frames) >= self.learn_frames {
+            let (found, frames) = (self.left_out_frames, self.learn_frames);
+            let text = format_args!("found {found}, expected fewer than learn_frames, which is {frames}");
+            return Err(ConfigError::at("left_out_frames", text));
+        }
+        ConfigError::unless_in("relearn_fraction", self.relearn_fraction, 0.0..=1.0)?;
+        ConfigError::unless_in("grid_px", self.grid_px, 1..=1000)?;
+        ConfigError::unless_in("window_px", self.window_px, 1..=10_000)?;
+        ConfigError::unless_in("min_area_px", self.min_area_px, 1..=10_000_000)?;
+        ConfigError::unless_in("max_area_px", self.max_area_px, self.min_area_px..=10_000_000)?;
+        ConfigError::unless_in("max_elongation", self.max_elongation, 1.0..=1000.0)?;
+        ConfigError::unless_in("min_fill", self.min_fill, 0.0..=1.0)?;
+        ConfigError::unless_in("max_features", self.max_features, 1..=10_000)?;
+        ConfigError::unless_in("pixel_noise", self.pixel_noise, 0.0..=255.0)?;
+        for (place, polygon) in self.masks.iter().enumerate() {
+            let setting = format!("masks[{place}]");
+            if polygon.len() < 3 {
+                let n = polygon.len();
+                return Err(ConfigError::at(&setting, format_args!("found {n} corners, expected at least 3")));
+            }
+            if let Some([x, y]) = polygon.iter().find(|[x, y]| !(x.is_finite() && y.is_finite())) {
+                return Err(ConfigError::at(
+                    &setting,
+                    format_args!("found the corner ({x}, {y}), expected finite numbers"),
+                ));
+            }
+        }
+        Ok(())
+    }
+}

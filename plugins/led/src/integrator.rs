@@ -1,0 +1,102 @@
+//! `led.integrator`: the lights of all cameras, each in its own time, become targets in space.
+
+use std::sync::Arc;
+
+use foveate::prelude::*;
+
+pub use crate::tracker::IntegratorSettings;
+use crate::tracker::{Entry, Tracker};
+
+/// A frame captured later than this after its delivery carries a wrong clock [ms].
+const CLOCK_TOLERANCE_MS: f64 = 100.0;
+
+const FEATURES: In<Features> = In::each(0, "features").many();
+const TARGETS: Out<Targets> = Out::new(0, "targets");
+const PREDICTED: Out<Targets> = Out::new(1, "predicted");
+
+/// One Kalman filter a target, each observation applied alone, at its own time and with its own camera.
+///
+/// After each camera frame it gives out all live targets as of that frame's time, on both ports the same value: `predicted`
+/// is there for the feedback to detectors. A target is `measured` if a frame of that very time saw it.
+pub struct Integrator {
+    tracker: Tracker,
+    pool: Pool<Targets>,
+    camera_names: Vec<String>,
+    /// Frames whose capture time lies after their delivery.
+    from_the_future: u64,
+    unknown_camera: u64,
+}
+
+impl Node for Integrator {
+    const TYPE: &'static str = "led.integrator";
+    const ROLE: Role = Role::Integrator;
+    const SUMMARY: &'static str = "Joins the lights that cameras see, each in its own time, into targets in space";
+    type Settings = IntegratorSettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&FEATURES).output(&TARGETS).output(&PREDICTED)
+    }
+
+    fn new(settings: IntegratorSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        settings.check()?;
+        let cameras = &setup.calibration.cameras;
+        if cameras.len() < 2 {
+            let n = cameras.len();
+            return Err(ConfigError::node(format_args!("found {n} cameras in the calibration, expected at least 2")));
+        }
+        let models = cameras.iter().map(|it| it.camera.clone()).collect();
+        Ok(Self {
+            tracker: Tracker::new(settings, models, setup.volume_m),
+            pool: Pool::default(),
+            camera_names: cameras.iter().map(|it| it.name.clone()).collect(),
+            from_the_future: 0,
+            unknown_camera: 0,
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let Some(features) = io.take(&FEATURES) else { return Ok(()) };
+        if features.time() - io.now() > Interval::from_ms(CLOCK_TOLERANCE_MS) {
+            self.from_the_future += 1; // applied, it would make every other camera late
+            return Ok(());
+        }
+        match self.tracker.observe(features.time(), &features.value) {
+            Entry::Applied => {}
+            Entry::Late | Entry::Repeated => return Ok(()),
+            Entry::UnknownCamera => {
+                self.unknown_camera += 1;
+                return Ok(());
+            }
+        }
+        let mut targets = self.pool.take(Targets::default);
+        self.tracker.write(&mut targets);
+        let time = targets.time;
+        let targets = self.pool.share(targets);
+        io.emit_at(&TARGETS, time, Arc::clone(&targets));
+        io.emit_at(&PREDICTED, time, targets);
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let tally = self.tracker.tally();
+        let mut figure = |name: &str, count: u64| report.figure(format!("integrator.{name}"), count as f64);
+        figure("births", tally.births);
+        figure("deaths_unseen", tally.deaths_unseen);
+        figure("deaths_single_view", tally.deaths_single_view);
+        figure("deaths_outside_volume", tally.deaths_outside);
+        figure("deaths_duplicate", tally.deaths_duplicate);
+        figure("targets_at_end", self.tracker.n_targets() as u64);
+        figure("observations_used", tally.used);
+        figure("observations_unmatched", tally.unmatched);
+        figure("observations_unusable", tally.unusable);
+        figure("observations_late", tally.late);
+        figure("frames_from_the_future", self.from_the_future);
+        figure("frames_of_unknown_cameras", self.unknown_camera);
+        for (camera, name) in tally.cameras.iter().zip(&self.camera_names) {
+            figure(&format!("frames_applied.{name}"), camera.applied);
+            figure(&format!("frames_late.{name}"), camera.late);
+            figure(&format!("frames_repeated.{name}"), camera.repeated);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,181 @@
+//! Recovered targets against what the cameras saw at the same time, in pixels.
+//!
+//! Targets and features arrive in any order; both are kept until a frame is old enough that nothing more of its time is to
+//! come. Of several values for one time (an integrator gives one after each camera) the last one counts.
+
+use std::collections::BTreeMap;
+
+use foveate::geometry::Camera;
+use foveate::messages::{CameraId, Features, How, Interval, Targets, Time};
+use nalgebra::{Point2, Point3};
+
+use super::distribution::Distribution;
+
+/// What a frame must show to count.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ComparisonRules {
+    /// Cameras that must agree with a target.
+    pub min_cameras: usize,
+    /// How close a feature must be to a target's projection to agree [px].
+    pub gate: f64,
+    /// How long after its time a frame is settled.
+    pub settle_after: Interval,
+}
+
+/// The comparison so far.
+#[derive(Debug)]
+pub struct Comparison {
+    rules: ComparisonRules,
+    cameras: Vec<Camera>,
+    open: BTreeMap<Time, Frame>,
+    /// Frames that were settled, to be filled again.
+    spare: Vec<Frame>,
+    newest: Time,
+    /// Everything before this is settled.
+    settled: Time,
+    pairs: Vec<(f64, usize, usize)>,
+    /// Residuals of all cameras, and of each.
+    pub all: Distribution,
+    /// By camera.
+    pub by_camera: Vec<Distribution>,
+    /// Capture times with a target that enough cameras agree with.
+    pub frames_recovered: u64,
+    /// Capture times with any feature at all.
+    pub frames_seen: u64,
+    /// Features of recovered frames that agree with no recovered target.
+    pub outliers_rejected: u64,
+    /// Messages that came after their frame had been settled.
+    pub late: u64,
+}
+
+#[derive(Debug, Default)]
+struct Frame {
+    /// Of targets that were measured at this time.
+    targets: Vec<Point3<f64>>,
+    features: Vec<(CameraId, Point2<f64>)>,
+    /// By feature: the target it agrees with, and how far it is from its projection [px].
+    agreement: Vec<Option<(usize, f64)>>,
+}
+
+impl Comparison {
+    /// Nothing compared yet; `cameras` are all of the calibration, in its order.
+    pub fn new(rules: ComparisonRules, cameras: Vec<Camera>) -> Self {
+        Self {
+            by_camera: vec![Distribution::default(); cameras.len()],
+            rules,
+            cameras,
+            open: BTreeMap::new(),
+            spare: Vec::new(),
+            newest: Time(i64::MIN),
+            settled: Time(i64::MIN),
+            pairs: Vec::new(),
+            all: Distribution::default(),
+            frames_recovered: 0,
+            frames_seen: 0,
+            outliers_rejected: 0,
+            late: 0,
+        }
+    }
+
+    /// Takes in what a camera saw at `time`.
+    pub fn add_features(&mut self, time: Time, features: &Features) {
+        if let Some(frame) = self.frame(time) {
+            frame.features.extend(features.list.iter().map(|it| (features.camera, it.centre)));
+        }
+    }
+
+    /// Takes in what was recovered; replaces what came earlier for the same time.
+    pub fn add_targets(&mut self, targets: &Targets) {
+        if let Some(frame) = self.frame(targets.time) {
+            frame.targets.clear();
+            let measured = targets.list.iter().filter(|it| it.how == How::Measured);
+            frame.targets.extend(measured.map(|it| it.position));
+        }
+    }
+
+    /// Settles all frames that are still open.
+    pub fn finish(&mut self) {
+        while let Some((_, frame)) = self.open.pop_first() {
+            self.settle(frame);
+        }
+    }
+
+    /// The frame of `time`, unless it has been settled; settles those that are old enough.
+    fn frame(&mut self, time: Time) -> Option<&mut Frame> {
+        self.newest = self.newest.max(time);
+        let horizon = self.newest - self.rules.settle_after;
+        while let Some(first) = self.open.first_entry().filter(|it| *it.key() < horizon) {
+            let frame = first.remove();
+            self.settle(frame);
+        }
+        self.settled = self.settled.max(horizon);
+        if time < self.settled {
+            self.late += 1;
+            return None;
+        }
+        let spare = &mut self.spare;
+        Some(self.open.entry(time).or_insert_with(|| spare.pop().unwrap_or_default()))
+    }
+
+    /// Compares one frame.
+    fn settle(&mut self, mut frame: Frame) {
+        self.match_up(&mut frame);
+        let mut recovered = false;
+        for target in 0..frame.targets.len() {
+            let of_target = |it: &&Option<(usize, f64)>| it.is_some_and(|it| it.0 == target);
+            if frame.agreement.iter().filter(of_target).count() >= self.rules.min_cameras {
+                recovered = true;
+            } else {
+                // Not recovered: what agrees with it by chance proves nothing.
+                frame.agreement.iter_mut().filter(|it| of_target(&&**it)).for_each(|it| *it = None);
+            }
+        }
+        self.frames_seen += u64::from(!frame.features.is_empty());
+        if recovered {
+            self.frames_recovered += 1;
+            for ((camera, _), agreement) in frame.features.iter().zip(&frame.agreement) {
+                let Some((_, residual)) = agreement else {
+                    self.outliers_rejected += 1;
+                    continue;
+                };
+                self.all.add(*residual);
+                if let Some(own) = self.by_camera.get_mut(usize::from(camera.0)) {
+                    own.add(*residual);
+                }
+            }
+        }
+        frame.targets.clear();
+        frame.features.clear();
+        self.spare.push(frame);
+    }
+
+    /// Pairs targets and features within the gate, the closest first; one feature a camera to a target.
+    fn match_up(&mut self, frame: &mut Frame) {
+        frame.agreement.clear();
+        frame.agreement.resize(frame.features.len(), None);
+        self.pairs.clear();
+        for (target, position) in frame.targets.iter().enumerate() {
+            let mut projected: Option<(CameraId, Option<Point2<f64>>)> = None;
+            for (feature, (camera, pixel)) in frame.features.iter().enumerate() {
+                if projected.is_none_or(|it| it.0 != *camera) {
+                    let model = self.cameras.get(usize::from(camera.0));
+                    projected = Some((*camera, model.and_then(|it| it.project(position))));
+                }
+                let Some((_, Some(expected))) = projected else { continue };
+                let residual = (pixel - expected).norm();
+                if residual <= self.rules.gate {
+                    self.pairs.push((residual, target, feature));
+                }
+            }
+        }
+        self.pairs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+        for &(residual, target, feature) in &self.pairs {
+            let camera = frame.features[feature].0;
+            let mut others = frame.features.iter().zip(&frame.agreement);
+            let has_one = others.any(|(it, own)| it.0 == camera && own.is_some_and(|own| own.0 == target));
+            if frame.agreement[feature].is_none() && !has_one {
+                frame.agreement[feature] = Some((target, residual));
+            }
+        }
+    }
+}

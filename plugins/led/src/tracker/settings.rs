@@ -1,0 +1,125 @@
+//! Settings of the integrator, with the reasons for their defaults.
+
+use foveate::prelude::ConfigError;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Settings of [`Integrator`](crate::integrator::Integrator).
+///
+/// Lengths in `_mm` are thousandths of the calibration's unit of length: where that is unknown (a calibration without a
+/// measured length), they have to be chosen for its scale, and so have accelerations and speeds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct IntegratorSettings {
+    /// Acceleration to be expected of a target, standard deviation, taken to be independent from one tenth of a second to
+    /// the next: the filter's white noise has the spectral density a² · 0.1 s. A walking person's wrist reaches 20 [m/s²].
+    #[schemars(range(min = 0.001, max = 10000.0))]
+    pub acceleration_m_s2: f64,
+    /// Error of a camera's model, one axis, standard deviation, added to each feature's own covariance [px].
+    #[schemars(range(min = 0.001, max = 100.0))]
+    pub camera_error_px: f64,
+    /// A feature belongs to a target only within this many standard deviations of where the filter expects it [–].
+    #[schemars(range(min = 1.0, max = 100.0))]
+    pub gate_sigma: f64,
+    /// And never further from there than this, however uncertain the filter is [px].
+    #[schemars(range(min = 0.1, max = 10000.0))]
+    pub gate_px: f64,
+    /// Lines of sight this close to a point meet there. Covers the motion between unsynchronised frames as well, and so limits
+    /// the speed of a target at its birth [mm].
+    #[schemars(range(min = 0.001, max = 1000000.0))]
+    pub birth_tolerance_mm: f64,
+    /// Different cameras whose lines of sight must meet where a target is born. The paper used 2; with several lights, two
+    /// lines of different lights meet by accident many times a second, three rarely [–].
+    #[schemars(range(min = 2, max = 1000))]
+    pub birth_cameras: u32,
+    /// And this part of the cameras whose field of view contains the point and that sent a frame within `stale_after_ms`.
+    /// Keeps accidents out where many cameras look on; hidden and fast lights need a low value [–].
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub birth_share: f64,
+    /// Two lines of sight fix a point only at this angle or more: below, the depth is a guess, and cameras side by side
+    /// are no confirmation of one another [deg].
+    #[schemars(range(min = 0.01, max = 90.0))]
+    pub birth_angle_deg: f64,
+    /// Speed to be expected at birth, each axis, standard deviation [m/s].
+    #[schemars(range(min = 0.001, max = 10000.0))]
+    pub birth_speed_m_s: f64,
+    /// A frame with more unmatched features than this is noise, and gives birth to nothing [–].
+    #[schemars(range(min = 1, max = 1000))]
+    pub birth_features_max: u32,
+    /// Unmatched features older than this do not take part in a birth [ms].
+    #[schemars(range(min = 0.0, max = 10000.0))]
+    pub stale_after_ms: f64,
+    /// No target is born this close to another, and of two that stay this close without any camera seeing them apart, the
+    /// younger one goes: they follow one light [mm].
+    #[schemars(range(min = 0.0, max = 1000000.0))]
+    pub separation_mm: f64,
+    /// For how long two targets must be that close before the younger one goes [ms].
+    #[schemars(range(min = 0.0, max = 10000.0))]
+    pub merge_after_ms: f64,
+    /// A target that no camera has seen for this long is lost [ms].
+    #[schemars(range(min = 1.0, max = 100000.0))]
+    pub lost_after_ms: f64,
+    /// A target that one camera only has seen for this long is lost: its depth drifts [ms].
+    #[schemars(range(min = 1.0, max = 100000.0))]
+    pub single_view_after_ms: f64,
+    /// Frames captured before the filter's time by no more than this are applied as if at the filter's time (clocks disagree by
+    /// as much); older ones are discarded and counted [ms].
+    #[schemars(range(min = 0.0, max = 10000.0))]
+    pub late_tolerance_ms: f64,
+    /// Targets are born within this distance of the scale's working volume, where the rig states one, and lost beyond twice
+    /// this distance [mm].
+    #[schemars(range(min = 0.0, max = 1000000.0))]
+    pub volume_margin_mm: f64,
+}
+
+impl Default for IntegratorSettings {
+    /// The paper's values where it gives them: 15 mm, 70 ms, 300 ms.
+    fn default() -> Self {
+        Self {
+            acceleration_m_s2: 10.0,
+            camera_error_px: 0.3,
+            gate_sigma: 4.0,
+            gate_px: 40.0,
+            birth_tolerance_mm: 15.0,
+            birth_cameras: 3,
+            birth_share: 0.3,
+            birth_angle_deg: 3.0,
+            birth_speed_m_s: 1.0,
+            birth_features_max: 128,
+            stale_after_ms: 70.0,
+            separation_mm: 30.0,
+            merge_after_ms: 100.0,
+            lost_after_ms: 300.0,
+            single_view_after_ms: 300.0,
+            late_tolerance_ms: 10.0,
+            volume_margin_mm: 250.0,
+        }
+    }
+}
+
+impl IntegratorSettings {
+    /// Names the first setting that is out of its range.
+    ///
+    /// # Errors
+    /// The setting, what was found, and the range.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let check = ConfigError::unless_in::<f64>;
+        check("acceleration_m_s2", self.acceleration_m_s2, 0.001..=1e4)?;
+        check("camera_error_px", self.camera_error_px, 0.001..=100.0)?;
+        check("gate_sigma", self.gate_sigma, 1.0..=100.0)?;
+        check("gate_px", self.gate_px, 0.1..=1e4)?;
+        check("birth_tolerance_mm", self.birth_tolerance_mm, 0.001..=1e6)?;
+        ConfigError::unless_in("birth_cameras", self.birth_cameras, 2..=1000)?;
+        check("birth_share", self.birth_share, 0.0..=1.0)?;
+        check("birth_angle_deg", self.birth_angle_deg, 0.01..=90.0)?;
+        check("birth_speed_m_s", self.birth_speed_m_s, 0.001..=1e4)?;
+        ConfigError::unless_in("birth_features_max", self.birth_features_max, 1..=1000)?;
+        check("stale_after_ms", self.stale_after_ms, 0.0..=1e4)?;
+        check("separation_mm", self.separation_mm, 0.0..=1e6)?;
+        check("merge_after_ms", self.merge_after_ms, 0.0..=1e4)?;
+        check("lost_after_ms", self.lost_after_ms, 1.0..=1e5)?;
+        check("single_view_after_ms", self.single_view_after_ms, 1.0..=1e5)?;
+        check("late_tolerance_ms", self.late_tolerance_ms, 0.0..=1e4)?;
+        check("volume_margin_mm", self.volume_margin_mm, 0.0..=1e6)
+    }
+}

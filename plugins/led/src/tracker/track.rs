@@ -1,0 +1,80 @@
+//! One target as the tracker keeps it: filter, identity, and who saw it when.
+
+use foveate::estimation::kalman::ConstantVelocity;
+use foveate::messages::{CameraId, CameraSet, How, Interval, Target, TargetId, Time};
+
+/// One live target.
+#[derive(Debug, Clone)]
+pub(super) struct Track {
+    pub id: TargetId,
+    pub filter: ConstantVelocity,
+    /// When any camera saw it last.
+    pub seen_at: Time,
+    /// Which camera that was.
+    last_camera: CameraId,
+    /// When a camera other than the last one saw it last.
+    other_at: Time,
+    /// The cameras that saw it at `seen_at`.
+    pub cameras: CameraSet,
+    /// An older target that has been as close as one light is to itself, and since when.
+    pub beside: Option<(TargetId, Time)>,
+}
+
+/// Why a target is gone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Death {
+    /// No camera saw it for too long.
+    Unseen,
+    /// One camera only saw it for too long.
+    SingleView,
+    /// It has left the working volume, or its filter has left the numbers.
+    Outside,
+    /// It followed the light of an older target.
+    Duplicate,
+}
+
+impl Track {
+    /// A target first seen at `time`, by several cameras.
+    pub fn new(id: TargetId, filter: ConstantVelocity, time: Time, camera: CameraId) -> Self {
+        let cameras = std::iter::once(camera).collect();
+        Self { id, filter, seen_at: time, last_camera: camera, other_at: time, cameras, beside: None }
+    }
+
+    /// Notes that `camera` saw it at `time`, which is never before `seen_at`.
+    pub fn note(&mut self, camera: CameraId, time: Time) {
+        if camera != self.last_camera {
+            self.other_at = self.seen_at; // the sighting before this one was another camera's
+            self.last_camera = camera;
+        }
+        if time != self.seen_at {
+            self.cameras.clear();
+            self.seen_at = time;
+        }
+        self.cameras.insert(camera);
+    }
+
+    /// Whether it is lost at `now`, by the two rules of [Davis 2002 §3.6].
+    pub fn lost(&self, now: Time, unseen: Interval, single_view: Interval) -> Option<Death> {
+        if now - self.seen_at > unseen {
+            Some(Death::Unseen)
+        } else if now - self.other_at > single_view && now - self.seen_at < now - self.other_at {
+            Some(Death::SingleView)
+        } else {
+            None
+        }
+    }
+
+    /// Overwrites `target` with this target as of `now`; its memory is reused.
+    pub fn write(&self, now: Time, target: &mut Target) {
+        target.id = self.id;
+        target.position = self.filter.position;
+        target.velocity = self.filter.velocity;
+        target.covariance = self.filter.covariance;
+        target.cameras.clear();
+        target.how = How::Predicted;
+        if self.seen_at == now {
+            self.cameras.iter().for_each(|camera| target.cameras.insert(camera));
+            target.how = How::Measured;
+        }
+    }
+}

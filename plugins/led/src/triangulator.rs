@@ -1,0 +1,288 @@
+//! `led.triangulator`: the synchronised alternative to the integrator, for comparison [Davis 2002 §3.4].
+//!
+//! Each set of frames of one time is solved on its own: points where lines of sight meet, each refined on its pixels by least
+//! squares, cameras that do not fit left out. Identity from set to set is by nearness alone, which is what the paper holds
+//! against it.
+
+use foveate::geometry::{Camera, PixelNoise, Triangulation, refine};
+use foveate::prelude::*;
+use nalgebra::{Matrix2, Matrix6, Point2, Point3, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use smallvec::SmallVec;
+
+use crate::consensus::{Consensus, Meeting, Rules, Sighting};
+
+const FEATURES: In<Features> = In::synced(0, "features", 4).many();
+const TARGETS: Out<Targets> = Out::new(0, "targets");
+
+/// Settings of [`TriangulatorNode`]; lengths as for the integrator.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct TriangulatorSettings {
+    /// Lines of sight this close to a point meet there [mm].
+    #[schemars(range(min = 0.001, max = 1000000.0))]
+    pub tolerance_mm: f64,
+    /// Different cameras that a target needs [–].
+    #[schemars(range(min = 2, max = 1000))]
+    pub min_cameras: u32,
+    /// Two lines of sight fix a point only at this angle or more [deg].
+    #[schemars(range(min = 0.01, max = 90.0))]
+    pub min_angle_deg: f64,
+    /// A camera whose pixel is further than this from the point's projection is left out [px].
+    #[schemars(range(min = 0.01, max = 10000.0))]
+    pub outlier_px: f64,
+    /// Error of a camera's model, one axis, standard deviation, added to each feature's own covariance [px].
+    #[schemars(range(min = 0.001, max = 100.0))]
+    pub camera_error_px: f64,
+    /// A target of the last set within this distance is the same one [mm].
+    #[schemars(range(min = 0.0, max = 1000000.0))]
+    pub step_mm: f64,
+    /// Targets lie within this distance of the scale's working volume, where the rig states one [mm].
+    #[schemars(range(min = 0.0, max = 1000000.0))]
+    pub volume_margin_mm: f64,
+}
+
+impl Default for TriangulatorSettings {
+    fn default() -> Self {
+        Self {
+            tolerance_mm: 15.0,
+            min_cameras: 3,
+            min_angle_deg: 3.0,
+            outlier_px: 3.0,
+            camera_error_px: 0.3,
+            step_mm: 100.0,
+            volume_margin_mm: 250.0,
+        }
+    }
+}
+
+/// The targets of one time from the frames of that time.
+#[derive(Debug)]
+pub struct Triangulator {
+    settings: TriangulatorSettings,
+    cameras: Vec<Camera>,
+    volume: Option<[[f64; 3]; 2]>,
+    consensus: Consensus,
+    sightings: Vec<Sighting>,
+    meetings: Vec<Meeting>,
+    /// Identities and places of the last set.
+    last: Vec<(TargetId, Point3<f64>)>,
+    last_time: Option<Time>,
+    next_id: u32,
+    /// Cameras left out of a target whose lines had met.
+    pub outliers: u64,
+}
+
+impl Triangulator {
+    /// Without targets; arguments as for [`Tracker::new`](crate::tracker::Tracker::new).
+    pub fn new(settings: TriangulatorSettings, cameras: Vec<Camera>, volume: Option<[[f64; 3]; 2]>) -> Self {
+        Self {
+            settings,
+            cameras,
+            volume,
+            consensus: Consensus::default(),
+            sightings: Vec::new(),
+            meetings: Vec::new(),
+            last: Vec::new(),
+            last_time: None,
+            next_id: 0,
+            outliers: 0,
+        }
+    }
+
+    /// Takes in one frame of the set that is being put together.
+    pub fn add(&mut self, time: Time, features: &Features) {
+        let Some(camera) = self.cameras.get(usize::from(features.camera.0)) else { return };
+        for (feature, &Feature { centre: pixel, covariance, .. }) in features.list.iter().enumerate() {
+            let sound = covariance[(0, 0)] >= 0.0 && covariance.determinant() >= 0.0 && covariance.sum().is_finite();
+            if let Some(ray) = camera.ray(&pixel).filter(|_| sound) {
+                self.sightings.push(Sighting { camera: features.camera, time, ray, pixel, covariance, feature });
+            }
+        }
+    }
+
+    /// Fills `targets` with what the set shows as of `time`, and begins the next set.
+    pub fn solve(&mut self, time: Time, targets: &mut Targets) {
+        targets.time = time;
+        targets.list.clear();
+        self.sightings.sort_by_key(|it| (it.camera, it.feature));
+        let rules = Rules {
+            tolerance: self.settings.tolerance_mm * 1e-3,
+            min_cameras: self.settings.min_cameras as usize,
+            min_sine: self.settings.min_angle_deg.to_radians().sin(),
+        };
+        let (volume, margin) = (&self.volume, self.settings.volume_margin_mm * 1e-3);
+        let inside = |point: &Point3<f64>| match volume {
+            None => true,
+            Some([a, b]) => (0..3).all(|axis| {
+                let (low, high) = (a[axis].min(b[axis]) - margin, a[axis].max(b[axis]) + margin);
+                (low..=high).contains(&point[axis])
+            }),
+        };
+        let mut meetings = std::mem::take(&mut self.meetings);
+        self.consensus.find(&self.sightings, None, &rules, |point, _| inside(point), &mut meetings);
+        for meeting in &meetings {
+            if let Some(target) = self.refined(meeting) {
+                targets.list.push(target);
+            }
+        }
+        self.meetings = meetings;
+        self.identify(time, &mut targets.list);
+        self.sightings.clear();
+    }
+
+    /// The maximum-likelihood point of a meeting, without the cameras that do not fit; `None` when too few are left.
+    fn refined(&mut self, meeting: &Meeting) -> Option<Target> {
+        let mut members = meeting.members.clone();
+        let variance = Matrix2::identity() * self.settings.camera_error_px.powi(2);
+        loop {
+            let of = |&member: &usize| &self.cameras[usize::from(self.sightings[member].camera.0)];
+            let cameras: SmallVec<[&Camera; 20]> = members.iter().map(of).collect();
+            let pixels: SmallVec<[Point2<f64>; 20]> = members.iter().map(|&it| self.sightings[it].pixel).collect();
+            let noise: SmallVec<[Matrix2<f64>; 20]> =
+                members.iter().map(|&it| self.sightings[it].covariance + variance).collect();
+            let found = refine(&cameras, &pixels, PixelNoise::Covariances(&noise), meeting.position).ok()?;
+            let residual = |place: usize| {
+                cameras[place].project(&found.position).map_or(f64::INFINITY, |seen| (seen - pixels[place]).norm())
+            };
+            let worst = (0..members.len()).max_by(|&a, &b| residual(a).total_cmp(&residual(b)))?;
+            if residual(worst) <= self.settings.outlier_px {
+                let seen_by = members.iter().map(|&it| self.sightings[it].camera).collect();
+                return Some(target(&found, seen_by));
+            }
+            members.remove(worst);
+            self.outliers += 1;
+            if members.len() < self.settings.min_cameras as usize {
+                return None;
+            }
+        }
+    }
+
+    /// Gives each target the identity of the nearest one of the last set, or a new one; sorts by identity.
+    fn identify(&mut self, time: Time, list: &mut [Target]) {
+        let mut pairs: SmallVec<[(f64, usize, usize); 32]> = SmallVec::new();
+        for (now, target) in list.iter().enumerate() {
+            for (before, (_, place)) in self.last.iter().enumerate() {
+                let step = (target.position - place).norm();
+                if step <= self.settings.step_mm * 1e-3 {
+                    pairs.push((step, now, before));
+                }
+            }
+        }
+        pairs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+        let dt_s = self.last_time.map_or(0.0, |before| (time - before).as_s());
+        let mut named: SmallVec<[bool; 32]> = SmallVec::from_elem(false, list.len());
+        let mut taken: SmallVec<[bool; 32]> = SmallVec::from_elem(false, self.last.len());
+        for (_, now, before) in pairs {
+            if !named[now] && !taken[before] {
+                (named[now], taken[before]) = (true, true);
+                let (id, place) = self.last[before];
+                list[now].id = id;
+                if dt_s > 0.0 {
+                    list[now].velocity = (list[now].position - place) / dt_s;
+                }
+            }
+        }
+        for target in list.iter_mut().zip(&named).filter(|(_, named)| !**named).map(|(target, _)| target) {
+            target.id = TargetId(self.next_id);
+            self.next_id += 1;
+        }
+        list.sort_unstable_by_key(|it| it.id);
+        self.last.clear();
+        self.last.extend(list.iter().map(|it| (it.id, it.position)));
+        self.last_time = Some(time);
+    }
+}
+
+/// Variance of a velocity about which nothing is known [m²/s²].
+const UNKNOWN_VELOCITY: f64 = 1e6;
+
+fn target(found: &Triangulation, cameras: CameraSet) -> Target {
+    let mut covariance = Matrix6::zeros();
+    covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&found.covariance);
+    covariance.fixed_view_mut::<3, 3>(3, 3).fill_diagonal(UNKNOWN_VELOCITY);
+    Target {
+        id: TargetId::default(),
+        position: found.position,
+        velocity: Vector3::zeros(),
+        covariance,
+        cameras,
+        how: How::Measured,
+    }
+}
+
+/// Targets of each set of synchronised frames, without a motion model.
+///
+/// Frames whose times lie within 4 ms make a set, and are taken to be of the latest time among them. The velocity is the step
+/// from the last set over its time, with a covariance that says it is not known.
+pub struct TriangulatorNode {
+    triangulator: Triangulator,
+    pool: Pool<Targets>,
+    sets: u64,
+    targets: u64,
+}
+
+impl Node for TriangulatorNode {
+    const TYPE: &'static str = "led.triangulator";
+    const ROLE: Role = Role::Integrator;
+    const SUMMARY: &'static str =
+        "Meets the lines of sight of synchronised cameras, without a motion model: for comparison";
+    type Settings = TriangulatorSettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&FEATURES).output(&TARGETS)
+    }
+
+    fn new(settings: TriangulatorSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        settings.check()?;
+        let cameras = &setup.calibration.cameras;
+        if cameras.len() < 2 {
+            let n = cameras.len();
+            return Err(ConfigError::node(format_args!("found {n} cameras in the calibration, expected at least 2")));
+        }
+        let models = cameras.iter().map(|it| it.camera.clone()).collect();
+        let triangulator = Triangulator::new(settings, models, setup.volume_m);
+        Ok(Self { triangulator, pool: Pool::default(), sets: 0, targets: 0 })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let mut latest: Option<Time> = None;
+        for features in io.take_set(&FEATURES) {
+            self.triangulator.add(features.time(), &features.value);
+            latest = latest.max(Some(features.time()));
+        }
+        let Some(time) = latest else { return Ok(()) };
+        let mut targets = self.pool.take(Targets::default);
+        self.triangulator.solve(time, &mut targets);
+        self.sets += 1;
+        self.targets += targets.list.len() as u64;
+        io.emit_at(&TARGETS, time, self.pool.share(targets));
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        report.figure("triangulator.sets", self.sets as f64);
+        report.figure("triangulator.targets", self.targets as f64);
+        report.figure("triangulator.identities", f64::from(self.triangulator.next_id));
+        report.figure("triangulator.outliers_rejected", self.triangulator.outliers as f64);
+        Ok(())
+    }
+}
+
+impl TriangulatorSettings {
+    /// Names the first setting that is out of its range.
+    ///
+    /// # Errors
+    /// The setting, what was found, and the range.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let check = ConfigError::unless_in::<f64>;
+        check("tolerance_mm", self.tolerance_mm, 0.001..=1e6)?;
+        ConfigError::unless_in("min_cameras", self.min_cameras, 2..=1000)?;
+        check("min_angle_deg", self.min_angle_deg, 0.01..=90.0)?;
+        check("outlier_px", self.outlier_px, 0.01..=1e4)?;
+        check("camera_error_px", self.camera_error_px, 0.001..=100.0)?;
+        check("step_mm", self.step_mm, 0.0..=1e6)?;
+        check("volume_margin_mm", self.volume_margin_mm, 0.0..=1e6)
+    }
+}
