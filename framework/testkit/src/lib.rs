@@ -1,1 +1,22 @@
-//! To be filled.
+//! Scenes with known truth, law checks, golden texts and fault-injecting nodes. A dev-dependency only.
+//!
+//! | module | what it gives |
+//! |---|---|
+//! | [`scene`] | cameras and points whose truth is known: [`camera_ring`], [`render_spot`] |
+//! | [`laws`] | checks that hold for every camera model, derivative and node, one call each |
+//! | [`golden`] | texts that are compared with a committed file, and written anew when asked |
+//! | [`data`] | where the real recordings lie, if this machine has them |
+//! | [`nodes`] | nodes for tests of engines: counters, faults, a collector |
+//!
+//! All checks panic with what was found and expected, as tests do.
+
+pub mod data;
+pub mod golden;
+pub mod laws;
+pub mod nodes;
+pub mod scene;
+
+pub use data::{data_dir, data_dir_or_skip};
+pub use laws::{check_camera_model, check_jacobian, check_node};
+pub use nodes::register;
+pub use scene::{camera_ring, render_spot};

@@ -1,0 +1,188 @@
+//! Checks that hold for every camera model, derivative and node: one call each.
+
+use foveate_dataflow::{Node, Registry};
+use foveate_geometry::Camera;
+use nalgebra::{DMatrix, DVector, Point2};
+use serde_json::Value;
+
+/// Checks, on a grid over the whole image, that a pixel's ray starts at the camera's centre, that points along it project
+/// back to the pixel within 1e-6 px, and that points behind the camera are not seen.
+///
+/// # Panics
+/// When the law does not hold.
+#[track_caller]
+pub fn check_camera_model(camera: &Camera) {
+    let [width, height] = camera.image_size.map(f64::from);
+    for row in 0..=8 {
+        for column in 0..=8 {
+            let pixel = Point2::new((width - 1.0) * f64::from(column) / 8.0, (height - 1.0) * f64::from(row) / 8.0);
+            let Some(ray) = camera.ray(&pixel) else { panic!("no ray for {pixel} of {camera:?}") };
+            assert!((ray.origin - camera.centre()).norm() < 1e-9, "the ray of {pixel} starts at {}", ray.origin);
+            for depth in [0.1, 1.0, 7.0] {
+                let point = ray.origin + ray.direction.into_inner() * depth;
+                let Some(back) = camera.project(&point) else { panic!("{pixel} at {depth} m is not projected") };
+                assert!((back - pixel).norm() < 1e-6, "{pixel} at {depth} m comes back as {back}");
+                assert!((camera.centre() - point).norm() > 0.0);
+            }
+            let behind = ray.origin - ray.direction.into_inner();
+            assert_eq!(camera.project(&behind), None, "a point behind the camera is seen, on the line of {pixel}");
+        }
+    }
+}
+
+/// Compares `jacobian` with central differences of `f` at `x`: each entry within `tolerance` × (1 + its size).
+/// The step is 1e-6 × (1 + |xᵢ|), so `f` should be smooth on that scale and `tolerance` not below 1e-8.
+///
+/// # Panics
+/// When a size or an entry differs, with its row and column.
+#[track_caller]
+pub fn check_jacobian(f: impl Fn(&[f64]) -> Vec<f64>, jacobian: &DMatrix<f64>, x: &[f64], tolerance: f64) {
+    let rows = f(x).len();
+    assert_eq!(jacobian.shape(), (rows, x.len()), "size of the jacobian");
+    for column in 0..x.len() {
+        let step = 1e-6 * (1.0 + x[column].abs());
+        let shifted = |by: f64| {
+            let mut x = x.to_vec();
+            x[column] += by;
+            DVector::from_vec(f(&x))
+        };
+        let difference = (shifted(step) - shifted(-step)) / (2.0 * step);
+        for row in 0..rows {
+            let (stated, found) = (jacobian[(row, column)], difference[row]);
+            let error = (stated - found).abs();
+            // Written so that NaN fails.
+            assert!(
+                error <= tolerance * (1.0 + found.abs()),
+                "({row}, {column}) is {stated}, differences give {found}"
+            );
+        }
+    }
+}
+
+/// Checks what every node type promises about its settings and ports, given TOML that it accepts:
+/// - `plugin.node`, lower case; a summary of one line; port names in lower case, each port at its number;
+/// - settings survive writing and reading, and filling in defaults twice changes nothing;
+/// - a key that it does not know is refused, at the top and in each sub-table;
+/// - the schema describes every setting, the description ends in a unit in brackets (`[px]`, `[–]`), and what may be left
+///   out has a default.
+///
+/// # Panics
+/// When one of these does not hold.
+#[track_caller]
+pub fn check_node<N: Node>(settings: &str) {
+    let mut registry = Registry::new();
+    registry.add::<N>();
+    assert!(is_name(N::TYPE, '.'), "`{}` is not lower case", N::TYPE);
+    assert!(!N::SUMMARY.is_empty() && !N::SUMMARY.contains('\n'), "the summary of `{}` is not one line", N::TYPE);
+    let ports = N::ports();
+    let names = ports.inputs.iter().map(|it| it.name).chain(ports.outputs.iter().map(|it| it.name));
+    names.for_each(|name| assert!(is_name(name, '_'), "port `{name}` of `{}` is not lower case", N::TYPE));
+
+    let read = |text: &str| toml::from_str::<N::Settings>(text);
+    let write = |it: &N::Settings| {
+        toml::Table::try_from(it).unwrap_or_else(|error| panic!("settings of `{}` cannot be written: {error}", N::TYPE))
+    };
+    let given = read(settings).unwrap_or_else(|error| panic!("`{}` refuses the settings:\n{error}", N::TYPE));
+    let resolved = write(&given);
+    let again = read(&resolved.to_string())
+        .unwrap_or_else(|error| panic!("`{}` cannot read what it wrote:\n{error}\n{resolved}", N::TYPE));
+    assert_eq!(write(&again), resolved, "settings of `{}` change when written and read", N::TYPE);
+
+    for path in tables(&resolved) {
+        let mut with_typo = resolved.clone();
+        let table = path.iter().fold(&mut with_typo, |table, key| match table.get_mut(key) {
+            Some(toml::Value::Table(inner)) => inner,
+            other => unreachable!("`{key}` was a table and is {other:?}"),
+        });
+        table.insert("no_such_setting".to_owned(), toml::Value::Integer(1));
+        assert!(
+            read(&with_typo.to_string()).is_err(),
+            "`{}` accepts an unknown key in {path:?}; #[serde(deny_unknown_fields)] is missing",
+            N::TYPE
+        );
+    }
+
+    let schema = schemars::schema_for!(N::Settings);
+    let root = schema.as_value();
+    check_schema(N::TYPE, root);
+    if let Some(Value::Object(definitions)) = root.get("$defs") {
+        definitions.values().for_each(|it| check_schema(N::TYPE, it));
+    }
+}
+
+/// Each property of an object schema has a description with a unit at its end, and a default unless required.
+#[track_caller]
+fn check_schema(node: &str, schema: &Value) {
+    let Some(Value::Object(properties)) = schema.get("properties") else { return };
+    let required: Vec<&str> =
+        schema.get("required").and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str).collect();
+    for (name, property) in properties {
+        let description = property.get("description").and_then(Value::as_str).unwrap_or_default().trim_end();
+        assert!(
+            ends_in_unit(description),
+            "setting `{name}` of `{node}`: the description must end in its unit in brackets, as `[px]` or `[–]`; it is \
+             `{description}`"
+        );
+        let known = required.contains(&name.as_str()) || property.get("default").is_some();
+        assert!(known, "setting `{name}` of `{node}` is neither required nor has a default in the schema");
+    }
+}
+
+fn ends_in_unit(description: &str) -> bool {
+    let text = description.trim_end_matches('.');
+    text.ends_with(']') && text.rfind('[').is_some_and(|open| open + 2 < text.len())
+}
+
+fn is_name(text: &str, separator: char) -> bool {
+    let allowed = |it: char| it.is_ascii_lowercase() || it.is_ascii_digit() || it == '_' || it == separator;
+    !text.is_empty() && text.chars().all(allowed)
+}
+
+/// The paths of all tables in `table`, itself (the empty path) first.
+fn tables(table: &toml::Table) -> Vec<Vec<String>> {
+    let mut paths = vec![Vec::new()];
+    for (key, value) in table {
+        if let toml::Value::Table(inner) = value {
+            paths.extend(tables(inner).into_iter().map(|path| [vec![key.clone()], path].concat()));
+        }
+    }
+    paths
+}
+
+#[cfg(test)]
+mod tests {
+    use std::panic::catch_unwind;
+
+    use super::*;
+    use crate::scene::camera_ring;
+
+    #[test]
+    fn real_camera_keeps_the_law() {
+        camera_ring(3).iter().for_each(check_camera_model);
+    }
+
+    #[test]
+    fn wrong_derivative_is_found() {
+        let f = |x: &[f64]| vec![x[0] * x[1], x[0].sin()];
+        let right = DMatrix::from_row_slice(2, 2, &[3.0, 2.0, 2.0_f64.cos(), 0.0]);
+        check_jacobian(f, &right, &[2.0, 3.0], 1e-7);
+        for entry in 0..4 {
+            let mut wrong = right.clone();
+            wrong[entry] += 1e-5;
+            assert!(catch_unwind(|| check_jacobian(f, &wrong, &[2.0, 3.0], 1e-7)).is_err(), "entry {entry}");
+        }
+    }
+
+    #[test]
+    fn units_are_looked_for_at_the_end() {
+        assert!(ends_in_unit("How bright [gray level, 0..=255]."));
+        assert!(ends_in_unit("A share [–]"));
+        assert!(!ends_in_unit("How [bright] it is") && !ends_in_unit("Nothing []") && !ends_in_unit(""));
+    }
+
+    #[test]
+    fn nested_tables_are_found() {
+        let table: toml::Table = toml::from_str("a = 1\n[b]\nc = 1\n[b.d]\n").unwrap();
+        assert_eq!(tables(&table), [vec![], vec!["b".to_owned()], vec!["b".to_owned(), "d".to_owned()]]);
+    }
+}

@@ -1,0 +1,46 @@
+//! Passes numbers on, adding the newest one of an optional feedback input.
+
+use foveate_dataflow::{ConfigError, In, Io, Node, NodeError, Out, Ports, Role, Setup};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::Number;
+
+/// Settings of [`Relay`].
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct RelaySettings {
+    /// Added to each number [–].
+    pub add: i64,
+}
+
+const NUMBERS: In<Number> = In::each(0, "numbers");
+const FEEDBACK: In<Number> = In::latest(1, "feedback").optional();
+const RELAYED: Out<Number> = Out::new(0, "numbers");
+
+/// Gives number + `add` + the newest number at `feedback` (0 where nothing came yet), under the stamp of the number.
+pub struct Relay {
+    add: i64,
+}
+
+impl Node for Relay {
+    const TYPE: &'static str = "testkit.relay";
+    const ROLE: Role = Role::ModelFilter;
+    const SUMMARY: &'static str = "Passes numbers on.";
+    type Settings = RelaySettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&NUMBERS).input(&FEEDBACK).output(&RELAYED)
+    }
+
+    fn new(settings: RelaySettings, _setup: &Setup) -> Result<Self, ConfigError> {
+        Ok(Self { add: settings.add })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let Some(number) = io.take(&NUMBERS) else { return Ok(()) };
+        let feedback = io.latest(&FEEDBACK).map_or(0, |it| it.value.0);
+        io.emit(&RELAYED, number.stamp, Number(number.value.0.wrapping_add(self.add).wrapping_add(feedback)));
+        Ok(())
+    }
+}
