@@ -1,1 +1,22 @@
-//! To be filled.
+//! Where things are: calibrated cameras by name, the tree of spaces over time, working volumes.
+//!
+//! | module | what it gives |
+//! |---|---|
+//! | [`calibration`] | [`Calibration`]: the cameras of a rig, read from a file of ours or from MultiCamSelfCal's results |
+//! | [`space`] | [`SceneGraph`]: nested spaces, each with a pose that may change, and `a_from_b` at a time with its covariance |
+//! | [`volume`] | [`WorkingVolume`]: the box in which a scale works |
+//!
+//! Times are `i64` nanoseconds of the session clock: this room does not know the messages.
+
+pub mod calibration;
+mod calibration_file;
+mod multi_cam_self_cal;
+mod natural_order;
+mod shared_lens;
+pub mod space;
+pub mod volume;
+
+pub use calibration::{Calibration, CalibrationError, CalibrationFault, LengthUnit, NamedCamera};
+pub use natural_order::natural_order;
+pub use space::{SceneError, SceneGraph, SpaceId, UncertainPose};
+pub use volume::WorkingVolume;

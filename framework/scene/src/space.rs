@@ -1,0 +1,338 @@
+//! The tree of spaces over time.
+//!
+//! Each space hangs below a parent by `parent_from_space`, which is fixed or a bounded history of timed poses. Between two
+//! samples the translation is interpolated linearly and the rotation along the shortest arc; beyond the ends the nearest sample
+//! holds for a limited time. The covariance of a pose is that of δ in T ⊕ δ = T exp(δ), δ = (rotation [rad],
+//! translation [m]), so that with the adjoint Ad of the transforms
+//!
+//! Σ(T₁T₂) = Ad(T₂⁻¹) Σ₁ Ad(T₂⁻¹)ᵀ + Σ₂,  Σ(T⁻¹) = Ad(T) Σ Ad(T)ᵀ
+//!
+//! to first order, for independent errors (T. Barfoot and P. Furgale, "Associating uncertainty with three-dimensional
+//! poses", IEEE T-RO 30(3), 2014, with their left perturbation turned into a right one). Between samples the
+//! covariances are interpolated too, which errs on the safe side whether or not the samples' errors are correlated.
+//!
+//! A space whose target is lost is *suspended*: it answers for the past, keeps what it holds, and resumes with the next pose.
+
+use std::collections::VecDeque;
+
+use nalgebra::{Isometry3, Matrix3, Matrix6, Point3};
+
+/// A space of one [`SceneGraph`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct SpaceId(usize);
+
+/// A rigid transform and how well it is known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct UncertainPose {
+    /// `b_from_a`, as the place where it stands says.
+    pub transform: Isometry3<f64>,
+    /// Of δ in `transform` ∘ exp(δ), (rotation, translation) [rad², rad m, m²].
+    pub covariance: Matrix6<f64>,
+}
+
+/// Why the scene has no answer.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SceneError {
+    /// A second space of the same name.
+    #[error("there is a space {name:?} already")]
+    NameTaken {
+        /// The name.
+        name: String,
+    },
+    /// An identity that this graph has not given out.
+    #[error("space number {index} is not of this scene, which has {count}")]
+    Foreign {
+        /// Its number.
+        index: usize,
+        /// How many spaces there are.
+        count: usize,
+    },
+    /// The root has no parent to have a pose in.
+    #[error("the root space {name:?} cannot be moved")]
+    Root {
+        /// Its name.
+        name: String,
+    },
+    /// A pose with a number that is NaN or infinite.
+    #[error("a pose of space {space:?} is not finite")]
+    NotFinite {
+        /// Its name.
+        space: String,
+    },
+    /// A space that never had a pose.
+    #[error("space {space:?} has had no pose yet")]
+    NoPose {
+        /// Its name.
+        space: String,
+    },
+    /// A space whose target is lost, asked for a time after its last pose.
+    #[error("space {space:?} is suspended: its last pose is of {last_ns} ns, asked for {time_ns} ns")]
+    Suspended {
+        /// Its name.
+        space: String,
+        /// Of the last pose [ns].
+        last_ns: i64,
+        /// Asked for [ns].
+        time_ns: i64,
+    },
+    /// A time too far before the first or after the last pose that is kept.
+    #[error("space {space:?} has poses from {first_ns} ns to {last_ns} ns, too far from {time_ns} ns")]
+    OutOfReach {
+        /// Its name.
+        space: String,
+        /// Of the first pose kept [ns].
+        first_ns: i64,
+        /// Of the last pose [ns].
+        last_ns: i64,
+        /// Asked for [ns].
+        time_ns: i64,
+    },
+}
+
+#[derive(Debug, Clone)]
+struct Space {
+    name: String,
+    parent: Option<SpaceId>,
+    motion: Motion,
+    suspended: bool,
+}
+
+#[derive(Debug, Clone)]
+enum Motion {
+    Fixed(Box<UncertainPose>),
+    /// Ascending in time, no two at the same.
+    Timed(VecDeque<(i64, UncertainPose)>),
+}
+
+/// Nested spaces below one root.
+#[derive(Debug, Clone)]
+pub struct SceneGraph {
+    spaces: Vec<Space>,
+    history: usize,
+    reach_ns: i64,
+}
+
+impl SceneGraph {
+    /// The root of every scene.
+    pub const ROOT: SpaceId = SpaceId(0);
+
+    /// A scene with a root space called `root`. Each moving space keeps its last `history` poses (at least 2 are kept), and
+    /// the first and last of them hold for `reach_ns` nanoseconds before and after.
+    pub fn new(root: &str, history: usize, reach_ns: i64) -> SceneGraph {
+        let root = Space {
+            name: root.to_owned(),
+            parent: None,
+            motion: Motion::Fixed(Box::new(UncertainPose::exact(Isometry3::identity()))),
+            suspended: false,
+        };
+        SceneGraph { spaces: vec![root], history: history.max(2), reach_ns: reach_ns.max(0) }
+    }
+
+    /// Adds a space below `parent`, without a pose yet.
+    pub fn add(&mut self, name: &str, parent: SpaceId) -> Result<SpaceId, SceneError> {
+        self.space(parent)?;
+        if self.find(name).is_some() {
+            return Err(SceneError::NameTaken { name: name.to_owned() });
+        }
+        let motion = Motion::Timed(VecDeque::new());
+        self.spaces.push(Space { name: name.to_owned(), parent: Some(parent), motion, suspended: false });
+        Ok(SpaceId(self.spaces.len() - 1))
+    }
+
+    /// The space called `name`.
+    pub fn find(&self, name: &str) -> Option<SpaceId> {
+        self.spaces.iter().position(|it| it.name == name).map(SpaceId)
+    }
+
+    /// The name of a space.
+    pub fn name(&self, space: SpaceId) -> Result<&str, SceneError> {
+        Ok(&self.space(space)?.name)
+    }
+
+    /// The parent of a space; `None` for the root.
+    pub fn parent(&self, space: SpaceId) -> Result<Option<SpaceId>, SceneError> {
+        Ok(self.space(space)?.parent)
+    }
+
+    /// Fixes `space` in its parent for all times; its history, if any, is dropped.
+    pub fn set_static(&mut self, space: SpaceId, parent_from_space: UncertainPose) -> Result<(), SceneError> {
+        let space = self.movable(space, &parent_from_space)?;
+        space.motion = Motion::Fixed(Box::new(parent_from_space));
+        space.suspended = false;
+        Ok(())
+    }
+
+    /// Adds where `space` was at `time_ns`; a pose of the same time is replaced, a late one put in its place, the oldest
+    /// forgotten when there are too many. Resumes a suspended space when the pose is its newest.
+    pub fn push(&mut self, space: SpaceId, time_ns: i64, parent_from_space: UncertainPose) -> Result<(), SceneError> {
+        let history = self.history;
+        let space = self.movable(space, &parent_from_space)?;
+        if let Motion::Fixed(_) = space.motion {
+            space.motion = Motion::Timed(VecDeque::with_capacity(history + 1));
+        }
+        let Motion::Timed(samples) = &mut space.motion else { unreachable!("made timed above") };
+        let place = samples.partition_point(|(time, _)| *time < time_ns);
+        match samples.get_mut(place) {
+            Some(sample) if sample.0 == time_ns => sample.1 = parent_from_space,
+            _ => samples.insert(place, (time_ns, parent_from_space)),
+        }
+        space.suspended &= place + 1 < samples.len();
+        if samples.len() > history {
+            samples.pop_front();
+        }
+        Ok(())
+    }
+
+    /// As [`Self::push`] for a space that is anchored to a target: it moves to `position` [m] in its parent, known
+    /// to `covariance` [m²], and keeps its parent's axes.
+    pub fn push_anchor(
+        &mut self,
+        space: SpaceId,
+        time_ns: i64,
+        position: Point3<f64>,
+        covariance: &Matrix3<f64>,
+    ) -> Result<(), SceneError> {
+        let mut pose = UncertainPose::exact(Isometry3::translation(position.x, position.y, position.z));
+        pose.covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(covariance);
+        self.push(space, time_ns, pose)
+    }
+
+    /// Says that the target of `space` is lost: it answers for times up to its last pose only, until the next pose.
+    pub fn suspend(&mut self, space: SpaceId) -> Result<(), SceneError> {
+        self.space(space)?;
+        if space == Self::ROOT {
+            return Err(SceneError::Root { name: self.spaces[0].name.clone() });
+        }
+        self.spaces[space.0].suspended = true;
+        Ok(())
+    }
+
+    /// Whether `space` or one that it hangs below is suspended.
+    pub fn is_suspended(&self, space: SpaceId) -> Result<bool, SceneError> {
+        let mut next = Some(space);
+        while let Some(id) = next {
+            let space = self.space(id)?;
+            if space.suspended {
+                return Ok(true);
+            }
+            next = space.parent;
+        }
+        Ok(false)
+    }
+
+    /// The transform from the coordinates of `b` to those of `a` at `time_ns`. Only the spaces between the two and their
+    /// nearest common ancestor enter, so that what moves both adds no uncertainty.
+    pub fn a_from_b(&self, a: SpaceId, b: SpaceId, time_ns: i64) -> Result<UncertainPose, SceneError> {
+        self.space(a)?;
+        self.space(b)?;
+        let (mut up_a, mut up_b) = (a, b);
+        let [mut above_from_a, mut above_from_b] = [UncertainPose::exact(Isometry3::identity()); 2];
+        // A child is added after its parent: going up from the one with the larger number ends at the common ancestor.
+        while up_a != up_b {
+            let (from, chain) =
+                if up_a > up_b { (&mut up_a, &mut above_from_a) } else { (&mut up_b, &mut above_from_b) };
+            *chain = self.parent_from_space(*from, time_ns)?.then_from(chain);
+            *from = self.spaces[from.0].parent.unwrap_or(Self::ROOT);
+        }
+        Ok(above_from_a.inverse().then_from(&above_from_b))
+    }
+
+    fn parent_from_space(&self, id: SpaceId, time_ns: i64) -> Result<UncertainPose, SceneError> {
+        let space = self.space(id)?;
+        let samples = match &space.motion {
+            Motion::Fixed(pose) => return Ok(**pose),
+            Motion::Timed(samples) => samples,
+        };
+        let (Some(&(first_ns, first)), Some(&(last_ns, last))) = (samples.front(), samples.back()) else {
+            return Err(SceneError::NoPose { space: space.name.clone() });
+        };
+        if space.suspended && time_ns > last_ns {
+            return Err(SceneError::Suspended { space: space.name.clone(), last_ns, time_ns });
+        }
+        if time_ns < first_ns.saturating_sub(self.reach_ns) || time_ns > last_ns.saturating_add(self.reach_ns) {
+            return Err(SceneError::OutOfReach { space: space.name.clone(), first_ns, last_ns, time_ns });
+        }
+        let after = samples.partition_point(|(time, _)| *time <= time_ns);
+        if after == 0 {
+            return Ok(first);
+        }
+        let (earlier_ns, earlier) = samples[after - 1];
+        let Some(&(later_ns, later)) = samples.get(after) else {
+            return Ok(last);
+        };
+        // In i128: the differences of two i64 times may not fit.
+        let since = |time: i64| (i128::from(time) - i128::from(earlier_ns)) as f64;
+        Ok(earlier.towards(&later, since(time_ns) / since(later_ns)))
+    }
+
+    fn space(&self, id: SpaceId) -> Result<&Space, SceneError> {
+        self.spaces.get(id.0).ok_or(SceneError::Foreign { index: id.0, count: self.spaces.len() })
+    }
+
+    fn movable(&mut self, id: SpaceId, pose: &UncertainPose) -> Result<&mut Space, SceneError> {
+        let name = self.space(id)?.name.clone();
+        if id == Self::ROOT {
+            return Err(SceneError::Root { name });
+        }
+        let transform = pose.transform.to_homogeneous();
+        if !transform.iter().chain(pose.covariance.iter()).all(|it| it.is_finite()) {
+            return Err(SceneError::NotFinite { space: name });
+        }
+        Ok(&mut self.spaces[id.0])
+    }
+}
+
+impl UncertainPose {
+    /// A transform without uncertainty.
+    pub fn exact(transform: Isometry3<f64>) -> UncertainPose {
+        UncertainPose { transform, covariance: Matrix6::zeros() }
+    }
+
+    /// `c_from_a`, where `self` is `c_from_b`.
+    pub fn then_from(&self, b_from_a: &UncertainPose) -> UncertainPose {
+        let carry = adjoint(&b_from_a.transform.inverse());
+        UncertainPose {
+            transform: self.transform * b_from_a.transform,
+            covariance: carry * self.covariance * carry.transpose() + b_from_a.covariance,
+        }
+    }
+
+    /// `a_from_b`, where `self` is `b_from_a`.
+    pub fn inverse(&self) -> UncertainPose {
+        let carry = adjoint(&self.transform);
+        UncertainPose { transform: self.transform.inverse(), covariance: carry * self.covariance * carry.transpose() }
+    }
+
+    /// A point of `a`, known to `covariance` [m²], in the coordinates of `b`, where `self` is `b_from_a`.
+    pub fn transform_point(&self, point_in_a: &Point3<f64>, covariance: &Matrix3<f64>) -> (Point3<f64>, Matrix3<f64>) {
+        let rotation = self.transform.rotation.to_rotation_matrix();
+        let mut by_pose = nalgebra::Matrix3x6::zeros();
+        by_pose.fixed_view_mut::<3, 3>(0, 0).copy_from(&-point_in_a.coords.cross_matrix());
+        by_pose.fixed_view_mut::<3, 3>(0, 3).fill_with_identity();
+        let spread = by_pose * self.covariance * by_pose.transpose() + covariance;
+        (self.transform * point_in_a, rotation.matrix() * spread * rotation.matrix().transpose())
+    }
+
+    /// `share` of the way to `other`, 0 ≤ share ≤ 1.
+    fn towards(&self, other: &UncertainPose, share: f64) -> UncertainPose {
+        let (from, to) = (&self.transform, &other.transform);
+        let arc = from.rotation.rotation_to(&to.rotation).scaled_axis(); // in the parent, of length up to π
+        let rotation = nalgebra::UnitQuaternion::from_scaled_axis(arc * share) * from.rotation;
+        let translation = from.translation.vector.lerp(&to.translation.vector, share);
+        UncertainPose {
+            transform: Isometry3::from_parts(translation.into(), rotation),
+            covariance: self.covariance * (1.0 - share) + other.covariance * share,
+        }
+    }
+}
+
+/// Ad(T) with T exp(δ) = exp(Ad(T) δ) T, δ = (rotation, translation).
+fn adjoint(transform: &Isometry3<f64>) -> Matrix6<f64> {
+    let rotation = transform.rotation.to_rotation_matrix();
+    let mut adjoint = Matrix6::zeros();
+    adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation.matrix());
+    adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(rotation.matrix());
+    let lever = transform.translation.vector.cross_matrix() * rotation.matrix();
+    adjoint.fixed_view_mut::<3, 3>(3, 0).copy_from(&lever);
+    adjoint
+}
