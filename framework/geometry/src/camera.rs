@@ -188,9 +188,202 @@ impl Intrinsics {
     }
 }
 
-/// (x/z, y/z) and 1/z; `None` unless z > 0. Overflow to infinity is left to the distortion, which refuses it.
+/// (x/z, y/z) and 1/z; `None` unless z > 0. Overflow is left to the distortion, which refuses what is too far out.
 #[inline]
 fn to_normalised(in_camera: &Vector3<f64>) -> Option<(Vector2<f64>, f64)> {
     let per_depth = 1.0 / in_camera.z;
     (in_camera.z > 0.0).then(|| (Vector2::new(in_camera.x * per_depth, in_camera.y * per_depth), per_depth))
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::UnitQuaternion;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// Any pose, any sensible lens, and strong ones whose polynomial turns back inside the drawn field of view.
+    fn cameras() -> impl Strategy<Value = Camera> {
+        let lens = prop_oneof![
+            Just([0.0; 5]),
+            [-0.4..0.4, -0.1..0.1, -0.01..0.01, -0.01..0.01, -0.05..0.05],
+            [-1.5..1.5, -1.5..1.5, -0.05..0.05, -0.05..0.05, -1.0..1.0],
+        ];
+        let place = prop::array::uniform3(-3.0..3.0);
+        let turn = prop::array::uniform3(-3.2..3.2);
+        let inner = [200.0..2000.0, 200.0..2000.0, -500.0..500.0, -500.0..500.0, -20.0..20.0];
+        (place, turn, inner, lens).prop_map(|(place, turn, inner, [k1, k2, p1, p2, k3])| Camera {
+            image_size: [640, 480],
+            intrinsics: Intrinsics { focal: [inner[0], inner[1]], principal: [inner[2], inner[3]], skew: inner[4] },
+            distortion: Distortion { k1, k2, p1, p2, k3 },
+            camera_from_world: Isometry3::new(Vector3::from(place), Vector3::from(turn)),
+        })
+    }
+
+    /// A point in the world at normalised coordinates (x, y) and depth z of `camera`.
+    fn point_at(camera: &Camera, x: f64, y: f64, z: f64) -> Point3<f64> {
+        camera.camera_from_world.inverse_transform_point(&Point3::new(x * z, y * z, z))
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+
+        #[test]
+        fn the_ray_of_a_pixel_goes_through_the_point(
+            camera in cameras(), x in -1.2..1.2, y in -1.2..1.2, z in 0.1..20.0,
+        ) {
+            let point = point_at(&camera, x, y, z);
+            let Some((pixel, jacobian)) = camera.project_with_jacobian(&point) else { return Ok(()) };
+            prop_assert!((camera.project(&point).unwrap() - pixel).norm() < 1e-9 * (1.0 + pixel.coords.norm()));
+            let ray = camera.ray(&pixel).unwrap();
+            // Near the turning point a pixel hardly depends on the ray: ask for the pixel back there, not for the ray.
+            let again = camera.project(&ray.at(z)).unwrap();
+            prop_assert!((again - pixel).norm() < 1e-8, "{again} {pixel}");
+            let per_metre = jacobian * jacobian.transpose();
+            if per_metre.determinant() > 1e-4 * per_metre.norm_squared() {
+                prop_assert!(ray.distance_to(&point) < 1e-7 * z, "{}", ray.distance_to(&point));
+                prop_assert!(ray.depth_of(&point) > 0.0);
+            }
+        }
+
+        #[test]
+        fn jacobian_is_that_of_central_differences(
+            camera in cameras(), x in -1.2..1.2, y in -1.2..1.2, z in 0.1..20.0,
+        ) {
+            let point = point_at(&camera, x, y, z);
+            let Some((_, jacobian)) = camera.project_with_jacobian(&point) else { return Ok(()) };
+            let step = 1e-5 * z;
+            for axis in 0..3 {
+                let mut shift = Vector3::zeros();
+                shift[axis] = step;
+                let ends = [camera.project(&(point + shift)), camera.project(&(point - shift))];
+                let [Some(after), Some(before)] = ends else { return Ok(()) };
+                let difference = (after - before) / (2.0 * step);
+                let error = (difference - jacobian.column(axis)).norm();
+                prop_assert!(error < 1e-5 * (1.0 + camera.intrinsics.focal[0].max(camera.intrinsics.focal[1]) / z) , "{error}");
+            }
+        }
+
+        #[test]
+        fn nothing_beyond_the_turning_point_has_a_pixel(camera in cameras(), angle in 0.0..6.3_f64, radius in 0.0..3.0_f64) {
+            let point = |radius: f64| point_at(&camera, radius * angle.cos(), radius * angle.sin(), 1.0);
+            let Distortion { k1, k2, k3, .. } = camera.distortion;
+            let radial = |r: f64| r * (1.0 + r * r * (k1 + r * r * (k2 + r * r * k3)));
+            let turns_back = (0..1000).any(|it| {
+                let r = radius * f64::from(it) / 1000.0;
+                radial(r + radius / 1000.0) < radial(r)
+            });
+            if turns_back {
+                prop_assert_eq!(camera.project(&point(radius)), None);
+            }
+        }
+
+        #[test]
+        fn a_pixel_without_a_ray_is_no_point_s_pixel(camera in cameras(), u in -900.0..900.0, v in -900.0..900.0) {
+            let pixel = Point2::new(u, v);
+            if camera.ray(&pixel).is_none() {
+                for index in 0..1600 {
+                    let (x, y) = (f64::from(index % 40) / 8.0 - 2.5, f64::from(index / 40) / 8.0 - 2.5);
+                    let Some((seen, jacobian)) = camera.project_with_jacobian(&point_at(&camera, x, y, 1.0)) else { continue };
+                    // 1/16 is half the grid: were there such a point, one of the grid would come this close.
+                    prop_assert!((seen - pixel).norm() > 1e-3 * jacobian.norm());
+                }
+            }
+        }
+    }
+
+    fn plain() -> Camera {
+        Camera::look_at(Point3::origin(), Point3::new(0.0, 1.0, 0.0), [640, 480], 500.0)
+    }
+
+    #[test]
+    fn right_and_down_are_where_they_should_be() {
+        let pixel = plain().project(&Point3::new(0.2, 2.0, -0.1)).unwrap();
+        assert!((pixel - Point2::new(319.5 + 50.0, 239.5 + 25.0)).norm() < 1e-9, "{pixel}");
+    }
+
+    #[test]
+    fn distortion_is_that_of_opencv() {
+        let distortion = Distortion { k1: -0.3, k2: 0.1, p1: 0.01, p2: -0.02, k3: 0.05 };
+        // By hand: s = 0.25, f = 1 - 0.075 + 0.00625 + 0.00078125 = 0.93203125.
+        let distorted = distortion.distort(&Vector2::new(0.3, 0.4)).unwrap();
+        let x = 0.3 * 0.93203125 + 2.0 * 0.01 * 0.12 - 0.02 * (0.25 + 0.18);
+        let y = 0.4 * 0.93203125 + 0.01 * (0.25 + 0.32) - 2.0 * 0.02 * 0.12;
+        assert!((distorted - Vector2::new(x, y)).norm() < 1e-15, "{distorted}");
+    }
+
+    #[test]
+    fn what_is_not_in_front_has_no_pixel() {
+        let camera = plain();
+        let points = [
+            [0.0, -1.0, 0.0],
+            [0.3, 0.0, 0.2],
+            [0.0, 0.0, 0.0],
+            [f64::NAN, 1.0, 0.0],
+            [0.0, f64::NAN, 0.0],
+            [f64::INFINITY, 1.0, 0.0],
+            [0.0, f64::INFINITY, 0.0],
+            [1.0, f64::MIN_POSITIVE, 0.0],
+        ];
+        for point in points.map(Point3::from) {
+            assert_eq!(camera.project(&point), None, "{point}");
+            assert_eq!(camera.project_with_jacobian(&point), None, "{point}");
+        }
+    }
+
+    #[test]
+    fn a_lens_that_turns_back_ends_there() {
+        let mut camera = plain();
+        camera.distortion.k1 = -1.0 / 3.0; // r - r³/3 turns back at r = 1, where it is 2/3
+        let at = |r: f64| camera.project(&Point3::new(r, 1.0, 0.0));
+        assert!(at(0.999).is_some());
+        assert_eq!([at(1.001), at(1.7), at(30.0)], [None; 3]);
+        // A second rise beyond the turn does not count either.
+        camera.distortion.k2 = 0.05;
+        let at = |r: f64| camera.project(&Point3::new(r, 1.0, 0.0));
+        assert!(at(1.1).is_some());
+        assert_eq!([at(1.5), at(2.0), at(5.0)], [None; 3]);
+        camera.distortion.k2 = 0.0;
+        let pixel = |r: f64| Point2::new(319.5 + 500.0 * r, 239.5);
+        assert!(camera.ray(&pixel(0.6666)).is_some());
+        for r in [0.6668, 0.7, 2.0, f64::NAN, f64::INFINITY] {
+            assert_eq!(camera.ray(&pixel(r)), None, "{r}");
+        }
+    }
+
+    #[test]
+    fn without_distortion_a_broken_pixel_has_no_ray() {
+        assert_eq!(plain().ray(&Point2::new(f64::NAN, 1.0)), None);
+        assert_eq!(plain().normalise(&Point2::new(1.0, f64::NEG_INFINITY)), None);
+    }
+
+    #[test]
+    fn the_image_ends_half_a_pixel_outside_the_last_centres() {
+        let camera = plain();
+        let seen = |u: f64, v: f64| camera.sees(&camera.ray(&Point2::new(u, v)).unwrap().at(3.0)).is_some();
+        assert!(seen(-0.49, 0.0) && seen(639.49, 479.49));
+        assert!(!seen(-0.51, 0.0) && !seen(0.0, -0.51) && !seen(639.51, 0.0) && !seen(0.0, 479.51));
+    }
+
+    #[test]
+    fn what_makes_a_camera_unusable_is_named() {
+        let fault_of = |change: &dyn Fn(&mut Camera)| {
+            let mut camera = plain();
+            change(&mut camera);
+            camera.check().unwrap_err().to_string()
+        };
+        plain().check().unwrap();
+        assert_eq!(fault_of(&|it| it.image_size = [640, 0]), "image_size is 640 x 0 px, expected at least 1 x 1 px");
+        assert_eq!(fault_of(&|it| it.intrinsics.focal[1] = 0.0), "focal[1] is 0 px, expected more than 0 px");
+        assert_eq!(fault_of(&|it| it.intrinsics.focal[0] = f64::NAN), "focal[0] is NaN, expected a finite number");
+        assert_eq!(fault_of(&|it| it.distortion.k3 = f64::INFINITY), "distortion k3 is inf, expected a finite number");
+        assert_eq!(
+            fault_of(&|it| it.camera_from_world.translation.y = f64::NAN),
+            "translation y of camera_from_world is NaN, expected a finite number"
+        );
+        assert_eq!(
+            fault_of(&|it| it.camera_from_world.rotation = UnitQuaternion::new_unchecked([0.0, 0.0, 0.0, 2.0].into())),
+            "the quaternion of camera_from_world has length 2, expected 1"
+        );
+    }
 }

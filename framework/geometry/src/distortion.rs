@@ -5,10 +5,12 @@
 //!
 //! x' = x f + 2p₁xy + p₂(s + 2x²),  y' = y f + p₁(s + 2y²) + 2p₂xy.
 //!
-//! The radius r f(r²) of real lenses grows with r, the polynomial in general only up to some radius, beyond which it
-//! turns back and one distorted point has several ideal ones. The *domain* here ends there: g(s) = d(r f)/dr =
-//! 1 + 3k₁s + 5k₂s² + 7k₃s³ is positive from the centre out to the point, and so is the determinant of the whole
-//! 2×2 derivative at the point, which the decentering terms enter too.
+//! The radius r f(r²) of real lenses grows with r, that of the polynomial in general only up to some radius, beyond which it
+//! turns back and one distorted point has several ideal ones. The *domain* here ends before that. The derivative of the map
+//! is symmetric, so the map is the gradient of a potential, and one-to-one on any disc on which that is strictly convex. The
+//! radial terms bend it by at least the least value of g(s) = d(r f)/dr = 1 + 3k₁s + 5k₂s² + 7k₃s³ on the way out;
+//! the decentering terms take at most 6r√(p₁² + p₂²) from it. A point is in the domain when the former exceeds the latter.
+//! Without decentering that is exactly the disc up to the turning point; with it, the disc is slightly too small.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -29,6 +31,8 @@ pub struct Distortion {
 
 /// How far [`Distortion::undistort`] may be from the exact answer, relative to 1 + |distorted| (normalised units).
 const UNDISTORT_TOLERANCE: f64 = 1e-13;
+/// Points at or beyond this squared radius, a millionth of a radian off the plane of the camera's centre, are not in view.
+const FARTHEST: f64 = 1e12;
 
 impl Distortion {
     /// Distorts `ideal`; `None` outside the domain (see the module) or when not finite.
@@ -52,9 +56,7 @@ impl Distortion {
         let cross = twice_slope * x * y + 2.0 * (p1 * x + p2 * y);
         let xx = radial + twice_slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x;
         let yy = radial + twice_slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x;
-        let invertible = xx * yy - cross * cross > 0.0 && self.radius_grows_up_to(s);
-        // A NaN or an infinity fails the comparisons above.
-        invertible.then_some((distorted, Matrix2::new(xx, cross, cross, yy)))
+        self.has_in_domain(s).then_some((distorted, Matrix2::new(xx, cross, cross, yy)))
     }
 
     /// Inverts [`Self::distort`] by Newton's method, with steps shortened until they stay in the domain and come
@@ -92,24 +94,26 @@ impl Distortion {
         None
     }
 
-    /// Whether g of the module's text is positive on all of 0..=s.
+    /// Whether points at the squared radius `s` are in the domain; not, if a number is not finite.
     #[inline]
-    fn radius_grows_up_to(&self, s: f64) -> bool {
-        let Distortion { k1, k2, k3, .. } = *self;
-        let pessimistic = 1.0 + s * (3.0 * k1.min(0.0) + s * (5.0 * k2.min(0.0) + s * 7.0 * k3.min(0.0)));
-        // The bound falls with s, so that it holds for all smaller s as well; most points end here.
-        s.is_finite() && (pessimistic > 0.0 || self.slowest_growth_up_to(s) > 0.0)
+    fn has_in_domain(&self, s: f64) -> bool {
+        let Distortion { k1, k2, p1, p2, k3 } = *self;
+        let radial = 1.0 + s * (3.0 * k1.min(0.0) + s * (5.0 * k2.min(0.0) + s * 7.0 * k3.min(0.0)));
+        let decentering = 3.0 * (p1.abs() + p2.abs()) * (1.0 + s); // since 2r <= 1 + r²
+        // Both bounds only worsen with s, so that they hold on the way out as well; most points end here.
+        s < FARTHEST && (radial > decentering || self.is_convex_up_to(s))
     }
 
-    /// The least value of g on 0..=s: at an end, or where its derivative 3k₁ + 10k₂s + 21k₃s² is zero.
+    /// The exact condition: g is least at an end of 0..=s, or where its derivative 3k₁ + 10k₂s + 21k₃s² is zero.
     #[cold]
-    fn slowest_growth_up_to(&self, s: f64) -> f64 {
-        let Distortion { k1, k2, k3, .. } = *self;
+    fn is_convex_up_to(&self, s: f64) -> bool {
+        let Distortion { k1, k2, p1, p2, k3 } = *self;
+        let needed = 6.0 * (s * (p1 * p1 + p2 * p2)).sqrt();
         let growth = |at: f64| 1.0 + at * (3.0 * k1 + at * (5.0 * k2 + at * 7.0 * k3));
         let (a, half_b, c) = (21.0 * k3, 5.0 * k2, 3.0 * k1);
         let root = (half_b * half_b - a * c).max(0.0).sqrt();
         let q = -(half_b + root.copysign(half_b)); // q/a and c/q are the two roots, without cancellation
-        let least_at_ends = growth(s).min(1.0);
-        [q / a, c / q].into_iter().filter(|at| *at > 0.0 && *at < s).map(growth).fold(least_at_ends, f64::min)
+        let inner = [q / a, c / q].into_iter().filter(|at| *at > 0.0 && *at < s);
+        inner.chain([0.0, s]).all(|at| growth(at) > needed)
     }
 }

@@ -91,3 +91,72 @@ impl Camera {
         k * self.camera_from_world.to_homogeneous().fixed_view::<3, 4>(0, 0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Point2, Point3};
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn a_camera_comes_back_from_its_matrix(
+            place in prop::array::uniform3(-3.0..3.0), turn in prop::array::uniform3(-3.2..3.2),
+            focal in prop::array::uniform2(50.0..5000.0), principal in prop::array::uniform2(-1000.0..1000.0),
+            skew in -50.0..50.0, size in -6.0..6.0, negative: bool,
+        ) {
+            let camera = Camera {
+                image_size: [640, 480],
+                intrinsics: Intrinsics { focal, principal, skew },
+                distortion: Distortion::default(),
+                camera_from_world: Isometry3::new(Vector3::from(place), Vector3::from(turn)),
+            };
+            let factor = if negative { -10f64.powf(size) } else { 10f64.powf(size) };
+            let found = Camera::from_projection_matrix(&(camera.projection_matrix() * factor), [640, 480]).unwrap();
+            found.check().unwrap();
+            prop_assert!((found.intrinsics.skew - skew).abs() < 1e-7);
+            for index in 0..2 {
+                prop_assert!((found.intrinsics.focal[index] - focal[index]).abs() < 1e-7);
+                prop_assert!((found.intrinsics.principal[index] - principal[index]).abs() < 1e-7);
+            }
+            prop_assert!(found.camera_from_world.rotation.angle_to(&camera.camera_from_world.rotation) < 1e-7);
+            prop_assert!((found.centre() - camera.centre()).norm() < 1e-7);
+            let ahead = camera.camera_from_world.inverse_transform_point(&Point3::new(0.1, 0.2, 1.0));
+            let (before, after) = (camera.project(&ahead).unwrap(), found.project(&ahead).unwrap());
+            prop_assert!((before - after).norm() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_mirrored_world_shows_as_points_behind() {
+        let camera = Camera::look_at(Point3::new(0.0, -2.0, 0.0), Point3::origin(), [640, 480], 500.0);
+        let mut matrix = camera.projection_matrix();
+        matrix.column_mut(2).neg_mut();
+        let mirrored = Camera::from_projection_matrix(&matrix, [640, 480]).unwrap();
+        assert_eq!(mirrored.project(&Point3::origin()), None);
+        let homogeneous = matrix * Point3::new(0.1, 0.2, -0.3).to_homogeneous();
+        let seen = Point2::from_homogeneous(homogeneous).unwrap();
+        assert!((camera.project(&Point3::new(0.1, 0.2, 0.3)).unwrap() - seen).norm() < 1e-9);
+    }
+
+    #[test]
+    fn what_is_no_finite_camera_is_refused() {
+        let good = Camera::look_at(Point3::new(1.0, 2.0, 3.0), Point3::origin(), [640, 480], 500.0).projection_matrix();
+        let refusal = |matrix: &Matrix3x4<f64>| Camera::from_projection_matrix(matrix, [640, 480]).unwrap_err();
+        let mut broken = good;
+        broken[(1, 3)] = f64::NAN;
+        assert!(matches!(refusal(&broken), ProjectionFault::NotFinite { row: 1, column: 3, found } if found.is_nan()));
+        for row in 0..3 {
+            let mut flat = good;
+            let other: nalgebra::RowVector4<f64> = good.row((row + 1) % 3).into_owned();
+            flat.row_mut(row).copy_from(&other);
+            assert!(matches!(refusal(&flat), ProjectionFault::Singular { .. }), "{row}");
+            flat.row_mut(row).fill(0.0);
+            assert!(matches!(refusal(&flat), ProjectionFault::Singular { .. }), "{row}");
+        }
+        let affine = Matrix3x4::new(1.0, 0.0, 0.0, 5.0, 0.0, 1.0, 0.0, 5.0, 0.0, 0.0, 0.0, 1.0);
+        assert_eq!(refusal(&affine), ProjectionFault::Singular { ratio: 0.0 });
+        assert_eq!(refusal(&Matrix3x4::zeros()), ProjectionFault::Singular { ratio: 0.0 });
+    }
+}

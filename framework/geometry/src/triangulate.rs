@@ -217,3 +217,165 @@ fn invert_information(information: &Matrix3<f64>) -> Result<Matrix3<f64>, Triang
     let inverse = information.try_inverse().filter(|_| ratio > SINGULAR);
     inverse.ok_or(TriangulationFault::Degenerate { ratio: ratio.sqrt() })
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Unit, Vector2};
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::camera::Distortion;
+
+    /// `count` distorted cameras on a ring of 3 m around the origin, at different heights.
+    fn ring(count: usize) -> Vec<Camera> {
+        let camera = |index: usize| {
+            let angle = 2.0 * std::f64::consts::PI * index as f64 / count as f64 + 0.1;
+            let centre = Point3::new(3.0 * angle.cos(), 3.0 * angle.sin(), 0.5 + 0.3 * (index % 3) as f64);
+            let mut camera = Camera::look_at(centre, Point3::origin(), [640, 480], 500.0);
+            camera.distortion = Distortion { k1: -0.2, k2: 0.05, p1: 0.001, p2: -0.002, k3: 0.0 };
+            camera
+        };
+        (0..count).map(camera).collect()
+    }
+
+    fn seen_by(cameras: &[Camera], point: &Point3<f64>) -> Vec<Point2<f64>> {
+        cameras.iter().map(|camera| camera.project(point).unwrap()).collect()
+    }
+
+    fn rays_of(cameras: &[Camera], pixels: &[Point2<f64>]) -> Vec<Ray> {
+        cameras.iter().zip(pixels).map(|(camera, pixel)| camera.ray(pixel).unwrap()).collect()
+    }
+
+    /// Refines from the rays' point, the way callers do.
+    fn refined(
+        cameras: &[Camera],
+        pixels: &[Point2<f64>],
+        noise: PixelNoise<'_>,
+    ) -> Result<Triangulation, TriangulationFault> {
+        let start = triangulate_rays(&rays_of(cameras, pixels)).unwrap_or_else(Point3::origin);
+        refine(&cameras.iter().collect::<Vec<_>>(), pixels, noise, start)
+    }
+
+    proptest! {
+        #[test]
+        fn exact_pixels_give_the_point_back(
+            point in prop::array::uniform3(-0.8..0.8), count in 2usize..9, shift in prop::array::uniform3(-0.5..0.5),
+        ) {
+            let (cameras, point) = (ring(count), Point3::from(point));
+            let pixels = seen_by(&cameras, &point);
+            let rays = rays_of(&cameras, &pixels);
+            prop_assume!(count > 2 || rays[0].direction.cross(&rays[1].direction).norm() > 0.02);
+            prop_assert!((triangulate_rays(&rays).unwrap() - point).norm() < 1e-7);
+            let list: Vec<&Camera> = cameras.iter().collect();
+            let found = refine(&list, &pixels, PixelNoise::Sigma(0.1), point + Vector3::from(shift)).unwrap();
+            prop_assert!((found.position - point).norm() < 1e-6, "{:?}", found);
+            prop_assert!(found.residuals_rms_px < 1e-4 && found.iterations < 30, "{:?}", found);
+        }
+    }
+
+    /// A number in 0..1 from a counter; enough of a random number for noise here.
+    fn hashed(counter: &mut u64) -> f64 {
+        *counter = counter.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (*counter >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    #[test]
+    fn the_error_is_what_the_covariance_says() {
+        let cameras = ring(5);
+        let sigma = 0.3;
+        let mut counter = 1;
+        let (mut distances, mut squares) = (0.0, 0.0);
+        let runs = 2000;
+        for _ in 0..runs {
+            let point = Point3::from([(); 3].map(|()| hashed(&mut counter) - 0.5));
+            let mut pixels = seen_by(&cameras, &point);
+            for pixel in &mut pixels {
+                // The sum of twelve uniform numbers less six has variance one.
+                let mut gauss = || (0..12).map(|_| hashed(&mut counter)).sum::<f64>() - 6.0;
+                *pixel += Vector2::new(gauss(), gauss()) * sigma;
+            }
+            let found = refined(&cameras, &pixels, PixelNoise::Sigma(sigma)).unwrap();
+            let error = found.position - point;
+            distances += error.dot(&(found.covariance.try_inverse().unwrap() * error));
+            squares += found.residuals_rms_px.powi(2);
+        }
+        // χ² with 3 degrees of freedom: mean 3, standard error √(6/2000) = 0.055. Residuals: 2·5 − 3 degrees of freedom.
+        let (mean, residual) = (distances / f64::from(runs), squares / f64::from(runs));
+        assert!((mean - 3.0).abs() < 0.22, "{mean}");
+        assert!((residual / (sigma * sigma * 7.0 / 5.0) - 1.0).abs() < 0.05, "{residual}");
+    }
+
+    #[test]
+    fn a_pixel_of_large_covariance_counts_little() {
+        let cameras = ring(4);
+        let point = Point3::new(0.1, -0.2, 0.3);
+        let mut pixels = seen_by(&cameras, &point);
+        pixels[2].x += 20.0;
+        let mut covariances = [Matrix2::identity() * 0.01; 4];
+        let error = |covariances: &[Matrix2<f64>]| {
+            (refined(&cameras, &pixels, PixelNoise::Covariances(covariances)).unwrap().position - point).norm()
+        };
+        assert!(error(&covariances) > 0.01);
+        // Only the direction of the error is uncertain: the other one still counts.
+        covariances[2] = Matrix2::new(1e6, 0.0, 0.0, 0.01);
+        assert!(error(&covariances) < 1e-5);
+        covariances[2] = Matrix2::identity() * 1e6;
+        assert!(error(&covariances) < 1e-5);
+    }
+
+    #[test]
+    fn rays_that_fix_no_point_are_refused() {
+        let ray = |origin: [f64; 3], direction: [f64; 3]| Ray {
+            origin: origin.into(),
+            direction: Unit::new_normalize(direction.into()),
+        };
+        let a = ray([0.0; 3], [0.0, 1.0, 0.0]);
+        assert_eq!([triangulate_rays(&[]), triangulate_rays(&[a])], [None; 2]);
+        for other in [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 1.0, 1e-7]] {
+            assert_eq!(triangulate_rays(&[a, ray([1.0, 0.0, 0.0], other), a, a]), None, "{other:?}");
+        }
+        assert_eq!(triangulate_rays(&[a, ray([f64::NAN, 0.0, 0.0], [1.0, 0.0, 0.0])]), None);
+        let far = ray([1e6, 1e6, 0.0], [1.0, 0.0, 0.0]);
+        let near_far = triangulate_rays(&[ray([1e6, 0.0, 0.0], [0.0, 1.0, 0.0]), far]).unwrap();
+        assert!((near_far - Point3::new(1e6, 1e6, 0.0)).norm() < 1e-6);
+    }
+
+    #[test]
+    fn each_way_to_have_no_answer_is_told_apart() {
+        let cameras = ring(3);
+        let list: Vec<&Camera> = cameras.iter().collect();
+        let point = Point3::new(0.1, 0.2, 0.3);
+        let pixels = seen_by(&cameras, &point);
+        let fault = |cameras: &[&Camera], pixels: &[Point2<f64>], noise: PixelNoise<'_>, start: Point3<f64>| {
+            refine(cameras, pixels, noise, start).unwrap_err()
+        };
+        let fine = PixelNoise::Sigma(0.1);
+        assert_eq!(
+            fault(&list, &pixels[..2], fine, point),
+            TriangulationFault::LengthsDiffer { cameras: 3, pixels: 2, covariances: 2 }
+        );
+        assert_eq!(
+            fault(&list, &pixels, PixelNoise::Covariances(&[]), point),
+            TriangulationFault::LengthsDiffer { cameras: 3, pixels: 3, covariances: 0 }
+        );
+        assert_eq!(fault(&list[..1], &pixels[..1], fine, point), TriangulationFault::TooFew { count: 1 });
+        for sigma in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let noise = PixelNoise::Sigma(sigma);
+            assert_eq!(fault(&list, &pixels, noise, point), TriangulationFault::BadNoise { index: 0 });
+        }
+        let one = Matrix2::identity();
+        let bad = [one, one, Matrix2::new(1.0, 2.0, 2.0, 1.0)];
+        assert_eq!(
+            fault(&list, &pixels, PixelNoise::Covariances(&bad), point),
+            TriangulationFault::BadNoise { index: 2 }
+        );
+        let behind = cameras[1].centre() + (cameras[1].centre() - point);
+        assert!(matches!(fault(&list, &pixels, fine, behind), TriangulationFault::NotVisible { .. }));
+        let mut broken = pixels.clone();
+        broken[1].y = f64::NAN;
+        assert_eq!(fault(&list, &broken, fine, point), TriangulationFault::NotVisible { index: 1 });
+        // The same camera twice knows no depth.
+        let twice = fault(&[list[0], list[0]], &[pixels[0], pixels[0]], fine, point);
+        assert!(matches!(twice, TriangulationFault::Degenerate { ratio } if ratio < 1e-5), "{twice}");
+    }
+}
