@@ -142,3 +142,139 @@ fn reset<T: Clone>(list: &mut Vec<T>, length: usize, value: T) {
     list.clear();
     list.resize(length, value);
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    type Method = fn(&[f64], usize, usize, f64, &mut Workspace, &mut Vec<Option<usize>>);
+
+    /// Runs `method`, checks that its answer is one at all, and gives it.
+    #[track_caller]
+    fn assign(method: Method, costs: &[f64], rows: usize, columns: usize, gate: f64) -> Vec<Option<usize>> {
+        let mut assigned = vec![Some(99); 3]; // left over from another call
+        method(costs, rows, columns, gate, &mut Workspace::default(), &mut assigned);
+        assert_eq!(assigned.len(), rows);
+        let mut taken: Vec<usize> = assigned.iter().copied().flatten().collect();
+        taken.sort_unstable();
+        assert!(taken.windows(2).all(|pair| pair[0] < pair[1]), "a column twice: {assigned:?}");
+        for (row, column) in assigned.iter().enumerate().filter_map(|(row, column)| Some((row, (*column)?))) {
+            assert!(costs[row * columns + column] <= gate, "a forbidden pair: {assigned:?}");
+        }
+        assigned
+    }
+
+    fn total(costs: &[f64], columns: usize, gate: f64, assigned: &[Option<usize>]) -> f64 {
+        let each = assigned.iter().enumerate();
+        each.map(|(row, column)| column.map_or(gate, |column| costs[row * columns + column])).sum()
+    }
+
+    /// The least total over all assignments of the rows from `row` on.
+    fn brute_force(costs: &[f64], columns: usize, gate: f64, row: usize, taken: &mut Vec<bool>) -> f64 {
+        if row * columns == costs.len() {
+            return 0.0;
+        }
+        let mut best = gate + brute_force(costs, columns, gate, row + 1, taken);
+        for column in 0..columns {
+            let cost = costs[row * columns + column];
+            if !taken[column] && cost <= gate {
+                taken[column] = true;
+                best = best.min(cost + brute_force(costs, columns, gate, row + 1, taken));
+                taken[column] = false;
+            }
+        }
+        best
+    }
+
+    fn matrices() -> impl Strategy<Value = (Vec<f64>, usize, usize)> {
+        (1usize..7, 1usize..7).prop_flat_map(|(rows, columns)| {
+            // Whole numbers make ties; NaN and infinity forbid.
+            let cost = prop_oneof![
+                5 => -5.0..10.0,
+                3 => (-3..6).prop_map(f64::from),
+                1 => Just(f64::NAN),
+                1 => Just(f64::INFINITY),
+            ];
+            (prop::collection::vec(cost, rows * columns), Just(rows), Just(columns))
+        })
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+
+        #[test]
+        fn no_assignment_is_cheaper((costs, rows, columns) in matrices(), gate in -1.0..12.0) {
+            let assigned = assign(optimal, &costs, rows, columns, gate);
+            let best = brute_force(&costs, columns, gate, 0, &mut vec![false; columns]);
+            prop_assert!((total(&costs, columns, gate, &assigned) - best).abs() < 1e-9, "{:?} {}", assigned, best);
+        }
+
+        #[test]
+        fn greedy_leaves_no_allowed_pair_alone((costs, rows, columns) in matrices(), gate in -1.0..12.0) {
+            let assigned = assign(nearest_greedy, &costs, rows, columns, gate);
+            for row in 0..rows {
+                for column in 0..columns {
+                    let cost = costs[row * columns + column];
+                    let owner = assigned.iter().position(|it| *it == Some(column));
+                    let beaten = |pair: Option<f64>| pair.is_some_and(|it| it <= cost);
+                    let row_s = assigned[row].map(|it| costs[row * columns + it]);
+                    let column_s = owner.map(|it| costs[it * columns + column]);
+                    prop_assert!(!(cost <= gate) || beaten(row_s) || beaten(column_s));
+                }
+            }
+        }
+
+        #[test]
+        fn without_a_gate_as_many_as_possible_are_assigned((costs, rows, columns) in matrices()) {
+            let assigned = assign(optimal, &costs, rows, columns, f64::INFINITY);
+            let unit: Vec<f64> = costs.iter().map(|it| if it.is_finite() { 0.0 } else { f64::NAN }).collect();
+            let alone = brute_force(&unit, columns, 1.0, 0, &mut vec![false; columns]);
+            prop_assert_eq!(assigned.iter().filter(|it| it.is_none()).count(), alone as usize);
+        }
+    }
+
+    #[test]
+    fn two_targets_close_together_need_the_optimal_one() {
+        let costs = [1.0, 2.0, 0.9, 5.0];
+        assert_eq!(assign(optimal, &costs, 2, 2, 10.0), [Some(1), Some(0)]);
+        assert_eq!(assign(nearest_greedy, &costs, 2, 2, 10.0), [Some(1), Some(0)]);
+        let costs = [1.0, 2.0, 1.1, 5.0];
+        assert_eq!(assign(optimal, &costs, 2, 2, 10.0), [Some(1), Some(0)]);
+        assert_eq!(assign(nearest_greedy, &costs, 2, 2, 10.0), [Some(0), Some(1)]);
+        // A lower gate makes it cheaper to leave the second alone.
+        assert_eq!(assign(optimal, &costs, 2, 2, 2.05), [Some(0), None]);
+    }
+
+    #[test]
+    fn nothing_to_assign_is_an_answer() {
+        for method in [optimal as Method, nearest_greedy] {
+            assert_eq!(assign(method, &[], 0, 0, 1.0), []);
+            assert_eq!(assign(method, &[], 0, 5, 1.0), []);
+            assert_eq!(assign(method, &[], 3, 0, 1.0), [None; 3]);
+            assert_eq!(assign(method, &[0.0; 4], 2, 2, f64::NAN), [None; 2]);
+            assert_eq!(assign(method, &[f64::NAN; 4], 2, 2, f64::INFINITY), [None; 2]);
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "rows x columns")]
+    fn a_matrix_of_another_size_is_a_mistake_of_the_caller() {
+        assign(optimal, &[1.0; 5], 2, 3, 1.0);
+    }
+
+    #[test]
+    fn memory_is_reused() {
+        let costs: Vec<f64> = (0..300).map(|it| f64::from(it * 7919 % 101)).collect();
+        let (mut workspace, mut assigned) = (Workspace::default(), Vec::new());
+        let mut sizes = Vec::new();
+        for _ in 0..3 {
+            optimal(&costs, 20, 15, 60.0, &mut workspace, &mut assigned);
+            nearest_greedy(&costs, 20, 15, 60.0, &mut workspace, &mut assigned);
+            let w = &workspace;
+            sizes.push((w.pairs.as_ptr(), w.distance.as_ptr(), w.row_price.as_ptr(), assigned.as_ptr()));
+        }
+        assert!(sizes.windows(2).all(|pair| pair[0] == pair[1]));
+    }
+}

@@ -189,3 +189,213 @@ impl SmallInverse for Matrix3<f64> {
         Some((factor.inverse(), factor.determinant()))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{DMatrix, DVector, Vector6};
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::random::Random;
+
+    fn symmetric_with_floor<const N: usize>(random: &mut Random, floor: f64) -> SMatrix<f64, N, N> {
+        let root = SMatrix::<f64, N, N>::from_fn(|_, _| random.normal());
+        root * root.transpose() + SMatrix::identity() * floor
+    }
+
+    fn some_filter(random: &mut Random) -> ConstantVelocity {
+        ConstantVelocity {
+            position: Point3::from(Vector3::from_fn(|_, _| random.normal())),
+            velocity: Vector3::from_fn(|_, _| random.normal()),
+            covariance: symmetric_with_floor(random, 0.1),
+        }
+    }
+
+    /// The filter of the textbooks: dense, with inverses and products of whole matrices. Gives the squared normalised
+    /// innovation and the log-likelihood.
+    fn textbook_update(
+        state: &mut DVector<f64>,
+        covariance: &mut DMatrix<f64>,
+        innovation: &DVector<f64>,
+        by_state: &DMatrix<f64>,
+        noise: &DMatrix<f64>,
+    ) -> (f64, f64) {
+        let expected = by_state * &*covariance * by_state.transpose() + noise;
+        let inverse = expected.clone().try_inverse().unwrap();
+        let gain = &*covariance * by_state.transpose() * &inverse;
+        *state += &gain * innovation;
+        let keep = DMatrix::identity(6, 6) - &gain * by_state;
+        *covariance = &keep * &*covariance * keep.transpose() + &gain * noise * gain.transpose();
+        let squared = (innovation.transpose() * inverse * innovation)[0];
+        let volume = (expected * (2.0 * std::f64::consts::PI)).determinant();
+        (squared, -0.5 * (squared + volume.ln()))
+    }
+
+    fn dense(filter: &ConstantVelocity) -> (DVector<f64>, DMatrix<f64>) {
+        let mut state = DVector::zeros(6);
+        state.rows_mut(0, 3).copy_from(&filter.position.coords);
+        state.rows_mut(3, 3).copy_from(&filter.velocity);
+        (state, DMatrix::from_column_slice(6, 6, filter.covariance.as_slice()))
+    }
+
+    #[track_caller]
+    fn check_same(filter: &ConstantVelocity, (state, covariance): &(DVector<f64>, DMatrix<f64>)) {
+        let (our_state, our_covariance) = dense(filter);
+        assert!((our_state - state).norm() < 1e-9 * (1.0 + state.norm()));
+        assert!((our_covariance - covariance).norm() < 1e-9 * (1.0 + covariance.norm()));
+        assert_eq!(filter.covariance, filter.covariance.transpose());
+    }
+
+    proptest! {
+        #[test]
+        fn steps_are_those_of_the_textbook(seed: u64, dt_s in 0.0..3.0_f64, density in 0.0..5.0_f64) {
+            let mut random = Random::new(seed);
+            let mut filter = some_filter(&mut random);
+
+            let (mut state, mut covariance) = dense(&filter);
+            let (mut step, mut noise) = (DMatrix::<f64>::identity(6, 6), DMatrix::<f64>::zeros(6, 6));
+            for axis in 0..3 {
+                step[(axis, axis + 3)] = dt_s;
+                noise[(axis, axis)] = density * dt_s.powi(3) / 3.0;
+                noise[(axis, axis + 3)] = density * dt_s.powi(2) / 2.0;
+                noise[(axis + 3, axis)] = density * dt_s.powi(2) / 2.0;
+                noise[(axis + 3, axis + 3)] = density * dt_s;
+            }
+            state = &step * state;
+            covariance = &step * covariance * step.transpose() + noise;
+            prop_assert!((filter.position_after(dt_s).coords - state.rows(0, 3)).norm() < 1e-9);
+            prop_assert!(filter.predict(dt_s, density));
+            check_same(&filter, &(state.clone(), covariance.clone()));
+
+            let jacobian = Matrix2x3::from_fn(|_, _| 3.0 * random.normal());
+            let noise = symmetric_with_floor::<2>(&mut random, 0.1);
+            let innovation = Vector2::new(random.normal(), random.normal());
+            let mut by_state = DMatrix::zeros(2, 6);
+            by_state.columns_mut(0, 3).copy_from(&jacobian);
+            let dense_noise = DMatrix::from_column_slice(2, 2, noise.as_slice());
+            let dense_innovation = DVector::from_column_slice(innovation.as_slice());
+            let expected = &by_state * &covariance * by_state.transpose() + &dense_noise;
+            let ours = filter.innovation_covariance(&jacobian, &noise);
+            prop_assert!((expected - DMatrix::from_column_slice(2, 2, ours.as_slice())).norm() < 1e-8);
+            let found = filter.update_pixel(innovation, &jacobian, &noise);
+            let (squared, log_likelihood) =
+                textbook_update(&mut state, &mut covariance, &dense_innovation, &by_state, &dense_noise);
+            check_same(&filter, &(state.clone(), covariance.clone()));
+            prop_assert!((found.normalised_squared - squared).abs() < 1e-8 * (1.0 + squared));
+            prop_assert!((found.log_likelihood - log_likelihood).abs() < 1e-8 * (1.0 + log_likelihood.abs()));
+
+            let noise = symmetric_with_floor::<3>(&mut random, 0.1);
+            let measured = Point3::from(Vector3::from_fn(|_, _| random.normal()));
+            let dense_innovation = DVector::from_column_slice((measured - filter.position).as_slice());
+            let dense_noise = DMatrix::from_column_slice(3, 3, noise.as_slice());
+            let found = filter.update_position(&measured, &noise);
+            let by_state = DMatrix::identity(3, 6);
+            let (squared, log_likelihood) =
+                textbook_update(&mut state, &mut covariance, &dense_innovation, &by_state, &dense_noise);
+            check_same(&filter, &(state, covariance));
+            prop_assert!((found.normalised_squared - squared).abs() < 1e-8 * (1.0 + squared));
+            prop_assert!((found.log_likelihood - log_likelihood).abs() < 1e-8 * (1.0 + log_likelihood.abs()));
+        }
+    }
+
+    /// Jacobian of one of three cameras with 500 px of focal length, 2 m away, along one of the axes.
+    fn camera_jacobian(which: usize) -> Matrix2x3<f64> {
+        let mut jacobian = Matrix2x3::zeros();
+        jacobian[(0, (which + 1) % 3)] = 250.0;
+        jacobian[(1, (which + 2) % 3)] = 250.0;
+        jacobian
+    }
+
+    #[test]
+    fn errors_are_as_large_as_the_covariance_says() {
+        let (dt_s, density, sigma) = (0.01_f64, 2.0_f64, 0.5);
+        let (mut state_error, mut innovations) = (0.0, 0.0);
+        let (runs, steps) = (200, 100);
+        for run in 0..runs {
+            let mut random = Random::new(run);
+            let mut position = Vector3::zeros();
+            let mut velocity = Vector3::from_fn(|_, _| random.normal());
+            let start = position + Vector3::from_fn(|_, _| 0.1 * random.normal());
+            let mut filter = ConstantVelocity::new(start.into(), Matrix3::identity() * 0.01, 1.0);
+            for step in 0..steps {
+                // One step of white-noise acceleration: the noise of position and velocity is correlated.
+                for axis in 0..3 {
+                    let (a, b) = (random.normal(), random.normal());
+                    let root = (density * dt_s).sqrt();
+                    position[axis] += velocity[axis] * dt_s + root * dt_s * (a / 2.0 + b / 12f64.sqrt());
+                    velocity[axis] += root * a;
+                }
+                filter.predict(dt_s, density);
+                let jacobian = camera_jacobian(step % 3);
+                let noise = Vector2::new(random.normal(), random.normal()) * sigma;
+                let innovation = jacobian * (position - filter.position.coords) + noise;
+                let found = filter.update_pixel(innovation, &jacobian, &(Matrix2::identity() * sigma * sigma));
+                innovations += found.normalised_squared;
+            }
+            let mut error = Vector6::zeros();
+            error.fixed_rows_mut::<3>(0).copy_from(&(position - filter.position.coords));
+            error.fixed_rows_mut::<3>(3).copy_from(&(velocity - filter.velocity));
+            state_error += error.dot(&(filter.covariance.try_inverse().unwrap() * error));
+        }
+        // χ²: means 6 and 2, variances twice that; four standard errors.
+        let (mean_state, mean_innovation) = (state_error / runs as f64, innovations / (runs as usize * steps) as f64);
+        assert!((mean_state - 6.0).abs() < 4.0 * (12.0 / runs as f64).sqrt(), "{mean_state}");
+        assert!(
+            (mean_innovation - 2.0).abs() < 4.0 * (4.0 / (runs as usize * steps) as f64).sqrt(),
+            "{mean_innovation}"
+        );
+    }
+
+    #[test]
+    fn the_covariance_stays_positive_definite() {
+        // From very large to very small and back: measurements a million times better than the prior, seen from one
+        // side for long, without process noise at times, then long predictions.
+        let mut random = Random::new(3);
+        let mut filter = ConstantVelocity::new(Point3::origin(), Matrix3::identity() * 1e6, 1e3);
+        for step in 0..100_000 {
+            let long = step % 1000 == 999;
+            filter.predict(if long { 10.0 } else { 1e-3 * random.uniform() }, if step % 3 == 0 { 0.0 } else { 5.0 });
+            let sigma = if step % 7 == 0 { 1e-3 } else { 1.0 };
+            let innovation = Vector2::new(random.normal(), random.normal()) * sigma;
+            let jacobian = camera_jacobian(step / 500 % 3);
+            let found = filter.update_pixel(innovation, &jacobian, &(Matrix2::identity() * (sigma * sigma)));
+            assert!(found.normalised_squared.is_finite(), "step {step}");
+            assert!(filter.covariance.cholesky().is_some(), "step {step}: {}", filter.covariance);
+        }
+        assert_eq!(filter.covariance, filter.covariance.transpose());
+    }
+
+    #[test]
+    fn a_point_at_rest_is_expected_where_it_is() {
+        let mut filter = ConstantVelocity::new(Point3::new(1.0, 2.0, 3.0), Matrix3::identity() * 0.04, 0.5);
+        assert!(filter.predict(2.0, 0.0));
+        assert_eq!(filter.position, Point3::new(1.0, 2.0, 3.0));
+        // 0.04 + 2² · 0.25
+        assert!((filter.position_covariance() - Matrix3::identity() * 1.04).norm() < 1e-12);
+        assert!((filter.covariance[(0, 3)] - 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_and_changes_nothing() {
+        let mut filter = some_filter(&mut Random::new(4));
+        let before = filter.clone();
+        for (dt_s, density) in [(-1e-9, 1.0), (f64::NAN, 1.0), (f64::INFINITY, 1.0), (1.0, -1.0), (1.0, f64::NAN)] {
+            assert!(!filter.predict(dt_s, density));
+        }
+        let jacobian = camera_jacobian(0);
+        let fine = Matrix2::identity();
+        let broken_jacobian = jacobian.map(|_| f64::NAN);
+        for (innovation, jacobian, noise) in [
+            (Vector2::new(f64::NAN, 0.0), jacobian, fine),
+            (Vector2::zeros(), broken_jacobian, fine),
+            (Vector2::zeros(), jacobian, Matrix2::identity() * f64::NAN),
+            (Vector2::zeros(), jacobian, Matrix2::identity() * -1e9),
+            (Vector2::zeros(), Matrix2x3::zeros(), Matrix2::zeros()),
+        ] {
+            assert_eq!(filter.update_pixel(innovation, &jacobian, &noise), Innovation::IMPOSSIBLE);
+        }
+        let nowhere = Point3::new(0.0, f64::NAN, 0.0);
+        assert_eq!(filter.update_position(&nowhere, &Matrix3::identity()), Innovation::IMPOSSIBLE);
+        assert_eq!(filter, before);
+    }
+}
