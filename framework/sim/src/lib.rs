@@ -1,1 +1,7 @@
-//! To be filled.
+//! Simulated worlds and cameras.
+
+pub mod camera;
+mod chance;
+pub mod lab;
+pub mod person;
+pub mod world;

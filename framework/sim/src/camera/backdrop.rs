@@ -1,0 +1,129 @@
+//! What stands still behind the people: the room, its bright spots, and the screens that change.
+
+use foveate_geometry::Camera;
+use foveate_messages::Time;
+use nalgebra::{Point2, Vector3};
+
+use super::spot::Spot;
+use super::{STEPS, Sensor, steps};
+use crate::world::{PANES, World, room_light};
+
+/// Lines of sight are computed on a grid of this spacing [px] and interpolated: a tenth of a second saved a camera.
+const GRID: usize = 8;
+
+/// How bright the frame of a monitor is [gray level].
+const FRAME_LIGHT: f64 = 18.0;
+
+/// The still part of a camera's view, in steps of a gray level.
+pub(super) struct Backdrop {
+    still: Vec<i16>,
+    /// Pixels that show a pane: index in the image, and number of the pane (monitor × panes + pane).
+    screens: Vec<(u32, u16)>,
+    gain: f64,
+    black_level: f64,
+    n_panes: usize,
+    /// Brightness of each pane in this field [steps].
+    levels: Vec<i16>,
+}
+
+impl Backdrop {
+    pub fn new(camera: &Camera, world: &World, sensor: &Sensor) -> Self {
+        let [width, height] = camera.image_size.map(|it| it as usize);
+        let sight = Sight::new(camera);
+        let origin = camera.centre();
+        let mut still = Vec::with_capacity(width * height);
+        let mut screens = Vec::new();
+        for row in 0..height {
+            for column in 0..width {
+                let direction = sight.direction(column, row);
+                let (light, _, depth) = room_light(&origin, &direction);
+                let hits = world.monitors().iter().enumerate();
+                let nearest = hits
+                    .filter_map(|(i, monitor)| Some((i, monitor.hit(&origin, &direction)?)))
+                    .filter(|(_, (_, at))| *at < depth)
+                    .min_by(|a, b| a.1.1.total_cmp(&b.1.1));
+                let light = match nearest {
+                    None => light,
+                    Some((monitor, (pane, _))) => {
+                        let on_screen =
+                            pane.map(|pane| ((row * width + column) as u32, (monitor * PANES + pane) as u16));
+                        screens.extend(on_screen);
+                        FRAME_LIGHT
+                    }
+                };
+                still.push(steps(light * sensor.room_light * sensor.gain + sensor.black_level));
+            }
+        }
+        for spot in world.bright_spots() {
+            if let Some(pixel) = camera.project(&spot.position) {
+                let distance = (spot.position - origin).norm();
+                let sigma = camera.intrinsics.focal.map(|focal| (spot.sigma * focal / distance).hypot(0.5));
+                let peak = spot.peak * sensor.gain;
+                Spot { centre: [pixel.x, pixel.y], sigma, peak }.add_to(&mut still, camera.image_size);
+            }
+        }
+        let n_panes = world.monitors().len() * PANES;
+        let (gain, black_level) = (sensor.gain, sensor.black_level);
+        Self { still, screens, gain, black_level, n_panes, levels: Vec::with_capacity(n_panes) }
+    }
+
+    /// Overwrites `canvas` with the view at `time`, nobody in it.
+    pub fn draw(&mut self, world: &World, time: Time, canvas: &mut [i16]) {
+        canvas.copy_from_slice(&self.still);
+        self.levels.clear();
+        let panes = 0..self.n_panes;
+        self.levels.extend(panes.map(|pane| {
+            let light = world.pane_brightness(pane / PANES, pane % PANES, time);
+            ((light * self.gain + self.black_level) * STEPS) as i16
+        }));
+        for &(pixel, pane) in &self.screens {
+            canvas[pixel as usize] = self.levels[usize::from(pane)];
+        }
+    }
+}
+
+/// Lines of sight of all pixels, from a grid of exact ones.
+struct Sight {
+    columns: usize,
+    grid: Vec<Vector3<f64>>,
+}
+
+impl Sight {
+    fn new(camera: &Camera) -> Self {
+        let [width, height] = camera.image_size.map(|it| it as usize);
+        let (columns, rows) = (width / GRID + 2, height / GRID + 2);
+        let axis = camera.camera_from_world.rotation.inverse() * Vector3::z();
+        let exact = |i: usize| {
+            let pixel = Point2::new((i % columns * GRID) as f64, (i / columns * GRID) as f64);
+            // Where the lens model ends nothing sharp is seen; the axis stands in.
+            camera.ray(&pixel).map_or(axis, |ray| ray.direction.into_inner())
+        };
+        Self { columns, grid: (0..columns * rows).map(exact).collect() }
+    }
+
+    fn direction(&self, column: usize, row: usize) -> Vector3<f64> {
+        let first = row / GRID * self.columns + column / GRID;
+        let [x, y] = [column, row].map(|it| (it % GRID) as f64 / GRID as f64);
+        let [a, b, c, d] = [0, 1, self.columns, self.columns + 1].map(|it| self.grid[first + it]);
+        (a * (1.0 - x) + b * x) * (1.0 - y) + (c * (1.0 - x) + d * x) * y
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lab::wide_cameras;
+
+    #[test]
+    fn interpolated_lines_of_sight_are_good_to_a_twentieth_of_a_pixel() {
+        for (name, camera) in wide_cameras() {
+            let sight = Sight::new(&camera);
+            for (column, row) in [(3, 3), (4, 4), (637, 236), (333, 117), (5, 237)] {
+                let point = camera.centre() + sight.direction(column, row);
+                let pixel = camera.project(&point).unwrap();
+                let error = (pixel - Point2::new(column as f64, row as f64)).norm();
+                assert!(error < 0.05, "{name} at {column}, {row}: {error} px");
+            }
+        }
+    }
+}

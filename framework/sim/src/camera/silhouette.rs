@@ -1,0 +1,89 @@
+//! People as a camera sees them: dark shapes in front of the room.
+//!
+//! A capsule's image is taken as the hull of the images of spheres along it, each an ellipse with the aspect of the pixels; that
+//! is exact for a pinhole at the axis and good to a few percent of the radius at the edge, which no detector minds.
+
+use foveate_geometry::Camera;
+use nalgebra::Point3;
+
+use super::steps;
+use crate::person::BodyPart;
+use crate::world::Moment;
+
+/// Spheres along each capsule.
+const N_SPHERES: usize = 6;
+
+/// Draws people; keeps its memory from field to field.
+#[derive(Default)]
+pub(super) struct Silhouettes {
+    /// Squared distance from the camera [m²], and the part.
+    order: Vec<(f64, BodyPart)>,
+}
+
+impl Silhouettes {
+    /// Draws all body parts, far ones first. `light` [gray level] is what a white cloth would show.
+    pub fn draw(&mut self, camera: &Camera, moment: &Moment, light: f64, black_level: f64, canvas: &mut [i16]) {
+        let eye = camera.centre();
+        let distance = |part: &BodyPart| (nalgebra::center(&part.ends[0], &part.ends[1]) - eye).norm_squared();
+        self.order.clear();
+        self.order.extend(moment.parts().map(|part| (distance(part), *part)));
+        self.order.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
+        for (_, part) in &self.order {
+            draw_part(camera, &eye, part, light * part.albedo, black_level, canvas);
+        }
+    }
+}
+
+/// Image of a sphere: centre and half axes [px].
+#[derive(Clone, Copy)]
+struct Ellipse {
+    centre: [f64; 2],
+    half: [f64; 2],
+}
+
+fn draw_part(camera: &Camera, eye: &Point3<f64>, part: &BodyPart, light: f64, black_level: f64, canvas: &mut [i16]) {
+    let [width, height] = camera.image_size.map(f64::from);
+    let mut ellipses = [Ellipse { centre: [0.0; 2], half: [0.0; 2] }; N_SPHERES];
+    for (i, ellipse) in ellipses.iter_mut().enumerate() {
+        let along = i as f64 / (N_SPHERES - 1) as f64;
+        let middle = part.ends[0] + (part.ends[1] - part.ends[0]) * along;
+        let Some(pixel) = camera.project(&middle) else { return };
+        let distance = (middle - eye).norm();
+        if distance <= 2.0 * part.radius {
+            return;
+        }
+        *ellipse = Ellipse {
+            centre: [pixel.x, pixel.y],
+            half: camera.intrinsics.focal.map(|focal| focal * part.radius / distance),
+        };
+    }
+    let top = ellipses.iter().map(|it| it.centre[1] - it.half[1]).fold(f64::INFINITY, f64::min).ceil().max(0.0);
+    let bottom = ellipses.iter().map(|it| it.centre[1] + it.half[1]).fold(f64::NEG_INFINITY, f64::max).floor();
+    let bottom = bottom.min(height - 1.0);
+    if top > bottom {
+        return;
+    }
+    for row in top as usize..=bottom as usize {
+        let (mut left, mut right) = (f64::INFINITY, f64::NEG_INFINITY);
+        for Ellipse { centre, half } in ellipses {
+            let rise = (row as f64 - centre[1]) / half[1];
+            let reach = half[0] * (1.0 - rise * rise).max(0.0).sqrt();
+            if reach > 0.0 {
+                left = left.min(centre[0] - reach);
+                right = right.max(centre[0] + reach);
+            }
+        }
+        let (first, last) = (left.ceil().max(0.0), right.floor().min(width - 1.0));
+        if first > last {
+            continue;
+        }
+        let start = row * width as usize;
+        let span = &mut canvas[start + first as usize..=start + last as usize];
+        // Lit from above the middle, darker towards both sides.
+        let (middle, half) = ((left + right) / 2.0, ((right - left) / 2.0).max(1.0));
+        for (i, pixel) in span.iter_mut().enumerate() {
+            let aside = (first + i as f64 - middle) / half;
+            *pixel = steps(light * (1.0 - 0.55 * aside * aside) + black_level);
+        }
+    }
+}

@@ -1,0 +1,63 @@
+//! The simulated laboratory: its room, its wide cameras, and how well these cover the volume.
+
+mod arrangement;
+mod coverage;
+
+use foveate_scene::calibration::{Calibration, LengthUnit, NamedCamera};
+
+pub use arrangement::{FIELD_SIZE, N_CAMERAS, ROOM_M, VOLUME_M, wide_cameras};
+pub use coverage::{Coverage, coverage};
+
+/// The wide cameras of the lab as a calibration; camera `wide-1` has number 0, and so on.
+pub fn lab_calibration() -> Calibration {
+    let cameras = wide_cameras().into_iter().map(|(name, camera)| NamedCamera { name, camera }).collect();
+    match Calibration::new(cameras, LengthUnit::Metre, "the simulated lab".to_owned()) {
+        Ok(calibration) => calibration,
+        Err(error) => unreachable!("the lab's cameras are constants, and a test checks them: {error}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_testkit::{check_camera_model, golden};
+
+    use super::*;
+
+    fn cameras() -> Vec<foveate_geometry::Camera> {
+        wide_cameras().into_iter().map(|(_, camera)| camera).collect()
+    }
+
+    #[test]
+    fn cameras_hang_near_the_ceiling_inside_the_room() {
+        assert_eq!(N_CAMERAS, 18);
+        for camera in cameras() {
+            let centre = camera.centre();
+            assert!((2.5..=2.9).contains(&centre.z), "{centre}");
+            let [min, max] = ROOM_M;
+            assert!((0..2).all(|axis| min[axis] < centre[axis] && centre[axis] < max[axis]), "{centre}");
+            check_camera_model(&camera);
+        }
+    }
+
+    #[test]
+    fn every_point_of_the_volume_is_seen_by_many() {
+        let found = coverage(&cameras(), VOLUME_M, 0.125);
+        assert!(found.fewest >= 8 && found.mean >= 15.5, "{found:?}");
+    }
+
+    #[test]
+    fn resolution_is_better_before_the_display() {
+        // Square pixels per square metre that all cameras together spend on a small sphere there.
+        let spent = |y: f64| -> f64 {
+            let point = nalgebra::Point3::new(0.0, y, 1.2);
+            let seeing = cameras().into_iter().filter(|it| it.sees(&point).is_some());
+            seeing.map(|it| (it.intrinsics.focal[0] / (point - it.centre()).norm()).powi(2)).sum()
+        };
+        assert!(spent(1.5) > 1.2 * spent(-1.5), "{} {}", spent(1.5), spent(-1.5));
+    }
+
+    #[test]
+    fn committed_calibration_is_the_lab() {
+        golden::check("graphs/room.calibration.toml", &lab_calibration().to_toml());
+    }
+}
