@@ -1,2 +1,122 @@
-//! Placeholder.
-fn main() {}
+//! Time and error of spot detection, on the scene that `benches/peer_detect.py` gives to OpenCV.
+//!
+//! Eight Gaussian spots (σ 1.6 px, 200 gray levels over 20), noise of 3 gray levels, background table of 32 + 25 for
+//! each pixel; 30 pictures in turn, so that they come from the cache behind the first. `cargo bench -p foveate-imaging`.
+
+#[path = "../tests/support/scene.rs"]
+mod scene;
+
+use std::hint::black_box;
+
+use criterion::{BenchmarkId, Criterion};
+use foveate_estimation::random::Random;
+use foveate_imaging::{Centroid, ImageView, Measure, Sampling, Spot, SpotFinder, SpotLimits, ThresholdMap, Window};
+use nalgebra::Point2;
+
+use crate::scene::{Look, places};
+
+const N_PICTURES: usize = 30;
+const OFFSET: u8 = 25;
+const WINDOW_PX: u32 = 40;
+const GRID_PX: usize = 5;
+
+struct Scene {
+    width: usize,
+    height: usize,
+    pictures: Vec<(Vec<u8>, Vec<Point2<f64>>)>,
+    thresholds: ThresholdMap,
+}
+
+impl Scene {
+    fn new(width: usize, height: usize) -> Self {
+        let mut random = Random::new(20020601);
+        let picture = |_| {
+            let centres = places(8, width, height, &mut random);
+            (Look::LED.render(width, height, &centres, &mut random), centres)
+        };
+        let pictures = (0..N_PICTURES).map(picture).collect();
+        Self { width, height, pictures, thresholds: ThresholdMap::uniform(32 + OFFSET, width, height) }
+    }
+
+    fn view(&self, i: usize) -> ImageView<'_> {
+        ImageView::new(&self.pictures[i % N_PICTURES].0, self.width, self.height).expect("rendered at this size")
+    }
+
+    /// Where the spots of picture `i` are expected: off by up to 5 px.
+    fn windows(&self, i: usize) -> Vec<Window> {
+        let off = |k: usize| nalgebra::Vector2::new((k * 7 % 11) as f64 - 5.0, (k * 5 % 11) as f64 - 5.0);
+        let centres = &self.pictures[i % N_PICTURES].1;
+        centres.iter().enumerate().map(|(k, it)| Window::around(it + off(k), WINDOW_PX)).collect()
+    }
+}
+
+fn finder(centroid: Centroid) -> SpotFinder {
+    SpotFinder::new(Measure { centroid, foot: OFFSET, ..Default::default() }).expect("settings in range")
+}
+
+/// Time a picture, full frame and grid with windows.
+fn time(criterion: &mut Criterion) {
+    let limits = SpotLimits::default();
+    for (width, height) in [(640, 480), (640, 240)] {
+        let scene = Scene::new(width, height);
+        let windows: Vec<_> = (0..N_PICTURES).map(|i| scene.windows(i)).collect();
+        let mut group = criterion.benchmark_group(format!("{width}x{height}"));
+        let (mut finder, mut spots, mut i) = (finder(Centroid::Weighted), Vec::<Spot>::new(), 0);
+        group.bench_function(BenchmarkId::from_parameter("read only (maximum of all pixels)"), |b| {
+            b.iter(|| {
+                i += 1;
+                scene.view(black_box(i)).pixels().iter().fold(0u8, |top, &it| top.max(it))
+            })
+        });
+        group.bench_function(BenchmarkId::from_parameter("full frame"), |b| {
+            b.iter(|| {
+                i += 1;
+                let found = finder.find_full(&scene.view(i), &scene.thresholds, &limits, &mut spots);
+                assert_eq!(spots.len(), 8);
+                found
+            })
+        });
+        group.bench_function(BenchmarkId::from_parameter("grid 5 px + 8 windows 40 px"), |b| {
+            b.iter(|| {
+                i += 1;
+                let (sampling, windows) = (Sampling::of_frame(i as u64, GRID_PX), &windows[i % N_PICTURES]);
+                let view = scene.view(i);
+                let found = finder.find_sampled(&view, &scene.thresholds, sampling, windows, &limits, &mut spots);
+                assert_eq!(spots.len(), 8);
+                found
+            })
+        });
+        group.finish();
+    }
+}
+
+/// Distance from each true centre to the nearest spot.
+fn accuracy() {
+    for (width, height) in [(640, 480), (640, 240)] {
+        let scene = Scene::new(width, height);
+        for centroid in [Centroid::Weighted, Centroid::Integer] {
+            let (mut finder, mut spots, mut errors) = (finder(centroid), Vec::new(), Vec::new());
+            for (i, (_, centres)) in scene.pictures.iter().enumerate() {
+                let limits = SpotLimits::default();
+                finder.find_full(&scene.view(i), &scene.thresholds, &limits, &mut spots).expect("sizes agree");
+                for centre in centres {
+                    let nearest = spots.iter().map(|it| (it.centre - centre).norm()).fold(f64::INFINITY, f64::min);
+                    errors.push(nearest);
+                }
+            }
+            errors.sort_by(f64::total_cmp);
+            let (n, mean) = (errors.len(), errors.iter().sum::<f64>() / errors.len() as f64);
+            println!(
+                "{width}x{height} {centroid:?}: error of {n} spots: mean {mean:.4} px, p95 {:.4} px",
+                errors[n * 95 / 100]
+            );
+        }
+    }
+}
+
+fn main() {
+    accuracy();
+    let mut criterion = Criterion::default().configure_from_args();
+    time(&mut criterion);
+    criterion.final_summary();
+}

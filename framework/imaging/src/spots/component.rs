@@ -1,5 +1,7 @@
 //! One group of connected lit pixels: which they are, their shape, their centre and its covariance.
 
+use std::ops::Range;
+
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{Centroid, Measure, Spot};
@@ -44,37 +46,43 @@ pub(super) struct Shape {
 /// Buffers for taking one group after the other out of a picture.
 #[derive(Default)]
 pub(super) struct Component {
-    /// Number of the last group that took a pixel; groups are numbered on and on over all pictures.
-    marks: Vec<u32>,
-    last_mark: u32,
-    /// Groups of this picture are numbered from here.
-    first_mark: u32,
+    /// One bit a pixel: belongs to a group of this picture that has been taken. Bits, because these stay in the
+    /// nearest cache while pictures pass through it.
+    taken: Vec<u64>,
+    /// All runs of this picture, in the order in which they were taken.
     runs: Vec<Run>,
+    /// Where those of the last group begin; sorted by row, then column, once the group is complete.
+    first_run: usize,
+    /// Columns of one row, for [`Component::weighted`].
+    spans: Vec<(usize, usize)>,
 }
 
 impl Component {
-    /// Forgets the groups of the last picture without touching the memory that remembers them.
-    pub fn begin(&mut self, n_pixels: usize) {
-        // A picture uses up two numbers for each group at most, so a quarter of them always suffices.
-        if self.marks.len() != n_pixels || self.last_mark > u32::MAX / 4 * 3 {
-            self.marks.clear();
-            self.marks.resize(n_pixels, 0);
-            self.last_mark = 0;
+    /// Forgets the groups of the last picture, in time proportional to their pixels.
+    pub fn begin(&mut self, n_pixels: usize, width: usize) {
+        let n_words = n_pixels.div_ceil(64);
+        if self.taken.len() == n_words && self.runs.len() < n_words {
+            for run in &self.runs {
+                let words = (run.y * width + run.x0) / 64..=(run.y * width + run.x1 - 1) / 64;
+                self.taken[words].fill(0);
+            }
+        } else {
+            self.taken.clear();
+            self.taken.resize(n_words, 0);
         }
-        self.first_mark = self.last_mark + 1;
+        self.runs.clear();
     }
 
     /// Whether the lit pixel belongs to a group of this picture that has been taken already.
     pub fn taken(&self, index: usize) -> bool {
-        self.marks[index] >= self.first_mark
+        self.taken[index / 64] >> (index % 64) & 1 == 1
     }
 
     /// Takes all lit pixels connected to the lit pixel (x, y), over sides and corners.
     pub fn take(&mut self, frame: &Frame, x: usize, y: usize) -> Shape {
-        self.last_mark += 1;
-        self.runs.clear();
+        self.first_run = self.runs.len();
+        let mut next = self.first_run;
         self.take_run(frame, x, y);
-        let mut next = 0;
         while next < self.runs.len() {
             let Run { y, x0, x1 } = self.runs[next];
             next += 1;
@@ -90,6 +98,7 @@ impl Component {
                 }
             }
         }
+        self.runs[self.first_run..].sort_unstable_by_key(|it| (it.y, it.x0));
         self.shape(frame, x, y)
     }
 
@@ -104,16 +113,25 @@ impl Component {
         while x1 < frame.width && pixels[x1] > thresholds[x1] {
             x1 += 1;
         }
-        self.marks[row.start + x0..row.start + x1].fill(self.last_mark);
+        self.mark(row.start + x0, row.start + x1);
         self.runs.push(Run { y, x0, x1 });
         x1
+    }
+
+    /// Marks the pixels `start..end` as taken.
+    fn mark(&mut self, start: usize, end: usize) {
+        for word in start / 64..=(end - 1) / 64 {
+            let from = start.saturating_sub(word * 64);
+            let to = (end - word * 64).min(64);
+            self.taken[word] |= (u64::MAX >> (64 - (to - from))) << from;
+        }
     }
 
     /// Area moments of the runs taken last, met at (x, y).
     fn shape(&self, frame: &Frame, x: usize, y: usize) -> Shape {
         let (mut area, mut sum_x, mut sum_y, mut sum_xx, mut sum_xy, mut sum_yy) = (0i64, 0i64, 0i64, 0i64, 0i64, 0i64);
         let (mut bounds, mut first, mut peak) = ([x, y, x, y], (y, x), 0);
-        for run in &self.runs {
+        for run in &self.runs[self.first_run..] {
             let n = (run.x1 - run.x0) as i64;
             let (a, dy) = (run.x0 as i64 - x as i64, run.y as i64 - y as i64);
             // Σ (a + k) and Σ (a + k)² for k in 0..n
@@ -136,7 +154,7 @@ impl Component {
         let var_x = sum_xx as f64 / n - mean.x * mean.x + square;
         let var_y = sum_yy as f64 / n - mean.y * mean.y + square;
         let cov_xy = sum_xy as f64 / n - mean.x * mean.y;
-        let (half_sum, half_gap) = ((var_x + var_y) / 2.0, ((var_x - var_y) / 2.0).hypot(cov_xy));
+        let (half_sum, half_gap) = ((var_x + var_y) / 2.0, (((var_x - var_y) / 2.0).powi(2) + cov_xy * cov_xy).sqrt());
         Shape {
             area: area as u64,
             bounds,
@@ -174,30 +192,31 @@ impl Component {
         }
     }
 
-    /// Centre, covariance and sum of the weights over the taken pixels and all their neighbours.
+    /// Centre, covariance and sum of the weights over the pixels taken last and all their neighbours.
     fn weighted(&mut self, frame: &Frame, shape: &Shape, how: &Measure) -> (Point2<f64>, Matrix2<f64>, f64) {
         let mut light = Sums::default();
         let mut noisy = Sums::default();
+        let mut rim = 0;
         // Relative to the first column and row, so that the sums stay small and whole.
         let (origin_x, origin_y) = (shape.bounds[0] as i64, shape.bounds[1] as i64);
-        self.last_mark += 1; // the neighbours overlap: each pixel counts once
-        for run in &self.runs {
-            for y in run.y.saturating_sub(1)..(run.y + 2).min(frame.height) {
-                for x in run.x0.saturating_sub(1)..(run.x1 + 1).min(frame.width) {
-                    let index = y * frame.width + x;
-                    if self.marks[index] == self.last_mark {
-                        continue;
-                    }
-                    self.marks[index] = self.last_mark;
-                    let (pixel, threshold) = (frame.pixels[index], frame.thresholds[index]);
-                    let weight = pixel.saturating_sub(threshold.saturating_sub(how.foot));
-                    if weight > 0 && threshold < 255 {
-                        let (dx, dy) = (x as i64 - origin_x, y as i64 - origin_y);
-                        light.add(i64::from(weight), dx, dy);
-                        if pixel < 255 {
-                            noisy.add(1, dx, dy);
-                        }
-                    }
+        let runs = &self.runs[self.first_run..];
+        let mut near = 0; // the first run that reaches row y, or its neighbour above
+        for y in shape.bounds[1].saturating_sub(1)..(shape.bounds[3] + 2).min(frame.height) {
+            while near < runs.len() && runs[near].y + 1 < y {
+                near += 1;
+            }
+            self.spans.clear();
+            let reaching = runs[near..].iter().take_while(|it| it.y <= y + 1);
+            self.spans.extend(reaching.map(|it| (it.x0.saturating_sub(1), (it.x1 + 1).min(frame.width))));
+            self.spans.sort_unstable();
+            let mut end = 0; // where spans overlap, each pixel counts once
+            for &(x0, x1) in &self.spans {
+                let x0 = x0.max(end);
+                if x0 < x1 {
+                    end = x1;
+                    let row = y * frame.width + x0..y * frame.width + x1;
+                    let (left, below) = (x0 as i64 - origin_x, y as i64 - origin_y);
+                    rim += add_span(frame, row, how.foot, (left, below), &mut light, &mut noisy);
                 }
             }
         }
@@ -205,21 +224,32 @@ impl Component {
         let centre = Vector2::new(light.x as f64 / weight, light.y as f64 / weight);
         let spread = noisy.second_moment_about(centre);
         let noise = (how.pixel_sigma * how.pixel_sigma + 1.0 / 12.0) / (weight * weight);
-        let covariance = spread * noise + Matrix2::identity() * how.floor_px * how.floor_px;
+        let mut covariance = spread * noise;
+        let plateau = if shape.peak == 255 { PLATEAU / shape.area as f64 } else { 0.0 };
+        for axis in 0..2 {
+            // A rim about as far out as the bounds are has half of its square distance along each axis.
+            let reach = (shape.bounds[axis + 2] - shape.bounds[axis] + 2) as f64 / 2.0;
+            let flicker = RIM * rim as f64 * reach * reach / 2.0 / (weight * weight);
+            covariance[(axis, axis)] += flicker + how.floor_px * how.floor_px + plateau * plateau;
+        }
         (Point2::new(origin_x as f64 + centre.x, origin_y as f64 + centre.y), covariance, weight)
     }
 }
 
 /// Nearest whole pixel to the mean of the lit pixels, its covariance, and the area.
 fn rounded(shape: &Shape) -> (Point2<f64>, Matrix2<f64>, f64) {
-    let centre = shape.mean.map(f64::round);
-    // Rounding: 1/12. The unrounded mean jumps with each of the rim pixels, about √area of them, of which … (below)
-    let covariance = Matrix2::identity() * (1.0 / 12.0 + RIM_VARIANCE);
-    (centre, covariance, shape.area as f64)
+    let area = shape.area as f64;
+    (shape.mean.map(f64::round), Matrix2::identity() * (1.0 / 12.0 + LIT_MEAN / area), area)
 }
 
-/// Variance of the mean of the lit pixels, one axis, measured on Gaussian spots [px²].
-const RIM_VARIANCE: f64 = 0.0067;
+// Three constants fitted to rendered Gaussian spots; tests/golden/spot_error.txt shows what becomes of them.
+
+/// Variance of the mean of the lit pixels, one axis, times their number [px⁴].
+const LIT_MEAN: f64 = 0.25;
+/// Variance of whether a pixel at the rim takes part, by the noise and by where the spot lies among the pixels.
+const RIM: f64 = 0.015;
+/// Error of the centre of a saturated spot, one axis, times its area [px³]: a plateau hides how its light lies.
+const PLATEAU: f64 = 0.25;
 
 /// Weighted moments up to the second, of whole numbers.
 #[derive(Default)]
@@ -233,15 +263,6 @@ struct Sums {
 }
 
 impl Sums {
-    fn add(&mut self, weight: i64, x: i64, y: i64) {
-        self.n += weight;
-        self.x += weight * x;
-        self.y += weight * y;
-        self.xx += weight * x * x;
-        self.xy += weight * x * y;
-        self.yy += weight * y * y;
-    }
-
     /// Σ w (x − c)(x − c)ᵀ.
     fn second_moment_about(&self, c: Vector2<f64>) -> Matrix2<f64> {
         let [n, x, y] = [self.n, self.x, self.y].map(|it| it as f64);
@@ -250,4 +271,43 @@ impl Sums {
         let yy = self.yy as f64 - 2.0 * c.y * y + n * c.y * c.y;
         Matrix2::new(xx.max(0.0), xy, xy, yy.max(0.0))
     }
+}
+
+/// Adds the pixels at `row`, whose first lies at `(left, y)`: their weights to `light`, and a weight of 1 to `noisy` for
+/// each that has a weight and is not saturated. Returns the sum of the squared weights of those that are not lit.
+fn add_span(
+    frame: &Frame,
+    row: Range<usize>,
+    foot: u8,
+    (left, y): (i64, i64),
+    light: &mut Sums,
+    noisy: &mut Sums,
+) -> i64 {
+    // Columns count from `left` here. Summing sums from the right gives the moments without multiplications, which the
+    // compiler would otherwise spread over vectors that have none for 64 bits:
+    // s₁ = Σ w (x + 1), s₂ = Σ w (x + 1)(x + 2) / 2.
+    let (mut sum, mut sum_1, mut n, mut n_1, mut n_2, mut rim) = (0i64, 0i64, 0i64, 0i64, 0i64, 0i64);
+    for (&pixel, &threshold) in frame.pixels[row.clone()].iter().zip(&frame.thresholds[row]).rev() {
+        let open = threshold < 255; // a pixel that can never be lit has no light
+        let weight = if open { pixel.saturating_sub(threshold.saturating_sub(foot)) } else { 0 };
+        sum += i64::from(weight);
+        sum_1 += sum;
+        n += i64::from(weight > 0 && pixel < 255);
+        n_1 += n;
+        n_2 += n_1;
+        rim += if pixel <= threshold { i64::from(weight) * i64::from(weight) } else { 0 };
+    }
+    let (sum_x, n_x) = (sum_1 - sum, n_1 - n);
+    let n_xx = 2 * n_2 - 3 * n_x - 2 * n;
+    let shifted = n_x + n * left;
+    light.n += sum;
+    light.x += sum_x + sum * left;
+    light.y += sum * y;
+    noisy.n += n;
+    noisy.x += shifted;
+    noisy.y += n * y;
+    noisy.xx += n_xx + (n_x + shifted) * left;
+    noisy.xy += shifted * y;
+    noisy.yy += n * y * y;
+    rim
 }

@@ -116,9 +116,9 @@ pub struct Measure {
 }
 
 impl Default for Measure {
-    /// Weighted, a foot of 20 gray levels, noise of 3 gray levels, 0.01 px floor.
+    /// Weighted, a foot of 20 gray levels, noise of 3 gray levels, 0.004 px floor.
     fn default() -> Self {
-        Self { centroid: Centroid::Weighted, foot: 20, pixel_sigma: 3.0, floor_px: 0.01 }
+        Self { centroid: Centroid::Weighted, foot: 20, pixel_sigma: 3.0, floor_px: 0.004 }
     }
 }
 
