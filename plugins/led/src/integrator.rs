@@ -84,6 +84,7 @@ impl Node for Integrator {
         figure("deaths_unseen", tally.deaths_unseen);
         figure("deaths_single_view", tally.deaths_single_view);
         figure("deaths_outside_volume", tally.deaths_outside);
+        figure("deaths_unconfirmed", tally.deaths_unconfirmed);
         figure("deaths_duplicate", tally.deaths_duplicate);
         figure("targets_at_end", self.tracker.n_targets() as u64);
         figure("observations_used", tally.used);

@@ -28,8 +28,11 @@ pub(super) struct Association {
     /// Row and number of each usable feature, ascending by row.
     rows: Vec<(f64, usize)>,
     pairs: Vec<Pair>,
-    /// By target: whether it has a feature. By feature: whether it has a target.
+    /// By target: whether it has a feature.
     target_taken: Vec<bool>,
+    /// By target: whether it lies in the camera's field of view.
+    in_view: Vec<bool>,
+    /// By feature: whether it has a target.
     feature_taken: Vec<bool>,
     /// Features without finite numbers or with a negative variance.
     pub unusable: u64,
@@ -55,6 +58,7 @@ impl Association {
     pub fn run(&mut self, tracks: &[Track], camera: &Camera, features: &[Feature], gate: &Gate) {
         let largest_variance = self.sort_features(features);
         self.pairs.clear();
+        self.in_view.clear();
         for (index, track) in tracks.iter().enumerate() {
             self.pair_up(index, track, camera, features, gate, largest_variance);
         }
@@ -85,10 +89,16 @@ impl Association {
         self.target_taken.get(track).copied().unwrap_or(false)
     }
 
+    /// Whether target number `track` lay in the field of view of the last frame's camera.
+    pub fn in_view(&self, track: usize) -> bool {
+        self.in_view.get(track).copied().unwrap_or(false)
+    }
+
     /// Takes note that target number `track` is gone and those behind it move up.
     pub fn forget_target(&mut self, track: usize) {
         if track < self.target_taken.len() {
             self.target_taken.remove(track);
+            self.in_view.remove(track);
         }
     }
 
@@ -127,7 +137,9 @@ impl Association {
         gate: &Gate,
         largest_variance: f64,
     ) {
-        let Some((expected, jacobian)) = camera.project_with_jacobian(&track.filter.position) else { return };
+        let projected = camera.project_with_jacobian(&track.filter.position);
+        self.in_view.push(projected.is_some_and(|(pixel, _)| camera.has_pixel(&pixel)));
+        let Some((expected, jacobian)) = projected else { return };
         let own = Matrix2::identity() * gate.camera_variance;
         let predicted = track.filter.innovation_covariance(&jacobian, &own);
         // No axis of S is longer than its trace; a feature further away than that cannot pass the gate.

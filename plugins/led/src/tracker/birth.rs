@@ -88,13 +88,9 @@ impl Nursery {
                 self.fresh.extend_from_slice(&recent.sightings);
             }
         }
-        let (by_camera, cameras) = (&self.by_camera, conditions.cameras);
-        let onlookers = |point: &Point3<f64>| {
-            let fresh_cameras = by_camera.iter().zip(cameras).filter(|(recent, _)| recent.time.is_some_and(fresh));
-            fresh_cameras.filter(|(_, camera)| camera.sees(point).is_some()).count()
-        };
+        let by_camera = &self.by_camera;
         let accept = |point: &Point3<f64>, n_cameras: usize| {
-            allowed(point) && n_cameras as f64 >= conditions.share * onlookers(point) as f64
+            allowed(point) && n_cameras as f64 >= conditions.share * onlookers(by_camera, point, now, conditions) as f64
         };
         self.consensus.find(&self.fresh, Some(camera), &conditions.rules, accept, &mut self.meetings);
         &self.meetings
@@ -103,6 +99,11 @@ impl Nursery {
     /// Meeting number `index` of the last search.
     pub fn meeting(&self, index: usize) -> Option<&Meeting> {
         self.meetings.get(index)
+    }
+
+    /// Part of the cameras that look on that agree with `meeting`.
+    pub fn share(&self, meeting: &Meeting, now: Time, conditions: &Conditions<'_>) -> f64 {
+        meeting.members.len() as f64 / onlookers(&self.by_camera, &meeting.position, now, conditions).max(1) as f64
     }
 
     /// The cameras of a meeting, with the time at which each saw it.
@@ -136,4 +137,11 @@ impl Nursery {
             recent.sightings.retain(|sighting| sighting.ray.distance_to(point) > distance);
         }
     }
+}
+
+/// How many cameras with a fresh frame have `point` in their field of view.
+fn onlookers(by_camera: &[Recent], point: &Point3<f64>, now: Time, conditions: &Conditions<'_>) -> usize {
+    let fresh = |recent: &Recent| recent.time.is_some_and(|time| now - time <= conditions.stale_after);
+    let onlooking = by_camera.iter().zip(conditions.cameras).filter(|(recent, _)| fresh(recent));
+    onlooking.filter(|(_, camera)| camera.sees(point).is_some()).count()
 }

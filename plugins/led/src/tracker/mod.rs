@@ -29,6 +29,10 @@ use crate::consensus::Rules;
 /// For how long the acceleration of a target is taken to keep its value [s].
 const ACCELERATION_LASTS_S: f64 = 0.1;
 
+/// A newborn target must be seen by this part of `birth_share` of the frames that show its place: less than at its birth,
+/// when all cameras' newest frames were looked at and not each one.
+const PROBATION_SHARE: f64 = 0.5;
+
 /// What became of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Entry {
@@ -53,6 +57,8 @@ pub struct Tally {
     pub deaths_single_view: u64,
     /// Targets lost since they left the working volume.
     pub deaths_outside: u64,
+    /// Targets taken back since too few cameras saw them after their birth.
+    pub deaths_unconfirmed: u64,
     /// Targets taken back since they followed the light of an older one.
     pub deaths_duplicate: u64,
     /// Features that belonged to a target.
@@ -150,9 +156,13 @@ impl Tracker {
         self.time
     }
 
-    /// How many targets live.
+    /// How many targets live, without those that are withheld.
     pub fn n_targets(&self) -> usize {
-        self.tracks.len()
+        self.shown().count()
+    }
+
+    fn shown(&self) -> impl Iterator<Item = &Track> {
+        self.tracks.iter().filter(|it| !it.withheld)
     }
 
     /// What was seen and done so far.
@@ -163,8 +173,7 @@ impl Tracker {
     /// Fills `targets` with all live targets as of [`Tracker::time`]; its memory is reused.
     pub fn write(&self, targets: &mut Targets) {
         targets.time = self.time.unwrap_or_default();
-        targets.list.truncate(self.tracks.len());
-        targets.list.resize_with(self.tracks.len(), || Target {
+        targets.list.resize_with(self.n_targets(), || Target {
             id: TargetId::default(),
             position: Point3::origin(),
             velocity: Vector3::zeros(),
@@ -172,7 +181,7 @@ impl Tracker {
             cameras: CameraSet::default(),
             how: How::Predicted,
         });
-        for (track, target) in self.tracks.iter().zip(&mut targets.list) {
+        for (track, target) in self.shown().zip(&mut targets.list) {
             track.write(targets.time, target);
         }
     }
@@ -184,10 +193,12 @@ impl Tracker {
         let density = self.settings.acceleration_m_s2.powi(2) * ACCELERATION_LASTS_S;
         let unseen = Interval::from_ms(self.settings.lost_after_ms);
         let single_view = Interval::from_ms(self.settings.single_view_after_ms);
+        let share = self.settings.birth_share * PROBATION_SHARE;
         let (tally, volume, margin) = (&mut self.tally, &self.volume, self.settings.volume_margin_mm * 2e-3);
         self.tracks.retain_mut(|track| {
             track.filter.predict(dt_s, density);
-            let death = track.lost(now, unseen, single_view).or_else(|| {
+            let refuted = track.refuted(now, share);
+            let death = track.lost(now, unseen, single_view).or(refuted.then_some(Death::Unconfirmed)).or_else(|| {
                 let finite = track.filter.position.coords.sum().is_finite();
                 (!finite || !within(volume, margin, &track.filter.position)).then_some(Death::Outside)
             });
@@ -210,6 +221,11 @@ impl Tracker {
             let covariance = widened(&features.list[pair.feature].covariance, gate.camera_variance);
             track.filter.update_pixel(pair.innovation, &pair.jacobian, &covariance);
             track.note(features.camera, now);
+        }
+        for (index, track) in self.tracks.iter_mut().enumerate() {
+            if self.association.in_view(index) {
+                track.judge(self.association.has_feature(index), self.settings.birth_share);
+            }
         }
         self.tally.used += self.association.pairs().len() as u64;
         self.tally.unmatched += self.association.unmatched().count() as u64;
@@ -268,6 +284,7 @@ impl Tracker {
         };
         let (volume, margin) = (&self.volume, self.settings.volume_margin_mm * 1e-3);
         let separation = self.settings.separation_mm * 1e-3;
+        let probation = Interval::from_ms(self.settings.probation_ms);
         let alone = |tracks: &[Track], point: &Point3<f64>| {
             tracks.iter().all(|it| (it.filter.position - point).norm_squared() >= separation * separation)
         };
@@ -282,7 +299,8 @@ impl Tracker {
             if !alone(&self.tracks, &filter.position) || !within(volume, margin, &filter.position) {
                 continue; // of two meetings around one light the better one came first
             }
-            let mut track = Track::new(TargetId(self.next_id), filter, now, camera);
+            let mut track = Track::new(TargetId(self.next_id), filter, now, camera, probation);
+            track.withheld = self.nursery.share(meeting, now, &conditions) < self.settings.birth_sure_share;
             let witnesses = self.nursery.witnesses(meeting).filter(|(_, seen_at)| *seen_at == time);
             witnesses.for_each(|(witness, _)| track.cameras.insert(witness));
             let place = track.filter.position;
@@ -300,6 +318,7 @@ impl Tally {
             Death::Unseen => &mut self.deaths_unseen,
             Death::SingleView => &mut self.deaths_single_view,
             Death::Outside => &mut self.deaths_outside,
+            Death::Unconfirmed => &mut self.deaths_unconfirmed,
             Death::Duplicate => &mut self.deaths_duplicate,
         } += 1;
     }

@@ -36,6 +36,10 @@ pub struct IntegratorSettings {
     /// Keeps accidents out where many cameras look on; hidden and fast lights need a low value [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub birth_share: f64,
+    /// A target is given out at its birth when this part of those cameras agrees; otherwise once three more frames have seen it,
+    /// and `birth_share` of all that show its place. 0: always at once, as in the paper [–].
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub birth_sure_share: f64,
     /// Two lines of sight fix a point only at this angle or more: below, the depth is a guess, and cameras side by side
     /// are no confirmation of one another [deg].
     #[schemars(range(min = 0.01, max = 90.0))]
@@ -46,6 +50,10 @@ pub struct IntegratorSettings {
     /// A frame with more unmatched features than this is noise, and gives birth to nothing [–].
     #[schemars(range(min = 1, max = 1000))]
     pub birth_features_max: u32,
+    /// For this long after its birth it is counted how many of the frames that show its place see a target; it is taken back
+    /// when they are less than half of `birth_share` [ms].
+    #[schemars(range(min = 0.0, max = 10000.0))]
+    pub probation_ms: f64,
     /// Unmatched features older than this do not take part in a birth [ms].
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub stale_after_ms: f64,
@@ -83,9 +91,11 @@ impl Default for IntegratorSettings {
             birth_tolerance_mm: 15.0,
             birth_cameras: 3,
             birth_share: 0.3,
+            birth_sure_share: 0.6,
             birth_angle_deg: 3.0,
             birth_speed_m_s: 1.0,
             birth_features_max: 128,
+            probation_ms: 150.0,
             stale_after_ms: 70.0,
             separation_mm: 30.0,
             merge_after_ms: 100.0,
@@ -111,9 +121,11 @@ impl IntegratorSettings {
         check("birth_tolerance_mm", self.birth_tolerance_mm, 0.001..=1e6)?;
         ConfigError::unless_in("birth_cameras", self.birth_cameras, 2..=1000)?;
         check("birth_share", self.birth_share, 0.0..=1.0)?;
+        check("birth_sure_share", self.birth_sure_share, 0.0..=1.0)?;
         check("birth_angle_deg", self.birth_angle_deg, 0.01..=90.0)?;
         check("birth_speed_m_s", self.birth_speed_m_s, 0.001..=1e4)?;
         ConfigError::unless_in("birth_features_max", self.birth_features_max, 1..=1000)?;
+        check("probation_ms", self.probation_ms, 0.0..=1e4)?;
         check("stale_after_ms", self.stale_after_ms, 0.0..=1e4)?;
         check("separation_mm", self.separation_mm, 0.0..=1e6)?;
         check("merge_after_ms", self.merge_after_ms, 0.0..=1e4)?;
