@@ -139,10 +139,17 @@ mod tests {
     #[test]
     fn every_number_below_n_comes_equally_often() {
         let mut random = Random::new(6);
-        // 3 · 2³⁰ is the size at which a plain remainder is most biased: it would favour the lower third by half.
+        // At 3 · 2³⁰ the bias of a plain multiplication is largest: of 2³² inputs, each third output would get two, the
+        // others one. (A plain remainder would favour the lower third.)
         let n = 3 << 30;
-        let low = (0..100_000).filter(|_| random.below(n) < 1 << 30).count();
-        assert!((low as f64 - 33_333.0).abs() < 4.0 * 149.0, "{low}");
+        let draws: Vec<u32> = (0..100_000).map(|_| random.below(n)).collect();
+        let shares = [
+            draws.iter().filter(|it| **it < n / 3).count(),
+            draws.iter().filter(|it| **it % 3 == 0).count(),
+            draws.iter().filter(|it| **it % 3 == 1).count(),
+        ];
+        // Four standard errors.
+        assert!(shares.iter().all(|it| (*it as f64 - 33_333.0).abs() < 4.0 * 149.0), "{shares:?}");
         let mut counts = [0; 7];
         (0..70_000).for_each(|_| counts[random.below(7) as usize] += 1);
         assert!(counts.iter().all(|it| (9_600..10_400).contains(it)), "{counts:?}");

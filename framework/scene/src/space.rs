@@ -492,9 +492,10 @@ mod tests {
             let b_from_a = pose([g, h, i], turn);
             let point = Point3::new(x, y, z);
             const SMALL: f64 = 1e-6;
-            for direction in 0..6 {
-                let mut delta = Vector6::zeros();
-                delta[direction] = SMALL;
+            // Along each axis, and along two mixtures of rotation and translation.
+            let axes = (0..6).map(|axis| Vector6::ith(axis, SMALL));
+            let mixtures = [Vector6::repeat(SMALL), Vector6::new(1.0, -2.0, 1.0, 2.0, 1.0, -1.0) * SMALL];
+            for delta in axes.chain(mixtures) {
                 // A covariance of rank one along δ, whose image must be the outer product of δ's image.
                 let uncertain = |pose: &UncertainPose| UncertainPose {
                     transform: pose.transform,
