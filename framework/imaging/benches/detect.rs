@@ -1,7 +1,7 @@
 //! Time and error of spot detection, on the scene that `benches/peer_detect.py` gives to OpenCV.
 //!
 //! Eight Gaussian spots (σ 1.6 px, 200 gray levels over 20), noise of 3 gray levels, background table of 32 + 25 for
-//! each pixel; 30 pictures in turn, so that they come from the cache behind the first. `cargo bench -p foveate-imaging`.
+//! each pixel. `cargo bench -p foveate-imaging`.
 
 #[path = "../tests/support/scene.rs"]
 mod scene;
@@ -54,40 +54,65 @@ fn finder(centroid: Centroid) -> SpotFinder {
     SpotFinder::new(Measure { centroid, foot: OFFSET, ..Default::default() }).expect("settings in range")
 }
 
-/// Time a picture, full frame and grid with windows.
+/// Time a picture: the whole frame, and a grid with windows.
+///
+/// "in turn": the 30 pictures one after the other, so that each comes from behind the second cache, as it is for the
+/// peer. "again": the same picture, as when the program that decoded it has just left it in the second cache.
 fn time(criterion: &mut Criterion) {
     let limits = SpotLimits::default();
     for (width, height) in [(640, 480), (640, 240)] {
         let scene = Scene::new(width, height);
         let windows: Vec<_> = (0..N_PICTURES).map(|i| scene.windows(i)).collect();
         let mut group = criterion.benchmark_group(format!("{width}x{height}"));
-        let (mut finder, mut spots, mut i) = (finder(Centroid::Weighted), Vec::<Spot>::new(), 0);
-        group.bench_function(BenchmarkId::from_parameter("read only (maximum of all pixels)"), |b| {
-            b.iter(|| {
-                i += 1;
-                scene.view(black_box(i)).pixels().iter().fold(0u8, |top, &it| top.max(it))
-            })
-        });
-        group.bench_function(BenchmarkId::from_parameter("full frame"), |b| {
-            b.iter(|| {
-                i += 1;
-                let found = finder.find_full(&scene.view(i), &scene.thresholds, &limits, &mut spots);
-                assert_eq!(spots.len(), 8);
-                found
-            })
-        });
-        group.bench_function(BenchmarkId::from_parameter("grid 5 px + 8 windows 40 px"), |b| {
-            b.iter(|| {
-                i += 1;
-                let (sampling, windows) = (Sampling::of_frame(i as u64, GRID_PX), &windows[i % N_PICTURES]);
-                let view = scene.view(i);
-                let found = finder.find_sampled(&view, &scene.thresholds, sampling, windows, &limits, &mut spots);
-                assert_eq!(spots.len(), 8);
-                found
-            })
-        });
+        for (order, step) in [("in turn", 1), ("again", 0)] {
+            let (mut finder, mut spots, mut i, mut sequence) = (finder(Centroid::Weighted), Vec::<Spot>::new(), 0, 0);
+            group.bench_function(BenchmarkId::new("read only", order), |b| {
+                b.iter(|| {
+                    i += step;
+                    scene.view(black_box(i)).pixels().iter().fold(0u8, |top, &it| top.max(it))
+                })
+            });
+            group.bench_function(BenchmarkId::new("full frame", order), |b| {
+                b.iter(|| {
+                    i += step;
+                    let found = finder.find_full(&scene.view(i), &scene.thresholds, &limits, &mut spots);
+                    assert_eq!(spots.len(), 8);
+                    found
+                })
+            });
+            group.bench_function(BenchmarkId::new("grid 5 px and 8 windows of 40 px", order), |b| {
+                b.iter(|| {
+                    i += step;
+                    sequence += 1;
+                    let (sampling, windows) = (Sampling::of_frame(sequence, GRID_PX), &windows[i % N_PICTURES]);
+                    let (view, table) = (scene.view(i), &scene.thresholds);
+                    let found = finder.find_sampled(&view, table, sampling, windows, &limits, &mut spots);
+                    assert_eq!(spots.len(), 8);
+                    found
+                })
+            });
+        }
         group.finish();
     }
+}
+
+/// Time of the pictures that take longest: all lit, and lit in single pixels.
+fn worst(criterion: &mut Criterion) {
+    let (width, height) = (640, 480);
+    let single = |i: usize| if (i % width).is_multiple_of(2) && (i / width).is_multiple_of(2) { 200 } else { 0 };
+    let table = ThresholdMap::uniform(57, width, height);
+    let (mut finder, mut spots) = (finder(Centroid::Weighted), Vec::<Spot>::new());
+    let mut group = criterion.benchmark_group(format!("{width}x{height} worst"));
+    let unlimited = SpotLimits { max_components: usize::MAX, ..Default::default() };
+    for (name, pixels, limits) in [
+        ("all white", vec![255; width * height], SpotLimits::default()),
+        ("76,800 single pixels", (0..width * height).map(single).collect(), SpotLimits::default()),
+        ("76,800 single pixels, no limit", (0..width * height).map(single).collect(), unlimited),
+    ] {
+        let view = ImageView::new(&pixels, width, height).expect("made at this size");
+        group.bench_function(name, |b| b.iter(|| finder.find_full(&view, &table, &limits, &mut spots)));
+    }
+    group.finish();
 }
 
 /// Distance from each true centre to the nearest spot.
@@ -118,5 +143,6 @@ fn main() {
     accuracy();
     let mut criterion = Criterion::default().configure_from_args();
     time(&mut criterion);
+    worst(&mut criterion);
     criterion.final_summary();
 }

@@ -78,6 +78,14 @@ impl Component {
         self.taken[index / 64] >> (index % 64) & 1 == 1
     }
 
+    /// The same for the 16 pixels from `index` on, the lowest bit for the first.
+    pub fn taken_bits(&self, index: usize) -> u16 {
+        let (word, shift) = (index / 64, index % 64);
+        let next = self.taken.get(word + 1).copied().unwrap_or(0);
+        let both = u128::from(self.taken[word]) | u128::from(next) << 64;
+        (both >> shift) as u16
+    }
+
     /// Takes all lit pixels connected to the lit pixel (x, y), over sides and corners.
     pub fn take(&mut self, frame: &Frame, x: usize, y: usize) -> Shape {
         self.first_run = self.runs.len();

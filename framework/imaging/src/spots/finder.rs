@@ -143,30 +143,39 @@ impl Search<'_> {
         let (blocks, rest) = pixels.as_chunks::<LANES>();
         for (i, (block, limits)) in blocks.iter().zip(thresholds.as_chunks::<LANES>().0).enumerate() {
             if any_lit(block, limits) {
-                n_lit += self.block(y, x0 + i * LANES, block, limits);
+                n_lit += self.block(y, x0 + i * LANES, lit_bits(block, limits));
             }
         }
-        if !rest.is_empty() {
-            // Most often dark, so look at the last 16 at once where there are as many.
-            let last = pixels.last_chunk::<LANES>().zip(thresholds.last_chunk::<LANES>());
-            if last.is_none_or(|(block, limits)| any_lit(block, limits)) {
-                let first = blocks.len() * LANES;
-                n_lit += self.block(y, x0 + first, rest, &thresholds[first..]);
+        match pixels.last_chunk::<LANES>().zip(thresholds.last_chunk::<LANES>()) {
+            _ if rest.is_empty() => {}
+            Some((block, limits)) => {
+                // The last 16 once more, without those that the blocks have covered.
+                if any_lit(block, limits) {
+                    let covered = LANES - rest.len();
+                    let lit = lit_bits(block, limits) >> covered << covered;
+                    n_lit += self.block(y, x1 - LANES, lit);
+                }
+            }
+            None => {
+                let (mut block, mut limits) = ([0; LANES], [255; LANES]);
+                block[..rest.len()].copy_from_slice(rest);
+                limits[..rest.len()].copy_from_slice(thresholds);
+                n_lit += self.block(y, x0, lit_bits(&block, &limits));
             }
         }
         n_lit
     }
 
-    /// Takes the groups that the lit pixels of `block` belong to, which begins in column `x`; returns how many are lit.
-    fn block(&mut self, y: usize, x: usize, block: &[u8], thresholds: &[u8]) -> u64 {
-        let mut n_lit = 0;
-        for (lane, (pixel, threshold)) in block.iter().zip(thresholds).enumerate() {
-            if pixel > threshold {
-                n_lit += 1;
-                self.lit(x + lane, y);
-            }
+    /// Takes the groups that the lit pixels belong to, one bit of `lit` each from column `x` on; returns how many are lit.
+    fn block(&mut self, y: usize, x: usize, lit: u16) -> u64 {
+        // Most often all belong to a group that has been taken from the row above or from a window.
+        let mut open = lit & !self.finder.component.taken_bits(y * self.frame.width + x);
+        while open != 0 {
+            let lane = open.trailing_zeros() as usize;
+            open &= open - 1;
+            self.lit(x + lane, y);
         }
-        n_lit
+        lit.count_ones().into()
     }
 
     /// Takes the group of the lit pixel (x, y), unless it has been taken or there have been too many.
@@ -229,4 +238,16 @@ fn any_lit(block: &[u8; LANES], thresholds: &[u8; LANES]) -> bool {
         any |= block[lane] > thresholds[lane];
     }
     any
+}
+
+/// One bit for each pixel brighter than its threshold, the lowest for the first.
+fn lit_bits(block: &[u8; LANES], thresholds: &[u8; LANES]) -> u16 {
+    let mut flags = [0u8; LANES];
+    for lane in 0..LANES {
+        flags[lane] = u8::from(block[lane] > thresholds[lane]);
+    }
+    // 8i + 7k is different for all i < 8 and 1 <= k <= 8, so nothing carries, and byte i arrives at bit 56 + i (k = 8 - i).
+    let gather = |bytes: u64| bytes.wrapping_mul(0x0102_0408_1020_4080) >> 56;
+    let flags = u128::from_le_bytes(flags);
+    (gather(flags as u64) | gather((flags >> 64) as u64) << 8) as u16
 }

@@ -100,7 +100,13 @@ pub enum Centroid {
 ///
 /// Covariance: independent noise of each pixel through that mean,
 /// (σ² + 1/12) Σ (xᵢ − c)(xᵢ − c)ᵀ / (Σ wᵢ)², over the pixels with wᵢ > 0 that are not saturated (a saturated pixel
-/// reads 255 whatever the noise), plus `floor_px`² for what the grid of pixels does to any spot.
+/// reads 255 whatever the noise); plus what noise alone does not explain: pixels at the rim that take part or not, the
+/// plateau of a saturated spot, `floor_px`², and the missing part of a spot at the border.
+///
+/// Checked on 1,000 seeded spots for each of 36 sizes, brightnesses and noises (tests/golden/spot_error.txt): the mean
+/// squared error is 0.8 to 3.3 in units of this covariance where 2 is right. It is too sure, by a factor of 1.4 to 2
+/// in σ, of wide spots whose peak is only about twice as high as the threshold, and not to be relied on where noise
+/// breaks a spot to pieces (a peak less than three times the noise above the threshold).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measure {
     /// Which point is the centre.
