@@ -125,9 +125,9 @@ mod tests {
     proptest! {
         #[test]
         fn percentiles_rise_and_shift_with_the_values(
-            values in prop::collection::vec(-1e3..1e3, 1..40), low in 0.0..100.0, high in 0.0..100.0, shift in -10.0..10.0_f64,
+            values in prop::collection::vec(-1e3..1e3, 1..40), low in 0.0..100.0_f64, high in 0.0..100.0_f64, shift in -10.0..10.0_f64,
         ) {
-            prop_assume!(low <= high);
+            let (low, high) = (low.min(high), low.max(high));
             let [at_low, at_high] = [low, high].map(|it| percentile(&values, it).unwrap());
             prop_assert!(at_low <= at_high + 1e-9);
             let shifted: Vec<f64> = values.iter().map(|it| it + shift).collect();
