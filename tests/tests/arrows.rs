@@ -21,6 +21,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("export", &["foveate"]),
     ("cli", &["capture", "dataflow", "export", "led", "sim"]),
     ("tests", &[]),
+    ("examples", &["cli", "foveate"]),
 ];
 
 fn room(package: &str) -> Option<&str> {

@@ -20,6 +20,16 @@ impl Report {
         self.figures.insert(name.into(), value);
     }
 
+    /// Takes over the report of node `instance`. A figure whose name is taken already is kept as `name[instance]`.
+    pub(crate) fn absorb(&mut self, instance: &str, other: Report) {
+        for (name, value) in other.figures {
+            let name = if self.figures.contains_key(&name) { format!("{name}[{instance}]") } else { name };
+            self.figures.insert(name, value);
+        }
+        self.files.extend(other.files);
+        self.remarks.extend(other.remarks);
+    }
+
     /// Notes a file that was written.
     pub fn file(&mut self, path: impl Into<PathBuf>) {
         self.files.push(path.into());

@@ -7,7 +7,6 @@
 //! | [`statistics`] | median, percentiles, median absolute deviation, a summary |
 //! | [`random`] | seeded random numbers, with a stream of its own for each name |
 
-#![expect(rustdoc::broken_intra_doc_links, reason = "[m], [s], [px] in the docs are units, not links")]
 
 pub mod assignment;
 pub mod kalman;

@@ -8,7 +8,6 @@
 //!
 //! Times are `i64` nanoseconds of the session clock: this room does not know the messages.
 
-#![expect(rustdoc::broken_intra_doc_links, reason = "[m], [s], [px] in the docs are units, not links")]
 
 pub mod calibration;
 mod calibration_file;

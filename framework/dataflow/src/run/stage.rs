@@ -228,7 +228,9 @@ impl Stage {
     pub(crate) fn finish(&mut self, now: Time, report: &mut Report) {
         for index in 0..self.slots.len() {
             let Some(node) = self.slots[index].as_mut().and_then(|slot| slot.node.as_mut()) else { continue };
-            let result = catch_unwind(AssertUnwindSafe(|| node.finish(report)));
+            let mut own = Report::default();
+            let result = catch_unwind(AssertUnwindSafe(|| node.finish(&mut own)));
+            report.absorb(&self.graph.instances[index].path, own);
             let error = match result {
                 Ok(Ok(())) => continue,
                 Ok(Err(error)) => error,

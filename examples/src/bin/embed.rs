@@ -1,0 +1,66 @@
+//! Runs a rig from a program of one's own, with one's own node in it: `cargo run --release -p foveate-examples --bin embed`.
+
+use std::path::Path;
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use foveate::dataflow::rig::{self, Overrides};
+use foveate::dataflow::run::{self, Options};
+
+/// The simulated lab for three seconds, with the node of this crate between the integrator and the score.
+const RIG: &str = r#"
+[rig]
+name = "embedded"
+calibration = "graphs/room.calibration.toml"
+duration_s = 3
+
+[scale.room.node.lab]
+type = "sim.lab"
+
+[scale.room.node.video]
+type = "sim.camera"
+each = "wide-*"
+in = { world = "lab.world" }
+
+[scale.room.node.leds]
+type = "led.detector"
+each = "wide-*"
+in = { image = "video.image", predicted = "targets.predicted" }
+
+[scale.room.node.targets]
+type = "led.integrator"
+in = { features = "leds.features" }
+
+[scale.room.node.credible]
+type = "example.speed_limit"
+in = { targets = "targets.targets" }
+max_speed = 8
+
+[scale.room.node.score]
+type = "sim.score"
+in = { targets = "credible.targets", truth = "lab.truth" }
+"#;
+
+fn main() -> ExitCode {
+    let mut registry = foveate_cli::registry();
+    foveate_examples::register(&mut registry);
+    let graph = match rig::load(RIG, Path::new("embedded.toml"), &registry, &Overrides::default()) {
+        Ok(graph) => Arc::new(graph),
+        Err(faults) => {
+            eprint!("{}", faults.render(false));
+            return ExitCode::from(2);
+        }
+    };
+    match run::deterministic(graph, &Options::default(), &mut |_| {}) {
+        Ok(outcome) => {
+            for (name, value) in &outcome.report.figures {
+                println!("{name} = {value:.3}");
+            }
+            ExitCode::SUCCESS
+        }
+        Err(refusal) => {
+            eprintln!("{refusal}");
+            ExitCode::from(2)
+        }
+    }
+}

@@ -1,0 +1,70 @@
+//! `example.speed_limit`: drops targets that are faster than anything in the room can be.
+
+use foveate::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+const TARGETS: In<Targets> = In::each(0, "targets");
+const CREDIBLE: Out<Targets> = Out::new(0, "targets");
+
+/// Settings of [`SpeedLimit`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct SpeedLimitSettings {
+    /// Faster targets are dropped. A sprinter's hand reaches 15 m/s [m/s].
+    #[schemars(range(min = 0.01, max = 1000.0))]
+    pub max_speed: f64,
+}
+
+impl Default for SpeedLimitSettings {
+    fn default() -> Self {
+        Self { max_speed: 15.0 }
+    }
+}
+
+/// Targets in, the credible ones out under the same stamp. None left: an empty list.
+pub struct SpeedLimit {
+    max_speed: f64,
+    dropped: u64,
+}
+
+impl Node for SpeedLimit {
+    const TYPE: &'static str = "example.speed_limit";
+    const ROLE: Role = Role::ModelFilter;
+    const SUMMARY: &'static str = "Drops targets that are faster than anything in the room can be";
+    type Settings = SpeedLimitSettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&TARGETS).output(&CREDIBLE)
+    }
+
+    fn new(settings: SpeedLimitSettings, _setup: &Setup) -> Result<Self, ConfigError> {
+        Ok(Self { max_speed: settings.max_speed, dropped: 0 })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let Some(targets) = io.take(&TARGETS) else { return Ok(()) };
+        let mut credible = Targets::clone(&targets.value);
+        credible.list.retain(|target| target.velocity.norm() <= self.max_speed);
+        self.dropped += (targets.value.list.len() - credible.list.len()) as u64;
+        io.emit(&CREDIBLE, targets.stamp, credible);
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        report.figure("speed_limit.dropped", self.dropped as f64);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_testkit::check_node;
+
+    use super::*;
+
+    #[test]
+    fn settings_survive_a_round_trip_and_refuse_what_they_do_not_know() {
+        check_node::<SpeedLimit>("max_speed = 3.0");
+    }
+}

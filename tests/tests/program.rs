@@ -1,0 +1,214 @@
+//! The `foveate` program as a person uses it: commands, exit codes, bad input of every kind.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().unwrap()
+}
+
+/// The program, built once by cargo for all tests of this file.
+fn program() -> PathBuf {
+    static BUILT: std::sync::OnceLock<PathBuf> = std::sync::OnceLock::new();
+    BUILT
+        .get_or_init(|| {
+            let arguments = ["build", "--quiet", "--offline", "-p", "foveate-cli", "--message-format", "json-render-diagnostics"];
+            let output = Command::new(env!("CARGO")).args(arguments).current_dir(root()).output().unwrap();
+            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+            let text = String::from_utf8(output.stdout).unwrap();
+            let messages = text.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
+            let mut executables = messages.filter_map(|it| Some(PathBuf::from(it["executable"].as_str()?)));
+            executables.next().unwrap()
+        })
+        .clone()
+}
+
+/// Runs the program in `folder`; gives exit code, standard output, standard error.
+fn foveate(folder: &Path, arguments: &[&str]) -> (i32, String, String) {
+    let Output { status, stdout, stderr } = Command::new(program()).args(arguments).current_dir(folder).output().unwrap();
+    let text = |bytes| String::from_utf8_lossy(bytes).into_owned();
+    (status.code().unwrap_or(-1), text(&stdout), text(&stderr))
+}
+
+/// A folder with the simulated lab's rig in it, changed by `edit`.
+fn lab(edit: impl FnOnce(String) -> String) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = fs::read_to_string(root().join("graphs/room.toml")).unwrap();
+    fs::write(folder.path().join("room.toml"), edit(rig)).unwrap();
+    fs::copy(root().join("graphs/room.calibration.toml"), folder.path().join("room.calibration.toml")).unwrap();
+    folder
+}
+
+/// `foveate check` on the changed lab refuses and says all of `words`.
+#[track_caller]
+fn refuses(edit: impl FnOnce(String) -> String, words: &[&str]) {
+    let folder = lab(edit);
+    let (code, _, complaint) = foveate(folder.path(), &["check", "room.toml"]);
+    assert_eq!(code, 2, "{complaint}");
+    for word in words {
+        assert!(complaint.contains(word), "`{word}` is not in:\n{complaint}");
+    }
+    let (code, ..) = foveate(folder.path(), &["run", "room.toml", "--quiet", "--out", "out"]);
+    assert_eq!(code, 2, "a rig that is refused does not run");
+    assert!(!folder.path().join("out").exists(), "and leaves no results");
+}
+
+#[test]
+fn lab_as_it_comes_has_no_fault_and_runs_to_the_same_bytes_twice() {
+    let folder = lab(|it| it);
+    assert_eq!(foveate(folder.path(), &["check", "room.toml"]).0, 0);
+    for out in ["a", "b"] {
+        let (code, said, complaint) =
+            foveate(folder.path(), &["run", "room.toml", "--duration", "0.7", "--quiet", "--out", out]);
+        assert_eq!(code, 0, "{said}{complaint}");
+    }
+    for file in ["summary.json", "targets.csv", "truth.csv", "ledger.csv", "events.csv", "rig.resolved.toml", "path_top.svg"] {
+        let read = |out: &str| fs::read(folder.path().join(out).join(file)).unwrap_or_else(|error| panic!("{file}: {error}"));
+        let (a, b) = (read("a"), read("b"));
+        assert!(!a.is_empty(), "{file} is empty");
+        assert_eq!(a, b, "{file} differs between two runs of one seed");
+    }
+    let (code, ..) =
+        foveate(folder.path(), &["run", "room.toml", "--duration", "0.7", "--seed", "2", "--quiet", "--out", "c"]);
+    assert_eq!(code, 0);
+    let read = |out: &str| fs::read(folder.path().join(out).join("targets.csv")).unwrap();
+    assert_ne!(read("a"), read("c"), "another seed is another run");
+}
+
+#[test]
+fn results_are_numbered_and_the_resolved_rig_runs_again_to_the_same_table() {
+    let folder = lab(|it| it);
+    for _ in 0..2 {
+        assert_eq!(foveate(folder.path(), &["run", "room.toml", "--duration", "0.4", "--quiet"]).0, 0);
+    }
+    let first = folder.path().join("results/room-1");
+    assert!(folder.path().join("results/room-2/summary.json").exists());
+    fs::copy(first.join("rig.resolved.toml"), folder.path().join("again.toml")).unwrap();
+    let (code, _, complaint) = foveate(folder.path(), &["run", "again.toml", "--quiet", "--out", "again"]);
+    assert_eq!(code, 0, "{complaint}");
+    let read = |path: PathBuf| fs::read_to_string(path.join("targets.csv")).unwrap();
+    assert_eq!(read(first), read(folder.path().join("again")));
+}
+
+#[test]
+fn faults_are_named_where_they_are() {
+    refuses(|it| it.replace("led.detector", "led.detectr"), &["led.detectr", "did you mean", "led.detector", "room.toml:"]);
+    refuses(|it| it.replace("offset = 20", "offset = -1"), &["offset", "-1", "0", "gray level"]);
+    refuses(|it| it.replace("grid_px", "gird_px"), &["gird_px", "grid_px"]);
+    refuses(|it| it.replace("each = \"wide-*\"", "each = \"tele-*\""), &["tele-*", "wide-1"]);
+    refuses(|it| it.replace("image = \"video.image\", ", ""), &["image", "leds"]);
+    refuses(|it| it.replace("\"leds.features\"", "\"video.image\""), &["image", "features"]);
+    refuses(|it| it.replace("rate_hz = 30", "rate_hz = 300"), &["300", "60"]);
+    refuses(|_| "this is = = not TOML".to_owned(), &["room.toml:1"]);
+    refuses(|_| String::new(), &["rig"]);
+}
+
+#[test]
+fn all_faults_come_in_one_run() {
+    refuses(
+        |it| it.replace("offset = 20", "offset = -1").replace("grid_px", "gird_px").replace("sim.score", "sim.scor"),
+        &["offset", "gird_px", "sim.scor"],
+    );
+}
+
+#[test]
+fn calibration_that_lacks_a_camera_or_holds_nan_is_refused() {
+    refuses(|it| it.replace("each = \"wide-*\"", "camera = \"wide-99\""), &["wide-99"]);
+    let folder = lab(|it| it);
+    let path = folder.path().join("room.calibration.toml");
+    let text = fs::read_to_string(&path).unwrap();
+    let line = text.lines().find(|it| it.starts_with("position_m")).unwrap().to_owned();
+    fs::write(&path, text.replacen(&line, "position_m = [nan, 0.0, 2.5]", 1)).unwrap();
+    let (code, _, complaint) = foveate(folder.path(), &["check", "room.toml"]);
+    assert_eq!(code, 2);
+    assert!(complaint.to_lowercase().contains("nan") && complaint.contains("position_m"), "{complaint}");
+    fs::remove_file(&path).unwrap();
+    let (code, _, complaint) = foveate(folder.path(), &["check", "room.toml"]);
+    assert_eq!(code, 2);
+    assert!(complaint.contains("room.calibration.toml"), "{complaint}");
+}
+
+#[test]
+fn hundred_megabytes_a_folder_and_nothing_at_all_are_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let huge = fs::File::create(folder.path().join("huge.toml")).unwrap();
+    huge.set_len(100 << 20).unwrap();
+    for (rig, word) in [("huge.toml", "MiB"), (".", "directory"), ("missing.toml", "missing.toml")] {
+        let (code, _, complaint) = foveate(folder.path(), &["check", rig]);
+        assert_eq!(code, 2, "{rig}: {complaint}");
+        assert!(complaint.to_lowercase().contains(&word.to_lowercase()), "{rig}: {complaint}");
+    }
+    fs::write(folder.path().join("bytes.toml"), [0xff, 0xfe, 0x00, 0x80]).unwrap();
+    let (code, _, complaint) = foveate(folder.path(), &["check", "bytes.toml"]);
+    assert_eq!(code, 2);
+    assert!(complaint.contains("UTF-8"), "{complaint}");
+}
+
+#[test]
+fn results_that_cannot_be_written_are_an_error_and_the_figures_still_reach_the_person() {
+    let folder = lab(|it| it);
+    fs::write(folder.path().join("occupied"), "a file").unwrap();
+    let (code, _, complaint) =
+        foveate(folder.path(), &["run", "room.toml", "--duration", "0.2", "--quiet", "--out", "occupied/out"]);
+    assert_eq!(code, 2);
+    assert!(complaint.contains("occupied/out"), "{complaint}");
+}
+
+#[test]
+fn requirement_marked_must_decides_the_exit_code() {
+    let folder = lab(|it| it.replace("rate_hz = 30", "sigma = 1e-6, must = true"));
+    let (code, said, _) = foveate(folder.path(), &["run", "room.toml", "--duration", "0.9", "--quiet", "--out", "out"]);
+    assert_eq!(code, 3, "{said}");
+    assert!(said.contains("requirement not met (must)"), "{said}");
+    assert!(folder.path().join("out/summary.json").exists());
+}
+
+#[test]
+fn every_node_type_describes_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    let (code, list, _) = foveate(folder.path(), &["nodes"]);
+    assert_eq!(code, 0);
+    for node_type in foveate_cli::registry().iter() {
+        assert!(list.contains(node_type.name));
+        let (code, text, _) = foveate(folder.path(), &["nodes", node_type.name]);
+        assert_eq!(code, 0);
+        assert!(text.contains(node_type.summary), "{text}");
+    }
+    let (code, _, complaint) = foveate(folder.path(), &["nodes", "led.detektor"]);
+    assert_eq!(code, 2);
+    assert!(complaint.contains("did you mean `led.detector`"), "{complaint}");
+}
+
+#[test]
+fn new_rig_is_sound_and_overwrites_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    assert_eq!(foveate(folder.path(), &["new", "rig", "my_lab"]).0, 0);
+    let (code, _, complaint) = foveate(folder.path(), &["check", "my_lab.toml"]);
+    assert_eq!(code, 0, "{complaint}");
+    let (code, _, complaint) = foveate(folder.path(), &["new", "rig", "my_lab"]);
+    assert_eq!(code, 2);
+    assert!(complaint.contains("my_lab"), "{complaint}");
+    assert_eq!(foveate(folder.path(), &["new", "rig", "../My Lab"]).0, 2);
+}
+
+#[test]
+fn pictures_schema_and_completions_are_what_they_claim() {
+    let folder = lab(|it| it);
+    assert_eq!(foveate(folder.path(), &["graph", "room.toml"]).0, 0);
+    assert!(fs::read_to_string(folder.path().join("room.svg")).unwrap().starts_with("<svg"));
+    let (code, mermaid, _) = foveate(folder.path(), &["graph", "room.toml", "--format", "mermaid", "-o", "-"]);
+    assert_eq!(code, 0);
+    assert!(mermaid.starts_with("flowchart") || mermaid.starts_with("graph"), "{mermaid}");
+    let (code, schema, _) = foveate(folder.path(), &["schema"]);
+    assert_eq!(code, 0);
+    let schema: Value = serde_json::from_str(&schema).unwrap();
+    assert!(schema["$schema"].as_str().unwrap().contains("2020-12"));
+    for shell in ["bash", "zsh", "fish"] {
+        let (code, script, _) = foveate(folder.path(), &["completions", shell]);
+        assert_eq!(code, 0);
+        assert!(script.contains("foveate"));
+    }
+}
