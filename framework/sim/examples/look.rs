@@ -8,7 +8,7 @@ use std::time::Instant;
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Image, Time};
-use foveate_sim::camera::{Renderer, Sensor};
+use foveate_sim::camera::{CameraSettings, Renderer};
 use foveate_sim::lab::{ROOM_M, VOLUME_M, coverage, wide_cameras};
 use foveate_sim::world::{Moment, SceneSettings, World};
 use image::{GrayImage, Rgb, RgbImage};
@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let cameras = wide_cameras();
     for number in [0, 2, 6, 10] {
         let (name, camera) = &cameras[number];
-        let mut renderer = Renderer::new(camera, CameraId(number as u16), &world, &Sensor::default(), &random);
+        let mut renderer = Renderer::new(camera, CameraId(number as u16), &world, &CameraSettings::default(), &random);
         let mut image = Image::default();
         renderer.render(&world, Time::from_s(seconds), 0, &mut image);
         save_square(&image, &folder.join(format!("{name}.png")))?;
@@ -41,7 +41,7 @@ fn time_fields(cameras: &[(String, Camera)], world: &World, random: &Random) {
     let start = Instant::now();
     let mut renderers: Vec<Renderer> = (0_u16..)
         .zip(cameras)
-        .map(|(i, (_, camera))| Renderer::new(camera, CameraId(i), world, &Sensor::default(), random))
+        .map(|(i, (_, camera))| Renderer::new(camera, CameraId(i), world, &CameraSettings::default(), random))
         .collect();
     println!("{:.1} ms to get one camera ready", start.elapsed().as_secs_f64() * 1e3 / cameras.len() as f64);
     let mut images = vec![Image::default(); cameras.len()];

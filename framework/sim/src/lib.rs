@@ -1,7 +1,27 @@
-//! Simulated worlds and cameras.
+//! Simulated worlds, cameras that look at them, and the score of what was recovered.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`lab`] | the room and its eighteen wide cameras |
+//! | [`person`] | somebody who walks about with eight LEDs: a pure function of time |
+//! | [`world`] | people and clutter together, as a message |
+//! | [`camera`] | from the world to the pixels of one field |
+//! | [`score`] | recovered targets against the truth |
+//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.score` |
 
 pub mod camera;
 mod chance;
 pub mod lab;
+pub mod nodes;
 pub mod person;
+pub mod score;
 pub mod world;
+
+use foveate_dataflow::Registry;
+
+/// Makes the nodes of this room known.
+pub fn register(registry: &mut Registry) {
+    registry.add::<nodes::lab::Lab>();
+    registry.add::<nodes::camera::SimCamera>();
+    registry.add::<nodes::score::Score>();
+}

@@ -5,7 +5,7 @@ use foveate_messages::Time;
 use nalgebra::{Point2, Vector3};
 
 use super::spot::Spot;
-use super::{STEPS, Sensor, steps};
+use super::{CameraSettings, STEPS, steps};
 use crate::world::{PANES, World, room_light};
 
 /// Lines of sight are computed on a grid of this spacing [px] and interpolated: a tenth of a second saved a camera.
@@ -27,7 +27,7 @@ pub(super) struct Backdrop {
 }
 
 impl Backdrop {
-    pub fn new(camera: &Camera, world: &World, sensor: &Sensor) -> Self {
+    pub fn new(camera: &Camera, world: &World, settings: &CameraSettings) -> Self {
         let [width, height] = camera.image_size.map(|it| it as usize);
         let sight = Sight::new(camera);
         let origin = camera.centre();
@@ -51,19 +51,19 @@ impl Backdrop {
                         FRAME_LIGHT
                     }
                 };
-                still.push(steps(light * sensor.room_light * sensor.gain + sensor.black_level));
+                still.push(steps(light * settings.room_light * settings.gain + settings.black_level));
             }
         }
         for spot in world.bright_spots() {
             if let Some(pixel) = camera.project(&spot.position) {
                 let distance = (spot.position - origin).norm();
                 let sigma = camera.intrinsics.focal.map(|focal| (spot.sigma * focal / distance).hypot(0.5));
-                let peak = spot.peak * sensor.gain;
+                let peak = spot.peak * settings.gain;
                 Spot { centre: [pixel.x, pixel.y], sigma, peak }.add_to(&mut still, camera.image_size);
             }
         }
         let n_panes = world.monitors().len() * PANES;
-        let (gain, black_level) = (sensor.gain, sensor.black_level);
+        let (gain, black_level) = (settings.gain, settings.black_level);
         Self { still, screens, gain, black_level, n_panes, levels: Vec::with_capacity(n_panes) }
     }
 

@@ -28,10 +28,21 @@ use spot::Spot;
 /// Steps of a gray level in the sums.
 const STEPS: f64 = 64.0;
 
-/// How a camera turns light into pixels.
+/// When a camera looks, and how it turns light into pixels.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct Sensor {
+pub struct CameraSettings {
+    /// Fields a second [Hz].
+    #[schemars(range(min = 0.1, max = 1000.0))]
+    pub rate_hz: f64,
+    /// All cameras look at the same moments; otherwise each has an offset of its own within the period, drawn once [–].
+    pub synchronised: bool,
+    /// From the middle of the exposure to the delivery of the field; at least half the exposure [ms].
+    #[schemars(range(min = 0.0, max = 10_000.0))]
+    pub latency_ms: f64,
+    /// Share of the fields that get lost on the way and show as gaps, drawn for each field [–].
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub lost: f64,
     /// How long light is gathered; what moves is smeared [ms].
     #[schemars(range(min = 0.01, max = 100.0))]
     pub exposure_ms: f64,
@@ -58,9 +69,13 @@ pub struct Sensor {
     pub bits: u32,
 }
 
-impl Default for Sensor {
+impl Default for CameraSettings {
     fn default() -> Self {
         Self {
+            rate_hz: 60.0,
+            synchronised: false,
+            latency_ms: 10.0,
+            lost: 0.0,
             exposure_ms: 4.0,
             blur_samples: 4,
             gain: 1.0,
@@ -78,7 +93,7 @@ pub struct Renderer {
     camera: Camera,
     centre: Point3<f64>,
     id: CameraId,
-    sensor: Sensor,
+    settings: CameraSettings,
     backdrop: Backdrop,
     silhouettes: Silhouettes,
     noise: Noise,
@@ -90,18 +105,18 @@ pub struct Renderer {
 
 impl Renderer {
     /// Gets ready: renders what does not change. `random` is the camera's own.
-    pub fn new(camera: &Camera, id: CameraId, world: &World, sensor: &Sensor, random: &Random) -> Self {
+    pub fn new(camera: &Camera, id: CameraId, world: &World, settings: &CameraSettings, random: &Random) -> Self {
         let [width, height] = camera.image_size.map(|it| it as usize);
         Self {
             camera: camera.clone(),
             centre: camera.centre(),
             id,
-            sensor: sensor.clone(),
-            backdrop: Backdrop::new(camera, world, sensor),
+            settings: settings.clone(),
+            backdrop: Backdrop::new(camera, world, settings),
             silhouettes: Silhouettes::default(),
-            noise: Noise::new(width, sensor.noise_sigma, &random.fork("noise")),
+            noise: Noise::new(width, settings.noise_sigma, &random.fork("noise")),
             canvas: vec![0; width * height],
-            coarse: coarse_levels(sensor.bits),
+            coarse: coarse_levels(settings.bits),
             moment: Moment::default(),
         }
     }
@@ -116,14 +131,14 @@ impl Renderer {
 
         self.backdrop.draw(world, capture, &mut self.canvas);
         world.at(capture, &mut self.moment);
-        let cloth_light = 60.0 * self.sensor.room_light * self.sensor.gain;
-        let black_level = self.sensor.black_level;
+        let cloth_light = 60.0 * self.settings.room_light * self.settings.gain;
+        let black_level = self.settings.black_level;
         self.silhouettes.draw(&self.camera, &self.moment, cloth_light, black_level, &mut self.canvas);
         self.draw_leds(world, capture);
         for glint in world.glints(self.id, capture) {
             let sigma = self.sigmas().map(|it| it * glint.width);
             let centre = [glint.place[0] * f64::from(width) - 0.5, glint.place[1] * f64::from(height) - 0.5];
-            Spot { centre, sigma, peak: glint.peak * self.sensor.gain }.add_to(&mut self.canvas, [width, height]);
+            Spot { centre, sigma, peak: glint.peak * self.settings.gain }.add_to(&mut self.canvas, [width, height]);
         }
         self.noise.digitise(&self.canvas, width as usize, frame, &mut image.pixels);
         if let Some(levels) = &self.coarse {
@@ -132,11 +147,11 @@ impl Renderer {
     }
 
     fn draw_leds(&mut self, world: &World, capture: Time) {
-        let samples = self.sensor.blur_samples.max(1);
-        let (sigma, led_peak) = (self.sigmas(), world.settings().led_peak * self.sensor.gain / f64::from(samples));
+        let samples = self.settings.blur_samples.max(1);
+        let (sigma, led_peak) = (self.sigmas(), world.settings().led_peak * self.settings.gain / f64::from(samples));
         for sample in 0..samples {
             let share = (f64::from(sample) + 0.5) / f64::from(samples) - 0.5;
-            world.at(capture + Interval::from_ms(share * self.sensor.exposure_ms), &mut self.moment);
+            world.at(capture + Interval::from_ms(share * self.settings.exposure_ms), &mut self.moment);
             for light in self.moment.lights_seen_from(&self.centre, led_peak) {
                 if let Some(pixel) = self.camera.project(&light.position) {
                     let distance = (light.position - self.centre).norm();
@@ -151,14 +166,21 @@ impl Renderer {
     /// Standard deviations of a LED's spot along rows and columns [px]: round on the sensor.
     fn sigmas(&self) -> [f64; 2] {
         let [across, down] = self.camera.intrinsics.focal;
-        [self.sensor.spot_sigma_px, self.sensor.spot_sigma_px * down / across]
+        [self.settings.spot_sigma_px, self.settings.spot_sigma_px * down / across]
     }
 }
 
 /// Renders a single field; to render many, keep a [`Renderer`].
-pub fn render(camera: &Camera, id: CameraId, world: &World, sensor: &Sensor, capture: Time, random: &Random) -> Image {
+pub fn render(
+    camera: &Camera,
+    id: CameraId,
+    world: &World,
+    settings: &CameraSettings,
+    capture: Time,
+    random: &Random,
+) -> Image {
     let mut image = Image::default();
-    Renderer::new(camera, id, world, sensor, random).render(world, capture, 0, &mut image);
+    Renderer::new(camera, id, world, settings, random).render(world, capture, 0, &mut image);
     image
 }
 
@@ -171,4 +193,132 @@ fn coarse_levels(bits: u32) -> Option<[u8; 256]> {
 /// A gray level in steps, saturating.
 fn steps(gray: f64) -> i16 {
     (gray * STEPS).round() as i16 // `as` saturates
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lab::wide_cameras;
+    use crate::world::SceneSettings;
+
+    const SIZE: usize = 640 * 240;
+
+    fn world(change: impl Fn(&mut SceneSettings)) -> World {
+        let mut settings = SceneSettings::default();
+        change(&mut settings);
+        World::new(settings, &Random::new(1))
+    }
+
+    fn camera(number: usize) -> Camera {
+        wide_cameras().swap_remove(number).1
+    }
+
+    fn field(world: &World, number: usize, settings: &CameraSettings, time_s: f64) -> Image {
+        render(&camera(number), CameraId(number as u16), world, settings, Time::from_s(time_s), &Random::new(2))
+    }
+
+    #[test]
+    fn a_field_depends_on_its_number_and_time_alone() {
+        let (world, settings) = (world(|_| ()), CameraSettings::default());
+        let fields = |order: &[u64]| -> Vec<(u64, Image)> {
+            let mut renderer = Renderer::new(&camera(3), CameraId(3), &world, &settings, &Random::new(5));
+            order
+                .iter()
+                .map(|&frame| {
+                    let mut image = Image::default();
+                    renderer.render(&world, Time::from_s(frame as f64 / 60.0), frame, &mut image);
+                    (frame, image)
+                })
+                .collect()
+        };
+        let (forth, mut back) = (fields(&[0, 1, 2, 300, 301]), fields(&[301, 2, 300, 0, 1]));
+        back.sort_by_key(|it| it.0);
+        assert!(forth == back);
+        assert_eq!(forth[0].1.pixels.len(), SIZE);
+        let differ = forth[0].1.pixels.iter().zip(&forth[1].1.pixels).filter(|(a, b)| a != b).count();
+        assert!(differ > SIZE / 2, "the noise repeats: only {differ} pixels differ");
+    }
+
+    #[test]
+    fn leds_appear_where_they_are() {
+        // Nothing but LEDs: dark room, no clutter, no noise, a short exposure.
+        let world = world(|it| (it.bright_spots, it.monitors, it.glints_hz, it.led_peak) = (0, 0, 0.0, 400.0));
+        let settings = CameraSettings {
+            room_light: 0.0,
+            black_level: 0.0,
+            noise_sigma: 0.0,
+            exposure_ms: 0.01,
+            gain: 0.3,
+            ..CameraSettings::default()
+        };
+        let mut moment = Moment::default();
+        let mut n_checked = 0;
+        for (number, time) in (0..18).flat_map(|number| [0.7, 5.3, 9.1].map(|time| (number, time))) {
+            let image = field(&world, number, &settings, time);
+            let (camera, eye) = (camera(number), camera(number).centre());
+            world.at(Time::from_s(time), &mut moment);
+            let pixels: Vec<_> =
+                moment.lights_seen_from(&eye, 400.0).filter_map(|it| Some((camera.sees(&it.position)?, it))).collect();
+            for (pixel, light) in &pixels {
+                let alone = pixels.iter().filter(|(other, _)| (other - pixel).norm() < 16.0).count() == 1;
+                let inside = (8.0..631.0).contains(&pixel.x) && (8.0..231.0).contains(&pixel.y);
+                if !alone || !inside || light.brightness < 150.0 {
+                    continue;
+                }
+                let (mut sum, mut moments) = (0.0, [0.0; 2]);
+                for y in pixel.y as usize - 3..=pixel.y as usize + 4 {
+                    for x in pixel.x as usize - 6..=pixel.x as usize + 7 {
+                        let weight = f64::from(image.pixels[y * 640 + x]);
+                        sum += weight;
+                        moments[0] += weight * x as f64;
+                        moments[1] += weight * y as f64;
+                    }
+                }
+                let error = [moments[0] / sum - pixel.x, moments[1] / sum - pixel.y];
+                assert!(error[0].abs() < 0.1 && error[1].abs() < 0.1, "camera {number} at {time} s: {error:?} px");
+                n_checked += 1;
+            }
+        }
+        assert!(n_checked > 100, "only {n_checked} spots were looked at");
+    }
+
+    #[test]
+    fn exposure_smears_what_moves() {
+        let world = world(|it| (it.bright_spots, it.monitors, it.glints_hz, it.speed_m_s) = (0, 0, 0.0, 2.0));
+        let sharp = CameraSettings {
+            room_light: 0.0,
+            black_level: 0.0,
+            noise_sigma: 0.0,
+            exposure_ms: 0.01,
+            gain: 0.2,
+            ..CameraSettings::default()
+        };
+        let smeared = CameraSettings { exposure_ms: 16.0, blur_samples: 16, ..sharp.clone() };
+        let lit = |settings: &CameraSettings| -> usize {
+            let images = (0..6).map(|i| field(&world, i * 3, settings, 1.7 * i as f64));
+            images.map(|image| image.pixels.iter().filter(|it| **it > 4).count()).sum()
+        };
+        let (sharp, smeared) = (lit(&sharp), lit(&smeared));
+        assert!(smeared > sharp * 5 / 4, "{smeared} pixels lit instead of {sharp}");
+    }
+
+    #[test]
+    fn gray_levels_are_saturated_and_as_coarse_as_asked() {
+        let world = world(|_| ());
+        let bright = field(&world, 0, &CameraSettings { gain: 20.0, ..CameraSettings::default() }, 1.0);
+        assert!(bright.pixels.iter().filter(|it| **it == 255).count() > SIZE / 2);
+        let coarse = field(&world, 0, &CameraSettings { bits: 3, black_level: 0.0, ..CameraSettings::default() }, 1.0);
+        let levels = [0, 36, 73, 109, 146, 182, 219, 255];
+        assert!(coarse.pixels.iter().all(|it| levels.contains(it)));
+        assert!(levels.iter().filter(|it| coarse.pixels.contains(it)).count() > 5);
+    }
+
+    #[test]
+    fn monitors_change_and_the_rest_of_an_empty_room_does_not() {
+        let world = world(|it| (it.people, it.glints_hz) = (0, 0.0));
+        let settings = CameraSettings { noise_sigma: 0.0, ..CameraSettings::default() };
+        let (one, other) = (field(&world, 0, &settings, 0.0), field(&world, 0, &settings, 20.004));
+        let changed = one.pixels.iter().zip(&other.pixels).filter(|(a, b)| a != b).count();
+        assert!((200..SIZE / 50).contains(&changed), "{changed} pixels changed");
+    }
 }

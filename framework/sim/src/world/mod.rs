@@ -47,6 +47,9 @@ pub struct SceneSettings {
     /// Mean time between two changes of one window on a monitor [s].
     #[schemars(range(min = 0.05, max = 3600.0))]
     pub window_change_s: f64,
+    /// How often the truth is told [Hz].
+    #[schemars(range(min = 1.0, max = 10_000.0))]
+    pub truth_hz: f64,
     /// Short glints, each in one camera only: how many a second and camera [Hz].
     #[schemars(range(min = 0.0, max = 30.0))]
     pub glints_hz: f64,
@@ -61,6 +64,7 @@ impl Default for SceneSettings {
             bright_spots: 14,
             monitors: 4,
             window_change_s: 4.0,
+            truth_hz: 60.0,
             glints_hz: 0.2,
         }
     }

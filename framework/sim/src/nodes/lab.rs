@@ -1,0 +1,92 @@
+//! The simulated lab as a source: the world once, and the truth about its targets again and again.
+
+use foveate_dataflow::{ConfigError, Due, Io, Node, NodeError, Out, Plan, Ports, Role, Setup, Time};
+use foveate_messages::Targets;
+
+use crate::world::{MAX_MONITORS, SceneSettings, World};
+
+const WORLD: Out<World> = Out::new(0, "world");
+const TRUTH: Out<Targets> = Out::new(1, "truth");
+
+/// Gives the [`World`] at time 0, before any camera looks, and [`World::truth`] at 0, 1/`truth_hz`, …: person p's LED l, in the
+/// order of [`LED_NAMES`](crate::person::LED_NAMES), is target 8 p + l.
+pub struct Lab {
+    world: World,
+    truth_hz: f64,
+    next: u64,
+}
+
+impl Node for Lab {
+    const TYPE: &'static str = "sim.lab";
+    const ROLE: Role = Role::Source;
+    const SUMMARY: &'static str = "A simulated lab: people with LEDs, clutter, and the truth about the LEDs.";
+    type Settings = SceneSettings;
+
+    fn ports() -> Ports {
+        Ports::new().output(&WORLD).output(&TRUTH)
+    }
+
+    fn new(settings: SceneSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        let SceneSettings { people, speed_m_s, led_peak, bright_spots, monitors, window_change_s, truth_hz, glints_hz } =
+            settings;
+        ConfigError::unless_in("people", people, 0..=4)?;
+        ConfigError::unless_in("speed_m_s", speed_m_s, 0.1..=2.0)?;
+        ConfigError::unless_in("led_peak", led_peak, 0.0..=5000.0)?;
+        ConfigError::unless_in("bright_spots", bright_spots, 0..=200)?;
+        ConfigError::unless_in("monitors", monitors, 0..=MAX_MONITORS)?;
+        ConfigError::unless_in("window_change_s", window_change_s, 0.05..=3600.0)?;
+        ConfigError::unless_in("truth_hz", truth_hz, 1.0..=10_000.0)?;
+        ConfigError::unless_in("glints_hz", glints_hz, 0.0..=30.0)?;
+        Ok(Self { world: World::new(settings, &setup.random), truth_hz, next: 0 })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let time = self.next_time();
+        if self.next == 0 {
+            io.emit_at(&WORLD, time, self.world.clone());
+        }
+        io.emit_at(&TRUTH, time, self.world.truth(time));
+        self.next += 1;
+        Ok(())
+    }
+
+    fn due(&mut self) -> Due {
+        Due::At(self.next_time())
+    }
+
+    fn plan(settings: &SceneSettings) -> Plan {
+        Plan { rate_hz: Some(settings.truth_hz), latency_s: 0.0 }
+    }
+}
+
+impl Lab {
+    fn next_time(&self) -> Time {
+        Time::from_s(self.next as f64 / self.truth_hz)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_testkit::check_node;
+
+    use super::*;
+
+    #[test]
+    fn node_keeps_the_law() {
+        check_node::<Lab>("");
+        check_node::<Lab>("people = 3\nglints_hz = 1.5");
+    }
+
+    #[test]
+    fn values_out_of_range_are_refused_by_name() {
+        let refused = |change: fn(&mut SceneSettings)| {
+            let mut settings = SceneSettings::default();
+            change(&mut settings);
+            Lab::new(settings, &Setup::for_tests()).err().and_then(|it| it.setting).unwrap()
+        };
+        assert_eq!(refused(|it| it.people = 5), "people");
+        assert_eq!(refused(|it| it.speed_m_s = f64::NAN), "speed_m_s");
+        assert_eq!(refused(|it| it.monitors = 9), "monitors");
+        assert_eq!(refused(|it| it.truth_hz = 0.0), "truth_hz");
+    }
+}

@@ -1,0 +1,139 @@
+//! Compares recovered targets with the truth: figures, and the truth as a file.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::PathBuf;
+
+use foveate_dataflow::{ConfigError, In, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup};
+use foveate_messages::Targets;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::score::Scorer;
+
+const TRUTH: In<Targets> = In::each(0, "truth");
+const TARGETS: In<Targets> = In::each(1, "targets");
+
+/// Name of the file with the truth in the folder for results.
+const TRUTH_FILE: &str = "truth.csv";
+
+/// Settings of [`Score`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ScoreSettings {
+    /// A recovered target farther from the truth than this is not that target [mm].
+    #[schemars(range(min = 1.0, max = 1000.0))]
+    pub gate_mm: f64,
+    /// What happens before this session time is not scored [s].
+    #[schemars(range(min = 0.0, max = 1e6))]
+    pub start_s: f64,
+    /// Whether the truth is saved as `truth.csv` in the folder for results [–].
+    pub write_truth: bool,
+}
+
+impl Default for ScoreSettings {
+    fn default() -> Self {
+        Self { gate_mm: 100.0, start_s: 0.0, write_truth: true }
+    }
+}
+
+/// The scoring sink; what it measures is listed at [`Scorer`].
+pub struct Score {
+    scorer: Scorer,
+    truth_file: TruthFile,
+}
+
+impl Node for Score {
+    const TYPE: &'static str = "sim.score";
+    const ROLE: Role = Role::Sink;
+    const SUMMARY: &'static str = "Compares recovered targets with the truth of the simulated lab.";
+    type Settings = ScoreSettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&TRUTH).input(&TARGETS)
+    }
+
+    fn new(settings: ScoreSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        ConfigError::unless_in("gate_mm", settings.gate_mm, 1.0..=1000.0)?;
+        ConfigError::unless_in("start_s", settings.start_s, 0.0..=1e6)?;
+        let folder = setup.out_dir.as_ref().filter(|_| settings.write_truth && setup.purpose == Purpose::Run);
+        Ok(Self {
+            scorer: Scorer::new(settings.gate_mm * 1e-3, settings.start_s),
+            truth_file: TruthFile { path: folder.map(|it| it.join(TRUTH_FILE)), state: State::NotYet },
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        if let Some(truth) = io.take(&TRUTH) {
+            self.truth_file.write(&truth.value);
+            self.scorer.truth(truth.value);
+        }
+        if let Some(targets) = io.take(&TARGETS) {
+            self.scorer.recovered(targets.value);
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        self.scorer.finish(report);
+        self.truth_file.finish(report)
+    }
+}
+
+/// `truth.csv`. An error ends the writing, not the scoring, and is told at the end.
+struct TruthFile {
+    path: Option<PathBuf>,
+    state: State,
+}
+
+enum State {
+    NotYet,
+    Open(BufWriter<File>),
+    Failed(std::io::Error),
+}
+
+impl TruthFile {
+    fn write(&mut self, truth: &Targets) {
+        let Some(path) = &self.path else { return };
+        if let State::NotYet = self.state {
+            let opened = File::create(path).and_then(|file| {
+                let mut file = BufWriter::new(file);
+                file.write_all(b"time_s,target,x_m,y_m,z_m\n")?;
+                Ok(file)
+            });
+            self.state = opened.map_or_else(State::Failed, State::Open);
+        }
+        if let State::Open(file) = &mut self.state
+            && let Err(error) = write_rows(file, truth)
+        {
+            self.state = State::Failed(error);
+        }
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let Some(path) = &self.path else { return Ok(()) };
+        let flushed = match &mut self.state {
+            State::NotYet => return Ok(()),
+            State::Open(file) => file.flush(),
+            State::Failed(error) => Err(std::io::Error::new(error.kind(), error.to_string())),
+        };
+        match flushed {
+            Ok(()) => {
+                report.file(TRUTH_FILE);
+                Ok(())
+            }
+            Err(error) => Err(NodeError::input(format_args!(
+                "{}: the truth could not be saved ({error}), expected a folder that can be written; the figures are complete",
+                path.display()
+            ))),
+        }
+    }
+}
+
+fn write_rows(file: &mut impl Write, truth: &Targets) -> std::io::Result<()> {
+    let time = truth.time.as_s();
+    truth.list.iter().try_for_each(|target| {
+        let p = target.position;
+        writeln!(file, "{time:.6},{},{:.6},{:.6},{:.6}", target.id.0, p.x, p.y, p.z)
+    })
+}

@@ -1,0 +1,364 @@
+//! How well targets were recovered: matched to the truth one by one, then summed up.
+//!
+//! Each recovered sample is compared with the truth at its own time. Who is who follows K. Bernardin and R. Stiefelhagen,
+//! "Evaluating multiple object tracking performance: the CLEAR MOT metrics", EURASIP JIVP, 2008: a pair of the last time is kept
+//! while it stays within the gate; what is left is assigned so that the sum of distances is least.
+
+mod distances;
+mod truth;
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+
+use foveate_dataflow::Report;
+use foveate_estimation::assignment::{self, Workspace};
+use foveate_messages::{TargetId, Targets};
+use nalgebra::Point3;
+
+use distances::Distances;
+use truth::{Interpolated, TruthTrack};
+
+/// Recovered messages that may wait for the truth of their time; more are given up, oldest first.
+const MAX_WAITING: usize = 20_000;
+
+/// Gathers figures from truth and recovered targets, which may come in any order of delivery.
+///
+/// | figure | meaning |
+/// |---|---|
+/// | `error_mm.median`, `.p95`, `.rms` | distance of matched targets from the truth |
+/// | `targets_true` | targets that there are |
+/// | `identities`, `identities_per_target` | recovered identities that were ever matched, and those for each true target |
+/// | `swaps` | a true target was matched to an identity that had been another's |
+/// | `rebirths` | a true target was matched to an identity new to it and to all |
+/// | `false_targets` | recovered targets with no true one within the gate, mean over messages |
+/// | `duplicates` | recovered targets that are left over though a true one is within the gate, mean over messages |
+/// | `missed` | share of true targets without a match, over messages |
+/// | `completeness` | share of the truth's samples after which, before the next one, the target was matched |
+/// | `time_to_birth_ms.median` | from the first truth of a target to its first match |
+/// | `targets_unborn` | true targets never matched |
+/// | `scored_messages`, `unscored_messages` | recovered messages compared, and those whose time the truth did not cover |
+pub struct Scorer {
+    gate: f64,
+    start_s: f64,
+    truth: TruthTrack,
+    waiting: VecDeque<Arc<Targets>>,
+    distances: Distances,
+    /// By true target.
+    records: BTreeMap<TargetId, Record>,
+    /// Every identity that was matched, and the true target it was matched to last.
+    owners: BTreeMap<TargetId, TargetId>,
+    swaps: u64,
+    rebirths: u64,
+    messages: u64,
+    unscored: u64,
+    false_targets: u64,
+    duplicates: u64,
+    pairs: u64,
+    pairs_possible: u64,
+    /// Memory that is used again from message to message.
+    scratch: Scratch,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Record {
+    /// Session time of its first truth [s].
+    appeared_s: f64,
+    /// Session time of its first match [s].
+    born_s: Option<f64>,
+    identity: Option<TargetId>,
+}
+
+#[derive(Default)]
+struct Scratch {
+    here: Vec<Interpolated>,
+    costs: Vec<f64>,
+    assigned: Vec<Option<usize>>,
+    kept: Vec<Option<usize>>,
+    workspace: Workspace,
+}
+
+impl Scorer {
+    /// Pairs at most `gate` [m] apart may match; nothing before `start_s` [s] is scored.
+    pub fn new(gate: f64, start_s: f64) -> Self {
+        Self {
+            gate,
+            start_s,
+            truth: TruthTrack::default(),
+            waiting: VecDeque::new(),
+            distances: Distances::new(gate),
+            records: BTreeMap::new(),
+            owners: BTreeMap::new(),
+            swaps: 0,
+            rebirths: 0,
+            messages: 0,
+            unscored: 0,
+            false_targets: 0,
+            duplicates: 0,
+            pairs: 0,
+            pairs_possible: 0,
+            scratch: Scratch::default(),
+        }
+    }
+
+    /// The truth at a time after that of the last call; anything else is ignored.
+    pub fn truth(&mut self, truth: Arc<Targets>) {
+        let time_s = truth.time.as_s();
+        if time_s < self.start_s {
+            return;
+        }
+        for target in &truth.list {
+            let unknown = Record { appeared_s: time_s, born_s: None, identity: None };
+            self.records.entry(target.id).or_insert(unknown);
+        }
+        self.truth.push(truth);
+        while self.waiting.front().is_some_and(|it| self.truth.reaches(it.time)) {
+            if let Some(targets) = self.waiting.pop_front() {
+                self.compare(&targets);
+            }
+        }
+    }
+
+    /// What was recovered at one time.
+    pub fn recovered(&mut self, targets: Arc<Targets>) {
+        if targets.time.as_s() < self.start_s {
+            return;
+        }
+        if self.waiting.is_empty() && self.truth.reaches(targets.time) {
+            return self.compare(&targets);
+        }
+        self.waiting.push_back(targets);
+        if self.waiting.len() > MAX_WAITING {
+            self.waiting.pop_front();
+            self.unscored += 1;
+        }
+    }
+
+    fn compare(&mut self, targets: &Targets) {
+        let mut scratch = std::mem::take(&mut self.scratch);
+        if self.truth.at(targets.time, &mut scratch.here) {
+            self.match_up(targets, &mut scratch);
+        } else {
+            self.unscored += 1;
+        }
+        self.scratch = scratch;
+    }
+
+    fn match_up(&mut self, targets: &Targets, scratch: &mut Scratch) {
+        let Scratch { here, costs, assigned, kept, workspace } = scratch;
+        let (rows, columns) = (here.len(), targets.list.len());
+        let distance = |a: &Point3<f64>, b: &Point3<f64>| (a - b).norm();
+        costs.clear();
+        for truth in here.iter() {
+            costs.extend(targets.list.iter().map(|it| distance(&truth.position, &it.position)));
+        }
+        let far = (0..columns).filter(|column| (0..rows).all(|row| !(costs[row * columns + column] <= self.gate)));
+        let n_far = far.count() as u64;
+
+        kept.clear();
+        for (row, truth) in here.iter().enumerate() {
+            let last = self.records.get(&truth.id).and_then(|it| it.identity);
+            let column = last.and_then(|last| targets.list.iter().position(|it| it.id == last));
+            kept.push(column.filter(|column| costs[row * columns + column] <= self.gate));
+        }
+        for (row, column) in kept.iter().enumerate() {
+            if let Some(column) = column {
+                costs[row * columns..(row + 1) * columns].fill(f64::INFINITY);
+                (0..rows).for_each(|row| costs[row * columns + column] = f64::INFINITY);
+            }
+        }
+        assignment::optimal(costs, rows, columns, self.gate, workspace, assigned);
+
+        let time_s = targets.time.as_s();
+        let mut n_matched = 0;
+        for (row, truth) in here.iter().enumerate() {
+            let Some(column) = kept[row].or(assigned[row]) else { continue };
+            let recovered = &targets.list[column];
+            n_matched += 1;
+            self.distances.add(distance(&truth.position, &recovered.position));
+            self.truth.cover(truth);
+            self.identify(truth.id, recovered.id, time_s);
+        }
+        self.messages += 1;
+        self.pairs += n_matched;
+        self.pairs_possible += rows as u64;
+        self.false_targets += n_far;
+        self.duplicates += (columns as u64).saturating_sub(n_far + n_matched);
+    }
+
+    /// True target `truth` was matched to `identity`.
+    fn identify(&mut self, truth: TargetId, identity: TargetId, time_s: f64) {
+        let Some(record) = self.records.get_mut(&truth) else { return };
+        record.born_s.get_or_insert(time_s);
+        let before = record.identity.replace(identity);
+        let owner = self.owners.insert(identity, truth);
+        if owner.is_some_and(|owner| owner != truth) {
+            self.swaps += 1;
+        } else if owner.is_none() && before.is_some() {
+            self.rebirths += 1;
+        }
+    }
+
+    /// Puts the figures into `report`; NaN where there was nothing to measure.
+    pub fn finish(&mut self, report: &mut Report) {
+        while let Some(targets) = self.waiting.pop_front() {
+            self.compare(&targets);
+        }
+        let share = |part: u64, whole: u64| if whole > 0 { part as f64 / whole as f64 } else { f64::NAN };
+        let n_true = self.records.len() as u64;
+        report.figure("error_mm.median", self.distances.percentile(50.0) * 1e3);
+        report.figure("error_mm.p95", self.distances.percentile(95.0) * 1e3);
+        report.figure("error_mm.rms", self.distances.rms() * 1e3);
+        report.figure("targets_true", n_true as f64);
+        report.figure("identities", self.owners.len() as f64);
+        report.figure("identities_per_target", share(self.owners.len() as u64, n_true));
+        report.figure("swaps", self.swaps as f64);
+        report.figure("rebirths", self.rebirths as f64);
+        report.figure("false_targets", share(self.false_targets, self.messages));
+        report.figure("duplicates", share(self.duplicates, self.messages));
+        report.figure("missed", 1.0 - share(self.pairs, self.pairs_possible));
+        let (covered, samples) = self.truth.finish();
+        report.figure("completeness", share(covered, samples));
+        let mut births: Vec<f64> =
+            self.records.values().filter_map(|it| Some((it.born_s? - it.appeared_s).max(0.0) * 1e3)).collect();
+        report.figure("targets_unborn", (n_true as usize - births.len()) as f64);
+        births.sort_by(f64::total_cmp);
+        let middle = births.len() / 2;
+        let median = match births.len() {
+            0 => f64::NAN,
+            odd if odd % 2 == 1 => births[middle],
+            _ => (births[middle - 1] + births[middle]) / 2.0,
+        };
+        report.figure("time_to_birth_ms.median", median);
+        report.figure("scored_messages", self.messages as f64);
+        report.figure("unscored_messages", self.unscored as f64);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_messages::{How, Target, Time};
+    use nalgebra::{Matrix6, Vector3};
+
+    use super::*;
+
+    fn target(id: u32, position: Point3<f64>, velocity: Vector3<f64>) -> Target {
+        let covariance = Matrix6::zeros();
+        Target { id: TargetId(id), position, velocity, covariance, cameras: Default::default(), how: How::Measured }
+    }
+
+    fn targets(time_s: f64, list: Vec<Target>) -> Arc<Targets> {
+        Arc::new(Targets { time: Time::from_s(time_s), list })
+    }
+
+    /// Two targets on circles of 0.5 m radius, 1 m/s, 2 m apart.
+    fn truth_at(time_s: f64) -> [(Point3<f64>, Vector3<f64>); 2] {
+        let (sine, cosine) = (2.0 * time_s).sin_cos();
+        let around = |x: f64| (Point3::new(x + 0.5 * cosine, 0.5 * sine, 1.0), Vector3::new(-sine, cosine, 0.0));
+        [around(0.0), around(2.0)]
+    }
+
+    /// Truth at 60 Hz for 2 s; every 7 ms whatever `recover` makes of the true positions.
+    fn figures(recover: impl Fn(f64, [Point3<f64>; 2]) -> Vec<Target>) -> BTreeMap<String, f64> {
+        let mut scorer = Scorer::new(0.1, 0.0);
+        let mut recovered = (0..286).map(|i| f64::from(i) * 0.007 + 0.0005).peekable();
+        for step in 0..=120 {
+            let time = f64::from(step) / 60.0;
+            // Recovered samples come before the truth that follows them.
+            while let Some(time) = recovered.next_if(|it| *it < time) {
+                scorer.recovered(targets(time, recover(time, truth_at(time).map(|it| it.0))));
+            }
+            let list = (0..).zip(truth_at(time)).map(|(id, (position, velocity))| target(id, position, velocity));
+            scorer.truth(targets(time, list.collect()));
+        }
+        let mut report = Report::default();
+        scorer.finish(&mut report);
+        report.figures
+    }
+
+    fn at(id: u32, position: Point3<f64>) -> Target {
+        target(id, position, Vector3::zeros())
+    }
+
+    #[test]
+    fn perfect_recovery_scores_perfectly() {
+        let found = figures(|_, [a, b]| vec![at(7, a), at(9, b)]);
+        for (name, value) in [
+            ("targets_true", 2.0),
+            ("identities", 2.0),
+            ("identities_per_target", 1.0),
+            ("swaps", 0.0),
+            ("rebirths", 0.0),
+            ("false_targets", 0.0),
+            ("duplicates", 0.0),
+            ("missed", 0.0),
+            ("completeness", 1.0),
+            ("targets_unborn", 0.0),
+            ("scored_messages", 286.0),
+            ("unscored_messages", 0.0),
+        ] {
+            assert_eq!(found[name], value, "{name}");
+        }
+        // What is left is the error of the interpolation and the width of a bin.
+        assert!(found["error_mm.p95"] < 0.02 && found["error_mm.rms"] < 1e-3, "{found:?}");
+        assert!((found["time_to_birth_ms.median"] - 0.5).abs() < 1e-6, "{found:?}");
+    }
+
+    #[test]
+    fn errors_are_distances_in_millimetres() {
+        let found = figures(|_, [a, b]| vec![at(1, a + Vector3::z() * 0.03), at(2, b + Vector3::x() * 0.01)]);
+        assert!((found["error_mm.median"] - 10.0).abs() < 0.02, "{found:?}");
+        assert!((found["error_mm.p95"] - 30.0).abs() < 0.02, "{found:?}");
+        assert!((found["error_mm.rms"] - 500.0_f64.sqrt()).abs() < 0.01, "{found:?}");
+    }
+
+    #[test]
+    fn what_is_false_missing_or_double_is_told_apart() {
+        let found = figures(|time, [a, _]| {
+            let seen = if time < 1.0 { vec![] } else { vec![at(1, a), at(2, a + Vector3::z() * 0.05)] };
+            [seen, vec![at(3, Point3::new(9.0, 9.0, 9.0))]].concat()
+        });
+        assert_eq!(found["false_targets"], 1.0);
+        assert!((found["duplicates"] - 0.5).abs() < 0.01, "{found:?}");
+        assert!((found["missed"] - 0.75).abs() < 0.01, "{found:?}");
+        assert!((found["completeness"] - 0.25).abs() < 0.01, "{found:?}");
+        assert_eq!((found["identities"], found["targets_unborn"]), (1.0, 1.0));
+        assert!((found["time_to_birth_ms.median"] - 1000.0).abs() < 8.0, "{found:?}");
+    }
+
+    #[test]
+    fn swapped_and_new_identities_are_counted_once_each() {
+        let found =
+            figures(|time, [a, b]| if time < 1.0 { vec![at(1, a), at(2, b)] } else { vec![at(2, a), at(1, b)] });
+        assert_eq!((found["swaps"], found["rebirths"], found["identities"]), (2.0, 0.0, 2.0));
+        let found = figures(|time, [a, b]| vec![at(if time < 1.0 { 1 } else { 3 }, a), at(2, b)]);
+        assert_eq!((found["swaps"], found["rebirths"], found["identities"]), (0.0, 1.0, 3.0));
+        assert_eq!(found["identities_per_target"], 1.5);
+    }
+
+    #[test]
+    fn nothing_recovered_is_nothing_complete() {
+        let mut scorer = Scorer::new(0.1, 0.0);
+        (0..10).for_each(|i| {
+            let [a, _] = truth_at(0.0);
+            scorer.truth(targets(f64::from(i) * 0.01, vec![target(0, a.0, a.1)]));
+        });
+        let mut report = Report::default();
+        scorer.finish(&mut report);
+        assert_eq!((report.figures["completeness"], report.figures["targets_unborn"]), (0.0, 1.0));
+        assert!(report.figures["error_mm.median"].is_nan() && report.figures["missed"].is_nan());
+    }
+
+    #[test]
+    fn what_the_truth_does_not_cover_is_not_scored() {
+        let mut scorer = Scorer::new(0.1, 1.0);
+        for time in [0.5, 1.2, 1.6] {
+            scorer.truth(targets(time, vec![at(0, Point3::origin())]));
+            scorer.recovered(targets(time, vec![at(5, Point3::origin())]));
+        }
+        scorer.recovered(targets(1.1, vec![]));
+        scorer.recovered(targets(1.7, vec![]));
+        let mut report = Report::default();
+        scorer.finish(&mut report);
+        assert_eq!((report.figures["scored_messages"], report.figures["unscored_messages"]), (2.0, 2.0));
+    }
+}
