@@ -1,1 +1,29 @@
-//! To be filled.
+//! Sources that read files: picture sequences, videos, 2D detections.
+//!
+//! | node | what it reads |
+//! |---|---|
+//! | [`capture.images`](images::Images) | a folder of JPEG or PNG pictures, numbered in their names |
+//! | [`capture.video`](video::Video) | a video file, decoded by an `ffmpeg` child process |
+//! | [`capture.detections`](detections::Detections) | 2D points of one or more cameras in a CSV file |
+//!
+//! What cannot be read is a counted gap at its own capture time, with a reason that names the file; a file or folder
+//! that gives nothing at all is refused before the run.
+
+mod decode;
+pub mod detections;
+mod detections_csv;
+mod ffmpeg;
+mod ffmpeg_words;
+pub mod images;
+mod listing;
+pub mod settings;
+pub mod video;
+
+use foveate::prelude::Registry;
+
+/// Makes the nodes of this plugin known.
+pub fn register(registry: &mut Registry) {
+    registry.add::<images::Images>();
+    registry.add::<video::Video>();
+    registry.add::<detections::Detections>();
+}

@@ -1,0 +1,208 @@
+//! `capture.detections`: 2D points of one camera out of a CSV file, as `export.features` writes it.
+//!
+//! The columns stand at [`DetectionsSettings::path`]. A row that cannot be read is a gap at its time with the file and the line,
+//! and the other points of that picture are given out all the same.
+
+use std::path::PathBuf;
+
+use foveate::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::detections_csv::{Table, Wanted};
+use crate::settings::camera_of;
+
+const FEATURES: Out<Features> = Out::new(0, "features");
+
+/// A file that begins later than this counts from another start than the session, such as 1970 [s].
+const LATEST_START_S: f64 = 1e6;
+
+/// Settings of [`Detections`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DetectionsSettings {
+    /// CSV file with a header: `time_s`, `camera`, `x_px`, `y_px`, perhaps `sigma_px`, `area_px`, `peak`, in any order; `#` begins a
+    /// comment; a row with empty `x_px` and `y_px` is a picture in which nothing was found. Each instance takes the
+    /// rows of its own camera [–]
+    pub path: String,
+    /// What the centre of the top-left pixel is called in the file: 0, or 1 as MATLAB does [px]
+    #[serde(default)]
+    #[schemars(range(min = 0, max = 1))]
+    pub pixel_origin: u8,
+    /// Standard deviation of either coordinate where the file gives none [px]
+    #[serde(default = "default_sigma_px")]
+    #[schemars(range(min = 0.001, max = 1000.0))]
+    pub sigma_px: f64,
+    /// Added to every time of the file; rows that come to lie before the start of the session are left out [s]
+    #[serde(default)]
+    #[schemars(range(min = -9000000000.0, max = 9000000000.0))]
+    pub start_s: f64,
+    /// How long after they were seen the points are delivered [ms]
+    #[serde(default)]
+    #[schemars(range(min = 0.0, max = 60000.0))]
+    pub latency_ms: f64,
+}
+
+fn default_sigma_px() -> f64 {
+    0.5
+}
+
+/// Points out, one message for each time of the camera.
+pub struct Detections {
+    table: Table,
+    next: usize,
+    before_start: usize,
+    start: Interval,
+    latency: Interval,
+    path: PathBuf,
+    instance: String,
+}
+
+impl Node for Detections {
+    const TYPE: &'static str = "capture.detections";
+    const ROLE: Role = Role::Source;
+    const SUMMARY: &'static str = "reads 2D points of one camera from a CSV file";
+    type Settings = DetectionsSettings;
+
+    fn ports() -> Ports {
+        Ports::new().output(&FEATURES)
+    }
+
+    fn new(settings: DetectionsSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        ConfigError::unless_in("pixel_origin", settings.pixel_origin, 0..=1)?;
+        ConfigError::unless_in("sigma_px", settings.sigma_px, 0.001..=1000.0)?;
+        ConfigError::unless_in("start_s", settings.start_s, -9e9..=9e9)?;
+        ConfigError::unless_in("latency_ms", settings.latency_ms, 0.0..=60_000.0)?;
+        let camera = camera_of(setup, Self::TYPE)?;
+        let Some(name) = setup.camera_name() else {
+            return Err(ConfigError::node(format_args!("the calibration has no camera number {}", camera.0)));
+        };
+        let path = setup.path("path", &settings.path)?;
+        let wanted = Wanted {
+            camera,
+            name,
+            size: setup.camera_model().map(|it| it.image_size),
+            origin: f64::from(settings.pixel_origin),
+            sigma: settings.sigma_px,
+        };
+        let table = Table::read(&path, &wanted).map_err(|fault| ConfigError::at("path", fault))?;
+        let start = Interval::from_s(settings.start_s);
+        let before_start = table.frames.iter().filter(|it| it.time + start < Time::ZERO).count();
+        if before_start == table.frames.len() {
+            let fault = format!("all times in `{}` lie before the start of the session; set start_s", path.display());
+            return Err(ConfigError::at("path", fault));
+        }
+        let first = table.frames[before_start].time + start;
+        if first > Time::from_s(LATEST_START_S) {
+            let fault = format!(
+                "`{}` begins at {first}; set start_s = {:.6} to begin there",
+                path.display(),
+                settings.start_s - first.as_s()
+            );
+            return Err(ConfigError::at("path", fault));
+        }
+        let latency = Interval::from_ms(settings.latency_ms);
+        Ok(Self { table, next: before_start, before_start, start, latency, path, instance: setup.instance.clone() })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let Some(frame) = self.table.frames.get_mut(self.next) else { return Ok(()) };
+        self.next += 1;
+        let time = frame.time + self.start;
+        for fault in &frame.faults {
+            io.gap(&FEATURES, time, format_args!("{}, {fault}", self.path.display()));
+        }
+        // Where no row could be read, it is not known whether anything was seen.
+        if frame.faults.is_empty() || !frame.features.list.is_empty() {
+            io.emit_at(&FEATURES, time, std::mem::take(&mut frame.features));
+        }
+        Ok(())
+    }
+
+    fn due(&mut self) -> Due {
+        match self.table.frames.get(self.next) {
+            Some(frame) => Due::At(frame.time + self.start + self.latency),
+            None => Due::Never,
+        }
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let (table, instance, path) = (&self.table, &self.instance, self.path.display());
+        let rows = |count: u64| if count == 1 { "1 row".to_owned() } else { format!("{count} rows") };
+        let faults =
+            table.faults.sentence(&format!("{instance} could not read {} of `{path}`", rows(table.faults.count())));
+        report.remarks.extend(faults);
+        if table.out_of_order > 0 {
+            let late = rows(table.out_of_order);
+            report.remark(format!("{instance} sorted `{path}` by time: {late} stood behind a later one"));
+        }
+        if !table.unknown_columns.is_empty() {
+            report.remark(format!("{instance} passed over columns of `{path}`: {}", table.unknown_columns.join(", ")));
+        }
+        if self.before_start > 0 {
+            report.remark(format!(
+                "{instance} left out {} pictures of `{path}` before the start of the session",
+                self.before_start
+            ));
+        }
+        Ok(())
+    }
+
+    fn plan(settings: &DetectionsSettings) -> Plan {
+        Plan { rate_hz: None, latency_s: settings.latency_ms * 1e-3 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::tests::setup_with_camera;
+
+    fn settings(path: &str) -> DetectionsSettings {
+        DetectionsSettings { path: path.to_owned(), pixel_origin: 0, sigma_px: 0.5, start_s: 0.0, latency_ms: 5.0 }
+    }
+
+    fn node_of(text: &str, start_s: f64) -> Result<Detections, ConfigError> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("points.csv");
+        std::fs::write(&path, text).unwrap();
+        let settings = DetectionsSettings { start_s, ..settings(path.to_str().unwrap()) };
+        Detections::new(settings, &setup_with_camera([640, 480]))
+    }
+
+    #[test]
+    fn node_keeps_its_promises() {
+        foveate_testkit::check_node::<Detections>("path = \"points.csv\"");
+    }
+
+    #[test]
+    fn frames_are_due_at_their_times() {
+        let mut node = node_of("time_s,camera,x_px,y_px\n0.1,ring-1,1,2\n0.2,ring-2,1,2\n0.3,ring-1,,\n", 0.0).unwrap();
+        assert_eq!(node.due(), Due::At(Time::from_s(0.105)));
+        node.next += 1;
+        assert_eq!(node.due(), Due::At(Time::from_s(0.305)));
+        node.next += 1;
+        assert_eq!(node.due(), Due::Never);
+    }
+
+    #[test]
+    fn times_can_be_moved_to_the_start_of_the_session() {
+        let text = "time_s,camera,x_px,y_px\n1600000000.5,ring-1,1,2\n";
+        let refused = node_of(text, 0.0).map(|_| ()).unwrap_err();
+        assert!(refused.message.ends_with("set start_s = -1600000000.500000 to begin there"), "{refused}");
+        assert_eq!(node_of(text, -1_600_000_000.5).unwrap().due(), Due::At(Time::from_s(0.005)));
+        let mut node = node_of("time_s,camera,x_px,y_px\n99,ring-1,1,2\n100.5,ring-1,1,2\n", -100.0).unwrap();
+        assert_eq!(node.due(), Due::At(Time::from_s(0.505)));
+        let mut report = Report::default();
+        node.finish(&mut report).unwrap();
+        assert!(report.remarks[0].contains("left out 1"), "{:?}", report.remarks);
+    }
+
+    #[test]
+    fn unusable_files_point_at_the_setting() {
+        let refused = node_of("nonsense", 0.0).map(|_| ()).unwrap_err();
+        assert_eq!(refused.setting.as_deref(), Some("path"));
+        let missing = Detections::new(settings("/no/such/file.csv"), &setup_with_camera([640, 480])).map(|_| ());
+        assert!(missing.unwrap_err().message.contains("/no/such/file.csv"));
+    }
+}

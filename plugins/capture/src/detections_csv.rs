@@ -1,0 +1,385 @@
+//! The table of 2D detections: a header, then one line a point.
+//!
+//! | column | meaning | unit |
+//! |---|---|---|
+//! | `time_s` | capture time | s |
+//! | `camera` | name in the calibration | – |
+//! | `x_px`, `y_px` | the point in raw pixels; both empty: a picture in which nothing was found | px |
+//! | `sigma_px` | standard deviation of either coordinate; may be left out | px |
+//! | `area_px` | pixels that belong to the point; may be left out | px² |
+//! | `peak` | its brightest pixel, 0 to 255; may be left out | gray level |
+//!
+//! Columns in any order, others are passed over; lines that begin with `#` are comments; fields hold no commas.
+
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+
+use foveate::prelude::*;
+use nalgebra::{Matrix2, Point2};
+
+use crate::settings::Reasons;
+
+/// Lines longer than this are no lines of a table [bytes].
+const LINE_LIMIT: u64 = 4096;
+/// Times beyond this are mistakes, such as milliseconds since 1970; seconds since 1970 lie below it [s].
+const TIME_LIMIT_S: f64 = 9e9;
+
+/// Whose rows to keep, and how to read them.
+#[derive(Debug, Clone)]
+pub(crate) struct Wanted<'a> {
+    pub(crate) camera: CameraId,
+    pub(crate) name: &'a str,
+    /// Columns, rows of its pictures [px]; points more than a pixel outside are refused.
+    pub(crate) size: Option<[u32; 2]>,
+    /// What the centre of the top-left pixel is called in the file [px].
+    pub(crate) origin: f64,
+    /// Where the file gives none [px].
+    pub(crate) sigma: f64,
+}
+
+/// One picture's worth of rows.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Frame {
+    pub(crate) time: Time,
+    pub(crate) features: Features,
+    /// Rows of this picture that could not be read, as `line 7: …`.
+    pub(crate) faults: Vec<String>,
+}
+
+/// All that a file says about one camera.
+#[derive(Debug, Default)]
+pub(crate) struct Table {
+    /// Ascending by time, one for each time.
+    pub(crate) frames: Vec<Frame>,
+    /// Unreadable rows, those of [`Frame::faults`] included.
+    pub(crate) faults: Reasons,
+    /// Rows of this camera that lay behind a later one.
+    pub(crate) out_of_order: u64,
+    /// Columns that were passed over.
+    pub(crate) unknown_columns: Vec<String>,
+}
+
+/// Places of the columns.
+#[derive(Debug, Clone, Copy)]
+struct Columns {
+    time: usize,
+    camera: usize,
+    x: usize,
+    y: usize,
+    sigma: Option<usize>,
+    area: Option<usize>,
+    peak: Option<usize>,
+}
+
+impl Columns {
+    fn of(header: &str) -> Result<(Self, Vec<String>), String> {
+        let names: Vec<&str> = header.split(',').map(unquoted).collect();
+        let place = |name: &str| names.iter().position(|it| *it == name);
+        let required = |name: &str| {
+            place(name).ok_or_else(|| {
+                let found = header.chars().take(80).collect::<String>();
+                format!("the header lacks `{name}`: found `{found}`, expected `time_s,camera,x_px,y_px` and perhaps `sigma_px,area_px,peak`")
+            })
+        };
+        let columns = Self {
+            time: required("time_s")?,
+            camera: required("camera")?,
+            x: required("x_px")?,
+            y: required("y_px")?,
+            sigma: place("sigma_px"),
+            area: place("area_px"),
+            peak: place("peak"),
+        };
+        let known = ["time_s", "camera", "x_px", "y_px", "sigma_px", "area_px", "peak"];
+        if let Some(twice) = known.iter().find(|name| names.iter().filter(|it| it == name).count() > 1) {
+            return Err(format!("the header names `{twice}` twice"));
+        }
+        let unknown = names.iter().filter(|it| !known.contains(it)).map(|it| (*it).to_owned()).collect();
+        Ok((columns, unknown))
+    }
+}
+
+impl Table {
+    /// Reads `path`, keeping the rows of one camera.
+    ///
+    /// # Errors
+    /// A sentence when nothing can be made of the file: no such file, no header, no readable row, not one row of the camera.
+    pub(crate) fn read(path: &Path, wanted: &Wanted<'_>) -> Result<Self, String> {
+        let file = File::open(path).map_err(|error| format!("`{}` cannot be opened: {error}", path.display()))?;
+        Self::parse(BufReader::new(file), wanted).map_err(|fault| format!("`{}`: {fault}", path.display()))
+    }
+
+    fn parse(mut reader: impl BufRead, wanted: &Wanted<'_>) -> Result<Self, String> {
+        let mut table = Table::default();
+        let mut columns: Option<Columns> = None;
+        let mut cameras: BTreeSet<String> = BTreeSet::new();
+        let mut rows: Vec<Row> = Vec::new();
+        let mut bytes = Vec::new();
+        for number in 1_u64.. {
+            bytes.clear();
+            let length = Read::take(&mut reader, LINE_LIMIT)
+                .read_until(b'\n', &mut bytes)
+                .map_err(|error| format!("line {number} cannot be read: {error}"))?;
+            if length == 0 {
+                break;
+            }
+            if length as u64 == LINE_LIMIT {
+                return Err(format!("line {number} is longer than {LINE_LIMIT} bytes, so this is no such table"));
+            }
+            let Ok(line) = std::str::from_utf8(&bytes) else {
+                if columns.is_none() {
+                    return Err(format!("line {number} is not UTF-8 text, so this is no such table"));
+                }
+                table.faults.add(format!("line {number}: not UTF-8 text"));
+                continue;
+            };
+            let line = line.trim_start_matches('\u{feff}').trim();
+            if line.is_empty() || line.starts_with('#') {
+                continue;
+            }
+            let Some(columns) = columns else {
+                let (found, unknown) = Columns::of(line)?;
+                columns = Some(found);
+                table.unknown_columns = unknown;
+                continue;
+            };
+            let fields: Vec<&str> = line.split(',').map(unquoted).collect();
+            let camera = fields.get(columns.camera).copied().unwrap_or_default();
+            if camera != wanted.name {
+                if cameras.len() < 64 {
+                    cameras.insert(camera.to_owned());
+                }
+                if fields.len() <= columns.camera {
+                    table.faults.add(format!(
+                        "line {number}: {} fields, and `camera` is the {}th",
+                        fields.len(),
+                        columns.camera + 1
+                    ));
+                }
+                continue;
+            }
+            match Row::of(&fields, columns, wanted) {
+                Ok(row) => rows.push(row.at(number)),
+                Err(Unreadable { time, fault }) => {
+                    let fault = format!("line {number}: {fault}");
+                    table.faults.add(fault.as_str());
+                    if let Some(time) = time {
+                        rows.push(Row { time, point: Err(fault), line: number });
+                    }
+                }
+            }
+        }
+        if columns.is_none() {
+            return Err("is empty: expected a header `time_s,camera,x_px,y_px`".to_owned());
+        }
+        table.collect(rows, wanted.camera);
+        let has_content = table.frames.iter().any(|it| it.faults.is_empty() || !it.features.list.is_empty());
+        match table.faults.sentence("no row can be used") {
+            _ if has_content => Ok(table),
+            Some(sentence) => Err(sentence),
+            None if cameras.is_empty() => Err("holds a header and no rows".to_owned()),
+            None => {
+                let names: Vec<String> = cameras.into_iter().map(|it| format!("`{it}`")).collect();
+                Err(format!("holds no row of camera `{}`; it has rows of {}", wanted.name, names.join(", ")))
+            }
+        }
+    }
+
+    /// Rows of one time become one frame, in the order of the file.
+    fn collect(&mut self, mut rows: Vec<Row>, camera: CameraId) {
+        let mut latest = Time(i64::MIN);
+        for row in &rows {
+            self.out_of_order += u64::from(row.time < latest);
+            latest = latest.max(row.time);
+        }
+        rows.sort_by_key(|row| (row.time, row.line));
+        for row in rows {
+            if self.frames.last().is_none_or(|it| it.time != row.time) {
+                let features = Features { camera, list: Vec::new() };
+                self.frames.push(Frame { time: row.time, features, faults: Vec::new() });
+            }
+            let Some(frame) = self.frames.last_mut() else { unreachable!("one was pushed above") };
+            match row.point {
+                Ok(Some(feature)) => frame.features.list.push(feature),
+                Ok(None) => {}
+                Err(fault) => frame.faults.push(fault),
+            }
+        }
+    }
+}
+
+/// One line.
+struct Row {
+    time: Time,
+    /// `None`: nothing was found at this time.
+    point: Result<Option<Feature>, String>,
+    line: u64,
+}
+
+/// What is wrong with a row, and its time where that is known.
+struct Unreadable {
+    time: Option<Time>,
+    fault: String,
+}
+
+impl Row {
+    fn at(self, line: u64) -> Self {
+        Self { line, ..self }
+    }
+
+    fn of(fields: &[&str], columns: Columns, wanted: &Wanted<'_>) -> Result<Self, Unreadable> {
+        let seconds = number(fields, columns.time, "time_s").map_err(|fault| Unreadable { time: None, fault })?;
+        let Some(seconds) = seconds.filter(|it| it.abs() <= TIME_LIMIT_S) else {
+            return Err(Unreadable {
+                time: None,
+                fault: format!("time_s is {}, expected seconds", field(fields, columns.time)),
+            });
+        };
+        let time = Time::from_s(seconds);
+        let point = Self::point(fields, columns, wanted).map_err(|fault| Unreadable { time: Some(time), fault })?;
+        Ok(Self { time, point: Ok(point), line: 0 })
+    }
+
+    fn point(fields: &[&str], columns: Columns, wanted: &Wanted<'_>) -> Result<Option<Feature>, String> {
+        let (x, y) = match (number(fields, columns.x, "x_px")?, number(fields, columns.y, "y_px")?) {
+            (Some(x), Some(y)) => (x - wanted.origin, y - wanted.origin),
+            (None, None) => return Ok(None),
+            (Some(_), None) => return Err("y_px is empty and x_px is not".to_owned()),
+            (None, Some(_)) => return Err("x_px is empty and y_px is not".to_owned()),
+        };
+        if let Some([width, height]) = wanted.size {
+            let inside = |value: f64, size: u32| (-1.5..f64::from(size) + 0.5).contains(&value);
+            if !inside(x, width) || !inside(y, height) {
+                return Err(format!("({x}, {y}) px lies outside the picture of {width} x {height} px"));
+            }
+        }
+        let optional = |column: Option<usize>, name: &str| column.map_or(Ok(None), |it| number(fields, it, name));
+        let sigma = optional(columns.sigma, "sigma_px")?.unwrap_or(wanted.sigma);
+        if !(sigma > 0.0 && sigma <= 1e4) {
+            return Err(format!("sigma_px is {sigma}, expected more than 0"));
+        }
+        let area = optional(columns.area, "area_px")?.unwrap_or(0.0);
+        if !(0.0..=f64::from(u32::MAX)).contains(&area) {
+            return Err(format!("area_px is {area}, expected 0 or more"));
+        }
+        let peak = optional(columns.peak, "peak")?.unwrap_or(0.0);
+        if !(0.0..=255.0).contains(&peak) {
+            return Err(format!("peak is {peak}, expected 0 to 255"));
+        }
+        Ok(Some(Feature {
+            centre: Point2::new(x, y),
+            covariance: Matrix2::identity() * (sigma * sigma),
+            area: area.round() as u32,
+            peak: peak.round() as u8,
+        }))
+    }
+}
+
+fn field<'f>(fields: &[&'f str], column: usize) -> &'f str {
+    fields.get(column).copied().unwrap_or_default()
+}
+
+/// A finite number; `None` where the field is empty or the row is short.
+fn number(fields: &[&str], column: usize, name: &str) -> Result<Option<f64>, String> {
+    let text = field(fields, column);
+    if text.is_empty() {
+        return Ok(None);
+    }
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(Some(value)),
+        _ => Err(format!("{name} is `{}`, expected a number", text.chars().take(40).collect::<String>())),
+    }
+}
+
+fn unquoted(field: &str) -> &str {
+    let field = field.trim();
+    field.strip_prefix('"').and_then(|it| it.strip_suffix('"')).unwrap_or(field)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wanted() -> Wanted<'static> {
+        Wanted { camera: CameraId(2), name: "b", size: Some([640, 480]), origin: 0.0, sigma: 0.5 }
+    }
+
+    #[track_caller]
+    fn parse(text: &str) -> Result<Table, String> {
+        Table::parse(text.as_bytes(), &wanted())
+    }
+
+    #[test]
+    fn rows_of_one_camera_and_time_are_one_frame() {
+        let table = parse("x_px,y_px,camera,time_s\n1,2,b,0.5\n9,9,a,0.5\n3,4,b,0.5\n,,b,0.6\n5,6,b,0.7\n").unwrap();
+        let counts: Vec<usize> = table.frames.iter().map(|it| it.features.list.len()).collect();
+        assert_eq!(counts, [2, 0, 1]);
+        assert_eq!(table.frames[0].time, Time::from_s(0.5));
+        assert_eq!(table.frames[0].features.list[1].centre, Point2::new(3.0, 4.0));
+        assert_eq!(table.frames[0].features.camera, CameraId(2));
+        assert_eq!((table.faults.count(), table.out_of_order), (0, 0));
+    }
+
+    #[test]
+    fn quality_columns_are_read_and_have_defaults() {
+        let table = parse(
+            "\u{feff}time_s,camera,x_px,y_px,sigma_px,area_px,peak\r\n# tea\r\n0,\"b\",1,2,0.1,12,200\r\n1,b,1,2\r\n",
+        )
+        .unwrap();
+        let list: Vec<&Feature> = table.frames.iter().map(|it| &it.features.list[0]).collect();
+        assert!((list[0].covariance - Matrix2::identity() * 0.01).norm() < 1e-12);
+        assert_eq!((list[0].area, list[0].peak), (12, 200));
+        assert_eq!((list[1].covariance, list[1].area, list[1].peak), (Matrix2::identity() * 0.25, 0, 0));
+    }
+
+    #[test]
+    fn pixels_that_count_from_one_are_moved() {
+        let table =
+            Table::parse(&b"time_s,camera,x_px,y_px\n0,b,1,1\n"[..], &Wanted { origin: 1.0, ..wanted() }).unwrap();
+        assert_eq!(table.frames[0].features.list[0].centre, Point2::new(0.0, 0.0));
+    }
+
+    #[test]
+    fn bad_rows_are_named_by_line_and_the_others_are_kept() {
+        let text = "time_s,camera,x_px,y_px,peak\n0,b,1,2,\n0,b,abc,2,\n1,b,NaN,2,\nx,b,1,2,\n2,b,700,2,\n3,b,1,,\n4,b,1,2,300\n5\n6,b,1,2,\n";
+        let table = parse(text).unwrap();
+        assert_eq!(table.faults.count(), 7);
+        let faults: Vec<&String> = table.frames.iter().flat_map(|it| &it.faults).collect();
+        for (found, expected) in faults.iter().zip([
+            "line 3: x_px is `abc`",
+            "line 4: x_px is `NaN`",
+            "line 6: (700",
+            "line 7: y_px",
+            "line 8: peak",
+        ]) {
+            assert!(found.starts_with(expected), "{found} for {expected}");
+        }
+        assert_eq!(faults.len(), 5);
+        assert_eq!(table.frames.iter().map(|it| it.features.list.len()).sum::<usize>(), 2);
+    }
+
+    #[test]
+    fn rows_out_of_order_are_sorted_and_counted() {
+        let table = parse("time_s,camera,x_px,y_px\n2,b,1,2\n1,b,3,4\n2,b,5,6\n").unwrap();
+        assert_eq!(table.out_of_order, 1);
+        let times: Vec<f64> = table.frames.iter().map(|it| it.time.as_s()).collect();
+        assert_eq!(times, [1.0, 2.0]);
+        assert_eq!(table.frames[1].features.list.len(), 2);
+    }
+
+    #[test]
+    fn unusable_files_are_refused_with_the_reason() {
+        let refused = |text: &str| parse(text).map(|_| ()).unwrap_err();
+        assert!(refused("").contains("empty"));
+        assert!(refused("1,2,3,4\n").contains("lacks `time_s`"));
+        assert!(refused("time_s;camera;x_px;y_px\n").contains("lacks `time_s`"));
+        assert!(refused("time_s,camera,x_px,y_px,time_s\n").contains("twice"));
+        assert!(refused("time_s,camera,x_px,y_px\n").contains("no rows"));
+        assert!(refused("time_s,camera,x_px,y_px\n0,a,1,2\n0,c,1,2\n").contains("`a`, `c`"));
+        assert!(refused("time_s,camera,x_px,y_px\n0,b,e,2\n").contains("line 2: x_px is `e`"));
+        assert!(refused(&"x".repeat(9000)).contains("longer"));
+        assert!(Table::parse(&[0xff, 0xd8, 0xff][..], &wanted()).map(|_| ()).unwrap_err().contains("UTF-8"));
+    }
+}

@@ -1,0 +1,304 @@
+//! `capture.images`: a folder of numbered pictures, one camera.
+//!
+//! Frame k is seen at `start_s` + k / `rate_hz`, where k is the number in the file's name less the smallest number in the
+//! folder (or less `first_number`). Cameras whose folders begin with the same number so share their times, and a number
+//! that is missing is a gap at its own time. A picture that cannot be used (truncated, corrupt, empty, of another size
+//! than the calibration or the first good picture says) is a gap too, and the run goes on.
+
+use foveate::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::decode::Decoder;
+use crate::listing::Listing;
+pub use crate::listing::Numbering;
+use crate::settings::{Format, Reasons, camera_of, frame_time};
+
+const IMAGE: Out<Image> = Out::new(0, "image");
+
+/// Settings of [`Images`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ImagesSettings {
+    /// Folder of the pictures (`*.jpg`, `*.jpeg`, `*.png`), or a folder and a pattern with `*` and `?` as in
+    /// `shots/{camera}/*.png`; `{camera}` is the camera's name, `${NAME}` an environment variable [–]
+    pub path: String,
+    /// Pictures a second, by which the numbers become times [Hz]
+    #[schemars(range(min = 0.001, max = 100000.0))]
+    pub rate_hz: f64,
+    /// Session time of the first frame, for cameras that began later than others [s]
+    #[serde(default)]
+    #[schemars(range(min = 0.0, max = 1000000.0))]
+    pub start_s: f64,
+    /// What the pictures are decoded to [–]
+    #[serde(default)]
+    pub format: Format,
+    /// How long after it was seen a picture is delivered, as a real camera would take [ms]
+    #[serde(default)]
+    #[schemars(range(min = 0.0, max = 60000.0))]
+    pub latency_ms: f64,
+    /// What says which frame a file is: the number in its `name`, or its place in the `order` of names [–]
+    #[serde(default)]
+    pub numbering: Numbering,
+    /// Number of the frame that is seen at `start_s`; left out: the smallest number of the folder. Files below it are left out [–]
+    #[serde(default)]
+    pub first_number: Option<u64>,
+}
+
+impl ImagesSettings {
+    fn check(&self) -> Result<(), ConfigError> {
+        ConfigError::unless_in("rate_hz", self.rate_hz, 0.001..=100_000.0)?;
+        ConfigError::unless_in("start_s", self.start_s, 0.0..=1e6)?;
+        ConfigError::unless_in("latency_ms", self.latency_ms, 0.0..=60_000.0)
+    }
+}
+
+/// Pictures out, in the order of their numbers.
+pub struct Images {
+    settings: ImagesSettings,
+    sequence: Sequence,
+    pool: Pool<Image>,
+    instance: String,
+}
+
+/// What the next frame of a sequence turned out to be.
+#[derive(Debug)]
+enum Next {
+    Picture,
+    Gap(String),
+}
+
+/// The frames of a folder, one after the other.
+struct Sequence {
+    camera: CameraId,
+    format: Format,
+    listing: Listing,
+    /// Place in the listing of the next file.
+    next_file: usize,
+    /// Index of the next frame, present or not.
+    next_index: u64,
+    /// Columns, rows that every picture must have [px]; unknown until the first good picture where there is no calibration.
+    size: Option<[u32; 2]>,
+    decoder: Decoder,
+    missing: u64,
+    unusable: Reasons,
+}
+
+impl Sequence {
+    fn is_over(&self) -> bool {
+        self.next_index >= self.listing.length()
+    }
+
+    /// Decodes the next frame into `image`, or says why there is none; steps on either way.
+    fn read_next(&mut self, image: &mut Image) -> Next {
+        let index = self.next_index;
+        self.next_index += 1;
+        let Some(frame) = self.listing.frames.get(self.next_file).filter(|it| it.index == index) else {
+            self.missing += 1;
+            return Next::Gap(format!("no file for frame {index}"));
+        };
+        self.next_file += 1;
+        match self.decoder.read(&frame.path, self.format, self.size, image) {
+            Ok(()) => {
+                self.size = Some([image.width, image.height]);
+                image.camera = self.camera;
+                Next::Picture
+            }
+            Err(fault) => {
+                let reason = format!("`{}` {fault}", frame.path.display());
+                self.unusable.add(reason.as_str());
+                Next::Gap(reason)
+            }
+        }
+    }
+}
+
+impl Node for Images {
+    const TYPE: &'static str = "capture.images";
+    const ROLE: Role = Role::Source;
+    const SUMMARY: &'static str = "reads numbered JPEG or PNG pictures of one camera from a folder";
+    type Settings = ImagesSettings;
+
+    fn ports() -> Ports {
+        Ports::new().output(&IMAGE)
+    }
+
+    fn new(settings: ImagesSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        settings.check()?;
+        let camera = camera_of(setup, Self::TYPE)?;
+        let path = setup.path("path", &settings.path)?;
+        let listing = Listing::of(&path, settings.numbering, settings.first_number)
+            .map_err(|fault| ConfigError::at("path", fault))?;
+        let sequence = Sequence {
+            camera,
+            format: settings.format,
+            listing,
+            next_file: 0,
+            next_index: 0,
+            size: setup.camera_model().map(|it| it.image_size),
+            decoder: Decoder::default(),
+            missing: 0,
+            unusable: Reasons::default(),
+        };
+        Ok(Self { settings, sequence, pool: Pool::default(), instance: setup.instance.clone() })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let time = frame_time(self.settings.start_s, self.settings.rate_hz, self.sequence.next_index);
+        let mut image = self.pool.take(Image::default);
+        match self.sequence.read_next(&mut image) {
+            Next::Picture => io.emit_at(&IMAGE, time, self.pool.share(image)),
+            Next::Gap(reason) => {
+                drop(self.pool.share(image));
+                io.gap(&IMAGE, time, reason);
+            }
+        }
+        Ok(())
+    }
+
+    fn due(&mut self) -> Due {
+        if self.sequence.is_over() {
+            return Due::Never;
+        }
+        let time = frame_time(self.settings.start_s, self.settings.rate_hz, self.sequence.next_index);
+        Due::At(time + Interval::from_ms(self.settings.latency_ms))
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let (sequence, instance) = (&self.sequence, &self.instance);
+        if let Some(sentence) =
+            sequence.unusable.sentence(&format!("{instance} could not use {}", pictures(sequence.unusable.count())))
+        {
+            report.remark(sentence);
+        }
+        if sequence.missing > 0 {
+            report
+                .remark(format!("{instance} found no file for {} of {} frames", sequence.missing, sequence.next_index));
+        }
+        if sequence.listing.before_first > 0 {
+            report.remark(format!(
+                "{instance} left out {} before first_number",
+                pictures(sequence.listing.before_first as u64)
+            ));
+        }
+        Ok(())
+    }
+
+    fn plan(settings: &ImagesSettings) -> Plan {
+        Plan { rate_hz: Some(settings.rate_hz), latency_s: settings.latency_ms * 1e-3 }
+    }
+}
+
+fn pictures(count: u64) -> String {
+    if count == 1 { "1 picture".to_owned() } else { format!("{count} pictures") }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+    use crate::decode::tests::jpeg;
+    use crate::settings::tests::setup_with_camera;
+
+    fn settings(path: &str) -> ImagesSettings {
+        ImagesSettings {
+            path: path.to_owned(),
+            rate_hz: 20.0,
+            start_s: 0.0,
+            format: Format::Gray,
+            latency_ms: 30.0,
+            numbering: Numbering::Name,
+            first_number: None,
+        }
+    }
+
+    #[test]
+    fn node_keeps_its_promises() {
+        foveate_testkit::check_node::<Images>("path = \"shots\"\nrate_hz = 60.0\nfirst_number = 3");
+    }
+
+    #[test]
+    fn good_pictures_come_out_and_each_fault_is_a_gap_that_names_its_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let whole = jpeg(64, 48);
+        let write = |name: &str, bytes: &[u8]| fs::write(folder.path().join(name), bytes).unwrap();
+        write("a_007.jpg", &whole);
+        write("a_008.jpg", &whole[..whole.len() / 2]);
+        write("a_010.jpg", b"");
+        write("a_011.jpg", b"hello");
+        write("a_012.jpg", &jpeg(32, 48));
+        write("a_013.jpg", &whole);
+        let mut node = Images::new(settings(folder.path().to_str().unwrap()), &setup_with_camera([64, 48])).unwrap();
+        let mut image = Image::default();
+        let mut seen = Vec::new();
+        while node.due() != Due::Never {
+            seen.push(match node.sequence.read_next(&mut image) {
+                Next::Picture => format!("{} x {}", image.width, image.height),
+                Next::Gap(reason) => reason,
+            });
+        }
+        let expected = [
+            "64 x 48",
+            "a_008.jpg` is a truncated",
+            "frame 2",
+            "a_010.jpg` is empty",
+            "`hello`",
+            "32 x 48 px, expected 64 x 48",
+            "64 x 48",
+        ];
+        assert_eq!(seen.len(), expected.len());
+        for (found, expected) in seen.iter().zip(expected) {
+            assert!(found.contains(expected), "{found} lacks {expected}");
+        }
+        let mut report = Report::default();
+        node.finish(&mut report).unwrap();
+        assert!(
+            report.remarks[0].contains("4 pictures") && report.remarks[0].contains("and 1 more"),
+            "{:?}",
+            report.remarks
+        );
+        assert!(report.remarks[1].contains("1 of 7 frames"), "{:?}", report.remarks);
+    }
+
+    #[test]
+    fn pictures_are_due_when_they_would_arrive() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("3.jpg"), jpeg(16, 16)).unwrap();
+        fs::write(folder.path().join("4.jpg"), jpeg(16, 16)).unwrap();
+        let mut node = Images::new(settings(folder.path().to_str().unwrap()), &setup_with_camera([16, 16])).unwrap();
+        assert_eq!(node.due(), Due::At(Time::from_s(0.03)));
+        node.sequence.read_next(&mut Image::default());
+        assert_eq!(node.due(), Due::At(Time::from_s(0.08)));
+    }
+
+    #[test]
+    fn what_cannot_run_is_refused_before_a_run() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut setup = setup_with_camera([16, 16]);
+        setup.purpose = Purpose::Check;
+        let refused = |settings: ImagesSettings, setup: &Setup| Images::new(settings, setup).map(|_| ()).unwrap_err();
+        let path = folder.path().to_str().unwrap();
+        let empty = refused(settings(path), &setup);
+        assert_eq!(empty.setting.as_deref(), Some("path"));
+        assert!(empty.message.contains(path), "{empty}");
+        let still = refused(ImagesSettings { rate_hz: -1.0, ..settings(path) }, &setup);
+        assert_eq!(still.setting.as_deref(), Some("rate_hz"));
+        setup.camera = None;
+        assert!(refused(settings(path), &setup).message.contains("each"));
+    }
+
+    #[test]
+    fn real_recording_is_read_without_a_gap() {
+        let test = "capture.images on a real recording";
+        let Some(folder) = foveate_testkit::data_dir_or_skip(test, "s01_arctic_laser_4cam/arctic1") else { return };
+        let pattern = folder.join("*.jpg");
+        let mut node = Images::new(settings(pattern.to_str().unwrap()), &setup_with_camera([640, 480])).unwrap();
+        assert_eq!(node.sequence.listing.length(), 500);
+        let mut image = Image::default();
+        for _ in 0..3 {
+            let next = node.sequence.read_next(&mut image);
+            assert!(matches!(next, Next::Picture), "{next:?}");
+        }
+    }
+}
