@@ -1,5 +1,7 @@
 //! A rig after all checks: node instances in the order of their schedule, and the edges between them.
 
+mod picture;
+
 use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -8,6 +10,7 @@ use foveate_messages::{CameraId, Interval, Time};
 use foveate_scene::calibration::Calibration;
 
 use crate::registry::{NodeType, Settings};
+use crate::rig::Faults;
 use crate::setup::{Purpose, Setup};
 
 /// A checked rig, ready to run.
@@ -30,6 +33,8 @@ pub struct Graph {
     pub edges: Vec<Edge>,
     /// The rig with all defaults filled in: TOML that can be run again.
     pub resolved: String,
+    /// What is probably not as meant.
+    pub warnings: Faults,
 }
 
 /// A named subgraph with its own space.

@@ -1,1 +1,220 @@
-//! TOML to a checked graph.
+//! TOML to a checked graph: every fault of a rig in one run, each with its place, or a [`Graph`] that can run.
+//!
+//! The steps, each going on as far as it can past what the earlier ones found:
+//!
+//! | step | file |
+//! |---|---|
+//! | text → tables with the place of every word | `read`, `node_text`, `value` |
+//! | scales in order | `scales` |
+//! | each node alone: type, settings against their schema, cameras, made once on trial | `nodes`, `settings`, `expected` |
+//! | references looked up, messages, spaces and cameras compared, edges | `lookup`, `reference`, `wire` |
+//! | cycles, then the schedule | `order`, `finish` |
+//! | requirements against the plan | `promise` |
+//! | the rig with every default filled in | `resolved` |
+
+mod expected;
+mod fault;
+mod finish;
+mod lookup;
+mod names;
+mod node_text;
+mod nodes;
+mod order;
+mod promise;
+mod read;
+mod reference;
+mod render;
+mod resolved;
+mod scales;
+mod schema;
+mod settings;
+mod value;
+mod wire;
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use foveate_scene::calibration::Calibration;
+use toml::de::DeTable;
+
+pub use expected::unit_of;
+pub use fault::{Fault, Faults, Severity, Span};
+pub use schema::schema;
+
+use crate::graph::Graph;
+use crate::registry::Registry;
+use crate::setup::{expand_path, no_cameras};
+use fault::Findings;
+use nodes::{ScaleView, Surroundings};
+use read::RigText;
+
+/// Longest rig [bytes].
+pub const MAX_BYTES: u64 = 16 << 20;
+
+/// What the command line says in place of the rig.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Overrides {
+    /// In place of `[rig] seed`.
+    pub seed: Option<u64>,
+    /// In place of `[rig] duration_s` [s].
+    pub duration_s: Option<f64>,
+}
+
+/// The one of `known` that was probably meant by `found`, if one is near.
+pub fn closest<'n>(found: &str, known: impl IntoIterator<Item = &'n str>) -> Option<&'n str> {
+    names::likely(found, known)
+}
+
+/// Reads and checks the rig in a file.
+///
+/// # Errors
+/// Everything that is wrong with it, or that it cannot be read, is not UTF-8 or is longer than [`MAX_BYTES`].
+pub fn load_file(path: &Path, registry: &Registry, overrides: &Overrides) -> Result<Graph, Faults> {
+    let text = read_text(path)?;
+    load(&text, path, registry, overrides)
+}
+
+/// Checks the rig `text`; `path` is where it came from: it stands in messages, and relative paths start at its folder.
+///
+/// # Errors
+/// Everything that is wrong with it.
+pub fn load(text: &str, path: &Path, registry: &Registry, overrides: &Overrides) -> Result<Graph, Faults> {
+    let mut findings = Findings::default();
+    let graph = check(text, path, registry, overrides, &mut findings);
+    let faults = findings.into_faults(text, path);
+    match graph {
+        Some(graph) if faults.n_faults() == 0 => Ok(Graph { warnings: faults, ..graph }),
+        _ => Err(faults),
+    }
+}
+
+fn check(
+    text: &str,
+    path: &Path,
+    registry: &Registry,
+    overrides: &Overrides,
+    findings: &mut Findings,
+) -> Option<Graph> {
+    if text.len() as u64 > MAX_BYTES {
+        let label = format!("found {} bytes, expected at most {MAX_BYTES}", text.len());
+        findings.fault(0..0, "this is too long for a rig", label);
+        return None;
+    }
+    let document = parse(text, findings)?;
+    let mut rig = read::read(document, text, findings);
+    let file_dir = path.parent().filter(|it| !it.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let rig_dir = folder(&rig, file_dir, findings);
+    let calibration = calibration(&rig, &rig_dir, findings);
+    let seed = overrides.seed.unwrap_or(rig.seed);
+    let duration_s = overrides.duration_s.or(rig.duration_s);
+    if let Some(duration_s) = overrides.duration_s.filter(|it| !read::is_duration(*it)) {
+        let label = format!("found {duration_s} s on the command line, expected more than 0 and at most 9e9");
+        findings.fault(rig.header.clone(), "a run cannot last that long", label);
+    }
+    if i64::try_from(seed).is_err() {
+        let label = format!("found {seed} on the command line, expected at most {}", i64::MAX);
+        findings.fault(rig.header.clone(), "the seed is too large", label);
+    }
+    let (scales, nodes) = scales::arrange(std::mem::take(&mut rig.scales), findings);
+    let surroundings = Surroundings {
+        registry,
+        calibration: calibration.clone(),
+        names_calibration: rig.calibration.is_some(),
+        rig_dir: &rig_dir,
+        seed,
+    };
+    let mut drafts = Vec::new();
+    for (index, (scale, nodes)) in scales.iter().zip(nodes).enumerate() {
+        let view = ScaleView { index, name: &scale.name, volume_m: scale.volume_m, sound: scale.sound };
+        drafts.extend(nodes.into_iter().map(|it| surroundings.draft(it, &view, findings)));
+    }
+    let finish =
+        finish::Finish { rig: &rig, text, scales: &scales, nodes: &drafts, calibration, rig_dir, seed, duration_s };
+    finish.graph(findings)
+}
+
+fn parse<'t>(text: &'t str, findings: &mut Findings) -> Option<DeTable<'t>> {
+    let (document, errors) = DeTable::parse_recoverable(text);
+    // After anything else the tree is guesswork, and so would be what is said of it.
+    let mut clean = true;
+    for error in errors {
+        let message = error.message();
+        let place = error.span().unwrap_or(0..0);
+        if message == "duplicate key" {
+            let key = text.get(place.clone()).unwrap_or_default();
+            let title = format!("`{}` stands here twice", names::shown(&key));
+            findings.fault(place, title, "found the same key or table again, expected it once");
+        } else {
+            clean = false;
+            findings.fault(place, "this is not TOML", names::shown(&message));
+        }
+    }
+    clean.then(|| document.into_inner())
+}
+
+fn folder(rig: &RigText<'_>, file_dir: &Path, findings: &mut Findings) -> PathBuf {
+    let Some(folder) = &rig.folder else { return file_dir.to_owned() };
+    expand_path(folder.get_ref(), file_dir).unwrap_or_else(|message| {
+        findings.fault(folder.span(), "`folder` cannot be found", message);
+        file_dir.to_owned()
+    })
+}
+
+fn calibration(rig: &RigText<'_>, rig_dir: &Path, findings: &mut Findings) -> Option<Arc<Calibration>> {
+    let Some(file) = &rig.calibration else { return Some(no_cameras()) };
+    let path = match expand_path(file.get_ref(), rig_dir) {
+        Ok(path) => path,
+        Err(message) => {
+            findings.fault(file.span(), "the calibration cannot be found", message);
+            return None;
+        }
+    };
+    match Calibration::load(&path) {
+        Ok(calibration) => Some(Arc::new(calibration)),
+        Err(error) => {
+            for fault in &error.faults {
+                findings.fault(file.span(), "the calibration cannot be used", fault);
+            }
+            None
+        }
+    }
+}
+
+/// The text of a rig file, read no further than a rig may be long.
+fn read_text(path: &Path) -> Result<String, Faults> {
+    let refuse = |text: &str, span: Span, title: &str, label: String, help: Option<String>| {
+        let mut findings = Findings::default();
+        findings.fault(span, format_args!("{title} `{}`", names::shown(&path.display())), label).maybe_help(help);
+        findings.into_faults(text, path)
+    };
+    let unreadable = |error: std::io::Error| refuse("", 0..0, "cannot read", error.to_string(), None);
+    let too_long = |length: Option<u64>| {
+        let found = length.map_or_else(|| format!("more than {MAX_BYTES}"), |it| it.to_string());
+        let label = format!("found {found} bytes, expected at most {MAX_BYTES}");
+        let help = "is it a recording? a rig names its recordings, and holds none".to_owned();
+        refuse("", 0..0, "this is too long for a rig:", label, Some(help))
+    };
+    let file = File::open(path).map_err(unreadable)?;
+    let facts = file.metadata().map_err(unreadable)?;
+    if facts.is_dir() {
+        let label = "found a folder, expected a rig in TOML".to_owned();
+        return Err(refuse("", 0..0, "cannot read", label, None));
+    }
+    if facts.len() > MAX_BYTES {
+        return Err(too_long(Some(facts.len())));
+    }
+    let mut bytes = Vec::new();
+    file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(unreadable)?;
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(too_long(None));
+    }
+    String::from_utf8(bytes).map_err(|error| {
+        let place = error.utf8_error().valid_up_to();
+        let byte = error.as_bytes().get(place).copied().unwrap_or_default();
+        let text = String::from_utf8_lossy(error.as_bytes()).into_owned();
+        let label = format!("found the byte {byte:#04x}, expected UTF-8");
+        refuse(&text, place..place + 1, "this is not text:", label, None)
+    })
+}

@@ -1,0 +1,244 @@
+//! Nodes one by one: the type looked up, the settings checked and decoded, one instance a camera, each made on trial.
+
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::sync::Arc;
+
+use foveate_estimation::random::Random;
+use foveate_messages::CameraId;
+use foveate_scene::calibration::Calibration;
+use toml::de::DeTable;
+
+use super::fault::Findings;
+use super::names::{did_you_mean, listed, matches, shown, there_is};
+use super::node_text::NodeText;
+use super::settings;
+use crate::node::Plan;
+use crate::registry::{NodeType, Registry, Settings};
+use crate::setup::{Purpose, Setup};
+
+/// A node after what can be said of it alone. What is `None` was at fault and has been reported.
+pub(super) struct NodeDraft<'t> {
+    pub text: NodeText<'t>,
+    /// Index in the rig's scales.
+    pub scale: usize,
+    pub node_type: Option<Arc<NodeType>>,
+    pub settings: Option<Arc<dyn Settings>>,
+    /// One entry an instance: its camera, if it has one.
+    pub cameras: Option<Vec<Option<CameraId>>>,
+    pub plan: Plan,
+}
+
+impl NodeDraft<'_> {
+    /// The node's name in its scale.
+    pub fn name(&self) -> &str {
+        self.text.name.get_ref()
+    }
+}
+
+/// The rig around a node.
+pub(super) struct Surroundings<'r> {
+    pub registry: &'r Registry,
+    /// `None` when it could not be read, which has been reported.
+    pub calibration: Option<Arc<Calibration>>,
+    /// Whether the rig names a calibration.
+    pub names_calibration: bool,
+    pub rig_dir: &'r Path,
+    pub seed: u64,
+}
+
+/// What a node needs to know of its scale.
+pub(super) struct ScaleView<'r> {
+    pub index: usize,
+    pub name: &'r str,
+    pub volume_m: Option<[[f64; 3]; 2]>,
+    pub sound: bool,
+}
+
+impl Surroundings<'_> {
+    /// Checks one node.
+    pub fn draft<'t>(&self, mut text: NodeText<'t>, scale: &ScaleView<'_>, findings: &mut Findings) -> NodeDraft<'t> {
+        let node_type = self.node_type(&text, findings);
+        let cameras = self.cameras(&text, findings);
+        let given = std::mem::take(&mut text.settings);
+        let settings = node_type.as_ref().and_then(|it| decode(it, &text, &given, findings));
+        let plan = settings.as_ref().map(|it| it.plan()).unwrap_or_default();
+        if let (Some(settings), Some(cameras), true) = (&settings, &cameras, scale.sound) {
+            self.try_out(&text, scale, &given, settings, cameras, findings);
+        }
+        NodeDraft { text, scale: scale.index, node_type, settings, cameras, plan }
+    }
+
+    fn node_type(&self, text: &NodeText<'_>, findings: &mut Findings) -> Option<Arc<NodeType>> {
+        let Some(name) = &text.type_name else {
+            if !text.has_type {
+                let title = format!("node `{}` has no type", text.name.get_ref());
+                findings
+                    .fault(text.header.clone(), title, "expected `type = \"PLUGIN.NODE\"` here")
+                    .help("`foveate nodes` lists the node types");
+            }
+            return None;
+        };
+        let found = self.registry.get(name.get_ref());
+        if found.is_none() {
+            let known = self.registry.iter().map(|it| it.name).collect::<Vec<_>>();
+            findings
+                .fault(
+                    name.span(),
+                    format_args!("unknown node type `{}`", shown(name.get_ref())),
+                    "expected the name of a node type",
+                )
+                .help(format_args!(
+                    "{}; `foveate nodes` lists them all",
+                    did_you_mean(name.get_ref(), "there is", known.iter().copied()).trim_end_matches('?')
+                ));
+        }
+        found.cloned()
+    }
+
+    fn cameras(&self, text: &NodeText<'_>, findings: &mut Findings) -> Option<Vec<Option<CameraId>>> {
+        if text.cameras_unclear {
+            return None;
+        }
+        let Some((wish, pattern)) =
+            text.each.as_ref().map(|it| (it, true)).or(text.camera.as_ref().map(|it| (it, false)))
+        else {
+            return Some(vec![None]);
+        };
+        let calibration = self.calibration.as_ref()?;
+        let key = if pattern { "each" } else { "camera" };
+        if !self.names_calibration {
+            findings
+                .fault(
+                    wish.span(),
+                    format_args!("`{key}` needs cameras, and the rig names no calibration"),
+                    "found no cameras",
+                )
+                .help("add `calibration = \"FILE\"` under `[rig]`");
+            return None;
+        }
+        let fits = |name: &str| if pattern { matches(wish.get_ref(), name) } else { wish.get_ref() == name };
+        let found: Vec<Option<CameraId>> = calibration
+            .cameras
+            .iter()
+            .enumerate()
+            .filter(|(_, it)| fits(&it.name))
+            .filter_map(|(index, _)| u16::try_from(index).ok().map(|it| Some(CameraId(it))))
+            .collect();
+        if found.is_empty() {
+            let names = calibration.cameras.iter().map(|it| it.name.as_str());
+            let help = if pattern {
+                there_is("its cameras", names)
+            } else {
+                did_you_mean(wish.get_ref(), "its cameras", names)
+            };
+            let verb = if pattern { "matches" } else { "is" };
+            findings
+                .fault(
+                    wish.span(),
+                    format_args!("no camera of the calibration {verb} `{}`", shown(wish.get_ref())),
+                    if pattern { "expected a pattern of camera names" } else { "expected the name of a camera" },
+                )
+                .help(help);
+            return None;
+        }
+        Some(found)
+    }
+
+    /// Makes every instance once, so that what is missing for one camera only is found too.
+    fn try_out(
+        &self,
+        text: &NodeText<'_>,
+        scale: &ScaleView<'_>,
+        given: &DeTable<'_>,
+        settings: &Arc<dyn Settings>,
+        cameras: &[Option<CameraId>],
+        findings: &mut Findings,
+    ) {
+        let Some(calibration) = &self.calibration else { return };
+        // By setting and by message with the camera's name taken out: the first message and the cameras it is about.
+        let mut complaints: BTreeMap<(Option<String>, String), (String, Vec<String>)> = BTreeMap::new();
+        let random = Random::new(self.seed);
+        for camera in cameras {
+            let camera_name =
+                camera.and_then(|it| calibration.cameras.get(usize::from(it.0))).map(|it| it.name.as_str());
+            let instance = instance_path(scale.name, text.name.get_ref(), camera_name);
+            let setup = Setup {
+                random: random.fork(&instance),
+                instance,
+                scale: scale.name.to_owned(),
+                camera: *camera,
+                calibration: Arc::clone(calibration),
+                volume_m: scale.volume_m,
+                rig_dir: self.rig_dir.to_owned(),
+                out_dir: None,
+                purpose: Purpose::Check,
+            };
+            let (setting, message) = match catch_unwind(AssertUnwindSafe(|| settings.build(&setup).map(drop))) {
+                Ok(Ok(())) => continue,
+                Ok(Err(error)) => (error.setting, error.message),
+                Err(panic) => {
+                    let said = panic_text(panic.as_ref());
+                    (None, format!("the node panicked while it was made, which is a mistake in its program: {said}"))
+                }
+            };
+            let alike = camera_name.map_or_else(|| message.clone(), |it| message.replace(it, "{camera}"));
+            let entry = complaints.entry((setting, alike)).or_insert_with(|| (message, Vec::new()));
+            entry.1.extend(camera_name.map(str::to_owned));
+        }
+        for ((setting, _), (message, of)) in complaints {
+            let place = setting.as_deref().and_then(|it| settings::place_of(given, it));
+            let name = text.name.get_ref();
+            let title = match &setting {
+                Some(setting) => format!("`{name}` cannot work with this `{setting}`"),
+                None => format!("`{name}` cannot be made"),
+            };
+            let left_out = setting.filter(|_| place.is_none()).map(|it| format!(" (`{it}` is left out: its default)"));
+            let label = format!("{message}{}", left_out.unwrap_or_default());
+            let fault = findings.fault(place.unwrap_or_else(|| text.header.clone()), title, label);
+            if of.len() < cameras.len() || of.len() > 1 {
+                fault.maybe_help(
+                    listed(&of).map(|it| format!("so for the camera{} {it}", if of.len() == 1 { "" } else { "s" })),
+                );
+            }
+        }
+    }
+}
+
+fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {
+    let text = panic.downcast_ref::<String>().map(String::as_str);
+    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no message").to_owned()
+}
+
+/// `room.leds[wide-3]`, or `room.targets` without a camera.
+pub(super) fn instance_path(scale: &str, node: &str, camera: Option<&str>) -> String {
+    match camera {
+        Some(camera) => format!("{scale}.{node}[{camera}]"),
+        None => format!("{scale}.{node}"),
+    }
+}
+
+fn decode(
+    node_type: &NodeType,
+    text: &NodeText<'_>,
+    given: &DeTable<'_>,
+    findings: &mut Findings,
+) -> Option<Arc<dyn Settings>> {
+    let mut found = Findings::default();
+    settings::check(node_type.schema.as_value(), node_type.name, given, text.header.clone(), &mut found);
+    let refused = found.any_fault();
+    findings.append(found);
+    if refused {
+        return None;
+    }
+    match (node_type.decode)(given.clone()) {
+        Ok(settings) => Some(Arc::from(settings)),
+        Err(error) => {
+            let place = error.span().filter(|it| !it.is_empty()).unwrap_or_else(|| text.header.clone());
+            let title = format!("`{}` cannot read its settings", node_type.name);
+            findings.fault(place, title, shown(&error.message()));
+            None
+        }
+    }
+}

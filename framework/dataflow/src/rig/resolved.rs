@@ -1,0 +1,139 @@
+//! A rig with every default filled in, as TOML that loads again to the same graph.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use serde_json::Value as Json;
+use toml::Value;
+
+use super::lookup::Names;
+use super::node_text::{ON_ERROR, RequireText, WHEN_FULL};
+use super::nodes::NodeDraft;
+use super::read::RigText;
+use super::reference::Reference;
+use super::scales::{Parent, ScaleDraft};
+use crate::graph::Queue;
+
+/// What of the rig's own table the graph keeps.
+pub(super) struct Head<'r> {
+    pub rig: &'r RigText<'r>,
+    pub seed: u64,
+    pub duration_s: Option<f64>,
+    /// Where relative paths start, absolute.
+    pub folder: &'r Path,
+}
+
+/// Writes the whole rig.
+///
+/// # Errors
+/// The index of a node whose settings TOML cannot hold, and why.
+pub(super) fn write(head: &Head<'_>, names: &Names<'_, '_>) -> Result<String, (usize, String)> {
+    let mut text = String::new();
+    let _ = writeln!(text, "# Rig `{}` with every default filled in.\n\n[rig]", head.rig.name);
+    line(&mut text, "name", &Value::from(head.rig.name.as_str()));
+    line(&mut text, "folder", &Value::from(head.folder.to_string_lossy().as_ref()));
+    if let Some(calibration) = &head.rig.calibration {
+        line(&mut text, "calibration", &Value::from(calibration.get_ref().as_str()));
+    }
+    line(&mut text, "seed", &Value::from(i64::try_from(head.seed).unwrap_or(i64::MAX)));
+    if let Some(duration_s) = head.duration_s {
+        line(&mut text, "duration_s", &Value::from(duration_s));
+    }
+    let mut nodes = names.nodes.iter().enumerate().peekable();
+    for (index, scale) in names.scales.iter().enumerate() {
+        write_scale(&mut text, names.scales, scale);
+        while let Some((number, node)) = nodes.next_if(|it| it.1.scale == index) {
+            write_node(&mut text, names, node).map_err(|error| (number, error))?;
+        }
+    }
+    Ok(text)
+}
+
+fn line(text: &mut String, key: &str, value: &Value) {
+    let _ = writeln!(text, "{} = {value}", quoted_key(key));
+}
+
+/// A key, in quotes where it needs them.
+fn quoted_key(key: &str) -> String {
+    let bare = !key.is_empty() && key.bytes().all(|it| it.is_ascii_alphanumeric() || it == b'_' || it == b'-');
+    if bare { key.to_owned() } else { Value::from(key).to_string() }
+}
+
+fn write_scale(text: &mut String, scales: &[ScaleDraft], scale: &ScaleDraft) {
+    let _ = writeln!(text, "\n[scale.{}]", quoted_key(&scale.name));
+    if let Parent::Of(parent) = scale.parent {
+        line(text, "parent", &Value::from(scales[parent].name.as_str()));
+    }
+    if let Some(anchor) = &scale.anchor {
+        line(text, "anchor", &Value::from(anchor.get_ref().as_str()));
+    }
+    if let Some(corners) = scale.volume_m {
+        let [min, max] = corners.map(|corner| Value::from(corner.to_vec()));
+        let _ = writeln!(text, "volume_m = {{ min = {min}, max = {max} }}");
+    }
+    if let Some(radius_m) = scale.radius_m {
+        line(text, "radius_m", &Value::from(radius_m));
+    }
+}
+
+fn write_node(text: &mut String, names: &Names<'_, '_>, node: &NodeDraft<'_>) -> Result<(), String> {
+    let (Some(node_type), Some(settings)) = (&node.node_type, &node.settings) else { return Ok(()) };
+    let scale = quoted_key(&names.scales[node.scale].name);
+    let _ = writeln!(text, "\n[scale.{scale}.node.{}]", quoted_key(node.name()));
+    line(text, "type", &Value::from(node_type.name));
+    for (key, value) in [("each", &node.text.each), ("camera", &node.text.camera)] {
+        if let Some(value) = value {
+            line(text, key, &Value::from(value.get_ref().as_str()));
+        }
+    }
+    let on_error = ON_ERROR.iter().find(|it| it.1 == node.text.on_error).map_or("stop", |it| it.0);
+    line(text, "on_error", &Value::from(on_error));
+    for input in &node.text.inputs {
+        let from: Vec<String> = input.from.iter().map(|it| full_reference(names, node, it.get_ref())).collect();
+        let from = match from.as_slice() {
+            [one] => Value::from(one.as_str()),
+            several => Value::from(several.to_vec()),
+        };
+        let Queue { capacity, when_full } = input.queue;
+        let when_full = WHEN_FULL.iter().find(|it| it.1 == when_full).map_or("drop_oldest", |it| it.0);
+        let port = quoted_key(input.port.get_ref());
+        let _ = writeln!(text, "in.{port} = {{ from = {from}, capacity = {capacity}, when_full = \"{when_full}\" }}");
+    }
+    for require in &node.text.requires {
+        let _ = writeln!(text, "require.{} = {}", quoted_key(require.port.get_ref()), requirement(require));
+    }
+    let mut table = settings.resolved().map_err(|error| error.to_string())?;
+    // In the order of the source, as far as the schema tells it.
+    let properties = node_type.schema.as_value().get("properties").and_then(Json::as_object);
+    for name in properties.into_iter().flat_map(|it| it.keys()) {
+        if let Some(value) = table.remove(name) {
+            line(text, name, &value);
+        }
+    }
+    for (name, value) in &table {
+        line(text, name, value);
+    }
+    Ok(())
+}
+
+/// A reference with its scale.
+fn full_reference(names: &Names<'_, '_>, consumer: &NodeDraft<'_>, written: &str) -> String {
+    match Reference::parse(written) {
+        Some(Reference { scale: None, .. }) => format!("{}.{written}", names.scales[consumer.scale].name),
+        _ => written.to_owned(),
+    }
+}
+
+fn requirement(require: &RequireText) -> String {
+    let it = &require.requirement;
+    let measures = [
+        ("age_ms", require.age_ms.as_ref().map(|it| it.0)),
+        ("rate_hz", it.rate_hz),
+        ("sigma", it.sigma),
+        ("loss", it.loss),
+    ];
+    let mut parts: Vec<String> =
+        measures.iter().filter_map(|(key, value)| Some(format!("{key} = {}", Value::from((*value)?)))).collect();
+    parts.push(format!("must = {}", it.must));
+    format!("{{ {} }}", parts.join(", "))
+}

@@ -1,0 +1,159 @@
+//! Scales in order, parents before children.
+
+use std::collections::{BTreeSet, HashMap};
+
+use toml::Spanned;
+
+use super::fault::{Findings, Span};
+use super::names::{did_you_mean, shown};
+use super::node_text::NodeText;
+use super::read::ScaleText;
+
+/// The scale that a scale nests in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Parent {
+    /// None: its space is a world of its own.
+    Root,
+    /// By index.
+    Of(usize),
+    /// At fault, which has been reported.
+    Unclear,
+}
+
+/// A scale, checked but for its anchor.
+pub(super) struct ScaleDraft {
+    pub name: String,
+    pub parent: Parent,
+    pub anchor: Option<Spanned<String>>,
+    pub volume_m: Option<[[f64; 3]; 2]>,
+    pub radius_m: Option<f64>,
+    /// Whether volume and radius were understood.
+    pub sound: bool,
+}
+
+/// Puts scales in order, by the text wherever that is free; the nodes of each stand at the same index.
+pub(super) fn arrange<'t>(
+    scales: Vec<ScaleText<'t>>,
+    findings: &mut Findings,
+) -> (Vec<ScaleDraft>, Vec<Vec<NodeText<'t>>>) {
+    let parents = parents(&scales, findings);
+    let order = order(&parents);
+    let mut place = vec![0; scales.len()];
+    for (index, &scale) in order.iter().enumerate() {
+        place[scale] = index;
+    }
+    let mut scales: Vec<Option<ScaleText<'t>>> = scales.into_iter().map(Some).collect();
+    let (mut drafts, mut nodes) = (Vec::new(), Vec::new());
+    for scale in order {
+        let Some(text) = scales[scale].take() else { continue };
+        let parent = match parents[scale] {
+            Parent::Of(parent) => Parent::Of(place[parent]),
+            other => other,
+        };
+        if let (Parent::Root, Some(anchor)) = (parent, &text.anchor) {
+            let title = format!("scale `{}` has an anchor and no parent", text.name.get_ref());
+            findings
+                .fault(anchor.span(), title, "found a target of no scale")
+                .help("name the scale that the target lies in: `parent = \"…\"`");
+        }
+        let ScaleText { name, anchor, volume_m, radius_m, sound, nodes: texts, .. } = text;
+        drafts.push(ScaleDraft { name: name.into_inner(), parent, anchor, volume_m, radius_m, sound });
+        nodes.push(texts);
+    }
+    (drafts, nodes)
+}
+
+fn parents(scales: &[ScaleText<'_>], findings: &mut Findings) -> Vec<Parent> {
+    let by_name: HashMap<&str, usize> =
+        scales.iter().enumerate().map(|(index, it)| (it.name.get_ref().as_str(), index)).collect();
+    let mut parents = Vec::with_capacity(scales.len());
+    for scale in scales {
+        parents.push(match &scale.parent {
+            None if scale.parent_unclear => Parent::Unclear,
+            None => Parent::Root,
+            Some(parent) => match by_name.get(parent.get_ref().as_str()) {
+                Some(&index) => Parent::Of(index),
+                None => {
+                    let names = scales.iter().map(|it| it.name.get_ref().as_str());
+                    let names = names.filter(|it| it != scale.name.get_ref());
+                    findings
+                        .fault(
+                            parent.span(),
+                            format_args!("there is no scale `{}`", shown(parent.get_ref())),
+                            "expected the name of a scale",
+                        )
+                        .help(did_you_mean(parent.get_ref(), "other scales", names));
+                    Parent::Unclear
+                }
+            },
+        });
+    }
+    break_circles(scales, &mut parents, findings);
+    parents
+}
+
+/// Reports each circle of parents once and takes it apart.
+fn break_circles(scales: &[ScaleText<'_>], parents: &mut [Parent], findings: &mut Findings) {
+    // The walk that first came by each scale.
+    let mut walk_of = vec![usize::MAX; scales.len()];
+    for start in 0..scales.len() {
+        let mut scale = start;
+        while walk_of[scale] == usize::MAX {
+            walk_of[scale] = start;
+            match parents[scale] {
+                Parent::Of(parent) => scale = parent,
+                _ => break,
+            }
+        }
+        let Parent::Of(mut next) = parents[scale] else { continue };
+        if walk_of[scale] != start {
+            continue;
+        }
+        let mut circle = vec![scale];
+        while next != scale {
+            circle.push(next);
+            match parents[next] {
+                Parent::Of(parent) => next = parent,
+                _ => break,
+            }
+        }
+        if next != scale {
+            continue;
+        }
+        circle.sort_unstable();
+        let place = |scale: usize| -> Span { scales[scale].parent.as_ref().map(Spanned::span).unwrap_or_default() };
+        let names: Vec<String> = circle.iter().take(12).map(|&it| format!("`{}`", scales[it].name.get_ref())).collect();
+        let fault = findings.fault(
+            place(circle[0]),
+            format_args!("scales nest in a circle: {}", names.join(", ")),
+            format_args!("found `{}` inside itself", scales[circle[0]].name.get_ref()),
+        );
+        for &scale in circle.iter().skip(1).take(8) {
+            fault.also(place(scale), "and here");
+        }
+        fault.help("a scale without `parent` is the largest one");
+        for scale in circle {
+            parents[scale] = Parent::Unclear;
+        }
+    }
+}
+
+/// Parents before children, else by number.
+fn order(parents: &[Parent]) -> Vec<usize> {
+    let mut children = vec![Vec::new(); parents.len()];
+    let mut free = BTreeSet::new();
+    for (scale, parent) in parents.iter().enumerate() {
+        match parent {
+            Parent::Of(parent) => children[*parent].push(scale),
+            _ => {
+                free.insert(scale);
+            }
+        }
+    }
+    let mut order = Vec::with_capacity(parents.len());
+    while let Some(scale) = free.pop_first() {
+        order.push(scale);
+        free.extend(&children[scale]);
+    }
+    order
+}

@@ -1,0 +1,4 @@
+//! The rig loader: what it accepts, what it finds, and what holds of every rig.
+
+mod accepted;
+mod parts;
