@@ -146,12 +146,15 @@ impl Scorer {
     fn match_up(&mut self, targets: &Targets, scratch: &mut Scratch) {
         let Scratch { here, costs, assigned, kept, workspace } = scratch;
         let (rows, columns) = (here.len(), targets.list.len());
-        let distance = |a: &Point3<f64>, b: &Point3<f64>| (a - b).norm();
+        // A position that is not a number is far from everything.
+        let distance = |a: &Point3<f64>, b: &Point3<f64>| {
+            Some((a - b).norm()).filter(|it| it.is_finite()).unwrap_or(f64::INFINITY)
+        };
         costs.clear();
         for truth in here.iter() {
             costs.extend(targets.list.iter().map(|it| distance(&truth.position, &it.position)));
         }
-        let far = (0..columns).filter(|column| (0..rows).all(|row| !(costs[row * columns + column] <= self.gate)));
+        let far = (0..columns).filter(|column| (0..rows).all(|row| costs[row * columns + column] > self.gate));
         let n_far = far.count() as u64;
 
         kept.clear();
