@@ -202,8 +202,8 @@ impl Consensus {
 /// Where two lines meet in front of both cameras, at a sufficient angle and within the tolerance.
 fn meet(a: &Sighting, b: &Sighting, rules: &Rules) -> Option<Point3<f64>> {
     let sine_squared = a.ray.direction.cross(&b.ray.direction).norm_squared();
-    if !(sine_squared >= rules.min_sine * rules.min_sine) {
-        return None; // also when it is not a number
+    if sine_squared < rules.min_sine * rules.min_sine {
+        return None;
     }
     let approach = closest_approach(&a.ray, &b.ray)?;
     let in_front = approach.depth_a > 0.0 && approach.depth_b > 0.0;
@@ -213,4 +213,97 @@ fn meet(a: &Sighting, b: &Sighting, rules: &Rules) -> Option<Point3<f64>> {
 fn least_squares(sightings: &[Sighting], members: &[usize]) -> Option<Point3<f64>> {
     let rays: SmallVec<[Ray; 20]> = members.iter().map(|&i| sightings[i].ray).collect();
     triangulate_rays(&rays)
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_testkit::camera_ring;
+
+    use super::*;
+
+    const RULES: Rules = Rules { tolerance: 0.015, min_cameras: 3, min_sine: 0.05 };
+
+    /// What `cameras` of a ring of 8 see of `lights`, by camera.
+    fn sightings(cameras: &[usize], lights: &[Point3<f64>]) -> Vec<Sighting> {
+        let ring = camera_ring(8);
+        let mut list = Vec::new();
+        for &camera in cameras {
+            for (feature, light) in lights.iter().enumerate() {
+                let pixel = ring[camera].sees(light).unwrap();
+                let ray = ring[camera].ray(&pixel).unwrap();
+                let camera = CameraId(camera as u16);
+                list.push(Sighting { camera, time: Time::ZERO, ray, pixel, covariance: Matrix2::identity(), feature });
+            }
+        }
+        list
+    }
+
+    fn meetings(sightings: &[Sighting], seeds: Option<CameraId>) -> Vec<Meeting> {
+        let mut found = Vec::new();
+        Consensus::default().find(sightings, seeds, &RULES, |_, _| true, &mut found);
+        found
+    }
+
+    #[test]
+    fn each_light_is_met_once_by_all_cameras_and_nothing_else_is() {
+        let lights: Vec<Point3<f64>> = foveate_testkit::scene::point_cloud(20, 3);
+        let sightings = sightings(&[0, 1, 2, 3, 4, 5, 6, 7], &lights);
+        let found = meetings(&sightings, None);
+        assert_eq!(found.len(), 20);
+        for meeting in found {
+            assert_eq!(meeting.members.len(), 8);
+            let light = sightings[meeting.members[0]].feature;
+            assert!(meeting.members.iter().all(|&it| sightings[it].feature == light), "lines of different lights");
+            assert!((meeting.position - lights[light]).norm() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn lines_are_used_once_even_where_an_accident_shares_them() {
+        // Two lights as seen by two cameras lie in one plane with them: four meetings of two lines, two of which are ghosts.
+        let ring = camera_ring(8);
+        let (a, b) = (ring[0].centre(), ring[3].centre());
+        let middle = Point3::new(0.0, 0.0, 1.0);
+        let in_plane = (a - middle) * 0.1 + (b - middle) * 0.15;
+        let lights = [middle, middle + in_plane];
+        let pair = sightings(&[0, 3], &lights);
+        let rules = Rules { min_cameras: 2, ..RULES };
+        let mut found = Vec::new();
+        Consensus::default().find(&pair, None, &rules, |_, _| true, &mut found);
+        assert_eq!(found.len(), 2, "two lines a camera make two points, right or wrong");
+        // A third camera tells which.
+        let found = meetings(&sightings(&[0, 3, 5], &lights), None);
+        assert_eq!(found.len(), 2);
+        assert!(found.iter().all(|it| lights.iter().any(|light| (light - it.position).norm() < 1e-6)), "{found:?}");
+    }
+
+    #[test]
+    fn seeds_restrict_the_proposers() {
+        let light = [Point3::new(0.1, 0.2, 0.9)];
+        let sightings = sightings(&[1, 2, 4], &light);
+        assert_eq!(meetings(&sightings, Some(CameraId(2))).len(), 1);
+        assert_eq!(meetings(&sightings, Some(CameraId(3))).len(), 0);
+    }
+
+    #[test]
+    fn too_few_parallel_and_broken_lines_meet_nowhere() {
+        let light = [Point3::new(0.1, 0.2, 0.9)];
+        assert!(meetings(&[], None).is_empty());
+        assert!(meetings(&sightings(&[1, 2], &light), None).is_empty());
+        let mut same = sightings(&[1, 1, 1], &light);
+        (0..3).for_each(|k| same[k].camera = CameraId(k as u16));
+        assert!(meetings(&same, None).is_empty());
+        let mut broken = sightings(&[1, 2, 4], &light);
+        broken[1].ray.origin.x = f64::NAN;
+        assert!(meetings(&broken, None).is_empty());
+    }
+
+    #[test]
+    fn what_lies_behind_a_camera_is_not_met() {
+        let mut backwards = sightings(&[0, 2, 5], &[Point3::new(0.1, 0.2, 0.9)]);
+        for it in &mut backwards {
+            it.ray.direction = -it.ray.direction;
+        }
+        assert!(meetings(&backwards, None).is_empty());
+    }
 }

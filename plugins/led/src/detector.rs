@@ -282,3 +282,31 @@ impl DetectorSettings {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use foveate_testkit::check_node;
+
+    use super::*;
+
+    #[test]
+    fn node_keeps_its_promises() {
+        check_node::<Detector>("");
+        check_node::<Detector>("offset = 30\nchannel = \"green\"\nmasks = [[[0, 0], [10, 0], [0, 10.5]]]");
+    }
+
+    #[test]
+    fn settings_out_of_range_are_named() {
+        let setting = |change: fn(&mut DetectorSettings)| {
+            let mut settings = DetectorSettings::default();
+            change(&mut settings);
+            Detector::new(settings, &Setup::for_tests()).err().and_then(|it| it.setting)
+        };
+        assert_eq!(setting(|_| ()), None);
+        assert_eq!(setting(|it| it.grid_px = 0).as_deref(), Some("grid_px"));
+        assert_eq!(setting(|it| it.left_out_frames = 30).as_deref(), Some("left_out_frames"));
+        assert_eq!(setting(|it| it.max_area_px = 1).as_deref(), Some("max_area_px"));
+        assert_eq!(setting(|it| it.pixel_noise = f64::NAN).as_deref(), Some("pixel_noise"));
+        assert_eq!(setting(|it| it.masks = vec![vec![[0.0; 2]; 2]]).as_deref(), Some("masks[0]"));
+    }
+}

@@ -101,3 +101,25 @@ impl Node for Integrator {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use foveate_testkit::check_node;
+
+    use super::*;
+
+    #[test]
+    fn node_keeps_its_promises() {
+        check_node::<Integrator>("");
+        check_node::<Integrator>("birth_cameras = 2\nlost_after_ms = 100");
+    }
+
+    #[test]
+    fn settings_out_of_range_and_missing_cameras_are_named() {
+        let one_camera = Integrator::new(IntegratorSettings::default(), &Setup::for_tests()).err();
+        assert!(one_camera.is_some_and(|it| it.message.contains("expected at least 2")));
+        let settings = IntegratorSettings { gate_px: -1.0, ..IntegratorSettings::default() };
+        let refused = Integrator::new(settings, &Setup::for_tests()).err();
+        assert_eq!(refused.and_then(|it| it.setting).as_deref(), Some("gate_px"));
+    }
+}

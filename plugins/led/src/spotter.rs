@@ -270,7 +270,7 @@ impl Spotter {
 
 /// `None`: nothing is to be learnt.
 fn background_config(settings: &DetectorSettings) -> Option<BackgroundConfig> {
-    (settings.learn_frames > 0).then(|| BackgroundConfig {
+    (settings.learn_frames > 0).then_some(BackgroundConfig {
         learn_frames: settings.learn_frames,
         offset: settings.offset,
         min_threshold: settings.min_threshold,
@@ -290,5 +290,195 @@ fn channel(plane: ColourPlane) -> Channel {
         ColourPlane::Green => Channel::Green,
         ColourPlane::Blue => Channel::Blue,
         ColourPlane::Max => Channel::Max,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_testkit::render_spot;
+    use foveate_testkit::scene::add_spot;
+
+    use super::*;
+
+    const SIZE: [u32; 2] = [160, 120];
+
+    /// Everything searched, nothing learnt, unless a test says otherwise.
+    fn plain() -> DetectorSettings {
+        DetectorSettings { learn_frames: 0, search: Search::Full, ..DetectorSettings::default() }
+    }
+
+    fn dark() -> Image {
+        render_spot(SIZE, [0.0, 0.0], 1.0, 0.0)
+    }
+
+    fn with_spots(centres: &[[f64; 2]]) -> Image {
+        let mut image = dark();
+        centres.iter().for_each(|centre| add_spot(&mut image, *centre, 1.5, 220.0));
+        image
+    }
+
+    fn spotter(settings: DetectorSettings) -> Spotter {
+        Spotter::new(settings, None, 0).unwrap()
+    }
+
+    #[track_caller]
+    fn find(spotter: &mut Spotter, image: &Image) -> Vec<Point2<f64>> {
+        find_near(spotter, image, &[])
+    }
+
+    #[track_caller]
+    fn find_near(spotter: &mut Spotter, image: &Image, predicted: &[Point2<f64>]) -> Vec<Point2<f64>> {
+        let mut features = Features::default();
+        spotter.find(image, predicted.iter().copied(), &mut features).unwrap();
+        features.list.iter().map(|it| it.centre).collect()
+    }
+
+    #[test]
+    fn spots_are_found_within_a_twentieth_of_a_pixel_in_scan_order() {
+        let centres = [[100.3, 20.7], [30.2, 60.4], [140.8, 99.1]];
+        let found = find(&mut spotter(plain()), &with_spots(&centres));
+        assert_eq!(found.len(), 3);
+        for (found, truth) in found.iter().zip(centres) {
+            assert!((found - Point2::from(truth)).norm() < 0.05, "{found} for {truth:?}");
+        }
+    }
+
+    #[test]
+    fn the_papers_centroid_is_a_whole_pixel() {
+        let settings = DetectorSettings { centroid: CentroidKind::Integer, ..plain() };
+        assert_eq!(find(&mut spotter(settings), &with_spots(&[[30.3, 60.8]])), [Point2::new(30.0, 61.0)]);
+    }
+
+    #[test]
+    fn colour_pictures_are_searched_in_the_plane_that_the_rig_names() {
+        let gray = with_spots(&[[50.0, 40.0]]);
+        let red = gray.pixels.iter().flat_map(|&it| [it, 0, 0]).collect();
+        let image = Image { format: PixelFormat::Rgb8, pixels: red, ..gray };
+        for (channel, n) in
+            [(ColourPlane::Red, 1), (ColourPlane::Max, 1), (ColourPlane::Green, 0), (ColourPlane::Blue, 0)]
+        {
+            let found = find(&mut spotter(DetectorSettings { channel, ..plain() }), &image);
+            assert_eq!(found.len(), n, "{channel:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_masked_is_not_found() {
+        let masks = vec![vec![[40.0, 30.0], [60.0, 30.0], [60.0, 50.0], [40.0, 50.0]]];
+        for learn_frames in [0, 1] {
+            let mut spotter = spotter(DetectorSettings { masks: masks.clone(), learn_frames, ..plain() });
+            find(&mut spotter, &dark());
+            let found = find(&mut spotter, &with_spots(&[[50.0, 40.0], [100.0, 80.0]]));
+            assert_eq!(found.len(), 1);
+            assert!(found[0].x > 90.0);
+        }
+    }
+
+    #[test]
+    fn a_lamp_is_learnt_and_a_light_beside_it_is_found() {
+        let mut spotter = spotter(DetectorSettings { learn_frames: 3, ..plain() });
+        let lamp = with_spots(&[[50.0, 40.0]]);
+        let mut features = Features::default();
+        for _ in 0..3 {
+            assert_eq!(spotter.find(&lamp, std::iter::empty(), &mut features), Ok(Outcome::Learning));
+            assert!(features.list.is_empty());
+        }
+        assert_eq!(find(&mut spotter, &lamp), []);
+        assert_eq!(find(&mut spotter, &with_spots(&[[50.0, 40.0], [90.0, 40.0]])).len(), 1);
+    }
+
+    #[test]
+    fn while_learning_the_lowest_threshold_may_serve() {
+        let settings = DetectorSettings { learn_frames: 3, while_learning: WhileLearning::Search, ..plain() };
+        let mut spotter = spotter(settings);
+        let lamp = with_spots(&[[50.0, 40.0]]);
+        assert_eq!([(); 4].map(|()| find(&mut spotter, &lamp).len()), [1, 1, 1, 0]);
+    }
+
+    #[test]
+    fn a_light_that_moves_on_while_learning_leaves_no_trace_if_its_frames_are_left_out() {
+        for (left_out_frames, found) in [(0, 0), (2, 1)] {
+            let mut spotter = spotter(DetectorSettings { learn_frames: 8, left_out_frames, ..plain() });
+            (0..8).for_each(|k| _ = find(&mut spotter, &with_spots(&[[20.0 + 15.0 * f64::from(k), 40.0]])));
+            let again = find(&mut spotter, &with_spots(&[[50.0, 40.0]]));
+            assert_eq!(again.len(), found, "{left_out_frames} frames left out");
+        }
+    }
+
+    #[test]
+    fn a_room_that_gets_bright_is_not_believed_and_then_learnt() {
+        let mut spotter = spotter(DetectorSettings { learn_frames: 4, ..plain() });
+        (0..4).for_each(|_| _ = find(&mut spotter, &dark()));
+        let mut bright = with_spots(&[[50.0, 40.0]]);
+        bright.pixels.iter_mut().for_each(|it| *it = it.saturating_add(100));
+        let mut features = Features::default();
+        for _ in 0..4 {
+            assert_eq!(spotter.find(&bright, std::iter::empty(), &mut features), Ok(Outcome::Flooded));
+            assert!(features.list.is_empty());
+        }
+        bright = with_spots(&[[90.0, 40.0]]);
+        bright.pixels.iter_mut().for_each(|it| *it = it.saturating_add(100));
+        assert_eq!(find(&mut spotter, &bright).len(), 1);
+    }
+
+    #[test]
+    fn a_sampled_search_finds_small_lights_in_some_frame_and_keeps_them_in_every() {
+        let settings = DetectorSettings { search: Search::Sampled, grid_px: 20, min_area_px: 1, ..plain() };
+        let mut spotter = spotter(settings);
+        let image = with_spots(&[[80.0, 67.0]]);
+        let counts: Vec<usize> = (0..40).map(|_| find(&mut spotter, &image).len()).collect();
+        let first = counts.iter().position(|&it| it == 1).unwrap();
+        assert!(first < 20, "{counts:?}");
+        assert!(counts[first..].iter().all(|&it| it == 1), "the window at the last position loses it: {counts:?}");
+    }
+
+    #[test]
+    fn windows_follow_the_speed_in_the_image_and_the_predictions() {
+        // 30 px a frame with windows of 40 px: where it was does not reach where it is.
+        let settings = DetectorSettings { search: Search::Sampled, grid_px: 1000, window_px: 40, ..plain() };
+        let at = |k: f64| with_spots(&[[15.0 + 30.0 * k, 61.0]]);
+        let mut blind = spotter(settings.clone());
+        assert_eq!([0.0, 1.0].map(|k| find(&mut blind, &at(k)).len()), [0, 0]);
+        let mut led = spotter(settings);
+        let near = |k: f64| [Point2::new(20.0 + 30.0 * k, 58.0)];
+        assert_eq!([0.0, 1.0].map(|k| find_near(&mut led, &at(k), &near(k)).len()), [1, 1]);
+        assert_eq!([2.0, 3.0].map(|k| find(&mut led, &at(k)).len()), [1, 1], "its speed is known by now");
+    }
+
+    #[test]
+    fn wrong_sizes_and_broken_pictures_are_refused_and_the_next_one_is_searched() {
+        let mut features = Features::default();
+        let mut spotter = Spotter::new(plain(), Some(SIZE), 0).unwrap();
+        let other = render_spot([80, 60], [20.0, 20.0], 1.5, 220.0);
+        let refused = spotter.find(&other, std::iter::empty(), &mut features).unwrap_err();
+        assert_eq!(refused.to_string(), "the picture is 80 x 60 px, the camera's are 160 x 120 px");
+        let mut broken = with_spots(&[[50.0, 40.0]]);
+        broken.pixels.pop();
+        assert!(matches!(spotter.find(&broken, std::iter::empty(), &mut features), Err(Refusal::Broken(_))));
+        broken.format = PixelFormat::Rgb8;
+        assert!(spotter.find(&broken, std::iter::empty(), &mut features).is_err());
+        let none = Image { width: 0, height: 0, pixels: Vec::new(), ..dark() };
+        assert!(spotter.find(&none, std::iter::empty(), &mut features).is_err());
+        assert_eq!(find(&mut spotter, &with_spots(&[[50.0, 40.0]])).len(), 1);
+    }
+
+    #[test]
+    fn without_a_calibration_a_lasting_change_of_size_is_believed() {
+        let mut spotter = spotter(plain());
+        let mut features = Features::default();
+        let first = render_spot([80, 60], [20.0, 20.0], 1.5, 220.0);
+        assert_eq!(find(&mut spotter, &first).len(), 1);
+        let results: Vec<bool> = (0..12)
+            .map(|_| spotter.find(&with_spots(&[[50.0, 40.0]]), std::iter::empty(), &mut features).is_ok())
+            .collect();
+        assert_eq!(results.iter().filter(|&&it| it).count(), 3, "{results:?}");
+        assert!(spotter.find(&first, std::iter::empty(), &mut features).is_err());
+    }
+
+    #[test]
+    fn predictions_that_are_no_numbers_or_far_outside_do_no_harm() {
+        let settings = DetectorSettings { search: Search::Sampled, grid_px: 1, ..plain() };
+        let places = [Point2::new(f64::NAN, 1.0), Point2::new(1e300, -1e300), Point2::new(-500.0, 40.0)];
+        assert_eq!(find_near(&mut spotter(settings), &with_spots(&[[50.0, 40.0]]), &places).len(), 1);
     }
 }

@@ -286,3 +286,83 @@ impl TriangulatorSettings {
         check("volume_margin_mm", self.volume_margin_mm, 0.0..=1e6)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use foveate_testkit::scene::point_cloud;
+    use foveate_testkit::{camera_ring, check_node};
+
+    use super::*;
+
+    fn feature(centre: Point2<f64>) -> Feature {
+        Feature { centre, covariance: Matrix2::identity() * 0.01, area: 4, peak: 200 }
+    }
+
+    /// What all cameras of a ring of 6 see of `lights`.
+    fn sights(lights: &[Point3<f64>]) -> Vec<Features> {
+        let of = |(k, camera): (usize, &Camera)| Features {
+            camera: CameraId(k as u16),
+            list: lights.iter().map(|it| feature(camera.sees(it).unwrap())).collect(),
+        };
+        camera_ring(6).iter().enumerate().map(of).collect()
+    }
+
+    fn triangulator() -> Triangulator {
+        Triangulator::new(TriangulatorSettings::default(), camera_ring(6), None)
+    }
+
+    fn solve(triangulator: &mut Triangulator, ms: f64, sights: &[Features]) -> Vec<Target> {
+        let time = Time::ZERO + Interval::from_ms(ms);
+        let mut targets = Targets::default();
+        sights.iter().for_each(|it| triangulator.add(time, it));
+        triangulator.solve(time, &mut targets);
+        targets.list
+    }
+
+    #[test]
+    fn node_keeps_its_promises() {
+        check_node::<TriangulatorNode>("");
+        check_node::<TriangulatorNode>("min_cameras = 2");
+    }
+
+    #[test]
+    fn all_lights_are_found_and_keep_their_identities_from_set_to_set() {
+        let mut triangulator = triangulator();
+        let lights = point_cloud(8, 5);
+        let first = solve(&mut triangulator, 0.0, &sights(&lights));
+        assert_eq!(first.len(), 8);
+        let moved: Vec<_> = lights.iter().map(|it| it + Vector3::new(0.02, 0.0, 0.0)).collect();
+        let second = solve(&mut triangulator, 20.0, &sights(&moved));
+        assert_eq!(second.len(), 8);
+        for (a, b) in first.iter().zip(&second) {
+            assert_eq!(a.id, b.id);
+            assert!((b.position - a.position - Vector3::x() * 0.02).norm() < 1e-6);
+            assert!((b.velocity - Vector3::x()).norm() < 1e-4);
+            assert_eq!((b.how, b.cameras.len()), (How::Measured, 6));
+        }
+    }
+
+    #[test]
+    fn a_camera_that_does_not_fit_is_left_out() {
+        let mut triangulator = triangulator();
+        let light = Point3::new(0.1, 0.2, 1.0);
+        let mut sights = sights(&[light]);
+        sights[2].list[0].centre.x += 1.7; // 8 mm: inside the tolerance of the meeting
+        let settings = TriangulatorSettings { outlier_px: 1.0, ..TriangulatorSettings::default() };
+        triangulator.settings = settings;
+        let found = solve(&mut triangulator, 0.0, &sights);
+        assert_eq!((found.len(), triangulator.outliers), (1, 1));
+        assert!(!found[0].cameras.contains(CameraId(2)));
+        assert!((found[0].position - light).norm() < 1e-6);
+    }
+
+    #[test]
+    fn nothing_seen_broken_features_and_strangers_give_no_target() {
+        let mut triangulator = triangulator();
+        assert!(solve(&mut triangulator, 0.0, &[]).is_empty());
+        let mut sights = sights(&[Point3::new(0.1, 0.2, 1.0)]);
+        sights.iter_mut().for_each(|it| it.list[0].centre.x = f64::NAN);
+        sights[0].camera = CameraId(99);
+        assert!(solve(&mut triangulator, 1.0, &sights).is_empty());
+    }
+}

@@ -179,3 +179,105 @@ impl Comparison {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use foveate::messages::{CameraSet, Feature, Target, TargetId};
+    use foveate_testkit::camera_ring;
+    use nalgebra::{Matrix2, Matrix6, Vector2, Vector3};
+
+    use super::*;
+
+    const LIGHT: Point3<f64> = Point3::new(0.1, -0.2, 1.1);
+
+    fn comparison() -> Comparison {
+        let rules = ComparisonRules { min_cameras: 3, gate: 5.0, settle_after: Interval::from_ms(100.0) };
+        Comparison::new(rules, camera_ring(4))
+    }
+
+    /// What camera number `camera` sees of `points`, off by `error`.
+    fn features(camera: usize, points: &[Point3<f64>], error: Vector2<f64>) -> Features {
+        let model = &camera_ring(4)[camera];
+        let of = |point: &Point3<f64>| Feature {
+            centre: model.sees(point).unwrap() + error,
+            covariance: Matrix2::identity(),
+            area: 4,
+            peak: 200,
+        };
+        Features { camera: CameraId(camera as u16), list: points.iter().map(of).collect() }
+    }
+
+    fn targets(time: Time, positions: &[Point3<f64>], how: How) -> Targets {
+        let of = |(k, position): (usize, &Point3<f64>)| Target {
+            id: TargetId(k as u32),
+            position: *position,
+            velocity: Vector3::zeros(),
+            covariance: Matrix6::identity(),
+            cameras: CameraSet::default(),
+            how,
+        };
+        Targets { time, list: positions.iter().enumerate().map(of).collect() }
+    }
+
+    #[test]
+    fn residuals_are_pixels_between_projection_and_feature() {
+        let mut comparison = comparison();
+        for (camera, error) in [(0, 0.3), (1, 0.4), (2, 0.5)] {
+            comparison.add_features(Time::ZERO, &features(camera, &[LIGHT], Vector2::new(error, 0.0)));
+        }
+        comparison.add_targets(&targets(Time::ZERO, &[LIGHT], How::Measured));
+        comparison.finish();
+        assert_eq!((comparison.frames_recovered, comparison.all.count()), (1, 3));
+        assert!((comparison.all.quantile(0.5) - 0.4).abs() < 1e-3);
+        assert!((comparison.by_camera[2].max() - 0.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_last_targets_of_a_time_count_whatever_came_first() {
+        let mut comparison = comparison();
+        comparison.add_targets(&targets(Time::ZERO, &[LIGHT + Vector3::x()], How::Measured));
+        (0..4).for_each(|camera| comparison.add_features(Time::ZERO, &features(camera, &[LIGHT], Vector2::zeros())));
+        comparison.add_targets(&targets(Time::ZERO, &[LIGHT], How::Measured));
+        comparison.finish();
+        assert_eq!((comparison.frames_recovered, comparison.outliers_rejected), (1, 0));
+    }
+
+    #[test]
+    fn predictions_and_targets_of_two_cameras_are_not_recovered() {
+        for (how, n_cameras) in [(How::Predicted, 4), (How::Measured, 2)] {
+            let mut comparison = comparison();
+            (0..n_cameras)
+                .for_each(|it| comparison.add_features(Time::ZERO, &features(it, &[LIGHT], Vector2::zeros())));
+            comparison.add_targets(&targets(Time::ZERO, &[LIGHT], how));
+            comparison.finish();
+            assert_eq!((comparison.frames_recovered, comparison.frames_seen, comparison.all.count()), (0, 1, 0));
+        }
+    }
+
+    #[test]
+    fn what_agrees_with_no_target_is_an_outlier_and_one_feature_serves_one_target() {
+        let mut comparison = comparison();
+        let clutter = LIGHT + Vector3::new(0.3, 0.2, 0.1);
+        for camera in 0..4 {
+            comparison.add_features(Time::ZERO, &features(camera, &[LIGHT, clutter], Vector2::zeros()));
+        }
+        let twins = [LIGHT, LIGHT + Vector3::z() * 0.005];
+        comparison.add_targets(&targets(Time::ZERO, &twins, How::Measured));
+        comparison.finish();
+        assert_eq!((comparison.outliers_rejected, comparison.all.count()), (4, 4));
+    }
+
+    #[test]
+    fn old_frames_are_settled_and_what_comes_later_is_counted() {
+        let mut comparison = comparison();
+        let at = |ms: f64| Time::ZERO + Interval::from_ms(ms);
+        (0..3).for_each(|camera| comparison.add_features(at(0.0), &features(camera, &[LIGHT], Vector2::zeros())));
+        comparison.add_targets(&targets(at(0.0), &[LIGHT], How::Measured));
+        comparison.add_targets(&targets(at(100.0), &[LIGHT], How::Measured));
+        assert_eq!(comparison.frames_recovered, 0);
+        comparison.add_targets(&targets(at(100.1), &[LIGHT], How::Measured));
+        assert_eq!(comparison.frames_recovered, 1);
+        comparison.add_features(at(0.0), &features(3, &[LIGHT], Vector2::zeros()));
+        assert_eq!(comparison.late, 1);
+    }
+}

@@ -98,3 +98,16 @@ impl Node for Reprojection {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use foveate_testkit::check_node;
+
+    use super::*;
+
+    #[test]
+    fn node_keeps_its_promises() {
+        check_node::<Reprojection>("");
+        check_node::<Reprojection>("gate_px = 3.5\nmin_cameras = 4");
+    }
+}

@@ -131,16 +131,16 @@ impl Tracker {
         if camera >= self.cameras.len() {
             return Entry::UnknownCamera;
         }
-        if self.newest[camera].is_some_and(|newest| time <= newest) {
-            self.tally.cameras[camera].repeated += 1;
-            self.tally.late += features.list.len() as u64;
-            return Entry::Repeated;
-        }
         let filter_time = self.time.map_or(time, |now| now.max(time));
         if filter_time - time > Interval::from_ms(self.settings.late_tolerance_ms) {
             self.tally.cameras[camera].late += 1;
             self.tally.late += features.list.len() as u64;
             return Entry::Late;
+        }
+        if self.newest[camera].is_some_and(|newest| time <= newest) {
+            self.tally.cameras[camera].repeated += 1;
+            self.tally.late += features.list.len() as u64;
+            return Entry::Repeated;
         }
         self.tally.cameras[camera].applied += 1;
         self.newest[camera] = Some(time);

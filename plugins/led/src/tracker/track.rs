@@ -64,7 +64,17 @@ impl Track {
     pub fn new(id: TargetId, filter: ConstantVelocity, time: Time, camera: CameraId, probation: Interval) -> Self {
         let probation = Some(Probation { ends: time + probation, looks: 0, hits: 0 });
         let cameras = std::iter::once(camera).collect();
-        Self { id, filter, seen_at: time, last_camera: camera, other_at: time, cameras, beside: None, probation, withheld: false }
+        Self {
+            id,
+            filter,
+            seen_at: time,
+            last_camera: camera,
+            other_at: time,
+            cameras,
+            beside: None,
+            probation,
+            withheld: false,
+        }
     }
 
     /// Notes that `camera` saw it at `time`, which is never before `seen_at`.
@@ -102,7 +112,7 @@ impl Track {
     pub fn lost(&self, now: Time, unseen: Interval, single_view: Interval) -> Option<Death> {
         if now - self.seen_at > unseen {
             Some(Death::Unseen)
-        } else if now - self.other_at > single_view && now - self.seen_at < now - self.other_at {
+        } else if self.seen_at - self.other_at > single_view {
             Some(Death::SingleView)
         } else {
             None
