@@ -354,6 +354,25 @@ fn one_finder_serves_pictures_of_changing_size() {
 }
 
 #[test]
+fn a_window_sees_a_dim_spot_below_and_beside_bright_surroundings() {
+    // High thresholds but for one tile, so that what is known of its neighbours must not stand for it.
+    let (width, height) = (200, 40);
+    let dim = |x: usize, y: usize| (64..128).contains(&x) && (16..24).contains(&y);
+    let spot = |x: usize, y: usize| (66..69).contains(&x) && (18..21).contains(&y);
+    let of = |f: &dyn Fn(usize, usize) -> u8| (0..width * height).map(|i| f(i % width, i / width)).collect();
+    let thresholds = of(&|x, y| if dim(x, y) { 40 } else { 200 });
+    let case = Case { width, pixels: of(&|x, y| if spot(x, y) { 90 } else { 20 }), thresholds };
+    let no_rows = Sampling { every_rows: usize::MAX, first_row: 1 };
+    for window in [
+        Window { x: 47, y: 2, width: 40, height: 36 },
+        Window { x: 60, y: 19, width: 7, height: 1 },
+        Window { x: 66, y: 17, width: 90, height: 2 },
+    ] {
+        assert_eq!(case.find(&ANY, no_rows, &[window]).0.len(), 1, "{window:?}");
+    }
+}
+
+#[test]
 fn a_small_spot_that_stands_still_is_found_within_grid_frames() {
     for y in 0..20 {
         let mut pixels = vec![0; 64 * 20];
