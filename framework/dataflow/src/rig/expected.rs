@@ -2,7 +2,6 @@
 
 use serde_json::Value as Json;
 
-use super::names::listed;
 use super::settings::{alternatives, description, kinds, resolved, words};
 
 /// Nested lists that are described.
@@ -76,11 +75,19 @@ pub(super) fn expectation(root: &Json, schema: &Json) -> String {
     }
 }
 
+/// `"a", "b" or "c"`.
+pub(super) fn one_of(words: &[&str]) -> String {
+    let words: Vec<String> = words.iter().map(|it| format!("\"{it}\"")).collect();
+    match words.split_last() {
+        Some((last, rest)) if !rest.is_empty() => format!("{} or {last}", rest.join(", ")),
+        _ => words.concat(),
+    }
+}
+
 fn wanted(root: &Json, schema: &Json, depth: usize) -> String {
     let schema = resolved(root, schema);
     if let Some(words) = words(root, schema) {
-        let list = listed(words.iter().map(|it| format!("\"{it}\""))).unwrap_or_default();
-        return list.replace('`', "").replace(" and ", " or ");
+        return one_of(&words);
     }
     if let Some(choices) = alternatives(schema).filter(|it| !it.is_empty()) {
         let mut choices: Vec<String> = choices.iter().map(|it| wanted(root, it, depth + 1)).collect();

@@ -15,7 +15,8 @@ pub(super) fn likely<'n>(found: &str, known: impl IntoIterator<Item = &'n str>) 
     let near = |name: &str| {
         let distance = strsim::damerau_levenshtein(found, name);
         let allowed = 1 + found.chars().count().min(name.chars().count()) / 3;
-        (distance <= allowed).then_some(distance)
+        let is_part = || name.split(['.', '_', '-']).any(|part| part == found);
+        (distance <= allowed || is_part()).then_some(distance)
     };
     let known = known.into_iter().take(MOST_COMPARED).filter(|name| name.len().abs_diff(found.len()) < 40);
     known.filter_map(|name| Some((near(name)?, name))).min_by_key(|it| it.0).map(|it| it.1)
@@ -126,6 +127,7 @@ mod tests {
         assert_eq!(likely("treshold", known), Some("threshold"));
         assert_eq!(likely("offest", known), Some("offset"));
         assert_eq!(likely("colour", known), None);
+        assert_eq!(likely("detector", ["led.integrator", "led.detector"]), Some("led.detector"));
     }
 
     #[test]

@@ -11,7 +11,7 @@ use foveate_scene::calibration::Calibration;
 use toml::de::DeTable;
 
 use super::fault::Findings;
-use super::names::{did_you_mean, listed, matches, shown, there_is};
+use super::names::{did_you_mean, likely, listed, matches, shown, there_is};
 use super::node_text::NodeText;
 use super::settings;
 use crate::node::Plan;
@@ -89,10 +89,10 @@ impl Surroundings<'_> {
                     format_args!("unknown node type `{}`", shown(name.get_ref())),
                     "expected the name of a node type",
                 )
-                .help(format_args!(
-                    "{}; `foveate nodes` lists them all",
-                    did_you_mean(name.get_ref(), "there is", known.iter().copied()).trim_end_matches('?')
-                ));
+                .help(match likely(name.get_ref(), known.iter().copied()) {
+                    Some(meant) => format!("did you mean `{meant}`? `foveate nodes` lists all types"),
+                    None => format!("{}; `foveate nodes` lists them with what they do", there_is("the types", known)),
+                });
         }
         found.cloned()
     }
@@ -187,7 +187,7 @@ impl Surroundings<'_> {
             let entry = complaints.entry((setting, alike)).or_insert_with(|| (message, Vec::new()));
             entry.1.extend(camera_name.map(str::to_owned));
         }
-        for ((setting, _), (message, of)) in complaints {
+        for ((setting, alike), (message, of)) in complaints {
             let place = setting.as_deref().and_then(|it| settings::place_of(given, it));
             let name = text.name.get_ref();
             let title = match &setting {
@@ -197,7 +197,8 @@ impl Surroundings<'_> {
             let left_out = setting.filter(|_| place.is_none()).map(|it| format!(" (`{it}` is left out: its default)"));
             let label = format!("{message}{}", left_out.unwrap_or_default());
             let fault = findings.fault(place.unwrap_or_else(|| text.header.clone()), title, label);
-            if of.len() < cameras.len() || of.len() > 1 {
+            // All cameras and not a word about any: the cameras do not matter.
+            if of.len() < cameras.len() || (of.len() > 1 && alike != message) {
                 fault.maybe_help(
                     listed(&of).map(|it| format!("so for the camera{} {it}", if of.len() == 1 { "" } else { "s" })),
                 );

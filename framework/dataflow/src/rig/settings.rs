@@ -9,9 +9,9 @@ use serde_json::Value as Json;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::expected::{bounds, expectation, unit_of};
+use super::expected::{bounds, expectation, one_of, unit_of};
 use super::fault::{Findings, Span};
-use super::names::{did_you_mean, likely, listed, shown};
+use super::names::{did_you_mean, likely, shown};
 use super::value::{Value, described, number, whole};
 
 /// References to references to … that are followed.
@@ -107,10 +107,28 @@ impl<'s> Walk<'s, '_> {
         for part in schema.get("allOf").and_then(Json::as_array).into_iter().flatten() {
             self.part(resolved(self.root, part), path, table, &header, depth + 1);
         }
-        if let Some(choices) = alternatives(schema) {
+        if let Some(choices) = alternatives(schema).filter(|it| self.tag_fits(it, path, table, &header)) {
             let choices = fitting(self.root, &choices, table);
             let best = self.best(&choices, |walk, it| walk.part(it, path, table, &header, depth + 1));
             self.findings.append(best);
+        }
+    }
+
+    /// Whether `table` has one of the tags that tell `choices` apart, where they have tags; reported where not.
+    fn tag_fits(&mut self, choices: &[&'s Json], path: &str, table: &DeTable<'_>, header: &Span) -> bool {
+        let Some((key, tags)) = tags(self.root, choices) else { return true };
+        let full = if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
+        match table.get(key) {
+            Some(value) => {
+                let before = self.findings.len();
+                self.word(&tags, &full, value);
+                self.findings.len() == before
+            }
+            None => {
+                let title = format!("`{full}` is left out");
+                self.findings.fault(header.clone(), title, format_args!("expected `{key}` here: {}", one_of(&tags)));
+                false
+            }
         }
     }
 
@@ -125,37 +143,45 @@ impl<'s> Walk<'s, '_> {
     }
 
     fn value(&mut self, schema: &'s Json, path: &str, value: &Value<'_>, depth: usize) {
+        let before = self.findings.len();
+        self.undocumented_value(schema, path, value, depth);
+        // The field's own words say more than its type's.
+        let words = description(schema).or_else(|| description(resolved(self.root, schema)));
+        let unit = description(schema).and_then(unit_of);
+        for fault in self.findings.since(before).iter_mut().filter(|it| it.span == value.span() && it.help.is_none()) {
+            fault.maybe_help(words.map(|it| format!("{path}: {it}")));
+            if let Some(unit) = unit.filter(|it| !fault.label.contains(&format!("[{it}]"))) {
+                fault.label.push_str(&format!(" [{unit}]"));
+            }
+        }
+    }
+
+    fn undocumented_value(&mut self, schema: &'s Json, path: &str, value: &Value<'_>, depth: usize) {
         if depth > DEEPEST {
             return;
         }
-        let target = resolved(self.root, schema);
-        let before = self.findings.len();
-        if let Some(words) = words(self.root, target) {
+        let schema = resolved(self.root, schema);
+        if let Some(words) = words(self.root, schema) {
             self.word(&words, path, value);
-        } else if let (Some(choices), DeValue::Table(table)) = (alternatives(target), value.get_ref()) {
-            let choices = fitting(self.root, &choices, table);
-            let best = self.best(&choices, |walk, it| walk.value(it, path, value, depth + 1));
-            self.findings.append(best);
-        } else if let Some(choices) = alternatives(target) {
-            let tables = |it: &&Json| resolved(self.root, it).get("properties").is_some();
-            let plain: Vec<_> = choices.iter().copied().filter(|it| !tables(it)).collect();
-            let choices = if plain.is_empty() { choices } else { plain };
-            let best = self.best(&choices, |walk, it| walk.value(it, path, value, depth + 1));
-            self.findings.append(best);
-        } else {
-            self.plain(target, path, value, depth);
+            return;
         }
-        // The field's own words say more than its type's.
-        let help = description(schema).or_else(|| description(target)).map(|it| format!("{path}: {it}"));
-        let unit = description(schema).and_then(unit_of);
-        for fault in self.findings.since(before) {
-            if fault.help.is_none() && fault.span == value.span() {
-                fault.maybe_help(help.clone());
-                if let Some(unit) = unit.filter(|it| !fault.label.contains(&format!("[{it}]"))) {
-                    fault.label.push_str(&format!(" [{unit}]"));
-                }
+        let Some(mut choices) = alternatives(schema) else {
+            self.plain(schema, path, value, depth);
+            return;
+        };
+        if let DeValue::Table(table) = value.get_ref() {
+            if !self.tag_fits(&choices, path, table, &value.span()) {
+                return;
+            }
+            choices = fitting(self.root, &choices, table);
+        } else {
+            let is_table = |it: &&Json| resolved(self.root, it).get("properties").is_some();
+            if !choices.iter().all(is_table) {
+                choices.retain(|it| !is_table(it));
             }
         }
+        let best = self.best(&choices, |walk, it| walk.undocumented_value(it, path, value, depth + 1));
+        self.findings.append(best);
     }
 
     /// What the alternative finds that finds least; nothing, if one of them fits.
@@ -177,8 +203,7 @@ impl<'s> Walk<'s, '_> {
         if found.is_some_and(|it| words.contains(&it)) {
             return;
         }
-        let expected = listed(words.iter().map(|it| format!("\"{it}\""))).unwrap_or_default().replace('`', "");
-        self.findings.not_as_expected(path, value, &expected.replace(" and ", " or "));
+        self.findings.not_as_expected(path, value, &one_of(words));
         let meant = found.and_then(|it| likely(it, words.iter().copied()));
         if let (Some(meant), Some(fault)) = (meant, self.findings.last()) {
             fault.help(format_args!("did you mean \"{meant}\"?"));
@@ -253,6 +278,17 @@ impl<'s> Walk<'s, '_> {
             );
         }
     }
+}
+
+/// The key whose word tells `choices` apart, and the words.
+fn tags<'s>(root: &'s Json, choices: &[&'s Json]) -> Option<(&'s str, Vec<&'s str>)> {
+    let tag = |choice: &'s Json| {
+        let properties = resolved(root, choice).get("properties")?.as_object()?;
+        properties.iter().find_map(|(key, it)| Some((key.as_str(), it.get("const")?.as_str()?)))
+    };
+    let (key, _) = tag(choices.first()?)?;
+    let tags: Option<Vec<_>> = choices.iter().map(|it| tag(it).filter(|it| it.0 == key).map(|it| it.1)).collect();
+    Some((key, tags?))
 }
 
 /// The alternatives whose tag or key the table has, if any; otherwise all.

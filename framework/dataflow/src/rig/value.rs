@@ -3,6 +3,7 @@
 use toml::Spanned;
 use toml::de::{DeInteger, DeTable, DeValue};
 
+use super::expected::one_of;
 use super::fault::{Findings, Span};
 use super::names::{did_you_mean, shown};
 
@@ -91,8 +92,8 @@ impl Findings {
         let found = value.get_ref().as_str();
         let choice = choices.iter().find(|it| Some(it.0) == found);
         if choice.is_none() {
-            let words: Vec<String> = choices.iter().map(|it| format!("\"{}\"", it.0)).collect();
-            self.not_as_expected(key, value, &words.join(" or "));
+            let words: Vec<&str> = choices.iter().map(|it| it.0).collect();
+            self.not_as_expected(key, value, &one_of(&words));
             if let (Some(found), Some(fault)) = (found, self.last()) {
                 fault.maybe_help(
                     super::names::likely(found, choices.iter().map(|it| it.0))

@@ -100,8 +100,12 @@ impl<'a> Consumer<'_, 'a, '_> {
                 _ => {}
             }
         }
+        let is_known = |name: &str| known.unwrap_or_default().iter().any(|it| it.name == name);
         for port in known.unwrap_or_default().iter().filter(|it| !it.optional) {
-            if node.text.inputs_sound && self.is_open(port.name) {
+            // A port whose name is written wrongly has been reported as such.
+            let misspelt = node.text.inputs.iter().map(|it| it.port.get_ref()).find(|it| !is_known(it));
+            let misspelt = misspelt.is_some_and(|it| likely(it, [port.name]).is_some());
+            if node.text.inputs_sound && !misspelt && self.is_open(port.name) {
                 let title = format!("input `{}` of `{}` is open", port.name, node.name());
                 let label = format!("expected `in.{} = \"…\"` here: it takes `{}`", port.name, port.message.name);
                 let offers = self.names.offers(port.message.id, node.scale);
@@ -347,7 +351,11 @@ impl<'a> Consumer<'_, 'a, '_> {
             several => format!("found cameras {}, expected also {missing}", listed(several).unwrap_or_default()),
         };
         let fault = findings.fault(reference.span(), title, label);
-        fault.help("give both nodes the same cameras with `each` or `camera`");
+        let same = "give both nodes the same cameras with `each` or `camera`";
+        match pixels {
+            true => fault.help(same),
+            false => fault.help(format_args!("{same}, or name one: `{them}[{example}].OUTPUT`")),
+        };
         if let Some(place) = self.node.text.each.as_ref().or(self.node.text.camera.as_ref()) {
             fault.also(place.span(), format_args!("the cameras of `{us}`"));
         }

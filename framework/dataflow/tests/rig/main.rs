@@ -1,4 +1,5 @@
 //! The rig loader: what it accepts, what it finds, and what holds of every rig.
 
 mod accepted;
+mod faults;
 mod parts;
