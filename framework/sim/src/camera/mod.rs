@@ -204,7 +204,7 @@ mod tests {
     const SIZE: usize = 640 * 240;
 
     fn world(change: impl Fn(&mut SceneSettings)) -> World {
-        let mut settings = SceneSettings::default();
+        let mut settings = SceneSettings { people_enter_s: 0.0, ..SceneSettings::default() };
         change(&mut settings);
         World::new(settings, &Random::new(1))
     }

@@ -27,9 +27,19 @@ impl Node for Lab {
     }
 
     fn new(settings: SceneSettings, setup: &Setup) -> Result<Self, ConfigError> {
-        let SceneSettings { people, speed_m_s, led_peak, bright_spots, monitors, window_change_s, truth_hz, glints_hz } =
-            settings;
+        let SceneSettings {
+            people,
+            people_enter_s,
+            speed_m_s,
+            led_peak,
+            bright_spots,
+            monitors,
+            window_change_s,
+            truth_hz,
+            glints_hz,
+        } = settings;
         ConfigError::unless_in("people", people, 0..=4)?;
+        ConfigError::unless_in("people_enter_s", people_enter_s, 0.0..=3600.0)?;
         ConfigError::unless_in("speed_m_s", speed_m_s, 0.1..=2.0)?;
         ConfigError::unless_in("led_peak", led_peak, 0.0..=5000.0)?;
         ConfigError::unless_in("bright_spots", bright_spots, 0..=200)?;

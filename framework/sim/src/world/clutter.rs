@@ -35,7 +35,7 @@ pub struct BrightSpot {
     pub peak: f64,
 }
 
-/// Spots on walls (lamps, chrome) and on the floor near them (reflections), none in the volume.
+/// Spots on walls (lamps, chrome) and on the floor near them (reflections), none in or below the volume.
 pub(super) fn bright_spots(count: usize, random: &mut Random) -> Vec<BrightSpot> {
     let [min, max] = ROOM_M;
     let spot = |_| {
@@ -46,7 +46,10 @@ pub(super) fn bright_spots(count: usize, random: &mut Random) -> Vec<BrightSpot>
             1 => Point3::new(max[0] - 0.01, along(random, 1), height),
             2 => Point3::new(along(random, 0), min[1] + 0.01, height),
             3 => Point3::new(along(random, 0), max[1] - 0.01, height),
-            _ => Point3::new(along(random, 0), along(random, 1), 0.01),
+            _ => {
+                let side = if random.below(2) == 0 { -1.0 } else { 1.0 };
+                Point3::new(side * random.uniform_in(1.9, 2.2), along(random, 1), 0.01)
+            }
         };
         BrightSpot { position, sigma: random.uniform_in(0.006, 0.03), peak: random.uniform_in(70.0, 320.0) }
     };

@@ -31,6 +31,9 @@ pub struct SceneSettings {
     /// People who walk about, each with eight LEDs [–].
     #[schemars(range(min = 0, max = 4))]
     pub people: usize,
+    /// When they come in, from one moment to the next: before, the empty room lets detectors learn what it looks like [s].
+    #[schemars(range(min = 0.0, max = 3600.0))]
+    pub people_enter_s: f64,
     /// How fast they walk on average; they slow down in turns [m/s].
     #[schemars(range(min = 0.1, max = 2.0))]
     pub speed_m_s: f64,
@@ -59,6 +62,7 @@ impl Default for SceneSettings {
     fn default() -> Self {
         Self {
             people: 1,
+            people_enter_s: 1.0,
             speed_m_s: 0.9,
             led_peak: 800.0,
             bright_spots: 14,
@@ -125,21 +129,26 @@ impl World {
         &self.0.settings
     }
 
-    /// How many targets there are.
+    /// How many targets there are once people have come in.
     pub fn n_targets(&self) -> usize {
         self.0.people.len() * N_LEDS
+    }
+
+    /// Those who have come in by `time`.
+    fn people_at(&self, time: Time) -> &[Person] {
+        if time.as_s() >= self.0.settings.people_enter_s { &self.0.people } else { &[] }
     }
 
     /// Fills `moment` with the people as they are at `time`.
     pub fn at(&self, time: Time, moment: &mut Moment) {
         moment.poses.clear();
-        moment.poses.extend(self.0.people.iter().map(|person| person.pose(time.as_s())));
+        moment.poses.extend(self.people_at(time).iter().map(|person| person.pose(time.as_s())));
     }
 
     /// Where all LEDs truly are at `time`: measured, without uncertainty, seen by no camera in particular. Person p's LED l, in
     /// the order of [`LED_NAMES`](crate::person::LED_NAMES), is target 8 p + l.
     pub fn truth(&self, time: Time) -> Targets {
-        let leds = self.0.people.iter().flat_map(|person| person.motion(time.as_s()));
+        let leds = self.people_at(time).iter().flat_map(|person| person.motion(time.as_s()));
         let list = leds.enumerate().map(|(i, (position, velocity))| Target {
             id: TargetId(i as u32),
             position,
@@ -201,7 +210,7 @@ mod tests {
     use crate::lab::wide_cameras;
 
     fn world(settings: SceneSettings) -> World {
-        World::new(settings, &Random::new(1))
+        World::new(SceneSettings { people_enter_s: 0.0, ..settings }, &Random::new(1))
     }
 
     #[test]
@@ -248,6 +257,16 @@ mod tests {
                 sum as f64 / f64::from(n_times)
             );
             assert!(few * 50 < n_times as usize, "LED {led} is seen by fewer than three cameras in {few} of {n_times}");
+        }
+    }
+
+    #[test]
+    fn room_is_empty_until_people_come_in() {
+        let world = World::new(SceneSettings { people_enter_s: 1.0, ..SceneSettings::default() }, &Random::new(1));
+        let mut moment = Moment::default();
+        for (time, n_people) in [(0.0, 0), (0.999, 0), (1.0, 1), (50.0, 1)] {
+            world.at(Time::from_s(time), &mut moment);
+            assert_eq!((moment.poses.len(), world.truth(Time::from_s(time)).list.len()), (n_people, n_people * N_LEDS));
         }
     }
 
