@@ -2,4 +2,6 @@
 
 mod accepted;
 mod faults;
+mod laws;
 mod parts;
+mod sizes;

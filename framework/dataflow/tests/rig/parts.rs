@@ -111,7 +111,7 @@ pub enum Centre {
     Middle,
 }
 
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Window {
     /// Edge of the square [px].
@@ -119,6 +119,12 @@ pub struct Window {
     pub size_px: u32,
     /// Corners cut away [px].
     pub corners: Vec<[f64; 2]>,
+}
+
+impl Default for Window {
+    fn default() -> Self {
+        Self { size_px: 40, corners: Vec::new() }
+    }
 }
 
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
@@ -161,7 +167,7 @@ impl Default for DetectorSettings {
             min_area: 1,
             max_area: 400,
             centre: Centre::Weighted,
-            window: Window { size_px: 40, corners: Vec::new() },
+            window: Window::default(),
             mask: Mask::Open,
             relearn: Some(0.25),
         }
