@@ -49,7 +49,7 @@ fn time_fields(cameras: &[(String, Camera)], world: &World, random: &Random) {
     for frame in 0..60 {
         let start = Instant::now();
         for (renderer, image) in renderers.iter_mut().zip(&mut images) {
-            renderer.render(world, Time::from_s(frame as f64 / 60.0), frame, image);
+            renderer.render(world, Time::from_s(2.0 + frame as f64 / 60.0), frame, image);
         }
         best = best.min(start.elapsed().as_secs_f64() / cameras.len() as f64);
     }

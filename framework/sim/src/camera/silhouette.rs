@@ -87,3 +87,36 @@ fn draw_part(camera: &Camera, eye: &Point3<f64>, part: &BodyPart, light: f64, bl
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lab::wide_cameras;
+
+    #[test]
+    fn a_part_covers_its_axis_and_little_beyond_its_radius() {
+        let part =
+            BodyPart { ends: [Point3::new(0.1, 0.2, 0.9), Point3::new(0.3, -0.1, 1.5)], radius: 0.12, albedo: 0.5 };
+        for (name, camera) in wide_cameras() {
+            let eye = camera.centre();
+            let mut canvas = vec![i16::MAX; 640 * 240];
+            draw_part(&camera, &eye, &part, 60.0, 10.0, &mut canvas);
+            for i in 0..=10 {
+                let on_axis = part.ends[0] + (part.ends[1] - part.ends[0]) * (f64::from(i) / 10.0);
+                let Some(pixel) = camera.sees(&on_axis) else { continue };
+                let value = canvas[pixel.y.round() as usize * 640 + pixel.x.round() as usize];
+                assert!((10 * 64..=70 * 64).contains(&value), "{name}: {value} at {pixel}");
+            }
+            // Each painted pixel's line of sight passes within the radius of the capsule, or nearly so.
+            let wide = BodyPart { radius: part.radius * 1.15, ..part };
+            let mut n_painted = 0;
+            for (i, _) in canvas.iter().enumerate().filter(|(_, value)| **value != i16::MAX) {
+                let pixel = nalgebra::Point2::new((i % 640) as f64, (i / 640) as f64);
+                let ray = camera.ray(&pixel).unwrap();
+                assert!(wide.blocks(&eye, &(eye + ray.direction.into_inner() * 10.0)), "{name}: {pixel} is painted");
+                n_painted += 1;
+            }
+            assert!(n_painted > 100 || camera.sees(&part.ends[0]).is_none(), "{name}: {n_painted} pixels");
+        }
+    }
+}

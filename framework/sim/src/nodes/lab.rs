@@ -1,6 +1,6 @@
 //! The simulated lab as a source: the world once, and the truth about its targets again and again.
 
-use foveate_dataflow::{ConfigError, Due, Io, Node, NodeError, Out, Plan, Ports, Role, Setup, Time};
+use foveate_dataflow::{ConfigError, Due, Io, Node, NodeError, Out, Plan, Pool, Ports, Role, Setup, Time};
 use foveate_messages::Targets;
 
 use crate::world::{MAX_MONITORS, SceneSettings, World};
@@ -14,6 +14,7 @@ pub struct Lab {
     world: World,
     truth_hz: f64,
     next: u64,
+    pool: Pool<Targets>,
 }
 
 impl Node for Lab {
@@ -47,7 +48,7 @@ impl Node for Lab {
         ConfigError::unless_in("window_change_s", window_change_s, 0.05..=3600.0)?;
         ConfigError::unless_in("truth_hz", truth_hz, 1.0..=10_000.0)?;
         ConfigError::unless_in("glints_hz", glints_hz, 0.0..=30.0)?;
-        Ok(Self { world: World::new(settings, &setup.random), truth_hz, next: 0 })
+        Ok(Self { world: World::new(settings, &setup.random), truth_hz, next: 0, pool: Pool::default() })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -55,7 +56,9 @@ impl Node for Lab {
         if self.next == 0 {
             io.emit_at(&WORLD, time, self.world.clone());
         }
-        io.emit_at(&TRUTH, time, self.world.truth(time));
+        let mut truth = self.pool.take(Targets::default);
+        self.world.truth_into(time, &mut truth);
+        io.emit_at(&TRUTH, time, self.pool.share(truth));
         self.next += 1;
         Ok(())
     }

@@ -148,16 +148,24 @@ impl World {
     /// Where all LEDs truly are at `time`: measured, without uncertainty, seen by no camera in particular. Person p's LED l, in
     /// the order of [`LED_NAMES`](crate::person::LED_NAMES), is target 8 p + l.
     pub fn truth(&self, time: Time) -> Targets {
+        let mut truth = Targets::default();
+        self.truth_into(time, &mut truth);
+        truth
+    }
+
+    /// As [`Self::truth`], in memory that is used again.
+    pub fn truth_into(&self, time: Time, truth: &mut Targets) {
+        truth.time = time;
+        truth.list.clear();
         let leds = self.people_at(time).iter().flat_map(|person| person.motion(time.as_s()));
-        let list = leds.enumerate().map(|(i, (position, velocity))| Target {
+        truth.list.extend(leds.enumerate().map(|(i, (position, velocity))| Target {
             id: TargetId(i as u32),
             position,
             velocity,
             covariance: Matrix6::zeros(),
             cameras: Default::default(),
             how: How::Measured,
-        });
-        Targets { time, list: list.collect() }
+        }));
     }
 
     /// Small bright things that stay where they are.
