@@ -22,11 +22,14 @@ pub struct DetectorSettings {
     pub offset: u8,
     /// No threshold is lower than this, however dark the background [gray level].
     pub min_threshold: u8,
+    /// The brightest pixel of a light, at least. The rim of a light, down to the threshold, sharpens its centre; what is no
+    /// brighter than a rim, such as a wall from which somebody has stepped away, is no light [gray level].
+    pub min_peak: u8,
     /// Pictures that the background is learnt from; 0: nothing is learnt, and `min_threshold` holds everywhere [frames].
     #[schemars(range(min = 0, max = 10000))]
     pub learn_frames: u32,
     /// The background of a pixel is the brightest that was learnt, less this many brighter ones: a light that moves on within
-    /// as many pictures leaves no trace. 0 is the paper's maximum; fewer than `learn_frames` [frames].
+    /// as many pictures leaves no trace. 0 is the paper's maximum; fewer than `learn_frames`, unless that is 0 [frames].
     #[schemars(range(min = 0, max = 15))]
     pub left_out_frames: u8,
     /// What is given out until the background has been learnt for the first time: nothing, or what exceeds `min_threshold` [–].
@@ -72,14 +75,15 @@ pub struct DetectorSettings {
 }
 
 impl Default for DetectorSettings {
-    /// The paper's grid, windows and rules.
+    /// The paper's grid, windows and rules; thresholds and sizes as they suit LEDs 2 m to 6 m from a camera of 640 × 240 px.
     fn default() -> Self {
         Self {
             channel: ColourPlane::Luma,
             offset: 20,
             min_threshold: 40,
+            min_peak: 70,
             learn_frames: 30,
-            left_out_frames: 0,
+            left_out_frames: 3,
             while_learning: WhileLearning::Wait,
             relearn_fraction: 0.02,
             sink: 0,
@@ -89,7 +93,7 @@ impl Default for DetectorSettings {
             grid_px: 5,
             window_px: 40,
             min_area_px: 2,
-            max_area_px: 2000,
+            max_area_px: 400,
             max_elongation: 4.0,
             min_fill: 0.3,
             max_features: 256,

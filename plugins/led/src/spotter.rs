@@ -189,6 +189,7 @@ impl Spotter {
             .transpose()
             .map_err(Refusal::Broken)?
         };
+        self.spots.retain(|spot| spot.peak >= self.settings.min_peak);
         self.n_pictures += 1;
         let verdict = match &mut of_size.background {
             // What was searched with the lowest threshold says nothing about a table that is not there yet.
@@ -304,7 +305,7 @@ mod tests {
 
     /// Everything searched, nothing learnt, unless a test says otherwise.
     fn plain() -> DetectorSettings {
-        DetectorSettings { learn_frames: 0, search: Search::Full, ..DetectorSettings::default() }
+        DetectorSettings { learn_frames: 0, left_out_frames: 0, search: Search::Full, ..DetectorSettings::default() }
     }
 
     fn dark() -> Image {

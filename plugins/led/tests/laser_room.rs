@@ -58,6 +58,7 @@ fn detector_settings() -> DetectorSettings {
     DetectorSettings {
         channel: ColourPlane::Green,
         min_threshold: 30,
+        min_peak: 30,
         learn_frames: 60,
         left_out_frames: 15,
         while_learning: WhileLearning::Search,
