@@ -1,1 +1,33 @@
-//! To be filled.
+//! Results on disk: tables and pictures.
+//!
+//! | node | what it writes into the results folder |
+//! |---|---|
+//! | [`export.targets`](targets::ExportTargets) | `targets.csv`: time, target, position, covariance, cameras, how |
+//! | [`export.features`](features::ExportFeatures) | `features.csv`: 2D detections, as `capture.detections` reads them |
+//! | [`export.pictures`](pictures::ExportPictures) | paths from above and from the side, position and cameras over time, as SVG |
+//! | [`export.overlay`](overlay::ExportOverlay) | some pictures of a camera with the points ringed that were found in them, as PNG |
+//!
+//! Tables reach the disk while the run goes on. A disk that is full or a folder that cannot be written to loses nothing: rows
+//! wait in memory, and lie in the system's folder for temporary files at the end, with an error that says where.
+
+mod csv;
+pub mod features;
+mod last_of_time;
+pub mod overlay;
+mod paint;
+pub mod pictures;
+mod plot;
+mod row_file;
+mod target_rows;
+pub mod targets;
+mod track_history;
+
+use foveate::prelude::Registry;
+
+/// Makes the nodes of this plugin known.
+pub fn register(registry: &mut Registry) {
+    registry.add::<targets::ExportTargets>();
+    registry.add::<features::ExportFeatures>();
+    registry.add::<pictures::ExportPictures>();
+    registry.add::<overlay::ExportOverlay>();
+}

@@ -1,0 +1,307 @@
+//! `export.overlay`: what a detector found, ringed in the picture in which it found it.
+//!
+//! Features come after the picture of the same stamp, so the pictures that are to be drawn are kept until then; at most
+//! [`HELD`] of them, so that a detector that leaves pictures out costs no memory. A picture whose features never come is not
+//! drawn, and the report counts it: without rings it would look as if nothing had been found.
+
+use std::collections::VecDeque;
+use std::fs;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use foveate::prelude::*;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::csv::file_part;
+use crate::paint::Canvas;
+use crate::row_file::write_whole;
+
+const IMAGE: In<Image> = In::each(0, "image");
+const FEATURES: In<Features> = In::each(1, "features");
+
+/// Pictures kept until their features come.
+const HELD: usize = 4;
+/// The folder within the results.
+const FOLDER: &str = "overlay";
+/// Magenta: hardly a light in a room has it.
+const COLOUR: [u8; 3] = [255, 0, 255];
+/// Free space between a spot and its ring [px].
+const CLEARANCE: f64 = 4.0;
+
+/// Settings of [`ExportOverlay`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ExportOverlaySettings {
+    /// Every how-manieth picture of the camera is drawn [–]
+    #[serde(default = "default_every_n")]
+    #[schemars(range(min = 1, max = 1000000))]
+    pub every_n: u64,
+    /// Pictures drawn at most [–]
+    #[serde(default = "default_max_pictures")]
+    #[schemars(range(min = 1, max = 10000))]
+    pub max_pictures: u64,
+    /// How many pixels wide and high each pixel becomes [–]
+    #[serde(default = "default_zoom")]
+    #[schemars(range(min = 1, max = 8))]
+    pub zoom: u32,
+    /// Gray levels are multiplied by this, to see into dark pictures [–]
+    #[serde(default = "default_gain")]
+    #[schemars(range(min = 0.1, max = 100.0))]
+    pub gain: f64,
+}
+
+fn default_every_n() -> u64 {
+    100
+}
+
+fn default_max_pictures() -> u64 {
+    20
+}
+
+fn default_zoom() -> u32 {
+    1
+}
+
+fn default_gain() -> f64 {
+    1.0
+}
+
+/// Pictures with rings into `overlay/<camera>_<number>.png`.
+pub struct ExportOverlay {
+    settings: ExportOverlaySettings,
+    instance: String,
+    name: String,
+    out_dir: Option<PathBuf>,
+    held: VecDeque<(Stamp, Arc<Image>)>,
+    /// Features that came before their picture, as they may between threads.
+    early: VecDeque<(Stamp, Arc<Features>)>,
+    n_drawn: u64,
+    n_unanswered: u64,
+    report: Report,
+    fault: Option<String>,
+}
+
+impl ExportOverlay {
+    fn is_wanted(&self, stamp: Stamp) -> bool {
+        stamp.sequence.is_multiple_of(self.settings.every_n)
+            && self.n_drawn + (self.held.len() as u64) < self.settings.max_pictures
+    }
+
+    fn take_image(&mut self, stamp: Stamp, image: Arc<Image>) {
+        if !self.is_wanted(stamp) {
+            return;
+        }
+        if let Some(at) = self.early.iter().position(|(early, _)| *early == stamp) {
+            if let Some((stamp, features)) = self.early.remove(at) {
+                self.draw(stamp, &image, &features);
+            }
+            return;
+        }
+        self.held.push_back((stamp, image));
+        if self.held.len() > HELD {
+            self.held.pop_front();
+            self.n_unanswered += 1;
+        }
+    }
+
+    fn take_features(&mut self, stamp: Stamp, features: Arc<Features>) {
+        if let Some(at) = self.held.iter().position(|(held, _)| *held == stamp) {
+            if let Some((stamp, image)) = self.held.remove(at) {
+                self.draw(stamp, &image, &features);
+            }
+        } else if self.is_wanted(stamp) {
+            self.early.push_back((stamp, features));
+            if self.early.len() > HELD {
+                self.early.pop_front();
+            }
+        }
+    }
+
+    fn draw(&mut self, stamp: Stamp, image: &Image, features: &Features) {
+        self.n_drawn += 1;
+        let Some(out_dir) = &self.out_dir else { return };
+        let mut canvas = Canvas::of(image, self.settings.zoom, self.settings.gain);
+        for feature in &features.list {
+            let radius = (f64::from(feature.area) / std::f64::consts::PI).sqrt() + CLEARANCE;
+            canvas.ring(feature.centre.x, feature.centre.y, radius, COLOUR);
+        }
+        let name = format!("{FOLDER}/{}_{:06}.png", self.name, stamp.sequence);
+        let mut bytes = Vec::new();
+        let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive);
+        let written = encoder
+            .write_image(&canvas.pixels, canvas.width, canvas.height, ExtendedColorType::Rgb8)
+            .map_err(|error| format!("`{name}` cannot be encoded: {error}"))
+            .and_then(|()| {
+                fs::create_dir_all(out_dir.join(FOLDER))
+                    .map_err(|error| format!("`{}`: {error}", out_dir.join(FOLDER).display()))
+            })
+            .and_then(|()| write_whole(Some(out_dir), &name, &bytes, &mut self.report));
+        if let Err(fault) = written {
+            self.fault.get_or_insert(fault);
+        }
+    }
+}
+
+impl Node for ExportOverlay {
+    const TYPE: &'static str = "export.overlay";
+    const ROLE: Role = Role::Sink;
+    const SUMMARY: &'static str =
+        "writes some pictures of a camera as PNG, with the points ringed that were found in them";
+    type Settings = ExportOverlaySettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&IMAGE).input(&FEATURES)
+    }
+
+    fn new(settings: ExportOverlaySettings, setup: &Setup) -> Result<Self, ConfigError> {
+        ConfigError::unless_in("every_n", settings.every_n, 1..=1_000_000)?;
+        ConfigError::unless_in("max_pictures", settings.max_pictures, 1..=10_000)?;
+        ConfigError::unless_in("zoom", settings.zoom, 1..=8)?;
+        ConfigError::unless_in("gain", settings.gain, 0.1..=100.0)?;
+        Ok(Self {
+            settings,
+            instance: setup.instance.clone(),
+            name: file_part(setup.camera_name().unwrap_or(&setup.instance)),
+            out_dir: setup.out_dir.clone(),
+            held: VecDeque::new(),
+            early: VecDeque::new(),
+            n_drawn: 0,
+            n_unanswered: 0,
+            report: Report::default(),
+            fault: None,
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        while let Some(image) = io.take(&IMAGE) {
+            self.take_image(image.stamp, image.value);
+        }
+        while let Some(features) = io.take(&FEATURES) {
+            self.take_features(features.stamp, features.value);
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let n_unanswered = self.n_unanswered + self.held.len() as u64;
+        if n_unanswered > 0 {
+            report.remark(format!(
+                "{}: {n_unanswered} pictures were not drawn, the features of their stamps never came",
+                self.instance
+            ));
+        }
+        report.files.append(&mut self.report.files);
+        self.fault.take().map_or(Ok(()), |fault| Err(NodeError::input(fault)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix2, Point2};
+
+    use super::*;
+
+    fn settings(every_n: u64, max_pictures: u64) -> ExportOverlaySettings {
+        ExportOverlaySettings { every_n, max_pictures, zoom: 2, gain: 1.0 }
+    }
+
+    fn stamp(sequence: u64) -> Stamp {
+        Stamp { sequence, ..Stamp::default() }
+    }
+
+    fn picture() -> Arc<Image> {
+        Arc::new(Image { width: 40, height: 30, pixels: vec![20; 1200], ..Image::default() })
+    }
+
+    fn found(points: &[(f64, f64)]) -> Arc<Features> {
+        let feature = |&(x, y): &(f64, f64)| Feature {
+            centre: Point2::new(x, y),
+            covariance: Matrix2::identity(),
+            area: 9,
+            peak: 99,
+        };
+        Arc::new(Features { camera: CameraId(0), list: points.iter().map(feature).collect() })
+    }
+
+    struct Bench {
+        folder: tempfile::TempDir,
+        node: ExportOverlay,
+    }
+
+    fn bench(settings: ExportOverlaySettings) -> Bench {
+        let folder = tempfile::tempdir().unwrap();
+        let setup = Setup { out_dir: Some(folder.path().to_owned()), ..Setup::for_tests() };
+        Bench { node: ExportOverlay::new(settings, &setup).unwrap(), folder }
+    }
+
+    impl Bench {
+        /// File names, and how many pixels of each are of the rings' colour.
+        fn finish(mut self) -> Vec<(String, usize)> {
+            let mut report = Report::default();
+            self.node.finish(&mut report).unwrap();
+            let rings = |name: &PathBuf| {
+                let image = image::open(self.folder.path().join(name)).unwrap().into_rgb8();
+                assert_eq!(image.dimensions(), (80, 60));
+                image.pixels().filter(|it| it.0 == COLOUR).count()
+            };
+            report.files.iter().map(|it| (it.display().to_string(), rings(it))).collect()
+        }
+    }
+
+    #[test]
+    fn node_keeps_its_promises() {
+        foveate_testkit::check_node::<ExportOverlay>("every_n = 7");
+    }
+
+    #[test]
+    fn every_nth_picture_is_drawn_with_its_own_features() {
+        let mut bench = bench(settings(3, 100));
+        for sequence in 0..7 {
+            bench.node.take_image(stamp(sequence), picture());
+            let points = [(20.0, 15.0), (8.0, 8.0)];
+            bench.node.take_features(stamp(sequence), found(&points[..usize::from(sequence == 3)]));
+        }
+        let files = bench.finish();
+        let names: Vec<&str> = files.iter().map(|it| it.0.as_str()).collect();
+        assert_eq!(names, [0, 3, 6].map(|it| format!("overlay/test.node_{it:06}.png")));
+        assert!(files[0].1 == 0 && files[1].1 > 30 && files[2].1 == 0, "{files:?}");
+    }
+
+    #[test]
+    fn features_may_be_late_early_or_never_come() {
+        let mut bench = bench(settings(1, 100));
+        bench.node.take_features(stamp(2), found(&[(20.0, 15.0)]));
+        (0..9).for_each(|sequence| bench.node.take_image(stamp(sequence), picture()));
+        assert!(bench.node.held.len() <= HELD);
+        bench.node.take_features(stamp(7), found(&[(20.0, 15.0)]));
+        let files = bench.finish();
+        assert_eq!(
+            files.iter().map(|it| it.0.as_str()).collect::<Vec<_>>(),
+            [2, 7].map(|it| format!("overlay/test.node_{it:06}.png"))
+        );
+        assert!(files.iter().all(|it| it.1 > 30), "{files:?}");
+    }
+
+    #[test]
+    fn number_of_pictures_is_bounded() {
+        let mut bench = bench(settings(1, 3));
+        for sequence in 0..50 {
+            bench.node.take_image(stamp(sequence), picture());
+            bench.node.take_features(stamp(sequence), found(&[]));
+        }
+        assert_eq!(bench.finish().len(), 3);
+    }
+
+    #[test]
+    fn folder_that_cannot_be_written_is_named() {
+        let mut bench = bench(settings(1, 3));
+        fs::write(bench.folder.path().join(FOLDER), "in the way").unwrap();
+        bench.node.take_image(stamp(0), picture());
+        bench.node.take_features(stamp(0), found(&[]));
+        let complaint = bench.node.finish(&mut Report::default()).unwrap_err().message;
+        assert!(complaint.contains("overlay"), "{complaint}");
+    }
+}

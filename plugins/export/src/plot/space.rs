@@ -1,0 +1,244 @@
+//! Paths in space, to scale: from above, and from two sides.
+
+use foveate::geometry::Camera;
+use nalgebra::Point2;
+
+use super::axes::{Labels, Panel, Range, round_step};
+use super::legend::{Key, LEGEND_WIDTH, Legend, MEASURED, PREDICTED, TRUTH};
+use super::svg::{Anchor, INK, Pen, Point, Rect, SMALL, Svg, text_width};
+use super::thin::{FIGURE_POINTS, thin_paths};
+use super::{Coloured, Subject};
+use crate::track_history::{Sample, Track};
+
+const LEFT: f64 = 76.0;
+const TOP: f64 = 46.0;
+const BELOW: f64 = 54.0;
+/// Largest panel [px].
+const PANEL: [f64; 2] = [680.0, 620.0];
+const NARROWEST: f64 = 170.0;
+const AXES: [&str; 3] = ["x", "y", "z"];
+const VOLUME: Pen<'static> = Pen::new("#777777", 1.0).dashed("6 4");
+
+/// The plan: x to the right, y upwards.
+pub(crate) fn top(subject: &Subject<'_>) -> String {
+    let title = format!("{}: paths seen from above", subject.name);
+    draw(subject, &title, &[[0, 1]])
+}
+
+/// Two elevations, one below the other at the same scale.
+pub(crate) fn side(subject: &Subject<'_>) -> String {
+    let title = format!("{}: paths seen from the side", subject.name);
+    draw(subject, &title, &[[0, 2], [1, 2]])
+}
+
+fn draw(subject: &Subject<'_>, title: &str, views: &[[usize; 2]]) -> String {
+    let reach = 0.07 * [0, 1, 2].map(|axis| range(subject, axis, 0.0).length()).into_iter().fold(0.0, f64::max);
+    let ranges = [0, 1, 2].map(|axis| range(subject, axis, reach));
+    let widest = views.iter().map(|view| ranges[view[0]].length()).fold(1e-9, f64::max);
+    let highest: f64 = views.iter().map(|view| ranges[view[1]].length()).sum::<f64>().max(1e-9);
+    // Pixels a unit of length, the same both ways and in all views.
+    let scale = (PANEL[0] / widest).min(PANEL[1] / highest);
+    let mut panels = Vec::new();
+    let mut next = TOP;
+    for &[across, up] in views {
+        let size = [ranges[across].length() * scale, ranges[up].length() * scale].map(|it| it.max(NARROWEST));
+        let rect = Rect { left: LEFT, top: next, width: size[0], height: size[1] };
+        next = rect.bottom() + BELOW;
+        let fit = |range: Range, pixels: f64| {
+            let (middle, half) = ((range.min + range.max) / 2.0, pixels / scale / 2.0);
+            Range { min: middle - half, max: middle + half }
+        };
+        panels.push(([across, up], Panel { rect, x: fit(ranges[across], size[0]), y: fit(ranges[up], size[1]) }));
+    }
+    let widest = panels.iter().map(|(_, panel)| panel.rect.right()).fold(0.0, f64::max);
+    let height = next.max(TOP + Legend::height(subject, 6));
+    let mut svg = Svg::new(widest + LEGEND_WIDTH + 20.0, height, title);
+    for (index, (axes, panel)) in panels.iter().enumerate() {
+        view(&mut svg, subject, *axes, panel, (reach, FIGURE_POINTS / 2 / views.len()));
+        if index == 0 {
+            scale_bar(&mut svg, panel, subject.unit);
+        }
+    }
+    legend(&mut svg, subject, [widest + 20.0, TOP]);
+    svg.finish()
+}
+
+/// What one axis must show; `reach`: how far the views of the cameras are drawn.
+fn range(subject: &Subject<'_>, axis: usize, reach: f64) -> Range {
+    let of = |track: &Track| track.samples.iter().map(|it| f64::from(it.position[axis])).collect::<Vec<_>>();
+    let mut values: Vec<f64> =
+        subject.all().flat_map(|it| of(it.track)).chain(subject.truth.iter().flat_map(|it| of(it))).collect();
+    let paths = Range::of_most(&mut values);
+    let fixed = subject.volume.iter().flatten().map(|corner| corner[axis]);
+    let cameras =
+        subject.cameras.iter().map(|(_, camera)| camera.centre()[axis]).flat_map(|it| [it - reach, it + reach]);
+    let rest = Range::of(fixed.chain(cameras));
+    match (paths, rest) {
+        (Some(paths), rest) => paths.union(rest),
+        (None, Some(rest)) => rest,
+        (None, None) => Range { min: -1.0, max: 1.0 },
+    }
+    .widened(0.04)
+}
+
+fn view(svg: &mut Svg, subject: &Subject<'_>, [across, up]: [usize; 2], panel: &Panel, (reach, limit): (f64, usize)) {
+    let label = |axis: usize| format!("{} [{}]", AXES[axis], subject.unit);
+    panel.background(svg, Labels { x: Some(&label(across)), y: &label(up) });
+    let place = |position: [f64; 3]| panel.place(position[across], position[up]);
+    svg.within(panel.rect, |svg| {
+        if let Some([min, max]) = subject.volume {
+            let [a, b] = [place(min), place(max)];
+            svg.lines(&[vec![a, [b[0], a[1]], b, [a[0], b[1]], a]], VOLUME);
+        }
+        for (_, camera) in &subject.cameras {
+            frustum(svg, camera, reach, place);
+        }
+        let mut truth: Vec<Vec<Point>> = subject
+            .truth
+            .iter()
+            .flat_map(|it| it.pieces())
+            .map(|piece| piece.iter().map(|it| place(it.position.map(f64::from))).collect())
+            .collect();
+        thin_paths(&mut truth, limit);
+        svg.lines(&truth, TRUTH);
+        paths(svg, subject, limit, place);
+        for it in &subject.tracks {
+            ends(svg, it, place);
+        }
+    });
+    camera_names(svg, subject, panel, place);
+    panel.frame(svg);
+}
+
+fn paths(svg: &mut Svg, subject: &Subject<'_>, limit: usize, place: impl Fn([f64; 3]) -> Point) {
+    let (mut lines, pens) = tracks(subject, |it| place(it.position.map(f64::from)));
+    thin_paths(&mut lines, limit);
+    draw_tracks(svg, &lines, &pens);
+}
+
+/// Each target's line, measured and predicted stretches apart, and for each the pen that it is drawn with.
+pub(crate) fn tracks<'a>(subject: &Subject<'a>, place: impl Fn(&Sample) -> Point) -> (Vec<Vec<Point>>, Vec<Pen<'a>>) {
+    let stretches =
+        subject.all().flat_map(|it| stretches(it.track).map(move |(measured, stretch)| (it.colour, measured, stretch)));
+    stretches
+        .map(|(colour, measured, stretch)| {
+            let pen = Pen::new(colour, MEASURED);
+            (stretch.iter().map(&place).collect::<Vec<_>>(), if measured { pen } else { pen.dashed(PREDICTED) })
+        })
+        .unzip()
+}
+
+/// Draws lines, those of one pen as one mark.
+pub(crate) fn draw_tracks(svg: &mut Svg, lines: &[Vec<Point>], pens: &[Pen<'_>]) {
+    let mut order: Vec<Pen<'_>> = Vec::new();
+    for pen in pens {
+        if !order.contains(pen) {
+            order.push(*pen);
+        }
+    }
+    for pen in order {
+        let of_pen: Vec<Vec<Point>> = lines.iter().zip(pens).filter(|it| *it.1 == pen).map(|it| it.0.clone()).collect();
+        svg.lines(&of_pen, pen);
+    }
+}
+
+/// Runs of samples that are all measured or all predicted, each beginning with the last sample of the one before, so that no
+/// hole shows where the kind changes.
+fn stretches(track: &Track) -> impl Iterator<Item = (bool, &[Sample])> {
+    track.pieces().flat_map(|piece| {
+        let mut start = 0;
+        piece.chunk_by(|a, b| a.measured == b.measured).map(move |run| {
+            let from = start.max(1) - 1;
+            start += run.len();
+            (run.first().is_some_and(|it| it.measured), &piece[from..start])
+        })
+    })
+}
+
+/// A hollow dot where the path begins, a full one where it ends.
+fn ends(svg: &mut Svg, it: &Coloured<'_>, place: impl Fn([f64; 3]) -> Point) {
+    if let (Some(first), Some(last)) = (it.track.samples.first(), it.track.samples.last()) {
+        let pen = Pen::new(it.colour, 1.4);
+        svg.circle(place(first.position.map(f64::from)), 3.2, "white", pen);
+        svg.circle(place(last.position.map(f64::from)), 3.2, it.colour, pen);
+    }
+}
+
+/// The corners of the picture of a camera, `reach` away from it.
+fn frustum(svg: &mut Svg, camera: &Camera, reach: f64, place: impl Fn([f64; 3]) -> Point) {
+    let [width, height] = camera.image_size.map(|it| f64::from(it) - 1.0);
+    let corners = [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]];
+    let centre = place(camera.centre().into());
+    let far: Vec<Point> = corners
+        .iter()
+        .filter_map(|&[x, y]| camera.ray(&Point2::new(x, y)))
+        .map(|ray| place((ray.origin + ray.direction.into_inner() * reach).into()))
+        .collect();
+    let pen = Pen::new("#555555", 0.7);
+    if far.len() == 4 {
+        svg.area(&far, "#888888", 0.18, Some(pen));
+        far.iter().for_each(|corner| svg.line(centre, *corner, pen.faint(0.8)));
+    }
+    svg.circle(centre, 2.0, "#333333", Pen::new("#333333", 0.5));
+}
+
+/// Names beside the cameras where there is room; a name that would cover another is left out.
+fn camera_names(svg: &mut Svg, subject: &Subject<'_>, panel: &Panel, place: impl Fn([f64; 3]) -> Point) {
+    let centres: Vec<Point> = subject.cameras.iter().map(|(_, camera)| place(camera.centre().into())).collect();
+    let mut taken: Vec<Rect> =
+        centres.iter().map(|[x, y]| Rect { left: x - 3.0, top: y - 3.0, width: 6.0, height: 6.0 }).collect();
+    for ((name, _), [x, y]) in subject.cameras.iter().zip(centres) {
+        let (width, height) = (text_width(name, SMALL), SMALL);
+        let rects = [12.0, 24.0].into_iter().flat_map(|away| {
+            let (right, left) = (x + away * 0.7, x - away * 0.7 - width);
+            let centred = x - width / 2.0;
+            [
+                (centred, y - away - height * 0.3),
+                (centred, y + away + height * 0.7),
+                (right, y + height * 0.35),
+                (left, y + height * 0.35),
+                (right, y - away * 0.7),
+                (left, y - away * 0.7),
+                (right, y + away * 0.7 + height * 0.7),
+                (left, y + away * 0.7 + height * 0.7),
+            ]
+        });
+        let free = rects
+            .map(|(left, base)| Rect { left, top: base - height, width, height: height * 1.25 })
+            .find(|it| panel.rect.holds(it) && taken.iter().all(|other| !it.overlaps(other)));
+        if let Some(rect) = free {
+            svg.text([rect.left + width / 2.0, rect.top + height], Anchor::Middle, SMALL, name);
+            taken.push(rect);
+        }
+    }
+}
+
+/// A round length of about a fifth of the panel, in its lower left corner.
+fn scale_bar(svg: &mut Svg, panel: &Panel, unit: &str) {
+    let length = round_step(panel.x.length() / 8.0);
+    let pixels = length / panel.x.length() * panel.rect.width;
+    let (left, y) = (panel.rect.left + 14.0, panel.rect.bottom() - 14.0);
+    let text = format!("{length} {unit}");
+    let width = pixels.max(text_width(&text, SMALL)) + 12.0;
+    svg.rect(Rect { left: left - 6.0, top: y - 20.0, width, height: 27.0 }, "white", None);
+    let pen = Pen::new(INK, 2.0);
+    svg.line([left, y], [left + pixels, y], pen);
+    for x in [left, left + pixels] {
+        svg.line([x, y - 4.0], [x, y + 4.0], Pen::new(INK, 1.2));
+    }
+    svg.text([left + pixels.max(text_width(&text, SMALL)) / 2.0, y - 7.0], Anchor::Middle, SMALL, &text);
+}
+
+fn legend(svg: &mut Svg, subject: &Subject<'_>, at: Point) {
+    let mut legend = Legend::at(at);
+    legend.tracks(svg, subject);
+    legend.line_styles(svg);
+    legend.entry(svg, Key::Dot { fill: "white" }, "begins");
+    legend.entry(svg, Key::Dot { fill: INK }, "ends");
+    if !subject.cameras.is_empty() {
+        legend.entry(svg, Key::Camera, "camera and its view");
+    }
+    if subject.volume.is_some() {
+        legend.entry(svg, Key::Line(VOLUME), "working volume");
+    }
+}

@@ -1,0 +1,116 @@
+//! Lines with no more points than can be seen.
+
+use super::axes::Range;
+use super::svg::Point;
+
+/// Most points of all lines in a figure: about 600 kB.
+pub(crate) const FIGURE_POINTS: usize = 60_000;
+
+/// Drops points that lie closer than `tolerance` [px] to the last kept one; both ends stay.
+fn spaced(points: &[Point], tolerance: f64) -> Vec<Point> {
+    let mut kept: Vec<Point> = Vec::new();
+    for (index, point) in points.iter().enumerate() {
+        let far = kept.last().is_none_or(|last| (point[0] - last[0]).hypot(point[1] - last[1]) >= tolerance);
+        if far || index + 1 == points.len() {
+            kept.push(*point);
+        }
+    }
+    kept
+}
+
+/// In each column of `width` [px] keeps the first, the last, the highest and the lowest point of a line that runs to the
+/// right: it looks the same.
+fn columns(points: &[Point], width: f64) -> Vec<Point> {
+    let mut kept = Vec::new();
+    for column in points.chunk_by(|a, b| (a[0] / width).floor() == (b[0] / width).floor()) {
+        let last = column.len() - 1;
+        let by_height = |index: &usize| column[*index][1];
+        let lowest = (0..=last).max_by(|a, b| by_height(a).total_cmp(&by_height(b))).unwrap_or(0);
+        let highest = (0..=last).min_by(|a, b| by_height(a).total_cmp(&by_height(b))).unwrap_or(0);
+        let mut places = [0, lowest, highest, last];
+        places.sort_unstable();
+        for (index, place) in places.iter().enumerate() {
+            if index == 0 || places[index - 1] != *place {
+                kept.push(column[*place]);
+            }
+        }
+    }
+    kept
+}
+
+/// Thins lines of any shape, together, to about `limit` points.
+pub(crate) fn thin_paths(lines: &mut [Vec<Point>], limit: usize) {
+    thin(lines, limit, 0.4, spaced);
+}
+
+/// Thins lines that run to the right, together, to about `limit` points.
+pub(crate) fn thin_courses(lines: &mut [Vec<Point>], limit: usize) {
+    thin(lines, limit, 0.5, columns);
+}
+
+fn thin(lines: &mut [Vec<Point>], limit: usize, start: f64, by: impl Fn(&[Point], f64) -> Vec<Point>) {
+    let mut tolerance = start;
+    for _ in 0..24 {
+        lines.iter_mut().for_each(|line| *line = by(line, tolerance));
+        if lines.iter().filter(|it| it.len() > 1).map(Vec::len).sum::<usize>() <= limit {
+            break;
+        }
+        tolerance *= 1.5;
+        // The ends of a line always stay, so of very many short lines those go that are only a dot.
+        lines.iter_mut().filter(|line| extent(line) < tolerance).for_each(Vec::clear);
+    }
+}
+
+/// The longer side of the box around `points` [px].
+fn extent(points: &[Point]) -> f64 {
+    [0, 1]
+        .into_iter()
+        .filter_map(|axis| Range::of(points.iter().map(|it| it[axis])))
+        .map(|it| it.length())
+        .fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn course_keeps_its_envelope() {
+        let points: Vec<Point> =
+            (0..100_000_u32).map(|it| [f64::from(it) * 0.005, f64::from(it * 7919 % 1000)]).collect();
+        let thinned = columns(&points, 1.0);
+        assert!(thinned.len() <= 4 * 501, "{}", thinned.len());
+        for (wide, thin) in points
+            .chunk_by(|a, b| a[0].floor() == b[0].floor())
+            .zip(thinned.chunk_by(|a, b| a[0].floor() == b[0].floor()))
+        {
+            let range = |points: &[Point]| {
+                points.iter().fold((f64::MAX, f64::MIN), |(low, high), it| (low.min(it[1]), high.max(it[1])))
+            };
+            assert_eq!(range(wide), range(thin));
+        }
+    }
+
+    #[test]
+    fn path_keeps_its_ends_and_stays_near() {
+        let points: Vec<Point> =
+            (0..=1000).map(|it| f64::from(it) * 0.01).map(|it| [50.0 * it.cos(), 50.0 * it.sin()]).collect();
+        let kept = spaced(&points, 2.0);
+        assert!(kept.len() < 300);
+        assert_eq!((kept.first(), kept.last()), (points.first(), points.last()));
+    }
+
+    #[test]
+    fn any_number_of_points_comes_below_the_limit() {
+        let line: Vec<Point> = (0..200_000_u32).map(|it| [f64::from(it % 700), f64::from(it * 7919 % 600)]).collect();
+        let mut lines = vec![line.clone(), line];
+        thin_paths(&mut lines, 5000);
+        assert!(lines.iter().map(Vec::len).sum::<usize>() <= 5000);
+        let dots = |it: u32| vec![[f64::from(it) * 0.01, 0.0], [f64::from(it) * 0.01 + 0.3, 0.2]];
+        let mut short: Vec<Vec<Point>> = (0..50_000).map(dots).collect();
+        short.push(vec![[0.0, 0.0], [100.0, 100.0]]);
+        thin_courses(&mut short, 5000);
+        let kept: Vec<&Vec<Point>> = short.iter().filter(|it| it.len() > 1).collect();
+        assert_eq!(kept, [&[[0.0, 0.0], [100.0, 100.0]]]);
+    }
+}

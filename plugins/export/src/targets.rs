@@ -1,0 +1,291 @@
+//! `export.targets`: the table of all that was recovered, one line for each target and time.
+//!
+//! Columns: `time_s,target,x_m,y_m,z_m`, the upper triangle of the position's covariance `cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2`,
+//! `cameras` (names joined by `+`: those whose observations entered) and `how` (`measured`, `predicted`, `filled`).
+
+use std::collections::BTreeMap;
+
+use foveate::prelude::*;
+use foveate::scene::LengthUnit;
+use nalgebra::Point3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::csv::{camera_names, check_file_name, field, fixed, scientific};
+use crate::last_of_time::LastOfTime;
+use crate::row_file::RowFile;
+use crate::target_rows::{Clock, Row};
+
+const TARGETS: In<Targets> = In::each(0, "targets");
+
+const HEADER: &str = "time_s,target,x_m,y_m,z_m,cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2,cameras,how";
+
+/// Settings of [`ExportTargets`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ExportTargetsSettings {
+    /// Name of the table in the results folder [–]
+    #[serde(default = "default_file")]
+    pub file: String,
+    /// Rows a second on a regular clock, each sample carried on by its velocity; 0: a row for each time that there is [Hz]
+    #[serde(default)]
+    #[schemars(range(min = 0.0, max = 100000.0))]
+    pub rate_hz: f64,
+    /// With `rate_hz`: a row counts as measured when an observation is at most this old, as predicted otherwise [ms]
+    #[serde(default = "default_measured_within_ms")]
+    #[schemars(range(min = 0.0, max = 10000.0))]
+    pub measured_within_ms: f64,
+    /// With `rate_hz`: a sample gives rows for at most this long; without newer ones the rows stop [ms]
+    #[serde(default = "default_carried_at_most_ms")]
+    #[schemars(range(min = 0.0, max = 60000.0))]
+    pub carried_at_most_ms: f64,
+}
+
+fn default_file() -> String {
+    "targets.csv".to_owned()
+}
+
+fn default_measured_within_ms() -> f64 {
+    20.0
+}
+
+fn default_carried_at_most_ms() -> f64 {
+    500.0
+}
+
+/// Targets into a CSV file. Of several messages of one time the last one is written.
+pub struct ExportTargets {
+    file: RowFile,
+    last: LastOfTime,
+    clock: Option<Clock>,
+    table: Table,
+    text: String,
+    file_name: String,
+    unit_is_known: bool,
+}
+
+/// What the rows add up to.
+#[derive(Debug, Default)]
+struct Table {
+    cameras: Vec<String>,
+    samples: u64,
+    predicted: u64,
+    filled: u64,
+    /// Where each target was last [m].
+    places: BTreeMap<TargetId, Point3<f64>>,
+    path_length: f64,
+    span: Option<(Time, Time)>,
+}
+
+impl Table {
+    fn write(&mut self, row: &Row, text: &mut String) {
+        fixed(text, row.time.as_s(), 6);
+        text.push(',');
+        text.push_str(&row.id.0.to_string());
+        for coordinate in row.position.iter() {
+            text.push(',');
+            fixed(text, *coordinate, 6);
+        }
+        for (row_index, column) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)] {
+            text.push(',');
+            scientific(text, row.covariance[(row_index, column)]);
+        }
+        text.push(',');
+        let names: Vec<String> = row.cameras.iter().map(|it| self.camera(it)).collect();
+        text.push_str(&field(&names.join("+")));
+        text.push(',');
+        text.push_str(row.how.name());
+        text.push('\n');
+        self.count(row);
+    }
+
+    fn camera(&self, camera: CameraId) -> String {
+        self.cameras.get(usize::from(camera.0)).cloned().unwrap_or_else(|| camera.0.to_string())
+    }
+
+    fn count(&mut self, row: &Row) {
+        self.samples += 1;
+        self.predicted += u64::from(row.how == How::Predicted);
+        self.filled += u64::from(row.how == How::Filled);
+        if let Some(before) = self.places.insert(row.id, row.position) {
+            self.path_length += (row.position - before).norm();
+        }
+        let (first, last) = self.span.unwrap_or((row.time, row.time));
+        self.span = Some((first.min(row.time), last.max(row.time)));
+    }
+}
+
+impl ExportTargets {
+    fn write(&mut self, message: &Targets) {
+        let Self { clock, table, text, .. } = self;
+        match clock {
+            Some(clock) => clock.push(message, &mut |row| table.write(&row, text)),
+            None => message.list.iter().for_each(|it| table.write(&Row::of(message.time, it), text)),
+        }
+        self.file.push(&self.text);
+        self.text.clear();
+    }
+}
+
+impl Node for ExportTargets {
+    const TYPE: &'static str = "export.targets";
+    const ROLE: Role = Role::Sink;
+    const SUMMARY: &'static str = "writes targets into a CSV table: time, position, covariance, cameras, how";
+    type Settings = ExportTargetsSettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&TARGETS)
+    }
+
+    fn new(settings: ExportTargetsSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        check_file_name("file", &settings.file)?;
+        ConfigError::unless_in("rate_hz", settings.rate_hz, 0.0..=100_000.0)?;
+        ConfigError::unless_in("measured_within_ms", settings.measured_within_ms, 0.0..=10_000.0)?;
+        ConfigError::unless_in("carried_at_most_ms", settings.carried_at_most_ms, 0.0..=60_000.0)?;
+        let [measured_within, carried_at_most] =
+            [settings.measured_within_ms, settings.carried_at_most_ms].map(Interval::from_ms);
+        let clock = (settings.rate_hz > 0.0).then(|| Clock::new(settings.rate_hz, measured_within, carried_at_most));
+        Ok(Self {
+            file: RowFile::new(setup, &settings.file, HEADER),
+            last: LastOfTime::default(),
+            clock,
+            table: Table { cameras: camera_names(setup), ..Table::default() },
+            text: String::new(),
+            file_name: settings.file,
+            unit_is_known: setup.calibration.length_unit == LengthUnit::Metre,
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        while let Some(message) = io.take(&TARGETS) {
+            if let Some(message) = self.last.push(message.value) {
+                self.write(&message);
+            }
+        }
+        self.file.flush_when_due(io.now());
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        if let Some(message) = self.last.finish() {
+            self.write(&message);
+        }
+        let Self { clock, table, text, .. } = self;
+        if let Some(clock) = clock {
+            clock.finish(&mut |row| table.write(&row, text));
+        }
+        self.file.push(&self.text);
+        let table = &self.table;
+        report.figure("targets", table.places.len() as f64);
+        report.figure("samples", table.samples as f64);
+        report.figure("samples_predicted", table.predicted as f64);
+        report.figure("samples_filled", table.filled as f64);
+        report.figure("path_length_m", if self.unit_is_known { table.path_length } else { f64::NAN });
+        report.figure("duration_s", table.span.map_or(0.0, |(first, last)| (last - first).as_s()));
+        let name = &self.file_name;
+        if !self.unit_is_known && table.samples > 0 {
+            report.remark(format!(
+                "the lengths in {name} are in the calibration's own unit, which was never measured in metres"
+            ));
+        }
+        if self.last.late() > 0 {
+            let n_late = self.last.late();
+            report.remark(format!(
+                "{name}: {n_late} messages were of an earlier time than one before them; their rows stand out of order"
+            ));
+        }
+        self.file.finish(report)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::target_rows::tests::target;
+
+    fn settings(rate_hz: f64) -> ExportTargetsSettings {
+        ExportTargetsSettings { file: default_file(), rate_hz, measured_within_ms: 20.0, carried_at_most_ms: 500.0 }
+    }
+
+    fn setup(folder: &std::path::Path) -> Setup {
+        let calibration = Arc::new(foveate_testkit::scene::ring_calibration(3));
+        Setup { out_dir: Some(folder.to_owned()), calibration, ..Setup::for_tests() }
+    }
+
+    /// The table and the report after `messages`.
+    #[track_caller]
+    fn export(settings: ExportTargetsSettings, messages: Vec<Targets>) -> (String, Report) {
+        let folder = tempfile::tempdir().unwrap();
+        let mut node = ExportTargets::new(settings, &setup(folder.path())).unwrap();
+        for message in messages {
+            if let Some(message) = node.last.push(Arc::new(message)) {
+                node.write(&message);
+            }
+        }
+        let mut report = Report::default();
+        node.finish(&mut report).unwrap();
+        (std::fs::read_to_string(folder.path().join("targets.csv")).unwrap(), report)
+    }
+
+    #[test]
+    fn node_keeps_its_promises() {
+        foveate_testkit::check_node::<ExportTargets>("rate_hz = 60.0");
+    }
+
+    #[test]
+    fn last_message_of_a_time_is_written_with_all_that_is_known() {
+        let at = |ms: f64, list: Vec<Target>| Targets { time: Time::ZERO + Interval::from_ms(ms), list };
+        let mut seen_by_two = target(4, [1.0, -2.0, 0.5], How::Measured);
+        seen_by_two.cameras = [CameraId(0), CameraId(2)].into_iter().collect();
+        let messages = vec![
+            at(10.0, vec![target(4, [9.0, 9.0, 9.0], How::Measured)]),
+            at(10.0, vec![seen_by_two]),
+            at(20.0, vec![target(4, [1.0, -2.0, 1.5], How::Predicted), target(5, [0.0, 0.0, -1e-9], How::Filled)]),
+        ];
+        let (text, report) = export(settings(0.0), messages);
+        let covariance = "1.000000e-04,0.000000e+00,0.000000e+00,1.000000e-04,0.000000e+00,1.000000e-04";
+        let expected = format!(
+            "{HEADER}\n\
+             0.010000,4,1.000000,-2.000000,0.500000,{covariance},ring-1+ring-3,measured\n\
+             0.020000,4,1.000000,-2.000000,1.500000,{covariance},,predicted\n\
+             0.020000,5,0.000000,0.000000,0.000000,{covariance},,filled\n"
+        );
+        assert_eq!(text, expected);
+        let figure = |name: &str| report.figures[name];
+        assert_eq!([figure("targets"), figure("samples"), figure("samples_predicted")], [2.0, 3.0, 1.0]);
+        assert!((figure("path_length_m") - 1.0).abs() < 1e-12);
+        assert!((figure("duration_s") - 0.01).abs() < 1e-12);
+    }
+
+    #[test]
+    fn clock_gives_rows_at_its_own_times() {
+        let messages = (0..=20).map(|step| {
+            let time = f64::from(step) * 0.005;
+            Targets { time: Time::from_s(time), list: vec![target(1, [time, 0.0, 0.0], How::Measured)] }
+        });
+        let (text, report) = export(settings(30.0), messages.collect());
+        let times: Vec<&str> = text.lines().skip(1).filter_map(|line| line.split(',').next()).collect();
+        assert_eq!(times, ["0.000000", "0.033333", "0.066667", "0.100000"]);
+        assert!(text.lines().skip(1).all(|line| line.split(',').next() == line.split(',').nth(2)), "{text}");
+        assert_eq!(report.figures["samples"], 4.0);
+    }
+
+    #[test]
+    fn run_without_targets_leaves_a_table_without_rows() {
+        let (text, report) = export(settings(0.0), Vec::new());
+        assert_eq!(text, format!("{HEADER}\n"));
+        assert_eq!(report.figures["targets"], 0.0);
+    }
+
+    #[test]
+    fn settings_that_cannot_be_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let refused = |settings| ExportTargets::new(settings, &setup(folder.path())).map(|_| ()).unwrap_err().setting;
+        let away = ExportTargetsSettings { file: "../x.csv".to_owned(), ..settings(0.0) };
+        assert_eq!(refused(away).as_deref(), Some("file"));
+        assert_eq!(refused(settings(-1.0)).as_deref(), Some("rate_hz"));
+        assert_eq!(refused(settings(f64::NAN)).as_deref(), Some("rate_hz"));
+    }
+}
