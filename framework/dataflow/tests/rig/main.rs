@@ -4,4 +4,5 @@ mod accepted;
 mod faults;
 mod laws;
 mod parts;
+mod pictures;
 mod sizes;

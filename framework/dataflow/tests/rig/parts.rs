@@ -246,6 +246,13 @@ part!(
 );
 
 pub fn registry() -> Registry {
+    let mut registry = registry_of_calm_parts();
+    registry.add::<Panic>();
+    registry
+}
+
+/// All but the one that panics.
+pub fn registry_of_calm_parts() -> Registry {
     let mut registry = Registry::new();
     registry.add::<Camera>();
     registry.add::<Detector>();
@@ -255,7 +262,6 @@ pub fn registry() -> Registry {
     registry.add::<Aim>();
     registry.add::<Motor>();
     registry.add::<Table>();
-    registry.add::<Panic>();
     registry
 }
 

@@ -11,7 +11,7 @@ use crate::accepted::LAB;
 use crate::parts::{bad, good, registry};
 
 /// A chain of `count` nodes behind a source, each scale and node on three lines.
-fn chain(count: usize) -> String {
+pub fn chain(count: usize) -> String {
     let mut text = String::from(
         "[rig]\nname = \"chain\"\ncalibration = \"lab.calibration.toml\"\n[scale.s.node.video]\ntype = \"test.camera\"\ncamera = \"wide-1\"\n\
          [scale.s.node.leds]\ntype = \"test.detector\"\nin.image = \"video.image\"\n\

@@ -1,0 +1,284 @@
+//! Where everything goes: columns by the order of the data, one lane a scale, ways for the edges between the boxes.
+//!
+//! All numbers are px of the drawing.
+
+use std::collections::BTreeMap;
+
+use super::order::{Slot, arrange};
+use super::{Sketch, Step};
+
+/// Height of a box.
+pub(super) const BOX_HEIGHT: f64 = 46.0;
+/// Room between boxes of one column.
+const ROW_GAP: f64 = 22.0;
+/// Room between columns, for the edges.
+const COLUMN_GAP: f64 = 96.0;
+/// Height of the way of an edge past a column.
+const WAY_HEIGHT: f64 = 4.0;
+/// Room for a scale's name.
+const HEADER: f64 = 40.0;
+/// Room around what lies in a scale.
+const PADDING: f64 = 18.0;
+/// Room between two backward edges.
+const CHANNEL: f64 = 18.0;
+/// Bends that are drawn: a graph with more has its long edges drawn straight.
+const MOST_BENDS: usize = 20_000;
+
+/// A rectangle.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Rect {
+    pub x: f64,
+    pub y: f64,
+    pub width: f64,
+    pub height: f64,
+}
+
+/// The way of a link.
+#[derive(Debug, Clone)]
+pub(super) enum Way {
+    /// From left to right through these points.
+    Forward(Vec<(f64, f64)>),
+    /// Out to the right, along a level, and in from the left.
+    Around { from: (f64, f64), level: f64, to: (f64, f64) },
+}
+
+/// Places of everything.
+pub(super) struct Layout {
+    /// By node.
+    pub boxes: Vec<Rect>,
+    /// By scale.
+    pub frames: Vec<Rect>,
+    /// By link.
+    pub ways: Vec<Way>,
+    pub width: f64,
+    pub height: f64,
+}
+
+/// Width of a text in a proportional font.
+pub(super) fn text_width(text: &str, size: f64) -> f64 {
+    text.chars().count() as f64 * size * 0.58
+}
+
+/// Places a sketch below `top`.
+pub(super) fn place(sketch: &Sketch<'_>, top: f64) -> Layout {
+    let columns = columns(sketch);
+    let widths: Vec<f64> = sketch
+        .nodes
+        .iter()
+        .map(|it| {
+            let count = if it.count > 1 { 14.0 + text_width(&it.count.to_string(), 11.0) + 12.0 } else { 0.0 };
+            (text_width(it.name, 13.0) + count).max(text_width(it.type_name, 11.0)).max(96.0) + 24.0
+        })
+        .collect();
+    let n_columns = columns.iter().map(|it| it + 1).max().unwrap_or(0);
+    let mut column_width = vec![0.0_f64; n_columns];
+    for (node, &column) in columns.iter().enumerate() {
+        column_width[column] = column_width[column].max(widths[node]);
+    }
+    let deepest = sketch.walk().iter().fold((0_usize, 0_usize), |(depth, most), step| match step {
+        Step::Into(_) => (depth + 1, most.max(depth + 1)),
+        Step::OutOf(_) => (depth - 1, most),
+    });
+    let mut left = 24.0 + PADDING * deepest.1 as f64;
+    let mut column_x = Vec::with_capacity(n_columns);
+    for width in &column_width {
+        column_x.push(left);
+        left += width + COLUMN_GAP;
+    }
+    let lanes = lanes(sketch, &columns);
+    let mut layout = Layout {
+        boxes: vec![Rect::default(); sketch.nodes.len()],
+        frames: vec![Rect::default(); sketch.scales.len()],
+        ways: Vec::new(),
+        width: 0.0,
+        height: 0.0,
+    };
+    let mut lane_top = vec![0.0; sketch.scales.len()];
+    let mut lane_height = vec![0.0; sketch.scales.len()];
+    let mut y = top;
+    for step in sketch.walk() {
+        match step {
+            Step::Into(scale) => {
+                layout.frames[scale].y = y;
+                y += HEADER;
+                lane_top[scale] = y;
+                lane_height[scale] = lanes[scale].height;
+                let lane = &lanes[scale];
+                for &(node, slot) in &lane.nodes {
+                    let x = column_x[columns[node]] + (column_width[columns[node]] - widths[node]) / 2.0;
+                    let centre = y + lane.slots[slot].y;
+                    layout.boxes[node] =
+                        Rect { x, y: centre - BOX_HEIGHT / 2.0, width: widths[node], height: BOX_HEIGHT };
+                }
+                let backward = lane.n_backward as f64;
+                y += lane.height + if lane.n_backward > 0 { 6.0 + CHANNEL * backward } else { 0.0 };
+                y += PADDING;
+            }
+            Step::OutOf(scale) => {
+                let frame = layout.frames[scale];
+                layout.frames[scale].height = y - frame.y;
+                y += PADDING;
+            }
+        }
+    }
+    frame_widths(sketch, &mut layout);
+    let right = layout.frames.iter().map(|it| it.x + it.width).fold(0.0, f64::max);
+    layout.width = right + 24.0;
+    layout.height = y;
+    layout.ways = ways(sketch, &layout, &lanes, &lane_top, &lane_height, &columns, &column_x, &column_width);
+    layout
+}
+
+/// Columns: each node right of all that come before it in the schedule and give it something.
+fn columns(sketch: &Sketch<'_>) -> Vec<usize> {
+    let mut columns = vec![0; sketch.nodes.len()];
+    let mut forward: Vec<(usize, usize)> =
+        sketch.links.iter().map(|it| (it.from, it.to)).filter(|it| it.0 < it.1).collect();
+    forward.sort_unstable();
+    for (from, to) in forward {
+        columns[to] = columns[to].max(columns[from] + 1);
+    }
+    columns
+}
+
+/// What stands in a scale.
+#[derive(Default)]
+struct Lane {
+    slots: Vec<Slot>,
+    /// Nodes and their slots.
+    nodes: Vec<(usize, usize)>,
+    /// By link: the slots of its way past other columns.
+    bends: BTreeMap<usize, Vec<usize>>,
+    height: f64,
+    n_backward: usize,
+}
+
+fn lanes(sketch: &Sketch<'_>, columns: &[usize]) -> Vec<Lane> {
+    let mut lanes: Vec<Lane> = sketch.scales.iter().map(|_| Lane::default()).collect();
+    let mut slot_of = vec![0; sketch.nodes.len()];
+    for (node, part) in sketch.nodes.iter().enumerate() {
+        let lane = &mut lanes[part.scale];
+        slot_of[node] = lane.slots.len();
+        lane.nodes.push((node, lane.slots.len()));
+        lane.slots.push(Slot { column: columns[node], height: BOX_HEIGHT, y: 0.0 });
+    }
+    let mut joins: Vec<Vec<(usize, usize)>> = vec![Vec::new(); lanes.len()];
+    let mut n_bends = 0;
+    for (number, link) in sketch.links.iter().enumerate() {
+        let (from, to) = (sketch.nodes[link.from].scale, sketch.nodes[link.to].scale);
+        let lane = &mut lanes[from];
+        if link.from >= link.to {
+            lane.n_backward += 1;
+            continue;
+        }
+        let mut before = slot_of[link.from];
+        let span = columns[link.to].saturating_sub(columns[link.from] + 1);
+        n_bends += span;
+        if n_bends <= MOST_BENDS {
+            for column in columns[link.from] + 1..columns[link.to] {
+                let slot = lane.slots.len();
+                lane.slots.push(Slot { column, height: WAY_HEIGHT, y: 0.0 });
+                joins[from].push((before, slot));
+                lane.bends.entry(number).or_default().push(slot);
+                before = slot;
+            }
+        }
+        if from == to && (span == 0 || n_bends <= MOST_BENDS) {
+            joins[from].push((before, slot_of[link.to]));
+        }
+    }
+    for (lane, joins) in lanes.iter_mut().zip(&joins) {
+        lane.height = arrange(&mut lane.slots, joins, ROW_GAP);
+    }
+    lanes
+}
+
+/// Frames as wide as what lies in them and their names; children before parents.
+fn frame_widths(sketch: &Sketch<'_>, layout: &mut Layout) {
+    let mut edges = vec![(f64::INFINITY, f64::NEG_INFINITY); sketch.scales.len()];
+    for (node, part) in sketch.nodes.iter().enumerate() {
+        let place = layout.boxes[node];
+        let edge = &mut edges[part.scale];
+        // Room for the labels of outputs and the turns of backward edges.
+        *edge = (edge.0.min(place.x - 30.0), edge.1.max(place.x + place.width + 30.0));
+    }
+    for (scale, frame) in sketch.scales.iter().enumerate().rev() {
+        let (mut left, mut right) = edges[scale];
+        if left > right {
+            (left, right) = (24.0 + PADDING, 24.0 + PADDING);
+        }
+        let name = text_width(frame.name, 15.0) + text_width(&frame.about, 12.0) + 50.0;
+        right = right.max(left + name);
+        edges[scale] = (left, right);
+        layout.frames[scale].x = left;
+        layout.frames[scale].width = right - left;
+        if let Some(parent) = frame.parent {
+            let edge = &mut edges[parent];
+            *edge = (edge.0.min(left - PADDING), edge.1.max(right + PADDING));
+        }
+    }
+}
+
+#[expect(clippy::too_many_arguments, reason = "the parts of one layout")]
+fn ways(
+    sketch: &Sketch<'_>,
+    layout: &Layout,
+    lanes: &[Lane],
+    lane_top: &[f64],
+    lane_height: &[f64],
+    columns: &[usize],
+    column_x: &[f64],
+    column_width: &[f64],
+) -> Vec<Way> {
+    let outlets = spread(sketch.links.iter().map(|it| (it.from, it.output)));
+    let inlets = spread(sketch.links.iter().map(|it| (it.to, it.input)));
+    let mut used = vec![0_usize; lanes.len()];
+    let mut ways = Vec::with_capacity(sketch.links.len());
+    for (number, link) in sketch.links.iter().enumerate() {
+        let (from_box, to_box) = (layout.boxes[link.from], layout.boxes[link.to]);
+        let at = |place: &Rect, share: &BTreeMap<(usize, usize), f64>, key| {
+            place.y + place.height * share.get(&key).copied().unwrap_or(0.5)
+        };
+        let from = (from_box.x + from_box.width, at(&from_box, &outlets, (link.from, link.output)));
+        let to = (to_box.x, at(&to_box, &inlets, (link.to, link.input)));
+        let scale = sketch.nodes[link.from].scale;
+        if link.from >= link.to {
+            used[scale] += 1;
+            let level = lane_top[scale] + lane_height[scale] + 2.0 + CHANNEL * used[scale] as f64;
+            ways.push(Way::Around { from, level, to });
+            continue;
+        }
+        let mut points = vec![from];
+        // Behind the box, where the column is wider than it.
+        points.push((column_x[columns[link.from]] + column_width[columns[link.from]], from.1));
+        for &slot in lanes[scale].bends.get(&number).into_iter().flatten() {
+            let slot = lanes[scale].slots[slot];
+            let y = lane_top[scale] + slot.y;
+            points.push((column_x[slot.column], y));
+            points.push((column_x[slot.column] + column_width[slot.column], y));
+        }
+        points.push((column_x[columns[link.to]], to.1));
+        points.push(to);
+        ways.push(Way::Forward(points));
+    }
+    ways
+}
+
+/// Ports of a node in use, spread over its side: where each lies, as a fraction of the height.
+fn spread(ports: impl Iterator<Item = (usize, usize)>) -> BTreeMap<(usize, usize), f64> {
+    let mut of_node: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (node, port) in ports {
+        let list = of_node.entry(node).or_default();
+        if let Err(place) = list.binary_search(&port) {
+            list.insert(place, port);
+        }
+    }
+    let mut shares = BTreeMap::new();
+    for (node, ports) in of_node {
+        let count = ports.len() as f64;
+        for (index, port) in ports.into_iter().enumerate() {
+            shares.insert((node, port), (index as f64 + 1.0) / (count + 1.0));
+        }
+    }
+    shares
+}

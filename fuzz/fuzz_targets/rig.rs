@@ -1,0 +1,35 @@
+//! Any text is answered by a graph or by faults whose places lie inside it; a resolved rig is its own resolution.
+
+#![no_main]
+
+use std::path::Path;
+use std::sync::LazyLock;
+
+use foveate_dataflow::Registry;
+use foveate_dataflow::rig::{self, Overrides};
+use libfuzzer_sys::fuzz_target;
+
+#[allow(dead_code, reason = "the tests use more of it")]
+#[path = "../../framework/dataflow/tests/rig/parts.rs"]
+mod parts;
+
+/// Where the calibration lies.
+const RIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../framework/dataflow/tests/rig/lab.toml");
+
+/// Without the part that panics on purpose: here every panic counts.
+static REGISTRY: LazyLock<Registry> = LazyLock::new(parts::registry_of_calm_parts);
+
+fuzz_target!(|text: &str| {
+    match rig::load(text, Path::new(RIG), &REGISTRY, &Overrides::default()) {
+        Ok(graph) => match rig::load(&graph.resolved, Path::new(RIG), &REGISTRY, &Overrides::default()) {
+            Ok(again) => assert_eq!(again.resolved, graph.resolved),
+            Err(faults) => panic!("{faults}\n{}", graph.resolved),
+        },
+        Err(faults) => {
+            for fault in &faults.list {
+                assert!(text.get(fault.span.clone()).is_some(), "{fault:?}");
+            }
+            assert!(!faults.render(true).is_empty());
+        }
+    }
+});
