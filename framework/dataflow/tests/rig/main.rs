@@ -5,4 +5,5 @@ mod faults;
 mod laws;
 mod parts;
 mod pictures;
+mod schema;
 mod sizes;
