@@ -252,7 +252,7 @@ mod tests {
             ..CameraSettings::default()
         };
         let mut moment = Moment::default();
-        let mut n_checked = 0;
+        let (mut n_checked, mut spread) = (0, [0.0; 2]);
         for (number, time) in (0..18).flat_map(|number| [0.7, 5.3, 9.1].map(|time| (number, time))) {
             let image = field(&world, number, &settings, time);
             let (camera, eye) = (camera(number), camera(number).centre());
@@ -274,12 +274,21 @@ mod tests {
                         moments[1] += weight * y as f64;
                     }
                 }
+                for (i, value) in image.pixels.iter().enumerate() {
+                    let aside = [(i % 640) as f64 - pixel.x, (i / 640) as f64 - pixel.y];
+                    if aside[0].abs() < 6.0 && aside[1].abs() < 3.0 {
+                        (0..2).for_each(|axis| spread[axis] += f64::from(*value) / sum * aside[axis].powi(2));
+                    }
+                }
                 let error = [moments[0] / sum - pixel.x, moments[1] / sum - pixel.y];
                 assert!(error[0].abs() < 0.1 && error[1].abs() < 0.1, "camera {number} at {time} s: {error:?} px");
                 n_checked += 1;
             }
         }
         assert!(n_checked > 100, "only {n_checked} spots were looked at");
+        // Round on the sensor: half as many rows as columns. A pixel's own extent adds 1/12 to each variance.
+        let [across, down] = spread.map(|it| (it / f64::from(n_checked) - 1.0 / 12.0).sqrt());
+        assert!((across - 1.3).abs() < 0.1 && (down - 0.65).abs() < 0.1, "{across} {down}");
     }
 
     #[test]
@@ -311,6 +320,20 @@ mod tests {
         let levels = [0, 36, 73, 109, 146, 182, 219, 255];
         assert!(coarse.pixels.iter().all(|it| levels.contains(it)));
         assert!(levels.iter().filter(|it| coarse.pixels.contains(it)).count() > 5);
+    }
+
+    #[test]
+    fn bright_spots_shine_where_they_are() {
+        let settings = CameraSettings { noise_sigma: 0.0, ..CameraSettings::default() };
+        let with = world(|it| (it.people, it.monitors, it.glints_hz, it.bright_spots) = (0, 0, 0.0, 20));
+        let without = world(|it| (it.people, it.monitors, it.glints_hz, it.bright_spots) = (0, 0, 0.0, 0));
+        let (lit, dark) = (field(&with, 0, &settings, 0.0), field(&without, 0, &settings, 0.0));
+        let seen: Vec<_> = with.bright_spots().iter().filter_map(|spot| camera(0).sees(&spot.position)).collect();
+        assert!(seen.len() > 3);
+        for pixel in seen {
+            let place = pixel.y.round() as usize * 640 + pixel.x.round() as usize;
+            assert!(lit.pixels[place] > dark.pixels[place], "nothing shines at {pixel}");
+        }
     }
 
     #[test]

@@ -195,6 +195,9 @@ mod tests {
         let changes =
             (0..n).filter(|&i| (level(f64::from(i) * 0.05) - level(f64::from(i + 1) * 0.05)).abs() > 1e-6).count();
         assert!((400..=500).contains(&changes), "{changes} changes in 1000 s");
+        let at_borders =
+            (1..500).filter(|&i| (level(f64::from(i) * 2.0 - 1e-6) - level(f64::from(i) * 2.0)).abs() > 1e-6);
+        assert!(at_borders.count() < 5, "windows change in step with the slots");
     }
 
     #[test]
@@ -211,7 +214,9 @@ mod tests {
                 let pane = hit.and_then(|(pane, _)| pane);
                 assert_eq!(pane.is_some(), i.abs() < 10 && j.abs() < 10, "{i} {j}");
                 panes.extend(pane);
-                assert_eq!(monitor.hit(&(monitor.centre - monitor.normal()), &(aim - before)), None);
+                let behind = monitor.centre - monitor.normal();
+                assert_eq!(monitor.hit(&behind, &(aim - behind)), None);
+                assert_eq!(monitor.hit(&before, &(before - aim)), None);
             }
         }
         panes.sort_unstable();
