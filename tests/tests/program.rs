@@ -62,7 +62,7 @@ fn lab_as_it_comes_has_no_fault_and_runs_to_the_same_bytes_twice() {
     assert_eq!(foveate(folder.path(), &["check", "room.toml"]).0, 0);
     for out in ["a", "b"] {
         let (code, said, complaint) =
-            foveate(folder.path(), &["run", "room.toml", "--duration", "0.7", "--quiet", "--out", out]);
+            foveate(folder.path(), &["run", "room.toml", "--duration", "1.5", "--quiet", "--out", out]);
         assert_eq!(code, 0, "{said}{complaint}");
     }
     for file in ["summary.json", "targets.csv", "truth.csv", "ledger.csv", "events.csv", "rig.resolved.toml", "path_top.svg"] {
@@ -72,7 +72,7 @@ fn lab_as_it_comes_has_no_fault_and_runs_to_the_same_bytes_twice() {
         assert_eq!(a, b, "{file} differs between two runs of one seed");
     }
     let (code, ..) =
-        foveate(folder.path(), &["run", "room.toml", "--duration", "0.7", "--seed", "2", "--quiet", "--out", "c"]);
+        foveate(folder.path(), &["run", "room.toml", "--duration", "1.5", "--seed", "2", "--quiet", "--out", "c"]);
     assert_eq!(code, 0);
     let read = |out: &str| fs::read(folder.path().join(out).join("targets.csv")).unwrap();
     assert_ne!(read("a"), read("c"), "another seed is another run");
@@ -82,7 +82,7 @@ fn lab_as_it_comes_has_no_fault_and_runs_to_the_same_bytes_twice() {
 fn results_are_numbered_and_the_resolved_rig_runs_again_to_the_same_table() {
     let folder = lab(|it| it);
     for _ in 0..2 {
-        assert_eq!(foveate(folder.path(), &["run", "room.toml", "--duration", "0.4", "--quiet"]).0, 0);
+        assert_eq!(foveate(folder.path(), &["run", "room.toml", "--duration", "1.2", "--quiet"]).0, 0);
     }
     let first = folder.path().join("results/room-1");
     assert!(folder.path().join("results/room-2/summary.json").exists());
@@ -136,7 +136,7 @@ fn hundred_megabytes_a_folder_and_nothing_at_all_are_refused_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let huge = fs::File::create(folder.path().join("huge.toml")).unwrap();
     huge.set_len(100 << 20).unwrap();
-    for (rig, word) in [("huge.toml", "MiB"), (".", "directory"), ("missing.toml", "missing.toml")] {
+    for (rig, word) in [("huge.toml", "too long"), (".", "folder"), ("missing.toml", "missing.toml")] {
         let (code, _, complaint) = foveate(folder.path(), &["check", rig]);
         assert_eq!(code, 2, "{rig}: {complaint}");
         assert!(complaint.to_lowercase().contains(&word.to_lowercase()), "{rig}: {complaint}");
@@ -160,7 +160,7 @@ fn results_that_cannot_be_written_are_an_error_and_the_figures_still_reach_the_p
 #[test]
 fn requirement_marked_must_decides_the_exit_code() {
     let folder = lab(|it| it.replace("rate_hz = 30", "sigma = 1e-6, must = true"));
-    let (code, said, _) = foveate(folder.path(), &["run", "room.toml", "--duration", "0.9", "--quiet", "--out", "out"]);
+    let (code, said, _) = foveate(folder.path(), &["run", "room.toml", "--duration", "1.2", "--quiet", "--out", "out"]);
     assert_eq!(code, 3, "{said}");
     assert!(said.contains("requirement not met (must)"), "{said}");
     assert!(folder.path().join("out/summary.json").exists());

@@ -4,15 +4,16 @@ use std::fmt::Write;
 use std::path::Path;
 
 use foveate_dataflow::error::Blame;
+use foveate_dataflow::graph::Graph;
 use foveate_dataflow::run::Outcome;
 
 use crate::exit;
 
 /// Figures, gaps and failures shown at most; the rest is in the files.
-const SHOWN: usize = 24;
+const SHOWN: usize = 40;
 
 /// The end of a run in words.
-pub fn describe(outcome: &Outcome, folder: &Path) -> String {
+pub fn describe(graph: &Graph, outcome: &Outcome, folder: &Path) -> String {
     let mut text = String::new();
     let mut line = |it: &str| {
         text.push_str(it);
@@ -21,7 +22,12 @@ pub fn describe(outcome: &Outcome, folder: &Path) -> String {
     let (session, wall) = (outcome.ended.as_s(), outcome.wall.as_secs_f64());
     let ended = if outcome.interrupted { "stopped by you after" } else { "done:" };
     line(&format!("{ended} {session:.2} s of motion in {wall:.2} s ({:.1}× real time)", session / wall.max(1e-9)));
-    let figures: Vec<_> = outcome.report.figures.iter().filter(|(name, _)| !name.contains('[')).collect();
+    // What is said of each camera, and the same figure of a second node, is for the file.
+    let is_of_one = |name: &str| {
+        let last = name.rsplit('.').next().unwrap_or(name);
+        name.contains('[') || graph.calibration.index_of(last).is_some()
+    };
+    let figures: Vec<_> = outcome.report.figures.iter().filter(|(name, _)| !is_of_one(name)).collect();
     let width = figures.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
     for (name, value) in figures.iter().take(SHOWN) {
         line(&format!("  {name:width$}  {}", short(**value)));

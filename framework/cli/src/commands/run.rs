@@ -60,7 +60,7 @@ fn run_into(args: &RunArgs, graph: &Arc<Graph>, folder: &Path) -> Result<Outcome
 
 fn conclude(graph: &Graph, outcome: &Outcome, folder: &Path) -> u8 {
     let saved = results::write_outcome(folder, graph, outcome);
-    say(&describe(outcome, folder));
+    say(&describe(graph, outcome, folder));
     let code = exit_code(outcome);
     match saved {
         Ok(()) => code,
