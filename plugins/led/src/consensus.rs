@@ -278,6 +278,30 @@ mod tests {
     }
 
     #[test]
+    fn the_best_supported_point_is_taken_first() {
+        // A ghost on the line of camera 0 to the light, where cameras 1 and 2 imagine something.
+        let light = Point3::new(0.1, 0.2, 0.9);
+        let ghost = nalgebra::center(&light, &camera_ring(8)[0].centre());
+        let mut mixed = sightings(&[0, 3, 4], &[light]);
+        mixed.splice(1..1, sightings(&[1, 2], &[ghost, light]));
+        let found = meetings(&mixed, None);
+        assert_eq!(found.len(), 1, "what is left of the ghost is two lines");
+        assert_eq!(found[0].members.len(), 5);
+        assert!((found[0].position - light).norm() < 1e-6);
+    }
+
+    #[test]
+    fn lines_at_too_small_an_angle_fix_no_point() {
+        let pair = sightings(&[0, 1], &[Point3::new(0.1, 0.2, 0.9)]); // some 40 degrees apart
+        for (min_sine, n) in [(0.4, 1), (0.8, 0)] {
+            let mut found = Vec::new();
+            let rules = Rules { min_sine, min_cameras: 2, ..RULES };
+            Consensus::default().find(&pair, None, &rules, |_, _| true, &mut found);
+            assert_eq!(found.len(), n, "{min_sine}");
+        }
+    }
+
+    #[test]
     fn seeds_restrict_the_proposers() {
         let light = [Point3::new(0.1, 0.2, 0.9)];
         let sightings = sightings(&[1, 2, 4], &light);

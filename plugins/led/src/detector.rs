@@ -242,7 +242,10 @@ impl Node for Detector {
             ("pictures_refused", refused),
             ("features", features),
         ] {
-            report.figure(format!("detector.{what}.{}", self.camera_name), count as f64);
+            // What went well is worth a line a camera, what did not happen is not.
+            if count > 0 || what == "features" {
+                report.figure(format!("detector.{what}.{}", self.camera_name), count as f64);
+            }
         }
         Ok(())
     }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use foveate::prelude::*;
 
 pub use crate::tracker::IntegratorSettings;
-use crate::tracker::{Entry, Tracker};
+use crate::tracker::{CameraTally, Entry, Tracker};
 
 /// A frame captured later than this after its delivery carries a wrong clock [ms].
 const CLOCK_TOLERANCE_MS: f64 = 100.0;
@@ -93,10 +93,17 @@ impl Node for Integrator {
         figure("observations_late", tally.late);
         figure("frames_from_the_future", self.from_the_future);
         figure("frames_of_unknown_cameras", self.unknown_camera);
+        let total = |of: fn(&CameraTally) -> u64| tally.cameras.iter().map(of).sum();
+        figure("frames_applied", total(|it| it.applied));
+        figure("frames_late", total(|it| it.late));
+        figure("frames_repeated", total(|it| it.repeated));
+        // By camera only where something went wrong: a rig of many cameras has enough to read.
         for (camera, name) in tally.cameras.iter().zip(&self.camera_names) {
-            figure(&format!("frames_applied.{name}"), camera.applied);
-            figure(&format!("frames_late.{name}"), camera.late);
-            figure(&format!("frames_repeated.{name}"), camera.repeated);
+            for (what, count) in [("late", camera.late), ("repeated", camera.repeated)] {
+                if count > 0 {
+                    figure(&format!("frames_{what}.{name}"), count);
+                }
+            }
         }
         Ok(())
     }

@@ -154,6 +154,8 @@ fn no_birth_before_three_cameras_agree() {
     let targets = rig.targets();
     assert_eq!(targets.list.len(), 1);
     assert!((targets.list[0].position - SPOT).norm() < 1e-3, "{targets:?}");
+    // It may have moved by 22 mm at 1 m/s since the oldest of the three.
+    assert!((0.022..0.025).contains(&targets.list[0].position_sigma()), "{}", targets.list[0].position_sigma());
     assert_eq!((targets.time, targets.list[0].how), (ms(22.0), How::Measured));
     assert_eq!(targets.list[0].cameras, [CameraId(4)].into_iter().collect());
 }
@@ -164,6 +166,18 @@ fn two_cameras_suffice_where_the_rig_says_so() {
     rig.see(ms(0.0), 0, &[SPOT]);
     rig.see(ms(2.0), 2, &[SPOT]);
     assert_eq!(rig.ids(), [0]);
+}
+
+#[test]
+fn what_a_birth_explains_takes_part_in_no_other() {
+    let mut rig = Rig::new(6, IntegratorSettings { birth_cameras: 2, ..IntegratorSettings::default() });
+    rig.see(ms(0.0), 0, &[SPOT]);
+    rig.see(ms(1.0), 1, &[SPOT]);
+    assert_eq!(rig.ids(), [0]);
+    // A false feature of a third camera, whose line meets the one that camera 0 had to the light.
+    let on_that_line = SPOT + (rig.cameras[0].centre() - SPOT) * 0.2;
+    rig.see(ms(2.0), 2, &[on_that_line]);
+    assert_eq!(rig.tracker.tally().births, 1);
 }
 
 #[test]
