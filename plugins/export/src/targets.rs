@@ -181,7 +181,7 @@ impl Node for ExportTargets {
         report.figure("samples_predicted", table.predicted as f64);
         report.figure("samples_filled", table.filled as f64);
         report.figure("path_length_m", if self.unit_is_known { table.path_length } else { f64::NAN });
-        report.figure("duration_s", table.span.map_or(0.0, |(first, last)| (last - first).as_s()));
+        report.figure("duration_s", table.span.map_or(0.0, |(first, last)| (last - first).0 as f64 / 1e9));
         let name = &self.file_name;
         if !self.unit_is_known && table.samples > 0 {
             report.remark(format!(

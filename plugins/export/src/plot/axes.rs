@@ -46,7 +46,11 @@ impl Range {
 
     /// Round numbers within, about `n` of them, and how many decimals they need.
     pub(crate) fn ticks(&self, n: f64) -> (Vec<f64>, usize) {
-        let step = round_step(self.length() / n.max(1.0));
+        self.ticks_by(round_step(self.length() / n.max(1.0)))
+    }
+
+    /// Multiples of `step` within, and how many decimals they need.
+    fn ticks_by(&self, step: f64) -> (Vec<f64>, usize) {
         let decimals = (-step.log10().floor()).max(0.0) as usize;
         let (first, last) = ((self.min / step - 1e-6).ceil(), (self.max / step + 1e-6).floor());
         let count = (last - first).clamp(-1.0, 1000.0) as i64 + 1;
@@ -78,6 +82,14 @@ pub(crate) struct Labels<'a> {
     /// `None`: neither a label nor numbers, as another panel below has them.
     pub(crate) x: Option<&'a str>,
     pub(crate) y: &'a str,
+    /// Distance of the ticks across and upwards; `None`: what the space allows.
+    pub(crate) steps: [Option<f64>; 2],
+}
+
+impl<'a> Labels<'a> {
+    pub(crate) fn new(x: Option<&'a str>, y: &'a str) -> Self {
+        Self { x, y, steps: [None; 2] }
+    }
 }
 
 impl Panel {
@@ -92,7 +104,9 @@ impl Panel {
     pub(crate) fn background(&self, svg: &mut Svg, labels: Labels<'_>) {
         let Rect { left, top, width, .. } = self.rect;
         let (right, bottom) = (self.rect.right(), self.rect.bottom());
-        let (ticks, decimals) = self.x.ticks(width / 80.0);
+        let ticks_of =
+            |range: Range, n: f64, step: Option<f64>| step.map_or_else(|| range.ticks(n), |it| range.ticks_by(it));
+        let (ticks, decimals) = ticks_of(self.x, width / 60.0, labels.steps[0]);
         for tick in ticks {
             let [x, _] = self.place(tick, 0.0);
             svg.line([x, top], [x, bottom], GRID);
@@ -100,7 +114,7 @@ impl Panel {
                 svg.text([x, bottom + 16.0], Anchor::Middle, SMALL, &number(tick, decimals));
             }
         }
-        let (ticks, decimals) = self.y.ticks((self.rect.height / 45.0).max(2.0));
+        let (ticks, decimals) = ticks_of(self.y, (self.rect.height / 34.0).max(2.0), labels.steps[1]);
         for tick in ticks {
             let [_, y] = self.place(0.0, tick);
             svg.line([left, y], [right, y], GRID);

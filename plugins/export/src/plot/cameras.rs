@@ -45,11 +45,8 @@ pub(crate) fn cameras(subject: &Subject<'_>, span: (f64, f64)) -> String {
             let (Some(first), Some(last)) = (run.first(), run.last()) else { continue };
             let [left, _] = panel.place((first.bin as f64 * bin_s).max(x.min), 0.0);
             let [right, _] = panel.place(((last.bin + 1) as f64 * bin_s).min(x.max), 0.0);
-            svg.rect(
-                Rect { left, top, width: (right - left).max(0.3), height: STRIP },
-                &shade(first.count, most),
-                None,
-            );
+            let cell = Rect { left, top, width: (right - left).max(0.3), height: STRIP };
+            svg.cell(cell, &shade(first.count, most));
         }
     }
     panel.frame(&mut svg);
@@ -88,7 +85,8 @@ fn total(svg: &mut Svg, subject: &Subject<'_>, x: Range, bin_s: f64, top: f64) {
     let most = bins.iter().map(|it| it.1).max().unwrap_or(1).max(subject.cameras.len().min(128) as u32);
     let y = Range { min: 0.0, max: f64::from(most) * 1.08 };
     let panel = Panel { rect: Rect { left: LEFT, top, width: WIDTH, height: TOTAL_HEIGHT }, x, y };
-    panel.background(svg, Labels { x: Some("time [s]"), y: "cameras, all targets" });
+    let steps = [None, Some(round_step((f64::from(most) / 5.0).max(1.0)))];
+    panel.background(svg, Labels { steps, ..Labels::new(Some("time [s]"), "cameras, all targets") });
     let mut pieces: Vec<Vec<Point>> = Vec::new();
     for run in bins.chunk_by(|a, b| a.0 + 1 == b.0) {
         let steps = run

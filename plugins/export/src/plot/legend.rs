@@ -70,6 +70,18 @@ impl Legend {
         self.next += LINE_HEIGHT;
     }
 
+    /// A line of a known length, at most 100 px, with the length below.
+    pub(crate) fn scale_bar(&mut self, svg: &mut Svg, pixels: f64, text: &str) {
+        let (left, right, y) = (self.left, self.left + pixels, self.next + LINE_HEIGHT / 2.0);
+        svg.line([left, y], [right, y], Pen::new(INK, 2.0));
+        for end in [left, right] {
+            svg.line([end, y - 4.0], [end, y + 4.0], Pen::new(INK, 1.2));
+        }
+        let middle = (left + right) / 2.0;
+        svg.text([middle.max(left + 20.0), y + 18.0], Anchor::Middle, SMALL, text);
+        self.next += 2.0 * LINE_HEIGHT;
+    }
+
     /// Free space between groups.
     pub(crate) fn skip(&mut self) {
         self.next += LINE_HEIGHT * 0.5;

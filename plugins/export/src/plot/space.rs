@@ -5,7 +5,7 @@ use nalgebra::Point2;
 
 use super::axes::{Labels, Panel, Range, round_step};
 use super::legend::{Key, LEGEND_WIDTH, Legend, MEASURED, PREDICTED, TRUTH};
-use super::svg::{Anchor, INK, Pen, Point, Rect, SMALL, Svg, text_width};
+use super::svg::{Anchor, INK, Pen, Point, Rect, SMALL, Svg, TITLE, text_width};
 use super::thin::{FIGURE_POINTS, thin_paths};
 use super::{Coloured, Subject};
 use crate::track_history::{Sample, Track};
@@ -34,33 +34,49 @@ pub(crate) fn side(subject: &Subject<'_>) -> String {
 fn draw(subject: &Subject<'_>, title: &str, views: &[[usize; 2]]) -> String {
     let reach = 0.07 * [0, 1, 2].map(|axis| range(subject, axis, 0.0).length()).into_iter().fold(0.0, f64::max);
     let ranges = [0, 1, 2].map(|axis| range(subject, axis, reach));
-    let widest = views.iter().map(|view| ranges[view[0]].length()).fold(1e-9, f64::max);
-    let highest: f64 = views.iter().map(|view| ranges[view[1]].length()).sum::<f64>().max(1e-9);
-    // Pixels a unit of length, the same both ways and in all views.
-    let scale = (PANEL[0] / widest).min(PANEL[1] / highest);
+    let (panels, scale) = arrange(views, &ranges);
+    let right = panels.iter().map(|it| it.rect.right()).fold(0.0, f64::max);
+    let bottom = panels.iter().map(|it| it.rect.bottom()).fold(0.0, f64::max);
+    let height = (bottom + BELOW).max(TOP + Legend::height(subject, 9));
+    let title = match subject.unit {
+        "m" => title.to_owned(),
+        unit => format!("{title} [{unit} of the calibration]"),
+    };
+    let width = (right + LEGEND_WIDTH + 20.0).max(text_width(&title, TITLE) + 32.0);
+    let mut svg = Svg::new(width, height, &title);
+    for (axes, panel) in views.iter().zip(&panels) {
+        view(&mut svg, subject, *axes, panel, (reach, FIGURE_POINTS / 2 / views.len()));
+    }
+    legend(&mut svg, subject, scale, [right + 20.0, TOP]);
+    svg.finish()
+}
+
+/// Panels at one scale [px a unit of length], below or beside each other, whichever lets them be larger.
+fn arrange(views: &[[usize; 2]], ranges: &[Range; 3]) -> (Vec<Panel>, f64) {
+    let length = |axis: usize| ranges[axis].length();
+    let sum = |side: usize| views.iter().map(|view| length(view[side])).sum::<f64>().max(1e-9);
+    let most = |side: usize| views.iter().map(|view| length(view[side])).fold(1e-9, f64::max);
+    let between = (views.len() - 1) as f64;
+    let below = (PANEL[0] / most(0)).min((PANEL[1] - between * BELOW) / sum(1));
+    let beside = ((PANEL[0] - between * LEFT) / sum(0)).min(PANEL[1] / most(1));
+    let scale = below.max(beside);
+    let mut corner = [LEFT, TOP];
     let mut panels = Vec::new();
-    let mut next = TOP;
     for &[across, up] in views {
-        let size = [ranges[across].length() * scale, ranges[up].length() * scale].map(|it| it.max(NARROWEST));
-        let rect = Rect { left: LEFT, top: next, width: size[0], height: size[1] };
-        next = rect.bottom() + BELOW;
+        let [width, height] = [across, up].map(|axis| (length(axis) * scale).max(NARROWEST));
         let fit = |range: Range, pixels: f64| {
             let (middle, half) = ((range.min + range.max) / 2.0, pixels / scale / 2.0);
             Range { min: middle - half, max: middle + half }
         };
-        panels.push(([across, up], Panel { rect, x: fit(ranges[across], size[0]), y: fit(ranges[up], size[1]) }));
-    }
-    let widest = panels.iter().map(|(_, panel)| panel.rect.right()).fold(0.0, f64::max);
-    let height = next.max(TOP + Legend::height(subject, 6));
-    let mut svg = Svg::new(widest + LEGEND_WIDTH + 20.0, height, title);
-    for (index, (axes, panel)) in panels.iter().enumerate() {
-        view(&mut svg, subject, *axes, panel, (reach, FIGURE_POINTS / 2 / views.len()));
-        if index == 0 {
-            scale_bar(&mut svg, panel, subject.unit);
+        let rect = Rect { left: corner[0], top: corner[1], width, height };
+        panels.push(Panel { rect, x: fit(ranges[across], width), y: fit(ranges[up], height) });
+        if below >= beside {
+            corner[1] = rect.bottom() + BELOW;
+        } else {
+            corner[0] = rect.right() + LEFT;
         }
     }
-    legend(&mut svg, subject, [widest + 20.0, TOP]);
-    svg.finish()
+    (panels, scale)
 }
 
 /// What one axis must show; `reach`: how far the views of the cameras are drawn.
@@ -83,7 +99,9 @@ fn range(subject: &Subject<'_>, axis: usize, reach: f64) -> Range {
 
 fn view(svg: &mut Svg, subject: &Subject<'_>, [across, up]: [usize; 2], panel: &Panel, (reach, limit): (f64, usize)) {
     let label = |axis: usize| format!("{} [{}]", AXES[axis], subject.unit);
-    panel.background(svg, Labels { x: Some(&label(across)), y: &label(up) });
+    // Both axes have the same scale, and so the same distance of ticks.
+    let step = Some(round_step(60.0 / panel.rect.width * panel.x.length()));
+    panel.background(svg, Labels { steps: [step; 2], ..Labels::new(Some(&label(across)), &label(up)) });
     let place = |position: [f64; 3]| panel.place(position[across], position[up]);
     svg.within(panel.rect, |svg| {
         if let Some([min, max]) = subject.volume {
@@ -91,7 +109,7 @@ fn view(svg: &mut Svg, subject: &Subject<'_>, [across, up]: [usize; 2], panel: &
             svg.lines(&[vec![a, [b[0], a[1]], b, [a[0], b[1]], a]], VOLUME);
         }
         for (_, camera) in &subject.cameras {
-            frustum(svg, camera, reach, place);
+            draw_camera(svg, &outline(camera, reach, place));
         }
         let mut truth: Vec<Vec<Point>> = subject
             .truth
@@ -106,7 +124,7 @@ fn view(svg: &mut Svg, subject: &Subject<'_>, [across, up]: [usize; 2], panel: &
             ends(svg, it, place);
         }
     });
-    camera_names(svg, subject, panel, place);
+    camera_names(svg, subject, panel, reach, place);
     panel.frame(svg);
 }
 
@@ -164,44 +182,50 @@ fn ends(svg: &mut Svg, it: &Coloured<'_>, place: impl Fn([f64; 3]) -> Point) {
     }
 }
 
-/// The corners of the picture of a camera, `reach` away from it.
-fn frustum(svg: &mut Svg, camera: &Camera, reach: f64, place: impl Fn([f64; 3]) -> Point) {
+/// A camera's centre, and the corners of its picture `reach` away from it, where the lens has them.
+fn outline(camera: &Camera, reach: f64, place: impl Fn([f64; 3]) -> Point) -> (Point, Vec<Point>) {
     let [width, height] = camera.image_size.map(|it| f64::from(it) - 1.0);
     let corners = [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]];
-    let centre = place(camera.centre().into());
-    let far: Vec<Point> = corners
-        .iter()
-        .filter_map(|&[x, y]| camera.ray(&Point2::new(x, y)))
-        .map(|ray| place((ray.origin + ray.direction.into_inner() * reach).into()))
-        .collect();
-    let pen = Pen::new("#555555", 0.7);
-    if far.len() == 4 {
-        svg.area(&far, "#888888", 0.18, Some(pen));
-        far.iter().for_each(|corner| svg.line(centre, *corner, pen.faint(0.8)));
-    }
-    svg.circle(centre, 2.0, "#333333", Pen::new("#333333", 0.5));
+    let rays = corners.iter().filter_map(|&[x, y]| camera.ray(&Point2::new(x, y)));
+    let far = rays.map(|ray| place((ray.origin + ray.direction.into_inner() * reach).into())).collect();
+    (place(camera.centre().into()), far)
 }
 
-/// Names beside the cameras where there is room; a name that would cover another is left out.
-fn camera_names(svg: &mut Svg, subject: &Subject<'_>, panel: &Panel, place: impl Fn([f64; 3]) -> Point) {
-    let centres: Vec<Point> = subject.cameras.iter().map(|(_, camera)| place(camera.centre().into())).collect();
-    let mut taken: Vec<Rect> =
-        centres.iter().map(|[x, y]| Rect { left: x - 3.0, top: y - 3.0, width: 6.0, height: 6.0 }).collect();
-    for ((name, _), [x, y]) in subject.cameras.iter().zip(centres) {
+fn draw_camera(svg: &mut Svg, (centre, far): &(Point, Vec<Point>)) {
+    let pen = Pen::new("#555555", 0.7);
+    if far.len() == 4 {
+        svg.area(far, "#888888", 0.18, Some(pen));
+        far.iter().for_each(|corner| svg.line(*centre, *corner, pen.faint(0.8)));
+    }
+    svg.circle(*centre, 2.0, "#333333", Pen::new("#333333", 0.5));
+}
+
+/// Names beside the cameras where there is room; a name that would cover a camera or another name is left out.
+fn camera_names(svg: &mut Svg, subject: &Subject<'_>, panel: &Panel, reach: f64, place: impl Fn([f64; 3]) -> Point) {
+    let outlines: Vec<_> = subject.cameras.iter().map(|(_, camera)| outline(camera, reach, &place)).collect();
+    let mut taken: Vec<Rect> = Vec::new();
+    for (centre, far) in &outlines {
+        let around = |[x, y]: Point| Rect { left: x - 4.0, top: y - 4.0, width: 8.0, height: 8.0 };
+        let between = |a: Point, b: Point, part: f64| [a[0] + (b[0] - a[0]) * part, a[1] + (b[1] - a[1]) * part];
+        taken.push(around(*centre));
+        for (index, corner) in far.iter().enumerate() {
+            let next = far[(index + 1) % far.len()];
+            taken.extend([0.33, 0.67, 1.0].map(|part| around(between(*centre, *corner, part))));
+            taken.extend([0.25, 0.5, 0.75].map(|part| around(between(*corner, next, part))));
+        }
+    }
+    for ((name, _), ([x, y], _)) in subject.cameras.iter().zip(outlines) {
         let (width, height) = (text_width(name, SMALL), SMALL);
-        let rects = [12.0, 24.0].into_iter().flat_map(|away| {
-            let (right, left) = (x + away * 0.7, x - away * 0.7 - width);
-            let centred = x - width / 2.0;
-            [
-                (centred, y - away - height * 0.3),
-                (centred, y + away + height * 0.7),
-                (right, y + height * 0.35),
-                (left, y + height * 0.35),
-                (right, y - away * 0.7),
-                (left, y - away * 0.7),
-                (right, y + away * 0.7 + height * 0.7),
-                (left, y + away * 0.7 + height * 0.7),
-            ]
+        let rects = [9.0, 16.0, 26.0, 40.0].into_iter().flat_map(|away| {
+            let (right, left, centred) = (x + away, x - away - width, x - width / 2.0);
+            let (above, beside, below) = (y - away, y + height * 0.35, y + away + height * 0.75);
+            let (up, down) = (y - away * 0.7, y + away * 0.7 + height * 0.7);
+            [(centred, above), (centred, below), (right, beside), (left, beside)].into_iter().chain([
+                (right, up),
+                (left, up),
+                (right, down),
+                (left, down),
+            ])
         });
         let free = rects
             .map(|(left, base)| Rect { left, top: base - height, width, height: height * 1.25 })
@@ -213,23 +237,7 @@ fn camera_names(svg: &mut Svg, subject: &Subject<'_>, panel: &Panel, place: impl
     }
 }
 
-/// A round length of about a fifth of the panel, in its lower left corner.
-fn scale_bar(svg: &mut Svg, panel: &Panel, unit: &str) {
-    let length = round_step(panel.x.length() / 8.0);
-    let pixels = length / panel.x.length() * panel.rect.width;
-    let (left, y) = (panel.rect.left + 14.0, panel.rect.bottom() - 14.0);
-    let text = format!("{length} {unit}");
-    let width = pixels.max(text_width(&text, SMALL)) + 12.0;
-    svg.rect(Rect { left: left - 6.0, top: y - 20.0, width, height: 27.0 }, "white", None);
-    let pen = Pen::new(INK, 2.0);
-    svg.line([left, y], [left + pixels, y], pen);
-    for x in [left, left + pixels] {
-        svg.line([x, y - 4.0], [x, y + 4.0], Pen::new(INK, 1.2));
-    }
-    svg.text([left + pixels.max(text_width(&text, SMALL)) / 2.0, y - 7.0], Anchor::Middle, SMALL, &text);
-}
-
-fn legend(svg: &mut Svg, subject: &Subject<'_>, at: Point) {
+fn legend(svg: &mut Svg, subject: &Subject<'_>, scale: f64, at: Point) {
     let mut legend = Legend::at(at);
     legend.tracks(svg, subject);
     legend.line_styles(svg);
@@ -241,4 +249,7 @@ fn legend(svg: &mut Svg, subject: &Subject<'_>, at: Point) {
     if subject.volume.is_some() {
         legend.entry(svg, Key::Line(VOLUME), "working volume");
     }
+    legend.skip();
+    let length = round_step(40.0 / scale);
+    legend.scale_bar(svg, length * scale, &format!("{length} {}", subject.unit));
 }

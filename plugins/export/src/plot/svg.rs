@@ -149,6 +149,16 @@ impl Svg {
         self.body.push_str("/>\n");
     }
 
+    /// A rectangle whose edges lie on whole pixels, so that neighbours leave no seam.
+    pub(crate) fn cell(&mut self, rect: Rect, fill: &str) {
+        let Rect { left, top, width, height } = rect;
+        writeln!(
+            self.body,
+            "<rect x=\"{left:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"{fill}\" shape-rendering=\"crispEdges\"/>"
+        )
+        .ok();
+    }
+
     pub(crate) fn circle(&mut self, [x, y]: Point, radius: f64, fill: &str, pen: Pen<'_>) {
         write!(self.body, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{fill}\"").ok();
         pen.write(&mut self.body);

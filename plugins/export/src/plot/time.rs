@@ -10,7 +10,10 @@ use crate::track_history::Sample;
 
 const LEFT: f64 = 76.0;
 const TOP: f64 = 46.0;
-const WIDTH: f64 = 760.0;
+/// Least and largest width of a panel [px]: long runs get more, to zoom into.
+const WIDTH: [f64; 2] = [760.0, 2000.0];
+/// What a second should have [px].
+const WIDTH_A_SECOND: f64 = 18.0;
 const HEIGHT: f64 = 170.0;
 const BETWEEN: f64 = 16.0;
 const BELOW: f64 = 50.0;
@@ -22,19 +25,20 @@ const BAND_LIMIT: usize = 4000;
 /// x, y and z against time.
 pub(crate) fn position(subject: &Subject<'_>, span: (f64, f64)) -> String {
     let x = Range { min: span.0, max: span.1 }.widened(0.01);
+    let width = (x.length() * WIDTH_A_SECOND).clamp(WIDTH[0], WIDTH[1]).round();
     let height = (TOP + 3.0 * HEIGHT + 2.0 * BETWEEN + BELOW).max(TOP + Legend::height(subject, 4));
     let mut svg =
-        Svg::new(LEFT + WIDTH + LEGEND_WIDTH + 20.0, height, &format!("{}: position over time", subject.name));
+        Svg::new(LEFT + width + LEGEND_WIDTH + 20.0, height, &format!("{}: position over time", subject.name));
     for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
         let top = TOP + axis as f64 * (HEIGHT + BETWEEN);
-        let rect = Rect { left: LEFT, top, width: WIDTH, height: HEIGHT };
+        let rect = Rect { left: LEFT, top, width, height: HEIGHT };
         let panel = Panel { rect, x, y: range(subject, axis) };
         let label = format!("{name} [{}]", subject.unit);
-        panel.background(&mut svg, Labels { x: (axis == 2).then_some("time [s]"), y: &label });
+        panel.background(&mut svg, Labels::new((axis == 2).then_some("time [s]"), &label));
         svg.within(rect, |svg| courses(svg, subject, axis, &panel));
         panel.frame(&mut svg);
     }
-    let mut legend = Legend::at([LEFT + WIDTH + 20.0, TOP]);
+    let mut legend = Legend::at([LEFT + width + 20.0, TOP]);
     legend.tracks(&mut svg, subject);
     legend.line_styles(&mut svg);
     legend.entry(&mut svg, Key::Swatch(INK, 0.18), "\u{b1}2\u{3c3}");
