@@ -7,11 +7,12 @@
 //! | text → tables with the place of every word | `read`, `node_text`, `value` |
 //! | scales in order | `scales` |
 //! | each node alone: type, settings against their schema, cameras, made once on trial | `nodes`, `settings`, `expected` |
-//! | references looked up, messages, spaces and cameras compared, edges | `lookup`, `reference`, `wire` |
+//! | references looked up, messages, spaces and cameras compared, edges | `lookup`, `reference`, `wire`, `anchors` |
 //! | cycles, then the schedule | `order`, `finish` |
 //! | requirements against the plan | `promise` |
 //! | the rig with every default filled in | `resolved` |
 
+mod anchors;
 mod expected;
 mod fault;
 mod finish;

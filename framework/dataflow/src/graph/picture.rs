@@ -6,6 +6,7 @@ mod layout;
 mod order;
 mod svg;
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
@@ -38,7 +39,7 @@ impl Graph {
         }
         for link in &sketch.links {
             let arrow = if link.feedback { "-.->" } else { "-->" };
-            let _ = writeln!(text, "  n{} {arrow}|{}| n{}", link.from, link.message, link.to);
+            let _ = writeln!(text, "  n{} {arrow}|{}| n{}", link.from, mermaid_text(&link.label), link.to);
         }
         for role in sketch.roles() {
             let (fill, stroke) = colours(role);
@@ -85,7 +86,8 @@ struct Link<'g> {
     output: usize,
     to: usize,
     input: usize,
-    message: &'g str,
+    /// The message, and the output's name where that is another.
+    label: Cow<'g, str>,
     feedback: bool,
     /// Ports in full, for those who ask.
     about: String,
@@ -131,11 +133,12 @@ impl<'g> Sketch<'g> {
                 let (producer, consumer) = (&graph.instances[edge.from.0], &graph.instances[edge.to.0]);
                 let output = producer.node_type.ports.outputs.get(edge.from.1);
                 let input = consumer.node_type.ports.inputs.get(edge.to.1);
-                let message = output.map_or("", |it| it.message.name);
+                let (name, message) = output.map_or(("", ""), |it| (it.name, it.message.name));
+                let label = if name == message { message.into() } else { format!("{name}: {message}").into() };
                 let about = format!(
                     "{}.{} → {}.{} ({message})",
                     producer.node,
-                    output.map_or("", |it| it.name),
+                    name,
                     consumer.node,
                     input.map_or("", |it| it.name)
                 );
@@ -144,7 +147,7 @@ impl<'g> Sketch<'g> {
                     output: key.1,
                     to: key.2,
                     input: key.3,
-                    message,
+                    label,
                     feedback: false,
                     about,
                 });

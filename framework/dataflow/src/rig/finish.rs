@@ -7,6 +7,7 @@ use std::sync::Arc;
 use foveate_messages::Interval;
 use foveate_scene::calibration::Calibration;
 
+use super::anchors;
 use super::fault::{Faults, Findings};
 use super::lookup::{Names, outputs};
 use super::names::listed;
@@ -16,7 +17,7 @@ use super::promise;
 use super::read::RigText;
 use super::resolved;
 use super::scales::{Parent, ScaleDraft};
-use super::wire::{EdgeDraft, Wiring, check_anchors, wire};
+use super::wire::{EdgeDraft, Wiring, wire};
 use crate::graph::{Edge, Graph, Instance, Queue, Requirement, Scale};
 use crate::node::Role;
 
@@ -48,7 +49,7 @@ impl Finish<'_, '_> {
         }
         let names = Names::new(self.text, self.scales, self.nodes, self.calibration.as_deref());
         let mut wiring = wire(&names, findings);
-        check_anchors(&names, &mut wiring.used, findings);
+        anchors::check(&names, &mut wiring.used, findings);
         let arrows: Vec<Arrow> =
             wiring.edges.iter().map(|it| Arrow { from: it.from.0, to: it.to.0, triggers: it.triggers }).collect();
         let triggering = arrows.iter().copied().filter(|it| it.triggers);

@@ -448,3 +448,10 @@ fn page_is_plain_or_coloured_and_hides_control_characters() {
     assert!(faults.render(true).contains("\u{1b}["));
     assert!(faults.list[0].title.contains("\\u{1b}[31mx"), "{faults}");
 }
+
+#[test]
+fn columns_count_characters() {
+    let faults = bad(&edited("offset = 25", "window = { \"é𝄞\" = 1, size_px = 0 }"));
+    expect(&faults, 0, "16:12", "\"é𝄞\"", &[]);
+    expect(&faults, 1, "16:32", "0", &[]);
+}

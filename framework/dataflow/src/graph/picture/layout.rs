@@ -4,8 +4,8 @@
 
 use std::collections::BTreeMap;
 
-use super::order::{Slot, arrange};
-use super::{Sketch, Step};
+use super::order::{Join, Slot, arrange};
+use super::{Link, Sketch, Step};
 
 /// Height of a box.
 pub(super) const BOX_HEIGHT: f64 = 46.0;
@@ -162,7 +162,7 @@ fn lanes(sketch: &Sketch<'_>, columns: &[usize]) -> Vec<Lane> {
         lane.nodes.push((node, lane.slots.len()));
         lane.slots.push(Slot { column: columns[node], height: BOX_HEIGHT, y: 0.0 });
     }
-    let mut joins: Vec<Vec<(usize, usize)>> = vec![Vec::new(); lanes.len()];
+    let mut joins: Vec<Vec<Join>> = vec![Vec::new(); lanes.len()];
     let mut n_bends = 0;
     for (number, link) in sketch.links.iter().enumerate() {
         let (from, to) = (sketch.nodes[link.from].scale, sketch.nodes[link.to].scale);
@@ -178,13 +178,15 @@ fn lanes(sketch: &Sketch<'_>, columns: &[usize]) -> Vec<Lane> {
             for column in columns[link.from] + 1..columns[link.to] {
                 let slot = lane.slots.len();
                 lane.slots.push(Slot { column, height: WAY_HEIGHT, y: 0.0 });
-                joins[from].push((before, slot));
+                // A long way had better be straight.
+                let weight = if lane.slots[before].height < BOX_HEIGHT { 8.0 } else { 1.0 };
+                joins[from].push(Join { from: before, to: slot, weight });
                 lane.bends.entry(number).or_default().push(slot);
                 before = slot;
             }
         }
         if from == to && (span == 0 || n_bends <= MOST_BENDS) {
-            joins[from].push((before, slot_of[link.to]));
+            joins[from].push(Join { from: before, to: slot_of[link.to], weight: 1.0 });
         }
     }
     for (lane, joins) in lanes.iter_mut().zip(&joins) {
@@ -230,8 +232,24 @@ fn ways(
     column_x: &[f64],
     column_width: &[f64],
 ) -> Vec<Way> {
-    let outlets = spread(sketch.links.iter().map(|it| (it.from, it.output)));
-    let inlets = spread(sketch.links.iter().map(|it| (it.to, it.input)));
+    let other_end = |link: &Link<'_>, number: usize, node: usize, bend: Option<&usize>| {
+        let lane = sketch.nodes[link.from].scale;
+        match bend {
+            _ if link.from >= link.to => f64::INFINITY,
+            Some(&slot) => lane_top[lane] + lanes[lane].slots[slot].y,
+            None => layout.boxes[node].y + number as f64 * 1e-6,
+        }
+    };
+    let bends = |link: &Link<'_>, number: usize| lanes[sketch.nodes[link.from].scale].bends.get(&number);
+    let links = || sketch.links.iter().enumerate();
+    let outlets = spread(links().map(|(number, it)| {
+        let first = bends(it, number).and_then(|it| it.first());
+        (it.from, it.output, other_end(it, number, it.to, first))
+    }));
+    let inlets = spread(links().map(|(number, it)| {
+        let last = bends(it, number).and_then(|it| it.last());
+        (it.to, it.input, other_end(it, number, it.from, last))
+    }));
     let mut used = vec![0_usize; lanes.len()];
     let mut ways = Vec::with_capacity(sketch.links.len());
     for (number, link) in sketch.links.iter().enumerate() {
@@ -264,19 +282,20 @@ fn ways(
     ways
 }
 
-/// Ports of a node in use, spread over its side: where each lies, as a fraction of the height.
-fn spread(ports: impl Iterator<Item = (usize, usize)>) -> BTreeMap<(usize, usize), f64> {
-    let mut of_node: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-    for (node, port) in ports {
-        let list = of_node.entry(node).or_default();
-        if let Err(place) = list.binary_search(&port) {
-            list.insert(place, port);
-        }
+/// Ports of a node in use, spread over its side in the order of where their edges come from or go to: where each lies,
+/// as a fraction of the height.
+fn spread(ports: impl Iterator<Item = (usize, usize, f64)>) -> BTreeMap<(usize, usize), f64> {
+    let mut of_node: BTreeMap<usize, BTreeMap<usize, (f64, f64)>> = BTreeMap::new();
+    for (node, port, y) in ports {
+        let sum = of_node.entry(node).or_default().entry(port).or_default();
+        *sum = (sum.0 + y, sum.1 + 1.0);
     }
     let mut shares = BTreeMap::new();
     for (node, ports) in of_node {
+        let mut ports: Vec<(f64, usize)> = ports.into_iter().map(|(port, (sum, count))| (sum / count, port)).collect();
+        ports.sort_by(|a, b| a.0.total_cmp(&b.0));
         let count = ports.len() as f64;
-        for (index, port) in ports.into_iter().enumerate() {
+        for (index, (_, port)) in ports.into_iter().enumerate() {
             shares.insert((node, port), (index as f64 + 1.0) / (count + 1.0));
         }
     }

@@ -1,7 +1,7 @@
 //! Where boxes stand in their columns: few crossings, short edges.
 
 /// Sweeps over the columns; more than a few change nothing.
-const SWEEPS: usize = 6;
+const SWEEPS: usize = 12;
 
 /// Something that takes up room in a column: a box, or the way of an edge past one.
 #[derive(Debug, Clone, Copy, Default)]
@@ -12,19 +12,28 @@ pub(super) struct Slot {
     pub y: f64,
 }
 
+/// Two slots of neighbouring columns that had better stand level.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Join {
+    pub from: usize,
+    pub to: usize,
+    /// How much it matters.
+    pub weight: f64,
+}
+
 /// Sets the centres of `slots` so that those joined by `joins` stand level and no two of a column come closer than `gap`.
 /// Returns how high the whole is; its top is 0.
-pub(super) fn arrange(slots: &mut [Slot], joins: &[(usize, usize)], gap: f64) -> f64 {
+pub(super) fn arrange(slots: &mut [Slot], joins: &[Join], gap: f64) -> f64 {
     let n_columns = slots.iter().map(|it| it.column + 1).max().unwrap_or(0);
     let mut columns: Vec<Vec<usize>> = vec![Vec::new(); n_columns];
     for (index, slot) in slots.iter().enumerate() {
         columns[slot.column].push(index);
     }
-    let mut before: Vec<Vec<usize>> = vec![Vec::new(); slots.len()];
+    let mut before: Vec<Vec<(usize, f64)>> = vec![Vec::new(); slots.len()];
     let mut after = before.clone();
-    for &(from, to) in joins {
-        after[from].push(to);
-        before[to].push(from);
+    for &Join { from, to, weight } in joins {
+        after[from].push((to, weight));
+        before[to].push((from, weight));
     }
     for column in &columns {
         stack(slots, column, gap);
@@ -48,7 +57,7 @@ pub(super) fn arrange(slots: &mut [Slot], joins: &[(usize, usize)], gap: f64) ->
             let wishes: Vec<f64> = column
                 .iter()
                 .map(|&it| {
-                    let all: Vec<usize> = before[it].iter().chain(&after[it]).copied().collect();
+                    let all: Vec<(usize, f64)> = before[it].iter().chain(&after[it]).copied().collect();
                     mean(slots, &all).unwrap_or(slots[it].y)
                 })
                 .collect();
@@ -64,8 +73,9 @@ pub(super) fn arrange(slots: &mut [Slot], joins: &[(usize, usize)], gap: f64) ->
     bottom - top
 }
 
-fn mean(slots: &[Slot], of: &[usize]) -> Option<f64> {
-    (!of.is_empty()).then(|| of.iter().map(|&it| slots[it].y).sum::<f64>() / of.len() as f64)
+fn mean(slots: &[Slot], of: &[(usize, f64)]) -> Option<f64> {
+    let weight: f64 = of.iter().map(|it| it.1).sum();
+    (weight > 0.0).then(|| of.iter().map(|&(it, weight)| weight * slots[it].y).sum::<f64>() / weight)
 }
 
 /// One below the other, around 0.
@@ -115,11 +125,15 @@ fn settle(slots: &mut [Slot], column: &[usize], wishes: &[f64], gap: f64) {
 mod tests {
     use super::*;
 
+    fn join(from: usize, to: usize) -> Join {
+        Join { from, to, weight: 1.0 }
+    }
+
     #[test]
     fn slots_keep_their_distance_and_crossings_are_undone() {
         let slot = |column| Slot { column, height: 10.0, y: 0.0 };
         let mut slots = [slot(0), slot(0), slot(1), slot(1)];
-        let height = arrange(&mut slots, &[(0, 3), (1, 2)], 5.0);
+        let height = arrange(&mut slots, &[join(0, 3), join(1, 2)], 5.0);
         assert_eq!(height, 25.0);
         assert_eq!(slots[0].y, slots[3].y);
         assert_eq!(slots[1].y, slots[2].y);
@@ -130,7 +144,7 @@ mod tests {
     fn lone_slot_stands_level_with_the_middle_of_those_it_joins() {
         let slot = |column| Slot { column, height: 10.0, y: 0.0 };
         let mut slots = [slot(0), slot(0), slot(0), slot(1)];
-        arrange(&mut slots, &[(0, 3), (1, 3), (2, 3)], 5.0);
+        arrange(&mut slots, &[join(0, 3), join(1, 3), join(2, 3)], 5.0);
         assert_eq!(slots[3].y, slots[1].y);
     }
 }

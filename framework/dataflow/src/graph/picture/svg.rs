@@ -195,7 +195,7 @@ fn draw_messages(svg: &mut String, sketch: &Sketch<'_>, layout: &Layout) {
         };
         let is_back = matches!(way, Way::Around { .. });
         if is_back || drawn.insert((link.from, link.output)) {
-            let message = escaped(link.message);
+            let message = escaped(&link.label);
             let _ = writeln!(svg, "<text x=\"{x:.1}\" y=\"{y:.1}\" class=\"{class}\">{message}</text>");
         }
     }
