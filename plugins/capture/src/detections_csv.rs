@@ -6,6 +6,7 @@
 //! | `camera` | name in the calibration | – |
 //! | `x_px`, `y_px` | the point in raw pixels; both empty: a picture in which nothing was found | px |
 //! | `sigma_px` | standard deviation of either coordinate; may be left out | px |
+//! | `cxx_px2`, `cxy_px2`, `cyy_px2` | the whole covariance, instead of `sigma_px`; may be left out | px² |
 //! | `area_px` | pixels that belong to the point; may be left out | px² |
 //! | `peak` | its brightest pixel, 0 to 255; may be left out | gray level |
 //!
@@ -25,6 +26,10 @@ use crate::settings::Reasons;
 const LINE_LIMIT: u64 = 4096;
 /// Times beyond this are mistakes, such as milliseconds since 1970; seconds since 1970 lie below it [s].
 const TIME_LIMIT_S: f64 = 9e9;
+
+/// A point known no better than this is no point [px²].
+const VARIANCE_LIMIT: f64 = 1e8;
+const COVARIANCE: [&str; 3] = ["cxx_px2", "cxy_px2", "cyy_px2"];
 
 /// Whose rows to keep, and how to read them.
 #[derive(Debug, Clone)]
@@ -69,6 +74,8 @@ struct Columns {
     x: usize,
     y: usize,
     sigma: Option<usize>,
+    /// cxx, cxy, cyy.
+    covariance: Option<[usize; 3]>,
     area: Option<usize>,
     peak: Option<usize>,
 }
@@ -89,10 +96,21 @@ impl Columns {
             x: required("x_px")?,
             y: required("y_px")?,
             sigma: place("sigma_px"),
+            covariance: match COVARIANCE.map(place) {
+                [Some(xx), Some(xy), Some(yy)] => Some([xx, xy, yy]),
+                [None, None, None] => None,
+                _ => {
+                    return Err(format!(
+                        "the header names only some of {}",
+                        COVARIANCE.map(|it| format!("`{it}`")).join(", ")
+                    ));
+                }
+            },
             area: place("area_px"),
             peak: place("peak"),
         };
-        let known = ["time_s", "camera", "x_px", "y_px", "sigma_px", "area_px", "peak"];
+        let known = ["time_s", "camera", "x_px", "y_px", "sigma_px", "area_px", "peak"].into_iter().chain(COVARIANCE);
+        let known: Vec<&str> = known.collect();
         if let Some(twice) = known.iter().find(|name| names.iter().filter(|it| it == name).count() > 1) {
             return Err(format!("the header names `{twice}` twice"));
         }
@@ -256,10 +274,7 @@ impl Row {
             }
         }
         let optional = |column: Option<usize>, name: &str| column.map_or(Ok(None), |it| number(fields, it, name));
-        let sigma = optional(columns.sigma, "sigma_px")?.unwrap_or(wanted.sigma);
-        if !(sigma > 0.0 && sigma <= 1e4) {
-            return Err(format!("sigma_px is {sigma}, expected more than 0"));
-        }
+        let covariance = covariance(fields, columns, wanted.sigma)?;
         let area = optional(columns.area, "area_px")?.unwrap_or(0.0);
         if !(0.0..=f64::from(u32::MAX)).contains(&area) {
             return Err(format!("area_px is {area}, expected 0 or more"));
@@ -268,13 +283,26 @@ impl Row {
         if !(0.0..=255.0).contains(&peak) {
             return Err(format!("peak is {peak}, expected 0 to 255"));
         }
-        Ok(Some(Feature {
-            centre: Point2::new(x, y),
-            covariance: Matrix2::identity() * (sigma * sigma),
-            area: area.round() as u32,
-            peak: peak.round() as u8,
-        }))
+        Ok(Some(Feature { centre: Point2::new(x, y), covariance, area: area.round() as u32, peak: peak.round() as u8 }))
     }
+}
+
+/// From the columns of the covariance, else from `sigma_px`, else from `sigma` [px].
+fn covariance(fields: &[&str], columns: Columns, sigma: f64) -> Result<Matrix2<f64>, String> {
+    if let Some(places) = columns.covariance {
+        let [xx, xy, yy] = [0, 1, 2].map(|it| number(fields, places[it], COVARIANCE[it]));
+        if let (Some(xx), Some(xy), Some(yy)) = (xx?, xy?, yy?) {
+            if xx > 0.0 && yy > 0.0 && xx * yy > xy * xy && xx.max(yy) <= VARIANCE_LIMIT {
+                return Ok(Matrix2::new(xx, xy, xy, yy));
+            }
+            return Err(format!("({xx}, {xy}, {yy}) px² is no covariance of a point"));
+        }
+    }
+    let sigma = columns.sigma.map_or(Ok(None), |it| number(fields, it, "sigma_px"))?.unwrap_or(sigma);
+    if sigma > 0.0 && sigma * sigma <= VARIANCE_LIMIT {
+        return Ok(Matrix2::identity() * (sigma * sigma));
+    }
+    Err(format!("sigma_px is {sigma}, expected more than 0"))
 }
 
 fn field<'f>(fields: &[&'f str], column: usize) -> &'f str {
@@ -332,6 +360,17 @@ mod tests {
         assert!((list[0].covariance - Matrix2::identity() * 0.01).norm() < 1e-12);
         assert_eq!((list[0].area, list[0].peak), (12, 200));
         assert_eq!((list[1].covariance, list[1].area, list[1].peak), (Matrix2::identity() * 0.25, 0, 0));
+    }
+
+    #[test]
+    fn whole_covariance_wins_over_sigma() {
+        let header = "time_s,camera,x_px,y_px,sigma_px,cxx_px2,cxy_px2,cyy_px2";
+        let table =
+            parse(&format!("{header}\n0,b,1,2,9,0.04,0.01,0.09\n1,b,1,2,9,,,\n2,b,1,2,9,0.04,0.07,0.09\n")).unwrap();
+        assert_eq!(table.frames[0].features.list[0].covariance, Matrix2::new(0.04, 0.01, 0.01, 0.09));
+        assert_eq!(table.frames[1].features.list[0].covariance, Matrix2::identity() * 81.0);
+        assert!(table.frames[2].faults[0].contains("no covariance"), "{:?}", table.frames[2].faults);
+        assert!(parse("time_s,camera,x_px,y_px,cxx_px2\n0,b,1,2,3\n").map(|_| ()).unwrap_err().contains("only some"));
     }
 
     #[test]

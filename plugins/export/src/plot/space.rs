@@ -100,7 +100,7 @@ fn range(subject: &Subject<'_>, axis: usize, reach: f64) -> Range {
 fn view(svg: &mut Svg, subject: &Subject<'_>, [across, up]: [usize; 2], panel: &Panel, (reach, limit): (f64, usize)) {
     let label = |axis: usize| format!("{} [{}]", AXES[axis], subject.unit);
     // Both axes have the same scale, and so the same distance of ticks.
-    let step = Some(round_step(60.0 / panel.rect.width * panel.x.length()));
+    let step = Some(round_step(42.0 / panel.rect.width * panel.x.length()));
     panel.background(svg, Labels { steps: [step; 2], ..Labels::new(Some(&label(across)), &label(up)) });
     let place = |position: [f64; 3]| panel.place(position[across], position[up]);
     svg.within(panel.rect, |svg| {
@@ -251,5 +251,6 @@ fn legend(svg: &mut Svg, subject: &Subject<'_>, scale: f64, at: Point) {
     }
     legend.skip();
     let length = round_step(40.0 / scale);
-    legend.scale_bar(svg, length * scale, &format!("{length} {}", subject.unit));
+    let unit = if subject.unit != "m" && length == 1.0 { "unit" } else { subject.unit };
+    legend.scale_bar(svg, length * scale, &format!("{length} {unit}"));
 }
