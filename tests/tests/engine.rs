@@ -183,7 +183,11 @@ fn slow_consumer_on_another_thread_loses_by_policy_and_the_books_balance() {
         assert_eq!(found.len() as u64, edge.delivered, "{policy}");
         assert_eq!(edge.dropped > 0, loses, "{policy}: {} dropped", edge.dropped);
         assert!(found.is_sorted(), "{policy}");
-        assert_eq!(found.last() == Some(&99), policy != "drop_newest", "{policy}: the newest is kept unless it is the one dropped");
+        assert_eq!(
+            found.last() == Some(&99),
+            policy != "drop_newest",
+            "{policy}: the newest is kept unless it is the one dropped"
+        );
     }
 }
 
@@ -221,7 +225,9 @@ fn requirement_that_is_not_met_is_reported_with_both_numbers() {
 fn two_runs_of_one_rig_are_the_same() {
     let counters: String = (0..5)
         .map(|index| {
-            format!("[scale.room.node.s{index}]\ntype = \"testkit.counter\"\ncount = 40\nrate_hz = 50\nphase_ms = {index}\n")
+            format!(
+                "[scale.room.node.s{index}]\ntype = \"testkit.counter\"\ncount = 40\nrate_hz = 50\nphase_ms = {index}\n"
+            )
         })
         .collect();
     let inputs = (0..5).map(|index| format!("\"s{index}.numbers\"")).collect::<Vec<_>>().join(", ");

@@ -15,7 +15,8 @@ fn program() -> PathBuf {
     static BUILT: std::sync::OnceLock<PathBuf> = std::sync::OnceLock::new();
     BUILT
         .get_or_init(|| {
-            let arguments = ["build", "--quiet", "--offline", "-p", "foveate-cli", "--message-format", "json-render-diagnostics"];
+            let arguments =
+                ["build", "--quiet", "--offline", "-p", "foveate-cli", "--message-format", "json-render-diagnostics"];
             let output = Command::new(env!("CARGO")).args(arguments).current_dir(root()).output().unwrap();
             assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
             let text = String::from_utf8(output.stdout).unwrap();
@@ -28,7 +29,8 @@ fn program() -> PathBuf {
 
 /// Runs the program in `folder`; gives exit code, standard output, standard error.
 fn foveate(folder: &Path, arguments: &[&str]) -> (i32, String, String) {
-    let Output { status, stdout, stderr } = Command::new(program()).args(arguments).current_dir(folder).output().unwrap();
+    let Output { status, stdout, stderr } =
+        Command::new(program()).args(arguments).current_dir(folder).output().unwrap();
     let text = |bytes| String::from_utf8_lossy(bytes).into_owned();
     (status.code().unwrap_or(-1), text(&stdout), text(&stderr))
 }
@@ -65,8 +67,11 @@ fn lab_as_it_comes_has_no_fault_and_runs_to_the_same_bytes_twice() {
             foveate(folder.path(), &["run", "room.toml", "--duration", "1.5", "--quiet", "--out", out]);
         assert_eq!(code, 0, "{said}{complaint}");
     }
-    for file in ["summary.json", "targets.csv", "truth.csv", "ledger.csv", "events.csv", "rig.resolved.toml", "path_top.svg"] {
-        let read = |out: &str| fs::read(folder.path().join(out).join(file)).unwrap_or_else(|error| panic!("{file}: {error}"));
+    for file in
+        ["summary.json", "targets.csv", "truth.csv", "ledger.csv", "events.csv", "rig.resolved.toml", "path_top.svg"]
+    {
+        let read =
+            |out: &str| fs::read(folder.path().join(out).join(file)).unwrap_or_else(|error| panic!("{file}: {error}"));
         let (a, b) = (read("a"), read("b"));
         assert!(!a.is_empty(), "{file} is empty");
         assert_eq!(a, b, "{file} differs between two runs of one seed");
@@ -95,7 +100,10 @@ fn results_are_numbered_and_the_resolved_rig_runs_again_to_the_same_table() {
 
 #[test]
 fn faults_are_named_where_they_are() {
-    refuses(|it| it.replace("led.detector", "led.detectr"), &["led.detectr", "did you mean", "led.detector", "room.toml:"]);
+    refuses(
+        |it| it.replace("led.detector", "led.detectr"),
+        &["led.detectr", "did you mean", "led.detector", "room.toml:"],
+    );
     refuses(|it| it.replace("offset = 20", "offset = -1"), &["offset", "-1", "0", "gray level"]);
     refuses(|it| it.replace("grid_px", "gird_px"), &["gird_px", "grid_px"]);
     refuses(|it| it.replace("each = \"wide-*\"", "each = \"tele-*\""), &["tele-*", "wide-1"]);

@@ -58,7 +58,8 @@ fn every_setting_says_its_unit() {
 #[test]
 fn no_leftovers() {
     // Spelt in halves so that this file does not find itself.
-    let leftovers = [["TO", "DO"], ["FIX", "ME"], ["dbg", "!("], ["todo", "!("], ["unimplemented", "!("], ["#[ig", "nore"]];
+    let leftovers =
+        [["TO", "DO"], ["FIX", "ME"], ["dbg", "!("], ["todo", "!("], ["unimplemented", "!("], ["#[ig", "nore"]];
     for path in files("rs") {
         let text = fs::read_to_string(&path).unwrap();
         for halves in leftovers {

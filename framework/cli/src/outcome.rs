@@ -5,7 +5,7 @@ use std::path::Path;
 
 use foveate_dataflow::error::Blame;
 use foveate_dataflow::graph::Graph;
-use foveate_dataflow::run::Outcome;
+use foveate_dataflow::run::{Outcome, Unmet};
 
 use crate::exit;
 
@@ -48,12 +48,10 @@ pub fn describe(graph: &Graph, outcome: &Outcome, folder: &Path) -> String {
         let (place, count) = (&fault.instance, times(fault.count));
         line(&format!("fault: {place} at {}{count}: {} ({})", fault.time, fault.message, fault.action));
     }
-    for unmet in outcome.unmet.iter().take(SHOWN) {
+    for (unmet, others) in unmet_by_node(outcome).iter().take(SHOWN) {
         let must = if unmet.must { " (must)" } else { "" };
-        line(&format!("requirement not met{must}: {}: {}", unmet.edge, unmet.what));
-    }
-    if outcome.unmet.len() > SHOWN {
-        line(&format!("requirement not met: {} more in events.csv", outcome.unmet.len() - SHOWN));
+        let more = if *others == 0 { String::new() } else { format!("; and {others} like it, in events.csv") };
+        line(&format!("requirement not met{must}: {}: {}{more}", unmet.edge, unmet.what));
     }
     let pictures: Vec<_> = outcome.report.files.iter().map(|it| it.display().to_string()).collect();
     let _ = writeln!(text, "results: {}/", folder.display());
@@ -61,6 +59,26 @@ pub fn describe(graph: &Graph, outcome: &Outcome, folder: &Path) -> String {
         let _ = writeln!(text, "  {}", pictures.join("  "));
     }
     text
+}
+
+/// The first unmet requirement of each kind of edge, and how many more there are that differ in the camera and in the number
+/// measured.
+fn unmet_by_node(outcome: &Outcome) -> Vec<(&Unmet, usize)> {
+    let kind = |it: &Unmet| (without_cameras(&it.edge), it.what.split(' ').next().map(str::to_owned));
+    let mut kinds: Vec<(&Unmet, usize)> = Vec::new();
+    for unmet in &outcome.unmet {
+        match kinds.iter_mut().find(|(first, _)| kind(first) == kind(unmet)) {
+            Some((_, others)) => *others += 1,
+            None => kinds.push((unmet, 0)),
+        }
+    }
+    kinds
+}
+
+/// `room.leds[wide-1].features` without what stands in brackets.
+fn without_cameras(edge: &str) -> String {
+    let parts = edge.split('[').enumerate();
+    parts.map(|(index, part)| if index == 0 { part } else { part.split_once(']').map_or(part, |it| it.1) }).collect()
 }
 
 fn times(count: u64) -> String {
@@ -78,5 +96,20 @@ pub fn exit_code(outcome: &Outcome) -> u8 {
         Some(Blame::Input) => exit::INPUT,
         None if outcome.unmet.iter().any(|it| it.must) => exit::UNMET,
         None => exit::DONE,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn edges_that_differ_in_the_camera_are_of_one_kind() {
+        assert_eq!(
+            without_cameras("room.leds[wide-1].features -> room.targets.features"),
+            "room.leds.features -> room.targets.features"
+        );
+        assert_eq!(without_cameras("a[x].b -> c[y].d"), "a.b -> c.d");
+        assert_eq!(without_cameras("no camera"), "no camera");
     }
 }

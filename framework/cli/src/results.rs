@@ -13,7 +13,8 @@ use serde_json::{Map, Value, json};
 /// # Errors
 /// A sentence with the path and the reason.
 pub fn make_folder(wanted: Option<&Path>, rig: &str) -> Result<PathBuf, String> {
-    let complain = |path: &Path, error: io::Error| format!("the results folder `{}` cannot be made: {error}", path.display());
+    let complain =
+        |path: &Path, error: io::Error| format!("the results folder `{}` cannot be made: {error}", path.display());
     if let Some(path) = wanted {
         fs::create_dir_all(path).map_err(|error| complain(path, error))?;
         return Ok(path.to_owned());
@@ -86,7 +87,8 @@ fn pretty(value: &Value) -> String {
 
 /// One line an edge.
 fn ledger(graph: &Graph, outcome: &Outcome) -> String {
-    let mut text = "edge,delivered,rate_hz,age_p50_ms,age_p99_ms,age_max_ms,gaps,dropped,late,loss,sigma,requirement\n".to_owned();
+    let mut text =
+        "edge,delivered,rate_hz,age_p50_ms,age_p99_ms,age_max_ms,gaps,dropped,late,loss,sigma,requirement\n".to_owned();
     let optional = |value: Option<f64>, scale: f64| value.map_or(String::new(), |it| format!("{:.4}", it * scale));
     for (edge, ledger) in graph.edges.iter().zip(&outcome.ledgers) {
         let verdict = match &edge.require {
@@ -115,7 +117,14 @@ fn events(outcome: &Outcome) -> String {
     let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\"").replace(['\n', '\r'], " "));
     let mut text = "what,where,first_time_s,count,action,message\n".to_owned();
     for it in &outcome.faults {
-        text += &format!("fault,{},{:.6},{},{},{}\n", it.instance, it.time.as_s(), it.count, it.action, quoted(&it.message));
+        text += &format!(
+            "fault,{},{:.6},{},{},{}\n",
+            it.instance,
+            it.time.as_s(),
+            it.count,
+            it.action,
+            quoted(&it.message)
+        );
     }
     for it in &outcome.gaps {
         text += &format!("gap,{},{:.6},{},,{}\n", it.instance, it.time.as_s(), it.count, quoted(&it.reason));

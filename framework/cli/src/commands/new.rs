@@ -16,9 +16,11 @@ pub(super) fn rig(name: &str) -> u8 {
         return complain(&format!("found the name `{name}`, expected small letters, digits, `_` and `-`"));
     }
     let (rig_file, calibration_file) = (format!("{name}.toml"), format!("{name}.calibration.toml"));
-    let rig = RIG
-        .replacen("name = \"room\"", &format!("name = \"{name}\""), 1)
-        .replacen("room.calibration.toml", &calibration_file, 1);
+    let rig = RIG.replacen("name = \"room\"", &format!("name = \"{name}\""), 1).replacen(
+        "room.calibration.toml",
+        &calibration_file,
+        1,
+    );
     for (file, text) in [(&calibration_file, CALIBRATION), (&rig_file, &rig)] {
         let created = OpenOptions::new().write(true).create_new(true).open(file);
         if let Err(error) = created.and_then(|mut it| it.write_all(text.as_bytes())) {

@@ -28,7 +28,8 @@ pub(super) fn run(node_type: Option<&str>) -> u8 {
             exit::DONE
         }
         None => {
-            let hint = closest(name, registry.iter().map(|it| it.name)).map_or(String::new(), |it| format!(" (did you mean `{it}`?)"));
+            let hint = closest(name, registry.iter().map(|it| it.name))
+                .map_or(String::new(), |it| format!(" (did you mean `{it}`?)"));
             eprintln!("error: no node type is named `{name}`{hint}; `foveate nodes` lists them all");
             exit::INPUT
         }
@@ -75,7 +76,8 @@ fn setting(it: &SettingDoc) -> String {
         Some(default) => format!("default {default}"),
         None => "required".to_owned(),
     };
-    let facts = [Some(it.kind.clone()), it.range.clone(), Some(value)].into_iter().flatten().collect::<Vec<_>>().join(", ");
+    let facts =
+        [Some(it.kind.clone()), it.range.clone(), Some(value)].into_iter().flatten().collect::<Vec<_>>().join(", ");
     let mut text = format!("  {}  ({facts})\n", it.name);
     for line in wrap(&it.description, 96) {
         let _ = writeln!(text, "      {line}");
@@ -86,7 +88,9 @@ fn setting(it: &SettingDoc) -> String {
 fn wrap(text: &str, width: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {
-        let full = lines.last().is_some_and(|line| !line.is_empty() && line.chars().count() + 1 + word.chars().count() > width);
+        let full = lines
+            .last()
+            .is_some_and(|line| !line.is_empty() && line.chars().count() + 1 + word.chars().count() > width);
         if full {
             lines.push(String::new());
         }

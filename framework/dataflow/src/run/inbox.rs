@@ -63,6 +63,16 @@ impl Inbox {
         }
     }
 
+    /// Whether [`Inbox::next`] may find something.
+    pub(crate) fn may_trigger(&self) -> bool {
+        match self {
+            Inbox::Each(queue) => !queue.is_empty(),
+            Inbox::Latest => false,
+            Inbox::Synced(synced) => synced.is_ready(),
+            Inbox::NewestOfEach(newest) => newest.fresh.iter().any(Option::is_some),
+        }
+    }
+
     /// Takes out what the next turn is about, into `packets` (empty before and, if nothing is ready, after).
     /// `lost` is told the source of each message that is passed over or missing, and which of the two it is.
     pub(crate) fn next(&mut self, packets: &mut Vec<Packet>, lost: &mut dyn FnMut(usize, Lost)) -> bool {
@@ -121,7 +131,8 @@ impl Synced {
     fn close_set(&mut self, packets: &mut Vec<Packet>, lost: &mut dyn FnMut(usize, Lost)) -> bool {
         let Some(start) = self.start() else { return false };
         for (source, queue) in self.waiting.iter_mut().enumerate() {
-            match queue.pop_front_if(|packet| packet.stamp.time - start <= self.tolerance) {
+            let joins = queue.front().is_some_and(|packet| packet.stamp.time - start <= self.tolerance);
+            match if joins { queue.pop_front() } else { None } {
                 Some(packet) => packets.push(packet),
                 None => lost(source, Lost::Missing),
             }

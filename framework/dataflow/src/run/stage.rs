@@ -194,8 +194,6 @@ impl Stage {
             if self.take_next(index, false) {
                 self.activate(index, now, away);
                 word = 0; // a feedback edge may have made an earlier one ready
-            } else {
-                self.ready[word] &= !(1 << (index % 64));
             }
         }
     }
@@ -240,30 +238,31 @@ impl Stage {
         }
     }
 
-    /// Puts what the next turn of `index` is about into `self.delivery`.
+    /// Puts what the next turn of `index` is about into `self.delivery`, and notes whether it may have another one after that.
     fn take_next(&mut self, index: usize, flush: bool) -> bool {
         let Some(slot) = &mut self.slots[index] else { return false };
         self.delivery.packets.clear();
+        let mut taken = false;
         for (port, inbox) in slot.inboxes.iter_mut().enumerate() {
-            let (edges, ends) = (&slot.input_edges[port], &mut self.ends);
-            let mut lost = |source: usize, how| {
-                if let Some(end) = &mut ends[edges[source]] {
-                    match how {
-                        Lost::PassedOver => {
-                            end.ledger.delivered -= 1;
-                            end.ledger.dropped += 1;
-                        }
-                        Lost::Missing => end.ledger.gaps += u64::from(end.ledger.delivered > 0),
-                    }
+            taken = match inbox {
+                Inbox::Each(queue) => queue.pop_front().map(|packet| self.delivery.packets.push(packet)).is_some(),
+                Inbox::Latest => false,
+                Inbox::Synced(_) | Inbox::NewestOfEach(_) => {
+                    let (edges, ends) = (&slot.input_edges[port], &mut self.ends);
+                    let mut lost = |source: usize, how| enter_loss(&mut ends[edges[source]], how);
+                    let packets = &mut self.delivery.packets;
+                    if flush { inbox.flush(packets, &mut lost) } else { inbox.next(packets, &mut lost) }
                 }
             };
-            let packets = &mut self.delivery.packets;
-            if if flush { inbox.flush(packets, &mut lost) } else { inbox.next(packets, &mut lost) } {
+            if taken {
                 self.delivery.port = port;
-                return true;
+                break;
             }
         }
-        false
+        if !slot.inboxes.iter().any(Inbox::may_trigger) {
+            self.ready[index / 64] &= !(1 << (index % 64));
+        }
+        taken
     }
 
     /// One turn of node `index` with `self.delivery`, then its messages on their way.
@@ -287,8 +286,19 @@ impl Stage {
     }
 
     fn route(&mut self, index: usize, now: Time, away: &mut dyn Away) {
-        if self.outbox.packets.is_empty() && self.outbox.gaps.is_empty() {
-            return;
+        if self.outbox.gaps.is_empty() {
+            // Nothing, or one message along one edge on this worker: nearly every turn of a chain.
+            match (&self.outbox.packets[..], &self.slots[index]) {
+                ([], _) => return,
+                ([(port, _)], Some(slot)) => {
+                    if let [Route::Here(edge)] = slot.routes[*port][..]
+                        && let Some((_, packet)) = self.outbox.packets.pop()
+                    {
+                        return self.deliver(edge, packet, now);
+                    }
+                }
+                _ => {}
+            }
         }
         let mut outbox = std::mem::take(&mut self.outbox);
         let Some(slot) = &mut self.slots[index] else { return };
@@ -428,6 +438,18 @@ impl Slot {
     /// The routes that leave this slot.
     pub(crate) fn routes_mut(&mut self) -> impl Iterator<Item = &mut Route> {
         self.routes.iter_mut().flatten()
+    }
+}
+
+/// Enters in the ledger of an edge that one of its messages does not reach its consumer.
+fn enter_loss(end: &mut Option<EdgeEnd>, how: Lost) {
+    let Some(EdgeEnd { ledger, .. }) = end else { return };
+    match how {
+        Lost::PassedOver => {
+            ledger.delivered -= 1;
+            ledger.dropped += 1;
+        }
+        Lost::Missing => ledger.gaps += u64::from(ledger.delivered > 0),
     }
 }
 
