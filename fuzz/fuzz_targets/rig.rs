@@ -1,4 +1,7 @@
 //! Any text is answered by a graph or by faults whose places lie inside it; a resolved rig is its own resolution.
+//!
+//! `cargo +nightly fuzz run rig fuzz/corpus/rig framework/dataflow/tests/rig -- -max_total_time=60` from the root of the
+//! repository: what is found goes to the first folder, the second is read to start from.
 
 #![no_main]
 

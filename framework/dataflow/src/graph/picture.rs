@@ -142,15 +142,7 @@ impl<'g> Sketch<'g> {
                     consumer.node,
                     input.map_or("", |it| it.name)
                 );
-                links.push(Link {
-                    from: key.0,
-                    output: key.1,
-                    to: key.2,
-                    input: key.3,
-                    label,
-                    feedback: false,
-                    about,
-                });
+                links.push(Link { from: key.0, output: key.1, to: key.2, input: key.3, label, feedback: false, about });
                 links.len() - 1
             });
             links[index].feedback |= edge.feedback;

@@ -53,3 +53,52 @@ fn resolved_rig_has_the_defaults_and_is_its_own_resolution() {
     assert_eq!(again.edges, graph.edges);
     assert_eq!(again.scales, graph.scales);
 }
+
+#[test]
+fn what_is_probably_not_meant_is_a_warning() {
+    let graph = good(&format!(
+        "{LAB}\n[scale.room.node.smooth]\ntype = \"test.smoother\"\nin.targets = \"targets.targets\"\n\
+         [scale.room.node.idle]\ntype = \"test.listener\"\nin.hints = \"targets.hints\"\n"
+    ));
+    let titles: Vec<&str> = graph.warnings.list.iter().map(|it| it.title.as_str()).collect();
+    assert_eq!(titles, ["what `smooth` gives goes nowhere", "`idle` never runs"], "{}", graph.warnings);
+    assert_eq!((graph.warnings.n_faults(), graph.warnings.n_warnings()), (0, 2));
+    assert_eq!(graph.warnings.list[0].line_column(), (43, 1));
+}
+
+#[test]
+fn cameras_can_be_named_one_by_one() {
+    let text = LAB.replace("\"leds.features\"", "[\"leds[wide-3].features\", \"room.leds[wide-1].features\"]");
+    let graph = good(&text);
+    let joined: Vec<&str> =
+        graph.edges.iter().map(|it| it.name.as_str()).filter(|it| it.ends_with("targets.features")).collect();
+    assert_eq!(
+        joined,
+        ["room.leds[wide-1].features -> room.targets.features", "room.leds[wide-3].features -> room.targets.features"]
+    );
+    let one = LAB.replacen("each = \"wide-*\"", "camera = \"wide-2\"", 2);
+    let graph = good(&one);
+    assert_eq!(graph.instances[0].path, "room.video[wide-2]");
+    assert_eq!(graph.instances[0].camera, graph.instances[1].camera);
+}
+
+#[test]
+fn what_is_sampled_comes_first_where_no_cycle_forbids_it() {
+    // The listener stands before the integrator in the text.
+    let listener = "[scale.room.node.ear]\ntype = \"test.listener\"\nin.hints = \"targets.hints\"\n";
+    let graph = good(&LAB.replace("[scale.room.node.targets]", &format!("{listener}[scale.room.node.targets]")));
+    let place = |path: &str| graph.instances.iter().position(|it| it.path == path).unwrap();
+    assert!(place("room.targets") < place("room.ear"));
+    let edge = graph.edges.iter().find(|it| it.to.0 == place("room.ear")).unwrap();
+    assert!(!edge.feedback);
+}
+
+#[test]
+fn variables_in_paths_are_replaced() {
+    let lab = std::path::absolute(crate::parts::path().parent().unwrap()).unwrap();
+    let home = std::env::var("CARGO_MANIFEST_DIR").unwrap();
+    let rest = lab.strip_prefix(&home).unwrap().display().to_string();
+    let graph = good(&LAB.replace("\"lab.", &format!("\"${{CARGO_MANIFEST_DIR}}/{rest}/lab.")));
+    assert_eq!(graph.calibration.cameras.len(), 5);
+    assert!(graph.resolved.contains("${CARGO_MANIFEST_DIR}"), "as written: it is another folder elsewhere");
+}

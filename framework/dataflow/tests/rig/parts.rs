@@ -214,6 +214,8 @@ part!(
     Ports::new().input(&In::<Targets>::each(0, "targets")).output(&Out::<Targets>::new(0, "targets"))
 );
 
+part!(Listener, Nothing, "test.listener", Sink, Ports::new().input(&In::<Hints>::latest(0, "hints").many()));
+
 /// Settings without defaults.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -262,6 +264,7 @@ pub fn registry_of_calm_parts() -> Registry {
     registry.add::<Aim>();
     registry.add::<Motor>();
     registry.add::<Table>();
+    registry.add::<Listener>();
     registry
 }
 
