@@ -2,7 +2,8 @@
 //!
 //! Decoders forgive much: a JPEG that was cut off comes out gray from there on, with no complaint. So a JPEG's own
 //! structure is walked first (T.81, annex B: segments with a length, then entropy-coded data in which 0xFF is always
-//! followed by 0x00 or a restart marker), and one without its end marker is refused.
+//! followed by 0x00 or a restart marker), and one without its end marker is refused. Damage that leaves this structure intact is
+//! not noticed: JPEG has no check sums.
 
 use std::fs::File;
 use std::io::{Cursor, Read};
@@ -155,8 +156,8 @@ fn jpeg_is_whole(bytes: &[u8]) -> Result<(), String> {
 
 fn first_bytes(bytes: &[u8]) -> String {
     let start = &bytes[..bytes.len().min(8)];
-    if start.iter().all(|it| it.is_ascii_graphic() || *it == b' ') {
-        return format!("`{}`", String::from_utf8_lossy(start));
+    if start.iter().all(|it| it.is_ascii_graphic() || it.is_ascii_whitespace()) {
+        return format!("`{}`", start.escape_ascii());
     }
     start.iter().map(|it| format!("{it:02x}")).collect::<Vec<_>>().join(" ")
 }
@@ -247,6 +248,7 @@ pub(crate) mod tests {
     fn other_content_is_named() {
         assert!(decode(b"", Format::Gray, None).unwrap_err().contains("empty"));
         assert!(decode(b"GIF89a..", Format::Gray, None).unwrap_err().contains("`GIF89a..`"));
+        assert!(decode(b"hi\n", Format::Gray, None).unwrap_err().contains("`hi\\n`"));
         assert!(decode(&[0, 1, 2], Format::Gray, None).unwrap_err().contains("00 01 02"));
         let mut corrupt = jpeg(64, 48);
         corrupt[30..120].fill(7);

@@ -80,7 +80,7 @@ struct Sequence {
     /// Columns, rows that every picture must have [px]; unknown until the first good picture where there is no calibration.
     size: Option<[u32; 2]>,
     decoder: Decoder,
-    missing: u64,
+    missing: Reasons,
     unusable: Reasons,
 }
 
@@ -94,8 +94,9 @@ impl Sequence {
         let index = self.next_index;
         self.next_index += 1;
         let Some(frame) = self.listing.frames.get(self.next_file).filter(|it| it.index == index) else {
-            self.missing += 1;
-            return Next::Gap(format!("no file for frame {index}"));
+            self.missing.add((self.listing.first + index).to_string());
+            // The same words for all of them, so that a log can count them.
+            return Next::Gap("no file for this frame: its number is missing".to_owned());
         };
         self.next_file += 1;
         match self.decoder.read(&frame.path, self.format, self.size, image) {
@@ -137,7 +138,7 @@ impl Node for Images {
             next_index: 0,
             size: setup.camera_model().map(|it| it.image_size),
             decoder: Decoder::default(),
-            missing: 0,
+            missing: Reasons::default(),
             unusable: Reasons::default(),
         };
         Ok(Self { settings, sequence, pool: Pool::default(), instance: setup.instance.clone() })
@@ -171,10 +172,9 @@ impl Node for Images {
         {
             report.remark(sentence);
         }
-        if sequence.missing > 0 {
-            report
-                .remark(format!("{instance} found no file for {} of {} frames", sequence.missing, sequence.next_index));
-        }
+        let n_missing = sequence.missing.count();
+        let what = format!("{instance} found no file for {n_missing} of {} frames, numbers", sequence.next_index);
+        report.remarks.extend(sequence.missing.sentence(&what));
         if sequence.listing.before_first > 0 {
             report.remark(format!(
                 "{instance} left out {} before first_number",
@@ -241,7 +241,7 @@ mod tests {
         let expected = [
             "64 x 48",
             "a_008.jpg` is a truncated",
-            "frame 2",
+            "number is missing",
             "a_010.jpg` is empty",
             "`hello`",
             "32 x 48 px, expected 64 x 48",
@@ -258,7 +258,7 @@ mod tests {
             "{:?}",
             report.remarks
         );
-        assert!(report.remarks[1].contains("1 of 7 frames"), "{:?}", report.remarks);
+        assert!(report.remarks[1].contains("1 of 7 frames, numbers: 9"), "{:?}", report.remarks);
     }
 
     #[test]

@@ -39,6 +39,8 @@ pub(crate) struct Frame {
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(crate) struct Listing {
     pub(crate) frames: Vec<Frame>,
+    /// Number in the name of the first frame.
+    pub(crate) first: u64,
     /// Files left out because their number lies before `first_number`.
     pub(crate) before_first: usize,
 }
@@ -54,7 +56,7 @@ impl Listing {
         let numbers: Vec<Option<u64>> = files.iter().map(|path| number_in(&name_of(path))).collect();
         if numbering == Numbering::Order || (files.len() == 1 && numbers[0].is_none()) {
             let frames = files.into_iter().zip(0..).map(|(path, index)| Frame { path, index }).collect();
-            return Ok(Self { frames, before_first: 0 });
+            return Ok(Self { frames, first: 0, before_first: 0 });
         }
         let mut by_number: BTreeMap<u64, PathBuf> = BTreeMap::new();
         for (path, number) in files.into_iter().zip(numbers) {
@@ -91,7 +93,7 @@ impl Listing {
         }
         let before_first = n_files - kept.len();
         let frames = kept.into_iter().map(|(number, path)| Frame { path, index: number - first }).collect();
-        Ok(Self { frames, before_first })
+        Ok(Self { frames, first, before_first })
     }
 
     /// Frames from the first to the last, present or not.
@@ -102,6 +104,14 @@ impl Listing {
 
 /// Regular files that `pattern` selects, at least one.
 fn matching(pattern: &Path) -> Result<Vec<PathBuf>, String> {
+    let has_wildcard = name_of(pattern).contains(['*', '?']);
+    if !has_wildcard && !pattern.exists() {
+        return Err(format!(
+            "`{}` does not exist, expected a folder of pictures{}",
+            pattern.display(),
+            nearest(pattern)
+        ));
+    }
     let (folder, name_pattern) = if pattern.is_dir() {
         (pattern.to_owned(), None)
     } else {
@@ -109,11 +119,8 @@ fn matching(pattern: &Path) -> Result<Vec<PathBuf>, String> {
         let folder = pattern.parent().filter(|it| !it.as_os_str().is_empty()).unwrap_or(Path::new("."));
         (folder.to_owned(), name)
     };
-    let entries = fs::read_dir(&folder).map_err(|error| {
-        let parent = folder.ancestors().skip(1).find(|it| it.is_dir());
-        let hint = parent.map_or(String::new(), |it| format!("; `{}` exists", it.display()));
-        format!("the folder `{}` cannot be read: {error}{hint}", folder.display())
-    })?;
+    let entries = fs::read_dir(&folder)
+        .map_err(|error| format!("the folder `{}` cannot be read: {error}{}", folder.display(), nearest(&folder)))?;
     let mut selected = Vec::new();
     let mut others: BTreeMap<String, usize> = BTreeMap::new();
     for entry in entries {
@@ -143,6 +150,12 @@ fn matching(pattern: &Path) -> Result<Vec<PathBuf>, String> {
         return Err(format!("no file in `{}` fits `{sought}`; it holds {found}", folder.display()));
     }
     Ok(selected)
+}
+
+/// The part of a path that exists, as the end of a sentence.
+fn nearest(path: &Path) -> String {
+    let parent = path.ancestors().skip(1).find(|it| it.is_dir());
+    parent.map_or(String::new(), |it| format!("; `{}` exists", it.display()))
 }
 
 fn name_of(path: &Path) -> String {
@@ -260,6 +273,7 @@ mod tests {
         assert!(refused.contains("*.jpg") && refused.contains("2 `*.bmp`, 1 `*.txt`"), "{refused}");
         assert!(indices(&[], "*.jpg", None).unwrap_err().contains("no files at all"));
         assert!(indices(&[], "nowhere/*.jpg", None).unwrap_err().contains("nowhere"));
+        assert!(indices(&[], "nowhere", None).unwrap_err().contains("does not exist"));
     }
 
     #[test]
