@@ -77,6 +77,8 @@ pub enum Refusal {
         /// Columns, rows [px].
         found: [u32; 2],
     },
+    /// The settings ask for a colour and the picture has none.
+    NoColour,
     /// The pixels are not what the size promises.
     Broken(ImagingError),
 }
@@ -87,6 +89,10 @@ impl std::fmt::Display for Refusal {
             Refusal::WrongSize { expected: [w, h], found: [a, b] } => {
                 write!(f, "the picture is {a} x {b} px, the camera's are {w} x {h} px")
             }
+            Refusal::NoColour => f.write_str(
+                "the picture is gray and `channel` names a colour: let the source give colour (`format = \"rgb\"`), or set \
+                 `channel = \"luma\"`",
+            ),
             Refusal::Broken(error) => write!(f, "{error}"),
         }
     }
@@ -155,7 +161,10 @@ impl Spotter {
         let Some(of_size) = &mut self.of_size else { unreachable!("the size was fitted") };
         let (width, height) = (image.width as usize, image.height as usize);
         let pixels = match image.format {
-            PixelFormat::Gray8 => image.pixels.as_slice(),
+            PixelFormat::Gray8 => match self.settings.channel {
+                ColourPlane::Luma | ColourPlane::Max => image.pixels.as_slice(),
+                ColourPlane::Red | ColourPlane::Green | ColourPlane::Blue => return Err(Refusal::NoColour),
+            },
             PixelFormat::Rgb8 => {
                 plane::extract(channel(self.settings.channel), &image.pixels, &mut self.plane)
                     .map_err(Refusal::Broken)?;
@@ -361,6 +370,15 @@ mod tests {
             let found = find(&mut spotter(DetectorSettings { channel, ..plain() }), &image);
             assert_eq!(found.len(), n, "{channel:?}");
         }
+    }
+
+    #[test]
+    fn colour_is_not_looked_for_in_gray_pictures() {
+        let mut spotter = spotter(DetectorSettings { channel: ColourPlane::Green, ..plain() });
+        let mut features = Features::default();
+        let refused = spotter.find(&with_spots(&[[50.0, 40.0]]), std::iter::empty(), &mut features);
+        assert_eq!(refused, Err(Refusal::NoColour));
+        assert!(Refusal::NoColour.to_string().contains("rgb"));
     }
 
     #[test]
