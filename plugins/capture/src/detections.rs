@@ -61,7 +61,7 @@ pub struct Detections {
 impl Node for Detections {
     const TYPE: &'static str = "capture.detections";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str = "reads 2D points of one camera from a CSV file";
+    const SUMMARY: &'static str = "Reads 2D points of one camera from a CSV file";
     type Settings = DetectionsSettings;
 
     fn ports() -> Ports {

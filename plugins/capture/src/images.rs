@@ -117,7 +117,7 @@ impl Sequence {
 impl Node for Images {
     const TYPE: &'static str = "capture.images";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str = "reads numbered JPEG or PNG pictures of one camera from a folder";
+    const SUMMARY: &'static str = "Reads numbered JPEG or PNG pictures of one camera from a folder";
     type Settings = ImagesSettings;
 
     fn ports() -> Ports {

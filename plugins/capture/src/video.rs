@@ -244,7 +244,7 @@ impl Film {
 impl Node for Video {
     const TYPE: &'static str = "capture.video";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str = "reads a video file of one camera through ffmpeg";
+    const SUMMARY: &'static str = "Reads a video file of one camera through ffmpeg";
     type Settings = VideoSettings;
 
     fn ports() -> Ports {

@@ -83,7 +83,7 @@ impl ExportFeatures {
 impl Node for ExportFeatures {
     const TYPE: &'static str = "export.features";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "writes 2D detections into a CSV table that capture.detections reads";
+    const SUMMARY: &'static str = "Writes 2D detections into a CSV table that capture.detections reads";
     type Settings = ExportFeaturesSettings;
 
     fn ports() -> Ports {

@@ -1,7 +1,7 @@
 //! `export.overlay`: what a detector found, ringed in the picture in which it found it.
 //!
 //! Features come after the picture of the same stamp, so the pictures that are to be drawn are kept until then; at most
-//! [`HELD`] of them, so that a detector that leaves pictures out costs no memory. A picture whose features never come is not
+//! four of them, so that a detector that leaves pictures out costs no memory. A picture whose features never come is not
 //! drawn, and the report counts it: without rings it would look as if nothing had been found.
 
 use std::collections::VecDeque;
@@ -149,7 +149,7 @@ impl Node for ExportOverlay {
     const TYPE: &'static str = "export.overlay";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str =
-        "writes some pictures of a camera as PNG, with the points ringed that were found in them";
+        "Writes some pictures of a camera as PNG, with the points ringed that were found in them";
     type Settings = ExportOverlaySettings;
 
     fn ports() -> Ports {

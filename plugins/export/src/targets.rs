@@ -130,7 +130,7 @@ impl ExportTargets {
 impl Node for ExportTargets {
     const TYPE: &'static str = "export.targets";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "writes targets into a CSV table: time, position, covariance, cameras, how";
+    const SUMMARY: &'static str = "Writes targets into a CSV table: time, position, covariance, cameras, how";
     type Settings = ExportTargetsSettings;
 
     fn ports() -> Ports {
