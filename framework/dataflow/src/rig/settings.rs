@@ -101,7 +101,7 @@ impl<'s> Walk<'s, '_> {
                     format_args!("{owner} lacks the setting `{name}`"),
                     format_args!("expected `{name}` here{expected}"),
                 );
-                fault.maybe_help(property.and_then(description).map(|it| format!("{name}: {it}")));
+                fault.maybe_help(property.and_then(description).map(|it| format!("{name}: {}", first_paragraph(it))));
             }
         }
         for part in schema.get("allOf").and_then(Json::as_array).into_iter().flatten() {
@@ -149,7 +149,7 @@ impl<'s> Walk<'s, '_> {
         let words = description(schema).or_else(|| description(resolved(self.root, schema)));
         let unit = description(schema).and_then(unit_of);
         for fault in self.findings.since(before).iter_mut().filter(|it| it.span == value.span() && it.help.is_none()) {
-            fault.maybe_help(words.map(|it| format!("{path}: {it}")));
+            fault.maybe_help(words.map(|it| format!("{path}: {}", first_paragraph(it))));
             if let Some(unit) = unit.filter(|it| !fault.label.contains(&format!("[{it}]"))) {
                 fault.label.push_str(&format!(" [{unit}]"));
             }
@@ -339,6 +339,12 @@ pub(super) fn collect_properties<'s>(
 /// What the schema's author wrote about it.
 pub(super) fn description(schema: &Json) -> Option<&str> {
     schema.get("description").and_then(Json::as_str)
+}
+
+/// The first paragraph of a documentation on one line.
+fn first_paragraph(text: &str) -> String {
+    let first = text.split("\n\n").next().unwrap_or_default();
+    first.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 /// The JSON types that a schema allows; empty: any.
