@@ -55,7 +55,7 @@ enum Command {
         /// What to draw
         #[arg(long, value_enum, default_value_t = PictureFormat::Svg)]
         format: PictureFormat,
-        /// The file to write; `-` for standard output [default: <rig>.svg or <rig>.mmd in this folder]
+        /// The file to write; `-` for standard output [default: RIG.svg or RIG.mmd in this folder]
         #[arg(long, short, value_hint = clap::ValueHint::FilePath)]
         output: Option<PathBuf>,
     },
@@ -79,7 +79,7 @@ pub struct RunArgs {
     /// The rig (TOML)
     #[arg(value_hint = clap::ValueHint::FilePath)]
     rig: PathBuf,
-    /// Folder for the results [default: results/<rig>-<n>]
+    /// Folder for the results [default: results/RIG-N, the first N that is free]
     #[arg(long, value_name = "DIR", value_hint = clap::ValueHint::DirPath)]
     out: Option<PathBuf>,
     /// End the session after so many seconds of its own time, in place of the rig's `duration_s`
@@ -140,12 +140,20 @@ impl Cli {
     }
 }
 
-/// Loads a rig, or prints all its faults.
+/// Loads a rig and prints its warnings, or prints all its faults.
 fn load(path: &Path, overrides: &Overrides) -> Result<Graph, u8> {
-    rig::load_file(path, &registry(), overrides).map_err(|faults| {
-        eprint!("{}", faults.render(wants_color()));
-        exit::INPUT
-    })
+    match rig::load_file(path, &registry(), overrides) {
+        Ok(graph) => {
+            if !graph.warnings.list.is_empty() {
+                eprint!("{}", graph.warnings.render(wants_color()));
+            }
+            Ok(graph)
+        }
+        Err(faults) => {
+            eprint!("{}", faults.render(wants_color()));
+            Err(exit::INPUT)
+        }
+    }
 }
 
 /// Prints one sentence as an error.

@@ -46,7 +46,9 @@ impl<T> DerefMut for Fresh<T> {
     fn deref_mut(&mut self) -> &mut T {
         match Arc::get_mut(&mut self.0) {
             Some(value) => value,
-            None => unreachable!("a fresh value has one owner: it was taken out of the pool, and weak handles are never made"),
+            None => unreachable!(
+                "a fresh value has one owner: it was taken out of the pool, and weak handles are never made"
+            ),
         }
     }
 }

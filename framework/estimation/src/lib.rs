@@ -7,7 +7,6 @@
 //! | [`statistics`] | median, percentiles, median absolute deviation, a summary |
 //! | [`random`] | seeded random numbers, with a stream of its own for each name |
 
-
 pub mod assignment;
 pub mod kalman;
 pub mod random;

@@ -9,7 +9,6 @@
 //! Rigid transforms are `nalgebra::Isometry3<f64>`, named `b_from_a`. The world is right-handed with Z up; a
 //! camera looks along its +z, with +x to the right and +y down; pixel (0, 0) is the centre of the top-left pixel.
 
-
 pub mod camera;
 mod distortion;
 mod from_matrix;

@@ -8,7 +8,6 @@
 //!
 //! Times are `i64` nanoseconds of the session clock: this room does not know the messages.
 
-
 pub mod calibration;
 mod calibration_file;
 mod multi_cam_self_cal;

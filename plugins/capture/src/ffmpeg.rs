@@ -112,7 +112,11 @@ impl Programs {
             Format::Gray => "gray",
             Format::Rgb => "rgb24",
         };
-        let mut child = Command::new(&self.ffmpeg)
+        let mut command = Command::new(&self.ffmpeg);
+        // Ctrl-C goes to all processes of a terminal's group: the run ends by it, and ends the child in its own time.
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(&mut command, 0);
+        let mut child = command
             .args(["-nostdin", "-hide_banner", "-nostats", "-loglevel", "level+info"])
             .args(["-fflags", "+discardcorrupt", "-threads", &threads.to_string(), "-i"])
             .arg(as_file(path))

@@ -180,8 +180,11 @@ mod tests {
         Packet { stamp, payload: Arc::new(Targets::default()) }
     }
 
+    /// Source and capture time [ms].
+    type Seen = (u32, i64);
+
     /// Puts `messages` (source, capture time) in one by one and takes out what is ready; gives the sets and the losses.
-    fn play(take: Take, n_sources: usize, messages: &[(usize, i64)]) -> (Vec<Vec<(u32, i64)>>, Vec<(usize, Lost)>) {
+    fn play(take: Take, n_sources: usize, messages: &[(usize, i64)]) -> (Vec<Vec<Seen>>, Vec<(usize, Lost)>) {
         let mut inbox = Inbox::new(take, n_sources, Random::new(5));
         let (mut sets, mut losses) = (Vec::new(), Vec::new());
         for &(source, time_ms) in messages {
