@@ -115,6 +115,29 @@ fn faults_are_named_where_they_are() {
 }
 
 #[test]
+fn two_nodes_may_not_write_one_file() {
+    let again = "\n[scale.room.node.again]\ntype = \"export.targets\"\nin = { targets = \"targets.targets\" }\n";
+    refuses(|it| it + again, &["targets.csv", "room.table", "room.again"]);
+}
+
+#[test]
+fn real_recording_is_recovered_as_well_as_by_the_peer() {
+    let Some(folder) = foveate_testkit::data_dir_or_skip("program", "s01_arctic_laser_4cam") else { return };
+    let out = tempfile::tempdir().unwrap();
+    let rig = root().join("graphs/laser_room.toml");
+    let mut command = Command::new(program());
+    command.env("FOVEATE_DATA", folder.parent().unwrap()).args(["run", "--quiet", "--out"]).arg(out.path()).arg(rig);
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let summary: Value = serde_json::from_slice(&fs::read(out.path().join("summary.json")).unwrap()).unwrap();
+    let figure = |name: &str| summary[name].as_f64().unwrap_or_else(|| panic!("{name} is not in {summary:#}"));
+    // What MultiCamSelfCal reached on the same pictures, with frames of three cameras or more.
+    assert!(figure("frames_recovered") >= 446.0, "{summary:#}");
+    assert!(figure("reprojection_px.median") <= 0.36, "{summary:#}");
+    assert!(figure("reprojection_px.p90") <= 1.5, "{summary:#}");
+}
+
+#[test]
 fn all_faults_come_in_one_run() {
     refuses(
         |it| it.replace("offset = 20", "offset = -1").replace("grid_px", "gird_px").replace("sim.score", "sim.scor"),

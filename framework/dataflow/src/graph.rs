@@ -11,7 +11,7 @@ use foveate_scene::calibration::Calibration;
 
 use crate::registry::{NodeType, Settings};
 use crate::rig::Faults;
-use crate::setup::{Purpose, Setup};
+use crate::setup::{Claims, Purpose, Setup};
 
 /// A checked rig, ready to run.
 pub struct Graph {
@@ -33,6 +33,8 @@ pub struct Graph {
     pub edges: Vec<Edge>,
     /// The rig with all defaults filled in: TOML that can be run again.
     pub resolved: String,
+    /// Who writes which file of the results.
+    pub claims: Claims,
     /// What is probably not as meant.
     pub warnings: Faults,
 }
@@ -156,6 +158,7 @@ impl Graph {
             rig_dir: self.rig_dir.clone(),
             out_dir,
             purpose,
+            claims: self.claims.clone(),
         }
     }
 

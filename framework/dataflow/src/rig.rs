@@ -46,7 +46,7 @@ pub use schema::schema;
 
 use crate::graph::Graph;
 use crate::registry::Registry;
-use crate::setup::{expand_path, no_cameras};
+use crate::setup::{Claims, expand_path, no_cameras};
 use fault::Findings;
 use nodes::{ScaleView, Surroundings};
 use read::RigText;
@@ -124,6 +124,7 @@ fn check(
         calibration: calibration.clone(),
         names_calibration: rig.calibration.is_some(),
         rig_dir: &rig_dir,
+        claims: Claims::default(),
         seed,
     };
     let mut drafts = Vec::new();

@@ -1,7 +1,8 @@
 //! What a node is given when it is made: its place in the rig, its camera, randomness, folders.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
@@ -43,7 +44,13 @@ pub struct Setup {
     pub out_dir: Option<PathBuf>,
     /// Why the node is made.
     pub purpose: Purpose,
+    /// Who writes which file of the results; shared by all nodes of a rig.
+    pub claims: Claims,
 }
+
+/// Who writes which file of the results.
+#[derive(Debug, Clone, Default)]
+pub struct Claims(Arc<Mutex<BTreeMap<String, String>>>);
 
 impl Setup {
     /// A setup for tests: no cameras, seed 1, the current folder.
@@ -58,7 +65,23 @@ impl Setup {
             rig_dir: PathBuf::from("."),
             out_dir: None,
             purpose: Purpose::Run,
+            claims: Claims::default(),
         }
+    }
+
+    /// Keeps file `name` of the results folder for this instance, so that no other node writes over it.
+    ///
+    /// # Errors
+    /// Points at `setting` and names the node that writes that file already.
+    pub fn claim_file(&self, setting: Option<&str>, name: &str) -> Result<(), ConfigError> {
+        let mut claims = self.claims.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let owner = claims.entry(name.to_owned()).or_insert_with(|| self.instance.clone());
+        if *owner == self.instance {
+            return Ok(());
+        }
+        let message =
+            format!("the file `{name}` of the results is written by `{owner}` already, expected a file of its own");
+        Err(ConfigError { setting: setting.map(str::to_owned), message })
     }
 
     /// The name of this instance's camera.
@@ -141,6 +164,17 @@ mod tests {
         let base = Path::new("/rigs");
         assert!(expand_path("${NO_SUCH_VARIABLE_HERE}/x", base).is_err_and(|it| it.contains("NO_SUCH_VARIABLE_HERE")));
         assert!(expand_path("${HOME/x", base).is_err_and(|it| it.contains("never closes")));
+    }
+
+    #[test]
+    fn file_of_the_results_has_one_writer_who_may_come_again() {
+        let first = Setup::for_tests();
+        let second = Setup { instance: "test.other".to_owned(), ..first.clone() };
+        assert_eq!(first.claim_file(Some("file"), "targets.csv"), Ok(()));
+        assert_eq!(first.claim_file(Some("file"), "targets.csv"), Ok(()), "a node that is made anew");
+        assert_eq!(second.claim_file(Some("file"), "others.csv"), Ok(()));
+        let refused = second.claim_file(Some("file"), "targets.csv");
+        assert!(refused.is_err_and(|it| it.message.contains("`test.node`") && it.setting.as_deref() == Some("file")));
     }
 
     #[test]

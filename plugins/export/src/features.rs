@@ -92,6 +92,7 @@ impl Node for ExportFeatures {
 
     fn new(settings: ExportFeaturesSettings, setup: &Setup) -> Result<Self, ConfigError> {
         check_file_name("file", &settings.file)?;
+        setup.claim_file(Some("file"), &settings.file)?;
         Ok(Self {
             file: RowFile::new(setup, &settings.file, HEADER),
             cameras: setup.calibration.cameras.iter().map(|it| field(&it.name)).collect(),

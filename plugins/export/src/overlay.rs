@@ -161,10 +161,12 @@ impl Node for ExportOverlay {
         ConfigError::unless_in("max_pictures", settings.max_pictures, 1..=10_000)?;
         ConfigError::unless_in("zoom", settings.zoom, 1..=8)?;
         ConfigError::unless_in("gain", settings.gain, 0.1..=100.0)?;
+        let name = file_part(setup.camera_name().unwrap_or(&setup.instance));
+        setup.claim_file(None, &format!("{FOLDER}/{name}_*.png"))?;
         Ok(Self {
             settings,
             instance: setup.instance.clone(),
-            name: file_part(setup.camera_name().unwrap_or(&setup.instance)),
+            name,
             out_dir: setup.out_dir.clone(),
             held: VecDeque::new(),
             early: VecDeque::new(),

@@ -119,6 +119,7 @@ impl Node for ExportPictures {
             let fault = format!("found `{}`, expected letters, digits, `-`, `_` and `.`", settings.prefix);
             return Err(ConfigError::at("prefix", fault));
         }
+        setup.claim_file(Some("prefix"), &format!("{}path_top.svg", settings.prefix))?;
         Ok(Self {
             targets: Paths::new(settings.measured_within_ms),
             truth: Paths::new(settings.measured_within_ms),

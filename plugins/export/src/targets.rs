@@ -139,6 +139,7 @@ impl Node for ExportTargets {
 
     fn new(settings: ExportTargetsSettings, setup: &Setup) -> Result<Self, ConfigError> {
         check_file_name("file", &settings.file)?;
+        setup.claim_file(Some("file"), &settings.file)?;
         ConfigError::unless_in("rate_hz", settings.rate_hz, 0.0..=100_000.0)?;
         ConfigError::unless_in("measured_within_ms", settings.measured_within_ms, 0.0..=10_000.0)?;
         ConfigError::unless_in("carried_at_most_ms", settings.carried_at_most_ms, 0.0..=60_000.0)?;

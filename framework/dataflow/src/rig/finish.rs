@@ -20,6 +20,7 @@ use super::scales::{Parent, ScaleDraft};
 use super::wire::{EdgeDraft, Wiring, wire};
 use crate::graph::{Edge, Graph, Instance, Queue, Requirement, Scale};
 use crate::node::Role;
+use crate::setup::Claims;
 
 /// More node instances than that are refused: a few lines with patterns can ask for any number of them.
 const MOST_INSTANCES: usize = 1_000_000;
@@ -105,6 +106,7 @@ impl Finish<'_, '_> {
             seed: self.seed,
             duration: self.duration_s.map(Interval::from_s),
             rig_dir: self.rig_dir.clone(),
+            claims: Claims::default(),
             calibration: Arc::clone(self.calibration.as_ref()?),
             scales,
             instances,

@@ -16,7 +16,7 @@ use super::node_text::NodeText;
 use super::settings;
 use crate::node::Plan;
 use crate::registry::{NodeType, Registry, Settings};
-use crate::setup::{Purpose, Setup};
+use crate::setup::{Claims, Purpose, Setup};
 
 /// A node after what can be said of it alone. What is `None` was at fault and has been reported.
 pub(super) struct NodeDraft<'t> {
@@ -45,6 +45,7 @@ pub(super) struct Surroundings<'r> {
     /// Whether the rig names a calibration.
     pub names_calibration: bool,
     pub rig_dir: &'r Path,
+    pub claims: Claims,
     pub seed: u64,
 }
 
@@ -174,6 +175,7 @@ impl Surroundings<'_> {
                 rig_dir: self.rig_dir.to_owned(),
                 out_dir: None,
                 purpose: Purpose::Check,
+                claims: self.claims.clone(),
             };
             let (setting, message) = match catch_unwind(AssertUnwindSafe(|| settings.build(&setup).map(drop))) {
                 Ok(Ok(())) => continue,

@@ -56,6 +56,9 @@ impl Node for Score {
     fn new(settings: ScoreSettings, setup: &Setup) -> Result<Self, ConfigError> {
         ConfigError::unless_in("gate_mm", settings.gate_mm, 1.0..=1000.0)?;
         ConfigError::unless_in("start_s", settings.start_s, 0.0..=1e6)?;
+        if settings.write_truth {
+            setup.claim_file(Some("write_truth"), TRUTH_FILE)?;
+        }
         let folder = setup.out_dir.as_ref().filter(|_| settings.write_truth && setup.purpose == Purpose::Run);
         Ok(Self {
             scorer: Scorer::new(settings.gate_mm * 1e-3, settings.start_s),
