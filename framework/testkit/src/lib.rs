@@ -5,11 +5,13 @@
 //! | [`scene`] | cameras and points whose truth is known: [`camera_ring`], [`render_spot`] |
 //! | [`laws`] | checks that hold for every camera model, derivative and node, one call each |
 //! | [`golden`] | texts that are compared with a committed file, and written anew when asked |
+//! | [`allocation`] | an allocator that counts |
 //! | [`data`] | where the real recordings lie, if this machine has them |
 //! | [`nodes`] | nodes for tests of engines: counters, faults, a collector |
 //!
 //! All checks panic with what was found and expected, as tests do.
 
+pub mod allocation;
 pub mod data;
 pub mod golden;
 pub mod laws;

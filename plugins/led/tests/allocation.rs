@@ -1,43 +1,22 @@
 //! The steady state of the tracker and of the detector allocates nothing.
-#![allow(unsafe_code, reason = "counting allocations takes a global allocator, whose trait is unsafe to implement")]
 
 mod common;
-
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use common::{Lab, person};
 use foveate::messages::{Features, Image, PixelFormat, Targets};
 use foveate_led::detector::DetectorSettings;
 use foveate_led::spotter::{Outcome, Spotter};
 use foveate_led::tracker::{IntegratorSettings, Tracker};
+use foveate_testkit::allocation::{self, Counting};
 use nalgebra::Point2;
-
-struct Counting;
-
-static COUNT: AtomicU64 = AtomicU64::new(0);
-
-// SAFETY: every call is passed on to the system's allocator unchanged; counting touches no memory of the caller.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        COUNT.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: the caller keeps the contract of `alloc`, which is the system allocator's.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: `pointer` came from `alloc` above, hence from the system's allocator, with this layout.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
 
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
 fn count(work: impl FnOnce()) -> u64 {
-    let before = COUNT.load(Ordering::Relaxed);
+    let before = allocation::count();
     work();
-    COUNT.load(Ordering::Relaxed) - before
+    allocation::count() - before
 }
 
 /// One test, so that no other thread of it allocates meanwhile.

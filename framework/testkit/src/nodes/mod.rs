@@ -9,14 +9,18 @@
 //! | `testkit.panic` | filter | passes numbers on, but panics at one of them |
 //! | `testkit.newest` | integrator | passes on the newest number of a source picked at random |
 //! | `testkit.join` | integrator | sums up numbers of the same capture time |
+//! | `testkit.blob_source` | source | blobs of any size, pooled |
+//! | `testkit.pass` | filter | passes blobs on |
 //! | `testkit.collect` | sink | keeps what it gets, for [`collected`] |
 
+mod blob;
 mod collect;
 mod counter;
 mod faults;
 mod merge;
 mod relay;
 
+pub use blob::{Blob, BlobSource, BlobSourceSettings, Pass, PassSettings};
 pub use collect::{Collect, CollectSettings, Collected, collected};
 pub use counter::{Counter, CounterSettings};
 pub use faults::{Fail, FaultSettings, Panic, Slow, SlowSettings};
@@ -47,6 +51,8 @@ pub fn register(registry: &mut Registry) {
     registry.add::<Panic>();
     registry.add::<Newest>();
     registry.add::<Join>();
+    registry.add::<BlobSource>();
+    registry.add::<Pass>();
     registry.add::<Collect>();
 }
 
@@ -64,6 +70,8 @@ mod tests {
         check_node::<Panic>("");
         check_node::<Newest>("");
         check_node::<Join>("");
+        check_node::<BlobSource>("size = 3");
+        check_node::<Pass>("");
         check_node::<Collect>("into = 'a test'");
     }
 
@@ -71,6 +79,6 @@ mod tests {
     fn all_can_be_registered_together() {
         let mut registry = Registry::new();
         register(&mut registry);
-        assert_eq!(registry.iter().count(), 8);
+        assert_eq!(registry.iter().count(), 10);
     }
 }
