@@ -11,6 +11,8 @@ use crate::exit;
 
 /// Figures, gaps and failures shown at most; the rest is in the files.
 const SHOWN: usize = 40;
+/// Files named at most.
+const FILES_SHOWN: usize = 8;
 
 /// The end of a run in words.
 pub fn describe(graph: &Graph, outcome: &Outcome, folder: &Path) -> String {
@@ -53,11 +55,13 @@ pub fn describe(graph: &Graph, outcome: &Outcome, folder: &Path) -> String {
         let more = if *others == 0 { String::new() } else { format!("; and {others} like it, in events.csv") };
         line(&format!("requirement not met{must}: {}: {}{more}", unmet.edge, unmet.what));
     }
-    let pictures: Vec<_> = outcome.report.files.iter().map(|it| it.display().to_string()).collect();
     let _ = writeln!(text, "results: {}/", folder.display());
-    if !pictures.is_empty() {
-        let _ = writeln!(text, "  {}", pictures.join("  "));
+    let files = &outcome.report.files;
+    let mut names: Vec<_> = files.iter().take(FILES_SHOWN).map(|it| it.display().to_string()).collect();
+    if files.len() > FILES_SHOWN {
+        names.push(format!("… and {} more", files.len() - FILES_SHOWN));
     }
+    let _ = writeln!(text, "  summary.json  {}", names.join("  "));
     text
 }
 
@@ -86,7 +90,13 @@ fn times(count: u64) -> String {
 }
 
 fn short(value: f64) -> String {
-    if value.fract() == 0.0 && value.abs() < 1e9 { format!("{value}") } else { format!("{value:.4}") }
+    if !value.is_finite() {
+        "–".to_owned()
+    } else if value.fract() == 0.0 && value.abs() < 1e9 {
+        format!("{value}")
+    } else {
+        format!("{value:.4}")
+    }
 }
 
 /// The exit code that the run earned.
