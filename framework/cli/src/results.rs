@@ -141,11 +141,14 @@ fn timing(outcome: &Outcome) -> String {
     pretty(&json!({ "wall_s": wall, "real_time_factor": session / wall, "interrupted": outcome.interrupted }))
 }
 
-/// Writes a file so that it is there whole or not at all.
+/// Writes a file so that it is there whole or not at all. What is no ordinary file (a device, a pipe) is written to, not replaced.
 ///
 /// # Errors
 /// A sentence with the path and the reason.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), String> {
+    if fs::metadata(path).is_ok_and(|it| !it.is_file()) {
+        return fs::write(path, bytes).map_err(|error| format!("`{}` cannot be written: {error}", path.display()));
+    }
     let mut partial = path.as_os_str().to_owned();
     partial.push(".partial");
     let partial = PathBuf::from(partial);
@@ -176,6 +179,16 @@ mod tests {
         assert_eq!(number(f64::NAN), Value::Null);
         assert_eq!(number(8.0).to_string(), "8");
         assert_eq!(number(0.25).to_string(), "0.25");
+    }
+
+    #[test]
+    fn device_is_written_to_and_not_replaced() {
+        let device = Path::new("/dev/null");
+        if fs::metadata(device).is_ok_and(|it| !it.is_file()) {
+            assert_eq!(write_whole(device, b"gone"), Ok(()));
+            assert!(!fs::metadata(device).unwrap().is_file());
+        }
+        assert!(write_whole(&std::env::temp_dir(), b"x").is_err_and(|it| it.contains("cannot be written")));
     }
 
     #[test]

@@ -227,8 +227,8 @@ mod tests {
 
     #[test]
     fn full_device_keeps_all_rows_and_says_where() {
-        if !Path::new("/dev/full").exists() {
-            println!("skipped: a full device needs /dev/full");
+        if !fs::metadata("/dev/full").is_ok_and(|it| !it.is_file()) {
+            println!("skipped: this system has no device /dev/full");
             return;
         }
         let elsewhere = tempfile::tempdir().unwrap();
