@@ -117,7 +117,8 @@ fn faults_are_named_where_they_are() {
 #[test]
 fn two_nodes_may_not_write_one_file() {
     let again = "\n[scale.room.node.again]\ntype = \"export.targets\"\nin = { targets = \"targets.targets\" }\n";
-    refuses(|it| it + again, &["targets.csv", "room.table", "room.again"]);
+    refuses(|it| it + again, &["targets.csv", "room.table", "scale.room.node.again"]);
+    refuses(|it| it.replace("rate_hz = 60", "file = \"summary.json\""), &["summary.json", "foveate"]);
 }
 
 #[test]

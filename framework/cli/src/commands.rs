@@ -79,11 +79,11 @@ pub struct RunArgs {
     /// The rig (TOML)
     #[arg(value_hint = clap::ValueHint::FilePath)]
     rig: PathBuf,
-    /// Folder for the results [default: results/RIG-N, the first N that is free]
+    /// Folder for the results; files of the same names in it are overwritten [default: results/RIG-N, the first free N]
     #[arg(long, value_name = "DIR", value_hint = clap::ValueHint::DirPath)]
     out: Option<PathBuf>,
     /// End the session after so many seconds of its own time, in place of the rig's `duration_s`
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
     duration: Option<f64>,
     /// Seed of everything random, in place of the rig's
     #[arg(long)]
@@ -155,6 +155,17 @@ fn load(path: &Path, overrides: &Overrides) -> Result<Graph, u8> {
         }
     }
 }
+
+/// A length of time on the command line.
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if seconds > 0.0 && seconds <= LONGEST_S => Ok(seconds),
+        Ok(_) | Err(_) => Err(format!("found {text}, expected a number of seconds above 0, to {LONGEST_S:e}")),
+    }
+}
+
+/// Longest session: thirty years, well inside the session clock [s].
+const LONGEST_S: f64 = 1e9;
 
 /// Prints one sentence as an error.
 fn complain(sentence: &str) -> u8 {

@@ -11,6 +11,8 @@ use crate::exit;
 
 /// Figures, gaps and failures shown at most; the rest is in the files.
 const SHOWN: usize = 40;
+/// Kinds of gaps shown of each node at most.
+const GAPS_SHOWN: usize = 3;
 /// Files named at most.
 const FILES_SHOWN: usize = 8;
 
@@ -18,18 +20,23 @@ const FILES_SHOWN: usize = 8;
 pub fn describe(graph: &Graph, outcome: &Outcome, folder: &Path) -> String {
     let mut text = String::new();
     let mut line = |it: &str| {
-        text.push_str(it);
+        // Words out of a broken file must not steer the terminal.
+        text.extend(it.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }));
         text.push('\n');
     };
     let (session, wall) = (outcome.ended.as_s(), outcome.wall.as_secs_f64());
     let ended = if outcome.interrupted { "stopped by you after" } else { "done:" };
     line(&format!("{ended} {session:.2} s of motion in {wall:.2} s ({:.1}× real time)", session / wall.max(1e-9)));
-    // What is said of each camera, and the same figure of a second node, is for the file.
-    let is_of_one = |name: &str| {
+    // What is said of each camera, the same figure of a second node, and a node's own bookkeeping are for the file.
+    let is_for_the_file = |name: &str| {
         let last = name.rsplit('.').next().unwrap_or(name);
-        name.contains('[') || graph.calibration.index_of(last).is_some()
+        let kept_by_a_node = graph.instances.iter().any(|it| {
+            let short = it.node_type.name.rsplit('.').next().unwrap_or(it.node_type.name);
+            name.strip_prefix(short).is_some_and(|rest| rest.starts_with('.'))
+        });
+        name.contains('[') || kept_by_a_node || graph.calibration.index_of(last).is_some()
     };
-    let figures: Vec<_> = outcome.report.figures.iter().filter(|(name, _)| !is_of_one(name)).collect();
+    let figures: Vec<_> = outcome.report.figures.iter().filter(|(name, _)| !is_for_the_file(name)).collect();
     let width = figures.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
     for (name, value) in figures.iter().take(SHOWN) {
         line(&format!("  {name:width$}  {}", short(**value)));
@@ -40,11 +47,14 @@ pub fn describe(graph: &Graph, outcome: &Outcome, folder: &Path) -> String {
     for remark in &outcome.report.remarks {
         line(&format!("note: {remark}"));
     }
-    for gap in outcome.gaps.iter().take(SHOWN) {
-        line(&format!("gap: {} at {}{}: {}", gap.instance, gap.time, times(gap.count), gap.reason));
-    }
-    if outcome.gaps.len() > SHOWN {
-        line(&format!("gap: {} more kinds in events.csv", outcome.gaps.len() - SHOWN));
+    for gaps in outcome.gaps.chunk_by(|a, b| a.instance == b.instance) {
+        for gap in gaps.iter().take(GAPS_SHOWN) {
+            line(&format!("gap: {} at {}{}: {}", gap.instance, gap.time, times(gap.count), gap.reason));
+        }
+        if gaps.len() > GAPS_SHOWN {
+            let count: u64 = gaps[GAPS_SHOWN..].iter().map(|it| it.count).sum();
+            line(&format!("gap: {}: {count} more, in events.csv", gaps[0].instance));
+        }
     }
     for fault in outcome.faults.iter().take(SHOWN) {
         let (place, count) = (&fault.instance, times(fault.count));

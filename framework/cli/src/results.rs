@@ -129,6 +129,9 @@ fn events(outcome: &Outcome) -> String {
     for it in &outcome.gaps {
         text += &format!("gap,{},{:.6},{},,{}\n", it.instance, it.time.as_s(), it.count, quoted(&it.reason));
     }
+    for it in &outcome.report.remarks {
+        text += &format!("note,,,,,{}\n", quoted(it));
+    }
     for it in &outcome.unmet {
         text += &format!("unmet,{},,,{},{}\n", quoted(&it.edge), if it.must { "must" } else { "" }, quoted(&it.what));
     }

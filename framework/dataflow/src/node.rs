@@ -96,7 +96,8 @@ pub trait Node: Send + Sized + 'static {
     /// When this message cannot be worked on; what happens then is the rig's `on_error`. "Nothing seen" is an answer, not an error.
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError>;
 
-    /// Sources: when to be asked next.
+    /// Sources: when to be asked next. A source that needs time to get ready asks for a turn at [`Time::ZERO`]: a live run gives it before its
+    /// clock starts.
     fn due(&mut self) -> Due {
         Due::Never
     }

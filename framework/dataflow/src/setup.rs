@@ -49,8 +49,19 @@ pub struct Setup {
 }
 
 /// Who writes which file of the results.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Claims(Arc<Mutex<BTreeMap<String, String>>>);
+
+/// Files of the results that belong to the program itself.
+const RESERVED: [&str; 6] =
+    ["summary.json", "ledger.csv", "events.csv", "timing.json", "rig.resolved.toml", "graph.svg"];
+
+impl Default for Claims {
+    /// Nobody writes anything yet, but for the program itself.
+    fn default() -> Self {
+        Self(Arc::new(Mutex::new(RESERVED.iter().map(|&it| (it.to_owned(), "foveate".to_owned())).collect())))
+    }
+}
 
 impl Setup {
     /// A setup for tests: no cameras, seed 1, the current folder.
@@ -135,10 +146,10 @@ pub fn expand_path(text: &str, base: &Path) -> Result<PathBuf, String> {
             return Err(format!("`{text}` opens `${{` and never closes it"));
         };
         let name = &rest[start + 2..start + length];
-        match std::env::var(name) {
-            Ok(value) => expanded.push_str(&value),
-            Err(_) if name == "FOVEATE_DATA" => expanded.push_str(DATA_DEFAULT),
-            Err(_) => return Err(format!("the environment variable `{name}` in `{text}` is not set")),
+        match std::env::var(name).ok().filter(|value| !value.is_empty()) {
+            Some(value) => expanded.push_str(&value),
+            None if name == "FOVEATE_DATA" && Path::new(DATA_DEFAULT).is_dir() => expanded.push_str(DATA_DEFAULT),
+            None => return Err(format!("the environment variable `{name}` in `{text}` is not set")),
         }
         rest = &rest[start + length + 1..];
     }
@@ -155,7 +166,7 @@ mod tests {
         let base = Path::new("/rigs");
         assert_eq!(expand_path("a/b.toml", base), Ok(PathBuf::from("/rigs/a/b.toml")));
         assert_eq!(expand_path("/abs", base), Ok(PathBuf::from("/abs")));
-        let with_variable = expand_path("${FOVEATE_DATA}/x", base);
+        let with_variable = expand_path("${CARGO_MANIFEST_DIR}/x", base);
         assert!(with_variable.is_ok_and(|path| !path.starts_with("/rigs") && path.ends_with("x")));
     }
 
@@ -173,6 +184,7 @@ mod tests {
         assert_eq!(first.claim_file(Some("file"), "targets.csv"), Ok(()));
         assert_eq!(first.claim_file(Some("file"), "targets.csv"), Ok(()), "a node that is made anew");
         assert_eq!(second.claim_file(Some("file"), "others.csv"), Ok(()));
+        assert!(second.claim_file(Some("file"), "summary.json").is_err_and(|it| it.message.contains("`foveate`")));
         let refused = second.claim_file(Some("file"), "targets.csv");
         assert!(refused.is_err_and(|it| it.message.contains("`test.node`") && it.setting.as_deref() == Some("file")));
     }

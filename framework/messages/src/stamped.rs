@@ -84,7 +84,7 @@ impl fmt::Display for Time {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct SourceId(pub u32);
 
-/// When the world was seen, by which source, and the how-manieth of that source it is.
+/// When the world was seen, by which source, and its number among that source's values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Stamp {
     /// Capture time: when the world was as the value says.

@@ -40,9 +40,22 @@ pub struct ImagesSettings {
     /// What says which frame a file is: the number in its `name`, or its place in the `order` of names [–]
     #[serde(default)]
     pub numbering: Numbering,
-    /// Number of the frame that is seen at `start_s`; left out: the smallest number of the folder. Files below it are left out [–]
+    /// Number of the frame that is seen at `start_s`; left out: the smallest number in the folders of all cameras, so that a
+    /// camera whose first picture is missing stays in step. Files below it are left out [–]
     #[serde(default)]
     pub first_number: Option<u64>,
+}
+
+/// The smallest number over the folders of all cameras, where `path` names the camera.
+fn smallest_number(settings: &ImagesSettings, setup: &Setup) -> Option<u64> {
+    if settings.numbering == Numbering::Order || !settings.path.contains("{camera}") {
+        return None;
+    }
+    let cameras = (0..setup.calibration.cameras.len()).map(|index| CameraId(index as u16));
+    let folders =
+        cameras.filter_map(|camera| Setup { camera: Some(camera), ..setup.clone() }.path("path", &settings.path).ok());
+    // A folder that cannot be listed is its own camera's fault, and said there.
+    folders.filter_map(|folder| Some(Listing::of(&folder, settings.numbering, None).ok()?.first)).min()
 }
 
 impl ImagesSettings {
@@ -128,8 +141,9 @@ impl Node for Images {
         settings.check()?;
         let camera = camera_of(setup, Self::TYPE)?;
         let path = setup.path("path", &settings.path)?;
-        let listing = Listing::of(&path, settings.numbering, settings.first_number)
-            .map_err(|fault| ConfigError::at("path", fault))?;
+        let first_number = settings.first_number.or_else(|| smallest_number(&settings, setup));
+        let listing =
+            Listing::of(&path, settings.numbering, first_number).map_err(|fault| ConfigError::at("path", fault))?;
         let sequence = Sequence {
             camera,
             format: settings.format,

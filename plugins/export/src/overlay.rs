@@ -35,7 +35,7 @@ const CLEARANCE: f64 = 4.0;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ExportOverlaySettings {
-    /// Every how-manieth picture of the camera is drawn [–]
+    /// One picture of the camera in so many is drawn [–]
     #[serde(default = "default_every_n")]
     #[schemars(range(min = 1, max = 1000000))]
     pub every_n: u64,

@@ -29,7 +29,7 @@ pub(crate) struct Sample {
 #[derive(Debug, Default)]
 pub(crate) struct Track {
     pub(crate) samples: Vec<Sample>,
-    /// Every how-manieth sample is kept.
+    /// One sample in so many is kept.
     stride: u64,
     /// Samples seen, kept or not.
     pub(crate) n_seen: u64,

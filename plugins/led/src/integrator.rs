@@ -44,6 +44,13 @@ impl Node for Integrator {
             let n = cameras.len();
             return Err(ConfigError::node(format_args!("found {n} cameras in the calibration, expected at least 2")));
         }
+        if settings.birth_cameras as usize > cameras.len() {
+            let (found, n) = (settings.birth_cameras, cameras.len());
+            let message = format!(
+                "found {found}, expected at most the {n} cameras of the calibration: no target would ever be born"
+            );
+            return Err(ConfigError::at("birth_cameras", message));
+        }
         let models = cameras.iter().map(|it| it.camera.clone()).collect();
         Ok(Self {
             tracker: Tracker::new(settings, models, setup.volume_m),
@@ -91,6 +98,10 @@ impl Node for Integrator {
         figure("observations_unmatched", tally.unmatched);
         figure("observations_unusable", tally.unusable);
         figure("observations_late", tally.late);
+        let (late, applied) =
+            tally.cameras.iter().fold((0, 0), |(late, applied), it| (late + it.late, applied + it.applied));
+        figure("frames_late", late);
+        figure("frames_applied", applied);
         figure("frames_from_the_future", self.from_the_future);
         figure("frames_of_unknown_cameras", self.unknown_camera);
         let total = |of: fn(&CameraTally) -> u64| tally.cameras.iter().map(of).sum();
@@ -98,6 +109,14 @@ impl Node for Integrator {
         figure("frames_late", total(|it| it.late));
         figure("frames_repeated", total(|it| it.repeated));
         // By camera only where something went wrong: a rig of many cameras has enough to read.
+        if late > 0 {
+            let all = late + applied;
+            report.remark(format!(
+                "{late} of {all} camera frames reached the integrator after newer ones and were not used; in a live run that means \
+                 that the machine does not keep up"
+            ));
+        }
+        let mut figure = |name: &str, count: u64| report.figure(format!("integrator.{name}"), count as f64);
         for (camera, name) in tally.cameras.iter().zip(&self.camera_names) {
             for (what, count) in [("late", camera.late), ("repeated", camera.repeated)] {
                 if count > 0 {

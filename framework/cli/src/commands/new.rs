@@ -16,14 +16,16 @@ pub(super) fn rig(name: &str) -> u8 {
         return complain(&format!("found the name `{name}`, expected small letters, digits, `_` and `-`"));
     }
     let (rig_file, calibration_file) = (format!("{name}.toml"), format!("{name}.calibration.toml"));
-    let rig = RIG.replacen("name = \"room\"", &format!("name = \"{name}\""), 1).replacen(
-        "room.calibration.toml",
-        &calibration_file,
-        1,
-    );
+    let rig = RIG
+        .replacen("name = \"room\"", &format!("name = \"{name}\""), 1)
+        .replacen("room.calibration.toml", &calibration_file, 1)
+        .replacen("foveate run graphs/room.toml", &format!("foveate run {rig_file}"), 1);
     for (file, text) in [(&calibration_file, CALIBRATION), (&rig_file, &rig)] {
         let created = OpenOptions::new().write(true).create_new(true).open(file);
         if let Err(error) = created.and_then(|mut it| it.write_all(text.as_bytes())) {
+            if error.kind() == std::io::ErrorKind::AlreadyExists {
+                return complain(&format!("`{file}` is there already and is left as it is; choose another name"));
+            }
             return complain(&format!("`{file}` cannot be written: {error}"));
         }
     }

@@ -79,7 +79,9 @@ fn setting(it: &SettingDoc) -> String {
     let facts =
         [Some(it.kind.clone()), it.range.clone(), Some(value)].into_iter().flatten().collect::<Vec<_>>().join(", ");
     let mut text = format!("  {}  ({facts})\n", it.name);
-    for line in wrap(&it.description, 96) {
+    // "[–]" says that there is no unit; in the list that goes without saying.
+    let description = it.description.trim_end().trim_end_matches('.').trim_end_matches("[–]");
+    for line in wrap(description, 96) {
         let _ = writeln!(text, "      {line}");
     }
     text

@@ -14,6 +14,8 @@ use super::fault::{Findings, Span};
 use super::names::{did_you_mean, likely, shown};
 use super::value::{Value, described, number, whole};
 
+/// What a node's table holds beside its settings.
+const RESERVED: [&str; 6] = ["type", "each", "camera", "in", "require", "on_error"];
 /// References to references to … that are followed.
 const MOST_REFERENCES: usize = 32;
 /// Depth at which a schema that holds itself is no longer followed.
@@ -81,6 +83,11 @@ impl<'s> Walk<'s, '_> {
             } else if let Some(other) = other.filter(|it| it.is_object()) {
                 self.value(other, &full, value, depth + 1);
             } else if !open {
+                let reserved = likely(name, RESERVED).filter(|_| path.is_empty());
+                let help = match (likely(name, known.iter().map(|it| it.0)), reserved) {
+                    (None, Some(word)) => format!("did you mean `{word}`?"),
+                    _ => did_you_mean(name, "its settings", known.iter().map(|it| it.0)),
+                };
                 let owner = if path.is_empty() { self.owner.clone() } else { format!("`{path}`") };
                 self.findings
                     .fault(
@@ -88,7 +95,7 @@ impl<'s> Walk<'s, '_> {
                         format_args!("{owner} has no setting `{}`", shown(&name)),
                         "found a setting that nothing reads",
                     )
-                    .help(did_you_mean(name, "its settings", known.iter().map(|it| it.0)));
+                    .help(help);
             }
         }
         for name in schema.get("required").and_then(Json::as_array).into_iter().flatten().filter_map(Json::as_str) {

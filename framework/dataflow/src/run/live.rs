@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use foveate_messages::Time;
 
-use super::stage::{Away, Route, Stage};
+use super::stage::{Alone, Away, Route, Stage};
 use super::{EdgeView, Options, Outcome, PROGRESS_PERIOD, Progress, conclude, view_edges};
 use crate::error::NodeError;
 use crate::graph::Graph;
@@ -117,6 +117,13 @@ pub(super) fn run(
     let worker_of = assign_workers(&graph, options.workers.unwrap_or(cores + 1).max(1));
     let n_workers = worker_of.iter().max().map_or(1, |most| most + 1);
     let worker_of_edge: Arc<Vec<usize>> = Arc::new(graph.edges.iter().map(|edge| worker_of[edge.to.0]).collect());
+
+    // What is due at the very start is done before the clock runs: simulated worlds, rooms and files are being opened.
+    for index in 0..graph.instances.len() {
+        if whole.due(index, Time::ZERO) == Due::At(Time::ZERO) {
+            whole.turn_source(index, Time::ZERO, &mut Alone);
+        }
+    }
 
     let incoming = cut_edges(&graph, &mut whole, &worker_of);
     let (wake, woken): (Vec<_>, Vec<_>) = (0..n_workers).map(|_| bounded::<()>(1)).unzip();

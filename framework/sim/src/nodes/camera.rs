@@ -28,13 +28,15 @@ pub struct SimCamera {
     phase_s: f64,
     next: u64,
     scene: Option<(World, Renderer)>,
+    /// Whether the turn at the start of the session was taken.
+    is_up: bool,
     pool: Pool<Image>,
 }
 
 impl Node for SimCamera {
     const TYPE: &'static str = "sim.camera";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str = "A camera in a simulated world: fields with LEDs, clutter, noise, in its own time.";
+    const SUMMARY: &'static str = "A camera in a simulated world: fields with LEDs, clutter, noise, in its own time";
     type Settings = CameraSettings;
 
     fn ports() -> Ports {
@@ -58,12 +60,22 @@ impl Node for SimCamera {
             phase_s,
             next: 0,
             scene: None,
+            is_up: false,
             pool: Pool::default(),
             settings,
         })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        if self.scene.is_none()
+            && let Some(world) = io.latest(&WORLD).map(|it| it.value.clone())
+        {
+            let renderer = Renderer::new(&self.camera, self.id, &world, &self.settings, &self.random);
+            self.scene = Some((world, renderer));
+        }
+        if !std::mem::replace(&mut self.is_up, true) {
+            return Ok(()); // the turn before the first field, in which the room is built
+        }
         while (io.now() - self.delivery(self.next)).as_s() > PATIENCE_S {
             io.gap(&IMAGE, self.capture(self.next), "the simulated camera was asked too late for this field");
             self.next += 1;
@@ -74,24 +86,18 @@ impl Node for SimCamera {
             io.gap(&IMAGE, capture, "the settings of the simulated camera lose this field");
             return Ok(());
         }
-        if self.scene.is_none() {
-            let Some(world) = io.latest(&WORLD).map(|it| it.value.clone()) else {
-                io.gap(&IMAGE, capture, "the simulated world has not arrived yet");
-                return Ok(());
-            };
-            let renderer = Renderer::new(&self.camera, self.id, &world, &self.settings, &self.random);
-            self.scene = Some((world, renderer));
-        }
-        if let Some((world, renderer)) = &mut self.scene {
-            let mut image = self.pool.take(Image::default);
-            renderer.render(world, capture, frame, &mut image);
-            io.emit_numbered(&IMAGE, capture, frame, self.pool.share(image));
-        }
+        let Some((world, renderer)) = &mut self.scene else {
+            io.gap(&IMAGE, capture, "the simulated world has not arrived yet");
+            return Ok(());
+        };
+        let mut image = self.pool.take(Image::default);
+        renderer.render(world, capture, frame, &mut image);
+        io.emit_numbered(&IMAGE, capture, frame, self.pool.share(image));
         Ok(())
     }
 
     fn due(&mut self) -> Due {
-        Due::At(self.delivery(self.next))
+        Due::At(if self.is_up { self.delivery(self.next) } else { Time::ZERO })
     }
 
     fn plan(settings: &CameraSettings) -> Plan {

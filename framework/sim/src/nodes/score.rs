@@ -46,7 +46,7 @@ pub struct Score {
 impl Node for Score {
     const TYPE: &'static str = "sim.score";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Compares recovered targets with the truth of the simulated lab.";
+    const SUMMARY: &'static str = "Compares recovered targets with the truth of the simulated lab";
     type Settings = ScoreSettings;
 
     fn ports() -> Ports {
