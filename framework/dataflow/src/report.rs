@@ -27,7 +27,7 @@ impl Report {
             self.figures.insert(name, value);
         }
         self.files.extend(other.files);
-        self.remarks.extend(other.remarks);
+        other.remarks.into_iter().for_each(|it| self.remark(it));
     }
 
     /// Notes a file that was written.
@@ -35,8 +35,11 @@ impl Report {
         self.files.push(path.into());
     }
 
-    /// Adds a sentence.
+    /// Adds a sentence; what was said already is not said again.
     pub fn remark(&mut self, text: impl Into<String>) {
-        self.remarks.push(text.into());
+        let text = text.into();
+        if !self.remarks.contains(&text) {
+            self.remarks.push(text);
+        }
     }
 }

@@ -56,6 +56,8 @@ pub struct Detections {
     latency: Interval,
     path: PathBuf,
     instance: String,
+    /// Cameras with rows that the calibration does not know.
+    unknown_cameras: Vec<String>,
 }
 
 impl Node for Detections {
@@ -102,7 +104,10 @@ impl Node for Detections {
             return Err(ConfigError::at("path", fault));
         }
         let latency = Interval::from_ms(settings.latency_ms);
-        Ok(Self { table, next: before_start, before_start, start, latency, path, instance: setup.instance.clone() })
+        let is_unknown = |name: &&String| setup.calibration.index_of(name).is_none();
+        let unknown_cameras = table.other_cameras.iter().filter(is_unknown).cloned().collect();
+        let instance = setup.instance.clone();
+        Ok(Self { table, next: before_start, before_start, start, latency, path, instance, unknown_cameras })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -139,6 +144,11 @@ impl Node for Detections {
         if !table.unknown_columns.is_empty() {
             report.remark(format!("{instance} passed over columns of `{path}`: {}", table.unknown_columns.join(", ")));
         }
+        if !self.unknown_cameras.is_empty() {
+            // The same words from every camera that reads this file: said once.
+            let names = self.unknown_cameras.join(", ");
+            report.remark(format!("`{path}` holds rows of cameras that the calibration does not know: {names}"));
+        }
         if self.before_start > 0 {
             report.remark(format!(
                 "{instance} left out {} pictures of `{path}` before the start of the session",
@@ -168,6 +178,15 @@ mod tests {
         std::fs::write(&path, text).unwrap();
         let settings = DetectionsSettings { start_s, ..settings(path.to_str().unwrap()) };
         Detections::new(settings, &setup_with_camera([640, 480]))
+    }
+
+    #[test]
+    fn rows_of_a_camera_that_nobody_knows_are_named() {
+        let own = setup_with_camera([640, 480]).camera_name().unwrap().to_owned();
+        let mut node = node_of(&format!("time_s,camera,x_px,y_px\n0.1,{own},5,6\n0.1,narrow-3,5,6\n"), 0.0).unwrap();
+        let mut report = Report::default();
+        node.finish(&mut report).unwrap();
+        assert!(report.remarks.iter().any(|it| it.contains("narrow-3")), "{:?}", report.remarks);
     }
 
     #[test]

@@ -64,6 +64,8 @@ pub(crate) struct Table {
     pub(crate) out_of_order: u64,
     /// Columns that were passed over.
     pub(crate) unknown_columns: Vec<String>,
+    /// Some of the other cameras that have rows, at most 64.
+    pub(crate) other_cameras: BTreeSet<String>,
 }
 
 /// Places of the columns.
@@ -171,7 +173,7 @@ impl Table {
                 }
                 if fields.len() <= columns.camera {
                     table.faults.add(format!(
-                        "line {number}: {} fields, and `camera` is the {}th",
+                        "line {number}: {} fields, and `camera` is field {}",
                         fields.len(),
                         columns.camera + 1
                     ));
@@ -195,7 +197,10 @@ impl Table {
         table.collect(rows, wanted.camera);
         let has_content = table.frames.iter().any(|it| it.faults.is_empty() || !it.features.list.is_empty());
         match table.faults.sentence("no row can be used") {
-            _ if has_content => Ok(table),
+            _ if has_content => {
+                table.other_cameras = cameras;
+                Ok(table)
+            }
             Some(sentence) => Err(sentence),
             None if cameras.is_empty() => Err("holds a header and no rows".to_owned()),
             None => {
