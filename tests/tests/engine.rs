@@ -134,6 +134,17 @@ fn node_that_fails_stops_its_own_chain_only() {
 }
 
 #[test]
+fn failure_is_reported_with_the_capture_time_of_its_message() {
+    for kind in ["fail", "panic"] {
+        let shelf = format!("capture time {kind}");
+        let middle = format!("type = \"testkit.{kind}\"\nat = 3");
+        let rig = chain("count = 6\nrate_hz = 100\nlatency_ms = 7", &middle, &shelf);
+        let (outcome, _) = play(Engine::Deterministic, &rig, &shelf);
+        assert_eq!(outcome.faults[0].time, Time(30_000_000), "{kind}: delivered at 37 ms, captured at 30 ms");
+    }
+}
+
+#[test]
 fn policy_decides_what_becomes_of_a_failure() {
     for (kind, policy, expected, action) in [
         ("fail", "skip", vec![0, 1, 2, 4, 5], "message skipped"),

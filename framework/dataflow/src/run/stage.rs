@@ -29,7 +29,6 @@ pub(crate) struct Slot {
     /// By output port: the edges that leave from there.
     routes: Vec<Vec<Route>>,
     sequences: Vec<u64>,
-    failures: u64,
 }
 
 /// How an edge is travelled.
@@ -154,6 +153,7 @@ impl Stage {
     /// Lets source `index` take its turn, and carries what it gave through the stage.
     pub(crate) fn turn_source(&mut self, index: usize, now: Time, away: &mut dyn Away) {
         self.delivery.port = usize::MAX;
+        self.delivery.packets.clear();
         self.activate(index, now, away);
         self.run_ready(now, away);
     }
@@ -269,6 +269,8 @@ impl Stage {
     fn activate(&mut self, index: usize, now: Time, away: &mut dyn Away) {
         let Some(slot) = &mut self.slots[index] else { return };
         let Some(node) = &mut slot.node else { return };
+        // The node takes the message out; a failure is reported with the message's own time.
+        let seen = self.delivery.packets.first().map_or(now, |packet| packet.stamp.time);
         let mut io = Io {
             now,
             delivery: &mut self.delivery,
@@ -279,8 +281,8 @@ impl Stage {
         };
         match catch_unwind(AssertUnwindSafe(|| node.process(&mut io))) {
             Ok(Ok(())) => {}
-            Ok(Err(error)) => self.fail(index, now, error, false),
-            Err(payload) => self.fail(index, now, NodeError::program(panic_text(&*payload)), true),
+            Ok(Err(error)) => self.fail(index, seen, error, false),
+            Err(payload) => self.fail(index, seen, NodeError::program(panic_text(&*payload)), true),
         }
         self.route(index, now, away);
     }
@@ -367,18 +369,16 @@ impl Stage {
         }
     }
 
-    /// Applies the rig's `on_error` to a failure of node `index`.
-    fn fail(&mut self, index: usize, now: Time, error: NodeError, panicked: bool) {
+    /// Applies the rig's `on_error` to a failure of node `index` on a message captured at `seen`.
+    fn fail(&mut self, index: usize, seen: Time, error: NodeError, panicked: bool) {
         let instance = &self.graph.instances[index];
         let action = match instance.on_error {
             OnError::Stop => "stopped",
             OnError::Skip if !panicked => "message skipped",
             OnError::Skip | OnError::Restart => "restarted",
         };
-        let stamp = self.delivery.packets.first().map(|packet| packet.stamp);
-        self.faults.failure(&instance.path, stamp.map_or(now, |it| it.time), &error, action);
+        self.faults.failure(&instance.path, seen, &error, action);
         let Some(slot) = &mut self.slots[index] else { return };
-        slot.failures += 1;
         match action {
             "stopped" => slot.stop(),
             "restarted" => {
@@ -387,7 +387,7 @@ impl Stage {
                     Err(refusal) => {
                         let refusal =
                             NodeError { blame: Blame::Input, message: format!("cannot be restarted: {refusal}") };
-                        self.faults.failure(&instance.path, now, &refusal, "stopped");
+                        self.faults.failure(&instance.path, seen, &refusal, "stopped");
                         slot.stop();
                     }
                 }
@@ -424,7 +424,6 @@ impl Slot {
             input_edges,
             routes,
             sequences: vec![0; ports.outputs.len()],
-            failures: 0,
         })
     }
 
