@@ -4,15 +4,18 @@
 //! |---|---|
 //! | [`kalman`] | a point that moves at nearly constant velocity, updated by pixels or positions |
 //! | [`assignment`] | which measurement belongs to which track, at the least cost, with a gate |
+//! | [`gospa`] | how far a set of points is from the true one: OSPA, GOSPA |
 //! | [`statistics`] | median, percentiles, median absolute deviation, a summary |
 //! | [`random`] | seeded random numbers, with a stream of its own for each name |
 
 pub mod assignment;
+pub mod gospa;
 pub mod kalman;
 pub mod random;
 pub mod statistics;
 
 pub use assignment::{Workspace, nearest_greedy, optimal};
+pub use gospa::SetDistance;
 pub use kalman::{ConstantVelocity, Innovation};
 pub use random::Random;
 pub use statistics::Summary;
