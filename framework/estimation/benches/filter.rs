@@ -3,8 +3,10 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use foveate_estimation::{ConstantVelocity, Random, Workspace, nearest_greedy, optimal};
-use nalgebra::{Matrix2, Matrix2x3, Matrix3, Point3, Vector2};
+use foveate_estimation::{
+    AdaptiveNoise, ConstantVelocity, Filter, Interacting, Mode, Model, Random, Workspace, nearest_greedy, optimal,
+};
+use nalgebra::{Matrix2, Matrix2x3, Matrix3, Point3, Vector2, Vector3};
 
 const ROUNDS: usize = 50;
 
@@ -31,6 +33,29 @@ fn main() {
     });
     time("update_pixel", 20_000, |it| {
         filters[it % 8].update_pixel(Vector2::new(0.1, -0.1), &jacobians[it % 6], &noise)
+    });
+    let quiet = Mode::ConstantVelocity { acceleration_density: 0.1 };
+    let agile = Mode::ConstantVelocity { acceleration_density: 10.0 };
+    let turning = Mode::ConstantAcceleration { jerk_density: 100.0, acceleration_sigma: 5.0 };
+    let interacting = |modes: &[(Mode, f64)]| Model::Interacting(Interacting::new(modes).expect("a model"));
+    for (name, model) in [
+        ("constant velocity", quiet.into()),
+        ("constant acceleration", turning.into()),
+        ("quiet + agile", interacting(&[(quiet, 1.0), (agile, 0.3)])),
+        ("quiet + accelerating", interacting(&[(quiet, 1.0), (turning, 0.3)])),
+        ("all three", interacting(&[(quiet, 1.0), (agile, 0.3), (turning, 0.3)])),
+    ] {
+        let one = Filter::new(&model, Point3::origin(), Matrix3::identity(), Vector3::zeros(), 1.0);
+        let mut filters = vec![one; 8];
+        time(&format!("both, {name}"), 20_000, |it| {
+            filters[it % 8].predict(1e-3);
+            filters[it % 8].update_pixel(Vector2::new(0.1, -0.1), &jacobians[it % 6], &noise)
+        });
+    }
+    let mut adapted = AdaptiveNoise::new(0.25);
+    time("AdaptiveNoise, observe and scale", 20_000, |it| {
+        adapted.observe((it % 5) as f64, 2, 1e-3);
+        adapted.scale()
     });
     let (mut workspace, mut assigned) = (Workspace::default(), Vec::new());
     for n in [8, 64] {

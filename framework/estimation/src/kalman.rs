@@ -38,7 +38,15 @@ pub struct Innovation {
 }
 
 impl Innovation {
-    const IMPOSSIBLE: Innovation = Innovation { normalised_squared: f64::INFINITY, log_likelihood: f64::NEG_INFINITY };
+    pub(crate) const IMPOSSIBLE: Innovation =
+        Innovation { normalised_squared: f64::INFINITY, log_likelihood: f64::NEG_INFINITY };
+
+    /// Of a measurement of `n` numbers whose S has this `determinant`.
+    #[inline]
+    pub(crate) fn of(normalised_squared: f64, determinant: f64, n: usize) -> Innovation {
+        let volume = determinant.ln() + n as f64 * (2.0 * std::f64::consts::PI).ln();
+        Innovation { normalised_squared, log_likelihood: -0.5 * (normalised_squared + volume) }
+    }
 }
 
 impl ConstantVelocity {
@@ -123,7 +131,7 @@ impl ConstantVelocity {
 
     /// Takes in any measurement of N numbers that depends on the position only.
     #[inline]
-    fn update<const N: usize>(
+    pub(crate) fn update<const N: usize>(
         &mut self,
         innovation: SVector<f64, N>,
         jacobian: &SMatrix<f64, N, 3>,
@@ -132,32 +140,50 @@ impl ConstantVelocity {
     where
         SMatrix<f64, N, N>: SmallInverse,
     {
-        let cross: SMatrix<f64, 6, N> = self.covariance.fixed_columns::<3>(0) * jacobian.transpose(); // P Hᵀ
-        let expected = jacobian * cross.fixed_rows::<3>(0) + noise; // S
-        let Some((precision, determinant)) = expected.inverse_and_determinant() else {
+        let Some((correction, found)) = correct(&mut self.covariance, innovation, jacobian, noise) else {
             return Innovation::IMPOSSIBLE;
         };
-        let normalised_squared = innovation.dot(&(precision * innovation));
-        if !normalised_squared.is_finite() {
-            return Innovation::IMPOSSIBLE;
-        }
-        let gain = cross * precision;
-        let correction = gain * innovation;
         self.position += correction.fixed_rows::<3>(0);
         self.velocity += correction.fixed_rows::<3>(3);
-        subtract_upper(&mut self.covariance, &gain, &cross); // P₁
-        let residue = self.covariance.fixed_columns::<3>(0) * jacobian.transpose() - gain * noise;
-        subtract_upper(&mut self.covariance, &residue, &gain);
-        let log_likelihood =
-            -0.5 * (normalised_squared + determinant.ln() + N as f64 * (2.0 * std::f64::consts::PI).ln());
-        Innovation { normalised_squared, log_likelihood }
+        found
     }
+}
+
+/// Takes any measurement of N numbers that depends on the first three numbers of the state only into the covariance of a
+/// state of D numbers. Gives what to add to the state; `None`, and the covariance is left as it was, when S is not
+/// positive definite or a number is not finite.
+#[inline]
+pub(crate) fn correct<const D: usize, const N: usize>(
+    covariance: &mut SMatrix<f64, D, D>,
+    innovation: SVector<f64, N>,
+    jacobian: &SMatrix<f64, N, 3>,
+    noise: &SMatrix<f64, N, N>,
+) -> Option<(SVector<f64, D>, Innovation)>
+where
+    SMatrix<f64, N, N>: SmallInverse,
+{
+    let cross: SMatrix<f64, D, N> = covariance.fixed_columns::<3>(0) * jacobian.transpose(); // P Hᵀ
+    let expected = jacobian * cross.fixed_rows::<3>(0) + noise; // S
+    let (precision, determinant) = expected.inverse_and_determinant()?;
+    let normalised_squared = innovation.dot(&(precision * innovation));
+    if !normalised_squared.is_finite() {
+        return None;
+    }
+    let gain = cross * precision;
+    subtract_upper(covariance, &gain, &cross); // P₁
+    let residue = covariance.fixed_columns::<3>(0) * jacobian.transpose() - gain * noise;
+    subtract_upper(covariance, &residue, &gain);
+    Some((gain * innovation, Innovation::of(normalised_squared, determinant, N)))
 }
 
 /// Subtracts a bᵀ, of which only the upper triangle is computed, on both sides of the diagonal.
 #[inline]
-fn subtract_upper<const N: usize>(from: &mut Matrix6<f64>, a: &SMatrix<f64, 6, N>, b: &SMatrix<f64, 6, N>) {
-    for column in 0..6 {
+fn subtract_upper<const D: usize, const N: usize>(
+    from: &mut SMatrix<f64, D, D>,
+    a: &SMatrix<f64, D, N>,
+    b: &SMatrix<f64, D, N>,
+) {
+    for column in 0..D {
         for row in 0..=column {
             let mut product = 0.0;
             for k in 0..N {
@@ -170,7 +196,7 @@ fn subtract_upper<const N: usize>(from: &mut Matrix6<f64>, a: &SMatrix<f64, 6, N
 }
 
 /// Inverse and determinant of a small symmetric matrix; `None` unless it is positive definite.
-trait SmallInverse: Sized {
+pub(crate) trait SmallInverse: Sized {
     fn inverse_and_determinant(&self) -> Option<(Self, f64)>;
 }
 

@@ -3,6 +3,7 @@
 //! | module | what it gives |
 //! |---|---|
 //! | [`kalman`] | a point that moves at nearly constant velocity, updated by pixels or positions |
+//! | [`motion`] | the same under a motion model chosen by setting, interacting models, adapted noise |
 //! | [`assignment`] | which measurement belongs to which track, at the least cost, with a gate |
 //! | [`gospa`] | how far a set of points is from the true one: OSPA, GOSPA |
 //! | [`statistics`] | median, percentiles, median absolute deviation, a summary |
@@ -11,11 +12,13 @@
 pub mod assignment;
 pub mod gospa;
 pub mod kalman;
+pub mod motion;
 pub mod random;
 pub mod statistics;
 
 pub use assignment::{Workspace, nearest_greedy, optimal};
 pub use gospa::SetDistance;
 pub use kalman::{ConstantVelocity, Innovation};
+pub use motion::{AdaptiveNoise, Filter, Interacting, Mode, Model};
 pub use random::Random;
 pub use statistics::Summary;
