@@ -4,7 +4,8 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use foveate_estimation::{
-    AdaptiveNoise, ConstantVelocity, Filter, Interacting, Mode, Model, Random, Workspace, nearest_greedy, optimal,
+    AdaptiveNoise, ClockEstimator, ClockObservation, ClockSettings, Consistency, ConstantVelocity, Filter, Interacting,
+    Mode, Model, Random, Workspace, nearest_greedy, optimal,
 };
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Point3, Vector2, Vector3};
 
@@ -56,6 +57,22 @@ fn main() {
     time("AdaptiveNoise, observe and scale", 20_000, |it| {
         adapted.observe((it % 5) as f64, 2, 1e-3);
         adapted.scale()
+    });
+    let mut consistency = Consistency::default();
+    time("Consistency, observe", 20_000, |it| consistency.observe((it % 5) as f64, 2));
+    let mut clocks = ClockEstimator::new(18, ClockSettings::default());
+    let mut seen = ClockObservation {
+        stamp_s: 0.0,
+        applied_offset_s: 0.0,
+        innovation: Vector2::new(0.2, -0.1),
+        innovation_covariance: Matrix2::identity() * 0.1,
+        image_velocity: Vector2::new(200.0, 100.0),
+    };
+    time("ClockEstimator, estimate and observe", 20_000, |it| {
+        seen.stamp_s += 1e-3;
+        let estimate = clocks.estimate(it % 18, seen.stamp_s);
+        clocks.observe(it % 18, &seen);
+        estimate
     });
     let (mut workspace, mut assigned) = (Workspace::default(), Vec::new());
     for n in [8, 64] {

@@ -5,12 +5,14 @@
 //! | [`kalman`] | a point that moves at nearly constant velocity, updated by pixels or positions |
 //! | [`motion`] | the same under a motion model chosen by setting, interacting models, adapted noise |
 //! | [`consistency`] | whether a filter's errors are as large as it says |
+//! | [`clocks`] | clock offsets and drifts of cameras, from what their innovations show |
 //! | [`assignment`] | which measurement belongs to which track, at the least cost, with a gate |
 //! | [`gospa`] | how far a set of points is from the true one: OSPA, GOSPA |
 //! | [`statistics`] | median, percentiles, median absolute deviation, a summary |
 //! | [`random`] | seeded random numbers, with a stream of its own for each name |
 
 pub mod assignment;
+pub mod clocks;
 pub mod consistency;
 pub mod gospa;
 pub mod kalman;
@@ -19,6 +21,7 @@ pub mod random;
 pub mod statistics;
 
 pub use assignment::{Workspace, nearest_greedy, optimal};
+pub use clocks::{ClockEstimate, ClockEstimator, ClockObservation, ClockSettings};
 pub use consistency::{Consistency, Verdict};
 pub use gospa::SetDistance;
 pub use kalman::{ConstantVelocity, Innovation};
