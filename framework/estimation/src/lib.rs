@@ -8,6 +8,7 @@
 //! | [`clocks`] | clock offsets and drifts of cameras, from what their innovations show |
 //! | [`assignment`] | which measurement belongs to which track, at the least cost, with a gate |
 //! | [`gospa`] | how far a set of points is from the true one: OSPA, GOSPA |
+//! | [`identities`] | true targets and recovered identities matched over time: swaps, rebirths |
 //! | [`statistics`] | median, percentiles, median absolute deviation, a summary |
 //! | [`random`] | seeded random numbers, with a stream of its own for each name |
 
@@ -15,6 +16,7 @@ pub mod assignment;
 pub mod clocks;
 pub mod consistency;
 pub mod gospa;
+pub mod identities;
 pub mod kalman;
 pub mod motion;
 pub mod random;

@@ -1,0 +1,175 @@
+//! Who is who: true targets and recovered identities, matched from moment to moment, swaps and rebirths counted.
+//!
+//! K. Bernardin and R. Stiefelhagen, "Evaluating multiple object tracking performance: the CLEAR MOT metrics", EURASIP
+//! JIVP, 2008: a pair of the last time is kept while it stays within the gate; what is left is assigned so that the sum
+//! of distances is least.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Point3;
+
+use crate::assignment::{self, Workspace};
+
+/// Somebody at some moment: a number that stays, and where [unit of length].
+pub type Somebody = (u32, Point3<f64>);
+
+/// Matches recovered targets to true ones; its memory is used again from moment to moment.
+#[derive(Debug, Clone)]
+pub struct Identities {
+    gate: f64,
+    /// By true target: every identity it was ever matched to, the last one at the end.
+    followers: BTreeMap<u32, Vec<u32>>,
+    /// By identity: the true target it was matched to last.
+    owners: BTreeMap<u32, u32>,
+    swaps: u64,
+    rebirths: u64,
+    costs: Vec<f64>,
+    assigned: Vec<Option<usize>>,
+    kept: Vec<Option<usize>>,
+    workspace: Workspace,
+}
+
+impl Identities {
+    /// Pairs farther apart than `gate` [unit of length] do not match.
+    pub fn new(gate: f64) -> Self {
+        Self {
+            gate,
+            followers: BTreeMap::new(),
+            owners: BTreeMap::new(),
+            swaps: 0,
+            rebirths: 0,
+            costs: Vec::new(),
+            assigned: Vec::new(),
+            kept: Vec::new(),
+            workspace: Workspace::default(),
+        }
+    }
+
+    /// For each of `truth` its place in `found`, where it has one.
+    pub fn match_up(&mut self, truth: &[Somebody], found: &[Somebody]) -> &[Option<usize>] {
+        let (rows, columns) = (truth.len(), found.len());
+        self.costs.clear();
+        for (_, place) in truth {
+            self.costs.extend(found.iter().map(|(_, it)| (it - place).norm()));
+        }
+        self.kept.clear();
+        for (row, (who, _)) in truth.iter().enumerate() {
+            let last = self.followers.get(who).and_then(|it| it.last());
+            let column = last.and_then(|last| found.iter().position(|(it, _)| it == last));
+            self.kept.push(column.filter(|column| self.costs[row * columns + column] <= self.gate));
+        }
+        // Two that claim one identity since it changed hands: the one that it followed last keeps it.
+        for (row, (who, _)) in truth.iter().enumerate() {
+            let Some(column) = self.kept[row] else { continue };
+            if self.owners.get(&found[column].0) != Some(who) {
+                self.kept[row] = None;
+                continue;
+            }
+            self.costs[row * columns..(row + 1) * columns].fill(f64::INFINITY);
+            (0..rows).for_each(|row| self.costs[row * columns + column] = f64::INFINITY);
+        }
+        assignment::optimal(&self.costs, rows, columns, self.gate, &mut self.workspace, &mut self.assigned);
+        for (row, (who, _)) in truth.iter().enumerate() {
+            if let Some(column) = self.kept[row].or(self.assigned[row]) {
+                self.assigned[row] = Some(column);
+                self.note(*who, found[column].0);
+            }
+        }
+        &self.assigned
+    }
+
+    fn note(&mut self, truth: u32, identity: u32) {
+        let followers = self.followers.entry(truth).or_default();
+        let is_first = followers.is_empty();
+        if followers.last() != Some(&identity) {
+            followers.retain(|it| *it != identity);
+            followers.push(identity);
+        }
+        let owner = self.owners.insert(identity, truth);
+        if owner.is_some_and(|it| it != truth) {
+            self.swaps += 1;
+        } else if owner.is_none() && !is_first {
+            self.rebirths += 1;
+        }
+    }
+
+    /// By true target that was ever matched: every identity that it was matched to.
+    pub fn followers(&self) -> &BTreeMap<u32, Vec<u32>> {
+        &self.followers
+    }
+
+    /// How many identities were ever matched.
+    pub fn n_identities(&self) -> usize {
+        self.owners.len()
+    }
+
+    /// How often a true target was matched to an identity that had been another's last.
+    pub fn swaps(&self) -> u64 {
+        self.swaps
+    }
+
+    /// How often a true target that had an identity was matched to one that was new to all.
+    pub fn rebirths(&self) -> u64 {
+        self.rebirths
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(who: u32, x: f64) -> Somebody {
+        (who, Point3::new(x, 0.0, 0.0))
+    }
+
+    fn run(moments: &[(&[Somebody], &[Somebody])]) -> Identities {
+        let mut identities = Identities::new(0.1);
+        for (truth, found) in moments {
+            identities.match_up(truth, found);
+        }
+        identities
+    }
+
+    #[test]
+    fn swaps_and_rebirths_are_counted_once_each() {
+        let truth: &[Somebody] = &[at(0, 0.0), at(1, 1.0)];
+        let (here, swapped): (&[Somebody], &[Somebody]) = (&[at(5, 0.01), at(6, 1.01)], &[at(6, 0.01), at(5, 1.01)]);
+        let same = run(&[(truth, here), (truth, here)]);
+        assert_eq!((same.n_identities(), same.swaps(), same.rebirths()), (2, 0, 0));
+        let swap = run(&[(truth, here), (truth, swapped), (truth, swapped)]);
+        assert_eq!((swap.n_identities(), swap.swaps(), swap.rebirths()), (2, 2, 0));
+        let reborn = run(&[(truth, here), (truth, &here[1..]), (truth, &[at(7, 0.0), at(6, 1.0)])]);
+        assert_eq!((reborn.n_identities(), reborn.swaps(), reborn.rebirths()), (3, 0, 1));
+        assert_eq!(reborn.followers()[&0], [5, 7]);
+        // Taken up again after a while: neither.
+        let again = run(&[(truth, here), (truth, &here[1..]), (truth, here)]);
+        assert_eq!((again.n_identities(), again.swaps(), again.rebirths()), (2, 0, 0));
+    }
+
+    #[test]
+    fn a_pair_is_kept_though_another_comes_nearer() {
+        let mut identities = Identities::new(0.1);
+        identities.match_up(&[at(0, 0.0)], &[at(5, 0.05)]);
+        assert_eq!(identities.match_up(&[at(0, 0.0)], &[at(6, 0.0), at(5, 0.09)]), [Some(1)]);
+        assert_eq!(identities.match_up(&[at(0, 0.0)], &[at(6, 0.0), at(5, 0.11)]), [Some(0)]);
+        assert_eq!((identities.n_identities(), identities.rebirths()), (2, 1));
+    }
+
+    #[test]
+    fn an_identity_that_changed_hands_belongs_to_its_new_owner() {
+        let mut identities = Identities::new(0.1);
+        identities.match_up(&[at(0, 0.0), at(1, 0.5)], &[at(5, 0.0)]);
+        identities.match_up(&[at(0, 0.0), at(1, 0.5)], &[at(5, 0.5)]);
+        assert_eq!(identities.match_up(&[at(0, 0.46), at(1, 0.5)], &[at(5, 0.46)]), [None, Some(0)]);
+        assert_eq!(identities.swaps(), 1);
+    }
+
+    #[test]
+    fn nobody_and_nowhere_match_nothing() {
+        let mut identities = Identities::new(0.1);
+        assert_eq!(identities.match_up(&[], &[at(1, 0.0)]), []);
+        assert_eq!(identities.match_up(&[at(0, 0.0)], &[]), [None]);
+        assert_eq!(identities.match_up(&[at(0, 0.0)], &[at(1, f64::NAN)]), [None]);
+        assert_eq!(identities.n_identities(), 0);
+    }
+}
