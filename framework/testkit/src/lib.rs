@@ -3,6 +3,7 @@
 //! | module | what it gives |
 //! |---|---|
 //! | [`scene`] | cameras and points whose truth is known: [`camera_ring`], [`render_spot`] |
+//! | [`lab`] | a lab with moving lights and all that is against them, and the score of who tracks them |
 //! | [`laws`] | checks that hold for every camera model, derivative and node, one call each |
 //! | [`golden`] | texts that are compared with a committed file, and written anew when asked |
 //! | [`allocation`] | an allocator that counts |
@@ -14,6 +15,7 @@
 pub mod allocation;
 pub mod data;
 pub mod golden;
+pub mod lab;
 pub mod laws;
 pub mod nodes;
 pub mod scene;

@@ -1,34 +1,31 @@
 //! Observations a second through the tracker, association and output included: unsynchronised cameras at 60 Hz, 0.5 px noise.
 
-#[path = "../tests/common/mod.rs"]
-mod common;
-
 use std::f64::consts::TAU;
 use std::hint::black_box;
 
-use common::Lab;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use foveate::messages::{Interval, Targets};
 use foveate_led::tracker::{IntegratorSettings, Tracker};
-use nalgebra::{Point3, Vector3};
+use foveate_testkit::lab::{Lab, Light};
+use nalgebra::Point3;
 
 /// After this time the scene repeats itself [s].
 const PERIOD: f64 = 8.0;
 
 /// `N` lights on three rings around the room.
-fn rings<const N: usize>(t: f64) -> [(Point3<f64>, Vector3<f64>); N] {
+fn rings<const N: usize>(t: f64) -> [Light; N] {
     std::array::from_fn(|k| {
         let ring = (k % 3) as f64;
         let angle = TAU * (t / PERIOD + k as f64 / N as f64);
         let (s, c) = angle.sin_cos();
         let (a, b) = (0.5 + 0.35 * ring, 0.8 + 0.45 * ring);
-        (Point3::new(a * c, b * s, 0.6 + 0.45 * ring + 0.15 * (3.0 * angle).sin()), Vector3::z())
+        Light::at(Point3::new(a * c, b * s, 0.6 + 0.45 * ring + 0.15 * (3.0 * angle).sin()))
     })
 }
 
 fn bench_with<const N: usize>(criterion: &mut Criterion, n_cameras: usize, rate: f64) {
     let lab = Lab { noise: 0.5, rate, ..Lab::new(n_cameras) };
-    let frames = lab.frames(PERIOD, rings::<N>);
+    let frames = lab.frames(PERIOD, &rings::<N>);
     let n_observations: usize = frames.iter().map(|(_, it)| it.list.len()).sum();
     let mut tracker = Tracker::new(IntegratorSettings::default(), lab.cameras.clone(), None);
     let mut targets = Targets::default();

@@ -1,13 +1,11 @@
 //! The steady state of the tracker and of the detector allocates nothing.
 
-mod common;
-
-use common::{Lab, person};
 use foveate::messages::{Features, Image, PixelFormat, Targets};
 use foveate_led::detector::DetectorSettings;
 use foveate_led::spotter::{Outcome, Spotter};
 use foveate_led::tracker::{IntegratorSettings, Tracker};
 use foveate_testkit::allocation::{self, Counting};
+use foveate_testkit::lab::{Lab, person};
 use nalgebra::Point2;
 
 #[global_allocator]
@@ -23,7 +21,7 @@ fn count(work: impl FnOnce()) -> u64 {
 #[test]
 fn steady_state_allocates_nothing() {
     let lab = Lab { clutter: 1.0, hidden: 0.2, ..Lab::new(18) };
-    let frames = lab.frames(10.0, person);
+    let frames = lab.frames(10.0, &person);
     let mut tracker = Tracker::new(IntegratorSettings::default(), lab.cameras.clone(), None);
     let mut targets = Targets::default();
     let mut run = |part: &[(foveate::messages::Time, Features)]| {

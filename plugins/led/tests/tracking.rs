@@ -1,14 +1,10 @@
 //! The tracker in a small lab with known truth: identities, accuracy, births, deaths.
 
-mod common;
-
-use common::{Lab, Score, cameras, feature, person, score};
 use foveate::geometry::Camera;
 use foveate::messages::{CameraId, Features, How, Interval, TargetId, Targets, Time};
 use foveate_led::tracker::{Entry, IntegratorSettings, Tracker};
+use foveate_testkit::lab::{Lab, Light, ROOM_M as ROOM, Rules, Score, cameras, feature, person, score};
 use nalgebra::{Matrix2, Point2, Point3, Vector3};
-
-const ROOM: [[f64; 3]; 2] = [[-1.75, -2.5, 0.0], [1.75, 2.5, 2.2]];
 
 fn ms(milliseconds: f64) -> Time {
     Time::ZERO + Interval::from_ms(milliseconds)
@@ -67,7 +63,12 @@ const SPOT: Point3<f64> = Point3::new(0.2, -0.3, 1.2);
 
 fn walk(lab: &Lab, duration: f64) -> (Score, Tracker) {
     let mut tracker = Tracker::new(IntegratorSettings::default(), lab.cameras.clone(), Some(ROOM));
-    let score = score(&mut tracker, &lab.frames(duration, person), 1.0, person);
+    let rules = Rules { settled_s: 1.0, step_s: 0.0 };
+    let score = score(&lab.frames(duration, &person), rules, &person, |time, features, targets| {
+        let entry = tracker.observe(time, features);
+        tracker.write(targets);
+        entry == Entry::Applied
+    });
     (score, tracker)
 }
 
@@ -76,7 +77,7 @@ fn walk(lab: &Lab, duration: f64) -> (Score, Tracker) {
 fn check_walk(lab: &Lab, rms_mm: f64) {
     let (score, tracker) = walk(lab, 8.0);
     let found = format!("{score:?} {:?}", tracker.tally());
-    assert_eq!((score.n_identities(), score.ghosts, score.missed), (8, 0, 0), "{found}");
+    assert_eq!((score.n_identities, score.ghosts, score.missed), (8, 0, 0), "{found}");
     assert!(score.identities.iter().all(|it| it.len() == 1), "{found}");
     assert!(score.rms < rms_mm * 1e-3, "{found}");
     // The covariance is honest: an average of 3 would be perfect; twice that would be a boast.
@@ -113,7 +114,7 @@ fn lights_that_shine_to_one_side_keep_their_identities() {
         let (score, tracker) = walk(&lab, 20.0);
         let found = format!("{score:?} {:?}", tracker.tally());
         // When one camera only sees a wrist for a quarter of a second its depth drifts by more than 0.1 m: not a ghost.
-        assert_eq!(score.n_identities(), 8, "{found}");
+        assert_eq!(score.n_identities, 8, "{found}");
         assert!(score.ghosts < score.samples / 500 && score.missed < score.samples / 500, "{found}");
         assert!(score.rms < 3.5e-3, "{found}");
     }
@@ -122,7 +123,7 @@ fn lights_that_shine_to_one_side_keep_their_identities() {
 #[test]
 fn a_run_repeats_to_the_last_bit_and_the_order_of_features_does_not_matter() {
     let lab = Lab { clutter: 2.0, hidden: 0.2, ..Lab::new(18) };
-    let frames = lab.frames(2.0, person);
+    let frames = lab.frames(2.0, &person);
     let run = |reversed: bool| {
         let mut tracker = Tracker::new(IntegratorSettings::default(), lab.cameras.clone(), Some(ROOM));
         let mut last = Targets::default();
@@ -444,11 +445,11 @@ fn of_two_targets_whose_lights_become_one_the_older_stays() {
 
 #[test]
 fn a_light_comes_back_from_behind_something_with_its_identity() {
-    let scene = |t: f64| [(Point3::new(0.6 * t - 0.6, 0.3, 1.2), Vector3::z())];
+    let scene = |t: f64| [Light::at(Point3::new(0.6 * t - 0.6, 0.3, 1.2))];
     let lab = Lab::new(12);
     let mut tracker = Tracker::new(IntegratorSettings::default(), lab.cameras.clone(), Some(ROOM));
     let mut targets = Targets::default();
-    for (time, mut features) in lab.frames(2.0, scene) {
+    for (time, mut features) in lab.frames(2.0, &scene) {
         if (1.0..1.25).contains(&time.as_s()) {
             features.list.clear();
         }
@@ -456,7 +457,7 @@ fn a_light_comes_back_from_behind_something_with_its_identity() {
         tracker.write(&mut targets);
         if time.as_s() > 0.2 {
             assert_eq!(targets.list.iter().map(|it| it.id).collect::<Vec<_>>(), [TargetId(0)]);
-            let error = (targets.list[0].position - scene(targets.time.as_s())[0].0).norm();
+            let error = (targets.list[0].position - scene(targets.time.as_s())[0].position).norm();
             assert!(error < 5.0 * targets.list[0].position_sigma(), "{error} m at {time}");
         }
     }
