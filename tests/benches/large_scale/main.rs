@@ -1,0 +1,75 @@
+//! The large scale [Davis 2002 chapter 3] held against known truth: tables and plots.
+//!
+//! `cargo bench -p foveate-tests --bench large_scale -- [scenes|crowd|crossings|all] [--seeds N] [--out DIR]`
+//!
+//! | part | what it measures |
+//! |---|---|
+//! | `scenes` | 8 wandering lights with clutter and occlusions, 6 unsynchronised cameras: each variant of the tracker |
+//! | `crowd` | the same for 32 lights and 64 cameras |
+//! | `crossings` | pairs of lights that cross, or meet and turn back, at 30 to 100 mm |
+
+mod scenes;
+mod variants;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Instant;
+
+/// What was asked for.
+pub struct Options {
+    /// Seeds of a part, where not its own number.
+    pub seeds: Option<u64>,
+    /// Where plots go.
+    pub out: Option<PathBuf>,
+}
+
+type Part = fn(&Options);
+
+const PARTS: &[(&str, Part)] =
+    &[("scenes", scenes::scenes), ("crowd", scenes::crowd), ("crossings", scenes::crossings)];
+
+fn main() -> ExitCode {
+    let mut options = Options { seeds: None, out: None };
+    let mut parts: Vec<(&str, Part)> = Vec::new();
+    let mut arguments = std::env::args().skip(1);
+    while let Some(argument) = arguments.next() {
+        let mut value = || arguments.next().ok_or(format!("{argument} needs a value"));
+        let known = match argument.as_str() {
+            "--bench" => Ok(()), // cargo's own
+            "--out" => value().map(|it| options.out = Some(it.into())),
+            "--seeds" => value().and_then(|it| {
+                let n = it.parse().map_err(|_| format!("--seeds is {it}, expected a whole number"))?;
+                options.seeds = Some(n);
+                Ok(())
+            }),
+            "all" => {
+                parts.extend(PARTS);
+                Ok(())
+            }
+            name => match PARTS.iter().find(|it| it.0 == name) {
+                Some(part) => {
+                    parts.push(*part);
+                    Ok(())
+                }
+                None => Err(format!(
+                    "{name} is none of {:?}, all, --seeds, --out",
+                    PARTS.iter().map(|it| it.0).collect::<Vec<_>>()
+                )),
+            },
+        };
+        if let Err(error) = known {
+            eprintln!("{error}");
+            return ExitCode::FAILURE;
+        }
+    }
+    if parts.is_empty() {
+        options.seeds.get_or_insert(10);
+        parts.push(PARTS[0]);
+    }
+    for (name, part) in parts {
+        let start = Instant::now();
+        part(&options);
+        println!("({name}: {:.1} s)\n", start.elapsed().as_secs_f64());
+    }
+    ExitCode::SUCCESS
+}
