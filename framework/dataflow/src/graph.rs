@@ -9,6 +9,7 @@ use std::sync::Arc;
 use foveate_messages::{CameraId, Interval, Time};
 use foveate_scene::calibration::Calibration;
 
+use crate::port::Take;
 use crate::registry::{NodeType, Settings};
 use crate::rig::Faults;
 use crate::setup::{Claims, Purpose, Setup};
@@ -70,6 +71,20 @@ pub struct Instance {
     pub settings: Arc<dyn Settings>,
     /// What happens when it fails.
     pub on_error: OnError,
+    /// By input port: how it takes data, as the port itself says or as the rig chose.
+    pub takes: Vec<Take>,
+    /// What each of its turns costs on the logical clock.
+    pub cost: Cost,
+}
+
+/// How long a turn of a node keeps it busy in a run that is not live; there, where a turn takes no time by itself, this
+/// shows what becomes of the data under load. A live run takes the time it takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Cost {
+    /// For each turn.
+    pub time: Interval,
+    /// Each turn takes up to this much more or less, uniformly (seeded); at most `time`.
+    pub jitter: Interval,
 }
 
 /// What happens when a node fails on a message.

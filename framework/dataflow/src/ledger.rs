@@ -76,13 +76,13 @@ impl Histogram {
 /// What one edge measured so far. `sent = delivered + dropped + waiting` always holds.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Ledger {
-    /// Messages handed to the consumer's port.
+    /// Messages that the consumer took.
     pub delivered: u64,
     /// Messages lost to a full queue, to a stopped consumer, or passed over by a port that takes the newest.
     pub dropped: u64,
     /// Messages that should have been there and never were: numbers left out, and gaps that the producer declared.
     pub gaps: u64,
-    /// Messages captured earlier than one of the same source that was delivered before.
+    /// Messages captured earlier than one of the same source that came before.
     pub late: u64,
     age: Histogram,
     first: Option<Time>,
@@ -94,11 +94,14 @@ pub struct Ledger {
 }
 
 impl Ledger {
-    /// Enters one delivery at session time `now`.
+    /// Enters one message that is delivered at session time `now`, as soon as it arrives.
     pub fn deliver(&mut self, stamp: Stamp, now: Time, quality: impl FnOnce() -> Quality) {
-        self.age.record((now - stamp.time).0.max(0) as u64);
-        self.first.get_or_insert(now);
-        self.last = now;
+        self.arrive(stamp);
+        self.take(stamp, now, quality);
+    }
+
+    /// Enters that a message has come to its port, where it may have to wait.
+    pub(crate) fn arrive(&mut self, stamp: Stamp) {
         match self.sources.iter_mut().find(|it| it.0 == stamp.source) {
             Some((_, sequence, time)) => {
                 self.gaps += stamp.sequence.saturating_sub(*sequence + 1);
@@ -108,6 +111,13 @@ impl Ledger {
             }
             None => self.sources.push((stamp.source, stamp.sequence, stamp.time)),
         }
+    }
+
+    /// Enters that the node has taken a message at session time `now`.
+    pub(crate) fn take(&mut self, stamp: Stamp, now: Time, quality: impl FnOnce() -> Quality) {
+        self.age.record((now - stamp.time).0.max(0) as u64);
+        self.first.get_or_insert(now);
+        self.last = now;
         if self.delivered < QUALITY_STRIDE || self.delivered.is_multiple_of(QUALITY_STRIDE) {
             self.quality = quality();
             if let Some(sigma) = self.quality.sigma {

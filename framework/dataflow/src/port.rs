@@ -18,6 +18,39 @@ pub enum Take {
     /// When the node is free: empties the queues, picks one of the sources that delivered since (seeded, at random),
     /// and triggers with the newest message of that source; the others are counted as dropped [Davis 2002 §3.5].
     NewestOfEach,
+    /// When the node is free: empties the queues and triggers with the newest message of all, by capture time. A source whose
+    /// clock is ahead starves the others [Davis 2002 §3.5]; here to be compared with.
+    Newest,
+    /// When the node is free: triggers with the newest message of the next source in turn that has one; the others keep theirs.
+    /// Starves nobody, but what a slow source gave grows old before its turn [Davis 2002 §3.5].
+    RoundRobin,
+}
+
+impl Take {
+    /// The ways between which a rig may choose (`take = "…"`), by their names there.
+    pub const CHOICES: [(&'static str, Take); 4] = [
+        ("each", Take::Each),
+        ("newest_of_each", Take::NewestOfEach),
+        ("newest", Take::Newest),
+        ("round_robin", Take::RoundRobin),
+    ];
+
+    /// The name in rigs; `None` where a rig has no choice: for ports that sample or join.
+    pub fn choice(self) -> Option<&'static str> {
+        Take::CHOICES.iter().find(|it| it.1 == self).map(|it| it.0)
+    }
+
+    /// For people.
+    pub fn in_words(self) -> String {
+        match self {
+            Take::Each => "each message triggers".to_owned(),
+            Take::Latest => "the latest is sampled, never triggers; may close a cycle".to_owned(),
+            Take::Synced(tolerance) => format!("joined by capture time within {} ms", tolerance.as_ms()),
+            Take::NewestOfEach => "the newest of a source picked at random".to_owned(),
+            Take::Newest => "the newest of all sources".to_owned(),
+            Take::RoundRobin => "the newest of each source in turn".to_owned(),
+        }
+    }
 }
 
 /// An input port that takes messages of type `T`.

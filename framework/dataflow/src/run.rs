@@ -3,6 +3,7 @@
 //! Both engines run the same fused stages: a message is carried through all nodes that it triggers before the
 //! next one is looked at. Queues stand only where a message changes threads.
 
+mod busy;
 mod deterministic;
 mod faults;
 mod inbox;

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use foveate_dataflow::port::{InputSpec, Take};
+use foveate_dataflow::port::InputSpec;
 use foveate_dataflow::registry::NodeType;
 use foveate_dataflow::rig::closest;
 use foveate_dataflow::setting_docs::{SettingDoc, setting_docs};
@@ -60,12 +60,7 @@ fn describe(node_type: &NodeType) -> String {
 }
 
 fn taking(port: &InputSpec) -> String {
-    let how = match port.take {
-        Take::Each => "each message triggers".to_owned(),
-        Take::Latest => "the latest is sampled, never triggers; may close a cycle".to_owned(),
-        Take::Synced(tolerance) => format!("joined by capture time within {} ms", tolerance.as_ms()),
-        Take::NewestOfEach => "the newest of a source picked at random".to_owned(),
-    };
+    let how = port.take.in_words();
     let many = if port.many { ", of any number of cameras" } else { "" };
     let optional = if port.optional { ", may be left open" } else { "" };
     format!("{how}{many}{optional}")

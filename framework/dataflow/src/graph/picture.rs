@@ -134,13 +134,21 @@ impl<'g> Sketch<'g> {
                 let output = producer.node_type.ports.outputs.get(edge.from.1);
                 let input = consumer.node_type.ports.inputs.get(edge.to.1);
                 let (name, message) = output.map_or(("", ""), |it| (it.name, it.message.name));
-                let label = if name == message { message.into() } else { format!("{name}: {message}").into() };
+                // Shown where the rig has chosen another way than the port's own.
+                let take = consumer.takes.get(edge.to.1).filter(|it| input.is_some_and(|port| port.take != **it));
+                let choice = take.and_then(|it| it.choice()).map(|it| format!(" ({it})")).unwrap_or_default();
+                let label = match (name == message, choice.is_empty()) {
+                    (true, true) => message.into(),
+                    (true, false) => format!("{message}{choice}").into(),
+                    (false, _) => format!("{name}: {message}{choice}").into(),
+                };
                 let about = format!(
-                    "{}.{} → {}.{} ({message})",
+                    "{}.{} → {}.{} ({message}){}",
                     producer.node,
                     name,
                     consumer.node,
-                    input.map_or("", |it| it.name)
+                    input.map_or("", |it| it.name),
+                    take.map(|it| format!(": {}", it.in_words())).unwrap_or_default()
                 );
                 links.push(Link { from: key.0, output: key.1, to: key.2, input: key.3, label, feedback: false, about });
                 links.len() - 1

@@ -20,6 +20,7 @@ use super::scales::{Parent, ScaleDraft};
 use super::wire::{EdgeDraft, Wiring, wire};
 use crate::graph::{Edge, Graph, Instance, Queue, Requirement, Scale};
 use crate::node::Role;
+use crate::port::Take;
 use crate::setup::Claims;
 
 /// More node instances than that are refused: a few lines with patterns can ask for any number of them.
@@ -96,6 +97,8 @@ impl Finish<'_, '_> {
                 node_type: Arc::clone(node.node_type.as_ref()?),
                 settings: Arc::clone(node.settings.as_ref()?),
                 on_error: node.text.on_error,
+                takes: takes(node),
+                cost: node.text.cost,
             });
         }
         let mut edges: Vec<Edge> = wiring.edges.iter().map(|it| self.edge(it, wiring, &place, &instances)).collect();
@@ -147,6 +150,14 @@ impl Finish<'_, '_> {
             require: require.map(|it| it.requirement).filter(promised),
         }
     }
+}
+
+/// How each input port of a node takes data: its own way where the rig does not choose another one.
+fn takes(node: &NodeDraft<'_>) -> Vec<Take> {
+    let chosen =
+        |port: &str| node.text.inputs.iter().find(|it| it.port.get_ref() == port)?.take.as_ref().map(|it| it.0);
+    let ports = node.node_type.iter().flat_map(|it| &it.ports.inputs);
+    ports.map(|it| chosen(it.name).unwrap_or(it.take)).collect()
 }
 
 fn report_cycles(names: &Names<'_, '_>, wiring: &Wiring, circles: &[Vec<usize>], findings: &mut Findings) {

@@ -5,7 +5,9 @@ use toml::de::{DeTable, DeValue};
 
 use super::fault::{Findings, Span};
 use super::value::{Keys, Value};
-use crate::graph::{OnError, Queue, Requirement, WhenFull};
+use crate::graph::{Cost, OnError, Queue, Requirement, WhenFull};
+use crate::port::Take;
+use foveate_messages::Interval;
 
 /// Names of [`OnError`] in rigs.
 pub(super) const ON_ERROR: [(&str, OnError); 3] =
@@ -14,6 +16,9 @@ pub(super) const ON_ERROR: [(&str, OnError); 3] =
 /// Names of [`WhenFull`] in rigs.
 pub(super) const WHEN_FULL: [(&str, WhenFull); 3] =
     [("drop_oldest", WhenFull::DropOldest), ("drop_newest", WhenFull::DropNewest), ("wait", WhenFull::Wait)];
+
+/// Longest turn [ms].
+pub(super) const LONGEST_COST_MS: f64 = 60_000.0;
 
 /// Longest queue: more messages than that are a mistake, and memory.
 const MOST_QUEUED: i64 = 1_000_000;
@@ -35,6 +40,9 @@ pub(super) struct NodeText<'t> {
     pub inputs_sound: bool,
     pub requires: Vec<RequireText>,
     pub on_error: OnError,
+    pub cost: Cost,
+    /// Where the cost stands, if it is not 0.
+    pub cost_place: Option<Span>,
     /// All other keys.
     pub settings: DeTable<'t>,
 }
@@ -44,6 +52,8 @@ pub(super) struct InputText {
     pub port: Spanned<String>,
     pub from: Vec<Spanned<String>>,
     pub queue: Queue,
+    /// How the port is to take data, and where that stands.
+    pub take: Option<(Take, Span)>,
 }
 
 /// What the edges into one port promise, as written.
@@ -75,6 +85,7 @@ impl<'t> NodeText<'t> {
         }
         let cameras_unclear = n_camera_keys != usize::from(each.is_some() != camera.is_some());
         let on_error = keys.take("on_error").and_then(|it| findings.choice("on_error", &it, &ON_ERROR));
+        let (cost, cost_place) = read_cost(&mut keys, findings);
         let before = findings.len();
         let mut inputs = Vec::new();
         if let Some((key, value)) = keys.take_entry("in") {
@@ -104,13 +115,34 @@ impl<'t> NodeText<'t> {
             inputs_sound,
             requires,
             on_error: on_error.unwrap_or_default(),
+            cost,
+            cost_place,
             settings,
         })
     }
 }
 
+fn read_cost(keys: &mut Keys<'_>, findings: &mut Findings) -> (Cost, Option<Span>) {
+    let expected = format!("0 to {LONGEST_COST_MS} [ms]");
+    let holds: fn(f64) -> bool = |it| (0.0..=LONGEST_COST_MS).contains(&it);
+    let mut read = |key: &'static str| {
+        let value = keys.take(key)?;
+        Some((findings.number(key, &value, &expected, holds)?, value.span()))
+    };
+    let (time, jitter) = (read("cost_ms"), read("cost_jitter_ms"));
+    let time_ms = time.as_ref().map_or(0.0, |it| it.0);
+    let place = time.filter(|it| it.0 > 0.0).map(|it| it.1);
+    if let Some((jitter_ms, span)) = jitter.as_ref().filter(|it| it.0 > time_ms) {
+        let label = format!("found {jitter_ms} ms, expected at most `cost_ms`, which is {time_ms} ms");
+        findings.fault(span.clone(), "a turn cannot take less than no time", label);
+    }
+    let jitter_ms = jitter.map_or(0.0, |it| it.0);
+    (Cost { time: Interval::from_ms(time_ms), jitter: Interval::from_ms(jitter_ms) }, place)
+}
+
 fn read_input(port: Spanned<String>, value: Value<'_>, text: &str, findings: &mut Findings) -> InputText {
     let mut queue = Queue::default();
+    let mut take = None;
     let from = match value.get_ref() {
         DeValue::Table(_) => match findings.table(&port, value, text, "") {
             Some(mut keys) => {
@@ -120,6 +152,9 @@ fn read_input(port: Spanned<String>, value: Value<'_>, text: &str, findings: &mu
                 }
                 if let Some(value) = keys.take("when_full") {
                     queue.when_full = findings.choice("when_full", &value, &WHEN_FULL).unwrap_or_default();
+                }
+                if let Some(value) = keys.take("take") {
+                    take = findings.choice("take", &value, &Take::CHOICES).map(|it| (it, value.span()));
                 }
                 let from = keys.take("from");
                 if from.is_none() {
@@ -133,7 +168,7 @@ fn read_input(port: Spanned<String>, value: Value<'_>, text: &str, findings: &mu
         },
         _ => Some(read_sources(&port, value, findings)),
     };
-    InputText { port, from: from.unwrap_or_default(), queue }
+    InputText { port, from: from.unwrap_or_default(), queue, take }
 }
 
 fn read_sources(port: &Spanned<String>, value: Value<'_>, findings: &mut Findings) -> Vec<Spanned<String>> {

@@ -3,6 +3,7 @@
 use std::fmt::Write;
 use std::path::Path;
 
+use foveate_messages::Interval;
 use serde_json::Value as Json;
 use toml::Value;
 
@@ -12,7 +13,8 @@ use super::nodes::NodeDraft;
 use super::read::RigText;
 use super::reference::Reference;
 use super::scales::{Parent, ScaleDraft};
-use crate::graph::Queue;
+use crate::graph::{Cost, Queue};
+use crate::port::Take;
 
 /// What of the rig's own table the graph keeps.
 pub(super) struct Head<'r> {
@@ -88,6 +90,11 @@ fn write_node(text: &mut String, names: &Names<'_, '_>, node: &NodeDraft<'_>) ->
     }
     let on_error = ON_ERROR.iter().find(|it| it.1 == node.text.on_error).map_or("stop", |it| it.0);
     line(text, "on_error", &Value::from(on_error));
+    // Nothing where turns cost nothing: the rig may be one for cameras and motors.
+    if node.text.cost != Cost::default() {
+        line(text, "cost_ms", &in_ms(node.text.cost.time));
+        line(text, "cost_jitter_ms", &in_ms(node.text.cost.jitter));
+    }
     for input in &node.text.inputs {
         let from: Vec<String> = input.from.iter().map(|it| full_reference(names, node, it.get_ref())).collect();
         let from = match from.as_slice() {
@@ -96,8 +103,12 @@ fn write_node(text: &mut String, names: &Names<'_, '_>, node: &NodeDraft<'_>) ->
         };
         let Queue { capacity, when_full } = input.queue;
         let when_full = WHEN_FULL.iter().find(|it| it.1 == when_full).map_or("drop_oldest", |it| it.0);
+        let own = node_type.ports.inputs.iter().find(|it| it.name == input.port.get_ref()).map(|it| it.take);
+        let take = input.take.as_ref().map(|it| it.0).or(own).and_then(Take::choice);
+        let take = take.map(|it| format!(", take = \"{it}\"")).unwrap_or_default();
         let port = quoted_key(input.port.get_ref());
-        let _ = writeln!(text, "in.{port} = {{ from = {from}, capacity = {capacity}, when_full = \"{when_full}\" }}");
+        let _ =
+            writeln!(text, "in.{port} = {{ from = {from}, capacity = {capacity}, when_full = \"{when_full}\"{take} }}");
     }
     for require in &node.text.requires {
         let _ = writeln!(text, "require.{} = {}", quoted_key(require.port.get_ref()), requirement(require));
@@ -114,6 +125,11 @@ fn write_node(text: &mut String, names: &Names<'_, '_>, node: &NodeDraft<'_>) ->
         line(text, name, value);
     }
     Ok(())
+}
+
+/// In milliseconds; a quotient, unlike a product, gives back the very number that was read.
+fn in_ms(interval: Interval) -> Value {
+    Value::from(interval.0 as f64 / 1e6)
 }
 
 /// A reference with its scale.

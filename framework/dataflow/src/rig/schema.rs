@@ -5,7 +5,8 @@
 
 use serde_json::{Map, Value as Json, json};
 
-use super::node_text::{ON_ERROR, WHEN_FULL};
+use super::node_text::{LONGEST_COST_MS, ON_ERROR, WHEN_FULL};
+use crate::node::Role;
 use crate::port::{InputSpec, Take};
 use crate::registry::{NodeType, Registry};
 
@@ -156,6 +157,17 @@ fn reserved(node_type: &NodeType) -> Map<String, Json> {
     let on_error = "What happens when it fails on a message: it stops, the message is dropped, or it is made anew.";
     let choices = words(&ON_ERROR.map(|it| it.0));
     keys.insert("on_error".to_owned(), json!({ "description": on_error, "enum": choices, "default": "stop" }));
+    if node_type.role != Role::Source {
+        let cost = |description: &str| json!({ "description": description, "type": "number", "minimum": 0, "maximum": LONGEST_COST_MS, "default": 0 });
+        keys.insert(
+            "cost_ms".to_owned(),
+            cost("How long a turn keeps it busy on the logical clock of a run that is not live [ms]."),
+        );
+        keys.insert(
+            "cost_jitter_ms".to_owned(),
+            cost("By how much the cost of a turn varies up and down, uniformly [ms]."),
+        );
+    }
     let inputs = &node_type.ports.inputs;
     let ports: Map<String, Json> = inputs.iter().map(|it| (it.name.to_owned(), connection(it))).collect();
     let needed: Vec<&str> = inputs.iter().filter(|it| !it.optional).map(|it| it.name).collect();
@@ -184,12 +196,7 @@ fn reserved(node_type: &NodeType) -> Map<String, Json> {
 
 /// A text, a list of texts, or a table: each keyword speaks of one kind of value only.
 fn connection(port: &InputSpec) -> Json {
-    let how = match port.take {
-        Take::Each => "each message triggers".to_owned(),
-        Take::Latest => "sampled, never triggers, may close a cycle".to_owned(),
-        Take::Synced(tolerance) => format!("joined by capture time within {} ms", tolerance.as_ms()),
-        Take::NewestOfEach => "the newest of a source picked at random".to_owned(),
-    };
+    let how = port.take.in_words();
     let count = if port.many { "any number of sources" } else { "one source" };
     let form = "NODE.OUTPUT, SCALE.NODE.OUTPUT or NODE[CAMERA].OUTPUT";
     let pattern = "^[^.\\[\\]]+(\\.[^.\\[\\]]+)?(\\[.+\\])?\\.[^.\\[\\]]+$";
@@ -217,6 +224,14 @@ fn connection(port: &InputSpec) -> Json {
         "required": ["from"],
         "additionalProperties": false
     });
+    if let Some(own) = port.take.choice() {
+        schema["properties"]["take"] = json!({
+            "description": "Which of the waiting messages it takes when its node is free; the others are dropped and counted.",
+            "enum": Take::CHOICES.map(|it| it.0).to_vec(),
+            "default": own,
+            "x-taplo": { "docs": { "enumValues": Take::CHOICES.map(|it| it.1.in_words()).to_vec() } }
+        });
+    }
     if let (Some(schema), Json::Object(most)) = (schema.as_object_mut(), most) {
         schema.extend(most);
     }

@@ -9,6 +9,7 @@ use super::names::{likely, listed, shown};
 use super::node_text::InputText;
 use super::nodes::NodeDraft;
 use super::scales::Parent;
+use crate::node::Role;
 use crate::port::{InputSpec, MessageType, Take};
 
 /// More edges than that are refused: a few lines with patterns can ask for any number of them.
@@ -78,6 +79,14 @@ impl<'a> Consumer<'_, 'a, '_> {
     fn connect(&mut self, findings: &mut Findings) {
         let node = self.node;
         let known = node.node_type.as_ref().map(|it| it.ports.inputs.as_slice());
+        if let Some((place, node_type)) = node.text.cost_place.as_ref().zip(node.node_type.as_ref())
+            && node_type.role == Role::Source
+        {
+            let title = format!("`{}` is a source, and sources are as quick as their own settings say", node.name());
+            findings
+                .fault(place.clone(), title, "found a cost, expected none")
+                .help("give the cost to the nodes that its messages trigger");
+        }
         for (number, input) in node.text.inputs.iter().enumerate() {
             let port = known.map(|ports| ports.iter().position(|it| it.name == input.port.get_ref()));
             if let (Some(None), Some(ports)) = (port, known) {
@@ -170,6 +179,13 @@ impl<'a> Consumer<'_, 'a, '_> {
                 .fault(input.from[1].span(), title, format_args!("found {} sources, expected one", input.from.len()))
                 .help("only inputs that take many can join sources: `foveate nodes TYPE` says which");
             return;
+        }
+        if let (Some((_, place)), None) = (&input.take, port.take.choice()) {
+            let title = format!("how input `{}` of `{}` takes data cannot be chosen", port.name, self.node.name());
+            let label = format!("found `take`, expected nothing: {}", port.take.in_words());
+            findings
+                .fault(place.clone(), title, label)
+                .help("only inputs that take each message, or the newest ones, let a rig choose");
         }
         for (source, reference) in sources {
             let Some(output) = source.output else { continue };

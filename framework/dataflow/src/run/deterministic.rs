@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use foveate_messages::Time;
 
-use super::stage::{Alone, Stage};
+use super::stage::{Alone, Costs, Stage};
 use super::{EdgeView, Options, Outcome, PROGRESS_PERIOD, Progress, conclude, view_edges};
 use crate::error::NodeError;
 use crate::graph::Graph;
@@ -24,7 +24,7 @@ pub(super) fn run(
     observe: &mut dyn FnMut(&Progress),
 ) -> Result<Outcome, NodeError> {
     let started = Instant::now();
-    let mut stage = Stage::build(Arc::clone(&graph), options.out_dir.clone())?;
+    let mut stage = Stage::build(Arc::clone(&graph), options.out_dir.clone(), Costs::Simulated)?;
     let mut now = Time::ZERO;
     // Sources by (due time, schedule order): ties are broken by the rig, not by chance.
     let mut sources = BinaryHeap::new();
@@ -39,6 +39,13 @@ pub(super) fn run(
         if options.must_stop() {
             interrupted = true;
             break;
+        }
+        // A node that is done at the very moment at which a message comes is free for it.
+        let first_due = sources.peek().map(|&Reverse((due, _))| now.max(due));
+        if let Some((done, _)) = stage.next_done().filter(|it| first_due.is_none_or(|due| it.0 <= due)) {
+            now = done;
+            stage.end_work(&mut Alone);
+            continue;
         }
         let Some(Reverse((due, index))) = sources.pop() else {
             if waiting.is_empty() {

@@ -10,9 +10,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, bounded};
-use foveate_messages::Time;
+use foveate_messages::{Interval, Time};
 
-use super::stage::{Alone, Away, Route, Stage};
+use super::stage::{Alone, Away, Costs, Route, Stage};
 use super::{EdgeView, Options, Outcome, PROGRESS_PERIOD, Progress, conclude, view_edges};
 use crate::error::NodeError;
 use crate::graph::Graph;
@@ -112,7 +112,7 @@ pub(super) fn run(
     options: &Options,
     observe: &mut dyn FnMut(&Progress),
 ) -> Result<Outcome, NodeError> {
-    let mut whole = Stage::build(Arc::clone(&graph), options.out_dir.clone())?;
+    let mut whole = Stage::build(Arc::clone(&graph), options.out_dir.clone(), Costs::Ignored)?;
     let cores = std::thread::available_parallelism().map_or(2, usize::from);
     let worker_of = assign_workers(&graph, options.workers.unwrap_or(cores + 1).max(1));
     let n_workers = worker_of.iter().max().map_or(1, |most| most + 1);
@@ -181,7 +181,14 @@ pub(super) fn run(
         gather(&mut whole, &mut stage);
     }
     let interrupted = options.must_stop();
-    Ok(conclude(&graph, whole, ended, shared.started.elapsed(), interrupted))
+    let mut outcome = conclude(&graph, whole, ended, shared.started.elapsed(), interrupted);
+    if let Some(costly) = graph.instances.iter().find(|it| it.cost.time > Interval(0)) {
+        outcome.report.remark(format!(
+            "`cost_ms` (of `{}`) is ignored in a live run: a turn takes the time it takes",
+            costly.path
+        ));
+    }
+    Ok(outcome)
 }
 
 /// Nodes of one camera share a worker; nodes without a camera are on worker 0; cameras take turns over the others.

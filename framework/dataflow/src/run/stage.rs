@@ -1,5 +1,7 @@
 //! The nodes that one worker runs: a message is carried through all of them before the next one is looked at.
 
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -14,8 +16,9 @@ use crate::ledger::Ledger;
 use crate::node::Due;
 use crate::registry::ErasedNode;
 use crate::report::Report;
+use crate::run::busy::Work;
 use crate::run::faults::{FaultLog, panic_text};
-use crate::run::inbox::{Inbox, Lost, Put};
+use crate::run::inbox::{Fate, Inbox, Put};
 use crate::setup::Purpose;
 
 /// One node instance at work.
@@ -29,6 +32,8 @@ pub(crate) struct Slot {
     /// By output port: the edges that leave from there.
     routes: Vec<Vec<Route>>,
     sequences: Vec<u64>,
+    /// What its turns cost on the logical clock, where they cost anything.
+    work: Option<Box<Work>>,
 }
 
 /// How an edge is travelled.
@@ -76,6 +81,13 @@ impl Away for Alone {
     }
 }
 
+/// Whether the costs of turns that the rig names are played out on the clock of the run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Costs {
+    Simulated,
+    Ignored,
+}
+
 /// The nodes that one worker runs. Indices are the graph's: what other workers run is `None` here.
 pub(crate) struct Stage {
     graph: Arc<Graph>,
@@ -83,6 +95,8 @@ pub(crate) struct Stage {
     pub(crate) slots: Vec<Option<Slot>>,
     pub(crate) ends: Vec<Option<EdgeEnd>>,
     ready: Vec<u64>,
+    /// Nodes that are busy, by when they are done.
+    busy: BinaryHeap<Reverse<(Time, usize)>>,
     delivery: Delivery,
     outbox: Outbox,
     pub(crate) faults: FaultLog,
@@ -95,10 +109,10 @@ impl Stage {
     ///
     /// # Errors
     /// The first instance that refuses, with its reason.
-    pub(crate) fn build(graph: Arc<Graph>, out_dir: Option<PathBuf>) -> Result<Stage, NodeError> {
+    pub(crate) fn build(graph: Arc<Graph>, out_dir: Option<PathBuf>, costs: Costs) -> Result<Stage, NodeError> {
         let mut slots = Vec::with_capacity(graph.instances.len());
         for index in 0..graph.instances.len() {
-            slots.push(Some(Slot::build(&graph, index, out_dir.clone())?));
+            slots.push(Some(Slot::build(&graph, index, out_dir.clone(), costs)?));
         }
         let mut ends: Vec<Option<EdgeEnd>> = (0..graph.edges.len()).map(|_| None).collect();
         for (consumer, slot) in slots.iter().enumerate() {
@@ -116,6 +130,7 @@ impl Stage {
             slots,
             ends,
             ready,
+            busy: BinaryHeap::new(),
             delivery: Delivery::default(),
             outbox: Outbox::default(),
             faults: FaultLog::default(),
@@ -131,6 +146,7 @@ impl Stage {
             slots: self.slots.iter().map(|_| None).collect(),
             ends: self.ends.iter().map(|_| None).collect(),
             ready: vec![0; self.ready.len()],
+            busy: BinaryHeap::new(),
             delivery: Delivery::default(),
             outbox: Outbox::default(),
             faults: FaultLog::default(),
@@ -167,19 +183,41 @@ impl Stage {
             end.ledger.dropped += 1;
             return;
         }
-        end.ledger.deliver(packet.stamp, now, || packet.payload.quality());
+        end.ledger.arrive(packet.stamp);
         if let Inbox::Latest = slot.inboxes[port] {
+            end.ledger.take(packet.stamp, now, || packet.payload.quality());
             slot.latest[port][end.source] = Some(packet);
             return;
         }
-        match slot.inboxes[port].put(end.source, packet) {
-            Put::Triggers => self.ready[consumer / 64] |= 1 << (consumer % 64),
-            Put::Waits => {}
-            Put::Replaces => {
-                end.ledger.delivered -= 1;
-                end.ledger.dropped += 1;
-            }
+        let is_busy = slot.work.as_ref().is_some_and(|it| it.is_busy());
+        let put = if is_busy {
+            slot.inboxes[port].put_bounded(end.source, packet, self.graph.edges[edge].queue)
+        } else {
+            slot.inboxes[port].put(end.source, packet)
+        };
+        match put {
+            Put::Triggers if !is_busy => self.ready[consumer / 64] |= 1 << (consumer % 64),
+            Put::Triggers | Put::Waits => {}
+            Put::Replaces | Put::Refused => end.ledger.dropped += 1,
         }
+    }
+
+    /// When the first of the busy nodes is done, and which it is.
+    pub(crate) fn next_done(&self) -> Option<(Time, usize)> {
+        self.busy.peek().map(|it| it.0)
+    }
+
+    /// The first of the busy nodes is done: what it gave goes on its way, and it may take what came meanwhile.
+    pub(crate) fn end_work(&mut self, away: &mut dyn Away) {
+        let Some(Reverse((now, index))) = self.busy.pop() else { return };
+        let Some(slot) = &mut self.slots[index] else { return };
+        let Some(work) = &mut slot.work else { return };
+        work.end(&mut self.outbox);
+        if slot.inboxes.iter().any(Inbox::may_trigger) {
+            self.ready[index / 64] |= 1 << (index % 64);
+        }
+        self.route(index, now, away);
+        self.run_ready(now, away);
     }
 
     /// Runs nodes, first in schedule order first, until nothing is left to do.
@@ -191,7 +229,7 @@ impl Stage {
                 continue;
             }
             let index = word * 64 + self.ready[word].trailing_zeros() as usize;
-            if self.take_next(index, false) {
+            if self.take_next(index, now, false) {
                 self.activate(index, now, away);
                 word = 0; // a feedback edge may have made an earlier one ready
             }
@@ -212,10 +250,15 @@ impl Stage {
         });
     }
 
-    /// At the end of the data: delivers sets that wait for sources which will not come.
+    /// At the end of the data: delivers what busy nodes hold back and sets that wait for sources which will not come; nothing
+    /// costs any time any more.
     pub(crate) fn flush(&mut self, now: Time) {
+        while !self.busy.is_empty() {
+            self.end_work(&mut Alone);
+        }
+        self.slots.iter_mut().flatten().for_each(|slot| slot.work = None);
         for index in 0..self.slots.len() {
-            while self.take_next(index, true) {
+            while self.take_next(index, now, true) {
                 self.activate(index, now, &mut Alone);
                 self.run_ready(now, &mut Alone);
             }
@@ -239,21 +282,15 @@ impl Stage {
     }
 
     /// Puts what the next turn of `index` is about into `self.delivery`, and notes whether it may have another one after that.
-    fn take_next(&mut self, index: usize, flush: bool) -> bool {
+    fn take_next(&mut self, index: usize, now: Time, flush: bool) -> bool {
         let Some(slot) = &mut self.slots[index] else { return false };
         self.delivery.packets.clear();
         let mut taken = false;
         for (port, inbox) in slot.inboxes.iter_mut().enumerate() {
-            taken = match inbox {
-                Inbox::Each(queue) => queue.pop_front().map(|packet| self.delivery.packets.push(packet)).is_some(),
-                Inbox::Latest => false,
-                Inbox::Synced(_) | Inbox::NewestOfEach(_) => {
-                    let (edges, ends) = (&slot.input_edges[port], &mut self.ends);
-                    let mut lost = |source: usize, how| enter_loss(&mut ends[edges[source]], how);
-                    let packets = &mut self.delivery.packets;
-                    if flush { inbox.flush(packets, &mut lost) } else { inbox.next(packets, &mut lost) }
-                }
-            };
+            let (edges, ends) = (&slot.input_edges[port], &mut self.ends);
+            let mut told = |source: usize, fate: Fate<'_>| enter(&mut ends[edges[source]], now, fate);
+            let packets = &mut self.delivery.packets;
+            taken = if flush { inbox.flush(packets, &mut told) } else { inbox.next(packets, &mut told) };
             if taken {
                 self.delivery.port = port;
                 break;
@@ -283,6 +320,11 @@ impl Stage {
             Ok(Ok(())) => {}
             Ok(Err(error)) => self.fail(index, seen, error, false),
             Err(payload) => self.fail(index, seen, NodeError::program(panic_text(&*payload)), true),
+        }
+        if let Some(work) = self.slots[index].as_mut().and_then(|slot| slot.work.as_mut()) {
+            self.busy.push(Reverse((work.begin(now, &mut self.outbox), index)));
+            self.ready[index / 64] &= !(1 << (index % 64));
+            return;
         }
         self.route(index, now, away);
     }
@@ -380,7 +422,7 @@ impl Stage {
         self.faults.failure(&instance.path, seen, &error, action);
         let Some(slot) = &mut self.slots[index] else { return };
         match action {
-            "stopped" => slot.stop(),
+            "stopped" => slot.stop(&mut self.ends, seen),
             "restarted" => {
                 match instance.settings.build(&self.graph.setup(index, self.out_dir.clone(), Purpose::Run)) {
                     Ok(node) => slot.node = Some(node),
@@ -388,7 +430,7 @@ impl Stage {
                         let refusal =
                             NodeError { blame: Blame::Input, message: format!("cannot be restarted: {refusal}") };
                         self.faults.failure(&instance.path, seen, &refusal, "stopped");
-                        slot.stop();
+                        slot.stop(&mut self.ends, seen);
                     }
                 }
             }
@@ -398,7 +440,7 @@ impl Stage {
 }
 
 impl Slot {
-    fn build(graph: &Graph, index: usize, out_dir: Option<PathBuf>) -> Result<Slot, NodeError> {
+    fn build(graph: &Graph, index: usize, out_dir: Option<PathBuf>, costs: Costs) -> Result<Slot, NodeError> {
         let instance = &graph.instances[index];
         let setup = graph.setup(index, out_dir, Purpose::Run);
         let node = instance
@@ -416,21 +458,28 @@ impl Slot {
                 routes[edge.from.1].push(Route::Here(number));
             }
         }
-        let inboxes = ports.inputs.iter().zip(&input_edges);
+        let inboxes = ports
+            .inputs
+            .iter()
+            .zip(&instance.takes)
+            .zip(&input_edges)
+            .map(|((port, &take), edges)| Inbox::new(take, edges.len(), setup.random.fork(port.name)));
+        let work = Work::new(instance.cost, setup.random.fork("cost_ms"));
         Ok(Slot {
             node: Some(node),
-            inboxes: inboxes.map(|(it, edges)| Inbox::new(it.take, edges.len(), setup.random.fork(it.name))).collect(),
+            inboxes: inboxes.collect(),
             latest: input_edges.iter().map(|edges| vec![None; edges.len()]).collect(),
             input_edges,
             routes,
             sequences: vec![0; ports.outputs.len()],
+            work: work.filter(|_| costs == Costs::Simulated).map(Box::new),
         })
     }
 
-    fn stop(&mut self) {
+    fn stop(&mut self, ends: &mut [Option<EdgeEnd>], now: Time) {
         self.node = None;
         for (inbox, edges) in self.inboxes.iter_mut().zip(&self.input_edges) {
-            *inbox = Inbox::new(crate::port::Take::Latest, edges.len(), foveate_estimation::random::Random::new(0));
+            inbox.close(&mut |source, fate| enter(&mut ends[edges[source]], now, fate));
         }
     }
 
@@ -440,15 +489,13 @@ impl Slot {
     }
 }
 
-/// Enters in the ledger of an edge that one of its messages does not reach its consumer.
-fn enter_loss(end: &mut Option<EdgeEnd>, how: Lost) {
+/// Enters in the ledger of an edge what becomes of one of its messages.
+fn enter(end: &mut Option<EdgeEnd>, now: Time, fate: Fate<'_>) {
     let Some(EdgeEnd { ledger, .. }) = end else { return };
-    match how {
-        Lost::PassedOver => {
-            ledger.delivered -= 1;
-            ledger.dropped += 1;
-        }
-        Lost::Missing => ledger.gaps += u64::from(ledger.delivered > 0),
+    match fate {
+        Fate::Taken(packet) => ledger.take(packet.stamp, now, || packet.payload.quality()),
+        Fate::PassedOver => ledger.dropped += 1,
+        Fate::Missing => ledger.gaps += u64::from(ledger.delivered > 0),
     }
 }
 

@@ -1,6 +1,8 @@
 //! Rigs without a fault: what becomes of them.
 
-use foveate_dataflow::graph::{OnError, WhenFull};
+use foveate_dataflow::Interval;
+use foveate_dataflow::graph::{Cost, Graph, OnError, WhenFull};
+use foveate_dataflow::port::Take;
 
 use crate::parts::good;
 
@@ -101,4 +103,27 @@ fn variables_in_paths_are_replaced() {
     let graph = good(&LAB.replace("\"lab.", &format!("\"${{CARGO_MANIFEST_DIR}}/{rest}/lab.")));
     assert_eq!(graph.calibration.cameras.len(), 5);
     assert!(graph.resolved.contains("${CARGO_MANIFEST_DIR}"), "as written: it is another folder elsewhere");
+}
+
+#[test]
+fn rig_chooses_how_a_port_takes_data_and_what_a_turn_costs() {
+    let own = good(LAB);
+    let of = |graph: &Graph| {
+        let targets = graph.instances.iter().find(|it| it.node == "targets").unwrap();
+        (targets.takes.clone(), targets.cost)
+    };
+    assert_eq!(of(&own), (vec![Take::NewestOfEach], Cost::default()));
+    assert!(own.resolved.contains("take = \"newest_of_each\""), "{}", own.resolved);
+    assert!(!own.to_svg().contains("round_robin"), "{}", own.to_svg());
+    let chosen = good(&LAB.replace(
+        "in = { features = \"leds.features\" }",
+        "cost_ms = 2.3\ncost_jitter_ms = 1\nin.features = { from = \"leds.features\", take = \"round_robin\" }",
+    ));
+    let cost = Cost { time: Interval(2_300_000), jitter: Interval(1_000_000) };
+    assert_eq!(of(&chosen), (vec![Take::RoundRobin], cost));
+    assert!(chosen.to_svg().contains("features (round_robin)"));
+    assert!(chosen.resolved.contains("take = \"round_robin\""), "{}", chosen.resolved);
+    assert!(chosen.resolved.lines().any(|it| it == "cost_ms = 2.3"), "{}", chosen.resolved);
+    assert_eq!(of(&good(&chosen.resolved)), of(&chosen));
+    assert_eq!(good(&chosen.resolved).resolved, chosen.resolved);
 }

@@ -455,3 +455,43 @@ fn columns_count_characters() {
     expect(&faults, 0, "16:12", "\"é𝄞\"", &[]);
     expect(&faults, 1, "16:32", "0", &[]);
 }
+
+#[test]
+fn way_to_take_data_is_one_of_four_and_only_where_there_is_a_choice() {
+    features(
+        "{ features = { from = \"leds.features\", take = \"newest_of_all\" } }",
+        52,
+        "\"newest_of_all\"",
+        &[
+            "found the text `newest_of_all`",
+            "\"newest_of_each\"",
+            "\"round_robin\"",
+            "did you mean \"newest_of_each\"?",
+        ],
+    );
+    let sampled = "in = { image = \"video.image\", hints = { from = \"targets.hints\", take = \"each\" } }";
+    one(
+        "in = { image = \"video.image\", hints = \"targets.hints\" }",
+        sampled,
+        "15:72",
+        "\"each\"",
+        &[
+            "how input `hints` of `leds` takes data cannot be chosen",
+            "found `take`, expected nothing: the latest is sampled",
+        ],
+    );
+}
+
+#[test]
+fn cost_of_a_turn_is_a_time_and_sources_have_none() {
+    one("offset = 25", "cost_ms = -1", "16:11", "-1", &["found -1, expected 0 to 60000 [ms]"]);
+    one(
+        "offset = 25",
+        "cost_ms = 1\ncost_jitter_ms = 2",
+        "17:18",
+        "2",
+        &["a turn cannot take less than no time", "found 2 ms, expected at most `cost_ms`, which is 1 ms"],
+    );
+    let source = "type = \"test.camera\"\ncost_ms = 1";
+    one("type = \"test.camera\"", source, "10:11", "1", &["`video` is a source", "found a cost, expected none"]);
+}
