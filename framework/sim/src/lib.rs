@@ -6,6 +6,7 @@
 //! | [`person`] | somebody who walks about with eight LEDs: a pure function of time |
 //! | [`world`] | people and clutter together, as a message |
 //! | [`camera`] | from the world to the pixels of one field |
+//! | [`timing`] | a camera's clock, the way of its data, its failures |
 //! | [`score`] | recovered targets against the truth |
 //! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.score` |
 
@@ -15,6 +16,7 @@ pub mod lab;
 pub mod nodes;
 pub mod person;
 pub mod score;
+pub mod timing;
 pub mod world;
 
 use foveate_dataflow::Registry;

@@ -19,6 +19,7 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::timing::TimingSettings;
 use crate::world::{Moment, REFERENCE_DISTANCE_M, World};
 use backdrop::Backdrop;
 use noise::Noise;
@@ -32,17 +33,9 @@ const STEPS: f64 = 64.0;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct CameraSettings {
-    /// Fields a second [Hz].
-    #[schemars(range(min = 0.1, max = 1000.0))]
-    pub rate_hz: f64,
-    /// All cameras look at the same moments; otherwise each has an offset of its own within the period, drawn once [–].
-    pub synchronised: bool,
-    /// From the middle of the exposure to the delivery of the field; at least half the exposure [ms].
-    #[schemars(range(min = 0.0, max = 10_000.0))]
-    pub latency_ms: f64,
-    /// Share of the fields that get lost on the way and show as gaps, drawn for each field [–].
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub lost: f64,
+    /// When it looks, what its clock says, when its fields arrive.
+    #[serde(flatten)]
+    pub timing: TimingSettings,
     /// How long light is gathered; what moves is smeared [ms].
     #[schemars(range(min = 0.01, max = 100.0))]
     pub exposure_ms: f64,
@@ -72,10 +65,7 @@ pub struct CameraSettings {
 impl Default for CameraSettings {
     fn default() -> Self {
         Self {
-            rate_hz: 60.0,
-            synchronised: false,
-            latency_ms: 10.0,
-            lost: 0.0,
+            timing: TimingSettings::default(),
             exposure_ms: 4.0,
             blur_samples: 4,
             gain: 1.0,

@@ -1,32 +1,29 @@
 //! A simulated camera as a source: looks at the world at its own moments, delivers its fields later.
 
-use foveate_dataflow::{
-    ConfigError, Due, In, Interval, Io, Node, NodeError, Out, Plan, Pool, Ports, Role, Setup, Time,
-};
+use foveate_dataflow::{ConfigError, Due, In, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup, Time};
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Image};
 
+use super::fields::{next_field, report_clock};
 use crate::camera::{CameraSettings, Renderer};
-use crate::chance::stream;
+use crate::timing::{Arrival, Timing};
 use crate::world::World;
 
 const WORLD: In<World> = In::latest(0, "world");
 const IMAGE: Out<Image> = Out::new(0, "image");
 
-/// A camera whose delivery is this late gives up on the fields that it could not make [s].
-const PATIENCE_S: f64 = 0.1;
-
-/// Field k is exposed around `phase + k / rate + exposure / 2`, stamped with that time, and delivered `latency` later. Its pixels
-/// depend on the rig's seed, the camera and k alone.
+/// Field k is exposed around its capture time, stamped with what the camera's clock then shows, and delivered later: see
+/// [`Timing`]. Its pixels depend on the rig's seed, the camera and k alone.
 pub struct SimCamera {
     settings: CameraSettings,
     camera: Camera,
     id: CameraId,
+    name: String,
     random: Random,
-    lottery: u64,
-    phase_s: f64,
-    next: u64,
+    timing: Timing,
+    /// True capture time of the last field that was asked for.
+    last: Time,
     scene: Option<(World, Renderer)>,
     /// Whether the turn at the start of the session was taken.
     is_up: bool,
@@ -50,15 +47,13 @@ impl Node for SimCamera {
                 "found no camera, expected `each` or `camera` to name cameras of the calibration",
             ));
         };
-        let period = 1.0 / settings.rate_hz;
-        let phase_s = if settings.synchronised { 0.0 } else { setup.random.fork("phase").uniform() * period };
         Ok(Self {
             camera: camera.clone(),
             id,
             random: setup.random.clone(),
-            lottery: setup.random.fork("lost fields").next_u64(),
-            phase_s,
-            next: 0,
+            name: setup.camera_name().unwrap_or_default().to_owned(),
+            timing: Timing::new(&settings.timing, settings.exposure_ms, &setup.random),
+            last: Time::ZERO,
             scene: None,
             is_up: false,
             pool: Pool::default(),
@@ -76,51 +71,37 @@ impl Node for SimCamera {
         if !std::mem::replace(&mut self.is_up, true) {
             return Ok(()); // the turn before the first field, in which the room is built
         }
-        while (io.now() - self.delivery(self.next)).as_s() > PATIENCE_S {
-            io.gap(&IMAGE, self.capture(self.next), "the simulated camera was asked too late for this field");
-            self.next += 1;
-        }
-        let (frame, capture) = (self.next, self.capture(self.next));
-        self.next += 1;
-        if stream(self.lottery, 0, frame as i64).uniform() < self.settings.lost {
-            io.gap(&IMAGE, capture, "the settings of the simulated camera lose this field");
+        let Some(Arrival { frame, capture, stamp, .. }) = next_field(&mut self.timing, io, &IMAGE) else {
             return Ok(());
-        }
+        };
+        self.last = self.last.max(capture);
         let Some((world, renderer)) = &mut self.scene else {
-            io.gap(&IMAGE, capture, "the simulated world has not arrived yet");
+            io.gap(&IMAGE, stamp, "the simulated world has not arrived yet");
             return Ok(());
         };
         let mut image = self.pool.take(Image::default);
         renderer.render(world, capture, frame, &mut image);
-        io.emit_numbered(&IMAGE, capture, frame, self.pool.share(image));
+        io.emit_numbered(&IMAGE, stamp, frame, self.pool.share(image));
         Ok(())
     }
 
     fn due(&mut self) -> Due {
-        Due::At(if self.is_up { self.delivery(self.next) } else { Time::ZERO })
+        Due::At(if self.is_up { self.timing.next_delivery() } else { Time::ZERO })
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        report_clock(&self.timing, &self.name, self.last, report);
+        Ok(())
     }
 
     fn plan(settings: &CameraSettings) -> Plan {
-        Plan { rate_hz: Some(settings.rate_hz), latency_s: settings.latency_ms * 1e-3 }
-    }
-}
-
-impl SimCamera {
-    /// The middle of the exposure of field `frame`.
-    fn capture(&self, frame: u64) -> Time {
-        Time::from_s(self.phase_s + frame as f64 / self.settings.rate_hz + self.settings.exposure_ms * 0.5e-3)
-    }
-
-    fn delivery(&self, frame: u64) -> Time {
-        self.capture(frame) + Interval::from_ms(self.settings.latency_ms)
+        settings.timing.plan()
     }
 }
 
 fn check(settings: &CameraSettings) -> Result<(), ConfigError> {
-    ConfigError::unless_in("rate_hz", settings.rate_hz, 0.1..=1000.0)?;
+    settings.timing.check()?;
     ConfigError::unless_in("exposure_ms", settings.exposure_ms, 0.01..=100.0)?;
-    ConfigError::unless_in("latency_ms", settings.latency_ms, 0.0..=10_000.0)?;
-    ConfigError::unless_in("lost", settings.lost, 0.0..=1.0)?;
     ConfigError::unless_in("blur_samples", settings.blur_samples, 1..=32)?;
     ConfigError::unless_in("gain", settings.gain, 0.0..=20.0)?;
     ConfigError::unless_in("black_level", settings.black_level, 0.0..=128.0)?;
@@ -128,9 +109,9 @@ fn check(settings: &CameraSettings) -> Result<(), ConfigError> {
     ConfigError::unless_in("spot_sigma_px", settings.spot_sigma_px, 0.3..=20.0)?;
     ConfigError::unless_in("noise_sigma", settings.noise_sigma, 0.0..=20.0)?;
     ConfigError::unless_in("bits", settings.bits, 1..=8)?;
-    let (exposure, latency) = (settings.exposure_ms, settings.latency_ms);
-    if exposure > 1000.0 / settings.rate_hz {
-        let period = 1000.0 / settings.rate_hz;
+    let (exposure, latency) = (settings.exposure_ms, settings.timing.latency_ms);
+    if exposure > 1000.0 / settings.timing.rate_hz {
+        let period = 1000.0 / settings.timing.rate_hz;
         return Err(ConfigError::at(
             "exposure_ms",
             format_args!("found {exposure}, expected at most {period:.2}, the time between two fields"),
@@ -153,6 +134,7 @@ mod tests {
 
     use super::*;
     use crate::lab::lab_calibration;
+    use crate::timing::TimingSettings;
 
     fn setup(camera: u16) -> Setup {
         let mut setup = Setup::for_tests();
@@ -172,14 +154,17 @@ mod tests {
     fn node_keeps_the_law() {
         check_node::<SimCamera>("");
         check_node::<SimCamera>("synchronised = true\nbits = 6");
+        check_node::<SimCamera>("clock_offset_spread_ms = 8\nfails_at_s = 3\nhiccup_hz = 1");
     }
 
     #[test]
     fn settings_that_contradict_each_other_are_refused() {
-        assert_eq!(refusal(|it| it.rate_hz = -1.0), "rate_hz");
+        assert_eq!(refusal(|it| it.timing.rate_hz = -1.0), "rate_hz");
         assert_eq!(refusal(|it| it.exposure_ms = 20.0), "exposure_ms");
-        assert_eq!(refusal(|it| it.latency_ms = 1.9), "latency_ms");
+        assert_eq!(refusal(|it| it.timing.latency_ms = 1.9), "latency_ms");
         assert_eq!(refusal(|it| it.noise_sigma = f64::NAN), "noise_sigma");
+        assert_eq!(refusal(|it| it.timing.latency_jitter_ms = -1.0), "latency_jitter_ms");
+        assert_eq!(refusal(|it| it.timing.failure_every_s = 0.5), "failure_lasts_s");
         let without_camera = SimCamera::new(CameraSettings::default(), &Setup::for_tests());
         assert!(without_camera.is_err_and(|it| it.setting.is_none()));
     }
@@ -187,8 +172,9 @@ mod tests {
     #[test]
     fn cameras_look_at_moments_of_their_own_unless_synchronised() {
         let first = |synchronised: bool, camera: u16| {
-            let settings = CameraSettings { synchronised, ..CameraSettings::default() };
-            SimCamera::new(settings, &setup(camera)).unwrap().capture(0)
+            let timing = TimingSettings { synchronised, ..TimingSettings::default() };
+            let settings = CameraSettings { timing, ..CameraSettings::default() };
+            SimCamera::new(settings, &setup(camera)).unwrap().timing.next().capture
         };
         let mut own: Vec<Time> = (0..18).map(|camera| first(false, camera)).collect();
         own.sort();

@@ -1,5 +1,6 @@
 //! The nodes of this room, one file each.
 
 pub mod camera;
+mod fields;
 pub mod lab;
 pub mod score;
