@@ -142,8 +142,10 @@ impl Renderer {
         for sample in 0..samples {
             let share = (f64::from(sample) + 0.5) / f64::from(samples) - 0.5;
             world.at(capture + Interval::from_ms(share * self.settings.exposure_ms), &mut self.moment);
-            for light in self.moment.lights_seen_from(&self.centre, led_peak) {
-                if let Some(pixel) = self.camera.project(&light.position) {
+            for light in self.moment.lights_towards(&self.centre, led_peak) {
+                if let Some(pixel) = self.camera.project(&light.position)
+                    && !self.moment.occluded(&self.centre, &light.position)
+                {
                     let distance = (light.position - self.centre).norm();
                     let peak = light.brightness * (REFERENCE_DISTANCE_M / distance).powi(2);
                     let spot = Spot { centre: [pixel.x, pixel.y], sigma, peak };

@@ -3,13 +3,17 @@
 use foveate_dataflow::{ConfigError, Due, Io, Node, NodeError, Out, Plan, Pool, Ports, Role, Setup, Time};
 use foveate_messages::Targets;
 
-use crate::world::{MAX_MONITORS, SceneSettings, World};
+use crate::world::{MAX_MONITORS, SceneSettings, WalkKind, World};
 
 const WORLD: Out<World> = Out::new(0, "world");
 const TRUTH: Out<Targets> = Out::new(1, "truth");
 
+/// More people would tread on each other's heels.
+const MOST_ON_A_ROUND: usize = 4;
+
 /// Gives the [`World`] at time 0, before any camera looks, and [`World::truth`] at 0, 1/`truth_hz`, …: person p's LED l, in the
-/// order of [`LED_NAMES`](crate::person::LED_NAMES), is target 8 p + l.
+/// order of [`LED_NAMES`](crate::person::LED_NAMES), is target 8 p + l, and
+/// another one if the person has been away.
 pub struct Lab {
     world: World,
     truth_hz: f64,
@@ -30,7 +34,12 @@ impl Node for Lab {
     fn new(settings: SceneSettings, setup: &Setup) -> Result<Self, ConfigError> {
         let SceneSettings {
             people,
+            walk,
+            walk_area_m,
+            closest_m,
             people_enter_s,
+            stay_s,
+            away_s,
             speed_m_s,
             led_peak,
             bright_spots,
@@ -39,8 +48,14 @@ impl Node for Lab {
             truth_hz,
             glints_hz,
         } = settings;
-        ConfigError::unless_in("people", people, 0..=4)?;
+        ConfigError::unless_in("people", people, 0..=32)?;
+        for extent in walk_area_m {
+            ConfigError::unless_in("walk_area_m", extent, 1.0..=200.0)?;
+        }
+        ConfigError::unless_in("closest_m", closest_m, 0.4..=10.0)?;
         ConfigError::unless_in("people_enter_s", people_enter_s, 0.0..=3600.0)?;
+        ConfigError::unless_in("stay_s", stay_s, 0.0..=1e6)?;
+        ConfigError::unless_in("away_s", away_s, 0.0..=1e6)?;
         ConfigError::unless_in("speed_m_s", speed_m_s, 0.1..=2.0)?;
         ConfigError::unless_in("led_peak", led_peak, 0.0..=5000.0)?;
         ConfigError::unless_in("bright_spots", bright_spots, 0..=200)?;
@@ -48,6 +63,18 @@ impl Node for Lab {
         ConfigError::unless_in("window_change_s", window_change_s, 0.05..=3600.0)?;
         ConfigError::unless_in("truth_hz", truth_hz, 1.0..=10_000.0)?;
         ConfigError::unless_in("glints_hz", glints_hz, 0.0..=30.0)?;
+        if walk == WalkKind::Round && people > MOST_ON_A_ROUND {
+            let message = format!("found {people}, expected at most {MOST_ON_A_ROUND}, or `walk = \"crowd\"`");
+            return Err(ConfigError::at("people", message));
+        }
+        if walk == WalkKind::Crowd
+            && let Err(widest) = settings.braid()
+        {
+            let message = format!(
+                "found {closest_m} m, expected at most {widest:.2} m for {people} people in this `walk_area_m`"
+            );
+            return Err(ConfigError::at("closest_m", message));
+        }
         Ok(Self { world: World::new(settings, &setup.random), truth_hz, next: 0, pool: Pool::default() })
     }
 
@@ -88,6 +115,7 @@ mod tests {
     fn node_keeps_the_law() {
         check_node::<Lab>("");
         check_node::<Lab>("people = 3\nglints_hz = 1.5");
+        check_node::<Lab>("people = 16\nwalk = \"crowd\"\nwalk_area_m = [6, 8]\nstay_s = 30");
     }
 
     #[test]
@@ -98,6 +126,9 @@ mod tests {
             Lab::new(settings, &Setup::for_tests()).err().and_then(|it| it.setting).unwrap()
         };
         assert_eq!(refused(|it| it.people = 5), "people");
+        assert_eq!(refused(|it| (it.people, it.walk) = (33, WalkKind::Crowd)), "people");
+        assert_eq!(refused(|it| (it.people, it.walk) = (32, WalkKind::Crowd)), "closest_m");
+        assert_eq!(refused(|it| it.walk_area_m[1] = 0.0), "walk_area_m");
         assert_eq!(refused(|it| it.speed_m_s = f64::NAN), "speed_m_s");
         assert_eq!(refused(|it| it.monitors = 9), "monitors");
         assert_eq!(refused(|it| it.truth_hz = 0.0), "truth_hz");

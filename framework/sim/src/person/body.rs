@@ -2,7 +2,7 @@
 //!
 //! Body frame: x forward, y left, z up, its origin on the floor below the pelvis.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point2, Point3, Vector3};
 
 use super::gait::{Gait, Joints};
 use super::walk::Place;
@@ -79,11 +79,23 @@ pub struct Pose {
     pub parts: [BodyPart; N_PARTS],
     /// Direction of walking, level, of length 1.
     pub forward: Vector3<f64>,
+    /// Middle of the body on the floor [m].
+    pub middle: Point2<f64>,
+    /// All body parts lie within this distance of the upright line through `middle` [m].
+    pub reach: f64,
 }
 
 impl Pose {
     /// Whether a body part lies between `eye` and `point` [m].
     pub fn occluded(&self, eye: &Point3<f64>, point: &Point3<f64>) -> bool {
+        // Seen from above, a line that passes through a part passes through the circle around all of them.
+        let (from, to) = (eye.xy(), point.xy());
+        let along = to - from;
+        let share = ((self.middle - from).dot(&along) / along.norm_squared()).clamp(0.0, 1.0); // NaN for an upright line
+        let beside = (from + along * share - self.middle).norm_squared();
+        if beside > self.reach * self.reach {
+            return false;
+        }
         self.parts.iter().any(|part| part.blocks(eye, point))
     }
 }
@@ -179,7 +191,13 @@ pub(super) fn pose(place: &Place, gait: &Gait, time_s: f64) -> Pose {
         leds[6 + side] =
             led_on(wrist, FOREARM_RADIUS, across(&fore, outward + chest.forward * 0.2 + Vector3::z() * 0.4));
     }
-    Pose { leds, parts, forward }
+    let middle = body.origin.xy();
+    let farthest = |part: &BodyPart| {
+        let [a, b] = part.ends.map(|end| (end.xy() - middle).norm_squared());
+        a.max(b).sqrt() + part.radius
+    };
+    let reach = parts.iter().map(farthest).fold(0.0, f64::max);
+    Pose { leds, parts, forward, middle, reach }
 }
 
 /// The least squared distance between two segments [m²]; the second may be a point.

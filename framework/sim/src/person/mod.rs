@@ -4,13 +4,16 @@
 //! body parts that may hide them; nothing is remembered between calls, so times may come in any order.
 
 mod body;
+mod braid;
 mod gait;
+mod visit;
 mod walk;
 
 use foveate_estimation::random::Random;
 use nalgebra::{Point3, Vector3};
 
 pub use body::{BodyPart, Led, N_PARTS, Pose};
+pub(crate) use braid::Braid;
 use gait::Gait;
 use walk::Walk;
 
@@ -33,13 +36,31 @@ pub struct Person {
 }
 
 impl Person {
-    /// Number `index` of `n_people` who follow each other along one closed path, well apart, at `speed` on average [m/s].
-    /// `random` decides the path's shape (the same for all who share it) and the habits of each.
-    pub fn new(index: usize, n_people: usize, speed: f64, random: &Random) -> Self {
+    /// Number `index` of `n_people` who follow each other along one closed path in an area of `area_m`, well apart, at `speed` on
+    /// average [m/s]. `random` decides the path's shape (the same for all who share it) and the habits of each.
+    pub fn new(index: usize, n_people: usize, area_m: [f64; 2], speed: f64, random: &Random) -> Self {
         let share = index as f64 / n_people.max(1) as f64;
-        let walk = Walk::new(share, speed, &mut random.fork("walk"));
-        let gait = Gait::new(speed, &mut random.fork(&format!("gait {index}")));
-        Self { walk, gait }
+        let walk = Walk::round(share, area_m, speed, &mut random.fork("walk"));
+        Self { walk, gait: Gait::new(speed, &mut random.fork(&format!("gait {index}"))) }
+    }
+
+    /// Number `index` of those who cross each other's ways on `braid`, at `speed` on average [m/s]; comes in at `enter_s` or
+    /// somewhat later, stays and stays away at least as long as said (0: for good, and never again).
+    pub(crate) fn in_crowd(
+        index: usize,
+        braid: &Braid,
+        speed: f64,
+        enter_s: f64,
+        stay_away_s: [f64; 2],
+        random: &Random,
+    ) -> Self {
+        let walk = Walk::braid(index, braid, speed, enter_s, stay_away_s, &mut random.fork("walk"));
+        Self { walk, gait: Gait::new(speed, &mut random.fork(&format!("gait {index}"))) }
+    }
+
+    /// Which visit it is at `time_s` [s], counted from 0; `None` while the person is not there.
+    pub fn visit(&self, time_s: f64) -> Option<u32> {
+        self.walk.visit(time_s)
     }
 
     /// The person at `time_s` on the session clock [s].
@@ -61,9 +82,14 @@ mod tests {
     use super::*;
     use crate::lab::VOLUME_M;
 
+    const AREA_M: [f64; 2] = [2.5, 4.0];
+
     fn people() -> Vec<Person> {
         let random = Random::new(3);
-        (1..=4).flat_map(|n| (0..n).map(move |i| (i, n))).map(|(i, n)| Person::new(i, n, 0.9, &random)).collect()
+        (1..=4)
+            .flat_map(|n| (0..n).map(move |i| (i, n)))
+            .map(|(i, n)| Person::new(i, n, AREA_M, 0.9, &random))
+            .collect()
     }
 
     #[test]
@@ -71,7 +97,7 @@ mod tests {
         let [min, max] = VOLUME_M;
         for seed in 0..30 {
             for speed in [0.1, 0.9, 2.0] {
-                let person = Person::new(0, 1, speed, &Random::new(seed));
+                let person = Person::new(0, 1, AREA_M, speed, &Random::new(seed));
                 for step in 0..1500 {
                     let time = f64::from(step) * 0.11;
                     for (led, name) in person.pose(time).leds.iter().zip(LED_NAMES) {
@@ -86,7 +112,7 @@ mod tests {
     #[test]
     fn velocity_is_the_derivative_of_the_position() {
         // Simpson's rule over the velocities gives the displacement; its error over 1 ms is far below the bound.
-        let person = Person::new(0, 1, 1.0, &Random::new(1));
+        let person = Person::new(0, 1, AREA_M, 1.0, &Random::new(1));
         for step in 0..200 {
             let (from, half) = (f64::from(step) * 0.173, 0.0005);
             let [a, b, c] = [0.0, 1.0, 2.0].map(|it| person.motion(from + it * half));
@@ -101,7 +127,7 @@ mod tests {
     #[test]
     fn walking_speed_is_as_asked_and_there_are_turns_to_both_sides() {
         for speed in [0.5, 1.2] {
-            let person = Person::new(0, 1, speed, &Random::new(2));
+            let person = Person::new(0, 1, AREA_M, speed, &Random::new(2));
             let (mut sum, mut left, mut right) = (0.0, 0, 0);
             let n = 4000;
             for step in 0..n {
@@ -119,7 +145,7 @@ mod tests {
 
     #[test]
     fn arms_swing_against_each_other() {
-        let person = Person::new(0, 1, 1.0, &Random::new(4));
+        let person = Person::new(0, 1, AREA_M, 1.0, &Random::new(4));
         // How far each elbow is before its shoulder, while no arm is raised in a gesture.
         let reaches: Vec<[f64; 2]> = (0..4000)
             .map(|step| person.pose(f64::from(step) * 0.01))
@@ -148,8 +174,46 @@ mod tests {
     }
 
     #[test]
+    fn people_in_a_crowd_keep_apart_also_while_some_come_and_go() {
+        let mut nearest = f64::INFINITY;
+        for (n, area) in [(4, AREA_M), (8, AREA_M), (32, [9.0, 12.0])] {
+            let braid = Braid::new(n, area, 0.6).unwrap();
+            let random = Random::new(3);
+            let people: Vec<_> = (0..n).map(|i| Person::in_crowd(i, &braid, 0.9, 1.0, [15.0, 4.0], &random)).collect();
+            let mut most = 0;
+            for step in 0..1200 {
+                let time = f64::from(step) * 0.1;
+                let here = people.iter().filter(|it| it.visit(time).is_some());
+                let places: Vec<_> = here.map(|it| it.walk.at(time).position).collect();
+                most = most.max(places.len());
+                for i in 0..places.len() {
+                    (0..i).for_each(|j| nearest = nearest.min((places[i] - places[j]).norm()));
+                }
+            }
+            assert!(nearest > 0.5, "of {n} people two come as near as {nearest} m");
+            assert!(most * 2 > n, "at most {most} of {n} people are there at once");
+        }
+        assert!(nearest < 0.8, "nobody comes nearer than {nearest} m");
+    }
+
+    #[test]
+    fn whole_body_is_within_its_reach() {
+        let person = Person::new(0, 1, AREA_M, 1.2, &Random::new(7));
+        for step in 0..300 {
+            let pose = person.pose(f64::from(step) * 0.17);
+            let mut farthest: f64 = 0.0;
+            for part in pose.parts {
+                for end in part.ends {
+                    farthest = farthest.max((end.xy() - pose.middle).norm() + part.radius);
+                }
+            }
+            assert!((farthest - pose.reach).abs() < 1e-12 && (0.2..1.0).contains(&pose.reach), "{}", pose.reach);
+        }
+    }
+
+    #[test]
     fn a_led_is_hidden_from_behind_the_body_and_seen_from_its_own_side() {
-        let person = Person::new(0, 1, 1.0, &Random::new(5));
+        let person = Person::new(0, 1, AREA_M, 1.0, &Random::new(5));
         for step in 0..50 {
             let pose = person.pose(f64::from(step) * 0.31);
             let waist = pose.leds[1].position;

@@ -19,21 +19,47 @@ use serde::{Deserialize, Serialize};
 pub use clutter::{BrightSpot, Glint, MAX_MONITORS, Monitor, PANES};
 pub use furniture::{Surface, room_light};
 
-use crate::person::{BodyPart, N_LEDS, Person, Pose};
+use crate::person::{BodyPart, Braid, Led, N_LEDS, Person, Pose};
 
 /// At this distance [m] a LED seen along its normal has the brightness [`SceneSettings::led_peak`].
 pub const REFERENCE_DISTANCE_M: f64 = 3.0;
+
+/// How people walk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum WalkKind {
+    /// One behind the other on a closed path.
+    #[default]
+    Round,
+    /// Each other's ways crossing closely.
+    Crowd,
+}
 
 /// What is in the room.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SceneSettings {
-    /// People who walk about, each with eight LEDs [–].
-    #[schemars(range(min = 0, max = 4))]
+    /// People who walk about, each with eight LEDs; more than four walk in a `crowd` only [–].
+    #[schemars(range(min = 0, max = 32))]
     pub people: usize,
-    /// When they come in, from one moment to the next: before, the empty room lets detectors learn what it looks like [s].
+    /// Whether they follow each other on one round, all there from one moment to the next, or cross each other's ways in a crowd,
+    /// which they walk into from outside [–].
+    pub walk: WalkKind,
+    /// Extents along x and y of the area that they walk about in, its middle at the origin [m].
+    #[schemars(inner(range(min = 1.0, max = 200.0)))]
+    pub walk_area_m: [f64; 2],
+    /// In a crowd: how near two people may come to each other, middle to middle; they make use of it [m].
+    #[schemars(range(min = 0.4, max = 10.0))]
+    pub closest_m: f64,
+    /// When they come in, or in a crowd the first of them: before, the empty room lets detectors learn what it looks like [s].
     #[schemars(range(min = 0.0, max = 3600.0))]
     pub people_enter_s: f64,
+    /// In a crowd: how long somebody stays, at least, before walking out again; 0: for good [s].
+    #[schemars(range(min = 0.0, max = 1e6))]
+    pub stay_s: f64,
+    /// In a crowd: how long somebody who walked out stays away, at least; 0: for good. Who comes again has new targets [s].
+    #[schemars(range(min = 0.0, max = 1e6))]
+    pub away_s: f64,
     /// How fast they walk on average; they slow down in turns [m/s].
     #[schemars(range(min = 0.1, max = 2.0))]
     pub speed_m_s: f64,
@@ -62,7 +88,12 @@ impl Default for SceneSettings {
     fn default() -> Self {
         Self {
             people: 1,
+            walk: WalkKind::Round,
+            walk_area_m: [2.5, 4.0],
+            closest_m: 0.6,
             people_enter_s: 1.0,
+            stay_s: 0.0,
+            away_s: 0.0,
             speed_m_s: 0.9,
             led_peak: 800.0,
             bright_spots: 14,
@@ -106,16 +137,44 @@ pub struct Light {
 /// All people at one time; reused from frame to frame.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Moment {
-    /// In the order of their numbers.
+    /// Those who are there, in the order of their numbers.
     pub poses: Vec<Pose>,
+    /// Of each of them, the identity of the first LED.
+    first_ids: Vec<u32>,
+}
+
+/// The people of a scene. Where a crowd finds no room to keep apart it walks as it does with the least distance that there is.
+fn people(settings: &SceneSettings, random: &Random) -> Vec<Person> {
+    let SceneSettings { people, walk, walk_area_m: area, speed_m_s: speed, people_enter_s: enter_s, .. } = *settings;
+    let braid = || match settings.braid() {
+        Ok(braid) => Some(braid),
+        Err(widest) => Braid::new(people, area, widest).ok(),
+    };
+    match (walk, braid) {
+        (WalkKind::Round, _) => (0..people).map(|i| Person::new(i, people, area, speed, random)).collect(),
+        (WalkKind::Crowd, braid) => {
+            let Some(braid) = braid() else { return Vec::new() };
+            let stay_away_s = [settings.stay_s, settings.away_s];
+            (0..people).map(|i| Person::in_crowd(i, &braid, speed, enter_s, stay_away_s, random)).collect()
+        }
+    }
+}
+
+impl SceneSettings {
+    /// How a crowd of these people walks.
+    ///
+    /// # Errors
+    /// How near they would come at best, where that is nearer than `closest_m` [m].
+    pub(crate) fn braid(&self) -> Result<Braid, f64> {
+        Braid::new(self.people, self.walk_area_m, self.closest_m)
+    }
 }
 
 impl World {
     /// The world of these settings; out-of-range values are taken as they are. Same seed, same world.
     pub fn new(settings: SceneSettings, random: &Random) -> Self {
-        let people = settings.people;
         let scene = Scene {
-            people: (0..people).map(|i| Person::new(i, people, settings.speed_m_s, &random.fork("people"))).collect(),
+            people: people(&settings, &random.fork("people")),
             spots: clutter::bright_spots(settings.bright_spots, &mut random.fork("spots")),
             monitors: clutter::monitors(settings.monitors, &mut random.fork("monitors")),
             seed: random.fork("events").next_u64(),
@@ -129,24 +188,34 @@ impl World {
         &self.0.settings
     }
 
-    /// How many targets there are once people have come in.
+    /// How many targets there are once all people have come in.
     pub fn n_targets(&self) -> usize {
         self.0.people.len() * N_LEDS
     }
 
-    /// Those who have come in by `time`.
-    fn people_at(&self, time: Time) -> &[Person] {
-        if time.as_s() >= self.0.settings.people_enter_s { &self.0.people } else { &[] }
+    /// Those who are there at `time`, each with the identity of the first LED.
+    fn people_at(&self, time: Time) -> impl Iterator<Item = (u32, &Person)> {
+        let has_begun = time.as_s() >= self.0.settings.people_enter_s;
+        let people: &[Person] = if has_begun { &self.0.people } else { &[] };
+        people.iter().zip(0_u32..).filter_map(move |(person, number)| {
+            let visit = person.visit(time.as_s())?;
+            Some(((visit * self.0.people.len() as u32 + number) * N_LEDS as u32, person))
+        })
     }
 
     /// Fills `moment` with the people as they are at `time`.
     pub fn at(&self, time: Time, moment: &mut Moment) {
         moment.poses.clear();
-        moment.poses.extend(self.people_at(time).iter().map(|person| person.pose(time.as_s())));
+        moment.first_ids.clear();
+        for (first_id, person) in self.people_at(time) {
+            moment.poses.push(person.pose(time.as_s()));
+            moment.first_ids.push(first_id);
+        }
     }
 
     /// Where all LEDs truly are at `time`: measured, without uncertainty, seen by no camera in particular. Person p's LED l, in
-    /// the order of [`LED_NAMES`](crate::person::LED_NAMES), is target 8 p + l.
+    /// the order of [`LED_NAMES`](crate::person::LED_NAMES), is target 8 p + l; at the v-th visit, counted from 0,
+    /// of p out of n people it is target 8 (n v + p) + l.
     pub fn truth(&self, time: Time) -> Targets {
         let mut truth = Targets::default();
         self.truth_into(time, &mut truth);
@@ -157,15 +226,18 @@ impl World {
     pub fn truth_into(&self, time: Time, truth: &mut Targets) {
         truth.time = time;
         truth.list.clear();
-        let leds = self.people_at(time).iter().flat_map(|person| person.motion(time.as_s()));
-        truth.list.extend(leds.enumerate().map(|(i, (position, velocity))| Target {
-            id: TargetId(i as u32),
-            position,
-            velocity,
-            covariance: Matrix6::zeros(),
-            cameras: Default::default(),
-            how: How::Measured,
-        }));
+        for (first_id, person) in self.people_at(time) {
+            let leds = person.motion(time.as_s()).into_iter().zip(first_id..);
+            truth.list.extend(leds.map(|((position, velocity), id)| Target {
+                id: TargetId(id),
+                position,
+                velocity,
+                covariance: Matrix6::zeros(),
+                cameras: Default::default(),
+                how: How::Measured,
+            }));
+        }
+        truth.list.sort_unstable_by_key(|it| it.id);
     }
 
     /// Small bright things that stay where they are.
@@ -193,12 +265,25 @@ impl Moment {
     /// The LEDs that are seen from `eye` [m], with their brightness in that direction; those that a body part hides, and those
     /// that shine away from it, are left out.
     pub fn lights_seen_from<'s>(&'s self, eye: &'s Point3<f64>, led_peak: f64) -> impl Iterator<Item = Light> + 's {
-        let leds = self.poses.iter().flat_map(|pose| pose.leds);
-        leds.enumerate().filter_map(move |(i, led)| {
+        self.lights_towards(eye, led_peak).filter(|it| !self.occluded(eye, &it.position))
+    }
+
+    /// As [`Self::lights_seen_from`], with those that a body part hides: whoever needs only a few asks [`Self::occluded`] of them.
+    pub fn lights_towards<'s>(&'s self, eye: &'s Point3<f64>, led_peak: f64) -> impl Iterator<Item = Light> + 's {
+        self.leds().filter_map(move |(id, led)| {
             let brightness = led_peak * led.emission_towards(eye);
-            let seen = brightness > 0.0 && !self.occluded(eye, &led.position);
-            seen.then_some(Light { id: TargetId(i as u32), position: led.position, brightness })
+            (brightness > 0.0).then_some(Light { id, position: led.position, brightness })
         })
+    }
+
+    /// All LEDs with their full brightness, 1, wherever they shine to.
+    pub fn lights(&self) -> impl Iterator<Item = Light> + '_ {
+        self.leds().map(|(id, led)| Light { id, position: led.position, brightness: 1.0 })
+    }
+
+    fn leds(&self) -> impl Iterator<Item = (TargetId, Led)> + '_ {
+        let of = |(pose, first_id): (&Pose, &u32)| pose.leds.into_iter().zip(*first_id..);
+        self.poses.iter().zip(&self.first_ids).flat_map(of).map(|(led, id)| (TargetId(id), led))
     }
 
     /// Whether somebody's body lies between `eye` and `point` [m].
