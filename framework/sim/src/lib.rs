@@ -6,14 +6,16 @@
 //! | [`person`] | somebody who walks about with eight LEDs: a pure function of time |
 //! | [`world`] | people and clutter together, as a message |
 //! | [`camera`] | from the world to the pixels of one field |
+//! | [`observer`] | from the world to features, without a picture |
 //! | [`timing`] | a camera's clock, the way of its data, its failures |
 //! | [`score`] | recovered targets against the truth |
-//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.score` |
+//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.score` |
 
 pub mod camera;
 mod chance;
 pub mod lab;
 pub mod nodes;
+pub mod observer;
 pub mod person;
 pub mod score;
 pub mod timing;
@@ -25,5 +27,6 @@ use foveate_dataflow::Registry;
 pub fn register(registry: &mut Registry) {
     registry.add::<nodes::lab::Lab>();
     registry.add::<nodes::camera::SimCamera>();
+    registry.add::<nodes::observer::SimObserver>();
     registry.add::<nodes::score::Score>();
 }

@@ -3,4 +3,5 @@
 pub mod camera;
 mod fields;
 pub mod lab;
+pub mod observer;
 pub mod score;

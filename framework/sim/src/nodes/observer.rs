@@ -1,0 +1,124 @@
+//! An ideal detector as a source: features without pictures, for set-ups too large to render.
+
+use foveate_dataflow::{ConfigError, Due, In, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup, Time};
+use foveate_messages::Features;
+
+use super::fields::{next_field, report_clock};
+use crate::observer::{Observer, ObserverSettings};
+use crate::timing::{Arrival, Timing};
+use crate::world::World;
+
+const WORLD: In<World> = In::latest(0, "world");
+const FEATURES: Out<Features> = Out::new(0, "features");
+
+/// A camera and its detector in one. Clock, delays and failures are those of `sim.camera`; what is seen is [`Observer`]'s.
+pub struct SimObserver {
+    observer: Observer,
+    name: String,
+    timing: Timing,
+    /// True capture time of the last field that was asked for.
+    last: Time,
+    world: Option<World>,
+    /// Whether the turn at the start of the session was taken.
+    is_up: bool,
+    pool: Pool<Features>,
+}
+
+impl Node for SimObserver {
+    const TYPE: &'static str = "sim.observer";
+    const ROLE: Role = Role::Source;
+    const SUMMARY: &'static str =
+        "An ideal detector in a simulated world: features with noise, misses and clutter, no pictures";
+    type Settings = ObserverSettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&WORLD).output(&FEATURES)
+    }
+
+    fn new(settings: ObserverSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        settings.check()?;
+        let (Some(id), Some(camera)) = (setup.camera, setup.camera_model()) else {
+            return Err(ConfigError::node(
+                "found no camera, expected `each` or `camera` to name cameras of the calibration",
+            ));
+        };
+        Ok(Self {
+            observer: Observer::new(camera, id, &settings, &setup.random),
+            name: setup.camera_name().unwrap_or_default().to_owned(),
+            timing: Timing::new(&settings.timing, 0.0, &setup.random),
+            last: Time::ZERO,
+            world: None,
+            is_up: false,
+            pool: Pool::default(),
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        if self.world.is_none() {
+            self.world = io.latest(&WORLD).map(|it| it.value.clone());
+        }
+        if !std::mem::replace(&mut self.is_up, true) {
+            return Ok(()); // the turn before the first field, in which the world arrives
+        }
+        let Some(Arrival { frame, capture, stamp, .. }) = next_field(&mut self.timing, io, &FEATURES) else {
+            return Ok(());
+        };
+        self.last = self.last.max(capture);
+        let Some(world) = &self.world else {
+            io.gap(&FEATURES, stamp, "the simulated world has not arrived yet");
+            return Ok(());
+        };
+        let mut features = self.pool.take(Features::default);
+        self.observer.look(world, capture, &mut features);
+        io.emit_numbered(&FEATURES, stamp, frame, self.pool.share(features));
+        Ok(())
+    }
+
+    fn due(&mut self) -> Due {
+        Due::At(if self.is_up { self.timing.next_delivery() } else { Time::ZERO })
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        report_clock(&self.timing, &self.name, self.last, report);
+        Ok(())
+    }
+
+    fn plan(settings: &ObserverSettings) -> Plan {
+        settings.timing.plan()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use foveate_messages::CameraId;
+    use foveate_testkit::check_node;
+
+    use super::*;
+    use crate::lab::lab_calibration;
+
+    #[test]
+    fn node_keeps_the_law() {
+        check_node::<SimObserver>("");
+        check_node::<SimObserver>("noise_px = 0.5\nclock_offset_ms = -3\nbodies = false");
+    }
+
+    #[test]
+    fn settings_out_of_range_and_a_missing_camera_are_refused() {
+        let refusal = |change: fn(&mut ObserverSettings)| {
+            let mut setup = Setup::for_tests();
+            (setup.calibration, setup.camera) = (Arc::new(lab_calibration()), Some(CameraId(0)));
+            let mut settings = ObserverSettings::default();
+            change(&mut settings);
+            SimObserver::new(settings, &setup).err().and_then(|it| it.setting)
+        };
+        assert_eq!(refusal(|_| ()), None);
+        assert_eq!(refusal(|it| it.noise_px = 0.0).as_deref(), Some("noise_px"));
+        assert_eq!(refusal(|it| it.missed = f64::NAN).as_deref(), Some("missed"));
+        assert_eq!(refusal(|it| it.timing.hiccup_hz = -1.0).as_deref(), Some("hiccup_hz"));
+        assert_eq!(refusal(|it| it.hidden_every_s = 0.2).as_deref(), Some("hidden_lasts_s"));
+        let without_camera = SimObserver::new(ObserverSettings::default(), &Setup::for_tests());
+        assert!(without_camera.is_err_and(|it| it.setting.is_none()));
+    }
+}
