@@ -61,7 +61,7 @@ impl Node for Score {
         }
         let folder = setup.out_dir.as_ref().filter(|_| settings.write_truth && setup.purpose == Purpose::Run);
         Ok(Self {
-            scorer: Scorer::new(settings.gate_mm * 1e-3, settings.start_s),
+            scorer: Scorer::new(settings.gate_mm * 1e-3, settings.start_s, setup.volume_m),
             truth_file: TruthFile { path: folder.map(|it| it.join(TRUTH_FILE)), state: State::NotYet },
         })
     }

@@ -2,9 +2,14 @@
 //!
 //! Each recovered sample is compared with the truth at its own time. Who is who follows K. Bernardin and R. Stiefelhagen,
 //! "Evaluating multiple object tracking performance: the CLEAR MOT metrics", EURASIP JIVP, 2008: a pair of the last time is kept
-//! while it stays within the gate; what is left is assigned so that the sum of distances is least.
+//! while it stays within the gate; what is left is assigned so that the sum of distances is least. GOSPA ([`SetDistance`]) has an
+//! assignment of its own, which remembers nothing.
+//!
+//! Where the scale has a volume, nobody has to find what is outside: true targets there are neither missed nor counted, and what
+//! is recovered of them is not false.
 
 mod distances;
+mod pairs;
 mod truth;
 
 use std::collections::{BTreeMap, VecDeque};
@@ -12,10 +17,12 @@ use std::sync::Arc;
 
 use foveate_dataflow::Report;
 use foveate_estimation::assignment::{self, Workspace};
+use foveate_estimation::gospa::SetDistance;
 use foveate_messages::{TargetId, Targets};
 use nalgebra::Point3;
 
 use distances::Distances;
+use pairs::{Groups, Pair, Pairs};
 use truth::{Interpolated, TruthTrack};
 
 /// Recovered messages that may wait for the truth of their time; more are given up, oldest first.
@@ -26,7 +33,8 @@ const MAX_WAITING: usize = 20_000;
 /// | figure | meaning |
 /// |---|---|
 /// | `error_mm.median`, `.p95`, `.rms` | distance of matched targets from the truth |
-/// | `targets_true` | targets that there are |
+/// | `gospa_mm.mean` | GOSPA with p = 2, α = 2 and the gate as cut-off, mean over messages: the root of the sum of squared distances and of half a squared gate for each missed or false target |
+/// | `targets_true` | targets that there are, in the volume at some time |
 /// | `identities`, `identities_per_target` | recovered identities that were ever matched, and those for each true target |
 /// | `swaps` | a true target was matched to an identity that had been another's |
 /// | `rebirths` | a true target was matched to an identity new to it and to all |
@@ -40,6 +48,7 @@ const MAX_WAITING: usize = 20_000;
 pub struct Scorer {
     gate: f64,
     start_s: f64,
+    volume: Option<[[f64; 3]; 2]>,
     truth: TruthTrack,
     waiting: VecDeque<Arc<Targets>>,
     distances: Distances,
@@ -55,34 +64,52 @@ pub struct Scorer {
     duplicates: u64,
     pairs: u64,
     pairs_possible: u64,
+    /// Sum over messages [m].
+    gospa: f64,
     /// Memory that is used again from message to message.
     scratch: Scratch,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Record {
-    /// Session time of its first truth [s].
+    /// Session time of its first truth in the volume [s].
     appeared_s: f64,
     /// Session time of its first match [s].
     born_s: Option<f64>,
     identity: Option<TargetId>,
 }
 
-#[derive(Default)]
 struct Scratch {
     here: Vec<Interpolated>,
+    true_points: Vec<Point3<f64>>,
+    found_points: Vec<Point3<f64>>,
+    by_identity: Vec<(TargetId, usize)>,
+    pairs: Pairs,
+    free: Vec<Pair>,
+    groups: Groups,
+    /// By row: its column, and by column: whether it is taken.
+    matched: Vec<Option<usize>>,
+    taken: Vec<bool>,
+    /// By column: whether it was matched to a true target outside the volume.
+    outside: Vec<bool>,
     costs: Vec<f64>,
     assigned: Vec<Option<usize>>,
-    kept: Vec<Option<usize>>,
     workspace: Workspace,
+    set_distance: SetDistance,
+    group_points: [Vec<Point3<f64>>; 2],
 }
 
 impl Scorer {
-    /// Pairs at most `gate` [m] apart may match; nothing before `start_s` [s] is scored.
-    pub fn new(gate: f64, start_s: f64) -> Self {
+    /// Pairs at most `gate` [m] apart may match; nothing before `start_s` [s] is scored, nor what is outside `volume`
+    /// (opposite corners [m]).
+    ///
+    /// # Panics
+    /// When the gate is not above 0.
+    pub fn new(gate: f64, start_s: f64, volume: Option<[[f64; 3]; 2]>) -> Self {
         Self {
             gate,
             start_s,
+            volume,
             truth: TruthTrack::default(),
             waiting: VecDeque::new(),
             distances: Distances::new(gate),
@@ -96,7 +123,24 @@ impl Scorer {
             duplicates: 0,
             pairs: 0,
             pairs_possible: 0,
-            scratch: Scratch::default(),
+            gospa: 0.0,
+            scratch: Scratch {
+                here: Vec::new(),
+                true_points: Vec::new(),
+                found_points: Vec::new(),
+                by_identity: Vec::new(),
+                pairs: Pairs::default(),
+                free: Vec::new(),
+                groups: Groups::default(),
+                matched: Vec::new(),
+                taken: Vec::new(),
+                outside: Vec::new(),
+                costs: Vec::new(),
+                assigned: Vec::new(),
+                workspace: Workspace::default(),
+                set_distance: SetDistance::new(gate, 2.0),
+                group_points: Default::default(),
+            },
         }
     }
 
@@ -106,11 +150,11 @@ impl Scorer {
         if time_s < self.start_s {
             return;
         }
-        for target in &truth.list {
+        for target in truth.list.iter().filter(|it| is_in(self.volume, &it.position)) {
             let unknown = Record { appeared_s: time_s, born_s: None, identity: None };
             self.records.entry(target.id).or_insert(unknown);
         }
-        self.truth.push(truth);
+        self.truth.push(truth, self.volume);
         while self.waiting.front().is_some_and(|it| self.truth.reaches(it.time)) {
             if let Some(targets) = self.waiting.pop_front() {
                 self.compare(&targets);
@@ -134,58 +178,117 @@ impl Scorer {
     }
 
     fn compare(&mut self, targets: &Targets) {
-        let mut scratch = std::mem::take(&mut self.scratch);
-        if self.truth.at(targets.time, &mut scratch.here) {
-            self.match_up(targets, &mut scratch);
-        } else {
+        self.scratch.here.clear();
+        if !self.truth.at(targets.time, &mut self.scratch.here) {
             self.unscored += 1;
+            return;
         }
-        self.scratch = scratch;
+        let found = &mut self.scratch.found_points;
+        found.clear();
+        found.extend(targets.list.iter().map(|it| it.position));
+        self.scratch.true_points.clear();
+        self.scratch.true_points.extend(self.scratch.here.iter().map(|it| it.position));
+        self.scratch.pairs.find(&self.scratch.true_points, &self.scratch.found_points, self.gate);
+        self.keep_pairs(targets);
+        self.assign_rest();
+        self.count(targets);
+        self.gospa += self.gospa_now();
     }
 
-    fn match_up(&mut self, targets: &Targets, scratch: &mut Scratch) {
-        let Scratch { here, costs, assigned, kept, workspace } = scratch;
-        let (rows, columns) = (here.len(), targets.list.len());
-        // A position that is not a number is far from everything.
-        let distance = |a: &Point3<f64>, b: &Point3<f64>| {
-            Some((a - b).norm()).filter(|it| it.is_finite()).unwrap_or(f64::INFINITY)
-        };
-        costs.clear();
-        for truth in here.iter() {
-            costs.extend(targets.list.iter().map(|it| distance(&truth.position, &it.position)));
-        }
-        let far = (0..columns).filter(|column| (0..rows).all(|row| costs[row * columns + column] > self.gate));
-        let n_far = far.count() as u64;
-
-        kept.clear();
+    /// Who was matched last time, and still is within the gate, stays matched. An identity belongs to the true target it was
+    /// matched to last, and to no other.
+    fn keep_pairs(&mut self, targets: &Targets) {
+        let Scratch { here, by_identity, pairs, matched, taken, .. } = &mut self.scratch;
+        by_identity.clear();
+        by_identity.extend(targets.list.iter().enumerate().map(|(column, it)| (it.id, column)));
+        by_identity.sort_unstable();
+        taken.clear();
+        taken.resize(targets.list.len(), false);
+        matched.clear();
         for (row, truth) in here.iter().enumerate() {
             let last = self.records.get(&truth.id).and_then(|it| it.identity);
-            let column = last.and_then(|last| targets.list.iter().position(|it| it.id == last));
-            kept.push(column.filter(|column| costs[row * columns + column] <= self.gate));
-        }
-        for (row, column) in kept.iter().enumerate() {
-            if let Some(column) = column {
-                costs[row * columns..(row + 1) * columns].fill(f64::INFINITY);
-                (0..rows).for_each(|row| costs[row * columns + column] = f64::INFINITY);
+            let own = last.filter(|last| self.owners.get(last) == Some(&truth.id));
+            let place = own.and_then(|own| by_identity.binary_search_by_key(&own, |it| it.0).ok());
+            let column = place.map(|place| by_identity[place].1);
+            let kept = column.filter(|&column| pairs.distance(row, column).is_some() && !taken[column]);
+            if let Some(column) = kept {
+                taken[column] = true;
             }
+            matched.push(kept);
         }
-        assignment::optimal(costs, rows, columns, self.gate, workspace, assigned);
+    }
 
+    /// Assigns what is left, group by group, so that the sum of the distances is least.
+    fn assign_rest(&mut self) {
+        let Scratch { pairs, free, groups, matched, taken, costs, assigned, workspace, .. } = &mut self.scratch;
+        let gate = self.gate;
+        let (n_rows, n_columns) = (matched.len(), taken.len());
+        free.clear();
+        free.extend(pairs.list().iter().filter(|it| matched[it.row].is_none() && !taken[it.column]));
+        groups.for_each(n_rows, n_columns, free.iter().copied(), |rows, columns| {
+            costs.clear();
+            for &row in rows {
+                costs.extend(columns.iter().map(|&it| pairs.distance(row, it).unwrap_or(f64::INFINITY)));
+            }
+            assignment::optimal(costs, rows.len(), columns.len(), gate, workspace, assigned);
+            for (row, column) in rows.iter().zip(assigned.iter()) {
+                if let Some(column) = column {
+                    matched[*row] = Some(columns[*column]);
+                    taken[columns[*column]] = true;
+                }
+            }
+        });
+    }
+
+    /// Enters what [`Self::keep_pairs`] and [`Self::assign_rest`] found.
+    fn count(&mut self, targets: &Targets) {
         let time_s = targets.time.as_s();
+        let here = std::mem::take(&mut self.scratch.here);
         let mut n_matched = 0;
+        self.scratch.outside.clear();
+        self.scratch.outside.resize(targets.list.len(), false);
         for (row, truth) in here.iter().enumerate() {
-            let Some(column) = kept[row].or(assigned[row]) else { continue };
-            let recovered = &targets.list[column];
+            let inside = is_in(self.volume, &truth.position);
+            self.pairs_possible += u64::from(inside);
+            let Some(column) = self.scratch.matched[row] else { continue };
             n_matched += 1;
-            self.distances.add(distance(&truth.position, &recovered.position));
-            self.truth.cover(truth);
-            self.identify(truth.id, recovered.id, time_s);
+            self.scratch.outside[column] = !inside;
+            if inside {
+                self.pairs += 1;
+                self.distances.add((truth.position - targets.list[column].position).norm());
+                self.truth.cover(truth);
+            }
+            self.identify(truth.id, targets.list[column].id, time_s);
         }
+        self.scratch.here = here;
+        let n_far = self.scratch.pairs.n_far() as u64;
         self.messages += 1;
-        self.pairs += n_matched;
-        self.pairs_possible += rows as u64;
         self.false_targets += n_far;
-        self.duplicates += (columns as u64).saturating_sub(n_far + n_matched);
+        self.duplicates += (targets.list.len() as u64).saturating_sub(n_far + n_matched);
+    }
+
+    /// GOSPA of the message at hand [m].
+    fn gospa_now(&mut self) -> f64 {
+        let Scratch { pairs, groups, true_points, found_points, outside, set_distance, group_points, .. } =
+            &mut self.scratch;
+        let volume = self.volume;
+        let counts = |row: usize| is_in(volume, &true_points[row]);
+        let half_squared_gate = self.gate * self.gate / 2.0;
+        let n_true = (0..true_points.len()).filter(|row| counts(*row)).count();
+        let n_found = outside.iter().filter(|it| !**it).count();
+        // Groups are apart by more than the gate, so that their squares add up; who is in none is missed or false.
+        let (mut squares, mut in_groups) = (0.0, 0);
+        let scored = pairs.list().iter().copied().filter(|it| counts(it.row) && !outside[it.column]);
+        groups.for_each(true_points.len(), found_points.len(), scored, |rows, columns| {
+            let [ours, theirs] = group_points;
+            ours.clear();
+            ours.extend(rows.iter().map(|&row| true_points[row]));
+            theirs.clear();
+            theirs.extend(columns.iter().map(|&column| found_points[column]));
+            squares += set_distance.compare(ours, theirs).gospa().powi(2);
+            in_groups += rows.len() + columns.len();
+        });
+        (squares + (n_true + n_found - in_groups) as f64 * half_squared_gate).sqrt()
     }
 
     /// True target `truth` was matched to `identity`.
@@ -211,6 +314,7 @@ impl Scorer {
         report.figure("error_mm.median", self.distances.percentile(50.0) * 1e3);
         report.figure("error_mm.p95", self.distances.percentile(95.0) * 1e3);
         report.figure("error_mm.rms", self.distances.rms() * 1e3);
+        report.figure("gospa_mm.mean", self.gospa / self.messages as f64 * 1e3);
         report.figure("targets_true", n_true as f64);
         report.figure("identities", self.owners.len() as f64);
         report.figure("identities_per_target", share(self.owners.len() as u64, n_true));
@@ -235,6 +339,11 @@ impl Scorer {
         report.figure("scored_messages", self.messages as f64);
         report.figure("unscored_messages", self.unscored as f64);
     }
+}
+
+/// Whether `point` is in `volume`, corners included.
+fn is_in(volume: Option<[[f64; 3]; 2]>, point: &Point3<f64>) -> bool {
+    volume.is_none_or(|[min, max]| (0..3).all(|axis| (min[axis]..=max[axis]).contains(&point[axis])))
 }
 
 #[cfg(test)]
@@ -262,7 +371,7 @@ mod tests {
 
     /// Truth at 60 Hz for 2 s; every 7 ms whatever `recover` makes of the true positions.
     fn figures(recover: impl Fn(f64, [Point3<f64>; 2]) -> Vec<Target>) -> BTreeMap<String, f64> {
-        let mut scorer = Scorer::new(0.1, 0.0);
+        let mut scorer = Scorer::new(0.1, 0.0, None);
         let mut recovered = (0..286).map(|i| f64::from(i) * 0.007 + 0.0005).peekable();
         for step in 0..=120 {
             let time = f64::from(step) / 60.0;
@@ -302,6 +411,7 @@ mod tests {
             assert_eq!(found[name], value, "{name}");
         }
         // What is left is the error of the interpolation and the width of a bin.
+        assert!(found["gospa_mm.mean"] < 2e-3, "{found:?}");
         assert!(found["error_mm.p95"] < 0.02 && found["error_mm.rms"] < 1e-3, "{found:?}");
         assert!((found["time_to_birth_ms.median"] - 0.5).abs() < 1e-6, "{found:?}");
     }
@@ -312,6 +422,7 @@ mod tests {
         assert!((found["error_mm.median"] - 10.0).abs() < 0.02, "{found:?}");
         assert!((found["error_mm.p95"] - 30.0).abs() < 0.02, "{found:?}");
         assert!((found["error_mm.rms"] - 500.0_f64.sqrt()).abs() < 0.01, "{found:?}");
+        assert!((found["gospa_mm.mean"] - 1000.0_f64.sqrt()).abs() < 0.01, "{found:?}");
     }
 
     #[test]
@@ -339,8 +450,77 @@ mod tests {
     }
 
     #[test]
+    fn missed_and_false_cost_half_a_squared_gate_each() {
+        // One missed, one false, one 60 mm off.
+        let found = figures(|_, [a, _]| vec![at(1, a + Vector3::z() * 0.06), at(2, Point3::new(9.0, 9.0, 9.0))]);
+        let expected = (60.0_f64.powi(2) + 100.0_f64.powi(2)).sqrt();
+        assert!((found["gospa_mm.mean"] - expected).abs() < 0.01, "{found:?}");
+    }
+
+    #[test]
+    fn identity_that_went_over_to_another_target_is_not_shared() {
+        // Two targets 50 mm apart, both within the gate of the one that is recovered: first the one's, then the other's.
+        let mut scorer = Scorer::new(0.1, 0.0, None);
+        for i in 0..20 {
+            let (time, x) = (f64::from(i) * 0.05, if i < 10 { 0.0 } else { 0.15 });
+            let list = vec![at(0, Point3::new(0.0, 0.0, 0.0)), at(1, Point3::new(0.15, 0.0, 0.0))];
+            scorer.truth(targets(time, list));
+            let back = if i < 15 { x } else { 0.075 };
+            scorer.recovered(targets(time, vec![at(5, Point3::new(back, 0.0, 0.0))]));
+        }
+        let mut report = Report::default();
+        scorer.finish(&mut report);
+        let found = &report.figures;
+        assert_eq!((found["missed"], found["swaps"], found["duplicates"]), (0.5, 1.0, 0.0), "{found:?}");
+    }
+
+    #[test]
+    fn what_is_outside_the_volume_need_not_be_found_and_may_be() {
+        let score = |recover: bool| {
+            let mut scorer = Scorer::new(0.1, 0.0, Some([[-1.0; 3], [1.0; 3]]));
+            for i in 0..40 {
+                let time = f64::from(i) * 0.05;
+                // Walks in over the border at 1 s; another one stays outside.
+                let place = Point3::new(2.0 - time, 0.0, 0.0);
+                let (far, speed) = (Point3::new(0.0, 5.0, 0.0), Vector3::new(-1.0, 0.0, 0.0));
+                scorer.truth(targets(time, vec![target(0, place, speed), at(1, far)]));
+                let mut list = vec![at(9, far)];
+                list.extend((recover || place.x <= 1.0).then(|| at(7, place)));
+                scorer.recovered(targets(time, list));
+            }
+            let mut report = Report::default();
+            scorer.finish(&mut report);
+            report.figures
+        };
+        for found in [score(true), score(false)] {
+            assert_eq!((found["targets_true"], found["missed"], found["completeness"]), (1.0, 0.0, 1.0), "{found:?}");
+            assert_eq!((found["false_targets"], found["duplicates"], found["gospa_mm.mean"]), (0.0, 0.0, 0.0));
+            assert!(found["time_to_birth_ms.median"] < 1.0, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn two_hundred_and_fifty_targets_are_scored_in_a_moment() {
+        let mut scorer = Scorer::new(0.1, 0.0, None);
+        let start = std::time::Instant::now();
+        for i in 0..100 {
+            let time = f64::from(i) * 0.01;
+            let place = |k: u32| Point3::new(f64::from(k % 16) * 0.15, f64::from(k / 16) * 0.15, time);
+            let list: Vec<Target> = (0..250).map(|k| at(k, place(k))).collect();
+            scorer.truth(targets(time, list.clone()));
+            // Everyone is near several others, and everyone's identity is new each time.
+            let moved = list.into_iter().map(|it| at(it.id.0 + 1000 * i, it.position + Vector3::x() * 0.07));
+            scorer.recovered(targets(time, moved.collect()));
+        }
+        let mut report = Report::default();
+        scorer.finish(&mut report);
+        assert!(report.figures["missed"] < 0.1, "{:?}", report.figures);
+        assert!(start.elapsed().as_secs_f64() < 20.0, "{:?}", start.elapsed());
+    }
+
+    #[test]
     fn nothing_recovered_is_nothing_complete() {
-        let mut scorer = Scorer::new(0.1, 0.0);
+        let mut scorer = Scorer::new(0.1, 0.0, None);
         (0..10).for_each(|i| {
             let [a, _] = truth_at(0.0);
             scorer.truth(targets(f64::from(i) * 0.01, vec![target(0, a.0, a.1)]));
@@ -353,7 +533,7 @@ mod tests {
 
     #[test]
     fn what_the_truth_does_not_cover_is_not_scored() {
-        let mut scorer = Scorer::new(0.1, 1.0);
+        let mut scorer = Scorer::new(0.1, 1.0, None);
         for time in [0.5, 1.2, 1.6] {
             scorer.truth(targets(time, vec![at(0, Point3::origin())]));
             scorer.recovered(targets(time, vec![at(5, Point3::origin())]));

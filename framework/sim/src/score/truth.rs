@@ -6,6 +6,8 @@ use std::sync::Arc;
 use foveate_messages::{Interval, Target, TargetId, Targets, Time};
 use nalgebra::Point3;
 
+use super::is_in;
+
 /// How long truth is kept for what is recovered late.
 const KEPT: Interval = Interval(2_000_000_000);
 
@@ -24,6 +26,8 @@ struct Sample {
     truth: Arc<Targets>,
     /// By place in the list: matched between this sample and the next one.
     covered: Vec<bool>,
+    /// By place in the list: in the volume, and so to be covered.
+    counts: Vec<bool>,
 }
 
 /// The recent past of the truth.
@@ -37,14 +41,15 @@ pub(super) struct TruthTrack {
 }
 
 impl TruthTrack {
-    /// Adds the truth at a later time; an earlier or equal one is ignored.
-    pub fn push(&mut self, truth: Arc<Targets>) {
+    /// Adds the truth at a later time; an earlier or equal one is ignored. What is outside `volume` [m] need not be covered.
+    pub fn push(&mut self, truth: Arc<Targets>, volume: Option<[[f64; 3]; 2]>) {
         if self.samples.back().is_some_and(|it| it.truth.time >= truth.time) {
             return;
         }
         let oldest = truth.time - KEPT;
         let covered = vec![false; truth.list.len()];
-        self.samples.push_back(Sample { truth, covered });
+        let counts = truth.list.iter().map(|it| is_in(volume, &it.position)).collect();
+        self.samples.push_back(Sample { truth, covered, counts });
         while self.samples.len() > 2 && self.samples[1].truth.time < oldest {
             self.drop_first();
         }
@@ -99,8 +104,10 @@ impl TruthTrack {
     fn drop_first(&mut self) {
         if let Some(sample) = self.samples.pop_front() {
             self.first += 1;
-            self.n_samples += sample.covered.len() as u64;
-            self.n_covered += sample.covered.iter().filter(|it| **it).count() as u64;
+            for (covered, _) in sample.covered.iter().zip(&sample.counts).filter(|(_, counts)| **counts) {
+                self.n_samples += 1;
+                self.n_covered += u64::from(*covered);
+            }
         }
     }
 }
