@@ -2,11 +2,13 @@
 
 mod arrangement;
 mod coverage;
+mod hall;
 
 use foveate_scene::calibration::{Calibration, LengthUnit, NamedCamera};
 
 pub use arrangement::{FIELD_SIZE, N_CAMERAS, ROOM_M, VOLUME_M, wide_cameras};
 pub use coverage::{Coverage, coverage};
+pub use hall::hall_calibration;
 
 /// The wide cameras of the lab as a calibration; camera `wide-1` has number 0, and so on.
 pub fn lab_calibration() -> Calibration {
@@ -59,5 +61,20 @@ mod tests {
     #[test]
     fn committed_calibration_is_the_lab() {
         golden::check("graphs/room.calibration.toml", &lab_calibration().to_toml());
+    }
+
+    /// The lab's cameras, named by what the rig makes of them.
+    #[test]
+    fn committed_calibration_of_the_unsynchronised_rig_is_the_lab_under_other_names() {
+        let name = |i: usize| match i {
+            3 | 8 | 12 | 16 => format!("half-{}", i + 1),
+            5 | 14 => format!("slow-{}", i + 1),
+            10 => format!("frail-{}", i + 1),
+            _ => format!("full-{}", i + 1),
+        };
+        let cameras = cameras().into_iter().enumerate().map(|(i, camera)| NamedCamera { name: name(i), camera });
+        let origin = "the simulated lab, its cameras named by their rates".to_owned();
+        let renamed = Calibration::new(cameras.collect(), LengthUnit::Metre, origin).unwrap();
+        golden::check("graphs/unsynchronised.calibration.toml", &renamed.to_toml());
     }
 }
