@@ -227,6 +227,23 @@ fn new_rig_is_sound_and_overwrites_nothing() {
 }
 
 #[test]
+fn new_hall_of_any_size_is_sound() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, cameras, hall) in [("small", "18", "8,8,2.5"), ("large", "200", "30.5,20,6")] {
+        let arguments = ["new", "rig", name, "--cameras", cameras, "--hall", hall];
+        assert_eq!(foveate(folder.path(), &arguments).0, 0);
+        let (code, _, complaint) = foveate(folder.path(), &["check", &format!("{name}.toml")]);
+        assert_eq!(code, 0, "{complaint}");
+    }
+    let rig = std::fs::read_to_string(folder.path().join("large.toml")).unwrap();
+    assert!(rig.contains("a hall of 30.5 x 20 x 6 m, under 200 cameras") && rig.contains("[25.5, 15.0]"), "{rig}");
+    for hall in ["8,8", "8,x,3", "7,9,3", "9,9,3,1"] {
+        let (code, _, complaint) = foveate(folder.path(), &["new", "rig", "it", "--cameras", "9", "--hall", hall]);
+        assert!(code == 2 && complaint.contains("X,Y,Z"), "{hall}: {code} {complaint}");
+    }
+}
+
+#[test]
 fn pictures_schema_and_completions_are_what_they_claim() {
     let folder = lab(|it| it);
     assert_eq!(foveate(folder.path(), &["graph", "room.toml"]).0, 0);

@@ -114,6 +114,12 @@ enum NewWhat {
     Rig {
         /// Name of the rig: small letters, digits, `_` and `-`
         name: String,
+        /// Begin with a simulated hall with so many cameras instead, which give lights without pictures
+        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+        cameras: Option<u16>,
+        /// Extents of that hall along x and y, and its height [m]
+        #[arg(long, value_name = "X,Y,Z", requires = "cameras", value_parser = hall_size, default_value = "12,9,4")]
+        hall: [f64; 3],
     },
 }
 
@@ -125,7 +131,9 @@ impl Cli {
             Command::Check { rig } => check::run(&rig),
             Command::Nodes { node_type } => nodes::run(node_type.as_deref()),
             Command::Graph { rig, format, output } => graph::run(&rig, format, output),
-            Command::New { what: NewWhat::Rig { name } } => new::rig(&name),
+            Command::New { what: NewWhat::Rig { name, cameras, hall } } => {
+                new::rig(&name, cameras.map(|it| (it, hall)))
+            }
             Command::Schema => {
                 say(&format!("{:#}\n", rig::schema(&registry())));
                 exit::DONE
@@ -162,6 +170,16 @@ fn seconds(text: &str) -> Result<f64, String> {
         Ok(seconds) if seconds > 0.0 && seconds <= LONGEST_S => Ok(seconds),
         Ok(_) | Err(_) => Err(format!("found {text}, expected a number of seconds above 0, to {LONGEST_S:e}")),
     }
+}
+
+/// Three lengths with commas between them, the first two from 8 m to 200 m and the height from 2.5 m to 30 m.
+fn hall_size(text: &str) -> Result<[f64; 3], String> {
+    let expected =
+        || format!("found {text}, expected X,Y,Z: two lengths from 8 to 200 and a height from 2.5 to 30 [m]");
+    let sides: Vec<f64> = text.split(',').map_while(|it| it.trim().parse().ok()).collect();
+    let size: [f64; 3] = sides.try_into().map_err(|_| expected())?;
+    let fits = size[..2].iter().all(|it| (8.0..=200.0).contains(it)) && (2.5..=30.0).contains(&size[2]);
+    if fits && text.split(',').count() == 3 { Ok(size) } else { Err(expected()) }
 }
 
 /// Longest session: thirty years, well inside the session clock [s].
