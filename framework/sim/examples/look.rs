@@ -1,16 +1,18 @@
 //! Pictures of the simulated lab: the view of some cameras, and the plan from above.
 //!
-//! `cargo run --release -p foveate-sim --example look -- [FOLDER] [SECONDS]` writes PNG files and prints how long a field takes.
+//! `cargo run --release -p foveate-sim --example look -- [FOLDER] [SECONDS] [PEOPLE] [REFLECTIONS]` writes PNG files and prints how
+//! long a field takes, rendered and as an ideal detector sees it. With PEOPLE they walk as a crowd.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
-use foveate_messages::{CameraId, Image, Time};
+use foveate_messages::{CameraId, Features, Image, Time};
 use foveate_sim::camera::{CameraSettings, Renderer};
 use foveate_sim::lab::{ROOM_M, VOLUME_M, coverage, wide_cameras};
-use foveate_sim::world::{Moment, SceneSettings, World};
+use foveate_sim::observer::{Observer, ObserverSettings};
+use foveate_sim::world::{Moment, SceneSettings, WalkKind, World};
 use image::{GrayImage, Rgb, RgbImage};
 use nalgebra::{Point2, Point3};
 
@@ -19,7 +21,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = PathBuf::from(arguments.next().unwrap_or_else(|| "results/look".to_owned()));
     let seconds: f64 = arguments.next().map_or(Ok(4.0), |it| it.parse())?;
     std::fs::create_dir_all(&folder)?;
-    let (world, random) = (World::new(SceneSettings::default(), &Random::new(1)), Random::new(1));
+    let mut scene = SceneSettings::default();
+    if let Some(people) = arguments.next() {
+        (scene.people, scene.walk, scene.closest_m) = (people.parse()?, WalkKind::Crowd, 0.4);
+    }
+    if let Some(reflections) = arguments.next() {
+        scene.reflections = reflections.parse()?;
+    }
+    let (world, random) = (World::new(scene, &Random::new(1)), Random::new(1));
     let cameras = wide_cameras();
     for number in [0, 2, 6, 10] {
         let (name, camera) = &cameras[number];
@@ -31,13 +40,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     plan(&cameras, &world, seconds).save(folder.join("plan.png"))?;
     let models: Vec<Camera> = cameras.iter().map(|(_, camera)| camera.clone()).collect();
     println!("{:?}", coverage(&models, VOLUME_M, 0.125));
-    time_fields(&cameras, &world, &random);
+    time_fields(&cameras, &world, &random, seconds);
+    time_looks(&cameras, &world, &random, seconds);
     println!("pictures in {}", folder.display());
     Ok(())
 }
 
 /// Mean time of a field, one camera after the other as a run would ask for them.
-fn time_fields(cameras: &[(String, Camera)], world: &World, random: &Random) {
+fn time_fields(cameras: &[(String, Camera)], world: &World, random: &Random, from_s: f64) {
     let start = Instant::now();
     let mut renderers: Vec<Renderer> = (0_u16..)
         .zip(cameras)
@@ -49,11 +59,33 @@ fn time_fields(cameras: &[(String, Camera)], world: &World, random: &Random) {
     for frame in 0..60 {
         let start = Instant::now();
         for (renderer, image) in renderers.iter_mut().zip(&mut images) {
-            renderer.render(world, Time::from_s(2.0 + frame as f64 / 60.0), frame, image);
+            renderer.render(world, Time::from_s(from_s + frame as f64 / 60.0), frame, image);
         }
         best = best.min(start.elapsed().as_secs_f64() / cameras.len() as f64);
     }
     println!("{:.3} ms a field of 640 × 240 px (the best of 60 rounds over all cameras)", best * 1e3);
+}
+
+/// Mean time of a field of ideal detectors.
+fn time_looks(cameras: &[(String, Camera)], world: &World, random: &Random, from_s: f64) {
+    let settings = ObserverSettings::default();
+    let mut observers: Vec<Observer> =
+        (0_u16..).zip(cameras).map(|(i, (_, camera))| Observer::new(camera, CameraId(i), &settings, random)).collect();
+    let (mut features, mut n_features, mut best) = (Features::default(), 0, f64::INFINITY);
+    let n_rounds = 300;
+    for frame in 0..n_rounds {
+        let start = Instant::now();
+        for observer in &mut observers {
+            observer.look(world, Time::from_s(from_s + f64::from(frame) / 60.0), &mut features);
+            n_features += features.list.len();
+        }
+        best = best.min(start.elapsed().as_secs_f64() / cameras.len() as f64);
+    }
+    println!(
+        "{:.4} ms a field of {:.1} features without a picture (the best of {n_rounds} rounds)",
+        best * 1e3,
+        n_features as f64 / (observers.len() as f64 * f64::from(n_rounds))
+    );
 }
 
 /// Saves a field with every row twice, so that things keep their shape.
@@ -103,7 +135,7 @@ fn plan(cameras: &[(String, Camera)], world: &World, seconds: f64) -> RgbImage {
     let mut moment = Moment::default();
     for step in 0..6000 {
         world.at(Time::from_s(f64::from(step) * 0.01), &mut moment);
-        moment.poses.iter().for_each(|pose| dot(pose.leds[1].position, 0.5, [150, 190, 150]));
+        moment.poses.iter().take(1).for_each(|pose| dot(pose.leds[1].position, 0.5, [150, 190, 150]));
     }
     world.at(Time::from_s(seconds), &mut moment);
     moment.poses.iter().flat_map(|pose| pose.leds).for_each(|led| dot(led.position, 3.0, [200, 0, 0]));

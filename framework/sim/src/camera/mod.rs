@@ -2,7 +2,7 @@
 //!
 //! Order of events for one field, after a static background that is rendered once:
 //! monitors → people, dark against the room and in front of all else → LEDs that nobody hides, at several moments of the
-//! exposure → glints → noise → rounding and saturation.
+//! exposure, and their images in floor and display → glints → noise → rounding and saturation.
 //!
 //! Light is summed in fixed point, 64 steps to a gray level, so that the passes over the whole image are plain 16-bit
 //! arithmetic; 512 gray levels is as bright as it gets before saturation at 255 anyway.
@@ -15,12 +15,12 @@ mod spot;
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Image, Interval, PixelFormat, Time};
-use nalgebra::Point3;
+use nalgebra::{Point2, Point3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::timing::TimingSettings;
-use crate::world::{Moment, REFERENCE_DISTANCE_M, World};
+use crate::world::{Light, Mirror, Moment, REFERENCE_DISTANCE_M, World};
 use backdrop::Backdrop;
 use noise::Noise;
 use silhouette::Silhouettes;
@@ -28,6 +28,9 @@ use spot::Spot;
 
 /// Steps of a gray level in the sums.
 const STEPS: f64 = 64.0;
+
+/// Width of a halo relative to the spot's.
+const HALO_WIDTH: f64 = 6.0;
 
 /// When a camera looks, and how it turns light into pixels.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -54,6 +57,9 @@ pub struct CameraSettings {
     /// Standard deviation of a LED's spot along a row; along a column it is that divided by the pixels' aspect [px].
     #[schemars(range(min = 0.3, max = 20.0))]
     pub spot_sigma_px: f64,
+    /// Height of the halo around a LED, six times as wide as its spot, relative to the spot: very bright LEDs bloom [–].
+    #[schemars(range(min = 0.0, max = 0.5))]
+    pub bloom: f64,
     /// Standard deviation of the noise, drawn anew for each pixel and field [gray level].
     #[schemars(range(min = 0.0, max = 20.0))]
     pub noise_sigma: f64,
@@ -72,6 +78,7 @@ impl Default for CameraSettings {
             black_level: 12.0,
             room_light: 1.0,
             spot_sigma_px: 1.3,
+            bloom: 0.0,
             noise_sigma: 2.0,
             bits: 8,
         }
@@ -138,7 +145,7 @@ impl Renderer {
 
     fn draw_leds(&mut self, world: &World, capture: Time) {
         let samples = self.settings.blur_samples.max(1);
-        let (sigma, led_peak) = (self.sigmas(), world.settings().led_peak * self.settings.gain / f64::from(samples));
+        let led_peak = world.settings().led_peak * self.settings.gain / f64::from(samples);
         for sample in 0..samples {
             let share = (f64::from(sample) + 0.5) / f64::from(samples) - 0.5;
             world.at(capture + Interval::from_ms(share * self.settings.exposure_ms), &mut self.moment);
@@ -146,13 +153,29 @@ impl Renderer {
                 if let Some(pixel) = self.camera.project(&light.position)
                     && !self.moment.occluded(&self.centre, &light.position)
                 {
-                    let distance = (light.position - self.centre).norm();
-                    let peak = light.brightness * (REFERENCE_DISTANCE_M / distance).powi(2);
-                    let spot = Spot { centre: [pixel.x, pixel.y], sigma, peak };
-                    spot.add_to(&mut self.canvas, self.camera.image_size);
+                    self.glow(&light, pixel).for_each(|spot| spot.add_to(&mut self.canvas, self.camera.image_size));
+                }
+            }
+            let reflectance = world.settings().reflections;
+            if reflectance > 0.0 {
+                for mirror in [Mirror::FLOOR, Mirror::DISPLAY] {
+                    for light in self.moment.reflections_seen_from(&self.centre, &mirror, led_peak, reflectance) {
+                        if let Some(pixel) = self.camera.project(&light.position) {
+                            self.glow(&light, pixel).for_each(|it| it.add_to(&mut self.canvas, self.camera.image_size));
+                        }
+                    }
                 }
             }
         }
+    }
+
+    /// A light's spot, and its halo if the lens makes one.
+    fn glow(&self, light: &Light, pixel: Point2<f64>) -> impl Iterator<Item = Spot> + use<> {
+        let distance = (light.position - self.centre).norm();
+        let peak = light.brightness * (REFERENCE_DISTANCE_M / distance).powi(2);
+        let (centre, sigma) = ([pixel.x, pixel.y], self.sigmas());
+        let halo = Spot { centre, sigma: sigma.map(|it| it * HALO_WIDTH), peak: peak * self.settings.bloom };
+        [Spot { centre, sigma, peak }].into_iter().chain((self.settings.bloom > 0.0).then_some(halo))
     }
 
     /// Standard deviations of a LED's spot along rows and columns [px]: round on the sensor.
@@ -326,6 +349,29 @@ mod tests {
             let place = pixel.y.round() as usize * 640 + pixel.x.round() as usize;
             assert!(lit.pixels[place] > dark.pixels[place], "nothing shines at {pixel}");
         }
+    }
+
+    #[test]
+    fn reflections_and_halos_add_light_where_they_should() {
+        let settings = CameraSettings { noise_sigma: 0.0, exposure_ms: 0.01, ..CameraSettings::default() };
+        let plain = world(|it| (it.monitors, it.glints_hz) = (0, 0.0));
+        let shiny = world(|it| (it.monitors, it.glints_hz, it.reflections) = (0, 0.0, 0.2));
+        let (mut moment, mut n_brighter) = (Moment::default(), 0);
+        shiny.at(Time::from_s(1.4), &mut moment);
+        for number in 0..18 {
+            let [before, after] = [&plain, &shiny].map(|it| field(it, number, &settings, 1.4));
+            assert!(before.pixels.iter().zip(&after.pixels).all(|(a, b)| a <= b));
+            let eye = camera(number).centre();
+            for light in moment.reflections_seen_from(&eye, &Mirror::FLOOR, 800.0, 0.2) {
+                assert!(light.position.z < 0.0);
+                let Some(pixel) = camera(number).sees(&light.position) else { continue };
+                let place = pixel.y.round() as usize * 640 + pixel.x.round() as usize;
+                n_brighter += usize::from(after.pixels[place] > before.pixels[place]);
+            }
+            let blooming = field(&plain, number, &CameraSettings { bloom: 0.1, ..settings.clone() }, 1.4);
+            assert!(before.pixels.iter().zip(&blooming.pixels).all(|(a, b)| a <= b));
+        }
+        assert!(n_brighter > 20, "{n_brighter} reflections are brighter than the floor");
     }
 
     #[test]

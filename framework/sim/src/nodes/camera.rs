@@ -107,6 +107,7 @@ fn check(settings: &CameraSettings) -> Result<(), ConfigError> {
     ConfigError::unless_in("black_level", settings.black_level, 0.0..=128.0)?;
     ConfigError::unless_in("room_light", settings.room_light, 0.0..=4.0)?;
     ConfigError::unless_in("spot_sigma_px", settings.spot_sigma_px, 0.3..=20.0)?;
+    ConfigError::unless_in("bloom", settings.bloom, 0.0..=0.5)?;
     ConfigError::unless_in("noise_sigma", settings.noise_sigma, 0.0..=20.0)?;
     ConfigError::unless_in("bits", settings.bits, 1..=8)?;
     let (exposure, latency) = (settings.exposure_ms, settings.timing.latency_ms);

@@ -42,6 +42,7 @@ impl Node for Lab {
             away_s,
             speed_m_s,
             led_peak,
+            reflections,
             bright_spots,
             monitors,
             window_change_s,
@@ -58,6 +59,7 @@ impl Node for Lab {
         ConfigError::unless_in("away_s", away_s, 0.0..=1e6)?;
         ConfigError::unless_in("speed_m_s", speed_m_s, 0.1..=2.0)?;
         ConfigError::unless_in("led_peak", led_peak, 0.0..=5000.0)?;
+        ConfigError::unless_in("reflections", reflections, 0.0..=1.0)?;
         ConfigError::unless_in("bright_spots", bright_spots, 0..=200)?;
         ConfigError::unless_in("monitors", monitors, 0..=MAX_MONITORS)?;
         ConfigError::unless_in("window_change_s", window_change_s, 0.05..=3600.0)?;

@@ -30,7 +30,7 @@ pub(super) const MONITOR_PLACES: [([f64; 2], [f64; 2]); 8] = [
 ];
 
 /// The display on the wall at +y: from and to along x and z [m].
-const DISPLAY: [[f64; 2]; 2] = [[-1.9, 0.7], [1.9, 2.35]];
+pub(super) const DISPLAY: [[f64; 2]; 2] = [[-1.9, 0.7], [1.9, 2.35]];
 
 /// Ceiling lamps: opposite corners [m].
 const LAMPS: [[[f64; 2]; 2]; 4] =

@@ -7,6 +7,7 @@
 
 mod clutter;
 mod furniture;
+mod mirror;
 
 use std::sync::Arc;
 
@@ -18,6 +19,7 @@ use serde::{Deserialize, Serialize};
 
 pub use clutter::{BrightSpot, Glint, MAX_MONITORS, Monitor, PANES};
 pub use furniture::{Surface, room_light};
+pub use mirror::Mirror;
 
 use crate::person::{BodyPart, Braid, Led, N_LEDS, Person, Pose};
 
@@ -67,6 +69,10 @@ pub struct SceneSettings {
     /// [gray level].
     #[schemars(range(min = 0.0, max = 5000.0))]
     pub led_peak: f64,
+    /// How much light floor and display throw back like mirrors, seen straight on; at an angle they throw back more. LEDs then
+    /// show up a second and a third time; 0: nothing shines [–].
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub reflections: f64,
     /// Small bright things that stay where they are: lamps, reflections [–].
     #[schemars(range(min = 0, max = 200))]
     pub bright_spots: usize,
@@ -96,6 +102,7 @@ impl Default for SceneSettings {
             away_s: 0.0,
             speed_m_s: 0.9,
             led_peak: 800.0,
+            reflections: 0.0,
             bright_spots: 14,
             monitors: 4,
             window_change_s: 4.0,
@@ -273,6 +280,23 @@ impl Moment {
         self.leds().filter_map(move |(id, led)| {
             let brightness = led_peak * led.emission_towards(eye);
             (brightness > 0.0).then_some(Light { id, position: led.position, brightness })
+        })
+    }
+
+    /// The images of the LEDs in `mirror` that are seen from `eye` [m], where they seem to be behind it, with their brightness;
+    /// what a body hides on either side of the mirror is left out. `reflectance` as in [`SceneSettings::reflections`].
+    pub fn reflections_seen_from<'s>(
+        &'s self,
+        eye: &'s Point3<f64>,
+        mirror: &'s Mirror,
+        led_peak: f64,
+        reflectance: f64,
+    ) -> impl Iterator<Item = Light> + 's {
+        self.leds().filter_map(move |(id, led)| {
+            let (on_mirror, cosine) = mirror.reflect(eye, &led.position)?;
+            let brightness = led_peak * led.emission_towards(&on_mirror) * Mirror::share(reflectance, cosine);
+            let seen = brightness > 0.0 && !self.occluded(eye, &on_mirror) && !self.occluded(&on_mirror, &led.position);
+            seen.then(|| Light { id, position: mirror.image(&led.position), brightness })
         })
     }
 
