@@ -47,6 +47,8 @@ enum Command {
         /// A node type, as led.detector
         node_type: Option<String>,
     },
+    /// List the cameras of this machine: layouts, sizes, rates, controls
+    Devices,
     /// Draw the graph of a rig
     Graph {
         /// The rig (TOML)
@@ -88,7 +90,8 @@ pub struct RunArgs {
     /// Seed of everything random, in place of the rig's
     #[arg(long)]
     seed: Option<u64>,
-    /// Run on the wall clock with worker threads instead of as fast as possible in a repeatable order
+    /// Run on the wall clock with worker threads instead of as fast as possible in a repeatable order; a rig with a camera
+    /// always does
     #[arg(long)]
     live: bool,
     /// Worker threads of a live run [default: one for each core and one for what joins cameras]
@@ -130,6 +133,7 @@ impl Cli {
             Command::Run(args) => run::run(&args),
             Command::Check { rig } => check::run(&rig),
             Command::Nodes { node_type } => nodes::run(node_type.as_deref()),
+            Command::Devices => devices(),
             Command::Graph { rig, format, output } => graph::run(&rig, format, output),
             Command::New { what: NewWhat::Rig { name, cameras, hall } } => {
                 new::rig(&name, cameras.map(|it| (it, hall)))
@@ -145,6 +149,17 @@ impl Cli {
                 exit::DONE
             }
         }
+    }
+}
+
+/// `foveate devices`
+fn devices() -> u8 {
+    match foveate_capture::v4l::describe_devices() {
+        Ok(text) => {
+            say(&text);
+            exit::DONE
+        }
+        Err(sentence) => complain(&sentence),
     }
 }
 

@@ -76,6 +76,8 @@ pub trait Node: Send + Sized + 'static {
     const ROLE: Role;
     /// One line for `foveate nodes`.
     const SUMMARY: &'static str;
+    /// A device, whose data comes when it comes: a rig with one runs on the wall clock.
+    const LIVE: bool = false;
     /// Settings: plain data; each field's documentation ends in its unit in brackets, ranges stand in `#[schemars(range)]`,
     /// defaults in `#[serde(default)]`. `#[serde(deny_unknown_fields)]` is required.
     type Settings: Serialize + DeserializeOwned + JsonSchema + Clone + Send + Sync + 'static;

@@ -26,6 +26,8 @@ pub struct NodeType {
     pub role: Role,
     /// [`Node::SUMMARY`].
     pub summary: &'static str,
+    /// [`Node::LIVE`].
+    pub live: bool,
     /// [`Node::ports`].
     pub ports: Ports,
     /// JSON Schema of the settings (an object); names, units in brackets, ranges and defaults are read from it.
@@ -117,6 +119,7 @@ impl Registry {
                 name: N::TYPE,
                 role: N::ROLE,
                 summary: N::SUMMARY,
+                live: N::LIVE,
                 ports: N::ports(),
                 schema: schemars::schema_for!(N::Settings),
                 decode: decode::<N>,

@@ -50,11 +50,23 @@ impl Decoder {
         if length as u64 > FILE_LIMIT {
             return Err(format!("is larger than {} MiB", FILE_LIMIT >> 20));
         }
-        self.decode(format, expected, image)
+        let file = std::mem::take(&mut self.file);
+        let result = self.decode(&file, format, expected, image);
+        self.file = file;
+        result
     }
 
-    fn decode(&mut self, format: Format, expected: Option<[u32; 2]>, image: &mut Image) -> Result<(), String> {
-        let bytes = self.file.as_slice();
+    /// The same for a picture that is in memory already.
+    ///
+    /// # Errors
+    /// [`Self::read`]'s.
+    pub(crate) fn decode(
+        &mut self,
+        bytes: &[u8],
+        format: Format,
+        expected: Option<[u32; 2]>,
+        image: &mut Image,
+    ) -> Result<(), String> {
         if bytes.is_empty() {
             return Err("is empty (0 bytes)".to_owned());
         }
@@ -123,7 +135,7 @@ fn convert(stored: &[u8], kind: ColorType, format: Format, pixels: &mut Vec<u8>)
 }
 
 /// Rec. 601 luma, the Y of JPEG, in 1/256.
-fn luma(red: u8, green: u8, blue: u8) -> u8 {
+pub(crate) fn luma(red: u8, green: u8, blue: u8) -> u8 {
     ((77 * u32::from(red) + 150 * u32::from(green) + 29 * u32::from(blue) + 128) >> 8) as u8
 }
 

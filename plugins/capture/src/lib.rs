@@ -1,7 +1,8 @@
-//! Sources that read files: picture sequences, videos, 2D detections.
+//! Sources: cameras, picture sequences, videos, 2D detections.
 //!
 //! | node | what it reads |
 //! |---|---|
+//! | [`capture.v4l`](v4l::V4l) | a camera of this machine; needs the feature `hardware` to run |
 //! | [`capture.images`](images::Images) | a folder of JPEG or PNG pictures, numbered in their names |
 //! | [`capture.video`](video::Video) | a video file, decoded by an `ffmpeg` child process |
 //! | [`capture.detections`](detections::Detections) | 2D points of one or more cameras in a CSV file |
@@ -17,12 +18,18 @@ mod ffmpeg_words;
 pub mod images;
 mod listing;
 pub mod settings;
+#[cfg_attr(
+    not(all(feature = "hardware", target_os = "linux")),
+    allow(dead_code, reason = "what only a real camera makes is built and tested without one")
+)]
+pub mod v4l;
 pub mod video;
 
 use foveate::prelude::Registry;
 
 /// Makes the nodes of this plugin known.
 pub fn register(registry: &mut Registry) {
+    registry.add::<v4l::V4l>();
     registry.add::<images::Images>();
     registry.add::<video::Video>();
     registry.add::<detections::Detections>();
