@@ -2,12 +2,18 @@
 
 use std::sync::Arc;
 
+use foveate::estimation::consistency::Verdict;
 use foveate::prelude::*;
 
 pub use crate::tracker::IntegratorSettings;
-use crate::tracker::{CameraTally, Entry, Tracker};
+use crate::tracker::{CameraTally, Clocks, Entry, Tracker};
 
-/// A frame captured later than this after its delivery carries a wrong clock [ms].
+/// Mean normalised squared innovations are called too large beyond this many standard deviations of what chance does to them, and this
+/// part of 1.
+const CONSISTENCY_SIGMAS: f64 = 3.0;
+const CONSISTENCY_TOLERANCE: f64 = 1.0;
+
+/// A frame captured later than this after its delivery carries a wrong clock, unless clocks may be off by more [ms].
 const CLOCK_TOLERANCE_MS: f64 = 100.0;
 
 const FEATURES: In<Features> = In::each(0, "features").many();
@@ -20,6 +26,8 @@ const PREDICTED: Out<Targets> = Out::new(1, "predicted");
 /// is there for the feedback to detectors. A target is `measured` if a frame of that very time saw it.
 pub struct Integrator {
     tracker: Tracker,
+    /// How far ahead of its delivery a frame may have been captured.
+    ahead: Interval,
     pool: Pool<Targets>,
     camera_names: Vec<String>,
     /// Frames whose capture time lies after their delivery.
@@ -51,9 +59,12 @@ impl Node for Integrator {
             );
             return Err(ConfigError::at("birth_cameras", message));
         }
+        let spread_ms = if settings.clocks == Clocks::Trust { 0.0 } else { 5.0 * settings.clock_spread_ms };
+        let ahead = Interval::from_ms(spread_ms.max(CLOCK_TOLERANCE_MS));
         let models = cameras.iter().map(|it| it.camera.clone()).collect();
         Ok(Self {
             tracker: Tracker::new(settings, models, setup.volume_m),
+            ahead,
             pool: Pool::default(),
             camera_names: cameras.iter().map(|it| it.name.clone()).collect(),
             from_the_future: 0,
@@ -63,7 +74,7 @@ impl Node for Integrator {
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         let Some(features) = io.take(&FEATURES) else { return Ok(()) };
-        if features.time() - io.now() > Interval::from_ms(CLOCK_TOLERANCE_MS) {
+        if features.time() - io.now() > self.ahead {
             self.from_the_future += 1; // applied, it would make every other camera late
             return Ok(());
         }
@@ -88,43 +99,84 @@ impl Node for Integrator {
         let tally = self.tracker.tally();
         let mut figure = |name: &str, count: u64| report.figure(format!("integrator.{name}"), count as f64);
         figure("births", tally.births);
+        figure("identities_regained", tally.regained);
         figure("deaths_unseen", tally.deaths_unseen);
         figure("deaths_single_view", tally.deaths_single_view);
         figure("deaths_outside_volume", tally.deaths_outside);
         figure("deaths_unconfirmed", tally.deaths_unconfirmed);
         figure("deaths_duplicate", tally.deaths_duplicate);
         figure("targets_at_end", self.tracker.n_targets() as u64);
+        figure("ambiguities", tally.ambiguities);
         figure("observations_used", tally.used);
         figure("observations_unmatched", tally.unmatched);
         figure("observations_unusable", tally.unusable);
         figure("observations_late", tally.late);
-        let (late, applied) =
-            tally.cameras.iter().fold((0, 0), |(late, applied), it| (late + it.late, applied + it.applied));
-        figure("frames_late", late);
+        let total = |of: fn(&CameraTally) -> u64| tally.cameras.iter().map(of).sum::<u64>();
+        let (applied, late) = (total(|it| it.applied), total(|it| it.late));
         figure("frames_applied", applied);
+        figure("frames_applied_late", total(|it| it.applied_late));
+        figure("frames_late", late);
+        figure("frames_repeated", total(|it| it.repeated));
         figure("frames_from_the_future", self.from_the_future);
         figure("frames_of_unknown_cameras", self.unknown_camera);
-        let total = |of: fn(&CameraTally) -> u64| tally.cameras.iter().map(of).sum();
-        figure("frames_applied", total(|it| it.applied));
-        figure("frames_late", total(|it| it.late));
-        figure("frames_repeated", total(|it| it.repeated));
-        // By camera only where something went wrong: a rig of many cameras has enough to read.
         if late > 0 {
             let all = late + applied;
             report.remark(format!(
-                "{late} of {all} camera frames reached the integrator after newer ones and were not used; in a live run that means \
-                 that the machine does not keep up"
+                "{late} of {all} camera frames reached the integrator too long after newer ones and were not used; in a live run that \
+                 means that the machine does not keep up, or that clocks disagree"
             ));
         }
-        let mut figure = |name: &str, count: u64| report.figure(format!("integrator.{name}"), count as f64);
+        // By camera only where something went wrong: a rig of many cameras has enough to read.
         for (camera, name) in tally.cameras.iter().zip(&self.camera_names) {
-            for (what, count) in [("late", camera.late), ("repeated", camera.repeated)] {
+            for (what, count) in
+                [("applied_late", camera.applied_late), ("late", camera.late), ("repeated", camera.repeated)]
+            {
                 if count > 0 {
-                    figure(&format!("frames_{what}.{name}"), count);
+                    report.figure(format!("integrator.frames_{what}.{name}"), count as f64);
                 }
             }
         }
+        self.report_consistency(report);
+        self.report_clocks(report);
         Ok(())
+    }
+}
+
+impl Integrator {
+    /// Whether errors are as large as the filters say: the normalised squared innovations over their number of degrees of freedom.
+    fn report_consistency(&self, report: &mut Report) {
+        let tally = self.tracker.tally();
+        let Some(mean) = tally.consistency.mean() else { return };
+        report.figure("integrator.innovations_normalised_squared", mean);
+        let mut too_large = Vec::new();
+        for (camera, name) in tally.cameras.iter().zip(&self.camera_names) {
+            if camera.consistency.verdict(CONSISTENCY_SIGMAS, CONSISTENCY_TOLERANCE) == Verdict::Overconfident {
+                too_large.push(name.as_str());
+                if let Some(mean) = camera.consistency.mean() {
+                    report.figure(format!("integrator.innovations_normalised_squared.{name}"), mean);
+                }
+            }
+        }
+        if !too_large.is_empty() {
+            report.remark(format!(
+                "the lights that {} saw were further from where they were expected than the integrator was told to expect; look at the \
+                 calibration and the clock of these cameras, at camera_error_px, and at acceleration_m_s2",
+                too_large.join(", ")
+            ));
+        }
+    }
+
+    /// How far each camera's clock is ahead of the mean of all.
+    fn report_clocks(&self, report: &mut Report) {
+        for (camera, name) in self.camera_names.iter().enumerate() {
+            let id = CameraId(camera as u16);
+            let Some(stamp) = self.tracker.newest_stamp(id) else { continue };
+            let Some(clock) = self.tracker.clock(id, stamp).filter(|it| it.n_observations > 0) else { continue };
+            let mut figure = |what: &str, value: f64| report.figure(format!("integrator.clock_{what}.{name}"), value);
+            figure("offset_ms", clock.offset_s * 1e3);
+            figure("offset_sigma_ms", clock.offset_sigma_s * 1e3);
+            figure("drift_ppm", clock.drift * 1e6);
+        }
     }
 }
 

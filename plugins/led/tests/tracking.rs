@@ -59,6 +59,11 @@ impl Rig {
     }
 }
 
+/// Settings under which a lost target stays lost, as in the paper.
+fn forgetful() -> IntegratorSettings {
+    IntegratorSettings { remember_ms: 0.0, ..IntegratorSettings::default() }
+}
+
 const SPOT: Point3<f64> = Point3::new(0.2, -0.3, 1.2);
 
 fn walk(lab: &Lab, duration: f64) -> (Score, Tracker) {
@@ -252,7 +257,7 @@ fn an_accident_is_taken_back() {
 
 #[test]
 fn a_target_dies_when_unseen_for_too_long_and_its_identity_is_not_used_again() {
-    let mut rig = Rig::new(6, IntegratorSettings::default());
+    let mut rig = Rig::new(6, forgetful());
     rig.watch(ms(0.0), ms(500.0), &[], &[SPOT]);
     assert_eq!(rig.ids(), [0]);
     let last = rig.tracker.time().unwrap();
@@ -268,7 +273,7 @@ fn a_target_dies_when_unseen_for_too_long_and_its_identity_is_not_used_again() {
 
 #[test]
 fn a_target_dies_when_one_camera_only_sees_it_for_too_long() {
-    let mut rig = Rig::new(6, IntegratorSettings::default());
+    let mut rig = Rig::new(6, forgetful());
     rig.watch(ms(0.0), ms(1000.0), &[], &[SPOT]);
     rig.watch(ms(1000.0), ms(1290.0), &[3], &[SPOT]);
     assert_eq!(rig.ids(), [0]);

@@ -1,15 +1,25 @@
 //! Which feature of a frame belongs to which target.
 //!
-//! Each target is projected into the camera; the nearest feature is its own [Davis 2002 §3.4], within a gate. Nearest is
+//! Each target is projected into the camera; what lies within a gate around it may be its own [Davis 2002 §3.4]. Near is
 //! meant in the filter's own measure, νᵀS⁻¹ν + ln det S: the likelihood, up to a constant. The second term lets a target
 //! that is known well win over one that could be anywhere, as a newborn one could, which the distance νᵀS⁻¹ν alone would
-//! favour. The best pair is fixed first, then the best of the rest: one feature to one target.
+//! favour. One feature to one target, in one of three ways:
+//!
+//! | method | rule |
+//! |---|---|
+//! | nearest | the best pair is fixed first, then the best of the rest |
+//! | global | the pairs whose costs have the least sum; a target without a feature costs as much as one at its gate |
+//! | hypotheses | as global, and where a second choice is nearly as good, both are kept: `hypotheses` |
+//!
+//! Only targets whose gates share a feature compete, so that the work grows with the targets and not with their square.
 
+use std::f64::consts::PI;
+
+use foveate::estimation::assignment::{Workspace, optimal};
+use foveate::estimation::motion::Filter;
 use foveate::geometry::Camera;
 use foveate::messages::Feature;
 use nalgebra::{Matrix2, Matrix2x3, Vector2};
-
-use super::track::Track;
 
 /// What a pair needs to be a pair.
 #[derive(Debug, Clone, Copy)]
@@ -20,29 +30,37 @@ pub(super) struct Gate {
     pub pixels: f64,
     /// Variance added to each axis of each feature [px²].
     pub camera_variance: f64,
+    /// Mean squared error of the frame's time [s²].
+    pub time_variance: f64,
+    /// False features in a frame of this camera, as far as is known [1/px²].
+    pub clutter: f64,
 }
 
-/// The search for pairs, with its buffers.
-#[derive(Debug, Default)]
-pub(super) struct Association {
-    /// Row and number of each usable feature, ascending by row.
-    rows: Vec<(f64, usize)>,
-    pairs: Vec<Pair>,
-    /// By target: whether it has a feature.
-    target_taken: Vec<bool>,
-    /// By target: whether it lies in the camera's field of view.
-    in_view: Vec<bool>,
-    /// By feature: whether it has a target.
-    feature_taken: Vec<bool>,
-    /// Features without finite numbers or with a negative variance.
-    pub unusable: u64,
+/// One filter of a target, through which it may be seen.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct View<'a> {
+    /// Number of the target.
+    pub track: usize,
+    pub filter: &'a Filter,
+    /// Whether it must be known well enough to tell its feature from a false one.
+    pub wary: bool,
 }
+
+/// A target whose gate is expected to hold more false features than this in one frame takes none: it waits until several
+/// cameras agree on where it is.
+const MOST_CLUTTER: f64 = 0.02;
+
+/// How a target without a feature compares with one that has: −2 ln of a density of false features of one in a picture of
+/// 640 × 240 and a chance of 0.3 to be hidden, in the units of [`Pair::cost`].
+const MISS_COST: f64 = 22.0;
 
 /// A target and a feature that may be its own.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pair {
     /// νᵀS⁻¹ν + ln det S; less is better.
-    cost: f64,
+    pub cost: f64,
+    /// Place of the filter among those that were offered.
+    pub view: usize,
     /// Number of the target.
     pub track: usize,
     /// Number of the feature.
@@ -53,35 +71,146 @@ pub(super) struct Pair {
     pub jacobian: Matrix2x3<f64>,
 }
 
+/// The search for pairs, with its buffers.
+#[derive(Debug, Default)]
+pub(super) struct Association {
+    /// Row and number of each usable feature, ascending by row.
+    rows: Vec<(f64, usize)>,
+    /// All pairs within the gate, by view.
+    candidates: Vec<Pair>,
+    /// Those that were chosen: at most one a target, at most one a feature.
+    chosen: Vec<Pair>,
+    /// By target: whether it has a feature.
+    target_taken: Vec<bool>,
+    /// By target: whether it lies in the camera's field of view.
+    in_view: Vec<bool>,
+    /// By feature: whether it has a target.
+    feature_taken: Vec<bool>,
+    /// Features without finite numbers or with a negative variance.
+    pub unusable: u64,
+    clusters: Clusters,
+    costs: Vec<f64>,
+    workspace: Workspace,
+    assigned: Vec<Option<usize>>,
+}
+
 impl Association {
-    /// Pairs `tracks`, already carried to the time of the frame, with `features`.
-    pub fn run(&mut self, tracks: &[Track], camera: &Camera, features: &[Feature], gate: &Gate) {
+    /// Finds all pairs within the gate of `features` and of the filters in `views`, which are of the frame's time. The views of one target
+    /// follow one another.
+    pub fn find_candidates<'a>(
+        &mut self,
+        n_tracks: usize,
+        views: impl Iterator<Item = View<'a>>,
+        camera: &Camera,
+        features: &[Feature],
+        gate: &Gate,
+    ) {
         let largest_variance = self.sort_features(features);
-        self.pairs.clear();
+        self.candidates.clear();
+        self.chosen.clear();
         self.in_view.clear();
-        for (index, track) in tracks.iter().enumerate() {
-            self.pair_up(index, track, camera, features, gate, largest_variance);
+        self.in_view.resize(n_tracks, false);
+        self.target_taken.clear();
+        self.target_taken.resize(n_tracks, false);
+        for (number, view) in views.enumerate() {
+            self.pair_up(number, &view, camera, features, gate, largest_variance);
         }
+    }
+
+    /// Fixes the best pair, then the best of the rest, and so on.
+    pub fn choose_nearest(&mut self) {
         // A complete order: equal costs by identity, then by place, so that a run can be repeated.
-        self.pairs.sort_unstable_by(|a, b| {
+        self.candidates.sort_unstable_by(|a, b| {
             a.cost.total_cmp(&b.cost).then_with(|| (a.track, a.feature).cmp(&(b.track, b.feature)))
         });
-        self.target_taken.clear();
-        self.target_taken.resize(tracks.len(), false);
-        let (target_taken, feature_taken) = (&mut self.target_taken, &mut self.feature_taken);
-        self.pairs.retain(|pair| {
-            let free = !target_taken[pair.track] && !feature_taken[pair.feature];
-            if free {
-                target_taken[pair.track] = true;
-                feature_taken[pair.feature] = true;
+        for index in 0..self.candidates.len() {
+            let pair = self.candidates[index];
+            if !self.target_taken[pair.track] && !self.feature_taken[pair.feature] {
+                self.choose(pair);
             }
-            free
-        });
+        }
+    }
+
+    /// Fixes the pairs whose costs have the least sum.
+    pub fn choose_global(&mut self) {
+        self.cluster(std::iter::empty::<(usize, usize)>());
+        for number in 0..self.clusters.len() {
+            self.choose_best_of(number, |_| true);
+        }
+    }
+
+    /// Fixes the best pairs of cluster `number`, among those that `counts` admits.
+    pub fn choose_best_of(&mut self, number: usize, counts: impl Fn(&Pair) -> bool) {
+        let cluster = self.clusters.get(number);
+        let (n_rows, n_columns) = (cluster.tracks.len(), cluster.features.len());
+        self.costs.clear();
+        self.costs.resize(n_rows * n_columns, f64::NAN);
+        for &index in cluster.candidates {
+            let pair = &self.candidates[index];
+            let row = cluster.tracks.binary_search(&pair.track);
+            let column = cluster.features.binary_search(&pair.feature);
+            if let (Ok(row), Ok(column), true) = (row, column, counts(pair)) {
+                self.costs[row * n_columns + column] = pair.cost;
+            }
+        }
+        optimal(&self.costs, n_rows, n_columns, cluster.miss_cost, &mut self.workspace, &mut self.assigned);
+        for &index in cluster.candidates {
+            let pair = self.candidates[index];
+            let row = cluster.tracks.binary_search(&pair.track);
+            let column = cluster.features.binary_search(&pair.feature).ok();
+            if counts(&pair) && row.is_ok_and(|row| column.is_some() && self.assigned[row] == column) {
+                self.target_taken[pair.track] = true;
+                self.feature_taken[pair.feature] = true;
+                self.chosen.push(pair);
+            }
+        }
+    }
+
+    /// Sets aside the pairs that nobody competes for, and groups the rest: targets in one cluster share features, or are `tied`
+    /// (pairs of numbers of targets). Gives the number of clusters.
+    pub fn cluster(&mut self, tied: impl Iterator<Item = (usize, usize)>) -> usize {
+        let n_tracks = self.target_taken.len();
+        self.clusters.form(&self.candidates, n_tracks, self.feature_taken.len(), tied);
+        for index in 0..self.clusters.plain.len() {
+            self.choose(self.candidates[self.clusters.plain[index]]);
+        }
+        self.clusters.len()
+    }
+
+    /// Cluster `number` of [`Self::cluster`].
+    pub fn in_cluster(&self, number: usize) -> Cluster<'_> {
+        self.clusters.get(number)
+    }
+
+    /// All pairs within the gate.
+    pub fn candidates(&self) -> &[Pair] {
+        &self.candidates
+    }
+
+    /// Fixes candidate number `candidate`.
+    pub fn choose_candidate(&mut self, candidate: usize) {
+        self.choose(self.candidates[candidate]);
+    }
+
+    fn choose(&mut self, pair: Pair) {
+        self.target_taken[pair.track] = true;
+        self.feature_taken[pair.feature] = true;
+        self.chosen.push(pair);
+    }
+
+    /// Takes note that `track` has a feature in the likeliest hypothesis.
+    pub fn note_target(&mut self, track: usize) {
+        self.target_taken[track] = true;
+    }
+
+    /// Takes note that `feature` belongs to a target in some hypothesis.
+    pub fn note_feature(&mut self, feature: usize) {
+        self.feature_taken[feature] = true;
     }
 
     /// The pairs of the last frame: at most one a target, at most one a feature.
     pub fn pairs(&self) -> &[Pair] {
-        &self.pairs
+        &self.chosen
     }
 
     /// Whether target number `track` got a feature in the last frame.
@@ -94,12 +223,9 @@ impl Association {
         self.in_view.get(track).copied().unwrap_or(false)
     }
 
-    /// Takes note that target number `track` is gone and those behind it move up.
-    pub fn forget_target(&mut self, track: usize) {
-        if track < self.target_taken.len() {
-            self.target_taken.remove(track);
-            self.in_view.remove(track);
-        }
+    /// How many features of the last frame belong to a target.
+    pub fn n_used(&self) -> usize {
+        self.feature_taken.iter().filter(|it| **it).count()
     }
 
     /// The usable features of the last frame that no target got.
@@ -127,21 +253,25 @@ impl Association {
         largest
     }
 
-    /// Adds the pairs of one target.
+    /// Adds the pairs of one view of a target.
     fn pair_up(
         &mut self,
-        index: usize,
-        track: &Track,
+        number: usize,
+        &View { track, filter, wary }: &View<'_>,
         camera: &Camera,
         features: &[Feature],
         gate: &Gate,
         largest_variance: f64,
     ) {
-        let projected = camera.project_with_jacobian(&track.filter.position);
-        self.in_view.push(projected.is_some_and(|(pixel, _)| camera.has_pixel(&pixel)));
+        let projected = camera.project_with_jacobian(&filter.position());
+        self.in_view[track] |= projected.is_some_and(|(pixel, _)| camera.has_pixel(&pixel));
         let Some((expected, jacobian)) = projected else { return };
-        let own = Matrix2::identity() * gate.camera_variance;
-        let predicted = track.filter.innovation_covariance(&jacobian, &own);
+        let own = gate.noise(&Matrix2::zeros(), &jacobian, filter);
+        let predicted = filter.innovation_covariance(&jacobian, &own);
+        let area = PI * gate.sigma * gate.sigma * predicted.determinant().max(0.0).sqrt();
+        if wary && area * gate.clutter > MOST_CLUTTER {
+            return;
+        }
         // No axis of S is longer than its trace; a feature further away than that cannot pass the gate.
         let reach = gate.pixels.min(gate.sigma * (predicted.trace() + largest_variance).sqrt());
         let first = self.rows.partition_point(|row| row.0 < expected.y - reach);
@@ -158,13 +288,176 @@ impl Association {
             let (x, y) = (innovation.x, innovation.y);
             let squared = (s[(1, 1)] * x * x - (s[(0, 1)] + s[(1, 0)]) * x * y + s[(0, 0)] * y * y) / determinant;
             if determinant > 0.0 && squared <= gate.sigma * gate.sigma {
-                self.pairs.push(Pair { cost: squared + determinant.ln(), track: index, feature, innovation, jacobian });
+                let cost = squared + determinant.ln();
+                self.candidates.push(Pair { cost, view: number, track, feature, innovation, jacobian });
             }
         }
+    }
+}
+
+impl Gate {
+    /// The covariance of a feature with the camera's own error, and that of its time along the motion of the target, which `filter` and
+    /// the `jacobian` of the pixel by its position know [px²].
+    pub fn noise(&self, feature: &Matrix2<f64>, jacobian: &Matrix2x3<f64>, filter: &Filter) -> Matrix2<f64> {
+        let noise = widened(feature, self.camera_variance);
+        if self.time_variance == 0.0 {
+            return noise;
+        }
+        let moves = jacobian * filter.velocity();
+        noise + moves * moves.transpose() * self.time_variance
     }
 }
 
 /// A feature's covariance and the camera's own error [px²].
 pub(super) fn widened(covariance: &Matrix2<f64>, camera_variance: f64) -> Matrix2<f64> {
     covariance + Matrix2::identity() * camera_variance
+}
+
+/// Targets that compete.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Cluster<'a> {
+    /// Numbers of the targets, ascending.
+    pub tracks: &'a [usize],
+    /// Numbers of the features, ascending.
+    pub features: &'a [usize],
+    /// Places among the candidates.
+    pub candidates: &'a [usize],
+    /// What a target without a feature costs.
+    pub miss_cost: f64,
+}
+
+/// Who competes with whom.
+#[derive(Debug, Default)]
+struct Clusters {
+    /// Candidates that nobody competes for.
+    plain: Vec<usize>,
+    /// By target: the first of its cluster, by links.
+    parent: Vec<usize>,
+    /// By target: pairs with it, and whether it is tied to another.
+    of_track: Vec<(u32, bool)>,
+    /// By feature: pairs with it and the first target of them.
+    of_feature: Vec<(u32, usize)>,
+    /// Cluster, then the target, feature or candidate.
+    tracks: Vec<(usize, usize)>,
+    features: Vec<(usize, usize)>,
+    candidates: Vec<(usize, usize)>,
+    lists: Lists,
+    /// By cluster: ends of its targets, features and candidates in `lists`, and the cost of a miss.
+    ends: Vec<([usize; 3], f64)>,
+}
+
+#[derive(Debug, Default)]
+struct Lists {
+    tracks: Vec<usize>,
+    features: Vec<usize>,
+    candidates: Vec<usize>,
+}
+
+impl Clusters {
+    fn form(&mut self, pairs: &[Pair], n_tracks: usize, n_features: usize, tied: impl Iterator<Item = (usize, usize)>) {
+        self.plain.clear();
+        self.ends.clear();
+        self.of_track.clear();
+        self.of_track.resize(n_tracks, (0, false));
+        self.of_feature.clear();
+        self.of_feature.resize(n_features, (0, usize::MAX));
+        self.parent.clear();
+        self.parent.extend(0..n_tracks);
+        for (a, b) in tied {
+            self.of_track[a].1 = true;
+            self.of_track[b].1 = true;
+            self.join(a, b);
+        }
+        for pair in pairs {
+            self.of_track[pair.track].0 += 1;
+            let (count, first) = &mut self.of_feature[pair.feature];
+            *count += 1;
+            let first = std::mem::replace(first, pair.track);
+            if first != usize::MAX {
+                self.join(first, pair.track);
+            }
+        }
+        let is_plain = |of_track: &[(u32, bool)], of_feature: &[(u32, usize)], pair: &Pair| {
+            of_track[pair.track] == (1, false) && of_feature[pair.feature].0 == 1
+        };
+        self.tracks.clear();
+        self.features.clear();
+        self.candidates.clear();
+        for (index, pair) in pairs.iter().enumerate() {
+            if is_plain(&self.of_track, &self.of_feature, pair) {
+                self.plain.push(index);
+                continue;
+            }
+            let root = self.root(pair.track);
+            self.tracks.push((root, pair.track));
+            self.features.push((root, pair.feature));
+            self.candidates.push((root, index));
+        }
+        for track in 0..n_tracks {
+            if self.of_track[track].1 {
+                let root = self.root(track);
+                self.tracks.push((root, track)); // without any feature as well
+            }
+        }
+        self.list(pairs);
+    }
+
+    /// Cuts the sorted lists at the borders of the clusters.
+    fn list(&mut self, pairs: &[Pair]) {
+        for list in [&mut self.tracks, &mut self.features, &mut self.candidates] {
+            list.sort_unstable();
+            list.dedup();
+        }
+        for (from, to) in [
+            (&self.tracks, &mut self.lists.tracks),
+            (&self.features, &mut self.lists.features),
+            (&self.candidates, &mut self.lists.candidates),
+        ] {
+            to.clear();
+            to.extend(from.iter().map(|it| it.1));
+        }
+        let (mut feature, mut candidate) = (0, 0);
+        for (place, &(root, _)) in self.tracks.iter().enumerate() {
+            if self.tracks.get(place + 1).is_some_and(|it| it.0 == root) {
+                continue;
+            }
+            let mut largest = f64::NEG_INFINITY;
+            while self.features.get(feature).is_some_and(|it| it.0 == root) {
+                feature += 1;
+            }
+            while let Some(&(_, index)) = self.candidates.get(candidate).filter(|it| it.0 == root) {
+                largest = largest.max(pairs[index].cost);
+                candidate += 1;
+            }
+            self.ends.push(([place + 1, feature, candidate], largest.max(MISS_COST)));
+        }
+    }
+
+    fn len(&self) -> usize {
+        self.ends.len()
+    }
+
+    fn get(&self, number: usize) -> Cluster<'_> {
+        let ([tracks, features, candidates], miss_cost) = self.ends[number];
+        let start = number.checked_sub(1).map_or([0; 3], |before| self.ends[before].0);
+        Cluster {
+            tracks: &self.lists.tracks[start[0]..tracks],
+            features: &self.lists.features[start[1]..features],
+            candidates: &self.lists.candidates[start[2]..candidates],
+            miss_cost,
+        }
+    }
+
+    fn root(&mut self, mut track: usize) -> usize {
+        while self.parent[track] != track {
+            self.parent[track] = self.parent[self.parent[track]];
+            track = self.parent[track];
+        }
+        track
+    }
+
+    fn join(&mut self, a: usize, b: usize) {
+        let (a, b) = (self.root(a), self.root(b));
+        self.parent[a.max(b)] = a.min(b);
+    }
 }

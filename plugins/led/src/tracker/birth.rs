@@ -1,28 +1,52 @@
 //! What no target explains, kept for a while, and the targets that are born of it [Davis 2002 §3.6].
+//!
+//! Lines of sight of different moments meet only where a light is slow, which is the paper's rule. A feature that a camera has
+//! seen twice shows how fast it moves in the picture; carried on to one moment, the lines of a fast light meet as well. Both
+//! are tried, the paper's rule first.
 
-use foveate::estimation::kalman::ConstantVelocity;
 use foveate::geometry::{Camera, PixelNoise, refine};
 use foveate::messages::{CameraId, Feature, Interval, Time};
-use nalgebra::{Matrix2, Matrix3, Point2, Point3};
+use nalgebra::{Matrix2, Matrix3, Point2, Point3, Vector2, Vector3};
 use smallvec::SmallVec;
 
 use super::association::widened;
+use super::partners::Partners;
 use crate::consensus::{Consensus, Meeting, Rules, Sighting};
 
 /// The unmatched features of each camera's newest frame.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Nursery {
     by_camera: Vec<Recent>,
+    partners: Partners,
     consensus: Consensus,
     fresh: Vec<Sighting>,
+    /// By fresh sighting: its motion in the picture.
+    motions: Vec<Option<Motion>>,
     meetings: Vec<Meeting>,
+    before: Vec<Loose>,
 }
 
 #[derive(Debug, Clone, Default)]
 struct Recent {
     /// Of the newest frame.
     time: Option<Time>,
-    sightings: Vec<Sighting>,
+    loose: Vec<Loose>,
+}
+
+/// A feature without a target.
+#[derive(Debug, Clone, Copy)]
+struct Loose {
+    sighting: Sighting,
+    motion: Option<Motion>,
+}
+
+/// How a feature moves in its picture.
+#[derive(Debug, Clone, Copy)]
+struct Motion {
+    /// [px/s]
+    velocity: Vector2<f64>,
+    /// Of the velocity, each axis [px²/s²].
+    variance: f64,
 }
 
 /// What a birth needs, besides lines that meet.
@@ -38,12 +62,34 @@ pub(super) struct Conditions<'a> {
     pub camera_variance: f64,
 }
 
+/// Where a newborn target is, and how it moves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Start {
+    /// [m]
+    pub position: Point3<f64>,
+    /// Of the position [m²].
+    pub covariance: Matrix3<f64>,
+    /// [m/s]
+    pub velocity: Vector3<f64>,
+    /// Of each axis of the velocity [m/s].
+    pub velocity_sigma: f64,
+}
+
 impl Nursery {
-    pub fn new(n_cameras: usize) -> Self {
-        Self { by_camera: vec![Recent::default(); n_cameras], ..Self::default() }
+    pub fn new(cameras: &[Camera]) -> Self {
+        Self {
+            by_camera: vec![Recent::default(); cameras.len()],
+            partners: Partners::new(cameras),
+            consensus: Consensus::default(),
+            fresh: Vec::new(),
+            motions: Vec::new(),
+            meetings: Vec::new(),
+            before: Vec::new(),
+        }
     }
 
-    /// Replaces what `camera` left unmatched by what its newest frame, of `time`, leaves.
+    /// Replaces what `camera` left unmatched by what its newest frame, of `time`, leaves. A feature less than `reach` [px] from where one
+    /// of the frame before was expected is taken for that one.
     pub fn record(
         &mut self,
         camera: CameraId,
@@ -51,46 +97,67 @@ impl Nursery {
         time: Time,
         features: &[Feature],
         unmatched: impl Iterator<Item = usize>,
+        reach: f64,
     ) {
         let Some(recent) = self.by_camera.get_mut(usize::from(camera.0)) else { return };
+        let elapsed_s = recent.time.map_or(0.0, |before| (time - before).as_s());
         recent.time = Some(time);
-        recent.sightings.clear();
-        recent.sightings.extend(unmatched.filter_map(|feature| {
+        std::mem::swap(&mut self.before, &mut recent.loose);
+        recent.loose.clear();
+        recent.loose.extend(unmatched.filter_map(|feature| {
             let Feature { centre: pixel, covariance, .. } = features[feature];
-            Some(Sighting { camera, time, ray: model.ray(&pixel)?, pixel, covariance, feature })
+            let sighting = Sighting { camera, time, ray: model.ray(&pixel)?, pixel, covariance, feature };
+            let motion = follow(&sighting, &self.before, elapsed_s, reach);
+            Some(Loose { sighting, motion })
         }));
     }
 
     /// How many features of `camera`'s newest frame are still unexplained.
     pub fn n_unmatched(&self, camera: CameraId) -> usize {
-        self.by_camera.get(usize::from(camera.0)).map_or(0, |recent| recent.sightings.len())
+        self.by_camera.get(usize::from(camera.0)).map_or(0, |recent| recent.loose.len())
     }
 
     /// Forgets the features of a camera whose frame is not to be trusted.
     pub fn forget(&mut self, camera: CameraId) {
         if let Some(recent) = self.by_camera.get_mut(usize::from(camera.0)) {
-            recent.sightings.clear();
+            recent.loose.clear();
         }
     }
 
-    /// The points where a line of `camera`'s newest frame meets those of others, all of which are allowed; best first.
+    /// The points where a line of `camera`'s newest frame meets those of others, all of which are allowed; best first. With `moving`,
+    /// every line is carried on to `now` by its motion, and those without one are left out.
     pub fn meetings(
         &mut self,
         camera: CameraId,
         now: Time,
+        moving: bool,
         conditions: &Conditions<'_>,
         allowed: impl Fn(&Point3<f64>) -> bool,
     ) -> &[Meeting] {
-        let fresh = |time: Time| now - time <= conditions.stale_after;
         self.fresh.clear();
-        for recent in &self.by_camera {
-            if recent.time.is_some_and(fresh) {
-                self.fresh.extend_from_slice(&recent.sightings);
+        self.motions.clear();
+        self.partners.look_up(camera, conditions.cameras);
+        for &partner in self.partners.of(camera) {
+            let recent = &self.by_camera[partner];
+            if recent.time.is_none_or(|time| now - time > conditions.stale_after) {
+                continue;
+            }
+            for loose in &recent.loose {
+                let sighting = if moving {
+                    let carried =
+                        loose.motion.and_then(|it| carry(&loose.sighting, &it, now, &conditions.cameras[partner]));
+                    let Some(sighting) = carried else { continue };
+                    sighting
+                } else {
+                    loose.sighting
+                };
+                self.fresh.push(sighting);
+                self.motions.push(loose.motion);
             }
         }
-        let by_camera = &self.by_camera;
+        let onlookers = Onlookers { by_camera: &self.by_camera, partners: self.partners.of(camera), now, conditions };
         let accept = |point: &Point3<f64>, n_cameras: usize| {
-            allowed(point) && n_cameras as f64 >= conditions.share * onlookers(by_camera, point, now, conditions) as f64
+            allowed(point) && n_cameras as f64 >= conditions.share * onlookers.count(point) as f64
         };
         self.consensus.find(&self.fresh, Some(camera), &conditions.rules, accept, &mut self.meetings);
         &self.meetings
@@ -101,19 +168,22 @@ impl Nursery {
         self.meetings.get(index)
     }
 
-    /// Part of the cameras that look on that agree with `meeting`.
-    pub fn share(&self, meeting: &Meeting, now: Time, conditions: &Conditions<'_>) -> f64 {
-        meeting.members.len() as f64 / onlookers(&self.by_camera, &meeting.position, now, conditions).max(1) as f64
+    /// Part of the cameras that look on that agree with `meeting`, which a line of `camera` proposed.
+    pub fn share(&self, camera: CameraId, meeting: &Meeting, now: Time, conditions: &Conditions<'_>) -> f64 {
+        let onlookers = Onlookers { by_camera: &self.by_camera, partners: self.partners.of(camera), now, conditions };
+        meeting.members.len() as f64 / onlookers.count(&meeting.position).max(1) as f64
     }
 
-    /// The cameras of a meeting, with the time at which each saw it.
-    pub fn witnesses<'a>(&'a self, meeting: &'a Meeting) -> impl Iterator<Item = (CameraId, Time)> + 'a {
-        meeting.members.iter().map(|&member| (self.fresh[member].camera, self.fresh[member].time))
+    /// The cameras of a meeting whose newest frame is of `time`.
+    pub fn witnesses<'a>(&'a self, meeting: &'a Meeting, time: Time) -> impl Iterator<Item = CameraId> + 'a {
+        let cameras = meeting.members.iter().map(|&member| self.fresh[member].camera);
+        cameras.filter(move |camera| self.by_camera[usize::from(camera.0)].time == Some(time))
     }
 
-    /// The filter of a target born at `meeting`, at time `now`: the maximum-likelihood point of its pixels, less certain
-    /// by what it may have moved since the oldest of them. `None` when the cameras' lines fix no point.
-    pub fn filter(&self, meeting: &Meeting, now: Time, conditions: &Conditions<'_>) -> Option<ConstantVelocity> {
+    /// The start of a target born at `meeting`, at time `now`: the maximum-likelihood point of its pixels, less certain by what it may
+    /// have moved since the oldest of them, and the velocity that its motions in the pictures show, if they do.
+    /// `None` when the cameras' lines fix no point.
+    pub fn start(&self, meeting: &Meeting, now: Time, conditions: &Conditions<'_>) -> Option<Start> {
         let mut cameras: SmallVec<[&Camera; 20]> = SmallVec::new();
         let mut pixels: SmallVec<[Point2<f64>; 20]> = SmallVec::new();
         let mut noise: SmallVec<[Matrix2<f64>; 20]> = SmallVec::new();
@@ -126,22 +196,81 @@ impl Nursery {
             oldest = oldest.min(sighting.time);
         }
         let found = refine(&cameras, &pixels, PixelNoise::Covariances(&noise), meeting.position).ok()?;
-        let moved = conditions.speed * (now - oldest).as_s();
-        let covariance = found.covariance + Matrix3::identity() * (moved * moved);
-        Some(ConstantVelocity::new(found.position, covariance, conditions.speed))
+        // Σ Jᵀ(u − J v)/σ² = v/speed²: the motions in the pictures, and that most lights are slow.
+        let mut precision = Matrix3::identity() / (conditions.speed * conditions.speed);
+        let mut pull = Vector3::zeros();
+        for (&member, camera) in meeting.members.iter().zip(&cameras) {
+            let Some(motion) = self.motions[member] else { continue };
+            let Some((_, jacobian)) = camera.project_with_jacobian(&found.position) else { continue };
+            precision += jacobian.transpose() * jacobian / motion.variance;
+            pull += jacobian.transpose() * motion.velocity / motion.variance;
+        }
+        let velocity_covariance = precision.try_inverse()?;
+        let velocity_sigma = (velocity_covariance.trace() / 3.0).sqrt();
+        let moved = velocity_sigma * (now - oldest).as_s();
+        Some(Start {
+            position: found.position,
+            covariance: found.covariance + Matrix3::identity() * (moved * moved),
+            velocity: velocity_covariance * pull,
+            velocity_sigma,
+        })
     }
 
     /// Uses up all lines that pass within `distance` of `point` [m]: the light there has its target now.
-    pub fn consume(&mut self, point: &Point3<f64>, distance: f64) {
-        for recent in &mut self.by_camera {
-            recent.sightings.retain(|sighting| sighting.ray.distance_to(point) > distance);
+    pub fn consume(&mut self, camera: CameraId, point: &Point3<f64>, distance: f64) {
+        for &partner in self.partners.of(camera) {
+            let recent = &mut self.by_camera[partner];
+            recent.loose.retain(|loose| loose.sighting.ray.distance_to(point) > distance);
+        }
+    }
+
+    /// Uses up the lines of `meeting` themselves.
+    pub fn consume_members(&mut self, index: usize) {
+        let Some(meeting) = self.meetings.get(index) else { return };
+        for &member in &meeting.members {
+            let Sighting { camera, feature, .. } = self.fresh[member];
+            self.by_camera[usize::from(camera.0)].loose.retain(|it| it.sighting.feature != feature);
         }
     }
 }
 
-/// How many cameras with a fresh frame have `point` in their field of view.
-fn onlookers(by_camera: &[Recent], point: &Point3<f64>, now: Time, conditions: &Conditions<'_>) -> usize {
-    let fresh = |recent: &Recent| recent.time.is_some_and(|time| now - time <= conditions.stale_after);
-    let onlooking = by_camera.iter().zip(conditions.cameras).filter(|(recent, _)| fresh(recent));
-    onlooking.filter(|(_, camera)| camera.sees(point).is_some()).count()
+/// The motion of `sighting`, if the frame before, `elapsed_s` earlier, has a feature that may be the same one.
+fn follow(sighting: &Sighting, before: &[Loose], elapsed_s: f64, reach: f64) -> Option<Motion> {
+    if elapsed_s <= 0.0 {
+        return None;
+    }
+    let nearest = before.iter().filter_map(|it| {
+        let expected = it.sighting.pixel + it.motion.map_or(Vector2::zeros(), |motion| motion.velocity * elapsed_s);
+        let distance = (sighting.pixel - expected).norm();
+        (distance <= reach).then_some((distance, it))
+    });
+    let (_, before) = nearest.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let variance = (sighting.covariance.trace() + before.sighting.covariance.trace()) / 2.0;
+    let velocity = (sighting.pixel - before.sighting.pixel) / elapsed_s;
+    Some(Motion { velocity, variance: variance.max(1e-6) / (elapsed_s * elapsed_s) })
+}
+
+/// `sighting` as the camera would have it at `now`.
+fn carry(sighting: &Sighting, motion: &Motion, now: Time, camera: &Camera) -> Option<Sighting> {
+    let elapsed_s = (now - sighting.time).as_s();
+    let pixel = sighting.pixel + motion.velocity * elapsed_s;
+    let covariance = sighting.covariance + Matrix2::identity() * (motion.variance * elapsed_s * elapsed_s);
+    Some(Sighting { time: now, ray: camera.ray(&pixel)?, pixel, covariance, ..*sighting })
+}
+
+/// Who could have seen a point.
+struct Onlookers<'a> {
+    by_camera: &'a [Recent],
+    partners: &'a [usize],
+    now: Time,
+    conditions: &'a Conditions<'a>,
+}
+
+impl Onlookers<'_> {
+    /// How many cameras with a fresh frame have `point` in their field of view.
+    fn count(&self, point: &Point3<f64>) -> usize {
+        let fresh = |recent: &Recent| recent.time.is_some_and(|time| self.now - time <= self.conditions.stale_after);
+        let onlooking = self.partners.iter().filter(|&&it| fresh(&self.by_camera[it]));
+        onlooking.filter(|&&it| self.conditions.cameras[it].sees(point).is_some()).count()
+    }
 }

@@ -2,36 +2,53 @@
 //!
 //! One frame of one camera at a time [Davis 2002 §3.4]: all filters are carried to its time, each target is projected into
 //! that camera and takes the feature that is its own, and each filter takes in that one pixel alone. Nothing waits for a
-//! set of cameras to be complete. What no target explains may give birth to one; who is not seen any more dies [§3.6].
+//! set of cameras to be complete. What no target explains may give birth to one; who is not seen any more dies [§3.6], and
+//! is remembered for a while.
 //!
 //! | step | file |
 //! |---|---|
-//! | pairs of targets and features | `association` |
-//! | births | `birth`, and [`consensus`](crate::consensus) |
+//! | when a frame counts, and as of when [§3.5] | here, and `history` |
+//! | pairs of targets and features | `association`, and `hypotheses` where one frame cannot tell |
+//! | births | `birth`, and [`consensus`](crate::consensus); `partners`: who can confirm whom |
 //! | deaths | `track`, and here |
+//! | identities taken up again | `memory` |
 
 mod association;
 mod birth;
+mod history;
+mod hypotheses;
+mod memory;
+mod partners;
 mod settings;
+mod tally;
 mod track;
 
+use foveate::estimation::clocks::{ClockEstimate, ClockEstimator, ClockObservation, ClockSettings};
+use foveate::estimation::motion::{AdaptiveNoise, Filter, Model};
 use foveate::geometry::Camera;
-use foveate::messages::{CameraSet, Features, How, Interval, Target, TargetId, Targets, Time};
-use nalgebra::{Matrix6, Point3, Vector3};
+use foveate::messages::{CameraId, CameraSet, Features, How, Interval, Target, TargetId, Targets, Time};
+use nalgebra::{Matrix2, Matrix6, Point3, Vector3};
 
-use association::{Association, Gate, widened};
+use association::{Association, Gate, Pair, View};
 use birth::{Conditions, Nursery};
-pub use settings::IntegratorSettings;
+use history::{Seen, Step};
+use hypotheses::{Frame, Hypotheses};
+use memory::{Memory, Newborn, Reach, Recalled};
+pub use settings::{AssociationMethod, Clocks, IntegratorSettings, LateRule, MotionModel};
+pub use tally::{CameraTally, Tally};
 use track::{Death, Track};
 
 use crate::consensus::Rules;
 
-/// For how long the acceleration of a target is taken to keep its value [s].
-const ACCELERATION_LASTS_S: f64 = 0.1;
-
 /// A newborn target must be seen by this part of `birth_share` of the frames that show its place: less than at its birth,
 /// when all cameras' newest frames were looked at and not each one.
 const PROBATION_SHARE: f64 = 0.5;
+
+/// What the innovations of a target said is forgotten with this time constant [s].
+const ADAPT_WITHIN_S: f64 = 0.25;
+
+/// What the newest frame counts in the mean number of false features of a camera's frames.
+const CLUTTER_WEIGHT: f64 = 0.02;
 
 /// What became of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,48 +63,11 @@ pub enum Entry {
     UnknownCamera,
 }
 
-/// What the tracker has seen and done so far.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct Tally {
-    /// Targets that began.
-    pub births: u64,
-    /// Targets lost since no camera saw them.
-    pub deaths_unseen: u64,
-    /// Targets lost since one camera only saw them.
-    pub deaths_single_view: u64,
-    /// Targets lost since they left the working volume.
-    pub deaths_outside: u64,
-    /// Targets taken back since too few cameras saw them after their birth.
-    pub deaths_unconfirmed: u64,
-    /// Targets taken back since they followed the light of an older one.
-    pub deaths_duplicate: u64,
-    /// Features that belonged to a target.
-    pub used: u64,
-    /// Features that belonged to none when they came; those of a birth are among them.
-    pub unmatched: u64,
-    /// Features without finite numbers, or with a covariance that is none.
-    pub unusable: u64,
-    /// Features in late or repeated frames.
-    pub late: u64,
-    /// By camera.
-    pub cameras: Vec<CameraTally>,
-}
-
-/// What became of one camera's frames.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct CameraTally {
-    /// Applied.
-    pub applied: u64,
-    /// Discarded since captured too long before the filter's time.
-    pub late: u64,
-    /// Discarded since not newer than the one before.
-    pub repeated: u64,
-}
-
 /// All live targets, and what is needed to carry them on.
 #[derive(Debug)]
 pub struct Tracker {
     settings: IntegratorSettings,
+    model: Model,
     cameras: Vec<Camera>,
     /// Opposite corners, the lower one first.
     volume: Option<[Point3<f64>; 2]>,
@@ -96,16 +76,30 @@ pub struct Tracker {
     next_id: u32,
     /// The time that all filters are of.
     time: Option<Time>,
-    /// By camera: when its newest frame was captured.
+    /// By camera: the stamp of its newest frame.
     newest: Vec<Option<Time>>,
+    /// By camera: features a frame that belong to no target, on average.
+    clutter: Vec<f64>,
     association: Association,
+    hypotheses: Hypotheses,
     nursery: Nursery,
+    memory: Memory,
+    clocks: ClockEstimator,
+    /// Number of a target, and its filter as of a late frame.
+    past: Vec<(usize, Filter)>,
+    /// Targets by their place along one axis.
+    along: Vec<(f64, usize)>,
+    /// Targets at one place: the younger's number, then the older's.
+    twins: Vec<(usize, usize)>,
     tally: Tally,
 }
 
 impl Tracker {
     /// A tracker without targets. `cameras` are all of the calibration, in its order; `settings` have been checked;
     /// `volume` is the working volume by opposite corners [m].
+    ///
+    /// # Panics
+    /// When `settings` fail [`IntegratorSettings::check`].
     pub fn new(settings: IntegratorSettings, cameras: Vec<Camera>, volume: Option<[[f64; 3]; 2]>) -> Self {
         let n = cameras.len();
         Self {
@@ -113,47 +107,97 @@ impl Tracker {
                 let (a, b) = (Point3::from(a), Point3::from(b));
                 [a.inf(&b), a.sup(&b)]
             }),
-            settings,
-            cameras,
+            model: settings.model(),
             tracks: Vec::new(),
             next_id: 0,
             time: None,
             newest: vec![None; n],
+            clutter: vec![0.0; n],
             association: Association::default(),
-            nursery: Nursery::new(n),
+            hypotheses: Hypotheses::default(),
+            nursery: Nursery::new(&cameras),
+            memory: Memory::default(),
+            clocks: ClockEstimator::new(
+                n,
+                ClockSettings { offset_sigma_s: settings.clock_spread_ms * 1e-3, ..ClockSettings::default() },
+            ),
+            past: Vec::new(),
+            along: Vec::new(),
+            twins: Vec::new(),
             tally: Tally { cameras: vec![CameraTally::default(); n], ..Tally::default() },
+            settings,
+            cameras,
         }
     }
 
-    /// Takes in one frame of one camera, captured at `time`.
-    pub fn observe(&mut self, time: Time, features: &Features) -> Entry {
+    /// Takes in one frame of one camera, captured at `stamp` by that camera's clock.
+    pub fn observe(&mut self, stamp: Time, features: &Features) -> Entry {
         let camera = usize::from(features.camera.0);
         if camera >= self.cameras.len() {
             return Entry::UnknownCamera;
         }
-        let filter_time = self.time.map_or(time, |now| now.max(time));
-        if filter_time - time > Interval::from_ms(self.settings.late_tolerance_ms) {
-            self.tally.cameras[camera].late += 1;
-            self.tally.late += features.list.len() as u64;
-            return Entry::Late;
+        let applied = match self.settings.clocks {
+            Clocks::Correct => self.clock(features.camera, stamp).map_or(0.0, |it| it.offset_s),
+            Clocks::Trust | Clocks::Estimate => 0.0,
+        };
+        let time = stamp - Interval::from_s(applied);
+        let entry = self.admit(camera, stamp, time);
+        let tally = &mut self.tally.cameras[camera];
+        match entry {
+            Entry::Late => tally.late += 1,
+            Entry::Repeated => tally.repeated += 1,
+            _ => tally.applied += 1,
         }
-        if self.newest[camera].is_some_and(|newest| time <= newest) {
-            self.tally.cameras[camera].repeated += 1;
+        if entry != Entry::Applied {
             self.tally.late += features.list.len() as u64;
-            return Entry::Repeated;
+            return entry;
         }
-        self.tally.cameras[camera].applied += 1;
-        self.newest[camera] = Some(time);
-        self.advance(filter_time);
-        self.associate(filter_time, features);
-        self.merge(filter_time);
-        self.give_birth(time, filter_time, features);
+        let now = self.time.map_or(time, |now| now.max(time));
+        tally.applied_late += u64::from(time < now);
+        self.advance(now);
+        if time < now && self.settings.late == LateRule::Refilter {
+            self.associate_late(stamp, time, now, features);
+        } else {
+            self.associate(stamp, now, features);
+        }
+        self.judge();
+        self.merge(now);
+        if self.newest[camera].is_none_or(|newest| stamp > newest) {
+            self.newest[camera] = Some(stamp);
+            self.give_birth(time, now, features);
+        }
+        if self.settings.remember_ms > 0.0 {
+            self.memory.look(&mut self.tracks, now);
+        }
         Entry::Applied
+    }
+
+    /// Whether a frame that `camera` took at `time`, at `stamp` by its own clock, counts.
+    fn admit(&self, camera: usize, stamp: Time, time: Time) -> Entry {
+        let late = self.time.map_or(Interval(0), |now| now - time);
+        let newest = self.newest[camera];
+        let (tolerance, in_order) = match self.settings.late {
+            LateRule::Discard => (Interval(0), true),
+            LateRule::Apply => (Interval::from_ms(self.settings.late_tolerance_ms), true),
+            LateRule::Refilter => (Interval::from_ms(self.settings.history_ms), false),
+        };
+        if late > tolerance {
+            Entry::Late
+        } else if newest.is_some_and(|newest| stamp == newest || (in_order && stamp < newest)) {
+            Entry::Repeated
+        } else {
+            Entry::Applied
+        }
     }
 
     /// The time that the targets are of; `None` before the first frame.
     pub fn time(&self) -> Option<Time> {
         self.time
+    }
+
+    /// The newest stamp of `camera`, by its own clock; `None` before its first frame.
+    pub fn newest_stamp(&self, camera: CameraId) -> Option<Time> {
+        self.newest.get(usize::from(camera.0)).copied().flatten()
     }
 
     /// How many targets live, without those that are withheld.
@@ -168,6 +212,13 @@ impl Tracker {
     /// What was seen and done so far.
     pub fn tally(&self) -> &Tally {
         &self.tally
+    }
+
+    /// How far the clock of `camera` is ahead of the mean of all, at `stamp` by that clock; `None` where there is no such camera, or
+    /// clocks are trusted.
+    pub fn clock(&self, camera: CameraId, stamp: Time) -> Option<ClockEstimate> {
+        let estimates = self.settings.clocks != Clocks::Trust;
+        estimates.then(|| self.clocks.estimate(usize::from(camera.0), stamp.as_s())).flatten()
     }
 
     /// Fills `targets` with all live targets as of [`Tracker::time`]; its memory is reused.
@@ -190,70 +241,200 @@ impl Tracker {
     fn advance(&mut self, now: Time) {
         let dt_s = self.time.map_or(0.0, |before| (now - before).as_s());
         self.time = Some(now);
-        let density = self.settings.acceleration_m_s2.powi(2) * ACCELERATION_LASTS_S;
         let unseen = Interval::from_ms(self.settings.lost_after_ms);
         let single_view = Interval::from_ms(self.settings.single_view_after_ms);
         let share = self.settings.birth_share * PROBATION_SHARE;
-        let (tally, volume, margin) = (&mut self.tally, &self.volume, self.settings.volume_margin_mm * 2e-3);
+        let (volume, margin) = (&self.volume, self.settings.volume_margin_mm * 2e-3);
+        let remembers = self.settings.remember_ms > 0.0;
+        let (tally, memory) = (&mut self.tally, &mut self.memory);
         self.tracks.retain_mut(|track| {
-            track.filter.predict(dt_s, density);
+            track.filter.predict_scaled(dt_s, track.noise_scale());
             let refuted = track.refuted(now, share);
             let death = track.lost(now, unseen, single_view).or(refuted.then_some(Death::Unconfirmed)).or_else(|| {
-                let finite = track.filter.position.coords.sum().is_finite();
-                (!finite || !within(volume, margin, &track.filter.position)).then_some(Death::Outside)
+                let position = track.filter.position();
+                let finite = position.coords.sum().is_finite();
+                (!finite || !within(volume, margin, &position)).then_some(Death::Outside)
             });
-            death.inspect(|death| tally.count(*death)).is_none()
+            let Some(death) = death else { return true };
+            tally.count(death);
+            if let Some(lost) = track.regained.take() {
+                memory.put_back(*lost); // it died before it had proved to be the one
+            } else if remembers && track.is_established() && matches!(death, Death::Unseen | Death::SingleView) {
+                memory.keep(track, now);
+            }
+            false
         });
+        if remembers {
+            self.memory.forget(now, &self.reach());
+        }
+        self.hypotheses.predict(&self.tracks, dt_s);
     }
 
-    /// Gives each target its feature of this frame.
-    fn associate(&mut self, now: Time, features: &Features) {
-        let model = &self.cameras[usize::from(features.camera.0)];
-        let gate = Gate {
+    fn reach(&self) -> Reach {
+        Reach {
+            remember: Interval::from_ms(self.settings.remember_ms),
+            sigma: self.settings.gate_sigma,
+            speed: self.settings.birth_speed_m_s,
+        }
+    }
+
+    fn gate(&self, camera: CameraId, stamp: Time, time: Time) -> Gate {
+        let applied = (stamp - time).as_s();
+        let [width, height] = self.cameras[usize::from(camera.0)].image_size.map(f64::from);
+        Gate {
+            clutter: self.clutter[usize::from(camera.0)] / (width * height),
             sigma: self.settings.gate_sigma,
             pixels: self.settings.gate_px,
             camera_variance: self.settings.camera_error_px.powi(2),
-        };
+            time_variance: self.clock(camera, stamp).map_or(0.0, |it| it.mean_squared_error(applied)),
+        }
+    }
+
+    /// Gives each target its feature of this frame.
+    fn associate(&mut self, stamp: Time, now: Time, features: &Features) {
+        let camera = features.camera;
+        let model = &self.cameras[usize::from(camera.0)];
+        let gate = self.gate(camera, stamp, now);
+        let n = self.tracks.len();
+        let association = &mut self.association;
         // All pairs are found before the first filter changes.
-        self.association.run(&self.tracks, model, &features.list, &gate);
+        if self.settings.association == AssociationMethod::Hypotheses {
+            self.hypotheses.look_up(&self.tracks);
+            association.find_candidates(n, self.hypotheses.views(&self.tracks), model, &features.list, &gate);
+            let frame = Frame { camera, time: now, features: &features.list, gate };
+            self.hypotheses.settle(association, &mut self.tracks, &frame);
+            self.tally.ambiguities = self.hypotheses.begun;
+        } else {
+            let views = self.tracks.iter().enumerate();
+            let views = views.map(|(track, it)| View { track, filter: &it.filter, wary: it.is_established() });
+            association.find_candidates(n, views, model, &features.list, &gate);
+            match self.settings.association {
+                AssociationMethod::Nearest => association.choose_nearest(),
+                AssociationMethod::Global | AssociationMethod::Hypotheses => association.choose_global(),
+            }
+        }
+        let keeps_history = self.settings.late == LateRule::Refilter;
+        let reach = Interval::from_ms(self.settings.history_ms);
         for pair in self.association.pairs() {
             let track = &mut self.tracks[pair.track];
-            let covariance = widened(&features.list[pair.feature].covariance, gate.camera_variance);
-            track.filter.update_pixel(pair.innovation, &pair.jacobian, &covariance);
-            track.note(features.camera, now);
+            let feature = &features.list[pair.feature];
+            let noise = gate.noise(&feature.covariance, &pair.jacobian, &track.filter);
+            if self.settings.clocks != Clocks::Trust && track.is_established() {
+                let seen = clock_observation(stamp, now, pair, &track.filter, &noise);
+                self.clocks.observe(usize::from(camera.0), &seen);
+            }
+            let innovation = track.filter.update_pixel(pair.innovation, &pair.jacobian, &noise);
+            self.tally.consistency.observe(innovation.normalised_squared, 2);
+            self.tally.cameras[usize::from(camera.0)].consistency.observe(innovation.normalised_squared, 2);
+            if let Some(adaptive) = &mut track.noise {
+                adaptive.observe(innovation.normalised_squared, 2, (now - track.seen_at).as_s());
+            }
+            track.note(camera, now);
+            if keeps_history {
+                let seen = Some(Seen { camera, pixel: feature.centre, noise });
+                track.history.push(Step { time: now, seen, filter: track.filter.clone() }, reach);
+            }
         }
+        self.count_features(camera);
+    }
+
+    /// Gives each target its feature of a frame from before `now`, as the targets were known at its own `time`.
+    fn associate_late(&mut self, stamp: Time, time: Time, now: Time, features: &Features) {
+        let camera = features.camera;
+        let gate = self.gate(camera, stamp, time);
+        self.past.clear();
+        for (number, track) in self.tracks.iter().enumerate() {
+            self.past.extend(track.history.filter_at(time, track.noise_scale()).map(|filter| (number, filter)));
+        }
+        let views = self.past.iter().map(|&(track, ref filter)| View { track, filter, wary: true });
+        let model = &self.cameras[usize::from(camera.0)];
+        self.association.find_candidates(self.tracks.len(), views, model, &features.list, &gate);
+        match self.settings.association {
+            AssociationMethod::Nearest => self.association.choose_nearest(),
+            AssociationMethod::Global | AssociationMethod::Hypotheses => self.association.choose_global(),
+        }
+        for pair in self.association.pairs() {
+            let track = &mut self.tracks[pair.track];
+            let feature = &features.list[pair.feature];
+            let filter = &mut self.past[pair.view].1;
+            let noise = gate.noise(&feature.covariance, &pair.jacobian, filter);
+            if self.settings.clocks != Clocks::Trust && track.is_established() {
+                let seen = clock_observation(stamp, time, pair, filter, &noise);
+                self.clocks.observe(usize::from(camera.0), &seen);
+            }
+            filter.update_pixel(pair.innovation, &pair.jacobian, &noise);
+            let seen = Some(Seen { camera, pixel: feature.centre, noise });
+            let step = Step { time, seen, filter: filter.clone() };
+            track.filter = track.history.insert(step, &self.cameras, track.noise_scale(), now);
+            track.note_late(camera, time);
+        }
+        self.count_features(camera);
+    }
+
+    fn count_features(&mut self, camera: CameraId) {
+        let n_unmatched = self.association.unmatched().count();
+        let clutter = &mut self.clutter[usize::from(camera.0)];
+        *clutter += CLUTTER_WEIGHT * (n_unmatched as f64 - *clutter);
+        self.tally.used += self.association.n_used() as u64;
+        self.tally.unmatched += n_unmatched as u64;
+        self.tally.unusable = self.association.unusable;
+    }
+
+    /// Lets each target know whether the frame that shows its place saw it.
+    fn judge(&mut self) {
         for (index, track) in self.tracks.iter_mut().enumerate() {
             if self.association.in_view(index) {
                 track.judge(self.association.has_feature(index), self.settings.birth_share);
             }
         }
-        self.tally.used += self.association.pairs().len() as u64;
-        self.tally.unmatched += self.association.unmatched().count() as u64;
-        self.tally.unusable = self.association.unusable;
     }
 
     /// Takes back the younger of two targets that have been at one place for too long without being seen apart.
     fn merge(&mut self, now: Time) {
-        let near = (self.settings.separation_mm * 1e-3).powi(2);
+        let near = self.settings.separation_mm * 1e-3;
         let patience = Interval::from_ms(self.settings.merge_after_ms);
-        let mut index = 0;
-        while index < self.tracks.len() {
-            let (older, rest) = self.tracks.split_at_mut(index);
-            let young = &mut rest[0];
-            let place = young.filter.position;
-            let twin = older.iter().position(|it| (it.filter.position - place).norm_squared() < near);
-            young.beside = twin.and_then(|twin| {
-                let apart = self.association.has_feature(twin) && self.association.has_feature(index);
-                let since = young.beside.filter(|it| it.0 == older[twin].id).map_or(now, |it| it.1);
-                (!apart).then_some((older[twin].id, since))
-            });
-            if young.beside.is_some_and(|(_, since)| now - since > patience) {
-                self.tally.count(Death::Duplicate);
-                self.tracks.remove(index);
-                self.association.forget_target(index);
-            } else {
-                index += 1;
+        // Neighbours along one axis first: only these can be near in space.
+        self.along.clear();
+        self.along.extend(self.tracks.iter().enumerate().map(|(number, track)| (track.filter.position().x, number)));
+        self.along.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        self.twins.clear();
+        for (place, &(x, a)) in self.along.iter().enumerate() {
+            for &(_, b) in self.along[place + 1..].iter().take_while(|other| other.0 - x < near) {
+                let (older, young) = (a.min(b), a.max(b));
+                let apart = self.tracks[older].filter.position() - self.tracks[young].filter.position();
+                if apart.norm_squared() < near * near {
+                    self.twins.push((young, older));
+                }
             }
+        }
+        if self.twins.is_empty() {
+            self.tracks.iter_mut().for_each(|it| it.beside = None);
+            return;
+        }
+        self.twins.sort_unstable(); // of several older ones, the oldest
+        let mut gone = false;
+        for young in 0..self.tracks.len() {
+            let first = self.twins.partition_point(|it| it.0 < young);
+            let twin = self.twins.get(first).filter(|it| it.0 == young).map(|it| it.1);
+            let beside = twin.and_then(|older| {
+                let apart = self.association.has_feature(older) && self.association.has_feature(young);
+                let id = self.tracks[older].id;
+                let since = self.tracks[young].beside.filter(|it| it.0 == id).map_or(now, |it| it.1);
+                (!apart).then_some((id, since))
+            });
+            let track = &mut self.tracks[young];
+            track.beside = beside;
+            track.is_twin = beside.is_some_and(|(_, since)| now - since > patience);
+            gone |= track.is_twin;
+        }
+        if gone {
+            let tally = &mut self.tally;
+            self.tracks.retain(|track| {
+                if track.is_twin {
+                    tally.count(Death::Duplicate);
+                }
+                !track.is_twin
+            });
         }
     }
 
@@ -261,13 +442,22 @@ impl Tracker {
     fn give_birth(&mut self, time: Time, now: Time, features: &Features) {
         let camera = features.camera;
         let model = &self.cameras[usize::from(camera.0)];
-        self.nursery.record(camera, model, time, &features.list, self.association.unmatched());
+        let unmatched = self.association.unmatched();
+        self.nursery.record(camera, model, time, &features.list, unmatched, self.settings.birth_motion_px);
         let n_unmatched = self.nursery.n_unmatched(camera);
         if n_unmatched > self.settings.birth_features_max as usize {
             self.nursery.forget(camera);
             return;
         }
-        if n_unmatched == 0 {
+        self.bear(camera, time, now, false);
+        if self.settings.birth_motion_px > 0.0 {
+            self.bear(camera, time, now, true);
+        }
+    }
+
+    /// Begins targets where lines that `camera` left meet others; of fast lights where they are `moving`.
+    fn bear(&mut self, camera: CameraId, time: Time, now: Time, moving: bool) {
+        if self.nursery.n_unmatched(camera) == 0 {
             return;
         }
         let conditions = Conditions {
@@ -285,42 +475,74 @@ impl Tracker {
         let (volume, margin) = (&self.volume, self.settings.volume_margin_mm * 1e-3);
         let separation = self.settings.separation_mm * 1e-3;
         let probation = Interval::from_ms(self.settings.probation_ms);
+        let remembers = self.settings.remember_ms > 0.0;
+        // One that nobody sees any more does not stand in the way: it may be the one that is born.
         let alone = |tracks: &[Track], point: &Point3<f64>| {
-            tracks.iter().all(|it| (it.filter.position - point).norm_squared() >= separation * separation)
+            let near = |it: &&Track| (it.filter.position() - point).norm_squared() < separation * separation;
+            !tracks.iter().filter(near).any(|it| !(remembers && it.is_coasting(now)))
         };
-        let tracks = &self.tracks;
-        let n_meetings = self
-            .nursery
-            .meetings(camera, now, &conditions, |point| within(volume, margin, point) && alone(tracks, point))
-            .len();
+        let (tracks, reach) = (&self.tracks, self.reach());
+        let allowed = |point: &Point3<f64>| within(volume, margin, point) && alone(tracks, point);
+        let n_meetings = self.nursery.meetings(camera, now, moving, &conditions, allowed).len();
         for index in 0..n_meetings {
             let Some(meeting) = self.nursery.meeting(index) else { break };
-            let Some(filter) = self.nursery.filter(meeting, now, &conditions) else { continue };
-            if !alone(&self.tracks, &filter.position) || !within(volume, margin, &filter.position) {
+            let Some(start) = self.nursery.start(meeting, now, &conditions) else { continue };
+            if !alone(&self.tracks, &start.position) || !within(volume, margin, &start.position) {
                 continue; // of two meetings around one light the better one came first
             }
-            let mut track = Track::new(TargetId(self.next_id), filter, now, camera, probation);
-            track.withheld = self.nursery.share(meeting, now, &conditions) < self.settings.birth_sure_share;
-            let witnesses = self.nursery.witnesses(meeting).filter(|(_, seen_at)| *seen_at == time);
-            witnesses.for_each(|(witness, _)| track.cameras.insert(witness));
-            let place = track.filter.position;
-            self.next_id += 1;
-            self.tally.births += 1;
-            self.tracks.push(track);
-            self.nursery.consume(&place, 2.0 * conditions.rules.tolerance);
+            let filter =
+                Filter::new(&self.model, start.position, start.covariance, start.velocity, start.velocity_sigma);
+            let newborn =
+                Newborn { place: start.position, variance: start.covariance.trace() / 3.0, now, tracks: &self.tracks };
+            let recalled = if remembers { self.memory.recall(&newborn, &reach) } else { None };
+            let witnesses = self.nursery.witnesses(meeting, time);
+            let place = match recalled {
+                Some(Recalled::Live(id)) => {
+                    let Ok(place) = self.tracks.binary_search_by_key(&id, |it| it.id) else { continue };
+                    self.tracks[place].restart(filter, camera, now);
+                    self.hypotheses.forget(id);
+                    self.tally.regained += 1;
+                    place
+                }
+                recalled => {
+                    let regained = match recalled {
+                        Some(Recalled::Lost(lost)) => Some(lost),
+                        _ => None,
+                    };
+                    let id = regained.as_ref().map_or(TargetId(self.next_id), |it| it.id);
+                    self.next_id = self.next_id.max(id.0 + 1);
+                    let mut track = Track::new(id, filter, now, camera, probation);
+                    track.noise = self.settings.adapt_noise.then(|| AdaptiveNoise::new(ADAPT_WITHIN_S));
+                    let share = self.nursery.share(camera, meeting, now, &conditions);
+                    track.withheld = regained.is_none() && share < self.settings.birth_sure_share;
+                    self.tally.births += 1;
+                    self.tally.regained += u64::from(regained.is_some());
+                    track.regained = regained;
+                    let place = self.tracks.partition_point(|it| it.id < id);
+                    self.tracks.insert(place, track);
+                    place
+                }
+            };
+            let track = &mut self.tracks[place];
+            witnesses.for_each(|witness| track.cameras.insert(witness));
+            if self.settings.late == LateRule::Refilter {
+                let step = Step { time: now, seen: None, filter: track.filter.clone() };
+                track.history.push(step, Interval::from_ms(self.settings.history_ms));
+            }
+            self.nursery.consume_members(index);
+            self.nursery.consume(camera, &start.position, 2.0 * conditions.rules.tolerance);
         }
     }
 }
 
-impl Tally {
-    fn count(&mut self, death: Death) {
-        *match death {
-            Death::Unseen => &mut self.deaths_unseen,
-            Death::SingleView => &mut self.deaths_single_view,
-            Death::Outside => &mut self.deaths_outside,
-            Death::Unconfirmed => &mut self.deaths_unconfirmed,
-            Death::Duplicate => &mut self.deaths_duplicate,
-        } += 1;
+/// What `pair`, predicted to `time`, says about the clock that gave `stamp`.
+fn clock_observation(stamp: Time, time: Time, pair: &Pair, filter: &Filter, noise: &Matrix2<f64>) -> ClockObservation {
+    ClockObservation {
+        stamp_s: stamp.as_s(),
+        applied_offset_s: (stamp - time).as_s(),
+        innovation: pair.innovation,
+        image_velocity: pair.jacobian * filter.velocity(),
+        innovation_covariance: filter.innovation_covariance(&pair.jacobian, noise),
     }
 }
 

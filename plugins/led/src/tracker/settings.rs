@@ -1,8 +1,67 @@
 //! Settings of the integrator, with the reasons for their defaults.
 
+use foveate::estimation::motion::{Interacting, Mode, Model};
 use foveate::prelude::ConfigError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+/// For how long the acceleration, or the jerk, of a target is taken to keep its value [s].
+const CHANGE_LASTS_S: f64 = 0.1;
+/// How long a target stays calm, or agile, on average [s].
+const CALM_LASTS_S: f64 = 1.0;
+const AGILE_LASTS_S: f64 = 0.3;
+
+/// How a target is expected to move.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum MotionModel {
+    /// Nearly constant velocity; `acceleration_m_s2` is how far from it [Davis 2002 §3.4, Figures 42 to 44].
+    #[default]
+    ConstantVelocity,
+    /// Nearly constant acceleration; `jerk_m_s3` is how far from it.
+    ConstantAcceleration,
+    /// Now calm, with `calm_m_s2`, now agile, with `acceleration_m_s2`: which, is estimated for each target.
+    Interacting,
+}
+
+/// What happens to a frame captured before the filter's time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum LateRule {
+    /// It is discarded. With clocks that disagree this starves cameras [Davis 2002, Figure 35].
+    Discard,
+    /// It is applied as though it were of the filter's time, up to `late_tolerance_ms`: the rule of [Davis 2002 §3.5].
+    #[default]
+    Apply,
+    /// The filters are taken back to its time and on again, up to `history_ms`.
+    Refilter,
+}
+
+/// What is made of the clocks of the cameras.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Clocks {
+    /// Stamps are taken as they are.
+    #[default]
+    Trust,
+    /// Offset and drift of each clock are estimated from what moves, and shown at the end.
+    Estimate,
+    /// And stamps are corrected by them.
+    Correct,
+}
+
+/// How features are given to targets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum AssociationMethod {
+    /// The best pair first, then the best of the rest [Davis 2002 §3.4].
+    #[default]
+    Nearest,
+    /// The pairs whose costs have the least sum.
+    Global,
+    /// As `global`, and where one frame cannot tell, several answers are kept until later frames can.
+    Hypotheses,
+}
 
 /// Settings of [`Integrator`](crate::integrator::Integrator).
 ///
@@ -11,10 +70,21 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct IntegratorSettings {
+    /// How a target is expected to move: `constant_velocity`, `constant_acceleration`, `interacting` [–].
+    pub motion: MotionModel,
     /// Acceleration to be expected of a target, standard deviation, taken to be independent from one tenth of a second to
     /// the next: the filter's white noise has the spectral density a² · 0.1 s. A walking person's wrist reaches 20 [m/s²].
     #[schemars(range(min = 0.001, max = 10000.0))]
     pub acceleration_m_s2: f64,
+    /// With `motion = "constant_acceleration"`: change of the acceleration to be expected, standard deviation, likewise [m/s³].
+    #[schemars(range(min = 0.001, max = 1000000.0))]
+    pub jerk_m_s3: f64,
+    /// With `motion = "interacting"`: acceleration to be expected while the target is calm, standard deviation, likewise [m/s²].
+    #[schemars(range(min = 0.0001, max = 10000.0))]
+    pub calm_m_s2: f64,
+    /// Whether each target's noise follows its innovations: up where it turns faster than the settings say, down where it is
+    /// calmer, within 1/16 and 64 times [–].
+    pub adapt_noise: bool,
     /// Error of a camera's model, one axis, standard deviation, added to each feature's own covariance [px].
     #[schemars(range(min = 0.001, max = 100.0))]
     pub camera_error_px: f64,
@@ -70,10 +140,29 @@ pub struct IntegratorSettings {
     /// A target that one camera only has seen for this long is lost: its depth drifts [ms].
     #[schemars(range(min = 1.0, max = 100000.0))]
     pub single_view_after_ms: f64,
-    /// Frames captured before the filter's time by no more than this are applied as if at the filter's time (clocks disagree by
-    /// as much); older ones are discarded and counted [ms].
+    /// How features are given to targets: `nearest`, `global`, `hypotheses` [–].
+    pub association: AssociationMethod,
+    /// How far an unmatched feature may be from where the one of that camera's frame before was expected, to be the same one: its motion
+    /// lets fast targets be born. 0: only slow ones are, as in the paper [px].
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    pub birth_motion_px: f64,
+    /// For how long a lost target is remembered: one that is born where it can have gone, with the same distances to the others
+    /// around, takes its identity up again. 0: never, as in the paper [ms].
+    #[schemars(range(min = 0.0, max = 600000.0))]
+    pub remember_ms: f64,
+    /// What happens to a frame captured before the filter's time: `discard`, `apply` (as though of the filter's time), `refilter` [–].
+    pub late: LateRule,
+    /// What is made of the clocks of the cameras: `trust`, `estimate`, `correct` [–].
+    pub clocks: Clocks,
+    /// How far clocks are expected to be off, standard deviation, as far as they are estimated [ms].
+    #[schemars(range(min = 0.01, max = 10000.0))]
+    pub clock_spread_ms: f64,
+    /// With `late = "apply"`: frames later than this are discarded and counted [ms].
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub late_tolerance_ms: f64,
+    /// With `late = "refilter"`: how far back; frames later than this are discarded and counted [ms].
+    #[schemars(range(min = 0.0, max = 10000.0))]
+    pub history_ms: f64,
     /// Targets are born within this distance of the scale's working volume, where the rig states one, and lost beyond twice
     /// this distance [mm].
     #[schemars(range(min = 0.0, max = 1000000.0))]
@@ -84,7 +173,11 @@ impl Default for IntegratorSettings {
     /// The paper's values where it gives them: 15 mm, 70 ms, 300 ms.
     fn default() -> Self {
         Self {
+            motion: MotionModel::ConstantVelocity,
             acceleration_m_s2: 10.0,
+            jerk_m_s3: 100.0,
+            calm_m_s2: 2.0,
+            adapt_noise: false,
             camera_error_px: 0.3,
             gate_sigma: 4.0,
             gate_px: 40.0,
@@ -101,13 +194,40 @@ impl Default for IntegratorSettings {
             merge_after_ms: 100.0,
             lost_after_ms: 300.0,
             single_view_after_ms: 300.0,
+            association: AssociationMethod::Nearest,
+            birth_motion_px: 40.0,
+            remember_ms: 1000.0,
+            clocks: Clocks::Trust,
+            clock_spread_ms: 20.0,
+            late: LateRule::Apply,
             late_tolerance_ms: 10.0,
+            history_ms: 100.0,
             volume_margin_mm: 250.0,
         }
     }
 }
 
 impl IntegratorSettings {
+    /// The motion model that the settings describe.
+    ///
+    /// # Panics
+    /// When they have not been checked.
+    pub(super) fn model(&self) -> Model {
+        let density = |value: f64| value.powi(2) * CHANGE_LASTS_S;
+        let velocity = |acceleration: f64| Mode::ConstantVelocity { acceleration_density: density(acceleration) };
+        let modes = [(velocity(self.calm_m_s2), CALM_LASTS_S), (velocity(self.acceleration_m_s2), AGILE_LASTS_S)];
+        match self.motion {
+            MotionModel::ConstantVelocity => velocity(self.acceleration_m_s2).into(),
+            MotionModel::ConstantAcceleration => Model::ConstantAcceleration {
+                jerk_density: density(self.jerk_m_s3),
+                acceleration_sigma: self.acceleration_m_s2,
+            },
+            MotionModel::Interacting => Model::Interacting(
+                Interacting::new(&modes).expect("two modes, with noise within the ranges of the settings"),
+            ),
+        }
+    }
+
     /// Names the first setting that is out of its range.
     ///
     /// # Errors
@@ -115,6 +235,8 @@ impl IntegratorSettings {
     pub fn check(&self) -> Result<(), ConfigError> {
         let check = ConfigError::unless_in::<f64>;
         check("acceleration_m_s2", self.acceleration_m_s2, 0.001..=1e4)?;
+        check("jerk_m_s3", self.jerk_m_s3, 0.001..=1e6)?;
+        check("calm_m_s2", self.calm_m_s2, 0.0001..=1e4)?;
         check("camera_error_px", self.camera_error_px, 0.001..=100.0)?;
         check("gate_sigma", self.gate_sigma, 1.0..=100.0)?;
         check("gate_px", self.gate_px, 0.1..=1e4)?;
@@ -131,6 +253,10 @@ impl IntegratorSettings {
         check("merge_after_ms", self.merge_after_ms, 0.0..=1e4)?;
         check("lost_after_ms", self.lost_after_ms, 1.0..=1e5)?;
         check("single_view_after_ms", self.single_view_after_ms, 1.0..=1e5)?;
+        check("birth_motion_px", self.birth_motion_px, 0.0..=1000.0)?;
+        check("remember_ms", self.remember_ms, 0.0..=6e5)?;
+        check("history_ms", self.history_ms, 0.0..=1e4)?;
+        check("clock_spread_ms", self.clock_spread_ms, 0.01..=1e4)?;
         check("late_tolerance_ms", self.late_tolerance_ms, 0.0..=1e4)?;
         check("volume_margin_mm", self.volume_margin_mm, 0.0..=1e6)
     }

@@ -1,13 +1,18 @@
 //! One target as the tracker keeps it: filter, identity, and who saw it when.
 
-use foveate::estimation::kalman::ConstantVelocity;
+use foveate::estimation::motion::{AdaptiveNoise, Filter};
 use foveate::messages::{CameraId, CameraSet, How, Interval, Target, TargetId, Time};
+
+use super::history::History;
+use super::memory::{Lost, Neighbours};
 
 /// One live target.
 #[derive(Debug, Clone)]
 pub(super) struct Track {
     pub id: TargetId,
-    pub filter: ConstantVelocity,
+    pub filter: Filter,
+    /// What its innovations say about the noise of its model; `None` where that is as set.
+    pub noise: Option<AdaptiveNoise>,
     /// When any camera saw it last.
     pub seen_at: Time,
     /// Which camera that was.
@@ -18,10 +23,18 @@ pub(super) struct Track {
     pub cameras: CameraSet,
     /// An older target that has been as close as one light is to itself, and since when.
     pub beside: Option<(TargetId, Time)>,
+    /// It has been there for too long: it follows the light of the older one.
+    pub is_twin: bool,
     /// While it is on probation.
     probation: Option<Probation>,
     /// Not shown yet: few of the cameras that look on agreed at its birth.
     pub withheld: bool,
+    /// What the filter took in lately; empty unless late observations are put in their place.
+    pub history: History,
+    /// How far the others around it are.
+    pub neighbours: Neighbours,
+    /// The lost target that it was taken for, until its probation is over.
+    pub regained: Option<Box<Lost>>,
 }
 
 /// What the cameras make of a newborn target.
@@ -44,6 +57,9 @@ impl Probation {
 /// Sightings after which a target that is withheld may be shown.
 const HITS_TO_SHOW: u32 = 3;
 
+/// A target that no camera has seen for this long may be elsewhere.
+const UNSEEN: Interval = Interval(50_000_000);
+
 /// Why a target is gone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Death {
@@ -61,20 +77,30 @@ pub(super) enum Death {
 
 impl Track {
     /// A target first seen at `time`, by several cameras, that has to prove itself for as long as `probation`.
-    pub fn new(id: TargetId, filter: ConstantVelocity, time: Time, camera: CameraId, probation: Interval) -> Self {
+    pub fn new(id: TargetId, filter: Filter, time: Time, camera: CameraId, probation: Interval) -> Self {
         let probation = Some(Probation { ends: time + probation, looks: 0, hits: 0 });
         let cameras = std::iter::once(camera).collect();
         Self {
             id,
             filter,
+            noise: None,
             seen_at: time,
             last_camera: camera,
             other_at: time,
             cameras,
             beside: None,
+            is_twin: false,
             probation,
             withheld: false,
+            history: History::default(),
+            neighbours: Neighbours::new(),
+            regained: None,
         }
+    }
+
+    /// What the noise of its motion model is to be multiplied with.
+    pub fn noise_scale(&self) -> f64 {
+        self.noise.as_ref().map_or(1.0, AdaptiveNoise::scale)
     }
 
     /// Notes that `camera` saw it at `time`, which is never before `seen_at`.
@@ -88,6 +114,30 @@ impl Track {
             self.seen_at = time;
         }
         self.cameras.insert(camera);
+    }
+
+    /// Goes on with `filter`, where several cameras, `camera` the last of them, have found it again at `time`.
+    pub fn restart(&mut self, filter: Filter, camera: CameraId, time: Time) {
+        self.filter = filter;
+        self.history.clear();
+        self.seen_at = time;
+        self.last_camera = camera;
+        self.other_at = time;
+        self.beside = None;
+        self.cameras.clear();
+        self.cameras.insert(camera);
+    }
+
+    /// Notes that `camera` saw it at `time`, which was before the time of the filter.
+    pub fn note_late(&mut self, camera: CameraId, time: Time) {
+        if time > self.seen_at {
+            self.note(camera, time);
+        } else if time == self.seen_at {
+            self.cameras.insert(camera);
+        }
+        if camera != self.last_camera {
+            self.other_at = self.other_at.max(time);
+        }
     }
 
     /// Notes a frame in whose field of view it lies, and whether that frame saw it. A target that is withheld is shown from the
@@ -105,7 +155,21 @@ impl Track {
         let Some(over) = self.probation.filter(|it| now > it.ends) else { return false };
         self.probation = None;
         self.withheld = false;
-        over.share() < share
+        let refuted = over.share() < share;
+        if !refuted {
+            self.regained = None;
+        }
+        refuted
+    }
+
+    /// Whether it is known well enough to judge others by, such as a camera's clock.
+    pub fn is_established(&self) -> bool {
+        self.probation.is_none()
+    }
+
+    /// Whether it has lived long enough, and nobody has seen it for some frames: where it is, is a guess.
+    pub fn is_coasting(&self, now: Time) -> bool {
+        self.is_established() && now - self.seen_at > UNSEEN
     }
 
     /// Whether it is lost at `now`, by the two rules of [Davis 2002 §3.6].
@@ -122,9 +186,9 @@ impl Track {
     /// Overwrites `target` with this target as of `now`; its memory is reused.
     pub fn write(&self, now: Time, target: &mut Target) {
         target.id = self.id;
-        target.position = self.filter.position;
-        target.velocity = self.filter.velocity;
-        target.covariance = self.filter.covariance;
+        target.position = self.filter.position();
+        target.velocity = self.filter.velocity();
+        target.covariance = self.filter.covariance();
         target.cameras.clear();
         target.how = How::Predicted;
         if self.seen_at == now {

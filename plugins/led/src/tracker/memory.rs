@@ -1,0 +1,249 @@
+//! Targets that were lost, or that nobody has seen for a while, and whether a newborn one is one of them.
+//!
+//! Two things speak for it. Motion: the newborn lies where the lost one can have gone since. Arrangement: its distances to
+//! the targets around it are those that the lost one had, as far as these used to keep (lights on one limb do, those on two
+//! people do not). Where two lost targets fit alike, none is taken up again: a new identity is less harm than a wrong one.
+
+use foveate::estimation::motion::Filter;
+use foveate::messages::{Interval, TargetId, Time};
+use nalgebra::Point3;
+use smallvec::SmallVec;
+
+use super::track::Track;
+
+/// Distances to this many others are kept.
+const N_NEIGHBOURS: usize = 6;
+/// Others further away are no part of the arrangement [m].
+const NEAR: f64 = 1.0;
+/// Time constant of the mean and the variance of a distance [s].
+const FORGET_S: f64 = 2.0;
+/// Distances are looked at this often.
+const PERIOD: Interval = Interval(100_000_000);
+/// A distance counts once it was looked at this often.
+const ENOUGH_LOOKS: u32 = 5;
+/// What a distance may be off besides its own spread, standard deviation [m].
+const DISTANCE_SIGMA: f64 = 0.02;
+/// Where any other target may be, standard deviation of a distance [m].
+const ANY_DISTANCE: f64 = 0.5;
+/// No distance says more than this, for or against; in −2 ln of a likelihood.
+const LOUDEST: f64 = 6.0;
+/// So much evidence of the distances makes up for a motion that nobody saw.
+const ARRANGED: f64 = -12.0;
+/// After this time unseen, the direction of motion says nothing any more [s].
+const HEADING_LASTS_S: f64 = 0.3;
+/// Two lost targets fit alike when their misfits differ by less.
+const ALIKE: f64 = 2.0;
+
+/// The distance to another target.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Neighbour {
+    id: TargetId,
+    /// [m]
+    mean: f64,
+    /// [m²]
+    variance: f64,
+    /// When looked at last [m].
+    last: f64,
+    /// Mean square of its change [m²/s²].
+    change: f64,
+    looks: u32,
+}
+
+/// The targets around one.
+pub(super) type Neighbours = SmallVec<[Neighbour; N_NEIGHBOURS]>;
+
+/// A target that may come back.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Lost {
+    pub id: TargetId,
+    /// As of `filter_at`.
+    filter: Filter,
+    filter_at: Time,
+    seen_at: Time,
+    neighbours: Neighbours,
+}
+
+/// How far a lost target can have gone.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Reach {
+    /// For how long it is remembered.
+    pub remember: Interval,
+    /// Largest misfit in standard deviations.
+    pub sigma: f64,
+    /// Of a target that changes its direction, each axis, standard deviation [m/s].
+    pub speed: f64,
+}
+
+/// All that may come back.
+#[derive(Debug, Default)]
+pub(super) struct Memory {
+    lost: Vec<Lost>,
+    looked_at: Option<Time>,
+}
+
+impl Memory {
+    /// Takes note of the distances between `tracks`, now and then.
+    pub fn look(&mut self, tracks: &mut [Track], now: Time) {
+        let elapsed = self.looked_at.map(|before| now - before);
+        if elapsed.is_some_and(|it| it < PERIOD) {
+            return;
+        }
+        self.looked_at = Some(now);
+        let elapsed_s = elapsed.map_or(0.0, Interval::as_s);
+        let is_known = |track: &Track| now - track.seen_at <= PERIOD; // where the others are supposed to be says nothing
+        for index in 0..tracks.len() {
+            let (before, rest) = tracks.split_at_mut(index);
+            let Some((track, after)) = rest.split_first_mut() else { break };
+            if !is_known(track) {
+                continue;
+            }
+            let place = track.filter.position();
+            let mut nearest: Option<Neighbour> = None;
+            for other in before.iter().chain(after.iter()).filter(|it| is_known(it)) {
+                let mean = (other.filter.position() - place).norm();
+                if let Some(known) = track.neighbours.iter_mut().find(|it| it.id == other.id) {
+                    known.look(mean, elapsed_s);
+                } else if mean < NEAR && nearest.is_none_or(|it| mean < it.mean) {
+                    nearest = Some(Neighbour { id: other.id, mean, variance: 0.0, last: mean, change: 0.0, looks: 1 });
+                }
+            }
+            let Some(nearest) = nearest else { continue };
+            if track.neighbours.len() == N_NEIGHBOURS {
+                // The loosest tie gives way to one that may be tighter.
+                let loosest = (0..N_NEIGHBOURS).max_by(|&a, &b| {
+                    let spread = |it: usize| track.neighbours[it].variance.sqrt() + 0.1 * track.neighbours[it].mean;
+                    spread(a).total_cmp(&spread(b))
+                });
+                let Some(loosest) = loosest.filter(|&it| {
+                    track.neighbours[it].looks >= ENOUGH_LOOKS && nearest.mean < track.neighbours[it].mean
+                }) else {
+                    continue;
+                };
+                track.neighbours.swap_remove(loosest);
+            }
+            track.neighbours.push(nearest);
+        }
+    }
+
+    /// Remembers a target that was lost at `now`.
+    pub fn keep(&mut self, track: &Track, now: Time) {
+        self.lost.push(Lost::of(track, now));
+    }
+
+    /// Remembers `lost` again: what was taken for it was none.
+    pub fn put_back(&mut self, lost: Lost) {
+        self.lost.push(lost);
+    }
+
+    /// Forgets those unseen for too long.
+    pub fn forget(&mut self, now: Time, reach: &Reach) {
+        self.lost.retain(|it| now - it.seen_at <= reach.remember);
+    }
+
+    /// The lost or unseen target that one born at `place` [m] with the variance `variance` of each coordinate [m²] is, if there is one
+    /// and only one.
+    pub fn recall(&mut self, newborn: &Newborn<'_>, reach: &Reach) -> Option<Recalled> {
+        let lost = self.lost.iter().enumerate();
+        let lost = lost.filter_map(|(index, lost)| Some((lost.misfit(newborn, reach)?, Err(index))));
+        let unseen = newborn
+            .tracks
+            .iter()
+            .filter(|it| it.is_coasting(newborn.now))
+            .filter_map(|track| Some((Lost::of(track, newborn.now).misfit(newborn, reach)?, Ok(track.id))));
+        let mut misfits: SmallVec<[(f64, Result<TargetId, usize>); 8]> = lost.chain(unseen).collect();
+        misfits.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (best, who) = *misfits.first()?;
+        if misfits.get(1).is_some_and(|second| second.0 - best < ALIKE) {
+            return None;
+        }
+        Some(match who {
+            Ok(id) => Recalled::Live(id),
+            Err(index) => Recalled::Lost(Box::new(self.lost.remove(index))),
+        })
+    }
+}
+
+/// A target about to be born.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Newborn<'a> {
+    /// [m]
+    pub place: Point3<f64>,
+    /// Of each coordinate [m²].
+    pub variance: f64,
+    pub now: Time,
+    /// Those that live, ascending by identity.
+    pub tracks: &'a [Track],
+}
+
+/// Who a newborn target is.
+#[derive(Debug)]
+pub(super) enum Recalled {
+    /// It lives, unseen.
+    Live(TargetId),
+    /// It was given up.
+    Lost(Box<Lost>),
+}
+
+impl Neighbour {
+    fn look(&mut self, distance: f64, elapsed_s: f64) {
+        self.looks += 1;
+        // A plain mean at first, an exponential one later.
+        let keep = (-elapsed_s / FORGET_S).exp().min(1.0 - 1.0 / f64::from(self.looks));
+        let off = distance - self.mean;
+        self.mean += (1.0 - keep) * off;
+        self.variance = keep * (self.variance + (1.0 - keep) * off * off);
+        let change = (distance - self.last) / elapsed_s.max(1e-3);
+        self.change += (1.0 - keep) * (change * change - self.change);
+        self.last = distance;
+    }
+
+    /// What a distance of `distance`, known with `variance`, says for or against after `unseen_s`: −2 ln of its likelihood, less that of
+    /// any other target's. It keeps to its mean, or it has gone on changing; whichever fits.
+    fn evidence(&self, distance: f64, variance: f64, unseen_s: f64) -> f64 {
+        let own = DISTANCE_SIGMA * DISTANCE_SIGMA + variance;
+        let about = |centre: f64, variance: f64| {
+            let variance = own + variance;
+            (distance - centre).powi(2) / variance + (variance / (ANY_DISTANCE * ANY_DISTANCE)).ln()
+        };
+        let kept = about(self.mean, self.variance);
+        let changed = about(self.last, self.change * unseen_s * unseen_s);
+        kept.min(changed).clamp(-LOUDEST, LOUDEST)
+    }
+}
+
+impl Lost {
+    /// `track`, whose filter is of `now`.
+    fn of(track: &Track, now: Time) -> Self {
+        Self {
+            id: track.id,
+            filter: track.filter.clone(),
+            filter_at: now,
+            seen_at: track.seen_at,
+            neighbours: track.neighbours.clone(),
+        }
+    }
+
+    /// Squared misfit of `newborn`; `None` where it cannot be this one.
+    fn misfit(&self, newborn: &Newborn<'_>, reach: &Reach) -> Option<f64> {
+        let &Newborn { place, variance, now, tracks } = newborn;
+        let unseen_s = (now - self.seen_at).as_s();
+        let mut filter = self.filter.clone();
+        let straight_s =
+            (HEADING_LASTS_S - (self.filter_at - self.seen_at).as_s()).clamp(0.0, (now - self.filter_at).as_s());
+        filter.predict(straight_s);
+        let turned = reach.speed * (unseen_s - HEADING_LASTS_S).max(0.0);
+        let spread = filter.position_covariance().trace() / 3.0 + turned * turned + variance;
+        let motion = (filter.position() - place).norm_squared() / spread;
+        let known = self.neighbours.iter().filter(|it| it.looks >= ENOUGH_LOOKS);
+        let arrangement: f64 = known
+            .filter_map(|neighbour| {
+                let other = tracks.binary_search_by_key(&neighbour.id, |it| it.id).ok()?;
+                let other = Some(&tracks[other]).filter(|it| !it.is_coasting(now))?;
+                Some(neighbour.evidence((other.filter.position() - place).norm(), variance, unseen_s))
+            })
+            .sum();
+        let gate = reach.sigma * reach.sigma;
+        let far = if arrangement <= ARRANGED { 4.0 * gate } else { gate };
+        (motion <= far && motion + arrangement <= gate).then_some(motion + arrangement)
+    }
+}
