@@ -95,6 +95,7 @@ pub struct Ledger {
 
 impl Ledger {
     /// Enters one message that is delivered at session time `now`, as soon as it arrives.
+    #[inline]
     pub fn deliver(&mut self, stamp: Stamp, now: Time, quality: impl FnOnce() -> Quality) {
         self.arrive(stamp);
         self.take(stamp, now, quality);

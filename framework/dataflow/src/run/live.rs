@@ -69,7 +69,9 @@ impl Post {
     /// Moves all that has come in to the ports of its consumers.
     fn accept(&mut self, stage: &mut Stage, now: Time) {
         for (edge, receiver) in &self.incoming {
-            while let Ok(packet) = receiver.try_recv() {
+            // No more than stood there at first: a producer that is quicker than this must not keep it here for ever.
+            for _ in 0..receiver.len() {
+                let Ok(packet) = receiver.try_recv() else { break };
                 self.accepted += 1;
                 stage.deliver(*edge, packet, now);
             }
@@ -153,6 +155,7 @@ pub(super) fn run(
             sources: Vec::new(),
         })
         .collect();
+    workers.iter_mut().for_each(|it| it.stage.started = Some(shared.started));
     for (index, &worker) in worker_of.iter().enumerate() {
         workers[worker].stage.slots[index] = whole.slots[index].take();
         if live_sources[index] {

@@ -5,6 +5,7 @@ use std::collections::BinaryHeap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Instant;
 
 use crossbeam::channel::{Sender, TrySendError};
 use foveate_messages::{SourceId, Time};
@@ -95,6 +96,12 @@ pub(crate) struct Stage {
     pub(crate) slots: Vec<Option<Slot>>,
     pub(crate) ends: Vec<Option<EdgeEnd>>,
     ready: Vec<u64>,
+    /// How many bits of `ready` are set.
+    n_ready: usize,
+    /// Live runs: when the session began; every turn then looks at the clock.
+    pub(crate) started: Option<Instant>,
+    /// Capture time of what the current turn is about.
+    seen: Time,
     /// Nodes that are busy, by when they are done.
     busy: BinaryHeap<Reverse<(Time, usize)>>,
     delivery: Delivery,
@@ -130,6 +137,9 @@ impl Stage {
             slots,
             ends,
             ready,
+            n_ready: 0,
+            started: None,
+            seen: Time::ZERO,
             busy: BinaryHeap::new(),
             delivery: Delivery::default(),
             outbox: Outbox::default(),
@@ -146,6 +156,9 @@ impl Stage {
             slots: self.slots.iter().map(|_| None).collect(),
             ends: self.ends.iter().map(|_| None).collect(),
             ready: vec![0; self.ready.len()],
+            n_ready: 0,
+            started: None,
+            seen: Time::ZERO,
             busy: BinaryHeap::new(),
             delivery: Delivery::default(),
             outbox: Outbox::default(),
@@ -196,7 +209,7 @@ impl Stage {
             slot.inboxes[port].put(end.source, packet)
         };
         match put {
-            Put::Triggers if !is_busy => self.ready[consumer / 64] |= 1 << (consumer % 64),
+            Put::Triggers if !is_busy => self.set_ready(consumer),
             Put::Triggers | Put::Waits => {}
             Put::Replaces | Put::Refused => end.ledger.dropped += 1,
         }
@@ -214,7 +227,7 @@ impl Stage {
         let Some(work) = &mut slot.work else { return };
         work.end(&mut self.outbox);
         if slot.inboxes.iter().any(Inbox::may_trigger) {
-            self.ready[index / 64] |= 1 << (index % 64);
+            self.set_ready(index);
         }
         self.route(index, now, away);
         self.run_ready(now, away);
@@ -229,6 +242,7 @@ impl Stage {
                 continue;
             }
             let index = word * 64 + self.ready[word].trailing_zeros() as usize;
+            let now = self.clock(now);
             if self.take_next(index, now, false) {
                 self.activate(index, now, away);
                 word = 0; // a feedback edge may have made an earlier one ready
@@ -297,17 +311,63 @@ impl Stage {
             }
         }
         if !slot.inboxes.iter().any(Inbox::may_trigger) {
-            self.ready[index / 64] &= !(1 << (index % 64));
+            self.clear_ready(index);
         }
         taken
     }
 
-    /// One turn of node `index` with `self.delivery`, then its messages on their way.
+    fn set_ready(&mut self, index: usize) {
+        let (word, bit) = (&mut self.ready[index / 64], 1 << (index % 64));
+        self.n_ready += usize::from(*word & bit == 0);
+        *word |= bit;
+    }
+
+    fn clear_ready(&mut self, index: usize) {
+        let (word, bit) = (&mut self.ready[index / 64], 1 << (index % 64));
+        self.n_ready -= usize::from(*word & bit != 0);
+        *word &= !bit;
+    }
+
+    /// The session clock of a live run; the logical one stands still.
+    fn clock(&self, logical: Time) -> Time {
+        self.started.map_or(logical, |it| Time(it.elapsed().as_nanos() as i64))
+    }
+
+    /// One turn of node `index` with `self.delivery`, then its messages on their way. As long as a turn gives one message to
+    /// one node of this worker and nothing else waits, the turn of that node follows at once.
     fn activate(&mut self, index: usize, now: Time, away: &mut dyn Away) {
+        let (mut at, mut now) = (index, now);
+        loop {
+            // One guard for the whole chain: it costs as much as a short turn.
+            let chain = catch_unwind(AssertUnwindSafe(|| {
+                loop {
+                    self.process(at, now);
+                    now = self.clock(now);
+                    match self.pass_on(at, now) {
+                        Some(next) => at = next,
+                        None => return,
+                    }
+                }
+            }));
+            let Err(payload) = chain else { break };
+            self.fail(at, self.seen, NodeError::program(panic_text(&*payload)), true);
+            match self.pass_on(at, now) {
+                Some(next) => at = next,
+                None => break,
+            }
+        }
+        if let Some(work) = self.slots[at].as_mut().and_then(|slot| slot.work.as_mut()) {
+            self.busy.push(Reverse((work.begin(now, &mut self.outbox), at)));
+            return self.clear_ready(at);
+        }
+        self.route(at, now, away);
+    }
+
+    fn process(&mut self, index: usize, now: Time) {
         let Some(slot) = &mut self.slots[index] else { return };
         let Some(node) = &mut slot.node else { return };
         // The node takes the message out; a failure is reported with the message's own time.
-        let seen = self.delivery.packets.first().map_or(now, |packet| packet.stamp.time);
+        self.seen = self.delivery.packets.first().map_or(now, |packet| packet.stamp.time);
         let mut io = Io {
             now,
             delivery: &mut self.delivery,
@@ -316,33 +376,38 @@ impl Stage {
             source: SourceId(index as u32),
             sequences: &mut slot.sequences,
         };
-        match catch_unwind(AssertUnwindSafe(|| node.process(&mut io))) {
-            Ok(Ok(())) => {}
-            Ok(Err(error)) => self.fail(index, seen, error, false),
-            Err(payload) => self.fail(index, seen, NodeError::program(panic_text(&*payload)), true),
+        if let Err(error) = node.process(&mut io) {
+            self.fail(index, self.seen, error, false);
         }
-        if let Some(work) = self.slots[index].as_mut().and_then(|slot| slot.work.as_mut()) {
-            self.busy.push(Reverse((work.begin(now, &mut self.outbox), index)));
-            self.ready[index / 64] &= !(1 << (index % 64));
-            return;
+    }
+
+    /// If the turn of `index` gave one message, to one idle node of this worker that would be next anyway: hands it over and
+    /// says to whom. Nearly every turn of a chain.
+    fn pass_on(&mut self, index: usize, now: Time) -> Option<usize> {
+        let [(output, packet)] = &self.outbox.packets[..] else { return None };
+        if self.n_ready > 0 || !self.outbox.gaps.is_empty() {
+            return None;
         }
-        self.route(index, now, away);
+        let slot = self.slots[index].as_ref()?;
+        let [Route::Here(edge)] = slot.routes[*output][..] else { return None };
+        let end = self.ends[edge].as_mut()?;
+        let (consumer, port) = end.to;
+        let next = self.slots[consumer].as_ref()?;
+        let is_free = next.node.is_some() && next.work.is_none() && slot.work.is_none();
+        if !is_free || !matches!(&next.inboxes[port], Inbox::Each(queue) if queue.is_empty()) {
+            return None;
+        }
+        end.ledger.deliver(packet.stamp, now, || packet.payload.quality());
+        let (_, packet) = self.outbox.packets.pop()?;
+        self.delivery.port = port;
+        self.delivery.packets.clear();
+        self.delivery.packets.push(packet);
+        Some(consumer)
     }
 
     fn route(&mut self, index: usize, now: Time, away: &mut dyn Away) {
-        if self.outbox.gaps.is_empty() {
-            // Nothing, or one message along one edge on this worker: nearly every turn of a chain.
-            match (&self.outbox.packets[..], &self.slots[index]) {
-                ([], _) => return,
-                ([(port, _)], Some(slot)) => {
-                    if let [Route::Here(edge)] = slot.routes[*port][..]
-                        && let Some((_, packet)) = self.outbox.packets.pop()
-                    {
-                        return self.deliver(edge, packet, now);
-                    }
-                }
-                _ => {}
-            }
+        if self.outbox.packets.is_empty() && self.outbox.gaps.is_empty() {
+            return;
         }
         let mut outbox = std::mem::take(&mut self.outbox);
         let Some(slot) = &mut self.slots[index] else { return };
