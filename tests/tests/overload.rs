@@ -112,10 +112,12 @@ fn under_load_the_newest_starves_and_the_newest_of_each_does_not() {
         let (counts, ages) = (updates(&found), oldest_ms(&outcome));
         let count = |camera: usize| counts.get(camera).copied().unwrap_or_default();
         let _ = write!(table, "{take:16}");
-        (0..4).for_each(|camera| drop(write!(table, " {:>6}", count(camera))));
-        ages.iter().for_each(|age| {
-            drop(write!(table, " {:>9}", if age.is_nan() { "–".to_owned() } else { format!("{age:.1}") }))
-        });
+        for camera in 0..4 {
+            let _ = write!(table, " {:>6}", count(camera));
+        }
+        for age in &ages {
+            let _ = write!(table, " {:>9}", if age.is_nan() { "–".to_owned() } else { format!("{age:.1}") });
+        }
         table.push('\n');
         ([0, 1, 2, 3].map(count), ages)
     };
