@@ -46,3 +46,38 @@ unsafe impl GlobalAlloc for Counting {
         unsafe { System.realloc(pointer, layout, size) }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[global_allocator]
+    static ALLOCATOR: Counting = Counting;
+
+    #[track_caller]
+    fn counted(work: impl FnOnce()) -> u64 {
+        let before = count();
+        work();
+        count() - before
+    }
+
+    #[test]
+    fn taking_and_growing_a_block_count_and_giving_it_back_does_not() {
+        let mut block = Vec::<u64>::new();
+        assert_eq!(counted(|| block.reserve_exact(4)), 1);
+        block.extend([1, 2, 3, 4]);
+        assert_eq!(counted(|| block.reserve_exact(100)), 1, "growing");
+        assert_eq!(block, [1, 2, 3, 4]);
+        assert_eq!(counted(|| drop(block)), 0);
+        assert_eq!(counted(|| drop(std::hint::black_box(vec![0_u8; 100]))), 1, "a block of zeros");
+    }
+
+    #[test]
+    fn each_thread_has_a_count_of_its_own() {
+        let other = std::thread::spawn(|| counted(|| drop(std::hint::black_box(Box::new([1_u64; 8]))))).join();
+        assert_eq!(other.ok(), Some(1));
+        // A block that another thread made may be given back here.
+        let block = std::thread::spawn(|| vec![7_u8; 64]).join();
+        assert_eq!(block.map(|it| it.len()).ok(), Some(64));
+    }
+}
