@@ -7,6 +7,8 @@
 //! | [`export.pictures`](pictures::ExportPictures) | paths from above and from the side, position and cameras over time, as SVG |
 //! | [`export.overlay`](overlay::ExportOverlay) | some pictures of a camera with the points ringed that were found in them, as PNG |
 //!
+//! [`plot`] is what the pictures are drawn with; programs that measure draw their own figures with it.
+//!
 //! Tables reach the disk while the run goes on. A disk that is full or a folder that cannot be written to loses nothing: rows
 //! wait in memory, and lie in the system's folder for temporary files at the end, with an error that says where.
 
@@ -16,7 +18,7 @@ mod last_of_time;
 pub mod overlay;
 mod paint;
 pub mod pictures;
-mod plot;
+pub mod plot;
 mod row_file;
 mod target_rows;
 pub mod targets;

@@ -1,21 +1,37 @@
 //! Figures as a paper would show them, written as SVG: a few kinds of marks, axes with round numbers, legends.
 //!
+//! A figure of one's own: a [`svg::Svg`], in it an [`axes::Panel`], whose `place` takes values to the figure's pixels.
+//!
+//! ```
+//! use foveate_export::plot::axes::{Labels, Panel, Range};
+//! use foveate_export::plot::svg::{Pen, Rect, Svg};
+//!
+//! let mut svg = Svg::new(400.0, 300.0, "a parabola");
+//! let rect = Rect { left: 70.0, top: 40.0, width: 310.0, height: 210.0 };
+//! let panel = Panel { rect, x: Range { min: -1.0, max: 1.0 }, y: Range { min: 0.0, max: 1.0 } };
+//! panel.background(&mut svg, Labels::new(Some("x [m]"), "y [m²]"));
+//! let curve = (-20..=20).map(|it| f64::from(it) / 20.0).map(|x| panel.place(x, x * x));
+//! svg.lines(&[curve.collect()], Pen::new("#0072b2", 1.5));
+//! panel.frame(&mut svg);
+//! assert!(svg.finish().starts_with("<svg"));
+//! ```
+//!
 //! | module | what it gives |
 //! |---|---|
 //! | [`svg`] | the marks |
 //! | [`axes`] | ranges, ticks, frames |
 //! | [`thin`] | lines with no more points than can be seen |
 //! | [`legend`] | colours and keys |
-//! | [`space`] | paths from above and from the side, to scale |
-//! | [`time`] | position over time |
-//! | [`cameras`] | cameras over time |
+//! | `space` | paths from above and from the side, to scale |
+//! | `time` | position over time |
+//! | `cameras` | cameras over time |
 
-pub(crate) mod axes;
+pub mod axes;
 pub(crate) mod cameras;
-pub(crate) mod legend;
+pub mod legend;
 pub(crate) mod space;
-pub(crate) mod svg;
-pub(crate) mod thin;
+pub mod svg;
+pub mod thin;
 pub(crate) mod time;
 
 use foveate::geometry::Camera;

@@ -6,14 +6,16 @@ const GRID: Pen<'static> = Pen::new("#e4e4e4", 0.8);
 
 /// A range of values.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Range {
-    pub(crate) min: f64,
-    pub(crate) max: f64,
+pub struct Range {
+    /// Its lower end.
+    pub min: f64,
+    /// Its upper end.
+    pub max: f64,
 }
 
 impl Range {
     /// Of finite values; `None` without any.
-    pub(crate) fn of(values: impl IntoIterator<Item = f64>) -> Option<Self> {
+    pub fn of(values: impl IntoIterator<Item = f64>) -> Option<Self> {
         let finite = values.into_iter().filter(|it| it.is_finite());
         finite.fold(None, |range: Option<Range>, value| {
             let (min, max) = range.map_or((value, value), |it| (it.min.min(value), it.max.max(value)));
@@ -22,7 +24,7 @@ impl Range {
     }
 
     /// Of most of `values`: where a few of them lie far off, they do not count.
-    pub(crate) fn of_most(values: &mut [f64]) -> Option<Self> {
+    pub fn of_most(values: &mut [f64]) -> Option<Self> {
         let whole = Self::of(values.iter().copied())?;
         values.sort_unstable_by(f64::total_cmp);
         let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
@@ -30,22 +32,24 @@ impl Range {
         Some(if whole.length() <= 2.0 * most.length() { whole } else { most.widened(0.1) })
     }
 
-    pub(crate) fn length(&self) -> f64 {
+    /// From end to end.
+    pub fn length(&self) -> f64 {
         self.max - self.min
     }
 
-    pub(crate) fn union(self, other: Option<Range>) -> Self {
+    /// The least range that holds both.
+    pub fn union(self, other: Option<Range>) -> Self {
         other.map_or(self, |it| Range { min: self.min.min(it.min), max: self.max.max(it.max) })
     }
 
     /// Longer by `share` of its length at either end; a point becomes a short range.
-    pub(crate) fn widened(self, share: f64) -> Self {
+    pub fn widened(self, share: f64) -> Self {
         let by = if self.length() > 0.0 { self.length() * share } else { (self.min.abs() * share).max(1e-3) };
         Range { min: self.min - by, max: self.max + by }
     }
 
     /// Round numbers within, about `n` of them, and how many decimals they need.
-    pub(crate) fn ticks(&self, n: f64) -> (Vec<f64>, usize) {
+    pub fn ticks(&self, n: f64) -> (Vec<f64>, usize) {
         self.ticks_by(round_step(self.length() / n.max(1.0)))
     }
 
@@ -59,7 +63,7 @@ impl Range {
 }
 
 /// The smallest of 1, 2, 5, 10, … that is at least `least`.
-pub(crate) fn round_step(least: f64) -> f64 {
+pub fn round_step(least: f64) -> f64 {
     if !(least > 0.0 && least.is_finite()) {
         return 1.0;
     }
@@ -69,31 +73,36 @@ pub(crate) fn round_step(least: f64) -> f64 {
 
 /// A frame with two axes.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Panel {
-    pub(crate) rect: Rect,
-    pub(crate) x: Range,
+pub struct Panel {
+    /// Where it lies in the figure [px].
+    pub rect: Rect,
+    /// To the right.
+    pub x: Range,
     /// Upwards.
-    pub(crate) y: Range,
+    pub y: Range,
 }
 
 /// What is written at the axes of a panel.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Labels<'a> {
+pub struct Labels<'a> {
     /// `None`: neither a label nor numbers, as another panel below has them.
-    pub(crate) x: Option<&'a str>,
-    pub(crate) y: &'a str,
+    pub x: Option<&'a str>,
+    /// What the values upwards are.
+    pub y: &'a str,
     /// Distance of the ticks across and upwards; `None`: what the space allows.
-    pub(crate) steps: [Option<f64>; 2],
+    pub steps: [Option<f64>; 2],
 }
 
 impl<'a> Labels<'a> {
-    pub(crate) fn new(x: Option<&'a str>, y: &'a str) -> Self {
+    /// With ticks as the space allows.
+    pub fn new(x: Option<&'a str>, y: &'a str) -> Self {
         Self { x, y, steps: [None; 2] }
     }
 }
 
 impl Panel {
-    pub(crate) fn place(&self, x: f64, y: f64) -> Point {
+    /// Where the values lie in the figure [px].
+    pub fn place(&self, x: f64, y: f64) -> Point {
         [
             self.rect.left + (x - self.x.min) / self.x.length() * self.rect.width,
             self.rect.bottom() - (y - self.y.min) / self.y.length() * self.rect.height,
@@ -101,7 +110,7 @@ impl Panel {
     }
 
     /// Grid, ticks, numbers, labels; draw it before the lines, and [`Self::frame`] after them.
-    pub(crate) fn background(&self, svg: &mut Svg, labels: Labels<'_>) {
+    pub fn background(&self, svg: &mut Svg, labels: Labels<'_>) {
         let Rect { left, top, width, .. } = self.rect;
         let (right, bottom) = (self.rect.right(), self.rect.bottom());
         let ticks_of =
@@ -126,7 +135,8 @@ impl Panel {
         svg.text_upwards([left - 48.0, (top + bottom) / 2.0], TEXT, labels.y);
     }
 
-    pub(crate) fn frame(&self, svg: &mut Svg) {
+    /// The edge.
+    pub fn frame(&self, svg: &mut Svg) {
         svg.rect(self.rect, "none", Some(Pen::new(INK, 1.0)));
     }
 }

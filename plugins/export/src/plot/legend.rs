@@ -4,45 +4,51 @@ use super::Subject;
 use super::svg::{Anchor, INK, Pen, Point, SMALL, Svg};
 
 /// Ten colours that stay apart for most eyes and in gray.
-pub(crate) const COLOURS: [&str; 10] =
+pub const COLOURS: [&str; 10] =
     ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#332288", "#56b4e9", "#882255", "#8a8a00", "#8c564b"];
 /// Tracks without a colour of their own.
-pub(crate) const OTHERS: &str = "#b3a58f";
+pub const OTHERS: &str = "#b3a58f";
 /// Truth, behind all else.
-pub(crate) const TRUTH: Pen<'static> = Pen::new("#9a9a9a", 2.6);
+pub const TRUTH: Pen<'static> = Pen::new("#9a9a9a", 2.6);
 /// Width of a measured stretch [px].
-pub(crate) const MEASURED: f64 = 1.3;
+pub const MEASURED: f64 = 1.3;
 /// Dashes of a predicted stretch.
-pub(crate) const PREDICTED: &str = "3 2.4";
+pub const PREDICTED: &str = "3 2.4";
 /// Space that a legend needs beside a figure [px].
-pub(crate) const LEGEND_WIDTH: f64 = 176.0;
+pub const LEGEND_WIDTH: f64 = 176.0;
 
 const LINE_HEIGHT: f64 = 19.0;
 
 /// What stands before an entry.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Key<'a> {
+pub enum Key<'a> {
+    /// A stretch of line.
     Line(Pen<'a>),
     /// Colour and opacity.
     Swatch(&'a str, f64),
+    /// A small circle.
     Dot {
+        /// Its colour.
         fill: &'a str,
     },
+    /// The symbol of a camera.
     Camera,
 }
 
 /// A list of entries, from the top down.
-pub(crate) struct Legend {
+pub struct Legend {
     left: f64,
     next: f64,
 }
 
 impl Legend {
-    pub(crate) fn at([left, top]: Point) -> Self {
+    /// A list whose upper left corner is there [px].
+    pub fn at([left, top]: Point) -> Self {
         Self { left, next: top }
     }
 
-    pub(crate) fn entry(&mut self, svg: &mut Svg, key: Key<'_>, text: &str) {
+    /// The next line of the list.
+    pub fn entry(&mut self, svg: &mut Svg, key: Key<'_>, text: &str) {
         let (left, middle) = (self.left, self.next + LINE_HEIGHT / 2.0);
         match key {
             Key::Line(pen) => svg.line([left, middle], [left + 24.0, middle], pen),
@@ -71,7 +77,7 @@ impl Legend {
     }
 
     /// A line of a known length, at most 100 px, with the length below.
-    pub(crate) fn scale_bar(&mut self, svg: &mut Svg, pixels: f64, text: &str) {
+    pub fn scale_bar(&mut self, svg: &mut Svg, pixels: f64, text: &str) {
         let (left, right, y) = (self.left, self.left + pixels, self.next + LINE_HEIGHT / 2.0);
         svg.line([left, y], [right, y], Pen::new(INK, 2.0));
         for end in [left, right] {
@@ -83,7 +89,7 @@ impl Legend {
     }
 
     /// Free space between groups.
-    pub(crate) fn skip(&mut self) {
+    pub fn skip(&mut self) {
         self.next += LINE_HEIGHT * 0.5;
     }
 
@@ -112,7 +118,7 @@ impl Legend {
     }
 
     /// Solid and dashed.
-    pub(crate) fn line_styles(&mut self, svg: &mut Svg) {
+    pub fn line_styles(&mut self, svg: &mut Svg) {
         self.entry(svg, Key::Line(Pen::new(INK, MEASURED)), "measured");
         self.entry(svg, Key::Line(Pen::new(INK, MEASURED).dashed(PREDICTED)), "predicted");
     }

@@ -3,29 +3,34 @@
 use std::fmt::Write;
 
 /// x, y [px].
-pub(crate) type Point = [f64; 2];
+pub type Point = [f64; 2];
 
 /// How a line looks.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Pen<'a> {
-    pub(crate) colour: &'a str,
+pub struct Pen<'a> {
+    /// As SVG writes it.
+    pub colour: &'a str,
     /// [px]
-    pub(crate) width: f64,
+    pub width: f64,
     /// Lengths of dash and pause, as SVG writes them; empty: none.
-    pub(crate) dash: &'a str,
-    pub(crate) opacity: f64,
+    pub dash: &'a str,
+    /// From 0 to 1.
+    pub opacity: f64,
 }
 
 impl<'a> Pen<'a> {
-    pub(crate) const fn new(colour: &'a str, width: f64) -> Self {
+    /// Solid and opaque.
+    pub const fn new(colour: &'a str, width: f64) -> Self {
         Self { colour, width, dash: "", opacity: 1.0 }
     }
 
-    pub(crate) const fn dashed(self, dash: &'a str) -> Self {
+    /// The same with dashes.
+    pub const fn dashed(self, dash: &'a str) -> Self {
         Self { dash, ..self }
     }
 
-    pub(crate) const fn faint(self, opacity: f64) -> Self {
+    /// The same, so opaque.
+    pub const fn faint(self, opacity: f64) -> Self {
         Self { opacity, ..self }
     }
 
@@ -42,27 +47,35 @@ impl<'a> Pen<'a> {
 
 /// A rectangle [px].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Rect {
-    pub(crate) left: f64,
-    pub(crate) top: f64,
-    pub(crate) width: f64,
-    pub(crate) height: f64,
+pub struct Rect {
+    /// Of its left edge.
+    pub left: f64,
+    /// Of its upper edge.
+    pub top: f64,
+    /// To the right.
+    pub width: f64,
+    /// Downwards.
+    pub height: f64,
 }
 
 impl Rect {
-    pub(crate) fn right(&self) -> f64 {
+    /// Of its right edge.
+    pub fn right(&self) -> f64 {
         self.left + self.width
     }
 
-    pub(crate) fn bottom(&self) -> f64 {
+    /// Of its lower edge.
+    pub fn bottom(&self) -> f64 {
         self.top + self.height
     }
 
-    pub(crate) fn overlaps(&self, other: &Rect) -> bool {
+    /// Whether the two have more than an edge in common.
+    pub fn overlaps(&self, other: &Rect) -> bool {
         self.left < other.right() && other.left < self.right() && self.top < other.bottom() && other.top < self.bottom()
     }
 
-    pub(crate) fn holds(&self, other: &Rect) -> bool {
+    /// Whether `other` lies within, edges included.
+    pub fn holds(&self, other: &Rect) -> bool {
         self.left <= other.left
             && other.right() <= self.right()
             && self.top <= other.top
@@ -72,29 +85,32 @@ impl Rect {
 
 /// Where a text's anchor point lies within it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Anchor {
+pub enum Anchor {
+    /// At its left end.
     Start,
+    /// Halfway.
     Middle,
+    /// At its right end.
     End,
 }
 
 /// Ordinary text [px].
-pub(crate) const TEXT: f64 = 13.0;
+pub const TEXT: f64 = 13.0;
 /// Titles [px].
-pub(crate) const TITLE: f64 = 15.0;
+pub const TITLE: f64 = 15.0;
 /// Names within a picture [px].
-pub(crate) const SMALL: f64 = 11.0;
+pub const SMALL: f64 = 11.0;
 /// Colour of text and axes.
-pub(crate) const INK: &str = "#222222";
+pub const INK: &str = "#222222";
 
 /// About how wide a text is [px]; a little more than common fonts need.
-pub(crate) fn text_width(text: &str, size: f64) -> f64 {
+pub fn text_width(text: &str, size: f64) -> f64 {
     0.58 * size * text.chars().count() as f64
 }
 
 /// A figure that grows mark by mark.
 #[derive(Debug)]
-pub(crate) struct Svg {
+pub struct Svg {
     width: f64,
     height: f64,
     body: String,
@@ -103,14 +119,14 @@ pub(crate) struct Svg {
 
 impl Svg {
     /// A white figure of that size with a heading.
-    pub(crate) fn new(width: f64, height: f64, title: &str) -> Self {
+    pub fn new(width: f64, height: f64, title: &str) -> Self {
         let mut svg = Self { width, height, body: String::new(), n_clips: 0 };
         svg.text([16.0, 26.0], Anchor::Start, TITLE, title);
         svg
     }
 
     /// Straight lines from point to point, one for each piece, as one mark.
-    pub(crate) fn lines(&mut self, pieces: &[Vec<Point>], pen: Pen<'_>) {
+    pub fn lines(&mut self, pieces: &[Vec<Point>], pen: Pen<'_>) {
         if pieces.iter().all(|piece| piece.len() < 2) {
             return;
         }
@@ -121,12 +137,13 @@ impl Svg {
         self.body.push_str("\"/>\n");
     }
 
-    pub(crate) fn line(&mut self, from: Point, to: Point, pen: Pen<'_>) {
+    /// One straight line.
+    pub fn line(&mut self, from: Point, to: Point, pen: Pen<'_>) {
         self.lines(&[vec![from, to]], pen);
     }
 
     /// A closed area in one colour.
-    pub(crate) fn area(&mut self, points: &[Point], colour: &str, opacity: f64, pen: Option<Pen<'_>>) {
+    pub fn area(&mut self, points: &[Point], colour: &str, opacity: f64, pen: Option<Pen<'_>>) {
         write!(self.body, "<path fill=\"{colour}\" fill-opacity=\"{opacity}\"").ok();
         if let Some(pen) = pen {
             pen.write(&mut self.body);
@@ -136,7 +153,8 @@ impl Svg {
         self.body.push_str("z\"/>\n");
     }
 
-    pub(crate) fn rect(&mut self, rect: Rect, fill: &str, pen: Option<Pen<'_>>) {
+    /// A rectangle, filled and edged.
+    pub fn rect(&mut self, rect: Rect, fill: &str, pen: Option<Pen<'_>>) {
         let Rect { left, top, width, height } = rect;
         write!(
             self.body,
@@ -150,7 +168,7 @@ impl Svg {
     }
 
     /// A rectangle whose edges lie on whole pixels, so that neighbours leave no seam.
-    pub(crate) fn cell(&mut self, rect: Rect, fill: &str) {
+    pub fn cell(&mut self, rect: Rect, fill: &str) {
         let Rect { left, top, width, height } = rect;
         writeln!(
             self.body,
@@ -159,14 +177,15 @@ impl Svg {
         .ok();
     }
 
-    pub(crate) fn circle(&mut self, [x, y]: Point, radius: f64, fill: &str, pen: Pen<'_>) {
+    /// A circle around a point, `radius` in px.
+    pub fn circle(&mut self, [x, y]: Point, radius: f64, fill: &str, pen: Pen<'_>) {
         write!(self.body, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{fill}\"").ok();
         pen.write(&mut self.body);
         self.body.push_str("/>\n");
     }
 
     /// `at`: the anchor, on the base line.
-    pub(crate) fn text(&mut self, [x, y]: Point, anchor: Anchor, size: f64, text: &str) {
+    pub fn text(&mut self, [x, y]: Point, anchor: Anchor, size: f64, text: &str) {
         let anchor = match anchor {
             Anchor::Start => "start",
             Anchor::Middle => "middle",
@@ -181,7 +200,7 @@ impl Svg {
     }
 
     /// Read from below, centred on `at`.
-    pub(crate) fn text_upwards(&mut self, [x, y]: Point, size: f64, text: &str) {
+    pub fn text_upwards(&mut self, [x, y]: Point, size: f64, text: &str) {
         let text = escaped(text);
         writeln!(
             self.body,
@@ -191,7 +210,7 @@ impl Svg {
     }
 
     /// Draws what `marks` draws, within `rect` only.
-    pub(crate) fn within(&mut self, rect: Rect, marks: impl FnOnce(&mut Svg)) {
+    pub fn within(&mut self, rect: Rect, marks: impl FnOnce(&mut Svg)) {
         self.n_clips += 1;
         let Rect { left, top, width, height } = rect;
         write!(
@@ -205,7 +224,7 @@ impl Svg {
     }
 
     /// The whole file.
-    pub(crate) fn finish(self) -> String {
+    pub fn finish(self) -> String {
         let Self { width, height, body, .. } = self;
         format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \

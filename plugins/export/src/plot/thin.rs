@@ -4,7 +4,7 @@ use super::axes::Range;
 use super::svg::Point;
 
 /// Most points of all lines in a figure: about 600 kB.
-pub(crate) const FIGURE_POINTS: usize = 60_000;
+pub const FIGURE_POINTS: usize = 60_000;
 
 /// Drops points that lie closer than `tolerance` [px] to the last kept one; both ends stay.
 fn spaced(points: &[Point], tolerance: f64) -> Vec<Point> {
@@ -39,12 +39,12 @@ fn columns(points: &[Point], width: f64) -> Vec<Point> {
 }
 
 /// Thins lines of any shape, together, to about `limit` points.
-pub(crate) fn thin_paths(lines: &mut [Vec<Point>], limit: usize) {
+pub fn thin_paths(lines: &mut [Vec<Point>], limit: usize) {
     thin(lines, limit, 0.4, spaced);
 }
 
 /// Thins lines that run to the right, together, to about `limit` points.
-pub(crate) fn thin_courses(lines: &mut [Vec<Point>], limit: usize) {
+pub fn thin_courses(lines: &mut [Vec<Point>], limit: usize) {
     thin(lines, limit, 0.5, columns);
 }
 
