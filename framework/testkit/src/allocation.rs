@@ -7,6 +7,7 @@ use std::cell::Cell;
 thread_local! {
     /// Of one thread alone: the test harness has threads of its own, which allocate when they like.
     static COUNT: Cell<u64> = const { Cell::new(0) };
+    static HELD: Cell<i64> = const { Cell::new(0) };
 }
 
 /// The system's allocator, counting. A test binary makes it its own:
@@ -22,26 +23,39 @@ pub fn count() -> u64 {
     COUNT.get()
 }
 
+/// What this thread has allocated and not given back [byte]; less than 0 where it has given back what others allocated, and 0
+/// for ever where [`Counting`] is not the global allocator.
+pub fn held_bytes() -> i64 {
+    HELD.get()
+}
+
 /// A thread that is ending may have no counter any more.
 fn count_one() {
     let _ = COUNT.try_with(|it| it.set(it.get() + 1));
+}
+
+fn hold(bytes: i64) {
+    let _ = HELD.try_with(|it| it.set(it.get() + bytes));
 }
 
 // SAFETY: every call is passed on to the system's allocator unchanged; counting touches no memory of the caller.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count_one();
+        hold(layout.size() as i64);
         // SAFETY: the caller's promises are passed on.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        hold(-(layout.size() as i64));
         // SAFETY: the caller's promises are passed on: `pointer` came from the system's allocator, with this layout.
         unsafe { System.dealloc(pointer, layout) }
     }
 
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         count_one();
+        hold(size as i64 - layout.size() as i64);
         // SAFETY: the caller's promises are passed on.
         unsafe { System.realloc(pointer, layout, size) }
     }

@@ -58,8 +58,13 @@ pub fn render_spot(size: [u32; 2], centre: [f64; 2], sigma: f64, peak: f64) -> I
 
 /// Adds a spot as of [`render_spot`] to a gray picture; what exceeds 255 saturates.
 pub fn add_spot(image: &mut Image, centre: [f64; 2], sigma: f64, peak: f64) {
-    let across = axis_weights(image.width, centre[0], sigma);
-    let down = axis_weights(image.height, centre[1], sigma);
+    add_oval_spot(image, centre, [sigma; 2], peak);
+}
+
+/// The same with a width of its own along rows and along columns: a round spot where pixels are not square.
+pub fn add_oval_spot(image: &mut Image, centre: [f64; 2], sigmas: [f64; 2], peak: f64) {
+    let across = axis_weights(image.width, centre[0], sigmas[0]);
+    let down = axis_weights(image.height, centre[1], sigmas[1]);
     for (row, vertical) in image.pixels.chunks_exact_mut(image.width as usize).zip(down) {
         for (pixel, horizontal) in row.iter_mut().zip(&across) {
             *pixel = (f64::from(*pixel) + peak * vertical * horizontal).round().clamp(0.0, 255.0) as u8;

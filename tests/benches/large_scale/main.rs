@@ -1,19 +1,41 @@
 //! The large scale [Davis 2002 chapter 3] held against known truth: tables and plots.
 //!
-//! `cargo bench -p foveate-tests --bench large_scale -- [scenes|crowd|crossings|all] [--seeds N] [--out DIR]`
+//! `cargo bench -p foveate-tests --bench large_scale -- [PART ...|all] [--seeds N] [--out DIR]`; without a part ten of the scenes.
+//! Plots are written where `--out` says so.
 //!
 //! | part | what it measures |
 //! |---|---|
 //! | `scenes` | 8 wandering lights with clutter and occlusions, 6 unsynchronised cameras: each variant of the tracker |
 //! | `crowd` | the same for 32 lights and 64 cameras |
 //! | `crossings` | pairs of lights that cross, or meet and turn back, at 30 to 100 mm |
+//! | `stage` | §3.7: a LED on a linear stage in rendered pictures, Figures 36 to 41 |
+//! | `strengths` | Figures 42 to 44: the motion model at three strengths, on a line and on a circle |
+//! | `starvation` | Figure 35: three cameras, one of whose clocks is 4 ms ahead |
+//! | `clocks` | offsets of 5, 20 and 50 ms: what they cost, how well they are recovered |
+//! | `speed` | observations a second; `tests/benches/peer_tracking.py` sets a peer beside it |
+//! | `growth` | time and memory from 4 to 1,000 cameras |
+//! | `hour` | one hour at full rate: memory, identities |
 
+mod chart;
+mod clocks;
+mod growth;
+mod hour;
+mod lines;
 mod scenes;
+mod speed;
+mod stage;
+mod starvation;
+mod strengths;
 mod variants;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
+
+use foveate_testkit::allocation::Counting;
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
 
 /// What was asked for.
 pub struct Options {
@@ -25,8 +47,18 @@ pub struct Options {
 
 type Part = fn(&Options);
 
-const PARTS: &[(&str, Part)] =
-    &[("scenes", scenes::scenes), ("crowd", scenes::crowd), ("crossings", scenes::crossings)];
+const PARTS: &[(&str, Part)] = &[
+    ("scenes", scenes::scenes),
+    ("crowd", scenes::crowd),
+    ("crossings", scenes::crossings),
+    ("stage", stage::stage),
+    ("strengths", strengths::strengths),
+    ("starvation", starvation::starvation),
+    ("clocks", clocks::clocks),
+    ("speed", speed::speed),
+    ("growth", growth::growth),
+    ("hour", hour::hour),
+];
 
 fn main() -> ExitCode {
     let mut options = Options { seeds: None, out: None };

@@ -1,0 +1,81 @@
+//! Three cameras, one of whose clocks is 4 ms ahead: how often each of them has a say under each rule for late frames
+//! [Davis 2002 §3.5, Figure 35].
+
+use foveate_export::plot::legend::COLOURS;
+use foveate_led::tracker::{Entry, Tracker};
+use foveate_testkit::lab::{Conditions, Lab, ROOM_M, Rules, person, score};
+
+use crate::Options;
+use crate::chart::{Chart, Marks, Scale, Series, draw, save};
+use crate::variants::settings;
+
+const RULES: &[(&str, &str)] = &[
+    ("discard what is older", "late = \"discard\""),
+    ("discard what is older (no tolerance)", "late_tolerance_ms = 0.0"),
+    ("apply up to 10 ms late", "late_tolerance_ms = 10.0"),
+    ("refilter", "late = \"refilter\""),
+    ("correct the clocks", "late = \"refilter\"\nclocks = \"correct\""),
+];
+
+const DURATION_S: f64 = 10.0;
+/// The part that is drawn.
+const SHOWN_MS: f64 = 300.0;
+
+/// Measures and draws.
+pub fn starvation(options: &Options) {
+    println!("## Updates of three cameras at 60 Hz in 10 s, the clock of A 4 ms ahead [Davis 2002, Figure 35]\n");
+    let ahead = Conditions { clock_ahead_s: 4e-3, ..Conditions::default() };
+    // Three cameras see little together: no light hides, and two confirm.
+    let lab = Lab { conditions: vec![ahead], synchronous: true, ..Lab::new(3) };
+    let frames = lab.frames(DURATION_S, &person);
+    println!("| rule | A | B | C | missed % | error median mm |");
+    println!("|---|---|---|---|---|---|");
+    let mut charts = Vec::new();
+    for (index, (name, text)) in RULES.iter().enumerate() {
+        let Ok(rule) = settings(&format!("birth_cameras = 2\n{text}")) else {
+            println!("| {name} | not available | | | | |");
+            continue;
+        };
+        let mut tracker = Tracker::new(rule, lab.cameras.clone(), Some(ROOM_M));
+        let mut updates = [Vec::new(), Vec::new(), Vec::new()];
+        let score = score(&frames, Rules { settled_s: 1.0, step_s: 0.0 }, &person, |time, features, targets| {
+            let entry = tracker.observe(time, features);
+            if entry == Entry::Applied {
+                updates[usize::from(features.camera.0)].push(time.as_s());
+            }
+            tracker.write(targets);
+            entry == Entry::Applied
+        });
+        let counts = updates.each_ref().map(Vec::len);
+        println!(
+            "| {name} | {} | {} | {} | {:.1} | {} |",
+            counts[0],
+            counts[1],
+            counts[2],
+            100.0 * score.missed_part(),
+            if score.error_median.is_nan() { "–".to_owned() } else { format!("{:.2}", 1e3 * score.error_median) }
+        );
+        let rows = (1..=3).map(|row| vec![[0.0, f64::from(row)], [SHOWN_MS, f64::from(row)]]);
+        let mut series =
+            vec![Series { name: String::new(), marks: Marks::Line, colour: "#d0d0d0", pieces: rows.collect() }];
+        series.extend(updates.iter().enumerate().map(|(camera, times)| {
+            let shown = times.iter().map(|it| 1e3 * it).take_while(|it| *it < SHOWN_MS);
+            let dots = shown.map(|it| [it, 3.0 - camera as f64]).collect();
+            Series::new(["A, 4 ms ahead", "B", "C"][camera], Marks::Dots, COLOURS[camera], dots)
+        }));
+        let title = format!("{}: {}, {}, {}", RULES[index].0, counts[0], counts[1], counts[2]);
+        charts.push(Chart {
+            title,
+            x: "capture time by the camera's clock [ms]",
+            y: "C, B, A",
+            scale: Scale::Linear,
+            series,
+        });
+    }
+    println!();
+    save(
+        options.out.as_deref(),
+        "starvation_fig35",
+        &draw("Updates of each camera (Figure 35)", 2, [400.0, 90.0], &charts),
+    );
+}
