@@ -1,6 +1,5 @@
 //! Clocks that disagree: what that costs, and how well their offsets are recovered.
 
-use foveate::estimation::clocks::ClockEstimate;
 use foveate::messages::{CameraId, Time};
 use foveate_led::tracker::{Entry, Tracker};
 use foveate_testkit::lab::{Conditions, Lab, ROOM_M, Rules, Wanderers, score};
@@ -75,15 +74,4 @@ pub fn clocks(_options: &Options) {
         }
     }
     println!();
-}
-
-/// What a tracker knows of its clocks. A tracker that has `clock` of its own answers instead.
-trait Clocks {
-    fn clock(&self, camera: CameraId, stamp: Time) -> Option<ClockEstimate>;
-}
-
-impl Clocks for Tracker {
-    fn clock(&self, _camera: CameraId, _stamp: Time) -> Option<ClockEstimate> {
-        None
-    }
 }

@@ -1,12 +1,12 @@
 //! Three cameras, one of whose clocks is 4 ms ahead: how often each of them has a say under each rule for late frames
 //! [Davis 2002 §3.5, Figure 35].
 
-use foveate_export::plot::legend::COLOURS;
 use foveate_led::tracker::{Entry, Tracker};
 use foveate_testkit::lab::{Conditions, Lab, ROOM_M, Rules, person, score};
 
 use crate::Options;
-use crate::chart::{Chart, Marks, Scale, Series, draw, save};
+use crate::chart::{draw, save};
+use crate::overload::timeline;
 use crate::variants::settings;
 
 const RULES: &[(&str, &str)] = &[
@@ -18,8 +18,6 @@ const RULES: &[(&str, &str)] = &[
 ];
 
 const DURATION_S: f64 = 10.0;
-/// The part that is drawn.
-const SHOWN_MS: f64 = 300.0;
 
 /// Measures and draws.
 pub fn starvation(options: &Options) {
@@ -31,7 +29,7 @@ pub fn starvation(options: &Options) {
     println!("| rule | A | B | C | missed % | error median mm |");
     println!("|---|---|---|---|---|---|");
     let mut charts = Vec::new();
-    for (index, (name, text)) in RULES.iter().enumerate() {
+    for (name, text) in RULES {
         let Ok(rule) = settings(&format!("birth_cameras = 2\n{text}")) else {
             println!("| {name} | not available | | | | |");
             continue;
@@ -55,22 +53,8 @@ pub fn starvation(options: &Options) {
             100.0 * score.missed_part(),
             if score.error_median.is_nan() { "–".to_owned() } else { format!("{:.2}", 1e3 * score.error_median) }
         );
-        let rows = (1..=3).map(|row| vec![[0.0, f64::from(row)], [SHOWN_MS, f64::from(row)]]);
-        let mut series =
-            vec![Series { name: String::new(), marks: Marks::Line, colour: "#d0d0d0", pieces: rows.collect() }];
-        series.extend(updates.iter().enumerate().map(|(camera, times)| {
-            let shown = times.iter().map(|it| 1e3 * it).take_while(|it| *it < SHOWN_MS);
-            let dots = shown.map(|it| [it, 3.0 - camera as f64]).collect();
-            Series::new(["A, 4 ms ahead", "B", "C"][camera], Marks::Dots, COLOURS[camera], dots)
-        }));
-        let title = format!("{}: {}, {}, {}", RULES[index].0, counts[0], counts[1], counts[2]);
-        charts.push(Chart {
-            title,
-            x: "capture time by the camera's clock [ms]",
-            y: "C, B, A",
-            scale: Scale::Linear,
-            series,
-        });
+        let title = format!("{name}: {}, {}, {}", counts[0], counts[1], counts[2]);
+        charts.push(timeline(&title, &updates));
     }
     println!();
     save(
