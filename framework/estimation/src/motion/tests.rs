@@ -1,3 +1,5 @@
+//! Each model against dense textbook filters, and against one another on a path that turns.
+
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix2x3, Matrix3, Matrix6, Point3, Vector2, Vector3, Vector6};
 use proptest::prelude::*;
 

@@ -6,12 +6,15 @@
 
 use foveate::geometry::{Camera, PixelNoise, refine};
 use foveate::messages::{CameraId, Feature, Interval, Time};
-use nalgebra::{Matrix2, Matrix3, Point2, Point3, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, Matrix3, Point2, Point3, Vector2, Vector3};
 use smallvec::SmallVec;
 
 use super::association::widened;
 use super::partners::Partners;
 use crate::consensus::{Consensus, Meeting, Rules, Sighting};
+
+/// Motions in pictures agree on a velocity when their mean square off it, and its own off rest, is within this many standard deviations.
+const MOTION_GATE: f64 = 2.0;
 
 /// The unmatched features of each camera's newest frame.
 #[derive(Debug)]
@@ -181,9 +184,9 @@ impl Nursery {
     }
 
     /// The start of a target born at `meeting`, at time `now`: the maximum-likelihood point of its pixels, less certain by what it may
-    /// have moved since the oldest of them, and the velocity that its motions in the pictures show, if they do.
-    /// `None` when the cameras' lines fix no point.
-    pub fn start(&self, meeting: &Meeting, now: Time, conditions: &Conditions<'_>) -> Option<Start> {
+    /// have moved since the oldest of them, and the velocity that its motions in the pictures show, if they agree on one.
+    /// `None` when the cameras' lines fix no point, or `moving` ones no motion.
+    pub fn start(&self, meeting: &Meeting, now: Time, moving: bool, conditions: &Conditions<'_>) -> Option<Start> {
         let mut cameras: SmallVec<[&Camera; 20]> = SmallVec::new();
         let mut pixels: SmallVec<[Point2<f64>; 20]> = SmallVec::new();
         let mut noise: SmallVec<[Matrix2<f64>; 20]> = SmallVec::new();
@@ -196,24 +199,48 @@ impl Nursery {
             oldest = oldest.min(sighting.time);
         }
         let found = refine(&cameras, &pixels, PixelNoise::Covariances(&noise), meeting.position).ok()?;
-        // Σ Jᵀ(u − J v)/σ² = v/speed²: the motions in the pictures, and that most lights are slow.
-        let mut precision = Matrix3::identity() / (conditions.speed * conditions.speed);
-        let mut pull = Vector3::zeros();
-        for (&member, camera) in meeting.members.iter().zip(&cameras) {
-            let Some(motion) = self.motions[member] else { continue };
-            let Some((_, jacobian)) = camera.project_with_jacobian(&found.position) else { continue };
-            precision += jacobian.transpose() * jacobian / motion.variance;
-            pull += jacobian.transpose() * motion.velocity / motion.variance;
+        let motion = self.motion_of(meeting, &cameras, &found.position, conditions.speed);
+        if moving && motion.is_none() {
+            return None;
         }
-        let velocity_covariance = precision.try_inverse()?;
+        let at_rest = (Vector3::zeros(), Matrix3::identity() * (conditions.speed * conditions.speed));
+        let (velocity, velocity_covariance) = motion.unwrap_or(at_rest);
         let velocity_sigma = (velocity_covariance.trace() / 3.0).sqrt();
         let moved = velocity_sigma * (now - oldest).as_s();
         Some(Start {
             position: found.position,
             covariance: found.covariance + Matrix3::identity() * (moved * moved),
-            velocity: velocity_covariance * pull,
+            velocity,
             velocity_sigma,
         })
+    }
+
+    /// The velocity at `place` that fits the motions of a meeting's features in their pictures, with its covariance, if one does.
+    fn motion_of(
+        &self,
+        meeting: &Meeting,
+        cameras: &[&Camera],
+        place: &Point3<f64>,
+        speed: f64,
+    ) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+        // Σ Jᵀ(u − J v)/σ² = v/speed²: the motions in the pictures, and that most lights are slow.
+        let mut precision = Matrix3::identity() / (speed * speed);
+        let mut pull = Vector3::zeros();
+        let seen = meeting.members.iter().zip(cameras).filter_map(|(&member, camera)| {
+            let (_, jacobian) = camera.project_with_jacobian(place)?;
+            Some((self.motions[member]?, jacobian))
+        });
+        let seen: SmallVec<[(Motion, Matrix2x3<f64>); 20]> = seen.collect();
+        for (motion, jacobian) in &seen {
+            precision += jacobian.transpose() * jacobian / motion.variance;
+            pull += jacobian.transpose() * motion.velocity / motion.variance;
+        }
+        let covariance = precision.try_inverse()?;
+        let velocity = covariance * pull;
+        let off = seen.iter().map(|(it, jacobian)| (it.velocity - jacobian * velocity).norm_squared() / it.variance);
+        let squared = off.sum::<f64>() + velocity.norm_squared() / (speed * speed);
+        let fits = squared <= MOTION_GATE * MOTION_GATE * (2 * seen.len() + 3) as f64;
+        (fits && seen.len() >= 2).then_some((velocity, covariance))
     }
 
     /// Uses up all lines that pass within `distance` of `point` [m]: the light there has its target now.

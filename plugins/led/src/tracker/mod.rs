@@ -486,7 +486,7 @@ impl Tracker {
         let n_meetings = self.nursery.meetings(camera, now, moving, &conditions, allowed).len();
         for index in 0..n_meetings {
             let Some(meeting) = self.nursery.meeting(index) else { break };
-            let Some(start) = self.nursery.start(meeting, now, &conditions) else { continue };
+            let Some(start) = self.nursery.start(meeting, now, moving, &conditions) else { continue };
             if !alone(&self.tracks, &start.position) || !within(volume, margin, &start.position) {
                 continue; // of two meetings around one light the better one came first
             }
