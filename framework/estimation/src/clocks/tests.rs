@@ -1,3 +1,5 @@
+//! Clocks recovered while lights are tracked: open and closed loop, wrong associations, lights at rest.
+
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Point3, Rotation3, Vector2, Vector3};
 
 use super::*;
