@@ -3,6 +3,7 @@
 //! | module | what it gives |
 //! |---|---|
 //! | [`camera`] | [`Camera`]: pinhole with Brown–Conrady distortion; point to pixel, pixel to [`Ray`] |
+//! | [`resection`] | the pose of a camera from points of known place and their pixels, robustly, with its covariance |
 //! | [`ray`] | [`Ray`], and where two of them come closest |
 //! | [`triangulate`] | a point from two or more rays, and its refinement on pixels with a covariance |
 //!
@@ -14,11 +15,13 @@ mod distortion;
 mod from_matrix;
 mod look_at;
 pub mod ray;
+pub mod resection;
 pub mod triangulate;
 
 pub use camera::{Camera, CameraFault, Distortion, Intrinsics};
 pub use from_matrix::ProjectionFault;
 pub use ray::{Approach, Ray, closest_approach};
+pub use resection::{Resection, ResectionFault, ResectionRules, refine_pose, resect};
 pub use triangulate::{PixelNoise, Triangulation, TriangulationFault, refine, triangulate_rays};
 
 /// A rigid transform, always named `b_from_a`: rotation, then translation [m].

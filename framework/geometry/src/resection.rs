@@ -1,0 +1,362 @@
+//! Where a camera stands: its pose from points of known place and the pixels at which it sees them.
+//!
+//! The optics are known. Poses of three points each, drawn at random, are tried on all points (RANSAC); the best one is refined on
+//! the pixels of all of them by Levenberg–Marquardt under Cauchy's loss ρ(r) = σ² c² ln(1 + |r|²/(σ c)²), c = 2.385, which lets a wrong
+//! pair go the further it is off. The points are moved to their centroid first, so that places of millions of metres keep their digits.
+//!
+//! Four points are the least: three admit up to four poses. Points on a line or in one place fix no pose and are refused;
+//! points in a plane do. Wrong pairs may be more than half as long as [`ResectionRules::trials`] draws are likely to hold
+//! three right ones: 200 are for half, 2000 for 85 %.
+
+mod three_points;
+
+use nalgebra::{
+    Isometry3, Matrix3, Matrix6, Point2, Point3, Translation3, Unit, UnitQuaternion, Vector2, Vector3, Vector6,
+};
+
+use crate::camera::Camera;
+
+/// How to go about it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ResectionRules {
+    /// Of either coordinate of a right pixel, standard deviation [px].
+    pub sigma_px: f64,
+    /// A pair whose pixel is at most this far off is a right one [px].
+    pub inlier_px: f64,
+    /// Triples that are drawn at most; fewer when enough pairs agree early [–].
+    pub trials: u32,
+}
+
+impl Default for ResectionRules {
+    fn default() -> Self {
+        Self { sigma_px: 0.5, inlier_px: 3.0, trials: 500 }
+    }
+}
+
+/// What [`resect`] found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Resection {
+    /// The pose: takes points in the world to points in the camera.
+    pub camera_from_world: Isometry3<f64>,
+    /// Of the pose, in the order and the update of `docs/notation.md`, if the right pixels are as good as `sigma_px` says.
+    pub covariance: Matrix6<f64>,
+    /// By pair: whether it is a right one.
+    pub right: Vec<bool>,
+    /// Root of the mean over the right pairs of the squared pixel distance [px].
+    pub residuals_rms_px: f64,
+    /// Σ ρ of all pairs over their count, those behind the camera at 100 `inlier_px` [px²]: to compare poses of one set of pairs.
+    pub loss_px2: f64,
+}
+
+/// Why there is no answer.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum ResectionFault {
+    /// Lists of different lengths.
+    #[error("{points} points and {pixels} pixels, expected as many of each")]
+    LengthsDiffer {
+        /// How many points.
+        points: usize,
+        /// How many pixels.
+        pixels: usize,
+    },
+    /// Three points admit up to four poses.
+    #[error("{count} usable pairs of point and pixel do not fix a pose, expected at least 4")]
+    TooFew {
+        /// How many have finite numbers and a line of sight.
+        count: usize,
+    },
+    /// A rule that cannot be followed.
+    #[error("{rule} is {found}, expected more than 0")]
+    BadRule {
+        /// Which.
+        rule: &'static str,
+        /// Its value.
+        found: f64,
+    },
+    /// All points on a line, or in one place.
+    #[error("the points lie on a line: their spread across it is {ratio:.1e} of that along it")]
+    Collinear {
+        /// Standard deviation across over along the line.
+        ratio: f64,
+    },
+    /// No pose explains four pairs or more.
+    #[error("no pose found in {trials} trials explains more than {agreeing} of {count} pairs")]
+    NoConsensus {
+        /// Triples drawn.
+        trials: u32,
+        /// Right pairs of the best pose.
+        agreeing: usize,
+        /// All pairs.
+        count: usize,
+    },
+    /// The right pairs alone do not hold the pose.
+    #[error("the {count} right pairs do not fix the pose: the best known direction is {ratio:.1e} times the worst")]
+    Degenerate {
+        /// Right pairs.
+        count: usize,
+        /// Standard deviation along the best known over that along the worst known direction, in a scale of the points.
+        ratio: f64,
+    },
+}
+
+/// Points whose spread across their line is below this part of that along it are on it.
+const COLLINEAR: f64 = 1e-4;
+/// Standard deviations further apart than this leave a pose open.
+const SINGULAR: f64 = 1e-6;
+/// Cauchy's loss at this many standard deviations is 95 % as efficient as least squares where nothing is wrong.
+const CAUCHY: f64 = 2.385;
+const MAX_ITERATIONS: u32 = 60;
+/// Chance at which three right pairs must have been drawn before the search ends early.
+const CONFIDENCE: f64 = 0.9999;
+
+/// Finds the pose from which `camera` (whose own pose does not matter) sees `points_in_world` at `pixels`. `below(n)` gives whole
+/// numbers from 0 to n − 1 at random: the same numbers give the same pose.
+///
+/// # Errors
+/// See [`ResectionFault`].
+pub fn resect(
+    camera: &Camera,
+    points_in_world: &[Point3<f64>],
+    pixels: &[Point2<f64>],
+    rules: &ResectionRules,
+    mut below: impl FnMut(u32) -> u32,
+) -> Result<Resection, ResectionFault> {
+    let problem = Problem::new(camera, points_in_world, pixels, rules)?;
+    let n = problem.pairs.len() as u32;
+    let mut best: Option<(f64, Isometry3<f64>)> = None;
+    let mut needed = f64::from(rules.trials);
+    let mut trials = 0;
+    while trials < rules.trials && f64::from(trials) < needed {
+        trials += 1;
+        let drawn = [(); 3].map(|()| below(n).min(n - 1) as usize);
+        if drawn[0] == drawn[1] || drawn[0] == drawn[2] || drawn[1] == drawn[2] {
+            continue;
+        }
+        let points = drawn.map(|it| problem.pairs[it].point);
+        let directions = drawn.map(|it| problem.pairs[it].direction);
+        for pose in three_points::poses(&points, &directions) {
+            let loss = problem.truncated_loss(&pose);
+            if best.as_ref().is_none_or(|it| loss < it.0) {
+                best = Some((loss, pose));
+                let share = problem.n_right(&pose) as f64 / f64::from(n);
+                needed = (1.0 - CONFIDENCE).ln() / (1.0 - share.powi(3)).max(f64::MIN_POSITIVE).ln();
+                needed = if needed.is_finite() { needed.max(20.0) } else { f64::from(rules.trials) };
+            }
+        }
+    }
+    let agreeing = best.as_ref().map_or(0, |(_, pose)| problem.n_right(pose));
+    let Some((_, start)) = best.filter(|_| agreeing >= 4) else {
+        return Err(ResectionFault::NoConsensus { trials, agreeing, count: n as usize });
+    };
+    problem.finish(problem.refine(start))
+}
+
+/// Refines the pose that `camera` has on the pixels, without a search: for a pose that is nearly right.
+///
+/// # Errors
+/// See [`ResectionFault`].
+pub fn refine_pose(
+    camera: &Camera,
+    points_in_world: &[Point3<f64>],
+    pixels: &[Point2<f64>],
+    rules: &ResectionRules,
+) -> Result<Resection, ResectionFault> {
+    let problem = Problem::new(camera, points_in_world, pixels, rules)?;
+    let start = camera.camera_from_world * Translation3::from(problem.centroid);
+    problem.finish(problem.refine(start))
+}
+
+/// A point, relative to the centroid of all, and where it is seen.
+struct Pair {
+    point: Point3<f64>,
+    pixel: Point2<f64>,
+    direction: Unit<Vector3<f64>>,
+}
+
+struct Problem<'a> {
+    camera: &'a Camera,
+    rules: &'a ResectionRules,
+    pairs: Vec<Pair>,
+    /// By pair given: its place in `pairs`.
+    places: Vec<Option<usize>>,
+    centroid: Vector3<f64>,
+    /// Root mean square distance of the points from their centroid [m].
+    spread: f64,
+}
+
+/// Gauss–Newton's equations at a pose.
+struct Normal {
+    information: Matrix6<f64>,
+    gradient: Vector6<f64>,
+    loss: f64,
+}
+
+impl<'a> Problem<'a> {
+    fn new(
+        camera: &'a Camera,
+        points: &[Point3<f64>],
+        pixels: &[Point2<f64>],
+        rules: &'a ResectionRules,
+    ) -> Result<Self, ResectionFault> {
+        if points.len() != pixels.len() {
+            return Err(ResectionFault::LengthsDiffer { points: points.len(), pixels: pixels.len() });
+        }
+        for (rule, found) in [("sigma_px", rules.sigma_px), ("inlier_px", rules.inlier_px)] {
+            if !(found.is_finite() && found > 0.0) {
+                return Err(ResectionFault::BadRule { rule, found });
+            }
+        }
+        let mut pairs = Vec::with_capacity(points.len());
+        let mut places = Vec::with_capacity(points.len());
+        for (point, pixel) in points.iter().zip(pixels) {
+            let direction = camera.normalise(pixel).filter(|_| point.coords.norm().is_finite());
+            places.push(direction.map(|_| pairs.len()));
+            pairs.extend(direction.map(|it| Pair {
+                point: *point,
+                pixel: *pixel,
+                direction: Unit::new_normalize(it.push(1.0)),
+            }));
+        }
+        if pairs.len() < 4 {
+            return Err(ResectionFault::TooFew { count: pairs.len() });
+        }
+        let n = pairs.len() as f64;
+        let centroid = pairs.iter().fold(Vector3::zeros(), |sum, it| sum + it.point.coords) / n;
+        let mut scatter = Matrix3::zeros();
+        for pair in &mut pairs {
+            pair.point -= centroid;
+            scatter += pair.point.coords * pair.point.coords.transpose() / n;
+        }
+        let mut axes: [f64; 3] = scatter.symmetric_eigenvalues().map(|it| it.max(0.0).sqrt()).into();
+        axes.sort_by(f64::total_cmp);
+        let ratio = axes[1] / axes[2];
+        if ratio.is_nan() || ratio < COLLINEAR {
+            return Err(ResectionFault::Collinear { ratio: if ratio.is_nan() { 0.0 } else { ratio } });
+        }
+        Ok(Self { camera, rules, pairs, places, centroid, spread: scatter.trace().sqrt() })
+    }
+
+    fn posed(&self, pose: &Isometry3<f64>) -> Camera {
+        Camera { camera_from_world: *pose, ..self.camera.clone() }
+    }
+
+    fn squared_errors(&self, pose: &Isometry3<f64>) -> impl Iterator<Item = f64> {
+        let camera = self.posed(pose);
+        let squared = move |pair: &Pair| Some((camera.project(&pair.point)? - pair.pixel).norm_squared());
+        self.pairs.iter().map(move |pair| squared(pair).unwrap_or(f64::INFINITY))
+    }
+
+    /// Squared errors, none counted for more than the limit of a right pair [px²].
+    fn truncated_loss(&self, pose: &Isometry3<f64>) -> f64 {
+        let limit = self.rules.inlier_px.powi(2);
+        self.squared_errors(pose).map(|it| it.min(limit)).sum()
+    }
+
+    fn n_right(&self, pose: &Isometry3<f64>) -> usize {
+        let limit = self.rules.inlier_px.powi(2);
+        self.squared_errors(pose).filter(|it| *it <= limit).count()
+    }
+
+    fn normal(&self, pose: &Isometry3<f64>) -> Normal {
+        let camera = self.posed(pose);
+        let scale = (CAUCHY * self.rules.sigma_px).powi(2);
+        let unseen = scale * (100.0 * self.rules.inlier_px).powi(2).ln_1p();
+        let (mut information, mut gradient, mut loss) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
+        for pair in &self.pairs {
+            let Some((seen, by_point)) = camera.project_with_jacobian(&pair.point) else {
+                loss += unseen;
+                continue;
+            };
+            let error: Vector2<f64> = pair.pixel - seen;
+            let relative = error.norm_squared() / scale;
+            loss += scale * relative.ln_1p();
+            let weight = 1.0 / (1.0 + relative);
+            // T exp(δ) p = T (p + ω × p + v): by ω the point moves by −[p]ₓ, by v by 1.
+            let by_rotation = by_point * -pair.point.coords.cross_matrix();
+            let mut jacobian = nalgebra::Matrix2x6::zeros();
+            jacobian.fixed_columns_mut::<3>(0).copy_from(&by_rotation);
+            jacobian.fixed_columns_mut::<3>(3).copy_from(&by_point);
+            information += jacobian.transpose() * jacobian * weight;
+            gradient += jacobian.transpose() * error * weight;
+        }
+        Normal { information, gradient, loss }
+    }
+
+    /// Levenberg–Marquardt; the pose is that of the centred points.
+    fn refine(&self, start: Isometry3<f64>) -> Isometry3<f64> {
+        let mut pose = start;
+        let mut here = self.normal(&pose);
+        let mut damping = 1e-4;
+        for _ in 0..MAX_ITERATIONS {
+            let mut damped = here.information;
+            damped.set_diagonal(&(here.information.diagonal() * (1.0 + damping)));
+            let Some(step) = damped.cholesky().map(|it| it.solve(&here.gradient)) else { break };
+            let candidate = moved(&pose, &step);
+            let there = self.normal(&candidate);
+            let done = step.dot(&here.gradient) <= 1e-12 * (here.loss + 1e-9);
+            if there.loss <= here.loss {
+                (pose, here) = (candidate, there);
+                damping = (damping * 0.1).max(1e-12);
+            } else {
+                damping = (damping * 10.0).max(1e-6);
+            }
+            if done || damping > 1e12 {
+                break;
+            }
+        }
+        pose
+    }
+
+    /// Counts the right pairs of `pose`, and states how well they hold it.
+    fn finish(&self, pose: Isometry3<f64>) -> Result<Resection, ResectionFault> {
+        let limit = self.rules.inlier_px.powi(2);
+        let errors: Vec<f64> = self.squared_errors(&pose).collect();
+        let count = errors.iter().filter(|it| **it <= limit).count();
+        if count < 4 {
+            return Err(ResectionFault::NoConsensus { trials: 0, agreeing: count, count: errors.len() });
+        }
+        let normal = self.normal(&pose);
+        // Rotations about the centroid and shifts in units of the spread compare with one another.
+        let units = Matrix6::from_diagonal(&Vector6::new(1.0, 1.0, 1.0, self.spread, self.spread, self.spread));
+        let comparable = units * normal.information * units;
+        let eigenvalues = comparable.symmetric_eigenvalues();
+        let ratio = (eigenvalues.min().max(0.0) / eigenvalues.max()).sqrt();
+        let fault = ResectionFault::Degenerate { count, ratio };
+        if ratio.is_nan() || ratio < SINGULAR {
+            return Err(fault);
+        }
+        let of_centred = normal.information.try_inverse().ok_or(fault)? * self.rules.sigma_px.powi(2);
+        // exp(δ) about the centroid c is exp(δ') about the origin with v' = v + c × ω.
+        let mut moved_to_origin = Matrix6::identity();
+        moved_to_origin.fixed_view_mut::<3, 3>(3, 0).copy_from(&self.centroid.cross_matrix());
+        let right_sum: f64 = errors.iter().filter(|it| **it <= limit).sum();
+        Ok(Resection {
+            camera_from_world: pose * Translation3::from(-self.centroid),
+            covariance: moved_to_origin * of_centred * moved_to_origin.transpose(),
+            right: self.places.iter().map(|place| place.is_some_and(|it| errors[it] <= limit)).collect(),
+            residuals_rms_px: (right_sum / count as f64).sqrt(),
+            loss_px2: normal.loss / self.pairs.len() as f64,
+        })
+    }
+}
+
+impl Resection {
+    /// Covariance of the camera's centre in the world [m²]: T exp(δ) has its centre c at c − ω × c − v.
+    pub fn centre_covariance(&self) -> Matrix3<f64> {
+        let centre = self.camera_from_world.inverse_transform_point(&Point3::origin()).coords;
+        let mut by_pose = nalgebra::Matrix3x6::zeros();
+        by_pose.fixed_columns_mut::<3>(0).copy_from(&centre.cross_matrix());
+        by_pose.fixed_columns_mut::<3>(3).copy_from(&-Matrix3::identity());
+        by_pose * self.covariance * by_pose.transpose()
+    }
+}
+
+/// T ⊕ δ = T exp(δ), to first order in the translation, which is all that a step needs.
+fn moved(pose: &Isometry3<f64>, step: &Vector6<f64>) -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(0).into_owned());
+    let shift = Translation3::from(step.fixed_rows::<3>(3).into_owned());
+    pose * Isometry3::from_parts(shift, turn)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,148 @@
+//! The poses from which three points are seen in three given directions: at most four.
+//!
+//! Source: J. A. Grunert, 1841, as given in R. M. Haralick, C.-N. Lee, K. Ottenberg, M. Nölle, "Review and analysis of
+//! solutions of the three point perspective pose estimation problem", IJCV 13(3), 1994. Equation numbers are that paper's.
+//!
+//! | here | paper | meaning |
+//! |---|---|---|
+//! | `directions[i]` | jᵢ | unit direction of point i in the camera |
+//! | `a2`, `b2`, `c2` | a², b², c² | squared distance of points 2–3, 1–3, 1–2 [m²] |
+//! | `depths[i]` | sᵢ | distance of point i from the camera, s₃ = v s₁ [m] |
+
+use nalgebra::{Isometry3, Matrix3, Matrix4, Point3, Rotation3, Schur, Unit, UnitQuaternion, Vector3};
+
+/// A triangle whose height over its longest side is less than this part of that side is a line.
+const FLAT: f64 = 1e-6;
+
+/// All `camera_from_world` that put `points_in_world` on the rays of `directions`, in front of the camera; none when the points lie on
+/// a line, or when numerics fail.
+pub(super) fn poses(points_in_world: &[Point3<f64>; 3], directions: &[Unit<Vector3<f64>>; 3]) -> Vec<Isometry3<f64>> {
+    let [p1, p2, p3] = points_in_world;
+    let [j1, j2, j3] = directions;
+    let (a2, b2, c2) = ((p2 - p3).norm_squared(), (p1 - p3).norm_squared(), (p1 - p2).norm_squared());
+    let Some(axes_in_world) = axes(points_in_world) else { return Vec::new() };
+    let (cos_a, cos_b, cos_c) = (j2.dot(j3), j1.dot(j3), j1.dot(j2));
+    let (q, p) = ((a2 - c2) / b2, (a2 + c2) / b2);
+    // (9)
+    let quartic = [
+        (1.0 + q).powi(2) - 4.0 * a2 / b2 * cos_c * cos_c,
+        4.0 * (-q * (1.0 + q) * cos_b + 2.0 * a2 / b2 * cos_c * cos_c * cos_b - (1.0 - p) * cos_a * cos_c),
+        2.0 * (q * q - 1.0 + 2.0 * q * q * cos_b * cos_b + 2.0 * (b2 - c2) / b2 * cos_a * cos_a
+            - 4.0 * p * cos_a * cos_b * cos_c
+            + 2.0 * (b2 - a2) / b2 * cos_c * cos_c),
+        4.0 * (q * (1.0 - q) * cos_b - (1.0 - p) * cos_a * cos_c + 2.0 * c2 / b2 * cos_a * cos_a * cos_b),
+        (q - 1.0).powi(2) - 4.0 * c2 / b2 * cos_a * cos_a,
+    ];
+    let mut found = Vec::with_capacity(4);
+    for v in positive_roots(&quartic) {
+        let s1 = (b2 / (1.0 + v * v - 2.0 * v * cos_b)).sqrt(); // (5)
+        // (8) divides by cos γ − v cos α, which may vanish; the triangles 1–2 and 2–3 give the same without.
+        let half = (c2 - s1 * s1 * (1.0 - cos_c * cos_c)).max(0.0).sqrt();
+        let misfit = |s2: &f64| (s2 * s2 + v * v * s1 * s1 - 2.0 * s2 * v * s1 * cos_a - a2).abs();
+        let [near, far] = [s1 * cos_c - half, s1 * cos_c + half];
+        let depths = [s1, if misfit(&near) < misfit(&far) { near } else { far }, v * s1];
+        if !depths.iter().all(|it| it.is_finite() && *it > 0.0) {
+            continue;
+        }
+        let in_camera = [0, 1, 2].map(|it| Point3::from(directions[it].into_inner() * depths[it]));
+        let Some(axes_in_camera) = axes(&in_camera) else { continue };
+        let rotation = Rotation3::from_matrix_unchecked(axes_in_camera * axes_in_world.transpose());
+        let rotation = UnitQuaternion::from_rotation_matrix(&rotation);
+        let translation = in_camera[0] - rotation * p1;
+        found.push(Isometry3::from_parts(translation.into(), rotation));
+    }
+    found
+}
+
+/// Right-handed orthonormal axes that are tied to a triangle: along its first side, in its plane, normal to it.
+fn axes(triangle: &[Point3<f64>; 3]) -> Option<Matrix3<f64>> {
+    let (along, other) = (triangle[1] - triangle[0], triangle[2] - triangle[0]);
+    let normal = along.cross(&other);
+    let longest = along.norm_squared().max(other.norm_squared()).max((other - along).norm_squared());
+    if !normal.norm().is_finite() || normal.norm() <= FLAT * longest {
+        return None;
+    }
+    let (x, z) = (along.normalize(), normal.normalize());
+    Some(Matrix3::from_columns(&[x, z.cross(&x), z]))
+}
+
+/// The real positive roots of Σ cᵢ xⁱ, by the eigenvalues of the companion matrix, polished; double ones may come out twice.
+fn positive_roots(c: &[f64; 5]) -> Vec<f64> {
+    let largest = c.iter().fold(0.0_f64, |largest, it| largest.max(it.abs()));
+    if !largest.is_finite() || c[4].abs() <= 1e-12 * largest {
+        return Vec::new();
+    }
+    let mut companion = Matrix4::zeros();
+    for row in 0..4 {
+        companion[(row, 3)] = -c[row] / c[4];
+        if row > 0 {
+            companion[(row, row - 1)] = 1.0;
+        }
+    }
+    let Some(schur) = Schur::try_new(companion, 1e-14, 200) else { return Vec::new() };
+    let mut roots = Vec::with_capacity(4);
+    for root in schur.complex_eigenvalues().iter() {
+        // Noise makes a double root a pair of complex ones close to the real axis.
+        if root.re > 0.0 && root.im.abs() < 1e-4 * root.re {
+            roots.push(polished(c, root.re));
+        }
+    }
+    roots
+}
+
+/// Two steps of Newton's method.
+fn polished(c: &[f64; 5], start: f64) -> f64 {
+    let mut x = start;
+    for _ in 0..2 {
+        let (mut value, mut slope) = (0.0, 0.0);
+        for coefficient in c.iter().rev() {
+            slope = slope * x + value;
+            value = value * x + coefficient;
+        }
+        let step = value / slope;
+        if step.is_finite() && step.abs() < 0.1 * x.abs() {
+            x -= step;
+        }
+    }
+    x
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(500))]
+
+        #[test]
+        fn the_true_pose_is_among_those_found_and_all_fit(
+            points in prop::array::uniform3(prop::array::uniform3(-1.0..1.0)), turn in prop::array::uniform3(-3.0..3.0),
+            depth in 2.5..20.0,
+        ) {
+            let points = points.map(Point3::from);
+            prop_assume!((points[1] - points[0]).cross(&(points[2] - points[0])).norm() > 0.05);
+            let truth = Isometry3::new(Vector3::new(0.3, -0.2, depth), Vector3::from(turn));
+            let directions = points.map(|it| Unit::new_normalize((truth * it).coords));
+            let found = poses(&points, &directions);
+            for pose in &found {
+                for (point, direction) in points.iter().zip(&directions) {
+                    let seen = (pose * point).coords.normalize();
+                    prop_assert!((seen - direction.into_inner()).norm() < 5e-3, "{seen} {direction:?}");
+                }
+            }
+            let error = |it: &Isometry3<f64>| (it.inverse() * truth).translation.vector.norm();
+            // Where two solutions run into one (the danger cylinder), the root is only known to the root of the rounding.
+            prop_assert!(found.iter().map(error).fold(f64::INFINITY, f64::min) < 2e-2, "{found:?} {truth:?}");
+        }
+    }
+
+    #[test]
+    fn three_points_on_a_line_fix_no_pose() {
+        let points = [0.0, 1.0, 2.5].map(|it| Point3::new(it, 2.0 * it, 0.1));
+        let directions = points.map(|it| Unit::new_normalize(it.coords + Vector3::z() * 5.0));
+        assert!(poses(&points, &directions).is_empty());
+        assert!(poses(&[Point3::origin(); 3], &directions).is_empty());
+    }
+}
