@@ -8,6 +8,7 @@ use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
 use foveate_messages::CameraId;
 use foveate_scene::calibration::{Calibration, LengthUnit};
+use foveate_scene::clocks::Clocks;
 
 use crate::error::ConfigError;
 
@@ -129,7 +130,12 @@ impl Setup {
 
 /// The calibration of a rig that names none.
 pub fn no_cameras() -> Arc<Calibration> {
-    Arc::new(Calibration { cameras: Vec::new(), length_unit: LengthUnit::Metre, origin: String::new() })
+    Arc::new(Calibration {
+        cameras: Vec::new(),
+        length_unit: LengthUnit::Metre,
+        clocks: Clocks::default(),
+        origin: String::new(),
+    })
 }
 
 /// Replaces each `${NAME}` by the environment variable of that name; what is relative and does not begin with a

@@ -17,6 +17,8 @@
 //! camera_from_world_wxyz = [0.7071068, 0.7071068, 0.0, 0.0]  # unit quaternion; this one looks along +Y
 //! ```
 //!
+//! A section `[clock.wide-1]` may say how the camera's clock runs: see [`crate::clocks`].
+//!
 //! A folder is taken for the results of MultiCamSelfCal when it holds `Pmatrices.dat`.
 
 use std::fmt::{self, Write as _};
@@ -26,6 +28,7 @@ use std::path::{Path, PathBuf};
 
 use foveate_geometry::Camera;
 
+use crate::clocks::{self, Clocks};
 use crate::natural_order::natural_order;
 use crate::{calibration_file, multi_cam_self_cal};
 
@@ -59,6 +62,8 @@ pub struct Calibration {
     pub cameras: Vec<NamedCamera>,
     /// What the lengths are in.
     pub length_unit: LengthUnit,
+    /// How the cameras' clocks run, where they are not the session's.
+    pub clocks: Clocks,
     /// Where it came from and what was changed on the way in, for people.
     pub origin: String,
 }
@@ -149,7 +154,7 @@ impl Calibration {
             }
         }
         match faults.is_empty() {
-            true => Ok(Calibration { cameras, length_unit, origin }),
+            true => Ok(Calibration { cameras, length_unit, clocks: Clocks::default(), origin }),
             false => Err(CalibrationError { faults }),
         }
     }
@@ -186,8 +191,7 @@ impl Calibration {
         };
         let mut text = format!("[calibration]\nlength_unit = \"{unit}\"\nnote = {}\n", quoted(&self.origin));
         for NamedCamera { name, camera } in &self.cameras {
-            let plain = !name.is_empty() && name.chars().all(|it| it.is_ascii_alphanumeric() || "-_".contains(it));
-            let key = if plain { name.clone() } else { quoted(name) };
+            let key = clocks::key(name);
             let Camera { image_size, intrinsics, distortion: lens, camera_from_world } = camera;
             let centre = camera.centre();
             let turn = camera_from_world.rotation;
@@ -206,12 +210,12 @@ impl Calibration {
             ];
             let _ = write!(text, "\n{}\n", lines.join("\n")); // writing to a String cannot fail
         }
-        text
+        text + &self.clocks.to_toml()
     }
 }
 
 /// A TOML basic string on one line, which may stand as a key too.
-fn quoted(text: &str) -> String {
+pub(crate) fn quoted(text: &str) -> String {
     let mut quoted = String::from("\"");
     for it in text.chars() {
         match it {
@@ -352,6 +356,12 @@ lab.toml:22:2: unknown section "cameras", expected camera (did you mean that?)"#
     }
 
     #[test]
+    fn a_clock_of_no_camera_is_refused() {
+        let found = faults(&format!("{GOOD}\n[clock.wide-3]\noffset_s = 1\n"));
+        assert!(found.contains("a clock of camera \"wide-3\", expected a clock of one of the cameras"), "{found}");
+    }
+
+    #[test]
     fn a_name_that_occurs_twice_is_refused() {
         let found = faults(&format!("{GOOD}[camera.wide-2]\n"));
         assert!(found.starts_with("lab.toml:21:9: this is not TOML (duplicate key"), "{found}");
@@ -409,10 +419,14 @@ lab.toml:22:2: unknown section "cameras", expected camera (did you mean that?)"#
                 camera_from_world: nalgebra::Isometry3::new(Vector3::new(x, y, z), turn.into()),
             };
             let unit = if metre { LengthUnit::Metre } else { LengthUnit::Unknown };
+            let clock = crate::CameraClock { offset_s: x, rate: focal[0], ..Default::default() };
+            let clocks = Clocks([(name.clone(), clock)].into());
             let saved = Calibration::new(vec![NamedCamera { name, camera }], unit, note).unwrap();
+            let saved = Calibration { clocks, ..saved };
             let loaded = parse(&saved.to_toml()).unwrap();
             prop_assert_eq!(&loaded.origin, &saved.origin);
             prop_assert_eq!(loaded.length_unit, saved.length_unit);
+            prop_assert_eq!(&loaded.clocks, &saved.clocks);
             let (before, after) = (&saved.cameras[0], &loaded.cameras[0]);
             prop_assert_eq!(&before.name, &after.name);
             prop_assert_eq!(before.camera.intrinsics, after.camera.intrinsics);

@@ -11,6 +11,7 @@ use toml::de::{DeTable, DeValue};
 use crate::calibration::{
     Calibration, CalibrationError, CalibrationFault, LengthUnit, NamedCamera, place_of, sort_by_place,
 };
+use crate::clocks::{CameraClock, Clocks};
 
 type Value<'i> = Spanned<DeValue<'i>>;
 
@@ -18,7 +19,7 @@ type Value<'i> = Spanned<DeValue<'i>>;
 const QUATERNION_TOLERANCE: f64 = 1e-3;
 const MAX_CAMERAS: usize = u16::MAX as usize;
 
-const SECTIONS: [&str; 2] = ["calibration", "camera"];
+const SECTIONS: [&str; 3] = ["calibration", "camera", "clock"];
 const HEADER_KEYS: [&str; 2] = ["length_unit", "note"];
 const CAMERA_KEYS: [&str; 7] = [
     "image_size_px",
@@ -29,10 +30,41 @@ const CAMERA_KEYS: [&str; 7] = [
     "position_m",
     "camera_from_world_wxyz",
 ];
+const CLOCK_KEYS: [&str; 4] = ["offset_s", "rate", "offset_sigma_s", "frame_rate_hz"];
 const DISTORTION_KEYS: [&str; 5] = ["k1", "k2", "p1", "p2", "k3"];
 
 /// Reads `text`; `path` is for the messages.
 pub(crate) fn parse(text: &str, path: &Path) -> Result<Calibration, CalibrationError> {
+    let (header, cameras, clocks) = read(text, path, |reader, root, whole| {
+        let header = reader.header(root);
+        let cameras = reader.cameras(root, whole);
+        let clocks = if root.contains_key("clock") { reader.clocks(root) } else { Clocks::default() };
+        for name in clocks.0.keys().filter(|name| !cameras.iter().any(|it| it.name == **name)) {
+            let span = root.get("clock").map_or(0..0, Spanned::span);
+            reader.report(span, format!("a clock of camera {name:?}"), "a clock of one of the cameras".into());
+        }
+        (header, cameras, clocks)
+    })?;
+    let (length_unit, note) = header;
+    let origin = note.unwrap_or_else(|| path.display().to_string());
+    let calibration = Calibration::new(cameras, length_unit.unwrap_or(LengthUnit::Unknown), origin);
+    calibration.map(|it| Calibration { clocks, ..it }).map_err(|mut error| {
+        error.faults.iter_mut().for_each(|fault| fault.file = path.to_owned());
+        error
+    })
+}
+
+/// Reads the clocks in `text`; `path` is for the messages.
+pub(crate) fn parse_clocks(text: &str, path: &Path) -> Result<Clocks, CalibrationError> {
+    read(text, path, |reader, root, _| reader.clocks(root))
+}
+
+/// What `of` makes of the document, unless anything is wrong with it.
+fn read<T>(
+    text: &str,
+    path: &Path,
+    of: impl FnOnce(&mut Reader<'_>, &DeTable<'_>, Range<usize>) -> T,
+) -> Result<T, CalibrationError> {
     let mut reader = Reader { text, path, camera: None, faults: Vec::new() };
     let (document, errors) = DeTable::parse_recoverable(text);
     if !errors.is_empty() {
@@ -44,16 +76,8 @@ pub(crate) fn parse(text: &str, path: &Path) -> Result<Calibration, CalibrationE
     }
     let root = document.get_ref();
     reader.refuse_unknown(root, "section", &SECTIONS);
-    let (length_unit, note) = reader.header(root);
-    let cameras = reader.cameras(root, document.span());
-    if !reader.faults.is_empty() {
-        return Err(reader.into_error());
-    }
-    let origin = note.unwrap_or_else(|| path.display().to_string());
-    Calibration::new(cameras, length_unit.unwrap_or(LengthUnit::Unknown), origin).map_err(|mut error| {
-        error.faults.iter_mut().for_each(|fault| fault.file = path.to_owned());
-        error
-    })
+    let read = of(&mut reader, root, document.span());
+    if reader.faults.is_empty() { Ok(read) } else { Err(reader.into_error()) }
 }
 
 struct Reader<'a> {
@@ -153,6 +177,39 @@ impl Reader<'_> {
             intrinsics: Intrinsics { focal: focal?, principal: principal?, skew: skew? },
             distortion: distortion?,
             camera_from_world: Isometry3::from_parts((rotation * -centre).into(), rotation),
+        })
+    }
+
+    fn clocks(&mut self, root: &DeTable<'_>) -> Clocks {
+        let mut clocks = Clocks::default();
+        let Some((tables, _)) = self.required_table(root, "clock", 0..0) else { return clocks };
+        for (name, value) in tables {
+            self.camera = Some(name.get_ref().to_string());
+            let clock = match value.get_ref().as_table() {
+                Some(table) => self.clock(table, name.span()),
+                None => self.expect(None, value, "clock", "a table such as [clock.wide-1]"),
+            };
+            clocks.0.extend(clock.map(|clock| (name.get_ref().to_string(), clock)));
+        }
+        self.camera = None;
+        clocks
+    }
+
+    fn clock(&mut self, table: &DeTable<'_>, at: Range<usize>) -> Option<CameraClock> {
+        self.refuse_unknown(table, "key", &CLOCK_KEYS);
+        let offset = self.required(table, "offset_s", "a number of seconds", at);
+        let offset = offset.and_then(|value| self.number(value, "offset_s"));
+        let mut positive = |key: &str| {
+            let Some(value) = table.get(key) else { return Some(None) };
+            let number = self.number(value, key)?;
+            self.expect((number > 0.0).then_some(Some(number)), value, key, "a number above 0")
+        };
+        let (rate, sigma, frames) = (positive("rate"), positive("offset_sigma_s"), positive("frame_rate_hz"));
+        Some(CameraClock {
+            offset_s: offset?,
+            rate: rate?.unwrap_or(1.0),
+            offset_sigma_s: sigma?,
+            frame_rate_hz: frames?,
         })
     }
 

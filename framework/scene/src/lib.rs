@@ -3,6 +3,7 @@
 //! | module | what it gives |
 //! |---|---|
 //! | [`calibration`] | [`Calibration`]: the cameras of a rig, read from a file of ours or from MultiCamSelfCal's results |
+//! | [`clocks`] | [`Clocks`]: how each camera's clock runs against the session's |
 //! | [`space`] | [`SceneGraph`]: nested spaces, each with a pose that may change, and `a_from_b` at a time with its covariance |
 //! | [`volume`] | [`WorkingVolume`]: the box in which a scale works |
 //!
@@ -10,6 +11,7 @@
 
 pub mod calibration;
 mod calibration_file;
+pub mod clocks;
 mod multi_cam_self_cal;
 mod natural_order;
 mod shared_lens;
@@ -17,6 +19,7 @@ pub mod space;
 pub mod volume;
 
 pub use calibration::{Calibration, CalibrationError, CalibrationFault, LengthUnit, NamedCamera};
+pub use clocks::{CameraClock, Clocks};
 pub use natural_order::natural_order;
 pub use space::{SceneError, SceneGraph, SpaceId, UncertainPose};
 pub use volume::WorkingVolume;
