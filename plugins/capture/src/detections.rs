@@ -9,6 +9,7 @@ use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::clock::camera_clock;
 use crate::detections_csv::{Table, Wanted};
 use crate::settings::camera_of;
 
@@ -33,7 +34,19 @@ pub struct DetectionsSettings {
     #[serde(default = "default_sigma_px")]
     #[schemars(range(min = 0.001, max = 1000.0))]
     pub sigma_px: f64,
-    /// Added to every time of the file; rows that come to lie before the start of the session are left out [s]
+    /// The file's columns, where it has no header: names of `path`, and `frame` for the number of a picture instead of `time_s` (its rate:
+    /// `frame_rate_hz` of the camera's clock in the calibration). Blanks or commas separate the fields; without `camera`, all rows are
+    /// of the instance's camera. Empty: the file has a header [–]
+    #[serde(default)]
+    pub columns: String,
+    /// Whether a point at (0, 0), as the file counts, means that nothing was found [–]
+    #[serde(default)]
+    pub nothing_at_zero: bool,
+    /// Whose times these are: `calibration`, the camera's own clock if the calibration states one, else the session's; `none`, the
+    /// session's; `file:PATH`, the camera's own clock as that file of `[clock.NAME]` sections states it [–]
+    #[serde(default = "default_clock")]
+    pub clock: String,
+    /// Added to every time of the session; rows that come to lie before the start of the session are left out [s]
     #[serde(default)]
     #[schemars(range(min = -9000000000.0, max = 9000000000.0))]
     pub start_s: f64,
@@ -41,6 +54,10 @@ pub struct DetectionsSettings {
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub latency_ms: f64,
+}
+
+fn default_clock() -> String {
+    "calibration".to_owned()
 }
 
 fn default_sigma_px() -> f64 {
@@ -79,6 +96,7 @@ impl Node for Detections {
         let Some(name) = setup.camera_name() else {
             return Err(ConfigError::node(format_args!("the calibration has no camera number {}", camera.0)));
         };
+        let clock = camera_clock(setup, &settings.clock)?;
         let path = setup.path("path", &settings.path)?;
         let wanted = Wanted {
             camera,
@@ -86,8 +104,15 @@ impl Node for Detections {
             size: setup.camera_model().map(|it| it.image_size),
             origin: f64::from(settings.pixel_origin),
             sigma: settings.sigma_px,
+            columns: (!settings.columns.is_empty()).then_some(settings.columns.as_str()),
+            frame_rate: clock.frame_rate_hz,
+            nothing_at_zero: settings.nothing_at_zero,
         };
-        let table = Table::read(&path, &wanted).map_err(|fault| ConfigError::at("path", fault))?;
+        let mut table = Table::read(&path, &wanted).map_err(|fault| ConfigError::at("path", fault))?;
+        if (clock.offset_s, clock.rate) != (0.0, 1.0) {
+            // Rates are above 0, so that the order stays.
+            table.frames.iter_mut().for_each(|it| it.time = Time::from_s(clock.session_s(it.time.as_s())));
+        }
         let start = Interval::from_s(settings.start_s);
         let before_start = table.frames.iter().filter(|it| it.time + start < Time::ZERO).count();
         if before_start == table.frames.len() {
@@ -169,7 +194,16 @@ mod tests {
     use crate::settings::tests::setup_with_camera;
 
     fn settings(path: &str) -> DetectionsSettings {
-        DetectionsSettings { path: path.to_owned(), pixel_origin: 0, sigma_px: 0.5, start_s: 0.0, latency_ms: 5.0 }
+        DetectionsSettings {
+            path: path.to_owned(),
+            pixel_origin: 0,
+            sigma_px: 0.5,
+            columns: String::new(),
+            nothing_at_zero: false,
+            clock: default_clock(),
+            start_s: 0.0,
+            latency_ms: 5.0,
+        }
     }
 
     fn node_of(text: &str, start_s: f64) -> Result<Detections, ConfigError> {
@@ -202,6 +236,18 @@ mod tests {
         assert_eq!(node.due(), Due::At(Time::from_s(0.305)));
         node.next += 1;
         assert_eq!(node.due(), Due::Never);
+    }
+
+    #[test]
+    fn times_of_the_camera_s_own_clock_become_those_of_the_session() {
+        let folder = tempfile::tempdir().unwrap();
+        let (points, clocks) = (folder.path().join("points.csv"), folder.path().join("clocks.toml"));
+        std::fs::write(&points, "time_s,camera,x_px,y_px\n30,ring-1,1,2\n35,ring-1,1,2\n").unwrap();
+        std::fs::write(&clocks, "[clock.ring-1]\noffset_s = 31\nrate = 2\n").unwrap();
+        let clock = format!("file:{}", clocks.display());
+        let settings = DetectionsSettings { clock, ..settings(points.to_str().unwrap()) };
+        let mut node = Detections::new(settings, &setup_with_camera([640, 480])).unwrap();
+        assert_eq!((node.before_start, node.due()), (1, Due::At(Time::from_s(2.005))));
     }
 
     #[test]

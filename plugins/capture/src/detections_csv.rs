@@ -11,6 +11,10 @@
 //! | `peak` | its brightest pixel, 0 to 255; may be left out | gray level |
 //!
 //! Columns in any order, others are passed over; lines that begin with `#` are comments; fields hold no commas.
+//!
+//! A file without such a header can be read where the rig names its columns: then blanks or commas separate the fields, lines
+//! before the first that begins with a number are passed over, `frame` (the number of the picture) may stand for `time_s`, and
+//! without a column `camera` all rows are of the instance's camera.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -42,6 +46,12 @@ pub(crate) struct Wanted<'a> {
     pub(crate) origin: f64,
     /// Where the file gives none [px].
     pub(crate) sigma: f64,
+    /// Names of the columns, where the file has no header.
+    pub(crate) columns: Option<&'a str>,
+    /// Pictures a second, for a column `frame` [Hz].
+    pub(crate) frame_rate: Option<f64>,
+    /// Whether a point at (0, 0) means that nothing was found.
+    pub(crate) nothing_at_zero: bool,
 }
 
 /// One picture's worth of rows.
@@ -72,7 +82,10 @@ pub(crate) struct Table {
 #[derive(Debug, Clone, Copy)]
 struct Columns {
     time: usize,
-    camera: usize,
+    /// What a second is in `time`: 1, or the frame rate.
+    per_second: f64,
+    /// `None`: all rows are of the wanted camera.
+    camera: Option<usize>,
     x: usize,
     y: usize,
     sigma: Option<usize>,
@@ -83,8 +96,27 @@ struct Columns {
 }
 
 impl Columns {
+    /// Those of a file with a header.
     fn of(header: &str) -> Result<(Self, Vec<String>), String> {
         let names: Vec<&str> = header.split(',').map(unquoted).collect();
+        Self::named(&names, header, None)
+    }
+
+    /// Those that the rig names.
+    fn stated(columns: &str, frame_rate: Option<f64>) -> Result<(Self, Vec<String>), String> {
+        let names: Vec<&str> = fields_of(columns).collect();
+        if names.contains(&"frame") {
+            let Some(rate) = frame_rate else {
+                return Err("`frame` stands for the time, and the calibration states no frame_rate_hz in the `clock` of this camera".to_owned());
+            };
+            let names: Vec<&str> = names.iter().map(|&it| if it == "frame" { "time_s" } else { it }).collect();
+            return Self::named(&names, columns, Some(rate));
+        }
+        Self::named(&names, columns, Some(1.0))
+    }
+
+    /// `per_second` is `None` for a file with a header, which then needs a camera.
+    fn named(names: &[&str], header: &str, per_second: Option<f64>) -> Result<(Self, Vec<String>), String> {
         let place = |name: &str| names.iter().position(|it| *it == name);
         let required = |name: &str| {
             place(name).ok_or_else(|| {
@@ -94,7 +126,8 @@ impl Columns {
         };
         let columns = Self {
             time: required("time_s")?,
-            camera: required("camera")?,
+            per_second: per_second.unwrap_or(1.0),
+            camera: if per_second.is_some() { place("camera") } else { Some(required("camera")?) },
             x: required("x_px")?,
             y: required("y_px")?,
             sigma: place("sigma_px"),
@@ -134,6 +167,13 @@ impl Table {
     fn parse(mut reader: impl BufRead, wanted: &Wanted<'_>) -> Result<Self, String> {
         let mut table = Table::default();
         let mut columns: Option<Columns> = None;
+        let stated = wanted.columns.is_some();
+        if let Some(names) = wanted.columns {
+            let (found, unknown) = Columns::stated(names, wanted.frame_rate)?;
+            columns = Some(found);
+            table.unknown_columns = unknown;
+        }
+        let mut before_rows = stated;
         let mut cameras: BTreeSet<String> = BTreeSet::new();
         let mut rows: Vec<Row> = Vec::new();
         let mut bytes = Vec::new();
@@ -165,20 +205,24 @@ impl Table {
                 table.unknown_columns = unknown;
                 continue;
             };
-            let fields: Vec<&str> = line.split(',').map(unquoted).collect();
-            let camera = fields.get(columns.camera).copied().unwrap_or_default();
-            if camera != wanted.name {
-                if cameras.len() < 64 {
-                    cameras.insert(camera.to_owned());
-                }
-                if fields.len() <= columns.camera {
-                    table.faults.add(format!(
-                        "line {number}: {} fields, and `camera` is field {}",
-                        fields.len(),
-                        columns.camera + 1
-                    ));
-                }
+            let fields: Vec<&str> =
+                if stated { fields_of(line).collect() } else { line.split(',').map(unquoted).collect() };
+            before_rows = before_rows && fields.first().is_none_or(|it| it.parse::<f64>().is_err());
+            if before_rows {
                 continue;
+            }
+            if let Some(place) = columns.camera {
+                let camera = field(&fields, place);
+                if camera != wanted.name {
+                    if cameras.len() < 64 {
+                        cameras.insert(camera.to_owned());
+                    }
+                    if fields.len() <= place {
+                        let (n, place) = (fields.len(), place + 1);
+                        table.faults.add(format!("line {number}: {n} fields, and `camera` is field {place}"));
+                    }
+                    continue;
+                }
             }
             match Row::of(&fields, columns, wanted) {
                 Ok(row) => rows.push(row.at(number)),
@@ -254,7 +298,7 @@ impl Row {
 
     fn of(fields: &[&str], columns: Columns, wanted: &Wanted<'_>) -> Result<Self, Unreadable> {
         let seconds = number(fields, columns.time, "time_s").map_err(|fault| Unreadable { time: None, fault })?;
-        let Some(seconds) = seconds.filter(|it| it.abs() <= TIME_LIMIT_S) else {
+        let Some(seconds) = seconds.map(|it| it / columns.per_second).filter(|it| it.abs() <= TIME_LIMIT_S) else {
             return Err(Unreadable {
                 time: None,
                 fault: format!("time_s is {}, expected seconds", field(fields, columns.time)),
@@ -267,6 +311,7 @@ impl Row {
 
     fn point(fields: &[&str], columns: Columns, wanted: &Wanted<'_>) -> Result<Option<Feature>, String> {
         let (x, y) = match (number(fields, columns.x, "x_px")?, number(fields, columns.y, "y_px")?) {
+            (Some(0.0), Some(0.0)) if wanted.nothing_at_zero => return Ok(None),
             (Some(x), Some(y)) => (x - wanted.origin, y - wanted.origin),
             (None, None) => return Ok(None),
             (Some(_), None) => return Err("y_px is empty and x_px is not".to_owned()),
@@ -326,6 +371,11 @@ fn number(fields: &[&str], column: usize, name: &str) -> Result<Option<f64>, Str
     }
 }
 
+/// The fields of a line without a header's rules.
+fn fields_of(line: &str) -> impl Iterator<Item = &str> {
+    line.split(|it: char| it == ',' || it.is_whitespace()).filter(|it| !it.is_empty())
+}
+
 fn unquoted(field: &str) -> &str {
     let field = field.trim();
     field.strip_prefix('"').and_then(|it| it.strip_suffix('"')).unwrap_or(field)
@@ -336,7 +386,16 @@ mod tests {
     use super::*;
 
     fn wanted() -> Wanted<'static> {
-        Wanted { camera: CameraId(2), name: "b", size: Some([640, 480]), origin: 0.0, sigma: 0.5 }
+        Wanted {
+            camera: CameraId(2),
+            name: "b",
+            size: Some([640, 480]),
+            origin: 0.0,
+            sigma: 0.5,
+            columns: None,
+            frame_rate: None,
+            nothing_at_zero: false,
+        }
     }
 
     #[track_caller]
@@ -402,6 +461,24 @@ mod tests {
         }
         assert_eq!(faults.len(), 5);
         assert_eq!(table.frames.iter().map(|it| it.features.list.len()).sum::<usize>(), 2);
+    }
+
+    #[test]
+    fn numbered_pictures_without_a_header_are_read_where_the_rig_names_the_columns() {
+        let text = "  frame no.   x   y\n1.0  0.0 0.0\n 2.000  5.5 6.5\n5 abc 7\n";
+        let stated =
+            Wanted { columns: Some("frame x_px y_px"), frame_rate: Some(25.0), nothing_at_zero: true, ..wanted() };
+        let table = Table::parse(text.as_bytes(), &stated).unwrap();
+        let times: Vec<f64> = table.frames.iter().map(|it| it.time.as_s()).collect();
+        assert_eq!(times, [0.04, 0.08, 0.2]);
+        assert!(table.frames[0].features.list.is_empty());
+        assert_eq!(table.frames[1].features.list[0].centre, Point2::new(5.5, 6.5));
+        assert!(table.frames[2].faults[0].starts_with("line 4: x_px is `abc`"), "{:?}", table.frames[2].faults);
+        let seen = Table::parse(text.as_bytes(), &Wanted { nothing_at_zero: false, ..stated.clone() }).unwrap();
+        assert_eq!(seen.frames[0].features.list.len(), 1);
+        let refused = |wanted: &Wanted<'_>| Table::parse(text.as_bytes(), wanted).map(|_| ()).unwrap_err();
+        assert!(refused(&Wanted { frame_rate: None, ..stated.clone() }).contains("frame_rate_hz"));
+        assert!(refused(&Wanted { columns: Some("frame x y"), ..stated }).contains("lacks `x_px`"));
     }
 
     #[test]

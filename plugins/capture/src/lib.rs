@@ -10,6 +10,7 @@
 //! What cannot be read is a counted gap at its own capture time, with a reason that names the file; a file or folder
 //! that gives nothing at all is refused before the run.
 
+mod clock;
 mod decode;
 pub mod detections;
 mod detections_csv;
