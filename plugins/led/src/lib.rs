@@ -5,14 +5,18 @@
 //! | `led.detector` | finds bright lights in the pictures of one camera |
 //! | `led.integrator` | joins the lights of all cameras, each in its own time, into targets in space |
 //! | `led.triangulator` | the same for synchronised cameras, without a motion model: for comparison |
+//! | `led.clocks` | finds how far the clocks of cameras are apart, from the path of one target |
+//! | `led.path_error` | compares recovered targets with a measured path, in metres |
 //! | `led.reprojection` | compares recovered targets with what the cameras saw, in pixels |
 //!
 //! The algorithms are plain structures that know no graph: [`spotter::Spotter`], [`tracker::Tracker`],
-//! [`triangulator::Triangulator`], [`reprojection::Comparison`].
+//! [`triangulator::Triangulator`], [`clocks::search`](clocks::search::search), [`reprojection::Comparison`].
 
+pub mod clocks;
 pub mod consensus;
 pub mod detector;
 pub mod integrator;
+pub mod path_error;
 pub mod reprojection;
 pub mod spotter;
 pub mod tracker;
@@ -26,4 +30,6 @@ pub fn register(registry: &mut Registry) {
     registry.add::<integrator::Integrator>();
     registry.add::<triangulator::TriangulatorNode>();
     registry.add::<reprojection::Reprojection>();
+    registry.add::<clocks::ClocksNode>();
+    registry.add::<path_error::PathError>();
 }

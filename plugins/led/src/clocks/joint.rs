@@ -1,0 +1,294 @@
+//! All clocks together, from pairs that were compared one by one.
+//!
+//! A tree of the pairs that agree best gives each camera's clock against one of them; pairs that contradict it are left out. Then all
+//! offsets and rates are moved so that the lines of sight of all pairs meet best: Gauss–Newton with Levenberg's damping under Cauchy's loss, whose
+//! scale follows the residuals down. Lines of sight that miss for another reason (a camera that is placed a little wrong) do so for
+//! seconds on end, so that counting them as independent would flatter: the uncertainty is that of leaving out one stretch of time after
+//! another and solving anew (jackknife).
+
+use nalgebra::{DMatrix, DVector, Vector3};
+
+use super::search::PairClock;
+use super::sights::{Sights, miss};
+
+/// A pair of cameras, by number, and the clock of the second against the first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Link {
+    /// Camera a.
+    pub a: usize,
+    /// Camera b.
+    pub b: usize,
+    /// What the search found.
+    pub clock: PairClock,
+}
+
+/// A camera's clock against the reference camera's: own = `offset_s` + `rate` · reference.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SolvedClock {
+    /// What it shows when the reference's shows 0 [s].
+    pub offset_s: f64,
+    /// Its seconds in a second of the reference's [–].
+    pub rate: f64,
+    /// Of what it shows in the middle of its recording, standard deviation [s].
+    pub sigma_s: f64,
+    /// Of the rate, standard deviation [–].
+    pub sigma_rate: f64,
+}
+
+/// All clocks.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Solution {
+    /// By camera; `None` where no pair reaches it.
+    pub clocks: Vec<Option<SolvedClock>>,
+    /// Pairs that contradict the others, by their place in the list of links.
+    pub contradicting: Vec<usize>,
+    /// Median angle by which lines of sight miss one another [rad].
+    pub miss_rad: f64,
+}
+
+/// Pairs whose offset differs from what the others say by more contradict them [s].
+const CONTRADICTION_S: f64 = 1.0;
+/// Sights closer together than this tell the same [s].
+const THINNED_S: f64 = 0.1;
+const BLOCKS: usize = 10;
+const ROUNDS: usize = 40;
+
+/// Solves for all cameras that `links` tie to camera `reference`.
+pub fn solve(sights: &[Sights], links: &[Link], reference: usize) -> Solution {
+    let mut clocks: Vec<Option<[f64; 2]>> = vec![None; sights.len()];
+    if let Some(own) = clocks.get_mut(reference) {
+        *own = Some([0.0, 1.0]);
+    }
+    let mut order: Vec<usize> = (0..links.len()).collect();
+    let strength = |link: &Link| (link.clock.gain - link.clock.chance) * link.clock.overlap_s.sqrt();
+    order.sort_by(|x, y| strength(&links[*y]).total_cmp(&strength(&links[*x])));
+    // The strongest link that reaches a new camera comes next.
+    while let Some((link, from_a)) = order.iter().find_map(|&it| {
+        let link = &links[it];
+        match (clocks[link.a], clocks[link.b]) {
+            (Some(_), None) => Some((link, true)),
+            (None, Some(_)) => Some((link, false)),
+            _ => None,
+        }
+    }) {
+        let PairClock { offset_s, rate, middle_s, .. } = link.clock;
+        let at_zero = offset_s - (rate - 1.0) * middle_s; // b = at_zero + rate a
+        match (clocks[link.a], clocks[link.b]) {
+            (Some([o, r]), _) if from_a => clocks[link.b] = Some([at_zero + rate * o, rate * r]),
+            (_, Some([o, r])) => clocks[link.a] = Some([(o - at_zero) / rate, r / rate]),
+            _ => unreachable!("one of the two was known"),
+        }
+    }
+    let contradicts = |link: &Link| {
+        let (Some(a), Some(b)) = (clocks[link.a], clocks[link.b]) else { return false };
+        let session = (link.clock.middle_s - a[0]) / a[1];
+        (link.clock.b_s(link.clock.middle_s) - (b[0] + b[1] * session)).abs() > CONTRADICTION_S
+    };
+    let contradicting: Vec<usize> = (0..links.len()).filter(|it| contradicts(&links[*it])).collect();
+    let problem = Problem::new(sights, links, &contradicting, &clocks, reference);
+    let (solved, miss_rad) = problem.solve(&problem.start(&clocks), None);
+    let left_out: Vec<DVector<f64>> = (0..BLOCKS).map(|block| problem.solve(&solved, Some(block)).0).collect();
+    let n = BLOCKS as f64;
+    let sigma = |of: &dyn Fn(&DVector<f64>) -> f64| {
+        let mean = left_out.iter().map(of).sum::<f64>() / n;
+        ((n - 1.0) / n * left_out.iter().map(|it| (of(it) - mean).powi(2)).sum::<f64>()).sqrt()
+    };
+    let clocks = (0..sights.len()).map(|camera| {
+        clocks[camera]?;
+        let Some(place) = problem.places[camera] else {
+            return Some(SolvedClock { offset_s: 0.0, rate: 1.0, sigma_s: 0.0, sigma_rate: 0.0 });
+        };
+        let middle = problem.middle_s;
+        let (shift, rate) = (solved[place], 1.0 + solved[place + 1]);
+        Some(SolvedClock {
+            offset_s: shift - solved[place + 1] * middle,
+            rate,
+            sigma_s: sigma(&|it| it[place]),
+            sigma_rate: sigma(&|it| it[place + 1]),
+        })
+    });
+    Solution { clocks: clocks.collect(), contradicting, miss_rad }
+}
+
+/// The unknowns of a camera: o and ρ of own = s + o + ρ (s − middle), s being the reference's time.
+struct Problem<'a> {
+    sights: &'a [Sights],
+    pairs: Vec<(usize, usize, Vector3<f64>)>,
+    /// By camera: where its two unknowns stand.
+    places: Vec<Option<usize>>,
+    n_unknowns: usize,
+    /// On the reference's clock, so that offsets and rates hardly depend on one another [s].
+    middle_s: f64,
+    /// Start and length of a block of the jackknife [s].
+    blocks: (f64, f64),
+}
+
+/// Sums over all sights.
+struct Normal {
+    information: DMatrix<f64>,
+    gradient: DVector<f64>,
+    loss: f64,
+}
+
+impl<'a> Problem<'a> {
+    fn new(
+        sights: &'a [Sights],
+        links: &[Link],
+        contradicting: &[usize],
+        clocks: &[Option<[f64; 2]>],
+        reference: usize,
+    ) -> Self {
+        let used = links.iter().enumerate().filter(|(index, link)| {
+            !contradicting.contains(index) && clocks[link.a].is_some() && clocks[link.b].is_some()
+        });
+        let pairs = used.filter_map(|(_, link)| {
+            let baseline = (sights[link.b].centre - sights[link.a].centre).try_normalize(1e-9)?;
+            Some((link.a, link.b, baseline))
+        });
+        let mut n_unknowns = 0;
+        let places = clocks.iter().enumerate().map(|(camera, clock)| {
+            clock.filter(|_| camera != reference)?;
+            n_unknowns += 2;
+            Some(n_unknowns - 2)
+        });
+        let places = places.collect();
+        let spans = sights.iter().zip(clocks).filter_map(|(sights, clock)| {
+            let ([offset, rate], (start, end)) = ((*clock)?, sights.span_s()?);
+            Some(((start - offset) / rate, (end - offset) / rate))
+        });
+        let (start, end) = spans.fold((f64::INFINITY, f64::NEG_INFINITY), |all, it| (all.0.min(it.0), all.1.max(it.1)));
+        let (start, end) = if start < end { (start, end) } else { (0.0, 1.0) };
+        let blocks = (start, (end - start) / BLOCKS as f64);
+        Self { sights, pairs: pairs.collect(), places, n_unknowns, middle_s: 0.5 * (start + end), blocks }
+    }
+
+    fn start(&self, clocks: &[Option<[f64; 2]>]) -> DVector<f64> {
+        let mut unknowns = DVector::zeros(self.n_unknowns);
+        for (place, clock) in self.places.iter().zip(clocks) {
+            if let (Some(place), Some([offset, rate])) = (*place, *clock) {
+                unknowns[place] = offset + (rate - 1.0) * self.middle_s;
+                unknowns[place + 1] = rate - 1.0;
+            }
+        }
+        unknowns
+    }
+
+    /// Offset and rate − 1 of a camera.
+    fn clock(&self, unknowns: &DVector<f64>, camera: usize) -> (f64, f64) {
+        self.places[camera].map_or((0.0, 0.0), |place| (unknowns[place], unknowns[place + 1]))
+    }
+
+    /// Calls `each` with miss angle, and its derivatives by the unknowns of both cameras, for each sight of each pair.
+    fn for_each(
+        &self,
+        unknowns: &DVector<f64>,
+        left_out: Option<usize>,
+        mut each: impl FnMut(usize, usize, f64, [f64; 2], [f64; 2]),
+    ) {
+        for &(a, b, baseline) in &self.pairs {
+            let ((shift_a, rate_a), (shift_b, rate_b)) = (self.clock(unknowns, a), self.clock(unknowns, b));
+            let mut last = f64::NEG_INFINITY;
+            for sight in self.sights[a].list() {
+                if sight.time_s - last < THINNED_S {
+                    continue;
+                }
+                last = sight.time_s;
+                // a's time is that of the sight; the session's follows from it, and b's from that.
+                let since_middle = (sight.time_s - self.middle_s - shift_a) / (1.0 + rate_a);
+                let session = self.middle_s + since_middle;
+                let block = ((session - self.blocks.0) / self.blocks.1).max(0.0) as usize;
+                if left_out == Some(block.min(BLOCKS - 1)) {
+                    continue;
+                }
+                let Some((of_b, change)) = self.sights[b].at(session + shift_b + rate_b * since_middle) else {
+                    continue;
+                };
+                let Some((angle, per_scale)) = miss(&baseline, &sight.direction, &of_b) else { continue };
+                let by_time_of_b = baseline.cross(&sight.direction).dot(&change) * per_scale;
+                let by_session = by_time_of_b * (1.0 + rate_b) / (1.0 + rate_a);
+                each(
+                    a,
+                    b,
+                    angle,
+                    [-by_session, -by_session * since_middle],
+                    [by_time_of_b, by_time_of_b * since_middle],
+                );
+            }
+        }
+    }
+
+    fn normal(&self, unknowns: &DVector<f64>, left_out: Option<usize>, scale: f64) -> Normal {
+        let mut normal = Normal {
+            information: DMatrix::zeros(self.n_unknowns, self.n_unknowns),
+            gradient: DVector::zeros(self.n_unknowns),
+            loss: 0.0,
+        };
+        let mut n_sights = 0.0_f64;
+        self.for_each(unknowns, left_out, |a, b, angle, by_a, by_b| {
+            let relative = (angle / scale).powi(2);
+            let weight = 1.0 / (1.0 + relative);
+            normal.loss += relative.ln_1p();
+            n_sights += 1.0;
+            let columns = [(self.places[a], by_a), (self.places[b], by_b)];
+            for (place, by) in columns {
+                let Some(place) = place else { continue };
+                for (row, value) in by.iter().enumerate() {
+                    normal.gradient[place + row] -= weight * value * angle;
+                    for (other, by_other) in columns {
+                        let Some(other) = other else { continue };
+                        for (column, other_value) in by_other.iter().enumerate() {
+                            normal.information[(place + row, other + column)] += weight * value * other_value;
+                        }
+                    }
+                }
+            }
+        });
+        // Fewer sights that overlap are no gain.
+        normal.loss /= n_sights.max(1.0);
+        normal
+    }
+
+    /// Median absolute miss angle [rad].
+    fn median_miss(&self, unknowns: &DVector<f64>, left_out: Option<usize>) -> f64 {
+        let mut angles = Vec::new();
+        self.for_each(unknowns, left_out, |_, _, angle, _, _| angles.push(angle.abs()));
+        let middle = angles.len() / 2;
+        if angles.is_empty() { f64::NAN } else { *angles.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    }
+
+    /// The unknowns at which the lines of sight meet best, and the median miss [rad].
+    fn solve(&self, start: &DVector<f64>, left_out: Option<usize>) -> (DVector<f64>, f64) {
+        let mut unknowns = start.clone();
+        for _ in 0..4 {
+            let median = self.median_miss(&unknowns, left_out);
+            if self.n_unknowns == 0 || median.is_nan() {
+                break;
+            }
+            let scale = (1.5 * median).max(1e-6);
+            let mut here = self.normal(&unknowns, left_out, scale);
+            let mut damping = 1e-4;
+            for _ in 0..ROUNDS {
+                let mut damped = here.information.clone();
+                let floor = 1e-12 * here.information.diagonal().max();
+                for place in 0..self.n_unknowns {
+                    damped[(place, place)] += damping * here.information[(place, place)] + floor;
+                }
+                let Some(step) = damped.cholesky().map(|it| it.solve(&here.gradient)) else { break };
+                let candidate = &unknowns + &step;
+                let there = self.normal(&candidate, left_out, scale);
+                let gained = here.loss - there.loss;
+                if gained >= 0.0 {
+                    (unknowns, here) = (candidate, there);
+                    damping = (damping * 0.1).max(1e-9);
+                } else {
+                    damping *= 10.0;
+                }
+                if damping > 1e6 || (0.0..1e-9).contains(&gained) {
+                    break;
+                }
+            }
+        }
+        let median = self.median_miss(&unknowns, left_out);
+        (unknowns, median)
+    }
+}
