@@ -139,6 +139,24 @@ fn real_recording_is_recovered_as_well_as_by_the_peer() {
 }
 
 #[test]
+fn real_flight_is_recovered_with_clocks_and_lost_without() {
+    let Some(folder) = foveate_testkit::data_dir_or_skip("program", "s04_drone_multicam") else { return };
+    let out = tempfile::tempdir().unwrap();
+    let mut command = Command::new(program());
+    command.env("FOVEATE_DATA", folder.parent().unwrap()).args(["run", "--quiet", "--out"]).arg(out.path());
+    let output = command.arg(root().join("graphs/drones.toml")).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let summary: Value = serde_json::from_slice(&fs::read(out.path().join("summary.json")).unwrap()).unwrap();
+    let figure = |name: &str| summary[name].as_f64().unwrap_or_else(|| panic!("{name} is not in {summary:#}"));
+    for branch in ["", "[field.estimated_error]"] {
+        // On the part of the flight that the calibration has not seen.
+        assert!(figure(&format!("rtk_error_m.median{branch}")) < 0.3, "{summary:#}");
+        assert!(figure(&format!("rtk_error_m.coverage{branch}")) > 0.95, "{summary:#}");
+    }
+    assert!(figure("rtk_error_m.coverage[field.unsynchronised_error]") < 0.05, "{summary:#}");
+}
+
+#[test]
 fn all_faults_come_in_one_run() {
     refuses(
         |it| it.replace("offset = 20", "offset = -1").replace("grid_px", "gird_px").replace("sim.score", "sim.scor"),
