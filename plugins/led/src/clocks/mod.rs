@@ -53,6 +53,9 @@ pub struct ClocksSettings {
     /// Between sights further apart the target's path is not known [ms]
     #[schemars(range(min = 1.0, max = 10000.0))]
     pub max_gap_ms: f64,
+    /// A line of sight that turns faster from one picture to the next has a wrong detection at one of its ends and is not used [deg/s]
+    #[schemars(range(min = 1.0, max = 100000.0))]
+    pub max_turn_deg_s: f64,
     /// File of the results that gets the clocks, as sections `[clock.NAME]` [–]
     pub file: String,
     /// A file with true clocks to compare with: figures `clocks.error_ms.NAME`. Empty: none [–]
@@ -70,6 +73,7 @@ impl Default for ClocksSettings {
             min_overlap_s: 20.0,
             min_distinction: 1.5,
             max_gap_ms: 300.0,
+            max_turn_deg_s: 60.0,
             file: "clocks.toml".to_owned(),
             truth: String::new(),
         }
@@ -111,6 +115,7 @@ impl Node for ClocksNode {
         check("tolerance_deg", settings.tolerance_deg, 0.01..=20.0)?;
         check("min_overlap_s", settings.min_overlap_s, 1.0..=3600.0)?;
         check("min_distinction", settings.min_distinction, 1.0..=100.0)?;
+        check("max_turn_deg_s", settings.max_turn_deg_s, 1.0..=100_000.0)?;
         check("max_gap_ms", settings.max_gap_ms, 1.0..=10_000.0)?;
         let plain = Path::new(&settings.file).file_name().is_some_and(|it| it == settings.file.as_str());
         if !plain {
@@ -136,7 +141,8 @@ impl Node for ClocksNode {
                 Some(Clocks::load(&path).map_err(|fault| ConfigError::at("truth", fault))?)
             }
         };
-        let sights = cameras.iter().map(|it| Sights::new(it.camera.centre(), settings.max_gap_ms * 1e-3));
+        let max_turn = settings.max_turn_deg_s.to_radians();
+        let sights = cameras.iter().map(|it| Sights::new(it.camera.centre(), settings.max_gap_ms * 1e-3, max_turn));
         Ok(Self {
             sights: sights.collect(),
             cameras: cameras.iter().map(|it| (it.name.clone(), it.camera.clone())).collect(),

@@ -20,12 +20,14 @@ pub struct Sights {
     list: Vec<Sight>,
     /// Between sights further apart the target is not known [s].
     max_gap_s: f64,
+    /// A line of sight that turns faster between two sights has a wrong one among them [1/s].
+    max_turn: f64,
 }
 
 impl Sights {
     /// Nothing seen yet by a camera at `centre`.
-    pub fn new(centre: Point3<f64>, max_gap_s: f64) -> Self {
-        Self { centre, list: Vec::new(), max_gap_s }
+    pub fn new(centre: Point3<f64>, max_gap_s: f64, max_turn: f64) -> Self {
+        Self { centre, list: Vec::new(), max_gap_s, max_turn }
     }
 
     /// Adds a sight; one that is not later than the last one is left out.
@@ -45,7 +47,8 @@ impl Sights {
         Some((self.list.first()?.time_s, self.list.last()?.time_s))
     }
 
-    /// Direction at `time_s`, between the two sights beside it, and how it changes [1/s]; `None` in a gap.
+    /// Direction at `time_s`, between the two sights beside it, and how it changes [1/s]; `None` in a gap, and beside
+    /// a sight that is plainly wrong: between it and a right one the line sweeps past everything, at a speed that would outweigh all others.
     pub fn at(&self, time_s: f64) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let next = self.list.partition_point(|it| it.time_s < time_s);
         let (before, after) = (self.list.get(next.checked_sub(1)?)?, self.list.get(next)?);
@@ -54,6 +57,9 @@ impl Sights {
             return None;
         }
         let change = (after.direction - before.direction) / step;
+        if change.norm() > self.max_turn {
+            return None;
+        }
         Some(((before.direction + change * (time_s - before.time_s)).normalize(), change))
     }
 
@@ -87,7 +93,7 @@ mod tests {
 
     #[test]
     fn directions_are_interpolated_and_gaps_are_not_bridged() {
-        let mut sights = Sights::new(Point3::origin(), 0.5);
+        let mut sights = Sights::new(Point3::origin(), 0.5, 1.0);
         [(0.0, 0.0), (0.4, 0.04), (0.2, 9.0), (2.0, 0.1), (2.1, 0.1)]
             .into_iter()
             .for_each(|(time, x)| sights.push(sight(time, x)));

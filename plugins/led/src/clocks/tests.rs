@@ -44,7 +44,7 @@ fn seen(path: impl Fn(f64) -> Point3<f64>, noise: f64, wrong: f64) -> Vec<Sights
     let mut random = Random::new(3).fork("clocks");
     let seen_by = |(index, camera): (usize, &Camera)| {
         let (offset, rate) = CLOCKS[index];
-        let mut sights = Sights::new(camera.centre(), 0.3);
+        let mut sights = Sights::new(camera.centre(), 0.3, 1.0);
         let interval = [0.04, 0.0333, 0.04, 0.0367][index];
         for picture in 0..(200.0 / interval) as usize {
             let session = picture as f64 * interval + 0.007 * index as f64;
@@ -93,7 +93,7 @@ fn clocks_tens_of_seconds_apart_are_found_to_milliseconds() {
 
 #[test]
 fn wrong_sights_and_a_wrong_pair_do_no_harm() {
-    let sights = seen(flight, 0.002, 0.1);
+    let sights = seen(flight, 0.002, 0.3);
     let mut found = links(&sights);
     let wrong = PairClock { offset_s: found[5].clock.offset_s + 20.0, gain: 0.3, chance: 0.1, ..found[5].clock };
     found[5].clock = wrong;
@@ -122,7 +122,7 @@ fn a_flight_in_circles_has_several_offsets_and_that_is_said() {
 #[test]
 fn cameras_without_a_common_view_or_a_baseline_are_refused() {
     let sights = seen(flight, 0.001, 0.0);
-    let nothing = Sights::new(Point3::new(9.0, 0.0, 0.0), 0.3);
+    let nothing = Sights::new(Point3::new(9.0, 0.0, 0.0), 0.3, 1.0);
     assert_eq!(search(&sights[0], &nothing, &RULES), Err(SearchFault::NoBaseline));
     assert_eq!(search(&sights[0], &sights[0], &RULES), Err(SearchFault::NoBaseline));
     let rules = SearchRules { min_overlap_s: 1000.0, ..RULES };
