@@ -99,7 +99,8 @@ fn wrong_sights_and_a_wrong_pair_do_no_harm() {
     found[5].clock = wrong;
     let solution = solve(&sights, &found, 0);
     assert_eq!(solution.contradicting, [5]);
-    assert!(worst(&solution) < 0.03, "{} s", worst(&solution));
+    // Better than the step of the search; 0.4 s where sights beside a wrong one are interpolated all the same.
+    assert!(worst(&solution) < 0.1, "{} s", worst(&solution));
 }
 
 #[test]
