@@ -15,6 +15,10 @@ const VARIANTS: &[(&str, &str)] = &[
     ("trust", ""),
     ("estimate", "clocks = \"estimate\"\nlate = \"refilter\"\nclock_spread_ms = 30.0"),
     ("correct", "clocks = \"correct\"\nlate = \"refilter\"\nclock_spread_ms = 30.0"),
+    (
+        "correct, 300 ms of history",
+        "clocks = \"correct\"\nlate = \"refilter\"\nclock_spread_ms = 60.0\nhistory_ms = 300.0",
+    ),
 ];
 
 /// Measures.
