@@ -19,6 +19,7 @@
 //!
 //! A section `[clock.wide-1]` may say how the camera's clock runs: see [`crate::clocks`].
 //!
+//! A TOML file whose sections hold a `matrix` is taken for one of Pose2Sim (module `pose2sim`).
 //! A folder is taken for the results of MultiCamSelfCal when it holds `Pmatrices.dat`.
 
 use std::fmt::{self, Write as _};
@@ -159,7 +160,7 @@ impl Calibration {
         }
     }
 
-    /// Reads a TOML file, or a folder with the results of MultiCamSelfCal; all faults in one go.
+    /// Reads a TOML file, ours or of Pose2Sim, or a folder with the results of MultiCamSelfCal; all faults in one go.
     pub fn load(path: &Path) -> Result<Calibration, CalibrationError> {
         if path.is_dir() {
             return multi_cam_self_cal::load(path);

@@ -12,12 +12,13 @@ use crate::calibration::{
     Calibration, CalibrationError, CalibrationFault, LengthUnit, NamedCamera, place_of, sort_by_place,
 };
 use crate::clocks::{CameraClock, Clocks};
+use crate::pose2sim;
 
 type Value<'i> = Spanned<DeValue<'i>>;
 
 /// How far a quaternion's length may be from 1 and still be taken for rounding.
 const QUATERNION_TOLERANCE: f64 = 1e-3;
-const MAX_CAMERAS: usize = u16::MAX as usize;
+pub(crate) const MAX_CAMERAS: usize = u16::MAX as usize;
 
 const SECTIONS: [&str; 3] = ["calibration", "camera", "clock"];
 const HEADER_KEYS: [&str; 2] = ["length_unit", "note"];
@@ -36,6 +37,11 @@ const DISTORTION_KEYS: [&str; 5] = ["k1", "k2", "p1", "p2", "k3"];
 /// Reads `text`; `path` is for the messages.
 pub(crate) fn parse(text: &str, path: &Path) -> Result<Calibration, CalibrationError> {
     let (header, cameras, clocks) = read(text, path, |reader, root, whole| {
+        if pose2sim::is_meant(root) {
+            let note = format!("Pose2Sim calibration {}", path.display());
+            return ((Some(LengthUnit::Metre), Some(note)), pose2sim::cameras(reader, root), Clocks::default());
+        }
+        reader.refuse_unknown(root, "section", &SECTIONS);
         let header = reader.header(root);
         let cameras = reader.cameras(root, whole);
         let clocks = if root.contains_key("clock") { reader.clocks(root) } else { Clocks::default() };
@@ -56,7 +62,10 @@ pub(crate) fn parse(text: &str, path: &Path) -> Result<Calibration, CalibrationE
 
 /// Reads the clocks in `text`; `path` is for the messages.
 pub(crate) fn parse_clocks(text: &str, path: &Path) -> Result<Clocks, CalibrationError> {
-    read(text, path, |reader, root, _| reader.clocks(root))
+    read(text, path, |reader, root, _| {
+        reader.refuse_unknown(root, "section", &SECTIONS);
+        reader.clocks(root)
+    })
 }
 
 /// What `of` makes of the document, unless anything is wrong with it.
@@ -75,21 +84,20 @@ fn read<T>(
         return Err(reader.into_error());
     }
     let root = document.get_ref();
-    reader.refuse_unknown(root, "section", &SECTIONS);
     let read = of(&mut reader, root, document.span());
     if reader.faults.is_empty() { Ok(read) } else { Err(reader.into_error()) }
 }
 
-struct Reader<'a> {
+pub(crate) struct Reader<'a> {
     text: &'a str,
     path: &'a Path,
     /// The one being read, for the messages.
-    camera: Option<String>,
+    pub camera: Option<String>,
     faults: Vec<CalibrationFault>,
 }
 
 impl Reader<'_> {
-    fn report(&mut self, at: Range<usize>, found: String, expected: String) {
+    pub fn report(&mut self, at: Range<usize>, found: String, expected: String) {
         self.faults.push(CalibrationFault {
             file: self.path.to_owned(),
             place: Some(place_of(self.text, at.start)),
@@ -237,7 +245,7 @@ impl Reader<'_> {
         self.expect(size, value, "image_size_px", expected)
     }
 
-    fn numbers<const N: usize>(&mut self, table: &DeTable<'_>, key: &str, at: Range<usize>) -> Option<[f64; N]> {
+    pub fn numbers<const N: usize>(&mut self, table: &DeTable<'_>, key: &str, at: Range<usize>) -> Option<[f64; N]> {
         let expected = format!("{N} numbers");
         let value = self.required(table, key, &expected, at)?;
         let Some(list) = value.get_ref().as_array().filter(|list| list.len() == N) else {
@@ -254,7 +262,7 @@ impl Reader<'_> {
         complete.then_some(numbers)
     }
 
-    fn number(&mut self, value: &Value<'_>, what: &str) -> Option<f64> {
+    pub fn number(&mut self, value: &Value<'_>, what: &str) -> Option<f64> {
         let number = match value.get_ref() {
             DeValue::Float(float) => float.as_str().parse().ok(),
             DeValue::Integer(integer) => {
@@ -265,7 +273,7 @@ impl Reader<'_> {
         self.expect(number.filter(|it: &f64| it.is_finite()), value, what, "a finite number")
     }
 
-    fn required<'t, 'i>(
+    pub fn required<'t, 'i>(
         &mut self,
         table: &'t DeTable<'i>,
         key: &str,
@@ -291,7 +299,7 @@ impl Reader<'_> {
     }
 
     /// Passes `read` on, or reports that `value`, called `what`, is not what was `expected`.
-    fn expect<T>(&mut self, read: Option<T>, value: &Value<'_>, what: &str, expected: &str) -> Option<T> {
+    pub fn expect<T>(&mut self, read: Option<T>, value: &Value<'_>, what: &str, expected: &str) -> Option<T> {
         if read.is_none() {
             let mut source = self.text.get(value.span()).unwrap_or_default().to_owned();
             if source.chars().count() > 60 {
@@ -302,7 +310,7 @@ impl Reader<'_> {
         read
     }
 
-    fn refuse_unknown(&mut self, table: &DeTable<'_>, kind: &str, known: &[&str]) {
+    pub fn refuse_unknown(&mut self, table: &DeTable<'_>, kind: &str, known: &[&str]) {
         for key in table.keys().filter(|key| !known.contains(&key.get_ref().as_ref())) {
             let name = key.get_ref();
             let likeness = |it: &&&str| (strsim::jaro_winkler(it, name) * 1e6) as u64;

@@ -2,7 +2,7 @@
 //!
 //! | module | what it gives |
 //! |---|---|
-//! | [`calibration`] | [`Calibration`]: the cameras of a rig, read from a file of ours or from MultiCamSelfCal's results |
+//! | [`calibration`] | [`Calibration`]: the cameras of a rig, read from a file of ours, of Pose2Sim, or from MultiCamSelfCal's results |
 //! | [`clocks`] | [`Clocks`]: how each camera's clock runs against the session's |
 //! | [`space`] | [`SceneGraph`]: nested spaces, each with a pose that may change, and `a_from_b` at a time with its covariance |
 //! | [`volume`] | [`WorkingVolume`]: the box in which a scale works |
@@ -14,6 +14,7 @@ mod calibration_file;
 pub mod clocks;
 mod multi_cam_self_cal;
 mod natural_order;
+mod pose2sim;
 mod shared_lens;
 pub mod space;
 pub mod volume;
