@@ -97,7 +97,8 @@ impl Programs {
         })
     }
 
-    /// Starts decoding `path`. `threads`: how many to decode on, 0: as `ffmpeg` thinks best.
+    /// Starts decoding `path`. `filter`: a chain of `ffmpeg`'s filters for the frames, may be empty. `threads`: how many to decode
+    /// on, 0: as `ffmpeg` thinks best.
     ///
     /// # Errors
     /// `ffmpeg` cannot be started. What is wrong with the file shows at [`Decoder::end`].
@@ -105,6 +106,7 @@ impl Programs {
         &self,
         path: &Path,
         format: Format,
+        filter: &str,
         threads: u32,
         dialect: Dialect,
     ) -> Result<Decoder, String> {
@@ -112,6 +114,9 @@ impl Programs {
             Format::Gray => "gray",
             Format::Rgb => "rgb24",
         };
+        // What is announced is what leaves the chain.
+        let chain =
+            if filter.is_empty() { "showinfo=checksum=0".into() } else { format!("{filter},showinfo=checksum=0") };
         let mut command = Command::new(&self.ffmpeg);
         // Ctrl-C goes to all processes of a terminal's group: the run ends by it, and ends the child in its own time.
         #[cfg(unix)]
@@ -120,7 +125,7 @@ impl Programs {
             .args(["-nostdin", "-hide_banner", "-nostats", "-loglevel", "level+info"])
             .args(["-fflags", "+discardcorrupt", "-threads", &threads.to_string(), "-i"])
             .arg(as_file(path))
-            .args(["-map", "0:v:0", "-an", "-sn", "-dn", "-vf", "showinfo=checksum=0"])
+            .args(["-map", "0:v:0", "-an", "-sn", "-dn", "-vf", &chain])
             .args(dialect.frames_as_they_are())
             .args(["-f", "rawvideo", "-pix_fmt", pixel_format, "pipe:1"])
             .stdin(Stdio::null())
@@ -247,7 +252,7 @@ pub(crate) mod tests {
         if !make("dropping a decoder", &format!("{source} {}", path.display())) {
             return;
         }
-        let mut decoder = Programs::default().decode(&path, Format::Gray, 1, Dialect::Current).unwrap();
+        let mut decoder = Programs::default().decode(&path, Format::Gray, "", 1, Dialect::Current).unwrap();
         assert_eq!(decoder.next().unwrap().size, [320, 240]);
         let process = std::path::PathBuf::from(format!("/proc/{}", decoder.child.id()));
         let had_entry = process.exists();
@@ -265,7 +270,7 @@ pub(crate) mod tests {
         ) {
             return;
         }
-        let mut decoder = Programs::default().decode(&path, Format::Rgb, 1, Dialect::Older).unwrap();
+        let mut decoder = Programs::default().decode(&path, Format::Rgb, "", 1, Dialect::Older).unwrap();
         let mut pixels = vec![0; 64 * 48 * 3];
         let mut count = 0;
         while decoder.next().is_some() && decoder.read(&mut pixels) {

@@ -44,6 +44,10 @@ pub struct VideoSettings {
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub latency_ms: f64,
+    /// A chain of ffmpeg's filters for the frames, such as `transpose=1` or `pad=1088:1920`, which must give the size that the
+    /// calibration states; empty: none [–]
+    #[serde(default)]
+    pub filter: String,
     /// Threads to decode on; 0: as `ffmpeg` thinks best. With many cameras 1 is best [–]
     #[serde(default = "default_threads")]
     #[schemars(range(min = 0, max = 64))]
@@ -152,8 +156,8 @@ impl Film {
     }
 
     fn open(&mut self, dialect: Dialect) -> Result<(), String> {
-        let VideoSettings { format, threads, .. } = self.settings;
-        let decoder = self.programs.decode(&self.path, format, threads, dialect);
+        let VideoSettings { format, threads, ref filter, .. } = self.settings;
+        let decoder = self.programs.decode(&self.path, format, filter, threads, dialect);
         self.state = State::Open(Box::new(decoder.map_err(|fault| format!("cannot be read: {fault}"))?));
         Ok(())
     }
@@ -340,6 +344,7 @@ mod tests {
             start_s: 0.0,
             rate_hz: 0.0,
             latency_ms: 0.0,
+            filter: String::new(),
             threads: 1,
         }
     }
@@ -413,6 +418,21 @@ mod tests {
             let moment: f64 = image.pixels.iter().enumerate().map(|(at, &it)| (at % 64) as f64 * f64::from(it)).sum();
             assert!((moment / sum - (8.0 * index as f64 + 2.5)).abs() < 1e-9, "frame {index}: {}", moment / sum);
         }
+    }
+
+    #[test]
+    fn frames_pass_the_filter() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mp4");
+        if !make("a filtered video", &format!("{SOURCE} {}", path.display())) {
+            return;
+        }
+        let filter = |chain: &str| play(&mut node(VideoSettings { filter: chain.into(), ..settings(&path) }));
+        let turns = filter("transpose=1,pad=64:64,crop=64:48");
+        assert_eq!((turns.len(), turns[0].1.as_str()), (30, "64 x 48 3072"));
+        assert!(filter("transpose=1")[0].1.contains("48 x 64 px, expected 64 x 48 px"));
+        let turns = filter("no_such_filter");
+        assert!(turns[0].1.starts_with("fault") && turns[0].1.contains("ffmpeg"), "{turns:?}");
     }
 
     #[test]
