@@ -6,22 +6,31 @@
 //! 2. [`SpotFinder`] searches it whole, or sampled rows and windows of it, against a [`ThresholdMap`];
 //! 3. [`Background::update`] is told how much was lit, learns, and says whether the spots are to be trusted.
 //!
+//! A natural scene has no bright spots: [`Foreground`] splits a picture by the statistics of its background, and [`BlobFinder`]
+//! joins the foreground to blobs.
+//!
 //! Pixel (0, 0) is the centre of the top-left pixel. Nothing here reads a clock, a file or a random number.
 //!
 //! Source: J. E. Davis, *Mixed Scale Motion Recovery*, PhD thesis, Stanford, 2002.
 
 pub mod background;
+pub mod blobs;
 mod error;
+pub mod foreground;
 pub mod mask;
 pub mod plane;
+pub mod shrink;
 pub mod spots;
 mod thresholds;
 pub mod view;
 
 pub use background::{Background, BackgroundConfig, Statistic, Verdict};
+pub use blobs::{Blob, BlobFinder, BlobLimits};
 pub use error::ImagingError;
+pub use foreground::{Foreground, ForegroundConfig};
 pub use mask::fill_polygon;
 pub use plane::Channel;
+pub use shrink::shrink;
 pub use spots::{Centroid, Found, Measure, Sampling, Spot, SpotFinder, SpotLimits, Window};
 pub use thresholds::ThresholdMap;
 pub use view::ImageView;

@@ -8,7 +8,7 @@ use super::{Centroid, Measure, Spot};
 
 /// The picture and its thresholds, of the same size.
 #[derive(Clone, Copy)]
-pub(super) struct Frame<'a> {
+pub(crate) struct Frame<'a> {
     pub pixels: &'a [u8],
     pub thresholds: &'a [u8],
     pub width: usize,
@@ -23,15 +23,15 @@ impl Frame<'_> {
 
 /// Neighbouring lit pixels of one row: columns `x0..x1` of row `y`.
 #[derive(Clone, Copy)]
-struct Run {
-    y: usize,
-    x0: usize,
-    x1: usize,
+pub(crate) struct Run {
+    pub y: usize,
+    pub x0: usize,
+    pub x1: usize,
 }
 
 /// Area moments of a group, relative to the pixel where it was met.
 #[derive(Clone, Copy)]
-pub(super) struct Shape {
+pub(crate) struct Shape {
     pub area: u64,
     /// First and last column and row.
     pub bounds: [usize; 4],
@@ -40,12 +40,14 @@ pub(super) struct Shape {
     pub peak: u8,
     /// Mean position of the lit pixels [px].
     pub mean: Point2<f64>,
+    /// Second moments of the lit pixels, taken as squares, about their mean, over their number [px²].
+    pub moment: Matrix2<f64>,
     pub elongation: f64,
 }
 
 /// Buffers for taking one group after the other out of a picture.
 #[derive(Default)]
-pub(super) struct Component {
+pub(crate) struct Component {
     /// One bit a pixel: belongs to a group of this picture that has been taken. Bits, because these stay in the
     /// nearest cache while pictures pass through it.
     taken: Vec<u64>,
@@ -110,6 +112,11 @@ impl Component {
         self.shape(frame, x, y)
     }
 
+    /// All runs of this picture; those of the group taken last are the last, sorted by row, then column.
+    pub fn runs(&self) -> &[Run] {
+        &self.runs
+    }
+
     /// Takes the lit pixels to both sides of the lit pixel (x, y); returns the column after the last.
     fn take_run(&mut self, frame: &Frame, x: usize, y: usize) -> usize {
         let row = y * frame.width..(y + 1) * frame.width;
@@ -169,6 +176,7 @@ impl Component {
             first,
             peak,
             mean: Point2::new(x as f64 + mean.x, y as f64 + mean.y),
+            moment: Matrix2::new(var_x, cov_xy, cov_xy, var_y),
             elongation: ((half_sum + half_gap) / (half_sum - half_gap)).max(1.0).sqrt(),
         }
     }

@@ -4,7 +4,7 @@
 //! time is short, on a sparse grid that moves from frame to frame and in windows where targets are expected. The
 //! search itself stands in `finder`, what is taken of a spot in `component`.
 
-mod component;
+pub(crate) mod component;
 mod finder;
 
 use nalgebra::{Matrix2, Point2};
