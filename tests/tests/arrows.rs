@@ -18,8 +18,9 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("foveate", &["dataflow", "estimation", "geometry", "imaging", "messages", "scene"]),
     ("capture", &["foveate"]),
     ("led", &["foveate"]),
+    ("blob", &["foveate"]),
     ("export", &["foveate"]),
-    ("cli", &["capture", "dataflow", "export", "led", "sim"]),
+    ("cli", &["blob", "capture", "dataflow", "export", "led", "sim"]),
     ("tests", &[]),
     ("examples", &["cli", "foveate"]),
 ];

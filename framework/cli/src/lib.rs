@@ -14,6 +14,7 @@ pub fn registry() -> Registry {
     foveate_sim::register(&mut registry);
     foveate_capture::register(&mut registry);
     foveate_led::register(&mut registry);
+    foveate_blob::register(&mut registry);
     foveate_export::register(&mut registry);
     registry
 }

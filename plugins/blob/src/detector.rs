@@ -1,0 +1,198 @@
+//! `blob.detector`: finds what moves before a learnt background, in the pictures of one camera.
+
+use std::path::Path;
+
+use foveate::geometry::Camera;
+use foveate::prelude::*;
+use nalgebra::{Point2, Vector2, Vector3};
+
+use crate::settings::BlobSettings;
+use crate::watcher::{GrayPicture, Outcome, Watcher};
+
+const IMAGE: In<Image> = In::each(0, "image");
+const PREDICTED: In<Targets> = In::latest(1, "predicted").optional();
+const FEATURES: Out<Features> = Out::new(0, "features");
+
+/// Pictures in, blobs out, each with a point and its covariance; the camera's, in scan order.
+///
+/// Nothing seen, or the background not learnt yet: an empty list. A picture of the wrong size or a broken one, and one of which
+/// so much is foreground that the background cannot be right, is a gap on the output; the detector goes on with the next.
+pub struct Detector {
+    watcher: Watcher,
+    camera: Option<CameraId>,
+    camera_name: String,
+    model: Option<Camera>,
+    pool: Pool<Features>,
+    tally: Tally,
+}
+
+#[derive(Default)]
+struct Tally {
+    searched: u64,
+    learning: u64,
+    flooded: u64,
+    refused: u64,
+    features: u64,
+}
+
+impl Node for Detector {
+    const TYPE: &'static str = "blob.detector";
+    const ROLE: Role = Role::Detector;
+    const SUMMARY: &'static str = "Finds what moves before a learnt background in the pictures of one camera";
+    type Settings = BlobSettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&IMAGE).input(&PREDICTED).output(&FEATURES)
+    }
+
+    fn new(settings: BlobSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        settings.check()?;
+        let model = setup.camera_model().cloned();
+        let size = model.as_ref().map(|it| it.image_size);
+        let background = match settings.background.as_str() {
+            "" => None,
+            text => Some(read_background(&setup.path("background", text)?, size)?),
+        };
+        Ok(Self {
+            watcher: Watcher::new(settings, size, background).map_err(ConfigError::node)?,
+            camera: setup.camera,
+            camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
+            model,
+            pool: Pool::default(),
+            tally: Tally::default(),
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let Some(image) = io.take(&IMAGE) else { return Ok(()) };
+        let mut features = self.pool.take(Features::default);
+        features.camera = self.camera.unwrap_or(image.value.camera);
+        let expected = io.latest(&PREDICTED);
+        let model = self.model.as_ref();
+        let predicted = expected.iter().flat_map(|targets| {
+            let later = image.time() - targets.value.time;
+            targets.value.list.iter().filter_map(move |target| model?.project(&target.position_after(later)))
+        });
+        match self.watcher.find(&image.value, predicted, |pixel| up_at(model, pixel), &mut features) {
+            Ok(outcome) => {
+                *match outcome {
+                    Outcome::Searched => &mut self.tally.searched,
+                    Outcome::Learning => &mut self.tally.learning,
+                    Outcome::Flooded => &mut self.tally.flooded,
+                } += 1;
+                self.tally.features += features.list.len() as u64;
+                let features = self.pool.share(features);
+                if outcome == Outcome::Flooded {
+                    io.gap(&FEATURES, image.time(), "too much of the picture differs from the learnt background");
+                } else {
+                    io.emit(&FEATURES, image.stamp, features);
+                }
+            }
+            Err(refusal) => {
+                self.tally.refused += 1;
+                io.gap(&FEATURES, image.time(), refusal);
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let Tally { searched, learning, flooded, refused, features } = self.tally;
+        for (what, count) in [
+            ("pictures_searched", searched),
+            ("pictures_learning", learning),
+            ("pictures_flooded", flooded),
+            ("pictures_refused", refused),
+            ("features", features),
+        ] {
+            // What went well is worth a line a camera, what did not happen is not.
+            if count > 0 || what == "features" {
+                report.figure(format!("detector.{what}.{}", self.camera_name), count as f64);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Which way the world's +Z runs in the picture at `pixel`, as seen of a point 3 m away; the picture's own up without a model,
+/// or where Z runs along the line of sight.
+fn up_at(model: Option<&Camera>, pixel: &Point2<f64>) -> Vector2<f64> {
+    let seen = |camera: &Camera| {
+        let foot = camera.ray(pixel)?.at(3.0);
+        let up = camera.project(&(foot + Vector3::z() * 0.1))? - camera.project(&foot)?;
+        up.try_normalize(1e-6)
+    };
+    model.and_then(seen).unwrap_or(Vector2::new(0.0, -1.0))
+}
+
+/// Reads a picture as brightness. Where it is larger than the camera's pictures, their part of it, from the top left.
+fn read_background(path: &Path, size: Option<[u32; 2]>) -> Result<GrayPicture, ConfigError> {
+    let refuse = |text: String| ConfigError::at("background", text);
+    let picture = image::open(path).map_err(|error| refuse(format!("`{}` cannot be read: {error}", path.display())))?;
+    let gray = picture.into_luma8();
+    let size = size.unwrap_or([gray.width(), gray.height()]);
+    if gray.width() < size[0] || gray.height() < size[1] {
+        let ([w, h], a, b) = (size, gray.width(), gray.height());
+        return Err(refuse(format!("`{}` is {a} x {b} px, expected at least {w} x {h} px", path.display())));
+    }
+    let pixels = image::imageops::crop_imm(&gray, 0, 0, size[0], size[1]).to_image().into_raw();
+    Ok(GrayPicture { size, pixels })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use foveate_testkit::check_node;
+    use foveate_testkit::scene::{camera_ring, ring_calibration};
+    use image::GrayImage;
+
+    use super::*;
+
+    #[test]
+    fn node_keeps_its_promises() {
+        check_node::<Detector>("");
+        check_node::<Detector>("point = \"top\"\nmasks = [[[0, 0], [10, 0], [0, 10.5]]]\nshrink = 2");
+    }
+
+    #[test]
+    fn settings_out_of_range_are_named() {
+        let setting = |change: fn(&mut BlobSettings)| {
+            let mut settings = BlobSettings::default();
+            change(&mut settings);
+            Detector::new(settings, &Setup::for_tests()).err().and_then(|it| it.setting)
+        };
+        assert_eq!(setting(|_| ()), None);
+        assert_eq!(setting(|it| it.learn_frames = 0).as_deref(), Some("learn_frames"));
+        assert_eq!(setting(|it| it.threshold_sigma = f32::NAN).as_deref(), Some("threshold_sigma"));
+        assert_eq!(setting(|it| it.sure_sigma = 1.0).as_deref(), Some("sure_sigma"));
+        assert_eq!(setting(|it| it.max_area_px = 1).as_deref(), Some("max_area_px"));
+        assert_eq!(setting(|it| it.shrink = 17).as_deref(), Some("shrink"));
+        assert_eq!(setting(|it| it.shape_error = -1.0).as_deref(), Some("shape_error"));
+        assert_eq!(setting(|it| it.masks = vec![vec![[0.0; 2]; 2]]).as_deref(), Some("masks[0]"));
+        assert_eq!(setting(|it| it.background = "/no/such.png".into()).as_deref(), Some("background"));
+    }
+
+    #[test]
+    fn a_background_picture_must_cover_the_camera_s() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("empty.png");
+        let new = |size: [u32; 2]| {
+            GrayImage::new(size[0], size[1]).save(&path).unwrap();
+            let calibration = Arc::new(ring_calibration(3)); // 640 × 480 px
+            let setup = Setup { camera: Some(CameraId(0)), calibration, ..Setup::for_tests() };
+            let settings = BlobSettings { background: path.display().to_string(), ..BlobSettings::default() };
+            Detector::new(settings, &setup).map(|_| ()).map_err(|it| it.message)
+        };
+        assert_eq!(new([648, 480]), Ok(()));
+        assert!(new([640, 479]).unwrap_err().contains("is 640 x 479 px, expected at least 640 x 480 px"));
+    }
+
+    #[test]
+    fn up_in_the_world_is_up_in_the_picture_of_an_upright_camera() {
+        let camera = &camera_ring(3)[0];
+        let up = up_at(Some(camera), &Point2::new(320.0, 240.0));
+        assert!(up.y < -0.99, "{up}");
+        assert_eq!(up_at(None, &Point2::origin()), Vector2::new(0.0, -1.0));
+    }
+}
