@@ -6,6 +6,7 @@
 //! | [`motion`] | the same under a motion model chosen by setting, interacting models, adapted noise |
 //! | [`consistency`] | whether a filter's errors are as large as it says |
 //! | [`clocks`] | clock offsets and drifts of cameras, from what their innovations show |
+//! | [`least_squares`] | parameters at which weighted residuals are least, robust, with covariance |
 //! | [`assignment`] | which measurement belongs to which track, at the least cost, with a gate |
 //! | [`gospa`] | how far a set of points is from the true one: OSPA, GOSPA |
 //! | [`identities`] | true targets and recovered identities matched over time: swaps, rebirths |
@@ -18,6 +19,7 @@ pub mod consistency;
 pub mod gospa;
 pub mod identities;
 pub mod kalman;
+pub mod least_squares;
 pub mod motion;
 pub mod random;
 pub mod statistics;
@@ -27,6 +29,7 @@ pub use clocks::{ClockEstimate, ClockEstimator, ClockObservation, ClockSettings}
 pub use consistency::{Consistency, Verdict};
 pub use gospa::SetDistance;
 pub use kalman::{ConstantVelocity, Innovation};
+pub use least_squares::Loss;
 pub use motion::{AdaptiveNoise, Filter, Interacting, Mode, Model};
 pub use random::Random;
 pub use statistics::Summary;
