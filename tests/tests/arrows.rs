@@ -7,8 +7,9 @@ use serde_json::Value;
 
 /// Room → the rooms that it knows. Development dependencies do not count.
 const ARROWS: &[(&str, &[&str])] = &[
-    ("geometry", &[]),
     ("estimation", &[]),
+    // Bundle adjustment and searches by random samples are robust least squares of cameras.
+    ("geometry", &["estimation"]),
     ("imaging", &[]),
     ("scene", &["geometry"]),
     ("messages", &[]),

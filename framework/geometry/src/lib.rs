@@ -2,6 +2,8 @@
 //!
 //! | module | what it gives |
 //! |---|---|
+//! | [`alignment`] | the similarity that best maps one set of points onto another, and what is left |
+//! | [`bundle`] | all cameras and points together, adjusted to all pixels, with covariances |
 //! | [`camera`] | [`Camera`]: pinhole with Brown–Conrady distortion; point to pixel, pixel to [`Ray`] |
 //! | [`resection`] | the pose of a camera from points of known place and their pixels, robustly, with its covariance |
 //! | [`ray`] | [`Ray`], and where two of them come closest |
@@ -10,6 +12,8 @@
 //! Rigid transforms are `nalgebra::Isometry3<f64>`, named `b_from_a`. The world is right-handed with Z up; a
 //! camera looks along its +z, with +x to the right and +y down; pixel (0, 0) is the centre of the top-left pixel.
 
+pub mod alignment;
+pub mod bundle;
 pub mod camera;
 mod distortion;
 mod from_matrix;
@@ -18,11 +22,16 @@ pub mod ray;
 pub mod resection;
 pub mod triangulate;
 
+pub use alignment::{Alignment, AlignmentFault, AlignmentRules, CameraErrors, align, camera_errors};
+pub use bundle::{Adjusted, BundleFault, BundleRules, Freedom, Gauge, Observation, adjust};
 pub use camera::{Camera, CameraFault, Distortion, Intrinsics};
 pub use from_matrix::ProjectionFault;
 pub use ray::{Approach, Ray, closest_approach};
 pub use resection::{Resection, ResectionFault, ResectionRules, refine_pose, resect};
 pub use triangulate::{PixelNoise, Triangulation, TriangulationFault, refine, triangulate_rays};
+
+#[cfg(test)]
+mod test_room;
 
 /// A rigid transform, always named `b_from_a`: rotation, then translation [m].
 pub type Pose = nalgebra::Isometry3<f64>;

@@ -1,0 +1,123 @@
+//! Which parameters of a camera are free, and the column of each in its block.
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+use crate::camera::Camera;
+
+/// Columns of a camera's block; a block of width C has the first C of them.
+pub(super) const NAMES: [&str; 15] = [
+    "rotation x",
+    "rotation y",
+    "rotation z",
+    "translation x",
+    "translation y",
+    "translation z",
+    "focal",
+    "k1",
+    "k2",
+    "principal x",
+    "principal y",
+    "aspect",
+    "p1",
+    "p2",
+    "k3",
+];
+
+/// What of a camera is adjusted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Freedom {
+    /// Rotation and translation.
+    pub pose: bool,
+    /// One factor of both focal lengths.
+    pub focal: bool,
+    /// A further factor of the vertical focal length alone.
+    pub aspect: bool,
+    /// Both coordinates of the principal point.
+    pub principal: bool,
+    /// Radial distortion, of r².
+    pub k1: bool,
+    /// Radial distortion, of r⁴.
+    pub k2: bool,
+    /// Radial distortion, of r⁶.
+    pub k3: bool,
+    /// Both decentering terms p1 and p2.
+    pub decentering: bool,
+}
+
+impl Freedom {
+    /// Nothing: the camera is known.
+    pub const NONE: Freedom = Freedom {
+        pose: false,
+        focal: false,
+        aspect: false,
+        principal: false,
+        k1: false,
+        k2: false,
+        k3: false,
+        decentering: false,
+    };
+    /// The pose, under known optics.
+    pub const POSE: Freedom = Freedom { pose: true, ..Freedom::NONE };
+
+    /// By column.
+    pub(super) fn mask(&self) -> [bool; 15] {
+        let Freedom { pose, focal, aspect, principal, k1, k2, k3, decentering } = *self;
+        let optics = [focal, k1, k2, principal, principal, aspect, decentering, decentering, k3];
+        std::array::from_fn(|column| if column < 6 { pose } else { optics[column - 6] })
+    }
+
+    /// How many columns hold all that is free.
+    pub(super) fn width(&self) -> usize {
+        self.mask().iter().rposition(|it| *it).map_or(0, |it| it + 1)
+    }
+}
+
+/// Standard deviations of the optics; 0 for what is held.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct OpticsSigma {
+    /// Of the common factor of both focal lengths, relative [–].
+    pub focal: f64,
+    /// Of the further factor of the vertical one [–].
+    pub aspect: f64,
+    /// Of the principal point [px].
+    pub principal: [f64; 2],
+    /// Of k1, k2, k3 [–].
+    pub radial: [f64; 3],
+    /// Of p1, p2 [–].
+    pub decentering: [f64; 2],
+}
+
+impl OpticsSigma {
+    /// From the standard deviation of each column.
+    pub(super) fn of(column: impl Fn(usize) -> f64) -> OpticsSigma {
+        OpticsSigma {
+            focal: column(6),
+            aspect: column(11),
+            principal: [column(9), column(10)],
+            radial: [column(7), column(8), column(14)],
+            decentering: [column(12), column(13)],
+        }
+    }
+}
+
+/// Moves `camera` by a step in the columns of its block; focal lengths by factors, so that they stay positive.
+pub(super) fn moved(camera: &Camera, step: &[f64]) -> Camera {
+    let at = |column: usize| step.get(column).copied().unwrap_or(0.0);
+    let mut moved = camera.clone();
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(at(0), at(1), at(2)));
+    // T exp(δ), to first order in the translation, which is all that a step needs.
+    moved.camera_from_world *= Isometry3::from_parts(Translation3::new(at(3), at(4), at(5)), turn);
+    moved.camera_from_world.rotation.renormalize_fast();
+    let both = at(6).exp();
+    moved.intrinsics.focal[0] *= both;
+    moved.intrinsics.focal[1] *= both * at(11).exp();
+    moved.intrinsics.skew *= both;
+    moved.intrinsics.principal[0] += at(9);
+    moved.intrinsics.principal[1] += at(10);
+    moved.distortion.k1 += at(7);
+    moved.distortion.k2 += at(8);
+    moved.distortion.p1 += at(12);
+    moved.distortion.p2 += at(13);
+    moved.distortion.k3 += at(14);
+    moved
+}

@@ -1,0 +1,288 @@
+//! The normal equations of cameras and points, and their reduction to the cameras.
+
+use foveate_estimation::Loss;
+use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Point3, SMatrix, SVector, Vector2, Vector3};
+
+use super::Observation;
+use crate::camera::Camera;
+
+/// Who sees what, ordered by point and within a point by camera.
+pub(super) struct Layout {
+    /// The observations in use.
+    pub observations: Vec<Observation>,
+    /// By point: its range in `observations`.
+    pub of_point: Vec<std::ops::Range<usize>>,
+    /// By camera and column: the row in the reduced system, where free.
+    pub rows: Vec<[Option<usize>; 15]>,
+    /// By camera: its place among those with something free.
+    pub slots: Vec<Option<usize>>,
+    /// Cameras that see points in use and whose pose is held.
+    pub anchors: Vec<usize>,
+    /// Rows of the reduced system.
+    pub dimension: usize,
+}
+
+/// All blocks at one state.
+pub(super) struct Equations<const C: usize> {
+    pub of_camera: Vec<SMatrix<f64, C, C>>,
+    pub gradient_of_camera: Vec<SVector<f64, C>>,
+    pub of_point: Vec<Matrix3<f64>>,
+    pub gradient_of_point: Vec<Vector3<f64>>,
+    pub between: Vec<SMatrix<f64, C, 3>>,
+    pub cost: f64,
+}
+
+/// The system of the cameras alone, and what leads back to the points.
+pub(super) struct Reduced<const C: usize> {
+    blocks: Vec<SMatrix<f64, C, C>>,
+    gradients: Vec<SVector<f64, C>>,
+    inverses: Vec<Matrix3<f64>>,
+    pub information: DMatrix<f64>,
+    pub gradient: DVector<f64>,
+}
+
+/// A camera with its rotation as a matrix.
+struct Posed<'a> {
+    camera: &'a Camera,
+    rotation: Matrix3<f64>,
+}
+
+impl Posed<'_> {
+    /// Pixel, its derivatives by the first C columns and by the point; `None` where the camera does not see it.
+    #[inline]
+    fn linearise<const C: usize>(
+        &self,
+        point: &Point3<f64>,
+    ) -> Option<(Vector2<f64>, SMatrix<f64, 2, C>, Matrix2x3<f64>)> {
+        let in_camera = self.rotation * point.coords + self.camera.camera_from_world.translation.vector;
+        if in_camera.z.is_nan() || in_camera.z <= 0.0 {
+            return None;
+        }
+        let per_depth = 1.0 / in_camera.z;
+        let (x, y) = (in_camera.x * per_depth, in_camera.y * per_depth);
+        let (distorted, slope) = self.camera.distortion.distort_with_jacobian(&Vector2::new(x, y))?;
+        let intrinsics = &self.camera.intrinsics;
+        let ([fx, fy], skew) = (intrinsics.focal, intrinsics.skew);
+        // Pixel by normalised point.
+        let a = fx * slope.m11 + skew * slope.m21;
+        let b = fx * slope.m12 + skew * slope.m22;
+        let (c, d) = (fy * slope.m21, fy * slope.m22);
+        let rows = &self.rotation;
+        let mut by_point = Matrix2x3::zeros();
+        for column in 0..3 {
+            let dx = (rows[(0, column)] - rows[(2, column)] * x) * per_depth;
+            let dy = (rows[(1, column)] - rows[(2, column)] * y) * per_depth;
+            by_point[(0, column)] = a * dx + b * dy;
+            by_point[(1, column)] = c * dx + d * dy;
+        }
+        let mut by_camera = SMatrix::<f64, 2, C>::zeros();
+        for row in 0..2 {
+            // T exp(δ) p = T (p + ω × p + v): the pixel by ω is p × (pixel by p).
+            let (j, p) = ([by_point[(row, 0)], by_point[(row, 1)], by_point[(row, 2)]], point);
+            by_camera[(row, 0)] = p.y * j[2] - p.z * j[1];
+            by_camera[(row, 1)] = p.z * j[0] - p.x * j[2];
+            by_camera[(row, 2)] = p.x * j[1] - p.y * j[0];
+            by_camera[(row, 3)] = j[0];
+            by_camera[(row, 4)] = j[1];
+            by_camera[(row, 5)] = j[2];
+        }
+        let centred = Vector2::new(fx * distorted.x + skew * distorted.y, fy * distorted.y);
+        if C > 6 {
+            let s = x * x + y * y;
+            let linear = |u: f64, v: f64| Vector2::new(fx * u + skew * v, fy * v);
+            let optics = [
+                centred,
+                linear(x * s, y * s),
+                linear(x * s * s, y * s * s),
+                Vector2::x(),
+                Vector2::y(),
+                Vector2::new(0.0, fy * distorted.y),
+                linear(2.0 * x * y, s + 2.0 * y * y),
+                linear(s + 2.0 * x * x, 2.0 * x * y),
+                linear(x * s * s * s, y * s * s * s),
+            ];
+            for column in 6..C {
+                by_camera.set_column(column, &optics[column - 6]);
+            }
+        }
+        Some((centred + Vector2::from(intrinsics.principal), by_camera, by_point))
+    }
+}
+
+impl<const C: usize> Equations<C> {
+    pub(super) fn new(layout: &Layout, n_points: usize) -> Self {
+        let n_free = layout.slots.iter().flatten().count();
+        Self {
+            of_camera: vec![SMatrix::zeros(); n_free],
+            gradient_of_camera: vec![SVector::zeros(); n_free],
+            of_point: vec![Matrix3::zeros(); n_points],
+            gradient_of_point: vec![Vector3::zeros(); n_points],
+            between: vec![SMatrix::zeros(); layout.observations.len()],
+            cost: 0.0,
+        }
+    }
+
+    /// Fills in the blocks at a state; `None` where a camera does not see a point.
+    pub(super) fn fill(
+        &mut self,
+        layout: &Layout,
+        cameras: &[Camera],
+        points: &[Point3<f64>],
+        loss: &Loss,
+    ) -> Option<()> {
+        self.of_camera.fill(SMatrix::zeros());
+        self.gradient_of_camera.fill(SVector::zeros());
+        self.cost = 0.0;
+        let posed: Vec<Posed<'_>> = cameras
+            .iter()
+            .map(|camera| Posed {
+                camera,
+                rotation: camera.camera_from_world.rotation.to_rotation_matrix().into_inner(),
+            })
+            .collect();
+        for (index, range) in layout.of_point.iter().enumerate() {
+            let (mut of_point, mut gradient) = (Matrix3::zeros(), Vector3::zeros());
+            for at in range.clone() {
+                let observation = &layout.observations[at];
+                let (seen, by_camera, by_point) = posed[observation.camera].linearise::<C>(&points[index])?;
+                let per_sigma = 1.0 / observation.sigma_px;
+                let error = seen - observation.pixel.coords;
+                let (cost, weight) = loss.at(error.norm_squared() * per_sigma * per_sigma);
+                self.cost += 0.5 * cost;
+                let weight = weight * per_sigma * per_sigma;
+                let weighted_point = by_point * weight;
+                of_point += by_point.tr_mul(&weighted_point);
+                gradient += weighted_point.tr_mul(&error);
+                if let Some(slot) = layout.slots[observation.camera] {
+                    self.between[at] = by_camera.tr_mul(&weighted_point);
+                    let weighted = by_camera * weight;
+                    self.of_camera[slot] += by_camera.tr_mul(&weighted);
+                    self.gradient_of_camera[slot] += weighted.tr_mul(&error);
+                }
+            }
+            self.of_point[index] = of_point;
+            self.gradient_of_point[index] = gradient;
+        }
+        self.cost.is_finite().then_some(())
+    }
+}
+
+impl<const C: usize> Reduced<C> {
+    pub(super) fn new(layout: &Layout, n_points: usize) -> Self {
+        let n_free = layout.slots.iter().flatten().count();
+        Self {
+            blocks: vec![SMatrix::zeros(); n_free * (n_free + 1) / 2],
+            gradients: vec![SVector::zeros(); n_free],
+            inverses: vec![Matrix3::zeros(); n_points],
+            information: DMatrix::zeros(layout.dimension, layout.dimension),
+            gradient: DVector::zeros(layout.dimension),
+        }
+    }
+
+    /// Eliminates the points, with all diagonals raised by the part `damping`.
+    pub(super) fn fill(&mut self, layout: &Layout, equations: &Equations<C>, damping: f64) {
+        self.blocks.fill(SMatrix::zeros());
+        for (slot, block) in equations.of_camera.iter().enumerate() {
+            let own = &mut self.blocks[slot * (slot + 1) / 2 + slot];
+            *own = *block;
+            (0..C).for_each(|it| own[(it, it)] *= 1.0 + damping);
+        }
+        self.gradients.copy_from_slice(&equations.gradient_of_camera);
+        for (index, range) in layout.of_point.iter().enumerate() {
+            let mut damped = equations.of_point[index];
+            (0..3).for_each(|it| damped[(it, it)] *= 1.0 + damping);
+            let inverse = invert(&damped);
+            self.inverses[index] = inverse;
+            let gradient = &equations.gradient_of_point[index];
+            for high in range.clone() {
+                let Some(row) = layout.slots[layout.observations[high].camera] else { continue };
+                let led_back = equations.between[high] * inverse;
+                self.gradients[row] -= led_back * gradient;
+                let first = row * (row + 1) / 2;
+                for low in range.start..=high {
+                    let Some(column) = layout.slots[layout.observations[low].camera] else { continue };
+                    let block = &mut self.blocks[first + column];
+                    let between = &equations.between[low];
+                    subtract_product(block, &led_back, between);
+                    if row == column && low != high {
+                        // Twice by the same camera: the transpose lies in the same block.
+                        subtract_product(block, &(equations.between[low] * inverse), &equations.between[high]);
+                    }
+                }
+            }
+        }
+        self.spread(layout);
+    }
+
+    /// Copies the free rows and columns of the blocks into the dense system.
+    fn spread(&mut self, layout: &Layout) {
+        let free: Vec<(usize, &[Option<usize>; 15])> =
+            layout.slots.iter().zip(&layout.rows).filter_map(|(slot, rows)| Some(((*slot)?, rows))).collect();
+        for &(slot, rows) in &free {
+            for (column, to_row) in rows.iter().take(C).enumerate() {
+                if let Some(to_row) = *to_row {
+                    self.gradient[to_row] = self.gradients[slot][column];
+                }
+            }
+            for &(other, columns) in &free[..=slot] {
+                let block = &self.blocks[slot * (slot + 1) / 2 + other];
+                for (column, to_column) in columns.iter().take(C).enumerate() {
+                    let Some(to_column) = *to_column else { continue };
+                    for (row, to_row) in rows.iter().take(C).enumerate() {
+                        let Some(to_row) = *to_row else { continue };
+                        self.information[(to_row, to_column)] = block[(row, column)];
+                        self.information[(to_column, to_row)] = block[(row, column)];
+                    }
+                }
+            }
+        }
+    }
+
+    /// The step of the points that follows from one of the cameras.
+    pub(super) fn step_of_points(
+        &self,
+        layout: &Layout,
+        equations: &Equations<C>,
+        of_cameras: &[SVector<f64, C>],
+        steps: &mut [Vector3<f64>],
+    ) {
+        for (index, range) in layout.of_point.iter().enumerate() {
+            let mut gradient = equations.gradient_of_point[index];
+            for at in range.clone() {
+                if let Some(slot) = layout.slots[layout.observations[at].camera] {
+                    gradient += equations.between[at].tr_mul(&of_cameras[slot]);
+                }
+            }
+            steps[index] = -(self.inverses[index] * gradient);
+        }
+    }
+}
+
+/// `block` −= `a` `b`ᵀ.
+#[inline]
+fn subtract_product<const C: usize>(block: &mut SMatrix<f64, C, C>, a: &SMatrix<f64, C, 3>, b: &SMatrix<f64, C, 3>) {
+    for column in 0..C {
+        let [b0, b1, b2] = [b[(column, 0)], b[(column, 1)], b[(column, 2)]];
+        for row in 0..C {
+            block[(row, column)] -= a[(row, 0)] * b0 + a[(row, 1)] * b1 + a[(row, 2)] * b2;
+        }
+    }
+}
+
+/// The inverse of a symmetric matrix; of one that is singular, 0: such a point does not move and tells nothing.
+#[inline]
+fn invert(symmetric: &Matrix3<f64>) -> Matrix3<f64> {
+    let m = symmetric;
+    let a = m.m22 * m.m33 - m.m23 * m.m23;
+    let b = m.m13 * m.m23 - m.m12 * m.m33;
+    let c = m.m12 * m.m23 - m.m13 * m.m22;
+    let determinant = m.m11 * a + m.m12 * b + m.m13 * c;
+    let largest = m.m11.max(m.m22).max(m.m33);
+    if determinant.is_nan() || determinant <= 1e-20 * largest * largest * largest {
+        return Matrix3::zeros();
+    }
+    let per = 1.0 / determinant;
+    let (d, e) = (m.m11 * m.m33 - m.m13 * m.m13, m.m12 * m.m13 - m.m11 * m.m23);
+    let f = m.m11 * m.m22 - m.m12 * m.m12;
+    Matrix3::new(a, b, c, b, d, e, c, e, f) * per
+}

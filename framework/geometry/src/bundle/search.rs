@@ -1,0 +1,253 @@
+//! Levenberg–Marquardt over cameras and points.
+
+use foveate_estimation::least_squares::Stop;
+use nalgebra::{Isometry3, Point3, SVector, Vector3};
+
+use super::equations::{Equations, Layout, Reduced};
+use super::{Adjusted, BundleFault, BundleRules, Freedom, Gauge, Observation, columns, covariance, gauge};
+use crate::camera::Camera;
+
+const FIRST_DAMPING: f64 = 1e-4;
+const MAX_DAMPING: f64 = 1e15;
+
+/// Takes the scene to its centroid and to size 1, and back.
+struct Scale {
+    centroid: Vector3<f64>,
+    size: f64,
+}
+
+impl Scale {
+    fn of(points: &[Point3<f64>]) -> Scale {
+        let n = points.len().max(1) as f64;
+        let centroid = points.iter().fold(Vector3::zeros(), |sum, it| sum + it.coords) / n;
+        let squares: f64 = points.iter().map(|it| (it.coords - centroid).norm_squared()).sum();
+        let size = (squares / n).sqrt();
+        Scale { centroid, size: if size > 0.0 && size.is_finite() { size } else { 1.0 } }
+    }
+
+    fn inwards(&self, camera: &Camera) -> Camera {
+        let pose = camera.camera_from_world;
+        let translation = (pose.rotation * self.centroid + pose.translation.vector) / self.size;
+        Camera { camera_from_world: Isometry3::from_parts(translation.into(), pose.rotation), ..camera.clone() }
+    }
+
+    fn outwards(&self, camera: &Camera) -> Camera {
+        let pose = camera.camera_from_world;
+        let translation = pose.translation.vector * self.size - pose.rotation * self.centroid;
+        Camera { camera_from_world: Isometry3::from_parts(translation.into(), pose.rotation), ..camera.clone() }
+    }
+}
+
+/// As [`super::adjust`], with camera blocks of width C.
+pub(super) fn run<const C: usize>(
+    given: &[Camera],
+    freedoms: &[Freedom],
+    given_points: &[Point3<f64>],
+    observations: &[Observation],
+    rules: &BundleRules,
+) -> Result<Adjusted, BundleFault> {
+    let scale = Scale::of(given_points);
+    let mut cameras: Vec<Camera> = given.iter().map(|it| scale.inwards(it)).collect();
+    let mut points: Vec<Point3<f64>> =
+        given_points.iter().map(|it| Point3::from((it.coords - scale.centroid) / scale.size)).collect();
+    let (layout, left_out) = lay_out(&cameras, freedoms, &points, observations);
+    if layout.observations.is_empty() {
+        return Err(BundleFault::NothingShared { observations: observations.len() });
+    }
+    let n_free = layout.slots.iter().flatten().count();
+    let mut here = Equations::<C>::new(&layout, points.len());
+    let mut there = Equations::<C>::new(&layout, points.len());
+    let mut reduced = Reduced::<C>::new(&layout, points.len());
+    if here.fill(&layout, &cameras, &points, &rules.loss).is_none() {
+        return Err(BundleFault::NothingShared { observations: observations.len() });
+    }
+    let mut costs = vec![here.cost];
+    let (mut damping, mut growth) = (FIRST_DAMPING, 2.0);
+    let (mut stop, mut iterations) = (Stop::IterationLimit, 0);
+    let mut of_cameras = vec![SVector::<f64, C>::zeros(); n_free];
+    let mut of_points = vec![Vector3::zeros(); points.len()];
+    while iterations < rules.max_iterations {
+        iterations += 1;
+        reduced.fill(&layout, &here, damping);
+        let directions = gauge::directions(&layout, &cameras);
+        let mut system = reduced.information.clone();
+        let weight = system.diagonal().mean();
+        gauge::add_directions(&mut system, &directions, weight);
+        let solved = (layout.dimension > 0).then(|| system.cholesky().map(|it| it.solve(&-&reduced.gradient)));
+        let step = match solved {
+            Some(Some(step)) if step.iter().all(|it| it.is_finite()) => Some(step),
+            Some(_) => None,
+            None => Some(nalgebra::DVector::zeros(0)),
+        };
+        let mut small = false;
+        let mut accepted = false;
+        if let Some(step) = step {
+            for (slot, rows) in layout.slots.iter().zip(&layout.rows) {
+                if let Some(slot) = *slot {
+                    of_cameras[slot] = SVector::from_fn(|column, _| rows[column].map_or(0.0, |it| step[it]));
+                }
+            }
+            reduced.step_of_points(&layout, &here, &of_cameras, &mut of_points);
+            let promised = promised(&here, &of_cameras, &of_points, damping);
+            small = promised <= rules.relative_gain * here.cost.max(f64::MIN_POSITIVE);
+            let moved_cameras: Vec<Camera> = cameras
+                .iter()
+                .zip(&layout.slots)
+                .map(|(camera, slot)| {
+                    slot.map_or_else(|| camera.clone(), |it| columns::moved(camera, of_cameras[it].as_slice()))
+                })
+                .collect();
+            let moved_points: Vec<Point3<f64>> = points.iter().zip(&of_points).map(|(it, step)| it + step).collect();
+            let seen = there.fill(&layout, &moved_cameras, &moved_points, &rules.loss).is_some();
+            accepted = seen && there.cost <= here.cost;
+            if accepted {
+                let gain = (here.cost - there.cost) / promised.max(f64::MIN_POSITIVE);
+                damping = (damping * (1.0 - (2.0 * gain.min(1.5) - 1.0).powi(3)).max(0.1)).max(1e-12);
+                growth = 2.0;
+                (cameras, points) = (moved_cameras, moved_points);
+                std::mem::swap(&mut here, &mut there);
+                costs.push(here.cost);
+            }
+        }
+        if !accepted {
+            damping = damping.max(1e-10) * growth;
+            growth *= 2.0;
+        }
+        if small {
+            stop = Stop::SmallGain;
+            break;
+        }
+        if damping > MAX_DAMPING {
+            stop = Stop::NoDescent;
+            break;
+        }
+    }
+    let covariance = rules.covariance.then(|| {
+        reduced.fill(&layout, &here, 0.0);
+        covariance::of_cameras(&layout, &cameras, &reduced.information, rules.gauge, (scale.centroid, scale.size))
+    });
+    let mut adjusted = Adjusted {
+        cameras: given
+            .iter()
+            .zip(&cameras)
+            .zip(freedoms)
+            .map(
+                |((given, camera), freedom)| {
+                    if *freedom == Freedom::NONE { given.clone() } else { scale.outwards(camera) }
+                },
+            )
+            .collect(),
+        points: points.iter().map(|it| Point3::from(it.coords * scale.size + scale.centroid)).collect(),
+        residuals: Vec::new(),
+        rms_px: 0.0,
+        left_out,
+        costs,
+        stop,
+        iterations,
+        covariance,
+    };
+    for (point, range) in layout.of_point.iter().enumerate() {
+        if range.is_empty() {
+            adjusted.points[point] = given_points[point];
+        }
+    }
+    if layout.anchors.is_empty()
+        && let Gauge::Cameras { reference, other } = rules.gauge
+    {
+        put_back(&mut adjusted, given, [reference, other]);
+    }
+    let residual = |it: &Observation| {
+        let seen = adjusted.cameras[it.camera].project(&adjusted.points[it.point])?;
+        Some(seen - it.pixel)
+    };
+    adjusted.residuals = observations.iter().map(residual).collect();
+    let used: Vec<f64> = (0..observations.len())
+        .filter(|it| adjusted.left_out.binary_search(it).is_err())
+        .filter_map(|it| Some(adjusted.residuals[it]?.norm_squared()))
+        .collect();
+    adjusted.rms_px = (used.iter().sum::<f64>() / used.len().max(1) as f64).sqrt();
+    Ok(adjusted)
+}
+
+/// Moves the whole scene so that the pose of `reference` and its distance to `other` are those of the `given` cameras.
+fn put_back(adjusted: &mut Adjusted, given: &[Camera], [reference, other]: [usize; 2]) {
+    let distance = |cameras: &[Camera]| (cameras[other].centre() - cameras[reference].centre()).norm();
+    let factor = distance(given) / distance(&adjusted.cameras);
+    if !factor.is_finite() {
+        return;
+    }
+    for camera in &mut adjusted.cameras {
+        camera.camera_from_world.translation.vector *= factor;
+    }
+    let given_from_found = given[reference].camera_from_world.inverse() * adjusted.cameras[reference].camera_from_world;
+    for camera in &mut adjusted.cameras {
+        camera.camera_from_world *= given_from_found.inverse();
+    }
+    for point in &mut adjusted.points {
+        *point = given_from_found * Point3::from(point.coords * factor);
+    }
+    adjusted.cameras[reference].camera_from_world = given[reference].camera_from_world;
+}
+
+/// By how much a step lowers the cost if residuals are as linear as they look: ½ δᵀ (λ D δ − g).
+fn promised<const C: usize>(
+    equations: &Equations<C>,
+    of_cameras: &[SVector<f64, C>],
+    of_points: &[Vector3<f64>],
+    damping: f64,
+) -> f64 {
+    let mut sum = 0.0;
+    for (slot, step) in of_cameras.iter().enumerate() {
+        let weighted = step.component_mul(&equations.of_camera[slot].diagonal()) * damping;
+        sum += step.dot(&(weighted - equations.gradient_of_camera[slot]));
+    }
+    for (index, step) in of_points.iter().enumerate() {
+        let weighted = step.component_mul(&equations.of_point[index].diagonal()) * damping;
+        sum += step.dot(&(weighted - equations.gradient_of_point[index]));
+    }
+    0.5 * sum
+}
+
+/// Orders the observations that can be used, and lists the others.
+fn lay_out(
+    cameras: &[Camera],
+    freedoms: &[Freedom],
+    points: &[Point3<f64>],
+    observations: &[Observation],
+) -> (Layout, Vec<usize>) {
+    let seen = |it: &Observation| cameras[it.camera].project(&points[it.point]).is_some();
+    let mut order: Vec<usize> = (0..observations.len()).filter(|it| seen(&observations[*it])).collect();
+    order.sort_by_key(|it| (observations[*it].point, observations[*it].camera));
+    let mut kept = Vec::with_capacity(order.len());
+    let mut of_point = vec![0..0; points.len()];
+    let mut used = vec![false; observations.len()];
+    for group in order.chunk_by(|a, b| observations[*a].point == observations[*b].point) {
+        let (first, last) = (&observations[group[0]], &observations[group[group.len() - 1]]);
+        if first.camera == last.camera {
+            continue; // one camera alone does not hold a point
+        }
+        of_point[first.point] = kept.len()..kept.len() + group.len();
+        kept.extend(group.iter().map(|it| observations[*it]));
+        group.iter().for_each(|it| used[*it] = true);
+    }
+    let mut sees = vec![false; cameras.len()];
+    kept.iter().for_each(|it| sees[it.camera] = true);
+    let (mut rows, mut slots) = (Vec::with_capacity(cameras.len()), Vec::with_capacity(cameras.len()));
+    let (mut dimension, mut n_free) = (0, 0);
+    let anchors = (0..cameras.len()).filter(|it| sees[*it] && !freedoms[*it].pose).collect();
+    for (freedom, sees) in freedoms.iter().zip(sees) {
+        let mask = freedom.mask();
+        let own: [Option<usize>; 15] = std::array::from_fn(|column| {
+            (sees && mask[column]).then(|| {
+                dimension += 1;
+                dimension - 1
+            })
+        });
+        let slot = own.iter().any(Option::is_some).then_some(n_free);
+        n_free += usize::from(slot.is_some());
+        rows.push(own);
+        slots.push(slot);
+    }
+    let left_out = (0..observations.len()).filter(|it| !used[*it]).collect();
+    (Layout { observations: kept, of_point, rows, slots, anchors, dimension }, left_out)
+}

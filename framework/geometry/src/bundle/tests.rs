@@ -1,0 +1,311 @@
+//! Disturbed rooms put right again, covariances held against errors, and what must be refused.
+
+use foveate_estimation::Random;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3, Vector6};
+
+use super::*;
+use crate::alignment::{AlignmentRules, camera_errors};
+use crate::test_room;
+
+/// A room with known truth, and a disturbed start.
+struct Room {
+    truth: Vec<Camera>,
+    points: Vec<Point3<f64>>,
+    observations: Vec<Observation>,
+    start: Vec<Camera>,
+    start_points: Vec<Point3<f64>>,
+}
+
+fn disturbed(camera: &Camera, random: &mut Random, size: f64) -> Camera {
+    let mut draw = || Vector3::new(random.normal(), random.normal(), random.normal()) * size;
+    let (turn, shift) = (UnitQuaternion::from_scaled_axis(draw()), draw() * 1.5);
+    let pose = Isometry3::from_parts(shift.into(), turn) * camera.camera_from_world;
+    Camera { camera_from_world: pose, ..camera.clone() }
+}
+
+/// 3° and 8 cm off at `size` 0.05.
+fn room(cameras: Vec<Camera>, n_points: usize, views: usize, sigma: f64, size: f64, seed: u64) -> Room {
+    let mut random = Random::new(seed);
+    let points = test_room::path(n_points);
+    let observations = test_room::observations(&cameras, &points, views, sigma, &mut random);
+    let start = cameras.iter().map(|it| disturbed(it, &mut random, size)).collect();
+    let mut draw = || Vector3::new(random.normal(), random.normal(), random.normal()) * 2.0 * size;
+    let start_points = points.iter().map(|it| it + draw()).collect();
+    Room { truth: cameras, points, observations, start, start_points }
+}
+
+#[track_caller]
+fn adjusted(room: &Room, freedom: Freedom, rules: &BundleRules) -> Adjusted {
+    let freedoms = vec![freedom; room.start.len()];
+    adjust(&room.start, &freedoms, &room.start_points, &room.observations, rules).unwrap()
+}
+
+fn worst_centre(room: &Room, found: &Adjusted) -> f64 {
+    let rules = AlignmentRules { scale: true, robust: false };
+    let errors = camera_errors(&found.cameras, &room.truth, rules).unwrap();
+    errors.centres.iter().fold(0.0, |worst: f64, it| worst.max(*it))
+}
+
+const PRECISE: BundleRules = BundleRules {
+    loss: Loss::Squared,
+    gauge: Gauge::Inner,
+    max_iterations: 100,
+    relative_gain: 1e-14,
+    covariance: false,
+};
+
+#[test]
+fn a_disturbed_room_is_put_right_to_the_noise_floor() {
+    let room = room(test_room::cameras(18, 1), 600, 6, 0.5, 0.05, 3);
+    let found = adjusted(&room, Freedom::POSE, &BundleRules::default());
+    assert!(found.converged() && found.iterations < 12, "{:?} {}", found.stop, found.iterations);
+    assert!(found.costs.is_sorted_by(|a, b| a > b), "{:?}", found.costs);
+    // 2 × 3600 numbers less 18 × 6 + 600 × 3 − 7 unknowns: √2 σ √(1 − 1901/7200) = 0.607 px, 4 standard errors of 1.4 %.
+    assert_eq!(room.observations.len(), 3600);
+    assert!((0.575..0.640).contains(&found.rms_px), "{}", found.rms_px);
+    assert!(worst_centre(&room, &found) < 5e-3, "{}", worst_centre(&room, &found));
+}
+
+#[test]
+fn without_noise_the_truth_is_found_with_all_optics_free() {
+    let mut cameras = test_room::cameras(6, 2);
+    cameras.iter_mut().for_each(|it| it.distortion = test_room::lens());
+    let mut room = room(cameras, 200, 6, 0.0, 0.02, 5);
+    let optics = [
+        Freedom::POSE,
+        Freedom { focal: true, ..Freedom::POSE },
+        Freedom { focal: true, k1: true, k2: true, ..Freedom::POSE },
+        Freedom { focal: true, aspect: true, principal: true, k1: true, k2: true, decentering: true, ..Freedom::POSE },
+    ];
+    for (index, freedom) in optics.into_iter().enumerate() {
+        for camera in room.start.iter_mut().filter(|_| index > 0) {
+            camera.intrinsics.focal = [430.0, 430.0 + 5.0 * f64::from(u8::from(freedom.aspect))];
+            if freedom.k1 {
+                camera.distortion.k1 = -0.15;
+            }
+            if freedom.principal {
+                camera.intrinsics.principal = [325.0, 235.0];
+                camera.distortion.p1 = 0.0;
+            }
+        }
+        let found = adjusted(&room, freedom, &PRECISE);
+        assert!(
+            found.rms_px < 1e-6 && worst_centre(&room, &found) < 1e-7,
+            "{freedom:?} {} {:?}",
+            found.rms_px,
+            found.stop
+        );
+        for (camera, truth) in found.cameras.iter().zip(&room.truth) {
+            assert!((camera.intrinsics.focal[1] - truth.intrinsics.focal[1]).abs() < 1e-4);
+            assert!((camera.distortion.k1 - truth.distortion.k1).abs() < 1e-6);
+        }
+    }
+}
+
+#[test]
+fn reduced_steps_are_those_of_the_whole_system() {
+    // The same minimum as the dense solver of `estimation`, which knows nothing of blocks.
+    use foveate_estimation::least_squares::{Equations, Problem, Rules, solve};
+    use nalgebra::{DVector, SMatrix};
+    struct Whole<'a>(&'a Room);
+    impl Problem for Whole<'_> {
+        type Parameters = (Vec<Camera>, Vec<Point3<f64>>);
+        fn dimension(&self) -> usize {
+            6 * self.0.start.len() + 3 * self.0.points.len()
+        }
+        fn moved(&self, (cameras, points): &Self::Parameters, step: &DVector<f64>) -> Self::Parameters {
+            let cameras = cameras.iter().enumerate();
+            let moved = cameras.map(|(it, camera)| columns::moved(camera, step.rows(6 * it, 6).as_slice())).collect();
+            let first = 6 * self.0.start.len();
+            let points = points.iter().enumerate();
+            (moved, points.map(|(it, point)| point + step.fixed_rows::<3>(first + 3 * it)).collect())
+        }
+        fn linearise(&self, (cameras, points): &Self::Parameters, equations: &mut Equations) -> Option<()> {
+            for it in &self.0.observations {
+                let point = &points[it.point];
+                let (seen, by_point) = cameras[it.camera].project_with_jacobian(point)?;
+                let mut jacobian = SMatrix::<f64, 2, 9>::zeros();
+                jacobian.fixed_columns_mut::<3>(0).copy_from(&(by_point * -point.coords.cross_matrix()));
+                jacobian.fixed_columns_mut::<3>(3).copy_from(&by_point);
+                jacobian.fixed_columns_mut::<3>(6).copy_from(&by_point);
+                let (camera, first) = (6 * it.camera, 6 * cameras.len() + 3 * it.point);
+                let columns = std::array::from_fn(|at| if at < 6 { camera + at } else { first + at - 6 });
+                equations.add(&columns, &((seen - it.pixel) / it.sigma_px), &(jacobian / it.sigma_px));
+            }
+            Some(())
+        }
+    }
+    let room = room(test_room::cameras(4, 3), 25, 4, 0.5, 0.03, 8);
+    for loss in [Loss::Squared, Loss::HUBER] {
+        let rules = Rules { loss, ..Rules::default() };
+        let whole = solve(&Whole(&room), (room.start.clone(), room.start_points.clone()), &rules).unwrap();
+        let found = adjusted(&room, Freedom::POSE, &BundleRules { loss, ..PRECISE });
+        let (dense, sparse) = (whole.costs.last().unwrap(), found.costs.last().unwrap());
+        assert!((dense - sparse).abs() < 1e-7 * dense, "{dense} {sparse}");
+        assert!((whole.costs[0] - found.costs[0]).abs() < 1e-9 * dense);
+        assert_eq!(whole.covariance.unwrap_err().parameters.len(), 7); // the gauge
+    }
+}
+
+/// Mean over runs of eᵀ C⁻¹ e for the centre of camera 3, which has 3 degrees of freedom.
+fn centre_chi_squared(gauge: Gauge) -> f64 {
+    let (runs, mut sum) = (150, 0.0);
+    let cameras = test_room::cameras(6, 4);
+    for seed in 0..runs {
+        let mut room = room(cameras.clone(), 80, 4, 0.5, 0.0, 100 + seed);
+        // The gauge is that of the start: at the truth, errors are those in this gauge.
+        room.start_points.clone_from(&room.points);
+        let found = adjusted(&room, Freedom::POSE, &BundleRules { gauge, covariance: true, ..PRECISE });
+        let covariances = found.covariance.as_ref().unwrap().as_ref().unwrap();
+        let error = found.cameras[3].centre() - room.truth[3].centre();
+        sum += error.dot(&(covariances[3].centre.try_inverse().unwrap() * error));
+        if let Gauge::Cameras { reference, other } = gauge {
+            assert_eq!(found.cameras[reference], room.truth[reference]);
+            assert!(covariances[reference].pose.norm() < 1e-15);
+            let distance = |list: &[Camera]| (list[other].centre() - list[reference].centre()).norm();
+            assert!((distance(&found.cameras) - distance(&room.truth)).abs() < 1e-9);
+        }
+    }
+    sum / runs as f64
+}
+
+#[test]
+fn errors_are_as_large_as_the_covariance_says_in_either_gauge() {
+    // 3 ± 4 standard errors of 150 draws of χ² with 3 degrees of freedom.
+    let inner = centre_chi_squared(Gauge::Inner);
+    assert!((2.2..3.8).contains(&inner), "{inner}");
+    let fixed = centre_chi_squared(Gauge::Cameras { reference: 1, other: 4 });
+    assert!((2.2..3.8).contains(&fixed), "{fixed}");
+}
+
+#[test]
+fn inner_constraints_leave_the_scene_where_it_was() {
+    let room = room(test_room::cameras(6, 4), 100, 4, 0.5, 0.01, 9);
+    let found = adjusted(&room, Freedom::POSE, &PRECISE);
+    let mut drift = Vector6::zeros();
+    for (before, after) in room.start.iter().zip(&found.cameras) {
+        let delta = before.camera_from_world.inverse() * after.camera_from_world;
+        let turn = delta.rotation.scaled_axis();
+        drift += Vector6::from_iterator(turn.iter().chain(delta.translation.vector.iter()).copied()) / 6.0;
+    }
+    // The mean motion of all cameras in the world vanishes to first order of the 0.6° and 15 mm that they move.
+    assert!(drift.norm() < 2e-3, "{drift}");
+}
+
+#[test]
+fn held_cameras_stay_and_fix_the_gauge() {
+    let room = room(test_room::cameras(6, 4), 150, 4, 0.5, 0.02, 10);
+    let mut start = room.start.clone();
+    start[..2].clone_from_slice(&room.truth[..2]);
+    let freedoms: Vec<Freedom> = (0..6).map(|it| if it < 2 { Freedom::NONE } else { Freedom::POSE }).collect();
+    let rules = BundleRules { covariance: true, ..PRECISE };
+    let found = adjust(&start, &freedoms, &room.start_points, &room.observations, &rules).unwrap();
+    assert_eq!(found.cameras[..2], room.truth[..2]);
+    let worst =
+        found.cameras.iter().zip(&room.truth).map(|(a, b)| (a.centre() - b.centre()).norm()).fold(0.0, f64::max);
+    assert!(worst < 0.02, "{worst}"); // no alignment: metres are those of the held cameras
+    let covariances = found.covariance.unwrap().unwrap();
+    assert!(covariances[0].pose.norm() == 0.0 && covariances[4].centre.trace().sqrt() < 0.02);
+    // One held camera leaves the scale open, which stays as it was.
+    let one: Vec<Freedom> = (0..6).map(|it| if it < 1 { Freedom::NONE } else { Freedom::POSE }).collect();
+    let found = adjust(&start, &one, &room.start_points, &room.observations, &rules).unwrap();
+    assert!(found.covariance.unwrap().is_ok());
+}
+
+#[test]
+fn a_tenth_of_wrong_pixels_is_outvoted() {
+    let mut room = room(test_room::cameras(8, 6), 200, 6, 0.5, 0.01, 11);
+    room.observations.iter_mut().step_by(10).for_each(|it| it.pixel += Vector2::new(40.0, -25.0));
+    let error = |loss: Loss| worst_centre(&room, &adjusted(&room, Freedom::POSE, &BundleRules { loss, ..PRECISE }));
+    assert!(error(Loss::Squared) > 0.02);
+    assert!(error(Loss::CAUCHY) < 4e-3, "{}", error(Loss::CAUCHY));
+}
+
+#[test]
+fn places_of_a_map_keep_their_digits() {
+    let far = Vector3::new(465_000.0, 5_247_000.0, 540.0);
+    let mut room = room(test_room::cameras(6, 4), 100, 5, 0.0, 0.02, 12);
+    for camera in room.start.iter_mut().chain(&mut room.truth) {
+        camera.camera_from_world *= nalgebra::Translation3::from(-far);
+    }
+    room.start_points.iter_mut().for_each(|it| *it += far);
+    let found = adjusted(&room, Freedom::POSE, &BundleRules { covariance: true, ..PRECISE });
+    assert!(found.rms_px < 1e-3 && worst_centre(&room, &found) < 1e-5, "{}", found.rms_px);
+    assert!(found.covariance.unwrap().is_ok());
+}
+
+#[test]
+fn what_the_pixels_leave_open_is_named() {
+    // Two cameras that share no point with the others: a scene of their own, with a gauge of its own.
+    let room = room(test_room::cameras(6, 4), 100, 6, 0.5, 0.01, 13);
+    let mut apart = room.observations.clone();
+    apart.retain(|it| (it.camera < 2) == (it.point < 40));
+    let rules = BundleRules { covariance: true, ..BundleRules::default() };
+    let found = adjust(&room.start, &[Freedom::POSE; 6], &room.start_points, &apart, &rules).unwrap();
+    assert!(found.converged());
+    let open = found.covariance.unwrap().unwrap_err();
+    assert!(open.parameters.len() == 7 && open.to_string().contains("of camera 5"), "{open}");
+}
+
+#[test]
+fn what_is_seen_by_nobody_else_is_left_out() {
+    let mut room = room(test_room::cameras(5, 4), 60, 5, 0.5, 0.01, 14);
+    let alone = room.observations.iter().position(|it| it.point == 7).unwrap();
+    let camera = room.observations[alone].camera;
+    room.observations.retain(|it| it.point != 7 || it.camera == camera);
+    let behind = room.start[0].centre() * 2.0;
+    room.start_points[9] = Point3::from(behind.coords);
+    let found = adjusted(&room, Freedom::POSE, &BundleRules::default());
+    assert_eq!(found.points[7], room.start_points[7]);
+    assert!(found.left_out.contains(&alone), "{:?}", found.left_out);
+    assert!(found.rms_px < 0.7, "{}", found.rms_px);
+    // The same camera twice at one point is no second view, but both pixels count beside a second one.
+    let mut twice = room.observations.clone();
+    twice.extend(room.observations.iter().filter(|it| it.camera == 1).copied());
+    let found = adjust(&room.start, &[Freedom::POSE; 5], &room.start_points, &twice, &PRECISE).unwrap();
+    assert!(found.converged() && found.iterations < 30 && found.rms_px < 0.7, "{} {}", found.rms_px, found.iterations);
+}
+
+#[test]
+fn bad_input_is_refused_by_place() {
+    let room = room(test_room::cameras(3, 4), 20, 3, 0.5, 0.0, 15);
+    let free = [Freedom::POSE; 3];
+    let rules = BundleRules::default();
+    let (points, observations) = (&room.points, &room.observations);
+    let refused = |cameras: &[Camera], points: &[Point3<f64>], observations: &[Observation], rules: &BundleRules| {
+        adjust(cameras, &free, points, observations, rules).unwrap_err()
+    };
+    let with = |change: fn(&mut Observation)| {
+        let mut broken = observations.clone();
+        change(&mut broken[4]);
+        refused(&room.truth, points, &broken, &rules)
+    };
+    for fault in [
+        with(|it| it.camera = 3),
+        with(|it| it.point = 20),
+        with(|it| it.pixel.x = f64::NAN),
+        with(|it| it.sigma_px = 0.0),
+        with(|it| it.sigma_px = f64::INFINITY),
+    ] {
+        assert!(matches!(fault, BundleFault::BadObservation { observation: 4, .. }), "{fault}");
+    }
+    assert_eq!(
+        refused(&room.truth[..2], points, observations, &rules),
+        BundleFault::LengthsDiffer { cameras: 2, freedoms: 3 }
+    );
+    assert_eq!(refused(&room.truth, points, &[], &rules), BundleFault::NothingShared { observations: 0 });
+    let mut broken = points.clone();
+    broken[3].z = f64::NAN;
+    assert_eq!(refused(&room.truth, &broken, observations, &rules), BundleFault::BadPoint { point: 3 });
+    let mut cameras = room.truth.clone();
+    cameras[1].intrinsics.focal[0] = -1.0;
+    assert!(matches!(refused(&cameras, points, observations, &rules), BundleFault::BadCamera { camera: 1, .. }));
+    let gauge = Gauge::Cameras { reference: 1, other: 1 };
+    let fault = refused(&room.truth, points, observations, &BundleRules { gauge, ..rules });
+    assert_eq!(fault, BundleFault::BadGauge { reference: 1, other: 1, cameras: 3 });
+    let loss = Loss::Huber { scale: f64::NAN };
+    assert!(matches!(
+        refused(&room.truth, points, observations, &BundleRules { loss, ..rules }),
+        BundleFault::BadRule { .. }
+    ));
+}
