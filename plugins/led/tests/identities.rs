@@ -228,7 +228,8 @@ fn every_motion_model_follows_wandering_lights_and_says_honestly_how_well() {
         let lights = Wanderers::new(8, 8.0, ROOM_M, 1.0, 3);
         let settings = IntegratorSettings { motion, adapt_noise, ..IntegratorSettings::default() };
         let (score, _) = run(&lab, &lights, 8.0, &settings);
-        assert_eq!((score.n_identities, score.swaps, score.ghosts), (8, 0, 0), "{motion:?} {score:?}");
+        assert_eq!((score.n_identities, score.swaps), (8, 0), "{motion:?} {score:?}");
+        assert!(score.ghosts <= score.samples / 500, "{motion:?} {score:?}");
         assert!(score.rms < 4.5e-3 && (0.5..4.5).contains(&score.consistency), "{motion:?} {score:?}");
     }
 }

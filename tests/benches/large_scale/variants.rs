@@ -6,9 +6,8 @@ use foveate_led::tracker::IntegratorSettings;
 pub const VARIANTS: &[(&str, &str)] = &[
     ("default", ""),
     ("nearest", "association = \"nearest\""),
-    ("global", "association = \"global\""),
     ("hypotheses", "association = \"hypotheses\""),
-    ("constant velocity", "motion = \"constant_velocity\""),
+    ("steady noise", "adapt_noise = false"),
     ("constant acceleration", "motion = \"constant_acceleration\""),
     ("interacting", "motion = \"interacting\""),
     ("no remembering", "remember_ms = 0.0"),

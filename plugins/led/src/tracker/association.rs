@@ -42,13 +42,9 @@ pub(super) struct View<'a> {
     /// Number of the target.
     pub track: usize,
     pub filter: &'a Filter,
-    /// Whether it must be known well enough to tell its feature from a false one.
-    pub wary: bool,
+    /// Its gate may hold this many false features in one frame, on average, and no more [–].
+    pub most_clutter: f64,
 }
-
-/// A target whose gate is expected to hold more false features than this in one frame takes none: it waits until several
-/// cameras agree on where it is.
-const MOST_CLUTTER: f64 = 0.02;
 
 /// How a target without a feature compares with one that has: −2 ln of a density of false features of one in a picture of
 /// 640 × 240 and a chance of 0.3 to be hidden, in the units of [`Pair::cost`].
@@ -257,7 +253,7 @@ impl Association {
     fn pair_up(
         &mut self,
         number: usize,
-        &View { track, filter, wary }: &View<'_>,
+        &View { track, filter, most_clutter }: &View<'_>,
         camera: &Camera,
         features: &[Feature],
         gate: &Gate,
@@ -269,7 +265,7 @@ impl Association {
         let own = gate.noise(&Matrix2::zeros(), &jacobian, filter);
         let predicted = filter.innovation_covariance(&jacobian, &own);
         let area = PI * gate.sigma * gate.sigma * predicted.determinant().max(0.0).sqrt();
-        if wary && area * gate.clutter > MOST_CLUTTER {
+        if area * gate.clutter > most_clutter {
             return;
         }
         // No axis of S is longer than its trace; a feature further away than that cannot pass the gate.

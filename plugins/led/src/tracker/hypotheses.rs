@@ -152,8 +152,8 @@ impl Hypotheses {
             let alone = group.is_none().then_some(&track.filter);
             let of_group =
                 group.into_iter().flat_map(|(group, place)| group.hypotheses.iter().map(move |it| &it.filters[place]));
-            let wary = track.is_established();
-            alone.into_iter().chain(of_group).map(move |filter| View { track: number, filter, wary })
+            let most_clutter = track.most_clutter();
+            alone.into_iter().chain(of_group).map(move |filter| View { track: number, filter, most_clutter })
         })
     }
 

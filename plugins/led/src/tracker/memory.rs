@@ -6,7 +6,7 @@
 
 use foveate::estimation::motion::Filter;
 use foveate::messages::{Interval, TargetId, Time};
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use smallvec::SmallVec;
 
 use super::track::Track;
@@ -31,6 +31,15 @@ const LOUDEST: f64 = 6.0;
 const ARRANGED: f64 = -12.0;
 /// After this time unseen, the direction of motion says nothing any more [s].
 const HEADING_LASTS_S: f64 = 0.3;
+/// The mean of a wander covers this many looks.
+const WANDER_LOOKS: u32 = 20;
+/// How well the place of a target is known at best when it is seen last [m].
+const KNOWN_TO: f64 = 0.01;
+/// So many looks lie within the time that a heading lasts, one more.
+const LOOKS_BACK: usize = 4;
+/// How far any target goes astray meanwhile, before it was watched, each axis, standard deviation [m], and what that counts [looks].
+const ANY_WANDER: f64 = 0.15;
+const ANY_LOOKS: f64 = 3.0;
 /// Two lost targets fit alike when their misfits differ by less.
 const ALIKE: f64 = 2.0;
 
@@ -49,6 +58,16 @@ pub(super) struct Neighbour {
     looks: u32,
 }
 
+/// How far a target goes astray from where it was headed, as far as it was watched: what its motion model makes of long gaps is a guess.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Wander {
+    /// Where it was, and its velocity, at the last looks; the newest last.
+    past: SmallVec<[(Time, Point3<f64>, Vector3<f64>); LOOKS_BACK]>,
+    /// Mean square of one axis after [`HEADING_LASTS_S`] [m²].
+    squared: f64,
+    looks: u32,
+}
+
 /// The targets around one.
 pub(super) type Neighbours = SmallVec<[Neighbour; N_NEIGHBOURS]>;
 
@@ -61,6 +80,7 @@ pub(super) struct Lost {
     filter_at: Time,
     seen_at: Time,
     neighbours: Neighbours,
+    wander: Wander,
 }
 
 /// How far a lost target can have gone.
@@ -95,9 +115,11 @@ impl Memory {
             let (before, rest) = tracks.split_at_mut(index);
             let Some((track, after)) = rest.split_first_mut() else { break };
             if !is_known(track) {
+                track.wander.past.clear();
                 continue;
             }
             let place = track.filter.position();
+            track.wander.look(now, place, track.filter.velocity());
             let mut nearest: Option<Neighbour> = None;
             for other in before.iter().chain(after.iter()).filter(|it| is_known(it)) {
                 let mean = (other.filter.position() - place).norm();
@@ -184,6 +206,30 @@ pub(super) enum Recalled {
     Lost(Box<Lost>),
 }
 
+impl Wander {
+    fn look(&mut self, now: Time, place: Point3<f64>, velocity: Vector3<f64>) {
+        if self.past.len() == LOOKS_BACK {
+            self.past.remove(0);
+        }
+        if let Some((then, from, heading)) = self.past.first().filter(|_| self.past.len() + 1 == LOOKS_BACK) {
+            let elapsed_s = (now - *then).as_s();
+            let astray = (place - (from + heading * elapsed_s)).norm_squared() / 3.0;
+            let scaled = astray * (HEADING_LASTS_S / elapsed_s.max(1e-3)).powi(2);
+            self.looks += 1;
+            let weight = 1.0 / f64::from(self.looks.min(WANDER_LOOKS));
+            self.squared += weight * (scaled - self.squared);
+        }
+        self.past.push((now, place, velocity));
+    }
+
+    /// Of each coordinate after `unseen_s` [m²].
+    fn variance(&self, unseen_s: f64) -> f64 {
+        let looks = f64::from(self.looks.min(WANDER_LOOKS));
+        let after = (self.squared * looks + ANY_WANDER * ANY_WANDER * ANY_LOOKS) / (looks + ANY_LOOKS);
+        after * (unseen_s.min(HEADING_LASTS_S) / HEADING_LASTS_S).powi(2)
+    }
+}
+
 impl Neighbour {
     fn look(&mut self, distance: f64, elapsed_s: f64) {
         self.looks += 1;
@@ -220,6 +266,7 @@ impl Lost {
             filter_at: now,
             seen_at: track.seen_at,
             neighbours: track.neighbours.clone(),
+            wander: track.wander.clone(),
         }
     }
 
@@ -227,12 +274,13 @@ impl Lost {
     fn misfit(&self, newborn: &Newborn<'_>, reach: &Reach) -> Option<f64> {
         let &Newborn { place, variance, now, tracks } = newborn;
         let unseen_s = (now - self.seen_at).as_s();
+        // Straight on for as long as a heading lasts; from there it may have gone anywhere, at its speed.
         let mut filter = self.filter.clone();
         let straight_s =
             (HEADING_LASTS_S - (self.filter_at - self.seen_at).as_s()).clamp(0.0, (now - self.filter_at).as_s());
         filter.predict(straight_s);
         let turned = reach.speed * (unseen_s - HEADING_LASTS_S).max(0.0);
-        let spread = filter.position_covariance().trace() / 3.0 + turned * turned + variance;
+        let spread = self.wander.variance(unseen_s) + turned * turned + variance + KNOWN_TO * KNOWN_TO;
         let motion = (filter.position() - place).norm_squared() / spread;
         let known = self.neighbours.iter().filter(|it| it.looks >= ENOUGH_LOOKS);
         let arrangement: f64 = known

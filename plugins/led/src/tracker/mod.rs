@@ -306,7 +306,7 @@ impl Tracker {
             self.tally.ambiguities = self.hypotheses.begun;
         } else {
             let views = self.tracks.iter().enumerate();
-            let views = views.map(|(track, it)| View { track, filter: &it.filter, wary: it.is_established() });
+            let views = views.map(|(track, it)| View { track, filter: &it.filter, most_clutter: it.most_clutter() });
             association.find_candidates(n, views, model, &features.list, &gate);
             match self.settings.association {
                 AssociationMethod::Nearest => association.choose_nearest(),
@@ -346,7 +346,9 @@ impl Tracker {
         for (number, track) in self.tracks.iter().enumerate() {
             self.past.extend(track.history.filter_at(time, track.noise_scale()).map(|filter| (number, filter)));
         }
-        let views = self.past.iter().map(|&(track, ref filter)| View { track, filter, wary: true });
+        let (past, tracks) = (&self.past, &self.tracks);
+        let views =
+            past.iter().map(|&(track, ref filter)| View { track, filter, most_clutter: tracks[track].most_clutter() });
         let model = &self.cameras[usize::from(camera.0)];
         self.association.find_candidates(self.tracks.len(), views, model, &features.list, &gate);
         match self.settings.association {

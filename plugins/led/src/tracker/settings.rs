@@ -55,9 +55,9 @@ pub enum Clocks {
 #[serde(rename_all = "snake_case")]
 pub enum AssociationMethod {
     /// The best pair first, then the best of the rest [Davis 2002 §3.4].
-    #[default]
     Nearest,
     /// The pairs whose costs have the least sum.
+    #[default]
     Global,
     /// As `global`, and where one frame cannot tell, several answers are kept until later frames can.
     Hypotheses,
@@ -177,7 +177,7 @@ impl Default for IntegratorSettings {
             acceleration_m_s2: 10.0,
             jerk_m_s3: 100.0,
             calm_m_s2: 2.0,
-            adapt_noise: false,
+            adapt_noise: true,
             camera_error_px: 0.3,
             gate_sigma: 4.0,
             gate_px: 40.0,
@@ -194,7 +194,7 @@ impl Default for IntegratorSettings {
             merge_after_ms: 100.0,
             lost_after_ms: 300.0,
             single_view_after_ms: 300.0,
-            association: AssociationMethod::Nearest,
+            association: AssociationMethod::Global,
             birth_motion_px: 40.0,
             remember_ms: 1000.0,
             clocks: Clocks::Trust,

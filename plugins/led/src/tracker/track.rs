@@ -4,7 +4,7 @@ use foveate::estimation::motion::{AdaptiveNoise, Filter};
 use foveate::messages::{CameraId, CameraSet, How, Interval, Target, TargetId, Time};
 
 use super::history::History;
-use super::memory::{Lost, Neighbours};
+use super::memory::{Lost, Neighbours, Wander};
 
 /// One live target.
 #[derive(Debug, Clone)]
@@ -29,10 +29,14 @@ pub(super) struct Track {
     probation: Option<Probation>,
     /// Not shown yet: few of the cameras that look on agreed at its birth.
     pub withheld: bool,
+    /// Frames that showed its place without it, since the last one that saw it.
+    misses: u32,
     /// What the filter took in lately; empty unless late observations are put in their place.
     pub history: History,
     /// How far the others around it are.
     pub neighbours: Neighbours,
+    /// How far it goes astray from where it is headed.
+    pub wander: Wander,
     /// The lost target that it was taken for, until its probation is over.
     pub regained: Option<Box<Lost>>,
 }
@@ -56,6 +60,12 @@ impl Probation {
 
 /// Sightings after which a target that is withheld may be shown.
 const HITS_TO_SHOW: u32 = 3;
+
+/// A target that was seen in the newest frame takes a feature if its gate holds fewer false ones than this, on average.
+const MOST_CLUTTER: f64 = 0.3;
+
+/// And one that is missed, if it holds fewer than this.
+const LEAST_CLUTTER: f64 = 0.0005;
 
 /// A target that no camera has seen for this long may be elsewhere.
 const UNSEEN: Interval = Interval(50_000_000);
@@ -92,8 +102,10 @@ impl Track {
             is_twin: false,
             probation,
             withheld: false,
+            misses: 0,
             history: History::default(),
             neighbours: Neighbours::new(),
+            wander: Wander::default(),
             regained: None,
         }
     }
@@ -143,6 +155,7 @@ impl Track {
     /// Notes a frame in whose field of view it lies, and whether that frame saw it. A target that is withheld is shown from the
     /// third sighting on, if the part `share` of the frames saw it.
     pub fn judge(&mut self, seen: bool, share: f64) {
+        self.misses = if seen { 0 } else { self.misses.saturating_add(1) };
         if let Some(probation) = &mut self.probation {
             probation.looks += 1;
             probation.hits += u32::from(seen);
@@ -165,6 +178,13 @@ impl Track {
     /// Whether it is known well enough to judge others by, such as a camera's clock.
     pub fn is_established(&self) -> bool {
         self.probation.is_none()
+    }
+
+    /// How many false features its gate may hold in one frame, on average: the longer it has been missed, the likelier is it hidden, and
+    /// what lies there someone else's. Beyond that it takes none, and waits until several cameras agree on where it is.
+    pub fn most_clutter(&self) -> f64 {
+        let missed = f64::from(self.misses.min(1000) + 1);
+        if self.is_established() { (MOST_CLUTTER / (missed * missed)).max(LEAST_CLUTTER) } else { f64::INFINITY }
     }
 
     /// Whether it has lived long enough, and nobody has seen it for some frames: where it is, is a guess.
