@@ -58,11 +58,14 @@ pub(super) struct Neighbour {
     looks: u32,
 }
 
+/// When, where [m] and how fast [m/s] a target was.
+type Look = (Time, Point3<f64>, Vector3<f64>);
+
 /// How far a target goes astray from where it was headed, as far as it was watched: what its motion model makes of long gaps is a guess.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Wander {
     /// Where it was, and its velocity, at the last looks; the newest last.
-    past: SmallVec<[(Time, Point3<f64>, Vector3<f64>); LOOKS_BACK]>,
+    past: SmallVec<[Look; LOOKS_BACK]>,
     /// Mean square of one axis after [`HEADING_LASTS_S`] [m²].
     squared: f64,
     looks: u32,
