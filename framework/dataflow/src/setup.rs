@@ -134,6 +134,8 @@ pub fn no_cameras() -> Arc<Calibration> {
         cameras: Vec::new(),
         length_unit: LengthUnit::Metre,
         clocks: Clocks::default(),
+        provenance: None,
+        uncertainties: Default::default(),
         origin: String::new(),
     })
 }

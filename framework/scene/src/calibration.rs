@@ -17,6 +17,8 @@
 //! camera_from_world_wxyz = [0.7071068, 0.7071068, 0.0, 0.0]  # unit quaternion; this one looks along +Y
 //! ```
 //!
+//! Optional besides: `[provenance]` and `[camera.wide-1.uncertainty]`, see [`crate::uncertainty`].
+//!
 //! A section `[clock.wide-1]` may say how the camera's clock runs: see [`crate::clocks`].
 //!
 //! A TOML file whose sections hold a `matrix` is taken for one of Pose2Sim (module `pose2sim`).
@@ -31,12 +33,13 @@ use foveate_geometry::Camera;
 
 use crate::clocks::{self, Clocks};
 use crate::natural_order::natural_order;
+use crate::uncertainty::{Provenance, Uncertainties};
 use crate::{calibration_file, multi_cam_self_cal};
 
 /// Larger files are no calibration; this stops a reader that was given the wrong one, or a device, early [bytes].
 const MAX_FILE_SIZE: u64 = 16 << 20;
 /// Cameras are numbered with 16 bits.
-const MAX_CAMERAS: usize = u16::MAX as usize;
+pub(crate) const MAX_CAMERAS: usize = u16::MAX as usize;
 
 /// What a length in a calibration means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,6 +68,10 @@ pub struct Calibration {
     pub length_unit: LengthUnit,
     /// How the cameras' clocks run, where they are not the session's.
     pub clocks: Clocks,
+    /// How it was made, where that is known.
+    pub provenance: Option<Provenance>,
+    /// How well each camera is known, by its name; cameras of which nothing is known are left out.
+    pub uncertainties: Uncertainties,
     /// Where it came from and what was changed on the way in, for people.
     pub origin: String,
 }
@@ -122,6 +129,14 @@ impl From<CalibrationFault> for CalibrationError {
     }
 }
 
+impl CalibrationError {
+    /// The same with `file` in every fault that names none.
+    pub(crate) fn in_file(mut self, file: &Path) -> Self {
+        self.faults.iter_mut().filter(|it| it.file.as_os_str().is_empty()).for_each(|it| it.file = file.to_owned());
+        self
+    }
+}
+
 impl CalibrationFault {
     /// A fault of `file` as a whole.
     pub(crate) fn of_file(file: &Path, found: impl Into<String>, expected: impl Into<String>) -> Self {
@@ -133,10 +148,17 @@ impl CalibrationFault {
 impl Calibration {
     /// Sorts and checks `cameras`: names that occur twice, cameras that cannot be used, too many or none of them.
     pub fn new(
-        mut cameras: Vec<NamedCamera>,
+        cameras: Vec<NamedCamera>,
         length_unit: LengthUnit,
         origin: String,
     ) -> Result<Calibration, CalibrationError> {
+        let (clocks, uncertainties) = (Clocks::default(), Uncertainties::new());
+        Calibration { cameras, length_unit, clocks, provenance: None, uncertainties, origin }.checked()
+    }
+
+    /// Sorted and checked, as [`Calibration::new`] promises.
+    pub(crate) fn checked(mut self) -> Result<Calibration, CalibrationError> {
+        let cameras = &mut self.cameras;
         cameras.sort_by(|a, b| natural_order(&a.name, &b.name));
         let mut faults = Vec::new();
         let mut report = |camera: Option<&str>, found: String, expected: &str| {
@@ -149,13 +171,13 @@ impl Calibration {
         for pair in cameras.windows(2).filter(|pair| pair[0].name == pair[1].name) {
             report(Some(&pair[0].name), "the name occurs twice".into(), "a name for each camera");
         }
-        for NamedCamera { name, camera } in &cameras {
+        for NamedCamera { name, camera } in cameras.iter() {
             if let Err(fault) = camera.check() {
                 report(Some(name), fault.to_string(), "a camera that can be used");
             }
         }
         match faults.is_empty() {
-            true => Ok(Calibration { cameras, length_unit, clocks: Clocks::default(), origin }),
+            true => Ok(self),
             false => Err(CalibrationError { faults }),
         }
     }
@@ -191,6 +213,7 @@ impl Calibration {
             LengthUnit::Unknown => "unknown",
         };
         let mut text = format!("[calibration]\nlength_unit = \"{unit}\"\nnote = {}\n", quoted(&self.origin));
+        text.extend(self.provenance.as_ref().map(Provenance::to_toml));
         for NamedCamera { name, camera } in &self.cameras {
             let key = clocks::key(name);
             let Camera { image_size, intrinsics, distortion: lens, camera_from_world } = camera;
@@ -210,6 +233,9 @@ impl Calibration {
                 format!("camera_from_world_wxyz = {:?}", [turn.w, turn.i, turn.j, turn.k]),
             ];
             let _ = write!(text, "\n{}\n", lines.join("\n")); // writing to a String cannot fail
+            if let Some(uncertainty) = self.uncertainties.get(name) {
+                text += &uncertainty.to_toml(&key);
+            }
         }
         text + &self.clocks.to_toml()
     }

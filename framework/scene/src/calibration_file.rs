@@ -6,23 +6,20 @@ use std::path::Path;
 use foveate_geometry::{Camera, Distortion, Intrinsics};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use toml::Spanned;
-use toml::de::{DeTable, DeValue};
+use toml::de::DeTable;
 
-use crate::calibration::{
-    Calibration, CalibrationError, CalibrationFault, LengthUnit, NamedCamera, place_of, sort_by_place,
-};
+use crate::calibration::{Calibration, CalibrationError, LengthUnit, MAX_CAMERAS, NamedCamera};
 use crate::clocks::{CameraClock, Clocks};
 use crate::pose2sim;
-
-type Value<'i> = Spanned<DeValue<'i>>;
+use crate::toml_reader::{Reader, Value, read};
+use crate::uncertainty::Uncertainties;
 
 /// How far a quaternion's length may be from 1 and still be taken for rounding.
 const QUATERNION_TOLERANCE: f64 = 1e-3;
-pub(crate) const MAX_CAMERAS: usize = u16::MAX as usize;
 
-const SECTIONS: [&str; 3] = ["calibration", "camera", "clock"];
+const SECTIONS: [&str; 4] = ["calibration", "provenance", "camera", "clock"];
 const HEADER_KEYS: [&str; 2] = ["length_unit", "note"];
-const CAMERA_KEYS: [&str; 7] = [
+const CAMERA_KEYS: [&str; 8] = [
     "image_size_px",
     "focal_px",
     "principal_point_px",
@@ -30,34 +27,47 @@ const CAMERA_KEYS: [&str; 7] = [
     "distortion",
     "position_m",
     "camera_from_world_wxyz",
+    "uncertainty",
 ];
 const CLOCK_KEYS: [&str; 4] = ["offset_s", "rate", "offset_sigma_s", "frame_rate_hz"];
 const DISTORTION_KEYS: [&str; 5] = ["k1", "k2", "p1", "p2", "k3"];
 
-/// Reads `text`; `path` is for the messages.
+/// Reads `text`, ours or of Pose2Sim and its kin; `path` is for the messages.
 pub(crate) fn parse(text: &str, path: &Path) -> Result<Calibration, CalibrationError> {
-    let (header, cameras, clocks) = read(text, path, |reader, root, whole| {
-        if pose2sim::is_meant(root) {
-            let note = format!("Pose2Sim calibration {}", path.display());
-            return ((Some(LengthUnit::Metre), Some(note)), pose2sim::cameras(reader, root), Clocks::default());
-        }
-        reader.refuse_unknown(root, "section", &SECTIONS);
-        let header = reader.header(root);
-        let cameras = reader.cameras(root, whole);
-        let clocks = if root.contains_key("clock") { reader.clocks(root) } else { Clocks::default() };
-        for name in clocks.0.keys().filter(|name| !cameras.iter().any(|it| it.name == **name)) {
-            let span = root.get("clock").map_or(0..0, Spanned::span);
-            reader.report(span, format!("a clock of camera {name:?}"), "a clock of one of the cameras".into());
-        }
-        (header, cameras, clocks)
+    let parts = read(text, path, |reader, root, whole| match pose2sim::is_meant(root) {
+        true => Calibration {
+            cameras: pose2sim::cameras(reader, root),
+            length_unit: LengthUnit::Metre,
+            clocks: Clocks::default(),
+            provenance: None,
+            uncertainties: Uncertainties::new(),
+            origin: format!("Pose2Sim calibration {}", path.display()),
+        },
+        false => own_parts(reader, root, whole),
     })?;
-    let (length_unit, note) = header;
-    let origin = note.unwrap_or_else(|| path.display().to_string());
-    let calibration = Calibration::new(cameras, length_unit.unwrap_or(LengthUnit::Unknown), origin);
-    calibration.map(|it| Calibration { clocks, ..it }).map_err(|mut error| {
-        error.faults.iter_mut().for_each(|fault| fault.file = path.to_owned());
-        error
-    })
+    parts.checked().map_err(|error| error.in_file(path))
+}
+
+/// What a document of ours holds, before it is checked as a whole.
+fn own_parts(reader: &mut Reader<'_>, root: &DeTable<'_>, whole: Range<usize>) -> Calibration {
+    reader.refuse_unknown(root, "section", &SECTIONS);
+    let (length_unit, note) = reader.header(root);
+    let provenance = root.get("provenance").and_then(|value| reader.provenance(value));
+    let mut uncertainties = Uncertainties::new();
+    let cameras = reader.cameras(root, whole, &mut uncertainties);
+    let clocks = if root.contains_key("clock") { reader.clocks(root) } else { Clocks::default() };
+    for name in clocks.0.keys().filter(|name| !cameras.iter().any(|it| it.name == **name)) {
+        let span = root.get("clock").map_or(0..0, Spanned::span);
+        reader.report(span, format!("a clock of camera {name:?}"), "a clock of one of the cameras".into());
+    }
+    Calibration {
+        cameras,
+        length_unit: length_unit.unwrap_or(LengthUnit::Unknown),
+        clocks,
+        provenance,
+        uncertainties,
+        origin: note.unwrap_or_else(|| reader.path.display().to_string()),
+    }
 }
 
 /// Reads the clocks in `text`; `path` is for the messages.
@@ -68,50 +78,7 @@ pub(crate) fn parse_clocks(text: &str, path: &Path) -> Result<Clocks, Calibratio
     })
 }
 
-/// What `of` makes of the document, unless anything is wrong with it.
-fn read<T>(
-    text: &str,
-    path: &Path,
-    of: impl FnOnce(&mut Reader<'_>, &DeTable<'_>, Range<usize>) -> T,
-) -> Result<T, CalibrationError> {
-    let mut reader = Reader { text, path, camera: None, faults: Vec::new() };
-    let (document, errors) = DeTable::parse_recoverable(text);
-    if !errors.is_empty() {
-        for error in errors {
-            let at = error.span().unwrap_or(0..0);
-            reader.report(at, format!("this is not TOML ({})", error.message()), "a TOML file".into());
-        }
-        return Err(reader.into_error());
-    }
-    let root = document.get_ref();
-    let read = of(&mut reader, root, document.span());
-    if reader.faults.is_empty() { Ok(read) } else { Err(reader.into_error()) }
-}
-
-pub(crate) struct Reader<'a> {
-    text: &'a str,
-    path: &'a Path,
-    /// The one being read, for the messages.
-    pub camera: Option<String>,
-    faults: Vec<CalibrationFault>,
-}
-
 impl Reader<'_> {
-    pub fn report(&mut self, at: Range<usize>, found: String, expected: String) {
-        self.faults.push(CalibrationFault {
-            file: self.path.to_owned(),
-            place: Some(place_of(self.text, at.start)),
-            camera: self.camera.clone(),
-            found,
-            expected,
-        });
-    }
-
-    fn into_error(mut self) -> CalibrationError {
-        sort_by_place(&mut self.faults);
-        CalibrationError { faults: self.faults }
-    }
-
     fn header(&mut self, root: &DeTable<'_>) -> (Option<LengthUnit>, Option<String>) {
         let Some(table) = self.required_table(root, "calibration", 0..0) else {
             return (None, None);
@@ -133,7 +100,12 @@ impl Reader<'_> {
         (unit, note)
     }
 
-    fn cameras(&mut self, root: &DeTable<'_>, whole: Range<usize>) -> Vec<NamedCamera> {
+    fn cameras(
+        &mut self,
+        root: &DeTable<'_>,
+        whole: Range<usize>,
+        uncertainties: &mut Uncertainties,
+    ) -> Vec<NamedCamera> {
         let mut cameras = Vec::new();
         let Some((tables, at)) = self.required_table(root, "camera", whole.start..whole.start) else {
             return cameras;
@@ -148,6 +120,8 @@ impl Reader<'_> {
                 Some(table) => self.camera(table, name.span()),
                 None => self.expect(None, value, "camera", "a table such as [camera.wide-1]"),
             };
+            let uncertainty = value.get_ref().as_table().and_then(|table| self.uncertainty(table.get("uncertainty")?));
+            uncertainties.extend(uncertainty.map(|it| (name.get_ref().to_string(), it)));
             cameras.extend(camera.map(|camera| NamedCamera { name: name.get_ref().to_string(), camera }));
         }
         self.camera = None;
@@ -243,83 +217,5 @@ impl Reader<'_> {
             _ => None,
         });
         self.expect(size, value, "image_size_px", expected)
-    }
-
-    pub fn numbers<const N: usize>(&mut self, table: &DeTable<'_>, key: &str, at: Range<usize>) -> Option<[f64; N]> {
-        let expected = format!("{N} numbers");
-        let value = self.required(table, key, &expected, at)?;
-        let Some(list) = value.get_ref().as_array().filter(|list| list.len() == N) else {
-            return self.expect(None, value, key, &expected);
-        };
-        let mut numbers = [0.0; N];
-        let mut complete = true;
-        for (index, item) in list.iter().enumerate() {
-            match self.number(item, &format!("{key}[{index}]")) {
-                Some(number) => numbers[index] = number,
-                None => complete = false,
-            }
-        }
-        complete.then_some(numbers)
-    }
-
-    pub fn number(&mut self, value: &Value<'_>, what: &str) -> Option<f64> {
-        let number = match value.get_ref() {
-            DeValue::Float(float) => float.as_str().parse().ok(),
-            DeValue::Integer(integer) => {
-                i64::from_str_radix(integer.as_str(), integer.radix()).ok().map(|it| it as f64)
-            }
-            _ => None,
-        };
-        self.expect(number.filter(|it: &f64| it.is_finite()), value, what, "a finite number")
-    }
-
-    pub fn required<'t, 'i>(
-        &mut self,
-        table: &'t DeTable<'i>,
-        key: &str,
-        expected: &str,
-        at: Range<usize>,
-    ) -> Option<&'t Value<'i>> {
-        let value = table.get(key);
-        if value.is_none() {
-            self.report(at, format!("{key} is missing"), format!("{key} = {expected}"));
-        }
-        value
-    }
-
-    fn required_table<'t, 'i>(
-        &mut self,
-        table: &'t DeTable<'i>,
-        key: &str,
-        at: Range<usize>,
-    ) -> Option<(&'t DeTable<'i>, Range<usize>)> {
-        let value = self.required(table, key, "a table", at)?;
-        let inner = value.get_ref().as_table().map(|inner| (inner, value.span()));
-        self.expect(inner, value, key, "a table")
-    }
-
-    /// Passes `read` on, or reports that `value`, called `what`, is not what was `expected`.
-    pub fn expect<T>(&mut self, read: Option<T>, value: &Value<'_>, what: &str, expected: &str) -> Option<T> {
-        if read.is_none() {
-            let mut source = self.text.get(value.span()).unwrap_or_default().to_owned();
-            if source.chars().count() > 60 {
-                source = source.chars().take(57).chain("...".chars()).collect();
-            }
-            self.report(value.span(), format!("{what} is {source}"), expected.to_owned());
-        }
-        read
-    }
-
-    pub fn refuse_unknown(&mut self, table: &DeTable<'_>, kind: &str, known: &[&str]) {
-        for key in table.keys().filter(|key| !known.contains(&key.get_ref().as_ref())) {
-            let name = key.get_ref();
-            let likeness = |it: &&&str| (strsim::jaro_winkler(it, name) * 1e6) as u64;
-            let close = known.iter().max_by_key(likeness).filter(|it| likeness(it) > 750_000);
-            let expected = match close {
-                Some(close) => format!("{close} (did you mean that?)"),
-                None => format!("one of {}", known.join(", ")),
-            };
-            self.report(key.span(), format!("unknown {kind} {name:?}"), expected);
-        }
     }
 }

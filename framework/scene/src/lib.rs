@@ -5,6 +5,7 @@
 //! | [`calibration`] | [`Calibration`]: the cameras of a rig, read from a file of ours, of Pose2Sim, or from MultiCamSelfCal's results |
 //! | [`clocks`] | [`Clocks`]: how each camera's clock runs against the session's |
 //! | [`space`] | [`SceneGraph`]: nested spaces, each with a pose that may change, and `a_from_b` at a time with its covariance |
+//! | [`uncertainty`] | [`CameraUncertainty`], [`Provenance`]: how well a calibration is known, and how it was made |
 //! | [`volume`] | [`WorkingVolume`]: the box in which a scale works |
 //!
 //! Times are `i64` nanoseconds of the session clock: this room does not know the messages.
@@ -17,10 +18,13 @@ mod natural_order;
 mod pose2sim;
 mod shared_lens;
 pub mod space;
+mod toml_reader;
+pub mod uncertainty;
 pub mod volume;
 
 pub use calibration::{Calibration, CalibrationError, CalibrationFault, LengthUnit, NamedCamera};
 pub use clocks::{CameraClock, Clocks};
 pub use natural_order::natural_order;
 pub use space::{SceneError, SceneGraph, SpaceId, UncertainPose};
+pub use uncertainty::{CameraUncertainty, Fixed, Provenance, Uncertainties};
 pub use volume::WorkingVolume;

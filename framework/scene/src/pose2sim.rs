@@ -21,8 +21,8 @@ use foveate_geometry::{Camera, Distortion, Intrinsics};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use toml::de::{DeTable, DeValue};
 
-use crate::calibration::NamedCamera;
-use crate::calibration_file::{MAX_CAMERAS, Reader};
+use crate::calibration::{MAX_CAMERAS, NamedCamera};
+use crate::toml_reader::Reader;
 
 const METADATA: &str = "metadata";
 const KEYS: [&str; 7] = ["name", "size", "matrix", "distortions", "rotation", "translation", "fisheye"];
