@@ -21,8 +21,7 @@
 //!
 //! A section `[clock.wide-1]` may say how the camera's clock runs: see [`crate::clocks`].
 //!
-//! A TOML file whose sections hold a `matrix` is taken for one of Pose2Sim (module `pose2sim`).
-//! A folder is taken for the results of MultiCamSelfCal when it holds `Pmatrices.dat`.
+//! Calibrations of other programs are read too: see [`crate::formats`].
 
 use std::fmt::{self, Write as _};
 use std::fs::File;
@@ -31,10 +30,11 @@ use std::path::{Path, PathBuf};
 
 use foveate_geometry::Camera;
 
+use crate::calibration_file;
 use crate::clocks::{self, Clocks};
+use crate::formats::ImportOptions;
 use crate::natural_order::natural_order;
 use crate::uncertainty::{Provenance, Uncertainties};
-use crate::{calibration_file, multi_cam_self_cal};
 
 /// Larger files are no calibration; this stops a reader that was given the wrong one, or a device, early [bytes].
 const MAX_FILE_SIZE: u64 = 16 << 20;
@@ -182,12 +182,12 @@ impl Calibration {
         }
     }
 
-    /// Reads a TOML file, ours or of Pose2Sim, or a folder with the results of MultiCamSelfCal; all faults in one go.
+    /// Reads a file or folder of any known form, which is told from what is in it: see [`crate::formats`].
+    ///
+    /// # Errors
+    /// Every fault found, with its place; when no form fits, what was looked for.
     pub fn load(path: &Path) -> Result<Calibration, CalibrationError> {
-        if path.is_dir() {
-            return multi_cam_self_cal::load(path);
-        }
-        Calibration::from_toml(&read_text(path)?, path)
+        Calibration::load_with(path, &ImportOptions::default())
     }
 
     /// Reads the text of a TOML file; `path` is for the messages, and stands for the origin where `note` is missing.
@@ -422,8 +422,9 @@ lab.toml:22:2: unknown section "cameras", expected camera (did you mean that?)"#
         let binary = refusal_of("image.toml", b"# ok\na = \xff\xd8");
         assert!(binary.contains("image.toml:2:5: a byte that is not UTF-8"), "{binary}");
         let json = refusal_of("a.json", b"{ \"camera\": 1 }");
-        assert!(json.contains("a.json:1:1: this is not TOML"), "{json}");
-        assert!(refusal_of("empty.toml", b"").contains("calibration is missing"));
+        assert!(json.contains("a.json: a file that begins with") && json.contains("TOML of ours"), "{json}");
+        assert!(refusal_of("empty.toml", b"").contains("an empty file, expected a calibration"));
+        assert!(refusal_of("rig.toml", b"[rig]\nname = \"a\"").contains("calibration is missing"));
         let deep = refusal_of("deep.toml", format!("a = {}", "[".repeat(100_000)).as_bytes());
         assert!(deep.contains("this is not TOML"), "{:.200}", deep);
         let missing = Calibration::load(&folder.path().join("none.toml")).unwrap_err().to_string();

@@ -35,14 +35,7 @@ const DISTORTION_KEYS: [&str; 5] = ["k1", "k2", "p1", "p2", "k3"];
 /// Reads `text`, ours or of Pose2Sim and its kin; `path` is for the messages.
 pub(crate) fn parse(text: &str, path: &Path) -> Result<Calibration, CalibrationError> {
     let parts = read(text, path, |reader, root, whole| match pose2sim::is_meant(root) {
-        true => Calibration {
-            cameras: pose2sim::cameras(reader, root),
-            length_unit: LengthUnit::Metre,
-            clocks: Clocks::default(),
-            provenance: None,
-            uncertainties: Uncertainties::new(),
-            origin: format!("Pose2Sim calibration {}", path.display()),
-        },
+        true => pose2sim::parts(reader, root),
         false => own_parts(reader, root, whole),
     })?;
     parts.checked().map_err(|error| error.in_file(path))

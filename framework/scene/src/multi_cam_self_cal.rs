@@ -28,7 +28,8 @@ use crate::calibration::{Calibration, CalibrationError, CalibrationFault, Length
 use crate::natural_order::natural_order;
 use crate::shared_lens;
 
-const MATRICES: &str = "Pmatrices.dat";
+/// The file that makes a folder one of MultiCamSelfCal.
+pub(crate) const MATRICES: &str = "Pmatrices.dat";
 
 /// Reads the folder.
 pub(crate) fn load(folder: &Path) -> Result<Calibration, CalibrationError> {

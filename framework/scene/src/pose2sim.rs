@@ -1,60 +1,117 @@
-//! Reads the calibrations of Pose2Sim (D. Pagnon, M. Domalain, L. Reveret, "Pose2Sim: an end-to-end workflow for 3D markerless
-//! sports kinematics", Sensors 21(19), 2021), which it also makes of those of Qualisys, Vicon and others.
+//! Reads the TOML calibrations of Pose2Sim (D. Pagnon, M. Domalain, L. Reveret, "Pose2Sim: an end-to-end workflow for 3D markerless
+//! sports kinematics", Sensors 21(19), 2021), which it also makes of those of Qualisys, Vicon and others, and those of two
+//! programs with nearly the same form: Anipose (P. Karashchuk et al., Cell Reports 36(13), 2021) and Caliscope.
 //!
-//! One section a camera, `[metadata]` besides:
+//! One section a camera; `[metadata]` besides, and in Caliscope's the settings of its boards:
 //!
 //! | key | what it is | here |
 //! |---|---|---|
-//! | `name` | the camera's name; left out: the section's | the same |
+//! | `name`, `cam_id` | the camera's name; left out: the section's | the same |
 //! | `size` | columns, rows [px], whole numbers that may be written with a point | the same |
 //! | `matrix` | K, row by row [px] | focal lengths, skew, principal point |
 //! | `distortions` | k₁, k₂, p₁, p₂ and, optional, k₃ of OpenCV | the same |
-//! | `rotation` | axis times angle [rad]: `camera_from_world` | a quaternion |
-//! | `translation` | of `camera_from_world` [m] | the same |
+//! | `rotation` | of `camera_from_world`: axis times angle [rad], or 3 × 3 in Caliscope's | a quaternion |
+//! | `translation` | of `camera_from_world` | the same |
 //! | `fisheye` | `true`: another lens model, which is refused | – |
+//! | `ignore` | `true`: Caliscope leaves the camera out, and so do we | – |
 //!
 //! Pixel (0, 0) is the centre of the top-left pixel and cameras look along +Z, Y down, as here: no number is changed.
+//! Pose2Sim and Caliscope are in metres, Anipose in whatever unit its board was given in. A file is Caliscope's if
+//! its cameras stand in `[cameras.N]` or have a `cam_id`, Pose2Sim's if they have `fisheye`, else Anipose's, unless
+//! `[metadata]` holds `length_unit`, which our own exports write there.
 
 use std::ops::Range;
 
 use foveate_geometry::{Camera, Distortion, Intrinsics};
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 use toml::de::{DeTable, DeValue};
 
-use crate::calibration::{MAX_CAMERAS, NamedCamera};
-use crate::toml_reader::Reader;
+use crate::calibration::{Calibration, LengthUnit, MAX_CAMERAS, NamedCamera};
+use crate::formats::optics;
+use crate::toml_reader::{Reader, Value};
 
 const METADATA: &str = "metadata";
-const KEYS: [&str; 7] = ["name", "size", "matrix", "distortions", "rotation", "translation", "fisheye"];
+/// Caliscope's cameras.
+const CAMERAS: &str = "cameras";
+/// What Caliscope's older files hold beside the cameras.
+const OTHERS: [&str; 4] = [METADATA, "capture_volume", "charuco", "CreationDate"];
+const KEYS: [&str; 15] = [
+    "name",
+    "cam_id",
+    "size",
+    "matrix",
+    "distortions",
+    "rotation",
+    "translation",
+    "fisheye",
+    "ignore",
+    "rotation_count",
+    "error",
+    "exposure",
+    "grid_count",
+    "verified_resolutions",
+    "port",
+];
 
-/// Whether the file is one of Pose2Sim: a section has a `matrix`.
+/// Whether the file is one of these: a section, or one of `cameras`, has a `matrix`.
 pub(crate) fn is_meant(root: &DeTable<'_>) -> bool {
-    root.values().any(|it| it.get_ref().as_table().is_some_and(|table| table.contains_key("matrix")))
+    let has_matrix = |value: &Value<'_>| value.get_ref().as_table().is_some_and(|table| table.contains_key("matrix"));
+    let listed = root.get(CAMERAS).and_then(|it| it.get_ref().as_table());
+    root.values().chain(listed.into_iter().flat_map(|it| it.values())).any(has_matrix)
 }
 
-/// Reads the cameras of the document `root`.
-pub(crate) fn cameras(reader: &mut Reader<'_>, root: &DeTable<'_>) -> Vec<NamedCamera> {
+/// Reads the document `root`.
+pub(crate) fn parts(reader: &mut Reader<'_>, root: &DeTable<'_>) -> Calibration {
     let mut cameras = Vec::new();
-    if root.len() > MAX_CAMERAS {
-        reader.report(0..0, format!("there are {} sections", root.len()), "1 to 65535 cameras".into());
-        return cameras;
+    let listed = root.get(CAMERAS).and_then(|it| it.get_ref().as_table());
+    let sections = listed.unwrap_or(root);
+    if sections.len() > MAX_CAMERAS {
+        reader.report(0..0, format!("there are {} sections", sections.len()), "1 to 65535 cameras".into());
     }
-    for (key, value) in root.iter().filter(|(key, _)| key.get_ref() != METADATA) {
+    let (mut is_caliscope, mut is_pose2sim) = (listed.is_some(), false);
+    for (key, value) in sections.iter().take(MAX_CAMERAS).filter(|(key, _)| !OTHERS.contains(&key.get_ref().as_ref())) {
         reader.camera = Some(key.get_ref().to_string());
-        let read = match value.get_ref().as_table() {
-            Some(table) => camera(reader, table, key.span()).map(|camera| NamedCamera {
-                name: name(reader, table).unwrap_or_else(|| key.get_ref().to_string()),
-                camera,
-            }),
-            None => reader.expect(None, value, key.get_ref(), "a table such as [cam_01]"),
+        let Some(table) = value.get_ref().as_table() else {
+            reader.expect(None::<()>, value, key.get_ref(), "a table such as [cam_01]");
+            continue;
         };
+        is_caliscope |= table.contains_key("cam_id");
+        is_pose2sim |= table.contains_key("fisheye");
+        if matches!(table.get("ignore").map(|it| it.get_ref()), Some(DeValue::Boolean(true))) {
+            continue;
+        }
+        let read = camera(reader, table, key.span()).map(|camera| NamedCamera {
+            name: name(reader, table).unwrap_or_else(|| key.get_ref().to_string()),
+            camera,
+        });
         cameras.extend(read);
     }
     reader.camera = None;
-    cameras
+    let metadata = root.get(METADATA).and_then(|it| it.get_ref().as_table());
+    let length_unit = match metadata.and_then(|it| it.get("length_unit")).and_then(|it| it.get_ref().as_str()) {
+        Some("m") => LengthUnit::Metre,
+        None if is_caliscope || is_pose2sim => LengthUnit::Metre,
+        _ => LengthUnit::Unknown,
+    };
+    let program = match (is_caliscope, is_pose2sim) {
+        (true, _) => "Caliscope",
+        (false, true) => "Pose2Sim",
+        (false, false) => "Anipose",
+    };
+    Calibration {
+        cameras,
+        length_unit,
+        clocks: Default::default(),
+        provenance: None,
+        uncertainties: Default::default(),
+        origin: format!("{program} calibration {}", reader.path.display()),
+    }
 }
 
 fn name(reader: &mut Reader<'_>, table: &DeTable<'_>) -> Option<String> {
+    if let Some(DeValue::Integer(id)) = table.get("cam_id").map(|it| it.get_ref()) {
+        return Some(id.as_str().to_owned());
+    }
     let value = table.get("name")?;
     let text = value.get_ref().as_str().filter(|it| !it.is_empty()).map(str::to_owned);
     reader.expect(text, value, "name", "a name")
@@ -70,50 +127,69 @@ fn camera(reader: &mut Reader<'_>, table: &DeTable<'_>, at: Range<usize>) -> Opt
     });
     let intrinsics = matrix(reader, table, at.clone());
     let lens = distortion(reader, table, at.clone());
-    let turn = reader.numbers::<3>(table, "rotation", at.clone());
+    let turn = rotation(reader, table, at.clone());
     let shift = reader.numbers::<3>(table, "translation", at);
     let pinhole = table.get("fisheye").map_or(Some(()), |value| {
         let is_pinhole = matches!(value.get_ref(), DeValue::Boolean(false)).then_some(());
         reader.expect(is_pinhole, value, "fisheye", "false: lenses of OpenCV's fisheye model cannot be read")
     });
     pinhole?;
-    let rotation = UnitQuaternion::from_scaled_axis(Vector3::from(turn?));
     Some(Camera {
         image_size: size?,
         intrinsics: intrinsics?,
         distortion: lens?,
-        camera_from_world: Isometry3::from_parts(Vector3::from(shift?).into(), rotation),
+        camera_from_world: Isometry3::from_parts(Vector3::from(shift?).into(), turn?),
     })
+}
+
+/// Axis times angle, or a 3 × 3 matrix.
+fn rotation(reader: &mut Reader<'_>, table: &DeTable<'_>, at: Range<usize>) -> Option<UnitQuaternion<f64>> {
+    let is_matrix = |value: &Value<'_>| {
+        value.get_ref().as_array().and_then(|list| list.first()).is_some_and(|it| it.get_ref().is_array())
+    };
+    let Some(value) = table.get("rotation").filter(|it| is_matrix(it)) else {
+        let turn = reader.numbers::<3>(table, "rotation", at)?;
+        return Some(UnitQuaternion::from_scaled_axis(Vector3::from(turn)));
+    };
+    let rows = rows_of_3(reader, value, "rotation", "3 numbers, or 3 rows of 3 numbers")?;
+    let turn = optics::rotation(&Matrix3::from_fn(|row, column| rows[row][column]));
+    turn.map_err(|found| reader.report(value.span(), format!("rotation {found}"), "a rotation matrix".into())).ok()
+}
+
+/// A matrix of 3 × 3.
+fn rows_of_3(reader: &mut Reader<'_>, value: &Value<'_>, what: &str, expected: &str) -> Option<[[f64; 3]; 3]> {
+    let mut rows = [[0.0; 3]; 3];
+    let list = value.get_ref().as_array().filter(|list| list.len() == 3);
+    let list = reader.expect(list, value, what, expected)?;
+    for (row, item) in rows.iter_mut().zip(list.iter()) {
+        let numbers = item.get_ref().as_array().filter(|list| list.len() == 3);
+        let numbers = reader.expect(numbers, item, &format!("a row of {what}"), "3 numbers")?;
+        for (number, item) in row.iter_mut().zip(numbers.iter()) {
+            *number = reader.number(item, &format!("an element of {what}"))?;
+        }
+    }
+    Some(rows)
 }
 
 fn matrix(reader: &mut Reader<'_>, table: &DeTable<'_>, at: Range<usize>) -> Option<Intrinsics> {
     let expected = "[[fx, skew, cx], [0, fy, cy], [0, 0, 1]], fx and fy above 0";
     let value = reader.required(table, "matrix", expected, at)?;
-    let mut rows = [[0.0; 3]; 3];
-    let list = value.get_ref().as_array().filter(|list| list.len() == 3);
-    let list = reader.expect(list, value, "matrix", expected)?;
-    for (row, item) in rows.iter_mut().zip(list.iter()) {
-        let numbers = item.get_ref().as_array().filter(|list| list.len() == 3);
-        for (number, item) in row.iter_mut().zip(reader.expect(numbers, item, "a row of matrix", "3 numbers")?.iter()) {
-            *number = reader.number(item, "an element of matrix")?;
-        }
-    }
-    let [[fx, skew, cx], [zero, fy, cy], last] = rows;
-    let is_one = fx > 0.0 && fy > 0.0 && zero == 0.0 && last == [0.0, 0.0, 1.0];
-    let intrinsics = is_one.then_some(Intrinsics { focal: [fx, fy], principal: [cx, cy], skew });
-    reader.expect(intrinsics, value, "matrix", expected)
+    let rows = rows_of_3(reader, value, "matrix", expected)?;
+    reader.expect(optics::intrinsics(&Matrix3::from_fn(|row, column| rows[row][column])), value, "matrix", expected)
 }
 
 fn distortion(reader: &mut Reader<'_>, table: &DeTable<'_>, at: Range<usize>) -> Option<Distortion> {
     let expected = "[k1, k2, p1, p2] or [k1, k2, p1, p2, k3]";
     let value = reader.required(table, "distortions", expected, at)?;
-    let list = value.get_ref().as_array().filter(|list| (4..=5).contains(&list.len()));
-    let mut numbers = [0.0; 5];
-    for (number, item) in numbers.iter_mut().zip(reader.expect(list, value, "distortions", expected)?.iter()) {
-        *number = reader.number(item, "an element of distortions")?;
+    let list = reader.expect(value.get_ref().as_array(), value, "distortions", expected)?;
+    let numbers: Option<Vec<f64>> = list.iter().map(|item| reader.number(item, "an element of distortions")).collect();
+    match optics::distortion(&numbers?) {
+        Ok(lens) => Some(lens),
+        Err(found) => {
+            reader.report(value.span(), format!("distortions {found}"), expected.into());
+            None
+        }
     }
-    let [k1, k2, p1, p2, k3] = numbers;
-    Some(Distortion { k1, k2, p1, p2, k3 })
 }
 
 #[cfg(test)]
@@ -123,7 +199,7 @@ mod tests {
     use nalgebra::{Point2, Point3};
 
     use super::*;
-    use crate::calibration::{Calibration, CalibrationError, LengthUnit};
+    use crate::CalibrationError;
 
     fn cameras() -> Vec<NamedCamera> {
         let places = [("front", [2.0, -3.0, 1.0]), ("side", [-3.0, 0.5, 2.0]), ("behind", [0.1, 4.0, 1.2])];

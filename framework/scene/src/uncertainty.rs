@@ -109,6 +109,15 @@ impl CameraUncertainty {
         }
         text
     }
+
+    /// The same where every length is `factor` times as large.
+    pub(crate) fn scaled(mut self, factor: f64) -> Self {
+        if let Some(covariance) = &mut self.pose_covariance {
+            covariance.fixed_rows_mut::<3>(3).scale_mut(factor);
+            covariance.fixed_columns_mut::<3>(3).scale_mut(factor);
+        }
+        self
+    }
 }
 
 impl Provenance {
@@ -245,6 +254,7 @@ mod tests {
 
     use foveate_geometry::Camera;
     use nalgebra::Point3;
+    use proptest::prelude::*;
 
     use super::*;
     use crate::{Calibration, CalibrationError, LengthUnit, NamedCamera};
@@ -324,5 +334,18 @@ mod tests {
         refuses(&|it| it[(0, 1)] *= 1.001);
         refuses(&|it| *it = -*it);
         refuses(&|it| it[(2, 2)] = f64::INFINITY);
+    }
+
+    proptest! {
+        #[test]
+        fn lengths_in_a_covariance_follow_the_scale(factor in 1e-3..1e3) {
+            let before = full().uncertainties["wide 1"];
+            let (before, after) = (before.pose_covariance.unwrap(), before.scaled(factor).pose_covariance.unwrap());
+            for (row, column) in (0..36).map(|it| (it / 6, it % 6)) {
+                let lengths = i32::from(row > 2) + i32::from(column > 2);
+                let expected = before[(row, column)] * factor.powi(lengths);
+                prop_assert!((after[(row, column)] - expected).abs() <= 1e-12 * expected.abs());
+            }
+        }
     }
 }
