@@ -21,7 +21,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("led", &["foveate"]),
     ("blob", &["foveate"]),
     ("export", &["foveate"]),
-    ("cli", &["blob", "capture", "dataflow", "export", "led", "sim"]),
+    ("cli", &["blob", "capture", "dataflow", "export", "led", "scene", "sim"]),
     ("tests", &[]),
     ("examples", &["cli", "foveate"]),
 ];

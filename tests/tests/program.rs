@@ -279,3 +279,34 @@ fn pictures_schema_and_completions_are_what_they_claim() {
         assert!(script.contains("foveate"));
     }
 }
+
+#[test]
+fn calibrations_are_converted_and_what_is_lost_is_said() {
+    let folder = lab(|it| it);
+    let at = folder.path();
+    let (code, said, complaint) = foveate(at, &["convert", "room.calibration.toml", "Calib.toml", "--to", "pose2sim"]);
+    assert_eq!(code, 0, "{complaint}");
+    assert!(said.contains("Calib.toml: ") && said.contains("lengths in metres, pose2sim"), "{said}");
+    let (code, said, complaint) = foveate(at, &["convert", "Calib.toml", "again.toml"]);
+    assert_eq!((code, said.contains("nothing is lost")), (0, true), "{said}{complaint}");
+    // A rig takes either: the same cameras, the same run.
+    let rig = fs::read_to_string(at.join("room.toml")).unwrap();
+    fs::write(at.join("foreign.toml"), rig.replace("room.calibration.toml", "Calib.toml")).unwrap();
+    assert_eq!(foveate(at, &["check", "foreign.toml"]).0, 0);
+
+    let (code, _, complaint) = foveate(at, &["convert", "Calib.toml", "again.toml"]);
+    assert_eq!((code, complaint.contains("`again.toml` is there already")), (2, true), "{complaint}");
+    let (code, _, complaint) = foveate(at, &["convert", "room.calibration.toml", "dlt.csv", "--strict"]);
+    assert_eq!((code, complaint.contains("the image sizes")), (2, true), "{complaint}");
+    assert!(!at.join("dlt.csv").exists());
+    assert_eq!(foveate(at, &["convert", "room.calibration.toml", "dlt.csv"]).0, 0);
+    let (code, _, complaint) = foveate(at, &["convert", "dlt.csv", "back.toml"]);
+    assert_eq!((code, complaint.contains("hold no image size")), (2, true), "{complaint}");
+    assert_eq!(foveate(at, &["convert", "dlt.csv", "back.toml", "--image-size", "640,480"]).0, 0);
+    let (code, _, complaint) = foveate(at, &["convert", "dlt.csv", "back.toml", "--image-size", "640"]);
+    assert_eq!((code, complaint.contains("expected W,H")), (2, true), "{complaint}");
+    let (code, _, complaint) = foveate(at, &["convert", "room.toml", "x.bin"]);
+    assert_eq!((code, complaint.contains("room.toml:")), (2, true), "{complaint}");
+    let (code, _, complaint) = foveate(at, &["convert", "room.calibration.toml", "x.bin"]);
+    assert_eq!((code, complaint.contains("--to with one of")), (2, true), "{complaint}");
+}

@@ -1,6 +1,7 @@
 //! The commands of the `foveate` program.
 
 mod check;
+mod convert;
 mod graph;
 mod new;
 mod nodes;
@@ -42,6 +43,8 @@ enum Command {
         #[arg(value_hint = clap::ValueHint::FilePath)]
         rig: PathBuf,
     },
+    /// Write a calibration in the form of another program, and say what is lost
+    Convert(convert::ConvertArgs),
     /// List the node types, or show one: ports, settings with units and defaults
     Nodes {
         /// A node type, as led.detector
@@ -132,6 +135,7 @@ impl Cli {
         match self.command {
             Command::Run(args) => run::run(&args),
             Command::Check { rig } => check::run(&rig),
+            Command::Convert(args) => convert::run(&args),
             Command::Nodes { node_type } => nodes::run(node_type.as_deref()),
             Command::Devices => devices(),
             Command::Graph { rig, format, output } => graph::run(&rig, format, output),
