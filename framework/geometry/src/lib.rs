@@ -5,6 +5,7 @@
 //! | [`alignment`] | the similarity that best maps one set of points onto another, and what is left |
 //! | [`bundle`] | all cameras and points together, adjusted to all pixels, with covariances |
 //! | [`camera`] | [`Camera`]: pinhole with Brown–Conrady distortion; point to pixel, pixel to [`Ray`] |
+//! | [`epipolar`] | how two cameras stand to one another, from pixels of the same points |
 //! | [`resection`] | the pose of a camera from points of known place and their pixels, robustly, with its covariance |
 //! | [`ray`] | [`Ray`], and where two of them come closest |
 //! | [`triangulate`] | a point from two or more rays, and its refinement on pixels with a covariance |
@@ -16,6 +17,7 @@ pub mod alignment;
 pub mod bundle;
 pub mod camera;
 mod distortion;
+pub mod epipolar;
 mod from_matrix;
 mod look_at;
 pub mod ray;
@@ -25,6 +27,7 @@ pub mod triangulate;
 pub use alignment::{Alignment, AlignmentFault, AlignmentRules, CameraErrors, align, camera_errors};
 pub use bundle::{Adjusted, BundleFault, BundleRules, Freedom, Gauge, Observation, adjust};
 pub use camera::{Camera, CameraFault, Distortion, Intrinsics};
+pub use epipolar::{EpipolarFault, EpipolarRules, TwoViews, relative_pose};
 pub use from_matrix::ProjectionFault;
 pub use ray::{Approach, Ray, closest_approach};
 pub use resection::{Resection, ResectionFault, ResectionRules, refine_pose, resect};
