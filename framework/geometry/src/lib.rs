@@ -8,6 +8,7 @@
 //! | [`epipolar`] | how two cameras stand to one another, from pixels of the same points |
 //! | [`resection`] | the pose of a camera from points of known place and their pixels, robustly, with its covariance |
 //! | [`ray`] | [`Ray`], and where two of them come closest |
+//! | [`self_calibration`] | a room of cameras from one waved light, without a start |
 //! | [`triangulate`] | a point from two or more rays, and its refinement on pixels with a covariance |
 //!
 //! Rigid transforms are `nalgebra::Isometry3<f64>`, named `b_from_a`. The world is right-handed with Z up; a
@@ -22,6 +23,7 @@ mod from_matrix;
 mod look_at;
 pub mod ray;
 pub mod resection;
+pub mod self_calibration;
 pub mod triangulate;
 
 pub use alignment::{Alignment, AlignmentFault, AlignmentRules, CameraErrors, align, camera_errors};
@@ -31,6 +33,9 @@ pub use epipolar::{EpipolarFault, EpipolarRules, TwoViews, relative_pose};
 pub use from_matrix::ProjectionFault;
 pub use ray::{Approach, Ray, closest_approach};
 pub use resection::{Resection, ResectionFault, ResectionRules, refine_pose, resect};
+pub use self_calibration::{
+    CameraStatus, SelfCalibration, SelfCalibrationFault, SelfCalibrationRules, Sighting, self_calibrate,
+};
 pub use triangulate::{PixelNoise, Triangulation, TriangulationFault, refine, triangulate_rays};
 
 #[cfg(test)]

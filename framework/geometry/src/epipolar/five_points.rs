@@ -104,8 +104,8 @@ fn multiplication_by_x(e: &[[Linear; 3]; 3]) -> Option<SMatrix<f64, 10, 10>> {
     let mut gram = [[[0.0; 10]; 3]; 3];
     for row in 0..3 {
         for column in 0..3 {
-            for inner in 0..3 {
-                let product = multiply(&e[row][inner], &e[column][inner]);
+            for (left, right) in e[row].iter().zip(&e[column]) {
+                let product = multiply(left, right);
                 (0..10).for_each(|it| gram[row][column][it] += product[it]);
             }
         }
@@ -117,8 +117,8 @@ fn multiplication_by_x(e: &[[Linear; 3]; 3]) -> Option<SMatrix<f64, 10, 10>> {
     let mut equations = [[0.0; 20]; 10];
     for row in 0..3 {
         for column in 0..3 {
-            for inner in 0..3 {
-                add_product(&mut equations[3 * row + column], &e[inner][column], &gram[row][inner], 1.0);
+            for (from_gram, from_e) in gram[row].iter().zip(e) {
+                add_product(&mut equations[3 * row + column], &from_e[column], from_gram, 1.0);
             }
         }
     }

@@ -170,6 +170,9 @@ pub fn relative_pose(
     Ok(TwoViews { b_from_a, points_in_a, n_right, planar_share: planar_share(&right, limit), parallax_rad })
 }
 
+/// By pair: the point, if the pair is right.
+type RightPoints = Vec<Option<Point3<f64>>>;
+
 /// Two pixels of a point, and their lines of sight with z = 1.
 struct Pair {
     index: usize,
@@ -269,7 +272,7 @@ fn adjusted(
     agreeing: &[&Pair],
     start: &Isometry3<f64>,
     rules: &EpipolarRules,
-) -> Option<(Isometry3<f64>, Vec<Option<Point3<f64>>>)> {
+) -> Option<(Isometry3<f64>, RightPoints)> {
     let mut b_from_a = *start;
     let mut chosen: Vec<&Pair> = agreeing.to_vec();
     for _ in 0..2 {
@@ -302,12 +305,7 @@ fn adjusted(
 }
 
 /// By pair: the point, if both cameras see it within `inlier_px` of the pixel.
-fn right_points(
-    [a, b]: [&Camera; 2],
-    pairs: &[Pair],
-    b_from_a: &Isometry3<f64>,
-    inlier_px: f64,
-) -> Vec<Option<Point3<f64>>> {
+fn right_points([a, b]: [&Camera; 2], pairs: &[Pair], b_from_a: &Isometry3<f64>, inlier_px: f64) -> RightPoints {
     let cameras = [(a, Isometry3::identity()), (b, *b_from_a)]
         .map(|(camera, camera_from_world)| Camera { camera_from_world, ..camera.clone() });
     let right = |pair: &Pair| {
@@ -336,9 +334,12 @@ fn planar_share(pairs: &[&Pair], limit: f64) -> f64 {
         let eigen = normal.symmetric_eigen();
         let least = eigen.eigenvectors.column(eigen.eigenvalues.imin());
         let homography = Matrix3::from_row_slice(least.as_slice());
+        // Either way round: seen at a slant, one picture of the plane magnifies the noise of the other.
+        let back = homography.try_inverse().unwrap_or_else(Matrix3::zeros);
         let error = |pair: &&&Pair| {
-            let there = homography * pair.sights[0];
-            (there.xy() / there.z - pair.sights[1].xy()).norm_squared()
+            let [there, here] = [homography * pair.sights[0], back * pair.sights[1]];
+            let in_b = (there.xy() / there.z - pair.sights[1].xy()).norm_squared();
+            in_b.min((here.xy() / here.z - pair.sights[0].xy()).norm_squared())
         };
         let near: Vec<&Pair> = pairs.iter().filter(|it| error(it) <= 4.0 * limit).copied().collect();
         explained = near.len();

@@ -1,0 +1,380 @@
+//! The poses of a room of cameras from one waved light, without a start, up to a similarity.
+//!
+//! Each frame gives at most one pixel a camera, many give none. Pairs of cameras are oriented ([`crate::epipolar`]); the rotations of
+//! all pairs are averaged over the view graph, pairs that contradict it are dropped; with rotations known, the centres of all
+//! cameras are the solution of one linear problem over all lines of sight; then points are intersected and everything is bundle-adjusted
+//! in rounds that are ever stricter about which sightings are right. Cameras that no pair could place are resected from the points.
+//! So a frame seen by 4 of 18 cameras helps as much as it can, where growing a scene from one pair would starve: two cameras
+//! share only some two dozen of 600 such frames, of which a third camera sees three.
+//!
+//! Sources: [Davis 2002 §3.2], the virtual calibration object (which alternates between path and cameras, where this adjusts both);
+//! V. M. Govindu, "Lie-algebraic averaging for globally consistent motion estimation", CVPR 2004; the linear problem is that of
+//! C. Rother and S. Carlsson, "Linear multi view reconstruction and camera recovery", ICCV 2001, in lines of sight.
+
+mod centres;
+mod links;
+mod rotations;
+mod rounds;
+
+use foveate_estimation::Random;
+use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector2, Vector3};
+
+pub use self::links::Link;
+use crate::bundle::CameraCovariance;
+use crate::camera::{Camera, CameraFault};
+
+/// The light, seen by a camera in a frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sighting {
+    /// Which camera.
+    pub camera: usize,
+    /// Which frame; cameras see the same place in the same frame.
+    pub frame: usize,
+    /// Where, raw [px].
+    pub pixel: Point2<f64>,
+}
+
+/// How to go about it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SelfCalibrationRules {
+    /// Of either coordinate of a right pixel, standard deviation [px].
+    pub sigma_px: f64,
+    /// A sighting is right when at most this far from where its point is seen [px].
+    pub inlier_px: f64,
+    /// Right pairs of sightings that link two cameras, at least 6 [–].
+    pub min_common: usize,
+    /// Pairs are oriented with this many partners of each camera, those with which it shares most frames [–].
+    pub max_partners: usize,
+    /// Whether one focal length for each camera is refined; the given ones are then a guess, right to a third or so.
+    pub focal_free: bool,
+    /// A free focal length whose standard deviation is a larger part of it than this is refused [–].
+    pub max_focal_sigma: f64,
+    /// Of the random draws.
+    pub seed: u64,
+}
+
+impl Default for SelfCalibrationRules {
+    fn default() -> Self {
+        Self {
+            sigma_px: 0.5,
+            inlier_px: 3.0,
+            min_common: 10,
+            max_partners: 20,
+            focal_free: false,
+            max_focal_sigma: 0.02,
+            seed: 1,
+        }
+    }
+}
+
+/// What became of a camera.
+#[derive(Debug, Clone, PartialEq)]
+pub enum CameraStatus {
+    /// Its pose is known.
+    Calibrated,
+    /// It saw too little.
+    TooFewSightings {
+        /// In how many frames it saw the light.
+        frames: usize,
+        /// How many are needed.
+        needed: usize,
+    },
+    /// What it saw stays in place, or on a line.
+    LightStill {
+        /// Standard deviation of its pixels across the line along which they spread most [px].
+        spread_px: f64,
+    },
+    /// It shares too few frames with any other camera.
+    NoPartner {
+        /// The camera with which it shares most, if any.
+        best: Option<usize>,
+        /// How many frames these two share.
+        common: usize,
+        /// How many are needed.
+        needed: usize,
+    },
+    /// It shares frames, but its pixels fit no pose: a moved camera, a wrong lens, the track of another camera.
+    Inconsistent {
+        /// The partner that it fits best.
+        best: usize,
+        /// Frames shared with that.
+        common: usize,
+        /// Of which fit.
+        right: usize,
+    },
+    /// It stands where its partners stand, or the light is too far away for a depth.
+    NoDepth {
+        /// The partner with which it shares most.
+        best: usize,
+    },
+    /// It was oriented with others, but shares no frames with the larger group that was calibrated.
+    Separate {
+        /// The cameras of its own group.
+        group: Vec<usize>,
+    },
+    /// Its focal length cannot be told: too little depth, or a path in a plane.
+    FocalOpen {
+        /// Standard deviation, relative [–]; infinite when it is entirely open.
+        sigma: f64,
+    },
+}
+
+/// What [`self_calibrate`] found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SelfCalibration {
+    /// In the order given; those without a pose as they were given. Up to what the last adjustment moved, the origin is the centroid
+    /// of the centres of the others, the unit of length their root mean square distance from it, the axes those of the first.
+    pub cameras: Vec<Camera>,
+    /// By camera.
+    pub status: Vec<CameraStatus>,
+    /// By frame: where the light was, if more than half of its sightings, at least two, agree.
+    pub points: Vec<Option<Point3<f64>>>,
+    /// By sighting: seen − measured, if camera and point are known [px].
+    pub residuals: Vec<Option<Vector2<f64>>>,
+    /// By sighting: whether it is right, and was used.
+    pub right: Vec<bool>,
+    /// Root of the mean squared length of the residuals of right sightings [px].
+    pub rms_px: f64,
+    /// By camera: how well it is known, with inner constraints; `None` when not calibrated or left open.
+    pub covariance: Vec<Option<CameraCovariance>>,
+    /// Pairs that were oriented.
+    pub links: Vec<Link>,
+    /// Spread of the points across their flattest plane over that along it; near 0 for a planar path [–].
+    pub flatness: f64,
+}
+
+/// Why there is no answer at all.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SelfCalibrationFault {
+    /// One camera, or none.
+    #[error("{count} cameras, expected at least 2")]
+    TooFewCameras {
+        /// How many.
+        count: usize,
+    },
+    /// A camera with a number that is none.
+    #[error("camera {camera}: {fault}")]
+    BadCamera {
+        /// Which.
+        camera: usize,
+        /// What is wrong.
+        fault: CameraFault,
+    },
+    /// A sighting by nobody, or of nothing.
+    #[error(
+        "sighting {sighting} is of camera {camera} at pixel {pixel}, expected a camera below {cameras} and finite numbers"
+    )]
+    BadSighting {
+        /// Which.
+        sighting: usize,
+        /// Its camera.
+        camera: usize,
+        /// Its pixel [px].
+        pixel: Point2<f64>,
+        /// How many cameras there are.
+        cameras: usize,
+    },
+    /// Two pixels of one light in one picture.
+    #[error("camera {camera} sees the light twice in frame {frame}, expected once at most")]
+    SeenTwice {
+        /// Which camera.
+        camera: usize,
+        /// Which frame.
+        frame: usize,
+    },
+    /// A rule that cannot be followed.
+    #[error("{rule} is {found}, expected more than 0")]
+    BadRule {
+        /// Which.
+        rule: &'static str,
+        /// Its value.
+        found: f64,
+    },
+    /// No two cameras could be calibrated together; the reason of each.
+    #[error("no two cameras could be calibrated: {}", status.iter().enumerate().map(|(camera, it)| format!("camera {camera}: {it}")).collect::<Vec<_>>().join("; "))]
+    NothingCalibrated {
+        /// By camera.
+        status: Vec<CameraStatus>,
+    },
+}
+
+impl std::fmt::Display for CameraStatus {
+    fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            CameraStatus::Calibrated => write!(to, "calibrated"),
+            CameraStatus::TooFewSightings { frames, needed } => {
+                write!(to, "saw the light in {frames} frames, expected at least {needed}")
+            }
+            CameraStatus::LightStill { spread_px } => {
+                write!(to, "the light stays in place or on a line: {spread_px:.2} px across it")
+            }
+            CameraStatus::NoPartner { best: Some(best), common, needed } => {
+                write!(
+                    to,
+                    "shares {common} frames with camera {best} and fewer with others, expected at least {needed}"
+                )
+            }
+            CameraStatus::NoPartner { best: None, .. } => write!(to, "shares no frame with another camera"),
+            CameraStatus::Inconsistent { best, common, right } => {
+                write!(to, "no pose explains its pixels: with camera {best}, {right} of {common} common frames fit")
+            }
+            CameraStatus::NoDepth { best } => {
+                write!(to, "stands where camera {best} stands, or the light is too far away")
+            }
+            CameraStatus::Separate { group } => {
+                write!(to, "shares too few frames with the larger group; its own is {group:?}")
+            }
+            CameraStatus::FocalOpen { sigma } => {
+                write!(to, "its focal length is known to {:.1} % only: too little depth, or a flat path", 100.0 * sigma)
+            }
+        }
+    }
+}
+
+/// Calibrates `cameras`, whose optics are known or guessed and whose poses do not matter, from `sightings` of one light.
+///
+/// # Errors
+/// See [`SelfCalibrationFault`]; cameras that cannot be calibrated beside others that can are told in the status.
+pub fn self_calibrate(
+    cameras: &[Camera],
+    sightings: &[Sighting],
+    rules: &SelfCalibrationRules,
+) -> Result<SelfCalibration, SelfCalibrationFault> {
+    check(cameras, sightings, rules)?;
+    if !rules.focal_free {
+        return attempt(cameras, sightings, rules);
+    }
+    // A guess by which most sightings can be explained is near enough for the adjustment to find the rest.
+    let mut best: Option<SelfCalibration> = None;
+    let mut fault = None;
+    for factor in [1.0, 0.8, 1.25] {
+        let mut guessed = cameras.to_vec();
+        guessed.iter_mut().for_each(|it| it.intrinsics.focal = it.intrinsics.focal.map(|focal| focal * factor));
+        match attempt(&guessed, sightings, rules) {
+            Ok(found) => {
+                let n_right = |it: &SelfCalibration| it.right.iter().filter(|it| **it).count();
+                if best.as_ref().is_none_or(|best| n_right(&found) > n_right(best)) {
+                    best = Some(found);
+                }
+            }
+            Err(found) => fault = fault.or(Some(found)),
+        }
+        let whole = |it: &SelfCalibration| it.status.iter().all(|it| *it == CameraStatus::Calibrated);
+        if best.as_ref().is_some_and(whole) {
+            break;
+        }
+    }
+    match (best, fault) {
+        (Some(mut found), _) => {
+            for ((found, given), status) in found.cameras.iter_mut().zip(cameras).zip(&found.status) {
+                if *status != CameraStatus::Calibrated {
+                    found.clone_from(given);
+                }
+            }
+            Ok(found)
+        }
+        (None, Some(fault)) => Err(fault),
+        (None, None) => unreachable!("each attempt ends in an answer or a fault"),
+    }
+}
+
+fn check(cameras: &[Camera], sightings: &[Sighting], rules: &SelfCalibrationRules) -> Result<(), SelfCalibrationFault> {
+    if cameras.len() < 2 {
+        return Err(SelfCalibrationFault::TooFewCameras { count: cameras.len() });
+    }
+    for (rule, found) in [
+        ("sigma_px", rules.sigma_px),
+        ("inlier_px", rules.inlier_px),
+        ("max_partners", rules.max_partners as f64),
+        ("max_focal_sigma", rules.max_focal_sigma),
+    ] {
+        if !(found.is_finite() && found > 0.0) {
+            return Err(SelfCalibrationFault::BadRule { rule, found });
+        }
+    }
+    for (index, camera) in cameras.iter().enumerate() {
+        camera.check().map_err(|fault| SelfCalibrationFault::BadCamera { camera: index, fault })?;
+    }
+    for (index, &Sighting { camera, pixel, .. }) in sightings.iter().enumerate() {
+        if camera >= cameras.len() || !pixel.coords.norm().is_finite() {
+            return Err(SelfCalibrationFault::BadSighting { sighting: index, camera, pixel, cameras: cameras.len() });
+        }
+    }
+    let mut keys: Vec<(usize, usize)> = sightings.iter().map(|it| (it.camera, it.frame)).collect();
+    keys.sort_unstable();
+    if let Some(twice) = keys.windows(2).find(|it| it[0] == it[1]) {
+        return Err(SelfCalibrationFault::SeenTwice { camera: twice[0].0, frame: twice[0].1 });
+    }
+    Ok(())
+}
+
+/// Everything under one choice of focal lengths.
+fn attempt(
+    cameras: &[Camera],
+    sightings: &[Sighting],
+    rules: &SelfCalibrationRules,
+) -> Result<SelfCalibration, SelfCalibrationFault> {
+    let random = Random::new(rules.seed).fork("self_calibration");
+    let tracks = links::Tracks::new(cameras, sightings);
+    let oriented = links::orient(&tracks, rules, &random);
+    let graph = rotations::average(cameras.len(), &oriented.links);
+    let mut status = oriented.status;
+    for (camera, status) in status.iter_mut().enumerate() {
+        let group: Vec<usize> = (0..cameras.len()).filter(|it| graph.group[*it] == graph.group[camera]).collect();
+        if *status != CameraStatus::Calibrated || graph.group[camera] == graph.largest {
+            continue;
+        }
+        let own = oriented.links.iter().map(|it| &it.link).filter(|it| it.a == camera || it.b == camera);
+        *status = match own.max_by_key(|it| it.right) {
+            Some(best) if group.len() == 1 => {
+                let other = best.a + best.b - camera;
+                CameraStatus::Inconsistent { best: other, common: best.common, right: best.right }
+            }
+            _ => CameraStatus::Separate { group },
+        };
+    }
+    let start = centres::place(&tracks, &oriented.links, &graph);
+    let nothing = |status: &[CameraStatus]| SelfCalibrationFault::NothingCalibrated { status: status.to_vec() };
+    let Some(start) = start else { return Err(nothing(&status)) };
+    let found = rounds::run(&tracks, start, &mut status, rules, &random);
+    let mut found = found.ok_or_else(|| nothing(&status))?;
+    if !found.status.contains(&CameraStatus::Calibrated) {
+        return Err(nothing(&found.status));
+    }
+    found.links = oriented.links.into_iter().map(|it| it.link).collect();
+    found.links.iter_mut().for_each(|it| it.consistent = graph.consistent.contains(&(it.a, it.b)));
+    Ok(found)
+}
+
+/// Moves cameras that have a pose, and points, into the space that [`SelfCalibration::cameras`] promises.
+fn normalise(cameras: &mut [Option<Camera>], points: &mut [Option<Point3<f64>>]) {
+    let known: Vec<&Camera> = cameras.iter().flatten().collect();
+    let Some(turn) = known.first().map(|it| it.camera_from_world.rotation) else { return };
+    let n = known.len() as f64;
+    let centroid = known.iter().fold(Vector3::zeros(), |sum, it| sum + it.centre().coords / n);
+    let squares: f64 = known.iter().map(|it| (it.centre().coords - centroid).norm_squared()).sum();
+    let size = (squares / n).sqrt();
+    // p' = R (p − m)/s
+    for camera in cameras.iter_mut().flatten() {
+        let pose = camera.camera_from_world;
+        let translation = (pose.rotation * centroid + pose.translation.vector) / size;
+        camera.camera_from_world = Isometry3::from_parts(translation.into(), pose.rotation * turn.inverse());
+    }
+    for point in points.iter_mut().flatten() {
+        *point = turn * Point3::from((point.coords - centroid) / size);
+    }
+}
+
+/// Least over largest standard deviation of the points along their axes.
+fn flatness(points: &[Option<Point3<f64>>]) -> f64 {
+    let known: Vec<&Point3<f64>> = points.iter().flatten().collect();
+    let n = known.len() as f64;
+    let centroid = known.iter().fold(Vector3::zeros(), |sum, it| sum + it.coords / n);
+    let mut scatter = Matrix3::zeros();
+    known.iter().for_each(|it| scatter += (it.coords - centroid) * (it.coords - centroid).transpose());
+    let axes = scatter.symmetric_eigenvalues();
+    (axes.min().max(0.0) / axes.max()).sqrt()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,243 @@
+//! From a first guess to the adjusted room: intersect, adjust, be stricter; then resect who is missing.
+
+use foveate_estimation::{Loss, Random};
+use nalgebra::{Point2, Point3};
+
+use super::centres::Start;
+use super::links::Tracks;
+use super::{CameraStatus, SelfCalibration, SelfCalibrationRules, flatness, normalise};
+use crate::bundle::{Adjusted, BundleRules, CameraCovariance, Freedom, Observation, OpenParameters, adjust};
+use crate::camera::Camera;
+use crate::ray::{Ray, closest_approach};
+use crate::resection::{ResectionRules, resect};
+use crate::triangulate::triangulate_rays;
+
+/// How far off a right sighting may be in each round, in `inlier_px`.
+const ROUNDS: [f64; 5] = [12.0, 6.0, 3.0, 1.5, 1.0];
+/// Further rounds for each camera that resection adds.
+const LATE_ROUNDS: [f64; 2] = [1.5, 1.0];
+
+/// Cameras under way.
+struct Room<'a> {
+    tracks: &'a Tracks<'a>,
+    rules: &'a SelfCalibrationRules,
+    cameras: Vec<Option<Camera>>,
+    points: Vec<Option<Point3<f64>>>,
+    right: Vec<bool>,
+}
+
+/// Adjusts the `start`; cameras that come to stand on too few right sightings lose their pose, and their status says why.
+pub(super) fn run(
+    tracks: &Tracks<'_>,
+    start: Start,
+    status: &mut [CameraStatus],
+    rules: &SelfCalibrationRules,
+    random: &Random,
+) -> Option<SelfCalibration> {
+    let right = vec![false; tracks.sightings.len()];
+    let points = vec![None; tracks.of_frame.len()];
+    let mut room = Room { tracks, rules, cameras: start.cameras, points, right };
+    room.adjust_in_rounds(&ROUNDS)?;
+    for (camera, status) in status.iter().enumerate() {
+        // From far enough away, anything looks like a light that stays in place.
+        let hopeless = matches!(status, CameraStatus::LightStill { .. } | CameraStatus::TooFewSightings { .. });
+        if room.cameras[camera].is_none() && !hopeless && room.resect(camera, random) {
+            room.adjust_in_rounds(&LATE_ROUNDS)?;
+        }
+    }
+    room.drop_ill_held(status);
+    normalise(&mut room.cameras, &mut room.points);
+    let last = room.adjust(Loss::HUBER, true)?;
+    for (camera, status) in status.iter_mut().enumerate() {
+        if room.cameras[camera].is_some() {
+            *status = CameraStatus::Calibrated;
+        }
+    }
+    Some(room.finish(last, status))
+}
+
+impl Room<'_> {
+    fn freedom(&self) -> Freedom {
+        Freedom { focal: self.rules.focal_free, ..Freedom::POSE }
+    }
+
+    fn adjust_in_rounds(&mut self, rounds: &[f64]) -> Option<()> {
+        for limit in rounds {
+            self.intersect(limit * self.rules.inlier_px);
+            self.adjust(Loss::CAUCHY, false)?;
+        }
+        self.intersect(self.rules.inlier_px);
+        Some(())
+    }
+
+    /// For each frame the point on which more than half of its sightings, at least two, agree within `limit_px`.
+    fn intersect(&mut self, limit_px: f64) {
+        self.right.fill(false);
+        for (frame, sightings) in self.tracks.of_frame.iter().enumerate() {
+            self.points[frame] = None;
+            let seen = |it: &usize| {
+                let sighting = &self.tracks.sightings[*it];
+                let camera = self.cameras[sighting.camera].as_ref()?;
+                Some((*it, camera, sighting.pixel, camera.ray(&sighting.pixel)?))
+            };
+            let sights: Vec<(usize, &Camera, Point2<f64>, Ray)> = sightings.iter().filter_map(seen).collect();
+            let error = |point: &Point3<f64>, it: &(usize, &Camera, Point2<f64>, Ray)| {
+                it.1.project(point).map_or(f64::INFINITY, |seen| (seen - it.2).norm())
+            };
+            let agreeing = |point: &Point3<f64>| -> Vec<usize> {
+                (0..sights.len()).filter(|it| error(point, &sights[*it]) <= limit_px).collect()
+            };
+            let rays: Vec<Ray> = sights.iter().map(|it| it.3).collect();
+            let mut best: Option<(Point3<f64>, Vec<usize>)> = None;
+            let mut offer = |point: Point3<f64>| {
+                let agreeing = agreeing(&point);
+                if 2 * agreeing.len() > sights.len().max(2)
+                    && best.as_ref().is_none_or(|it| agreeing.len() > it.1.len())
+                {
+                    best = Some((point, agreeing));
+                }
+                best.as_ref().map_or(0, |it| it.1.len())
+            };
+            let mut most = triangulate_rays(&rays).map_or(0, &mut offer);
+            'pairs: for first in 0..rays.len() {
+                for second in first + 1..rays.len() {
+                    if most == rays.len() {
+                        break 'pairs;
+                    }
+                    if let Some(approach) = closest_approach(&rays[first], &rays[second]) {
+                        most = offer(approach.midpoint);
+                    }
+                }
+            }
+            let Some((point, mut chosen)) = best else { continue };
+            let of_chosen: Vec<Ray> = chosen.iter().map(|it| rays[*it]).collect();
+            let mut place = point;
+            if let Some(refined) = triangulate_rays(&of_chosen).filter(|it| agreeing(it).len() >= chosen.len()) {
+                place = refined;
+                chosen = agreeing(&place);
+            }
+            self.points[frame] = Some(place);
+            chosen.iter().for_each(|it| self.right[sights[*it].0] = true);
+        }
+    }
+
+    /// Adjusts all cameras that have a pose to the right sightings.
+    fn adjust(&mut self, loss: Loss, covariance: bool) -> Option<Adjusted> {
+        let members: Vec<usize> = (0..self.cameras.len()).filter(|it| self.cameras[*it].is_some()).collect();
+        let mut slots = vec![0; self.cameras.len()];
+        members.iter().enumerate().for_each(|(slot, camera)| slots[*camera] = slot);
+        let frames: Vec<usize> = (0..self.points.len()).filter(|it| self.points[*it].is_some()).collect();
+        let mut observations = Vec::new();
+        for (point, frame) in frames.iter().enumerate() {
+            for &index in self.tracks.of_frame[*frame].iter().filter(|it| self.right[**it]) {
+                let sighting = &self.tracks.sightings[index];
+                let (camera, pixel) = (slots[sighting.camera], sighting.pixel);
+                observations.push(Observation { camera, point, pixel, sigma_px: self.rules.sigma_px });
+            }
+        }
+        let cameras: Vec<Camera> = members.iter().filter_map(|it| self.cameras[*it].clone()).collect();
+        let points: Vec<Point3<f64>> = frames.iter().filter_map(|it| self.points[*it]).collect();
+        let rules = BundleRules { loss, covariance, max_iterations: 60, ..BundleRules::default() };
+        let freedoms = vec![self.freedom(); cameras.len()];
+        let found = adjust(&cameras, &freedoms, &points, &observations, &rules).ok()?;
+        for (slot, camera) in members.iter().enumerate() {
+            self.cameras[*camera] = Some(found.cameras[slot].clone());
+        }
+        for (point, frame) in frames.iter().enumerate() {
+            self.points[*frame] = Some(found.points[point]);
+        }
+        Some(found)
+    }
+
+    /// Tries to place a camera by the points of the others.
+    fn resect(&mut self, camera: usize, random: &Random) -> bool {
+        let known =
+            |it: &usize| Some((self.points[self.tracks.sightings[*it].frame]?, self.tracks.sightings[*it].pixel));
+        let (points, pixels): (Vec<_>, Vec<_>) = self.tracks.of_camera[camera].iter().filter_map(known).unzip();
+        let rules = ResectionRules {
+            sigma_px: self.rules.sigma_px,
+            inlier_px: 2.0 * self.rules.inlier_px,
+            ..ResectionRules::default()
+        };
+        let mut draws = random.fork(&format!("resection of {camera}"));
+        let given = &self.tracks.cameras[camera];
+        let Ok(found) = resect(given, &points, &pixels, &rules, |n| draws.below(n)) else { return false };
+        let n_right = found.right.iter().filter(|it| **it).count();
+        if n_right < self.rules.min_common.max(6) || 3 * n_right < points.len() {
+            return false;
+        }
+        self.cameras[camera] = Some(Camera { camera_from_world: found.camera_from_world, ..given.clone() });
+        true
+    }
+
+    /// Takes the pose from cameras that too few of their own sightings support.
+    fn drop_ill_held(&mut self, status: &mut [CameraStatus]) {
+        let needed = self.rules.min_common.max(6);
+        for (camera, status) in status.iter_mut().enumerate() {
+            let own = &self.tracks.of_camera[camera];
+            let shared = own.iter().filter(|it| self.points[self.tracks.sightings[**it].frame].is_some()).count();
+            let right = own.iter().filter(|it| self.right[**it]).count();
+            if self.cameras[camera].is_some() && (right < needed || 3 * right < shared) {
+                self.cameras[camera] = None;
+                let best = (0..self.cameras.len()).find(|it| self.cameras[*it].is_some()).unwrap_or(camera);
+                *status = CameraStatus::Inconsistent { best, common: shared, right };
+            }
+        }
+        self.intersect(self.rules.inlier_px);
+    }
+
+    fn finish(mut self, last: Adjusted, status: &mut [CameraStatus]) -> SelfCalibration {
+        let members: Vec<usize> = (0..self.cameras.len()).filter(|it| self.cameras[*it].is_some()).collect();
+        let mut covariance: Vec<Option<CameraCovariance>> = vec![None; self.cameras.len()];
+        match last.covariance {
+            Some(Ok(each)) => members.iter().zip(each).for_each(|(camera, it)| covariance[*camera] = Some(it)),
+            Some(Err(OpenParameters { parameters })) if self.rules.focal_free => {
+                for (slot, _) in parameters {
+                    status[members[slot]] = CameraStatus::FocalOpen { sigma: f64::INFINITY };
+                }
+            }
+            _ => {}
+        }
+        for camera in &members {
+            let sigma = covariance[*camera].as_ref().map_or(0.0, |it| it.optics.focal);
+            if self.rules.focal_free && sigma > self.rules.max_focal_sigma {
+                status[*camera] = CameraStatus::FocalOpen { sigma };
+            }
+        }
+        let mut cameras: Vec<Camera> = self.tracks.cameras.to_vec();
+        for (camera, found) in cameras.iter_mut().zip(self.cameras) {
+            *camera = found.unwrap_or_else(|| camera.clone());
+        }
+        let calibrated = |it: usize| status[it] == CameraStatus::Calibrated;
+        let residual = |index: usize| {
+            let sighting = &self.tracks.sightings[index];
+            let point = self.points[sighting.frame].filter(|_| calibrated(sighting.camera))?;
+            Some(cameras[sighting.camera].project(&point)? - sighting.pixel)
+        };
+        let residuals: Vec<_> = (0..self.right.len()).map(residual).collect();
+        for (right, residual) in self.right.iter_mut().zip(&residuals) {
+            *right &= residual.is_some();
+        }
+        let of_right = residuals.iter().zip(&self.right).filter(|(_, right)| **right).filter_map(|(it, _)| *it);
+        let squares: Vec<f64> = of_right.map(|it| it.norm_squared()).collect();
+        for (camera, given) in cameras
+            .iter_mut()
+            .zip(self.tracks.cameras)
+            .enumerate()
+            .filter_map(|(index, it)| (!calibrated(index)).then_some(it))
+        {
+            camera.clone_from(given);
+        }
+        SelfCalibration {
+            rms_px: (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt(),
+            cameras,
+            status: status.to_vec(),
+            residuals,
+            right: self.right,
+            covariance,
+            links: Vec::new(),
+            flatness: flatness(&self.points),
+            points: self.points,
+        }
+    }
+}
