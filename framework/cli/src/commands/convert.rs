@@ -76,8 +76,11 @@ pub(super) fn run(args: &ConvertArgs) -> u8 {
                 true => "nothing is lost\n".to_owned(),
                 false => format!("lost:\n{}", list(&export)),
             };
-            let cameras = calibration.cameras.len();
-            say(&format!("{}\n{out}: {cameras} cameras, lengths in {unit}, {format}\n{lost}", calibration.origin));
+            let cameras = match calibration.cameras.len() {
+                1 => "1 camera".to_owned(),
+                n => format!("{n} cameras"),
+            };
+            say(&format!("{}\n{out}: {cameras}, lengths in {unit}, {format}\n{lost}", calibration.origin));
             exit::DONE
         }
         Err(error) if error.kind() == ErrorKind::AlreadyExists => {

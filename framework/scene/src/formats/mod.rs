@@ -33,7 +33,7 @@ use crate::{calibration_file, multi_cam_self_cal as multi_cam_self_cal_reader};
 
 /// What [`Calibration::load`] looks for; part of its error when nothing fits.
 const LOOKED_FOR: &str = "a calibration: TOML of ours ([calibration]), of Pose2Sim, Anipose or Caliscope (matrix = [[…), OpenCV \
-                          (%YAML:1.0 or <opencv_storage>), Qualisys (<calibration>), DLT coefficients (11 rows of numbers, a \
+                          (%YAML or <opencv_storage>), Qualisys (<calibration>), DLT coefficients (11 rows of numbers, a \
                           column for each camera), or a folder of MultiCamSelfCal (Pmatrices.dat) or of OpenCV files";
 
 /// A form of calibration that can be read and written.

@@ -1,6 +1,6 @@
 //! OpenCV's FileStorage, as far as calibrations use it: top-level scalars, lists and matrices, in YAML or XML.
 //!
-//! OpenCV's YAML opens with `%YAML:1.0`, which is no YAML directive, so that parsers of YAML refuse it; what it writes
+//! OpenCV's YAML opens with `%YAML:1.0` up to version 4, which is no YAML directive, so that parsers of YAML refuse it; what it writes
 //! besides is regular enough to be read line by line. Nested maps are passed over.
 
 use std::path::Path;

@@ -333,6 +333,52 @@ fn malformed_opencv_files_are_refused_with_their_place() {
     }
 }
 
+/// As OpenCV 5 writes it, which calls its YAML 1.2: wrapped numbers, other matrices, comments, nested lists and maps.
+#[test]
+fn what_opencv_writes_beside_the_camera_is_passed_over() {
+    let text = r#"%YAML 1.2
+---
+calibration_time: "Sat Nov 21 15:00:00 2026"
+image_width: 640
+image_height: 480
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 500.125, 0., 320.5, 0.,
+       501.5, 240.25, 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 1
+   cols: 5
+   dt: d
+   data: [ -0.10000000000000001, 0.01, 0.001, -0.002,
+       0.003 ]
+image_points: !!opencv-matrix
+   rows: 1
+   cols: 2
+   dt: "2f"
+   data: [ 0.245392323, 0.622864902, 0.791483223, .Nan ]
+# a comment: [ odd
+views:
+   - "a.png"
+   - { x:1, y:[ 2, 3 ] }
+m:
+   x: 1
+rvec: [ 0., 0., 1.5707963267948966 ]
+tvec: [ 1., 2., 3. ]
+"#;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("left.yml");
+    fs::write(&path, text).unwrap();
+    let calibration = Calibration::load(&path).unwrap();
+    let camera = calibration.camera("left").unwrap();
+    assert_eq!((camera.intrinsics.focal, camera.intrinsics.principal), ([500.125, 501.5], [320.5, 240.25]));
+    assert_eq!(camera.distortion, Distortion { k1: -0.1, k2: 0.01, p1: 0.001, p2: -0.002, k3: 0.003 });
+    // A quarter turn about Z takes the world's X to the camera's Y.
+    let in_camera = camera.camera_from_world * Point3::new(1.0, 0.0, 0.0);
+    assert!((in_camera - Point3::new(1.0, 3.0, 3.0)).norm() < 1e-12, "{in_camera}");
+}
+
 #[test]
 fn a_pair_finds_its_extrinsics_beside_it() {
     let text = text_of(Format::OpenCvStereo);
