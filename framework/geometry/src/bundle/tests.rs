@@ -309,3 +309,21 @@ fn bad_input_is_refused_by_place() {
         BundleFault::BadRule { .. }
     ));
 }
+
+#[test]
+fn beside_one_held_camera_the_other_has_no_error_in_scale() {
+    let mut pair = room(test_room::cameras(18, 4), 80, 18, 0.5, 0.0, 21);
+    pair.observations.retain(|it| it.camera < 2);
+    let centroid = pair.points.iter().fold(Vector3::zeros(), |sum, it| sum + it.coords) / 80.0;
+    let points: Vec<Point3<f64>> = pair.points.iter().map(|it| it - centroid).collect();
+    let mut cameras = pair.truth[..2].to_vec();
+    cameras.iter_mut().for_each(|it| it.camera_from_world *= nalgebra::Translation3::from(centroid));
+    let rules = BundleRules { covariance: true, ..PRECISE };
+    let found = adjust(&cameras, &[Freedom::NONE, Freedom::POSE], &points, &pair.observations, &rules).unwrap();
+    let covariance = found.covariance.as_ref().unwrap().as_ref().unwrap()[1].pose;
+    // Seen from the centroid, a larger scene moves the free camera along the line between the two.
+    let along = (found.cameras[1].centre() - found.cameras[0].centre()).normalize();
+    let scale = Vector6::from_iterator([0.0; 3].into_iter().chain(along.iter().copied()));
+    let (left, whole) = ((covariance * scale).norm(), covariance.norm());
+    assert!(left < 1e-9 * whole && whole > 0.0, "{left} {whole}");
+}
