@@ -20,7 +20,7 @@ pub(crate) struct Announced {
 pub(crate) struct Listener {
     /// Length of one unit of the time stamps [s], as a fraction.
     time_base: (i64, i64),
-    /// The last complaints, each different from the one before.
+    /// The first complaint, which often names the cause, and the last ones, each different from the one before.
     complaints: Vec<String>,
     n_complaints: u64,
 }
@@ -55,7 +55,7 @@ impl Listener {
                 self.complaints.push(words);
             }
             if self.complaints.len() > Self::KEPT {
-                self.complaints.remove(0);
+                self.complaints.remove(1);
             }
         }
         None
@@ -74,7 +74,7 @@ impl Listener {
         (numerator > 0 && denominator > 0).then(|| Interval((nanoseconds / i128::from(denominator)) as i64))
     }
 
-    /// The last complaints in one line; `None` if there was none.
+    /// The complaints that were kept, in one line; `None` if there was none.
     pub(crate) fn complaints(&self) -> Option<String> {
         (!self.complaints.is_empty()).then(|| self.complaints.join("; "))
     }
@@ -145,6 +145,9 @@ mod tests {
         assert_eq!(listener.complaints().unwrap(), "overread 8; file:cut.avi: corrupt input packet in stream 0");
         assert_eq!(listener.n_complaints(), 3);
         assert!(listener.complained_of("corrupt"));
+        listener.hear("[error] that did not help");
+        listener.hear("[fatal] the end");
+        assert_eq!(listener.complaints().unwrap(), "overread 8; that did not help; the end");
     }
 
     #[test]

@@ -142,7 +142,8 @@ impl Film {
             turns.push_back(Turn { time, what: What::Picture(image) });
             return Ok(());
         }
-        let fault = format!("is {width} x {height} px, expected {} x {} px", expected[0], expected[1]);
+        let fault =
+            format!("is {width} x {height} px{}, expected {} x {} px", self.filtered(), expected[0], expected[1]);
         if self.n_pictures == 0 {
             return Err(fault);
         }
@@ -160,6 +161,12 @@ impl Film {
         let decoder = self.programs.decode(&self.path, format, filter, threads, dialect);
         self.state = State::Open(Box::new(decoder.map_err(|fault| format!("cannot be read: {fault}"))?));
         Ok(())
+    }
+
+    /// For messages about what leaves the filter; empty without one.
+    fn filtered(&self) -> String {
+        let filter = &self.settings.filter;
+        if filter.is_empty() { String::new() } else { format!(" after filter = \"{filter}\"") }
     }
 
     /// Session time of a frame; what was left out before it becomes gaps.
@@ -209,7 +216,10 @@ impl Film {
             return self.try_advance(pool, turns);
         }
         if self.index == 0 {
-            return Err(format!("is no video that ffmpeg can decode; it says {words}"));
+            return Err(match self.settings.filter.as_str() {
+                "" => format!("is no video that ffmpeg can decode; it says {words}"),
+                filter => format!("gives no frame with filter = \"{filter}\"; ffmpeg says {words}"),
+            });
         }
         let announced = self.header.n_frames.filter(|&it| it > self.index);
         if !ending.success || (announced.is_some() && ending.complaints.is_some()) {
@@ -240,7 +250,7 @@ impl Film {
         }
         if let Some(words) = &ending.complaints {
             let times = ending.n_complaints;
-            report.remark(format!("{instance}: ffmpeg complained {times} times of `{path}`, at last: {words}"));
+            report.remark(format!("{instance}: ffmpeg complained {times} times of `{path}`: {words}"));
         }
     }
 }
@@ -430,9 +440,11 @@ mod tests {
         let filter = |chain: &str| play(&mut node(VideoSettings { filter: chain.into(), ..settings(&path) }));
         let turns = filter("transpose=1,pad=64:64,crop=64:48");
         assert_eq!((turns.len(), turns[0].1.as_str()), (30, "64 x 48 3072"));
-        assert!(filter("transpose=1")[0].1.contains("48 x 64 px, expected 64 x 48 px"));
-        let turns = filter("no_such_filter");
-        assert!(turns[0].1.starts_with("fault") && turns[0].1.contains("ffmpeg"), "{turns:?}");
+        assert!(filter("transpose=1")[0].1.contains("48 x 64 px after filter = \"transpose=1\", expected 64 x 48 px"));
+        let turns = filter("no_such_filter=3");
+        let said = &turns[0].1;
+        assert!(said.starts_with("fault") && said.contains("filter = \"no_such_filter=3\"; ffmpeg says"), "{said}");
+        assert!(said.contains("No such filter: 'no_such_filter'"), "{said}");
     }
 
     #[test]
