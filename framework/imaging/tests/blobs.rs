@@ -197,6 +197,16 @@ fn a_light_that_drifts_in_one_corner_is_followed() {
         watcher.see(&[]);
         assert_eq!(watcher.blobs, [], "picture {k}");
     }
+    // A drift of 0.075 % a picture is followed 50 pictures late; a variance that grew instead would hide that it is not.
+    let inside = (0..WIDTH * HEIGHT).filter(|i| (25..55).contains(&(i % WIDTH)) && (85..105).contains(&(i / WIDTH)));
+    let (mut lag, mut sigma, gain) = (0.0, 0.0, f64::from(watcher.foreground.gain()));
+    for i in inside {
+        let (mean, deviation) = watcher.foreground.pixel(i);
+        lag += (watcher.scene.room[i] * 1.3 - gain * f64::from(mean)) / watcher.scene.room[i] / 600.0;
+        sigma += f64::from(deviation) / 600.0;
+    }
+    assert!((lag - 0.0375).abs() < 0.01, "lag {lag}, gain {gain}, σ {sigma}");
+    assert!(sigma < 6.0, "σ {sigma} where the noise is 3 and the lag some 4");
 }
 
 #[test]

@@ -297,6 +297,18 @@ mod tests {
     }
 
     #[test]
+    fn a_mask_hides_the_same_part_of_pictures_made_smaller() {
+        // Columns 60 to 79 are lit, those up to 69 hidden.
+        let masks = vec![vec![[-1.0, -1.0], [69.5, -1.0], [69.5, 120.0], [-1.0, 120.0]]];
+        for shrink in [1, 2, 5] {
+            let mut watcher = watcher(BlobSettings { shrink, masks: masks.clone(), ..settings() });
+            let (_, list) = find(&mut watcher, &picture(SIZE, Some(60), PixelFormat::Gray8)).unwrap();
+            assert_eq!(list.len(), 1, "1/{shrink}");
+            assert!((list[0].centre - Point2::new(74.5, 49.5)).norm() < 0.3, "1/{shrink}: {}", list[0].centre);
+        }
+    }
+
+    #[test]
     fn another_size_is_refused_until_it_stays() {
         let mut watcher = watcher(settings());
         let other = picture([80, 120], None, PixelFormat::Gray8);
