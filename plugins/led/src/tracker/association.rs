@@ -82,6 +82,8 @@ pub(super) struct Association {
     in_view: Vec<bool>,
     /// By feature: whether it has a target.
     feature_taken: Vec<bool>,
+    /// By feature: whether it lies in the gate of a target that does not dare to take it.
+    disputed: Vec<bool>,
     /// Features without finite numbers or with a negative variance.
     pub unusable: u64,
     clusters: Clusters,
@@ -224,6 +226,11 @@ impl Association {
         self.feature_taken.iter().filter(|it| **it).count()
     }
 
+    /// How many features of the last frame are no target's, and in no target's gate.
+    pub fn n_false(&self) -> usize {
+        self.unmatched().filter(|&feature| !self.disputed[feature]).count()
+    }
+
     /// The usable features of the last frame that no target got.
     pub fn unmatched(&self) -> impl Iterator<Item = usize> + '_ {
         self.rows.iter().map(|it| it.1).filter(|&feature| !self.feature_taken[feature])
@@ -234,6 +241,8 @@ impl Association {
         self.rows.clear();
         self.feature_taken.clear();
         self.feature_taken.resize(features.len(), false);
+        self.disputed.clear();
+        self.disputed.resize(features.len(), false);
         let mut largest: f64 = 0.0;
         for (index, feature) in features.iter().enumerate() {
             let [a, b, c] = [feature.covariance[(0, 0)], feature.covariance[(0, 1)], feature.covariance[(1, 1)]];
@@ -265,9 +274,7 @@ impl Association {
         let own = gate.noise(&Matrix2::zeros(), &jacobian, filter);
         let predicted = filter.innovation_covariance(&jacobian, &own);
         let area = PI * gate.sigma * gate.sigma * predicted.determinant().max(0.0).sqrt();
-        if area * gate.clutter > most_clutter {
-            return;
-        }
+        let dares = area * gate.clutter <= most_clutter;
         // No axis of S is longer than its trace; a feature further away than that cannot pass the gate.
         let reach = gate.pixels.min(gate.sigma * (predicted.trace() + largest_variance).sqrt());
         let first = self.rows.partition_point(|row| row.0 < expected.y - reach);
@@ -283,7 +290,10 @@ impl Association {
             let determinant = s[(0, 0)] * s[(1, 1)] - s[(0, 1)] * s[(1, 0)];
             let (x, y) = (innovation.x, innovation.y);
             let squared = (s[(1, 1)] * x * x - (s[(0, 1)] + s[(1, 0)]) * x * y + s[(0, 0)] * y * y) / determinant;
-            if determinant > 0.0 && squared <= gate.sigma * gate.sigma {
+            let inside = determinant > 0.0 && squared <= gate.sigma * gate.sigma;
+            if inside && !dares {
+                self.disputed[feature] = true;
+            } else if inside {
                 let cost = squared + determinant.ln();
                 self.candidates.push(Pair { cost, view: number, track, feature, innovation, jacobian });
             }

@@ -376,7 +376,7 @@ impl Tracker {
     fn count_features(&mut self, camera: CameraId) {
         let n_unmatched = self.association.unmatched().count();
         let clutter = &mut self.clutter[usize::from(camera.0)];
-        *clutter += CLUTTER_WEIGHT * (n_unmatched as f64 - *clutter);
+        *clutter += CLUTTER_WEIGHT * (self.association.n_false() as f64 - *clutter);
         self.tally.used += self.association.n_used() as u64;
         self.tally.unmatched += n_unmatched as u64;
         self.tally.unusable = self.association.unusable;
