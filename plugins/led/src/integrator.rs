@@ -6,7 +6,7 @@ use foveate::estimation::consistency::Verdict;
 use foveate::prelude::*;
 
 pub use crate::tracker::IntegratorSettings;
-use crate::tracker::{CameraTally, Clocks, Entry, Tracker};
+use crate::tracker::{CameraTally, Entry, Tracker};
 
 /// Mean normalised squared innovations are called too large beyond this many standard deviations of what chance does to them, and this
 /// part of 1.
@@ -28,6 +28,8 @@ pub struct Integrator {
     tracker: Tracker,
     /// How far ahead of its delivery a frame may have been captured.
     ahead: Interval,
+    birth_cameras: u32,
+    birth_features_max: u32,
     pool: Pool<Targets>,
     camera_names: Vec<String>,
     /// Frames whose capture time lies after their delivery.
@@ -59,12 +61,15 @@ impl Node for Integrator {
             );
             return Err(ConfigError::at("birth_cameras", message));
         }
-        let spread_ms = if settings.clocks == Clocks::Trust { 0.0 } else { 5.0 * settings.clock_spread_ms };
-        let ahead = Interval::from_ms(spread_ms.max(CLOCK_TOLERANCE_MS));
+        let ahead = Interval::from_ms(settings.clocks_off_ms().max(CLOCK_TOLERANCE_MS));
+        let birth_cameras = settings.birth_cameras;
+        let birth_features_max = settings.birth_features_max;
         let models = cameras.iter().map(|it| it.camera.clone()).collect();
         Ok(Self {
             tracker: Tracker::new(settings, models, setup.volume_m),
             ahead,
+            birth_cameras,
+            birth_features_max,
             pool: Pool::default(),
             camera_names: cameras.iter().map(|it| it.name.clone()).collect(),
             from_the_future: 0,
@@ -120,12 +125,22 @@ impl Node for Integrator {
         figure("frames_from_the_future", self.from_the_future);
         figure("frames_of_unknown_cameras", self.unknown_camera);
         if late > 0 {
-            let all = late + applied;
+            let worst = tally.cameras.iter().zip(&self.camera_names).max_by_key(|it| it.0.late);
+            let worst = worst.map_or("", |it| it.1.as_str());
             report.remark(format!(
-                "{late} of {all} camera frames reached the integrator too long after newer ones and were not used; in a live run that \
-                 means that the machine does not keep up, or that clocks disagree"
+                "{late} of {} camera frames came too long after newer ones and were not used, most of them of {worst}: that machine does not \
+                 keep up, or its clock is off; late = \"refilter\", a larger history_ms and clocks = \"correct\" use them",
+                late + applied
             ));
         }
+        if self.from_the_future > 0 {
+            report.remark(format!(
+                "{} camera frames were stamped more than {} ms after they came, and were not used: that clock is wrong",
+                self.from_the_future,
+                self.ahead.as_s() * 1e3
+            ));
+        }
+        self.report_nothing(report);
         // By camera only where something went wrong: a rig of many cameras has enough to read.
         for (camera, name) in tally.cameras.iter().zip(&self.camera_names) {
             for (what, count) in
@@ -143,6 +158,34 @@ impl Node for Integrator {
 }
 
 impl Integrator {
+    /// Why nothing was recovered, if nothing was.
+    fn report_nothing(&self, report: &mut Report) {
+        let tally = self.tracker.tally();
+        let n_seeing = tally.cameras.iter().filter(|it| it.applied > 0).count();
+        if tally.births > 0 || n_seeing == 0 {
+            return;
+        }
+        let why = if n_seeing < self.birth_cameras as usize {
+            format!("{n_seeing} cameras gave frames, and a target needs {} (birth_cameras)", self.birth_cameras)
+        } else if tally.unmatched == 0 {
+            "the cameras saw no light".to_owned()
+        } else if tally.unmatched > tally.frames() * u64::from(self.birth_features_max) {
+            format!(
+                "frames hold more features than birth_features_max = {}, and count as noise",
+                self.birth_features_max
+            )
+        } else {
+            format!(
+                "of {} features in {} frames, no lines of sight of {} cameras met: look at the calibration, the clocks and the volume, and \
+                 at birth_tolerance_mm, birth_share and stale_after_ms",
+                tally.unmatched,
+                tally.frames(),
+                self.birth_cameras
+            )
+        };
+        report.remark(format!("no target was ever born: {why}"));
+    }
+
     /// Whether errors are as large as the filters say: the normalised squared innovations over their number of degrees of freedom.
     fn report_consistency(&self, report: &mut Report) {
         let tally = self.tracker.tally();

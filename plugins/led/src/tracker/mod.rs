@@ -46,6 +46,10 @@ const PROBATION_SHARE: f64 = 0.5;
 
 /// What the innovations of a target said is forgotten with this time constant [s].
 const ADAPT_WITHIN_S: f64 = 0.25;
+/// The noise of a motion model is multiplied with no less and no more. Not far down: where features are better than they are said to be,
+/// small innovations look like a calm target, and the filter would be too stiff for its next turn.
+const LEAST_NOISE: f64 = 0.4;
+const MOST_NOISE: f64 = 64.0;
 
 /// What the newest frame counts in the mean number of false features of a camera's frames.
 const CLUTTER_WEIGHT: f64 = 0.02;
@@ -176,11 +180,12 @@ impl Tracker {
     fn admit(&self, camera: usize, stamp: Time, time: Time) -> Entry {
         let late = self.time.map_or(Interval(0), |now| now - time);
         let newest = self.newest[camera];
-        let (tolerance, in_order) = match self.settings.late {
-            LateRule::Discard => (Interval(0), true),
-            LateRule::Apply => (Interval::from_ms(self.settings.late_tolerance_ms), true),
-            LateRule::Refilter => (Interval::from_ms(self.settings.history_ms), false),
+        let (tolerance_ms, in_order) = match self.settings.late {
+            LateRule::Discard => (0.0, true),
+            LateRule::Apply => (self.settings.late_tolerance_ms.max(self.settings.clocks_off_ms()), true),
+            LateRule::Refilter => (self.settings.history_ms(), false),
         };
+        let tolerance = Interval::from_ms(tolerance_ms);
         if late > tolerance {
             Entry::Late
         } else if newest.is_some_and(|newest| stamp == newest || (in_order && stamp < newest)) {
@@ -314,7 +319,7 @@ impl Tracker {
             }
         }
         let keeps_history = self.settings.late == LateRule::Refilter;
-        let reach = Interval::from_ms(self.settings.history_ms);
+        let reach = Interval::from_ms(self.settings.history_ms());
         for pair in self.association.pairs() {
             let track = &mut self.tracks[pair.track];
             let feature = &features.list[pair.feature];
@@ -514,7 +519,10 @@ impl Tracker {
                     let id = regained.as_ref().map_or(TargetId(self.next_id), |it| it.id);
                     self.next_id = self.next_id.max(id.0 + 1);
                     let mut track = Track::new(id, filter, now, camera, probation);
-                    track.noise = self.settings.adapt_noise.then(|| AdaptiveNoise::new(ADAPT_WITHIN_S));
+                    track.noise = self
+                        .settings
+                        .adapt_noise
+                        .then(|| AdaptiveNoise::bounded(ADAPT_WITHIN_S, LEAST_NOISE, MOST_NOISE));
                     let share = self.nursery.share(camera, meeting, now, &conditions);
                     track.withheld = regained.is_none() && share < self.settings.birth_sure_share;
                     self.tally.births += 1;
@@ -529,7 +537,7 @@ impl Tracker {
             witnesses.for_each(|witness| track.cameras.insert(witness));
             if self.settings.late == LateRule::Refilter {
                 let step = Step { time: now, seen: None, filter: track.filter.clone() };
-                track.history.push(step, Interval::from_ms(self.settings.history_ms));
+                track.history.push(step, Interval::from_ms(self.settings.history_ms()));
             }
             self.nursery.consume_members(index);
             self.nursery.consume(camera, &start.position, 2.0 * conditions.rules.tolerance);

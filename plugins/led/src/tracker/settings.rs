@@ -70,7 +70,8 @@ pub enum AssociationMethod {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct IntegratorSettings {
-    /// How a target is expected to move: `constant_velocity`, `constant_acceleration`, `interacting` [–].
+    /// How a target is expected to move: `constant_velocity`; `constant_acceleration` (`jerk_m_s3` counts; twice the time); `interacting`: now
+    /// calm, now agile, which is found for each target (five times the time; best for lights that cross and turn) [–].
     pub motion: MotionModel,
     /// Acceleration to be expected of a target, standard deviation, taken to be independent from one tenth of a second to
     /// the next: the filter's white noise has the spectral density a² · 0.1 s. A walking person's wrist reaches 20 [m/s²].
@@ -82,8 +83,8 @@ pub struct IntegratorSettings {
     /// With `motion = "interacting"`: acceleration to be expected while the target is calm, standard deviation, likewise [m/s²].
     #[schemars(range(min = 0.0001, max = 10000.0))]
     pub calm_m_s2: f64,
-    /// Whether each target's noise follows its innovations: up where it turns faster than the settings say, down where it is
-    /// calmer, within 1/16 and 64 times [–].
+    /// Whether each target's noise follows its innovations: up where it turns faster than the settings say, to 64 times, and a little
+    /// down where it is calmer, to 0.4 times [–].
     pub adapt_noise: bool,
     /// Error of a camera's model, one axis, standard deviation, added to each feature's own covariance [px].
     #[schemars(range(min = 0.001, max = 100.0))]
@@ -140,7 +141,8 @@ pub struct IntegratorSettings {
     /// A target that one camera only has seen for this long is lost: its depth drifts [ms].
     #[schemars(range(min = 1.0, max = 100000.0))]
     pub single_view_after_ms: f64,
-    /// How features are given to targets: `nearest`, `global`, `hypotheses` [–].
+    /// How features are given to targets: `nearest`, the best pair first, as in the paper; `global`, the pairs that fit best together;
+    /// `hypotheses`, and where one frame cannot tell, several answers are kept until later ones can [–].
     pub association: AssociationMethod,
     /// How far an unmatched feature may be from where the one of that camera's frame before was expected, to be the same one: its motion
     /// lets fast targets be born. 0: only slow ones are, as in the paper [px].
@@ -150,17 +152,20 @@ pub struct IntegratorSettings {
     /// around, takes its identity up again. 0: never, as in the paper [ms].
     #[schemars(range(min = 0.0, max = 600000.0))]
     pub remember_ms: f64,
-    /// What happens to a frame captured before the filter's time: `discard`, `apply` (as though of the filter's time), `refilter` [–].
+    /// What happens to a frame captured before the filter's time: `discard`; `apply`, as though of the filter's time, up to
+    /// `late_tolerance_ms`, as in the paper; `refilter`, the filters are taken back to its time and on again, up to `history_ms` [–].
     pub late: LateRule,
-    /// What is made of the clocks of the cameras: `trust`, `estimate`, `correct` [–].
+    /// What is made of the clocks of the cameras: `trust`; `estimate`, offset and drift are found from what moves, against the mean of all
+    /// cameras, and shown at the end (right for small offsets only); `correct`, and stamps are put right: best with `late = "refilter"` [–].
     pub clocks: Clocks,
     /// How far clocks are expected to be off, standard deviation, as far as they are estimated [ms].
     #[schemars(range(min = 0.01, max = 10000.0))]
     pub clock_spread_ms: f64,
-    /// With `late = "apply"`: frames later than this are discarded and counted [ms].
+    /// With `late = "apply"`: frames later than this are discarded and counted; five times `clock_spread_ms` where clocks are estimated and
+    /// that is more [ms].
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub late_tolerance_ms: f64,
-    /// With `late = "refilter"`: how far back; frames later than this are discarded and counted [ms].
+    /// With `late = "refilter"`: how far back; frames later than this are discarded and counted; likewise [ms].
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub history_ms: f64,
     /// Targets are born within this distance of the scale's working volume, where the rig states one, and lost beyond twice
@@ -208,6 +213,16 @@ impl Default for IntegratorSettings {
 }
 
 impl IntegratorSettings {
+    /// How far back late frames are put in their place [ms].
+    pub(super) fn history_ms(&self) -> f64 {
+        self.history_ms.max(self.clocks_off_ms())
+    }
+
+    /// How late frames may be by their clocks alone: one that is behind can only be found by frames that are let in [ms].
+    pub(crate) fn clocks_off_ms(&self) -> f64 {
+        if self.clocks == Clocks::Trust { 0.0 } else { 5.0 * self.clock_spread_ms }
+    }
+
     /// The motion model that the settings describe.
     ///
     /// # Panics

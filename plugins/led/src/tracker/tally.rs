@@ -53,6 +53,11 @@ pub struct CameraTally {
 }
 
 impl Tally {
+    /// Frames that were applied.
+    pub fn frames(&self) -> u64 {
+        self.cameras.iter().map(|it| it.applied).sum()
+    }
+
     pub(super) fn count(&mut self, death: Death) {
         *match death {
             Death::Unseen => &mut self.deaths_unseen,
