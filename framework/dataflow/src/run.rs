@@ -146,11 +146,31 @@ fn view_edges(graph: &Graph, stage: &Stage, views: &mut [EdgeView]) {
 }
 
 /// Finishes all nodes and gathers what the run leaves behind.
+/// Part of the messages of an edge that may be dropped without a word.
+const QUIET_DROPS: f64 = 0.01;
+
+/// Says where messages were dropped since their consumer did not keep up.
+fn remark_drops(graph: &Graph, ledgers: &[Ledger], report: &mut Report) {
+    let of = |it: &Ledger| (it.dropped, it.dropped + it.delivered);
+    let (dropped, all) = ledgers.iter().map(of).fold((0, 0), |sum, it| (sum.0 + it.0, sum.1 + it.1));
+    let part = |it: &Ledger| it.dropped as f64 / (it.dropped + it.delivered).max(1) as f64;
+    let worst = graph.edges.iter().zip(ledgers).max_by(|a, b| part(a.1).total_cmp(&part(b.1)));
+    if let Some((edge, ledger)) = worst.filter(|it| part(it.1) > QUIET_DROPS) {
+        report.remark(format!(
+            "{dropped} of {all} messages were dropped since what they went to did not keep up; worst: {} of {} at {}",
+            ledger.dropped,
+            ledger.dropped + ledger.delivered,
+            edge.name
+        ));
+    }
+}
+
 fn conclude(graph: &Graph, mut stage: Stage, ended: Time, wall: Duration, interrupted: bool) -> Outcome {
     let mut report = Report::default();
     stage.flush(ended);
     stage.finish(ended, &mut report);
     let ledgers: Vec<Ledger> = stage.ends.into_iter().map(|end| end.map(|it| it.ledger).unwrap_or_default()).collect();
+    remark_drops(graph, &ledgers, &mut report);
     let promises = graph.edges.iter().zip(&ledgers).filter_map(|(edge, ledger)| Some((edge, edge.require?, ledger)));
     let unmet = promises.flat_map(|(edge, promise, ledger)| {
         let sentences = ledger.unmet(&promise).into_iter();
