@@ -199,3 +199,14 @@ fn failing_node_that_is_busy_loses_what_waits_and_says_so() {
     let edge = &outcome.ledgers[0];
     assert_eq!((edge.delivered, edge.dropped), (4, 16));
 }
+
+#[test]
+fn messages_that_are_dropped_are_spoken_of() {
+    let about_drops = |take: &str, cost_ms: f64| -> Vec<String> {
+        let (outcome, _) = tracked(false, take, cost_ms);
+        outcome.report.remarks.into_iter().filter(|it| it.contains("were dropped")).collect()
+    };
+    let told = about_drops("newest", 15.0);
+    assert!(told.len() == 1 && told[0].contains("worst: "), "{told:?}");
+    assert!(about_drops("each", 0.0).is_empty());
+}
