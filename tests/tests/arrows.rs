@@ -12,6 +12,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("geometry", &["estimation"]),
     ("imaging", &[]),
     ("scene", &["geometry"]),
+    // A room beside dataflow: calibrating is no node's work, and the program that does it knows both.
+    ("calibration", &["estimation", "geometry", "scene"]),
     ("messages", &[]),
     ("dataflow", &["estimation", "geometry", "messages", "scene"]),
     ("sim", &["dataflow", "estimation", "geometry", "messages", "scene"]),

@@ -1,0 +1,1 @@
+//! Metres, the vertical and the origin, and what fixes each how well.

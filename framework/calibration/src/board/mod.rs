@@ -1,0 +1,1 @@
+//! Chessboards and their like: optics and poses.

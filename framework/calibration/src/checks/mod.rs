@@ -1,0 +1,1 @@
+//! What re-projection cannot see, and a verdict in words.

@@ -1,0 +1,1 @@
+//! Where the light has been, for those who wave it.

@@ -1,0 +1,25 @@
+//! From what cameras saw of lights and boards to a calibration with a verdict. Pure functions: no clock, no I/O, no nodes.
+//!
+//! | module | what it is |
+//! |---|---|
+//! | [`recording`] | what went in: who saw what, where and when, and what is known of the cameras' optics |
+//! | [`solved`] | what came out: cameras, path, the residual of each sighting, and what remains open |
+//! | [`room`] | the way from one to the other with one waved light, from nothing or from an older calibration |
+//! | [`clocks`] | cameras that share no clock: their offsets from the continuity of the light's path |
+//! | [`wand`] | two lights a known distance apart |
+//! | [`axes`] | metres, the vertical and the origin, and what fixes each how well |
+//! | [`board`] | chessboards and their like: optics and poses |
+//! | [`checks`] | what re-projection cannot see, and a verdict in words |
+//! | [`coverage`] | where the light has been, for those who wave it |
+//! | [`report`] | one HTML page with pictures |
+
+pub mod axes;
+pub mod board;
+pub mod checks;
+pub mod clocks;
+pub mod coverage;
+pub mod recording;
+pub mod report;
+pub mod room;
+pub mod solved;
+pub mod wand;

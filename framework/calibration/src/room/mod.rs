@@ -1,0 +1,1 @@
+//! From a recording of one waved light to a solved room.

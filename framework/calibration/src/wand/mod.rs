@@ -1,0 +1,1 @@
+//! Two lights a known distance apart.
