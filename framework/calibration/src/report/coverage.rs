@@ -1,0 +1,65 @@
+//! In which part of each image the light was.
+
+use std::fmt::Write as _;
+
+use super::ReportInput;
+use super::figures::Figures;
+use super::page::{Page, escaped, fixed};
+use super::residuals::cell_of;
+use super::svg::{shade, short};
+
+const COLUMNS: usize = 12;
+/// Sightings in a cell that give the darkest shade, where a camera has that many on average.
+const LEAST_FULL: f64 = 5.0;
+
+pub(super) fn section(page: &mut Page, report: &ReportInput<'_>, figures: &Figures) {
+    page.section(
+        "coverage",
+        "Coverage of the images",
+        "Where each camera saw the light, used or held out. Lens and focal length are known where the light was: an empty corner is a \
+         corner in which the calibration only guesses.",
+    );
+    let mut cells_html = String::new();
+    for (camera, of) in report.solved.cameras.iter().zip(&figures.cameras) {
+        let [width, height] = camera.camera.image_size.map(|it| f64::from(it.max(1)));
+        let rows = ((COLUMNS as f64 * height / width).round() as usize).clamp(1, 3 * COLUMNS);
+        let mut counts = vec![0_usize; COLUMNS * rows];
+        for (pixel, _) in &of.seen {
+            if let Some(cell) = cell_of(pixel, [width, height], [COLUMNS, rows]) {
+                counts[cell] += 1;
+            }
+        }
+        let full = (of.seen.len() as f64 / counts.len() as f64).max(LEAST_FULL);
+        let mut paths = vec![String::new(); 6];
+        for (cell, count) in counts.iter().enumerate() {
+            let (x, y) = (10 * (cell % COLUMNS), 10 * (cell / COLUMNS));
+            let _ = write!(paths[shade(*count as f64 / full)], "M{x} {y}h10v10h-10z"); // writing to a String cannot fail
+        }
+        let levels: String = paths
+            .iter()
+            .enumerate()
+            .filter(|it| !it.1.is_empty())
+            .map(|(level, path)| format!("<path class=\"h{level}\" d=\"{path}\"/>"))
+            .collect();
+        let covered = counts.iter().filter(|it| **it > 0).count() as f64 / counts.len() as f64;
+        let _ = write!(
+            cells_html,
+            "<figure><svg class=\"heat\" viewBox=\"0 0 {0} {1}\" width=\"{0}\" height=\"{1}\" role=\"img\" aria-label=\"Coverage of {2}\">\
+             {levels}</svg><figcaption><b>{2}</b> {3} % of {4} × {5} px</figcaption></figure>",
+            10 * COLUMNS,
+            10 * rows,
+            escaped(&camera.name),
+            fixed(100.0 * covered, 0),
+            short(width),
+            short(height),
+        );
+    }
+    page.raw(&format!("<div class=\"heats\">{cells_html}</div>"));
+    let keys: String = [("h0", "none"), ("h1", "up to a fifth"), ("h3", "three fifths"), ("h5", "all and more")]
+        .map(|(class, words)| format!("<span class=\"key {class}\">{words}</span>"))
+        .concat();
+    page.raw(&format!(
+        "<p class=\"note\">Sightings in a cell, of what an even spread over the image would give, but of at least 5: {keys}. Each \
+         picture is the whole image, u to the right and v downwards.</p>"
+    ));
+}

@@ -1,0 +1,111 @@
+//! What the page states of each camera, gathered once.
+
+use nalgebra::{Point2, Vector2};
+
+use crate::solved::{SightingRole, Solved};
+
+/// Residuals, pixels and depths of one camera.
+#[derive(Debug, Clone, Default)]
+pub(super) struct OfCamera {
+    /// Sightings by role: used, held out, rejected, unsolved.
+    pub counts: [usize; 4],
+    /// Lengths of the residuals of used sightings, sorted [px].
+    pub used_px: Vec<f64>,
+    /// Lengths of the residuals of sightings held out, sorted [px].
+    pub held_out_px: Vec<f64>,
+    /// Where it was seen, with the residual where there is one; used and held out.
+    pub seen: Vec<(Point2<f64>, Option<Vector2<f64>>)>,
+    /// Depths of the points that it saw, used or held out, sorted.
+    pub depths: Vec<f64>,
+    /// Links with other cameras that agree with the rest.
+    pub links: usize,
+}
+
+/// Of the whole room.
+pub(super) struct Figures {
+    pub cameras: Vec<OfCamera>,
+    /// Lengths of all residuals of used sightings, sorted [px].
+    pub used_px: Vec<f64>,
+    /// Of those held out, sorted [px].
+    pub held_out_px: Vec<f64>,
+    pub n_frames: usize,
+    /// Sightings whose camera or point does not exist; they are left out of everything.
+    pub n_bad: usize,
+}
+
+impl Figures {
+    pub(super) fn of(solved: &Solved) -> Self {
+        let mut cameras = vec![OfCamera::default(); solved.cameras.len()];
+        let mut frames = Vec::with_capacity(solved.sightings.len());
+        let mut n_bad = 0;
+        for sighting in &solved.sightings {
+            let Some(of) = cameras.get_mut(sighting.camera) else {
+                n_bad += 1;
+                continue;
+            };
+            frames.push(sighting.frame);
+            of.counts[role_index(sighting.role)] += 1;
+            if !matches!(sighting.role, SightingRole::Used | SightingRole::HeldOut) {
+                continue;
+            }
+            let residual = sighting.residual.filter(|it| it.norm().is_finite());
+            if sighting.pixel.coords.norm().is_finite() {
+                of.seen.push((sighting.pixel, residual));
+            }
+            let list = if sighting.role == SightingRole::Used { &mut of.used_px } else { &mut of.held_out_px };
+            list.extend(residual.map(|it| it.norm()));
+            let point = sighting.point.and_then(|it| solved.points.get(it));
+            let depth = point.map(|it| (solved.cameras[sighting.camera].camera.camera_from_world * it.position).z);
+            of.depths.extend(depth.filter(|it| it.is_finite()));
+        }
+        for link in solved.links.iter().filter(|it| it.consistent) {
+            for end in [link.a, link.b] {
+                if let Some(of) = cameras.get_mut(end) {
+                    of.links += 1;
+                }
+            }
+        }
+        for of in &mut cameras {
+            for list in [&mut of.used_px, &mut of.held_out_px, &mut of.depths] {
+                list.sort_by(f64::total_cmp);
+            }
+        }
+        let all = |which: fn(&OfCamera) -> &Vec<f64>| {
+            let mut all: Vec<f64> = cameras.iter().flat_map(|it| which(it).iter().copied()).collect();
+            all.sort_by(f64::total_cmp);
+            all
+        };
+        let (used_px, held_out_px) = (all(|it| &it.used_px), all(|it| &it.held_out_px));
+        frames.sort_unstable();
+        frames.dedup();
+        Self { cameras, used_px, held_out_px, n_frames: frames.len(), n_bad }
+    }
+}
+
+fn role_index(role: SightingRole) -> usize {
+    match role {
+        SightingRole::Used => 0,
+        SightingRole::HeldOut => 1,
+        SightingRole::Rejected => 2,
+        SightingRole::Unsolved => 3,
+    }
+}
+
+/// The value below which this part of a sorted list lies; NaN for none.
+pub(super) fn quantile(sorted: &[f64], part: f64) -> f64 {
+    let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
+    let place = part * last as f64;
+    let (low, high) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
+    low + (high - low) * place.fract()
+}
+
+pub(super) fn rms(list: &[f64]) -> f64 {
+    (list.iter().map(|it| it * it).sum::<f64>() / list.len() as f64).sqrt()
+}
+
+/// At most `most` of the items, evenly spaced from the first on.
+pub(super) fn thinned<T>(items: &[T], most: usize) -> impl Iterator<Item = &T> {
+    let n = items.len();
+    let kept = n.min(most);
+    (0..kept).map(move |it| &items[it * n / kept.max(1)])
+}
