@@ -27,7 +27,9 @@ pub mod self_calibration;
 pub mod triangulate;
 
 pub use alignment::{Alignment, AlignmentFault, AlignmentRules, CameraErrors, align, camera_errors};
-pub use bundle::{Adjusted, BundleFault, BundleRules, Freedom, Gauge, Observation, adjust};
+pub use bundle::{
+    Adjusted, BundleFault, BundleRules, Freedom, Gauge, KnownLength, Observation, adjust, adjust_with_lengths,
+};
 pub use camera::{Camera, CameraFault, Distortion, Intrinsics};
 pub use epipolar::{EpipolarFault, EpipolarRules, TwoViews, relative_pose};
 pub use from_matrix::ProjectionFault;

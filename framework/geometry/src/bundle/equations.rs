@@ -4,6 +4,7 @@ use foveate_estimation::Loss;
 use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Point3, SMatrix, SVector, Vector2, Vector3};
 
 use super::Observation;
+use super::lengths::{Coupled, Length};
 use crate::camera::Camera;
 
 /// Who sees what, ordered by point and within a point by camera.
@@ -16,6 +17,10 @@ pub(super) struct Layout {
     pub rows: Vec<[Option<usize>; 15]>,
     /// By camera: its place among those with something free.
     pub slots: Vec<Option<usize>>,
+    /// Known lengths between points in use; no point is in two.
+    pub lengths: Vec<Length>,
+    /// By point: whether it is in one.
+    pub coupled: Vec<bool>,
     /// Cameras that see points in use and whose pose is held.
     pub anchors: Vec<usize>,
     /// Rows of the reduced system.
@@ -29,6 +34,8 @@ pub(super) struct Equations<const C: usize> {
     pub of_point: Vec<Matrix3<f64>>,
     pub gradient_of_point: Vec<Vector3<f64>>,
     pub between: Vec<SMatrix<f64, C, 3>>,
+    /// By known length: the block of its two points.
+    pub of_length: Vec<Matrix3<f64>>,
     pub cost: f64,
 }
 
@@ -37,6 +44,7 @@ pub(super) struct Reduced<const C: usize> {
     blocks: Vec<SMatrix<f64, C, C>>,
     gradients: Vec<SVector<f64, C>>,
     inverses: Vec<Matrix3<f64>>,
+    coupled: Vec<Coupled>,
     pub information: DMatrix<f64>,
     pub gradient: DVector<f64>,
 }
@@ -118,6 +126,7 @@ impl<const C: usize> Equations<C> {
             of_point: vec![Matrix3::zeros(); n_points],
             gradient_of_point: vec![Vector3::zeros(); n_points],
             between: vec![SMatrix::zeros(); layout.observations.len()],
+            of_length: vec![Matrix3::zeros(); layout.lengths.len()],
             cost: 0.0,
         }
     }
@@ -163,6 +172,9 @@ impl<const C: usize> Equations<C> {
             self.of_point[index] = of_point;
             self.gradient_of_point[index] = gradient;
         }
+        for (length, coupling) in layout.lengths.iter().zip(&mut self.of_length) {
+            self.cost += length.add(points, loss, &mut self.of_point, &mut self.gradient_of_point, coupling)?;
+        }
         self.cost.is_finite().then_some(())
     }
 }
@@ -174,6 +186,7 @@ impl<const C: usize> Reduced<C> {
             blocks: vec![SMatrix::zeros(); n_free * (n_free + 1) / 2],
             gradients: vec![SVector::zeros(); n_free],
             inverses: vec![Matrix3::zeros(); n_points],
+            coupled: vec![Coupled::default(); layout.lengths.len()],
             information: DMatrix::zeros(layout.dimension, layout.dimension),
             gradient: DVector::zeros(layout.dimension),
         }
@@ -189,6 +202,9 @@ impl<const C: usize> Reduced<C> {
         }
         self.gradients.copy_from_slice(&equations.gradient_of_camera);
         for (index, range) in layout.of_point.iter().enumerate() {
+            if layout.coupled[index] {
+                continue;
+            }
             let mut damped = equations.of_point[index];
             (0..3).for_each(|it| damped[(it, it)] *= 1.0 + damping);
             let inverse = invert(&damped);
@@ -211,7 +227,43 @@ impl<const C: usize> Reduced<C> {
                 }
             }
         }
+        for (index, length) in layout.lengths.iter().enumerate() {
+            self.eliminate_coupled(layout, equations, damping, index, length.points);
+        }
         self.spread(layout);
+    }
+
+    /// Eliminates both points of a known length at once.
+    fn eliminate_coupled(
+        &mut self,
+        layout: &Layout,
+        equations: &Equations<C>,
+        damping: f64,
+        index: usize,
+        points: [usize; 2],
+    ) {
+        let of_points = points.map(|it| equations.of_point[it]);
+        let inverse = Coupled::inverse_of(of_points, &equations.of_length[index], damping);
+        let gradients = points.map(|it| equations.gradient_of_point[it]);
+        let seen = || {
+            points.into_iter().enumerate().flat_map(|(side, it)| layout.of_point[it].clone().map(move |at| (side, at)))
+        };
+        for (side, high) in seen() {
+            let Some(row) = layout.slots[layout.observations[high].camera] else { continue };
+            let led_back = [0, 1].map(|other| equations.between[high] * inverse.block(side, other));
+            self.gradients[row] -= led_back[0] * gradients[0] + led_back[1] * gradients[1];
+            for (other, low) in seen() {
+                let Some(column) = layout.slots[layout.observations[low].camera].filter(|it| *it <= row) else {
+                    continue;
+                };
+                subtract_product(
+                    &mut self.blocks[row * (row + 1) / 2 + column],
+                    &led_back[other],
+                    &equations.between[low],
+                );
+            }
+        }
+        self.coupled[index] = inverse;
     }
 
     /// Copies the free rows and columns of the blocks into the dense system.
@@ -246,14 +298,25 @@ impl<const C: usize> Reduced<C> {
         of_cameras: &[SVector<f64, C>],
         steps: &mut [Vector3<f64>],
     ) {
-        for (index, range) in layout.of_point.iter().enumerate() {
+        let gradient_of = |index: usize| {
             let mut gradient = equations.gradient_of_point[index];
-            for at in range.clone() {
+            for at in layout.of_point[index].clone() {
                 if let Some(slot) = layout.slots[layout.observations[at].camera] {
                     gradient += equations.between[at].tr_mul(&of_cameras[slot]);
                 }
             }
-            steps[index] = -(self.inverses[index] * gradient);
+            gradient
+        };
+        for (index, step) in steps.iter_mut().enumerate() {
+            if !layout.coupled[index] {
+                *step = -(self.inverses[index] * gradient_of(index));
+            }
+        }
+        for (length, inverse) in layout.lengths.iter().zip(&self.coupled) {
+            let gradients = length.points.map(gradient_of);
+            for (side, point) in length.points.into_iter().enumerate() {
+                steps[point] = -(inverse.block(side, 0) * gradients[0] + inverse.block(side, 1) * gradients[1]);
+            }
         }
     }
 }

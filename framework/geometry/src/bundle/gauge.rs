@@ -17,8 +17,10 @@ pub(super) fn directions(layout: &Layout, cameras: &[Camera]) -> DMatrix<f64> {
     }
     let centre_of_scale = about.map_or_else(Vector3::zeros, |it| it.coords);
     let first = if about.is_some() { 6 } else { 0 };
+    // A known length leaves no other scale.
+    let end = if layout.lengths.is_empty() { 7 } else { 6 };
     let mut columns: Vec<DVector<f64>> = Vec::with_capacity(7);
-    for generator in first..7 {
+    for generator in first..end {
         let mut column = DVector::zeros(layout.dimension);
         for (camera, rows) in cameras.iter().zip(&layout.rows) {
             let Some(row) = rows[0] else { continue };

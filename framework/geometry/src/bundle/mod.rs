@@ -12,12 +12,14 @@
 //!
 //! Pixels fix the scene up to a similarity only. Steps never move along these seven directions (inner constraints), and the
 //! [`Gauge`] chooses how the covariance is stated; cameras whose pose is held fix as many of the seven as they can.
+//! Known lengths between points, such as a wand's ([`adjust_with_lengths`]), fix the scale as well.
 //! Inside, the scene is moved to its centroid and scaled to size 1, so that places of millions of metres keep their digits.
 
 mod columns;
 mod covariance;
 mod equations;
 mod gauge;
+mod lengths;
 mod search;
 
 use foveate_estimation::Loss;
@@ -40,12 +42,24 @@ pub struct Observation {
     pub sigma_px: f64,
 }
 
+/// Two points whose distance is known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct KnownLength {
+    /// Which two; no point may be in two lengths.
+    pub points: [usize; 2],
+    /// Their distance [m].
+    pub length: f64,
+    /// Its standard deviation, independent of that of other lengths [m].
+    pub sigma: f64,
+}
+
 /// How what pixels leave open is settled: where the origin is, how the axes lie, how long a metre is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Gauge {
     /// All cameras share it: the scene stays where it was as a whole, and the covariance is the least that any choice allows.
     Inner,
-    /// The pose of `reference` and the distance of the centres of `reference` and `other` stay as they were, without error.
+    /// The pose of `reference` and the distance of the centres of `reference` and `other` stay as they were, without error. Where
+    /// lengths are known, the distance does not stay, and the covariance is that of [`Gauge::Inner`].
     Cameras {
         /// The camera whose pose stays.
         reference: usize,
@@ -188,6 +202,23 @@ pub enum BundleFault {
         /// How many there are.
         cameras: usize,
     },
+    /// A length of nothing, or of a point that has one already.
+    #[error(
+        "length {index} is {length} with sigma {sigma} between points {} and {}, expected numbers above 0 and two of {count} points \
+         that no other length has", points[0], points[1]
+    )]
+    BadLength {
+        /// Which.
+        index: usize,
+        /// Its points.
+        points: [usize; 2],
+        /// Its value [m].
+        length: f64,
+        /// Its standard deviation [m].
+        sigma: f64,
+        /// How many points there are.
+        count: usize,
+    },
     /// A rule that cannot be followed.
     #[error("{rule} is {found}, expected a finite number above 0")]
     BadRule {
@@ -209,14 +240,44 @@ pub fn adjust(
     observations: &[Observation],
     rules: &BundleRules,
 ) -> Result<Adjusted, BundleFault> {
+    adjust_with_lengths(cameras, freedoms, points, observations, &[], rules)
+}
+
+/// As [`adjust`], with points whose distance is known; it counts as one more residual, under the same loss. The start has to be in the
+/// unit of the lengths, to within a small part. Lengths of points that fewer than two cameras see do not count.
+///
+/// # Errors
+/// See [`BundleFault`].
+pub fn adjust_with_lengths(
+    cameras: &[Camera],
+    freedoms: &[Freedom],
+    points: &[Point3<f64>],
+    observations: &[Observation],
+    lengths: &[KnownLength],
+    rules: &BundleRules,
+) -> Result<Adjusted, BundleFault> {
     check(cameras, freedoms, points, observations, rules)?;
+    check_lengths(points.len(), lengths)?;
     // A width of the camera blocks that holds all that is free, of a few so that each gets code of its own.
     match freedoms.iter().map(Freedom::width).max().unwrap_or(0) {
-        0..=6 => search::run::<6>(cameras, freedoms, points, observations, rules),
-        7 => search::run::<7>(cameras, freedoms, points, observations, rules),
-        8..=9 => search::run::<9>(cameras, freedoms, points, observations, rules),
-        _ => search::run::<15>(cameras, freedoms, points, observations, rules),
+        0..=6 => search::run::<6>(cameras, freedoms, points, observations, lengths, rules),
+        7 => search::run::<7>(cameras, freedoms, points, observations, lengths, rules),
+        8..=9 => search::run::<9>(cameras, freedoms, points, observations, lengths, rules),
+        _ => search::run::<15>(cameras, freedoms, points, observations, lengths, rules),
     }
+}
+
+fn check_lengths(count: usize, lengths: &[KnownLength]) -> Result<(), BundleFault> {
+    let mut taken = vec![false; if lengths.is_empty() { 0 } else { count }];
+    for (index, &KnownLength { points, length, sigma }) in lengths.iter().enumerate() {
+        let positive = |it: f64| it.is_finite() && it > 0.0;
+        let known = points[0] != points[1] && points.iter().all(|it| *it < count && !taken[*it]);
+        if !(known && positive(length) && positive(sigma)) {
+            return Err(BundleFault::BadLength { index, points, length, sigma, count });
+        }
+        points.iter().for_each(|it| taken[*it] = true);
+    }
+    Ok(())
 }
 
 fn check(

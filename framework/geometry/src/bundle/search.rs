@@ -4,7 +4,8 @@ use foveate_estimation::least_squares::Stop;
 use nalgebra::{Isometry3, Point3, SVector, Vector3};
 
 use super::equations::{Equations, Layout, Reduced};
-use super::{Adjusted, BundleFault, BundleRules, Freedom, Gauge, Observation, columns, covariance, gauge};
+use super::lengths::Length;
+use super::{Adjusted, BundleFault, BundleRules, Freedom, Gauge, KnownLength, Observation, columns, covariance, gauge};
 use crate::camera::Camera;
 
 const FIRST_DAMPING: f64 = 1e-4;
@@ -44,13 +45,20 @@ pub(super) fn run<const C: usize>(
     freedoms: &[Freedom],
     given_points: &[Point3<f64>],
     observations: &[Observation],
+    lengths: &[KnownLength],
     rules: &BundleRules,
 ) -> Result<Adjusted, BundleFault> {
     let scale = Scale::of(given_points);
     let mut cameras: Vec<Camera> = given.iter().map(|it| scale.inwards(it)).collect();
     let mut points: Vec<Point3<f64>> =
         given_points.iter().map(|it| Point3::from((it.coords - scale.centroid) / scale.size)).collect();
-    let (layout, left_out) = lay_out(&cameras, freedoms, &points, observations);
+    let (mut layout, left_out) = lay_out(&cameras, freedoms, &points, observations);
+    for &KnownLength { points, length, sigma } in lengths {
+        if points.iter().all(|it| !layout.of_point[*it].is_empty()) {
+            points.iter().for_each(|it| layout.coupled[*it] = true);
+            layout.lengths.push(Length { points, length: length / scale.size, sigma: sigma / scale.size });
+        }
+    }
     if layout.observations.is_empty() {
         return Err(BundleFault::NothingShared { observations: observations.len() });
     }
@@ -154,7 +162,7 @@ pub(super) fn run<const C: usize>(
     if layout.anchors.is_empty()
         && let Gauge::Cameras { reference, other } = rules.gauge
     {
-        put_back(&mut adjusted, given, [reference, other]);
+        put_back(&mut adjusted, given, [reference, other], layout.lengths.is_empty());
     }
     let residual = |it: &Observation| {
         let seen = adjusted.cameras[it.camera].project(&adjusted.points[it.point])?;
@@ -169,10 +177,10 @@ pub(super) fn run<const C: usize>(
     Ok(adjusted)
 }
 
-/// Moves the whole scene so that the pose of `reference` and its distance to `other` are those of the `given` cameras.
-fn put_back(adjusted: &mut Adjusted, given: &[Camera], [reference, other]: [usize; 2]) {
+/// Moves the whole scene so that the pose of `reference`, and if `rescale` its distance to `other`, are those of the `given` cameras.
+fn put_back(adjusted: &mut Adjusted, given: &[Camera], [reference, other]: [usize; 2], rescale: bool) {
     let distance = |cameras: &[Camera]| (cameras[other].centre() - cameras[reference].centre()).norm();
-    let factor = distance(given) / distance(&adjusted.cameras);
+    let factor = if rescale { distance(given) / distance(&adjusted.cameras) } else { 1.0 };
     if !factor.is_finite() {
         return;
     }
@@ -249,5 +257,6 @@ fn lay_out(
         slots.push(slot);
     }
     let left_out = (0..observations.len()).filter(|it| !used[*it]).collect();
-    (Layout { observations: kept, of_point, rows, slots, anchors, dimension }, left_out)
+    let (lengths, coupled) = (Vec::new(), vec![false; points.len()]);
+    (Layout { observations: kept, of_point, rows, slots, lengths, coupled, anchors, dimension }, left_out)
 }

@@ -327,3 +327,103 @@ fn beside_one_held_camera_the_other_has_no_error_in_scale() {
     let (left, whole) = ((covariance * scale).norm(), covariance.norm());
     assert!(left < 1e-9 * whole && whole > 0.0, "{left} {whole}");
 }
+
+/// Pairs of points that are this far apart in truth.
+fn lengths(room: &Room, sigma: f64) -> Vec<KnownLength> {
+    let pair =
+        |it: usize| KnownLength { points: [it, it + 1], length: (room.points[it] - room.points[it + 1]).norm(), sigma };
+    (0..room.points.len() / 2).map(|it| pair(2 * it)).collect()
+}
+
+fn with_lengths(room: &Room, lengths: &[KnownLength], rules: &BundleRules) -> Adjusted {
+    let freedoms = vec![Freedom { focal: true, ..Freedom::POSE }; room.start.len()];
+    adjust_with_lengths(&room.start, &freedoms, &room.start_points, &room.observations, lengths, rules).unwrap()
+}
+
+#[test]
+fn known_lengths_bring_the_scale_home() {
+    let mut room = room(test_room::cameras(6, 2), 80, 4, 0.0, 0.01, 5);
+    // The start is 10 % too large.
+    for camera in &mut room.start {
+        camera.camera_from_world.translation.vector *= 1.1;
+    }
+    room.start_points.iter_mut().for_each(|it| it.coords *= 1.1);
+    // One length alone is enough; all of them change nothing.
+    for lengths in [&lengths(&room, 1e-3)[3..4], &lengths(&room, 1e-3)] {
+        let found = with_lengths(&room, lengths, &PRECISE);
+        let rules = AlignmentRules { scale: true, robust: false };
+        let factor = camera_errors(&found.cameras, &room.truth, rules).unwrap().true_from_found.scaling();
+        assert!(
+            (factor - 1.0).abs() < 1e-6 && found.costs.last().is_some_and(|it| *it < 1e-9),
+            "{factor} {:?}",
+            found.costs
+        );
+    }
+}
+
+#[test]
+fn with_known_lengths_no_change_of_a_camera_or_point_lowers_the_cost() {
+    let room = room(test_room::cameras(5, 2), 60, 4, 0.5, 0.01, 6);
+    let lengths = lengths(&room, 2e-3);
+    let cost = |cameras: &[Camera], points: &[Point3<f64>]| {
+        let pixel = |it: &Observation| {
+            ((cameras[it.camera].project(&points[it.point]).unwrap() - it.pixel) / 0.5).norm_squared()
+        };
+        let length =
+            |it: &KnownLength| (((points[it.points[0]] - points[it.points[1]]).norm() - it.length) / it.sigma).powi(2);
+        0.5 * (room.observations.iter().map(pixel).sum::<f64>() + lengths.iter().map(length).sum::<f64>())
+    };
+    let found = with_lengths(&room, &lengths, &PRECISE);
+    let least = cost(&found.cameras, &found.points);
+    assert!((least / found.costs.last().unwrap() - 1.0).abs() < 1e-9 && found.converged());
+    let mut random = Random::new(3);
+    let mut draw = || Vector3::new(random.normal(), random.normal(), random.normal()) * 1e-4;
+    for trial in 0..40 {
+        let (mut cameras, mut points) = (found.cameras.clone(), found.points.clone());
+        points[trial] += draw();
+        cameras[trial % 5] = disturbed(&cameras[trial % 5], &mut Random::new(trial as u64), 1e-5);
+        assert!(cost(&cameras, &points) > least);
+    }
+}
+
+#[test]
+fn the_scale_is_as_uncertain_as_the_lengths() {
+    let room = room(test_room::cameras(5, 2), 60, 4, 0.01, 0.01, 6);
+    let size = |it: &[CameraCovariance]| it.iter().map(|it| it.centre.trace()).sum::<f64>().sqrt();
+    let of = |sigma: f64| {
+        let rules = BundleRules { covariance: true, ..PRECISE };
+        size(&with_lengths(&room, &lengths(&room, sigma), &rules).covariance.unwrap().unwrap())
+    };
+    // With good pixels, poor lengths leave all centres to grow from their midst together.
+    let centroid = room.truth.iter().map(|it| it.centre().coords / 5.0).sum::<Vector3<f64>>();
+    let lever = room.truth.iter().map(|it| (it.centre().coords - centroid).norm_squared()).sum::<f64>().sqrt();
+    let information: f64 = lengths(&room, 0.05).iter().map(|it| (it.length / it.sigma).powi(2)).sum();
+    let expected = lever / information.sqrt();
+    assert!((0.9..1.6).contains(&(of(0.05) / expected)), "{} {expected}", of(0.05));
+    assert!((1.9..2.1).contains(&(of(0.1) / of(0.05))), "{} {}", of(0.1), of(0.05));
+}
+
+#[test]
+fn lengths_of_nothing_are_refused() {
+    let room = room(test_room::cameras(3, 2), 20, 3, 0.5, 0.01, 6);
+    let good = KnownLength { points: [0, 1], length: 1.0, sigma: 0.01 };
+    let freedoms = vec![Freedom::POSE; 3];
+    for bad in [
+        KnownLength { points: [0, 0], ..good },
+        KnownLength { points: [0, 20], ..good },
+        KnownLength { points: [1, 2], ..good },
+        KnownLength { points: [2, 3], length: 0.0, ..good },
+        KnownLength { points: [2, 3], sigma: f64::NAN, ..good },
+    ] {
+        let fault = adjust_with_lengths(
+            &room.start,
+            &freedoms,
+            &room.start_points,
+            &room.observations,
+            &[good, bad],
+            &BundleRules::default(),
+        );
+        let fault = fault.unwrap_err().to_string();
+        assert!(fault.starts_with("length 1 is "), "{fault}");
+    }
+}
