@@ -1,1 +1,241 @@
-//! Metres, the vertical and the origin, and what fixes each how well.
+//! Metres, the vertical and the origin of a solved room, and what fixes each how well.
+//!
+//! Pixels leave a similarity open. [`fix`] settles as much of it as what is [`Given`] can: a length settles the scale, a fall the
+//! scale and the vertical, points on the floor the vertical and the origin, points of known place everything. Each source states
+//! its standard deviation; sources of the same freedom are weighed by it, and refused when they contradict each other. What no
+//! source settles stays as it was and is `None` in [`crate::solved::FixedFreedoms`]. What an earlier step fixed counts as a source.
+//!
+//! A light held still for a second is a *stop*; stops are counted from 1 ([`Place::Stop`]), so that a person can lay the light on the
+//! origin, on the X axis and elsewhere on the floor in turn, without a table of times.
+
+mod fall;
+mod fault;
+mod places;
+mod sources;
+mod spread;
+mod transform;
+mod wishes;
+
+use nalgebra::{Point3, Similarity3};
+
+pub use self::fall::{Fall, FallFault};
+pub use self::fault::AxesFault;
+pub use self::places::{Stop, stops};
+pub use self::transform::transformed;
+pub use self::wishes::{WishFault, Wishes};
+use crate::solved::Solved;
+
+/// A place in the room.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Place {
+    /// The centre of a camera, by its name.
+    Camera(String),
+    /// Where a light was on average within a span of the room's time.
+    Light {
+        /// Which light.
+        label: u32,
+        /// From when [s].
+        from_s: f64,
+        /// Until when [s].
+        until_s: f64,
+    },
+    /// Where a light was held still for the nth time.
+    Stop {
+        /// Which light.
+        label: u32,
+        /// Counted from 1.
+        number: usize,
+    },
+}
+
+/// Something that is known of the room beside pixels. Standard deviations are those of what the person says, such as of a tape measure.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Given {
+    /// Two lights of the same frame are this far apart in every frame.
+    WandLength {
+        /// Their labels.
+        ends: [u32; 2],
+        /// Length between their centres [m].
+        metres: f64,
+        /// Of the length [m].
+        sigma_m: f64,
+    },
+    /// Two places are this far apart.
+    Distance {
+        /// One.
+        a: Place,
+        /// The other.
+        b: Place,
+        /// Between them [m].
+        metres: f64,
+        /// Of the distance [m].
+        sigma_m: f64,
+    },
+    /// Places of known coordinates, such as an L-frame: at least three, not on a line. Settles everything.
+    Points {
+        /// Each with where it is in the world [m].
+        known: Vec<(Place, Point3<f64>)>,
+        /// Of each coordinate [m].
+        sigma_m: f64,
+    },
+    /// Places on a level floor: the plane Z = 0, with the origin at the first, and X towards the second.
+    Floor {
+        /// At least three, not on a line.
+        places: Vec<Place>,
+        /// Height of the light's centre above the floor; 0 makes the plane of the lights that of Z = 0 [m].
+        height_m: f64,
+        /// Of each height, without the scale only its part of the room counts [m].
+        sigma_m: f64,
+    },
+    /// The light falls freely for most of this span: gravity, and by its strength the scale.
+    Falling {
+        /// Which light.
+        label: u32,
+        /// From when [s].
+        from_s: f64,
+        /// Until when [s].
+        until_s: f64,
+    },
+    /// Two places on a plumb line.
+    Plumb {
+        /// The upper one.
+        top: Place,
+        /// The lower one.
+        bottom: Place,
+        /// How far either may be off the line, in parts of their distance [–].
+        sigma: f64,
+    },
+    /// The cameras are mounted without roll: their horizontal axes lie in the horizontal plane. An assumption, and weak.
+    CamerasUpright,
+}
+
+/// How to go about it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AxesRules {
+    /// A light is at a stop when still for this long [s].
+    pub stop_s: f64,
+    /// Still is what stays within this part of the size of the path [–].
+    pub stop_share: f64,
+    /// Two sources contradict each other beyond this many standard deviations of their difference [–].
+    pub contradiction_sigmas: f64,
+    /// How far from level floors and L-frames are, standard deviation [rad].
+    pub level_sigma_rad: f64,
+    /// Strength of gravity; on Earth within 0.3 % of this [m/s²].
+    pub gravity_mps2: f64,
+}
+
+impl Default for AxesRules {
+    fn default() -> Self {
+        Self {
+            stop_s: 1.0,
+            stop_share: 0.005,
+            contradiction_sigmas: 4.0,
+            level_sigma_rad: 2e-3,
+            gravity_mps2: 9.806_65,
+        }
+    }
+}
+
+/// What [`fix`] found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AxesFixed {
+    /// The room in its new space.
+    pub solved: Solved,
+    /// From the space before to the new one.
+    pub world_from_solved: Similarity3<f64>,
+    /// What each source of a freedom says, for people to compare.
+    pub sources: Vec<SourceFigure>,
+    /// Falls that were found, in the order given; in the units of the space before.
+    pub falls: Vec<Fall>,
+}
+
+/// One source of one freedom.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SourceFigure {
+    /// What it settles.
+    pub freedom: FreedomName,
+    /// Such as `a wand of 0.4 m`.
+    pub by: String,
+    /// How far it is from what was settled: relative for the scale, in rad for gravity, in m for the origin.
+    pub off: f64,
+    /// Its standard deviation, in the same unit.
+    pub sigma: f64,
+}
+
+/// What pixels leave open.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FreedomName {
+    /// The length of a metre.
+    Scale,
+    /// The direction of Z.
+    Gravity,
+    /// The place of the origin.
+    Origin,
+}
+
+impl std::fmt::Display for FreedomName {
+    fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        to.write_str(match self {
+            FreedomName::Scale => "scale",
+            FreedomName::Gravity => "vertical",
+            FreedomName::Origin => "origin",
+        })
+    }
+}
+
+/// Fixes what `given` can fix of the space of `solved`.
+///
+/// # Errors
+/// See [`AxesFault`].
+pub fn fix(solved: &Solved, given: &[Given], rules: &AxesRules) -> Result<AxesFixed, AxesFault> {
+    rules.check()?;
+    if given.is_empty() {
+        return Err(AxesFault::NothingGiven);
+    }
+    let room = places::Room::new(solved, rules);
+    let mut sources = sources::Sources::of_earlier_steps(solved);
+    for it in given {
+        sources.add(&room, it)?;
+    }
+    let settled = sources.settle(rules.contradiction_sigmas)?;
+    Ok(AxesFixed {
+        solved: transformed(solved, &settled.world_from_solved, settled.fixed),
+        world_from_solved: settled.world_from_solved,
+        sources: settled.figures,
+        falls: sources.falls,
+    })
+}
+
+impl AxesRules {
+    /// Whether each number can be followed.
+    ///
+    /// # Errors
+    /// The first that cannot.
+    pub fn check(&self) -> Result<(), AxesFault> {
+        for (what, found) in [
+            ("stop_s", self.stop_s),
+            ("stop_share", self.stop_share),
+            ("contradiction_sigmas", self.contradiction_sigmas),
+            ("level_sigma_rad", self.level_sigma_rad),
+            ("gravity_mps2", self.gravity_mps2),
+        ] {
+            positive(what, found)?;
+        }
+        Ok(())
+    }
+}
+
+fn positive(what: &str, found: f64) -> Result<(), AxesFault> {
+    let fine = found.is_finite() && found > 0.0;
+    let expected = "a finite number above 0";
+    fine.then_some(()).ok_or_else(|| AxesFault::BadNumber { what: what.to_owned(), found, expected })
+}
+
+fn not_negative(what: &str, found: f64) -> Result<(), AxesFault> {
+    let fine = found.is_finite() && found >= 0.0;
+    let expected = "a finite number of 0 or more";
+    fine.then_some(()).ok_or_else(|| AxesFault::BadNumber { what: what.to_owned(), found, expected })
+}
+
+#[cfg(test)]
+mod tests;

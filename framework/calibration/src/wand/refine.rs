@@ -1,0 +1,164 @@
+//! A solved room adjusted once more with the length of the wand as an observation: [D'Apuzzo 1999 §2.2], the reference bar method.
+
+use foveate_estimation::Loss;
+use foveate_geometry::bundle::{
+    BundleFault, BundleRules, Freedom, KnownLength, Observation, OpenParameters, adjust_with_lengths,
+};
+use foveate_geometry::{Camera, CameraStatus};
+use foveate_scene::uncertainty::Fixed;
+use nalgebra::{Isometry3, Point3, Similarity3};
+
+use super::lengths::{TooFewFrames, WandLengths, frames, lengths};
+use crate::axes::transformed;
+use crate::solved::{FixedFreedoms, SightingRole, Solved, Step};
+
+/// A stick with a light at either end.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wand {
+    /// Labels of the ends.
+    pub ends: [u32; 2],
+    /// Between the centres of the lights [m].
+    pub length_m: f64,
+    /// Of that length, standard deviation: it makes the whole room too large or too small [m].
+    pub sigma_m: f64,
+}
+
+/// How to go about it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RefineRules {
+    /// Of either coordinate of a right pixel, standard deviation [px].
+    pub sigma_px: f64,
+    /// By how much the length differs from frame to frame, standard deviation: the stick bends, and lights are seen from aside.
+    /// Relative to the length [–].
+    pub frame_sigma: f64,
+    /// Of pixels and lengths, in their standard deviations.
+    pub loss: Loss,
+}
+
+impl Default for RefineRules {
+    fn default() -> Self {
+        Self { sigma_px: 0.5, frame_sigma: 1e-3, loss: Loss::HUBER }
+    }
+}
+
+/// What [`refine`] found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Refined {
+    /// In metres.
+    pub solved: Solved,
+    /// Lengths by pixels alone, scaled to the wand's.
+    pub before: WandLengths,
+    /// Lengths after the adjustment with them; they agree since they were made to.
+    pub after: WandLengths,
+    /// Parameters that even the wand does not hold; then there is no covariance.
+    pub open: Option<OpenParameters>,
+}
+
+/// Why there is no answer.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum RefineFault {
+    /// A number that cannot be.
+    #[error("{what} is {found}, expected {expected}")]
+    BadNumber {
+        /// Which.
+        what: &'static str,
+        /// Its value.
+        found: f64,
+        /// What it may be.
+        expected: &'static str,
+    },
+    /// The wand was not seen.
+    #[error("{0}; wave it where at least two cameras see it whole")]
+    NoWand(TooFewFrames),
+    /// The room cannot be adjusted.
+    #[error("the room cannot be adjusted: {0}")]
+    Bundle(BundleFault),
+}
+
+/// Scales `solved` by the wand, and adjusts cameras (poses, and of the optics what `freed` of each says) and points to pixels
+/// and lengths together. Before the axes are fixed: what is known of gravity and origin is kept, but the scene may turn a little.
+///
+/// # Errors
+/// See [`RefineFault`].
+pub fn refine(solved: &Solved, wand: &Wand, rules: &RefineRules) -> Result<Refined, RefineFault> {
+    let Wand { ends, length_m, sigma_m } = *wand;
+    let positive = |what, found: f64| {
+        let expected = "a finite number above 0";
+        let fine = found.is_finite() && found > 0.0;
+        fine.then_some(()).ok_or(RefineFault::BadNumber { what, found, expected })
+    };
+    positive("the length of the wand [m]", length_m)?;
+    positive("frame_sigma", rules.frame_sigma)?;
+    if !(sigma_m.is_finite() && sigma_m >= 0.0) {
+        let (what, expected) = ("the sigma of the wand's length [m]", "a finite number of 0 or more");
+        return Err(RefineFault::BadNumber { what, found: sigma_m, expected });
+    }
+    let factor = length_m / lengths(solved, ends).map_err(RefineFault::NoWand)?.mean;
+    positive("the length of the wand over the one that was solved for", factor)?;
+    let to_metres = Similarity3::from_isometry(Isometry3::identity(), factor);
+    let scaled = transformed(solved, &to_metres, solved.fixed.clone());
+    let before = lengths(&scaled, ends).map_err(RefineFault::NoWand)?;
+    let sigma = rules.frame_sigma * length_m;
+    let known: Vec<KnownLength> =
+        frames(&scaled, ends).into_iter().map(|(_, points)| KnownLength { points, length: length_m, sigma }).collect();
+    let (mut refined, open) = readjust(&scaled, &known, rules).map_err(RefineFault::Bundle)?;
+    let after = lengths(&refined, ends).map_err(RefineFault::NoWand)?;
+    let relative = before.sigma.hypot(sigma_m / length_m);
+    let by = format!("a wand of {length_m} m");
+    refined.fixed = FixedFreedoms { scale: Some(Fixed { by, sigma: Some(relative) }), ..refined.fixed };
+    Ok(Refined { solved: refined, before, after, open })
+}
+
+/// Adjusts the calibrated cameras of a room to the sightings in use, with what is known of lengths between its points.
+///
+/// # Errors
+/// See [`BundleFault`].
+pub fn readjust(
+    solved: &Solved,
+    known: &[KnownLength],
+    rules: &RefineRules,
+) -> Result<(Solved, Option<OpenParameters>), BundleFault> {
+    let calibrated = |it: usize| solved.cameras.get(it).is_some_and(|it| it.status == CameraStatus::Calibrated);
+    let members: Vec<usize> = (0..solved.cameras.len()).filter(|it| calibrated(*it)).collect();
+    let slot_of = |camera: usize| members.binary_search(&camera).ok();
+    let cameras: Vec<Camera> = members.iter().map(|it| solved.cameras[*it].camera.clone()).collect();
+    let freedoms: Vec<Freedom> = members.iter().map(|it| solved.cameras[*it].freed).collect();
+    let points: Vec<Point3<f64>> = solved.points.iter().map(|it| it.position).collect();
+    let used = solved.sightings.iter().filter(|it| it.role == SightingRole::Used);
+    let observations: Vec<Observation> = used
+        .filter_map(|it| {
+            let camera = slot_of(it.camera)?;
+            Some(Observation { camera, point: it.point?, pixel: it.pixel, sigma_px: rules.sigma_px })
+        })
+        .collect();
+    let bundle = BundleRules { loss: rules.loss, covariance: true, ..BundleRules::default() };
+    let found = adjust_with_lengths(&cameras, &freedoms, &points, &observations, known, &bundle)?;
+    let mut adjusted = solved.clone();
+    for (slot, index) in members.iter().enumerate() {
+        adjusted.cameras[*index].camera.clone_from(&found.cameras[slot]);
+        adjusted.cameras[*index].covariance = None;
+    }
+    let open = match found.covariance {
+        Some(Ok(each)) => {
+            members.iter().zip(each).for_each(|(index, it)| adjusted.cameras[*index].covariance = Some(it));
+            None
+        }
+        Some(Err(OpenParameters { parameters })) => {
+            let parameters = parameters.into_iter().map(|(slot, name)| (members[slot], name)).collect();
+            Some(OpenParameters { parameters })
+        }
+        None => None,
+    };
+    for (point, position) in adjusted.points.iter_mut().zip(&found.points) {
+        point.position = *position;
+    }
+    for sighting in &mut adjusted.sightings {
+        let seen = slot_of(sighting.camera)
+            .zip(sighting.point)
+            .and_then(|(slot, point)| found.cameras[slot].project(&found.points[point]));
+        sighting.residual = seen.map(|it| it - sighting.pixel);
+    }
+    let stage = if known.is_empty() { "adjusted" } else { "adjusted with the wand" };
+    adjusted.steps.push(Step { stage, rms_px: found.rms_px, used: observations.len() });
+    Ok((adjusted, open))
+}

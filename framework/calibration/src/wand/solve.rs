@@ -1,0 +1,147 @@
+//! From labelled sightings of a wand to a solved room, in a unit of its own; and from solved cameras to where a wand was.
+
+use std::collections::BTreeMap;
+
+use foveate_geometry::bundle::Freedom;
+use foveate_geometry::self_calibration::{SelfCalibrationFault, SelfCalibrationRules, Sighting, self_calibrate};
+use foveate_geometry::{Camera, CameraStatus, PixelNoise, Ray, refine, triangulate_rays};
+use nalgebra::{Point2, Point3};
+
+use crate::recording::{CameraGuess, Recording};
+use crate::solved::{SightingRole, Solved, SolvedCamera, SolvedPoint, SolvedSighting, Step};
+
+/// An end of the wand in a picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WandSighting {
+    /// Which camera.
+    pub camera: usize,
+    /// Which frame.
+    pub frame: usize,
+    /// When [s].
+    pub time_s: f64,
+    /// Which end.
+    pub end: u32,
+    /// Where, raw [px].
+    pub pixel: Point2<f64>,
+}
+
+/// The labelled spots of a recording; `frame_of_look` says which frame each look is of, if any. Of a label that a picture shows twice,
+/// the brightest spot.
+pub fn sightings(recording: &Recording, frame_of_look: &[Option<usize>]) -> Vec<WandSighting> {
+    let mut found = BTreeMap::new();
+    for (look, frame) in recording.looks.iter().zip(frame_of_look) {
+        let Some(frame) = *frame else { continue };
+        for spot in &look.spots {
+            let Some(end) = spot.label.filter(|_| spot.pixel.coords.norm().is_finite()) else { continue };
+            let (camera, time_s, pixel) = (look.camera, look.time_s, spot.pixel);
+            let new = (spot.peak, WandSighting { camera, frame, time_s, end, pixel });
+            let kept = found.entry((frame, end, camera)).or_insert(new);
+            if spot.peak > kept.0 {
+                *kept = new;
+            }
+        }
+    }
+    found.into_values().map(|it| it.1).collect()
+}
+
+/// Calibrates `cameras` from nothing: each end of the wand in each frame is a point of its own.
+///
+/// # Errors
+/// See [`SelfCalibrationFault`].
+pub fn solve(
+    cameras: &[CameraGuess],
+    sightings: &[WandSighting],
+    rules: &SelfCalibrationRules,
+) -> Result<Solved, SelfCalibrationFault> {
+    let mut number_of = BTreeMap::new();
+    for it in sightings {
+        let next = number_of.len();
+        number_of.entry((it.frame, it.end)).or_insert(next);
+    }
+    let as_points =
+        |it: &WandSighting| Sighting { camera: it.camera, frame: number_of[&(it.frame, it.end)], pixel: it.pixel };
+    let given: Vec<Camera> = cameras.iter().map(|it| it.camera.clone()).collect();
+    let each: Vec<Sighting> = sightings.iter().map(as_points).collect();
+    let found = self_calibrate(&given, &each, rules)?;
+    let mut covariance = found.covariance;
+    let of_camera = |(index, guess): (usize, &CameraGuess)| SolvedCamera {
+        name: guess.name.clone(),
+        camera: found.cameras[index].clone(),
+        status: found.status[index].clone(),
+        freed: Freedom { focal: rules.focal_free, ..Freedom::POSE },
+        covariance: covariance[index].take(),
+        clock: None,
+    };
+    let cameras = cameras.iter().enumerate().map(of_camera).collect();
+    let (points, place_of) = points_of(sightings, |frame, end| found.points[number_of[&(frame, end)]]);
+    let of_sighting = |(index, it): (usize, &WandSighting)| {
+        let solved = found.residuals[index].is_some();
+        let role = match (found.right[index], solved) {
+            (true, _) => SightingRole::Used,
+            (false, true) => SightingRole::Rejected,
+            (false, false) => SightingRole::Unsolved,
+        };
+        SolvedSighting {
+            camera: it.camera,
+            frame: it.frame,
+            point: place_of.get(&(it.frame, it.end)).copied(),
+            pixel: it.pixel,
+            residual: found.residuals[index],
+            role,
+        }
+    };
+    let used = found.right.iter().filter(|it| **it).count();
+    Ok(Solved {
+        cameras,
+        points,
+        sightings: sightings.iter().enumerate().map(of_sighting).collect(),
+        steps: vec![Step { stage: "from nothing", rms_px: found.rms_px, used }],
+        links: found.links,
+        ..Solved::default()
+    })
+}
+
+/// Where solved cameras put the wand in frames that they were not made of: sightings are held out, points are intersections.
+pub fn intersect(cameras: &[SolvedCamera], sightings: &[WandSighting]) -> Solved {
+    let mut of_point: BTreeMap<(usize, u32), Vec<&WandSighting>> = BTreeMap::new();
+    for it in sightings {
+        if cameras.get(it.camera).is_some_and(|camera| camera.status == CameraStatus::Calibrated) {
+            of_point.entry((it.frame, it.end)).or_default().push(it);
+        }
+    }
+    let place = |frame, end| {
+        let seen = of_point.get(&(frame, end))?;
+        let own: Vec<&Camera> = seen.iter().map(|it| &cameras[it.camera].camera).collect();
+        let pixels: Vec<Point2<f64>> = seen.iter().map(|it| it.pixel).collect();
+        let rays: Vec<Ray> = own.iter().zip(&pixels).map(|(camera, it)| camera.ray(it)).collect::<Option<_>>()?;
+        let start = triangulate_rays(&rays)?;
+        Some(refine(&own, &pixels, PixelNoise::Sigma(1.0), start).ok()?.position)
+    };
+    let (points, place_of) = points_of(sightings, place);
+    let of_sighting = |it: &WandSighting| {
+        let point = place_of.get(&(it.frame, it.end)).copied();
+        let camera = cameras.get(it.camera).filter(|it| it.status == CameraStatus::Calibrated);
+        let seen = camera.zip(point).and_then(|(camera, at)| camera.camera.project(&points[at].position));
+        let role = if seen.is_some() { SightingRole::HeldOut } else { SightingRole::Unsolved };
+        let residual = seen.map(|seen| seen - it.pixel);
+        SolvedSighting { camera: it.camera, frame: it.frame, point, pixel: it.pixel, residual, role }
+    };
+    let sightings = sightings.iter().map(of_sighting).collect();
+    Solved { cameras: cameras.to_vec(), points, sightings, ..Solved::default() }
+}
+
+/// Points in the order of frames and ends, and the place of each in that list.
+fn points_of(
+    sightings: &[WandSighting],
+    place: impl Fn(usize, u32) -> Option<Point3<f64>>,
+) -> (Vec<SolvedPoint>, BTreeMap<(usize, u32), usize>) {
+    let times: BTreeMap<(usize, u32), f64> = sightings.iter().map(|it| ((it.frame, it.end), it.time_s)).collect();
+    let (mut points, mut place_of) = (Vec::new(), BTreeMap::new());
+    for ((frame, label), time_s) in times {
+        if let Some(position) = place(frame, label) {
+            place_of.insert((frame, label), points.len());
+            points.push(SolvedPoint { frame, time_s, label, position });
+        }
+    }
+    (points, place_of)
+}

@@ -1,0 +1,318 @@
+//! A wand waved in a room of known truth: labels found, metres as good as stated, and what must be noticed.
+
+use foveate_estimation::Random;
+use foveate_geometry::alignment::{AlignmentRules, align};
+use foveate_geometry::bundle::Freedom;
+use foveate_geometry::self_calibration::SelfCalibrationRules;
+use foveate_geometry::{Camera, CameraStatus};
+use nalgebra::{Point2, Point3, Vector2, Vector3};
+
+use super::*;
+use crate::axes::{self, AxesRules, Given, Place};
+use crate::recording::{CameraGuess, Look, Recording, Spot};
+use crate::solved::Solved;
+
+const LENGTH_M: f64 = 0.5;
+const SIGMA_PX: f64 = 0.3;
+
+fn cameras(n: usize) -> Vec<CameraGuess> {
+    let camera = |index: usize| {
+        let angle = std::f64::consts::TAU * index as f64 / n as f64;
+        let centre = Point3::new(2.6 * angle.cos(), 3.4 * angle.sin(), 2.5 + 0.3 * (index % 2) as f64);
+        let target = Point3::new(-0.3 * angle.sin(), 0.3 * angle.cos(), 1.0);
+        CameraGuess {
+            name: format!("wide-{}", index + 1),
+            camera: Camera::look_at(centre, target, [640, 480], 420.0),
+            free: Freedom::POSE,
+        }
+    };
+    (0..n).map(camera).collect()
+}
+
+/// Both ends in `frame` of `n`.
+fn ends(frame: usize, n: usize) -> [Point3<f64>; 2] {
+    let phase = std::f64::consts::TAU * frame as f64 / n as f64;
+    let middle =
+        Point3::new(1.2 * (5.0 * phase + 0.3).sin(), 1.6 * (3.3 * phase).sin(), 1.2 + 0.6 * (7.1 * phase).sin());
+    let along = Vector3::new((4.1 * phase).cos(), (2.3 * phase + 1.0).sin(), 0.8 * (5.7 * phase).sin()).normalize();
+    [-0.5, 0.5].map(|it| middle + along * it * LENGTH_M)
+}
+
+/// What all cameras see of both ends, labelled rightly; the order of the spots is that of chance.
+fn recording(n_cameras: usize, n_frames: usize, seed: u64) -> Recording {
+    let mut random = Random::new(seed).fork("wand");
+    let cameras = cameras(n_cameras);
+    let mut looks = Vec::new();
+    for frame in 0..n_frames {
+        for (camera, guess) in cameras.iter().enumerate() {
+            let mut spots = Vec::new();
+            for (end, place) in ends(frame, n_frames).iter().enumerate() {
+                if let Some(pixel) = guess.camera.sees(place) {
+                    let noise = Vector2::new(random.normal(), random.normal()) * SIGMA_PX;
+                    let peak = random.uniform_in(150.0, 200.0);
+                    spots.push(Spot { pixel: pixel + noise, sigma_px: SIGMA_PX, peak, label: Some(end as u32) });
+                }
+            }
+            if random.uniform() < 0.5 {
+                spots.reverse();
+            }
+            looks.push(Look { camera, time_s: frame as f64 / 50.0, spots });
+        }
+    }
+    Recording { cameras, looks }
+}
+
+fn without_labels(mut recording: Recording) -> Recording {
+    recording.looks.iter_mut().flat_map(|it| &mut it.spots).for_each(|it| it.label = None);
+    recording
+}
+
+fn frames(recording: &Recording) -> Vec<Option<usize>> {
+    frames_by_time(recording, 0.01)
+}
+
+fn labelled(recording: &Recording) -> Labelled {
+    label(recording, &frames(recording), &LabelRules::default()).unwrap_or_else(|it| panic!("{it}"))
+}
+
+/// Of the labels: how many are right, in each frame up to the better exchange of both; how many wrong; and how often that changes.
+fn count(found: &Labelled, n_frames: usize) -> [usize; 3] {
+    let (mut right, mut wrong, mut changes, mut before) = (0, 0, 0, None);
+    for (frame, looks) in found.recording.looks.chunk_by(|a, b| a.time_s == b.time_s).enumerate() {
+        let mut votes = [0, 0];
+        for look in looks {
+            for spot in &look.spots {
+                let camera = &found.recording.cameras[look.camera].camera;
+                let off = ends(frame, n_frames).map(|it| (camera.project(&it).unwrap() - spot.pixel).norm());
+                let end = usize::from(off[1] < off[0]);
+                if off[end] > 8.0 * SIGMA_PX {
+                    wrong += 1;
+                } else {
+                    votes[usize::from(spot.label != Some(end as u32))] += 1;
+                }
+            }
+        }
+        let exchanged = votes[1] > votes[0];
+        right += votes[usize::from(exchanged)];
+        wrong += votes[usize::from(!exchanged)];
+        changes += usize::from(before.is_some_and(|it| it != exchanged) && votes != [0, 0]);
+        before = Some(exchanged);
+    }
+    [right, wrong, changes]
+}
+
+fn solved(recording: &Recording) -> Solved {
+    let rules = SelfCalibrationRules { sigma_px: SIGMA_PX, ..SelfCalibrationRules::default() };
+    solve(&recording.cameras, &sightings(recording, &frames(recording)), &rules).unwrap()
+}
+
+fn wand(length_m: f64) -> Wand {
+    Wand { ends: [0, 1], length_m, sigma_m: 0.0 }
+}
+
+fn refined(solved: &Solved) -> Refined {
+    let rules = RefineRules { sigma_px: SIGMA_PX, ..RefineRules::default() };
+    refine(solved, &wand(LENGTH_M), &rules).unwrap_or_else(|it| panic!("{it}"))
+}
+
+/// Scale of the truth over that of the found cameras, and their root mean square distance after alignment without it [m].
+fn against_truth(found: &Solved) -> [f64; 2] {
+    let truth = cameras(found.cameras.len());
+    let known: Vec<usize> =
+        (0..truth.len()).filter(|it| found.cameras[*it].status == CameraStatus::Calibrated).collect();
+    let [a, b]: [Vec<Point3<f64>>; 2] = [
+        known.iter().map(|it| found.cameras[*it].camera.centre()).collect(),
+        known.iter().map(|it| truth[*it].camera.centre()).collect(),
+    ];
+    let [scaled, rigid] = [true, false].map(|scale| align(&a, &b, AlignmentRules { scale, robust: false }).unwrap());
+    [scaled.b_from_a.scaling(), rigid.rms]
+}
+
+#[test]
+fn lights_that_look_alike_are_told_apart() {
+    let found = labelled(&without_labels(recording(6, 150, 1)));
+    let [right, wrong, changes] = count(&found, 150);
+    assert!(right > 1500 && 200 * wrong <= right && changes <= 4, "{right} {wrong} {changes} {}", found.dropped);
+    assert!(found.unplaced.is_empty() && found.pairs.len() >= 5 && found.swapped.is_empty());
+    let [factor, rms] = against_truth(&refined(&solved(&found.recording)).solved);
+    assert!((factor - 1.0).abs() < 1e-3 && rms < 4e-3, "{factor} {rms}");
+}
+
+#[test]
+fn clutter_lamps_and_hidden_ends_are_seen_through() {
+    let mut seen = without_labels(recording(6, 200, 2));
+    let mut random = Random::new(5);
+    for look in &mut seen.looks {
+        let peak = random.uniform_in(100.0, 250.0);
+        let spot = |pixel| Spot { pixel, sigma_px: SIGMA_PX, peak, label: None };
+        if look.camera == 3 {
+            look.spots.push(spot(Point2::new(222.0, 111.0)));
+        }
+        if random.uniform() < 0.1 {
+            look.spots.truncate(1);
+        }
+        if random.uniform() < 0.2 {
+            let pixel = Point2::new(random.uniform_in(0.0, 639.0), random.uniform_in(0.0, 479.0));
+            look.spots.push(spot(pixel));
+        }
+    }
+    let found = labelled(&seen);
+    let [right, wrong, _] = count(&found, 200);
+    assert!(
+        right > 1500 && 50 * wrong < right && found.single > 20,
+        "{right} {wrong} {} {}",
+        found.single,
+        found.dropped
+    );
+    let [factor, rms] = against_truth(&refined(&solved(&found.recording)).solved);
+    assert!((factor - 1.0).abs() < 2e-3 && rms < 6e-3, "{factor} {rms}");
+}
+
+#[test]
+fn three_wrong_spots_in_ten_do_not_hide_the_wand() {
+    let mut seen = without_labels(recording(6, 200, 3));
+    let mut random = Random::new(7);
+    for spot in seen.looks.iter_mut().flat_map(|it| &mut it.spots) {
+        if random.uniform() < 0.3 {
+            spot.pixel = Point2::new(random.uniform_in(0.0, 639.0), random.uniform_in(0.0, 479.0));
+        }
+    }
+    let found = labelled(&seen);
+    assert!(found.unplaced.is_empty(), "{:?}", found.pairs);
+    let [factor, rms] = against_truth(&refined(&solved(&found.recording)).solved);
+    assert!((factor - 1.0).abs() < 4e-3 && rms < 0.012, "{factor} {rms}");
+}
+
+#[test]
+fn a_camera_with_its_ends_the_wrong_way_round_is_named() {
+    let mut seen = recording(5, 100, 4);
+    assert_eq!(labelled(&seen).swapped, Vec::<usize>::new());
+    for look in seen.looks.iter_mut().filter(|it| it.camera == 2) {
+        look.spots.iter_mut().for_each(|it| it.label = it.label.map(|it| 1 - it));
+    }
+    let found = labelled(&seen);
+    assert_eq!(found.swapped, [2]);
+    let [right, wrong, _] = count(&found, 100);
+    assert!(right > 900 && wrong == 0, "{right} {wrong}");
+}
+
+#[test]
+fn cameras_that_never_see_the_wand_whole_are_calibrated_too() {
+    let mut seen = recording(6, 150, 5);
+    for look in seen.looks.iter_mut().filter(|it| it.camera > 2) {
+        look.spots.retain(|it| it.label == Some((look.camera % 2) as u32));
+    }
+    let found = refined(&solved(&labelled(&seen).recording));
+    assert!(found.solved.cameras.iter().all(|it| it.status == CameraStatus::Calibrated));
+    let [factor, rms] = against_truth(&found.solved);
+    assert!((factor - 1.0).abs() < 3e-3 && rms < 8e-3, "{factor} {rms}");
+    assert!(found.after.pairs.iter().all(|it| it.cameras[1] <= 2), "{:?}", found.after.pairs);
+}
+
+#[test]
+fn metres_are_as_good_as_they_say() {
+    let (mut of_scale, mut of_cameras, mut free, mut held) = (0.0, 0.0, 0.0, 0.0);
+    for seed in 0..20 {
+        let solved = solved(&recording(5, 60, 100 + seed));
+        let found = refined(&solved);
+        let [factor, rms] = against_truth(&found.solved);
+        let sigma = found.solved.fixed.scale.as_ref().unwrap().sigma.unwrap();
+        of_scale += ((factor - 1.0) / sigma).powi(2) / 20.0;
+        let stated: f64 = found.solved.cameras.iter().map(|it| it.covariance.as_ref().unwrap().centre.trace()).sum();
+        of_cameras += rms * rms * 5.0 / stated / 20.0;
+        let [alone, _] = against_truth(&axes_by_wand(&solved));
+        free += (alone - 1.0).powi(2) / 20.0;
+        held += (factor - 1.0).powi(2) / 20.0;
+    }
+    assert!((0.2..2.5).contains(&of_scale) && (0.5..1.6).contains(&of_cameras), "{of_scale} {of_cameras}");
+    assert!(held.sqrt() < 1e-3 && held < 1.2 * free, "{held} {free}");
+}
+
+/// Scaled by the wand, without an adjustment.
+fn axes_by_wand(solved: &Solved) -> Solved {
+    let given = Given::WandLength { ends: [0, 1], metres: LENGTH_M, sigma_m: 0.0 };
+    axes::fix(solved, &[given], &AxesRules::default()).unwrap().solved
+}
+
+#[test]
+fn a_wrong_length_is_found_out_by_a_known_distance() {
+    let solved = solved(&recording(5, 60, 6));
+    let rules = RefineRules { sigma_px: SIGMA_PX, ..RefineRules::default() };
+    let truth = cameras(5);
+    let metres = (truth[0].camera.centre() - truth[2].camera.centre()).norm();
+    let [a, b] = ["wide-1", "wide-3"].map(|it| Place::Camera(it.into()));
+    let distance = [Given::Distance { a, b, metres, sigma_m: 2e-3 }];
+    for (length_m, agrees) in [(LENGTH_M, true), (0.9 * LENGTH_M, false)] {
+        let found = refine(&solved, &wand(length_m), &rules).unwrap().solved;
+        let fixed = axes::fix(&found, &distance, &AxesRules::default());
+        assert_eq!(fixed.is_ok(), agrees, "{:?}", fixed.err());
+        if let Err(fault) = fixed {
+            assert!(fault.to_string().contains("the scale by a wand of 0.45 m and by"), "{fault}");
+        }
+    }
+}
+
+#[test]
+fn a_bent_world_shows_in_the_map_of_lengths() {
+    let good = solved(&recording(5, 200, 7));
+    let worst = |it: &Solved| {
+        let found = lengths(it, [0, 1]).unwrap();
+        assert!(found.map.len() > 6, "{:?}", found.map.len());
+        found.map.iter().map(|it| it.error.abs()).fold(0.0, f64::max)
+    };
+    let mut bent = good.clone();
+    for point in &mut bent.points {
+        let x = point.position.x;
+        point.position.x = x + 0.05 * x * x;
+    }
+    assert!(worst(&good) < 6e-3 && worst(&bent) > 2.5 * worst(&good), "{} {}", worst(&good), worst(&bent));
+    let found = lengths(&good, [0, 1]).unwrap();
+    assert!(found.pairs.len() == 10 && found.pairs.iter().all(|it| it.error.abs() < 5e-3), "{:?}", found.pairs);
+    assert!(found.spread < 0.01 && found.sigma < 2e-3 && found.robust_spread < 0.01);
+}
+
+#[test]
+fn held_out_frames_measure_the_wand() {
+    let seen = recording(5, 120, 8);
+    let all = sightings(&seen, &frames(&seen));
+    let (fit, held): (Vec<_>, Vec<_>) = all.into_iter().partition(|it| it.frame % 2 == 0);
+    let rules = SelfCalibrationRules { sigma_px: SIGMA_PX, ..SelfCalibrationRules::default() };
+    let found = refined(&solve(&seen.cameras, &fit, &rules).unwrap()).solved;
+    let measured = intersect(&found.cameras, &held);
+    let lengths = lengths(&measured, [0, 1]).unwrap();
+    assert!((lengths.mean / LENGTH_M - 1.0).abs() < 2e-3 && lengths.samples.iter().all(|it| it.frame % 2 == 1));
+    assert!(measured.sightings.iter().filter_map(|it| it.residual).all(|it| it.norm() < 3.0));
+}
+
+#[test]
+fn what_is_no_wand_is_refused() {
+    let solved = solved(&recording(4, 60, 9));
+    let fails = |solved: &Solved, wand: Wand, expected: &str| {
+        let fault = refine(solved, &wand, &RefineRules::default()).unwrap_err().to_string();
+        assert!(fault.contains(expected), "{fault}");
+    };
+    for (length_m, expected) in [(0.0, "is 0, expected"), (-1.0, "is -1, expected"), (f64::NAN, "is NaN, expected")] {
+        fails(&solved, wand(length_m), expected);
+    }
+    fails(&solved, Wand { sigma_m: -1.0, ..wand(0.5) }, "the sigma of the wand's length [m] is -1");
+    fails(&solved, Wand { ends: [0, 7], ..wand(0.5) }, "found in 0 frames, expected at least 3; wave it");
+    let mut in_one_place = solved;
+    in_one_place.points.iter_mut().for_each(|it| it.position = Point3::origin());
+    fails(&in_one_place, wand(0.5), "the length of the wand over the one that was solved for is inf");
+    let fails = |recording: &Recording, expected: &str| {
+        let fault = label(recording, &frames(recording), &LabelRules::default()).unwrap_err().to_string();
+        assert!(fault.contains(expected), "{fault}");
+    };
+    let mut still = without_labels(recording(3, 40, 1));
+    let first: Vec<Look> = still.looks[..3].to_vec();
+    for (index, look) in still.looks.iter_mut().enumerate() {
+        look.spots.clone_from(&first[index % 3].spots);
+    }
+    fails(&still, "no two cameras could be oriented by the wand");
+    let mut alone = recording(3, 40, 1);
+    alone.looks.retain(|it| it.camera == 1);
+    fails(&alone, "saw both of its lights together in 0 frames, expected at least 10");
+    alone.looks[0].camera = 9;
+    fails(&alone, "look 0 is of camera 9, expected less than 3");
+    assert!(label(&alone, &[], &LabelRules::default()).is_err());
+}
