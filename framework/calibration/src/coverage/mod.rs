@@ -205,4 +205,3 @@ impl Coverage {
         self.volume.as_ref().and_then(|it| it.depth(camera))
     }
 }
-
