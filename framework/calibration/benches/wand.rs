@@ -82,7 +82,6 @@ fn easy_wand(folder: &Path) -> Outcome {
     let rules = SelfCalibrationRules {
         sigma_px: 1.0,
         inlier_px: 15.0,
-        focal_free: true,
         max_focal_sigma: 0.2,
         ..Default::default()
     };
@@ -168,7 +167,7 @@ fn straw_lab(folder: &Path) -> Outcome {
             .map(|(size, name)| guess(name.to_owned(), [size[0] as u32, size[1] as u32], share * size[0]))
             .collect();
         let rules =
-            SelfCalibrationRules { inlier_px: 10.0, focal_free: true, max_focal_sigma: 0.2, ..Default::default() };
+            SelfCalibrationRules { inlier_px: 10.0, max_focal_sigma: 0.2, ..Default::default() };
         if let Ok(found) = wand::solve(&cameras, &all, &rules) {
             let (rms, used) = (found.steps[0].rms_px, found.steps[0].used);
             println!(
@@ -194,7 +193,7 @@ fn straw_lab(folder: &Path) -> Outcome {
         for odd in [false, true] {
             let (fit, held) = halves(&all, odd);
             let rules =
-                SelfCalibrationRules { inlier_px: 10.0, focal_free: true, max_focal_sigma: 0.2, ..Default::default() };
+                SelfCalibrationRules { inlier_px: 10.0, max_focal_sigma: 0.2, ..Default::default() };
             let start = with_freedom(&wand::solve(&cameras, &fit, &rules)?, freed);
             let refine = RefineRules { sigma_px: 0.5, ..Default::default() };
             let found = wand::readjust(&start, &[], &refine)?.0;

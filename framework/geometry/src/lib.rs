@@ -3,6 +3,7 @@
 //! | module | what it gives |
 //! |---|---|
 //! | [`alignment`] | the similarity that best maps one set of points onto another, and what is left |
+//! | [`alternating`] | cameras and the path of one light in turn, as the paper does it |
 //! | [`bundle`] | all cameras and points together, adjusted to all pixels, with covariances |
 //! | [`camera`] | [`Camera`]: pinhole with Brown–Conrady distortion; point to pixel, pixel to [`Ray`] |
 //! | [`epipolar`] | how two cameras stand to one another, from pixels of the same points |
@@ -15,6 +16,7 @@
 //! camera looks along its +z, with +x to the right and +y down; pixel (0, 0) is the centre of the top-left pixel.
 
 pub mod alignment;
+pub mod alternating;
 pub mod bundle;
 pub mod camera;
 mod distortion;
@@ -27,8 +29,9 @@ pub mod self_calibration;
 pub mod triangulate;
 
 pub use alignment::{Alignment, AlignmentFault, AlignmentRules, CameraErrors, align, camera_errors};
+pub use alternating::{Alternated, alternate, path_error};
 pub use bundle::{
-    Adjusted, BundleFault, BundleRules, Freedom, Gauge, KnownLength, Observation, adjust, adjust_with_lengths,
+    Adjusted, BundleFault, BundleRules, Freedom, Gauge, KnownLength, Observation, Optic, adjust, adjust_with_lengths,
 };
 pub use camera::{Camera, CameraFault, Distortion, Intrinsics};
 pub use epipolar::{EpipolarFault, EpipolarRules, TwoViews, relative_pose};
@@ -36,7 +39,8 @@ pub use from_matrix::ProjectionFault;
 pub use ray::{Approach, Ray, closest_approach};
 pub use resection::{Resection, ResectionFault, ResectionRules, refine_pose, resect};
 pub use self_calibration::{
-    CameraStatus, SelfCalibration, SelfCalibrationFault, SelfCalibrationRules, Sighting, self_calibrate,
+    CameraStatus, HeldBecause, OpticHeld, SelfCalibration, SelfCalibrationFault, SelfCalibrationRules, Sighting,
+    self_calibrate,
 };
 pub use triangulate::{PixelNoise, Triangulation, TriangulationFault, refine, triangulate_rays};
 

@@ -62,13 +62,14 @@ pub fn solve(
         |it: &WandSighting| Sighting { camera: it.camera, frame: number_of[&(it.frame, it.end)], pixel: it.pixel };
     let given: Vec<Camera> = cameras.iter().map(|it| it.camera.clone()).collect();
     let each: Vec<Sighting> = sightings.iter().map(as_points).collect();
-    let found = self_calibrate(&given, &each, rules)?;
+    let free: Vec<Freedom> = cameras.iter().map(|it| it.free).collect();
+    let found = self_calibrate(&given, &free, &each, rules)?;
     let mut covariance = found.covariance;
     let of_camera = |(index, guess): (usize, &CameraGuess)| SolvedCamera {
         name: guess.name.clone(),
         camera: found.cameras[index].clone(),
         status: found.status[index].clone(),
-        freed: Freedom { focal: rules.focal_free, ..Freedom::POSE },
+        freed: found.freed[index],
         covariance: covariance[index].take(),
         clock: None,
     };

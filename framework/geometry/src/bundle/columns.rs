@@ -59,6 +59,31 @@ impl Freedom {
     /// The pose, under known optics.
     pub const POSE: Freedom = Freedom { pose: true, ..Freedom::NONE };
 
+    /// Whether an optic is free.
+    pub fn frees(&self, optic: Optic) -> bool {
+        let mut of = *self;
+        *of.of(optic)
+    }
+
+    /// The same with an optic held.
+    #[must_use]
+    pub fn without(mut self, optic: Optic) -> Freedom {
+        *self.of(optic) = false;
+        self
+    }
+
+    fn of(&mut self, optic: Optic) -> &mut bool {
+        match optic {
+            Optic::Focal => &mut self.focal,
+            Optic::Aspect => &mut self.aspect,
+            Optic::Principal => &mut self.principal,
+            Optic::K1 => &mut self.k1,
+            Optic::K2 => &mut self.k2,
+            Optic::K3 => &mut self.k3,
+            Optic::Decentering => &mut self.decentering,
+        }
+    }
+
     /// By column.
     pub(super) fn mask(&self) -> [bool; 15] {
         let Freedom { pose, focal, aspect, principal, k1, k2, k3, decentering } = *self;
@@ -69,6 +94,59 @@ impl Freedom {
     /// How many columns hold all that is free.
     pub(super) fn width(&self) -> usize {
         self.mask().iter().rposition(|it| *it).map_or(0, |it| it + 1)
+    }
+}
+
+/// What of a camera's optics is freed or held as one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Optic {
+    /// The factor of both focal lengths.
+    Focal,
+    /// The further factor of the vertical one.
+    Aspect,
+    /// The principal point.
+    Principal,
+    /// Radial distortion, of r².
+    K1,
+    /// Radial distortion, of r⁴.
+    K2,
+    /// Radial distortion, of r⁶.
+    K3,
+    /// Both decentering terms.
+    Decentering,
+}
+
+impl Optic {
+    /// All, from the one that is missed most to the one that is missed least.
+    pub const ALL: [Optic; 7] =
+        [Optic::Focal, Optic::K1, Optic::Principal, Optic::K2, Optic::Aspect, Optic::Decentering, Optic::K3];
+
+    /// By the name of one of its parameters in [`super::OpenParameters`].
+    pub fn named(parameter: &str) -> Option<Optic> {
+        match parameter {
+            "focal" => Some(Optic::Focal),
+            "aspect" => Some(Optic::Aspect),
+            "principal x" | "principal y" => Some(Optic::Principal),
+            "k1" => Some(Optic::K1),
+            "k2" => Some(Optic::K2),
+            "k3" => Some(Optic::K3),
+            "p1" | "p2" => Some(Optic::Decentering),
+            _ => None,
+        }
+    }
+}
+
+impl std::fmt::Display for Optic {
+    fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        to.write_str(match self {
+            Optic::Focal => "focal length",
+            Optic::Aspect => "aspect",
+            Optic::Principal => "principal point",
+            Optic::K1 => "k1",
+            Optic::K2 => "k2",
+            Optic::K3 => "k3",
+            Optic::Decentering => "decentering",
+        })
     }
 }
 

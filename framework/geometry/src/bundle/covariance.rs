@@ -22,11 +22,10 @@ pub(super) fn of_cameras(
     gauge::add_directions(&mut held, &directions, weight);
     let mut covariance = invert_information(&held).map_err(|open| named(layout, &open))?;
     gauge::add_directions(&mut covariance, &directions, -1.0 / weight);
-    if let Gauge::Cameras { reference, other } = choice
-        && directions.ncols() == 7
+    if directions.ncols() == 7
+        && let Some(constraints) = gauge::constraints(choice, &directions, layout, cameras)
     {
-        let restated = gauge::restated(&covariance, &directions, layout, cameras, [reference, other]);
-        covariance = restated.unwrap_or(covariance);
+        covariance = gauge::restated(&covariance, &directions, &constraints).unwrap_or(covariance);
     }
     // With p = m + s p', the same motion [ω, v'] of p' moves p by [ω, s v' + m × ω].
     let mut in_metres = Matrix6::identity();

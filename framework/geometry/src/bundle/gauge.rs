@@ -1,7 +1,8 @@
 //! The directions in which a similarity of the whole scene moves the cameras.
 
-use nalgebra::{DMatrix, DVector, Matrix6xX, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix3x6, Matrix6xX, Vector3};
 
+use super::Gauge;
 use super::equations::Layout;
 use crate::camera::Camera;
 
@@ -51,15 +52,50 @@ pub(super) fn add_directions(information: &mut DMatrix<f64>, directions: &DMatri
     }
 }
 
-/// Restates a covariance, which is that of inner constraints, so that `reference` and its distance to `other` have no error (the
+/// Restates a covariance, which is that of inner constraints, so that steps δ with Hᵀ δ = 0 have all the error (the
 /// S-transformation of W. Baarda, "S-transformations and criterion matrices", 1973): P C Pᵀ with P = I − G (HᵀG)⁻¹ Hᵀ.
 pub(super) fn restated(
     covariance: &DMatrix<f64>,
     directions: &DMatrix<f64>,
+    constraints: &DMatrix<f64>,
+) -> Option<DMatrix<f64>> {
+    let moved = constraints.tr_mul(directions).try_inverse()?;
+    let n = covariance.nrows();
+    let projection = DMatrix::identity(n, n) - directions * moved * constraints.transpose();
+    Some(&projection * covariance * projection.transpose())
+}
+
+/// H of [`Gauge`]; `None` when inner constraints are wanted, or a camera that is named does not move.
+pub(super) fn constraints(
+    gauge: Gauge,
+    directions: &DMatrix<f64>,
     layout: &Layout,
     cameras: &[Camera],
-    [reference, other]: [usize; 2],
 ) -> Option<DMatrix<f64>> {
+    match gauge {
+        Gauge::Inner => None,
+        Gauge::Centres => Some(of_centres(directions, layout, cameras)),
+        Gauge::Cameras { reference, other } => of_pair(layout, cameras, [reference, other]),
+    }
+}
+
+/// The shifts of all centres are at right angles to those under a similarity: H = JᵀJ G, J the derivatives of the centres.
+fn of_centres(directions: &DMatrix<f64>, layout: &Layout, cameras: &[Camera]) -> DMatrix<f64> {
+    let mut constraints = DMatrix::zeros(layout.dimension, directions.ncols());
+    for (camera, rows) in cameras.iter().zip(&layout.rows) {
+        let Some(row) = rows[0] else { continue };
+        // The centre c of T exp(δ) moves by c × ω − v.
+        let mut by_pose = Matrix3x6::zeros();
+        by_pose.fixed_columns_mut::<3>(0).copy_from(&camera.centre().coords.cross_matrix());
+        by_pose.fixed_columns_mut::<3>(3).copy_from(&-Matrix3::identity());
+        let own = by_pose.tr_mul(&(by_pose * directions.rows(row, 6)));
+        constraints.rows_mut(row, 6).copy_from(&own);
+    }
+    constraints
+}
+
+/// The pose of `reference` and its distance to `other` have no error.
+fn of_pair(layout: &Layout, cameras: &[Camera], [reference, other]: [usize; 2]) -> Option<DMatrix<f64>> {
     let rows = [reference, other].map(|it| layout.rows[it][0]);
     let [Some(row), Some(other_row)] = rows else { return None };
     let mut constraints = DMatrix::zeros(layout.dimension, 7);
@@ -74,8 +110,5 @@ pub(super) fn restated(
     }
     constraints.fixed_view_mut::<6, 1>(row, 6).copy_from(&distance.column(0));
     constraints.fixed_view_mut::<6, 1>(other_row, 6).copy_from(&distance.column(1));
-    let moved = constraints.tr_mul(directions).try_inverse()?;
-    let mut projection = DMatrix::identity(layout.dimension, layout.dimension);
-    projection -= directions * moved * constraints.transpose();
-    Some(&projection * covariance * projection.transpose())
+    Some(constraints)
 }

@@ -26,7 +26,7 @@ use foveate_estimation::Loss;
 pub use foveate_estimation::least_squares::Stop;
 use nalgebra::{Matrix3, Matrix6, Point2, Point3, Vector2};
 
-pub use self::columns::{Freedom, OpticsSigma};
+pub use self::columns::{Freedom, Optic, OpticsSigma};
 use crate::camera::{Camera, CameraFault};
 
 /// A point seen by a camera.
@@ -58,6 +58,8 @@ pub struct KnownLength {
 pub enum Gauge {
     /// All cameras share it: the scene stays where it was as a whole, and the covariance is the least that any choice allows.
     Inner,
+    /// The centres of all cameras share it, their turns do not count: what the best similarity between found and true centres leaves.
+    Centres,
     /// The pose of `reference` and the distance of the centres of `reference` and `other` stay as they were, without error. Where
     /// lengths are known, the distance does not stay, and the covariance is that of [`Gauge::Inner`].
     Cameras {
@@ -256,7 +258,7 @@ pub fn adjust_with_lengths(
     lengths: &[KnownLength],
     rules: &BundleRules,
 ) -> Result<Adjusted, BundleFault> {
-    check(cameras, freedoms, points, observations, rules)?;
+    check(cameras, freedoms.len(), points, observations, rules)?;
     check_lengths(points.len(), lengths)?;
     // A width of the camera blocks that holds all that is free, of a few so that each gets code of its own.
     match freedoms.iter().map(Freedom::width).max().unwrap_or(0) {
@@ -280,15 +282,15 @@ fn check_lengths(count: usize, lengths: &[KnownLength]) -> Result<(), BundleFaul
     Ok(())
 }
 
-fn check(
+pub(crate) fn check(
     cameras: &[Camera],
-    freedoms: &[Freedom],
+    freedoms: usize,
     points: &[Point3<f64>],
     observations: &[Observation],
     rules: &BundleRules,
 ) -> Result<(), BundleFault> {
-    if cameras.len() != freedoms.len() {
-        return Err(BundleFault::LengthsDiffer { cameras: cameras.len(), freedoms: freedoms.len() });
+    if cameras.len() != freedoms {
+        return Err(BundleFault::LengthsDiffer { cameras: cameras.len(), freedoms });
     }
     if let Some(found) = rules.loss.bad_scale() {
         return Err(BundleFault::BadRule { rule: "the scale of the loss", found });

@@ -179,6 +179,28 @@ fn errors_are_as_large_as_the_covariance_says_in_either_gauge() {
 }
 
 #[test]
+fn the_gauge_of_the_centres_says_what_an_alignment_of_them_leaves() {
+    let (mut of_errors, mut stated) = (0.0, 0.0);
+    let rules = BundleRules { gauge: Gauge::Centres, covariance: true, ..PRECISE };
+    for seed in 0..40 {
+        let room = room(test_room::cameras(6, 4), 60, 4, 0.5, 0.002, 100 + seed);
+        let found = adjusted(&room, Freedom::POSE, &rules);
+        let traces = |found: &Adjusted| {
+            let covariances = found.covariance.as_ref().unwrap().as_ref().unwrap();
+            covariances.iter().map(|it| it.centre.trace()).sum::<f64>()
+        };
+        let similarity = AlignmentRules { scale: true, robust: false };
+        let errors = camera_errors(&found.cameras, &room.truth, similarity).unwrap().centres;
+        of_errors += errors.iter().map(|it| it * it).sum::<f64>();
+        stated += traces(&found);
+        let inner = adjusted(&room, Freedom::POSE, &BundleRules { gauge: Gauge::Inner, ..rules });
+        assert!(traces(&inner) > 1.01 * traces(&found));
+    }
+    // χ² of 11 degrees of freedom in 40 draws, four standard errors wide.
+    assert!((of_errors / stated - 1.0).abs() < 0.27, "{of_errors} {stated}");
+}
+
+#[test]
 fn inner_constraints_leave_the_scene_where_it_was() {
     let room = room(test_room::cameras(6, 4), 100, 4, 0.5, 0.01, 9);
     let found = adjusted(&room, Freedom::POSE, &PRECISE);

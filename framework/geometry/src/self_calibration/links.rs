@@ -4,6 +4,7 @@ use foveate_estimation::Random;
 use nalgebra::{Isometry3, Matrix2, Point2, Vector2};
 
 use super::{CameraStatus, SelfCalibrationRules, Sighting};
+use crate::bundle::Freedom;
 use crate::camera::Camera;
 use crate::epipolar::{EpipolarFault, EpipolarRules, relative_pose};
 
@@ -26,7 +27,12 @@ pub struct Link {
 
 /// The sightings, by camera.
 pub(super) struct Tracks<'a> {
+    /// As the caller gave them.
+    pub given: &'a [Camera],
+    /// With the optics that are tried.
     pub cameras: &'a [Camera],
+    /// What is free of each.
+    pub free: &'a [Freedom],
     pub sightings: &'a [Sighting],
     /// By camera: its sightings in the order of frames.
     pub of_camera: Vec<Vec<usize>>,
@@ -48,7 +54,12 @@ pub(super) struct Orientations {
 }
 
 impl<'a> Tracks<'a> {
-    pub(super) fn new(cameras: &'a [Camera], sightings: &'a [Sighting]) -> Self {
+    pub(super) fn new(
+        given: &'a [Camera],
+        cameras: &'a [Camera],
+        free: &'a [Freedom],
+        sightings: &'a [Sighting],
+    ) -> Self {
         let mut order: Vec<usize> = (0..sightings.len()).collect();
         order.sort_by_key(|it| (sightings[*it].frame, sightings[*it].camera));
         let n_frames = sightings.iter().map(|it| it.frame + 1).max().unwrap_or(0);
@@ -57,7 +68,7 @@ impl<'a> Tracks<'a> {
             of_camera[sightings[index].camera].push(index);
             of_frame[sightings[index].frame].push(index);
         }
-        Self { cameras, sightings, of_camera, of_frame }
+        Self { given, cameras, free, sightings, of_camera, of_frame }
     }
 
     /// Sightings of both cameras in the frames that both see.
@@ -117,14 +128,8 @@ pub(super) fn orient(tracks: &Tracks<'_>, rules: &SelfCalibrationRules, random: 
             wanted[camera.min(partner)][camera.max(partner)] = true;
         }
     }
-    // A wrong focal length bends the epipolar geometry by more than noise.
-    let slack = if rules.focal_free { 2.0 } else { 1.0 };
-    let pair_rules = EpipolarRules {
-        sigma_px: rules.sigma_px,
-        inlier_px: slack * rules.inlier_px,
-        min_right: needed,
-        ..EpipolarRules::default()
-    };
+    // Wrong optics bend the epipolar geometry by more than noise.
+    let slack = |it: usize| if tracks.free[it].k1 { 3.0 } else { 1.0 + f64::from(u8::from(tracks.free[it].focal)) };
     let mut links: Vec<Oriented> = Vec::new();
     let mut best_fit = vec![None::<(usize, usize, usize)>; n];
     let mut shallow = vec![None::<usize>; n];
@@ -132,6 +137,12 @@ pub(super) fn orient(tracks: &Tracks<'_>, rules: &SelfCalibrationRules, random: 
         for b in (a + 1..n).filter(|it| wanted[a][*it]) {
             let common = tracks.common(a, b);
             let pixels = [0, 1].map(|side| common.iter().map(|it| tracks.pixel(it[side])).collect::<Vec<_>>());
+            let pair_rules = EpipolarRules {
+                sigma_px: rules.sigma_px,
+                inlier_px: slack(a).max(slack(b)) * rules.inlier_px,
+                min_right: needed,
+                ..EpipolarRules::default()
+            };
             let mut draws = random.fork(&format!("{a} {b}"));
             let pair = [&tracks.cameras[a], &tracks.cameras[b]];
             let found = relative_pose(pair, [&pixels[0], &pixels[1]], &pair_rules, &mut draws);

@@ -13,15 +13,18 @@
 
 mod centres;
 mod links;
+mod optics;
 mod rotations;
 mod rounds;
+mod status;
 
 use foveate_estimation::Random;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector2, Vector3};
 
 pub use self::links::Link;
-use crate::bundle::CameraCovariance;
-use crate::camera::{Camera, CameraFault};
+pub use self::status::{CameraStatus, HeldBecause, OpticHeld, SelfCalibrationFault};
+use crate::bundle::{CameraCovariance, Freedom};
+use crate::camera::Camera;
 
 /// The light, seen by a camera in a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,10 +48,11 @@ pub struct SelfCalibrationRules {
     pub min_common: usize,
     /// Pairs are oriented with this many partners of each camera, those with which it shares most frames [–].
     pub max_partners: usize,
-    /// Whether one focal length for each camera is refined; the given ones are then a guess, right to a third or so.
-    pub focal_free: bool,
     /// A free focal length whose standard deviation is a larger part of it than this is refused [–].
     pub max_focal_sigma: f64,
+    /// Any other free optic is held as given when one standard deviation of it moves a pixel at the edge of what its camera saw by a
+    /// larger part of the focal length than this [–].
+    pub max_optics_sigma: f64,
     /// Of the random draws.
     pub seed: u64,
 }
@@ -60,63 +64,11 @@ impl Default for SelfCalibrationRules {
             inlier_px: 3.0,
             min_common: 10,
             max_partners: 20,
-            focal_free: false,
             max_focal_sigma: 0.02,
+            max_optics_sigma: 0.02,
             seed: 1,
         }
     }
-}
-
-/// What became of a camera.
-#[derive(Debug, Clone, PartialEq)]
-pub enum CameraStatus {
-    /// Its pose is known.
-    Calibrated,
-    /// It saw too little.
-    TooFewSightings {
-        /// In how many frames it saw the light.
-        frames: usize,
-        /// How many are needed.
-        needed: usize,
-    },
-    /// What it saw stays in place, or on a line.
-    LightStill {
-        /// Standard deviation of its pixels across the line along which they spread most [px].
-        spread_px: f64,
-    },
-    /// It shares too few frames with any other camera.
-    NoPartner {
-        /// The camera with which it shares most, if any.
-        best: Option<usize>,
-        /// How many frames these two share.
-        common: usize,
-        /// How many are needed.
-        needed: usize,
-    },
-    /// It shares frames, but its pixels fit no pose: a moved camera, a wrong lens, the track of another camera.
-    Inconsistent {
-        /// The partner that it fits best.
-        best: usize,
-        /// Frames shared with that.
-        common: usize,
-        /// Of which fit.
-        right: usize,
-    },
-    /// It stands where its partners stand, or the light is too far away for a depth.
-    NoDepth {
-        /// The partner with which it shares most.
-        best: usize,
-    },
-    /// It was oriented with others, but shares no frames with the larger group that was calibrated.
-    Separate {
-        /// The cameras of its own group.
-        group: Vec<usize>,
-    },
-    /// Its focal length cannot be told: too little depth, or a path in a plane.
-    FocalOpen {
-        /// Standard deviation, relative [–]; infinite when it is entirely open.
-        sigma: f64,
-    },
 }
 
 /// What [`self_calibrate`] found.
@@ -129,6 +81,10 @@ pub struct SelfCalibration {
     pub status: Vec<CameraStatus>,
     /// By frame: where the light was, if more than half of its sightings, at least two, agree.
     pub points: Vec<Option<Point3<f64>>>,
+    /// By camera: what was found rather than given; the optics that are free here are not those of the input.
+    pub freed: Vec<Freedom>,
+    /// By camera that was found: the optics that were to be found and stay as given, and why.
+    pub held: Vec<Vec<OpticHeld>>,
     /// By sighting: seen − measured, if camera and point are known [px].
     pub residuals: Vec<Option<Vector2<f64>>>,
     /// By sighting: whether it is right, and was used.
@@ -143,114 +99,36 @@ pub struct SelfCalibration {
     pub flatness: f64,
 }
 
-/// Why there is no answer at all.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum SelfCalibrationFault {
-    /// One camera, or none.
-    #[error("{count} cameras, expected at least 2")]
-    TooFewCameras {
-        /// How many.
-        count: usize,
-    },
-    /// A camera with a number that is none.
-    #[error("camera {camera}: {fault}")]
-    BadCamera {
-        /// Which.
-        camera: usize,
-        /// What is wrong.
-        fault: CameraFault,
-    },
-    /// A sighting by nobody, or of nothing.
-    #[error(
-        "sighting {sighting} is of camera {camera} at pixel {pixel}, expected a camera below {cameras} and finite numbers"
-    )]
-    BadSighting {
-        /// Which.
-        sighting: usize,
-        /// Its camera.
-        camera: usize,
-        /// Its pixel [px].
-        pixel: Point2<f64>,
-        /// How many cameras there are.
-        cameras: usize,
-    },
-    /// Two pixels of one light in one picture.
-    #[error("camera {camera} sees the light twice in frame {frame}, expected once at most")]
-    SeenTwice {
-        /// Which camera.
-        camera: usize,
-        /// Which frame.
-        frame: usize,
-    },
-    /// A rule that cannot be followed.
-    #[error("{rule} is {found}, expected more than 0")]
-    BadRule {
-        /// Which.
-        rule: &'static str,
-        /// Its value.
-        found: f64,
-    },
-    /// No two cameras could be calibrated together; the reason of each.
-    #[error("no two cameras could be calibrated: {}", status.iter().enumerate().map(|(camera, it)| format!("camera {camera}: {it}")).collect::<Vec<_>>().join("; "))]
-    NothingCalibrated {
-        /// By camera.
-        status: Vec<CameraStatus>,
-    },
-}
-
-impl std::fmt::Display for CameraStatus {
-    fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            CameraStatus::Calibrated => write!(to, "calibrated"),
-            CameraStatus::TooFewSightings { frames, needed } => {
-                write!(to, "saw the light in {frames} frames, expected at least {needed}")
-            }
-            CameraStatus::LightStill { spread_px } => {
-                write!(to, "the light stays in place or on a line: {spread_px:.2} px across it")
-            }
-            CameraStatus::NoPartner { best: Some(best), common, needed } => {
-                write!(
-                    to,
-                    "shares {common} frames with camera {best} and fewer with others, expected at least {needed}"
-                )
-            }
-            CameraStatus::NoPartner { best: None, .. } => write!(to, "shares no frame with another camera"),
-            CameraStatus::Inconsistent { best, common, right } => {
-                write!(to, "no pose explains its pixels: with camera {best}, {right} of {common} common frames fit")
-            }
-            CameraStatus::NoDepth { best } => {
-                write!(to, "stands where camera {best} stands, or the light is too far away")
-            }
-            CameraStatus::Separate { group } => {
-                write!(to, "shares too few frames with the larger group; its own is {group:?}")
-            }
-            CameraStatus::FocalOpen { sigma } => {
-                write!(to, "its focal length is known to {:.1} % only: too little depth, or a flat path", 100.0 * sigma)
-            }
-        }
-    }
-}
-
-/// Calibrates `cameras`, whose optics are known or guessed and whose poses do not matter, from `sightings` of one light.
+/// Calibrates `cameras`, whose poses do not matter, from `sightings` of one light.
+///
+/// What `free` leaves free of a camera's optics is found, and what was given of it is a guess: of focal lengths right to a third or so, of
+/// distortion 0. All else of the optics is known. A camera whose focal length is free and cannot be told is refused; its other optics
+/// stay as given when the sightings do not hold them ([`SelfCalibration::held`]).
 ///
 /// # Errors
 /// See [`SelfCalibrationFault`]; cameras that cannot be calibrated beside others that can are told in the status.
 pub fn self_calibrate(
     cameras: &[Camera],
+    free: &[Freedom],
     sightings: &[Sighting],
     rules: &SelfCalibrationRules,
 ) -> Result<SelfCalibration, SelfCalibrationFault> {
-    check(cameras, sightings, rules)?;
-    if !rules.focal_free {
-        return attempt(cameras, sightings, rules);
-    }
+    check(cameras, free, sightings, rules)?;
+    let free: Vec<Freedom> = free.iter().map(|it| Freedom { pose: true, ..*it }).collect();
     // A guess by which most sightings can be explained is near enough for the adjustment to find the rest.
     let mut best: Option<SelfCalibration> = None;
     let mut fault = None;
-    for factor in [1.0, 0.8, 1.25] {
+    for [focal, k1] in optics::guesses(&free) {
         let mut guessed = cameras.to_vec();
-        guessed.iter_mut().for_each(|it| it.intrinsics.focal = it.intrinsics.focal.map(|focal| focal * factor));
-        match attempt(&guessed, sightings, rules) {
+        for (camera, free) in guessed.iter_mut().zip(&free) {
+            if free.focal {
+                camera.intrinsics.focal = camera.intrinsics.focal.map(|it| it * focal);
+            }
+            if free.k1 {
+                camera.distortion.k1 += k1;
+            }
+        }
+        match attempt(cameras, &guessed, &free, sightings, rules) {
             Ok(found) => {
                 let n_right = |it: &SelfCalibration| it.right.iter().filter(|it| **it).count();
                 if best.as_ref().is_none_or(|best| n_right(&found) > n_right(best)) {
@@ -265,28 +143,30 @@ pub fn self_calibrate(
         }
     }
     match (best, fault) {
-        (Some(mut found), _) => {
-            for ((found, given), status) in found.cameras.iter_mut().zip(cameras).zip(&found.status) {
-                if *status != CameraStatus::Calibrated {
-                    found.clone_from(given);
-                }
-            }
-            Ok(found)
-        }
+        (Some(found), _) => Ok(found),
         (None, Some(fault)) => Err(fault),
         (None, None) => unreachable!("each attempt ends in an answer or a fault"),
     }
 }
 
-fn check(cameras: &[Camera], sightings: &[Sighting], rules: &SelfCalibrationRules) -> Result<(), SelfCalibrationFault> {
+fn check(
+    cameras: &[Camera],
+    free: &[Freedom],
+    sightings: &[Sighting],
+    rules: &SelfCalibrationRules,
+) -> Result<(), SelfCalibrationFault> {
     if cameras.len() < 2 {
         return Err(SelfCalibrationFault::TooFewCameras { count: cameras.len() });
+    }
+    if cameras.len() != free.len() {
+        return Err(SelfCalibrationFault::LengthsDiffer { cameras: cameras.len(), freedoms: free.len() });
     }
     for (rule, found) in [
         ("sigma_px", rules.sigma_px),
         ("inlier_px", rules.inlier_px),
         ("max_partners", rules.max_partners as f64),
         ("max_focal_sigma", rules.max_focal_sigma),
+        ("max_optics_sigma", rules.max_optics_sigma),
     ] {
         if !(found.is_finite() && found > 0.0) {
             return Err(SelfCalibrationFault::BadRule { rule, found });
@@ -308,14 +188,16 @@ fn check(cameras: &[Camera], sightings: &[Sighting], rules: &SelfCalibrationRule
     Ok(())
 }
 
-/// Everything under one choice of focal lengths.
+/// Everything under one guess of what is free of the optics.
 fn attempt(
+    given: &[Camera],
     cameras: &[Camera],
+    free: &[Freedom],
     sightings: &[Sighting],
     rules: &SelfCalibrationRules,
 ) -> Result<SelfCalibration, SelfCalibrationFault> {
     let random = Random::new(rules.seed).fork("self_calibration");
-    let tracks = links::Tracks::new(cameras, sightings);
+    let tracks = links::Tracks::new(given, cameras, free, sightings);
     let oriented = links::orient(&tracks, rules, &random);
     let graph = rotations::average(cameras.len(), &oriented.links);
     let mut status = oriented.status;

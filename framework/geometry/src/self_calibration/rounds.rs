@@ -5,7 +5,7 @@ use nalgebra::{Point2, Point3};
 
 use super::centres::Start;
 use super::links::Tracks;
-use super::{CameraStatus, SelfCalibration, SelfCalibrationRules, flatness, normalise};
+use super::{CameraStatus, OpticHeld, SelfCalibration, SelfCalibrationRules, flatness, normalise, optics};
 use crate::bundle::{Adjusted, BundleRules, CameraCovariance, Freedom, Observation, OpenParameters, adjust};
 use crate::camera::Camera;
 use crate::ray::{Ray, closest_approach};
@@ -15,15 +15,18 @@ use crate::triangulate::triangulate_rays;
 /// How far off a right sighting may be in each round, in `inlier_px`.
 const ROUNDS: [f64; 5] = [12.0, 6.0, 3.0, 1.5, 1.0];
 /// Further rounds for each camera that resection adds.
-const LATE_ROUNDS: [f64; 2] = [1.5, 1.0];
+pub(super) const LATE_ROUNDS: [f64; 2] = [1.5, 1.0];
 
 /// Cameras under way.
-struct Room<'a> {
-    tracks: &'a Tracks<'a>,
-    rules: &'a SelfCalibrationRules,
-    cameras: Vec<Option<Camera>>,
-    points: Vec<Option<Point3<f64>>>,
-    right: Vec<bool>,
+#[derive(Clone)]
+pub(super) struct Room<'a> {
+    pub tracks: &'a Tracks<'a>,
+    pub rules: &'a SelfCalibrationRules,
+    pub cameras: Vec<Option<Camera>>,
+    pub points: Vec<Option<Point3<f64>>>,
+    pub right: Vec<bool>,
+    /// By camera: what the adjustments may move.
+    pub freed: Vec<Freedom>,
 }
 
 /// Adjusts the `start`; cameras that come to stand on too few right sightings lose their pose, and their status says why.
@@ -36,7 +39,8 @@ pub(super) fn run(
 ) -> Option<SelfCalibration> {
     let right = vec![false; tracks.sightings.len()];
     let points = vec![None; tracks.of_frame.len()];
-    let mut room = Room { tracks, rules, cameras: start.cameras, points, right };
+    let freed = tracks.free.iter().map(optics::from_the_start).collect();
+    let mut room = Room { tracks, rules, cameras: start.cameras, points, right, freed };
     room.adjust_in_rounds(&ROUNDS)?;
     for (camera, status) in status.iter().enumerate() {
         // From far enough away, anything looks like a light that stays in place.
@@ -47,21 +51,23 @@ pub(super) fn run(
     }
     room.drop_ill_held(status);
     normalise(&mut room.cameras, &mut room.points);
+    let held = optics::free_what_holds(&mut room)?;
     let last = room.adjust(Loss::HUBER, true)?;
     for (camera, status) in status.iter_mut().enumerate() {
         if room.cameras[camera].is_some() {
             *status = CameraStatus::Calibrated;
         }
     }
-    Some(room.finish(last, status))
+    Some(room.finish(last, status, held))
 }
 
 impl Room<'_> {
-    fn freedom(&self) -> Freedom {
-        Freedom { focal: self.rules.focal_free, ..Freedom::POSE }
+    /// Cameras that have a pose.
+    pub(super) fn members(&self) -> Vec<usize> {
+        (0..self.cameras.len()).filter(|it| self.cameras[*it].is_some()).collect()
     }
 
-    fn adjust_in_rounds(&mut self, rounds: &[f64]) -> Option<()> {
+    pub(super) fn adjust_in_rounds(&mut self, rounds: &[f64]) -> Option<()> {
         for limit in rounds {
             self.intersect(limit * self.rules.inlier_px);
             self.adjust(Loss::CAUCHY, false)?;
@@ -122,8 +128,8 @@ impl Room<'_> {
     }
 
     /// Adjusts all cameras that have a pose to the right sightings.
-    fn adjust(&mut self, loss: Loss, covariance: bool) -> Option<Adjusted> {
-        let members: Vec<usize> = (0..self.cameras.len()).filter(|it| self.cameras[*it].is_some()).collect();
+    pub(super) fn adjust(&mut self, loss: Loss, covariance: bool) -> Option<Adjusted> {
+        let members = self.members();
         let mut slots = vec![0; self.cameras.len()];
         members.iter().enumerate().for_each(|(slot, camera)| slots[*camera] = slot);
         let frames: Vec<usize> = (0..self.points.len()).filter(|it| self.points[*it].is_some()).collect();
@@ -138,7 +144,7 @@ impl Room<'_> {
         let cameras: Vec<Camera> = members.iter().filter_map(|it| self.cameras[*it].clone()).collect();
         let points: Vec<Point3<f64>> = frames.iter().filter_map(|it| self.points[*it]).collect();
         let rules = BundleRules { loss, covariance, max_iterations: 60, ..BundleRules::default() };
-        let freedoms = vec![self.freedom(); cameras.len()];
+        let freedoms: Vec<Freedom> = members.iter().map(|it| self.freed[*it]).collect();
         let found = adjust(&cameras, &freedoms, &points, &observations, &rules).ok()?;
         for (slot, camera) in members.iter().enumerate() {
             self.cameras[*camera] = Some(found.cameras[slot].clone());
@@ -186,25 +192,25 @@ impl Room<'_> {
         self.intersect(self.rules.inlier_px);
     }
 
-    fn finish(mut self, last: Adjusted, status: &mut [CameraStatus]) -> SelfCalibration {
-        let members: Vec<usize> = (0..self.cameras.len()).filter(|it| self.cameras[*it].is_some()).collect();
+    fn finish(mut self, last: Adjusted, status: &mut [CameraStatus], mut held: Vec<Vec<OpticHeld>>) -> SelfCalibration {
+        let members = self.members();
         let mut covariance: Vec<Option<CameraCovariance>> = vec![None; self.cameras.len()];
         match last.covariance {
             Some(Ok(each)) => members.iter().zip(each).for_each(|(camera, it)| covariance[*camera] = Some(it)),
-            Some(Err(OpenParameters { parameters })) if self.rules.focal_free => {
-                for (slot, _) in parameters {
-                    status[members[slot]] = CameraStatus::FocalOpen { sigma: f64::INFINITY };
+            Some(Err(OpenParameters { parameters })) => {
+                for (slot, _) in parameters.iter().filter(|it| self.freed[members[it.0]].focal) {
+                    status[members[*slot]] = CameraStatus::FocalOpen { sigma: f64::INFINITY };
                 }
             }
-            _ => {}
+            None => {}
         }
         for camera in &members {
             let sigma = covariance[*camera].as_ref().map_or(0.0, |it| it.optics.focal);
-            if self.rules.focal_free && sigma > self.rules.max_focal_sigma {
+            if sigma > self.rules.max_focal_sigma {
                 status[*camera] = CameraStatus::FocalOpen { sigma };
             }
         }
-        let mut cameras: Vec<Camera> = self.tracks.cameras.to_vec();
+        let mut cameras: Vec<Camera> = self.tracks.given.to_vec();
         for (camera, found) in cameras.iter_mut().zip(self.cameras) {
             *camera = found.unwrap_or_else(|| camera.clone());
         }
@@ -220,13 +226,10 @@ impl Room<'_> {
         }
         let of_right = residuals.iter().zip(&self.right).filter(|(_, right)| **right).filter_map(|(it, _)| *it);
         let squares: Vec<f64> = of_right.map(|it| it.norm_squared()).collect();
-        for (camera, given) in cameras
-            .iter_mut()
-            .zip(self.tracks.cameras)
-            .enumerate()
-            .filter_map(|(index, it)| (!calibrated(index)).then_some(it))
-        {
-            camera.clone_from(given);
+        for camera in (0..cameras.len()).filter(|it| !calibrated(*it)) {
+            cameras[camera].clone_from(&self.tracks.given[camera]);
+            self.freed[camera] = Freedom::NONE;
+            held[camera].clear();
         }
         SelfCalibration {
             rms_px: (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt(),
@@ -235,6 +238,8 @@ impl Room<'_> {
             residuals,
             right: self.right,
             covariance,
+            freed: self.freed,
+            held,
             links: Vec::new(),
             flatness: flatness(&self.points),
             points: self.points,

@@ -4,6 +4,7 @@ use nalgebra::Vector2;
 
 use super::*;
 use crate::alignment::{AlignmentRules, camera_errors};
+use crate::bundle::Optic;
 use crate::test_room;
 
 /// What cameras see of the path: `views` of them at each point.
@@ -32,6 +33,14 @@ fn centre_errors(found: &SelfCalibration, truth: &[Camera]) -> [f64; 2] {
     [(squares / errors.len() as f64).sqrt(), errors.iter().fold(0.0, |worst: f64, it| worst.max(*it))]
 }
 
+fn known(cameras: &[Camera]) -> Vec<Freedom> {
+    vec![Freedom::POSE; cameras.len()]
+}
+
+fn focal_free(cameras: &[Camera]) -> Vec<Freedom> {
+    vec![Freedom { focal: true, ..Freedom::POSE }; cameras.len()]
+}
+
 #[track_caller]
 fn all_calibrated(found: &SelfCalibration) {
     for (camera, status) in found.status.iter().enumerate() {
@@ -40,7 +49,7 @@ fn all_calibrated(found: &SelfCalibration) {
 }
 
 fn calibrated(cameras: &[Camera], sightings: &[Sighting]) -> SelfCalibration {
-    self_calibrate(cameras, sightings, &SelfCalibrationRules::default()).unwrap()
+    self_calibrate(cameras, &known(cameras), sightings, &SelfCalibrationRules::default()).unwrap()
 }
 
 #[test]
@@ -105,8 +114,7 @@ fn a_focal_length_that_was_guessed_is_refined() {
         let seen = sightings(&truth, &test_room::path(400), 6, 0.5, 9);
         let mut guessed = truth.clone();
         guessed.iter_mut().for_each(|it| it.intrinsics.focal = [guess * 420.0; 2]);
-        let rules = SelfCalibrationRules { focal_free: true, ..Default::default() };
-        let found = self_calibrate(&guessed, &seen, &rules).unwrap();
+        let found = self_calibrate(&guessed, &focal_free(&guessed), &seen, &SelfCalibrationRules::default()).unwrap();
         all_calibrated(&found);
         for (camera, covariance) in found.cameras.iter().zip(&found.covariance) {
             let error = camera.intrinsics.focal[0] / 420.0 - 1.0;
@@ -130,8 +138,7 @@ fn a_path_in_a_plane_calibrates_known_optics_and_refuses_free_ones() {
     let far: Vec<Point3<f64>> =
         test_room::path(300).iter().map(|it| Point3::new(0.1 * it.x, 0.1 * it.y, 1.0 + 0.1 * it.z)).collect();
     let seen = sightings(&truth, &far, 6, 0.5, 11);
-    let rules = SelfCalibrationRules { focal_free: true, ..Default::default() };
-    let refused = self_calibrate(&truth, &seen, &rules);
+    let refused = self_calibrate(&truth, &focal_free(&truth), &seen, &SelfCalibrationRules::default());
     let status = match refused {
         Err(SelfCalibrationFault::NothingCalibrated { status }) => status,
         Ok(found) => found.status,
@@ -207,7 +214,7 @@ fn where_nothing_can_be_calibrated_each_camera_says_why() {
     let status = |path: &[Point3<f64>], change: fn(&Sighting) -> bool| {
         let mut seen = sightings(&truth, path, 5, 0.5, 15);
         seen.retain(change);
-        match self_calibrate(&truth, &seen, &SelfCalibrationRules::default()) {
+        match self_calibrate(&truth, &known(&truth), &seen, &SelfCalibrationRules::default()) {
             Err(SelfCalibrationFault::NothingCalibrated { status }) => status,
             other => panic!("{other:?}"),
         }
@@ -230,7 +237,7 @@ fn bad_input_is_refused_by_place() {
     let seen = sightings(&truth, &test_room::path(60), 4, 0.5, 16);
     let rules = SelfCalibrationRules::default();
     let refused = |cameras: &[Camera], seen: &[Sighting], rules: &SelfCalibrationRules| {
-        self_calibrate(cameras, seen, rules).unwrap_err()
+        self_calibrate(cameras, &known(cameras), seen, rules).unwrap_err()
     };
     assert_eq!(refused(&truth[..1], &[], &rules), SelfCalibrationFault::TooFewCameras { count: 1 });
     let with = |change: fn(&mut Sighting)| {
@@ -244,9 +251,58 @@ fn bad_input_is_refused_by_place() {
     twice.push(seen[7]);
     let fault = SelfCalibrationFault::SeenTwice { camera: seen[7].camera, frame: seen[7].frame };
     assert_eq!(refused(&truth, &twice, &rules), fault);
+    let fewer = self_calibrate(&truth, &[Freedom::POSE; 3], &seen, &rules).unwrap_err();
+    assert_eq!(fewer, SelfCalibrationFault::LengthsDiffer { cameras: 4, freedoms: 3 });
     let bad = SelfCalibrationRules { inlier_px: f64::NAN, ..rules };
     assert!(matches!(refused(&truth, &seen, &bad), SelfCalibrationFault::BadRule { rule: "inlier_px", .. }));
     let mut cameras = truth.clone();
     cameras[2].intrinsics.focal[1] = f64::NAN;
     assert!(matches!(refused(&cameras, &seen, &rules), SelfCalibrationFault::BadCamera { camera: 2, .. }));
+}
+
+const ALL_OPTICS: Freedom =
+    Freedom { focal: true, principal: true, k1: true, k2: true, decentering: true, ..Freedom::POSE };
+
+#[test]
+fn a_lens_that_nobody_knows_is_found_where_the_light_was_everywhere() {
+    let mut truth = test_room::cameras(10, 4);
+    for camera in &mut truth {
+        camera.distortion = test_room::lens();
+        camera.intrinsics.principal = [326.0, 233.0];
+    }
+    let seen = sightings(&truth, &test_room::path(600), 7, 0.3, 21);
+    let mut given = truth.clone();
+    for camera in &mut given {
+        camera.distortion = Default::default();
+        camera.intrinsics.principal = [319.5, 239.5];
+        camera.intrinsics.focal = [460.0; 2];
+    }
+    let found = self_calibrate(&given, &[ALL_OPTICS; 10], &seen, &SelfCalibrationRules::default()).unwrap();
+    all_calibrated(&found);
+    assert!(centre_errors(&found, &truth)[0] < 20e-3, "{:?}", centre_errors(&found, &truth));
+    for (index, camera) in found.cameras.iter().enumerate() {
+        let sigma = found.covariance[index].as_ref().unwrap().optics;
+        assert!(found.freed[index].k1 && found.freed[index].principal, "{index}: {:?}", found.held[index]);
+        let focal = camera.intrinsics.focal[0] / 420.0 - 1.0;
+        assert!(focal.abs() < 0.01 && focal.abs() < 5.0 * sigma.focal, "{index}: {focal} {sigma:?}");
+        let principal = camera.intrinsics.principal[0] - 326.0;
+        assert!(principal.abs() < 5.0 * sigma.principal[0], "{index}: {principal} {sigma:?}");
+        assert!((camera.distortion.k1 + 0.2).abs() < 5.0 * sigma.radial[0], "{index}: {:?}", camera.distortion);
+    }
+}
+
+#[test]
+fn optics_that_the_sightings_do_not_hold_stay_as_given() {
+    // Seen near the middle of each picture only, k1 and k2 do nothing that could be seen.
+    let truth = test_room::cameras(8, 4);
+    let mut seen = sightings(&truth, &test_room::path(600), 8, 0.5, 22);
+    seen.retain(|it| (it.pixel - Point2::new(319.5, 239.5)).norm() < 110.0);
+    let free = [Freedom { k1: true, k2: true, k3: true, ..Freedom::POSE }; 8];
+    let found = self_calibrate(&truth, &free, &seen, &SelfCalibrationRules::default()).unwrap();
+    all_calibrated(&found);
+    for (index, camera) in found.cameras.iter().enumerate() {
+        assert!(!found.freed[index].k3 && camera.distortion.k3 == 0.0, "{index}: {:?}", camera.distortion);
+        let held = found.held[index].iter().find(|it| it.optic == Optic::K3).unwrap();
+        assert!(held.to_string().starts_with("k3 stays as given: "), "{held}");
+    }
 }

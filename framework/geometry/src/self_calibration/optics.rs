@@ -1,0 +1,213 @@
+//! Optics beyond the focal length: freed when the room stands, and held again where the sightings do not hold them.
+//!
+//! What re-projection gains by a further parameter says nothing. So two things are asked of each camera's: that its standard
+//! deviation stays small where the camera saw the light, and that sightings which were kept back are predicted at least as well.
+
+use foveate_estimation::Loss;
+
+use super::rounds::{LATE_ROUNDS, Room};
+use super::status::{HeldBecause, OpticHeld};
+use crate::bundle::{CameraCovariance, Freedom, OpenParameters, Optic};
+use crate::camera::Camera;
+
+/// One right sighting in so many of a camera is kept back.
+const KEPT_BACK: usize = 5;
+/// A camera's sightings that are kept back say nothing when there are fewer.
+const LEAST_KEPT: usize = 8;
+/// Optics that are not needed cost some hold-out error, which is no reason to refuse them.
+const MAX_HOLD_OUT_LOSS: f64 = 1.05;
+
+/// Where a camera saw no light, pixels may be so many times less certain.
+const CORNER_LENIENCE: f64 = 5.0;
+
+/// Factors of the focal lengths and summands of k1 that are free, in the order in which they are tried.
+pub(super) fn guesses(free: &[Freedom]) -> Vec<[f64; 2]> {
+    let focal: &[f64] = if free.iter().any(|it| it.focal) { &[1.0, 0.8, 1.25] } else { &[1.0] };
+    let k1: &[f64] = if free.iter().any(|it| it.k1) { &[0.0, -0.2] } else { &[0.0] };
+    k1.iter().flat_map(|k1| focal.iter().map(|focal| [*focal, *k1])).collect()
+}
+
+/// What is adjusted while the room comes to stand: without it too few sightings fit.
+pub(super) fn from_the_start(free: &Freedom) -> Freedom {
+    Freedom { focal: free.focal, k1: free.k1, ..Freedom::POSE }
+}
+
+/// Frees the optics of a room that stands as far as its sightings hold them; by camera, those that stay as given.
+pub(super) fn free_what_holds(room: &mut Room<'_>) -> Option<Vec<Vec<OpticHeld>>> {
+    let mut held = vec![Vec::new(); room.cameras.len()];
+    let asked = |it: &Freedom| Optic::ALL[1..].iter().any(|optic| it.frees(*optic));
+    if !room.members().iter().any(|it| asked(&room.tracks.free[*it])) {
+        return Some(held);
+    }
+    let mut free = room.clone();
+    free.freed = room.tracks.free.to_vec();
+    loop {
+        let adjusted = free.adjust(Loss::HUBER, true)?;
+        let refused = match adjusted.covariance {
+            Some(Ok(covariance)) => uncertain(&free, &covariance),
+            Some(Err(open)) => left_open(&free, &open),
+            None => Vec::new(),
+        };
+        if refused.is_empty() {
+            break;
+        }
+        for (camera, it) in refused {
+            hold(&mut free, camera, it, &mut held);
+        }
+    }
+    let worse = predicted_worse(&free)?;
+    for (camera, reason) in worse {
+        for optic in Optic::ALL[1..].iter().filter(|it| free.freed[camera].frees(**it)) {
+            held[camera].push(OpticHeld { optic: *optic, reason });
+        }
+        give_back(&mut free, camera);
+    }
+    free.adjust_in_rounds(&LATE_ROUNDS)?;
+    *room = free;
+    Some(held)
+}
+
+fn hold(room: &mut Room<'_>, camera: usize, it: OpticHeld, held: &mut [Vec<OpticHeld>]) {
+    room.freed[camera] = room.freed[camera].without(it.optic);
+    held[camera].push(it);
+    restore(room, camera);
+}
+
+/// Holds all optics of a camera but its focal length.
+fn give_back(room: &mut Room<'_>, camera: usize) {
+    room.freed[camera] = Freedom { focal: room.freed[camera].focal, ..Freedom::POSE };
+    restore(room, camera);
+}
+
+/// Puts what is held of a camera's optics back to what was given.
+fn restore(room: &mut Room<'_>, camera: usize) {
+    let (freed, given) = (room.freed[camera], &room.tracks.given[camera]);
+    let Some(found) = &mut room.cameras[camera] else { return };
+    if !freed.aspect {
+        found.intrinsics.focal[1] = found.intrinsics.focal[0] * given.intrinsics.focal[1] / given.intrinsics.focal[0];
+    }
+    if !freed.principal {
+        found.intrinsics.principal = given.intrinsics.principal;
+    }
+    let (own, given) = (&mut found.distortion, &given.distortion);
+    for (free, own, given) in [
+        (freed.k1, &mut own.k1, given.k1),
+        (freed.k2, &mut own.k2, given.k2),
+        (freed.k3, &mut own.k3, given.k3),
+        (freed.decentering, &mut own.p1, given.p1),
+        (freed.decentering, &mut own.p2, given.p2),
+    ] {
+        if !free {
+            *own = given;
+        }
+    }
+}
+
+/// Of each camera, the optic that is known worst, if too badly.
+fn uncertain(room: &Room<'_>, covariance: &[CameraCovariance]) -> Vec<(usize, OpticHeld)> {
+    let limit = room.rules.max_optics_sigma;
+    let worst = |(camera, covariance): (usize, &CameraCovariance)| {
+        let found = room.cameras[camera].as_ref()?;
+        let radius = edge(room, camera, found);
+        // Where no light was seen yet there will be one later: up to the corners of the picture, though not as strictly.
+        let size = found.image_size.map(f64::from);
+        let corner = 0.5 * size[0].hypot(size[1]) / found.intrinsics.focal[0];
+        let sigma = |optic: Optic| {
+            let there = at_edge(optic, covariance, found, corner.max(radius)) / CORNER_LENIENCE;
+            at_edge(optic, covariance, found, radius).max(there)
+        };
+        let sigmas = Optic::ALL[1..].iter().map(|optic| (*optic, sigma(*optic)));
+        let (optic, sigma) = sigmas.max_by(|a, b| a.1.total_cmp(&b.1))?;
+        (sigma > limit).then_some((camera, OpticHeld { optic, reason: HeldBecause::Uncertain { sigma, limit } }))
+    };
+    room.members().into_iter().zip(covariance).filter_map(worst).collect()
+}
+
+/// Distance from the optical axis of the outermost right sighting, in focal lengths.
+fn edge(room: &Room<'_>, camera: usize, found: &Camera) -> f64 {
+    let right = room.tracks.of_camera[camera].iter().filter(|it| room.right[**it]);
+    let radius = |it: &usize| found.normalise(&room.tracks.sightings[*it].pixel).map_or(0.0, |it| it.norm());
+    right.map(radius).fold(0.0, f64::max)
+}
+
+/// By how much one standard deviation moves a pixel at `radius`, in focal lengths.
+fn at_edge(optic: Optic, covariance: &CameraCovariance, camera: &Camera, radius: f64) -> f64 {
+    let sigma = &covariance.optics;
+    match optic {
+        Optic::Focal => sigma.focal * radius,
+        Optic::Aspect => sigma.aspect * radius,
+        Optic::Principal => sigma.principal[0].max(sigma.principal[1]) / camera.intrinsics.focal[0],
+        Optic::K1 => sigma.radial[0] * radius.powi(3),
+        Optic::K2 => sigma.radial[1] * radius.powi(5),
+        Optic::K3 => sigma.radial[2] * radius.powi(7),
+        // 3 r² along the worse of the two directions.
+        Optic::Decentering => 3.0 * sigma.decentering[0].max(sigma.decentering[1]) * radius * radius,
+    }
+}
+
+/// Of each camera with parameters that are open, the optic to hold: an open one, or else the one that is missed least.
+fn left_open(room: &Room<'_>, open: &OpenParameters) -> Vec<(usize, OpticHeld)> {
+    let members = room.members();
+    let least = |camera: usize| Optic::ALL[1..].iter().rev().find(|it| room.freed[camera].frees(**it)).copied();
+    let mut refused: Vec<(usize, OpticHeld)> = Vec::new();
+    for (slot, name) in &open.parameters {
+        let camera = members[*slot];
+        let named = Optic::named(name).filter(|it| *it != Optic::Focal);
+        if refused.iter().all(|it| it.0 != camera)
+            && let Some(optic) = named.or_else(|| least(camera))
+        {
+            refused.push((camera, OpticHeld { optic, reason: HeldBecause::Open }));
+        }
+    }
+    if refused.is_empty() {
+        // The fault lies with cameras that have nothing more to hold: hold something of the others.
+        let more = members.iter().filter_map(|it| Some((*it, least(*it)?)));
+        refused.extend(more.map(|(camera, optic)| (camera, OpticHeld { optic, reason: HeldBecause::Open })));
+    }
+    refused
+}
+
+/// Cameras whose freed optics predict sightings that were kept back worse than the given optics do.
+fn predicted_worse(room: &Room<'_>) -> Option<Vec<(usize, HeldBecause)>> {
+    let mut freed = room.clone();
+    let mut kept: Vec<usize> = Vec::new();
+    let mut turn = vec![0; room.cameras.len()];
+    for sightings in &room.tracks.of_frame {
+        let right: Vec<usize> = sightings.iter().copied().filter(|it| room.right[*it]).collect();
+        if right.len() < 3 {
+            continue; // two sightings of a point must remain
+        }
+        // Cameras take turns, so that a frame loses one sighting and each camera its part.
+        for index in &right {
+            let camera = room.tracks.sightings[*index].camera;
+            turn[camera] += 1;
+            if turn[camera] >= KEPT_BACK {
+                turn[camera] = 0;
+                kept.push(*index);
+                freed.right[*index] = false;
+                break;
+            }
+        }
+    }
+    let mut held = freed.clone();
+    for camera in room.members() {
+        give_back(&mut held, camera);
+    }
+    freed.adjust(Loss::HUBER, false)?;
+    held.adjust(Loss::HUBER, false)?;
+    let rms = |room: &Room<'_>, camera: usize| {
+        let own = kept.iter().map(|it| &room.tracks.sightings[*it]).filter(|it| it.camera == camera);
+        let errors: Vec<f64> = own
+            .filter_map(|it| Some((room.cameras[camera].as_ref()?, room.points[it.frame]?, it.pixel)))
+            .map(|(found, point, pixel)| found.project(&point).map_or(f64::INFINITY, |it| (it - pixel).norm()))
+            .map(|it| it.min(4.0 * room.rules.inlier_px))
+            .collect();
+        let squares: f64 = errors.iter().map(|it| it * it).sum();
+        (errors.len() >= LEAST_KEPT).then(|| (squares / errors.len() as f64).sqrt())
+    };
+    let worse = |camera: usize| {
+        let [held_px, freed_px] = [rms(&held, camera)?, rms(&freed, camera)?];
+        (freed_px > MAX_HOLD_OUT_LOSS * held_px).then_some((camera, HeldBecause::HoldOut { held_px, freed_px }))
+    };
+    Some(room.members().into_iter().filter_map(worse).collect())
+}

@@ -1,0 +1,200 @@
+//! What became of each camera, which of its optics could not be found, and why there may be no answer at all.
+
+use nalgebra::Point2;
+
+use crate::bundle::Optic;
+use crate::camera::CameraFault;
+
+/// What became of a camera.
+#[derive(Debug, Clone, PartialEq)]
+pub enum CameraStatus {
+    /// Its pose is known.
+    Calibrated,
+    /// It saw too little.
+    TooFewSightings {
+        /// In how many frames it saw the light.
+        frames: usize,
+        /// How many are needed.
+        needed: usize,
+    },
+    /// What it saw stays in place, or on a line.
+    LightStill {
+        /// Standard deviation of its pixels across the line along which they spread most [px].
+        spread_px: f64,
+    },
+    /// It shares too few frames with any other camera.
+    NoPartner {
+        /// The camera with which it shares most, if any.
+        best: Option<usize>,
+        /// How many frames these two share.
+        common: usize,
+        /// How many are needed.
+        needed: usize,
+    },
+    /// It shares frames, but its pixels fit no pose: a moved camera, a wrong lens, the track of another camera.
+    Inconsistent {
+        /// The partner that it fits best.
+        best: usize,
+        /// Frames shared with that.
+        common: usize,
+        /// Of which fit.
+        right: usize,
+    },
+    /// It stands where its partners stand, or the light is too far away for a depth.
+    NoDepth {
+        /// The partner with which it shares most.
+        best: usize,
+    },
+    /// It was oriented with others, but shares no frames with the larger group that was calibrated.
+    Separate {
+        /// The cameras of its own group.
+        group: Vec<usize>,
+    },
+    /// Its focal length cannot be told: too little depth, or a path in a plane.
+    FocalOpen {
+        /// Standard deviation, relative [–]; infinite when it is entirely open.
+        sigma: f64,
+    },
+}
+
+impl std::fmt::Display for CameraStatus {
+    fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            CameraStatus::Calibrated => write!(to, "calibrated"),
+            CameraStatus::TooFewSightings { frames, needed } => {
+                write!(to, "saw the light in {frames} frames, expected at least {needed}")
+            }
+            CameraStatus::LightStill { spread_px } => {
+                write!(to, "the light stays in place or on a line: {spread_px:.2} px across it")
+            }
+            CameraStatus::NoPartner { best: Some(best), common, needed } => {
+                write!(
+                    to,
+                    "shares {common} frames with camera {best} and fewer with others, expected at least {needed}"
+                )
+            }
+            CameraStatus::NoPartner { best: None, .. } => write!(to, "shares no frame with another camera"),
+            CameraStatus::Inconsistent { best, common, right } => {
+                write!(to, "no pose explains its pixels: with camera {best}, {right} of {common} common frames fit")
+            }
+            CameraStatus::NoDepth { best } => {
+                write!(to, "stands where camera {best} stands, or the light is too far away")
+            }
+            CameraStatus::Separate { group } => {
+                write!(to, "shares too few frames with the larger group; its own is {group:?}")
+            }
+            CameraStatus::FocalOpen { sigma } => {
+                write!(to, "its focal length is known to {:.1} % only: too little depth, or a flat path", 100.0 * sigma)
+            }
+        }
+    }
+}
+
+/// An optic that was to be found and stays as it was given.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OpticHeld {
+    /// Which.
+    pub optic: Optic,
+    /// Why.
+    pub reason: HeldBecause,
+}
+
+/// Why an optic was not freed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum HeldBecause {
+    /// Nothing tells it from the others.
+    Open,
+    /// It would be known too badly.
+    Uncertain {
+        /// One standard deviation of it moves a pixel at the edge of what was seen so far, in focal lengths [–].
+        sigma: f64,
+        /// At most this was allowed [–].
+        limit: f64,
+    },
+    /// With it, sightings that had been kept back were predicted no better.
+    HoldOut {
+        /// Their error with this camera's optics as given, root mean square [px].
+        held_px: f64,
+        /// And with its optics free [px].
+        freed_px: f64,
+    },
+}
+
+impl std::fmt::Display for OpticHeld {
+    fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(to, "{} stays as given: ", self.optic)?;
+        match self.reason {
+            HeldBecause::Open => write!(to, "the sightings leave it open"),
+            HeldBecause::Uncertain { sigma, limit } => {
+                let [sigma, limit] = [sigma, limit].map(|it| 100.0 * it);
+                write!(to, "it would be known to {sigma:.1} % of the focal length only, expected at most {limit:.1} %")
+            }
+            HeldBecause::HoldOut { held_px, freed_px } => {
+                write!(to, "sightings kept back are {held_px:.2} px off with it held, {freed_px:.2} px with it free")
+            }
+        }
+    }
+}
+
+/// Why there is no answer at all.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SelfCalibrationFault {
+    /// One camera, or none.
+    #[error("{count} cameras, expected at least 2")]
+    TooFewCameras {
+        /// How many.
+        count: usize,
+    },
+    /// Not as many of one as of the other.
+    #[error("{cameras} cameras and {freedoms} lists of what is free, expected as many of each")]
+    LengthsDiffer {
+        /// How many cameras.
+        cameras: usize,
+        /// How many lists.
+        freedoms: usize,
+    },
+    /// A camera with a number that is none.
+    #[error("camera {camera}: {fault}")]
+    BadCamera {
+        /// Which.
+        camera: usize,
+        /// What is wrong.
+        fault: CameraFault,
+    },
+    /// A sighting by nobody, or of nothing.
+    #[error(
+        "sighting {sighting} is of camera {camera} at pixel {pixel}, expected a camera below {cameras} and finite numbers"
+    )]
+    BadSighting {
+        /// Which.
+        sighting: usize,
+        /// Its camera.
+        camera: usize,
+        /// Its pixel [px].
+        pixel: Point2<f64>,
+        /// How many cameras there are.
+        cameras: usize,
+    },
+    /// Two pixels of one light in one picture.
+    #[error("camera {camera} sees the light twice in frame {frame}, expected once at most")]
+    SeenTwice {
+        /// Which camera.
+        camera: usize,
+        /// Which frame.
+        frame: usize,
+    },
+    /// A rule that cannot be followed.
+    #[error("{rule} is {found}, expected more than 0")]
+    BadRule {
+        /// Which.
+        rule: &'static str,
+        /// Its value.
+        found: f64,
+    },
+    /// No two cameras could be calibrated together; the reason of each.
+    #[error("no two cameras could be calibrated: {}", status.iter().enumerate().map(|(camera, it)| format!("camera {camera}: {it}")).collect::<Vec<_>>().join("; "))]
+    NothingCalibrated {
+        /// By camera.
+        status: Vec<CameraStatus>,
+    },
+}
