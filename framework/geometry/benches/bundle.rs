@@ -1,5 +1,5 @@
-//! Times bundle adjustment in a room of 18 cameras beside Ceres, SciPy and aniposelib (`peer_bundle.py` runs on the files that
-//! `cargo bench -p foveate-geometry --bench bundle -- --write DIR` leaves), and with `--large` on 200 cameras and 20,000 points.
+//! Times bundle adjustment in a room of 18 cameras, and with `--large` on 200 cameras and 20,000 points. With `--write DIR` it leaves
+//! the problems there, which is how `tests/benches/peers/calibration.py` sets Ceres, SciPy and aniposelib beside it.
 
 use std::fmt::Write as _;
 use std::time::Instant;
@@ -112,18 +112,33 @@ fn write(room: &Room, path: &std::path::Path) -> std::io::Result<()> {
     std::fs::write(path, text)
 }
 
+/// What this process has held at most [MiB], where the system tells.
+fn peak_mib() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|it| it.starts_with("VmHWM:"))?;
+    Some(line.split_whitespace().nth(1)?.parse::<f64>().ok()? / 1024.0)
+}
+
 fn main() -> std::io::Result<()> {
     let arguments: Vec<String> = std::env::args().collect();
+    let folder = arguments.iter().position(|it| it == "--write").and_then(|it| arguments.get(it + 1));
+    let leave = |room: &Room, name: &str| match folder {
+        Some(folder) => write(room, &std::path::Path::new(folder).join(format!("room_{name}.txt"))),
+        None => Ok(()),
+    };
     let focal = Freedom { focal: true, ..Freedom::POSE };
     for (name, freedom) in [("known", Freedom::POSE), ("focal", focal)] {
         let room = room(18, 600, 6, freedom.focal);
         report(&format!("18 cameras x 600 points, {name}"), &room, freedom, ROUNDS);
-        if let Some(folder) = arguments.iter().position(|it| it == "--write").and_then(|it| arguments.get(it + 1)) {
-            write(&room, &std::path::Path::new(folder).join(format!("room_{name}.txt")))?;
-        }
+        leave(&room, name)?;
     }
     if arguments.iter().any(|it| it == "--large") {
-        report("200 cameras x 20,000 points, known", &room(200, 20_000, 6, false), Freedom::POSE, 1);
+        let room = room(200, 20_000, 6, false);
+        report("200 cameras x 20,000 points, known", &room, Freedom::POSE, 3);
+        if let Some(mib) = peak_mib() {
+            println!("the process held {mib:.0} MiB at most");
+        }
+        leave(&room, "large")?;
     }
     Ok(())
 }

@@ -1,0 +1,125 @@
+//! Figure 25: pixel error on independent sightings against the turns of the paper's calibration, and of what takes its place.
+
+use foveate::estimation::Random;
+use foveate::geometry::bundle::{BundleRules, Freedom, Observation, adjust};
+use foveate::geometry::{Camera, alternate, path_error};
+use foveate_export::plot::legend::COLOURS;
+
+use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector3};
+
+use super::Options;
+use super::chart::{Chart, Marks, Scale, Series, draw, save};
+
+const N_CAMERAS: usize = 18;
+const N_POINTS: usize = 600;
+const TURNS: usize = 300;
+const STEPS: u32 = 30;
+const SIGMA_PX: f64 = 0.5;
+/// Every camera that can see a point has its sighting of it.
+const STARTS: [(f64, f64); 2] = [(3.0, 0.1), (10.0, 0.4)];
+
+/// Cameras under the ceiling around 3.5 × 5 m, as §3.1 has them.
+fn lab(random: &mut Random) -> Vec<Camera> {
+    let camera = |index: usize| {
+        let angle = std::f64::consts::TAU * index as f64 / N_CAMERAS as f64;
+        let centre = Point3::new(2.6 * angle.cos(), 3.4 * angle.sin(), 2.7 + 0.2 * random.normal());
+        let mut across = || angle + std::f64::consts::PI * (0.6 + 0.8 * random.uniform());
+        let target = Point3::new(0.9 * across().cos(), 1.3 * across().sin(), 1.0);
+        Camera::look_at(centre, target, [640, 480], 420.0)
+    };
+    (0..N_CAMERAS).map(camera).collect()
+}
+
+/// A path through 3.5 × 5 m from 0.5 to 2 m of height, other for each `phase`, and what all cameras see of it.
+fn sightings(cameras: &[Camera], phase: f64, random: &mut Random) -> Vec<Observation> {
+    let mut all = Vec::new();
+    for point in 0..N_POINTS {
+        let turn = std::f64::consts::TAU * point as f64 / N_POINTS as f64;
+        let at = |amplitude: f64, speed: f64| amplitude * (speed * turn + phase * speed).sin();
+        let place = Point3::new(at(1.7, 5.0), at(2.4, 3.3), 1.25 + at(0.7, 7.1));
+        for (camera, it) in cameras.iter().enumerate() {
+            let Some(seen) = it.sees(&place) else { continue };
+            let pixel = Point2::new(seen.x + SIGMA_PX * random.normal(), seen.y + SIGMA_PX * random.normal());
+            all.push(Observation { camera, point, pixel, sigma_px: SIGMA_PX });
+        }
+    }
+    all
+}
+
+fn guessed(truth: &[Camera], (degrees, metres): (f64, f64), random: &mut Random) -> Vec<Camera> {
+    let mut moved = |it: &Camera| {
+        let mut draw =
+            |size: f64| Vector3::new(random.normal(), random.normal(), random.normal()) * (size / 3_f64.sqrt());
+        let turn = UnitQuaternion::from_scaled_axis(draw(degrees.to_radians()));
+        let centre = it.camera_from_world.inverse().translation.vector + draw(metres);
+        let rotation = turn * it.camera_from_world.rotation;
+        let camera_from_world = Isometry3::from_parts(Translation3::from(-(rotation * centre)), rotation);
+        Camera { camera_from_world, ..it.clone() }
+    };
+    truth.iter().map(&mut moved).collect()
+}
+
+/// Error on `independent` before and after each step of the bundle adjustment, which begins on the path that the start gives.
+fn of_adjustment(start: &[Camera], seen: &[Observation], independent: &[Observation]) -> Vec<f64> {
+    let Ok(first) = alternate(start, seen, independent, 0) else { return Vec::new() };
+    let points: Vec<Point3<f64>> = first.points.iter().map(|it| it.unwrap_or_else(Point3::origin)).collect();
+    let freedoms = vec![Freedom::POSE; start.len()];
+    let mut errors = first.independent_px;
+    for max_iterations in 1..=STEPS {
+        let rules = BundleRules { max_iterations, ..BundleRules::default() };
+        let Ok(found) = adjust(start, &freedoms, &points, seen, &rules) else { break };
+        errors.extend(path_error(&found.cameras, independent));
+        if found.iterations < max_iterations {
+            break;
+        }
+    }
+    errors
+}
+
+/// The first index from which the error stays within 1 % of the last one.
+fn settled(errors: &[f64]) -> usize {
+    let last = errors.last().copied().unwrap_or(f64::NAN);
+    errors.iter().rposition(|it| *it > 1.01 * last).map_or(0, |it| it + 1)
+}
+
+pub fn convergence(options: &Options) {
+    let mut random = Random::new(25);
+    let truth = lab(&mut random);
+    let seen = sightings(&truth, 0.3, &mut random);
+    let independent = sightings(&truth, 1.1, &mut random);
+    println!(
+        "Figure 25: {N_CAMERAS} cameras, {} sightings of {N_POINTS} points, {SIGMA_PX} px of noise; error on {} independent ones",
+        seen.len(),
+        independent.len()
+    );
+    println!("truth itself: {:.4} px\n", path_error(&truth, &independent).unwrap_or(f64::NAN));
+    println!(
+        "| start off by | method | at the start | after 1 | 3 | 10 | 30 | 100 | at the end | within 1 % of it after |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|---|");
+    let mut series = Vec::new();
+    for (index, start) in STARTS.into_iter().enumerate() {
+        let cameras = guessed(&truth, start, &mut random);
+        let of_turns =
+            alternate(&cameras, &seen, &independent, TURNS).map_or_else(|_| Vec::new(), |it| it.independent_px);
+        let of_steps = of_adjustment(&cameras, &seen, &independent);
+        let name = format!("{} degrees, {} m", start.0, start.1);
+        for (what, errors, marks) in [("in turn", of_turns, Marks::Line), ("together", of_steps, Marks::Dashed)] {
+            let at = |turn: usize| errors.get(turn).map_or_else(|| "".to_owned(), |it| format!("{it:.3}"));
+            let columns: Vec<String> = [0, 1, 3, 10, 30, 100, errors.len().max(1) - 1].into_iter().map(at).collect();
+            println!("| {name} | {what} | {} | {} |", columns.join(" | "), settled(&errors));
+            // The logarithm has no 0: the start stands at 1.
+            let points = errors.iter().enumerate().map(|(turn, it)| [turn as f64 + 1.0, *it]).collect();
+            series.push(Series::new(format!("{what}, {name}"), marks, COLOURS[index], points));
+        }
+    }
+    let chart = Chart {
+        title: "error on independent sightings".to_owned(),
+        x: "cameras known so far: 1 is the start, then each turn or step",
+        y: "root mean square [px]",
+        scale: Scale::Logarithmic,
+        series,
+    };
+    let title = "Convergence of calibration: path and cameras in turn, or together";
+    save(options.out.as_deref(), "convergence", &draw(title, 1, [520.0, 300.0], &[chart]));
+}
