@@ -29,7 +29,7 @@ fn guess(name: String, image_size: [u32; 2], focal: f64) -> CameraGuess {
     let intrinsics = Intrinsics { focal: [focal; 2], principal, skew: 0.0 };
     let camera =
         Camera { intrinsics, distortion: Distortion::default(), image_size, camera_from_world: Isometry3::identity() };
-    CameraGuess { name, camera, free: Freedom::POSE }
+    CameraGuess { name, camera, free: Freedom { focal: true, ..Freedom::POSE } }
 }
 
 /// What may be free beside the pose.
@@ -79,12 +79,7 @@ fn easy_wand(folder: &Path) -> Outcome {
         rows.len(),
         cameras.len()
     );
-    let rules = SelfCalibrationRules {
-        sigma_px: 1.0,
-        inlier_px: 15.0,
-        max_focal_sigma: 0.2,
-        ..Default::default()
-    };
+    let rules = SelfCalibrationRules { sigma_px: 1.0, inlier_px: 15.0, max_focal_sigma: 0.2, ..Default::default() };
     let unit = Wand { ends: [0, 1], length_m: 1.0, sigma_m: 0.0 };
     println!(
         "{:<22} {:<7} | all: {:>7} {:>7} {:>8} | held out: {:>7} {:>7} {:>8}",
@@ -166,8 +161,7 @@ fn straw_lab(folder: &Path) -> Outcome {
             .zip(names.lines())
             .map(|(size, name)| guess(name.to_owned(), [size[0] as u32, size[1] as u32], share * size[0]))
             .collect();
-        let rules =
-            SelfCalibrationRules { inlier_px: 10.0, max_focal_sigma: 0.2, ..Default::default() };
+        let rules = SelfCalibrationRules { inlier_px: 10.0, max_focal_sigma: 0.2, ..Default::default() };
         if let Ok(found) = wand::solve(&cameras, &all, &rules) {
             let (rms, used) = (found.steps[0].rms_px, found.steps[0].used);
             println!(
@@ -192,8 +186,7 @@ fn straw_lab(folder: &Path) -> Outcome {
         let (mut fitted, mut held_out, mut lenses) = (Vec::new(), Vec::new(), String::new());
         for odd in [false, true] {
             let (fit, held) = halves(&all, odd);
-            let rules =
-                SelfCalibrationRules { inlier_px: 10.0, max_focal_sigma: 0.2, ..Default::default() };
+            let rules = SelfCalibrationRules { inlier_px: 10.0, max_focal_sigma: 0.2, ..Default::default() };
             let start = with_freedom(&wand::solve(&cameras, &fit, &rules)?, freed);
             let refine = RefineRules { sigma_px: 0.5, ..Default::default() };
             let found = wand::readjust(&start, &[], &refine)?.0;
