@@ -1,1 +1,127 @@
 //! What re-projection cannot see, and a verdict in words.
+//!
+//! A calibration can fit its pixels to a third of a pixel and still be of another world: a planar path has a mirrored twin, a camera that
+//! was bumped half-way agrees with itself on average, a focal length trades against depth. [`check`] looks for each of these in turn:
+//!
+//! | part | what it looks at |
+//! |---|---|
+//! | [`Fit`] | sightings kept back, and how far off they should be from pixel noise alone |
+//! | [`Lengths`] | how a known length comes out all over the room |
+//! | [`Handedness`] | points behind cameras, and the reversed world (D. Necker's cube): does it fit nearly as well? |
+//! | [`Floor`] | cameras and path under a floor that is fixed |
+//! | [`PathShape`] | how flat the path is |
+//! | [`Links`] | cameras that hang on a single other one |
+//! | [`CameraCheck`] | for each: depth, residuals over its picture, covariance of its pose, where to wave |
+//! | [`Suspect`] | a camera that contradicts the rest, with the cause that explains most |
+//!
+//! Suspects are found one after the other: the worst is taken out, the room is adjusted without it, and the rest is looked at again,
+//! so that nobody is accused for what a neighbour did.
+
+mod camera;
+mod fit;
+mod graph;
+mod handed;
+mod maps;
+mod models;
+mod place;
+mod room;
+mod rules;
+mod suspects;
+mod text;
+mod verdict;
+
+pub use self::camera::{CameraCheck, DepthRange, PoseQuality};
+pub use self::fit::{Fit, LengthSample, Lengths};
+pub use self::graph::Links;
+pub use self::handed::Handedness;
+pub use self::maps::{MapCell, Pattern, ResidualMap};
+pub use self::place::{Floor, PathShape};
+pub use self::rules::CheckRules;
+pub use self::suspects::{Cause, Suspect};
+pub use self::verdict::Verdict;
+use crate::solved::Solved;
+
+/// How good something is; the worse, the greater.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub enum Level {
+    /// Nothing to be done.
+    #[default]
+    Good,
+    /// It works; what can be bettered is said.
+    Usable,
+    /// What comes out cannot be relied upon.
+    Redo,
+}
+
+/// A level, and one sentence for a person that says why and what to do.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Judgement {
+    /// How good it is.
+    pub level: Level,
+    /// What was found and what to do about it.
+    pub sentence: String,
+}
+
+impl Judgement {
+    fn new(level: Level, sentence: impl Into<String>) -> Self {
+        Self { level, sentence: sentence.into() }
+    }
+}
+
+/// What [`check`] found. `Display` gives it as plain text.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Checks {
+    /// The unit of all lengths here: `m`, or `units` while nothing fixes the scale.
+    pub unit: &'static str,
+    /// Standard deviation of a pixel's coordinate, from the residuals of the whole room [px].
+    pub sigma_px: f64,
+    /// Sightings kept back.
+    pub fit: Fit,
+    /// The known length, where one was given.
+    pub lengths: Option<Lengths>,
+    /// Whether the world is mirrored.
+    pub handedness: Handedness,
+    /// What is under the floor.
+    pub floor: Floor,
+    /// The path of the light.
+    pub path: PathShape,
+    /// Who sees the light together with whom.
+    pub links: Links,
+    /// By camera, in the order of the room.
+    pub cameras: Vec<CameraCheck>,
+    /// Cameras that contradict the rest, the worst first.
+    pub suspects: Vec<Suspect>,
+    /// All of it in words.
+    pub verdict: Verdict,
+}
+
+/// Looks at `solved`, and at the known length of `lengths` where there is one, for what a low re-projection error hides.
+///
+/// The same input gives the same answer; nothing is random that is not seeded by [`CheckRules::seed`].
+pub fn check(solved: &Solved, lengths: Option<&[LengthSample]>, rules: &CheckRules) -> Checks {
+    let room = room::Room::new(solved, rules);
+    let fit = fit::fit(&room);
+    let lengths = lengths.and_then(|it| fit::lengths(it, rules));
+    let handedness = handed::handedness(&room);
+    let floor = place::floor(&room);
+    let path = place::path(&room);
+    let links = graph::links(&room);
+    let is_mirrored = handedness.judgement.level == Level::Redo;
+    let suspects = suspects::suspects(&room, is_mirrored);
+    let cameras = (0..solved.cameras.len()).map(|it| camera::camera(&room, it)).collect();
+    let mut checks = Checks {
+        unit: room.unit(),
+        sigma_px: room.sigma_px,
+        fit,
+        lengths,
+        handedness,
+        floor,
+        path,
+        links,
+        cameras,
+        suspects,
+        verdict: Verdict::default(),
+    };
+    checks.verdict = verdict::verdict(&checks, rules);
+    checks
+}

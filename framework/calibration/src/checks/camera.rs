@@ -1,0 +1,246 @@
+//! What can be said of one camera: depth, coverage, covariance, and where to wave.
+
+use foveate_estimation::statistics::{median, percentile};
+use foveate_geometry::self_calibration::CameraStatus;
+use nalgebra::{Unit, Vector3};
+
+use super::maps::{Pattern, ResidualMap, map};
+use super::room::Room;
+use super::{CheckRules, Judgement, Level};
+use crate::solved::SightingRole;
+
+/// What can be said of one camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CameraCheck {
+    /// Level and sentence.
+    pub judgement: Judgement,
+    /// Its name.
+    pub name: String,
+    /// Whether its pose was found.
+    pub calibrated: bool,
+    /// Its sightings: in use, kept back, rejected [–].
+    pub sightings: [usize; 3],
+    /// How far away the light was; `None` without a point.
+    pub depth: Option<DepthRange>,
+    /// Its residuals over its picture; `None` without any.
+    pub residuals: Option<ResidualMap>,
+    /// How well its pose is known; `None` where no covariance is stated.
+    pub pose: Option<PoseQuality>,
+    /// Where more of the light would help most, if anywhere: `upper left of its picture`.
+    pub wave: Option<String>,
+}
+
+/// Depths of the points that a camera used [m or units].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DepthRange {
+    /// 5 % are nearer.
+    pub nearest: f64,
+    /// Half of them are nearer.
+    pub median: f64,
+    /// 95 % are nearer.
+    pub farthest: f64,
+    /// Farthest over nearest [–].
+    pub ratio: f64,
+}
+
+/// How well the pose of a camera is known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PoseQuality {
+    /// Standard deviation of the centre along its weakest direction [m or units].
+    pub centre_sigma: f64,
+    /// That direction, in the world.
+    pub weakest: Unit<Vector3<f64>>,
+    /// Standard deviation of the orientation about its weakest axis [rad].
+    pub turn_sigma: f64,
+    /// Of the focal length, relative; 0 where it was given [–].
+    pub focal_sigma: f64,
+    /// `centre_sigma` over the median depth [–].
+    pub relative: f64,
+}
+
+/// Cells of a third of the picture: a cell with less than this part of an even share is empty.
+const EMPTY: f64 = 0.15;
+/// Focal lengths known to this part are good, and usable [–].
+const FOCAL_SIGMA: [f64; 2] = [0.01, 0.05];
+const PLACES: [&str; 9] =
+    ["upper left", "top", "upper right", "left edge", "middle", "right edge", "lower left", "bottom", "lower right"];
+
+pub(super) fn camera(room: &Room<'_>, camera: usize) -> CameraCheck {
+    let own = &room.solved.cameras[camera];
+    let calibrated = own.status == CameraStatus::Calibrated;
+    let roles = [SightingRole::Used, SightingRole::HeldOut, SightingRole::Rejected];
+    let of_role =
+        |role: SightingRole| room.solved.sightings.iter().filter(|it| it.camera == camera && it.role == role).count();
+    let (depth, residuals) = if calibrated { (depth(room, camera), map(room, camera)) } else { (None, None) };
+    let pose = pose(room, camera, depth.as_ref());
+    let wave = wave(room, camera, depth.as_ref());
+    let mut check = CameraCheck {
+        judgement: Judgement::default(),
+        name: own.name.clone(),
+        calibrated,
+        sightings: roles.map(of_role),
+        depth,
+        residuals,
+        pose,
+        wave,
+    };
+    check.judgement = judge(room, camera, &check);
+    check
+}
+
+fn depth(room: &Room<'_>, camera: usize) -> Option<DepthRange> {
+    let model = &room.solved.cameras[camera].camera;
+    let depths: Vec<f64> = room.points_of(camera).iter().map(|it| (model.camera_from_world * it).z).collect();
+    let at = |percent: f64| percentile(&depths, percent);
+    let (nearest, farthest) = (at(5.0)?, at(95.0)?);
+    Some(DepthRange { nearest, median: at(50.0)?, farthest, ratio: farthest / nearest })
+}
+
+fn pose(room: &Room<'_>, camera: usize, depth: Option<&DepthRange>) -> Option<PoseQuality> {
+    let covariance = room.solved.cameras[camera].covariance.as_ref()?;
+    let centre = covariance.centre.symmetric_eigen();
+    let weakest = centre.eigenvalues.imax();
+    let centre_sigma = centre.eigenvalues[weakest].max(0.0).sqrt();
+    let turn = covariance.pose.fixed_view::<3, 3>(0, 0).into_owned().symmetric_eigenvalues();
+    Some(PoseQuality {
+        centre_sigma,
+        weakest: Unit::new_normalize(centre.eigenvectors.column(weakest).into_owned()),
+        turn_sigma: turn.max().max(0.0).sqrt(),
+        focal_sigma: covariance.optics.focal,
+        relative: depth.map_or(f64::NAN, |it| centre_sigma / it.median),
+    })
+}
+
+/// The empty part of the picture, or else the depth that is missing.
+fn wave(room: &Room<'_>, camera: usize, depth: Option<&DepthRange>) -> Option<String> {
+    let [width, height] = room.solved.cameras[camera].camera.image_size.map(f64::from);
+    let mut counts = [0_usize; 9];
+    let own = room.of_camera[camera].iter().map(|it| &room.solved.sightings[*it]);
+    for pixel in own.filter(|it| it.role != SightingRole::Rejected).map(|it| it.pixel) {
+        let third = |at: f64, of: f64| ((3.0 * (at + 0.5) / of) as usize).min(2);
+        counts[3 * third(pixel.y, height) + third(pixel.x, width)] += 1;
+    }
+    let total: usize = counts.iter().sum();
+    let limit = EMPTY * total as f64 / 9.0;
+    let empty: Vec<usize> = (0..9).filter(|it| counts[*it] as f64 <= limit).collect();
+    match empty[..] {
+        [] => {
+            let depth = depth.filter(|it| it.ratio < room.rules.depth_ratio)?;
+            Some(format!(
+                "nearer to it and farther away (all was {:.1} to {:.1} {} away)",
+                depth.nearest,
+                depth.farthest,
+                room.unit()
+            ))
+        }
+        [_, _, _, _, _, _, ..] => Some("over its whole picture".to_owned()),
+        _ => {
+            let names: Vec<&str> = empty.iter().take(3).map(|it| PLACES[*it]).collect();
+            Some(format!("{} of its picture", names.join(" and ")))
+        }
+    }
+}
+
+fn judge(room: &Room<'_>, camera: usize, check: &CameraCheck) -> Judgement {
+    let name = &check.name;
+    let status = &room.solved.cameras[camera].status;
+    if !check.calibrated {
+        return Judgement::new(Level::Usable, uncalibrated(room, name, status));
+    }
+    let place = check.wave.clone().unwrap_or_else(|| "before it, near and far".to_owned());
+    let wave = format!("wave {place}");
+    let any_stated = room.solved.cameras.iter().any(|it| it.covariance.is_some());
+    let Some(pose) = &check.pose else {
+        if any_stated {
+            return Judgement::new(
+                Level::Redo,
+                format!("The pose of camera {name} is left open by what it saw: {wave}."),
+            );
+        }
+        return Judgement::new(Level::Good, format!("How well camera {name} is known is not stated."));
+    };
+    let rules = room.rules;
+    let by_centre = CheckRules::level(pose.relative, rules.centre_sigma);
+    let by_turn = CheckRules::level(1e3 * pose.turn_sigma, rules.turn_sigma_mrad);
+    let by_focal = CheckRules::level(pose.focal_sigma, FOCAL_SIGMA);
+    let shallow = check.depth.is_some_and(|it| it.ratio < rules.depth_ratio) && room.solved.cameras[camera].freed.focal;
+    let level = by_centre.max(by_turn).max(by_focal).max(if shallow { Level::Usable } else { Level::Good });
+    if level > Level::Good {
+        let centre = length(pose.centre_sigma, room.unit());
+        let sentence = if level == by_focal && pose.focal_sigma > 0.0 {
+            format!("The focal length of camera {name} is known to {:.1} % only: {wave}.", 100.0 * pose.focal_sigma)
+        } else if level > Level::Good && by_centre.max(by_turn) == level {
+            format!("Camera {name} is known to {centre} and {:.1} mrad only: {wave}.", 1e3 * pose.turn_sigma)
+        } else {
+            let ratio = check.depth.map_or(f64::NAN, |it| it.ratio);
+            format!(
+                "Camera {name} saw the light at one depth ({ratio:.2} times from near to far): wave nearer to it and farther away."
+            )
+        };
+        return Judgement::new(level, sentence);
+    }
+    match check.residuals.as_ref().and_then(|it| Some((it.pattern?, it.systematic_px))) {
+        Some((pattern, px)) => {
+            let what = match pattern {
+                Pattern::Shifted => "all point one way: its principal point is off, or it moved",
+                Pattern::Scaled => "grow from the middle: its focal length is off",
+                Pattern::Rolled => "turn about the middle: it rolled during the recording",
+                Pattern::Distorted => "grow fast towards the corners: let its distortion be found",
+                Pattern::Other => "have a pattern: check its lens and mount",
+            };
+            Judgement::new(Level::Usable, format!("Residuals of camera {name} ({px:.2} px) {what}."))
+        }
+        None => Judgement::new(Level::Good, format!("Camera {name} is well known.")),
+    }
+}
+
+/// A length with its unit: millimetres below a metre.
+pub(super) fn length(value: f64, unit: &str) -> String {
+    match unit {
+        "m" if value.abs() < 1.0 => format!("{:.1} mm", 1e3 * value),
+        _ => format!("{value:.4} {unit}"),
+    }
+}
+
+fn uncalibrated(room: &Room<'_>, name: &str, status: &CameraStatus) -> String {
+    let of = |camera: &usize| room.solved.cameras.get(*camera).map_or("?", |it| it.name.as_str());
+    match status {
+        CameraStatus::Calibrated => unreachable!("only cameras that are not calibrated come here"),
+        CameraStatus::TooFewSightings { frames, needed } => {
+            format!("Camera {name} saw the light in {frames} frames, {needed} are needed: wave longer before it.")
+        }
+        CameraStatus::LightStill { .. } => {
+            format!("Before camera {name} the light stays in place or on a line: wave it all over its picture.")
+        }
+        CameraStatus::NoPartner { best: Some(best), common, needed } => {
+            format!("Camera {name} shares {common} frames with {}, {needed} are needed: wave where both see.", of(best))
+        }
+        CameraStatus::NoPartner { best: None, .. } => {
+            format!("Camera {name} never sees the light together with another: wave where it and another see.")
+        }
+        CameraStatus::Inconsistent { best, common, right } => format!(
+            "No pose explains what camera {name} saw (with {}, {right} of {common} frames fit): check its lens, its mount and which camera it is.",
+            of(best)
+        ),
+        CameraStatus::NoDepth { best } => {
+            format!("Camera {name} stands where {} stands, or the light was too far away: wave nearer to it.", of(best))
+        }
+        CameraStatus::Separate { group } => {
+            let others: Vec<&str> = group.iter().map(of).filter(|it| it != &name).take(4).collect();
+            let with = if others.is_empty() { String::new() } else { format!(" (with {})", others.join(", ")) };
+            format!("Camera {name}{with} shares too few frames with the others: wave where they both see.")
+        }
+        CameraStatus::FocalOpen { sigma } => {
+            let known = if sigma.is_finite() { format!(" ({:.1} %)", 100.0 * sigma) } else { String::new() };
+            format!("The focal length of camera {name} cannot be told{known}: wave nearer to it and farther away.")
+        }
+    }
+}
+
+/// The calibrated camera whose centre is known least, relative to its distance from the light.
+pub(super) fn weakest(cameras: &[CameraCheck]) -> Option<usize> {
+    let relative = |it: &usize| cameras[*it].pose.map_or(f64::NAN, |it| it.relative);
+    let known = (0..cameras.len()).filter(|it| cameras[*it].calibrated && relative(it).is_finite());
+    let usual = median(&known.clone().map(|it| relative(&it)).collect::<Vec<_>>())?;
+    known.max_by(|a, b| relative(a).total_cmp(&relative(b))).filter(|it| relative(it) >= usual)
+}

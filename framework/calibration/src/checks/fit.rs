@@ -1,0 +1,169 @@
+//! Sightings kept back, and lengths that are known.
+
+use foveate_estimation::statistics::{SIGMA_PER_MAD, Summary, mad, median};
+use nalgebra::Point3;
+
+use super::room::{MEDIAN_CHI2, Room};
+use super::{CheckRules, Judgement, Level};
+use crate::solved::SightingRole;
+
+/// How sightings fit from which the solution was made, and such as were kept back.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fit {
+    /// Level and sentence.
+    pub judgement: Judgement,
+    /// Residuals of the sightings in use [px]; `None` without any.
+    pub training: Option<Summary>,
+    /// Residuals of those kept back [px]; `None` if none were.
+    pub held_out: Option<Summary>,
+    /// Median of the latter over that of the former [–].
+    pub ratio: Option<f64>,
+    /// Median distance of those kept back over what pixel noise and the other cameras' geometry leave to be expected; near 1 when all is
+    /// well, however few cameras see a point. `None` where two other cameras see none of these points [–].
+    pub excess: Option<f64>,
+    /// Share of the sightings that contradict the rest [–].
+    pub rejected: f64,
+    /// By camera: median of the sightings in use and of those kept back [px].
+    pub by_camera: Vec<[Option<f64>; 2]>,
+}
+
+pub(super) fn fit(room: &Room<'_>) -> Fit {
+    let residuals = |camera: Option<usize>, role: SightingRole| -> Vec<f64> {
+        let wanted =
+            room.solved.sightings.iter().filter(|it| it.role == role && camera.is_none_or(|own| own == it.camera));
+        wanted.filter_map(|it| Some(it.residual?.norm())).collect()
+    };
+    let training = Summary::of(&residuals(None, SightingRole::Used));
+    let held_out = Summary::of(&residuals(None, SightingRole::HeldOut));
+    let ratio = training.zip(held_out).map(|(training, held)| held.median / training.median);
+    let by_camera = (0..room.solved.cameras.len())
+        .map(|it| [SightingRole::Used, SightingRole::HeldOut].map(|role| median(&residuals(Some(it), role))))
+        .collect();
+    let count = |role: SightingRole| room.solved.sightings.iter().filter(|it| it.role == role).count() as f64;
+    let rejected_count = count(SightingRole::Rejected);
+    let judged = rejected_count + count(SightingRole::Used) + count(SightingRole::HeldOut);
+    let rejected = if judged > 0.0 { rejected_count / judged } else { 0.0 };
+    let excess = excess(room);
+    let judgement = judge(room.rules, training, held_out, excess, rejected);
+    Fit { judgement, training, held_out, ratio, excess, rejected, by_camera }
+}
+
+/// Squared distances of sightings kept back in units of their covariance, as a standard deviation.
+fn excess(room: &Room<'_>) -> Option<f64> {
+    let (cameras, points) = (room.cameras(), room.positions());
+    let mut squares = Vec::new();
+    for camera in room.calibrated() {
+        let held = room.witnessed(camera, &[], &cameras, &points, |role| role == SightingRole::HeldOut);
+        squares.extend(held.iter().filter_map(|it| {
+            let error = cameras[camera].project(&it.point)? - it.pixel;
+            let weight = it.spread(&cameras[camera], room.sigma_px)?.try_inverse()?;
+            Some(error.dot(&(weight * error)))
+        }));
+    }
+    Some((median(&squares)? / MEDIAN_CHI2).sqrt())
+}
+
+fn judge(
+    rules: &CheckRules,
+    training: Option<Summary>,
+    held_out: Option<Summary>,
+    excess: Option<f64>,
+    rejected: f64,
+) -> Judgement {
+    let Some(training) = training else {
+        return Judgement::new(Level::Redo, "No sighting is in use: nothing was calibrated; record again.");
+    };
+    let told = held_out.unwrap_or(training);
+    let by_px = CheckRules::level(told.median, rules.hold_out_px);
+    let by_excess = excess.map_or(Level::Good, |it| CheckRules::level(it, rules.hold_out_excess));
+    let by_share = CheckRules::level(rejected, rules.rejected_share);
+    let level = by_px.max(by_excess).max(by_share);
+    let kept = if held_out.is_some() { "kept back" } else { "in use (none were kept back)" };
+    let figures = format!("Sightings {kept} are {:.2} px off in the median, {:.2} px at p90", told.median, told.p90);
+    let sentence = if level == Level::Good {
+        format!("{figures}.")
+    } else if by_share == level {
+        format!(
+            "{:.0} % of the sightings contradict the rest: darken the room or mask lamps and mirrors.",
+            100.0 * rejected
+        )
+    } else if by_excess == level {
+        let times = excess.unwrap_or(f64::NAN);
+        format!(
+            "{figures}, {times:.1} times what noise explains: the model does not hold; look at the cameras named here."
+        )
+    } else {
+        format!("{figures}: check focus, exposure and the size of the light in the pictures.")
+    };
+    Judgement::new(level, sentence)
+}
+
+/// A known length as it came out at one place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LengthSample {
+    /// Middle of the length, in the world [m].
+    pub at: Point3<f64>,
+    /// Length found less length known, over the latter [–].
+    pub relative_error: f64,
+}
+
+impl LengthSample {
+    /// Of a length that came out as `found` where it is `known`, in any unit.
+    pub fn new(at: Point3<f64>, found: f64, known: f64) -> Self {
+        Self { at, relative_error: found / known - 1.0 }
+    }
+}
+
+/// How a known length came out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lengths {
+    /// Level and sentence.
+    pub judgement: Judgement,
+    /// Samples [–].
+    pub count: usize,
+    /// Median error, relative [–].
+    pub bias: f64,
+    /// Standard deviation of the errors about it, robust, relative [–].
+    pub spread: f64,
+    /// How the error grows along the steepest horizontal or vertical axis, relative, over the extent of the samples [–]; 0 in a world
+    /// that is nowhere stretched.
+    pub slope: f64,
+    /// The axis of that: 0 = X, 1 = Y, 2 = Z.
+    pub slope_axis: usize,
+}
+
+/// `None` without a finite sample.
+pub(super) fn lengths(samples: &[LengthSample], rules: &CheckRules) -> Option<Lengths> {
+    let finite = |it: &&LengthSample| it.relative_error.is_finite() && it.at.coords.norm().is_finite();
+    let samples: Vec<&LengthSample> = samples.iter().filter(finite).collect();
+    let errors: Vec<f64> = samples.iter().map(|it| it.relative_error).collect();
+    let bias = median(&errors)?;
+    let spread = mad(&errors)? * SIGMA_PER_MAD;
+    let along = |axis: usize| -> f64 {
+        let mut order: Vec<&&LengthSample> = samples.iter().collect();
+        order.sort_by(|a, b| a.at[axis].total_cmp(&b.at[axis]));
+        let third = order.len() / 3;
+        let middle = |part: &[&&LengthSample]| median(&part.iter().map(|it| it.relative_error).collect::<Vec<_>>());
+        let ends = middle(&order[..third]).zip(middle(&order[order.len() - third..]));
+        ends.map_or(0.0, |(low, high)| (high - low) * 1.5) // the middles of outer thirds are two thirds of the extent apart
+    };
+    let slopes = [0, 1, 2].map(along);
+    let slope_axis = (0..3).max_by(|a, b| slopes[*a].abs().total_cmp(&slopes[*b].abs())).unwrap_or(0);
+    let slope = slopes[slope_axis];
+    let level = CheckRules::level(spread.max(bias.abs()).max(slope.abs() / 3.0), rules.length_spread);
+    let figures = format!(
+        "The known length comes out with a spread of {:.2} % and a bias of {:+.2} %",
+        100.0 * spread,
+        100.0 * bias
+    );
+    let sentence = if level == Level::Good {
+        format!("{figures}.")
+    } else {
+        let axis = ["X", "Y", "Z"][slope_axis];
+        format!(
+            "{figures}, changing by {:+.2} % along {axis}: wave the wand through the whole volume, turned every way.",
+            100.0 * slope
+        )
+    };
+    Some(Lengths { judgement: Judgement::new(level, sentence), count: samples.len(), bias, spread, slope, slope_axis })
+}

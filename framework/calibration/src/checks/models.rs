@@ -1,0 +1,197 @@
+//! One camera fitted to points of known place: its pose alone, or with what may be wrong about it.
+
+use foveate_estimation::Loss;
+use foveate_estimation::least_squares::{Equations, Problem, Rules, solve};
+use foveate_geometry::{Camera, ResectionRules, resect};
+use nalgebra::{DVector, Isometry3, Point2, Point3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3};
+
+use super::room::Witnessed;
+
+/// Columns of the step: rotation, translation, then these.
+const FOCAL: usize = 6;
+const K1: usize = 7;
+const DELAY: usize = 8;
+const WIDTH: usize = 9;
+const LOSS: Loss = Loss::CAUCHY;
+/// A residual of a point that the camera cannot see [σ].
+const UNSEEN: f64 = 30.0;
+
+/// What is fitted beside the pose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Extra {
+    Nothing,
+    Focal,
+    Distortion,
+    Delay,
+}
+
+/// A camera, and by how much its clock is behind: it sees the light where that is `delay_s` later than it says.
+#[derive(Debug, Clone)]
+pub(super) struct Fitted {
+    pub camera: Camera,
+    pub delay_s: f64,
+    /// Standard deviation of the delay, where that was fitted.
+    pub delay_sigma_s: f64,
+    /// Σ ρ.
+    pub cost: f64,
+}
+
+/// Sightings beside points, with the standard deviation of their distance.
+#[derive(Debug, Clone)]
+pub(super) struct Samples {
+    of: Vec<Sample>,
+    centroid: Vector3<f64>,
+    sigma_px: f64,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Sample {
+    /// From the centroid of all.
+    point: Point3<f64>,
+    pixel: Point2<f64>,
+    velocity: Vector3<f64>,
+    has_velocity: bool,
+    /// Of either coordinate [px].
+    sigma: f64,
+    time_s: f64,
+}
+
+impl Samples {
+    /// `camera` is to be about right: it says how the uncertainty of a point looks in the picture.
+    pub(super) fn new(witnessed: &[Witnessed], camera: &Camera, sigma_px: f64) -> Self {
+        let n = witnessed.len().max(1) as f64;
+        let centroid = witnessed.iter().fold(Vector3::zeros(), |sum, it| sum + it.point.coords) / n;
+        let sample = |it: &Witnessed| Sample {
+            point: it.point - centroid,
+            pixel: it.pixel,
+            velocity: it.velocity.unwrap_or_else(Vector3::zeros),
+            has_velocity: it.velocity.is_some(),
+            sigma: it.spread(camera, sigma_px).map_or(sigma_px, |it| (0.5 * it.trace()).sqrt()),
+            time_s: it.time_s,
+        };
+        Self { of: witnessed.iter().map(sample).collect(), centroid, sigma_px }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.of.len()
+    }
+
+    pub(super) fn time_s(&self, index: usize) -> f64 {
+        self.of[index].time_s
+    }
+
+    /// Share of the samples whose velocity is known [–].
+    pub(super) fn moving_share(&self) -> f64 {
+        self.of.iter().filter(|it| it.has_velocity).count() as f64 / self.len().max(1) as f64
+    }
+
+    /// Those of `range`, which are in the order of time.
+    pub(super) fn part(&self, range: std::ops::Range<usize>) -> Samples {
+        Samples { of: self.of[range].to_vec(), ..Samples { of: Vec::new(), ..*self } }
+    }
+
+    /// By sample: squared distance in standard deviations under `camera` as it stands.
+    pub(super) fn squares(&self, camera: &Camera) -> Vec<f64> {
+        let camera = self.centred(camera);
+        let square = |it: &Sample| {
+            let off = camera.project(&it.point).map(|seen| (seen - it.pixel).norm_squared() / it.sigma.powi(2));
+            off.unwrap_or(UNSEEN * UNSEEN)
+        };
+        self.of.iter().map(square).collect()
+    }
+
+    /// By sample: where `camera` sees the point.
+    pub(super) fn pixels(&self, camera: &Camera) -> Vec<Option<Point2<f64>>> {
+        let camera = self.centred(camera);
+        self.of.iter().map(|it| camera.project(&it.point)).collect()
+    }
+
+    /// Fits the pose and `extra` from `camera` on.
+    pub(super) fn fit(&self, camera: &Camera, extra: Extra) -> Option<Fitted> {
+        let free = match extra {
+            Extra::Nothing => None,
+            Extra::Focal => Some(FOCAL),
+            Extra::Distortion => Some(K1),
+            Extra::Delay => Some(DELAY),
+        };
+        let held = (FOCAL..WIDTH).filter(|it| Some(*it) != free).collect();
+        let rules = Rules { loss: LOSS, held, max_iterations: 50, relative_gain: 1e-6 };
+        let start = Unknowns { camera: self.centred(camera), delay_s: 0.0 };
+        let solution = solve(self, start, &rules).ok()?;
+        let delay_sigma_s = solution.covariance.as_ref().map_or(f64::INFINITY, |it| it[(DELAY, DELAY)].max(0.0).sqrt());
+        let Unknowns { mut camera, delay_s } = solution.parameters;
+        camera.camera_from_world *= Translation3::from(-self.centroid);
+        let cost = 2.0 * solution.costs.last()?;
+        Some(Fitted { camera, delay_s, delay_sigma_s, cost })
+    }
+
+    /// The pose by search, whatever that of `camera` is; then as [`Self::fit`] with nothing else.
+    pub(super) fn search(&self, camera: &Camera, seed: u64) -> Option<Fitted> {
+        let points: Vec<Point3<f64>> = self.of.iter().map(|it| it.point).collect();
+        let pixels: Vec<Point2<f64>> = self.of.iter().map(|it| it.pixel).collect();
+        let mut random = foveate_estimation::Random::new(seed).fork("resection");
+        let rules = ResectionRules { sigma_px: self.sigma_px, inlier_px: 6.0 * self.sigma_px, trials: 300 };
+        let found = resect(camera, &points, &pixels, &rules, |n| random.below(n)).ok()?;
+        let camera_from_world = found.camera_from_world * Translation3::from(-self.centroid);
+        self.fit(&Camera { camera_from_world, ..camera.clone() }, Extra::Nothing)
+    }
+
+    fn centred(&self, camera: &Camera) -> Camera {
+        let camera_from_world = camera.camera_from_world * Translation3::from(self.centroid);
+        Camera { camera_from_world, ..camera.clone() }
+    }
+}
+
+#[derive(Debug, Clone)]
+pub(super) struct Unknowns {
+    camera: Camera,
+    delay_s: f64,
+}
+
+impl Problem for Samples {
+    type Parameters = Unknowns;
+
+    fn dimension(&self) -> usize {
+        WIDTH
+    }
+
+    fn moved(&self, from: &Unknowns, step: &DVector<f64>) -> Unknowns {
+        let mut moved = from.clone();
+        let turn = UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2]));
+        moved.camera.camera_from_world *= Isometry3::from_parts(Translation3::new(step[3], step[4], step[5]), turn);
+        moved.camera.camera_from_world.rotation.renormalize_fast();
+        let factor = step[FOCAL].exp();
+        moved.camera.intrinsics.focal = moved.camera.intrinsics.focal.map(|it| it * factor);
+        moved.camera.distortion.k1 += step[K1];
+        moved.delay_s += step[DELAY];
+        moved
+    }
+
+    fn linearise(&self, at: &Unknowns, equations: &mut Equations) -> Option<()> {
+        let Unknowns { camera, delay_s } = at;
+        let columns = std::array::from_fn(|it| it);
+        for sample in &self.of {
+            let point = sample.point + sample.velocity * *delay_s;
+            let Some((seen, by_point)) = camera.project_with_jacobian(&point) else {
+                equations.add(&columns, &Vector2::new(UNSEEN, 0.0), &SMatrix::<f64, 2, WIDTH>::zeros());
+                continue;
+            };
+            let mut jacobian = SMatrix::<f64, 2, WIDTH>::zeros();
+            // T exp(δ) p = T (p + ω × p + v)
+            jacobian.fixed_columns_mut::<3>(0).copy_from(&(by_point * -point.coords.cross_matrix()));
+            jacobian.fixed_columns_mut::<3>(3).copy_from(&by_point);
+            let [px, py] = camera.intrinsics.principal;
+            jacobian.column_mut(FOCAL).copy_from(&Vector2::new(seen.x - px, seen.y - py));
+            let in_camera = camera.camera_from_world * point;
+            let ideal = Vector2::new(in_camera.x / in_camera.z, in_camera.y / in_camera.z);
+            let [fx, fy] = camera.intrinsics.focal;
+            let cubic = ideal * ideal.norm_squared();
+            jacobian
+                .column_mut(K1)
+                .copy_from(&Vector2::new(fx * cubic.x + camera.intrinsics.skew * cubic.y, fy * cubic.y));
+            jacobian.column_mut(DELAY).copy_from(&(by_point * sample.velocity));
+            equations.add(&columns, &((seen - sample.pixel) / sample.sigma), &(jacobian / sample.sigma));
+        }
+        Some(())
+    }
+}

@@ -1,0 +1,187 @@
+//! A solved room, sorted by camera and by point, with the noise of its pixels.
+
+use foveate_estimation::statistics::median;
+use foveate_geometry::self_calibration::CameraStatus;
+use foveate_geometry::triangulate::{PixelNoise, refine};
+use foveate_geometry::{Camera, Freedom};
+use nalgebra::{Matrix2, Matrix3, Point2, Point3, Vector3};
+
+use super::CheckRules;
+use crate::solved::{SightingRole, Solved, SolvedCamera};
+
+/// Median of χ² with two degrees of freedom: of the squared length of a pixel's error in standard deviations.
+pub(super) const MEDIAN_CHI2: f64 = 1.386_294;
+/// No detector is better; keeps perfect data from being divided by nothing [px].
+const LEAST_SIGMA_PX: f64 = 0.02;
+/// Points whose own sightings disagree by more than this many standard deviations are nobody's witness.
+const DISAGREEMENT: f64 = 4.0;
+/// Neighbours on the path further away than this give no velocity [s].
+const LONGEST_GAP_S: f64 = 0.25;
+
+#[derive(Clone)]
+pub(super) struct Room<'a> {
+    pub solved: &'a Solved,
+    pub rules: &'a CheckRules,
+    /// Of either coordinate of a pixel.
+    pub sigma_px: f64,
+    /// By camera: its sightings of points that were found.
+    pub of_camera: Vec<Vec<usize>>,
+    /// By point: the sightings in use.
+    pub of_point: Vec<Vec<usize>>,
+    /// By point: the light's velocity, where its neighbours in time are near.
+    pub velocities: Vec<Option<Vector3<f64>>>,
+}
+
+/// A sighting beside where the other cameras have the point.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Witnessed {
+    pub time_s: f64,
+    pub pixel: Point2<f64>,
+    /// By the others.
+    pub point: Point3<f64>,
+    /// Of that.
+    pub covariance: Matrix3<f64>,
+    pub velocity: Option<Vector3<f64>>,
+}
+
+impl<'a> Room<'a> {
+    pub(super) fn new(solved: &'a Solved, rules: &'a CheckRules) -> Self {
+        let n = solved.points.len();
+        let (mut of_camera, mut of_point) = (vec![Vec::new(); solved.cameras.len()], vec![Vec::new(); n]);
+        for (index, sighting) in solved.sightings.iter().enumerate() {
+            let finite = sighting.pixel.coords.norm().is_finite();
+            let Some(point) = sighting.point.filter(|it| *it < n && finite) else { continue };
+            let Some(own) = of_camera.get_mut(sighting.camera) else { continue };
+            own.push(index);
+            if sighting.role == SightingRole::Used && is_calibrated(&solved.cameras[sighting.camera]) {
+                of_point[point].push(index);
+            }
+        }
+        for own in &mut of_camera {
+            own.sort_by(|a, b| {
+                let time = |it: &usize| solved.sightings[*it].point.map_or(0.0, |point| solved.points[point].time_s);
+                time(a).total_cmp(&time(b)).then(a.cmp(b))
+            });
+        }
+        let velocities = velocities(solved);
+        let mut room = Self { solved, rules, sigma_px: LEAST_SIGMA_PX, of_camera, of_point, velocities };
+        room.sigma_px = room.noise();
+        room
+    }
+
+    /// The unit of lengths.
+    pub(super) fn unit(&self) -> &'static str {
+        if self.solved.fixed.scale.is_some() { "m" } else { "units" }
+    }
+
+    pub(super) fn name(&self, camera: usize) -> &str {
+        &self.solved.cameras[camera].name
+    }
+
+    pub(super) fn calibrated(&self) -> impl Iterator<Item = usize> {
+        (0..self.solved.cameras.len()).filter(|it| is_calibrated(&self.solved.cameras[*it]))
+    }
+
+    pub(super) fn cameras(&self) -> Vec<Camera> {
+        self.solved.cameras.iter().map(|it| it.camera.clone()).collect()
+    }
+
+    pub(super) fn positions(&self) -> Vec<Point3<f64>> {
+        self.solved.points.iter().map(|it| it.position).collect()
+    }
+
+    /// The positions of points that a camera's sightings in use show.
+    pub(super) fn points_of(&self, camera: usize) -> Vec<Point3<f64>> {
+        let used = self.of_camera[camera].iter().map(|it| &self.solved.sightings[*it]);
+        let used = used.filter(|it| it.role == SightingRole::Used);
+        used.filter_map(|it| Some(self.solved.points[it.point?].position)).collect()
+    }
+
+    /// From the median of the residuals, which the cameras and points were fitted to: hence the degrees of freedom.
+    fn noise(&self) -> f64 {
+        let in_use = || self.of_point.iter().flatten().map(|it| &self.solved.sightings[*it]);
+        let squares: Vec<f64> = in_use().filter_map(|it| Some(it.residual?.norm_squared())).collect();
+        let points = self.of_point.iter().filter(|it| it.len() > 1).count();
+        let cameras: usize = self.calibrated().map(|it| n_free(&self.solved.cameras[it].freed)).sum();
+        let numbers = 2.0 * squares.len() as f64;
+        let freedom = (numbers - (3 * points + cameras) as f64).max(0.1 * numbers);
+        let variance = median(&squares).unwrap_or(0.0) / MEDIAN_CHI2 * numbers / freedom.max(1.0);
+        variance.sqrt().max(LEAST_SIGMA_PX)
+    }
+
+    /// The sightings of `camera`, whatever became of them, beside the points that the other cameras alone make of them; those in `out`
+    /// are not asked. `cameras` and `points` stand for those of the room.
+    pub(super) fn witnessed(
+        &self,
+        camera: usize,
+        out: &[usize],
+        cameras: &[Camera],
+        points: &[Point3<f64>],
+        wanted: impl Fn(SightingRole) -> bool,
+    ) -> Vec<Witnessed> {
+        let own: Vec<usize> =
+            self.of_camera[camera].iter().copied().filter(|it| wanted(self.solved.sightings[*it].role)).collect();
+        let every = own.len().div_ceil(self.rules.max_sightings).max(1);
+        let mut found = Vec::with_capacity(own.len() / every);
+        let (mut models, mut pixels) = (Vec::new(), Vec::new());
+        for &sighting in own.iter().step_by(every) {
+            let Some(point) = self.solved.sightings[sighting].point else { continue };
+            models.clear();
+            pixels.clear();
+            for it in self.of_point[point].iter().map(|it| &self.solved.sightings[*it]) {
+                if it.camera != camera && !out.contains(&it.camera) {
+                    models.push(&cameras[it.camera]);
+                    pixels.push(it.pixel);
+                }
+            }
+            let Ok(made) = refine(&models, &pixels, PixelNoise::Sigma(self.sigma_px), points[point]) else { continue };
+            if made.residuals_rms_px > DISAGREEMENT * self.sigma_px {
+                continue;
+            }
+            found.push(Witnessed {
+                time_s: self.solved.points[point].time_s,
+                pixel: self.solved.sightings[sighting].pixel,
+                point: made.position,
+                covariance: made.covariance,
+                velocity: self.velocities[point],
+            });
+        }
+        found
+    }
+}
+
+impl Witnessed {
+    /// Covariance of the pixel's distance from where `camera` should see the point, that of the pixel included [px²].
+    pub(super) fn spread(&self, camera: &Camera, sigma_px: f64) -> Option<Matrix2<f64>> {
+        let (_, by_point) = camera.project_with_jacobian(&self.point)?;
+        Some(by_point * self.covariance * by_point.transpose() + Matrix2::identity() * sigma_px * sigma_px)
+    }
+}
+
+pub(super) fn is_calibrated(camera: &SolvedCamera) -> bool {
+    camera.status == CameraStatus::Calibrated
+}
+
+/// Numbers that were found of a camera.
+fn n_free(freed: &Freedom) -> usize {
+    let Freedom { pose: _, focal, aspect, principal, k1, k2, k3, decentering } = *freed;
+    let count = |it: bool, of: usize| if it { of } else { 0 };
+    let singles = [focal, aspect, k1, k2, k3].iter().filter(|it| **it).count();
+    6 + singles + count(principal, 2) + count(decentering, 2)
+}
+
+/// Central differences along the path of each light.
+fn velocities(solved: &Solved) -> Vec<Option<Vector3<f64>>> {
+    let mut order: Vec<usize> = (0..solved.points.len()).collect();
+    let key = |it: &usize| (solved.points[*it].label, solved.points[*it].time_s);
+    order.sort_by(|a, b| key(a).0.cmp(&key(b).0).then(key(a).1.total_cmp(&key(b).1)));
+    let mut velocities = vec![None; solved.points.len()];
+    for three in order.windows(3) {
+        let [before, here, after] = [three[0], three[1], three[2]].map(|it| &solved.points[it]);
+        let gap_s = after.time_s - before.time_s;
+        if before.label == after.label && gap_s > 0.0 && gap_s <= LONGEST_GAP_S && here.label == before.label {
+            velocities[three[1]] = Some((after.position - before.position) / gap_s);
+        }
+    }
+    velocities
+}

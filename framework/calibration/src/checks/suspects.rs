@@ -1,0 +1,454 @@
+//! Cameras that contradict the rest, and what about them is wrong.
+//!
+//! A camera is judged by its own sightings beside the points that the others alone make of the light, with a pose fitted to these: so it
+//! cannot pull the points towards itself. Of the cameras that fit badly, the one without which the rest agrees best is the suspect;
+//! the room is adjusted without it and the search goes on. The cause is the one that lowers the suspect's robust cost most.
+
+use foveate_estimation::Loss;
+use foveate_estimation::statistics::median;
+use foveate_geometry::bundle::{BundleRules, Observation, adjust};
+use foveate_geometry::{Camera, Freedom};
+use nalgebra::Point3;
+
+use super::models::{Extra, Fitted, Samples};
+use super::room::{MEDIAN_CHI2, Room, is_calibrated};
+use super::{Judgement, Level};
+
+/// What may be wrong about a camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Cause {
+    /// It was moved during the recording.
+    Moved {
+        /// When [s of the room].
+        at_s: f64,
+        /// Median distance in the picture of where it sees the light before and after [px].
+        shift_px: f64,
+        /// By how much it turned [rad].
+        turn: f64,
+        /// How far its centre moved [m or units].
+        distance: f64,
+    },
+    /// Its clock is off.
+    Clock {
+        /// To be added to its times [s].
+        offset_s: f64,
+        /// Standard deviation of that [s].
+        sigma_s: f64,
+    },
+    /// Its focal length is wrong.
+    Focal {
+        /// What it should be over what it is [–].
+        factor: f64,
+    },
+    /// Its lens distorts otherwise than its model does.
+    Distortion {
+        /// To be added to k1 [–].
+        k1: f64,
+    },
+    /// Its sightings are those of another camera.
+    Swapped {
+        /// Of this one.
+        with: usize,
+    },
+    /// Part of its sightings are not of the light.
+    WrongSightings {
+        /// Which part [–].
+        share: f64,
+    },
+    /// It saw too little of the light.
+    FewSightings {
+        /// How many [–].
+        count: usize,
+        /// Of the median camera [–].
+        median: usize,
+    },
+    /// None of these explains it: focus, a loose lens, a rolling shutter.
+    Unknown,
+}
+
+/// A camera that contradicts the rest.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Suspect {
+    /// Level and sentence.
+    pub judgement: Judgement,
+    /// Which.
+    pub camera: usize,
+    /// What explains most.
+    pub cause: Cause,
+    /// Robust cost of its sightings beside the others' points, over that of the median camera; infinite where no pose was found [–].
+    pub misfit: f64,
+    /// Part of the excess of that cost which the cause explains [–].
+    pub explained: f64,
+}
+
+/// Fewer sightings that others witness say nothing about a camera.
+const LEAST_SAMPLES: usize = 20;
+/// Squared standard deviations beyond which a sighting is far from where the others have the light.
+const FAR: f64 = 25.0;
+/// With a larger share of such sightings, poses are searched for, not only refined.
+const SEARCH_SHARE: f64 = 0.1;
+/// A cause must explain this part of the excess.
+const EXPLAINS: f64 = 0.35;
+/// Of the suspects of one round, as many are tried for being the one without which the rest agrees best.
+const TRIED: usize = 3;
+/// Points that are enough to adjust a room.
+const ENOUGH_POINTS: usize = 1500;
+/// Sightings fit another camera when within this many standard deviations in the median, and fit their own this many times worse.
+const SWAPPED_SIGMA: f64 = 6.0;
+const SWAPPED_RATIO: f64 = 3.0;
+
+/// The room without the suspects so far.
+#[derive(Clone)]
+struct Rest<'a> {
+    room: Room<'a>,
+    out: Vec<usize>,
+    cameras: Vec<Camera>,
+    points: Vec<Point3<f64>>,
+    rms_px: f64,
+}
+
+/// A camera with a pose fitted to the others' points.
+struct Examined {
+    camera: usize,
+    samples: Samples,
+    /// Whatever its pose was, it was found by search.
+    fitted: Fitted,
+    /// Σ ρ over the number of samples.
+    mean_cost: f64,
+    /// Share of sightings that are far off.
+    far: f64,
+}
+
+/// In a mirrored world everybody contradicts everybody: there only those are told that saw too little.
+pub(super) fn suspects(room: &Room<'_>, is_mirrored: bool) -> Vec<Suspect> {
+    let mut found = if is_mirrored { Vec::new() } else { contradicting(room) };
+    let counts: Vec<f64> = room.of_camera.iter().map(|it| it.len() as f64).collect();
+    let usual_count = median(&counts).unwrap_or(0.0);
+    for camera in room.calibrated() {
+        let count = room.of_camera[camera].len();
+        if (count as f64) < room.rules.few_sightings * usual_count {
+            let cause = Cause::FewSightings { count, median: usual_count as usize };
+            found.push(suspect(room, camera, cause, 1.0, 1.0));
+        }
+    }
+    found
+}
+
+fn contradicting(room: &Room<'_>) -> Vec<Suspect> {
+    let mut rest = Rest {
+        room: room.clone(),
+        out: Vec::new(),
+        cameras: room.cameras(),
+        points: room.positions(),
+        rms_px: f64::INFINITY,
+    };
+    let mut found = Vec::new();
+    let mut cleared: Vec<usize> = Vec::new();
+    while found.len() < room.rules.max_suspects {
+        let (examined, usual, usual_far) = rest.examine_all();
+        let mut bad: Vec<&Examined> = examined.iter().filter(|it| !cleared.contains(&it.camera)).collect();
+        bad.retain(|it| rest.is_suspect(it, usual, usual_far));
+        bad.sort_by(|a, b| b.mean_cost.total_cmp(&a.mean_cost));
+        let tried = bad.iter().take(TRIED).filter_map(|it| rest.without(it.camera).map(|rest| (it.camera, rest)));
+        let Some((camera, without)) = tried.min_by(|a, b| a.1.rms_px.total_cmp(&b.1.rms_px)) else { break };
+        // Seen from a room that it did not pull at, it may be innocent.
+        let (_, usual, usual_far) = without.examine_all();
+        let Some(examined) = without.examine(camera) else { break };
+        match without.accuse(&examined, usual, usual_far) {
+            Some(suspect) => {
+                found.push(suspect);
+                rest = without;
+            }
+            None => cleared.push(camera),
+        }
+    }
+    let (_, usual, usual_far) = rest.examine_all();
+    for camera in (0..room.solved.cameras.len()).filter(|it| !is_calibrated(&room.solved.cameras[*it])) {
+        found.extend(rest.examine(camera).and_then(|it| rest.accuse(&it, usual, usual_far)));
+    }
+    rest.find_swaps(&mut found);
+    found
+}
+
+impl<'a> Rest<'a> {
+    fn of_the_rest(&self) -> impl Iterator<Item = usize> {
+        self.room.calibrated().filter(|it| !self.out.contains(it))
+    }
+
+    /// Those of the rest; the median of their mean costs, and of their shares of far sightings.
+    fn examine_all(&self) -> (Vec<Examined>, f64, f64) {
+        let examined: Vec<Examined> = self.of_the_rest().filter_map(|it| self.examine(it)).collect();
+        let of = |value: fn(&Examined) -> f64| median(&examined.iter().map(value).collect::<Vec<_>>());
+        let (usual, far) = (of(|it| it.mean_cost).unwrap_or(1.0), of(|it| it.far).unwrap_or(0.0));
+        (examined, usual.max(0.1), far)
+    }
+
+    /// `None` when too few of its sightings are witnessed by two others, or no pose fits.
+    fn examine(&self, camera: usize) -> Option<Examined> {
+        let witnessed = self.room.witnessed(camera, &self.out, &self.cameras, &self.points, |_| true);
+        if witnessed.len() < LEAST_SAMPLES {
+            return None;
+        }
+        let start = &self.cameras[camera];
+        let samples = Samples::new(&witnessed, start, self.room.sigma_px);
+        let share = |squares: &[f64]| squares.iter().filter(|it| **it > FAR).count() as f64 / squares.len() as f64;
+        let known = is_calibrated(&self.room.solved.cameras[camera]);
+        let mut fitted = if known { samples.fit(start, Extra::Nothing) } else { None };
+        if fitted.as_ref().is_none_or(|it| share(&samples.squares(&it.camera)) > SEARCH_SHARE) {
+            let searched = samples.search(start, self.room.rules.seed);
+            let better = |it: &Fitted| fitted.as_ref().is_none_or(|other| it.cost < other.cost);
+            if let Some(it) = searched.filter(better) {
+                fitted = Some(it);
+            }
+        }
+        let fitted = fitted?;
+        let far = share(&samples.squares(&fitted.camera));
+        let mean_cost = fitted.cost / samples.len() as f64;
+        Some(Examined { camera, samples, fitted, mean_cost, far })
+    }
+
+    fn is_suspect(&self, examined: &Examined, usual: f64, usual_far: f64) -> bool {
+        let rules = self.room.rules;
+        let worse = examined.mean_cost / usual;
+        worse > rules.misfit
+            || examined.far > usual_far + rules.wrong_share
+            || (worse > 1.0 + rules.min_gain_share && self.best_cause(examined, usual).is_some())
+    }
+
+    /// Adjusted without `camera` as well; `None` when fewer than two would be left.
+    fn without(&self, camera: usize) -> Option<Rest<'a>> {
+        let mut rest = self.clone();
+        rest.out.push(camera);
+        let room = &rest.room;
+        let staying: Vec<usize> = rest.of_the_rest().collect();
+        let seen_by_rest = |point: &usize| {
+            let by = room.of_point[*point].iter().filter(|it| staying.contains(&room.solved.sightings[**it].camera));
+            by.count() > 1
+        };
+        let shared: Vec<usize> = (0..room.of_point.len()).filter(seen_by_rest).collect();
+        let every = shared.len().div_ceil(ENOUGH_POINTS).max(1);
+        let mut observations = Vec::new();
+        for &point in shared.iter().step_by(every) {
+            let of_rest = room.of_point[point].iter().map(|it| &room.solved.sightings[*it]);
+            observations.extend(of_rest.filter(|it| staying.contains(&it.camera)).map(|it| Observation {
+                camera: it.camera,
+                point,
+                pixel: it.pixel,
+                sigma_px: room.sigma_px,
+            }));
+        }
+        let mut freedoms = vec![Freedom::NONE; self.cameras.len()];
+        for &it in &staying {
+            freedoms[it] = Freedom { pose: true, ..room.solved.cameras[it].freed };
+        }
+        let rules = BundleRules { loss: Loss::HUBER, max_iterations: 30, ..BundleRules::default() };
+        let adjusted = adjust(&self.cameras, &freedoms, &self.points, &observations, &rules).ok()?;
+        let squares: Vec<f64> = adjusted.residuals.iter().flatten().map(|it| it.norm_squared()).collect();
+        let n = squares.len() as f64;
+        let unknowns = 3.0 * shared.len().div_ceil(every) as f64 + 6.0 * staying.len() as f64;
+        let freedom = (2.0 * n - unknowns).max(0.2 * n);
+        let sigma = (median(&squares)? / MEDIAN_CHI2 * 2.0 * n / freedom).sqrt();
+        rest.room.sigma_px = sigma.clamp(0.1 * self.room.sigma_px, self.room.sigma_px);
+        rest.rms_px = (squares.iter().map(|it| it.min(100.0 * self.room.sigma_px.powi(2))).sum::<f64>() / n).sqrt();
+        (rest.cameras, rest.points) = (adjusted.cameras, adjusted.points);
+        Some(rest)
+    }
+
+    fn accuse(&self, examined: &Examined, usual: f64, usual_far: f64) -> Option<Suspect> {
+        let rules = self.room.rules;
+        let misfit = examined.mean_cost / usual;
+        let excess = examined.fitted.cost - usual * examined.samples.len() as f64;
+        if let Some((cause, gain)) = self.best_cause(examined, usual) {
+            return Some(suspect(&self.room, examined.camera, cause, misfit, (gain / excess.max(gain)).min(1.0)));
+        }
+        if examined.far > usual_far + rules.wrong_share {
+            let cause = Cause::WrongSightings { share: examined.far };
+            return Some(suspect(&self.room, examined.camera, cause, misfit, 1.0));
+        }
+        (misfit > rules.misfit).then(|| suspect(&self.room, examined.camera, Cause::Unknown, misfit, 0.0))
+    }
+
+    /// The cause that lowers the cost most, and by how much; `None` if none does by enough.
+    fn best_cause(&self, examined: &Examined, usual: f64) -> Option<(Cause, f64)> {
+        let Examined { samples, fitted, .. } = examined;
+        let mut causes: Vec<(Cause, f64)> = Vec::new();
+        for extra in [Extra::Focal, Extra::Distortion, Extra::Delay] {
+            if extra == Extra::Delay && samples.moving_share() < 0.5 {
+                continue;
+            }
+            let Some(found) = samples.fit(&fitted.camera, extra) else { continue };
+            let cause = match extra {
+                Extra::Focal => {
+                    Cause::Focal { factor: found.camera.intrinsics.focal[0] / fitted.camera.intrinsics.focal[0] }
+                }
+                Extra::Distortion => Cause::Distortion { k1: found.camera.distortion.k1 - fitted.camera.distortion.k1 },
+                _ => Cause::Clock { offset_s: found.delay_s, sigma_s: found.delay_sigma_s },
+            };
+            causes.push((cause, fitted.cost - found.cost));
+        }
+        if let Some((cause, cost)) = moved(samples, &fitted.camera, self.room.rules.seed) {
+            causes.push((cause, fitted.cost - cost - 0.5 * self.room.rules.min_gain)); // it has seven more unknowns to please by chance
+        }
+        let (cause, gain) = causes.into_iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let excess = fitted.cost - usual * samples.len() as f64;
+        let needed =
+            (self.room.rules.min_gain_share * fitted.cost).max(EXPLAINS * excess).max(self.room.rules.min_gain);
+        (gain > needed).then_some((cause, gain))
+    }
+
+    /// Names cameras whose sightings fit another camera of the room, and the other way round, better than their own: suspects, and such
+    /// as could not be calibrated.
+    fn find_swaps(&self, found: &mut Vec<Suspect>) {
+        let median_off = |sightings_of: usize, seen_by: usize| -> Option<f64> {
+            let witnessed = self.room.witnessed(sightings_of, &self.out, &self.cameras, &self.points, |_| true);
+            if witnessed.len() < LEAST_SAMPLES {
+                return None;
+            }
+            let camera = &self.room.solved.cameras[seen_by].camera;
+            let samples = Samples::new(&witnessed, camera, self.room.sigma_px);
+            Some(median(&samples.squares(camera))?.sqrt())
+        };
+        let is_open = |it: &usize| {
+            found.iter().any(|suspect| suspect.camera == *it) || !is_calibrated(&self.room.solved.cameras[*it])
+        };
+        let open: Vec<usize> = (0..self.cameras.len()).filter(is_open).collect();
+        for &own in &open {
+            let Some(at_home) = median_off(own, own) else { continue };
+            let others = open.iter().copied().filter(|it| *it != own);
+            let fits = others.filter_map(|it| Some((it, median_off(own, it)?, median_off(it, own)?)));
+            let swapped = fits.filter(|(_, there, back)| *there < SWAPPED_SIGMA && *back < SWAPPED_SIGMA);
+            let best = swapped.min_by(|a, b| (a.1 + a.2).total_cmp(&(b.1 + b.2)));
+            if let Some((with, ..)) = best.filter(|it| at_home > SWAPPED_RATIO * it.1) {
+                let swap = suspect(&self.room, own, Cause::Swapped { with }, f64::INFINITY, 1.0);
+                match found.iter_mut().find(|it| it.camera == own) {
+                    Some(known) => *known = swap,
+                    None => found.push(swap),
+                }
+            }
+        }
+    }
+}
+
+/// Two poses, one before and one after the moment at which changing over costs least; with the cost.
+fn moved(samples: &Samples, camera: &Camera, seed: u64) -> Option<(Cause, f64)> {
+    let n = samples.len();
+    let least = (n / 20).max(LEAST_SAMPLES / 2);
+    if n < 4 * least {
+        return None;
+    }
+    let pose = |range: std::ops::Range<usize>, searched: bool| {
+        let part = samples.part(range);
+        let fitted = part.fit(camera, Extra::Nothing);
+        if !searched {
+            return fitted;
+        }
+        let found = part.search(camera, seed);
+        match (fitted, found) {
+            (Some(a), Some(b)) => Some(if a.cost <= b.cost { a } else { b }),
+            (a, b) => a.or(b),
+        }
+    };
+    let mut best: Option<(f64, usize, Camera, Camera)> = None;
+    for (first, last) in [(n / 4, n - n / 4), (n / 8, n / 2), (n / 2, n - n / 8)] {
+        let (Some(before), Some(after)) = (pose(0..first, true), pose(last..n, true)) else { continue };
+        let (mut before, mut after) = (before.camera, after.camera);
+        for _ in 0..3 {
+            let (at, cost) = change_over(samples, &before, &after, least)?;
+            if best.as_ref().is_none_or(|it| cost < it.0) {
+                best = Some((cost, at, before.clone(), after.clone()));
+            }
+            let (Some(a), Some(b)) =
+                (samples.part(0..at).fit(&before, Extra::Nothing), samples.part(at..n).fit(&after, Extra::Nothing))
+            else {
+                break;
+            };
+            (before, after) = (a.camera, b.camera);
+        }
+    }
+    let (cost, at, before, after) = best?;
+    let places = samples.pixels(&before).into_iter().zip(samples.pixels(&after));
+    let shifts: Vec<f64> = places.filter_map(|(a, b)| Some((a? - b?).norm())).collect();
+    let (turned, went) = (before.camera_from_world.rotation, after.camera_from_world.rotation);
+    let cause = Cause::Moved {
+        at_s: 0.5 * (samples.time_s(at - 1) + samples.time_s(at)),
+        shift_px: median(&shifts)?,
+        turn: turned.angle_to(&went),
+        distance: (before.centre() - after.centre()).norm(),
+    };
+    Some((cause, cost))
+}
+
+/// The first sample of the later pose, and the cost.
+fn change_over(samples: &Samples, before: &Camera, after: &Camera, least: usize) -> Option<(usize, f64)> {
+    let cost =
+        |camera: &Camera| -> Vec<f64> { samples.squares(camera).iter().map(|it| Loss::CAUCHY.at(*it).0).collect() };
+    let (early, late) = (cost(before), cost(after));
+    let mut sum: f64 = late.iter().sum();
+    let mut best: Option<(usize, f64)> = None;
+    for at in 1..samples.len() {
+        sum += early[at - 1] - late[at - 1];
+        let inside = at >= least && at + least <= samples.len();
+        if inside && best.is_none_or(|it| sum < it.1) {
+            best = Some((at, sum));
+        }
+    }
+    best
+}
+
+fn suspect(room: &Room<'_>, camera: usize, cause: Cause, misfit: f64, explained: f64) -> Suspect {
+    let name = room.name(camera);
+    let grave = if misfit > room.rules.misfit { Level::Redo } else { Level::Usable };
+    let (level, sentence) = match cause {
+        Cause::Moved { at_s, shift_px, turn, .. } => (
+            Level::Redo,
+            format!(
+                "Camera {name} was moved at {at_s:.1} s ({shift_px:.1} px, {:.1} mrad): fasten it and record again.",
+                1e3 * turn
+            ),
+        ),
+        Cause::Clock { offset_s, sigma_s } => (
+            grave,
+            format!(
+                "The clock of camera {name} is off by {:+.1} ± {:.1} ms: have clocks estimated, or synchronise it.",
+                1e3 * offset_s,
+                1e3 * sigma_s
+            ),
+        ),
+        Cause::Focal { factor } => (
+            grave,
+            format!(
+                "The focal length of camera {name} is off by {:+.1} %: let it be found (`focal` free), or check lens and zoom.",
+                100.0 * (factor - 1.0)
+            ),
+        ),
+        Cause::Distortion { k1 } => (
+            grave,
+            format!(
+                "The lens of camera {name} distorts otherwise than its model (k1 {k1:+.3}): let distortion be found."
+            ),
+        ),
+        Cause::Swapped { with } => {
+            let (first, second) = (room.name(camera.min(with)), room.name(camera.max(with)));
+            (Level::Redo, format!("Cameras {first} and {second} are swapped: exchange their names or cables."))
+        }
+        Cause::WrongSightings { share } => (
+            Level::Usable,
+            format!(
+                "{:.0} % of what camera {name} saw is not the light: mask lamps and mirrors in its picture.",
+                100.0 * share
+            ),
+        ),
+        Cause::FewSightings { count, median } => (
+            Level::Usable,
+            format!("Camera {name} saw the light {count} times, others {median} times: wave longer before it."),
+        ),
+        Cause::Unknown => {
+            let level = if misfit > 2.0 * room.rules.misfit { Level::Redo } else { Level::Usable };
+            let sentence = format!(
+                "Camera {name} fits the others {misfit:.1} times worse than usual: check its focus, mount and lens."
+            );
+            (level, sentence)
+        }
+    };
+    Suspect { judgement: Judgement::new(level, sentence), camera, cause, misfit, explained }
+}

@@ -1,0 +1,77 @@
+//! The checks as plain text, for terminals and reports.
+
+use std::fmt::{Display, Formatter, Result};
+
+use super::camera::length;
+use super::{Checks, Level, Verdict};
+
+impl Display for Level {
+    fn fmt(&self, to: &mut Formatter<'_>) -> Result {
+        to.pad(match self {
+            Level::Good => "good",
+            Level::Usable => "usable",
+            Level::Redo => "redo",
+        })
+    }
+}
+
+impl Display for Verdict {
+    fn fmt(&self, to: &mut Formatter<'_>) -> Result {
+        writeln!(to, "verdict: {}", self.level)?;
+        for (index, sentence) in self.sentences.iter().enumerate() {
+            writeln!(to, "  {}. {sentence}", index + 1)?;
+        }
+        if self.more > 0 {
+            writeln!(to, "  and {} more below", self.more)?;
+        }
+        Ok(())
+    }
+}
+
+impl Display for Checks {
+    fn fmt(&self, to: &mut Formatter<'_>) -> Result {
+        write!(to, "{}", self.verdict)?;
+        writeln!(to)?;
+        let lengths = self.lengths.as_ref().map(|it| ("length", &it.judgement));
+        let parts = [
+            ("fit", &self.fit.judgement),
+            ("handedness", &self.handedness.judgement),
+            ("floor", &self.floor.judgement),
+            ("path", &self.path.judgement),
+            ("links", &self.links.judgement),
+        ];
+        for (name, judgement) in parts.into_iter().chain(lengths) {
+            writeln!(to, "{name:<11} {:<7} {}", judgement.level, judgement.sentence)?;
+        }
+        for suspect in &self.suspects {
+            writeln!(to, "{:<11} {:<7} {}", "suspect", suspect.judgement.level, suspect.judgement.sentence)?;
+        }
+        writeln!(to)?;
+        let wide = self.cameras.iter().map(|it| it.name.chars().count()).max().unwrap_or(0).max(6);
+        writeln!(
+            to,
+            "{:<wide$}  level   used  held back  rejected  px used / back  depth far/near  centre ±      turn ±     pattern",
+            "camera"
+        )?;
+        for (camera, medians) in self.cameras.iter().zip(&self.fit.by_camera) {
+            let px = |it: Option<f64>| it.map_or_else(|| "–".to_owned(), |it| format!("{it:.2}"));
+            let ratio = camera.depth.map_or_else(|| "–".to_owned(), |it| format!("{:.2}", it.ratio));
+            let centre = camera.pose.map_or_else(|| "–".to_owned(), |it| length(it.centre_sigma, self.unit));
+            let turn = camera.pose.map_or_else(|| "–".to_owned(), |it| format!("{:.2} mrad", 1e3 * it.turn_sigma));
+            let pattern = camera.residuals.as_ref().map(|it| match it.pattern {
+                Some(pattern) => format!("{pattern:?}, {:.2} px", it.systematic_px).to_lowercase(),
+                None => "none".to_owned(),
+            });
+            let [used, back, rejected] = camera.sightings;
+            let medians = format!("{} / {}", px(medians[0]), px(medians[1]));
+            writeln!(
+                to,
+                "{:<wide$}  {:<6} {used:>5}  {back:>9}  {rejected:>8}  {medians:>14}  {ratio:>14}  {centre:<12}  {turn:<9}  {}",
+                camera.name,
+                camera.judgement.level,
+                pattern.unwrap_or_else(|| "–".to_owned()),
+            )?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,70 @@
+//! All findings in a few sentences, the most important first.
+
+use super::camera::{length, weakest};
+use super::{CheckRules, Checks, Judgement, Level};
+
+/// What to think of a calibration, and what to do.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Verdict {
+    /// The worst of all levels.
+    pub level: Level,
+    /// What was found and what to do about it, the most important first.
+    pub sentences: Vec<String>,
+    /// Findings beyond those sentences that want something done.
+    pub more: usize,
+    /// The camera that is known least, relative to its distance from the light.
+    pub weakest: Option<usize>,
+}
+
+pub(super) fn verdict(checks: &Checks, rules: &CheckRules) -> Verdict {
+    // In the order in which they should be mended: what is wrong with a camera explains much of what follows.
+    let suspects = checks.suspects.iter().map(|it| &it.judgement);
+    let accused: Vec<usize> = checks.suspects.iter().map(|it| it.camera).collect();
+    let others = checks.cameras.iter().enumerate().filter(|(index, _)| !accused.contains(index));
+    let cameras = others.map(|(_, it)| &it.judgement);
+    let whole = [&checks.handedness.judgement, &checks.floor.judgement];
+    let rest = [&checks.links.judgement, &checks.path.judgement];
+    let lengths = checks.lengths.iter().map(|it| &it.judgement);
+    let all: Vec<&Judgement> = whole
+        .into_iter()
+        .chain(suspects)
+        .chain(rest)
+        .chain(lengths)
+        .chain(cameras)
+        .chain([&checks.fit.judgement])
+        .collect();
+    let mut findings: Vec<&Judgement> = all.iter().copied().filter(|it| it.level > Level::Good).collect();
+    findings.sort_by_key(|it| std::cmp::Reverse(it.level));
+    let uncalibrated = checks.cameras.iter().filter(|it| !it.calibrated).count();
+    let level = findings.first().map_or(Level::Good, |it| it.level);
+    let level = if 2 * uncalibrated >= checks.cameras.len() { Level::Redo } else { level };
+    let mut sentences: Vec<String> = Vec::new();
+    let contradicting = checks.suspects.iter().filter(|it| it.judgement.level == Level::Redo).count();
+    if 2 * contradicting >= checks.cameras.len().max(1) {
+        sentences.push(format!(
+            "{contradicting} of {} cameras contradict the rest: calibrate from nothing, with nothing else shining in the room.",
+            checks.cameras.len()
+        ));
+    }
+    for finding in &findings {
+        // Swapped cameras say the same of each other.
+        if !sentences.contains(&finding.sentence) {
+            sentences.push(finding.sentence.clone());
+        }
+    }
+    let more = sentences.len().saturating_sub(rules.max_sentences);
+    sentences.truncate(rules.max_sentences);
+    let weakest = weakest(&checks.cameras);
+    if sentences.is_empty()
+        && let Some(camera) = weakest
+    {
+        let check = &checks.cameras[camera];
+        let known = check.pose.map_or(String::new(), |it| format!(" ({})", length(it.centre_sigma, checks.unit)));
+        let place = check.wave.clone().unwrap_or_else(|| "more before it".to_owned());
+        sentences.push(format!(
+            "Nothing has to be done; camera {} is known least{known}: to better it, wave {place}.",
+            check.name
+        ));
+    }
+    Verdict { level, sentences, more, weakest }
+}

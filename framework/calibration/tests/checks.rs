@@ -1,0 +1,140 @@
+//! Faults that re-projection does not see are found and named, and nobody else is accused.
+
+mod simulated_room;
+
+use foveate_calibration::checks::{CheckRules, Checks, LengthSample, Level, check};
+use foveate_calibration::solved::{SightingRole, Solved};
+use foveate_geometry::CameraStatus;
+use foveate_scene::uncertainty::Fixed;
+use nalgebra::{Point3, Vector2};
+use simulated_room::{BAD, FAULTS, Fault, innocent_suspects, is_named, solved};
+
+fn checked(solved: &Solved) -> Checks {
+    check(solved, None, &CheckRules::default())
+}
+
+#[test]
+fn each_fault_is_named_and_nobody_else_is_accused() {
+    for fault in FAULTS {
+        let checks = checked(&solved(fault, 1));
+        assert!(is_named(fault, &checks), "{fault:?}:\n{checks}");
+        assert_eq!(innocent_suspects(fault, &checks), 0, "{fault:?}:\n{checks}");
+        assert!((1..=5).contains(&checks.verdict.sentences.len()), "{fault:?}:\n{checks}");
+    }
+}
+
+#[test]
+fn the_culprit_comes_first_and_by_name() {
+    let checks = checked(&solved(Fault::Moved(10.0), 3));
+    assert_eq!(checks.verdict.level, Level::Redo);
+    let first = &checks.verdict.sentences[0];
+    assert!(first.contains("wide-4") && first.contains("moved at 10.0 s"), "{first}");
+    let text = checks.to_string();
+    for wanted in ["verdict: redo", "wide-8", "mrad", "held back", "handedness"] {
+        assert!(text.contains(wanted), "{wanted} in\n{text}");
+    }
+}
+
+#[test]
+fn hold_out_errors_are_as_large_as_noise_and_geometry_make_them() {
+    let good = checked(&solved(Fault::Nothing, 2));
+    let excess = good.fit.excess.unwrap();
+    assert!((0.85..1.15).contains(&excess), "{excess}");
+    assert!((good.sigma_px / 0.3 - 1.0).abs() < 0.1, "{}", good.sigma_px);
+    assert!(good.fit.ratio.unwrap() > 1.0);
+    // Overfitted cameras: what was kept back is off by more than the training shows.
+    let mut spoilt = solved(Fault::Nothing, 2);
+    for it in spoilt.sightings.iter_mut().filter(|it| it.role == SightingRole::HeldOut) {
+        it.pixel += Vector2::new(1.5, -1.0);
+        it.residual = it.residual.map(|residual| residual - Vector2::new(1.5, -1.0));
+    }
+    let checks = checked(&spoilt);
+    assert!(checks.fit.judgement.level == Level::Redo && checks.fit.excess.unwrap() > 3.0, "{checks}");
+}
+
+#[test]
+fn what_is_under_the_floor_is_told_where_there_is_a_floor() {
+    let mut room = solved(Fault::Nothing, 1);
+    let fixed = || Some(Fixed { by: "an L-frame".to_owned(), sigma: None });
+    (room.fixed.gravity, room.fixed.origin) = (fixed(), fixed());
+    assert_eq!(checked(&room).floor.judgement.level, Level::Good);
+    // One camera mirrored in the floor.
+    let camera = &mut room.cameras[BAD].camera;
+    let mut centre = camera.centre();
+    centre.z = -0.59;
+    camera.camera_from_world.translation.vector = -(camera.camera_from_world.rotation * centre.coords);
+    let floor = checked(&room).floor;
+    assert_eq!((floor.judgement.level, floor.cameras_below), (Level::Redo, vec![BAD]));
+    assert!(floor.judgement.sentence.contains("wide-4") && floor.judgement.sentence.contains("0.59 m"));
+    // Nothing says where the floor is: nobody is accused.
+    room.fixed.origin = None;
+    assert!(!checked(&room).floor.fixed);
+}
+
+#[test]
+fn lengths_that_grow_along_an_axis_are_told_with_it() {
+    let room = solved(Fault::Nothing, 1);
+    let samples = |slope: f64| -> Vec<LengthSample> {
+        let at = |it: usize| Point3::new(0.1 * (it % 7) as f64, 0.01 * it as f64, (it % 3) as f64);
+        let error = |it: usize| slope * (it as f64 / 300.0 - 0.5) + 0.002 * (it as f64 * 2.4).sin();
+        (0..300).map(|it| LengthSample { at: at(it), relative_error: error(it) }).collect()
+    };
+    let lengths = |slope: f64| check(&room, Some(&samples(slope)), &CheckRules::default()).lengths.unwrap();
+    assert_eq!(lengths(0.0).judgement.level, Level::Good);
+    let stretched = lengths(0.1);
+    assert_eq!((stretched.judgement.level, stretched.slope_axis), (Level::Redo, 1), "{stretched:?}");
+    assert!((stretched.slope - 0.1).abs() < 0.02, "{stretched:?}");
+    assert!(check(&room, Some(&[]), &CheckRules::default()).lengths.is_none());
+}
+
+#[test]
+fn a_camera_that_hangs_on_one_other_is_named() {
+    let mut room = solved(Fault::Nothing, 1);
+    let seen_by = |camera: usize, room: &Solved| -> Vec<usize> {
+        room.sightings.iter().filter(|it| it.camera == camera).map(|it| it.frame).collect()
+    };
+    // Whenever camera 1 sees the light, only camera 2 does as well.
+    let frames = seen_by(0, &room);
+    room.sightings.retain(|it| it.camera < 2 || !frames.contains(&it.frame));
+    let links = checked(&room).links;
+    assert_eq!(links.hanging, [(0, 1)]);
+    assert!(links.cuts == [1] && links.judgement.sentence.contains("wide-1"), "{links:?}");
+    // Nor does camera 2: two rooms.
+    room.sightings.retain(|it| it.camera != 1 || !frames.contains(&it.frame));
+    let links = checked(&room).links;
+    assert!(links.groups.contains(&vec![0]) && links.judgement.level == Level::Redo, "{links:?}");
+}
+
+#[test]
+fn a_camera_that_was_not_calibrated_is_told_with_the_reason() {
+    let mut room = solved(Fault::Nothing, 1);
+    room.cameras[5].status = CameraStatus::NoPartner { best: Some(2), common: 4, needed: 10 };
+    let checks = checked(&room);
+    assert_eq!(checks.verdict.level, Level::Usable);
+    let sentence = "Camera wide-6 shares 4 frames with wide-3, 10 are needed: wave where both see.";
+    assert!(checks.verdict.sentences.iter().any(|it| it == sentence), "{checks}");
+}
+
+#[test]
+fn the_empty_part_of_a_picture_is_where_to_wave() {
+    let mut room = solved(Fault::Nothing, 1);
+    room.sightings.retain(|it| it.camera != 2 || it.pixel.x > 213.0 || it.pixel.y > 159.0);
+    let wave = checked(&room).cameras[2].wave.clone();
+    assert!(wave.as_ref().is_some_and(|it| it.starts_with("upper left")), "{wave:?}");
+}
+
+#[test]
+fn rooms_of_nothing_and_of_no_number_are_told_without_panic() {
+    let nothing = checked(&Solved::default());
+    assert_eq!(nothing.verdict.level, Level::Redo);
+    assert!(nothing.to_string().starts_with("verdict: redo"));
+    let mut broken = solved(Fault::Nothing, 1);
+    broken.points[7].position.x = f64::NAN;
+    broken.sightings[3].pixel.y = f64::INFINITY;
+    broken.sightings[4].point = Some(1_000_000);
+    broken.sightings[5].residual = Some(Vector2::new(f64::NAN, 0.0));
+    let _ = checked(&broken).to_string();
+    let mut few = solved(Fault::Nothing, 1);
+    few.sightings.truncate(3);
+    assert_eq!(checked(&few).verdict.level, Level::Redo);
+}
