@@ -4,7 +4,7 @@
 //! |---|---|
 //! | [`alignment`] | the similarity that best maps one set of points onto another, and what is left |
 //! | [`alternating`] | cameras and the path of one light in turn, as the paper does it |
-//! | [`bundle`] | all cameras and points together, adjusted to all pixels, with covariances |
+//! | [`bundle`] | all cameras and points together, clocks of cameras if wanted, adjusted to all pixels, with covariances |
 //! | [`camera`] | [`Camera`]: pinhole with Brown–Conrady distortion; point to pixel, pixel to [`Ray`] |
 //! | [`epipolar`] | how two cameras stand to one another, from pixels of the same points |
 //! | [`resection`] | the pose of a camera from points of known place and their pixels, robustly, with its covariance |
@@ -31,7 +31,8 @@ pub mod triangulate;
 pub use alignment::{Alignment, AlignmentFault, AlignmentRules, CameraErrors, align, camera_errors};
 pub use alternating::{Alternated, alternate, path_error};
 pub use bundle::{
-    Adjusted, BundleFault, BundleRules, Freedom, Gauge, KnownLength, Observation, Optic, adjust, adjust_with_lengths,
+    Adjusted, BundleFault, BundleRules, Freedom, Gauge, KnownLength, Observation, Optic, adjust, adjust_with_clocks,
+    adjust_with_lengths,
 };
 pub use camera::{Camera, CameraFault, Distortion, Intrinsics};
 pub use epipolar::{EpipolarFault, EpipolarRules, TwoViews, relative_pose};

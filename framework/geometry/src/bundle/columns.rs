@@ -4,8 +4,12 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use crate::camera::Camera;
 
-/// Columns of a camera's block; a block of width C has the first C of them.
-pub(super) const NAMES: [&str; 15] = [
+/// Of optics and pose; those of the clock come after them.
+pub(super) const CLOCK: usize = 15;
+pub(super) const N_NAMES: usize = CLOCK + 2;
+
+/// What can be free. A camera's block of width C has the first C of them, or where clocks are adjusted the first C − 2 and the last two.
+pub(super) const NAMES: [&str; N_NAMES] = [
     "rotation x",
     "rotation y",
     "rotation z",
@@ -21,6 +25,8 @@ pub(super) const NAMES: [&str; 15] = [
     "p1",
     "p2",
     "k3",
+    "clock offset",
+    "clock drift",
 ];
 
 /// What of a camera is adjusted.
@@ -85,7 +91,7 @@ impl Freedom {
     }
 
     /// By column.
-    pub(super) fn mask(&self) -> [bool; 15] {
+    pub(super) fn mask(&self) -> [bool; CLOCK] {
         let Freedom { pose, focal, aspect, principal, k1, k2, k3, decentering } = *self;
         let optics = [focal, k1, k2, principal, principal, aspect, decentering, decentering, k3];
         std::array::from_fn(|column| if column < 6 { pose } else { optics[column - 6] })

@@ -8,14 +8,14 @@ use super::equations::Layout;
 use super::{CameraCovariance, Gauge, OpenParameters, gauge};
 use crate::camera::Camera;
 
-/// Of cameras in a scene that was moved to `centroid` and divided by `size`.
+/// Of cameras in a scene that was moved to `centroid` and divided by `size`, and of the rows of the reduced system.
 pub(super) fn of_cameras(
     layout: &Layout,
     cameras: &[Camera],
     information: &DMatrix<f64>,
     choice: Gauge,
     (centroid, size): (Vector3<f64>, f64),
-) -> Result<Vec<CameraCovariance>, OpenParameters> {
+) -> Result<(Vec<CameraCovariance>, DMatrix<f64>), OpenParameters> {
     let directions = gauge::directions(layout, cameras);
     let weight = information.diagonal().mean();
     let mut held = information.clone();
@@ -46,7 +46,7 @@ pub(super) fn of_cameras(
             optics: OpticsSigma::of(|column| entry(rows[column], rows[column]).max(0.0).sqrt()),
         }
     });
-    Ok(each.collect())
+    Ok((each.collect(), covariance))
 }
 
 /// Rows of the reduced system by camera and name.

@@ -4,6 +4,7 @@ use foveate_estimation::Loss;
 use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Point3, SMatrix, SVector, Vector2, Vector3};
 
 use super::Observation;
+use super::columns::N_NAMES;
 use super::lengths::{Coupled, Length};
 use crate::camera::Camera;
 
@@ -13,8 +14,12 @@ pub(super) struct Layout {
     pub observations: Vec<Observation>,
     /// By point: its range in `observations`.
     pub of_point: Vec<std::ops::Range<usize>>,
-    /// By camera and column: the row in the reduced system, where free.
-    pub rows: Vec<[Option<usize>; 15]>,
+    /// By observation in use, where clocks are adjusted: how the pixel moves [px/s], and when [s].
+    pub motions: Vec<(Vector2<f64>, f64)>,
+    /// By camera and name: the row in the reduced system, where free.
+    pub rows: Vec<[Option<usize>; N_NAMES]>,
+    /// By column of a camera's block: its name.
+    pub names: Vec<usize>,
     /// By camera: its place among those with something free.
     pub slots: Vec<Option<usize>>,
     /// Known lengths between points in use; no point is in two.
@@ -27,8 +32,8 @@ pub(super) struct Layout {
     pub dimension: usize,
 }
 
-/// All blocks at one state.
-pub(super) struct Equations<const C: usize> {
+/// All blocks at one state; those of cameras are C wide, the last two columns for the clock where it is adjusted.
+pub(super) struct Equations<const C: usize, const TIMED: bool> {
     pub of_camera: Vec<SMatrix<f64, C, C>>,
     pub gradient_of_camera: Vec<SVector<f64, C>>,
     pub of_point: Vec<Matrix3<f64>>,
@@ -56,9 +61,9 @@ struct Posed<'a> {
 }
 
 impl Posed<'_> {
-    /// Pixel, its derivatives by the first C columns and by the point; `None` where the camera does not see it.
+    /// Pixel, its derivatives by pose and optics, as many as a block holds, and by the point; `None` where the camera does not see it.
     #[inline]
-    fn linearise<const C: usize>(
+    fn linearise<const C: usize, const TIMED: bool>(
         &self,
         point: &Point3<f64>,
     ) -> Option<(Vector2<f64>, SMatrix<f64, 2, C>, Matrix2x3<f64>)> {
@@ -95,7 +100,8 @@ impl Posed<'_> {
             by_camera[(row, 5)] = j[2];
         }
         let centred = Vector2::new(fx * distorted.x + skew * distorted.y, fy * distorted.y);
-        if C > 6 {
+        let end = if TIMED { C - 2 } else { C };
+        if end > 6 {
             let s = x * x + y * y;
             let linear = |u: f64, v: f64| Vector2::new(fx * u + skew * v, fy * v);
             let optics = [
@@ -109,7 +115,7 @@ impl Posed<'_> {
                 linear(s + 2.0 * x * x, 2.0 * x * y),
                 linear(x * s * s * s, y * s * s * s),
             ];
-            for column in 6..C {
+            for column in 6..end {
                 by_camera.set_column(column, &optics[column - 6]);
             }
         }
@@ -117,7 +123,7 @@ impl Posed<'_> {
     }
 }
 
-impl<const C: usize> Equations<C> {
+impl<const C: usize, const TIMED: bool> Equations<C, TIMED> {
     pub(super) fn new(layout: &Layout, n_points: usize) -> Self {
         let n_free = layout.slots.iter().flatten().count();
         Self {
@@ -131,11 +137,12 @@ impl<const C: usize> Equations<C> {
         }
     }
 
-    /// Fills in the blocks at a state; `None` where a camera does not see a point.
+    /// Fills in the blocks at a state; `None` where a camera does not see a point. `clocks`: offset and drift of each camera.
     pub(super) fn fill(
         &mut self,
         layout: &Layout,
         cameras: &[Camera],
+        clocks: &[[f64; 2]],
         points: &[Point3<f64>],
         loss: &Loss,
     ) -> Option<()> {
@@ -153,9 +160,17 @@ impl<const C: usize> Equations<C> {
             let (mut of_point, mut gradient) = (Matrix3::zeros(), Vector3::zeros());
             for at in range.clone() {
                 let observation = &layout.observations[at];
-                let (seen, by_camera, by_point) = posed[observation.camera].linearise::<C>(&points[index])?;
+                let linear = posed[observation.camera].linearise::<C, TIMED>(&points[index])?;
+                let (seen, mut by_camera, by_point) = linear;
                 let per_sigma = 1.0 / observation.sigma_px;
-                let error = seen - observation.pixel.coords;
+                let mut error = seen - observation.pixel.coords;
+                if TIMED {
+                    let (velocity, time_s) = layout.motions[at];
+                    let [offset, drift] = clocks[observation.camera];
+                    error -= velocity * (offset + drift * time_s);
+                    by_camera.set_column(C - 2, &-velocity);
+                    by_camera.set_column(C - 1, &(velocity * -time_s));
+                }
                 let (cost, weight) = loss.at(error.norm_squared() * per_sigma * per_sigma);
                 self.cost += 0.5 * cost;
                 let weight = weight * per_sigma * per_sigma;
@@ -193,7 +208,7 @@ impl<const C: usize> Reduced<C> {
     }
 
     /// Eliminates the points, with all diagonals raised by the part `damping`.
-    pub(super) fn fill(&mut self, layout: &Layout, equations: &Equations<C>, damping: f64) {
+    pub(super) fn fill<const TIMED: bool>(&mut self, layout: &Layout, equations: &Equations<C, TIMED>, damping: f64) {
         self.blocks.fill(SMatrix::zeros());
         for (slot, block) in equations.of_camera.iter().enumerate() {
             let own = &mut self.blocks[slot * (slot + 1) / 2 + slot];
@@ -234,10 +249,10 @@ impl<const C: usize> Reduced<C> {
     }
 
     /// Eliminates both points of a known length at once.
-    fn eliminate_coupled(
+    fn eliminate_coupled<const TIMED: bool>(
         &mut self,
         layout: &Layout,
-        equations: &Equations<C>,
+        equations: &Equations<C, TIMED>,
         damping: f64,
         index: usize,
         points: [usize; 2],
@@ -268,20 +283,20 @@ impl<const C: usize> Reduced<C> {
 
     /// Copies the free rows and columns of the blocks into the dense system.
     fn spread(&mut self, layout: &Layout) {
-        let free: Vec<(usize, &[Option<usize>; 15])> =
+        let free: Vec<(usize, &[Option<usize>; N_NAMES])> =
             layout.slots.iter().zip(&layout.rows).filter_map(|(slot, rows)| Some(((*slot)?, rows))).collect();
         for &(slot, rows) in &free {
-            for (column, to_row) in rows.iter().take(C).enumerate() {
-                if let Some(to_row) = *to_row {
+            for (column, name) in layout.names.iter().enumerate() {
+                if let Some(to_row) = rows[*name] {
                     self.gradient[to_row] = self.gradients[slot][column];
                 }
             }
             for &(other, columns) in &free[..=slot] {
                 let block = &self.blocks[slot * (slot + 1) / 2 + other];
-                for (column, to_column) in columns.iter().take(C).enumerate() {
-                    let Some(to_column) = *to_column else { continue };
-                    for (row, to_row) in rows.iter().take(C).enumerate() {
-                        let Some(to_row) = *to_row else { continue };
+                for (column, name) in layout.names.iter().enumerate() {
+                    let Some(to_column) = columns[*name] else { continue };
+                    for (row, name) in layout.names.iter().enumerate() {
+                        let Some(to_row) = rows[*name] else { continue };
                         self.information[(to_row, to_column)] = block[(row, column)];
                         self.information[(to_column, to_row)] = block[(row, column)];
                     }
@@ -291,10 +306,10 @@ impl<const C: usize> Reduced<C> {
     }
 
     /// The step of the points that follows from one of the cameras.
-    pub(super) fn step_of_points(
+    pub(super) fn step_of_points<const TIMED: bool>(
         &self,
         layout: &Layout,
-        equations: &Equations<C>,
+        equations: &Equations<C, TIMED>,
         of_cameras: &[SVector<f64, C>],
         steps: &mut [Vector3<f64>],
     ) {

@@ -13,6 +13,7 @@
 //! Pixels fix the scene up to a similarity only. Steps never move along these seven directions (inner constraints), and the
 //! [`Gauge`] chooses how the covariance is stated; cameras whose pose is held fix as many of the seven as they can.
 //! Known lengths between points, such as a wand's ([`adjust_with_lengths`]), fix the scale as well.
+//! [`adjust_with_clocks`] adjusts each camera's clock besides, from how fast pixels move.
 //! Inside, the scene is moved to its centroid and scaled to size 1, so that places of millions of metres keep their digits.
 
 mod columns;
@@ -21,12 +22,14 @@ mod equations;
 mod gauge;
 mod lengths;
 mod search;
+mod timing;
 
 use foveate_estimation::Loss;
 pub use foveate_estimation::least_squares::Stop;
 use nalgebra::{Matrix3, Matrix6, Point2, Point3, Vector2};
 
 pub use self::columns::{Freedom, Optic, OpticsSigma};
+pub use self::timing::{AdjustedWithClocks, ClockFreedom, ClockGauge, ClockShift, Timing, adjust_with_clocks};
 use crate::camera::{Camera, CameraFault};
 
 /// A point seen by a camera.
@@ -192,6 +195,14 @@ pub enum BundleFault {
         /// How many were given.
         observations: usize,
     },
+    /// A clock that cannot be adjusted, or by which nothing can.
+    #[error("clocks: {found}, expected {expected}")]
+    BadTiming {
+        /// What is there.
+        found: String,
+        /// What should be.
+        expected: &'static str,
+    },
     /// Cameras of a gauge that do not exist, are the same, or stand in the same place.
     #[error(
         "the gauge wants the distance of cameras {reference} and {other}, expected two of {cameras} in different places"
@@ -262,11 +273,12 @@ pub fn adjust_with_lengths(
     check_lengths(points.len(), lengths)?;
     // A width of the camera blocks that holds all that is free, of a few so that each gets code of its own.
     match freedoms.iter().map(Freedom::width).max().unwrap_or(0) {
-        0..=6 => search::run::<6>(cameras, freedoms, points, observations, lengths, rules),
-        7 => search::run::<7>(cameras, freedoms, points, observations, lengths, rules),
-        8..=9 => search::run::<9>(cameras, freedoms, points, observations, lengths, rules),
-        _ => search::run::<15>(cameras, freedoms, points, observations, lengths, rules),
+        0..=6 => search::run::<6, false>(cameras, freedoms, points, observations, lengths, Timing::NONE, rules),
+        7 => search::run::<7, false>(cameras, freedoms, points, observations, lengths, Timing::NONE, rules),
+        8..=9 => search::run::<9, false>(cameras, freedoms, points, observations, lengths, Timing::NONE, rules),
+        _ => search::run::<15, false>(cameras, freedoms, points, observations, lengths, Timing::NONE, rules),
     }
+    .map(|it| it.0)
 }
 
 fn check_lengths(count: usize, lengths: &[KnownLength]) -> Result<(), BundleFault> {

@@ -1,10 +1,12 @@
 //! Levenberg–Marquardt over cameras and points.
 
 use foveate_estimation::least_squares::Stop;
-use nalgebra::{Isometry3, Point3, SVector, Vector3};
+use nalgebra::{DMatrix, Isometry3, Point3, SVector, Vector2, Vector3};
 
+use super::columns::{CLOCK, N_NAMES};
 use super::equations::{Equations, Layout, Reduced};
 use super::lengths::Length;
+use super::timing::Timing;
 use super::{Adjusted, BundleFault, BundleRules, Freedom, Gauge, KnownLength, Observation, columns, covariance, gauge};
 use crate::camera::Camera;
 
@@ -39,34 +41,47 @@ impl Scale {
     }
 }
 
-/// As [`super::adjust`], with camera blocks of width C.
-pub(super) fn run<const C: usize>(
+/// Clocks beside what [`super::adjust`] gives.
+pub(super) struct FoundClocks {
+    /// By camera: offset and drift that were found.
+    pub clocks: Vec<[f64; 2]>,
+    /// By camera: their rows in `covariance`.
+    pub rows: Vec<[Option<usize>; 2]>,
+    /// Of all that is free in cameras, if asked for and held by the data.
+    pub covariance: Option<DMatrix<f64>>,
+}
+
+/// As [`super::adjust`] with camera blocks of width C, and where `TIMED` as [`super::adjust_with_clocks`] by `timing`.
+pub(super) fn run<const C: usize, const TIMED: bool>(
     given: &[Camera],
     freedoms: &[Freedom],
     given_points: &[Point3<f64>],
     observations: &[Observation],
     lengths: &[KnownLength],
+    timing: Timing<'_>,
     rules: &BundleRules,
-) -> Result<Adjusted, BundleFault> {
+) -> Result<(Adjusted, FoundClocks), BundleFault> {
     let scale = Scale::of(given_points);
     let mut cameras: Vec<Camera> = given.iter().map(|it| scale.inwards(it)).collect();
     let mut points: Vec<Point3<f64>> =
         given_points.iter().map(|it| Point3::from((it.coords - scale.centroid) / scale.size)).collect();
-    let (mut layout, left_out) = lay_out(&cameras, freedoms, &points, observations);
+    let mut clocks = vec![[0.0; 2]; given.len()];
+    let (mut layout, left_out) = lay_out(&cameras, freedoms, &points, observations, timing);
     for &KnownLength { points, length, sigma } in lengths {
         if points.iter().all(|it| !layout.of_point[*it].is_empty()) {
             points.iter().for_each(|it| layout.coupled[*it] = true);
             layout.lengths.push(Length { points, length: length / scale.size, sigma: sigma / scale.size });
         }
     }
+    layout.names = if TIMED { (0..C - 2).chain(CLOCK..N_NAMES).collect() } else { (0..C).collect() };
     if layout.observations.is_empty() {
         return Err(BundleFault::NothingShared { observations: observations.len() });
     }
     let n_free = layout.slots.iter().flatten().count();
-    let mut here = Equations::<C>::new(&layout, points.len());
-    let mut there = Equations::<C>::new(&layout, points.len());
+    let mut here = Equations::<C, TIMED>::new(&layout, points.len());
+    let mut there = Equations::<C, TIMED>::new(&layout, points.len());
     let mut reduced = Reduced::<C>::new(&layout, points.len());
-    if here.fill(&layout, &cameras, &points, &rules.loss).is_none() {
+    if here.fill(&layout, &cameras, &clocks, &points, &rules.loss).is_none() {
         return Err(BundleFault::NothingShared { observations: observations.len() });
     }
     let mut costs = vec![here.cost];
@@ -92,7 +107,8 @@ pub(super) fn run<const C: usize>(
         if let Some(step) = step {
             for (slot, rows) in layout.slots.iter().zip(&layout.rows) {
                 if let Some(slot) = *slot {
-                    of_cameras[slot] = SVector::from_fn(|column, _| rows[column].map_or(0.0, |it| step[it]));
+                    of_cameras[slot] =
+                        SVector::from_fn(|column, _| rows[layout.names[column]].map_or(0.0, |it| step[it]));
                 }
             }
             reduced.step_of_points(&layout, &here, &of_cameras, &mut of_points);
@@ -102,17 +118,24 @@ pub(super) fn run<const C: usize>(
                 .iter()
                 .zip(&layout.slots)
                 .map(|(camera, slot)| {
-                    slot.map_or_else(|| camera.clone(), |it| columns::moved(camera, of_cameras[it].as_slice()))
+                    let end = if TIMED { C - 2 } else { C };
+                    slot.map_or_else(|| camera.clone(), |it| columns::moved(camera, &of_cameras[it].as_slice()[..end]))
                 })
                 .collect();
+            let mut moved_clocks = clocks.clone();
+            for (clock, slot) in moved_clocks.iter_mut().zip(&layout.slots).filter(|_| TIMED) {
+                let Some(slot) = *slot else { continue };
+                clock[0] += of_cameras[slot][C - 2];
+                clock[1] += of_cameras[slot][C - 1];
+            }
             let moved_points: Vec<Point3<f64>> = points.iter().zip(&of_points).map(|(it, step)| it + step).collect();
-            let seen = there.fill(&layout, &moved_cameras, &moved_points, &rules.loss).is_some();
+            let seen = there.fill(&layout, &moved_cameras, &moved_clocks, &moved_points, &rules.loss).is_some();
             accepted = seen && there.cost <= here.cost;
             if accepted {
                 let gain = (here.cost - there.cost) / promised.max(f64::MIN_POSITIVE);
                 damping = (damping * (1.0 - (2.0 * gain.min(1.5) - 1.0).powi(3)).max(0.1)).max(1e-12);
                 growth = 2.0;
-                (cameras, points) = (moved_cameras, moved_points);
+                (cameras, clocks, points) = (moved_cameras, moved_clocks, moved_points);
                 std::mem::swap(&mut here, &mut there);
                 costs.push(here.cost);
             }
@@ -134,6 +157,11 @@ pub(super) fn run<const C: usize>(
         reduced.fill(&layout, &here, 0.0);
         covariance::of_cameras(&layout, &cameras, &reduced.information, rules.gauge, (scale.centroid, scale.size))
     });
+    let (covariance, of_rows) = match covariance {
+        Some(Ok((of_cameras, of_rows))) => (Some(Ok(of_cameras)), Some(of_rows)),
+        Some(Err(open)) => (Some(Err(open)), None),
+        None => (None, None),
+    };
     let mut adjusted = Adjusted {
         cameras: given
             .iter()
@@ -164,17 +192,21 @@ pub(super) fn run<const C: usize>(
     {
         put_back(&mut adjusted, given, [reference, other], layout.lengths.is_empty());
     }
-    let residual = |it: &Observation| {
+    let residual = |(index, it): (usize, &Observation)| {
         let seen = adjusted.cameras[it.camera].project(&adjusted.points[it.point])?;
-        Some(seen - it.pixel)
+        let [offset, drift] = clocks[it.camera];
+        let moved =
+            timing.motion(index).map_or_else(Vector2::zeros, |(velocity, time_s)| velocity * (offset + drift * time_s));
+        Some(seen - it.pixel - moved)
     };
-    adjusted.residuals = observations.iter().map(residual).collect();
+    adjusted.residuals = observations.iter().enumerate().map(residual).collect();
     let used: Vec<f64> = (0..observations.len())
         .filter(|it| adjusted.left_out.binary_search(it).is_err())
         .filter_map(|it| Some(adjusted.residuals[it]?.norm_squared()))
         .collect();
     adjusted.rms_px = (used.iter().sum::<f64>() / used.len().max(1) as f64).sqrt();
-    Ok(adjusted)
+    let rows = layout.rows.iter().map(|it| [it[CLOCK], it[CLOCK + 1]]).collect();
+    Ok((adjusted, FoundClocks { clocks, rows, covariance: of_rows }))
 }
 
 /// Moves the whole scene so that the pose of `reference`, and if `rescale` its distance to `other`, are those of the `given` cameras.
@@ -198,8 +230,8 @@ fn put_back(adjusted: &mut Adjusted, given: &[Camera], [reference, other]: [usiz
 }
 
 /// By how much a step lowers the cost if residuals are as linear as they look: ½ δᵀ (λ D δ − g).
-fn promised<const C: usize>(
-    equations: &Equations<C>,
+fn promised<const C: usize, const TIMED: bool>(
+    equations: &Equations<C, TIMED>,
     of_cameras: &[SVector<f64, C>],
     of_points: &[Vector3<f64>],
     damping: f64,
@@ -222,11 +254,13 @@ fn lay_out(
     freedoms: &[Freedom],
     points: &[Point3<f64>],
     observations: &[Observation],
+    timing: Timing<'_>,
 ) -> (Layout, Vec<usize>) {
     let seen = |it: &Observation| cameras[it.camera].project(&points[it.point]).is_some();
     let mut order: Vec<usize> = (0..observations.len()).filter(|it| seen(&observations[*it])).collect();
     order.sort_by_key(|it| (observations[*it].point, observations[*it].camera));
     let mut kept = Vec::with_capacity(order.len());
+    let mut motions = Vec::new();
     let mut of_point = vec![0..0; points.len()];
     let mut used = vec![false; observations.len()];
     for group in order.chunk_by(|a, b| observations[*a].point == observations[*b].point) {
@@ -236,6 +270,7 @@ fn lay_out(
         }
         of_point[first.point] = kept.len()..kept.len() + group.len();
         kept.extend(group.iter().map(|it| observations[*it]));
+        motions.extend(group.iter().filter_map(|it| timing.motion(*it)));
         group.iter().for_each(|it| used[*it] = true);
     }
     let mut sees = vec![false; cameras.len()];
@@ -243,10 +278,11 @@ fn lay_out(
     let (mut rows, mut slots) = (Vec::with_capacity(cameras.len()), Vec::with_capacity(cameras.len()));
     let (mut dimension, mut n_free) = (0, 0);
     let anchors = (0..cameras.len()).filter(|it| sees[*it] && !freedoms[*it].pose).collect();
-    for (freedom, sees) in freedoms.iter().zip(sees) {
-        let mask = freedom.mask();
-        let own: [Option<usize>; 15] = std::array::from_fn(|column| {
-            (sees && mask[column]).then(|| {
+    for (camera, (freedom, sees)) in freedoms.iter().zip(sees).enumerate() {
+        let (mask, of_clock) = (freedom.mask(), timing.free(camera));
+        let own: [Option<usize>; N_NAMES] = std::array::from_fn(|name| {
+            let free = if name < CLOCK { mask[name] } else { of_clock[name - CLOCK] };
+            (sees && free).then(|| {
                 dimension += 1;
                 dimension - 1
             })
@@ -257,6 +293,8 @@ fn lay_out(
         slots.push(slot);
     }
     let left_out = (0..observations.len()).filter(|it| !used[*it]).collect();
-    let (lengths, coupled) = (Vec::new(), vec![false; points.len()]);
-    (Layout { observations: kept, of_point, rows, slots, lengths, coupled, anchors, dimension }, left_out)
+    let (names, lengths, coupled) = (Vec::new(), Vec::new(), vec![false; points.len()]);
+    let layout =
+        Layout { observations: kept, of_point, motions, rows, names, slots, lengths, coupled, anchors, dimension };
+    (layout, left_out)
 }
