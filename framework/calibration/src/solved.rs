@@ -40,15 +40,22 @@ pub struct SolvedCamera {
     pub clock: Option<ClockFit>,
 }
 
-/// How far the clock of a camera is from that of the room: room time = camera time + `offset_s`.
+/// How far the clock of a camera is from that of the room: room time = camera time · (1 + `drift`) + `offset_s`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClockFit {
-    /// To be added to the camera's time [s].
+    /// To be added to the camera's time, at its time 0 [s].
     pub offset_s: f64,
     /// Seconds of the room for each of the camera's, less 1 [–].
     pub drift: f64,
-    /// Standard deviation of the offset [s].
+    /// Standard deviation of the offset in the middle of the recording [s].
     pub sigma_s: f64,
+}
+
+impl ClockFit {
+    /// The room's time when the camera's clock shows `camera_s` [s].
+    pub fn room_s(&self, camera_s: f64) -> f64 {
+        camera_s * (1.0 + self.drift) + self.offset_s
+    }
 }
 
 /// A place in space, at a time.

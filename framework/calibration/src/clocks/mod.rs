@@ -1,1 +1,423 @@
-//! Cameras that share no clock: their offsets from the continuity of the light's path.
+//! Cameras that share no clock: how far theirs are apart, from the path of one light, before anything else is known.
+//!
+//! 1. Each camera's sights are held against their neighbours; those on a smooth path are kept, with where the light was between them and how fast.
+//! 2. Pairs of cameras are compared at every offset in the window, without poses, by whether one epipolar geometry explains them.
+//! 3. The offsets of all pairs are brought to agree; pairs that contradict the others are dropped.
+//! 4. Frames by these clocks give a room ([`self_calibrate`](foveate_geometry::self_calibration)), whose adjustment has the clocks free; frames are
+//!    made anew until clocks stand still. Its covariance says how well each is known.
+//!
+//! Offsets that the path does not tell are refused with the reason: a light at rest, one that repeats its path, or goes round evenly.
+//!
+//! Source of the problem and of the data it is measured on: J. Li, J. Murray, D. Ismaili, K. Schindler, C. Albl, "Reconstruction of 3D flight
+//! trajectories from ad-hoc camera networks", IROS 2020 (which needs offsets that are known to a second or so).
+
+mod agreement;
+mod frames;
+mod joint;
+mod pairs;
+mod track;
+
+use foveate_estimation::Random;
+use foveate_geometry::Camera;
+use foveate_geometry::camera::CameraFault;
+use foveate_geometry::self_calibration::CameraStatus;
+
+pub use self::frames::{FrameRules, Frames, frames};
+pub use self::pairs::PairFault;
+use crate::recording::Recording;
+use crate::solved::ClockFit;
+use agreement::{Compared, agree};
+use pairs::{PairRules, Straight, compare};
+
+/// How to go about it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClockRules {
+    /// Clocks are compared up to this far apart, either way [s].
+    pub max_offset_s: f64,
+    /// And up to this part faster or slower; 0: all run alike [–].
+    pub max_drift: f64,
+    /// The camera whose clock is the room's; `None`: the one that agrees with most others.
+    pub reference: Option<usize>,
+    /// Between sights further apart, where the light was is not known [s].
+    pub max_gap_s: f64,
+    /// Of either coordinate of a right sight, standard deviation [px].
+    pub sigma_px: f64,
+    /// A sight is right when at most this far from where its point is seen [px].
+    pub inlier_px: f64,
+    /// Moments, at steps of the path, that two cameras must share, at least 16 [–].
+    pub min_moments: usize,
+    /// The best offset of two cameras must be supported this much better than any other, or it is not believed [–].
+    pub min_distinction: f64,
+    /// Frames that clocks and poses are found from, at most [–].
+    pub max_frames: usize,
+    /// A clock with a larger standard deviation is not determined [s].
+    pub max_sigma_s: f64,
+    /// Clocks that move less from one round to the next have settled [s].
+    pub settled_s: f64,
+    /// Of the random draws.
+    pub seed: u64,
+}
+
+impl Default for ClockRules {
+    fn default() -> Self {
+        Self {
+            max_offset_s: 0.5,
+            max_drift: 0.0,
+            reference: None,
+            max_gap_s: 0.1,
+            sigma_px: 0.5,
+            inlier_px: 3.0,
+            min_moments: 30,
+            min_distinction: 1.25,
+            max_frames: 1500,
+            max_sigma_s: 5e-3,
+            settled_s: 0.1e-3,
+            seed: 1,
+        }
+    }
+}
+
+/// Two cameras whose clocks were compared.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClockLink {
+    /// The one of the lower number.
+    pub a: usize,
+    /// The other.
+    pub b: usize,
+    /// What a's clock shows less what b's shows, in the middle of what both saw [s].
+    pub offset_s: f64,
+    /// Moments at which both see the light.
+    pub moments: usize,
+    /// By how many it is supported, each counted by how well it fits.
+    pub support: f64,
+    /// Whether the other pairs agree.
+    pub consistent: bool,
+}
+
+/// What became of a camera's clock.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ClockStatus {
+    /// It is the room's.
+    Reference,
+    /// It is known.
+    Found {
+        /// Pairs that confirm it; one alone has no loop that could contradict it.
+        links: usize,
+    },
+    /// It saw too little of a smooth path.
+    TooFewSights {
+        /// Moments at steps of the path.
+        moments: usize,
+        /// How many are needed.
+        needed: usize,
+    },
+    /// What it saw stays in place.
+    LightStill {
+        /// Root of the mean squared distance of its pixels from their centre [px].
+        spread_px: f64,
+    },
+    /// No pair tells its offset; the reason of the pair that came closest.
+    NotTold {
+        /// The other camera of that pair.
+        other: usize,
+        /// Why not.
+        fault: PairFault,
+    },
+    /// Pairs tell how it stands to others, but not to the larger group of cameras.
+    Separate {
+        /// Those that it stands with.
+        group: Vec<usize>,
+    },
+    /// Pairs tell its offset, but its pose could not be found.
+    NoPose {
+        /// Why.
+        status: CameraStatus,
+    },
+    /// The path does not hold it well enough.
+    Uncertain {
+        /// Standard deviation, infinite for one that is entirely open [s].
+        sigma_s: f64,
+        /// The most that is accepted [s].
+        limit_s: f64,
+    },
+}
+
+impl std::fmt::Display for ClockStatus {
+    fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            ClockStatus::Reference => write!(to, "its clock is the room's"),
+            ClockStatus::Found { links: 1 } => write!(to, "found by one pair, which no loop of cameras confirms"),
+            ClockStatus::Found { links } => write!(to, "found, confirmed by {links} pairs"),
+            ClockStatus::TooFewSights { moments, needed } => {
+                write!(to, "saw {moments} moments of a smoothly moving light, expected at least {needed}")
+            }
+            ClockStatus::LightStill { spread_px } => {
+                write!(
+                    to,
+                    "the light stays in place: its pixels are within {spread_px:.2} px, and a light at rest tells no time"
+                )
+            }
+            ClockStatus::NotTold { other, fault } => write!(to, "with camera {other}: {fault}"),
+            ClockStatus::Separate { group } => {
+                write!(to, "no pair ties it to the larger group of cameras; its own is {group:?}")
+            }
+            ClockStatus::NoPose { status } => write!(to, "its pose was not found: {status}"),
+            ClockStatus::Uncertain { sigma_s, limit_s } => {
+                write!(
+                    to,
+                    "known to {:.2} ms only, expected {:.2} ms: too little motion across what others see",
+                    sigma_s * 1e3,
+                    limit_s * 1e3
+                )
+            }
+        }
+    }
+}
+
+/// What [`synchronise`] found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Synchronised {
+    /// By camera: its clock against the room's, which is the reference camera's; `None` where it is not determined.
+    pub clocks: Vec<Option<ClockFit>>,
+    /// By camera: what became of its clock.
+    pub status: Vec<ClockStatus>,
+    /// The camera whose clock is the room's.
+    pub reference: usize,
+    /// Pairs whose clocks could be compared.
+    pub links: Vec<ClockLink>,
+    /// Frames of all cameras whose clock is known, ready for a solution of the room.
+    pub frames: Frames,
+    /// By camera: pose and optics with which the clocks were found; as given where no pose was.
+    pub cameras: Vec<Camera>,
+    /// Root of the mean squared length of the residuals that clocks were found from [px].
+    pub rms_px: f64,
+    /// What the last round still moved a clock by [s].
+    pub last_move_s: f64,
+}
+
+/// Why there is no answer at all.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ClockFault {
+    /// One camera, or none.
+    #[error("{count} cameras, expected at least 2")]
+    TooFewCameras {
+        /// How many.
+        count: usize,
+    },
+    /// A camera with a number that is none.
+    #[error("camera {camera}: {fault}")]
+    BadCamera {
+        /// Which.
+        camera: usize,
+        /// What is wrong.
+        fault: CameraFault,
+    },
+    /// A picture by nobody, or at no time.
+    #[error("picture {look} is of camera {camera} at {time_s} s, expected a camera below {cameras} and a finite time")]
+    BadLook {
+        /// Its place in the recording.
+        look: usize,
+        /// Its camera.
+        camera: usize,
+        /// Its time [s].
+        time_s: f64,
+        /// How many cameras there are.
+        cameras: usize,
+    },
+    /// A rule that cannot be followed.
+    #[error("{rule} is {found}, expected {expected}")]
+    BadRule {
+        /// Which.
+        rule: &'static str,
+        /// Its value.
+        found: f64,
+        /// What it may be.
+        expected: &'static str,
+    },
+    /// No two clocks could be compared; the reason of each camera.
+    #[error("no two clocks could be compared: {}", status.iter().enumerate().map(|(camera, it)| format!("camera {camera}: {it}")).collect::<Vec<_>>().join("; "))]
+    NothingFound {
+        /// By camera.
+        status: Vec<ClockStatus>,
+    },
+    /// Clocks were compared, but no room was found with them.
+    #[error("no two cameras could be calibrated: {}", status.iter().enumerate().map(|(camera, it)| format!("camera {camera}: {it}")).collect::<Vec<_>>().join("; "))]
+    NoRoom {
+        /// By camera.
+        status: Vec<CameraStatus>,
+    },
+    /// The room was lost while its clocks were adjusted.
+    #[error("the adjustment of clocks failed: {fault}")]
+    NotAdjusted {
+        /// Why.
+        fault: String,
+    },
+}
+
+/// Finds the clocks of the cameras of a `recording` of one light; the brightest spot of each picture is taken for it.
+///
+/// # Errors
+/// See [`ClockFault`]; clocks that are not determined beside others that are stand in the status.
+pub fn synchronise(recording: &Recording, rules: &ClockRules) -> Result<Synchronised, ClockFault> {
+    check(recording, rules)?;
+    let n = recording.cameras.len();
+    let all = track::brightest(recording);
+    let smooth: Vec<_> = all.iter().map(|it| it.smooth(rules.max_gap_s)).collect();
+    let straight: Vec<Straight> =
+        smooth.iter().zip(&recording.cameras).map(|(track, it)| Straight::new(track, &it.camera)).collect();
+    let pair_rules = PairRules {
+        max_offset_s: rules.max_offset_s,
+        max_drift: rules.max_drift,
+        max_gap_s: rules.max_gap_s,
+        inlier_px: rules.inlier_px,
+        sigma_px: rules.sigma_px,
+        min_moments: rules.min_moments.max(16),
+        min_distinction: rules.min_distinction,
+    };
+    let mut status: Vec<Option<ClockStatus>> = straight
+        .iter()
+        .map(|it| {
+            let (moments, needed) = (it.n_moments(), pair_rules.min_moments);
+            if moments < needed {
+                Some(ClockStatus::TooFewSights { moments, needed })
+            } else if it.spread_px < 5.0 * rules.sigma_px {
+                Some(ClockStatus::LightStill { spread_px: it.spread_px })
+            } else {
+                None
+            }
+        })
+        .collect();
+    let (mut compared, mut faults): (Vec<Compared>, Vec<(usize, usize, PairFault)>) = (Vec::new(), Vec::new());
+    for a in 0..n {
+        for b in (a + 1..n).filter(|it| status[a].is_none() && status[*it].is_none()) {
+            match compare(&straight[a], &straight[b], &pair_rules) {
+                Ok(clock) => compared.push(Compared { a, b, clock }),
+                Err(fault) => faults.push((a, b, fault)),
+            }
+        }
+    }
+    // What a camera that no pair reaches is told: the fault that came furthest.
+    let closest = |camera: usize| {
+        let own = faults.iter().filter(|it| it.0 == camera || it.1 == camera);
+        own.max_by_key(|it| depth(&it.2)).map(|&(a, b, fault)| ClockStatus::NotTold { other: a + b - camera, fault })
+    };
+    let unreached = |camera: usize, group: Vec<usize>| {
+        if group.len() > 1 {
+            return ClockStatus::Separate { group };
+        }
+        let needed = pair_rules.min_moments;
+        closest(camera).unwrap_or(ClockStatus::TooFewSights { moments: straight[camera].n_moments(), needed })
+    };
+    let mut random = Random::new(rules.seed).fork("clocks");
+    let Some(agreed) = agree(n, &compared, rules.reference, &mut random) else {
+        let each = status.into_iter().enumerate();
+        let status = each.map(|(camera, it)| it.unwrap_or_else(|| unreached(camera, Vec::new()))).collect();
+        return Err(ClockFault::NothingFound { status });
+    };
+    for (camera, status) in status.iter_mut().enumerate().filter(|it| it.1.is_none()) {
+        if agreed.clocks[camera].is_none() {
+            *status = Some(unreached(camera, agreement::group_of(n, &compared, camera)));
+        }
+    }
+    let links: Vec<ClockLink> = compared
+        .iter()
+        .zip(&agreed.consistent)
+        .map(|(it, consistent)| ClockLink {
+            a: it.a,
+            b: it.b,
+            offset_s: it.clock.a_from_b.room_s(it.clock.middle_s) - it.clock.middle_s,
+            moments: it.clock.moments,
+            support: it.clock.support,
+            consistent: *consistent,
+        })
+        .collect();
+    let reference = agreed.reference;
+    let found = joint::refine(recording, &smooth, agreed.clocks, reference, rules)?;
+    let mut clocks: Vec<Option<ClockFit>> = Vec::with_capacity(n);
+    let mut stated: Vec<ClockStatus> = Vec::with_capacity(n);
+    for (camera, early) in status.into_iter().enumerate() {
+        let confirming = links.iter().filter(|it| it.consistent && (it.a == camera || it.b == camera)).count();
+        let (clock, status) = match (early, &found.clocks[camera]) {
+            (Some(status), _) => (None, status),
+            (None, None) => (None, ClockStatus::NoPose { status: found.status[camera].clone() }),
+            (None, Some(it)) if camera == reference => (Some(it), ClockStatus::Reference),
+            (None, Some(it)) if it.sigma_s <= rules.max_sigma_s => (Some(it), ClockStatus::Found { links: confirming }),
+            (None, Some(it)) => (None, ClockStatus::Uncertain { sigma_s: it.sigma_s, limit_s: rules.max_sigma_s }),
+        };
+        clocks.push(clock.map(|it| ClockFit {
+            offset_s: it.clock.offset_s,
+            drift: it.clock.rate - 1.0,
+            sigma_s: it.sigma_s,
+        }));
+        stated.push(status);
+    }
+    let frame_rules = FrameRules { max_gap_s: rules.max_gap_s, max_frames: rules.max_frames, ..FrameRules::default() };
+    Ok(Synchronised {
+        frames: frames(recording, &clocks, &frame_rules),
+        clocks,
+        status: stated,
+        reference,
+        links,
+        cameras: found.cameras,
+        rms_px: found.rms_px,
+        last_move_s: found.last_move_s,
+    })
+}
+
+/// How far a comparison came.
+fn depth(fault: &PairFault) -> u8 {
+    match fault {
+        PairFault::TooFew { .. } => 0,
+        PairFault::NoOverlap { .. } => 1,
+        PairFault::Inconsistent { .. } => 2,
+        PairFault::Flat { .. } => 3,
+        PairFault::Ambiguous { .. } => 4,
+    }
+}
+
+fn check(recording: &Recording, rules: &ClockRules) -> Result<(), ClockFault> {
+    let cameras = recording.cameras.len();
+    if cameras < 2 {
+        return Err(ClockFault::TooFewCameras { count: cameras });
+    }
+    for (camera, guess) in recording.cameras.iter().enumerate() {
+        guess.camera.check().map_err(|fault| ClockFault::BadCamera { camera, fault })?;
+    }
+    for (index, look) in recording.looks.iter().enumerate() {
+        if look.camera >= cameras || !look.time_s.is_finite() {
+            let (camera, time_s) = (look.camera, look.time_s);
+            return Err(ClockFault::BadLook { look: index, camera, time_s, cameras });
+        }
+    }
+    for (rule, found) in [
+        ("max_offset_s", rules.max_offset_s),
+        ("max_gap_s", rules.max_gap_s),
+        ("sigma_px", rules.sigma_px),
+        ("inlier_px", rules.inlier_px),
+        ("max_frames", rules.max_frames as f64),
+        ("max_sigma_s", rules.max_sigma_s),
+        ("settled_s", rules.settled_s),
+    ] {
+        if !(found.is_finite() && found > 0.0) {
+            return Err(ClockFault::BadRule { rule, found, expected: "a finite number above 0" });
+        }
+    }
+    if !(0.0..=0.05).contains(&rules.max_drift) {
+        return Err(ClockFault::BadRule { rule: "max_drift", found: rules.max_drift, expected: "0 to 0.05" });
+    }
+    if !(rules.min_distinction >= 1.0 && rules.min_distinction.is_finite()) {
+        return Err(ClockFault::BadRule {
+            rule: "min_distinction",
+            found: rules.min_distinction,
+            expected: "at least 1",
+        });
+    }
+    if let Some(camera) = rules.reference.filter(|it| *it >= cameras) {
+        return Err(ClockFault::BadRule {
+            rule: "reference",
+            found: camera as f64,
+            expected: "the number of a camera",
+        });
+    }
+    Ok(())
+}

@@ -1,0 +1,202 @@
+//! Rooms of cameras with clocks of their own: offsets found, and what must be refused.
+
+mod waved_light;
+
+use foveate_calibration::clocks::{
+    ClockFault, ClockRules, ClockStatus, FrameRules, PairFault, Synchronised, frames, synchronise,
+};
+use foveate_calibration::recording::{Look, Recording};
+use foveate_calibration::solved::ClockFit;
+use foveate_estimation::Random;
+use foveate_geometry::bundle::Freedom;
+use nalgebra::{Point2, Point3, Vector2};
+use waved_light::Scene;
+
+fn circling(time: f64) -> Point3<f64> {
+    let phase = std::f64::consts::TAU * time / 2.5;
+    Point3::new(1.1 * phase.cos(), 1.1 * phase.sin(), 1.2)
+}
+
+/// The same figure every four seconds, at no even pace.
+fn repeating(time: f64) -> Point3<f64> {
+    let phase = std::f64::consts::TAU * time / 4.0;
+    Point3::new(1.2 * phase.sin(), 1.5 * (2.0 * phase + 0.4).sin(), 1.2 + 0.6 * (3.0 * phase).cos())
+}
+
+/// Largest error against the truth [s] of those found, each within its sigma as far as chance goes.
+#[track_caller]
+fn check(scene: &Scene, free: Freedom, rules: &ClockRules, limit_ms: f64) -> Synchronised {
+    let found = synchronise(&scene.recording(free), rules).unwrap();
+    for (camera, (clock, truth)) in found.clocks.iter().zip(&scene.offsets_s).enumerate() {
+        let Some(clock) = clock else { panic!("camera {camera}: {}", found.status[camera]) };
+        let error = clock.offset_s - (truth - scene.offsets_s[found.reference]);
+        assert!(
+            error.abs() * 1e3 < limit_ms && error.abs() <= 4.5 * clock.sigma_s,
+            "camera {camera}: {:.3} ms, sigma {:.3} ms, {:?}",
+            error * 1e3,
+            clock.sigma_s * 1e3,
+            found.links
+        );
+    }
+    assert!(found.last_move_s < 1e-4, "{}", found.last_move_s);
+    found
+}
+
+const TENTHS: [f64; 6] = [0.0, 0.083, -0.1, 0.021, -0.055, 0.1];
+
+#[test]
+fn offsets_of_a_tenth_of_a_second_are_found() {
+    let found = check(&Scene::new(&TENTHS), Freedom::NONE, &ClockRules::default(), 0.5);
+    assert!(found.rms_px < 0.8, "{}", found.rms_px);
+    assert!(found.status.contains(&ClockStatus::Reference));
+    assert!(found.links.iter().all(|it| it.consistent) && found.links.len() >= 12, "{:?}", found.links);
+}
+
+#[test]
+fn a_third_of_wrong_sights_is_no_obstacle() {
+    let scene = Scene { wrong: 0.3, seed: 2, ..Scene::new(&TENTHS) };
+    check(&scene, Freedom::NONE, &ClockRules::default(), 1.0);
+}
+
+#[test]
+fn focal_lengths_may_be_free() {
+    let scene = Scene { seed: 3, ..Scene::new(&TENTHS) };
+    let found = check(&scene, Freedom { focal: true, ..Freedom::NONE }, &ClockRules::default(), 0.6);
+    for camera in &found.cameras {
+        assert!((camera.intrinsics.focal[0] - 420.0).abs() < 4.0, "{:?}", camera.intrinsics);
+    }
+}
+
+#[test]
+fn offsets_of_twenty_seconds_are_found_in_a_wide_window() {
+    let scene = Scene { length_s: 50.0, seed: 4, ..Scene::new(&[0.0, 20.0, -13.7, 4.2, -20.0]) };
+    let rules = ClockRules { max_offset_s: 45.0, reference: Some(0), ..ClockRules::default() };
+    check(&scene, Freedom::NONE, &rules, 1.0);
+}
+
+#[test]
+fn a_camera_that_sees_the_light_rarely_is_synchronised_too() {
+    let scene = Scene { duty: vec![1.0, 1.0, 1.0, 1.0, 0.25, 1.0], length_s: 40.0, seed: 5, ..Scene::new(&TENTHS) };
+    let found = check(&scene, Freedom::NONE, &ClockRules::default(), 1.5);
+    let [rare, usual] = [4, 5].map(|it| found.clocks[it].unwrap().sigma_s);
+    assert!(found.reference == 5 || rare > 1.2 * usual, "{rare} {usual}");
+}
+
+#[track_caller]
+fn refused(scene: &Scene, rules: &ClockRules) -> Vec<ClockStatus> {
+    match synchronise(&scene.recording(Freedom::NONE), rules) {
+        Err(ClockFault::NothingFound { status }) => status,
+        other => panic!("{:?}", other.map(|it| (it.clocks, it.status))),
+    }
+}
+
+#[test]
+fn a_light_that_goes_round_evenly_tells_no_time() {
+    let scene = Scene { path: circling, seed: 6, ..Scene::new(&TENTHS[..4]) };
+    for max_offset_s in [0.2, 0.5, 4.0] {
+        let status = refused(&scene, &ClockRules { max_offset_s, ..ClockRules::default() });
+        let told = |it: &ClockStatus| {
+            matches!(it, ClockStatus::NotTold { fault: PairFault::Flat { .. } | PairFault::Ambiguous { .. }, .. })
+        };
+        assert!(status.iter().all(told), "{max_offset_s}: {status:?}");
+    }
+}
+
+#[test]
+fn a_path_that_repeats_is_ambiguous_beyond_its_period_only() {
+    let scene = Scene { path: repeating, seed: 7, ..Scene::new(&TENTHS[..4]) };
+    let status = refused(&scene, &ClockRules { max_offset_s: 6.0, ..ClockRules::default() });
+    let ambiguous = |it: &ClockStatus| matches!(it, ClockStatus::NotTold { fault: PairFault::Ambiguous { .. }, .. });
+    assert!(status.iter().all(ambiguous), "{status:?}");
+    check(&scene, Freedom::NONE, &ClockRules { max_offset_s: 1.0, ..ClockRules::default() }, 0.8);
+}
+
+#[test]
+fn a_light_at_rest_tells_no_time() {
+    let scene = Scene { path: |_| Point3::new(0.2, 0.1, 1.3), ..Scene::new(&TENTHS[..4]) };
+    let still = |it: &ClockStatus| matches!(it, ClockStatus::LightStill { spread_px } if *spread_px < 1.5);
+    let status = refused(&scene, &ClockRules::default());
+    assert!(status.iter().all(still), "{status:?}");
+    // So does one that is never seen.
+    let scene = Scene { duty: vec![0.0; 4], ..Scene::new(&TENTHS[..4]) };
+    let status = refused(&scene, &ClockRules::default());
+    assert!(status.iter().all(|it| matches!(it, ClockStatus::TooFewSights { moments: 0, .. })), "{status:?}");
+}
+
+#[test]
+fn a_camera_that_looks_elsewhere_is_named_and_the_others_are_found() {
+    let scene = Scene { seed: 8, ..Scene::new(&TENTHS[..5]) };
+    let mut recording = scene.recording(Freedom::NONE);
+    // Its pictures in the order of another day.
+    let mut random = Random::new(9);
+    for look in recording.looks.iter_mut().filter(|it| it.camera == 2) {
+        let phase = 2.1 * look.time_s;
+        let pixel = Point2::new(
+            320.0 + 180.0 * (1.7 * phase).sin(),
+            240.0 + 140.0 * (phase + 0.3 * (0.37 * phase).sin()).cos(),
+        );
+        look.spots.iter_mut().for_each(|it| it.pixel = pixel + Vector2::new(random.normal(), random.normal()) * 0.5);
+    }
+    let found = synchronise(&recording, &ClockRules { reference: Some(0), ..ClockRules::default() }).unwrap();
+    assert!(found.clocks[2].is_none(), "{:?}", found.status);
+    for camera in [0, 1, 3, 4] {
+        let error = found.clocks[camera].unwrap().offset_s - TENTHS[camera];
+        assert!(error.abs() < 1e-3, "camera {camera}: {error}");
+    }
+    assert!(found.frames.sightings.iter().all(|it| it.camera != 2));
+}
+
+#[test]
+fn pictures_taken_together_are_frames_as_they_are() {
+    let scene = Scene { wrong: 0.2, ..Scene::new(&[0.0; 3]) };
+    let mut recording = scene.recording(Freedom::NONE);
+    recording.looks.retain(|it| it.camera == 0);
+    for camera in 1..3 {
+        let same: Vec<Look> = recording.looks.iter().filter(|it| it.camera == 0).cloned().collect();
+        recording.looks.extend(same.into_iter().map(|it| Look { camera, ..it }));
+    }
+    let zero = ClockFit { offset_s: 0.0, drift: 0.0, sigma_s: 0.0 };
+    let made = frames(&recording, &[Some(zero), Some(zero), None], &FrameRules::default());
+    let seen = recording.looks.iter().filter(|it| it.camera < 2 && !it.spots.is_empty()).count();
+    assert_eq!((made.sightings.len(), made.times_s.len() * 2), (seen, seen));
+    for (sighting, look) in made.sightings.iter().zip(&made.looks) {
+        assert_eq!(sighting.pixel, recording.looks[look.unwrap()].spots[0].pixel);
+    }
+    let few = frames(&recording, &[Some(zero); 3], &FrameRules { max_frames: 100, ..FrameRules::default() });
+    assert_eq!((few.times_s.len(), few.sightings.len()), (100, 300));
+    // An offset that puts one camera's pictures between those of the other.
+    let half = ClockFit { offset_s: 0.5 / 30.0, ..zero };
+    let between = frames(&recording, &[Some(zero), Some(half), None], &FrameRules::default());
+    let interpolated = between.looks.iter().zip(&between.sightings).filter(|(look, _)| look.is_none());
+    assert!(interpolated.clone().all(|(_, it)| it.camera == 1) && interpolated.count() > 200);
+}
+
+#[test]
+fn bad_input_is_refused_by_place() {
+    let recording = Scene { length_s: 1.0, ..Scene::new(&TENTHS[..3]) }.recording(Freedom::NONE);
+    let fault = |change: &dyn Fn(&mut Recording), rules: ClockRules| {
+        let mut broken = recording.clone();
+        change(&mut broken);
+        synchronise(&broken, &rules).unwrap_err()
+    };
+    let rules = ClockRules::default;
+    assert_eq!(fault(&|it| it.cameras.truncate(1), rules()), ClockFault::TooFewCameras { count: 1 });
+    assert!(matches!(fault(&|it| it.looks[4].camera = 9, rules()), ClockFault::BadLook { look: 4, camera: 9, .. }));
+    assert!(matches!(fault(&|it| it.looks[5].time_s = f64::NAN, rules()), ClockFault::BadLook { look: 5, .. }));
+    let bad_focal = fault(&|it| it.cameras[1].camera.intrinsics.focal[0] = 0.0, rules());
+    assert!(matches!(bad_focal, ClockFault::BadCamera { camera: 1, .. }));
+    for (bad, name) in [
+        (ClockRules { max_offset_s: 0.0, ..rules() }, "max_offset_s"),
+        (ClockRules { max_drift: 1.0, ..rules() }, "max_drift"),
+        (ClockRules { sigma_px: f64::NAN, ..rules() }, "sigma_px"),
+        (ClockRules { reference: Some(3), ..rules() }, "reference"),
+        (ClockRules { min_distinction: 0.5, ..rules() }, "min_distinction"),
+    ] {
+        assert!(matches!(fault(&|_| (), bad), ClockFault::BadRule { rule, .. } if rule == name), "{name}");
+    }
+    // Spots that are no numbers, and pictures recorded twice, are passed over.
+    let broken = |it: &mut Recording| {
+        it.looks.iter_mut().for_each(|look| look.spots.iter_mut().for_each(|it| it.pixel.x = f64::NAN));
+    };
+    assert!(matches!(fault(&broken, rules()), ClockFault::NothingFound { .. }));
+}
