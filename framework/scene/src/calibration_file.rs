@@ -1,5 +1,6 @@
 //! Reads the TOML form of a calibration; every fault with its line and column.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
@@ -10,6 +11,7 @@ use toml::de::DeTable;
 
 use crate::calibration::{Calibration, CalibrationError, LengthUnit, MAX_CAMERAS, NamedCamera};
 use crate::clocks::{CameraClock, Clocks};
+use crate::draft::{Draft, Unknown, guessed_focal, middle};
 use crate::pose2sim;
 use crate::toml_reader::{Reader, Value, read};
 use crate::uncertainty::Uncertainties;
@@ -36,18 +38,49 @@ const DISTORTION_KEYS: [&str; 5] = ["k1", "k2", "p1", "p2", "k3"];
 pub(crate) fn parse(text: &str, path: &Path) -> Result<Calibration, CalibrationError> {
     let parts = read(text, path, |reader, root, whole| match pose2sim::is_meant(root) {
         true => pose2sim::parts(reader, root),
-        false => own_parts(reader, root, whole),
+        false => own_parts(reader, root, whole, None),
     })?;
     parts.checked().map_err(|error| error.in_file(path))
 }
 
+/// Whether `text` is a document of ours, as far as can be told.
+pub(crate) fn is_ours(text: &str) -> bool {
+    let (document, _) = DeTable::parse_recoverable(text);
+    let root = document.get_ref();
+    root.contains_key("calibration") && root.contains_key("camera") && !pose2sim::is_meant(root)
+}
+
+/// Reads `text` of ours, in which cameras may lack all but their size.
+pub(crate) fn parse_draft(text: &str, path: &Path) -> Result<Draft, CalibrationError> {
+    let mut unknown = BTreeMap::new();
+    let parts = read(text, path, |reader, root, whole| own_parts(reader, root, whole, Some(&mut unknown)))?;
+    Ok(Draft { calibration: parts.checked().map_err(|error| error.in_file(path))?, unknown })
+}
+
+fn lacks_pose(table: &DeTable<'_>) -> bool {
+    !table.contains_key("position_m") && !table.contains_key("camera_from_world_wxyz")
+}
+
+/// What the table of a camera does not say.
+fn what_lacks(table: &DeTable<'_>) -> Unknown {
+    Unknown {
+        focal: !table.contains_key("focal_px"),
+        principal: !table.contains_key("principal_point_px"),
+        distortion: !table.contains_key("distortion"),
+        pose: lacks_pose(table),
+    }
+}
+
+/// By name what is not known of cameras, where that is allowed.
+type Drafts<'a> = Option<&'a mut BTreeMap<String, Unknown>>;
+
 /// What a document of ours holds, before it is checked as a whole.
-fn own_parts(reader: &mut Reader<'_>, root: &DeTable<'_>, whole: Range<usize>) -> Calibration {
+fn own_parts(reader: &mut Reader<'_>, root: &DeTable<'_>, whole: Range<usize>, drafts: Drafts<'_>) -> Calibration {
     reader.refuse_unknown(root, "section", &SECTIONS);
     let (length_unit, note) = reader.header(root);
     let provenance = root.get("provenance").and_then(|value| reader.provenance(value));
     let mut uncertainties = Uncertainties::new();
-    let cameras = reader.cameras(root, whole, &mut uncertainties);
+    let cameras = reader.cameras(root, whole, &mut uncertainties, drafts);
     let clocks = if root.contains_key("clock") { reader.clocks(root) } else { Clocks::default() };
     for name in clocks.0.keys().filter(|name| !cameras.iter().any(|it| it.name == **name)) {
         let span = root.get("clock").map_or(0..0, Spanned::span);
@@ -98,6 +131,7 @@ impl Reader<'_> {
         root: &DeTable<'_>,
         whole: Range<usize>,
         uncertainties: &mut Uncertainties,
+        mut drafts: Drafts<'_>,
     ) -> Vec<NamedCamera> {
         let mut cameras = Vec::new();
         let Some((tables, at)) = self.required_table(root, "camera", whole.start..whole.start) else {
@@ -110,7 +144,13 @@ impl Reader<'_> {
         for (name, value) in tables {
             self.camera = Some(name.get_ref().to_string());
             let camera = match value.get_ref().as_table() {
-                Some(table) => self.camera(table, name.span()),
+                Some(table) => {
+                    let unknown = if drafts.is_some() { what_lacks(table) } else { Unknown::default() };
+                    if let (Some(drafts), true) = (drafts.as_mut(), unknown != Unknown::default()) {
+                        drafts.insert(name.get_ref().to_string(), unknown);
+                    }
+                    self.camera(table, name.span(), unknown)
+                }
                 None => self.expect(None, value, "camera", "a table such as [camera.wide-1]"),
             };
             let uncertainty = value.get_ref().as_table().and_then(|table| self.uncertainty(table.get("uncertainty")?));
@@ -122,18 +162,32 @@ impl Reader<'_> {
     }
 
     /// Reads all keys before it gives up, so that all their faults are found.
-    fn camera(&mut self, table: &DeTable<'_>, at: Range<usize>) -> Option<Camera> {
+    fn camera(&mut self, table: &DeTable<'_>, at: Range<usize>, unknown: Unknown) -> Option<Camera> {
         self.refuse_unknown(table, "key", &CAMERA_KEYS);
+        let pose_is_missing = !unknown.pose && lacks_pose(table);
+        if pose_is_missing {
+            let expected = "position_m = 3 numbers; a camera's pose is what `foveate calibrate` finds";
+            self.report(at.clone(), "position_m is missing".into(), expected.into());
+        }
         let image_size = self.image_size(table, at.clone());
-        let focal = self.numbers::<2>(table, "focal_px", at.clone());
-        let principal = self.numbers::<2>(table, "principal_point_px", at.clone());
+        let given = |reader: &mut Self, key: &str, guess: fn([u32; 2]) -> [f64; 2], is_unknown: bool| {
+            if is_unknown { image_size.map(guess) } else { reader.numbers::<2>(table, key, at.clone()) }
+        };
+        let focal = given(self, "focal_px", guessed_focal, unknown.focal);
+        let principal = given(self, "principal_point_px", middle, unknown.principal);
         let skew = table.get("skew_px").map_or(Some(0.0), |value| self.number(value, "skew_px"));
         let distortion = table.get("distortion").map_or(Some(Distortion::default()), |value| self.distortion(value));
-        let position = self.numbers::<3>(table, "position_m", at.clone());
-        let turn = self.numbers::<4>(table, "camera_from_world_wxyz", at);
-        let focal = focal.and_then(|focal| {
-            let positive = focal.iter().all(|it| *it > 0.0).then_some(focal);
-            self.expect(positive, table.get("focal_px")?, "focal_px", "two numbers above 0")
+        let (position, turn) = match unknown.pose {
+            true => (Some([0.0; 3]), Some([1.0, 0.0, 0.0, 0.0])),
+            false if pose_is_missing => (None, self.numbers::<4>(table, "camera_from_world_wxyz", at)),
+            false => {
+                let position = self.numbers::<3>(table, "position_m", at.clone());
+                (position, self.numbers::<4>(table, "camera_from_world_wxyz", at))
+            }
+        };
+        let focal = focal.and_then(|focal| match focal.iter().all(|it| *it > 0.0) {
+            true => Some(focal),
+            false => self.expect(None, table.get("focal_px")?, "focal_px", "two numbers above 0"),
         });
         let turn = turn.and_then(|[w, i, j, k]| {
             let quaternion = Quaternion::new(w, i, j, k);

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`calibration`] | [`Calibration`]: the cameras of a rig, read from a file of ours, of Pose2Sim, or from MultiCamSelfCal's results |
 //! | [`clocks`] | [`Clocks`]: how each camera's clock runs against the session's |
+//! | [`draft`] | [`Draft`]: a calibration before calibrating, of which not all is known |
 //! | [`formats`] | [`Format`]: calibrations of other programs, read and written |
 //! | [`space`] | [`SceneGraph`]: nested spaces, each with a pose that may change, and `a_from_b` at a time with its covariance |
 //! | [`uncertainty`] | [`CameraUncertainty`], [`Provenance`]: how well a calibration is known, and how it was made |
@@ -14,6 +15,7 @@
 pub mod calibration;
 mod calibration_file;
 pub mod clocks;
+pub mod draft;
 pub mod formats;
 mod multi_cam_self_cal;
 mod natural_order;
@@ -26,6 +28,7 @@ pub mod volume;
 
 pub use calibration::{Calibration, CalibrationError, CalibrationFault, LengthUnit, NamedCamera};
 pub use clocks::{CameraClock, Clocks};
+pub use draft::{Draft, Unknown};
 pub use formats::{DltOrigin, Export, ExportContent, Format, ImportOptions};
 pub use natural_order::natural_order;
 pub use space::{SceneError, SceneGraph, SpaceId, UncertainPose};

@@ -1,0 +1,102 @@
+//! Calibrations before calibrating: files of ours in which cameras may lack what is not known yet.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use crate::calibration::{Calibration, CalibrationError, read_text};
+use crate::calibration_file;
+
+/// A focal length that nobody stated is taken for so many widths of the picture: a lens of some 58° [–].
+const FOCAL_GUESS: f64 = 0.9;
+
+/// A calibration, some of whose numbers are guesses.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Draft {
+    /// All cameras; what is unknown of them stands for a guess, or for nothing where it is a pose.
+    pub calibration: Calibration,
+    /// What is unknown, by the camera's name; cameras of which everything is stated are left out.
+    pub unknown: BTreeMap<String, Unknown>,
+}
+
+/// What a file does not say of a camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Unknown {
+    /// Both focal lengths: the calibration has a guess from the size of the picture.
+    pub focal: bool,
+    /// The principal point: the calibration has the middle of the picture.
+    pub principal: bool,
+    /// The distortion: the calibration has none.
+    pub distortion: bool,
+    /// Where it stands and looks: the calibration has the origin and no rotation.
+    pub pose: bool,
+}
+
+impl Draft {
+    /// Reads a calibration as [`Calibration::load`] does; in a file of ours a camera needs no more than its `image_size_px`.
+    ///
+    /// # Errors
+    /// Every fault found, with its place.
+    pub fn load(path: &Path) -> Result<Draft, CalibrationError> {
+        if Draft::is_ours(path) {
+            return calibration_file::parse_draft(&read_text(path)?, path);
+        }
+        Ok(Draft { calibration: Calibration::load(path)?, unknown: BTreeMap::new() })
+    }
+
+    /// Whether the file at `path` is of our own form.
+    pub fn is_ours(path: &Path) -> bool {
+        path.is_file()
+            && path.extension().is_some_and(|it| it == "toml")
+            && read_text(path).is_ok_and(|text| calibration_file::is_ours(&text))
+    }
+}
+
+/// The focal lengths to begin with for pictures of this size [px].
+pub fn guessed_focal(image_size: [u32; 2]) -> [f64; 2] {
+    [FOCAL_GUESS * f64::from(image_size[0].max(image_size[1])); 2]
+}
+
+/// The middle of pictures of this size [px].
+pub fn middle(image_size: [u32; 2]) -> [f64; 2] {
+    image_size.map(|it| (f64::from(it) - 1.0) / 2.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn draft(text: &str) -> Result<Draft, String> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("lab.toml");
+        std::fs::write(&path, text).unwrap();
+        Draft::load(&path).map_err(|error| error.to_string())
+    }
+
+    const HEAD: &str = "[calibration]\nlength_unit = \"unknown\"\n[camera.a]\nimage_size_px = [640, 480]\n";
+
+    #[test]
+    fn camera_needs_no_more_than_its_size() {
+        let found = draft(HEAD).unwrap();
+        let all = Unknown { focal: true, principal: true, distortion: true, pose: true };
+        assert_eq!(found.unknown["a"], all);
+        let camera = found.calibration.camera("a").unwrap();
+        assert_eq!(camera.intrinsics.focal, [576.0, 576.0]);
+        assert_eq!(camera.intrinsics.principal, [319.5, 239.5]);
+    }
+
+    #[test]
+    fn what_is_stated_is_kept_and_half_a_pose_is_refused() {
+        let found = draft(&format!("{HEAD}focal_px = [500, 501]\ndistortion = {{ k1 = -0.1 }}\n")).unwrap();
+        let rest = Unknown { principal: true, pose: true, ..Unknown::default() };
+        assert_eq!(found.unknown["a"], rest);
+        assert_eq!(found.calibration.camera("a").unwrap().intrinsics.focal, [500.0, 501.0]);
+        let error = draft(&format!("{HEAD}position_m = [0, 0, 1]\n")).unwrap_err();
+        assert!(error.contains("camera_from_world_wxyz is missing"), "{error}");
+    }
+
+    #[test]
+    fn run_is_told_what_a_draft_lacks_and_what_finds_it() {
+        let error = Calibration::from_toml(HEAD, Path::new("lab.toml")).unwrap_err().to_string();
+        assert!(error.contains("position_m is missing") && error.contains("foveate calibrate"), "{error}");
+    }
+}
