@@ -56,6 +56,7 @@ pub struct Scale {
 }
 
 /// One node, for one camera where the rig says so.
+#[derive(Clone)]
 pub struct Instance {
     /// Full name: `room.leds[wide-3]`, `room.targets`.
     pub path: String,
@@ -175,6 +176,45 @@ impl Graph {
             purpose,
             claims: self.claims.clone(),
         }
+    }
+
+    /// The part of the rig that `wanted` nodes need: they, and what triggers them, directly or through others. Inputs that are only
+    /// sampled (`latest`) stay open where their producers are left out.
+    pub fn leading_to(&self, wanted: impl Fn(&Instance) -> bool) -> Graph {
+        let mut kept: Vec<bool> = self.instances.iter().map(wanted).collect();
+        // The schedule has producers in front of those they trigger.
+        let mut backwards: Vec<&Edge> = self.edges.iter().filter(|it| !self.is_sampled(it)).collect();
+        backwards.sort_by_key(|it| std::cmp::Reverse(it.to.0));
+        for edge in backwards {
+            kept[edge.from.0] |= kept[edge.to.0];
+        }
+        let mut places = vec![usize::MAX; kept.len()];
+        let mut instances = Vec::new();
+        for (index, instance) in self.instances.iter().enumerate().filter(|it| kept[it.0]) {
+            places[index] = instances.len();
+            instances.push(instance.clone());
+        }
+        let edges = self.edges.iter().filter(|it| kept[it.from.0] && kept[it.to.0]);
+        let edges =
+            edges.map(|it| Edge { from: (places[it.from.0], it.from.1), to: (places[it.to.0], it.to.1), ..it.clone() });
+        Graph {
+            name: self.name.clone(),
+            seed: self.seed,
+            duration: self.duration,
+            rig_dir: self.rig_dir.clone(),
+            calibration: Arc::clone(&self.calibration),
+            scales: self.scales.clone(),
+            edges: edges.collect(),
+            instances,
+            resolved: self.resolved.clone(),
+            claims: self.claims.clone(),
+            warnings: Faults::default(),
+        }
+    }
+
+    /// Whether the consumer of `edge` takes what is latest there, and is not triggered.
+    fn is_sampled(&self, edge: &Edge) -> bool {
+        self.instances[edge.to.0].takes[edge.to.1] == Take::Latest
     }
 
     /// Whether `time` is past the rig's duration.

@@ -33,8 +33,14 @@ pub struct NodeType {
     /// JSON Schema of the settings (an object); names, units in brackets, ranges and defaults are read from it.
     pub schema: Schema,
     /// Settings out of a TOML table; errors keep the table's spans.
-    pub(crate) decode: fn(toml::de::DeTable<'_>) -> Result<Box<dyn Settings>, toml::de::Error>,
+    pub(crate) decode: Box<Decode>,
 }
+
+/// Reads the settings of a node type.
+type Decode = dyn Fn(toml::de::DeTable<'_>) -> Result<Box<dyn Settings>, toml::de::Error> + Send + Sync;
+
+/// Makes a node out of its settings.
+type Make<N> = dyn Fn(<N as Node>::Settings, &Setup) -> Result<N, ConfigError> + Send + Sync;
 
 /// The settings of one node, erased.
 pub trait Settings: Send + Sync {
@@ -80,25 +86,28 @@ impl<N: Node> ErasedNode for N {
     }
 }
 
-struct SettingsOf<N: Node>(N::Settings);
+struct SettingsOf<N: Node> {
+    given: N::Settings,
+    make: Arc<Make<N>>,
+}
 
 impl<N: Node> Settings for SettingsOf<N> {
     fn build(&self, setup: &Setup) -> Result<Box<dyn ErasedNode>, ConfigError> {
-        Ok(Box::new(N::new(self.0.clone(), setup)?))
+        Ok(Box::new((self.make)(self.given.clone(), setup)?))
     }
     fn resolved(&self) -> Result<toml::Table, toml::ser::Error> {
-        toml::Table::try_from(&self.0)
+        toml::Table::try_from(&self.given)
     }
     fn plan(&self) -> Plan {
-        N::plan(&self.0)
+        N::plan(&self.given)
     }
 }
 
-fn decode<N: Node>(table: toml::de::DeTable<'_>) -> Result<Box<dyn Settings>, toml::de::Error> {
+fn decode<N: Node>(table: toml::de::DeTable<'_>, make: &Arc<Make<N>>) -> Result<Box<dyn Settings>, toml::de::Error> {
     use serde::Deserialize;
     let whole = toml::Spanned::new(0..0, toml::de::DeValue::Table(table));
-    let settings = N::Settings::deserialize(toml::de::ValueDeserializer::from(whole))?;
-    Ok(Box::new(SettingsOf::<N>(settings)))
+    let given = N::Settings::deserialize(toml::de::ValueDeserializer::from(whole))?;
+    Ok(Box::new(SettingsOf::<N> { given, make: Arc::clone(make) }))
 }
 
 impl Registry {
@@ -112,7 +121,20 @@ impl Registry {
     /// # Panics
     /// When the name is taken or is not `plugin.node`: a mistake in the program's source.
     pub fn add<N: Node>(&mut self) {
+        self.add_made::<N>(N::new);
+    }
+
+    /// Makes node type `N` known, whose nodes `make` makes in place of [`Node::new`]: so a program gives its nodes something of
+    /// its own, such as a channel to itself.
+    ///
+    /// # Panics
+    /// As [`Registry::add`].
+    pub fn add_made<N: Node>(
+        &mut self,
+        make: impl Fn(N::Settings, &Setup) -> Result<N, ConfigError> + Send + Sync + 'static,
+    ) {
         assert!(N::TYPE.split('.').count() == 2, "a node type is named `plugin.node`, not `{}`", N::TYPE);
+        let make: Arc<Make<N>> = Arc::new(make);
         let taken = self.types.insert(
             N::TYPE,
             Arc::new(NodeType {
@@ -122,7 +144,7 @@ impl Registry {
                 live: N::LIVE,
                 ports: N::ports(),
                 schema: schemars::schema_for!(N::Settings),
-                decode: decode::<N>,
+                decode: Box::new(move |table| decode::<N>(table, &make)),
             }),
         );
         assert!(taken.is_none(), "two node types are named `{}`", N::TYPE);

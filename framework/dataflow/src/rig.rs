@@ -55,12 +55,14 @@ use read::RigText;
 pub const MAX_BYTES: u64 = 16 << 20;
 
 /// What the command line says in place of the rig.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Overrides {
     /// In place of `[rig] seed`.
     pub seed: Option<u64>,
     /// In place of `[rig] duration_s` [s].
     pub duration_s: Option<f64>,
+    /// In place of what the file that `[rig] calibration` names would give.
+    pub calibration: Option<Arc<Calibration>>,
 }
 
 /// The one of `known` that was probably meant by `found`, if one is near.
@@ -91,6 +93,23 @@ pub fn load(text: &str, path: &Path, registry: &Registry, overrides: &Overrides)
     }
 }
 
+/// The file or folder that `[rig] calibration` names in the rig at `path`, if it names one.
+///
+/// # Errors
+/// When the rig cannot be read, or the path in it cannot be made out.
+pub fn calibration_path(path: &Path) -> Result<Option<PathBuf>, Faults> {
+    let text = read_text(path)?;
+    let mut findings = Findings::default();
+    let found = parse(&text, &mut findings).and_then(|document| {
+        let rig = read::read(document, &text, &mut findings);
+        let file_dir = path.parent().filter(|it| !it.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let rig_dir = folder(&rig, file_dir, &mut findings);
+        named_path(&rig, &rig_dir, &mut findings)
+    });
+    let faults = findings.into_faults(&text, path);
+    if faults.n_faults() == 0 { Ok(found) } else { Err(faults) }
+}
+
 fn check(
     text: &str,
     path: &Path,
@@ -107,7 +126,8 @@ fn check(
     let mut rig = read::read(document, text, findings);
     let file_dir = path.parent().filter(|it| !it.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let rig_dir = folder(&rig, file_dir, findings);
-    let calibration = calibration(&rig, &rig_dir, findings);
+    let given = overrides.calibration.clone();
+    let calibration = given.or_else(|| calibration(&rig, &rig_dir, findings));
     let seed = overrides.seed.unwrap_or(rig.seed);
     let duration_s = overrides.duration_s.or(rig.duration_s);
     if let Some(duration_s) = overrides.duration_s.filter(|it| !read::is_duration(*it)) {
@@ -122,7 +142,7 @@ fn check(
     let surroundings = Surroundings {
         registry,
         calibration: calibration.clone(),
-        names_calibration: rig.calibration.is_some(),
+        names_calibration: rig.calibration.is_some() || overrides.calibration.is_some(),
         rig_dir: &rig_dir,
         claims: Claims::default(),
         seed,
@@ -166,19 +186,24 @@ fn folder(rig: &RigText<'_>, file_dir: &Path, findings: &mut Findings) -> PathBu
 
 fn calibration(rig: &RigText<'_>, rig_dir: &Path, findings: &mut Findings) -> Option<Arc<Calibration>> {
     let Some(file) = &rig.calibration else { return Some(no_cameras()) };
-    let path = match expand_path(file.get_ref(), rig_dir) {
-        Ok(path) => path,
-        Err(message) => {
-            findings.fault(file.span(), "the calibration cannot be found", message);
-            return None;
-        }
-    };
+    let path = named_path(rig, rig_dir, findings)?;
     match Calibration::load(&path) {
         Ok(calibration) => Some(Arc::new(calibration)),
         Err(error) => {
             for fault in &error.faults {
                 findings.fault(file.span(), "the calibration cannot be used", fault);
             }
+            None
+        }
+    }
+}
+
+fn named_path(rig: &RigText<'_>, rig_dir: &Path, findings: &mut Findings) -> Option<PathBuf> {
+    let file = rig.calibration.as_ref()?;
+    match expand_path(file.get_ref(), rig_dir) {
+        Ok(path) => Some(path),
+        Err(message) => {
+            findings.fault(file.span(), "the calibration cannot be found", message);
             None
         }
     }

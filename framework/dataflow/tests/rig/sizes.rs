@@ -132,9 +132,10 @@ fn relative_paths_start_at_the_rig_or_at_its_folder() {
 #[test]
 fn command_line_comes_before_the_rig() {
     let load = |overrides: Overrides| rig::load(LAB, crate::parts::path(), &registry(), &overrides);
-    let graph = load(Overrides { seed: Some(7), duration_s: Some(2.5) }).unwrap();
+    let graph = load(Overrides { seed: Some(7), duration_s: Some(2.5), ..Overrides::default() }).unwrap();
     assert_eq!((graph.seed, graph.duration.map(|it| it.as_s())), (7, Some(2.5)));
     assert!(graph.resolved.contains("seed = 7\nduration_s = 2.5\n"));
-    let faults = load(Overrides { seed: Some(u64::MAX), duration_s: Some(f64::NAN) }).unwrap_err();
+    let faults =
+        load(Overrides { seed: Some(u64::MAX), duration_s: Some(f64::NAN), ..Overrides::default() }).unwrap_err();
     assert_eq!(faults.n_faults(), 2, "{faults}");
 }
