@@ -2,6 +2,7 @@
 //!
 //! | module | what it gives |
 //! |---|---|
+//! | [`agreement`] | the point on which most of several sightings agree |
 //! | [`alignment`] | the similarity that best maps one set of points onto another, and what is left |
 //! | [`alternating`] | cameras and the path of one light in turn, as the paper does it |
 //! | [`bundle`] | all cameras and points together, clocks of cameras if wanted, adjusted to all pixels, with covariances |
@@ -15,6 +16,7 @@
 //! Rigid transforms are `nalgebra::Isometry3<f64>`, named `b_from_a`. The world is right-handed with Z up; a
 //! camera looks along its +z, with +x to the right and +y down; pixel (0, 0) is the centre of the top-left pixel.
 
+pub mod agreement;
 pub mod alignment;
 pub mod alternating;
 pub mod bundle;
@@ -28,6 +30,7 @@ pub mod resection;
 pub mod self_calibration;
 pub mod triangulate;
 
+pub use agreement::{Agreement, agreeing_point};
 pub use alignment::{Alignment, AlignmentFault, AlignmentRules, CameraErrors, align, camera_errors};
 pub use alternating::{Alternated, alternate, path_error};
 pub use bundle::{

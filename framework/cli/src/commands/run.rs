@@ -2,7 +2,6 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 
 use foveate_dataflow::graph::Graph;
 use foveate_dataflow::rig::Overrides;
@@ -12,13 +11,10 @@ use super::{RunArgs, complain, load};
 use crate::outcome::{describe, exit_code};
 use crate::output::say;
 use crate::progress::Line;
-use crate::{exit, results};
-
-/// Exit code of a program that SIGINT ended, as shells report it.
-const INTERRUPTED: i32 = 130;
+use crate::{exit, interrupt, results};
 
 pub(super) fn run(args: &RunArgs) -> u8 {
-    let overrides = Overrides { seed: args.seed, duration_s: args.duration };
+    let overrides = Overrides { seed: args.seed, duration_s: args.duration, ..Overrides::default() };
     let graph = match load(&args.rig, &overrides) {
         Ok(graph) => Arc::new(graph),
         Err(code) => return code,
@@ -39,13 +35,7 @@ pub(super) fn run(args: &RunArgs) -> u8 {
 fn run_into(args: &RunArgs, graph: &Arc<Graph>, folder: &Path) -> Result<Outcome, String> {
     let options =
         Options { out_dir: Some(folder.to_owned()), workers: args.workers.map(usize::from), ..Options::default() };
-    let stop = Arc::clone(&options.stop);
-    let handler = ctrlc::set_handler(move || {
-        if stop.swap(true, Ordering::Relaxed) {
-            std::process::exit(INTERRUPTED);
-        }
-    });
-    handler.map_err(|error| format!("Ctrl-C cannot be caught: {error}"))?;
+    interrupt::stops(&options.stop)?;
     let mut line = Line::new(graph);
     let mut observe = |progress: &Progress| {
         if !args.quiet {

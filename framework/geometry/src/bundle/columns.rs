@@ -97,6 +97,11 @@ impl Freedom {
         std::array::from_fn(|column| if column < 6 { pose } else { optics[column - 6] })
     }
 
+    /// How many numbers are free.
+    pub fn n_parameters(&self) -> usize {
+        self.mask().iter().filter(|it| **it).count()
+    }
+
     /// How many columns hold all that is free.
     pub(super) fn width(&self) -> usize {
         self.mask().iter().rposition(|it| *it).map_or(0, |it| it + 1)

@@ -1,16 +1,15 @@
 //! From a first guess to the adjusted room: intersect, adjust, be stricter; then resect who is missing.
 
 use foveate_estimation::{Loss, Random};
-use nalgebra::{Point2, Point3};
+use nalgebra::Point3;
 
 use super::centres::Start;
 use super::links::Tracks;
 use super::{CameraStatus, OpticHeld, SelfCalibration, SelfCalibrationRules, flatness, normalise, optics};
+use crate::agreement::agreeing_point;
 use crate::bundle::{Adjusted, BundleRules, CameraCovariance, Freedom, Observation, OpenParameters, adjust};
 use crate::camera::Camera;
-use crate::ray::{Ray, closest_approach};
 use crate::resection::{ResectionRules, resect};
-use crate::triangulate::triangulate_rays;
 
 /// How far off a right sighting may be in each round, in `inlier_px`.
 const ROUNDS: [f64; 5] = [12.0, 6.0, 3.0, 1.5, 1.0];
@@ -80,50 +79,15 @@ impl Room<'_> {
     fn intersect(&mut self, limit_px: f64) {
         self.right.fill(false);
         for (frame, sightings) in self.tracks.of_frame.iter().enumerate() {
-            self.points[frame] = None;
             let seen = |it: &usize| {
                 let sighting = &self.tracks.sightings[*it];
-                let camera = self.cameras[sighting.camera].as_ref()?;
-                Some((*it, camera, sighting.pixel, camera.ray(&sighting.pixel)?))
+                Some((*it, (self.cameras[sighting.camera].as_ref()?, sighting.pixel)))
             };
-            let sights: Vec<(usize, &Camera, Point2<f64>, Ray)> = sightings.iter().filter_map(seen).collect();
-            let error = |point: &Point3<f64>, it: &(usize, &Camera, Point2<f64>, Ray)| {
-                it.1.project(point).map_or(f64::INFINITY, |seen| (seen - it.2).norm())
-            };
-            let agreeing = |point: &Point3<f64>| -> Vec<usize> {
-                (0..sights.len()).filter(|it| error(point, &sights[*it]) <= limit_px).collect()
-            };
-            let rays: Vec<Ray> = sights.iter().map(|it| it.3).collect();
-            let mut best: Option<(Point3<f64>, Vec<usize>)> = None;
-            let mut offer = |point: Point3<f64>| {
-                let agreeing = agreeing(&point);
-                if 2 * agreeing.len() > sights.len().max(2)
-                    && best.as_ref().is_none_or(|it| agreeing.len() > it.1.len())
-                {
-                    best = Some((point, agreeing));
-                }
-                best.as_ref().map_or(0, |it| it.1.len())
-            };
-            let mut most = triangulate_rays(&rays).map_or(0, &mut offer);
-            'pairs: for first in 0..rays.len() {
-                for second in first + 1..rays.len() {
-                    if most == rays.len() {
-                        break 'pairs;
-                    }
-                    if let Some(approach) = closest_approach(&rays[first], &rays[second]) {
-                        most = offer(approach.midpoint);
-                    }
-                }
-            }
-            let Some((point, mut chosen)) = best else { continue };
-            let of_chosen: Vec<Ray> = chosen.iter().map(|it| rays[*it]).collect();
-            let mut place = point;
-            if let Some(refined) = triangulate_rays(&of_chosen).filter(|it| agreeing(it).len() >= chosen.len()) {
-                place = refined;
-                chosen = agreeing(&place);
-            }
-            self.points[frame] = Some(place);
-            chosen.iter().for_each(|it| self.right[sights[*it].0] = true);
+            let (indices, sights): (Vec<usize>, Vec<_>) = sightings.iter().filter_map(seen).unzip();
+            let found = agreeing_point(&sights, limit_px);
+            self.points[frame] = found.as_ref().map(|it| it.point);
+            let agreeing = found.iter().flat_map(|it| &it.agreeing);
+            indices.iter().zip(agreeing).for_each(|(index, agrees)| self.right[*index] = *agrees);
         }
     }
 
