@@ -1,1 +1,266 @@
-//! From a recording of one waved light to a solved room.
+//! From a recording of one waved light to a solved room: from nothing, or from an older calibration.
+//!
+//! 1. What cannot be a waved light is set aside ([`Cleaning`]): numbers that are none, lamps, frames that were written twice.
+//! 2. Pictures are grouped by moments. Every tenth moment is kept back.
+//! 3. From nothing, [`foveate_geometry::self_calibrate`] finds poses and, as far as the sightings hold them, optics; from an older
+//!    calibration, cameras that moved are found and placed anew ([`recalibrate`]).
+//! 4. The room is settled: pictures with several spots are decided by where the others see the light, points intersected, all
+//!    adjusted together, sightings judged anew.
+//! 5. Each sighting's residual is told, those of the moments that were kept back apart.
+
+mod cleaning;
+mod moments;
+mod recalibrate;
+mod settle;
+mod to_calibration;
+
+use foveate_geometry::bundle::Freedom;
+use foveate_geometry::self_calibration::{OpticHeld, SelfCalibrationFault};
+use foveate_geometry::{Camera, CameraStatus, SelfCalibration, SelfCalibrationRules, Sighting, self_calibrate};
+
+pub use self::cleaning::Cleaning;
+use self::moments::Moment;
+pub use self::recalibrate::{Moved, recalibrate};
+use self::settle::Room;
+pub use self::to_calibration::Origin;
+use crate::recording::{CameraGuess, Recording};
+use crate::solved::{SightingRole, Solved, Step};
+use crate::wand::{self, WandSighting};
+
+/// How to go about it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RoomRules {
+    /// Of either coordinate of a right pixel, standard deviation, to begin with; what the residuals say counts in the end [px].
+    pub sigma_px: f64,
+    /// A sighting is right when at most this far from where its point is seen [px].
+    pub inlier_px: f64,
+    /// Right pairs of sightings that link two cameras, at least 6 [–].
+    pub min_common: usize,
+    /// A free focal length whose standard deviation is a larger part of it than this is refused [–].
+    pub max_focal_sigma: f64,
+    /// Whether focal lengths may be far from those given: many are tried then.
+    pub focal_unknown: bool,
+    /// One moment of so many is kept back, at least 2; 0 keeps none [–].
+    pub hold_out_every: usize,
+    /// Of the random draws.
+    pub seed: u64,
+}
+
+impl Default for RoomRules {
+    fn default() -> Self {
+        let SelfCalibrationRules { sigma_px, inlier_px, min_common, max_focal_sigma, seed, .. } =
+            SelfCalibrationRules::default();
+        Self { sigma_px, inlier_px, min_common, max_focal_sigma, focal_unknown: false, hold_out_every: 10, seed }
+    }
+}
+
+/// A solved room and how it came about.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SolvedRoom {
+    /// Cameras, path, residuals.
+    pub solved: Solved,
+    /// By camera: what was set aside before.
+    pub cleaning: Vec<Cleaning>,
+    /// By camera: optics that were to be found and stay as given, and why.
+    pub held: Vec<Vec<OpticHeld>>,
+    /// Cameras that do not stand where the older calibration has them.
+    pub moved: Vec<Moved>,
+    /// Of either coordinate of a right pixel, standard deviation, as the residuals have it [px].
+    pub sigma_px: f64,
+}
+
+impl SolvedRoom {
+    /// What was seen of a wand's ends in one role, for [`crate::wand::intersect`].
+    pub fn wand_sightings(&self, role: SightingRole) -> Vec<WandSighting> {
+        let of_role = self.solved.sightings.iter().filter(|it| it.role == role);
+        let with_end = of_role.filter_map(|it| {
+            let point = &self.solved.points[it.point?];
+            Some(WandSighting {
+                camera: it.camera,
+                frame: it.frame,
+                time_s: point.time_s,
+                end: point.label,
+                pixel: it.pixel,
+            })
+        });
+        with_end.collect()
+    }
+}
+
+/// Why a room cannot be solved.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum RoomFault {
+    /// Nothing was seen.
+    #[error("no camera saw anything in {looks} pictures; expected a light in view of two cameras at once")]
+    NothingSeen {
+        /// Pictures.
+        looks: usize,
+    },
+    /// One camera sees the light, and no second one.
+    #[error(
+        "{seen} is the only camera that saw the light (in {looks} of its pictures); expected at least two that see it together"
+    )]
+    OneCamera {
+        /// Which.
+        seen: String,
+        /// Pictures with it.
+        looks: usize,
+    },
+    /// No two cameras can be calibrated; a line for each.
+    #[error("no two cameras could be calibrated:\n{}", reasons.iter().map(|(name, reason)| format!("  {name}: {reason}")).collect::<Vec<_>>().join("\n"))]
+    NothingCalibrated {
+        /// By camera: name and reason.
+        reasons: Vec<(String, String)>,
+    },
+    /// Too few cameras agree with the older calibration for it to be a start.
+    #[error(
+        "{agreeing} of {cameras} cameras agree with the older calibration on where the light was, expected at least 2 and more than half; \
+         calibrate from nothing"
+    )]
+    NotThisRoom {
+        /// That agree.
+        agreeing: usize,
+        /// That saw the light.
+        cameras: usize,
+    },
+    /// A camera or a rule that cannot be used.
+    #[error("{0}")]
+    Unusable(String),
+}
+
+/// Factors of a focal length of which nothing is known, in the order in which they are tried.
+const FOCAL_FACTORS: [f64; 4] = [1.0, 1.6, 0.6, 2.5];
+/// A start by which so large a part of the sightings fits is not improved upon [–].
+const FITS: f64 = 0.9;
+
+/// What was waved.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Sought {
+    /// One light.
+    #[default]
+    Light,
+    /// Two lights on a stick, told apart by their labels or, without, by [`crate::wand::label`].
+    Wand,
+}
+
+/// Solves the room of `recording`, by cameras that share a clock, without any pose to begin with. The result is up to a similarity,
+/// as [`SelfCalibration::cameras`] says.
+///
+/// # Errors
+/// See [`RoomFault`]; cameras that cannot be calibrated beside others that can are told in their status.
+pub fn from_nothing(recording: &Recording, sought: Sought, rules: &RoomRules) -> Result<SolvedRoom, RoomFault> {
+    let (recording, cleaning, moments) = prepared(recording, sought)?;
+    let mut room = Room::new(&recording, moments, rules);
+    let found = search(&recording, &room.certain(), rules)?;
+    for (camera, (found, status)) in found.cameras.iter().zip(&found.status).enumerate() {
+        room.cameras[camera] = (*status == CameraStatus::Calibrated).then(|| found.clone());
+    }
+    room.freed.clone_from(&found.freed);
+    let n_right = found.right.iter().filter(|it| **it).count();
+    room.steps.push(Step { stage: "from nothing", rms_px: found.rms_px, used: n_right });
+    room.settle(&[1.5, 1.0, 1.0]);
+    let (solved, sigma_px) = room.into_solved(&recording, &found.status, found.links);
+    Ok(SolvedRoom { solved, cleaning, held: found.held, moved: Vec::new(), sigma_px })
+}
+
+/// What is left of a recording after cleaning, and its moments.
+fn prepared(recording: &Recording, sought: Sought) -> Result<(Recording, Vec<Cleaning>, Vec<Moment>), RoomFault> {
+    let (recording, cleaning) = cleaning::cleaned(recording);
+    require_company(&recording, &cleaning)?;
+    let moments = match sought {
+        Sought::Light => moments::of_light(&recording),
+        Sought::Wand => {
+            let frame_of_look = wand::frames_by_time(&recording, moments::tolerance_s(&recording));
+            let labelled = wand::label(&recording, &frame_of_look, &wand::LabelRules::default());
+            let labelled = labelled.map_err(|fault| RoomFault::Unusable(fault.to_string()))?;
+            moments::of_wand(&wand::sightings(&labelled.recording, &frame_of_look))
+        }
+    };
+    Ok((recording, cleaning, moments))
+}
+
+/// Self-calibration, from several focal lengths where nothing is known of them.
+fn search(recording: &Recording, sightings: &[Sighting], rules: &RoomRules) -> Result<SelfCalibration, RoomFault> {
+    let free: Vec<Freedom> = recording.cameras.iter().map(|it| it.free).collect();
+    let RoomRules { sigma_px, inlier_px, min_common, max_focal_sigma, seed, .. } = *rules;
+    let inner = SelfCalibrationRules {
+        sigma_px,
+        inlier_px,
+        min_common,
+        max_focal_sigma,
+        seed,
+        ..SelfCalibrationRules::default()
+    };
+    let factors = if rules.focal_unknown { &FOCAL_FACTORS[..] } else { &FOCAL_FACTORS[..1] };
+    let n_right = |it: &SelfCalibration| it.right.iter().filter(|it| **it).count();
+    let mut best: Option<SelfCalibration> = None;
+    let mut fault = None;
+    for factor in factors {
+        let guess = |it: &CameraGuess| {
+            let mut camera = it.camera.clone();
+            if it.free.focal {
+                camera.intrinsics.focal = camera.intrinsics.focal.map(|it| it * factor);
+            }
+            camera
+        };
+        let cameras: Vec<Camera> = recording.cameras.iter().map(guess).collect();
+        match self_calibrate(&cameras, &free, sightings, &inner) {
+            Ok(found) if best.as_ref().is_none_or(|best| n_right(&found) > n_right(best)) => best = Some(found),
+            Ok(_) => {}
+            Err(found) => fault = fault.or(Some(found)),
+        }
+        if best.as_ref().is_some_and(|it| n_right(it) as f64 > FITS * sightings.len() as f64) {
+            break;
+        }
+    }
+    match (best, fault) {
+        (Some(best), _) => Ok(best),
+        (None, Some(SelfCalibrationFault::NothingCalibrated { status })) => {
+            let reasons = recording
+                .cameras
+                .iter()
+                .zip(&status)
+                .map(|(camera, it)| (camera.name.clone(), in_names(it, recording)));
+            Err(RoomFault::NothingCalibrated { reasons: reasons.collect() })
+        }
+        (None, Some(other)) => Err(RoomFault::Unusable(other.to_string())),
+        (None, None) => unreachable!("each attempt ends in an answer or a fault"),
+    }
+}
+
+/// `status` with the names of the cameras it speaks of.
+pub fn in_names(status: &CameraStatus, recording: &Recording) -> String {
+    let name = |camera: usize| recording.cameras.get(camera).map_or_else(|| camera.to_string(), |it| it.name.clone());
+    match status {
+        CameraStatus::NoPartner { best: Some(best), common, needed } => {
+            format!("shares {common} frames with {} and fewer with others, expected at least {needed}", name(*best))
+        }
+        CameraStatus::Inconsistent { best, common, right } => {
+            format!("no pose explains its pixels: with {}, {right} of {common} common frames fit", name(*best))
+        }
+        CameraStatus::NoDepth { best } => {
+            format!("stands where {} stands, or the light is too far away", name(*best))
+        }
+        CameraStatus::Separate { group } => {
+            let group: Vec<String> = group.iter().map(|it| name(*it)).collect();
+            format!("shares too few frames with the larger group of cameras; its own is {}", group.join(", "))
+        }
+        other => other.to_string(),
+    }
+}
+
+/// Refuses recordings in which no two cameras can have seen the light together.
+fn require_company(recording: &Recording, cleaning: &[Cleaning]) -> Result<(), RoomFault> {
+    let seeing: Vec<usize> = (0..cleaning.len()).filter(|it| cleaning[*it].with_spots > 0).collect();
+    match seeing[..] {
+        [] => Err(RoomFault::NothingSeen { looks: cleaning.iter().map(|it| it.looks).sum() }),
+        [only] => {
+            let seen = recording.cameras[only].name.clone();
+            Err(RoomFault::OneCamera { seen, looks: cleaning[only].with_spots })
+        }
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests;

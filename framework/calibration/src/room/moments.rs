@@ -1,0 +1,98 @@
+//! What was seen, light by light and moment by moment.
+
+use nalgebra::Point2;
+
+use super::cleaning::the_light;
+use crate::recording::{Look, Recording};
+use crate::wand::WandSighting;
+
+/// What one camera saw of a light at one moment.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Sight {
+    pub camera: usize,
+    /// The spots, one of which may be the light.
+    pub spots: Vec<Point2<f64>>,
+    /// The one taken for the light.
+    pub chosen: Option<usize>,
+    /// Whether that is right, as things stand.
+    pub right: bool,
+}
+
+/// What was seen of one light at one moment.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Moment {
+    /// Its number; the ends of a wand share it.
+    pub frame: usize,
+    pub time_s: f64,
+    /// Which light.
+    pub label: u32,
+    /// Each camera once at most.
+    pub sights: Vec<Sight>,
+}
+
+/// Pictures are of one moment when their times differ by less than this part of the shortest period of any camera [–].
+const SAME_MOMENT: f64 = 0.4;
+
+/// Moments of a recording of one light by cameras that share a clock; its looks are in order. Pictures without spots are left out.
+pub(super) fn of_light(recording: &Recording) -> Vec<Moment> {
+    let tolerance = tolerance_s(recording);
+    let mut starts_s: Vec<f64> = Vec::new();
+    let mut moments: Vec<Moment> = Vec::new();
+    for look in recording.looks.iter().filter(|it| !it.spots.is_empty()) {
+        let light = the_light(&look.spots);
+        let chosen = light.and_then(|light| look.spots.iter().position(|it| std::ptr::eq(it, light)));
+        let spots = look.spots.iter().map(|it| it.pixel).collect();
+        let sight = Sight { camera: look.camera, spots, chosen, right: false };
+        let joins = |moment: &&mut Moment| {
+            look.time_s - starts_s[moment.frame] <= tolerance && moment.sights.iter().all(|it| it.camera != look.camera)
+        };
+        match moments.last_mut().filter(joins) {
+            Some(moment) => {
+                let n = moment.sights.len() as f64;
+                moment.time_s = (moment.time_s * n + look.time_s) / (n + 1.0);
+                moment.sights.push(sight);
+            }
+            None => {
+                moments.push(Moment { frame: moments.len(), time_s: look.time_s, label: 0, sights: vec![sight] });
+                starts_s.push(look.time_s);
+            }
+        }
+    }
+    moments
+}
+
+/// Pictures of one moment are at most this far apart [s].
+pub(super) fn tolerance_s(recording: &Recording) -> f64 {
+    SAME_MOMENT * shortest_period(recording)
+}
+
+/// The least of the cameras' median periods [s]; 0 when no camera looked twice.
+fn shortest_period(recording: &Recording) -> f64 {
+    let periods = (0..recording.cameras.len()).filter_map(|camera| {
+        let own = recording.looks.iter().filter(|it| it.camera == camera);
+        let times: Vec<f64> = own.map(|it: &Look| it.time_s).collect();
+        let gaps: Vec<f64> = times.windows(2).map(|it| it[1] - it[0]).collect();
+        foveate_estimation::statistics::median(&gaps)
+    });
+    let shortest = periods.fold(f64::INFINITY, f64::min);
+    if shortest.is_finite() { shortest } else { 0.0 }
+}
+
+/// A spot that is certainly meant.
+fn certain(camera: usize, pixel: Point2<f64>) -> Sight {
+    Sight { camera, spots: vec![pixel], chosen: Some(0), right: false }
+}
+
+/// Moments of the ends of a wand: a light each.
+pub(super) fn of_wand(sightings: &[WandSighting]) -> Vec<Moment> {
+    let mut sorted: Vec<&WandSighting> = sightings.iter().collect();
+    sorted.sort_by_key(|it| (it.frame, it.end, it.camera));
+    let of_one = sorted.chunk_by(|a, b| (a.frame, a.end) == (b.frame, b.end));
+    let moment = |seen: &[&WandSighting]| Moment {
+        frame: seen[0].frame,
+        time_s: seen.iter().map(|it| it.time_s).sum::<f64>() / seen.len() as f64,
+        label: seen[0].end,
+        sights: seen.iter().map(|it| certain(it.camera, it.pixel)).collect(),
+    };
+    of_one.map(moment).collect()
+}

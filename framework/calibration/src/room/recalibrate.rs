@@ -1,0 +1,198 @@
+//! An older calibration and new sightings: who moved, and where everybody stands now.
+
+use foveate_estimation::{Loss, Random};
+use foveate_geometry::{AlignmentRules, Camera, CameraStatus, Freedom, ResectionRules, align, resect};
+use nalgebra::{Point3, Similarity3};
+
+use super::settle::Room;
+use super::{RoomFault, RoomRules, SolvedRoom, Sought, prepared};
+use crate::axes::transformed;
+use crate::recording::Recording;
+use crate::solved::FixedFreedoms;
+
+/// A camera that does not stand where it stood.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Moved {
+    /// Which.
+    pub camera: usize,
+    /// Distance of its centre from where it was [m, or the unit of the older calibration].
+    pub distance: f64,
+    /// Angle between how it looked and looks [rad].
+    pub angle_rad: f64,
+    /// How far off its sightings are under the older calibration, median [px].
+    pub before_px: f64,
+}
+
+/// Sightings this many times as far off as right ones may be still speak of an older calibration that needs no more than adjusting.
+const OLD_LIMIT: f64 = 4.0;
+/// A camera stands where it stood when so large a part of its sightings agree with the others' [–].
+const AGREES: f64 = 0.5;
+/// A camera moved when its sightings were this many times as far off as right ones are, under the older calibration.
+const MOVED_SIGMAS: f64 = 4.0;
+/// Sightings that it takes to speak of a camera.
+const LEAST_SIGHTINGS: usize = 10;
+
+/// Adjusts the calibration that `recording.cameras` hold to what the recording shows. Scale, axes and origin stay those of the cameras
+/// that did not move; `fixed` is what fixes them.
+///
+/// # Errors
+/// See [`RoomFault`].
+pub fn recalibrate(
+    recording: &Recording,
+    sought: Sought,
+    fixed: &FixedFreedoms,
+    rules: &RoomRules,
+) -> Result<SolvedRoom, RoomFault> {
+    let (recording, cleaning, moments) = prepared(recording, sought)?;
+    for it in &recording.cameras {
+        it.camera.check().map_err(|fault| RoomFault::Unusable(format!("{}: {fault}", it.name)))?;
+    }
+    let mut room = Room::new(&recording, moments, rules);
+    let given: Vec<Camera> = recording.cameras.iter().map(|it| it.camera.clone()).collect();
+    room.cameras = given.iter().cloned().map(Some).collect();
+    let mut status = vec![CameraStatus::Calibrated; given.len()];
+    for (camera, note) in cleaning.iter().enumerate().filter(|it| it.1.with_spots < LEAST_SIGHTINGS) {
+        room.cameras[camera] = None;
+        status[camera] = CameraStatus::TooFewSightings { frames: note.with_spots, needed: LEAST_SIGHTINGS };
+    }
+    let seeing = room.cameras.iter().flatten().count();
+    drop_strangers(&mut room, rules);
+    let agreeing: Vec<usize> = (0..given.len()).filter(|it| room.cameras[*it].is_some()).collect();
+    if agreeing.len() < 2 || 2 * agreeing.len() <= seeing {
+        return Err(RoomFault::NotThisRoom { agreeing: agreeing.len(), cameras: seeing });
+    }
+    let optics = room.freed.clone();
+    room.freed.fill(Freedom::POSE);
+    room.adjust(Loss::CAUCHY, false);
+    place_anew(&mut room, &given, &mut status, rules);
+    room.freed = optics;
+    room.settle(&[2.0, 1.0, 1.0]);
+    let before = errors_of_older(&room, &given);
+    let (solved, sigma_px) = room.into_solved(&recording, &status, Vec::new());
+    let stayed: Vec<usize> = agreeing.iter().copied().filter(|it| before[*it] <= MOVED_SIGMAS * sigma_px).collect();
+    let reference = if stayed.len() >= 2 { stayed } else { agreeing };
+    let found: Vec<Camera> = solved.cameras.iter().map(|it| it.camera.clone()).collect();
+    let given_from_found = onto(&found, &given, &reference);
+    let solved = transformed(&solved, &given_from_found, fixed.clone());
+    let mut moved = Vec::new();
+    for (camera, it) in solved.cameras.iter().enumerate().filter(|it| it.1.status == CameraStatus::Calibrated) {
+        if before[camera] > MOVED_SIGMAS * sigma_px && !reference.contains(&camera) {
+            let (old, new) = (&given[camera].camera_from_world, &it.camera.camera_from_world);
+            moved.push(Moved {
+                camera,
+                distance: (given[camera].centre() - it.camera.centre()).norm(),
+                angle_rad: old.rotation.angle_to(&new.rotation),
+                before_px: before[camera],
+            });
+        }
+    }
+    Ok(SolvedRoom { solved, cleaning, held: vec![Vec::new(); given.len()], moved, sigma_px })
+}
+
+/// Takes the pose from one camera after the other that agrees least with the rest, until all that remain agree.
+fn drop_strangers(room: &mut Room<'_>, rules: &RoomRules) {
+    loop {
+        room.intersect(OLD_LIMIT * rules.inlier_px);
+        let mut counts = vec![(0_usize, 0_usize); room.cameras.len()];
+        for moment in room.moments.iter().filter(|it| it.sights.len() >= 2) {
+            let known = moment.sights.iter().filter(|it| it.chosen.is_some() && room.cameras[it.camera].is_some());
+            if known.clone().count() >= 2 {
+                known.for_each(|it| {
+                    counts[it.camera].0 += usize::from(it.right);
+                    counts[it.camera].1 += 1;
+                });
+            }
+        }
+        let share = |it: usize| counts[it].0 as f64 / counts[it].1.max(1) as f64;
+        let known = (0..counts.len()).filter(|it| room.cameras[*it].is_some());
+        match known.min_by(|a, b| share(*a).total_cmp(&share(*b))) {
+            Some(worst) if share(worst) < AGREES => room.cameras[worst] = None,
+            _ => return,
+        }
+    }
+}
+
+/// Places cameras without a pose by the points of the others.
+fn place_anew(room: &mut Room<'_>, given: &[Camera], status: &mut [CameraStatus], rules: &RoomRules) {
+    let random = Random::new(rules.seed).fork("recalibration");
+    for camera in 0..given.len() {
+        if room.cameras[camera].is_some() || status[camera] != CameraStatus::Calibrated {
+            continue;
+        }
+        let mut pairs: (Vec<Point3<f64>>, Vec<_>) = Default::default();
+        for (moment, known) in room.moments.iter().zip(&room.known).filter(|it| !it.1.held_out) {
+            let own = moment.sights.iter().find(|it| it.camera == camera);
+            let pixel = own.and_then(|it| Some(it.spots[it.chosen?]));
+            pairs.extend(known.point.zip(pixel));
+        }
+        let resection =
+            ResectionRules { sigma_px: rules.sigma_px, inlier_px: 2.0 * rules.inlier_px, ..ResectionRules::default() };
+        let mut draws = random.fork(&camera.to_string());
+        let found = resect(&given[camera], &pairs.0, &pairs.1, &resection, |n| draws.below(n));
+        let n_right = found.as_ref().map_or(0, |it| it.right.iter().filter(|it| **it).count());
+        match found {
+            Ok(found) if 3 * n_right >= pairs.0.len() && n_right >= LEAST_SIGHTINGS => {
+                room.cameras[camera] =
+                    Some(Camera { camera_from_world: found.camera_from_world, ..given[camera].clone() });
+            }
+            _ => {
+                let common = |other: usize| {
+                    let both = room.moments.iter().filter(|it| {
+                        let sees = |camera: usize| it.sights.iter().any(|it| it.camera == camera);
+                        sees(camera) && sees(other)
+                    });
+                    both.count()
+                };
+                let others = (0..given.len()).filter(|it| *it != camera && room.cameras[*it].is_some());
+                let best = others.map(|it| (common(it), it)).max().unwrap_or_default();
+                status[camera] = CameraStatus::Inconsistent { best: best.1, common: best.0, right: n_right };
+            }
+        }
+    }
+}
+
+/// By camera: how far its right sightings were from the points under the older calibration, median after the best alignment [px].
+fn errors_of_older(room: &Room<'_>, given: &[Camera]) -> Vec<f64> {
+    let (mut found, mut members) = (Vec::new(), Vec::new());
+    for (index, camera) in room.cameras.iter().enumerate() {
+        if let Some(camera) = camera {
+            found.push(camera.clone());
+            members.push(index);
+        }
+    }
+    let old: Vec<Camera> = members.iter().map(|it| given[*it].clone()).collect();
+    let all: Vec<usize> = (0..found.len()).collect();
+    let old_from_found = onto(&found, &old, &all);
+    let mut errors = vec![Vec::new(); given.len()];
+    for (moment, known) in room.moments.iter().zip(&room.known) {
+        let Some(point) = known.point.map(|it| old_from_found * it) else { continue };
+        for sight in moment.sights.iter().filter(|it| it.right) {
+            let seen = given[sight.camera].project(&point).zip(sight.chosen.map(|it| sight.spots[it]));
+            errors[sight.camera].extend(seen.map(|(seen, pixel)| (seen - pixel).norm()));
+        }
+    }
+    errors.iter().map(|it| foveate_estimation::statistics::median(it).unwrap_or(0.0)).collect()
+}
+
+/// The similarity that takes the `reference` cameras from where they are found to where they were; of two cameras the
+/// directions count besides the centres.
+fn onto(found: &[Camera], given: &[Camera], reference: &[usize]) -> Similarity3<f64> {
+    // Three points that move with a camera: its centre, and one before and one above it, as far away as the cameras are from each other.
+    let spread = |cameras: &[Camera]| -> f64 {
+        let middle = reference.iter().fold(nalgebra::Vector3::zeros(), |sum, it| sum + cameras[*it].centre().coords);
+        let middle = middle / reference.len() as f64;
+        reference.iter().map(|it| (cameras[*it].centre().coords - middle).norm()).fold(0.0, f64::max)
+    };
+    let points = |cameras: &[Camera]| -> Vec<Point3<f64>> {
+        let reach = spread(cameras);
+        let of_camera = |it: &usize| {
+            let camera = &cameras[*it];
+            let turn = camera.camera_from_world.rotation.inverse();
+            let centre = camera.centre();
+            [centre, centre + turn * nalgebra::Vector3::z() * reach, centre + turn * nalgebra::Vector3::y() * reach]
+        };
+        reference.iter().flat_map(of_camera).collect()
+    };
+    let rules = AlignmentRules { scale: true, robust: reference.len() > 2 };
+    align(&points(found), &points(given), rules).map_or_else(|_| Similarity3::identity(), |it| it.b_from_a)
+}

@@ -1,0 +1,213 @@
+//! A room whose cameras are nearly right: spots chosen, points intersected, all adjusted, sightings judged, in rounds.
+
+use foveate_estimation::Loss;
+use foveate_geometry::bundle::{CameraCovariance, Freedom};
+use foveate_geometry::self_calibration::Link;
+use foveate_geometry::{BundleRules, Camera, CameraStatus, Observation, Sighting, adjust, agreeing_point};
+use nalgebra::{Point2, Point3};
+
+use super::RoomRules;
+use super::moments::{Moment, Sight};
+use crate::recording::Recording;
+use crate::solved::{FixedFreedoms, SightingRole, Solved, SolvedCamera, SolvedPoint, SolvedSighting, Step};
+
+/// What is known of a [`Moment`].
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Known {
+    /// Where the light was.
+    pub point: Option<Point3<f64>>,
+    /// Not to be used to find cameras.
+    pub held_out: bool,
+}
+
+/// A room under way.
+#[derive(Debug, Clone)]
+pub(super) struct Room<'a> {
+    rules: &'a RoomRules,
+    pub moments: Vec<Moment>,
+    /// By moment.
+    pub known: Vec<Known>,
+    /// Those that are known.
+    pub cameras: Vec<Option<Camera>>,
+    /// By camera: what is adjusted.
+    pub freed: Vec<Freedom>,
+    pub steps: Vec<Step>,
+    covariance: Vec<Option<CameraCovariance>>,
+}
+
+impl<'a> Room<'a> {
+    /// No camera is known yet.
+    pub fn new(recording: &Recording, moments: Vec<Moment>, rules: &'a RoomRules) -> Room<'a> {
+        let mut n_shared = 0;
+        let mut last_frame = None;
+        let mut known = Vec::with_capacity(moments.len());
+        for moment in &moments {
+            // All lights of a frame are kept back together.
+            let shared = moment.sights.len() >= 2;
+            if shared && last_frame != Some(moment.frame) {
+                n_shared += 1;
+                last_frame = Some(moment.frame);
+            }
+            let due = rules.hold_out_every >= 2 && n_shared % rules.hold_out_every == 0;
+            known.push(Known { point: None, held_out: shared && n_shared > 0 && due });
+        }
+        let n = recording.cameras.len();
+        let freed = recording.cameras.iter().map(|it| Freedom { pose: true, ..it.free }).collect();
+        Room { rules, moments, known, cameras: vec![None; n], freed, steps: Vec::new(), covariance: vec![None; n] }
+    }
+
+    /// The sightings of which there is no doubt which spot is meant, those kept back left out.
+    pub fn certain(&self) -> Vec<Sighting> {
+        let mut list = Vec::new();
+        for (frame, (moment, _)) in self.moments.iter().zip(&self.known).enumerate().filter(|it| !it.1.1.held_out) {
+            for sight in &moment.sights {
+                let pixel = sight.chosen.map(|it| sight.spots[it]);
+                list.extend(pixel.map(|pixel| Sighting { camera: sight.camera, frame, pixel }));
+            }
+        }
+        list
+    }
+
+    /// Adjusts in rounds that allow ever less, given in the rules' `inlier_px`; the last gives covariances.
+    pub fn settle(&mut self, rounds: &[f64]) {
+        for (round, limit) in rounds.iter().enumerate() {
+            self.intersect(limit * self.rules.inlier_px);
+            let last = round + 1 == rounds.len();
+            self.adjust(if last { Loss::HUBER } else { Loss::CAUCHY }, last);
+        }
+        self.intersect(self.rules.inlier_px);
+    }
+
+    /// For each moment the point on which most of its sights agree within `limit_px`, and which they are. A sight with several spots
+    /// takes the one nearest to where the others have the light.
+    pub fn intersect(&mut self, limit_px: f64) {
+        let cameras = &self.cameras;
+        for (moment, now) in self.moments.iter_mut().zip(&mut self.known) {
+            now.point = None;
+            moment.sights.iter_mut().for_each(|it| it.right = false);
+            let known = |it: &Sight| Some((cameras[it.camera].as_ref()?, it.spots[it.chosen?]));
+            let sights: Vec<(usize, (&Camera, Point2<f64>))> =
+                moment.sights.iter().enumerate().filter_map(|(index, it)| Some((index, known(it)?))).collect();
+            let pairs: Vec<(&Camera, Point2<f64>)> = sights.iter().map(|it| it.1).collect();
+            let Some(found) = agreeing_point(&pairs, limit_px) else { continue };
+            for ((index, _), agrees) in sights.iter().zip(&found.agreeing) {
+                moment.sights[*index].right = *agrees;
+            }
+            now.point = Some(found.point);
+            for sight in moment.sights.iter_mut().filter(|it| it.spots.len() > 1 && !it.right) {
+                let seen = cameras[sight.camera].as_ref().and_then(|it| it.project(&found.point));
+                let Some(seen) = seen else { continue };
+                let distance = |it: &Point2<f64>| (it - seen).norm();
+                let nearest = (0..sight.spots.len())
+                    .min_by(|a, b| distance(&sight.spots[*a]).total_cmp(&distance(&sight.spots[*b])));
+                if let Some(nearest) = nearest.filter(|it| distance(&sight.spots[*it]) <= limit_px) {
+                    (sight.chosen, sight.right) = (Some(nearest), true);
+                }
+            }
+        }
+    }
+
+    /// Adjusts all known cameras and the points of moments that are not kept back to the right sights.
+    pub fn adjust(&mut self, loss: Loss, last: bool) {
+        let members: Vec<usize> = (0..self.cameras.len()).filter(|it| self.cameras[*it].is_some()).collect();
+        let mut slots = vec![usize::MAX; self.cameras.len()];
+        members.iter().enumerate().for_each(|(slot, camera)| slots[*camera] = slot);
+        let (mut used, mut points, mut observations) = (Vec::new(), Vec::new(), Vec::new());
+        for (index, moment) in self.moments.iter().enumerate().filter(|it| !self.known[it.0].held_out) {
+            let Some(point) = self.known[index].point else { continue };
+            for sight in moment.sights.iter().filter(|it| it.right) {
+                let Some(pixel) = sight.chosen.map(|it| sight.spots[it]) else { continue };
+                let camera = slots[sight.camera];
+                observations.push(Observation { camera, point: points.len(), pixel, sigma_px: self.rules.sigma_px });
+            }
+            points.push(point);
+            used.push(index);
+        }
+        let cameras: Vec<Camera> = members.iter().filter_map(|it| self.cameras[*it].clone()).collect();
+        let freed: Vec<Freedom> = members.iter().map(|it| self.freed[*it]).collect();
+        let rules = BundleRules { loss, covariance: last, ..BundleRules::default() };
+        // What was intersected is seen by two cameras each; with nothing intersected all stays as it is.
+        let Ok(found) = adjust(&cameras, &freed, &points, &observations, &rules) else { return };
+        for (slot, camera) in members.iter().enumerate() {
+            self.cameras[*camera] = Some(found.cameras[slot].clone());
+        }
+        for (place, index) in used.iter().enumerate() {
+            self.known[*index].point = Some(found.points[place]);
+        }
+        let (stage, used) = (if last { "adjusted" } else { "adjusted, doubting" }, observations.len());
+        self.steps.push(Step { stage, rms_px: found.rms_px, used });
+        if let Some(Ok(covariance)) = found.covariance {
+            for (camera, covariance) in members.iter().zip(covariance) {
+                self.covariance[*camera] = Some(covariance);
+            }
+        }
+    }
+
+    /// All that is known, and the standard deviation of either coordinate of a right pixel [px].
+    pub fn into_solved(self, recording: &Recording, status: &[CameraStatus], links: Vec<Link>) -> (Solved, f64) {
+        let (mut points, mut sightings) = (Vec::new(), Vec::new());
+        for (moment, known) in self.moments.iter().zip(&self.known) {
+            let (frame, label) = (moment.frame, moment.label);
+            let point = known.point.map(|position| {
+                points.push(SolvedPoint { frame, time_s: moment.time_s, label, position });
+                points.len() - 1
+            });
+            for sight in &moment.sights {
+                let camera = self.cameras[sight.camera].as_ref();
+                // A sight whose spot nobody could choose shows its first, as one of those that say nothing.
+                let pixel = sight.spots[sight.chosen.unwrap_or(0)];
+                let seen = known.point.and_then(|point| camera?.project(&point)).filter(|_| sight.chosen.is_some());
+                let residual = seen.map(|it| it - pixel);
+                let role = match (residual, sight.right) {
+                    (None, _) => SightingRole::Unsolved,
+                    (Some(_), false) => SightingRole::Rejected,
+                    (Some(_), true) if known.held_out => SightingRole::HeldOut,
+                    (Some(_), true) => SightingRole::Used,
+                };
+                sightings.push(SolvedSighting { camera: sight.camera, frame, point, pixel, residual, role });
+            }
+        }
+        let sigma_px = pixel_sigma(&sightings, &points, &self.freed).unwrap_or(self.rules.sigma_px);
+        let factor = (sigma_px / self.rules.sigma_px).powi(2);
+        let cameras = recording.cameras.iter().zip(self.cameras).zip(self.freed).zip(self.covariance).zip(status);
+        let cameras = cameras.map(|((((guess, camera), freed), covariance), status)| SolvedCamera {
+            name: guess.name.clone(),
+            freed: if camera.is_some() { freed } else { Freedom::NONE },
+            camera: camera.unwrap_or_else(|| guess.camera.clone()),
+            status: status.clone(),
+            covariance: covariance.map(|it| scaled(it, factor)),
+            clock: None,
+        });
+        let cameras = cameras.collect();
+        let fixed = FixedFreedoms::default();
+        (Solved { cameras, points, sightings, steps: self.steps, links, fixed }, sigma_px)
+    }
+}
+
+/// From the residuals that the cameras were found from, corrected for what was adjusted to them; `None` without any to spare.
+fn pixel_sigma(sightings: &[SolvedSighting], points: &[SolvedPoint], freed: &[Freedom]) -> Option<f64> {
+    let used = sightings.iter().filter(|it| it.role == SightingRole::Used);
+    let (n, squares) =
+        used.clone().filter_map(|it| it.residual).fold((0, 0.0), |sum, it| (sum.0 + 2, sum.1 + it.norm_squared()));
+    let mut of_points: Vec<usize> = used.clone().filter_map(|it| it.point).collect();
+    of_points.dedup();
+    debug_assert!(of_points.len() <= points.len());
+    let mut of_cameras: Vec<usize> = used.map(|it| it.camera).collect();
+    of_cameras.sort_unstable();
+    of_cameras.dedup();
+    let adjusted: usize = of_cameras.iter().map(|it| freed[*it].n_parameters()).sum();
+    // Seven directions are the gauge's.
+    let free = (n + 7_usize).checked_sub(adjusted + 3 * of_points.len()).filter(|it| *it > 0)?;
+    Some((squares / free as f64).sqrt())
+}
+
+/// The covariance with pixels whose variance is `factor` times what was taken for it.
+fn scaled(mut covariance: CameraCovariance, factor: f64) -> CameraCovariance {
+    covariance.pose *= factor;
+    covariance.centre *= factor;
+    let (root, optics) = (factor.sqrt(), &mut covariance.optics);
+    optics.focal *= root;
+    optics.aspect *= root;
+    optics.principal.iter_mut().chain(&mut optics.radial).chain(&mut optics.decentering).for_each(|it| *it *= root);
+    covariance
+}
