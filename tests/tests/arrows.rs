@@ -23,7 +23,22 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("led", &["foveate"]),
     ("blob", &["foveate"]),
     ("export", &["foveate"]),
-    ("cli", &["blob", "capture", "dataflow", "export", "led", "scene", "sim"]),
+    (
+        "cli",
+        &[
+            "blob",
+            "calibration",
+            "capture",
+            "dataflow",
+            "estimation",
+            "export",
+            "geometry",
+            "led",
+            "messages",
+            "scene",
+            "sim",
+        ],
+    ),
     ("tests", &[]),
     ("examples", &["cli", "foveate"]),
 ];

@@ -1,5 +1,6 @@
 //! The commands of the `foveate` program.
 
+mod calibrate;
 mod check;
 mod convert;
 mod graph;
@@ -37,6 +38,8 @@ const EXIT_CODES: &str = "Exit codes: 0 done · 2 the rig or its input is at fau
 enum Command {
     /// Run a rig and write what it recovers into a results folder
     Run(RunArgs),
+    /// Calibrate a rig's cameras from one waved light, with guidance and a verdict
+    Calibrate(Box<calibrate::CalibrateArgs>),
     /// Find every fault of a rig before anything runs
     Check {
         /// The rig (TOML)
@@ -134,6 +137,7 @@ impl Cli {
     pub fn run(self) -> u8 {
         match self.command {
             Command::Run(args) => run::run(&args),
+            Command::Calibrate(args) => calibrate::run(&args),
             Command::Check { rig } => check::run(&rig),
             Command::Convert(args) => convert::run(&args),
             Command::Nodes { node_type } => nodes::run(node_type.as_deref()),

@@ -1,6 +1,8 @@
 //! The `foveate` program: the only room that knows all the others and the built-in plugins.
 
+pub mod calibrate;
 pub mod commands;
+mod interrupt;
 pub mod outcome;
 pub mod output;
 pub mod progress;

@@ -77,7 +77,7 @@ pub fn summary(outcome: &Outcome) -> String {
 }
 
 /// A JSON number; whole ones without a point, what is not finite as `null`.
-fn number(value: f64) -> Value {
+pub fn number(value: f64) -> Value {
     if value.fract() == 0.0 && value.abs() < 9e15 { json!(value as i64) } else { json!(value) }
 }
 

@@ -1,0 +1,194 @@
+//! Sightings out of a rig: its sources and detectors run, and all that comes after them is left out.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use foveate_calibration::coverage::{Coverage, CoverageRules};
+use foveate_calibration::recording::{CameraGuess, Recording};
+use foveate_dataflow::graph::{Graph, Instance};
+use foveate_dataflow::rig::{self, Overrides};
+use foveate_dataflow::run::{self, Options, Outcome, Progress};
+use foveate_dataflow::{Registry, Role};
+use foveate_scene::{Draft, WorkingVolume};
+
+use super::guide::Guide;
+use super::recorder::{self, Gathered, Shared};
+use crate::output::wants_color;
+use crate::{interrupt, registry};
+
+/// The node that is added to the rig.
+const RECORDER: &str = "calibrate_recorder";
+/// The node that is added besides, so that what was seen can be calibrated with again.
+const TABLE: &str = "calibrate_sightings";
+/// What it writes.
+pub const SIGHTINGS: &str = "sightings.csv";
+
+/// How to run the rig.
+#[derive(Debug, Clone, Default)]
+pub struct Wishes {
+    /// The node whose features to take; needed when a rig has several.
+    pub node: Option<String>,
+    /// In place of the rig's [s].
+    pub duration_s: Option<f64>,
+    /// In place of the rig's.
+    pub seed: Option<u64>,
+    /// On the wall clock.
+    pub live: bool,
+    /// Show nothing.
+    pub quiet: bool,
+    /// End a live run when it is enough.
+    pub stop_when_enough: bool,
+    /// What counts as enough.
+    pub coverage: CoverageRules,
+}
+
+/// What was seen.
+pub struct Captured {
+    /// All looks; its cameras as guessed.
+    pub recording: Recording,
+    /// Where the light has been.
+    pub coverage: Coverage,
+    /// How the run went.
+    pub outcome: Outcome,
+}
+
+/// The calibration to begin with, of which not all need be known.
+///
+/// # Errors
+/// Sentences for the person.
+pub fn draft(rig: &Path) -> Result<(PathBuf, Draft), String> {
+    let path = rig::calibration_path(rig).map_err(|faults| faults.render(wants_color()))?;
+    let minimal = "a file with `[calibration]`, `length_unit = \"unknown\"`, and for each camera `[camera.NAME]` with \
+                   `image_size_px = [columns, rows]`";
+    let path = path.ok_or_else(|| {
+        format!(
+            "error: {} names no calibration, expected `calibration = \"FILE\"` under `[rig]`: {minimal}",
+            rig.display()
+        )
+    })?;
+    if !path.exists() {
+        return Err(format!("error: {} does not exist, expected at least {minimal}", path.display()));
+    }
+    let draft = Draft::load(&path).map_err(|error| format!("error: {error}"))?;
+    Ok((path, draft))
+}
+
+/// Runs what leads to the features of `rig`, and gathers them.
+///
+/// # Errors
+/// Sentences for the person, with all faults of the rig.
+pub fn capture(
+    rig_path: &Path,
+    draft: &Draft,
+    cameras: Vec<CameraGuess>,
+    folder: &Path,
+    wishes: &Wishes,
+) -> Result<Captured, String> {
+    let coverage = Coverage::new(&cameras, &wishes.coverage);
+    let shared: Shared = Arc::new(Mutex::new(Gathered { looks: Vec::new(), coverage }));
+    let mut registry = registry();
+    recorder::register(&mut registry, &shared);
+    let graph = Arc::new(detectors(rig_path, draft, &registry, wishes)?);
+    if let Some([min, max]) = graph.scales.first().and_then(|it| it.volume_m)
+        && let Some(volume) = WorkingVolume::new(min.into(), max.into())
+        && draft.unknown.values().all(|it| !it.pose)
+    {
+        let known: Vec<_> = draft.calibration.cameras.iter().map(|it| Some(it.camera.clone())).collect();
+        lock(&shared).coverage.place(&known, volume);
+    }
+    let outcome = run(&graph, &shared, folder, wishes)?;
+    let mut gathered = lock(&shared);
+    let looks = std::mem::take(&mut gathered.looks);
+    let coverage = gathered.coverage.clone();
+    Ok(Captured { recording: Recording { cameras, looks }, coverage, outcome })
+}
+
+fn lock(shared: &Shared) -> std::sync::MutexGuard<'_, Gathered> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The part of the rig that gives features, with the recorder at its end.
+fn detectors(path: &Path, draft: &Draft, registry: &Registry, wishes: &Wishes) -> Result<Graph, String> {
+    let overrides = Overrides {
+        seed: wishes.seed,
+        duration_s: wishes.duration_s,
+        calibration: Some(Arc::new(draft.calibration.clone())),
+    };
+    let faults = |faults: rig::Faults| faults.render(wants_color());
+    let text =
+        std::fs::read_to_string(path).map_err(|error| format!("error: cannot read {}: {error}", path.display()))?;
+    let whole = rig::load(&text, path, registry, &overrides).map_err(faults)?;
+    let (scale, node, port) = choose(&whole, wishes.node.as_deref())?;
+    let addition = format!(
+        "\n\n[scale.{scale}.node.{RECORDER}]\ntype = \"calibrate.recorder\"\nin = {{ features = \"{node}.{port}\" }}\n\
+         \n[scale.{scale}.node.{TABLE}]\ntype = \"export.features\"\nin = {{ features = \"{node}.{port}\" }}\nfile = \"{SIGHTINGS}\"\n"
+    );
+    let graph = rig::load(&format!("{text}{addition}"), path, registry, &overrides).map_err(faults)?;
+    Ok(graph.leading_to(|it| it.node == RECORDER || it.node == TABLE))
+}
+
+/// Scale, node and output port of the features to take.
+fn choose(graph: &Graph, wanted: Option<&str>) -> Result<(String, String, &'static str), String> {
+    let port =
+        |it: &Instance| it.node_type.ports.outputs.iter().find(|it| it.message.name == "features").map(|it| it.name);
+    // By node: one entry, whatever the number of its cameras.
+    let mut offers: BTreeMap<(usize, &str), (&'static str, Role)> = BTreeMap::new();
+    for instance in &graph.instances {
+        if let Some(port) = port(instance) {
+            offers.insert((instance.scale, &instance.node), (port, instance.node_type.role));
+        }
+    }
+    if offers.is_empty() {
+        return Err("error: no node of this rig gives features, expected a detector such as `led.detector`, or `capture.detections`".into());
+    }
+    let is_wanted = |node: &str| wanted.is_none_or(|it| it == node || it.rsplit('.').next() == Some(node));
+    let has_detector = offers.values().any(|it| it.1 == Role::Detector);
+    let fitting: Vec<_> = offers
+        .iter()
+        .filter(|((_, node), (_, role))| {
+            is_wanted(node) && (wanted.is_some() || !has_detector || *role == Role::Detector)
+        })
+        .collect();
+    let named = |((scale, node), _): &(&(usize, &str), &(&str, Role))| format!("{}.{node}", graph.scales[*scale].name);
+    match fitting[..] {
+        [(&(scale, node), &(port, _))] => Ok((graph.scales[scale].name.clone(), node.to_owned(), port)),
+        [] => {
+            let names: Vec<String> = offers.iter().map(|it| named(&it)).collect();
+            Err(format!(
+                "error: `--from {}` is no node that gives features, expected one of: {}",
+                wanted.unwrap_or_default(),
+                names.join(", ")
+            ))
+        }
+        _ => {
+            let names: Vec<String> = fitting.iter().map(named).collect();
+            Err(format!(
+                "error: several nodes give features: {}; expected `--from NODE` with one of them",
+                names.join(", ")
+            ))
+        }
+    }
+}
+
+fn run(graph: &Arc<Graph>, shared: &Shared, folder: &Path, wishes: &Wishes) -> Result<Outcome, String> {
+    let options = Options { out_dir: Some(folder.to_owned()), ..Options::default() };
+    interrupt::stops(&options.stop).map_err(|it| format!("error: {it}"))?;
+    let has_device = graph.instances.iter().any(|it| it.node_type.live);
+    let is_live = wishes.live || has_device;
+    let mut guide = Guide::new(graph, is_live);
+    let stop = Arc::clone(&options.stop);
+    let mut observe = |progress: &Progress| {
+        if !wishes.quiet {
+            guide.show(progress, shared);
+        }
+        if is_live && wishes.stop_when_enough && guide.is_enough(shared) {
+            stop.store(true, Ordering::Relaxed);
+        }
+    };
+    let engine = if is_live { run::live } else { run::deterministic };
+    let outcome = engine(Arc::clone(graph), &options, &mut observe).map_err(|error| format!("error: {error}"));
+    guide.end();
+    outcome
+}

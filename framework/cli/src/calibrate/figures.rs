@@ -1,0 +1,54 @@
+//! A solved room in figures: `summary.json`.
+
+use std::collections::BTreeMap;
+
+use foveate_calibration::room::SolvedRoom;
+use foveate_calibration::solved::{SightingRole, Solved};
+use foveate_estimation::statistics::Summary;
+use foveate_geometry::CameraStatus;
+
+/// Figures by dotted name, as those of a run.
+pub fn figures(room: &SolvedRoom) -> BTreeMap<String, f64> {
+    let solved = &room.solved;
+    let mut figures = BTreeMap::new();
+    let mut put = |name: &str, value: f64| {
+        figures.insert(name.to_owned(), value);
+    };
+    let calibrated = solved.cameras.iter().filter(|it| it.status == CameraStatus::Calibrated).count();
+    put("cameras", solved.cameras.len() as f64);
+    put("cameras_calibrated", calibrated as f64);
+    put("cameras_moved", room.moved.len() as f64);
+    put("frames", moments(solved, 1) as f64);
+    put("frames_used", moments(solved, 2) as f64);
+    put("frames_used.of_three", moments(solved, 3) as f64);
+    put("pixel_sigma_px", room.sigma_px);
+    for (name, role) in [("reprojection_px", SightingRole::Used), ("holdout_px", SightingRole::HeldOut)] {
+        let errors = errors(solved, role, None);
+        let summary = Summary::of(&errors);
+        put(&format!("{name}.sightings"), errors.len() as f64);
+        put(&format!("{name}.median"), summary.map_or(f64::NAN, |it| it.median));
+        put(&format!("{name}.p90"), summary.map_or(f64::NAN, |it| it.p90));
+    }
+    put("sightings_rejected", errors(solved, SightingRole::Rejected, None).len() as f64);
+    for (index, camera) in solved.cameras.iter().enumerate() {
+        let summary = Summary::of(&errors(solved, SightingRole::Used, Some(index)));
+        put(&format!("reprojection_px.median[{}]", camera.name), summary.map_or(f64::NAN, |it| it.median));
+    }
+    figures
+}
+
+/// Lengths of the residuals of sightings in one role, of one camera if asked for [px].
+pub fn errors(solved: &Solved, role: SightingRole, camera: Option<usize>) -> Vec<f64> {
+    let of = solved.sightings.iter().filter(|it| it.role == role && camera.is_none_or(|camera| it.camera == camera));
+    of.filter_map(|it| Some(it.residual?.norm())).collect()
+}
+
+/// Moments of which so many right sightings at least are known, those kept back among them; one: at which anything was seen.
+fn moments(solved: &Solved, least: usize) -> usize {
+    let mut counts: BTreeMap<usize, usize> = BTreeMap::new();
+    for it in &solved.sightings {
+        let counts_here = matches!(it.role, SightingRole::Used | SightingRole::HeldOut) || least <= 1;
+        *counts.entry(it.frame).or_default() += usize::from(counts_here);
+    }
+    counts.values().filter(|it| **it >= least).count()
+}

@@ -1,0 +1,78 @@
+//! `calibrate.recorder`: hands the features of all cameras to the program that runs the rig.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use foveate_calibration::coverage::Coverage;
+use foveate_calibration::recording::{Look, Spot};
+use foveate_dataflow::error::{ConfigError, NodeError};
+use foveate_dataflow::{In, Io, Node, Ports, Registry, Role, Setup};
+use foveate_messages::Features;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+const FEATURES: In<Features> = In::each(0, "features").many();
+
+/// No spot is known better than this [px]; detectors that state less state nothing.
+const LEAST_SIGMA_PX: f64 = 1e-3;
+
+/// What was gathered so far.
+#[derive(Debug)]
+pub struct Gathered {
+    /// In the order of delivery.
+    pub looks: Vec<Look>,
+    /// Where the light has been.
+    pub coverage: Coverage,
+}
+
+/// Shared between the node and the program.
+pub type Shared = Arc<Mutex<Gathered>>;
+
+/// It has none.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RecorderSettings {}
+
+/// Keeps what it gets for the program.
+pub struct Recorder(Shared);
+
+impl Node for Recorder {
+    const TYPE: &'static str = "calibrate.recorder";
+    const ROLE: Role = Role::Sink;
+    const SUMMARY: &'static str = "Hands features to `foveate calibrate`, which adds it to a rig by itself";
+    type Settings = RecorderSettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&FEATURES)
+    }
+
+    fn new(_settings: RecorderSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        let message = format!("`{}` works in `foveate calibrate` only, expected it nowhere in a rig", setup.instance);
+        Err(ConfigError { setting: None, message })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let mut gathered = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        while let Some(message) = io.take(&FEATURES) {
+            let spot = |it: &foveate_messages::Feature| Spot {
+                pixel: it.centre,
+                sigma_px: (it.covariance.trace() / 2.0).max(0.0).sqrt().max(LEAST_SIGMA_PX),
+                peak: f64::from(it.peak),
+                label: None,
+            };
+            let look = Look {
+                camera: usize::from(message.value.camera.0),
+                time_s: message.time().as_s(),
+                spots: message.value.list.iter().map(spot).collect(),
+            };
+            gathered.coverage.observe(&look);
+            gathered.looks.push(look);
+        }
+        Ok(())
+    }
+}
+
+/// Makes the node known, its nodes tied to `shared`.
+pub fn register(registry: &mut Registry, shared: &Shared) {
+    let shared = Arc::clone(shared);
+    registry.add_made::<Recorder>(move |_, _| Ok(Recorder(Arc::clone(&shared))));
+}

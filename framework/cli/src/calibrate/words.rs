@@ -1,0 +1,162 @@
+//! A solved room in words, for the terminal.
+
+use std::fmt::Write;
+
+use foveate_calibration::recording::Recording;
+use foveate_calibration::room::{SolvedRoom, in_names};
+use foveate_calibration::solved::{FixedFreedoms, SightingRole, SolvedCamera};
+use foveate_estimation::statistics::Summary;
+use foveate_geometry::{CameraStatus, OpticHeld};
+use foveate_scene::Fixed;
+
+use super::figures::{errors, figures};
+
+/// Cameras with more than that are in the files only.
+const SHOWN: usize = 64;
+/// Optics of a camera that stay as given are told one by one up to so many cameras.
+const HELD_SHOWN: usize = 6;
+
+/// What was found, camera by camera.
+pub fn describe(room: &SolvedRoom, recording: &Recording) -> String {
+    let solved = &room.solved;
+    let figure = figures(room);
+    let value = |name: &str| figure.get(name).copied().unwrap_or(f64::NAN);
+    let mut text = String::new();
+    let _ = writeln!(
+        text,
+        "calibrated {:.0} of {:.0} cameras from {:.0} of {:.0} moments",
+        value("cameras_calibrated"),
+        value("cameras"),
+        value("frames_used"),
+        value("frames")
+    );
+    let _ = writeln!(
+        text,
+        "  re-projection {:.2} px median, {:.2} px at 90 %; moments kept back {:.2} px, {:.2} px; noise of a coordinate {:.2} px",
+        value("reprojection_px.median"),
+        value("reprojection_px.p90"),
+        value("holdout_px.median"),
+        value("holdout_px.p90"),
+        room.sigma_px
+    );
+    let unit = if solved.fixed.scale.is_some() { "mm" } else { "mu" };
+    let width = solved.cameras.iter().map(|it| it.name.chars().count()).max().unwrap_or(0).max(6);
+    let _ = writeln!(text, "\n  {:width$}  frames  median    p90  kept back    focal        centre ±", "camera");
+    for (index, camera) in solved.cameras.iter().enumerate().take(SHOWN) {
+        if camera.status != CameraStatus::Calibrated {
+            let _ = writeln!(text, "  {:width$}  not calibrated: {}", camera.name, in_names(&camera.status, recording));
+            continue;
+        }
+        let of = |role| Summary::of(&errors(solved, role, Some(index)));
+        let (used, kept) = (of(SightingRole::Used), of(SightingRole::HeldOut));
+        let px = |it: Option<f64>| it.map_or("-".to_owned(), |it| format!("{it:.2} px"));
+        let _ = writeln!(
+            text,
+            "  {:width$}  {:6}  {:>7} {:>7}  {:>8}  {:>13}  {}",
+            camera.name,
+            used.map_or(0, |it| it.count) + kept.map_or(0, |it| it.count),
+            px(used.map(|it| it.median)),
+            px(used.map(|it| it.p90)),
+            px(kept.map(|it| it.median)),
+            focal(camera),
+            centre_sigma(camera, unit),
+        );
+    }
+    if solved.cameras.len() > SHOWN {
+        let _ = writeln!(text, "  … and {} more in summary.json", solved.cameras.len() - SHOWN);
+    }
+    if solved.fixed.scale.is_none() {
+        text += "  (1000 mu are one unit of length: nothing fixes the scale)\n";
+    }
+    text.push('\n');
+    text += &fixed(&solved.fixed);
+    for line in left_out(room, recording) {
+        text += &line;
+        text.push('\n');
+    }
+    text
+}
+
+/// What was not used or not found beyond single sightings, and what moved: a sentence each.
+pub fn left_out(room: &SolvedRoom, recording: &Recording) -> Vec<String> {
+    let solved = &room.solved;
+    let unit = if solved.fixed.scale.is_some() { "mm" } else { "mu" };
+    let mut list = Vec::new();
+    for camera in solved.cameras.iter().filter(|it| it.status != CameraStatus::Calibrated) {
+        list.push(format!("left out: {}: {}", camera.name, in_names(&camera.status, recording)));
+    }
+    for moved in &room.moved {
+        list.push(format!(
+            "moved: {} by {:.1} {unit} and {:.1} mrad; under the older calibration it was {:.1} px off",
+            solved.cameras[moved.camera].name,
+            1e3 * moved.distance,
+            1e3 * moved.angle_rad,
+            moved.before_px
+        ));
+    }
+    list.extend(held(room));
+    list.extend(set_aside(room));
+    list
+}
+
+fn focal(camera: &SolvedCamera) -> String {
+    let focal = camera.camera.intrinsics.focal[0];
+    match &camera.covariance {
+        Some(it) if camera.freed.focal => format!("{focal:.1} ± {:.1}", it.optics.focal * focal),
+        _ => format!("{focal:.1}"),
+    }
+}
+
+fn centre_sigma(camera: &SolvedCamera, unit: &str) -> String {
+    match &camera.covariance {
+        Some(it) => format!("{:.2} {unit}", 1e3 * it.centre.symmetric_eigenvalues().max().max(0.0).sqrt()),
+        None => "open".to_owned(),
+    }
+}
+
+/// What fixes scale, vertical and origin, and what does not.
+pub fn fixed(fixed: &FixedFreedoms) -> String {
+    let one = |what: &str, it: &Option<Fixed>, unit: &str, factor: f64, how: &str| match it {
+        Some(Fixed { by, sigma: Some(sigma) }) => format!("{what}: by {by}, ± {:.2} {unit}\n", factor * sigma),
+        Some(Fixed { by, sigma: None }) => format!("{what}: by {by}\n"),
+        None => format!("{what}: not fixed ({how})\n"),
+    };
+    one("scale", &fixed.scale, "%", 100.0, "say --wand-mm or --distance")
+        + &one("vertical", &fixed.gravity, "mrad", 1e3, "say --floor-stops, --falling, --plumb or --upright")
+        + &one("origin", &fixed.origin, "mm", 1e3, "say --floor-stops or --l-frame")
+}
+
+/// Optics that were to be found and stay as given.
+fn held(room: &SolvedRoom) -> Vec<String> {
+    let with = room.held.iter().enumerate().filter(|it| !it.1.is_empty());
+    let n = with.clone().count();
+    let one = |(camera, list): (usize, &Vec<OpticHeld>)| {
+        let reasons: Vec<String> = list.iter().map(OpticHeld::to_string).collect();
+        format!("optics of {}: {}", room.solved.cameras[camera].name, reasons.join("; "))
+    };
+    let mut lines: Vec<String> = with.take(HELD_SHOWN).map(one).collect();
+    if n > HELD_SHOWN {
+        lines.push(format!("optics of {} more cameras stay as given in part", n - HELD_SHOWN));
+    }
+    lines
+}
+
+/// What of the pictures was not used, and why.
+fn set_aside(room: &SolvedRoom) -> Vec<String> {
+    let mut lines = Vec::new();
+    for (camera, it) in room.solved.cameras.iter().zip(&room.cleaning) {
+        let mut parts = Vec::new();
+        let mut part = |n: usize, what: &str| parts.extend((n > 0).then(|| format!("{n} {what}")));
+        part(it.unusable, "spots outside of the picture or without a number");
+        part(it.repeated_times, "pictures of a time that was there already");
+        part(it.repeated_pictures, "pictures that repeat the one before");
+        part(it.lamps.len(), "places with a light that does not move");
+        if !parts.is_empty() {
+            let lamps: Vec<String> =
+                it.lamps.iter().take(3).map(|it| format!("({:.0}, {:.0})", it[0], it[1])).collect();
+            let at = if lamps.is_empty() { String::new() } else { format!(" at {} px", lamps.join(", ")) };
+            lines.push(format!("set aside of {}: {}{at}", camera.name, parts.join(", ")));
+        }
+    }
+    lines
+}

@@ -1,0 +1,386 @@
+//! `foveate calibrate`: a rig's detectors run, what they see of a waved light becomes a calibration with a verdict.
+
+use std::path::{Path, PathBuf};
+
+use clap::ValueEnum;
+use foveate_calibration::axes::{self, AxesRules, Wishes};
+use foveate_calibration::checks::{CheckRules, Checks, LengthSample, Level, check};
+use foveate_calibration::recording::{CameraGuess, Recording};
+use foveate_calibration::report::{self, Grade, ReportInput};
+use foveate_calibration::room::{self, Origin, RoomRules, SolvedRoom, Sought};
+use foveate_calibration::solved::{FixedFreedoms, SightingRole};
+use foveate_calibration::wand::{self, RefineRules, Wand, WandSample, WandSighting};
+use foveate_geometry::{Camera, Distortion, Freedom};
+use foveate_scene::draft::{guessed_focal, middle};
+use foveate_scene::{Calibration, Draft, LengthUnit};
+use serde_json::{Map, Value};
+
+use super::seconds;
+use crate::calibrate::capture::{self, Captured};
+use crate::calibrate::{figures, words};
+use crate::output::say;
+use crate::{exit, results};
+
+/// `foveate calibrate`
+#[derive(Debug, clap::Args)]
+pub struct CalibrateArgs {
+    /// The rig (TOML)
+    #[arg(value_hint = clap::ValueHint::FilePath)]
+    rig: PathBuf,
+    /// Use nothing of the rig's calibration but names and picture sizes (and optics, with `--optics known`)
+    #[arg(long)]
+    from_nothing: bool,
+    /// What to find of the cameras' optics [default: what the calibration does not state; with --from-nothing, all]
+    #[arg(long, value_enum)]
+    optics: Option<Optics>,
+    /// The node whose features to take, where a rig has several
+    #[arg(long, value_name = "NODE")]
+    from: Option<String>,
+    /// Folder for the results; files of the same names in it are overwritten [default: results/RIG-N, the first free N]
+    #[arg(long, value_name = "DIR", value_hint = clap::ValueHint::DirPath)]
+    out: Option<PathBuf>,
+    /// Write report.html: the room in 3D, residuals, convergence, coverage
+    #[arg(long)]
+    report: bool,
+    /// Replace the calibration that the rig names, unless the verdict is "redo"; the older one is kept beside it
+    #[arg(long)]
+    write: bool,
+    /// A sighting is right when at most this far from where its point is seen [px]
+    #[arg(long, value_name = "PX", default_value_t = 3.0, value_parser = pixels)]
+    inlier_px: f64,
+    /// Wave a wand with two lights this far apart
+    #[arg(long, value_name = "MM", help_heading = "Scale and axes", allow_negative_numbers = true)]
+    wand_mm: Option<f64>,
+    /// A known distance, as wide-1:wide-2=3.2m; a place is a camera, @2 (where the light stood still for the second time) or @12.5..13.1 (where it was then) [s]
+    #[arg(long, value_name = "A:B=LENGTH", help_heading = "Scale and axes")]
+    distance: Vec<String>,
+    /// The first three times that the light stood still, it lay on the floor: at the origin, on the X axis, elsewhere
+    #[arg(long, help_heading = "Scale and axes")]
+    floor_stops: bool,
+    /// Height of the light's centre above the floor at those stops
+    #[arg(
+        long,
+        value_name = "MM",
+        requires = "floor_stops",
+        help_heading = "Scale and axes",
+        allow_negative_numbers = true
+    )]
+    floor_height_mm: Option<f64>,
+    /// A place of known coordinates [m], at least three times, as @1=0,0,0 @2=1,0,0 @3=0,1,0
+    #[arg(long, value_name = "PLACE=X,Y,Z", help_heading = "Scale and axes")]
+    l_frame: Vec<String>,
+    /// The light falls freely within this span of time [s]
+    #[arg(long, value_name = "FROM..UNTIL", help_heading = "Scale and axes")]
+    falling: Vec<String>,
+    /// Two places on a plumb line, the upper one first
+    #[arg(long, value_name = "TOP:BOTTOM", help_heading = "Scale and axes")]
+    plumb: Option<String>,
+    /// The cameras are mounted without roll: the vertical from that, roughly
+    #[arg(long, help_heading = "Scale and axes")]
+    upright: bool,
+    /// End the session after so many seconds of its own time
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
+    duration: Option<f64>,
+    /// Seed of everything random, in place of the rig's
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Run on the wall clock; a rig with a camera always does
+    #[arg(long)]
+    live: bool,
+    /// In a run on the wall clock, go on until Ctrl-C or the rig's end even when the light has been everywhere it should
+    #[arg(long)]
+    keep_going: bool,
+    /// Show no progress
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+/// The length of a wand is taken as right to this, standard deviation [m].
+const WAND_SIGMA_M: f64 = 2e-4;
+
+/// What is found of each camera's optics.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Optics {
+    /// Nothing: they are right
+    Known,
+    /// The focal length; the rest is right
+    Focal,
+    /// Focal length and radial distortion
+    Lens,
+    /// Also principal point and decentering
+    All,
+}
+
+impl Optics {
+    fn freedom(self) -> Freedom {
+        let focal = Freedom { focal: true, ..Freedom::POSE };
+        match self {
+            Optics::Known => Freedom::POSE,
+            Optics::Focal => focal,
+            Optics::Lens => Freedom { k1: true, k2: true, ..focal },
+            Optics::All => Freedom { k1: true, k2: true, principal: true, decentering: true, ..focal },
+        }
+    }
+}
+
+/// A distance in pixels on the command line.
+fn pixels(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|it| *it > 0.0 && *it <= 1000.0);
+    number.ok_or_else(|| format!("found {text}, expected a number above 0, to 1000 [px]"))
+}
+
+pub(super) fn run(args: &CalibrateArgs) -> u8 {
+    match calibrate(args) {
+        Ok(code) => code,
+        Err(sentences) => {
+            eprintln!("{}", sentences.trim_end());
+            exit::INPUT
+        }
+    }
+}
+
+/// What is computed with.
+struct Plan {
+    cameras: Vec<CameraGuess>,
+    /// Whether poses are found from nothing.
+    from_nothing: bool,
+    /// Whether nothing is known of focal lengths.
+    focal_unknown: bool,
+}
+
+impl Plan {
+    fn new(args: &CalibrateArgs, draft: &Draft) -> Result<Plan, String> {
+        let unknown = |name: &str| draft.unknown.get(name).copied().unwrap_or_default();
+        let without_pose = draft.calibration.cameras.iter().filter(|it| unknown(&it.name).pose).count();
+        let from_nothing = args.from_nothing || 2 * without_pose >= draft.calibration.cameras.len();
+        if without_pose > 0 && !from_nothing {
+            let names: Vec<&str> = draft.unknown.iter().filter(|it| it.1.pose).map(|it| it.0.as_str()).collect();
+            return Err(format!(
+                "error: {} have no pose and the others have, expected all or none; say --from-nothing to find all of them",
+                names.join(", ")
+            ));
+        }
+        let forget = args.from_nothing && args.optics.is_none_or(|it| it != Optics::Known);
+        let guess = |named: &foveate_scene::NamedCamera| {
+            let (mut camera, unknown) = (named.camera.clone(), unknown(&named.name));
+            let free = match (args.optics, args.from_nothing) {
+                (Some(optics), _) => optics.freedom(),
+                (None, true) => Optics::All.freedom(),
+                (None, false) => Freedom {
+                    focal: unknown.focal,
+                    principal: unknown.principal && unknown.focal,
+                    k1: unknown.distortion && unknown.focal,
+                    k2: unknown.distortion && unknown.focal,
+                    ..Freedom::POSE
+                },
+            };
+            if forget {
+                forget_optics(&mut camera, free);
+            }
+            CameraGuess { name: named.name.clone(), camera, free }
+        };
+        let cameras: Vec<CameraGuess> = draft.calibration.cameras.iter().map(guess).collect();
+        let focal_unknown = forget || draft.unknown.values().any(|it| it.focal);
+        Ok(Plan { cameras, from_nothing, focal_unknown })
+    }
+}
+
+/// Puts what is to be found of a camera's optics back to what can be said of any camera.
+fn forget_optics(camera: &mut Camera, free: Freedom) {
+    if free.focal {
+        camera.intrinsics.focal = guessed_focal(camera.image_size);
+        camera.intrinsics.skew = 0.0;
+    }
+    if free.principal {
+        camera.intrinsics.principal = middle(camera.image_size);
+    }
+    if free.k1 {
+        camera.distortion = Distortion::default();
+    }
+}
+
+fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
+    let givens = wishes(args).givens().map_err(|fault| format!("error: {fault}"))?;
+    let (path, draft) = capture::draft(&args.rig)?;
+    if args.write {
+        check_writable(&path)?;
+    }
+    let plan = Plan::new(args, &draft)?;
+    let stem = args.rig.file_stem().map_or_else(|| "rig".to_owned(), |it| it.to_string_lossy().into_owned());
+    let folder = results::make_folder(args.out.as_deref(), &stem).map_err(|it| format!("error: {it}"))?;
+    let how = capture::Wishes {
+        node: args.from.clone(),
+        duration_s: args.duration,
+        seed: args.seed,
+        live: args.live,
+        quiet: args.quiet,
+        stop_when_enough: !args.keep_going,
+        coverage: Default::default(),
+    };
+    let captured = capture::capture(&args.rig, &draft, plan.cameras.clone(), &folder, &how)?;
+    if let Some(fault) = captured.outcome.faults.first() {
+        eprintln!("fault: {} at {}: {}", fault.instance, fault.time, fault.message);
+    }
+    let progress = |what: &str| {
+        if !args.quiet {
+            eprintln!("{what} …");
+        }
+    };
+    progress("solving the room");
+    let fixed = fixed_before(&draft.calibration, &plan);
+    let rules = RoomRules {
+        inlier_px: args.inlier_px,
+        focal_unknown: plan.focal_unknown,
+        seed: args.seed.unwrap_or(1),
+        ..RoomRules::default()
+    };
+    let sought = if args.wand_mm.is_some() { Sought::Wand } else { Sought::Light };
+    let solve = match plan.from_nothing {
+        true => room::from_nothing(&captured.recording, sought, &rules),
+        false => room::recalibrate(&captured.recording, sought, &fixed, &rules),
+    };
+    let mut solved = solve.map_err(|fault| format!("error: {fault}{}", hint(&captured)))?;
+    let lengths = match args.wand_mm {
+        Some(length_mm) => Some(measured_by_wand(&mut solved, length_mm)?),
+        None => None,
+    };
+    if !givens.is_empty() {
+        let found = axes::fix(&solved.solved, &givens, &AxesRules::default());
+        solved.solved = found.map_err(|fault| format!("error: {fault}"))?.solved;
+    }
+    progress("checking it");
+    let checks = check(&solved.solved, lengths.as_deref(), &CheckRules::default());
+    conclude(args, &path, &folder, &captured, &solved, &checks)
+}
+
+/// Adjusts the room with the length of the wand; how that length comes out at moments that were kept back.
+fn measured_by_wand(room: &mut SolvedRoom, length_mm: f64) -> Result<Vec<LengthSample>, String> {
+    let refused = |fault: &dyn std::fmt::Display| format!("error: the wand: {fault}");
+    let wand = Wand { ends: [0, 1], length_m: length_mm / 1e3, sigma_m: WAND_SIGMA_M };
+    let rules = RefineRules { sigma_px: room.sigma_px, ..RefineRules::default() };
+    let refined = wand::refine(&room.solved, &wand, &rules).map_err(|fault| refused(&fault))?;
+    room.solved = refined.solved;
+    // Those that the adjustment knew of have the right length because they were made to.
+    let kept_back: Vec<WandSighting> = room.wand_sightings(SightingRole::HeldOut);
+    let measured = wand::intersect(&room.solved.cameras, &kept_back);
+    let samples = wand::lengths(&measured, wand.ends).map_or_else(|_| refined.before.samples, |it| it.samples);
+    let error = |it: &WandSample| LengthSample { at: it.middle, relative_error: it.length / wand.length_m - 1.0 };
+    Ok(samples.iter().map(error).collect())
+}
+
+/// What to do about a room that cannot be solved, as far as coverage tells.
+fn hint(captured: &Captured) -> String {
+    let missing = captured.coverage.state().missing;
+    missing.iter().take(3).map(|it| format!("\n  {it}")).collect()
+}
+
+fn wishes(args: &CalibrateArgs) -> Wishes {
+    Wishes {
+        wand_mm: args.wand_mm,
+        distances: args.distance.clone(),
+        floor_stops: args.floor_stops,
+        n_floor_stops: None,
+        floor_height_mm: args.floor_height_mm,
+        l_frame: args.l_frame.clone(),
+        falling: args.falling.clone(),
+        plumb: args.plumb.clone(),
+        upright: args.upright,
+    }
+}
+
+/// What fixes scale and axes of the calibration that is to be adjusted.
+fn fixed_before(older: &Calibration, plan: &Plan) -> FixedFreedoms {
+    if plan.from_nothing {
+        return FixedFreedoms::default();
+    }
+    let provenance = older.provenance.clone().unwrap_or_default();
+    let inherited = || foveate_scene::Fixed { by: "the older calibration".to_owned(), sigma: None };
+    let is_metric = older.length_unit == LengthUnit::Metre;
+    FixedFreedoms {
+        scale: provenance.scale.or_else(|| is_metric.then(inherited)),
+        gravity: provenance.gravity.or_else(|| is_metric.then(inherited)),
+        origin: provenance.origin.or_else(|| is_metric.then(inherited)),
+    }
+}
+
+/// Writes everything and says how it is.
+fn conclude(
+    args: &CalibrateArgs,
+    older: &Path,
+    folder: &Path,
+    captured: &Captured,
+    room: &SolvedRoom,
+    checks: &Checks,
+) -> Result<u8, String> {
+    let recording: &Recording = &captured.recording;
+    let method = if args.wand_mm.is_some() { "a waved wand" } else { "one waved light" };
+    let origin = Origin {
+        method: format!("foveate calibrate {}: {method}", env!("CARGO_PKG_VERSION")),
+        date: None,
+        sources: vec![args.rig.display().to_string()],
+        note: format!("calibrated with {}", args.rig.display()),
+    };
+    let calibration = room.solved.to_calibration(origin).map_err(|error| format!("error: {error}"))?;
+    let text = calibration.to_toml();
+    let write =
+        |path: &Path, bytes: &str| results::write_whole(path, bytes.as_bytes()).map_err(|it| format!("error: {it}"));
+    write(&folder.join("calibration.toml"), &text)?;
+    let mut figures = figures::figures(room);
+    figures.insert("verdict".to_owned(), f64::from(checks.verdict.level as u8));
+    let figures: Map<String, Value> = figures.into_iter().map(|(name, value)| (name, results::number(value))).collect();
+    write(&folder.join("summary.json"), &format!("{:#}\n", Value::Object(figures)))?;
+    write(&folder.join("verdict.txt"), &checks.to_string())?;
+    let mut files = vec!["calibration.toml", "summary.json", "verdict.txt", capture::SIGHTINGS];
+    if args.report {
+        let title = format!("Calibration of {}", args.rig.display());
+        write(&folder.join("report.html"), &page(&title, room, checks, &calibration, recording))?;
+        files.push("report.html");
+    }
+    say(&words::describe(room, recording));
+    say(&format!("\n{checks}\n"));
+    if args.write {
+        say(&replace(older, &text, checks)?);
+    }
+    say(&format!("results: {}/\n  {}\n", folder.display(), files.join("  ")));
+    Ok(exit::DONE)
+}
+
+fn page(title: &str, room: &SolvedRoom, checks: &Checks, calibration: &Calibration, recording: &Recording) -> String {
+    let grade = match checks.verdict.level {
+        Level::Good => Grade::Good,
+        Level::Usable => Grade::Usable,
+        Level::Redo => Grade::Redo,
+    };
+    let rejected: Vec<String> = words::left_out(room, recording);
+    report::html(&ReportInput {
+        title,
+        verdict: Some(report::Verdict { grade, sentences: &checks.verdict.sentences }),
+        solved: &room.solved,
+        unit: checks.unit,
+        second: None,
+        provenance: calibration.provenance.as_ref(),
+        rejected: &rejected,
+    })
+}
+
+/// Puts the calibration in place of the one that the rig names, which is kept beside it.
+fn replace(older: &Path, text: &str, checks: &Checks) -> Result<String, String> {
+    if checks.verdict.level == Level::Redo {
+        return Ok(format!("{} stays as it is: the verdict is \"redo\"\n", older.display()));
+    }
+    let kept = older.with_extension("before.toml");
+    std::fs::copy(older, &kept).map_err(|error| format!("error: {} cannot be kept: {error}", older.display()))?;
+    results::write_whole(older, text.as_bytes()).map_err(|it| format!("error: {it}"))?;
+    Ok(format!("{} is replaced; the one before is {}\n", older.display(), kept.display()))
+}
+
+/// Refuses `--write` where it would put a file of ours in place of another program's.
+fn check_writable(older: &Path) -> Result<(), String> {
+    match Draft::is_ours(older) {
+        true => Ok(()),
+        false => Err(format!(
+            "error: --write would replace {}, which is not a calibration file of ours; name the results' calibration.toml in the rig instead",
+            older.display()
+        )),
+    }
+}
