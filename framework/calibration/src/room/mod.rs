@@ -13,6 +13,7 @@ mod moments;
 mod recalibrate;
 mod settle;
 mod to_calibration;
+mod unsynchronised;
 
 use foveate_geometry::bundle::Freedom;
 use foveate_geometry::self_calibration::{OpticHeld, SelfCalibrationFault};
@@ -23,6 +24,7 @@ use self::moments::Moment;
 pub use self::recalibrate::{Moved, recalibrate};
 use self::settle::Room;
 pub use self::to_calibration::Origin;
+pub use self::unsynchronised::{NotSynchronised, SynchronisedRoom, unsynchronised_from_nothing};
 use crate::recording::{CameraGuess, Recording};
 use crate::solved::{SightingRole, Solved, Step};
 use crate::wand::{self, WandSighting};

@@ -1,8 +1,10 @@
 //! What was seen, light by light and moment by moment.
 
+use foveate_geometry::Sighting;
 use nalgebra::Point2;
 
 use super::cleaning::the_light;
+use crate::clocks::Frames;
 use crate::recording::{Look, Recording};
 use crate::wand::WandSighting;
 
@@ -92,6 +94,18 @@ pub(super) fn of_wand(sightings: &[WandSighting]) -> Vec<Moment> {
         frame: seen[0].frame,
         time_s: seen.iter().map(|it| it.time_s).sum::<f64>() / seen.len() as f64,
         label: seen[0].end,
+        sights: seen.iter().map(|it| certain(it.camera, it.pixel)).collect(),
+    };
+    of_one.map(moment).collect()
+}
+
+/// Moments of one light by cameras whose clocks were found.
+pub(super) fn of_frames(frames: &Frames) -> Vec<Moment> {
+    let of_one = frames.sightings.chunk_by(|a, b| a.frame == b.frame);
+    let moment = |seen: &[Sighting]| Moment {
+        frame: seen[0].frame,
+        time_s: frames.times_s[seen[0].frame],
+        label: 0,
         sights: seen.iter().map(|it| certain(it.camera, it.pixel)).collect(),
     };
     of_one.map(moment).collect()

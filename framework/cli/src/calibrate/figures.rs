@@ -32,6 +32,10 @@ pub fn figures(room: &SolvedRoom) -> BTreeMap<String, f64> {
     put("sightings_rejected", errors(solved, SightingRole::Rejected, None).len() as f64);
     for (index, camera) in solved.cameras.iter().enumerate() {
         let summary = Summary::of(&errors(solved, SightingRole::Used, Some(index)));
+        if let Some(clock) = camera.clock {
+            put(&format!("clock_offset_ms[{}]", camera.name), 1e3 * clock.offset_s);
+            put(&format!("clock_sigma_ms[{}]", camera.name), 1e3 * clock.sigma_s);
+        }
         put(&format!("reprojection_px.median[{}]", camera.name), summary.map_or(f64::NAN, |it| it.median));
     }
     figures

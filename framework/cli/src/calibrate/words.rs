@@ -2,8 +2,9 @@
 
 use std::fmt::Write;
 
+use foveate_calibration::clocks::ClockStatus;
 use foveate_calibration::recording::Recording;
-use foveate_calibration::room::{SolvedRoom, in_names};
+use foveate_calibration::room::{SolvedRoom, SynchronisedRoom, in_names};
 use foveate_calibration::solved::{FixedFreedoms, SightingRole, SolvedCamera};
 use foveate_estimation::statistics::Summary;
 use foveate_geometry::{CameraStatus, OpticHeld};
@@ -97,6 +98,22 @@ pub fn left_out(room: &SolvedRoom, recording: &Recording) -> Vec<String> {
     list.extend(held(room));
     list.extend(set_aside(room));
     list
+}
+
+/// What became of each camera's clock.
+pub fn clocks(found: &SynchronisedRoom, recording: &Recording) -> Vec<String> {
+    let cameras = found.room.solved.cameras.iter().zip(&found.clocks);
+    let one = |(camera, status): (&SolvedCamera, &ClockStatus)| match (status, camera.clock) {
+        (ClockStatus::Found { .. }, Some(clock)) => format!(
+            "clock of {}: {:+.2} ms to that of {}, ± {:.2} ms; {status}",
+            camera.name,
+            1e3 * clock.offset_s,
+            recording.cameras[found.reference].name,
+            1e3 * clock.sigma_s
+        ),
+        _ => format!("clock of {}: {status}", camera.name),
+    };
+    cameras.map(one).collect()
 }
 
 fn focal(camera: &SolvedCamera) -> String {

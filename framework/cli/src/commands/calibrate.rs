@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::ValueEnum;
 use foveate_calibration::axes::{self, AxesRules, Wishes};
 use foveate_calibration::checks::{CheckRules, Checks, LengthSample, Level, check};
+use foveate_calibration::clocks::ClockRules;
 use foveate_calibration::recording::{CameraGuess, Recording};
 use foveate_calibration::report::{self, Grade, ReportInput};
 use foveate_calibration::room::{self, Origin, RoomRules, SolvedRoom, Sought};
@@ -48,6 +49,12 @@ pub struct CalibrateArgs {
     /// A sighting is right when at most this far from where its point is seen [px]
     #[arg(long, value_name = "PX", default_value_t = 3.0, value_parser = pixels)]
     inlier_px: f64,
+    /// The cameras share no clock: find each one's offset too, from the path of the light
+    #[arg(long, conflicts_with = "wand_mm", requires = "from_nothing")]
+    unsynchronised: bool,
+    /// Clocks are at most this far apart [s]
+    #[arg(long, value_name = "SECONDS", requires = "unsynchronised", default_value_t = 0.5, value_parser = seconds)]
+    max_offset: f64,
     /// Wave a wand with two lights this far apart
     #[arg(long, value_name = "MM", help_heading = "Scale and axes", allow_negative_numbers = true)]
     wand_mm: Option<f64>,
@@ -235,7 +242,21 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         ..RoomRules::default()
     };
     let sought = if args.wand_mm.is_some() { Sought::Wand } else { Sought::Light };
+    let clock_rules = ClockRules {
+        max_offset_s: args.max_offset,
+        inlier_px: rules.inlier_px,
+        sigma_px: rules.sigma_px,
+        seed: rules.seed,
+        ..ClockRules::default()
+    };
+    let mut clocks = Vec::new();
     let solve = match plan.from_nothing {
+        true if args.unsynchronised => {
+            let found = room::unsynchronised_from_nothing(&captured.recording, &clock_rules, &rules);
+            let found = found.map_err(|fault| format!("error: {fault}"))?;
+            clocks = words::clocks(&found, &captured.recording);
+            Ok(found.room)
+        }
         true => room::from_nothing(&captured.recording, sought, &rules),
         false => room::recalibrate(&captured.recording, sought, &fixed, &rules),
     };
@@ -250,7 +271,7 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
     }
     progress("checking it");
     let checks = check(&solved.solved, lengths.as_deref(), &CheckRules::default());
-    conclude(args, &path, &folder, &captured, &solved, &checks)
+    conclude(args, &path, &folder, &captured, &solved, &clocks, &checks)
 }
 
 /// Adjusts the room with the length of the wand; how that length comes out at moments that were kept back.
@@ -310,6 +331,7 @@ fn conclude(
     folder: &Path,
     captured: &Captured,
     room: &SolvedRoom,
+    clocks: &[String],
     checks: &Checks,
 ) -> Result<u8, String> {
     let recording: &Recording = &captured.recording;
@@ -337,6 +359,7 @@ fn conclude(
         files.push("report.html");
     }
     say(&words::describe(room, recording));
+    clocks.iter().for_each(|it| say(&format!("{it}\n")));
     say(&format!("\n{checks}\n"));
     if args.write {
         say(&replace(older, &text, checks)?);

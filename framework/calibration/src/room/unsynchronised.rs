@@ -1,0 +1,85 @@
+//! From nothing, by cameras that share no clock.
+
+use foveate_geometry::CameraStatus;
+use foveate_geometry::bundle::Freedom;
+
+use super::moments::of_frames;
+use super::settle::Room;
+use super::{RoomFault, RoomRules, SolvedRoom, cleaning, require_company};
+use crate::clocks::{ClockFault, ClockRules, ClockStatus, FrameRules, Synchronised, frames, synchronise};
+use crate::recording::Recording;
+use crate::solved::Step;
+
+/// A room and the clocks of its cameras.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SynchronisedRoom {
+    /// Its cameras carry their clocks.
+    pub room: SolvedRoom,
+    /// By camera: what became of its clock.
+    pub clocks: Vec<ClockStatus>,
+    /// The camera whose clock is the room's.
+    pub reference: usize,
+}
+
+/// Why there is none.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum NotSynchronised {
+    /// The room cannot be solved, whatever the clocks.
+    #[error(transparent)]
+    Room(#[from] RoomFault),
+    /// The clocks cannot be found.
+    #[error(transparent)]
+    Clocks(#[from] ClockFault),
+}
+
+/// Finds clocks and poses together. Cameras whose clock is not determined are not calibrated; [`SynchronisedRoom::clocks`] says why.
+///
+/// # Errors
+/// See [`NotSynchronised`].
+pub fn unsynchronised_from_nothing(
+    recording: &Recording,
+    clock_rules: &ClockRules,
+    rules: &RoomRules,
+) -> Result<SynchronisedRoom, NotSynchronised> {
+    let (recording, cleaning) = cleaning::cleaned(recording);
+    require_company(&recording, &cleaning)?;
+    let Synchronised { clocks, status: of_clocks, reference, cameras, rms_px, .. } =
+        synchronise(&recording, clock_rules)?;
+    let all = frames(&recording, &clocks, &FrameRules { max_gap_s: clock_rules.max_gap_s, ..FrameRules::default() });
+    let used = all.sightings.len();
+    let mut room = Room::new(&recording, of_frames(&all), rules);
+    let mut status = Vec::with_capacity(cameras.len());
+    for (camera, (found, of_clock)) in cameras.into_iter().zip(&of_clocks).enumerate() {
+        let (pose, why) = match of_clock {
+            ClockStatus::Reference | ClockStatus::Found { .. } => (Some(found), CameraStatus::Calibrated),
+            ClockStatus::NoPose { status } => (None, status.clone()),
+            ClockStatus::NotTold { other, .. } => {
+                (None, CameraStatus::NoPartner { best: Some(*other), common: 0, needed: clock_rules.min_moments })
+            }
+            ClockStatus::Separate { group } => (None, CameraStatus::Separate { group: group.clone() }),
+            ClockStatus::TooFewSights { moments, needed } => {
+                (None, CameraStatus::TooFewSightings { frames: *moments, needed: *needed })
+            }
+            ClockStatus::LightStill { spread_px } => (None, CameraStatus::LightStill { spread_px: *spread_px }),
+            // The pose is good, the clock is not: a camera that would spoil every moving target.
+            ClockStatus::Uncertain { .. } => {
+                (None, CameraStatus::NoPartner { best: None, common: 0, needed: clock_rules.min_moments })
+            }
+        };
+        room.cameras[camera] = pose;
+        status.push(why);
+    }
+    room.freed = recording.cameras.iter().map(|it| Freedom { pose: true, ..it.free }).collect();
+    room.steps.push(Step { stage: "from nothing, with clocks", rms_px, used });
+    room.settle(&[1.5, 1.0, 1.0]);
+    let (mut solved, sigma_px) = room.into_solved(&recording, &status, Vec::new());
+    for (camera, clock) in solved.cameras.iter_mut().zip(clocks) {
+        camera.clock = clock;
+    }
+    let held = vec![Vec::new(); solved.cameras.len()];
+    Ok(SynchronisedRoom {
+        room: SolvedRoom { solved, cleaning, held, moved: Vec::new(), sigma_px },
+        clocks: of_clocks,
+        reference,
+    })
+}
