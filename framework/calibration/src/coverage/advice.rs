@@ -5,6 +5,7 @@ use std::fmt;
 use nalgebra::{Point2, Point3};
 
 use super::Coverage;
+use super::camera::CameraCoverage;
 
 /// Partners of a camera that are asked whether the path is flat: those that saw most together with it.
 const PARTNERS: usize = 3;
@@ -277,8 +278,7 @@ fn needed(coverage: &Coverage) -> Vec<Advice> {
         let share = camera.share(rules);
         let saturated = share >= rules.least_cells && camera.since_full >= rules.saturated_frames;
         if share < rules.min_cells && !saturated {
-            let emptiest = regions(&camera.cells, rules.grid).min_by_key(|it| it.1).map(|it| it.0);
-            let emptiest = emptiest.unwrap_or(Region { column: 1, row: 1 });
+            let emptiest = emptiest(camera, rules.grid);
             missing.push(Advice::Narrow { camera: camera.name.clone(), share, emptiest });
         } else if camera.spread() < rules.min_spread {
             missing.push(Advice::OnLine { camera: camera.name.clone() });
@@ -370,6 +370,14 @@ pub(super) fn groups(n: usize, linked: impl Fn(usize, usize) -> bool, without: O
     }
     groups.sort_by_key(|it| std::cmp::Reverse(it.len()));
     groups
+}
+
+/// The ninth with the fewest frames; of several the one nearest to where the light was, which is most easily reached.
+fn emptiest(camera: &CameraCoverage, grid: [usize; 2]) -> Region {
+    let [x, y] = camera.middle();
+    let away = |it: &Region| (it.column as f64 - 3.0 * x + 0.5).hypot(it.row as f64 - 3.0 * y + 0.5);
+    let order = |a: &(Region, u32), b: &(Region, u32)| a.1.cmp(&b.1).then(away(&a.0).total_cmp(&away(&b.0)));
+    regions(&camera.cells, grid).min_by(order).map_or(Region { column: 1, row: 1 }, |it| it.0)
 }
 
 /// The ninths of an image that have cells, with the frames in each.

@@ -154,6 +154,11 @@ impl CameraCoverage {
         scatter.symmetric_eigenvalues().min().max(0.0).sqrt() / f64::from(self.camera.image_size[0].max(1))
     }
 
+    /// Mean place of the light, as parts of the image's width and height.
+    pub(super) fn middle(&self) -> [f64; 2] {
+        [0, 1].map(|it| (self.mean[it] + 0.5) / f64::from(self.camera.image_size[it].max(1)))
+    }
+
     /// Where a light is standing now.
     pub(super) fn standing(&self, rules: &CoverageRules) -> impl Iterator<Item = Point2<f64>> {
         let now = self.looks;

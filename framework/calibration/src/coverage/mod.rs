@@ -205,3 +205,6 @@ impl Coverage {
         self.volume.as_ref().and_then(|it| it.depth(camera))
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -188,7 +188,7 @@ impl Painter<'_> {
             let rest = &guidance.missing[shown..];
             let needed = rest.iter().filter(|it: &&Advice| it.needed()).count();
             let line = format!("· and {} more, {needed} of which must be mended", rest.len());
-            let _ = writeln!(text, "{}", self.painted(&line, "2"));
+            let _ = writeln!(text, "{}", self.painted(&wrapped(&line, width, "  "), "2"));
         }
     }
 }
