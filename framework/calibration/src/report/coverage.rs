@@ -6,7 +6,7 @@ use super::ReportInput;
 use super::figures::Figures;
 use super::page::{Page, escaped, fixed};
 use super::residuals::cell_of;
-use super::svg::{shade, short};
+use super::svg::shade;
 
 const COLUMNS: usize = 12;
 /// Sightings in a cell that give the darkest shade, where a camera has that many on average.
@@ -45,13 +45,11 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
         let _ = write!(
             cells_html,
             "<figure><svg class=\"heat\" viewBox=\"0 0 {0} {1}\" width=\"{0}\" height=\"{1}\" role=\"img\" aria-label=\"Coverage of {2}\">\
-             {levels}</svg><figcaption><b>{2}</b> {3} % of {4} × {5} px</figcaption></figure>",
+             {levels}</svg><figcaption><b>{2}</b> {3} %</figcaption></figure>",
             10 * COLUMNS,
             10 * rows,
             escaped(&camera.name),
             fixed(100.0 * covered, 0),
-            short(width),
-            short(height),
         );
     }
     page.raw(&format!("<div class=\"heats\">{cells_html}</div>"));

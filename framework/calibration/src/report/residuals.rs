@@ -102,7 +102,7 @@ fn histogram_of_all(figures: &Figures) -> String {
     let held_out = if lists[1].is_empty() { "" } else { "<span class=\"key s1\">held out</span>" };
     let beyond = |list: &[f64]| list.len() - list.partition_point(|it| *it < limit);
     format!(
-        "<figure>{plot}<figcaption>all cameras: <span class=\"key s0\">used</span>{held_out}; {} lie beyond {} px</figcaption></figure>",
+        "<figure>{plot}<figcaption>all cameras: <span class=\"key s0\">used</span>{held_out} · {} beyond {} px</figcaption></figure>",
         count(beyond(lists[0]) + beyond(lists[1])),
         rounded(limit)
     )

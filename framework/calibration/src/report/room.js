@@ -50,7 +50,7 @@
     }
     pen.setTransform(dense, 0, 0, dense, 0, 0);
     pen.clearRect(0, 0, width, height);
-    scale = view.zoom * 0.95 * Math.min(width, 1.5 * height) / size;
+    scale = view.zoom * 0.85 * Math.min(width, 1.4 * height) / size;
     cos = [Math.cos(view.turn), Math.cos(view.tilt)]; sin = [Math.sin(view.turn), Math.sin(view.tilt)];
     const [ink, muted, line, accent, warm] = ["--ink", "--muted", "--line", "--s0", "--s1"].map(style);
 

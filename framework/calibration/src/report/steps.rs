@@ -33,9 +33,9 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>) {
         Plot::new([720.0, 300.0], x, Axis::log(0.8 * low, 1.25 * high, "root mean square [px]"), "Convergence");
     let stages = stages(own);
     let [_, top, _, bottom] = plot.frame();
-    for (index, stage) in stages.iter().enumerate().skip(1).step_by(2) {
+    for stage in stages.iter().skip(1).step_by(2) {
         let half = |step: usize| plot.x((step as f64 + 0.5).clamp(1.0, n.max(2) as f64));
-        let (from, to) = (half(stage.from), half(stages.get(index).map_or(stage.to, |it| it.to)));
+        let (from, to) = (half(stage.from), half(stage.to));
         plot.raw(&format!(
             "<rect class=\"band\" x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\"/>",
             short(from),

@@ -137,10 +137,14 @@ pub(super) fn cameras(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
         } else {
             "–".to_owned()
         };
-        let centre_sigma = camera.covariance.as_ref().filter(|_| calibrated).map_or_else(
-            || "–".to_owned(),
-            |it| small_length(it.centre.symmetric_eigenvalues().max().max(0.0).sqrt(), report.unit),
-        );
+        let centre_sigma = camera
+            .covariance
+            .as_ref()
+            .filter(|it| calibrated && it.centre.iter().all(|it| it.is_finite()))
+            .map_or_else(
+                || "–".to_owned(),
+                |it| small_length(it.centre.symmetric_eigenvalues().max().max(0.0).sqrt(), report.unit),
+            );
         let clock = camera.clock.map_or_else(
             || "–".to_owned(),
             |it| format!("{} ± {}", fixed(1e3 * it.offset_s, 2), rounded(1e3 * it.sigma_s)),

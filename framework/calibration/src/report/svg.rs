@@ -249,5 +249,5 @@ pub(super) fn short(value: f64) -> String {
 
 /// One of six shades for a part of the largest.
 pub(super) fn shade(part: f64) -> usize {
-    if part > 0.0 { 1 + ((part * 5.0).ceil() as usize).clamp(1, 5) - 1 } else { 0 }
+    if part > 0.0 { ((part * 5.0).ceil() as usize).clamp(1, 5) } else { 0 }
 }
