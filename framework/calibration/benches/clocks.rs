@@ -1,5 +1,6 @@
 //! Clocks of cameras that nobody synchronised, from nothing: simulated rooms against the truth, and with `FOVEATE_DATA` set a drone over a
-//! field against the clock table of its data set. `cargo bench -p foveate-calibration --bench clocks`
+//! field against the clock table of its data set. `cargo bench -p foveate-calibration --bench clocks`, with
+//! `-- drones` the latter alone.
 
 #[path = "../tests/waved_light/mod.rs"]
 mod waved_light;
@@ -18,6 +19,17 @@ use waved_light::Scene;
 const SEEDS: u64 = 20;
 
 fn main() {
+    // `-- drones` leaves the simulated rooms out.
+    if !std::env::args().any(|it| it == "drones") {
+        rooms();
+    }
+    match drones() {
+        Ok(()) => {}
+        Err(reason) => println!("drones: skipped: {reason}"),
+    }
+}
+
+fn rooms() {
     println!(
         "simulated: 6 cameras of 30 to 60 Hz, one of them with uneven stamps, light waved for 30 s; {SEEDS} seeds, errors of offsets"
     );
@@ -34,10 +46,6 @@ fn main() {
         (20.0, 0.3, 0.5, false),
     ] {
         simulated(reach, wrong, sigma_px, focal);
-    }
-    match drones() {
-        Ok(()) => {}
-        Err(reason) => println!("drones: skipped: {reason}"),
     }
 }
 

@@ -130,7 +130,8 @@ pub(super) fn at_moments(
                 _ => match between() {
                     // Frames denser than pictures share them: together they must not weigh more than the pictures do.
                     Some(it) => {
-                        let sigma = it.sigma_px.max(0.8 * samples[next.min(samples.len() - 1)].sigma_px);
+                        // Between samples noise is less, but neighbouring frames share it: over all frames each sample counts once.
+                        let sigma = it.sigma_px.max(samples[next.min(samples.len() - 1)].sigma_px);
                         (it.pixel, Some(it.velocity), sigma * (all[camera].period_s / step).max(1.0).sqrt(), None)
                     }
                     None => continue,

@@ -242,12 +242,32 @@ impl Room<'_> {
         Ok(Adjustment { found, sights, variance_factor })
     }
 
+    /// By what noise in a camera's velocities makes its clock look better known than it is: Σ v²/Σ v·v', with v' so much later that
+    /// it comes from other samples, while the light still moves much as before.
+    fn of_noisy_velocities(&self, camera: usize) -> f64 {
+        let Some(clock) = self.clocks[camera] else { return 1.0 };
+        let track = &self.smooth[camera];
+        let (mut squares, mut products) = (0.0, 0.0);
+        for time in &self.frames.times_s {
+            let at = |later: f64| track.at(clock.own_s(*time) + later * track.period_s, self.rules.max_gap_s);
+            if let Some((now, then)) = at(0.0).zip(at(4.0)) {
+                squares += now.velocity.norm_squared();
+                products += now.velocity.dot(&then.velocity);
+            }
+        }
+        if products > 0.0 { (squares / products).max(1.0) } else { f64::INFINITY }
+    }
+
     fn finish(self, status: Vec<CameraStatus>, last: &Adjustment, last_move_s: f64) -> Joint {
         let clocks = self.clocks.iter().enumerate().map(|(camera, clock)| {
             let sights = last.sights[camera];
             let posed = status[camera] == CameraStatus::Calibrated && sights >= LEAST;
             // Residuals below the stated noise are no reason to believe in more than that.
-            let sigma_s = last.found.clocks[camera].offset_sigma_s * last.variance_factor.max(1.0).sqrt();
+            let stated = last.found.clocks[camera].offset_sigma_s;
+            let sigma_s = match camera == self.reference {
+                true => 0.0,
+                false => stated * last.variance_factor.max(1.0).sqrt() * self.of_noisy_velocities(camera),
+            };
             clock.filter(|_| posed).map(|clock| Refined { clock, sigma_s, sights })
         });
         Joint {
