@@ -178,15 +178,17 @@ impl Graph {
         }
     }
 
-    /// The part of the rig that `wanted` nodes need: they, and what triggers them, directly or through others. Inputs that are only
-    /// sampled (`latest`) stay open where their producers are left out.
+    /// The part of the rig that `wanted` nodes need: they, and what they get messages from, directly or through others, but for what
+    /// comes back to them along an edge that closes a cycle; such inputs are only sampled, and stay open.
     pub fn leading_to(&self, wanted: impl Fn(&Instance) -> bool) -> Graph {
         let mut kept: Vec<bool> = self.instances.iter().map(wanted).collect();
-        // The schedule has producers in front of those they trigger.
-        let mut backwards: Vec<&Edge> = self.edges.iter().filter(|it| !self.is_sampled(it)).collect();
-        backwards.sort_by_key(|it| std::cmp::Reverse(it.to.0));
-        for edge in backwards {
-            kept[edge.from.0] |= kept[edge.to.0];
+        let mut grew = true;
+        while grew {
+            grew = false;
+            for edge in self.edges.iter().rev().filter(|it| !it.feedback) {
+                grew |= kept[edge.to.0] && !kept[edge.from.0];
+                kept[edge.from.0] |= kept[edge.to.0];
+            }
         }
         let mut places = vec![usize::MAX; kept.len()];
         let mut instances = Vec::new();
@@ -210,11 +212,6 @@ impl Graph {
             claims: self.claims.clone(),
             warnings: Faults::default(),
         }
-    }
-
-    /// Whether the consumer of `edge` takes what is latest there, and is not triggered.
-    fn is_sampled(&self, edge: &Edge) -> bool {
-        self.instances[edge.to.0].takes[edge.to.1] == Take::Latest
     }
 
     /// Whether `time` is past the rig's duration.

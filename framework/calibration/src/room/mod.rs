@@ -1,7 +1,7 @@
 //! From a recording of one waved light to a solved room: from nothing, or from an older calibration.
 //!
 //! 1. What cannot be a waved light is set aside ([`Cleaning`]): numbers that are none, lamps, frames that were written twice.
-//! 2. Pictures are grouped by moments. Every tenth moment is kept back.
+//! 2. Pictures are grouped by moments. One moment in ten is kept back.
 //! 3. From nothing, [`foveate_geometry::self_calibrate`] finds poses and, as far as the sightings hold them, optics; from an older
 //!    calibration, cameras that moved are found and placed anew ([`recalibrate`]).
 //! 4. The room is settled: pictures with several spots are decided by where the others see the light, points intersected, all
@@ -42,7 +42,7 @@ pub struct RoomRules {
     pub max_focal_sigma: f64,
     /// Whether focal lengths may be far from those given: many are tried then.
     pub focal_unknown: bool,
-    /// One moment of so many is kept back, at least 2; 0 keeps none [–].
+    /// One moment of so many is kept back, drawn at random, at least 2; 0 keeps none [–].
     pub hold_out_every: usize,
     /// Of the random draws.
     pub seed: u64,

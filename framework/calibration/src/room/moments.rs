@@ -4,8 +4,9 @@ use foveate_geometry::Sighting;
 use nalgebra::Point2;
 
 use super::cleaning::the_light;
-use crate::clocks::Frames;
+use crate::clocks::{FrameRules, Frames, frames};
 use crate::recording::{Look, Recording};
+use crate::solved::ClockFit;
 use crate::wand::WandSighting;
 
 /// What one camera saw of a light at one moment.
@@ -33,10 +34,41 @@ pub(super) struct Moment {
 }
 
 /// Pictures are of one moment when their times differ by less than this part of the shortest period of any camera [–].
-const SAME_MOMENT: f64 = 0.4;
+const SAME_MOMENT: f64 = 0.1;
 
-/// Moments of a recording of one light by cameras that share a clock; its looks are in order. Pictures without spots are left out.
+/// Moments of a recording of one light by cameras that share a clock. Where their pictures are not taken together, where the light was
+/// between two pictures of a camera counts as seen.
 pub(super) fn of_light(recording: &Recording) -> Vec<Moment> {
+    if are_triggered_together(recording) {
+        return of_pictures(recording);
+    }
+    let same = ClockFit { offset_s: 0.0, drift: 0.0, sigma_s: 0.0 };
+    of_frames(&frames(recording, &vec![Some(same); recording.cameras.len()], &FrameRules::default()))
+}
+
+/// Whether most cameras take their pictures when the one with most pictures does.
+fn are_triggered_together(recording: &Recording) -> bool {
+    let times = |camera: usize| -> Vec<f64> {
+        recording.looks.iter().filter(|it| it.camera == camera).map(|it| it.time_s).collect()
+    };
+    let all: Vec<Vec<f64>> = (0..recording.cameras.len()).map(times).filter(|it| !it.is_empty()).collect();
+    let Some((reference, most)) = all.iter().enumerate().max_by_key(|it| it.1.len()) else { return true };
+    let tolerance = tolerance_s(recording);
+    let is_together = |own: &Vec<f64>| {
+        let gap = |time: &f64| {
+            let next = most.partition_point(|it| it < time);
+            let near = [next.checked_sub(1), Some(next)].into_iter().flatten().filter_map(|it| most.get(it));
+            near.map(|it| (it - time).abs()).fold(f64::INFINITY, f64::min)
+        };
+        let gaps: Vec<f64> = own.iter().map(gap).collect();
+        foveate_estimation::statistics::median(&gaps).is_none_or(|it| it <= tolerance)
+    };
+    let others = all.iter().enumerate().filter(|it| it.0 != reference);
+    2 * others.clone().filter(|it| is_together(it.1)).count() >= others.count()
+}
+
+/// Moments at which pictures were taken together; looks are in order. Pictures without spots are left out.
+fn of_pictures(recording: &Recording) -> Vec<Moment> {
     let tolerance = tolerance_s(recording);
     let mut starts_s: Vec<f64> = Vec::new();
     let mut moments: Vec<Moment> = Vec::new();

@@ -1,6 +1,6 @@
 //! A room whose cameras are nearly right: spots chosen, points intersected, all adjusted, sightings judged, in rounds.
 
-use foveate_estimation::Loss;
+use foveate_estimation::{Loss, Random};
 use foveate_geometry::bundle::{CameraCovariance, Freedom};
 use foveate_geometry::self_calibration::Link;
 use foveate_geometry::{BundleRules, Camera, CameraStatus, Observation, Sighting, adjust, agreeing_point};
@@ -38,18 +38,17 @@ pub(super) struct Room<'a> {
 impl<'a> Room<'a> {
     /// No camera is known yet.
     pub fn new(recording: &Recording, moments: Vec<Moment>, rules: &'a RoomRules) -> Room<'a> {
-        let mut n_shared = 0;
-        let mut last_frame = None;
+        // Drawn, for moments at equal steps may be those of the same cameras each time.
+        let mut draws = Random::new(rules.seed).fork("hold-out");
+        let every = u32::try_from(rules.hold_out_every).unwrap_or(u32::MAX);
+        let mut last = (None, false);
         let mut known = Vec::with_capacity(moments.len());
         for moment in &moments {
             // All lights of a frame are kept back together.
-            let shared = moment.sights.len() >= 2;
-            if shared && last_frame != Some(moment.frame) {
-                n_shared += 1;
-                last_frame = Some(moment.frame);
+            if last.0 != Some(moment.frame) {
+                last = (Some(moment.frame), every >= 2 && draws.below(every) == 0);
             }
-            let due = rules.hold_out_every >= 2 && n_shared % rules.hold_out_every == 0;
-            known.push(Known { point: None, held_out: shared && n_shared > 0 && due });
+            known.push(Known { point: None, held_out: last.1 && moment.sights.len() >= 2 });
         }
         let n = recording.cameras.len();
         let freed = recording.cameras.iter().map(|it| Freedom { pose: true, ..it.free }).collect();

@@ -74,7 +74,7 @@ fn room_is_found_with_its_noise_and_what_was_kept_back_fits_as_well() {
         of.filter_map(|it| Some(it.residual?.norm())).collect()
     };
     let (used, kept) = (lengths(SightingRole::Used), lengths(SightingRole::HeldOut));
-    assert!((kept.len() as f64 / used.len() as f64 - 1.0 / 9.0).abs() < 0.02);
+    assert!((kept.len() as f64 / used.len() as f64 - 1.0 / 9.0).abs() < 0.05);
     let median = |list: &[f64]| foveate_estimation::statistics::median(list).unwrap();
     assert!((0.8..1.3).contains(&(median(&kept) / median(&used))));
 }
@@ -170,6 +170,24 @@ fn cameras_that_can_be_calibrated_are_when_others_cannot() {
     assert!(worst_mm(&found, &truth) < 4.0);
     let calibration = found.solved.to_calibration(Origin::default()).unwrap();
     assert_eq!(calibration.cameras.len(), 4);
+}
+
+#[test]
+fn cameras_on_one_clock_need_not_look_at_the_same_moments() {
+    let truth = ring(6);
+    let mut random = Random::new(12);
+    let mut recording = recorded(&truth, Freedom::POSE, 12);
+    recording.looks.clear();
+    for frame in 0..2 * N_FRAMES {
+        for (index, camera) in truth.iter().enumerate() {
+            let time_s = (frame as f64 + index as f64 / 6.0) / (2.0 * RATE_HZ);
+            let noise = 0.3 * Vector2::new(random.normal(), random.normal());
+            let seen = camera.sees(&path(time_s)).map(|it| spot(it + noise, 200.0));
+            recording.looks.push(Look { camera: index, time_s, spots: seen.into_iter().collect() });
+        }
+    }
+    let found = from_nothing(&recording, Sought::Light, &RoomRules::default()).unwrap();
+    assert!(worst_mm(&found, &truth) < 5.0, "{} mm", worst_mm(&found, &truth));
 }
 
 #[test]

@@ -28,10 +28,10 @@ pub struct CalibrateArgs {
     /// The rig (TOML)
     #[arg(value_hint = clap::ValueHint::FilePath)]
     rig: PathBuf,
-    /// Use nothing of the rig's calibration but names and picture sizes (and optics, with `--optics known`)
+    /// Use none of the poses in the rig's calibration, only names, picture sizes and the optics that it states
     #[arg(long)]
     from_nothing: bool,
-    /// What to find of the cameras' optics [default: what the calibration does not state; with --from-nothing, all]
+    /// What to find of the cameras' optics, whatever the calibration states [default: what it does not state]
     #[arg(long, value_enum)]
     optics: Option<Optics>,
     /// The node whose features to take, where a rig has several
@@ -167,13 +167,12 @@ impl Plan {
                 names.join(", ")
             ));
         }
-        let forget = args.from_nothing && args.optics.is_none_or(|it| it != Optics::Known);
+        let forget = args.from_nothing && args.optics.is_some_and(|it| it != Optics::Known);
         let guess = |named: &foveate_scene::NamedCamera| {
             let (mut camera, unknown) = (named.camera.clone(), unknown(&named.name));
-            let free = match (args.optics, args.from_nothing) {
-                (Some(optics), _) => optics.freedom(),
-                (None, true) => Optics::All.freedom(),
-                (None, false) => Freedom {
+            let free = match args.optics {
+                Some(optics) => optics.freedom(),
+                None => Freedom {
                     focal: unknown.focal,
                     principal: unknown.principal && unknown.focal,
                     k1: unknown.distortion && unknown.focal,

@@ -48,6 +48,7 @@ impl Node for Lab {
             window_change_s,
             truth_hz,
             glints_hz,
+            waved_light,
         } = settings;
         ConfigError::unless_in("people", people, 0..=32)?;
         for extent in walk_area_m {
@@ -65,6 +66,10 @@ impl Node for Lab {
         ConfigError::unless_in("window_change_s", window_change_s, 0.05..=3600.0)?;
         ConfigError::unless_in("truth_hz", truth_hz, 1.0..=10_000.0)?;
         ConfigError::unless_in("glints_hz", glints_hz, 0.0..=30.0)?;
+        if waved_light && people > 0 {
+            let message = format!("found true with {people} people, expected `people = 0` beside it");
+            return Err(ConfigError::at("waved_light", message));
+        }
         if walk == WalkKind::Round && people > MOST_ON_A_ROUND {
             let message = format!("found {people}, expected at most {MOST_ON_A_ROUND}, or `walk = \"crowd\"`");
             return Err(ConfigError::at("people", message));
@@ -117,6 +122,7 @@ mod tests {
     fn node_keeps_the_law() {
         check_node::<Lab>("");
         check_node::<Lab>("people = 3\nglints_hz = 1.5");
+        check_node::<Lab>("people = 0\nwaved_light = true");
         check_node::<Lab>("people = 16\nwalk = \"crowd\"\nwalk_area_m = [6, 8]\nstay_s = 30");
     }
 

@@ -8,6 +8,7 @@
 mod clutter;
 mod furniture;
 mod mirror;
+mod waved;
 
 use std::sync::Arc;
 
@@ -88,6 +89,9 @@ pub struct SceneSettings {
     /// Short glints, each in one camera only: how many a second and camera [Hz].
     #[schemars(range(min = 0.0, max = 30.0))]
     pub glints_hz: f64,
+    /// In place of people, somebody unseen waves one light that shines to all sides, to calibrate with: from `people_enter_s` on it
+    /// is held on the floor at the origin, 1 m along X and 1 m along Y, then it goes all about `walk_area_m` [–]
+    pub waved_light: bool,
 }
 
 impl Default for SceneSettings {
@@ -108,6 +112,7 @@ impl Default for SceneSettings {
             window_change_s: 4.0,
             truth_hz: 60.0,
             glints_hz: 0.2,
+            waved_light: false,
         }
     }
 }
@@ -130,6 +135,9 @@ impl Message for World {
     const SPACE: SpaceKind = SpaceKind::ScalePoints;
 }
 
+/// The identity of the light that is waved; people are not there then.
+const WAVED: TargetId = TargetId(0);
+
 /// A LED at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Light {
@@ -148,6 +156,8 @@ pub struct Moment {
     pub poses: Vec<Pose>,
     /// Of each of them, the identity of the first LED.
     first_ids: Vec<u32>,
+    /// Where the light is that is waved, if it is [m].
+    waved: Option<Point3<f64>>,
 }
 
 /// The people of a scene. Where a crowd finds no room to keep apart it walks as it does with the least distance that there is.
@@ -197,7 +207,14 @@ impl World {
 
     /// How many targets there are once all people have come in.
     pub fn n_targets(&self) -> usize {
-        self.0.people.len() * N_LEDS
+        self.0.people.len() * N_LEDS + usize::from(self.0.settings.waved_light)
+    }
+
+    /// How long the waved light has been waved at `time`, and in which area [s, m].
+    fn waved(&self, time: Time) -> Option<(f64, [f64; 2])> {
+        let SceneSettings { waved_light, people_enter_s, walk_area_m, .. } = self.0.settings;
+        let since_s = time.as_s() - people_enter_s;
+        (waved_light && since_s >= 0.0).then_some((since_s, walk_area_m))
     }
 
     /// Those who are there at `time`, each with the identity of the first LED.
@@ -218,11 +235,12 @@ impl World {
             moment.poses.push(person.pose(time.as_s()));
             moment.first_ids.push(first_id);
         }
+        moment.waved = self.waved(time).map(|(since_s, area_m)| waved::position(since_s, area_m));
     }
 
     /// Where all LEDs truly are at `time`: measured, without uncertainty, seen by no camera in particular. Person p's LED l, in
     /// the order of [`LED_NAMES`](crate::person::LED_NAMES), is target 8 p + l; at the v-th visit, counted from 0,
-    /// of p out of n people it is target 8 (n v + p) + l.
+    /// of p out of n people it is target 8 (n v + p) + l. A light that is waved is target 0.
     pub fn truth(&self, time: Time) -> Targets {
         let mut truth = Targets::default();
         self.truth_into(time, &mut truth);
@@ -244,6 +262,14 @@ impl World {
                 how: How::Measured,
             }));
         }
+        truth.list.extend(self.waved(time).map(|(since_s, area_m)| Target {
+            id: WAVED,
+            position: waved::position(since_s, area_m),
+            velocity: waved::velocity(since_s, area_m),
+            covariance: Matrix6::zeros(),
+            cameras: Default::default(),
+            how: How::Measured,
+        }));
         truth.list.sort_unstable_by_key(|it| it.id);
     }
 
@@ -277,14 +303,15 @@ impl Moment {
 
     /// As [`Self::lights_seen_from`], with those that a body part hides: whoever needs only a few asks [`Self::occluded`] of them.
     pub fn lights_towards<'s>(&'s self, eye: &'s Point3<f64>, led_peak: f64) -> impl Iterator<Item = Light> + 's {
-        self.leds().filter_map(move |(id, led)| {
+        let of_people = self.leds().filter_map(move |(id, led)| {
             let brightness = led_peak * led.emission_towards(eye);
             (brightness > 0.0).then_some(Light { id, position: led.position, brightness })
-        })
+        });
+        of_people.chain(self.waved.map(|position| Light { id: WAVED, position, brightness: led_peak }))
     }
 
     /// The images of the LEDs in `mirror` that are seen from `eye` [m], where they seem to be behind it, with their brightness;
-    /// what a body hides on either side of the mirror is left out. `reflectance` as in [`SceneSettings::reflections`].
+    /// what a body hides on either side of the mirror is left out, and so is a light that is waved. `reflectance` as in [`SceneSettings::reflections`].
     pub fn reflections_seen_from<'s>(
         &'s self,
         eye: &'s Point3<f64>,
@@ -302,7 +329,8 @@ impl Moment {
 
     /// All LEDs with their full brightness, 1, wherever they shine to.
     pub fn lights(&self) -> impl Iterator<Item = Light> + '_ {
-        self.leds().map(|(id, led)| Light { id, position: led.position, brightness: 1.0 })
+        let of_people = self.leds().map(|(id, led)| Light { id, position: led.position, brightness: 1.0 });
+        of_people.chain(self.waved.map(|position| Light { id: WAVED, position, brightness: 1.0 }))
     }
 
     fn leds(&self) -> impl Iterator<Item = (TargetId, Led)> + '_ {
