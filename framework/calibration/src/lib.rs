@@ -1,4 +1,4 @@
-//! From what cameras saw of lights and boards to a calibration with a verdict. Pure functions: no clock, no I/O, no nodes.
+//! From what cameras saw of a light or a wand to a calibration with a verdict. Pure functions: no clock, no I/O, no nodes.
 //!
 //! | module | what it is |
 //! |---|---|
@@ -8,13 +8,11 @@
 //! | [`clocks`] | cameras that share no clock: their offsets from the continuity of the light's path |
 //! | [`wand`] | two lights a known distance apart |
 //! | [`axes`] | metres, the vertical and the origin, and what fixes each how well |
-//! | [`board`] | chessboards and their like: optics and poses |
 //! | [`checks`] | what re-projection cannot see, and a verdict in words |
 //! | [`coverage`] | where the light has been, for those who wave it |
 //! | [`report`] | one HTML page with pictures |
 
 pub mod axes;
-pub mod board;
 pub mod checks;
 pub mod clocks;
 pub mod coverage;

@@ -1,1 +1,0 @@
-//! Chessboards and their like: optics and poses.
