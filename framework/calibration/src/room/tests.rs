@@ -1,3 +1,5 @@
+//! Rooms of known cameras, recorded with all that spoils a recording.
+
 use foveate_estimation::Random;
 use foveate_geometry::bundle::Freedom;
 use foveate_geometry::{AlignmentRules, Camera, CameraStatus, camera_errors};
