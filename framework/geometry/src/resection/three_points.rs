@@ -14,8 +14,14 @@ use nalgebra::{Isometry3, Matrix3, Matrix4, Point3, Rotation3, Schur, Unit, Unit
 /// A triangle whose height over its longest side is less than this part of that side is a line.
 const FLAT: f64 = 1e-6;
 
-/// Sides whose squares differ by more than this part of them are not the same.
-const MISFIT: f64 = 1e-3;
+/// Sides whose squares differ by more than this part of the longest are not the same.
+const MISFIT: f64 = 1e-6;
+
+/// Steps that polish the depths of one root.
+const POLISHINGS: usize = 8;
+
+/// A pair of complex roots whose imaginary part is less than this part of the real one may be one double root in noise.
+const NEARLY_REAL: f64 = 0.02;
 
 /// All `camera_from_world` that put `points_in_world` on the rays of `directions`, in front of the camera; none when the points lie on
 /// a line, or when numerics fail.
@@ -40,16 +46,11 @@ pub(super) fn poses(points_in_world: &[Point3<f64>; 3], directions: &[Unit<Vecto
     for v in positive_roots(&quartic) {
         let s1 = (b2 / (1.0 + v * v - 2.0 * v * cos_b)).sqrt(); // (5)
         // (8) divides by cos γ − v cos α, which may vanish; the triangles 1–2 and 2–3 give the same without.
-        let half_squared = c2 - s1 * s1 * (1.0 - cos_c * cos_c);
-        let half = half_squared.max(0.0).sqrt();
+        let half = (c2 - s1 * s1 * (1.0 - cos_c * cos_c)).max(0.0).sqrt();
         let misfit = |s2: &f64| (s2 * s2 + v * v * s1 * s1 - 2.0 * s2 * v * s1 * cos_a - a2).abs();
         let [near, far] = [s1 * cos_c - half, s1 * cos_c + half];
         let depths = [s1, if misfit(&near) < misfit(&far) { near } else { far }, v * s1];
-        // A root that is a little complex may stand for no triangle at all.
-        let fits = half_squared > -MISFIT * c2 && misfit(&depths[1]) < MISFIT * a2;
-        if !fits || !depths.iter().all(|it| it.is_finite() && *it > 0.0) {
-            continue;
-        }
+        let Some(depths) = polished_depths(depths, [a2, b2, c2], [cos_a, cos_b, cos_c]) else { continue };
         let in_camera = [0, 1, 2].map(|it| Point3::from(directions[it].into_inner() * depths[it]));
         let Some(axes_in_camera) = axes(&in_camera) else { continue };
         let rotation = Rotation3::from_matrix_unchecked(axes_in_camera * axes_in_world.transpose());
@@ -58,6 +59,38 @@ pub(super) fn poses(points_in_world: &[Point3<f64>; 3], directions: &[Unit<Vecto
         found.push(Isometry3::from_parts(translation.into(), rotation));
     }
     found
+}
+
+/// Depths that fit all three sides, by Gauss and Newton's steps from depths that nearly do (equations 1 to 3); none where no positive
+/// ones are near, since a root that is a little complex may stand for no triangle at all.
+fn polished_depths(start: [f64; 3], sides: [f64; 3], cosines: [f64; 3]) -> Option<[f64; 3]> {
+    const OPPOSITE: [(usize, usize); 3] = [(1, 2), (0, 2), (0, 1)];
+    let longest = sides.iter().fold(0.0_f64, |longest, it| longest.max(*it));
+    let misfits = |s: &Vector3<f64>| {
+        Vector3::from_fn(|side, _| {
+            let (i, j) = OPPOSITE[side];
+            s[i] * s[i] + s[j] * s[j] - 2.0 * s[i] * s[j] * cosines[side] - sides[side]
+        })
+    };
+    let mut depths = Vector3::from(start);
+    let mut misfit = misfits(&depths);
+    for _ in 0..POLISHINGS {
+        let mut slopes = Matrix3::zeros();
+        for (side, (i, j)) in OPPOSITE.into_iter().enumerate() {
+            slopes[(side, i)] = 2.0 * (depths[i] - depths[j] * cosines[side]);
+            slopes[(side, j)] = 2.0 * (depths[j] - depths[i] * cosines[side]);
+        }
+        // Where two solutions run into one, the slopes have no inverse; the pseudo-inverse takes the step that still helps.
+        let Ok(inverse) = slopes.pseudo_inverse(1e-9 * longest.sqrt()) else { break };
+        let next = depths - inverse * misfit;
+        let left = misfits(&next);
+        if !left.norm().is_finite() || left.norm() >= misfit.norm() {
+            break;
+        }
+        (depths, misfit) = (next, left);
+    }
+    let fits = misfit.norm() < MISFIT * longest && depths.iter().all(|it| it.is_finite() && *it > 0.0);
+    fits.then(|| depths.into())
 }
 
 /// Right-handed orthonormal axes that are tied to a triangle: along its first side, in its plane, normal to it.
@@ -88,8 +121,8 @@ fn positive_roots(c: &[f64; 5]) -> Vec<f64> {
     let Some(schur) = Schur::try_new(companion, 1e-14, 200) else { return Vec::new() };
     let mut roots = Vec::with_capacity(4);
     for root in schur.complex_eigenvalues().iter() {
-        // Noise makes a double root a pair of complex ones close to the real axis.
-        if root.re > 0.0 && root.im.abs() < 1e-4 * root.re {
+        // Rounding makes a double root a pair of complex ones close to the real axis, the farther the worse the quartic is conditioned.
+        if root.re > 0.0 && root.im.abs() < NEARLY_REAL * root.re {
             roots.push(polished(c, root.re));
         }
     }
@@ -115,33 +148,33 @@ fn polished(c: &[f64; 5], start: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use proptest::prelude::*;
+    use foveate_estimation::Random;
 
     use super::*;
 
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(2000))]
-
-        #[test]
-        fn the_true_pose_is_among_those_found_and_all_fit(
-            points in prop::array::uniform3(prop::array::uniform3(-1.0..1.0)), turn in prop::array::uniform3(-3.0..3.0),
-            depth in 2.5..20.0,
-        ) {
-            let points = points.map(Point3::from);
-            prop_assume!((points[1] - points[0]).cross(&(points[2] - points[0])).norm() > 0.05);
-            let truth = Isometry3::new(Vector3::new(0.3, -0.2, depth), Vector3::from(turn));
+    #[test]
+    fn all_poses_found_fit_and_the_true_one_is_among_them() {
+        const TRIANGLES: usize = 20_000;
+        let mut random = Random::new(1);
+        let mut missed = 0;
+        for _ in 0..TRIANGLES {
+            let mut vector = |scale: f64| Vector3::from_fn(|_, _| random.uniform_in(-scale, scale));
+            let (points, turn) = ([0, 1, 2].map(|_| Point3::from(vector(1.0))), vector(3.0));
+            let depth = random.uniform_in(2.5, 20.0);
+            let truth = Isometry3::new(Vector3::new(0.3, -0.2, depth), turn);
             let directions = points.map(|it| Unit::new_normalize((truth * it).coords));
             let found = poses(&points, &directions);
             for pose in &found {
                 for (point, direction) in points.iter().zip(&directions) {
                     let seen = (pose * point).coords.normalize();
-                    prop_assert!((seen - direction.into_inner()).norm() < 5e-3, "{seen} {direction:?}");
+                    assert!((seen - direction.into_inner()).norm() < 1e-5, "{points:?}: {seen} {direction:?}");
                 }
             }
             let error = |it: &Isometry3<f64>| (it.inverse() * truth).translation.vector.norm();
-            // Where two solutions run into one (the danger cylinder), the root is only known to the root of the rounding.
-            prop_assert!(found.iter().map(error).fold(f64::INFINITY, f64::min) < 2e-2, "{found:?} {truth:?}");
+            missed += usize::from(found.iter().map(error).fold(f64::INFINITY, f64::min) > 1e-3 * depth);
         }
+        // Where solutions run into one (the danger cylinder), they are known to the root of the rounding only, or to its third root.
+        assert!(missed < TRIANGLES / 1000, "{missed}");
     }
 
     #[test]
