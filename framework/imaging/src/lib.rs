@@ -7,7 +7,7 @@
 //! 3. [`Background::update`] is told how much was lit, learns, and says whether the spots are to be trusted.
 //!
 //! A natural scene has no bright spots: [`Foreground`] splits a picture by the statistics of its background, and [`BlobFinder`]
-//! joins the foreground to blobs.
+//! joins the foreground to blobs. [`find_chessboard`] finds the corners of a calibration board.
 //!
 //! Pixel (0, 0) is the centre of the top-left pixel. Nothing here reads a clock, a file or a random number.
 //!
@@ -15,6 +15,7 @@
 
 pub mod background;
 pub mod blobs;
+pub mod chessboard;
 mod error;
 pub mod foreground;
 pub mod mask;
@@ -26,6 +27,7 @@ pub mod view;
 
 pub use background::{Background, BackgroundConfig, Statistic, Verdict};
 pub use blobs::{Blob, BlobFinder, BlobLimits};
+pub use chessboard::{Corner, find_chessboard};
 pub use error::ImagingError;
 pub use foreground::{Foreground, ForegroundConfig};
 pub use mask::fill_polygon;
