@@ -4,12 +4,13 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use crate::camera::Camera;
 
-/// Of optics and pose; those of the clock come after them.
-pub(super) const CLOCK: usize = 15;
-pub(super) const N_NAMES: usize = CLOCK + 2;
+/// Of optics and pose there are so many columns; those of the clock come after them.
+pub const CLOCK: usize = 15;
+/// All columns.
+pub const N_NAMES: usize = CLOCK + 2;
 
 /// What can be free. A camera's block of width C has the first C of them, or where clocks are adjusted the first C − 2 and the last two.
-pub(super) const NAMES: [&str; N_NAMES] = [
+pub const NAMES: [&str; N_NAMES] = [
     "rotation x",
     "rotation y",
     "rotation z",
@@ -90,8 +91,8 @@ impl Freedom {
         }
     }
 
-    /// By column.
-    pub(super) fn mask(&self) -> [bool; CLOCK] {
+    /// By column of [`NAMES`].
+    pub fn mask(&self) -> [bool; CLOCK] {
         let Freedom { pose, focal, aspect, principal, k1, k2, k3, decentering } = *self;
         let optics = [focal, k1, k2, principal, principal, aspect, decentering, decentering, k3];
         std::array::from_fn(|column| if column < 6 { pose } else { optics[column - 6] })
@@ -102,8 +103,8 @@ impl Freedom {
         self.mask().iter().filter(|it| **it).count()
     }
 
-    /// How many columns hold all that is free.
-    pub(super) fn width(&self) -> usize {
+    /// How many columns of [`NAMES`], counted from the first, hold all that is free.
+    pub fn width(&self) -> usize {
         self.mask().iter().rposition(|it| *it).map_or(0, |it| it + 1)
     }
 }
@@ -177,8 +178,8 @@ pub struct OpticsSigma {
 }
 
 impl OpticsSigma {
-    /// From the standard deviation of each column.
-    pub(super) fn of(column: impl Fn(usize) -> f64) -> OpticsSigma {
+    /// From the standard deviation of each column of [`NAMES`].
+    pub fn of(column: impl Fn(usize) -> f64) -> OpticsSigma {
         OpticsSigma {
             focal: column(6),
             aspect: column(11),
@@ -189,8 +190,8 @@ impl OpticsSigma {
     }
 }
 
-/// Moves `camera` by a step in the columns of its block; focal lengths by factors, so that they stay positive.
-pub(super) fn moved(camera: &Camera, step: &[f64]) -> Camera {
+/// Moves `camera` by a step in the columns of [`NAMES`], those left out 0; focal lengths by factors, so that they stay positive.
+pub fn moved(camera: &Camera, step: &[f64]) -> Camera {
     let at = |column: usize| step.get(column).copied().unwrap_or(0.0);
     let mut moved = camera.clone();
     let turn = UnitQuaternion::from_scaled_axis(Vector3::new(at(0), at(1), at(2)));

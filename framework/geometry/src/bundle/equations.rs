@@ -54,16 +54,22 @@ pub(super) struct Reduced<const C: usize> {
     pub gradient: DVector<f64>,
 }
 
-/// A camera with its rotation as a matrix.
-struct Posed<'a> {
+/// A camera with its rotation as a matrix, for many points in turn.
+pub struct Posed<'a> {
     camera: &'a Camera,
     rotation: Matrix3<f64>,
 }
 
-impl Posed<'_> {
-    /// Pixel, its derivatives by pose and optics, as many as a block holds, and by the point; `None` where the camera does not see it.
+impl<'a> Posed<'a> {
+    /// Of a camera.
+    pub fn new(camera: &'a Camera) -> Posed<'a> {
+        Posed { camera, rotation: camera.camera_from_world.rotation.to_rotation_matrix().into_inner() }
+    }
+
+    /// Pixel [px], its derivatives by the first C columns of [`super::NAMES`], where `TIMED` by C − 2 with two left 0 for the clock, and by
+    /// the point; `None` where the camera does not see it.
     #[inline]
-    fn linearise<const C: usize, const TIMED: bool>(
+    pub fn linearise<const C: usize, const TIMED: bool>(
         &self,
         point: &Point3<f64>,
     ) -> Option<(Vector2<f64>, SMatrix<f64, 2, C>, Matrix2x3<f64>)> {
@@ -149,13 +155,7 @@ impl<const C: usize, const TIMED: bool> Equations<C, TIMED> {
         self.of_camera.fill(SMatrix::zeros());
         self.gradient_of_camera.fill(SVector::zeros());
         self.cost = 0.0;
-        let posed: Vec<Posed<'_>> = cameras
-            .iter()
-            .map(|camera| Posed {
-                camera,
-                rotation: camera.camera_from_world.rotation.to_rotation_matrix().into_inner(),
-            })
-            .collect();
+        let posed: Vec<Posed<'_>> = cameras.iter().map(Posed::new).collect();
         for (index, range) in layout.of_point.iter().enumerate() {
             let (mut of_point, mut gradient) = (Matrix3::zeros(), Vector3::zeros());
             for at in range.clone() {

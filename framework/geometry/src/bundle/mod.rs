@@ -28,7 +28,8 @@ use foveate_estimation::Loss;
 pub use foveate_estimation::least_squares::Stop;
 use nalgebra::{Matrix3, Matrix6, Point2, Point3, Vector2};
 
-pub use self::columns::{Freedom, Optic, OpticsSigma};
+pub use self::columns::{CLOCK, Freedom, NAMES, Optic, OpticsSigma, moved};
+pub use self::equations::Posed;
 pub use self::timing::{AdjustedWithClocks, ClockFreedom, ClockGauge, ClockShift, Timing, adjust_with_clocks};
 use crate::camera::{Camera, CameraFault};
 
