@@ -5,6 +5,7 @@
 //! | [`recording`] | what went in: who saw what, where and when, and what is known of the cameras' optics |
 //! | [`solved`] | what came out: cameras, path, the residual of each sighting, and what remains open |
 //! | [`room`] | the way from one to the other with one waved light, from nothing or from an older calibration |
+//! | [`board`] | cameras that see a rigid board: optics and poses in metres |
 //! | [`clocks`] | cameras that share no clock: their offsets from the continuity of the light's path |
 //! | [`wand`] | two lights a known distance apart |
 //! | [`axes`] | metres, the vertical and the origin, and what fixes each how well |
@@ -13,6 +14,7 @@
 //! | [`report`] | one HTML page with pictures |
 
 pub mod axes;
+pub mod board;
 pub mod checks;
 pub mod clocks;
 pub mod coverage;

@@ -1,0 +1,29 @@
+//! Chessboards and their like: optics and poses of cameras from pictures of one rigid board.
+//!
+//! Source: Z. Zhang, "A flexible new technique for camera calibration", TPAMI 22(11), 2000, for the optics of one camera; the rest is
+//! a bundle adjustment in which the board has one pose in each frame, and its marks none of their own.
+//!
+//! 1. Each camera alone ([`OpticsFit`]): homographies give a focal length, all its views together the optics that they can hold.
+//! 2. Each picture: one or two poses of the board ([D. Oberkampf et al. 1996]: from afar a board looks like its mirror image).
+//! 3. Pairs of cameras: the relative pose on which most common frames agree settles the mirror image and which way round a symmetric
+//!    board lies; pairs are chained, the surest first.
+//! 4. All together: cameras, optics and board poses under a robust loss, what contradicts is rejected, and again.
+//!
+//! The world is the board's own space in one frame: that in which it lay on the floor, if one is named, otherwise the one that most
+//! cameras saw.
+
+mod groups;
+mod optics;
+mod pattern;
+mod plane;
+mod rigid;
+mod room;
+mod types;
+mod views;
+
+pub use pattern::Board;
+pub use room::calibrate;
+pub use types::{BoardFault, BoardPose, BoardRules, BoardSolution, HoldOut, OpticsFit, Refused, Why};
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,355 @@
+//! Bundle adjustment over cameras and the poses of one rigid board: the poses under which all pixels together are most likely.
+//!
+//! As in [`foveate_geometry::bundle`], but what is eliminated from the normal equations is not points with three unknowns but poses with
+//! six: `of_board` is V, `between` W, and the reduced system U − W V⁻¹ Wᵀ has the unknowns of the cameras alone. The world is fixed
+//! by the caller, who holds the pose of one board or of one camera.
+
+use foveate_estimation::Loss;
+use foveate_estimation::least_squares::invert_information;
+use foveate_geometry::Camera;
+use foveate_geometry::bundle::{CLOCK, CameraCovariance, Freedom, NAMES, OpticsSigma, Posed, moved};
+use nalgebra::{
+    DMatrix, DVector, Isometry3, Matrix3, Matrix6, Point2, Point3, SMatrix, SVector, Translation3, UnitQuaternion,
+    Vector2, Vector3, Vector6,
+};
+
+/// A mark of a board as a camera saw it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Seen {
+    pub camera: usize,
+    pub board: usize,
+    /// On the board [m].
+    pub place: Point3<f64>,
+    /// Raw [px].
+    pub pixel: Point2<f64>,
+    pub sigma_px: f64,
+}
+
+#[derive(Debug, Clone, Copy)]
+pub(super) struct RigidRules {
+    pub loss: Loss,
+    /// The board whose pose stays.
+    pub held_board: Option<usize>,
+    pub max_iterations: u32,
+    pub relative_gain: f64,
+    pub covariance: bool,
+}
+
+impl Default for RigidRules {
+    fn default() -> Self {
+        Self { loss: Loss::HUBER, held_board: None, max_iterations: 60, relative_gain: 1e-7, covariance: false }
+    }
+}
+
+/// Covariance of a camera's columns.
+pub(super) type Columns = SMatrix<f64, CLOCK, CLOCK>;
+
+/// Parameters that the sightings leave open: camera and name.
+pub(super) type Open = Vec<(usize, &'static str)>;
+
+pub(super) struct Rigid {
+    pub cameras: Vec<Camera>,
+    pub world_from_board: Vec<Isometry3<f64>>,
+    /// By sighting: where the solution has it − where it was seen, `None` where the camera cannot see it [px].
+    pub residuals: Vec<Option<Vector2<f64>>>,
+    pub cost: f64,
+    /// By camera, if asked for; the parameters that stay open otherwise.
+    pub covariance: Option<Result<Vec<CameraCovariance>, Open>>,
+    /// By camera: of the columns that [`NAMES`] lists, if asked for and nothing is open.
+    pub columns: Vec<Columns>,
+}
+
+/// Adjusts what `freedoms` leaves free in `cameras`, and all boards but the held one; `None` when a mark that is seen at the start is
+/// not finite, or nothing is.
+pub(super) fn adjust(
+    cameras: &[Camera],
+    freedoms: &[Freedom],
+    boards: &[Isometry3<f64>],
+    seen: &[Seen],
+    rules: &RigidRules,
+) -> Option<Rigid> {
+    match freedoms.iter().map(Freedom::width).max().unwrap_or(0) {
+        0..=6 => run::<6>(cameras, freedoms, boards, seen, rules),
+        7..=9 => run::<9>(cameras, freedoms, boards, seen, rules),
+        _ => run::<15>(cameras, freedoms, boards, seen, rules),
+    }
+}
+
+/// One look of a camera at a board: a range of sightings.
+struct Look {
+    camera: usize,
+    board: usize,
+    seen: Vec<usize>,
+}
+
+struct Layout<'a> {
+    seen: &'a [Seen],
+    /// By board, in its order.
+    looks: Vec<Look>,
+    of_board: Vec<std::ops::Range<usize>>,
+    /// By camera and column: the row of the reduced system.
+    rows: Vec<[Option<usize>; CLOCK]>,
+    dimension: usize,
+    held_board: Option<usize>,
+}
+
+struct Equations<const C: usize> {
+    of_camera: Vec<SMatrix<f64, C, C>>,
+    gradient_of_camera: Vec<SVector<f64, C>>,
+    of_board: Vec<Matrix6<f64>>,
+    gradient_of_board: Vec<Vector6<f64>>,
+    /// By look.
+    between: Vec<SMatrix<f64, C, 6>>,
+    cost: f64,
+}
+
+fn run<const C: usize>(
+    cameras: &[Camera],
+    freedoms: &[Freedom],
+    boards: &[Isometry3<f64>],
+    seen: &[Seen],
+    rules: &RigidRules,
+) -> Option<Rigid> {
+    let layout = lay_out(cameras, freedoms, boards, seen, rules.held_board);
+    if layout.looks.is_empty() {
+        return None;
+    }
+    let (mut cameras, mut boards) = (cameras.to_vec(), boards.to_vec());
+    let mut here = Equations::<C>::at(&layout, &cameras, &boards, &rules.loss)?;
+    let (mut damping, mut growth) = (1e-4, 2.0);
+    for _ in 0..rules.max_iterations {
+        let Some((step, of_boards)) = here.step(&layout, damping) else {
+            damping *= growth;
+            growth *= 2.0;
+            if damping > 1e15 {
+                break;
+            }
+            continue;
+        };
+        let next_cameras: Vec<Camera> = cameras
+            .iter()
+            .enumerate()
+            .map(|(it, camera)| moved(camera, block::<C>(&layout, it, &step).as_slice()))
+            .collect();
+        let next_boards: Vec<Isometry3<f64>> =
+            boards.iter().zip(&of_boards).map(|(board, step)| board_moved(board, step)).collect();
+        let promised = here.promised(&layout, &step, &of_boards);
+        let there = Equations::<C>::at(&layout, &next_cameras, &next_boards, &rules.loss);
+        let small = promised <= rules.relative_gain * here.cost.max(f64::MIN_POSITIVE);
+        match there {
+            Some(there) if there.cost <= here.cost => {
+                let gain = (here.cost - there.cost) / promised.max(f64::MIN_POSITIVE);
+                damping = (damping * (1.0 - (2.0 * gain.min(1.5) - 1.0).powi(3)).max(1.0 / 3.0)).max(1e-15);
+                growth = 2.0;
+                (cameras, boards, here) = (next_cameras, next_boards, there);
+            }
+            _ => {
+                damping = damping.max(1e-10) * growth;
+                growth *= 2.0;
+            }
+        }
+        if small {
+            break;
+        }
+        if damping > 1e15 {
+            break;
+        }
+    }
+    let residuals =
+        seen.iter().map(|it| Some(cameras[it.camera].project(&(boards[it.board] * it.place))? - it.pixel)).collect();
+    let mut columns = Vec::new();
+    let covariance = rules.covariance.then(|| {
+        let (information, _, _) = here.reduced(&layout, 0.0);
+        let names = |open: &[usize]| {
+            let name = |row: &usize| {
+                let place = |(camera, rows): (usize, &[Option<usize>; CLOCK])| {
+                    Some((camera, NAMES[rows.iter().position(|it| *it == Some(*row))?]))
+                };
+                layout.rows.iter().enumerate().find_map(place)
+            };
+            open.iter().filter_map(name).collect::<Vec<_>>()
+        };
+        let whole = if layout.dimension == 0 { Ok(DMatrix::zeros(0, 0)) } else { invert_information(&information) };
+        let whole = whole.map_err(|open| names(&open))?;
+        columns = layout
+            .rows
+            .iter()
+            .map(|rows| Columns::from_fn(|i, j| rows[i].zip(rows[j]).map_or(0.0, |at| whole[at])))
+            .collect();
+        Ok(cameras.iter().zip(&columns).map(|(camera, block)| of_camera(camera, block)).collect())
+    });
+    Some(Rigid { cameras, world_from_board: boards, residuals, cost: here.cost, covariance, columns })
+}
+
+fn of_camera(camera: &Camera, block: &Columns) -> CameraCovariance {
+    let pose: Matrix6<f64> = block.fixed_view::<6, 6>(0, 0).into_owned();
+    // The centre c of T exp(δ) moves by c × ω − v.
+    let mut by_pose = SMatrix::<f64, 3, 6>::zeros();
+    by_pose.fixed_view_mut::<3, 3>(0, 0).copy_from(&camera.centre().coords.cross_matrix());
+    by_pose.fixed_view_mut::<3, 3>(0, 3).copy_from(&-Matrix3::identity());
+    let optics = OpticsSigma::of(|column| block[(column, column)].max(0.0).sqrt());
+    CameraCovariance { pose, centre: by_pose * pose * by_pose.transpose(), optics }
+}
+
+fn board_moved(board: &Isometry3<f64>, step: &Vector6<f64>) -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2]));
+    let mut moved = board * Isometry3::from_parts(Translation3::new(step[3], step[4], step[5]), turn);
+    moved.rotation.renormalize_fast();
+    moved
+}
+
+fn block<const C: usize>(layout: &Layout<'_>, camera: usize, step: &DVector<f64>) -> SVector<f64, C> {
+    SVector::from_fn(|column, _| layout.rows[camera][column].map_or(0.0, |row| step[row]))
+}
+
+fn lay_out<'a>(
+    cameras: &[Camera],
+    freedoms: &[Freedom],
+    boards: &[Isometry3<f64>],
+    seen: &'a [Seen],
+    held_board: Option<usize>,
+) -> Layout<'a> {
+    let mut by_look: std::collections::BTreeMap<(usize, usize), Vec<usize>> = std::collections::BTreeMap::new();
+    for (index, it) in seen.iter().enumerate() {
+        // Marks that are out of view at the start have no derivative to lead them back.
+        if cameras[it.camera].project(&(boards[it.board] * it.place)).is_some() {
+            by_look.entry((it.board, it.camera)).or_default().push(index);
+        }
+    }
+    let looks: Vec<Look> = by_look.into_iter().map(|((board, camera), seen)| Look { camera, board, seen }).collect();
+    let mut of_board = vec![0..0; boards.len()];
+    for (index, look) in looks.iter().enumerate() {
+        let range = &mut of_board[look.board];
+        *range = if range.start == range.end { index..index + 1 } else { range.start..index + 1 };
+    }
+    let mut dimension = 0;
+    let mut rows = vec![[None; CLOCK]; cameras.len()];
+    for (camera, freedom) in freedoms.iter().enumerate() {
+        if looks.iter().any(|it| it.camera == camera) {
+            for (column, free) in freedom.mask().into_iter().enumerate() {
+                rows[camera][column] = free.then(|| {
+                    dimension += 1;
+                    dimension - 1
+                });
+            }
+        }
+    }
+    Layout { seen, looks, of_board, rows, dimension, held_board }
+}
+
+impl<const C: usize> Equations<C> {
+    fn at(layout: &Layout<'_>, cameras: &[Camera], boards: &[Isometry3<f64>], loss: &Loss) -> Option<Self> {
+        let mut new = Self {
+            of_camera: vec![SMatrix::zeros(); cameras.len()],
+            gradient_of_camera: vec![SVector::zeros(); cameras.len()],
+            of_board: vec![Matrix6::zeros(); boards.len()],
+            gradient_of_board: vec![Vector6::zeros(); boards.len()],
+            between: vec![SMatrix::zeros(); layout.looks.len()],
+            cost: 0.0,
+        };
+        let posed: Vec<Posed<'_>> = cameras.iter().map(Posed::new).collect();
+        for (look, between) in layout.looks.iter().zip(&mut new.between) {
+            let axes = boards[look.board].rotation.to_rotation_matrix();
+            for seen in look.seen.iter().map(|it| &layout.seen[*it]) {
+                let (pixel, by_camera, by_point) =
+                    posed[look.camera].linearise::<C, false>(&(boards[look.board] * seen.place))?;
+                let per_variance = 1.0 / (seen.sigma_px * seen.sigma_px);
+                let error = pixel - seen.pixel.coords;
+                let (cost, weight) = loss.at(error.norm_squared() * per_variance);
+                new.cost += 0.5 * cost;
+                let weight = weight * per_variance;
+                // B exp(δ) p = B (p + ω × p + v)
+                let by_place = by_point * axes.matrix();
+                let mut by_board = SMatrix::<f64, 2, 6>::zeros();
+                by_board.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_place * -seen.place.coords.cross_matrix()));
+                by_board.fixed_view_mut::<2, 3>(0, 3).copy_from(&by_place);
+                let weighted = by_camera * weight;
+                new.of_camera[look.camera] += by_camera.tr_mul(&weighted);
+                new.gradient_of_camera[look.camera] += weighted.tr_mul(&error);
+                if layout.held_board != Some(look.board) {
+                    new.of_board[look.board] += by_board.tr_mul(&(by_board * weight));
+                    new.gradient_of_board[look.board] += by_board.tr_mul(&error) * weight;
+                    *between += weighted.tr_mul(&by_board);
+                }
+            }
+        }
+        new.cost.is_finite().then_some(new)
+    }
+
+    /// Information and gradient of the cameras when boards follow, and the inverses by board.
+    fn reduced(&self, layout: &Layout<'_>, damping: f64) -> (DMatrix<f64>, DVector<f64>, Vec<Matrix6<f64>>) {
+        let mut information = DMatrix::zeros(layout.dimension, layout.dimension);
+        let mut gradient = DVector::zeros(layout.dimension);
+        let mut add = |a: usize, b: usize, block: &SMatrix<f64, C, C>| {
+            for (i, row) in layout.rows[a].iter().take(C).enumerate() {
+                for (j, column) in layout.rows[b].iter().take(C).enumerate() {
+                    if let (Some(row), Some(column)) = (row, column) {
+                        information[(*row, *column)] += block[(i, j)];
+                    }
+                }
+            }
+        };
+        let mut raise = |a: usize, part: &SVector<f64, C>| {
+            for (i, row) in layout.rows[a].iter().take(C).enumerate() {
+                if let Some(row) = row {
+                    gradient[*row] += part[i];
+                }
+            }
+        };
+        for (camera, block) in self.of_camera.iter().enumerate() {
+            let mut damped = *block;
+            (0..C).for_each(|it| damped[(it, it)] *= 1.0 + damping);
+            add(camera, camera, &damped);
+            raise(camera, &self.gradient_of_camera[camera]);
+        }
+        let mut inverses = vec![Matrix6::zeros(); self.of_board.len()];
+        for (board, range) in layout.of_board.iter().enumerate() {
+            let mut damped = self.of_board[board];
+            (0..6).for_each(|it| damped[(it, it)] *= 1.0 + damping);
+            let Some(factor) = damped.cholesky() else { continue };
+            inverses[board] = factor.inverse();
+            for high in range.clone() {
+                let led_back = self.between[high] * inverses[board];
+                raise(layout.looks[high].camera, &-(led_back * self.gradient_of_board[board]));
+                for low in range.clone() {
+                    add(
+                        layout.looks[high].camera,
+                        layout.looks[low].camera,
+                        &-(led_back * self.between[low].transpose()),
+                    );
+                }
+            }
+        }
+        (information, gradient, inverses)
+    }
+
+    fn step(&self, layout: &Layout<'_>, damping: f64) -> Option<(DVector<f64>, Vec<Vector6<f64>>)> {
+        let (information, gradient, inverses) = self.reduced(layout, damping);
+        let step = if layout.dimension == 0 { gradient } else { information.cholesky()?.solve(&-gradient) };
+        let mut of_boards: Vec<Vector6<f64>> = self.gradient_of_board.clone();
+        for (look, between) in layout.looks.iter().zip(&self.between) {
+            of_boards[look.board] += between.tr_mul(&block::<C>(layout, look.camera, &step));
+        }
+        for (of_board, inverse) in of_boards.iter_mut().zip(&inverses) {
+            *of_board = -(inverse * *of_board);
+        }
+        let finite = step.iter().all(|it| it.is_finite()) && of_boards.iter().flatten().all(|it| it.is_finite());
+        finite.then_some((step, of_boards))
+    }
+
+    /// By how much the equations say that a step lowers the cost.
+    fn promised(&self, layout: &Layout<'_>, step: &DVector<f64>, of_boards: &[Vector6<f64>]) -> f64 {
+        let mut promised = 0.0;
+        for camera in 0..self.of_camera.len() {
+            let own = block::<C>(layout, camera, step);
+            promised -= self.gradient_of_camera[camera].dot(&own) + 0.5 * own.dot(&(self.of_camera[camera] * own));
+        }
+        for (board, own) in of_boards.iter().enumerate() {
+            promised -= self.gradient_of_board[board].dot(own) + 0.5 * own.dot(&(self.of_board[board] * own));
+        }
+        for (look, between) in layout.looks.iter().zip(&self.between) {
+            promised -= block::<C>(layout, look.camera, step).dot(&(between * of_boards[look.board]));
+        }
+        promised
+    }
+}

@@ -1,0 +1,406 @@
+//! From looks at a board to a solved room.
+
+mod hold_out;
+
+use std::collections::BTreeMap;
+
+use foveate_estimation::Loss;
+use foveate_estimation::statistics::median;
+use foveate_geometry::Camera;
+use foveate_geometry::bundle::{Freedom, Optic};
+use foveate_geometry::self_calibration::CameraStatus;
+use foveate_scene::uncertainty::Fixed;
+use nalgebra::{Isometry3, Vector2};
+
+use super::groups::{self, Look, turned_place};
+use super::optics::{self, View};
+use super::pattern::Board;
+use super::plane;
+use super::rigid::{self, Rigid, RigidRules, Seen};
+use super::types::{BoardFault, BoardPose, BoardRules, BoardSolution, HoldOut, OpticsFit, Why};
+use super::views::{check, frames, gather};
+use crate::recording::Recording;
+use crate::solved::{FixedFreedoms, SightingRole, Solved, SolvedCamera, SolvedPoint, SolvedSighting, Step};
+
+/// Finds optics, as far as they are free, and poses of all cameras that see `board`, together or in a chain.
+///
+/// Spots carry the number of their mark as `label`; how often a spot is unusable, and each camera's fate, is said in the result. One
+/// camera alone is an answer too: its optics, and its pose to the board.
+///
+/// # Errors
+/// See [`BoardFault`].
+pub fn calibrate(recording: &Recording, board: &Board, rules: &BoardRules) -> Result<BoardSolution, BoardFault> {
+    check(recording, rules)?;
+    let (mut looks, views, unusable_spots, misfit_views) = gather(recording, board, rules)?;
+    let n_cameras = recording.cameras.len();
+    let optics: Vec<OpticsFit> = (0..n_cameras)
+        .map(|camera| {
+            let guess = &recording.cameras[camera];
+            let own: Vec<&View> =
+                looks.iter().zip(&views).filter(|(look, _)| look.camera == camera).map(|it| it.1).collect();
+            optics::fit(&guess.camera, guess.free, &own, rules)
+        })
+        .collect();
+    for look in &mut looks {
+        look.poses = plane::poses(&optics[look.camera].camera, &look.places, &look.pixels, rules.inlier_px.max(6.0));
+        look.poses.retain(|it| it.right > 0.5);
+    }
+    let mut status: Vec<CameraStatus> =
+        (0..n_cameras).map(|it| alone(it, recording, &looks, &optics[it], rules)).collect();
+    looks.retain(|it| !it.poses.is_empty() && status[it.camera] == CameraStatus::Calibrated);
+    if looks.is_empty() {
+        return Err(BoardFault::NoPose { board: board.name.clone() });
+    }
+    let mut cameras: Vec<Camera> = optics.iter().map(|it| it.camera.clone()).collect();
+    let guesses: Vec<Camera> = recording.cameras.iter().map(|it| it.camera.clone()).collect();
+    let paired = pairs(&cameras, &looks, board, rules.poses_guessed.then_some(&guesses), rules);
+    let usable: Vec<bool> = status.iter().map(|it| *it == CameraStatus::Calibrated).collect();
+    let groups = groups::groups(n_cameras, &paired, &usable);
+    let Some(group) = groups.first() else { return Err(BoardFault::NoPose { board: board.name.clone() }) };
+    for (camera, pose) in &group.members {
+        cameras[*camera].camera_from_world = *pose;
+    }
+    let placed: Vec<bool> = (0..n_cameras).map(|it| group.members.iter().any(|member| member.0 == it)).collect();
+    for other in &groups[1..] {
+        for &(camera, _) in &other.members {
+            let best =
+                paired.iter().filter(|it| it.link.a == camera || it.link.b == camera).max_by_key(|it| it.link.common);
+            let partner = best.map(|it| it.link.a + it.link.b - camera);
+            status[camera] = match best {
+                _ if other.members.len() > 1 => {
+                    CameraStatus::Separate { group: other.members.iter().map(|it| it.0).collect() }
+                }
+                Some(pair) => CameraStatus::Inconsistent {
+                    best: partner.unwrap_or(camera),
+                    common: pair.link.common,
+                    right: pair.link.right,
+                },
+                None => CameraStatus::NoPartner { best: None, common: 0, needed: 1 },
+            };
+        }
+    }
+    let mut room = Room::new(cameras, placed, looks, &optics, board, rules);
+    room.solve();
+    let mut solution = room.into_solution(recording, optics, status);
+    solution.solved.links = paired.into_iter().map(|it| it.link).collect();
+    solution.ambiguous = group.open.clone();
+    solution.ambiguous.sort_unstable();
+    solution.ambiguous.dedup();
+    (solution.unusable_spots, solution.misfit_views) = (unusable_spots, misfit_views);
+    Ok(solution)
+}
+
+/// What can be said of a camera by its own pictures.
+fn alone(camera: usize, recording: &Recording, looks: &[Look], fit: &OpticsFit, rules: &BoardRules) -> CameraStatus {
+    let own: Vec<&Look> = looks.iter().filter(|it| it.camera == camera).collect();
+    let posed = own.iter().filter(|it| !it.poses.is_empty()).count();
+    let asked = recording.cameras[camera].free.focal && rules.focal_guessed;
+    match fit.refused.iter().find(|it| it.what == Optic::Focal).filter(|_| asked).map(|it| it.why) {
+        _ if own.is_empty() => CameraStatus::TooFewSightings { frames: 0, needed: 1 },
+        Some(Why::TooFewViews { views, needed }) => CameraStatus::TooFewSightings { frames: views, needed },
+        Some(Why::Uncertain { sigma, .. }) => CameraStatus::FocalOpen { sigma },
+        Some(_) => CameraStatus::FocalOpen { sigma: f64::INFINITY },
+        None if 2 * posed < own.len().min(rules.min_views) || posed == 0 => {
+            CameraStatus::Inconsistent { best: camera, common: own.len(), right: posed }
+        }
+        None => CameraStatus::Calibrated,
+    }
+}
+
+fn pairs(
+    cameras: &[Camera],
+    looks: &[Look],
+    board: &Board,
+    guess: Option<&Vec<Camera>>,
+    rules: &BoardRules,
+) -> Vec<groups::Paired> {
+    let mut by_camera: Vec<BTreeMap<usize, &Look>> = vec![BTreeMap::new(); cameras.len()];
+    for look in looks {
+        by_camera[look.camera].insert(look.frame, look);
+    }
+    let mut found = Vec::new();
+    for a in 0..cameras.len() {
+        for b in a + 1..cameras.len() {
+            let common: Vec<(&Look, &Look)> =
+                by_camera[a].iter().filter_map(|(frame, of_a)| Some((*of_a, *by_camera[b].get(frame)?))).collect();
+            if !common.is_empty() {
+                found.extend(groups::pair(cameras, a, b, &common, board, guess.map(Vec::as_slice), rules));
+            }
+        }
+    }
+    found
+}
+
+/// Cameras, board poses and looks on their way to the solution.
+struct Room<'a> {
+    cameras: Vec<Camera>,
+    placed: Vec<bool>,
+    freedoms: Vec<Freedom>,
+    looks: Vec<Look>,
+    /// By look and mark.
+    roles: Vec<Vec<SightingRole>>,
+    residuals: Vec<Vec<Option<Vector2<f64>>>>,
+    /// By frame.
+    boards: BTreeMap<usize, Isometry3<f64>>,
+    covariance: Vec<Option<foveate_geometry::bundle::CameraCovariance>>,
+    origin: usize,
+    hold_out: Option<HoldOut>,
+    steps: Vec<Step>,
+    board: &'a Board,
+    rules: &'a BoardRules,
+    sigma_factor: f64,
+}
+
+impl<'a> Room<'a> {
+    fn new(
+        cameras: Vec<Camera>,
+        placed: Vec<bool>,
+        looks: Vec<Look>,
+        optics: &[OpticsFit],
+        board: &'a Board,
+        rules: &'a BoardRules,
+    ) -> Room<'a> {
+        let freedoms = optics
+            .iter()
+            .zip(&placed)
+            .map(|(fit, placed)| if *placed { Freedom { pose: true, ..fit.freed } } else { Freedom::NONE })
+            .collect();
+        let roles = looks
+            .iter()
+            .map(|it| vec![if placed[it.camera] { SightingRole::Used } else { SightingRole::Unsolved }; it.ids.len()])
+            .collect();
+        let residuals = looks.iter().map(|it| vec![None; it.ids.len()]).collect();
+        let covariance = vec![None; cameras.len()];
+        Room {
+            cameras,
+            placed,
+            freedoms,
+            looks,
+            roles,
+            residuals,
+            boards: BTreeMap::new(),
+            covariance,
+            origin: 0,
+            hold_out: None,
+            steps: Vec::new(),
+            board,
+            rules,
+            sigma_factor: 1.0,
+        }
+    }
+
+    fn solve(&mut self) {
+        self.place_boards();
+        self.choose_origin();
+        self.keep_back();
+        self.move_to_origin();
+        let rough = RigidRules { loss: Loss::CAUCHY, max_iterations: 30, relative_gain: 1e-4, ..RigidRules::default() };
+        self.adjust("cameras and boards", &rough);
+        // From better cameras another of two poses may be the right one.
+        self.place_boards();
+        self.adjust("boards placed anew", &rough);
+        self.reject();
+        self.move_to_origin();
+        self.adjust(
+            "without what contradicts",
+            &RigidRules { loss: Loss::HUBER, covariance: true, ..RigidRules::default() },
+        );
+        self.test();
+    }
+
+    /// Finds where the board is in each frame, and how each look is turned.
+    fn place_boards(&mut self) {
+        let mut by_frame: BTreeMap<usize, Vec<&mut Look>> = BTreeMap::new();
+        for look in &mut self.looks {
+            by_frame.entry(look.frame).or_default().push(look);
+        }
+        let (cameras, placed, before) = (&self.cameras, &self.placed, &self.boards);
+        let place = |(frame, mut looks): (usize, Vec<&mut Look>)| {
+            let found = groups::place(cameras, placed, before.get(&frame), &mut looks, self.board, self.rules)?;
+            Some((frame, found))
+        };
+        self.boards = by_frame.into_iter().filter_map(place).collect();
+    }
+
+    fn seeing(&self, frame: usize) -> usize {
+        self.looks.iter().filter(|it| it.frame == frame && self.placed[it.camera]).count()
+    }
+
+    /// The frame whose board is the world: that on the floor, or the one that most cameras saw, and of those the one with most marks.
+    fn choose_origin(&mut self) {
+        let marks = |frame: usize| -> usize {
+            self.looks.iter().filter(|it| it.frame == frame && self.placed[it.camera]).map(|it| it.ids.len()).sum()
+        };
+        let best = self.boards.keys().max_by_key(|it| (self.seeing(**it), marks(**it), std::cmp::Reverse(**it)));
+        self.origin = best.copied().unwrap_or(0);
+    }
+
+    /// Moves the world into the board of the origin's frame.
+    fn move_to_origin(&mut self) {
+        let Some(origin) = self.boards.get(&self.origin).copied() else { return };
+        for camera in &mut self.cameras {
+            camera.camera_from_world *= origin;
+        }
+        for board in self.boards.values_mut() {
+            *board = origin.inverse() * *board;
+        }
+    }
+
+    fn seen(
+        &self,
+        boards: &BTreeMap<usize, usize>,
+        wanted: impl Fn(usize, usize) -> bool,
+    ) -> (Vec<Seen>, Vec<(usize, usize)>) {
+        let (mut seen, mut of) = (Vec::new(), Vec::new());
+        for (at, look) in self.looks.iter().enumerate() {
+            let Some(&board) = boards.get(&look.frame) else { continue };
+            for mark in (0..look.ids.len()).filter(|it| wanted(at, *it)) {
+                let place = turned_place(self.board, look, mark);
+                seen.push(Seen {
+                    camera: look.camera,
+                    board,
+                    place,
+                    pixel: look.pixels[mark],
+                    sigma_px: look.sigmas[mark] * self.sigma_factor,
+                });
+                of.push((at, mark));
+            }
+        }
+        (seen, of)
+    }
+
+    fn adjust(&mut self, stage: &'static str, how: &RigidRules) {
+        let order: BTreeMap<usize, usize> = self.boards.keys().enumerate().map(|(at, frame)| (*frame, at)).collect();
+        let poses: Vec<Isometry3<f64>> = self.boards.values().copied().collect();
+        let (seen, of) = self.seen(&order, |at, mark| self.roles[at][mark] == SightingRole::Used);
+        let how = RigidRules { held_board: order.get(&self.origin).copied(), ..*how };
+        let Some(found) = rigid::adjust(&self.cameras, &self.freedoms, &poses, &seen, &how) else { return };
+        let Rigid { cameras, world_from_board, residuals, covariance, .. } = found;
+        self.cameras = cameras;
+        self.boards.values_mut().zip(world_from_board).for_each(|(to, from)| *to = from);
+        let (mut squares, mut used) = (0.0, 0);
+        for ((at, mark), residual) in of.into_iter().zip(residuals) {
+            self.residuals[at][mark] = residual;
+            squares += residual.map_or(0.0, |it| it.norm_squared());
+            used += usize::from(residual.is_some());
+        }
+        self.steps.push(Step { stage, rms_px: (squares / used.max(1) as f64).sqrt(), used });
+        if let Some(Ok(covariance)) = covariance {
+            self.covariance =
+                covariance.into_iter().zip(&self.placed).map(|(it, placed)| placed.then_some(it)).collect();
+        }
+    }
+
+    /// Rejects what lies far off, in the noise as it is, and takes that noise for the covariance.
+    fn reject(&mut self) {
+        let lengths: Vec<f64> = self.residuals.iter().flatten().flatten().map(|it| it.norm()).collect();
+        let sigma_px = median(&lengths).unwrap_or(0.0) / 1.1774;
+        let limit = (5.0 * sigma_px).max(0.05).min(self.rules.inlier_px.max(4.0 * sigma_px));
+        for (roles, residuals) in self.roles.iter_mut().zip(&self.residuals) {
+            for (role, residual) in roles.iter_mut().zip(residuals).filter(|it| *it.0 == SightingRole::Used) {
+                if residual.is_none_or(|it| it.norm() > limit) {
+                    *role = SightingRole::Rejected;
+                }
+            }
+        }
+        let sigmas: Vec<f64> = self.looks.iter().flat_map(|it| it.sigmas.iter().copied()).collect();
+        self.sigma_factor = (sigma_px / median(&sigmas).unwrap_or(1.0)).max(1e-3);
+    }
+
+    fn into_solution(
+        mut self,
+        recording: &Recording,
+        optics: Vec<OpticsFit>,
+        status: Vec<CameraStatus>,
+    ) -> BoardSolution {
+        let mut times: BTreeMap<usize, f64> = BTreeMap::new();
+        for (look, frame) in recording.looks.iter().zip(frames(recording, self.rules.frame_tolerance_s)) {
+            let time = times.entry(frame).or_insert(look.time_s);
+            *time = time.min(look.time_s);
+        }
+        let mut fixed = FixedFreedoms {
+            scale: Some(Fixed { by: self.board.name.clone(), sigma: None }),
+            ..FixedFreedoms::default()
+        };
+        if let Some(wanted) = self.rules.floor_time_s {
+            let away = |frame: &usize| times.get(frame).map_or(f64::INFINITY, |it| (it - wanted).abs());
+            let nearest = self.boards.keys().copied().min_by(|a, b| away(a).total_cmp(&away(b)));
+            if let Some(floor) = nearest.filter(|it| away(it) <= self.rules.frame_tolerance_s.max(0.5)) {
+                let by = format!("the board on the floor at {wanted} s");
+                fixed.gravity = Some(Fixed { by: by.clone(), sigma: None });
+                fixed.origin = Some(Fixed { by, sigma: None });
+                if floor != self.origin {
+                    self.origin = floor;
+                    self.move_to_origin();
+                    self.adjust(
+                        "seen from the floor",
+                        &RigidRules { loss: Loss::HUBER, covariance: true, ..RigidRules::default() },
+                    );
+                }
+            }
+        }
+        let (mut points, mut sightings, mut lengths) = (Vec::new(), Vec::new(), Vec::new());
+        let mut place_of: BTreeMap<(usize, u32), usize> = BTreeMap::new();
+        for (at, look) in self.looks.iter().enumerate() {
+            for (mark, &pixel) in look.pixels.iter().enumerate() {
+                let place = turned_place(self.board, look, mark);
+                let label = self.board.nearest(&place);
+                let point = self.boards.get(&look.frame).filter(|_| self.placed[look.camera]).map(|world_from_board| {
+                    *place_of.entry((look.frame, label)).or_insert_with(|| {
+                        let time_s = times.get(&look.frame).copied().unwrap_or(0.0);
+                        points.push(SolvedPoint {
+                            frame: look.frame,
+                            time_s,
+                            label,
+                            position: world_from_board * place,
+                        });
+                        points.len() - 1
+                    })
+                });
+                let role = self.roles[at][mark];
+                let residual = self.residuals[at][mark];
+                if role == SightingRole::Used {
+                    lengths.extend(residual.map(|it| it.norm()));
+                }
+                sightings.push(SolvedSighting { camera: look.camera, frame: look.frame, point, pixel, residual, role });
+            }
+        }
+        // By frame and then by label, as the type promises.
+        let mut order: Vec<usize> = (0..points.len()).collect();
+        order.sort_by_key(|it| (points[*it].frame, points[*it].label));
+        let mut new_place = vec![0; points.len()];
+        order.iter().enumerate().for_each(|(new, old)| new_place[*old] = new);
+        let points = order.iter().map(|it| points[*it]).collect();
+        sightings.iter_mut().for_each(|it| it.point = it.point.map(|old| new_place[old]));
+        let cameras = recording.cameras.iter().enumerate().map(|(at, guess)| {
+            let known = self.placed[at] && status[at] == CameraStatus::Calibrated;
+            SolvedCamera {
+                name: guess.name.clone(),
+                camera: if known { self.cameras[at].clone() } else { guess.camera.clone() },
+                status: status[at].clone(),
+                freed: if known { self.freedoms[at] } else { Freedom::NONE },
+                covariance: self.covariance[at].clone().filter(|_| known),
+                clock: None,
+            }
+        });
+        let solved =
+            Solved { cameras: cameras.collect(), points, sightings, steps: self.steps, links: Vec::new(), fixed };
+        let rms_px = (lengths.iter().map(|it| it * it).sum::<f64>() / lengths.len().max(1) as f64).sqrt();
+        let pose = |(frame, pose): (&usize, &Isometry3<f64>)| BoardPose {
+            frame: *frame,
+            time_s: times.get(frame).copied().unwrap_or(0.0),
+            world_from_board: *pose,
+        };
+        BoardSolution {
+            solved,
+            optics,
+            boards: self.boards.iter().map(pose).collect(),
+            rms_px,
+            median_px: median(&lengths).unwrap_or(f64::NAN),
+            hold_out: self.hold_out,
+            ambiguous: Vec::new(),
+            unusable_spots: 0,
+            misfit_views: 0,
+        }
+    }
+}
