@@ -21,10 +21,11 @@ const QUATERNION_TOLERANCE: f64 = 1e-3;
 
 const SECTIONS: [&str; 4] = ["calibration", "provenance", "camera", "clock"];
 const HEADER_KEYS: [&str; 2] = ["length_unit", "note"];
-const CAMERA_KEYS: [&str; 8] = [
+const CAMERA_KEYS: [&str; 9] = [
     "image_size_px",
     "focal_px",
     "principal_point_px",
+    "pixel_aspect",
     "skew_px",
     "distortion",
     "position_m",
@@ -170,11 +171,15 @@ impl Reader<'_> {
             self.report(at.clone(), "position_m is missing".into(), expected.into());
         }
         let image_size = self.image_size(table, at.clone());
-        let given = |reader: &mut Self, key: &str, guess: fn([u32; 2]) -> [f64; 2], is_unknown: bool| {
-            if is_unknown { image_size.map(guess) } else { reader.numbers::<2>(table, key, at.clone()) }
+        let focal = match self.pixel_aspect(table, unknown) {
+            None => None,
+            Some(aspect) if unknown.focal => image_size.map(|it| guessed_focal(it, aspect)),
+            Some(_) => self.numbers::<2>(table, "focal_px", at.clone()),
         };
-        let focal = given(self, "focal_px", guessed_focal, unknown.focal);
-        let principal = given(self, "principal_point_px", middle, unknown.principal);
+        let principal = match unknown.principal {
+            true => image_size.map(middle),
+            false => self.numbers::<2>(table, "principal_point_px", at.clone()),
+        };
         let skew = table.get("skew_px").map_or(Some(0.0), |value| self.number(value, "skew_px"));
         let distortion = table.get("distortion").map_or(Some(Distortion::default()), |value| self.distortion(value));
         let (position, turn) = match unknown.pose {
@@ -207,6 +212,17 @@ impl Reader<'_> {
             distortion: distortion?,
             camera_from_world: Isometry3::from_parts((rotation * -centre).into(), rotation),
         })
+    }
+
+    /// The shape of the pixels of a camera whose focal lengths are unknown [–]; square ones need no word.
+    fn pixel_aspect(&mut self, table: &DeTable<'_>, unknown: Unknown) -> Option<f64> {
+        let Some(value) = table.get("pixel_aspect") else { return Some(1.0) };
+        if !unknown.focal {
+            self.report(value.span(), "pixel_aspect beside focal_px".into(), "one of them: focal_px tells both".into());
+            return None;
+        }
+        let aspect = self.number(value, "pixel_aspect")?;
+        self.expect((aspect > 0.0).then_some(aspect), value, "pixel_aspect", "a number above 0, fy/fx")
     }
 
     fn clocks(&mut self, root: &DeTable<'_>) -> Clocks {

@@ -32,7 +32,8 @@ pub struct Unknown {
 }
 
 impl Draft {
-    /// Reads a calibration as [`Calibration::load`] does; in a file of ours a camera needs no more than its `image_size_px`.
+    /// Reads a calibration as [`Calibration::load`] does; in a file of ours a camera needs no more than its `image_size_px`,
+    /// and `pixel_aspect` where its pixels are not square.
     ///
     /// # Errors
     /// Every fault found, with its place.
@@ -51,9 +52,12 @@ impl Draft {
     }
 }
 
-/// The focal lengths to begin with for pictures of this size [px].
-pub fn guessed_focal(image_size: [u32; 2]) -> [f64; 2] {
-    [FOCAL_GUESS * f64::from(image_size[0].max(image_size[1])); 2]
+/// The focal lengths to begin with for pictures of this size [px] whose pixels are `aspect` = fy/fx as wide as they are high [–]: ½ for
+/// single fields of interlaced video.
+pub fn guessed_focal(image_size: [u32; 2], aspect: f64) -> [f64; 2] {
+    let [columns, rows] = image_size.map(f64::from);
+    let focal = FOCAL_GUESS * columns.max(rows / aspect);
+    [focal, aspect * focal]
 }
 
 /// The middle of pictures of this size [px].
@@ -82,6 +86,16 @@ mod tests {
         let camera = found.calibration.camera("a").unwrap();
         assert_eq!(camera.intrinsics.focal, [576.0, 576.0]);
         assert_eq!(camera.intrinsics.principal, [319.5, 239.5]);
+    }
+
+    #[test]
+    fn shape_of_pixels_is_stated_where_they_are_not_square() {
+        let field = HEAD.replace("480", "240") + "pixel_aspect = 0.5\n";
+        assert_eq!(draft(&field).unwrap().calibration.camera("a").unwrap().intrinsics.focal, [576.0, 288.0]);
+        let error = draft(&(field.clone() + "focal_px = [500, 250]\n")).unwrap_err();
+        assert!(error.contains("pixel_aspect beside focal_px"), "{error}");
+        let error = draft(&field.replace("0.5", "-1")).unwrap_err();
+        assert!(error.contains("pixel_aspect") && error.contains("a number above 0"), "{error}");
     }
 
     #[test]

@@ -114,7 +114,7 @@ enum Optics {
     Focal,
     /// Focal length and radial distortion
     Lens,
-    /// Also principal point and decentering
+    /// Also principal point, decentering and the shape of the pixels
     All,
 }
 
@@ -125,7 +125,7 @@ impl Optics {
             Optics::Known => Freedom::POSE,
             Optics::Focal => focal,
             Optics::Lens => Freedom { k1: true, k2: true, ..focal },
-            Optics::All => Freedom { k1: true, k2: true, principal: true, decentering: true, ..focal },
+            Optics::All => Freedom { k1: true, k2: true, principal: true, decentering: true, aspect: true, ..focal },
         }
     }
 }
@@ -194,7 +194,9 @@ impl Plan {
 /// Puts what is to be found of a camera's optics back to what can be said of any camera.
 fn forget_optics(camera: &mut Camera, free: Freedom) {
     if free.focal {
-        camera.intrinsics.focal = guessed_focal(camera.image_size);
+        // The shape of the pixels is the sensor's, which nobody guesses.
+        let [fx, fy] = camera.intrinsics.focal;
+        camera.intrinsics.focal = guessed_focal(camera.image_size, fy / fx);
         camera.intrinsics.skew = 0.0;
     }
     if free.principal {
