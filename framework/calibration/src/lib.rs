@@ -17,6 +17,7 @@ pub mod axes;
 pub mod board;
 pub mod checks;
 pub mod clocks;
+pub mod comparison;
 pub mod coverage;
 pub mod recording;
 pub mod report;

@@ -6,6 +6,7 @@ use clap::ValueEnum;
 use foveate_calibration::axes::{self, AxesRules, Wishes};
 use foveate_calibration::checks::{CheckRules, Checks, LengthSample, Level, check};
 use foveate_calibration::clocks::ClockRules;
+use foveate_calibration::comparison::{Comparison, compare};
 use foveate_calibration::recording::{CameraGuess, Recording};
 use foveate_calibration::report::{self, Grade, ReportInput};
 use foveate_calibration::room::{self, Origin, RoomRules, SolvedRoom, Sought};
@@ -43,6 +44,9 @@ pub struct CalibrateArgs {
     /// Write report.html: the room in 3D, residuals, convergence, coverage
     #[arg(long)]
     report: bool,
+    /// Tell how far the cameras are from where another calibration of the same cameras has them (any form that a rig may name)
+    #[arg(long, value_name = "FILE", value_hint = clap::ValueHint::AnyPath)]
+    compare: Option<PathBuf>,
     /// Replace the calibration that the rig names, unless the verdict is "redo"; the older one is kept beside it
     #[arg(long)]
     write: bool,
@@ -214,6 +218,8 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         check_writable(&path)?;
     }
     let plan = Plan::new(args, &draft)?;
+    let other =
+        args.compare.as_deref().map(Calibration::load).transpose().map_err(|error| format!("error: {error}"))?;
     let stem = args.rig.file_stem().map_or_else(|| "rig".to_owned(), |it| it.to_string_lossy().into_owned());
     let folder = results::make_folder(args.out.as_deref(), &stem).map_err(|it| format!("error: {it}"))?;
     let how = capture::Wishes {
@@ -272,7 +278,8 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
     }
     progress("checking it");
     let checks = check(&solved.solved, lengths.as_deref(), &CheckRules::default());
-    conclude(args, &path, &folder, &captured, &solved, &clocks, &checks)
+    let beside = other.map(|other| compare(&solved.solved, &other));
+    conclude(args, &path, &folder, &captured, &solved, &clocks, &checks, beside.as_ref())
 }
 
 /// Adjusts the room with the length of the wand; how that length comes out at moments that were kept back.
@@ -334,6 +341,7 @@ fn conclude(
     room: &SolvedRoom,
     clocks: &[String],
     checks: &Checks,
+    beside: Option<&Result<Comparison, String>>,
 ) -> Result<u8, String> {
     let recording: &Recording = &captured.recording;
     let method = if args.wand_mm.is_some() { "a waved wand" } else { "one waved light" };
@@ -350,6 +358,9 @@ fn conclude(
     write(&folder.join("calibration.toml"), &text)?;
     let mut figures = figures::figures(room);
     figures.insert("verdict".to_owned(), f64::from(checks.verdict.level as u8));
+    if let Some(Ok(beside)) = beside {
+        figures.extend(beside.figures());
+    }
     let figures: Map<String, Value> = figures.into_iter().map(|(name, value)| (name, results::number(value))).collect();
     write(&folder.join("summary.json"), &format!("{:#}\n", Value::Object(figures)))?;
     write(&folder.join("verdict.txt"), &checks.to_string())?;
@@ -361,6 +372,13 @@ fn conclude(
     }
     say(&words::describe(room, recording));
     clocks.iter().for_each(|it| say(&format!("{it}\n")));
+    if let (Some(beside), Some(path)) = (beside, &args.compare) {
+        let path = path.display().to_string();
+        say(&match beside {
+            Ok(beside) => format!("\n{}", beside.describe(&path)),
+            Err(reason) => format!("\n{path} cannot be compared: {reason}\n"),
+        });
+    }
     say(&format!("\n{checks}\n"));
     if args.write {
         say(&replace(older, &text, checks)?);
