@@ -1,7 +1,7 @@
 //! A room that was solved: its cameras, the path of the light, and how each sighting fits.
 
 use foveate_geometry::Camera;
-use foveate_geometry::bundle::{CameraCovariance, Freedom};
+use foveate_geometry::bundle::{CameraCovariance, Freedom, OpticsPrior};
 use foveate_geometry::self_calibration::{CameraStatus, Link};
 use foveate_scene::uncertainty::Fixed;
 use nalgebra::{Point2, Point3, Vector2};
@@ -34,6 +34,8 @@ pub struct SolvedCamera {
     pub status: CameraStatus,
     /// Which of its optics were found rather than given.
     pub freed: Freedom,
+    /// What was known of these beforehand, where that is more than nothing.
+    pub prior: Option<OpticsPrior>,
     /// How well it is known; `None` when it is not calibrated, or the data leave something open.
     pub covariance: Option<CameraCovariance>,
     /// Its clock, where clocks were estimated.

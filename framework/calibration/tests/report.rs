@@ -90,6 +90,7 @@ fn room(n: usize, frames: usize, views: usize, focal_free: bool) -> Solved {
         camera: camera.clone(),
         status: found.status[index].clone(),
         freed: found.freed[index],
+        prior: None,
         covariance: found.covariance[index].clone(),
         clock: (n < 10).then_some(ClockFit {
             offset_s: 0.004 * index as f64 - 0.01,

@@ -34,8 +34,8 @@ pub use agreement::{Agreement, agreeing_point};
 pub use alignment::{Alignment, AlignmentFault, AlignmentRules, CameraErrors, align, camera_errors};
 pub use alternating::{Alternated, alternate, path_error};
 pub use bundle::{
-    Adjusted, BundleFault, BundleRules, Freedom, Gauge, KnownLength, Observation, Optic, adjust, adjust_with_clocks,
-    adjust_with_lengths,
+    Adjusted, BundleFault, BundleRules, Freedom, Gauge, Known, KnownLength, Observation, Optic, OpticsPrior, adjust,
+    adjust_knowing, adjust_with_clocks,
 };
 pub use camera::{Camera, CameraFault, Distortion, Intrinsics};
 pub use epipolar::{EpipolarFault, EpipolarRules, TwoViews, relative_pose};

@@ -65,6 +65,7 @@ fn world(seed: u64, noise_m: f64) -> Solved {
             camera: Camera::look_at(centre, Point3::new(0.5, 0.5, 1.0), [640, 480], 500.0),
             status: CameraStatus::Calibrated,
             freed: Freedom::POSE,
+            prior: None,
             covariance: Some(covariance),
             clock: None,
         }

@@ -379,6 +379,7 @@ impl<'a> Room<'a> {
                 camera: if known { self.cameras[at].clone() } else { guess.camera.clone() },
                 status: status[at].clone(),
                 freed: if known { self.freedoms[at] } else { Freedom::NONE },
+                prior: None,
                 covariance: self.covariance[at].clone().filter(|_| known),
                 clock: None,
             }

@@ -1,15 +1,18 @@
 //! A room whose cameras are nearly right: spots chosen, points intersected, all adjusted, sightings judged, in rounds.
 
 use foveate_estimation::{Loss, Random};
-use foveate_geometry::bundle::{CameraCovariance, Freedom};
+use foveate_geometry::bundle::{self, CameraCovariance, Freedom, OpticsPrior};
 use foveate_geometry::self_calibration::Link;
-use foveate_geometry::{BundleRules, Camera, CameraStatus, Observation, Sighting, adjust, agreeing_point};
+use foveate_geometry::{BundleRules, Camera, CameraStatus, Observation, Sighting, adjust_knowing, agreeing_point};
 use nalgebra::{Point2, Point3};
 
 use super::RoomRules;
 use super::moments::{Moment, Sight};
 use crate::recording::Recording;
 use crate::solved::{FixedFreedoms, SightingRole, Solved, SolvedCamera, SolvedPoint, SolvedSighting, Step};
+
+/// No detector is better than that, standard deviation [px].
+const LEAST_SIGMA_PX: f64 = 0.005;
 
 /// What is known of a [`Moment`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -32,6 +35,9 @@ pub(super) struct Room<'a> {
     /// By camera: what is adjusted.
     pub freed: Vec<Freedom>,
     pub steps: Vec<Step>,
+    priors: Vec<OpticsPrior>,
+    /// Of either coordinate of a right pixel, standard deviation [px].
+    sigma_px: f64,
     covariance: Vec<Option<CameraCovariance>>,
 }
 
@@ -52,7 +58,18 @@ impl<'a> Room<'a> {
         }
         let n = recording.cameras.len();
         let freed = recording.cameras.iter().map(|it| Freedom { pose: true, ..it.free }).collect();
-        Room { rules, moments, known, cameras: vec![None; n], freed, steps: Vec::new(), covariance: vec![None; n] }
+        let priors = recording.cameras.iter().map(|it| OpticsPrior::of_guess(&it.camera)).collect();
+        Room {
+            rules,
+            moments,
+            known,
+            cameras: vec![None; n],
+            freed,
+            steps: Vec::new(),
+            priors,
+            sigma_px: rules.sigma_px,
+            covariance: vec![None; n],
+        }
     }
 
     /// The sightings of which there is no doubt which spot is meant, those kept back left out.
@@ -67,11 +84,15 @@ impl<'a> Room<'a> {
         list
     }
 
-    /// Adjusts in rounds that allow ever less, given in the rules' `inlier_px`; the last gives covariances.
+    /// Adjusts in rounds that allow ever less, given in the rules' `inlier_px`; the last takes pixels for as good as the residuals before
+    /// it say, and gives covariances.
     pub fn settle(&mut self, rounds: &[f64]) {
         for (round, limit) in rounds.iter().enumerate() {
             self.intersect(limit * self.rules.inlier_px);
             let last = round + 1 == rounds.len();
+            if last {
+                self.sigma_px = self.pixel_sigma().unwrap_or(self.sigma_px);
+            }
             self.adjust(if last { Loss::HUBER } else { Loss::CAUCHY }, last);
         }
         self.intersect(self.rules.inlier_px);
@@ -117,7 +138,7 @@ impl<'a> Room<'a> {
             for sight in moment.sights.iter().filter(|it| it.right) {
                 let Some(pixel) = sight.chosen.map(|it| sight.spots[it]) else { continue };
                 let camera = slots[sight.camera];
-                observations.push(Observation { camera, point: points.len(), pixel, sigma_px: self.rules.sigma_px });
+                observations.push(Observation { camera, point: points.len(), pixel, sigma_px: self.sigma_px });
             }
             points.push(point);
             used.push(index);
@@ -126,7 +147,9 @@ impl<'a> Room<'a> {
         let freed: Vec<Freedom> = members.iter().map(|it| self.freed[*it]).collect();
         let rules = BundleRules { loss, covariance: last, ..BundleRules::default() };
         // What was intersected is seen by two cameras each; with nothing intersected all stays as it is.
-        let Ok(found) = adjust(&cameras, &freed, &points, &observations, &rules) else { return };
+        let optics: Vec<OpticsPrior> = members.iter().map(|it| self.priors[*it].clone()).collect();
+        let known = bundle::Known { optics: &optics, ..bundle::Known::default() };
+        let Ok(found) = adjust_knowing(&cameras, &freed, &points, &observations, &known, &rules) else { return };
         for (slot, camera) in members.iter().enumerate() {
             self.cameras[*camera] = Some(found.cameras[slot].clone());
         }
@@ -142,8 +165,33 @@ impl<'a> Room<'a> {
         }
     }
 
+    /// Standard deviation of either coordinate of a right pixel, from the residuals that the cameras were found from, corrected for what was
+    /// adjusted to them; `None` without any to spare [px].
+    fn pixel_sigma(&self) -> Option<f64> {
+        let (mut n, mut squares, mut n_points) = (0_usize, 0.0, 0_usize);
+        let mut seeing = vec![false; self.cameras.len()];
+        for (moment, known) in self.moments.iter().zip(&self.known).filter(|it| !it.1.held_out) {
+            let Some(point) = known.point else { continue };
+            n_points += 1;
+            for sight in moment.sights.iter().filter(|it| it.right) {
+                let camera = self.cameras[sight.camera].as_ref();
+                let Some(seen) = camera.and_then(|it| it.project(&point)) else { continue };
+                let Some(pixel) = sight.chosen.map(|it| sight.spots[it]) else { continue };
+                seeing[sight.camera] = true;
+                n += 2;
+                squares += (seen - pixel).norm_squared();
+            }
+        }
+        let adjusted: usize = (0..seeing.len()).filter(|it| seeing[*it]).map(|it| self.freed[it].n_parameters()).sum();
+        // Seven directions are the gauge's.
+        let free = (n + 7).checked_sub(adjusted + 3 * n_points).filter(|it| *it > 0)?;
+        Some((squares / free as f64).sqrt().max(LEAST_SIGMA_PX))
+    }
+
     /// All that is known, and the standard deviation of either coordinate of a right pixel [px].
     pub fn into_solved(self, recording: &Recording, status: &[CameraStatus], links: Vec<Link>) -> (Solved, f64) {
+        let sigma_px = self.pixel_sigma().unwrap_or(self.sigma_px);
+        let factor = (sigma_px / self.sigma_px).powi(2);
         let (mut points, mut sightings) = (Vec::new(), Vec::new());
         for (moment, known) in self.moments.iter().zip(&self.known) {
             let (frame, label) = (moment.frame, moment.label);
@@ -166,14 +214,13 @@ impl<'a> Room<'a> {
                 sightings.push(SolvedSighting { camera: sight.camera, frame, point, pixel, residual, role });
             }
         }
-        let sigma_px = pixel_sigma(&sightings, &points, &self.freed).unwrap_or(self.rules.sigma_px);
-        let factor = (sigma_px / self.rules.sigma_px).powi(2);
         let cameras = recording.cameras.iter().zip(self.cameras).zip(self.freed).zip(self.covariance).zip(status);
         let cameras = cameras.map(|((((guess, camera), freed), covariance), status)| SolvedCamera {
             name: guess.name.clone(),
             freed: if camera.is_some() { freed } else { Freedom::NONE },
             camera: camera.unwrap_or_else(|| guess.camera.clone()),
             status: status.clone(),
+            prior: Some(OpticsPrior::of_guess(&guess.camera)),
             covariance: covariance.map(|it| scaled(it, factor)),
             clock: None,
         });
@@ -181,23 +228,6 @@ impl<'a> Room<'a> {
         let fixed = FixedFreedoms::default();
         (Solved { cameras, points, sightings, steps: self.steps, links, fixed }, sigma_px)
     }
-}
-
-/// From the residuals that the cameras were found from, corrected for what was adjusted to them; `None` without any to spare.
-fn pixel_sigma(sightings: &[SolvedSighting], points: &[SolvedPoint], freed: &[Freedom]) -> Option<f64> {
-    let used = sightings.iter().filter(|it| it.role == SightingRole::Used);
-    let (n, squares) =
-        used.clone().filter_map(|it| it.residual).fold((0, 0.0), |sum, it| (sum.0 + 2, sum.1 + it.norm_squared()));
-    let mut of_points: Vec<usize> = used.clone().filter_map(|it| it.point).collect();
-    of_points.dedup();
-    debug_assert!(of_points.len() <= points.len());
-    let mut of_cameras: Vec<usize> = used.map(|it| it.camera).collect();
-    of_cameras.sort_unstable();
-    of_cameras.dedup();
-    let adjusted: usize = of_cameras.iter().map(|it| freed[*it].n_parameters()).sum();
-    // Seven directions are the gauge's.
-    let free = (n + 7_usize).checked_sub(adjusted + 3 * of_points.len()).filter(|it| *it > 0)?;
-    Some((squares / free as f64).sqrt())
 }
 
 /// The covariance with pixels whose variance is `factor` times what was taken for it.

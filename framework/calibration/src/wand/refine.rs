@@ -2,7 +2,7 @@
 
 use foveate_estimation::Loss;
 use foveate_geometry::bundle::{
-    BundleFault, BundleRules, Freedom, KnownLength, Observation, OpenParameters, adjust_with_lengths,
+    BundleFault, BundleRules, Freedom, Known, KnownLength, Observation, OpenParameters, OpticsPrior, adjust_knowing,
 };
 use foveate_geometry::{Camera, CameraStatus};
 use foveate_scene::uncertainty::Fixed;
@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Point3, Similarity3};
 
 use super::lengths::{TooFewFrames, WandLengths, frames, lengths};
 use crate::axes::transformed;
-use crate::solved::{FixedFreedoms, SightingRole, Solved, Step};
+use crate::solved::{FixedFreedoms, SightingRole, Solved, SolvedCamera, Step};
 
 /// A stick with a light at either end.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -132,7 +132,10 @@ pub fn readjust(
         })
         .collect();
     let bundle = BundleRules { loss: rules.loss, covariance: true, ..BundleRules::default() };
-    let found = adjust_with_lengths(&cameras, &freedoms, &points, &observations, known, &bundle)?;
+    let prior = |it: &SolvedCamera| it.prior.clone().unwrap_or_else(|| OpticsPrior::none(&it.camera));
+    let optics: Vec<OpticsPrior> = members.iter().map(|it| prior(&solved.cameras[*it])).collect();
+    let all_known = Known { lengths: known, optics: &optics };
+    let found = adjust_knowing(&cameras, &freedoms, &points, &observations, &all_known, &bundle)?;
     let mut adjusted = solved.clone();
     for (slot, index) in members.iter().enumerate() {
         adjusted.cameras[*index].camera.clone_from(&found.cameras[slot]);

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use foveate_geometry::bundle::Freedom;
+use foveate_geometry::bundle::OpticsPrior;
 use foveate_geometry::self_calibration::{SelfCalibrationFault, SelfCalibrationRules, Sighting, self_calibrate};
 use foveate_geometry::{Camera, CameraStatus, PixelNoise, Ray, refine, triangulate_rays};
 use nalgebra::{Point2, Point3};
@@ -70,6 +71,7 @@ pub fn solve(
         camera: found.cameras[index].clone(),
         status: found.status[index].clone(),
         freed: found.freed[index],
+        prior: Some(OpticsPrior::of_guess(&guess.camera)),
         covariance: covariance[index].take(),
         clock: None,
     };

@@ -183,6 +183,7 @@ fn calibrated(mut cameras: Vec<Camera>, mut points: Vec<Point3<f64>>, seen: Vec<
         camera: camera.clone(),
         status: status(index),
         freed: Freedom::POSE,
+        prior: None,
         covariance: covariance.as_ref().map(|it| it[index].clone()).filter(|_| found(index)),
         clock: None,
     };

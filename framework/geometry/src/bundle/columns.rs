@@ -162,7 +162,7 @@ impl std::fmt::Display for Optic {
     }
 }
 
-/// Standard deviations of the optics; 0 for what is held.
+/// Standard deviations of the optics; 0 for what is held, infinite for what nobody knows.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct OpticsSigma {
     /// Of the common factor of both focal lengths, relative [–].
@@ -177,7 +177,67 @@ pub struct OpticsSigma {
     pub decentering: [f64; 2],
 }
 
+/// What is known of a camera's optics beside what its pixels say, such as that the principal point is near the middle.
+///
+/// What is free and known roughly keeps its own uncertainty in the covariance of everything else, where what is held at a guess would
+/// pass for certain.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OpticsPrior {
+    /// With these optics; its pose does not matter.
+    pub camera: Camera,
+    /// To within so much, independent of each other and of that of other cameras.
+    pub sigma: OpticsSigma,
+}
+
+/// The principal point of a camera of which nobody measured it is this part of the picture's longer side from the middle [–].
+const PRINCIPAL_SIGMA: f64 = 0.02;
+
+impl OpticsPrior {
+    /// Of a `camera` whose optics are those that may be expected of any: nothing of its focal length, a principal point near the middle of
+    /// the picture, pixels of the shape stated, a lens of moderate distortion that is mounted nearly straight.
+    pub fn of_guess(camera: &Camera) -> OpticsPrior {
+        let longer = f64::from(camera.image_size[0].max(camera.image_size[1]));
+        let [fx, fy] = camera.intrinsics.focal;
+        // Along the side of pixels that are higher than wide there are fewer of them.
+        let principal = [PRINCIPAL_SIGMA * longer, PRINCIPAL_SIGMA * longer * fy / fx];
+        let sigma =
+            OpticsSigma { focal: f64::INFINITY, aspect: 0.003, principal, radial: [0.3; 3], decentering: [0.003; 2] };
+        OpticsPrior { camera: camera.clone(), sigma }
+    }
+
+    /// Nothing.
+    pub fn none(camera: &Camera) -> OpticsPrior {
+        let unknown = f64::INFINITY;
+        let (principal, radial, decentering) = ([unknown; 2], [unknown; 3], [unknown; 2]);
+        let sigma = OpticsSigma { focal: unknown, aspect: unknown, principal, radial, decentering };
+        OpticsPrior { camera: camera.clone(), sigma }
+    }
+
+    /// Whether every sigma is above 0; infinite ones say nothing.
+    pub(super) fn is_usable(&self) -> bool {
+        self.sigma.columns().iter().all(|it| *it > 0.0)
+    }
+
+    /// By column from the focal length on: how far the optics of `camera` are from these.
+    pub(super) fn apart(&self, camera: &Camera) -> [f64; CLOCK - 6] {
+        let (here, there) = (&camera.intrinsics, &self.camera.intrinsics);
+        let (own, other) = (&camera.distortion, &self.camera.distortion);
+        let focal = (here.focal[0] / there.focal[0]).ln();
+        let aspect = (here.focal[1] / there.focal[1]).ln() - focal;
+        let principal = [0, 1].map(|it| here.principal[it] - there.principal[it]);
+        let decentering = [own.p1 - other.p1, own.p2 - other.p2];
+        let radial = [own.k1 - other.k1, own.k2 - other.k2, own.k3 - other.k3];
+        [focal, radial[0], radial[1], principal[0], principal[1], aspect, decentering[0], decentering[1], radial[2]]
+    }
+}
+
 impl OpticsSigma {
+    /// By column from the focal length on.
+    pub(super) fn columns(&self) -> [f64; CLOCK - 6] {
+        let OpticsSigma { focal, aspect, principal, radial, decentering } = *self;
+        [focal, radial[0], radial[1], principal[0], principal[1], aspect, decentering[0], decentering[1], radial[2]]
+    }
+
     /// From the standard deviation of each column of [`NAMES`].
     pub fn of(column: impl Fn(usize) -> f64) -> OpticsSigma {
         OpticsSigma {

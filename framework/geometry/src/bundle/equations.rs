@@ -4,7 +4,7 @@ use foveate_estimation::Loss;
 use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Point3, SMatrix, SVector, Vector2, Vector3};
 
 use super::Observation;
-use super::columns::N_NAMES;
+use super::columns::{N_NAMES, OpticsPrior};
 use super::lengths::{Coupled, Length};
 use crate::camera::Camera;
 
@@ -24,6 +24,8 @@ pub(super) struct Layout {
     pub slots: Vec<Option<usize>>,
     /// Known lengths between points in use; no point is in two.
     pub lengths: Vec<Length>,
+    /// By camera, where anything is known.
+    pub known_optics: Vec<OpticsPrior>,
     /// By point: whether it is in one.
     pub coupled: Vec<bool>,
     /// Cameras that see points in use and whose pose is held.
@@ -190,7 +192,24 @@ impl<const C: usize, const TIMED: bool> Equations<C, TIMED> {
         for (length, coupling) in layout.lengths.iter().zip(&mut self.of_length) {
             self.cost += length.add(points, loss, &mut self.of_point, &mut self.gradient_of_point, coupling)?;
         }
+        self.add_known_optics(layout, cameras);
         self.cost.is_finite().then_some(())
+    }
+
+    fn add_known_optics(&mut self, layout: &Layout, cameras: &[Camera]) {
+        for (index, known) in layout.known_optics.iter().enumerate() {
+            let Some(slot) = layout.slots[index] else { continue };
+            for (optic, (apart, sigma)) in known.apart(&cameras[index]).iter().zip(known.sigma.columns()).enumerate() {
+                let column = 6 + optic;
+                if layout.rows[index][column].is_none() {
+                    continue;
+                }
+                let information = sigma.powi(-2); // 0 of an infinite one
+                self.of_camera[slot][(column, column)] += information;
+                self.gradient_of_camera[slot][column] += information * apart;
+                self.cost += 0.5 * information * apart * apart;
+            }
+        }
     }
 }
 

@@ -12,7 +12,8 @@
 //!
 //! Pixels fix the scene up to a similarity only. Steps never move along these seven directions (inner constraints), and the
 //! [`Gauge`] chooses how the covariance is stated; cameras whose pose is held fix as many of the seven as they can.
-//! Known lengths between points, such as a wand's ([`adjust_with_lengths`]), fix the scale as well.
+//! Known lengths between points, such as a wand's, fix the scale as well; known optics keep what pixels say little of within reason
+//! ([`adjust_knowing`]).
 //! [`adjust_with_clocks`] adjusts each camera's clock besides, from how fast pixels move.
 //! Inside, the scene is moved to its centroid and scaled to size 1, so that places of millions of metres keep their digits.
 
@@ -28,7 +29,7 @@ use foveate_estimation::Loss;
 pub use foveate_estimation::least_squares::Stop;
 use nalgebra::{Matrix3, Matrix6, Point2, Point3, Vector2};
 
-pub use self::columns::{CLOCK, Freedom, NAMES, Optic, OpticsSigma, moved};
+pub use self::columns::{CLOCK, Freedom, NAMES, Optic, OpticsPrior, OpticsSigma, moved};
 pub use self::equations::Posed;
 pub use self::timing::{AdjustedWithClocks, ClockFreedom, ClockGauge, ClockShift, Timing, adjust_with_clocks};
 use crate::camera::{Camera, CameraFault};
@@ -55,6 +56,15 @@ pub struct KnownLength {
     pub length: f64,
     /// Its standard deviation, independent of that of other lengths [m].
     pub sigma: f64,
+}
+
+/// What is known beside pixels.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Known<'a> {
+    /// Of points.
+    pub lengths: &'a [KnownLength],
+    /// By camera, or none at all; of what is held it says nothing.
+    pub optics: &'a [OpticsPrior],
 }
 
 /// How what pixels leave open is settled: where the origin is, how the axes lie, how long a metre is.
@@ -233,6 +243,14 @@ pub enum BundleFault {
         /// How many points there are.
         count: usize,
     },
+    /// Optics that are known of too few cameras, or not to any sigma.
+    #[error("known optics: {found}, expected {expected}")]
+    BadPrior {
+        /// What is there.
+        found: String,
+        /// What should be.
+        expected: &'static str,
+    },
     /// A rule that cannot be followed.
     #[error("{rule} is {found}, expected a finite number above 0")]
     BadRule {
@@ -254,32 +272,49 @@ pub fn adjust(
     observations: &[Observation],
     rules: &BundleRules,
 ) -> Result<Adjusted, BundleFault> {
-    adjust_with_lengths(cameras, freedoms, points, observations, &[], rules)
+    adjust_knowing(cameras, freedoms, points, observations, &Known::default(), rules)
 }
 
-/// As [`adjust`], with points whose distance is known; it counts as one more residual, under the same loss. The start has to be in the
-/// unit of the lengths, to within a small part. Lengths of points that fewer than two cameras see do not count.
+/// As [`adjust`], with more that is known. A length counts as one more residual, under the same loss; the start has to be in the unit of
+/// the lengths, to within a small part. Lengths of points that fewer than two cameras see do not count. What is known of optics counts as
+/// residuals under no loss.
 ///
 /// # Errors
 /// See [`BundleFault`].
-pub fn adjust_with_lengths(
+pub fn adjust_knowing(
     cameras: &[Camera],
     freedoms: &[Freedom],
     points: &[Point3<f64>],
     observations: &[Observation],
-    lengths: &[KnownLength],
+    known: &Known<'_>,
     rules: &BundleRules,
 ) -> Result<Adjusted, BundleFault> {
     check(cameras, freedoms.len(), points, observations, rules)?;
-    check_lengths(points.len(), lengths)?;
+    check_lengths(points.len(), known.lengths)?;
+    check_optics(cameras.len(), known.optics)?;
     // A width of the camera blocks that holds all that is free, of a few so that each gets code of its own.
     match freedoms.iter().map(Freedom::width).max().unwrap_or(0) {
-        0..=6 => search::run::<6, false>(cameras, freedoms, points, observations, lengths, Timing::NONE, rules),
-        7 => search::run::<7, false>(cameras, freedoms, points, observations, lengths, Timing::NONE, rules),
-        8..=9 => search::run::<9, false>(cameras, freedoms, points, observations, lengths, Timing::NONE, rules),
-        _ => search::run::<15, false>(cameras, freedoms, points, observations, lengths, Timing::NONE, rules),
+        0..=6 => search::run::<6, false>(cameras, freedoms, points, observations, known, Timing::NONE, rules),
+        7 => search::run::<7, false>(cameras, freedoms, points, observations, known, Timing::NONE, rules),
+        8..=9 => search::run::<9, false>(cameras, freedoms, points, observations, known, Timing::NONE, rules),
+        _ => search::run::<15, false>(cameras, freedoms, points, observations, known, Timing::NONE, rules),
     }
     .map(|it| it.0)
+}
+
+fn check_optics(cameras: usize, known: &[OpticsPrior]) -> Result<(), BundleFault> {
+    let count = known.len();
+    if count != 0 && count != cameras {
+        return Err(BundleFault::BadPrior { found: format!("{count} of {cameras} cameras"), expected: "none, or all" });
+    }
+    for (index, prior) in known.iter().enumerate() {
+        prior.camera.check().map_err(|fault| BundleFault::BadCamera { camera: index, fault })?;
+        if !prior.is_usable() {
+            let found = format!("sigmas {:?} of camera {index}", prior.sigma);
+            return Err(BundleFault::BadPrior { found, expected: "numbers above 0, or infinite ones" });
+        }
+    }
+    Ok(())
 }
 
 fn check_lengths(count: usize, lengths: &[KnownLength]) -> Result<(), BundleFault> {

@@ -7,7 +7,9 @@ use super::columns::{CLOCK, N_NAMES};
 use super::equations::{Equations, Layout, Reduced};
 use super::lengths::Length;
 use super::timing::Timing;
-use super::{Adjusted, BundleFault, BundleRules, Freedom, Gauge, KnownLength, Observation, columns, covariance, gauge};
+use super::{
+    Adjusted, BundleFault, BundleRules, Freedom, Gauge, Known, KnownLength, Observation, columns, covariance, gauge,
+};
 use crate::camera::Camera;
 
 const FIRST_DAMPING: f64 = 1e-4;
@@ -57,7 +59,7 @@ pub(super) fn run<const C: usize, const TIMED: bool>(
     freedoms: &[Freedom],
     given_points: &[Point3<f64>],
     observations: &[Observation],
-    lengths: &[KnownLength],
+    known: &Known<'_>,
     timing: Timing<'_>,
     rules: &BundleRules,
 ) -> Result<(Adjusted, FoundClocks), BundleFault> {
@@ -67,12 +69,13 @@ pub(super) fn run<const C: usize, const TIMED: bool>(
         given_points.iter().map(|it| Point3::from((it.coords - scale.centroid) / scale.size)).collect();
     let mut clocks = vec![[0.0; 2]; given.len()];
     let (mut layout, left_out) = lay_out(&cameras, freedoms, &points, observations, timing);
-    for &KnownLength { points, length, sigma } in lengths {
+    for &KnownLength { points, length, sigma } in known.lengths {
         if points.iter().all(|it| !layout.of_point[*it].is_empty()) {
             points.iter().for_each(|it| layout.coupled[*it] = true);
             layout.lengths.push(Length { points, length: length / scale.size, sigma: sigma / scale.size });
         }
     }
+    layout.known_optics = known.optics.to_vec();
     layout.names = if TIMED { (0..C - 2).chain(CLOCK..N_NAMES).collect() } else { (0..C).collect() };
     if layout.observations.is_empty() {
         return Err(BundleFault::NothingShared { observations: observations.len() });
@@ -293,8 +296,19 @@ fn lay_out(
         slots.push(slot);
     }
     let left_out = (0..observations.len()).filter(|it| !used[*it]).collect();
-    let (names, lengths, coupled) = (Vec::new(), Vec::new(), vec![false; points.len()]);
-    let layout =
-        Layout { observations: kept, of_point, motions, rows, names, slots, lengths, coupled, anchors, dimension };
+    let (names, lengths, known_optics, coupled) = (Vec::new(), Vec::new(), Vec::new(), vec![false; points.len()]);
+    let layout = Layout {
+        observations: kept,
+        of_point,
+        motions,
+        rows,
+        names,
+        slots,
+        lengths,
+        known_optics,
+        coupled,
+        anchors,
+        dimension,
+    };
     (layout, left_out)
 }

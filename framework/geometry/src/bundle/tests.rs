@@ -359,7 +359,15 @@ fn lengths(room: &Room, sigma: f64) -> Vec<KnownLength> {
 
 fn with_lengths(room: &Room, lengths: &[KnownLength], rules: &BundleRules) -> Adjusted {
     let freedoms = vec![Freedom { focal: true, ..Freedom::POSE }; room.start.len()];
-    adjust_with_lengths(&room.start, &freedoms, &room.start_points, &room.observations, lengths, rules).unwrap()
+    adjust_knowing(
+        &room.start,
+        &freedoms,
+        &room.start_points,
+        &room.observations,
+        &Known { lengths, ..Known::default() },
+        rules,
+    )
+    .unwrap()
 }
 
 #[test]
@@ -437,15 +445,68 @@ fn lengths_of_nothing_are_refused() {
         KnownLength { points: [2, 3], length: 0.0, ..good },
         KnownLength { points: [2, 3], sigma: f64::NAN, ..good },
     ] {
-        let fault = adjust_with_lengths(
+        let fault = adjust_knowing(
             &room.start,
             &freedoms,
             &room.start_points,
             &room.observations,
-            &[good, bad],
+            &Known { lengths: &[good, bad], ..Known::default() },
             &BundleRules::default(),
         );
         let fault = fault.unwrap_err().to_string();
         assert!(fault.starts_with("length 1 is "), "{fault}");
+    }
+}
+
+#[test]
+fn what_is_known_roughly_of_optics_is_in_the_uncertainty_of_the_rest() {
+    // Each room's principal points are off what is taken for them, by as much as is said of them.
+    let (mut squares, mut held, mut n) = (0.0, 0.0, 0);
+    let freedom = Freedom { focal: true, principal: true, ..Freedom::POSE };
+    for seed in 0..40 {
+        let room = room(test_room::cameras(4, 2), 60, 4, 0.5, 0.002, 300 + seed);
+        let mut random = Random::new(seed);
+        let mut guesses = room.truth.clone();
+        let mut start = room.start.clone();
+        for (guess, camera) in guesses.iter_mut().zip(&mut start) {
+            guess.intrinsics.principal = guess.intrinsics.principal.map(|it| it + 4.0 * random.normal());
+            camera.intrinsics.principal = guess.intrinsics.principal;
+        }
+        let nothing = OpticsSigma { focal: f64::INFINITY, aspect: 1.0, radial: [1.0; 3], ..OpticsSigma::default() };
+        let sigma = OpticsSigma { principal: [4.0; 2], decentering: [1.0; 2], ..nothing };
+        let optics: Vec<OpticsPrior> = guesses.into_iter().map(|camera| OpticsPrior { camera, sigma }).collect();
+        let rules = BundleRules { covariance: true, ..PRECISE };
+        let of = |freedom: Freedom| {
+            let known = Known { optics: &optics, ..Known::default() };
+            let found =
+                adjust_knowing(&start, &[freedom; 4], &room.start_points, &room.observations, &known, &rules).unwrap();
+            let sigmas: Vec<f64> =
+                found.covariance.as_ref().unwrap().as_ref().unwrap().iter().map(|it| it.optics.focal).collect();
+            let error =
+                |(found, truth): (&Camera, &Camera)| (found.intrinsics.focal[0] / truth.intrinsics.focal[0]).ln();
+            let errors: Vec<f64> = found.cameras.iter().zip(&room.truth).map(error).collect();
+            errors.iter().zip(sigmas).map(|(error, sigma)| (error / sigma).powi(2)).sum::<f64>()
+        };
+        squares += of(freedom);
+        held += of(Freedom { principal: false, ..freedom });
+        n += 4;
+    }
+    let (squares, held) = (squares / f64::from(n), held / f64::from(n));
+    // χ² of one degree of freedom; focal lengths of one room hang together, so that its mean is good to some 0.3.
+    assert!((0.6..1.4).contains(&squares), "{squares}");
+    assert!(held > 2.0 * squares, "taken for certain, the guess does harm that nothing tells of: {held}");
+}
+
+#[test]
+fn optics_known_of_some_cameras_or_to_no_sigma_are_refused() {
+    let room = room(test_room::cameras(3, 2), 20, 3, 0.5, 0.01, 6);
+    let guess = OpticsPrior::of_guess(&room.truth[0]);
+    let zero = OpticsPrior { sigma: OpticsSigma::default(), ..guess.clone() };
+    for (optics, words) in [(vec![guess.clone()], "1 of 3 cameras"), (vec![guess.clone(), guess, zero], "camera 2")] {
+        let known = Known { optics: &optics, ..Known::default() };
+        let (points, seen) = (&room.start_points, &room.observations);
+        let fault = adjust_knowing(&room.start, &[Freedom::POSE; 3], points, seen, &known, &BundleRules::default());
+        let fault = fault.unwrap_err().to_string();
+        assert!(fault.starts_with("known optics: ") && fault.contains(words), "{fault}");
     }
 }

@@ -8,7 +8,7 @@
 use nalgebra::{DMatrix, Point3, Vector2};
 
 use super::search::{self, FoundClocks};
-use super::{Adjusted, BundleFault, BundleRules, Freedom, Observation, check};
+use super::{Adjusted, BundleFault, BundleRules, Freedom, Known, Observation, check};
 use crate::camera::Camera;
 
 /// What of a camera's clock is adjusted.
@@ -144,8 +144,8 @@ pub fn adjust_with_clocks(
     }
     let rest = Timing { free: &free, ..*timing };
     let (adjusted, found) = match freedoms.iter().map(Freedom::width).max().unwrap_or(0) {
-        0..=7 => search::run::<9, true>(cameras, freedoms, points, observations, &[], rest, rules),
-        _ => search::run::<17, true>(cameras, freedoms, points, observations, &[], rest, rules),
+        0..=7 => search::run::<9, true>(cameras, freedoms, points, observations, &Known::default(), rest, rules),
+        _ => search::run::<17, true>(cameras, freedoms, points, observations, &Known::default(), rest, rules),
     }?;
     let [offsets, drifts] = [0, 1].map(|kind| {
         let with_row = (0..free.len()).filter(|it| found.rows[*it][kind].is_some());

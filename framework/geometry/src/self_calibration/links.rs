@@ -4,7 +4,7 @@ use foveate_estimation::Random;
 use nalgebra::{Isometry3, Matrix2, Point2, Vector2};
 
 use super::{CameraStatus, SelfCalibrationRules, Sighting};
-use crate::bundle::Freedom;
+use crate::bundle::{Freedom, OpticsPrior};
 use crate::camera::Camera;
 use crate::epipolar::{EpipolarFault, EpipolarRules, relative_pose};
 
@@ -31,6 +31,8 @@ pub(super) struct Tracks<'a> {
     pub given: &'a [Camera],
     /// With the optics that are tried.
     pub cameras: &'a [Camera],
+    /// What is known of optics that are free.
+    pub priors: Vec<OpticsPrior>,
     /// What is free of each.
     pub free: &'a [Freedom],
     pub sightings: &'a [Sighting],
@@ -68,7 +70,8 @@ impl<'a> Tracks<'a> {
             of_camera[sightings[index].camera].push(index);
             of_frame[sightings[index].frame].push(index);
         }
-        Self { given, cameras, free, sightings, of_camera, of_frame }
+        let priors = given.iter().map(OpticsPrior::of_guess).collect();
+        Self { given, cameras, priors, free, sightings, of_camera, of_frame }
     }
 
     /// Sightings of both cameras in the frames that both see.

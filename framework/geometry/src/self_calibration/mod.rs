@@ -102,7 +102,7 @@ pub struct SelfCalibration {
 /// Calibrates `cameras`, whose poses do not matter, from `sightings` of one light.
 ///
 /// What `free` leaves free of a camera's optics is found, and what was given of it is a guess: of focal lengths right to a third or so, of
-/// distortion 0. All else of the optics is known. A camera whose focal length is free and cannot be told is refused; its other optics
+/// the rest as [`OpticsPrior::of_guess`](crate::bundle::OpticsPrior::of_guess) has it. All else of the optics is known. A camera whose focal length is free and cannot be told is refused; its other optics
 /// stay as given when the sightings do not hold them ([`SelfCalibration::held`]).
 ///
 /// # Errors

@@ -7,7 +7,9 @@ use super::centres::Start;
 use super::links::Tracks;
 use super::{CameraStatus, OpticHeld, SelfCalibration, SelfCalibrationRules, flatness, normalise, optics};
 use crate::agreement::agreeing_point;
-use crate::bundle::{Adjusted, BundleRules, CameraCovariance, Freedom, Observation, OpenParameters, adjust};
+use crate::bundle::{
+    Adjusted, BundleRules, CameraCovariance, Freedom, Known, Observation, OpenParameters, OpticsPrior, adjust_knowing,
+};
 use crate::camera::Camera;
 use crate::resection::{ResectionRules, resect};
 
@@ -109,7 +111,9 @@ impl Room<'_> {
         let points: Vec<Point3<f64>> = frames.iter().filter_map(|it| self.points[*it]).collect();
         let rules = BundleRules { loss, covariance, max_iterations: 60, ..BundleRules::default() };
         let freedoms: Vec<Freedom> = members.iter().map(|it| self.freed[*it]).collect();
-        let found = adjust(&cameras, &freedoms, &points, &observations, &rules).ok()?;
+        let optics: Vec<OpticsPrior> = members.iter().map(|it| self.tracks.priors[*it].clone()).collect();
+        let known = Known { optics: &optics, ..Known::default() };
+        let found = adjust_knowing(&cameras, &freedoms, &points, &observations, &known, &rules).ok()?;
         for (slot, camera) in members.iter().enumerate() {
             self.cameras[*camera] = Some(found.cameras[slot].clone());
         }

@@ -122,6 +122,7 @@ fn gradients_are_those_of_the_cost() {
         names: Vec::new(),
         slots: (0..n).map(Some).collect(),
         lengths: Vec::new(),
+        known_optics: Vec::new(),
         coupled: vec![false; room.points.len()],
         anchors: Vec::new(),
         dimension: 0,
