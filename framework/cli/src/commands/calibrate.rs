@@ -1,5 +1,6 @@
 //! `foveate calibrate`: a rig's detectors run, what they see of a waved light becomes a calibration with a verdict.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
@@ -278,8 +279,31 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
     }
     progress("checking it");
     let checks = check(&solved.solved, lengths.as_deref(), &CheckRules::default());
-    let beside = other.map(|other| compare(&solved.solved, &other));
-    conclude(args, &path, &folder, &captured, &solved, &clocks, &checks, beside.as_ref())
+    let mut more = More { words: clocks.iter().map(|it| format!("{it}\n")).collect(), ..More::default() };
+    if let (Some(other), Some(path)) = (other, &args.compare) {
+        more.add(compare(&solved.solved, &other), path);
+    }
+    conclude(args, &path, &folder, &captured, &solved, &checks, &more)
+}
+
+/// What is told beside the room itself.
+#[derive(Debug, Default)]
+struct More {
+    words: String,
+    figures: BTreeMap<String, f64>,
+}
+
+impl More {
+    fn add(&mut self, beside: Result<Comparison, String>, path: &Path) {
+        let path = path.display().to_string();
+        match beside {
+            Ok(beside) => {
+                self.words += &format!("\n{}", beside.describe(&path));
+                self.figures.extend(beside.figures());
+            }
+            Err(reason) => self.words += &format!("\n{path} cannot be compared: {reason}\n"),
+        }
+    }
 }
 
 /// Adjusts the room with the length of the wand; how that length comes out at moments that were kept back.
@@ -339,9 +363,8 @@ fn conclude(
     folder: &Path,
     captured: &Captured,
     room: &SolvedRoom,
-    clocks: &[String],
     checks: &Checks,
-    beside: Option<&Result<Comparison, String>>,
+    more: &More,
 ) -> Result<u8, String> {
     let recording: &Recording = &captured.recording;
     let method = if args.wand_mm.is_some() { "a waved wand" } else { "one waved light" };
@@ -358,9 +381,7 @@ fn conclude(
     write(&folder.join("calibration.toml"), &text)?;
     let mut figures = figures::figures(room);
     figures.insert("verdict".to_owned(), f64::from(checks.verdict.level as u8));
-    if let Some(Ok(beside)) = beside {
-        figures.extend(beside.figures());
-    }
+    figures.extend(more.figures.clone());
     let figures: Map<String, Value> = figures.into_iter().map(|(name, value)| (name, results::number(value))).collect();
     write(&folder.join("summary.json"), &format!("{:#}\n", Value::Object(figures)))?;
     write(&folder.join("verdict.txt"), &checks.to_string())?;
@@ -371,14 +392,7 @@ fn conclude(
         files.push("report.html");
     }
     say(&words::describe(room, recording));
-    clocks.iter().for_each(|it| say(&format!("{it}\n")));
-    if let (Some(beside), Some(path)) = (beside, &args.compare) {
-        let path = path.display().to_string();
-        say(&match beside {
-            Ok(beside) => format!("\n{}", beside.describe(&path)),
-            Err(reason) => format!("\n{path} cannot be compared: {reason}\n"),
-        });
-    }
+    say(&more.words);
     say(&format!("\n{checks}\n"));
     if args.write {
         say(&replace(older, &text, checks)?);
