@@ -1,39 +1,14 @@
 //! The `foveate` program as a person uses it: commands, exit codes, bad input of every kind.
 
+mod the_program;
+
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::path::PathBuf;
+use std::process::Command;
 
 use serde_json::Value;
 
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().unwrap()
-}
-
-/// The program, built once by cargo for all tests of this file.
-fn program() -> PathBuf {
-    static BUILT: std::sync::OnceLock<PathBuf> = std::sync::OnceLock::new();
-    BUILT
-        .get_or_init(|| {
-            let arguments =
-                ["build", "--quiet", "--offline", "-p", "foveate-cli", "--message-format", "json-render-diagnostics"];
-            let output = Command::new(env!("CARGO")).args(arguments).current_dir(root()).output().unwrap();
-            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-            let text = String::from_utf8(output.stdout).unwrap();
-            let messages = text.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
-            let mut executables = messages.filter_map(|it| Some(PathBuf::from(it["executable"].as_str()?)));
-            executables.next().unwrap()
-        })
-        .clone()
-}
-
-/// Runs the program in `folder`; gives exit code, standard output, standard error.
-fn foveate(folder: &Path, arguments: &[&str]) -> (i32, String, String) {
-    let Output { status, stdout, stderr } =
-        Command::new(program()).args(arguments).current_dir(folder).output().unwrap();
-    let text = |bytes| String::from_utf8_lossy(bytes).into_owned();
-    (status.code().unwrap_or(-1), text(&stdout), text(&stderr))
-}
+use self::the_program::{foveate, program, root};
 
 /// A folder with the simulated lab's rig in it, changed by `edit`.
 fn lab(edit: impl FnOnce(String) -> String) -> tempfile::TempDir {

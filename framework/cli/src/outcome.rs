@@ -20,8 +20,7 @@ const FILES_SHOWN: usize = 8;
 pub fn describe(graph: &Graph, outcome: &Outcome, folder: &Path) -> String {
     let mut text = String::new();
     let mut line = |it: &str| {
-        // Words out of a broken file must not steer the terminal.
-        text.extend(it.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }));
+        text += &harmless(it);
         text.push('\n');
     };
     let (session, wall) = (outcome.ended.as_s(), outcome.wall.as_secs_f64());
@@ -47,19 +46,7 @@ pub fn describe(graph: &Graph, outcome: &Outcome, folder: &Path) -> String {
     for remark in &outcome.report.remarks {
         line(&format!("note: {remark}"));
     }
-    for gaps in outcome.gaps.chunk_by(|a, b| a.instance == b.instance) {
-        for gap in gaps.iter().take(GAPS_SHOWN) {
-            line(&format!("gap: {} at {}{}: {}", gap.instance, gap.time, times(gap.count), gap.reason));
-        }
-        if gaps.len() > GAPS_SHOWN {
-            let count: u64 = gaps[GAPS_SHOWN..].iter().map(|it| it.count).sum();
-            line(&format!("gap: {}: {count} more, in events.csv", gaps[0].instance));
-        }
-    }
-    for fault in outcome.faults.iter().take(SHOWN) {
-        let (place, count) = (&fault.instance, times(fault.count));
-        line(&format!("fault: {place} at {}{count}: {} ({})", fault.time, fault.message, fault.action));
-    }
+    lost(outcome, ", in events.csv").iter().for_each(|it| line(it));
     for (unmet, others) in unmet_by_node(outcome).iter().take(SHOWN) {
         let must = if unmet.must { " (must)" } else { "" };
         let more = if *others == 0 { String::new() } else { format!("; and {others} like it, in events.csv") };
@@ -73,6 +60,30 @@ pub fn describe(graph: &Graph, outcome: &Outcome, folder: &Path) -> String {
     }
     let _ = writeln!(text, "  summary.json  {}", names.join("  "));
     text
+}
+
+/// Gaps and failures, a line each; `elsewhere` says where those are that are too many.
+pub fn lost(outcome: &Outcome, elsewhere: &str) -> Vec<String> {
+    let mut lines = Vec::new();
+    for gaps in outcome.gaps.chunk_by(|a, b| a.instance == b.instance) {
+        for gap in gaps.iter().take(GAPS_SHOWN) {
+            lines.push(format!("gap: {} at {}{}: {}", gap.instance, gap.time, times(gap.count), gap.reason));
+        }
+        if gaps.len() > GAPS_SHOWN {
+            let count: u64 = gaps[GAPS_SHOWN..].iter().map(|it| it.count).sum();
+            lines.push(format!("gap: {}: {count} more{elsewhere}", gaps[0].instance));
+        }
+    }
+    for fault in outcome.faults.iter().take(SHOWN) {
+        let (place, count) = (&fault.instance, times(fault.count));
+        lines.push(format!("fault: {place} at {}{count}: {} ({})", fault.time, fault.message, fault.action));
+    }
+    lines
+}
+
+/// Words out of a broken file must not steer the terminal.
+pub fn harmless(words: &str) -> String {
+    words.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
 }
 
 /// The first unmet requirement of each kind of edge, and how many more there are that differ in the camera and in the number

@@ -141,7 +141,7 @@ impl Optics {
     }
 }
 
-const CASES: [(usize, f64, Optics); 15] = [
+const CASES: [(usize, f64, Optics); 16] = [
     (13, 0.0, Optics::Known),
     (8, 0.0, Optics::Known),
     (6, 0.0, Optics::Known),
@@ -157,6 +157,7 @@ const CASES: [(usize, f64, Optics); 15] = [
     (13, 0.0, Optics::Lens),
     (8, 0.0, Optics::Lens),
     (6, 0.0, Optics::Lens),
+    (4, 0.0, Optics::Lens),
 ];
 
 fn main() {

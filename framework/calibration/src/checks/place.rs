@@ -72,6 +72,9 @@ pub struct PathShape {
     pub flatness: f64,
 }
 
+/// Focal lengths whose standard deviation is a smaller part of them are known well enough [–].
+const HELD_FOCAL: f64 = 0.01;
+
 pub(super) fn path(room: &Room<'_>) -> PathShape {
     let positions = room.positions();
     let Some(plane) = Plane::through(&positions) else {
@@ -80,9 +83,13 @@ pub(super) fn path(room: &Room<'_>) -> PathShape {
     };
     let flatness = plane.spread[2] / plane.spread[0];
     let [good, usable] = room.rules.flatness;
-    let freed = room.calibrated().any(|it| room.solved.cameras[it].freed.focal);
+    // Several cameras around a plane tell their focal lengths after all.
+    let open = room.calibrated().map(|it| &room.solved.cameras[it]).any(|it| {
+        let sigma = it.covariance.as_ref().map_or(f64::INFINITY, |it| it.optics.focal);
+        it.freed.focal && sigma > HELD_FOCAL
+    });
     let level = match CheckRules::level(-flatness, [-good, -usable]) {
-        Level::Redo if !freed => Level::Usable, // known optics need no third dimension; the mirrored twin is looked for elsewhere
+        Level::Redo if !open => Level::Usable, // known optics need no third dimension; the mirrored twin is looked for elsewhere
         level => level,
     };
     let percent = 100.0 * flatness;

@@ -27,7 +27,7 @@ pub use self::to_calibration::Origin;
 pub use self::unsynchronised::{NotSynchronised, SynchronisedRoom, unsynchronised_from_nothing};
 use crate::recording::{CameraGuess, Recording};
 use crate::solved::{SightingRole, Solved, Step};
-use crate::wand::{self, WandSighting};
+use crate::wand::{self, LabelFault, WandSighting};
 
 /// How to go about it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -125,6 +125,19 @@ pub enum RoomFault {
         /// That saw the light.
         cameras: usize,
     },
+    /// No two cameras saw the wand whole together.
+    #[error(
+        "no two cameras could be oriented by the wand; the best pair, {} and {}, saw both of its lights together in {frames} frames, \
+         expected at least {needed}, moved about in all directions", best[0], best[1]
+    )]
+    NoWand {
+        /// The pair.
+        best: [String; 2],
+        /// Their frames.
+        frames: usize,
+        /// How many are needed.
+        needed: usize,
+    },
     /// A camera or a rule that cannot be used.
     #[error("{0}")]
     Unusable(String),
@@ -174,7 +187,12 @@ fn prepared(recording: &Recording, sought: Sought) -> Result<(Recording, Vec<Cle
         Sought::Wand => {
             let frame_of_look = wand::frames_by_time(&recording, moments::tolerance_s(&recording));
             let labelled = wand::label(&recording, &frame_of_look, &wand::LabelRules::default());
-            let labelled = labelled.map_err(|fault| RoomFault::Unusable(fault.to_string()))?;
+            let labelled = labelled.map_err(|fault| match fault {
+                LabelFault::NothingOriented { best, frames, needed } => {
+                    RoomFault::NoWand { best: best.map(|it| recording.cameras[it].name.clone()), frames, needed }
+                }
+                other => RoomFault::Unusable(other.to_string()),
+            })?;
             moments::of_wand(&wand::sightings(&labelled.recording, &frame_of_look))
         }
     };

@@ -21,6 +21,7 @@ use serde_json::{Map, Value};
 use super::seconds;
 use crate::calibrate::capture::{self, Captured};
 use crate::calibrate::{figures, words};
+use crate::outcome::{harmless, lost};
 use crate::output::say;
 use crate::{exit, results};
 
@@ -61,7 +62,7 @@ pub struct CalibrateArgs {
     #[arg(long, value_name = "SECONDS", requires = "unsynchronised", default_value_t = 0.5, value_parser = seconds)]
     max_offset: f64,
     /// Wave a wand with two lights this far apart
-    #[arg(long, value_name = "MM", help_heading = "Scale and axes", allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM", help_heading = "Scale and axes", allow_negative_numbers = true, value_parser = length_mm)]
     wand_mm: Option<f64>,
     /// A known distance, as wide-1:wide-2=3.2m; a place is a camera, @2 (where the light stood still for the second time) or @12.5..13.1 (where it was then) [s]
     #[arg(long, value_name = "A:B=LENGTH", help_heading = "Scale and axes")]
@@ -139,6 +140,12 @@ impl Optics {
 fn pixels(text: &str) -> Result<f64, String> {
     let number = text.parse::<f64>().ok().filter(|it| *it > 0.0 && *it <= 1000.0);
     number.ok_or_else(|| format!("found {text}, expected a number above 0, to 1000 [px]"))
+}
+
+/// The length of a wand on the command line.
+fn length_mm(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|it| *it > 0.0 && *it <= 1e5);
+    number.ok_or_else(|| format!("found {text}, expected the length of the wand, a number above 0, to 100000 [mm]"))
 }
 
 pub(super) fn run(args: &CalibrateArgs) -> u8 {
@@ -233,9 +240,7 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         coverage: Default::default(),
     };
     let captured = capture::capture(&args.rig, &draft, plan.cameras.clone(), &folder, &how)?;
-    if let Some(fault) = captured.outcome.faults.first() {
-        eprintln!("fault: {} at {}: {}", fault.instance, fault.time, fault.message);
-    }
+    lost(&captured.outcome, "").iter().for_each(|it| eprintln!("{}", harmless(it)));
     let progress = |what: &str| {
         if !args.quiet {
             eprintln!("{what} …");

@@ -178,6 +178,17 @@ impl Room<'_> {
                 status[*camera] = CameraStatus::FocalOpen { sigma };
             }
         }
+        // One camera alone has no pose: what was open of its partners is open of it.
+        if let [alone] = (0..status.len()).filter(|it| status[*it] == CameraStatus::Calibrated).collect::<Vec<_>>()[..]
+        {
+            let sigma =
+                |it: &CameraStatus| if let CameraStatus::FocalOpen { sigma } = it { Some(*sigma) } else { None };
+            let least = status.iter().filter_map(sigma).fold(f64::INFINITY, f64::min);
+            status[alone] = match self.freed[alone].focal {
+                true => CameraStatus::FocalOpen { sigma: least },
+                false => CameraStatus::NoPartner { best: None, common: 0, needed: self.rules.min_common },
+            };
+        }
         let mut cameras: Vec<Camera> = self.tracks.given.to_vec();
         for (camera, found) in cameras.iter_mut().zip(self.cameras) {
             *camera = found.unwrap_or_else(|| camera.clone());

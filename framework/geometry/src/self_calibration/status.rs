@@ -83,6 +83,9 @@ impl std::fmt::Display for CameraStatus {
             CameraStatus::Separate { group } => {
                 write!(to, "shares too few frames with the larger group; its own is {group:?}")
             }
+            CameraStatus::FocalOpen { sigma } if sigma.is_infinite() => {
+                write!(to, "nothing tells its focal length: too little depth, or a flat path")
+            }
             CameraStatus::FocalOpen { sigma } => {
                 write!(to, "its focal length is known to {:.1} % only: too little depth, or a flat path", 100.0 * sigma)
             }
