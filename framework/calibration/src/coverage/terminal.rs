@@ -86,7 +86,7 @@ impl Painter<'_> {
         let count = format!("{}{}", self.coverage.cameras[camera].frames, if done { " ✓" } else { "" });
         let name = fitted(&self.coverage.cameras[camera].name, width.saturating_sub(count.chars().count() + 1));
         let count = self.painted(&count, if done { "32" } else { "33" });
-        format!("{}{count}", self.painted(&name, "1"))
+        format!("{} {count}", self.painted(&name, "1"))
     }
 
     /// A line of the picture: one row of cells, or two.
@@ -130,7 +130,7 @@ impl Painter<'_> {
         let column = names + 22;
         let across = ((width + 3) / (column + 3)).max(1);
         let down = n.div_ceil(across);
-        let heading = format!("{:<names$} frames  image pairs ", "camera");
+        let heading = format!("{:<names$} frames  image pairs  ", "camera");
         let _ = writeln!(text, "{}", self.painted(&vec![heading; across.min(n)].join("   "), "2"));
         for line in 0..down {
             let cells: Vec<String> = (0..across)

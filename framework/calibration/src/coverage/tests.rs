@@ -376,6 +376,10 @@ fn pictures_keep_to_the_width_and_any_number_of_cameras_has_one() {
             let text = take.coverage.render(width, false);
             let widest = text.lines().map(|it| it.chars().count()).max().unwrap();
             assert!(widest <= width.max(42), "{n} {width}: {widest}\n{text}");
+            if n == 18 {
+                let lines: Vec<&str> = text.lines().collect();
+                assert_eq!(lines[0].chars().count(), lines[1].chars().count(), "{text}");
+            }
             assert!((1..=n).all(|it| text.contains(&format!("wide-{it} "))), "{n} {width}\n{text}");
             let bare = take.coverage.render(width, true);
             let mut stripped = String::new();

@@ -82,7 +82,8 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
             );
         }
     }
-    let size = [left + (n - 1) as f64 * cell + 10.0, below + 100.0].map(short);
+    let longest = solved.cameras.iter().map(|it| it.name.chars().count().min(16)).max().unwrap_or(0);
+    let size = [left + (n - 1) as f64 * cell + 10.0, below + 14.0 + 7.0 * longest as f64].map(short);
     page.raw(&format!(
         "<div class=\"wide\"><svg class=\"matrix\" viewBox=\"0 0 {0} {1}\" width=\"{0}\" height=\"{1}\" role=\"img\" \
          aria-label=\"Frames seen together by each pair of cameras\">{svg}</svg></div>",
