@@ -4,6 +4,7 @@
 use std::fmt::Write;
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use foveate_dataflow::rig::{self, Overrides};
 use foveate_dataflow::run::{self, Options, Outcome};
@@ -46,7 +47,9 @@ fn cameras(with_slow: bool) -> String {
 
 /// The cameras into one integrator that needs `cost_ms` for each update.
 fn tracked(with_slow: bool, take: &str, cost_ms: f64) -> (Outcome, Vec<Collected>) {
-    let shelf = format!("{with_slow} {take} {cost_ms}");
+    // Tests run side by side and some of them ask for the same: each run has a shelf of its own.
+    static RUNS: AtomicUsize = AtomicUsize::new(0);
+    let shelf = format!("run {}", RUNS.fetch_add(1, Ordering::Relaxed));
     let from = if with_slow {
         "\"a.numbers\", \"b.numbers\", \"c.numbers\", \"d.numbers\""
     } else {
