@@ -23,6 +23,10 @@ pub enum Fault {
     Nothing,
     /// A path in a plane, seen from afar, solved in the reversed world.
     Flipped,
+    /// The same path from afar; camera [`BAD`] alone is in its reversed pose.
+    FlippedCamera,
+    /// A path in a plane, seen from near, and solved as it was: nothing is wrong, but the path.
+    Flat,
     /// Camera [`BAD`] turns by so much at [`MOVED_AT_S`] [mrad].
     Moved(f64),
     /// The focal length of camera [`BAD`] is believed to be this part of what it is [–].
@@ -39,8 +43,10 @@ pub enum Fault {
     Wrong,
 }
 
-pub const FAULTS: [Fault; 9] = [
+pub const FAULTS: [Fault; 11] = [
     Fault::Flipped,
+    Fault::FlippedCamera,
+    Fault::Flat,
     Fault::Moved(10.0),
     Fault::Focal(1.05),
     Fault::Distortion(-0.15),
@@ -62,15 +68,15 @@ fn path(time_s: f64, phase: f64) -> Point3<f64> {
 }
 
 /// Under the ceiling, aimed across the room.
-fn cameras(random: &mut Random, flat: bool) -> Vec<Camera> {
-    let far = if flat { 4.0 } else { 1.0 };
+fn cameras(random: &mut Random, is_far: bool) -> Vec<Camera> {
+    let far = if is_far { 4.0 } else { 1.0 };
     let camera = |index: usize| {
         let angle = std::f64::consts::TAU * index as f64 / N_CAMERAS as f64;
         let centre = Point3::new(2.6 * far * angle.cos(), 3.4 * far * angle.sin(), 2.7 * far + 0.2 * random.normal());
         let mut across = || angle + std::f64::consts::PI * random.uniform_in(0.7, 1.3);
-        let spread = if flat { 0.2 } else { 1.0 };
+        let spread = if is_far { 0.2 } else { 1.0 };
         let target = Point3::new(0.6 * spread * across().cos(), 0.9 * spread * across().sin(), 1.0);
-        Camera::look_at(centre, target, [640, 480], 420.0 * if flat { 3.6 } else { 1.0 })
+        Camera::look_at(centre, target, [640, 480], 420.0 * if is_far { 3.6 } else { 1.0 })
     };
     (0..N_CAMERAS).map(camera).collect()
 }
@@ -85,8 +91,9 @@ struct Seen {
 /// What a calibration makes of a room with `fault`.
 pub fn solved(fault: Fault, seed: u64) -> Solved {
     let mut random = Random::new(seed).fork("room");
-    let flat = fault == Fault::Flipped;
-    let believed = cameras(&mut random, flat);
+    let far = matches!(fault, Fault::Flipped | Fault::FlippedCamera);
+    let flat = far || fault == Fault::Flat;
+    let believed = cameras(&mut random, far);
     let mut real = believed.clone();
     match fault {
         Fault::Focal(factor) => real[BAD].intrinsics.focal = real[BAD].intrinsics.focal.map(|it| it / factor),
@@ -130,7 +137,15 @@ pub fn solved(fault: Fault, seed: u64) -> Solved {
             };
         }
     }
-    let (start, points) = if flat { reversed(&believed, &points) } else { (believed, points) };
+    let (start, points) = match fault {
+        Fault::Flipped => reversed(&believed, &points),
+        Fault::FlippedCamera => {
+            let mut start = believed.clone();
+            start[BAD] = reversed(&believed, &points).0[BAD].clone();
+            (start, points)
+        }
+        _ => (believed, points),
+    };
     calibrated(start, points, seen)
 }
 
@@ -176,7 +191,10 @@ fn calibrated(mut cameras: Vec<Camera>, mut points: Vec<Point3<f64>>, seen: Vec<
     let sightings = sightings.collect();
     let status = |camera: usize| match found(camera) {
         true => CameraStatus::Calibrated,
-        false => CameraStatus::Inconsistent { best: 0, common: 100, right: 3 },
+        false => match seen.iter().filter(|it| it.camera == camera).count() {
+            frames @ 0..60 => CameraStatus::TooFewSightings { frames, needed: 60 },
+            _ => CameraStatus::Inconsistent { best: 0, common: 100, right: 3 },
+        },
     };
     let solved_camera = |(index, camera): (usize, &Camera)| SolvedCamera {
         name: format!("wide-{}", index + 1),
@@ -228,6 +246,11 @@ pub fn is_named(fault: Fault, checks: &foveate_calibration::checks::Checks) -> b
     match fault {
         Fault::Nothing => checks.suspects.is_empty() && checks.verdict.level == Level::Good,
         Fault::Flipped => checks.handedness.judgement.level == Level::Redo,
+        Fault::FlippedCamera => {
+            let closest = checks.handedness.closest_camera;
+            checks.handedness.judgement.level == Level::Redo && closest.is_some_and(|it| it.0 == BAD && it.1 < 1.0)
+        }
+        Fault::Flat => checks.suspects.is_empty() && checks.verdict.level == Level::Usable,
         Fault::Moved(_) => of(BAD, |it, _| matches!(it, Cause::Moved { at_s, .. } if (at_s - MOVED_AT_S).abs() < 0.5)),
         Fault::Focal(_) => of(
             BAD,
@@ -245,7 +268,10 @@ pub fn is_named(fault: Fault, checks: &foveate_calibration::checks::Checks) -> b
             BAD,
             |it, fault| matches!((it, fault), (Cause::Clock { offset_s, .. }, Fault::Clock(ms)) if (1e3 * offset_s - ms).abs() < 2.0),
         ),
-        Fault::Few => of(BAD, |it, _| matches!(it, Cause::FewSightings { .. })),
+        Fault::Few => {
+            let uncalibrated = &checks.cameras[BAD].judgement.sentence;
+            of(BAD, |it, _| matches!(it, Cause::FewSightings { .. })) || uncalibrated.contains("saw the light in")
+        }
         Fault::Wrong => of(BAD, |it, _| matches!(it, Cause::WrongSightings { share } if (share - 0.3).abs() < 0.08)),
     }
 }
@@ -253,7 +279,7 @@ pub fn is_named(fault: Fault, checks: &foveate_calibration::checks::Checks) -> b
 /// Cameras that are called suspects without being at fault.
 pub fn innocent_suspects(fault: Fault, checks: &foveate_calibration::checks::Checks) -> usize {
     let guilty = |camera: usize| match fault {
-        Fault::Nothing | Fault::Flipped => false,
+        Fault::Nothing | Fault::Flipped | Fault::Flat => false,
         Fault::Swapped => camera == BAD || camera == OTHER,
         _ => camera == BAD,
     };
