@@ -7,7 +7,7 @@ use foveate_calibration::solved::{SightingRole, Solved};
 use foveate_geometry::CameraStatus;
 use foveate_scene::uncertainty::Fixed;
 use nalgebra::{Point3, Vector2};
-use simulated_room::{BAD, FAULTS, Fault, innocent_suspects, is_named, solved};
+use simulated_room::{BAD, FAULTS, Fault, innocent_suspects, is_named, solved, solved_at};
 
 fn checked(solved: &Solved) -> Checks {
     check(solved, None, &CheckRules::default())
@@ -21,6 +21,59 @@ fn each_fault_is_named_and_nobody_else_is_accused() {
         assert_eq!(innocent_suspects(fault, &checks), 0, "{fault:?}:\n{checks}");
         assert!((1..=5).contains(&checks.verdict.sentences.len()), "{fault:?}:\n{checks}");
     }
+}
+
+/// Nobody does a camera again for a twentieth of a pixel, however well the pixels are known.
+#[test]
+fn trifles_accuse_nobody_where_there_is_next_to_no_noise() {
+    let strict = CheckRules { trifle_px: 0.0, ..CheckRules::default() };
+    for fault in [Fault::Distortion(1.4e-3), Fault::Focal(1.0012), Fault::Moved(0.3), Fault::Clock(0.5)] {
+        let room = solved_at(fault, 1, 0.02);
+        assert!(!check(&room, None, &strict).suspects.is_empty(), "{fault:?} can be told from noise");
+        for room in [room, solved_at(fault, 1, 0.05)] {
+            let checks = checked(&room);
+            assert!(checks.suspects.is_empty() && checks.verdict.level == Level::Good, "{fault:?}:\n{checks}");
+        }
+    }
+}
+
+#[test]
+fn faults_are_named_where_there_is_next_to_no_noise() {
+    let of_a_camera = |it: &Fault| !matches!(it, Fault::Flipped | Fault::FlippedCamera | Fault::Flat);
+    for fault in FAULTS.into_iter().filter(of_a_camera) {
+        let checks = checked(&solved_at(fault, 1, 0.02));
+        assert!(is_named(fault, &checks), "{fault:?}:\n{checks}");
+        assert_eq!(innocent_suspects(fault, &checks), 0, "{fault:?}:\n{checks}");
+    }
+}
+
+#[test]
+fn clutter_that_was_left_out_is_told_and_does_no_harm() {
+    let told = |room: &Solved, level: Level| {
+        let checks = checked(room);
+        let mut of_bad = checks.suspects.iter().filter(|it| it.camera == BAD).map(|it| &it.judgement);
+        let told = of_bad.find(|it| it.sentence.contains("not the light"));
+        assert_eq!(told.map(|it| it.level), Some(level), "{checks}");
+        assert!(checks.verdict.level == level, "{checks}");
+        assert!(checks.verdict.sentences.iter().any(|it| it.contains("not the light")), "{checks}");
+    };
+    told(&solved(Fault::Wrong(0.3), 1), Level::Good);
+    told(&solved(Fault::Wrong(0.3), 2), Level::Good);
+    told(&solved(Fault::Wrong(0.6), 1), Level::Usable);
+    // What is left is little.
+    let mut few = solved(Fault::Wrong(0.3), 1);
+    let mut index = 0;
+    few.sightings.retain(|it| {
+        index += 1;
+        it.camera != BAD || index % 8 == 0
+    });
+    told(&few, Level::Usable);
+    // Or it is in use.
+    let mut in_use = solved(Fault::Wrong(0.3), 1);
+    for it in in_use.sightings.iter_mut().filter(|it| it.camera == BAD && it.role == SightingRole::Rejected) {
+        it.role = SightingRole::Used;
+    }
+    told(&in_use, Level::Usable);
 }
 
 #[test]

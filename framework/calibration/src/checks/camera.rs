@@ -60,6 +60,8 @@ pub struct PoseQuality {
 
 /// Cells of a third of the picture: a cell with less than this part of an even share is empty.
 const EMPTY: f64 = 0.15;
+/// With so many of the nine empty, a camera saw the light hardly anywhere.
+pub(super) const ALMOST_ALL: usize = 6;
 /// Focal lengths known to this part are good, and usable [–].
 const FOCAL_SIGMA: [f64; 2] = [0.01, 0.05];
 const PLACES: [&str; 9] =
@@ -111,8 +113,8 @@ fn pose(room: &Room<'_>, camera: usize, depth: Option<&DepthRange>) -> Option<Po
     })
 }
 
-/// The empty part of the picture, or else the depth that is missing.
-fn wave(room: &Room<'_>, camera: usize, depth: Option<&DepthRange>) -> Option<String> {
+/// Ninths of the picture, row by row, in which a camera's sightings that were not rejected are scarce.
+pub(super) fn empty_ninths(room: &Room<'_>, camera: usize) -> Vec<usize> {
     let [width, height] = room.solved.cameras[camera].camera.image_size.map(f64::from);
     let mut counts = [0_usize; 9];
     let own = room.of_camera[camera].iter().map(|it| &room.solved.sightings[*it]);
@@ -120,9 +122,13 @@ fn wave(room: &Room<'_>, camera: usize, depth: Option<&DepthRange>) -> Option<St
         let third = |at: f64, of: f64| ((3.0 * (at + 0.5) / of) as usize).min(2);
         counts[3 * third(pixel.y, height) + third(pixel.x, width)] += 1;
     }
-    let total: usize = counts.iter().sum();
-    let limit = EMPTY * total as f64 / 9.0;
-    let empty: Vec<usize> = (0..9).filter(|it| counts[*it] as f64 <= limit).collect();
+    let limit = EMPTY * counts.iter().sum::<usize>() as f64 / 9.0;
+    (0..9).filter(|it| counts[*it] as f64 <= limit).collect()
+}
+
+/// The empty part of the picture, or else the depth that is missing.
+fn wave(room: &Room<'_>, camera: usize, depth: Option<&DepthRange>) -> Option<String> {
+    let empty = empty_ninths(room, camera);
     match empty[..] {
         [] => {
             let depth = depth.filter(|it| it.ratio < room.rules.depth_ratio)?;
@@ -133,7 +139,7 @@ fn wave(room: &Room<'_>, camera: usize, depth: Option<&DepthRange>) -> Option<St
                 room.unit()
             ))
         }
-        [_, _, _, _, _, _, ..] => Some("over its whole picture".to_owned()),
+        _ if empty.len() >= ALMOST_ALL => Some("over its whole picture".to_owned()),
         _ => {
             let names: Vec<&str> = empty.iter().take(3).map(|it| PLACES[*it]).collect();
             Some(format!("{} of its picture", names.join(" and ")))

@@ -75,7 +75,9 @@ fn judge(
     };
     let told = held_out.unwrap_or(training);
     let by_px = CheckRules::level(told.median, rules.hold_out_px);
-    let by_excess = excess.map_or(Level::Good, |it| CheckRules::level(it, rules.hold_out_excess));
+    let excess_counts = told.median > rules.trifle_px;
+    let by_excess =
+        excess.filter(|_| excess_counts).map_or(Level::Good, |it| CheckRules::level(it, rules.hold_out_excess));
     let by_share = CheckRules::level(rejected, rules.rejected_share);
     let level = by_px.max(by_excess).max(by_share);
     let kept = if held_out.is_some() { "kept back" } else { "in use (none were kept back)" };

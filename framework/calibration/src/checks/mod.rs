@@ -17,6 +17,7 @@
 //! Suspects are found one after the other: the worst is taken out, the room is adjusted without it, and the rest is looked at again,
 //! so that nobody is accused for what a neighbour did.
 
+mod accusation;
 mod camera;
 mod fit;
 mod graph;

@@ -32,6 +32,9 @@ pub struct CheckRules {
     pub few_sightings: f64,
     /// Cells of a residual map along the longer side of the picture [–].
     pub map_cells: usize,
+    /// Errors up to this long are trifles: no camera is accused of them and no fit called bad, however little noise there is beside
+    /// them [px]. 0.1 px are 0.8 mm at 4 m with a focal length of 500 px; lens models and the light's own shape leave as much.
+    pub trifle_px: f64,
     /// Length of a systematic residual from which on it is told, in standard deviations of a pixel [–]. Smaller ones do no harm.
     pub pattern_sigma: f64,
     /// Robust cost of a camera's sightings against the others' points, over that of the median camera, from which on it is a suspect [–].
@@ -69,6 +72,7 @@ impl Default for CheckRules {
             min_common: 10,
             few_sightings: 0.25,
             map_cells: 8,
+            trifle_px: 0.1,
             pattern_sigma: 0.5,
             misfit: 1.5,
             min_gain: 60.0,

@@ -10,9 +10,12 @@ use foveate_geometry::bundle::{BundleRules, Observation, adjust};
 use foveate_geometry::{Camera, Freedom};
 use nalgebra::Point3;
 
+use super::Judgement;
+use super::accusation::{harmless, suspect};
+use super::camera::{ALMOST_ALL, empty_ninths};
 use super::models::{Extra, Fitted, Samples};
 use super::room::{MEDIAN_CHI2, Room, is_calibrated};
-use super::{Judgement, Level};
+use crate::solved::SightingRole;
 
 /// What may be wrong about a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,7 +53,8 @@ pub enum Cause {
         /// Of this one.
         with: usize,
     },
-    /// Part of its sightings are not of the light.
+    /// Part of its sightings are not of the light. Where these were left out and the others are enough, that is told as a thing that is
+    /// good as it is.
     WrongSightings {
         /// Which part [–].
         share: f64,
@@ -96,6 +100,11 @@ const ENOUGH_POINTS: usize = 1500;
 /// Sightings fit another camera when within this many standard deviations in the median, and fit their own this many times worse.
 const SWAPPED_SIGMA: f64 = 6.0;
 const SWAPPED_RATIO: f64 = 3.0;
+/// Mean cost of a sighting that is off by noise alone, with as large a σ as is believed: the mean of Cauchy's loss over χ² with two
+/// degrees of freedom.
+const NOISE_COST: f64 = 1.55;
+/// A camera with more wrong sightings than right ones was calibrated by luck.
+const MOST_WRONG: f64 = 0.5;
 
 /// The room without the suspects so far.
 #[derive(Clone)]
@@ -135,8 +144,10 @@ pub(super) fn suspects(room: &Room<'_>, is_mirrored: bool) -> Vec<Suspect> {
 }
 
 fn contradicting(room: &Room<'_>) -> Vec<Suspect> {
+    // Nobody is accused of trifles, for which all is compared as if there were as much noise as that.
+    let sigma_px = room.sigma_px.max(room.rules.trifle_px);
     let mut rest = Rest {
-        room: room.clone(),
+        room: Room { sigma_px, ..room.clone() },
         out: Vec::new(),
         cameras: room.cameras(),
         points: room.positions(),
@@ -180,7 +191,8 @@ impl<'a> Rest<'a> {
         let examined: Vec<Examined> = self.of_the_rest().filter_map(|it| self.examine(it)).collect();
         let of = |value: fn(&Examined) -> f64| median(&examined.iter().map(value).collect::<Vec<_>>());
         let (usual, far) = (of(|it| it.mean_cost).unwrap_or(1.0), of(|it| it.far).unwrap_or(0.0));
-        (examined, usual.max(0.1), far)
+        let trifle = NOISE_COST * (self.room.rules.trifle_px / self.room.sigma_px).powi(2);
+        (examined, usual.max(trifle).max(0.1), far)
     }
 
     /// `None` when too few of its sightings are witnessed by two others, or no pose fits.
@@ -248,7 +260,8 @@ impl<'a> Rest<'a> {
         let unknowns = 3.0 * shared.len().div_ceil(every) as f64 + 6.0 * staying.len() as f64;
         let freedom = (2.0 * n - unknowns).max(0.2 * n);
         let sigma = (median(&squares)? / MEDIAN_CHI2 * 2.0 * n / freedom).sqrt();
-        rest.room.sigma_px = sigma.clamp(0.1 * self.room.sigma_px, self.room.sigma_px);
+        let least = self.room.rules.trifle_px.max(0.1 * self.room.sigma_px).min(self.room.sigma_px);
+        rest.room.sigma_px = sigma.clamp(least, self.room.sigma_px);
         rest.rms_px = (squares.iter().map(|it| it.min(100.0 * self.room.sigma_px.powi(2))).sum::<f64>() / n).sqrt();
         (rest.cameras, rest.points) = (adjusted.cameras, adjusted.points);
         Some(rest)
@@ -263,9 +276,37 @@ impl<'a> Rest<'a> {
         }
         if examined.far > usual_far + rules.wrong_share {
             let cause = Cause::WrongSightings { share: examined.far };
-            return Some(suspect(&self.room, examined.camera, cause, misfit, 1.0));
+            let mut told = suspect(&self.room, examined.camera, cause, misfit, 1.0);
+            if self.are_harmless(examined, usual, usual_far) {
+                told.judgement = harmless(&self.room, examined.camera, examined.far);
+            }
+            return Some(told);
         }
         (misfit > rules.misfit).then(|| suspect(&self.room, examined.camera, Cause::Unknown, misfit, 0.0))
+    }
+
+    /// Whether the wrong sightings of a camera were left out, and what is left is enough and fits as well as anybody's.
+    fn are_harmless(&self, examined: &Examined, usual: f64, usual_far: f64) -> bool {
+        let (room, camera) = (&self.room, examined.camera);
+        if !is_calibrated(&room.solved.cameras[camera]) || examined.far > MOST_WRONG {
+            return false;
+        }
+        let is_used = |it: SightingRole| it == SightingRole::Used;
+        let used = |it: usize| {
+            room.of_camera[it].iter().filter(|index| is_used(room.solved.sightings[**index].role)).count() as f64
+        };
+        let usual_count = median(&room.calibrated().map(used).collect::<Vec<_>>()).unwrap_or(0.0);
+        if used(camera) < room.rules.few_sightings * usual_count || empty_ninths(room, camera).len() >= ALMOST_ALL {
+            return false;
+        }
+        let witnessed = room.witnessed(camera, &self.out, &self.cameras, &self.points, is_used);
+        let squares = Samples::new(&witnessed, &examined.fitted.camera, room.sigma_px).squares(&examined.fitted.camera);
+        let n = squares.len() as f64;
+        let cost: f64 = squares.iter().map(|it| Loss::CAUCHY.at(*it).0).sum();
+        let far = squares.iter().filter(|it| **it > FAR).count() as f64;
+        squares.len() >= LEAST_SAMPLES
+            && cost <= room.rules.misfit * usual * n
+            && far <= (usual_far + room.rules.wrong_share) * n
     }
 
     /// The cause that lowers the cost most, and by how much; `None` if none does by enough.
@@ -393,62 +434,4 @@ fn change_over(samples: &Samples, before: &Camera, after: &Camera, least: usize)
         }
     }
     best
-}
-
-fn suspect(room: &Room<'_>, camera: usize, cause: Cause, misfit: f64, explained: f64) -> Suspect {
-    let name = room.name(camera);
-    let grave = if misfit > room.rules.misfit { Level::Redo } else { Level::Usable };
-    let (level, sentence) = match cause {
-        Cause::Moved { at_s, shift_px, turn, .. } => (
-            Level::Redo,
-            format!(
-                "Camera {name} was moved at {at_s:.1} s ({shift_px:.1} px, {:.1} mrad): fasten it and record again.",
-                1e3 * turn
-            ),
-        ),
-        Cause::Clock { offset_s, sigma_s } => (
-            grave,
-            format!(
-                "The clock of camera {name} is off by {:+.1} ± {:.1} ms: have clocks estimated, or synchronise it.",
-                1e3 * offset_s,
-                1e3 * sigma_s
-            ),
-        ),
-        Cause::Focal { factor } => (
-            grave,
-            format!(
-                "The focal length of camera {name} is off by {:+.1} %: let it be found (`focal` free), or check lens and zoom.",
-                100.0 * (factor - 1.0)
-            ),
-        ),
-        Cause::Distortion { k1 } => (
-            grave,
-            format!(
-                "The lens of camera {name} distorts otherwise than its model (k1 {k1:+.3}): let distortion be found."
-            ),
-        ),
-        Cause::Swapped { with } => {
-            let (first, second) = (room.name(camera.min(with)), room.name(camera.max(with)));
-            (Level::Redo, format!("Cameras {first} and {second} are swapped: exchange their names or cables."))
-        }
-        Cause::WrongSightings { share } => (
-            Level::Usable,
-            format!(
-                "{:.0} % of what camera {name} saw is not the light: mask lamps and mirrors in its picture.",
-                100.0 * share
-            ),
-        ),
-        Cause::FewSightings { count, median } => (
-            Level::Usable,
-            format!("Camera {name} saw the light {count} times, others {median} times: wave longer before it."),
-        ),
-        Cause::Unknown => {
-            let level = if misfit > 2.0 * room.rules.misfit { Level::Redo } else { Level::Usable };
-            let sentence = format!(
-                "Camera {name} fits the others {misfit:.1} times worse than usual: check its focus, mount and lens."
-            );
-            (level, sentence)
-        }
-    };
-    Suspect { judgement: Judgement::new(level, sentence), camera, cause, misfit, explained }
 }

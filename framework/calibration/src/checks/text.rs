@@ -44,7 +44,8 @@ impl Display for Checks {
             writeln!(to, "{name:<11} {:<7} {}", judgement.level, judgement.sentence)?;
         }
         for suspect in &self.suspects {
-            writeln!(to, "{:<11} {:<7} {}", "suspect", suspect.judgement.level, suspect.judgement.sentence)?;
+            let name = if suspect.judgement.level == Level::Good { "told" } else { "suspect" };
+            writeln!(to, "{name:<11} {:<7} {}", suspect.judgement.level, suspect.judgement.sentence)?;
         }
         writeln!(to)?;
         let wide = self.cameras.iter().map(|it| it.name.chars().count()).max().unwrap_or(0).max(6);

@@ -1,7 +1,7 @@
 //! All findings in a few sentences, the most important first.
 
 use super::camera::{length, weakest};
-use super::{CheckRules, Checks, Judgement, Level};
+use super::{CheckRules, Checks, Judgement, Level, Suspect};
 
 /// What to think of a calibration, and what to do.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -19,7 +19,9 @@ pub struct Verdict {
 pub(super) fn verdict(checks: &Checks, rules: &CheckRules) -> Verdict {
     // In the order in which they should be mended: what is wrong with a camera explains much of what follows.
     let suspects = checks.suspects.iter().map(|it| &it.judgement);
-    let accused: Vec<usize> = checks.suspects.iter().map(|it| it.camera).collect();
+    let (harmless, harmful): (Vec<&Suspect>, Vec<&Suspect>) =
+        checks.suspects.iter().partition(|it| it.judgement.level == Level::Good);
+    let accused: Vec<usize> = harmful.iter().map(|it| it.camera).collect();
     let others = checks.cameras.iter().enumerate().filter(|(index, _)| !accused.contains(index));
     let cameras = others.map(|(_, it)| &it.judgement);
     let whole = [&checks.handedness.judgement, &checks.floor.judgement];
@@ -66,5 +68,8 @@ pub(super) fn verdict(checks: &Checks, rules: &CheckRules) -> Verdict {
             check.name
         ));
     }
+    // What did no harm is told where there is room for it.
+    let room = rules.max_sentences - sentences.len().min(rules.max_sentences);
+    sentences.extend(harmless.iter().take(room).map(|it| it.judgement.sentence.clone()));
     Verdict { level, sentences, more, weakest }
 }

@@ -8,6 +8,7 @@ use foveate_scene::uncertainty::Fixed;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 
 pub const N_CAMERAS: usize = 8;
+/// Of either coordinate of a pixel, if nothing else is asked for.
 const SIGMA_PX: f64 = 0.3;
 const FRAMES: usize = 600;
 const RATE_HZ: f64 = 30.0;
@@ -39,8 +40,8 @@ pub enum Fault {
     Clock(f64),
     /// Camera [`BAD`] has but a tenth of its sightings.
     Few,
-    /// 30 % of the sightings of camera [`BAD`] are anywhere in its picture.
-    Wrong,
+    /// This part of the sightings of camera [`BAD`] are anywhere in its picture [–].
+    Wrong(f64),
 }
 
 pub const FAULTS: [Fault; 11] = [
@@ -53,7 +54,7 @@ pub const FAULTS: [Fault; 11] = [
     Fault::Swapped,
     Fault::Clock(20.0),
     Fault::Few,
-    Fault::Wrong,
+    Fault::Wrong(0.3),
     Fault::Nothing,
 ];
 
@@ -90,6 +91,11 @@ struct Seen {
 
 /// What a calibration makes of a room with `fault`.
 pub fn solved(fault: Fault, seed: u64) -> Solved {
+    solved_at(fault, seed, SIGMA_PX)
+}
+
+/// The same with pixels that are known to `sigma_px`.
+pub fn solved_at(fault: Fault, seed: u64, sigma_px: f64) -> Solved {
     let mut random = Random::new(seed).fork("room");
     let far = matches!(fault, Fault::Flipped | Fault::FlippedCamera);
     let flat = far || fault == Fault::Flat;
@@ -119,9 +125,9 @@ pub fn solved(fault: Fault, seed: u64) -> Solved {
             }
             let Some(pixel) = model.sees(&place(time(frame) + late_s)) else { continue };
             let missed = random.uniform() < 0.3 || (camera == BAD && fault == Fault::Few && random.uniform() < 0.9);
-            let wrong = camera == BAD && fault == Fault::Wrong && random.uniform() < 0.3;
+            let wrong = matches!((camera, fault), (BAD, Fault::Wrong(share)) if random.uniform() < share);
             let anywhere = Point2::new(random.uniform_in(0.0, 639.0), random.uniform_in(0.0, 479.0));
-            let noisy = pixel + Vector2::new(random.normal(), random.normal()) * SIGMA_PX;
+            let noisy = pixel + Vector2::new(random.normal(), random.normal()) * sigma_px;
             let held_out = random.uniform() < 0.05;
             if !missed {
                 seen.push(Seen { camera, frame, pixel: if wrong { anywhere } else { noisy }, held_out });
@@ -146,11 +152,11 @@ pub fn solved(fault: Fault, seed: u64) -> Solved {
         }
         _ => (believed, points),
     };
-    calibrated(start, points, seen)
+    calibrated(start, points, seen, sigma_px)
 }
 
 /// Adjusts robustly, rejects what is far off, and adjusts what is left, twice: from poses that are near, so that this takes no search.
-fn calibrated(mut cameras: Vec<Camera>, mut points: Vec<Point3<f64>>, seen: Vec<Seen>) -> Solved {
+fn calibrated(mut cameras: Vec<Camera>, mut points: Vec<Point3<f64>>, seen: Vec<Seen>, sigma_px: f64) -> Solved {
     let residual = |cameras: &[Camera], points: &[Point3<f64>], it: &Seen| {
         Some(cameras[it.camera].project(&points[it.frame])? - it.pixel)
     };
@@ -166,8 +172,7 @@ fn calibrated(mut cameras: Vec<Camera>, mut points: Vec<Point3<f64>>, seen: Vec<
         for (used, it) in used.iter_mut().zip(&seen) {
             *used &= counts[it.camera] >= 30;
         }
-        let to_observation =
-            |it: &Seen| Observation { camera: it.camera, point: it.frame, pixel: it.pixel, sigma_px: SIGMA_PX };
+        let to_observation = |it: &Seen| Observation { camera: it.camera, point: it.frame, pixel: it.pixel, sigma_px };
         let observations: Vec<Observation> =
             seen.iter().zip(&used).filter(|it| *it.1).map(|it| to_observation(it.0)).collect();
         let freedoms: Vec<Freedom> =
@@ -272,7 +277,10 @@ pub fn is_named(fault: Fault, checks: &foveate_calibration::checks::Checks) -> b
             let uncalibrated = &checks.cameras[BAD].judgement.sentence;
             of(BAD, |it, _| matches!(it, Cause::FewSightings { .. })) || uncalibrated.contains("saw the light in")
         }
-        Fault::Wrong => of(BAD, |it, _| matches!(it, Cause::WrongSightings { share } if (share - 0.3).abs() < 0.08)),
+        Fault::Wrong(_) => of(
+            BAD,
+            |it, fault| matches!((it, fault), (Cause::WrongSightings { share }, Fault::Wrong(real)) if (share - real).abs() < 0.08),
+        ),
     }
 }
 
