@@ -11,6 +11,7 @@
 //! | [`score`] | recovered targets against the truth |
 //! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.score` |
 
+pub mod bump;
 pub mod camera;
 mod chance;
 pub mod lab;

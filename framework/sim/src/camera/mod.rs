@@ -19,6 +19,7 @@ use nalgebra::{Point2, Point3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::bump::BumpSettings;
 use crate::timing::TimingSettings;
 use crate::world::{Light, Mirror, Moment, REFERENCE_DISTANCE_M, World};
 use backdrop::Backdrop;
@@ -66,6 +67,8 @@ pub struct CameraSettings {
     /// Resolution of the digitiser: 8 gives 256 gray levels [bit].
     #[schemars(range(min = 1, max = 8))]
     pub bits: u32,
+    /// A camera that is knocked at some time and stays turned. Left out: none is [–].
+    pub bump: Option<BumpSettings>,
 }
 
 impl Default for CameraSettings {
@@ -81,6 +84,7 @@ impl Default for CameraSettings {
             bloom: 0.0,
             noise_sigma: 2.0,
             bits: 8,
+            bump: None,
         }
     }
 }

@@ -6,6 +6,7 @@ use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Image};
 
 use super::fields::{next_field, report_clock};
+use crate::bump::Pending;
 use crate::camera::{CameraSettings, Renderer};
 use crate::timing::{Arrival, Timing};
 use crate::world::World;
@@ -25,6 +26,8 @@ pub struct SimCamera {
     /// True capture time of the last field that was asked for.
     last: Time,
     scene: Option<(World, Renderer)>,
+    /// How it stands after the bump that is still to come.
+    bump: Option<Pending>,
     /// Whether the turn at the start of the session was taken.
     is_up: bool,
     pool: Pool<Image>,
@@ -48,6 +51,7 @@ impl Node for SimCamera {
             ));
         };
         Ok(Self {
+            bump: Pending::of(settings.bump.as_ref(), setup, camera)?,
             camera: camera.clone(),
             id,
             random: setup.random.clone(),
@@ -75,6 +79,12 @@ impl Node for SimCamera {
             return Ok(());
         };
         self.last = self.last.max(capture);
+        if let Some(bump) = self.bump.take_if(|it| capture >= it.at) {
+            self.camera = bump.camera;
+            if let Some((world, renderer)) = &mut self.scene {
+                *renderer = Renderer::new(&self.camera, self.id, world, &self.settings, &self.random);
+            }
+        }
         let Some((world, renderer)) = &mut self.scene else {
             io.gap(&IMAGE, stamp, "the simulated world has not arrived yet");
             return Ok(());
@@ -134,6 +144,7 @@ mod tests {
     use foveate_testkit::check_node;
 
     use super::*;
+    use crate::bump::BumpSettings;
     use crate::lab::lab_calibration;
     use crate::timing::TimingSettings;
 
@@ -165,6 +176,12 @@ mod tests {
         assert_eq!(refusal(|it| it.timing.latency_ms = 1.9), "latency_ms");
         assert_eq!(refusal(|it| it.noise_sigma = f64::NAN), "noise_sigma");
         assert_eq!(refusal(|it| it.timing.latency_jitter_ms = -1.0), "latency_jitter_ms");
+        fn bump(camera: &str, at_s: f64) -> Option<BumpSettings> {
+            let camera = camera.to_owned();
+            Some(BumpSettings { camera, at_s, yaw_mrad: 5.0, pitch_mrad: 0.0, roll_mrad: 0.0 })
+        }
+        assert_eq!(refusal(|it| it.bump = bump("wide-99", 1.0)), "bump.camera");
+        assert_eq!(refusal(|it| it.bump = bump("wide-1", -1.0)), "bump.at_s");
         assert_eq!(refusal(|it| it.timing.failure_every_s = 0.5), "failure_lasts_s");
         let without_camera = SimCamera::new(CameraSettings::default(), &Setup::for_tests());
         assert!(without_camera.is_err_and(|it| it.setting.is_none()));

@@ -4,6 +4,7 @@ use foveate_dataflow::{ConfigError, Due, In, Io, Node, NodeError, Out, Plan, Poo
 use foveate_messages::Features;
 
 use super::fields::{next_field, report_clock};
+use crate::bump::Pending;
 use crate::observer::{Observer, ObserverSettings};
 use crate::timing::{Arrival, Timing};
 use crate::world::World;
@@ -14,6 +15,8 @@ const FEATURES: Out<Features> = Out::new(0, "features");
 /// A camera and its detector in one. Clock, delays and failures are those of `sim.camera`; what is seen is [`Observer`]'s.
 pub struct SimObserver {
     observer: Observer,
+    /// The camera after the bump that is still to come.
+    bump: Option<(Time, Observer)>,
     name: String,
     timing: Timing,
     /// True capture time of the last field that was asked for.
@@ -42,7 +45,10 @@ impl Node for SimObserver {
                 "found no camera, expected `each` or `camera` to name cameras of the calibration",
             ));
         };
+        let bump = Pending::of(settings.bump.as_ref(), setup, camera)?
+            .map(|it| (it.at, Observer::new(&it.camera, id, &settings, &setup.random)));
         Ok(Self {
+            bump,
             observer: Observer::new(camera, id, &settings, &setup.random),
             name: setup.camera_name().unwrap_or_default().to_owned(),
             timing: Timing::new(&settings.timing, 0.0, &setup.random),
@@ -64,6 +70,9 @@ impl Node for SimObserver {
             return Ok(());
         };
         self.last = self.last.max(capture);
+        if let Some((_, turned)) = self.bump.take_if(|it| capture >= it.0) {
+            self.observer = turned;
+        }
         let Some(world) = &self.world else {
             io.gap(&FEATURES, stamp, "the simulated world has not arrived yet");
             return Ok(());

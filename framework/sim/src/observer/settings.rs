@@ -4,6 +4,7 @@ use foveate_dataflow::ConfigError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::bump::BumpSettings;
 use crate::timing::TimingSettings;
 
 /// When an observer looks, and how well it sees.
@@ -36,6 +37,8 @@ pub struct ObserverSettings {
     /// feature in their middle, whose stated covariance spans them [px].
     #[schemars(range(min = 0.0, max = 100.0))]
     pub spot_width_px: f64,
+    /// A camera that is knocked at some time and stays turned. Left out: none is [–].
+    pub bump: Option<BumpSettings>,
 }
 
 impl Default for ObserverSettings {
@@ -49,6 +52,7 @@ impl Default for ObserverSettings {
             hidden_every_s: 0.0,
             hidden_lasts_s: 0.5,
             spot_width_px: 5.0,
+            bump: None,
         }
     }
 }
