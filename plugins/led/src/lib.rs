@@ -6,12 +6,14 @@
 //! | `led.integrator` | joins the lights of all cameras, each in its own time, into targets in space |
 //! | `led.triangulator` | the same for synchronised cameras, without a motion model: for comparison |
 //! | `led.clocks` | finds how far the clocks of cameras are apart, from the path of one target |
+//! | `led.camera_watch` | tells when a camera was bumped, and by how much |
 //! | `led.path_error` | compares recovered targets with a measured path, in metres |
 //! | `led.reprojection` | compares recovered targets with what the cameras saw, in pixels |
 //!
 //! The algorithms are plain structures that know no graph: [`spotter::Spotter`], [`tracker::Tracker`],
-//! [`triangulator::Triangulator`], [`clocks::search`](clocks::search::search), [`reprojection::Comparison`].
+//! [`triangulator::Triangulator`], [`camera_watch::Watch`], [`clocks::search`](clocks::search::search), [`reprojection::Comparison`].
 
+pub mod camera_watch;
 pub mod clocks;
 pub mod consensus;
 pub mod detector;
@@ -32,4 +34,5 @@ pub fn register(registry: &mut Registry) {
     registry.add::<reprojection::Reprojection>();
     registry.add::<clocks::ClocksNode>();
     registry.add::<path_error::PathError>();
+    registry.add::<camera_watch::CameraWatch>();
 }

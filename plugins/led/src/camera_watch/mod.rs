@@ -1,0 +1,236 @@
+//! `led.camera_watch`: tells when a camera was bumped, from what it and the others see in ordinary tracking.
+//!
+//! Each light that a camera sees is placed anew from what the *other* cameras saw of it just before and after ([`watch`]); what is left in the picture is put
+//! down to a small turn of the camera, half a second at a time, and a turn that stays is told from what the camera always showed
+//! ([`turns`]). A camera that is told is no witness any more. What cannot be told is said as well: of two cameras that contradict
+//! each other alone, either may be it.
+
+pub mod turns;
+pub mod watch;
+
+#[cfg(test)]
+mod tests;
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use foveate::prelude::*;
+use nalgebra::Vector3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use turns::TurnRules;
+pub use watch::{Bump, Watch, WatchRules};
+
+const FEATURES: In<Features> = In::each(0, "features").many();
+const TARGETS: In<Targets> = In::each(1, "targets");
+
+/// Settings of [`CameraWatch`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct CameraWatchSettings {
+    /// Over how long sightings are gathered into one turn of the camera [s]
+    #[schemars(range(min = 0.1, max = 60.0))]
+    pub bin_s: f64,
+    /// How many such turns together must differ from those before; more find smaller bumps, later [–]
+    #[schemars(range(min = 1, max = 100))]
+    pub bins: u32,
+    /// Sightings that a turn is made of at least [–]
+    #[schemars(range(min = 4, max = 10000))]
+    pub min_sightings: u32,
+    /// A smaller turn is not told: the calibration itself is known no better [mrad]
+    #[schemars(range(min = 0.01, max = 100.0))]
+    pub least_mrad: f64,
+    /// How far a calibrated camera may be turned from the start, standard deviation; it counts until the camera has a history [mrad]
+    #[schemars(range(min = 0.001, max = 100.0))]
+    pub calibration_mrad: f64,
+    /// A turn is told when it is so many times its standard deviation [–]
+    #[schemars(range(min = 3.0, max = 100.0))]
+    pub sigmas: f64,
+    /// How far off a light may be in the picture for still being that light, if no other is as near; bumps are found up to this [mrad]
+    #[schemars(range(min = 1.0, max = 500.0))]
+    pub gate_mrad: f64,
+    /// How far apart two pictures of another camera may be for a light to be placed between them; slower ones are watched, but no witnesses [ms]
+    #[schemars(range(min = 1.0, max = 1000.0))]
+    pub max_age_ms: f64,
+    /// File of the results that gets each camera's turns [–]
+    pub file: String,
+}
+
+impl Default for CameraWatchSettings {
+    fn default() -> Self {
+        Self {
+            bin_s: 0.5,
+            bins: 3,
+            min_sightings: 12,
+            least_mrad: 0.3,
+            calibration_mrad: 0.5,
+            sigmas: 6.0,
+            gate_mrad: 40.0,
+            max_age_ms: 40.0,
+            file: "cameras_watched.csv".to_owned(),
+        }
+    }
+}
+
+impl CameraWatchSettings {
+    /// What they mean for a [`Watch`].
+    pub fn rules(&self) -> WatchRules {
+        WatchRules {
+            turns: TurnRules {
+                bin: Interval::from_s(self.bin_s),
+                bins: self.bins as usize,
+                min_sightings: self.min_sightings as usize,
+                least: self.least_mrad * 1e-3,
+                calibration: self.calibration_mrad * 1e-3,
+                sigmas: self.sigmas,
+            },
+            gate: self.gate_mrad * 1e-3,
+            max_age: Interval::from_ms(self.max_age_ms),
+        }
+    }
+}
+
+/// Compares each camera with what the others make of the same lights, and tells the one that no longer fits since some moment.
+pub struct CameraWatch {
+    watch: Watch,
+    names: Vec<String>,
+    out: Option<PathBuf>,
+    file: String,
+}
+
+impl Node for CameraWatch {
+    const TYPE: &'static str = "led.camera_watch";
+    const ROLE: Role = Role::Sink;
+    const SUMMARY: &'static str = "Tells when a camera was bumped, and by how much, from ordinary tracking";
+    type Settings = CameraWatchSettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&FEATURES).input(&TARGETS)
+    }
+
+    fn new(settings: CameraWatchSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        let check = ConfigError::unless_in::<f64>;
+        check("bin_s", settings.bin_s, 0.1..=60.0)?;
+        ConfigError::unless_in("bins", settings.bins, 1..=100)?;
+        ConfigError::unless_in("min_sightings", settings.min_sightings, 4..=10_000)?;
+        check("least_mrad", settings.least_mrad, 0.01..=100.0)?;
+        check("calibration_mrad", settings.calibration_mrad, 0.001..=100.0)?;
+        check("sigmas", settings.sigmas, 3.0..=100.0)?;
+        check("gate_mrad", settings.gate_mrad, 1.0..=500.0)?;
+        check("max_age_ms", settings.max_age_ms, 1.0..=1000.0)?;
+        let plain = Path::new(&settings.file).file_name().is_some_and(|it| it == settings.file.as_str());
+        if !plain {
+            let message = format!("found `{}`, expected the name of a file in the results folder", settings.file);
+            return Err(ConfigError::at("file", message));
+        }
+        setup.claim_file(Some("file"), &settings.file)?;
+        let cameras = &setup.calibration.cameras;
+        if cameras.len() < 3 {
+            let n = cameras.len();
+            return Err(ConfigError::node(format_args!(
+                "found {n} cameras in the calibration, expected at least 3: a camera is judged by two others"
+            )));
+        }
+        Ok(Self {
+            watch: Watch::new(settings.rules(), cameras.iter().map(|it| it.camera.clone()).collect()),
+            names: cameras.iter().map(|it| it.name.clone()).collect(),
+            out: setup.out_dir.clone(),
+            file: settings.file,
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        if let Some(features) = io.take(&FEATURES) {
+            self.watch.add_features(features.time(), Arc::clone(&features.value));
+        } else if let Some(targets) = io.take(&TARGETS) {
+            self.watch.add_targets(Arc::clone(&targets.value));
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        self.watch.finish();
+        let told = self.watch.bumps();
+        report.figure("camera_watch.bumped", told.iter().filter(|it| it.cameras.len() == 1).count() as f64);
+        report.figure("camera_watch.undecided", told.iter().filter(|it| it.cameras.len() > 1).count() as f64);
+        for bump in told {
+            report.remark(self.sentence(bump));
+            // Of a camera that was bumped more than once, the figures are those of the first time.
+            let is_first = |camera: usize| told.iter().find(|it| it.cameras == [camera]) == Some(bump);
+            if let [camera] = bump.cameras[..]
+                && is_first(camera)
+            {
+                let name = &self.names[camera];
+                report.figure(format!("camera_watch.bumped_at_s.{name}"), bump.at.as_s());
+                report.figure(format!("camera_watch.told_at_s.{name}"), bump.told_at.as_s());
+                report.figure(format!("camera_watch.turn_mrad.{name}"), bump.turn.norm() * 1e3);
+                report.figure(format!("camera_watch.shift_px.{name}"), bump.shift_px);
+            }
+        }
+        let counts = self.watch.sightings();
+        report.figure("camera_watch.sightings", counts.iter().sum::<u64>() as f64);
+        let blind: Vec<&str> =
+            counts.iter().zip(&self.names).filter(|it| *it.0 == 0).map(|(_, name)| name.as_str()).collect();
+        if !blind.is_empty() && blind.len() < self.names.len() {
+            report.remark(format!("{} cannot be watched: no light that two others saw was in view", blind.join(", ")));
+        }
+        if let Some(folder) = &self.out {
+            std::fs::write(folder.join(&self.file), self.table())
+                .map_err(|error| NodeError::input(format_args!("`{}` cannot be written: {error}", self.file)))?;
+            report.file(&self.file);
+        }
+        Ok(())
+    }
+}
+
+impl CameraWatch {
+    fn sentence(&self, bump: &Bump) -> String {
+        let at_s = bump.at.as_s();
+        let names: Vec<&str> = bump.cameras.iter().map(|it| self.names[*it].as_str()).collect();
+        match names[..] {
+            [name] => {
+                let [tilt, pan, roll] = of_camera_mrad(&bump.turn);
+                format!(
+                    "camera {name} was bumped at {at_s:.1} s: {:.1} mrad (pan {pan:+.1}, tilt {tilt:+.1}, roll {roll:+.1}), {:.1} px; recalibrate",
+                    bump.turn.norm() * 1e3,
+                    bump.shift_px
+                )
+            }
+            _ if names.len() > 3 && 2 * names.len() > self.names.len() => {
+                format!(
+                    "since {at_s:.1} s most cameras contradict each other, none more than the rest: look at the clocks, or recalibrate"
+                )
+            }
+            _ => format!(
+                "one of {} was bumped at {at_s:.1} s; which one cannot be told from what they share; recalibrate",
+                names.join(", ")
+            ),
+        }
+    }
+
+    /// One row for each camera and turn.
+    fn table(&self) -> String {
+        let mut text = "time_s,camera,tilt_mrad,pan_mrad,roll_mrad,sigma_mrad,sightings,sigmas\n".to_owned();
+        for row in self.watch.rows() {
+            let [tilt, pan, roll] = of_camera_mrad(&row.turn);
+            // Writing to a String cannot fail.
+            let _ = writeln!(
+                text,
+                "{:.3},{},{tilt:.4},{pan:.4},{roll:.4},{:.4},{},{:.2}",
+                row.at.as_s(),
+                self.names[row.camera],
+                row.sigma * 1e3,
+                row.sightings,
+                row.sigmas
+            );
+        }
+        text
+    }
+}
+
+/// Tilt upward, pan to the right and roll clockwise of a camera that sees the world turn by `turn`: it turned the other way [mrad].
+fn of_camera_mrad(turn: &Vector3<f64>) -> [f64; 3] {
+    [turn.x, turn.y, turn.z].map(|it| -1e3 * it)
+}

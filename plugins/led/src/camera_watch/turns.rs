@@ -1,0 +1,216 @@
+//! The turns of one camera over time, and whether the last ones differ from those before.
+//!
+//! A turn ω by which a camera sees points p (in the camera) moves each by ω × p. That of a bin is the robust least-squares one (Cauchy's
+//! loss, scale from the median), so that a minority of wrong sightings does little. The last few turns are compared with the mean of
+//! all before them since the last bump: d = recent − before, told when dᵀ (C_recent + C_before)⁻¹ d exceeds a square and |d| a least turn. The
+//! covariances are widened by what the camera's own history scatters more than they say. Without a history the calibration is taken
+//! at its word.
+
+use foveate::messages::{Interval, Time};
+use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
+
+/// See [`super::CameraWatchSettings`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TurnRules {
+    /// Length of a bin.
+    pub bin: Interval,
+    /// Turns that are compared with those before.
+    pub bins: usize,
+    /// Sightings in a bin.
+    pub min_sightings: usize,
+    /// Turns told are at least this large [rad].
+    pub least: f64,
+    /// Standard deviation of the calibrated orientation [rad].
+    pub calibration: f64,
+    /// Turns told are so many standard deviations large.
+    pub sigmas: f64,
+}
+
+/// Where a light was seen less where the others have it.
+#[derive(Debug, Clone, Copy)]
+pub struct Residual {
+    /// [px]
+    pub error: Vector2<f64>,
+    /// Inverse of its covariance [px⁻²].
+    pub weight: Matrix2<f64>,
+    /// Its derivative by a turn of the camera, in the camera's axes [px/rad].
+    pub by_turn: Matrix2x3<f64>,
+}
+
+/// The turn of a camera in one bin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Turn {
+    /// Start of the bin.
+    pub at: Time,
+    /// About the camera's x (down or up: tilt), y (pan) and z (roll) [rad].
+    pub turn: Vector3<f64>,
+    /// Inverse covariance of that [rad⁻²].
+    pub information: Matrix3<f64>,
+    /// What it was made of.
+    pub sightings: usize,
+    /// Length in the picture of a turn by 1 rad about each axis, root mean square, as Σ JᵀJ / n [px²/rad²].
+    pub squared_px: Matrix3<f64>,
+}
+
+/// The last turns against those before.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Change {
+    /// Start of the first bin after it.
+    pub at: Time,
+    /// By how much the world turned before the camera [rad].
+    pub turn: Vector3<f64>,
+    /// How it was turned before that [rad].
+    pub before: Vector3<f64>,
+    /// How many standard deviations that is.
+    pub sigmas: f64,
+    /// Root mean square length of it in the picture [px].
+    pub shift_px: f64,
+}
+
+/// Turns kept for comparison: two minutes of half seconds.
+const LONGEST_HISTORY: usize = 240;
+/// With fewer turns before, the calibration stands in for them.
+const LEAST_HISTORY: usize = 4;
+/// Median of χ² with three degrees of freedom.
+const MEDIAN_CHI2: f64 = 2.365_974;
+/// No camera is turned by more without anybody noticing; keeps what a bin does not hold from running away [rad].
+const WIDEST: f64 = 0.2;
+const ROUNDS: usize = 12;
+
+/// The turns of one camera.
+#[derive(Debug, Clone, Default)]
+pub struct Turns {
+    gathered: Vec<Residual>,
+    history: Vec<Turn>,
+    scratch: Vec<f64>,
+}
+
+impl Turns {
+    /// Takes in a sighting of the bin that is open.
+    pub fn add(&mut self, residual: Residual) {
+        self.gathered.push(residual);
+    }
+
+    /// Ends the bin that began at `at`. `None` when too little was seen; what was seen is forgotten.
+    pub fn close(&mut self, at: Time, rules: &TurnRules) -> Option<Turn> {
+        let turn = (self.gathered.len() >= rules.min_sightings).then(|| self.solve(at)).flatten();
+        self.gathered.clear();
+        self.history.extend(turn);
+        if self.history.len() > LONGEST_HISTORY {
+            self.history.remove(0);
+        }
+        turn
+    }
+
+    /// Forgets all.
+    pub fn forget(&mut self) {
+        self.gathered.clear();
+        self.history.clear();
+    }
+
+    /// Forgets all before `time`: the camera stands otherwise since then.
+    pub fn forget_before(&mut self, time: Time) {
+        self.history.retain(|it| it.at >= time);
+    }
+
+    /// The last turns against those before; `None` while there are too few, or when the last of them is not of the bin that began at `now`.
+    /// `is_void` says that the camera was bumped before, or may have been: what the calibration says of it holds no more.
+    pub fn change(&self, now: Time, is_void: bool, rules: &TurnRules) -> Option<Change> {
+        let n = self.history.len();
+        let (before, recent) = self.history.split_at(n.checked_sub(rules.bins)?);
+        let is_now = recent.last().is_some_and(|it| it.at == now);
+        let known = before.len() >= LEAST_HISTORY;
+        if !is_now || (is_void && !known) {
+            return None;
+        }
+        let (mean, covariance) =
+            if known { mean(before)? } else { (Vector3::zeros(), Matrix3::identity() * rules.calibration.powi(2)) };
+        let widened = if known { scatter(before, &mean) } else { 1.0 };
+        let (last, last_covariance) = self::mean(recent)?;
+        // History shares its own scatter; one without history has what the calibration says instead.
+        let spread = if known { (covariance + last_covariance) * widened } else { covariance + last_covariance };
+        let turn = last - mean;
+        let squared = turn.dot(&(spread.try_inverse()? * turn));
+        let sigmas = squared.max(0.0).sqrt();
+        let along = |it: &&Turn| (it.turn - mean).dot(&turn) > 0.5 * turn.norm_squared();
+        let at = self.history.iter().rev().take_while(|it| along(it)).last().map_or(now, |it| it.at);
+        // Recent turns may reach back before it.
+        let (turn, shift_px) = self.turned_since(at, &mean).unwrap_or((turn, f64::NAN));
+        Some(Change { at, turn, before: mean, sigmas, shift_px })
+    }
+
+    /// Turns known of bins that began after `time`.
+    pub fn count_after(&self, time: Time) -> usize {
+        self.history.iter().filter(|it| it.at > time).count()
+    }
+
+    /// By how much the camera turned from `before` on, and how far that moves lights in its picture (root mean square), from the bins
+    /// after the one that began at `time`, or from that one while there is no other.
+    pub fn turned_since(&self, time: Time, before: &Vector3<f64>) -> Option<(Vector3<f64>, f64)> {
+        let first = self.history.iter().position(|it| it.at >= time)?;
+        let since = &self.history[first..];
+        let since = if since.len() > 1 { &since[1..] } else { since };
+        let turn = mean(since)?.0 - before;
+        let squared_px = since.last()?.squared_px;
+        Some((turn, turn.dot(&(squared_px * turn)).max(0.0).sqrt()))
+    }
+
+    /// Iteratively reweighted least squares; the scale is that of the median residual, at least 1.
+    fn solve(&mut self, at: Time) -> Option<Turn> {
+        let mut turn = Vector3::zeros();
+        let mut information = Matrix3::zeros();
+        for _ in 0..ROUNDS {
+            let squared = |it: &Residual| {
+                let left = it.error - it.by_turn * turn;
+                left.dot(&(it.weight * left))
+            };
+            self.scratch.clear();
+            self.scratch.extend(self.gathered.iter().map(squared));
+            let middle = self.scratch.len() / 2;
+            let (_, median, _) = self.scratch.select_nth_unstable_by(middle, f64::total_cmp);
+            let scale2 = (*median / std::f64::consts::LN_2 / 2.0).max(1.0);
+            information = Matrix3::identity() / (WIDEST * WIDEST);
+            let mut gradient = Vector3::zeros();
+            for residual in &self.gathered {
+                let weight = residual.weight / (scale2 * (1.0 + squared(residual) / (2.385_f64.powi(2) * scale2)));
+                information += residual.by_turn.transpose() * weight * residual.by_turn;
+                gradient += residual.by_turn.transpose() * weight * residual.error;
+            }
+            let next = information.cholesky()?.solve(&gradient);
+            let step = (next - turn).norm();
+            turn = next;
+            if step < 1e-7 {
+                break;
+            }
+        }
+        let n = self.gathered.len() as f64;
+        let squared_px =
+            self.gathered.iter().fold(Matrix3::zeros(), |sum, it| sum + it.by_turn.transpose() * it.by_turn / n);
+        turn.iter().all(|it| it.is_finite()).then_some(Turn {
+            at,
+            turn,
+            information,
+            sightings: self.gathered.len(),
+            squared_px,
+        })
+    }
+}
+
+/// The mean of turns by their information, with its covariance.
+fn mean(turns: &[Turn]) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+    let (mut information, mut sum) = (Matrix3::zeros(), Vector3::zeros());
+    for it in turns {
+        information += it.information;
+        sum += it.information * it.turn;
+    }
+    let covariance = information.try_inverse()?;
+    Some((covariance * sum, covariance))
+}
+
+/// By how much turns scatter about their mean more than their covariances say, as a factor of the variance, at least 1.
+fn scatter(turns: &[Turn], mean: &Vector3<f64>) -> f64 {
+    let square = |it: &Turn| (it.turn - mean).dot(&(it.information * (it.turn - mean)));
+    let mut squares: Vec<f64> = turns.iter().map(square).collect();
+    squares.sort_unstable_by(f64::total_cmp);
+    (squares[squares.len() / 2] / MEDIAN_CHI2).max(1.0)
+}
