@@ -15,6 +15,8 @@ pub struct Feature {
     pub area: u32,
     /// Its brightest pixel [gray level, 0..=255]; 0 where the source of the point did not say.
     pub peak: u8,
+    /// Which mark it is, where the detector can tell: the corner of a board, the end of a wand.
+    pub label: Option<u32>,
 }
 
 /// All points found in one picture. Nothing found: an empty list.
@@ -22,12 +24,13 @@ pub struct Feature {
 pub struct Features {
     /// The camera whose picture it was.
     pub camera: CameraId,
-    /// In scan order: by row, then by column.
+    /// In scan order: by row, then by column; those with labels in the order of these.
     pub list: Vec<Feature>,
 }
 
 impl Message for Features {
     const NAME: &'static str = "features";
+    const VERSION: u32 = 2;
     const SPACE: SpaceKind = SpaceKind::CameraPixels;
 
     fn quality(&self) -> Quality {

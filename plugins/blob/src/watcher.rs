@@ -166,6 +166,7 @@ impl Watcher {
                 covariance: covariance * (scale * scale),
                 area: u32::try_from(blob.area * u64::from(factor * factor)).unwrap_or(u32::MAX),
                 peak: 0,
+                label: None,
             });
         }
         Ok(Outcome::Searched)

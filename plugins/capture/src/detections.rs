@@ -22,7 +22,7 @@ const LATEST_START_S: f64 = 1e6;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DetectionsSettings {
-    /// CSV file with a header: `time_s`, `camera`, `x_px`, `y_px`, perhaps `sigma_px`, `area_px`, `peak`, `cxx_px2`, `cxy_px2`, `cyy_px2`, in any order; `#` begins a
+    /// CSV file with a header: `time_s`, `camera`, `x_px`, `y_px`, perhaps `sigma_px`, `area_px`, `peak`, `cxx_px2`, `cxy_px2`, `cyy_px2`, `label`, in any order; `#` begins a
     /// comment; a row with empty `x_px` and `y_px` is a picture in which nothing was found. Each instance takes the
     /// rows of its own camera [–]
     pub path: String,

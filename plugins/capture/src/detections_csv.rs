@@ -9,6 +9,7 @@
 //! | `cxx_px2`, `cxy_px2`, `cyy_px2` | the whole covariance, instead of `sigma_px`; may be left out | px² |
 //! | `area_px` | pixels that belong to the point; may be left out | px² |
 //! | `peak` | its brightest pixel, 0 to 255; may be left out | gray level |
+//! | `label` | which mark it is, a whole number; empty or left out: not known | – |
 //!
 //! Columns in any order, others are passed over; lines that begin with `#` are comments; fields hold no commas.
 //!
@@ -93,6 +94,7 @@ struct Columns {
     covariance: Option<[usize; 3]>,
     area: Option<usize>,
     peak: Option<usize>,
+    label: Option<usize>,
 }
 
 impl Columns {
@@ -143,8 +145,10 @@ impl Columns {
             },
             area: place("area_px"),
             peak: place("peak"),
+            label: place("label"),
         };
-        let known = ["time_s", "camera", "x_px", "y_px", "sigma_px", "area_px", "peak"].into_iter().chain(COVARIANCE);
+        let known =
+            ["time_s", "camera", "x_px", "y_px", "sigma_px", "area_px", "peak", "label"].into_iter().chain(COVARIANCE);
         let known: Vec<&str> = known.collect();
         if let Some(twice) = known.iter().find(|name| names.iter().filter(|it| it == name).count() > 1) {
             return Err(format!("the header names `{twice}` twice"));
@@ -333,7 +337,17 @@ impl Row {
         if !(0.0..=255.0).contains(&peak) {
             return Err(format!("peak is {peak}, expected 0 to 255"));
         }
-        Ok(Some(Feature { centre: Point2::new(x, y), covariance, area: area.round() as u32, peak: peak.round() as u8 }))
+        let label = optional(columns.label, "label")?;
+        if let Some(label) = label.filter(|it| it.fract() != 0.0 || !(0.0..=f64::from(u32::MAX)).contains(it)) {
+            return Err(format!("label is {label}, expected a whole number of 0 or more"));
+        }
+        Ok(Some(Feature {
+            centre: Point2::new(x, y),
+            covariance,
+            area: area.round() as u32,
+            peak: peak.round() as u8,
+            label: label.map(|it| it as u32),
+        }))
     }
 }
 
@@ -435,6 +449,16 @@ mod tests {
         assert_eq!(table.frames[1].features.list[0].covariance, Matrix2::identity() * 81.0);
         assert!(table.frames[2].faults[0].contains("no covariance"), "{:?}", table.frames[2].faults);
         assert!(parse("time_s,camera,x_px,y_px,cxx_px2\n0,b,1,2,3\n").map(|_| ()).unwrap_err().contains("only some"));
+    }
+
+    #[test]
+    fn labels_are_whole_numbers_or_left_out() {
+        let table =
+            parse("time_s,camera,x_px,y_px,label\n0,b,1,2,17\n0,b,1,2,\n0,b,1,2,0\n0,b,1,2,1.5\n0,b,1,2,-1\n").unwrap();
+        let labels: Vec<Option<u32>> = table.frames[0].features.list.iter().map(|it| it.label).collect();
+        assert_eq!(labels, [Some(17), None, Some(0)]);
+        assert!(table.frames[0].faults[0].starts_with("line 5: label is 1.5"), "{:?}", table.frames[0].faults);
+        assert_eq!(table.frames[0].faults.len(), 2);
     }
 
     #[test]

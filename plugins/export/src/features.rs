@@ -1,8 +1,8 @@
 //! `export.features`: 2D detections as a CSV table, in the form that `capture.detections` reads.
 //!
-//! Columns: `time_s,camera,x_px,y_px,sigma_px,area_px,peak,cxx_px2,cxy_px2,cyy_px2`. A picture in which nothing was found is a
+//! Columns: `time_s,camera,x_px,y_px,sigma_px,area_px,peak,cxx_px2,cxy_px2,cyy_px2,label`. A picture in which nothing was found is a
 //! row that ends after the camera, so that silence and absence stay apart. `sigma_px` is the root of the mean variance of both
-//! coordinates, for people; the last three columns are the whole covariance.
+//! coordinates, for people; the next columns are the whole covariance. `label` is empty where a point has none.
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -16,7 +16,7 @@ use crate::row_file::RowFile;
 
 const FEATURES: In<Features> = In::each(0, "features").many();
 
-const HEADER: &str = "time_s,camera,x_px,y_px,sigma_px,area_px,peak,cxx_px2,cxy_px2,cyy_px2";
+const HEADER: &str = "time_s,camera,x_px,y_px,sigma_px,area_px,peak,cxx_px2,cxy_px2,cyy_px2,label";
 
 /// The least that six decimals can say [px]; a reader refuses 0.
 const SIGMA_FLOOR: f64 = 1e-6;
@@ -55,7 +55,7 @@ impl ExportFeatures {
         };
         if features.list.is_empty() {
             start(&mut self.text);
-            self.text.push_str(",,,,,,,\n");
+            self.text.push_str(",,,,,,,,\n");
         }
         for feature in &features.list {
             start(&mut self.text);
@@ -69,6 +69,10 @@ impl ExportFeatures {
             for place in [(0, 0), (0, 1), (1, 1)] {
                 self.text.push(',');
                 scientific(&mut self.text, feature.covariance[place]);
+            }
+            self.text.push(',');
+            if let Some(label) = feature.label {
+                write!(self.text, "{label}").ok();
             }
             self.text.push('\n');
         }
@@ -144,15 +148,17 @@ mod tests {
             covariance: Matrix2::new(0.01, 0.0, 0.0, 0.03),
             area: 12,
             peak: 200,
+            label: None,
         };
-        node.write(Time(16_666_667), &Features { camera: CameraId(1), list: vec![feature] });
+        let labelled = Feature { label: Some(17), ..feature };
+        node.write(Time(16_666_667), &Features { camera: CameraId(1), list: vec![feature, labelled] });
         node.write(Time(20_000_000), &Features { camera: CameraId(0), list: Vec::new() });
         let mut report = Report::default();
         node.finish(&mut report).unwrap();
-        let first = "0.016666667,ring-2,1.250000,-0.500000,0.141421,12,200,1.000000e-02,0.000000e+00,3.000000e-02";
-        let expected = format!("{HEADER}\n{first}\n0.020000000,ring-1,,,,,,,,\n");
+        let first = "0.016666667,ring-2,1.250000,-0.500000,0.141421,12,200,1.000000e-02,0.000000e+00,3.000000e-02,";
+        let expected = format!("{HEADER}\n{first}\n{first}17\n0.020000000,ring-1,,,,,,,,,\n");
         assert_eq!(std::fs::read_to_string(folder.path().join("features.csv")).unwrap(), expected);
-        assert_eq!(report.figures["features"], 1.0);
+        assert_eq!(report.figures["features"], 2.0);
         assert_eq!(report.figures["features.pictures"], 2.0);
     }
 }

@@ -224,6 +224,7 @@ mod tests {
             covariance: Matrix2::identity(),
             area: 9,
             peak: 99,
+            label: None,
         };
         Arc::new(Features { camera: CameraId(0), list: points.iter().map(feature).collect() })
     }

@@ -219,6 +219,7 @@ impl Spotter {
             covariance: spot.covariance,
             area: spot.area,
             peak: spot.peak,
+            label: None,
         }));
         Ok(Outcome::Searched)
     }

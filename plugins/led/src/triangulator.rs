@@ -295,7 +295,7 @@ mod tests {
     use super::*;
 
     fn feature(centre: Point2<f64>) -> Feature {
-        Feature { centre, covariance: Matrix2::identity() * 0.01, area: 4, peak: 200 }
+        Feature { centre, covariance: Matrix2::identity() * 0.01, area: 4, peak: 200, label: None }
     }
 
     /// What all cameras of a ring of 6 see of `lights`.

@@ -52,7 +52,7 @@ impl Guide {
             let frames: u32 = (0..coverage.n_cameras()).map(|it| coverage.frames(it)).min().unwrap_or(0);
             let state = coverage.state();
             let advice = state.missing.first().map_or_else(|| "enough".to_owned(), |it| it.to_string());
-            drop(writeln!(err, "{now:7.1}{whole} s   each camera saw the light in {frames} frames or more   {advice}"));
+            drop(writeln!(err, "{now:7.1}{whole} s   each camera saw it in {frames} frames or more   {advice}"));
             return;
         }
         let mut text = coverage.render(width(), wants_color());

@@ -7,6 +7,7 @@ use foveate_calibration::recording::{Look, Spot};
 use foveate_dataflow::error::{ConfigError, NodeError};
 use foveate_dataflow::{In, Io, Node, Ports, Registry, Role, Setup};
 use foveate_messages::Features;
+use nalgebra::{Point2, Vector2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -57,18 +58,29 @@ impl Node for Recorder {
                 pixel: it.centre,
                 sigma_px: (it.covariance.trace() / 2.0).max(0.0).sqrt().max(LEAST_SIGMA_PX),
                 peak: f64::from(it.peak),
-                label: None,
+                label: it.label,
             };
             let look = Look {
                 camera: usize::from(message.value.camera.0),
                 time_s: message.time().as_s(),
                 spots: message.value.list.iter().map(spot).collect(),
             };
-            gathered.coverage.observe(&look);
+            gathered.coverage.observe(&without_board(&look));
             gathered.looks.push(look);
         }
         Ok(())
     }
+}
+
+/// For coverage, the many numbered marks of a board are one spot, in their middle.
+fn without_board(look: &Look) -> Look {
+    let is_board = look.spots.len() > 2 && look.spots.iter().all(|it| it.label.is_some());
+    let middle = |it: &Look| {
+        let sum = it.spots.iter().fold(Vector2::zeros(), |sum, spot| sum + spot.pixel.coords);
+        Spot { pixel: Point2::from(sum / it.spots.len() as f64), label: None, ..it.spots[0] }
+    };
+    let spots = if is_board { vec![middle(look)] } else { look.spots.clone() };
+    Look { spots, ..*look }
 }
 
 /// Makes the node known, its nodes tied to `shared`.

@@ -160,7 +160,7 @@ impl Observer {
         let mut put = |centre: Vector2<f64>, covariance: Matrix2<f64>| {
             let centre = Point2::from(centre);
             if self.camera.has_pixel(&centre) {
-                features.list.push(Feature { centre, covariance, area: 0, peak: 0 });
+                features.list.push(Feature { centre, covariance, area: 0, peak: 0, label: None });
             }
         };
         for spot in &self.spots {

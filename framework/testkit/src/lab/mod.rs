@@ -284,7 +284,7 @@ fn melt(list: &mut Vec<Feature>, distance: f64) {
 
 /// A feature at `centre` [px] with an error of `sigma` [px] on each axis.
 pub fn feature(centre: Point2<f64>, sigma: f64) -> Feature {
-    Feature { centre, covariance: Matrix2::identity() * (sigma * sigma).max(1e-4), area: 9, peak: 200 }
+    Feature { centre, covariance: Matrix2::identity() * (sigma * sigma).max(1e-4), area: 9, peak: 200, label: None }
 }
 
 #[cfg(test)]

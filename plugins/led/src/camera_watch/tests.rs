@@ -83,7 +83,7 @@ fn watched(scene: Scene, turn: impl Fn(usize, f64) -> Vector3<f64>) -> Watch {
 }
 
 fn feature(centre: Point2<f64>) -> Feature {
-    Feature { centre, covariance: Matrix2::identity() * SIGMA_PX * SIGMA_PX, area: 4, peak: 200 }
+    Feature { centre, covariance: Matrix2::identity() * SIGMA_PX * SIGMA_PX, area: 4, peak: 200, label: None }
 }
 
 fn target(number: usize, position: Point3<f64>, velocity: Vector3<f64>) -> Target {

@@ -203,6 +203,7 @@ mod tests {
             covariance: Matrix2::identity(),
             area: 4,
             peak: 200,
+            label: None,
         };
         Features { camera: CameraId(camera as u16), list: points.iter().map(of).collect() }
     }
