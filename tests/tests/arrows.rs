@@ -22,11 +22,13 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("capture", &["foveate"]),
     ("led", &["foveate"]),
     ("blob", &["foveate"]),
+    ("board", &["foveate"]),
     ("export", &["foveate"]),
     (
         "cli",
         &[
             "blob",
+            "board",
             "calibration",
             "capture",
             "dataflow",

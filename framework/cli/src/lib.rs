@@ -17,6 +17,7 @@ pub fn registry() -> Registry {
     foveate_capture::register(&mut registry);
     foveate_led::register(&mut registry);
     foveate_blob::register(&mut registry);
+    foveate_board::register(&mut registry);
     foveate_export::register(&mut registry);
     registry
 }

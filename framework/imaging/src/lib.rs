@@ -27,7 +27,7 @@ pub mod view;
 
 pub use background::{Background, BackgroundConfig, Statistic, Verdict};
 pub use blobs::{Blob, BlobFinder, BlobLimits};
-pub use chessboard::{Corner, find_chessboard};
+pub use chessboard::{Corner, find_chessboard, largest_grid};
 pub use error::ImagingError;
 pub use foreground::{Foreground, ForegroundConfig};
 pub use mask::fill_polygon;

@@ -49,6 +49,40 @@ pub(super) fn grow(plane: &Plane, saddles: &[Saddle], columns: usize, rows: usiz
     None
 }
 
+/// Width and height of the largest grid that grows from one of the saddles, the larger first.
+pub(super) fn largest(saddles: &[Saddle]) -> Option<[usize; 2]> {
+    let mut tried = vec![false; saddles.len()];
+    let mut best = None;
+    for seed in 0..saddles.len().min(MAX_SEEDS) {
+        if !std::mem::replace(&mut tried[seed], true) {
+            let labels = from_seed(saddles, seed);
+            labels.values().for_each(|it| tried[*it] = true);
+            best = best.max(extent(&labels).map(|it| (it[0] * it[1], it)));
+        }
+    }
+    best.map(|it| it.1)
+}
+
+/// Of the rows and columns that are there for the most part, how many; `None` for fewer than 3 either way, or with gaps.
+fn extent(labels: &Labels) -> Option<[usize; 2]> {
+    let count = |of: &dyn Fn(&(i32, i32)) -> i32| {
+        let mut counts: BTreeMap<i32, usize> = BTreeMap::new();
+        labels.keys().for_each(|it| *counts.entry(of(it)).or_default() += 1);
+        counts
+    };
+    let (columns, rows) = (count(&|it| it.0), count(&|it| it.1));
+    let full = |counts: &BTreeMap<i32, usize>| {
+        let most = counts.values().copied().max().unwrap_or(0);
+        let kept: Vec<i32> = counts.iter().filter(|it| 2 * *it.1 > most).map(|it| *it.0).collect();
+        Some((*kept.first()?, *kept.last()?))
+    };
+    let ((left, right), (top, bottom)) = (full(&columns)?, full(&rows)?);
+    let (width, height) = ((right - left + 1) as usize, (bottom - top + 1) as usize);
+    let inside = labels.keys().filter(|(x, y)| (left..=right).contains(x) && (top..=bottom).contains(y)).count();
+    let is_grid = width.min(height) >= 3 && inside as f64 >= SEEN * (width * height) as f64;
+    is_grid.then_some([width.max(height), width.min(height)])
+}
+
 /// Whether `b` can be the neighbour of `a` in some direction: its bright quadrants lie where the dark ones of `a` do.
 fn opposed(a: &Saddle, b: &Saddle) -> bool {
     let weaker = a.strength.min(b.strength) > 0.15 * a.strength.max(b.strength);

@@ -68,6 +68,18 @@ pub fn find_chessboard(image: &ImageView<'_>, columns: usize, rows: usize) -> Op
     })
 }
 
+/// Corners of the largest chessboard in the picture, the longer side first; `None` without one of 3 × 3 at least. To say what is there
+/// where the board that was looked for is not.
+pub fn largest_grid(image: &ImageView<'_>) -> Option<[usize; 2]> {
+    let whole = Plane::of(image);
+    let grids = SEARCHES.into_iter().filter_map(|(size, passes)| {
+        let mut smooth = whole.resized(Vector2::from(size));
+        (0..passes).for_each(|_| smooth = smooth.blurred());
+        grid::largest(&saddles::find(&smooth))
+    });
+    grids.max_by_key(|it| it[0] * it[1])
+}
+
 /// From a corner to the next in its row and in its column, as columns: the mean of both sides where it has two.
 fn steps(corners: &[Point2<f64>], at: usize, columns: usize) -> Matrix2<f64> {
     let (column, row, rows) = (at % columns, at / columns, corners.len() / columns);

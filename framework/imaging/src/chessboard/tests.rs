@@ -130,6 +130,8 @@ fn another_board_part_of_one_and_none_are_not_found() {
     for (columns, rows) in [(7, 5), (8, 4), (6, 4), (7, 3), (4, 4), (3, 3)] {
         assert!(whole.find(columns, rows).is_none(), "{columns} x {rows}");
     }
+    let pixels = whole.render();
+    assert_eq!(largest_grid(&ImageView::new(&pixels, SIZE[0], SIZE[1]).unwrap()), Some([7, 4]));
     // The other way round it is the same board, but for the order of its corners.
     assert!(whole.find(4, 7).is_some());
     let cut = Scene::new([160.0, 50.0], [28.0, 1.0], [-1.0, 28.0], [0.0, 0.0]);
