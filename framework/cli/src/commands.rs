@@ -38,7 +38,7 @@ const EXIT_CODES: &str = "Exit codes: 0 done · 2 the rig or its input is at fau
 enum Command {
     /// Run a rig and write what it recovers into a results folder
     Run(RunArgs),
-    /// Calibrate a rig's cameras from one waved light, with guidance and a verdict
+    /// Calibrate a rig's cameras from one waved light or a board, with guidance and a verdict
     Calibrate(Box<calibrate::CalibrateArgs>),
     /// Find every fault of a rig before anything runs
     Check {

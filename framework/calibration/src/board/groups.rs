@@ -87,8 +87,8 @@ pub(super) fn pair(
                 for turn in board.turns() {
                     let b_from_a = in_b.camera_from_board * (in_a.camera_from_board * turn).inverse();
                     let (loss, right) = loss(&b_from_a);
-                    // Of two poses of one look the worse is a little less likely, even where all else is equal.
-                    proposals.push((loss + 1e-3 * (in_a.rms_px + in_b.rms_px) / cap, right, b_from_a));
+                    // Of two poses of one look the worse is less likely, even where all else is equal.
+                    proposals.push((loss + 0.5 * (in_a.rms_px + in_b.rms_px) / cap, right, b_from_a));
                 }
             }
         }

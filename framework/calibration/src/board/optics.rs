@@ -20,6 +20,8 @@ pub(super) struct View {
 
 /// Views that are looked at when optics are sought; more of the same hardly tell more.
 const MAX_VIEWS: usize = 60;
+/// A view whose marks are on average no farther than this from where another has them is the same [px].
+const SAME_VIEW_PX: f64 = 3.0;
 /// Views for the first guess of the focal length.
 const START_VIEWS: usize = 15;
 
@@ -39,6 +41,7 @@ pub(super) fn fit(guess: &Camera, free: Freedom, views: &[&View], rules: &BoardR
     if wanted == Freedom::NONE || views.is_empty() {
         return fit;
     }
+    let views = &different(views)[..];
     if views.len() < rules.min_views {
         let why = Why::TooFewViews { views: views.len(), needed: rules.min_views };
         fit.refused = ladder(wanted).map(|what| Refused { what, why }).collect();
@@ -158,6 +161,25 @@ fn verdict(
         }
     }
     None
+}
+
+/// The views without those that show the board where one before them does: these add pictures, but nothing about the optics.
+fn different<'a>(views: &[&'a View]) -> Vec<&'a View> {
+    let apart = |a: &View, b: &View| {
+        let at = |of: &View, place: &Point3<f64>| {
+            let seen = of.homography.image_from_plane * place.coords.xy().push(1.0);
+            seen.xy() / seen.z
+        };
+        let sum: f64 = b.places.iter().map(|place| (at(a, place) - at(b, place)).norm()).sum();
+        sum / b.places.len() as f64
+    };
+    let mut kept: Vec<&View> = Vec::new();
+    for view in views {
+        if kept.iter().all(|it| apart(it, view) > SAME_VIEW_PX) {
+            kept.push(view);
+        }
+    }
+    kept
 }
 
 /// What is free, in the order in which it is given up.

@@ -266,6 +266,11 @@ fn optics_that_the_views_cannot_hold_are_refused_with_the_reason() {
     let of = |fit: &OpticsFit, what: Optic| fit.refused.iter().find(|it| it.what == what).map(|it| it.why);
     let few = refusals(&scene(1, 2, charuco(), 13));
     assert_eq!(of(&few, Optic::Focal), Some(Why::TooFewViews { views: 2, needed: 3 }));
+    // Twelve pictures of a board that lies still are one view.
+    let mut still = scene(1, 12, charuco(), 13);
+    let first = still.world_from_board[0];
+    still.world_from_board.fill(first);
+    assert_eq!(of(&refusals(&still), Optic::Focal), Some(Why::TooFewViews { views: 1, needed: 3 }));
     // Parallel to the picture all the time.
     let mut flat = scene(1, 12, charuco(), 13);
     let facing = flat.cameras[0].camera_from_world.rotation.inverse()

@@ -13,7 +13,7 @@ pub struct BoardRules {
     pub frame_tolerance_s: f64,
     /// A mark that is at most this far from where the solution has it is a right one [px].
     pub inlier_px: f64,
-    /// Views that a camera needs before any of its optics are sought [–].
+    /// Different views that a camera needs before any of its optics are sought [–].
     pub min_views: usize,
     /// Marks that make a view [–].
     pub min_marks: usize,
@@ -65,9 +65,9 @@ pub struct Refused {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Why {
     /// Too few pictures of the board.
-    #[error("{views} views of the board, expected at least {needed}")]
+    #[error("{views} different views of the board, expected at least {needed}")]
     TooFewViews {
-        /// How many there are.
+        /// How many different ones there are.
         views: usize,
         /// How many are needed.
         needed: usize,

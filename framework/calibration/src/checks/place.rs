@@ -94,6 +94,7 @@ pub(super) fn path(room: &Room<'_>) -> PathShape {
     };
     let percent = 100.0 * flatness;
     let sentence = match level {
+        Level::Good if good <= 0.0 => format!("How thick the path is does not matter ({percent:.0} % of its length)."),
         Level::Good => format!("The path fills space: {percent:.0} % as thick as it is long."),
         Level::Usable => {
             format!("The path is nearly flat ({percent:.1} % as thick as long): wave up and down as well.")

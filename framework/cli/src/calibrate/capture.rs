@@ -5,12 +5,14 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use foveate_board::BoardSettings;
+use foveate_board::detector::Detector;
 use foveate_calibration::coverage::{Coverage, CoverageRules};
 use foveate_calibration::recording::{CameraGuess, Recording};
 use foveate_dataflow::graph::{Graph, Instance};
 use foveate_dataflow::rig::{self, Overrides};
 use foveate_dataflow::run::{self, Options, Outcome, Progress};
-use foveate_dataflow::{Registry, Role};
+use foveate_dataflow::{Node, Registry, Role};
 use foveate_scene::{Draft, WorkingVolume};
 
 use super::guide::Guide;
@@ -52,6 +54,8 @@ pub struct Captured {
     pub coverage: Coverage,
     /// How the run went.
     pub outcome: Outcome,
+    /// The settings of the detector, where it finds boards.
+    pub board: Option<BoardSettings>,
 }
 
 /// The calibration to begin with, of which not all need be known.
@@ -90,7 +94,8 @@ pub fn capture(
     let shared: Shared = Arc::new(Mutex::new(Gathered { looks: Vec::new(), coverage }));
     let mut registry = registry();
     recorder::register(&mut registry, &shared);
-    let graph = Arc::new(detectors(rig_path, draft, &registry, wishes)?);
+    let (graph, board) = detectors(rig_path, draft, &registry, wishes)?;
+    let graph = Arc::new(graph);
     if let Some([min, max]) = graph.scales.first().and_then(|it| it.volume_m)
         && let Some(volume) = WorkingVolume::new(min.into(), max.into())
         && draft.unknown.values().all(|it| !it.pose)
@@ -102,15 +107,20 @@ pub fn capture(
     let mut gathered = lock(&shared);
     let looks = std::mem::take(&mut gathered.looks);
     let coverage = gathered.coverage.clone();
-    Ok(Captured { recording: Recording { cameras, looks }, coverage, outcome })
+    Ok(Captured { recording: Recording { cameras, looks }, coverage, outcome, board })
 }
 
 fn lock(shared: &Shared) -> std::sync::MutexGuard<'_, Gathered> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The part of the rig that gives features, with the recorder at its end.
-fn detectors(path: &Path, draft: &Draft, registry: &Registry, wishes: &Wishes) -> Result<Graph, String> {
+/// The part of the rig that gives features, with the recorder at its end, and the detector's settings, where it finds boards.
+fn detectors(
+    path: &Path,
+    draft: &Draft,
+    registry: &Registry,
+    wishes: &Wishes,
+) -> Result<(Graph, Option<BoardSettings>), String> {
     let overrides = Overrides {
         seed: wishes.seed,
         duration_s: wishes.duration_s,
@@ -126,7 +136,10 @@ fn detectors(path: &Path, draft: &Draft, registry: &Registry, wishes: &Wishes) -
          \n[scale.{scale}.node.{TABLE}]\ntype = \"export.features\"\nin = {{ features = \"{node}.{port}\" }}\nfile = \"{SIGHTINGS}\"\n"
     );
     let graph = rig::load(&format!("{text}{addition}"), path, registry, &overrides).map_err(faults)?;
-    Ok(graph.leading_to(|it| it.node == RECORDER || it.node == TABLE))
+    let is_board = |it: &&Instance| it.node_type.name == Detector::TYPE && it.node == node;
+    let settings = graph.instances.iter().find(is_board).and_then(|it| it.settings.resolved().ok());
+    let board = settings.and_then(|it| it.try_into().ok());
+    Ok((graph.leading_to(|it| it.node == RECORDER || it.node == TABLE), board))
 }
 
 /// Scale, node and output port of the features to take.

@@ -100,6 +100,11 @@ pub fn left_out(room: &SolvedRoom, recording: &Recording) -> Vec<String> {
     list
 }
 
+/// A fault with what else was noticed.
+pub fn with_remarks(fault: &str, remarks: &[String]) -> String {
+    std::iter::once(fault.to_owned()).chain(remarks.iter().map(|it| format!("\n  {it}"))).collect()
+}
+
 /// What became of each camera's clock.
 pub fn clocks(found: &SynchronisedRoom, recording: &Recording) -> Vec<String> {
     let cameras = found.room.solved.cameras.iter().zip(&found.clocks);

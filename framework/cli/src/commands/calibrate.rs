@@ -1,10 +1,11 @@
-//! `foveate calibrate`: a rig's detectors run, what they see of a waved light becomes a calibration with a verdict.
+//! `foveate calibrate`: a rig's detectors run, what they see of a waved light or a board becomes a calibration with a verdict.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use foveate_calibration::axes::{self, AxesRules, Wishes};
+use foveate_calibration::board::BoardRules;
 use foveate_calibration::checks::{CheckRules, Checks, LengthSample, Level, check};
 use foveate_calibration::clocks::ClockRules;
 use foveate_calibration::comparison::{Comparison, compare};
@@ -19,6 +20,7 @@ use foveate_scene::{Calibration, Draft, LengthUnit};
 use serde_json::{Map, Value};
 
 use super::seconds;
+use crate::calibrate::boards::{self, BoardWishes};
 use crate::calibrate::capture::{self, Captured};
 use crate::calibrate::{figures, words};
 use crate::outcome::{harmless, lost};
@@ -91,6 +93,8 @@ pub struct CalibrateArgs {
     /// The cameras are mounted without roll: the vertical from that, roughly
     #[arg(long, help_heading = "Scale and axes")]
     upright: bool,
+    #[command(flatten)]
+    board: BoardWishes,
     /// End the session after so many seconds of its own time
     #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
     duration: Option<f64>,
@@ -246,6 +250,7 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
             eprintln!("{what} …");
         }
     };
+    let board = boards::board(&args.board, captured.board.as_ref())?;
     progress("solving the room");
     let fixed = fixed_before(&draft.calibration, &plan);
     let rules = RoomRules {
@@ -262,16 +267,30 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         seed: rules.seed,
         ..ClockRules::default()
     };
-    let mut clocks = Vec::new();
-    let solve = match plan.from_nothing {
-        true if args.unsynchronised => {
+    let mut notes = Vec::new();
+    let solve = match (plan.from_nothing, &board) {
+        (_, Some(board)) => {
+            let rules = BoardRules {
+                inlier_px: args.inlier_px,
+                focal_guessed: plan.focal_unknown,
+                poses_guessed: !plan.from_nothing,
+                floor_time_s: args.board.board_floor,
+                ..BoardRules::default()
+            };
+            let found = boards::solve(&captured.recording, board, (!plan.from_nothing).then_some(fixed), &rules);
+            let (room, told) = found
+                .map_err(|fault| format!("error: {}", words::with_remarks(&fault, &captured.outcome.report.remarks)))?;
+            notes = told;
+            Ok(room)
+        }
+        (true, None) if args.unsynchronised => {
             let found = room::unsynchronised_from_nothing(&captured.recording, &clock_rules, &rules);
             let found = found.map_err(|fault| format!("error: {fault}"))?;
-            clocks = words::clocks(&found, &captured.recording);
+            notes = words::clocks(&found, &captured.recording);
             Ok(found.room)
         }
-        true => room::from_nothing(&captured.recording, sought, &rules),
-        false => room::recalibrate(&captured.recording, sought, &fixed, &rules),
+        (true, None) => room::from_nothing(&captured.recording, sought, &rules),
+        (false, None) => room::recalibrate(&captured.recording, sought, &fixed, &rules),
     };
     let mut solved = solve.map_err(|fault| format!("error: {fault}{}", hint(&captured)))?;
     let lengths = match args.wand_mm {
@@ -283,8 +302,17 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         solved.solved = found.map_err(|fault| format!("error: {fault}"))?.solved;
     }
     progress("checking it");
-    let checks = check(&solved.solved, lengths.as_deref(), &CheckRules::default());
-    let mut more = More { words: clocks.iter().map(|it| format!("{it}\n")).collect(), ..More::default() };
+    // The marks of a board lie in a plane, and each view is judged by itself whether it holds the optics.
+    let check_rules = match &board {
+        Some(_) => CheckRules { flatness: [0.0; 2], ..CheckRules::default() },
+        None => CheckRules::default(),
+    };
+    let mut checks = check(&solved.solved, lengths.as_deref(), &check_rules);
+    if board.is_some() {
+        checks.verdict.sentences.iter_mut().for_each(|it| *it = boards::of_board(it));
+    }
+    let words = notes.iter().map(|it| format!("{it}\n")).collect();
+    let mut more = More { words, is_board: board.is_some(), ..More::default() };
     if let (Some(other), Some(path)) = (other, &args.compare) {
         more.add(compare(&solved.solved, &other), path);
     }
@@ -296,9 +324,15 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
 struct More {
     words: String,
     figures: BTreeMap<String, f64>,
+    is_board: bool,
 }
 
 impl More {
+    /// What is said of a light, as it is said of what was seen.
+    fn told(&self, text: &str) -> String {
+        if self.is_board { boards::of_board(text) } else { text.to_owned() }
+    }
+
     fn add(&mut self, beside: Result<Comparison, String>, path: &Path) {
         let path = path.display().to_string();
         match beside {
@@ -372,7 +406,11 @@ fn conclude(
     more: &More,
 ) -> Result<u8, String> {
     let recording: &Recording = &captured.recording;
-    let method = if args.wand_mm.is_some() { "a waved wand" } else { "one waved light" };
+    let method = match more.is_board {
+        true => "a board",
+        false if args.wand_mm.is_some() => "a waved wand",
+        false => "one waved light",
+    };
     let origin = Origin {
         method: format!("foveate calibrate {}: {method}", env!("CARGO_PKG_VERSION")),
         date: None,
@@ -389,16 +427,16 @@ fn conclude(
     figures.extend(more.figures.clone());
     let figures: Map<String, Value> = figures.into_iter().map(|(name, value)| (name, results::number(value))).collect();
     write(&folder.join("summary.json"), &format!("{:#}\n", Value::Object(figures)))?;
-    write(&folder.join("verdict.txt"), &checks.to_string())?;
+    write(&folder.join("verdict.txt"), &more.told(&checks.to_string()))?;
     let mut files = vec!["calibration.toml", "summary.json", "verdict.txt", capture::SIGHTINGS];
     if args.report {
         let title = format!("Calibration of {}", args.rig.display());
-        write(&folder.join("report.html"), &page(&title, room, checks, &calibration, recording))?;
+        write(&folder.join("report.html"), &more.told(&page(&title, room, checks, &calibration, recording)))?;
         files.push("report.html");
     }
-    say(&words::describe(room, recording));
+    say(&more.told(&words::describe(room, recording)));
     say(&more.words);
-    say(&format!("\n{checks}\n"));
+    say(&more.told(&format!("\n{checks}\n")));
     if args.write {
         say(&replace(older, &text, checks)?);
     }

@@ -31,11 +31,12 @@ pub struct Corner {
 /// How a picture is searched, in turn until the board is found: with so many times as many columns and rows, smoothed so often.
 const SEARCHES: [([f64; 2], u32); 4] = [
     ([1.0, 1.0], 1),
-    // Small squares, and blurred ones.
-    ([2.0, 2.0], 1),
+    // Blurred squares.
     ([0.5, 0.5], 1),
     // Boards that lie far off on a floor; where white outshines black, squares no longer touch unless smoothed.
     ([0.5, 2.0], 2),
+    // Small squares; this takes the longest.
+    ([2.0, 2.0], 1),
 ];
 /// Difference between dark and bright squares, at least [gray level].
 const MIN_CONTRAST: f64 = 8.0;

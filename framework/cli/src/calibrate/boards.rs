@@ -1,0 +1,139 @@
+//! Rooms calibrated from a board: which board, its solution as a room's, and what is told of it.
+
+use foveate_board::BoardSettings;
+use foveate_calibration::axes::transformed;
+use foveate_calibration::board::{self, Board, BoardRules, BoardSolution};
+use foveate_calibration::recording::Recording;
+use foveate_calibration::room::{Cleaning, SolvedRoom};
+use foveate_calibration::solved::{FixedFreedoms, SightingRole, Solved};
+use foveate_estimation::statistics::median;
+use foveate_geometry::{AlignmentRules, CameraStatus, align};
+
+use super::figures::errors;
+
+/// The median length of a normal error in two coordinates, in standard deviations of either.
+const RAYLEIGH_MEDIAN: f64 = 1.177_41;
+
+/// What a person says of the board.
+#[derive(Debug, Clone, Copy, PartialEq, Default, clap::Args)]
+#[command(next_help_heading = "Board")]
+pub struct BoardWishes {
+    /// The features are the inner corners of a chessboard, so many in a row and in a column; a rig with `board.detector` says it itself
+    #[arg(long, value_name = "8x6", value_parser = two_counts, conflicts_with_all = ["wand_mm", "unsynchronised"])]
+    pub chessboard: Option<[u32; 2]>,
+    /// The features are the inner corners of a ChArUco board of so many squares, numbered along its rows
+    #[arg(long, value_name = "4x5", value_parser = two_counts, conflicts_with_all = ["chessboard", "wand_mm", "unsynchronised"])]
+    pub charuco: Option<[u32; 2]>,
+    /// Side of the board's squares
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    pub square_mm: Option<f64>,
+    /// When the board lay on the floor, face up: its corner 0 is the origin then, and Z is up
+    #[arg(long, value_name = "SECONDS", value_parser = time)]
+    pub board_floor: Option<f64>,
+}
+
+/// `8x6`
+fn two_counts(text: &str) -> Result<[u32; 2], String> {
+    let counts = text.split_once('x').and_then(|(a, b)| Some([a.trim().parse().ok()?, b.trim().parse().ok()?]));
+    counts.ok_or_else(|| format!("found {text}, expected two numbers, as 8x6"))
+}
+
+/// A time of the session [s].
+fn time(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|it| (0.0..=1e9).contains(it));
+    number.ok_or_else(|| format!("found {text}, expected a time of the session [s]"))
+}
+
+/// The board that was asked for, else that of the detector; `None` where lights are calibrated with.
+///
+/// # Errors
+/// A sentence for the person.
+pub fn board(wishes: &BoardWishes, detector: Option<&BoardSettings>) -> Result<Option<Board>, String> {
+    let square_m = wishes.square_mm.or(detector.map(|it| it.square_mm)).map(|it| it / 1e3);
+    let needed = |square_m: Option<f64>| {
+        square_m
+            .ok_or_else(|| "error: a board without a size, expected `--square-mm` with the side of a square".to_owned())
+    };
+    let made = match (wishes, detector) {
+        (BoardWishes { chessboard: Some([columns, rows]), .. }, _) => {
+            Board::chessboard(*columns, *rows, needed(square_m)?)
+        }
+        (BoardWishes { charuco: Some([columns, rows]), .. }, _) => Board::charuco(*columns, *rows, needed(square_m)?),
+        (_, Some(it)) => Board::chessboard(it.columns, it.rows, needed(square_m)?),
+        (_, None) => return Ok(None),
+    };
+    made.map(Some).map_err(|fault| format!("error: {fault}"))
+}
+
+/// The room as `board` shows it, and what is to be told beside it.
+///
+/// The world is the board's on the floor, if it is said when it lay there; else that of the older calibration, if its poses count; else
+/// that of the board in one frame.
+///
+/// # Errors
+/// A sentence for the person.
+pub fn solve(
+    recording: &Recording,
+    board: &Board,
+    older: Option<FixedFreedoms>,
+    rules: &BoardRules,
+) -> Result<(SolvedRoom, Vec<String>), String> {
+    let BoardSolution { solved, optics, ambiguous, unusable_spots, misfit_views, boards, .. } =
+        board::calibrate(recording, board, rules).map_err(|fault| fault.to_string())?;
+    let mut notes = vec![format!("{}: seen in {} frames", board.name, boards.len())];
+    for (camera, fit) in solved.cameras.iter().zip(&optics) {
+        notes.extend(fit.refused.iter().map(|it| format!("optics of {}: {it}", camera.name)));
+    }
+    for camera in ambiguous {
+        let name = &solved.cameras[camera].name;
+        notes.push(format!(
+            "ambiguous: {name} could as well stand elsewhere, for the board looks alike from there: give rough poses in the calibration, or \
+             turn the board before it and another camera"
+        ));
+    }
+    if unusable_spots > 0 {
+        notes.push(format!(
+            "{unusable_spots} corners without a number that is on the board, or with one that is there twice"
+        ));
+    }
+    if misfit_views > 0 {
+        notes.push(format!("{misfit_views} pictures whose corners do not lie as on the board"));
+    }
+    if rules.floor_time_s.is_some() && solved.fixed.gravity.is_none() {
+        notes.push("no camera saw the board when it is said to have lain on the floor".to_owned());
+    }
+    let solved = match older.filter(|_| solved.fixed.origin.is_none()) {
+        Some(older) => in_older_world(solved, recording, older),
+        None => solved,
+    };
+    let sigma_px = median(&errors(&solved, SightingRole::Used, None)).unwrap_or(f64::NAN) / RAYLEIGH_MEDIAN;
+    let n = recording.cameras.len();
+    let (cleaning, held) = (vec![Cleaning::default(); n], vec![Vec::new(); n]);
+    Ok((SolvedRoom { solved, cleaning, held, moved: Vec::new(), sigma_px }, notes))
+}
+
+/// The room where the older calibration has it, as nearly as its cameras tell; as it is where they are fewer than three or in a row.
+fn in_older_world(solved: Solved, recording: &Recording, older: FixedFreedoms) -> Solved {
+    let known = || (0..solved.cameras.len()).filter(|it| solved.cameras[*it].status == CameraStatus::Calibrated);
+    let found: Vec<_> = known().map(|it| solved.cameras[it].camera.centre()).collect();
+    let given: Vec<_> = known().map(|it| recording.cameras[it].camera.centre()).collect();
+    match align(&found, &given, AlignmentRules { scale: false, robust: false }) {
+        Ok(it) => {
+            let fixed = FixedFreedoms { scale: solved.fixed.scale.clone(), ..older };
+            transformed(&solved, &it.b_from_a, fixed)
+        }
+        Err(_) => solved,
+    }
+}
+
+/// What is said of a waved light, of a board.
+pub fn of_board(text: &str) -> String {
+    const WORDS: [(&str, &str); 5] = [
+        ("the light", "the board"),
+        ("The light", "The board"),
+        ("say --floor-stops, --falling, --plumb or --upright", "say --board-floor"),
+        ("say --floor-stops or --l-frame", "say --board-floor"),
+        ("is known to inf % only: too little depth, or a flat path", "cannot be told from its views of the board"),
+    ];
+    WORDS.iter().fold(text.to_owned(), |text, (from, to)| text.replace(from, to))
+}
