@@ -1,3 +1,5 @@
+//! A bumped camera and its neighbours, in simulated sightings.
+
 use std::sync::Arc;
 
 use foveate::estimation::Random;
