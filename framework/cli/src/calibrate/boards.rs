@@ -1,8 +1,10 @@
 //! Rooms calibrated from a board: which board, its solution as a room's, and what is told of it.
 
+use std::collections::BTreeMap;
+
 use foveate_board::BoardSettings;
 use foveate_calibration::axes::transformed;
-use foveate_calibration::board::{self, Board, BoardRules, BoardSolution};
+use foveate_calibration::board::{self, Board, BoardRules, BoardSolution, Refused};
 use foveate_calibration::recording::Recording;
 use foveate_calibration::room::{Cleaning, SolvedRoom};
 use foveate_calibration::solved::{FixedFreedoms, SightingRole, Solved};
@@ -65,7 +67,17 @@ pub fn board(wishes: &BoardWishes, detector: Option<&BoardSettings>) -> Result<O
     made.map(Some).map_err(|fault| format!("error: {fault}"))
 }
 
-/// The room as `board` shows it, and what is to be told beside it.
+/// A room that was solved from a board.
+pub struct FromBoard {
+    /// Cameras, marks and sightings.
+    pub room: SolvedRoom,
+    /// What is to be told beside, a sentence each.
+    pub notes: Vec<String>,
+    /// Why it cannot be relied upon, where another room explains what was seen as well.
+    pub open: Option<String>,
+}
+
+/// The room as `board` shows it.
 ///
 /// The world is the board's on the floor, if it is said when it lay there; else that of the older calibration, if its poses count; else
 /// that of the board in one frame.
@@ -77,18 +89,27 @@ pub fn solve(
     board: &Board,
     older: Option<FixedFreedoms>,
     rules: &BoardRules,
-) -> Result<(SolvedRoom, Vec<String>), String> {
+) -> Result<FromBoard, String> {
     let BoardSolution { solved, optics, ambiguous, unusable_spots, misfit_views, boards, .. } =
         board::calibrate(recording, board, rules).map_err(|fault| fault.to_string())?;
     let mut notes = vec![format!("{}: seen in {} frames", board.name, boards.len())];
     for (camera, fit) in solved.cameras.iter().zip(&optics) {
-        notes.extend(fit.refused.iter().map(|it| format!("optics of {}: {it}", camera.name)));
+        let mut by_reason: BTreeMap<String, Vec<String>> = BTreeMap::new();
+        for Refused { what, why } in &fit.refused {
+            by_reason.entry(why.to_string()).or_default().push(what.to_string());
+        }
+        let one = |(why, what): (String, Vec<String>)| {
+            format!("optics of {} stay as given ({}): {why}", camera.name, what.join(", "))
+        };
+        notes.extend(by_reason.into_iter().map(one));
     }
-    for camera in ambiguous {
-        let name = &solved.cameras[camera].name;
-        notes.push(format!(
-            "ambiguous: {name} could as well stand elsewhere, for the board looks alike from there: give rough poses in the calibration, or \
-             turn the board before it and another camera"
+    let mut open = None;
+    if !ambiguous.is_empty() {
+        let names: Vec<&str> = ambiguous.iter().map(|it| solved.cameras[*it].name.as_str()).collect();
+        open = Some(format!(
+            "What was seen of the board leaves open on which side of it {} stand, for it looks alike turned by half, or mirrored from afar: give \
+             rough poses in the calibration, or turn the board before them and another camera.",
+            names.join(", ")
         ));
     }
     if unusable_spots > 0 {
@@ -109,7 +130,7 @@ pub fn solve(
     let sigma_px = median(&errors(&solved, SightingRole::Used, None)).unwrap_or(f64::NAN) / RAYLEIGH_MEDIAN;
     let n = recording.cameras.len();
     let (cleaning, held) = (vec![Cleaning::default(); n], vec![Vec::new(); n]);
-    Ok((SolvedRoom { solved, cleaning, held, moved: Vec::new(), sigma_px }, notes))
+    Ok(FromBoard { room: SolvedRoom { solved, cleaning, held, moved: Vec::new(), sigma_px }, notes, open })
 }
 
 /// The room where the older calibration has it, as nearly as its cameras tell; as it is where they are fewer than three or in a row.

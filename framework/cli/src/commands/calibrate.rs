@@ -267,7 +267,7 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         seed: rules.seed,
         ..ClockRules::default()
     };
-    let mut notes = Vec::new();
+    let (mut notes, mut open) = (Vec::new(), None);
     let solve = match (plan.from_nothing, &board) {
         (_, Some(board)) => {
             let rules = BoardRules {
@@ -278,10 +278,10 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
                 ..BoardRules::default()
             };
             let found = boards::solve(&captured.recording, board, (!plan.from_nothing).then_some(fixed), &rules);
-            let (room, told) = found
+            let found = found
                 .map_err(|fault| format!("error: {}", words::with_remarks(&fault, &captured.outcome.report.remarks)))?;
-            notes = told;
-            Ok(room)
+            (notes, open) = (found.notes, found.open);
+            Ok(found.room)
         }
         (true, None) if args.unsynchronised => {
             let found = room::unsynchronised_from_nothing(&captured.recording, &clock_rules, &rules);
@@ -308,6 +308,10 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         None => CheckRules::default(),
     };
     let mut checks = check(&solved.solved, lengths.as_deref(), &check_rules);
+    if let Some(sentence) = open {
+        checks.verdict.level = Level::Redo;
+        checks.verdict.sentences.insert(0, sentence);
+    }
     if board.is_some() {
         checks.verdict.sentences.iter_mut().for_each(|it| *it = boards::of_board(it));
     }
