@@ -31,6 +31,7 @@ pub(super) fn fit(guess: &Camera, free: Freedom, views: &[&View], rules: &BoardR
     let mut fit = OpticsFit {
         camera: Camera { camera_from_world: Isometry3::identity(), ..guess.clone() },
         freed: Freedom::NONE,
+        contradicted: false,
         sigma: OpticsSigma::default(),
         refused: Vec::new(),
         views: views.len(),
@@ -133,12 +134,13 @@ fn verdict(
             Optic::Decentering => (sigma(12).hypot(sigma(13)) * 3.0 * corner * corner * focal, rules.max_corner_px),
             Optic::Principal => (sigma(9).max(sigma(10)), 0.02 * half_diagonal * 2.0),
             Optic::Aspect => (sigma(11), 0.01),
-            Optic::Focal => (sigma(6), rules.max_focal_sigma),
+            Optic::Focal => continue,
         };
         if found > limit {
             return Some(Refused { what, why: open_reason(found, limit) });
         }
     }
+    // The focal length is worth more than any other: all of them go first.
     if freed.focal && sigma(6) > rules.max_focal_sigma {
         return Some(Refused { what: *refusable.first()?, why: open_reason(sigma(6), rules.max_focal_sigma) });
     }

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use foveate_estimation::Loss;
 use foveate_estimation::statistics::median;
 use foveate_geometry::Camera;
-use foveate_geometry::bundle::{Freedom, Optic};
+use foveate_geometry::bundle::{CameraCovariance, Freedom, Optic};
 use foveate_geometry::self_calibration::CameraStatus;
 use foveate_scene::uncertainty::Fixed;
 use nalgebra::{Isometry3, Vector2};
@@ -22,6 +22,9 @@ use super::views::{check, frames, gather};
 use crate::recording::Recording;
 use crate::solved::{FixedFreedoms, SightingRole, Solved, SolvedCamera, SolvedPoint, SolvedSighting, Step};
 
+/// All views together contradict a camera's own when its focal length is further from these than this [standard deviations].
+const CONTRADICTION: f64 = 3.5;
+
 /// Finds optics, as far as they are free, and poses of all cameras that see `board`, together or in a chain.
 ///
 /// Spots carry the number of their mark as `label`; how often a spot is unusable, and each camera's fate, is said in the result. One
@@ -31,9 +34,8 @@ use crate::solved::{FixedFreedoms, SightingRole, Solved, SolvedCamera, SolvedPoi
 /// See [`BoardFault`].
 pub fn calibrate(recording: &Recording, board: &Board, rules: &BoardRules) -> Result<BoardSolution, BoardFault> {
     check(recording, rules)?;
-    let (mut looks, views, unusable_spots, misfit_views) = gather(recording, board, rules)?;
-    let n_cameras = recording.cameras.len();
-    let optics: Vec<OpticsFit> = (0..n_cameras)
+    let (looks, views, unusable_spots, misfit_views) = gather(recording, board, rules)?;
+    let mut optics: Vec<OpticsFit> = (0..recording.cameras.len())
         .map(|camera| {
             let guess = &recording.cameras[camera];
             let own: Vec<&View> =
@@ -41,8 +43,40 @@ pub fn calibrate(recording: &Recording, board: &Board, rules: &BoardRules) -> Re
             optics::fit(&guess.camera, guess.free, &own, rules)
         })
         .collect();
+    loop {
+        let mut solution = solve(recording, looks.clone(), &optics, board, rules)?;
+        // Cameras whose clocks differ see a moving board in other places than it was: their optics must not make up for that.
+        let cameras = optics.iter().zip(&solution.solved.cameras).map(|(fit, camera)| contradiction(fit, camera));
+        let worst = cameras.enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).filter(|it| it.1 > CONTRADICTION);
+        if let Some((camera, _)) = worst {
+            optics[camera].contradicted = true;
+            continue;
+        }
+        (solution.unusable_spots, solution.misfit_views) = (unusable_spots, misfit_views);
+        return Ok(solution);
+    }
+}
+
+/// How far the focal length of all views together is from that of the camera's own, in standard deviations of the latter; 0 where there is
+/// nothing to compare.
+fn contradiction(fit: &OpticsFit, camera: &SolvedCamera) -> f64 {
+    let own = fit.camera.intrinsics.focal[0];
+    let is_compared = camera.status == CameraStatus::Calibrated && camera.freed.focal && !fit.contradicted;
+    if is_compared { (camera.camera.intrinsics.focal[0] / own).ln().abs() / fit.sigma.focal.max(1e-9) } else { 0.0 }
+}
+
+/// Places cameras and boards with the optics as each camera's own views tell them, and adjusts all together.
+fn solve(
+    recording: &Recording,
+    mut looks: Vec<Look>,
+    optics: &[OpticsFit],
+    board: &Board,
+    rules: &BoardRules,
+) -> Result<BoardSolution, BoardFault> {
+    let n_cameras = recording.cameras.len();
+    let mut cameras: Vec<Camera> = optics.iter().map(|it| it.camera.clone()).collect();
     for look in &mut looks {
-        look.poses = plane::poses(&optics[look.camera].camera, &look.places, &look.pixels, rules.inlier_px.max(6.0));
+        look.poses = plane::poses(&cameras[look.camera], &look.places, &look.pixels, rules.inlier_px.max(6.0));
         look.poses.retain(|it| it.right > 0.5);
     }
     let mut status: Vec<CameraStatus> =
@@ -51,7 +85,6 @@ pub fn calibrate(recording: &Recording, board: &Board, rules: &BoardRules) -> Re
     if looks.is_empty() {
         return Err(BoardFault::NoPose { board: board.name.clone() });
     }
-    let mut cameras: Vec<Camera> = optics.iter().map(|it| it.camera.clone()).collect();
     let guesses: Vec<Camera> = recording.cameras.iter().map(|it| it.camera.clone()).collect();
     let paired = pairs(&cameras, &looks, board, rules.poses_guessed.then_some(&guesses), rules);
     let usable: Vec<bool> = status.iter().map(|it| *it == CameraStatus::Calibrated).collect();
@@ -79,14 +112,13 @@ pub fn calibrate(recording: &Recording, board: &Board, rules: &BoardRules) -> Re
             };
         }
     }
-    let mut room = Room::new(cameras, placed, looks, &optics, board, rules);
+    let mut room = Room::new(cameras, placed, looks, optics, board, rules);
     room.solve();
-    let mut solution = room.into_solution(recording, optics, status);
+    let mut solution = room.into_solution(recording, optics.to_vec(), status);
     solution.solved.links = paired.into_iter().map(|it| it.link).collect();
     solution.ambiguous = group.open.clone();
     solution.ambiguous.sort_unstable();
     solution.ambiguous.dedup();
-    (solution.unusable_spots, solution.misfit_views) = (unusable_spots, misfit_views);
     Ok(solution)
 }
 
@@ -142,7 +174,7 @@ struct Room<'a> {
     residuals: Vec<Vec<Option<Vector2<f64>>>>,
     /// By frame.
     boards: BTreeMap<usize, Isometry3<f64>>,
-    covariance: Vec<Option<foveate_geometry::bundle::CameraCovariance>>,
+    covariance: Vec<Option<CameraCovariance>>,
     origin: usize,
     hold_out: Option<HoldOut>,
     steps: Vec<Step>,
@@ -163,7 +195,11 @@ impl<'a> Room<'a> {
         let freedoms = optics
             .iter()
             .zip(&placed)
-            .map(|(fit, placed)| if *placed { Freedom { pose: true, ..fit.freed } } else { Freedom::NONE })
+            .map(|(fit, placed)| match placed {
+                true if fit.contradicted => Freedom::POSE,
+                true => Freedom { pose: true, ..fit.freed },
+                false => Freedom::NONE,
+            })
             .collect();
         let roles = looks
             .iter()
@@ -373,14 +409,22 @@ impl<'a> Room<'a> {
         let points = order.iter().map(|it| points[*it]).collect();
         sightings.iter_mut().for_each(|it| it.point = it.point.map(|old| new_place[old]));
         let cameras = recording.cameras.iter().enumerate().map(|(at, guess)| {
+            let fit = &optics[at];
             let known = self.placed[at] && status[at] == CameraStatus::Calibrated;
             SolvedCamera {
                 name: guess.name.clone(),
                 camera: if known { self.cameras[at].clone() } else { guess.camera.clone() },
                 status: status[at].clone(),
-                freed: if known { self.freedoms[at] } else { Freedom::NONE },
+                freed: match known {
+                    true if fit.contradicted => Freedom { pose: true, ..fit.freed },
+                    true => self.freedoms[at],
+                    false => Freedom::NONE,
+                },
                 prior: None,
-                covariance: self.covariance[at].clone().filter(|_| known),
+                covariance: self.covariance[at].clone().filter(|_| known).map(|it| match fit.contradicted {
+                    true => CameraCovariance { optics: fit.sigma, ..it },
+                    false => it,
+                }),
                 clock: None,
             }
         });

@@ -372,6 +372,29 @@ fn a_board_of_another_size_and_pictures_without_one_are_refused() {
 }
 
 #[test]
+fn optics_are_not_bent_to_make_up_for_a_clock_that_differs() {
+    let mut scene = scene(3, 24, charuco(), 29);
+    let mut recording = scene.recording(ALL, 29);
+    // The third camera saw the board where it was later: up to some centimetres away.
+    let mut random = Random::new(29).fork("motion");
+    for board in &mut scene.world_from_board {
+        let moved = Vector3::new(random.normal(), random.normal(), random.normal()) * 0.02;
+        *board = Translation3::from(moved) * *board;
+    }
+    let later = scene.recording(ALL, 29);
+    for (look, later) in recording.looks.iter_mut().zip(later.looks).filter(|it| it.0.camera == 2) {
+        *look = later;
+    }
+    let solution = solved(&recording, &scene.board);
+    for (found, truth) in solution.solved.cameras.iter().zip(&scene.cameras) {
+        let ratio = found.camera.intrinsics.focal[0] / truth.intrinsics.focal[0];
+        assert!((ratio - 1.0).abs() < 0.03, "{}: {ratio}", found.name);
+    }
+    let contradicted: Vec<bool> = solution.optics.iter().map(|it| it.contradicted).collect();
+    assert!(contradicted.contains(&true), "{contradicted:?}");
+}
+
+#[test]
 fn two_groups_that_share_no_frame_are_told_apart() {
     let scene = scene(4, 24, charuco(), 23);
     let mut recording = scene.recording(Freedom::POSE, 23);

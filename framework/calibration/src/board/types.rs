@@ -111,6 +111,8 @@ pub struct OpticsFit {
     pub camera: Camera,
     /// What was found rather than given.
     pub freed: Freedom,
+    /// Whether these optics stay in the adjustment of all cameras, which contradict what this camera's own views tell.
+    pub contradicted: bool,
     /// How well, by this camera's views alone, with the noise as it was found.
     pub sigma: OpticsSigma,
     /// What was asked for and is left as given.

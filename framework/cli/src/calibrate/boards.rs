@@ -102,6 +102,12 @@ pub fn solve(
             format!("optics of {} stay as given ({}): {why}", camera.name, what.join(", "))
         };
         notes.extend(by_reason.into_iter().map(one));
+        if fit.contradicted {
+            notes.push(format!(
+                "optics of {} are as its own views tell; all views together contradict them: do the cameras share a clock?",
+                camera.name
+            ));
+        }
     }
     let mut open = None;
     if !ambiguous.is_empty() {
@@ -154,7 +160,10 @@ pub fn of_board(text: &str) -> String {
         ("The light", "The board"),
         ("say --floor-stops, --falling, --plumb or --upright", "say --board-floor"),
         ("say --floor-stops or --l-frame", "say --board-floor"),
-        ("is known to inf % only: too little depth, or a flat path", "cannot be told from its views of the board"),
+        (
+            "nothing tells its focal length: too little depth, or a flat path",
+            "its views of the board do not tell its focal length",
+        ),
     ];
     WORDS.iter().fold(text.to_owned(), |text, (from, to)| text.replace(from, to))
 }
