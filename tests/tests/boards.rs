@@ -70,13 +70,13 @@ fn a_chessboard_on_the_floor_places_four_cameras_in_metres_with_z_up() {
         );
     }
     // One view of the board tells nothing of optics, however many pictures there are of it: they stay as stated.
-    let (code, figures, kept, complaint) = calibrate(&path, &["--optics", "all"]);
+    let (code, figures, kept, complaint) = calibrate(&path, &["--optics", "all", "--duration", "0.05"]);
     assert_eq!((code, figure(&figures, "cameras_calibrated")), (0, 4.0), "{complaint}");
     for (camera, stated) in kept.unwrap().cameras.iter().zip(&calibration.cameras) {
         assert_eq!(camera.camera.intrinsics, stated.camera.intrinsics);
     }
     // Turned by half the board looks the same: without rough poses the verdict is "redo".
-    let (_, figures, _, _) = calibrate(&path, &["--from-nothing"]);
+    let (_, figures, _, _) = calibrate(&path, &["--from-nothing", "--duration", "0.05"]);
     assert_eq!(figure(&figures, "verdict"), 2.0);
     // Poses that were refined with the corners of another finder: rotation vector and translation, world to camera [mm].
     let refined = fs::read_to_string(data.join("extrinsics_refined.csv")).unwrap();

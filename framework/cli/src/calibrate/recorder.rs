@@ -88,3 +88,23 @@ pub fn register(registry: &mut Registry, shared: &Shared) {
     let shared = Arc::clone(shared);
     registry.add_made::<Recorder>(move |_, _| Ok(Recorder(Arc::clone(&shared))));
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_board_counts_as_one_spot_and_lights_as_they_are() {
+        let spot = |at: usize, label| Spot { pixel: Point2::new(at as f64, 2.0), sigma_px: 0.1, peak: 0.0, label };
+        let look = |label: fn(u32) -> Option<u32>| {
+            let spots = (0..5).map(|it| spot(it, label(it as u32))).collect();
+            Look { camera: 1, time_s: 2.0, spots }
+        };
+        let board = without_board(&look(Some));
+        assert_eq!(board.spots, [spot(2, None)]);
+        assert_eq!((board.camera, board.time_s), (1, 2.0));
+        assert_eq!(without_board(&look(|_| None)).spots.len(), 5);
+        let wand = Look { spots: look(Some).spots[..2].to_vec(), ..board };
+        assert_eq!(without_board(&wand), wand);
+    }
+}
