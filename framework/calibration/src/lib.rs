@@ -18,6 +18,7 @@ pub mod board;
 pub mod checks;
 pub mod clocks;
 pub mod comparison;
+pub mod convergence;
 pub mod coverage;
 pub mod recording;
 pub mod report;

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::f64::consts::{PI, TAU};
 
+use foveate_calibration::convergence::{ConvergenceRules, convergence, settled};
 use foveate_calibration::report::{Grade, ReportInput, Verdict, html};
 use foveate_calibration::solved::{
     ClockFit, FixedFreedoms, SightingRole, Solved, SolvedCamera, SolvedPoint, SolvedSighting, Step,
@@ -109,7 +110,7 @@ fn room(n: usize, frames: usize, views: usize, focal_free: bool) -> Solved {
 }
 
 fn report<'a>(title: &'a str, solved: &'a Solved) -> ReportInput<'a> {
-    ReportInput { title, verdict: None, solved, unit: "units", second: None, provenance: None, rejected: &[] }
+    ReportInput { title, verdict: None, solved, unit: "units", convergence: None, provenance: None, rejected: &[] }
 }
 
 /// Writes the page to where it can be looked at.
@@ -184,16 +185,17 @@ fn a_small_room_has_every_section_and_says_what_it_was_told() {
     let sentences =
         words(&["held-out sightings fit as well as those used", "the upper left of wide-2 is empty: wave there"]);
     let verdict = Verdict { grade: Grade::Usable, sentences: &sentences };
-    let alternating: Vec<Step> = (0..60)
-        .map(|it| Step { stage: "alternating", rms_px: 30.0 / (1.0 + f64::from(it)) + 0.6, used: 2000 })
-        .collect();
+    let convergence = convergence(&solved, &ConvergenceRules { turns: 20, ..ConvergenceRules::default() }).unwrap();
+    let [together, in_turn] = [&convergence.together, &convergence.in_turn].map(|it| it.last().copied().unwrap());
+    assert!(in_turn >= 0.999 * together && in_turn < 0.5 * convergence.in_turn[0], "{convergence:?}");
+    assert!(settled(&convergence.together) < settled(&convergence.in_turn), "{convergence:?}");
     let rejected = words(&["312 frames in which camera wide-3 saw two lights"]);
     let text = page(
         "report_4.html",
         &ReportInput {
             verdict: Some(verdict),
             unit: "m",
-            second: Some(("alternating", &alternating)),
+            convergence: Some(&convergence),
             provenance: Some(&provenance),
             rejected: &rejected,
             ..report("Laser room, take 3", &solved)
@@ -208,6 +210,7 @@ fn a_small_room_has_every_section_and_says_what_it_was_told() {
         "The grid is the plane z = 0.",
         "wand &amp; floor.csv",
         "312 frames in which",
+        "From cameras that are 3° and 3 % of the size of the room off",
         "sightings contradict the rest",
         "id=\"clocks\"",
         "id=\"depth\"",

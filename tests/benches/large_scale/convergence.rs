@@ -1,11 +1,11 @@
 //! Figure 25: pixel error on independent sightings against the turns of the paper's calibration, and of what takes its place.
 
 use foveate::estimation::Random;
-use foveate::geometry::bundle::{BundleRules, Freedom, Observation, adjust};
-use foveate::geometry::{Camera, alternate, path_error};
+use foveate::geometry::bundle::Observation;
+use foveate::geometry::{Camera, path_error};
+use foveate_calibration::convergence::{poor_start, settled, side_by_side};
 use foveate_export::plot::legend::COLOURS;
-
-use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Point2, Point3};
 
 use super::Options;
 use super::chart::{Chart, Marks, Scale, Series, draw, save};
@@ -46,42 +46,6 @@ fn sightings(cameras: &[Camera], phase: f64, random: &mut Random) -> Vec<Observa
     all
 }
 
-fn guessed(truth: &[Camera], (degrees, metres): (f64, f64), random: &mut Random) -> Vec<Camera> {
-    let mut moved = |it: &Camera| {
-        let mut draw =
-            |size: f64| Vector3::new(random.normal(), random.normal(), random.normal()) * (size / 3_f64.sqrt());
-        let turn = UnitQuaternion::from_scaled_axis(draw(degrees.to_radians()));
-        let centre = it.camera_from_world.inverse().translation.vector + draw(metres);
-        let rotation = turn * it.camera_from_world.rotation;
-        let camera_from_world = Isometry3::from_parts(Translation3::from(-(rotation * centre)), rotation);
-        Camera { camera_from_world, ..it.clone() }
-    };
-    truth.iter().map(&mut moved).collect()
-}
-
-/// Error on `independent` before and after each step of the bundle adjustment, which begins on the path that the start gives.
-fn of_adjustment(start: &[Camera], seen: &[Observation], independent: &[Observation]) -> Vec<f64> {
-    let Ok(first) = alternate(start, seen, independent, 0) else { return Vec::new() };
-    let points: Vec<Point3<f64>> = first.points.iter().map(|it| it.unwrap_or_else(Point3::origin)).collect();
-    let freedoms = vec![Freedom::POSE; start.len()];
-    let mut errors = first.independent_px;
-    for max_iterations in 1..=STEPS {
-        let rules = BundleRules { max_iterations, ..BundleRules::default() };
-        let Ok(found) = adjust(start, &freedoms, &points, seen, &rules) else { break };
-        errors.extend(path_error(&found.cameras, independent));
-        if found.iterations < max_iterations {
-            break;
-        }
-    }
-    errors
-}
-
-/// The first index from which the error stays within 1 % of the last one.
-fn settled(errors: &[f64]) -> usize {
-    let last = errors.last().copied().unwrap_or(f64::NAN);
-    errors.iter().rposition(|it| *it > 1.01 * last).map_or(0, |it| it + 1)
-}
-
 pub fn convergence(options: &Options) {
     let mut random = Random::new(25);
     let truth = lab(&mut random);
@@ -99,10 +63,8 @@ pub fn convergence(options: &Options) {
     println!("|---|---|---|---|---|---|---|---|---|---|");
     let mut series = Vec::new();
     for (index, start) in STARTS.into_iter().enumerate() {
-        let cameras = guessed(&truth, start, &mut random);
-        let of_turns =
-            alternate(&cameras, &seen, &independent, TURNS).map_or_else(|_| Vec::new(), |it| it.independent_px);
-        let of_steps = of_adjustment(&cameras, &seen, &independent);
+        let cameras = poor_start(&truth, start.0, start.1, &mut random);
+        let (of_steps, of_turns) = side_by_side(&cameras, &seen, &independent, TURNS, STEPS).unwrap_or_default();
         let name = format!("{} degrees, {} m", start.0, start.1);
         for (what, errors, marks) in [("in turn", of_turns, Marks::Line), ("together", of_steps, Marks::Dashed)] {
             let at = |turn: usize| errors.get(turn).map_or_else(|| "".to_owned(), |it| format!("{it:.3}"));

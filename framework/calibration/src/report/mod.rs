@@ -17,7 +17,8 @@ mod svg;
 
 use foveate_scene::Provenance;
 
-use crate::solved::{Solved, Step};
+use crate::convergence::Convergence;
+use crate::solved::Solved;
 
 /// What goes on the page.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,8 +31,8 @@ pub struct ReportInput<'a> {
     pub solved: &'a Solved,
     /// Unit of its lengths: `m`, or another word when its scale is not known.
     pub unit: &'a str,
-    /// Steps of another method on the same sightings, with its name, to be drawn beside those of `solved`.
-    pub second: Option<(&'a str, &'a [Step])>,
+    /// From a poor start, the paper's scheme beside ours.
+    pub convergence: Option<&'a Convergence>,
     /// How the calibration was made.
     pub provenance: Option<&'a Provenance>,
     /// What was rejected beyond single sightings, and why, in sentences.

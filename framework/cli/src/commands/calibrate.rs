@@ -9,6 +9,7 @@ use foveate_calibration::board::BoardRules;
 use foveate_calibration::checks::{CheckRules, Checks, LengthSample, Level, check};
 use foveate_calibration::clocks::ClockRules;
 use foveate_calibration::comparison::{Comparison, compare};
+use foveate_calibration::convergence::{ConvergenceRules, convergence};
 use foveate_calibration::recording::{CameraGuess, Recording};
 use foveate_calibration::report::{self, Grade, ReportInput};
 use foveate_calibration::room::{self, Origin, RoomRules, SolvedRoom, Sought};
@@ -48,6 +49,9 @@ pub struct CalibrateArgs {
     /// Write report.html: the room in 3D, residuals, convergence, coverage
     #[arg(long)]
     report: bool,
+    /// In the report, also solve from a poor start, path and cameras in turn as [Davis 2002 §3.2], beside both together: Figure 25
+    #[arg(long, requires = "report")]
+    alternating: bool,
     /// Tell how far the cameras are from where another calibration of the same cameras has them (any form that a rig may name)
     #[arg(long, value_name = "FILE", value_hint = clap::ValueHint::AnyPath)]
     compare: Option<PathBuf>,
@@ -434,8 +438,7 @@ fn conclude(
     write(&folder.join("verdict.txt"), &more.told(&checks.to_string()))?;
     let mut files = vec!["calibration.toml", "summary.json", "verdict.txt", capture::SIGHTINGS];
     if args.report {
-        let title = format!("Calibration of {}", args.rig.display());
-        write(&folder.join("report.html"), &more.told(&page(&title, room, checks, &calibration, recording)))?;
+        write(&folder.join("report.html"), &more.told(&page(args, room, checks, &calibration, recording)))?;
         files.push("report.html");
     }
     say(&more.told(&words::describe(room, recording)));
@@ -448,19 +451,26 @@ fn conclude(
     Ok(exit::DONE)
 }
 
-fn page(title: &str, room: &SolvedRoom, checks: &Checks, calibration: &Calibration, recording: &Recording) -> String {
+fn page(
+    args: &CalibrateArgs,
+    room: &SolvedRoom,
+    checks: &Checks,
+    calibration: &Calibration,
+    recording: &Recording,
+) -> String {
     let grade = match checks.verdict.level {
         Level::Good => Grade::Good,
         Level::Usable => Grade::Usable,
         Level::Redo => Grade::Redo,
     };
     let rejected: Vec<String> = words::left_out(room, recording);
+    let both = if args.alternating { convergence(&room.solved, &ConvergenceRules::default()) } else { None };
     report::html(&ReportInput {
-        title,
+        title: &format!("Calibration of {}", args.rig.display()),
         verdict: Some(report::Verdict { grade, sentences: &checks.verdict.sentences }),
         solved: &room.solved,
         unit: checks.unit,
-        second: None,
+        convergence: both.as_ref(),
         provenance: calibration.provenance.as_ref(),
         rejected: &rejected,
     })
