@@ -181,6 +181,13 @@ fn contradicting(room: &Room<'_>) -> Vec<Suspect> {
     found
 }
 
+impl Examined {
+    /// By sample: squared distance in standard deviations under the fitted pose.
+    fn squares(&self) -> Vec<f64> {
+        self.samples.squares(&self.fitted.camera)
+    }
+}
+
 impl<'a> Rest<'a> {
     fn of_the_rest(&self) -> impl Iterator<Item = usize> {
         self.room.calibrated().filter(|it| !self.out.contains(it))
@@ -282,6 +289,10 @@ impl<'a> Rest<'a> {
             }
             return Some(told);
         }
+        // The few that are far off are somebody else's light.
+        let near: Vec<f64> = examined.squares().into_iter().filter(|it| *it <= FAR).collect();
+        let cost: f64 = near.iter().map(|it| Loss::CAUCHY.at(*it).0).sum();
+        let misfit = cost / near.len().max(1) as f64 / usual;
         (misfit > rules.misfit).then(|| suspect(&self.room, examined.camera, Cause::Unknown, misfit, 0.0))
     }
 
@@ -332,8 +343,9 @@ impl<'a> Rest<'a> {
         }
         let (cause, gain) = causes.into_iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
         let excess = fitted.cost - usual * samples.len() as f64;
-        let needed =
-            (self.room.rules.min_gain_share * fitted.cost).max(EXPLAINS * excess).max(self.room.rules.min_gain);
+        let rules = self.room.rules;
+        let trifle = samples.len() as f64 * (rules.trifle_px / self.room.sigma_px).powi(2);
+        let needed = (rules.min_gain_share * fitted.cost).max(EXPLAINS * excess).max(rules.min_gain).max(trifle);
         (gain > needed).then_some((cause, gain))
     }
 
