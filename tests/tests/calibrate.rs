@@ -289,6 +289,18 @@ fn files_of_the_wrong_kind_are_named() {
 }
 
 #[test]
+fn simulated_cameras_need_poses_to_see_from() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::copy(root().join("graphs/wave.toml"), folder.path().join("wave.toml")).unwrap();
+    let bare: String = (1..=18).map(|it| format!("[camera.wide-{it}]\nimage_size_px = [640, 240]\n")).collect();
+    let text = format!("[calibration]\nlength_unit = \"unknown\"\n{bare}");
+    fs::write(folder.path().join("room.calibration.toml"), text).unwrap();
+    let (code, _, complaint) = foveate(folder.path(), &["calibrate", "wave.toml", "--from-nothing", "--quiet"]);
+    assert!(code == 2 && complaint.contains("sim.") && complaint.contains("wide-1 has no pose"), "{complaint}");
+    assert!(complaint.contains("pixel_aspect"), "such pictures may be fields: {complaint}");
+}
+
+#[test]
 fn camera_that_moved_since_is_named_and_the_others_stay() {
     let all = cameras();
     let mut now = all.clone();

@@ -61,7 +61,7 @@ pub(super) fn suspect(room: &Room<'_>, camera: usize, cause: Cause, misfit: f64,
         ),
         Cause::FewSightings { count, median } => (
             Level::Usable,
-            format!("Camera {name} saw the light {count} times, others {median} times: wave longer before it."),
+            format!("Camera {name} saw the light {count} times, others {median} times: wave longer in front of it."),
         ),
         Cause::Unknown => {
             let level = if misfit > 2.0 * room.rules.misfit { Level::Redo } else { Level::Usable };

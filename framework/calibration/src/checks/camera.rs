@@ -153,7 +153,7 @@ fn judge(room: &Room<'_>, camera: usize, check: &CameraCheck) -> Judgement {
     if !check.calibrated {
         return Judgement::new(Level::Usable, uncalibrated(room, name, status));
     }
-    let place = check.wave.clone().unwrap_or_else(|| "before it, near and far".to_owned());
+    let place = check.wave.clone().unwrap_or_else(|| "in front of it, near and far".to_owned());
     let wave = format!("wave {place}");
     let any_stated = room.solved.cameras.iter().any(|it| it.covariance.is_some());
     let Some(pose) = &check.pose else {
@@ -213,7 +213,7 @@ fn uncalibrated(room: &Room<'_>, name: &str, status: &CameraStatus) -> String {
     match status {
         CameraStatus::Calibrated => unreachable!("only cameras that are not calibrated come here"),
         CameraStatus::TooFewSightings { frames, needed } => {
-            format!("Camera {name} saw the light in {frames} frames, {needed} are needed: wave longer before it.")
+            format!("Camera {name} saw the light in {frames} frames, {needed} are needed: wave longer in front of it.")
         }
         CameraStatus::LightStill { .. } => {
             format!("Before camera {name} the light stays in place or on a line: wave it all over its picture.")

@@ -75,7 +75,7 @@ pub(super) fn handedness(room: &Room<'_>) -> Handedness {
         Judgement::new(Level::Redo, sentence)
     } else if room_level.max(camera_level) == Level::Usable {
         let camera =
-            closest_camera.map_or(String::new(), |it| format!(", most of all before camera {}", room.name(it.0)));
+            closest_camera.map_or(String::new(), |it| format!(", most of all in front of camera {}", room.name(it.0)));
         let sentence = format!("The mirrored world is told apart by little: wave with more depth{camera}.");
         Judgement::new(Level::Usable, sentence)
     } else {

@@ -62,7 +62,7 @@ pub(super) fn verdict(checks: &Checks, rules: &CheckRules) -> Verdict {
     {
         let check = &checks.cameras[camera];
         let known = check.pose.map_or(String::new(), |it| format!(" ({})", length(it.centre_sigma, checks.unit)));
-        let place = check.wave.clone().unwrap_or_else(|| "more before it".to_owned());
+        let place = check.wave.clone().unwrap_or_else(|| "more in front of it".to_owned());
         sentences.push(format!(
             "Nothing has to be done; camera {} is known least{known}: to better it, wave {place}.",
             check.name

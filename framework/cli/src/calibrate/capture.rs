@@ -103,6 +103,14 @@ pub fn capture(
         let known: Vec<_> = draft.calibration.cameras.iter().map(|it| Some(it.camera.clone())).collect();
         lock(&shared).coverage.place(&known, volume);
     }
+    let simulated = graph.instances.iter().find(|it| it.node_type.name.starts_with("sim."));
+    if let (Some(node), Some((camera, _))) = (simulated, draft.unknown.iter().find(|it| it.1.pose || it.1.focal)) {
+        return Err(format!(
+            "error: {} ({}) shows what the cameras of the calibration see, and {camera} has no pose or focal length there; expected a calibration that states all, \
+             of which --from-nothing then uses no pose",
+            node.path, node.node_type.name
+        ));
+    }
     let outcome = run(&graph, &shared, folder, wishes)?;
     let mut gathered = lock(&shared);
     let looks = std::mem::take(&mut gathered.looks);

@@ -211,6 +211,26 @@ impl Plan {
     }
 }
 
+/// Pictures that are so many times as wide as high often have pixels that are not square.
+const WIDE: f64 = 2.0;
+
+impl Plan {
+    /// What to know before a room is solved with the wrong shape of pixels, which no light tells apart from a wrong world.
+    fn doubtful_pixels(&self, draft: &Draft) -> Option<String> {
+        let doubtful = self.cameras.iter().find(|it| {
+            let ([columns, rows], [fx, fy]) = (it.camera.image_size.map(f64::from), it.camera.intrinsics.focal);
+            let is_guess = draft.unknown.get(&it.name).is_some_and(|it| it.focal);
+            is_guess && fx == fy && !(1.0 / WIDE..=WIDE).contains(&(columns / rows))
+        })?;
+        let [columns, rows] = doubtful.camera.image_size;
+        Some(format!(
+            "note: the pictures of {} are {columns} × {rows} px; if their pixels are not square, as those of single fields of video, state it in the calibration: \
+             pixel_aspect = 0.5",
+            doubtful.name
+        ))
+    }
+}
+
 /// Puts what is to be found of a camera's optics back to what can be said of any camera.
 fn forget_optics(camera: &mut Camera, free: Freedom) {
     if free.focal {
@@ -234,6 +254,9 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         check_writable(&path)?;
     }
     let plan = Plan::new(args, &draft)?;
+    if let Some(note) = plan.doubtful_pixels(&draft) {
+        eprintln!("{note}");
+    }
     let other =
         args.compare.as_deref().map(Calibration::load).transpose().map_err(|error| format!("error: {error}"))?;
     let stem = args.rig.file_stem().map_or_else(|| "rig".to_owned(), |it| it.to_string_lossy().into_owned());
