@@ -42,6 +42,9 @@ pub struct CameraWatchSettings {
     /// A smaller turn is not told: the calibration itself is known no better [mrad]
     #[schemars(range(min = 0.01, max = 100.0))]
     pub least_mrad: f64,
+    /// And one that moves lights in the picture by less than this, root mean square: detectors err as much [px]
+    #[schemars(range(min = 0.01, max = 100.0))]
+    pub least_px: f64,
     /// How far a calibrated camera may be turned from the start, standard deviation; it counts until the camera has a history [mrad]
     #[schemars(range(min = 0.001, max = 100.0))]
     pub calibration_mrad: f64,
@@ -65,6 +68,7 @@ impl Default for CameraWatchSettings {
             bins: 3,
             min_sightings: 12,
             least_mrad: 0.3,
+            least_px: 0.25,
             calibration_mrad: 0.5,
             sigmas: 6.0,
             gate_mrad: 40.0,
@@ -83,6 +87,7 @@ impl CameraWatchSettings {
                 bins: self.bins as usize,
                 min_sightings: self.min_sightings as usize,
                 least: self.least_mrad * 1e-3,
+                least_px: self.least_px,
                 calibration: self.calibration_mrad * 1e-3,
                 sigmas: self.sigmas,
             },
@@ -116,6 +121,7 @@ impl Node for CameraWatch {
         ConfigError::unless_in("bins", settings.bins, 1..=100)?;
         ConfigError::unless_in("min_sightings", settings.min_sightings, 4..=10_000)?;
         check("least_mrad", settings.least_mrad, 0.01..=100.0)?;
+        check("least_px", settings.least_px, 0.01..=100.0)?;
         check("calibration_mrad", settings.calibration_mrad, 0.001..=100.0)?;
         check("sigmas", settings.sigmas, 3.0..=100.0)?;
         check("gate_mrad", settings.gate_mrad, 1.0..=500.0)?;

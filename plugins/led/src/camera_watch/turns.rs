@@ -1,12 +1,15 @@
 //! The turns of one camera over time, and whether the last ones differ from those before.
 //!
 //! A turn ω by which a camera sees points p (in the camera) moves each by ω × p. That of a bin is the robust least-squares one (Cauchy's
-//! loss, scale from the median), so that a minority of wrong sightings does little. The last few turns are compared with the mean of
+//! loss, scale from the median), so that a minority of wrong sightings does little. Errors of one light in one bin are not independent
+//! (half of it is hidden, something shines beside it): n sightings of it are known to no better than σ²/n + [`CORRELATED_PX`]². The last few turns are compared with the mean of
 //! all before them since the last bump: d = recent − before, told when dᵀ (C_recent + C_before)⁻¹ d exceeds a square and |d| a least turn. The
 //! covariances are widened by what the camera's own history scatters more than they say. Without a history the calibration is taken
 //! at its word.
 
-use foveate::messages::{Interval, Time};
+use std::collections::BTreeMap;
+
+use foveate::messages::{Interval, TargetId, Time};
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
 
 /// See [`super::CameraWatchSettings`].
@@ -20,6 +23,8 @@ pub struct TurnRules {
     pub min_sightings: usize,
     /// Turns told are at least this large [rad].
     pub least: f64,
+    /// And move lights in the picture by this much at least, root mean square [px].
+    pub least_px: f64,
     /// Standard deviation of the calibrated orientation [rad].
     pub calibration: f64,
     /// Turns told are so many standard deviations large.
@@ -31,8 +36,10 @@ pub struct TurnRules {
 pub struct Residual {
     /// [px]
     pub error: Vector2<f64>,
-    /// Inverse of its covariance [px⁻²].
-    pub weight: Matrix2<f64>,
+    /// Which light.
+    pub target: TargetId,
+    /// Of `error`, were it independent of all others [px²].
+    pub covariance: Matrix2<f64>,
     /// Its derivative by a turn of the camera, in the camera's axes [px/rad].
     pub by_turn: Matrix2x3<f64>,
 }
@@ -63,6 +70,8 @@ pub struct Change {
     pub before: Vector3<f64>,
     /// How many standard deviations that is.
     pub sigmas: f64,
+    /// In how many bins it shows.
+    pub bins: usize,
     /// Root mean square length of it in the picture [px].
     pub shift_px: f64,
 }
@@ -76,11 +85,17 @@ const MEDIAN_CHI2: f64 = 2.365_974;
 /// No camera is turned by more without anybody noticing; keeps what a bin does not hold from running away [rad].
 const WIDEST: f64 = 0.2;
 const ROUNDS: usize = 12;
+/// Errors that sightings of one light in one bin have in common [px].
+const CORRELATED_PX: f64 = 0.15;
+/// A turn that rests on fewer lights is that of a light rather than of a camera.
+const LEAST_TARGETS: usize = 3;
 
 /// The turns of one camera.
 #[derive(Debug, Clone, Default)]
 pub struct Turns {
     gathered: Vec<Residual>,
+    /// Inverse covariances of those [px⁻²].
+    weights: Vec<Matrix2<f64>>,
     history: Vec<Turn>,
     scratch: Vec<f64>,
 }
@@ -93,7 +108,9 @@ impl Turns {
 
     /// Ends the bin that began at `at`. `None` when too little was seen; what was seen is forgotten.
     pub fn close(&mut self, at: Time, rules: &TurnRules) -> Option<Turn> {
-        let turn = (self.gathered.len() >= rules.min_sightings).then(|| self.solve(at)).flatten();
+        let targets = self.weigh();
+        let is_enough = self.gathered.len() >= rules.min_sightings && targets >= LEAST_TARGETS;
+        let turn = is_enough.then(|| self.solve(at)).flatten();
         self.gathered.clear();
         self.history.extend(turn);
         if self.history.len() > LONGEST_HISTORY {
@@ -132,11 +149,15 @@ impl Turns {
         let turn = last - mean;
         let squared = turn.dot(&(spread.try_inverse()? * turn));
         let sigmas = squared.max(0.0).sqrt();
-        let along = |it: &&Turn| (it.turn - mean).dot(&turn) > 0.5 * turn.norm_squared();
-        let at = self.history.iter().rev().take_while(|it| along(it)).last().map_or(now, |it| it.at);
+        // Nearer to where it is now than to where it was, as far as the bin itself can tell.
+        let from = |it: &Turn, to: &Vector3<f64>| (it.turn - to).dot(&(it.information * (it.turn - to)));
+        let along = |it: &&Turn| from(it, &last) < from(it, &mean);
+        let showing = || self.history.iter().rev().take_while(|it| along(it));
+        let at = showing().last().map_or(now, |it| it.at);
+        let bins = showing().count();
         // Recent turns may reach back before it.
         let (turn, shift_px) = self.turned_since(at, &mean).unwrap_or((turn, f64::NAN));
-        Some(Change { at, turn, before: mean, sigmas, shift_px })
+        Some(Change { at, turn, before: mean, sigmas, bins, shift_px })
     }
 
     /// Turns known of bins that began after `time`.
@@ -155,24 +176,41 @@ impl Turns {
         Some((turn, turn.dot(&(squared_px * turn)).max(0.0).sqrt()))
     }
 
+    /// Weighs what was gathered; how many lights it is of.
+    fn weigh(&mut self) -> usize {
+        let mut counts: BTreeMap<TargetId, f64> = BTreeMap::new();
+        for it in &self.gathered {
+            *counts.entry(it.target).or_default() += 1.0;
+        }
+        let weight = |it: &Residual| {
+            let common = Matrix2::identity() * counts[&it.target] * CORRELATED_PX * CORRELATED_PX;
+            (it.covariance + common).try_inverse().unwrap_or_default()
+        };
+        self.weights.clear();
+        self.weights.extend(self.gathered.iter().map(weight));
+        counts.len()
+    }
+
     /// Iteratively reweighted least squares; the scale is that of the median residual, at least 1.
     fn solve(&mut self, at: Time) -> Option<Turn> {
         let mut turn = Vector3::zeros();
         let mut information = Matrix3::zeros();
         for _ in 0..ROUNDS {
-            let squared = |it: &Residual| {
+            let squared = |(it, weight): (&Residual, &Matrix2<f64>)| {
                 let left = it.error - it.by_turn * turn;
-                left.dot(&(it.weight * left))
+                left.dot(&(weight * left))
             };
+            let weighed = || self.gathered.iter().zip(&self.weights);
             self.scratch.clear();
-            self.scratch.extend(self.gathered.iter().map(squared));
+            self.scratch.extend(weighed().map(squared));
             let middle = self.scratch.len() / 2;
             let (_, median, _) = self.scratch.select_nth_unstable_by(middle, f64::total_cmp);
             let scale2 = (*median / std::f64::consts::LN_2 / 2.0).max(1.0);
             information = Matrix3::identity() / (WIDEST * WIDEST);
             let mut gradient = Vector3::zeros();
-            for residual in &self.gathered {
-                let weight = residual.weight / (scale2 * (1.0 + squared(residual) / (2.385_f64.powi(2) * scale2)));
+            for (residual, weight) in weighed() {
+                let loss = scale2 * (1.0 + squared((residual, weight)) / (2.385_f64.powi(2) * scale2));
+                let weight = weight / loss;
                 information += residual.by_turn.transpose() * weight * residual.by_turn;
                 gradient += residual.by_turn.transpose() * weight * residual.error;
             }

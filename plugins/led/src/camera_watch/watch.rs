@@ -62,6 +62,8 @@ pub struct Row {
 
 /// Of the most certain change, a change this part as certain is as good a candidate.
 const AS_GOOD: f64 = 0.67;
+/// What shows in fewer bins passes again.
+const LASTING: usize = 2;
 /// Bins to wait for candidates to come apart.
 const PATIENCE: u32 = 4;
 /// A bump's size is taken from as many turns after it, once these are known.
@@ -291,11 +293,11 @@ impl Watch {
         let spread = pending.sight.covariance
             + by_point * placed.covariance * by_point.transpose()
             + Matrix2::identity() * UNSTATED_PX * UNSTATED_PX;
-        let Some(weight) = spread.try_inverse() else { return };
         let in_camera = camera.camera_from_world * placed.position;
         let rotation = camera.camera_from_world.rotation.to_rotation_matrix();
         let by_turn = by_point * rotation.matrix().transpose() * -in_camera.coords.cross_matrix();
-        self.turns[own].add(Residual { error: pending.sight.pixel - expected, weight, by_turn });
+        let error = pending.sight.pixel - expected;
+        self.turns[own].add(Residual { error, target: pending.target, covariance: spread, by_turn });
         self.sightings[own] += 1;
         self.thin[own][0] += usize::from(self.witnesses.len() < CERTAIN);
         self.thin[own][1] += 1;
@@ -370,13 +372,22 @@ impl Watch {
             self.rows.push(Row { at, camera, turn: turn.turn, sigma, sightings: turn.sightings, sigmas });
             changes.extend(change.map(|it| (camera, it)));
         }
-        changes.retain(|(_, it)| it.sigmas > rules.sigmas && it.turn.norm() > rules.least && it.shift_px > UNSTATED_PX);
+        let is_told = |it: &Change| {
+            let large = it.turn.norm() > rules.least && it.shift_px > rules.least_px;
+            it.sigmas > rules.sigmas && it.bins >= LASTING && large
+        };
+        // Half as certain will do for what speaks against an accusation.
+        let is_change = |it: &Change| it.sigmas > 0.5 * rules.sigmas && it.turn.norm() > rules.least;
+        let changed: Vec<usize> = changes.iter().filter(|it| is_change(&it.1)).map(|it| it.0).collect();
+        changes.retain(|it| is_told(&it.1));
         self.settle();
         // What most cameras show at once is no bump of one of them.
-        let by_most = changes.len() > 2 && 2 * changes.len() > n_watched;
-        // Who has many witnesses is judged first: those with few may be led astray by that very camera.
+        let by_most = changed.len() > 2 && 2 * changed.len() > n_watched;
+        // Who has many witnesses is judged first, if it shows as much: those with few may be led astray by that very camera.
         let is_certain = |it: &(usize, Change)| 2 * thin[it.0][0] <= thin[it.0][1];
-        if !by_most && changes.iter().any(is_certain) {
+        let most = |list: &mut dyn Iterator<Item = &(usize, Change)>| list.map(|it| it.1.sigmas).fold(0.0, f64::max);
+        let certain = most(&mut changes.iter().filter(|it| is_certain(it)));
+        if !by_most && certain > AS_GOOD * most(&mut changes.iter()) {
             changes.retain(is_certain);
         }
         let strongest = changes.iter().max_by(|a, b| a.1.sigmas.total_cmp(&b.1.sigmas)).copied();
@@ -384,9 +395,11 @@ impl Watch {
             self.patience = 0;
             return;
         };
-        let as_good = |it: &&(usize, Change)| by_most || it.0 == camera || it.1.sigmas > AS_GOOD * change.sigmas;
+        let as_good = |it: &&(usize, Change)| it.0 == camera || it.1.sigmas > AS_GOOD * change.sigmas;
         let mut candidates: Vec<usize> = changes.iter().filter(as_good).map(|it| it.0).collect();
-        if !is_certain(&(camera, change)) {
+        if by_most {
+            candidates = changed;
+        } else if !is_certain(&(camera, change)) {
             candidates.extend((0..self.cameras.len()).filter(|it| asked[camera][*it]));
             candidates.sort_unstable();
             candidates.dedup();
