@@ -36,7 +36,8 @@ pub struct DetectionsSettings {
     pub sigma_px: f64,
     /// The file's columns, where it has no header: names of `path`, and `frame` for the number of a picture instead of `time_s` (its rate:
     /// `frame_rate_hz` of the camera's clock in the calibration). Blanks or commas separate the fields; without `camera`, all rows are
-    /// of the instance's camera. Empty: the file has a header [–]
+    /// of the instance's camera. `points.dat`: the file is MultiCamSelfCal's of that name, with `IdMat.dat` beside it, its cameras in the
+    /// order of the calibration. Empty: the file has a header [–]
     #[serde(default)]
     pub columns: String,
     /// Whether a point at (0, 0), as the file counts, means that nothing was found [–]
@@ -107,6 +108,7 @@ impl Node for Detections {
             columns: (!settings.columns.is_empty()).then_some(settings.columns.as_str()),
             frame_rate: clock.frame_rate_hz,
             nothing_at_zero: settings.nothing_at_zero,
+            row: "line",
         };
         let mut table = Table::read(&path, &wanted).map_err(|fault| ConfigError::at("path", fault))?;
         if (clock.offset_s, clock.rate) != (0.0, 1.0) {

@@ -25,10 +25,13 @@ use std::path::Path;
 use foveate::prelude::*;
 use nalgebra::{Matrix2, Point2};
 
+use crate::points_dat;
 use crate::settings::Reasons;
 
 /// Lines longer than this are no lines of a table [bytes].
 const LINE_LIMIT: u64 = 4096;
+/// In place of columns: the file is one of MultiCamSelfCal's.
+const POINTS_DAT: &str = "points.dat";
 /// Times beyond this are mistakes, such as milliseconds since 1970; seconds since 1970 lie below it [s].
 const TIME_LIMIT_S: f64 = 9e9;
 
@@ -53,6 +56,8 @@ pub(crate) struct Wanted<'a> {
     pub(crate) frame_rate: Option<f64>,
     /// Whether a point at (0, 0) means that nothing was found.
     pub(crate) nothing_at_zero: bool,
+    /// What a row is called in messages.
+    pub(crate) row: &'static str,
 }
 
 /// One picture's worth of rows.
@@ -164,6 +169,12 @@ impl Table {
     /// # Errors
     /// A sentence when nothing can be made of the file: no such file, no header, no readable row, not one row of the camera.
     pub(crate) fn read(path: &Path, wanted: &Wanted<'_>) -> Result<Self, String> {
+        if wanted.columns == Some(POINTS_DAT) {
+            let rows = points_dat::rows_of(path, wanted.camera.0.into())?;
+            let wanted =
+                Wanted { columns: Some("frame x_px y_px"), nothing_at_zero: true, row: "column", ..wanted.clone() };
+            return Self::parse(rows.as_bytes(), &wanted).map_err(|fault| format!("`{}`: {fault}", path.display()));
+        }
         let file = File::open(path).map_err(|error| format!("`{}` cannot be opened: {error}", path.display()))?;
         Self::parse(BufReader::new(file), wanted).map_err(|fault| format!("`{}`: {fault}", path.display()))
     }
@@ -231,7 +242,7 @@ impl Table {
             match Row::of(&fields, columns, wanted) {
                 Ok(row) => rows.push(row.at(number)),
                 Err(Unreadable { time, fault }) => {
-                    let fault = format!("line {number}: {fault}");
+                    let fault = format!("{} {number}: {fault}", wanted.row);
                     table.faults.add(fault.as_str());
                     if let Some(time) = time {
                         rows.push(Row { time, point: Err(fault), line: number });
@@ -409,6 +420,7 @@ mod tests {
             columns: None,
             frame_rate: None,
             nothing_at_zero: false,
+            row: "line",
         }
     }
 

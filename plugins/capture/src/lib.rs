@@ -18,6 +18,7 @@ mod ffmpeg;
 mod ffmpeg_words;
 pub mod images;
 mod listing;
+mod points_dat;
 pub mod settings;
 #[cfg_attr(
     not(all(feature = "hardware", target_os = "linux")),

@@ -77,7 +77,7 @@ pub fn convergence(options: &Options) {
     }
     let chart = Chart {
         title: "error on independent sightings".to_owned(),
-        x: "cameras known so far: 1 is the start, then each turn or step",
+        x: "estimates so far: 1 is the start, then each turn or step",
         y: "root mean square [px]",
         scale: Scale::Logarithmic,
         series,
