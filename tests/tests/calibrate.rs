@@ -309,6 +309,8 @@ fn camera_that_moved_since_is_named_and_the_others_stay() {
     now[3].camera_from_world = nudge * now[3].camera_from_world;
     let lab = Lab::new(&all, |frame, camera| seen(&now, frame, camera));
     truth(&lab, &all);
+    let clocks: String = (0..5).map(|it| format!("\n[clock.c{it}]\noffset_s = 0.0\nframe_rate_hz = 30.0\n")).collect();
+    lab.write("truth.toml", &(lab.read("truth.toml") + &clocks));
     lab.write("lab.calibration.toml", &lab.read("truth.toml"));
     let (code, said, complaint) = foveate(
         lab.folder.path(),
@@ -318,6 +320,7 @@ fn camera_that_moved_since_is_named_and_the_others_stay() {
     assert!(said.contains("moved: c3") && lab.figure("cameras_moved") == 1.0, "{said}");
     // The calibration is replaced, with the older one kept beside it.
     assert_ne!(lab.read("lab.calibration.toml"), lab.read("truth.toml"));
+    assert!(lab.read("lab.calibration.toml").contains("frame_rate_hz = 30"), "clocks stay as they were");
     assert_eq!(lab.read("lab.calibration.before.toml"), lab.read("truth.toml"));
 }
 

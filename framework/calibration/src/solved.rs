@@ -42,6 +42,13 @@ pub struct SolvedCamera {
     pub clock: Option<ClockFit>,
 }
 
+impl SolvedCamera {
+    /// What was known of its optics beforehand, be it nothing.
+    pub fn known_optics(&self) -> OpticsPrior {
+        self.prior.clone().unwrap_or_else(|| OpticsPrior::none(&self.camera))
+    }
+}
+
 /// How far the clock of a camera is from that of the room: room time = camera time · (1 + `drift`) + `offset_s`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClockFit {

@@ -257,8 +257,9 @@ impl<'a> Rest<'a> {
             }));
         }
         let mut freedoms = vec![Freedom::NONE; self.cameras.len()];
+        // Optics that were found with this camera stay: without it the rest may know them too little to bear witness.
         for &it in &staying {
-            freedoms[it] = Freedom { pose: true, ..room.solved.cameras[it].freed };
+            freedoms[it] = Freedom::POSE;
         }
         let rules = BundleRules { loss: Loss::HUBER, max_iterations: 30, ..BundleRules::default() };
         let adjusted = adjust(&self.cameras, &freedoms, &self.points, &observations, &rules).ok()?;
@@ -324,8 +325,16 @@ impl<'a> Rest<'a> {
     fn best_cause(&self, examined: &Examined, usual: f64) -> Option<(Cause, f64)> {
         let Examined { samples, fitted, .. } = examined;
         let mut causes: Vec<(Cause, f64)> = Vec::new();
+        let freed = self.room.solved.cameras[examined.camera].freed;
         for extra in [Extra::Focal, Extra::Distortion, Extra::Delay] {
-            if extra == Extra::Delay && samples.moving_share() < 0.5 {
+            // An optic that was found with the others is where they want it; without this camera they know it less, not better.
+            let says_nothing = match extra {
+                Extra::Focal => freed.focal,
+                Extra::Distortion => freed.k1,
+                Extra::Delay => samples.moving_share() < 0.5,
+                Extra::Nothing => true,
+            };
+            if says_nothing {
                 continue;
             }
             let Some(found) = samples.fit(&fitted.camera, extra) else { continue };

@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Point3, Similarity3};
 
 use super::lengths::{TooFewFrames, WandLengths, frames, lengths};
 use crate::axes::transformed;
-use crate::solved::{FixedFreedoms, SightingRole, Solved, SolvedCamera, Step};
+use crate::solved::{FixedFreedoms, SightingRole, Solved, Step};
 
 /// A stick with a light at either end.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -132,8 +132,7 @@ pub fn readjust(
         })
         .collect();
     let bundle = BundleRules { loss: rules.loss, covariance: true, ..BundleRules::default() };
-    let prior = |it: &SolvedCamera| it.prior.clone().unwrap_or_else(|| OpticsPrior::none(&it.camera));
-    let optics: Vec<OpticsPrior> = members.iter().map(|it| prior(&solved.cameras[*it])).collect();
+    let optics: Vec<OpticsPrior> = members.iter().map(|it| solved.cameras[*it].known_optics()).collect();
     let all_known = Known { lengths: known, optics: &optics };
     let found = adjust_knowing(&cameras, &freedoms, &points, &observations, &all_known, &bundle)?;
     let mut adjusted = solved.clone();

@@ -17,7 +17,7 @@ use foveate_calibration::solved::{FixedFreedoms, SightingRole};
 use foveate_calibration::wand::{self, RefineRules, Wand, WandSample, WandSighting};
 use foveate_geometry::{Camera, Distortion, Freedom};
 use foveate_scene::draft::{guessed_focal, middle};
-use foveate_scene::{Calibration, Draft, LengthUnit};
+use foveate_scene::{Calibration, Clocks, Draft, LengthUnit};
 use serde_json::{Map, Value};
 
 use super::seconds;
@@ -343,7 +343,8 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         checks.verdict.sentences.iter_mut().for_each(|it| *it = boards::of_board(it));
     }
     let words = notes.iter().map(|it| format!("{it}\n")).collect();
-    let mut more = More { words, is_board: board.is_some(), ..More::default() };
+    let clocks = draft.calibration.clocks.clone();
+    let mut more = More { words, is_board: board.is_some(), clocks, ..More::default() };
     if let (Some(other), Some(path)) = (other, &args.compare) {
         more.add(compare(&solved.solved, &other), path);
     }
@@ -356,6 +357,8 @@ struct More {
     words: String,
     figures: BTreeMap<String, f64>,
     is_board: bool,
+    /// Of the older calibration.
+    clocks: Clocks,
 }
 
 impl More {
@@ -411,6 +414,16 @@ fn wishes(args: &CalibrateArgs) -> Wishes {
     }
 }
 
+/// Clocks that were not estimated stay as they were, as do the frame rates of those that were.
+fn carry_over(calibration: &mut Calibration, older: &Clocks) {
+    for (name, clock) in &older.0 {
+        if calibration.camera(name).is_some() {
+            let kept = calibration.clocks.0.entry(name.clone()).or_insert_with(|| *clock);
+            kept.frame_rate_hz = kept.frame_rate_hz.or(clock.frame_rate_hz);
+        }
+    }
+}
+
 /// What fixes scale and axes of the calibration that is to be adjusted.
 fn fixed_before(older: &Calibration, plan: &Plan) -> FixedFreedoms {
     if plan.from_nothing {
@@ -448,7 +461,8 @@ fn conclude(
         sources: vec![args.rig.display().to_string()],
         note: format!("calibrated with {}", args.rig.display()),
     };
-    let calibration = room.solved.to_calibration(origin).map_err(|error| format!("error: {error}"))?;
+    let mut calibration = room.solved.to_calibration(origin).map_err(|error| format!("error: {error}"))?;
+    carry_over(&mut calibration, &more.clocks);
     let text = calibration.to_toml();
     let write =
         |path: &Path, bytes: &str| results::write_whole(path, bytes.as_bytes()).map_err(|it| format!("error: {it}"));
