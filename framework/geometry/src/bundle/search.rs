@@ -1,6 +1,7 @@
 //! Levenberg–Marquardt over cameras and points.
 
 use foveate_estimation::least_squares::Stop;
+use foveate_estimation::statistics::median;
 use nalgebra::{DMatrix, Isometry3, Point3, SVector, Vector2, Vector3};
 
 use super::columns::{CLOCK, N_NAMES};
@@ -21,11 +22,19 @@ struct Scale {
     size: f64,
 }
 
+/// Points so many times as far from the middle as usual have run away, along lines of sight that hardly meet.
+const RUN_AWAY: f64 = 30.0;
+
 impl Scale {
     fn of(points: &[Point3<f64>]) -> Scale {
-        let n = points.len().max(1) as f64;
-        let centroid = points.iter().fold(Vector3::zeros(), |sum, it| sum + it.coords) / n;
-        let squares: f64 = points.iter().map(|it| (it.coords - centroid).norm_squared()).sum();
+        let middle = |axis: usize| median(&points.iter().map(|it| it[axis]).collect::<Vec<_>>()).unwrap_or(0.0);
+        let middle = Vector3::new(middle(0), middle(1), middle(2));
+        let distances: Vec<f64> = points.iter().map(|it| (it.coords - middle).norm()).collect();
+        let limit = RUN_AWAY * median(&distances).filter(|it| *it > 0.0).unwrap_or(f64::INFINITY);
+        let near = || points.iter().zip(&distances).filter(|it| *it.1 <= limit).map(|it| it.0.coords);
+        let n = near().count().max(1) as f64;
+        let centroid = near().fold(Vector3::zeros(), |sum, it| sum + it) / n;
+        let squares: f64 = near().map(|it| (it - centroid).norm_squared()).sum();
         let size = (squares / n).sqrt();
         Scale { centroid, size: if size > 0.0 && size.is_finite() { size } else { 1.0 } }
     }

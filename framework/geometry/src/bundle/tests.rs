@@ -510,3 +510,21 @@ fn optics_known_of_some_cameras_or_to_no_sigma_are_refused() {
         assert!(fault.starts_with("known optics: ") && fault.contains(words), "{fault}");
     }
 }
+
+#[test]
+fn a_point_that_ran_away_leaves_the_rest_as_well_known() {
+    let mut room = room(test_room::cameras(6, 4), 100, 4, 0.5, 0.01, 15);
+    let rules = BundleRules { covariance: true, ..BundleRules::default() };
+    let sigma = |found: &Adjusted| {
+        let all = found.covariance.as_ref().unwrap().as_ref().unwrap();
+        all.iter().map(|it| it.centre.trace()).sum::<f64>().sqrt()
+    };
+    let near = sigma(&adjusted(&room, Freedom::POSE, &rules));
+    // A point on the way to infinity before the cameras that see it.
+    let seen = room.observations.iter().find(|it| it.point == 3).map(|it| it.camera).unwrap();
+    let away = &room.start[seen];
+    let ray = away.camera_from_world.inverse() * nalgebra::Vector3::new(0.0, 0.0, 1e9);
+    room.start_points[3] = Point3::from(away.centre().coords + ray);
+    let far = sigma(&adjusted(&room, Freedom::POSE, &rules));
+    assert!((far / near - 1.0).abs() < 0.1, "{far} {near}");
+}

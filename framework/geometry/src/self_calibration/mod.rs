@@ -64,7 +64,7 @@ impl Default for SelfCalibrationRules {
             inlier_px: 3.0,
             min_common: 10,
             max_partners: 20,
-            max_focal_sigma: 0.02,
+            max_focal_sigma: 0.04,
             max_optics_sigma: 0.02,
             seed: 1,
         }

@@ -144,7 +144,8 @@ fn a_path_in_a_plane_calibrates_known_optics_and_refuses_free_ones() {
         Ok(found) => found.status,
         Err(fault) => panic!("{fault}"),
     };
-    assert!(status.iter().all(|it| matches!(it, CameraStatus::FocalOpen { .. })), "{status:?}");
+    let open = status.iter().filter(|it| matches!(it, CameraStatus::FocalOpen { .. })).count();
+    assert!(open >= 6 && !status.contains(&CameraStatus::Calibrated), "{status:?}");
 }
 
 #[test]
