@@ -325,6 +325,61 @@ fn camera_that_moved_since_is_named_and_the_others_stay() {
 }
 
 #[test]
+fn cameras_that_only_shifted_are_named_and_nobody_else() {
+    let all = cameras();
+    for moved in [vec![2], vec![0, 3]] {
+        let mut now = all.clone();
+        for camera in &moved {
+            now[*camera].camera_from_world.translation.vector += nalgebra::Vector3::new(0.06, -0.03, 0.0);
+        }
+        let lab = Lab::new(&all, |frame, camera| seen(&now, frame, camera));
+        truth(&lab, &all);
+        lab.write("lab.calibration.toml", &lab.read("truth.toml"));
+        let (code, said, complaint) = foveate(lab.folder.path(), &["calibrate", "lab.toml", "--quiet", "--out", "out"]);
+        assert_eq!(code, 0, "{said}\n{complaint}");
+        for camera in 0..5 {
+            assert_eq!(said.contains(&format!("moved: c{camera}")), moved.contains(&camera), "c{camera}: {said}");
+        }
+    }
+}
+
+#[test]
+fn writing_loses_no_camera_and_no_older_calibration() {
+    let all = cameras();
+    // c4 sees next to nothing.
+    let lab = Lab::new(&all, |frame, camera| seen(&all, frame, camera).filter(|_| camera != 4 || frame < 5));
+    truth(&lab, &all);
+    lab.write("lab.calibration.toml", &lab.read("truth.toml"));
+    let write = |more: &[&str]| {
+        let first = ["calibrate", "lab.toml", "--quiet", "--out", "out", "--write"];
+        let (code, said, complaint) = foveate(lab.folder.path(), &[&first, more].concat());
+        assert_eq!(code, 0, "{said}\n{complaint}");
+        said
+    };
+    let said = write(&[]);
+    assert!(said.contains("kept as the older calibration has them: c4"), "{said}");
+    assert!(lab.read("lab.calibration.toml").contains("[camera.c4]"));
+    write(&[]);
+    assert_eq!(lab.read("lab.calibration.before.toml"), lab.read("truth.toml"));
+    assert!(lab.folder.path().join("lab.calibration.before-2.toml").exists());
+    let before = lab.read("lab.calibration.toml");
+    let said = write(&["--from-nothing"]);
+    assert!(said.contains("c4 would be lost") && lab.read("lab.calibration.toml") == before, "{said}");
+}
+
+#[test]
+fn pictures_without_the_light_may_be_left_out_of_a_file() {
+    let all = cameras();
+    let lab = Lab::new(&all, |frame, camera| seen(&all, frame, camera).filter(|_| (frame * 7 + camera) % 5 < 3));
+    let table: String =
+        lab.read("seen.csv").lines().filter(|it| !it.ends_with(",,")).map(|it| format!("{it}\n")).collect();
+    lab.write("seen.csv", &table);
+    let (code, said, complaint) = lab.calibrate(&[]);
+    assert_eq!(code, 0, "{said}\n{complaint}");
+    assert!(lab_is(&lab, 5.0) && lab.figure("frames_used") > 230.0, "{said}");
+}
+
+#[test]
 fn real_pictures_are_calibrated_at_least_as_well_as_by_the_peer() {
     let Some(folder) = data_dir_or_skip("calibrate", "s01_arctic_laser_4cam") else { return };
     let out = tempfile::tempdir().unwrap();

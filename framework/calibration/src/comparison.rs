@@ -66,6 +66,11 @@ pub fn compare(solved: &Solved, other: &Calibration) -> Result<Comparison, Strin
 }
 
 impl Comparison {
+    /// Lengths there over lengths here [–].
+    pub fn scale(&self) -> f64 {
+        self.scale
+    }
+
     /// By dotted name, medians and maxima of sizes and each camera's own.
     pub fn figures(&self) -> BTreeMap<String, f64> {
         let mut figures = BTreeMap::new();

@@ -46,25 +46,20 @@ pub(super) fn of_light(recording: &Recording) -> Vec<Moment> {
     of_frames(&frames(recording, &vec![Some(same); recording.cameras.len()], &FrameRules::default()))
 }
 
-/// Whether most cameras take their pictures when the one with most pictures does.
+/// Whether most cameras take their pictures when others do; looks are in order.
 fn are_triggered_together(recording: &Recording) -> bool {
-    let times = |camera: usize| -> Vec<f64> {
-        recording.looks.iter().filter(|it| it.camera == camera).map(|it| it.time_s).collect()
-    };
-    let all: Vec<Vec<f64>> = (0..recording.cameras.len()).map(times).filter(|it| !it.is_empty()).collect();
-    let Some((reference, most)) = all.iter().enumerate().max_by_key(|it| it.1.len()) else { return true };
-    let tolerance = tolerance_s(recording);
-    let is_together = |own: &Vec<f64>| {
-        let gap = |time: &f64| {
-            let next = most.partition_point(|it| it < time);
-            let near = [next.checked_sub(1), Some(next)].into_iter().flatten().filter_map(|it| most.get(it));
-            near.map(|it| (it - time).abs()).fold(f64::INFINITY, f64::min)
-        };
-        let gaps: Vec<f64> = own.iter().map(gap).collect();
-        foveate_estimation::statistics::median(&gaps).is_none_or(|it| it <= tolerance)
-    };
-    let others = all.iter().enumerate().filter(|it| it.0 != reference);
-    2 * others.clone().filter(|it| is_together(it.1)).count() >= others.count()
+    let (looks, tolerance) = (&recording.looks, tolerance_s(recording));
+    let mut together = vec![(0_usize, 0_usize); recording.cameras.len()];
+    for (index, look) in looks.iter().enumerate() {
+        let is_near = |it: &Look| (it.time_s - look.time_s).abs() <= tolerance;
+        let after = looks[index + 1..].iter().take_while(|it| is_near(it));
+        let before = looks[..index].iter().rev().take_while(|it| is_near(it));
+        let has_company = after.chain(before).any(|it| it.camera != look.camera);
+        let counts = &mut together[look.camera];
+        *counts = (counts.0 + usize::from(has_company), counts.1 + 1);
+    }
+    let seeing = together.iter().filter(|it| it.1 > 0);
+    2 * seeing.clone().filter(|it| 2 * it.0 >= it.1).count() >= seeing.count()
 }
 
 /// Moments at which pictures were taken together; looks are in order. Pictures without spots are left out.
@@ -100,13 +95,15 @@ pub(super) fn tolerance_s(recording: &Recording) -> f64 {
     SAME_MOMENT * shortest_period(recording)
 }
 
-/// The least of the cameras' median periods [s]; 0 when no camera looked twice.
+/// The least of the cameras' periods [s]; 0 when no camera looked twice. Cameras may have left pictures without a light unsaid, so that most of
+/// their gaps are several periods: a tenth of them is not.
 fn shortest_period(recording: &Recording) -> f64 {
     let periods = (0..recording.cameras.len()).filter_map(|camera| {
         let own = recording.looks.iter().filter(|it| it.camera == camera);
         let times: Vec<f64> = own.map(|it: &Look| it.time_s).collect();
-        let gaps: Vec<f64> = times.windows(2).map(|it| it[1] - it[0]).collect();
-        foveate_estimation::statistics::median(&gaps)
+        let mut gaps: Vec<f64> = times.windows(2).map(|it| it[1] - it[0]).filter(|it| *it > 0.0).collect();
+        gaps.sort_by(f64::total_cmp);
+        gaps.get(gaps.len() / 10).copied()
     });
     let shortest = periods.fold(f64::INFINITY, f64::min);
     if shortest.is_finite() { shortest } else { 0.0 }

@@ -29,6 +29,10 @@ const OLD_LIMIT: f64 = 4.0;
 const AGREES: f64 = 0.5;
 /// A camera moved when its sightings were this many times as far off as right ones are, under the older calibration.
 const MOVED_SIGMAS: f64 = 4.0;
+/// Right sightings are never taken for better than that [px].
+const LEAST_MOVED_PX: f64 = 0.25;
+/// Moments by which pairs of cameras are compared.
+const WITNESSES: usize = 300;
 /// Sightings that it takes to speak of a camera.
 const LEAST_SIGHTINGS: usize = 10;
 
@@ -67,22 +71,18 @@ pub fn recalibrate(
     place_anew(&mut room, &given, &mut status, rules);
     room.freed = optics;
     room.settle(&[2.0, 1.0, 1.0]);
-    let before = errors_of_older(&room, &given);
+    let stayed = who_stayed(&room, &given, room.pixel_sigma().unwrap_or(rules.sigma_px));
     let (solved, sigma_px) = room.into_solved(&recording, &status, Vec::new());
-    let stayed: Vec<usize> = agreeing.iter().copied().filter(|it| before[*it] <= MOVED_SIGMAS * sigma_px).collect();
-    let reference = if stayed.len() >= 2 { stayed } else { agreeing };
-    let found: Vec<Camera> = solved.cameras.iter().map(|it| it.camera.clone()).collect();
-    let given_from_found = onto(&found, &given, &reference);
-    let solved = transformed(&solved, &given_from_found, fixed.clone());
+    let solved = transformed(&solved, &stayed.given_from_found, fixed.clone());
     let mut moved = Vec::new();
     for (camera, it) in solved.cameras.iter().enumerate().filter(|it| it.1.status == CameraStatus::Calibrated) {
-        if before[camera] > MOVED_SIGMAS * sigma_px && !reference.contains(&camera) {
+        if !stayed.cameras.contains(&camera) {
             let (old, new) = (&given[camera].camera_from_world, &it.camera.camera_from_world);
             moved.push(Moved {
                 camera,
                 distance: (given[camera].centre() - it.camera.centre()).norm(),
                 angle_rad: old.rotation.angle_to(&new.rotation),
-                before_px: before[camera],
+                before_px: stayed.errors_px[camera],
             });
         }
     }
@@ -151,21 +151,56 @@ fn place_anew(room: &mut Room<'_>, given: &[Camera], status: &mut [CameraStatus]
     }
 }
 
-/// By camera: how far its right sightings were from the points under the older calibration, median after the best alignment [px].
-fn errors_of_older(room: &Room<'_>, given: &[Camera]) -> Vec<f64> {
-    let (mut found, mut members) = (Vec::new(), Vec::new());
-    for (index, camera) in room.cameras.iter().enumerate() {
-        if let Some(camera) = camera {
-            found.push(camera.clone());
-            members.push(index);
+/// Who stands where the older calibration has it, and what follows for all.
+struct Stayed {
+    cameras: Vec<usize>,
+    given_from_found: Similarity3<f64>,
+    /// By camera: how far off its right sightings are under the older calibration, median [px].
+    errors_px: Vec<f64>,
+}
+
+/// The largest set of cameras under whose older poses the points are seen where they were seen. Each pair of cameras proposes how the
+/// room that was found lies in the older one, so that one camera that moved, or several, do not pull at it.
+fn who_stayed(room: &Room<'_>, given: &[Camera], sigma_px: f64) -> Stayed {
+    let members: Vec<usize> = (0..given.len()).filter(|it| room.cameras[*it].is_some()).collect();
+    let found: Vec<Camera> =
+        room.cameras.iter().zip(given).map(|(it, given)| it.clone().unwrap_or_else(|| given.clone())).collect();
+    let limit = MOVED_SIGMAS * sigma_px.max(LEAST_MOVED_PX);
+    let under = |reference: &[usize], every: usize| {
+        let given_from_found = onto(&found, given, reference);
+        let errors_px = errors_of_older(room, given, &given_from_found, every);
+        let cameras = members.iter().copied().filter(|it| errors_px[*it] <= limit).collect();
+        Stayed { cameras, given_from_found, errors_px }
+    };
+    let every = room.moments.len().div_ceil(WITNESSES).max(1);
+    let sum = |it: &Stayed| it.cameras.iter().map(|camera| it.errors_px[*camera]).sum::<f64>();
+    let better = |one: &Stayed, other: &Stayed| {
+        (one.cameras.len(), -sum(one)).partial_cmp(&(other.cameras.len(), -sum(other)))
+            == Some(std::cmp::Ordering::Greater)
+    };
+    // All of them first: where nobody moved, no pair does better.
+    let mut best = under(&members, every);
+    'pairs: for (index, first) in members.iter().enumerate() {
+        for second in &members[index + 1..] {
+            if best.cameras.len() == members.len() {
+                break 'pairs;
+            }
+            let proposed = under(&[*first, *second], every);
+            if better(&proposed, &best) {
+                best = proposed;
+            }
         }
     }
-    let old: Vec<Camera> = members.iter().map(|it| given[*it].clone()).collect();
-    let all: Vec<usize> = (0..found.len()).collect();
-    let old_from_found = onto(&found, &old, &all);
+    // Those who agree say it together, and better.
+    let reference = if best.cameras.len() >= 2 { best.cameras } else { members.clone() };
+    under(&reference, 1)
+}
+
+/// By camera: how far its right sightings were from the points under the older calibration, median [px].
+fn errors_of_older(room: &Room<'_>, given: &[Camera], given_from_found: &Similarity3<f64>, every: usize) -> Vec<f64> {
     let mut errors = vec![Vec::new(); given.len()];
-    for (moment, known) in room.moments.iter().zip(&room.known) {
-        let Some(point) = known.point.map(|it| old_from_found * it) else { continue };
+    for (moment, known) in room.moments.iter().zip(&room.known).step_by(every) {
+        let Some(point) = known.point.map(|it| given_from_found * it) else { continue };
         for sight in moment.sights.iter().filter(|it| it.right) {
             let seen = given[sight.camera].project(&point).zip(sight.chosen.map(|it| sight.spots[it]));
             errors[sight.camera].extend(seen.map(|(seen, pixel)| (seen - pixel).norm()));
@@ -193,6 +228,6 @@ fn onto(found: &[Camera], given: &[Camera], reference: &[usize]) -> Similarity3<
         };
         reference.iter().flat_map(of_camera).collect()
     };
-    let rules = AlignmentRules { scale: true, robust: reference.len() > 2 };
+    let rules = AlignmentRules { scale: true, robust: false };
     align(&points(found), &points(given), rules).map_or_else(|_| Similarity3::identity(), |it| it.b_from_a)
 }

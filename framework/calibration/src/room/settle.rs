@@ -167,7 +167,7 @@ impl<'a> Room<'a> {
 
     /// Standard deviation of either coordinate of a right pixel, from the residuals that the cameras were found from, corrected for what was
     /// adjusted to them; `None` without any to spare [px].
-    fn pixel_sigma(&self) -> Option<f64> {
+    pub fn pixel_sigma(&self) -> Option<f64> {
         let (mut n, mut squares, mut n_points) = (0_usize, 0.0, 0_usize);
         let mut seeing = vec![false; self.cameras.len()];
         for (moment, known) in self.moments.iter().zip(&self.known).filter(|it| !it.1.held_out) {

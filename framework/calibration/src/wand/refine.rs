@@ -1,14 +1,17 @@
 //! A solved room adjusted once more with the length of the wand as an observation: [D'Apuzzo 1999 §2.2], the reference bar method.
 
+use std::collections::BTreeMap;
+
 use foveate_estimation::Loss;
 use foveate_geometry::bundle::{
     BundleFault, BundleRules, Freedom, Known, KnownLength, Observation, OpenParameters, OpticsPrior, adjust_knowing,
 };
 use foveate_geometry::{Camera, CameraStatus};
 use foveate_scene::uncertainty::Fixed;
-use nalgebra::{Isometry3, Point3, Similarity3};
+use nalgebra::{Isometry3, Point2, Point3, Similarity3};
 
 use super::lengths::{TooFewFrames, WandLengths, frames, lengths};
+use super::solve::intersected;
 use crate::axes::transformed;
 use crate::solved::{FixedFreedoms, SightingRole, Solved, Step};
 
@@ -154,10 +157,22 @@ pub fn readjust(
     for (point, position) in adjusted.points.iter_mut().zip(&found.points) {
         point.position = *position;
     }
+    // Points of moments that were kept back are no part of the adjustment: they lie where the new cameras see them.
+    let mut kept_back: BTreeMap<usize, Vec<(&Camera, Point2<f64>)>> = BTreeMap::new();
+    for it in solved.sightings.iter().filter(|it| it.role == SightingRole::HeldOut) {
+        if let (Some(slot), Some(point)) = (slot_of(it.camera), it.point) {
+            kept_back.entry(point).or_default().push((&found.cameras[slot], it.pixel));
+        }
+    }
+    for (point, seen) in kept_back {
+        if let Some(position) = intersected(&seen) {
+            adjusted.points[point].position = position;
+        }
+    }
     for sighting in &mut adjusted.sightings {
         let seen = slot_of(sighting.camera)
             .zip(sighting.point)
-            .and_then(|(slot, point)| found.cameras[slot].project(&found.points[point]));
+            .and_then(|(slot, point)| found.cameras[slot].project(&adjusted.points[point].position));
         sighting.residual = seen.map(|it| it - sighting.pixel);
     }
     let stage = if known.is_empty() { "adjusted" } else { "adjusted with the wand" };

@@ -104,6 +104,14 @@ pub fn solve(
     })
 }
 
+/// Where cameras that are known see a point best; `None` where their rays fix none.
+pub(super) fn intersected(seen: &[(&Camera, Point2<f64>)]) -> Option<Point3<f64>> {
+    let (own, pixels): (Vec<&Camera>, Vec<Point2<f64>>) = seen.iter().copied().unzip();
+    let rays: Vec<Ray> = own.iter().zip(&pixels).map(|(camera, it)| camera.ray(it)).collect::<Option<_>>()?;
+    let start = triangulate_rays(&rays)?;
+    Some(refine(&own, &pixels, PixelNoise::Sigma(1.0), start).ok()?.position)
+}
+
 /// Where solved cameras put the wand in frames that they were not made of: sightings are held out, points are intersections.
 pub fn intersect(cameras: &[SolvedCamera], sightings: &[WandSighting]) -> Solved {
     let mut of_point: BTreeMap<(usize, u32), Vec<&WandSighting>> = BTreeMap::new();
@@ -114,11 +122,8 @@ pub fn intersect(cameras: &[SolvedCamera], sightings: &[WandSighting]) -> Solved
     }
     let place = |frame, end| {
         let seen = of_point.get(&(frame, end))?;
-        let own: Vec<&Camera> = seen.iter().map(|it| &cameras[it.camera].camera).collect();
-        let pixels: Vec<Point2<f64>> = seen.iter().map(|it| it.pixel).collect();
-        let rays: Vec<Ray> = own.iter().zip(&pixels).map(|(camera, it)| camera.ray(it)).collect::<Option<_>>()?;
-        let start = triangulate_rays(&rays)?;
-        Some(refine(&own, &pixels, PixelNoise::Sigma(1.0), start).ok()?.position)
+        let seen: Vec<(&Camera, Point2<f64>)> = seen.iter().map(|it| (&cameras[it.camera].camera, it.pixel)).collect();
+        intersected(&seen)
     };
     let (points, place_of) = points_of(sightings, place);
     let of_sighting = |it: &WandSighting| {

@@ -13,11 +13,11 @@ use foveate_calibration::convergence::{ConvergenceRules, convergence};
 use foveate_calibration::recording::{CameraGuess, Recording};
 use foveate_calibration::report::{self, Grade, ReportInput};
 use foveate_calibration::room::{self, Origin, RoomRules, SolvedRoom, Sought};
-use foveate_calibration::solved::{FixedFreedoms, SightingRole};
+use foveate_calibration::solved::{FixedFreedoms, SightingRole, Solved, SolvedCamera};
 use foveate_calibration::wand::{self, RefineRules, Wand, WandSample, WandSighting};
-use foveate_geometry::{Camera, Distortion, Freedom};
+use foveate_geometry::{Camera, CameraStatus, Distortion, Freedom};
 use foveate_scene::draft::{guessed_focal, middle};
-use foveate_scene::{Calibration, Clocks, Draft, LengthUnit};
+use foveate_scene::{Calibration, Draft, LengthUnit, NamedCamera};
 use serde_json::{Map, Value};
 
 use super::seconds;
@@ -328,6 +328,11 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         let found = axes::fix(&solved.solved, &givens, &AxesRules::default());
         solved.solved = found.map_err(|fault| format!("error: {fault}"))?.solved;
     }
+    let is_measured = board.is_some() || args.wand_mm.is_some();
+    let lengths_differ = match is_measured && !plan.from_nothing {
+        true => other_lengths(&solved.solved, &draft.calibration)?,
+        false => None,
+    };
     progress("checking it");
     // The marks of a board lie in a plane, and each view is judged by itself whether it holds the optics.
     let check_rules = match &board {
@@ -342,9 +347,11 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
     if board.is_some() {
         checks.verdict.sentences.iter_mut().for_each(|it| *it = boards::of_board(it));
     }
-    let words = notes.iter().map(|it| format!("{it}\n")).collect();
-    let clocks = draft.calibration.clocks.clone();
-    let mut more = More { words, is_board: board.is_some(), clocks, ..More::default() };
+    let words: String = notes.iter().map(|it| format!("{it}\n")).collect();
+    let older = Some(draft.calibration.clone());
+    let is_adjusted = !plan.from_nothing;
+    let words = words + &lengths_differ.unwrap_or_default();
+    let mut more = More { words, is_board: board.is_some(), older, is_adjusted, ..More::default() };
     if let (Some(other), Some(path)) = (other, &args.compare) {
         more.add(compare(&solved.solved, &other), path);
     }
@@ -357,8 +364,9 @@ struct More {
     words: String,
     figures: BTreeMap<String, f64>,
     is_board: bool,
-    /// Of the older calibration.
-    clocks: Clocks,
+    older: Option<Calibration>,
+    /// Whether the older calibration was adjusted, so that its world is that of the new one.
+    is_adjusted: bool,
 }
 
 impl More {
@@ -414,14 +422,67 @@ fn wishes(args: &CalibrateArgs) -> Wishes {
     }
 }
 
-/// Clocks that were not estimated stay as they were, as do the frame rates of those that were.
-fn carry_over(calibration: &mut Calibration, older: &Clocks) {
-    for (name, clock) in &older.0 {
+/// Lengths of two calibrations that differ by a larger part of them are told apart [–].
+const SAME_LENGTH: f64 = 0.02;
+/// Lengths that differ by a larger factor are no older calibration's roughness: the side of a square is wrong, or an inch was taken for
+/// something else [–].
+const CONTRADICTION: f64 = 1.5;
+
+/// What to know, or a refusal, where metres by a board or a wand are not those of the older calibration.
+fn other_lengths(solved: &Solved, older: &Calibration) -> Result<Option<String>, String> {
+    let Some(older_from_new) = compare(solved, older).ok().map(|it| it.scale()) else { return Ok(None) };
+    if older.length_unit != LengthUnit::Metre || (older_from_new - 1.0).abs() < SAME_LENGTH {
+        return Ok(None);
+    }
+    let known: Vec<&SolvedCamera> = solved.cameras.iter().filter(|it| it.status == CameraStatus::Calibrated).collect();
+    let pairs =
+        known.iter().enumerate().flat_map(|(index, first)| known[index + 1..].iter().map(move |it| (*first, *it)));
+    let distance = |it: &(&SolvedCamera, &SolvedCamera)| (it.0.camera.centre() - it.1.camera.centre()).norm();
+    let Some(pair) = pairs.max_by(|a, b| distance(a).total_cmp(&distance(b))) else { return Ok(None) };
+    let [new_m, older_m] = [distance(&pair), distance(&pair) * older_from_new];
+    let [first, second] = [&pair.0.name, &pair.1.name];
+    let both = format!(
+        "by what was shown now, {first} and {second} are {new_m:.3} m apart, by the older calibration {older_m:.3} m"
+    );
+    if (1.0 / CONTRADICTION..CONTRADICTION).contains(&older_from_new) {
+        return Ok(Some(format!("lengths are other ones than before: {both}\n")));
+    }
+    Err(format!(
+        "error: lengths contradict each other: {both}; check the length of the wand or the side of the squares, or say --from-nothing"
+    ))
+}
+
+/// Clocks that were not estimated stay as they were, as do the frame rates of those that were, and where the older calibration was adjusted,
+/// cameras that were not found. Names of these, and of those that are lost.
+fn carry_over(calibration: &mut Calibration, older: &Calibration, is_adjusted: bool) -> CarriedOver {
+    let missing = older.cameras.iter().filter(|it| calibration.camera(&it.name).is_none());
+    let missing: Vec<NamedCamera> = missing.cloned().collect();
+    let names = missing.iter().map(|it| it.name.clone()).collect();
+    let carried = match is_adjusted {
+        true => CarriedOver { kept: names, lost: Vec::new() },
+        false => CarriedOver { kept: Vec::new(), lost: names },
+    };
+    for camera in missing.into_iter().filter(|_| is_adjusted) {
+        let uncertainty = older.uncertainties.get(&camera.name).cloned();
+        calibration.uncertainties.extend(uncertainty.map(|it| (camera.name.clone(), it)));
+        calibration.cameras.push(camera);
+    }
+    for (name, clock) in &older.clocks.0 {
         if calibration.camera(name).is_some() {
             let kept = calibration.clocks.0.entry(name.clone()).or_insert_with(|| *clock);
             kept.frame_rate_hz = kept.frame_rate_hz.or(clock.frame_rate_hz);
         }
     }
+    carried
+}
+
+/// Cameras of the older calibration that were not calibrated.
+#[derive(Debug, Default)]
+struct CarriedOver {
+    /// They stand in the new one as they stood in the older.
+    kept: Vec<String>,
+    /// They do not stand in the new one.
+    lost: Vec<String>,
 }
 
 /// What fixes scale and axes of the calibration that is to be adjusted.
@@ -462,7 +523,8 @@ fn conclude(
         note: format!("calibrated with {}", args.rig.display()),
     };
     let mut calibration = room.solved.to_calibration(origin).map_err(|error| format!("error: {error}"))?;
-    carry_over(&mut calibration, &more.clocks);
+    let carried = more.older.as_ref().map(|older| carry_over(&mut calibration, older, more.is_adjusted));
+    let carried = carried.unwrap_or_default();
     let text = calibration.to_toml();
     let write =
         |path: &Path, bytes: &str| results::write_whole(path, bytes.as_bytes()).map_err(|it| format!("error: {it}"));
@@ -480,9 +542,12 @@ fn conclude(
     }
     say(&more.told(&words::describe(room, recording)));
     say(&more.words);
+    if !carried.kept.is_empty() {
+        say(&format!("kept as the older calibration has them: {}\n", carried.kept.join(", ")));
+    }
     say(&more.told(&format!("\n{checks}\n")));
     if args.write {
-        say(&replace(older, &text, checks)?);
+        say(&replace(older, &text, checks, &carried.lost)?);
     }
     say(&format!("results: {}/\n  {}\n", folder.display(), files.join("  ")));
     Ok(exit::DONE)
@@ -514,11 +579,20 @@ fn page(
 }
 
 /// Puts the calibration in place of the one that the rig names, which is kept beside it.
-fn replace(older: &Path, text: &str, checks: &Checks) -> Result<String, String> {
+fn replace(older: &Path, text: &str, checks: &Checks, lost: &[String]) -> Result<String, String> {
     if checks.verdict.level == Level::Redo {
         return Ok(format!("{} stays as it is: the verdict is \"redo\"\n", older.display()));
     }
-    let kept = older.with_extension("before.toml");
+    if !lost.is_empty() {
+        return Ok(format!(
+            "{} stays as it is, since {} would be lost: not calibrated; the others stand in the results' calibration.toml\n",
+            older.display(),
+            lost.join(", ")
+        ));
+    }
+    let backups = (1..)
+        .map(|it| older.with_extension(if it == 1 { "before.toml".to_owned() } else { format!("before-{it}.toml") }));
+    let Some(kept) = backups.into_iter().find(|it| !it.exists()) else { unreachable!("there are numbers enough") };
     std::fs::copy(older, &kept).map_err(|error| format!("error: {} cannot be kept: {error}", older.display()))?;
     results::write_whole(older, text.as_bytes()).map_err(|it| format!("error: {it}"))?;
     Ok(format!("{} is replaced; the one before is {}\n", older.display(), kept.display()))

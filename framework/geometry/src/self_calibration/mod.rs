@@ -50,24 +50,13 @@ pub struct SelfCalibrationRules {
     pub max_partners: usize,
     /// A free focal length whose standard deviation is a larger part of it than this is refused [–].
     pub max_focal_sigma: f64,
-    /// Any other free optic is held as given when one standard deviation of it moves a pixel at the edge of what its camera saw by a
-    /// larger part of the focal length than this [–].
-    pub max_optics_sigma: f64,
     /// Of the random draws.
     pub seed: u64,
 }
 
 impl Default for SelfCalibrationRules {
     fn default() -> Self {
-        Self {
-            sigma_px: 0.5,
-            inlier_px: 3.0,
-            min_common: 10,
-            max_partners: 20,
-            max_focal_sigma: 0.04,
-            max_optics_sigma: 0.02,
-            seed: 1,
-        }
+        Self { sigma_px: 0.5, inlier_px: 3.0, min_common: 10, max_partners: 20, max_focal_sigma: 0.04, seed: 1 }
     }
 }
 
@@ -166,7 +155,6 @@ fn check(
         ("inlier_px", rules.inlier_px),
         ("max_partners", rules.max_partners as f64),
         ("max_focal_sigma", rules.max_focal_sigma),
-        ("max_optics_sigma", rules.max_optics_sigma),
     ] {
         if !(found.is_finite() && found > 0.0) {
             return Err(SelfCalibrationFault::BadRule { rule, found });

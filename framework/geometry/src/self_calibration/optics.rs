@@ -1,14 +1,14 @@
 //! Optics beyond the focal length: freed when the room stands, and held again where the sightings do not hold them.
 //!
-//! What re-projection gains by a further parameter says nothing. So two things are asked of each camera's: that its standard
-//! deviation stays small where the camera saw the light, and that sightings which were kept back are predicted at least as well.
+//! What re-projection gains by a further parameter says nothing. So what is known of any lens beforehand goes into the adjustment, which
+//! keeps an optic that pixels hold too little within reason and no more certain than that ([`crate::bundle::OpticsPrior`]); and sightings which were
+//! kept back must be predicted at least as well.
 
 use foveate_estimation::Loss;
 
 use super::rounds::{LATE_ROUNDS, Room};
 use super::status::{HeldBecause, OpticHeld};
-use crate::bundle::{CameraCovariance, Freedom, OpenParameters, Optic};
-use crate::camera::Camera;
+use crate::bundle::{Freedom, OpenParameters, Optic};
 
 /// One right sighting in so many of a camera is kept back.
 const KEPT_BACK: usize = 5;
@@ -16,9 +16,6 @@ const KEPT_BACK: usize = 5;
 const LEAST_KEPT: usize = 8;
 /// Optics that are not needed cost some hold-out error, which is no reason to refuse them.
 const MAX_HOLD_OUT_LOSS: f64 = 1.05;
-
-/// Where a camera saw no light, pixels may be so many times less certain.
-const CORNER_LENIENCE: f64 = 5.0;
 
 /// Factors of the focal lengths and summands of k1 that are free, in the order in which they are tried.
 pub(super) fn guesses(free: &[Freedom]) -> Vec<[f64; 2]> {
@@ -43,8 +40,9 @@ pub(super) fn free_what_holds(room: &mut Room<'_>) -> Option<Vec<Vec<OpticHeld>>
     free.freed = room.tracks.free.to_vec();
     loop {
         let adjusted = free.adjust(Loss::HUBER, true)?;
+        // What pixels hold too little is kept within reason by what is known of any lens, and is no more certain than that.
         let refused = match adjusted.covariance {
-            Some(Ok(covariance)) => uncertain(&free, &covariance),
+            Some(Ok(_)) => Vec::new(),
             Some(Err(open)) => left_open(&free, &open),
             None => Vec::new(),
         };
@@ -100,48 +98,6 @@ fn restore(room: &mut Room<'_>, camera: usize) {
         if !free {
             *own = given;
         }
-    }
-}
-
-/// Of each camera, the optic that is known worst, if too badly.
-fn uncertain(room: &Room<'_>, covariance: &[CameraCovariance]) -> Vec<(usize, OpticHeld)> {
-    let limit = room.rules.max_optics_sigma;
-    let worst = |(camera, covariance): (usize, &CameraCovariance)| {
-        let found = room.cameras[camera].as_ref()?;
-        let radius = edge(room, camera, found);
-        // Where no light was seen yet there will be one later: up to the corners of the picture, though not as strictly.
-        let size = found.image_size.map(f64::from);
-        let corner = 0.5 * size[0].hypot(size[1]) / found.intrinsics.focal[0];
-        let sigma = |optic: Optic| {
-            let there = at_edge(optic, covariance, found, corner.max(radius)) / CORNER_LENIENCE;
-            at_edge(optic, covariance, found, radius).max(there)
-        };
-        let sigmas = Optic::ALL[1..].iter().map(|optic| (*optic, sigma(*optic)));
-        let (optic, sigma) = sigmas.max_by(|a, b| a.1.total_cmp(&b.1))?;
-        (sigma > limit).then_some((camera, OpticHeld { optic, reason: HeldBecause::Uncertain { sigma, limit } }))
-    };
-    room.members().into_iter().zip(covariance).filter_map(worst).collect()
-}
-
-/// Distance from the optical axis of the outermost right sighting, in focal lengths.
-fn edge(room: &Room<'_>, camera: usize, found: &Camera) -> f64 {
-    let right = room.tracks.of_camera[camera].iter().filter(|it| room.right[**it]);
-    let radius = |it: &usize| found.normalise(&room.tracks.sightings[*it].pixel).map_or(0.0, |it| it.norm());
-    right.map(radius).fold(0.0, f64::max)
-}
-
-/// By how much one standard deviation moves a pixel at `radius`, in focal lengths.
-fn at_edge(optic: Optic, covariance: &CameraCovariance, camera: &Camera, radius: f64) -> f64 {
-    let sigma = &covariance.optics;
-    match optic {
-        Optic::Focal => sigma.focal * radius,
-        Optic::Aspect => sigma.aspect * radius,
-        Optic::Principal => sigma.principal[0].max(sigma.principal[1]) / camera.intrinsics.focal[0],
-        Optic::K1 => sigma.radial[0] * radius.powi(3),
-        Optic::K2 => sigma.radial[1] * radius.powi(5),
-        Optic::K3 => sigma.radial[2] * radius.powi(7),
-        // 3 r² along the worse of the two directions.
-        Optic::Decentering => 3.0 * sigma.decentering[0].max(sigma.decentering[1]) * radius * radius,
     }
 }
 

@@ -62,6 +62,12 @@ pub(super) fn run(
     Some(room.finish(last, status, held))
 }
 
+/// Whether there is a lens of such a focal length; one that ran away stands for a room that the sightings do not hold.
+fn is_lens(camera: &Camera) -> bool {
+    let longer = f64::from(camera.image_size[0].max(camera.image_size[1]));
+    (0.1..50.0).contains(&(camera.intrinsics.focal[0] / longer))
+}
+
 impl Room<'_> {
     /// Cameras that have a pose.
     pub(super) fn members(&self) -> Vec<usize> {
@@ -174,6 +180,8 @@ impl Room<'_> {
         }
         for camera in &members {
             let sigma = covariance[*camera].as_ref().map_or(0.0, |it| it.optics.focal);
+            let is_lens = self.cameras[*camera].as_ref().is_none_or(is_lens) || !self.freed[*camera].focal;
+            let sigma = if is_lens { sigma } else { f64::INFINITY };
             if sigma > self.rules.max_focal_sigma {
                 status[*camera] = CameraStatus::FocalOpen { sigma };
             }

@@ -107,13 +107,6 @@ pub struct OpticHeld {
 pub enum HeldBecause {
     /// Nothing tells it from the others.
     Open,
-    /// It would be known too badly.
-    Uncertain {
-        /// One standard deviation of it moves a pixel at the edge of what was seen so far, in focal lengths [–].
-        sigma: f64,
-        /// At most this was allowed [–].
-        limit: f64,
-    },
     /// With it, sightings that had been kept back were predicted no better.
     HoldOut {
         /// Their error with this camera's optics as given, root mean square [px].
@@ -128,10 +121,6 @@ impl std::fmt::Display for OpticHeld {
         write!(to, "{} stays as given: ", self.optic)?;
         match self.reason {
             HeldBecause::Open => write!(to, "the sightings leave it open"),
-            HeldBecause::Uncertain { sigma, limit } => {
-                let [sigma, limit] = [sigma, limit].map(|it| 100.0 * it);
-                write!(to, "it would be known to {sigma:.1} % of the focal length only, expected at most {limit:.1} %")
-            }
             HeldBecause::HoldOut { held_px, freed_px } => {
                 write!(to, "sightings kept back are {held_px:.2} px off with it held, {freed_px:.2} px with it free")
             }
