@@ -46,20 +46,20 @@ pub(super) fn of_light(recording: &Recording) -> Vec<Moment> {
     of_frames(&frames(recording, &vec![Some(same); recording.cameras.len()], &FrameRules::default()))
 }
 
-/// Whether most cameras take their pictures when others do; looks are in order.
+/// Whether cameras take their pictures together: of those that others take within half a period, most are of the same moment. By
+/// chance a fifth would be. Looks are in order.
 fn are_triggered_together(recording: &Recording) -> bool {
     let (looks, tolerance) = (&recording.looks, tolerance_s(recording));
-    let mut together = vec![(0_usize, 0_usize); recording.cameras.len()];
+    let half_period = 0.5 * shortest_period(recording);
+    let (mut together, mut all) = (0_usize, 0_usize);
     for (index, look) in looks.iter().enumerate() {
-        let is_near = |it: &Look| (it.time_s - look.time_s).abs() <= tolerance;
-        let after = looks[index + 1..].iter().take_while(|it| is_near(it));
-        let before = looks[..index].iter().rev().take_while(|it| is_near(it));
-        let has_company = after.chain(before).any(|it| it.camera != look.camera);
-        let counts = &mut together[look.camera];
-        *counts = (counts.0 + usize::from(has_company), counts.1 + 1);
+        let after = looks[index + 1..].iter().take_while(|it| it.time_s - look.time_s < half_period);
+        for other in after.filter(|it| it.camera != look.camera) {
+            all += 1;
+            together += usize::from(other.time_s - look.time_s <= tolerance);
+        }
     }
-    let seeing = together.iter().filter(|it| it.1 > 0);
-    2 * seeing.clone().filter(|it| 2 * it.0 >= it.1).count() >= seeing.count()
+    2 * together >= all
 }
 
 /// Moments at which pictures were taken together; looks are in order. Pictures without spots are left out.
