@@ -394,3 +394,26 @@ fn real_pictures_are_calibrated_at_least_as_well_as_by_the_peer() {
     // MultiCamSelfCal on the same pictures: 0.36 px in the median, 446 frames.
     assert!(figure("reprojection_px.median") <= 0.36 && figure("frames_used") >= 446.0, "{summary:#}");
 }
+
+#[test]
+fn rows_written_twice_do_no_harm_and_two_lights_are_told() {
+    let all = cameras();
+    let lab = Lab::new(&all, |frame, camera| seen(&all, frame, camera));
+    let table = lab.read("seen.csv");
+    let (header, rows) = table.split_once('\n').unwrap();
+    let twice: String = rows.lines().map(|it| format!("{it}\n{it}\n")).collect();
+    lab.write("seen.csv", &format!("{header}\n{twice}"));
+    let (code, said, complaint) = lab.calibrate(&[]);
+    assert_eq!(code, 0, "{said}\n{complaint}");
+    assert!(lab_is(&lab, 5.0) && said.contains("spots written twice"), "{said}");
+    fs::remove_file(lab.folder.path().join("out/calibration.toml")).unwrap();
+    // The second light, 20 px beside the first.
+    let beside = |row: &str| {
+        let fields: Vec<&str> = row.split(',').collect();
+        let x = fields[2].parse::<f64>().map_or(String::new(), |it| (it - 20.0).max(0.0).to_string());
+        format!("{row}\n{},{},{x},{}\n", fields[0], fields[1], fields[3])
+    };
+    let two: String = rows.lines().map(beside).collect();
+    lab.write("seen.csv", &format!("{header}\n{two}"));
+    lab.refuses(&[], &["most pictures of c0 and of 4 more cameras hold 2 spots: a wand (--wand-mm)?"]);
+}

@@ -1,6 +1,6 @@
 //! What is set aside of a recording before anything is computed, and why.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use crate::recording::{Look, Recording, Spot};
 
@@ -24,6 +24,8 @@ pub struct Cleaning {
     pub with_spots: usize,
     /// Spots with a number that is none, or outside of the picture.
     pub unusable: usize,
+    /// Spots that repeat another one of the same picture to the last digit: rows that were written twice.
+    pub written_twice: usize,
     /// Pictures of a time of which there was one already.
     pub repeated_times: usize,
     /// Pictures that show exactly what the one before shows while other cameras see the light move: a frame given twice.
@@ -55,6 +57,9 @@ pub(super) fn cleaned(recording: &Recording) -> (Recording, Vec<Cleaning>) {
         let camera = &recording.cameras[look.camera].camera;
         look.spots.retain(|it| is_usable(it) && camera.has_pixel(&it.pixel));
         notes[look.camera].unusable += before - look.spots.len();
+        let before = look.spots.len();
+        keep_distinct(&mut look.spots);
+        notes[look.camera].written_twice += before - look.spots.len();
     }
     drop_lamps(&mut looks, &mut notes);
     drop_repeated_pictures(&mut looks, &mut notes);
@@ -68,6 +73,13 @@ pub(super) fn cleaned(recording: &Recording) -> (Recording, Vec<Cleaning>) {
 
 fn is_usable(spot: &Spot) -> bool {
     spot.pixel.coords.norm().is_finite() && spot.sigma_px.is_finite() && spot.sigma_px > 0.0
+}
+
+/// Takes out spots that equal an earlier one in every number.
+pub fn keep_distinct(spots: &mut Vec<Spot>) {
+    let numbers = |it: &Spot| ([it.pixel.x, it.pixel.y, it.sigma_px, it.peak].map(f64::to_bits), it.label);
+    let mut known = BTreeSet::new();
+    spots.retain(|it| known.insert(numbers(it)));
 }
 
 /// The spot that is the light, if that can be told from one picture.

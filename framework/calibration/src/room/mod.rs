@@ -19,7 +19,7 @@ use foveate_geometry::bundle::Freedom;
 use foveate_geometry::self_calibration::{OpticHeld, SelfCalibrationFault};
 use foveate_geometry::{Camera, CameraStatus, SelfCalibration, SelfCalibrationRules, Sighting, self_calibrate};
 
-pub use self::cleaning::Cleaning;
+pub use self::cleaning::{Cleaning, keep_distinct};
 use self::moments::Moment;
 pub use self::recalibrate::{Moved, recalibrate};
 use self::settle::Room;

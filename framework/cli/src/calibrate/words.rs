@@ -3,8 +3,8 @@
 use std::fmt::Write;
 
 use foveate_calibration::clocks::ClockStatus;
-use foveate_calibration::recording::Recording;
-use foveate_calibration::room::{SolvedRoom, SynchronisedRoom, in_names};
+use foveate_calibration::recording::{Look, Recording};
+use foveate_calibration::room::{SolvedRoom, SynchronisedRoom, in_names, keep_distinct};
 use foveate_calibration::solved::{FixedFreedoms, SightingRole, SolvedCamera};
 use foveate_estimation::statistics::Summary;
 use foveate_geometry::{CameraStatus, OpticHeld};
@@ -105,6 +105,34 @@ pub fn with_remarks(fault: &str, remarks: &[String]) -> String {
     std::iter::once(fault.to_owned()).chain(remarks.iter().map(|it| format!("\n  {it}"))).collect()
 }
 
+/// What those of `cameras` may have been shown whose pictures mostly hold several spots; `None` where there are none of them.
+pub fn several_spots(recording: &Recording, cameras: impl Iterator<Item = usize>) -> Option<String> {
+    let mut several = cameras.filter_map(|it| Some((it, usual_spots(recording, it).filter(|n| *n > 1)?)));
+    let (first, n) = several.next()?;
+    let others = match several.count() {
+        0 => String::new(),
+        1 => " and of 1 more camera".to_owned(),
+        others => format!(" and of {others} more cameras"),
+    };
+    Some(format!(
+        "most pictures of {}{others} hold {n} spots: a wand (--wand-mm)? a board (--chessboard, --charuco)? or lamps",
+        recording.cameras[first].name
+    ))
+}
+
+/// How many distinct spots a picture of `camera` holds in the median, of those that hold any.
+fn usual_spots(recording: &Recording, camera: usize) -> Option<usize> {
+    let of_camera = recording.looks.iter().filter(|it| it.camera == camera && !it.spots.is_empty());
+    let count = |look: &Look| {
+        let mut spots = look.spots.clone();
+        keep_distinct(&mut spots);
+        spots.len()
+    };
+    let mut counts: Vec<usize> = of_camera.map(count).collect();
+    counts.sort_unstable();
+    counts.get(counts.len() / 2).copied()
+}
+
 /// What became of each camera's clock.
 pub fn clocks(found: &SynchronisedRoom, recording: &Recording) -> Vec<String> {
     let cameras = found.room.solved.cameras.iter().zip(&found.clocks);
@@ -170,6 +198,7 @@ fn set_aside(room: &SolvedRoom) -> Vec<String> {
         let mut parts = Vec::new();
         let mut part = |n: usize, what: &str| parts.extend((n > 0).then(|| format!("{n} {what}")));
         part(it.unusable, "spots outside of the picture or without a number");
+        part(it.written_twice, "spots written twice");
         part(it.repeated_times, "pictures of a time that was there already");
         part(it.repeated_pictures, "pictures that repeat the one before");
         part(it.lamps.len(), "places with a light that does not move");

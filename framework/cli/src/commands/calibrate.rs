@@ -319,7 +319,11 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         (true, None) => room::from_nothing(&captured.recording, sought, &rules),
         (false, None) => room::recalibrate(&captured.recording, sought, &fixed, &rules),
     };
-    let mut solved = solve.map_err(|fault| format!("error: {fault}{}", hint(&captured)))?;
+    let mut solved = solve.map_err(|fault| format!("error: {fault}{}", hint(args, &captured)))?;
+    if args.wand_mm.is_none() && board.is_none() {
+        let left_out = solved.solved.cameras.iter().enumerate().filter(|it| it.1.status != CameraStatus::Calibrated);
+        notes.extend(words::several_spots(&captured.recording, left_out.map(|it| it.0)));
+    }
     let lengths = match args.wand_mm {
         Some(length_mm) => Some(measured_by_wand(&mut solved, length_mm)?),
         None => None,
@@ -402,10 +406,13 @@ fn measured_by_wand(room: &mut SolvedRoom, length_mm: f64) -> Result<Vec<LengthS
     Ok(samples.iter().map(error).collect())
 }
 
-/// What to do about a room that cannot be solved, as far as coverage tells.
-fn hint(captured: &Captured) -> String {
+/// What to do about a room that cannot be solved, as far as what was seen tells.
+fn hint(args: &CalibrateArgs, captured: &Captured) -> String {
+    let all = 0..captured.recording.cameras.len();
+    let several = words::several_spots(&captured.recording, all).filter(|_| args.wand_mm.is_none());
     let missing = captured.coverage.state().missing;
-    missing.iter().take(3).map(|it| format!("\n  {it}")).collect()
+    let lines = several.into_iter().chain(missing.iter().take(3).map(ToString::to_string));
+    lines.map(|it| format!("\n  {it}")).collect()
 }
 
 fn wishes(args: &CalibrateArgs) -> Wishes {
