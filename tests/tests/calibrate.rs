@@ -417,3 +417,20 @@ fn rows_written_twice_do_no_harm_and_two_lights_are_told() {
     lab.write("seen.csv", &format!("{header}\n{two}"));
     lab.refuses(&[], &["most pictures of c0 and of 4 more cameras hold 2 spots: a wand (--wand-mm)?"]);
 }
+
+#[test]
+fn camera_without_rows_is_named_and_the_others_calibrated() {
+    let all = cameras();
+    let lab = Lab::new(&all, |frame, camera| seen(&all, frame, camera));
+    let table = lab.read("seen.csv");
+    let kept: String = table.lines().filter(|it| !it.contains(",c3,")).map(|it| format!("{it}\n")).collect();
+    lab.write("seen.csv", &kept);
+    let (code, said, complaint) = lab.calibrate(&[]);
+    assert_eq!(code, 0, "{said}\n{complaint}");
+    assert!(lab_is(&lab, 4.0) && said.contains("left out: c3"), "{said}");
+    assert!(complaint.contains("note: ") && complaint.contains("no row of camera `c3`"), "{complaint}");
+    fs::remove_file(lab.folder.path().join("out/calibration.toml")).unwrap();
+    let renamed = (0..5).fold(table, |table, it| table.replace(&format!(",c{it},"), &format!(",d{it},")));
+    lab.write("seen.csv", &renamed);
+    lab.refuses(&[], &["no row of a camera of the calibration; it has rows of `d0`"]);
+}

@@ -74,6 +74,7 @@ pub struct Detections {
     latency: Interval,
     path: PathBuf,
     instance: String,
+    camera: String,
     /// Cameras with rows that the calibration does not know.
     unknown_cameras: Vec<String>,
 }
@@ -111,18 +112,26 @@ impl Node for Detections {
             row: "line",
         };
         let mut table = Table::read(&path, &wanted).map_err(|fault| ConfigError::at("path", fault))?;
+        let is_unknown = |name: &&String| setup.calibration.index_of(name).is_none();
+        if table.frames.is_empty() && table.other_cameras.iter().all(|it| is_unknown(&it)) {
+            let names: Vec<String> = table.other_cameras.iter().map(|it| format!("`{it}`")).collect();
+            // Of no camera in particular, so that it is said once.
+            let (path, names) = (path.display(), names.join(", "));
+            let fault = format!("`{path}` holds no row of a camera of the calibration; it has rows of {names}");
+            return Err(ConfigError::at("path", fault));
+        }
         if (clock.offset_s, clock.rate) != (0.0, 1.0) {
             // Rates are above 0, so that the order stays.
             table.frames.iter_mut().for_each(|it| it.time = Time::from_s(clock.session_s(it.time.as_s())));
         }
         let start = Interval::from_s(settings.start_s);
         let before_start = table.frames.iter().filter(|it| it.time + start < Time::ZERO).count();
-        if before_start == table.frames.len() {
+        if before_start == table.frames.len() && before_start > 0 {
             let fault = format!("all times in `{}` lie before the start of the session; set start_s", path.display());
             return Err(ConfigError::at("path", fault));
         }
-        let first = table.frames[before_start].time + start;
-        if first > Time::from_s(LATEST_START_S) {
+        let first = table.frames.get(before_start).map(|it| it.time + start);
+        if let Some(first) = first.filter(|it| *it > Time::from_s(LATEST_START_S)) {
             let fault = format!(
                 "`{}` begins at {first}; set start_s = {:.6} to begin there",
                 path.display(),
@@ -131,10 +140,10 @@ impl Node for Detections {
             return Err(ConfigError::at("path", fault));
         }
         let latency = Interval::from_ms(settings.latency_ms);
-        let is_unknown = |name: &&String| setup.calibration.index_of(name).is_none();
         let unknown_cameras = table.other_cameras.iter().filter(is_unknown).cloned().collect();
         let instance = setup.instance.clone();
-        Ok(Self { table, next: before_start, before_start, start, latency, path, instance, unknown_cameras })
+        let camera = name.to_owned();
+        Ok(Self { table, next: before_start, before_start, start, latency, path, instance, camera, unknown_cameras })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -164,6 +173,9 @@ impl Node for Detections {
         let faults =
             table.faults.sentence(&format!("{instance} could not read {} of `{path}`", rows(table.faults.count())));
         report.remarks.extend(faults);
+        if table.frames.is_empty() {
+            report.remark(format!("{instance} gave nothing: `{path}` holds no row of camera `{}`", self.camera));
+        }
         if table.out_of_order > 0 {
             let late = rows(table.out_of_order);
             report.remark(format!("{instance} sorted `{path}` by time: {late} stood behind a later one"));
@@ -223,6 +235,18 @@ mod tests {
         let mut report = Report::default();
         node.finish(&mut report).unwrap();
         assert!(report.remarks.iter().any(|it| it.contains("narrow-3")), "{:?}", report.remarks);
+    }
+
+    #[test]
+    fn camera_without_rows_gives_nothing_and_says_so() {
+        let mut node = node_of("time_s,camera,x_px,y_px\n0.1,ring-2,5,6\n", 0.0).unwrap();
+        assert_eq!(node.due(), Due::Never);
+        let mut report = Report::default();
+        node.finish(&mut report).unwrap();
+        assert!(report.remarks[0].contains("holds no row of camera `ring-1`"), "{:?}", report.remarks);
+        let refused = node_of("time_s,camera,x_px,y_px\n0.1,narrow-3,5,6\n", 0.0).map(|_| ()).unwrap_err();
+        assert!(refused.message.contains("no row of a camera of the calibration"), "{refused}");
+        assert!(refused.message.contains("narrow-3"), "{refused}");
     }
 
     #[test]

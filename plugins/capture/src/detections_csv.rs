@@ -167,7 +167,8 @@ impl Table {
     /// Reads `path`, keeping the rows of one camera.
     ///
     /// # Errors
-    /// A sentence when nothing can be made of the file: no such file, no header, no readable row, not one row of the camera.
+    /// A sentence when nothing can be made of the file: no such file, no header, no readable row. Not one row of the camera beside those of
+    /// others is a table without frames.
     pub(crate) fn read(path: &Path, wanted: &Wanted<'_>) -> Result<Self, String> {
         if wanted.columns == Some(POINTS_DAT) {
             let rows = points_dat::rows_of(path, wanted.camera.0.into())?;
@@ -191,6 +192,7 @@ impl Table {
         let mut before_rows = stated;
         let mut cameras: BTreeSet<String> = BTreeSet::new();
         let mut rows: Vec<Row> = Vec::new();
+        let mut has_own_rows = false;
         let mut bytes = Vec::new();
         for number in 1_u64.. {
             bytes.clear();
@@ -239,6 +241,7 @@ impl Table {
                     continue;
                 }
             }
+            has_own_rows = true;
             match Row::of(&fields, columns, wanted) {
                 Ok(row) => rows.push(row.at(number)),
                 Err(Unreadable { time, fault }) => {
@@ -256,16 +259,12 @@ impl Table {
         table.collect(rows, wanted.camera);
         let has_content = table.frames.iter().any(|it| it.faults.is_empty() || !it.features.list.is_empty());
         match table.faults.sentence("no row can be used") {
-            _ if has_content => {
+            _ if has_content || (!has_own_rows && cameras.iter().any(|it| !it.is_empty())) => {
                 table.other_cameras = cameras;
                 Ok(table)
             }
             Some(sentence) => Err(sentence),
-            None if cameras.is_empty() => Err("holds a header and no rows".to_owned()),
-            None => {
-                let names: Vec<String> = cameras.into_iter().map(|it| format!("`{it}`")).collect();
-                Err(format!("holds no row of camera `{}`; it has rows of {}", wanted.name, names.join(", ")))
-            }
+            None => Err("holds a header and no rows".to_owned()),
         }
     }
 
@@ -527,6 +526,13 @@ mod tests {
     }
 
     #[test]
+    fn camera_without_rows_beside_others_is_a_table_without_frames() {
+        let table = parse("time_s,camera,x_px,y_px\n0,a,1,2\n0,c,1,2\n0\n").unwrap();
+        assert!(table.frames.is_empty());
+        assert!(table.other_cameras.contains("a") && table.other_cameras.contains("c"));
+    }
+
+    #[test]
     fn unusable_files_are_refused_with_the_reason() {
         let refused = |text: &str| parse(text).map(|_| ()).unwrap_err();
         assert!(refused("").contains("empty"));
@@ -534,7 +540,6 @@ mod tests {
         assert!(refused("time_s;camera;x_px;y_px\n").contains("lacks `time_s`"));
         assert!(refused("time_s,camera,x_px,y_px,time_s\n").contains("twice"));
         assert!(refused("time_s,camera,x_px,y_px\n").contains("no rows"));
-        assert!(refused("time_s,camera,x_px,y_px\n0,a,1,2\n0,c,1,2\n").contains("`a`, `c`"));
         assert!(refused("time_s,camera,x_px,y_px\n0,b,e,2\n").contains("line 2: x_px is `e`"));
         assert!(refused(&"x".repeat(9000)).contains("longer"));
         assert!(Table::parse(&[0xff, 0xd8, 0xff][..], &wanted()).map(|_| ()).unwrap_err().contains("UTF-8"));

@@ -100,11 +100,6 @@ pub fn left_out(room: &SolvedRoom, recording: &Recording) -> Vec<String> {
     list
 }
 
-/// A fault with what else was noticed.
-pub fn with_remarks(fault: &str, remarks: &[String]) -> String {
-    std::iter::once(fault.to_owned()).chain(remarks.iter().map(|it| format!("\n  {it}"))).collect()
-}
-
 /// What those of `cameras` may have been shown whose pictures mostly hold several spots; `None` where there are none of them.
 pub fn several_spots(recording: &Recording, cameras: impl Iterator<Item = usize>) -> Option<String> {
     let mut several = cameras.filter_map(|it| Some((it, usual_spots(recording, it).filter(|n| *n > 1)?)));

@@ -271,7 +271,8 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         coverage: Default::default(),
     };
     let captured = capture::capture(&args.rig, &draft, plan.cameras.clone(), &folder, &how)?;
-    lost(&captured.outcome, "").iter().for_each(|it| eprintln!("{}", harmless(it)));
+    let remarks = captured.outcome.report.remarks.iter().map(|it| format!("note: {it}"));
+    remarks.chain(lost(&captured.outcome, "")).for_each(|it| eprintln!("{}", harmless(&it)));
     let progress = |what: &str| {
         if !args.quiet {
             eprintln!("{what} …");
@@ -305,8 +306,7 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
                 ..BoardRules::default()
             };
             let found = boards::solve(&captured.recording, board, (!plan.from_nothing).then_some(fixed), &rules);
-            let found = found
-                .map_err(|fault| format!("error: {}", words::with_remarks(&fault, &captured.outcome.report.remarks)))?;
+            let found = found.map_err(|fault| format!("error: {fault}"))?;
             (notes, open) = (found.notes, found.open);
             Ok(found.room)
         }
