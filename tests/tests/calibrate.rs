@@ -434,3 +434,12 @@ fn camera_without_rows_is_named_and_the_others_calibrated() {
     lab.write("seen.csv", &renamed);
     lab.refuses(&[], &["no row of a camera of the calibration; it has rows of `d0`"]);
 }
+
+#[test]
+fn flags_of_a_board_without_a_board_are_refused() {
+    let all = cameras();
+    let lab = Lab::new(&all, |frame, camera| seen(&all, frame, camera));
+    lab.refuses(&["--square-mm", "30"], &["`--square-mm` and no board", "--chessboard", "board.detector"]);
+    lab.refuses(&["--board-floor", "1"], &["`--board-floor` and no board"]);
+    assert!(!lab.folder.path().join("out/sightings.csv").exists(), "told before anything runs");
+}

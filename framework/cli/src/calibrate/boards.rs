@@ -3,11 +3,13 @@
 use std::collections::BTreeMap;
 
 use foveate_board::BoardSettings;
+use foveate_board::detector::Detector;
 use foveate_calibration::axes::transformed;
 use foveate_calibration::board::{self, Board, BoardRules, BoardSolution, Refused};
 use foveate_calibration::recording::Recording;
 use foveate_calibration::room::{Cleaning, SolvedRoom};
 use foveate_calibration::solved::{FixedFreedoms, SightingRole, Solved};
+use foveate_dataflow::Node;
 use foveate_estimation::statistics::median;
 use foveate_geometry::{AlignmentRules, CameraStatus, align};
 
@@ -62,7 +64,14 @@ pub fn board(wishes: &BoardWishes, detector: Option<&BoardSettings>) -> Result<O
         }
         (BoardWishes { charuco: Some([columns, rows]), .. }, _) => Board::charuco(*columns, *rows, needed(square_m)?),
         (_, Some(it)) => Board::chessboard(it.columns, it.rows, needed(square_m)?),
-        (_, None) => return Ok(None),
+        (BoardWishes { square_mm: None, board_floor: None, .. }, None) => return Ok(None),
+        (_, None) => {
+            let flag = if wishes.square_mm.is_some() { "--square-mm" } else { "--board-floor" };
+            return Err(format!(
+                "error: `{flag}` and no board, expected `--chessboard` or `--charuco` with it, or a rig with `{}`",
+                Detector::TYPE
+            ));
+        }
     };
     made.map(Some).map_err(|fault| format!("error: {fault}"))
 }
@@ -126,8 +135,12 @@ pub fn solve(
     if misfit_views > 0 {
         notes.push(format!("{misfit_views} pictures whose corners do not lie as on the board"));
     }
-    if rules.floor_time_s.is_some() && solved.fixed.gravity.is_none() {
-        notes.push("no camera saw the board when it is said to have lain on the floor".to_owned());
+    if let Some(said) = rules.floor_time_s.filter(|_| solved.fixed.gravity.is_none()) {
+        let times = || boards.iter().map(|it| it.time_s);
+        let (from, until) = (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max));
+        return Err(format!(
+            "`--board-floor {said}`: no calibrated camera saw the board then, expected a time when it was seen: within {from:.2} to {until:.2} s"
+        ));
     }
     let solved = match older.filter(|_| solved.fixed.origin.is_none()) {
         Some(older) => in_older_world(solved, recording, older),

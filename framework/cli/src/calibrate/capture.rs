@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use foveate_board::BoardSettings;
 use foveate_board::detector::Detector;
+use foveate_calibration::board::Board;
 use foveate_calibration::coverage::{Coverage, CoverageRules};
 use foveate_calibration::recording::{CameraGuess, Recording};
 use foveate_dataflow::graph::{Graph, Instance};
@@ -15,6 +16,7 @@ use foveate_dataflow::run::{self, Options, Outcome, Progress};
 use foveate_dataflow::{Node, Registry, Role};
 use foveate_scene::{Draft, WorkingVolume};
 
+use super::boards::{self, BoardWishes};
 use super::guide::Guide;
 use super::recorder::{self, Gathered, Shared};
 use crate::output::wants_color;
@@ -42,6 +44,8 @@ pub struct Wishes {
     pub quiet: bool,
     /// End a live run when it is enough.
     pub stop_when_enough: bool,
+    /// What is said of a board.
+    pub board: BoardWishes,
     /// What counts as enough.
     pub coverage: CoverageRules,
 }
@@ -54,8 +58,8 @@ pub struct Captured {
     pub coverage: Coverage,
     /// How the run went.
     pub outcome: Outcome,
-    /// The settings of the detector, where it finds boards.
-    pub board: Option<BoardSettings>,
+    /// What was shown to the cameras, where it is no light.
+    pub board: Option<Board>,
 }
 
 /// The calibration to begin with, of which not all need be known.
@@ -95,6 +99,7 @@ pub fn capture(
     let mut registry = registry();
     recorder::register(&mut registry, &shared);
     let (graph, board) = detectors(rig_path, draft, &registry, wishes)?;
+    let board = boards::board(&wishes.board, board.as_ref())?;
     let graph = Arc::new(graph);
     if let Some([min, max]) = graph.scales.first().and_then(|it| it.volume_m)
         && let Some(volume) = WorkingVolume::new(min.into(), max.into())

@@ -268,6 +268,7 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         live: args.live,
         quiet: args.quiet,
         stop_when_enough: !args.keep_going,
+        board: args.board,
         coverage: Default::default(),
     };
     let captured = capture::capture(&args.rig, &draft, plan.cameras.clone(), &folder, &how)?;
@@ -278,7 +279,7 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
             eprintln!("{what} …");
         }
     };
-    let board = boards::board(&args.board, captured.board.as_ref())?;
+    let board = captured.board.as_ref();
     progress("solving the room");
     let fixed = fixed_before(&draft.calibration, &plan);
     let rules = RoomRules {
