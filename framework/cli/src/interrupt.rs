@@ -1,10 +1,18 @@
-//! Ctrl-C: the first ends a run in good order, the second ends the program.
+//! Ctrl-C: the first ends a run in good order, the second ends the program; of work that cannot be ended early, the first does.
 
-use std::sync::Arc;
+use std::io::IsTerminal;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 
 /// Exit code of a program that SIGINT ended, as shells report it.
 const INTERRUPTED: i32 = 130;
+
+static LAST_WORDS: OnceLock<String> = OnceLock::new();
+
+/// From now on Ctrl-C ends the program at once, with `words` on standard error, where [`stops`] was called before.
+pub fn ends(words: String) {
+    LAST_WORDS.get_or_init(|| words);
+}
 
 /// From now on Ctrl-C sets `stop`.
 ///
@@ -13,6 +21,12 @@ const INTERRUPTED: i32 = 130;
 pub fn stops(stop: &Arc<AtomicBool>) -> Result<(), String> {
     let stop = Arc::clone(stop);
     let handler = ctrlc::set_handler(move || {
+        if let Some(words) = LAST_WORDS.get() {
+            // Beside the ^C that a terminal shows, and the line before it.
+            let start = if std::io::stderr().is_terminal() { "\n" } else { "" };
+            eprintln!("{start}{words}");
+            std::process::exit(INTERRUPTED);
+        }
         if stop.swap(true, Ordering::Relaxed) {
             std::process::exit(INTERRUPTED);
         }

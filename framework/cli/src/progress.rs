@@ -1,6 +1,8 @@
 //! The line that shows where a run is: time, rates, targets, unmet requirements.
 
 use std::io::{IsTerminal, Write};
+use std::sync::mpsc::{self, RecvTimeoutError, Sender};
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use foveate_dataflow::graph::Graph;
@@ -90,5 +92,44 @@ impl Line {
         format!(
             "{now:7.1}{whole} s   {speed:.1}× real time   {cameras} cameras, {images:.0} frames/s   {targets} targets{unmet}"
         )
+    }
+}
+
+/// Shows on standard error that something takes its time, and how long already, until it is dropped.
+pub struct Waiting(Option<(Sender<()>, JoinHandle<()>)>);
+
+/// On a terminal the seconds are counted.
+const TICK: Duration = Duration::from_secs(1);
+/// Elsewhere one line in so long.
+const PLAIN_TICK: Duration = Duration::from_secs(10);
+
+impl Waiting {
+    /// From now on, for `what`; shows nothing where `quiet`.
+    pub fn new(what: &'static str, quiet: bool) -> Self {
+        let (done, over) = mpsc::channel();
+        let show = move || {
+            let (is_terminal, begun) = (std::io::stderr().is_terminal(), Instant::now());
+            let say = |text: &str| drop(std::io::stderr().lock().write_all(text.as_bytes()));
+            let (tick, again, end) = if is_terminal { (TICK, "\r\x1b[2K", "") } else { (PLAIN_TICK, "", "\n") };
+            say(&format!("{what} …{end}"));
+            while over.recv_timeout(tick) == Err(RecvTimeoutError::Timeout) {
+                say(&format!("{again}{what} … {} s{end}", begun.elapsed().as_secs()));
+            }
+            if is_terminal {
+                say("\n");
+            }
+        };
+        // Without a thread it is waited for in silence.
+        let thread = if quiet { None } else { thread::Builder::new().spawn(show).ok() };
+        Self(thread.map(|it| (done, it)))
+    }
+}
+
+impl Drop for Waiting {
+    fn drop(&mut self) {
+        if let Some((done, thread)) = self.0.take() {
+            drop(done);
+            drop(thread.join());
+        }
     }
 }

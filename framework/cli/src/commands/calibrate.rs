@@ -26,7 +26,8 @@ use crate::calibrate::capture::{self, Captured};
 use crate::calibrate::{figures, words};
 use crate::outcome::{harmless, lost};
 use crate::output::say;
-use crate::{exit, results};
+use crate::progress::Waiting;
+use crate::{exit, interrupt, results};
 
 /// `foveate calibrate`
 #[derive(Debug, clap::Args)]
@@ -274,13 +275,10 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
     let captured = capture::capture(&args.rig, &draft, plan.cameras.clone(), &folder, &how)?;
     let remarks = captured.outcome.report.remarks.iter().map(|it| format!("note: {it}"));
     remarks.chain(lost(&captured.outcome, "")).for_each(|it| eprintln!("{}", harmless(&it)));
-    let progress = |what: &str| {
-        if !args.quiet {
-            eprintln!("{what} …");
-        }
-    };
     let board = captured.board.as_ref();
-    progress("solving the room");
+    let sightings = folder.join(capture::SIGHTINGS);
+    interrupt::ends(format!("stopped by you before the end; what was seen is in {}", sightings.display()));
+    let solving = Waiting::new("solving the room", args.quiet);
     let fixed = fixed_before(&draft.calibration, &plan);
     let rules = RoomRules {
         inlier_px: args.inlier_px,
@@ -338,13 +336,15 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         true => other_lengths(&solved.solved, &draft.calibration)?,
         false => None,
     };
-    progress("checking it");
+    drop(solving);
+    let checking = Waiting::new("checking it", args.quiet);
     // The marks of a board lie in a plane, and each view is judged by itself whether it holds the optics.
     let check_rules = match &board {
         Some(_) => CheckRules { flatness: [0.0; 2], ..CheckRules::default() },
         None => CheckRules::default(),
     };
     let mut checks = check(&solved.solved, lengths.as_deref(), &check_rules);
+    drop(checking);
     if let Some(sentence) = open {
         checks.verdict.level = Level::Redo;
         checks.verdict.sentences.insert(0, sentence);
