@@ -58,6 +58,8 @@ pub struct Captured {
     pub coverage: Coverage,
     /// How the run went.
     pub outcome: Outcome,
+    /// Who ended it early, and when.
+    pub ended_early: Option<String>,
     /// What was shown to the cameras, where it is no light.
     pub board: Option<Board>,
 }
@@ -116,11 +118,11 @@ pub fn capture(
             node.path, node.node_type.name
         ));
     }
-    let outcome = run(&graph, &shared, folder, wishes)?;
+    let (outcome, ended_early) = run(&graph, &shared, folder, wishes)?;
     let mut gathered = lock(&shared);
     let looks = std::mem::take(&mut gathered.looks);
     let coverage = gathered.coverage.clone();
-    Ok(Captured { recording: Recording { cameras, looks }, coverage, outcome, board })
+    Ok(Captured { recording: Recording { cameras, looks }, coverage, outcome, ended_early, board })
 }
 
 fn lock(shared: &Shared) -> std::sync::MutexGuard<'_, Gathered> {
@@ -198,23 +200,35 @@ fn choose(graph: &Graph, wanted: Option<&str>) -> Result<(String, String, &'stat
     }
 }
 
-fn run(graph: &Arc<Graph>, shared: &Shared, folder: &Path, wishes: &Wishes) -> Result<Outcome, String> {
+/// How the run went, and who ended it early, and when.
+fn run(
+    graph: &Arc<Graph>,
+    shared: &Shared,
+    folder: &Path,
+    wishes: &Wishes,
+) -> Result<(Outcome, Option<String>), String> {
     let options = Options { out_dir: Some(folder.to_owned()), ..Options::default() };
     interrupt::stops(&options.stop).map_err(|it| format!("error: {it}"))?;
     let has_device = graph.instances.iter().any(|it| it.node_type.live);
     let is_live = wishes.live || has_device;
     let mut guide = Guide::new(graph, is_live);
     let stop = Arc::clone(&options.stop);
+    let mut enough = false;
     let mut observe = |progress: &Progress| {
         if !wishes.quiet {
             guide.show(progress, shared);
         }
         if is_live && wishes.stop_when_enough && guide.is_enough(shared) {
+            enough = true;
             stop.store(true, Ordering::Relaxed);
         }
     };
     let engine = if is_live { run::live } else { run::deterministic };
     let outcome = engine(Arc::clone(graph), &options, &mut observe).map_err(|error| format!("error: {error}"));
     guide.end();
-    outcome
+    let outcome = outcome?;
+    let whole = graph.duration.map_or(String::new(), |it| format!(" of {} s", it.as_s()));
+    let who = if enough { "enough was seen after" } else { "stopped by you after" };
+    let ended_early = outcome.interrupted.then(|| format!("{who} {:.1} s{whole}", outcome.ended.as_s()));
+    Ok((outcome, ended_early))
 }

@@ -273,6 +273,7 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         coverage: Default::default(),
     };
     let captured = capture::capture(&args.rig, &draft, plan.cameras.clone(), &folder, &how)?;
+    captured.ended_early.iter().for_each(|it| eprintln!("{it}"));
     let remarks = captured.outcome.report.remarks.iter().map(|it| format!("note: {it}"));
     remarks.chain(lost(&captured.outcome, "")).for_each(|it| eprintln!("{}", harmless(&it)));
     let board = captured.board.as_ref();
