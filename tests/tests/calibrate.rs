@@ -443,3 +443,13 @@ fn flags_of_a_board_without_a_board_are_refused() {
     lab.refuses(&["--board-floor", "1"], &["`--board-floor` and no board"]);
     assert!(!lab.folder.path().join("out/sightings.csv").exists(), "told before anything runs");
 }
+
+#[cfg(target_os = "linux")]
+#[test]
+fn full_disk_under_standard_output_is_told_once() {
+    let full = || fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let output = std::process::Command::new(the_program::program()).arg("nodes").stdout(full()).output().unwrap();
+    let complaint = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{complaint}");
+    assert_eq!(complaint.matches("standard output cannot be written").count(), 1, "{complaint}");
+}

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use foveate_cli::commands::Cli;
-use foveate_cli::exit;
+use foveate_cli::{exit, output};
 
 fn main() -> ExitCode {
     // A panic inside a node is caught, reported with the node's name and dealt with as the rig says; the default hook
@@ -13,6 +13,7 @@ fn main() -> ExitCode {
     panic::set_hook(Box::new(|_| {}));
     let cli = Cli::parse();
     match panic::catch_unwind(|| cli.run()) {
+        Ok(exit::DONE) if output::failed() => ExitCode::from(exit::INPUT),
         Ok(code) => ExitCode::from(code),
         Err(payload) => {
             let text = payload.downcast_ref::<&str>().copied();

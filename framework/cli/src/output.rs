@@ -1,11 +1,26 @@
 //! Words on the terminal: standard output that may be a closed pipe, and colour where somebody sees it.
 
-use std::io::{IsTerminal, Write};
+use std::io::{ErrorKind, IsTerminal, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Writes `text` to standard output. A reader that has gone away (`| head`) is no error.
+static FAILED: AtomicBool = AtomicBool::new(false);
+
+/// Writes `text` to standard output. A reader that has gone away (`| head`) is no error; another fault, such as a full disk, is
+/// reported once, and [`failed`] knows.
 pub fn say(text: &str) {
     let mut out = std::io::stdout().lock();
-    drop(out.write_all(text.as_bytes()).and_then(|()| out.flush()));
+    let written = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+    if let Err(error) = written
+        && error.kind() != ErrorKind::BrokenPipe
+        && !FAILED.swap(true, Ordering::Relaxed)
+    {
+        eprintln!("error: standard output cannot be written: {error}");
+    }
+}
+
+/// Whether something that was to be said on standard output is lost.
+pub fn failed() -> bool {
+    FAILED.load(Ordering::Relaxed)
 }
 
 /// Whether standard error is a terminal that wants colour.
