@@ -453,3 +453,27 @@ fn full_disk_under_standard_output_is_told_once() {
     assert_eq!(output.status.code(), Some(2), "{complaint}");
     assert_eq!(complaint.matches("standard output cannot be written").count(), 1, "{complaint}");
 }
+
+#[test]
+fn board_that_nobody_saw_on_the_floor_is_told_with_the_span_in_which_it_was_seen() {
+    let all = cameras();
+    let lab = Lab::new(&all, |_, _| None);
+    let mut table = "time_s,camera,x_px,y_px,label\n".to_owned();
+    for frame in 0..40 {
+        let time = f64::from(frame) / 10.0;
+        let turn = nalgebra::Vector3::new(0.5 * time.sin(), 0.5 * (1.7 * time).cos(), time);
+        let place = nalgebra::Vector3::new(0.4 * (1.3 * time).sin(), 0.4 * time.cos(), 1.0);
+        let pose = nalgebra::Isometry3::new(place, turn);
+        for (label, camera) in (0..30).flat_map(|label| (0..5).map(move |camera| (label, camera))) {
+            let mark = Point3::new(0.12 * f64::from(label % 6), -0.12 * f64::from(label / 6), 0.0);
+            if let Some(pixel) = all[camera].sees(&(pose * mark)) {
+                let _ = writeln!(table, "{time},c{camera},{},{},{label}", pixel.x, pixel.y);
+            }
+        }
+    }
+    lab.write("seen.csv", &table);
+    let board = ["--chessboard", "6x5", "--square-mm", "120", "--board-floor"];
+    lab.refuses(&[&board[..], &["99"]].concat(), &["--board-floor 99", "within 0.00 to 3.90 s"]);
+    let (code, said, complaint) = lab.calibrate(&[&board[..], &["2"]].concat());
+    assert!(code == 0 && said.contains("origin: by the board on the floor at 2 s"), "{said}\n{complaint}");
+}
