@@ -4,7 +4,6 @@ use nalgebra::Vector2;
 
 use super::*;
 use crate::alignment::{AlignmentRules, camera_errors};
-use crate::bundle::Optic;
 use crate::test_room;
 
 /// What cameras see of the path: `views` of them at each point.
