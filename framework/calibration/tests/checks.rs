@@ -2,8 +2,8 @@
 
 mod simulated_room;
 
-use foveate_calibration::checks::{CheckRules, Checks, LengthSample, Level, check};
-use foveate_calibration::solved::{SightingRole, Solved};
+use foveate_calibration::checks::{Cause, CheckRules, Checks, LengthSample, Level, check};
+use foveate_calibration::solved::{SightingRole, Solved, SolvedSighting};
 use foveate_geometry::CameraStatus;
 use foveate_scene::uncertainty::Fixed;
 use nalgebra::{Point3, Vector2};
@@ -166,6 +166,72 @@ fn a_camera_that_was_not_calibrated_is_told_with_the_reason() {
     assert_eq!(checks.verdict.level, Level::Usable);
     let sentence = "Camera wide-6 shares 4 frames with wide-3, 10 are needed: wave where both see.";
     assert!(checks.verdict.sentences.iter().any(|it| it == sentence), "{checks}");
+}
+
+#[test]
+fn a_camera_whose_pose_is_left_open_is_to_be_done_again() {
+    let mut room = solved(Fault::Nothing, 1);
+    for open in [vec![4], (0..room.cameras.len()).collect()] {
+        open.into_iter().for_each(|it: usize| room.cameras[it].covariance = None);
+        let checks = checked(&room);
+        assert_eq!(checks.verdict.level, Level::Redo, "{checks}");
+        assert!(
+            checks.cameras[4].judgement.sentence.starts_with("What was seen leaves the pose of camera wide-5 open")
+        );
+    }
+}
+
+/// The room with camera [`BAD`] left out of it, its pixels where `seen` has them.
+fn left_out(why: CameraStatus, seen: impl Fn(&mut SolvedSighting) -> bool) -> Solved {
+    let mut room = solved(Fault::Nothing, 1);
+    (room.cameras[BAD].status, room.cameras[BAD].covariance) = (why, None);
+    room.sightings.retain_mut(|it| {
+        if it.camera == BAD {
+            (it.role, it.residual) = (SightingRole::Unsolved, None);
+        }
+        seen(it)
+    });
+    room
+}
+
+#[test]
+fn a_mirrored_picture_is_named_and_no_lens_is_blamed_for_it() {
+    let status = || CameraStatus::Inconsistent { best: 0, common: 400, right: 20 };
+    let mirrored = left_out(status(), |it| {
+        if it.camera == BAD {
+            it.pixel.x = 639.0 - it.pixel.x;
+        }
+        true
+    });
+    let of_bad = |room: &Solved| checked(room).suspects.into_iter().find(|it| it.camera == BAD);
+    let told = of_bad(&mirrored).unwrap();
+    assert_eq!((told.cause, told.judgement.level), (Cause::Mirrored, Level::Redo));
+    assert!(told.judgement.sentence.contains("picture of camera wide-4 is mirrored"), "{}", told.judgement.sentence);
+    // Of another time: nothing explains that, least of all another focal length.
+    let pixels: Vec<_> = mirrored.sightings.iter().filter(|it| it.camera == BAD).map(|it| it.pixel).collect();
+    let mut other_time = mirrored.clone();
+    let n = pixels.len();
+    for (index, it) in other_time.sightings.iter_mut().filter(|it| it.camera == BAD).enumerate() {
+        it.pixel = pixels[(7 * index + n / 3) % n];
+    }
+    assert_eq!(of_bad(&other_time), None);
+}
+
+#[test]
+fn a_camera_that_never_sees_what_two_others_see_is_told_so() {
+    let witnessed: Vec<usize> = {
+        let room = solved(Fault::Nothing, 1);
+        room.sightings.iter().filter(|it| it.camera == BAD).map(|it| it.frame).collect()
+    };
+    // Where it sees the light, only wide-1 does as well.
+    let status = CameraStatus::Inconsistent { best: 1, common: 0, right: 0 };
+    let room = left_out(status, |it| it.camera == BAD || it.camera == 0 || !witnessed.contains(&it.frame));
+    let sentence = checked(&room).cameras[BAD].judgement.sentence.clone();
+    assert_eq!(
+        sentence,
+        "Camera wide-4 saw the light together with wide-1 alone: wave where wide-4 and two other \
+         cameras see it at once."
+    );
 }
 
 #[test]

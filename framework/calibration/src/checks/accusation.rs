@@ -30,7 +30,7 @@ pub(super) fn suspect(room: &Room<'_>, camera: usize, cause: Cause, misfit: f64,
         Cause::Clock { offset_s, sigma_s } => (
             grave,
             format!(
-                "The clock of camera {name} is off by {:+.1} ± {:.1} ms: have clocks estimated, or synchronise it.",
+                "The clock of camera {name} is off by {:+.1} ± {:.1} ms: synchronise it, or have clocks found (--from-nothing --unsynchronised).",
                 1e3 * offset_s,
                 1e3 * sigma_s
             ),
@@ -38,19 +38,22 @@ pub(super) fn suspect(room: &Room<'_>, camera: usize, cause: Cause, misfit: f64,
         Cause::Focal { factor } => (
             grave,
             format!(
-                "The focal length of camera {name} is off by {:+.1} %: let it be found (`focal` free), or check lens and zoom.",
+                "The focal length of camera {name} is off by {:+.1} %: let it be found (--optics focal), or check lens and zoom.",
                 100.0 * (factor - 1.0)
             ),
         ),
         Cause::Distortion { k1 } => (
             grave,
             format!(
-                "The lens of camera {name} distorts otherwise than its model (k1 {k1:+.3}): let distortion be found."
+                "The lens of camera {name} distorts otherwise than its model (k1 {k1:+.3}): let it be found (--optics lens)."
             ),
         ),
         Cause::Swapped { with } => {
             let (first, second) = (room.name(camera.min(with)), room.name(camera.max(with)));
             (Level::Redo, format!("Cameras {first} and {second} are swapped: exchange their names or cables."))
+        }
+        Cause::Mirrored => {
+            (Level::Redo, format!("The picture of camera {name} is mirrored, left to right: record it as it is."))
         }
         Cause::WrongSightings { share } => (
             Level::Usable,

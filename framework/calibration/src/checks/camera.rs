@@ -151,19 +151,12 @@ fn judge(room: &Room<'_>, camera: usize, check: &CameraCheck) -> Judgement {
     let name = &check.name;
     let status = &room.solved.cameras[camera].status;
     if !check.calibrated {
-        return Judgement::new(Level::Usable, uncalibrated(room, name, status));
+        return Judgement::new(Level::Usable, uncalibrated(room, camera, status));
     }
     let place = check.wave.clone().unwrap_or_else(|| "in front of it, near and far".to_owned());
     let wave = format!("wave {place}");
-    let any_stated = room.solved.cameras.iter().any(|it| it.covariance.is_some());
     let Some(pose) = &check.pose else {
-        if any_stated {
-            return Judgement::new(
-                Level::Redo,
-                format!("The pose of camera {name} is left open by what it saw: {wave}."),
-            );
-        }
-        return Judgement::new(Level::Good, format!("How well camera {name} is known is not stated."));
+        return Judgement::new(Level::Redo, format!("What was seen leaves the pose of camera {name} open: {wave}."));
     };
     let rules = room.rules;
     let by_centre = CheckRules::level(pose.relative, rules.centre_sigma);
@@ -191,7 +184,7 @@ fn judge(room: &Room<'_>, camera: usize, check: &CameraCheck) -> Judgement {
                 Pattern::Shifted => "all point one way: its principal point is off, or it moved",
                 Pattern::Scaled => "grow from the middle: its focal length is off",
                 Pattern::Rolled => "turn about the middle: it rolled during the recording",
-                Pattern::Distorted => "grow fast towards the corners: let its distortion be found",
+                Pattern::Distorted => "grow fast towards the corners: let its lens be found (--optics lens)",
                 Pattern::Other => "have a pattern: check its lens and mount",
             };
             Judgement::new(Level::Usable, format!("Residuals of camera {name} ({px:.2} px) {what}."))
@@ -208,7 +201,8 @@ pub(super) fn length(value: f64, unit: &str) -> String {
     }
 }
 
-fn uncalibrated(room: &Room<'_>, name: &str, status: &CameraStatus) -> String {
+fn uncalibrated(room: &Room<'_>, camera: usize, status: &CameraStatus) -> String {
+    let name = room.name(camera);
     let of = |camera: &usize| room.solved.cameras.get(*camera).map_or("?", |it| it.name.as_str());
     match status {
         CameraStatus::Calibrated => unreachable!("only cameras that are not calibrated come here"),
@@ -224,8 +218,20 @@ fn uncalibrated(room: &Room<'_>, name: &str, status: &CameraStatus) -> String {
         CameraStatus::NoPartner { best: None, .. } => {
             format!("Camera {name} never sees the light together with another: wave where it and another see.")
         }
+        // One that says so of itself had no other to be compared with, such as before a board.
+        CameraStatus::Inconsistent { best, common, .. } if *common < room.rules.min_common && *best != camera => {
+            let partners: Vec<&str> = room.partners(camera).into_iter().take(4).map(|it| room.name(it)).collect();
+            let with = match partners[..] {
+                [] => "together with no other".to_owned(),
+                _ => match partners.len() {
+                    1 => format!("together with {} alone", partners[0]),
+                    _ => format!("together with {}, but hardly with two of them at once", partners.join(", ")),
+                },
+            };
+            format!("Camera {name} saw the light {with}: wave where {name} and two other cameras see it at once.")
+        }
         CameraStatus::Inconsistent { best, common, right } => format!(
-            "No pose explains what camera {name} saw (with {}, {right} of {common} frames fit): check its lens, its mount and which camera it is.",
+            "No pose explains what camera {name} saw (with {}, {right} of {common} frames fit): check its lens, its mount and which camera's picture it is.",
             of(best)
         ),
         CameraStatus::NoDepth { best } => {

@@ -90,6 +90,13 @@ impl Samples {
         Samples { of: self.of[range].to_vec(), ..Samples { of: Vec::new(), ..*self } }
     }
 
+    /// As a picture `width` wide shows them in a mirror [px].
+    pub(super) fn mirrored(&self, width: u32) -> Samples {
+        let mut samples = self.clone();
+        samples.of.iter_mut().for_each(|it| it.pixel.x = f64::from(width) - 1.0 - it.pixel.x);
+        samples
+    }
+
     /// By sample: squared distance in standard deviations under `camera` as it stands.
     pub(super) fn squares(&self, camera: &Camera) -> Vec<f64> {
         let camera = self.centred(camera);

@@ -1,5 +1,7 @@
 //! A solved room, sorted by camera and by point, with the noise of its pixels.
 
+use std::collections::BTreeSet;
+
 use foveate_estimation::statistics::median;
 use foveate_geometry::self_calibration::CameraStatus;
 use foveate_geometry::triangulate::{PixelNoise, refine};
@@ -107,6 +109,21 @@ impl<'a> Room<'a> {
         let freedom = (numbers - (3 * points + cameras) as f64).max(0.1 * numbers);
         let variance = median(&squares).unwrap_or(0.0) / MEDIAN_CHI2 * numbers / freedom.max(1.0);
         variance.sqrt().max(LEAST_SIGMA_PX)
+    }
+
+    /// The cameras that see the light together with `camera` often enough, whether its place was found or not; those of most frames
+    /// first.
+    pub(super) fn partners(&self, camera: usize) -> Vec<usize> {
+        let own: BTreeSet<usize> =
+            self.solved.sightings.iter().filter(|it| it.camera == camera).map(|it| it.frame).collect();
+        let mut frames = vec![BTreeSet::new(); self.solved.cameras.len()];
+        for it in self.solved.sightings.iter().filter(|it| it.camera != camera && own.contains(&it.frame)) {
+            frames[it.camera].insert(it.frame);
+        }
+        let mut partners: Vec<usize> =
+            (0..frames.len()).filter(|it| frames[*it].len() >= self.rules.min_common).collect();
+        partners.sort_by_key(|it| std::cmp::Reverse(frames[*it].len()));
+        partners
     }
 
     /// The sightings of `camera`, whatever became of them, beside the points that the other cameras alone make of them; those in `out`

@@ -53,6 +53,8 @@ pub enum Cause {
         /// Of this one.
         with: usize,
     },
+    /// Its picture is mirrored, left to right.
+    Mirrored,
     /// Part of its sightings are not of the light. Where these were left out and the others are enough, that is told as a thing that is
     /// good as it is.
     WrongSightings {
@@ -103,6 +105,10 @@ const SWAPPED_RATIO: f64 = 3.0;
 /// Mean cost of a sighting that is off by noise alone, with as large a σ as is believed: the mean of Cauchy's loss over χ² with two
 /// degrees of freedom.
 const NOISE_COST: f64 = 1.55;
+/// With a larger share of sightings far off, no pose has to do with what a camera saw.
+const NO_POSE: f64 = 0.8;
+/// Focal lengths are off by no larger a factor, nor by its inverse.
+const FOCAL_FACTOR: f64 = 2.0;
 /// A camera with more wrong sightings than right ones was calibrated by luck.
 const MOST_WRONG: f64 = 0.5;
 
@@ -175,7 +181,14 @@ fn contradicting(room: &Room<'_>) -> Vec<Suspect> {
     }
     let (_, usual, usual_far) = rest.examine_all();
     for camera in (0..room.solved.cameras.len()).filter(|it| !is_calibrated(&room.solved.cameras[*it])) {
-        found.extend(rest.examine(camera).and_then(|it| rest.accuse(&it, usual, usual_far)));
+        let examined = rest.examine(camera);
+        if examined.as_ref().is_none_or(|it| it.far > NO_POSE) {
+            // Its status says already that no pose fits.
+            let is_mirrored = rest.is_mirrored(camera);
+            found.extend(is_mirrored.then(|| suspect(room, camera, Cause::Mirrored, f64::INFINITY, 1.0)));
+        } else {
+            found.extend(examined.and_then(|it| rest.accuse(&it, usual, usual_far)));
+        }
     }
     rest.find_swaps(&mut found);
     found
@@ -297,6 +310,21 @@ impl<'a> Rest<'a> {
         (misfit > rules.misfit).then(|| suspect(&self.room, examined.camera, Cause::Unknown, misfit, 0.0))
     }
 
+    /// Whether its picture fits once it is turned about its vertical axis.
+    fn is_mirrored(&self, camera: usize) -> bool {
+        let witnessed = self.room.witnessed(camera, &self.out, &self.cameras, &self.points, |_| true);
+        if witnessed.len() < LEAST_SAMPLES {
+            return false;
+        }
+        let start = &self.cameras[camera];
+        let mirrored = Samples::new(&witnessed, start, self.room.sigma_px).mirrored(start.image_size[0]);
+        let found = mirrored.search(start, self.room.rules.seed);
+        found.is_some_and(|it| {
+            let far = mirrored.squares(&it.camera).into_iter().filter(|it| *it > FAR).count();
+            (far as f64) < MOST_WRONG * mirrored.len() as f64
+        })
+    }
+
     /// Whether the wrong sightings of a camera were left out, and what is left is enough and fits as well as anybody's.
     fn are_harmless(&self, examined: &Examined, usual: f64, usual_far: f64) -> bool {
         let (room, camera) = (&self.room, examined.camera);
@@ -345,7 +373,11 @@ impl<'a> Rest<'a> {
                 Extra::Distortion => Cause::Distortion { k1: found.camera.distortion.k1 - fitted.camera.distortion.k1 },
                 _ => Cause::Clock { offset_s: found.delay_s, sigma_s: found.delay_sigma_s },
             };
-            causes.push((cause, fitted.cost - found.cost));
+            let far_fetched =
+                matches!(cause, Cause::Focal { factor } if !(1.0 / FOCAL_FACTOR..FOCAL_FACTOR).contains(&factor));
+            if !far_fetched {
+                causes.push((cause, fitted.cost - found.cost));
+            }
         }
         if let Some((cause, cost)) = moved(samples, &fitted.camera, self.room.rules.seed) {
             causes.push((cause, fitted.cost - cost - 0.5 * self.room.rules.min_gain)); // it has seven more unknowns to please by chance
