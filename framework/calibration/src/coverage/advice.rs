@@ -157,7 +157,7 @@ impl fmt::Display for Advice {
             Advice::TooFewFrames { cameras, needed } => match cameras.as_slice() {
                 [(name, 0)] => write!(to, "camera {name} has not seen the light: wave in front of it"),
                 [(name, frames)] => {
-                    write!(to, "camera {name} has seen the light in {frames} frames of {needed}: wave in front of it")
+                    write!(to, "camera {name} has seen the light in {frames} of {needed} frames: wave in front of it")
                 }
                 _ => {
                     let counts: Vec<String> =
@@ -167,7 +167,7 @@ impl fmt::Display for Advice {
             },
             Advice::Apart { cameras, between: [own, other], common, needed } => write!(
                 to,
-                "{} {} apart from the others: {own} and {other} have seen the light together in {common} frames of {needed}: \
+                "{} {} apart from the others: {own} and {other} have seen the light together in {common} of {needed} frames: \
                  wave where both look",
                 listed(cameras, 4),
                 is(cameras),
@@ -244,6 +244,10 @@ fn needed(coverage: &Coverage) -> Vec<Advice> {
     let still = light_still(coverage);
     if still {
         missing.push(Advice::LightStill);
+        // Frames count where the light moved: what else is missing follows from that.
+        if cameras.iter().all(|it| it.frames < rules.min_frames) {
+            return missing;
+        }
     } else if cameras.iter().all(|it| it.frames == 0) {
         return vec![Advice::NothingSeen];
     }

@@ -181,7 +181,7 @@ fn bad_waving_is_never_enough() {
         let mut corner = Waving::new(seed, [1.2, 1.8, 0.8], [1.7, 2.4, 1.3]);
         assert_says(&says("corner", Box::new(move || corner.next()), 0.0, 0.0), "% of its image: wave in its");
         let still = says("still", Box::new(|| Point3::new(0.2, 0.1, 1.0)), 0.0, 0.0);
-        assert_eq!(still.state().missing[0], Advice::LightStill);
+        assert_eq!(still.state().missing, [Advice::LightStill]);
     }
 }
 
@@ -258,7 +258,7 @@ fn groups_and_single_links_are_told_with_who_could_mend_them() {
     assert_eq!([apart.common(0, 1), apart.common(4, 1), apart.common(0, 4), apart.common(0, 0)], [200, 7, 0, 0]);
     assert_says(
         &apart,
-        "wide-1 and wide-2 are apart from the others: wide-2 and wide-5 have seen the light together in 7 frames of 30: wave where \
+        "wide-1 and wide-2 are apart from the others: wide-2 and wide-5 have seen the light together in 7 of 30 frames: wave where \
          both look",
     );
     let by_one = linked(&[(0, 1, 200), (1, 2, 200), (2, 3, 200), (1, 3, 200), (0, 3, 5), (3, 4, 200), (4, 2, 200)], 5);
