@@ -10,6 +10,10 @@ use foveate_scene::{Calibration, LengthUnit};
 use nalgebra::Vector3;
 
 use crate::solved::Solved;
+use crate::words::signed;
+
+/// So many cameras are laid over each other by those that agree.
+const ROBUST_FROM: usize = 5;
 
 /// How far each camera is from where the other calibration has it, once the two worlds are laid over each other.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,7 +45,8 @@ pub fn compare(solved: &Solved, other: &Calibration) -> Result<Comparison, Strin
     if names.len() < 3 {
         return Err(format!("{} cameras stand in both, expected at least 3: {}", names.len(), names.join(", ")));
     }
-    let rules = AlignmentRules { scale: true, robust: false };
+    // One that was displaced is not to make the others look off; fewer cannot outvote it.
+    let rules = AlignmentRules { scale: true, robust: names.len() >= ROBUST_FROM };
     let errors = camera_errors(&here, &there, rules).map_err(|fault| fault.to_string())?;
     let n = there.len() as f64;
     let centroid = there.iter().fold(Vector3::zeros(), |sum, it| sum + it.centre().coords / n);
@@ -97,12 +102,49 @@ impl Comparison {
         let mut text = format!("beside {path}, laid over it (lengths there are {:.5} of those here):\n", self.scale);
         let _ = writeln!(text, "  {:width$}  {:>11}  {:>11}  {:>9}", "camera", "centre", "turn", "focal");
         for (index, name) in self.names.iter().enumerate() {
-            let (centre, turn, focal) = (self.centres[index], self.turns_mrad[index], self.focals_percent[index]);
-            let _ = writeln!(text, "  {name:width$}  {centre:8.2} {:2}  {turn:6.2} mrad  {focal:+7.2} %", self.unit);
+            let (centre, turn) = (self.centres[index], self.turns_mrad[index]);
+            let focal = signed(self.focals_percent[index], 2);
+            let _ = writeln!(text, "  {name:width$}  {centre:8.2} {:2}  {turn:6.2} mrad  {focal:>7} %", self.unit);
         }
         if self.unit == "%" {
             text += "  (% of the room's size: the root mean square distance of the cameras from their middle)\n";
         }
         text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_geometry::bundle::Freedom;
+    use foveate_scene::NamedCamera;
+    use nalgebra::{Point3, Translation3};
+
+    use super::*;
+    use crate::solved::SolvedCamera;
+
+    #[test]
+    fn of_six_cameras_the_displaced_one_alone_is_off() {
+        let camera = |index: usize| {
+            let angle = index as f64;
+            let centre = Point3::new(3.0 * angle.cos(), 3.0 * angle.sin(), 2.0 + 0.2 * angle);
+            Camera::look_at(centre, Point3::new(0.0, 0.0, 1.0), [640, 480], 500.0)
+        };
+        let solved_camera = |index: usize| SolvedCamera {
+            name: format!("wide-{index}"),
+            camera: camera(index),
+            status: CameraStatus::Calibrated,
+            freed: Freedom::POSE,
+            prior: None,
+            covariance: None,
+            clock: None,
+        };
+        let mut solved = Solved { cameras: (0..6).map(solved_camera).collect(), ..Solved::default() };
+        let named = solved.cameras.iter().map(|it| NamedCamera { name: it.name.clone(), camera: it.camera.clone() });
+        let other = Calibration::new(named.collect(), LengthUnit::Metre, String::new()).unwrap();
+        solved.cameras[2].camera.camera_from_world *= Translation3::new(0.3, 0.0, 0.0);
+        let found = compare(&solved, &other).unwrap();
+        let off = |it: usize| found.centres[it];
+        assert!((0..6).all(|it| (it == 2) == (off(it) > 1.0)), "{:?}", found.centres);
+        assert!(found.describe("t.toml").contains("+0.00 %"), "{}", found.describe("t.toml"));
     }
 }

@@ -25,3 +25,4 @@ pub mod report;
 pub mod room;
 pub mod solved;
 pub mod wand;
+pub mod words;
