@@ -58,6 +58,8 @@ pub struct ClockFit {
     pub drift: f64,
     /// Standard deviation of the offset in the middle of the recording [s].
     pub sigma_s: f64,
+    /// Pairs of cameras that it was found by: one has no loop that could contradict it; 0 where the clock is the room's or was given.
+    pub pairs: usize,
 }
 
 impl ClockFit {

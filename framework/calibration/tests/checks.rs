@@ -3,7 +3,7 @@
 mod simulated_room;
 
 use foveate_calibration::checks::{Cause, CheckRules, Checks, LengthSample, Level, check};
-use foveate_calibration::solved::{SightingRole, Solved, SolvedSighting};
+use foveate_calibration::solved::{ClockFit, SightingRole, Solved, SolvedSighting};
 use foveate_geometry::CameraStatus;
 use foveate_scene::uncertainty::Fixed;
 use nalgebra::{Point3, Vector2};
@@ -179,6 +179,22 @@ fn a_camera_whose_pose_is_left_open_is_to_be_done_again() {
             checks.cameras[4].judgement.sentence.starts_with("What was seen leaves the pose of camera wide-5 open")
         );
     }
+}
+
+#[test]
+fn clocks_that_no_loop_confirms_and_such_as_were_not_found_are_told() {
+    let mut room = solved(Fault::Nothing, 1);
+    let clock = |pairs: usize| Some(ClockFit { offset_s: 0.1, drift: 0.0, sigma_s: 1e-4, pairs });
+    for (index, it) in room.cameras.iter_mut().enumerate() {
+        it.clock = clock(if index == 0 { 0 } else { 3 });
+    }
+    assert_eq!(checked(&room).verdict.level, Level::Good);
+    room.cameras[2].clock = clock(1);
+    let verdict = checked(&room).verdict;
+    assert!(verdict.level == Level::Usable && verdict.sentences[0].contains("--max-offset"), "{verdict}");
+    let room = left_out(CameraStatus::ClockOpen { best: Some(0) }, |it| it.camera != BAD);
+    let verdict = checked(&room).verdict;
+    assert!(verdict.sentences[0].starts_with("The clock of camera wide-4 could not be found beside that of wide-1"));
 }
 
 /// The room with camera [`BAD`] left out of it, its pixels where `seen` has them.

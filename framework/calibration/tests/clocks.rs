@@ -53,6 +53,19 @@ fn offsets_of_a_tenth_of_a_second_are_found() {
 }
 
 #[test]
+fn clocks_beyond_the_limit_are_not_found_however_they_are_chained() {
+    let scene = Scene::new(&[0.0, 0.08, 0.16, 0.24]);
+    let rules = ClockRules { max_offset_s: 0.1, reference: Some(0), ..ClockRules::default() };
+    let found = synchronise(&scene.recording(Freedom::NONE), &rules).unwrap();
+    assert!(found.clocks[1].is_some_and(|it| (it.offset_s - 0.08).abs() < 1e-3), "{:?}", found.clocks);
+    for camera in [2, 3] {
+        assert_eq!(found.clocks[camera], None);
+        let beyond = matches!(found.status[camera], ClockStatus::BeyondLimit { limit_s, .. } if limit_s == 0.1);
+        assert!(beyond, "{}", found.status[camera]);
+    }
+}
+
+#[test]
 fn a_third_of_wrong_sights_is_no_obstacle() {
     let scene = Scene { wrong: 0.3, seed: 2, ..Scene::new(&TENTHS) };
     check(&scene, Freedom::NONE, &ClockRules::default(), 1.0);
@@ -155,7 +168,7 @@ fn pictures_taken_together_are_frames_as_they_are() {
         let same: Vec<Look> = recording.looks.iter().filter(|it| it.camera == 0).cloned().collect();
         recording.looks.extend(same.into_iter().map(|it| Look { camera, ..it }));
     }
-    let zero = ClockFit { offset_s: 0.0, drift: 0.0, sigma_s: 0.0 };
+    let zero = ClockFit { offset_s: 0.0, drift: 0.0, sigma_s: 0.0, pairs: 0 };
     let made = frames(&recording, &[Some(zero), Some(zero), None], &FrameRules::default());
     let seen = recording.looks.iter().filter(|it| it.camera < 2 && !it.spots.is_empty()).count();
     assert_eq!((made.sightings.len(), made.times_s.len() * 2), (seen, seen));

@@ -97,6 +97,7 @@ fn room(n: usize, frames: usize, views: usize, focal_free: bool) -> Solved {
             offset_s: 0.004 * index as f64 - 0.01,
             drift: 1e-5 * index as f64,
             sigma_s: 0.0007,
+            pairs: n - 1,
         }),
     });
     Solved {
@@ -175,6 +176,10 @@ fn a_small_room_has_every_section_and_says_what_it_was_told() {
         gravity: fixed("a falling light", Some(0.002)),
         origin: fixed("an L-frame", None),
     };
+    for (index, right) in [(0, 90), (1, 10)] {
+        let it = &mut solved.links[index];
+        (it.consistent, it.common, it.right) = (false, 100, right);
+    }
     let provenance = Provenance {
         method: "one waved light".to_owned(),
         date: Some("2026-03-14".to_owned()),
@@ -184,7 +189,7 @@ fn a_small_room_has_every_section_and_says_what_it_was_told() {
     };
     let sentences =
         words(&["held-out sightings fit as well as those used", "the upper left of wide-2 is empty: wave there"]);
-    let verdict = Verdict { grade: Grade::Usable, sentences: &sentences };
+    let verdict = Verdict { grade: Grade::Usable, sentences: &sentences, more: 1 };
     let convergence = convergence(&solved, &ConvergenceRules { turns: 20, ..ConvergenceRules::default() }).unwrap();
     let [together, in_turn] = [&convergence.together, &convergence.in_turn].map(|it| it.last().copied().unwrap());
     assert!(in_turn >= 0.999 * together && in_turn < 0.5 * convergence.in_turn[0], "{convergence:?}");
@@ -204,6 +209,8 @@ fn a_small_room_has_every_section_and_says_what_it_was_told() {
     for part in [
         "<strong>Usable</strong>",
         "the upper left of wide-2 is empty",
+        "<li>and 1 more in verdict.txt</li>",
+        "2 links of two cameras contradict the other links; the worst is that of wide-1 and wide-3 (10 of 100 frames fit)",
         "4 of 4</b><span>cameras calibrated",
         "a wand of 0.4 m</td><td class=\"n\">0.0500 %",
         "a falling light</td><td class=\"n\">0.115°",
@@ -273,7 +280,7 @@ fn names_cannot_break_the_page() {
     solved.cameras[1].status = CameraStatus::NoDepth { best: 0 };
     let rejected = words(&["<script>alert(1)</script>"]);
     let sentences = rejected.clone();
-    let verdict = Some(Verdict { grade: Grade::Redo, sentences: &sentences });
+    let verdict = Some(Verdict { grade: Grade::Redo, sentences: &sentences, more: 0 });
     let provenance = Provenance { method: "<m>".to_owned(), sources: rejected.clone(), ..Provenance::default() };
     let input = ReportInput {
         verdict,
@@ -307,8 +314,8 @@ fn rooms_that_were_not_solved_and_numbers_that_are_none_have_a_page() {
     broken.steps[1].rms_px = f64::NAN;
     broken.cameras[0].camera.intrinsics.focal = [f64::NAN; 2];
     broken.cameras[1].camera.image_size = [0, 0];
-    broken.cameras[2].clock = Some(ClockFit { offset_s: f64::NAN, drift: 0.0, sigma_s: f64::INFINITY });
-    broken.cameras[3].clock = Some(ClockFit { offset_s: 0.1, drift: f64::NAN, sigma_s: f64::INFINITY });
+    broken.cameras[2].clock = Some(ClockFit { offset_s: f64::NAN, drift: 0.0, sigma_s: f64::INFINITY, pairs: 1 });
+    broken.cameras[3].clock = Some(ClockFit { offset_s: 0.1, drift: f64::NAN, sigma_s: f64::INFINITY, pairs: 1 });
     if let Some(covariance) = &mut broken.cameras[3].covariance {
         covariance.centre[(0, 0)] = f64::NAN;
     }

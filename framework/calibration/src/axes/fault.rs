@@ -172,9 +172,9 @@ pub enum AxesFault {
     },
     /// Two sources that cannot both be right.
     #[error(
-        "the {freedom} by {a} and by {b} differ by {difference:.2e}, expected at most {allowed:.2e} ({}); one of them is wrong: \
-         measure again, or leave one out",
-        match freedom { FreedomName::Scale => "relative", FreedomName::Gravity => "rad", FreedomName::Origin => "m" }
+        "the {freedom} by {a} and by {b} differ by {}, expected at most {}{}; one of them is wrong: measure again, or leave one out",
+        in_words(*freedom, *difference), in_words(*freedom, *allowed),
+        lengths_m.map_or(String::new(), |[known, other]| format!(" (by the former, the {known:.3} m are {other:.3} m)"))
     )]
     Contradiction {
         /// Of what.
@@ -187,5 +187,16 @@ pub enum AxesFault {
         difference: f64,
         /// How much their standard deviations allow.
         allowed: f64,
+        /// The length that `b` is, if it is one, and what `a` makes of it [m].
+        lengths_m: Option<[f64; 2]>,
     },
+}
+
+/// A difference as a person measures it; the scale's is relative or logarithmic, which is the same for small ones.
+fn in_words(freedom: FreedomName, value: f64) -> String {
+    match freedom {
+        FreedomName::Scale => format!("{:.2} %", 100.0 * value.exp_m1()),
+        FreedomName::Gravity => format!("{:.2}°", value.to_degrees()),
+        FreedomName::Origin => format!("{value:.3} m"),
+    }
 }

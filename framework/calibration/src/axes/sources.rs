@@ -24,6 +24,8 @@ struct Scale {
     by: String,
     factor: f64,
     sigma: f64,
+    /// The length that it is a known one of.
+    metres: Option<f64>,
 }
 
 /// Says which way is up, in the solution.
@@ -62,7 +64,7 @@ impl Sources {
     pub(super) fn of_earlier_steps(solved: &Solved) -> Sources {
         let known = |it: &Option<Fixed>| it.as_ref().and_then(|it| Some((it.by.clone(), it.sigma?.max(1e-12))));
         let FixedFreedoms { scale, gravity, origin } = &solved.fixed;
-        let scale = known(scale).map(|(by, sigma)| Scale { by, factor: 1.0, sigma });
+        let scale = known(scale).map(|(by, sigma)| Scale { by, factor: 1.0, sigma, metres: None });
         let up = known(gravity).map(|(by, sigma)| Up { by, up: Vector3::z_axis(), sigma });
         let origin = known(origin).map(|(by, sigma)| {
             let (place, heading) = (Point3::origin(), Some(Vector3::x()));
@@ -97,7 +99,10 @@ impl Sources {
             needed: it.needed,
         })?;
         let sigma = found.sigma.hypot(sigma_m / metres).max(f64::EPSILON);
-        self.scales.push(Scale { by: format!("a wand of {metres} m"), factor: metres / found.mean, sigma });
+        let by = format!("a wand of {metres} m");
+        // The same wand, where an earlier step solved by it, is no second witness.
+        self.scales.retain(|it| it.by != by);
+        self.scales.push(Scale { by, factor: metres / found.mean, sigma, metres: Some(metres) });
         Ok(())
     }
 
@@ -108,7 +113,7 @@ impl Sources {
         let (a, b) = (room.locate(a)?, room.locate(b)?);
         let (distance, sigma) = apart(&by, a, b)?;
         let sigma = (sigma / distance).hypot(sigma_m / metres).max(f64::EPSILON);
-        self.scales.push(Scale { by, factor: metres / distance, sigma });
+        self.scales.push(Scale { by, factor: metres / distance, sigma, metres: Some(metres) });
         Ok(())
     }
 
@@ -153,7 +158,12 @@ impl Sources {
         let spread = Spread::of(&in_world);
         let sigma = sigma.max(rms_m).max(f64::MIN_POSITIVE);
         let tilt = sigma / spread.middle;
-        self.scales.push(Scale { by: by.clone(), factor, sigma: (sigma / spread.size).max(f64::EPSILON) });
+        self.scales.push(Scale {
+            by: by.clone(),
+            factor,
+            sigma: (sigma / spread.size).max(f64::EPSILON),
+            metres: None,
+        });
         let back = world_from_solved.isometry.rotation.inverse();
         let up = Unit::new_normalize(back * Vector3::z());
         self.ups.push(Up { by: by.clone(), up, sigma: tilt.hypot(room.rules.level_sigma_rad) });
@@ -236,7 +246,7 @@ impl Sources {
         let by = format!("a fall from {:.2} s to {:.2} s", fall.span_s[0], fall.span_s[1]);
         let strength = fall.acceleration.norm();
         let sigma = fall.sigma / strength;
-        self.scales.push(Scale { by: by.clone(), factor: room.rules.gravity_mps2 / strength, sigma });
+        self.scales.push(Scale { by: by.clone(), factor: room.rules.gravity_mps2 / strength, sigma, metres: None });
         self.ups.push(Up { by, up: Unit::new_normalize(-fall.acceleration), sigma });
         self.falls.push(fall);
         Ok(())
@@ -286,18 +296,20 @@ impl Sources {
     pub(super) fn settle(&self, sigmas: f64) -> Result<Settled, AxesFault> {
         for (a, b) in pairs(&self.scales) {
             let (difference, allowed) = ((a.factor / b.factor).ln().abs(), sigmas * a.sigma.hypot(b.sigma));
-            agree(FreedomName::Scale, [&a.by, &b.by], difference, allowed)?;
+            let (a, b) = if a.metres.is_some() && b.metres.is_none() { (b, a) } else { (a, b) };
+            let lengths = b.metres.map(|it| [it, it * a.factor / b.factor]);
+            agree(FreedomName::Scale, [&a.by, &b.by], difference, allowed, lengths)?;
         }
         for (a, b) in pairs(&self.ups) {
             let (difference, allowed) = (a.up.angle(&b.up), sigmas * a.sigma.hypot(b.sigma));
-            agree(FreedomName::Gravity, [&a.by, &b.by], difference, allowed)?;
+            agree(FreedomName::Gravity, [&a.by, &b.by], difference, allowed, None)?;
         }
         let log_factor = combined(self.scales.iter().map(|it| (it.factor.ln(), it.sigma)));
         let factor = log_factor.map_or(1.0, |it| it.0.exp());
         for (a, b) in pairs(&self.origins) {
             let (difference, allowed) =
                 ((a.place - b.place).norm() * factor, sigmas * a.sigma.hypot(b.sigma) * 2.0 * factor);
-            agree(FreedomName::Origin, [&a.by, &b.by], difference, allowed)?;
+            agree(FreedomName::Origin, [&a.by, &b.by], difference, allowed, None)?;
         }
         let weighted = self.ups.iter().fold(Vector3::zeros(), |sum, it| sum + it.up.into_inner() / it.sigma.powi(2));
         let up = (!self.ups.is_empty()).then(|| weighted.normalize());
@@ -347,8 +359,14 @@ fn pairs<T>(list: &[T]) -> impl Iterator<Item = (&T, &T)> {
     list.iter().enumerate().flat_map(|(index, a)| list[index + 1..].iter().map(move |b| (a, b)))
 }
 
-fn agree(freedom: FreedomName, [a, b]: [&String; 2], difference: f64, allowed: f64) -> Result<(), AxesFault> {
-    let fault = || AxesFault::Contradiction { freedom, a: a.clone(), b: b.clone(), difference, allowed };
+fn agree(
+    freedom: FreedomName,
+    [a, b]: [&String; 2],
+    difference: f64,
+    allowed: f64,
+    lengths_m: Option<[f64; 2]>,
+) -> Result<(), AxesFault> {
+    let fault = || AxesFault::Contradiction { freedom, a: a.clone(), b: b.clone(), difference, allowed, lengths_m };
     if difference <= allowed { Ok(()) } else { Err(fault()) }
 }
 

@@ -264,6 +264,14 @@ fn sources_that_cannot_both_be_right_are_named() {
         &[distance("wide-1", "wide-3", metres), distance("wide-1", "wide-3", 1.03 * metres)],
         "measure again, or leave one out",
     );
+    let both = fix(
+        &unscaled(1),
+        &[distance("wide-1", "wide-3", 1.1 * metres), distance("wide-1", "wide-3", metres)],
+        &AxesRules::default(),
+    );
+    let (wrong, fault) = (1.1 * metres, both.unwrap_err().to_string());
+    assert!(fault.contains("differ by 10.0") && fault.contains(" %, expected at most "), "{fault}");
+    assert!(fault.contains(&format!("(by the former, the {metres:.3} m are {wrong:.3} m)")), "{fault}");
     let leaning = Given::Plumb { top: stop(6), bottom: stop(2), sigma: 2e-3 };
     fails(&[FALL, leaning], "the vertical by a fall from");
     let mut earlier = unscaled(1);

@@ -6,7 +6,7 @@ use super::{Judgement, Level};
 
 /// Wrong sightings that were left out, told without blame.
 pub(super) fn harmless(room: &Room<'_>, camera: usize, share: f64) -> Judgement {
-    let (percent, name) = (100.0 * share, room.name(camera));
+    let (percent, name) = (100.0 * room.left_out_share(camera).unwrap_or(share), room.name(camera));
     Judgement::new(
         Level::Good,
         format!(
@@ -59,7 +59,7 @@ pub(super) fn suspect(room: &Room<'_>, camera: usize, cause: Cause, misfit: f64,
             Level::Usable,
             format!(
                 "{:.0} % of what camera {name} saw is not the light: mask lamps and mirrors in its picture.",
-                100.0 * share
+                100.0 * room.left_out_share(camera).filter(|it| *it > 0.5 * share).unwrap_or(share)
             ),
         ),
         Cause::FewSightings { count, median } => (

@@ -178,6 +178,14 @@ fn judge(room: &Room<'_>, camera: usize, check: &CameraCheck) -> Judgement {
         };
         return Judgement::new(level, sentence);
     }
+    let unconfirmed =
+        room.solved.cameras[camera].clock.is_some_and(|it| it.pairs == 1) && room.calibrated().count() > 2;
+    if unconfirmed {
+        let sentence = format!(
+            "The clock of camera {name} was found beside a single other, which no third confirms: look further (--max-offset), or wave where it and two others see."
+        );
+        return Judgement::new(Level::Usable, sentence);
+    }
     match check.residuals.as_ref().and_then(|it| Some((it.pattern?, it.systematic_px))) {
         Some((pattern, px)) => {
             let what = match pattern {
@@ -234,6 +242,12 @@ fn uncalibrated(room: &Room<'_>, camera: usize, status: &CameraStatus) -> String
             "No pose explains what camera {name} saw (with {}, {right} of {common} frames fit): check its lens, its mount and which camera's picture it is.",
             of(best)
         ),
+        CameraStatus::ClockOpen { best } => {
+            let beside = best.as_ref().map_or(String::new(), |it| format!(" beside that of {}", of(it)));
+            format!(
+                "The clock of camera {name} could not be found{beside}: look further (--max-offset), and wave where it and others see."
+            )
+        }
         CameraStatus::NoDepth { best } => {
             format!("Camera {name} stands where {} stands, or the light was too far away: wave nearer to it.", of(best))
         }

@@ -6,6 +6,7 @@ use nalgebra::Point3;
 use super::room::{MEDIAN_CHI2, Room};
 use super::{CheckRules, Judgement, Level};
 use crate::solved::SightingRole;
+use crate::words::signed;
 
 /// How sightings fit from which the solution was made, and such as were kept back.
 #[derive(Debug, Clone, PartialEq)]
@@ -154,17 +155,17 @@ pub(super) fn lengths(samples: &[LengthSample], rules: &CheckRules) -> Option<Le
     let slope = slopes[slope_axis];
     let level = CheckRules::level(spread.max(bias.abs()).max(slope.abs() / 3.0), rules.length_spread);
     let figures = format!(
-        "The known length comes out with a spread of {:.2} % and a bias of {:+.2} %",
+        "The known length comes out with a spread of {:.2} % and a bias of {} %",
         100.0 * spread,
-        100.0 * bias
+        signed(100.0 * bias, 2)
     );
     let sentence = if level == Level::Good {
         format!("{figures}.")
     } else {
         let axis = ["X", "Y", "Z"][slope_axis];
         format!(
-            "{figures}, changing by {:+.2} % along {axis}: wave the wand through the whole volume, turned every way.",
-            100.0 * slope
+            "{figures}, changing by {} % along {axis}: wave the wand through the whole volume, turned every way.",
+            signed(100.0 * slope, 2)
         )
     };
     Some(Lengths { judgement: Judgement::new(level, sentence), count: samples.len(), bias, spread, slope, slope_axis })

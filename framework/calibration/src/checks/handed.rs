@@ -79,7 +79,7 @@ pub(super) fn handedness(room: &Room<'_>) -> Handedness {
         let sentence = format!("The mirrored world is told apart by little: wave with more depth{camera}.");
         Judgement::new(Level::Usable, sentence)
     } else {
-        Judgement::new(Level::Good, "The world is not mirrored.")
+        Judgement::new(Level::Good, "The mirrored world fits worse.")
     };
     Handedness { judgement, behind, reversed_ratio, closest_camera }
 }

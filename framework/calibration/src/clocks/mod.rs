@@ -94,6 +94,9 @@ pub struct ClockLink {
     pub consistent: bool,
 }
 
+/// Offsets this much beyond the window are within it, as far as is known before all cameras are taken together [s].
+const BESIDE_S: f64 = 2e-3;
+
 /// What became of a camera's clock.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ClockStatus {
@@ -133,6 +136,13 @@ pub enum ClockStatus {
         /// Why.
         status: CameraStatus,
     },
+    /// Pairs lead to an offset that is larger than clocks may be apart.
+    BeyondLimit {
+        /// What was found, in the middle of the recording [s].
+        offset_s: f64,
+        /// The most that is allowed [s].
+        limit_s: f64,
+    },
     /// The path does not hold it well enough.
     Uncertain {
         /// Standard deviation, infinite for one that is entirely open [s].
@@ -162,6 +172,14 @@ impl std::fmt::Display for ClockStatus {
                 write!(to, "no pair ties it to the larger group of cameras; its own is {group:?}")
             }
             ClockStatus::NoPose { status } => write!(to, "its pose was not found: {status}"),
+            ClockStatus::BeyondLimit { offset_s, limit_s } => {
+                write!(
+                    to,
+                    "pairs of cameras lead to an offset of {:.0} ms, expected at most {:.0} ms: allow more (--max-offset)",
+                    offset_s * 1e3,
+                    limit_s * 1e3
+                )
+            }
             ClockStatus::Uncertain { sigma_s, limit_s } => {
                 write!(
                     to,
@@ -333,6 +351,8 @@ pub fn synchronise(recording: &Recording, rules: &ClockRules) -> Result<Synchron
         .collect();
     let reference = agreed.reference;
     let found = joint::refine(recording, &smooth, agreed.clocks, reference, rules)?;
+    let times = || recording.looks.iter().map(|it| it.time_s);
+    let middle_s = 0.5 * (times().fold(f64::INFINITY, f64::min) + times().fold(f64::NEG_INFINITY, f64::max));
     let mut clocks: Vec<Option<ClockFit>> = Vec::with_capacity(n);
     let mut stated: Vec<ClockStatus> = Vec::with_capacity(n);
     for (camera, early) in status.into_iter().enumerate() {
@@ -341,6 +361,11 @@ pub fn synchronise(recording: &Recording, rules: &ClockRules) -> Result<Synchron
             (Some(status), _) => (None, status),
             (None, None) => (None, ClockStatus::NoPose { status: found.status[camera].clone() }),
             (None, Some(it)) if camera == reference => (Some(it), ClockStatus::Reference),
+            // Pairs within the window add up: what they lead to may be the second best of two offsets.
+            (None, Some(it)) if (it.clock.room_s(middle_s) - middle_s).abs() > rules.max_offset_s + BESIDE_S => {
+                let offset_s = it.clock.room_s(middle_s) - middle_s;
+                (None, ClockStatus::BeyondLimit { offset_s, limit_s: rules.max_offset_s })
+            }
             (None, Some(it)) if it.sigma_s <= rules.max_sigma_s => (Some(it), ClockStatus::Found { links: confirming }),
             (None, Some(it)) => (None, ClockStatus::Uncertain { sigma_s: it.sigma_s, limit_s: rules.max_sigma_s }),
         };
@@ -348,6 +373,7 @@ pub fn synchronise(recording: &Recording, rules: &ClockRules) -> Result<Synchron
             offset_s: it.clock.offset_s,
             drift: it.clock.rate - 1.0,
             sigma_s: it.sigma_s,
+            pairs: if camera == reference { 0 } else { confirming },
         }));
         stated.push(status);
     }

@@ -46,6 +46,8 @@ pub struct Verdict<'a> {
     pub grade: Grade,
     /// Why, and what to do.
     pub sentences: &'a [String],
+    /// Findings beyond those.
+    pub more: usize,
 }
 
 /// Whether to work with a calibration.

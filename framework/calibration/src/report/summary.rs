@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use foveate_geometry::self_calibration::CameraStatus;
+use foveate_geometry::self_calibration::{CameraStatus, Link};
 use foveate_scene::Fixed;
 
 use super::figures::{Figures, quantile, rms};
@@ -27,6 +27,10 @@ pub(super) fn head(page: &mut Page, report: &ReportInput<'_>, figures: &Figures)
         None => ("none", "Not judged", [].as_slice()),
     };
     let items: String = sentences.iter().map(|it| format!("<li>{}</li>", escaped(it))).collect();
+    let items = match report.verdict {
+        Some(verdict) if verdict.more > 0 => format!("{items}<li>and {} more in verdict.txt</li>", verdict.more),
+        _ => items,
+    };
     let list = if items.is_empty() { String::new() } else { format!("<ul>{items}</ul>") };
     page.raw(&format!("<div class=\"verdict {class}\"><strong>{word}</strong>{list}</div>"));
 
@@ -59,7 +63,7 @@ pub(super) fn head(page: &mut Page, report: &ReportInput<'_>, figures: &Figures)
     for (name, fixed_by, otherwise) in fixed_rows {
         let (by, sigma) = match fixed_by {
             Some(Fixed { by, sigma }) => {
-                (escaped(by), sigma.map_or_else(|| "not known".to_owned(), |it| freedom_sigma(name, it)))
+                (escaped(by), sigma.map_or_else(|| "not known".to_owned(), |it| freedom_sigma(name, it, report.unit)))
             }
             None => (format!("<em>nothing: {otherwise}</em>"), "–".to_owned()),
         };
@@ -71,11 +75,11 @@ pub(super) fn head(page: &mut Page, report: &ReportInput<'_>, figures: &Figures)
     ));
 }
 
-fn freedom_sigma(name: &str, sigma: f64) -> String {
+fn freedom_sigma(name: &str, sigma: f64, unit: &str) -> String {
     match name {
         "Scale" => format!("{} %", rounded(100.0 * sigma)),
         "Vertical" => format!("{}°", rounded(sigma.to_degrees())),
-        _ => format!("{} mm", rounded(1e3 * sigma)),
+        _ => small_length(sigma, unit),
     }
 }
 
@@ -91,8 +95,11 @@ pub(super) fn status_in_words(solved: &Solved, camera: &SolvedCamera) -> String 
         CameraStatus::NoPartner { best: Some(best), common, needed } => {
             format!("shares {common} frames with {} and fewer with others, {needed} are needed", name(best))
         }
-        CameraStatus::Inconsistent { best, common, right } => {
+        CameraStatus::Inconsistent { best, common, right } if *common > 0 => {
             format!("no pose explains its pixels: with {}, {right} of {common} common frames fit", name(best))
+        }
+        CameraStatus::ClockOpen { best: Some(best) } => {
+            format!("its clock could not be found, nearest beside that of {}", name(best))
         }
         CameraStatus::NoDepth { best } => format!("stands where {} stands, or the light is too far away", name(best)),
         CameraStatus::Separate { group } => {
@@ -228,30 +235,30 @@ pub(super) fn rejected(page: &mut Page, report: &ReportInput<'_>, figures: &Figu
         if rejected > 0 {
             let share = 100.0 * rejected as f64 / all as f64;
             items.push(format!(
-                "camera {}: {} of {} sightings contradict the rest ({} %)",
+                "camera {}: {} of {} {} the rest ({} %)",
                 camera.name,
                 count(rejected),
                 count(all),
+                if all == 1 { "sighting contradicts" } else { "sightings contradict" },
                 fixed(share, 1)
             ));
         }
         if unsolved > 0 && camera.status == CameraStatus::Calibrated {
-            items.push(format!(
-                "camera {}: {} sightings of lights whose place was not found",
-                camera.name,
-                count(unsolved)
-            ));
+            items.push(format!("camera {}: {} of lights whose place was not found", camera.name, sightings(unsolved)));
         }
     }
-    for link in solved.links.iter().filter(|it| !it.consistent) {
-        let [a, b] = [link.a, link.b].map(|it| name_of(solved, it));
-        items.push(format!(
-            "the link of {a} and {b} contradicts the other links ({} of {} frames fit)",
-            link.right, link.common
-        ));
+    let apart: Vec<&Link> = solved.links.iter().filter(|it| !it.consistent).collect();
+    let share = |it: &&Link| it.right as f64 / it.common.max(1) as f64;
+    if let Some(worst) = apart.iter().copied().min_by(|a, b| share(a).total_cmp(&share(b))) {
+        let [a, b] = [worst.a, worst.b].map(|it| name_of(solved, it));
+        let who = match apart.len() {
+            1 => format!("the link of {a} and {b} contradicts the other links"),
+            n => format!("{n} links of two cameras contradict the other links; the worst is that of {a} and {b}"),
+        };
+        items.push(format!("{who} ({} of {} frames fit)", worst.right, worst.common));
     }
     if figures.n_bad > 0 {
-        items.push(format!("{} sightings by cameras that do not exist", count(figures.n_bad)));
+        items.push(format!("{} by cameras that do not exist", sightings(figures.n_bad)));
     }
     if items.is_empty() {
         page.raw("<p>Nothing.</p>");
@@ -259,6 +266,10 @@ pub(super) fn rejected(page: &mut Page, report: &ReportInput<'_>, figures: &Figu
     }
     let list: String = items.iter().map(|it| format!("<li>{}</li>", escaped(it))).collect();
     page.raw(&format!("<ul class=\"rejected\">{list}</ul>"));
+}
+
+fn sightings(n: usize) -> String {
+    format!("{} {}", count(n), if n == 1 { "sighting" } else { "sightings" })
 }
 
 /// How the calibration was made.

@@ -255,11 +255,14 @@ pub fn in_names(status: &CameraStatus, recording: &Recording) -> String {
         CameraStatus::NoPartner { best: Some(best), common, needed } => {
             format!("shares {common} frames with {} and fewer with others, expected at least {needed}", name(*best))
         }
-        CameraStatus::Inconsistent { best, common, right } => {
+        CameraStatus::Inconsistent { best, common, right } if *common > 0 => {
             format!("no pose explains its pixels: with {}, {right} of {common} common frames fit", name(*best))
         }
         CameraStatus::NoDepth { best } => {
             format!("stands where {} stands, or the light is too far away", name(*best))
+        }
+        CameraStatus::ClockOpen { best: Some(best) } => {
+            format!("its clock could not be found, nearest beside that of {}", name(*best))
         }
         CameraStatus::Separate { group } => {
             let group: Vec<String> = group.iter().map(|it| name(*it)).collect();

@@ -42,7 +42,7 @@ pub(super) fn of_light(recording: &Recording) -> Vec<Moment> {
     if are_triggered_together(recording) {
         return of_pictures(recording);
     }
-    let same = ClockFit { offset_s: 0.0, drift: 0.0, sigma_s: 0.0 };
+    let same = ClockFit { offset_s: 0.0, drift: 0.0, sigma_s: 0.0, pairs: 0 };
     of_frames(&frames(recording, &vec![Some(same); recording.cameras.len()], &FrameRules::default()))
 }
 

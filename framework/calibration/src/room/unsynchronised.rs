@@ -53,17 +53,15 @@ pub fn unsynchronised_from_nothing(
         let (pose, why) = match of_clock {
             ClockStatus::Reference | ClockStatus::Found { .. } => (Some(found), CameraStatus::Calibrated),
             ClockStatus::NoPose { status } => (None, status.clone()),
-            ClockStatus::NotTold { other, .. } => {
-                (None, CameraStatus::NoPartner { best: Some(*other), common: 0, needed: clock_rules.min_moments })
-            }
+            ClockStatus::NotTold { other, .. } => (None, CameraStatus::ClockOpen { best: Some(*other) }),
             ClockStatus::Separate { group } => (None, CameraStatus::Separate { group: group.clone() }),
             ClockStatus::TooFewSights { moments, needed } => {
                 (None, CameraStatus::TooFewSightings { frames: *moments, needed: *needed })
             }
             ClockStatus::LightStill { spread_px } => (None, CameraStatus::LightStill { spread_px: *spread_px }),
             // The pose is good, the clock is not: a camera that would spoil every moving target.
-            ClockStatus::Uncertain { .. } => {
-                (None, CameraStatus::NoPartner { best: None, common: 0, needed: clock_rules.min_moments })
+            ClockStatus::Uncertain { .. } | ClockStatus::BeyondLimit { .. } => {
+                (None, CameraStatus::ClockOpen { best: None })
             }
         };
         room.cameras[camera] = pose;

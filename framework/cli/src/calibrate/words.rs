@@ -2,10 +2,11 @@
 
 use std::fmt::Write;
 
-use foveate_calibration::clocks::ClockStatus;
+use foveate_calibration::clocks::{ClockStatus, PairFault};
 use foveate_calibration::recording::{Look, Recording};
 use foveate_calibration::room::{SolvedRoom, SynchronisedRoom, in_names, keep_distinct};
 use foveate_calibration::solved::{FixedFreedoms, SightingRole, SolvedCamera};
+use foveate_calibration::words::{counted, signed};
 use foveate_estimation::statistics::Summary;
 use foveate_geometry::{CameraStatus, OpticHeld};
 use foveate_scene::Fixed;
@@ -133,15 +134,37 @@ pub fn clocks(found: &SynchronisedRoom, recording: &Recording) -> Vec<String> {
     let cameras = found.room.solved.cameras.iter().zip(&found.clocks);
     let one = |(camera, status): (&SolvedCamera, &ClockStatus)| match (status, camera.clock) {
         (ClockStatus::Found { .. }, Some(clock)) => format!(
-            "clock of {}: {:+.2} ms to that of {}, ± {:.2} ms; {status}",
+            "clock of {}: {} ms to that of {}, ± {:.2} ms; {status}",
             camera.name,
-            1e3 * clock.offset_s,
+            signed(1e3 * clock.offset_s, 2),
             recording.cameras[found.reference].name,
             1e3 * clock.sigma_s
         ),
-        _ => format!("clock of {}: {status}", camera.name),
+        _ => format!("clock of {}: {}", camera.name, clock_in_names(status, recording)),
     };
     cameras.map(one).collect()
+}
+
+/// `status` with the names of the cameras it speaks of, and the flag that may help.
+fn clock_in_names(status: &ClockStatus, recording: &Recording) -> String {
+    let name = |camera: usize| recording.cameras.get(camera).map_or_else(|| camera.to_string(), |it| it.name.clone());
+    match status {
+        ClockStatus::NotTold { other, fault } => {
+            let further = match fault {
+                PairFault::NoOverlap { .. } | PairFault::Inconsistent { .. } => {
+                    "; if it is further off than --max-offset says, say more there"
+                }
+                _ => "",
+            };
+            format!("with {}: {fault}{further}", name(*other))
+        }
+        ClockStatus::Separate { group } => {
+            let group: Vec<String> = group.iter().map(|it| name(*it)).collect();
+            format!("no pair ties it to the larger group of cameras; its own is {}", group.join(", "))
+        }
+        ClockStatus::NoPose { status } => format!("its pose was not found: {}", in_names(status, recording)),
+        other => other.to_string(),
+    }
 }
 
 fn focal(camera: &SolvedCamera) -> String {
@@ -166,9 +189,10 @@ pub fn fixed(fixed: &FixedFreedoms) -> String {
         Some(Fixed { by, sigma: None }) => format!("{what}: by {by}\n"),
         None => format!("{what}: not fixed ({how})\n"),
     };
+    let small = if fixed.scale.is_some() { "mm" } else { "mu" };
     one("scale", &fixed.scale, "%", 100.0, "say --wand-mm or --distance")
         + &one("vertical", &fixed.gravity, "mrad", 1e3, "say --floor-stops, --falling, --plumb or --upright")
-        + &one("origin", &fixed.origin, "mm", 1e3, "say --floor-stops or --l-frame")
+        + &one("origin", &fixed.origin, small, 1e3, "say --floor-stops or --l-frame")
 }
 
 /// Optics that were to be found and stay as given.
@@ -181,7 +205,7 @@ fn held(room: &SolvedRoom) -> Vec<String> {
     };
     let mut lines: Vec<String> = with.take(HELD_SHOWN).map(one).collect();
     if n > HELD_SHOWN {
-        lines.push(format!("optics of {} more cameras stay as given in part", n - HELD_SHOWN));
+        lines.push(format!("optics of {} stay as given in part", counted(n - HELD_SHOWN, "more camera")));
     }
     lines
 }
@@ -191,12 +215,14 @@ fn set_aside(room: &SolvedRoom) -> Vec<String> {
     let mut lines = Vec::new();
     for (camera, it) in room.solved.cameras.iter().zip(&room.cleaning) {
         let mut parts = Vec::new();
-        let mut part = |n: usize, what: &str| parts.extend((n > 0).then(|| format!("{n} {what}")));
-        part(it.unusable, "spots outside of the picture or without a number");
-        part(it.written_twice, "spots written twice");
-        part(it.repeated_times, "pictures of a time that was there already");
-        part(it.repeated_pictures, "pictures that repeat the one before");
-        part(it.lamps.len(), "places with a light that does not move");
+        let mut part = |n: usize, one: &str, what: &str| {
+            parts.extend((n > 0).then(|| format!("{} {what}", counted(n, one))));
+        };
+        part(it.unusable, "spot", "outside of the picture or without a number");
+        part(it.written_twice, "spot", "written twice");
+        part(it.repeated_times, "picture", "of a time that was there already");
+        part(it.repeated_pictures, "picture", "like the one before");
+        part(it.lamps.len(), "place", "with a light that does not move");
         if !parts.is_empty() {
             let lamps: Vec<String> =
                 it.lamps.iter().take(3).map(|it| format!("({:.0}, {:.0})", it[0], it[1])).collect();

@@ -578,7 +578,7 @@ fn page(
     let both = if args.alternating { convergence(&room.solved, &ConvergenceRules::default()) } else { None };
     report::html(&ReportInput {
         title: &format!("Calibration of {}", args.rig.display()),
-        verdict: Some(report::Verdict { grade, sentences: &checks.verdict.sentences }),
+        verdict: Some(report::Verdict { grade, sentences: &checks.verdict.sentences, more: checks.verdict.more }),
         solved: &room.solved,
         unit: checks.unit,
         convergence: both.as_ref(),

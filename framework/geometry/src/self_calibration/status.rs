@@ -50,6 +50,11 @@ pub enum CameraStatus {
         /// The cameras of its own group.
         group: Vec<usize>,
     },
+    /// How far its clock is from those of the others could not be told.
+    ClockOpen {
+        /// The camera beside which it came closest, if any.
+        best: Option<usize>,
+    },
     /// Its focal length cannot be told: too little depth, or a path in a plane.
     FocalOpen {
         /// Standard deviation, relative [–]; infinite when it is entirely open.
@@ -74,6 +79,9 @@ impl std::fmt::Display for CameraStatus {
                 )
             }
             CameraStatus::NoPartner { best: None, .. } => write!(to, "shares no frame with another camera"),
+            CameraStatus::Inconsistent { common: 0, .. } => {
+                write!(to, "never saw the light where two of the other cameras saw it too")
+            }
             CameraStatus::Inconsistent { best, common, right } => {
                 write!(to, "no pose explains its pixels: with camera {best}, {right} of {common} common frames fit")
             }
@@ -83,6 +91,10 @@ impl std::fmt::Display for CameraStatus {
             CameraStatus::Separate { group } => {
                 write!(to, "shares too few frames with the larger group; its own is {group:?}")
             }
+            CameraStatus::ClockOpen { best: Some(best) } => {
+                write!(to, "its clock could not be found, nearest beside that of camera {best}")
+            }
+            CameraStatus::ClockOpen { best: None } => write!(to, "its clock could not be found"),
             CameraStatus::FocalOpen { sigma } if sigma.is_infinite() => {
                 write!(to, "nothing tells its focal length: too little depth, or a flat path")
             }
