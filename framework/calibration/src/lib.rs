@@ -12,6 +12,7 @@
 //! | [`checks`] | what re-projection cannot see, and a verdict in words |
 //! | [`coverage`] | where the light has been, for those who wave it |
 //! | [`report`] | one HTML page with pictures |
+//! | [`words`] | numbers as a person reads them |
 
 pub mod axes;
 pub mod board;

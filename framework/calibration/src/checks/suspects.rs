@@ -107,6 +107,8 @@ const SWAPPED_RATIO: f64 = 3.0;
 const NOISE_COST: f64 = 1.55;
 /// With a larger share of sightings far off, no pose has to do with what a camera saw.
 const NO_POSE: f64 = 0.8;
+/// A picture is mirrored that has, in a mirror, less than this part of its sightings that are far off.
+const LESS_FAR: f64 = 0.5;
 /// Focal lengths are off by no larger a factor, nor by its inverse.
 const FOCAL_FACTOR: f64 = 2.0;
 /// A camera with more wrong sightings than right ones was calibrated by luck.
@@ -182,11 +184,11 @@ fn contradicting(room: &Room<'_>) -> Vec<Suspect> {
     let (_, usual, usual_far) = rest.examine_all();
     for camera in (0..room.solved.cameras.len()).filter(|it| !is_calibrated(&room.solved.cameras[*it])) {
         let examined = rest.examine(camera);
-        if examined.as_ref().is_none_or(|it| it.far > NO_POSE) {
-            // Its status says already that no pose fits.
-            let is_mirrored = rest.is_mirrored(camera);
-            found.extend(is_mirrored.then(|| suspect(room, camera, Cause::Mirrored, f64::INFINITY, 1.0)));
-        } else {
+        let far = examined.as_ref().map_or(1.0, |it| it.far);
+        if far > room.rules.wrong_share && rest.mirrored_far(camera).is_some_and(|it| it < LESS_FAR * far) {
+            found.push(suspect(room, camera, Cause::Mirrored, f64::INFINITY, 1.0));
+        } else if far <= NO_POSE {
+            // With more its status says already that no pose fits.
             found.extend(examined.and_then(|it| rest.accuse(&it, usual, usual_far)));
         }
     }
@@ -310,19 +312,17 @@ impl<'a> Rest<'a> {
         (misfit > rules.misfit).then(|| suspect(&self.room, examined.camera, Cause::Unknown, misfit, 0.0))
     }
 
-    /// Whether its picture fits once it is turned about its vertical axis.
-    fn is_mirrored(&self, camera: usize) -> bool {
+    /// Share of its sightings that are far off once its picture is turned left to right; `None` where no pose fits then.
+    fn mirrored_far(&self, camera: usize) -> Option<f64> {
         let witnessed = self.room.witnessed(camera, &self.out, &self.cameras, &self.points, |_| true);
         if witnessed.len() < LEAST_SAMPLES {
-            return false;
+            return None;
         }
         let start = &self.cameras[camera];
         let mirrored = Samples::new(&witnessed, start, self.room.sigma_px).mirrored(start.image_size[0]);
-        let found = mirrored.search(start, self.room.rules.seed);
-        found.is_some_and(|it| {
-            let far = mirrored.squares(&it.camera).into_iter().filter(|it| *it > FAR).count();
-            (far as f64) < MOST_WRONG * mirrored.len() as f64
-        })
+        let found = mirrored.search(start, self.room.rules.seed)?;
+        let far = mirrored.squares(&found.camera).into_iter().filter(|it| *it > FAR).count();
+        Some(far as f64 / mirrored.len() as f64)
     }
 
     /// Whether the wrong sightings of a camera were left out, and what is left is enough and fits as well as anybody's.
