@@ -2,7 +2,7 @@
 //!
 //! A turn ω by which a camera sees points p (in the camera) moves each by ω × p. That of a bin is the robust least-squares one (Cauchy's
 //! loss, scale from the median), so that a minority of wrong sightings does little. Errors of one light in one bin are not independent
-//! (half of it is hidden, something shines beside it): n sightings of it are known to no better than σ²/n + [`CORRELATED_PX`]². The last few turns are compared with the mean of
+//! (half of it is hidden, something shines beside it): n sightings of it are known to no better than σ²/n + `CORRELATED_PX`². The last few turns are compared with the mean of
 //! all before them since the last bump: d = recent − before, told when dᵀ (C_recent + C_before)⁻¹ d exceeds a square and |d| a least turn. The
 //! covariances are widened by what the camera's own history scatters more than they say. Without a history the calibration is taken
 //! at its word.
