@@ -96,6 +96,18 @@ impl Setup {
         Err(ConfigError { setting: setting.map(str::to_owned), message })
     }
 
+    /// As [`Self::claim_file`], of a name that `setting` states, which has to be that of a file right in the results folder.
+    ///
+    /// # Errors
+    /// Points at `setting`: a path or nothing in place of a name, or a file that another node writes.
+    pub fn claim_named_file(&self, setting: &str, name: &str) -> Result<(), ConfigError> {
+        if Path::new(name).file_name().is_none_or(|it| it != name) {
+            let message = format!("found `{name}`, expected the name of a file in the results folder");
+            return Err(ConfigError::at(setting, message));
+        }
+        self.claim_file(Some(setting), name)
+    }
+
     /// The name of this instance's camera.
     pub fn camera_name(&self) -> Option<&str> {
         let index = usize::from(self.camera?.0);

@@ -12,7 +12,7 @@ pub mod watch;
 mod tests;
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use foveate::prelude::*;
@@ -126,12 +126,7 @@ impl Node for CameraWatch {
         check("sigmas", settings.sigmas, 3.0..=100.0)?;
         check("gate_mrad", settings.gate_mrad, 1.0..=500.0)?;
         check("max_age_ms", settings.max_age_ms, 1.0..=1000.0)?;
-        let plain = Path::new(&settings.file).file_name().is_some_and(|it| it == settings.file.as_str());
-        if !plain {
-            let message = format!("found `{}`, expected the name of a file in the results folder", settings.file);
-            return Err(ConfigError::at("file", message));
-        }
-        setup.claim_file(Some("file"), &settings.file)?;
+        setup.claim_named_file("file", &settings.file)?;
         let cameras = &setup.calibration.cameras;
         if cameras.len() < 3 {
             let n = cameras.len();

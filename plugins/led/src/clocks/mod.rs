@@ -9,7 +9,7 @@ pub mod sights;
 #[cfg(test)]
 mod tests;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use foveate::geometry::Camera;
 use foveate::prelude::*;
@@ -117,12 +117,7 @@ impl Node for ClocksNode {
         check("min_distinction", settings.min_distinction, 1.0..=100.0)?;
         check("max_turn_deg_s", settings.max_turn_deg_s, 1.0..=100_000.0)?;
         check("max_gap_ms", settings.max_gap_ms, 1.0..=10_000.0)?;
-        let plain = Path::new(&settings.file).file_name().is_some_and(|it| it == settings.file.as_str());
-        if !plain {
-            let message = format!("found `{}`, expected the name of a file in the results folder", settings.file);
-            return Err(ConfigError::at("file", message));
-        }
-        setup.claim_file(Some("file"), &settings.file)?;
+        setup.claim_named_file("file", &settings.file)?;
         let cameras = &setup.calibration.cameras;
         if cameras.len() < 2 {
             let n = cameras.len();
