@@ -1,31 +1,29 @@
 //! `foveate calibrate`: a rig's detectors run, what they see of a waved light or a board becomes a calibration with a verdict.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+mod conclude;
+mod plan;
+
+use std::path::PathBuf;
 
 use clap::ValueEnum;
 use foveate_calibration::axes::{self, AxesRules, Wishes};
 use foveate_calibration::board::BoardRules;
-use foveate_calibration::checks::{CheckRules, Checks, LengthSample, Level, check};
+use foveate_calibration::checks::{CheckRules, LengthSample, Level, check};
 use foveate_calibration::clocks::ClockRules;
-use foveate_calibration::comparison::{Comparison, compare};
-use foveate_calibration::convergence::{ConvergenceRules, convergence};
-use foveate_calibration::recording::{CameraGuess, Recording};
-use foveate_calibration::report::{self, Grade, ReportInput};
-use foveate_calibration::room::{self, Origin, RoomRules, SolvedRoom, Sought};
+use foveate_calibration::comparison::compare;
+use foveate_calibration::room::{self, RoomRules, SolvedRoom, Sought};
 use foveate_calibration::solved::{FixedFreedoms, SightingRole, Solved, SolvedCamera};
 use foveate_calibration::wand::{self, RefineRules, Wand, WandSample, WandSighting};
-use foveate_geometry::{Camera, CameraStatus, Distortion, Freedom};
-use foveate_scene::draft::{guessed_focal, middle};
-use foveate_scene::{Calibration, Draft, LengthUnit, NamedCamera};
-use serde_json::{Map, Value};
+use foveate_geometry::CameraStatus;
+use foveate_scene::{Calibration, LengthUnit};
 
+use self::conclude::{More, check_writable, conclude};
+use self::plan::Plan;
 use super::seconds;
 use crate::calibrate::boards::{self, BoardWishes};
 use crate::calibrate::capture::{self, Captured};
-use crate::calibrate::{figures, words};
+use crate::calibrate::words;
 use crate::outcome::{harmless, lost};
-use crate::output::say;
 use crate::progress::Waiting;
 use crate::{exit, interrupt, results};
 
@@ -133,18 +131,6 @@ enum Optics {
     All,
 }
 
-impl Optics {
-    fn freedom(self) -> Freedom {
-        let focal = Freedom { focal: true, ..Freedom::POSE };
-        match self {
-            Optics::Known => Freedom::POSE,
-            Optics::Focal => focal,
-            Optics::Lens => Freedom { k1: true, k2: true, ..focal },
-            Optics::All => Freedom { k1: true, k2: true, principal: true, decentering: true, aspect: true, ..focal },
-        }
-    }
-}
-
 /// A distance in pixels on the command line.
 fn pixels(text: &str) -> Result<f64, String> {
     let number = text.parse::<f64>().ok().filter(|it| *it > 0.0 && *it <= 1000.0);
@@ -164,87 +150,6 @@ pub(super) fn run(args: &CalibrateArgs) -> u8 {
             eprintln!("{}", sentences.trim_end());
             exit::INPUT
         }
-    }
-}
-
-/// What is computed with.
-struct Plan {
-    cameras: Vec<CameraGuess>,
-    /// Whether poses are found from nothing.
-    from_nothing: bool,
-    /// Whether nothing is known of focal lengths.
-    focal_unknown: bool,
-}
-
-impl Plan {
-    fn new(args: &CalibrateArgs, draft: &Draft) -> Result<Plan, String> {
-        let unknown = |name: &str| draft.unknown.get(name).copied().unwrap_or_default();
-        let without_pose = draft.calibration.cameras.iter().filter(|it| unknown(&it.name).pose).count();
-        let from_nothing = args.from_nothing || 2 * without_pose >= draft.calibration.cameras.len();
-        if without_pose > 0 && !from_nothing {
-            let names: Vec<&str> = draft.unknown.iter().filter(|it| it.1.pose).map(|it| it.0.as_str()).collect();
-            return Err(format!(
-                "error: {} have no pose and the others have, expected all or none; say --from-nothing to find all of them",
-                names.join(", ")
-            ));
-        }
-        let forget = args.from_nothing && args.optics.is_some_and(|it| it != Optics::Known);
-        let guess = |named: &foveate_scene::NamedCamera| {
-            let (mut camera, unknown) = (named.camera.clone(), unknown(&named.name));
-            let free = match args.optics {
-                Some(optics) => optics.freedom(),
-                None => Freedom {
-                    focal: unknown.focal,
-                    principal: unknown.principal && unknown.focal,
-                    k1: unknown.distortion && unknown.focal,
-                    k2: unknown.distortion && unknown.focal,
-                    ..Freedom::POSE
-                },
-            };
-            if forget {
-                forget_optics(&mut camera, free);
-            }
-            CameraGuess { name: named.name.clone(), camera, free }
-        };
-        let cameras: Vec<CameraGuess> = draft.calibration.cameras.iter().map(guess).collect();
-        let focal_unknown = forget || draft.unknown.values().any(|it| it.focal);
-        Ok(Plan { cameras, from_nothing, focal_unknown })
-    }
-}
-
-/// Pictures that are so many times as wide as high often have pixels that are not square.
-const WIDE: f64 = 2.0;
-
-impl Plan {
-    /// What to know before a room is solved with the wrong shape of pixels, which no light tells apart from a wrong world.
-    fn doubtful_pixels(&self, draft: &Draft) -> Option<String> {
-        let doubtful = self.cameras.iter().find(|it| {
-            let ([columns, rows], [fx, fy]) = (it.camera.image_size.map(f64::from), it.camera.intrinsics.focal);
-            let is_guess = draft.unknown.get(&it.name).is_some_and(|it| it.focal);
-            is_guess && fx == fy && !(1.0 / WIDE..=WIDE).contains(&(columns / rows))
-        })?;
-        let [columns, rows] = doubtful.camera.image_size;
-        Some(format!(
-            "note: the pictures of {} are {columns} × {rows} px; if their pixels are not square, as those of single fields of video, state it in the calibration: \
-             pixel_aspect = 0.5",
-            doubtful.name
-        ))
-    }
-}
-
-/// Puts what is to be found of a camera's optics back to what can be said of any camera.
-fn forget_optics(camera: &mut Camera, free: Freedom) {
-    if free.focal {
-        // The shape of the pixels is the sensor's, which nobody guesses.
-        let [fx, fy] = camera.intrinsics.focal;
-        camera.intrinsics.focal = guessed_focal(camera.image_size, fy / fx);
-        camera.intrinsics.skew = 0.0;
-    }
-    if free.principal {
-        camera.intrinsics.principal = middle(camera.image_size);
-    }
-    if free.k1 {
-        camera.distortion = Distortion::default();
     }
 }
 
@@ -364,35 +269,6 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
     conclude(args, &path, &folder, &captured, &solved, &checks, &more)
 }
 
-/// What is told beside the room itself.
-#[derive(Debug, Default)]
-struct More {
-    words: String,
-    figures: BTreeMap<String, f64>,
-    is_board: bool,
-    older: Option<Calibration>,
-    /// Whether the older calibration was adjusted, so that its world is that of the new one.
-    is_adjusted: bool,
-}
-
-impl More {
-    /// What is said of a light, as it is said of what was seen.
-    fn told(&self, text: &str) -> String {
-        if self.is_board { boards::of_board(text) } else { text.to_owned() }
-    }
-
-    fn add(&mut self, beside: Result<Comparison, String>, path: &Path) {
-        let path = path.display().to_string();
-        match beside {
-            Ok(beside) => {
-                self.words += &format!("\n{}", beside.describe(&path));
-                self.figures.extend(beside.figures());
-            }
-            Err(reason) => self.words += &format!("\n{path} cannot be compared: {reason}\n"),
-        }
-    }
-}
-
 /// Adjusts the room with the length of the wand; how that length comes out at moments that were kept back.
 fn measured_by_wand(room: &mut SolvedRoom, length_mm: f64) -> Result<Vec<LengthSample>, String> {
     let refused = |fault: &dyn std::fmt::Display| format!("error: the wand: {fault}");
@@ -461,39 +337,6 @@ fn other_lengths(solved: &Solved, older: &Calibration) -> Result<Option<String>,
     ))
 }
 
-/// Clocks that were not estimated stay as they were, as do the frame rates of those that were, and where the older calibration was adjusted,
-/// cameras that were not found. Names of these, and of those that are lost.
-fn carry_over(calibration: &mut Calibration, older: &Calibration, is_adjusted: bool) -> CarriedOver {
-    let missing = older.cameras.iter().filter(|it| calibration.camera(&it.name).is_none());
-    let missing: Vec<NamedCamera> = missing.cloned().collect();
-    let names = missing.iter().map(|it| it.name.clone()).collect();
-    let carried = match is_adjusted {
-        true => CarriedOver { kept: names, lost: Vec::new() },
-        false => CarriedOver { kept: Vec::new(), lost: names },
-    };
-    for camera in missing.into_iter().filter(|_| is_adjusted) {
-        let uncertainty = older.uncertainties.get(&camera.name).cloned();
-        calibration.uncertainties.extend(uncertainty.map(|it| (camera.name.clone(), it)));
-        calibration.cameras.push(camera);
-    }
-    for (name, clock) in &older.clocks.0 {
-        if calibration.camera(name).is_some() {
-            let kept = calibration.clocks.0.entry(name.clone()).or_insert_with(|| *clock);
-            kept.frame_rate_hz = kept.frame_rate_hz.or(clock.frame_rate_hz);
-        }
-    }
-    carried
-}
-
-/// Cameras of the older calibration that were not calibrated.
-#[derive(Debug, Default)]
-struct CarriedOver {
-    /// They stand in the new one as they stood in the older.
-    kept: Vec<String>,
-    /// They do not stand in the new one.
-    lost: Vec<String>,
-}
-
 /// What fixes scale and axes of the calibration that is to be adjusted.
 fn fixed_before(older: &Calibration, plan: &Plan) -> FixedFreedoms {
     if plan.from_nothing {
@@ -506,114 +349,5 @@ fn fixed_before(older: &Calibration, plan: &Plan) -> FixedFreedoms {
         scale: provenance.scale.or_else(|| is_metric.then(inherited)),
         gravity: provenance.gravity.or_else(|| is_metric.then(inherited)),
         origin: provenance.origin.or_else(|| is_metric.then(inherited)),
-    }
-}
-
-/// Writes everything and says how it is.
-fn conclude(
-    args: &CalibrateArgs,
-    older: &Path,
-    folder: &Path,
-    captured: &Captured,
-    room: &SolvedRoom,
-    checks: &Checks,
-    more: &More,
-) -> Result<u8, String> {
-    let recording: &Recording = &captured.recording;
-    let method = match more.is_board {
-        true => "a board",
-        false if args.wand_mm.is_some() => "a waved wand",
-        false => "one waved light",
-    };
-    let origin = Origin {
-        method: format!("foveate calibrate {}: {method}", env!("CARGO_PKG_VERSION")),
-        date: None,
-        sources: vec![args.rig.display().to_string()],
-        note: format!("calibrated with {}", args.rig.display()),
-    };
-    let mut calibration = room.solved.to_calibration(origin).map_err(|error| format!("error: {error}"))?;
-    let carried = more.older.as_ref().map(|older| carry_over(&mut calibration, older, more.is_adjusted));
-    let carried = carried.unwrap_or_default();
-    let text = calibration.to_toml();
-    let write =
-        |path: &Path, bytes: &str| results::write_whole(path, bytes.as_bytes()).map_err(|it| format!("error: {it}"));
-    write(&folder.join("calibration.toml"), &text)?;
-    let mut figures = figures::figures(room);
-    figures.insert("verdict".to_owned(), f64::from(checks.verdict.level as u8));
-    figures.extend(more.figures.clone());
-    let figures: Map<String, Value> = figures.into_iter().map(|(name, value)| (name, results::number(value))).collect();
-    write(&folder.join("summary.json"), &format!("{:#}\n", Value::Object(figures)))?;
-    write(&folder.join("verdict.txt"), &more.told(&checks.to_string()))?;
-    let mut files = vec!["calibration.toml", "summary.json", "verdict.txt", capture::SIGHTINGS];
-    if args.report {
-        write(&folder.join("report.html"), &more.told(&page(args, room, checks, &calibration, recording)))?;
-        files.push("report.html");
-    }
-    say(&more.told(&words::describe(room, recording)));
-    say(&more.words);
-    if !carried.kept.is_empty() {
-        say(&format!("kept as the older calibration has them: {}\n", carried.kept.join(", ")));
-    }
-    say(&more.told(&format!("\n{checks}\n")));
-    if args.write {
-        say(&replace(older, &text, checks, &carried.lost)?);
-    }
-    say(&format!("results: {}/\n  {}\n", folder.display(), files.join("  ")));
-    Ok(exit::DONE)
-}
-
-fn page(
-    args: &CalibrateArgs,
-    room: &SolvedRoom,
-    checks: &Checks,
-    calibration: &Calibration,
-    recording: &Recording,
-) -> String {
-    let grade = match checks.verdict.level {
-        Level::Good => Grade::Good,
-        Level::Usable => Grade::Usable,
-        Level::Redo => Grade::Redo,
-    };
-    let rejected: Vec<String> = words::left_out(room, recording);
-    let both = if args.alternating { convergence(&room.solved, &ConvergenceRules::default()) } else { None };
-    report::html(&ReportInput {
-        title: &format!("Calibration of {}", args.rig.display()),
-        verdict: Some(report::Verdict { grade, sentences: &checks.verdict.sentences, more: checks.verdict.more }),
-        solved: &room.solved,
-        unit: checks.unit,
-        convergence: both.as_ref(),
-        provenance: calibration.provenance.as_ref(),
-        rejected: &rejected,
-    })
-}
-
-/// Puts the calibration in place of the one that the rig names, which is kept beside it.
-fn replace(older: &Path, text: &str, checks: &Checks, lost: &[String]) -> Result<String, String> {
-    if checks.verdict.level == Level::Redo {
-        return Ok(format!("{} stays as it is: the verdict is \"redo\"\n", older.display()));
-    }
-    if !lost.is_empty() {
-        return Ok(format!(
-            "{} stays as it is, since {} would be lost: not calibrated; the others stand in the results' calibration.toml\n",
-            older.display(),
-            lost.join(", ")
-        ));
-    }
-    let backups = (1..)
-        .map(|it| older.with_extension(if it == 1 { "before.toml".to_owned() } else { format!("before-{it}.toml") }));
-    let Some(kept) = backups.into_iter().find(|it| !it.exists()) else { unreachable!("there are numbers enough") };
-    std::fs::copy(older, &kept).map_err(|error| format!("error: {} cannot be kept: {error}", older.display()))?;
-    results::write_whole(older, text.as_bytes()).map_err(|it| format!("error: {it}"))?;
-    Ok(format!("{} is replaced; the one before is {}\n", older.display(), kept.display()))
-}
-
-/// Refuses `--write` where it would put a file of ours in place of another program's.
-fn check_writable(older: &Path) -> Result<(), String> {
-    match Draft::is_ours(older) {
-        true => Ok(()),
-        false => Err(format!(
-            "error: --write would replace {}, which is not a calibration file of ours; name the results' calibration.toml in the rig instead",
-            older.display()
-        )),
     }
 }

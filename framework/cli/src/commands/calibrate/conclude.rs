@@ -1,0 +1,191 @@
+//! The end of `foveate calibrate`: what is written, what is said, and what becomes of the older calibration.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use foveate_calibration::checks::{Checks, Level};
+use foveate_calibration::comparison::Comparison;
+use foveate_calibration::convergence::{ConvergenceRules, convergence};
+use foveate_calibration::recording::Recording;
+use foveate_calibration::report::{self, Grade, ReportInput};
+use foveate_calibration::room::{Origin, SolvedRoom};
+use foveate_scene::{Calibration, Draft, NamedCamera};
+use serde_json::{Map, Value};
+
+use super::CalibrateArgs;
+use crate::calibrate::boards;
+use crate::calibrate::capture::{self, Captured};
+use crate::calibrate::{figures, words};
+use crate::output::say;
+use crate::{exit, results};
+
+/// What is told beside the room itself.
+#[derive(Debug, Default)]
+pub(super) struct More {
+    pub(super) words: String,
+    pub(super) figures: BTreeMap<String, f64>,
+    pub(super) is_board: bool,
+    pub(super) older: Option<Calibration>,
+    /// Whether the older calibration was adjusted, so that its world is that of the new one.
+    pub(super) is_adjusted: bool,
+}
+
+impl More {
+    /// What is said of a light, as it is said of what was seen.
+    fn told(&self, text: &str) -> String {
+        if self.is_board { boards::of_board(text) } else { text.to_owned() }
+    }
+
+    pub(super) fn add(&mut self, beside: Result<Comparison, String>, path: &Path) {
+        let path = path.display().to_string();
+        match beside {
+            Ok(beside) => {
+                self.words += &format!("\n{}", beside.describe(&path));
+                self.figures.extend(beside.figures());
+            }
+            Err(reason) => self.words += &format!("\n{path} cannot be compared: {reason}\n"),
+        }
+    }
+}
+
+/// Writes everything and says how it is.
+pub(super) fn conclude(
+    args: &CalibrateArgs,
+    older: &Path,
+    folder: &Path,
+    captured: &Captured,
+    room: &SolvedRoom,
+    checks: &Checks,
+    more: &More,
+) -> Result<u8, String> {
+    let recording: &Recording = &captured.recording;
+    let method = match more.is_board {
+        true => "a board",
+        false if args.wand_mm.is_some() => "a waved wand",
+        false => "one waved light",
+    };
+    let origin = Origin {
+        method: format!("foveate calibrate {}: {method}", env!("CARGO_PKG_VERSION")),
+        date: None,
+        sources: vec![args.rig.display().to_string()],
+        note: format!("calibrated with {}", args.rig.display()),
+    };
+    let mut calibration = room.solved.to_calibration(origin).map_err(|error| format!("error: {error}"))?;
+    let carried = more.older.as_ref().map(|older| carry_over(&mut calibration, older, more.is_adjusted));
+    let carried = carried.unwrap_or_default();
+    let text = calibration.to_toml();
+    let write =
+        |path: &Path, bytes: &str| results::write_whole(path, bytes.as_bytes()).map_err(|it| format!("error: {it}"));
+    write(&folder.join("calibration.toml"), &text)?;
+    let mut figures = figures::figures(room);
+    figures.insert("verdict".to_owned(), f64::from(checks.verdict.level as u8));
+    figures.extend(more.figures.clone());
+    let figures: Map<String, Value> = figures.into_iter().map(|(name, value)| (name, results::number(value))).collect();
+    write(&folder.join("summary.json"), &format!("{:#}\n", Value::Object(figures)))?;
+    write(&folder.join("verdict.txt"), &more.told(&checks.to_string()))?;
+    let mut files = vec!["calibration.toml", "summary.json", "verdict.txt", capture::SIGHTINGS];
+    if args.report {
+        write(&folder.join("report.html"), &more.told(&page(args, room, checks, &calibration, recording)))?;
+        files.push("report.html");
+    }
+    say(&more.told(&words::describe(room, recording)));
+    say(&more.words);
+    if !carried.kept.is_empty() {
+        say(&format!("kept as the older calibration has them: {}\n", carried.kept.join(", ")));
+    }
+    say(&more.told(&format!("\n{checks}\n")));
+    if args.write {
+        say(&replace(older, &text, checks, &carried.lost)?);
+    }
+    say(&format!("results: {}/\n  {}\n", folder.display(), files.join("  ")));
+    Ok(exit::DONE)
+}
+
+fn page(
+    args: &CalibrateArgs,
+    room: &SolvedRoom,
+    checks: &Checks,
+    calibration: &Calibration,
+    recording: &Recording,
+) -> String {
+    let grade = match checks.verdict.level {
+        Level::Good => Grade::Good,
+        Level::Usable => Grade::Usable,
+        Level::Redo => Grade::Redo,
+    };
+    let rejected: Vec<String> = words::left_out(room, recording);
+    let both = if args.alternating { convergence(&room.solved, &ConvergenceRules::default()) } else { None };
+    report::html(&ReportInput {
+        title: &format!("Calibration of {}", args.rig.display()),
+        verdict: Some(report::Verdict { grade, sentences: &checks.verdict.sentences, more: checks.verdict.more }),
+        solved: &room.solved,
+        unit: checks.unit,
+        convergence: both.as_ref(),
+        provenance: calibration.provenance.as_ref(),
+        rejected: &rejected,
+    })
+}
+
+/// Puts the calibration in place of the one that the rig names, which is kept beside it.
+fn replace(older: &Path, text: &str, checks: &Checks, lost: &[String]) -> Result<String, String> {
+    if checks.verdict.level == Level::Redo {
+        return Ok(format!("{} stays as it is: the verdict is \"redo\"\n", older.display()));
+    }
+    if !lost.is_empty() {
+        return Ok(format!(
+            "{} stays as it is, since {} would be lost: not calibrated; the others stand in the results' calibration.toml\n",
+            older.display(),
+            lost.join(", ")
+        ));
+    }
+    let backups = (1..)
+        .map(|it| older.with_extension(if it == 1 { "before.toml".to_owned() } else { format!("before-{it}.toml") }));
+    let Some(kept) = backups.into_iter().find(|it| !it.exists()) else { unreachable!("there are numbers enough") };
+    std::fs::copy(older, &kept).map_err(|error| format!("error: {} cannot be kept: {error}", older.display()))?;
+    results::write_whole(older, text.as_bytes()).map_err(|it| format!("error: {it}"))?;
+    Ok(format!("{} is replaced; the one before is {}\n", older.display(), kept.display()))
+}
+
+/// Refuses `--write` where it would put a file of ours in place of another program's.
+pub(super) fn check_writable(older: &Path) -> Result<(), String> {
+    match Draft::is_ours(older) {
+        true => Ok(()),
+        false => Err(format!(
+            "error: --write would replace {}, which is not a calibration file of ours; name the results' calibration.toml in the rig instead",
+            older.display()
+        )),
+    }
+}
+
+/// Clocks that were not estimated stay as they were, as do the frame rates of those that were, and where the older calibration was adjusted,
+/// cameras that were not found. Names of these, and of those that are lost.
+fn carry_over(calibration: &mut Calibration, older: &Calibration, is_adjusted: bool) -> CarriedOver {
+    let missing = older.cameras.iter().filter(|it| calibration.camera(&it.name).is_none());
+    let missing: Vec<NamedCamera> = missing.cloned().collect();
+    let names = missing.iter().map(|it| it.name.clone()).collect();
+    let carried = match is_adjusted {
+        true => CarriedOver { kept: names, lost: Vec::new() },
+        false => CarriedOver { kept: Vec::new(), lost: names },
+    };
+    for camera in missing.into_iter().filter(|_| is_adjusted) {
+        let uncertainty = older.uncertainties.get(&camera.name).cloned();
+        calibration.uncertainties.extend(uncertainty.map(|it| (camera.name.clone(), it)));
+        calibration.cameras.push(camera);
+    }
+    for (name, clock) in &older.clocks.0 {
+        if calibration.camera(name).is_some() {
+            let kept = calibration.clocks.0.entry(name.clone()).or_insert_with(|| *clock);
+            kept.frame_rate_hz = kept.frame_rate_hz.or(clock.frame_rate_hz);
+        }
+    }
+    carried
+}
+
+/// Cameras of the older calibration that were not calibrated.
+#[derive(Debug, Default)]
+struct CarriedOver {
+    /// They stand in the new one as they stood in the older.
+    kept: Vec<String>,
+    /// They do not stand in the new one.
+    lost: Vec<String>,
+}
