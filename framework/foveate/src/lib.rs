@@ -14,6 +14,7 @@ pub mod prelude {
         Report, Role, Setup, Stamp, Stamped, Time,
     };
     pub use foveate_messages::{
-        CameraId, CameraSet, Feature, Features, How, Image, PixelFormat, Target, TargetId, Targets,
+        Assignment, CameraId, CameraSet, Feature, Features, HeadCommand, HeadEvent, HeadLink, HeadOrder, HeadPose,
+        HeadPosition, HeadReport, How, Image, PixelFormat, ScaleSpace, SubRegion, Target, TargetId, Targets,
     };
 }

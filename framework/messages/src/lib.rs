@@ -5,19 +5,29 @@
 //! | [`Image`] | one picture of one camera | pixels of that camera |
 //! | [`Features`] | the 2D points found in one picture | pixels of that camera |
 //! | [`Targets`] | the 3D points recovered at one scale | metres in that scale's space |
+//! | [`SubRegion`] | the moving volume that the next scale looks into | metres in the parent scale's space |
+//! | [`ScaleSpace`] | where the space of an anchored scale is | – |
+//! | [`Assignment`] | which head follows which target | – |
+//! | [`HeadCommand`] | what a pan-tilt head should do | angles of its axes |
+//! | [`HeadReport`] | what it was told and what it said | angles of its axes |
+//! | [`HeadPose`] | where its camera stood at one moment | – |
 
 mod camera_set;
 mod features;
+mod head;
 mod image;
 mod stamped;
+mod sub_region;
 mod targets;
 
 use std::any::Any;
 
 pub use camera_set::{CameraId, CameraSet};
 pub use features::{Feature, Features};
+pub use head::{HeadCommand, HeadEvent, HeadLink, HeadOrder, HeadPose, HeadPosition, HeadReport};
 pub use image::{Image, PixelFormat};
 pub use stamped::{Interval, SourceId, Stamp, Stamped, Time};
+pub use sub_region::{Assignment, ScaleSpace, SubRegion};
 pub use targets::{How, Target, TargetId, Targets};
 
 /// A type that may travel on an edge.

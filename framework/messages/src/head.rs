@@ -1,0 +1,130 @@
+//! What goes to a pan-tilt head and what comes back.
+//!
+//! Angles are those of the calibrated axes [rad], 0 where the camera is *at rest*; the node that drives the head turns them into the
+//! device's numbers and back.
+
+use nalgebra::{Isometry3, Matrix2, Matrix6};
+
+use crate::{CameraId, Interval, Message, Quality, SpaceKind, Time};
+
+/// What a head should do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum HeadOrder {
+    /// Go to these angles.
+    Go {
+        /// Pan and tilt [rad].
+        angles: [f64; 2],
+        /// At most at these speeds, above 0 [rad/s].
+        speeds: [f64; 2],
+    },
+    /// Turn at these rates until the next command [rad/s].
+    Turn {
+        /// Of pan and tilt, with sign.
+        rates: [f64; 2],
+    },
+}
+
+/// A command for the head of one camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeadCommand {
+    /// The camera that the head carries.
+    pub camera: CameraId,
+    /// Where to look.
+    pub order: HeadOrder,
+    /// Position of the zoom drive, in the units of the calibration's table; `None` leaves it.
+    pub zoom: Option<f64>,
+}
+
+impl Message for HeadCommand {
+    const NAME: &'static str = "head_command";
+    const SPACE: SpaceKind = SpaceKind::None;
+}
+
+/// How things are with a head.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum HeadLink {
+    /// Not reached (yet, or any more): it is tried again.
+    #[default]
+    Away,
+    /// It answers.
+    Ready,
+}
+
+/// Where a head said that it was.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeadPosition {
+    /// It looked at its motors after this moment …
+    pub earliest: Time,
+    /// … and before this one.
+    pub latest: Time,
+    /// Pan and tilt [rad].
+    pub angles: [f64; 2],
+}
+
+/// Something that happened between a head and what drives it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum HeadEvent {
+    /// The link changed.
+    Link(HeadLink),
+    /// The first bit of a command went to the line.
+    Sent(HeadOrder),
+    /// The head has done the last command.
+    Arrived,
+    /// The head said where it was.
+    Position(HeadPosition),
+    /// The head said where its zoom was, in the units of the calibration's table.
+    Zoom(f64),
+}
+
+/// What happened between a head and what drives it since the last report.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct HeadReport {
+    /// The camera that the head carries.
+    pub camera: CameraId,
+    /// How things are now.
+    pub link: HeadLink,
+    /// The events and when they were learnt, oldest first.
+    pub events: Vec<(Time, HeadEvent)>,
+}
+
+impl Message for HeadReport {
+    const NAME: &'static str = "head_report";
+    const SPACE: SpaceKind = SpaceKind::None;
+
+    fn quality(&self) -> Quality {
+        Quality { count: Some(self.events.len() as u32), sigma: None }
+    }
+}
+
+/// Where a camera on a head stood at one moment, as far as that can be told.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HeadPose {
+    /// The camera.
+    pub camera: CameraId,
+    /// The moment, such as the capture time of a picture.
+    pub time: Time,
+    /// Pan and tilt [rad].
+    pub angles: [f64; 2],
+    /// Of the angles [rad²].
+    pub angles_covariance: Matrix2<f64>,
+    /// How fast they change [rad/s].
+    pub rates: [f64; 2],
+    /// Position of the zoom drive; `None` where it is not known or there is none.
+    pub zoom: Option<f64>,
+    /// The camera's pose by the calibrated axes.
+    pub camera_from_world: Isometry3<f64>,
+    /// Of δ in `camera_from_world` ∘ exp(δ), (rotation, translation), from angles and calibration [rad², rad m, m²].
+    pub covariance: Matrix6<f64>,
+    /// Between the last answer of the head and `time`; what lies between is carried on from the commands.
+    pub age: Interval,
+}
+
+impl Message for HeadPose {
+    const NAME: &'static str = "head_pose";
+    const SPACE: SpaceKind = SpaceKind::None;
+
+    fn quality(&self) -> Quality {
+        let variance = self.angles_covariance.trace() / 2.0;
+        Quality { count: Some(1), sigma: Some(variance.max(0.0).sqrt()) }
+    }
+}
