@@ -24,6 +24,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("blob", &["foveate"]),
     ("board", &["foveate"]),
     ("export", &["foveate"]),
+    ("pan-tilt", &["foveate"]),
     (
         "cli",
         &[
@@ -37,6 +38,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "geometry",
             "led",
             "messages",
+            "pan-tilt",
             "scene",
             "sim",
         ],

@@ -7,6 +7,7 @@ mod graph;
 mod new;
 mod nodes;
 mod run;
+mod sim;
 
 use std::path::{Path, PathBuf};
 
@@ -66,6 +67,11 @@ enum Command {
         /// The file to write; `-` for standard output [default: RIG.svg or RIG.mmd in this folder]
         #[arg(long, short, value_hint = clap::ValueHint::FilePath)]
         output: Option<PathBuf>,
+    },
+    /// Start a simulated device that other programs can talk to
+    Sim {
+        #[command(subcommand)]
+        what: sim::SimWhat,
     },
     /// Begin something of your own
     New {
@@ -143,6 +149,7 @@ impl Cli {
             Command::Nodes { node_type } => nodes::run(node_type.as_deref()),
             Command::Devices => devices(),
             Command::Graph { rig, format, output } => graph::run(&rig, format, output),
+            Command::Sim { what } => sim::run(&what),
             Command::New { what: NewWhat::Rig { name, cameras, hall } } => {
                 new::rig(&name, cameras.map(|it| (it, hall)))
             }

@@ -8,12 +8,14 @@
 //! | [`camera`] | from the world to the pixels of one field |
 //! | [`observer`] | from the world to features, without a picture |
 //! | [`timing`] | a camera's clock, the way of its data, its failures |
+//! | [`head`] | a pan-tilt head with mechanics and a serial line, byte by byte |
 //! | [`score`] | recovered targets against the truth |
 //! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.score` |
 
 pub mod bump;
 pub mod camera;
 mod chance;
+pub mod head;
 pub mod lab;
 pub mod nodes;
 pub mod observer;

@@ -1,0 +1,243 @@
+//! The mechanics of a head: two motors and a zoom that take their time.
+//!
+//! A move is made after its latency. A motor follows it with limited speed and acceleration, brakes in time, and stands at whole
+//! units only. What it carries swings on it as a damped spring does:
+//!
+//! | here         | meaning                          | unit     |
+//! |--------------|----------------------------------|----------|
+//! | `motor`, `q` | where the motor stands, whole    | units    |
+//! | `speed`, `v` | how fast it turns                | units/s  |
+//! | `load`, `y`  | where the camera really looks    | units    |
+//!
+//! ÿ = −ω² (y − q) − 2 ζ ω (ẏ − v), stepped every millisecond.
+
+use std::collections::VecDeque;
+
+use foveate_messages::{Interval, Time};
+
+use super::settings::AxisSettings;
+
+/// The step in which all mechanics go [ns].
+pub(super) const TICK: Interval = Interval(1_000_000);
+const TICK_S: f64 = 1e-3;
+/// This near to its goal a motor is there [units].
+const THERE: f64 = 0.01;
+
+/// What an axis is told.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Goal {
+    /// Go there [units], at most at this speed [units/s].
+    At { units: f64, speed: f64 },
+    /// Come to rest.
+    Stop,
+}
+
+/// One axis: a motor and what it carries.
+#[derive(Debug, Clone)]
+pub struct Axis {
+    settings: AxisSettings,
+    goal: Goal,
+    waiting: VecDeque<(Time, Goal)>,
+    motor: f64,
+    speed: f64,
+    load: f64,
+    load_speed: f64,
+}
+
+impl Axis {
+    pub(super) fn new(settings: &AxisSettings) -> Axis {
+        let settings = settings.clone();
+        Axis {
+            settings,
+            goal: Goal::Stop,
+            waiting: VecDeque::new(),
+            motor: 0.0,
+            speed: 0.0,
+            load: 0.0,
+            load_speed: 0.0,
+        }
+    }
+
+    /// From `at` on this is the goal; moves come in the order of their times.
+    pub(super) fn order(&mut self, at: Time, goal: Goal) {
+        self.waiting.push_back((at, goal));
+    }
+
+    /// Forgets moves that have not begun.
+    pub(super) fn forget(&mut self) {
+        self.waiting.clear();
+    }
+
+    /// Speed number `code`, from 1 [units/s].
+    pub(super) fn speed_of(&self, code: u8) -> f64 {
+        let settings = &self.settings;
+        f64::from(code) / f64::from(settings.speeds) * settings.max_speed_deg_per_s * settings.units_per_deg
+    }
+
+    /// One tick, which ends at `now`.
+    pub(super) fn step(&mut self, now: Time) {
+        while self.waiting.front().is_some_and(|it| it.0 <= now) {
+            if let Some((_, goal)) = self.waiting.pop_front() {
+                self.goal = goal;
+            }
+        }
+        let acceleration = self.settings.acceleration_deg_per_s2 * self.settings.units_per_deg;
+        let (way, limit) = match self.goal {
+            Goal::Stop => (0.0, 0.0),
+            Goal::At { units, speed } => (units - self.motor, speed),
+        };
+        let change = acceleration * TICK_S;
+        // The greatest speed for this tick from which it can still stop in time: v² = 2 a (way − v · tick).
+        let brakes = (change * change + 2.0 * acceleration * way.abs()).sqrt() - change;
+        let wanted = limit.min(brakes).copysign(way);
+        self.speed += (wanted - self.speed).clamp(-change, change);
+        match self.goal {
+            Goal::At { units, .. } if (units - self.motor).abs() < THERE && self.speed.abs() <= 4.0 * change => {
+                (self.motor, self.speed) = (units, 0.0);
+            }
+            _ => self.motor += self.speed * TICK_S,
+        }
+        let reach = f64::from(self.settings.reach_units);
+        if self.motor.abs() > reach {
+            (self.motor, self.speed) = (self.motor.clamp(-reach, reach), 0.0);
+        }
+        self.swing();
+    }
+
+    fn swing(&mut self) {
+        let omega = self.settings.vibration_hz * std::f64::consts::TAU;
+        if omega == 0.0 {
+            (self.load, self.load_speed) = (self.motor.round(), self.speed);
+            return;
+        }
+        let drag = 2.0 * self.settings.vibration_damping * omega * (self.load_speed - self.speed);
+        self.load_speed -= (omega * omega * (self.load - self.motor.round()) + drag) * TICK_S;
+        self.load += self.load_speed * TICK_S;
+    }
+
+    /// Whether the motor stands, and nothing waits.
+    pub(super) fn is_done(&self) -> bool {
+        let is_there = match self.goal {
+            Goal::Stop => true,
+            Goal::At { units, .. } => self.motor == units,
+        };
+        is_there && self.speed == 0.0 && self.waiting.is_empty()
+    }
+
+    /// Where the motor stands [units].
+    pub fn motor_units(&self) -> i32 {
+        self.motor.round() as i32
+    }
+
+    /// Where the camera looks, vibration and all [rad].
+    pub fn angle_rad(&self) -> f64 {
+        (self.load / self.settings.units_per_deg).to_radians()
+    }
+
+    /// How fast the motor turns [rad/s].
+    pub fn speed_rad_per_s(&self) -> f64 {
+        (self.speed / self.settings.units_per_deg).to_radians()
+    }
+}
+
+/// The zoom: from 0 to its end at one speed [units].
+#[derive(Debug, Clone)]
+pub(super) struct Zoom {
+    position: f64,
+    goal: f64,
+    units_per_s: f64,
+}
+
+impl Zoom {
+    pub(super) fn new(end: f64, travel_ms: f64) -> Zoom {
+        Zoom { position: 0.0, goal: 0.0, units_per_s: end / travel_ms * 1e3 }
+    }
+
+    pub(super) fn go(&mut self, goal: f64) {
+        self.goal = goal;
+    }
+
+    pub(super) fn stop(&mut self) {
+        self.goal = self.position.round();
+    }
+
+    pub(super) fn step(&mut self) {
+        let most = self.units_per_s * TICK_S;
+        self.position += (self.goal - self.position).clamp(-most, most);
+    }
+
+    pub(super) fn is_done(&self) -> bool {
+        self.position == self.goal
+    }
+
+    /// Where it stands [units].
+    pub(super) fn units(&self) -> u16 {
+        self.position.round() as u16
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Position of motor and camera [units] and speed [units/s] at every millisecond of one move of the pan axis.
+    fn moved(goal: Goal, ticks: i64, settings: &AxisSettings) -> (Axis, Vec<[f64; 3]>) {
+        let mut axis = Axis::new(settings);
+        axis.order(Time(TICK.0), goal);
+        let path = (1..=ticks).map(|tick| {
+            axis.step(Time(tick * TICK.0));
+            [axis.motor, axis.load, axis.speed]
+        });
+        let path = path.collect();
+        (axis, path)
+    }
+
+    #[test]
+    fn a_move_takes_the_time_that_speed_and_acceleration_allow() {
+        let settings = AxisSettings::default();
+        // 90° at 80°/s with 400°/s²: 90/80 + 80/400 s.
+        let (axis, path) = moved(Goal::At { units: 792.0, speed: 704.0 }, 2000, &settings);
+        let arrived = path.iter().position(|it| it[0] == 792.0).unwrap();
+        assert!((1310..1345).contains(&arrived), "{arrived} ms");
+        assert!(axis.is_done());
+        assert!(path.iter().all(|it| it[0] <= 792.0), "the motor never overshoots");
+        let change = path.windows(2).map(|it| (it[1][2] - it[0][2]).abs()).fold(0.0, f64::max);
+        assert!(change <= 400.0 * 8.8 * 1e-3 * 4.0 + 1e-9, "{change}");
+        assert!(path.iter().all(|it| it[2] <= 704.0 + 1e-9));
+    }
+
+    #[test]
+    fn the_camera_swings_after_a_stop_at_its_frequency_and_comes_to_rest() {
+        let (_, path) = moved(Goal::At { units: 88.0, speed: 704.0 }, 3000, &AxisSettings::default());
+        let arrived = path.iter().position(|it| it[0] == 88.0).unwrap();
+        let swings: Vec<usize> = (arrived + 1..path.len())
+            .filter(|&tick| (path[tick - 1][1] - 88.0) * (path[tick][1] - 88.0) < 0.0)
+            .collect();
+        // Half a period is 1 / (2 · 8 Hz · √(1 − 0.15²)) = 63.2 ms.
+        let half = (swings[3] - swings[0]) as f64 / 3.0;
+        assert!((half - 63.2).abs() < 2.0, "{half} ms");
+        let greatest = |from: usize| path[from..].iter().map(|it| (it[1] - 88.0).abs()).fold(0.0, f64::max);
+        assert!(greatest(arrived) > 0.5, "it can be seen: {}", greatest(arrived));
+        assert!(greatest(2500) < 0.01, "it dies away: {}", greatest(2500));
+    }
+
+    #[test]
+    fn motors_stand_at_whole_units_and_within_their_reach() {
+        let rigid = AxisSettings { vibration_hz: 0.0, ..AxisSettings::default() };
+        let (_, path) = moved(Goal::At { units: 40.0, speed: 50.0 }, 1500, &rigid);
+        assert!(path.iter().all(|it| it[1] == it[1].round()));
+        let (axis, _) = moved(Goal::At { units: 5000.0, speed: 704.0 }, 3000, &rigid);
+        assert_eq!(axis.motor_units(), 880);
+    }
+
+    #[test]
+    fn a_stop_brakes() {
+        let mut axis = moved(Goal::At { units: 800.0, speed: 704.0 }, 600, &AxisSettings::default()).0;
+        let before = axis.motor;
+        axis.order(Time(601 * TICK.0), Goal::Stop);
+        (601..1200).for_each(|tick| axis.step(Time(tick * TICK.0)));
+        // 80°/s at 400°/s²: 8°.
+        assert!((axis.motor - before - 8.0 * 8.8).abs() < 1.0, "{}", axis.motor - before);
+        assert!(axis.is_done());
+    }
+}

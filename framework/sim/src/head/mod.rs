@@ -1,0 +1,34 @@
+//! A pan-tilt head that is not there: a Sony EVI-D30 down to the bytes on its line [Davis 2002 chapter 4].
+//!
+//! It shares no code with the driver in `plugins/pan_tilt`: the bytes are read and written here anew from the manuals, so that
+//! the two check each other.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`settings`] | what the head is like, with the figures of the EVI-D30 |
+//! | [`mechanics`] | motors with latency, limited acceleration and steps, and what vibrates on them |
+//! | `words` | the bytes of packets, read and written |
+//! | [`device`] | sockets, acknowledgements, completions: the program inside the head |
+//! | [`line`](mod@line) | the serial line: time of each byte, noise, unplugging |
+//! | [`datagrams`] | VISCA over IP |
+//! | [`axes`] | where its axes really are |
+//! | [`serve`] | the head as a process, in real time: a pseudo terminal, UDP |
+//!
+//! All but `serve` live on a logical clock: bytes and times go in, bytes and times come out, the same for the same seed.
+
+pub mod axes;
+pub mod datagrams;
+pub mod device;
+pub mod line;
+pub mod mechanics;
+pub mod serve;
+pub mod settings;
+#[cfg(test)]
+mod tests;
+mod words;
+
+pub use axes::Axes;
+pub use datagrams::NetworkHead;
+pub use device::Head;
+pub use line::SerialHead;
+pub use settings::{AxesSettings, AxisSettings, HeadSettings, LineSettings};

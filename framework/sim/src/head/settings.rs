@@ -1,0 +1,191 @@
+//! What a simulated head is like. The defaults are the Sony EVI-D30 where its manuals give a figure, and say so where not.
+
+use foveate_dataflow::ConfigError;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Everything about a simulated head but its line.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct HeadSettings {
+    /// Side to side, positive to the right [–].
+    pub pan: AxisSettings,
+    /// Up and down, positive up [–].
+    pub tilt: AxisSettings,
+    /// From the acknowledgement of a move to its first step, at least: [Davis 2002 §4.4] found 250 ms and more [ms].
+    #[schemars(range(min = 0.0, max = 10_000.0))]
+    pub latency_ms: f64,
+    /// What comes on top, drawn evenly from 0 to this for each move; moves keep their order [ms].
+    #[schemars(range(min = 0.0, max = 10_000.0))]
+    pub latency_jitter_ms: f64,
+    /// One message is looked at in each of these: a field of NTSC [ms].
+    #[schemars(range(min = 1.0, max = 1000.0))]
+    pub field_ms: f64,
+    /// From the acknowledgement of a command until it takes the place of the one before it, whose socket is then free. No manual says; this
+    /// lets a head be directed at 30 Hz and not at 60, as [Davis 2002 §4.3] found [ms].
+    #[schemars(range(min = 0.0, max = 10_000.0))]
+    pub take_up_ms: f64,
+    /// A new move takes the place of the one being made; otherwise it waits until that one is done [–].
+    pub supersedes: bool,
+    /// Time from the shortest to the longest focal length [ms].
+    #[schemars(range(min = 1.0, max = 60_000.0))]
+    pub zoom_travel_ms: f64,
+    /// From "power on" to the first command that is executed; no manual says for the EVI-D30 [ms].
+    #[schemars(range(min = 0.0, max = 60_000.0))]
+    pub power_on_ms: f64,
+}
+
+/// One axis with its motor.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct AxisSettings {
+    /// Positions in a degree [units/°].
+    #[schemars(range(min = 1.0, max = 1000.0))]
+    pub units_per_deg: f64,
+    /// From the middle to either end [units].
+    #[schemars(range(min = 1, max = 32_767))]
+    pub reach_units: i32,
+    /// Number of speeds [–].
+    #[schemars(range(min = 1, max = 127))]
+    pub speeds: u8,
+    /// The fastest; the others are even parts of it [°/s].
+    #[schemars(range(min = 0.1, max = 1000.0))]
+    pub max_speed_deg_per_s: f64,
+    /// How fast it gets faster and slower; no manual says for the EVI-D30 [°/s²].
+    #[schemars(range(min = 1.0, max = 100_000.0))]
+    pub acceleration_deg_per_s2: f64,
+    /// At which the camera on the motor swings when the motor stops ([Davis 2002 §4.3] saw it, without figures); 0: it is rigid [Hz].
+    #[schemars(range(min = 0.0, max = 100.0))]
+    pub vibration_hz: f64,
+    /// How soon that dies away, as a part of the critical damping [–].
+    #[schemars(range(min = 0.01, max = 1.0))]
+    pub vibration_damping: f64,
+}
+
+/// The line to the head: 8 data bits, no parity, 1 stop bit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct LineSettings {
+    /// Bits a second; a byte is ten of them [1/s].
+    #[schemars(range(min = 300.0, max = 1_000_000.0))]
+    pub baud: f64,
+    /// Share of the bytes that get lost, on both ways [–].
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub lost: f64,
+    /// Share of the bytes of which one bit is turned over [–].
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub flipped: f64,
+    /// Share of the bytes that another byte follows, from nowhere [–].
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub inserted: f64,
+}
+
+/// Where the axes of a head are, in the space of its camera at pan 0, tilt 0: x to the right, y down, z forward.
+///
+/// The pan axis would be y and the tilt axis x, both through the centre of projection, if heads were built as models have
+/// them. The defaults are a plausible EVI-D30; [Davis 2002] gives no figures.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct AxesSettings {
+    /// By how much the pan axis leans about x and about z [°].
+    pub pan_leans_deg: [f64; 2],
+    /// A point of the pan axis [mm].
+    pub pan_point_mm: [f64; 3],
+    /// By how much the tilt axis leans about y and about z [°].
+    pub tilt_leans_deg: [f64; 2],
+    /// A point of the tilt axis [mm].
+    pub tilt_point_mm: [f64; 3],
+}
+
+impl Default for HeadSettings {
+    fn default() -> Self {
+        Self {
+            pan: AxisSettings::default(),
+            tilt: AxisSettings {
+                units_per_deg: 12.0,
+                reach_units: 300,
+                speeds: 20,
+                max_speed_deg_per_s: 50.0,
+                ..AxisSettings::default()
+            },
+            latency_ms: 250.0,
+            latency_jitter_ms: 20.0,
+            field_ms: 1000.0 / 59.94,
+            take_up_ms: 33.0,
+            supersedes: true,
+            zoom_travel_ms: 2500.0,
+            power_on_ms: 3000.0,
+        }
+    }
+}
+
+impl Default for AxisSettings {
+    fn default() -> Self {
+        Self {
+            units_per_deg: 8.8,
+            reach_units: 880,
+            speeds: 24,
+            max_speed_deg_per_s: 80.0,
+            acceleration_deg_per_s2: 400.0,
+            vibration_hz: 8.0,
+            vibration_damping: 0.15,
+        }
+    }
+}
+
+impl Default for LineSettings {
+    fn default() -> Self {
+        Self { baud: 9600.0, lost: 0.0, flipped: 0.0, inserted: 0.0 }
+    }
+}
+
+impl Default for AxesSettings {
+    fn default() -> Self {
+        Self {
+            pan_leans_deg: [1.2, -0.8],
+            pan_point_mm: [3.0, 0.0, -32.0],
+            tilt_leans_deg: [-0.7, 1.5],
+            tilt_point_mm: [0.0, 4.0, -21.0],
+        }
+    }
+}
+
+impl HeadSettings {
+    /// Refuses what no head can be.
+    pub(crate) fn check(&self) -> Result<(), ConfigError> {
+        for (name, axis) in [("pan", &self.pan), ("tilt", &self.tilt)] {
+            axis.check().map_err(|fault| {
+                let setting = fault.setting.as_deref().unwrap_or_default();
+                ConfigError::at(&format!("{name}.{setting}"), fault.message)
+            })?;
+        }
+        ConfigError::unless_in("latency_ms", self.latency_ms, 0.0..=10_000.0)?;
+        ConfigError::unless_in("latency_jitter_ms", self.latency_jitter_ms, 0.0..=10_000.0)?;
+        ConfigError::unless_in("field_ms", self.field_ms, 1.0..=1000.0)?;
+        ConfigError::unless_in("take_up_ms", self.take_up_ms, 0.0..=10_000.0)?;
+        ConfigError::unless_in("zoom_travel_ms", self.zoom_travel_ms, 1.0..=60_000.0)?;
+        ConfigError::unless_in("power_on_ms", self.power_on_ms, 0.0..=60_000.0)
+    }
+}
+
+impl AxisSettings {
+    fn check(&self) -> Result<(), ConfigError> {
+        ConfigError::unless_in("units_per_deg", self.units_per_deg, 1.0..=1000.0)?;
+        ConfigError::unless_in("reach_units", self.reach_units, 1..=32_767)?;
+        ConfigError::unless_in("speeds", self.speeds, 1..=127)?;
+        ConfigError::unless_in("max_speed_deg_per_s", self.max_speed_deg_per_s, 0.1..=1000.0)?;
+        ConfigError::unless_in("acceleration_deg_per_s2", self.acceleration_deg_per_s2, 1.0..=100_000.0)?;
+        ConfigError::unless_in("vibration_hz", self.vibration_hz, 0.0..=100.0)?;
+        ConfigError::unless_in("vibration_damping", self.vibration_damping, 0.01..=1.0)
+    }
+}
+
+impl LineSettings {
+    /// Refuses what no line can be.
+    pub(crate) fn check(&self) -> Result<(), ConfigError> {
+        ConfigError::unless_in("baud", self.baud, 300.0..=1_000_000.0)?;
+        ConfigError::unless_in("lost", self.lost, 0.0..=1.0)?;
+        ConfigError::unless_in("flipped", self.flipped, 0.0..=1.0)?;
+        ConfigError::unless_in("inserted", self.inserted, 0.0..=1.0)
+    }
+}

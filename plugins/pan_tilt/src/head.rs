@@ -1,0 +1,172 @@
+//! A head on its line: a [`Driver`], a port, and a thread that listens.
+//!
+//! A command is written to the port by the thread that gives it: between command and line no thread has to wake. The listening
+//! thread reads, opens and re-opens the port, and sees to what is due.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use foveate::prelude::Time;
+
+use crate::driver::{CommandId, Counts, Driver, Event, Link};
+use crate::port::{Port, Receiver, Sender};
+use crate::visca::{Command, OutOfRange};
+
+/// Reads the session clock; called from several threads.
+pub type Clock = Arc<dyn Fn() -> Time + Send + Sync>;
+
+/// The longest time without a look at what is due.
+const LONGEST_WAIT: Duration = Duration::from_millis(20);
+
+/// A head that is driven. The port is closed when it is dropped.
+pub struct Head {
+    shared: Arc<Shared>,
+    listener: Option<JoinHandle<()>>,
+}
+
+struct Shared {
+    clock: Clock,
+    stop: AtomicBool,
+    driven: Mutex<Driven>,
+}
+
+struct Driven {
+    driver: Driver,
+    sender: Option<Box<dyn Sender>>,
+}
+
+impl Head {
+    /// Begins to open the port and to greet the head. What comes of it is told by [`events`](Self::events).
+    pub fn start(driver: Driver, port: Port, clock: Clock) -> Head {
+        let driven = Mutex::new(Driven { driver, sender: None });
+        let shared = Arc::new(Shared { clock, stop: AtomicBool::new(false), driven });
+        let listener = {
+            let shared = Arc::clone(&shared);
+            std::thread::spawn(move || shared.listen(&port))
+        };
+        Head { shared, listener: Some(listener) }
+    }
+
+    /// Tells the head to do something, see [`Driver::command`]. If line and head have room it is written before this returns.
+    ///
+    /// # Errors
+    /// A number that this model has no room for.
+    pub fn command(&self, command: Command) -> Result<CommandId, OutOfRange> {
+        let mut driven = self.shared.lock();
+        let now = (self.shared.clock)();
+        let id = driven.driver.command(now, command)?;
+        driven.send_due(now);
+        Ok(id)
+    }
+
+    /// What happened since the last call, oldest first.
+    pub fn events(&self) -> Vec<Event> {
+        let mut driven = self.shared.lock();
+        std::iter::from_fn(|| driven.driver.next_event()).collect()
+    }
+
+    /// How things are with the head.
+    pub fn link(&self) -> Link {
+        self.shared.lock().driver.link().clone()
+    }
+
+    /// Whether every command was sent and done.
+    pub fn is_idle(&self) -> bool {
+        self.shared.lock().driver.is_idle()
+    }
+
+    /// What has been counted.
+    pub fn counts(&self) -> Counts {
+        self.shared.lock().driver.counts()
+    }
+}
+
+impl Drop for Head {
+    fn drop(&mut self) {
+        self.shared.stop.store(true, Ordering::Relaxed);
+        if let Some(listener) = self.listener.take() {
+            // A panic of the listener has been printed; there is nothing left to do about it.
+            drop(listener.join());
+        }
+    }
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Driven> {
+        self.driven.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn listen(&self, port: &Port) {
+        let mut receiver: Option<Box<dyn Receiver>> = None;
+        let mut buffer = [0; 256];
+        while !self.stop.load(Ordering::Relaxed) {
+            let Some(open) = &mut receiver else {
+                receiver = self.open(port);
+                if receiver.is_none() {
+                    std::thread::sleep(LONGEST_WAIT);
+                }
+                continue;
+            };
+            let received = open.receive(&mut buffer, self.wait());
+            let now = (self.clock)();
+            let mut driven = self.lock();
+            match received {
+                Ok(n) => driven.driver.receive(now, &buffer[..n]),
+                Err(error) => driven.lose(now, &error.to_string()),
+            }
+            driven.send_due(now);
+            if driven.sender.is_none() {
+                receiver = None;
+            }
+        }
+    }
+
+    /// Opens the port if it is time to.
+    fn open(&self, port: &Port) -> Option<Box<dyn Receiver>> {
+        let is_due = self.lock().driver.open_at().is_some_and(|it| (self.clock)() >= it);
+        if !is_due {
+            return None;
+        }
+        // Not under the lock: some ports take their time.
+        let opened = port.open();
+        let mut driven = self.lock();
+        let now = (self.clock)();
+        match opened {
+            Ok((sender, receiver)) => {
+                driven.sender = Some(sender);
+                driven.driver.opened(now);
+                driven.send_due(now);
+                Some(receiver)
+            }
+            Err(reason) => {
+                driven.driver.lost(now, &reason);
+                None
+            }
+        }
+    }
+
+    /// Until something is due, but never for long: a command of another thread may bring the moment forward.
+    fn wait(&self) -> Duration {
+        let due = self.lock().driver.wake();
+        let nanoseconds = due.map_or(i64::MAX, |it| (it - (self.clock)()).0);
+        Duration::from_nanos(nanoseconds.max(0) as u64).clamp(Duration::from_millis(1), LONGEST_WAIT)
+    }
+}
+
+impl Driven {
+    fn send_due(&mut self, now: Time) {
+        while let Some(sender) = &mut self.sender {
+            let Some(frame) = self.driver.poll(now) else { return };
+            if let Err(error) = sender.send(&frame.0) {
+                self.lose(now, &error.to_string());
+            }
+        }
+    }
+
+    fn lose(&mut self, now: Time, reason: &str) {
+        self.sender = None;
+        self.driver.lost(now, reason);
+    }
+}
