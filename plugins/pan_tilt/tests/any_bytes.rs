@@ -34,6 +34,9 @@ fn deeds() -> impl Strategy<Value = Vec<Deed>> {
 }
 
 proptest! {
+    // Each runs for seconds of a head's time.
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
     #[test]
     fn a_driver_lives_through_everything_and_then_works(deeds in deeds(), ip in any::<bool>()) {
         let medium = if ip { Medium::Ip } else { Medium::Serial };
@@ -44,7 +47,7 @@ proptest! {
                 Deed::Bytes(bytes) => driver.receive(now, &bytes),
                 Deed::Pass(milliseconds) => now = now + Interval::from_ms(f64::from(milliseconds)),
                 Deed::Go(pan, tilt) => {
-                    driver.command(now, Command::Absolute { pan, tilt, speed: Speed { pan: 1, tilt: 1 } }).unwrap();
+                    driver.command(now, Command::Absolute { pan, tilt, speed: Speed { pan: 24, tilt: 20 } }).unwrap();
                 }
                 Deed::Lose => driver.lost(now, "by chance"),
                 Deed::Open => driver.opened(now),
@@ -75,7 +78,9 @@ proptest! {
         prop_assert_eq!(driver.link(), &Link::Ready);
         prop_assert!(driver.is_idle(), "nothing is left over");
     }
+}
 
+proptest! {
     #[test]
     fn a_simulated_head_lives_through_everything_and_then_answers(stream in prop::collection::vec(any::<u8>(), 0..300)) {
         let mut head = Head::new(&HeadSettings::default(), 1).unwrap();

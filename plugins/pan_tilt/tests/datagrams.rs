@@ -137,7 +137,6 @@ fn a_head_that_begins_to_count_anew_is_noticed() {
     bench.reaches(-100, 0);
     bench.run_ms(500);
     assert_eq!(bench.driver.link(), &Link::Ready);
-    let seen = What::Answered { answer: Answer::Position { pan: -100, tilt: 0 }, asked_at: Time::ZERO };
-    let is_seen = |it: &Event| std::mem::discriminant(&it.what) == std::mem::discriminant(&seen);
+    let is_seen = |it: &Event| matches!(it.what, What::Answered { answer: Answer::Position { pan: -100, tilt: 0 }, .. });
     assert!(bench.events.iter().any(is_seen));
 }

@@ -12,11 +12,20 @@ use foveate_pan_tilt::driver::{Driver, DriverSettings, Link, What};
 use foveate_pan_tilt::head::{Clock, Head};
 use foveate_pan_tilt::port::Port;
 use foveate_pan_tilt::visca::{Answer, Command, Profile, Speed};
-use foveate_sim::head::serve::{self};
+use foveate_sim::head::serve;
 use foveate_sim::head::{HeadSettings, NetworkHead};
 
 /// A machine under load may take its time; without a fault it is over much sooner.
 const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Ends what runs beside a test, also when the test fails.
+struct Ends<'a>(&'a AtomicBool);
+
+impl Drop for Ends<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
 
 fn clock() -> Clock {
     let start = Instant::now();
@@ -60,6 +69,7 @@ fn a_pseudo_terminal_is_a_line_like_any_other() {
     let mut terminal = Terminal::new().unwrap();
     let port = Port::Serial { path: terminal.path().to_owned(), baud: 9600 };
     thread::scope(|scope| {
+        let _ends = Ends(&stop);
         scope.spawn(|| {
             let mut head = SerialHead::new(&HeadSettings::default(), &LineSettings::default(), 1).unwrap();
             terminal.serve(&mut head, &stop).unwrap();
@@ -71,7 +81,6 @@ fn a_pseudo_terminal_is_a_line_like_any_other() {
         }
         reaches(&head, 100, -5);
         wait_for("the last completion", || head.is_idle());
-        stop.store(true, Ordering::Relaxed);
     });
 }
 
@@ -133,6 +142,7 @@ fn udp_with_loss_and_overtaking_gets_there() {
     let front = UdpSocket::bind("127.0.0.1:0").unwrap();
     let port = Port::Udp(front.local_addr().unwrap());
     thread::scope(|scope| {
+        let _ends = Ends(&stop);
         scope.spawn(|| lossy_head(&front, &stop));
         let head = start(port);
         wait_for("the greeting", || head.link() == Link::Ready);
@@ -141,6 +151,5 @@ fn udp_with_loss_and_overtaking_gets_there() {
             thread::sleep(Duration::from_millis(10));
         }
         reaches(&head, -100, 20);
-        stop.store(true, Ordering::Relaxed);
     });
 }

@@ -43,8 +43,8 @@ pub(super) fn run(what: &SimWhat) -> u8 {
     let handler = ctrlc::set_handler(move || asked.store(true, Ordering::Relaxed));
     let served = match (handler, args.udp) {
         (Err(error), _) => Err(format!("Ctrl-C cannot be caught: {error}")),
-        (Ok(()), Some(port)) => on_udp(port, args.seed, &stop),
-        (Ok(()), None) => on_terminal(args, &stop),
+        (Ok(()), Some(port)) if !args.serial => on_udp(port, args.seed, &stop),
+        (Ok(()), _) => on_terminal(args, &stop),
     };
     match served {
         Ok(()) => exit::DONE,

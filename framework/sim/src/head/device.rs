@@ -192,13 +192,13 @@ impl Head {
         {
             self.power = Power::On;
         }
+        self.take_up();
         if self.now >= self.next_field {
             self.next_field = self.next_field + Interval::from_ms(self.settings.field_ms);
             if let Some((tag, packet)) = self.inbox.pop_front() {
                 self.look_at(tag, &packet);
             }
         }
-        self.take_up();
         self.pan.step(self.now);
         self.tilt.step(self.now);
         self.zoom.step();

@@ -111,7 +111,7 @@ impl Default for HeadSettings {
             latency_ms: 250.0,
             latency_jitter_ms: 20.0,
             field_ms: 1000.0 / 59.94,
-            take_up_ms: 33.0,
+            take_up_ms: 20.0,
             supersedes: true,
             zoom_travel_ms: 2500.0,
             power_on_ms: 3000.0,

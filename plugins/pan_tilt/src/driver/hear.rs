@@ -68,8 +68,7 @@ impl Driver {
         }
         self.awaited = None;
         if self.settings.address > heads {
-            self.pause(now);
-            self.set_link(now, Link::NoSuchHead { heads });
+            self.pause_as(now, Link::NoSuchHead { heads });
         } else {
             self.step_on(now, Asked::AddressSet);
         }

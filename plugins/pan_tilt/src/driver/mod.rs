@@ -31,7 +31,7 @@ use wire::Wire;
 pub use wire::{Frame, Medium};
 use wishes::{Part, Wish, Wishes};
 
-/// The time-out is doubled at most so many times.
+/// The time-out of a greeting is doubled at most so many times.
 const MOST_PATIENCE: u32 = 3;
 /// Events that are kept until they are fetched.
 const MOST_EVENTS: usize = 4096;
@@ -50,7 +50,7 @@ pub struct Driver {
     misses: u32,
     /// How long answers take, the slow ones remembered longer.
     answer_time: Interval,
-    /// The time-out is doubled so many times.
+    /// The time-out of a greeting is doubled so many times.
     patience: u32,
     /// Bytes came since the last reply that meant something.
     has_noise: bool,
@@ -413,8 +413,8 @@ impl Driver {
     fn miss(&mut self, now: Time, awaited: &Awaited) {
         self.counts.unanswered += 1;
         self.misses += 1;
-        self.patience = (self.patience + 1).min(MOST_PATIENCE);
         if self.phase != Phase::Ready {
+            self.patience = (self.patience + 1).min(MOST_PATIENCE);
             return self.pause(now);
         }
         if let Asked::Command(wish) = awaited.asked {
@@ -425,7 +425,7 @@ impl Driver {
         }
     }
 
-    /// How long an answer may take: more for a head that is slow, and more after each that did not come.
+    /// How long an answer may take: more for a head that is slow, and more with each greeting without an answer.
     fn timeout(&self) -> Interval {
         let least = self.settings.reply_timeout_ms;
         Interval::from_ms((2.0 * self.answer_time.as_ms()).clamp(least, 8.0 * least) * f64::from(1 << self.patience))
@@ -440,6 +440,10 @@ impl Driver {
     /// A head that does not answer is left alone for a while, then greeted.
     fn pause(&mut self, now: Time) {
         let link = if self.has_noise { Link::Garbled } else { Link::Silent };
+        self.pause_as(now, link);
+    }
+
+    fn pause_as(&mut self, now: Time, link: Link) {
         self.set_link(now, link);
         self.drop_line(now);
         self.failures += 1;
