@@ -38,7 +38,6 @@ const ARROWS: &[(&str, &[&str])] = &[
             "geometry",
             "led",
             "messages",
-            "pan-tilt",
             "scene",
             "sim",
         ],

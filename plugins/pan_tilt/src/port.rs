@@ -33,6 +33,9 @@ pub(crate) trait Receiver: Send {
     fn receive(&mut self, buffer: &mut [u8], wait: Duration) -> io::Result<usize>;
 }
 
+/// The two ends of a line at the controller.
+pub(crate) type Ends = (Box<dyn Sender>, Box<dyn Receiver>);
+
 impl Port {
     /// The kind of line.
     pub fn medium(&self) -> Medium {
@@ -43,7 +46,7 @@ impl Port {
     }
 
     /// Opens both ends.
-    pub(crate) fn open(&self) -> Result<(Box<dyn Sender>, Box<dyn Receiver>), String> {
+    pub(crate) fn open(&self) -> Result<Ends, String> {
         match self {
             #[cfg(feature = "hardware")]
             Port::Serial { path, baud } => {
@@ -58,7 +61,7 @@ impl Port {
     }
 }
 
-fn open_udp(address: SocketAddr) -> io::Result<(Box<dyn Sender>, Box<dyn Receiver>)> {
+fn open_udp(address: SocketAddr) -> io::Result<Ends> {
     let any = if address.is_ipv4() {
         SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0))
     } else {
@@ -110,12 +113,12 @@ mod serial {
 
     use serialport::{DataBits, FlowControl, Parity, SerialPort, StopBits};
 
-    use super::{Receiver, Sender, is_nothing};
+    use super::{Ends, Receiver, Sender, is_nothing};
 
     /// A frame is shorter than what drivers buffer: this is for ports that hang [s].
     const WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 
-    pub(super) fn open(path: &Path, baud: u32) -> serialport::Result<(Box<dyn Sender>, Box<dyn Receiver>)> {
+    pub(super) fn open(path: &Path, baud: u32) -> serialport::Result<Ends> {
         let builder = serialport::new(path.to_string_lossy(), baud)
             .data_bits(DataBits::Eight)
             .parity(Parity::None)

@@ -120,7 +120,9 @@ fn loss_and_overtaking_change_nothing_in_the_end() {
         let last = [(499 * 37) % 800 - 400, (499 * 11) % 500 - 250];
         bench.reaches(last[0], last[1]);
         let counts = bench.driver.counts();
-        assert!(counts.sent > 60, "seed {seed}: {counts:?}");
+        // There and back takes 70 ms, and 0.28 / 0.72 times on average a time-out of 200 ms comes before it: some 110 exchanges in
+        // 16.5 s, every second one a question.
+        assert!(counts.sent > 35, "seed {seed}: {counts:?}");
     }
 }
 
@@ -137,6 +139,7 @@ fn a_head_that_begins_to_count_anew_is_noticed() {
     bench.reaches(-100, 0);
     bench.run_ms(500);
     assert_eq!(bench.driver.link(), &Link::Ready);
-    let is_seen = |it: &Event| matches!(it.what, What::Answered { answer: Answer::Position { pan: -100, tilt: 0 }, .. });
+    let is_seen =
+        |it: &Event| matches!(it.what, What::Answered { answer: Answer::Position { pan: -100, tilt: 0 }, .. });
     assert!(bench.events.iter().any(is_seen));
 }

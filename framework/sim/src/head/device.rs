@@ -412,7 +412,10 @@ impl Head {
     fn forget(&mut self) {
         self.sockets = [None, None];
         self.zoom.stop();
-        self.halt();
+        // While it gets ready the motors find their middle, whoever talks to it.
+        if !matches!(self.power, Power::OnFrom(_)) {
+            self.halt();
+        }
     }
 
     /// Motors come to rest where they are.
