@@ -9,6 +9,7 @@
 //! | [`camera`] | [`Camera`]: pinhole with Brown–Conrady distortion; point to pixel, pixel to [`Ray`] |
 //! | [`epipolar`] | how two cameras stand to one another, from pixels of the same points |
 //! | [`resection`] | the pose of a camera from points of known place and their pixels, robustly, with its covariance |
+//! | [`pan_tilt`] | cameras on pan-tilt heads: model, calibration, aiming, zoom |
 //! | [`ray`] | [`Ray`], and where two of them come closest |
 //! | [`self_calibration`] | a room of cameras from one waved light, without a start |
 //! | [`triangulate`] | a point from two or more rays, and its refinement on pixels with a covariance |
@@ -25,6 +26,7 @@ mod distortion;
 pub mod epipolar;
 mod from_matrix;
 mod look_at;
+pub mod pan_tilt;
 pub mod ray;
 pub mod resection;
 pub mod self_calibration;
