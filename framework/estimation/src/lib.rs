@@ -10,6 +10,8 @@
 //! | [`assignment`] | which measurement belongs to which track, at the least cost, with a gate |
 //! | [`gospa`] | how far a set of points is from the true one: OSPA, GOSPA |
 //! | [`identities`] | true targets and recovered identities matched over time: swaps, rebirths |
+//! | [`prediction`] | where a moving point will be, by what has foretold best of late |
+//! | [`servo`] | two motors that answer late: how late, and where they are |
 //! | [`statistics`] | median, percentiles, median absolute deviation, a summary |
 //! | [`random`] | seeded random numbers, with a stream of its own for each name |
 
@@ -21,7 +23,9 @@ pub mod identities;
 pub mod kalman;
 pub mod least_squares;
 pub mod motion;
+pub mod prediction;
 pub mod random;
+pub mod servo;
 pub mod statistics;
 
 pub use assignment::{Workspace, nearest_greedy, optimal};
@@ -31,5 +35,7 @@ pub use gospa::SetDistance;
 pub use kalman::{ConstantVelocity, Innovation};
 pub use least_squares::Loss;
 pub use motion::{AdaptiveNoise, Filter, Interacting, Mode, Model};
+pub use prediction::{Prediction, Predictor, PredictorRules, Way};
 pub use random::Random;
+pub use servo::{Servo, ServoRules, ServoState};
 pub use statistics::Summary;

@@ -1,0 +1,197 @@
+//! Where a moving point will be some hundred milliseconds on: what a device that answers late has to be told now.
+//!
+//! [Davis 2002 §4.4] carries the target on with its velocity, P' = P + Δt V. What that misses grows with the square of Δt: a target that
+//! swings from side to side is overshot at every turn. Here several ways to go on compete:
+//!
+//! | way | x(t + L) |
+//! |---|---|
+//! | [`Way::Still`] | x(t) |
+//! | [`Way::Velocity`] | x(t) + L v(t), the paper's |
+//! | [`Way::Acceleration`] | a filter of nearly constant acceleration |
+//! | [`Way::Interacting`] | interacting models of constant velocity and constant acceleration |
+//! | [`Way::Learned`] | a combination of recent displacements, fitted to what followed them in the last seconds: [`learned`] |
+//! | [`Way::Contest`] | all of them, weighted by how well each one foretold what has happened since: [`contest`] |
+//!
+//! Whatever the way, the stated uncertainty is that of the predictions made over the same horizon in the last seconds.
+
+mod contest;
+mod history;
+mod learned;
+#[cfg(test)]
+mod tests;
+
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use self::contest::Contest;
+use self::history::History;
+use crate::motion::{Filter, Interacting, Mode, Model};
+
+/// How a point is carried on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Way {
+    /// It stays where it is.
+    Still,
+    /// It keeps its velocity [Davis 2002 §4.4].
+    Velocity,
+    /// It keeps its acceleration, as a filter finds it.
+    Acceleration,
+    /// Now this, now that.
+    Interacting,
+    /// As it went on after displacements like the last ones.
+    Learned,
+    /// What has foretold best of late.
+    Contest,
+}
+
+/// The ways that compete, in the order in which they are kept.
+const COMPETITORS: [Way; 5] = [Way::Still, Way::Velocity, Way::Acceleration, Way::Interacting, Way::Learned];
+
+/// How much a point that is followed jerks, for the filters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PredictorRules {
+    /// How it is carried on.
+    pub way: Way,
+    /// Spectral density of the white-noise jerk [m²/s⁵], above 0.
+    pub jerk_density: f64,
+    /// Acceleration to be expected of it, each axis, standard deviation [m/s²].
+    pub acceleration_sigma: f64,
+    /// For how long what was learnt and how well it did counts, as a time constant [s].
+    pub memory_s: f64,
+}
+
+impl Default for PredictorRules {
+    /// A contest, for people: jerks of 30 m²/s⁵, accelerations of 4 m/s², a memory of 2 s.
+    fn default() -> Self {
+        Self { way: Way::Contest, jerk_density: 30.0, acceleration_sigma: 4.0, memory_s: 2.0 }
+    }
+}
+
+/// A point in the future.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Prediction {
+    /// Where [m].
+    pub position: Point3<f64>,
+    /// Of the position, from what predictions over this horizon have missed by of late [m²].
+    pub covariance: Matrix3<f64>,
+}
+
+/// One point as it moves, and where it will be.
+#[derive(Debug, Clone)]
+pub struct Predictor {
+    rules: PredictorRules,
+    history: History,
+    /// Both filters at the time of the newest sample; `None` before the first.
+    filters: Option<[Filter; 2]>,
+    contest: Contest,
+    /// The horizon that was asked for last [s].
+    horizon_s: f64,
+}
+
+/// A point that was away for longer is another motion [s].
+const LONGEST_GAP_S: f64 = 0.5;
+
+impl Predictor {
+    /// Of a point that has not been seen yet.
+    pub fn new(rules: PredictorRules) -> Predictor {
+        let contest = Contest::new(rules.memory_s);
+        Predictor { rules, history: History::default(), filters: None, contest, horizon_s: 0.3 }
+    }
+
+    /// Forgets all.
+    pub fn clear(&mut self) {
+        *self = Predictor::new(self.rules);
+    }
+
+    /// When the point was seen last [s].
+    pub fn last_s(&self) -> Option<f64> {
+        self.history.last().map(|it| it.time_s)
+    }
+
+    /// Takes in where the point was at `time_s`, with its velocity and the covariance of its position [m, m/s, m²]. Samples that are not newer
+    /// than the last one, or not finite, change nothing; after a gap of half a second all begins anew.
+    pub fn observe(&mut self, time_s: f64, position: Point3<f64>, velocity: Vector3<f64>, covariance: &Matrix3<f64>) {
+        let finite = time_s.is_finite()
+            && position.iter().chain(velocity.iter()).chain(covariance.iter()).all(|it| it.is_finite());
+        let newest = self.last_s();
+        if !finite || newest.is_some_and(|it| time_s <= it) {
+            return;
+        }
+        if newest.is_some_and(|it| time_s - it > LONGEST_GAP_S) {
+            self.clear();
+        }
+        // A filter that is told the same thing twice would believe it twice as much: what is stated is correlated from sample to sample.
+        let stated = covariance + Matrix3::identity() * 1e-6;
+        match (&mut self.filters, newest) {
+            (Some(filters), Some(last)) => {
+                for filter in filters {
+                    filter.predict(time_s - last);
+                    filter.update_position(&position, &stated);
+                }
+            }
+            _ => {
+                let filter = |model: &Model| Filter::new(model, position, stated, velocity, 1.0);
+                self.filters = Some([filter(&self.acceleration()), filter(&self.interacting())]);
+            }
+        }
+        if self.history.push(time_s, position, velocity) {
+            self.contest.score(time_s, &self.history);
+            let horizon = self.horizon_s;
+            let foretold = COMPETITORS.map(|way| self.by(way, horizon));
+            self.contest.foretell(time_s, horizon, foretold);
+        }
+    }
+
+    /// Where the point will be at `time_s`; `None` before it was seen. For a time that has passed: where it was.
+    pub fn predict(&mut self, time_s: f64) -> Option<Prediction> {
+        let last = *self.history.last()?;
+        let horizon = time_s - last.time_s;
+        if horizon <= 0.0 {
+            let position = self.history.at(time_s)?;
+            return Some(Prediction { position, covariance: Matrix3::zeros() });
+        }
+        self.horizon_s = horizon;
+        let foretold = match self.rules.way {
+            Way::Contest => self.contest.weigh(&COMPETITORS.map(|way| self.by(way, horizon))),
+            way => self.by(way, horizon),
+        };
+        let way = COMPETITORS.iter().position(|it| *it == self.rules.way);
+        let variance = self.contest.variance(way, horizon);
+        Some(Prediction { position: foretold, covariance: Matrix3::identity() * variance })
+    }
+
+    /// The weight of each way in the contest, with its name, most weighty first.
+    pub fn weights(&self) -> [(Way, f64); 5] {
+        let weights = self.contest.weights();
+        let mut named = [0, 1, 2, 3, 4].map(|it| (COMPETITORS[it], weights[it]));
+        named.sort_by(|a, b| b.1.total_cmp(&a.1));
+        named
+    }
+
+    /// One way's answer; before there is a sample this is not asked.
+    fn by(&self, way: Way, horizon_s: f64) -> Point3<f64> {
+        let Some(last) = self.history.last() else { return Point3::origin() };
+        let by_filter =
+            |index: usize| self.filters.as_ref().map_or(last.position, |it| it[index].position_after(horizon_s));
+        match way {
+            Way::Still => last.position,
+            Way::Velocity => last.position + last.velocity * horizon_s,
+            Way::Acceleration => by_filter(0),
+            Way::Interacting => by_filter(1),
+            Way::Learned | Way::Contest => learned::predict(&self.history, horizon_s, self.rules.memory_s),
+        }
+    }
+
+    fn acceleration(&self) -> Model {
+        let PredictorRules { jerk_density, acceleration_sigma, .. } = self.rules;
+        Model::ConstantAcceleration { jerk_density, acceleration_sigma }
+    }
+
+    fn interacting(&self) -> Model {
+        let PredictorRules { jerk_density, acceleration_sigma, .. } = self.rules;
+        let modes = [
+            (Mode::ConstantVelocity { acceleration_density: 0.1 }, 1.0),
+            (Mode::ConstantAcceleration { jerk_density: 3.0 * jerk_density, acceleration_sigma }, 0.5),
+        ];
+        Interacting::new(&modes).map_or_else(|_| self.acceleration(), Model::Interacting)
+    }
+}

@@ -1,0 +1,92 @@
+use std::f64::consts::TAU;
+
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use super::{Predictor, PredictorRules, Way};
+use crate::random::Random;
+
+const HORIZON_S: f64 = 0.35;
+
+/// Root of the mean squared miss over the horizon from `from_s` on, and the mean of the stated variance over the squared miss, of a point on
+/// `path`, tracked at 100 Hz with noise [m].
+fn missed(way: Way, from_s: f64, path: impl Fn(f64) -> [f64; 3]) -> (f64, f64) {
+    let at = |time_s: f64| Point3::from(path(time_s));
+    let mut random = Random::new(7);
+    let mut predictor = Predictor::new(PredictorRules { way, ..PredictorRules::default() });
+    let (mut squares, mut stated, mut count) = (0.0, 0.0, 0.0);
+    for step in 0..1500 {
+        let time_s = 3.0 + f64::from(step) * 0.01;
+        let mut noise = |sigma: f64| Vector3::from_fn(|_, _| sigma * random.normal());
+        let velocity = (at(time_s + 1e-4) - at(time_s - 1e-4)) / 2e-4 + noise(0.02);
+        predictor.observe(time_s, at(time_s) + noise(0.001), velocity, &(Matrix3::identity() * 1e-6));
+        let foretold = predictor.predict(time_s + HORIZON_S).unwrap();
+        if time_s >= from_s {
+            squares += (foretold.position - at(time_s + HORIZON_S)).norm_squared();
+            stated += foretold.covariance.trace();
+            count += 1.0;
+        }
+    }
+    ((squares / count).sqrt(), stated / squares)
+}
+
+/// Half a metre to either side in 2.4 s, now faster, now slower, now wider.
+fn swing(time_s: f64) -> [f64; 3] {
+    let phase = TAU * time_s / 2.4 + 0.8 * (0.7 * time_s).sin();
+    [0.5 * (1.0 + 0.15 * (0.9 * time_s).sin()) * phase.sin(), 0.3, 1.5 + 0.03 * (2.0 * phase).cos()]
+}
+
+#[test]
+fn a_swing_is_learnt_and_the_contest_takes_it_up() {
+    let of = |way: Way| missed(way, 8.0, swing).0;
+    let (still, velocity, acceleration) = (of(Way::Still), of(Way::Velocity), of(Way::Acceleration));
+    let (learned, contest) = (of(Way::Learned), of(Way::Contest));
+    println!(
+        "still {still:.3}, velocity {velocity:.3}, acceleration {acceleration:.3}, learned {learned:.3}, contest {contest:.3} m"
+    );
+    assert!(velocity < 0.55 * still && learned < 0.3 * velocity && contest < 1.15 * learned);
+}
+
+#[test]
+fn uniform_motion_and_rest_are_as_exact_as_the_samples() {
+    assert!(missed(Way::Contest, 8.0, |_| [1.0, 2.0, 1.0]).0 < 0.008);
+    assert!(missed(Way::Contest, 8.0, |time_s| [0.9 * time_s, -0.4 * time_s, 1.0]).0 < 0.012);
+}
+
+#[test]
+fn the_stated_uncertainty_is_that_of_the_misses() {
+    for way in [Way::Velocity, Way::Learned, Way::Contest] {
+        let (_, ratio) = missed(way, 8.0, swing);
+        assert!((0.6..1.7).contains(&ratio), "{way:?}: stated over found variance {ratio:.2}");
+    }
+}
+
+#[test]
+fn what_comes_late_or_is_no_number_changes_nothing_and_a_gap_begins_anew() {
+    let mut predictor = Predictor::new(PredictorRules::default());
+    let exact = Matrix3::identity() * 1e-6;
+    assert_eq!(predictor.predict(1.0), None);
+    predictor.observe(1.0, Point3::new(1.0, 0.0, 0.0), Vector3::x(), &exact);
+    predictor.observe(0.9, Point3::new(9.0, 0.0, 0.0), Vector3::x(), &exact);
+    predictor.observe(1.1, Point3::new(f64::NAN, 0.0, 0.0), Vector3::x(), &exact);
+    assert_eq!(predictor.last_s(), Some(1.0));
+    let ahead = predictor.predict(1.2).unwrap();
+    assert!(ahead.position.x > 1.0 && ahead.position.x < 1.21 && ahead.covariance[(0, 0)] > 0.0);
+    predictor.observe(3.0, Point3::new(5.0, 0.0, 0.0), Vector3::zeros(), &exact);
+    assert_eq!(predictor.predict(2.9), None, "what was before the gap is another motion");
+}
+
+#[test]
+fn the_past_is_what_was_seen() {
+    let mut predictor = Predictor::new(PredictorRules::default());
+    for step in 0..60 {
+        let time_s = f64::from(step) / 60.0;
+        predictor.observe(
+            time_s,
+            Point3::new(time_s * time_s, 0.0, 0.0),
+            Vector3::x() * 2.0 * time_s,
+            &Matrix3::identity(),
+        );
+    }
+    let was = predictor.predict(0.505).unwrap();
+    assert!((was.position.x - 0.505_f64.powi(2)).abs() < 1e-9);
+}
