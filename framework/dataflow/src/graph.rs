@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use foveate_messages::{CameraId, Interval, Time};
+use foveate_scene::AnchorRule;
 use foveate_scene::calibration::Calibration;
 
 use crate::port::Take;
@@ -47,8 +48,10 @@ pub struct Scale {
     pub name: String,
     /// The scale it nests in.
     pub parent: Option<String>,
-    /// The target that its space moves with: output port of a node of the parent, and the target's name.
+    /// The target that its space moves with: a node of the parent, dot, the target's name.
     pub anchor: Option<String>,
+    /// Which target of that node's carries the name; there with `anchor`.
+    pub anchor_rule: Option<AnchorRule>,
     /// Working volume in its own space [m], opposite corners.
     pub volume_m: Option<[[f64; 3]; 2]>,
     /// Extent around the anchor [m].
@@ -170,6 +173,8 @@ impl Graph {
             camera: instance.camera,
             calibration: Arc::clone(&self.calibration),
             volume_m: scale.volume_m,
+            radius_m: scale.radius_m,
+            anchor: scale.anchor_rule,
             random: foveate_estimation::random::Random::new(self.seed).fork(&instance.path),
             rig_dir: self.rig_dir.clone(),
             out_dir,

@@ -5,7 +5,7 @@
 //! | step | file |
 //! |---|---|
 //! | text → tables with the place of every word | `read`, `node_text`, `value` |
-//! | scales in order | `scales` |
+//! | scales in order, and which targets carry them | `scales`, `targets` |
 //! | each node alone: type, settings against their schema, cameras, made once on trial | `nodes`, `settings`, `expected` |
 //! | references looked up, messages, spaces and cameras compared, edges | `lookup`, `reference`, `wire`, `anchors` |
 //! | cycles, then the schedule | `order`, `finish` |
@@ -29,6 +29,7 @@ mod resolved;
 mod scales;
 mod schema;
 mod settings;
+mod targets;
 mod value;
 mod wire;
 
@@ -149,7 +150,7 @@ fn check(
     };
     let mut drafts = Vec::new();
     for (index, (scale, nodes)) in scales.iter().zip(nodes).enumerate() {
-        let view = ScaleView { index, name: &scale.name, volume_m: scale.volume_m, sound: scale.sound };
+        let view = ScaleView { index, scale };
         drafts.extend(nodes.into_iter().map(|it| surroundings.draft(it, &view, findings)));
     }
     let finish =

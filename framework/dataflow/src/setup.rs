@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
 use foveate_messages::CameraId;
+use foveate_scene::AnchorRule;
 use foveate_scene::calibration::{Calibration, LengthUnit};
 use foveate_scene::clocks::Clocks;
 
@@ -37,6 +38,10 @@ pub struct Setup {
     pub calibration: Arc<Calibration>,
     /// The working volume of the scale [m], opposite corners, where the rig states it.
     pub volume_m: Option<[[f64; 3]; 2]>,
+    /// How far around its anchor the scale reaches [m], where the rig states it.
+    pub radius_m: Option<f64>,
+    /// Which target of the parent scale carries this scale; `None` for a scale that does not move.
+    pub anchor: Option<AnchorRule>,
     /// This instance's own stream, from the rig's seed and the instance's name.
     pub random: Random,
     /// The folder of the rig file: relative paths in settings start here.
@@ -73,6 +78,8 @@ impl Setup {
             camera: None,
             calibration: no_cameras(),
             volume_m: None,
+            radius_m: None,
+            anchor: None,
             random: Random::new(1),
             rig_dir: PathBuf::from("."),
             out_dir: None,

@@ -2,6 +2,7 @@
 //!
 //! | module | what it gives |
 //! |---|---|
+//! | [`anchor`] | [`Anchor`]: which target carries the space of a scale, and whether it is lost |
 //! | [`calibration`] | [`Calibration`]: the cameras of a rig, read from a file of ours, of Pose2Sim, or from MultiCamSelfCal's results |
 //! | [`clocks`] | [`Clocks`]: how each camera's clock runs against the session's |
 //! | [`draft`] | [`Draft`]: a calibration before calibrating, of which not all is known |
@@ -12,6 +13,7 @@
 //!
 //! Times are `i64` nanoseconds of the session clock: this room does not know the messages.
 
+pub mod anchor;
 pub mod calibration;
 mod calibration_file;
 pub mod clocks;
@@ -26,6 +28,7 @@ mod toml_reader;
 pub mod uncertainty;
 pub mod volume;
 
+pub use anchor::{Anchor, AnchorRule, AnchorState, Pick, Sighting};
 pub use calibration::{Calibration, CalibrationError, CalibrationFault, LengthUnit, NamedCamera};
 pub use clocks::{CameraClock, Clocks};
 pub use draft::{Draft, Unknown};

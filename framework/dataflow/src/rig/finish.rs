@@ -128,6 +128,7 @@ impl Finish<'_, '_> {
             name: scale.name.clone(),
             parent,
             anchor: scale.anchor.as_ref().map(|it| it.get_ref().clone()),
+            anchor_rule: scale.rule,
             volume_m: scale.volume_m,
             radius_m: scale.radius_m,
         }

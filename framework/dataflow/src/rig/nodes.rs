@@ -13,6 +13,7 @@ use toml::de::DeTable;
 use super::fault::Findings;
 use super::names::{did_you_mean, likely, listed, matches, shown, there_is};
 use super::node_text::NodeText;
+use super::scales::ScaleDraft;
 use super::settings;
 use crate::node::Plan;
 use crate::registry::{NodeType, Registry, Settings};
@@ -52,9 +53,7 @@ pub(super) struct Surroundings<'r> {
 /// What a node needs to know of its scale.
 pub(super) struct ScaleView<'r> {
     pub index: usize,
-    pub name: &'r str,
-    pub volume_m: Option<[[f64; 3]; 2]>,
-    pub sound: bool,
+    pub scale: &'r ScaleDraft,
 }
 
 impl Surroundings<'_> {
@@ -65,8 +64,8 @@ impl Surroundings<'_> {
         let given = std::mem::take(&mut text.settings);
         let settings = node_type.as_ref().and_then(|it| decode(it, &text, &given, findings));
         let plan = settings.as_ref().map(|it| it.plan()).unwrap_or_default();
-        if let (Some(settings), Some(cameras), true) = (&settings, &cameras, scale.sound) {
-            self.try_out(&text, scale, &given, settings, cameras, findings);
+        if let (Some(settings), Some(cameras), true) = (&settings, &cameras, scale.scale.sound) {
+            self.try_out(&text, scale.scale, &given, settings, cameras, findings);
         }
         NodeDraft { text, scale: scale.index, node_type, settings, cameras, plan }
     }
@@ -151,7 +150,7 @@ impl Surroundings<'_> {
     fn try_out(
         &self,
         text: &NodeText<'_>,
-        scale: &ScaleView<'_>,
+        scale: &ScaleDraft,
         given: &DeTable<'_>,
         settings: &Arc<dyn Settings>,
         cameras: &[Option<CameraId>],
@@ -164,14 +163,16 @@ impl Surroundings<'_> {
         for camera in cameras {
             let camera_name =
                 camera.and_then(|it| calibration.cameras.get(usize::from(it.0))).map(|it| it.name.as_str());
-            let instance = instance_path(scale.name, text.name.get_ref(), camera_name);
+            let instance = instance_path(&scale.name, text.name.get_ref(), camera_name);
             let setup = Setup {
                 random: random.fork(&instance),
                 instance,
-                scale: scale.name.to_owned(),
+                scale: scale.name.clone(),
                 camera: *camera,
                 calibration: Arc::clone(calibration),
                 volume_m: scale.volume_m,
+                radius_m: scale.radius_m,
+                anchor: scale.rule,
                 rig_dir: self.rig_dir.to_owned(),
                 out_dir: None,
                 purpose: Purpose::Check,

@@ -6,6 +6,7 @@ use toml::de::DeTable;
 use super::fault::{Findings, Span};
 use super::names::{is_plain, shown};
 use super::node_text::NodeText;
+use super::targets::{self, NamedTarget};
 use super::value::{Keys, Value};
 
 /// What a scale's, node's or rig's name looks like.
@@ -33,7 +34,9 @@ pub(super) struct ScaleText<'t> {
     pub anchor: Option<Spanned<String>>,
     pub volume_m: Option<[[f64; 3]; 2]>,
     pub radius_m: Option<f64>,
-    /// Whether volume and radius were understood.
+    /// In the order of the text.
+    pub targets: Vec<NamedTarget>,
+    /// Whether volume, radius and named targets were understood.
     pub sound: bool,
     /// In the order of the text.
     pub nodes: Vec<NodeText<'t>>,
@@ -106,7 +109,7 @@ pub(super) fn is_duration(seconds: f64) -> bool {
     seconds > 0.0 && seconds <= 9e9
 }
 
-fn plain_name(what: &str, name: &Spanned<String>, findings: &mut Findings) {
+pub(super) fn plain_name(what: &str, name: &Spanned<String>, findings: &mut Findings) {
     if !is_plain(name.get_ref()) {
         let title = format!("a {what} cannot be named `{}`", shown(name.get_ref()));
         findings.fault(name.span(), title, format_args!("expected {PLAIN}"));
@@ -129,6 +132,7 @@ fn read_scale<'t>(
     let radius_m = keys
         .take("radius_m")
         .and_then(|it| findings.number("radius_m", &it, "more than 0 [m]", |it| it > 0.0 && it.is_finite()));
+    let targets = targets::read(&mut keys, text, findings);
     let sound = findings.len() == faults_before;
     let parent = keys.take("parent");
     let has_parent = parent.is_some();
@@ -150,6 +154,7 @@ fn read_scale<'t>(
         anchor,
         volume_m,
         radius_m,
+        targets,
         sound,
         nodes,
     })
@@ -180,7 +185,7 @@ fn read_volume(key: &Spanned<String>, value: Value<'_>, text: &str, findings: &m
     Some(volume)
 }
 
-fn read_point(key: &str, value: &Value<'_>, findings: &mut Findings) -> Option<[f64; 3]> {
+pub(super) fn read_point(key: &str, value: &Value<'_>, findings: &mut Findings) -> Option<[f64; 3]> {
     let expected = "three numbers [m]";
     let items = value.get_ref().as_array().filter(|it| it.len() == 3);
     let Some(items) = items else {

@@ -8,11 +8,13 @@ use serde_json::Value as Json;
 use toml::Value;
 
 use super::lookup::Names;
+use super::names::is_plain;
 use super::node_text::{ON_ERROR, RequireText, WHEN_FULL};
 use super::nodes::NodeDraft;
 use super::read::RigText;
 use super::reference::Reference;
-use super::scales::{Parent, ScaleDraft};
+use super::scales::{Parent, ScaleDraft, target_name};
+use super::targets;
 use crate::graph::{Cost, Queue};
 use crate::port::Take;
 
@@ -44,6 +46,7 @@ pub(super) fn write(head: &Head<'_>, names: &Names<'_, '_>) -> Result<String, (u
     let mut nodes = names.nodes.iter().enumerate().peekable();
     for (index, scale) in names.scales.iter().enumerate() {
         write_scale(&mut text, names.scales, scale);
+        write_targets(&mut text, names.scales, index);
         while let Some((number, node)) = nodes.next_if(|it| it.1.scale == index) {
             write_node(&mut text, names, node).map_err(|error| (number, error))?;
         }
@@ -75,6 +78,21 @@ fn write_scale(text: &mut String, scales: &[ScaleDraft], scale: &ScaleDraft) {
     }
     if let Some(radius_m) = scale.radius_m {
         line(text, "radius_m", &Value::from(radius_m));
+    }
+}
+
+/// The scale's named targets, then those that scales are anchored to without a table of their own.
+fn write_targets(text: &mut String, scales: &[ScaleDraft], scale: usize) {
+    let mut written: Vec<&str> = Vec::new();
+    let named = scales[scale].targets.iter().map(|it| (it.name.get_ref().as_str(), &it.rule));
+    let children = scales.iter().filter(|it| it.parent == Parent::Of(scale));
+    let implied = children.filter_map(|it| Some((target_name(it.anchor.as_ref()?.get_ref())?, it.rule.as_ref()?)));
+    for (name, rule) in named.chain(implied.filter(|it| is_plain(it.0))) {
+        if !written.contains(&name) {
+            let _ = writeln!(text, "\n[scale.{}.target.{}]", quoted_key(&scales[scale].name), quoted_key(name));
+            targets::write(text, rule);
+            written.push(name);
+        }
     }
 }
 

@@ -2,12 +2,14 @@
 
 use std::collections::{BTreeSet, HashMap};
 
+use foveate_scene::AnchorRule;
 use toml::Spanned;
 
 use super::fault::{Findings, Span};
 use super::names::{did_you_mean, shown};
 use super::node_text::NodeText;
 use super::read::ScaleText;
+use super::targets::NamedTarget;
 
 /// The scale that a scale nests in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,9 +27,12 @@ pub(super) struct ScaleDraft {
     pub name: String,
     pub parent: Parent,
     pub anchor: Option<Spanned<String>>,
+    /// Of a scale with parent and anchor: how the target is picked that carries it.
+    pub rule: Option<AnchorRule>,
     pub volume_m: Option<[[f64; 3]; 2]>,
     pub radius_m: Option<f64>,
-    /// Whether volume and radius were understood.
+    pub targets: Vec<NamedTarget>,
+    /// Whether volume, radius and the rule were understood.
     pub sound: bool,
 }
 
@@ -43,7 +48,7 @@ pub(super) fn arrange<'t>(
         place[scale] = index;
     }
     let mut scales: Vec<Option<ScaleText<'t>>> = scales.into_iter().map(Some).collect();
-    let (mut drafts, mut nodes) = (Vec::new(), Vec::new());
+    let (mut drafts, mut nodes): (Vec<ScaleDraft>, _) = (Vec::new(), Vec::new());
     for scale in order {
         let Some(text) = scales[scale].take() else { continue };
         let parent = match parents[scale] {
@@ -56,11 +61,24 @@ pub(super) fn arrange<'t>(
                 .fault(anchor.span(), title, "found a target of no scale")
                 .help("name the scale that the target lies in: `parent = \"…\"`");
         }
-        let ScaleText { name, anchor, volume_m, radius_m, sound, nodes: texts, .. } = text;
-        drafts.push(ScaleDraft { name: name.into_inner(), parent, anchor, volume_m, radius_m, sound });
+        let ScaleText { name, anchor, volume_m, radius_m, targets, mut sound, nodes: texts, .. } = text;
+        let mut rule = None;
+        if let (Parent::Of(parent), Some(anchor)) = (parent, &anchor) {
+            let parent = &drafts[parent];
+            sound &= parent.sound;
+            let target = target_name(anchor.get_ref()).unwrap_or_default();
+            let named = parent.targets.iter().find(|it| it.name.get_ref() == target);
+            rule = Some(named.map_or_else(AnchorRule::default, |it| it.rule));
+        }
+        drafts.push(ScaleDraft { name: name.into_inner(), parent, anchor, rule, volume_m, radius_m, targets, sound });
         nodes.push(texts);
     }
     (drafts, nodes)
+}
+
+/// The name of the target in an anchor: what stands behind the node's.
+pub(super) fn target_name(anchor: &str) -> Option<&str> {
+    anchor.split_once('.').map(|it| it.1)
 }
 
 fn parents(scales: &[ScaleText<'_>], findings: &mut Findings) -> Vec<Parent> {

@@ -6,6 +6,7 @@
 use serde_json::{Map, Value as Json, json};
 
 use super::node_text::{LONGEST_COST_MS, ON_ERROR, WHEN_FULL};
+use super::targets;
 use crate::node::Role;
 use crate::port::{InputSpec, Take};
 use crate::registry::{NodeType, Registry};
@@ -88,7 +89,7 @@ fn scale() -> Json {
         "properties": {
             "parent": { "description": "The scale that this one nests in.", "type": "string" },
             "anchor": {
-                "description": "The target that this scale's space moves with: a node of the parent, dot, the target.",
+                "description": "The target that this scale's space moves with: a node of the parent that gives targets, dot, the name of one; `[scale.PARENT.target.NAME]` says which that is.",
                 "type": "string",
                 "pattern": "^[^.]+\\..+$"
             },
@@ -102,6 +103,12 @@ fn scale() -> Json {
             "radius_m": {
                 "description": "How far around its anchor this scale reaches [m].",
                 "type": "number", "exclusiveMinimum": 0
+            },
+            "target": {
+                "description": "Names for targets that scales can be anchored to.",
+                "type": "object",
+                "propertyNames": plain_name(),
+                "additionalProperties": targets::schema()
             },
             "node": {
                 "description": "The nodes by name.",

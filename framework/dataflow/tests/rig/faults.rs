@@ -19,7 +19,7 @@ pub fn said(fault: &Fault) -> String {
 }
 
 #[track_caller]
-fn expect(faults: &Faults, index: usize, place: &str, underlined: &str, fragments: &[&str]) {
+pub fn expect(faults: &Faults, index: usize, place: &str, underlined: &str, fragments: &[&str]) {
     let fault = &faults.list[index];
     let (line, column) = fault.line_column();
     assert_eq!(format!("{line}:{column}"), place, "{faults}");
@@ -32,7 +32,7 @@ fn expect(faults: &Faults, index: usize, place: &str, underlined: &str, fragment
 
 /// The edit gives one fault, at `place` (line:column), which underlines `underlined` and says all `fragments`.
 #[track_caller]
-fn one(from: &str, to: &str, place: &str, underlined: &str, fragments: &[&str]) {
+pub fn one(from: &str, to: &str, place: &str, underlined: &str, fragments: &[&str]) {
     let faults = bad(&edited(from, to));
     assert_eq!(faults.list.len(), 1, "{faults}");
     expect(&faults, 0, place, underlined, fragments);
@@ -40,7 +40,7 @@ fn one(from: &str, to: &str, place: &str, underlined: &str, fragments: &[&str]) 
 
 /// A whole rig with one fault.
 #[track_caller]
-fn whole(text: &str, place: &str, underlined: &str, fragments: &[&str]) {
+pub fn whole(text: &str, place: &str, underlined: &str, fragments: &[&str]) {
     let faults = bad(text);
     assert_eq!(faults.list.len(), 1, "{faults}");
     expect(&faults, 0, place, underlined, fragments);

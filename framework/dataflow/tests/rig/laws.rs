@@ -6,7 +6,7 @@ use crate::accepted::LAB;
 use crate::parts::load;
 
 /// Words that rigs are made of, right and wrong ones.
-const WORDS: [&str; 64] = [
+const WORDS: [&str; 68] = [
     "[rig]",
     "[scale.room]",
     "[scale.face]",
@@ -21,6 +21,10 @@ const WORDS: [&str; 64] = [
     "folder",
     "parent",
     "anchor",
+    "\"targets.head\"",
+    "[scale.room.target.head]",
+    "pick",
+    "offset_m",
     "volume_m",
     "radius_m",
     "type",

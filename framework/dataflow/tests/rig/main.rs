@@ -7,3 +7,4 @@ mod parts;
 mod pictures;
 mod schema;
 mod sizes;
+mod targets;

@@ -255,13 +255,19 @@ pub fn registry() -> Registry {
 
 /// All but the one that panics.
 pub fn registry_of_calm_parts() -> Registry {
+    let mut registry = registry_without_aim();
+    registry.add::<Aim>();
+    registry
+}
+
+/// All but the one that panics and the one that aims.
+pub fn registry_without_aim() -> Registry {
     let mut registry = Registry::new();
     registry.add::<Camera>();
     registry.add::<Detector>();
     registry.add::<Integrator>();
     registry.add::<Joiner>();
     registry.add::<Smoother>();
-    registry.add::<Aim>();
     registry.add::<Motor>();
     registry.add::<Table>();
     registry.add::<Listener>();
