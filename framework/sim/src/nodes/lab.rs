@@ -3,7 +3,7 @@
 use foveate_dataflow::{ConfigError, Due, Io, Node, NodeError, Out, Plan, Pool, Ports, Role, Setup, Time};
 use foveate_messages::Targets;
 
-use crate::world::{MAX_MONITORS, SceneSettings, WalkKind, World};
+use crate::world::{LightPath, MAX_MONITORS, SceneSettings, SwingSettings, WalkKind, World};
 
 const WORLD: Out<World> = Out::new(0, "world");
 const TRUTH: Out<Targets> = Out::new(1, "truth");
@@ -49,6 +49,8 @@ impl Node for Lab {
             truth_hz,
             glints_hz,
             waved_light,
+            ref swing,
+            ref light_path,
         } = settings;
         ConfigError::unless_in("people", people, 0..=32)?;
         for extent in walk_area_m {
@@ -66,10 +68,21 @@ impl Node for Lab {
         ConfigError::unless_in("window_change_s", window_change_s, 0.05..=3600.0)?;
         ConfigError::unless_in("truth_hz", truth_hz, 1.0..=10_000.0)?;
         ConfigError::unless_in("glints_hz", glints_hz, 0.0..=30.0)?;
-        if waved_light && people > 0 {
-            let message = format!("found true with {people} people, expected `people = 0` beside it");
-            return Err(ConfigError::at("waved_light", message));
+        let singles = [("waved_light", waved_light), ("swing", swing.is_some()), ("light_path", light_path.is_some())];
+        let mut singles = singles.into_iter().filter(|it| it.1).map(|it| it.0);
+        if let Some(first) = singles.next() {
+            if people > 0 {
+                let message = format!("found with {people} people, expected `people = 0` beside it");
+                return Err(ConfigError::at(first, message));
+            }
+            if let Some(second) = singles.next() {
+                return Err(ConfigError::at(
+                    second,
+                    format!("found beside `{first}`, expected one light by itself at most"),
+                ));
+            }
         }
+        swing.as_ref().map_or(Ok(()), SwingSettings::check)?;
         if walk == WalkKind::Round && people > MOST_ON_A_ROUND {
             let message = format!("found {people}, expected at most {MOST_ON_A_ROUND}, or `walk = \"crowd\"`");
             return Err(ConfigError::at("people", message));
@@ -82,7 +95,12 @@ impl Node for Lab {
             );
             return Err(ConfigError::at("closest_m", message));
         }
-        Ok(Self { world: World::new(settings, &setup.random), truth_hz, next: 0, pool: Pool::default() })
+        let path = light_path.as_ref().map(|file| read_path(file, setup)).transpose()?;
+        let world = match path {
+            Some(path) => World::with_path(settings, path, &setup.random),
+            None => World::new(settings, &setup.random),
+        };
+        Ok(Self { world, truth_hz, next: 0, pool: Pool::default() })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -106,6 +124,14 @@ impl Node for Lab {
     }
 }
 
+fn read_path(file: &str, setup: &Setup) -> Result<LightPath, ConfigError> {
+    let path = setup.path("light_path", file)?;
+    let fault = |message: String| ConfigError::at("light_path", format!("{}: {message}", path.display()));
+    let text = std::fs::read_to_string(&path)
+        .map_err(|error| fault(format!("{error}, expected a file of rows time_s,x_m,y_m,z_m")))?;
+    LightPath::parse(&text).map_err(fault)
+}
+
 impl Lab {
     fn next_time(&self) -> Time {
         Time::from_s(self.next as f64 / self.truth_hz)
@@ -123,6 +149,7 @@ mod tests {
         check_node::<Lab>("");
         check_node::<Lab>("people = 3\nglints_hz = 1.5");
         check_node::<Lab>("people = 0\nwaved_light = true");
+        check_node::<Lab>("people = 0\nswing = { amplitude_m = 0.3 }");
         check_node::<Lab>("people = 16\nwalk = \"crowd\"\nwalk_area_m = [6, 8]\nstay_s = 30");
     }
 
@@ -140,5 +167,19 @@ mod tests {
         assert_eq!(refused(|it| it.speed_m_s = f64::NAN), "speed_m_s");
         assert_eq!(refused(|it| it.monitors = 9), "monitors");
         assert_eq!(refused(|it| it.truth_hz = 0.0), "truth_hz");
+        assert_eq!(refused(|it| it.swing = Some(SwingSettings::default())), "swing");
+        let swung = |period_s: f64| Some(SwingSettings { period_s, ..SwingSettings::default() });
+        assert_eq!(
+            refused(|it| (it.people, it.waved_light, it.swing) = (0, true, Some(SwingSettings::default()))),
+            "swing"
+        );
+        assert_eq!(refused(|it| (it.people, it.light_path) = (0, Some("no such file".to_owned()))), "light_path");
+        let mut settings = SceneSettings { people: 0, swing: swung(0.1), ..SceneSettings::default() };
+        assert!(
+            Lab::new(settings.clone(), &Setup::for_tests())
+                .is_err_and(|it| it.setting.as_deref() == Some("swing.period_s"))
+        );
+        settings.swing = swung(1.0);
+        assert!(Lab::new(settings, &Setup::for_tests()).is_ok());
     }
 }

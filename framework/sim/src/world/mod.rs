@@ -8,6 +8,7 @@
 mod clutter;
 mod furniture;
 mod mirror;
+mod single;
 mod waved;
 
 use std::sync::Arc;
@@ -21,6 +22,8 @@ use serde::{Deserialize, Serialize};
 pub use clutter::{BrightSpot, Glint, MAX_MONITORS, Monitor, PANES};
 pub use furniture::{Surface, room_light};
 pub use mirror::Mirror;
+use single::Single;
+pub use single::{LightPath, SwingSettings};
 
 use crate::person::{BodyPart, Braid, Led, N_LEDS, Person, Pose};
 
@@ -92,6 +95,11 @@ pub struct SceneSettings {
     /// In place of people, somebody unseen waves one light that shines to all sides, to calibrate with: from `people_enter_s` on it
     /// is held on the floor at the origin, 1 m along X and 1 m along Y, then it goes all about `walk_area_m` [–]
     pub waved_light: bool,
+    /// In place of people, one light that shines to all sides is swung from side to side, from `people_enter_s` on [–]
+    pub swing: Option<SwingSettings>,
+    /// In place of people, one light that shines to all sides goes along the path of a file, from `people_enter_s` on: `time_s,x_m,y_m,z_m`,
+    /// a heading and a row for each time. `${NAME}` is an environment variable; a relative path starts at the rig's folder [–]
+    pub light_path: Option<String>,
 }
 
 impl Default for SceneSettings {
@@ -113,6 +121,8 @@ impl Default for SceneSettings {
             truth_hz: 60.0,
             glints_hz: 0.2,
             waved_light: false,
+            swing: None,
+            light_path: None,
         }
     }
 }
@@ -127,6 +137,7 @@ struct Scene {
     people: Vec<Person>,
     spots: Vec<BrightSpot>,
     monitors: Vec<Monitor>,
+    single: Option<Single>,
     seed: u64,
 }
 
@@ -135,8 +146,8 @@ impl Message for World {
     const SPACE: SpaceKind = SpaceKind::ScalePoints;
 }
 
-/// The identity of the light that is waved; people are not there then.
-const WAVED: TargetId = TargetId(0);
+/// The identity of a light by itself; people are not there then.
+const SINGLE: TargetId = TargetId(0);
 
 /// A LED at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -156,8 +167,8 @@ pub struct Moment {
     pub poses: Vec<Pose>,
     /// Of each of them, the identity of the first LED.
     first_ids: Vec<u32>,
-    /// Where the light is that is waved, if it is [m].
-    waved: Option<Point3<f64>>,
+    /// Where the light by itself is, if there is one [m].
+    single: Option<Point3<f64>>,
 }
 
 /// The people of a scene. Where a crowd finds no room to keep apart it walks as it does with the least distance that there is.
@@ -188,9 +199,24 @@ impl SceneSettings {
 }
 
 impl World {
-    /// The world of these settings; out-of-range values are taken as they are. Same seed, same world.
+    /// The world of these settings; out-of-range values are taken as they are. Same seed, same world. The file of [`SceneSettings::light_path`] is not
+    /// looked for: see [`Self::with_path`].
     pub fn new(settings: SceneSettings, random: &Random) -> Self {
+        let single = match &settings.swing {
+            Some(swing) => Some(Single::Swung(swing.clone())),
+            None => settings.waved_light.then_some(Single::Waved(settings.walk_area_m)),
+        };
+        Self::with_single(settings, single, random)
+    }
+
+    /// As [`Self::new`], with a light on a path.
+    pub fn with_path(settings: SceneSettings, path: LightPath, random: &Random) -> Self {
+        Self::with_single(settings, Some(Single::Path(path)), random)
+    }
+
+    fn with_single(settings: SceneSettings, single: Option<Single>, random: &Random) -> Self {
         let scene = Scene {
+            single,
             people: people(&settings, &random.fork("people")),
             spots: clutter::bright_spots(settings.bright_spots, &mut random.fork("spots")),
             monitors: clutter::monitors(settings.monitors, &mut random.fork("monitors")),
@@ -207,14 +233,13 @@ impl World {
 
     /// How many targets there are once all people have come in.
     pub fn n_targets(&self) -> usize {
-        self.0.people.len() * N_LEDS + usize::from(self.0.settings.waved_light)
+        self.0.people.len() * N_LEDS + usize::from(self.0.single.is_some())
     }
 
-    /// How long the waved light has been waved at `time`, and in which area [s, m].
-    fn waved(&self, time: Time) -> Option<(f64, [f64; 2])> {
-        let SceneSettings { waved_light, people_enter_s, walk_area_m, .. } = self.0.settings;
-        let since_s = time.as_s() - people_enter_s;
-        (waved_light && since_s >= 0.0).then_some((since_s, walk_area_m))
+    /// The light by itself, and since when it is there at `time` [s].
+    fn single(&self, time: Time) -> Option<(&Single, f64)> {
+        let since_s = time.as_s() - self.0.settings.people_enter_s;
+        self.0.single.as_ref().filter(|_| since_s >= 0.0).map(|it| (it, since_s))
     }
 
     /// Those who are there at `time`, each with the identity of the first LED.
@@ -235,12 +260,12 @@ impl World {
             moment.poses.push(person.pose(time.as_s()));
             moment.first_ids.push(first_id);
         }
-        moment.waved = self.waved(time).map(|(since_s, area_m)| waved::position(since_s, area_m));
+        moment.single = self.single(time).map(|(single, since_s)| single.position(since_s));
     }
 
     /// Where all LEDs truly are at `time`: measured, without uncertainty, seen by no camera in particular. Person p's LED l, in
     /// the order of [`LED_NAMES`](crate::person::LED_NAMES), is target 8 p + l; at the v-th visit, counted from 0,
-    /// of p out of n people it is target 8 (n v + p) + l. A light that is waved is target 0.
+    /// of p out of n people it is target 8 (n v + p) + l. A light by itself is target 0.
     pub fn truth(&self, time: Time) -> Targets {
         let mut truth = Targets::default();
         self.truth_into(time, &mut truth);
@@ -262,10 +287,10 @@ impl World {
                 how: How::Measured,
             }));
         }
-        truth.list.extend(self.waved(time).map(|(since_s, area_m)| Target {
-            id: WAVED,
-            position: waved::position(since_s, area_m),
-            velocity: waved::velocity(since_s, area_m),
+        truth.list.extend(self.single(time).map(|(single, since_s)| Target {
+            id: SINGLE,
+            position: single.position(since_s),
+            velocity: single.velocity(since_s),
             covariance: Matrix6::zeros(),
             cameras: Default::default(),
             how: How::Measured,
@@ -307,11 +332,11 @@ impl Moment {
             let brightness = led_peak * led.emission_towards(eye);
             (brightness > 0.0).then_some(Light { id, position: led.position, brightness })
         });
-        of_people.chain(self.waved.map(|position| Light { id: WAVED, position, brightness: led_peak }))
+        of_people.chain(self.single.map(|position| Light { id: SINGLE, position, brightness: led_peak }))
     }
 
     /// The images of the LEDs in `mirror` that are seen from `eye` [m], where they seem to be behind it, with their brightness;
-    /// what a body hides on either side of the mirror is left out, and so is a light that is waved. `reflectance` as in [`SceneSettings::reflections`].
+    /// what a body hides on either side of the mirror is left out, and so is a light by itself. `reflectance` as in [`SceneSettings::reflections`].
     pub fn reflections_seen_from<'s>(
         &'s self,
         eye: &'s Point3<f64>,
@@ -330,7 +355,7 @@ impl Moment {
     /// All LEDs with their full brightness, 1, wherever they shine to.
     pub fn lights(&self) -> impl Iterator<Item = Light> + '_ {
         let of_people = self.leds().map(|(id, led)| Light { id, position: led.position, brightness: 1.0 });
-        of_people.chain(self.waved.map(|position| Light { id: WAVED, position, brightness: 1.0 }))
+        of_people.chain(self.single.map(|position| Light { id: SINGLE, position, brightness: 1.0 }))
     }
 
     fn leds(&self) -> impl Iterator<Item = (TargetId, Led)> + '_ {

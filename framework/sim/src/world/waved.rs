@@ -1,6 +1,6 @@
 //! One light on a stick, as somebody waves it to calibrate a room: three stops on the floor, then all about the volume.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 
 /// Where it is held still at first [m]: the origin, on the X axis, on the Y axis.
 const STOPS: [[f64; 3]; 3] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
@@ -14,8 +14,6 @@ const EXTENT: f64 = 0.9;
 const HEIGHTS_M: [f64; 2] = [0.2, 2.1];
 /// Turns a second along x, y, z [Hz]; they repeat after minutes only.
 const RATES_HZ: [f64; 3] = [0.23, 0.31, 0.53];
-/// Step of the derivative [s].
-const STEP_S: f64 = 1e-4;
 
 /// Where it is, `time_s` after it was taken up, in an area of these extents around the origin [m].
 pub(super) fn position(time_s: f64, area_m: [f64; 2]) -> Point3<f64> {
@@ -26,11 +24,6 @@ pub(super) fn position(time_s: f64, area_m: [f64; 2]) -> Point3<f64> {
     let next = STOPS.get(index + 1).map_or_else(|| wave(0.0, area_m), |it| Point3::from(*it));
     let part = ((time_s - begin - STOP_S) / BETWEEN_S).clamp(0.0, 1.0);
     stop + (next - stop) * (part * part * (3.0 - 2.0 * part))
-}
-
-/// Its velocity [m/s].
-pub(super) fn velocity(time_s: f64, area_m: [f64; 2]) -> Vector3<f64> {
-    (position(time_s + STEP_S, area_m) - position(time_s - STEP_S, area_m)) / (2.0 * STEP_S)
 }
 
 fn wave(time_s: f64, area_m: [f64; 2]) -> Point3<f64> {
