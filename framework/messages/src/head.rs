@@ -76,15 +76,28 @@ pub enum HeadEvent {
     Zoom(f64),
 }
 
-/// What happened between a head and what drives it since the last report.
+/// What happened between a head and what drives it in the last second.
+///
+/// Reports overlap, so that whoever samples them loses nothing: [`HeadReport::since`] leaves out what was heard before.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct HeadReport {
     /// The camera that the head carries.
     pub camera: CameraId,
     /// How things are now.
     pub link: HeadLink,
+    /// Number of the first of `events`: all events of a head are numbered from 0.
+    pub first: u64,
     /// The events and when they were learnt, oldest first.
     pub events: Vec<(Time, HeadEvent)>,
+}
+
+impl HeadReport {
+    /// The events from number `next` on; `next` becomes the number after the last of them.
+    pub fn since<'s>(&'s self, next: &mut u64) -> impl Iterator<Item = &'s (Time, HeadEvent)> + use<'s> {
+        let known = next.saturating_sub(self.first).min(self.events.len() as u64) as usize;
+        *next = (*next).max(self.first + self.events.len() as u64);
+        self.events[known..].iter()
+    }
 }
 
 impl Message for HeadReport {
@@ -126,5 +139,26 @@ impl Message for HeadPose {
     fn quality(&self) -> Quality {
         let variance = self.angles_covariance.trace() / 2.0;
         Quality { count: Some(1), sigma: Some(variance.max(0.0).sqrt()) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reports_that_overlap_are_heard_once() {
+        let report = |first: u64, count: i64| HeadReport {
+            first,
+            events: (0..count).map(|it| (Time(first as i64 + it), HeadEvent::Arrived)).collect(),
+            ..HeadReport::default()
+        };
+        let mut next = 0;
+        let mut heard = |report: &HeadReport| report.since(&mut next).map(|it| it.0.0).collect::<Vec<i64>>();
+        assert_eq!(heard(&report(0, 3)), [0, 1, 2]);
+        assert_eq!(heard(&report(1, 4)), [3, 4]);
+        assert_eq!(heard(&report(1, 4)), []);
+        assert_eq!(heard(&report(2, 1)), [], "an old report");
+        assert_eq!(heard(&report(8, 2)), [8, 9], "what was between was never told");
     }
 }
