@@ -8,6 +8,7 @@
 //! | [`clocks`] | clock offsets and drifts of cameras, from what their innovations show |
 //! | [`least_squares`] | parameters at which weighted residuals are least, robust, with covariance |
 //! | [`assignment`] | which measurement belongs to which track, at the least cost, with a gate |
+//! | [`allocation`] | which heads look at which target, where several at one target see more together |
 //! | [`gospa`] | how far a set of points is from the true one: OSPA, GOSPA |
 //! | [`identities`] | true targets and recovered identities matched over time: swaps, rebirths |
 //! | [`prediction`] | where a moving point will be, by what has foretold best of late |
@@ -15,6 +16,7 @@
 //! | [`statistics`] | median, percentiles, median absolute deviation, a summary |
 //! | [`random`] | seeded random numbers, with a stream of its own for each name |
 
+pub mod allocation;
 pub mod assignment;
 pub mod clocks;
 pub mod consistency;
