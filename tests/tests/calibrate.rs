@@ -310,7 +310,10 @@ fn camera_that_moved_since_is_named_and_the_others_stay() {
     let lab = Lab::new(&all, |frame, camera| seen(&now, frame, camera));
     truth(&lab, &all);
     let clocks: String = (0..5).map(|it| format!("\n[clock.c{it}]\noffset_s = 0.0\nframe_rate_hz = 30.0\n")).collect();
-    lab.write("truth.toml", &(lab.read("truth.toml") + &clocks));
+    let axis = |direction: &str| format!("{{ point_m = [0.0, 0.0, -0.05], direction = {direction} }}");
+    let head =
+        format!("\n[head.c2]\npan_axis = {}\ntilt_axis = {}\n", axis("[0.0, 1.0, 0.0]"), axis("[1.0, 0.0, 0.0]"));
+    lab.write("truth.toml", &(lab.read("truth.toml") + &clocks + &head));
     lab.write("lab.calibration.toml", &lab.read("truth.toml"));
     let (code, said, complaint) = foveate(
         lab.folder.path(),
@@ -321,6 +324,7 @@ fn camera_that_moved_since_is_named_and_the_others_stay() {
     // The calibration is replaced, with the older one kept beside it.
     assert_ne!(lab.read("lab.calibration.toml"), lab.read("truth.toml"));
     assert!(lab.read("lab.calibration.toml").contains("frame_rate_hz = 30"), "clocks stay as they were");
+    assert!(lab.read("lab.calibration.toml").contains(head.trim()), "heads stay as they were");
     assert_eq!(lab.read("lab.calibration.before.toml"), lab.read("truth.toml"));
 }
 

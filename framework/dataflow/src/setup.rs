@@ -10,6 +10,7 @@ use foveate_messages::CameraId;
 use foveate_scene::AnchorRule;
 use foveate_scene::calibration::{Calibration, LengthUnit};
 use foveate_scene::clocks::Clocks;
+use foveate_scene::heads::{CalibratedHead, Heads};
 
 use crate::error::ConfigError;
 
@@ -127,6 +128,16 @@ impl Setup {
         Some(&self.calibration.cameras.get(index)?.camera)
     }
 
+    /// The head that carries this instance's camera, as the calibration has it.
+    pub fn head_model(&self) -> Option<CalibratedHead> {
+        self.head_of(self.camera?)
+    }
+
+    /// The head that carries `camera`, as the calibration has it.
+    pub fn head_of(&self, camera: CameraId) -> Option<CalibratedHead> {
+        self.calibration.head(&self.calibration.cameras.get(usize::from(camera.0))?.name)
+    }
+
     /// A path from a setting: `{camera}` becomes the camera's name, `${NAME}` an environment variable, and what is relative
     /// starts at the rig's folder (at the current folder where it comes out of a variable).
     ///
@@ -153,6 +164,7 @@ pub fn no_cameras() -> Arc<Calibration> {
         cameras: Vec::new(),
         length_unit: LengthUnit::Metre,
         clocks: Clocks::default(),
+        heads: Heads::default(),
         provenance: None,
         uncertainties: Default::default(),
         origin: String::new(),

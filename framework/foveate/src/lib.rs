@@ -17,4 +17,5 @@ pub mod prelude {
         Assignment, CameraId, CameraSet, Feature, Features, HeadCommand, HeadEvent, HeadLink, HeadOrder, HeadPose,
         HeadPosition, HeadReport, How, Image, PixelFormat, ScaleSpace, SubRegion, Target, TargetId, Targets,
     };
+    pub use foveate_scene::CalibratedHead;
 }

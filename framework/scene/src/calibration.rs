@@ -19,7 +19,8 @@
 //!
 //! Optional besides: `[provenance]` and `[camera.wide-1.uncertainty]`, see [`crate::uncertainty`].
 //!
-//! A section `[clock.wide-1]` may say how the camera's clock runs: see [`crate::clocks`].
+//! A section `[clock.wide-1]` may say how the camera's clock runs: see [`crate::clocks`]; a section `[head.ptz-1]`, on what head that camera turns:
+//! see [`crate::heads`].
 //!
 //! Calibrations of other programs are read too: see [`crate::formats`].
 
@@ -33,6 +34,7 @@ use foveate_geometry::Camera;
 use crate::calibration_file;
 use crate::clocks::{self, Clocks};
 use crate::formats::ImportOptions;
+use crate::heads::{CalibratedHead, Heads};
 use crate::natural_order::natural_order;
 use crate::uncertainty::{Provenance, Uncertainties};
 
@@ -68,6 +70,8 @@ pub struct Calibration {
     pub length_unit: LengthUnit,
     /// How the cameras' clocks run, where they are not the session's.
     pub clocks: Clocks,
+    /// The pan-tilt heads that carry cameras, by the camera's name.
+    pub heads: Heads,
     /// How it was made, where that is known.
     pub provenance: Option<Provenance>,
     /// How well each camera is known, by its name; cameras of which nothing is known are left out.
@@ -152,8 +156,8 @@ impl Calibration {
         length_unit: LengthUnit,
         origin: String,
     ) -> Result<Calibration, CalibrationError> {
-        let (clocks, uncertainties) = (Clocks::default(), Uncertainties::new());
-        Calibration { cameras, length_unit, clocks, provenance: None, uncertainties, origin }.checked()
+        let (clocks, heads, uncertainties) = (Clocks::default(), Heads::default(), Uncertainties::new());
+        Calibration { cameras, length_unit, clocks, heads, provenance: None, uncertainties, origin }.checked()
     }
 
     /// Sorted and checked, as [`Calibration::new`] promises.
@@ -205,6 +209,11 @@ impl Calibration {
         self.index_of(name).map(|index| &self.cameras[index].camera)
     }
 
+    /// The head that carries the camera called `name`, with that camera.
+    pub fn head(&self, name: &str) -> Option<CalibratedHead> {
+        Some(self.heads.0.get(name)?.carrying(self.camera(name)?))
+    }
+
     /// As a TOML file, `origin` as its note. Reading it back gives the same numbers, but for rounding in the last
     /// digits of the pose.
     pub fn to_toml(&self) -> String {
@@ -237,7 +246,7 @@ impl Calibration {
                 text += &uncertainty.to_toml(&key);
             }
         }
-        text + &self.clocks.to_toml()
+        text + &self.clocks.to_toml() + &self.heads.to_toml()
     }
 }
 

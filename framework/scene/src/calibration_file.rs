@@ -19,7 +19,7 @@ use crate::uncertainty::Uncertainties;
 /// How far a quaternion's length may be from 1 and still be taken for rounding.
 const QUATERNION_TOLERANCE: f64 = 1e-3;
 
-const SECTIONS: [&str; 4] = ["calibration", "provenance", "camera", "clock"];
+const SECTIONS: [&str; 5] = ["calibration", "provenance", "camera", "clock", "head"];
 const HEADER_KEYS: [&str; 2] = ["length_unit", "note"];
 const CAMERA_KEYS: [&str; 9] = [
     "image_size_px",
@@ -87,10 +87,12 @@ fn own_parts(reader: &mut Reader<'_>, root: &DeTable<'_>, whole: Range<usize>, d
         let span = root.get("clock").map_or(0..0, Spanned::span);
         reader.report(span, format!("a clock of camera {name:?}"), "a clock of one of the cameras".into());
     }
+    let heads = reader.heads(root, |name| cameras.iter().any(|it| it.name == name));
     Calibration {
         cameras,
         length_unit: length_unit.unwrap_or(LengthUnit::Unknown),
         clocks,
+        heads,
         provenance,
         uncertainties,
         origin: note.unwrap_or_else(|| reader.path.display().to_string()),
@@ -258,7 +260,7 @@ impl Reader<'_> {
         })
     }
 
-    fn distortion(&mut self, value: &Value<'_>) -> Option<Distortion> {
+    pub(crate) fn distortion(&mut self, value: &Value<'_>) -> Option<Distortion> {
         let Some(table) = value.get_ref().as_table() else {
             return self.expect(None, value, "distortion", "a table such as { k1 = -0.1 }");
         };

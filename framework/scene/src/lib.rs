@@ -7,6 +7,7 @@
 //! | [`clocks`] | [`Clocks`]: how each camera's clock runs against the session's |
 //! | [`draft`] | [`Draft`]: a calibration before calibrating, of which not all is known |
 //! | [`formats`] | [`Format`]: calibrations of other programs, read and written |
+//! | [`heads`] | [`Heads`]: pan-tilt heads, with their axes, limits and units |
 //! | [`space`] | [`SceneGraph`]: nested spaces, each with a pose that may change, and `a_from_b` at a time with its covariance |
 //! | [`uncertainty`] | [`CameraUncertainty`], [`Provenance`]: how well a calibration is known, and how it was made |
 //! | [`volume`] | [`WorkingVolume`]: the box in which a scale works |
@@ -19,6 +20,7 @@ mod calibration_file;
 pub mod clocks;
 pub mod draft;
 pub mod formats;
+pub mod heads;
 mod multi_cam_self_cal;
 mod natural_order;
 mod pose2sim;
@@ -33,6 +35,7 @@ pub use calibration::{Calibration, CalibrationError, CalibrationFault, LengthUni
 pub use clocks::{CameraClock, Clocks};
 pub use draft::{Draft, Unknown};
 pub use formats::{DltOrigin, Export, ExportContent, Format, ImportOptions};
+pub use heads::{CalibratedHead, Head, Heads};
 pub use natural_order::natural_order;
 pub use space::{SceneError, SceneGraph, SpaceId, UncertainPose};
 pub use uncertainty::{CameraUncertainty, Fixed, Provenance, Uncertainties};

@@ -102,6 +102,7 @@ pub(crate) fn parts(reader: &mut Reader<'_>, root: &DeTable<'_>) -> Calibration 
         cameras,
         length_unit,
         clocks: Default::default(),
+        heads: Default::default(),
         provenance: None,
         uncertainties: Default::default(),
         origin: format!("{program} calibration {}", reader.path.display()),

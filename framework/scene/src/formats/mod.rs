@@ -186,6 +186,7 @@ impl Calibration {
             camera.camera.camera_from_world.translation.vector *= factor;
         }
         self.uncertainties.values_mut().for_each(|it| *it = it.scaled(factor));
+        self.heads.0.values_mut().for_each(|it| *it = it.clone().scaled(factor));
         if let Some(sigma) = self.provenance.as_mut().and_then(|it| it.origin.as_mut()).and_then(|it| it.sigma.as_mut())
         {
             *sigma *= factor;
@@ -206,6 +207,9 @@ impl Calibration {
         }
         if !self.clocks.0.is_empty() {
             lost.push(format!("the clocks of {} cameras", self.clocks.0.len()));
+        }
+        if !self.heads.0.is_empty() {
+            lost.push(format!("the heads of {} cameras", self.heads.0.len()));
         }
         lost
     }

@@ -3,11 +3,12 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use foveate_geometry::pan_tilt::{Axis, AxisUnits, Limits};
 use foveate_geometry::{Camera, Distortion, Intrinsics};
 use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector3};
 
 use super::*;
-use crate::{CameraUncertainty, NamedCamera, Provenance};
+use crate::{CameraUncertainty, Head, NamedCamera, Provenance};
 
 /// Evenly spread numbers in 0..1 that repeat exactly.
 struct Spread(f64);
@@ -188,11 +189,24 @@ fn what_is_lost_is_said_with_its_size_in_pixels() {
     full.provenance = Some(Provenance::default());
     full.uncertainties.insert("cam1".into(), CameraUncertainty::default());
     full.clocks.0.insert("cam2".into(), Default::default());
+    let axis = Axis::through_origin(Vector3::y()).unwrap();
+    let head = Head {
+        pan: axis,
+        tilt: axis,
+        stacking: Default::default(),
+        limits: Limits::WIDE,
+        units: [AxisUnits::DEGREES; 2],
+        zoom: None,
+        covariance: None,
+    };
+    full.heads.0.insert("cam2".into(), head);
     let lost = |calibration: &Calibration, format| calibration.export(format).unwrap().lost.join("\n");
     assert_eq!(lost(&full, Format::Foveate), "");
     for format in Format::ALL.into_iter().filter(|it| *it != Format::Foveate) {
         let lost = lost(&full, format);
-        for word in ["the provenance", "the uncertainty of 1 cameras", "the clocks of 1 cameras"] {
+        for word in
+            ["the provenance", "the uncertainty of 1 cameras", "the clocks of 1 cameras", "the heads of 1 cameras"]
+        {
             assert!(lost.contains(word), "{format}: {word} is not in\n{lost}");
         }
     }

@@ -9,7 +9,7 @@ use foveate_calibration::convergence::{ConvergenceRules, convergence};
 use foveate_calibration::recording::Recording;
 use foveate_calibration::report::{self, Grade, ReportInput};
 use foveate_calibration::room::{Origin, SolvedRoom};
-use foveate_scene::{Calibration, Draft, NamedCamera};
+use foveate_scene::{Calibration, Draft, Head, NamedCamera};
 use serde_json::{Map, Value};
 
 use super::CalibrateArgs;
@@ -157,13 +157,13 @@ pub(super) fn check_writable(older: &Path) -> Result<(), String> {
     }
 }
 
-/// Clocks that were not estimated stay as they were, as do the frame rates of those that were, and where the older calibration was adjusted,
-/// cameras that were not found. Names of these, and of those that are lost.
+/// Clocks that were not estimated stay as they were, as do the frame rates of those that were, the heads, and where the older calibration was
+/// adjusted, cameras that were not found. Names of these, and of what is lost.
 fn carry_over(calibration: &mut Calibration, older: &Calibration, is_adjusted: bool) -> CarriedOver {
     let missing = older.cameras.iter().filter(|it| calibration.camera(&it.name).is_none());
     let missing: Vec<NamedCamera> = missing.cloned().collect();
     let names = missing.iter().map(|it| it.name.clone()).collect();
-    let carried = match is_adjusted {
+    let mut carried = match is_adjusted {
         true => CarriedOver { kept: names, lost: Vec::new() },
         false => CarriedOver { kept: Vec::new(), lost: names },
     };
@@ -176,6 +176,16 @@ fn carry_over(calibration: &mut Calibration, older: &Calibration, is_adjusted: b
         if calibration.camera(name).is_some() {
             let kept = calibration.clocks.0.entry(name.clone()).or_insert_with(|| *clock);
             kept.frame_rate_hz = kept.frame_rate_hz.or(clock.frame_rate_hz);
+        }
+    }
+    for (name, head) in &older.heads.0 {
+        // Its axes stand in the space of the camera, wherever that is now, but in the older unit.
+        if calibration.length_unit != older.length_unit {
+            carried.lost.push(format!("the head of {name} (in another unit of length)"));
+        } else if let Some(camera) = calibration.camera(name) {
+            // How well it is known was told together with the camera at rest, and goes with that.
+            let covariance = head.covariance.clone().filter(|_| older.camera(name) == Some(camera));
+            calibration.heads.0.insert(name.clone(), Head { covariance, ..head.clone() });
         }
     }
     carried
