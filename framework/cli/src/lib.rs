@@ -16,6 +16,7 @@ pub fn registry() -> Registry {
     foveate_sim::register(&mut registry);
     foveate_capture::register(&mut registry);
     foveate_led::register(&mut registry);
+    foveate_pan_tilt::register(&mut registry);
     foveate_blob::register(&mut registry);
     foveate_board::register(&mut registry);
     foveate_export::register(&mut registry);

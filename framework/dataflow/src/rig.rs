@@ -43,6 +43,7 @@ use toml::de::DeTable;
 
 pub use expected::unit_of;
 pub use fault::{Fault, Faults, Severity, Span};
+pub use names::matches;
 pub use schema::schema;
 
 use crate::graph::Graph;

@@ -5,7 +5,7 @@
 //! | [`Image`] | one picture of one camera | pixels of that camera |
 //! | [`Features`] | the 2D points found in one picture | pixels of that camera |
 //! | [`Targets`] | the 3D points recovered at one scale | metres in that scale's space |
-//! | [`SubRegion`] | the moving volume that the next scale looks into | metres in the parent scale's space |
+//! | [`SubRegion`] | the moving volume that the next scale looks into | metres in the parent scale's space, which its scale's nodes know |
 //! | [`ScaleSpace`] | where the space of an anchored scale is | – |
 //! | [`Assignment`] | which head follows which target | – |
 //! | [`HeadCommand`] | what a pan-tilt head should do | angles of its axes |

@@ -4,7 +4,8 @@ use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Vector3};
 
 use crate::{CameraId, How, Interval, Message, Quality, SpaceKind, TargetId, Time};
 
-/// What a sub-region selector follows: a ball about a target, in the space of the scale that the target lies in.
+/// What a sub-region selector follows: a ball about a target, in the space of the scale that the target lies in, which is the parent of the
+/// selector's.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SubRegion {
     /// The time that position and velocity are of.
@@ -32,7 +33,7 @@ impl SubRegion {
 
 impl Message for SubRegion {
     const NAME: &'static str = "sub_region";
-    const SPACE: SpaceKind = SpaceKind::ScalePoints;
+    const SPACE: SpaceKind = SpaceKind::None;
 
     fn quality(&self) -> Quality {
         let variance = self.covariance.fixed_view::<3, 3>(0, 0).trace() / 3.0;

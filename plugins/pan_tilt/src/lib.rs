@@ -6,8 +6,42 @@
 //! | [`driver`] | what is sent when, what is made of replies: no line, no clock |
 //! | [`port`] | serial ports and UDP sockets |
 //! | [`head`] | a driver on its port, with a thread that listens |
+//! | [`follow`] | a head that stays on a target: prediction, aim, speed |
+//!
+//! | node | what it does |
+//! |---|---|
+//! | `pan_tilt.selector` | keeps a head on a target |
+//! | `pan_tilt.pose` | tells where its camera stood at each picture |
 
 pub mod driver;
+pub mod follow;
 pub mod head;
 pub mod port;
+pub mod pose;
+pub mod selector;
 pub mod visca;
+
+use foveate::prelude::{CameraId, ConfigError, Registry, Setup};
+use foveate::scene::heads::CalibratedHead;
+
+/// Makes the nodes of this plugin known.
+pub fn register(registry: &mut Registry) {
+    registry.add::<selector::Selector>();
+    registry.add::<pose::Pose>();
+}
+
+/// The camera of a node and the head that carries it.
+pub(crate) fn head_of(setup: &Setup) -> Result<(CameraId, CalibratedHead), ConfigError> {
+    let Some(camera) = setup.camera else {
+        return Err(ConfigError::node(
+            "found no camera, expected `each` or `camera` to name cameras of the calibration that stand on heads",
+        ));
+    };
+    let head = setup.head_model().ok_or_else(|| {
+        let name = setup.camera_name().unwrap_or_default();
+        ConfigError::node(format!(
+            "the calibration has no `[head.{name}]`, expected the axes of the head that carries it"
+        ))
+    })?;
+    Ok((camera, head))
+}

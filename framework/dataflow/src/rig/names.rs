@@ -72,7 +72,7 @@ fn printable(letter: char) -> impl Iterator<Item = char> {
 }
 
 /// Whether `pattern`, with `*` for any characters and `?` for one, matches the whole of `name`.
-pub(super) fn matches(pattern: &str, name: &str) -> bool {
+pub fn matches(pattern: &str, name: &str) -> bool {
     let pattern: Vec<char> = pattern.chars().collect();
     let name: Vec<char> = name.chars().collect();
     let (mut p, mut n) = (0, 0);

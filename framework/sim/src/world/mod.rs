@@ -143,7 +143,7 @@ struct Scene {
 
 impl Message for World {
     const NAME: &'static str = "world";
-    const SPACE: SpaceKind = SpaceKind::ScalePoints;
+    const SPACE: SpaceKind = SpaceKind::None;
 }
 
 /// The identity of a light by itself; people are not there then.

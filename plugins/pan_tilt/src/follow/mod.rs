@@ -86,10 +86,10 @@ impl Follower {
         self.predictor.observe(time.as_s(), target.position + offset, target.velocity, &covariance);
     }
 
-    /// What the head was told and said.
-    pub fn hear(&mut self, report: &HeadReport) {
+    /// What the head was told and said; `next_event` as for [`HeadReport::since`].
+    pub fn hear(&mut self, report: &HeadReport, next_event: &mut u64) {
         self.link = report.link;
-        for (at, event) in &report.events {
+        for (at, event) in report.since(next_event) {
             match *event {
                 HeadEvent::Sent(order) => self.servo.order(at.as_s(), orders(&order)),
                 HeadEvent::Position(it) => self.servo.answer(it.earliest.as_s(), it.latest.as_s(), it.angles),
@@ -134,9 +134,9 @@ impl Follower {
         let (wanted, reachable) = self.wanted_at(obeys_s)?;
         self.wanted = wanted.setting;
         let goal = self.damp(now, [wanted.setting.pan, wanted.setting.tilt], f64::INFINITY);
-        let from = self.commanded.map_or([0.0; 2], |it| it.1);
+        let from = self.servo.at(now.as_s())?.angles;
         let band = self.settings.dead_band_deg.to_radians();
-        if self.commanded.is_some() && (0..2).all(|it| (goal[it] - from[it]).abs() < band) {
+        if self.commanded.is_some_and(|it| is_near(&goal, &it.1, band)) {
             return None;
         }
         let speeds = [0, 1].map(|it| {
@@ -178,7 +178,15 @@ impl Follower {
         Some(self.lead(now, obeys_s, goal, speeds, wanted, reachable))
     }
 
-    fn lead(&mut self, now: Time, obeys_s: f64, goal: [f64; 2], speeds: [f64; 2], wanted: Aim, reachable: bool) -> Lead {
+    fn lead(
+        &mut self,
+        now: Time,
+        obeys_s: f64,
+        goal: [f64; 2],
+        speeds: [f64; 2],
+        wanted: Aim,
+        reachable: bool,
+    ) -> Lead {
         let within = self.head.limits.clamp(&Setting::new(goal[0], goal[1]));
         let angles = [within.pan, within.tilt];
         self.commanded = Some((now, angles));

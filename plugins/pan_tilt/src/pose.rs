@@ -1,0 +1,319 @@
+//! `pan_tilt.pose`: where the camera on a head stood when each of its pictures was taken.
+
+use std::collections::VecDeque;
+
+use foveate::estimation::{Servo, ServoRules, ServoState};
+use foveate::geometry::pan_tilt::{PanTiltHead, Setting};
+use foveate::prelude::*;
+use foveate::scene::heads::CalibratedHead;
+use nalgebra::{Isometry3, Matrix2, Point3, SMatrix, Vector4, Vector6};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::follow::orders;
+
+const REPORT: In<HeadReport> = In::each(0, "report");
+const IMAGE: In<Image> = In::each(1, "image").optional();
+const FEATURES: In<Features> = In::each(2, "features").optional();
+const POSE: Out<HeadPose> = Out::new(0, "pose");
+
+/// Step of derivatives [rad, m].
+const STEP: f64 = 1e-6;
+/// So many pictures wait for the head's next answer at most.
+const MOST_WAITING: usize = 256;
+
+/// Settings of [`Pose`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct PoseSettings {
+    /// From a command on the line to the first movement, as far as it is known beforehand [ms].
+    #[schemars(range(min = 0.0, max = 800.0))]
+    pub latency_ms: f64,
+    /// How fast the head speeds up and brakes, roughly; the estimate finds out [°/s²].
+    #[schemars(range(min = 10.0, max = 10_000.0))]
+    pub acceleration_deg_per_s2: f64,
+    /// What pan and tilt of the head's answers are rounded to [°].
+    #[schemars(inner(range(min = 1e-6, max = 10.0)))]
+    pub quantum_deg: [f64; 2],
+    /// How much the camera shakes beyond what the motors do, standard deviation [°].
+    #[schemars(range(min = 0.0, max = 10.0))]
+    pub shake_deg: f64,
+    /// How long a picture's pose may wait for an answer of the head that is of a later time: poses between two answers are better known. 0: at
+    /// once [ms].
+    #[schemars(range(min = 0.0, max = 10_000.0))]
+    pub wait_ms: f64,
+}
+
+impl Default for PoseSettings {
+    /// As of the EVI-D30.
+    fn default() -> Self {
+        Self {
+            latency_ms: 270.0,
+            acceleration_deg_per_s2: 400.0,
+            quantum_deg: [1.0 / 8.8, 1.0 / 12.0],
+            shake_deg: 0.03,
+            wait_ms: 0.0,
+        }
+    }
+}
+
+/// The pose of a head at the capture time of each picture, with uncertainty; the paper's weak point [Davis 2002 §5.2]. How, tells [`Servo`].
+pub struct Pose {
+    camera: CameraId,
+    name: String,
+    head: CalibratedHead,
+    servo: Servo,
+    zoom: Option<f64>,
+    wait: Interval,
+    waiting: VecDeque<Stamp>,
+    next_event: u64,
+    n_unknown: u64,
+}
+
+impl Node for Pose {
+    const TYPE: &'static str = "pan_tilt.pose";
+    const ROLE: Role = Role::ModelFilter;
+    const SUMMARY: &'static str =
+        "Where a camera on a head stood at each picture: from commands, answers and the head's latency";
+    type Settings = PoseSettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&REPORT).input(&IMAGE).input(&FEATURES).output(&POSE)
+    }
+
+    fn new(settings: PoseSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        ConfigError::unless_in("latency_ms", settings.latency_ms, 0.0..=800.0)?;
+        ConfigError::unless_in("acceleration_deg_per_s2", settings.acceleration_deg_per_s2, 10.0..=10_000.0)?;
+        for quantum in settings.quantum_deg {
+            ConfigError::unless_in("quantum_deg", quantum, 1e-6..=10.0)?;
+        }
+        ConfigError::unless_in("shake_deg", settings.shake_deg, 0.0..=10.0)?;
+        ConfigError::unless_in("wait_ms", settings.wait_ms, 0.0..=10_000.0)?;
+        let (camera, head) = crate::head_of(setup)?;
+        let rules = ServoRules {
+            latency_s: [settings.latency_ms * 1e-3, 0.08],
+            acceleration: settings.acceleration_deg_per_s2.to_radians(),
+            quantum: settings.quantum_deg.map(f64::to_radians),
+            shake: settings.shake_deg.to_radians(),
+            ..ServoRules::default()
+        };
+        Ok(Self {
+            camera,
+            name: setup.camera_name().unwrap_or_default().to_owned(),
+            head,
+            servo: Servo::new(rules, 0.0, [0.0; 2]),
+            zoom: None,
+            wait: Interval::from_ms(settings.wait_ms),
+            waiting: VecDeque::new(),
+            next_event: 0,
+            n_unknown: 0,
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        if let Some(report) = io.take(&REPORT) {
+            for (at, event) in report.value.since(&mut self.next_event) {
+                match event {
+                    HeadEvent::Sent(order) => self.servo.order(at.as_s(), orders(order)),
+                    HeadEvent::Position(it) => self.servo.answer(it.earliest.as_s(), it.latest.as_s(), it.angles),
+                    HeadEvent::Zoom(zoom) => self.zoom = Some(*zoom),
+                    HeadEvent::Link(_) | HeadEvent::Arrived => {}
+                }
+            }
+        } else {
+            let stamp = io.take(&IMAGE).map(|it| it.stamp).or_else(|| io.take(&FEATURES).map(|it| it.stamp));
+            self.waiting.extend(stamp);
+        }
+        while let Some(stamp) = self.waiting.front().copied() {
+            let is_answered = self.servo.last_answer_s().is_some_and(|it| it >= stamp.time.as_s());
+            let is_due = is_answered || io.now() - stamp.time >= self.wait || self.waiting.len() > MOST_WAITING;
+            if !is_due {
+                break;
+            }
+            self.waiting.pop_front();
+            self.tell(stamp, io);
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        if self.n_unknown > 0 {
+            let name = &self.name;
+            report.figure(format!("heads.{name}.pictures_without_pose"), self.n_unknown as f64);
+        }
+        Ok(())
+    }
+}
+
+impl Pose {
+    fn tell(&mut self, stamp: Stamp, io: &mut Io<'_>) {
+        // A head that was never heard may stand anywhere.
+        let state = self.servo.last_answer_s().and_then(|last| Some((last, self.servo.at(stamp.time.as_s())?)));
+        let Some((last, state)) = state else {
+            self.n_unknown += 1;
+            return io.gap(&POSE, stamp.time, "the head has not said yet where it stands");
+        };
+        let pose = self.pose_at(stamp.time, &state, Interval::from_s((stamp.time.as_s() - last).max(0.0)));
+        io.emit(&POSE, stamp, pose);
+    }
+
+    fn pose_at(&self, time: Time, state: &ServoState, age: Interval) -> HeadPose {
+        let setting = Setting { pan: state.angles[0], tilt: state.angles[1], zoom: self.zoom };
+        let here = from_world(&self.head.model, &setting);
+        let by_angles = self.by_angles(&setting);
+        let angles_covariance = Matrix2::from_diagonal(&state.variances.into());
+        let mut covariance = by_angles * angles_covariance * by_angles.transpose();
+        if let Some(known) = &self.head.covariance {
+            let by_unknowns = self.by_unknowns(&setting, &by_angles);
+            covariance += by_unknowns * known.whole * by_unknowns.transpose();
+        }
+        HeadPose {
+            camera: self.camera,
+            time,
+            angles: state.angles,
+            angles_covariance,
+            rates: state.rates,
+            zoom: self.zoom,
+            camera_from_world: here,
+            covariance,
+            age,
+        }
+    }
+
+    /// δ of the camera's pose for a radian of pan and of tilt.
+    fn by_angles(&self, setting: &Setting) -> SMatrix<f64, 6, 2> {
+        let Setting { pan, tilt, .. } = *setting;
+        let model = &self.head.model;
+        let column = |turned: Setting| step_to(model, setting, &from_world(model, &turned));
+        SMatrix::from_columns(&[
+            column(Setting { pan: pan + STEP, ..*setting }),
+            column(Setting { tilt: tilt + STEP, ..*setting }),
+        ])
+    }
+
+    /// δ of the camera's pose by the unknowns of the calibration, in the order of its covariance. A turn of the camera at rest turns it at any setting:
+    /// both stand in the world.
+    fn by_unknowns(&self, setting: &Setting, by_angles: &SMatrix<f64, 6, 2>) -> SMatrix<f64, 6, 16> {
+        let mut by = SMatrix::<f64, 6, 16>::zeros();
+        by.fixed_view_mut::<6, 6>(0, 0).fill_with_identity();
+        let mut moved = self.head.model.clone();
+        for part in 0..4 {
+            let mut step = Vector4::zeros();
+            step[part] = STEP;
+            let model = &self.head.model;
+            moved.pan = model.pan.footed_at(&Point3::origin()).moved(&step);
+            by.set_column(6 + part, &step_to(model, setting, &from_world(&moved, setting)));
+            moved.pan = model.pan;
+            moved.tilt = model.tilt.footed_at(&Point3::origin()).moved(&step);
+            by.set_column(10 + part, &step_to(model, setting, &from_world(&moved, setting)));
+            moved.tilt = model.tilt;
+        }
+        by.set_column(14, &(by_angles.column(0) * setting.pan));
+        by.set_column(15, &(by_angles.column(1) * setting.tilt));
+        by
+    }
+}
+
+fn from_world(model: &PanTiltHead, setting: &Setting) -> Isometry3<f64> {
+    model.camera_from_rest(setting) * model.at_rest.camera_from_world
+}
+
+/// δ from the pose at `setting` to one that is [`STEP`] away, for a step of 1.
+fn step_to(model: &PanTiltHead, setting: &Setting, there: &Isometry3<f64>) -> Vector6<f64> {
+    let step = from_world(model, setting).inverse() * there;
+    let mut delta = Vector6::zeros();
+    delta.fixed_rows_mut::<3>(0).copy_from(&(step.rotation.scaled_axis() / STEP));
+    delta.fixed_rows_mut::<3>(3).copy_from(&(step.translation.vector / STEP));
+    delta
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use foveate::geometry::Camera;
+    use foveate::geometry::pan_tilt::{HeadCovariance, Limits};
+    use foveate_testkit::check_node;
+
+    use nalgebra::Matrix6;
+
+    use super::*;
+
+    fn setup() -> Setup {
+        let text = "[calibration]\nlength_unit = \"m\"\n[camera.ptz-1]\nimage_size_px = [640, 480]\nfocal_px = [900.0, 900.0]\n\
+                    principal_point_px = [319.5, 239.5]\nposition_m = [0.0, 0.0, 2.0]\ncamera_from_world_wxyz = [0.7071067811865476, 0.7071067811865476, 0.0, 0.0]\n\
+                    [head.ptz-1]\npan_axis = { point_m = [0.01, 0.0, -0.05], direction = [0.0, 1.0, 0.0] }\n\
+                    tilt_axis = { point_m = [0.0, 0.02, -0.03], direction = [1.0, 0.0, 0.0] }\n";
+        let calibration =
+            foveate::scene::calibration::Calibration::from_toml(text, std::path::Path::new("test")).unwrap();
+        let mut setup = Setup::for_tests();
+        (setup.calibration, setup.camera) = (Arc::new(calibration), Some(CameraId(0)));
+        setup
+    }
+
+    #[test]
+    fn node_keeps_the_law() {
+        check_node::<Pose>("");
+        check_node::<Pose>("wait_ms = 200\nlatency_ms = 0\nquantum_deg = [0.01, 0.01]");
+    }
+
+    #[test]
+    fn settings_out_of_range_and_a_camera_without_a_head_are_refused() {
+        let refused = |change: fn(&mut PoseSettings)| {
+            let mut settings = PoseSettings::default();
+            change(&mut settings);
+            Pose::new(settings, &setup()).err().and_then(|it| it.setting)
+        };
+        assert_eq!(refused(|_| ()), None);
+        assert_eq!(refused(|it| it.latency_ms = -1.0).as_deref(), Some("latency_ms"));
+        assert_eq!(refused(|it| it.quantum_deg[1] = 0.0).as_deref(), Some("quantum_deg"));
+        assert_eq!(refused(|it| it.wait_ms = f64::NAN).as_deref(), Some("wait_ms"));
+        let without = Pose::new(PoseSettings::default(), &Setup::for_tests());
+        assert!(without.is_err_and(|it| it.message.contains("found no camera")));
+    }
+
+    #[test]
+    fn the_covariance_is_that_of_poses_drawn_from_what_is_known() {
+        let mut pose = Pose::new(PoseSettings::default(), &setup()).unwrap();
+        let mut known = SMatrix::<f64, 16, 16>::zeros();
+        for (index, sigma) in [1e-3, 2e-3, 1e-3, 2e-3, 1e-3, 3e-3].into_iter().enumerate() {
+            known[(index, index)] = f64::powi(sigma, 2);
+        }
+        (6..14).for_each(|it| known[(it, it)] = 1e-6);
+        (known[(14, 14)], known[(15, 15)]) = (1e-5, 1e-5);
+        pose.head.covariance = Some(HeadCovariance { whole: known });
+        let state = ServoState { angles: [0.6, -0.3], rates: [0.0; 2], variances: [4e-6, 1e-6] };
+        let stated = pose.pose_at(Time::ZERO, &state, Interval(0));
+        let mut random = foveate::estimation::Random::new(2);
+        let mut found = Matrix6::zeros();
+        const DRAWN: usize = 4000;
+        for _ in 0..DRAWN {
+            let mut drawn = pose.head.model.clone();
+            let mut normal = |variance: f64| variance.sqrt() * random.normal();
+            let delta: Vec<f64> = (0..16).map(|it| normal(known[(it, it)])).collect();
+            let turn = nalgebra::UnitQuaternion::from_scaled_axis(nalgebra::Vector3::new(delta[0], delta[1], delta[2]));
+            let shift = nalgebra::Translation3::new(delta[3], delta[4], delta[5]);
+            drawn.at_rest = Camera {
+                camera_from_world: drawn.at_rest.camera_from_world * Isometry3::from_parts(shift, turn),
+                ..drawn.at_rest
+            };
+            drawn.pan = drawn.pan.footed_at(&Point3::origin()).moved(&Vector4::from_column_slice(&delta[6..10]));
+            drawn.tilt = drawn.tilt.footed_at(&Point3::origin()).moved(&Vector4::from_column_slice(&delta[10..14]));
+            drawn.limits = Limits::WIDE;
+            let setting = Setting {
+                pan: (state.angles[0] + normal(state.variances[0])) * delta[14].exp(),
+                tilt: (state.angles[1] + normal(state.variances[1])) * delta[15].exp(),
+                zoom: None,
+            };
+            let step = stated.camera_from_world.inverse() * from_world(&drawn, &setting);
+            let mut error = Vector6::zeros();
+            error.fixed_rows_mut::<3>(0).copy_from(&step.rotation.scaled_axis());
+            error.fixed_rows_mut::<3>(3).copy_from(&step.translation.vector);
+            found += error * error.transpose() / DRAWN as f64;
+        }
+        for index in 0..6 {
+            let ratio = found[(index, index)] / stated.covariance[(index, index)];
+            assert!((0.9..1.1).contains(&ratio), "{index}: {ratio}");
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! `pan_tilt.selector`: keeps a head on a target.
+
+use foveate::prelude::*;
+use foveate::scene::anchor::{Anchor, AnchorRule, AnchorState, Sighting};
+use nalgebra::Vector3;
+
+use crate::follow::{FollowSettings, Follower, Lead};
+
+const TARGET: In<Targets> = In::each(0, "target").of_parent();
+const HEAD: In<HeadReport> = In::latest(1, "head").optional();
+const ASSIGNMENT: In<Assignment> = In::latest(2, "assignment").optional();
+const COMMANDS: Out<HeadCommand> = Out::new(0, "commands");
+const REGION: Out<SubRegion> = Out::new(1, "region");
+
+/// Which target, and how its head is led to it: see [`Follower`].
+pub struct Selector {
+    follower: Follower,
+    camera: CameraId,
+    name: String,
+    radius: f64,
+    fixed: Option<TargetId>,
+    anchor: Anchor,
+    offset: Vector3<f64>,
+    following: Option<TargetId>,
+    next_event: u64,
+    counts: Counts,
+}
+
+#[derive(Default)]
+struct Counts {
+    commands: u64,
+    out_of_reach: u64,
+    changes: u64,
+}
+
+impl Node for Selector {
+    const TYPE: &'static str = "pan_tilt.selector";
+    const ROLE: Role = Role::Selector;
+    const SUMMARY: &'static str = "Keeps a pan-tilt head on a target: predicts it, aims, and leads the head";
+    type Settings = FollowSettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&TARGET).input(&HEAD).input(&ASSIGNMENT).output(&COMMANDS).output(&REGION)
+    }
+
+    fn new(settings: FollowSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        settings.check()?;
+        let (camera, head) = crate::head_of(setup)?;
+        let radius = if settings.radius_m > 0.0 { settings.radius_m } else { setup.radius_m.unwrap_or(0.0) };
+        if settings.fill > 0.0 && radius <= 0.0 {
+            let message = format!(
+                "found {} without a radius, expected `radius_m` here or at the scale: the zoom is chosen by it",
+                settings.fill
+            );
+            return Err(ConfigError::at("fill", message));
+        }
+        let rule = setup.anchor.unwrap_or_default();
+        Ok(Self {
+            camera,
+            name: setup.camera_name().unwrap_or_default().to_owned(),
+            radius,
+            fixed: settings.target.map(TargetId),
+            offset: rule.offset,
+            anchor: Anchor::new(AnchorRule { offset: Vector3::zeros(), ..rule }),
+            following: None,
+            next_event: 0,
+            follower: Follower::new(settings, head.model, radius),
+            counts: Counts::default(),
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let Some(targets) = io.take(&TARGET) else { return Ok(()) };
+        if let Some(report) = io.latest(&HEAD) {
+            self.follower.hear(report.value, &mut self.next_event);
+        }
+        let assigned = io.latest(&ASSIGNMENT).map(|it| it.value.target_of(self.camera));
+        let anchored = self.anchored(&targets.value);
+        let chosen = match (assigned, self.fixed) {
+            (Some(assigned), _) => assigned,
+            (None, Some(fixed)) => Some(fixed),
+            (None, None) => anchored,
+        };
+        let Some(target) = targets.value.list.iter().find(|it| Some(it.id) == chosen) else { return Ok(()) };
+        if self.following != Some(target.id) {
+            if self.following.replace(target.id).is_some() {
+                self.counts.changes += 1;
+            }
+            self.follower.change_target();
+        }
+        // A sample that was only carried on says nothing that the predictor does not know.
+        if target.how == How::Measured {
+            self.follower.see(targets.value.time, target, &self.offset);
+        }
+        let Some(Lead { order, zoom, reachable, .. }) = self.follower.command(io.now()) else { return Ok(()) };
+        self.counts.commands += 1;
+        self.counts.out_of_reach += u64::from(!reachable);
+        let region = SubRegion {
+            time: targets.value.time,
+            target: target.id,
+            centre: target.position + self.offset,
+            velocity: target.velocity,
+            covariance: target.covariance,
+            radius: self.radius,
+            how: target.how,
+        };
+        io.emit_at(&COMMANDS, targets.value.time, HeadCommand { camera: self.camera, order, zoom });
+        io.emit_at(&REGION, targets.value.time, region);
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let Counts { commands, out_of_reach, changes } = self.counts;
+        let [latency, sigma] = self.follower.latency_s();
+        let name = &self.name;
+        report.figure(format!("heads.{name}.commands"), commands as f64);
+        report.figure(format!("heads.{name}.out_of_reach"), out_of_reach as f64);
+        report.figure(format!("heads.{name}.target_changes"), changes as f64);
+        report.figure(format!("heads.{name}.latency_ms"), latency * 1e3);
+        report.figure(format!("heads.{name}.latency_sigma_ms"), sigma * 1e3);
+        if commands == 0 {
+            report.remark(format!("The head of `{name}` was never told anything: no target was found for it."));
+        }
+        Ok(())
+    }
+}
+
+impl Selector {
+    fn anchored(&mut self, targets: &Targets) -> Option<TargetId> {
+        let sightings = targets.list.iter().map(|it| Sighting {
+            id: it.id.0,
+            position: it.position,
+            velocity: it.velocity,
+            covariance: it.covariance,
+            is_measured: it.how == How::Measured,
+        });
+        match self.anchor.update(targets.time.0, sightings) {
+            AnchorState::Found(it) => Some(TargetId(it.id)),
+            AnchorState::Lost { .. } => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_testkit::check_node;
+
+    use super::*;
+
+    #[test]
+    fn node_keeps_the_law() {
+        check_node::<Selector>("");
+        check_node::<Selector>(
+            "target = 3\npredictor = \"velocity\"\nlatency = \"fixed\"\ncontrol = \"step\"\nrate_hz = 15",
+        );
+    }
+}
