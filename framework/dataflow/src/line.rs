@@ -13,6 +13,11 @@ pub trait Device: Send {
 
     /// The bytes that have reached the driver by `now` since it read last: any piece of a stream, or one datagram.
     fn read(&mut self, now: Time, bytes: &mut Vec<u8>);
+
+    /// Whether bytes go in datagrams: one a write, at most one a read. Otherwise they are a stream.
+    fn has_datagrams(&self) -> bool {
+        false
+    }
 }
 
 /// A [`Device`] as a message: given out once at the start, held by whoever talks to it.

@@ -8,9 +8,9 @@
 //! | [`camera`] | from the world to the pixels of one field |
 //! | [`observer`] | from the world to features, without a picture |
 //! | [`timing`] | a camera's clock, the way of its data, its failures |
-//! | [`head`] | a pan-tilt head with mechanics and a serial line, byte by byte |
+//! | [`head`] | a pan-tilt head with mechanics and a line, byte by byte |
 //! | [`score`] | recovered targets against the truth |
-//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.score` |
+//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.head`, `sim.score` |
 
 pub mod bump;
 pub mod camera;
@@ -31,5 +31,6 @@ pub fn register(registry: &mut Registry) {
     registry.add::<nodes::lab::Lab>();
     registry.add::<nodes::camera::SimCamera>();
     registry.add::<nodes::observer::SimObserver>();
+    registry.add::<nodes::head::SimHead>();
     registry.add::<nodes::score::Score>();
 }

@@ -2,7 +2,7 @@
 
 use foveate_geometry::Camera;
 use foveate_messages::Time;
-use nalgebra::{Point2, Vector3};
+use nalgebra::{Isometry3, Point2, Point3, Vector3};
 
 use super::spot::Spot;
 use super::{CameraSettings, STEPS, steps};
@@ -37,14 +37,9 @@ impl Backdrop {
             for column in 0..width {
                 let direction = sight.direction(column, row);
                 let (light, _, depth) = room_light(&origin, &direction);
-                let hits = world.monitors().iter().enumerate();
-                let nearest = hits
-                    .filter_map(|(i, monitor)| Some((i, monitor.hit(&origin, &direction)?)))
-                    .filter(|(_, (_, at))| *at < depth)
-                    .min_by(|a, b| a.1.1.total_cmp(&b.1.1));
-                let light = match nearest {
+                let light = match nearest_monitor(&origin, &direction, depth, world) {
                     None => light,
-                    Some((monitor, (pane, _))) => {
+                    Some((monitor, pane)) => {
                         let on_screen =
                             pane.map(|pane| ((row * width + column) as u32, (monitor * PANES + pane) as u16));
                         screens.extend(on_screen);
@@ -54,14 +49,7 @@ impl Backdrop {
                 still.push(steps(light * settings.room_light * settings.gain + settings.black_level));
             }
         }
-        for spot in world.bright_spots() {
-            if let Some(pixel) = camera.project(&spot.position) {
-                let distance = (spot.position - origin).norm();
-                let sigma = camera.intrinsics.focal.map(|focal| (spot.sigma * focal / distance).hypot(0.5));
-                let peak = spot.peak * settings.gain;
-                Spot { centre: [pixel.x, pixel.y], sigma, peak }.add_to(&mut still, camera.image_size);
-            }
-        }
+        add_bright_spots(camera, world, settings, &mut still);
         let n_panes = world.monitors().len() * PANES;
         let (gain, black_level) = (settings.gain, settings.black_level);
         Self { still, screens, gain, black_level, n_panes, levels: Vec::with_capacity(n_panes) }
@@ -78,6 +66,95 @@ impl Backdrop {
         }));
         for &(pixel, pane) in &self.screens {
             canvas[pixel as usize] = self.levels[usize::from(pane)];
+        }
+    }
+}
+
+/// The view of a camera that moves: the same room, light computed on the grid of the lines of sight alone and interpolated, so that edges are
+/// as soft as the grid is wide; small bright things stand where they are, sharp. A field takes about a fiftieth of a [`Backdrop`]'s time.
+#[derive(Default)]
+pub(super) struct MovingBackdrop {
+    /// Of a camera with these optics in the middle of the world.
+    sight: Option<(Camera, Sight)>,
+    /// At the grid's places [steps].
+    lights: Vec<f32>,
+}
+
+impl MovingBackdrop {
+    /// Overwrites `canvas` with the view of `camera` at `time`, nobody in it.
+    pub fn draw(&mut self, camera: &Camera, world: &World, settings: &CameraSettings, time: Time, canvas: &mut [i16]) {
+        let in_the_middle = Camera { camera_from_world: Isometry3::identity(), ..camera.clone() };
+        let (_, sight) = match self.sight.take().filter(|it| it.0 == in_the_middle) {
+            Some(known) => self.sight.insert(known),
+            None => {
+                let sight = Sight::new(&in_the_middle);
+                self.sight.insert((in_the_middle, sight))
+            }
+        };
+        let origin = camera.centre();
+        let world_from_camera = camera.camera_from_world.rotation.inverse();
+        self.lights.clear();
+        self.lights.extend(sight.grid.iter().map(|direction| {
+            let light = light_along(&origin, &(world_from_camera * direction), world, settings, time);
+            (light * STEPS) as f32
+        }));
+        let width = camera.image_size[0] as usize;
+        for (row, pixels) in canvas.chunks_exact_mut(width).enumerate() {
+            let down = (row % GRID) as f32 / GRID as f32;
+            let above = &self.lights[row / GRID * sight.columns..][..sight.columns];
+            let below = &self.lights[(row / GRID + 1) * sight.columns..][..sight.columns];
+            let at = |column: usize| above[column] + (below[column] - above[column]) * down;
+            for (cell, pixels) in pixels.chunks_mut(GRID).enumerate() {
+                let (left, right) = (at(cell), at(cell + 1));
+                let step = (right - left) / GRID as f32;
+                for (place, pixel) in pixels.iter_mut().enumerate() {
+                    *pixel = (left + step * place as f32) as i16; // `as` saturates
+                }
+            }
+        }
+        add_bright_spots(camera, world, settings, canvas);
+    }
+}
+
+/// What is seen along a line of sight [gray level].
+fn light_along(
+    origin: &Point3<f64>,
+    direction: &Vector3<f64>,
+    world: &World,
+    settings: &CameraSettings,
+    time: Time,
+) -> f64 {
+    let (light, _, depth) = room_light(origin, direction);
+    let light = match nearest_monitor(origin, direction, depth, world) {
+        None => light * settings.room_light,
+        Some((_, None)) => FRAME_LIGHT * settings.room_light,
+        Some((monitor, Some(pane))) => world.pane_brightness(monitor, pane, time),
+    };
+    light * settings.gain + settings.black_level
+}
+
+/// The first monitor along a line of sight, nearer than `depth`, and which of its panes.
+fn nearest_monitor(
+    origin: &Point3<f64>,
+    direction: &Vector3<f64>,
+    depth: f64,
+    world: &World,
+) -> Option<(usize, Option<usize>)> {
+    let hits = world.monitors().iter().enumerate();
+    hits.filter_map(|(i, monitor)| Some((i, monitor.hit(origin, direction)?)))
+        .filter(|(_, (_, at))| *at < depth)
+        .min_by(|a, b| a.1.1.total_cmp(&b.1.1))
+        .map(|(monitor, (pane, _))| (monitor, pane))
+}
+
+fn add_bright_spots(camera: &Camera, world: &World, settings: &CameraSettings, canvas: &mut [i16]) {
+    let origin = camera.centre();
+    for spot in world.bright_spots() {
+        if let Some(pixel) = camera.project(&spot.position) {
+            let distance = (spot.position - origin).norm();
+            let sigma = camera.intrinsics.focal.map(|focal| (spot.sigma * focal / distance).hypot(0.5));
+            let peak = spot.peak * settings.gain;
+            Spot { centre: [pixel.x, pixel.y], sigma, peak }.add_to(canvas, camera.image_size);
         }
     }
 }

@@ -1,6 +1,6 @@
 //! What a camera makes of the world: one field, in gray levels.
 //!
-//! Order of events for one field, after a static background that is rendered once:
+//! Order of events for one field, after the background, which is rendered once where the camera stands still:
 //! monitors → people, dark against the room and in front of all else → LEDs that nobody hides, at several moments of the
 //! exposure, and their images in floor and display → glints → noise → rounding and saturation.
 //!
@@ -20,9 +20,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::bump::BumpSettings;
+use crate::head::HeadMotion;
 use crate::timing::TimingSettings;
 use crate::world::{Light, Mirror, Moment, REFERENCE_DISTANCE_M, World};
-use backdrop::Backdrop;
+use backdrop::{Backdrop, MovingBackdrop};
 use noise::Noise;
 use silhouette::Silhouettes;
 use spot::Spot;
@@ -95,7 +96,9 @@ pub struct Renderer {
     centre: Point3<f64>,
     id: CameraId,
     settings: CameraSettings,
-    backdrop: Backdrop,
+    /// Of a camera that stands still; made when it is needed, where it was not made before.
+    backdrop: Option<Backdrop>,
+    moving_backdrop: MovingBackdrop,
     silhouettes: Silhouettes,
     noise: Noise,
     canvas: Vec<i16>,
@@ -107,13 +110,20 @@ pub struct Renderer {
 impl Renderer {
     /// Gets ready: renders what does not change. `random` is the camera's own.
     pub fn new(camera: &Camera, id: CameraId, world: &World, settings: &CameraSettings, random: &Random) -> Self {
+        let backdrop = Some(Backdrop::new(camera, world, settings));
+        Self { backdrop, ..Self::on_head(camera, id, settings, random) }
+    }
+
+    /// For a camera on a head, of which nothing stays the same: see [`Self::render_on`].
+    pub fn on_head(camera: &Camera, id: CameraId, settings: &CameraSettings, random: &Random) -> Self {
         let [width, height] = camera.image_size.map(|it| it as usize);
         Self {
             camera: camera.clone(),
             centre: camera.centre(),
             id,
             settings: settings.clone(),
-            backdrop: Backdrop::new(camera, world, settings),
+            backdrop: None,
+            moving_backdrop: MovingBackdrop::default(),
             silhouettes: Silhouettes::default(),
             noise: Noise::new(width, settings.noise_sigma, &random.fork("noise")),
             canvas: vec![0; width * height],
@@ -123,53 +133,97 @@ impl Renderer {
     }
 
     /// Renders field number `frame`, exposed around `capture`, into `image`, whose memory is used again. The same numbers
-    /// give the same field, whatever was rendered before.
+    /// give the same field of the same world, whatever was rendered before.
     pub fn render(&mut self, world: &World, capture: Time, frame: u64, image: &mut Image) {
-        let [width, height] = self.camera.image_size;
-        image.camera = self.id;
-        (image.width, image.height, image.format) = (width, height, PixelFormat::Gray8);
-        image.pixels.resize(width as usize * height as usize, 0);
+        let backdrop = self.backdrop.get_or_insert_with(|| Backdrop::new(&self.camera, world, &self.settings));
+        backdrop.draw(world, capture, &mut self.canvas);
+        self.draw_people(world, capture);
+        for (share, moment) in self.moments(capture) {
+            self.draw_leds(world, moment, share);
+        }
+        self.finish(world, capture, frame, image);
+    }
 
-        self.backdrop.draw(world, capture, &mut self.canvas);
+    /// As [`Self::render`] with the camera on a head: `at_rest` turned by `motion`, and turning while it is exposed. LEDs are smeared by
+    /// that, people and the room are drawn as they are seen in the middle of the exposure.
+    pub fn render_on(
+        &mut self,
+        motion: &HeadMotion,
+        at_rest: &Camera,
+        world: &World,
+        capture: Time,
+        frame: u64,
+        image: &mut Image,
+    ) {
+        self.stand(motion.camera_at(at_rest, capture));
+        self.moving_backdrop.draw(&self.camera, world, &self.settings, capture, &mut self.canvas);
+        self.draw_people(world, capture);
+        for (share, moment) in self.moments(capture) {
+            self.stand(motion.camera_at(at_rest, moment));
+            self.draw_leds(world, moment, share);
+        }
+        self.finish(world, capture, frame, image);
+    }
+
+    fn stand(&mut self, camera: Camera) {
+        self.centre = camera.centre();
+        self.camera = camera;
+    }
+
+    fn draw_people(&mut self, world: &World, capture: Time) {
         world.at(capture, &mut self.moment);
         let cloth_light = 60.0 * self.settings.room_light * self.settings.gain;
         let black_level = self.settings.black_level;
         self.silhouettes.draw(&self.camera, &self.moment, cloth_light, black_level, &mut self.canvas);
-        self.draw_leds(world, capture);
+    }
+
+    /// Moments of the exposure around `capture`, each with its share of the light.
+    fn moments(&self, capture: Time) -> impl Iterator<Item = (f64, Time)> + use<> {
+        let samples = self.settings.blur_samples.max(1);
+        let exposure_ms = self.settings.exposure_ms;
+        (0..samples).map(move |sample| {
+            let place = (f64::from(sample) + 0.5) / f64::from(samples) - 0.5;
+            (1.0 / f64::from(samples), capture + Interval::from_ms(place * exposure_ms))
+        })
+    }
+
+    /// Draws the LEDs as they are at `moment`, with this share of their light.
+    fn draw_leds(&mut self, world: &World, moment: Time, share: f64) {
+        let led_peak = world.settings().led_peak * self.settings.gain * share;
+        world.at(moment, &mut self.moment);
+        for light in self.moment.lights_towards(&self.centre, led_peak) {
+            if let Some(pixel) = self.camera.project(&light.position)
+                && !self.moment.occluded(&self.centre, &light.position)
+            {
+                self.glow(&light, pixel).for_each(|spot| spot.add_to(&mut self.canvas, self.camera.image_size));
+            }
+        }
+        let reflectance = world.settings().reflections;
+        if reflectance > 0.0 {
+            for mirror in [Mirror::FLOOR, Mirror::DISPLAY] {
+                for light in self.moment.reflections_seen_from(&self.centre, &mirror, led_peak, reflectance) {
+                    if let Some(pixel) = self.camera.project(&light.position) {
+                        self.glow(&light, pixel).for_each(|it| it.add_to(&mut self.canvas, self.camera.image_size));
+                    }
+                }
+            }
+        }
+    }
+
+    /// Glints, noise, rounding.
+    fn finish(&mut self, world: &World, capture: Time, frame: u64, image: &mut Image) {
+        let [width, height] = self.camera.image_size;
         for glint in world.glints(self.id, capture) {
             let sigma = self.sigmas().map(|it| it * glint.width);
             let centre = [glint.place[0] * f64::from(width) - 0.5, glint.place[1] * f64::from(height) - 0.5];
             Spot { centre, sigma, peak: glint.peak * self.settings.gain }.add_to(&mut self.canvas, [width, height]);
         }
+        image.camera = self.id;
+        (image.width, image.height, image.format) = (width, height, PixelFormat::Gray8);
+        image.pixels.resize(width as usize * height as usize, 0);
         self.noise.digitise(&self.canvas, width as usize, frame, &mut image.pixels);
         if let Some(levels) = &self.coarse {
             image.pixels.iter_mut().for_each(|it| *it = levels[usize::from(*it)]);
-        }
-    }
-
-    fn draw_leds(&mut self, world: &World, capture: Time) {
-        let samples = self.settings.blur_samples.max(1);
-        let led_peak = world.settings().led_peak * self.settings.gain / f64::from(samples);
-        for sample in 0..samples {
-            let share = (f64::from(sample) + 0.5) / f64::from(samples) - 0.5;
-            world.at(capture + Interval::from_ms(share * self.settings.exposure_ms), &mut self.moment);
-            for light in self.moment.lights_towards(&self.centre, led_peak) {
-                if let Some(pixel) = self.camera.project(&light.position)
-                    && !self.moment.occluded(&self.centre, &light.position)
-                {
-                    self.glow(&light, pixel).for_each(|spot| spot.add_to(&mut self.canvas, self.camera.image_size));
-                }
-            }
-            let reflectance = world.settings().reflections;
-            if reflectance > 0.0 {
-                for mirror in [Mirror::FLOOR, Mirror::DISPLAY] {
-                    for light in self.moment.reflections_seen_from(&self.centre, &mirror, led_peak, reflectance) {
-                        if let Some(pixel) = self.camera.project(&light.position) {
-                            self.glow(&light, pixel).for_each(|it| it.add_to(&mut self.canvas, self.camera.image_size));
-                        }
-                    }
-                }
-            }
         }
     }
 

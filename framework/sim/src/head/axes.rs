@@ -1,6 +1,8 @@
 //! Where the axes of a head really are: what a calibration has to find.
 
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use foveate_geometry::Camera;
+use foveate_geometry::pan_tilt::{Axis, Limits, PanTiltHead};
+use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
 use super::settings::AxesSettings;
 
@@ -35,6 +37,16 @@ impl Axes {
         }
     }
 
+    /// A head with these axes that carries `at_rest`, without limits.
+    pub fn carrying(&self, at_rest: &Camera) -> PanTiltHead {
+        let axis = |point, direction| Axis { point, direction: Unit::new_normalize(direction) };
+        PanTiltHead {
+            pan: axis(self.pan_point, self.pan_direction),
+            tilt: axis(self.tilt_point, self.tilt_direction),
+            ..PanTiltHead::aligned(at_rest.clone(), Limits::WIDE)
+        }
+    }
+
     /// Takes points in the camera, turned by these angles [rad], to the space of the camera at pan 0, tilt 0.
     pub fn rest_from_camera(&self, pan_rad: f64, tilt_rad: f64) -> Isometry3<f64> {
         about(self.pan_point, self.pan_direction, pan_rad) * about(self.tilt_point, self.tilt_direction, tilt_rad)
@@ -63,6 +75,18 @@ mod tests {
         // Tilt rides on pan: the horizon stays level.
         let across = Axes::new(&ideal).rest_from_camera(0.7, 0.4) * Vector3::x();
         assert!(across.y.abs() < 1e-12, "{across}");
+    }
+
+    #[test]
+    fn the_model_that_is_calibrated_says_the_same() {
+        let camera = Camera::look_at(Point3::new(0.0, -4.0, 2.0), Point3::new(0.3, 0.0, 1.0), [640, 480], 700.0);
+        let axes = Axes::new(&AxesSettings::default());
+        let head = axes.carrying(&camera);
+        for (pan, tilt) in [(0.0, 0.0), (0.8, 0.0), (0.0, -0.3), (-1.4, 0.4)] {
+            let setting = foveate_geometry::pan_tilt::Setting::new(pan, tilt);
+            let rest_from_rest = axes.rest_from_camera(pan, tilt) * head.camera_from_rest(&setting);
+            assert!((rest_from_rest.to_homogeneous() - nalgebra::Matrix4::identity()).norm() < 1e-12);
+        }
     }
 
     #[test]

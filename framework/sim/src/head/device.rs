@@ -12,6 +12,7 @@ use foveate_messages::{Interval, Time};
 
 use super::mechanics::{Axis, Goal, TICK, Zoom};
 use super::settings::HeadSettings;
+use super::track::Track;
 use super::words::{self, Order, Question, Word};
 
 /// Bytes of the longest packet.
@@ -75,6 +76,7 @@ pub struct Head {
     pan: Axis,
     tilt: Axis,
     zoom: Zoom,
+    track: Track,
     /// Lowest and highest position of pan and tilt [units].
     limits: [[i32; 2]; 2],
     last_start: Time,
@@ -102,8 +104,9 @@ impl Head {
             sockets: [None, None],
             n_refused_full: 0,
             power: Power::On,
-            pan: Axis::new(&settings.pan),
-            tilt: Axis::new(&settings.tilt),
+            pan: Axis::new(&settings.pan, settings),
+            tilt: Axis::new(&settings.tilt, settings),
+            track: Track::default(),
             zoom: Zoom::new(f64::from(ZOOM_END), settings.zoom_travel_ms),
             limits: [&settings.pan, &settings.tilt].map(|it| [-it.reach_units, it.reach_units]),
             last_start: Time::ZERO,
@@ -126,6 +129,12 @@ impl Head {
     /// The zoom, as it is now; 0 is the shortest focal length [units].
     pub fn zoom_units(&self) -> u16 {
         self.zoom.units()
+    }
+
+    /// Where the camera looked and how it was zoomed at `time`, which is not after the time up to which the head has lived: pan, tilt [rad],
+    /// zoom [units]. What is longer ago than [`REMEMBERED_S`](super::REMEMBERED_S) is as it was then.
+    pub fn looked(&self, time: Time) -> [f64; 3] {
+        self.track.at(time)
     }
 
     /// Whether nothing moves and nothing is about to.
@@ -202,6 +211,7 @@ impl Head {
         self.pan.step(self.now);
         self.tilt.step(self.now);
         self.zoom.step();
+        self.track.push([self.pan.angle_rad(), self.tilt.angle_rad(), self.zoom.position()]);
         self.complete();
     }
 

@@ -79,6 +79,11 @@ impl SerialHead {
         &mut self.head
     }
 
+    /// Whether the line is in.
+    pub fn is_plugged(&self) -> bool {
+        self.plugged
+    }
+
     /// Pulls the line out, or puts it back in; bytes on their way are lost.
     pub fn set_plugged(&mut self, plugged: bool) {
         self.plugged = plugged;
@@ -111,7 +116,8 @@ impl SerialHead {
         std::iter::from_fn(|| self.from_head.pop(now).map(|it| it.1)).collect()
     }
 
-    fn advance(&mut self, to: Time) {
+    /// Lives until `to`, which is not before any time given earlier.
+    pub fn advance(&mut self, to: Time) {
         while let Some((at, byte)) = self.to_head.pop(to) {
             self.head.advance(at);
             self.head.receive(0, byte);

@@ -15,7 +15,7 @@ use std::collections::VecDeque;
 
 use foveate_messages::{Interval, Time};
 
-use super::settings::AxisSettings;
+use super::settings::{AxisSettings, HeadSettings};
 
 /// The step in which all mechanics go [ns].
 pub(super) const TICK: Interval = Interval(1_000_000);
@@ -36,6 +36,10 @@ pub(super) enum Goal {
 #[derive(Debug, Clone)]
 pub struct Axis {
     settings: AxisSettings,
+    /// [units/s²]
+    acceleration: f64,
+    /// Circular frequency of what swings [rad/s], 0 if nothing does, and its damping.
+    swing: [f64; 2],
     goal: Goal,
     waiting: VecDeque<(Time, Goal)>,
     motor: f64,
@@ -45,10 +49,12 @@ pub struct Axis {
 }
 
 impl Axis {
-    pub(super) fn new(settings: &AxisSettings) -> Axis {
-        let settings = settings.clone();
+    /// One of the axes of a head.
+    pub(super) fn new(settings: &AxisSettings, head: &HeadSettings) -> Axis {
         Axis {
-            settings,
+            settings: settings.clone(),
+            acceleration: head.acceleration_deg_per_s2 * settings.units_per_deg,
+            swing: [head.vibration_hz * std::f64::consts::TAU, head.vibration_damping],
             goal: Goal::Stop,
             waiting: VecDeque::new(),
             motor: 0.0,
@@ -81,7 +87,7 @@ impl Axis {
                 self.goal = goal;
             }
         }
-        let acceleration = self.settings.acceleration_deg_per_s2 * self.settings.units_per_deg;
+        let acceleration = self.acceleration;
         let (way, limit) = match self.goal {
             Goal::Stop => (0.0, 0.0),
             Goal::At { units, speed } => (units - self.motor, speed),
@@ -105,12 +111,12 @@ impl Axis {
     }
 
     fn swing(&mut self) {
-        let omega = self.settings.vibration_hz * std::f64::consts::TAU;
+        let [omega, damping] = self.swing;
         if omega == 0.0 {
             (self.load, self.load_speed) = (self.motor.round(), self.speed);
             return;
         }
-        let drag = 2.0 * self.settings.vibration_damping * omega * (self.load_speed - self.speed);
+        let drag = 2.0 * damping * omega * (self.load_speed - self.speed);
         self.load_speed -= (omega * omega * (self.load - self.motor.round()) + drag) * TICK_S;
         self.load += self.load_speed * TICK_S;
     }
@@ -170,6 +176,11 @@ impl Zoom {
         self.position == self.goal
     }
 
+    /// Where it stands, between whole units too [units].
+    pub(super) fn position(&self) -> f64 {
+        self.position
+    }
+
     /// Where it stands [units].
     pub(super) fn units(&self) -> u16 {
         self.position.round() as u16
@@ -181,8 +192,8 @@ mod tests {
     use super::*;
 
     /// Position of motor and camera [units] and speed [units/s] at every millisecond of one move of the pan axis.
-    fn moved(goal: Goal, ticks: i64, settings: &AxisSettings) -> (Axis, Vec<[f64; 3]>) {
-        let mut axis = Axis::new(settings);
+    fn moved(goal: Goal, ticks: i64, settings: &HeadSettings) -> (Axis, Vec<[f64; 3]>) {
+        let mut axis = Axis::new(&settings.pan, settings);
         axis.order(Time(TICK.0), goal);
         let path = (1..=ticks).map(|tick| {
             axis.step(Time(tick * TICK.0));
@@ -194,7 +205,7 @@ mod tests {
 
     #[test]
     fn a_move_takes_the_time_that_speed_and_acceleration_allow() {
-        let settings = AxisSettings::default();
+        let settings = HeadSettings::default();
         // 90° at 80°/s with 400°/s²: 90/80 + 80/400 s.
         let (axis, path) = moved(Goal::At { units: 792.0, speed: 704.0 }, 2000, &settings);
         let arrived = path.iter().position(|it| it[0] == 792.0).unwrap();
@@ -208,7 +219,7 @@ mod tests {
 
     #[test]
     fn the_camera_swings_after_a_stop_at_its_frequency_and_comes_to_rest() {
-        let (_, path) = moved(Goal::At { units: 88.0, speed: 704.0 }, 3000, &AxisSettings::default());
+        let (_, path) = moved(Goal::At { units: 88.0, speed: 704.0 }, 3000, &HeadSettings::default());
         let arrived = path.iter().position(|it| it[0] == 88.0).unwrap();
         let swings: Vec<usize> = (arrived + 1..path.len())
             .filter(|&tick| (path[tick - 1][1] - 88.0) * (path[tick][1] - 88.0) < 0.0)
@@ -223,7 +234,7 @@ mod tests {
 
     #[test]
     fn motors_stand_at_whole_units_and_within_their_reach() {
-        let rigid = AxisSettings { vibration_hz: 0.0, ..AxisSettings::default() };
+        let rigid = HeadSettings { vibration_hz: 0.0, ..HeadSettings::default() };
         let (_, path) = moved(Goal::At { units: 40.0, speed: 50.0 }, 1500, &rigid);
         assert!(path.iter().all(|it| it[1] == it[1].round()));
         let (axis, _) = moved(Goal::At { units: 5000.0, speed: 704.0 }, 3000, &rigid);
@@ -232,7 +243,7 @@ mod tests {
 
     #[test]
     fn a_stop_brakes() {
-        let mut axis = moved(Goal::At { units: 800.0, speed: 704.0 }, 600, &AxisSettings::default()).0;
+        let mut axis = moved(Goal::At { units: 800.0, speed: 704.0 }, 600, &HeadSettings::default()).0;
         let before = axis.motor;
         axis.order(Time(601 * TICK.0), Goal::Stop);
         (601..1200).for_each(|tick| axis.step(Time(tick * TICK.0)));

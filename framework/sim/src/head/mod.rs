@@ -9,9 +9,11 @@
 //! | [`mechanics`] | motors with latency, limited acceleration and steps, and what vibrates on them |
 //! | `words` | the bytes of packets, read and written |
 //! | [`device`] | sockets, acknowledgements, completions: the program inside the head |
+//! | `track` | where it looked, for a while back |
 //! | [`line`](mod@line) | the serial line: time of each byte, noise, unplugging |
 //! | [`datagrams`] | VISCA over IP |
 //! | [`axes`] | where its axes really are |
+//! | [`motion`] | the head at the end of its line in a rig: what a driver talks to, and where cameras on it stand |
 //! | [`serve`] | the head as a process, in real time: a pseudo terminal, UDP |
 //!
 //! All but `serve` live on a logical clock: bytes and times go in, bytes and times come out, the same for the same seed.
@@ -21,14 +23,18 @@ pub mod datagrams;
 pub mod device;
 pub mod line;
 pub mod mechanics;
+pub mod motion;
 pub mod serve;
 pub mod settings;
 #[cfg(test)]
 mod tests;
+mod track;
 mod words;
 
 pub use axes::Axes;
 pub use datagrams::NetworkHead;
 pub use device::Head;
 pub use line::SerialHead;
-pub use settings::{AxesSettings, AxisSettings, HeadSettings, LineSettings};
+pub use motion::{HeadMotion, LineFaults, LineHead};
+pub use settings::{AxesSettings, AxisSettings, HeadSettings, LineSettings, NetworkSettings};
+pub use track::REMEMBERED_S;

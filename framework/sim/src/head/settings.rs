@@ -6,12 +6,21 @@ use serde::{Deserialize, Serialize};
 
 /// Everything about a simulated head but its line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
+#[serde(default)]
 pub struct HeadSettings {
     /// Side to side, positive to the right [–].
     pub pan: AxisSettings,
     /// Up and down, positive up [–].
     pub tilt: AxisSettings,
+    /// How fast both axes get faster and slower; no manual says for the EVI-D30 [°/s²].
+    #[schemars(range(min = 1.0, max = 100_000.0))]
+    pub acceleration_deg_per_s2: f64,
+    /// At which the camera on the motors swings when they stop ([Davis 2002 §4.3] saw it, without figures); 0: it is rigid [Hz].
+    #[schemars(range(min = 0.0, max = 100.0))]
+    pub vibration_hz: f64,
+    /// How soon that dies away, as a part of the critical damping [–].
+    #[schemars(range(min = 0.01, max = 1.0))]
+    pub vibration_damping: f64,
     /// From the acknowledgement of a move to its first step, at least: [Davis 2002 §4.4] found 250 ms and more [ms].
     #[schemars(range(min = 0.0, max = 10_000.0))]
     pub latency_ms: f64,
@@ -35,9 +44,9 @@ pub struct HeadSettings {
     pub power_on_ms: f64,
 }
 
-/// One axis with its motor.
+/// One axis: how it counts, how far and how fast it goes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
+#[serde(deny_unknown_fields)]
 pub struct AxisSettings {
     /// Positions in a degree [units/°].
     #[schemars(range(min = 1.0, max = 1000.0))]
@@ -51,15 +60,6 @@ pub struct AxisSettings {
     /// The fastest; the others are even parts of it [°/s].
     #[schemars(range(min = 0.1, max = 1000.0))]
     pub max_speed_deg_per_s: f64,
-    /// How fast it gets faster and slower; no manual says for the EVI-D30 [°/s²].
-    #[schemars(range(min = 1.0, max = 100_000.0))]
-    pub acceleration_deg_per_s2: f64,
-    /// At which the camera on the motor swings when the motor stops ([Davis 2002 §4.3] saw it, without figures); 0: it is rigid [Hz].
-    #[schemars(range(min = 0.0, max = 100.0))]
-    pub vibration_hz: f64,
-    /// How soon that dies away, as a part of the critical damping [–].
-    #[schemars(range(min = 0.01, max = 1.0))]
-    pub vibration_damping: f64,
 }
 
 /// The line to the head: 8 data bits, no parity, 1 stop bit.
@@ -80,6 +80,24 @@ pub struct LineSettings {
     pub inserted: f64,
 }
 
+/// The network to a head that is reached by UDP.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct NetworkSettings {
+    /// How long a datagram takes one way, at least [ms].
+    #[schemars(range(min = 0.0, max = 10_000.0))]
+    pub delay_ms: f64,
+    /// What comes on top, drawn evenly from 0 to this for each, so that datagrams may overtake each other [ms].
+    #[schemars(range(min = 0.0, max = 10_000.0))]
+    pub delay_jitter_ms: f64,
+    /// Share of the datagrams that get lost, on both ways [–].
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub lost: f64,
+    /// Share of the bytes of which one bit is turned over [–].
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub garbage: f64,
+}
+
 /// Where the axes of a head are, in the space of its camera at pan 0, tilt 0: x to the right, y down, z forward.
 ///
 /// The pan axis would be y and the tilt axis x, both through the centre of projection, if heads were built as models have
@@ -87,27 +105,24 @@ pub struct LineSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct AxesSettings {
-    /// By how much the pan axis leans about x and about z [°].
+    /// By how much the pan axis leans about x and about z, each -45 to 45 [°].
     pub pan_leans_deg: [f64; 2],
-    /// A point of the pan axis [mm].
+    /// A point of the pan axis, each number -1000 to 1000 [mm].
     pub pan_point_mm: [f64; 3],
-    /// By how much the tilt axis leans about y and about z [°].
+    /// By how much the tilt axis leans about y and about z, each -45 to 45 [°].
     pub tilt_leans_deg: [f64; 2],
-    /// A point of the tilt axis [mm].
+    /// A point of the tilt axis, each number -1000 to 1000 [mm].
     pub tilt_point_mm: [f64; 3],
 }
 
 impl Default for HeadSettings {
     fn default() -> Self {
         Self {
-            pan: AxisSettings::default(),
-            tilt: AxisSettings {
-                units_per_deg: 12.0,
-                reach_units: 300,
-                speeds: 20,
-                max_speed_deg_per_s: 50.0,
-                ..AxisSettings::default()
-            },
+            pan: AxisSettings { units_per_deg: 8.8, reach_units: 880, speeds: 24, max_speed_deg_per_s: 80.0 },
+            tilt: AxisSettings { units_per_deg: 12.0, reach_units: 300, speeds: 20, max_speed_deg_per_s: 50.0 },
+            acceleration_deg_per_s2: 400.0,
+            vibration_hz: 8.0,
+            vibration_damping: 0.15,
             latency_ms: 250.0,
             latency_jitter_ms: 20.0,
             field_ms: 1000.0 / 59.94,
@@ -119,23 +134,15 @@ impl Default for HeadSettings {
     }
 }
 
-impl Default for AxisSettings {
-    fn default() -> Self {
-        Self {
-            units_per_deg: 8.8,
-            reach_units: 880,
-            speeds: 24,
-            max_speed_deg_per_s: 80.0,
-            acceleration_deg_per_s2: 400.0,
-            vibration_hz: 8.0,
-            vibration_damping: 0.15,
-        }
-    }
-}
-
 impl Default for LineSettings {
     fn default() -> Self {
         Self { baud: 9600.0, lost: 0.0, flipped: 0.0, inserted: 0.0 }
+    }
+}
+
+impl Default for NetworkSettings {
+    fn default() -> Self {
+        Self { delay_ms: 0.3, delay_jitter_ms: 0.2, lost: 0.0, garbage: 0.0 }
     }
 }
 
@@ -159,6 +166,9 @@ impl HeadSettings {
                 ConfigError::at(&format!("{name}.{setting}"), fault.message)
             })?;
         }
+        ConfigError::unless_in("acceleration_deg_per_s2", self.acceleration_deg_per_s2, 1.0..=100_000.0)?;
+        ConfigError::unless_in("vibration_hz", self.vibration_hz, 0.0..=100.0)?;
+        ConfigError::unless_in("vibration_damping", self.vibration_damping, 0.01..=1.0)?;
         ConfigError::unless_in("latency_ms", self.latency_ms, 0.0..=10_000.0)?;
         ConfigError::unless_in("latency_jitter_ms", self.latency_jitter_ms, 0.0..=10_000.0)?;
         ConfigError::unless_in("field_ms", self.field_ms, 1.0..=1000.0)?;
@@ -173,10 +183,7 @@ impl AxisSettings {
         ConfigError::unless_in("units_per_deg", self.units_per_deg, 1.0..=1000.0)?;
         ConfigError::unless_in("reach_units", self.reach_units, 1..=32_767)?;
         ConfigError::unless_in("speeds", self.speeds, 1..=127)?;
-        ConfigError::unless_in("max_speed_deg_per_s", self.max_speed_deg_per_s, 0.1..=1000.0)?;
-        ConfigError::unless_in("acceleration_deg_per_s2", self.acceleration_deg_per_s2, 1.0..=100_000.0)?;
-        ConfigError::unless_in("vibration_hz", self.vibration_hz, 0.0..=100.0)?;
-        ConfigError::unless_in("vibration_damping", self.vibration_damping, 0.01..=1.0)
+        ConfigError::unless_in("max_speed_deg_per_s", self.max_speed_deg_per_s, 0.1..=1000.0)
     }
 }
 
@@ -187,5 +194,28 @@ impl LineSettings {
         ConfigError::unless_in("lost", self.lost, 0.0..=1.0)?;
         ConfigError::unless_in("flipped", self.flipped, 0.0..=1.0)?;
         ConfigError::unless_in("inserted", self.inserted, 0.0..=1.0)
+    }
+}
+
+impl NetworkSettings {
+    /// Refuses what no network can be.
+    pub(crate) fn check(&self) -> Result<(), ConfigError> {
+        ConfigError::unless_in("delay_ms", self.delay_ms, 0.0..=10_000.0)?;
+        ConfigError::unless_in("delay_jitter_ms", self.delay_jitter_ms, 0.0..=10_000.0)?;
+        ConfigError::unless_in("lost", self.lost, 0.0..=1.0)?;
+        ConfigError::unless_in("garbage", self.garbage, 0.0..=1.0)
+    }
+}
+
+impl AxesSettings {
+    /// Refuses axes that no head has.
+    pub(crate) fn check(&self) -> Result<(), ConfigError> {
+        for (name, leans) in [("pan_leans_deg", self.pan_leans_deg), ("tilt_leans_deg", self.tilt_leans_deg)] {
+            leans.into_iter().try_for_each(|it| ConfigError::unless_in(name, it, -45.0..=45.0))?;
+        }
+        for (name, point) in [("pan_point_mm", self.pan_point_mm), ("tilt_point_mm", self.tilt_point_mm)] {
+            point.into_iter().try_for_each(|it| ConfigError::unless_in(name, it, -1000.0..=1000.0))?;
+        }
+        Ok(())
     }
 }

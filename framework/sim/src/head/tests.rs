@@ -192,9 +192,9 @@ fn a_datagram_that_comes_twice_is_done_once() {
 #[test]
 fn settings_out_of_range_are_named() {
     let mut settings = HeadSettings::default();
-    settings.tilt.vibration_damping = 0.0;
+    settings.tilt.speeds = 0;
     let error = super::Head::new(&settings, 1).unwrap_err();
-    assert_eq!(error.setting.as_deref(), Some("tilt.vibration_damping"));
+    assert_eq!(error.setting.as_deref(), Some("tilt.speeds"));
     let line = LineSettings { lost: f64::NAN, ..LineSettings::default() };
     assert_eq!(SerialHead::new(&HeadSettings::default(), &line, 1).unwrap_err().setting.as_deref(), Some("lost"));
 }

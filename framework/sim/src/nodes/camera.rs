@@ -8,13 +8,16 @@ use foveate_messages::{CameraId, Image};
 use super::fields::{next_field, report_clock};
 use crate::bump::Pending;
 use crate::camera::{CameraSettings, Renderer};
+use crate::head::HeadMotion;
 use crate::timing::{Arrival, Timing};
 use crate::world::World;
 
 const WORLD: In<World> = In::latest(0, "world");
+const HEAD: In<HeadMotion> = In::latest(1, "head").optional();
 const IMAGE: Out<Image> = Out::new(0, "image");
 
-/// Field k is exposed around its capture time, stamped with what the camera's clock then shows, and delivered later: see
+/// With `head` connected it stands on that head: the calibration's camera is the camera at rest, and field k shows the world as the turned
+/// camera sees it, its LEDs smeared by the head's motion too. Field k is exposed around its capture time, stamped with what the camera's clock then shows, and delivered later: see
 /// [`Timing`]. Its pixels depend on the rig's seed, the camera and k alone.
 pub struct SimCamera {
     settings: CameraSettings,
@@ -40,7 +43,7 @@ impl Node for SimCamera {
     type Settings = CameraSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&WORLD).output(&IMAGE)
+        Ports::new().input(&WORLD).input(&HEAD).output(&IMAGE)
     }
 
     fn new(settings: CameraSettings, setup: &Setup) -> Result<Self, ConfigError> {
@@ -69,7 +72,8 @@ impl Node for SimCamera {
         if self.scene.is_none()
             && let Some(world) = io.latest(&WORLD).map(|it| it.value.clone())
         {
-            let renderer = Renderer::new(&self.camera, self.id, &world, &self.settings, &self.random);
+            let is_on_head = io.latest(&HEAD).is_some();
+            let renderer = self.renderer(&world, is_on_head);
             self.scene = Some((world, renderer));
         }
         if !std::mem::replace(&mut self.is_up, true) {
@@ -81,8 +85,9 @@ impl Node for SimCamera {
         self.last = self.last.max(capture);
         if let Some(bump) = self.bump.take_if(|it| capture >= it.at) {
             self.camera = bump.camera;
-            if let Some((world, renderer)) = &mut self.scene {
-                *renderer = Renderer::new(&self.camera, self.id, world, &self.settings, &self.random);
+            if let Some((world, _)) = self.scene.take() {
+                let renderer = self.renderer(&world, io.latest(&HEAD).is_some());
+                self.scene = Some((world, renderer));
             }
         }
         let Some((world, renderer)) = &mut self.scene else {
@@ -90,7 +95,10 @@ impl Node for SimCamera {
             return Ok(());
         };
         let mut image = self.pool.take(Image::default);
-        renderer.render(world, capture, frame, &mut image);
+        match io.latest(&HEAD) {
+            None => renderer.render(world, capture, frame, &mut image),
+            Some(motion) => renderer.render_on(motion.value, &self.camera, world, capture, frame, &mut image),
+        }
         io.emit_numbered(&IMAGE, stamp, frame, self.pool.share(image));
         Ok(())
     }
@@ -106,6 +114,16 @@ impl Node for SimCamera {
 
     fn plan(settings: &CameraSettings) -> Plan {
         settings.timing.plan()
+    }
+}
+
+impl SimCamera {
+    fn renderer(&self, world: &World, is_on_head: bool) -> Renderer {
+        if is_on_head {
+            Renderer::on_head(&self.camera, self.id, &self.settings, &self.random)
+        } else {
+            Renderer::new(&self.camera, self.id, world, &self.settings, &self.random)
+        }
     }
 }
 

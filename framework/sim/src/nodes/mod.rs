@@ -2,6 +2,7 @@
 
 pub mod camera;
 mod fields;
+pub mod head;
 pub mod lab;
 pub mod observer;
 pub mod score;

@@ -1,22 +1,27 @@
 //! An ideal detector as a source: features without pictures, for set-ups too large to render.
 
 use foveate_dataflow::{ConfigError, Due, In, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup, Time};
+use foveate_geometry::Camera;
 use foveate_messages::Features;
 
 use super::fields::{next_field, report_clock};
 use crate::bump::Pending;
+use crate::head::HeadMotion;
 use crate::observer::{Observer, ObserverSettings};
 use crate::timing::{Arrival, Timing};
 use crate::world::World;
 
 const WORLD: In<World> = In::latest(0, "world");
+const HEAD: In<HeadMotion> = In::latest(1, "head").optional();
 const FEATURES: Out<Features> = Out::new(0, "features");
 
-/// A camera and its detector in one. Clock, delays and failures are those of `sim.camera`; what is seen is [`Observer`]'s.
+/// A camera and its detector in one. With `head` connected it stands on that head, the calibration's camera being the camera at rest. Clock, delays and failures are those of `sim.camera`; what is seen is [`Observer`]'s.
 pub struct SimObserver {
     observer: Observer,
-    /// The camera after the bump that is still to come.
-    bump: Option<(Time, Observer)>,
+    /// The camera; on a head, with both angles zero.
+    camera: Camera,
+    /// How it stands after the bump that is still to come.
+    bump: Option<Pending>,
     name: String,
     timing: Timing,
     /// True capture time of the last field that was asked for.
@@ -35,7 +40,7 @@ impl Node for SimObserver {
     type Settings = ObserverSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&WORLD).output(&FEATURES)
+        Ports::new().input(&WORLD).input(&HEAD).output(&FEATURES)
     }
 
     fn new(settings: ObserverSettings, setup: &Setup) -> Result<Self, ConfigError> {
@@ -45,10 +50,9 @@ impl Node for SimObserver {
                 "found no camera, expected `each` or `camera` to name cameras of the calibration",
             ));
         };
-        let bump = Pending::of(settings.bump.as_ref(), setup, camera)?
-            .map(|it| (it.at, Observer::new(&it.camera, id, &settings, &setup.random)));
         Ok(Self {
-            bump,
+            bump: Pending::of(settings.bump.as_ref(), setup, camera)?,
+            camera: camera.clone(),
             observer: Observer::new(camera, id, &settings, &setup.random),
             name: setup.camera_name().unwrap_or_default().to_owned(),
             timing: Timing::new(&settings.timing, 0.0, &setup.random),
@@ -70,8 +74,12 @@ impl Node for SimObserver {
             return Ok(());
         };
         self.last = self.last.max(capture);
-        if let Some((_, turned)) = self.bump.take_if(|it| capture >= it.0) {
-            self.observer = turned;
+        if let Some(bump) = self.bump.take_if(|it| capture >= it.at) {
+            self.observer.stand(&bump.camera);
+            self.camera = bump.camera;
+        }
+        if let Some(motion) = io.latest(&HEAD) {
+            self.observer.stand(&motion.value.camera_at(&self.camera, capture));
         }
         let Some(world) = &self.world else {
             io.gap(&FEATURES, stamp, "the simulated world has not arrived yet");

@@ -87,6 +87,13 @@ impl Observer {
         }
     }
 
+    /// From now on this is the camera.
+    pub fn stand(&mut self, camera: &Camera) {
+        let [across, down] = camera.intrinsics.focal;
+        (self.centre, self.aspect) = (camera.centre(), down / across);
+        self.camera.clone_from(camera);
+    }
+
     /// The features of the field at session time `time`, into `features`, whose memory is used again.
     pub fn look(&mut self, world: &World, time: Time, features: &mut Features) {
         let mut moment = std::mem::take(&mut self.moment);
