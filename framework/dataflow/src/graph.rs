@@ -162,6 +162,13 @@ pub struct Requirement {
     pub must: bool,
 }
 
+impl Instance {
+    /// Whether it works on a device: see [`Node::is_live`](crate::Node::is_live).
+    pub fn is_live(&self) -> bool {
+        self.settings.is_live()
+    }
+}
+
 impl Graph {
     /// What instance `index` is given when it is made.
     pub fn setup(&self, index: usize, out_dir: Option<PathBuf>, purpose: Purpose) -> Setup {
@@ -172,6 +179,7 @@ impl Graph {
             scale: scale.name.clone(),
             camera: instance.camera,
             calibration: Arc::clone(&self.calibration),
+            connected: self.connected(index),
             volume_m: scale.volume_m,
             radius_m: scale.radius_m,
             anchor: scale.anchor_rule,
@@ -181,6 +189,15 @@ impl Graph {
             purpose,
             claims: self.claims.clone(),
         }
+    }
+
+    fn connected(&self, index: usize) -> Vec<String> {
+        let ports = &self.instances[index].node_type.ports.inputs;
+        let ends = self.edges.iter().map(|it| it.to).filter(|it| it.0 == index);
+        let mut found: Vec<String> = ends.map(|(_, port)| ports[port].name.to_owned()).collect();
+        found.sort_unstable();
+        found.dedup();
+        found
     }
 
     /// The part of the rig that `wanted` nodes need: they, and what they get messages from, directly or through others, but for what

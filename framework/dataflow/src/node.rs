@@ -76,7 +76,7 @@ pub trait Node: Send + Sized + 'static {
     const ROLE: Role;
     /// One line for `foveate nodes`.
     const SUMMARY: &'static str;
-    /// A device, whose data comes when it comes: a rig with one runs on the wall clock.
+    /// A device, whatever its settings: see [`Node::is_live`].
     const LIVE: bool = false;
     /// Settings: plain data; each field's documentation ends in its unit in brackets, ranges stand in `#[schemars(range)]`,
     /// defaults in `#[serde(default)]`. `#[serde(deny_unknown_fields)]` is required.
@@ -110,6 +110,11 @@ pub trait Node: Send + Sized + 'static {
     /// When something could not be saved: what, where, and what became of it.
     fn finish(&mut self, _report: &mut Report) -> Result<(), NodeError> {
         Ok(())
+    }
+
+    /// Whether it works on a device with these settings: a rig with such a node runs on the wall clock.
+    fn is_live(_settings: &Self::Settings) -> bool {
+        Self::LIVE
     }
 
     /// What is known beforehand.

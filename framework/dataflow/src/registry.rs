@@ -26,8 +26,6 @@ pub struct NodeType {
     pub role: Role,
     /// [`Node::SUMMARY`].
     pub summary: &'static str,
-    /// [`Node::LIVE`].
-    pub live: bool,
     /// [`Node::ports`].
     pub ports: Ports,
     /// JSON Schema of the settings (an object); names, units in brackets, ranges and defaults are read from it.
@@ -56,6 +54,8 @@ pub trait Settings: Send + Sync {
     fn resolved(&self) -> Result<toml::Table, toml::ser::Error>;
     /// [`Node::plan`].
     fn plan(&self) -> Plan;
+    /// [`Node::is_live`].
+    fn is_live(&self) -> bool;
 }
 
 /// A node, erased.
@@ -101,6 +101,9 @@ impl<N: Node> Settings for SettingsOf<N> {
     fn plan(&self) -> Plan {
         N::plan(&self.given)
     }
+    fn is_live(&self) -> bool {
+        N::is_live(&self.given)
+    }
 }
 
 fn decode<N: Node>(table: toml::de::DeTable<'_>, make: &Arc<Make<N>>) -> Result<Box<dyn Settings>, toml::de::Error> {
@@ -141,7 +144,6 @@ impl Registry {
                 name: N::TYPE,
                 role: N::ROLE,
                 summary: N::SUMMARY,
-                live: N::LIVE,
                 ports: N::ports(),
                 schema: schemars::schema_for!(N::Settings),
                 decode: Box::new(move |table| decode::<N>(table, &make)),

@@ -13,6 +13,7 @@ use foveate_scene::clocks::Clocks;
 use foveate_scene::heads::{CalibratedHead, Heads};
 
 use crate::error::ConfigError;
+use crate::port::In;
 
 /// Where the recordings lie when the environment variable `FOVEATE_DATA` is not set.
 const DATA_DEFAULT: &str = "../shared/data";
@@ -37,6 +38,8 @@ pub struct Setup {
     pub camera: Option<CameraId>,
     /// All cameras by number; without cameras where the rig names no calibration.
     pub calibration: Arc<Calibration>,
+    /// The input ports that the rig connects, for nodes that need one input or another.
+    pub connected: Vec<String>,
     /// The working volume of the scale [m], opposite corners, where the rig states it.
     pub volume_m: Option<[[f64; 3]; 2]>,
     /// How far around its anchor the scale reaches [m], where the rig states it.
@@ -78,6 +81,7 @@ impl Setup {
             scale: "test".to_owned(),
             camera: None,
             calibration: no_cameras(),
+            connected: Vec::new(),
             volume_m: None,
             radius_m: None,
             anchor: None,
@@ -114,6 +118,11 @@ impl Setup {
             return Err(ConfigError::at(setting, message));
         }
         self.claim_file(Some(setting), name)
+    }
+
+    /// Whether the rig connects this input port.
+    pub fn is_connected<T>(&self, port: &In<T>) -> bool {
+        self.connected.iter().any(|it| it == port.name)
     }
 
     /// The name of this instance's camera.

@@ -209,7 +209,7 @@ fn run(
 ) -> Result<(Outcome, Option<String>), String> {
     let options = Options { out_dir: Some(folder.to_owned()), ..Options::default() };
     interrupt::stops(&options.stop).map_err(|it| format!("error: {it}"))?;
-    let has_device = graph.instances.iter().any(|it| it.node_type.live);
+    let has_device = graph.instances.iter().any(|it| it.is_live());
     let is_live = wishes.live || has_device;
     let mut guide = Guide::new(graph, is_live);
     let stop = Arc::clone(&options.stop);

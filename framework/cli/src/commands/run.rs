@@ -42,7 +42,7 @@ fn run_into(args: &RunArgs, graph: &Arc<Graph>, folder: &Path) -> Result<Outcome
             line.show(progress);
         }
     };
-    let has_device = graph.instances.iter().any(|it| it.node_type.live);
+    let has_device = graph.instances.iter().any(|it| it.is_live());
     let engine = if args.live || has_device { run::live } else { run::deterministic };
     let outcome = engine(Arc::clone(graph), &options, &mut observe).map_err(|error| error.to_string());
     line.end();

@@ -170,6 +170,7 @@ impl Surroundings<'_> {
                 scale: scale.name.clone(),
                 camera: *camera,
                 calibration: Arc::clone(calibration),
+                connected: text.inputs.iter().map(|it| it.port.get_ref().to_string()).collect(),
                 volume_m: scale.volume_m,
                 radius_m: scale.radius_m,
                 anchor: scale.rule,

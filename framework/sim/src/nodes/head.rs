@@ -33,7 +33,7 @@ pub struct SimHeadSettings {
     /// The network, if that is what it is reached by [–].
     pub network: NetworkSettings,
     /// Where its axes really are. Left out: those of the calibration, and where that has none, those of a plausible EVI-D30, a degree and
-    /// centimetres off [–].
+    /// centimetres off. What its optics are at each zoom position is always the calibration's table [–].
     pub axes: Option<AxesSettings>,
     /// From when until when its line is pulled out [s].
     pub unplugged_s: Option<[f64; 2]>,
@@ -85,8 +85,16 @@ impl Node for SimHead {
                 "found no camera, expected `each` or `camera` to name the cameras of the calibration that stand on heads",
             ));
         };
-        let axes = settings.axes.clone().unwrap_or_default();
-        axes.check().map_err(|fault| within("axes", fault))?;
+        let calibrated = setup.head_model();
+        let mut mechanics = match (&settings.axes, &calibrated) {
+            (None, Some(head)) => head.model.clone(),
+            (axes, _) => {
+                let axes = axes.clone().unwrap_or_default();
+                axes.check().map_err(|fault| within("axes", fault))?;
+                Axes::new(&axes).carrying(camera)
+            }
+        };
+        mechanics.zoom = calibrated.and_then(|it| it.model.zoom);
         let faults = settings.faults()?;
         let seed = setup.random.fork("head").next_u64();
         let head = match settings.over {
@@ -100,7 +108,7 @@ impl Node for SimHead {
             }
         };
         Ok(Self {
-            motion: HeadMotion::new(head, Axes::new(&axes).carrying(camera)),
+            motion: HeadMotion::new(head, mechanics),
             name: setup.camera_name().unwrap_or_default().to_owned(),
             is_up: false,
         })
