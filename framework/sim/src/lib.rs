@@ -33,4 +33,5 @@ pub fn register(registry: &mut Registry) {
     registry.add::<nodes::observer::SimObserver>();
     registry.add::<nodes::head::SimHead>();
     registry.add::<nodes::score::Score>();
+    registry.add::<nodes::head_score::HeadScore>();
 }

@@ -10,7 +10,7 @@ use foveate_dataflow::{ConfigError, Device, Line};
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
 use foveate_geometry::pan_tilt::{PanTiltHead, Setting};
-use foveate_messages::{Interval, Message, SpaceKind, Time};
+use foveate_messages::{CameraId, Interval, Message, SpaceKind, Time};
 
 use super::datagrams::NetworkHead;
 use super::device::Head;
@@ -228,12 +228,18 @@ impl NetworkSettings {
 pub struct HeadMotion {
     head: Arc<Mutex<LineHead>>,
     mechanics: Arc<PanTiltHead>,
+    camera: CameraId,
 }
 
 impl HeadMotion {
-    /// The motion of `head`, whose axes, and optics where it zooms, are really those of `mechanics`.
-    pub fn new(head: LineHead, mechanics: PanTiltHead) -> HeadMotion {
-        HeadMotion { head: Arc::new(Mutex::new(head)), mechanics: Arc::new(mechanics) }
+    /// The motion of `head`, which carries `camera` and whose axes, and optics where it zooms, are really those of `mechanics`.
+    pub fn new(camera: CameraId, head: LineHead, mechanics: PanTiltHead) -> HeadMotion {
+        HeadMotion { head: Arc::new(Mutex::new(head)), mechanics: Arc::new(mechanics), camera }
+    }
+
+    /// The camera on the head.
+    pub fn camera(&self) -> CameraId {
+        self.camera
     }
 
     /// The line to the same head.

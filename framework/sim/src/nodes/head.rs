@@ -80,7 +80,7 @@ impl Node for SimHead {
     }
 
     fn new(settings: SimHeadSettings, setup: &Setup) -> Result<Self, ConfigError> {
-        let Some(camera) = setup.camera_model() else {
+        let (Some(id), Some(camera)) = (setup.camera, setup.camera_model()) else {
             return Err(ConfigError::node(
                 "found no camera, expected `each` or `camera` to name the cameras of the calibration that stand on heads",
             ));
@@ -108,7 +108,7 @@ impl Node for SimHead {
             }
         };
         Ok(Self {
-            motion: HeadMotion::new(head, mechanics),
+            motion: HeadMotion::new(id, head, mechanics),
             name: setup.camera_name().unwrap_or_default().to_owned(),
             is_up: false,
         })

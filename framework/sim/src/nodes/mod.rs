@@ -3,6 +3,7 @@
 pub mod camera;
 mod fields;
 pub mod head;
+pub mod head_score;
 pub mod lab;
 pub mod observer;
 pub mod score;

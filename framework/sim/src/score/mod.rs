@@ -9,6 +9,7 @@
 //! is recovered of them is not false.
 
 mod distances;
+pub(crate) mod follow_picture;
 mod pairs;
 mod truth;
 
