@@ -14,6 +14,7 @@ use foveate_scene::heads::{CalibratedHead, Heads};
 
 use crate::error::ConfigError;
 use crate::port::In;
+use crate::rig::matches;
 
 /// Where the recordings lie when the environment variable `FOVEATE_DATA` is not set.
 const DATA_DEFAULT: &str = "../shared/data";
@@ -145,6 +146,12 @@ impl Setup {
     /// The head that carries `camera`, as the calibration has it.
     pub fn head_of(&self, camera: CameraId) -> Option<CalibratedHead> {
         self.calibration.head(&self.calibration.cameras.get(usize::from(camera.0))?.name)
+    }
+
+    /// The cameras of the calibration whose names match `pattern`, with `*` for any characters and `?` for one, ascending.
+    pub fn cameras_named<'a>(&'a self, pattern: &'a str) -> impl Iterator<Item = CameraId> + 'a {
+        let named = self.calibration.cameras.iter().zip(0..);
+        named.filter(move |(it, _)| matches(pattern, &it.name)).map(|(_, number)| CameraId(number))
     }
 
     /// A path from a setting: `{camera}` becomes the camera's name, `${NAME}` an environment variable, and what is relative

@@ -12,7 +12,9 @@
 //! |---|---|
 //! | `pan_tilt.selector` | keeps a head on a target |
 //! | `pan_tilt.pose` | tells where its camera stood at each picture |
+//! | `pan_tilt.allocator` | gives several targets their heads |
 
+pub mod allocator;
 pub mod driver;
 pub mod follow;
 pub mod head;
@@ -28,6 +30,7 @@ use foveate::scene::heads::CalibratedHead;
 pub fn register(registry: &mut Registry) {
     registry.add::<selector::Selector>();
     registry.add::<pose::Pose>();
+    registry.add::<allocator::AllocatorNode>();
 }
 
 /// The camera of a node and the head that carries it.
