@@ -6,14 +6,17 @@
 //! | [`driver`] | what is sent when, what is made of replies: no line, no clock |
 //! | [`port`] | serial ports and UDP sockets |
 //! | [`head`] | a driver on its port, with a thread that listens |
+//! | [`actuator`] | such a head as a node |
 //! | [`follow`] | a head that stays on a target: prediction, aim, speed |
 //!
 //! | node | what it does |
 //! |---|---|
 //! | `pan_tilt.selector` | keeps a head on a target |
+//! | `pan_tilt.head` | drives a head, real or simulated, and reports where it looks |
 //! | `pan_tilt.pose` | tells where its camera stood at each picture |
 //! | `pan_tilt.allocator` | gives several targets their heads |
 
+pub mod actuator;
 pub mod allocator;
 pub mod driver;
 pub mod follow;
@@ -29,6 +32,7 @@ use foveate::scene::heads::CalibratedHead;
 /// Makes the nodes of this plugin known.
 pub fn register(registry: &mut Registry) {
     registry.add::<selector::Selector>();
+    registry.add::<actuator::Actuator>();
     registry.add::<pose::Pose>();
     registry.add::<allocator::AllocatorNode>();
 }

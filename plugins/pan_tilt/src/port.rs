@@ -1,7 +1,7 @@
 //! Lines to heads: serial ports and UDP sockets, each with one end to send and one to receive.
 
 use std::io;
-use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -17,8 +17,13 @@ pub enum Port {
         /// Bits a second: 9600 with most heads, some can be set to 38400.
         baud: u32,
     },
-    /// VISCA over IP, by address and port ([`crate::visca::ip::PORT`]).
-    Udp(SocketAddr),
+    /// VISCA over IP. The name is looked up each time the port is opened.
+    Udp {
+        /// Name or address; an IPv6 address in brackets.
+        host: String,
+        /// Most heads listen on [`crate::visca::ip::PORT`].
+        number: u16,
+    },
 }
 
 /// The end that sends.
@@ -41,7 +46,7 @@ impl Port {
     pub fn medium(&self) -> Medium {
         match self {
             Port::Serial { .. } => Medium::Serial,
-            Port::Udp(_) => Medium::Ip,
+            Port::Udp { .. } => Medium::Ip,
         }
     }
 
@@ -56,12 +61,17 @@ impl Port {
             Port::Serial { path, .. } => {
                 Err(format!("`{}`: this program was built without the feature `hardware`", path.display()))
             }
-            Port::Udp(address) => open_udp(*address).map_err(|error| format!("`{address}`: {error}")),
+            Port::Udp { host, number } => {
+                let address = format!("{host}:{number}");
+                open_udp(&address).map_err(|error| format!("`udp://{address}`: {error}"))
+            }
         }
     }
 }
 
-fn open_udp(address: SocketAddr) -> io::Result<Ends> {
+fn open_udp(address: &str) -> io::Result<Ends> {
+    let unknown = || io::Error::new(io::ErrorKind::NotFound, "the host has no address");
+    let address = address.to_socket_addrs()?.next().ok_or_else(unknown)?;
     let any = if address.is_ipv4() {
         SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0))
     } else {

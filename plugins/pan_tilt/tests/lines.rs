@@ -140,7 +140,8 @@ fn lossy_head(front: &UdpSocket, stop: &AtomicBool) {
 fn udp_with_loss_and_overtaking_gets_there() {
     let stop = AtomicBool::new(false);
     let front = UdpSocket::bind("127.0.0.1:0").unwrap();
-    let port = Port::Udp(front.local_addr().unwrap());
+    let address = front.local_addr().unwrap();
+    let port = Port::Udp { host: address.ip().to_string(), number: address.port() };
     thread::scope(|scope| {
         let _ends = Ends(&stop);
         scope.spawn(|| lossy_head(&front, &stop));

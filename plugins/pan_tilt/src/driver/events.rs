@@ -1,6 +1,6 @@
 //! What a driver reports.
 
-use foveate::prelude::Time;
+use foveate::prelude::{Interval, Time};
 
 use crate::visca::{Answer, Command, Refusal};
 
@@ -35,6 +35,18 @@ pub struct Event {
     pub at: Time,
     /// What.
     pub what: What,
+}
+
+impl Event {
+    /// The same on a clock that is ahead by `offset`.
+    pub fn later_by(self, offset: Interval) -> Event {
+        let what = match self.what {
+            What::Answered { answer, asked_at } => What::Answered { answer, asked_at: asked_at + offset },
+            What::Acknowledged { id, sent_at } => What::Acknowledged { id, sent_at: sent_at + offset },
+            other => other,
+        };
+        Event { at: self.at + offset, what }
+    }
 }
 
 /// What happened.

@@ -197,6 +197,11 @@ impl Driver {
         self.sockets.iter().flatten().count()
     }
 
+    /// Whether a message is on the line whose answer has not come.
+    pub fn is_waiting(&self) -> bool {
+        self.awaited.is_some()
+    }
+
     /// Whether every command was sent and done, and nothing is awaited.
     pub fn is_idle(&self) -> bool {
         self.phase == Phase::Ready

@@ -1,0 +1,5 @@
+//! Heads in rigs: from a command to bytes to mechanics to a report, on the clock of the run and live.
+
+mod faults;
+mod loops;
+mod parts;
