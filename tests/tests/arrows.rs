@@ -38,6 +38,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "geometry",
             "led",
             "messages",
+            "pan-tilt",
             "scene",
             "sim",
         ],
