@@ -440,4 +440,61 @@ mod tests {
         let changed = one.pixels.iter().zip(&other.pixels).filter(|(a, b)| a != b).count();
         assert!((200..SIZE / 50).contains(&changed), "{changed} pixels changed");
     }
+
+    /// A camera on a head that was told to go far to the left at full speed, at 0 s.
+    fn turning(camera: &Camera) -> HeadMotion {
+        use crate::head::{Axes, AxesSettings, HeadSettings, LineFaults, LineHead, LineSettings};
+        let head = LineHead::serial(&HeadSettings::default(), &LineSettings::default(), LineFaults::default(), 1);
+        let motion = HeadMotion::new(CameraId(0), head.unwrap(), Axes::new(&AxesSettings::default()).carrying(camera));
+        let left = [0x81, 0x01, 0x06, 0x02, 0x18, 0x14, 0xF, 0xC, 0x9, 0x0, 0, 0, 0, 0, 0xFF];
+        motion.line().device().write(Time::ZERO, &left);
+        motion
+    }
+
+    fn field_on(motion: &HeadMotion, world: &World, settings: &CameraSettings, time_s: f64) -> Image {
+        let mut image = Image::default();
+        let mut renderer = Renderer::on_head(&camera(0), CameraId(0), settings, &Random::new(2));
+        renderer.render_on(motion, &camera(0), world, Time::from_s(time_s), 0, &mut image);
+        image
+    }
+
+    #[test]
+    fn a_head_at_rest_shows_what_a_camera_without_one_sees_but_for_soft_edges() {
+        let lit = world(|it| it.glints_hz = 0.0);
+        let settings = CameraSettings { noise_sigma: 0.0, ..CameraSettings::default() };
+        let (still, on_head) = (field(&lit, 0, &settings, 0.1), field_on(&turning(&camera(0)), &lit, &settings, 0.1));
+        let differences = still.pixels.iter().zip(&on_head.pixels).map(|(a, b)| a.abs_diff(*b));
+        let far = differences.clone().filter(|it| *it > 25).count();
+        let mean = differences.map(f64::from).sum::<f64>() / SIZE as f64;
+        // The texture of the room is up to 4.5 gray levels up and down.
+        assert!(far < SIZE / 25 && mean < 5.0, "{far} pixels, {mean} gray levels on average");
+        // In the dark there are no edges: lights and people are the same.
+        let dark = world(|it| (it.monitors, it.glints_hz) = (0, 0.0));
+        let settings = CameraSettings { room_light: 0.0, ..settings };
+        let (still, on_head) = (field(&dark, 0, &settings, 0.1), field_on(&turning(&camera(0)), &dark, &settings, 0.1));
+        assert!(still.pixels.iter().zip(&on_head.pixels).all(|(a, b)| a.abs_diff(*b) <= 1));
+        assert!(still.pixels.iter().any(|it| *it > 60), "there is something to see");
+    }
+
+    #[test]
+    fn a_head_that_turns_while_light_is_gathered_smears_lights_along_its_way() {
+        let world = world(|it| (it.bright_spots, it.monitors, it.glints_hz) = (0, 0, 0.0));
+        let dark = CameraSettings {
+            room_light: 0.0,
+            black_level: 0.0,
+            noise_sigma: 0.0,
+            exposure_ms: 0.01,
+            blur_samples: 20,
+            gain: 1.0,
+            ..CameraSettings::default()
+        };
+        let smeared = CameraSettings { exposure_ms: 20.0, ..dark.clone() };
+        let motion = turning(&camera(0));
+        let lit = |settings: &CameraSettings, time_s: f64| {
+            field_on(&motion, &world, settings, time_s).pixels.iter().filter(|it| **it > 4).count() as f64
+        };
+        // At 0.1 s the head stands and only people move; at 0.6 s it turns by 80 °/s: 20 ms are 1.6°, about a dozen pixels.
+        let [rest, turning] = [0.1, 0.6].map(|time_s| lit(&smeared, time_s) / lit(&dark, time_s));
+        assert!(rest < 1.3 && turning > 1.6, "{rest} {turning}");
+    }
 }
