@@ -255,11 +255,12 @@ impl Actuator {
             let event = match what {
                 What::Link(link) => self.change_link(at, link, io),
                 What::Sent { command, .. } => self.scale.order(&command).map(HeadEvent::Sent),
-                What::Completed { id } if id == self.last_motion => {
-                    if matches!(self.last[0], Some(Command::Absolute { .. })) {
-                        // Who tells it the same again wants to hear that it is there.
-                        self.last[0] = None;
-                    }
+                // Not of a drive, which counts as done as soon as it has begun.
+                What::Completed { id }
+                    if id == self.last_motion && matches!(self.last[0], Some(Command::Absolute { .. })) =>
+                {
+                    // Who tells it the same again wants to hear that it is there.
+                    self.last[0] = None;
                     Some(HeadEvent::Arrived)
                 }
                 What::Failed { id, why } => {

@@ -35,7 +35,8 @@ fn run_live(port: &str, orders: &str, mut is_enough: impl FnMut(&Heard) -> bool)
         }
     })
     .unwrap();
-    assert!(outcome.interrupted, "it never came: {:?}", heard.lock().unwrap().events);
+    let last: Vec<_> = heard.lock().unwrap().events.iter().rev().take(5).copied().collect();
+    assert!(outcome.interrupted, "it never came; the last events are {last:?}");
     assert!(outcome.faults.is_empty(), "{:?}", outcome.faults);
     (outcome, heard)
 }

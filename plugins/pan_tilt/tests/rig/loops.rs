@@ -1,7 +1,9 @@
 //! The whole way, without faults.
 
+use foveate::geometry::Camera;
 use foveate::prelude::*;
 use foveate::scene::Calibration;
+use foveate_sim::head::{Axes, AxesSettings};
 
 use crate::parts::{Heard, WIRED, load, rig_text, run_rig, simulated};
 
@@ -110,6 +112,7 @@ fn a_head_turns_at_a_rate_until_it_is_told_otherwise() {
     assert!(close(early, late, 1e-9) && late[0] > 15.0, "{early:?} {late:?}");
     let turns = heard.events.iter().filter(|it| matches!(it.1, HeadEvent::Sent(HeadOrder::Turn { .. }))).count();
     assert_eq!(turns, 2);
+    assert!(!heard.events.iter().any(|it| it.1 == HeadEvent::Arrived), "a head that turns is nowhere there");
 }
 
 #[test]
@@ -173,7 +176,11 @@ fn a_camera_on_a_head_sees_as_it_is_turned() {
     let motion = heard.motion.as_ref().unwrap();
     let (mut n_checked, mut moved_px) = (0, 0.0_f64);
     for (time, features) in &heard.features {
-        let camera = motion.camera_at(at_rest, *time);
+        // By the simulation's own axes, which know nothing of the calibrated model.
+        let [pan, tilt] = motion.angles_at(*time);
+        let camera_from_rest = Axes::new(&AxesSettings::default()).rest_from_camera(pan, tilt).inverse();
+        let camera_from_world = camera_from_rest * at_rest.camera_from_world;
+        let camera = Camera { camera_from_world, ..at_rest.clone() };
         let mut moment = foveate_sim::world::Moment::default();
         world.at(*time, &mut moment);
         let seen: Vec<_> = moment.lights().filter_map(|it| camera.sees(&it.position)).collect();
