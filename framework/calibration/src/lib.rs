@@ -11,6 +11,7 @@
 //! | [`axes`] | metres, the vertical and the origin, and what fixes each how well |
 //! | [`checks`] | what re-projection cannot see, and a verdict in words |
 //! | [`coverage`] | where the light has been, for those who wave it |
+//! | [`head`] | the axes of pan-tilt heads |
 //! | [`report`] | one HTML page with pictures |
 //! | [`words`] | numbers as a person reads them |
 
@@ -21,6 +22,7 @@ pub mod clocks;
 pub mod comparison;
 pub mod convergence;
 pub mod coverage;
+pub mod head;
 pub mod recording;
 pub mod report;
 pub mod room;

@@ -8,12 +8,12 @@ mod coverage;
 mod depths;
 mod figures;
 mod graph;
-mod page;
+pub(crate) mod page;
 mod residuals;
 mod room;
 mod steps;
 mod summary;
-mod svg;
+pub(crate) mod svg;
 
 use foveate_scene::Provenance;
 

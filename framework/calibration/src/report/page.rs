@@ -55,7 +55,7 @@ impl Page {
 }
 
 /// `text` as it may stand between tags and in attributes; control characters become spaces.
-pub(super) fn escaped(text: &str) -> String {
+pub(crate) fn escaped(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for letter in text.chars() {
         match letter {

@@ -6,7 +6,7 @@ use super::page::{escaped, fixed};
 
 /// One axis of a plot.
 #[derive(Debug, Clone)]
-pub(super) struct Axis {
+pub(crate) struct Axis {
     low: f64,
     high: f64,
     log: bool,
@@ -15,14 +15,14 @@ pub(super) struct Axis {
 
 impl Axis {
     /// From `low` to `high`; a span without extent or with a number that is none becomes one that can be drawn.
-    pub(super) fn linear(low: f64, high: f64, label: &str) -> Self {
+    pub(crate) fn linear(low: f64, high: f64, label: &str) -> Self {
         let (low, high) = if low.is_finite() && high.is_finite() { (low, high) } else { (0.0, 1.0) };
         let high = if high > low { high } else { low + low.abs().max(1.0) };
         Self { low, high, log: false, label: label.to_owned() }
     }
 
     /// Logarithmic, widened to whole decades when it spans less than one.
-    pub(super) fn log(low: f64, high: f64, label: &str) -> Self {
+    pub(crate) fn log(low: f64, high: f64, label: &str) -> Self {
         let usable = low > 0.0 && high >= low && high.is_finite();
         let (mut low, mut high) = if usable { (low, high) } else { (0.1, 10.0) };
         if high < 10.0 * low {
@@ -72,7 +72,7 @@ fn plain(value: f64) -> String {
 }
 
 /// A plot in the making.
-pub(super) struct Plot {
+pub(crate) struct Plot {
     width: f64,
     height: f64,
     left: f64,
@@ -87,7 +87,7 @@ pub(super) struct Plot {
 
 impl Plot {
     /// `size`: of the whole picture [px of the page]; `name` is read out to those who do not see it.
-    pub(super) fn new(size: [f64; 2], x: Axis, y: Axis, name: &str) -> Self {
+    pub(crate) fn new(size: [f64; 2], x: Axis, y: Axis, name: &str) -> Self {
         let [left, top, right, bottom] = [46.0, 8.0, 10.0, 34.0];
         let inner = [size[0] - left - right, size[1] - top - bottom];
         let name = escaped(name);
@@ -95,7 +95,7 @@ impl Plot {
     }
 
     /// Room for `left` px of words at the rows, which the caller draws in place of ticks.
-    pub(super) fn with_rows(mut self, left: f64) -> Self {
+    pub(crate) fn with_rows(mut self, left: f64) -> Self {
         self.inner[0] += self.left - left;
         self.left = left;
         self.y_ticks = false;
@@ -103,7 +103,7 @@ impl Plot {
     }
 
     /// So that a unit is as long on either axis: the frame is shrunk, and stays in the middle.
-    pub(super) fn equal(mut self) -> Self {
+    pub(crate) fn equal(mut self) -> Self {
         let span = [self.x.high - self.x.low, self.y.high - self.y.low];
         let scale = (self.inner[0] / span[0].abs()).min(self.inner[1] / span[1].abs());
         let inner = span.map(|it| it.abs() * scale);
@@ -114,36 +114,36 @@ impl Plot {
     }
 
     /// With the low end of y at the top, as in images.
-    pub(super) fn down(mut self) -> Self {
+    pub(crate) fn down(mut self) -> Self {
         std::mem::swap(&mut self.y.low, &mut self.y.high);
         self
     }
 
-    pub(super) fn x(&self, value: f64) -> f64 {
+    pub(crate) fn x(&self, value: f64) -> f64 {
         self.left + self.inner[0] * self.x.part(value)
     }
 
-    pub(super) fn y(&self, value: f64) -> f64 {
+    pub(crate) fn y(&self, value: f64) -> f64 {
         self.top + self.inner[1] * (1.0 - self.y.part(value))
     }
 
     /// Left, top, right and bottom of the frame.
-    pub(super) fn frame(&self) -> [f64; 4] {
+    pub(crate) fn frame(&self) -> [f64; 4] {
         [self.left, self.top, self.left + self.inner[0], self.top + self.inner[1]]
     }
 
-    pub(super) fn has(&self, x: f64, y: f64) -> bool {
+    pub(crate) fn has(&self, x: f64, y: f64) -> bool {
         let inside = |part: f64| (-1e-9..=1.0 + 1e-9).contains(&part);
         inside(self.x.part(x)) && inside(self.y.part(y))
     }
 
     /// Puts in what is SVG already.
-    pub(super) fn raw(&mut self, svg: &str) {
+    pub(crate) fn raw(&mut self, svg: &str) {
         self.body += svg;
     }
 
     /// Dots as one path; what lies outside the frame is left out.
-    pub(super) fn dots(&mut self, class: &str, points: impl Iterator<Item = (f64, f64)>) {
+    pub(crate) fn dots(&mut self, class: &str, points: impl Iterator<Item = (f64, f64)>) {
         let mut path = String::new();
         for (x, y) in points.filter(|it| self.has(it.0, it.1)) {
             let _ = write!(path, "M{} {}h0", short(self.x(x)), short(self.y(y))); // writing to a String cannot fail
@@ -152,7 +152,7 @@ impl Plot {
     }
 
     /// A line through the points that are numbers; broken where they leave the frame.
-    pub(super) fn line(&mut self, class: &str, points: impl Iterator<Item = (f64, f64)>) {
+    pub(crate) fn line(&mut self, class: &str, points: impl Iterator<Item = (f64, f64)>) {
         let (mut path, mut pen_down) = (String::new(), false);
         for (x, y) in points {
             if !self.has(x, y) {
@@ -166,7 +166,7 @@ impl Plot {
     }
 
     /// Bars from the low end of y, each from one x to the next.
-    pub(super) fn bars(&mut self, class: &str, bars: impl Iterator<Item = (f64, f64, f64)>) {
+    pub(crate) fn bars(&mut self, class: &str, bars: impl Iterator<Item = (f64, f64, f64)>) {
         let base = self.frame()[3];
         let mut path = String::new();
         for (from, to, value) in bars.filter(|it| it.2 > 0.0) {
@@ -178,12 +178,12 @@ impl Plot {
         let _ = write!(self.body, "<path class=\"{class}\" d=\"{path}\"/>");
     }
 
-    pub(super) fn text(&mut self, class: &str, x: f64, y: f64, text: &str) {
+    pub(crate) fn text(&mut self, class: &str, x: f64, y: f64, text: &str) {
         let _ =
             write!(self.body, "<text class=\"{class}\" x=\"{}\" y=\"{}\">{}</text>", short(x), short(y), escaped(text));
     }
 
-    pub(super) fn finish(self) -> String {
+    pub(crate) fn finish(self) -> String {
         let Plot { width, height, ref body, ref name, .. } = self;
         let [left, top, right, bottom] = self.frame();
         let mut svg = format!(
@@ -241,13 +241,13 @@ impl Plot {
 }
 
 /// A coordinate with one digit after the point, or none where that is 0.
-pub(super) fn short(value: f64) -> String {
+pub(crate) fn short(value: f64) -> String {
     let text = format!("{value:.1}");
     let text = text.strip_suffix(".0").unwrap_or(&text);
     if text == "-0" { "0".to_owned() } else { text.to_owned() }
 }
 
 /// One of six shades for a part of the largest.
-pub(super) fn shade(part: f64) -> usize {
+pub(crate) fn shade(part: f64) -> usize {
     if part > 0.0 { ((part * 5.0).ceil() as usize).clamp(1, 5) } else { 0 }
 }

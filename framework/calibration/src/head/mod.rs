@@ -1,0 +1,29 @@
+//! The axes of pan-tilt heads, from a light that the room's system tracks and the camera on the head sees [Davis 2002 §4.2].
+//!
+//! | module | what it does |
+//! |---|---|
+//! | [`sweep`] | which settings to drive a head to, when to go on, and where the light is wanted |
+//! | [`rest`] | from where a head said it was to when it stood still |
+//! | [`gather`] | joins light, picture and setting into what [`foveate_geometry::pan_tilt::calibrate_head`] takes |
+//! | [`compare`] | three models side by side, as in Figures 51 and 52 |
+//! | [`picture`] | the same as a picture |
+//! | [`to_calibration`] | what was found as sections of a calibration |
+//!
+//! Nothing is assumed of where the camera stands; its optics are known beforehand.
+
+pub mod compare;
+pub mod gather;
+pub mod picture;
+pub mod rest;
+pub mod sweep;
+pub mod to_calibration;
+
+#[cfg(test)]
+mod tests;
+
+pub use compare::{Comparison, ModelFit, compare};
+pub use gather::{GatherRules, Gathered, HeadRecording, LightSample, LitLook};
+pub use picture::picture;
+pub use rest::{PositionReport, Stand, stands};
+pub use sweep::{Sweep, SweepOrder, SweepRules};
+pub use to_calibration::calibrated_head;
