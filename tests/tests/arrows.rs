@@ -18,7 +18,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("dataflow", &["estimation", "geometry", "messages", "scene"]),
     ("sim", &["dataflow", "estimation", "geometry", "messages", "scene"]),
     ("testkit", &["dataflow", "estimation", "geometry", "messages", "scene"]),
-    ("foveate", &["dataflow", "estimation", "geometry", "imaging", "messages", "scene"]),
+    // Nodes that calibrate what moves while a rig runs, such as heads.
+    ("foveate", &["calibration", "dataflow", "estimation", "geometry", "imaging", "messages", "scene"]),
     ("capture", &["foveate"]),
     ("led", &["foveate"]),
     ("blob", &["foveate"]),

@@ -1,5 +1,6 @@
 //! What authors of nodes and embedders depend on: the rooms re-exported, and a prelude. No code of its own.
 
+pub use foveate_calibration as calibration;
 pub use foveate_dataflow as dataflow;
 pub use foveate_estimation as estimation;
 pub use foveate_geometry as geometry;

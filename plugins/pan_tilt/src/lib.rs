@@ -13,17 +13,21 @@
 //! |---|---|
 //! | `pan_tilt.selector` | keeps a head on a target |
 //! | `pan_tilt.head` | drives a head, real or simulated, and reports where it looks |
+//! | `pan_tilt.sweep` | drives a head over settings while a light is waved |
+//! | `pan_tilt.calibrator` | finds the axes of heads from that |
 //! | `pan_tilt.pose` | tells where its camera stood at each picture |
 //! | `pan_tilt.allocator` | gives several targets their heads |
 
 pub mod actuator;
 pub mod allocator;
+pub mod calibrator;
 pub mod driver;
 pub mod follow;
 pub mod head;
 pub mod port;
 pub mod pose;
 pub mod selector;
+pub mod sweep;
 pub mod visca;
 
 use foveate::prelude::{CameraId, ConfigError, Registry, Setup};
@@ -35,6 +39,8 @@ pub fn register(registry: &mut Registry) {
     registry.add::<actuator::Actuator>();
     registry.add::<pose::Pose>();
     registry.add::<allocator::AllocatorNode>();
+    registry.add::<sweep::SweepNode>();
+    registry.add::<calibrator::Calibrator>();
 }
 
 /// The camera of a node and the head that carries it.

@@ -1,0 +1,283 @@
+//! `pan_tilt.calibrator`: finds the axes of heads from a light that the room tracks and their cameras see [Davis 2002 §4.2, (4)].
+//!
+//! While the run lasts it keeps what it hears; at the end it joins light, picture and setting ([`foveate::calibration::head`]), solves for pose
+//! and axes of each head, holds the paper's three models against each other, and writes a calibration that can take the place of the one
+//! it began with. Where cameras on heads stand need not be known, their optics must be. One light is waved: times at which there are
+//! several in the room or in a picture do not count.
+
+mod settings;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use foveate::calibration::head::{
+    Comparison, Gathered, HeadRecording, LightSample, LitLook, PositionReport, calibrated_head, compare, picture,
+};
+use foveate::geometry::pan_tilt::AxisUnits;
+use foveate::prelude::*;
+use foveate::scene::Calibration;
+
+pub use settings::{CalibratorSettings, Carrier, Units};
+
+const TARGETS: In<Targets> = In::each(0, "targets");
+const FEATURES: In<Features> = In::each(1, "features").many();
+const REPORT: In<HeadReport> = In::each(2, "report").many();
+
+/// Samples of the light closer than this say nothing new [s].
+const LIGHT_STEP_S: f64 = 0.008;
+/// What is kept of one kind; more than two hours of pictures.
+const MOST_KEPT: usize = 1 << 19;
+
+/// Keeps what is heard of heads, their cameras and the light; finds the axes at the end.
+pub struct Calibrator {
+    settings: CalibratorSettings,
+    calibration: Arc<Calibration>,
+    light: Vec<LightSample>,
+    heads: BTreeMap<CameraId, Heard>,
+    counts: Counts,
+    out: Option<PathBuf>,
+}
+
+/// What is heard of one head.
+#[derive(Default)]
+struct Heard {
+    recording: HeadRecording,
+    next_event: u64,
+    /// Pictures with more than one light.
+    several: u64,
+}
+
+#[derive(Default)]
+struct Counts {
+    /// Times at which the room had no light, or none measured.
+    dark: u64,
+    /// Times at which it had several.
+    several: u64,
+    left_out: u64,
+}
+
+impl Node for Calibrator {
+    const TYPE: &'static str = "pan_tilt.calibrator";
+    const ROLE: Role = Role::Sink;
+    const SUMMARY: &'static str = "Finds the axes of pan-tilt heads from a tracked light that their cameras see";
+    type Settings = CalibratorSettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&TARGETS).input(&FEATURES).input(&REPORT)
+    }
+
+    fn new(settings: CalibratorSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        settings.check()?;
+        if setup.calibration.cameras.is_empty() {
+            return Err(ConfigError::node(
+                "found no cameras, expected a calibration with the optics of cameras on heads",
+            ));
+        }
+        setup.claim_named_file("file", &settings.file)?;
+        setup.claim_named_file("picture", &settings.picture)?;
+        Ok(Self {
+            calibration: Arc::clone(&setup.calibration),
+            light: Vec::new(),
+            heads: BTreeMap::new(),
+            counts: Counts::default(),
+            out: setup.out_dir.clone(),
+            settings,
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        if let Some(targets) = io.take(&TARGETS) {
+            self.add_targets(&targets.value);
+        } else if let Some(features) = io.take(&FEATURES) {
+            self.add_features(features.time(), &features.value);
+        } else if let Some(report) = io.take(&REPORT) {
+            self.add_report(&report.value);
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        self.light.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+        let light = std::mem::take(&mut self.light);
+        report.figure("head_calibration.light_samples", light.len() as f64);
+        if self.counts.several > 0 {
+            let n = self.counts.several;
+            report.remark(format!(
+                "at {n} times there were several lights in the room: these do not count; wave one alone"
+            ));
+        }
+        if self.counts.left_out > 0 {
+            report.remark(format!(
+                "the capture is too long: {} sightings at its end were left out",
+                self.counts.left_out
+            ));
+        }
+        let mut calibration = (*self.calibration).clone();
+        let mut found = Vec::new();
+        let heads = std::mem::take(&mut self.heads);
+        // A camera that sees the light and is on no head is not meant.
+        for (camera, mut heard) in heads.into_iter().filter(|it| !it.1.recording.positions.is_empty()) {
+            let Some(named) = self.calibration.cameras.get(usize::from(camera.0)) else { continue };
+            let name = named.name.as_str();
+            heard.recording.light.clone_from(&light);
+            heard.recording.positions.sort_by(|a, b| a.earliest_s.total_cmp(&b.earliest_s));
+            heard.recording.looks.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+            let gathered = heard.recording.gather(&self.settings.gathering());
+            self.tell_gathered(name, &gathered, heard.several, report);
+            match self.solve(name, &gathered, &mut calibration) {
+                Ok(comparison) => {
+                    tell_found(name, &comparison, report);
+                    self.write(&self.settings.picture.replace("{camera}", name), &drawn(name, &comparison), report)?;
+                    found.push(name.to_owned());
+                }
+                Err(why) => report.remark(format!("the head of {name} is not calibrated: {why}")),
+            }
+        }
+        report.figure("head_calibration.heads", found.len() as f64);
+        if !found.is_empty() {
+            calibration.origin =
+                format!("{}; heads found by pan_tilt.calibrator: {}", calibration.origin, found.join(", "));
+            self.write(&self.settings.file, &calibration.to_toml(), report)?;
+        }
+        Ok(())
+    }
+}
+
+impl Calibrator {
+    fn add_targets(&mut self, targets: &Targets) {
+        let measured: Vec<&Target> = targets.list.iter().filter(|it| it.how == How::Measured).collect();
+        let [one] = measured[..] else {
+            let count = if measured.is_empty() { &mut self.counts.dark } else { &mut self.counts.several };
+            *count += 1;
+            return;
+        };
+        let time_s = targets.time.as_s();
+        let track = one.id.0;
+        let is_new = |it: &LightSample| it.track != track || (time_s - it.time_s).abs() >= LIGHT_STEP_S;
+        if self.light.last().is_none_or(is_new) {
+            let (position, velocity, covariance) = (one.position, one.velocity, one.covariance);
+            keep(&mut self.light, LightSample { time_s, track, position, velocity, covariance }, &mut self.counts);
+        }
+    }
+
+    fn add_features(&mut self, time: Time, features: &Features) {
+        let heard = self.heads.entry(features.camera).or_default();
+        match features.list[..] {
+            [one] => {
+                let sigma_px = (0.5 * one.covariance.trace()).max(0.0).sqrt();
+                if sigma_px.is_finite() && sigma_px > 0.0 {
+                    let look = LitLook { time_s: time.as_s(), pixel: one.centre, sigma_px };
+                    keep(&mut heard.recording.looks, look, &mut self.counts);
+                }
+            }
+            [] => {}
+            _ => heard.several += 1,
+        }
+    }
+
+    fn add_report(&mut self, report: &HeadReport) {
+        let heard = self.heads.entry(report.camera).or_default();
+        for (_, event) in report.since(&mut heard.next_event) {
+            if let HeadEvent::Position(HeadPosition { earliest, latest, angles }) = event {
+                let position = PositionReport { earliest_s: earliest.as_s(), latest_s: latest.as_s(), angles: *angles };
+                keep(&mut heard.recording.positions, position, &mut self.counts);
+            }
+        }
+    }
+
+    fn tell_gathered(&self, name: &str, gathered: &Gathered, several: u64, report: &mut Report) {
+        let figures = [
+            ("looks", gathered.looks as f64),
+            ("several_lights", several as f64),
+            ("moving", gathered.moving as f64),
+            ("without_light", gathered.without_light as f64),
+            ("observations", gathered.observations.len() as f64),
+            ("settings", gathered.settings as f64),
+        ];
+        figures
+            .into_iter()
+            .for_each(|(figure, value)| report.figure(format!("head_calibration.{name}.{figure}"), value));
+    }
+
+    /// Puts what is found into `calibration`.
+    fn solve(&self, name: &str, gathered: &Gathered, calibration: &mut Calibration) -> Result<Comparison, String> {
+        let Some(optics) = self.calibration.camera(name) else { return Err("it has no optics".to_owned()) };
+        if gathered.observations.is_empty() {
+            let Gathered { looks, moving, without_light, .. } = gathered;
+            return Err(format!(
+                "found {looks} pictures with one light, {moving} of them while the head moved or had not settled and {without_light} at times at \
+                 which the room did not know where the light was; expected some at rest and in both"
+            ));
+        }
+        let angles_in = self.angles_in(name)?;
+        let found = compare(optics, &gathered.observations, &self.settings.solving()).map_err(|it| it.to_string())?;
+        calibrated_head(calibration, name, &found.calibration, angles_in).ok_or("it is not in the calibration")?;
+        Ok(found)
+    }
+
+    /// What the device's numbers meant of which `pan_tilt.head` made angles: by the calibration, or by the data sheet where that states none.
+    fn angles_in(&self, name: &str) -> Result<[AxisUnits; 2], String> {
+        let stated = self.calibration.heads.0.get(name).map(|it| it.units);
+        let by_sheet = self
+            .settings
+            .units_per_deg
+            .map(|it| it.map(|units| AxisUnits { rad_per_unit: 1f64.to_radians() / units, at_rest: 0.0 }));
+        match (stated.filter(|it| *it != [AxisUnits::DEGREES; 2]), by_sheet) {
+            (Some(units), _) | (None, Some(units)) => Ok(units),
+            // Left unsaid as it was.
+            (None, None) if self.settings.units == Units::Known => Ok([AxisUnits::DEGREES; 2]),
+            (None, None) => Err(format!(
+                "its units are to be found and neither `units_per_deg` nor `[head.{name}]` says what to begin with"
+            )),
+        }
+    }
+
+    fn write(&self, file: &str, text: &str, report: &mut Report) -> Result<(), NodeError> {
+        let Some(folder) = &self.out else { return Ok(()) };
+        std::fs::write(folder.join(file), text)
+            .map_err(|error| NodeError::input(format_args!("`{file}` cannot be written: {error}")))?;
+        report.file(file);
+        Ok(())
+    }
+}
+
+fn keep<T>(list: &mut Vec<T>, item: T, counts: &mut Counts) {
+    if list.len() < MOST_KEPT {
+        list.push(item);
+    } else {
+        counts.left_out += 1;
+    }
+}
+
+fn drawn(name: &str, comparison: &Comparison) -> String {
+    let n = comparison.calibration.residuals.len();
+    picture(comparison, &format!("The head of {name}: errors of {n} observations under three models"))
+}
+
+fn tell_found(name: &str, comparison: &Comparison, report: &mut Report) {
+    let found = &comparison.calibration;
+    let mut figure = |what: &str, value: f64| report.figure(format!("head_calibration.{name}.{what}"), value);
+    for (model, (_, fit)) in ["home", "aligned", "free"].into_iter().zip(comparison.models()) {
+        figure(&format!("{model}_px.median"), fit.map_or(f64::NAN, |it| it.median_px));
+        figure(&format!("{model}_px.rms"), fit.map_or(f64::NAN, |it| it.rms_px));
+    }
+    figure("wrong", found.right.iter().filter(|it| !**it).count() as f64);
+    figure("noise_factor", found.noise_factor);
+    figure("holdout_px.median", found.holdout.map_or(f64::NAN, |it| it.median_px));
+    figure("holdout_px.rms", found.holdout.map_or(f64::NAN, |it| it.rms_px));
+    for (axis, sigma) in [("pan", found.covariance.pan()), ("tilt", found.covariance.tilt())] {
+        figure(&format!("{axis}_direction_sigma_deg"), sigma.direction.to_degrees());
+        figure(&format!("{axis}_place_sigma_mm"), 1e3 * sigma.place);
+    }
+    let centre = found.covariance.centre(&found.head).symmetric_eigenvalues().max().max(0.0).sqrt();
+    figure("camera_sigma_mm", 1e3 * centre);
+    for (axis, sigma) in ["pan", "tilt"].into_iter().zip(found.covariance.units()) {
+        figure(&format!("{axis}_unit_sigma"), sigma);
+    }
+    for (axis, range) in ["pan", "tilt"].into_iter().zip(found.ranges) {
+        figure(&format!("{axis}_range_deg"), range.to_degrees());
+    }
+}

@@ -1,0 +1,154 @@
+//! What counts when a head is calibrated, and how well it must be held.
+
+use foveate::calibration::head::GatherRules;
+use foveate::geometry::pan_tilt::{AxisUnits, HeadRules, Limits, Stacking, UnitsRule};
+use foveate::prelude::ConfigError;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// What is taken for known of the head's own numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Units {
+    /// A unit is the angle that the calibration or `units_per_deg` says.
+    Known,
+    /// It is found, starting there.
+    Estimated,
+}
+
+/// Which axis carries the other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Carrier {
+    /// The pan axis stands still, as in nearly all heads.
+    TiltOnPan,
+    /// The tilt axis stands still.
+    PanOnTilt,
+}
+
+/// Settings of [`Calibrator`](super::Calibrator).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct CalibratorSettings {
+    /// Whether the angle of the device's units is taken for known or found [–]
+    pub units: Units,
+    /// What the device counts in a degree of pan and tilt, by its data sheet; needed where the calibration has no units of the head and these are
+    /// to be found, each -100000 to 100000, not 0 [units/°]
+    pub units_per_deg: Option<[f64; 2]>,
+    /// Which axis carries the other [–]
+    pub stacking: Carrier,
+    /// Reports of the head this close are of one place [°]
+    #[schemars(range(min = 0.001, max = 10.0))]
+    pub tolerance_deg: f64,
+    /// How long after it stopped what it carries still swings [ms]
+    #[schemars(range(min = 0.0, max = 10000.0))]
+    pub settle_ms: f64,
+    /// Samples of the light about a picture are at most this far apart [ms]
+    #[schemars(range(min = 1.0, max = 10000.0))]
+    pub most_apart_ms: f64,
+    /// The light counts anew at one setting when it moved by so much in the picture [px]
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    pub step_px: f64,
+    /// At most so many sightings count at one setting [–]
+    #[schemars(range(min = 2, max = 100000))]
+    pub most_a_setting: usize,
+    /// How far the head stands from where it says, standard deviation; above 0 each setting gets a correction of its own [°]
+    #[schemars(range(min = 0.0, max = 10.0))]
+    pub setting_sigma_deg: f64,
+    /// Pan that was moved over less is refused [°]
+    #[schemars(range(min = 0.1, max = 360.0))]
+    pub least_pan_deg: f64,
+    /// Tilt that was moved over less is refused [°]
+    #[schemars(range(min = 0.1, max = 360.0))]
+    pub least_tilt_deg: f64,
+    /// Directions of the axes less well known are refused, standard deviation [°]
+    #[schemars(range(min = 0.001, max = 90.0))]
+    pub most_direction_sigma_deg: f64,
+    /// Places of axes and camera less well known are refused, standard deviation [mm]
+    #[schemars(range(min = 0.01, max = 10000.0))]
+    pub most_place_sigma_mm: f64,
+    /// File of the results that gets the calibration of all cameras, with what was found of the heads [–]
+    pub file: String,
+    /// File of the results that gets the errors of three models as a picture; `{camera}` is the camera's name [–]
+    pub picture: String,
+}
+
+impl Default for CalibratorSettings {
+    fn default() -> Self {
+        Self {
+            units: Units::Known,
+            units_per_deg: None,
+            stacking: Carrier::TiltOnPan,
+            tolerance_deg: 0.1,
+            settle_ms: 500.0,
+            most_apart_ms: 50.0,
+            step_px: 12.0,
+            most_a_setting: 30,
+            setting_sigma_deg: 0.0,
+            least_pan_deg: 20.0,
+            least_tilt_deg: 10.0,
+            most_direction_sigma_deg: 1.0,
+            most_place_sigma_mm: 20.0,
+            file: "heads.calibration.toml".to_owned(),
+            picture: "head_models.{camera}.svg".to_owned(),
+        }
+    }
+}
+
+impl CalibratorSettings {
+    /// Refuses what is out of range.
+    ///
+    /// # Errors
+    /// The first such setting.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let check = ConfigError::unless_in::<f64>;
+        for it in self.units_per_deg.iter().flatten() {
+            check("units_per_deg", *it, -1e5..=1e5)?;
+            if *it == 0.0 {
+                return Err(ConfigError::at("units_per_deg", "found 0, expected how many units a degree has"));
+            }
+        }
+        check("tolerance_deg", self.tolerance_deg, 0.001..=10.0)?;
+        check("settle_ms", self.settle_ms, 0.0..=10_000.0)?;
+        check("most_apart_ms", self.most_apart_ms, 1.0..=10_000.0)?;
+        check("step_px", self.step_px, 0.0..=1000.0)?;
+        ConfigError::unless_in("most_a_setting", self.most_a_setting, 2..=100_000)?;
+        check("setting_sigma_deg", self.setting_sigma_deg, 0.0..=10.0)?;
+        check("least_pan_deg", self.least_pan_deg, 0.1..=360.0)?;
+        check("least_tilt_deg", self.least_tilt_deg, 0.1..=360.0)?;
+        check("most_direction_sigma_deg", self.most_direction_sigma_deg, 0.001..=90.0)?;
+        check("most_place_sigma_mm", self.most_place_sigma_mm, 0.01..=10_000.0)
+    }
+
+    /// What they mean for gathering.
+    pub fn gathering(&self) -> GatherRules {
+        GatherRules {
+            tolerance: self.tolerance_deg.to_radians(),
+            settle_s: 1e-3 * self.settle_ms,
+            most_apart_s: 1e-3 * self.most_apart_ms,
+            step_px: self.step_px,
+            most_a_setting: self.most_a_setting,
+        }
+    }
+
+    /// What they mean for solving; settings come as angles.
+    pub fn solving(&self) -> HeadRules {
+        let units = match self.units {
+            Units::Known => UnitsRule::Known(AxisUnits::RADIANS),
+            Units::Estimated => UnitsRule::Near(AxisUnits::RADIANS),
+        };
+        HeadRules {
+            units: [units; 2],
+            stacking: match self.stacking {
+                Carrier::TiltOnPan => Stacking::TiltOnPan,
+                Carrier::PanOnTilt => Stacking::PanOnTilt,
+            },
+            limits: Limits::WIDE,
+            setting_sigma: self.setting_sigma_deg.to_radians(),
+            least_range: [self.least_pan_deg, self.least_tilt_deg].map(f64::to_radians),
+            most_direction_sigma: self.most_direction_sigma_deg.to_radians(),
+            most_place_sigma: 1e-3 * self.most_place_sigma_mm,
+            ..HeadRules::default()
+        }
+    }
+}
