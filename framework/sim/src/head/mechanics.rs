@@ -50,9 +50,9 @@ pub struct Axis {
 
 impl Axis {
     /// One of the axes of a head.
-    pub(super) fn new(settings: &AxisSettings, head: &HeadSettings) -> Axis {
+    pub(super) fn new(settings: AxisSettings, head: &HeadSettings) -> Axis {
         Axis {
-            settings: settings.clone(),
+            settings,
             acceleration: head.acceleration_deg_per_s2 * settings.units_per_deg,
             swing: [head.vibration_hz * std::f64::consts::TAU, head.vibration_damping],
             goal: Goal::Stop,
@@ -193,7 +193,7 @@ mod tests {
 
     /// Position of motor and camera [units] and speed [units/s] at every millisecond of one move of the pan axis.
     fn moved(goal: Goal, ticks: i64, settings: &HeadSettings) -> (Axis, Vec<[f64; 3]>) {
-        let mut axis = Axis::new(&settings.pan, settings);
+        let mut axis = Axis::new(settings.pan.axis(), settings);
         axis.order(Time(TICK.0), goal);
         let path = (1..=ticks).map(|tick| {
             axis.step(Time(tick * TICK.0));

@@ -36,5 +36,5 @@ pub use datagrams::NetworkHead;
 pub use device::Head;
 pub use line::SerialHead;
 pub use motion::{HeadMotion, LineFaults, LineHead};
-pub use settings::{AxesSettings, AxisSettings, HeadSettings, LineSettings, NetworkSettings};
+pub use settings::{AxesSettings, HeadSettings, LineSettings, NetworkSettings, PanSettings, TiltSettings};
 pub use track::REMEMBERED_S;

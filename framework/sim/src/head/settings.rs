@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 #[serde(default)]
 pub struct HeadSettings {
     /// Side to side, positive to the right [–].
-    pub pan: AxisSettings,
+    pub pan: PanSettings,
     /// Up and down, positive up [–].
-    pub tilt: AxisSettings,
+    pub tilt: TiltSettings,
     /// How fast both axes get faster and slower; no manual says for the EVI-D30 [°/s²].
     #[schemars(range(min = 1.0, max = 100_000.0))]
     pub acceleration_deg_per_s2: f64,
@@ -44,21 +44,61 @@ pub struct HeadSettings {
     pub power_on_ms: f64,
 }
 
-/// One axis: how it counts, how far and how fast it goes.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct AxisSettings {
-    /// Positions in a degree [units/°].
-    #[schemars(range(min = 1.0, max = 1000.0))]
+/// One axis: how it counts, how far and how fast it goes. A type for each, since each has its own defaults.
+macro_rules! axis_settings {
+    ($name:ident, $which:literal, $units_per_deg:literal, $reach_units:literal, $speeds:literal, $max_speed:literal) => {
+        #[doc = $which]
+        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+        #[serde(default, deny_unknown_fields)]
+        pub struct $name {
+            /// Positions in a degree [units/°].
+            #[schemars(range(min = 1.0, max = 1000.0))]
+            pub units_per_deg: f64,
+            /// From the middle to either end [units].
+            #[schemars(range(min = 1, max = 32_767))]
+            pub reach_units: i32,
+            /// Number of speeds [–].
+            #[schemars(range(min = 1, max = 127))]
+            pub speeds: u8,
+            /// The fastest; the others are even parts of it [°/s].
+            #[schemars(range(min = 0.1, max = 1000.0))]
+            pub max_speed_deg_per_s: f64,
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self {
+                    units_per_deg: $units_per_deg,
+                    reach_units: $reach_units,
+                    speeds: $speeds,
+                    max_speed_deg_per_s: $max_speed,
+                }
+            }
+        }
+
+        impl $name {
+            /// The same, whichever axis it is.
+            pub(super) fn axis(&self) -> AxisSettings {
+                let Self { units_per_deg, reach_units, speeds, max_speed_deg_per_s } = *self;
+                AxisSettings { units_per_deg, reach_units, speeds, max_speed_deg_per_s }
+            }
+        }
+    };
+}
+
+axis_settings!(PanSettings, "The axis from side to side.", 8.8, 880, 24, 80.0);
+axis_settings!(TiltSettings, "The axis up and down.", 12.0, 300, 20, 50.0);
+
+/// Either axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct AxisSettings {
+    /// Positions in a degree.
     pub units_per_deg: f64,
-    /// From the middle to either end [units].
-    #[schemars(range(min = 1, max = 32_767))]
+    /// From the middle to either end.
     pub reach_units: i32,
-    /// Number of speeds [–].
-    #[schemars(range(min = 1, max = 127))]
+    /// How many there are.
     pub speeds: u8,
-    /// The fastest; the others are even parts of it [°/s].
-    #[schemars(range(min = 0.1, max = 1000.0))]
+    /// The fastest of them.
     pub max_speed_deg_per_s: f64,
 }
 
@@ -118,8 +158,8 @@ pub struct AxesSettings {
 impl Default for HeadSettings {
     fn default() -> Self {
         Self {
-            pan: AxisSettings { units_per_deg: 8.8, reach_units: 880, speeds: 24, max_speed_deg_per_s: 80.0 },
-            tilt: AxisSettings { units_per_deg: 12.0, reach_units: 300, speeds: 20, max_speed_deg_per_s: 50.0 },
+            pan: PanSettings::default(),
+            tilt: TiltSettings::default(),
             acceleration_deg_per_s2: 400.0,
             vibration_hz: 8.0,
             vibration_damping: 0.15,
@@ -160,7 +200,7 @@ impl Default for AxesSettings {
 impl HeadSettings {
     /// Refuses what no head can be.
     pub(crate) fn check(&self) -> Result<(), ConfigError> {
-        for (name, axis) in [("pan", &self.pan), ("tilt", &self.tilt)] {
+        for (name, axis) in [("pan", self.pan.axis()), ("tilt", self.tilt.axis())] {
             axis.check().map_err(|fault| {
                 let setting = fault.setting.as_deref().unwrap_or_default();
                 ConfigError::at(&format!("{name}.{setting}"), fault.message)

@@ -180,7 +180,7 @@ mod tests {
     #[test]
     fn node_keeps_the_law() {
         check_node::<SimHead>("");
-        check_node::<SimHead>("over = \"network\"\nvibration_hz = 0\nnetwork.lost = 0.1");
+        check_node::<SimHead>("over = \"network\"\nvibration_hz = 0\nnetwork.lost = 0.1\ntilt.speeds = 10");
         check_node::<SimHead>(
             "unplugged_s = [1, 2]\nsilent_s = [3, 4]\ngarbage_s = [0, 9]\naxes.pan_leans_deg = [0, 3]",
         );
