@@ -51,7 +51,7 @@ impl Default for PoseSettings {
             latency_ms: 270.0,
             acceleration_deg_per_s2: 400.0,
             quantum_deg: [1.0 / 8.8, 1.0 / 12.0],
-            shake_deg: 0.03,
+            shake_deg: 0.1,
             wait_ms: 0.0,
         }
     }

@@ -24,7 +24,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use self::contest::Contest;
 use self::history::History;
-use crate::motion::{Filter, Interacting, Mode, Model};
+use crate::motion::{AdaptiveNoise, Filter, Interacting, Mode, Model};
 
 /// How a point is carried on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,9 +60,9 @@ pub struct PredictorRules {
 }
 
 impl Default for PredictorRules {
-    /// A contest, for people: jerks of 30 m²/s⁵, accelerations of 4 m/s², a memory of 2 s.
+    /// A contest, for people: jerks of 20 m²/s⁵, accelerations of 4 m/s², a memory of 2 s.
     fn default() -> Self {
-        Self { way: Way::Contest, jerk_density: 30.0, acceleration_sigma: 4.0, memory_s: 2.0 }
+        Self { way: Way::Contest, jerk_density: 20.0, acceleration_sigma: 4.0, memory_s: 2.0 }
     }
 }
 
@@ -82,11 +82,17 @@ pub struct Predictor {
     history: History,
     /// Both filters at the time of the newest sample; `None` before the first.
     filters: Option<[Filter; 2]>,
+    /// Their noise follows what they miss: the same rules serve a hand and a field.
+    noise: [AdaptiveNoise; 2],
     contest: Contest,
+    /// The velocity that came with the newest sample [m/s].
+    stated_velocity: Vector3<f64>,
     /// The horizon that was asked for last [s].
     horizon_s: f64,
 }
 
+/// For how long innovations count for the noise of the filters, as a time constant [s].
+const NOISE_MEMORY_S: f64 = 0.5;
 /// A point that was away for longer is another motion [s].
 const LONGEST_GAP_S: f64 = 0.5;
 
@@ -94,7 +100,16 @@ impl Predictor {
     /// Of a point that has not been seen yet.
     pub fn new(rules: PredictorRules) -> Predictor {
         let contest = Contest::new(rules.memory_s);
-        Predictor { rules, history: History::default(), filters: None, contest, horizon_s: 0.3 }
+        let noise = [AdaptiveNoise::bounded(NOISE_MEMORY_S, 0.1, 1e5); 2];
+        Predictor {
+            rules,
+            history: History::default(),
+            filters: None,
+            noise,
+            contest,
+            stated_velocity: Vector3::zeros(),
+            horizon_s: 0.3,
+        }
     }
 
     /// Forgets all.
@@ -123,9 +138,10 @@ impl Predictor {
         let stated = covariance + Matrix3::identity() * 1e-6;
         match (&mut self.filters, newest) {
             (Some(filters), Some(last)) => {
-                for filter in filters {
-                    filter.predict(time_s - last);
-                    filter.update_position(&position, &stated);
+                for (filter, noise) in filters.iter_mut().zip(&mut self.noise) {
+                    filter.predict_scaled(time_s - last, noise.scale());
+                    let innovation = filter.update_position(&position, &stated);
+                    noise.observe(innovation.normalised_squared, 3, time_s - last);
                 }
             }
             _ => {
@@ -133,6 +149,9 @@ impl Predictor {
                 self.filters = Some([filter(&self.acceleration()), filter(&self.interacting())]);
             }
         }
+        self.stated_velocity = velocity;
+        // What is stated is noisier than the filter's, which lags less than it smooths.
+        let velocity = self.filters.as_ref().map_or(velocity, |it| it[0].velocity());
         if self.history.push(time_s, position, velocity) {
             self.contest.score(time_s, &self.history);
             let horizon = self.horizon_s;
@@ -174,7 +193,7 @@ impl Predictor {
             |index: usize| self.filters.as_ref().map_or(last.position, |it| it[index].position_after(horizon_s));
         match way {
             Way::Still => last.position,
-            Way::Velocity => last.position + last.velocity * horizon_s,
+            Way::Velocity => last.position + self.stated_velocity * horizon_s,
             Way::Acceleration => by_filter(0),
             Way::Interacting => by_filter(1),
             Way::Learned | Way::Contest => learned::predict(&self.history, horizon_s, self.rules.memory_s),

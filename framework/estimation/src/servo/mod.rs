@@ -46,16 +46,16 @@ pub struct ServoRules {
     pub acceleration: f64,
     /// What answers of pan and tilt are rounded to [rad].
     pub quantum: [f64; 2],
-    /// What shakes beyond what motors do, standard deviation [rad].
+    /// What shakes on the motors, such as a camera after each change of speed, standard deviation [rad].
     pub shake: f64,
     /// For how long answers count, as a time constant [s].
     pub memory_s: f64,
 }
 
 impl Default for ServoRules {
-    /// The EVI-D30: 270 ± 80 ms, 400 °/s², 0.1136° and 0.0833°, a shake of 0.03°, a memory of 10 s.
+    /// The EVI-D30: 270 ± 80 ms, 400 °/s², 0.1136° and 0.0833°, a shake of 0.1°, a memory of 10 s.
     fn default() -> Self {
-        let [acceleration, pan, tilt, shake] = [400.0, 1.0 / 8.8, 1.0 / 12.0, 0.03].map(f64::to_radians);
+        let [acceleration, pan, tilt, shake] = [400.0, 1.0 / 8.8, 1.0 / 12.0, 0.1].map(f64::to_radians);
         Self { latency_s: [0.27, 0.08], most_latency_s: 0.8, acceleration, quantum: [pan, tilt], shake, memory_s: 10.0 }
     }
 }
@@ -161,7 +161,8 @@ impl Servo {
             for candidate in &mut self.candidates {
                 let motor = &mut candidate.motors[axis];
                 let missed = angles[axis] - motor.angle;
-                let variance = rounding + (motor.rate * width).powi(2) / 12.0 + self.rules.shake.powi(2);
+                // The head says where its motors are: what shakes on them does not show.
+                let variance = 2.0 * rounding + (motor.rate * width).powi(2) / 12.0;
                 let surprise = (missed * missed / variance).min(MOST_SURPRISE);
                 candidate.against =
                     if axis == 0 { candidate.against * kept } else { candidate.against } + surprise / ALIKE;

@@ -136,7 +136,7 @@ fn a_lost_target_moves_nothing_and_commands_keep_their_distance() {
     let at = |time_s: f64| Time::from_s(time_s);
     follower.see(at(1.0), &target(Point3::new(0.0, 0.5, 1.5), Vector3::zeros()), &Vector3::zeros());
     assert!(follower.command(at(1.01)).is_some());
-    assert_eq!(follower.command(at(1.03)), None, "25 a second");
+    assert_eq!(follower.command(at(1.03)), None, "20 a second");
     assert_eq!(follower.command(at(1.6)), None, "it was not seen for more than half a second");
 }
 
