@@ -26,7 +26,7 @@ pub struct ModelFit {
     pub errors: Vec<Option<Vector2<f64>>>,
     /// Median length of all errors; infinite when most targets are not seen [px].
     pub median_px: f64,
-    /// Root of the mean squared length of those of targets that are seen [px].
+    /// Root of the mean squared length of those of right observations, as the last model has it [px].
     pub rms_px: f64,
 }
 
@@ -74,7 +74,7 @@ pub fn compare(
     };
     let aligned = calibrate_head(optics, observations, &loose).ok();
     let units = calibration.units;
-    let fit = |head: PanTiltHead, units| model_fit(head, units, observations);
+    let fit = |head: PanTiltHead, units| model_fit(head, units, observations, &calibration.right);
     let home = at_home(optics, observations, &calibration, aligned.as_ref());
     Ok(Comparison {
         home: home.map(|head| fit(head, units)),
@@ -88,6 +88,7 @@ fn model_fit(
     head: PanTiltHead,
     units: [foveate_geometry::pan_tilt::AxisUnits; 2],
     observations: &[HeadObservation],
+    right: &[bool],
 ) -> ModelFit {
     let error = |it: &HeadObservation| {
         let setting = Setting::new(units[0].angle(it.pan), units[1].angle(it.tilt));
@@ -95,8 +96,8 @@ fn model_fit(
     };
     let errors: Vec<Option<Vector2<f64>>> = observations.iter().map(error).collect();
     let lengths: Vec<f64> = errors.iter().map(|it| it.map_or(f64::INFINITY, |it| it.norm())).collect();
-    let seen: Vec<f64> = lengths.iter().copied().filter(|it| it.is_finite()).collect();
-    let rms_px = (seen.iter().map(|it| it * it).sum::<f64>() / seen.len() as f64).sqrt();
+    let squares: Vec<f64> = lengths.iter().zip(right).filter(|it| *it.1).map(|it| it.0 * it.0).collect();
+    let rms_px = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
     ModelFit { head, median_px: statistics::median(&lengths).unwrap_or(f64::INFINITY), rms_px, errors }
 }
 

@@ -13,8 +13,8 @@ const SIDE: [f64; 2] = [320.0, 290.0];
 const HISTOGRAM: [f64; 2] = [320.0, 210.0];
 const WORDS: f64 = 64.0;
 const BARS: usize = 30;
-/// The part of the errors that a plot shows at least.
-const SHOWN: f64 = 0.95;
+/// The part of the right observations that every plot shows at least.
+const SHOWN: f64 = 0.98;
 
 const STYLE: &str = "svg text { font: 11px system-ui, sans-serif; fill: #62666e; } text.m { text-anchor: middle; } text.e { text-anchor: end; } \
                      text.label { fill: #1d1f23; } text.h { font-size: 14px; font-weight: 600; fill: #1d1f23; } path { fill: none; } \
@@ -25,7 +25,8 @@ const STYLE: &str = "svg text { font: 11px system-ui, sans-serif; fill: #62666e;
 pub fn picture(comparison: &Comparison, title: &str) -> String {
     let models = comparison.models();
     let fits = models.iter().filter_map(|it| it.1);
-    let reach = fits.clone().filter_map(|it| part_of(it, SHOWN)).fold(0.0, f64::max).max(1e-6);
+    let right = &comparison.calibration.right;
+    let reach = fits.clone().filter_map(|it| part_of(it, right, SHOWN)).fold(0.0, f64::max).max(1e-6);
     let most = fits.flat_map(|it| counts(it, reach)).max().unwrap_or(0).max(1);
     let [width, height] = [3.0 * SIDE[0], WORDS + SIDE[1] + HISTOGRAM[1]];
     let mut svg = format!(
@@ -89,8 +90,9 @@ fn counts(fit: &ModelFit, reach: f64) -> Vec<usize> {
     counts
 }
 
-/// The length that `part` of the errors keep within.
-fn part_of(fit: &ModelFit, part: f64) -> Option<f64> {
-    let lengths: Vec<f64> = fit.errors.iter().flatten().map(|it| it.norm()).collect();
+/// The length that `part` of the right errors keep within.
+fn part_of(fit: &ModelFit, right: &[bool], part: f64) -> Option<f64> {
+    let lengths: Vec<f64> =
+        fit.errors.iter().zip(right).filter(|it| *it.1).filter_map(|it| Some((*it.0)?.norm())).collect();
     statistics::percentile(&lengths, 100.0 * part)
 }

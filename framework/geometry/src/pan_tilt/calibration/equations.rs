@@ -164,6 +164,11 @@ impl<'a> Fit<'a> {
         least_squares::solve(self, start, &rules).ok()
     }
 
+    /// Standard deviation of an error where it is largest [px].
+    pub fn sigma_px(&self, index: usize) -> f64 {
+        1.0 / self.whiten[index].singular_values().min()
+    }
+
     /// Length of an error in its standard deviations.
     pub fn relative_length(&self, at: &Parameters, index: usize) -> Option<f64> {
         Some((self.whiten[index] * self.prepared.error(at, index)?).norm())

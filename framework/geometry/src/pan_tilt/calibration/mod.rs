@@ -16,6 +16,8 @@ mod rules;
 mod start;
 
 #[cfg(test)]
+mod refusals;
+#[cfg(test)]
 mod tests;
 
 use std::collections::HashMap;

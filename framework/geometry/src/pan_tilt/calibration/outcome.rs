@@ -210,12 +210,18 @@ impl Prepared<'_> {
         })
     }
 
-    /// By observation: whether its error is one that right observations have; all are right under the plain square.
+    /// By observation: whether its error is one that right observations have; all are right under the plain square. A target right before the lens may
+    /// err so far in the image that any pixel would do: that is none.
     fn right(&self, at: &Parameters) -> Vec<bool> {
         let all: Vec<usize> = (0..self.used.len()).collect();
         let limit = GATE * self.noise_factor(at, true);
         let fit = Fit::new(self, &all, at, 1.0);
-        let within = |it: &usize| fit.relative_length(at, *it).is_some_and(|length| length <= limit);
+        let [columns, rows] = self.optics.image_size.map(f64::from);
+        let most_px = 0.5 * columns.hypot(rows);
+        let within = |it: &usize| {
+            let is_near = fit.relative_length(at, *it).is_some_and(|length| length <= limit);
+            is_near && limit * fit.sigma_px(*it) <= most_px
+        };
         all.iter().map(|it| self.rules.loss == Loss::Squared || within(it)).collect()
     }
 
