@@ -8,6 +8,8 @@ mod settings;
 mod tests;
 
 use std::fmt::Write as _;
+use std::fs::OpenOptions;
+use std::io::Write as _;
 use std::path::PathBuf;
 
 use foveate::calibration::head::{Sweep, SweepOrder, SweepRules};
@@ -32,7 +34,19 @@ pub struct SweepNode {
     left_out: usize,
     out: Option<PathBuf>,
     file: String,
+    advice: Advice,
 }
+
+/// What the person with the light is told.
+struct Advice {
+    path: Option<PathBuf>,
+    name: String,
+    told: String,
+    next: Time,
+}
+
+/// Nobody can follow what changes faster.
+const ADVICE_EVERY: Interval = Interval(1_000_000_000);
 
 impl Node for SweepNode {
     const TYPE: &'static str = "pan_tilt.sweep";
@@ -64,6 +78,8 @@ impl Node for SweepNode {
         }
         let file = settings.file.replace("{camera}", &name);
         setup.claim_named_file("file", &file)?;
+        let advice = settings.advice.replace("{camera}", &name);
+        setup.claim_named_file("advice", &advice)?;
         let rules = SweepRules {
             settings: places,
             tolerance: settings.tolerance_deg.to_radians(),
@@ -85,11 +101,18 @@ impl Node for SweepNode {
             left_out: beyond.len(),
             out: setup.out_dir.clone(),
             file,
+            advice: Advice {
+                path: setup.out_dir.as_ref().map(|it| it.join(&advice)),
+                name: advice,
+                told: String::new(),
+                next: Time::ZERO,
+            },
         })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         let Some(features) = io.take(&FEATURES) else { return Ok(()) };
+        self.advice.tell(io.now(), &self.sweep)?;
         if let Some(report) = io.latest(&REPORT) {
             for (_, event) in report.value.since(&mut self.next_event) {
                 match event {
@@ -139,7 +162,25 @@ impl Node for SweepNode {
             std::fs::write(folder.join(&self.file), self.table())
                 .map_err(|error| NodeError::input(format_args!("`{}` cannot be written: {error}", self.file)))?;
             report.file(&self.file);
+            report.file(&self.advice.name);
         }
+        Ok(())
+    }
+}
+
+impl Advice {
+    fn tell(&mut self, now: Time, sweep: &Sweep) -> Result<(), NodeError> {
+        let Some(path) = self.path.as_ref().filter(|_| now >= self.next) else { return Ok(()) };
+        self.next = now + ADVICE_EVERY;
+        let sentence = sweep.to_string();
+        if sentence == self.told {
+            return Ok(());
+        }
+        let begins = self.told.is_empty();
+        let open = OpenOptions::new().create(true).write(true).append(!begins).truncate(begins).open(path);
+        open.and_then(|mut file| writeln!(file, "{:7.1} s  {sentence}", now.as_s()))
+            .map_err(|error| NodeError::input(format_args!("`{}` cannot be written: {error}", self.name)))?;
+        self.told = sentence;
         Ok(())
     }
 }

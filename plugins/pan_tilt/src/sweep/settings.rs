@@ -37,6 +37,9 @@ pub struct SweepSettings {
     pub longest_s: f64,
     /// File of the results that gets what was seen at each setting; `{camera}` is the camera's name [–]
     pub file: String,
+    /// File of the results that says while the run lasts where the head is and where the light is wanted, a line whenever that changes: to be
+    /// followed with `tail -f`; `{camera}` is the camera's name [–]
+    pub advice: String,
 }
 
 impl Default for SweepSettings {
@@ -63,6 +66,7 @@ impl Default for SweepSettings {
             cells: 5,
             longest_s: 10.0,
             file: "sweep.{camera}.csv".to_owned(),
+            advice: "sweep.{camera}.txt".to_owned(),
         }
     }
 }

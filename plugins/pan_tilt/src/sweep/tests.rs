@@ -51,6 +51,24 @@ fn settings_beyond_the_limits_are_left_out() {
 }
 
 #[test]
+fn advice_is_a_line_whenever_it_changes() {
+    let folder = tempfile::tempdir().unwrap();
+    let setup = Setup { out_dir: Some(folder.path().to_owned()), ..setup(None) };
+    let mut node = SweepNode::new(SweepSettings::default(), &setup).ok().unwrap();
+    let mut tell = |time_s: f64, sweep: &Sweep| node.advice.tell(Time::from_s(time_s), sweep).unwrap();
+    let mut sweep = node.sweep.clone();
+    sweep.step(0.0, None);
+    [0.0, 0.5, 1.5].into_iter().for_each(|it| tell(it, &sweep));
+    sweep.step(2.0, Some(SweepSettings::default().places()[0]));
+    [2.2, 2.6, 9.0].into_iter().for_each(|it| tell(it, &sweep));
+    let told = std::fs::read_to_string(folder.path().join("sweep.ring-1.txt")).unwrap();
+    let first = "    0.0 s  setting 1 of 26 (pan -50°, tilt +0°): the head is on its way\n";
+    let second =
+        "    2.6 s  setting 1 of 26 (pan -50°, tilt +0°): the light was not seen yet; move it before the camera\n";
+    assert_eq!(told, format!("{first}{second}"));
+}
+
+#[test]
 fn what_is_out_of_range_and_a_missing_camera_are_refused() {
     let refusal = |change: fn(&mut SweepSettings)| {
         let mut settings = SweepSettings::default();
@@ -61,5 +79,6 @@ fn what_is_out_of_range_and_a_missing_camera_are_refused() {
     assert_eq!(refusal(|it| it.both_deg[0][1] = f64::NAN).as_deref(), Some("both_deg"));
     assert_eq!(refusal(|it| it.cells = 10).as_deref(), Some("cells"));
     assert_eq!(refusal(|it| it.file = "a/b.csv".into()).as_deref(), Some("file"));
+    assert_eq!(refusal(|it| it.advice = "".into()).as_deref(), Some("advice"));
     assert!(SweepNode::new(SweepSettings::default(), &Setup::for_tests()).is_err_and(|it| it.setting.is_none()));
 }
