@@ -28,6 +28,7 @@ pub mod port;
 pub mod pose;
 pub mod selector;
 pub mod sweep;
+mod target_anchor;
 pub mod visca;
 
 use foveate::prelude::{CameraId, ConfigError, Registry, Setup};

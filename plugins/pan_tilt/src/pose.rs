@@ -1,8 +1,9 @@
 //! `pan_tilt.pose`: where the camera on a head stood when each of its pictures was taken.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
-use foveate::estimation::{Servo, ServoRules, ServoState};
+use foveate::estimation::{Servo, ServoRules};
 use foveate::geometry::pan_tilt::{PanTiltHead, Setting};
 use foveate::prelude::*;
 use foveate::scene::heads::CalibratedHead;
@@ -11,11 +12,20 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::follow::orders;
+use crate::target_anchor::TargetAnchor;
 
 const REPORT: In<HeadReport> = In::each(0, "report");
 const IMAGE: In<Image> = In::each(1, "image").optional();
 const FEATURES: In<Features> = In::each(2, "features").optional();
+const TARGET: In<Targets> = In::latest(3, "target").optional().of_parent();
 const POSE: Out<HeadPose> = Out::new(0, "pose");
+
+/// A feature is the target's within this many standard deviations of where it is expected …
+const GATE_SIGMAS: f64 = 4.0;
+/// … if no other one is within this many.
+const ALONE_SIGMAS: f64 = 12.0;
+/// A target is not carried further than this to the time of a picture [s].
+const FARTHEST_S: f64 = 0.1;
 
 /// Step of derivatives [rad, m].
 const STEP: f64 = 1e-6;
@@ -58,6 +68,9 @@ impl Default for PoseSettings {
 }
 
 /// The pose of a head at the capture time of each picture, with uncertainty; the paper's weak point [Davis 2002 §5.2]. How, tells [`Servo`].
+///
+/// With `features` and `target` connected, a picture that has the scale's target, and nothing else near it, tells itself how far the head was off: the
+/// target's place is known from the scale above.
 pub struct Pose {
     camera: CameraId,
     name: String,
@@ -65,9 +78,30 @@ pub struct Pose {
     servo: Servo,
     zoom: Option<f64>,
     wait: Interval,
-    waiting: VecDeque<Stamp>,
+    waiting: VecDeque<(Stamp, Option<Arc<Features>>)>,
+    anchor: TargetAnchor,
+    target: Option<Target>,
+    target_time: Time,
+    n_sighted: u64,
+    n_told: u64,
     next_event: u64,
     n_unknown: u64,
+}
+
+/// Both angles and how well they are known [rad, rad²].
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Standing {
+    angles: [f64; 2],
+    covariance: Matrix2<f64>,
+}
+
+/// What a picture says of the head that it was taken from.
+struct Sight {
+    /// Together with what was foreseen.
+    standing: Standing,
+    /// By the picture alone, and how well that is known.
+    seen: [f64; 2],
+    variances: [f64; 2],
 }
 
 impl Node for Pose {
@@ -78,7 +112,7 @@ impl Node for Pose {
     type Settings = PoseSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&REPORT).input(&IMAGE).input(&FEATURES).output(&POSE)
+        Ports::new().input(&REPORT).input(&IMAGE).input(&FEATURES).input(&TARGET).output(&POSE)
     }
 
     fn new(settings: PoseSettings, setup: &Setup) -> Result<Self, ConfigError> {
@@ -105,6 +139,11 @@ impl Node for Pose {
             zoom: None,
             wait: Interval::from_ms(settings.wait_ms),
             waiting: VecDeque::new(),
+            anchor: TargetAnchor::new(setup),
+            target: None,
+            target_time: Time(i64::MIN),
+            n_sighted: 0,
+            n_told: 0,
             next_event: 0,
             n_unknown: 0,
         })
@@ -120,25 +159,35 @@ impl Node for Pose {
                     HeadEvent::Link(_) | HeadEvent::Arrived => {}
                 }
             }
-        } else {
-            let stamp = io.take(&IMAGE).map(|it| it.stamp).or_else(|| io.take(&FEATURES).map(|it| it.stamp));
-            self.waiting.extend(stamp);
+        } else if let Some(image) = io.take(&IMAGE) {
+            self.waiting.push_back((image.stamp, None));
+        } else if let Some(features) = io.take(&FEATURES) {
+            self.waiting.push_back((features.stamp, Some(features.value)));
         }
-        while let Some(stamp) = self.waiting.front().copied() {
+        if let Some(targets) = io.latest(&TARGET).filter(|it| it.value.time > self.target_time) {
+            self.target_time = targets.value.time;
+            self.target = self.anchor.target(targets.value).cloned();
+        }
+        while let Some((stamp, _)) = self.waiting.front() {
             let is_answered = self.servo.last_answer_s().is_some_and(|it| it >= stamp.time.as_s());
             let is_due = is_answered || io.now() - stamp.time >= self.wait || self.waiting.len() > MOST_WAITING;
             if !is_due {
                 break;
             }
-            self.waiting.pop_front();
-            self.tell(stamp, io);
+            if let Some((stamp, features)) = self.waiting.pop_front() {
+                self.tell(stamp, features.as_deref(), io);
+            }
         }
         Ok(())
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let name = &self.name;
+        let [latency, sigma] = self.servo.latency();
+        report.figure(format!("heads.{name}.pose_latency_ms"), latency * 1e3);
+        report.figure(format!("heads.{name}.pose_latency_sigma_ms"), sigma * 1e3);
+        report.figure(format!("heads.{name}.sighted"), self.n_sighted as f64 / self.n_told as f64);
         if self.n_unknown > 0 {
-            let name = &self.name;
             report.figure(format!("heads.{name}.pictures_without_pose"), self.n_unknown as f64);
         }
         Ok(())
@@ -146,23 +195,76 @@ impl Node for Pose {
 }
 
 impl Pose {
-    fn tell(&mut self, stamp: Stamp, io: &mut Io<'_>) {
+    fn tell(&mut self, stamp: Stamp, features: Option<&Features>, io: &mut Io<'_>) {
         // A head that was never heard may stand anywhere.
         let state = self.servo.last_answer_s().and_then(|last| Some((last, self.servo.at(stamp.time.as_s())?)));
         let Some((last, state)) = state else {
             self.n_unknown += 1;
             return io.gap(&POSE, stamp.time, "the head has not said yet where it stands");
         };
-        let pose = self.pose_at(stamp.time, &state, Interval::from_s((stamp.time.as_s() - last).max(0.0)));
+        let foreseen = Standing { angles: state.angles, covariance: Matrix2::from_diagonal(&state.variances.into()) };
+        let sight = features.and_then(|it| self.sight(it, stamp.time, &foreseen));
+        self.n_told += 1;
+        let standing = match sight {
+            Some(Sight { standing, seen, variances }) => {
+                self.n_sighted += 1;
+                self.servo.sight(stamp.time.as_s(), seen, variances);
+                standing
+            }
+            None => foreseen,
+        };
+        let age = Interval::from_s((stamp.time.as_s() - last).max(0.0));
+        let pose = self.pose_at(stamp.time, &standing, state.rates, age);
         io.emit(&POSE, stamp, pose);
     }
 
-    fn pose_at(&self, time: Time, state: &ServoState, age: Interval) -> HeadPose {
-        let setting = Setting { pan: state.angles[0], tilt: state.angles[1], zoom: self.zoom };
+    /// Where the head stands by the one feature that is the target's, if there is one.
+    fn sight(&self, features: &Features, time: Time, foreseen: &Standing) -> Option<Sight> {
+        let target = self.target.as_ref()?;
+        let since = time - self.target_time;
+        if since.abs().as_s() > FARTHEST_S {
+            return None;
+        }
+        let [pan, tilt] = foreseen.angles;
+        let place = target.position_after(since) + self.anchor.offset;
+        let expected = self.head.model.project_with_jacobian(&place, &Setting { pan, tilt, zoom: self.zoom })?;
+        let block = |row, column| target.covariance.fixed_view::<3, 3>(row, column).into_owned();
+        let dt = since.as_s();
+        let place_covariance = block(0, 0) + (block(0, 3) + block(3, 0)) * dt + block(3, 3) * (dt * dt);
+        let by_place = expected.by_point * place_covariance * expected.by_point.transpose();
+        let by_angles = expected.by_angles * foreseen.covariance * expected.by_angles.transpose();
+        let distance = |it: &Feature| {
+            let missed = it.centre - expected.pixel;
+            let inverse = (by_angles + by_place + it.covariance).try_inverse()?;
+            Some((missed.dot(&(inverse * missed)).max(0.0).sqrt(), missed))
+        };
+        let mut near =
+            features.list.iter().filter_map(|it| Some((it, distance(it)?))).filter(|it| it.1.0 < ALONE_SIGMAS);
+        let (feature, (sigmas, missed)) = near.next()?;
+        if near.next().is_some() || sigmas > GATE_SIGMAS {
+            return None;
+        }
+        // An extended Kalman filter's update of both angles by one pixel.
+        let noise = by_place + feature.covariance;
+        let gain = foreseen.covariance * expected.by_angles.transpose() * (by_angles + noise).try_inverse()?;
+        let change = gain * missed;
+        let by_pixel = expected.by_angles.try_inverse()?;
+        let (seen, variances) = (by_pixel * missed, by_pixel * noise * by_pixel.transpose());
+        Some(Sight {
+            standing: Standing {
+                angles: [pan + change.x, tilt + change.y],
+                covariance: (Matrix2::identity() - gain * expected.by_angles) * foreseen.covariance,
+            },
+            seen: [pan + seen.x, tilt + seen.y],
+            variances: [variances[(0, 0)], variances[(1, 1)]],
+        })
+    }
+
+    fn pose_at(&self, time: Time, standing: &Standing, rates: [f64; 2], age: Interval) -> HeadPose {
+        let setting = Setting { pan: standing.angles[0], tilt: standing.angles[1], zoom: self.zoom };
         let here = from_world(&self.head.model, &setting);
         let by_angles = self.by_angles(&setting);
-        let angles_covariance = Matrix2::from_diagonal(&state.variances.into());
-        let mut covariance = by_angles * angles_covariance * by_angles.transpose();
+        let mut covariance = by_angles * standing.covariance * by_angles.transpose();
         if let Some(known) = &self.head.covariance {
             let by_unknowns = self.by_unknowns(&setting, &by_angles);
             covariance += by_unknowns * known.whole * by_unknowns.transpose();
@@ -170,9 +272,9 @@ impl Pose {
         HeadPose {
             camera: self.camera,
             time,
-            angles: state.angles,
-            angles_covariance,
-            rates: state.rates,
+            angles: standing.angles,
+            angles_covariance: standing.covariance,
+            rates,
             zoom: self.zoom,
             camera_from_world: here,
             covariance,
@@ -231,6 +333,7 @@ fn step_to(model: &PanTiltHead, setting: &Setting, there: &Isometry3<f64>) -> Ve
 mod tests {
     use std::sync::Arc;
 
+    use foveate::estimation::ServoState;
     use foveate::geometry::Camera;
     use foveate::geometry::pan_tilt::{HeadCovariance, Limits};
     use foveate_testkit::check_node;
@@ -272,6 +375,54 @@ mod tests {
         assert!(without.is_err_and(|it| it.message.contains("found no camera")));
     }
 
+    /// What a picture tells of a head that truly stands at `truth`, when it is thought to stand at 0.3 and -0.2 rad; besides the target's, the picture has
+    /// features at these distances from it [px].
+    fn sighted(truth: [f64; 2], others: &[f64]) -> Option<Sight> {
+        let mut pose = Pose::new(PoseSettings::default(), &setup()).unwrap();
+        let place = Point3::new(1.0, 3.0, 1.2);
+        pose.target_time = Time::from_s(1.0);
+        pose.target = Some(Target {
+            id: TargetId(0),
+            position: place,
+            velocity: nalgebra::Vector3::x(),
+            covariance: Matrix6::identity() * 1e-6,
+            cameras: CameraSet::default(),
+            how: How::Measured,
+        });
+        let time = Time::from_s(1.02);
+        let moved = place + nalgebra::Vector3::x() * 0.02;
+        let pixel = pose.head.model.camera_at(&Setting::new(truth[0], truth[1])).project(&moved).unwrap();
+        let feature = |off: f64| Feature {
+            centre: pixel + nalgebra::Vector2::new(off, 0.0),
+            covariance: Matrix2::identity() * 0.01,
+            area: 9,
+            peak: 200,
+            label: None,
+        };
+        let list = [0.0].iter().chain(others).map(|it| feature(*it)).collect();
+        let foreseen = Standing { angles: [0.3, -0.2], covariance: Matrix2::identity() * 0.004_f64.powi(2) };
+        pose.sight(&Features { camera: CameraId(0), list }, time, &foreseen)
+    }
+
+    #[test]
+    fn a_picture_of_the_target_says_where_the_head_stood() {
+        let truth = [0.306, -0.195];
+        let Sight { standing, seen, variances } = sighted(truth, &[]).unwrap();
+        for axis in [0, 1] {
+            assert!((seen[axis] - truth[axis]).abs() < 1e-4, "{axis}: {}", seen[axis]);
+            let [by, to] =
+                [(standing.angles[axis] - truth[axis]).abs(), 3.0 * standing.covariance[(axis, axis)].sqrt()];
+            assert!(by < to && to < 0.002 && variances[axis] > 1e-8, "{axis}: {by} of {to}");
+        }
+    }
+
+    #[test]
+    fn a_picture_with_two_candidates_or_a_far_one_says_nothing() {
+        assert!(sighted([0.305, -0.2], &[20.0]).is_none(), "another feature is near");
+        assert!(sighted([0.305, -0.2], &[400.0]).is_some(), "another feature is far");
+        assert!(sighted([0.34, -0.2], &[]).is_none(), "ten standard deviations off: that is another light");
+    }
+
     #[test]
     fn the_covariance_is_that_of_poses_drawn_from_what_is_known() {
         let mut pose = Pose::new(PoseSettings::default(), &setup()).unwrap();
@@ -283,7 +434,8 @@ mod tests {
         (known[(14, 14)], known[(15, 15)]) = (1e-5, 1e-5);
         pose.head.covariance = Some(HeadCovariance { whole: known });
         let state = ServoState { angles: [0.6, -0.3], rates: [0.0; 2], variances: [4e-6, 1e-6] };
-        let stated = pose.pose_at(Time::ZERO, &state, Interval(0));
+        let standing = Standing { angles: state.angles, covariance: Matrix2::from_diagonal(&state.variances.into()) };
+        let stated = pose.pose_at(Time::ZERO, &standing, [0.0; 2], Interval(0));
         let mut random = foveate::estimation::Random::new(2);
         let mut found = Matrix6::zeros();
         const DRAWN: usize = 4000;

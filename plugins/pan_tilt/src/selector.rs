@@ -1,10 +1,9 @@
 //! `pan_tilt.selector`: keeps a head on a target.
 
 use foveate::prelude::*;
-use foveate::scene::anchor::{Anchor, AnchorRule, AnchorState, Sighting};
-use nalgebra::Vector3;
 
 use crate::follow::{FollowSettings, Follower, Lead};
+use crate::target_anchor::TargetAnchor;
 
 const TARGET: In<Targets> = In::each(0, "target").of_parent();
 const HEAD: In<HeadReport> = In::latest(1, "head").optional();
@@ -19,8 +18,7 @@ pub struct Selector {
     name: String,
     radius: f64,
     fixed: Option<TargetId>,
-    anchor: Anchor,
-    offset: Vector3<f64>,
+    anchor: TargetAnchor,
     following: Option<TargetId>,
     next_event: u64,
     counts: Counts,
@@ -54,14 +52,12 @@ impl Node for Selector {
             );
             return Err(ConfigError::at("fill", message));
         }
-        let rule = setup.anchor.unwrap_or_default();
         Ok(Self {
             camera,
             name: setup.camera_name().unwrap_or_default().to_owned(),
             radius,
             fixed: settings.target.map(TargetId),
-            offset: rule.offset,
-            anchor: Anchor::new(AnchorRule { offset: Vector3::zeros(), ..rule }),
+            anchor: TargetAnchor::new(setup),
             following: None,
             next_event: 0,
             follower: Follower::new(settings, head.model, radius),
@@ -75,7 +71,7 @@ impl Node for Selector {
             self.follower.hear(report.value, &mut self.next_event);
         }
         let assigned = io.latest(&ASSIGNMENT).map(|it| it.value.target_of(self.camera));
-        let anchored = self.anchored(&targets.value);
+        let anchored = self.anchor.target(&targets.value).map(|it| it.id);
         let chosen = match (assigned, self.fixed) {
             (Some(assigned), _) => assigned,
             (None, Some(fixed)) => Some(fixed),
@@ -90,7 +86,7 @@ impl Node for Selector {
         }
         // A sample that was only carried on says nothing that the predictor does not know.
         if target.how == How::Measured {
-            self.follower.see(targets.value.time, target, &self.offset);
+            self.follower.see(targets.value.time, target, &self.anchor.offset);
         }
         let Some(Lead { order, zoom, reachable, .. }) = self.follower.command(io.now()) else { return Ok(()) };
         self.counts.commands += 1;
@@ -98,7 +94,7 @@ impl Node for Selector {
         let region = SubRegion {
             time: targets.value.time,
             target: target.id,
-            centre: target.position + self.offset,
+            centre: target.position + self.anchor.offset,
             velocity: target.velocity,
             covariance: target.covariance,
             radius: self.radius,
@@ -122,22 +118,6 @@ impl Node for Selector {
             report.remark(format!("The head of `{name}` was never told anything: no target was found for it."));
         }
         Ok(())
-    }
-}
-
-impl Selector {
-    fn anchored(&mut self, targets: &Targets) -> Option<TargetId> {
-        let sightings = targets.list.iter().map(|it| Sighting {
-            id: it.id.0,
-            position: it.position,
-            velocity: it.velocity,
-            covariance: it.covariance,
-            is_measured: it.how == How::Measured,
-        });
-        match self.anchor.update(targets.time.0, sightings) {
-            AnchorState::Found(it) => Some(TargetId(it.id)),
-            AnchorState::Lost { .. } => None,
-        }
     }
 }
 

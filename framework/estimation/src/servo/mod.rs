@@ -86,6 +86,8 @@ pub struct Servo {
     /// Discounted mean square of what the mean missed answers by, beyond their rounding [rad²].
     misfit: [f64; 2],
     last_answer_s: Option<f64>,
+    /// Of an answer or a sight.
+    last_measured_s: Option<f64>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -131,6 +133,7 @@ impl Servo {
             past: VecDeque::new(),
             misfit: [0.0; 2],
             last_answer_s: None,
+            last_measured_s: None,
         };
         servo.weigh();
         servo
@@ -145,35 +148,52 @@ impl Servo {
     /// past recall changes nothing.
     pub fn answer(&mut self, earliest_s: f64, latest_s: f64, angles: [f64; 2]) {
         let (middle, width) = (0.5 * (earliest_s + latest_s), (latest_s - earliest_s).max(0.0));
-        if !(middle.is_finite() && angles.iter().all(|it| it.is_finite())) || middle < self.now_s {
-            return;
+        // The head says where its motors are: what shakes on them does not show.
+        let rounding = self.rules.quantum.map(|it| it.powi(2) / 12.0);
+        if self.take_in(middle, width, angles, rounding.map(|it| 2.0 * it)) {
+            self.last_answer_s = Some(middle);
         }
-        self.carry_to(middle);
-        let passed = self.last_answer_s.map_or(f64::INFINITY, |it| middle - it);
+    }
+
+    /// What it carries was seen to stand at `angles` [rad] at `time_s`, known to `variances` [rad²]: in a picture, by a target whose place is known. Before
+    /// the head has answered once, or at a time past recall, that changes nothing.
+    pub fn sight(&mut self, time_s: f64, angles: [f64; 2], variances: [f64; 2]) {
+        if self.last_answer_s.is_some() && variances.iter().all(|it| it.is_finite()) {
+            self.take_in(time_s, 0.0, angles, variances.map(|it| it + self.rules.shake.powi(2)));
+        }
+    }
+
+    /// Whether it was taken in.
+    fn take_in(&mut self, time_s: f64, width_s: f64, angles: [f64; 2], variances: [f64; 2]) -> bool {
+        if !(time_s.is_finite() && width_s.is_finite() && angles.iter().all(|it| it.is_finite())) || time_s < self.now_s
+        {
+            return false;
+        }
+        self.carry_to(time_s);
+        let passed = self.last_measured_s.map_or(f64::INFINITY, |it| time_s - it);
         let kept = (-passed / self.rules.memory_s).exp();
-        if self.last_answer_s.is_none() {
+        if self.last_measured_s.is_none() {
             // Wherever it stood before: this is where it is.
             self.candidates.iter_mut().for_each(|it| it.motors = angles.map(Motor::at_rest));
         }
         let mean = self.mean(&self.candidates);
         for axis in [0, 1] {
-            let rounding = self.rules.quantum[axis].powi(2) / 12.0;
             for candidate in &mut self.candidates {
                 let motor = &mut candidate.motors[axis];
                 let missed = angles[axis] - motor.angle;
-                // The head says where its motors are: what shakes on them does not show.
-                let variance = 2.0 * rounding + (motor.rate * width).powi(2) / 12.0;
+                let variance = variances[axis] + (motor.rate * width_s).powi(2) / 12.0;
                 let surprise = (missed * missed / variance).min(MOST_SURPRISE);
                 candidate.against =
                     if axis == 0 { candidate.against * kept } else { candidate.against } + surprise / ALIKE;
                 motor.angle += GAIN * missed;
             }
             let missed = (angles[axis] - mean.angles[axis]).powi(2);
-            let beyond = (missed - rounding - (mean.rates[axis] * width).powi(2) / 12.0).max(0.0);
+            let beyond = (missed - variances[axis] - (mean.rates[axis] * width_s).powi(2) / 12.0).max(0.0);
             self.misfit[axis] += 0.1 * (beyond - self.misfit[axis]);
         }
-        self.last_answer_s = Some(middle);
+        self.last_measured_s = Some(time_s);
         self.weigh();
+        true
     }
 
     /// Where the motors are at `time_s`: by all answers in the past two seconds, and by all orders after the last answer. `None`: too long ago.

@@ -1,0 +1,34 @@
+//! The target that a node's scale is anchored to, among those of the scale above.
+
+use foveate::prelude::{How, Setup, Target, Targets};
+use foveate::scene::anchor::{Anchor, AnchorRule, AnchorState, Sighting};
+use nalgebra::Vector3;
+
+/// Follows the anchor of a scale by its rule; in a scale without one, the target that has lived longest.
+#[derive(Debug, Clone)]
+pub(crate) struct TargetAnchor {
+    anchor: Anchor,
+    /// From the target to what is followed, in the axes of the scale above [m].
+    pub offset: Vector3<f64>,
+}
+
+impl TargetAnchor {
+    pub fn new(setup: &Setup) -> TargetAnchor {
+        let rule = setup.anchor.unwrap_or_default();
+        let anchor = Anchor::new(AnchorRule { offset: Vector3::zeros(), ..rule });
+        TargetAnchor { anchor, offset: rule.offset }
+    }
+
+    /// Which one it is now, if it is not lost.
+    pub fn target<'t>(&mut self, targets: &'t Targets) -> Option<&'t Target> {
+        let sightings = targets.list.iter().map(|it| Sighting {
+            id: it.id.0,
+            position: it.position,
+            velocity: it.velocity,
+            covariance: it.covariance,
+            is_measured: it.how == How::Measured,
+        });
+        let AnchorState::Found(found) = self.anchor.update(targets.time.0, sightings) else { return None };
+        targets.list.iter().find(|it| it.id.0 == found.id)
+    }
+}
