@@ -54,7 +54,8 @@ impl Node for Film {
         let time_s = f64::from(self.frame) / RATE_HZ;
         let [width, height] = self.model.image_size;
         let pixels = vec![60; (width * height) as usize];
-        let mut image = Image { camera: self.id, width, height, format: PixelFormat::Gray8, pixels };
+        let mut image =
+            Image { camera: self.id, width, height, format: PixelFormat::Gray8, pixels, ..Image::default() };
         if let Some(pixel) = self.model.project(&ball_at(time_s)).filter(|_| time_s >= ENTERS_S) {
             add_spot(&mut image, [pixel.x, pixel.y], 4.0, 180.0);
         }

@@ -2,7 +2,7 @@
 //!
 //! | type | what it is | coordinates |
 //! |---|---|---|
-//! | [`Image`] | one picture of one camera | pixels of that camera |
+//! | [`Image`] | one picture of one camera, or a part of one | pixels of that camera |
 //! | [`Features`] | the 2D points found in one picture | pixels of that camera |
 //! | [`Targets`] | the 3D points recovered at one scale | metres in that scale's space |
 //! | [`SubRegion`] | the moving volume that the next scale looks into | metres in the parent scale's space, which its scale's nodes know |
@@ -25,7 +25,7 @@ use std::any::Any;
 pub use camera_set::{CameraId, CameraSet};
 pub use features::{Feature, Features};
 pub use head::{HeadCommand, HeadEvent, HeadLink, HeadOrder, HeadPose, HeadPosition, HeadReport};
-pub use image::{Image, PixelFormat};
+pub use image::{Image, PixelFormat, Window};
 pub use stamped::{Interval, SourceId, Stamp, Stamped, Time};
 pub use sub_region::{Assignment, ScaleSpace, SubRegion};
 pub use targets::{How, Target, TargetId, Targets};

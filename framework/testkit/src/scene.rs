@@ -51,6 +51,7 @@ pub fn render_spot(size: [u32; 2], centre: [f64; 2], sigma: f64, peak: f64) -> I
         height,
         format: PixelFormat::Gray8,
         pixels: vec![0; width as usize * height as usize],
+        ..Image::default()
     };
     add_spot(&mut image, centre, sigma, peak);
     image

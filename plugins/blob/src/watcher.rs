@@ -4,7 +4,7 @@ use foveate::imaging::{
     Blob, BlobFinder, BlobLimits, Channel, Foreground, ForegroundConfig, ImageView, ImagingError, Verdict,
     fill_polygon, plane, shrink,
 };
-use foveate::messages::{Feature, Features, Image, PixelFormat};
+use foveate::messages::{Feature, Features, Image, PixelFormat, Window};
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use crate::settings::{BlobSettings, ReportedPoint};
@@ -32,6 +32,8 @@ pub struct Watcher {
 /// What depends on the size of the pictures.
 struct OfSize {
     size: [u32; 2],
+    /// Which part of the camera's pictures they show.
+    part: Window,
     foreground: Foreground,
 }
 
@@ -65,6 +67,13 @@ pub enum Refusal {
         /// Columns, rows [px].
         found: [u32; 2],
     },
+    /// A part that is not one of the camera's picture, or another than the one that the background was learnt for.
+    OtherPart {
+        /// The picture's.
+        found: Window,
+        /// The background's, if there is one.
+        learnt: Option<Window>,
+    },
     /// The pixels are not what the size promises.
     Broken(ImagingError),
 }
@@ -74,6 +83,17 @@ impl std::fmt::Display for Refusal {
         match self {
             Refusal::WrongSize { expected: [w, h], found: [a, b] } => {
                 write!(f, "the picture is {a} x {b} px, the camera's are {w} x {h} px")
+            }
+            Refusal::OtherPart { found: Window { left, top, shrink }, learnt } => {
+                write!(f, "the picture begins at ({left}, {top}), 1/{shrink} of the size, ")?;
+                match learnt {
+                    None => f.write_str("which is no part of the camera's"),
+                    Some(it) => write!(
+                        f,
+                        "the background was learnt from ({}, {}), 1/{}: a part of pictures has to stay where it is",
+                        it.left, it.top, it.shrink
+                    ),
+                }
             }
             Refusal::Broken(error) => write!(f, "{error}"),
         }
@@ -127,7 +147,8 @@ impl Watcher {
         features: &mut Features,
     ) -> Result<Outcome, Refusal> {
         features.list.clear();
-        self.fit_size([image.width, image.height])?;
+        let part = image.window;
+        self.fit([image.width, image.height], part)?;
         let Some(of_size) = &mut self.of_size else { unreachable!("the size was fitted") };
         let pixels = match image.format {
             PixelFormat::Gray8 => image.pixels.as_slice(),
@@ -148,11 +169,13 @@ impl Watcher {
         let scale = f64::from(factor);
         let shift = Vector2::repeat(scale / 2.0 - 0.5);
         self.expected.clear();
-        self.expected.extend(predicted.map(|it| Point2::from((it.coords - shift) / scale)));
+        self.expected.extend(predicted.map(|it| Point2::from((part.in_image(&it).coords - shift) / scale)));
+        let whole = |it: &Point2<f64>| part.in_camera(&Point2::from(it.coords * scale + shift));
+        let cells = factor * part.shrink;
         let (finder, blobs) = (&mut self.finder, &mut self.blobs);
         finder.find(&of_size.foreground, &self.limits, &self.expected, blobs).map_err(Refusal::Broken)?;
         for blob in &self.blobs {
-            let centroid = Point2::from(blob.centroid.coords * scale + shift);
+            let centroid = whole(&blob.centroid);
             let direction = match self.settings.point {
                 ReportedPoint::Centroid => Vector2::zeros(),
                 ReportedPoint::Top => up(&centroid),
@@ -162,9 +185,9 @@ impl Watcher {
             let shape = self.settings.shape_error * self.settings.shape_error;
             let covariance: Matrix2<f64> = covariance + cut_off(blob, &point) + blob.moment * shape;
             features.list.push(Feature {
-                centre: Point2::from(point.coords * scale + shift),
-                covariance: covariance * (scale * scale),
-                area: u32::try_from(blob.area * u64::from(factor * factor)).unwrap_or(u32::MAX),
+                centre: whole(&point),
+                covariance: covariance * f64::from(cells).powi(2),
+                area: u32::try_from(blob.area * u64::from(cells * cells)).unwrap_or(u32::MAX),
                 peak: 0,
                 label: None,
             });
@@ -172,7 +195,29 @@ impl Watcher {
         Ok(Outcome::Searched)
     }
 
-    /// Sees to it that what depends on the size is there for `size`.
+    /// Sees to it that what depends on the size is there for `size` and `part`.
+    fn fit(&mut self, size: [u32; 2], part: Window) -> Result<(), Refusal> {
+        let learnt = self.of_size.as_ref().map(|it| it.part);
+        if learnt.is_some_and(|it| it != part) {
+            return Err(Refusal::OtherPart { found: part, learnt });
+        }
+        if part == Window::default() {
+            return self.fit_size(size);
+        }
+        if self.calibrated_size.is_some_and(|whole| !part.fits(size, whole)) {
+            return Err(Refusal::OtherPart { found: part, learnt: None });
+        }
+        match &self.of_size {
+            Some(it) if it.size != size => Err(Refusal::WrongSize { expected: it.size, found: size }),
+            Some(_) => Ok(()),
+            None => {
+                self.of_size = Some(self.prepare(size, part).map_err(Refusal::Broken)?);
+                Ok(())
+            }
+        }
+    }
+
+    /// The same of whole pictures.
     fn fit_size(&mut self, size: [u32; 2]) -> Result<(), Refusal> {
         let expected = self.calibrated_size.or(self.of_size.as_ref().map(|it| it.size));
         if let Some(expected) = expected.filter(|it| *it != size) {
@@ -185,13 +230,13 @@ impl Watcher {
         }
         self.other_size.1 = 0;
         if self.of_size.is_none() {
-            self.of_size = Some(self.prepare(size).map_err(Refusal::Broken)?);
+            self.of_size = Some(self.prepare(size, Window::default()).map_err(Refusal::Broken)?);
         }
         Ok(())
     }
 
-    /// Background and masks for pictures of `size`.
-    fn prepare(&self, size: [u32; 2]) -> Result<OfSize, ImagingError> {
+    /// Background and masks for pictures of `size` that show `part`.
+    fn prepare(&self, size: [u32; 2], part: Window) -> Result<OfSize, ImagingError> {
         let factor = self.settings.shrink;
         let [width, height] = size.map(|it| (it / factor) as usize);
         let mut foreground = Foreground::new(foreground_config(&self.settings), width, height)?;
@@ -199,7 +244,8 @@ impl Watcher {
         let scale = f64::from(factor);
         for polygon in &self.settings.masks {
             let small = |at: f64| (at + 0.5) / scale - 0.5;
-            let corners: Vec<Point2<f64>> = polygon.iter().map(|&[x, y]| Point2::new(small(x), small(y))).collect();
+            let corners: Vec<Point2<f64>> =
+                polygon.iter().map(|corner| part.in_image(&Point2::from(*corner)).map(small)).collect();
             fill_polygon(&mut masked, width, height, &corners)?;
         }
         foreground.set_mask(&masked)?;
@@ -208,7 +254,7 @@ impl Watcher {
             let view = ImageView::new(&picture.pixels, columns as usize, rows as usize)?;
             foreground.set_background(&smaller(&view, factor, &mut Vec::new())?)?;
         }
-        Ok(OfSize { size, foreground })
+        Ok(OfSize { size, part, foreground })
     }
 }
 
@@ -261,7 +307,7 @@ mod tests {
         let lit = |i: usize| x.is_some_and(|x| (x..x + 20).contains(&(i % width)) && (30..70).contains(&(i / width)));
         let gray = (0..width * height).map(|i| if lit(i) { 200 } else { 100 });
         let pixels = gray.flat_map(|it| std::iter::repeat_n(it, format.channels())).collect();
-        Image { camera: CameraId(0), width: size[0], height: size[1], format, pixels }
+        Image { camera: CameraId(0), width: size[0], height: size[1], format, pixels, ..Image::default() }
     }
 
     const SIZE: [u32; 2] = [160, 120];
@@ -307,6 +353,29 @@ mod tests {
             assert_eq!(list.len(), 1, "1/{shrink}");
             assert!((list[0].centre - Point2::new(74.5, 49.5)).norm() < 0.3, "1/{shrink}: {}", list[0].centre);
         }
+    }
+
+    #[test]
+    fn a_part_that_stays_gives_pixels_of_the_whole_and_one_that_moves_is_refused() {
+        let part = |x: Option<usize>, left: u32| {
+            let whole = picture(SIZE, x, PixelFormat::Gray8);
+            let rows = (20..100).map(|row| row * 160 + left as usize);
+            let pixels = rows.flat_map(|start| whole.pixels[start..start + 100].iter().copied()).collect();
+            Image { width: 100, height: 80, pixels, window: Window { left, top: 20, shrink: 1 }, ..whole }
+        };
+        let masks = vec![vec![[-1.0, -1.0], [69.5, -1.0], [69.5, 120.0], [-1.0, 120.0]]];
+        for (masks, x) in [(vec![], 69.5), (masks, 74.5)] {
+            let mut watcher = Watcher::new(BlobSettings { masks, ..settings() }, Some(SIZE), None).unwrap();
+            (0..3).for_each(|_| assert_eq!(find(&mut watcher, &part(None, 40)), Ok((Outcome::Learning, vec![]))));
+            let (_, list) = find(&mut watcher, &part(Some(60), 40)).unwrap();
+            assert_eq!(list.len(), 1);
+            assert!((list[0].centre - Point2::new(x, 49.5)).norm() < 0.3, "{}", list[0].centre);
+            let refused = find(&mut watcher, &part(Some(60), 41)).unwrap_err();
+            assert!(refused.to_string().contains("has to stay where it is"), "{refused}");
+        }
+        let mut watcher = Watcher::new(settings(), Some([139, 120]), None).unwrap();
+        let refused = find(&mut watcher, &part(None, 40)).unwrap_err();
+        assert!(refused.to_string().contains("no part of the camera's"), "{refused}");
     }
 
     #[test]

@@ -130,8 +130,8 @@ impl Detector {
         };
         self.found += 1;
         list.extend(corners.iter().zip(0..).map(|(corner, label)| Feature {
-            centre: corner.centre,
-            covariance: corner.covariance,
+            centre: image.window.in_camera(&corner.centre),
+            covariance: corner.covariance * f64::from(image.window.shrink).powi(2),
             area: 0,
             peak: 0,
             label: Some(label),
@@ -200,6 +200,28 @@ mod tests {
                 assert_eq!(feature.label, Some(at as u32));
                 assert!((feature.centre - truth).norm() < 0.05, "{} for {truth}", feature.centre);
             }
+        }
+    }
+
+    #[test]
+    fn corners_of_a_part_lie_where_they_lie_in_the_whole_picture() {
+        let whole = picture(PixelFormat::Gray8);
+        let pixels = (5..160).flat_map(|row| whole.pixels[row * 240 + 10..row * 240 + 210].iter().copied()).collect();
+        let window = foveate::messages::Window { left: 10, top: 5, shrink: 1 };
+        let part = Image { width: 200, height: 155, pixels, window, ..Image::default() };
+        let find = |image: &Image| {
+            let mut list = vec![];
+            detector(7, 4).find(image, &mut list).unwrap();
+            list
+        };
+        let (of_whole, of_part) = (find(&whole), find(&part));
+        assert_eq!([of_whole.len(), of_part.len()], [28, 28]);
+        assert!(of_whole.iter().zip(&of_part).all(|(a, b)| (a.centre - b.centre).norm() < 1e-6));
+        // Said to be half as large as it was taken: twice as far apart, four times the variance.
+        let half = Image { window: foveate::messages::Window { left: 0, top: 0, shrink: 2 }, ..whole.clone() };
+        for (a, b) in of_whole.iter().zip(find(&half)) {
+            assert!((b.centre - a.centre * 2.0 - nalgebra::Vector2::repeat(0.5)).norm() < 1e-9);
+            assert!((b.covariance - a.covariance * 4.0).norm() < 1e-12);
         }
     }
 

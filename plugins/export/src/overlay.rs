@@ -125,8 +125,10 @@ impl ExportOverlay {
         let Some(out_dir) = &self.out_dir else { return };
         let mut canvas = Canvas::of(image, self.settings.zoom, self.settings.gain);
         for feature in &features.list {
-            let radius = (f64::from(feature.area) / std::f64::consts::PI).sqrt() + CLEARANCE;
-            canvas.ring(feature.centre.x, feature.centre.y, radius, COLOUR);
+            let radius =
+                (f64::from(feature.area) / std::f64::consts::PI).sqrt() / f64::from(image.window.shrink.max(1));
+            let centre = image.window.in_image(&feature.centre);
+            canvas.ring(centre.x, centre.y, radius + CLEARANCE, COLOUR);
         }
         let name = format!("{FOLDER}/{}_{:06}.png", self.name, stamp.sequence);
         let mut bytes = Vec::new();

@@ -25,7 +25,8 @@ pub struct DetectorSettings {
     /// The brightest pixel of a light, at least. The rim of a light, down to the threshold, sharpens its centre; what is no
     /// brighter than a rim, such as a wall from which somebody has stepped away, is no light [gray level].
     pub min_peak: u8,
-    /// Pictures that the background is learnt from; 0: nothing is learnt, and `min_threshold` holds everywhere [frames].
+    /// Pictures that the background is learnt from; 0: nothing is learnt, and `min_threshold` holds everywhere, as it must for parts of
+    /// pictures that move [frames].
     #[schemars(range(min = 0, max = 10000))]
     pub learn_frames: u32,
     /// The background of a pixel is the brightest that was learnt, less this many brighter ones: a light that moves on within
@@ -149,6 +150,8 @@ pub enum WhileLearning {
 }
 
 /// Pictures in, lights out, each with a sub-pixel centre and its covariance; the camera's, in scan order.
+///
+/// Parts of pictures may come instead, such as those of `select.crop`: what is found is in pixels of the whole.
 ///
 /// Nothing seen, or the background not learnt yet: an empty list. A picture of the wrong size or a broken one, and one in
 /// which so much is lit that hardly any of it can be a light, is a gap on the output; the detector goes on with the next.

@@ -8,7 +8,7 @@ use foveate::imaging::{
     Background, BackgroundConfig, Centroid, Channel, ImageView, ImagingError, Measure, Sampling, Spot, SpotFinder,
     SpotLimits, Statistic, ThresholdMap, Verdict, Window, fill_polygon, plane,
 };
-use foveate::messages::{Feature, Features, Image, PixelFormat};
+use foveate::messages::{self, Feature, Features, Image, PixelFormat};
 use nalgebra::{Point2, Vector2};
 
 use crate::detector::{CentroidKind, ColourPlane, DetectorSettings, Search, WhileLearning};
@@ -43,13 +43,15 @@ pub struct Spotter {
 /// What depends on the size of the pictures.
 struct OfSize {
     size: [u32; 2],
+    /// Which part of the camera's pictures they show.
+    part: messages::Window,
     /// `None`: nothing is learnt, `floor` is all there is.
     background: Option<Background>,
     /// The lowest threshold everywhere, with the masks.
     floor: ThresholdMap,
 }
 
-/// A light and how far it moved since the picture before.
+/// A light and how far it moved since the picture before, in pixels of the camera.
 #[derive(Debug, Clone, Copy)]
 struct Moving {
     centre: Point2<f64>,
@@ -77,6 +79,22 @@ pub enum Refusal {
         /// Columns, rows [px].
         found: [u32; 2],
     },
+    /// A part that is not one of the camera's picture.
+    Outside {
+        /// Columns, rows of the camera's [px].
+        whole: [u32; 2],
+        /// Columns, rows of the part [px].
+        size: [u32; 2],
+        /// Where it is.
+        part: messages::Window,
+    },
+    /// Another part than the one that the background was learnt for.
+    Moved {
+        /// The background's.
+        learnt: messages::Window,
+        /// The picture's.
+        found: messages::Window,
+    },
     /// The settings ask for a colour and the picture has none.
     NoColour,
     /// The pixels are not what the size promises.
@@ -89,6 +107,15 @@ impl std::fmt::Display for Refusal {
             Refusal::WrongSize { expected: [w, h], found: [a, b] } => {
                 write!(f, "the picture is {a} x {b} px, the camera's are {w} x {h} px")
             }
+            Refusal::Outside { whole: [w, h], size: [a, b], part: messages::Window { left, top, shrink } } => {
+                write!(f, "{a} x {b} px at ({left}, {top}), 1/{shrink} of the size, are no part of the camera's {w} x {h} px")
+            }
+            Refusal::Moved { learnt: a, found: b } => write!(
+                f,
+                "the picture begins at ({}, {}), 1/{} of the size, the background was learnt from ({}, {}), 1/{}: where parts of pictures \
+                 move, nothing can be learnt, set `learn_frames = 0`",
+                b.left, b.top, b.shrink, a.left, a.top, a.shrink
+            ),
             Refusal::NoColour => f.write_str(
                 "the picture is gray and `channel` names a colour: let the source give colour (`format = \"rgb\"`), or set \
                  `channel = \"luma\"`",
@@ -146,10 +173,10 @@ impl Spotter {
     }
 
     /// Fills `features` with the lights of `image`; `predicted` are pixels where targets are expected, whose windows are
-    /// searched in a sampled search.
+    /// searched in a sampled search. All in pixels of the camera; of parts of its pictures the settings' sizes are in pixels of the part.
     ///
     /// # Errors
-    /// A picture that is none or has another size; what was learnt stays, and `features` is empty.
+    /// A picture that is none, has another size, or is a part that moves while a background is learnt; what was learnt stays, and `features` is empty.
     pub fn find(
         &mut self,
         image: &Image,
@@ -157,7 +184,8 @@ impl Spotter {
         features: &mut Features,
     ) -> Result<Outcome, Refusal> {
         features.list.clear();
-        self.fit_size([image.width, image.height])?;
+        let part = image.window;
+        self.fit([image.width, image.height], part)?;
         let Some(of_size) = &mut self.of_size else { unreachable!("the size was fitted") };
         let (width, height) = (image.width as usize, image.height as usize);
         let pixels = match image.format {
@@ -183,8 +211,8 @@ impl Spotter {
             Some(match self.settings.search {
                 Search::Full => self.finder.find_full(&view, thresholds, limits, spots),
                 Search::Sampled => {
-                    let size = self.settings.window_px;
-                    let around = |centre| Window::around(centre, size);
+                    let size = self.settings.window_px.div_ceil(part.shrink.max(1));
+                    let around = |centre: Point2<f64>| Window::around(part.in_image(&centre), size);
                     self.windows.clear();
                     self.windows.extend(self.before.iter().map(|it| around(it.centre)));
                     let gone_on = self.before.iter().filter(|it| it.step != Vector2::zeros());
@@ -213,18 +241,43 @@ impl Spotter {
             Verdict::Learning if found.is_none() => return Ok(Outcome::Learning),
             Verdict::Learning | Verdict::Trusted => {}
         }
-        self.follow();
+        self.follow(part);
+        let stretch = f64::from(part.shrink);
         features.list.extend(self.spots.iter().map(|spot| Feature {
-            centre: spot.centre,
-            covariance: spot.covariance,
-            area: spot.area,
+            centre: part.in_camera(&spot.centre),
+            covariance: spot.covariance * (stretch * stretch),
+            area: spot.area.saturating_mul(part.shrink * part.shrink),
             peak: spot.peak,
             label: None,
         }));
         Ok(Outcome::Searched)
     }
 
-    /// Sees to it that what depends on the size is there for `size`.
+    /// Sees to it that what depends on the size is there for `size` and `part`.
+    fn fit(&mut self, size: [u32; 2], part: messages::Window) -> Result<(), Refusal> {
+        if let Some(other) = self.of_size.as_ref().filter(|it| it.part != part) {
+            if other.background.is_some() {
+                return Err(Refusal::Moved { learnt: other.part, found: part });
+            }
+            if other.size != size || !self.settings.masks.is_empty() || part == messages::Window::default() {
+                self.of_size = None;
+            }
+        }
+        if part == messages::Window::default() {
+            return self.fit_size(size);
+        }
+        if let Some(whole) = self.calibrated_size.filter(|it| !part.fits(size, *it)) {
+            return Err(Refusal::Outside { whole, size, part });
+        }
+        match &mut self.of_size {
+            Some(it) if it.size == size => it.part = part,
+            Some(it) if it.background.is_some() => return Err(Refusal::WrongSize { expected: it.size, found: size }),
+            _ => self.of_size = Some(self.prepare(size, part).map_err(Refusal::Broken)?),
+        }
+        Ok(())
+    }
+
+    /// The same of whole pictures.
     fn fit_size(&mut self, size: [u32; 2]) -> Result<(), Refusal> {
         let expected = self.calibrated_size.or(self.of_size.as_ref().map(|it| it.size));
         if let Some(expected) = expected.filter(|it| *it != size) {
@@ -237,18 +290,19 @@ impl Spotter {
         }
         self.other_size.1 = 0;
         if self.of_size.is_none() {
-            self.of_size = Some(self.prepare(size).map_err(Refusal::Broken)?);
+            self.of_size = Some(self.prepare(size, messages::Window::default()).map_err(Refusal::Broken)?);
             self.before.clear();
         }
         Ok(())
     }
 
-    /// Background, masks and lowest thresholds for pictures of `size`.
-    fn prepare(&self, size: [u32; 2]) -> Result<OfSize, ImagingError> {
+    /// Background, masks and lowest thresholds for pictures of `size` that show `part`.
+    fn prepare(&self, size: [u32; 2], part: messages::Window) -> Result<OfSize, ImagingError> {
         let [width, height] = size.map(|it| it as usize);
         let mut masked = vec![false; width * height];
         for polygon in &self.settings.masks {
-            let corners: Vec<Point2<f64>> = polygon.iter().map(|corner| Point2::from(*corner)).collect();
+            let corners: Vec<Point2<f64>> =
+                polygon.iter().map(|corner| part.in_image(&Point2::from(*corner))).collect();
             fill_polygon(&mut masked, width, height, &corners)?;
         }
         let lowest = self.settings.min_threshold;
@@ -262,18 +316,19 @@ impl Spotter {
                 Some(background)
             }
         };
-        Ok(OfSize { size, background, floor })
+        Ok(OfSize { size, part, background, floor })
     }
 
-    /// Finds out how far each light of this picture has moved since the last one.
-    fn follow(&mut self) {
-        let reach = f64::from(self.settings.window_px);
+    /// Finds out how far each light of this picture, which shows `part`, has moved since the last one.
+    fn follow(&mut self, part: messages::Window) {
+        let reach = f64::from(self.settings.window_px) * f64::from(part.shrink);
         self.now.clear();
         for spot in &self.spots {
-            let expected = |it: &&Moving| (it.centre + it.step - spot.centre).norm_squared();
+            let centre = part.in_camera(&spot.centre);
+            let expected = |it: &&Moving| (it.centre + it.step - centre).norm_squared();
             let nearest = self.before.iter().min_by(|a, b| expected(a).total_cmp(&expected(b)));
-            let step = nearest.map(|it| spot.centre - it.centre).filter(|step| step.norm() <= reach);
-            self.now.push(Moving { centre: spot.centre, step: step.unwrap_or_default() });
+            let step = nearest.map(|it| centre - it.centre).filter(|step| step.norm() <= reach);
+            self.now.push(Moving { centre, step: step.unwrap_or_default() });
         }
         std::mem::swap(&mut self.before, &mut self.now);
     }
@@ -480,6 +535,77 @@ mod tests {
         let none = Image { width: 0, height: 0, pixels: Vec::new(), ..dark() };
         assert!(spotter.find(&none, std::iter::empty(), &mut features).is_err());
         assert_eq!(find(&mut spotter, &with_spots(&[[50.0, 40.0]])).len(), 1);
+    }
+
+    /// The part of `image` from (`left`, `top`) on, of this size.
+    fn part_of(image: &Image, [left, top]: [u32; 2], [width, height]: [u32; 2]) -> Image {
+        let rows = (top..top + height).map(|row| (row * image.width + left) as usize);
+        let pixels = rows.flat_map(|start| image.pixels[start..start + width as usize].iter().copied()).collect();
+        Image { width, height, pixels, window: messages::Window { left, top, shrink: 1 }, ..Image::default() }
+    }
+
+    #[test]
+    fn lights_in_a_part_that_moves_lie_where_they_lie_in_the_whole_picture() {
+        let image = with_spots(&[[50.3, 40.6], [70.1, 61.4], [140.0, 20.0]]);
+        let masks = vec![vec![[60.0, 55.0], [80.0, 55.0], [80.0, 70.0], [60.0, 70.0]]];
+        for (masks, search, n) in [(vec![], Search::Full, 2), (vec![], Search::Sampled, 2), (masks, Search::Full, 1)] {
+            let settings = DetectorSettings { masks, search, grid_px: 1, ..plain() };
+            let whole = find(&mut spotter(settings.clone()), &image);
+            let mut moving = Spotter::new(settings, Some(SIZE), 0).unwrap();
+            for corner in [[30, 20], [31, 25], [40, 30], [40, 30]] {
+                let found = find(&mut moving, &part_of(&image, corner, [64, 48]));
+                assert_eq!(found.len(), n, "{search:?} at {corner:?}");
+                for centre in found {
+                    let nearest = whole.iter().map(|it| (it - centre).norm()).fold(f64::INFINITY, f64::min);
+                    assert!(nearest < 1e-9, "{centre} at {corner:?}: off by {nearest}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn lights_in_a_picture_made_smaller_lie_where_they_lie_in_the_whole_one() {
+        let truth = Point2::new(50.3, 40.6);
+        let large = render_spot(SIZE, [truth.x, truth.y], 4.0, 220.0);
+        let mean = |x: usize, y: usize| {
+            let sum: u32 = (0..16).map(|it| u32::from(large.pixels[(4 * y + it / 4) * 160 + 4 * x + it % 4])).sum();
+            (sum / 16) as u8
+        };
+        let pixels = (0..30).flat_map(|y| (0..40).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect();
+        let window = messages::Window { left: 0, top: 0, shrink: 4 };
+        let small = Image { width: 40, height: 30, pixels, window, ..Image::default() };
+        let features = |image: &Image| {
+            let mut features = Features::default();
+            // It stays where it is, so that a background may be learnt.
+            let mut spotter = Spotter::new(plain(), Some(SIZE), 0).unwrap();
+            spotter.find(image, std::iter::empty(), &mut features).unwrap();
+            assert_eq!(features.list.len(), 1);
+            features.list[0]
+        };
+        let (fine, coarse) = (features(&large), features(&small));
+        assert!((coarse.centre - truth).norm() < 0.2, "{}", coarse.centre);
+        assert!(coarse.covariance.trace() > 3.0 * fine.covariance.trace(), "{} {}", coarse.covariance, fine.covariance);
+        assert!((f64::from(coarse.area) / f64::from(fine.area) - 1.0).abs() < 0.3, "{} {}", coarse.area, fine.area);
+    }
+
+    #[test]
+    fn a_background_is_learnt_for_one_part_and_no_part_reaches_beyond_the_picture() {
+        let image = with_spots(&[[50.0, 40.0]]);
+        let mut features = Features::default();
+        let mut learning = Spotter::new(DetectorSettings { learn_frames: 2, ..plain() }, Some(SIZE), 0).unwrap();
+        let empty = part_of(&dark(), [30, 20], [64, 48]);
+        (0..2).for_each(|_| assert!(find(&mut learning, &empty).is_empty()));
+        assert_eq!(find(&mut learning, &part_of(&image, [30, 20], [64, 48])).len(), 1);
+        for other in [part_of(&image, [31, 20], [64, 48]), image.clone()] {
+            let refused = learning.find(&other, std::iter::empty(), &mut features).unwrap_err();
+            assert!(refused.to_string().contains("set `learn_frames = 0`"), "{refused}");
+        }
+        assert_eq!(find(&mut learning, &part_of(&image, [30, 20], [64, 48])).len(), 1, "what was learnt stays");
+        let mut plain = Spotter::new(plain(), Some(SIZE), 0).unwrap();
+        let beyond = Image { window: messages::Window { left: 97, top: 0, shrink: 1 }, ..empty };
+        let refused = plain.find(&beyond, std::iter::empty(), &mut features).unwrap_err();
+        assert!(refused.to_string().contains("are no part of the camera's 160 x 120 px"), "{refused}");
+        assert_eq!(find(&mut plain, &image).len(), 1);
     }
 
     #[test]

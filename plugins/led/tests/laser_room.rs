@@ -20,7 +20,14 @@ fn picture(folder: &Path, camera: usize, frame: usize) -> Image {
     let name = format!("arctic{0}/arctic{0}.pvi.{frame:04}.jpg", camera + 1);
     let rgb = image::open(folder.join(name)).unwrap().into_rgb8();
     let (width, height) = rgb.dimensions();
-    Image { camera: CameraId(camera as u16), width, height, format: PixelFormat::Rgb8, pixels: rgb.into_raw() }
+    Image {
+        camera: CameraId(camera as u16),
+        width,
+        height,
+        format: PixelFormat::Rgb8,
+        pixels: rgb.into_raw(),
+        ..Image::default()
+    }
 }
 
 /// By frame, by camera.
