@@ -26,6 +26,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("board", &["foveate"]),
     ("export", &["foveate"]),
     ("pan-tilt", &["foveate"]),
+    ("select", &["foveate"]),
     (
         "cli",
         &[
@@ -41,6 +42,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "messages",
             "pan-tilt",
             "scene",
+            "select",
             "sim",
         ],
     ),

@@ -19,6 +19,7 @@ pub fn registry() -> Registry {
     foveate_pan_tilt::register(&mut registry);
     foveate_blob::register(&mut registry);
     foveate_board::register(&mut registry);
+    foveate_select::register(&mut registry);
     foveate_export::register(&mut registry);
     registry
 }

@@ -15,8 +15,8 @@ pub mod prelude {
         Report, Role, Setup, Stamp, Stamped, Time,
     };
     pub use foveate_messages::{
-        Assignment, CameraId, CameraSet, Feature, Features, HeadCommand, HeadEvent, HeadLink, HeadOrder, HeadPose,
-        HeadPosition, HeadReport, How, Image, PixelFormat, ScaleSpace, SubRegion, Target, TargetId, Targets,
+        Assignment, CameraChoice, CameraId, CameraSet, Feature, Features, HeadCommand, HeadEvent, HeadLink, HeadOrder,
+        HeadPose, HeadPosition, HeadReport, How, Image, PixelFormat, ScaleSpace, SubRegion, Target, TargetId, Targets,
     };
     pub use foveate_scene::CalibratedHead;
 }

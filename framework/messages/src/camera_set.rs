@@ -2,6 +2,8 @@
 
 use smallvec::SmallVec;
 
+use crate::{Message, Quality, SpaceKind};
+
 /// A camera of the rig: its place in the calibration's list, which is sorted by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct CameraId(pub u16);
@@ -49,6 +51,22 @@ impl FromIterator<CameraId> for CameraSet {
         let mut set = CameraSet::default();
         cameras.into_iter().for_each(|camera| set.insert(camera));
         set
+    }
+}
+
+/// The cameras that are worth processing.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct CameraChoice {
+    /// These, and no others.
+    pub cameras: CameraSet,
+}
+
+impl Message for CameraChoice {
+    const NAME: &'static str = "camera_choice";
+    const SPACE: SpaceKind = SpaceKind::None;
+
+    fn quality(&self) -> Quality {
+        Quality { count: Some(self.cameras.len() as u32), sigma: None }
     }
 }
 

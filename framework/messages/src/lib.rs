@@ -8,6 +8,7 @@
 //! | [`SubRegion`] | the moving volume that the next scale looks into | metres in the parent scale's space, which its scale's nodes know |
 //! | [`ScaleSpace`] | where the space of an anchored scale is | – |
 //! | [`Assignment`] | which head follows which target | – |
+//! | [`CameraChoice`] | which fixed cameras are worth processing | – |
 //! | [`HeadCommand`] | what a pan-tilt head should do | angles of its axes |
 //! | [`HeadReport`] | what it was told and what it said | angles of its axes |
 //! | [`HeadPose`] | where its camera stood at one moment | – |
@@ -22,7 +23,7 @@ mod targets;
 
 use std::any::Any;
 
-pub use camera_set::{CameraId, CameraSet};
+pub use camera_set::{CameraChoice, CameraId, CameraSet};
 pub use features::{Feature, Features};
 pub use head::{HeadCommand, HeadEvent, HeadLink, HeadOrder, HeadPose, HeadPosition, HeadReport};
 pub use image::{Image, PixelFormat, Window};
