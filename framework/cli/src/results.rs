@@ -64,6 +64,9 @@ pub fn summary(outcome: &Outcome) -> String {
     figures.insert("session_s".into(), number(outcome.ended.as_s()));
     figures.insert("messages.delivered".into(), json!(sum(|it| it.delivered)));
     figures.insert("messages.dropped".into(), json!(sum(|it| it.dropped)));
+    if !outcome.suspensions.is_empty() {
+        figures.insert("messages.suspended".into(), json!(sum(|it| it.suspended)));
+    }
     figures.insert("messages.late".into(), json!(sum(|it| it.late)));
     figures.insert("gaps".into(), json!(outcome.gaps.iter().map(|it| it.count).sum::<u64>()));
     figures.insert("faults".into(), json!(outcome.faults.iter().map(|it| it.count).sum::<u64>()));
@@ -88,7 +91,8 @@ fn pretty(value: &Value) -> String {
 /// One line an edge.
 fn ledger(graph: &Graph, outcome: &Outcome) -> String {
     let mut text =
-        "edge,delivered,rate_hz,age_p50_ms,age_p99_ms,age_max_ms,gaps,dropped,late,loss,sigma,requirement\n".to_owned();
+        "edge,delivered,rate_hz,age_p50_ms,age_p99_ms,age_max_ms,gaps,dropped,suspended,late,loss,sigma,requirement\n"
+            .to_owned();
     let optional = |value: Option<f64>, scale: f64| value.map_or(String::new(), |it| format!("{:.4}", it * scale));
     for (edge, ledger) in graph.edges.iter().zip(&outcome.ledgers) {
         let verdict = match &edge.require {
@@ -98,12 +102,13 @@ fn ledger(graph: &Graph, outcome: &Outcome) -> String {
         };
         let ages = [ledger.age_s(0.5), ledger.age_s(0.99), ledger.age_max_s()].map(|age| optional(age, 1e3)).join(",");
         text += &format!(
-            "{},{},{},{ages},{},{},{},{:.6},{},{verdict}\n",
+            "{},{},{},{ages},{},{},{},{},{:.6},{},{verdict}\n",
             edge.name,
             ledger.delivered,
             optional(ledger.rate_hz(), 1.0),
             ledger.gaps,
             ledger.dropped,
+            ledger.suspended,
             ledger.late,
             ledger.loss(),
             optional(ledger.sigma(), 1.0),
@@ -112,7 +117,7 @@ fn ledger(graph: &Graph, outcome: &Outcome) -> String {
     text
 }
 
-/// One line for each kind of failure and gap, and for each requirement that was not met.
+/// One line for each kind of failure and gap, for each time that a scale was suspended or resumed, and for each requirement that was not met.
 fn events(outcome: &Outcome) -> String {
     let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\"").replace(['\n', '\r'], " "));
     let mut text = "what,where,first_time_s,count,action,message\n".to_owned();
@@ -128,6 +133,23 @@ fn events(outcome: &Outcome) -> String {
     }
     for it in &outcome.gaps {
         text += &format!("gap,{},{:.6},{},,{}\n", it.instance, it.time.as_s(), it.count, quoted(&it.reason));
+    }
+    for it in &outcome.suspensions {
+        for spell in &it.spells {
+            text += &format!("suspended,{},{:.6},1,,{}\n", it.scale, spell.from.as_s(), quoted(&spell.why));
+            if let Some(until) = spell.until {
+                text += &format!(
+                    "resumed,{},{:.6},1,,{}\n",
+                    it.scale,
+                    until.as_s(),
+                    quoted("it and the scales around it have their targets")
+                );
+            }
+        }
+        let more = it.count - it.spells.len() as u64;
+        if more > 0 {
+            text += &format!("suspended,{},,{more},,{}\n", it.scale, quoted("more, not listed one by one"));
+        }
     }
     for it in &outcome.report.remarks {
         text += &format!("note,,,,,{}\n", quoted(it));

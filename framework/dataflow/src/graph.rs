@@ -6,13 +6,14 @@ use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use foveate_messages::{CameraId, Interval, Time};
+use foveate_messages::{CameraId, Interval, ScaleId, Time};
 use foveate_scene::AnchorRule;
 use foveate_scene::calibration::Calibration;
 
 use crate::port::Take;
 use crate::registry::{NodeType, Settings};
 use crate::rig::Faults;
+use crate::scale::{ScalePlace, ScaleTree};
 use crate::setup::{Claims, Purpose, Setup};
 
 /// A checked rig, ready to run.
@@ -29,6 +30,8 @@ pub struct Graph {
     pub calibration: Arc<Calibration>,
     /// The scales, parents before children.
     pub scales: Vec<Scale>,
+    /// The same, as nodes are told of them.
+    pub places: Arc<[ScalePlace]>,
     /// Node instances; each stands behind all that trigger it.
     pub instances: Vec<Instance>,
     /// Edges, by producer, then by consumer.
@@ -177,6 +180,7 @@ impl Graph {
         Setup {
             instance: instance.path.clone(),
             scale: scale.name.clone(),
+            scales: ScaleTree { own: scale_id(instance.scale), places: Arc::clone(&self.places) },
             camera: instance.camera,
             calibration: Arc::clone(&self.calibration),
             connected: self.connected(index),
@@ -228,6 +232,7 @@ impl Graph {
             rig_dir: self.rig_dir.clone(),
             calibration: Arc::clone(&self.calibration),
             scales: self.scales.clone(),
+            places: Arc::clone(&self.places),
             edges: edges.collect(),
             instances,
             resolved: self.resolved.clone(),
@@ -240,6 +245,11 @@ impl Graph {
     pub fn is_over(&self, time: Time) -> bool {
         self.duration.is_some_and(|duration| time >= Time::ZERO + duration)
     }
+}
+
+/// The number of a scale; a text as long as a rig may be has no more scales than there are numbers.
+pub(crate) fn scale_id(index: usize) -> ScaleId {
+    ScaleId(u32::try_from(index).unwrap_or(u32::MAX))
 }
 
 impl fmt::Debug for Graph {

@@ -38,6 +38,12 @@ impl Packet {
         }
     }
 
+    /// The value, if it is of that type.
+    pub(crate) fn as_typed<T: Message>(&self) -> Option<&T> {
+        let any: &dyn Any = &*self.payload;
+        any.downcast_ref()
+    }
+
     fn typed<T: Message>(&self, port: &str) -> Stamped<&T> {
         let any: &dyn Any = &*self.payload;
         match any.downcast_ref::<T>() {

@@ -73,13 +73,15 @@ impl Histogram {
     }
 }
 
-/// What one edge measured so far. `sent = delivered + dropped + waiting` always holds.
+/// What one edge measured so far. `sent = delivered + dropped + suspended + waiting` always holds.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Ledger {
     /// Messages that the consumer took.
     pub delivered: u64,
     /// Messages lost to a full queue, to a stopped consumer, or passed over by a port that takes the newest.
     pub dropped: u64,
+    /// Messages that were not given to the consumer while its scale was suspended.
+    pub suspended: u64,
     /// Messages that should have been there and never were: numbers left out, and gaps that the producer declared.
     pub gaps: u64,
     /// Messages captured earlier than one of the same source that came before.
@@ -101,17 +103,21 @@ impl Ledger {
         self.take(stamp, now, quality);
     }
 
-    /// Enters that a message has come to its port, where it may have to wait.
-    pub(crate) fn arrive(&mut self, stamp: Stamp) {
+    /// Enters that a message has come to its port, where it may have to wait; gives how many were left out before it, which are
+    /// counted as gaps.
+    pub(crate) fn arrive(&mut self, stamp: Stamp) -> u64 {
+        let mut missing = 0;
         match self.sources.iter_mut().find(|it| it.0 == stamp.source) {
             Some((_, sequence, time)) => {
-                self.gaps += stamp.sequence.saturating_sub(*sequence + 1);
+                missing = stamp.sequence.saturating_sub(*sequence + 1);
+                self.gaps += missing;
                 self.late += u64::from(stamp.time < *time);
                 *sequence = stamp.sequence.max(*sequence);
                 *time = stamp.time.max(*time);
             }
             None => self.sources.push((stamp.source, stamp.sequence, stamp.time)),
         }
+        missing
     }
 
     /// Enters that the node has taken a message at session time `now`.
@@ -129,6 +135,14 @@ impl Ledger {
         self.delivered += 1;
     }
 
+    /// Enters that a message has come at session time `now` to a node whose scale is suspended, and is not given to it.
+    pub(crate) fn suspend(&mut self, stamp: Stamp, now: Time) {
+        self.arrive(stamp);
+        self.first.get_or_insert(now);
+        self.last = now;
+        self.suspended += 1;
+    }
+
     /// Enters a gap that the producer declared; its number is not counted again when the next message skips it.
     pub fn declare_gap(&mut self, source: SourceId) {
         self.gaps += 1;
@@ -137,10 +151,12 @@ impl Ledger {
         }
     }
 
-    /// Deliveries a second between the first and the last of them [Hz]; `None` before the second one.
+    /// Deliveries a second between the first and the last of them [Hz]; `None` before the second one. What came while the scale was
+    /// suspended counts as delivered: a promise is about what comes.
     pub fn rate_hz(&self) -> Option<f64> {
         let span = (self.last - self.first?).as_s();
-        (self.delivered > 1 && span > 0.0).then(|| (self.delivered - 1) as f64 / span)
+        let count = self.delivered + self.suspended;
+        (count > 1 && span > 0.0).then(|| (count - 1) as f64 / span)
     }
 
     /// Age at delivery that `fraction` of the messages did not exceed [s].
@@ -173,7 +189,8 @@ impl Ledger {
     /// nothing meets no requirement.
     pub fn unmet(&self, requirement: &Requirement) -> Vec<String> {
         if self.delivered == 0 {
-            return vec!["nothing was delivered".to_owned()];
+            let why = if self.suspended > 0 { ": its scale was suspended" } else { "" };
+            return vec![format!("nothing was delivered{why}")];
         }
         let mut unmet = Vec::new();
         if let (Some(limit), Some(age)) = (requirement.age_s, self.age_s(0.99))
@@ -183,7 +200,7 @@ impl Ledger {
         }
         // A count over a finite time is off by up to one message: a promise of 60 Hz is not broken by that.
         if let (Some(limit), Some(rate)) = (requirement.rate_hz, self.rate_hz())
-            && rate * (1.0 + 1.0 / self.delivered as f64) < limit
+            && rate * (1.0 + 1.0 / (self.delivered + self.suspended) as f64) < limit
         {
             unmet.push(format!("rate is {rate:.2} Hz, required at least {limit:.2} Hz"));
         }
@@ -278,6 +295,21 @@ mod tests {
         assert_eq!(unmet.len(), 3, "{unmet:?}");
         assert!(unmet[0].contains("5.000 ms") && unmet[1].contains("200.00 Hz") && unmet[2].contains("10.00 %"));
         assert_eq!(ledger.unmet(&Requirement { rate_hz: Some(100.0), ..Requirement::default() }), Vec::<String>::new());
+    }
+
+    #[test]
+    fn what_comes_while_suspended_is_neither_lost_nor_a_gap_and_counts_for_the_rate() {
+        let mut ledger = Ledger::default();
+        ledger.suspend(stamp(0, 0), Time(0));
+        assert_eq!(ledger.unmet(&Requirement::default()), ["nothing was delivered: its scale was suspended"]);
+        for sequence in 1..5_u64 {
+            let (at, now) = (stamp(sequence, sequence as i64 * 10), Time(sequence as i64 * 10_000_000));
+            if sequence < 3 { ledger.suspend(at, now) } else { ledger.deliver(at, now, Quality::default) }
+        }
+        assert_eq!((ledger.delivered, ledger.suspended, ledger.gaps), (2, 3, 0));
+        assert_eq!((ledger.rate_hz(), ledger.loss()), (Some(100.0), 0.0));
+        let promise = Requirement { rate_hz: Some(100.0), loss: Some(0.01), ..Requirement::default() };
+        assert_eq!(ledger.unmet(&promise), Vec::<String>::new());
     }
 
     #[test]

@@ -7,6 +7,7 @@
 //! | [`rig`] | TOML → every fault, or a [`graph::Graph`] |
 //! | [`graph`] | instances and edges, checked and expanded, and their pictures |
 //! | [`run`] | two engines over one graph: deterministic (simulated, files) and live (worker threads) |
+//! | [`scale`] | the scales at run time: who carries a scale's space, and where it is |
 //! | [`ledger`] | what each edge measured, and the requirements it was held to |
 
 pub mod error;
@@ -21,6 +22,7 @@ pub mod registry;
 pub mod report;
 pub mod rig;
 pub mod run;
+pub mod scale;
 pub mod setting_docs;
 pub mod setup;
 

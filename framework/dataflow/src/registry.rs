@@ -10,10 +10,10 @@ use crate::io::Io;
 use crate::node::{Due, Node, Plan, Role};
 use crate::port::Ports;
 use crate::report::Report;
+use crate::scale::ScaleAnchor;
 use crate::setup::Setup;
 
 /// The node types that a program knows, by name.
-#[derive(Default)]
 pub struct Registry {
     types: BTreeMap<&'static str, Arc<NodeType>>,
 }
@@ -86,6 +86,12 @@ impl<N: Node> ErasedNode for N {
     }
 }
 
+impl Default for Registry {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 struct SettingsOf<N: Node> {
     given: N::Settings,
     make: Arc<Make<N>>,
@@ -114,9 +120,11 @@ fn decode<N: Node>(table: toml::de::DeTable<'_>, make: &Arc<Make<N>>) -> Result<
 }
 
 impl Registry {
-    /// Knows nothing yet.
+    /// Knows what every rig may need: `scale.anchor`.
     pub fn new() -> Self {
-        Self::default()
+        let mut registry = Self { types: BTreeMap::new() };
+        registry.add::<ScaleAnchor>();
+        registry
     }
 
     /// Makes node type `N` known.

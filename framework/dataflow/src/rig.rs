@@ -50,7 +50,7 @@ use crate::graph::Graph;
 use crate::registry::Registry;
 use crate::setup::{Claims, expand_path, no_cameras};
 use fault::Findings;
-use nodes::{ScaleView, Surroundings};
+use nodes::{NodeDraft, ScaleView, Surroundings};
 use read::RigText;
 
 /// Longest rig [bytes].
@@ -148,10 +148,15 @@ fn check(
         rig_dir: &rig_dir,
         claims: Claims::default(),
         seed,
+        places: scales::places(&scales),
     };
-    let mut drafts = Vec::new();
+    let mut drafts: Vec<NodeDraft<'_>> = Vec::new();
     for (index, (scale, nodes)) in scales.iter().zip(nodes).enumerate() {
         let view = ScaleView { index, scale };
+        anchors::refuse_own(scale, &nodes, findings);
+        if let Some(text) = anchors::implied(&scales, scale, &nodes, &drafts) {
+            drafts.push(NodeDraft { is_implied: true, ..surroundings.draft(text, &view, findings) });
+        }
         drafts.extend(nodes.into_iter().map(|it| surroundings.draft(it, &view, findings)));
     }
     let finish =

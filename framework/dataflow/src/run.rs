@@ -6,6 +6,7 @@
 mod busy;
 mod deterministic;
 mod faults;
+mod gates;
 mod inbox;
 mod live;
 mod stage;
@@ -18,6 +19,7 @@ use std::time::Duration;
 use foveate_messages::Time;
 
 pub use faults::{FaultRecord, GapRecord};
+pub use gates::{Spell, Suspensions};
 
 use crate::error::{Blame, NodeError};
 use crate::graph::Graph;
@@ -82,6 +84,8 @@ pub struct Outcome {
     pub faults: Vec<FaultRecord>,
     /// Missing data that nodes declared.
     pub gaps: Vec<GapRecord>,
+    /// When scales were without their target.
+    pub suspensions: Vec<Suspensions>,
     /// Session time at the end.
     pub ended: Time,
     /// Wall time from start to end.
@@ -169,6 +173,11 @@ fn conclude(graph: &Graph, mut stage: Stage, ended: Time, wall: Duration, interr
     let mut report = Report::default();
     stage.flush(ended);
     stage.finish(ended, &mut report);
+    let suspensions = stage.gates.conclude(ended);
+    for it in &suspensions {
+        report.figure(format!("scale.suspensions.{}", it.scale), it.count as f64);
+        report.figure(format!("scale.suspended_s.{}", it.scale), it.time.as_s());
+    }
     let ledgers: Vec<Ledger> = stage.ends.into_iter().map(|end| end.map(|it| it.ledger).unwrap_or_default()).collect();
     remark_drops(graph, &ledgers, &mut report);
     let promises = graph.edges.iter().zip(&ledgers).filter_map(|(edge, ledger)| Some((edge, edge.require?, ledger)));
@@ -178,5 +187,5 @@ fn conclude(graph: &Graph, mut stage: Stage, ended: Time, wall: Duration, interr
     });
     let unmet = unmet.collect();
     let (faults, gaps) = stage.faults.into_records();
-    Outcome { report, ledgers, unmet, faults, gaps, ended, wall, interrupted }
+    Outcome { report, ledgers, unmet, faults, gaps, suspensions, ended, wall, interrupted }
 }

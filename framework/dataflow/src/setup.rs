@@ -15,6 +15,7 @@ use foveate_scene::heads::{CalibratedHead, Heads};
 use crate::error::ConfigError;
 use crate::port::In;
 use crate::rig::matches;
+use crate::scale::ScaleTree;
 
 /// Where the recordings lie when the environment variable `FOVEATE_DATA` is not set.
 const DATA_DEFAULT: &str = "../shared/data";
@@ -35,6 +36,8 @@ pub struct Setup {
     pub instance: String,
     /// The scale that the node lies in.
     pub scale: String,
+    /// All scales of the rig, seen from this one.
+    pub scales: ScaleTree,
     /// The camera that this instance serves, where the rig says `each` or `camera`.
     pub camera: Option<CameraId>,
     /// All cameras by number; without cameras where the rig names no calibration.
@@ -80,6 +83,7 @@ impl Setup {
         Self {
             instance: "test.node".to_owned(),
             scale: "test".to_owned(),
+            scales: ScaleTree::of_one("test"),
             camera: None,
             calibration: no_cameras(),
             connected: Vec::new(),

@@ -28,7 +28,7 @@ pub use features::{Feature, Features};
 pub use head::{HeadCommand, HeadEvent, HeadLink, HeadOrder, HeadPose, HeadPosition, HeadReport};
 pub use image::{Image, PixelFormat, Window};
 pub use stamped::{Interval, SourceId, Stamp, Stamped, Time};
-pub use sub_region::{Assignment, ScaleSpace, SubRegion};
+pub use sub_region::{Assignment, ScaleId, ScaleSpace, SubRegion};
 pub use targets::{How, Target, TargetId, Targets};
 
 /// A type that may travel on an edge.

@@ -41,12 +41,19 @@ impl Message for SubRegion {
     }
 }
 
+/// A scale of a rig by its number there, parents before children.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+pub struct ScaleId(pub u32);
+
 /// The space of a scale that is anchored to a target, at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScaleSpace {
+    /// Whose space it is.
+    pub scale: ScaleId,
     /// The time that the pose is of.
     pub time: Time,
-    /// The target that carries the scale; `None` while it is lost: the scale is suspended, and what follows is the last that was known.
+    /// The target that carries the scale; `None` while it is lost: the scale is suspended, and what follows is the last that was known
+    /// (the parent's own space where nothing ever was).
     pub target: Option<TargetId>,
     /// Takes points of the scale's space to the parent's.
     pub parent_from_scale: Isometry3<f64>,
@@ -54,6 +61,8 @@ pub struct ScaleSpace {
     pub covariance: Matrix6<f64>,
     /// Velocity of the space's origin in the parent [m/s].
     pub velocity: Vector3<f64>,
+    /// Of (origin, velocity) in the parent [m², m²/s, m²/s²]; the origin's part is [`Self::origin_covariance`].
+    pub motion_covariance: Matrix6<f64>,
 }
 
 impl ScaleSpace {

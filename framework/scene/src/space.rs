@@ -2,7 +2,7 @@
 //!
 //! Each space hangs below a parent by `parent_from_space`, which is fixed or a bounded history of timed poses. Between two
 //! samples the translation is interpolated linearly and the rotation along the shortest arc; beyond the ends the nearest sample
-//! holds for a limited time. The covariance of a pose is that of δ in T ⊕ δ = T exp(δ), δ = (rotation [rad],
+//! holds for a limited time, and a newest one with a velocity is carried on by it. The covariance of a pose is that of δ in T ⊕ δ = T exp(δ), δ = (rotation [rad],
 //! translation [m]), so that with the adjoint Ad of the transforms
 //!
 //! Σ(T₁T₂) = Ad(T₂⁻¹) Σ₁ Ad(T₂⁻¹)ᵀ + Σ₂,  Σ(T⁻¹) = Ad(T) Σ Ad(T)ᵀ
@@ -15,7 +15,7 @@
 
 use std::collections::VecDeque;
 
-use nalgebra::{Isometry3, Matrix3, Matrix6, Point3};
+use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Vector3};
 
 /// A space of one [`SceneGraph`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -100,8 +100,17 @@ struct Space {
 #[derive(Debug, Clone)]
 enum Motion {
     Fixed(Box<UncertainPose>),
-    /// Ascending in time, no two at the same.
-    Timed(VecDeque<(i64, UncertainPose)>),
+    /// Ascending in time, no two at the same; and how the newest goes on.
+    Timed(VecDeque<(i64, UncertainPose)>, Option<Box<Drift>>),
+}
+
+/// How the newest pose of a space goes on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Drift {
+    /// Of the origin, in the parent [m/s].
+    velocity: Vector3<f64>,
+    /// Of (origin, velocity) in the parent [m², m²/s, m²/s²].
+    covariance: Matrix6<f64>,
 }
 
 /// Nested spaces below one root.
@@ -134,7 +143,7 @@ impl SceneGraph {
         if self.find(name).is_some() {
             return Err(SceneError::NameTaken { name: name.to_owned() });
         }
-        let motion = Motion::Timed(VecDeque::new());
+        let motion = Motion::Timed(VecDeque::new(), None);
         self.spaces.push(Space { name: name.to_owned(), parent: Some(parent), motion, suspended: false });
         Ok(SpaceId(self.spaces.len() - 1))
     }
@@ -165,12 +174,28 @@ impl SceneGraph {
     /// Adds where `space` was at `time_ns`; a pose of the same time is replaced, a late one put in its place, the oldest
     /// forgotten when there are too many. Resumes a suspended space when the pose is its newest.
     pub fn push(&mut self, space: SpaceId, time_ns: i64, parent_from_space: UncertainPose) -> Result<(), SceneError> {
+        self.put(space, time_ns, parent_from_space, None)
+    }
+
+    fn put(
+        &mut self,
+        space: SpaceId,
+        time_ns: i64,
+        parent_from_space: UncertainPose,
+        drift: Option<Drift>,
+    ) -> Result<(), SceneError> {
         let history = self.history;
         let space = self.movable(space, &parent_from_space)?;
         if let Motion::Fixed(_) = space.motion {
-            space.motion = Motion::Timed(VecDeque::with_capacity(history + 1));
+            space.motion = Motion::Timed(VecDeque::with_capacity(history + 1), None);
         }
-        let Motion::Timed(samples) = &mut space.motion else { unreachable!("made timed above") };
+        let Motion::Timed(samples, newest) = &mut space.motion else { unreachable!("made timed above") };
+        if samples.back().is_none_or(|it| it.0 <= time_ns) {
+            match (newest.as_deref_mut(), drift) {
+                (Some(place), Some(drift)) => *place = drift,
+                (_, drift) => *newest = drift.map(Box::new),
+            }
+        }
         let place = samples.partition_point(|(time, _)| *time < time_ns);
         match samples.get_mut(place) {
             Some(sample) if sample.0 == time_ns => sample.1 = parent_from_space,
@@ -195,6 +220,24 @@ impl SceneGraph {
         let mut pose = UncertainPose::exact(Isometry3::translation(position.x, position.y, position.z));
         pose.covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(covariance);
         self.push(space, time_ns, pose)
+    }
+
+    /// As [`Self::push`] for a space whose origin moves with `velocity` in its parent [m/s]: as long as this pose is the newest one, later
+    /// times have it carried on, less and less certainly. `covariance` is that of (origin, velocity) in the parent [m², m²/s, m²/s²]. An
+    /// acceleration is not in that.
+    pub fn push_moving(
+        &mut self,
+        space: SpaceId,
+        time_ns: i64,
+        parent_from_space: UncertainPose,
+        velocity: Vector3<f64>,
+        covariance: &Matrix6<f64>,
+    ) -> Result<(), SceneError> {
+        if !velocity.iter().chain(covariance).all(|it| it.is_finite()) {
+            return Err(SceneError::NotFinite { space: self.space(space)?.name.clone() });
+        }
+        let drift = Drift { velocity, covariance: *covariance };
+        self.put(space, time_ns, parent_from_space, Some(drift))
     }
 
     /// Says that the target of `space` is lost: it answers for times up to its last pose only, until the next pose.
@@ -239,9 +282,9 @@ impl SceneGraph {
 
     fn parent_from_space(&self, id: SpaceId, time_ns: i64) -> Result<UncertainPose, SceneError> {
         let space = self.space(id)?;
-        let samples = match &space.motion {
+        let (samples, drift) = match &space.motion {
             Motion::Fixed(pose) => return Ok(**pose),
-            Motion::Timed(samples) => samples,
+            Motion::Timed(samples, drift) => (samples, drift),
         };
         let (Some(&(first_ns, first)), Some(&(last_ns, last))) = (samples.front(), samples.back()) else {
             return Err(SceneError::NoPose { space: space.name.clone() });
@@ -257,11 +300,11 @@ impl SceneGraph {
             return Ok(first);
         }
         let (earlier_ns, earlier) = samples[after - 1];
-        let Some(&(later_ns, later)) = samples.get(after) else {
-            return Ok(last);
-        };
         // In i128: the differences of two i64 times may not fit.
         let since = |time: i64| (i128::from(time) - i128::from(earlier_ns)) as f64;
+        let Some(&(later_ns, later)) = samples.get(after) else {
+            return Ok(drift.as_ref().map_or(last, |drift| drift.carry(&last, since(time_ns) * 1e-9)));
+        };
         Ok(earlier.towards(&later, since(time_ns) / since(later_ns)))
     }
 
@@ -279,6 +322,20 @@ impl SceneGraph {
             return Err(SceneError::NotFinite { space: name });
         }
         Ok(&mut self.spaces[id.0])
+    }
+}
+
+impl Drift {
+    /// `pose` so many seconds later.
+    fn carry(&self, pose: &UncertainPose, seconds: f64) -> UncertainPose {
+        let mut later = *pose;
+        later.transform.translation.vector += self.velocity * seconds;
+        let both = self.covariance.fixed_view::<3, 3>(0, 3) + self.covariance.fixed_view::<3, 3>(3, 0);
+        let growth = both * seconds + self.covariance.fixed_view::<3, 3>(3, 3) * (seconds * seconds);
+        let rotation = *pose.transform.rotation.to_rotation_matrix().matrix();
+        let mut block = later.covariance.fixed_view_mut::<3, 3>(3, 3);
+        block += rotation.transpose() * growth * rotation;
+        later
     }
 }
 
@@ -417,12 +474,39 @@ mod tests {
     }
 
     #[test]
+    fn newest_pose_is_carried_on_by_its_velocity_and_grows_less_certain() {
+        let (mut scene, [room, head, _]) = room_head_eye();
+        // A head that is turned by 90° about z; its own x is the room's y.
+        let mut turned = pose([1.0, 0.0, 0.0], [0.0, 0.0, std::f64::consts::FRAC_PI_2]);
+        turned.covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(&Matrix3::from_diagonal(&[1e-6, 4e-4, 0.0].into()));
+        let mut covariance = Matrix6::zeros();
+        covariance[(0, 0)] = 4e-4;
+        covariance[(1, 1)] = 1e-6;
+        covariance[(3, 3)] = 0.01;
+        (covariance[(0, 3)], covariance[(3, 0)]) = (1e-3, 1e-3);
+        let velocity = Vector3::new(2.0, 0.0, 0.0);
+        scene.push_moving(head, 0, turned, velocity, &covariance).unwrap();
+        let later = scene.a_from_b(room, head, SECOND / 10).unwrap();
+        let (origin, spread) = later.transform_point(&Point3::origin(), &Matrix3::zeros());
+        assert!((origin - Point3::new(1.2, 0.0, 0.0)).norm() < 1e-12, "{origin}");
+        // 4e-4 + 2 · 0.1 · 1e-3 + 0.1² · 0.01 along x of the room; nothing new along y.
+        let expected = Matrix3::from_diagonal(&[7e-4, 1e-6, 0.0].into());
+        assert!((spread - expected).norm() < 1e-12, "{spread}");
+        // A newer pose without a velocity holds, and a late one does not bring a velocity back.
+        scene.push(head, 50_000_000, pose([1.1, 0.0, 0.0], [0.0; 3])).unwrap();
+        scene.push_moving(head, 10_000_000, turned, velocity, &covariance).unwrap();
+        assert_eq!(scene.a_from_b(room, head, SECOND / 10).unwrap().transform.translation.x, 1.1);
+        let broken = Vector3::new(f64::NAN, 0.0, 0.0);
+        assert!(matches!(scene.push_moving(head, 0, turned, broken, &covariance), Err(SceneError::NotFinite { .. })));
+    }
+
+    #[test]
     fn history_is_bounded_and_takes_late_and_repeated_poses() {
         let (mut scene, [room, head, _]) = room_head_eye();
         for (time_ns, x) in [(10, 1.0), (30, 3.0), (20, 5.0), (20, 2.0), (40, 4.0), (50, 5.0)] {
             anchor(&mut scene, head, time_ns, x);
         }
-        let Motion::Timed(samples) = &scene.spaces[head.0].motion else { panic!() };
+        let Motion::Timed(samples, _) = &scene.spaces[head.0].motion else { panic!() };
         assert_eq!(samples.iter().map(|it| it.0).collect::<Vec<_>>(), [20, 30, 40, 50]);
         assert_eq!(scene.a_from_b(room, head, 25).unwrap().transform.translation.x, 2.5);
     }

@@ -16,7 +16,7 @@ use super::order::{Arrow, cycles, schedule, way_around};
 use super::promise;
 use super::read::RigText;
 use super::resolved;
-use super::scales::{Parent, ScaleDraft};
+use super::scales::{Parent, ScaleDraft, places};
 use super::wire::{EdgeDraft, Wiring, wire};
 use crate::graph::{Edge, Graph, Instance, Queue, Requirement, Scale};
 use crate::node::Role;
@@ -112,6 +112,7 @@ impl Finish<'_, '_> {
             claims: Claims::default(),
             calibration: Arc::clone(self.calibration.as_ref()?),
             scales,
+            places: places(self.scales),
             instances,
             edges,
             resolved,
@@ -223,6 +224,7 @@ fn warn(names: &Names<'_, '_>, wiring: &Wiring, findings: &mut Findings) {
         let is_end = matches!(node_type.role, Role::Sink | Role::Actuator);
         if !wiring.used[index]
             && !is_end
+            && !node.is_implied
             && let Some(names) = listed(outputs(node).map(|it| it.name))
         {
             findings

@@ -14,9 +14,12 @@ use super::fault::Findings;
 use super::names::{did_you_mean, likely, listed, matches, shown, there_is};
 use super::node_text::NodeText;
 use super::scales::ScaleDraft;
+use super::schema::written;
 use super::settings;
+use crate::graph::scale_id;
 use crate::node::Plan;
 use crate::registry::{NodeType, Registry, Settings};
+use crate::scale::{ScalePlace, ScaleTree};
 use crate::setup::{Claims, Purpose, Setup};
 
 /// A node after what can be said of it alone. What is `None` was at fault and has been reported.
@@ -29,6 +32,8 @@ pub(super) struct NodeDraft<'t> {
     /// One entry an instance: its camera, if it has one.
     pub cameras: Option<Vec<Option<CameraId>>>,
     pub plan: Plan,
+    /// Made for the scale's anchor, not written in the rig.
+    pub is_implied: bool,
 }
 
 impl NodeDraft<'_> {
@@ -48,6 +53,7 @@ pub(super) struct Surroundings<'r> {
     pub rig_dir: &'r Path,
     pub claims: Claims,
     pub seed: u64,
+    pub places: Arc<[ScalePlace]>,
 }
 
 /// What a node needs to know of its scale.
@@ -65,9 +71,9 @@ impl Surroundings<'_> {
         let settings = node_type.as_ref().and_then(|it| decode(it, &text, &given, findings));
         let plan = settings.as_ref().map(|it| it.plan()).unwrap_or_default();
         if let (Some(settings), Some(cameras), true) = (&settings, &cameras, scale.scale.sound) {
-            self.try_out(&text, scale.scale, &given, settings, cameras, findings);
+            self.try_out(&text, scale, &given, settings, cameras, findings);
         }
-        NodeDraft { text, scale: scale.index, node_type, settings, cameras, plan }
+        NodeDraft { text, scale: scale.index, node_type, settings, cameras, plan, is_implied: false }
     }
 
     fn node_type(&self, text: &NodeText<'_>, findings: &mut Findings) -> Option<Arc<NodeType>> {
@@ -82,7 +88,7 @@ impl Surroundings<'_> {
         };
         let found = self.registry.get(name.get_ref());
         if found.is_none() {
-            let known = self.registry.iter().map(|it| it.name).collect::<Vec<_>>();
+            let known = written(self.registry).map(|it| it.name).collect::<Vec<_>>();
             findings
                 .fault(
                     name.span(),
@@ -150,7 +156,7 @@ impl Surroundings<'_> {
     fn try_out(
         &self,
         text: &NodeText<'_>,
-        scale: &ScaleDraft,
+        ScaleView { index, scale }: &ScaleView<'_>,
         given: &DeTable<'_>,
         settings: &Arc<dyn Settings>,
         cameras: &[Option<CameraId>],
@@ -168,6 +174,7 @@ impl Surroundings<'_> {
                 random: random.fork(&instance),
                 instance,
                 scale: scale.name.clone(),
+                scales: ScaleTree { own: scale_id(*index), places: Arc::clone(&self.places) },
                 camera: *camera,
                 calibration: Arc::clone(calibration),
                 connected: text.inputs.iter().map(|it| it.port.get_ref().to_string()).collect(),

@@ -1,9 +1,11 @@
 //! A rig with every default filled in, as TOML that loads again to the same graph.
 
+use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::Path;
 
 use foveate_messages::Interval;
+use foveate_scene::AnchorRule;
 use serde_json::Value as Json;
 use toml::Value;
 
@@ -13,7 +15,7 @@ use super::node_text::{ON_ERROR, RequireText, WHEN_FULL};
 use super::nodes::NodeDraft;
 use super::read::RigText;
 use super::reference::Reference;
-use super::scales::{Parent, ScaleDraft, target_name};
+use super::scales::{Parent, ScaleDraft, anchored_to};
 use super::targets;
 use crate::graph::{Cost, Queue};
 use crate::port::Take;
@@ -43,12 +45,15 @@ pub(super) fn write(head: &Head<'_>, names: &Names<'_, '_>) -> Result<String, (u
     if let Some(duration_s) = head.duration_s {
         line(&mut text, "duration_s", &Value::from(duration_s));
     }
+    let anchored = anchored_to(names.scales);
     let mut nodes = names.nodes.iter().enumerate().peekable();
     for (index, scale) in names.scales.iter().enumerate() {
         write_scale(&mut text, names.scales, scale);
-        write_targets(&mut text, names.scales, index);
+        write_targets(&mut text, scale, &anchored[index]);
         while let Some((number, node)) = nodes.next_if(|it| it.1.scale == index) {
-            write_node(&mut text, names, node).map_err(|error| (number, error))?;
+            if !node.is_implied {
+                write_node(&mut text, names, node).map_err(|error| (number, error))?;
+            }
         }
     }
     Ok(text)
@@ -81,17 +86,14 @@ fn write_scale(text: &mut String, scales: &[ScaleDraft], scale: &ScaleDraft) {
     }
 }
 
-/// The scale's named targets, then those that scales are anchored to without a table of their own.
-fn write_targets(text: &mut String, scales: &[ScaleDraft], scale: usize) {
-    let mut written: Vec<&str> = Vec::new();
-    let named = scales[scale].targets.iter().map(|it| (it.name.get_ref().as_str(), &it.rule));
-    let children = scales.iter().filter(|it| it.parent == Parent::Of(scale));
-    let implied = children.filter_map(|it| Some((target_name(it.anchor.as_ref()?.get_ref())?, it.rule.as_ref()?)));
-    for (name, rule) in named.chain(implied.filter(|it| is_plain(it.0))) {
-        if !written.contains(&name) {
-            let _ = writeln!(text, "\n[scale.{}.target.{}]", quoted_key(&scales[scale].name), quoted_key(name));
+/// The scale's named targets, then those of `anchored` without a table of their own.
+fn write_targets(text: &mut String, scale: &ScaleDraft, anchored: &[(&str, &AnchorRule)]) {
+    let mut written = BTreeSet::new();
+    let named = scale.targets.iter().map(|it| (it.name.get_ref().as_str(), &it.rule));
+    for (name, rule) in named.chain(anchored.iter().copied().filter(|it| is_plain(it.0))) {
+        if written.insert(name) {
+            let _ = writeln!(text, "\n[scale.{}.target.{}]", quoted_key(&scale.name), quoted_key(name));
             targets::write(text, rule);
-            written.push(name);
         }
     }
 }

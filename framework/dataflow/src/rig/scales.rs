@@ -1,6 +1,7 @@
 //! Scales in order, parents before children.
 
 use std::collections::{BTreeSet, HashMap};
+use std::sync::Arc;
 
 use foveate_scene::AnchorRule;
 use toml::Spanned;
@@ -10,6 +11,8 @@ use super::names::{did_you_mean, shown};
 use super::node_text::NodeText;
 use super::read::ScaleText;
 use super::targets::NamedTarget;
+use crate::graph::scale_id;
+use crate::scale::ScalePlace;
 
 /// The scale that a scale nests in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,6 +39,19 @@ pub(super) struct ScaleDraft {
     pub sound: bool,
 }
 
+/// As nodes are told of them; for scales in order.
+pub(super) fn places(scales: &[ScaleDraft]) -> Arc<[ScalePlace]> {
+    let place = |it: &ScaleDraft| ScalePlace {
+        name: it.name.clone(),
+        parent: match it.parent {
+            Parent::Of(parent) => Some(scale_id(parent)),
+            Parent::Root | Parent::Unclear => None,
+        },
+        is_anchored: it.rule.is_some(),
+    };
+    scales.iter().map(place).collect()
+}
+
 /// Puts scales in order, by the text wherever that is free; the nodes of each stand at the same index.
 pub(super) fn arrange<'t>(
     scales: Vec<ScaleText<'t>>,
@@ -49,6 +65,7 @@ pub(super) fn arrange<'t>(
     }
     let mut scales: Vec<Option<ScaleText<'t>>> = scales.into_iter().map(Some).collect();
     let (mut drafts, mut nodes): (Vec<ScaleDraft>, _) = (Vec::new(), Vec::new());
+    let mut rules: HashMap<(usize, String), AnchorRule> = HashMap::new();
     for scale in order {
         let Some(text) = scales[scale].take() else { continue };
         let parent = match parents[scale] {
@@ -64,12 +81,11 @@ pub(super) fn arrange<'t>(
         let ScaleText { name, anchor, volume_m, radius_m, targets, mut sound, nodes: texts, .. } = text;
         let mut rule = None;
         if let (Parent::Of(parent), Some(anchor)) = (parent, &anchor) {
-            let parent = &drafts[parent];
-            sound &= parent.sound;
+            sound &= drafts[parent].sound;
             let target = target_name(anchor.get_ref()).unwrap_or_default();
-            let named = parent.targets.iter().find(|it| it.name.get_ref() == target);
-            rule = Some(named.map_or_else(AnchorRule::default, |it| it.rule));
+            rule = Some(rules.get(&(parent, target.to_owned())).copied().unwrap_or_default());
         }
+        rules.extend(targets.iter().map(|it| ((drafts.len(), it.name.get_ref().clone()), it.rule)));
         drafts.push(ScaleDraft { name: name.into_inner(), parent, anchor, rule, volume_m, radius_m, targets, sound });
         nodes.push(texts);
     }
@@ -77,8 +93,19 @@ pub(super) fn arrange<'t>(
 }
 
 /// The name of the target in an anchor: what stands behind the node's.
-pub(super) fn target_name(anchor: &str) -> Option<&str> {
+fn target_name(anchor: &str) -> Option<&str> {
     anchor.split_once('.').map(|it| it.1)
+}
+
+/// By scale: the names of its targets that scales are anchored to, with their rules, in the order of those scales.
+pub(super) fn anchored_to(scales: &[ScaleDraft]) -> Vec<Vec<(&str, &AnchorRule)>> {
+    let mut anchored = vec![Vec::new(); scales.len()];
+    for scale in scales {
+        if let (Parent::Of(parent), Some(anchor), Some(rule)) = (scale.parent, &scale.anchor, &scale.rule) {
+            anchored[parent].extend(target_name(anchor.get_ref()).map(|it| (it, rule)));
+        }
+    }
+    anchored
 }
 
 fn parents(scales: &[ScaleText<'_>], findings: &mut Findings) -> Vec<Parent> {

@@ -3,13 +3,16 @@
 //! Made so that checkers point at the value: no `oneOf` over node types, but `if` and `then` on `type`; a connection's
 //! three forms are one schema with keywords for each kind of value.
 
+use std::sync::Arc;
+
 use serde_json::{Map, Value as Json, json};
 
 use super::node_text::{LONGEST_COST_MS, ON_ERROR, WHEN_FULL};
 use super::targets;
-use crate::node::Role;
+use crate::node::{Node, Role};
 use crate::port::{InputSpec, Take};
 use crate::registry::{NodeType, Registry};
+use crate::scale::ScaleAnchor;
 
 /// JSON Schema (2020-12) of rigs made of the node types in `registry`.
 pub fn schema(registry: &Registry) -> Json {
@@ -17,7 +20,7 @@ pub fn schema(registry: &Registry) -> Json {
     definitions.insert("scale".to_owned(), scale());
     definitions.insert("node".to_owned(), node(registry));
     definitions.insert("require".to_owned(), require());
-    for node_type in registry.iter() {
+    for node_type in written(registry) {
         add_node_type(node_type, &mut definitions);
     }
     json!({
@@ -39,6 +42,11 @@ pub fn schema(registry: &Registry) -> Json {
         "additionalProperties": false,
         "$defs": definitions
     })
+}
+
+/// The types of nodes that a rig writes: all but the one that the loader makes.
+pub(super) fn written(registry: &Registry) -> impl Iterator<Item = &Arc<NodeType>> {
+    registry.iter().filter(|it| it.name != ScaleAnchor::TYPE)
 }
 
 fn reference(definition: &str) -> Json {
@@ -122,10 +130,9 @@ fn scale() -> Json {
 }
 
 fn node(registry: &Registry) -> Json {
-    let names: Vec<&str> = registry.iter().map(|it| it.name).collect();
-    let summaries: Vec<String> = registry.iter().map(|it| format!("{}: {}", it.role.name(), it.summary)).collect();
-    let branches: Vec<Json> = registry
-        .iter()
+    let names: Vec<&str> = written(registry).map(|it| it.name).collect();
+    let summaries: Vec<String> = written(registry).map(|it| format!("{}: {}", it.role.name(), it.summary)).collect();
+    let branches: Vec<Json> = written(registry)
         .map(|it| {
             json!({
                 "if": { "properties": { "type": { "const": it.name } }, "required": ["type"] },

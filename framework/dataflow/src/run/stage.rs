@@ -19,6 +19,7 @@ use crate::registry::ErasedNode;
 use crate::report::Report;
 use crate::run::busy::Work;
 use crate::run::faults::{FaultLog, panic_text};
+use crate::run::gates::{Gate, Gates, is_anchor};
 use crate::run::inbox::{Fate, Inbox, Put};
 use crate::setup::Purpose;
 
@@ -35,12 +36,16 @@ pub(crate) struct Slot {
     sequences: Vec<u64>,
     /// What its turns cost on the logical clock, where they cost anything.
     work: Option<Box<Work>>,
+    /// What holds messages up while its scale is suspended.
+    gate: Option<Gate>,
 }
 
 /// How an edge is travelled.
 pub(crate) enum Route {
     /// The consumer runs on the same worker.
     Here(usize),
+    /// Not to a node: an anchor tells the gates where its scale is.
+    Told(usize),
     /// Across threads.
     Away {
         edge: usize,
@@ -56,6 +61,22 @@ pub(crate) struct EdgeEnd {
     to: (usize, usize),
     source: usize,
     pub(crate) ledger: Ledger,
+    /// Of the scale that its messages come from, and how often that had been turned when it was last looked at.
+    gate: Option<(Gate, u64)>,
+}
+
+impl EdgeEnd {
+    /// Takes back that `missing` numbers were left out, if the scale that they come from was suspended meanwhile: what a suspended
+    /// node did not pass on is counted where it was held up, and nowhere else.
+    #[cold]
+    fn excuse(&mut self, missing: u64) {
+        if let Some((gate, seen)) = &mut self.gate {
+            let turns = gate.turns();
+            if std::mem::replace(seen, turns) != turns {
+                self.ledger.gaps -= missing;
+            }
+        }
+    }
 }
 
 /// What a worker must do when it has put a message on another one's queue.
@@ -92,6 +113,8 @@ pub(crate) enum Costs {
 /// The nodes that one worker runs. Indices are the graph's: what other workers run is `None` here.
 pub(crate) struct Stage {
     graph: Arc<Graph>,
+    /// Which scales are suspended; shared by all workers.
+    pub(crate) gates: Arc<Gates>,
     out_dir: Option<PathBuf>,
     pub(crate) slots: Vec<Option<Slot>>,
     pub(crate) ends: Vec<Option<EdgeEnd>>,
@@ -117,22 +140,26 @@ impl Stage {
     /// # Errors
     /// The first instance that refuses, with its reason.
     pub(crate) fn build(graph: Arc<Graph>, out_dir: Option<PathBuf>, costs: Costs) -> Result<Stage, NodeError> {
+        let gates = Arc::new(Gates::new(&graph));
         let mut slots = Vec::with_capacity(graph.instances.len());
         for index in 0..graph.instances.len() {
-            slots.push(Some(Slot::build(&graph, index, out_dir.clone(), costs)?));
+            slots.push(Some(Slot::build(&graph, &gates, index, out_dir.clone(), costs)?));
         }
         let mut ends: Vec<Option<EdgeEnd>> = (0..graph.edges.len()).map(|_| None).collect();
         for (consumer, slot) in slots.iter().enumerate() {
             let inputs = slot.iter().flat_map(|slot| slot.input_edges.iter().enumerate());
             for (port, edges) in inputs {
                 for (source, &edge) in edges.iter().enumerate() {
-                    ends[edge] = Some(EdgeEnd { to: (consumer, port), source, ledger: Ledger::default() });
+                    let from = graph.edges[edge].from.0;
+                    let gate = gates.of_scale(graph.instances[from].scale).map(|it| (it, 0));
+                    ends[edge] = Some(EdgeEnd { to: (consumer, port), source, ledger: Ledger::default(), gate });
                 }
             }
         }
         let ready = vec![0; slots.len().div_ceil(64)];
         Ok(Stage {
             graph,
+            gates,
             out_dir,
             slots,
             ends,
@@ -152,6 +179,7 @@ impl Stage {
     pub(crate) fn empty_like(&self) -> Stage {
         Stage {
             graph: Arc::clone(&self.graph),
+            gates: Arc::clone(&self.gates),
             out_dir: self.out_dir.clone(),
             slots: self.slots.iter().map(|_| None).collect(),
             ends: self.ends.iter().map(|_| None).collect(),
@@ -196,8 +224,15 @@ impl Stage {
             end.ledger.dropped += 1;
             return;
         }
-        end.ledger.arrive(packet.stamp);
-        if let Inbox::Latest = slot.inboxes[port] {
+        let is_sampled = matches!(slot.inboxes[port], Inbox::Latest);
+        if !is_sampled && !slot.is_open() {
+            return end.ledger.suspend(packet.stamp, now);
+        }
+        let missing = end.ledger.arrive(packet.stamp);
+        if missing > 0 {
+            end.excuse(missing);
+        }
+        if is_sampled {
             end.ledger.take(packet.stamp, now, || packet.payload.quality());
             slot.latest[port][end.source] = Some(packet);
             return;
@@ -272,7 +307,7 @@ impl Stage {
         }
         self.slots.iter_mut().flatten().for_each(|slot| slot.work = None);
         for index in 0..self.slots.len() {
-            while self.take_next(index, now, true) {
+            while self.slots[index].as_ref().is_some_and(Slot::is_open) && self.take_next(index, now, true) {
                 self.activate(index, now, &mut Alone);
                 self.run_ready(now, &mut Alone);
             }
@@ -393,11 +428,15 @@ impl Stage {
         let end = self.ends[edge].as_mut()?;
         let (consumer, port) = end.to;
         let next = self.slots[consumer].as_ref()?;
-        let is_free = next.node.is_some() && next.work.is_none() && slot.work.is_none();
+        let is_free = next.node.is_some() && next.work.is_none() && slot.work.is_none() && next.is_open();
         if !is_free || !matches!(&next.inboxes[port], Inbox::Each(queue) if queue.is_empty()) {
             return None;
         }
-        end.ledger.deliver(packet.stamp, now, || packet.payload.quality());
+        let missing = end.ledger.arrive(packet.stamp);
+        if missing > 0 {
+            end.excuse(missing);
+        }
+        end.ledger.take(packet.stamp, now, || packet.payload.quality());
         let (_, packet) = self.outbox.packets.pop()?;
         self.delivery.port = port;
         self.delivery.packets.clear();
@@ -416,6 +455,7 @@ impl Stage {
             for route in &routes[port] {
                 let edge = match route {
                     Route::Here(edge) | Route::Away { edge, .. } => *edge,
+                    Route::Told(_) => continue,
                 };
                 // A gap on an edge to another worker shows there as a number left out.
                 if let Some(end) = &mut self.ends[edge] {
@@ -440,6 +480,7 @@ impl Stage {
     fn send(&mut self, route: &mut Route, packet: Packet, now: Time, away: &mut dyn Away) {
         let (edge, sender, receiver, when_full, dropped) = match route {
             Route::Here(edge) => return self.deliver(*edge, packet, now),
+            Route::Told(scale) => return self.gates.hear(*scale, &packet),
             Route::Away { edge, sender, receiver, when_full, dropped } => {
                 (*edge, sender, receiver, *when_full, dropped)
             }
@@ -505,7 +546,13 @@ impl Stage {
 }
 
 impl Slot {
-    fn build(graph: &Graph, index: usize, out_dir: Option<PathBuf>, costs: Costs) -> Result<Slot, NodeError> {
+    fn build(
+        graph: &Graph,
+        gates: &Gates,
+        index: usize,
+        out_dir: Option<PathBuf>,
+        costs: Costs,
+    ) -> Result<Slot, NodeError> {
         let instance = &graph.instances[index];
         let setup = graph.setup(index, out_dir, Purpose::Run);
         let node = instance
@@ -523,6 +570,10 @@ impl Slot {
                 routes[edge.from.1].push(Route::Here(number));
             }
         }
+        if is_anchor(instance) {
+            // First, so that what follows the space finds the gate open.
+            routes.iter_mut().for_each(|it| it.insert(0, Route::Told(instance.scale)));
+        }
         let inboxes = ports
             .inputs
             .iter()
@@ -538,7 +589,14 @@ impl Slot {
             routes,
             sequences: vec![0; ports.outputs.len()],
             work: work.filter(|_| costs == Costs::Simulated).map(Box::new),
+            gate: gates.before(instance),
         })
+    }
+
+    /// Whether its scale is not suspended, as far as that concerns it.
+    #[inline]
+    fn is_open(&self) -> bool {
+        self.gate.as_ref().is_none_or(Gate::is_open)
     }
 
     fn stop(&mut self, ends: &mut [Option<EdgeEnd>], now: Time) {

@@ -23,6 +23,7 @@ fn lab_expands_to_one_instance_a_camera_in_the_order_of_its_edges() {
             "room.leds[wide-3]",
             "room.targets",
             "room.table",
+            "face.anchor",
             "face.aim[ptz-1]",
             "face.aim[ptz-2]",
             "face.heads[ptz-1]",
@@ -32,7 +33,7 @@ fn lab_expands_to_one_instance_a_camera_in_the_order_of_its_edges() {
     assert_eq!(graph.warnings.list, []);
     let edges: Vec<&str> = graph.edges.iter().map(|it| it.name.as_str()).collect();
     assert_eq!(edges[0], "room.video[wide-1].image -> room.leds[wide-1].image");
-    assert_eq!(edges.len(), 3 + 3 + 3 + 1 + 2 + 2);
+    assert_eq!(edges.len(), 3 + 3 + 3 + 1 + 1 + 2 + 2);
     let feedback: Vec<&str> = graph.edges.iter().filter(|it| it.feedback).map(|it| it.name.as_str()).collect();
     assert_eq!(feedback, [1, 2, 3].map(|it| format!("room.targets.hints -> room.leds[wide-{it}].hints")));
     let table = graph.edges.iter().find(|it| it.name.ends_with("table.targets")).unwrap();

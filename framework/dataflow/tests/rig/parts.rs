@@ -5,7 +5,7 @@ use std::path::Path;
 use foveate_dataflow::graph::Graph;
 use foveate_dataflow::rig::{self, Faults, Overrides};
 use foveate_dataflow::{ConfigError, In, Io, Message, Node, NodeError, Out, Plan, Ports, Registry, Role, Setup};
-use foveate_messages::{Features, Image, Targets};
+use foveate_messages::{Features, Image, ScaleSpace, Targets};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -214,6 +214,8 @@ part!(
     Ports::new().input(&In::<Targets>::each(0, "targets")).output(&Out::<Targets>::new(0, "targets"))
 );
 
+part!(Spaces, Nothing, "test.spaces", Sink, Ports::new().input(&In::<ScaleSpace>::each(0, "spaces").many()));
+
 part!(Listener, Nothing, "test.listener", Sink, Ports::new().input(&In::<Hints>::latest(0, "hints").many()));
 
 /// Settings without defaults.
@@ -268,6 +270,7 @@ pub fn registry_without_aim() -> Registry {
     registry.add::<Integrator>();
     registry.add::<Joiner>();
     registry.add::<Smoother>();
+    registry.add::<Spaces>();
     registry.add::<Motor>();
     registry.add::<Table>();
     registry.add::<Listener>();

@@ -74,7 +74,7 @@ fn drawing_is_well_formed_and_boxes_lie_apart_in_it() {
         .filter(|it| it.starts_with("rect") && it.contains("rx=\"6\""))
         .map(|it| ["x", "y", "width", "height"].map(|name| number(it, name)))
         .collect();
-    assert_eq!(boxes.len(), 13);
+    assert_eq!(boxes.len(), 15);
     for (index, [x, y, w, h]) in boxes.iter().copied().enumerate() {
         assert!(x >= 0.0 && y >= 0.0 && x + w <= width && y + h <= height, "{x} {y} {w} {h} in {width} {height}");
         for &[x2, y2, w2, h2] in &boxes[index + 1..] {

@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex};
 
 use foveate_dataflow::Purpose;
 use foveate_dataflow::rig::{self, Overrides};
+use foveate_messages::ScaleId;
 use foveate_scene::{AnchorRule, Pick};
 use nalgebra::{Point3, Vector3};
 
@@ -112,4 +113,46 @@ fn name_that_is_nearly_a_named_target_is_a_fault_and_one_that_nothing_uses_a_war
     assert_eq!(graph.warnings.list[0].title, "nothing is anchored to target `hand`");
     let other = good(&named("").replace("targets.head", "targets.foot"));
     assert_eq!(other.scales[1].anchor_rule, Some(AnchorRule::default()), "a name like none of those there");
+}
+
+#[test]
+fn anchored_scale_is_given_a_node_that_follows_its_target() {
+    let ear = "[scale.face.node.ear]\ntype = \"test.spaces\"\nin.spaces = \"anchor.space\"\n";
+    let graph = good(&format!("{LAB}{ear}"));
+    let anchor = graph.instances.iter().position(|it| it.path == "face.anchor").unwrap();
+    assert_eq!(graph.instances[anchor].node_type.name, "scale.anchor");
+    let edges: Vec<&str> = graph.edges.iter().map(|it| it.name.as_str()).filter(|it| it.contains("anchor")).collect();
+    let expected = ["room.targets.targets -> face.anchor.targets", "face.anchor.space -> face.ear.spaces"];
+    assert_eq!(edges, expected);
+    assert_eq!(graph.warnings.list, []);
+    assert!(!graph.resolved.contains("scale.anchor"), "{}", graph.resolved);
+    assert_eq!(good(&graph.resolved).edges, graph.edges);
+    let places: Vec<(&str, Option<ScaleId>, bool)> =
+        graph.places.iter().map(|it| (it.name.as_str(), it.parent, it.is_anchored)).collect();
+    assert_eq!(places, [("room", None, false), ("face", Some(ScaleId(0)), true)]);
+    assert_eq!(graph.setup(anchor, None, Purpose::Run).scales.own, ScaleId(1));
+    assert!(graph.to_svg().contains("scale.anchor"));
+}
+
+#[test]
+fn nobody_else_makes_an_anchor_or_takes_its_name() {
+    let own = format!("{LAB}[scale.face.node.anchor]\ntype = \"test.listener\"\nin.hints = \"aim.command\"\n");
+    let said = ["scale `face` has a node `anchor` of its own", "give this node another name", "gives `anchor.space`"];
+    whole(&own, "42:18", "anchor", &said);
+    let by_hand =
+        format!("{LAB}[scale.face.node.other]\ntype = \"scale.anchor\"\nin.targets = \"room.targets.targets\"\n");
+    whole(&by_hand, "43:8", "\"scale.anchor\"", &["is not written in a rig", "is given one, named `anchor`"]);
+    good(&format!("{LAB}[scale.room.node.anchor]\ntype = \"test.listener\"\nin.hints = \"targets.hints\"\n"));
+}
+
+#[test]
+fn scale_is_anchored_to_a_node_that_runs_once() {
+    let text = LAB.replace("[scale.room.node.targets]", "[scale.room.node.targets]\neach = \"wide-*\"");
+    let text = text.replace(
+        "in.targets = { from = \"targets.targets\", capacity = 64, when_full = \"wait\" }",
+        "in.targets = \"targets.targets\"",
+    );
+    let faults = bad(&text);
+    let found = faults.list.iter().find(|it| it.title.contains("a scale is anchored to one list of targets"));
+    assert!(found.is_some_and(|it| it.line_column() == (30, 10)), "{faults}");
 }
