@@ -10,7 +10,7 @@
 //! | [`timing`] | a camera's clock, the way of its data, its failures |
 //! | [`head`] | a pan-tilt head with mechanics and a line, byte by byte |
 //! | [`score`] | recovered targets against the truth |
-//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.head`, `sim.score` |
+//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.rider`, `sim.head`, `sim.score` |
 
 pub mod bump;
 pub mod camera;
@@ -32,6 +32,7 @@ pub fn register(registry: &mut Registry) {
     registry.add::<nodes::camera::SimCamera>();
     registry.add::<nodes::observer::SimObserver>();
     registry.add::<nodes::head::SimHead>();
+    registry.add::<nodes::rider::SimRider>();
     registry.add::<nodes::score::Score>();
     registry.add::<nodes::head_score::HeadScore>();
 }

@@ -1,13 +1,16 @@
 //! `export.targets`: the table of all that was recovered, one line for each target and time.
 //!
 //! Columns: `time_s,target,x_m,y_m,z_m`, the upper triangle of the position's covariance `cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2`,
-//! `cameras` (names joined by `+`: those whose observations entered) and `how` (`measured`, `predicted`, `filled`).
+//! `cameras` (names joined by `+`: those whose observations entered) and `how` (`measured`, `predicted`, `filled`). All in the scale's own
+//! space; in a scale whose space moves, with its anchors at `spaces`, `world_x_m` to `world_czz_m2` follow, the same in the world, empty where the
+//! anchors do not know it.
 
 use std::collections::BTreeMap;
 
+use foveate::dataflow::scale::Spaces;
 use foveate::prelude::*;
 use foveate::scene::LengthUnit;
-use nalgebra::Point3;
+use nalgebra::{Matrix3, Point3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -17,8 +20,15 @@ use crate::row_file::RowFile;
 use crate::target_rows::{Clock, Row};
 
 const TARGETS: In<Targets> = In::each(0, "targets");
+const SPACES: In<ScaleSpace> = In::latest(1, "spaces").many().optional();
 
 const HEADER: &str = "time_s,target,x_m,y_m,z_m,cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2,cameras,how";
+
+/// What is added to [`HEADER`] where the scale's space moves and its anchors are connected.
+const WORLD_HEADER: &str =
+    ",world_x_m,world_y_m,world_z_m,world_cxx_m2,world_cxy_m2,world_cxz_m2,world_cyy_m2,world_cyz_m2,world_czz_m2";
+/// Its columns, left empty.
+const NO_WORLD: &str = ",,,,,,,,,";
 
 /// Settings of [`ExportTargets`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -68,6 +78,8 @@ pub struct ExportTargets {
 #[derive(Debug, Default)]
 struct Table {
     cameras: Vec<String>,
+    /// Where the scale's space moves: where it is.
+    spaces: Option<Spaces>,
     samples: u64,
     predicted: u64,
     filled: u64,
@@ -82,19 +94,20 @@ impl Table {
         fixed(text, row.time.as_s(), 6);
         text.push(',');
         text.push_str(&row.id.0.to_string());
-        for coordinate in row.position.iter() {
-            text.push(',');
-            fixed(text, *coordinate, 6);
-        }
-        for (row_index, column) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)] {
-            text.push(',');
-            scientific(text, row.covariance[(row_index, column)]);
-        }
+        write_point(text, &row.position, &row.covariance);
         text.push(',');
         let names: Vec<String> = row.cameras.iter().map(|it| self.camera(it)).collect();
         text.push_str(&field(&names.join("+")));
         text.push(',');
         text.push_str(row.how.name());
+        match self.spaces.as_ref().map(|it| it.world_from_own(row.time)) {
+            Some(Ok(world_from_own)) => {
+                let (position, covariance) = world_from_own.transform_point(&row.position, &row.covariance);
+                write_point(text, &position, &covariance);
+            }
+            Some(Err(_)) => text.push_str(NO_WORLD),
+            None => {}
+        }
         text.push('\n');
         self.count(row);
     }
@@ -112,6 +125,18 @@ impl Table {
         }
         let (first, last) = self.span.unwrap_or((row.time, row.time));
         self.span = Some((first.min(row.time), last.max(row.time)));
+    }
+}
+
+/// Position and upper triangle of its covariance, each with a comma before it.
+fn write_point(text: &mut String, position: &Point3<f64>, covariance: &Matrix3<f64>) {
+    for coordinate in position.iter() {
+        text.push(',');
+        fixed(text, *coordinate, 6);
+    }
+    for (row, column) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)] {
+        text.push(',');
+        scientific(text, covariance[(row, column)]);
     }
 }
 
@@ -134,7 +159,7 @@ impl Node for ExportTargets {
     type Settings = ExportTargetsSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&TARGETS)
+        Ports::new().input(&TARGETS).input(&SPACES)
     }
 
     fn new(settings: ExportTargetsSettings, setup: &Setup) -> Result<Self, ConfigError> {
@@ -146,11 +171,14 @@ impl Node for ExportTargets {
         let [measured_within, carried_at_most] =
             [settings.measured_within_ms, settings.carried_at_most_ms].map(Interval::from_ms);
         let clock = (settings.rate_hz > 0.0).then(|| Clock::new(settings.rate_hz, measured_within, carried_at_most));
+        let is_told = setup.is_connected(&SPACES);
+        let spaces = is_told.then(|| Spaces::new(&setup.scales)).filter(Spaces::is_moving);
+        let header = if spaces.is_some() { format!("{HEADER}{WORLD_HEADER}") } else { HEADER.to_owned() };
         Ok(Self {
-            file: RowFile::new(setup, &settings.file, HEADER),
+            file: RowFile::new(setup, &settings.file, &header),
             last: LastOfTime::default(),
             clock,
-            table: Table { cameras: camera_names(setup), ..Table::default() },
+            table: Table { cameras: camera_names(setup), spaces, ..Table::default() },
             text: String::new(),
             file_name: settings.file,
             unit_is_known: setup.calibration.length_unit == LengthUnit::Metre,
@@ -158,6 +186,9 @@ impl Node for ExportTargets {
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        if let Some(spaces) = &mut self.table.spaces {
+            io.latest_of_each(&SPACES).for_each(|it| spaces.learn(it.value));
+        }
         while let Some(message) = io.take(&TARGETS) {
             if let Some(message) = self.last.push(message.value) {
                 self.write(&message);

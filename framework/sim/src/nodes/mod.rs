@@ -6,4 +6,5 @@ pub mod head;
 pub mod head_score;
 pub mod lab;
 pub mod observer;
+pub mod rider;
 pub mod score;
