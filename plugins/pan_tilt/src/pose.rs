@@ -1,8 +1,5 @@
 //! `pan_tilt.pose`: where the camera on a head stood when each of its pictures was taken.
 
-use std::collections::VecDeque;
-use std::sync::Arc;
-
 use foveate::estimation::{Servo, ServoRules};
 use foveate::geometry::pan_tilt::{PanTiltHead, Setting};
 use foveate::prelude::*;
@@ -29,8 +26,6 @@ const FARTHEST_S: f64 = 0.1;
 
 /// Step of derivatives [rad, m].
 const STEP: f64 = 1e-6;
-/// So many pictures wait for the head's next answer at most.
-const MOST_WAITING: usize = 256;
 
 /// Settings of [`Pose`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -48,22 +43,12 @@ pub struct PoseSettings {
     /// How much the camera shakes beyond what the motors do, standard deviation [°].
     #[schemars(range(min = 0.0, max = 10.0))]
     pub shake_deg: f64,
-    /// How long a picture's pose may wait for an answer of the head that is of a later time: poses between two answers are better known. 0: at
-    /// once [ms].
-    #[schemars(range(min = 0.0, max = 10_000.0))]
-    pub wait_ms: f64,
 }
 
 impl Default for PoseSettings {
     /// As of the EVI-D30.
     fn default() -> Self {
-        Self {
-            latency_ms: 270.0,
-            acceleration_deg_per_s2: 400.0,
-            quantum_deg: [1.0 / 8.8, 1.0 / 12.0],
-            shake_deg: 0.1,
-            wait_ms: 0.0,
-        }
+        Self { latency_ms: 270.0, acceleration_deg_per_s2: 400.0, quantum_deg: [1.0 / 8.8, 1.0 / 12.0], shake_deg: 0.1 }
     }
 }
 
@@ -77,8 +62,6 @@ pub struct Pose {
     head: CalibratedHead,
     servo: Servo,
     zoom: Option<f64>,
-    wait: Interval,
-    waiting: VecDeque<(Stamp, Option<Arc<Features>>)>,
     anchor: TargetAnchor,
     target: Option<Target>,
     target_time: Time,
@@ -122,7 +105,6 @@ impl Node for Pose {
             ConfigError::unless_in("quantum_deg", quantum, 1e-6..=10.0)?;
         }
         ConfigError::unless_in("shake_deg", settings.shake_deg, 0.0..=10.0)?;
-        ConfigError::unless_in("wait_ms", settings.wait_ms, 0.0..=10_000.0)?;
         let (camera, head) = crate::head_of(setup)?;
         let rules = ServoRules {
             latency_s: [settings.latency_ms * 1e-3, 0.08],
@@ -137,8 +119,6 @@ impl Node for Pose {
             head,
             servo: Servo::new(rules, 0.0, [0.0; 2]),
             zoom: None,
-            wait: Interval::from_ms(settings.wait_ms),
-            waiting: VecDeque::new(),
             anchor: TargetAnchor::new(setup),
             target: None,
             target_time: Time(i64::MIN),
@@ -159,24 +139,16 @@ impl Node for Pose {
                     HeadEvent::Link(_) | HeadEvent::Arrived => {}
                 }
             }
-        } else if let Some(image) = io.take(&IMAGE) {
-            self.waiting.push_back((image.stamp, None));
-        } else if let Some(features) = io.take(&FEATURES) {
-            self.waiting.push_back((features.stamp, Some(features.value)));
+            return Ok(());
         }
         if let Some(targets) = io.latest(&TARGET).filter(|it| it.value.time > self.target_time) {
             self.target_time = targets.value.time;
             self.target = self.anchor.target(targets.value).cloned();
         }
-        while let Some((stamp, _)) = self.waiting.front() {
-            let is_answered = self.servo.last_answer_s().is_some_and(|it| it >= stamp.time.as_s());
-            let is_due = is_answered || io.now() - stamp.time >= self.wait || self.waiting.len() > MOST_WAITING;
-            if !is_due {
-                break;
-            }
-            if let Some((stamp, features)) = self.waiting.pop_front() {
-                self.tell(stamp, features.as_deref(), io);
-            }
+        if let Some(image) = io.take(&IMAGE) {
+            self.tell(image.stamp, None, io);
+        } else if let Some(features) = io.take(&FEATURES) {
+            self.tell(features.stamp, Some(&features.value), io);
         }
         Ok(())
     }
@@ -357,7 +329,7 @@ mod tests {
     #[test]
     fn node_keeps_the_law() {
         check_node::<Pose>("");
-        check_node::<Pose>("wait_ms = 200\nlatency_ms = 0\nquantum_deg = [0.01, 0.01]");
+        check_node::<Pose>("latency_ms = 0\nquantum_deg = [0.01, 0.01]");
     }
 
     #[test]
@@ -370,7 +342,7 @@ mod tests {
         assert_eq!(refused(|_| ()), None);
         assert_eq!(refused(|it| it.latency_ms = -1.0).as_deref(), Some("latency_ms"));
         assert_eq!(refused(|it| it.quantum_deg[1] = 0.0).as_deref(), Some("quantum_deg"));
-        assert_eq!(refused(|it| it.wait_ms = f64::NAN).as_deref(), Some("wait_ms"));
+        assert_eq!(refused(|it| it.shake_deg = f64::NAN).as_deref(), Some("shake_deg"));
         let without = Pose::new(PoseSettings::default(), &Setup::for_tests());
         assert!(without.is_err_and(|it| it.message.contains("found no camera")));
     }
