@@ -293,3 +293,100 @@ impl Message for HeadMotion {
     const NAME: &'static str = "head_motion";
     const SPACE: SpaceKind = SpaceKind::None;
 }
+
+#[cfg(test)]
+mod tests {
+    use foveate_geometry::Intrinsics;
+    use foveate_geometry::pan_tilt::{ZoomStop, ZoomTable};
+    use nalgebra::Point3;
+
+    use super::super::{Axes, AxesSettings};
+    use super::*;
+
+    fn camera() -> Camera {
+        Camera::look_at(Point3::new(0.0, -4.0, 2.0), Point3::new(0.0, 0.0, 1.0), [640, 480], 700.0)
+    }
+
+    fn motion(head: LineHead) -> HeadMotion {
+        HeadMotion::new(CameraId(0), head, Axes::new(&AxesSettings::default()).carrying(&camera()))
+    }
+
+    fn serial(faults: LineFaults) -> LineHead {
+        LineHead::serial(&HeadSettings::default(), &LineSettings::default(), faults, 1).unwrap()
+    }
+
+    fn network(lost: f64) -> LineHead {
+        let settings = NetworkSettings { delay_ms: 3.0, delay_jitter_ms: 9.0, lost, garbage: 0.01 };
+        LineHead::network(&HeadSettings::default(), &settings, LineFaults::default(), 1).unwrap()
+    }
+
+    const GO: [u8; 15] = [0x81, 0x01, 0x06, 0x02, 0x18, 0x14, 0, 1, 0, 0, 0, 0, 0, 0, 0xFF];
+
+    fn ms(milliseconds: f64) -> Time {
+        Time::from_s(milliseconds * 1e-3)
+    }
+
+    #[test]
+    fn answers_do_not_depend_on_who_asked_before() {
+        let heard = |head: LineHead, others_ask: bool| {
+            let motion = motion(head);
+            let (line, mut heard, mut angles) = (motion.line(), Vec::new(), Vec::new());
+            for step in 0..1500 {
+                let now = ms(f64::from(step) + 0.3);
+                if others_ask {
+                    motion.angles_at(now - Interval(150_000));
+                    motion.angles_at(now);
+                }
+                if step % 40 == 0 {
+                    let header = [0x01, 0x00, 0, 15, 0, 0, 0, (step / 40) as u8];
+                    let datagram = if line.device().has_datagrams() { &header[..] } else { &[] };
+                    line.device().write(now, &[datagram, &GO].concat());
+                }
+                let mut bytes = Vec::new();
+                line.device().read(now, &mut bytes);
+                heard.push(bytes);
+                if step % 100 == 99 {
+                    angles.push(motion.angles_at(now - Interval(7_654_321)));
+                }
+            }
+            (heard, angles)
+        };
+        assert_eq!(heard(serial(LineFaults::default()), false), heard(serial(LineFaults::default()), true));
+        let (bytes, angles) = heard(network(0.2), false);
+        assert!(bytes.iter().flatten().count() > 200 && angles.last().unwrap()[0] > 0.4, "{angles:?}");
+        assert_eq!((bytes, angles), heard(network(0.2), true));
+    }
+
+    #[test]
+    fn a_head_that_zooms_has_the_optics_of_its_table() {
+        let stop = |zoom: f64, focal: f64| {
+            let Camera { intrinsics, distortion, .. } = camera();
+            ZoomStop { zoom, intrinsics: Intrinsics { focal: [focal; 2], ..intrinsics }, distortion }
+        };
+        let mut mechanics = Axes::new(&AxesSettings::default()).carrying(&camera());
+        mechanics.zoom = ZoomTable::new(vec![stop(0.0, 700.0), stop(1023.0, 7000.0)]).ok();
+        let motion = HeadMotion::new(CameraId(0), serial(LineFaults::default()), mechanics);
+        let focal = |time: Time| motion.camera_at(&camera(), time).intrinsics.focal[0];
+        assert!((focal(ms(1.0)) - 700.0).abs() < 1e-9);
+        motion.line().device().write(ms(1.0), &[0x81, 0x01, 0x04, 0x47, 0, 3, 15, 15, 0xFF]);
+        // 2.5 s from end to end.
+        let half = focal(ms(1300.0));
+        assert!((1500.0..3500.0).contains(&half), "{half} px");
+        assert!((focal(ms(2700.0)) - 7000.0).abs() < 1e-6);
+        assert_eq!(motion.zoom_at(ms(2700.0)), 1023.0);
+    }
+
+    #[test]
+    fn a_line_that_is_pulled_out_carries_nothing_and_then_again() {
+        let ask = |unplugged: Option<Range<Time>>, silent: Option<Range<Time>>, at_ms: f64| {
+            let mut head = serial(LineFaults { unplugged, silent, garbage: None });
+            head.write(ms(at_ms), &[0x81, 0x09, 0x06, 0x12, 0xFF]);
+            let mut bytes = Vec::new();
+            (0..60).for_each(|step| head.read(ms(at_ms + f64::from(step)), &mut bytes));
+            bytes.len()
+        };
+        let span = Some(ms(100.0)..ms(200.0));
+        assert_eq!([20.0, 120.0, 195.0, 210.0].map(|at| ask(span.clone(), None, at)), [11, 0, 0, 11]);
+        assert_eq!([20.0, 120.0, 210.0].map(|at| ask(None, span.clone(), at)), [11, 0, 11]);
+    }
+}
