@@ -71,7 +71,7 @@ impl Backdrop {
 }
 
 /// The view of a camera that moves: the same room, light computed on the grid of the lines of sight alone and interpolated, so that edges are
-/// as soft as the grid is wide; small bright things stand where they are, sharp. A field takes about a fiftieth of a [`Backdrop`]'s time.
+/// as soft as the grid is wide; small bright things stand where they are, sharp. A field takes about a hundredth of a [`Backdrop`]'s time.
 #[derive(Default)]
 pub(super) struct MovingBackdrop {
     /// Of a camera with these optics in the middle of the world.
