@@ -1,6 +1,6 @@
 //! `pan_tilt.head`: drives one head, and says what became of it.
 //!
-//! The driver is the same on hardware and in simulation. On hardware ([`ActuatorSettings::port`]) it has a thread that listens, and commands are
+//! The driver is the same on hardware and in simulation. On hardware (`port` of [`ActuatorSettings`]) it has a thread that listens, and commands are
 //! written by the thread that brings them; a rig with such a node is live. In simulation it talks over the [`Line`] at the input `line` on
 //! the clock of the run.
 

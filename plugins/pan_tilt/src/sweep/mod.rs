@@ -1,7 +1,7 @@
 //! `pan_tilt.sweep`: drives a head over settings while somebody waves a light, for `pan_tilt.calibrator` to find its axes [Davis 2002 §4.2].
 //!
 //! At each setting it waits until the head has arrived and settled, and until the light was seen often enough and all over the picture, or a time
-//! is over: see [`Sweep`](foveate::calibration::head::Sweep).
+//! is over: see [`Sweep`].
 
 mod settings;
 #[cfg(test)]
