@@ -145,6 +145,19 @@ fn at_a_limit_the_head_stays_until_the_target_has_left_the_image() {
 }
 
 #[test]
+fn no_head_stays_at_a_limit_for_want_of_a_small_turn() {
+    // Near the tilt axis that stands still, solutions lie close to one another, and the nearest of them may be out of the limits.
+    let head = crooked([0.13, -0.17, 0.12, 0.0], [0.0; 4], Stacking::PanOnTilt);
+    for pan in 0..=15 {
+        for tilt in -4..=4 {
+            let truth = Setting::new(-1.75 + 0.02 * f64::from(pan), 0.1 * f64::from(tilt));
+            let from = head.limits.clamp(&Setting::new(truth.pan + 0.5, truth.tilt - 0.3));
+            aimed(&head, &seen_from(&head, &truth, 3.0), &from);
+        }
+    }
+}
+
+#[test]
 fn what_lies_beyond_the_limits_is_said_to_and_approached() {
     let head = straight(Limits::symmetric(1.0, 0.4));
     let beyond = refused(&head, &seen_from(&head, &Setting::new(1.2, 0.3), 3.0), &Setting::default());
