@@ -114,6 +114,10 @@ impl Node for Selector {
         report.figure(format!("heads.{name}.target_changes"), changes as f64);
         report.figure(format!("heads.{name}.latency_ms"), latency * 1e3);
         report.figure(format!("heads.{name}.latency_sigma_ms"), sigma * 1e3);
+        if out_of_reach > 0 {
+            let share = 100.0 * out_of_reach as f64 / commands as f64;
+            report.remark(format!("The target was out of reach of the head of `{name}` for {share:.1} % of its commands: it went to its limits."));
+        }
         if commands == 0 {
             report.remark(format!("The head of `{name}` was never told anything: no target was found for it."));
         }

@@ -26,6 +26,9 @@ use nalgebra::{Matrix3, Point3};
 
 pub use self::settings::{Control, FollowSettings, LatencyFrom, PredictorKind};
 
+/// A change of the zoom by less than this part of its range is not worth a command [–].
+const ZOOM_BAND: f64 = 0.01;
+
 /// What a head should do now, and why.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lead {
@@ -55,6 +58,7 @@ pub struct Follower {
     /// Direction after damping, and when that was.
     damped: Option<(Time, [f64; 2])>,
     commanded: Option<(Time, [f64; 2])>,
+    commanded_zoom: Option<f64>,
 }
 
 impl Follower {
@@ -68,6 +72,7 @@ impl Follower {
             wanted: rest,
             damped: None,
             commanded: None,
+            commanded_zoom: None,
             settings,
             head,
             radius,
@@ -136,7 +141,7 @@ impl Follower {
         let goal = self.damp(now, [wanted.setting.pan, wanted.setting.tilt], f64::INFINITY);
         let from = self.servo.at(now.as_s())?.angles;
         let band = self.settings.dead_band_deg.to_radians();
-        if self.commanded.is_some_and(|it| is_near(&goal, &it.1, band)) {
+        if !self.zooms(&wanted) && self.commanded.is_some_and(|it| is_near(&goal, &it.1, band)) {
             return None;
         }
         let speeds = [0, 1].map(|it| {
@@ -159,7 +164,7 @@ impl Follower {
         let still = still_deg_per_s.to_radians();
         let there = if pace < still { self.damp(now, there, pace) } else { self.undamped(now, there) };
         let missing = [0, 1].map(|it| here[it] - head.angles[it]);
-        let is_still = pace < still && head.rates.iter().all(|it| it.abs() < still);
+        let is_still = pace < still && head.rates.iter().all(|it| it.abs() < still) && !self.zooms(&wanted);
         if is_still && self.commanded.is_some_and(|it| is_near(&there, &it.1, dead_band_deg.to_radians())) {
             return None;
         }
@@ -193,7 +198,16 @@ impl Follower {
         // Too slow to be told is not the same as not at all.
         let speeds = speeds.map(|it| it.max(1e-3));
         let zoom = wanted.setting.zoom.filter(|_| self.settings.fill > 0.0);
+        self.commanded_zoom = zoom;
         Lead { order: HeadOrder::Go { angles, speeds }, zoom, wanted, reachable, obeys_at: Time::from_s(obeys_s) }
+    }
+
+    /// Whether the zoom that is wanted is another one, by more than [`ZOOM_BAND`].
+    fn zooms(&self, wanted: &Aim) -> bool {
+        let (Some(table), Some(zoom)) = (&self.head.zoom, wanted.setting.zoom) else { return false };
+        let [first, last] = table.range();
+        let before = self.commanded_zoom.unwrap_or(f64::INFINITY);
+        self.settings.fill > 0.0 && (zoom - before).abs() > ZOOM_BAND * (last - first).abs()
     }
 
     /// The setting wanted at a time, and whether the head can have it.

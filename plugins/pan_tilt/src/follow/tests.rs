@@ -1,6 +1,6 @@
 use foveate::estimation::Random;
-use foveate::geometry::Camera;
-use foveate::geometry::pan_tilt::{Limits, PanTiltHead, Setting};
+use foveate::geometry::pan_tilt::{Limits, PanTiltHead, Setting, ZoomStop, ZoomTable};
+use foveate::geometry::{Camera, Intrinsics};
 use foveate::prelude::*;
 use nalgebra::{Matrix6, Point3, Vector3};
 
@@ -147,4 +147,41 @@ fn what_is_out_of_reach_is_said_to_be_and_the_head_goes_as_far_as_it_can() {
     let lead = follower.command(Time::from_s(0.01)).unwrap();
     let HeadOrder::Go { angles, speeds } = lead.order else { panic!("a place is commanded") };
     assert!(!lead.reachable && angles[1] <= 0.43 + 1e-12 && speeds.iter().all(|it| *it > 0.0));
+}
+
+/// A head whose lens is three times as long at 1000 as at 0.
+fn zooming() -> PanTiltHead {
+    let mut head = head();
+    let stop = |zoom: f64, focal: f64| ZoomStop {
+        zoom,
+        intrinsics: Intrinsics { focal: [focal; 2], ..head.at_rest.intrinsics },
+        distortion: head.at_rest.distortion,
+    };
+    head.zoom = Some(ZoomTable::new(vec![stop(0.0, 1000.0), stop(500.0, 2000.0), stop(1000.0, 3000.0)]).unwrap());
+    head
+}
+
+#[test]
+fn a_target_that_comes_nearer_is_zoomed_out_from_though_its_direction_stays() {
+    let settings = FollowSettings { fill: 0.9, ..FollowSettings::default() };
+    let mut follower = Follower::new(settings, zooming(), 0.25);
+    let mut zooms = Vec::new();
+    for step in 0..300 {
+        let time_s = f64::from(step) * 0.01;
+        // Along the line of sight at rest, from 3 m to 1.5 m.
+        let way = (f64::from(step) / 300.0) * 0.5;
+        let place = Point3::new(0.0, 0.0, 1.5) + (Point3::new(-3.0, 0.0, 1.8) - Point3::new(0.0, 0.0, 1.5)) * way;
+        follower.see(Time::from_s(time_s), &target(place, Vector3::new(-0.5, 0.0, 0.05)), &Vector3::zeros());
+        zooms.extend(follower.command(Time::from_s(time_s + 0.01)).and_then(|it| it.zoom));
+    }
+    // When the head obeys first it is 2.86 m away: 0.25 m over 0.9 of 240 px wants 2471 px. At the end it is 1.4 m, and wants half of that.
+    assert!((zooms[0] - 735.0).abs() < 15.0 && zooms.len() > 20, "{zooms:?}");
+    assert!(zooms.windows(2).skip(2).all(|it| it[1] < it[0] + 15.0) && zooms[zooms.len() - 1] < 220.0, "{zooms:?}");
+}
+
+#[test]
+fn without_a_fill_the_zoom_is_left_alone() {
+    let mut follower = Follower::new(FollowSettings::default(), zooming(), 0.25);
+    follower.see(Time::ZERO, &target(Point3::new(0.0, 0.3, 1.5), Vector3::zeros()), &Vector3::zeros());
+    assert_eq!(follower.command(Time::from_s(0.01)).unwrap().zoom, None);
 }
