@@ -1,5 +1,7 @@
 //! Three scales in one another, `graphs/nested.toml`: what the innermost recovers, carried to the world, against the truth, while the
 //! person who carries the two inner ones walks out and comes back.
+//!
+//! `cargo test -p foveate-tests --test nested -- --nocapture` prints the table of docs/results.md.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -80,6 +82,13 @@ fn innermost_scale_lies_in_the_world_where_the_truth_does_within_what_is_stated(
         assert!(within >= 0.99, "{table}: {within} of the rows are within what is stated");
         errors.sort_by(|a, b| a.0.total_cmp(&b.0));
         let [median_m, p99_m] = [0.5, 0.99].map(|it: f64| errors[(it * errors.len() as f64) as usize].0);
+        println!(
+            "{table}: {} rows, error median {:.2} mm, 99 % {:.2} mm, {:.2} % within what is stated",
+            errors.len(),
+            median_m * 1e3,
+            p99_m * 1e3,
+            within * 1e2
+        );
         assert!(median_m < 0.002 && p99_m < 0.01, "{table}: median {median_m} m, 99 % {p99_m} m");
     }
 
