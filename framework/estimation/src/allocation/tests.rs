@@ -1,3 +1,5 @@
+//! The search and the optimum against brute force, and laws of both.
+
 use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Point3, Vector3};

@@ -1,3 +1,5 @@
+//! Predictors on paths whose future is known.
+
 use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Point3, Vector3};

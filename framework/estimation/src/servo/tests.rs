@@ -1,3 +1,5 @@
+//! The estimate of a servo against a motor that is simulated.
+
 use super::motor::Motor;
 use super::{Order, Servo, ServoRules};
 use crate::random::Random;

@@ -1,3 +1,5 @@
+//! The allocator over targets that walk and heads that turn.
+
 use std::collections::BTreeSet;
 use std::sync::Arc;
 

@@ -1,3 +1,5 @@
+//! A follower that leads a simulated head after a light that swings.
+
 use foveate::estimation::Random;
 use foveate::geometry::pan_tilt::{Limits, PanTiltHead, Setting, ZoomStop, ZoomTable};
 use foveate::geometry::{Camera, Intrinsics};

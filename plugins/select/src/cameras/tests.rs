@@ -1,3 +1,5 @@
+//! Which cameras are picked, and when that changes.
+
 use std::sync::Arc;
 
 use foveate_testkit::check_node;
