@@ -9,8 +9,8 @@
 //! | [`Way::Velocity`] | x(t) + L v(t), the paper's |
 //! | [`Way::Acceleration`] | a filter of nearly constant acceleration |
 //! | [`Way::Interacting`] | interacting models of constant velocity and constant acceleration |
-//! | [`Way::Learned`] | a combination of recent displacements, fitted to what followed them in the last seconds: [`learned`] |
-//! | [`Way::Contest`] | all of them, weighted by how well each one foretold what has happened since: [`contest`] |
+//! | [`Way::Learned`] | a combination of recent displacements, fitted to what followed them in the last seconds: `learned` |
+//! | [`Way::Contest`] | all of them, weighted by how well each one foretold what has happened since: `contest` |
 //!
 //! Whatever the way, the stated uncertainty is that of the predictions made over the same horizon in the last seconds.
 
