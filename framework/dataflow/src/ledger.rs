@@ -6,6 +6,7 @@
 use foveate_messages::{Interval, Quality, SourceId, Stamp, Time};
 
 use crate::graph::Requirement;
+use crate::run::Gate;
 
 /// Every message's quality is asked for at first, then of one in so many.
 const QUALITY_STRIDE: u64 = 16;
@@ -93,9 +94,16 @@ pub struct Ledger {
     sigma_sum: f64,
     sigma_count: u64,
     sources: Vec<(SourceId, u64, Time)>,
+    /// Of the scale that the messages come from, and how often it had been turned when it was last looked at.
+    gate: Option<Box<(Gate, u64)>>,
 }
 
 impl Ledger {
+    /// Of an edge out of a scale with this gate, if that can be suspended.
+    pub(crate) fn behind(gate: Option<Gate>) -> Ledger {
+        Ledger { gate: gate.map(|it| Box::new((it, 0))), ..Ledger::default() }
+    }
+
     /// Enters one message that is delivered at session time `now`, as soon as it arrives.
     #[inline]
     pub fn deliver(&mut self, stamp: Stamp, now: Time, quality: impl FnOnce() -> Quality) {
@@ -103,24 +111,38 @@ impl Ledger {
         self.take(stamp, now, quality);
     }
 
-    /// Enters that a message has come to its port, where it may have to wait; gives how many were left out before it, which are
-    /// counted as gaps.
-    pub(crate) fn arrive(&mut self, stamp: Stamp) -> u64 {
-        let mut missing = 0;
+    /// Enters that a message has come to its port, where it may have to wait.
+    #[inline]
+    pub(crate) fn arrive(&mut self, stamp: Stamp) {
         match self.sources.iter_mut().find(|it| it.0 == stamp.source) {
             Some((_, sequence, time)) => {
-                missing = stamp.sequence.saturating_sub(*sequence + 1);
-                self.gaps += missing;
+                let expected = *sequence + 1;
                 self.late += u64::from(stamp.time < *time);
                 *sequence = stamp.sequence.max(*sequence);
                 *time = stamp.time.max(*time);
+                if stamp.sequence > expected {
+                    self.miss(stamp.sequence - expected);
+                }
             }
             None => self.sources.push((stamp.source, stamp.sequence, stamp.time)),
         }
-        missing
+    }
+
+    /// Counts numbers that were left out, but not those of a scale that was suspended meanwhile: what a suspended node did not pass on
+    /// is counted where it was held up, and nowhere else.
+    #[cold]
+    fn miss(&mut self, count: u64) {
+        if let Some((gate, seen)) = self.gate.as_deref_mut() {
+            let turns = gate.turns();
+            if std::mem::replace(seen, turns) != turns {
+                return;
+            }
+        }
+        self.gaps += count;
     }
 
     /// Enters that the node has taken a message at session time `now`.
+    #[inline]
     pub(crate) fn take(&mut self, stamp: Stamp, now: Time, quality: impl FnOnce() -> Quality) {
         self.age.record((now - stamp.time).0.max(0) as u64);
         self.first.get_or_insert(now);
@@ -136,6 +158,7 @@ impl Ledger {
     }
 
     /// Enters that a message has come at session time `now` to a node whose scale is suspended, and is not given to it.
+    #[cold]
     pub(crate) fn suspend(&mut self, stamp: Stamp, now: Time) {
         self.arrive(stamp);
         self.first.get_or_insert(now);

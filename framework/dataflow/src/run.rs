@@ -19,6 +19,7 @@ use std::time::Duration;
 use foveate_messages::Time;
 
 pub use faults::{FaultRecord, GapRecord};
+pub(crate) use gates::Gate;
 pub use gates::{Spell, Suspensions};
 
 use crate::error::{Blame, NodeError};

@@ -45,6 +45,12 @@ pub struct Spell {
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Gate(Arc<AtomicU64>);
 
+impl PartialEq for Gate {
+    fn eq(&self, other: &Gate) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+}
+
 impl Gate {
     /// Whether messages may pass.
     #[inline]

@@ -38,6 +38,8 @@ pub(crate) struct Slot {
     work: Option<Box<Work>>,
     /// What holds messages up while its scale is suspended.
     gate: Option<Gate>,
+    /// Whether it has neither: looked at on every hop.
+    is_plain: bool,
 }
 
 /// How an edge is travelled.
@@ -61,22 +63,6 @@ pub(crate) struct EdgeEnd {
     to: (usize, usize),
     source: usize,
     pub(crate) ledger: Ledger,
-    /// Of the scale that its messages come from, and how often that had been turned when it was last looked at.
-    gate: Option<(Gate, u64)>,
-}
-
-impl EdgeEnd {
-    /// Takes back that `missing` numbers were left out, if the scale that they come from was suspended meanwhile: what a suspended
-    /// node did not pass on is counted where it was held up, and nowhere else.
-    #[cold]
-    fn excuse(&mut self, missing: u64) {
-        if let Some((gate, seen)) = &mut self.gate {
-            let turns = gate.turns();
-            if std::mem::replace(seen, turns) != turns {
-                self.ledger.gaps -= missing;
-            }
-        }
-    }
 }
 
 /// What a worker must do when it has put a message on another one's queue.
@@ -151,8 +137,8 @@ impl Stage {
             for (port, edges) in inputs {
                 for (source, &edge) in edges.iter().enumerate() {
                     let from = graph.edges[edge].from.0;
-                    let gate = gates.of_scale(graph.instances[from].scale).map(|it| (it, 0));
-                    ends[edge] = Some(EdgeEnd { to: (consumer, port), source, ledger: Ledger::default(), gate });
+                    let ledger = Ledger::behind(gates.of_scale(graph.instances[from].scale));
+                    ends[edge] = Some(EdgeEnd { to: (consumer, port), source, ledger });
                 }
             }
         }
@@ -228,10 +214,7 @@ impl Stage {
         if !is_sampled && !slot.is_open() {
             return end.ledger.suspend(packet.stamp, now);
         }
-        let missing = end.ledger.arrive(packet.stamp);
-        if missing > 0 {
-            end.excuse(missing);
-        }
+        end.ledger.arrive(packet.stamp);
         if is_sampled {
             end.ledger.take(packet.stamp, now, || packet.payload.quality());
             slot.latest[port][end.source] = Some(packet);
@@ -428,15 +411,11 @@ impl Stage {
         let end = self.ends[edge].as_mut()?;
         let (consumer, port) = end.to;
         let next = self.slots[consumer].as_ref()?;
-        let is_free = next.node.is_some() && next.work.is_none() && slot.work.is_none() && next.is_open();
+        let is_free = next.node.is_some() && slot.work.is_none() && (next.is_plain || next.may_follow());
         if !is_free || !matches!(&next.inboxes[port], Inbox::Each(queue) if queue.is_empty()) {
             return None;
         }
-        let missing = end.ledger.arrive(packet.stamp);
-        if missing > 0 {
-            end.excuse(missing);
-        }
-        end.ledger.take(packet.stamp, now, || packet.payload.quality());
+        end.ledger.deliver(packet.stamp, now, || packet.payload.quality());
         let (_, packet) = self.outbox.packets.pop()?;
         self.delivery.port = port;
         self.delivery.packets.clear();
@@ -581,6 +560,8 @@ impl Slot {
             .zip(&input_edges)
             .map(|((port, &take), edges)| Inbox::new(take, edges.len(), setup.random.fork(port.name)));
         let work = Work::new(instance.cost, setup.random.fork("cost_ms"));
+        let work = work.filter(|_| costs == Costs::Simulated).map(Box::new);
+        let gate = gates.before(instance);
         Ok(Slot {
             node: Some(node),
             inboxes: inboxes.collect(),
@@ -588,9 +569,15 @@ impl Slot {
             input_edges,
             routes,
             sequences: vec![0; ports.outputs.len()],
-            work: work.filter(|_| costs == Costs::Simulated).map(Box::new),
-            gate: gates.before(instance),
+            is_plain: work.is_none() && gate.is_none(),
+            work,
+            gate,
         })
+    }
+
+    /// Whether it may take a message right behind the turn that gave it.
+    fn may_follow(&self) -> bool {
+        self.work.is_none() && self.is_open()
     }
 
     /// Whether its scale is not suspended, as far as that concerns it.
