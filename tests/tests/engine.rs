@@ -194,11 +194,8 @@ fn slow_consumer_on_another_thread_loses_by_policy_and_the_books_balance() {
         assert_eq!(found.len() as u64, edge.delivered, "{policy}");
         assert_eq!(edge.dropped > 0, loses, "{policy}: {} dropped", edge.dropped);
         assert!(found.is_sorted(), "{policy}");
-        assert_eq!(
-            found.last() == Some(&99),
-            policy != "drop_newest",
-            "{policy}: the newest is kept unless it is the one dropped"
-        );
+        // What is dropped as the newest is not always the last one: by then there may be room.
+        assert!(policy == "drop_newest" || found.last() == Some(&99), "{policy}: the newest is kept");
     }
 }
 

@@ -35,7 +35,9 @@ pub fn describe(graph: &Graph, outcome: &Outcome, folder: &Path) -> String {
         });
         name.contains('[') || kept_by_a_node || graph.calibration.index_of(last).is_some()
     };
-    let figures: Vec<_> = outcome.report.figures.iter().filter(|(name, _)| !is_for_the_file(name)).collect();
+    let mut figures: Vec<_> = outcome.report.figures.iter().filter(|(name, _)| !is_for_the_file(name)).collect();
+    // What is of the whole run comes before what is of one camera or head.
+    figures.sort_by_key(|(name, _)| name.split('.').any(|it| graph.calibration.index_of(it).is_some()));
     let width = figures.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
     for (name, value) in figures.iter().take(SHOWN) {
         line(&format!("  {name:width$}  {}", short(**value)));

@@ -1,5 +1,6 @@
 //! The line that shows where a run is: time, rates, targets, unmet requirements.
 
+use std::collections::BTreeSet;
 use std::io::{IsTerminal, Write};
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread::{self, JoinHandle};
@@ -11,11 +12,16 @@ use foveate_dataflow::run::Progress;
 /// Where nobody watches a terminal, one line in so long.
 const PLAIN_PERIOD: Duration = Duration::from_secs(5);
 
+/// A head that was not heard for so long is said to be away [s].
+const QUIET_S: f64 = 2.0;
+
 /// Shows progress on standard error: one line that is rewritten on a terminal, a line now and then elsewhere.
 pub struct Line {
     duration_s: Option<f64>,
     /// By edge: what its rate adds to, if anything.
     kinds: Vec<Kind>,
+    /// By edge: how many messages there were, and the session time at which that had grown last [s].
+    heard: Vec<(u64, f64)>,
     is_terminal: bool,
     last_plain: Instant,
     shown: bool,
@@ -25,17 +31,25 @@ pub struct Line {
 enum Kind {
     Images,
     Targets,
+    Heads,
     Other,
 }
 
 impl Line {
     /// For runs of `graph`.
     pub fn new(graph: &Graph) -> Self {
+        let mut heads = BTreeSet::new();
         let kinds = graph.edges.iter().map(|edge| {
+            let producer = &graph.instances[edge.from.0].node_type;
+            if producer.role == foveate_dataflow::Role::Actuator
+                && heads.insert(edge.from.0)
+                && producer.ports.outputs[edge.from.1].message.name == "head_report"
+            {
+                return Kind::Heads;
+            }
             if edge.feedback {
                 return Kind::Other;
             }
-            let producer = &graph.instances[edge.from.0].node_type;
             match (producer.ports.outputs[edge.from.1].message.name, producer.role) {
                 ("image" | "features", foveate_dataflow::Role::Source) => Kind::Images,
                 ("targets", foveate_dataflow::Role::Integrator) => Kind::Targets,
@@ -45,6 +59,7 @@ impl Line {
         Self {
             duration_s: graph.duration.map(|it| it.as_s()),
             kinds: kinds.collect(),
+            heard: vec![(0, 0.0); graph.edges.len()],
             is_terminal: std::io::stderr().is_terminal(),
             last_plain: Instant::now(),
             shown: false,
@@ -71,9 +86,11 @@ impl Line {
         }
     }
 
-    fn text(&self, progress: &Progress) -> String {
+    fn text(&mut self, progress: &Progress) -> String {
+        let now = progress.now.as_s();
         let (mut images, mut cameras, mut targets, mut unmet) = (0.0, 0, None, 0);
-        for (kind, edge) in self.kinds.iter().zip(&progress.edges) {
+        let (mut heads, mut away) = (0, 0);
+        for ((kind, edge), heard) in self.kinds.iter().zip(&progress.edges).zip(&mut self.heard) {
             unmet += usize::from(edge.unmet);
             match kind {
                 Kind::Images => {
@@ -81,16 +98,26 @@ impl Line {
                     cameras += usize::from(edge.delivered > 0);
                 }
                 Kind::Targets => targets = targets.max(edge.count),
+                Kind::Heads => {
+                    heads += 1;
+                    if edge.delivered != heard.0 {
+                        *heard = (edge.delivered, now);
+                    }
+                    away += usize::from(now - heard.1 > QUIET_S);
+                }
                 Kind::Other => {}
             }
         }
-        let now = progress.now.as_s();
         let whole = self.duration_s.map_or(String::new(), |it| format!(" of {it:.0}"));
         let speed = now / progress.wall.as_secs_f64().max(1e-3);
         let targets = targets.map_or("-".to_owned(), |it| it.to_string());
+        let heads = match away {
+            0 => String::new(),
+            _ => format!("   {away} of {heads} heads not heard"),
+        };
         let unmet = if unmet == 0 { String::new() } else { format!("   {unmet} requirements unmet") };
         format!(
-            "{now:7.1}{whole} s   {speed:.1}× real time   {cameras} cameras, {images:.0} frames/s   {targets} targets{unmet}"
+            "{now:7.1}{whole} s   {speed:.1}× real time   {cameras} cameras, {images:.0} frames/s   {targets} targets{heads}{unmet}"
         )
     }
 }

@@ -103,14 +103,31 @@ impl Setup {
     /// # Errors
     /// Points at `setting` and names the node that writes that file already.
     pub fn claim_file(&self, setting: Option<&str>, name: &str) -> Result<(), ConfigError> {
-        let mut claims = self.claims.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let owner = claims.entry(name.to_owned()).or_insert_with(|| self.instance.clone());
-        if *owner == self.instance {
-            return Ok(());
+        match self.other_owner(name) {
+            None => Ok(()),
+            Some(owner) => {
+                let message = format!(
+                    "the file `{name}` of the results is written by `{owner}` already, expected a file of its own"
+                );
+                Err(ConfigError { setting: setting.map(str::to_owned), message })
+            }
         }
-        let message =
-            format!("the file `{name}` of the results is written by `{owner}` already, expected a file of its own");
-        Err(ConfigError { setting: setting.map(str::to_owned), message })
+    }
+
+    /// Keeps something else that only one node can have, such as a serial port, for this instance.
+    ///
+    /// # Errors
+    /// Points at `setting`, in the words of `message`, which is given the node that has it already.
+    pub fn claim(&self, setting: &str, thing: &str, message: impl Fn(&str) -> String) -> Result<(), ConfigError> {
+        // No file of the results has a name like this.
+        let owner = self.other_owner(&format!("{setting}/{thing}"));
+        owner.map_or(Ok(()), |it| Err(ConfigError::at(setting, message(&it))))
+    }
+
+    fn other_owner(&self, thing: &str) -> Option<String> {
+        let mut claims = self.claims.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let owner = claims.entry(thing.to_owned()).or_insert_with(|| self.instance.clone());
+        (*owner != self.instance).then(|| owner.clone())
     }
 
     /// As [`Self::claim_file`], of a name that `setting` states, which has to be that of a file right in the results folder.

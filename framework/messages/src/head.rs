@@ -37,7 +37,7 @@ pub struct HeadCommand {
 
 impl Message for HeadCommand {
     const NAME: &'static str = "head_command";
-    const SPACE: SpaceKind = SpaceKind::None;
+    const SPACE: SpaceKind = SpaceKind::CameraPixels;
 }
 
 /// How things are with a head.
@@ -102,7 +102,7 @@ impl HeadReport {
 
 impl Message for HeadReport {
     const NAME: &'static str = "head_report";
-    const SPACE: SpaceKind = SpaceKind::None;
+    const SPACE: SpaceKind = SpaceKind::CameraPixels;
 
     fn quality(&self) -> Quality {
         Quality { count: Some(self.events.len() as u32), sigma: None }
@@ -134,7 +134,7 @@ pub struct HeadPose {
 
 impl Message for HeadPose {
     const NAME: &'static str = "head_pose";
-    const SPACE: SpaceKind = SpaceKind::None;
+    const SPACE: SpaceKind = SpaceKind::CameraPixels;
 
     fn quality(&self) -> Quality {
         let variance = self.angles_covariance.trace() / 2.0;

@@ -51,7 +51,7 @@ pub trait Message: Any + Send + Sync {
 pub enum SpaceKind {
     /// Holds no coordinates.
     None,
-    /// Pixels of one camera.
+    /// Pixels of one camera, or angles of the head that carries it.
     CameraPixels,
     /// Metres in the space of one scale.
     ScalePoints,

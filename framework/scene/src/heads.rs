@@ -9,8 +9,8 @@
 //! tilt_axis = { point_m = [0.0, 0.018, -0.04], direction = [0.998, -0.052, 0.035] }
 //! stacking = "tilt_on_pan"                              # the pan axis stands still and carries the other; or "pan_on_tilt"; may be left out
 //! limits_deg = { pan = [-100, 100], tilt = [-25, 25] }  # without: any pan, tilt from straight down to straight up
-//! pan_device = { deg_per_unit = 0.2273, at_rest = 0 }   # angle = (what the device counts - at_rest) * deg_per_unit; without: degrees
-//! tilt_device = { deg_per_unit = 0.1667, at_rest = 0 }
+//! pan_device = { deg_per_unit = 0.11364, at_rest = 0 }   # angle = (what the device counts - at_rest) * deg_per_unit; without: degrees
+//! tilt_device = { deg_per_unit = 0.08333, at_rest = 0 }
 //!
 //! [[head.ptz-1.zoom]]                                   # for a lens that zooms: its optics at two positions of the drive or more, rising
 //! position = 0                                          # in the device's units
@@ -50,6 +50,8 @@ const UNKNOWNS: usize = 16;
 const LENGTHS: [usize; 7] = [3, 4, 5, 8, 9, 12, 13];
 /// Two halves of a covariance may differ by so much of its largest element, and an eigenvalue may be negative by so much.
 const COVARIANCE_TOLERANCE: f64 = 1e-9;
+/// Axes closer to each other than this turn the camera the same way: 5° [rad].
+const LEAST_BETWEEN_AXES: f64 = 0.0873;
 /// A direction whose length is 1 but for this is left to its last bit.
 const ROUNDING: f64 = 1e-12;
 
@@ -203,6 +205,10 @@ impl Reader<'_> {
         let zoom = table.get("zoom").map(|value| self.zoom_table(value));
         let covariance = table.get("uncertainty").map(|value| self.head_uncertainty(value));
         let ([pan, tilt], [pan_units, tilt_units]) = (axes, units);
+        if let (Some(pan), Some(tilt), Some(value)) = (&pan, &tilt, table.get("tilt_axis")) {
+            let crossed = (pan.angle_to(tilt) >= LEAST_BETWEEN_AXES).then_some(());
+            self.expect(crossed, value, "tilt_axis", "an axis that is not parallel to the pan axis")?;
+        }
         Some(Head {
             pan: pan?,
             tilt: tilt?,
@@ -251,7 +257,7 @@ impl Reader<'_> {
 
     fn device(&mut self, value: &Value<'_>, key: &str) -> Option<AxisUnits> {
         let Some(table) = value.get_ref().as_table() else {
-            return self.expect(None, value, key, "a table such as { deg_per_unit = 0.2273, at_rest = 0 }");
+            return self.expect(None, value, key, "a table such as { deg_per_unit = 0.11364, at_rest = 0 }");
         };
         self.refuse_unknown(table, &format!("key of {key}"), &DEVICE_KEYS);
         let expected = "the angle of one of the device's units";

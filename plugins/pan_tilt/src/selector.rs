@@ -45,6 +45,14 @@ impl Node for Selector {
         settings.check()?;
         let (camera, head) = crate::head_of(setup)?;
         let radius = if settings.radius_m > 0.0 { settings.radius_m } else { setup.radius_m.unwrap_or(0.0) };
+        if settings.fill > 0.0 && head.model.zoom.is_none() {
+            let name = setup.camera_name().unwrap_or_default();
+            let message = format!(
+                "found {}, but the calibration has no `[[head.{name}.zoom]]`, expected 0 for a head that does not zoom",
+                settings.fill
+            );
+            return Err(ConfigError::at("fill", message));
+        }
         if settings.fill > 0.0 && radius <= 0.0 {
             let message = format!(
                 "found {} without a radius, expected `radius_m` here or at the scale: the zoom is chosen by it",

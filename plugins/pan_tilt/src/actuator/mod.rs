@@ -27,6 +27,8 @@ const REPORT: Out<HeadReport> = Out::new(0, "report");
 
 /// Reports hold what happened in so long a time, so that who samples them misses nothing.
 const REPORTED: Interval = Interval(1_000_000_000);
+/// How often a zoom is asked for that the settings leave alone [ms].
+const ZOOM_EVERY_MS: f64 = 200.0;
 /// Bytes of the question where the head looks, and of its answer.
 const QUESTION_BYTES: f64 = 5.0;
 const ANSWER_BYTES: f64 = 11.0;
@@ -80,7 +82,7 @@ impl Node for Actuator {
         Ports::new().input(&COMMANDS).input(&LINE).output(&REPORT)
     }
 
-    fn new(settings: ActuatorSettings, setup: &Setup) -> Result<Self, ConfigError> {
+    fn new(mut settings: ActuatorSettings, setup: &Setup) -> Result<Self, ConfigError> {
         ConfigError::unless_in("baud", settings.baud, 300..=1_000_000)?;
         ConfigError::unless_in("report_every_ms", settings.report_every_ms, 0.0..=500.0)?;
         settings.driver.check()?;
@@ -92,6 +94,14 @@ impl Node for Actuator {
             ));
         };
         let port = settings.port(setup)?;
+        if let (Some(port), Some(stated)) = (&port, &settings.port) {
+            let message = |owner: &str| {
+                format!(
+                    "found `{stated}`, which `{owner}` drives already, expected a port for each head, such as one with `{{camera}}` in its name"
+                )
+            };
+            setup.claim("port", &format!("{port:?}"), message)?;
+        }
         match (&port, setup.is_connected(&LINE)) {
             (None, false) => {
                 let message = "found neither `port` nor anything at the input `line`, expected one of them: \
@@ -104,6 +114,10 @@ impl Node for Actuator {
                 return Err(ConfigError::at("port", message));
             }
             _ => {}
+        }
+        if settings.driver.zoom_every_ms == 0.0 && setup.head_model().is_some_and(|it| it.model.zoom.is_some()) {
+            // Whoever wants to know the camera has to know its zoom.
+            settings.driver.zoom_every_ms = ZOOM_EVERY_MS;
         }
         Ok(Self {
             camera,

@@ -32,7 +32,7 @@ pub struct DriverSettings {
     /// Between two questions where the head looks; an answer takes about 30 ms of a line of 9600 baud; 0: never [ms].
     #[schemars(range(min = 0.0, max = 60_000.0))]
     pub position_every_ms: f64,
-    /// Between two questions for the focal length; 0: never [ms].
+    /// Between two questions for the focal length; 0: never, but five times a second for a head whose calibration has a table of its zoom [ms].
     #[schemars(range(min = 0.0, max = 60_000.0))]
     pub zoom_every_ms: f64,
     /// A command that has waited so long for a socket makes the driver cancel the ones before it [ms].
