@@ -33,7 +33,8 @@ pub struct CalibratorSettings {
     /// Whether the angle of the device's units is taken for known or found [–]
     pub units: Units,
     /// What the device counts in a degree of pan and tilt, by its data sheet; needed where the calibration has no units of the head and these are
-    /// to be found, each -100000 to 100000, not 0 [units/°]
+    /// to be found. It must be what `pan_tilt.head` reckons with (its `model` or `profile`): angles come from there, and another number here only
+    /// scales the units that are written. Each -100000 to 100000, not 0 [units/°]
     pub units_per_deg: Option<[f64; 2]>,
     /// Which axis carries the other [–]
     pub stacking: Carrier,
