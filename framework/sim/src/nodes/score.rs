@@ -27,18 +27,21 @@ pub struct ScoreSettings {
     /// What happens before this session time is not scored [s].
     #[schemars(range(min = 0.0, max = 1e6))]
     pub start_s: f64,
+    /// Word before the names of the figures, as in `whole.error_mm.median`, to tell several scores of one rig apart; empty: none [–].
+    pub label: String,
     /// Whether the truth is saved as `truth.csv` in the folder for results [–].
     pub write_truth: bool,
 }
 
 impl Default for ScoreSettings {
     fn default() -> Self {
-        Self { gate_mm: 100.0, start_s: 0.0, write_truth: true }
+        Self { gate_mm: 100.0, start_s: 0.0, label: String::new(), write_truth: true }
     }
 }
 
 /// The scoring sink; what it measures is listed at [`Scorer`].
 pub struct Score {
+    label: String,
     scorer: Scorer,
     truth_file: TruthFile,
 }
@@ -56,11 +59,16 @@ impl Node for Score {
     fn new(settings: ScoreSettings, setup: &Setup) -> Result<Self, ConfigError> {
         ConfigError::unless_in("gate_mm", settings.gate_mm, 1.0..=1000.0)?;
         ConfigError::unless_in("start_s", settings.start_s, 0.0..=1e6)?;
+        if !settings.label.chars().all(|it| it.is_ascii_alphanumeric() || it == '_' || it == '-') {
+            let message = format!("found `{}`, expected letters, digits, `_` and `-`", settings.label);
+            return Err(ConfigError::at("label", message));
+        }
         if settings.write_truth {
             setup.claim_file(Some("write_truth"), TRUTH_FILE)?;
         }
         let folder = setup.out_dir.as_ref().filter(|_| settings.write_truth && setup.purpose == Purpose::Run);
         Ok(Self {
+            label: settings.label.clone(),
             scorer: Scorer::new(settings.gate_mm * 1e-3, settings.start_s, setup.volume_m),
             truth_file: TruthFile { path: folder.map(|it| it.join(TRUTH_FILE)), state: State::NotYet },
         })
@@ -78,7 +86,13 @@ impl Node for Score {
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        self.scorer.finish(report);
+        let mut own = Report::default();
+        self.scorer.finish(&mut own);
+        for (name, value) in own.figures {
+            let name = if self.label.is_empty() { name } else { format!("{}.{name}", self.label) };
+            report.figure(name, value);
+        }
+        own.remarks.into_iter().for_each(|it| report.remark(it));
         self.truth_file.finish(report)
     }
 }
@@ -139,4 +153,31 @@ fn write_rows(file: &mut impl Write, truth: &Targets) -> std::io::Result<()> {
         let p = target.position;
         writeln!(file, "{time:.6},{},{:.6},{:.6},{:.6}", target.id.0, p.x, p.y, p.z)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use foveate_testkit::check_node;
+
+    use super::*;
+
+    #[test]
+    fn node_keeps_the_law() {
+        check_node::<Score>("");
+        check_node::<Score>("label = \"whole\"\nwrite_truth = false");
+    }
+
+    #[test]
+    fn a_label_stands_before_every_figure_and_is_a_word() {
+        let settings = ScoreSettings { label: "whole".to_owned(), ..ScoreSettings::default() };
+        let mut score = Score::new(settings, &Setup::for_tests()).unwrap();
+        score.scorer.truth(Arc::new(Targets::default()));
+        let mut report = Report::default();
+        score.finish(&mut report).unwrap();
+        assert!(!report.figures.is_empty() && report.figures.keys().all(|it| it.starts_with("whole.")), "{report:?}");
+        let settings = ScoreSettings { label: "a.b".to_owned(), ..ScoreSettings::default() };
+        assert!(Score::new(settings, &Setup::for_tests()).is_err_and(|it| it.setting.as_deref() == Some("label")));
+    }
 }
