@@ -1,6 +1,6 @@
 //! The moving volume that the next scale looks into.
 
-use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Vector3};
+use nalgebra::{Isometry3, Matrix6, Point3, Vector3};
 
 use crate::{CameraId, How, Interval, Message, Quality, SpaceKind, TargetId, Time};
 
@@ -61,16 +61,8 @@ pub struct ScaleSpace {
     pub covariance: Matrix6<f64>,
     /// Velocity of the space's origin in the parent [m/s].
     pub velocity: Vector3<f64>,
-    /// Of (origin, velocity) in the parent [m², m²/s, m²/s²]; the origin's part is [`Self::origin_covariance`].
+    /// Of (origin, velocity) in the parent [m², m²/s, m²/s²].
     pub motion_covariance: Matrix6<f64>,
-}
-
-impl ScaleSpace {
-    /// Of the space's origin in the parent [m²].
-    pub fn origin_covariance(&self) -> Matrix3<f64> {
-        let rotation = *self.parent_from_scale.rotation.to_rotation_matrix().matrix();
-        rotation * self.covariance.fixed_view::<3, 3>(3, 3) * rotation.transpose()
-    }
 }
 
 impl Message for ScaleSpace {

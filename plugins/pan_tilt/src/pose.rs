@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Matrix2, Point3, SMatrix, Vector4, Vector6};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::follow::orders;
+use crate::follow::hear;
 use crate::target_anchor::TargetAnchor;
 
 const REPORT: In<HeadReport> = In::each(0, "report");
@@ -132,11 +132,9 @@ impl Node for Pose {
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         if let Some(report) = io.take(&REPORT) {
             for (at, event) in report.value.since(&mut self.next_event) {
-                match event {
-                    HeadEvent::Sent(order) => self.servo.order(at.as_s(), orders(order)),
-                    HeadEvent::Position(it) => self.servo.answer(it.earliest.as_s(), it.latest.as_s(), it.angles),
-                    HeadEvent::Zoom(zoom) => self.zoom = Some(*zoom),
-                    HeadEvent::Link(_) | HeadEvent::Arrived => {}
+                hear(&mut self.servo, *at, event);
+                if let HeadEvent::Zoom(zoom) = event {
+                    self.zoom = Some(*zoom);
                 }
             }
             return Ok(());

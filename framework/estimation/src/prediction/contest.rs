@@ -13,12 +13,12 @@ use super::history::History;
 const WAYS: usize = 5;
 /// Of weights by mean squared misses [–].
 const SHARPNESS: i32 = 3;
-/// A miss that nobody minds, standard deviation [m].
-const TRIFLE_M: f64 = 0.003;
-/// How many misses of this size each way has before the first is measured [–].
-const BEFOREHAND: f64 = 3.0;
-/// Root of the mean squared miss, beforehand, over a second; it grows with the square of the horizon [m/s²].
+/// A miss over the square of the horizon that nobody minds, standard deviation [m/s²].
+const TRIFLE_M_S2: f64 = 0.003;
+/// What each way is taken to miss by, over the square of the horizon, before the first miss is measured [m/s²].
 const BEFOREHAND_M_S2: f64 = 1.0;
+/// And for how many misses of that size this counts [–].
+const BEFOREHAND: f64 = 3.0;
 
 #[derive(Debug, Clone)]
 struct Foretold {
@@ -68,10 +68,10 @@ impl Contest {
     }
 
     /// Of each way, summing to 1.
-    pub fn weights(&self) -> [f64; WAYS] {
+    fn weights(&self) -> [f64; WAYS] {
         let mut weights = [0.0; WAYS];
         for (weight, square) in weights.iter_mut().zip(&self.squares) {
-            let mean = square / self.count + TRIFLE_M.powi(2);
+            let mean = square / self.count + TRIFLE_M_S2.powi(2);
             *weight = mean.recip().powi(SHARPNESS);
         }
         let sum: f64 = weights.iter().sum();

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use nalgebra::{Point3, Vector3};
 
 /// Samples nearer than this to the last one that was kept are not kept [s].
-pub(super) const STEP_S: f64 = 1.0 / 60.0;
+const STEP_S: f64 = 1.0 / 60.0;
 /// As many are kept: twelve seconds.
 const KEPT: usize = 720;
 

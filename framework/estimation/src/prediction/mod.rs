@@ -134,7 +134,7 @@ impl Predictor {
         if newest.is_some_and(|it| time_s - it > LONGEST_GAP_S) {
             self.clear();
         }
-        // A filter that is told the same thing twice would believe it twice as much: what is stated is correlated from sample to sample.
+        // A millimetre more than is stated: no covariance that a filter is told is singular.
         let stated = covariance + Matrix3::identity() * 1e-6;
         match (&mut self.filters, newest) {
             (Some(filters), Some(last)) => {
@@ -150,7 +150,7 @@ impl Predictor {
             }
         }
         self.stated_velocity = velocity;
-        // What is stated is noisier than the filter's, which lags less than it smooths.
+        // The velocity that is stated trembles more than the filter's lags.
         let velocity = self.filters.as_ref().map_or(velocity, |it| it[0].velocity());
         if self.history.push(time_s, position, velocity) {
             self.contest.score(time_s, &self.history);
@@ -176,14 +176,6 @@ impl Predictor {
         let way = COMPETITORS.iter().position(|it| *it == self.rules.way);
         let variance = self.contest.variance(way, horizon);
         Some(Prediction { position: foretold, covariance: Matrix3::identity() * variance })
-    }
-
-    /// The weight of each way in the contest, with its name, most weighty first.
-    pub fn weights(&self) -> [(Way, f64); 5] {
-        let weights = self.contest.weights();
-        let mut named = [0, 1, 2, 3, 4].map(|it| (COMPETITORS[it], weights[it]));
-        named.sort_by(|a, b| b.1.total_cmp(&a.1));
-        named
     }
 
     /// One way's answer; before there is a sample this is not asked.

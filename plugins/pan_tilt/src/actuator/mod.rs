@@ -209,6 +209,9 @@ impl Node for Actuator {
 impl Actuator {
     /// Takes up the line of a simulated head, or opens the port of a real one.
     fn get_ready(&mut self, io: &Io<'_>) -> Result<(), NodeError> {
+        if let Way::Device(device) = &mut self.way {
+            device.fix(self.now);
+        }
         let made = match &self.way {
             Way::Nothing => match io.latest(&LINE) {
                 Some(line) => {
@@ -219,13 +222,7 @@ impl Actuator {
                 None => return Ok(()),
             },
             Way::Port(port) => Way::Device(Device::start(self.driver(port.medium())?, port.clone())),
-            Way::Simulated(_) => return Ok(()),
-            Way::Device(_) => {
-                if let Way::Device(device) = &mut self.way {
-                    device.fix(self.now);
-                }
-                return Ok(());
-            }
+            Way::Simulated(_) | Way::Device(_) => return Ok(()),
         };
         self.way = made;
         match self.early.take() {

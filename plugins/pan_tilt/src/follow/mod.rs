@@ -19,29 +19,25 @@ mod settings;
 mod tests;
 
 use foveate::estimation::servo::Order;
-use foveate::estimation::{Predictor, Servo, ServoState};
+use foveate::estimation::{Predictor, Servo};
 use foveate::geometry::pan_tilt::{Aim, PanTiltHead, Setting, Unreachable, aim, aim_at_sphere};
-use foveate::prelude::{HeadEvent, HeadLink, HeadOrder, HeadReport, Target, Time};
-use nalgebra::{Matrix3, Point3};
+use foveate::prelude::{HeadEvent, HeadOrder, HeadReport, Target, Time};
+use nalgebra::{Matrix3, Point3, Vector3};
 
 pub use self::settings::{Control, FollowSettings, LatencyFrom, PredictorKind};
 
 /// A change of the zoom by less than this part of its range is not worth a command [–].
 const ZOOM_BAND: f64 = 0.01;
 
-/// What a head should do now, and why.
+/// What a head should do now.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lead {
     /// What it is told.
     pub order: HeadOrder,
     /// Where its zoom should stand, where that is for the selector to say.
     pub zoom: Option<f64>,
-    /// The setting wanted when it obeys.
-    pub wanted: Aim,
-    /// Whether that is within its limits.
+    /// Whether the target is within its limits.
     pub reachable: bool,
-    /// When it obeys, as far as that is known.
-    pub obeys_at: Time,
 }
 
 /// One head and the target that it follows.
@@ -52,7 +48,6 @@ pub struct Follower {
     radius: f64,
     predictor: Predictor,
     servo: Servo,
-    link: HeadLink,
     /// The setting that was wanted last: the next one is near it.
     wanted: Setting,
     /// Direction after damping, and when that was.
@@ -68,7 +63,6 @@ impl Follower {
         Follower {
             predictor: Predictor::new(settings.predictor_rules()),
             servo: Servo::new(settings.servo_rules(), 0.0, [rest.pan, rest.tilt]),
-            link: HeadLink::Away,
             wanted: rest,
             damped: None,
             commanded: None,
@@ -85,32 +79,22 @@ impl Follower {
         self.damped = None;
     }
 
-    /// Where the target was at `time`, and whether it was seen then: what is predicted only adds nothing.
-    pub fn see(&mut self, time: Time, target: &Target, offset: &nalgebra::Vector3<f64>) {
+    /// Where the target was seen at `time`, and how far from it is what is followed: what is only predicted says nothing new.
+    pub fn see(&mut self, time: Time, target: &Target, offset: &Vector3<f64>) {
         let covariance: Matrix3<f64> = target.covariance.fixed_view::<3, 3>(0, 0).into_owned();
         self.predictor.observe(time.as_s(), target.position + offset, target.velocity, &covariance);
     }
 
     /// What the head was told and said; `next_event` as for [`HeadReport::since`].
     pub fn hear(&mut self, report: &HeadReport, next_event: &mut u64) {
-        self.link = report.link;
         for (at, event) in report.since(next_event) {
-            match *event {
-                HeadEvent::Sent(order) => self.servo.order(at.as_s(), orders(&order)),
-                HeadEvent::Position(it) => self.servo.answer(it.earliest.as_s(), it.latest.as_s(), it.angles),
-                HeadEvent::Link(_) | HeadEvent::Arrived | HeadEvent::Zoom(_) => {}
-            }
+            hear(&mut self.servo, *at, event);
         }
     }
 
     /// From a command on the line to the first movement, mean and standard deviation [s].
     pub fn latency_s(&self) -> [f64; 2] {
         self.servo.latency()
-    }
-
-    /// How things are with the head.
-    pub fn link(&self) -> HeadLink {
-        self.link
     }
 
     /// Whether the next command may be given.
@@ -148,7 +132,7 @@ impl Follower {
             let speed = (goal[it] - from[it]).abs() / (self.settings.settle_ms * 1e-3);
             speed.min(self.settings.max_speed_deg_per_s[it].to_radians())
         });
-        Some(self.lead(now, obeys_s, goal, speeds, wanted, reachable))
+        Some(self.lead(now, goal, speeds, wanted, reachable))
     }
 
     fn pursue(&mut self, now: Time, obeys_s: f64) -> Option<Lead> {
@@ -180,18 +164,10 @@ impl Follower {
             let way = goal[axis] - head.angles[axis];
             speeds[axis] = if way * rate > 0.0 { rate.abs() } else { way.abs() / period_s }.min(most);
         }
-        Some(self.lead(now, obeys_s, goal, speeds, wanted, reachable))
+        Some(self.lead(now, goal, speeds, wanted, reachable))
     }
 
-    fn lead(
-        &mut self,
-        now: Time,
-        obeys_s: f64,
-        goal: [f64; 2],
-        speeds: [f64; 2],
-        wanted: Aim,
-        reachable: bool,
-    ) -> Lead {
+    fn lead(&mut self, now: Time, goal: [f64; 2], speeds: [f64; 2], wanted: Aim, reachable: bool) -> Lead {
         let within = self.head.limits.clamp(&Setting::new(goal[0], goal[1]));
         let angles = [within.pan, within.tilt];
         self.commanded = Some((now, angles));
@@ -199,7 +175,7 @@ impl Follower {
         let speeds = speeds.map(|it| it.max(1e-3));
         let zoom = wanted.setting.zoom.filter(|_| self.settings.fill > 0.0);
         self.commanded_zoom = zoom;
-        Lead { order: HeadOrder::Go { angles, speeds }, zoom, wanted, reachable, obeys_at: Time::from_s(obeys_s) }
+        Lead { order: HeadOrder::Go { angles, speeds }, zoom, reachable }
     }
 
     /// Whether the zoom that is wanted is another one, by more than [`ZOOM_BAND`].
@@ -247,21 +223,20 @@ impl Follower {
         self.damped = Some((now, angles));
         angles
     }
-
-    /// Where the head is at `time`, see [`Servo::at`].
-    pub fn head_at(&mut self, time: Time) -> Option<ServoState> {
-        self.servo.at(time.as_s())
-    }
 }
 
 fn is_near(a: &[f64; 2], b: &[f64; 2], within: f64) -> bool {
     a.iter().zip(b).all(|(a, b)| (a - b).abs() < within)
 }
 
-/// An order for each axis.
-pub(crate) fn orders(order: &HeadOrder) -> [Order; 2] {
-    match *order {
-        HeadOrder::Go { angles, speeds } => [0, 1].map(|it| Order::Go { goal: angles[it], speed: speeds[it] }),
-        HeadOrder::Turn { rates } => rates.map(Order::Turn),
+/// Lets a model of the motors know what the head was told and said.
+pub(crate) fn hear(servo: &mut Servo, at: Time, event: &HeadEvent) {
+    match *event {
+        HeadEvent::Sent(HeadOrder::Go { angles, speeds }) => {
+            servo.order(at.as_s(), [0, 1].map(|it| Order::Go { goal: angles[it], speed: speeds[it] }));
+        }
+        HeadEvent::Sent(HeadOrder::Turn { rates }) => servo.order(at.as_s(), rates.map(Order::Turn)),
+        HeadEvent::Position(it) => servo.answer(it.earliest.as_s(), it.latest.as_s(), it.angles),
+        HeadEvent::Link(_) | HeadEvent::Arrived | HeadEvent::Zoom(_) => {}
     }
 }
