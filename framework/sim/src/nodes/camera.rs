@@ -1,11 +1,11 @@
 //! A simulated camera as a source: looks at the world at its own moments, delivers its fields later.
 
-use foveate_dataflow::{ConfigError, Due, In, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup, Time};
+use foveate_dataflow::{ConfigError, Due, In, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup};
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Image};
 
-use super::fields::{next_field, report_clock};
+use super::fields::Fields;
 use crate::bump::Pending;
 use crate::camera::{CameraSettings, Renderer};
 use crate::head::HeadMotion;
@@ -23,16 +23,11 @@ pub struct SimCamera {
     settings: CameraSettings,
     camera: Camera,
     id: CameraId,
-    name: String,
     random: Random,
-    timing: Timing,
-    /// True capture time of the last field that was asked for.
-    last: Time,
+    fields: Fields,
     scene: Option<(World, Renderer)>,
     /// How it stands after the bump that is still to come.
     bump: Option<Pending>,
-    /// Whether the turn at the start of the session was taken.
-    is_up: bool,
     pool: Pool<Image>,
 }
 
@@ -58,11 +53,11 @@ impl Node for SimCamera {
             camera: camera.clone(),
             id,
             random: setup.random.clone(),
-            name: setup.camera_name().unwrap_or_default().to_owned(),
-            timing: Timing::new(&settings.timing, settings.exposure_ms, &setup.random),
-            last: Time::ZERO,
+            fields: Fields::new(
+                Timing::new(&settings.timing, settings.exposure_ms, &setup.random),
+                setup.camera_name(),
+            ),
             scene: None,
-            is_up: false,
             pool: Pool::default(),
             settings,
         })
@@ -76,13 +71,9 @@ impl Node for SimCamera {
             let renderer = self.renderer(&world, is_on_head);
             self.scene = Some((world, renderer));
         }
-        if !std::mem::replace(&mut self.is_up, true) {
-            return Ok(()); // the turn before the first field, in which the room is built
-        }
-        let Some(Arrival { frame, capture, stamp, .. }) = next_field(&mut self.timing, io, &IMAGE) else {
+        let Some(Arrival { frame, capture, stamp, .. }) = self.fields.next(io, &IMAGE) else {
             return Ok(());
         };
-        self.last = self.last.max(capture);
         if let Some(bump) = self.bump.take_if(|it| capture >= it.at) {
             self.camera = bump.camera;
             if let Some((world, _)) = self.scene.take() {
@@ -91,7 +82,7 @@ impl Node for SimCamera {
             }
         }
         let Some((world, renderer)) = &mut self.scene else {
-            io.gap(&IMAGE, stamp, "the simulated world has not arrived yet");
+            Fields::without_world(io, &IMAGE, stamp);
             return Ok(());
         };
         let mut image = self.pool.take(Image::default);
@@ -104,11 +95,11 @@ impl Node for SimCamera {
     }
 
     fn due(&mut self) -> Due {
-        Due::At(if self.is_up { self.timing.next_delivery() } else { Time::ZERO })
+        self.fields.due()
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        report_clock(&self.timing, &self.name, self.last, report);
+        self.fields.report_clock(report);
         Ok(())
     }
 
@@ -159,6 +150,7 @@ fn check(settings: &CameraSettings) -> Result<(), ConfigError> {
 mod tests {
     use std::sync::Arc;
 
+    use foveate_dataflow::Time;
     use foveate_testkit::check_node;
 
     use super::*;
@@ -210,7 +202,7 @@ mod tests {
         let first = |synchronised: bool, camera: u16| {
             let timing = TimingSettings { synchronised, ..TimingSettings::default() };
             let settings = CameraSettings { timing, ..CameraSettings::default() };
-            SimCamera::new(settings, &setup(camera)).unwrap().timing.next().capture
+            SimCamera::new(settings, &setup(camera)).unwrap().fields.timing.next().capture
         };
         let mut own: Vec<Time> = (0..18).map(|camera| first(false, camera)).collect();
         own.sort();

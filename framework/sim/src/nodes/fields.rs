@@ -1,6 +1,6 @@
 //! What all simulated cameras do around a field: late, lost and failed ones become gaps, and their clocks are reported.
 
-use foveate_dataflow::{Io, Out, Report, Time};
+use foveate_dataflow::{Due, Io, Out, Report, Time};
 use foveate_messages::Message;
 
 use crate::timing::{Arrival, Fate, Timing};
@@ -8,28 +8,60 @@ use crate::timing::{Arrival, Fate, Timing};
 /// A camera whose delivery is this late gives up on the fields that it could not make [s].
 const PATIENCE_S: f64 = 0.1;
 
-/// The field that is to be made in this turn; `None` where it is a gap, which is declared at `port`.
-pub(super) fn next_field<T: Message>(timing: &mut Timing, io: &mut Io<'_>, port: &Out<T>) -> Option<Arrival> {
-    while (io.now() - timing.next_delivery()).as_s() > PATIENCE_S {
-        io.gap(port, timing.next().stamp, "the simulated camera was asked too late for this field");
-    }
-    let arrival = timing.next();
-    let reason = match arrival.fate {
-        Fate::Arrives => return Some(arrival),
-        Fate::Lost => "the settings of the simulated camera lose this field",
-        Fate::Failed => "the simulated camera has failed",
-    };
-    io.gap(port, arrival.stamp, reason);
-    None
+/// The fields of one camera, turn by turn.
+pub(super) struct Fields {
+    pub timing: Timing,
+    /// Of the camera.
+    name: String,
+    /// True capture time of the last field that was asked for.
+    last: Time,
+    /// Whether the turn at the start of the session was taken.
+    is_up: bool,
 }
 
-/// The truth about the clock of camera `name`, whose last field was seen at session time `last`: what a tracker's estimates are
-/// to be compared with. Nothing about a clock that is right.
-pub(super) fn report_clock(timing: &Timing, name: &str, last: Time, report: &mut Report) {
-    let clock = timing.clock();
-    if !clock.is_right() {
-        report.figure(format!("camera.clock_offset_ms.{name}"), clock.ahead(last).as_ms());
-        report.figure(format!("camera.clock_offset_start_ms.{name}"), clock.offset_s * 1e3);
-        report.figure(format!("camera.clock_drift_ppm.{name}"), clock.drift * 1e6);
+impl Fields {
+    pub fn new(timing: Timing, name: Option<&str>) -> Fields {
+        Fields { timing, name: name.unwrap_or_default().to_owned(), last: Time::ZERO, is_up: false }
+    }
+
+    /// When the next field is due; a turn before the first one, in which the world arrives, is asked for at the start.
+    pub fn due(&mut self) -> Due {
+        Due::At(if self.is_up { self.timing.next_delivery() } else { Time::ZERO })
+    }
+
+    /// The field that is to be made in this turn; `None` in the turn at the start, and where it is a gap, which is declared at `port`.
+    pub fn next<T: Message>(&mut self, io: &mut Io<'_>, port: &Out<T>) -> Option<Arrival> {
+        if !std::mem::replace(&mut self.is_up, true) {
+            return None;
+        }
+        while (io.now() - self.timing.next_delivery()).as_s() > PATIENCE_S {
+            io.gap(port, self.timing.next().stamp, "the simulated camera was asked too late for this field");
+        }
+        let arrival = self.timing.next();
+        let reason = match arrival.fate {
+            Fate::Arrives => {
+                self.last = self.last.max(arrival.capture);
+                return Some(arrival);
+            }
+            Fate::Lost => "the settings of the simulated camera lose this field",
+            Fate::Failed => "the simulated camera has failed",
+        };
+        io.gap(port, arrival.stamp, reason);
+        None
+    }
+
+    /// Says of a field that the world it shows is not there.
+    pub fn without_world<T: Message>(io: &mut Io<'_>, port: &Out<T>, stamp: Time) {
+        io.gap(port, stamp, "the simulated world has not arrived yet");
+    }
+
+    /// The truth about the camera's clock: what a tracker's estimates are to be compared with. Nothing about a clock that is right.
+    pub fn report_clock(&self, report: &mut Report) {
+        let (clock, name) = (self.timing.clock(), &self.name);
+        if !clock.is_right() {
+            report.figure(format!("camera.clock_offset_ms.{name}"), clock.ahead(self.last).as_ms());
+            report.figure(format!("camera.clock_offset_start_ms.{name}"), clock.offset_s * 1e3);
+            report.figure(format!("camera.clock_drift_ppm.{name}"), clock.drift * 1e6);
+        }
     }
 }

@@ -1,10 +1,10 @@
 //! An ideal detector as a source: features without pictures, for set-ups too large to render.
 
-use foveate_dataflow::{ConfigError, Due, In, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup, Time};
+use foveate_dataflow::{ConfigError, Due, In, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup};
 use foveate_geometry::Camera;
 use foveate_messages::Features;
 
-use super::fields::{next_field, report_clock};
+use super::fields::Fields;
 use crate::bump::Pending;
 use crate::head::HeadMotion;
 use crate::observer::{Observer, ObserverSettings};
@@ -22,13 +22,8 @@ pub struct SimObserver {
     camera: Camera,
     /// How it stands after the bump that is still to come.
     bump: Option<Pending>,
-    name: String,
-    timing: Timing,
-    /// True capture time of the last field that was asked for.
-    last: Time,
+    fields: Fields,
     world: Option<World>,
-    /// Whether the turn at the start of the session was taken.
-    is_up: bool,
     pool: Pool<Features>,
 }
 
@@ -54,11 +49,8 @@ impl Node for SimObserver {
             bump: Pending::of(settings.bump.as_ref(), setup, camera)?,
             camera: camera.clone(),
             observer: Observer::new(camera, id, &settings, &setup.random),
-            name: setup.camera_name().unwrap_or_default().to_owned(),
-            timing: Timing::new(&settings.timing, 0.0, &setup.random),
-            last: Time::ZERO,
+            fields: Fields::new(Timing::new(&settings.timing, 0.0, &setup.random), setup.camera_name()),
             world: None,
-            is_up: false,
             pool: Pool::default(),
         })
     }
@@ -67,13 +59,9 @@ impl Node for SimObserver {
         if self.world.is_none() {
             self.world = io.latest(&WORLD).map(|it| it.value.clone());
         }
-        if !std::mem::replace(&mut self.is_up, true) {
-            return Ok(()); // the turn before the first field, in which the world arrives
-        }
-        let Some(Arrival { frame, capture, stamp, .. }) = next_field(&mut self.timing, io, &FEATURES) else {
+        let Some(Arrival { frame, capture, stamp, .. }) = self.fields.next(io, &FEATURES) else {
             return Ok(());
         };
-        self.last = self.last.max(capture);
         if let Some(bump) = self.bump.take_if(|it| capture >= it.at) {
             self.observer.stand(&bump.camera);
             self.camera = bump.camera;
@@ -82,7 +70,7 @@ impl Node for SimObserver {
             self.observer.stand(&motion.value.camera_at(&self.camera, capture));
         }
         let Some(world) = &self.world else {
-            io.gap(&FEATURES, stamp, "the simulated world has not arrived yet");
+            Fields::without_world(io, &FEATURES, stamp);
             return Ok(());
         };
         let mut features = self.pool.take(Features::default);
@@ -92,11 +80,11 @@ impl Node for SimObserver {
     }
 
     fn due(&mut self) -> Due {
-        Due::At(if self.is_up { self.timing.next_delivery() } else { Time::ZERO })
+        self.fields.due()
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        report_clock(&self.timing, &self.name, self.last, report);
+        self.fields.report_clock(report);
         Ok(())
     }
 

@@ -6,7 +6,7 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::fields::{next_field, report_clock};
+use super::fields::Fields;
 use crate::observer::{Observer, ObserverSettings};
 use crate::person::N_LEDS;
 use crate::timing::{Arrival, Timing, TimingSettings};
@@ -77,15 +77,10 @@ impl Default for RiderSettings {
 /// and nothing hides them. What carries it is known to the simulation only: a rig has to find out with its scale's anchor.
 pub struct SimRider {
     observer: Observer,
-    name: String,
-    timing: Timing,
+    fields: Fields,
     person: u32,
     light: u32,
-    /// True capture time of the last field that was asked for.
-    last: Time,
     world: Option<World>,
-    /// Whether the turn at the start of the session was taken.
-    is_up: bool,
     truth: Targets,
     lights: Vec<(TargetId, Point3<f64>)>,
     pool: Pool<Features>,
@@ -127,13 +122,10 @@ impl Node for SimRider {
         };
         Ok(Self {
             observer: Observer::new(camera, id, &observer, &setup.random),
-            name: setup.camera_name().unwrap_or_default().to_owned(),
-            timing: Timing::new(&observer.timing, 0.0, &setup.random),
+            fields: Fields::new(Timing::new(&observer.timing, 0.0, &setup.random), setup.camera_name()),
             person,
             light: light as u32,
-            last: Time::ZERO,
             world: None,
-            is_up: false,
             truth: Targets::default(),
             lights: Vec::new(),
             pool: Pool::default(),
@@ -144,15 +136,11 @@ impl Node for SimRider {
         if self.world.is_none() {
             self.world = io.latest(&WORLD).map(|it| it.value.clone());
         }
-        if !std::mem::replace(&mut self.is_up, true) {
-            return Ok(()); // the turn before the first field, in which the world arrives
-        }
-        let Some(Arrival { frame, capture, stamp, .. }) = next_field(&mut self.timing, io, &FEATURES) else {
+        let Some(Arrival { frame, capture, stamp, .. }) = self.fields.next(io, &FEATURES) else {
             return Ok(());
         };
-        self.last = self.last.max(capture);
         let Some(world) = self.world.clone() else {
-            io.gap(&FEATURES, stamp, "the simulated world has not arrived yet");
+            Fields::without_world(io, &FEATURES, stamp);
             return Ok(());
         };
         self.look_around(&world, capture);
@@ -163,11 +151,11 @@ impl Node for SimRider {
     }
 
     fn due(&mut self) -> Due {
-        Due::At(if self.is_up { self.timing.next_delivery() } else { Time::ZERO })
+        self.fields.due()
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        report_clock(&self.timing, &self.name, self.last, report);
+        self.fields.report_clock(report);
         Ok(())
     }
 
