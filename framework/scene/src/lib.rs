@@ -27,6 +27,7 @@ mod pose2sim;
 mod shared_lens;
 pub mod space;
 mod toml_reader;
+mod uncertain_pose;
 pub mod uncertainty;
 pub mod volume;
 
@@ -37,6 +38,7 @@ pub use draft::{Draft, Unknown};
 pub use formats::{DltOrigin, Export, ExportContent, Format, ImportOptions};
 pub use heads::{CalibratedHead, Head, Heads};
 pub use natural_order::natural_order;
-pub use space::{SceneError, SceneGraph, SpaceId, UncertainPose};
+pub use space::{SceneError, SceneGraph, SpaceId};
+pub use uncertain_pose::UncertainPose;
 pub use uncertainty::{CameraUncertainty, Fixed, Provenance, Uncertainties};
 pub use volume::WorkingVolume;
