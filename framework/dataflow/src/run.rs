@@ -9,6 +9,7 @@ mod faults;
 mod gates;
 mod inbox;
 mod live;
+mod slot;
 mod stage;
 
 use std::path::PathBuf;

@@ -12,7 +12,8 @@ use std::time::{Duration, Instant};
 use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use foveate_messages::{Interval, Time};
 
-use super::stage::{Alone, Away, Costs, Route, Stage};
+use super::slot::Route;
+use super::stage::{Alone, Away, Costs, Stage};
 use super::{EdgeView, Options, Outcome, PROGRESS_PERIOD, Progress, conclude, view_edges};
 use crate::error::NodeError;
 use crate::graph::Graph;
