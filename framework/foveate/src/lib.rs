@@ -16,7 +16,8 @@ pub mod prelude {
     };
     pub use foveate_messages::{
         Assignment, CameraChoice, CameraId, CameraSet, Feature, Features, HeadCommand, HeadEvent, HeadLink, HeadOrder,
-        HeadPose, HeadPosition, HeadReport, How, Image, PixelFormat, ScaleSpace, SubRegion, Target, TargetId, Targets,
+        HeadPose, HeadPosition, HeadReport, How, Image, Mark, MarkGuide, Marks, PixelFormat, ScaleSpace, SubRegion,
+        Target, TargetId, Targets,
     };
     pub use foveate_scene::CalibratedHead;
 }

@@ -12,11 +12,14 @@
 //! | [`HeadCommand`] | what a pan-tilt head should do | angles of its axes |
 //! | [`HeadReport`] | what it was told and what it said | angles of its axes |
 //! | [`HeadPose`] | where its camera stood at one moment | – |
+//! | [`Marks`] | painted marks of one surface at one time | metres in a space of their own |
+//! | [`MarkGuide`] | where each camera should see each mark | pixels, camera by camera |
 
 mod camera_set;
 mod features;
 mod head;
 mod image;
+mod marks;
 mod stamped;
 mod sub_region;
 mod targets;
@@ -27,6 +30,7 @@ pub use camera_set::{CameraChoice, CameraId, CameraSet};
 pub use features::{Feature, Features};
 pub use head::{HeadCommand, HeadEvent, HeadLink, HeadOrder, HeadPose, HeadPosition, HeadReport};
 pub use image::{Image, PixelFormat, Window};
+pub use marks::{GuidedMark, Mark, MarkGuide, Marks, ShapeFit};
 pub use stamped::{Interval, SourceId, Stamp, Stamped, Time};
 pub use sub_region::{Assignment, ScaleId, ScaleSpace, SubRegion};
 pub use targets::{How, Target, TargetId, Targets};
