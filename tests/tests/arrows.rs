@@ -25,6 +25,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("blob", &["foveate"]),
     ("board", &["foveate"]),
     ("export", &["foveate"]),
+    ("painted-mark", &["foveate"]),
     ("pan-tilt", &["foveate"]),
     ("select", &["foveate"]),
     (
@@ -40,6 +41,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "geometry",
             "led",
             "messages",
+            "painted-mark",
             "pan-tilt",
             "scene",
             "select",

@@ -1,0 +1,7 @@
+//! Painted marks on a surface that moves and deforms, a face or a knee, seen by cameras of narrow field of view
+//! [Davis 2002 ch. 5, §6.1].
+
+use foveate::prelude::Registry;
+
+/// Makes the nodes of this plugin known.
+pub fn register(_registry: &mut Registry) {}
