@@ -2,7 +2,7 @@
 //!
 //! Body frame: x forward, y left, z up, its origin on the floor below the pelvis.
 
-use nalgebra::{Point2, Point3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point2, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::gait::{Gait, Joints};
 use super::walk::Place;
@@ -77,6 +77,8 @@ pub struct Pose {
     pub leds: [Led; N_LEDS],
     /// What may hide them.
     pub parts: [BodyPart; N_PARTS],
+    /// Takes points of the head's space (x forward, y left, z up, the origin in the middle of the head) to the world.
+    pub head: Isometry3<f64>,
     /// Direction of walking, level, of length 1.
     pub forward: Vector3<f64>,
     /// Middle of the body on the floor [m].
@@ -197,7 +199,10 @@ pub(super) fn pose(place: &Place, gait: &Gait, time_s: f64) -> Pose {
         a.max(b).sqrt() + part.radius
     };
     let reach = parts.iter().map(farthest).fold(0.0, f64::max);
-    Pose { leds, parts, forward, middle, reach }
+    let axes = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[head.forward, head.left, Vector3::z()]));
+    let rotation = UnitQuaternion::from_rotation_matrix(&axes);
+    let head = Isometry3::from_parts(Translation3::from(head_centre), rotation);
+    Pose { leds, parts, head, forward, middle, reach }
 }
 
 /// The least squared distance between two segments [m²]; the second may be a point.

@@ -212,6 +212,20 @@ mod tests {
     }
 
     #[test]
+    fn the_head_is_upright_below_its_led_and_looks_ahead_on_average() {
+        let person = Person::new(0, 1, AREA_M, 1.0, &Random::new(5));
+        let mut ahead = 0.0;
+        for step in 0..400 {
+            let pose = person.pose(f64::from(step) * 0.31);
+            assert!((pose.head * Vector3::z() - Vector3::z()).norm() < 1e-12);
+            let led = pose.head.inverse_transform_point(&pose.leds[0].position);
+            assert!((led - Point3::new(0.0235, 0.0, 0.1177)).norm() < 1e-3, "{led}");
+            ahead += (pose.head * Vector3::x()).dot(&pose.forward) / 400.0;
+        }
+        assert!(ahead > 0.9, "{ahead}");
+    }
+
+    #[test]
     fn a_led_is_hidden_from_behind_the_body_and_seen_from_its_own_side() {
         let person = Person::new(0, 1, AREA_M, 1.0, &Random::new(5));
         for step in 0..50 {
