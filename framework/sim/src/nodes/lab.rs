@@ -40,6 +40,8 @@ impl Node for Lab {
             people_enter_s,
             stay_s,
             away_s,
+            stand_s,
+            stage_m,
             speed_m_s,
             led_peak,
             reflections,
@@ -60,6 +62,8 @@ impl Node for Lab {
         ConfigError::unless_in("people_enter_s", people_enter_s, 0.0..=3600.0)?;
         ConfigError::unless_in("stay_s", stay_s, 0.0..=1e6)?;
         ConfigError::unless_in("away_s", away_s, 0.0..=1e6)?;
+        ConfigError::unless_in("stand_s", stand_s, 0.0..=3600.0)?;
+        ConfigError::unless_in("stage_m", stage_m, 0.2..=20.0)?;
         ConfigError::unless_in("speed_m_s", speed_m_s, 0.1..=2.0)?;
         ConfigError::unless_in("led_peak", led_peak, 0.0..=5000.0)?;
         ConfigError::unless_in("reflections", reflections, 0.0..=1.0)?;
@@ -86,6 +90,9 @@ impl Node for Lab {
         if walk == WalkKind::Round && people > MOST_ON_A_ROUND {
             let message = format!("found {people}, expected at most {MOST_ON_A_ROUND}, or `walk = \"crowd\"`");
             return Err(ConfigError::at("people", message));
+        }
+        if walk == WalkKind::Stage && people > 1 {
+            return Err(ConfigError::at("people", format!("found {people}, expected at most 1 on a `stage`")));
         }
         if walk == WalkKind::Crowd
             && let Err(widest) = settings.braid()
@@ -150,6 +157,7 @@ mod tests {
         check_node::<Lab>("people = 3\nglints_hz = 1.5");
         check_node::<Lab>("people = 0\nwaved_light = true");
         check_node::<Lab>("people = 0\nswing = { amplitude_m = 0.3 }");
+        check_node::<Lab>("walk = \"stage\"\nstand_s = 3");
         check_node::<Lab>("people = 16\nwalk = \"crowd\"\nwalk_area_m = [6, 8]\nstay_s = 30");
     }
 
@@ -163,6 +171,9 @@ mod tests {
         assert_eq!(refused(|it| it.people = 5), "people");
         assert_eq!(refused(|it| (it.people, it.walk) = (33, WalkKind::Crowd)), "people");
         assert_eq!(refused(|it| (it.people, it.walk) = (32, WalkKind::Crowd)), "closest_m");
+        assert_eq!(refused(|it| (it.people, it.walk) = (2, WalkKind::Stage)), "people");
+        assert_eq!(refused(|it| it.stage_m = 0.0), "stage_m");
+        assert_eq!(refused(|it| it.stand_s = -1.0), "stand_s");
         assert_eq!(refused(|it| it.walk_area_m[1] = 0.0), "walk_area_m");
         assert_eq!(refused(|it| it.speed_m_s = f64::NAN), "speed_m_s");
         assert_eq!(refused(|it| it.monitors = 9), "monitors");

@@ -4,9 +4,9 @@
 
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-use super::gait::{Gait, Joints};
+use super::N_LEDS;
+use super::gait::Joints;
 use super::walk::Place;
-use super::{N_LEDS, gait};
 
 /// How many body parts a person has.
 pub const N_PARTS: usize = 15;
@@ -20,6 +20,8 @@ const PELVIS: f64 = 0.98;
 const SHOULDERS: f64 = 1.44;
 const HALF_SHOULDERS: f64 = 0.18;
 const HEAD: f64 = 1.65;
+/// From the joint about which the head nods up to its middle [m].
+const HEAD_JOINT: f64 = 0.06;
 const HIPS: f64 = 0.90;
 const HALF_HIPS: f64 = 0.09;
 const UPPER_ARM: f64 = 0.29;
@@ -142,31 +144,34 @@ fn led_on(axis_point: Point3<f64>, radius: f64, normal: Vector3<f64>) -> Led {
     Led { position: axis_point + normal * (radius + LED_HEIGHT), normal }
 }
 
-pub(super) fn pose(place: &Place, gait: &Gait, time_s: f64) -> Pose {
-    let joints: gait::Joints = gait.joints(place.way, time_s);
+pub(super) fn pose(place: &Place, joints: &Joints) -> Pose {
     let forward = Vector3::new(place.forward.x, place.forward.y, 0.0);
     let left = Vector3::new(-forward.y, forward.x, 0.0);
-    let Joints { rise, sway, .. } = joints;
+    let Joints { rise, sway, .. } = *joints;
     let origin = Point3::new(place.position.x, place.position.y, rise) + left * sway;
     let body = Frame { origin, forward, left };
     let chest = body.turned(joints.twist);
-    let head = body.turned(joints.look);
+    let looking = body.turned(joints.look);
 
     let part = |a: Point3<f64>, b: Point3<f64>, radius: f64, albedo: f64| BodyPart { ends: [a, b], radius, albedo };
     let pelvis = body.point(0.0, 0.0, PELVIS);
     let neck = chest.point(0.02, 0.0, SHOULDERS + 0.04);
-    let head_centre = head.point(0.04, 0.0, HEAD);
+    // The head nods and tilts about the joint below it.
+    let axes = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[looking.forward, looking.left, Vector3::z()]));
+    let axes = axes * Rotation3::from_euler_angles(joints.tilt, joints.nod, 0.0);
+    let below = looking.point(0.04, 0.0, HEAD) - Vector3::z() * HEAD_JOINT;
+    let head_centre = below + axes * Vector3::z() * HEAD_JOINT;
     let shoulders = [1.0, -1.0].map(|out| chest.point(0.02, out * HALF_SHOULDERS, SHOULDERS));
     let hips = [1.0, -1.0].map(|out| body.point(0.0, out * HALF_HIPS, HIPS));
 
     let waist_led = led_on(body.point(0.02, 0.0, PELVIS + 0.04), TORSO_RADIUS + 0.01, body.direction(1.0, 0.0, 0.45));
-    let head_led = led_on(head_centre, HEAD_RADIUS, head.direction(0.2, 0.0, 1.0));
+    let head_led = led_on(head_centre, HEAD_RADIUS, axes * Vector3::new(0.2, 0.0, 1.0));
     let mut leds = [head_led, waist_led, head_led, head_led, head_led, head_led, head_led, head_led];
     let trunk = part(pelvis, chest.point(0.02, 0.0, 1.33), TORSO_RADIUS, 0.45);
     let mut parts = [trunk; N_PARTS];
     parts[1] = part(shoulders[0], shoulders[1], SHOULDER_RADIUS, 0.45);
     parts[2] = part(hips[0], hips[1], 0.11, 0.2);
-    parts[3] = part(head_centre - Vector3::z() * 0.03, head_centre, HEAD_RADIUS, 0.75);
+    parts[3] = part(head_centre - axes * Vector3::z() * 0.03, head_centre, HEAD_RADIUS, 0.75);
     parts[4] = part(neck, head_centre, 0.055, 0.7);
     // The two halves of the rib cage: people are wider than deep.
     parts[5] = part(chest.point(0.02, 0.07, 1.05), chest.point(0.02, 0.09, 1.32), 0.105, 0.45);
@@ -199,7 +204,6 @@ pub(super) fn pose(place: &Place, gait: &Gait, time_s: f64) -> Pose {
         a.max(b).sqrt() + part.radius
     };
     let reach = parts.iter().map(farthest).fold(0.0, f64::max);
-    let axes = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[head.forward, head.left, Vector3::z()]));
     let rotation = UnitQuaternion::from_rotation_matrix(&axes);
     let head = Isometry3::from_parts(Translation3::from(head_centre), rotation);
     Pose { leds, parts, head, forward, middle, reach }

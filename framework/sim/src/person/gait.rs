@@ -20,6 +20,8 @@ pub(super) struct Gait {
     phases: [f64; 4],
     /// How fast gestures come [rad/s].
     gesture_rates: [f64; 2],
+    /// How far arms are raised in gestures, relative to fully.
+    gestures: f64,
 }
 
 /// Joint angles at one time [rad] unless noted.
@@ -33,6 +35,10 @@ pub(super) struct Joints {
     pub twist: f64,
     /// Head, counter-clockwise from above.
     pub look: f64,
+    /// Head, forward and down.
+    pub nod: f64,
+    /// Head, to the right shoulder.
+    pub tilt: f64,
     /// Upper arms, left and right.
     pub arms: [f64; 2],
     /// Elbows, 0 straight.
@@ -53,7 +59,13 @@ impl Gait {
             vigour: vigour.min(1.2) * random.uniform_in(0.9, 1.1),
             phases: [(); 4].map(|()| random.uniform_in(0.0, TAU)),
             gesture_rates: [(); 2].map(|()| random.uniform_in(0.35, 0.55)),
+            gestures: 1.0,
         }
+    }
+
+    /// As [`Self::new`], arms never raised before the face.
+    pub fn without_gestures(speed: f64, random: &mut Random) -> Self {
+        Self { gestures: 0.0, ..Self::new(speed, random) }
     }
 
     /// After `way` metres, at `time_s` seconds.
@@ -61,7 +73,7 @@ impl Gait {
         let phase = TAU * way / self.stride;
         let (sine, cosine) = phase.sin_cos();
         let swing = 0.42 * self.vigour;
-        let gestures = [0, 1].map(|side| bump(self.gesture_rates[side] * time_s + self.phases[side]));
+        let gestures = [0, 1].map(|side| self.gestures * bump(self.gesture_rates[side] * time_s + self.phases[side]));
         let wave = (4.5 * time_s + self.phases[2]).sin();
         let side = |side: usize, sine: f64| {
             let lifted = gestures[side];
@@ -78,12 +90,27 @@ impl Gait {
             sway: 0.02 * sine,
             twist: 0.12 * self.vigour * sine,
             look: 0.35 * (0.43 * time_s + self.phases[3]).sin() + 0.15 * (1.1 * time_s + self.phases[2]).sin(),
+            nod: 0.0,
+            tilt: 0.0,
             arms: [left.0, right.0],
             elbows: [left.1, right.1],
             spread: [left.2, right.2],
             thighs: [thigh * sine, -thigh * sine],
             knees: [knee(cosine), knee(-cosine)],
         }
+    }
+}
+
+impl Joints {
+    /// Between standing at ease (0) and walking as it is (1).
+    pub fn calmed(mut self, vigour: f64) -> Joints {
+        let towards = |rest: f64, it: f64| rest + (it - rest) * vigour;
+        (self.rise, self.sway, self.twist) = (self.rise * vigour, self.sway * vigour, self.twist * vigour);
+        self.arms = self.arms.map(|it| towards(0.05, it));
+        self.elbows = self.elbows.map(|it| towards(0.25, it));
+        self.thighs = self.thighs.map(|it| towards(0.0, it));
+        self.knees = self.knees.map(|it| towards(0.03, it));
+        self
     }
 }
 

@@ -6,6 +6,7 @@
 mod body;
 mod braid;
 mod gait;
+mod stage;
 mod visit;
 mod walk;
 
@@ -15,6 +16,8 @@ use nalgebra::{Point3, Vector3};
 pub use body::{BodyPart, Led, N_PARTS, Pose};
 pub(crate) use braid::Braid;
 use gait::Gait;
+pub use stage::COME_S;
+use stage::Stage;
 use walk::Walk;
 
 /// How many LEDs a person wears.
@@ -31,8 +34,14 @@ const HALF_DIFFERENCE_S: f64 = 1e-5;
 /// One person of the scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Person {
-    walk: Walk,
+    way: Way,
     gait: Gait,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Way {
+    Walk(Walk),
+    Stage(Stage),
 }
 
 impl Person {
@@ -41,7 +50,7 @@ impl Person {
     pub fn new(index: usize, n_people: usize, area_m: [f64; 2], speed: f64, random: &Random) -> Self {
         let share = index as f64 / n_people.max(1) as f64;
         let walk = Walk::round(share, area_m, speed, &mut random.fork("walk"));
-        Self { walk, gait: Gait::new(speed, &mut random.fork(&format!("gait {index}"))) }
+        Self { way: Way::Walk(walk), gait: Gait::new(speed, &mut random.fork(&format!("gait {index}"))) }
     }
 
     /// Number `index` of those who cross each other's ways on `braid`, at `speed` on average [m/s]; comes in at `enter_s` or
@@ -55,17 +64,34 @@ impl Person {
         random: &Random,
     ) -> Self {
         let walk = Walk::braid(index, braid, speed, enter_s, stay_away_s, &mut random.fork("walk"));
-        Self { walk, gait: Gait::new(speed, &mut random.fork(&format!("gait {index}"))) }
+        Self { way: Way::Walk(walk), gait: Gait::new(speed, &mut random.fork(&format!("gait {index}"))) }
+    }
+
+    /// An actor who comes in at `enter_s`, stands from [`COME_S`] later on for `stand_s`, and then walks to and fro over `width_m` along X
+    /// at `speed` on average [m/s], the face towards +Y nearly always.
+    pub fn on_stage(enter_s: f64, stand_s: f64, width_m: f64, speed: f64, random: &Random) -> Self {
+        let stage = Stage::new(enter_s, stand_s, width_m, speed, &mut random.fork("stage"));
+        Self { way: Way::Stage(stage), gait: Gait::without_gestures(speed, &mut random.fork("gait 0")) }
     }
 
     /// Which visit it is at `time_s` [s], counted from 0; `None` while the person is not there.
     pub fn visit(&self, time_s: f64) -> Option<u32> {
-        self.walk.visit(time_s)
+        match &self.way {
+            Way::Walk(walk) => walk.visit(time_s),
+            Way::Stage(_) => Some(0),
+        }
     }
 
     /// The person at `time_s` on the session clock [s].
     pub fn pose(&self, time_s: f64) -> Pose {
-        body::pose(&self.walk.at(time_s), &self.gait, time_s)
+        let (place, joints) = match &self.way {
+            Way::Walk(walk) => {
+                let place = walk.at(time_s);
+                (place, self.gait.joints(place.way, time_s))
+            }
+            Way::Stage(stage) => stage.at(&self.gait, time_s),
+        };
+        body::pose(&place, &joints)
     }
 
     /// The LEDs' positions [m] and velocities [m/s] at `time_s` [s].
@@ -83,6 +109,13 @@ mod tests {
     use crate::lab::VOLUME_M;
 
     const AREA_M: [f64; 2] = [2.5, 4.0];
+
+    fn place(person: &Person, time_s: f64) -> walk::Place {
+        match &person.way {
+            Way::Walk(walk) => walk.at(time_s),
+            Way::Stage(stage) => stage.at(&person.gait, time_s).0,
+        }
+    }
 
     fn people() -> Vec<Person> {
         let random = Random::new(3);
@@ -132,7 +165,7 @@ mod tests {
             let n = 4000;
             for step in 0..n {
                 let time = f64::from(step) * 0.02;
-                let (now, later) = (person.walk.at(time), person.walk.at(time + 0.02));
+                let (now, later) = (place(&person, time), place(&person, time + 0.02));
                 sum += (later.position - now.position).norm() / 0.02;
                 let turn = now.forward.x * later.forward.y - now.forward.y * later.forward.x;
                 *(if turn > 0.0 { &mut left } else { &mut right }) += 1;
@@ -184,7 +217,7 @@ mod tests {
             for step in 0..1200 {
                 let time = f64::from(step) * 0.1;
                 let here = people.iter().filter(|it| it.visit(time).is_some());
-                let places: Vec<_> = here.map(|it| it.walk.at(time).position).collect();
+                let places: Vec<_> = here.map(|it| place(it, time).position).collect();
                 most = most.max(places.len());
                 for i in 0..places.len() {
                     (0..i).for_each(|j| nearest = nearest.min((places[i] - places[j]).norm()));
@@ -223,6 +256,32 @@ mod tests {
             ahead += (pose.head * Vector3::x()).dot(&pose.forward) / 400.0;
         }
         assert!(ahead > 0.9, "{ahead}");
+    }
+
+    #[test]
+    fn an_actor_comes_in_stands_and_walks_over_the_stage_facing_it() {
+        let actor = Person::on_stage(1.0, 8.0, 2.0, 0.9, &Random::new(5));
+        let (mut across, mut seen, mut n) = ([f64::INFINITY, f64::NEG_INFINITY], 0, 0);
+        let mut before: Option<Point3<f64>> = None;
+        for step in 0..12_000 {
+            let time = 1.0 + f64::from(step) * 0.005;
+            let pose = actor.pose(time);
+            let head = Point3::from(pose.head.translation.vector);
+            if let Some(before) = before.replace(head) {
+                assert!((head - before).norm() / 0.005 < 1.7, "{} m/s at {time} s", (head - before).norm() / 0.005);
+            }
+            let facing = pose.head * Vector3::x();
+            if (1.0 + COME_S..9.0 + COME_S).contains(&time) {
+                assert!(head.xy().coords.norm() < 0.12 && facing.y > 0.98, "{head} {facing} at {time} s");
+            } else if time > 12.0 + COME_S {
+                across = [across[0].min(head.x), across[1].max(head.x)];
+                assert!(pose.forward.y > 0.6, "{}", pose.forward);
+                (seen, n) = (seen + usize::from(facing.y > 0.64), n + 1);
+            }
+        }
+        assert!(actor.pose(1.0).middle.y < -1.5);
+        assert!(across.iter().all(|it| (0.9..1.25).contains(&it.abs())), "{across:?}");
+        assert!(seen * 20 > n * 19, "{seen} of {n}");
     }
 
     #[test]

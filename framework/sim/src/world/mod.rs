@@ -39,6 +39,8 @@ pub enum WalkKind {
     Round,
     /// Each other's ways crossing closely.
     Crowd,
+    /// One actor, who comes in, stands for `stand_s` facing +Y, and then walks to and fro along X, the face towards +Y nearly always.
+    Stage,
 }
 
 /// What is in the room.
@@ -66,6 +68,12 @@ pub struct SceneSettings {
     /// In a crowd: how long somebody who walked out stays away, at least; 0: for good. Who comes again has new targets [s].
     #[schemars(range(min = 0.0, max = 1e6))]
     pub away_s: f64,
+    /// On a `stage`: how long the actor stands, which begins 2.5 s after coming in [s].
+    #[schemars(range(min = 0.0, max = 3600.0))]
+    pub stand_s: f64,
+    /// On a `stage`: from one end to the other, along X, its middle at the origin [m].
+    #[schemars(range(min = 0.2, max = 20.0))]
+    pub stage_m: f64,
     /// How fast they walk on average; they slow down in turns [m/s].
     #[schemars(range(min = 0.1, max = 2.0))]
     pub speed_m_s: f64,
@@ -112,6 +120,8 @@ impl Default for SceneSettings {
             people_enter_s: 1.0,
             stay_s: 0.0,
             away_s: 0.0,
+            stand_s: 10.0,
+            stage_m: 2.0,
             speed_m_s: 0.9,
             led_peak: 800.0,
             reflections: 0.0,
@@ -180,6 +190,10 @@ fn people(settings: &SceneSettings, random: &Random) -> Vec<Person> {
     };
     match (walk, braid) {
         (WalkKind::Round, _) => (0..people).map(|i| Person::new(i, people, area, speed, random)).collect(),
+        (WalkKind::Stage, _) => {
+            let SceneSettings { stand_s, stage_m, .. } = *settings;
+            (0..people).map(|_| Person::on_stage(enter_s, stand_s, stage_m, speed, random)).collect()
+        }
         (WalkKind::Crowd, braid) => {
             let Some(braid) = braid() else { return Vec::new() };
             let stay_away_s = [settings.stay_s, settings.away_s];
