@@ -8,6 +8,7 @@
 //! | [`bundle`] | all cameras and points together, clocks of cameras if wanted, adjusted to all pixels, with covariances |
 //! | [`camera`] | [`Camera`]: pinhole with Brown–Conrady distortion; point to pixel, pixel to [`Ray`] |
 //! | [`epipolar`] | how two cameras stand to one another, from pixels of the same points |
+//! | [`joint`] | points, and the errors of the poses that they are seen from, together |
 //! | [`resection`] | the pose of a camera from points of known place and their pixels, robustly, with its covariance |
 //! | [`pan_tilt`] | cameras on pan-tilt heads: model, calibration, aiming, zoom |
 //! | [`ray`] | [`Ray`], and where two of them come closest |
@@ -25,6 +26,7 @@ pub mod camera;
 mod distortion;
 pub mod epipolar;
 mod from_matrix;
+pub mod joint;
 mod look_at;
 pub mod pan_tilt;
 pub mod ray;
@@ -42,6 +44,7 @@ pub use bundle::{
 pub use camera::{Camera, CameraFault, Distortion, Intrinsics};
 pub use epipolar::{EpipolarFault, EpipolarRules, TwoViews, relative_pose};
 pub use from_matrix::ProjectionFault;
+pub use joint::{Joint, JointFault, JointPoint, JointRules, Sight, Viewpoint, triangulate_jointly};
 pub use ray::{Approach, Ray, closest_approach};
 pub use resection::{Resection, ResectionFault, ResectionRules, refine_pose, resect};
 pub use self_calibration::{

@@ -1,0 +1,370 @@
+//! Many points and the small errors of the poses that they are seen from, together.
+//!
+//! A camera on a head that moves is known to a tenth of a degree at best. Points from different pairs of such cameras then do not fit together
+//! [Davis 2002 §5.2], which takes all of them from one pair. Here the errors of the poses are unknowns as the points are: the points are many,
+//! rigid or not, and seen by several cameras at one moment, which leaves them little freedom.
+//!
+//! | here | meaning | unit |
+//! |---|---|---|
+//! | `step` (ε) | error of a camera's pose: a turn about its own centre, and a shift, both in world axes: `camera_from_world` ∘ T(c) exp(ε) T(−c) | rad, m |
+//! | `prior` (Λ) | inverse of what is known of ε beforehand | |
+//! | residual of a sight | pixel − π(camera ⊕ ε, point), whitened by its covariance | – |
+//!
+//! Minimises Σ ρ(‖rᵢ‖²) + Σ εᵀ Λ ε by Gauss–Newton steps; points are eliminated (Schur), so that a step costs as much as its 6 unknowns a camera. ρ is
+//! Huber's, its bend at a multiple of the residuals' own spread while they shrink. Then the worst sight of a point that three or more cameras
+//! agree about without it is left out, and a point seen by two that do not agree is left out whole.
+
+mod solve;
+#[cfg(test)]
+mod tests;
+
+use foveate_estimation::statistics::{SIGMA_PER_MAD, median};
+use nalgebra::{DMatrix, Isometry3, Matrix2, Matrix3, Matrix6, Point2, Point3, Translation3, UnitQuaternion, Vector6};
+
+use crate::camera::Camera;
+use crate::triangulate::triangulate_rays;
+use solve::{Equations, rigid_parts};
+
+/// From where points were seen.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Viewpoint {
+    /// The camera, at the pose that it is thought to have.
+    pub camera: Camera,
+    /// Of δ in `camera_from_world` ∘ exp(δ), (rotation, translation) [rad², rad m, m²]; may be singular.
+    pub covariance: Matrix6<f64>,
+}
+
+/// One point in one picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sight {
+    /// Which viewpoint.
+    pub viewpoint: usize,
+    /// Which point.
+    pub point: usize,
+    /// Where [px].
+    pub pixel: Point2<f64>,
+    /// Of that [px²].
+    pub covariance: Matrix2<f64>,
+}
+
+/// What [`triangulate_jointly`] assumes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointRules {
+    /// Whether the poses have errors at all; otherwise the points alone are found.
+    pub estimate_poses: bool,
+    /// What a viewpoint's covariance leaves out: standard deviation of a turn about the camera's centre [rad] …
+    pub rotation_floor: f64,
+    /// … and of a shift [m].
+    pub translation_floor: f64,
+    /// What the covariances of the sights leave out: a standard deviation for both directions [px].
+    pub pixel_floor: f64,
+    /// A sight farther off than this many standard deviations is wrong.
+    pub outlier_sigmas: f64,
+}
+
+impl Default for JointRules {
+    fn default() -> Self {
+        Self {
+            estimate_poses: true,
+            rotation_floor: 1e-4,
+            translation_floor: 2e-4,
+            pixel_floor: 0.05,
+            outlier_sigmas: 5.0,
+        }
+    }
+}
+
+/// A point and how well it is known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointPoint {
+    /// In the world [m].
+    pub position: Point3<f64>,
+    /// What is uncertain of it beside what is uncertain of all points as a whole [m²].
+    pub covariance: Matrix3<f64>,
+}
+
+/// What [`triangulate_jointly`] found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Joint {
+    /// By number; `None` for those that fewer than two cameras see, or see alike.
+    pub points: Vec<Option<JointPoint>>,
+    /// The viewpoints' cameras at the poses that were found.
+    pub cameras: Vec<Camera>,
+    /// Middle of the points in the world [m].
+    pub middle: Point3<f64>,
+    /// Of δ of all points as a whole about [`Self::middle`], in world axes, (rotation, translation) [rad², rad m, m²].
+    pub covariance: Matrix6<f64>,
+    /// By sight: its residual in standard deviations; `None` where it had no part: its point is not there, or it was left out.
+    pub residuals: Vec<Option<f64>>,
+    /// By sight: it does not agree with the others of its point.
+    pub disputed: Vec<bool>,
+}
+
+/// Why there is no answer.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum JointFault {
+    /// A number of a viewpoint or a point that there is none of.
+    #[error("sight {index} is of viewpoint {viewpoint} of {viewpoints} and point {point} of {points}")]
+    NoSuch {
+        /// Which sight.
+        index: usize,
+        /// Its viewpoint.
+        viewpoint: usize,
+        /// How many viewpoints there are.
+        viewpoints: usize,
+        /// Its point.
+        point: usize,
+        /// How many points there are.
+        points: usize,
+    },
+    /// A pixel or covariance that is not one.
+    #[error("sight {index} has no finite pixel with a positive definite covariance")]
+    BadSight {
+        /// Which sight.
+        index: usize,
+    },
+    /// A viewpoint's covariance that is not one.
+    #[error("the covariance of viewpoint {index} is not positive semidefinite")]
+    BadViewpoint {
+        /// Which viewpoint.
+        index: usize,
+    },
+    /// No point is seen twice.
+    #[error("no point is seen by two cameras")]
+    NothingSeenTwice,
+}
+
+/// Steps from one start; three or four suffice.
+const MOST_STEPS: usize = 12;
+/// A step below this share of the prior's standard deviations ends the search.
+const SMALL_STEP: f64 = 1e-4;
+/// Huber's bend [standard deviations].
+const BEND: f64 = 2.5;
+/// How often sights are left out and the rest is solved again.
+const MOST_ROUNDS: usize = 4;
+/// Two lines of sight closer to parallel than this fix no depth: least over largest eigenvalue of a point's information.
+const FLATTEST: f64 = 1e-7;
+
+/// Finds the points, and the poses that they were seen from. At most one sight of a point from each viewpoint.
+///
+/// # Errors
+/// See [`JointFault`].
+pub fn triangulate_jointly(
+    viewpoints: &[Viewpoint],
+    n_points: usize,
+    sights: &[Sight],
+    rules: &JointRules,
+) -> Result<Joint, JointFault> {
+    let mut search = Search::new(viewpoints, n_points, sights, rules)?;
+    if search.positions.iter().all(Option::is_none) {
+        return Err(JointFault::NothingSeenTwice);
+    }
+    for round in 1..=MOST_ROUNDS {
+        search.settle();
+        if round == MOST_ROUNDS || !search.leave_out() {
+            break;
+        }
+    }
+    Ok(search.result())
+}
+
+/// The cameras, points and sights of a search under way.
+struct Search<'a> {
+    sights: &'a [Sight],
+    rules: &'a JointRules,
+    cameras: Vec<Camera>,
+    centres: Vec<Point3<f64>>,
+    /// By viewpoint: inverse covariance of ε, and how far ε is from what was believed.
+    priors: Vec<Matrix6<f64>>,
+    offsets: Vec<Vector6<f64>>,
+    positions: Vec<Option<Point3<f64>>>,
+    /// By sight: Cholesky factor W of its information, WᵀW.
+    whitening: Vec<Matrix2<f64>>,
+    in_use: Vec<bool>,
+    disputed: Vec<bool>,
+}
+
+impl<'a> Search<'a> {
+    fn new(
+        viewpoints: &[Viewpoint],
+        n_points: usize,
+        sights: &'a [Sight],
+        rules: &'a JointRules,
+    ) -> Result<Self, JointFault> {
+        let floor = Matrix2::identity() * rules.pixel_floor.powi(2);
+        let mut whitening = Vec::with_capacity(sights.len());
+        for (index, sight) in sights.iter().enumerate() {
+            let Sight { viewpoint, point, pixel, covariance } = *sight;
+            if viewpoint >= viewpoints.len() || point >= n_points {
+                let (viewpoints, points) = (viewpoints.len(), n_points);
+                return Err(JointFault::NoSuch { index, viewpoint, viewpoints, point, points });
+            }
+            let information = (covariance + floor).try_inverse().filter(|_| pixel.coords.norm().is_finite());
+            let factor = information.and_then(|it| it.cholesky()).ok_or(JointFault::BadSight { index })?;
+            whitening.push(factor.l().transpose());
+        }
+        let cameras: Vec<Camera> = viewpoints.iter().map(|it| it.camera.clone()).collect();
+        let centres: Vec<Point3<f64>> = cameras.iter().map(Camera::centre).collect();
+        let prior = |(index, it): (usize, &Viewpoint)| {
+            prior(&it.covariance, &centres[index], rules).ok_or(JointFault::BadViewpoint { index })
+        };
+        let priors = viewpoints.iter().enumerate().map(prior).collect::<Result<_, _>>()?;
+        let mut search = Self {
+            sights,
+            rules,
+            priors,
+            offsets: vec![Vector6::zeros(); viewpoints.len()],
+            positions: vec![None; n_points],
+            whitening,
+            in_use: vec![true; sights.len()],
+            disputed: vec![false; sights.len()],
+            cameras,
+            centres,
+        };
+        search.start();
+        Ok(search)
+    }
+
+    /// Points that two lines of sight or more pass closest to.
+    fn start(&mut self) {
+        let mut rays = vec![Vec::new(); self.positions.len()];
+        for sight in self.sights {
+            rays[sight.point].extend(self.cameras[sight.viewpoint].ray(&sight.pixel));
+        }
+        for (position, rays) in self.positions.iter_mut().zip(&rays) {
+            *position = triangulate_rays(rays);
+        }
+    }
+
+    /// Whitened residual of a sight.
+    fn residual(&self, index: usize) -> Option<f64> {
+        let sight = &self.sights[index];
+        let position = self.positions[sight.point].filter(|_| self.in_use[index])?;
+        let expected = self.cameras[sight.viewpoint].project(&position)?;
+        Some((self.whitening[index] * (sight.pixel - expected)).norm())
+    }
+
+    /// Goes to the minimum. Points that cannot be seen from where they come to lie are dropped.
+    fn settle(&mut self) {
+        for _ in 0..MOST_STEPS {
+            let residuals: Vec<f64> = (0..self.sights.len()).filter_map(|it| self.residual(it)).collect();
+            // A norm of two normal numbers has its median at 1.18 standard deviations.
+            let spread = (median(&residuals).unwrap_or(1.0) * SIGMA_PER_MAD / 1.7462).max(1.0);
+            let equations = Equations::of(self, BEND * spread);
+            let Some((steps, moves)) = equations.solve(self) else { break };
+            let mut largest: f64 = 0.0;
+            for (viewpoint, step) in steps.iter().enumerate() {
+                largest = largest.max((step.transpose() * self.priors[viewpoint] * step).x.sqrt());
+                self.turn(viewpoint, step);
+            }
+            for (position, (moved, information)) in self.positions.iter_mut().zip(&moves) {
+                *position = position.as_ref().filter(|_| moved.norm().is_finite()).map(|it| it + moved);
+                largest = largest.max((moved.transpose() * information * moved).x.sqrt());
+            }
+            if largest < SMALL_STEP {
+                break;
+            }
+        }
+    }
+
+    /// Takes a step of one camera's pose.
+    fn turn(&mut self, viewpoint: usize, step: &Vector6<f64>) {
+        let centre = self.centres[viewpoint].coords;
+        let about = Isometry3::from_parts(
+            Translation3::from(step.fixed_rows::<3>(3).into_owned()),
+            UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(0).into_owned()),
+        );
+        let change = Translation3::from(centre) * about * Translation3::from(-centre);
+        self.cameras[viewpoint].camera_from_world *= change;
+        self.offsets[viewpoint] += step;
+    }
+
+    /// Leaves out sights that do not agree with the rest; whether there were any.
+    fn leave_out(&mut self) -> bool {
+        let mut of_point: Vec<Vec<(usize, f64)>> = vec![Vec::new(); self.positions.len()];
+        for index in 0..self.sights.len() {
+            if let Some(residual) = self.residual(index) {
+                of_point[self.sights[index].point].push((index, residual));
+            }
+        }
+        let mut changed = false;
+        for (point, sights) in of_point.iter().enumerate() {
+            let Some(worst) = sights.iter().max_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
+            if worst.1 <= self.rules.outlier_sigmas {
+                continue;
+            }
+            changed = true;
+            let odd = if sights.len() > 2 { self.odd_one_out(point, sights) } else { None };
+            let left_out: Vec<usize> = match odd {
+                Some(odd) => vec![odd],
+                // Two sights, or several of which no subset agrees: who is right cannot be told.
+                None => sights.iter().map(|it| it.0).collect(),
+            };
+            for index in left_out {
+                (self.in_use[index], self.disputed[index]) = (false, true);
+            }
+            if odd.is_none() {
+                self.positions[point] = None;
+            }
+        }
+        changed
+    }
+
+    /// The sight without which the others of a point agree; the point moves to where they meet.
+    fn odd_one_out(&mut self, point: usize, sights: &[(usize, f64)]) -> Option<usize> {
+        let without = |odd: usize| {
+            let others: Vec<usize> = sights.iter().map(|it| it.0).filter(|it| *it != odd).collect();
+            let ray = |index: &usize| self.cameras[self.sights[*index].viewpoint].ray(&self.sights[*index].pixel);
+            let meet = triangulate_rays(&others.iter().filter_map(ray).collect::<Vec<_>>())?;
+            let worst = others.iter().try_fold(0.0_f64, |worst, index| {
+                let sight = &self.sights[*index];
+                let expected = self.cameras[sight.viewpoint].project(&meet)?;
+                Some(worst.max((self.whitening[*index] * (sight.pixel - expected)).norm()))
+            })?;
+            Some((odd, meet, worst))
+        };
+        let best = sights.iter().filter_map(|it| without(it.0)).min_by(|a, b| a.2.total_cmp(&b.2))?;
+        let (odd, meet, worst) = best;
+        // Of three, any two meet somewhere: only by a residual that is far larger is one of them told to be odd.
+        let agrees = worst <= self.rules.outlier_sigmas;
+        if agrees {
+            self.positions[point] = Some(meet);
+        }
+        agrees.then_some(odd)
+    }
+
+    fn result(self) -> Joint {
+        let equations = Equations::of(&self, f64::INFINITY);
+        let residuals: Vec<Option<f64>> = (0..self.sights.len()).map(|it| self.residual(it)).collect();
+        let known: Vec<Point3<f64>> = self.positions.iter().flatten().copied().collect();
+        let sum = known.iter().fold(nalgebra::Vector3::zeros(), |sum, it| sum + it.coords);
+        let middle = Point3::from(sum / known.len().max(1) as f64);
+        let poses = equations.poses_covariance(&self).unwrap_or_else(|| DMatrix::zeros(0, 0));
+        let parts = rigid_parts(&self, &equations, &poses, &middle);
+        let points = self.positions.iter().zip(&parts.points).map(|(position, covariance)| {
+            let covariance = (*covariance)?;
+            position.map(|position| JointPoint { position, covariance })
+        });
+        Joint {
+            points: points.collect(),
+            middle,
+            covariance: parts.whole,
+            residuals,
+            disputed: self.disputed,
+            cameras: self.cameras,
+        }
+    }
+}
+
+/// Inverse covariance of ε; `None` where it is not one.
+fn prior(covariance: &Matrix6<f64>, centre: &Point3<f64>, rules: &JointRules) -> Option<Matrix6<f64>> {
+    // δ of a turn ω about the centre c and a shift v: (ω, v − ω × c), so that ε = (ω, δ_v + ω × c) = (ω, δ_v − c × ω).
+    let mut to_centre = Matrix6::identity();
+    to_centre.fixed_view_mut::<3, 3>(3, 0).copy_from(&-centre.coords.cross_matrix());
+    let mut at_centre = to_centre * covariance * to_centre.transpose();
+    for axis in 0..3 {
+        at_centre[(axis, axis)] += rules.rotation_floor.powi(2);
+        at_centre[(axis + 3, axis + 3)] += rules.translation_floor.powi(2);
+    }
+    Some(at_centre.cholesky()?.inverse()).filter(|it| it.iter().all(|it| it.is_finite()))
+}
