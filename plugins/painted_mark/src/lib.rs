@@ -1,7 +1,11 @@
 //! Painted marks on a surface that moves and deforms, a face or a knee, seen by cameras of narrow field of view
 //! [Davis 2002 ch. 5, §6.1].
 
+pub mod integrator;
+
 use foveate::prelude::Registry;
 
 /// Makes the nodes of this plugin known.
-pub fn register(_registry: &mut Registry) {}
+pub fn register(registry: &mut Registry) {
+    registry.add::<integrator::Integrator>();
+}

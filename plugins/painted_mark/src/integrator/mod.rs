@@ -1,0 +1,438 @@
+//! `painted_mark.integrator`: from the marks in the pictures of several cameras to marks in space.
+
+mod book;
+mod constellation;
+mod gather;
+mod matching;
+mod pair;
+mod settings;
+#[cfg(test)]
+pub(crate) mod tests;
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use foveate::geometry::{Camera, Joint, JointPoint, JointRules, Sight, Viewpoint, triangulate_jointly};
+use foveate::messages::GuidedMark;
+use foveate::prelude::*;
+use nalgebra::{Isometry3, Matrix2, Matrix3, Point2, Point3};
+
+use book::Book;
+use constellation::recognise;
+use gather::{Frame, Gather, View};
+use matching::{DotView, MatchRules, match_dots, where_all_look};
+use pair::{Blend, Choice, Offer, middle};
+pub use settings::{IntegratorSettings, Views};
+
+const FEATURES: In<Features> = In::synced(0, "features", 4).many();
+const POSES: In<HeadPose> = In::each(1, "poses").many().optional();
+const FILLED: In<Marks> = In::latest(2, "filled").optional();
+const MARKS: Out<Marks> = Out::new(0, "marks");
+const GUIDE: Out<MarkGuide> = Out::new(1, "guide");
+
+/// With fewer marks than this the surface is looked for as if nothing were known.
+const LEAST_TO_GO_ON: usize = 6;
+/// Tolerances of the first search, as shares of the setting: tighter as the errors of the poses become known.
+const NARROWING: [f64; 4] = [1.0, 0.6, 0.4, 0.25];
+/// Where a mark that is not seen should be is known about so well [m].
+const CARRIED_SIGMA: f64 = 0.002;
+/// Dots closer to where a known mark should be may be that mark [px].
+const NEAR_KNOWN_PX: f64 = 6.0;
+const DEFAULT_RADIUS_M: f64 = 0.25;
+
+/// Marks with names come in from trackers, or dots without names: those that enough cameras agree on become marks, and `guide` tells each tracker
+/// where it should see each of them, which is how marks get their names, and how they get them again after they were lost. Marks are given out when two cameras
+/// or more agree on them, in a space with the world's axes and its origin in their middle.
+///
+/// Cameras on heads stand where `poses` says, cameras without a head where the calibration has them. The pictures have to be taken at the same
+/// moment: painted marks move while a face does.
+pub struct Integrator {
+    settings: IntegratorSettings,
+    radius: f64,
+    gather: Gather,
+    book: Book,
+    choice: Choice,
+    blend: Blend,
+    last: Option<Time>,
+    tally: Tally,
+}
+
+#[derive(Default)]
+struct Tally {
+    frames: u64,
+    marks: u64,
+    views: u64,
+    disputed: u64,
+    without_answer: u64,
+    starts: u64,
+    /// By camera: sum of squared turns that its pose was off by [rad²], and frames.
+    turns: BTreeMap<CameraId, (f64, u64)>,
+}
+
+/// The named features of one frame as sights, with the labels of points and what each sight is.
+struct Sights {
+    labels: Vec<u32>,
+    list: Vec<Sight>,
+}
+
+impl Node for Integrator {
+    const TYPE: &'static str = "painted_mark.integrator";
+    const ROLE: Role = Role::Integrator;
+    const SUMMARY: &'static str = "Painted marks in space, from all cameras at once or the best pair; names marks";
+    type Settings = IntegratorSettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&FEATURES).input(&POSES).input(&FILLED).output(&MARKS).output(&GUIDE)
+    }
+
+    fn new(settings: IntegratorSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        settings.check()?;
+        let radius =
+            if settings.radius_m > 0.0 { settings.radius_m } else { setup.radius_m.unwrap_or(DEFAULT_RADIUS_M) };
+        Ok(Self {
+            radius,
+            gather: Gather::new(setup),
+            book: Book::default(),
+            choice: Choice::default(),
+            blend: Blend::new(settings.blend_ms * 1e-3),
+            last: None,
+            tally: Tally::default(),
+            settings,
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        if let Some(pose) = io.take(&POSES) {
+            self.gather.pose(pose.value);
+        } else {
+            let set = io.take_set(&FEATURES).collect();
+            self.gather.set(set);
+        }
+        while let Some(frame) = self.gather.next() {
+            let filled = io.latest(&FILLED).map(|it| it.value.clone());
+            let (marks, guide) = self.integrate(&frame, filled.as_ref());
+            match marks {
+                Some(marks) => io.emit_at(&MARKS, frame.time, marks),
+                None => io.gap(&MARKS, frame.time, "no mark is seen by two cameras"),
+            }
+            io.emit_at(&GUIDE, frame.time, guide);
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let Tally { frames, marks, views, disputed, without_answer, starts, turns } = &self.tally;
+        report.figure("marks.frames", *frames as f64);
+        if *frames > 0 {
+            report.figure("marks.measured.mean", *marks as f64 / *frames as f64);
+            report.figure("marks.views.mean", *views as f64 / (*marks).max(1) as f64);
+        }
+        report.figure("marks.known", self.book.marks.values().filter(|it| it.is_believed).count() as f64);
+        report.figure("marks.disputed", *disputed as f64);
+        report.figure("marks.frames_without", *without_answer as f64);
+        report.figure("marks.searches", *starts as f64);
+        if self.settings.views == Views::BestPair {
+            report.figure("marks.pair_changes", self.choice.changes as f64);
+        }
+        if self.gather.without_pose > 0 {
+            report.figure("marks.pictures_without_pose", self.gather.without_pose as f64);
+        }
+        for (camera, (sum, n)) in turns {
+            report.figure(format!("marks.pose_error_mrad.{}", camera.0), (sum / *n as f64).sqrt() * 1e3);
+        }
+        Ok(())
+    }
+}
+
+impl Integrator {
+    fn integrate(&mut self, frame: &Frame, filled: Option<&Marks>) -> (Option<Marks>, MarkGuide) {
+        self.tally.frames += 1;
+        if let Some(last) = self.last.replace(frame.time) {
+            self.blend.fade((frame.time - last).as_s().max(0.0));
+        }
+        let sights = self.sights(frame);
+        let solved = self.solve(frame, &sights);
+        let cameras: Vec<Camera> = match &solved {
+            Some(joint) => joint.cameras.clone(),
+            None => frame.views.iter().map(|it| it.viewpoint.camera.clone()).collect(),
+        };
+        let mut disputed = BTreeSet::new();
+        let mut measured = BTreeMap::new();
+        if let Some(joint) = &solved {
+            for (sight, _) in sights.list.iter().zip(&joint.disputed).filter(|it| *it.1) {
+                disputed.insert((frame.views[sight.viewpoint].id, sights.labels[sight.point]));
+            }
+            for (label, point) in sights.labels.iter().zip(&joint.points) {
+                measured.extend(point.map(|it| (*label, it.position)));
+            }
+            self.count_turns(frame, joint);
+        }
+        self.tally.disputed += disputed.len() as u64;
+        for (label, position) in &measured {
+            if !self.book.marks.contains_key(label) {
+                self.book.named(*label, *position);
+            }
+        }
+        self.book.update(&measured, filled, self.settings.birth_frames);
+        let cameras = if measured.len() < LEAST_TO_GO_ON {
+            self.look_for_surface(frame).unwrap_or(cameras)
+        } else {
+            self.look_for_new(frame, &cameras);
+            cameras
+        };
+        let guide = self.guide(frame, &cameras, &disputed);
+        let marks = solved.and_then(|joint| self.marks(frame, &sights, joint));
+        match &marks {
+            Some(marks) => {
+                self.tally.marks += marks.list.len() as u64;
+                self.tally.views += marks.list.iter().map(|it| it.cameras.len() as u64).sum::<u64>();
+            }
+            None => self.tally.without_answer += 1,
+        }
+        (marks, guide)
+    }
+
+    fn sights(&self, frame: &Frame) -> Sights {
+        let mut sights = Sights { labels: Vec::new(), list: Vec::new() };
+        let mut places = BTreeMap::new();
+        for (viewpoint, view) in frame.views.iter().enumerate() {
+            let mut here = BTreeSet::new();
+            for feature in &view.features.list {
+                let Some(label) = feature.label.filter(|it| here.insert(*it)) else { continue };
+                let point = *places.entry(label).or_insert_with(|| {
+                    sights.labels.push(label);
+                    sights.labels.len() - 1
+                });
+                let Feature { centre: pixel, covariance, .. } = *feature;
+                sights.list.push(Sight { viewpoint, point, pixel, covariance });
+            }
+        }
+        sights
+    }
+
+    fn rules(&self) -> JointRules {
+        JointRules {
+            estimate_poses: self.settings.pose_errors,
+            rotation_floor: self.settings.rotation_floor_mrad * 1e-3,
+            translation_floor: self.settings.translation_floor_mm * 1e-3,
+            pixel_floor: self.settings.pixel_floor_px,
+            // Poses that are off and taken as they are make every mark seem wrong.
+            outlier_sigmas: if self.settings.pose_errors { self.settings.outlier_sigmas } else { f64::INFINITY },
+        }
+    }
+
+    /// Marks from the pictures that the settings say. `None` where no mark is seen twice.
+    fn solve(&mut self, frame: &Frame, sights: &Sights) -> Option<Joint> {
+        let viewpoints: Vec<Viewpoint> = frame.views.iter().map(|it| it.viewpoint.clone()).collect();
+        let rules = self.rules();
+        let of = |list: &[Sight]| triangulate_jointly(&viewpoints, sights.labels.len(), list, &rules).ok();
+        if self.settings.views == Views::All {
+            return of(&sights.list);
+        }
+        let offers = offers(frame, sights);
+        let (pair, last) = self.choice.choose(&offers, self.settings.pair_gain)?;
+        let by = |pair: [CameraId; 2]| {
+            let is_in = |it: &Sight| pair.contains(&frame.views[it.viewpoint].id);
+            // The others stay in the list, so that what is said of sights stays in its place, but see nothing.
+            let list: Vec<Sight> = sights.list.iter().filter(|it| is_in(it)).copied().collect();
+            of(&list).map(|joint| with_all_sights(joint, &sights.list, is_in))
+        };
+        let joint = by(pair)?;
+        if let Some(old) = last.and_then(by) {
+            let both = joint.points.iter().zip(&old.points);
+            let both = both.filter_map(|(new, old)| Some((new.as_ref()?.position, old.as_ref()?.position)));
+            let (new, old): (Vec<_>, Vec<_>) = both.unzip();
+            self.blend.step(&new, &old);
+        }
+        Some(self.blended(joint))
+    }
+
+    /// What is left of a step between two pairs moves all points.
+    fn blended(&self, mut joint: Joint) -> Joint {
+        let known: Vec<Point3<f64>> = joint.points.iter().flatten().map(|it| it.position).collect();
+        let motion = self.blend.motion(&middle(&known));
+        for point in joint.points.iter_mut().flatten() {
+            point.position = motion * point.position;
+        }
+        joint.middle = motion * joint.middle;
+        joint
+    }
+
+    fn count_turns(&mut self, frame: &Frame, joint: &Joint) {
+        for (view, camera) in frame.views.iter().zip(&joint.cameras) {
+            let turn = view.viewpoint.camera.camera_from_world.rotation.angle_to(&camera.camera_from_world.rotation);
+            let (sum, n) = self.tally.turns.entry(view.id).or_default();
+            *sum += turn * turn;
+            *n += 1;
+        }
+    }
+
+    /// The dots without a name of each view, as far as `is_free` says.
+    fn dots(view: &View, is_free: impl Fn(&Point2<f64>) -> bool) -> Vec<Point2<f64>> {
+        let unnamed = view.features.list.iter().filter(|it| it.label.is_none()).map(|it| it.centre);
+        unnamed.filter(is_free).collect()
+    }
+
+    fn birth_views(&self, frame: &Frame) -> usize {
+        (self.settings.birth_views as usize).min(frame.views.len()).max(2)
+    }
+
+    /// Nothing or too little is known: matches all dots, and names them, by the marks that are known where they are recognised. The cameras at the poses
+    /// that fit the matches best.
+    fn look_for_surface(&mut self, frame: &Frame) -> Option<Vec<Camera>> {
+        let all = |view: &View| {
+            let named = view.features.list.iter().filter(|it| it.label.is_some()).map(|it| it.centre);
+            Self::dots(view, |_| true).into_iter().chain(named).collect::<Vec<_>>()
+        };
+        let mut views: Vec<DotView> =
+            frame.views.iter().map(|view| DotView { camera: view.viewpoint.camera.clone(), dots: all(view) }).collect();
+        let centre = where_all_look(views.iter().map(|it| &it.camera))?;
+        let viewpoints: Vec<Viewpoint> = frame.views.iter().map(|it| it.viewpoint.clone()).collect();
+        let n_views = self.birth_views(frame);
+        let mut found = Vec::new();
+        for share in NARROWING {
+            let tolerance = self.settings.start_px * share;
+            let rules = MatchRules { ball: (centre, self.radius), tolerance, views: n_views };
+            found = match_dots(&views, &rules);
+            let sights: Vec<Sight> = found
+                .iter()
+                .enumerate()
+                .flat_map(|(point, it)| it.dots.iter().map(move |(view, dot)| (point, *view, *dot)))
+                .map(|(point, viewpoint, dot)| {
+                    let covariance = Matrix2::identity() * (0.3 * tolerance).powi(2);
+                    Sight { viewpoint, point, pixel: views[viewpoint].dots[dot], covariance }
+                })
+                .collect();
+            let joint = triangulate_jointly(&viewpoints, found.len(), &sights, &self.rules()).ok()?;
+            for (view, camera) in views.iter_mut().zip(&joint.cameras) {
+                view.camera = camera.clone();
+            }
+            let place = |(it, point): (&mut matching::Match, &Option<JointPoint>)| {
+                point.inspect(|point| it.position = point.position).is_some()
+            };
+            let kept: Vec<bool> = found.iter_mut().zip(&joint.points).map(place).collect();
+            let mut kept = kept.into_iter();
+            found.retain(|_| kept.next().unwrap_or(false));
+        }
+        let points: Vec<Point3<f64>> = found.iter().map(|it| it.position).collect();
+        if points.len() < LEAST_TO_GO_ON {
+            return None;
+        }
+        self.tally.starts += 1;
+        let (labels, believed): (Vec<u32>, Vec<Point3<f64>>) =
+            self.book.marks.iter().filter(|it| it.1.is_believed).map(|(label, it)| (*label, it.position)).unzip();
+        if labels.len() < LEAST_TO_GO_ON {
+            self.book.marks.retain(|_, it| it.is_believed);
+            points.into_iter().for_each(|it| self.bear(it));
+        } else {
+            let pairs = recognise(&points, &believed)?;
+            let measured = pairs.iter().map(|(mark, point)| (labels[*mark], points[*point])).collect();
+            self.book.update(&measured, None, self.settings.birth_frames);
+        }
+        Some(views.into_iter().map(|it| it.camera).collect())
+    }
+
+    /// Dots that are no known mark become marks where enough cameras agree.
+    fn look_for_new(&mut self, frame: &Frame, cameras: &[Camera]) {
+        let places = |camera: &Camera| -> Vec<Point2<f64>> {
+            self.book.marks.values().filter_map(|it| camera.project(&it.position)).collect()
+        };
+        let view = |(view, camera): (&View, &Camera)| {
+            let known = places(camera);
+            let dots = Self::dots(view, |dot| known.iter().all(|it| (it - dot).norm() > NEAR_KNOWN_PX));
+            DotView { camera: camera.clone(), dots }
+        };
+        let views: Vec<DotView> = frame.views.iter().zip(cameras).map(view).collect();
+        let n_views = self.birth_views(frame);
+        if views.iter().filter(|it| !it.dots.is_empty()).count() < n_views {
+            return;
+        }
+        let seen: Vec<Point3<f64>> = self.book.marks.values().filter(|it| it.is_seen).map(|it| it.position).collect();
+        let tolerance = self.settings.start_px * NARROWING[NARROWING.len() - 1];
+        let rules = MatchRules { ball: (middle(&seen), self.radius), tolerance, views: n_views };
+        match_dots(&views, &rules).into_iter().for_each(|it| self.bear(it.position));
+    }
+
+    fn bear(&mut self, position: Point3<f64>) {
+        if self.book.nearest(&position) > self.settings.spacing_mm * 1e-3 {
+            self.book.born(position);
+        }
+    }
+
+    fn guide(&self, frame: &Frame, cameras: &[Camera], disputed: &BTreeSet<(CameraId, u32)>) -> MarkGuide {
+        let of = |(view, camera): (&View, &Camera)| {
+            let guided = self.book.marks.iter().filter_map(|(label, mark)| {
+                let (pixel, by_point) = camera.project_with_jacobian(&mark.position)?;
+                let sigma = if mark.is_seen { self.settings.translation_floor_mm * 1e-3 } else { CARRIED_SIGMA };
+                let covariance = by_point * by_point.transpose() * sigma.powi(2);
+                Some(GuidedMark { label: *label, pixel, covariance, disputed: disputed.contains(&(view.id, *label)) })
+            });
+            (view.id, guided.collect())
+        };
+        MarkGuide { time: frame.time, cameras: frame.views.iter().zip(cameras).map(of).collect() }
+    }
+
+    fn marks(&self, frame: &Frame, sights: &Sights, joint: Joint) -> Option<Marks> {
+        let mut cameras = vec![CameraSet::default(); sights.labels.len()];
+        for (sight, _) in sights.list.iter().zip(&joint.residuals).filter(|it| it.1.is_some()) {
+            cameras[sight.point].insert(frame.views[sight.viewpoint].id);
+        }
+        let is_believed = |label: &u32| self.book.marks.get(label).is_some_and(|it| it.is_believed);
+        let mark = |((label, point), cameras): ((&u32, &Option<JointPoint>), CameraSet)| {
+            let point = point.filter(|_| is_believed(label))?;
+            Some(Mark {
+                label: *label,
+                position: Point3::from(point.position - joint.middle),
+                covariance: symmetric(&point.covariance),
+                cameras,
+                how: How::Measured,
+            })
+        };
+        let mut list: Vec<Mark> = sights.labels.iter().zip(&joint.points).zip(cameras).filter_map(mark).collect();
+        if list.is_empty() {
+            return None;
+        }
+        list.sort_by_key(|it| it.label);
+        let middle = joint.middle.coords;
+        let world_from_marks = Isometry3::translation(middle.x, middle.y, middle.z);
+        Some(Marks { time: frame.time, world_from_marks, covariance: joint.covariance, list, fit: None })
+    }
+}
+
+fn symmetric(covariance: &Matrix3<f64>) -> Matrix3<f64> {
+    (covariance + covariance.transpose()) / 2.0
+}
+
+/// What was found from the sights that `is_in` chooses, with the others at their places, without a part.
+fn with_all_sights(joint: Joint, all: &[Sight], is_in: impl Fn(&Sight) -> bool) -> Joint {
+    let mut residuals = joint.residuals.into_iter();
+    let mut disputed = joint.disputed.into_iter();
+    let mut at_place = |it: &Sight| {
+        if is_in(it) { (residuals.next().flatten(), disputed.next().unwrap_or(false)) } else { (None, false) }
+    };
+    let (residuals, disputed) = all.iter().map(&mut at_place).unzip();
+    Joint { residuals, disputed, ..joint }
+}
+
+/// What each pair of views has to offer.
+fn offers(frame: &Frame, sights: &Sights) -> Vec<Offer> {
+    let mut seen = vec![BTreeSet::new(); frame.views.len()];
+    for it in &sights.list {
+        seen[it.viewpoint].insert(it.point);
+    }
+    let axis = |view: &View| {
+        let camera = &view.viewpoint.camera;
+        let [width, height] = camera.image_size.map(f64::from);
+        camera.ray(&Point2::new(width / 2.0, height / 2.0)).map(|it| it.direction)
+    };
+    let mut offers = Vec::new();
+    for a in 0..frame.views.len() {
+        for b in a + 1..frame.views.len() {
+            let [one, other] = [a, b].map(|it| &frame.views[it]);
+            if let (Some(first), Some(second)) = (axis(one), axis(other)) {
+                let common = seen[a].intersection(&seen[b]).count();
+                offers.push(Offer { pair: [one.id, other.id], common, angle: first.angle(&second) });
+            }
+        }
+    }
+    offers
+}

@@ -1,0 +1,96 @@
+//! Settings of the integrator of painted marks, with the reasons for their defaults.
+
+use foveate::prelude::ConfigError;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Which pictures the marks of one moment come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Views {
+    /// All of them.
+    #[default]
+    All,
+    /// Those of the two cameras that are best at that time, as [Davis 2002 §5.2].
+    BestPair,
+}
+
+/// Settings of [`Integrator`](super::Integrator).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct IntegratorSettings {
+    /// Which pictures the marks of one moment come from [–].
+    pub views: Views,
+    /// Whether the errors of the poses that heads are thought to have are found along with the marks; otherwise the poses are taken as they are [–].
+    pub pose_errors: bool,
+    /// What the poses' own covariances leave out of a turn about the camera's centre [mrad].
+    #[schemars(range(min = 0.001, max = 100.0))]
+    pub rotation_floor_mrad: f64,
+    /// What they leave out of a shift [mm].
+    #[schemars(range(min = 0.001, max = 100.0))]
+    pub translation_floor_mm: f64,
+    /// What the covariances of the marks' pixels leave out: a painted dot on a bent skin is no perfect disc [px].
+    #[schemars(range(min = 0.001, max = 10.0))]
+    pub pixel_floor_px: f64,
+    /// A mark farther off than this in a picture is not that mark [standard deviations].
+    #[schemars(range(min = 2.0, max = 100.0))]
+    pub outlier_sigmas: f64,
+    /// How far the poses may be off before anything is known of their errors, as seen in the picture [px].
+    #[schemars(range(min = 0.5, max = 100.0))]
+    pub start_px: f64,
+    /// Cameras that have to agree on a mark that nobody named, at least; 2 where there are no more [–].
+    #[schemars(range(min = 2, max = 16))]
+    pub birth_views: u32,
+    /// Pictures in a row in which they have to, before the mark counts [–].
+    #[schemars(range(min = 1, max = 1000))]
+    pub birth_frames: u32,
+    /// Marks lie at least this far apart [mm].
+    #[schemars(range(min = 0.5, max = 1000.0))]
+    pub spacing_mm: f64,
+    /// Marks lie within this distance of where the cameras look; 0: that of the scale, 0.25 m where it has none [m].
+    #[schemars(range(min = 0.0, max = 100.0))]
+    pub radius_m: f64,
+    /// With `best_pair`: another pair has to be better by this share to be taken [–].
+    #[schemars(range(min = 0.0, max = 10.0))]
+    pub pair_gain: f64,
+    /// With `best_pair`: the step from one pair to the next is spread over this time; 0: it shows at once [ms].
+    #[schemars(range(min = 0.0, max = 60000.0))]
+    pub blend_ms: f64,
+}
+
+impl Default for IntegratorSettings {
+    /// For dots of 3 to 5 px, 12 px apart, in the pictures of heads that are known to a tenth of a degree.
+    fn default() -> Self {
+        Self {
+            views: Views::All,
+            pose_errors: true,
+            rotation_floor_mrad: 0.1,
+            translation_floor_mm: 0.2,
+            pixel_floor_px: 0.08,
+            outlier_sigmas: 6.0,
+            start_px: 6.0,
+            birth_views: 3,
+            birth_frames: 5,
+            spacing_mm: 6.0,
+            radius_m: 0.0,
+            pair_gain: 0.15,
+            blend_ms: 500.0,
+        }
+    }
+}
+
+impl IntegratorSettings {
+    pub(super) fn check(&self) -> Result<(), ConfigError> {
+        ConfigError::unless_in("rotation_floor_mrad", self.rotation_floor_mrad, 0.001..=100.0)?;
+        ConfigError::unless_in("translation_floor_mm", self.translation_floor_mm, 0.001..=100.0)?;
+        ConfigError::unless_in("pixel_floor_px", self.pixel_floor_px, 0.001..=10.0)?;
+        ConfigError::unless_in("outlier_sigmas", self.outlier_sigmas, 2.0..=100.0)?;
+        ConfigError::unless_in("start_px", self.start_px, 0.5..=100.0)?;
+        ConfigError::unless_in("birth_views", self.birth_views, 2..=16)?;
+        ConfigError::unless_in("birth_frames", self.birth_frames, 1..=1000)?;
+        ConfigError::unless_in("spacing_mm", self.spacing_mm, 0.5..=1000.0)?;
+        ConfigError::unless_in("radius_m", self.radius_m, 0.0..=100.0)?;
+        ConfigError::unless_in("pair_gain", self.pair_gain, 0.0..=10.0)?;
+        ConfigError::unless_in("blend_ms", self.blend_ms, 0.0..=60000.0)
+    }
+}
