@@ -7,6 +7,8 @@
 //! | [`consistency`] | whether a filter's errors are as large as it says |
 //! | [`clocks`] | clock offsets and drifts of cameras, from what their innovations show |
 //! | [`least_squares`] | parameters at which weighted residuals are least, robust, with covariance |
+//! | [`bounded`] | least squares with bounds on each weight, warm from the last answer |
+//! | [`principal`] | directions in which samples vary most |
 //! | [`assignment`] | which measurement belongs to which track, at the least cost, with a gate |
 //! | [`allocation`] | which heads look at which target, where several at one target see more together |
 //! | [`gospa`] | how far a set of points is from the true one: OSPA, GOSPA |
@@ -18,6 +20,7 @@
 
 pub mod allocation;
 pub mod assignment;
+pub mod bounded;
 pub mod clocks;
 pub mod consistency;
 pub mod gospa;
@@ -26,11 +29,13 @@ pub mod kalman;
 pub mod least_squares;
 pub mod motion;
 pub mod prediction;
+pub mod principal;
 pub mod random;
 pub mod servo;
 pub mod statistics;
 
 pub use assignment::{Workspace, nearest_greedy, optimal};
+pub use bounded::{Bounded, BoundedFault, BoundedLeastSquares};
 pub use clocks::{ClockEstimate, ClockEstimator, ClockObservation, ClockSettings};
 pub use consistency::{Consistency, Verdict};
 pub use gospa::SetDistance;
@@ -38,6 +43,7 @@ pub use kalman::{ConstantVelocity, Innovation};
 pub use least_squares::Loss;
 pub use motion::{AdaptiveNoise, Filter, Interacting, Mode, Model};
 pub use prediction::{Prediction, Predictor, PredictorRules, Way};
+pub use principal::{Principal, PrincipalFault, principal, principal_of};
 pub use random::Random;
 pub use servo::{Servo, ServoRules, ServoState};
 pub use statistics::Summary;

@@ -1,0 +1,295 @@
+//! Least squares between bounds: the weights at which |A w − b| is least, each within limits of its own.
+//!
+//! The work is done on AᵀA, once made and then only mended where rows come and go: one row costs n² / 2 multiplications, a change of b none. An active set
+//! ([`ActiveSet`]) that begins where the last answer ended finds the weights at bounds in one or two rounds. What AᵀA has lost to rounding is
+//! won back at the end: the gradient is taken from A itself, the free weights are corrected by it until nothing changes, and the conditions of Karush,
+//! Kuhn and Tucker are checked with it. Where columns follow from each other but for a few millionths of their length, a slope is left over, which the answer states.
+//!
+//! The problem is that of C. L. Lawson and R. J. Hanson, "Solving Least Squares Problems", 1974, and of P. B. Stark and R. L. Parker, "Bounded-variable
+//! least-squares: an algorithm and applications", Computational Statistics 10, 1995; several weights at a time change sides here.
+
+mod active_set;
+#[cfg(test)]
+mod tests;
+
+use nalgebra::DMatrix;
+
+pub use active_set::{ActiveSet, Side};
+
+/// How often the free weights are corrected by the exact gradient.
+const CORRECTIONS: usize = 6;
+/// Rows by which the normal matrix is mended before it is made anew, so that rounding cannot pile up.
+const MENDED_AT_MOST: usize = 4096;
+/// A gradient is zero below this part of |column| · (|A w − b| + [`ROUNDING`] |b|).
+const FLAT: f64 = 1e-9;
+const ROUNDING: f64 = 1e-6;
+
+/// Why there is no answer.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum BoundedFault {
+    /// Lists that do not go together.
+    #[error("{what}: found {found}, expected {expected}")]
+    Lengths {
+        /// Of what.
+        what: &'static str,
+        /// How many there are.
+        found: usize,
+        /// How many there should be.
+        expected: usize,
+    },
+    /// A number that is none.
+    #[error("{what} {index} is not a finite number")]
+    NotFinite {
+        /// Which list.
+        what: &'static str,
+        /// Its place there.
+        index: usize,
+    },
+    /// A lower bound above the upper one.
+    #[error("weight {index} may be {lower} at least and {upper} at most: no weight is both")]
+    Crossed {
+        /// Which weight.
+        index: usize,
+        /// Its lower bound.
+        lower: f64,
+        /// Its upper bound.
+        upper: f64,
+    },
+    /// No row counts.
+    #[error("none of {rows} rows counts: there is nothing to fit")]
+    NoRows {
+        /// Rows of the matrix.
+        rows: usize,
+    },
+    /// The numbers span more than a double can hold.
+    #[error("no answer after {rounds} rounds; the numbers differ too much in size")]
+    Lost {
+        /// Rounds of the search.
+        rounds: usize,
+    },
+}
+
+/// What [`BoundedLeastSquares::solve`] found.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Bounded {
+    /// The weights, each within its bounds.
+    pub weights: Vec<f64>,
+    /// |A w − b|², over the rows that count.
+    pub cost: f64,
+    /// How far the conditions of Karush, Kuhn and Tucker are from being kept: the largest slope by which |A w − b| could still be lowered, as the cosine
+    /// between a column and A w − b.
+    pub slope: f64,
+    /// Weights between their bounds.
+    pub n_free: usize,
+    /// Weights that the rows do not fix, since their columns follow from others; they stay where they were.
+    pub n_undetermined: usize,
+    /// Systems of equations solved on the way.
+    pub n_solved: usize,
+}
+
+/// A matrix and bounds for which many right sides are solved, each near the one before.
+#[derive(Debug, Clone)]
+pub struct BoundedLeastSquares {
+    matrix: DMatrix<f64>,
+    /// Column by column: rows of the matrix.
+    transposed: DMatrix<f64>,
+    lower: Vec<f64>,
+    upper: Vec<f64>,
+    /// Of the rows that count.
+    gram: DMatrix<f64>,
+    counts: Vec<bool>,
+    n_mended: usize,
+    set: ActiveSet,
+    right: Vec<f64>,
+    residuals: Vec<f64>,
+    gradient: Vec<f64>,
+    norms: Vec<f64>,
+}
+
+impl BoundedLeastSquares {
+    /// For `matrix` (rows × weights) and the bounds of each weight, which may be infinite.
+    ///
+    /// # Errors
+    /// [`BoundedFault::Lengths`], [`BoundedFault::NotFinite`] (a bound may be infinite, not NaN), [`BoundedFault::Crossed`].
+    pub fn new(matrix: DMatrix<f64>, lower: &[f64], upper: &[f64]) -> Result<Self, BoundedFault> {
+        let n = matrix.ncols();
+        check_bounds(n, lower, upper)?;
+        let transposed = matrix.transpose();
+        if let Some(index) = transposed.iter().position(|it| !it.is_finite()) {
+            return Err(BoundedFault::NotFinite { what: "matrix element (row by row)", index });
+        }
+        let rows = matrix.nrows();
+        let norms = matrix.column_iter().map(|it| it.norm()).collect();
+        let gram = &transposed * &matrix;
+        Ok(Self {
+            transposed,
+            lower: lower.to_vec(),
+            upper: upper.to_vec(),
+            gram,
+            counts: vec![true; rows],
+            n_mended: 0,
+            set: ActiveSet::new(lower, upper),
+            right: vec![0.0; n],
+            residuals: vec![0.0; rows],
+            gradient: vec![0.0; n],
+            norms,
+            matrix,
+        })
+    }
+
+    /// The next search begins at the weights nearest to zero, not at those of the last answer.
+    pub fn forget(&mut self) {
+        self.set = ActiveSet::new(&self.lower, &self.upper);
+    }
+
+    /// The weights for `values`, of the rows that `counts`. Values of other rows are not looked at.
+    ///
+    /// # Errors
+    /// [`BoundedFault::Lengths`], [`BoundedFault::NotFinite`], [`BoundedFault::NoRows`]; after an error the next call is as good as without it.
+    pub fn solve(&mut self, values: &[f64], counts: &[bool]) -> Result<Bounded, BoundedFault> {
+        let rows = self.matrix.nrows();
+        for (what, found) in [("values", values.len()), ("marks of rows that count", counts.len())] {
+            if found != rows {
+                return Err(BoundedFault::Lengths { what, found, expected: rows });
+            }
+        }
+        if let Some(index) = (0..rows).find(|&it| counts[it] && !values[it].is_finite()) {
+            return Err(BoundedFault::NotFinite { what: "value", index });
+        }
+        if !counts.contains(&true) {
+            return Err(BoundedFault::NoRows { rows });
+        }
+        self.count_rows(counts);
+        self.right.fill(0.0);
+        for row in (0..rows).filter(|&it| counts[it]) {
+            add_scaled(&mut self.right, values[row], self.transposed.column(row).as_slice());
+        }
+        let mut n_solved = self.set.minimise(&self.gram, &self.right, &self.lower, &self.upper)?;
+        let squares = values.iter().zip(counts).filter(|it| *it.1).map(|it| it.0 * it.0).sum::<f64>();
+        let mut answer = Bounded::default();
+        for round in 0..CORRECTIONS {
+            let cost = self.look(values, counts);
+            let slope = self.slope(cost, squares);
+            if round > 0 && (slope >= answer.slope || cost > answer.cost * (1.0 + 1e-12)) {
+                self.set.set_weights(&answer.weights);
+                break;
+            }
+            answer = Bounded { weights: self.set.weights().to_vec(), cost, slope, ..answer };
+            if slope <= FLAT {
+                break;
+            }
+            // The right side for which the exact gradient is that of the normal equations here.
+            for (right, (along, slope)) in
+                self.right.iter_mut().zip(self.set.product(&self.gram).iter().zip(&self.gradient))
+            {
+                *right = along + slope;
+            }
+            n_solved += self.set.minimise(&self.gram, &self.right, &self.lower, &self.upper)?;
+        }
+        (answer.n_free, answer.n_undetermined) = (self.set.n_free(), self.set.n_undetermined());
+        answer.n_solved = n_solved;
+        Ok(answer)
+    }
+
+    /// Mends the normal matrix where rows have come or gone.
+    fn count_rows(&mut self, counts: &[bool]) {
+        let n_changed = self.counts.iter().zip(counts).filter(|(a, b)| a != b).count();
+        if n_changed == 0 {
+            return;
+        }
+        let n_counting = counts.iter().filter(|it| **it).count();
+        self.n_mended += n_changed;
+        if n_changed >= n_counting || self.n_mended > MENDED_AT_MOST {
+            self.n_mended = 0;
+            self.gram.fill(0.0);
+            self.counts.fill(false);
+        }
+        let n = self.matrix.ncols();
+        for (row, &now) in counts.iter().enumerate().filter(|(row, now)| self.counts[*row] != **now) {
+            let sign = if now { 1.0 } else { -1.0 };
+            let line = self.transposed.column(row);
+            let line = line.as_slice();
+            for column in 0..n {
+                let factor = sign * line[column];
+                add_scaled(&mut self.gram.as_mut_slice()[column * n..][..n], factor, line);
+            }
+        }
+        self.counts.copy_from_slice(counts);
+    }
+
+    /// Residuals b − A w and their gradient Aᵀ (b − A w), from A itself; gives |A w − b|².
+    fn look(&mut self, values: &[f64], counts: &[bool]) -> f64 {
+        let weights = self.set.weights();
+        self.gradient.fill(0.0);
+        let mut cost = 0.0;
+        for row in 0..values.len() {
+            if !counts[row] {
+                self.residuals[row] = 0.0;
+                continue;
+            }
+            let line = self.transposed.column(row);
+            let residual = values[row] - dot(line.as_slice(), weights);
+            self.residuals[row] = residual;
+            cost += residual * residual;
+            add_scaled(&mut self.gradient, residual, line.as_slice());
+        }
+        cost
+    }
+
+    /// See [`Bounded::slope`].
+    fn slope(&self, cost: f64, squares: f64) -> f64 {
+        let size = cost.sqrt() + ROUNDING * squares.sqrt();
+        let weights = self.set.weights();
+        let at = |index: usize| {
+            let gradient = self.gradient[index];
+            let free = match gradient > 0.0 {
+                true => weights[index] < self.upper[index],
+                false => weights[index] > self.lower[index],
+            };
+            if free { gradient.abs() / (self.norms[index] * size).max(f64::MIN_POSITIVE) } else { 0.0 }
+        };
+        (0..weights.len()).map(at).fold(0.0, f64::max)
+    }
+}
+
+/// Whether bounds are as many as weights, numbers, and not crossed.
+pub(crate) fn check_bounds(n: usize, lower: &[f64], upper: &[f64]) -> Result<(), BoundedFault> {
+    for (what, bounds) in [("lower bounds", lower), ("upper bounds", upper)] {
+        if bounds.len() != n {
+            return Err(BoundedFault::Lengths { what, found: bounds.len(), expected: n });
+        }
+        if let Some(index) = bounds.iter().position(|it| it.is_nan()) {
+            return Err(BoundedFault::NotFinite { what, index });
+        }
+    }
+    let crossed =
+        |it: &usize| lower[*it] > upper[*it] || lower[*it] == f64::INFINITY || upper[*it] == f64::NEG_INFINITY;
+    match (0..n).find(crossed) {
+        Some(index) => Err(BoundedFault::Crossed { index, lower: lower[index], upper: upper[index] }),
+        None => Ok(()),
+    }
+}
+
+/// Σ aᵢ bᵢ in four sums at a time, which the compiler can do side by side.
+#[inline]
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let n = a.len().min(b.len());
+    let (a, b) = (&a[..n], &b[..n]);
+    let mut sums = [0.0; 8];
+    let (a_eights, b_eights) = (a.chunks_exact(8), b.chunks_exact(8));
+    let rest: f64 = a_eights.remainder().iter().zip(b_eights.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in a_eights.zip(b_eights) {
+        for lane in 0..8 {
+            sums[lane] += a[lane] * b[lane];
+        }
+    }
+    sums.iter().sum::<f64>() + rest
+}
+
+/// `sum` += `factor` · `values`.
+#[inline]
+pub(crate) fn add_scaled(sum: &mut [f64], factor: f64, values: &[f64]) {
+    for (sum, value) in sum.iter_mut().zip(values) {
+        *sum += factor * value;
+    }
+}
