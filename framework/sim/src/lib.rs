@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`lab`] | the room and its eighteen wide cameras |
 //! | [`person`] | somebody who walks about with eight LEDs: a pure function of time |
+//! | [`painted`] | the actor's painted face: how it deforms, where its marks are, how it looks |
 //! | [`world`] | people and clutter together, as a message |
 //! | [`camera`] | from the world to the pixels of one field |
 //! | [`observer`] | from the world to features, without a picture |
@@ -19,6 +20,7 @@ pub mod head;
 pub mod lab;
 pub mod nodes;
 pub mod observer;
+pub mod painted;
 pub mod person;
 pub mod score;
 pub mod timing;

@@ -50,6 +50,7 @@ impl Node for Lab {
             window_change_s,
             truth_hz,
             glints_hz,
+            ref face,
             waved_light,
             ref swing,
             ref light_path,
@@ -72,6 +73,12 @@ impl Node for Lab {
         ConfigError::unless_in("window_change_s", window_change_s, 0.05..=3600.0)?;
         ConfigError::unless_in("truth_hz", truth_hz, 1.0..=10_000.0)?;
         ConfigError::unless_in("glints_hz", glints_hz, 0.0..=30.0)?;
+        if let Some(face) = face {
+            face.check()?;
+            if people == 0 {
+                return Err(ConfigError::at("face", "found with no people, expected `people = 1` or more beside it"));
+            }
+        }
         let singles = [("waved_light", waved_light), ("swing", swing.is_some()), ("light_path", light_path.is_some())];
         let mut singles = singles.into_iter().filter(|it| it.1).map(|it| it.0);
         if let Some(first) = singles.next() {
@@ -150,6 +157,7 @@ mod tests {
     use foveate_testkit::check_node;
 
     use super::*;
+    use crate::painted::FaceSettings;
 
     #[test]
     fn node_keeps_the_law() {
@@ -158,6 +166,7 @@ mod tests {
         check_node::<Lab>("people = 0\nwaved_light = true");
         check_node::<Lab>("people = 0\nswing = { amplitude_m = 0.3 }");
         check_node::<Lab>("walk = \"stage\"\nstand_s = 3");
+        check_node::<Lab>("face = { marks = 40 }");
         check_node::<Lab>("people = 16\nwalk = \"crowd\"\nwalk_area_m = [6, 8]\nstay_s = 30");
     }
 
@@ -172,6 +181,8 @@ mod tests {
         assert_eq!(refused(|it| (it.people, it.walk) = (33, WalkKind::Crowd)), "people");
         assert_eq!(refused(|it| (it.people, it.walk) = (32, WalkKind::Crowd)), "closest_m");
         assert_eq!(refused(|it| (it.people, it.walk) = (2, WalkKind::Stage)), "people");
+        assert_eq!(refused(|it| (it.people, it.face) = (0, Some(FaceSettings::default()))), "face");
+        assert_eq!(refused(|it| it.face = Some(FaceSettings { marks: 77, ..FaceSettings::default() })), "face.marks");
         assert_eq!(refused(|it| it.stage_m = 0.0), "stage_m");
         assert_eq!(refused(|it| it.stand_s = -1.0), "stand_s");
         assert_eq!(refused(|it| it.walk_area_m[1] = 0.0), "walk_area_m");

@@ -25,7 +25,8 @@ pub use mirror::Mirror;
 use single::Single;
 pub use single::{LightPath, SwingSettings};
 
-use crate::person::{BodyPart, Braid, Led, N_LEDS, Person, Pose};
+use crate::painted::{FaceSettings, Painted, Part, Skin};
+use crate::person::{BodyPart, Braid, COME_S, Led, N_LEDS, Person, Pose};
 
 /// At this distance [m] a LED seen along its normal has the brightness [`SceneSettings::led_peak`].
 pub const REFERENCE_DISTANCE_M: f64 = 3.0;
@@ -100,6 +101,8 @@ pub struct SceneSettings {
     /// Short glints, each in one camera only: how many a second and camera [Hz].
     #[schemars(range(min = 0.0, max = 30.0))]
     pub glints_hz: f64,
+    /// The face of the first of the people, painted with marks: pan-tilt cameras see it in its details. Left out: no face [–]
+    pub face: Option<FaceSettings>,
     /// In place of people, somebody unseen waves one light that shines to all sides, to calibrate with: from `people_enter_s` on it
     /// is held on the floor at the origin, 1 m along X and 1 m along Y, then it goes all about `walk_area_m` [–]
     pub waved_light: bool,
@@ -130,6 +133,7 @@ impl Default for SceneSettings {
             window_change_s: 4.0,
             truth_hz: 60.0,
             glints_hz: 0.2,
+            face: None,
             waved_light: false,
             swing: None,
             light_path: None,
@@ -148,6 +152,7 @@ struct Scene {
     spots: Vec<BrightSpot>,
     monitors: Vec<Monitor>,
     single: Option<Single>,
+    face: Option<Arc<Part>>,
     seed: u64,
 }
 
@@ -229,8 +234,15 @@ impl World {
     }
 
     fn with_single(settings: SceneSettings, single: Option<Single>, random: &Random) -> Self {
+        // The face shows its range while the actor stands; elsewhere from the first moment on, for as long.
+        let comes_s = if settings.walk == WalkKind::Stage { COME_S } else { 0.0 };
+        let face = settings.face.as_ref().map(|face| {
+            let start_s = settings.people_enter_s + comes_s;
+            Arc::new(Part::new(face, start_s, settings.stand_s, &random.fork("face")))
+        });
         let scene = Scene {
             single,
+            face,
             people: people(&settings, &random.fork("people")),
             spots: clutter::bright_spots(settings.bright_spots, &mut random.fork("spots")),
             monitors: clutter::monitors(settings.monitors, &mut random.fork("monitors")),
@@ -310,6 +322,25 @@ impl World {
             how: How::Measured,
         }));
         truth.list.sort_unstable_by_key(|it| it.id);
+    }
+
+    /// The actor's painted marks as they truly are at `time`; `None` where there is no painted face, or the actor is not there.
+    pub fn painted(&self, time: Time) -> Option<Painted> {
+        let face = self.0.face.as_ref()?;
+        let (_, actor) = self.people_at(time).next().filter(|it| self.is_actor(it.1))?;
+        Some(face.painted_at(time, &actor.pose(time.as_s())))
+    }
+
+    /// The painted part of the actor, who is the first of `moment`, which is that of `time`.
+    #[expect(dead_code, reason = "pictures come next")]
+    pub(crate) fn skin(&self, time: Time, moment: &Moment) -> Option<(&Part, Arc<Skin>)> {
+        let face = self.0.face.as_ref()?;
+        self.people_at(time).next().filter(|it| self.is_actor(it.1))?;
+        Some((face, face.skin(time, moment.poses.first()?)))
+    }
+
+    fn is_actor(&self, person: &Person) -> bool {
+        self.0.people.first().is_some_and(|first| std::ptr::eq(first, person))
     }
 
     /// Small bright things that stay where they are.

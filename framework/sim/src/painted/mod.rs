@@ -1,0 +1,343 @@
+//! A part of an actor's body that is painted with marks, moves and deforms: a face [Davis 2002, Figs. 54, 55 and 58].
+//!
+//! It is a surface of triangles with a texture: [`Surface`] tells how it deforms, [`Drive`] what it does over time, [`texture`] how it looks.
+//! Where the marks truly are at some time, and from where they are seen, is [`Painted`]. All is a pure function of time and of the seed.
+
+mod drive;
+mod expressions;
+mod head;
+mod places;
+mod skin;
+mod surface;
+mod texture;
+
+use std::collections::VecDeque;
+use std::fmt;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use foveate_dataflow::ConfigError;
+use foveate_estimation::random::Random;
+use foveate_messages::Time;
+use nalgebra::{Isometry3, Point3, Translation3, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::person::{BodyPart, Pose};
+use drive::Drive;
+pub(crate) use places::MOST as MOST_MARKS;
+use surface::Spot;
+pub(crate) use surface::Surface;
+pub(crate) use texture::Texture;
+
+/// Skins that are kept, so that cameras that look at the same moments share them.
+const KEPT: usize = 32;
+/// Triangles that are tested together for whether a line of sight meets them.
+const BLOCK: usize = 24;
+/// A line of sight to a mark may graze the skin this near to it [m].
+const NEAR: f64 = 0.8e-3;
+/// From the foot of the neck to the middle of a head that looks straight ahead [m].
+const NECK: [f64; 3] = [0.02, 0.0, 0.17];
+/// Among the parts of a [`Pose`]: head and neck, which the surface stands in for, and the shoulders, which never hide a face.
+const HEAD_PARTS: [usize; 2] = [3, 4];
+
+/// The actor's painted face.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct FaceSettings {
+    /// How many marks are painted on it, 12 mm or more apart [–].
+    #[schemars(range(min = 1, max = 76))]
+    pub marks: usize,
+    /// How large they are, about [mm].
+    #[schemars(range(min = 0.5, max = 5.0))]
+    pub radius_mm: f64,
+    /// How bright a white surface looks that faces the light on the stage, in a room at full light, gain 1 [gray level].
+    #[schemars(range(min = 0.0, max = 500.0))]
+    pub light: f64,
+}
+
+impl Default for FaceSettings {
+    fn default() -> Self {
+        Self { marks: 69, radius_mm: 1.8, light: 210.0 }
+    }
+}
+
+impl FaceSettings {
+    /// Refuses numbers out of their ranges.
+    pub(crate) fn check(&self) -> Result<(), ConfigError> {
+        ConfigError::unless_in("face.marks", self.marks, 1..=MOST_MARKS)?;
+        ConfigError::unless_in("face.radius_mm", self.radius_mm, 0.5..=5.0)?;
+        ConfigError::unless_in("face.light", self.light, 0.0..=500.0)
+    }
+}
+
+/// The painted part of an actor: what does not change over time.
+pub(crate) struct Part {
+    pub surface: Surface,
+    #[expect(dead_code, reason = "pictures come next")]
+    pub texture: Texture,
+    #[expect(dead_code, reason = "pictures come next")]
+    pub light: f64,
+    names: Vec<String>,
+    spots: Vec<Spot>,
+    /// How much of the light from all around reaches each vertex.
+    openness: Vec<f32>,
+    drive: Drive,
+    recent: Mutex<VecDeque<(Time, Arc<Skin>)>>,
+}
+
+/// The surface at one time, in the world.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Skin {
+    pub vertices: Vec<Point3<f64>>,
+    pub normals: Vec<Vector3<f32>>,
+    /// How much light each vertex throws back to all sides, relative to a white surface that faces the light.
+    pub light: Vec<f32>,
+    pub world_from_part: Isometry3<f64>,
+}
+
+/// Where the light on the stage comes from.
+pub(crate) fn key_light() -> Vector3<f32> {
+    Vector3::new(-0.45, 0.72, 0.55).normalize()
+}
+
+impl Part {
+    /// A face that shows its range from `start_s` on for `shown_s`.
+    pub fn new(settings: &FaceSettings, start_s: f64, shown_s: f64, random: &Random) -> Self {
+        let seed = random.fork("texture").next_u64() as u32;
+        let (mut surface, size) = head::head();
+        surface.sort_triangles();
+        let spots = places::on_face(&surface, settings.marks, |at| at);
+        let paint = texture::Paint::new(&surface, &spots, settings.radius_mm, seed);
+        let features = skin::Features { seed, are_eyes_painted: true };
+        let texture = texture::paint(&surface, size, &paint, |p, _| features.albedo(&(p * 1e3)));
+        Self {
+            openness: openness(&surface),
+            names: surface.modes.iter().map(|it| it.name.clone()).collect(),
+            drive: Drive::new(start_s, shown_s, &mut random.fork("expressions")),
+            light: settings.light,
+            recent: Mutex::default(),
+            surface,
+            texture,
+            spots,
+        }
+    }
+
+    /// Of which parts of a body it takes the place.
+    pub fn replaces(&self, part: usize) -> bool {
+        HEAD_PARTS.contains(&part)
+    }
+
+    /// The surface at `time` on the body `pose` of that time.
+    pub fn skin(&self, time: Time, pose: &Pose) -> Arc<Skin> {
+        let recent = || self.recent.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, known)) = recent().iter().find(|it| it.0 == time) {
+            return Arc::clone(known);
+        }
+        let skin = Arc::new(self.skin_at(time.as_s(), pose));
+        let mut recent = recent();
+        recent.truncate(KEPT - 1);
+        recent.push_front((time, Arc::clone(&skin)));
+        skin
+    }
+
+    fn skin_at(&self, time_s: f64, pose: &Pose) -> Skin {
+        let mut weights = Vec::new();
+        self.drive.weights(&self.names, time_s, &mut weights);
+        let world_from_part = pose.head;
+        let vertices = self.surface.deform(&weights, &world_from_part, &world_from_trunk(pose));
+        let normals = self.surface.normals(&vertices);
+        let key = key_light();
+        let fill = Vector3::new(0.75, 0.6, 0.1).normalize();
+        let light = normals.iter().zip(&self.openness).map(|(normal, open)| {
+            // Light goes through skin a little: shadows begin softly.
+            let direct = ((normal.dot(&key) + 0.12) / 1.12).max(0.0);
+            let sky = 0.24 + 0.10 * normal.z;
+            open * (0.62 * direct * (0.5 + 0.5 * open) + 0.20 * normal.dot(&fill).max(0.0) + sky)
+        });
+        Skin { light: light.collect(), vertices, normals, world_from_part }
+    }
+
+    /// The truth about the marks of `skin`.
+    fn painted(self: &Arc<Self>, skin: Arc<Skin>, pose: &Pose) -> Painted {
+        let blockers = pose.parts.iter().enumerate().filter(|(part, _)| !self.replaces(*part) && *part != 1);
+        let corner = |corner: u32| skin.vertices[corner as usize];
+        let bounds = self.surface.triangles.chunks(BLOCK).map(|block| {
+            let corners = || block.iter().flat_map(|it| it.corners).map(corner);
+            let n = (block.len() * 3) as f64;
+            let middle = Point3::from(corners().fold(Vector3::zeros(), |sum, it| sum + it.coords) / n);
+            (middle, corners().map(|it| (it - middle).norm_squared()).fold(0.0, f64::max))
+        });
+        Painted {
+            world_from_part: skin.world_from_part,
+            marks: self.spots.iter().map(|it| self.surface.place(it, &skin.vertices)).collect(),
+            normals: self.spots.iter().map(|it| self.surface.normal_at(it, &skin.normals)).collect(),
+            blockers: blockers.map(|it| *it.1).collect(),
+            bounds: bounds.collect(),
+            part: Arc::clone(self),
+            skin,
+        }
+    }
+
+    /// [`Self::painted`] of the body `pose` at `time`.
+    pub fn painted_at(self: &Arc<Self>, time: Time, pose: &Pose) -> Painted {
+        self.painted(self.skin(time, pose), pose)
+    }
+}
+
+impl fmt::Debug for Part {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.debug_struct("Part").field("n_vertices", &self.surface.rest.len()).finish_non_exhaustive()
+    }
+}
+
+/// Where a head that looks straight ahead would be: what the foot of the neck follows.
+fn world_from_trunk(pose: &Pose) -> Isometry3<f64> {
+    let turn = nalgebra::UnitQuaternion::from_axis_angle(&Vector3::z_axis(), pose.forward.y.atan2(pose.forward.x));
+    let foot = pose.parts[HEAD_PARTS[1]].ends[0];
+    Isometry3::from_parts(Translation3::from(foot + turn * Vector3::from(NECK)), turn)
+}
+
+/// How open the surface is around each vertex of the rest shape, from how far its surroundings, a centimetre or two wide, stand out before it.
+fn openness(surface: &Surface) -> Vec<f32> {
+    let normals = surface.normals(&surface.rest);
+    let n = surface.rest.len();
+    let neighbours = |values: &[Vector3<f64>]| {
+        let (mut sums, mut counts) = (values.to_vec(), vec![1.0; n]);
+        for triangle in &surface.triangles {
+            for i in 0..3 {
+                let (a, b) = (triangle.corners[i] as usize, triangle.corners[(i + 1) % 3] as usize);
+                sums[a] += values[b];
+                counts[a] += 1.0;
+            }
+        }
+        sums.iter().zip(counts).map(|(sum, count)| sum / count).collect::<Vec<_>>()
+    };
+    let mut around: Vec<Vector3<f64>> = surface.rest.iter().map(|it| it.coords).collect();
+    (0..8).for_each(|_| around = neighbours(&around));
+    let out = |i: usize| (around[i] - surface.rest[i].coords).dot(&normals[i].cast());
+    (0..n).map(|i| (1.0 - (out(i) * 1e3 + 0.4).max(0.0) * 0.13).max(0.35) as f32).collect()
+}
+
+/// The painted marks at one time, as they truly are.
+#[derive(Debug, Clone)]
+pub struct Painted {
+    /// Takes points of the part's space (for a face that of the head: x forward, y left, z up, the origin in its middle) to the world.
+    pub world_from_part: Isometry3<f64>,
+    /// Where the marks are in the world, by their number [m].
+    pub marks: Vec<Point3<f64>>,
+    /// The skin's outward normals there, in the world, of length 1.
+    pub normals: Vec<Vector3<f64>>,
+    /// What else of the body may hide it.
+    blockers: Vec<BodyPart>,
+    /// Of each block of triangles: a sphere around it, its middle [m] and squared radius [m²].
+    bounds: Vec<(Point3<f64>, f64)>,
+    part: Arc<Part>,
+    skin: Arc<Skin>,
+}
+
+impl Painted {
+    /// Whether nothing of the actor hides a mark, counted from 0, from who looks from `eye` [m]: neither the skin that it is painted on, nor
+    /// the rest of the body. A mark that does not exist is not seen.
+    pub fn sees(&self, eye: &Point3<f64>, mark: usize) -> bool {
+        let (Some(place), Some(normal)) = (self.marks.get(mark), self.normals.get(mark)) else { return false };
+        let to_eye = eye - place;
+        if to_eye.dot(normal) <= 0.0 || self.blockers.iter().any(|part| part.blocks(eye, place)) {
+            return false;
+        }
+        let length = to_eye.norm();
+        let along = to_eye / length;
+        let own = self.part.spots[mark].triangle as usize;
+        !self.bounds.iter().enumerate().any(|(block, (middle, reach))| {
+            let to_middle = middle - place;
+            let ahead = to_middle.dot(&along);
+            let beside = to_middle.norm_squared() - ahead * ahead;
+            beside <= *reach && ahead > -reach.sqrt() && self.meets(block, own, place, &along)
+        })
+    }
+
+    /// Whether a line from `place` meets a triangle of a block, but `own`, from outside.
+    fn meets(&self, block: usize, own: usize, place: &Point3<f64>, along: &Vector3<f64>) -> bool {
+        let first = block * BLOCK;
+        let triangles = &self.part.surface.triangles[first..];
+        triangles.iter().take(BLOCK).enumerate().any(|(i, triangle)| {
+            let [a, b, c] = triangle.corners.map(|it| self.skin.vertices[it as usize]);
+            first + i != own && crossing(place, along, [a, b, c]).is_some_and(|at| at > NEAR)
+        })
+    }
+}
+
+/// How far along a line it crosses a triangle; `None` where it does not.
+///
+/// Source: T. Möller and B. Trumbore, "Fast, minimum storage ray/triangle intersection", J. Graphics Tools 2(1), 1997.
+fn crossing(from: &Point3<f64>, along: &Vector3<f64>, [a, b, c]: [Point3<f64>; 3]) -> Option<f64> {
+    let (ab, ac) = (b - a, c - a);
+    let p = along.cross(&ac);
+    let determinant = ab.dot(&p);
+    if determinant.abs() < 1e-18 {
+        return None;
+    }
+    let to = from - a;
+    let u = to.dot(&p) / determinant;
+    let q = to.cross(&ab);
+    let v = along.dot(&q) / determinant;
+    (u >= 0.0 && v >= 0.0 && u + v <= 1.0).then(|| ac.dot(&q) / determinant)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::{SceneSettings, WalkKind, World};
+
+    fn world() -> World {
+        let settings = SceneSettings {
+            walk: WalkKind::Stage,
+            stand_s: 6.0,
+            people_enter_s: 0.0,
+            face: Some(FaceSettings { marks: MOST_MARKS, ..FaceSettings::default() }),
+            ..SceneSettings::default()
+        };
+        World::new(settings, &Random::new(3))
+    }
+
+    fn in_head(painted: &Painted) -> Vec<Point3<f64>> {
+        painted.marks.iter().map(|it| painted.world_from_part.inverse_transform_point(it)).collect()
+    }
+
+    #[test]
+    fn marks_keep_apart_and_move_by_as_much_as_faces_do() {
+        let world = world();
+        let at = |time_s: f64| world.painted(Time::from_s(time_s)).unwrap();
+        let rest = at(2.45);
+        assert_eq!(rest.marks.len(), MOST_MARKS);
+        for i in 0..MOST_MARKS {
+            for j in 0..i {
+                let distance = (rest.marks[i] - rest.marks[j]).norm() * 1e3;
+                assert!(distance > 11.5, "marks {i} and {j} are {distance} mm apart");
+            }
+        }
+        let (first, mut farthest) = (in_head(&rest), vec![0.0_f64; MOST_MARKS]);
+        for step in 0..900 {
+            let now = in_head(&at(2.5 + f64::from(step) * 0.05));
+            for (far, (a, b)) in farthest.iter_mut().zip(first.iter().zip(&now)) {
+                *far = far.max((a - b).norm() * 1e3);
+            }
+        }
+        let most = farthest.iter().copied().fold(0.0, f64::max);
+        let moved = farthest.iter().filter(|it| **it > 3.0).count();
+        println!("{farthest:.1?}");
+        assert!((15.0..27.0).contains(&most) && moved > 40, "{moved} marks move, by {most} mm at most");
+    }
+
+    #[test]
+    fn marks_are_seen_from_the_front_and_hidden_by_the_head_from_behind() {
+        let painted = world().painted(Time::from_s(5.0)).unwrap();
+        let eye = |x: f64, y: f64, z: f64| painted.world_from_part * Point3::new(x, y, z);
+        let seen = |eye: Point3<f64>| (0..MOST_MARKS).filter(|mark| painted.sees(&eye, *mark)).count();
+        let [ahead, left, right, behind] =
+            [eye(3.0, 0.0, 0.2), eye(1.2, 2.7, 0.3), eye(1.2, -2.7, 0.3), eye(-3.0, 0.0, 0.5)].map(seen);
+        println!("{ahead} {left} {right} {behind}");
+        assert!(ahead >= MOST_MARKS - 6 && behind == 0, "{ahead} {behind}");
+        assert!((25..65).contains(&left) && (25..65).contains(&right), "{left} {right}");
+        assert!(!painted.sees(&eye(3.0, 0.0, 0.0), MOST_MARKS));
+    }
+}
