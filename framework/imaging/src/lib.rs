@@ -1,4 +1,4 @@
-//! Pictures and what can be found in them: views, colour planes, masks, learned thresholds, bright spots.
+//! Pictures and what can be found in them: views, colour planes, masks, learned thresholds, bright spots, patches that move.
 //!
 //! One frame of one camera, as the detector of [Davis 2002 §3.3] treats it:
 //!
@@ -9,6 +9,9 @@
 //! A natural scene has no bright spots: [`Foreground`] splits a picture by the statistics of its background, and [`BlobFinder`]
 //! joins the foreground to blobs. [`find_chessboard`] finds the corners of a calibration board.
 //!
+//! A surface with painted marks [Davis 2002 §5.1]: [`DotFinder`] finds them, [`Stabiliser`] the motion of the whole between two pictures,
+//! and [`LucasKanade`] follows any small patch, from coarse to fine on a [`Pyramid`].
+//!
 //! Pixel (0, 0) is the centre of the top-left pixel. Nothing here reads a clock, a file or a random number.
 //!
 //! Source: J. E. Davis, *Mixed Scale Motion Recovery*, PhD thesis, Stanford, 2002.
@@ -16,23 +19,31 @@
 pub mod background;
 pub mod blobs;
 pub mod chessboard;
+pub mod dots;
 mod error;
 pub mod foreground;
+pub mod lucas_kanade;
 pub mod mask;
 pub mod plane;
+pub mod pyramid;
 pub mod shrink;
 pub mod spots;
+pub mod stabilise;
 mod thresholds;
 pub mod view;
 
 pub use background::{Background, BackgroundConfig, Statistic, Verdict};
 pub use blobs::{Blob, BlobFinder, BlobLimits};
 pub use chessboard::{Corner, find_chessboard, largest_grid};
+pub use dots::{Dot, DotFinder, DotLimits};
 pub use error::ImagingError;
 pub use foreground::{Foreground, ForegroundConfig};
+pub use lucas_kanade::{Flow, FlowSettings, Lost, LucasKanade, Template};
 pub use mask::fill_polygon;
 pub use plane::Channel;
+pub use pyramid::Pyramid;
 pub use shrink::shrink;
 pub use spots::{Centroid, Found, Measure, Sampling, Spot, SpotFinder, SpotLimits, Window};
+pub use stabilise::{Shift, Stabiliser, StabiliserSettings};
 pub use thresholds::ThresholdMap;
 pub use view::ImageView;
