@@ -11,6 +11,7 @@ mod backdrop;
 mod noise;
 mod silhouette;
 mod spot;
+mod surface;
 
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
@@ -25,14 +26,20 @@ use crate::timing::TimingSettings;
 use crate::world::{Light, Mirror, Moment, REFERENCE_DISTANCE_M, World};
 use backdrop::{Backdrop, MovingBackdrop};
 use noise::Noise;
-use silhouette::Silhouettes;
+use silhouette::{Instead, Silhouettes};
 use spot::Spot;
+use surface::Surfaces;
 
 /// Steps of a gray level in the sums.
 const STEPS: f64 = 64.0;
 
 /// Width of a halo relative to the spot's.
 const HALO_WIDTH: f64 = 6.0;
+
+/// A painted face is drawn where a metre of it takes up more than this; smaller ones are shapes as the rest of the body [px].
+const SEEN_FROM_PX_M: f64 = 250.0;
+/// A painted face is drawn at least this often in each exposure: that makes its edges smooth.
+const LEAST_FACE_MOMENTS: u32 = 4;
 
 /// When a camera looks, and how it turns light into pixels.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -44,7 +51,7 @@ pub struct CameraSettings {
     /// How long light is gathered; what moves is smeared [ms].
     #[schemars(range(min = 0.01, max = 100.0))]
     pub exposure_ms: f64,
-    /// Moments of the exposure at which LEDs are drawn, each with its share of the light [–].
+    /// Moments of the exposure at which LEDs and a painted face (it at 4 or more) are drawn, each with its share of the light [–].
     #[schemars(range(min = 1, max = 32))]
     pub blur_samples: u32,
     /// Iris and amplifier: multiplies all light [–].
@@ -100,6 +107,7 @@ pub struct Renderer {
     backdrop: Option<Backdrop>,
     moving_backdrop: MovingBackdrop,
     silhouettes: Silhouettes,
+    surfaces: Surfaces,
     noise: Noise,
     canvas: Vec<i16>,
     /// What each 8-bit value becomes, where the digitiser has fewer bits.
@@ -125,6 +133,7 @@ impl Renderer {
             backdrop: None,
             moving_backdrop: MovingBackdrop::default(),
             silhouettes: Silhouettes::default(),
+            surfaces: Surfaces::default(),
             noise: Noise::new(width, settings.noise_sigma, &random.fork("noise")),
             canvas: vec![0; width * height],
             coarse: coarse_levels(settings.bits),
@@ -137,7 +146,8 @@ impl Renderer {
     pub fn render(&mut self, world: &World, capture: Time, frame: u64, image: &mut Image) {
         let backdrop = self.backdrop.get_or_insert_with(|| Backdrop::new(&self.camera, world, &self.settings));
         backdrop.draw(world, capture, &mut self.canvas);
-        self.draw_people(world, capture);
+        let camera = self.camera.clone();
+        self.draw_people(world, capture, &|_| camera.clone());
         for (share, moment) in self.moments(capture) {
             self.draw_leds(world, moment, share);
         }
@@ -145,7 +155,7 @@ impl Renderer {
     }
 
     /// As [`Self::render`] with the camera on a head: `at_rest` turned by `motion`, and turning while it is exposed. LEDs are smeared by
-    /// that, people and the room are drawn as they are seen in the middle of the exposure.
+    /// that, and so is a painted face; people and the room are drawn as they are seen in the middle of the exposure.
     pub fn render_on(
         &mut self,
         motion: &HeadMotion,
@@ -157,7 +167,7 @@ impl Renderer {
     ) {
         self.stand(motion.camera_at(at_rest, capture));
         self.moving_backdrop.draw(&self.camera, world, &self.settings, capture, &mut self.canvas);
-        self.draw_people(world, capture);
+        self.draw_people(world, capture, &|moment| motion.camera_at(at_rest, moment));
         for (share, moment) in self.moments(capture) {
             self.stand(motion.camera_at(at_rest, moment));
             self.draw_leds(world, moment, share);
@@ -170,11 +180,46 @@ impl Renderer {
         self.camera = camera;
     }
 
-    fn draw_people(&mut self, world: &World, capture: Time) {
+    /// Draws those who are there at `capture`, and the actor's face, if it is large enough to be seen, over all of the exposure, in which the
+    /// camera stands as `camera_at` says.
+    fn draw_people(&mut self, world: &World, capture: Time, camera_at: &dyn Fn(Time) -> Camera) {
         world.at(capture, &mut self.moment);
-        let cloth_light = 60.0 * self.settings.room_light * self.settings.gain;
-        let black_level = self.settings.black_level;
-        self.silhouettes.draw(&self.camera, &self.moment, cloth_light, black_level, &mut self.canvas);
+        let CameraSettings { room_light, gain, black_level, .. } = self.settings;
+        let cloth_light = 60.0 * room_light * gain;
+        let moments: Vec<Time> = self.face_moments(capture).collect();
+        let face = world.skin(capture, &self.moment).and_then(|(part, skin)| {
+            let distance = (skin.vertices[0] - self.centre).norm();
+            let is_large = self.camera.intrinsics.focal[0] / distance > SEEN_FROM_PX_M;
+            is_large.then_some((part, distance * distance))
+        });
+        let (surfaces, image_size) = (&mut self.surfaces, self.camera.image_size);
+        let Some((part, distance)) = face else {
+            self.silhouettes.draw(&self.camera, &self.moment, cloth_light, black_level, None, &mut self.canvas);
+            return;
+        };
+        let mut draw = |canvas: &mut [i16]| {
+            surfaces.begin(canvas.len());
+            let (mut then, n_moments) = (Moment::default(), moments.len() as u32);
+            for (number, &moment) in (0..).zip(&moments) {
+                world.at(moment, &mut then);
+                if let Some((_, skin)) = world.skin(moment, &then) {
+                    let white = part.light * room_light * gain;
+                    surfaces.add(&camera_at(moment), part, &skin, white, [number, n_moments]);
+                }
+            }
+            surfaces.finish(image_size[0] as usize, n_moments, black_level, canvas);
+        };
+        let instead = Instead { replaces: &|it| part.replaces(it), distance, draw: &mut draw };
+        self.silhouettes.draw(&self.camera, &self.moment, cloth_light, black_level, Some(instead), &mut self.canvas);
+    }
+
+    /// Moments of the exposure around `capture` at which a face is drawn: as many as for LEDs, and enough for smooth edges.
+    fn face_moments(&self, capture: Time) -> impl Iterator<Item = Time> + use<> {
+        let exposure_ms = self.settings.exposure_ms;
+        let samples = self.settings.blur_samples.max(LEAST_FACE_MOMENTS);
+        (0..samples).map(move |it| {
+            capture + Interval::from_ms(((f64::from(it) + 0.5) / f64::from(samples) - 0.5) * exposure_ms)
+        })
     }
 
     /// Moments of the exposure around `capture`, each with its share of the light.

@@ -20,16 +20,44 @@ pub(super) struct Silhouettes {
     order: Vec<(f64, BodyPart)>,
 }
 
+/// What stands in for parts of the first person's body.
+pub(super) struct Instead<'s> {
+    /// Whether it does so for a part.
+    pub replaces: &'s dyn Fn(usize) -> bool,
+    /// Squared distance from the camera [m²].
+    pub distance: f64,
+    /// Draws it.
+    pub draw: &'s mut dyn FnMut(&mut [i16]),
+}
+
 impl Silhouettes {
     /// Draws all body parts, far ones first. `light` [gray level] is what a white cloth would show.
-    pub fn draw(&mut self, camera: &Camera, moment: &Moment, light: f64, black_level: f64, canvas: &mut [i16]) {
+    pub fn draw(
+        &mut self,
+        camera: &Camera,
+        moment: &Moment,
+        light: f64,
+        black_level: f64,
+        mut instead: Option<Instead<'_>>,
+        canvas: &mut [i16],
+    ) {
         let eye = camera.centre();
         let distance = |part: &BodyPart| (nalgebra::center(&part.ends[0], &part.ends[1]) - eye).norm_squared();
         self.order.clear();
-        self.order.extend(moment.parts().map(|part| (distance(part), *part)));
+        for (person, pose) in moment.poses.iter().enumerate() {
+            let is_replaced = |part: usize| person == 0 && instead.as_ref().is_some_and(|it| (it.replaces)(part));
+            let parts = pose.parts.iter().enumerate().filter(|(part, _)| !is_replaced(*part));
+            self.order.extend(parts.map(|(_, part)| (distance(part), *part)));
+        }
         self.order.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
-        for (_, part) in &self.order {
+        for (distance, part) in &self.order {
+            if let Some(instead) = instead.take_if(|it| it.distance > *distance) {
+                (instead.draw)(canvas);
+            }
             draw_part(camera, &eye, part, light * part.albedo, black_level, canvas);
+        }
+        if let Some(instead) = instead {
+            (instead.draw)(canvas);
         }
     }
 }

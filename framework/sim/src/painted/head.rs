@@ -9,13 +9,14 @@ use nalgebra::{Point3, Vector3};
 use super::surface::{Material, Surface, Triangle};
 
 /// Height, how far the middle of front and back reach, half the width [mm].
-const PROFILE: [[f64; 4]; 24] = [
-    [104.0, 22.0, -38.0, 24.0],
-    [98.0, 46.0, -62.0, 45.0],
-    [88.0, 64.0, -80.0, 59.0],
-    [75.0, 78.0, -92.0, 67.0],
-    [58.0, 87.0, -99.0, 72.5],
-    [40.0, 91.5, -101.0, 75.0],
+const PROFILE: [[f64; 4]; 25] = [
+    [109.0, 18.0, -36.0, 19.0],
+    [104.0, 38.0, -56.0, 36.0],
+    [96.0, 55.0, -73.0, 50.0],
+    [85.0, 69.0, -86.0, 61.0],
+    [72.0, 79.5, -94.0, 68.0],
+    [57.0, 87.0, -99.5, 72.5],
+    [40.0, 91.5, -101.5, 75.0],
     [26.0, 92.5, -100.0, 75.5],
     [10.0, 88.5, -97.0, 74.5],
     [-10.0, 88.0, -92.0, 71.5],
@@ -29,11 +30,11 @@ const PROFILE: [[f64; 4]; 24] = [
     [-112.0, 69.0, -51.0, 41.0],
     [-117.0, 55.0, -51.0, 42.5],
     [-122.0, 42.0, -51.5, 46.0],
-    [-130.0, 34.0, -52.0, 49.5],
-    [-140.0, 29.0, -53.0, 52.0],
-    [-155.0, 26.0, -55.0, 54.5],
-    [-168.0, 26.0, -58.0, 58.0],
-    [-182.0, 30.0, -62.0, 66.0],
+    [-130.0, 34.0, -52.0, 48.5],
+    [-140.0, 29.0, -53.0, 50.0],
+    [-155.0, 26.0, -55.0, 51.5],
+    [-168.0, 26.0, -58.0, 54.0],
+    [-182.0, 30.0, -62.0, 61.0],
 ];
 /// The line between the lips [mm]: rows lie just above and below it.
 pub(super) const SLIT: f64 = -62.0;
@@ -42,7 +43,7 @@ pub(super) const HALF_SLIT: f64 = 0.6;
 /// Half the length of the line between the lips [mm].
 pub(super) const HALF_MOUTH: f64 = 25.0;
 
-/// A row at `z`, its points `from` degrees: spacing of rows between heights [mm], from the top down.
+/// Heights of rows, from the top down: to, and step [mm].
 const ROWS: [[f64; 2]; 8] =
     [[100.0, 4.0], [80.0, 7.0], [45.0, 6.5], [-16.0, 4.2], [-40.0, 2.4], [-90.0, 3.4], [-124.0, 4.0], [-182.0, 10.0]];
 /// Columns between azimuths, from straight ahead to straight back [°]: to, and step.
@@ -60,7 +61,7 @@ pub(super) fn head() -> (Surface, [usize; 2]) {
         base.extend(azimuths.iter().map(|&azimuth| skull(azimuth, z)));
     }
     let pole = base.len() as u32;
-    base.push(Point3::new(-8.0, 0.0, 105.5));
+    base.push(Point3::new(-9.0, 0.0, 111.0));
     let rest: Vec<Point3<f64>> = base.iter().map(|it| (it + features(it)) * 1e-3).collect();
     let (across, width) = spread(n_columns, |column| {
         let next = (column + 1) % n_columns;
@@ -109,7 +110,7 @@ pub(super) fn head() -> (Surface, [usize; 2]) {
 
 /// Heights of the rows, from the top down, two of them at the line between the lips.
 fn heights() -> Vec<f64> {
-    let mut heights = vec![104.0];
+    let mut heights = vec![109.0];
     for [end, step] in ROWS {
         let start = heights[heights.len() - 1];
         let n = ((start - end) / step).ceil().max(1.0);

@@ -57,7 +57,7 @@ pub struct FaceSettings {
 
 impl Default for FaceSettings {
     fn default() -> Self {
-        Self { marks: 69, radius_mm: 1.8, light: 210.0 }
+        Self { marks: 69, radius_mm: 1.8, light: 260.0 }
     }
 }
 
@@ -73,9 +73,7 @@ impl FaceSettings {
 /// The painted part of an actor: what does not change over time.
 pub(crate) struct Part {
     pub surface: Surface,
-    #[expect(dead_code, reason = "pictures come next")]
     pub texture: Texture,
-    #[expect(dead_code, reason = "pictures come next")]
     pub light: f64,
     names: Vec<String>,
     spots: Vec<Spot>,

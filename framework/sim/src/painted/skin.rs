@@ -20,7 +20,7 @@ impl Features {
         let grain = |size: f64, number: u32| noise(&at, [size * 1e-3; 3], self.seed ^ number);
         let ahead = smooth((p.x - 20.0) / 30.0) as f32;
         let mut skin =
-            0.63 + 0.025 * grain(16.0, 11) + 0.022 * grain(5.0, 12) + 0.035 * grain(1.7, 13) + 0.03 * grain(0.9, 14);
+            0.63 + 0.025 * grain(16.0, 11) + 0.022 * grain(5.0, 12) + 0.028 * grain(1.7, 13) + 0.024 * grain(0.9, 14);
         // Redder, hence darker in gray: cheeks, the tip of the nose, around the eyes.
         skin -= 0.05 * near([side, p.z], [44.0, -22.0], [18.0, 15.0]);
         skin -= 0.05 * near([side, p.z], [0.0, -24.0], [11.0, 8.0]) * ahead;
@@ -106,15 +106,16 @@ impl Features {
         // The hair line by how far ahead a point lies.
         let line = if p.x > 40.0 {
             62.0 + (p.x - 40.0) * 0.55 - 0.10 * (side - 30.0).max(0.0)
-        } else if p.x > 12.0 {
+        } else if p.x > 16.0 {
             62.0 - (40.0 - p.x) * 1.9
-        } else if p.x > 2.0 {
-            -6.0
-        } else if p.x > -26.0 {
-            30.0 + (p.x + 26.0) * 0.2
+        } else if p.x > 4.0 {
+            16.4
+        } else if p.x > -24.0 {
+            33.0 + (p.x - 4.0) * 0.5
         } else {
-            -78.0
+            19.0 + (p.x + 24.0) * 4.0
         };
+        let line = line.max(-84.0);
         let cover = smooth((p.z - line + ragged) / 7.0);
         let strands =
             noise(&at, [1.4e-3, 1.1e-3, 9e-3], self.seed ^ 62) + 0.6 * noise(&at, [4e-3, 4e-3, 16e-3], self.seed ^ 63);

@@ -19,6 +19,22 @@ pub(crate) struct Texture {
     pub shades: Vec<u8>,
 }
 
+impl Texture {
+    /// The albedo at a place between texels [–].
+    #[inline]
+    pub fn at(&self, column: f32, row: f32) -> f32 {
+        let (left, top) = (column as usize, row as usize); // `as` saturates
+        let (x, y) = (column - left as f32, row - top as f32);
+        let place = top * self.width + left;
+        let read = |place: usize| {
+            self.shades.get(place..place + 2).map_or([0.0; 2], |it| [f32::from(it[0]), f32::from(it[1])])
+        };
+        let ([a, b], [c, d]) = (read(place), read(place + self.width));
+        let (above, below) = (a + (b - a) * x, c + (d - c) * x);
+        (above + (below - above) * y) * (1.0 / 255.0)
+    }
+}
+
 /// Round marks of paint.
 pub(super) struct Paint {
     /// Where [m], and how large [mm].

@@ -40,7 +40,7 @@ pub struct Person {
 
 #[derive(Debug, Clone, PartialEq)]
 enum Way {
-    Walk(Walk),
+    Walk(Box<Walk>),
     Stage(Stage),
 }
 
@@ -50,7 +50,7 @@ impl Person {
     pub fn new(index: usize, n_people: usize, area_m: [f64; 2], speed: f64, random: &Random) -> Self {
         let share = index as f64 / n_people.max(1) as f64;
         let walk = Walk::round(share, area_m, speed, &mut random.fork("walk"));
-        Self { way: Way::Walk(walk), gait: Gait::new(speed, &mut random.fork(&format!("gait {index}"))) }
+        Self { way: Way::Walk(Box::new(walk)), gait: Gait::new(speed, &mut random.fork(&format!("gait {index}"))) }
     }
 
     /// Number `index` of those who cross each other's ways on `braid`, at `speed` on average [m/s]; comes in at `enter_s` or
@@ -64,7 +64,7 @@ impl Person {
         random: &Random,
     ) -> Self {
         let walk = Walk::braid(index, braid, speed, enter_s, stay_away_s, &mut random.fork("walk"));
-        Self { way: Way::Walk(walk), gait: Gait::new(speed, &mut random.fork(&format!("gait {index}"))) }
+        Self { way: Way::Walk(Box::new(walk)), gait: Gait::new(speed, &mut random.fork(&format!("gait {index}"))) }
     }
 
     /// An actor who comes in at `enter_s`, stands from [`COME_S`] later on for `stand_s`, and then walks to and fro over `width_m` along X

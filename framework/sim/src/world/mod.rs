@@ -26,7 +26,7 @@ use single::Single;
 pub use single::{LightPath, SwingSettings};
 
 use crate::painted::{FaceSettings, Painted, Part, Skin};
-use crate::person::{BodyPart, Braid, COME_S, Led, N_LEDS, Person, Pose};
+use crate::person::{Braid, COME_S, Led, N_LEDS, Person, Pose};
 
 /// At this distance [m] a LED seen along its normal has the brightness [`SceneSettings::led_peak`].
 pub const REFERENCE_DISTANCE_M: f64 = 3.0;
@@ -332,7 +332,6 @@ impl World {
     }
 
     /// The painted part of the actor, who is the first of `moment`, which is that of `time`.
-    #[expect(dead_code, reason = "pictures come next")]
     pub(crate) fn skin(&self, time: Time, moment: &Moment) -> Option<(&Part, Arc<Skin>)> {
         let face = self.0.face.as_ref()?;
         self.people_at(time).next().filter(|it| self.is_actor(it.1))?;
@@ -411,11 +410,6 @@ impl Moment {
     /// Whether somebody's body lies between `eye` and `point` [m].
     pub fn occluded(&self, eye: &Point3<f64>, point: &Point3<f64>) -> bool {
         self.poses.iter().any(|pose| pose.occluded(eye, point))
-    }
-
-    /// All body parts.
-    pub fn parts(&self) -> impl Iterator<Item = &BodyPart> {
-        self.poses.iter().flat_map(|pose| &pose.parts)
     }
 }
 
