@@ -5,6 +5,7 @@ mod constellation;
 mod gather;
 mod matching;
 mod pair;
+mod registration;
 mod settings;
 #[cfg(test)]
 pub(crate) mod tests;
@@ -21,6 +22,7 @@ use constellation::recognise;
 use gather::{Frame, Gather, View};
 use matching::{DotView, MatchRules, match_dots, where_all_look};
 use pair::{Blend, Choice, Offer, middle};
+use registration::register;
 pub use settings::{IntegratorSettings, Views};
 
 const FEATURES: In<Features> = In::synced(0, "features", 4).many();
@@ -31,8 +33,12 @@ const GUIDE: Out<MarkGuide> = Out::new(1, "guide");
 
 /// With fewer marks than this the surface is looked for as if nothing were known.
 const LEAST_TO_GO_ON: usize = 6;
-/// Tolerances of the first search, as shares of the setting: tighter as the errors of the poses become known.
-const NARROWING: [f64; 4] = [1.0, 0.6, 0.4, 0.25];
+/// Tolerances of a search: tighter once the errors of the poses are known from a first one [px].
+const NARROWING_PX: [f64; 2] = [3.0, 1.5];
+/// Share of the dots of a picture that must be matched for the matches to be believed.
+const MATCHED: f64 = 0.5;
+/// Share of the dots of a picture that must agree on a shift.
+const AGREEING: f64 = 0.3;
 /// Where a mark that is not seen should be is known about so well [m].
 const CARRIED_SIGMA: f64 = 0.002;
 /// Dots closer to where a known mark should be may be that mark [px].
@@ -287,11 +293,20 @@ impl Integrator {
             frame.views.iter().map(|view| DotView { camera: view.viewpoint.camera.clone(), dots: all(view) }).collect();
         let centre = where_all_look(views.iter().map(|it| &it.camera))?;
         let viewpoints: Vec<Viewpoint> = frame.views.iter().map(|it| it.viewpoint.clone()).collect();
+        let mut counts: Vec<usize> = views.iter().map(|it| it.dots.len()).collect();
+        counts.sort_unstable();
+        // As many as the second fullest picture has: fewer than two pictures make no place.
+        let full = *counts.iter().rev().nth(1)?;
+        let share = |of: f64| ((of * full as f64) as usize).max(LEAST_TO_GO_ON);
+        let (agreeing, matched) = (share(AGREEING), share(MATCHED));
+        let ball = (centre, self.radius);
+        if self.settings.pose_errors && !register(&mut views, ball, self.settings.start_px, agreeing) {
+            return None;
+        }
         let n_views = self.birth_views(frame);
         let mut found = Vec::new();
-        for share in NARROWING {
-            let tolerance = self.settings.start_px * share;
-            let rules = MatchRules { ball: (centre, self.radius), tolerance, views: n_views };
+        for tolerance in NARROWING_PX {
+            let rules = MatchRules { ball, tolerance, views: n_views };
             found = match_dots(&views, &rules);
             let sights: Vec<Sight> = found
                 .iter()
@@ -314,7 +329,7 @@ impl Integrator {
             found.retain(|_| kept.next().unwrap_or(false));
         }
         let points: Vec<Point3<f64>> = found.iter().map(|it| it.position).collect();
-        if points.len() < LEAST_TO_GO_ON {
+        if points.len() < matched {
             return None;
         }
         self.tally.starts += 1;
@@ -347,7 +362,7 @@ impl Integrator {
             return;
         }
         let seen: Vec<Point3<f64>> = self.book.marks.values().filter(|it| it.is_seen).map(|it| it.position).collect();
-        let tolerance = self.settings.start_px * NARROWING[NARROWING.len() - 1];
+        let tolerance = NARROWING_PX[NARROWING_PX.len() - 1];
         let rules = MatchRules { ball: (middle(&seen), self.radius), tolerance, views: n_views };
         match_dots(&views, &rules).into_iter().for_each(|it| self.bear(it.position));
     }

@@ -35,7 +35,7 @@ pub struct IntegratorSettings {
     /// A mark farther off than this in a picture is not that mark [standard deviations].
     #[schemars(range(min = 2.0, max = 100.0))]
     pub outlier_sigmas: f64,
-    /// How far the poses may be off before anything is known of their errors, as seen in the picture [px].
+    /// How far the poses may be off before anything is known of their errors, as seen in the picture; with `pose_errors` [px].
     #[schemars(range(min = 0.5, max = 100.0))]
     pub start_px: f64,
     /// Cameras that have to agree on a mark that nobody named, at least; 2 where there are no more [–].
@@ -68,7 +68,7 @@ impl Default for IntegratorSettings {
             translation_floor_mm: 0.2,
             pixel_floor_px: 0.08,
             outlier_sigmas: 6.0,
-            start_px: 6.0,
+            start_px: 30.0,
             birth_views: 3,
             birth_frames: 5,
             spacing_mm: 6.0,
