@@ -11,7 +11,7 @@
 //! | [`timing`] | a camera's clock, the way of its data, its failures |
 //! | [`head`] | a pan-tilt head with mechanics and a line, byte by byte |
 //! | [`score`] | recovered targets against the truth |
-//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.rider`, `sim.head`, `sim.score` |
+//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.rider`, `sim.head`, `sim.score`, `sim.head_score`, `sim.mark_observer`, `sim.mark_score` |
 
 pub mod bump;
 pub mod camera;
@@ -37,4 +37,6 @@ pub fn register(registry: &mut Registry) {
     registry.add::<nodes::rider::SimRider>();
     registry.add::<nodes::score::Score>();
     registry.add::<nodes::head_score::HeadScore>();
+    registry.add::<nodes::mark_observer::SimMarkObserver>();
+    registry.add::<nodes::mark_score::MarkScore>();
 }

@@ -5,6 +5,8 @@ mod fields;
 pub mod head;
 pub mod head_score;
 pub mod lab;
+pub mod mark_observer;
+pub mod mark_score;
 pub mod observer;
 pub mod rider;
 pub mod score;

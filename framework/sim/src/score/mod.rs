@@ -10,6 +10,7 @@
 
 mod distances;
 pub(crate) mod follow_picture;
+pub mod marks;
 mod pairs;
 mod truth;
 

@@ -1,0 +1,216 @@
+//! How well painted marks are tracked, recovered and filled in: against the truth of the simulated world.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use foveate_dataflow::{ConfigError, In, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Time};
+use foveate_estimation::statistics::percentile;
+use foveate_geometry::Camera;
+use foveate_messages::{CameraId, Features, Marks};
+use foveate_scene::calibration::Calibration;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::head::HeadMotion;
+use crate::score::marks::{MarkTrack, Names, SightTrack};
+use crate::world::World;
+
+const WORLD: In<World> = In::latest(0, "world");
+const MOTION: In<HeadMotion> = In::latest(1, "motion").many().optional();
+const FEATURES: In<Features> = In::each(2, "features").many().optional();
+const MARKS: In<Marks> = In::each(3, "marks");
+const SHAPE: In<Marks> = In::each(4, "shape").optional();
+const COMPARED: In<Marks> = In::each(5, "compared").optional();
+
+const TABLE_FILE: &str = "face_score.csv";
+
+/// Settings of [`MarkScore`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct MarkScoreSettings {
+    /// What happens before this session time is not scored, such as the capture of the model; it counts for who is who [s].
+    #[schemars(range(min = 0.0, max = 1e6))]
+    pub start_s: f64,
+    /// A mark reported in a picture farther than this from where it truly is was reported wrongly: a third of the distance between marks [px].
+    #[schemars(range(min = 0.1, max = 1000.0))]
+    pub wrong_px: f64,
+    /// Whether errors over time are saved as `face_score.csv` [–].
+    pub write: bool,
+}
+
+impl Default for MarkScoreSettings {
+    fn default() -> Self {
+        Self { start_s: 0.0, wrong_px: 4.0, write: true }
+    }
+}
+
+/// Compares marks with those truly painted on somebody in a simulated world. Which true mark a label stands for is found out by where it mostly is.
+///
+/// | figure | meaning |
+/// |---|---|
+/// | `pair_distance_mm.median`, `.p95`, `.max` | by how much the distance of two marks deviates from its mean over the session, over the 60 pairs whose true distance changes least [Davis 2002 Fig. 64] |
+/// | `pair_error_mm.…` | by how much the distance of any two marks 15 to 80 mm apart is off the true one |
+/// | the same with `[compared]` | of the marks that come in at `compared` |
+/// | `mark_identity_errors`, `marks_extra` | samples of a mark that lie on another; labels that are no mark at all |
+/// | `filled_mm.median`, `.p95`, `filled_sigmas.rms` | distance of filled marks from the truth, in the space of the face; in stated standard deviations |
+/// | `face_mm.…`, `face_world_mm.…` | distance of all marks from the truth, in the space of the face and in the world |
+/// | `frames_with_all_marks`, `frames_with_all_measured` | shares of the frames |
+/// | `marks_wrong_as_found`, `…per_10000` | marks reported in pictures that are not where they were reported |
+/// | `mark_px.median`, `.p95` | distance of the others from the truth |
+pub struct MarkScore {
+    settings: MarkScoreSettings,
+    calibration: Arc<Calibration>,
+    folder: Option<PathBuf>,
+    /// All of the session, for who is who; what is scored; the same of the model, and of the marks to compare with.
+    whole: MarkTrack,
+    marks: MarkTrack,
+    shape: MarkTrack,
+    compared: MarkTrack,
+    sights: SightTrack,
+    n_true: usize,
+}
+
+impl Node for MarkScore {
+    const TYPE: &'static str = "sim.mark_score";
+    const ROLE: Role = Role::Sink;
+    const SUMMARY: &'static str = "Compares painted marks with the truth: distances, identities, what was filled in";
+    type Settings = MarkScoreSettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&WORLD).input(&MOTION).input(&FEATURES).input(&MARKS).input(&SHAPE).input(&COMPARED)
+    }
+
+    fn new(settings: MarkScoreSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        ConfigError::unless_in("start_s", settings.start_s, 0.0..=1e6)?;
+        ConfigError::unless_in("wrong_px", settings.wrong_px, 0.1..=1000.0)?;
+        if settings.write {
+            setup.claim_file(Some("write"), TABLE_FILE)?;
+        }
+        let folder = setup.out_dir.clone().filter(|_| settings.write && setup.purpose == Purpose::Run);
+        Ok(Self {
+            settings,
+            calibration: Arc::clone(&setup.calibration),
+            folder,
+            whole: MarkTrack::default(),
+            marks: MarkTrack::default(),
+            shape: MarkTrack::default(),
+            compared: MarkTrack::default(),
+            sights: SightTrack::default(),
+            n_true: 0,
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let world = io.latest(&WORLD).map(|it| it.value.clone());
+        let truth = |time: Time| world.as_ref().and_then(|it| it.painted(time));
+        let is_scored = |time: Time| time.as_s() >= self.settings.start_s;
+        if let Some(marks) = io.take(&MARKS) {
+            if let Some(painted) = truth(marks.value.time) {
+                self.n_true = painted.marks.len();
+                if is_scored(marks.value.time) {
+                    self.marks.add(&marks.value, painted.marks.clone());
+                }
+                self.whole.add(&marks.value, painted.marks);
+            }
+        } else if let Some(marks) = io.take(&SHAPE) {
+            if let Some(painted) = truth(marks.value.time).filter(|_| is_scored(marks.value.time)) {
+                self.shape.add(&marks.value, painted.marks);
+            }
+        } else if let Some(marks) = io.take(&COMPARED) {
+            if let Some(painted) = truth(marks.value.time).filter(|_| is_scored(marks.value.time)) {
+                self.compared.add(&marks.value, painted.marks);
+            }
+        } else if let Some(features) = io.take(&FEATURES)
+            && is_scored(features.stamp.time)
+            && let Some(painted) = truth(features.stamp.time)
+            && let Some(camera) = self.camera(io, features.value.camera, features.stamp.time)
+        {
+            for feature in &features.value.list {
+                let Some(label) = feature.label else { continue };
+                let off = |mark| camera.project(mark).map_or(f32::NAN, |it| (it - feature.centre).norm() as f32);
+                self.sights.add(label, painted.marks.iter().map(off).collect());
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let names = self.whole.names();
+        if names.is_empty() {
+            report.remark("No mark was recovered, or nobody with painted marks was there: nothing was scored.");
+        }
+        self.marks.report_distances(&names, "", report);
+        if self.compared != MarkTrack::default() {
+            self.compared.report_distances(&self.compared.names(), "[compared]", report);
+        }
+        if self.shape != MarkTrack::default() {
+            self.shape.report_shape(&names, self.n_true, report);
+        }
+        self.report_sights(&names, report);
+        let Some(folder) = &self.folder else { return Ok(()) };
+        let track = if self.shape == MarkTrack::default() { &self.marks } else { &self.shape };
+        write_rows(&folder.join(TABLE_FILE), &track.rows(&names)).map_err(|error| {
+            NodeError::input(format_args!(
+                "{}: `{TABLE_FILE}` could not be saved ({error}), expected a folder that can be written",
+                folder.display()
+            ))
+        })?;
+        report.file(TABLE_FILE);
+        Ok(())
+    }
+}
+
+impl MarkScore {
+    /// A camera as it truly stands.
+    fn camera(&self, io: &Io<'_>, id: CameraId, time: Time) -> Option<Camera> {
+        let calibrated = &self.calibration.cameras.get(usize::from(id.0))?.camera;
+        let motion = io.latest_of_each(&MOTION).map(|it| it.value).find(|it| it.camera() == id);
+        Some(motion.map_or_else(|| calibrated.clone(), |it| it.camera_at(calibrated, time)))
+    }
+
+    fn report_sights(&self, names: &Names, report: &mut Report) {
+        let (all, wrong) = self.sights.wrong(names, self.settings.wrong_px);
+        if all > 0 {
+            report.figure("marks_found", all as f64);
+            report.figure("marks_wrong_as_found", wrong as f64);
+            report.figure("marks_wrong_as_found.per_10000", wrong as f64 * 1e4 / all as f64);
+            let right = self.sights.right(names, self.settings.wrong_px);
+            for (which, percent) in [("median", 50.0), ("p95", 95.0)] {
+                report.figure(format!("mark_px.{which}"), percentile(&right, percent).unwrap_or(f64::NAN));
+            }
+        }
+    }
+}
+
+fn write_rows(path: &std::path::Path, rows: &[String]) -> std::io::Result<()> {
+    let mut file = BufWriter::new(File::create(path)?);
+    writeln!(file, "{}", MarkTrack::HEADING)?;
+    for row in rows {
+        writeln!(file, "{row}")?;
+    }
+    file.flush()
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_testkit::check_node;
+
+    use super::*;
+
+    #[test]
+    fn node_keeps_the_law() {
+        check_node::<MarkScore>("");
+        check_node::<MarkScore>("start_s = 12\nwrong_px = 3\nwrite = false");
+    }
+
+    #[test]
+    fn settings_out_of_range_are_refused() {
+        let refused = |settings| MarkScore::new(settings, &Setup::for_tests()).err().and_then(|it| it.setting);
+        let wrong = MarkScoreSettings { wrong_px: f64::NAN, ..MarkScoreSettings::default() };
+        assert_eq!(refused(wrong).as_deref(), Some("wrong_px"));
+        let start = MarkScoreSettings { start_s: -1.0, ..MarkScoreSettings::default() };
+        assert_eq!(refused(start).as_deref(), Some("start_s"));
+    }
+}

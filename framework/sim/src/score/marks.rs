@@ -1,0 +1,378 @@
+//! Painted marks against the truth: whether they keep their distances, who they are, how well hidden ones are filled in.
+
+use std::collections::BTreeMap;
+
+use foveate_dataflow::Report;
+use foveate_estimation::statistics::{median, percentile};
+use foveate_geometry::{Alignment, AlignmentRules, align};
+use foveate_messages::{How, Marks, Time};
+use nalgebra::Point3;
+
+/// A recovered mark farther than this from all true ones is none of them [m].
+const GATE: f64 = 0.008;
+/// A mark that is farther than this from the one that it was, and closer to another, is another [m].
+const OTHER: f64 = 0.004;
+/// Pairs that should keep their distance lie this far apart [m].
+const PAIRS: std::ops::Range<f64> = 0.015..0.08;
+/// The pairs whose true distance changes least are those that should keep it: so many.
+const N_PAIRS: usize = 60;
+/// Share of the frames that both marks of a pair must be measured in.
+const PAIR_SHARE: f64 = 0.2;
+
+/// One mark as it was recovered.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Sample {
+    label: u32,
+    in_world: Point3<f64>,
+    how: How,
+    /// Stated, of one axis [m].
+    sigma: f64,
+}
+
+/// All marks of one moment, recovered and true.
+#[derive(Debug, Clone, PartialEq)]
+struct Moment {
+    time: Time,
+    samples: Vec<Sample>,
+    truth: Vec<Point3<f64>>,
+    rms: Option<f64>,
+    outside: Option<f64>,
+}
+
+impl Moment {
+    /// Each named sample with where it truly is.
+    fn pairs<'s>(&'s self, names: &'s Names) -> impl Iterator<Item = (Sample, Point3<f64>)> + 's {
+        self.samples.iter().filter_map(|it| Some((*it, *self.truth.get(*names.get(&it.label)?)?)))
+    }
+}
+
+/// The rigid motion that brings all samples closest to the truth; `None` where they fix none.
+fn to_truth(pairs: &[(Sample, Point3<f64>)]) -> Option<Alignment> {
+    let (found, truth): (Vec<_>, Vec<_>) = pairs.iter().map(|it| (it.0.in_world, it.1)).unzip();
+    align(&found, &truth, AlignmentRules { robust: true, ..AlignmentRules::default() }).ok()
+}
+
+/// What was recovered over time.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct MarkTrack {
+    moments: Vec<Moment>,
+}
+
+/// Which true mark each label is.
+pub type Names = BTreeMap<u32, usize>;
+
+impl MarkTrack {
+    /// Takes in what was recovered of `truth`, the true places of the marks at that time in the world, by their numbers.
+    pub fn add(&mut self, marks: &Marks, truth: Vec<Point3<f64>>) {
+        let sample = |it: &foveate_messages::Mark| Sample {
+            label: it.label,
+            in_world: marks.in_world(it),
+            how: it.how,
+            sigma: it.sigma(),
+        };
+        let samples = marks.list.iter().map(sample).collect();
+        let (rms, outside) = marks.fit.as_ref().map(|it| (it.rms, it.outside)).unzip();
+        self.moments.push(Moment { time: marks.time, samples, truth, rms, outside });
+    }
+
+    /// Which true mark each label is: the one that it was closest to most often, while it was measured. Labels that were close to none are left out.
+    pub fn names(&self) -> Names {
+        let mut votes: BTreeMap<u32, BTreeMap<usize, u32>> = BTreeMap::new();
+        for moment in &self.moments {
+            for sample in moment.samples.iter().filter(|it| it.how == How::Measured) {
+                if let Some((mark, _)) = nearest(&sample.in_world, &moment.truth).filter(|it| it.1 < GATE) {
+                    *votes.entry(sample.label).or_default().entry(mark).or_default() += 1;
+                }
+            }
+        }
+        let most = |votes: BTreeMap<usize, u32>| votes.into_iter().max_by_key(|it| (it.1, std::cmp::Reverse(it.0)));
+        votes.into_iter().filter_map(|(label, votes)| Some((label, most(votes)?.0))).collect()
+    }
+
+    /// How many labels were measured that are no mark at all.
+    fn extra(&self, names: &Names) -> usize {
+        let mut labels: Vec<u32> = self.moments.iter().flat_map(|it| &it.samples).map(|it| it.label).collect();
+        labels.sort_unstable();
+        labels.dedup();
+        labels.iter().filter(|it| !names.contains_key(it)).count()
+    }
+
+    /// Deviation of the distance of each pair that should keep it from its mean over the session, and of all pairs from their true distance [m].
+    fn distances(&self, names: &Names) -> (Vec<f64>, Vec<f64>) {
+        let labels: Vec<u32> = names.keys().copied().collect();
+        let mut pairs = Vec::new();
+        for (place, a) in labels.iter().enumerate() {
+            for b in &labels[..place] {
+                let (found, truth) = self.pair(names, [*a, *b]);
+                let mean = truth.iter().sum::<f64>() / truth.len().max(1) as f64;
+                let often = found.len() as f64 > PAIR_SHARE * self.moments.len() as f64;
+                if often && PAIRS.contains(&mean) && names[a] != names[b] {
+                    let stiff = median(&truth.iter().map(|it| (it - mean).abs()).collect::<Vec<_>>()).unwrap_or(0.0);
+                    pairs.push((stiff, found, truth));
+                }
+            }
+        }
+        let errors = pairs.iter().flat_map(|(_, found, truth)| found.iter().zip(truth).map(|(a, b)| (a - b).abs()));
+        let errors = errors.collect();
+        pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let kept = pairs.iter().take(N_PAIRS).flat_map(|(_, found, _)| {
+            let mean = found.iter().sum::<f64>() / found.len() as f64;
+            found.iter().map(move |it| (it - mean).abs())
+        });
+        (kept.collect(), errors)
+    }
+
+    /// Recovered and true distance of two labels in each moment in which both are measured [m].
+    fn pair(&self, names: &Names, pair: [u32; 2]) -> (Vec<f64>, Vec<f64>) {
+        let both = |moment: &Moment| {
+            let place = |label: u32| {
+                let sample = moment.samples.iter().find(|it| it.label == label && it.how == How::Measured)?;
+                Some((sample.in_world, *moment.truth.get(names[&label])?))
+            };
+            let (one, other) = (place(pair[0])?, place(pair[1])?);
+            Some(((one.0 - other.0).norm(), (one.1 - other.1).norm()))
+        };
+        self.moments.iter().filter_map(both).unzip()
+    }
+
+    /// Figures of distances between marks, under names that end in `suffix`.
+    pub fn report_distances(&self, names: &Names, suffix: &str, report: &mut Report) {
+        let (kept, errors) = self.distances(names);
+        let mut figures = |name: &str, values: &[f64]| {
+            for (which, percent) in [("median", 50.0), ("p95", 95.0), ("max", 100.0)] {
+                let value = percentile(values, percent).map_or(f64::NAN, |it| it * 1e3);
+                report.figure(format!("{name}.{which}{suffix}"), value);
+            }
+        };
+        figures("pair_distance_mm", &kept);
+        figures("pair_error_mm", &errors);
+        let mut wrong = 0;
+        let mut seen = 0;
+        for moment in &self.moments {
+            let pairs: Vec<_> = moment.pairs(names).filter(|it| it.0.how == How::Measured).collect();
+            seen += pairs.len();
+            let Some(motion) = to_truth(&pairs) else { continue };
+            for (sample, own) in &pairs {
+                let place = motion.b_from_a * sample.in_world;
+                let near = nearest(&place, &moment.truth).map_or(f64::INFINITY, |it| it.1);
+                let off = (place - own).norm();
+                wrong += usize::from(off > OTHER && near < off);
+            }
+        }
+        report.figure(format!("marks_measured{suffix}"), seen as f64);
+        report.figure(format!("mark_identity_errors{suffix}"), wrong as f64);
+        report.figure(format!("marks_extra{suffix}"), self.extra(names) as f64);
+    }
+
+    /// Figures of a model's marks: errors in its own space and in the world, and of those that it filled in.
+    pub fn report_shape(&self, names: &Names, n_true: usize, report: &mut Report) {
+        let mut errors = Errors::default();
+        for moment in &self.moments {
+            errors.add(moment, names);
+        }
+        let Errors { whole, world, filled, filled_sigmas } = &errors;
+        let mut spread = |name: &str, values: &[f64]| {
+            for (which, percent) in [("median", 50.0), ("p95", 95.0)] {
+                report.figure(format!("{name}.{which}"), percentile(values, percent).map_or(f64::NAN, |it| it * 1e3));
+            }
+        };
+        spread("face_mm", whole);
+        spread("face_world_mm", world);
+        spread("filled_mm", filled);
+        let frames = self.moments.len().max(1) as f64;
+        let share = |of: &dyn Fn(&Moment) -> bool| self.moments.iter().filter(|it| of(it)).count() as f64 / frames;
+        let covers = |moment: &Moment, is_counted: &dyn Fn(How) -> bool| {
+            let mut marks: Vec<usize> = moment
+                .samples
+                .iter()
+                .filter(|it| is_counted(it.how))
+                .filter_map(|it| names.get(&it.label).copied())
+                .collect();
+            marks.sort_unstable();
+            marks.dedup();
+            marks.len() >= n_true
+        };
+        report.figure("filled", filled.len() as f64);
+        let squares: f64 = filled_sigmas.iter().map(|it| it * it).sum();
+        report.figure("filled_sigmas.rms", (squares / filled_sigmas.len() as f64).sqrt());
+        report.figure("frames_with_all_marks", share(&|it| covers(it, &|_| true)));
+        report.figure("frames_with_all_measured", share(&|it| covers(it, &|how| how == How::Measured)));
+        report.figure("frames_outside_model", share(&|it| it.outside.is_some_and(|outside| outside > 0.5)));
+    }
+
+    /// Rows of a table: one for each moment.
+    pub fn rows(&self, names: &Names) -> Vec<String> {
+        let row = |moment: &Moment| {
+            let mut errors = Errors::default();
+            errors.add(moment, names);
+            let middle = |values: &[f64]| median(values).map_or(String::new(), |it| format!("{:.4}", it * 1e3));
+            let count = |how: How| moment.samples.iter().filter(|it| it.how == how).count();
+            let of = |it: Option<f64>, scale: f64| it.map_or(String::new(), |it| format!("{:.4}", it * scale));
+            format!(
+                "{:.6},{},{},{},{},{},{},{}",
+                moment.time.as_s(),
+                count(How::Measured),
+                count(How::Filled),
+                middle(&errors.whole),
+                middle(&errors.world),
+                middle(&errors.filled),
+                of(moment.rms, 1e3),
+                of(moment.outside, 1.0)
+            )
+        };
+        self.moments.iter().map(row).collect()
+    }
+
+    /// Heading of [`Self::rows`].
+    pub const HEADING: &str = "time_s,measured,filled,face_mm,face_world_mm,filled_mm,fit_rms_mm,outside";
+}
+
+/// Distances from the truth [m].
+#[derive(Default)]
+struct Errors {
+    /// After the rigid motion that brings all marks closest to the truth.
+    whole: Vec<f64>,
+    world: Vec<f64>,
+    filled: Vec<f64>,
+    /// Of the filled ones, in stated standard deviations of three axes.
+    filled_sigmas: Vec<f64>,
+}
+
+impl Errors {
+    fn add(&mut self, moment: &Moment, names: &Names) {
+        let pairs: Vec<_> = moment.pairs(names).collect();
+        let Some(motion) = to_truth(&pairs) else { return };
+        for ((sample, truth), off) in pairs.iter().zip(&motion.distances) {
+            self.whole.push(*off);
+            self.world.push((sample.in_world - truth).norm());
+            if sample.how == How::Filled {
+                self.filled.push(*off);
+                self.filled_sigmas.push(off / (3.0_f64.sqrt() * sample.sigma));
+            }
+        }
+    }
+}
+
+/// Number of and distance to the closest of `places` [m].
+fn nearest(to: &Point3<f64>, places: &[Point3<f64>]) -> Option<(usize, f64)> {
+    let distances = places.iter().map(|it| (it - to).norm()).enumerate();
+    distances.min_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+/// What trackers reported of marks in pictures, against where these truly were.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct SightTrack {
+    /// Label, nearest true mark, distance to it and to all others by number [px].
+    sights: Vec<(u32, Vec<f32>)>,
+}
+
+impl SightTrack {
+    /// Takes in a mark that was reported under `label`, by its distance from each true mark in that picture [px]; not a number for those that are not before the
+    /// camera.
+    pub fn add(&mut self, label: u32, distances: Vec<f32>) {
+        self.sights.push((label, distances));
+    }
+
+    /// How many were reported, and how many of them farther than `wrong_px` from where their mark truly was.
+    pub fn wrong(&self, names: &Names, wrong_px: f64) -> (usize, usize) {
+        let known = self.sights.iter().filter_map(|(label, distances)| distances.get(*names.get(label)?));
+        let (mut all, mut wrong) = (0, 0);
+        for distance in known {
+            all += 1;
+            wrong += usize::from(f64::from(*distance).partial_cmp(&wrong_px).is_none_or(|it| it.is_gt()));
+        }
+        (all, wrong)
+    }
+
+    /// Distances of those that were reported near where their mark truly was [px].
+    pub fn right(&self, names: &Names, wrong_px: f64) -> Vec<f64> {
+        let known = self.sights.iter().filter_map(|(label, distances)| distances.get(*names.get(label)?));
+        known.map(|it| f64::from(*it)).filter(|it| *it <= wrong_px).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_messages::{CameraSet, Mark};
+    use nalgebra::{Isometry3, Matrix3, Vector3};
+
+    use super::*;
+
+    fn truth() -> Vec<Point3<f64>> {
+        (0..20)
+            .map(|it| Point3::new(f64::from(it % 5) * 0.02, 0.001 * f64::from(it * it % 7), f64::from(it / 5) * 0.02))
+            .collect()
+    }
+
+    fn marks(places: &[(u32, Point3<f64>, How)]) -> Marks {
+        let mark = |(label, position, how): &(u32, Point3<f64>, How)| Mark {
+            label: *label,
+            position: *position,
+            covariance: Matrix3::identity() * 1e-6,
+            cameras: CameraSet::default(),
+            how: *how,
+        };
+        Marks { list: places.iter().map(mark).collect(), ..Marks::default() }
+    }
+
+    fn figures(of: impl FnOnce(&mut Report)) -> BTreeMap<String, f64> {
+        let mut report = Report::default();
+        of(&mut report);
+        report.figures
+    }
+
+    #[test]
+    fn what_is_filled_is_judged_without_the_motion_of_the_whole() {
+        let truth = truth();
+        let mut track = MarkTrack::default();
+        let motion = Isometry3::new(Vector3::new(0.003, 0.0, 0.0), Vector3::new(0.0, 0.01, 0.0));
+        for frame in 0..5 {
+            let place = |(label, it): (u32, &Point3<f64>)| {
+                let is_hidden = frame > 2 && label == 6;
+                let off = if is_hidden { Vector3::x() * 0.001 } else { Vector3::zeros() };
+                (label + 100, motion * (it + off), if is_hidden { How::Filled } else { How::Measured })
+            };
+            let places: Vec<_> = (0..).zip(&truth).map(place).collect();
+            track.add(&marks(&places), truth.clone());
+        }
+        let names = track.names();
+        assert_eq!(names[&106], 6);
+        let found = figures(|report| track.report_shape(&names, 20, report));
+        assert!((found["filled_mm.median"] - 1.0).abs() < 0.1, "{found:?}");
+        assert!(found["face_mm.median"] < 0.1 && found["face_world_mm.median"] > 2.0, "{found:?}");
+        assert!((found["filled_sigmas.rms"] - 1.0 / 3.0_f64.sqrt()).abs() < 0.1, "{found:?}");
+        assert_eq!((found["frames_with_all_marks"], found["frames_with_all_measured"]), (1.0, 0.6));
+    }
+
+    #[test]
+    fn marks_that_change_places_are_counted_and_distances_compared_with_their_means() {
+        let truth = truth();
+        let mut track = MarkTrack::default();
+        for frame in 0..40 {
+            let shake = if frame % 2 == 0 { 0.5e-3 } else { -0.5e-3 };
+            let mut places: Vec<_> = (0..).zip(&truth).map(|(label, it)| (label, *it, How::Measured)).collect();
+            places[3].1.z += shake;
+            if frame == 39 {
+                (places[8].1, places[9].1) = (places[9].1, places[8].1);
+            }
+            places.push((77, Point3::new(1.0, 1.0, 1.0), How::Measured));
+            track.add(&marks(&places), truth.clone());
+        }
+        let names = track.names();
+        let found = figures(|report| track.report_distances(&names, "", report));
+        assert_eq!((found["mark_identity_errors"], found["marks_extra"]), (2.0, 1.0));
+        assert!(found["pair_distance_mm.median"] < 0.01 && found["pair_distance_mm.max"] > 0.4, "{found:?}");
+    }
+
+    #[test]
+    fn a_sight_is_wrong_when_it_is_far_from_its_own_mark() {
+        let mut track = SightTrack::default();
+        let names: Names = [(5, 1)].into();
+        track.add(5, vec![20.0, 0.4]);
+        track.add(5, vec![0.3, 12.0]);
+        track.add(5, vec![0.3, f32::NAN]);
+        track.add(6, vec![0.1, 0.1]);
+        assert_eq!(track.wrong(&names, 4.0), (3, 2));
+        assert_eq!(track.right(&names, 4.0).len(), 1);
+    }
+}
