@@ -47,7 +47,7 @@ pub fn write_rig(folder: &Path, graph: &Graph) -> Result<(), String> {
 /// A sentence for each file that could not be written.
 pub fn write_outcome(folder: &Path, graph: &Graph, outcome: &Outcome) -> Result<(), Vec<String>> {
     let files = [
-        ("summary.json", summary(outcome)),
+        ("summary.json", summary(outcome, graph.report_speed)),
         ("ledger.csv", ledger(graph, outcome)),
         ("events.csv", events(outcome)),
         ("timing.json", timing(outcome)),
@@ -57,8 +57,9 @@ pub fn write_outcome(folder: &Path, graph: &Graph, outcome: &Outcome) -> Result<
     if complaints.is_empty() { Ok(()) } else { Err(complaints) }
 }
 
-/// Figures under dotted names: the nodes' own, and what the ledgers add up to. The same bytes for the same run.
-pub fn summary(outcome: &Outcome) -> String {
+/// Figures under dotted names: the nodes' own, and what the ledgers add up to. The same bytes for the same run, but for `real_time_factor` where
+/// the rig asks for it with `report_speed`.
+pub fn summary(outcome: &Outcome, report_speed: bool) -> String {
     let mut figures: Map<String, Value> = Map::new();
     let sum = |of: fn(&foveate_dataflow::ledger::Ledger) -> u64| outcome.ledgers.iter().map(of).sum::<u64>();
     figures.insert("session_s".into(), number(outcome.ended.as_s()));
@@ -73,6 +74,9 @@ pub fn summary(outcome: &Outcome) -> String {
     figures.insert("requirements_unmet".into(), json!(outcome.unmet.len()));
     for (name, &value) in &outcome.report.figures {
         figures.insert(name.clone(), number(value));
+    }
+    if report_speed {
+        figures.insert("real_time_factor".into(), number(real_time_factor(outcome)));
     }
     let mut sorted: Vec<_> = figures.into_iter().collect();
     sorted.sort_by(|a, b| a.0.cmp(&b.0));
@@ -162,8 +166,15 @@ fn events(outcome: &Outcome) -> String {
 
 /// What differs from run to run, kept out of the summary.
 fn timing(outcome: &Outcome) -> String {
-    let (session, wall) = (outcome.ended.as_s(), outcome.wall.as_secs_f64());
-    pretty(&json!({ "wall_s": wall, "real_time_factor": session / wall, "interrupted": outcome.interrupted }))
+    let factor = real_time_factor(outcome);
+    pretty(
+        &json!({ "wall_s": outcome.wall.as_secs_f64(), "real_time_factor": factor, "interrupted": outcome.interrupted }),
+    )
+}
+
+/// Session time over wall time.
+fn real_time_factor(outcome: &Outcome) -> f64 {
+    outcome.ended.as_s() / outcome.wall.as_secs_f64()
 }
 
 /// Writes a file so that it is there whole or not at all. What is no ordinary file (a device, a pipe) is written to, not replaced.

@@ -24,6 +24,8 @@ pub struct Graph {
     pub seed: u64,
     /// Where simulated and file-fed sources are cut off.
     pub duration: Option<Interval>,
+    /// Whether the summary of a run has its speed too, which differs from run to run.
+    pub report_speed: bool,
     /// The folder of the rig file.
     pub rig_dir: PathBuf,
     /// All cameras.
@@ -229,6 +231,7 @@ impl Graph {
             name: self.name.clone(),
             seed: self.seed,
             duration: self.duration,
+            report_speed: self.report_speed,
             rig_dir: self.rig_dir.clone(),
             calibration: Arc::clone(&self.calibration),
             scales: self.scales.clone(),

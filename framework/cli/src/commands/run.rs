@@ -58,7 +58,7 @@ fn conclude(graph: &Graph, outcome: &Outcome, folder: &Path) -> u8 {
         Err(complaints) => {
             complaints.iter().for_each(|it| eprintln!("error: {it}"));
             // What could not be saved must not be lost: the figures still reach the person.
-            eprintln!("summary.json would have been:\n{}", results::summary(outcome));
+            eprintln!("summary.json would have been:\n{}", results::summary(outcome, graph.report_speed));
             code.max(exit::INPUT)
         }
     }

@@ -108,6 +108,7 @@ impl Finish<'_, '_> {
             name: self.rig.name.clone(),
             seed: self.seed,
             duration: self.duration_s.map(Interval::from_s),
+            report_speed: self.rig.report_speed,
             rig_dir: self.rig_dir.clone(),
             claims: Claims::default(),
             calibration: Arc::clone(self.calibration.as_ref()?),

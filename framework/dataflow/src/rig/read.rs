@@ -21,6 +21,7 @@ pub(super) struct RigText<'t> {
     pub folder: Option<Spanned<String>>,
     pub seed: u64,
     pub duration_s: Option<f64>,
+    pub report_speed: bool,
     /// In the order of the text.
     pub scales: Vec<ScaleText<'t>>,
 }
@@ -69,6 +70,7 @@ fn read_rig<'t>(top: &mut Keys<'t>, text: &str, findings: &mut Findings) -> RigT
         folder: None,
         seed: 1,
         duration_s: None,
+        report_speed: false,
         scales: Vec::new(),
     };
     let Some((key, value)) = top.take_entry("rig") else {
@@ -99,6 +101,9 @@ fn read_rig<'t>(top: &mut Keys<'t>, text: &str, findings: &mut Findings) -> RigT
     }
     if let Some(value) = keys.take("duration_s") {
         rig.duration_s = findings.number("duration_s", &value, "more than 0 and at most 9e9 [s]", is_duration);
+    }
+    if let Some(value) = keys.take("report_speed") {
+        rig.report_speed = findings.flag("report_speed", &value).unwrap_or(false);
     }
     keys.close("`[rig]`", findings);
     rig

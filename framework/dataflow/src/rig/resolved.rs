@@ -45,6 +45,7 @@ pub(super) fn write(head: &Head<'_>, names: &Names<'_, '_>) -> Result<String, (u
     if let Some(duration_s) = head.duration_s {
         line(&mut text, "duration_s", &Value::from(duration_s));
     }
+    line(&mut text, "report_speed", &Value::from(head.rig.report_speed));
     let anchored = anchored_to(names.scales);
     let mut nodes = names.nodes.iter().enumerate().peekable();
     for (index, scale) in names.scales.iter().enumerate() {

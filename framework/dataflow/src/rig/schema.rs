@@ -82,6 +82,10 @@ fn head() -> Json {
             "duration_s": {
                 "description": "Where simulated and file-fed sources are cut off [s].",
                 "type": "number", "exclusiveMinimum": 0, "maximum": 9e9
+            },
+            "report_speed": {
+                "description": "Whether `summary.json` has the `real_time_factor` too, the one line in it that then differs from run to run.",
+                "type": "boolean", "default": false
             }
         },
         "required": ["name"],

@@ -18,6 +18,7 @@ const WORDS: [&str; 68] = [
     "calibration",
     "seed",
     "duration_s",
+    "report_speed",
     "folder",
     "parent",
     "anchor",
