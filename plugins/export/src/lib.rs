@@ -12,6 +12,7 @@
 //! Tables reach the disk while the run goes on. A disk that is full or a folder that cannot be written to loses nothing: rows
 //! wait in memory, and lie in the system's folder for temporary files at the end, with an error that says where.
 
+pub mod c3d;
 mod csv;
 pub mod features;
 mod last_of_time;
