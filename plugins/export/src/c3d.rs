@@ -15,6 +15,7 @@
 //!
 //! A file that lies about its sizes costs no more memory than a few times its own length.
 
+mod node;
 mod order;
 mod parameters;
 mod read;
@@ -24,6 +25,7 @@ mod write;
 
 use std::fmt;
 
+pub use node::{EventSettings, ExportC3d, ExportC3dSettings, Numbers};
 pub use order::ByteOrder;
 pub use read::read;
 pub use write::{Coding, write};
@@ -89,6 +91,8 @@ pub struct Recording {
     pub events: Vec<Event>,
     /// Analog channels; written only where there are none.
     pub analog: Analog,
+    /// Session time of the first frame, where the file says it [s].
+    pub start_s: Option<f64>,
     /// What each bit of [`Sample::cameras`] stands for, at most 7; empty where the file does not say.
     pub cameras: Vec<String>,
 }

@@ -5,6 +5,10 @@
 //! | [`export.targets`](targets::ExportTargets) | `targets.csv`: time, target, position, covariance, cameras, how |
 //! | [`export.features`](features::ExportFeatures) | `features.csv`: 2D detections, as `capture.detections` reads them |
 //! | [`export.pictures`](pictures::ExportPictures) | paths from above and from the side, position and cameras over time, as SVG |
+//! | [`export.marks`](marks::ExportMarks) | `marks.csv`: painted marks, in the space of the head and in the world |
+//! | [`export.c3d`](c3d::ExportC3d) | `motion.c3d`: targets and marks at regular times, in millimetres of the world |
+//! | [`export.trc`](trc::ExportTrc) | `motion.trc`: the same for OpenSim |
+//! | [`export.npy`](npz::ExportNpy) | `motion.npz`: the same for NumPy, with covariances, cameras and how |
 //! | [`export.overlay`](overlay::ExportOverlay) | some pictures of a camera with the points ringed that were found in them, as PNG |
 //!
 //! [`plot`] is what the pictures are drawn with; programs that measure draw their own figures with it.
@@ -15,7 +19,10 @@
 pub mod c3d;
 mod csv;
 pub mod features;
+mod gather;
 mod last_of_time;
+pub mod marks;
+pub mod npz;
 pub mod overlay;
 mod paint;
 pub mod pictures;
@@ -23,7 +30,10 @@ pub mod plot;
 mod row_file;
 mod target_rows;
 pub mod targets;
+mod time_base;
 mod track_history;
+pub mod trc;
+mod whole_file;
 
 use foveate::prelude::Registry;
 
@@ -33,4 +43,8 @@ pub fn register(registry: &mut Registry) {
     registry.add::<features::ExportFeatures>();
     registry.add::<pictures::ExportPictures>();
     registry.add::<overlay::ExportOverlay>();
+    registry.add::<marks::ExportMarks>();
+    registry.add::<c3d::ExportC3d>();
+    registry.add::<trc::ExportTrc>();
+    registry.add::<npz::ExportNpy>();
 }

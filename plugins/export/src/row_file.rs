@@ -159,7 +159,7 @@ fn write_out(file: &mut Option<File>, path: &Path, waiting: &mut Vec<u8>, writte
 }
 
 /// A file that was not there before, `name` with a number in front where it is taken.
-fn create_new(folder: &Path, name: &str) -> Result<(PathBuf, File), String> {
+pub(crate) fn create_new(folder: &Path, name: &str) -> Result<(PathBuf, File), String> {
     for number in 0..REFUGE_TRIES {
         let path = folder.join(if number == 0 { name.to_owned() } else { format!("{number}-{name}") });
         match OpenOptions::new().write(true).create_new(true).open(&path) {

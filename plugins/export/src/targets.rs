@@ -129,7 +129,7 @@ impl Table {
 }
 
 /// Position and upper triangle of its covariance, each with a comma before it.
-fn write_point(text: &mut String, position: &Point3<f64>, covariance: &Matrix3<f64>) {
+pub(crate) fn write_point(text: &mut String, position: &Point3<f64>, covariance: &Matrix3<f64>) {
     for coordinate in position.iter() {
         text.push(',');
         fixed(text, *coordinate, 6);

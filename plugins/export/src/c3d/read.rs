@@ -70,6 +70,7 @@ pub fn read(file: &[u8]) -> Result<Recording, C3dError> {
         samples,
         events: events(bytes, &parameters)?,
         analog: analog(raw, &layout, &parameters),
+        start_s: parameters.texts("FOVEATE", "START_S").first().and_then(|it| it.parse().ok()),
         cameras: parameters.texts("FOVEATE", "CAMERAS"),
     })
 }

@@ -34,6 +34,7 @@ fn recording(n_points: usize, n_frames: usize) -> Recording {
         samples: (0..n_points * n_frames).map(sample).collect(),
         events: (0..3).map(event).collect(),
         analog: Analog::default(),
+        start_s: Some(12.000_000_001),
         cameras: ["ptz-1", "ptz-2"].map(str::to_owned).to_vec(),
     }
 }

@@ -221,9 +221,12 @@ fn parameters(recording: &Recording, scale: f32, order: ByteOrder) -> Result<Vec
             .collect();
         to.floats("TIMES", &[2, events.len() as u8], &times);
     }
+    to.group("FOVEATE");
     if !recording.cameras.is_empty() {
-        to.group("FOVEATE");
         to.many_texts("CAMERAS", &recording.cameras)?;
+    }
+    if let Some(start_s) = recording.start_s {
+        to.texts("START_S", &[&start_s.to_string()])?;
     }
     to.group("MANUFACTURER");
     to.texts("COMPANY", &["Foveate"])?;

@@ -1,0 +1,323 @@
+//! What the exports on one time base have in common: targets, marks and cameras of a run, in the world, at regular times.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use foveate::dataflow::scale::Spaces;
+use foveate::messages::ScaleId;
+use foveate::prelude::*;
+use foveate::scene::{LengthUnit, UncertainPose};
+use nalgebra::Isometry3;
+
+use crate::csv::check_file_name;
+use crate::last_of_time::LastOfTime;
+use crate::time_base::{Sample, Settling, Ticks, TimeBase, Tracks};
+
+pub(crate) const TARGETS: In<Targets> = In::each(0, "targets").optional();
+pub(crate) const PARENT_TARGETS: In<Targets> = In::each(1, "parent_targets").of_parent().optional();
+pub(crate) const MARKS: In<Marks> = In::each(2, "marks").optional();
+pub(crate) const SPACES: In<ScaleSpace> = In::latest(3, "spaces").many().optional();
+
+/// The inputs of all exports but for cameras.
+pub(crate) fn ports() -> Ports {
+    Ports::new().input(&TARGETS).input(&PARENT_TARGETS).input(&MARKS).input(&SPACES)
+}
+
+/// Samples farther apart leave a hole [ms].
+pub(crate) fn default_gap_ms() -> f64 {
+    50.0
+}
+
+/// The settings that all exports on one time base have.
+pub(crate) struct Common<'a> {
+    pub(crate) file: &'a str,
+    pub(crate) rate_hz: f64,
+    pub(crate) gap_ms: f64,
+    pub(crate) labels: &'a BTreeMap<String, String>,
+}
+
+/// A point of the world over time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Point {
+    Target(TargetId),
+    ParentTarget(TargetId),
+    Mark(u32),
+    /// In the space of the marks.
+    OwnMark(u32),
+}
+
+/// A space of the world over time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Body {
+    Marks,
+}
+
+/// What waits until the time base is known.
+#[derive(Debug, Clone)]
+enum Item {
+    Point(Point, Sample),
+    Body(Body, Isometry3<f64>),
+}
+
+/// A point's samples: frame, counted from 0, and sample, ascending.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Column {
+    pub(crate) label: String,
+    /// The target of the node's own scale, where it is one.
+    pub(crate) target: Option<TargetId>,
+    /// The mark, where it is one.
+    pub(crate) mark: Option<u32>,
+    pub(crate) samples: Vec<(usize, Sample)>,
+}
+
+/// Poses by frame, `world_from_…`.
+pub(crate) type Poses = Vec<(usize, Isometry3<f64>)>;
+
+/// All that was gathered, frame by frame.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Table {
+    /// When frame 0 is.
+    pub(crate) start: Time,
+    pub(crate) rate_hz: f64,
+    pub(crate) n_frames: usize,
+    /// In the world: targets of the scale, of its parent, then marks.
+    pub(crate) points: Vec<Column>,
+    /// The marks once more, in the space of the head.
+    pub(crate) own_marks: Vec<Column>,
+    /// `world_from_marks`.
+    pub(crate) marks_from: Poses,
+}
+
+impl Table {
+    /// When a frame is.
+    pub(crate) fn time_s(&self, frame: usize) -> f64 {
+        self.start.as_s() + frame as f64 / self.rate_hz
+    }
+
+    /// Points frame by frame, in each frame point by point; `make` of a sample, `missing` where there is none.
+    pub(crate) fn dense<T: Clone>(
+        columns: &[Column],
+        n_frames: usize,
+        missing: T,
+        make: impl Fn(&Sample) -> T,
+    ) -> Vec<T> {
+        let mut all = vec![missing; columns.len() * n_frames];
+        for (place, column) in columns.iter().enumerate() {
+            for (frame, sample) in &column.samples {
+                all[frame * columns.len() + place] = make(sample);
+            }
+        }
+        all
+    }
+}
+
+/// Gathers what comes in.
+pub(crate) struct Gather {
+    spaces: Spaces,
+    parent: Option<(ScaleId, String)>,
+    last: [LastOfTime; 2],
+    settling: Settling<(Time, Item)>,
+    points: Tracks<Point, Sample>,
+    bodies: Tracks<Body, Isometry3<f64>>,
+    labels: BTreeMap<String, String>,
+    /// Samples of a scale whose place in the world was not known.
+    without_place: u64,
+    unit_is_known: bool,
+}
+
+impl Gather {
+    /// Checks the settings that exports have in common.
+    pub(crate) fn new(common: &Common, setup: &Setup) -> Result<Self, ConfigError> {
+        check_file_name("file", common.file)?;
+        setup.claim_file(Some("file"), common.file)?;
+        ConfigError::unless_in("rate_hz", common.rate_hz, 0.0..=100_000.0)?;
+        ConfigError::unless_in("gap_ms", common.gap_ms, 0.0..=60_000.0)?;
+        let mut taken = BTreeSet::new();
+        for (name, label) in common.labels {
+            if label.trim().is_empty() || label.chars().any(char::is_control) || !taken.insert(label) {
+                let message =
+                    format!("found `{label}` for `{name}`, expected a name of its own, without tabs or line ends");
+                return Err(ConfigError::at("labels", message));
+            }
+        }
+        let parent = setup.scales.place(setup.scales.own).and_then(|it| it.parent);
+        let moves = |scale: ScaleId| {
+            setup.scales.around(scale).any(|it| setup.scales.place(it).is_some_and(|it| it.is_anchored))
+        };
+        let needs_own = setup.is_connected(&TARGETS) && moves(setup.scales.own);
+        let needs_parent = setup.is_connected(&PARENT_TARGETS) && parent.is_some_and(moves);
+        if (needs_own || needs_parent) && !setup.is_connected(&SPACES) {
+            return Err(ConfigError::node(
+                "targets of a scale whose space moves have no place in the world without its anchors; found nothing at `spaces`, \
+                 expected `anchor.space` of that scale and of those around it",
+            ));
+        }
+        let gap = Interval::from_ms(common.gap_ms);
+        Ok(Self {
+            spaces: Spaces::new(&setup.scales),
+            parent: parent.and_then(|it| Some((it, setup.scales.place(it)?.name.clone()))),
+            last: Default::default(),
+            settling: Settling::new(common.rate_hz, setup.is_connected(&MARKS)),
+            points: Tracks::new(gap),
+            bodies: Tracks::new(gap),
+            labels: common.labels.clone(),
+            without_place: 0,
+            unit_is_known: setup.calibration.length_unit == LengthUnit::Metre,
+        })
+    }
+
+    /// Takes what a turn is about.
+    pub(crate) fn take(&mut self, io: &mut Io<'_>) {
+        io.latest_of_each(&SPACES).for_each(|it| self.spaces.learn(it.value));
+        while let Some(message) = io.take(&TARGETS) {
+            self.push_targets(message.value, false);
+        }
+        while let Some(message) = io.take(&PARENT_TARGETS) {
+            self.push_targets(message.value, true);
+        }
+        while let Some(message) = io.take(&MARKS) {
+            self.push_marks(&message.value);
+        }
+    }
+
+    pub(crate) fn push_targets(&mut self, message: Arc<Targets>, of_parent: bool) {
+        if let Some(message) = self.last[usize::from(of_parent)].push(message) {
+            self.add_targets(&message, of_parent);
+        }
+    }
+
+    fn add_targets(&mut self, message: &Targets, of_parent: bool) {
+        let own = self.spaces.own();
+        let scale = self.parent.as_ref().map(|it| it.0).filter(|_| of_parent).unwrap_or(own);
+        let Ok(world_from_scale) = self.spaces.a_from_b(self.spaces.root(), scale, message.time) else {
+            self.without_place += message.list.iter().filter(|it| it.how != How::Predicted).count() as u64;
+            return;
+        };
+        for target in &message.list {
+            let covariance = target.covariance.fixed_view::<3, 3>(0, 0).into_owned();
+            let (position, covariance) = world_from_scale.transform_point(&target.position, &covariance);
+            let key = if of_parent { Point::ParentTarget(target.id) } else { Point::Target(target.id) };
+            if let Some(sample) = Sample::new(position, &covariance, target.how, &target.cameras) {
+                self.push(message.time, Item::Point(key, sample));
+            }
+        }
+    }
+
+    pub(crate) fn push_marks(&mut self, marks: &Marks) {
+        self.settling.hear(marks.time);
+        let world_from_marks = UncertainPose { transform: marks.world_from_marks, covariance: marks.covariance };
+        let mut is_any = false;
+        for mark in &marks.list {
+            let (position, covariance) = world_from_marks.transform_point(&mark.position, &mark.covariance);
+            let in_world = Sample::new(position, &covariance, mark.how, &mark.cameras);
+            let own = Sample::new(mark.position, &mark.covariance, mark.how, &mark.cameras);
+            if let (Some(in_world), Some(own)) = (in_world, own) {
+                self.push(marks.time, Item::Point(Point::Mark(mark.label), in_world));
+                self.push(marks.time, Item::Point(Point::OwnMark(mark.label), own));
+                is_any = true;
+            }
+        }
+        if is_any {
+            self.push(marks.time, Item::Body(Body::Marks, marks.world_from_marks));
+        }
+    }
+
+    fn push(&mut self, time: Time, item: Item) {
+        match self.settling.base() {
+            Some(base) => {
+                self.release(&base);
+                self.put(&base, time, item);
+            }
+            None => self.settling.hold((time, item)),
+        }
+    }
+
+    fn release(&mut self, base: &TimeBase) {
+        for (time, item) in self.settling.release() {
+            self.put(base, time, item);
+        }
+    }
+
+    fn put(&mut self, base: &TimeBase, time: Time, item: Item) {
+        match item {
+            Item::Point(key, sample) => self.points.push(base, key, time, sample),
+            Item::Body(key, pose) => self.bodies.push(base, key, time, pose),
+        }
+    }
+
+    fn name(&self, point: Point) -> String {
+        let name = match point {
+            Point::Target(id) => format!("target-{}", id.0),
+            Point::ParentTarget(id) => {
+                format!("{}-target-{}", self.parent.as_ref().map_or("parent", |it| it.1.as_str()), id.0)
+            }
+            Point::Mark(label) | Point::OwnMark(label) => format!("mark-{label}"),
+        };
+        self.labels.get(&name).cloned().unwrap_or(name)
+    }
+
+    /// All that was gathered. Says in the report what could not be used, and what `file` is to be read with care for.
+    pub(crate) fn finish(mut self, file: &str, report: &mut Report) -> Table {
+        for of_parent in [false, true] {
+            if let Some(message) = self.last[usize::from(of_parent)].finish() {
+                self.add_targets(&message, of_parent);
+            }
+        }
+        let base = self.settling.settle();
+        self.release(&base);
+        let empty = Tracks::new(Interval(0));
+        let (points, late) = std::mem::replace(&mut self.points, empty).finish(&base);
+        let (bodies, _) = std::mem::replace(&mut self.bodies, Tracks::new(Interval(0))).finish(&base);
+        let ends = points.iter().map(|it| (it.1[0].0, it.1[it.1.len() - 1].0));
+        let (first, last) = ends.fold((i64::MAX, i64::MIN), |all, it| (all.0.min(it.0), all.1.max(it.1)));
+        let n_frames = if points.is_empty() { 0 } else { (last - first + 1) as usize };
+        let in_frames = |poses: Ticks<Isometry3<f64>>| -> Poses {
+            let within = poses.into_iter().filter(|it| (first..=last).contains(&it.0));
+            within.map(|(tick, pose)| ((tick - first) as usize, pose)).collect()
+        };
+        let mut table = Table {
+            start: if points.is_empty() { base.start } else { base.at(first) },
+            rate_hz: base.rate_hz,
+            n_frames,
+            points: Vec::new(),
+            own_marks: Vec::new(),
+            marks_from: Vec::new(),
+        };
+        for (key, ticks) in points {
+            let column = Column {
+                label: self.name(key),
+                target: if let Point::Target(id) = key { Some(id) } else { None },
+                mark: if let Point::Mark(label) | Point::OwnMark(label) = key { Some(label) } else { None },
+                samples: ticks.into_iter().map(|(tick, it)| ((tick - first) as usize, it)).collect(),
+            };
+            let columns = if matches!(key, Point::OwnMark(_)) { &mut table.own_marks } else { &mut table.points };
+            columns.push(column);
+        }
+        for (key, ticks) in bodies {
+            match key {
+                Body::Marks => table.marks_from = in_frames(ticks),
+            }
+        }
+        self.remark(late, file, &table, report);
+        table
+    }
+
+    fn remark(&self, late: u64, file: &str, table: &Table, report: &mut Report) {
+        if late > 0 {
+            report.remark(format!(
+                "{file}: {late} samples were of an earlier time than one before them, and are left out"
+            ));
+        }
+        if self.without_place > 0 {
+            let n = self.without_place;
+            report.remark(format!(
+                "{file}: {n} samples were of a scale whose place in the world was not known, and are left out"
+            ));
+        }
+        if !self.unit_is_known && table.n_frames > 0 {
+            report.remark(format!(
+                "the lengths in {file} are in the calibration's own unit, which was never measured in metres"
+            ));
+        }
+    }
+}

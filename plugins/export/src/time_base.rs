@@ -1,0 +1,355 @@
+//! Samples of any times on one regular time base.
+//!
+//! Tick k lies at start + k / rate. Between two samples that are at most `gap` apart, a tick at the share w of the way gets
+//!
+//! | here | formula | unit |
+//! |---|---|---|
+//! | position | (1 − w) p₀ + w p₁ | m |
+//! | covariance | (1 − w) P₀ + w P₁: no less than that of the position, however the errors of the two go together | m² |
+//! | cameras | those of both | – |
+//! | how | filled where one of them is filled, measured otherwise | – |
+//!
+//! A tick on a sample gets that sample; all others get nothing. What a motion model alone predicted takes no part: it is not data.
+
+use std::collections::BTreeMap;
+
+use foveate::prelude::*;
+use nalgebra::{Isometry3, Matrix3, Point3, Translation3};
+
+/// A sample this near to a tick lies on it.
+const ON_TICK: Interval = Interval(1_000);
+
+/// A regular clock.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct TimeBase {
+    /// Of tick 0.
+    pub(crate) start: Time,
+    pub(crate) rate_hz: f64,
+}
+
+impl TimeBase {
+    pub(crate) fn at(&self, tick: i64) -> Time {
+        self.start + Interval::from_s(tick as f64 / self.rate_hz)
+    }
+
+    /// The first tick that is not before `time`, but for [`ON_TICK`].
+    fn first_from(&self, time: Time) -> i64 {
+        let since = (time - ON_TICK - self.start).as_s();
+        let mut tick = (since * self.rate_hz).floor() as i64;
+        while self.at(tick) < time - ON_TICK {
+            tick += 1;
+        }
+        tick
+    }
+}
+
+/// What can be told between two samples.
+pub(crate) trait Between: Clone {
+    /// At `share` of the way from `self` to `other`, 0 to 1.
+    fn between(&self, other: &Self, share: f64) -> Self;
+}
+
+/// What is known of a point at one time: small, for all samples of a run are kept.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Sample {
+    /// [m]
+    pub(crate) position: Point3<f64>,
+    /// Upper triangle of the covariance of the position, by rows [m²].
+    pub(crate) covariance: [f32; 6],
+    /// Measured or filled.
+    pub(crate) is_filled: bool,
+    pub(crate) cameras: CameraSet,
+}
+
+/// Row and column of what [`Sample::covariance`] holds.
+pub(crate) const TRIANGLE: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+
+impl Sample {
+    /// `None`: predicted only, or not a number.
+    pub(crate) fn new(position: Point3<f64>, covariance: &Matrix3<f64>, how: How, cameras: &CameraSet) -> Option<Self> {
+        let is_data = how != How::Predicted && position.iter().all(|it| it.is_finite());
+        is_data.then(|| Self {
+            position,
+            covariance: TRIANGLE.map(|it| covariance[it] as f32),
+            is_filled: how == How::Filled,
+            cameras: cameras.clone(),
+        })
+    }
+
+    /// Standard deviation of the position: the root of the mean variance over the three axes [m].
+    pub(crate) fn sigma(&self) -> f64 {
+        let [xx, _, _, yy, _, zz] = self.covariance.map(f64::from);
+        ((xx + yy + zz) / 3.0).max(0.0).sqrt()
+    }
+}
+
+impl Between for Sample {
+    fn between(&self, other: &Self, share: f64) -> Self {
+        let mut covariance = self.covariance;
+        for (to, it) in covariance.iter_mut().zip(other.covariance) {
+            *to = (f64::from(*to) * (1.0 - share) + f64::from(it) * share) as f32;
+        }
+        let mut cameras = self.cameras.clone();
+        other.cameras.iter().for_each(|it| cameras.insert(it));
+        let position = self.position + (other.position - self.position) * share;
+        Self { position, covariance, is_filled: self.is_filled || other.is_filled, cameras }
+    }
+}
+
+impl Between for Isometry3<f64> {
+    fn between(&self, other: &Self, share: f64) -> Self {
+        let arc = self.rotation.rotation_to(&other.rotation).scaled_axis();
+        let rotation = nalgebra::UnitQuaternion::from_scaled_axis(arc * share) * self.rotation;
+        let translation = self.translation.vector.lerp(&other.translation.vector, share);
+        Isometry3::from_parts(Translation3::from(translation), rotation)
+    }
+}
+
+/// Tick and value, ascending.
+pub(crate) type Ticks<T> = Vec<(i64, T)>;
+
+/// What is known of one thing on the time base so far.
+#[derive(Debug, Clone)]
+pub(crate) struct Track<T> {
+    last: Option<(Time, T)>,
+    ticks: Ticks<T>,
+}
+
+impl<T> Default for Track<T> {
+    fn default() -> Self {
+        Self { last: None, ticks: Vec::new() }
+    }
+}
+
+impl<T: Between> Track<T> {
+    /// Takes a sample; of several of one time the last one counts. `false`: it is of an earlier time than one before it, and left out.
+    fn push(&mut self, base: &TimeBase, gap: Interval, time: Time, value: T) -> bool {
+        match self.last.take() {
+            Some((before, last)) if time < before => {
+                self.last = Some((before, last));
+                return false;
+            }
+            Some((before, last)) if time > before => {
+                if time - before <= gap {
+                    let mut tick = base.first_from(before);
+                    while base.at(tick) < time - ON_TICK {
+                        let since = base.at(tick) - before;
+                        let share = since.as_s() / (time - before).as_s();
+                        self.give(tick, if since <= ON_TICK { last.clone() } else { last.between(&value, share) });
+                        tick += 1;
+                    }
+                } else {
+                    self.close(base, before, last);
+                }
+            }
+            _ => {}
+        }
+        self.last = Some((time, value));
+        true
+    }
+
+    /// A sample that nothing follows.
+    fn close(&mut self, base: &TimeBase, time: Time, last: T) {
+        let tick = base.first_from(time);
+        if base.at(tick) - time <= ON_TICK {
+            self.give(tick, last);
+        }
+    }
+
+    fn give(&mut self, tick: i64, value: T) {
+        // Samples within a microsecond of each other may both lie on a tick.
+        if self.ticks.last().is_none_or(|it| it.0 < tick) {
+            self.ticks.push((tick, value));
+        }
+    }
+}
+
+/// Times that the period is found from, where no rate is given.
+const TIMES_FOR_RATE: usize = 32;
+/// Samples that wait for the rate at most.
+const MOST_WAITING: usize = 1 << 20;
+/// The rate where nothing tells one [Hz].
+pub(crate) const DEFAULT_RATE_HZ: f64 = 60.0;
+
+/// Things of any kind on one time base, whose rate may be told by the times of one of them.
+#[derive(Debug, Clone)]
+pub(crate) struct Tracks<K, T> {
+    gap: Interval,
+    all: BTreeMap<K, Track<T>>,
+    late: u64,
+}
+
+impl<K: Ord, T: Between> Tracks<K, T> {
+    pub(crate) fn new(gap: Interval) -> Self {
+        Self { gap, all: BTreeMap::new(), late: 0 }
+    }
+
+    pub(crate) fn push(&mut self, base: &TimeBase, key: K, time: Time, value: T) {
+        let is_taken = self.all.entry(key).or_default().push(base, self.gap, time, value);
+        self.late += u64::from(!is_taken);
+    }
+
+    /// All of them, ascending by key, and how many samples came late; those without a single tick are left out.
+    pub(crate) fn finish(self, base: &TimeBase) -> (Vec<(K, Ticks<T>)>, u64) {
+        let whole = self.all.into_iter().map(|(key, mut track)| {
+            if let Some((time, last)) = track.last.take() {
+                track.close(base, time, last);
+            }
+            (key, track.ticks)
+        });
+        (whole.filter(|it| !it.1.is_empty()).collect(), self.late)
+    }
+}
+
+/// Finds the time base, and holds back what comes before it is known.
+#[derive(Debug, Clone)]
+pub(crate) struct Settling<I> {
+    base: Option<TimeBase>,
+    times: Vec<Time>,
+    waiting: Vec<I>,
+}
+
+impl<I> Settling<I> {
+    /// At `rate_hz`; where it is 0 at the rate of the times that it is told of, if it `hears` any.
+    pub(crate) fn new(rate_hz: f64, hears: bool) -> Self {
+        let rate_hz = if rate_hz > 0.0 || hears { rate_hz } else { DEFAULT_RATE_HZ };
+        let base = (rate_hz > 0.0).then_some(TimeBase { start: Time::ZERO, rate_hz });
+        Self { base, times: Vec::new(), waiting: Vec::new() }
+    }
+
+    /// Hears of a time that may tell the rate.
+    pub(crate) fn hear(&mut self, time: Time) {
+        if self.base.is_none() && self.times.last().is_none_or(|it| *it < time) {
+            self.times.push(time);
+            if self.times.len() >= TIMES_FOR_RATE {
+                self.settle();
+            }
+        }
+    }
+
+    /// The base, once it is known.
+    pub(crate) fn base(&self) -> Option<TimeBase> {
+        self.base
+    }
+
+    /// Holds back `item` until the base is known.
+    pub(crate) fn hold(&mut self, item: I) {
+        self.waiting.push(item);
+        if self.waiting.len() >= MOST_WAITING {
+            self.settle();
+        }
+    }
+
+    /// What was held back.
+    pub(crate) fn release(&mut self) -> Vec<I> {
+        std::mem::take(&mut self.waiting)
+    }
+
+    /// From what was heard so far: the median period, to a thousandth of a hertz.
+    pub(crate) fn settle(&mut self) -> TimeBase {
+        *self.base.get_or_insert_with(|| {
+            let mut periods: Vec<Interval> = self.times.windows(2).map(|it| it[1] - it[0]).collect();
+            periods.sort_unstable();
+            match periods.get(periods.len() / 2) {
+                Some(period) => {
+                    let rate_hz = ((1e3 / period.as_s()).round() / 1e3).clamp(0.001, 100_000.0);
+                    TimeBase { start: self.times[0], rate_hz }
+                }
+                None => TimeBase { start: Time::ZERO, rate_hz: DEFAULT_RATE_HZ },
+            }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn ms(milliseconds: f64) -> Time {
+        Time::ZERO + Interval::from_ms(milliseconds)
+    }
+
+    fn sample(x: f64, how: How) -> Option<Sample> {
+        let cameras = [CameraId(x as u16)].into_iter().collect();
+        Sample::new(Point3::new(x, 0.0, 0.0), &(Matrix3::identity() * x), how, &cameras)
+    }
+
+    /// Ticks at 100 Hz of samples that lie at x = time in ms: tick, x, filled or not.
+    fn ticks(samples: &[(f64, How)]) -> Vec<(i64, f64, bool)> {
+        let base = TimeBase { start: Time::ZERO, rate_hz: 100.0 };
+        let mut tracks = Tracks::new(Interval::from_ms(25.0));
+        for &(time, how) in samples {
+            if let Some(sample) = sample(time, how) {
+                tracks.push(&base, 0, ms(time), sample);
+            }
+        }
+        let (all, _) = tracks.finish(&base);
+        let ticks = all.into_iter().flat_map(|it| it.1);
+        ticks.map(|(tick, it)| (tick, (it.position.x * 1e3).round() / 1e3, it.is_filled)).collect()
+    }
+
+    #[test]
+    fn ticks_between_near_samples_are_interpolated_and_others_missing() {
+        use How::{Filled, Measured, Predicted};
+        assert_eq!(ticks(&[(5.0, Measured), (25.0, Measured)]), [(1, 10.0, false), (2, 20.0, false)]);
+        assert_eq!(ticks(&[(5.0, Measured), (31.0, Measured)]), [], "26 ms apart");
+        assert_eq!(ticks(&[(5.0, Measured), (15.0, Predicted), (31.0, Measured)]), [], "a prediction is no sample");
+        assert_eq!(ticks(&[(10.0, Measured), (40.0, Measured)]), [(1, 10.0, false), (4, 40.0, false)]);
+        let mixed = ticks(&[(10.0, Measured), (20.0, Filled), (30.0, Measured), (40.0, Measured)]);
+        assert_eq!(mixed, [(1, 10.0, false), (2, 20.0, true), (3, 30.0, false), (4, 40.0, false)]);
+        let between = ticks(&[(15.0, Filled), (25.0, Measured), (35.0, Measured)]);
+        assert_eq!(between, [(2, 20.0, true), (3, 30.0, false)]);
+    }
+
+    #[test]
+    fn late_samples_are_counted_and_the_last_of_a_time_counts() {
+        let base = TimeBase { start: Time::ZERO, rate_hz: 100.0 };
+        let mut tracks = Tracks::new(Interval::from_ms(25.0));
+        for (time, x) in [(10.0, 1.0), (10.0, 2.0), (20.0, 3.0), (15.0, 9.0)] {
+            tracks.push(&base, 7, ms(time), sample(x, How::Measured).unwrap());
+        }
+        let (all, late) = tracks.finish(&base);
+        assert_eq!((all[0].1[0].1.position.x, all[0].1[1].1.position.x, late), (2.0, 3.0, 1));
+    }
+
+    proptest! {
+        #[test]
+        fn interpolation_stays_between_and_its_variance_is_enough(
+            from in -5.0..5.0, to in -5.0..5.0, share in 0.0..1.0, [p, q] in [0.0..4.0, 0.0..4.0],
+        ) {
+            let [a, b] = [(from, p), (to, q)].map(|(x, variance)| {
+                let covariance = Matrix3::identity() * variance;
+                Sample::new(Point3::new(x, 0.0, 0.0), &covariance, How::Measured, &CameraSet::default()).unwrap()
+            });
+            let it = a.between(&b, share);
+            prop_assert!((it.position.x - (from + (to - from) * share)).abs() < 1e-12);
+            // The largest variance that the sum can have: errors that go together entirely.
+            let most = ((1.0 - share) * f64::sqrt(p) + share * f64::sqrt(q)).powi(2);
+            prop_assert!(f64::from(it.covariance[0]) >= most - 1e-5);
+        }
+    }
+
+    #[test]
+    fn rate_is_that_of_what_is_heard() {
+        let mut settling = Settling::<()>::new(0.0, true);
+        (0..TIMES_FOR_RATE as i64).for_each(|it| settling.hear(Time(5_000_000 + it * 33_366_667 + it % 3 * 1000)));
+        let base = settling.base().unwrap();
+        assert!((base.rate_hz - 29.97).abs() < 0.002, "{base:?}");
+        assert_eq!(base.start, Time(5_000_000));
+        assert_eq!(Settling::<()>::new(0.0, false).base().unwrap().rate_hz, DEFAULT_RATE_HZ);
+        assert_eq!(Settling::<()>::new(25.0, true).base().unwrap().rate_hz, 25.0);
+        let mut silent = Settling::<()>::new(0.0, true);
+        silent.hear(Time(3));
+        assert_eq!(silent.settle(), TimeBase { start: Time::ZERO, rate_hz: DEFAULT_RATE_HZ });
+    }
+
+    #[test]
+    fn ticks_before_the_start_are_ticks_too() {
+        let base = TimeBase { start: ms(100.0), rate_hz: 100.0 };
+        assert_eq!(base.first_from(ms(75.0)), -2);
+        assert_eq!(base.first_from(ms(80.0)), -2);
+        assert_eq!(base.first_from(Time(80_000_900)), -2, "within a microsecond");
+    }
+}
