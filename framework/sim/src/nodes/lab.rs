@@ -1,8 +1,9 @@
 //! The simulated lab as a source: the world once, and the truth about its targets again and again.
 
-use foveate_dataflow::{ConfigError, Due, Io, Node, NodeError, Out, Plan, Pool, Ports, Role, Setup, Time};
+use foveate_dataflow::{ConfigError, Due, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup, Time};
 use foveate_messages::Targets;
 
+use crate::painted::{FaceSettings, FaceSource, RecordedHead};
 use crate::world::{LightPath, MAX_MONITORS, SceneSettings, SwingSettings, WalkKind, World};
 
 const WORLD: Out<World> = Out::new(0, "world");
@@ -16,6 +17,8 @@ const MOST_ON_A_ROUND: usize = 4;
 /// another one if the person has been away.
 pub struct Lab {
     world: World,
+    /// What is to be said of where the face comes from.
+    remark: Option<String>,
     truth_hz: f64,
     next: u64,
     pool: Pool<Targets>,
@@ -110,11 +113,16 @@ impl Node for Lab {
             return Err(ConfigError::at("closest_m", message));
         }
         let path = light_path.as_ref().map(|file| read_path(file, setup)).transpose()?;
-        let world = match path {
-            Some(path) => World::with_path(settings, path, &setup.random),
-            None => World::new(settings, &setup.random),
+        let (head, remark) = match &settings.face {
+            Some(face) => read_head(face, setup)?,
+            None => (None, None),
         };
-        Ok(Self { world, truth_hz, next: 0, pool: Pool::default() })
+        let world = match (path, head) {
+            (Some(path), _) => World::with_path(settings, path, &setup.random),
+            (None, Some(head)) => World::with_head(settings, head, &setup.random),
+            (None, None) => World::new(settings, &setup.random),
+        };
+        Ok(Self { world, remark, truth_hz, next: 0, pool: Pool::default() })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -133,8 +141,33 @@ impl Node for Lab {
         Due::At(self.next_time())
     }
 
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        if let Some(remark) = &self.remark {
+            report.remark(remark);
+        }
+        Ok(())
+    }
+
     fn plan(settings: &SceneSettings) -> Plan {
         Plan { rate_hz: Some(settings.truth_hz), latency_s: 0.0 }
+    }
+}
+
+/// The recorded head, if one is wanted, and what the user is to know about it.
+fn read_head(face: &FaceSettings, setup: &Setup) -> Result<(Option<RecordedHead>, Option<String>), ConfigError> {
+    let folder = match (face.source, setup.path("face.data", &face.data)) {
+        (FaceSource::BuiltIn, _) => return Ok((None, None)),
+        (FaceSource::Ict, folder) => folder?,
+        (FaceSource::Auto, Ok(folder)) if RecordedHead::is_in(&folder) => folder,
+        (FaceSource::Auto, folder) => {
+            let place = folder.map_or(face.data.clone(), |it| it.display().to_string());
+            let remark = format!("the actor's face is the built-in one: no recorded one in {place}");
+            return Ok((None, Some(remark)));
+        }
+    };
+    match RecordedHead::read(&folder) {
+        Ok(head) => Ok((Some(head), Some("the actor's face is a recorded one: ICT Face Model Light".to_owned()))),
+        Err(message) => Err(ConfigError::at("face.data", message)),
     }
 }
 
@@ -157,7 +190,6 @@ mod tests {
     use foveate_testkit::check_node;
 
     use super::*;
-    use crate::painted::FaceSettings;
 
     #[test]
     fn node_keeps_the_law() {
@@ -166,8 +198,21 @@ mod tests {
         check_node::<Lab>("people = 0\nwaved_light = true");
         check_node::<Lab>("people = 0\nswing = { amplitude_m = 0.3 }");
         check_node::<Lab>("walk = \"stage\"\nstand_s = 3");
-        check_node::<Lab>("face = { marks = 40 }");
+        check_node::<Lab>("face = { marks = 40, source = \"built_in\" }");
         check_node::<Lab>("people = 16\nwalk = \"crowd\"\nwalk_area_m = [6, 8]\nstay_s = 30");
+    }
+
+    #[test]
+    fn without_recordings_the_face_is_the_built_in_one_and_the_user_is_told() {
+        let face = |data: &str| FaceSettings { data: data.to_owned(), ..FaceSettings::default() };
+        for data in ["no such folder", "${NO_SUCH_VARIABLE}"] {
+            let settings = SceneSettings { face: Some(face(data)), ..SceneSettings::default() };
+            let mut lab = Lab::new(settings, &Setup::for_tests()).unwrap();
+            let mut report = Report::default();
+            lab.finish(&mut report).unwrap();
+            assert!(report.remarks.iter().any(|it| it.contains("built-in one") && it.contains(data.trim_matches('$'))));
+            assert!(lab.world.painted(Time::from_s(2.0)).is_some());
+        }
     }
 
     #[test]
@@ -195,6 +240,11 @@ mod tests {
             refused(|it| (it.people, it.waved_light, it.swing) = (0, true, Some(SwingSettings::default()))),
             "swing"
         );
+        let ict = |it: &mut SceneSettings| {
+            let data = "no such folder".to_owned();
+            it.face = Some(FaceSettings { source: FaceSource::Ict, data, ..FaceSettings::default() });
+        };
+        assert_eq!(refused(ict), "face.data");
         assert_eq!(refused(|it| (it.people, it.light_path) = (0, Some("no such file".to_owned()))), "light_path");
         let mut settings = SceneSettings { people: 0, swing: swung(0.1), ..SceneSettings::default() };
         assert!(

@@ -7,6 +7,7 @@ use std::f64::consts::{PI, TAU};
 use foveate_estimation::random::Random;
 
 use super::head::smooth;
+use super::ict::Curves;
 
 /// Channels that act against each other share a signal: what its upper half drives, what its lower half does.
 const PAIRS: [[&[&str]; 2]; 7] = [
@@ -51,7 +52,9 @@ const EXPRESSIONS: [&[(&str, f64)]; 24] = [
     &[("browInnerUp", 1.0), ("mouthSmile_L", 0.7), ("mouthSmile_R", 0.7)],
 ];
 /// Of the time in which a face is shown at all: how much goes to one after the other; in the rest it acts already.
-const SHOWN: f64 = 0.6;
+const SHOWN: f64 = 0.55;
+/// How much of its own a face does beside what was recorded.
+const OWN: f64 = 0.5;
 /// A blink [s].
 const BLINK_S: f64 = 0.22;
 
@@ -64,11 +67,13 @@ pub(crate) struct Drive {
     phases: [[f64; 2]; 8],
     speech: [f64; 4],
     blink: f64,
+    /// What was recorded of somebody, if there is such a thing.
+    curves: Option<Curves>,
 }
 
 impl Drive {
-    /// Shows its range from `start_s` on for `shown_s`, and acts from then on.
-    pub fn new(start_s: f64, shown_s: f64, random: &mut Random) -> Self {
+    /// Shows its range from `start_s` on for `shown_s`, and acts from then on, by `curves` where there are any.
+    pub fn new(start_s: f64, shown_s: f64, curves: Option<Curves>, random: &mut Random) -> Self {
         let mut phase = || random.uniform_in(0.0, TAU);
         Self {
             start_s,
@@ -76,6 +81,7 @@ impl Drive {
             phases: [(); 8].map(|()| [phase(), phase()]),
             speech: [(); 4].map(|()| phase()),
             blink: phase(),
+            curves,
         }
     }
 
@@ -93,7 +99,9 @@ impl Drive {
         };
         weights.clear();
         weights.extend(names.iter().map(|name| {
-            let acted = if acting > 0.0 { acting * self.acted(name, time_s) } else { 0.0 };
+            let recorded = self.curves.as_ref().map(|it| it.at(name, time_s));
+            let share = if recorded.is_some() { OWN } else { 1.0 };
+            let acted = acting * (share * self.acted(name, time_s) + recorded.unwrap_or(0.0));
             let blink = if name.starts_with("eyeBlink") { self.blinks(time_s) } else { 0.0 };
             (acted + self.shows(name, since, shown) + blink).clamp(0.0, 1.0)
         }));

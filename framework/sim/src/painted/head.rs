@@ -103,9 +103,20 @@ pub(super) fn head() -> (Surface, [usize; 2]) {
         }
     }
     let follow = base.iter().map(|it| smooth((-128.0 - it.z) / 44.0)).collect();
-    let mut surface = Surface { rest, triangles, modes: Vec::new(), follow };
+    let mut surface = Surface { rest, triangles, modes: Vec::new(), follow, openness: Vec::new() };
+    surface.open();
     surface.modes = super::expressions::modes(&base);
-    (surface, [width, height])
+    (super::coarser::coarser(surface, target_edge), [width, height])
+}
+
+/// How far apart vertices should lie [m]; 0: as they do, where the features of the face are.
+fn target_edge(p: &Point3<f64>) -> f64 {
+    let [x, z] = [p.x, p.z].map(|it| it * 1e3);
+    match (x, z) {
+        _ if x < 28.0 || z < -114.0 => 10e-3,
+        _ if z > 80.0 => 7e-3,
+        _ => 0.0,
+    }
 }
 
 /// Heights of the rows, from the top down, two of them at the line between the lips.

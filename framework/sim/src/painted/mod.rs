@@ -3,9 +3,11 @@
 //! It is a surface of triangles with a texture: [`Surface`] tells how it deforms, [`Drive`] what it does over time, [`texture`] how it looks.
 //! Where the marks truly are at some time, and from where they are seen, is [`Painted`]. All is a pure function of time and of the seed.
 
+mod coarser;
 mod drive;
 mod expressions;
 mod head;
+mod ict;
 mod places;
 mod skin;
 mod surface;
@@ -13,6 +15,7 @@ mod texture;
 
 use std::collections::VecDeque;
 use std::fmt;
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use foveate_dataflow::ConfigError;
@@ -25,8 +28,8 @@ use serde::{Deserialize, Serialize};
 use crate::person::{BodyPart, Pose};
 use drive::Drive;
 pub(crate) use places::MOST as MOST_MARKS;
-use surface::Spot;
 pub(crate) use surface::Surface;
+use surface::{Material, Spot};
 pub(crate) use texture::Texture;
 
 /// Skins that are kept, so that cameras that look at the same moments share them.
@@ -39,6 +42,37 @@ const NEAR: f64 = 0.8e-3;
 const NECK: [f64; 3] = [0.02, 0.0, 0.17];
 /// Among the parts of a [`Pose`]: head and neck, which the surface stands in for, and the shoulders, which never hide a face.
 const HEAD_PARTS: [usize; 2] = [3, 4];
+
+/// Where a face comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum FaceSource {
+    /// From recordings where they are there, built in otherwise.
+    #[default]
+    Auto,
+    /// A head made of formulas.
+    BuiltIn,
+    /// The ICT Face Model Light, moved by recorded curves: `s13_ict_facekit_min` and `s20_arkit_curves` in the folder `data`.
+    Ict,
+}
+
+/// A head and its motion, read from recordings.
+pub struct RecordedHead(ict::Head);
+
+impl RecordedHead {
+    /// Reads the files of [`FaceSource::Ict`] in `folder`.
+    ///
+    /// # Errors
+    /// A sentence with the file, what was found in it and what was expected.
+    pub fn read(folder: &Path) -> Result<Self, String> {
+        ict::read(folder).map(Self)
+    }
+
+    /// Whether `folder` holds all the files.
+    pub fn is_in(folder: &Path) -> bool {
+        ict::is_in(folder)
+    }
+}
 
 /// The actor's painted face.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -53,11 +87,15 @@ pub struct FaceSettings {
     /// How bright a white surface looks that faces the light on the stage, in a room at full light, gain 1 [gray level].
     #[schemars(range(min = 0.0, max = 500.0))]
     pub light: f64,
+    /// Where the face and its motion come from: `auto` takes recordings where they are there, and tells if not [–].
+    pub source: FaceSource,
+    /// The folder of recordings. `${NAME}` is an environment variable; a relative path starts at the rig's folder [–].
+    pub data: String,
 }
 
 impl Default for FaceSettings {
     fn default() -> Self {
-        Self { marks: 69, radius_mm: 1.8, light: 260.0 }
+        Self { marks: 69, radius_mm: 1.8, light: 260.0, source: FaceSource::Auto, data: "${FOVEATE_DATA}".to_owned() }
     }
 }
 
@@ -77,8 +115,6 @@ pub(crate) struct Part {
     pub light: f64,
     names: Vec<String>,
     spots: Vec<Spot>,
-    /// How much of the light from all around reaches each vertex.
-    openness: Vec<f32>,
     drive: Drive,
     recent: Mutex<VecDeque<(Time, Arc<Skin>)>>,
 }
@@ -99,19 +135,41 @@ pub(crate) fn key_light() -> Vector3<f32> {
 }
 
 impl Part {
-    /// A face that shows its range from `start_s` on for `shown_s`.
-    pub fn new(settings: &FaceSettings, start_s: f64, shown_s: f64, random: &Random) -> Self {
+    /// A face that shows its range from `start_s` on for `shown_s`: `recorded`, or the built-in one.
+    pub fn new(
+        settings: &FaceSettings,
+        recorded: Option<RecordedHead>,
+        start_s: f64,
+        shown_s: f64,
+        random: &Random,
+    ) -> Self {
         let seed = random.fork("texture").next_u64() as u32;
-        let (mut surface, size) = head::head();
+        let features = skin::Features { seed, is_built_in: recorded.is_none() };
+        let is_built_in = recorded.is_none();
+        let (mut surface, size, curves) = match recorded {
+            Some(RecordedHead(head)) => (head.surface, head.texture_size, Some(head.curves)),
+            None => {
+                let (surface, size) = head::head();
+                (surface, size, None)
+            }
+        };
         surface.sort_triangles();
-        let spots = places::on_face(&surface, settings.marks, |at| at);
+        let place = if is_built_in { |at| at } else { ict::place };
+        let spots = places::on_face(&surface, settings.marks, place);
         let paint = texture::Paint::new(&surface, &spots, settings.radius_mm, seed);
-        let features = skin::Features { seed, are_eyes_painted: true };
-        let texture = texture::paint(&surface, size, &paint, |p, _| features.albedo(&(p * 1e3)));
+        let albedo = |p: &Point3<f64>, material: Material| match material {
+            Material::Skin if is_built_in => features.albedo(&(p * 1e3)),
+            Material::Skin => {
+                let skin = features.albedo(&ict::as_built_in(p));
+                skin + (features.cloth(p) - skin) * ict::cloth(p)
+            }
+            Material::Eye => ict::eye_albedo(p),
+            Material::Mouth => 0.06,
+        };
+        let texture = texture::paint(&surface, size, &paint, albedo);
         Self {
-            openness: openness(&surface),
             names: surface.modes.iter().map(|it| it.name.clone()).collect(),
-            drive: Drive::new(start_s, shown_s, &mut random.fork("expressions")),
+            drive: Drive::new(start_s, shown_s, curves, &mut random.fork("expressions")),
             light: settings.light,
             recent: Mutex::default(),
             surface,
@@ -146,7 +204,7 @@ impl Part {
         let normals = self.surface.normals(&vertices);
         let key = key_light();
         let fill = Vector3::new(0.75, 0.6, 0.1).normalize();
-        let light = normals.iter().zip(&self.openness).map(|(normal, open)| {
+        let light = normals.iter().zip(&self.surface.openness).map(|(normal, open)| {
             // Light goes through skin a little: shadows begin softly.
             let direct = ((normal.dot(&key) + 0.12) / 1.12).max(0.0);
             let sky = 0.24 + 0.10 * normal.z;
@@ -193,27 +251,6 @@ fn world_from_trunk(pose: &Pose) -> Isometry3<f64> {
     let turn = nalgebra::UnitQuaternion::from_axis_angle(&Vector3::z_axis(), pose.forward.y.atan2(pose.forward.x));
     let foot = pose.parts[HEAD_PARTS[1]].ends[0];
     Isometry3::from_parts(Translation3::from(foot + turn * Vector3::from(NECK)), turn)
-}
-
-/// How open the surface is around each vertex of the rest shape, from how far its surroundings, a centimetre or two wide, stand out before it.
-fn openness(surface: &Surface) -> Vec<f32> {
-    let normals = surface.normals(&surface.rest);
-    let n = surface.rest.len();
-    let neighbours = |values: &[Vector3<f64>]| {
-        let (mut sums, mut counts) = (values.to_vec(), vec![1.0; n]);
-        for triangle in &surface.triangles {
-            for i in 0..3 {
-                let (a, b) = (triangle.corners[i] as usize, triangle.corners[(i + 1) % 3] as usize);
-                sums[a] += values[b];
-                counts[a] += 1.0;
-            }
-        }
-        sums.iter().zip(counts).map(|(sum, count)| sum / count).collect::<Vec<_>>()
-    };
-    let mut around: Vec<Vector3<f64>> = surface.rest.iter().map(|it| it.coords).collect();
-    (0..8).for_each(|_| around = neighbours(&around));
-    let out = |i: usize| (around[i] - surface.rest[i].coords).dot(&normals[i].cast());
-    (0..n).map(|i| (1.0 - (out(i) * 1e3 + 0.4).max(0.0) * 0.13).max(0.35) as f32).collect()
 }
 
 /// The painted marks at one time, as they truly are.
@@ -291,7 +328,7 @@ mod tests {
             walk: WalkKind::Stage,
             stand_s: 6.0,
             people_enter_s: 0.0,
-            face: Some(FaceSettings { marks: MOST_MARKS, ..FaceSettings::default() }),
+            face: Some(FaceSettings { marks: MOST_MARKS, source: FaceSource::BuiltIn, ..FaceSettings::default() }),
             ..SceneSettings::default()
         };
         World::new(settings, &Random::new(3))

@@ -8,8 +8,8 @@ use super::texture::{freckles, noise};
 /// Where the features lie, in the units and the space of the built-in head [mm].
 pub(super) struct Features {
     pub seed: u32,
-    /// Whether eyes and mouth are painted on, and not made of surfaces of their own.
-    pub are_eyes_painted: bool,
+    /// Whether eyes and the parting of the lips are painted on, and not made of surfaces of their own.
+    pub is_built_in: bool,
 }
 
 impl Features {
@@ -34,7 +34,7 @@ impl Features {
         skin -= 0.03 * crease(p.z - 47.0 - 0.002 * side * side, 0.8) * ahead * smooth((58.0 - side) / 20.0) as f32;
         skin -= 0.025 * crease(p.z - 61.0 - 0.002 * side * side, 0.8) * ahead * smooth((50.0 - side) / 20.0) as f32;
         skin = self.lips(p, side, ahead, skin);
-        if self.are_eyes_painted {
+        if self.is_built_in {
             skin = self.eye(p, side, ahead, skin);
         }
         // Nostrils.
@@ -44,16 +44,22 @@ impl Features {
         self.hair(p, side, skin)
     }
 
+    /// How bright a dark shirt is at `p` [m].
+    pub fn cloth(&self, p: &Point3<f64>) -> f32 {
+        0.12 + 0.02 * noise(p, [1.5e-3; 3], self.seed ^ 71) + 0.02 * noise(p, [25e-3; 3], self.seed ^ 72)
+    }
+
     fn lips(&self, p: &Point3<f64>, side: f64, ahead: f32, skin: f32) -> f32 {
         let along = (1.0 - (side / (HALF_MOUTH + 2.0)).powi(2)).max(0.0).sqrt();
         let bow = 1.0 - 0.25 * (-(side / 4.0).powi(2)).exp();
-        let (upper, lower) = (7.5 * along * bow, 9.0 * along);
+        let height = if self.is_built_in { 7.5 } else { 11.0 };
+        let (upper, lower) = (height * along * bow, 9.0 * along);
         let up = p.z - SLIT;
         let inside = if up > 0.0 { smooth((upper - up) / 1.6 + 0.5) } else { smooth((lower + up) / 1.6 + 0.5) };
         let is_lip = if along > 0.0 { inside as f32 * ahead } else { 0.0 };
         let lines = noise(&(p * 1e-3), [8e-3, 1.1e-3, 8e-3], self.seed ^ 31);
         let mut seen = skin + (0.40 + 0.035 * lines - skin) * is_lip;
-        if self.are_eyes_painted && side < HALF_MOUTH {
+        if self.is_built_in && side < HALF_MOUTH {
             let parting = smooth((HALF_SLIT * 0.95 - up.abs()) / 0.25) as f32 * ahead;
             seen += (0.035 - seen) * parting;
         }
@@ -115,8 +121,11 @@ impl Features {
         } else {
             19.0 + (p.x + 24.0) * 4.0
         };
-        let line = line.max(-84.0);
-        let cover = smooth((p.z - line + ragged) / 7.0);
+        let high = if self.is_built_in || p.x < 30.0 { 0.0 } else { 6.0 };
+        let line = line.max(-84.0) + high;
+        // Ears stand out from it.
+        let bare = smooth((side - 74.0) / 3.0) * smooth((34.0 - p.z) / 6.0);
+        let cover = smooth((p.z - line + ragged) / 7.0) * (1.0 - bare);
         let strands =
             noise(&at, [1.4e-3, 1.1e-3, 9e-3], self.seed ^ 62) + 0.6 * noise(&at, [4e-3, 4e-3, 16e-3], self.seed ^ 63);
         let hair = 0.125 + 0.055 * strands;

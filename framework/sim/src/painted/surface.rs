@@ -5,10 +5,17 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
+/// Edges of this length make surroundings of two centimetres [m].
+const EDGE_M: f64 = 4e-3;
+
 /// What a triangle is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Material {
     Skin,
+    /// What is seen of an eye between the lids.
+    Eye,
+    /// The inside of a mouth.
+    Mouth,
 }
 
 /// One triangle: counter-clockwise as seen from outside.
@@ -41,6 +48,8 @@ pub(crate) struct Surface {
     pub modes: Vec<Mode>,
     /// Of each vertex, the share that follows the trunk, 0 to 1.
     pub follow: Vec<f64>,
+    /// How much of the light from all around reaches each vertex, 0 to 1.
+    pub openness: Vec<f32>,
 }
 
 impl Surface {
@@ -78,6 +87,30 @@ impl Surface {
             (sums[a], sums[b], sums[c]) = (sums[a] + normal, sums[b] + normal, sums[c] + normal);
         }
         sums.iter().map(|sum| sum / sum.norm().max(1e-20)).collect()
+    }
+
+    /// Fills in how open the rest shape is around each vertex, from how far its surroundings stand out before it, some
+    /// two centimetres wide; where edges are long they count for less.
+    pub fn open(&mut self) {
+        let normals = self.normals(&self.rest);
+        let n = self.rest.len();
+        let mean_around = |values: &[Vector3<f64>]| {
+            let (mut sums, mut counts) = (values.to_vec(), vec![1.0; n]);
+            for triangle in &self.triangles {
+                for i in 0..3 {
+                    let (a, b) = (triangle.corners[i] as usize, triangle.corners[(i + 1) % 3] as usize);
+                    let length = (self.rest[a] - self.rest[b]).norm();
+                    let weight = (EDGE_M / length).powi(2).min(1.0);
+                    sums[a] += values[b] * weight;
+                    counts[a] += weight;
+                }
+            }
+            sums.iter().zip(counts).map(|(sum, count)| sum / count).collect::<Vec<_>>()
+        };
+        let mut around: Vec<Vector3<f64>> = self.rest.iter().map(|it| it.coords).collect();
+        (0..8).for_each(|_| around = mean_around(&around));
+        let out = |i: usize| (around[i] - self.rest[i].coords).dot(&normals[i].cast());
+        self.openness = (0..n).map(|i| (1.0 - (out(i) * 1e3 + 0.4).max(0.0) * 0.13).max(0.35) as f32).collect();
     }
 
     /// Where a spot is on the surface with these vertices.

@@ -20,18 +20,19 @@ pub(crate) struct Texture {
 }
 
 impl Texture {
-    /// The albedo at a place between texels [–].
+    /// The albedo at a column and a row, in 65,536ths of a texel [–].
     #[inline]
-    pub fn at(&self, column: f32, row: f32) -> f32 {
-        let (left, top) = (column as usize, row as usize); // `as` saturates
-        let (x, y) = (column - left as f32, row - top as f32);
-        let place = top * self.width + left;
-        let read = |place: usize| {
-            self.shades.get(place..place + 2).map_or([0.0; 2], |it| [f32::from(it[0]), f32::from(it[1])])
+    pub fn at(&self, [column, row]: [i32; 2]) -> f32 {
+        let first = (row >> 16) as usize * self.width + (column >> 16) as usize;
+        let Some(texels) = first.checked_add(self.width + 2).and_then(|end| self.shades.get(first..end)) else {
+            return 0.0;
         };
-        let ([a, b], [c, d]) = (read(place), read(place + self.width));
-        let (above, below) = (a + (b - a) * x, c + (d - c) * x);
-        (above + (below - above) * y) * (1.0 / 255.0)
+        let [x, y] = [column, row].map(|it| it >> 4 & 0xFFF); // in 4,096ths
+        let [a, b] = [0, 1].map(|it| i32::from(texels[it]));
+        let [c, d] = [self.width, self.width + 1].map(|it| i32::from(texels[it]));
+        let above = (a << 12) + (b - a) * x;
+        let below = (c << 12) + (d - c) * x;
+        (above as f32 + (below - above) as f32 * (y as f32 * (1.0 / 4096.0))) * (1.0 / (4096.0 * 255.0))
     }
 }
 

@@ -25,7 +25,7 @@ pub use mirror::Mirror;
 use single::Single;
 pub use single::{LightPath, SwingSettings};
 
-use crate::painted::{FaceSettings, Painted, Part, Skin};
+use crate::painted::{FaceSettings, Painted, Part, RecordedHead, Skin};
 use crate::person::{Braid, COME_S, Led, N_LEDS, Person, Pose};
 
 /// At this distance [m] a LED seen along its normal has the brightness [`SceneSettings::led_peak`].
@@ -218,27 +218,37 @@ impl SceneSettings {
 }
 
 impl World {
-    /// The world of these settings; out-of-range values are taken as they are. Same seed, same world. The file of [`SceneSettings::light_path`] is not
-    /// looked for: see [`Self::with_path`].
+    /// The world of these settings; out-of-range values are taken as they are. Same seed, same world. No file is looked for: a painted face is the
+    /// built-in one, and there is no [`SceneSettings::light_path`]; see [`Self::with_head`] and [`Self::with_path`].
     pub fn new(settings: SceneSettings, random: &Random) -> Self {
         let single = match &settings.swing {
             Some(swing) => Some(Single::Swung(swing.clone())),
             None => settings.waved_light.then_some(Single::Waved(settings.walk_area_m)),
         };
-        Self::with_single(settings, single, random)
+        Self::with_single(settings, single, None, random)
+    }
+
+    /// As [`Self::new`], with a recorded head in place of the built-in one, where the settings have a painted face.
+    pub fn with_head(settings: SceneSettings, head: RecordedHead, random: &Random) -> Self {
+        Self::with_single(settings, None, Some(head), random)
     }
 
     /// As [`Self::new`], with a light on a path.
     pub fn with_path(settings: SceneSettings, path: LightPath, random: &Random) -> Self {
-        Self::with_single(settings, Some(Single::Path(path)), random)
+        Self::with_single(settings, Some(Single::Path(path)), None, random)
     }
 
-    fn with_single(settings: SceneSettings, single: Option<Single>, random: &Random) -> Self {
+    fn with_single(
+        settings: SceneSettings,
+        single: Option<Single>,
+        head: Option<RecordedHead>,
+        random: &Random,
+    ) -> Self {
         // The face shows its range while the actor stands; elsewhere from the first moment on, for as long.
         let comes_s = if settings.walk == WalkKind::Stage { COME_S } else { 0.0 };
         let face = settings.face.as_ref().map(|face| {
             let start_s = settings.people_enter_s + comes_s;
-            Arc::new(Part::new(face, start_s, settings.stand_s, &random.fork("face")))
+            Arc::new(Part::new(face, head, start_s, settings.stand_s, &random.fork("face")))
         });
         let scene = Scene {
             single,
