@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use foveate::dataflow::scale::Spaces;
 use foveate::estimation::consistency::Verdict;
 use foveate::prelude::*;
 
@@ -17,6 +18,7 @@ const CONSISTENCY_TOLERANCE: f64 = 1.0;
 const CLOCK_TOLERANCE_MS: f64 = 100.0;
 
 const FEATURES: In<Features> = In::each(0, "features").many();
+const SPACES: In<ScaleSpace> = In::latest(1, "spaces").many().optional();
 const TARGETS: Out<Targets> = Out::new(0, "targets");
 const PREDICTED: Out<Targets> = Out::new(1, "predicted");
 
@@ -24,8 +26,13 @@ const PREDICTED: Out<Targets> = Out::new(1, "predicted");
 ///
 /// After each camera frame it gives out all live targets as of that frame's time, on both ports the same value: `predicted`
 /// is there for the feedback to detectors. A target is `measured` if a frame of that very time saw it.
+///
+/// In a scale whose space moves, `spaces` takes the anchors of that scale and of those around it: cameras of the calibration stand in the world, and targets are given out
+/// in the scale's space. Without `spaces`, cameras are taken to stand in the scale's space.
 pub struct Integrator {
     tracker: Tracker,
+    /// Where the scale is whose targets these are, if cameras stand in the world and it moves.
+    spaces: Option<Spaces>,
     /// How far ahead of its delivery a frame may have been captured.
     ahead: Interval,
     birth_cameras: u32,
@@ -44,7 +51,7 @@ impl Node for Integrator {
     type Settings = IntegratorSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&FEATURES).output(&TARGETS).output(&PREDICTED)
+        Ports::new().input(&FEATURES).input(&SPACES).output(&TARGETS).output(&PREDICTED)
     }
 
     fn new(settings: IntegratorSettings, setup: &Setup) -> Result<Self, ConfigError> {
@@ -67,6 +74,7 @@ impl Node for Integrator {
         let models = cameras.iter().map(|it| it.camera.clone()).collect();
         Ok(Self {
             tracker: Tracker::new(settings, models, setup.volume_m),
+            spaces: setup.is_connected(&SPACES).then(|| Spaces::new(&setup.scales)).filter(Spaces::is_moving),
             ahead,
             birth_cameras,
             birth_features_max,
@@ -94,6 +102,18 @@ impl Node for Integrator {
         let mut targets = self.pool.take(Targets::default);
         self.tracker.write(&mut targets);
         let time = targets.time;
+        if let Some(spaces) = &mut self.spaces {
+            io.latest_of_each(&SPACES).for_each(|it| spaces.learn(it.value));
+            let moved = |it: &Target| spaces.target_in(spaces.own(), spaces.root(), time, it);
+            match targets.list.iter().map(moved).collect() {
+                Ok(list) => targets.list = list,
+                Err(error) => {
+                    io.gap(&TARGETS, time, format_args!("it is not known where the scale is: {error}"));
+                    io.gap(&PREDICTED, time, format_args!("it is not known where the scale is: {error}"));
+                    return Ok(());
+                }
+            }
+        }
         let targets = self.pool.share(targets);
         io.emit_at(&TARGETS, time, Arc::clone(&targets));
         io.emit_at(&PREDICTED, time, targets);

@@ -1,5 +1,7 @@
 //! `pan_tilt.selector`: keeps a head on a target.
 
+use foveate::dataflow::scale::Spaces;
+use foveate::messages::ScaleId;
 use foveate::prelude::*;
 
 use crate::follow::{FollowSettings, Follower, Lead};
@@ -8,10 +10,12 @@ use crate::target_anchor::TargetAnchor;
 const TARGET: In<Targets> = In::each(0, "target").of_parent();
 const HEAD: In<HeadReport> = In::latest(1, "head").optional();
 const ASSIGNMENT: In<Assignment> = In::latest(2, "assignment").optional();
+const SPACES: In<ScaleSpace> = In::latest(3, "spaces").many().optional();
 const COMMANDS: Out<HeadCommand> = Out::new(0, "commands");
 const REGION: Out<SubRegion> = Out::new(1, "region");
 
-/// Which target, and how its head is led to it: see [`Follower`].
+/// Which target, and how its head is led to it: see [`Follower`]. Where the target is of a scale that itself moves, `spaces` takes the anchors of
+/// that scale and of those around it: heads stand in the world.
 pub struct Selector {
     follower: Follower,
     camera: CameraId,
@@ -19,6 +23,8 @@ pub struct Selector {
     radius: f64,
     fixed: Option<TargetId>,
     anchor: TargetAnchor,
+    /// Where the scale is whose target is followed, if that moves.
+    spaces: Option<(Spaces, ScaleId)>,
     following: Option<TargetId>,
     next_event: u64,
     counts: Counts,
@@ -38,7 +44,7 @@ impl Node for Selector {
     type Settings = FollowSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&TARGET).input(&HEAD).input(&ASSIGNMENT).output(&COMMANDS).output(&REGION)
+        Ports::new().input(&TARGET).input(&HEAD).input(&ASSIGNMENT).input(&SPACES).output(&COMMANDS).output(&REGION)
     }
 
     fn new(settings: FollowSettings, setup: &Setup) -> Result<Self, ConfigError> {
@@ -66,6 +72,7 @@ impl Node for Selector {
             radius,
             fixed: settings.target.map(TargetId),
             anchor: TargetAnchor::new(setup),
+            spaces: parent_space(setup)?,
             following: None,
             next_event: 0,
             follower: Follower::new(settings, head.model, radius),
@@ -86,6 +93,15 @@ impl Node for Selector {
             (None, None) => anchored,
         };
         let Some(target) = targets.value.list.iter().find(|it| Some(it.id) == chosen) else { return Ok(()) };
+        let in_world;
+        let target = match self.in_world(io, &targets.value, target) {
+            None => target,
+            Some(Some(moved)) => {
+                in_world = moved;
+                &in_world
+            }
+            Some(None) => return Ok(()),
+        };
         if self.following != Some(target.id) {
             if self.following.replace(target.id).is_some() {
                 self.counts.changes += 1;
@@ -131,6 +147,29 @@ impl Node for Selector {
         }
         Ok(())
     }
+}
+
+impl Selector {
+    /// The target in the world; `None` where it is so already, `Some(None)` while it is not known where its scale is.
+    fn in_world(&mut self, io: &Io<'_>, targets: &Targets, target: &Target) -> Option<Option<Target>> {
+        let (spaces, parent) = self.spaces.as_mut()?;
+        io.latest_of_each(&SPACES).for_each(|it| spaces.learn(it.value));
+        Some(spaces.target_in(spaces.root(), *parent, targets.time, target).ok())
+    }
+}
+
+/// The spaces around the scale that the target lies in, where that moves.
+fn parent_space(setup: &Setup) -> Result<Option<(Spaces, ScaleId)>, ConfigError> {
+    let tree = &setup.scales;
+    let Some(parent) = tree.place(tree.own).and_then(|it| it.parent) else { return Ok(None) };
+    let moves = tree.around(parent).any(|it| tree.place(it).is_some_and(|it| it.is_anchored));
+    if moves && !setup.is_connected(&SPACES) {
+        let name = tree.place(parent).map_or("", |it| it.name.as_str());
+        return Err(ConfigError::node(format_args!(
+            "found nothing at `spaces`, expected `spaces = \"{name}.anchor.space\"`: the scale `{name}` moves, and heads stand in the world"
+        )));
+    }
+    Ok(moves.then(|| (Spaces::new(tree), parent)))
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! The spaces of a rig's scales over time, kept from what their anchors say.
 
-use foveate_messages::{ScaleId, ScaleSpace, Time};
+use foveate_messages::{Interval, ScaleId, ScaleSpace, Target, Time};
 use foveate_scene::{SceneError, SceneGraph, SpaceId, UncertainPose};
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Matrix3};
 
 use super::ScaleTree;
 
@@ -10,6 +10,8 @@ use super::ScaleTree;
 const HISTORY: usize = 256;
 /// How long the newest pose is carried on, and the oldest holds [ns].
 const REACH_NS: i64 = 200_000_000;
+/// Velocities of spaces are differences over this time [ns].
+const STEP_NS: i64 = 1_000_000;
 
 /// Where the scales around one scale are, through time: all those with the same world. A scale that is not anchored has its parent's
 /// space; one that is anchored has none until [`Self::learn`] was told of it.
@@ -94,6 +96,27 @@ impl Spaces {
         self.a_from_b(self.root, self.own, time)
     }
 
+    /// The target, which is in the space of scale `b` and of `time`, in that of scale `a`: position, velocity and their covariance. The velocity of the spaces
+    /// against each other is taken off; its own uncertainty is not in the covariance of the velocity.
+    ///
+    /// # Errors
+    /// As [`Self::a_from_b`].
+    pub fn target_in(&self, a: ScaleId, b: ScaleId, time: Time, target: &Target) -> Result<Target, SceneError> {
+        let here = self.a_from_b(a, b, time)?;
+        let before = self.a_from_b(a, b, time - Interval(STEP_NS)).unwrap_or(here);
+        let block = |row, column| target.covariance.fixed_view::<3, 3>(row, column).into_owned();
+        let (position, covariance) = here.transform_point(&target.position, &block(0, 0));
+        let rotation: Matrix3<f64> = here.transform.rotation.to_rotation_matrix().into_inner();
+        let drift = (position - before.transform * target.position) / Interval(STEP_NS).as_s();
+        let mut moved = Target { position, velocity: rotation * target.velocity + drift, ..target.clone() };
+        moved.covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&covariance);
+        for (row, column) in [(0, 3), (3, 0), (3, 3)] {
+            let turned = rotation * block(row, column) * rotation.transpose();
+            moved.covariance.fixed_view_mut::<3, 3>(row, column).copy_from(&turned);
+        }
+        Ok(moved)
+    }
+
     /// Whether the scale that looks, or one that it nests in, is without its target.
     pub fn is_suspended(&self) -> bool {
         self.space(self.own).is_none_or(|it| self.scene.is_suspended(it).unwrap_or(true))
@@ -161,6 +184,28 @@ mod tests {
         assert!((back.transform * point - Point3::new(0.01, 0.0, 0.0)).norm() < 1e-12);
         assert!(matches!(spaces.a_from_b(ScaleId(4), ScaleId(1), Time(0)), Err(SceneError::Foreign { .. })));
         assert!(matches!(spaces.a_from_b(ScaleId(77), ScaleId(0), Time(0)), Err(SceneError::Foreign { .. })));
+    }
+
+    #[test]
+    fn target_takes_off_the_velocity_of_the_space_that_it_goes_to() {
+        let mut spaces = Spaces::new(&tree());
+        [said(2, 0, 5.0, Some(1)), said(4, 0, 0.5, Some(9))].iter().for_each(|it| spaces.learn(it));
+        let target = Target {
+            id: TargetId(3),
+            position: Point3::new(5.7, 1.0, 0.0),
+            velocity: Vector3::new(2.0, 0.5, 0.0),
+            covariance: Matrix6::identity() * 1e-4,
+            cameras: Default::default(),
+            how: foveate_messages::How::Measured,
+        };
+        let time = Time(SECOND / 10);
+        // The hand is at 5.7 m then, and its space moves at 2 m/s in the hall.
+        let in_hand = spaces.target_in(ScaleId(4), ScaleId(0), time, &target).unwrap();
+        assert!((in_hand.position - Point3::new(0.0, 1.0, 0.0)).norm() < 1e-9, "{}", in_hand.position);
+        assert!((in_hand.velocity - Vector3::new(0.0, 0.5, 0.0)).norm() < 1e-6, "{}", in_hand.velocity);
+        assert!(in_hand.covariance[(0, 0)] > 2e-4 && in_hand.covariance[(4, 4)] == 1e-4);
+        let back = spaces.target_in(ScaleId(0), ScaleId(4), time, &in_hand).unwrap();
+        assert!((back.position - target.position).norm() < 1e-9 && (back.velocity - target.velocity).norm() < 1e-6);
     }
 
     #[test]
