@@ -5,6 +5,7 @@ use std::sync::Arc;
 use foveate::dataflow::scale::Spaces;
 use foveate::estimation::consistency::Verdict;
 use foveate::prelude::*;
+use nalgebra::Point3;
 
 pub use crate::tracker::IntegratorSettings;
 use crate::tracker::{CameraTally, Entry, Tracker};
@@ -33,6 +34,8 @@ pub struct Integrator {
     tracker: Tracker,
     /// Where the scale is whose targets these are, if cameras stand in the world and it moves.
     spaces: Option<Spaces>,
+    /// What of that space is given out, its corners [m].
+    volume: Option<[[f64; 3]; 2]>,
     /// How far ahead of its delivery a frame may have been captured.
     ahead: Interval,
     birth_cameras: u32,
@@ -71,10 +74,12 @@ impl Node for Integrator {
         let ahead = Interval::from_ms(settings.clocks_off_ms().max(CLOCK_TOLERANCE_MS));
         let birth_cameras = settings.birth_cameras;
         let birth_features_max = settings.birth_features_max;
+        let spaces = setup.is_connected(&SPACES).then(|| Spaces::new(&setup.scales)).filter(Spaces::is_moving);
         let models = cameras.iter().map(|it| it.camera.clone()).collect();
         Ok(Self {
-            tracker: Tracker::new(settings, models, setup.volume_m),
-            spaces: setup.is_connected(&SPACES).then(|| Spaces::new(&setup.scales)).filter(Spaces::is_moving),
+            tracker: Tracker::new(settings, models, setup.volume_m.filter(|_| spaces.is_none())),
+            volume: setup.volume_m.filter(|_| spaces.is_some()),
+            spaces,
             ahead,
             birth_cameras,
             birth_features_max,
@@ -106,7 +111,10 @@ impl Node for Integrator {
             io.latest_of_each(&SPACES).for_each(|it| spaces.learn(it.value));
             let moved = |it: &Target| spaces.target_in(spaces.own(), spaces.root(), time, it);
             match targets.list.iter().map(moved).collect() {
-                Ok(list) => targets.list = list,
+                Ok(list) => {
+                    targets.list = list;
+                    targets.list.retain(|it| self.volume.is_none_or(|volume| is_inside(&it.position, &volume)));
+                }
                 Err(error) => {
                     io.gap(&TARGETS, time, format_args!("it is not known where the scale is: {error}"));
                     io.gap(&PREDICTED, time, format_args!("it is not known where the scale is: {error}"));
@@ -241,6 +249,10 @@ impl Integrator {
             figure("drift_ppm", clock.drift * 1e6);
         }
     }
+}
+
+fn is_inside(point: &Point3<f64>, [min, max]: &[[f64; 3]; 2]) -> bool {
+    (0..3).all(|axis| (min[axis]..=max[axis]).contains(&point[axis]))
 }
 
 #[cfg(test)]
