@@ -1,5 +1,6 @@
-//! Three scales in one another, `graphs/nested.toml`: what the innermost recovers, carried to the world, against the truth, while the
-//! person who carries the two inner ones walks out and comes back.
+//! Three scales in one another. `graphs/nested.toml`: what the innermost recovers, carried to the world, against the truth, while the
+//! person who carries the two inner ones walks out and comes back. `graphs/stadium.toml`: a body recovered in a space that moves by cameras that do not, and
+//! heads that follow what is known in that space.
 //!
 //! `cargo test -p foveate-tests --test nested -- --nocapture` prints the table of docs/results.md.
 
@@ -20,9 +21,9 @@ const CHI_SQUARED_99: f64 = 11.34;
 /// The truth is told at 60 Hz; a hand may leave the straight line between two samples by this much [m].
 const TRUTH_SIGMA_M: f64 = 0.0005;
 
-fn run_in(folder: &Path) -> (Arc<Graph>, Outcome) {
-    let path = foveate_testkit::data::workspace_root().join("graphs/nested.toml");
-    let overrides = Overrides { duration_s: Some(DURATION_S), ..Overrides::default() };
+fn run_in(rig: &str, duration_s: f64, folder: &Path) -> (Arc<Graph>, Outcome) {
+    let path = foveate_testkit::data::workspace_root().join("graphs").join(rig);
+    let overrides = Overrides { duration_s: Some(duration_s), ..Overrides::default() };
     let graph = rig::load_file(&path, &foveate_cli::registry(), &overrides).unwrap_or_else(|faults| panic!("{faults}"));
     let graph = Arc::new(graph);
     let options = Options { out_dir: Some(folder.to_owned()), ..Options::default() };
@@ -74,7 +75,7 @@ fn errors(folder: &Path, table: &str) -> Vec<(f64, f64)> {
 #[test]
 fn innermost_scale_lies_in_the_world_where_the_truth_does_within_what_is_stated() {
     let folders = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
-    let (graph, outcome) = run_in(folders[0].path());
+    let (graph, outcome) = run_in("nested.toml", DURATION_S, folders[0].path());
     for (table, least_rows) in [("body.csv", 20_000), ("hands.csv", 15_000)] {
         let mut errors = errors(folders[0].path(), table);
         assert!(errors.len() > least_rows, "{table}: {} rows", errors.len());
@@ -111,9 +112,25 @@ fn innermost_scale_lies_in_the_world_where_the_truth_does_within_what_is_stated(
     }
     assert_eq!(n_held_up, 8);
 
-    run_in(folders[1].path());
+    run_in("nested.toml", DURATION_S, folders[1].path());
     for file in ["body.csv", "hands.csv", "truth.csv"] {
         let [first, second] = folders.each_ref().map(|it| fs::read(it.path().join(file)).unwrap());
         assert!(first == second, "{file} differs between two runs");
     }
+}
+
+#[test]
+fn player_and_face_are_recovered_in_spaces_that_move_over_a_field() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, outcome) = run_in("stadium.toml", 11.0, folder.path());
+    let figure = |name: &str| outcome.report.figures[name];
+    let mut errors = errors(folder.path(), "player.csv");
+    errors.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let [median_m, p99_m] = [0.5, 0.99].map(|it: f64| errors[(it * errors.len() as f64) as usize].0);
+    println!("player.csv: {} rows, error median {:.2} mm, 99 % {:.2} mm", errors.len(), median_m * 1e3, p99_m * 1e3);
+    // The wide cameras alone: 4 mm.
+    assert!(errors.len() > 10_000 && median_m < 0.002 && p99_m < 0.02, "median {median_m} m, 99 % {p99_m} m");
+    assert_eq!((figure("marks.known"), figure("mark_identity_errors"), figure("marks_extra")), (69.0, 0.0, 0.0));
+    assert!(figure("pair_error_mm.median") < 0.2, "{}", figure("pair_error_mm.median"));
+    assert!(figure("off_centre_px.median") < 200.0, "{}", figure("off_centre_px.median"));
 }
