@@ -2,10 +2,12 @@
 //! [Davis 2002 ch. 5, §6.1].
 
 pub mod integrator;
+pub mod tracker;
 
 use foveate::prelude::Registry;
 
 /// Makes the nodes of this plugin known.
 pub fn register(registry: &mut Registry) {
+    registry.add::<tracker::TrackerNode>();
     registry.add::<integrator::Integrator>();
 }

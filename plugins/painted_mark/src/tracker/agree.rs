@@ -1,0 +1,84 @@
+//! Whether what was found agrees with itself: a mark moves as its neighbours do, two marks are not one dot, and of a blurred picture nothing is believed.
+
+use nalgebra::Vector2;
+
+use super::follow::{Follower, SAME_GUESS_PX};
+use super::neighbours::Neighbours;
+use super::track::{Found, Track};
+
+/// Neighbours are asked up to this far away [px].
+const NEIGHBOUR_PX: f64 = 100.0;
+/// With no more tracks than this that were seen in two pictures, whoever was found is asked.
+const LEAST_TRUSTED: usize = 5;
+/// A picture in which less than this part of so many tracks is found tells nothing.
+const LEAST_PART: f64 = 0.4;
+const LEAST_FOR_BLUR: usize = 8;
+
+impl Follower {
+    /// What the neighbours of track `at` did beyond what was expected. Those that were seen in the picture before are asked, where there are any: others
+    /// may have found the wrong thing, and all the same one.
+    pub(super) fn neighbours(&self, at: usize) -> Neighbours {
+        let is_trusted = |it: &Track| it.is_seen() && it.found.is_some();
+        let has_trusted = self.tracks.iter().filter(|it| is_trusted(it)).count() > LEAST_TRUSTED;
+        let others = self.tracks.iter().enumerate().filter(|(k, it)| *k != at && (!has_trusted || is_trusted(it)));
+        let strays = others.filter_map(|(_, it)| Some((it.expected, it.found?.pixel - it.expected)));
+        Neighbours::of(self.tracks[at].expected, NEIGHBOUR_PX, strays)
+    }
+
+    /// Who moves unlike its neighbours is looked for where they went. Who was lost and has no neighbours stays so.
+    pub(super) fn compare(&mut self, shift: Vector2<f64>) {
+        let jump_px = self.settings.jump_px;
+        // Twice: the first round takes strays away that would mislead the second.
+        for round in 0..2 {
+            for at in 0..self.tracks.len() {
+                let usual = self.neighbours(at).median();
+                let track = &self.tracks[at];
+                if track.lost > self.settings.patience_frames || (usual.is_none() && track.is_seen()) {
+                    continue;
+                }
+                let Some(usual) = usual else {
+                    self.tracks[at].found = None;
+                    continue;
+                };
+                let expected = track.expected;
+                let fits = |found: &Found| (found.pixel - expected - usual).norm() <= jump_px;
+                if track.found.as_ref().is_some_and(fits) {
+                    continue;
+                }
+                let is_worth_it = round == 0 && (track.found.is_some() || usual.norm() > SAME_GUESS_PX);
+                let again = is_worth_it.then(|| self.eye.look(&self.settings, track, expected + usual, shift));
+                self.tracks[at].found = again.flatten().filter(fits);
+            }
+        }
+    }
+
+    /// Two tracks on one dot: a name counts more than none; of two names, nobody knows.
+    pub(super) fn part(&mut self) {
+        let apart = self.apart();
+        for a in 0..self.tracks.len() {
+            for b in a + 1..self.tracks.len() {
+                let (Some(one), Some(other)) = (self.tracks[a].found, self.tracks[b].found) else { continue };
+                if (one.pixel - other.pixel).norm() >= apart {
+                    continue;
+                }
+                let named = [a, b].map(|it| self.tracks[it].label.is_some());
+                if named[0] == named[1] || !named[0] {
+                    self.tracks[a].found = None;
+                }
+                if named[0] == named[1] || !named[1] {
+                    self.tracks[b].found = None;
+                }
+            }
+        }
+    }
+
+    /// A picture in which most are missing at once is blurred by motion: what is found in it lies anywhere along the way.
+    pub(super) fn pass_over_blur(&mut self) {
+        let looked_for = self.tracks.iter().filter(|it| it.lost <= self.settings.patience_frames).count();
+        let found = self.tracks.iter().filter(|it| it.found.is_some()).count();
+        if looked_for >= LEAST_FOR_BLUR && (found as f64) < LEAST_PART * looked_for as f64 {
+            self.tally.blurred += 1;
+            self.tracks.iter_mut().for_each(|it| it.found = None);
+        }
+    }
+}

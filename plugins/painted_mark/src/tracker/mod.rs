@@ -1,0 +1,143 @@
+//! `painted_mark.tracker`: follows the painted marks in the pictures of one camera.
+
+mod agree;
+mod corrections;
+mod eye;
+mod follow;
+mod naming;
+mod neighbours;
+mod settings;
+mod track;
+
+use foveate::prelude::*;
+
+pub use corrections::{Correction, read as read_corrections};
+pub use follow::Follower;
+pub use settings::TrackerSettings;
+
+const IMAGE: In<Image> = In::each(0, "image");
+const GUIDE: In<MarkGuide> = In::latest(1, "guide").optional();
+const FEATURES: Out<Features> = Out::new(0, "features");
+
+/// Pictures in, painted marks out [Davis 2002 §5.1]: with a label those whose names are known, chosen by hand or given by the guide, without one the
+/// dots whose names are not. What is in doubt is left out.
+pub struct TrackerNode {
+    follower: Follower,
+    camera: Option<CameraId>,
+    camera_name: String,
+    pool: Pool<Features>,
+}
+
+impl Node for TrackerNode {
+    const TYPE: &'static str = "painted_mark.tracker";
+    const ROLE: Role = Role::Detector;
+    const SUMMARY: &'static str =
+        "Follows painted marks in the pictures of one camera, chosen by hand or found by themselves";
+    type Settings = TrackerSettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&IMAGE).input(&GUIDE).output(&FEATURES)
+    }
+
+    fn new(settings: TrackerSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        settings.check()?;
+        let corrections = match settings.marks.as_str() {
+            "" => Vec::new(),
+            text => read_marks(&setup.path("marks", text)?, setup)?,
+        };
+        Ok(Self {
+            follower: Follower::new(settings, corrections)?,
+            camera: setup.camera,
+            camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
+            pool: Pool::default(),
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let Some(image) = io.take(&IMAGE) else { return Ok(()) };
+        let mut features = self.pool.take(Features::default);
+        features.camera = self.camera.unwrap_or(image.value.camera);
+        let camera = features.camera;
+        let guide = io.latest(&GUIDE).map(|it| (it.value.time, it.value.of(camera)));
+        let seen = self.follower.see(&image.value, image.stamp, guide, &mut features);
+        let features = self.pool.share(features);
+        match seen {
+            Ok(()) => io.emit(&FEATURES, image.stamp, features),
+            Err(reason) => io.gap(&FEATURES, image.time(), reason),
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        self.follower.report(&self.camera_name, report);
+        Ok(())
+    }
+}
+
+fn read_marks(path: &std::path::Path, setup: &Setup) -> Result<Vec<Correction>, ConfigError> {
+    let refuse = |text: String| ConfigError::at("marks", format_args!("`{}`: {text}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|error| refuse(format!("cannot be read: {error}")))?;
+    let known = |name: &str| setup.calibration.cameras.iter().any(|it| it.name == name);
+    read_corrections(&text, setup.camera_name(), known).map_err(refuse)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use foveate_testkit::check_node;
+    use foveate_testkit::scene::ring_calibration;
+
+    use super::*;
+
+    #[test]
+    fn node_keeps_its_promises() {
+        check_node::<TrackerNode>("");
+        check_node::<TrackerNode>("colour = [20, 40, 200]\nchecks = false\nreanchor = false\nwindow_px = 21");
+    }
+
+    #[test]
+    fn settings_out_of_range_are_named() {
+        let setting = |change: fn(&mut TrackerSettings)| {
+            let mut settings = TrackerSettings::default();
+            change(&mut settings);
+            TrackerNode::new(settings, &Setup::for_tests()).err().and_then(|it| it.setting)
+        };
+        assert_eq!(setting(|_| ()), None);
+        assert_eq!(setting(|it| it.radius_px = f64::NAN).as_deref(), Some("radius_px"));
+        assert_eq!(setting(|it| it.min_contrast = 0.0).as_deref(), Some("min_contrast"));
+        assert_eq!(setting(|it| it.window_px = 14).as_deref(), Some("window_px"));
+        assert_eq!(setting(|it| it.window_px = 33).as_deref(), Some("window_px"));
+        assert_eq!(setting(|it| it.levels = 0).as_deref(), Some("levels"));
+        assert_eq!(setting(|it| it.reach_px = 1001).as_deref(), Some("reach_px"));
+        assert_eq!(setting(|it| it.patience_frames = 5000).as_deref(), Some("patience_frames"));
+        assert_eq!(setting(|it| it.min_correlation = 1.5).as_deref(), Some("min_correlation"));
+        assert_eq!(setting(|it| it.back_px = 0.0).as_deref(), Some("back_px"));
+        assert_eq!(setting(|it| it.jump_px = -1.0).as_deref(), Some("jump_px"));
+        assert_eq!(setting(|it| it.name_px = f64::INFINITY).as_deref(), Some("name_px"));
+        assert_eq!(setting(|it| it.search_every = 0).as_deref(), Some("search_every"));
+        assert_eq!(setting(|it| it.max_marks = 0).as_deref(), Some("max_marks"));
+        assert_eq!(setting(|it| it.marks = "/no/such.csv".into()).as_deref(), Some("marks"));
+    }
+
+    #[test]
+    fn a_fault_in_the_file_of_marks_names_file_and_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("marks.csv");
+        let calibration = Arc::new(ring_calibration(3));
+        let name = calibration.cameras[0].name.clone();
+        let setup = Setup { camera: Some(CameraId(0)), calibration, ..Setup::for_tests() };
+        let new = |text: String| {
+            std::fs::write(&path, text).unwrap();
+            let settings = TrackerSettings { marks: path.display().to_string(), ..TrackerSettings::default() };
+            TrackerNode::new(settings, &setup).map(|_| ()).map_err(|it| (it.setting, it.message))
+        };
+        assert_eq!(new(format!("camera,mark,frame,u_px,v_px\n{name},1,0,30,40\n")), Ok(()));
+        let (setting, message) = new("camera,mark,frame,u_px,v_px\nnobody,1,0,30,40\n".to_owned()).unwrap_err();
+        assert_eq!(setting.as_deref(), Some("marks"));
+        assert!(
+            message.contains("marks.csv") && message.contains("line 2") && message.contains("`nobody`"),
+            "{message}"
+        );
+    }
+}

@@ -1,0 +1,128 @@
+//! Names of marks from what all cameras together know: the guide says where each mark should have been in a picture.
+//!
+//! What it says is carried on to the present picture by the marks that are seen here and that it speaks of, too: the median of what the nearest of them did since. Where there
+//! are none, by the motion of the whole. A dot gets a name when it is near to where that mark should be and neither another dot nor another mark competes.
+
+use foveate::messages::GuidedMark;
+use foveate::prelude::Time;
+use nalgebra::{Matrix2, Point2, Vector2};
+
+use super::follow::Follower;
+use super::neighbours::Neighbours;
+
+/// Marks up to this far away carry a place on [px of the camera].
+const CARRIED_BY_PX: f64 = 200.0;
+/// What carrying on adds to the covariance [px²].
+const CARRIED: f64 = 1.0;
+/// Within three standard deviations, squared.
+const GATE: f64 = 9.0;
+
+/// A second candidate has to be at least this far away where the first is at `near` [px].
+pub(super) fn clear_of(near: f64) -> f64 {
+    (2.0 * near).max(near + 2.0)
+}
+
+/// A mark that should be seen and is not.
+struct Wanted {
+    label: u32,
+    /// Where, in pixels of the present picture.
+    place: Point2<f64>,
+    covariance: Matrix2<f64>,
+}
+
+impl Follower {
+    /// Gives dots the names of `marks`, which were at these places at `time`; `now` is the time of the present picture of `size`.
+    pub(super) fn heed(&mut self, time: Time, marks: &[GuidedMark], now: Time, size: [u32; 2]) {
+        for mark in marks.iter().filter(|it| it.disputed) {
+            // One that was named after that time is another.
+            let is_it = |it: &super::track::Track| it.label == Some(mark.label) && it.named <= time;
+            if let Some(at) = self.tracks.iter().position(is_it) {
+                self.tally.disputed += 1;
+                self.end(at);
+            }
+        }
+        if !self.tracks.iter().any(|it| it.label.is_none() && it.is_seen()) {
+            return;
+        }
+        let whole = self.motion_since(time);
+        let wanted: Vec<Wanted> = marks.iter().filter_map(|mark| self.wanted(mark, marks, whole, size)).collect();
+        let mut named = Vec::new();
+        for (k, one) in wanted.iter().enumerate() {
+            let dots = self.tracks.iter().enumerate().filter(|(_, it)| it.label.is_none() && it.is_seen());
+            let mut nearest = (f64::INFINITY, 0);
+            let mut second = f64::INFINITY;
+            for (at, dot) in dots {
+                let distance = (dot.pixel - one.place).norm();
+                if distance < nearest.0 {
+                    second = nearest.0;
+                    nearest = (distance, at);
+                } else {
+                    second = second.min(distance);
+                }
+            }
+            let (near, at) = nearest;
+            if near > self.settings.name_px {
+                continue;
+            }
+            let dot = &self.tracks[at];
+            let offset = dot.pixel - one.place;
+            let covariance = one.covariance + dot.covariance + Matrix2::identity() * CARRIED;
+            let is_within = covariance.cholesky().is_some_and(|it| it.solve(&offset).dot(&offset) <= GATE);
+            let others = wanted.iter().enumerate().filter(|it| it.0 != k);
+            let other = others.map(|(_, it)| (dot.pixel - it.place).norm()).fold(f64::INFINITY, f64::min);
+            if is_within && second.min(other) >= clear_of(near) {
+                named.push((at, one.label));
+            }
+        }
+        for (at, label) in named {
+            (self.tracks[at].label, self.tracks[at].named, self.tracks[at].length) = (Some(label), now, 1);
+            self.tally.named += 1;
+        }
+        // Who waited to be found again under that name has been.
+        let mut at = self.tracks.len();
+        while at > 0 {
+            at -= 1;
+            let label = self.tracks[at].label;
+            let is_double = !self.tracks[at].is_seen()
+                && label.is_some()
+                && self.tracks.iter().any(|it| it.is_seen() && it.label == label);
+            if is_double {
+                self.end(at);
+            }
+        }
+    }
+
+    /// Where a mark of the guide that is not seen here should be by now. `None`: it is seen, it is disputed, nobody can tell, or that is not in the picture.
+    fn wanted(
+        &self,
+        mark: &GuidedMark,
+        marks: &[GuidedMark],
+        whole: Option<Vector2<f64>>,
+        size: [u32; 2],
+    ) -> Option<Wanted> {
+        let seen = |label: u32| self.tracks.iter().find(|it| it.label == Some(label) && it.is_seen());
+        let is_sound = mark.pixel.iter().chain(&mark.covariance).all(|it| it.is_finite());
+        if mark.disputed || !is_sound || seen(mark.label).is_some() {
+            return None;
+        }
+        let shared = marks.iter().filter(|it| !it.disputed).filter_map(|it| {
+            let track = seen(it.label)?;
+            Some((it.pixel, self.window.in_camera(&track.pixel) - it.pixel))
+        });
+        let moved = Neighbours::of(mark.pixel, CARRIED_BY_PX, shared).median().or(whole)?;
+        let place = self.window.in_image(&(mark.pixel + moved));
+        let is_inside = |at: f64, n: u32| at >= 0.0 && at <= f64::from(n) - 1.0;
+        let scale = f64::from(self.window.shrink).powi(2);
+        (is_inside(place.x, size[0]) && is_inside(place.y, size[1])).then(|| Wanted {
+            label: mark.label,
+            place,
+            covariance: mark.covariance / scale,
+        })
+    }
+
+    /// How the whole has moved since the picture of `time` [px of the camera]; `None` where that is not remembered.
+    fn motion_since(&self, time: Time) -> Option<Vector2<f64>> {
+        let start = self.past.iter().position(|it| it.0 == time)?;
+        Some(self.past.iter().skip(start).map(|it| it.1).sum())
+    }
+}
