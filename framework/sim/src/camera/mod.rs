@@ -209,7 +209,7 @@ impl Renderer {
             }
             surfaces.finish(image_size[0] as usize, n_moments, black_level, canvas);
         };
-        let instead = Instead { replaces: &|it| part.replaces(it), distance, draw: &mut draw };
+        let instead = Instead { beside: &|number, body| part.beside(number, body), distance, draw: &mut draw };
         self.silhouettes.draw(&self.camera, &self.moment, cloth_light, black_level, Some(instead), &mut self.canvas);
     }
 

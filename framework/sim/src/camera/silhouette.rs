@@ -10,8 +10,12 @@ use super::steps;
 use crate::person::BodyPart;
 use crate::world::Moment;
 
-/// Spheres along each capsule.
-const N_SPHERES: usize = 6;
+/// Spheres along each capsule that looks small: at least.
+const FEWEST_SPHERES: usize = 6;
+/// Spheres along one that looks large: at most.
+const MOST_SPHERES: usize = 40;
+/// A capsule of a larger radius looks large [px].
+const LARGE_PX: f64 = 25.0;
 
 /// Draws people; keeps its memory from field to field.
 #[derive(Default)]
@@ -22,8 +26,8 @@ pub(super) struct Silhouettes {
 
 /// What stands in for parts of the first person's body.
 pub(super) struct Instead<'s> {
-    /// Whether it does so for a part.
-    pub replaces: &'s dyn Fn(usize) -> bool,
+    /// What is left of a part beside it.
+    pub beside: &'s dyn Fn(usize, BodyPart) -> Option<BodyPart>,
     /// Squared distance from the camera [m²].
     pub distance: f64,
     /// Draws it.
@@ -45,9 +49,13 @@ impl Silhouettes {
         let distance = |part: &BodyPart| (nalgebra::center(&part.ends[0], &part.ends[1]) - eye).norm_squared();
         self.order.clear();
         for (person, pose) in moment.poses.iter().enumerate() {
-            let is_replaced = |part: usize| person == 0 && instead.as_ref().is_some_and(|it| (it.replaces)(part));
-            let parts = pose.parts.iter().enumerate().filter(|(part, _)| !is_replaced(*part));
-            self.order.extend(parts.map(|(_, part)| (distance(part), *part)));
+            for (number, part) in pose.parts.iter().enumerate() {
+                let left = match &instead {
+                    Some(instead) if person == 0 => (instead.beside)(number, *part),
+                    _ => Some(*part),
+                };
+                self.order.extend(left.map(|part| (distance(&part), part)));
+            }
         }
         self.order.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
         for (distance, part) in &self.order {
@@ -71,9 +79,15 @@ struct Ellipse {
 
 fn draw_part(camera: &Camera, eye: &Point3<f64>, part: &BodyPart, light: f64, black_level: f64, canvas: &mut [i16]) {
     let [width, height] = camera.image_size.map(f64::from);
-    let mut ellipses = [Ellipse { centre: [0.0; 2], half: [0.0; 2] }; N_SPHERES];
+    // Close up, few spheres would look like beads.
+    let distance = (nalgebra::center(&part.ends[0], &part.ends[1]) - eye).norm();
+    let is_large = part.radius * camera.intrinsics.focal[0] > LARGE_PX * distance;
+    let n_close = ((part.ends[1] - part.ends[0]).norm() / (0.2 * part.radius)) as usize;
+    let n = if is_large { n_close.clamp(FEWEST_SPHERES, MOST_SPHERES) } else { FEWEST_SPHERES };
+    let mut ellipses = [Ellipse { centre: [0.0; 2], half: [0.0; 2] }; MOST_SPHERES];
+    let ellipses = &mut ellipses[..n];
     for (i, ellipse) in ellipses.iter_mut().enumerate() {
-        let along = i as f64 / (N_SPHERES - 1) as f64;
+        let along = i as f64 / (n - 1) as f64;
         let middle = part.ends[0] + (part.ends[1] - part.ends[0]) * along;
         let Some(pixel) = camera.project(&middle) else { return };
         let distance = (middle - eye).norm();
@@ -93,7 +107,7 @@ fn draw_part(camera: &Camera, eye: &Point3<f64>, part: &BodyPart, light: f64, bl
     }
     for row in top as usize..=bottom as usize {
         let (mut left, mut right) = (f64::INFINITY, f64::NEG_INFINITY);
-        for Ellipse { centre, half } in ellipses {
+        for Ellipse { centre, half } in ellipses.iter() {
             let rise = (row as f64 - centre[1]) / half[1];
             let reach = half[0] * (1.0 - rise * rise).max(0.0).sqrt();
             if reach > 0.0 {

@@ -3,7 +3,7 @@
 use foveate_dataflow::{ConfigError, Due, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup, Time};
 use foveate_messages::Targets;
 
-use crate::painted::{FaceSettings, FaceSource, RecordedHead};
+use crate::painted::{FaceSettings, FaceSource, PartKind, RecordedHead};
 use crate::world::{LightPath, MAX_MONITORS, SceneSettings, SwingSettings, WalkKind, World};
 
 const WORLD: Out<World> = Out::new(0, "world");
@@ -78,6 +78,11 @@ impl Node for Lab {
         ConfigError::unless_in("glints_hz", glints_hz, 0.0..=30.0)?;
         if let Some(face) = face {
             face.check()?;
+            if face.part == PartKind::Knee && (walk == WalkKind::Crowd || face.source == FaceSource::Ict) {
+                let message =
+                    "found a knee in a `crowd` or with `source = \"ict\"`, expected the built-in one elsewhere";
+                return Err(ConfigError::at("face.part", message));
+            }
             if people == 0 {
                 return Err(ConfigError::at("face", "found with no people, expected `people = 1` or more beside it"));
             }
@@ -155,6 +160,9 @@ impl Node for Lab {
 
 /// The recorded head, if one is wanted, and what the user is to know about it.
 fn read_head(face: &FaceSettings, setup: &Setup) -> Result<(Option<RecordedHead>, Option<String>), ConfigError> {
+    if face.part == PartKind::Knee {
+        return Ok((None, None));
+    }
     let folder = match (face.source, setup.path("face.data", &face.data)) {
         (FaceSource::BuiltIn, _) => return Ok((None, None)),
         (FaceSource::Ict, folder) => folder?,
@@ -199,6 +207,7 @@ mod tests {
         check_node::<Lab>("people = 0\nswing = { amplitude_m = 0.3 }");
         check_node::<Lab>("walk = \"stage\"\nstand_s = 3");
         check_node::<Lab>("face = { marks = 40, source = \"built_in\" }");
+        check_node::<Lab>("walk = \"stage\"\nface = { part = \"knee\" }");
         check_node::<Lab>("people = 16\nwalk = \"crowd\"\nwalk_area_m = [6, 8]\nstay_s = 30");
     }
 
@@ -245,6 +254,11 @@ mod tests {
             it.face = Some(FaceSettings { source: FaceSource::Ict, data, ..FaceSettings::default() });
         };
         assert_eq!(refused(ict), "face.data");
+        let knee = |it: &mut SceneSettings| {
+            it.walk = WalkKind::Crowd;
+            it.face = Some(FaceSettings { part: PartKind::Knee, ..FaceSettings::default() });
+        };
+        assert_eq!(refused(knee), "face.part");
         assert_eq!(refused(|it| (it.people, it.light_path) = (0, Some("no such file".to_owned()))), "light_path");
         let mut settings = SceneSettings { people: 0, swing: swung(0.1), ..SceneSettings::default() };
         assert!(

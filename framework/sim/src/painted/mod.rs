@@ -1,4 +1,4 @@
-//! A part of an actor's body that is painted with marks, moves and deforms: a face [Davis 2002, Figs. 54, 55 and 58].
+//! A part of an actor's body that is painted with marks, moves and deforms: a face [Davis 2002, Figs. 54, 55 and 58] or a knee (§6.1).
 //!
 //! It is a surface of triangles with a texture: [`Surface`] tells how it deforms, [`Drive`] what it does over time, [`texture`] how it looks.
 //! Where the marks truly are at some time, and from where they are seen, is [`Painted`]. All is a pure function of time and of the seed.
@@ -8,6 +8,7 @@ mod drive;
 mod expressions;
 mod head;
 mod ict;
+mod knee;
 mod places;
 mod skin;
 mod surface;
@@ -40,8 +41,22 @@ const BLOCK: usize = 24;
 const NEAR: f64 = 0.8e-3;
 /// From the foot of the neck to the middle of a head that looks straight ahead [m].
 const NECK: [f64; 3] = [0.02, 0.0, 0.17];
-/// Among the parts of a [`Pose`]: head and neck, which the surface stands in for, and the shoulders, which never hide a face.
+/// Among the parts of a [`Pose`]: head and neck, which a face's surface stands in for.
 const HEAD_PARTS: [usize; 2] = [3, 4];
+/// Among them: what never hides a face.
+const SHOULDERS: usize = 1;
+
+/// What is painted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PartKind {
+    /// The face, with up to 76 marks.
+    #[default]
+    Face,
+    /// The right knee, with up to 45 marks, and a ninth LED above it, target 8 n of n people. It is always the built-in one; on a `stage` the
+    /// actor bends it while standing.
+    Knee,
+}
 
 /// Where a face comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -74,11 +89,13 @@ impl RecordedHead {
     }
 }
 
-/// The actor's painted face.
+/// The actor's painted face, or knee.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct FaceSettings {
-    /// How many marks are painted on it, 12 mm or more apart [–].
+    /// Which part of the body is painted [–].
+    pub part: PartKind,
+    /// How many marks are painted on it, 12 mm or more apart; a knee bears 45 at most [–].
     #[schemars(range(min = 1, max = 76))]
     pub marks: usize,
     /// How large they are, about [mm].
@@ -95,7 +112,14 @@ pub struct FaceSettings {
 
 impl Default for FaceSettings {
     fn default() -> Self {
-        Self { marks: 69, radius_mm: 1.8, light: 260.0, source: FaceSource::Auto, data: "${FOVEATE_DATA}".to_owned() }
+        Self {
+            part: PartKind::Face,
+            marks: 69,
+            radius_mm: 1.8,
+            light: 260.0,
+            source: FaceSource::Auto,
+            data: "${FOVEATE_DATA}".to_owned(),
+        }
     }
 }
 
@@ -115,7 +139,8 @@ pub(crate) struct Part {
     pub light: f64,
     names: Vec<String>,
     spots: Vec<Spot>,
-    drive: Drive,
+    /// What a face does; a knee does what the leg does.
+    drive: Option<Drive>,
     recent: Mutex<VecDeque<(Time, Arc<Skin>)>>,
 }
 
@@ -144,6 +169,14 @@ impl Part {
         random: &Random,
     ) -> Self {
         let seed = random.fork("texture").next_u64() as u32;
+        if settings.part == PartKind::Knee {
+            let (mut surface, size) = knee::knee();
+            surface.sort_triangles();
+            let spots = knee::spots(&surface, settings.marks);
+            let paint = texture::Paint::new(&surface, &spots, settings.radius_mm, seed);
+            let texture = texture::paint(&surface, size, &paint, |p, _| knee::albedo(p, seed));
+            return Self::of(settings, surface, texture, spots, None);
+        }
         let features = skin::Features { seed, is_built_in: recorded.is_none() };
         let is_built_in = recorded.is_none();
         let (mut surface, size, curves) = match recorded {
@@ -167,20 +200,33 @@ impl Part {
             Material::Mouth => 0.06,
         };
         let texture = texture::paint(&surface, size, &paint, albedo);
+        let drive = Drive::new(start_s, shown_s, curves, &mut random.fork("expressions"));
+        Self::of(settings, surface, texture, spots, Some(drive))
+    }
+
+    fn of(settings: &FaceSettings, surface: Surface, texture: Texture, spots: Vec<Spot>, drive: Option<Drive>) -> Self {
         Self {
             names: surface.modes.iter().map(|it| it.name.clone()).collect(),
-            drive: Drive::new(start_s, shown_s, curves, &mut random.fork("expressions")),
             light: settings.light,
             recent: Mutex::default(),
             surface,
             texture,
             spots,
+            drive,
         }
     }
 
-    /// Of which parts of a body it takes the place.
-    pub fn replaces(&self, part: usize) -> bool {
-        HEAD_PARTS.contains(&part)
+    /// Whether it takes the place of a part of the body, or of some of it.
+    fn replaces(&self, part: usize) -> bool {
+        if self.drive.is_some() { HEAD_PARTS.contains(&part) } else { knee::PARTS.contains(&part) }
+    }
+
+    /// What is left of a part of the body beside it.
+    pub fn beside(&self, part: usize, body: BodyPart) -> Option<BodyPart> {
+        match (&self.drive, self.replaces(part)) {
+            (None, _) => Some(knee::beside(part, body)),
+            (Some(_), is_replaced) => (!is_replaced).then_some(body),
+        }
     }
 
     /// The surface at `time` on the body `pose` of that time.
@@ -198,9 +244,17 @@ impl Part {
 
     fn skin_at(&self, time_s: f64, pose: &Pose) -> Skin {
         let mut weights = Vec::new();
-        self.drive.weights(&self.names, time_s, &mut weights);
-        let world_from_part = pose.head;
-        let vertices = self.surface.deform(&weights, &world_from_part, &world_from_trunk(pose));
+        let [world_from_part, world_from_next] = match &self.drive {
+            Some(drive) => {
+                drive.weights(&self.names, time_s, &mut weights);
+                [pose.head, world_from_trunk(pose)]
+            }
+            None => {
+                knee::weights(pose, &mut weights);
+                knee::frames(pose)
+            }
+        };
+        let vertices = self.surface.deform(&weights, &world_from_part, &world_from_next);
         let normals = self.surface.normals(&vertices);
         let key = key_light();
         let fill = Vector3::new(0.75, 0.6, 0.1).normalize();
@@ -215,7 +269,7 @@ impl Part {
 
     /// The truth about the marks of `skin`.
     fn painted(self: &Arc<Self>, skin: Arc<Skin>, pose: &Pose) -> Painted {
-        let blockers = pose.parts.iter().enumerate().filter(|(part, _)| !self.replaces(*part) && *part != 1);
+        let blockers = pose.parts.iter().enumerate().filter(|(part, _)| !self.replaces(*part) && *part != SHOULDERS);
         let corner = |corner: u32| skin.vertices[corner as usize];
         let bounds = self.surface.triangles.chunks(BLOCK).map(|block| {
             let corners = || block.iter().flat_map(|it| it.corners).map(corner);
@@ -256,7 +310,8 @@ fn world_from_trunk(pose: &Pose) -> Isometry3<f64> {
 /// The painted marks at one time, as they truly are.
 #[derive(Debug, Clone)]
 pub struct Painted {
-    /// Takes points of the part's space (for a face that of the head: x forward, y left, z up, the origin in its middle) to the world.
+    /// Takes points of the part's space to the world: for a face that of the head (x forward, y left, z up, the origin in its middle), for a knee
+    /// that of the thigh (z up along it, the origin in the joint).
     pub world_from_part: Isometry3<f64>,
     /// Where the marks are in the world, by their number [m].
     pub marks: Vec<Point3<f64>>,
@@ -361,6 +416,44 @@ mod tests {
         let moved = farthest.iter().filter(|it| **it > 3.0).count();
         println!("{farthest:.1?}");
         assert!((15.0..27.0).contains(&most) && moved > 40, "{moved} marks move, by {most} mm at most");
+    }
+
+    #[test]
+    fn a_knee_bends_its_marks_with_the_leg() {
+        let settings = SceneSettings {
+            walk: WalkKind::Stage,
+            stand_s: 6.0,
+            people_enter_s: 0.0,
+            face: Some(FaceSettings { part: PartKind::Knee, ..FaceSettings::default() }),
+            ..SceneSettings::default()
+        };
+        let world = World::new(settings, &Random::new(3));
+        const N: usize = 45;
+        let (mut ranges, mut seen) = (vec![[f64::INFINITY, 0.0_f64]; N], 0);
+        for step in 0..400 {
+            let time = Time::from_s(2.5 + f64::from(step) * 0.05);
+            let painted = world.painted(time).unwrap();
+            assert_eq!(painted.marks.len(), N);
+            for i in 0..N {
+                (0..i).for_each(|j| {
+                    assert!((painted.marks[i] - painted.marks[j]).norm() > 0.0105, "{i} {j} at {time:?}")
+                });
+            }
+            // From the highest mark in the middle to the others.
+            for (range, mark) in ranges.iter_mut().zip(&painted.marks) {
+                let distance = (mark - painted.marks[0]).norm() * 1e3;
+                *range = [range[0].min(distance), range[1].max(distance)];
+            }
+            seen += (0..N).filter(|it| painted.sees(&Point3::new(0.5, 3.0, 0.9), *it)).count();
+            // The LED above it goes with it, and is the ninth target.
+            let truth = world.truth(time);
+            let led = truth.list.iter().find(|it| it.id.0 == 8).unwrap();
+            let in_part = painted.world_from_part.inverse_transform_point(&led.position);
+            assert!((in_part.z - 0.12).abs() < 0.01 && in_part.coords.xy().norm() < 0.1, "{in_part}");
+        }
+        let stretched = ranges.iter().filter(|it| it[1] - it[0] > 4.0).count();
+        assert!(stretched > 20, "{ranges:.1?}");
+        assert!(seen > 400 * 25, "{seen}");
     }
 
     #[test]

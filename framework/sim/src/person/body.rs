@@ -16,6 +16,9 @@ const LED_HEIGHT: f64 = 0.015;
 /// Cosine of the angle from its normal at which a LED's dome goes dark, negative: beyond 90°.
 const DARK_COSINE: f64 = -0.35;
 
+/// How far above the knee a LED is worn there [m].
+const KNEE_LED: f64 = 0.12;
+
 const PELVIS: f64 = 0.98;
 const SHOULDERS: f64 = 1.44;
 const HALF_SHOULDERS: f64 = 0.18;
@@ -90,6 +93,14 @@ pub struct Pose {
 }
 
 impl Pose {
+    /// A LED on the right thigh, a little above the knee, that shines ahead: worn where the knee is looked at.
+    pub fn knee_led(&self) -> Led {
+        let [hip, knee] = self.parts[12].ends;
+        let up = (hip - knee).normalize();
+        let ahead = self.forward - up * self.forward.dot(&up);
+        led_on(knee + up * KNEE_LED, self.parts[12].radius, ahead)
+    }
+
     /// Whether a body part lies between `eye` and `point` [m].
     pub fn occluded(&self, eye: &Point3<f64>, point: &Point3<f64>) -> bool {
         // Seen from above, a line that passes through a part passes through the circle around all of them.

@@ -68,9 +68,9 @@ impl Person {
     }
 
     /// An actor who comes in at `enter_s`, stands from [`COME_S`] later on for `stand_s`, and then walks to and fro over `width_m` along X
-    /// at `speed` on average [m/s], the face towards +Y nearly always.
-    pub fn on_stage(enter_s: f64, stand_s: f64, width_m: f64, speed: f64, random: &Random) -> Self {
-        let stage = Stage::new(enter_s, stand_s, width_m, speed, &mut random.fork("stage"));
+    /// at `speed` on average [m/s], the face towards +Y nearly always. Who `shows_knee` bends the right one while standing.
+    pub fn on_stage(enter_s: f64, stand_s: f64, width_m: f64, speed: f64, shows_knee: bool, random: &Random) -> Self {
+        let stage = Stage::new(enter_s, stand_s, width_m, speed, shows_knee, &mut random.fork("stage"));
         Self { way: Way::Stage(stage), gait: Gait::without_gestures(speed, &mut random.fork("gait 0")) }
     }
 
@@ -92,6 +92,13 @@ impl Person {
             Way::Stage(stage) => stage.at(&self.gait, time_s),
         };
         body::pose(&place, &joints)
+    }
+
+    /// Position [m] and velocity [m/s] of [`Pose::knee_led`] at `time_s` [s].
+    pub fn knee_motion(&self, time_s: f64) -> (Point3<f64>, Vector3<f64>) {
+        let at = |time_s: f64| self.pose(time_s).knee_led().position;
+        let moved = at(time_s + HALF_DIFFERENCE_S) - at(time_s - HALF_DIFFERENCE_S);
+        (at(time_s), moved / (2.0 * HALF_DIFFERENCE_S))
     }
 
     /// The LEDs' positions [m] and velocities [m/s] at `time_s` [s].
@@ -260,7 +267,7 @@ mod tests {
 
     #[test]
     fn an_actor_comes_in_stands_and_walks_over_the_stage_facing_it() {
-        let actor = Person::on_stage(1.0, 8.0, 2.0, 0.9, &Random::new(5));
+        let actor = Person::on_stage(1.0, 8.0, 2.0, 0.9, false, &Random::new(5));
         let (mut across, mut seen, mut n) = ([f64::INFINITY, f64::NEG_INFINITY], 0, 0);
         let mut before: Option<Point3<f64>> = None;
         for step in 0..12_000 {

@@ -26,6 +26,8 @@ const START_S: f64 = 1.2;
 const TURN: f64 = 0.87;
 /// How much of that the head joins in.
 const HEAD_SHARE: f64 = 0.35;
+/// From bending a knee once to bending it again, for who shows it [s].
+const KNEE_S: f64 = 2.4;
 /// Width and height of the sway of who stands [m].
 const SWAY_M: [f64; 2] = [0.012, 0.008];
 
@@ -40,17 +42,18 @@ pub(super) struct Stage {
     omega: f64,
     /// To the actor's left first, or right.
     sign: f64,
+    shows_knee: bool,
     phases: [f64; 8],
 }
 
 impl Stage {
     /// Comes in at `enter_s`, stands for `stand_s`, then walks over `width_m` at `speed` on average [m/s].
-    pub fn new(enter_s: f64, stand_s: f64, width_m: f64, speed: f64, random: &mut Random) -> Self {
+    pub fn new(enter_s: f64, stand_s: f64, width_m: f64, speed: f64, shows_knee: bool, random: &mut Random) -> Self {
         let half_m = width_m / 2.0;
         let sign = if random.below(2) == 0 { 1.0 } else { -1.0 };
         let omega = TAU * speed / (4.0 * half_m);
         let phases = [(); 8].map(|()| random.uniform_in(0.0, TAU));
-        Self { enter_s, stand_s, half_m, omega, sign, phases }
+        Self { enter_s, stand_s, half_m, omega, sign, shows_knee, phases }
     }
 
     /// Place and joints at `time_s`; before the first moment those of the first moment.
@@ -82,6 +85,13 @@ impl Stage {
         joints.look = look - (1.0 - HEAD_SHARE) * turn;
         joints.nod = looks * (0.12 * sway(1.07, 5) + 0.07 * sway(2.9, 6)) + 0.03 * sway(0.62, 3);
         joints.tilt = looks * 0.06 * sway(0.77, 7) + 0.02 * sway(0.43, 2);
+        if self.shows_knee {
+            let stood = (since - COME_S).max(0.0);
+            let shows = smooth(stood) * smooth(self.stand_s - stood);
+            let bend = shows * (0.5 - 0.5 * (TAU * stood / KNEE_S).cos());
+            joints.thighs[1] += 0.55 * bend;
+            joints.knees[1] += 0.95 * bend;
+        }
         let (turned, ahead) = turn.sin_cos();
         (Place { position, forward: Vector2::new(-turned, ahead), way }, joints)
     }

@@ -25,7 +25,7 @@ pub use mirror::Mirror;
 use single::Single;
 pub use single::{LightPath, SwingSettings};
 
-use crate::painted::{FaceSettings, Painted, Part, RecordedHead, Skin};
+use crate::painted::{FaceSettings, Painted, Part, PartKind, RecordedHead, Skin};
 use crate::person::{Braid, COME_S, Led, N_LEDS, Person, Pose};
 
 /// At this distance [m] a LED seen along its normal has the brightness [`SceneSettings::led_peak`].
@@ -101,7 +101,7 @@ pub struct SceneSettings {
     /// Short glints, each in one camera only: how many a second and camera [Hz].
     #[schemars(range(min = 0.0, max = 30.0))]
     pub glints_hz: f64,
-    /// The face of the first of the people, painted with marks: pan-tilt cameras see it in its details. Left out: no face [–]
+    /// The face, or a knee, of the first of the people, painted with marks: pan-tilt cameras see it in its details. Left out: nothing is painted [–]
     pub face: Option<FaceSettings>,
     /// In place of people, somebody unseen waves one light that shines to all sides, to calibrate with: from `people_enter_s` on it
     /// is held on the floor at the origin, 1 m along X and 1 m along Y, then it goes all about `walk_area_m` [–]
@@ -184,6 +184,8 @@ pub struct Moment {
     first_ids: Vec<u32>,
     /// Where the light by itself is, if there is one [m].
     single: Option<Point3<f64>>,
+    /// The LED above a painted knee, and its identity.
+    knee: Option<(TargetId, Led)>,
 }
 
 /// The people of a scene. Where a crowd finds no room to keep apart it walks as it does with the least distance that there is.
@@ -197,7 +199,8 @@ fn people(settings: &SceneSettings, random: &Random) -> Vec<Person> {
         (WalkKind::Round, _) => (0..people).map(|i| Person::new(i, people, area, speed, random)).collect(),
         (WalkKind::Stage, _) => {
             let SceneSettings { stand_s, stage_m, .. } = *settings;
-            (0..people).map(|_| Person::on_stage(enter_s, stand_s, stage_m, speed, random)).collect()
+            let shows_knee = settings.has_knee();
+            (0..people).map(|_| Person::on_stage(enter_s, stand_s, stage_m, speed, shows_knee, random)).collect()
         }
         (WalkKind::Crowd, braid) => {
             let Some(braid) = braid() else { return Vec::new() };
@@ -208,6 +211,11 @@ fn people(settings: &SceneSettings, random: &Random) -> Vec<Person> {
 }
 
 impl SceneSettings {
+    /// Whether it is a knee that is painted.
+    fn has_knee(&self) -> bool {
+        self.face.as_ref().is_some_and(|it| it.part == PartKind::Knee)
+    }
+
     /// How a crowd of these people walks.
     ///
     /// # Errors
@@ -269,7 +277,12 @@ impl World {
 
     /// How many targets there are once all people have come in.
     pub fn n_targets(&self) -> usize {
-        self.0.people.len() * N_LEDS + usize::from(self.0.single.is_some())
+        self.0.people.len() * N_LEDS + usize::from(self.0.single.is_some()) + usize::from(self.0.settings.has_knee())
+    }
+
+    /// The identity of the LED above a painted knee.
+    fn knee_id(&self) -> TargetId {
+        TargetId((self.0.people.len() * N_LEDS) as u32)
     }
 
     /// The light by itself, and since when it is there at `time` [s].
@@ -296,6 +309,8 @@ impl World {
             moment.poses.push(person.pose(time.as_s()));
             moment.first_ids.push(first_id);
         }
+        let knee = || moment.poses.first().filter(|_| self.0.settings.has_knee()).map(Pose::knee_led);
+        moment.knee = knee().map(|led| (self.knee_id(), led));
         moment.single = self.single(time).map(|(single, since_s)| single.position(since_s));
     }
 
@@ -323,6 +338,12 @@ impl World {
                 how: How::Measured,
             }));
         }
+        let actor = self.people_at(time).next().filter(|_| self.0.settings.has_knee());
+        truth.list.extend(actor.map(|(_, actor)| {
+            let (position, velocity) = actor.knee_motion(time.as_s());
+            let (cameras, how) = (Default::default(), How::Measured);
+            Target { id: self.knee_id(), position, velocity, covariance: Matrix6::zeros(), cameras, how }
+        }));
         truth.list.extend(self.single(time).map(|(single, since_s)| Target {
             id: SINGLE,
             position: single.position(since_s),
@@ -414,7 +435,8 @@ impl Moment {
 
     fn leds(&self) -> impl Iterator<Item = (TargetId, Led)> + '_ {
         let of = |(pose, first_id): (&Pose, &u32)| pose.leds.into_iter().zip(*first_id..);
-        self.poses.iter().zip(&self.first_ids).flat_map(of).map(|(led, id)| (TargetId(id), led))
+        let worn = self.poses.iter().zip(&self.first_ids).flat_map(of).map(|(led, id)| (TargetId(id), led));
+        worn.chain(self.knee)
     }
 
     /// Whether somebody's body lies between `eye` and `point` [m].
