@@ -148,7 +148,7 @@ impl Renderer {
         backdrop.draw(world, capture, &mut self.canvas);
         let camera = self.camera.clone();
         self.draw_people(world, capture, &|_| camera.clone());
-        for (share, moment) in self.moments(capture) {
+        for (share, moment) in self.moments(capture, self.settings.blur_samples.max(1)) {
             self.draw_leds(world, moment, share);
         }
         self.finish(world, capture, frame, image);
@@ -168,7 +168,7 @@ impl Renderer {
         self.stand(motion.camera_at(at_rest, capture));
         self.moving_backdrop.draw(&self.camera, world, &self.settings, capture, &mut self.canvas);
         self.draw_people(world, capture, &|moment| motion.camera_at(at_rest, moment));
-        for (share, moment) in self.moments(capture) {
+        for (share, moment) in self.moments(capture, self.settings.blur_samples.max(1)) {
             self.stand(motion.camera_at(at_rest, moment));
             self.draw_leds(world, moment, share);
         }
@@ -186,9 +186,11 @@ impl Renderer {
         world.at(capture, &mut self.moment);
         let CameraSettings { room_light, gain, black_level, .. } = self.settings;
         let cloth_light = 60.0 * room_light * gain;
-        let moments: Vec<Time> = self.face_moments(capture).collect();
-        let face = world.skin(capture, &self.moment).and_then(|(part, skin)| {
-            let distance = (skin.vertices[0] - self.centre).norm();
+        let n_moments = self.settings.blur_samples.max(LEAST_FACE_MOMENTS);
+        let moments = self.moments(capture, n_moments);
+        let painted = world.painted_part(capture).zip(self.moment.poses.first());
+        let face = painted.and_then(|(part, pose)| {
+            let distance = (part.middle(pose) - self.centre).norm();
             let is_large = self.camera.intrinsics.focal[0] / distance > SEEN_FROM_PX_M;
             is_large.then_some((part, distance * distance))
         });
@@ -199,11 +201,13 @@ impl Renderer {
         };
         let mut draw = |canvas: &mut [i16]| {
             surfaces.begin(canvas.len());
-            let (mut then, n_moments) = (Moment::default(), moments.len() as u32);
-            for (number, &moment) in (0..).zip(&moments) {
+            let mut then = Moment::default();
+            for (number, (_, moment)) in (0..).zip(moments.clone()) {
                 world.at(moment, &mut then);
-                if let Some((_, skin)) = world.skin(moment, &then) {
+                // Who is there in the middle of the exposure may not have come in at its start.
+                if let (Some(part), Some(pose)) = (world.painted_part(moment), then.poses.first()) {
                     let white = part.light * room_light * gain;
+                    let skin = part.skin(moment, pose);
                     surfaces.add(&camera_at(moment), part, &skin, white, [number, n_moments]);
                 }
             }
@@ -213,18 +217,8 @@ impl Renderer {
         self.silhouettes.draw(&self.camera, &self.moment, cloth_light, black_level, Some(instead), &mut self.canvas);
     }
 
-    /// Moments of the exposure around `capture` at which a face is drawn: as many as for LEDs, and enough for smooth edges.
-    fn face_moments(&self, capture: Time) -> impl Iterator<Item = Time> + use<> {
-        let exposure_ms = self.settings.exposure_ms;
-        let samples = self.settings.blur_samples.max(LEAST_FACE_MOMENTS);
-        (0..samples).map(move |it| {
-            capture + Interval::from_ms(((f64::from(it) + 0.5) / f64::from(samples) - 0.5) * exposure_ms)
-        })
-    }
-
-    /// Moments of the exposure around `capture`, each with its share of the light.
-    fn moments(&self, capture: Time) -> impl Iterator<Item = (f64, Time)> + use<> {
-        let samples = self.settings.blur_samples.max(1);
+    /// This many moments of the exposure around `capture`, each with its share of the light.
+    fn moments(&self, capture: Time, samples: u32) -> impl Iterator<Item = (f64, Time)> + Clone + use<> {
         let exposure_ms = self.settings.exposure_ms;
         (0..samples).map(move |sample| {
             let place = (f64::from(sample) + 0.5) / f64::from(samples) - 0.5;

@@ -342,7 +342,8 @@ mod tests {
             let from = [head.x + 3.0 * angle.sin(), head.y + 3.0 * angle.cos(), head.z + angle.sin() * 0.4];
             let (camera, painted) = (camera(&world, time, from), world.painted(time).unwrap());
             world.at(time, &mut moment);
-            let (part, skin) = world.skin(time, &moment).unwrap();
+            let part = world.painted_part(time).unwrap();
+            let skin = part.skin(time, &moment.poses[0]);
             surfaces.begin(640 * 480);
             surfaces.add(&camera, part, &skin, 200.0, [0, 1]);
             for (mark, (position, normal)) in painted.marks.iter().zip(&painted.normals).enumerate() {

@@ -229,6 +229,14 @@ impl Part {
         }
     }
 
+    /// Its middle on the body `pose` [m].
+    pub fn middle(&self, pose: &Pose) -> Point3<f64> {
+        match self.drive {
+            Some(_) => pose.head.translation.vector.into(),
+            None => pose.parts[knee::PARTS[1]].ends[0],
+        }
+    }
+
     /// The surface at `time` on the body `pose` of that time.
     pub fn skin(&self, time: Time, pose: &Pose) -> Arc<Skin> {
         let recent = || self.recent.lock().unwrap_or_else(PoisonError::into_inner);

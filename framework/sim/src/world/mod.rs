@@ -25,7 +25,7 @@ pub use mirror::Mirror;
 use single::Single;
 pub use single::{LightPath, SwingSettings};
 
-use crate::painted::{FaceSettings, Painted, Part, PartKind, RecordedHead, Skin};
+use crate::painted::{FaceSettings, Painted, Part, PartKind, RecordedHead};
 use crate::person::{Braid, COME_S, Led, N_LEDS, Person, Pose};
 
 /// At this distance [m] a LED seen along its normal has the brightness [`SceneSettings::led_peak`].
@@ -362,11 +362,10 @@ impl World {
         Some(face.painted_at(time, &actor.pose(time.as_s())))
     }
 
-    /// The painted part of the actor, who is the first of `moment`, which is that of `time`.
-    pub(crate) fn skin(&self, time: Time, moment: &Moment) -> Option<(&Part, Arc<Skin>)> {
+    /// The painted part of the actor, where there is one and the actor is there at `time`: then the first of [`Moment::poses`].
+    pub(crate) fn painted_part(&self, time: Time) -> Option<&Part> {
         let face = self.0.face.as_ref()?;
-        self.people_at(time).next().filter(|it| self.is_actor(it.1))?;
-        Some((face, face.skin(time, moment.poses.first()?)))
+        self.people_at(time).next().filter(|it| self.is_actor(it.1)).map(|_| &**face)
     }
 
     fn is_actor(&self, person: &Person) -> bool {
