@@ -9,6 +9,7 @@
 //! | [`export.c3d`](c3d::ExportC3d) | `motion.c3d`: targets and marks at regular times, in millimetres of the world |
 //! | [`export.trc`](trc::ExportTrc) | `motion.trc`: the same for OpenSim |
 //! | [`export.npy`](npz::ExportNpy) | `motion.npz`: the same for NumPy, with covariances, cameras and how |
+//! | [`export.mark_pictures`](mark_pictures::ExportMarkPictures) | the way of a painted surface, distances between its marks, what was filled in, as SVG |
 //! | [`export.overlay`](overlay::ExportOverlay) | some pictures of a camera with the points ringed that were found in them, as PNG |
 //!
 //! [`plot`] is what the pictures are drawn with; programs that measure draw their own figures with it.
@@ -21,6 +22,7 @@ mod csv;
 pub mod features;
 mod gather;
 mod last_of_time;
+pub mod mark_pictures;
 pub mod marks;
 pub mod npz;
 pub mod overlay;
@@ -43,6 +45,7 @@ pub fn register(registry: &mut Registry) {
     registry.add::<features::ExportFeatures>();
     registry.add::<pictures::ExportPictures>();
     registry.add::<overlay::ExportOverlay>();
+    registry.add::<mark_pictures::ExportMarkPictures>();
     registry.add::<marks::ExportMarks>();
     registry.add::<c3d::ExportC3d>();
     registry.add::<trc::ExportTrc>();
