@@ -14,7 +14,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::head::HeadMotion;
-use crate::score::marks::{MarkTrack, Names, SightTrack};
+use crate::score::marks::{MarkTrack, Names, Sight, SightTrack};
 use crate::world::World;
 
 const WORLD: In<World> = In::latest(0, "world");
@@ -25,6 +25,7 @@ const SHAPE: In<Marks> = In::each(4, "shape").optional();
 const COMPARED: In<Marks> = In::each(5, "compared").optional();
 
 const TABLE_FILE: &str = "face_score.csv";
+const WRONG_FILE: &str = "marks_wrong.csv";
 
 /// Settings of [`MarkScore`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -36,7 +37,7 @@ pub struct MarkScoreSettings {
     /// A mark reported in a picture farther than this from where it truly is was reported wrongly: a third of the distance between marks [px].
     #[schemars(range(min = 0.1, max = 1000.0))]
     pub wrong_px: f64,
-    /// Whether errors over time are saved as `face_score.csv` [–].
+    /// Whether errors over time are saved as `face_score.csv`, and marks that were reported where they are not as `marks_wrong.csv` [–].
     pub write: bool,
 }
 
@@ -52,7 +53,7 @@ impl Default for MarkScoreSettings {
 /// |---|---|
 /// | `pair_distance_mm.median`, `.p95`, `.max` | by how much the distance of two marks deviates from its mean over the session, over the 60 pairs whose true distance changes least [Davis 2002 Fig. 64] |
 /// | `pair_error_mm.…` | by how much the distance of any two marks 15 to 80 mm apart is off the true one |
-/// | the same with `[compared]` | of the marks that come in at `compared` |
+/// | the same with `[compared]` | of the marks that come in at `compared`, under the same labels |
 /// | `mark_identity_errors`, `marks_extra` | samples of a mark that lie on another; labels that are no mark at all |
 /// | `filled_mm.median`, `.p95`, `filled_sigmas.rms` | distance of filled marks from the truth, in the space of the face; in stated standard deviations |
 /// | `face_mm.…`, `face_world_mm.…` | distance of all marks from the truth, in the space of the face and in the world |
@@ -87,6 +88,7 @@ impl Node for MarkScore {
         ConfigError::unless_in("wrong_px", settings.wrong_px, 0.1..=1000.0)?;
         if settings.write {
             setup.claim_file(Some("write"), TABLE_FILE)?;
+            setup.claim_file(Some("write"), WRONG_FILE)?;
         }
         let folder = setup.out_dir.clone().filter(|_| settings.write && setup.purpose == Purpose::Run);
         Ok(Self {
@@ -130,7 +132,9 @@ impl Node for MarkScore {
             for feature in &features.value.list {
                 let Some(label) = feature.label else { continue };
                 let off = |mark| camera.project(mark).map_or(f32::NAN, |it| (it - feature.centre).norm() as f32);
-                self.sights.add(label, painted.marks.iter().map(off).collect());
+                let distances = painted.marks.iter().map(off).collect();
+                let (time, camera) = (features.stamp.time, features.value.camera);
+                self.sights.add(Sight { time, camera, label, distances });
             }
         }
         Ok(())
@@ -143,7 +147,7 @@ impl Node for MarkScore {
         }
         self.marks.report_distances(&names, "", report);
         if self.compared != MarkTrack::default() {
-            self.compared.report_distances(&self.compared.names(), "[compared]", report);
+            self.compared.report_distances(&names, "[compared]", report);
         }
         if self.shape != MarkTrack::default() {
             self.shape.report_shape(&names, self.n_true, report);
@@ -151,13 +155,20 @@ impl Node for MarkScore {
         self.report_sights(&names, report);
         let Some(folder) = &self.folder else { return Ok(()) };
         let track = if self.shape == MarkTrack::default() { &self.marks } else { &self.shape };
-        write_rows(&folder.join(TABLE_FILE), &track.rows(&names)).map_err(|error| {
-            NodeError::input(format_args!(
-                "{}: `{TABLE_FILE}` could not be saved ({error}), expected a folder that can be written",
-                folder.display()
-            ))
-        })?;
-        report.file(TABLE_FILE);
+        let name = |id: CameraId| {
+            self.calibration.cameras.get(usize::from(id.0)).map_or_else(String::new, |it| it.name.clone())
+        };
+        let wrong = self.sights.wrong_rows(&names, self.settings.wrong_px, name);
+        let tables = [(TABLE_FILE, MarkTrack::HEADING, track.rows(&names)), (WRONG_FILE, SightTrack::HEADING, wrong)];
+        for (file, heading, rows) in tables {
+            write_rows(&folder.join(file), heading, &rows).map_err(|error| {
+                NodeError::input(format_args!(
+                    "{}: `{file}` could not be saved ({error}), expected a folder that can be written",
+                    folder.display()
+                ))
+            })?;
+            report.file(file);
+        }
         Ok(())
     }
 }
@@ -172,6 +183,7 @@ impl MarkScore {
 
     fn report_sights(&self, names: &Names, report: &mut Report) {
         let (all, wrong) = self.sights.wrong(names, self.settings.wrong_px);
+        let wrong = wrong.count();
         if all > 0 {
             report.figure("marks_found", all as f64);
             report.figure("marks_wrong_as_found", wrong as f64);
@@ -184,9 +196,9 @@ impl MarkScore {
     }
 }
 
-fn write_rows(path: &std::path::Path, rows: &[String]) -> std::io::Result<()> {
+fn write_rows(path: &std::path::Path, heading: &str, rows: &[String]) -> std::io::Result<()> {
     let mut file = BufWriter::new(File::create(path)?);
-    writeln!(file, "{}", MarkTrack::HEADING)?;
+    writeln!(file, "{heading}")?;
     for row in rows {
         writeln!(file, "{row}")?;
     }

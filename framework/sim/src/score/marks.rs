@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use foveate_dataflow::Report;
 use foveate_estimation::statistics::{median, percentile};
 use foveate_geometry::{Alignment, AlignmentRules, align};
-use foveate_messages::{How, Marks, Time};
+use foveate_messages::{CameraId, How, Marks, Time};
 use nalgebra::Point3;
 
 /// A recovered mark farther than this from all true ones is none of them [m].
@@ -75,18 +75,27 @@ impl MarkTrack {
         self.moments.push(Moment { time: marks.time, samples, truth, rms, outside });
     }
 
-    /// Which true mark each label is: the one that it was closest to most often, while it was measured. Labels that were close to none are left out.
+    /// Which true mark each label is: the one that it was closest to most often while it was measured, once the motion of the whole was taken off. Labels that
+    /// mostly were close to none are left out: they are something else that looks like a mark.
     pub fn names(&self) -> Names {
-        let mut votes: BTreeMap<u32, BTreeMap<usize, u32>> = BTreeMap::new();
+        let rough = self.vote(GATE, |_, sample| sample.in_world);
+        self.vote(OTHER, |moment, sample| {
+            let pairs: Vec<_> = moment.pairs(&rough).collect();
+            to_truth(&pairs).map_or(sample.in_world, |motion| motion.b_from_a * sample.in_world)
+        })
+    }
+
+    fn vote(&self, gate: f64, place: impl Fn(&Moment, &Sample) -> Point3<f64>) -> Names {
+        let mut votes: BTreeMap<u32, BTreeMap<Option<usize>, u32>> = BTreeMap::new();
         for moment in &self.moments {
             for sample in moment.samples.iter().filter(|it| it.how == How::Measured) {
-                if let Some((mark, _)) = nearest(&sample.in_world, &moment.truth).filter(|it| it.1 < GATE) {
-                    *votes.entry(sample.label).or_default().entry(mark).or_default() += 1;
-                }
+                let near = nearest(&place(moment, sample), &moment.truth).filter(|it| it.1 < gate);
+                *votes.entry(sample.label).or_default().entry(near.map(|it| it.0)).or_default() += 1;
             }
         }
-        let most = |votes: BTreeMap<usize, u32>| votes.into_iter().max_by_key(|it| (it.1, std::cmp::Reverse(it.0)));
-        votes.into_iter().filter_map(|(label, votes)| Some((label, most(votes)?.0))).collect()
+        let most =
+            |votes: BTreeMap<Option<usize>, u32>| votes.into_iter().max_by_key(|it| (it.1, std::cmp::Reverse(it.0)));
+        votes.into_iter().filter_map(|(label, votes)| Some((label, most(votes)?.0?))).collect()
     }
 
     /// How many labels were measured that are no mark at all.
@@ -259,36 +268,66 @@ fn nearest(to: &Point3<f64>, places: &[Point3<f64>]) -> Option<(usize, f64)> {
     distances.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
+/// A mark that was reported in a picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sight {
+    /// When.
+    pub time: Time,
+    /// By which camera.
+    pub camera: CameraId,
+    /// Under which name.
+    pub label: u32,
+    /// Its distance from where each true mark is in that picture, by number [px]; not a number for those that are not before the camera.
+    pub distances: Vec<f32>,
+}
+
+impl Sight {
+    /// From where its own mark truly is [px].
+    fn off(&self, names: &Names) -> Option<f64> {
+        self.distances.get(*names.get(&self.label)?).map(|it| f64::from(*it))
+    }
+
+    fn is_wrong(&self, names: &Names, wrong_px: f64) -> bool {
+        self.off(names).is_some_and(|it| it.partial_cmp(&wrong_px).is_none_or(|it| it.is_gt()))
+    }
+}
+
 /// What trackers reported of marks in pictures, against where these truly were.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SightTrack {
-    /// Label, nearest true mark, distance to it and to all others by number [px].
-    sights: Vec<(u32, Vec<f32>)>,
+    sights: Vec<Sight>,
 }
 
 impl SightTrack {
-    /// Takes in a mark that was reported under `label`, by its distance from each true mark in that picture [px]; not a number for those that are not before the
-    /// camera.
-    pub fn add(&mut self, label: u32, distances: Vec<f32>) {
-        self.sights.push((label, distances));
+    /// Takes in a mark that was reported.
+    pub fn add(&mut self, sight: Sight) {
+        self.sights.push(sight);
     }
 
-    /// How many were reported, and how many of them farther than `wrong_px` from where their mark truly was.
-    pub fn wrong(&self, names: &Names, wrong_px: f64) -> (usize, usize) {
-        let known = self.sights.iter().filter_map(|(label, distances)| distances.get(*names.get(label)?));
-        let (mut all, mut wrong) = (0, 0);
-        for distance in known {
-            all += 1;
-            wrong += usize::from(f64::from(*distance).partial_cmp(&wrong_px).is_none_or(|it| it.is_gt()));
-        }
-        (all, wrong)
+    /// How many marks were reported, and those of them that were farther than `wrong_px` from where they truly are.
+    pub fn wrong<'s>(&'s self, names: &'s Names, wrong_px: f64) -> (usize, impl Iterator<Item = &'s Sight> + 's) {
+        let all = self.sights.iter().filter(|it| names.contains_key(&it.label)).count();
+        (all, self.sights.iter().filter(move |it| it.is_wrong(names, wrong_px)))
     }
 
     /// Distances of those that were reported near where their mark truly was [px].
     pub fn right(&self, names: &Names, wrong_px: f64) -> Vec<f64> {
-        let known = self.sights.iter().filter_map(|(label, distances)| distances.get(*names.get(label)?));
-        known.map(|it| f64::from(*it)).filter(|it| *it <= wrong_px).collect()
+        self.sights.iter().filter_map(|it| it.off(names)).filter(|it| *it <= wrong_px).collect()
     }
+
+    /// Rows of a table of the wrong ones: when, which camera, which name, how far from its own mark, which true mark is closest and how far that is.
+    pub fn wrong_rows(&self, names: &Names, wrong_px: f64, camera: impl Fn(CameraId) -> String) -> Vec<String> {
+        let row = |it: &Sight| {
+            let near = it.distances.iter().enumerate().filter(|it| it.1.is_finite()).min_by(|a, b| a.1.total_cmp(b.1));
+            let (nearest, distance) = near.map_or((String::new(), f32::NAN), |it| (it.0.to_string(), *it.1));
+            let off = it.off(names).unwrap_or(f64::NAN);
+            format!("{:.6},{},{},{off:.3},{nearest},{distance:.3}", it.time.as_s(), camera(it.camera), it.label)
+        };
+        self.wrong(names, wrong_px).1.map(row).collect()
+    }
+
+    /// Heading of [`Self::wrong_rows`].
+    pub const HEADING: &str = "time_s,camera,mark,off_px,nearest_true_mark,off_nearest_px";
 }
 
 #[cfg(test)]
@@ -368,11 +407,13 @@ mod tests {
     fn a_sight_is_wrong_when_it_is_far_from_its_own_mark() {
         let mut track = SightTrack::default();
         let names: Names = [(5, 1)].into();
-        track.add(5, vec![20.0, 0.4]);
-        track.add(5, vec![0.3, 12.0]);
-        track.add(5, vec![0.3, f32::NAN]);
-        track.add(6, vec![0.1, 0.1]);
-        assert_eq!(track.wrong(&names, 4.0), (3, 2));
+        for (label, distances) in [(5, [20.0, 0.4]), (5, [0.3, 12.0]), (5, [0.3, f32::NAN]), (6, [0.1, 0.1])] {
+            track.add(Sight { time: Time::ZERO, camera: CameraId(3), label, distances: distances.into() });
+        }
+        let (all, wrong) = track.wrong(&names, 4.0);
+        assert_eq!((all, wrong.count()), (3, 2));
+        let rows = track.wrong_rows(&names, 4.0, |it| format!("ptz-{}", it.0));
+        assert_eq!(rows, ["0.000000,ptz-3,5,12.000,0,0.300", "0.000000,ptz-3,5,NaN,0,0.300"]);
         assert_eq!(track.right(&names, 4.0).len(), 1);
     }
 }
