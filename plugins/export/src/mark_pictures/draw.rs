@@ -1,5 +1,7 @@
 //! The pictures themselves.
 
+use foveate::estimation::statistics::median;
+
 use super::course::{Course, Front, Moment, neighbours};
 use crate::plot::axes::{Labels, Panel, Range};
 use crate::plot::legend::{COLOURS, Key, LEGEND_WIDTH, Legend};
@@ -16,6 +18,8 @@ const FILLED: &str = COLOURS[1];
 const OVERLAID: usize = 60;
 /// Stills, in rows of four.
 const STILLS: usize = 8;
+/// A line goes on over as many usual steps [–].
+const LONGEST_STEPS: f64 = 4.5;
 /// Marks of the pairs whose distances are drawn are this far apart on average [m].
 const PAIRS: std::ops::Range<f64> = 0.015..0.09;
 
@@ -28,7 +32,7 @@ pub(super) fn way(course: &Course, name: &str) -> String {
         |axis: usize| Range::of(all().map(|it| it.0[axis])).unwrap_or(Range { min: 0.0, max: 1.0 }).widened(0.04);
     let (x, y, z) = (range(0), range(1), range(2));
     let scale = WIDTH / x.length();
-    let [deep, high] = [y, z].map(|it| (it.length() * scale).clamp(60.0, 900.0));
+    let [deep, high] = [y, z].map(|it| (it.length() * scale).clamp(130.0, 900.0));
     let height = TOP + deep + high + 90.0;
     let mut svg =
         Svg::new(LEFT + WIDTH + 20.0, height, &format!("{name}: the marks of {} moments in the world", shown.len()));
@@ -80,14 +84,23 @@ pub(super) fn distances(ours: &Course, compared: &Course, name: &str) -> String 
         panel.background(&mut svg, Labels::new((row == 1).then_some("time [s]"), &label));
         svg.within(rect, |svg| {
             for (course, pen) in [(other, Pen::new(COMPARED, 1.2)), (mine, Pen::new(OURS, 1.2))] {
-                let mut line = vec![course.iter().map(|it| panel.place(it.0, it.1)).collect::<Vec<Point>>()];
-                thin_courses(&mut line, FIGURE_POINTS / 4);
-                svg.lines(&line, pen);
+                svg.lines(&pieces(&course, &panel), pen);
             }
         });
         panel.frame(&mut svg);
     }
     svg.finish()
+}
+
+/// A course as lines; where something is missing for long there is none.
+fn pieces(course: &[(f64, f64)], panel: &Panel) -> Vec<Vec<Point>> {
+    let steps: Vec<f64> = course.windows(2).map(|it| it[1].0 - it[0].0).collect();
+    let longest = LONGEST_STEPS * median(&steps).unwrap_or(0.0);
+    let runs = course.chunk_by(|a, b| b.0 - a.0 <= longest);
+    let mut lines: Vec<Vec<Point>> =
+        runs.map(|run| run.iter().map(|it| panel.place(it.0, it.1)).collect::<Vec<Point>>()).collect();
+    thin_courses(&mut lines, FIGURE_POINTS / 4);
+    lines
 }
 
 /// The pair whose distance changes most and the one whose changes least, of those that were there most of the time.
@@ -139,9 +152,7 @@ pub(super) fn counts(course: &Course, name: &str) -> String {
         panel.background(&mut svg, Labels::new((row == 1).then_some("time [s]"), label));
         svg.within(rect, |svg| {
             for (curve, colour) in curves.iter().zip([OURS, FILLED]) {
-                let mut line = vec![curve.iter().map(|it| panel.place(it.0, it.1)).collect::<Vec<Point>>()];
-                thin_courses(&mut line, FIGURE_POINTS / 4);
-                svg.lines(&line, Pen::new(colour, 1.2));
+                svg.lines(&pieces(curve, &panel), Pen::new(colour, 1.2));
             }
         });
         panel.frame(&mut svg);
