@@ -83,6 +83,11 @@ impl ActiveSet {
         &self.sides
     }
 
+    /// Whether this weight lies between its bounds; one that does not exist does not.
+    pub fn is_free(&self, index: usize) -> bool {
+        self.sides.get(index) == Some(&Side::Free)
+    }
+
     /// Weights between their bounds.
     pub fn n_free(&self) -> usize {
         self.sides.iter().filter(|it| **it == Side::Free).count()
