@@ -111,7 +111,7 @@ pub fn align(
     Ok(Alignment { b_from_a, rms: (squares / weights.iter().sum::<f64>()).sqrt(), distances })
 }
 
-fn weighted(
+pub(crate) fn weighted(
     points_in_a: &[Point3<f64>],
     points_in_b: &[Point3<f64>],
     weights: &[f64],

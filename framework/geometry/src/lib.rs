@@ -13,6 +13,7 @@
 //! | [`pan_tilt`] | cameras on pan-tilt heads: model, calibration, aiming, zoom |
 //! | [`ray`] | [`Ray`], and where two of them come closest |
 //! | [`self_calibration`] | a room of cameras from one waved light, without a start |
+//! | [`shape_model`] | shapes that deform, a face or a knee: learnt from frames, fitted with the pose, hidden marks filled |
 //! | [`triangulate`] | a point from two or more rays, and its refinement on pixels with a covariance |
 //!
 //! Rigid transforms are `nalgebra::Isometry3<f64>`, named `b_from_a`. The world is right-handed with Z up; a
@@ -32,6 +33,7 @@ pub mod pan_tilt;
 pub mod ray;
 pub mod resection;
 pub mod self_calibration;
+pub mod shape_model;
 pub mod triangulate;
 
 pub use agreement::{Agreement, agreeing_point};
@@ -50,6 +52,10 @@ pub use resection::{Resection, ResectionFault, ResectionRules, refine_pose, rese
 pub use self_calibration::{
     CameraStatus, HeldBecause, OpticHeld, SelfCalibration, SelfCalibrationFault, SelfCalibrationRules, Sighting,
     self_calibrate,
+};
+pub use shape_model::{
+    AcquisitionFault, AcquisitionRules, Bases, FitRules, FittedShape, MarkSight, ShapeFault, ShapeFitter, ShapeKind,
+    ShapeModel, acquire,
 };
 pub use triangulate::{PixelNoise, Triangulation, TriangulationFault, refine, triangulate_rays};
 

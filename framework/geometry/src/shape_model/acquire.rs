@@ -1,0 +1,212 @@
+//! A model from frames of labelled points.
+
+use foveate_estimation::principal::PrincipalFault;
+use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
+
+use super::bases::bases_of;
+use super::fit::{FitRules, MarkSight, ShapeFitter};
+use super::judge::judge;
+use super::procrustes::{Aligned, align_frames};
+use super::{Bases, ShapeKind, ShapeModel, Usual};
+
+/// How [`acquire`] makes a model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AcquisitionRules {
+    /// Which bases.
+    pub kind: ShapeKind,
+    /// Bases at most.
+    pub n_bases: usize,
+    /// Noise of a captured mark, standard deviation of one axis [m].
+    pub noise: f64,
+    /// For components: how much of a mark's movement is to be expected in ways that were not captured [–].
+    pub unseen: f64,
+    /// Marks this far apart still move together in such ways [m].
+    pub reach: f64,
+    /// Of the random choice of marks hidden from the trials.
+    pub seed: u64,
+}
+
+impl Default for AcquisitionRules {
+    /// As for a face of 40 to 80 marks.
+    fn default() -> Self {
+        Self { kind: ShapeKind::Components, n_bases: 80, noise: 2e-4, unseen: 0.1, reach: 0.02, seed: 1 }
+    }
+}
+
+impl AcquisitionRules {
+    /// A model is not taken to be better than a part of the noise of the marks that it was made from [m²].
+    pub(super) fn least_unexplained(&self) -> f64 {
+        (LEAST_OF_NOISE * self.noise).powi(2)
+    }
+}
+
+/// Why there is no model.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum AcquisitionFault {
+    /// Too few marks or frames.
+    #[error("{marks} marks in {frames} frames make no model; expected 3 marks and 1 frame at least")]
+    TooFew {
+        /// Marks.
+        marks: usize,
+        /// Frames.
+        frames: usize,
+    },
+    /// A frame of another number of marks.
+    #[error("frame {frame} has {found} marks, expected {expected}, one for each label")]
+    Lengths {
+        /// Which frame.
+        frame: usize,
+        /// How many there are.
+        found: usize,
+        /// How many there should be.
+        expected: usize,
+    },
+    /// A position that is none.
+    #[error("frame {frame}, mark {label} is not finite")]
+    NotFinite {
+        /// Which frame.
+        frame: usize,
+        /// Which mark.
+        label: u32,
+    },
+    /// Labels are not ascending.
+    #[error("label {label} comes again or too late; expected ascending labels")]
+    Labels {
+        /// Which.
+        label: u32,
+    },
+    /// Marks on a line, or a mark that no usable frame has.
+    #[error(
+        "the marks fix no pose: no frame has three of them that are not on a line, or one of them is in no such frame"
+    )]
+    Degenerate,
+    /// A number among the rules that is out of range.
+    #[error("{what} of {found}; expected {expected}")]
+    Rules {
+        /// Which.
+        what: &'static str,
+        /// Its value.
+        found: f64,
+        /// What it may be.
+        expected: &'static str,
+    },
+}
+
+const LEAST_OF_NOISE: f64 = 0.25;
+/// Rounds in which marks missing from frames are filled and the bases made anew.
+const FILLING_ROUNDS: usize = 3;
+
+/// Makes a model from `frames`, each with a place for every label; frames may stand anywhere, and lack marks.
+///
+/// # Errors
+/// See [`AcquisitionFault`].
+pub fn acquire(
+    labels: &[u32],
+    frames: &[Vec<Option<Point3<f64>>>],
+    rules: &AcquisitionRules,
+) -> Result<ShapeModel, AcquisitionFault> {
+    check(labels, frames, rules)?;
+    let Aligned { frames: aligned, mean, spreads } =
+        align_frames(frames, rules.noise).ok_or(AcquisitionFault::Degenerate)?;
+    let complete = |frame: &[Option<Point3<f64>>], filled: &[Point3<f64>]| -> Vec<f64> {
+        frame.iter().zip(filled).flat_map(|(seen, filled)| seen.unwrap_or(*filled).coords.data.0[0]).collect()
+    };
+    let n = labels.len();
+    let mut table = DMatrix::zeros(3 * n, aligned.len());
+    for (column, frame) in aligned.iter().enumerate() {
+        table.column_mut(column).copy_from_slice(&complete(frame, &mean));
+    }
+    let noise = Matrix3::from_diagonal_element(rules.noise * rules.noise);
+    let lacking: Vec<usize> = (0..aligned.len()).filter(|it| aligned[*it].contains(&None)).collect();
+    for _ in 0..if lacking.is_empty() { 0 } else { FILLING_ROUNDS } {
+        let filling = AcquisitionRules { kind: ShapeKind::Components, ..*rules };
+        let mut fitter = ShapeFitter::new(model_of(labels, &table, &spreads, &filling)?);
+        for &column in &lacking {
+            let frame = &aligned[column];
+            let sights: Vec<MarkSight> =
+                (0..n).filter_map(|mark| Some(MarkSight::new(labels[mark], frame[mark]?, noise))).collect();
+            if let Ok(fitted) = fitter.fit(&sights, &FitRules { gate_sigmas: f64::INFINITY, ..FitRules::default() }) {
+                let places: Vec<Point3<f64>> =
+                    fitted.marks.iter().map(|it| fitted.measured_from_shape * it.position).collect();
+                table.column_mut(column).copy_from_slice(&complete(frame, &places));
+            }
+        }
+    }
+    let mut model = model_of(labels, &table, &spreads, rules)?;
+    judge(&mut model, &table, &aligned, rules)?;
+    Ok(model)
+}
+
+/// A model of complete, aligned frames (one a column) that has not been tried yet.
+pub(super) fn model_of(
+    labels: &[u32],
+    table: &DMatrix<f64>,
+    spreads: &[f64],
+    rules: &AcquisitionRules,
+) -> Result<ShapeModel, AcquisitionFault> {
+    let based = bases_of(table, spreads, rules).map_err(|fault| match fault {
+        PrincipalFault::NotFinite { sample, number } => {
+            AcquisitionFault::NotFinite { frame: sample, label: labels[number / 3] }
+        }
+        PrincipalFault::Empty { .. } | PrincipalFault::Shape { .. } => {
+            AcquisitionFault::TooFew { marks: labels.len(), frames: table.ncols() }
+        }
+    })?;
+    let mean = table.column_mean();
+    Ok(ShapeModel {
+        labels: labels.to_vec(),
+        mean: (0..labels.len()).map(|it| Point3::from(mean.fixed_rows::<3>(3 * it).into_owned())).collect(),
+        spreads: spreads.to_vec(),
+        hidden: based.unexplained.iter().map(|it| Matrix3::from_diagonal_element(*it)).collect(),
+        shapes: based.shapes,
+        bases: based.bases,
+        unexplained: based.unexplained,
+        usual: Usual { misfit: 1.0, strain: 1.0 },
+    })
+}
+
+fn check(
+    labels: &[u32],
+    frames: &[Vec<Option<Point3<f64>>>],
+    rules: &AcquisitionRules,
+) -> Result<(), AcquisitionFault> {
+    let n = labels.len();
+    if n < 3 || frames.is_empty() {
+        return Err(AcquisitionFault::TooFew { marks: n, frames: frames.len() });
+    }
+    if let Some(pair) = labels.windows(2).find(|it| it[0] >= it[1]) {
+        return Err(AcquisitionFault::Labels { label: pair[1] });
+    }
+    for (frame, marks) in frames.iter().enumerate() {
+        if marks.len() != n {
+            return Err(AcquisitionFault::Lengths { frame, found: marks.len(), expected: n });
+        }
+        let broken = |it: &Option<Point3<f64>>| it.is_some_and(|it| it.coords.iter().any(|it| !it.is_finite()));
+        if let Some(mark) = marks.iter().position(broken) {
+            return Err(AcquisitionFault::NotFinite { frame, label: labels[mark] });
+        }
+    }
+    for (what, found, sound, expected) in [
+        ("noise", rules.noise, rules.noise > 0.0 && rules.noise.is_finite(), "above 0 [m]"),
+        ("movement not captured", rules.unseen, (0.0..=10.0).contains(&rules.unseen), "0 to 10 [–]"),
+        ("reach", rules.reach, rules.reach > 0.0 && rules.reach.is_finite(), "above 0 [m]"),
+        ("number of bases", rules.n_bases as f64, rules.n_bases > 0, "1 or more"),
+    ] {
+        if !sound {
+            return Err(AcquisitionFault::Rules { what, found, expected });
+        }
+    }
+    Ok(())
+}
+
+/// Where three numbers of a mark stand.
+pub(super) fn place_in(column: &[f64], mark: usize) -> Point3<f64> {
+    Point3::from(Vector3::new(column[3 * mark], column[3 * mark + 1], column[3 * mark + 2]))
+}
+
+impl ShapeModel {
+    /// The same model with other bounds or variances: for comparisons.
+    pub fn with_bases(self, bases: Bases) -> ShapeModel {
+        ShapeModel { bases, ..self }
+    }
+}
