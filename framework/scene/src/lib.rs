@@ -8,6 +8,7 @@
 //! | [`draft`] | [`Draft`]: a calibration before calibrating, of which not all is known |
 //! | [`formats`] | [`Format`]: calibrations of other programs, read and written |
 //! | [`heads`] | [`Heads`]: pan-tilt heads, with their axes, limits and units |
+//! | [`shape_file`] | models of shapes that deform, read and written |
 //! | [`space`] | [`SceneGraph`]: nested spaces, each with a pose that may change, and `a_from_b` at a time with its covariance |
 //! | [`uncertainty`] | [`CameraUncertainty`], [`Provenance`]: how well a calibration is known, and how it was made |
 //! | [`volume`] | [`WorkingVolume`]: the box in which a scale works |
@@ -24,6 +25,7 @@ pub mod heads;
 mod multi_cam_self_cal;
 mod natural_order;
 mod pose2sim;
+pub mod shape_file;
 mod shared_lens;
 pub mod space;
 mod toml_reader;
@@ -38,6 +40,7 @@ pub use draft::{Draft, Unknown};
 pub use formats::{DltOrigin, Export, ExportContent, Format, ImportOptions};
 pub use heads::{CalibratedHead, Head, Heads};
 pub use natural_order::natural_order;
+pub use shape_file::{load_shape_model, parse_shape_model, shape_model_to_toml};
 pub use space::{SceneError, SceneGraph, SpaceId};
 pub use uncertain_pose::UncertainPose;
 pub use uncertainty::{CameraUncertainty, Fixed, Provenance, Uncertainties};
