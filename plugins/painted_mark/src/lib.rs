@@ -2,6 +2,7 @@
 //! [Davis 2002 ch. 5, §6.1].
 
 pub mod integrator;
+pub mod shape_model;
 pub mod tracker;
 
 use foveate::prelude::Registry;
@@ -10,4 +11,5 @@ use foveate::prelude::Registry;
 pub fn register(registry: &mut Registry) {
     registry.add::<tracker::TrackerNode>();
     registry.add::<integrator::Integrator>();
+    registry.add::<shape_model::Shape>();
 }

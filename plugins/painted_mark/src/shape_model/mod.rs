@@ -1,0 +1,341 @@
+//! `painted_mark.shape_model`: the pose of a head or knee, its shape, and the marks that are hidden [Davis 2002 §5.4].
+
+mod capture;
+mod settings;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use foveate::dataflow::scale::Spaces;
+use foveate::estimation::Summary;
+use foveate::geometry::{FitRules, FittedShape, MarkSight, ShapeFitter};
+use foveate::messages::ShapeFit;
+use foveate::prelude::*;
+use foveate::scene::{UncertainPose, load_shape_model, shape_model_to_toml};
+use nalgebra::{Matrix3, Matrix6, Point3, Vector3};
+
+use capture::{Capture, Rigid};
+pub use settings::{Kind, ShapeSettings};
+
+const MARKS_IN: In<Marks> = In::each(0, "marks");
+const SPACE: In<ScaleSpace> = In::latest(1, "space").many().optional();
+const MARKS: Out<Marks> = Out::new(0, "marks");
+const TARGETS: Out<Targets> = Out::new(1, "targets");
+
+/// Variance of a velocity about which nothing is known [m²/s²].
+const UNKNOWN_VELOCITY: f64 = 1e6;
+
+/// Marks as they were measured come in; all marks of the model go out, in a space that moves with the head (the knee): the measured ones where they were
+/// measured, the hidden ones where the model has them, `filled`, with a covariance. That of a filled mark holds what is uncertain of the head's pose, too: it is about the
+/// mark's place among the measured ones. Measured marks that contradict all others are filled as well.
+///
+/// The model is read from a file, or acquired from this very session. Until it is there, and without any, the surface is taken for rigid: marks go out as measured, with
+/// a pose. The axes of the space are those of the first complete frame, which are the world's for marks from `painted_mark.integrator`; its origin is in the middle of the mean shape.
+///
+/// `targets` are the same marks in the space of the node's scale, numbered by label; in a scale whose space moves, `space` has to be connected to the anchors, otherwise they are in the world.
+pub struct Shape {
+    settings: ShapeSettings,
+    stage: Stage,
+    fitter: Option<ShapeFitter>,
+    spaces: Option<Spaces>,
+    /// Where marks were last in the scale's space.
+    last: BTreeMap<u32, Point3<f64>>,
+    last_time: Option<Time>,
+    write_to: Option<PathBuf>,
+    faults: Vec<String>,
+    tally: Tally,
+}
+
+enum Stage {
+    /// The fitter has a model without bases, of what was seen so far.
+    Rigid { surface: Rigid, capture: Option<Capture> },
+    /// The fitter has a model.
+    Modelled { n_frames: Option<usize> },
+}
+
+#[derive(Default)]
+struct Tally {
+    frames: u64,
+    fitted: u64,
+    all_measured: u64,
+    filled: u64,
+    wrong: u64,
+    outside: u64,
+    gaps: u64,
+    rms_mm: Vec<f64>,
+    filled_sigmas_mm: Vec<f64>,
+}
+
+impl Node for Shape {
+    const TYPE: &'static str = "painted_mark.shape_model";
+    const ROLE: Role = Role::ModelFilter;
+    const SUMMARY: &'static str = "Fits a model of a face or knee to marks: pose and shape, hidden marks filled";
+    type Settings = ShapeSettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&MARKS_IN).input(&SPACE).output(&MARKS).output(&TARGETS)
+    }
+
+    fn new(settings: ShapeSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        settings.check()?;
+        let write_to = match settings.write.as_str() {
+            "" => None,
+            name => {
+                setup.claim_named_file("write", name)?;
+                setup.out_dir.as_ref().map(|it| it.join(name))
+            }
+        };
+        let (stage, fitter) = if settings.model.is_empty() {
+            let capture = (settings.acquire_until_s > 0.0).then(Capture::default);
+            (Stage::Rigid { surface: Rigid::default(), capture }, None)
+        } else {
+            let path = setup.path("model", &settings.model)?;
+            let model = load_shape_model(&path).map_err(|error| ConfigError::at("model", error))?;
+            (Stage::Modelled { n_frames: None }, Some(ShapeFitter::new(model)))
+        };
+        let is_told = setup.is_connected(&SPACE);
+        Ok(Self {
+            settings,
+            stage,
+            fitter,
+            spaces: is_told.then(|| Spaces::new(&setup.scales)).filter(Spaces::is_moving),
+            last: BTreeMap::new(),
+            last_time: None,
+            write_to,
+            faults: Vec::new(),
+            tally: Tally::default(),
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        if let Some(spaces) = &mut self.spaces {
+            io.latest_of_each(&SPACE).for_each(|it| spaces.learn(it.value));
+        }
+        let Some(Stamped { stamp, value: measured }) = io.take(&MARKS_IN) else { return Ok(()) };
+        match self.step(&measured) {
+            Ok((marks, targets)) => {
+                io.emit(&MARKS, stamp, marks);
+                match targets {
+                    Ok(targets) => io.emit(&TARGETS, stamp, targets),
+                    Err(reason) => io.gap(&TARGETS, measured.time, reason),
+                }
+            }
+            Err(reason) => {
+                io.gap(&MARKS, measured.time, &reason);
+                io.gap(&TARGETS, measured.time, &reason);
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        // A session that ended before the acquisition should have: what there is makes a model for the next one.
+        if matches!(&self.stage, Stage::Rigid { capture: Some(capture), .. } if !capture.is_empty()) {
+            self.make_model();
+        }
+        let tally = &self.tally;
+        report.figure("shape.frames", tally.frames as f64);
+        report.figure("shape.frames_without_fit", tally.gaps as f64);
+        if let Stage::Modelled { n_frames } = &self.stage {
+            if let Some(n_frames) = n_frames {
+                report.figure("shape.acquired_from_frames", *n_frames as f64);
+            }
+            let n_marks = self.fitter.as_ref().map_or(0, |it| it.model().labels.len());
+            report.figure("shape.marks", n_marks as f64);
+            report.figure("shape.fitted_frames", tally.fitted as f64);
+            report.figure("shape.all_marks_measured", tally.all_measured as f64 / tally.fitted as f64);
+            report.figure("shape.filled", tally.filled as f64);
+            report.figure("shape.contradicting", tally.wrong as f64);
+            report.figure("shape.frames_outside", tally.outside as f64);
+            if let Some(rms) = Summary::of(&tally.rms_mm) {
+                report.figure("shape.fit_rms_mm.median", rms.median);
+                report.figure("shape.fit_rms_mm.p95", rms.p95);
+            }
+            if let Some(sigma) = Summary::of(&tally.filled_sigmas_mm) {
+                report.figure("shape.filled_sigma_mm.median", sigma.median);
+            }
+        }
+        self.faults.drain(..).for_each(|it| report.remark(it));
+        if let (Some(path), Stage::Modelled { n_frames: Some(_) }) = (&self.write_to, &self.stage) {
+            report.file(path.file_name().map_or_else(|| path.clone(), PathBuf::from));
+        }
+        Ok(())
+    }
+}
+
+impl Shape {
+    /// What goes out for the marks of one time, or why nothing does: nothing at all, or no targets.
+    fn step(&mut self, measured: &Marks) -> Result<(Marks, Result<Targets, String>), String> {
+        self.tally.frames += 1;
+        self.acquire(measured);
+        let fitted = self.fit(measured).inspect_err(|_| self.tally.gaps += 1)?;
+        let is_modelled = matches!(self.stage, Stage::Modelled { .. });
+        let marks = place(measured, &fitted, self.fitter.as_ref().filter(|_| is_modelled));
+        self.count(&marks, &fitted, is_modelled);
+        let own_from_world = self.own_from_world(measured.time);
+        let targets = own_from_world.map(|it| self.targets(measured, &marks, &it));
+        Ok((marks, targets))
+    }
+
+    /// Gathers frames for the model, and makes it when the time has come.
+    fn acquire(&mut self, measured: &Marks) {
+        let Stage::Rigid { capture: Some(capture), .. } = &mut self.stage else { return };
+        let time_s = measured.time.as_s();
+        if time_s < self.settings.acquire_until_s {
+            if time_s >= self.settings.acquire_from_s {
+                capture.add(measured);
+            }
+        } else {
+            self.make_model();
+        }
+    }
+
+    fn make_model(&mut self) {
+        let Stage::Rigid { capture, .. } = &mut self.stage else { return };
+        let Some(capture) = capture.take() else { return };
+        match capture.model(&self.settings) {
+            Ok((model, n_frames)) => {
+                if let Some(path) = &self.write_to
+                    && let Err(error) = std::fs::write(path, shape_model_to_toml(&model))
+                {
+                    self.faults.push(format!("the model was not written to {}: {error}", path.display()));
+                }
+                self.fitter = Some(ShapeFitter::new(model));
+                self.stage = Stage::Modelled { n_frames: Some(n_frames) };
+            }
+            Err(fault) => self.faults.push(format!("no model of the shape was acquired: {fault}")),
+        }
+    }
+
+    fn fit(&mut self, measured: &Marks) -> Result<FittedShape, String> {
+        let sights: Vec<MarkSight> = measured
+            .list
+            .iter()
+            .filter(|it| it.how == How::Measured)
+            .map(|it| MarkSight::new(it.label, it.position, it.covariance))
+            .collect();
+        let least = self.settings.min_marks as usize;
+        if let Stage::Rigid { surface, .. } = &mut self.stage
+            && self.fitter.is_none()
+            && sights.len() >= least
+            && surface.learn(measured, None)
+        {
+            self.fitter = Some(ShapeFitter::new(surface.model()));
+        }
+        let too_few = |known: usize, enough: usize| format!("{known} marks are measured, expected {enough} or more");
+        let fitter = self.fitter.as_mut().ok_or_else(|| too_few(sights.len(), least))?;
+        let known = sights.iter().filter(|it| fitter.model().index_of(it.label).is_some()).count();
+        let enough = least.min(fitter.model().labels.len());
+        if known < enough {
+            return Err(too_few(known, enough));
+        }
+        let rules = FitRules { gate_sigmas: self.settings.gate_sigmas, ..FitRules::default() };
+        let fitted = fitter.fit(&sights, &rules);
+        if let Stage::Rigid { surface, .. } = &mut self.stage {
+            match &fitted {
+                Ok(fitted) if surface.learn(measured, Some(&fitted.measured_from_shape)) => {
+                    self.fitter = Some(ShapeFitter::new(surface.model()));
+                }
+                Ok(_) => {}
+                // Begun with marks that fix no pose: the next frame begins anew.
+                Err(_) => (*surface, self.fitter) = (Rigid::default(), None),
+            }
+        }
+        fitted.map_err(|fault| fault.to_string())
+    }
+
+    fn count(&mut self, marks: &Marks, fitted: &FittedShape, is_modelled: bool) {
+        if !is_modelled {
+            return;
+        }
+        let tally = &mut self.tally;
+        tally.fitted += 1;
+        let filled = || marks.list.iter().filter(|it| it.how == How::Filled);
+        tally.filled += filled().count() as u64;
+        tally.all_measured += u64::from(filled().next().is_none());
+        tally.wrong += fitted.wrong.len() as u64;
+        tally.outside += u64::from(fitted.outside >= 1.0);
+        tally.rms_mm.push(fitted.rms * 1e3);
+        tally.filled_sigmas_mm.extend(filled().map(|it| it.sigma() * 1e3));
+    }
+
+    fn own_from_world(&self, time: Time) -> Result<UncertainPose, String> {
+        match &self.spaces {
+            None => Ok(UncertainPose::exact(nalgebra::Isometry3::identity())),
+            Some(spaces) => spaces.a_from_b(spaces.own(), spaces.root(), time).map_err(|error| error.to_string()),
+        }
+    }
+
+    /// The same marks in the scale's space. What is uncertain of the whole is that of the marks that came in.
+    fn targets(&mut self, measured: &Marks, marks: &Marks, own_from_world: &UncertainPose) -> Targets {
+        let whole = UncertainPose { transform: measured.world_from_marks, covariance: measured.covariance };
+        let own_from_marks = own_from_world.then_from(&whole);
+        let marks_from_shape = measured.world_from_marks.inverse() * marks.world_from_marks;
+        let turn = marks_from_shape.rotation.to_rotation_matrix();
+        let dt_s = self.last_time.map_or(0.0, |before| (marks.time - before).as_s());
+        let mut now = BTreeMap::new();
+        let target = |mark: &Mark| {
+            let covariance = turn * mark.covariance * turn.transpose();
+            let (position, spread) = own_from_marks.transform_point(&(marks_from_shape * mark.position), &covariance);
+            let before = self.last.get(&mark.label).filter(|_| dt_s > 0.0);
+            now.insert(mark.label, position);
+            let mut covariance = Matrix6::zeros();
+            covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&spread);
+            covariance.fixed_view_mut::<3, 3>(3, 3).fill_diagonal(UNKNOWN_VELOCITY);
+            Target {
+                id: TargetId(mark.label),
+                position,
+                velocity: before.map_or(Vector3::zeros(), |before| (position - before) / dt_s),
+                covariance,
+                cameras: mark.cameras.clone(),
+                how: mark.how,
+            }
+        };
+        let list = marks.list.iter().map(target).collect();
+        self.last = now;
+        self.last_time = Some(marks.time);
+        Targets { time: marks.time, list }
+    }
+}
+
+/// The measured marks in the space of the shape, and those of the model beside them that were not measured, or wrong.
+fn place(measured: &Marks, fitted: &FittedShape, model: Option<&ShapeFitter>) -> Marks {
+    let turn = fitted.measured_from_shape.rotation.to_rotation_matrix();
+    let into_shape = |covariance: &Matrix3<f64>| turn.transpose() * covariance * turn;
+    let is_kept = |it: &&Mark| it.how == How::Measured && !(model.is_some() && fitted.wrong.contains(&it.label));
+    let mut list: Vec<Mark> = measured
+        .list
+        .iter()
+        .filter(is_kept)
+        .map(|it| Mark {
+            position: fitted.measured_from_shape.inverse_transform_point(&it.position),
+            covariance: into_shape(&it.covariance),
+            ..it.clone()
+        })
+        .collect();
+    let n_kept = list.len();
+    for (label, mark) in model.iter().flat_map(|it| it.model().labels.iter().zip(&fitted.marks)) {
+        if list[..n_kept].binary_search_by_key(label, |it| it.label).is_err() {
+            list.push(Mark {
+                label: *label,
+                position: mark.position,
+                covariance: mark.covariance,
+                cameras: CameraSet::default(),
+                how: How::Filled,
+            });
+        }
+    }
+    list.sort_by_key(|it| it.label);
+    let whole = UncertainPose { transform: measured.world_from_marks, covariance: measured.covariance };
+    let pose = UncertainPose { transform: fitted.measured_from_shape, covariance: fitted.covariance };
+    let world_from_shape = whole.then_from(&pose);
+    Marks {
+        time: measured.time,
+        world_from_marks: world_from_shape.transform,
+        covariance: world_from_shape.covariance,
+        list,
+        fit: model.map(|_| ShapeFit { rms: fitted.rms, outside: fitted.outside, weights: fitted.weights.clone() }),
+    }
+}
