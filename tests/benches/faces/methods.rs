@@ -1,0 +1,88 @@
+//! Ways to fill hidden marks, side by side.
+
+use std::time::Instant;
+
+use foveate::estimation::statistics::percentile;
+use foveate::geometry::{AcquisitionRules, Bases, FitRules, MarkSight, ShapeFitter, ShapeKind, ShapeModel, acquire};
+use nalgebra::{Matrix3, Vector3};
+
+use crate::takes::Frame;
+
+/// A way to fill marks.
+pub struct Method {
+    pub name: &'static str,
+    pub model: ShapeModel,
+}
+
+/// Noise of the marks where nothing better is known [m].
+pub const NOISE: f64 = 2e-4;
+
+fn model(frames: &[Frame], rules: AcquisitionRules) -> ShapeModel {
+    let labels: Vec<u32> = (0..frames[0].len() as u32).collect();
+    let frames: Vec<_> = frames.iter().map(|it| it.iter().copied().map(Some).collect()).collect();
+    acquire(&labels, &frames, &rules).expect("complete frames")
+}
+
+/// All of them, from the same frames; five components alone where `few`.
+pub fn methods(frames: &[Frame], few: bool) -> Vec<Method> {
+    let rules = AcquisitionRules { noise: NOISE, ..AcquisitionRules::default() };
+    let five = model(frames, AcquisitionRules { n_bases: 5, unseen: 0.0, ..rules });
+    let plain = five.clone().with_bases(Bases::Components { variances: vec![f64::INFINITY; five.n_bases()] });
+    let mut methods =
+        vec![Method { name: "5 components", model: plain }, Method { name: "5 components, prior", model: five }];
+    if few {
+        methods.push(Method { name: "80 components, prior", model: model(frames, rules) });
+        return methods;
+    }
+    let faces = model(frames, AcquisitionRules { kind: ShapeKind::Faces, ..rules });
+    let bounded = |lowest: f64, highest: f64| faces.clone().with_bases(Bases::Faces { lowest, highest });
+    methods.splice(
+        0..0,
+        [
+            Method { name: "80 faces, any weights", model: bounded(f64::NEG_INFINITY, f64::INFINITY) },
+            Method { name: "80 faces, weights from 0", model: bounded(0.0, f64::INFINITY) },
+            Method { name: "80 faces, weights 0 to 1", model: faces },
+        ],
+    );
+    let captured = AcquisitionRules { unseen: 0.0, ..rules };
+    methods.push(Method { name: "80 components, prior, captured ways alone", model: model(frames, captured) });
+    methods.push(Method { name: "80 components, prior", model: model(frames, rules) });
+    methods
+}
+
+/// What came of filling the hidden marks of one frame.
+pub struct Filled {
+    /// By hidden mark: the filled place less the true one, in the axes of the model [m].
+    pub errors: Vec<Vector3<f64>>,
+    /// Sum of the squared errors over what was stated; 3 for each mark where it is honest.
+    pub squares: f64,
+    pub outside: f64,
+    pub ms: f64,
+}
+
+/// Fits `fitter` to the marks of `frame` that are not `hidden`, and looks at those that are.
+pub fn fill(fitter: &mut ShapeFitter, frame: &Frame, hidden: &[usize]) -> Option<Filled> {
+    let covariance = Matrix3::from_diagonal_element(NOISE * NOISE);
+    let seen = (0..frame.len()).filter(|it| !hidden.contains(it));
+    let sights: Vec<MarkSight> = seen.map(|it| MarkSight::new(it as u32, frame[it], covariance)).collect();
+    let start = Instant::now();
+    let found = fitter.fit(&sights, &FitRules::default()).ok()?;
+    let ms = start.elapsed().as_secs_f64() * 1e3;
+    let mut squares = 0.0;
+    let errors = hidden
+        .iter()
+        .map(|&mark| {
+            let filled = &found.marks[mark];
+            let error = filled.position - found.measured_from_shape.inverse_transform_point(&frame[mark]);
+            // The truth that it is held against is off by its own noise.
+            squares += (filled.covariance + covariance).try_inverse().map_or(f64::NAN, |it| error.dot(&(it * error)));
+            error
+        })
+        .collect();
+    Some(Filled { errors, squares, outside: found.outside, ms })
+}
+
+/// Of lengths [m], in millimetres.
+pub fn percentile_mm(lengths: &[f64], percent: f64) -> f64 {
+    percentile(lengths, percent).unwrap_or(f64::NAN) * 1e3
+}
