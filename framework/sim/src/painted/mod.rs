@@ -1,7 +1,8 @@
 //! A part of an actor's body that is painted with marks, moves and deforms: a face [Davis 2002, Figs. 54, 55 and 58] or a knee (§6.1).
 //!
-//! It is a surface of triangles with a texture: [`Surface`] tells how it deforms, [`Drive`] what it does over time, [`texture`] how it looks.
-//! Where the marks truly are at some time, and from where they are seen, is [`Painted`]. All is a pure function of time and of the seed.
+//! It is a surface of triangles with a texture. Of the modules, `surface` tells how it deforms, `head`, `expressions`, `ict` and `knee` what it is made
+//! of, `drive` what a face does over time, `places`, `skin` and `texture` how it looks. Where the marks truly are at some time, and from where they
+//! are seen, is [`Painted`]. All is a pure function of time and of the seed.
 
 mod coarser;
 mod drive;
