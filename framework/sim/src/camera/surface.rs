@@ -134,14 +134,13 @@ impl Surfaces {
     }
 }
 
-/// By how much moment number `moment` is shifted within the pixel [px]: evenly spread, 0 on average.
+/// By how much moment number `moment` is shifted within the pixel [px]: evenly spread, 0 on average. Along rows, where most things move, moments
+/// go from one side of the pixel to the other in their order: so they lie evenly along a smear, too.
 fn shift(moment: u32, n_moments: u32) -> [f64; 2] {
-    // A low-discrepancy sequence (M. Roberts' R2).
-    let place = |moment: u32| {
-        [0.754_877_666_246_692_7, 0.569_840_290_998_053_2].map(|step| (0.5 + step * f64::from(moment)).fract())
-    };
-    let own = place(moment);
-    [0, 1].map(|axis| own[axis] - (0..n_moments).map(|it| place(it)[axis]).sum::<f64>() / f64::from(n_moments))
+    let n = f64::from(n_moments);
+    let golden = |moment: u32| (0.5 + 0.618_033_988_749_894_9 * f64::from(moment)).fract();
+    let mean = (0..n_moments).map(golden).sum::<f64>() / n;
+    [(f64::from(moment) + 0.5) / n - 0.5, 0.8 * (golden(moment) - mean)]
 }
 
 struct Canvas<'s> {
