@@ -125,6 +125,9 @@ fn extreme_pairs(course: &Course) -> Vec<[u32; 2]> {
     ends.into_iter().flatten().map(|it| it.1).collect()
 }
 
+/// What a curve shows of a moment.
+type Of<'a> = &'a dyn Fn(&Moment) -> Option<f64>;
+
 /// How many marks were measured and filled in, and how well the model describes them.
 pub(super) fn counts(course: &Course, name: &str) -> String {
     let mut svg = Svg::new(
@@ -137,7 +140,7 @@ pub(super) fn counts(course: &Course, name: &str) -> String {
     legend.entry(&mut svg, Key::Line(Pen::new(FILLED, 1.5)), "filled in; outside");
     let x = Range::of(course.moments.iter().map(|it| it.time_s)).unwrap_or(Range { min: 0.0, max: 1.0 }).widened(0.01);
     let count = |it: &Moment, filled: bool| it.samples.iter().filter(|it| it.is_filled == filled).count() as f64;
-    let curves = |of: [&dyn Fn(&Moment) -> Option<f64>; 2]| {
+    let curves = |of: [Of<'_>; 2]| {
         of.map(|of| course.moments.iter().filter_map(|it| Some((it.time_s, of(it)?))).collect::<Vec<_>>())
     };
     let rows = [
