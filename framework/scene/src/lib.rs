@@ -9,6 +9,7 @@
 //! | [`formats`] | [`Format`]: calibrations of other programs, read and written |
 //! | [`heads`] | [`Heads`]: pan-tilt heads, with their axes, limits and units |
 //! | [`shape_file`] | models of shapes that deform, read and written |
+//! | [`skeleton`] | skeletons that move, as BVH files hold them |
 //! | [`space`] | [`SceneGraph`]: nested spaces, each with a pose that may change, and `a_from_b` at a time with its covariance |
 //! | [`uncertainty`] | [`CameraUncertainty`], [`Provenance`]: how well a calibration is known, and how it was made |
 //! | [`volume`] | [`WorkingVolume`]: the box in which a scale works |
@@ -27,6 +28,7 @@ mod natural_order;
 mod pose2sim;
 pub mod shape_file;
 mod shared_lens;
+pub mod skeleton;
 pub mod space;
 mod toml_reader;
 mod uncertain_pose;
