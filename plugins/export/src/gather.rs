@@ -18,6 +18,8 @@ pub(crate) const PARENT_TARGETS: In<Targets> = In::each(1, "parent_targets").of_
 pub(crate) const MARKS: In<Marks> = In::each(2, "marks").optional();
 pub(crate) const SPACES: In<ScaleSpace> = In::latest(3, "spaces").many().optional();
 
+pub(crate) const POSES: In<HeadPose> = In::each(4, "poses").many().optional();
+
 /// The inputs of all exports but for cameras.
 pub(crate) fn ports() -> Ports {
     Ports::new().input(&TARGETS).input(&PARENT_TARGETS).input(&MARKS).input(&SPACES)
@@ -50,6 +52,7 @@ enum Point {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Body {
     Marks,
+    Camera(CameraId),
 }
 
 /// What waits until the time base is known.
@@ -86,6 +89,8 @@ pub(crate) struct Table {
     pub(crate) own_marks: Vec<Column>,
     /// `world_from_marks`.
     pub(crate) marks_from: Poses,
+    /// `world_from_camera`.
+    pub(crate) cameras: Vec<(CameraId, Poses)>,
 }
 
 impl Table {
@@ -180,6 +185,13 @@ impl Gather {
         }
     }
 
+    /// Takes the cameras' poses that a turn is about.
+    pub(crate) fn take_poses(&mut self, io: &mut Io<'_>) {
+        while let Some(message) = io.take(&POSES) {
+            self.push_pose(&message.value);
+        }
+    }
+
     pub(crate) fn push_targets(&mut self, message: Arc<Targets>, of_parent: bool) {
         if let Some(message) = self.last[usize::from(of_parent)].push(message) {
             self.add_targets(&message, of_parent);
@@ -219,6 +231,13 @@ impl Gather {
         }
         if is_any {
             self.push(marks.time, Item::Body(Body::Marks, marks.world_from_marks));
+        }
+    }
+
+    pub(crate) fn push_pose(&mut self, pose: &HeadPose) {
+        let world_from_camera = pose.camera_from_world.inverse();
+        if world_from_camera.to_homogeneous().iter().all(|it| it.is_finite()) {
+            self.push(pose.time, Item::Body(Body::Camera(pose.camera), world_from_camera));
         }
     }
 
@@ -282,6 +301,7 @@ impl Gather {
             points: Vec::new(),
             own_marks: Vec::new(),
             marks_from: Vec::new(),
+            cameras: Vec::new(),
         };
         for (key, ticks) in points {
             let column = Column {
@@ -296,6 +316,7 @@ impl Gather {
         for (key, ticks) in bodies {
             match key {
                 Body::Marks => table.marks_from = in_frames(ticks),
+                Body::Camera(camera) => table.cameras.push((camera, in_frames(ticks))),
             }
         }
         self.remark(late, file, &table, report);

@@ -10,6 +10,7 @@
 //! | [`export.trc`](trc::ExportTrc) | `motion.trc`: the same for OpenSim |
 //! | [`export.npy`](npz::ExportNpy) | `motion.npz`: the same for NumPy, with covariances, cameras and how |
 //! | [`export.mark_pictures`](mark_pictures::ExportMarkPictures) | the way of a painted surface, distances between its marks, what was filled in, as SVG |
+//! | [`export.gltf`](gltf::ExportGltf) | `motion.glb`: targets, a mesh over the marks and cameras as an animated scene |
 //! | [`export.overlay`](overlay::ExportOverlay) | some pictures of a camera with the points ringed that were found in them, as PNG |
 //!
 //! [`plot`] is what the pictures are drawn with; programs that measure draw their own figures with it.
@@ -21,6 +22,7 @@ pub mod c3d;
 mod csv;
 pub mod features;
 mod gather;
+pub mod gltf;
 mod last_of_time;
 pub mod mark_pictures;
 pub mod marks;
@@ -50,4 +52,5 @@ pub fn register(registry: &mut Registry) {
     registry.add::<c3d::ExportC3d>();
     registry.add::<trc::ExportTrc>();
     registry.add::<npz::ExportNpy>();
+    registry.add::<gltf::ExportGltf>();
 }
