@@ -204,17 +204,43 @@ impl BoundedLeastSquares {
             self.gram.fill(0.0);
             self.counts.fill(false);
         }
-        let n = self.matrix.ncols();
+        let mut changed: Vec<(f64, usize)> = Vec::with_capacity(n_changed);
         for (row, &now) in counts.iter().enumerate().filter(|(row, now)| self.counts[*row] != **now) {
-            let sign = if now { 1.0 } else { -1.0 };
-            let line = self.transposed.column(row);
-            let line = line.as_slice();
+            changed.push((if now { 1.0 } else { -1.0 }, row));
+        }
+        self.mend(&changed);
+        self.counts.copy_from_slice(counts);
+    }
+
+    /// Adds rows to the normal matrix, each with its sign. Four at a time, below the diagonal: most of the time goes into reading and writing the matrix.
+    fn mend(&mut self, changed: &[(f64, usize)]) {
+        let n = self.matrix.ncols();
+        let Self { gram, transposed, .. } = self;
+        let gram = gram.as_mut_slice();
+        let line = |row: usize| &transposed.as_slice()[row * n..][..n];
+        let mut fours = changed.chunks_exact(4);
+        for four in &mut fours {
+            let [a, b, c, d] = [0, 1, 2, 3].map(|it| line(four[it].1));
             for column in 0..n {
-                let factor = sign * line[column];
-                add_scaled(&mut self.gram.as_mut_slice()[column * n..][..n], factor, line);
+                let factors = [(a, 0), (b, 1), (c, 2), (d, 3)].map(|(line, it)| four[it].0 * line[column]);
+                let sums = &mut gram[column * n + column..(column + 1) * n];
+                let lines = a[column..].iter().zip(&b[column..]).zip(c[column..].iter().zip(&d[column..]));
+                for (sum, ((a, b), (c, d))) in sums.iter_mut().zip(lines) {
+                    *sum += (factors[0] * a + factors[1] * b) + (factors[2] * c + factors[3] * d);
+                }
             }
         }
-        self.counts.copy_from_slice(counts);
+        for &(sign, row) in fours.remainder() {
+            let line = line(row);
+            for column in 0..n {
+                add_scaled(&mut gram[column * n + column..(column + 1) * n], sign * line[column], &line[column..]);
+            }
+        }
+        for column in 0..n {
+            for row in 0..column {
+                gram[column * n + row] = gram[row * n + column];
+            }
+        }
     }
 
     /// Residuals b − A w and their gradient Aᵀ (b − A w), from A itself; gives |A w − b|².
