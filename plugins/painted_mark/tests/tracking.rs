@@ -103,7 +103,9 @@ fn a_disputed_mark_is_dropped_at_once_and_an_ambiguous_place_gives_no_name() {
     let (first, truth) = see(0, &[]);
     assert!(first.list.iter().all(|it| it.label.is_none()) && first.list.len() > 50);
     // Carried on by the motion of the whole: none has a name yet.
-    let (named, now) = see(1, &[guided(5, truth[0].0), guided(9, truth[1].0)]);
+    let others = (6..12).map(|it| guided(20 + it as u32, truth[it].0));
+    let guide: Vec<_> = [guided(5, truth[0].0), guided(9, truth[1].0)].into_iter().chain(others).collect();
+    let (named, now) = see(1, &guide);
     assert_eq!((label_at(&named, now[0].0), label_at(&named, now[1].0)), (Some(5), Some(9)));
     let (disputed, now) = see(2, &[GuidedMark { disputed: true, ..guided(5, now[0].0) }, guided(9, now[1].0)]);
     assert_eq!((label_at(&disputed, now[0].0), label_at(&disputed, now[1].0)), (None, Some(9)));
@@ -229,4 +231,41 @@ fn a_mark_without_a_dot_is_followed_by_its_patch() {
         }
     }
     assert!(n > 7 * 30, "{n}");
+}
+
+/// Prints a row a case: `cargo test -p foveate-painted-mark --test tracking how_long -- --nocapture`.
+#[test]
+fn how_long_marks_live_and_how_many_are_wrong() {
+    let as_paper = TrackerSettings { checks: false, reanchor: false, find: false, ..TrackerSettings::default() };
+    let fast = Play { speed_px: 50.0, ..Play::default() };
+    let mut n_named = 0;
+    for (name, play, names) in [
+        ("3 px a picture", Play::default(), Names::ByHand),
+        ("50 px a picture", fast.clone(), Names::ByHand),
+        ("the same, 2 of 25 blurred", Play { blur_every: 25, ..fast.clone() }, Names::ByHand),
+        ("something passes before it", Play { passer: true, speed_px: 6.0, ..Play::default() }, Names::ByHand),
+        ("the same, with a guide", Play { passer: true, speed_px: 6.0, ..Play::default() }, Names::ByGuide),
+        ("dots 9 px apart, turns by 0.5 rad", Play { apart_px: 9.0, turn: 0.5, ..fast }, Names::ByHand),
+    ] {
+        for (way, settings) in [("checked", TrackerSettings::default()), ("as the paper", as_paper.clone())] {
+            if names == Names::ByGuide && !settings.checks {
+                continue;
+            }
+            let score = run(&mut Sequence::new(play.clone(), 120, 11), settings, names);
+            println!(
+                "{name}, {way}: {} named, {} wrong, {} on another mark, {:.1} % of the visible, rms {:.3} px, median length {} of 120",
+                score.named,
+                score.wrong,
+                score.swapped,
+                100.0 * score.seen as f64 / score.visible as f64,
+                score.rms_px,
+                score.median_length()
+            );
+            if way == "checked" {
+                assert_eq!((score.wrong, score.swapped), (0, 0), "{name}");
+                n_named += score.named;
+            }
+        }
+    }
+    assert!(n_named > 20_000, "{n_named}");
 }

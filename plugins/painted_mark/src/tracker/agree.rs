@@ -8,8 +8,8 @@ use super::track::{Found, Track};
 
 /// Neighbours are asked up to this far away [px].
 const NEIGHBOUR_PX: f64 = 100.0;
-/// With no more tracks than this that were seen in two pictures, whoever was found is asked.
-const LEAST_TRUSTED: usize = 5;
+/// With fewer tracks than this that were seen in two pictures, whoever was found is asked.
+const LEAST_TRUSTED: usize = 3;
 /// A picture in which less than this part of so many tracks is found tells nothing.
 const LEAST_PART: f64 = 0.4;
 const LEAST_FOR_BLUR: usize = 8;
@@ -19,7 +19,7 @@ impl Follower {
     /// may have found the wrong thing, and all the same one.
     pub(super) fn neighbours(&self, at: usize) -> Neighbours {
         let is_trusted = |it: &Track| it.is_seen() && it.found.is_some();
-        let has_trusted = self.tracks.iter().filter(|it| is_trusted(it)).count() > LEAST_TRUSTED;
+        let has_trusted = self.tracks.iter().filter(|it| is_trusted(it)).count() >= LEAST_TRUSTED;
         let others = self.tracks.iter().enumerate().filter(|(k, it)| *k != at && (!has_trusted || is_trusted(it)));
         let strays = others.filter_map(|(_, it)| Some((it.expected, it.found?.pixel - it.expected)));
         Neighbours::of(self.tracks[at].expected, NEIGHBOUR_PX, strays)
@@ -33,10 +33,11 @@ impl Follower {
             for at in 0..self.tracks.len() {
                 let usual = self.neighbours(at).median();
                 let track = &self.tracks[at];
-                if track.lost > self.settings.patience_frames || (usual.is_none() && track.is_seen()) {
+                if track.lost > self.settings.patience_frames {
                     continue;
                 }
-                let Some(usual) = usual else {
+                // Without neighbours, as the whole moves; but who was lost may then be anything.
+                let Some(usual) = usual.or(track.is_seen().then(Vector2::zeros)) else {
                     self.tracks[at].found = None;
                     continue;
                 };
@@ -74,10 +75,15 @@ impl Follower {
 
     /// A picture in which most are missing at once is blurred by motion: what is found in it lies anywhere along the way.
     pub(super) fn pass_over_blur(&mut self) {
-        let looked_for = self.tracks.iter().filter(|it| it.lost <= self.settings.patience_frames).count();
-        let found = self.tracks.iter().filter(|it| it.found.is_some()).count();
+        // Those that were seen just before; in the next blurred picture there are none, and all that are looked for have to do.
+        let n_seen = self.tracks.iter().filter(|it| it.is_seen()).count();
+        let patience = if n_seen >= LEAST_FOR_BLUR { 0 } else { self.settings.patience_frames };
+        let counted = self.tracks.iter().filter(|it| it.lost <= patience);
+        let (looked_for, found) =
+            counted.fold((0, 0), |(n, found), it| (n + 1, found + usize::from(it.found.is_some())));
         if looked_for >= LEAST_FOR_BLUR && (found as f64) < LEAST_PART * looked_for as f64 {
             self.tally.blurred += 1;
+            self.is_blurred = true;
             self.tracks.iter_mut().for_each(|it| it.found = None);
         }
     }

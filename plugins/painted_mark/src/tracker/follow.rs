@@ -44,6 +44,8 @@ pub struct Follower {
     pub(super) past: VecDeque<(Time, Vector2<f64>)>,
     since_search: u32,
     has_guide: bool,
+    /// Nothing is believed of the present picture.
+    pub(super) is_blurred: bool,
     pub(super) tally: Tally,
 }
 
@@ -65,6 +67,7 @@ impl Follower {
             past: VecDeque::new(),
             since_search: 0,
             has_guide: false,
+            is_blurred: false,
             tally: Tally::default(),
         })
     }
@@ -91,6 +94,7 @@ impl Follower {
             (0..self.tracks.len()).rev().for_each(|at| self.end(at));
             self.past.clear();
         }
+        self.is_blurred = false;
         let had_lost = self.tracks.iter().any(|it| !it.is_seen());
         if is_next {
             let shift = self.eye.dominant_motion();
@@ -109,7 +113,8 @@ impl Follower {
         self.past.push_back((stamp.time, Vector2::zeros()));
         self.correct(stamp);
         self.since_search += 1;
-        if self.settings.find && (!is_next || had_lost || self.since_search >= self.settings.search_every) {
+        let is_clear = self.settings.find && !self.is_blurred;
+        if is_clear && (!is_next || had_lost || self.since_search >= self.settings.search_every) {
             self.search();
         }
         if let Some((time, marks)) = guide {

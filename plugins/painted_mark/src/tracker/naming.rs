@@ -14,6 +14,8 @@ use super::neighbours::Neighbours;
 const CARRIED_BY_PX: f64 = 200.0;
 /// What carrying on adds to the covariance [px²].
 const CARRIED: f64 = 1.0;
+/// The motion of the whole names so many marks at a time, or none.
+const LEAST_AGREED: usize = 4;
 /// Within three standard deviations, squared.
 const GATE: f64 = 9.0;
 
@@ -28,6 +30,8 @@ struct Wanted {
     /// Where, in pixels of the present picture.
     place: Point2<f64>,
     covariance: Matrix2<f64>,
+    /// Carried on by the motion of the whole, for want of marks that are seen.
+    is_by_whole: bool,
 }
 
 impl Follower {
@@ -74,6 +78,14 @@ impl Follower {
                 named.push((at, one.label));
             }
         }
+        // The motion of the whole may be that of something else: it has to bring many marks to dots, which chance does not.
+        let n_by_whole = wanted.iter().filter(|it| it.is_by_whole).count();
+        let n_dots = self.tracks.iter().filter(|it| it.label.is_none() && it.is_seen()).count();
+        let is_by_whole = |label: u32| wanted.iter().any(|it| it.label == label && it.is_by_whole);
+        let n_agreed = named.iter().filter(|it| is_by_whole(it.1)).count();
+        if n_agreed < LEAST_AGREED || 2 * n_agreed < n_by_whole.min(n_dots) {
+            named.retain(|it| !is_by_whole(it.1));
+        }
         for (at, label) in named {
             (self.tracks[at].label, self.tracks[at].named, self.tracks[at].length) = (Some(label), now, 1);
             self.tally.named += 1;
@@ -109,7 +121,8 @@ impl Follower {
             let track = seen(it.label)?;
             Some((it.pixel, self.window.in_camera(&track.pixel) - it.pixel))
         });
-        let moved = Neighbours::of(mark.pixel, CARRIED_BY_PX, shared).median().or(whole)?;
+        let by_marks = Neighbours::of(mark.pixel, CARRIED_BY_PX, shared).median();
+        let moved = by_marks.or(whole)?;
         let place = self.window.in_image(&(mark.pixel + moved));
         let is_inside = |at: f64, n: u32| at >= 0.0 && at <= f64::from(n) - 1.0;
         let scale = f64::from(self.window.shrink).powi(2);
@@ -117,6 +130,7 @@ impl Follower {
             label: mark.label,
             place,
             covariance: mark.covariance / scale,
+            is_by_whole: by_marks.is_none(),
         })
     }
 

@@ -334,10 +334,6 @@ pub fn run(sequence: &mut Sequence, settings: TrackerSettings, names: Names) -> 
             let is_hidden = sequence.is_hidden(&place, t as f64, 2.0);
             if error.norm() > 2.0 || is_hidden {
                 score.wrong += 1;
-                eprintln!(
-                    "t {t} mark {mark} error {error:?} hidden {is_hidden} truth {place:?} edge {}",
-                    sequence.passer_edge(t as f64)
-                );
                 length[mark].get_or_insert(t);
                 if truth.iter().enumerate().any(|(k, it)| k != mark && (it.0 - feature.centre).norm() < 2.0) {
                     score.swapped += 1;
