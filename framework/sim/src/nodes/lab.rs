@@ -2,9 +2,13 @@
 
 use foveate_dataflow::{ConfigError, Due, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup, Time};
 use foveate_messages::Targets;
+use foveate_scene::skeleton::SkeletonMotion;
 
 use crate::painted::{FaceSettings, FaceSource, PartKind, RecordedHead};
-use crate::world::{LightPath, MAX_MONITORS, SceneSettings, SwingSettings, WalkKind, World};
+use crate::person::RecordedBody;
+use crate::world::{
+    BodySettings, BodySource, LightPath, MAX_MONITORS, Recordings, SceneSettings, SwingSettings, WalkKind, World,
+};
 
 const WORLD: Out<World> = Out::new(0, "world");
 const TRUTH: Out<Targets> = Out::new(1, "truth");
@@ -17,8 +21,8 @@ const MOST_ON_A_ROUND: usize = 4;
 /// another one if the person has been away.
 pub struct Lab {
     world: World,
-    /// What is to be said of where the face comes from.
-    remark: Option<String>,
+    /// What is to be said of where face and bodies come from.
+    remarks: Vec<String>,
     truth_hz: f64,
     next: u64,
     pool: Pool<Targets>,
@@ -54,6 +58,7 @@ impl Node for Lab {
             truth_hz,
             glints_hz,
             ref face,
+            ref body,
             waved_light,
             ref swing,
             ref light_path,
@@ -117,17 +122,12 @@ impl Node for Lab {
             );
             return Err(ConfigError::at("closest_m", message));
         }
-        let path = light_path.as_ref().map(|file| read_path(file, setup)).transpose()?;
-        let (head, remark) = match &settings.face {
-            Some(face) => read_head(face, setup)?,
-            None => (None, None),
-        };
-        let world = match (path, head) {
-            (Some(path), _) => World::with_path(settings, path, &setup.random),
-            (None, Some(head)) => World::with_head(settings, head, &setup.random),
-            (None, None) => World::new(settings, &setup.random),
-        };
-        Ok(Self { world, remark, truth_hz, next: 0, pool: Pool::default() })
+        let light_path = light_path.as_ref().map(|file| read_path(file, setup)).transpose()?;
+        let (head, of_head) = settings.face.as_ref().map_or(Ok((None, None)), |it| read_head(it, setup))?;
+        let (body, of_body) = body.as_ref().map_or(Ok((None, None)), |it| read_body(it, setup))?;
+        let world = World::with_recordings(settings, Recordings { light_path, head, body }, &setup.random);
+        let remarks = of_head.into_iter().chain(of_body).collect();
+        Ok(Self { world, remarks, truth_hz, next: 0, pool: Pool::default() })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -147,9 +147,7 @@ impl Node for Lab {
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        if let Some(remark) = &self.remark {
-            report.remark(remark);
-        }
+        self.remarks.iter().for_each(|it| report.remark(it));
         Ok(())
     }
 
@@ -187,6 +185,30 @@ fn read_path(file: &str, setup: &Setup) -> Result<LightPath, ConfigError> {
     LightPath::parse(&text).map_err(fault)
 }
 
+/// The body of a recording, `None` for the built-in one, and what is to be said of it.
+fn read_body(body: &BodySettings, setup: &Setup) -> Result<(Option<RecordedBody>, Option<String>), ConfigError> {
+    const BUILT_IN: &str = "the people's bodies have the built-in walk";
+    if body.source == BodySource::BuiltIn {
+        return Ok((None, None));
+    }
+    let is_needed = body.source == BodySource::Bvh;
+    let path = match setup.path("body.file", &body.file) {
+        Ok(path) => path,
+        Err(error) if is_needed => return Err(error),
+        Err(error) => return Ok((None, Some(format!("{BUILT_IN}: {}", error.message)))),
+    };
+    if !is_needed && !path.exists() {
+        return Ok((None, Some(format!("{BUILT_IN}: there is no {}", path.display()))));
+    }
+    let fault = |message: String| ConfigError::at("body.file", format!("{}: {message}", path.display()));
+    let text = std::fs::read_to_string(&path).map_err(|error| fault(format!("{error}, expected a BVH file")))?;
+    let motion = SkeletonMotion::from_bvh(&text).map_err(|error| fault(error.to_string()))?;
+    Ok((
+        Some(RecordedBody::new(&motion).map_err(fault)?),
+        Some(format!("the people's bodies move as in {}", path.display())),
+    ))
+}
+
 impl Lab {
     fn next_time(&self) -> Time {
         Time::from_s(self.next as f64 / self.truth_hz)
@@ -208,6 +230,7 @@ mod tests {
         check_node::<Lab>("walk = \"stage\"\nstand_s = 3");
         check_node::<Lab>("face = { marks = 40, source = \"built_in\" }");
         check_node::<Lab>("walk = \"stage\"\nface = { part = \"knee\" }");
+        check_node::<Lab>("body = { file = \"a.bvh\", source = \"bvh\" }");
         check_node::<Lab>("people = 16\nwalk = \"crowd\"\nwalk_area_m = [6, 8]\nstay_s = 30");
     }
 
@@ -222,6 +245,42 @@ mod tests {
             assert!(report.remarks.iter().any(|it| it.contains("built-in one") && it.contains(data.trim_matches('$'))));
             assert!(lab.world.painted(Time::from_s(2.0)).is_some());
         }
+    }
+
+    #[test]
+    fn body_without_its_file_is_the_built_in_one_and_says_so() {
+        let body = |source| Some(BodySettings { file: "no_such.bvh".to_owned(), source });
+        let lab =
+            |source| Lab::new(SceneSettings { body: body(source), ..SceneSettings::default() }, &Setup::for_tests());
+        let mut report = Report::default();
+        lab(BodySource::Auto).ok().unwrap().finish(&mut report).unwrap();
+        assert!(report.remarks[0].contains("built-in walk: there is no ./no_such.bvh"), "{:?}", report.remarks);
+        let refused = lab(BodySource::Bvh).err().unwrap();
+        assert!(refused.setting.as_deref() == Some("body.file") && refused.message.contains("expected a BVH file"));
+        let mut silent = Report::default();
+        lab(BodySource::BuiltIn).ok().unwrap().finish(&mut silent).unwrap();
+        assert!(silent.remarks.is_empty());
+    }
+
+    #[test]
+    fn recorded_body_has_another_gait_at_the_same_place() {
+        let file = "${FOVEATE_DATA}/s18_bvh/131_03.bvh".to_owned();
+        let settings =
+            SceneSettings { body: Some(BodySettings { file, source: BodySource::Auto }), ..SceneSettings::default() };
+        let lab = Lab::new(settings.clone(), &Setup::for_tests()).ok().unwrap();
+        if lab.remarks.iter().any(|it| it.contains("built-in")) {
+            return println!("skipped: recorded_body_has_another_gait_at_the_same_place needs FOVEATE_DATA");
+        }
+        let built_in = World::new(SceneSettings { body: None, ..settings }, &Setup::for_tests().random);
+        let mut wrists: f64 = 0.0;
+        for step in 0..200 {
+            let time = Time::from_s(1.0 + 0.05 * f64::from(step));
+            let [found, other] = [lab.world.truth(time), built_in.truth(time)];
+            let away = |led: usize| (found.list[led].position - other.list[led].position).norm();
+            assert!(away(1) < 0.25, "the waist is {} m away", away(1));
+            wrists = wrists.max(away(6));
+        }
+        assert!(wrists > 0.3, "the wrists move alike to {wrists} m");
     }
 
     #[test]

@@ -5,7 +5,7 @@
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::N_LEDS;
-use super::gait::Joints;
+use super::posture::Posture;
 use super::walk::Place;
 
 /// How many body parts a person has.
@@ -25,12 +25,14 @@ const HALF_SHOULDERS: f64 = 0.18;
 const HEAD: f64 = 1.65;
 /// From the joint about which the head nods up to its middle [m].
 const HEAD_JOINT: f64 = 0.06;
-const HIPS: f64 = 0.90;
+pub(super) const HIPS: f64 = 0.90;
 const HALF_HIPS: f64 = 0.09;
 const UPPER_ARM: f64 = 0.29;
 const FOREARM: f64 = 0.25;
-const THIGH: f64 = 0.42;
-const SHANK: f64 = 0.42;
+pub(super) const THIGH: f64 = 0.42;
+pub(super) const SHANK: f64 = 0.42;
+/// Of the ankle over the floor [m].
+pub(super) const FOOT: f64 = 0.06;
 
 const HEAD_RADIUS: f64 = 0.105;
 const TORSO_RADIUS: f64 = 0.125;
@@ -142,34 +144,28 @@ impl Frame {
     }
 }
 
-/// Hanging down, swung forward by `angle` and out to the side `out` (+1 left, −1 right) by `spread` [rad].
-fn limb(frame: &Frame, angle: f64, out: f64, spread: f64) -> Vector3<f64> {
-    let (sine, cosine) = angle.sin_cos();
-    let (spread_sine, spread_cosine) = spread.sin_cos();
-    frame.direction(sine * spread_cosine, out * spread_sine, -cosine * spread_cosine)
-}
-
 /// A LED on the skin of a part of `radius` around `axis_point`, on the side of `normal` (any length).
 fn led_on(axis_point: Point3<f64>, radius: f64, normal: Vector3<f64>) -> Led {
-    let normal = normal.normalize();
+    // Along a limb there is no side to be on; that side is then up.
+    let normal = normal.try_normalize(1e-9).unwrap_or(Vector3::z());
     Led { position: axis_point + normal * (radius + LED_HEIGHT), normal }
 }
 
-pub(super) fn pose(place: &Place, joints: &Joints) -> Pose {
+pub(super) fn pose(place: &Place, posture: &Posture) -> Pose {
     let forward = Vector3::new(place.forward.x, place.forward.y, 0.0);
     let left = Vector3::new(-forward.y, forward.x, 0.0);
-    let Joints { rise, sway, .. } = *joints;
+    let Posture { rise, sway, .. } = *posture;
     let origin = Point3::new(place.position.x, place.position.y, rise) + left * sway;
     let body = Frame { origin, forward, left };
-    let chest = body.turned(joints.twist);
-    let looking = body.turned(joints.look);
+    let chest = body.turned(posture.twist);
+    let looking = body.turned(posture.look);
 
     let part = |a: Point3<f64>, b: Point3<f64>, radius: f64, albedo: f64| BodyPart { ends: [a, b], radius, albedo };
     let pelvis = body.point(0.0, 0.0, PELVIS);
     let neck = chest.point(0.02, 0.0, SHOULDERS + 0.04);
     // The head nods and tilts about the joint below it.
     let axes = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[looking.forward, looking.left, Vector3::z()]));
-    let axes = axes * Rotation3::from_euler_angles(joints.tilt, joints.nod, 0.0);
+    let axes = axes * Rotation3::from_euler_angles(posture.tilt, posture.nod, 0.0);
     let below = looking.point(0.04, 0.0, HEAD) - Vector3::z() * HEAD_JOINT;
     let head_centre = below + axes * Vector3::z() * HEAD_JOINT;
     let shoulders = [1.0, -1.0].map(|out| chest.point(0.02, out * HALF_SHOULDERS, SHOULDERS));
@@ -188,12 +184,10 @@ pub(super) fn pose(place: &Place, joints: &Joints) -> Pose {
     parts[5] = part(chest.point(0.02, 0.07, 1.05), chest.point(0.02, 0.09, 1.32), 0.105, 0.45);
     parts[6] = part(chest.point(0.02, -0.07, 1.05), chest.point(0.02, -0.09, 1.32), 0.105, 0.45);
     for (side, out) in [(0, 1.0), (1, -1.0)] {
-        let upper = limb(&chest, joints.arms[side], out, joints.spread[side]);
-        let fore = limb(&chest, joints.arms[side] + joints.elbows[side], out, joints.spread[side] * 0.4);
+        let [upper, fore] = posture.arms[side].map(|it| chest.direction(it.x, it.y, it.z));
         let elbow = shoulders[side] + upper * UPPER_ARM;
         let wrist = elbow + fore * FOREARM;
-        let thigh = limb(&body, joints.thighs[side], out, 0.03);
-        let shank = limb(&body, joints.thighs[side] - joints.knees[side], out, 0.0);
+        let [thigh, shank] = posture.legs[side].map(|it| body.direction(it.x, it.y, it.z));
         let knee = hips[side] + thigh * THIGH;
         parts[7 + side] = part(shoulders[side], elbow, UPPER_ARM_RADIUS, 0.45);
         parts[9 + side] = part(elbow, wrist + fore * 0.1, FOREARM_RADIUS, 0.65);

@@ -6,9 +6,13 @@
 mod body;
 mod braid;
 mod gait;
+mod posture;
+mod recorded;
 mod stage;
 mod visit;
 mod walk;
+
+use std::sync::Arc;
 
 use foveate_estimation::random::Random;
 use nalgebra::{Point3, Vector3};
@@ -16,6 +20,8 @@ use nalgebra::{Point3, Vector3};
 pub use body::{BodyPart, Led, N_PARTS, Pose};
 pub(crate) use braid::Braid;
 use gait::Gait;
+use posture::Posture;
+pub use recorded::RecordedBody;
 pub use stage::COME_S;
 use stage::Stage;
 use walk::Walk;
@@ -36,6 +42,8 @@ const HALF_DIFFERENCE_S: f64 = 1e-5;
 pub struct Person {
     way: Way,
     gait: Gait,
+    /// In place of the gait: a recording, and how much of it this person is ahead.
+    recorded: Option<(Arc<RecordedBody>, f64)>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -50,7 +58,11 @@ impl Person {
     pub fn new(index: usize, n_people: usize, area_m: [f64; 2], speed: f64, random: &Random) -> Self {
         let share = index as f64 / n_people.max(1) as f64;
         let walk = Walk::round(share, area_m, speed, &mut random.fork("walk"));
-        Self { way: Way::Walk(Box::new(walk)), gait: Gait::new(speed, &mut random.fork(&format!("gait {index}"))) }
+        Self {
+            way: Way::Walk(Box::new(walk)),
+            gait: Gait::new(speed, &mut random.fork(&format!("gait {index}"))),
+            recorded: None,
+        }
     }
 
     /// Number `index` of those who cross each other's ways on `braid`, at `speed` on average [m/s]; comes in at `enter_s` or
@@ -64,14 +76,24 @@ impl Person {
         random: &Random,
     ) -> Self {
         let walk = Walk::braid(index, braid, speed, enter_s, stay_away_s, &mut random.fork("walk"));
-        Self { way: Way::Walk(Box::new(walk)), gait: Gait::new(speed, &mut random.fork(&format!("gait {index}"))) }
+        Self {
+            way: Way::Walk(Box::new(walk)),
+            gait: Gait::new(speed, &mut random.fork(&format!("gait {index}"))),
+            recorded: None,
+        }
     }
 
     /// An actor who comes in at `enter_s`, stands from [`COME_S`] later on for `stand_s`, and then walks to and fro over `width_m` along X
     /// at `speed` on average [m/s], the face towards +Y nearly always. Who `shows_knee` bends the right one while standing.
     pub fn on_stage(enter_s: f64, stand_s: f64, width_m: f64, speed: f64, shows_knee: bool, random: &Random) -> Self {
         let stage = Stage::new(enter_s, stand_s, width_m, speed, shows_knee, &mut random.fork("stage"));
-        Self { way: Way::Stage(stage), gait: Gait::without_gestures(speed, &mut random.fork("gait 0")) }
+        Self { way: Way::Stage(stage), gait: Gait::without_gestures(speed, &mut random.fork("gait 0")), recorded: None }
+    }
+
+    /// The same person with the body of a recording.
+    pub fn recorded(mut self, body: Arc<RecordedBody>, random: &mut Random) -> Self {
+        self.recorded = Some((body, RecordedBody::phase(random)));
+        self
     }
 
     /// Which visit it is at `time_s` [s], counted from 0; `None` while the person is not there.
@@ -84,14 +106,21 @@ impl Person {
 
     /// The person at `time_s` on the session clock [s].
     pub fn pose(&self, time_s: f64) -> Pose {
-        let (place, joints) = match &self.way {
+        let recorded = |way: f64| self.recorded.as_ref().map(|(body, ahead)| body.posture(way, time_s, *ahead));
+        let (place, posture) = match &self.way {
             Way::Walk(walk) => {
                 let place = walk.at(time_s);
-                (place, self.gait.joints(place.way, time_s))
+                let posture = recorded(place.way);
+                (place, posture.unwrap_or_else(|| Posture::from(self.gait.joints(place.way, time_s))))
             }
-            Way::Stage(stage) => stage.at(&self.gait, time_s),
+            Way::Stage(stage) => {
+                let (place, joints, vigour) = stage.at(&self.gait, time_s);
+                let posture = Posture::from(joints);
+                // Who stands does what the stage asks for; the head always does.
+                (place, recorded(place.way).map_or(posture, |it| posture.towards(&it, vigour)))
+            }
         };
-        body::pose(&place, &joints)
+        body::pose(&place, &posture)
     }
 
     /// Position [m] and velocity [m/s] of [`Pose::knee_led`] at `time_s` [s].

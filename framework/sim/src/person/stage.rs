@@ -56,8 +56,8 @@ impl Stage {
         Self { enter_s, stand_s, half_m, omega, sign, shows_knee, phases }
     }
 
-    /// Place and joints at `time_s`; before the first moment those of the first moment.
-    pub fn at(&self, gait: &Gait, time_s: f64) -> (Place, Joints) {
+    /// Place, joints and how much the actor walks (0: stands, 1: walks) at `time_s`; before the first moment those of the first moment.
+    pub fn at(&self, gait: &Gait, time_s: f64) -> (Place, Joints, f64) {
         let since = (time_s - self.enter_s).max(0.0);
         let walked = (since - COME_S - self.stand_s).max(0.0);
         let phase = self.omega * eased(walked);
@@ -93,7 +93,7 @@ impl Stage {
             joints.knees[1] += 0.95 * bend;
         }
         let (turned, ahead) = turn.sin_cos();
-        (Place { position, forward: Vector2::new(-turned, ahead), way }, joints)
+        (Place { position, forward: Vector2::new(-turned, ahead), way }, joints, vigour)
     }
 }
 

@@ -26,7 +26,7 @@ use single::Single;
 pub use single::{LightPath, SwingSettings};
 
 use crate::painted::{FaceSettings, Painted, Part, PartKind, RecordedHead};
-use crate::person::{Braid, COME_S, Led, N_LEDS, Person, Pose};
+use crate::person::{Braid, COME_S, Led, N_LEDS, Person, Pose, RecordedBody};
 
 /// At this distance [m] a LED seen along its normal has the brightness [`SceneSettings::led_peak`].
 pub const REFERENCE_DISTANCE_M: f64 = 3.0;
@@ -42,6 +42,31 @@ pub enum WalkKind {
     Crowd,
     /// One actor, who comes in, stands for `stand_s` facing +Y, and then walks to and fro along X, the face towards +Y nearly always.
     Stage,
+}
+
+/// Whose movements a body has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum BodySource {
+    /// Those of the file where it is, those that are built in otherwise: the report says which.
+    #[default]
+    Auto,
+    /// A walk that is built in.
+    BuiltIn,
+    /// Those of the file, and no run without it.
+    Bvh,
+}
+
+/// What bends the bodies of the people.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BodySettings {
+    /// A BVH recording with y up, of two seconds and two thirds or more, that is repeated without a jump; place and heading stay those of `walk`. `${NAME}` is an
+    /// environment variable; a relative path starts at the rig's folder [–]
+    pub file: String,
+    /// `auto`: the file where it is, the built-in walk otherwise; `built_in`; `bvh`: the file, and no run without it [–]
+    #[serde(default)]
+    pub source: BodySource,
 }
 
 /// What is in the room.
@@ -103,6 +128,8 @@ pub struct SceneSettings {
     pub glints_hz: f64,
     /// The face, or a knee, of the first of the people, painted with marks: pan-tilt cameras see it in its details. Left out: nothing is painted [–]
     pub face: Option<FaceSettings>,
+    /// Movements of the people's bodies from a recording, such as `{ file = "${FOVEATE_DATA}/s18_bvh/131_03.bvh" }`. Left out: a walk that is built in [–]
+    pub body: Option<BodySettings>,
     /// In place of people, somebody unseen waves one light that shines to all sides, to calibrate with: from `people_enter_s` on it
     /// is held on the floor at the origin, 1 m along X and 1 m along Y, then it goes all about `walk_area_m` [–]
     pub waved_light: bool,
@@ -134,11 +161,23 @@ impl Default for SceneSettings {
             truth_hz: 60.0,
             glints_hz: 0.2,
             face: None,
+            body: None,
             waved_light: false,
             swing: None,
             light_path: None,
         }
     }
+}
+
+/// What the files of [`SceneSettings`] hold.
+#[derive(Default)]
+pub struct Recordings {
+    /// Of [`SceneSettings::light_path`].
+    pub light_path: Option<LightPath>,
+    /// Of [`SceneSettings::face`].
+    pub head: Option<RecordedHead>,
+    /// Of [`SceneSettings::body`].
+    pub body: Option<RecordedBody>,
 }
 
 /// A handle to the simulated world; cloning it is cheap.
@@ -226,42 +265,40 @@ impl SceneSettings {
 }
 
 impl World {
-    /// The world of these settings; out-of-range values are taken as they are. Same seed, same world. No file is looked for: a painted face is the
-    /// built-in one, and there is no [`SceneSettings::light_path`]; see [`Self::with_head`] and [`Self::with_path`].
+    /// The world of these settings; out-of-range values are taken as they are. Same seed, same world. No file is looked for: face and bodies are
+    /// built-in ones, and there is no [`SceneSettings::light_path`]; see [`Self::with_recordings`].
     pub fn new(settings: SceneSettings, random: &Random) -> Self {
-        let single = match &settings.swing {
-            Some(swing) => Some(Single::Swung(swing.clone())),
-            None => settings.waved_light.then_some(Single::Waved(settings.walk_area_m)),
-        };
-        Self::with_single(settings, single, None, random)
+        Self::with_recordings(settings, Recordings::default(), random)
     }
 
     /// As [`Self::new`], with a recorded head in place of the built-in one, where the settings have a painted face.
     pub fn with_head(settings: SceneSettings, head: RecordedHead, random: &Random) -> Self {
-        Self::with_single(settings, None, Some(head), random)
+        Self::with_recordings(settings, Recordings { head: Some(head), ..Recordings::default() }, random)
     }
 
-    /// As [`Self::new`], with a light on a path.
-    pub fn with_path(settings: SceneSettings, path: LightPath, random: &Random) -> Self {
-        Self::with_single(settings, Some(Single::Path(path)), None, random)
-    }
-
-    fn with_single(
-        settings: SceneSettings,
-        single: Option<Single>,
-        head: Option<RecordedHead>,
-        random: &Random,
-    ) -> Self {
+    /// As [`Self::new`], with what files hold.
+    pub fn with_recordings(settings: SceneSettings, recordings: Recordings, random: &Random) -> Self {
+        let Recordings { light_path, head, body } = recordings;
+        let single = match (light_path, &settings.swing) {
+            (Some(path), _) => Some(Single::Path(path)),
+            (None, Some(swing)) => Some(Single::Swung(swing.clone())),
+            (None, None) => settings.waved_light.then_some(Single::Waved(settings.walk_area_m)),
+        };
         // The face shows its range while the actor stands; elsewhere from the first moment on, for as long.
         let comes_s = if settings.walk == WalkKind::Stage { COME_S } else { 0.0 };
         let face = settings.face.as_ref().map(|face| {
             let start_s = settings.people_enter_s + comes_s;
             Arc::new(Part::new(face, head, start_s, settings.stand_s, &random.fork("face")))
         });
+        let mut people = people(&settings, &random.fork("people"));
+        if let Some(body) = body.map(Arc::new) {
+            let mut ahead = random.fork("bodies");
+            people = people.into_iter().map(|it| it.recorded(Arc::clone(&body), &mut ahead)).collect();
+        }
         let scene = Scene {
             single,
             face,
-            people: people(&settings, &random.fork("people")),
+            people,
             spots: clutter::bright_spots(settings.bright_spots, &mut random.fork("spots")),
             monitors: clutter::monitors(settings.monitors, &mut random.fork("monitors")),
             seed: random.fork("events").next_u64(),
