@@ -5,6 +5,7 @@
 
 use std::f64::consts::PI;
 
+use foveate_estimation::random::Random;
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::head::{bell, smooth};
@@ -154,10 +155,13 @@ pub(super) fn beside(part: usize, body: BodyPart) -> BodyPart {
     }
 }
 
-/// Spots of the first `n` marks: nine rows of five.
+/// Spots of the first `n` marks: nine rows of five, as uneven as painted by hand. An even grid looks the same when it is shifted by one row, and nobody could
+/// tell its marks apart.
 pub(super) fn spots(surface: &Surface, n: usize) -> Vec<Spot> {
     let rows = (0..9).flat_map(|row| [0.0, 21.0, -21.0, 40.0, -40.0].map(|y| [y, 82.0 - 20.0 * f64::from(row)]));
-    rows.filter_map(|[y, z]| surface.spot_from_ahead(y * 1e-3, z * 1e-3)).take(n).collect()
+    let mut hand = Random::new(45);
+    let mut uneven = |[y, z]: [f64; 2]| [y + hand.uniform_in(-3.5, 3.5), z + hand.uniform_in(-3.5, 3.5)];
+    rows.map(&mut uneven).filter_map(|[y, z]| surface.spot_from_ahead(y * 1e-3, z * 1e-3)).take(n).collect()
 }
 
 /// How bright the leg is at `p` [m]: skin between shorts and a long sock.
