@@ -196,7 +196,8 @@ impl Pose {
             return None;
         }
         let [pan, tilt] = foreseen.angles;
-        let place = target.position_after(since) + self.anchor.offset;
+        // The light itself is seen, not what its scale means by it.
+        let place = target.position_after(since);
         let expected = self.head.model.project_with_jacobian(&place, &Setting { pan, tilt, zoom: self.zoom })?;
         let block = |row, column| target.covariance.fixed_view::<3, 3>(row, column).into_owned();
         let dt = since.as_s();
