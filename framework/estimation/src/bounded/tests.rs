@@ -1,3 +1,5 @@
+//! Tests of fits between bounds: the least of all ways, rows that come and go, what cannot be fitted.
+
 use proptest::prelude::*;
 
 use super::*;

@@ -1,3 +1,5 @@
+//! Tests of models of shape: a face that moves in six ways, hidden marks, wrong ones, faces that were not captured.
+
 use foveate_estimation::Random;
 use foveate_estimation::statistics::{median, percentile};
 use nalgebra::{Isometry3, Matrix3, Point3, UnitQuaternion, Vector3};

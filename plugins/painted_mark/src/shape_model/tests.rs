@@ -1,3 +1,5 @@
+//! Tests of the node: marks out as measured or filled, models acquired and read, targets in the space of the scale.
+
 use foveate::dataflow::scale::{ScalePlace, ScaleTree};
 use foveate::estimation::Random;
 use foveate::estimation::statistics::median;
