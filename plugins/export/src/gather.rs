@@ -185,6 +185,14 @@ impl Gather {
         }
     }
 
+    /// Takes targets alone, for exports with ports of their own.
+    pub(crate) fn take_targets(&mut self, io: &mut Io<'_>, spaces: &In<ScaleSpace>) {
+        io.latest_of_each(spaces).for_each(|it| self.spaces.learn(it.value));
+        while let Some(message) = io.take(&TARGETS) {
+            self.push_targets(message.value, false);
+        }
+    }
+
     /// Takes the cameras' poses that a turn is about.
     pub(crate) fn take_poses(&mut self, io: &mut Io<'_>) {
         while let Some(message) = io.take(&POSES) {

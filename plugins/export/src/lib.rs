@@ -11,6 +11,7 @@
 //! | [`export.npy`](npz::ExportNpy) | `motion.npz`: the same for NumPy, with covariances, cameras and how |
 //! | [`export.mark_pictures`](mark_pictures::ExportMarkPictures) | the way of a painted surface, distances between its marks, what was filled in, as SVG |
 //! | [`export.gltf`](gltf::ExportGltf) | `motion.glb`: targets, a mesh over the marks and cameras as an animated scene |
+//! | [`export.bvh`](bvh::ExportBvh) | `motion.bvh`: the body that eight targets sit on, as a skeleton that moves |
 //! | [`export.overlay`](overlay::ExportOverlay) | some pictures of a camera with the points ringed that were found in them, as PNG |
 //!
 //! [`plot`] is what the pictures are drawn with; programs that measure draw their own figures with it.
@@ -18,6 +19,7 @@
 //! Tables reach the disk while the run goes on. A disk that is full or a folder that cannot be written to loses nothing: rows
 //! wait in memory, and lie in the system's folder for temporary files at the end, with an error that says where.
 
+pub mod bvh;
 pub mod c3d;
 mod csv;
 pub mod features;
@@ -53,4 +55,5 @@ pub fn register(registry: &mut Registry) {
     registry.add::<trc::ExportTrc>();
     registry.add::<npz::ExportNpy>();
     registry.add::<gltf::ExportGltf>();
+    registry.add::<bvh::ExportBvh>();
 }

@@ -1,0 +1,11 @@
+//! `export.bvh`: the body that eight targets sit on (head, waist, shoulders, elbows, wrists) as a skeleton that moves, for animation programs.
+//!
+//! Bones have one length over the whole session, and BVH has no word for missing: what is not seen holds its last pose, and the report counts it.
+//! y is up; what looks along x of the world looks along z in the file.
+
+mod body;
+mod node;
+#[cfg(test)]
+mod tests;
+
+pub use node::{BodyTargets, ExportBvh, ExportBvhSettings, Unit};
