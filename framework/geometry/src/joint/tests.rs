@@ -1,3 +1,5 @@
+//! Points and poses together against known truth, with heads a tenth of a degree off.
+
 use foveate_estimation::Random;
 use nalgebra::{Vector2, Vector3};
 

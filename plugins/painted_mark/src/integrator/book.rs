@@ -89,6 +89,18 @@ impl Book {
         self.marks.retain(|_, mark| mark.is_believed || mark.unseen < PATIENCE);
     }
 
+    /// Takes `position`, where the cameras agree on a mark that has no name, for the one hidden mark that should be within `reach` of it [m]. Whether there is such a one; where
+    /// there are several, nobody is moved, and nobody new is there either.
+    pub fn moved_to(&mut self, position: &Point3<f64>, reach: f64) -> bool {
+        let is_near = |mark: &Known| mark.is_believed && mark.unseen > 0 && (mark.position - position).norm() < reach;
+        let mut near = self.marks.values_mut().filter(|it| is_near(it));
+        let Some(mark) = near.next() else { return false };
+        if near.next().is_none() {
+            mark.position = *position;
+        }
+        true
+    }
+
     /// Distance to the nearest mark [m].
     pub fn nearest(&self, position: &Point3<f64>) -> f64 {
         self.marks.values().map(|it| (it.position - position).norm()).fold(f64::INFINITY, f64::min)
@@ -166,6 +178,21 @@ mod tests {
         let measured = marks.iter().zip(0..).filter(|it| it.1 != 20).map(|(it, label)| (label, motion * it)).collect();
         book.update(&measured, Some(&Marks { list, ..Marks::default() }), 1);
         assert!((book.marks[&20].position - expected).norm() < 1e-6);
+    }
+
+    #[test]
+    fn what_comes_out_near_where_one_hidden_mark_should_be_is_that_mark() {
+        let mut book = Book::default();
+        let at = |x: f64| Point3::new(x, 0.0, 1.0);
+        [0.0, 0.1, 0.112].iter().zip(0..).for_each(|(x, label)| book.named(label, at(*x)));
+        assert!(!book.moved_to(&at(0.005), 0.009), "nobody is hidden");
+        book.update(&BTreeMap::new(), None, 1);
+        assert!(book.moved_to(&at(0.005), 0.009) && book.marks[&0].position == at(0.005));
+        assert!(
+            book.moved_to(&at(0.106), 0.009) && book.marks[&1].position == at(0.1),
+            "one of two, nobody knows which"
+        );
+        assert!(!book.moved_to(&at(0.05), 0.009));
     }
 
     #[test]

@@ -43,6 +43,8 @@ const AGREEING: f64 = 0.3;
 const CARRIED_SIGMA: f64 = 0.002;
 /// Dots closer to where a known mark should be may be that mark [px].
 const NEAR_KNOWN_PX: f64 = 6.0;
+/// A hidden mark comes out again at most this far from where it should be [m]: less than marks are apart.
+const MOST_OFF: f64 = 0.009;
 const DEFAULT_RADIUS_M: f64 = 0.25;
 
 /// Marks with names come in from trackers, or dots without names: those that enough cameras agree on become marks, and `guide` tells each tracker
@@ -364,7 +366,11 @@ impl Integrator {
         let seen: Vec<Point3<f64>> = self.book.marks.values().filter(|it| it.is_seen).map(|it| it.position).collect();
         let tolerance = NARROWING_PX[NARROWING_PX.len() - 1];
         let rules = MatchRules { ball: (middle(&seen), self.radius), tolerance, views: n_views };
-        match_dots(&views, &rules).into_iter().for_each(|it| self.bear(it.position));
+        for found in match_dots(&views, &rules) {
+            if !self.book.moved_to(&found.position, MOST_OFF) {
+                self.bear(found.position);
+            }
+        }
     }
 
     fn bear(&mut self, position: Point3<f64>) {

@@ -1,3 +1,5 @@
+//! The integrator against a face of known marks, seen by heads that are a little off.
+
 use std::sync::Arc;
 
 use foveate::estimation::{Random, statistics::median};
