@@ -6,10 +6,14 @@ use foveate_dataflow::Report;
 use foveate_estimation::statistics::{median, percentile};
 use foveate_geometry::{Alignment, AlignmentRules, align};
 use foveate_messages::{CameraId, How, Marks, Time};
-use nalgebra::Point3;
+use nalgebra::{Point3, Similarity3};
 
 /// A recovered mark farther than this from all true ones is none of them [m].
 const GATE: f64 = 0.008;
+/// Before anything is known, a recovered mark may be this far from the true one, since the whole is [m].
+const FARTHEST: f64 = 0.03;
+/// Steps of the search for the motion of the whole.
+const CLOSER_STEPS: usize = 12;
 /// A mark that is farther than this from the one that it was, and closer to another, is another [m].
 const OTHER: f64 = 0.004;
 /// Pairs that should keep their distance lie this far apart [m].
@@ -46,6 +50,23 @@ impl Moment {
     }
 }
 
+/// The rigid motion that brings the samples closest to true marks, whichever these are (P. J. Besl and N. D. McKay, "A method for registration of 3-D shapes", TPAMI
+/// 14(2), 1992).
+fn closest_motion(moment: &Moment) -> Similarity3<f64> {
+    let samples: Vec<Point3<f64>> = moment.samples.iter().map(|it| it.in_world).collect();
+    let mut motion = Similarity3::identity();
+    for _ in 0..CLOSER_STEPS {
+        let pair = |it: &Point3<f64>| {
+            let near = nearest(&(motion * it), &moment.truth).filter(|it| it.1 < FARTHEST)?;
+            Some((*it, moment.truth[near.0]))
+        };
+        let (found, truth): (Vec<_>, Vec<_>) = samples.iter().filter_map(pair).unzip();
+        let Ok(better) = align(&found, &truth, AlignmentRules::default()) else { break };
+        motion = better.b_from_a;
+    }
+    motion
+}
+
 /// The rigid motion that brings all samples closest to the truth; `None` where they fix none.
 fn to_truth(pairs: &[(Sample, Point3<f64>)]) -> Option<Alignment> {
     let (found, truth): (Vec<_>, Vec<_>) = pairs.iter().map(|it| (it.0.in_world, it.1)).unzip();
@@ -78,19 +99,23 @@ impl MarkTrack {
     /// Which true mark each label is: the one that it was closest to most often while it was measured, once the motion of the whole was taken off. Labels that
     /// mostly were close to none are left out: they are something else that looks like a mark.
     pub fn names(&self) -> Names {
-        let rough = self.vote(GATE, |_, sample| sample.in_world);
-        self.vote(OTHER, |moment, sample| {
+        let rough = self.vote(GATE, false, closest_motion);
+        self.vote(OTHER, true, |moment| {
             let pairs: Vec<_> = moment.pairs(&rough).collect();
-            to_truth(&pairs).map_or(sample.in_world, |motion| motion.b_from_a * sample.in_world)
+            to_truth(&pairs).map_or_else(Similarity3::identity, |it| it.b_from_a)
         })
     }
 
-    fn vote(&self, gate: f64, place: impl Fn(&Moment, &Sample) -> Point3<f64>) -> Names {
+    /// What most moments say, once `motion` has brought their marks to the truth. With `may_be_none`, being close to no true mark is a vote, too.
+    fn vote(&self, gate: f64, may_be_none: bool, motion: impl Fn(&Moment) -> Similarity3<f64>) -> Names {
         let mut votes: BTreeMap<u32, BTreeMap<Option<usize>, u32>> = BTreeMap::new();
         for moment in &self.moments {
+            let motion = motion(moment);
             for sample in moment.samples.iter().filter(|it| it.how == How::Measured) {
-                let near = nearest(&place(moment, sample), &moment.truth).filter(|it| it.1 < gate);
-                *votes.entry(sample.label).or_default().entry(near.map(|it| it.0)).or_default() += 1;
+                let near = nearest(&(motion * sample.in_world), &moment.truth).filter(|it| it.1 < gate);
+                if may_be_none || near.is_some() {
+                    *votes.entry(sample.label).or_default().entry(near.map(|it| it.0)).or_default() += 1;
+                }
             }
         }
         let most =
