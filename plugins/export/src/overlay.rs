@@ -192,8 +192,9 @@ impl Node for ExportOverlay {
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         let n_unanswered = self.n_unanswered + self.held.len() as u64;
         if n_unanswered > 0 {
+            let pictures = if n_unanswered == 1 { "1 picture was" } else { &format!("{n_unanswered} pictures were") };
             report.remark(format!(
-                "{}: {n_unanswered} pictures were not drawn, the features of their stamps never came",
+                "{}: {pictures} not drawn: no features came for it, as while a scale waits for its target",
                 self.instance
             ));
         }

@@ -76,8 +76,8 @@ pub struct SceneSettings {
     /// People who walk about, each with eight LEDs; more than four walk in a `crowd` only [–].
     #[schemars(range(min = 0, max = 32))]
     pub people: usize,
-    /// Whether they follow each other on one round, all there from one moment to the next, or cross each other's ways in a crowd,
-    /// which they walk into from outside [–].
+    /// Whether they follow each other on one round, all there from one moment to the next, cross each other's ways in a crowd,
+    /// which they walk into from outside, or one of them acts on a stage: stands facing +Y, then walks to and fro along X [–].
     pub walk: WalkKind,
     /// Extents along x and y of the area that they walk about in, its middle at the origin [m].
     #[schemars(inner(range(min = 1.0, max = 200.0)))]

@@ -136,8 +136,11 @@ pub(super) fn counts(course: &Course, name: &str) -> String {
         &format!("{name}: marks measured and filled in, and how well the model fits"),
     );
     let mut legend = Legend::at([LEFT + WIDTH + 20.0, TOP]);
-    legend.entry(&mut svg, Key::Line(Pen::new(OURS, 1.5)), "measured; fit, rms");
-    legend.entry(&mut svg, Key::Line(Pen::new(FILLED, 1.5)), "filled in; outside");
+    legend.entry(&mut svg, Key::Line(Pen::new(OURS, 1.5)), "measured");
+    legend.entry(&mut svg, Key::Line(Pen::new(FILLED, 1.5)), "filled in");
+    let mut legend = Legend::at([LEFT + WIDTH + 20.0, TOP + 210.0]);
+    legend.entry(&mut svg, Key::Line(Pen::new(OURS, 1.5)), "rms of the fit [mm]");
+    legend.entry(&mut svg, Key::Line(Pen::new(FILLED, 1.5)), "outside the model [–]");
     let x = Range::of(course.moments.iter().map(|it| it.time_s)).unwrap_or(Range { min: 0.0, max: 1.0 }).widened(0.01);
     let count = |it: &Moment, filled: bool| it.samples.iter().filter(|it| it.is_filled == filled).count() as f64;
     let curves = |of: [Of<'_>; 2]| {
@@ -145,7 +148,7 @@ pub(super) fn counts(course: &Course, name: &str) -> String {
     };
     let rows = [
         ("marks", curves([&|it| Some(count(it, false)), &|it| Some(count(it, true))])),
-        ("rms [mm], outside [–]", curves([&|it| Some(it.rms? * 1e3), &|it| it.outside])),
+        ("rms [mm]; outside [–]", curves([&|it| Some(it.rms? * 1e3), &|it| it.outside])),
     ];
     for (row, (label, curves)) in rows.into_iter().enumerate() {
         let values = curves.iter().flatten().map(|it| it.1).chain([0.0]);
@@ -168,7 +171,7 @@ pub(super) fn stills(course: &Course, name: &str) -> String {
     const SIDE: f64 = 236.0;
     let rows = STILLS.div_ceil(4) as f64;
     let mut svg =
-        Svg::new(4.0 * SIDE + 40.0, TOP + rows * (SIDE + 24.0) + 30.0, &format!("{name}: the surface at some moments"));
+        Svg::new(4.0 * SIDE + 40.0, TOP + rows * (SIDE + 24.0) + 44.0, &format!("{name}: the surface at some moments"));
     let step = (course.moments.len() / STILLS).max(1);
     let shown: Vec<&Moment> = course.moments.iter().skip(step / 2).step_by(step).take(STILLS).collect();
     // One frame of reference and one net for all: that of the moment with most marks.
@@ -195,7 +198,7 @@ pub(super) fn stills(course: &Course, name: &str) -> String {
         let below = [centre[0], centre[1] + 0.5 * SIDE + 14.0];
         svg.text(below, Anchor::Middle, SMALL, &format!("{:.1} s", moment.time_s));
     }
-    let mut legend = Legend::at([24.0, TOP + rows * (SIDE + 24.0)]);
+    let mut legend = Legend::at([24.0, TOP + rows * (SIDE + 24.0) + 14.0]);
     legend.entry(&mut svg, Key::Dot { fill: OURS }, "measured; rings: filled in by the model");
     svg.finish()
 }

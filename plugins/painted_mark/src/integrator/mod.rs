@@ -56,6 +56,8 @@ const DEFAULT_RADIUS_M: f64 = 0.25;
 pub struct Integrator {
     settings: IntegratorSettings,
     radius: f64,
+    /// Names of the calibration's cameras.
+    cameras: Vec<String>,
     gather: Gather,
     book: Book,
     choice: Choice,
@@ -72,6 +74,8 @@ struct Tally {
     disputed: u64,
     without_answer: u64,
     starts: u64,
+    /// Cameras that reported at one moment, at most.
+    most_views: usize,
     /// By camera: sum of squared turns that its pose was off by [rad²], and frames.
     turns: BTreeMap<CameraId, (f64, u64)>,
 }
@@ -98,6 +102,7 @@ impl Node for Integrator {
             if settings.radius_m > 0.0 { settings.radius_m } else { setup.radius_m.unwrap_or(DEFAULT_RADIUS_M) };
         Ok(Self {
             radius,
+            cameras: setup.calibration.cameras.iter().map(|it| it.name.clone()).collect(),
             gather: Gather::new(setup),
             book: Book::default(),
             choice: Choice::default(),
@@ -128,24 +133,34 @@ impl Node for Integrator {
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        let Tally { frames, marks, views, disputed, without_answer, starts, turns } = &self.tally;
-        report.figure("marks.frames", *frames as f64);
+        let Tally { frames, marks, views, disputed, without_answer, starts, turns, most_views } = &self.tally;
+        let mut figure = |name: &str, value: f64| {
+            let dot = if self.settings.label.is_empty() { "" } else { "." };
+            report.figure(format!("{}{dot}marks.{name}", self.settings.label), value);
+        };
+        figure("frames", *frames as f64);
         if *frames > 0 {
-            report.figure("marks.measured.mean", *marks as f64 / *frames as f64);
-            report.figure("marks.views.mean", *views as f64 / (*marks).max(1) as f64);
+            figure("measured.mean", *marks as f64 / *frames as f64);
+            figure("views.mean", *views as f64 / (*marks).max(1) as f64);
         }
-        report.figure("marks.known", self.book.marks.values().filter(|it| it.is_believed).count() as f64);
-        report.figure("marks.disputed", *disputed as f64);
-        report.figure("marks.frames_without", *without_answer as f64);
-        report.figure("marks.searches", *starts as f64);
+        figure("known", self.book.marks.values().filter(|it| it.is_believed).count() as f64);
+        figure("disputed", *disputed as f64);
+        figure("frames_without", *without_answer as f64);
+        figure("searches", *starts as f64);
         if self.settings.views == Views::BestPair {
-            report.figure("marks.pair_changes", self.choice.changes as f64);
+            figure("pair_changes", self.choice.changes as f64);
         }
         if self.gather.without_pose > 0 {
-            report.figure("marks.pictures_without_pose", self.gather.without_pose as f64);
+            figure("pictures_without_pose", self.gather.without_pose as f64);
         }
-        for (camera, (sum, n)) in turns {
-            report.figure(format!("marks.pose_error_mrad.{}", camera.0), (sum / *n as f64).sqrt() * 1e3);
+        for (camera, (sum, n)) in turns.iter().filter(|_| self.settings.pose_errors) {
+            let name = self.cameras.get(usize::from(camera.0)).map_or("", String::as_str);
+            figure(&format!("pose_error_mrad.{name}"), (sum / *n as f64).sqrt() * 1e3);
+        }
+        if *frames > 0 && *most_views < 2 {
+            report.remark(format!(
+                "No mark could be recovered: {most_views} camera reported at a time, expected 2 or more whose pictures are taken at the same moment."
+            ));
         }
         Ok(())
     }
@@ -154,6 +169,7 @@ impl Node for Integrator {
 impl Integrator {
     fn integrate(&mut self, frame: &Frame, filled: Option<&Marks>) -> (Option<Marks>, MarkGuide) {
         self.tally.frames += 1;
+        self.tally.most_views = self.tally.most_views.max(frame.views.len());
         if let Some(last) = self.last.replace(frame.time) {
             self.blend.fade((frame.time - last).as_s().max(0.0));
         }

@@ -19,6 +19,8 @@ pub enum Views {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct IntegratorSettings {
+    /// Word before the names of the figures, as in `paper.marks.known`, to tell several integrators of one rig apart; empty: none [–].
+    pub label: String,
     /// Which pictures the marks of one moment come from [–].
     pub views: Views,
     /// Whether the errors of the poses that heads are thought to have are found along with the marks; otherwise the poses are taken as they are [–].
@@ -62,6 +64,7 @@ impl Default for IntegratorSettings {
     /// For dots of 3 to 5 px, 12 px apart, in the pictures of heads that are known to a tenth of a degree.
     fn default() -> Self {
         Self {
+            label: String::new(),
             views: Views::All,
             pose_errors: true,
             rotation_floor_mrad: 0.1,
