@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::last_of_time::LastOfTime;
 use crate::plot::{Subject, cameras, space, time};
-use crate::row_file::write_whole;
+use crate::row_file::write_pictures;
 use crate::track_history::History;
 
 const TARGETS: In<Targets> = In::each(0, "targets");
@@ -144,15 +144,10 @@ impl Node for ExportPictures {
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         self.targets.finish();
         self.truth.finish();
-        if self.out_dir.is_none() {
-            return Ok(());
+        match &self.out_dir {
+            None => Ok(()),
+            Some(folder) => write_pictures(folder, &self.settings.prefix, &self.draw(), report),
         }
-        let mut faults = Vec::new();
-        for (name, text) in self.draw() {
-            let name = format!("{}{name}", self.settings.prefix);
-            faults.extend(write_whole(self.out_dir.as_deref(), &name, text.as_bytes(), report).err());
-        }
-        if faults.is_empty() { Ok(()) } else { Err(NodeError::input(faults.join("; "))) }
     }
 }
 

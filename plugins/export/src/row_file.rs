@@ -171,6 +171,23 @@ pub(crate) fn create_new(folder: &Path, name: &str) -> Result<(PathBuf, File), S
     Err(format!("`{}`: {REFUGE_TRIES} files of that name exist", folder.join(name).display()))
 }
 
+/// Writes each picture, by its name after `prefix`, as [`write_whole`] does; tries all of them even if one fails.
+///
+/// # Errors
+/// A sentence for each that could not be written.
+pub(crate) fn write_pictures(
+    folder: &Path,
+    prefix: &str,
+    pictures: &[(&str, String)],
+    report: &mut Report,
+) -> Result<(), NodeError> {
+    let write = |(name, text): &(&str, String)| {
+        write_whole(Some(folder), &format!("{prefix}{name}"), text.as_bytes(), report).err()
+    };
+    let faults: Vec<String> = pictures.iter().filter_map(write).collect();
+    if faults.is_empty() { Ok(()) } else { Err(NodeError::input(faults.join("; "))) }
+}
+
 /// Writes a small file whole or not at all, and names it in the report; nothing where the run keeps no results.
 ///
 /// # Errors

@@ -14,7 +14,7 @@ use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::row_file::write_whole;
+use crate::row_file::write_pictures;
 use course::Course;
 
 const MARKS: In<Marks> = In::each(0, "marks");
@@ -88,15 +88,10 @@ impl Node for ExportMarkPictures {
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        if self.out_dir.is_none() {
-            return Ok(());
+        match &self.out_dir {
+            None => Ok(()),
+            Some(folder) => write_pictures(folder, &self.settings.prefix, &self.draw(), report),
         }
-        let mut faults = Vec::new();
-        for (name, text) in self.draw() {
-            let name = format!("{}{name}", self.settings.prefix);
-            faults.extend(write_whole(self.out_dir.as_deref(), &name, text.as_bytes(), report).err());
-        }
-        if faults.is_empty() { Ok(()) } else { Err(NodeError::input(faults.join("; "))) }
     }
 }
 
