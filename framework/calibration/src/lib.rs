@@ -9,7 +9,9 @@
 //! | [`clocks`] | cameras that share no clock: their offsets from the continuity of the light's path |
 //! | [`wand`] | two lights a known distance apart |
 //! | [`axes`] | metres, the vertical and the origin, and what fixes each how well |
+//! | [`cause`] | what may be wrong about a camera, under names that programs know |
 //! | [`checks`] | what re-projection cannot see, and a verdict in words |
+//! | [`quality`] | two calibrations over the same observations |
 //! | [`coverage`] | where the light has been, for those who wave it |
 //! | [`head`] | the axes of pan-tilt heads |
 //! | [`report`] | one HTML page with pictures |
@@ -17,12 +19,14 @@
 
 pub mod axes;
 pub mod board;
+pub mod cause;
 pub mod checks;
 pub mod clocks;
 pub mod comparison;
 pub mod convergence;
 pub mod coverage;
 pub mod head;
+pub mod quality;
 pub mod recording;
 pub mod report;
 pub mod room;

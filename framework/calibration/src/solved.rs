@@ -6,6 +6,8 @@ use foveate_geometry::self_calibration::{CameraStatus, Link};
 use foveate_scene::uncertainty::Fixed;
 use nalgebra::{Point2, Point3, Vector2};
 
+use crate::cause::Culprit;
+
 /// Cameras, points and sightings of a room that was calibrated.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Solved {
@@ -21,6 +23,8 @@ pub struct Solved {
     pub links: Vec<Link>,
     /// What fixes scale, vertical and origin.
     pub fixed: FixedFreedoms,
+    /// What is wrong with cameras, as far as it was found on the way.
+    pub culprits: Vec<Culprit>,
 }
 
 /// One camera of a [`Solved`] room.

@@ -429,7 +429,7 @@ impl<'a> Room<'a> {
             }
         });
         let solved =
-            Solved { cameras: cameras.collect(), points, sightings, steps: self.steps, links: Vec::new(), fixed };
+            Solved { cameras: cameras.collect(), points, sightings, steps: self.steps, fixed, ..Solved::default() };
         let rms_px = (lengths.iter().map(|it| it * it).sum::<f64>() / lengths.len().max(1) as f64).sqrt();
         let pose = |(frame, pose): (&usize, &Isometry3<f64>)| BoardPose {
             frame: *frame,

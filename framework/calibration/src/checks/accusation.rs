@@ -1,7 +1,8 @@
 //! What is said of a camera that contradicts the rest.
 
-use super::room::Room;
-use super::suspects::{Cause, Suspect};
+use super::room::{Room, is_calibrated};
+use super::suspects::Suspect;
+use crate::cause::{Cause, Culprit};
 use super::{Judgement, Level};
 
 /// Wrong sightings that were left out, told without blame.
@@ -15,58 +16,109 @@ pub(super) fn harmless(room: &Room<'_>, camera: usize, share: f64) -> Judgement 
     )
 }
 
+/// What is said of a camera that was found to be at fault before the room was solved without it.
+pub(super) fn culprit(room: &Room<'_>, culprit: &Culprit) -> Suspect {
+    let Culprit { camera, cause, shares } = *culprit;
+    let mut told = suspect(room, camera, cause, f64::INFINITY, 1.0);
+    if let Cause::FalseObservations { share } = cause {
+        // Its right observations are enough, and hold it as well as the others are held.
+        let is_found = is_calibrated(&room.solved.cameras[camera]);
+        if is_found && shares[0] >= RIGHT_ENOUGH {
+            told.judgement = harmless(room, camera, share);
+        } else if share > room.rules.rejected_share[1] {
+            told.judgement.level = Level::Redo;
+        }
+    }
+    told
+}
+
+/// A camera of whose observations so large a part is right is found by them [–].
+const RIGHT_ENOUGH: f64 = 0.5;
+
 /// The level and the sentence of an accusation.
 pub(super) fn suspect(room: &Room<'_>, camera: usize, cause: Cause, misfit: f64, explained: f64) -> Suspect {
     let name = room.name(camera);
     let grave = if misfit > room.rules.misfit { Level::Redo } else { Level::Usable };
     let (level, sentence) = match cause {
-        Cause::Moved { at_s, shift_px, turn, .. } => (
+        Cause::Moved { at_s: Some(at_s), shift_px, turn, .. } => (
             Level::Redo,
             format!(
                 "Camera {name} was moved at {at_s:.1} s ({shift_px:.1} px, {:.1} mrad): fasten it and record again.",
                 1e3 * turn
             ),
         ),
-        Cause::Clock { offset_s, sigma_s } => (
-            grave,
+        Cause::Moved { at_s: None, shift_px, turn, .. } => (
+            Level::Usable,
             format!(
-                "The clock of camera {name} is off by {:+.1} ± {:.1} ms: synchronise it, or have clocks found (--from-nothing --unsynchronised).",
-                1e3 * offset_s,
-                1e3 * sigma_s
+                "Camera {name} was moved since the older calibration ({shift_px:.1} px, {:.1} mrad): it stands where it is now found.",
+                1e3 * turn
             ),
         ),
+        Cause::Clock { offset_s, sigma_s } => {
+            let which = if offset_s < 0.0 { "late" } else { "early" };
+            let by = format!("{:.1} ± {:.1} ms", 1e3 * offset_s.abs(), 1e3 * sigma_s);
+            (
+                Level::Redo,
+                format!("Camera {name} is {by} {which}: synchronise it, or have each camera's clock found from the path of the light."),
+            )
+        }
         Cause::Focal { factor } => (
             grave,
             format!(
-                "The focal length of camera {name} is off by {:+.1} %: let it be found (--optics focal), or check lens and zoom.",
+                "The focal length of camera {name} is off by {:+.1} %: let focal lengths be found, or check lens and zoom.",
                 100.0 * (factor - 1.0)
             ),
         ),
         Cause::Distortion { k1 } => (
             grave,
             format!(
-                "The lens of camera {name} distorts otherwise than its model (k1 {k1:+.3}): let it be found (--optics lens)."
+                "The lens of camera {name} distorts otherwise than its model (k1 {k1:+.3}): let its lens be found."
             ),
         ),
-        Cause::Swapped { with } => {
+        Cause::PixelShape { factor } => (
+            grave,
+            format!(
+                "The pixels of camera {name} are not as stated: height over width of its focal length is {:+.1} % off; state pixel_aspect, or check how its picture is scaled.",
+                100.0 * (factor - 1.0)
+            ),
+        ),
+        Cause::Swapped { with, since_s } => {
             let (first, second) = (room.name(camera.min(with)), room.name(camera.max(with)));
-            (Level::Redo, format!("Cameras {first} and {second} are swapped: exchange their names or cables."))
+            let since = since_s.map_or(String::new(), |it| format!(" since {it:.1} s"));
+            (
+                Level::Redo,
+                format!("Cameras {first} and {second} are swapped{since}: exchange their names or cables, and record again."),
+            )
         }
         Cause::Mirrored => {
             (Level::Redo, format!("The picture of camera {name} is mirrored, left to right: record it as it is."))
         }
-        Cause::WrongSightings { share } => (
+        Cause::UpsideDown => {
+            (Level::Redo, format!("The picture of camera {name} is upside down: turn the camera or its picture by half."))
+        }
+        Cause::FalseObservations { share } => (
             Level::Usable,
             format!(
                 "{:.0} % of what camera {name} saw is not the light: mask lamps and mirrors in its picture.",
                 100.0 * room.left_out_share(camera).filter(|it| *it > 0.5 * share).unwrap_or(share)
             ),
         ),
-        Cause::FewSightings { count, median } => (
+        Cause::FewObservations { count, median } => (
             Level::Usable,
             format!("Camera {name} saw the light {count} times, others {median} times: wave longer in front of it."),
         ),
-        Cause::Unknown => {
+        Cause::FewCommon { count } => (
+            Level::Usable,
+            format!("Camera {name} shares {count} frames with the others: wave where it and two others see."),
+        ),
+        Cause::Unknown { size } if !misfit.is_finite() => (
+            Level::Redo,
+            format!(
+                "No pose explains {:.0} % of what camera {name} saw: check its lens, its mount, its clock and which camera's picture it is.",
+                100.0 * size
+            ),
+        ),
+        Cause::Unknown { .. } => {
             let level = if misfit > 2.0 * room.rules.misfit { Level::Redo } else { Level::Usable };
             let sentence = format!(
                 "Camera {name} fits the others {misfit:.1} times worse than usual: check its focus, mount and lens."

@@ -23,7 +23,7 @@ mod fit;
 mod graph;
 mod handed;
 mod maps;
-mod models;
+pub(crate) mod models;
 mod place;
 mod room;
 mod rules;
@@ -38,7 +38,8 @@ pub use self::handed::Handedness;
 pub use self::maps::{MapCell, Pattern, ResidualMap};
 pub use self::place::{Floor, PathShape};
 pub use self::rules::CheckRules;
-pub use self::suspects::{Cause, Suspect};
+pub use self::suspects::Suspect;
+pub use crate::cause::Cause;
 pub use self::verdict::Verdict;
 use crate::solved::Solved;
 

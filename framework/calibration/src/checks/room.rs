@@ -6,9 +6,10 @@ use foveate_estimation::statistics::median;
 use foveate_geometry::self_calibration::CameraStatus;
 use foveate_geometry::triangulate::{PixelNoise, refine};
 use foveate_geometry::{Camera, Freedom};
-use nalgebra::{Matrix2, Matrix3, Point2, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 
 use super::CheckRules;
+use super::models::Witnessed;
 use crate::solved::{SightingRole, Solved, SolvedCamera};
 
 /// Median of χ² with two degrees of freedom: of the squared length of a pixel's error in standard deviations.
@@ -32,18 +33,6 @@ pub(super) struct Room<'a> {
     pub of_point: Vec<Vec<usize>>,
     /// By point: the light's velocity, where its neighbours in time are near.
     pub velocities: Vec<Option<Vector3<f64>>>,
-}
-
-/// A sighting beside where the other cameras have the point.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Witnessed {
-    pub time_s: f64,
-    pub pixel: Point2<f64>,
-    /// By the others.
-    pub point: Point3<f64>,
-    /// Of that.
-    pub covariance: Matrix3<f64>,
-    pub velocity: Option<Vector3<f64>>,
 }
 
 impl<'a> Room<'a> {
@@ -171,14 +160,6 @@ impl<'a> Room<'a> {
             });
         }
         found
-    }
-}
-
-impl Witnessed {
-    /// Covariance of the pixel's distance from where `camera` should see the point, that of the pixel included [px²].
-    pub(super) fn spread(&self, camera: &Camera, sigma_px: f64) -> Option<Matrix2<f64>> {
-        let (_, by_point) = camera.project_with_jacobian(&self.point)?;
-        Some(by_point * self.covariance * by_point.transpose() + Matrix2::identity() * sigma_px * sigma_px)
     }
 }
 

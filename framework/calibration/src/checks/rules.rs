@@ -46,6 +46,11 @@ pub struct CheckRules {
     /// Share of a camera's sightings far from where the others have the light, more than the median camera's, from which on they are
     /// called wrong [–].
     pub wrong_share: f64,
+    /// What a cause must change in the picture of its camera, median, to be named; twice that for one that moved, which has more to please by
+    /// chance [px]. Lens models leave errors of some tenths of a pixel that differ from one part of the picture, and so of the time, to the next.
+    pub least_effect_px: f64,
+    /// An observation is far from where the others have the light when at least so far off [px].
+    pub far_px: f64,
     /// Suspects that are looked for at most [–].
     pub max_suspects: usize,
     /// Sightings of a camera that are looked at when it is compared with the others; more are thinned out evenly [–].
@@ -78,6 +83,8 @@ impl Default for CheckRules {
             min_gain: 60.0,
             min_gain_share: 0.08,
             wrong_share: 0.1,
+            least_effect_px: 0.5,
+            far_px: 6.0,
             max_suspects: 6,
             max_sightings: 500,
             max_sentences: 5,

@@ -7,70 +7,16 @@
 use foveate_estimation::Loss;
 use foveate_estimation::statistics::median;
 use foveate_geometry::bundle::{BundleRules, Observation, adjust};
-use foveate_geometry::{Camera, Freedom};
+use foveate_geometry::{Camera, CameraStatus, Freedom};
 use nalgebra::Point3;
 
 use super::Judgement;
-use super::accusation::{harmless, suspect};
+use super::accusation::{culprit, harmless, suspect};
 use super::camera::{ALMOST_ALL, empty_ninths};
 use super::models::{Extra, Fitted, Samples};
 use super::room::{MEDIAN_CHI2, Room, is_calibrated};
+use crate::cause::Cause;
 use crate::solved::SightingRole;
-
-/// What may be wrong about a camera.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Cause {
-    /// It was moved during the recording.
-    Moved {
-        /// When [s of the room].
-        at_s: f64,
-        /// Median distance in the picture of where it sees the light before and after [px].
-        shift_px: f64,
-        /// By how much it turned [rad].
-        turn: f64,
-        /// How far its centre moved [m or units].
-        distance: f64,
-    },
-    /// Its clock is off.
-    Clock {
-        /// To be added to its times [s].
-        offset_s: f64,
-        /// Standard deviation of that [s].
-        sigma_s: f64,
-    },
-    /// Its focal length is wrong.
-    Focal {
-        /// What it should be over what it is [–].
-        factor: f64,
-    },
-    /// Its lens distorts otherwise than its model does.
-    Distortion {
-        /// To be added to k1 [–].
-        k1: f64,
-    },
-    /// Its sightings are those of another camera.
-    Swapped {
-        /// Of this one.
-        with: usize,
-    },
-    /// Its picture is mirrored, left to right.
-    Mirrored,
-    /// Part of its sightings are not of the light. Where these were left out and the others are enough, that is told as a thing that is
-    /// good as it is.
-    WrongSightings {
-        /// Which part [–].
-        share: f64,
-    },
-    /// It saw too little of the light.
-    FewSightings {
-        /// How many [–].
-        count: usize,
-        /// Of the median camera [–].
-        median: usize,
-    },
-    /// None of these explains it: focus, a loose lens, a rolling shutter.
-    Unknown,
-}
 
 /// A camera that contradicts the rest.
 #[derive(Debug, Clone, PartialEq)]
@@ -89,8 +35,8 @@ pub struct Suspect {
 
 /// Fewer sightings that others witness say nothing about a camera.
 const LEAST_SAMPLES: usize = 20;
-/// Squared standard deviations beyond which a sighting is far from where the others have the light.
-const FAR: f64 = 25.0;
+/// Standard deviations beyond which an observation is far from where the others have the light.
+const FAR: f64 = 5.0;
 /// With a larger share of such sightings, poses are searched for, not only refined.
 const SEARCH_SHARE: f64 = 0.1;
 /// A cause must explain this part of the excess.
@@ -138,13 +84,28 @@ struct Examined {
 
 /// In a mirrored world everybody contradicts everybody: there only those are told that saw too little.
 pub(super) fn suspects(room: &Room<'_>, is_mirrored: bool) -> Vec<Suspect> {
-    let mut found = if is_mirrored { Vec::new() } else { contradicting(room) };
+    let known = &room.solved.culprits;
+    let mut found: Vec<Suspect> = known.iter().map(|it| culprit(room, it)).collect();
+    if !is_mirrored {
+        found.extend(contradicting(room).into_iter().filter(|it| known.iter().all(|culprit| culprit.camera != it.camera)));
+    }
+    for (camera, it) in room.solved.cameras.iter().enumerate() {
+        let count = match it.status {
+            CameraStatus::TooFewSightings { frames, .. } => frames,
+            CameraStatus::NoPartner { common, .. } => common,
+            CameraStatus::Inconsistent { common, .. } if common > 0 && common < room.rules.min_common => common,
+            _ => continue,
+        };
+        if found.iter().all(|it| it.camera != camera) {
+            found.push(suspect(room, camera, Cause::FewCommon { count }, 1.0, 1.0));
+        }
+    }
     let counts: Vec<f64> = room.of_camera.iter().map(|it| it.len() as f64).collect();
     let usual_count = median(&counts).unwrap_or(0.0);
     for camera in room.calibrated() {
         let count = room.of_camera[camera].len();
         if (count as f64) < room.rules.few_sightings * usual_count {
-            let cause = Cause::FewSightings { count, median: usual_count as usize };
+            let cause = Cause::FewObservations { count, median: usual_count as usize };
             found.push(suspect(room, camera, cause, 1.0, 1.0));
         }
     }
@@ -225,10 +186,10 @@ impl<'a> Rest<'a> {
         }
         let start = &self.cameras[camera];
         let samples = Samples::new(&witnessed, start, self.room.sigma_px);
-        let share = |squares: &[f64]| squares.iter().filter(|it| **it > FAR).count() as f64 / squares.len() as f64;
+        let share = |camera: &Camera| self.far_share(&samples, camera);
         let known = is_calibrated(&self.room.solved.cameras[camera]);
-        let mut fitted = if known { samples.fit(start, Extra::Nothing) } else { None };
-        if fitted.as_ref().is_none_or(|it| share(&samples.squares(&it.camera)) > SEARCH_SHARE) {
+        let mut fitted = if known { samples.fit(start, &[]) } else { None };
+        if fitted.as_ref().is_none_or(|it| share(&it.camera) > SEARCH_SHARE) {
             let searched = samples.search(start, self.room.rules.seed);
             let better = |it: &Fitted| fitted.as_ref().is_none_or(|other| it.cost < other.cost);
             if let Some(it) = searched.filter(better) {
@@ -236,9 +197,15 @@ impl<'a> Rest<'a> {
             }
         }
         let fitted = fitted?;
-        let far = share(&samples.squares(&fitted.camera));
+        let far = share(&fitted.camera);
         let mean_cost = fitted.cost / samples.len() as f64;
         Some(Examined { camera, samples, fitted, mean_cost, far })
+    }
+
+    /// Share of `samples` that are far from where `camera` sees them.
+    fn far_share(&self, samples: &Samples, camera: &Camera) -> f64 {
+        let far = samples.far(camera, FAR, self.room.rules.far_px);
+        far.iter().filter(|it| **it).count() as f64 / far.len().max(1) as f64
     }
 
     fn is_suspect(&self, examined: &Examined, usual: f64, usual_far: f64) -> bool {
@@ -298,7 +265,7 @@ impl<'a> Rest<'a> {
             return Some(suspect(&self.room, examined.camera, cause, misfit, (gain / excess.max(gain)).min(1.0)));
         }
         if examined.far > usual_far + rules.wrong_share {
-            let cause = Cause::WrongSightings { share: examined.far };
+            let cause = Cause::FalseObservations { share: examined.far };
             let mut told = suspect(&self.room, examined.camera, cause, misfit, 1.0);
             if self.are_harmless(examined, usual, usual_far) {
                 told.judgement = harmless(&self.room, examined.camera, examined.far);
@@ -306,10 +273,13 @@ impl<'a> Rest<'a> {
             return Some(told);
         }
         // The few that are far off are somebody else's light.
-        let near: Vec<f64> = examined.squares().into_iter().filter(|it| *it <= FAR).collect();
+        let far = examined.samples.far(&examined.fitted.camera, FAR, rules.far_px);
+        let near: Vec<f64> = examined.squares().into_iter().zip(far).filter(|it| !it.1).map(|it| it.0).collect();
         let cost: f64 = near.iter().map(|it| Loss::CAUCHY.at(*it).0).sum();
         let misfit = cost / near.len().max(1) as f64 / usual;
-        (misfit > rules.misfit).then(|| suspect(&self.room, examined.camera, Cause::Unknown, misfit, 0.0))
+        // Cameras differ in focus and lens; one that fits to a pixel is no culprit.
+        let is_much = examined.samples.median_px(&examined.fitted.camera) > rules.hold_out_px[0];
+        (misfit > rules.misfit && is_much).then(|| suspect(&self.room, examined.camera, Cause::Unknown { size: misfit }, misfit, 0.0))
     }
 
     /// Share of its sightings that are far off once its picture is turned left to right; `None` where no pose fits then.
@@ -321,8 +291,7 @@ impl<'a> Rest<'a> {
         let start = &self.cameras[camera];
         let mirrored = Samples::new(&witnessed, start, self.room.sigma_px).mirrored(start.image_size[0]);
         let found = mirrored.search(start, self.room.rules.seed)?;
-        let far = mirrored.squares(&found.camera).into_iter().filter(|it| *it > FAR).count();
-        Some(far as f64 / mirrored.len() as f64)
+        Some(self.far_share(&mirrored, &found.camera))
     }
 
     /// Whether the wrong sightings of a camera were left out, and what is left is enough and fits as well as anybody's.
@@ -340,10 +309,11 @@ impl<'a> Rest<'a> {
             return false;
         }
         let witnessed = room.witnessed(camera, &self.out, &self.cameras, &self.points, is_used);
-        let squares = Samples::new(&witnessed, &examined.fitted.camera, room.sigma_px).squares(&examined.fitted.camera);
+        let samples = Samples::new(&witnessed, &examined.fitted.camera, room.sigma_px);
+        let squares = samples.squares(&examined.fitted.camera);
         let n = squares.len() as f64;
         let cost: f64 = squares.iter().map(|it| Loss::CAUCHY.at(*it).0).sum();
-        let far = squares.iter().filter(|it| **it > FAR).count() as f64;
+        let far = n * self.far_share(&samples, &examined.fitted.camera);
         squares.len() >= LEAST_SAMPLES
             && cost <= room.rules.misfit * usual * n
             && far <= (usual_far + room.rules.wrong_share) * n
@@ -354,32 +324,39 @@ impl<'a> Rest<'a> {
         let Examined { samples, fitted, .. } = examined;
         let mut causes: Vec<(Cause, f64)> = Vec::new();
         let freed = self.room.solved.cameras[examined.camera].freed;
-        for extra in [Extra::Focal, Extra::Distortion, Extra::Delay] {
+        for extra in [Extra::Focal, Extra::Distortion, Extra::Aspect, Extra::Delay] {
             // An optic that was found with the others is where they want it; without this camera they know it less, not better.
             let says_nothing = match extra {
                 Extra::Focal => freed.focal,
                 Extra::Distortion => freed.k1,
                 Extra::Delay => samples.moving_share() < 0.5,
-                Extra::Nothing => true,
+                Extra::Aspect => freed.aspect,
+                Extra::Principal | Extra::Distortion2 => true,
             };
             if says_nothing {
                 continue;
             }
-            let Some(found) = samples.fit(&fitted.camera, extra) else { continue };
+            let Some(found) = samples.fit(&fitted.camera, &[extra]) else { continue };
             let cause = match extra {
                 Extra::Focal => {
                     Cause::Focal { factor: found.camera.intrinsics.focal[0] / fitted.camera.intrinsics.focal[0] }
                 }
                 Extra::Distortion => Cause::Distortion { k1: found.camera.distortion.k1 - fitted.camera.distortion.k1 },
+                Extra::Aspect => {
+                    let ratio = |it: &Camera| it.intrinsics.focal[1] / it.intrinsics.focal[0];
+                    Cause::PixelShape { factor: ratio(&found.camera) / ratio(&fitted.camera) }
+                }
                 _ => Cause::Clock { offset_s: found.delay_s, sigma_s: found.delay_sigma_s },
             };
             let far_fetched =
                 matches!(cause, Cause::Focal { factor } if !(1.0 / FOCAL_FACTOR..FOCAL_FACTOR).contains(&factor));
-            if !far_fetched {
+            if !far_fetched && samples.apart_px(fitted, &found) > self.room.rules.least_effect_px {
                 causes.push((cause, fitted.cost - found.cost));
             }
         }
-        if let Some((cause, cost)) = moved(samples, &fitted.camera, self.room.rules.seed) {
+        let changed = moved(samples, &fitted.camera, self.room.rules.seed);
+        let is_seen = |cause: &Cause| cause.size().is_some_and(|it| it > 2.0 * self.room.rules.least_effect_px);
+        if let Some((cause, cost)) = changed.filter(|it| is_seen(&it.0)) {
             causes.push((cause, fitted.cost - cost - 0.5 * self.room.rules.min_gain)); // it has seven more unknowns to please by chance
         }
         let (cause, gain) = causes.into_iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
@@ -413,7 +390,7 @@ impl<'a> Rest<'a> {
             let swapped = fits.filter(|(_, there, back)| *there < SWAPPED_SIGMA && *back < SWAPPED_SIGMA);
             let best = swapped.min_by(|a, b| (a.1 + a.2).total_cmp(&(b.1 + b.2)));
             if let Some((with, ..)) = best.filter(|it| at_home > SWAPPED_RATIO * it.1) {
-                let swap = suspect(&self.room, own, Cause::Swapped { with }, f64::INFINITY, 1.0);
+                let swap = suspect(&self.room, own, Cause::Swapped { with, since_s: None }, f64::INFINITY, 1.0);
                 match found.iter_mut().find(|it| it.camera == own) {
                     Some(known) => *known = swap,
                     None => found.push(swap),
@@ -432,7 +409,7 @@ fn moved(samples: &Samples, camera: &Camera, seed: u64) -> Option<(Cause, f64)> 
     }
     let pose = |range: std::ops::Range<usize>, searched: bool| {
         let part = samples.part(range);
-        let fitted = part.fit(camera, Extra::Nothing);
+        let fitted = part.fit(camera, &[]);
         if !searched {
             return fitted;
         }
@@ -452,7 +429,7 @@ fn moved(samples: &Samples, camera: &Camera, seed: u64) -> Option<(Cause, f64)> 
                 best = Some((cost, at, before.clone(), after.clone()));
             }
             let (Some(a), Some(b)) =
-                (samples.part(0..at).fit(&before, Extra::Nothing), samples.part(at..n).fit(&after, Extra::Nothing))
+                (samples.part(0..at).fit(&before, &[]), samples.part(at..n).fit(&after, &[]))
             else {
                 break;
             };
@@ -464,7 +441,7 @@ fn moved(samples: &Samples, camera: &Camera, seed: u64) -> Option<(Cause, f64)> 
     let shifts: Vec<f64> = places.filter_map(|(a, b)| Some((a? - b?).norm())).collect();
     let (turned, went) = (before.camera_from_world.rotation, after.camera_from_world.rotation);
     let cause = Cause::Moved {
-        at_s: 0.5 * (samples.time_s(at - 1) + samples.time_s(at)),
+        at_s: Some(0.5 * (samples.time_s(at - 1) + samples.time_s(at))),
         shift_px: median(&shifts)?,
         turn: turned.angle_to(&went),
         distance: (before.centre() - after.centre()).norm(),

@@ -9,6 +9,7 @@
 //! 5. Each sighting's residual is told, those of the moments that were kept back apart.
 
 mod cleaning;
+mod culprits;
 mod moments;
 mod recalibrate;
 mod settle;
@@ -25,6 +26,7 @@ pub use self::recalibrate::{Moved, recalibrate};
 use self::settle::Room;
 pub use self::to_calibration::Origin;
 pub use self::unsynchronised::{NotSynchronised, SynchronisedRoom, unsynchronised_from_nothing};
+use crate::cause::Culprit;
 use crate::recording::{CameraGuess, Recording};
 use crate::solved::{SightingRole, Solved, Step};
 use crate::wand::{self, LabelFault, WandSighting};
@@ -165,17 +167,51 @@ pub enum Sought {
 /// See [`RoomFault`]; cameras that cannot be calibrated beside others that can are told in their status.
 pub fn from_nothing(recording: &Recording, sought: Sought, rules: &RoomRules) -> Result<SolvedRoom, RoomFault> {
     let (recording, cleaning, moments) = prepared(recording, sought)?;
-    let mut room = Room::new(&recording, moments, rules);
-    let found = search(&recording, &room.certain(), rules)?;
-    for (camera, (found, status)) in found.cameras.iter().zip(&found.status).enumerate() {
-        room.cameras[camera] = (*status == CameraStatus::Calibrated).then(|| found.clone());
+    let first = search(&recording, &Room::new(&recording, moments.clone(), rules).certain(), rules)?;
+    let settled = |found: &SelfCalibration, moments: Vec<Moment>| {
+        let mut room = Room::new(&recording, moments, rules);
+        for (camera, (found, status)) in found.cameras.iter().zip(&found.status).enumerate() {
+            room.cameras[camera] = (*status == CameraStatus::Calibrated).then(|| found.clone());
+        }
+        room.freed.clone_from(&found.freed);
+        let n_right = found.right.iter().filter(|it| **it).count();
+        room.steps.push(Step { stage: "from nothing", rms_px: found.rms_px, used: n_right });
+        room.settle(&[1.5, 1.0, 1.0]);
+        room
+    };
+    let again = |out: &[usize], exchange: Option<culprits::Exchange>| {
+        let moments = exchange.map_or_else(|| moments.clone(), |it| it.put_right(&moments));
+        let mut certain = Room::new(&recording, moments.clone(), rules).certain();
+        certain.retain(|it| !out.contains(&it.camera));
+        Some(settled(&search(&recording, &certain, rules).ok()?, moments))
+    };
+    let found = culprits::find(&recording, settled(&first, moments.clone()), &again);
+    let mut status = first.status.clone();
+    take_over(&mut status, &found);
+    let (mut solved, sigma_px) = found.room.into_solved(&recording, &status, first.links);
+    solved.culprits = found.culprits;
+    Ok(SolvedRoom { solved, cleaning, held: first.held, moved: Vec::new(), sigma_px })
+}
+
+/// What became of each camera after the search for culprits.
+fn take_over(status: &mut [CameraStatus], found: &culprits::Found<'_>) {
+    for (camera, status) in status.iter_mut().enumerate() {
+        match found.culprits.iter().find(|it| it.camera == camera) {
+            _ if found.room.cameras[camera].is_some() => *status = CameraStatus::Calibrated,
+            Some(culprit) => *status = left_out(culprit, &found.room.moments),
+            None if *status == CameraStatus::Calibrated => {
+                *status = CameraStatus::Inconsistent { best: camera, common: 0, right: 0 };
+            }
+            None => {}
+        }
     }
-    room.freed.clone_from(&found.freed);
-    let n_right = found.right.iter().filter(|it| **it).count();
-    room.steps.push(Step { stage: "from nothing", rms_px: found.rms_px, used: n_right });
-    room.settle(&[1.5, 1.0, 1.0]);
-    let (solved, sigma_px) = room.into_solved(&recording, &found.status, found.links);
-    Ok(SolvedRoom { solved, cleaning, held: found.held, moved: Vec::new(), sigma_px })
+}
+
+/// The status of a camera that is at fault.
+fn left_out(culprit: &Culprit, moments: &[Moment]) -> CameraStatus {
+    let common = moments.iter().filter(|it| it.sights.iter().any(|it| it.camera == culprit.camera)).count();
+    let right = (culprit.shares[0] * common as f64).round() as usize;
+    CameraStatus::Inconsistent { best: culprit.camera, common, right }
 }
 
 /// What is left of a recording after cleaning, and its moments.
@@ -229,7 +265,7 @@ fn search(recording: &Recording, sightings: &[Sighting], rules: &RoomRules) -> R
             Ok(_) => {}
             Err(found) => fault = fault.or(Some(found)),
         }
-        if best.as_ref().is_some_and(|it| n_right(it) as f64 > FITS * sightings.len() as f64) {
+        if best.as_ref().is_some_and(|it| it.stands(sightings) || n_right(it) as f64 > FITS * sightings.len() as f64) {
             break;
         }
     }

@@ -2,13 +2,16 @@
 
 use foveate_estimation::{Loss, Random};
 use foveate_geometry::{AlignmentRules, Camera, CameraStatus, Freedom, ResectionRules, align, resect};
-use nalgebra::{Point3, Similarity3};
+use nalgebra::{Isometry3, Point3, Similarity3, Translation3, UnitQuaternion, Vector3};
 
+use super::cleaning::Cleaning;
+use super::moments::Moment;
 use super::settle::Room;
-use super::{RoomFault, RoomRules, SolvedRoom, Sought, prepared};
+use super::{RoomFault, RoomRules, SolvedRoom, Sought, culprits, prepared, take_over};
 use crate::axes::transformed;
+use crate::cause::{Cause, Culprit};
 use crate::recording::Recording;
-use crate::solved::FixedFreedoms;
+use crate::solved::{FixedFreedoms, Solved};
 
 /// A camera that does not stand where it stood.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,29 +54,20 @@ pub fn recalibrate(
     for it in &recording.cameras {
         it.camera.check().map_err(|fault| RoomFault::Unusable(format!("{}: {fault}", it.name)))?;
     }
-    let mut room = Room::new(&recording, moments, rules);
     let given: Vec<Camera> = recording.cameras.iter().map(|it| it.camera.clone()).collect();
-    room.cameras = given.iter().cloned().map(Some).collect();
-    let mut status = vec![CameraStatus::Calibrated; given.len()];
-    for (camera, note) in cleaning.iter().enumerate().filter(|it| it.1.with_spots < LEAST_SIGHTINGS) {
-        room.cameras[camera] = None;
-        status[camera] = CameraStatus::TooFewSightings { frames: note.with_spots, needed: LEAST_SIGHTINGS };
-    }
-    let seeing = room.cameras.iter().flatten().count();
-    drop_strangers(&mut room, rules);
-    let agreeing: Vec<usize> = (0..given.len()).filter(|it| room.cameras[*it].is_some()).collect();
-    if agreeing.len() < 2 || 2 * agreeing.len() <= seeing {
-        return Err(RoomFault::NotThisRoom { agreeing: agreeing.len(), cameras: seeing });
-    }
-    let optics = room.freed.clone();
-    room.freed.fill(Freedom::POSE);
-    room.adjust(Loss::CAUCHY, false);
-    place_anew(&mut room, &given, &mut status, rules);
-    room.freed = optics;
-    room.settle(&[2.0, 1.0, 1.0]);
+    let adjusted = |moments: Vec<Moment>, out: &[usize]| adjusted(&recording, moments, out, &cleaning, rules);
+    let (room, mut status) = adjusted(moments.clone(), &[])?;
+    let again = |out: &[usize], exchange: Option<culprits::Exchange>| {
+        let moments = exchange.map_or_else(|| moments.clone(), |it| it.put_right(&moments));
+        adjusted(moments, out).ok().map(|it| it.0)
+    };
+    let found = culprits::find(&recording, room, &again);
+    take_over(&mut status, &found);
+    let room = found.room;
     let stayed = who_stayed(&room, &given, room.pixel_sigma().unwrap_or(rules.sigma_px));
+    let mut culprits = found.culprits;
     let (solved, sigma_px) = room.into_solved(&recording, &status, Vec::new());
-    let solved = transformed(&solved, &stayed.given_from_found, fixed.clone());
+    let mut solved = transformed(&solved, &stayed.given_from_found, fixed.clone());
     let mut moved = Vec::new();
     for (camera, it) in solved.cameras.iter().enumerate().filter(|it| it.1.status == CameraStatus::Calibrated) {
         if !stayed.cameras.contains(&camera) {
@@ -86,7 +80,77 @@ pub fn recalibrate(
             });
         }
     }
+    culprits.extend(explained(&moved, &given, &solved));
+    solved.culprits = culprits;
     Ok(SolvedRoom { solved, cleaning, held: vec![Vec::new(); given.len()], moved, sigma_px })
+}
+
+/// The room of the older calibration adjusted to `moments`, without the cameras in `out`; and what became of each camera.
+fn adjusted<'a>(
+    recording: &Recording,
+    moments: Vec<Moment>,
+    out: &[usize],
+    cleaning: &[Cleaning],
+    rules: &'a RoomRules,
+) -> Result<(Room<'a>, Vec<CameraStatus>), RoomFault> {
+    let given: Vec<Camera> = recording.cameras.iter().map(|it| it.camera.clone()).collect();
+    let mut room = Room::new(recording, moments, rules);
+    room.cameras = given.iter().cloned().map(Some).collect();
+    let mut status = vec![CameraStatus::Calibrated; given.len()];
+    for (camera, note) in cleaning.iter().enumerate() {
+        if note.with_spots < LEAST_SIGHTINGS || out.contains(&camera) {
+            room.cameras[camera] = None;
+            status[camera] = CameraStatus::TooFewSightings { frames: note.with_spots, needed: LEAST_SIGHTINGS };
+        }
+    }
+    let seeing = room.cameras.iter().flatten().count();
+    drop_strangers(&mut room, rules);
+    let agreeing = room.cameras.iter().flatten().count();
+    if agreeing < 2 || 2 * agreeing <= seeing {
+        return Err(RoomFault::NotThisRoom { agreeing, cameras: seeing });
+    }
+    let optics = room.freed.clone();
+    room.freed.fill(Freedom::POSE);
+    room.adjust(Loss::CAUCHY, false);
+    place_anew(&mut room, &given, &mut status, rules);
+    room.freed = optics;
+    room.settle(&[2.0, 1.0, 1.0]);
+    Ok((room, status))
+}
+
+/// A camera stands where another pose has it when it is turned by less [rad]…
+const SAME_TURN: f64 = 0.05;
+/// … and off by a smaller part of the room's size [–].
+const SAME_CENTRE: f64 = 0.05;
+
+/// What those that do not stand where they stood have in common with where cameras stood: two that changed places are two names exchanged,
+/// one that rolled by half is upside down. A camera of which neither is so was moved.
+fn explained(moved: &[Moved], given: &[Camera], solved: &Solved) -> Vec<Culprit> {
+    let n = given.len() as f64;
+    let middle = given.iter().fold(Vector3::zeros(), |sum, it| sum + it.centre().coords / n);
+    let size = (given.iter().map(|it| (it.centre().coords - middle).norm_squared()).sum::<f64>() / n).sqrt();
+    let is_same = |a: &Isometry3<f64>, b: &Isometry3<f64>| {
+        let centre = |it: &Isometry3<f64>| it.inverse().translation.vector;
+        a.rotation.angle_to(&b.rotation) < SAME_TURN && (centre(a) - centre(b)).norm() < SAME_CENTRE * size
+    };
+    let old = |camera: usize| given[camera].camera_from_world;
+    let new = |camera: usize| solved.cameras[camera].camera.camera_from_world;
+    let half_turn = Isometry3::from_parts(
+        Translation3::identity(),
+        UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI),
+    );
+    let cause = |it: &Moved| {
+        let others = moved.iter().map(|it| it.camera).filter(|other| *other != it.camera);
+        let with = others.into_iter().find(|other| {
+            is_same(&new(it.camera), &old(*other)) && is_same(&new(*other), &old(it.camera))
+        });
+        match with {
+            Some(with) => Cause::Swapped { with, since_s: None },
+            None if is_same(&new(it.camera), &(half_turn * old(it.camera))) => Cause::UpsideDown,
+            None => Cause::Moved { at_s: None, shift_px: it.before_px, turn: it.angle_rad, distance: it.distance },
+        }
+    };
+    moved.iter().map(|it| Culprit { camera: it.camera, cause: cause(it), shares: [0.0, 1.0] }).collect()
 }
 
 /// Takes the pose from one camera after the other that agrees least with the rest, until all that remain agree.
@@ -214,7 +278,7 @@ fn errors_of_older(room: &Room<'_>, given: &[Camera], given_from_found: &Similar
 fn onto(found: &[Camera], given: &[Camera], reference: &[usize]) -> Similarity3<f64> {
     // Three points that move with a camera: its centre, and one before and one above it, as far away as the cameras are from each other.
     let spread = |cameras: &[Camera]| -> f64 {
-        let middle = reference.iter().fold(nalgebra::Vector3::zeros(), |sum, it| sum + cameras[*it].centre().coords);
+        let middle = reference.iter().fold(Vector3::zeros(), |sum, it| sum + cameras[*it].centre().coords);
         let middle = middle / reference.len() as f64;
         reference.iter().map(|it| (cameras[*it].centre().coords - middle).norm()).fold(0.0, f64::max)
     };
@@ -224,7 +288,7 @@ fn onto(found: &[Camera], given: &[Camera], reference: &[usize]) -> Similarity3<
             let camera = &cameras[*it];
             let turn = camera.camera_from_world.rotation.inverse();
             let centre = camera.centre();
-            [centre, centre + turn * nalgebra::Vector3::z() * reach, centre + turn * nalgebra::Vector3::y() * reach]
+            [centre, centre + turn * Vector3::z() * reach, centre + turn * Vector3::y() * reach]
         };
         reference.iter().flat_map(of_camera).collect()
     };

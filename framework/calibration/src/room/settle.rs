@@ -84,6 +84,50 @@ impl<'a> Room<'a> {
         list
     }
 
+    /// A sighting is right when at most this far from where its point is seen [px].
+    pub fn inlier_px(&self) -> f64 {
+        self.rules.inlier_px
+    }
+
+    /// Of the random draws.
+    pub fn seed(&self) -> u64 {
+        self.rules.seed
+    }
+
+    /// By camera: the share of its sights that fit, of the moments that three known cameras see, or two where only two are known; `None` where
+    /// there are none.
+    pub fn shares(&self) -> Vec<Option<f64>> {
+        let n_known = self.cameras.iter().flatten().count();
+        let mut counts = vec![(0_usize, 0_usize); self.cameras.len()];
+        for moment in &self.moments {
+            let known = moment.sights.iter().filter(|it| it.chosen.is_some() && self.cameras[it.camera].is_some());
+            if known.clone().count() < n_known.min(3) {
+                continue;
+            }
+            for sight in known {
+                counts[sight.camera].0 += usize::from(sight.right);
+                counts[sight.camera].1 += 1;
+            }
+        }
+        counts.into_iter().map(|(right, all)| (all > 0).then(|| right as f64 / all as f64)).collect()
+    }
+
+    /// Mean over all sights of known cameras of the squared distance from where the point is seen, at most that of a sight that is just
+    /// right no more [px²].
+    pub fn cost(&self) -> f64 {
+        let limit = self.rules.inlier_px.powi(2);
+        let (mut n, mut sum) = (0_usize, 0.0);
+        for (moment, known) in self.moments.iter().zip(&self.known) {
+            for sight in &moment.sights {
+                let (Some(camera), Some(chosen)) = (&self.cameras[sight.camera], sight.chosen) else { continue };
+                let seen = known.point.and_then(|it| camera.project(&it));
+                sum += seen.map_or(limit, |it| (it - sight.spots[chosen]).norm_squared()).min(limit);
+                n += 1;
+            }
+        }
+        sum / n.max(1) as f64
+    }
+
     /// Adjusts in rounds that allow ever less, given in the rules' `inlier_px`; the last takes pixels for as good as the residuals before
     /// it say, and gives covariances.
     pub fn settle(&mut self, rounds: &[f64]) {
@@ -226,7 +270,8 @@ impl<'a> Room<'a> {
         });
         let cameras = cameras.collect();
         let fixed = FixedFreedoms::default();
-        (Solved { cameras, points, sightings, steps: self.steps, links, fixed }, sigma_px)
+        let culprits = Vec::new();
+        (Solved { cameras, points, sightings, steps: self.steps, links, fixed, culprits }, sigma_px)
     }
 }
 

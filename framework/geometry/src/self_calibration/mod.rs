@@ -126,8 +126,7 @@ pub fn self_calibrate(
             }
             Err(found) => fault = fault.or(Some(found)),
         }
-        let whole = |it: &SelfCalibration| it.status.iter().all(|it| *it == CameraStatus::Calibrated);
-        if best.as_ref().is_some_and(whole) {
+        if best.as_ref().is_some_and(|it| it.stands(sightings)) {
             break;
         }
     }
@@ -135,6 +134,26 @@ pub fn self_calibrate(
         (Some(found), _) => Ok(found),
         (None, Some(fault)) => Err(fault),
         (None, None) => unreachable!("each attempt ends in an answer or a fault"),
+    }
+}
+
+/// A room stands when two thirds of the cameras that see enough, at least three, are calibrated [–]…
+const STANDING_CAMERAS: f64 = 0.66;
+/// … and so large a part of what these see is right [–].
+const STANDING_SIGHTINGS: f64 = 0.9;
+
+impl SelfCalibration {
+    /// Whether no other start is needed: all cameras that see enough are calibrated, or most of them are and agree. What is wrong with the
+    /// others is not the start then.
+    pub fn stands(&self, sightings: &[Sighting]) -> bool {
+        let hears = |it: &CameraStatus| !matches!(it, CameraStatus::TooFewSightings { .. });
+        let heard = self.status.iter().filter(|it| hears(it)).count();
+        let is_in = |it: usize| self.status[it] == CameraStatus::Calibrated;
+        let calibrated = (0..self.status.len()).filter(|it| is_in(*it)).count();
+        let of_these = sightings.iter().filter(|it| is_in(it.camera)).count() as f64;
+        let right = self.right.iter().filter(|it| **it).count() as f64;
+        let most = (STANDING_CAMERAS * heard as f64).ceil().max(3.0) as usize;
+        calibrated >= heard || (calibrated >= most && right >= STANDING_SIGHTINGS * of_these)
     }
 }
 

@@ -1,0 +1,132 @@
+//! Which faults of recordings a calibration notices and names: each fault done to each camera of each recording.
+//!
+//! `cargo bench -p foveate-calibration --bench calibration_faults` reads recordings below `FOVEATE_DATA`. `-- --verbose` tells each run;
+//! `-- --set WORD` and `-- --fault WORD` take those alone whose name holds the word.
+
+#[path = "../../tests/faulty/mod.rs"]
+mod faulty;
+
+use std::path::PathBuf;
+
+use faulty::faults::Fault;
+use faulty::sets::{self, Set};
+use foveate_calibration::checks::{CheckRules, Checks, Level, check};
+use foveate_calibration::recording::Recording;
+use foveate_calibration::room::{self, SolvedRoom};
+use foveate_calibration::solved::Solved;
+use foveate_geometry::{AlignmentRules, Camera, CameraStatus, alignment::camera_errors};
+
+fn main() {
+    let args: Vec<String> = std::env::args().collect();
+    let option = |name: &str| args.iter().position(|it| it == name).and_then(|it| args.get(it + 1)).cloned();
+    let is_verbose = args.iter().any(|it| it == "--verbose");
+    let root = std::env::var_os("FOVEATE_DATA").map(PathBuf::from);
+    let (only_set, only_fault) = (option("--set").unwrap_or_default(), option("--fault").unwrap_or_default());
+    println!(
+        "{:28} {:22} {:>4} {:>6} {:>9} {:>5} {:>7} {:>5} {:>10} {:>10}",
+        "set", "fault", "runs", "named", "innocent", "good", "usable", "redo", "worst, ok", "worst"
+    );
+    for set in sets::all(root.as_deref()).into_iter().filter(|it| it.name.contains(&only_set)) {
+        let clean = room::from_nothing(&set.recording, set.sought, &set.rules).expect("the clean set is solved");
+        for fault in Fault::ALL.into_iter().filter(|it| format!("{it:?}").contains(&only_fault)) {
+            let n = set.recording.cameras.len();
+            let cameras = if fault == Fault::Clean { 1 } else { n };
+            let runs: Vec<Run> = (0..cameras)
+                .filter_map(|camera| fault.done_to(&set.recording, camera, camera as u64 + 1).map(|it| (camera, it)))
+                .map(|(camera, recording)| run(&set, &recording, fault, camera, &clean.solved, is_verbose))
+                .collect();
+            if !runs.is_empty() {
+                row(set.name, fault, &runs);
+            }
+        }
+    }
+}
+
+/// What came of one recording.
+struct Run {
+    named: bool,
+    innocent: usize,
+    level: Option<Level>,
+    /// Largest distance of a calibrated camera from where the clean recording has it [% of the room].
+    worst: f64,
+}
+
+fn row(set: &str, fault: Fault, runs: &[Run]) {
+    let count = |of: &dyn Fn(&&Run) -> bool| runs.iter().filter(of).count();
+    let worst = |list: Vec<f64>| list.into_iter().fold(0.0, f64::max);
+    println!(
+        "{set:28} {:22} {:>4} {:>6} {:>9} {:>5} {:>7} {:>5} {:>8.2} % {:>8.2} %",
+        format!("{fault:?}"),
+        runs.len(),
+        count(&|it| it.named),
+        runs.iter().map(|it| it.innocent).sum::<usize>(),
+        count(&|it| it.level == Some(Level::Good)),
+        count(&|it| it.level == Some(Level::Usable)),
+        count(&|it| it.level == Some(Level::Redo) || it.level.is_none()),
+        worst(runs.iter().filter(|it| it.level.is_some_and(|it| it < Level::Redo)).map(|it| it.worst).collect()),
+        worst(runs.iter().map(|it| it.worst).collect()),
+    );
+}
+
+fn run(set: &Set, recording: &Recording, fault: Fault, camera: usize, clean: &Solved, is_verbose: bool) -> Run {
+    let start = std::time::Instant::now();
+    let culprits = fault.culprits(camera, set.recording.cameras.len());
+    let found: Result<SolvedRoom, _> = room::from_nothing(recording, set.sought, &set.rules);
+    let causes = fault.causes(set.optics_known);
+    let run = match &found {
+        Ok(room) => {
+            let checks = check(&room.solved, None, &CheckRules::default());
+            let told = told(&checks);
+            let is_culprit = |it: &usize| culprits.contains(it);
+            let named = causes.is_empty() || told.iter().any(|it| is_culprit(&it.0) && causes.contains(&it.1));
+            let innocent = told.iter().filter(|it| !is_culprit(&it.0)).count();
+            let worst = worst_centre(&room.solved, clean, fault == Fault::Swapped, &culprits);
+            if is_verbose {
+                println!("  {fault:?} of {camera}: {told:?} {worst:.2} % in {:.1} s\n{checks}", start.elapsed().as_secs_f64());
+            }
+            Run { named, innocent, level: Some(checks.verdict.level), worst }
+        }
+        Err(fault) => {
+            let words = fault.to_string();
+            if is_verbose {
+                println!("  refused: {words}");
+            }
+            let named = causes.is_empty() || culprits.iter().all(|it| words.contains(&recording.cameras[*it].name));
+            Run { named, innocent: 0, level: None, worst: 0.0 }
+        }
+    };
+    run
+}
+
+/// Cameras and causes that a program is told.
+fn told(checks: &Checks) -> Vec<(usize, &'static str)> {
+    checks.suspects.iter().map(|it| (it.camera, it.cause.name())).collect()
+}
+
+/// Largest distance of a camera from where the clean recording has it, after a similarity [% of the room's size].
+fn worst_centre(found: &Solved, clean: &Solved, is_renamed: bool, culprits: &[usize]) -> f64 {
+    let other = |it: usize| match culprits {
+        [a, b] if is_renamed && it == *a => *b,
+        [a, b] if is_renamed && it == *b => *a,
+        _ => it,
+    };
+    let both = (0..found.cameras.len()).filter(|it| {
+        found.cameras[*it].status == CameraStatus::Calibrated && clean.cameras[other(*it)].status == CameraStatus::Calibrated
+    });
+    let both: Vec<usize> = both.collect();
+    let innocent: Vec<usize> = both.iter().copied().filter(|it| is_renamed || !culprits.contains(it)).collect();
+    let of = |solved: &Solved, list: &[usize]| -> Vec<Camera> { list.iter().map(|it| solved.cameras[*it].camera.clone()).collect() };
+    let there: Vec<usize> = both.iter().map(|it| other(*it)).collect();
+    let reference: &[usize] = if innocent.len() >= 3 { &innocent } else { &both };
+    let reference_there: Vec<usize> = reference.iter().map(|it| other(*it)).collect();
+    let (here, truth) = (of(found, reference), of(clean, &reference_there));
+    let all_cameras: Vec<Camera> = clean.cameras.iter().map(|it| it.camera.clone()).collect();
+    let n = all_cameras.len() as f64;
+    let middle = all_cameras.iter().fold(nalgebra::Vector3::zeros(), |sum, it| sum + it.centre().coords / n);
+    let size = (all_cameras.iter().map(|it| (it.centre().coords - middle).norm_squared()).sum::<f64>() / n).sqrt();
+    let rules = AlignmentRules { scale: true, robust: reference.len() >= 5 };
+    let Ok(errors) = camera_errors(&here, &truth, rules) else { return f64::NAN };
+    let move_over = errors.true_from_found;
+    let off = of(found, &both).into_iter().zip(of(clean, &there));
+    off.map(|(it, truth)| 100.0 * (move_over * it.centre() - truth.centre()).norm() / size).fold(0.0, f64::max)
+}

@@ -1,0 +1,261 @@
+//! Cameras whose observations contradict the rest so much that they would spoil the room: found, explained and left out.
+//!
+//! A robust adjustment copes with wrong observations, not with a wrong camera: with few cameras it bends the room until the wrong one fits a
+//! little. So the room is also solved without each camera in turn, and the set of cameras that agree best with one another is kept:
+//! the sum of the squared shares of observations that fit. Each camera outside of it, or that fits clearly less often than the others, is then
+//! compared with where these alone have the light, under each hypothesis of what may be wrong ([`hypotheses`]). Exact hypotheses (a
+//! mirrored picture, rows of earlier frames, two poses before and after a moment) are right or wrong at once, whatever the noise.
+
+mod hypotheses;
+mod optics;
+
+use foveate_estimation::statistics::median;
+
+use self::hypotheses::{Finding, Witnesses};
+use super::moments::Moment;
+use super::settle::Room;
+use crate::cause::{Cause, Culprit};
+use crate::recording::Recording;
+
+/// A room whose cameras all fit so large a part of their observations holds no culprit [–].
+const CLEAN: f64 = 0.9;
+/// A camera is looked at when it fits less than this part of what the median camera fits [–].
+const LESS: f64 = 0.85;
+/// Cameras without which the room is solved again, at a time; those that fit least.
+const TRIED: usize = 8;
+/// Rooms are solved without at most so many cameras.
+const MOST_OUT: usize = 3;
+/// Fewer observations that others witness say nothing about a camera [–].
+pub(super) const LEAST_ROWS: usize = 20;
+/// A camera fits by chance when it fits no more than this part of its observations [–].
+const BY_CHANCE: f64 = 0.15;
+
+/// What the agreement of two cameras counts beside that of three [–].
+const TWO_ALONE: f64 = 0.7;
+/// Rows were exchanged when putting them right makes so many more cameras agree (in squared shares) [–].
+const EXCHANGE_GAIN: f64 = 0.3;
+/// Two poses, one before and one after a moment, must explain so much more for that [–].
+const LEAST_CHANGE: f64 = 0.1;
+
+/// What was found.
+pub(super) struct Found<'a> {
+    /// The room without the culprits.
+    pub room: Room<'a>,
+    /// Cameras left out, and why.
+    pub culprits: Vec<Culprit>,
+}
+
+/// Solves a room from nothing without the cameras of a list, and with the rows of two cameras exchanged from a moment on.
+type Again<'a, 'f> = &'f dyn Fn(&[usize], Option<Exchange>) -> Option<Room<'a>>;
+
+/// Two cameras whose rows are exchanged.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Exchange {
+    pub cameras: [usize; 2],
+    /// From then on [s].
+    pub since_s: f64,
+}
+
+impl Exchange {
+    /// The moments with these rows put right.
+    pub fn put_right(self, moments: &[Moment]) -> Vec<Moment> {
+        let [a, b] = self.cameras;
+        let mut moments = moments.to_vec();
+        for sight in moments.iter_mut().filter(|it| it.time_s >= self.since_s).flat_map(|it| &mut it.sights) {
+            sight.camera = if sight.camera == a { b } else if sight.camera == b { a } else { sight.camera };
+        }
+        moments
+    }
+}
+
+/// Looks for culprits in `room`, which was solved from all cameras.
+pub(super) fn find<'a>(recording: &Recording, room: Room<'a>, again: Again<'a, '_>) -> Found<'a> {
+    let n = recording.cameras.len();
+    let rows: Vec<usize> = (0..n).map(|it| room.moments.iter().filter(|m| sees(m, it)).count()).collect();
+    let heard: Vec<usize> = (0..n).filter(|it| rows[*it] >= LEAST_ROWS).collect();
+    let is_clean = |room: &Room<'_>| {
+        let shares = room.shares();
+        heard.iter().all(|it| room.cameras[*it].is_some() && shares[*it].is_none_or(|it| it >= CLEAN))
+    };
+    if heard.len() < 3 {
+        return Found { room, culprits: Vec::new() };
+    }
+    let (room, culprits) = optics::told_wrong(recording, room, again);
+    if is_clean(&room) || !culprits.is_empty() {
+        return Found { room, culprits };
+    }
+    let mut best = agreeing(room, &heard, again);
+    let shares = best.room.shares();
+    let members: Vec<usize> = heard.iter().copied().filter(|it| best.room.cameras[*it].is_some()).collect();
+    let known: Vec<f64> = members.iter().filter_map(|it| shares[*it]).collect();
+    let usual = median(&known).unwrap_or(1.0);
+    let is_flagged = |it: &usize| match (&best.room.cameras[*it], shares[*it]) {
+        (None, _) => true,
+        (Some(_), share) => share.is_some_and(|it| it < LESS * usual),
+    };
+    let mut findings: Vec<Finding> = Vec::new();
+    for camera in heard.iter().copied().filter(is_flagged) {
+        // What a camera is compared with must not have been bent to it.
+        let without: Vec<usize> = best.out.iter().copied().chain([camera]).collect();
+        let others = match best.room.cameras[camera] {
+            Some(_) if members.len() > 2 => best.without(&without, again),
+            _ => None,
+        };
+        let others = others.as_ref().map_or(&best.room, |it| &it.room);
+        let witnesses = Witnesses::new(others, camera, recording);
+        findings.extend(witnesses.examine(&recording.cameras[camera], usual));
+    }
+    if let Some(room) = exchanged(&mut findings, &best, again) {
+        best = room;
+    }
+    conclude(recording, best, findings, again)
+}
+
+/// The room without those that are at fault, and with those that only seemed to be.
+fn conclude<'a>(
+    recording: &Recording,
+    best: Subset<'a>,
+    findings: Vec<Finding>,
+    again: Again<'a, '_>,
+) -> Found<'a> {
+    let is_out = |it: &Finding| match it.cause {
+        Some(Cause::FalseObservations { share }) => 1.0 - share < BY_CHANCE,
+        // The room was solved with their rows put right.
+        Some(Cause::Swapped { .. }) => false,
+        Some(_) => true,
+        None => false,
+    };
+    let culprits: Vec<Culprit> = findings
+        .iter()
+        .filter_map(|it| Some(Culprit { camera: it.camera, cause: it.cause?, shares: it.shares }))
+        .collect();
+    let out: Vec<usize> = findings.iter().filter(|it| is_out(it)).map(|it| it.camera).collect();
+    let in_use = out.iter().any(|it| best.room.cameras[*it].is_some());
+    let all: Vec<usize> = best.out.iter().chain(&out).copied().collect();
+    let cleared = if in_use { best.without(&all, again) } else { None };
+    let mut kept = cleared.map_or(best.room, |it| it.room);
+    out.iter().for_each(|it| kept.cameras[*it] = None);
+    let mut is_rescued = false;
+    for finding in findings.iter().filter(|it| !is_out(it)) {
+        if kept.cameras[finding.camera].is_some() {
+            continue;
+        }
+        kept.cameras[finding.camera] = Some(finding.fitted.clone());
+        kept.freed[finding.camera] = recording.cameras[finding.camera].free;
+        kept.freed[finding.camera].pose = true;
+        is_rescued = true;
+    }
+    if is_rescued {
+        kept.settle(&[1.5, 1.0, 1.0]);
+    }
+    Found { room: kept, culprits }
+}
+
+/// A room solved from some of the cameras.
+struct Subset<'a> {
+    room: Room<'a>,
+    out: Vec<usize>,
+}
+
+/// The set of cameras that agree best, found by leaving out one after the other.
+fn agreeing<'a>(room: Room<'a>, heard: &[usize], again: Again<'a, '_>) -> Subset<'a> {
+    let mut best = Subset { room, out: Vec::new() };
+    while best.out.len() < MOST_OUT && !(best.is_clean() && best.n_in_use() >= heard.len().min(3)) {
+        let shares = best.room.shares();
+        let mut members: Vec<usize> = heard.iter().copied().filter(|it| !best.out.contains(it)).collect();
+        if members.len() < 3 {
+            break;
+        }
+        let share = |it: &usize| best.room.cameras[*it].as_ref().map_or(0.0, |_| shares[*it].unwrap_or(1.0));
+        members.sort_by(|a, b| share(a).total_cmp(&share(b)));
+        let mut next: Option<Subset> = None;
+        for camera in members.iter().take(TRIED) {
+            let out: Vec<usize> = best.out.iter().copied().chain([*camera]).collect();
+            let Some(tried) = best.without(&out, again) else { continue };
+            let is_enough = tried.is_clean() && tried.n_in_use() + 1 >= members.len() && tried.n_in_use() >= 3;
+            if next.as_ref().is_none_or(|it| tried.score() > it.score()) {
+                next = Some(tried);
+            }
+            if is_enough {
+                break;
+            }
+        }
+        match next.filter(|it| it.score() > best.score() + 1e-9) {
+            Some(next) => best = next,
+            None => break,
+        }
+    }
+    best
+}
+
+impl<'a> Subset<'a> {
+    /// Without the cameras in `out`: settled from where the others stand here, or else solved from nothing.
+    fn without(&self, out: &[usize], again: Again<'a, '_>) -> Option<Subset<'a>> {
+        let mut room = self.room.clone();
+        out.iter().for_each(|it| room.cameras[*it] = None);
+        let settled = (room.cameras.iter().flatten().count() >= 2).then(|| {
+            room.settle(&[6.0, 2.0, 1.0]);
+            Subset { room, out: out.to_vec() }
+        });
+        let anew = match &settled {
+            Some(it) if it.is_clean() && it.n_in_use() >= 3 => None,
+            _ => again(out, None).map(|room| Subset { room, out: out.to_vec() }),
+        };
+        [settled, anew].into_iter().flatten().max_by(|a, b| a.score().total_cmp(&b.score()))
+    }
+
+    fn n_in_use(&self) -> usize {
+        self.room.cameras.iter().flatten().count()
+    }
+
+    /// Whether all cameras in use agree.
+    fn is_clean(&self) -> bool {
+        let shares = self.room.shares();
+        self.room.cameras.iter().zip(shares).all(|(camera, share)| camera.is_none() || share.is_none_or(|it| it >= CLEAN))
+    }
+
+    /// As many cameras as agree, and how well.
+    fn score(&self) -> f64 {
+        let shares = self.room.shares();
+        let known = self.room.cameras.iter().zip(shares).filter(|it| it.0.is_some());
+        let sum: f64 = known.map(|it| it.1.unwrap_or(1.0).powi(2)).sum();
+        // Two cameras agree on anything along their epipolar lines.
+        if self.n_in_use() == 2 { TWO_ALONE * sum } else { sum }
+    }
+}
+
+/// Two cameras that seem to change at one moment may have exchanged their rows: the room is solved with these put right, and where more
+/// cameras agree then, that is what it was.
+fn exchanged<'a>(findings: &mut [Finding], best: &Subset<'a>, again: Again<'a, '_>) -> Option<Subset<'a>> {
+    let mut found: Option<(Subset<'a>, [usize; 2], f64)> = None;
+    for first in 0..findings.len() {
+        for second in first + 1..findings.len() {
+            let parts = [&findings[first].parts, &findings[second].parts].into_iter().flatten();
+            let Some(parts) = parts.max_by(|a, b| a.gain.total_cmp(&b.gain)).filter(|it| it.gain > LEAST_CHANGE) else { continue };
+            let cameras = [findings[first].camera, findings[second].camera];
+            let exchange = Exchange { cameras, since_s: parts.at_s };
+            let Some(room) = again(&[], Some(exchange)) else { continue };
+            let tried = Subset { room, out: Vec::new() };
+            if tried.score() > found.as_ref().map_or(best.score() + EXCHANGE_GAIN, |it| it.0.score()) {
+                found = Some((tried, [first, second], parts.at_s));
+            }
+        }
+    }
+    let (room, pair, since_s) = found?;
+    let cameras = pair.map(|it| findings[it].camera);
+    for (index, with) in pair.into_iter().zip([cameras[1], cameras[0]]) {
+        findings[index].cause = Some(Cause::Swapped { with, since_s: Some(since_s) });
+        findings[index].shares[1] = 1.0;
+    }
+    // Who was suspected of what those two did is free again.
+    for finding in findings.iter_mut().filter(|it| !cameras.contains(&it.camera)) {
+        if room.room.cameras[finding.camera].is_some() {
+            finding.cause = None;
+        }
+    }
+    Some(room)
+}
+
+fn sees(moment: &Moment, camera: usize) -> bool {
+    moment.sights.iter().any(|it| it.camera == camera)
+}
