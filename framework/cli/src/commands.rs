@@ -32,7 +32,7 @@ pub struct Cli {
     command: Command,
 }
 
-const EXIT_CODES: &str = "Exit codes: 0 done · 2 the rig or its input is at fault · 3 a requirement marked `must` was not met \
+const EXIT_CODES: &str = "Exit codes: 0 done · 2 the rig or its input is at fault · 3 a requirement marked `must` was not met, or a calibration is to be done again \
                           · 70 the program is at fault";
 
 #[derive(Debug, Subcommand)]

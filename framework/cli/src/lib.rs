@@ -33,6 +33,8 @@ pub mod exit {
     pub const INPUT: u8 = 2;
     /// A requirement marked `must` was not met.
     pub const UNMET: u8 = 3;
+    /// A calibration is to be done again.
+    pub const REDO: u8 = 3;
     /// This program is at fault.
     pub const PROGRAM: u8 = 70;
 }

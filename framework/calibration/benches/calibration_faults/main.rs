@@ -73,16 +73,21 @@ fn run(set: &Set, recording: &Recording, fault: Fault, camera: usize, clean: &So
     let culprits = fault.culprits(camera, set.recording.cameras.len());
     let found: Result<SolvedRoom, _> = room::from_nothing(recording, set.sought, &set.rules);
     let causes = fault.causes(set.optics_known);
-    let run = match &found {
+    match &found {
         Ok(room) => {
             let checks = check(&room.solved, None, &CheckRules::default());
             let told = told(&checks);
             let is_culprit = |it: &usize| culprits.contains(it);
             let named = causes.is_empty() || told.iter().any(|it| is_culprit(&it.0) && causes.contains(&it.1));
             let innocent = told.iter().filter(|it| !is_culprit(&it.0)).count();
-            let worst = worst_centre(&room.solved, clean, fault == Fault::Swapped, &culprits);
+            // Names that were put right need no renaming.
+            let is_renamed = fault == Fault::Swapped && !told.iter().any(|it| it.1 == "rows_swapped");
+            let worst = worst_centre(&room.solved, clean, is_renamed, &culprits);
             if is_verbose {
-                println!("  {fault:?} of {camera}: {told:?} {worst:.2} % in {:.1} s\n{checks}", start.elapsed().as_secs_f64());
+                println!(
+                    "  {fault:?} of {camera}: {told:?} {worst:.2} % in {:.1} s\n{checks}",
+                    start.elapsed().as_secs_f64()
+                );
             }
             Run { named, innocent, level: Some(checks.verdict.level), worst }
         }
@@ -94,8 +99,7 @@ fn run(set: &Set, recording: &Recording, fault: Fault, camera: usize, clean: &So
             let named = causes.is_empty() || culprits.iter().all(|it| words.contains(&recording.cameras[*it].name));
             Run { named, innocent: 0, level: None, worst: 0.0 }
         }
-    };
-    run
+    }
 }
 
 /// Cameras and causes that a program is told.
@@ -111,11 +115,14 @@ fn worst_centre(found: &Solved, clean: &Solved, is_renamed: bool, culprits: &[us
         _ => it,
     };
     let both = (0..found.cameras.len()).filter(|it| {
-        found.cameras[*it].status == CameraStatus::Calibrated && clean.cameras[other(*it)].status == CameraStatus::Calibrated
+        found.cameras[*it].status == CameraStatus::Calibrated
+            && clean.cameras[other(*it)].status == CameraStatus::Calibrated
     });
     let both: Vec<usize> = both.collect();
     let innocent: Vec<usize> = both.iter().copied().filter(|it| is_renamed || !culprits.contains(it)).collect();
-    let of = |solved: &Solved, list: &[usize]| -> Vec<Camera> { list.iter().map(|it| solved.cameras[*it].camera.clone()).collect() };
+    let of = |solved: &Solved, list: &[usize]| -> Vec<Camera> {
+        list.iter().map(|it| solved.cameras[*it].camera.clone()).collect()
+    };
     let there: Vec<usize> = both.iter().map(|it| other(*it)).collect();
     let reference: &[usize] = if innocent.len() >= 3 { &innocent } else { &both };
     let reference_there: Vec<usize> = reference.iter().map(|it| other(*it)).collect();

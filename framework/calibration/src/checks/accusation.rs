@@ -2,8 +2,8 @@
 
 use super::room::{Room, is_calibrated};
 use super::suspects::Suspect;
-use crate::cause::{Cause, Culprit};
 use super::{Judgement, Level};
+use crate::cause::{Cause, Culprit};
 
 /// Wrong sightings that were left out, told without blame.
 pub(super) fn harmless(room: &Room<'_>, camera: usize, share: f64) -> Judgement {
@@ -59,7 +59,9 @@ pub(super) fn suspect(room: &Room<'_>, camera: usize, cause: Cause, misfit: f64,
             let by = format!("{:.1} ± {:.1} ms", 1e3 * offset_s.abs(), 1e3 * sigma_s);
             (
                 Level::Redo,
-                format!("Camera {name} is {by} {which}: synchronise it, or have each camera's clock found from the path of the light."),
+                format!(
+                    "Camera {name} is {by} {which}: synchronise it, or have each camera's clock found from the path of the light."
+                ),
             )
         }
         Cause::Focal { factor } => (
@@ -87,15 +89,18 @@ pub(super) fn suspect(room: &Room<'_>, camera: usize, cause: Cause, misfit: f64,
             let since = since_s.map_or(String::new(), |it| format!(" since {it:.1} s"));
             (
                 Level::Redo,
-                format!("Cameras {first} and {second} are swapped{since}: exchange their names or cables, and record again."),
+                format!(
+                    "Cameras {first} and {second} are swapped{since}: exchange their names or cables, and record again."
+                ),
             )
         }
         Cause::Mirrored => {
             (Level::Redo, format!("The picture of camera {name} is mirrored, left to right: record it as it is."))
         }
-        Cause::UpsideDown => {
-            (Level::Redo, format!("The picture of camera {name} is upside down: turn the camera or its picture by half."))
-        }
+        Cause::UpsideDown => (
+            Level::Redo,
+            format!("The picture of camera {name} is upside down: turn the camera or its picture by half."),
+        ),
         Cause::FalseObservations { share } => (
             Level::Usable,
             format!(

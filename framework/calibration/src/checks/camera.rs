@@ -182,7 +182,7 @@ fn judge(room: &Room<'_>, camera: usize, check: &CameraCheck) -> Judgement {
         room.solved.cameras[camera].clock.is_some_and(|it| it.pairs == 1) && room.calibrated().count() > 2;
     if unconfirmed {
         let sentence = format!(
-            "The clock of camera {name} was found beside a single other, which no third confirms: look further (--max-offset), or wave where it and two others see."
+            "The clock of camera {name} was found beside a single other, which no third confirms: look for clocks that are further apart, or wave where it and two others see."
         );
         return Judgement::new(Level::Usable, sentence);
     }
@@ -192,7 +192,7 @@ fn judge(room: &Room<'_>, camera: usize, check: &CameraCheck) -> Judgement {
                 Pattern::Shifted => "all point one way: its principal point is off, or it moved",
                 Pattern::Scaled => "grow from the middle: its focal length is off",
                 Pattern::Rolled => "turn about the middle: it rolled during the recording",
-                Pattern::Distorted => "grow fast towards the corners: let its lens be found (--optics lens)",
+                Pattern::Distorted => "grow fast towards the corners: let its lens be found",
                 Pattern::Other => "have a pattern: check its lens and mount",
             };
             Judgement::new(Level::Usable, format!("Residuals of camera {name} ({px:.2} px) {what}."))
@@ -245,7 +245,7 @@ fn uncalibrated(room: &Room<'_>, camera: usize, status: &CameraStatus) -> String
         CameraStatus::ClockOpen { best } => {
             let beside = best.as_ref().map_or(String::new(), |it| format!(" beside that of {}", of(it)));
             format!(
-                "The clock of camera {name} could not be found{beside}: look further (--max-offset), and wave where it and others see."
+                "The clock of camera {name} could not be found{beside}: look for clocks that are further apart, and wave where it and others see."
             )
         }
         CameraStatus::NoDepth { best } => {

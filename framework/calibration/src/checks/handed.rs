@@ -53,7 +53,10 @@ pub(super) fn handedness(room: &Room<'_>) -> Handedness {
     let room_level = of(reversed_ratio);
     let camera_level = of(closest_camera.map(|it| it.1));
     let judgement = if behind * 2 > in_use().count() {
-        Judgement::new(Level::Redo, "The light is behind the cameras: the world is mirrored; calibrate from nothing.")
+        Judgement::new(
+            Level::Redo,
+            "The light is behind the cameras: the world is mirrored; record again, with more depth.",
+        )
     } else if room_level == Level::Redo {
         let ratio = reversed_ratio.unwrap_or(f64::NAN);
         let which = if ratio < 1.0 { "better than" } else { "nearly as well as" };

@@ -93,7 +93,8 @@ pub(super) fn map(room: &Room<'_>, camera: usize) -> Option<ResidualMap> {
     let noise = freedom * room.sigma_px.powi(2);
     let systematic_px = ((squares - noise) / count.max(1.0)).max(0.0).sqrt();
     let significant = chi2 > freedom + SIGNIFICANT * (2.0 * freedom).sqrt();
-    let told_of = significant && systematic_px > (room.rules.pattern_sigma * room.sigma_px).max(room.rules.trifle_px);
+    let told_of =
+        significant && systematic_px > (room.rules.pattern_sigma * room.sigma_px).max(room.rules.least_effect_px);
     let pattern = told_of.then(|| shape(&told));
     Some(ResidualMap { size, cells, pattern, systematic_px })
 }

@@ -39,8 +39,8 @@ pub use self::maps::{MapCell, Pattern, ResidualMap};
 pub use self::place::{Floor, PathShape};
 pub use self::rules::CheckRules;
 pub use self::suspects::Suspect;
-pub use crate::cause::Cause;
 pub use self::verdict::Verdict;
+pub use crate::cause::Cause;
 use crate::solved::Solved;
 
 /// How good something is; the worse, the greater.

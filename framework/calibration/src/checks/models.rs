@@ -7,7 +7,6 @@ use nalgebra::{
     DVector, Isometry3, Matrix2, Matrix3, Point2, Point3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3,
 };
 
-
 /// Columns of the step: rotation, translation, then these.
 const FOCAL: usize = 6;
 const K1: usize = 7;

@@ -87,7 +87,9 @@ pub(super) fn suspects(room: &Room<'_>, is_mirrored: bool) -> Vec<Suspect> {
     let known = &room.solved.culprits;
     let mut found: Vec<Suspect> = known.iter().map(|it| culprit(room, it)).collect();
     if !is_mirrored {
-        found.extend(contradicting(room).into_iter().filter(|it| known.iter().all(|culprit| culprit.camera != it.camera)));
+        found.extend(
+            contradicting(room).into_iter().filter(|it| known.iter().all(|culprit| culprit.camera != it.camera)),
+        );
     }
     for (camera, it) in room.solved.cameras.iter().enumerate() {
         let count = match it.status {
@@ -279,7 +281,8 @@ impl<'a> Rest<'a> {
         let misfit = cost / near.len().max(1) as f64 / usual;
         // Cameras differ in focus and lens; one that fits to a pixel is no culprit.
         let is_much = examined.samples.median_px(&examined.fitted.camera) > rules.hold_out_px[0];
-        (misfit > rules.misfit && is_much).then(|| suspect(&self.room, examined.camera, Cause::Unknown { size: misfit }, misfit, 0.0))
+        (misfit > rules.misfit && is_much)
+            .then(|| suspect(&self.room, examined.camera, Cause::Unknown { size: misfit }, misfit, 0.0))
     }
 
     /// Share of its sightings that are far off once its picture is turned left to right; `None` where no pose fits then.
@@ -355,9 +358,12 @@ impl<'a> Rest<'a> {
             }
         }
         let changed = moved(samples, &fitted.camera, self.room.rules.seed);
-        let is_seen = |cause: &Cause| cause.size().is_some_and(|it| it > 2.0 * self.room.rules.least_effect_px);
-        if let Some((cause, cost)) = changed.filter(|it| is_seen(&it.0)) {
-            causes.push((cause, fitted.cost - cost - 0.5 * self.room.rules.min_gain)); // it has seven more unknowns to please by chance
+        let is_seen = |effect_px: f64| effect_px > 2.0 * self.room.rules.least_effect_px;
+        if let Some((cause, cost, _)) = changed.filter(|it| is_seen(it.2)) {
+            // A lens that differs from its model looks like a move where the light goes from one part of the picture to another.
+            let lens = [Extra::Focal, Extra::Aspect, Extra::Principal, Extra::Distortion, Extra::Distortion2];
+            let by_lens = samples.fit(&fitted.camera, &lens).map_or(fitted.cost, |it| it.cost.min(fitted.cost));
+            causes.push((cause, by_lens - cost - 0.5 * self.room.rules.min_gain)); // it has seven more unknowns to please by chance
         }
         let (cause, gain) = causes.into_iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
         let excess = fitted.cost - usual * samples.len() as f64;
@@ -400,10 +406,11 @@ impl<'a> Rest<'a> {
     }
 }
 
-/// Two poses, one before and one after the moment at which changing over costs least; with the cost.
-fn moved(samples: &Samples, camera: &Camera, seed: u64) -> Option<(Cause, f64)> {
+/// Two poses, one before and one after the moment at which changing over costs least; with the cost, and the larger of the median distances in
+/// the picture of where the light of either part is seen with its pose from where it is seen with one pose for all [px].
+fn moved(samples: &Samples, camera: &Camera, seed: u64) -> Option<(Cause, f64, f64)> {
     let n = samples.len();
-    let least = (n / 20).max(LEAST_SAMPLES / 2);
+    let least = (n / 12).max(LEAST_SAMPLES / 2);
     if n < 4 * least {
         return None;
     }
@@ -428,8 +435,7 @@ fn moved(samples: &Samples, camera: &Camera, seed: u64) -> Option<(Cause, f64)> 
             if best.as_ref().is_none_or(|it| cost < it.0) {
                 best = Some((cost, at, before.clone(), after.clone()));
             }
-            let (Some(a), Some(b)) =
-                (samples.part(0..at).fit(&before, &[]), samples.part(at..n).fit(&after, &[]))
+            let (Some(a), Some(b)) = (samples.part(0..at).fit(&before, &[]), samples.part(at..n).fit(&after, &[]))
             else {
                 break;
             };
@@ -439,6 +445,12 @@ fn moved(samples: &Samples, camera: &Camera, seed: u64) -> Option<(Cause, f64)> 
     let (cost, at, before, after) = best?;
     let places = samples.pixels(&before).into_iter().zip(samples.pixels(&after));
     let shifts: Vec<f64> = places.filter_map(|(a, b)| Some((a? - b?).norm())).collect();
+    let effect = |range: std::ops::Range<usize>, pose: &Camera| {
+        let part = samples.part(range);
+        let places = part.pixels(camera).into_iter().zip(part.pixels(pose));
+        median(&places.filter_map(|(a, b)| Some((a? - b?).norm())).collect::<Vec<_>>()).unwrap_or(0.0)
+    };
+    let effect_px = effect(0..at, &before).max(effect(at..n, &after));
     let (turned, went) = (before.camera_from_world.rotation, after.camera_from_world.rotation);
     let cause = Cause::Moved {
         at_s: Some(0.5 * (samples.time_s(at - 1) + samples.time_s(at))),
@@ -446,7 +458,7 @@ fn moved(samples: &Samples, camera: &Camera, seed: u64) -> Option<(Cause, f64)> 
         turn: turned.angle_to(&went),
         distance: (before.centre() - after.centre()).norm(),
     };
-    Some((cause, cost))
+    Some((cause, cost, effect_px))
 }
 
 /// The first sample of the later pose, and the cost.

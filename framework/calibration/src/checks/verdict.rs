@@ -44,7 +44,7 @@ pub(super) fn verdict(checks: &Checks, rules: &CheckRules) -> Verdict {
     let contradicting = checks.suspects.iter().filter(|it| it.judgement.level == Level::Redo).count();
     if 2 * contradicting >= checks.cameras.len().max(1) {
         sentences.push(format!(
-            "{contradicting} of {} cameras contradict the rest: calibrate from nothing, with nothing else shining in the room.",
+            "{contradicting} of {} cameras contradict the rest: look at these first, then record again with nothing else shining in the room.",
             checks.cameras.len()
         ));
     }

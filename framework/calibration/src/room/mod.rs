@@ -167,7 +167,7 @@ pub enum Sought {
 /// See [`RoomFault`]; cameras that cannot be calibrated beside others that can are told in their status.
 pub fn from_nothing(recording: &Recording, sought: Sought, rules: &RoomRules) -> Result<SolvedRoom, RoomFault> {
     let (recording, cleaning, moments) = prepared(recording, sought)?;
-    let first = search(&recording, &Room::new(&recording, moments.clone(), rules).certain(), rules)?;
+    let first = search(&recording, &Room::new(&recording, moments.clone(), rules).certain(), rules);
     let settled = |found: &SelfCalibration, moments: Vec<Moment>| {
         let mut room = Room::new(&recording, moments, rules);
         for (camera, (found, status)) in found.cameras.iter().zip(&found.status).enumerate() {
@@ -179,18 +179,27 @@ pub fn from_nothing(recording: &Recording, sought: Sought, rules: &RoomRules) ->
         room.settle(&[1.5, 1.0, 1.0]);
         room
     };
-    let again = |out: &[usize], exchange: Option<culprits::Exchange>| {
-        let moments = exchange.map_or_else(|| moments.clone(), |it| it.put_right(&moments));
+    let again = |out: &[usize], repair: Option<culprits::Repair>| {
+        let moments = repair.map_or_else(|| moments.clone(), |it| it.done_to(&moments));
         let mut certain = Room::new(&recording, moments.clone(), rules).certain();
         certain.retain(|it| !out.contains(&it.camera));
         Some(settled(&search(&recording, &certain, rules).ok()?, moments))
     };
-    let found = culprits::find(&recording, settled(&first, moments.clone()), &again);
-    let mut status = first.status.clone();
+    let room = first.as_ref().ok().map(|it| settled(it, moments.clone()));
+    let Some(found) = culprits::find(&recording, &moments, room, &again) else {
+        return Err(first.err().unwrap_or_else(|| unreachable!("a room that stands stays one")));
+    };
+    let uncalibrated = CameraStatus::Inconsistent { best: 0, common: 0, right: 0 };
+    let (mut status, held, links) = match first {
+        Ok(first) => (first.status, first.held, first.links),
+        Err(_) => {
+            (vec![uncalibrated; found.room.cameras.len()], vec![Vec::new(); found.room.cameras.len()], Vec::new())
+        }
+    };
     take_over(&mut status, &found);
-    let (mut solved, sigma_px) = found.room.into_solved(&recording, &status, first.links);
+    let (mut solved, sigma_px) = found.room.into_solved(&recording, &status, links);
     solved.culprits = found.culprits;
-    Ok(SolvedRoom { solved, cleaning, held: first.held, moved: Vec::new(), sigma_px })
+    Ok(SolvedRoom { solved, cleaning, held, moved: Vec::new(), sigma_px })
 }
 
 /// What became of each camera after the search for culprits.

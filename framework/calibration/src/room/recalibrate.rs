@@ -57,11 +57,12 @@ pub fn recalibrate(
     let given: Vec<Camera> = recording.cameras.iter().map(|it| it.camera.clone()).collect();
     let adjusted = |moments: Vec<Moment>, out: &[usize]| adjusted(&recording, moments, out, &cleaning, rules);
     let (room, mut status) = adjusted(moments.clone(), &[])?;
-    let again = |out: &[usize], exchange: Option<culprits::Exchange>| {
-        let moments = exchange.map_or_else(|| moments.clone(), |it| it.put_right(&moments));
+    let again = |out: &[usize], repair: Option<culprits::Repair>| {
+        let moments = repair.map_or_else(|| moments.clone(), |it| it.done_to(&moments));
         adjusted(moments, out).ok().map(|it| it.0)
     };
-    let found = culprits::find(&recording, room, &again);
+    let found = culprits::find(&recording, &moments, Some(room), &again);
+    let Some(found) = found else { unreachable!("a room that stands stays one") };
     take_over(&mut status, &found);
     let room = found.room;
     let stayed = who_stayed(&room, &given, room.pixel_sigma().unwrap_or(rules.sigma_px));
@@ -141,9 +142,9 @@ fn explained(moved: &[Moved], given: &[Camera], solved: &Solved) -> Vec<Culprit>
     );
     let cause = |it: &Moved| {
         let others = moved.iter().map(|it| it.camera).filter(|other| *other != it.camera);
-        let with = others.into_iter().find(|other| {
-            is_same(&new(it.camera), &old(*other)) && is_same(&new(*other), &old(it.camera))
-        });
+        let with = others
+            .into_iter()
+            .find(|other| is_same(&new(it.camera), &old(*other)) && is_same(&new(*other), &old(it.camera)));
         match with {
             Some(with) => Cause::Swapped { with, since_s: None },
             None if is_same(&new(it.camera), &(half_turn * old(it.camera))) => Cause::UpsideDown,

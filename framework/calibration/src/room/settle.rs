@@ -112,6 +112,11 @@ impl<'a> Room<'a> {
         counts.into_iter().map(|(right, all)| (all > 0).then(|| right as f64 / all as f64)).collect()
     }
 
+    /// Takes the stated shape of a camera's pixels for a guess to a third.
+    pub fn know_nothing_of_shape(&mut self, camera: usize) {
+        self.priors[camera].sigma.aspect = 0.3;
+    }
+
     /// Mean over all sights of known cameras of the squared distance from where the point is seen, at most that of a sight that is just
     /// right no more [px²].
     pub fn cost(&self) -> f64 {

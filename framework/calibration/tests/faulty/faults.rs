@@ -63,6 +63,8 @@ impl Fault {
     /// The causes by one of which it is to be named; none for a fault that cannot be seen from nothing.
     pub fn causes(self, optics_known: bool) -> &'static [&'static str] {
         match self {
+            Fault::UpsideDown if optics_known => &["upside_down", "wrong_lens"],
+            Fault::Swapped if optics_known => &["rows_swapped"],
             Fault::Clean | Fault::UpsideDown | Fault::Swapped | Fault::Dropped(_) => &[],
             Fault::NaNAndTwice | Fault::OriginOff => &[],
             Fault::Mirrored => &["mirrored"],

@@ -2,10 +2,15 @@
 
 use std::collections::BTreeMap;
 
+use foveate_calibration::cause::Cause;
+use foveate_calibration::checks::{Checks, Suspect};
 use foveate_calibration::room::SolvedRoom;
 use foveate_calibration::solved::{SightingRole, Solved};
 use foveate_estimation::statistics::Summary;
 use foveate_geometry::CameraStatus;
+use serde_json::{Value, json};
+
+use crate::results::number;
 
 /// Figures by dotted name, as those of a run.
 pub fn figures(room: &SolvedRoom) -> BTreeMap<String, f64> {
@@ -39,6 +44,29 @@ pub fn figures(room: &SolvedRoom) -> BTreeMap<String, f64> {
         put(&format!("reprojection_px.median[{}]", camera.name), summary.map_or(f64::NAN, |it| it.median));
     }
     figures
+}
+
+/// What is wrong with cameras, for programs: a list of objects, the worst first.
+pub fn diagnoses(checks: &Checks) -> Value {
+    let object = |it: &Suspect| {
+        let with = match it.cause {
+            Cause::Swapped { with, .. } => Some(checks.cameras[with].name.clone()),
+            _ => None,
+        };
+        let mut object = json!({
+            "camera": checks.cameras[it.camera].name,
+            "cause": it.cause.name(),
+            "size": it.cause.size().map_or(Value::Null, number),
+            "unit": it.cause.unit(),
+            "since_s": it.cause.since_s().map_or(Value::Null, number),
+            "level": it.judgement.level.to_string(),
+        });
+        if let (Some(with), Value::Object(object)) = (with, &mut object) {
+            object.insert("with".to_owned(), Value::String(with));
+        }
+        object
+    };
+    Value::Array(checks.suspects.iter().map(object).collect())
 }
 
 /// Lengths of the residuals of sightings in one role, of one camera if asked for [px].

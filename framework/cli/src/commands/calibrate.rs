@@ -58,7 +58,7 @@ pub struct CalibrateArgs {
     #[arg(long)]
     write: bool,
     /// A sighting is right when at most this far from where its point is seen [px]
-    #[arg(long, value_name = "PX", default_value_t = 3.0, value_parser = pixels)]
+    #[arg(long, value_name = "PX", default_value_t = INLIER_PX, value_parser = pixels)]
     inlier_px: f64,
     /// The cameras share no clock: find each one's offset too, from the path of the light
     #[arg(long, conflicts_with = "wand_mm", requires = "from_nothing")]
@@ -115,6 +115,8 @@ pub struct CalibrateArgs {
     quiet: bool,
 }
 
+/// A sighting is right when at most so far from where its point is seen, unless the command line says otherwise [px].
+const INLIER_PX: f64 = 3.0;
 /// The length of a wand is taken as right to this, standard deviation [m].
 const WAND_SIGMA_M: f64 = 2e-4;
 
@@ -129,6 +131,18 @@ enum Optics {
     Lens,
     /// Also principal point, decentering and the shape of the pixels
     All,
+}
+
+impl Optics {
+    /// As it is written on the command line.
+    fn name(self) -> &'static str {
+        match self {
+            Optics::Known => "known",
+            Optics::Focal => "focal",
+            Optics::Lens => "lens",
+            Optics::All => "all",
+        }
+    }
 }
 
 /// A distance in pixels on the command line.
@@ -262,7 +276,8 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
     let older = Some(draft.calibration.clone());
     let is_adjusted = !plan.from_nothing;
     let words = words + &lengths_differ.unwrap_or_default();
-    let mut more = More { words, is_board: board.is_some(), older, is_adjusted, ..More::default() };
+    let has_older_poses = draft.unknown.values().all(|it| !it.pose);
+    let mut more = More { words, is_board: board.is_some(), older, has_older_poses, is_adjusted, ..More::default() };
     if let (Some(other), Some(path)) = (other, &args.compare) {
         more.add(compare(&solved.solved, &other), path);
     }

@@ -123,8 +123,7 @@ impl<'a> Witnesses<'a> {
                 velocity: None,
             });
         }
-        let times: Vec<f64> =
-            recording.looks.iter().filter(|it| it.camera == camera).map(|it| it.time_s).collect();
+        let times: Vec<f64> = recording.looks.iter().filter(|it| it.camera == camera).map(|it| it.time_s).collect();
         let mut gaps: Vec<f64> = times.windows(2).map(|it| it[1] - it[0]).filter(|it| *it > 0.0).collect();
         gaps.sort_by(f64::total_cmp);
         let period_s = gaps.get(gaps.len() / 10).copied().unwrap_or(1.0);
@@ -175,12 +174,14 @@ impl<'a> Witnesses<'a> {
         let mut best: Option<Fit> = None;
         for start in starts {
             let mut random = Random::new(self.room.seed()).fork("hypotheses");
-            let rules = ResectionRules { sigma_px: self.sigma_px.max(limit_px / 6.0), inlier_px: 2.0 * limit_px, trials: 400 };
+            let rules =
+                ResectionRules { sigma_px: self.sigma_px.max(limit_px / 6.0), inlier_px: 2.0 * limit_px, trials: 400 };
             let Ok(found) = resect(start, &points, &pixels, &rules, |n| random.below(n)) else { continue };
             let mut camera = Camera { camera_from_world: found.camera_from_world, ..start.clone() };
             let samples = Samples::new(seen, &camera, self.sigma_px);
             for blur in [8.0, 2.0, 1.0] {
-                if let Some(fitted) = samples.blurred(blur).fit(&camera, extras).filter(|it| is_sane(&it.camera, start)) {
+                if let Some(fitted) = samples.blurred(blur).fit(&camera, extras).filter(|it| is_sane(&it.camera, start))
+                {
                     camera = fitted.camera;
                 }
             }
@@ -201,7 +202,8 @@ impl<'a> Witnesses<'a> {
         let limit_px = self.room.inlier_px();
         let mut random = Random::new(self.room.seed()).fork("shifts");
         let rules = ResectionRules { sigma_px: limit_px / 3.0, inlier_px: 3.0 * limit_px, trials: 150 };
-        let found = resect(start, &points, &pixels, &rules, |n| random.below(n)).ok().filter(|_| seen.len() >= LEAST_ROWS)?;
+        let found =
+            resect(start, &points, &pixels, &rules, |n| random.below(n)).ok().filter(|_| seen.len() >= LEAST_ROWS)?;
         Some(found.right.iter().filter(|it| **it).count() as f64 / seen.len() as f64)
     }
 
@@ -222,9 +224,9 @@ impl<'a> Witnesses<'a> {
         found.extend(self.optics(&seen, &starts, &free));
         let parts = self.parts(&seen, &plain);
         if let Some(parts) = &parts {
-            let shifts = seen.iter().filter_map(|it| {
-                Some((parts.before.project(&it.point)? - parts.after.project(&it.point)?).norm())
-            });
+            let shifts = seen
+                .iter()
+                .filter_map(|it| Some((parts.before.project(&it.point)? - parts.after.project(&it.point)?).norm()));
             let [before, after] = [&parts.before, &parts.after];
             found.push((
                 parts.share,
@@ -328,7 +330,9 @@ impl<'a> Witnesses<'a> {
         let start = std::slice::from_ref(&plain.camera);
         let mut best: Option<(usize, usize, Camera, Camera)> = None;
         for (first, last) in [(n / 4, n - n / 4), (least, n / 2), (n / 2, n - least)] {
-            let (Some(before), Some(after)) = (self.fit(&seen[..first], start, &[]), self.fit(&seen[last..], start, &[])) else {
+            let (Some(before), Some(after)) =
+                (self.fit(&seen[..first], start, &[]), self.fit(&seen[last..], start, &[]))
+            else {
                 continue;
             };
             let (mut before, mut after) = (before.camera, after.camera);

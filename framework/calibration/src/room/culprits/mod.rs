@@ -10,6 +10,7 @@ mod hypotheses;
 mod optics;
 
 use foveate_estimation::statistics::median;
+use nalgebra::Point2;
 
 use self::hypotheses::{Finding, Witnesses};
 use super::moments::Moment;
@@ -34,6 +35,12 @@ const BY_CHANCE: f64 = 0.15;
 const TWO_ALONE: f64 = 0.7;
 /// Rows were exchanged when putting them right makes so many more cameras agree (in squared shares) [–].
 const EXCHANGE_GAIN: f64 = 0.3;
+/// Up to so many cameras what may be wrong is put right on trial [–].
+const FEW_CAMERAS: usize = 3;
+/// All cameras of a room that was put right fit so large a part of their observations [–].
+const REPAIRED: f64 = 0.8;
+/// Parts of the recording after which rows may be exchanged.
+const CHANGES: [f64; 7] = [0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875];
 /// Two poses, one before and one after a moment, must explain so much more for that [–].
 const LEAST_CHANGE: f64 = 0.1;
 
@@ -45,45 +52,93 @@ pub(super) struct Found<'a> {
     pub culprits: Vec<Culprit>,
 }
 
-/// Solves a room from nothing without the cameras of a list, and with the rows of two cameras exchanged from a moment on.
-type Again<'a, 'f> = &'f dyn Fn(&[usize], Option<Exchange>) -> Option<Room<'a>>;
+/// Solves a room without the cameras of a list, and with what is wrong with others put right.
+type Again<'a, 'f> = &'f dyn Fn(&[usize], Option<Repair>) -> Option<Room<'a>>;
 
-/// Two cameras whose rows are exchanged.
+/// What can be put right in a recording.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Exchange {
-    pub cameras: [usize; 2],
-    /// From then on [s].
-    pub since_s: f64,
+pub(super) enum Repair {
+    /// The rows of two cameras are exchanged.
+    Exchange {
+        cameras: [usize; 2],
+        /// From then on [s].
+        since_s: f64,
+    },
+    /// A picture is turned left to right.
+    Mirror { camera: usize, width: u32 },
+    /// A picture of so many columns and rows is upside down.
+    HalfTurn { camera: usize, size: [u32; 2] },
 }
 
-impl Exchange {
-    /// The moments with these rows put right.
-    pub fn put_right(self, moments: &[Moment]) -> Vec<Moment> {
-        let [a, b] = self.cameras;
+impl Repair {
+    /// The moments with that put right.
+    pub fn done_to(self, moments: &[Moment]) -> Vec<Moment> {
         let mut moments = moments.to_vec();
-        for sight in moments.iter_mut().filter(|it| it.time_s >= self.since_s).flat_map(|it| &mut it.sights) {
-            sight.camera = if sight.camera == a { b } else if sight.camera == b { a } else { sight.camera };
+        for moment in &mut moments {
+            let time_s = moment.time_s;
+            for sight in &mut moment.sights {
+                match self {
+                    Repair::Exchange { cameras: [a, b], since_s } if time_s >= since_s => {
+                        sight.camera = if sight.camera == a {
+                            b
+                        } else if sight.camera == b {
+                            a
+                        } else {
+                            sight.camera
+                        };
+                    }
+                    Repair::Mirror { camera, width } if sight.camera == camera => {
+                        sight.spots.iter_mut().for_each(|it| it.x = f64::from(width) - 1.0 - it.x);
+                    }
+                    Repair::HalfTurn { camera, size } if sight.camera == camera => {
+                        let last = size.map(|it| f64::from(it) - 1.0);
+                        sight.spots.iter_mut().for_each(|it| *it = Point2::new(last[0] - it.x, last[1] - it.y));
+                    }
+                    _ => {}
+                }
+            }
         }
         moments
     }
 }
 
-/// Looks for culprits in `room`, which was solved from all cameras.
-pub(super) fn find<'a>(recording: &Recording, room: Room<'a>, again: Again<'a, '_>) -> Found<'a> {
+/// Looks for culprits in `room`, which was solved from all cameras as far as that went; `None` where neither it nor what could be put right
+/// stands.
+pub(super) fn find<'a>(
+    recording: &Recording,
+    moments: &[Moment],
+    room: Option<Room<'a>>,
+    again: Again<'a, '_>,
+) -> Option<Found<'a>> {
     let n = recording.cameras.len();
-    let rows: Vec<usize> = (0..n).map(|it| room.moments.iter().filter(|m| sees(m, it)).count()).collect();
-    let heard: Vec<usize> = (0..n).filter(|it| rows[*it] >= LEAST_ROWS).collect();
+    let rows = |camera: usize| moments.iter().filter(|it| sees(it, camera)).count();
+    let heard: Vec<usize> = (0..n).filter(|it| rows(*it) >= LEAST_ROWS).collect();
     let is_clean = |room: &Room<'_>| {
         let shares = room.shares();
         heard.iter().all(|it| room.cameras[*it].is_some() && shares[*it].is_none_or(|it| it >= CLEAN))
     };
     if heard.len() < 3 {
-        return Found { room, culprits: Vec::new() };
+        return Some(Found { room: room?, culprits: Vec::new() });
     }
-    let (room, culprits) = optics::told_wrong(recording, room, again);
-    if is_clean(&room) || !culprits.is_empty() {
-        return Found { room, culprits };
+    let room = match room {
+        Some(room) => {
+            if let Some((room, culprits)) = optics::told_by_optics(recording, &room, again) {
+                return Some(Found { room, culprits });
+            }
+            let (room, culprits) = optics::told_wrong(recording, room, again);
+            if is_clean(&room) || !culprits.is_empty() {
+                return Some(Found { room, culprits });
+            }
+            Some(room)
+        }
+        None => None,
+    };
+    if heard.len() <= FEW_CAMERAS
+        && let Some(found) = put_right(recording, moments, room.as_ref(), &heard, again)
+    {
+        return Some(found);
     }
+    let room = room?;
     let mut best = agreeing(room, &heard, again);
     let shares = best.room.shares();
     let members: Vec<usize> = heard.iter().copied().filter(|it| best.room.cameras[*it].is_some()).collect();
@@ -108,16 +163,56 @@ pub(super) fn find<'a>(recording: &Recording, room: Room<'a>, again: Again<'a, '
     if let Some(room) = exchanged(&mut findings, &best, again) {
         best = room;
     }
-    conclude(recording, best, findings, again)
+    Some(conclude(recording, best, findings, again))
+}
+
+/// With three cameras the two that are left when one is out agree too easily to tell who it is. So what can be wrong with one or two is
+/// put right, each in turn; the one by which all agree is what it was.
+fn put_right<'a>(
+    recording: &Recording,
+    moments: &[Moment],
+    room: Option<&Room<'a>>,
+    heard: &[usize],
+    again: Again<'a, '_>,
+) -> Option<Found<'a>> {
+    let score = |room: &Room<'a>| Subset { room: room.clone(), out: Vec::new() }.score();
+    let before = room.map_or(0.0, score);
+    let mut tried: Vec<(Repair, Vec<(usize, Cause)>)> = heard
+        .iter()
+        .map(|camera| {
+            let width = recording.cameras[*camera].camera.image_size[0];
+            (Repair::Mirror { camera: *camera, width }, vec![(*camera, Cause::Mirrored)])
+        })
+        .collect();
+    if heard.len() == 3 {
+        let times: Vec<f64> = moments.iter().map(|it| it.time_s).collect();
+        for (a, b) in [(0, 1), (0, 2), (1, 2)].map(|(a, b)| (heard[a], heard[b])) {
+            let same_size = recording.cameras[a].camera.image_size == recording.cameras[b].camera.image_size;
+            for since_s in CHANGES.map(|it| times[(it * times.len() as f64) as usize]).into_iter().filter(|_| same_size)
+            {
+                let swapped = |with: usize| Cause::Swapped { with, since_s: Some(since_s) };
+                let causes = vec![(a, swapped(b)), (b, swapped(a))];
+                tried.push((Repair::Exchange { cameras: [a, b], since_s }, causes));
+            }
+        }
+    }
+    let enough = |room: &Room<'a>| {
+        let shares = room.shares();
+        heard.iter().all(|it| room.cameras[*it].is_some() && shares[*it].is_none_or(|it| it >= REPAIRED))
+    };
+    let rooms = tried.into_iter().filter_map(|(repair, causes)| Some((again(&[], Some(repair))?, repair, causes)));
+    let standing = rooms.filter(|it| enough(&it.0) && score(&it.0) > before + EXCHANGE_GAIN);
+    let (mut room, repair, causes) = standing.max_by(|a, b| score(&a.0).total_cmp(&score(&b.0)))?;
+    if let Repair::Mirror { camera, .. } = repair {
+        room.cameras[camera] = None;
+        room.settle(&[1.0]);
+    }
+    let culprit = |(camera, cause): &(usize, Cause)| Culprit { camera: *camera, cause: *cause, shares: [0.0, 1.0] };
+    Some(Found { room, culprits: causes.iter().map(culprit).collect() })
 }
 
 /// The room without those that are at fault, and with those that only seemed to be.
-fn conclude<'a>(
-    recording: &Recording,
-    best: Subset<'a>,
-    findings: Vec<Finding>,
-    again: Again<'a, '_>,
-) -> Found<'a> {
+fn conclude<'a>(recording: &Recording, best: Subset<'a>, findings: Vec<Finding>, again: Again<'a, '_>) -> Found<'a> {
     let is_out = |it: &Finding| match it.cause {
         Some(Cause::FalseObservations { share }) => 1.0 - share < BY_CHANCE,
         // The room was solved with their rows put right.
@@ -211,7 +306,11 @@ impl<'a> Subset<'a> {
     /// Whether all cameras in use agree.
     fn is_clean(&self) -> bool {
         let shares = self.room.shares();
-        self.room.cameras.iter().zip(shares).all(|(camera, share)| camera.is_none() || share.is_none_or(|it| it >= CLEAN))
+        self.room
+            .cameras
+            .iter()
+            .zip(shares)
+            .all(|(camera, share)| camera.is_none() || share.is_none_or(|it| it >= CLEAN))
     }
 
     /// As many cameras as agree, and how well.
@@ -231,9 +330,11 @@ fn exchanged<'a>(findings: &mut [Finding], best: &Subset<'a>, again: Again<'a, '
     for first in 0..findings.len() {
         for second in first + 1..findings.len() {
             let parts = [&findings[first].parts, &findings[second].parts].into_iter().flatten();
-            let Some(parts) = parts.max_by(|a, b| a.gain.total_cmp(&b.gain)).filter(|it| it.gain > LEAST_CHANGE) else { continue };
+            let Some(parts) = parts.max_by(|a, b| a.gain.total_cmp(&b.gain)).filter(|it| it.gain > LEAST_CHANGE) else {
+                continue;
+            };
             let cameras = [findings[first].camera, findings[second].camera];
-            let exchange = Exchange { cameras, since_s: parts.at_s };
+            let exchange = Repair::Exchange { cameras, since_s: parts.at_s };
             let Some(room) = again(&[], Some(exchange)) else { continue };
             let tried = Subset { room, out: Vec::new() };
             if tried.score() > found.as_ref().map_or(best.score() + EXCHANGE_GAIN, |it| it.0.score()) {

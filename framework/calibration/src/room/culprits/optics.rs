@@ -7,7 +7,7 @@
 use foveate_estimation::statistics::median;
 use foveate_geometry::bundle::Freedom;
 
-use super::Again;
+use super::{Again, Repair};
 use crate::cause::{Cause, Culprit};
 use crate::recording::Recording;
 use crate::room::settle::Room;
@@ -19,6 +19,51 @@ const OFF: f64 = 0.04;
 /// … and by so many times what that of the median camera is off.
 const MORE_THAN_OTHERS: f64 = 4.0;
 
+/// Nothing is off by more; an adjustment that says so went astray.
+const TOO_FAR: f64 = 0.75;
+/// Putting something right must lower the cost of the observations to this part at the most [–].
+const PUT_RIGHT: f64 = 0.8;
+/// Names of so many cameras are exchanged on trial, and so many are turned [–].
+const FEW: [usize; 2] = [6, 12];
+
+/// Where optics are stated, a picture that is upside down and two cameras that have each other's names do not fit them: the room with these put
+/// right, where one explains far more than the room as it is.
+pub(super) fn told_by_optics<'a>(
+    recording: &Recording,
+    room: &Room<'a>,
+    again: Again<'a, '_>,
+) -> Option<(Room<'a>, Vec<Culprit>)> {
+    let members: Vec<usize> = (0..room.cameras.len()).filter(|it| room.cameras[*it].is_some()).collect();
+    let camera = |it: usize| &recording.cameras[it].camera;
+    if members.len() < 3 || members.iter().any(|it| recording.cameras[*it].free.focal) {
+        return None;
+    }
+    let mut tried: Vec<(Repair, Vec<(usize, Cause)>)> = Vec::new();
+    if members.len() <= FEW[1] {
+        let turned = |it: &usize| {
+            let size = camera(*it).image_size;
+            (Repair::HalfTurn { camera: *it, size }, vec![(*it, Cause::UpsideDown)])
+        };
+        tried.extend(members.iter().map(turned));
+    }
+    if members.len() <= FEW[0] {
+        for (index, a) in members.iter().enumerate() {
+            for b in members[index + 1..].iter().filter(|it| camera(**it).image_size == camera(*a).image_size) {
+                let swapped = |with: usize| Cause::Swapped { with, since_s: None };
+                let repair = Repair::Exchange { cameras: [*a, *b], since_s: f64::NEG_INFINITY };
+                tried.push((repair, vec![(*a, swapped(*b)), (*b, swapped(*a))]));
+            }
+        }
+    }
+    let before = room.cost();
+    let rooms = tried.into_iter().filter_map(|(repair, causes)| Some((again(&[], Some(repair))?, causes)));
+    let whole = |it: &Room<'_>| members.iter().all(|camera| it.cameras[*camera].is_some());
+    let right = rooms.filter(|it| whole(&it.0) && it.0.cost() < PUT_RIGHT * before);
+    let (room, causes) = right.min_by(|a, b| a.0.cost().total_cmp(&b.0.cost()))?;
+    let culprit = |(camera, cause): &(usize, Cause)| Culprit { camera: *camera, cause: *cause, shares: [0.0, 1.0] };
+    Some((room, causes.iter().map(culprit).collect()))
+}
+
 /// The room without a camera whose focal length or pixels are not as stated, and which that is; the room as it is where there is none.
 pub(super) fn told_wrong<'a>(recording: &Recording, room: Room<'a>, again: Again<'a, '_>) -> (Room<'a>, Vec<Culprit>) {
     let members: Vec<usize> = (0..room.cameras.len()).filter(|it| room.cameras[*it].is_some()).collect();
@@ -29,13 +74,15 @@ pub(super) fn told_wrong<'a>(recording: &Recording, room: Room<'a>, again: Again
     for camera in &members {
         let own = free.freed[*camera];
         free.freed[*camera] = Freedom { focal: true, aspect: true, ..own };
+        free.know_nothing_of_shape(*camera);
     }
-    free.settle(&[2.0, 1.0, 1.0]);
+    free.settle(&[3.0, 2.0, 1.0, 1.0]);
     if free.cost() > BETTER * room.cost() {
         return (room, Vec::new());
     }
     let off = |camera: usize| {
-        let focal = |room: &Room<'_>, axis: usize| room.cameras[camera].as_ref().map_or(1.0, |it| it.intrinsics.focal[axis]);
+        let focal =
+            |room: &Room<'_>, axis: usize| room.cameras[camera].as_ref().map_or(1.0, |it| it.intrinsics.focal[axis]);
         let is_known = !recording.cameras[camera].free.focal;
         let focal_off = if is_known { (focal(&free, 0) / focal(&room, 0)).ln() } else { 0.0 };
         let shape_off = ((focal(&free, 1) / focal(&free, 0)) / (focal(&room, 1) / focal(&room, 0))).ln();
@@ -43,12 +90,15 @@ pub(super) fn told_wrong<'a>(recording: &Recording, room: Room<'a>, again: Again
     };
     let mut found: Option<(f64, Culprit)> = None;
     for which in [1, 0] {
-        let sizes: Vec<f64> = members.iter().map(|it| off(*it)[which].abs()).collect();
+        // All of them may be off by the same for want of depth; one that is off otherwise is not as stated.
+        let offs: Vec<f64> = members.iter().map(|it| off(*it)[which]).collect();
+        let common = median(&offs).unwrap_or(0.0);
+        let sizes: Vec<f64> = offs.iter().map(|it| (it - common).abs()).collect();
         let usual = median(&sizes).unwrap_or(0.0);
         for (camera, size) in members.iter().zip(&sizes) {
-            let is_off = *size > OFF && *size > MORE_THAN_OTHERS * usual;
+            let is_off = *size > OFF && *size < TOO_FAR && *size > MORE_THAN_OTHERS * usual;
             if is_off && found.as_ref().is_none_or(|it| *size > it.0) {
-                let factor = off(*camera)[which].exp();
+                let factor = (off(*camera)[which] - common).exp();
                 let cause = if which == 1 { Cause::PixelShape { factor } } else { Cause::Focal { factor } };
                 found = Some((*size, Culprit { camera: *camera, cause, shares: [0.0, 1.0] }));
             }

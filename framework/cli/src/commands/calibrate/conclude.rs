@@ -6,13 +6,17 @@ use std::path::Path;
 use foveate_calibration::checks::{Checks, Level};
 use foveate_calibration::comparison::Comparison;
 use foveate_calibration::convergence::{ConvergenceRules, convergence};
+use foveate_calibration::quality::quality;
 use foveate_calibration::recording::Recording;
 use foveate_calibration::report::{self, Grade, ReportInput};
 use foveate_calibration::room::{Origin, SolvedRoom};
+use foveate_calibration::solved::SolvedCamera;
+use foveate_geometry::{Camera, CameraStatus};
 use foveate_scene::{Calibration, Draft, Head, NamedCamera};
 use serde_json::{Map, Value};
 
-use super::CalibrateArgs;
+use super::{CalibrateArgs, INLIER_PX, Optics};
+use crate::calibrate::advice;
 use crate::calibrate::boards;
 use crate::calibrate::capture::{self, Captured};
 use crate::calibrate::{figures, words};
@@ -26,6 +30,8 @@ pub(super) struct More {
     pub(super) figures: BTreeMap<String, f64>,
     pub(super) is_board: bool,
     pub(super) older: Option<Calibration>,
+    /// Whether the older calibration knows where cameras stand.
+    pub(super) has_older_poses: bool,
     /// Whether the older calibration was adjusted, so that its world is that of the new one.
     pub(super) is_adjusted: bool,
 }
@@ -78,9 +84,12 @@ pub(super) fn conclude(
         |path: &Path, bytes: &str| results::write_whole(path, bytes.as_bytes()).map_err(|it| format!("error: {it}"));
     write(&folder.join("calibration.toml"), &text)?;
     let mut figures = figures::figures(room);
-    figures.insert("verdict".to_owned(), f64::from(checks.verdict.level as u8));
     figures.extend(more.figures.clone());
-    let figures: Map<String, Value> = figures.into_iter().map(|(name, value)| (name, results::number(value))).collect();
+    figures.extend(held_out_by_camera(checks));
+    let mut figures: Map<String, Value> =
+        figures.into_iter().map(|(name, value)| (name, results::number(value))).collect();
+    figures.insert("verdict".to_owned(), Value::String(checks.verdict.level.to_string()));
+    figures.insert("diagnoses".to_owned(), figures::diagnoses(checks));
     write(&folder.join("summary.json"), &format!("{:#}\n", Value::Object(figures)))?;
     write(&folder.join("verdict.txt"), &more.told(&checks.to_string()))?;
     let mut files = vec!["calibration.toml", "summary.json", "verdict.txt", capture::SIGHTINGS];
@@ -94,11 +103,52 @@ pub(super) fn conclude(
         say(&format!("kept as the older calibration has them: {}\n", carried.kept.join(", ")));
     }
     say(&more.told(&format!("\n{checks}\n")));
+    for command in advice::commands(&asked(args, more.is_board), checks) {
+        say(&format!("{command}\n"));
+    }
     if args.write {
-        say(&replace(older, &text, checks, &carried.lost)?);
+        let worse =
+            if more.has_older_poses { worse_than_older(room, more.older.as_ref(), args.inlier_px) } else { None };
+        say(&replace(older, &text, checks, &carried.lost, worse)?);
     }
     say(&format!("results: {}/\n  {}\n", folder.display(), files.join("  ")));
-    Ok(exit::DONE)
+    Ok(if checks.verdict.level == Level::Redo { exit::REDO } else { exit::DONE })
+}
+
+/// Medians of the held-out observations of each camera, and the share of its observations that were rejected.
+fn held_out_by_camera(checks: &Checks) -> BTreeMap<String, f64> {
+    let mut figures = BTreeMap::new();
+    for (camera, [_, held_out]) in checks.cameras.iter().zip(&checks.fit.by_camera) {
+        let [used, held, rejected] = camera.sightings.map(|it| it as f64);
+        figures.insert(format!("holdout_px.median[{}]", camera.name), held_out.unwrap_or(f64::NAN));
+        figures.insert(format!("rejected_share[{}]", camera.name), rejected / (used + held + rejected).max(1.0));
+    }
+    figures
+}
+
+fn asked(args: &CalibrateArgs, is_board: bool) -> advice::Asked {
+    let inlier_px = (args.inlier_px != INLIER_PX).then(|| format!("--inlier-px {}", args.inlier_px));
+    let from = args.from.as_ref().map(|it| format!("--from {it}"));
+    let wand = args.wand_mm.map(|it| format!("--wand-mm {it}"));
+    advice::Asked {
+        rig: args.rig.display().to_string(),
+        from_nothing: args.from_nothing,
+        unsynchronised: args.unsynchronised,
+        max_offset_s: args.max_offset,
+        optics: args.optics.map(Optics::name),
+        kept: [inlier_px, from, wand].into_iter().flatten().collect(),
+        is_board,
+    }
+}
+
+/// By what the room is worse than the older calibration on the same observations.
+fn worse_than_older(room: &SolvedRoom, older: Option<&Calibration>, inlier_px: f64) -> Option<String> {
+    let cameras = &room.solved.cameras;
+    let before: Vec<Option<Camera>> = cameras.iter().map(|it| older?.camera(&it.name).cloned()).collect();
+    let is_found = |it: &&SolvedCamera| it.status == CameraStatus::Calibrated;
+    let now: Vec<Option<Camera>> =
+        cameras.iter().map(|it| Some(it).filter(is_found).map(|it| it.camera.clone())).collect();
+    quality(&room.solved, &now, inlier_px).worse_than(&quality(&room.solved, &before, inlier_px))
 }
 
 fn page(
@@ -127,9 +177,18 @@ fn page(
 }
 
 /// Puts the calibration in place of the one that the rig names, which is kept beside it.
-fn replace(older: &Path, text: &str, checks: &Checks, lost: &[String]) -> Result<String, String> {
+fn replace(
+    older: &Path,
+    text: &str,
+    checks: &Checks,
+    lost: &[String],
+    worse: Option<String>,
+) -> Result<String, String> {
     if checks.verdict.level == Level::Redo {
         return Ok(format!("{} stays as it is: the verdict is \"redo\"\n", older.display()));
+    }
+    if let Some(worse) = worse {
+        return Ok(format!("{} stays as it is, since the new one is worse: {worse}\n", older.display()));
     }
     if !lost.is_empty() {
         return Ok(format!(
