@@ -26,7 +26,7 @@ fn each_fault_is_named_and_nobody_else_is_accused() {
 /// Nobody does a camera again for a twentieth of a pixel, however well the pixels are known.
 #[test]
 fn trifles_accuse_nobody_where_there_is_next_to_no_noise() {
-    let strict = CheckRules { trifle_px: 0.0, ..CheckRules::default() };
+    let strict = CheckRules { trifle_px: 0.0, least_effect_px: 0.0, ..CheckRules::default() };
     for fault in [Fault::Distortion(1.4e-3), Fault::Focal(1.0012), Fault::Moved(0.3), Fault::Clock(0.5)] {
         let room = solved_at(fault, 1, 0.02);
         assert!(!check(&room, None, &strict).suspects.is_empty(), "{fault:?} can be told from noise");
@@ -191,7 +191,7 @@ fn clocks_that_no_loop_confirms_and_such_as_were_not_found_are_told() {
     assert_eq!(checked(&room).verdict.level, Level::Good);
     room.cameras[2].clock = clock(1);
     let verdict = checked(&room).verdict;
-    assert!(verdict.level == Level::Usable && verdict.sentences[0].contains("--max-offset"), "{verdict}");
+    assert!(verdict.level == Level::Usable && verdict.sentences[0].contains("further apart"), "{verdict}");
     let room = left_out(CameraStatus::ClockOpen { best: Some(0) }, |it| it.camera != BAD);
     let verdict = checked(&room).verdict;
     assert!(verdict.sentences[0].starts_with("The clock of camera wide-4 could not be found beside that of wide-1"));

@@ -107,6 +107,7 @@ fn room(n: usize, frames: usize, views: usize, focal_free: bool) -> Solved {
         steps: steps.collect(),
         links: found.links.clone(),
         fixed: FixedFreedoms::default(),
+        ..Solved::default()
     }
 }
 

@@ -5,16 +5,39 @@
 
 #[path = "../../tests/faulty/mod.rs"]
 mod faulty;
+mod recorded;
 
 use std::path::PathBuf;
 
 use faulty::faults::Fault;
-use faulty::sets::{self, Set};
 use foveate_calibration::checks::{CheckRules, Checks, Level, check};
 use foveate_calibration::recording::Recording;
 use foveate_calibration::room::{self, SolvedRoom};
 use foveate_calibration::solved::Solved;
 use foveate_geometry::{AlignmentRules, Camera, CameraStatus, alignment::camera_errors};
+use recorded::Recorded;
+
+/// What is done to each camera of each recording.
+const FAULTS: [Fault; 18] = [
+    Fault::Clean,
+    Fault::Mirrored,
+    Fault::UpsideDown,
+    Fault::Swapped,
+    Fault::SwappedHalf,
+    Fault::Late(1),
+    Fault::Late(5),
+    Fault::Dropped(0.3),
+    Fault::Knocked(10.0),
+    Fault::Knocked(40.0),
+    Fault::Random(0.3),
+    Fault::Random(0.5),
+    Fault::Random(0.7),
+    Fault::NaNAndTwice,
+    Fault::WrongFocal(1.15),
+    Fault::WrongPixelShape(1.15),
+    Fault::OriginOff,
+    Fault::FewCommon(3),
+];
 
 fn main() {
     let args: Vec<String> = std::env::args().collect();
@@ -26,13 +49,16 @@ fn main() {
         "{:28} {:22} {:>4} {:>6} {:>9} {:>5} {:>7} {:>5} {:>10} {:>10}",
         "set", "fault", "runs", "named", "innocent", "good", "usable", "redo", "worst, ok", "worst"
     );
-    for set in sets::all(root.as_deref()).into_iter().filter(|it| it.name.contains(&only_set)) {
-        let clean = room::from_nothing(&set.recording, set.sought, &set.rules).expect("the clean set is solved");
-        for fault in Fault::ALL.into_iter().filter(|it| format!("{it:?}").contains(&only_fault)) {
-            let n = set.recording.cameras.len();
+    for set in recorded::all(root.as_deref()).into_iter().filter(|it| it.name.contains(&only_set)) {
+        let clean =
+            room::from_nothing(&set.set.recording, set.set.sought, &set.set.rules).expect("the clean set is solved");
+        for fault in FAULTS.into_iter().filter(|it| format!("{it:?}").contains(&only_fault)) {
+            let n = set.set.recording.cameras.len();
             let cameras = if fault == Fault::Clean { 1 } else { n };
             let runs: Vec<Run> = (0..cameras)
-                .filter_map(|camera| fault.done_to(&set.recording, camera, camera as u64 + 1).map(|it| (camera, it)))
+                .filter_map(|camera| {
+                    fault.done_to(&set.set.recording, camera, camera as u64 + 1).map(|it| (camera, it))
+                })
                 .map(|(camera, recording)| run(&set, &recording, fault, camera, &clean.solved, is_verbose))
                 .collect();
             if !runs.is_empty() {
@@ -68,10 +94,10 @@ fn row(set: &str, fault: Fault, runs: &[Run]) {
     );
 }
 
-fn run(set: &Set, recording: &Recording, fault: Fault, camera: usize, clean: &Solved, is_verbose: bool) -> Run {
+fn run(set: &Recorded, recording: &Recording, fault: Fault, camera: usize, clean: &Solved, is_verbose: bool) -> Run {
     let start = std::time::Instant::now();
-    let culprits = fault.culprits(camera, set.recording.cameras.len());
-    let found: Result<SolvedRoom, _> = room::from_nothing(recording, set.sought, &set.rules);
+    let culprits = fault.culprits(camera, set.set.recording.cameras.len());
+    let found: Result<SolvedRoom, _> = room::from_nothing(recording, set.set.sought, &set.set.rules);
     let causes = fault.causes(set.optics_known);
     match &found {
         Ok(room) => {

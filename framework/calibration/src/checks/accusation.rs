@@ -112,10 +112,7 @@ pub(super) fn suspect(room: &Room<'_>, camera: usize, cause: Cause, misfit: f64,
             Level::Usable,
             format!("Camera {name} saw the light {count} times, others {median} times: wave longer in front of it."),
         ),
-        Cause::FewCommon { count } => (
-            Level::Usable,
-            format!("Camera {name} shares {count} frames with the others: wave where it and two others see."),
-        ),
+        Cause::FewCommon { .. } => unreachable!("its sentence is that of its status"),
         Cause::Unknown { size } if !misfit.is_finite() => (
             Level::Redo,
             format!(

@@ -1,6 +1,7 @@
 //! One camera fitted to points of known place: its pose alone, or with what may be wrong about it.
 
 use foveate_estimation::Loss;
+use foveate_estimation::statistics::{median, percentile};
 use foveate_estimation::least_squares::{Equations, Problem, Rules, solve};
 use foveate_geometry::{Camera, ResectionRules, resect};
 use nalgebra::{
@@ -148,17 +149,17 @@ impl Samples {
     pub(crate) fn median_px(&self, camera: &Camera) -> f64 {
         let camera = self.centred(camera);
         let off = self.of.iter().map(|it| camera.project(&it.point).map_or(1e3, |seen| (seen - it.pixel).norm()));
-        foveate_estimation::statistics::median(&off.collect::<Vec<_>>()).unwrap_or(0.0)
+        median(&off.collect::<Vec<_>>()).unwrap_or(0.0)
     }
 
-    /// Median distance in the picture of what one fit sees from what the other one sees [px].
+    /// Distance in the picture of what one fit sees from what the other one sees, which a quarter of the samples exceed [px].
     pub(crate) fn apart_px(&self, one: &Fitted, other: &Fitted) -> f64 {
         let cameras = [self.centred(&one.camera), self.centred(&other.camera)];
         let apart = self.of.iter().filter_map(|it| {
             let at = |delay_s: f64| it.point + it.velocity * delay_s;
             Some((cameras[0].project(&at(one.delay_s))? - cameras[1].project(&at(other.delay_s))?).norm())
         });
-        foveate_estimation::statistics::median(&apart.collect::<Vec<_>>()).unwrap_or(0.0)
+        percentile(&apart.collect::<Vec<_>>(), 75.0).unwrap_or(0.0)
     }
 
     /// By sample: whether `camera` sees the point within `limit_px` of the pixel, or within what is known of the point, up to four times that.

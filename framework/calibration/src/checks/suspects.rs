@@ -12,7 +12,7 @@ use nalgebra::Point3;
 
 use super::Judgement;
 use super::accusation::{culprit, harmless, suspect};
-use super::camera::{ALMOST_ALL, empty_ninths};
+use super::camera::{self, ALMOST_ALL, empty_ninths};
 use super::models::{Extra, Fitted, Samples};
 use super::room::{MEDIAN_CHI2, Room, is_calibrated};
 use crate::cause::Cause;
@@ -99,7 +99,8 @@ pub(super) fn suspects(room: &Room<'_>, is_mirrored: bool) -> Vec<Suspect> {
             _ => continue,
         };
         if found.iter().all(|it| it.camera != camera) {
-            found.push(suspect(room, camera, Cause::FewCommon { count }, 1.0, 1.0));
+            let judgement = camera::camera(room, camera).judgement;
+            found.push(Suspect { judgement, camera, cause: Cause::FewCommon { count }, misfit: 1.0, explained: 1.0 });
         }
     }
     let counts: Vec<f64> = room.of_camera.iter().map(|it| it.len() as f64).collect();

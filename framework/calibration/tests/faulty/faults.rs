@@ -38,28 +38,6 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// All of them.
-    pub const ALL: [Fault; 18] = [
-        Fault::Clean,
-        Fault::Mirrored,
-        Fault::UpsideDown,
-        Fault::Swapped,
-        Fault::SwappedHalf,
-        Fault::Late(1),
-        Fault::Late(5),
-        Fault::Dropped(0.3),
-        Fault::Knocked(10.0),
-        Fault::Knocked(40.0),
-        Fault::Random(0.3),
-        Fault::Random(0.5),
-        Fault::Random(0.7),
-        Fault::NaNAndTwice,
-        Fault::WrongFocal(1.15),
-        Fault::WrongPixelShape(1.15),
-        Fault::OriginOff,
-        Fault::FewCommon(3),
-    ];
-
     /// The causes by one of which it is to be named; none for a fault that cannot be seen from nothing.
     pub fn causes(self, optics_known: bool) -> &'static [&'static str] {
         match self {

@@ -221,9 +221,8 @@ fn calibrated(mut cameras: Vec<Camera>, mut points: Vec<Point3<f64>>, seen: Vec<
         cameras: cameras.iter().enumerate().map(solved_camera).collect(),
         points: points.iter().enumerate().map(point).collect(),
         sightings,
-        steps: Vec::new(),
-        links: Vec::new(),
         fixed: FixedFreedoms { scale: fixed(), gravity: None, origin: None },
+        ..Solved::default()
     }
 }
 
@@ -256,7 +255,9 @@ pub fn is_named(fault: Fault, checks: &foveate_calibration::checks::Checks) -> b
             checks.handedness.judgement.level == Level::Redo && closest.is_some_and(|it| it.0 == BAD && it.1 < 1.0)
         }
         Fault::Flat => checks.suspects.is_empty() && checks.verdict.level == Level::Usable,
-        Fault::Moved(_) => of(BAD, |it, _| matches!(it, Cause::Moved { at_s, .. } if (at_s - MOVED_AT_S).abs() < 0.5)),
+        Fault::Moved(_) => {
+            of(BAD, |it, _| matches!(it, Cause::Moved { at_s: Some(at_s), .. } if (at_s - MOVED_AT_S).abs() < 0.5))
+        }
         Fault::Focal(_) => of(
             BAD,
             |it, fault| matches!((it, fault), (Cause::Focal { factor }, Fault::Focal(by)) if (factor * by - 1.0).abs() < 0.015),
@@ -266,8 +267,8 @@ pub fn is_named(fault: Fault, checks: &foveate_calibration::checks::Checks) -> b
             |it, fault| matches!((it, fault), (Cause::Distortion { k1 }, Fault::Distortion(real)) if (k1 - real).abs() < 0.04),
         ),
         Fault::Swapped => {
-            of(BAD, |it, _| *it == Cause::Swapped { with: OTHER })
-                && of(OTHER, |it, _| *it == Cause::Swapped { with: BAD })
+            of(BAD, |it, _| *it == Cause::Swapped { with: OTHER, since_s: None })
+                && of(OTHER, |it, _| *it == Cause::Swapped { with: BAD, since_s: None })
         }
         Fault::Clock(_) => of(
             BAD,
@@ -275,11 +276,11 @@ pub fn is_named(fault: Fault, checks: &foveate_calibration::checks::Checks) -> b
         ),
         Fault::Few => {
             let uncalibrated = &checks.cameras[BAD].judgement.sentence;
-            of(BAD, |it, _| matches!(it, Cause::FewSightings { .. })) || uncalibrated.contains("saw the light in")
+            of(BAD, |it, _| matches!(it, Cause::FewObservations { .. })) || uncalibrated.contains("saw the light in")
         }
         Fault::Wrong(_) => of(
             BAD,
-            |it, fault| matches!((it, fault), (Cause::WrongSightings { share }, Fault::Wrong(real)) if (share - real).abs() < 0.08),
+            |it, fault| matches!((it, fault), (Cause::FalseObservations { share }, Fault::Wrong(real)) if (share - real).abs() < 0.08),
         ),
     }
 }
