@@ -23,6 +23,8 @@ pub struct Solved {
     pub links: Vec<Link>,
     /// What fixes scale, vertical and origin.
     pub fixed: FixedFreedoms,
+    /// By camera: what was to be found of its optics, be it that the observations did not hold it; empty where that is what was found.
+    pub asked: Vec<Freedom>,
     /// What is wrong with cameras, as far as it was found on the way.
     pub culprits: Vec<Culprit>,
 }

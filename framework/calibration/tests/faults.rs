@@ -39,7 +39,7 @@ fn named(fault: Fault, camera: usize) -> Checks {
 
 #[test]
 fn mirrored_late_and_knocked_cameras_are_named_and_the_room_is_not_usable() {
-    for (fault, camera) in [(Fault::Mirrored, 1), (Fault::Late(1), 2), (Fault::Late(5), 0), (Fault::Knocked(20.0), 3)] {
+    for (fault, camera) in [(Fault::Mirrored, 1), (Fault::Late(1), 2), (Fault::Late(5), 0), (Fault::Knocked(10.0), 3)] {
         assert_eq!(named(fault, camera).verdict.level, Level::Redo, "{fault:?}");
     }
 }
@@ -87,6 +87,22 @@ fn clean_rooms_accuse_no_camera_whole_in_halves_and_without_each() {
         let unseen = |it: usize| recording.looks.iter().all(|look| look.camera != it);
         let accused: Vec<_> = checks.suspects.iter().filter(|it| !unseen(it.camera)).map(|it| it.cause).collect();
         assert!(accused.is_empty(), "{accused:?}\n{checks}");
+    }
+}
+
+#[test]
+fn a_focal_length_that_is_not_as_stated_and_a_camera_that_shares_nothing_are_named() {
+    let set = set();
+    let (clean, _) = checked(&set, &set.recording).unwrap();
+    let mut stated = set.clone();
+    for (guess, solved) in stated.recording.cameras.iter_mut().zip(&clean.solved.cameras) {
+        (guess.camera, guess.free) = (solved.camera.clone(), foveate_geometry::Freedom::POSE);
+    }
+    stated.rules.focal_unknown = false;
+    for (fault, cause) in [(Fault::WrongFocal(1.1), "wrong_lens"), (Fault::FewCommon(3), "too_few_common")] {
+        let (_, checks) = checked(&stated, &fault.done_to(&stated.recording, 1, 2).unwrap()).unwrap();
+        let told: Vec<(usize, &str)> = checks.suspects.iter().map(|it| (it.camera, it.cause.name())).collect();
+        assert_eq!(told, [(1, cause)], "{fault:?}\n{checks}");
     }
 }
 

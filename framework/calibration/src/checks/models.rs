@@ -1,8 +1,8 @@
 //! One camera fitted to points of known place: its pose alone, or with what may be wrong about it.
 
 use foveate_estimation::Loss;
-use foveate_estimation::statistics::{median, percentile};
 use foveate_estimation::least_squares::{Equations, Problem, Rules, solve};
+use foveate_estimation::statistics::{median, percentile};
 use foveate_geometry::{Camera, ResectionRules, resect};
 use nalgebra::{
     DVector, Isometry3, Matrix2, Matrix3, Point2, Point3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3,

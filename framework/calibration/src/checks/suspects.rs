@@ -328,13 +328,15 @@ impl<'a> Rest<'a> {
         let Examined { samples, fitted, .. } = examined;
         let mut causes: Vec<(Cause, f64)> = Vec::new();
         let freed = self.room.solved.cameras[examined.camera].freed;
+        // What was to be found and was held says that the observations do not tell.
+        let asked = self.room.solved.asked.get(examined.camera).copied().unwrap_or(freed);
         for extra in [Extra::Focal, Extra::Distortion, Extra::Aspect, Extra::Delay] {
             // An optic that was found with the others is where they want it; without this camera they know it less, not better.
             let says_nothing = match extra {
-                Extra::Focal => freed.focal,
-                Extra::Distortion => freed.k1,
+                Extra::Focal => freed.focal || asked.focal,
+                Extra::Distortion => freed.k1 || asked.k1,
                 Extra::Delay => samples.moving_share() < 0.5,
-                Extra::Aspect => freed.aspect,
+                Extra::Aspect => freed.aspect || asked.aspect,
                 Extra::Principal | Extra::Distortion2 => true,
             };
             if says_nothing {

@@ -275,8 +275,10 @@ impl<'a> Room<'a> {
         });
         let cameras = cameras.collect();
         let fixed = FixedFreedoms::default();
-        let culprits = Vec::new();
-        (Solved { cameras, points, sightings, steps: self.steps, links, fixed, culprits }, sigma_px)
+        let asked = recording.cameras.iter().map(|it| it.free).collect();
+        let solved =
+            Solved { cameras, points, sightings, steps: self.steps, links, fixed, asked, culprits: Vec::new() };
+        (solved, sigma_px)
     }
 }
 

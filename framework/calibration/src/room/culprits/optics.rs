@@ -23,6 +23,8 @@ const MORE_THAN_OTHERS: f64 = 4.0;
 const TOO_FAR: f64 = 0.75;
 /// Putting something right must lower the cost of the observations to this part at the most [–].
 const PUT_RIGHT: f64 = 0.8;
+/// … and be no more than so many times what it is with all focal lengths free.
+const NOTHING_LEFT: f64 = 1.5;
 /// Names of so many cameras are exchanged on trial, and so many are turned [–].
 const FEW: [usize; 2] = [6, 12];
 
@@ -58,10 +60,23 @@ pub(super) fn told_by_optics<'a>(
     let before = room.cost();
     let rooms = tried.into_iter().filter_map(|(repair, causes)| Some((again(&[], Some(repair))?, causes)));
     let whole = |it: &Room<'_>| members.iter().all(|camera| it.cameras[*camera].is_some());
-    let right = rooms.filter(|it| whole(&it.0) && it.0.cost() < PUT_RIGHT * before);
+    // Any change lets a room with a wrong focal length fit a little better; the right one leaves nothing for other optics to explain.
+    let limit = (PUT_RIGHT * before).min(NOTHING_LEFT * with_free_optics(room).cost());
+    let right = rooms.filter(|it| whole(&it.0) && it.0.cost() < limit);
     let (room, causes) = right.min_by(|a, b| a.0.cost().total_cmp(&b.0.cost()))?;
     let culprit = |(camera, cause): &(usize, Cause)| Culprit { camera: *camera, cause: *cause, shares: [0.0, 1.0] };
     Some((room, causes.iter().map(culprit).collect()))
+}
+
+/// The room with all focal lengths and shapes of pixels set free.
+fn with_free_optics<'a>(room: &Room<'a>) -> Room<'a> {
+    let mut free = room.clone();
+    for camera in (0..room.cameras.len()).filter(|it| room.cameras[*it].is_some()) {
+        free.freed[camera] = Freedom { focal: true, aspect: true, ..room.freed[camera] };
+        free.know_nothing_of_shape(camera);
+    }
+    free.settle(&[3.0, 2.0, 1.0, 1.0]);
+    free
 }
 
 /// The room without a camera whose focal length or pixels are not as stated, and which that is; the room as it is where there is none.
@@ -70,13 +85,7 @@ pub(super) fn told_wrong<'a>(recording: &Recording, room: Room<'a>, again: Again
     if members.len() < 3 {
         return (room, Vec::new());
     }
-    let mut free = room.clone();
-    for camera in &members {
-        let own = free.freed[*camera];
-        free.freed[*camera] = Freedom { focal: true, aspect: true, ..own };
-        free.know_nothing_of_shape(*camera);
-    }
-    free.settle(&[3.0, 2.0, 1.0, 1.0]);
+    let free = with_free_optics(&room);
     if free.cost() > BETTER * room.cost() {
         return (room, Vec::new());
     }
