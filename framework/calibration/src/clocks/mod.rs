@@ -38,7 +38,7 @@ pub struct ClockRules {
     pub max_drift: f64,
     /// The camera whose clock is the room's; `None`: the one that agrees with most others.
     pub reference: Option<usize>,
-    /// Between sights further apart, where the light was is not known [s].
+    /// Between sights further apart, where the light was is not known; one and a half periods of a camera that is slower than this [s].
     pub max_gap_s: f64,
     /// Of either coordinate of a right sight, standard deviation [px].
     pub sigma_px: f64,
