@@ -224,6 +224,28 @@ fn pictures_taken_together_are_frames_as_they_are() {
 }
 
 #[test]
+fn what_is_said_of_clocks_names_cameras_and_no_flag() {
+    let scene = Scene { path: circling, length_s: 12.0, seed: 6, ..Scene::new(&TENTHS[..3]) };
+    let recording = scene.recording(Freedom::NONE);
+    let fault = synchronise(&recording, &ClockRules::default()).unwrap_err();
+    let said = fault.sentence(|it| recording.name(it), |_| "; further".to_owned());
+    assert!(recording.cameras.iter().all(|it| said.contains(&format!("{}: with cam", it.name))), "{said}");
+    assert!(!said.contains("camera 0") && !said.contains("--"), "{said}");
+    let statuses = [
+        ClockStatus::BeyondLimit { offset_s: 0.7, limit_s: 0.5 },
+        ClockStatus::NotTold { other: 1, fault: PairFault::Inconsistent { right: 3, moments: 90 } },
+        ClockStatus::Separate { group: vec![0, 2] },
+        ClockStatus::NotTold { other: 1, fault: PairFault::Flat { tolerance_s: 0.1 } },
+    ];
+    let said = statuses.each_ref().map(|it| it.sentence(|camera| recording.name(camera)));
+    assert!(
+        said[1].contains("cam1") && said[2].contains("cam0, cam2") && said.iter().all(|it| !it.contains("--")),
+        "{said:?}"
+    );
+    assert_eq!(statuses.map(|it| it.may_be_further_off()), [true, true, false, false]);
+}
+
+#[test]
 fn bad_input_is_refused_by_place() {
     let recording = Scene { length_s: 1.0, ..Scene::new(&TENTHS[..3]) }.recording(Freedom::NONE);
     let fault = |change: &dyn Fn(&mut Recording), rules: ClockRules| {
