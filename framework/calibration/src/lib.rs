@@ -31,5 +31,6 @@ pub mod recording;
 pub mod report;
 pub mod room;
 pub mod solved;
+mod stretches;
 pub mod wand;
 pub mod words;

@@ -12,6 +12,13 @@ pub struct Recording {
     pub looks: Vec<Look>,
 }
 
+impl Recording {
+    /// How people call a camera; its number where it is none of the recording.
+    pub fn name(&self, camera: usize) -> String {
+        self.cameras.get(camera).map_or_else(|| format!("number {camera}"), |it| it.name.clone())
+    }
+}
+
 /// What is known of a camera beforehand.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraGuess {

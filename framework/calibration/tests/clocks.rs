@@ -95,6 +95,45 @@ fn a_camera_that_sees_the_light_rarely_is_synchronised_too() {
     assert!(found.reference == 5 || rare > 1.2 * usual, "{rare} {usual}");
 }
 
+/// Times that a camera's clock shows are those of its pictures: k / rate, to the last digit.
+#[test]
+fn cameras_of_any_exact_rate_are_synchronised() {
+    const RATES_HZ: [&[f64]; 9] = [
+        &[10.0],
+        &[12.0],
+        &[25.0],
+        &[29.97],
+        &[30.0],
+        &[60.0],
+        &[10.0, 12.0, 25.0],
+        &[29.97, 30.0, 60.0],
+        &[10.0, 60.0],
+    ];
+    for (seed, rates_hz) in RATES_HZ.into_iter().enumerate() {
+        let slow = rates_hz[0] <= 12.0;
+        for (rounded_s, dropped) in [(0.0, 0.0), (1e-3, 0.0), (0.0, 0.1), (1e-3, 0.1)] {
+            let scene = Scene { rates_hz, rounded_s, dropped, seed: seed as u64, ..Scene::new(&TENTHS) };
+            let recording = scene.recording(Freedom::NONE);
+            let found = synchronise(&recording, &ClockRules::default())
+                .unwrap_or_else(|fault| panic!("{rates_hz:?} Hz, {rounded_s} s, {dropped}: {fault}"));
+            for (camera, (clock, truth)) in found.clocks.iter().zip(&scene.offsets_s).enumerate() {
+                let Some(clock) = clock else {
+                    panic!("{rates_hz:?} Hz, {rounded_s} s, {dropped}: camera {camera}: {}", found.status[camera])
+                };
+                let error_ms = 1e3 * (clock.offset_s - (truth - scene.offsets_s[found.reference]));
+                // A cubic between pictures a tenth of a second apart misses the light's turns by some pixels; where a period is a whole number of
+                // milliseconds, rounding moves all stamps of a camera alike.
+                let limit_ms = if slow { 3.0 } else { 0.5 } + 1e3 * rounded_s;
+                assert!(
+                    error_ms.abs() < limit_ms,
+                    "{rates_hz:?} Hz, {rounded_s} s, {dropped}: camera {camera}: {error_ms} ms, sigma {}",
+                    1e3 * clock.sigma_s
+                );
+            }
+        }
+    }
+}
+
 #[track_caller]
 fn refused(scene: &Scene, rules: &ClockRules) -> Vec<ClockStatus> {
     match synchronise(&scene.recording(Freedom::NONE), rules) {
@@ -182,6 +221,28 @@ fn pictures_taken_together_are_frames_as_they_are() {
     let between = frames(&recording, &[Some(zero), Some(half), None], &FrameRules::default());
     let interpolated = between.looks.iter().zip(&between.sightings).filter(|(look, _)| look.is_none());
     assert!(interpolated.clone().all(|(_, it)| it.camera == 1) && interpolated.count() > 200);
+}
+
+#[test]
+fn what_is_said_of_clocks_names_cameras_and_no_flag() {
+    let scene = Scene { path: circling, length_s: 12.0, seed: 6, ..Scene::new(&TENTHS[..3]) };
+    let recording = scene.recording(Freedom::NONE);
+    let fault = synchronise(&recording, &ClockRules::default()).unwrap_err();
+    let said = fault.sentence(|it| recording.name(it), |_| "; further".to_owned());
+    assert!(recording.cameras.iter().all(|it| said.contains(&format!("{}: with cam", it.name))), "{said}");
+    assert!(!said.contains("camera 0") && !said.contains("--"), "{said}");
+    let statuses = [
+        ClockStatus::BeyondLimit { offset_s: 0.7, limit_s: 0.5 },
+        ClockStatus::NotTold { other: 1, fault: PairFault::Inconsistent { right: 3, moments: 90 } },
+        ClockStatus::Separate { group: vec![0, 2] },
+        ClockStatus::NotTold { other: 1, fault: PairFault::Flat { tolerance_s: 0.1 } },
+    ];
+    let said = statuses.each_ref().map(|it| it.sentence(|camera| recording.name(camera)));
+    assert!(
+        said[1].contains("cam1") && said[2].contains("cam0, cam2") && said.iter().all(|it| !it.contains("--")),
+        "{said:?}"
+    );
+    assert_eq!(statuses.map(|it| it.may_be_further_off()), [true, true, false, false]);
 }
 
 #[test]

@@ -7,11 +7,14 @@
 use foveate_estimation::Loss;
 use foveate_estimation::least_squares::invert_information;
 use foveate_geometry::Camera;
+use foveate_geometry::bundle::correlated::{Correlated, Group, Linear, place};
 use foveate_geometry::bundle::{CLOCK, CameraCovariance, Freedom, NAMES, OpticsSigma, Posed, moved};
 use nalgebra::{
-    DMatrix, DVector, Isometry3, Matrix3, Matrix6, Point2, Point3, SMatrix, SVector, Translation3, UnitQuaternion,
-    Vector2, Vector3, Vector6,
+    DMatrix, DVector, Isometry3, Matrix2x3, Matrix3, Matrix6, Point2, Point3, SMatrix, SVector, Translation3,
+    UnitQuaternion, Vector2, Vector3, Vector6,
 };
+
+use crate::stretches::stretches;
 
 /// A mark of a board as a camera saw it.
 #[derive(Debug, Clone, Copy)]
@@ -33,11 +36,20 @@ pub(super) struct RigidRules {
     pub max_iterations: u32,
     pub relative_gain: f64,
     pub covariance: bool,
+    /// Whether it states what residuals show, boards being in the order of their times, rather than that each mark errs by itself.
+    pub correlated: bool,
 }
 
 impl Default for RigidRules {
     fn default() -> Self {
-        Self { loss: Loss::HUBER, held_board: None, max_iterations: 60, relative_gain: 1e-7, covariance: false }
+        Self {
+            loss: Loss::HUBER,
+            held_board: None,
+            max_iterations: 60,
+            relative_gain: 1e-7,
+            covariance: false,
+            correlated: false,
+        }
     }
 }
 
@@ -159,7 +171,7 @@ fn run<const C: usize>(
         seen.iter().map(|it| Some(cameras[it.camera].project(&(boards[it.board] * it.place))? - it.pixel)).collect();
     let mut columns = Vec::new();
     let covariance = rules.covariance.then(|| {
-        let (information, _, _) = here.reduced(&layout, 0.0);
+        let (information, _, inverses) = here.reduced(&layout, 0.0);
         let names = |open: &[usize]| {
             let name = |row: &usize| {
                 let place = |(camera, rows): (usize, &[Option<usize>; CLOCK])| {
@@ -170,7 +182,10 @@ fn run<const C: usize>(
             open.iter().filter_map(name).collect::<Vec<_>>()
         };
         let whole = if layout.dimension == 0 { Ok(DMatrix::zeros(0, 0)) } else { invert_information(&information) };
-        let whole = whole.map_err(|open| names(&open))?;
+        let mut whole = whole.map_err(|open| names(&open))?;
+        if rules.correlated {
+            whole = correlated(&layout, &here, &inverses, &cameras, &boards, &rules.loss).covariance(&whole, 0);
+        }
         columns = layout
             .rows
             .iter()
@@ -179,6 +194,51 @@ fn run<const C: usize>(
         Ok(cameras.iter().zip(&columns).map(|(camera, block)| of_camera(camera, block)).collect())
     });
     Some(Rigid { cameras, world_from_board: boards, residuals, cost: here.cost, covariance, columns })
+}
+
+/// All marks at the solution.
+fn correlated<const C: usize>(
+    layout: &Layout<'_>,
+    equations: &Equations<C>,
+    inverses: &[Matrix6<f64>],
+    cameras: &[Camera],
+    boards: &[Isometry3<f64>],
+    loss: &Loss,
+) -> Correlated<C> {
+    let posed: Vec<Posed<'_>> = cameras.iter().map(Posed::new).collect();
+    let seeing: Vec<usize> = (0..boards.len()).filter(|it| !layout.of_board[*it].is_empty()).collect();
+    let linear = |look: &Look, seen: &Seen| {
+        let (pixel, by_camera, by_point) =
+            posed[look.camera].linearise::<C, false>(&(boards[look.board] * seen.place))?;
+        let error = pixel - seen.pixel.coords;
+        let per_variance = seen.sigma_px.powi(-2);
+        let weight = loss.at(error.norm_squared() * per_variance).1 * per_variance;
+        let mut by_unknown = by_board(&by_point, &boards[look.board], &seen.place);
+        if layout.held_board == Some(look.board) {
+            by_unknown.fill(0.0);
+        }
+        let place = place(&seen.pixel, cameras[look.camera].image_size);
+        Some(Linear { camera: look.camera, weight, by_camera, by_unknown, error, place })
+    };
+    let group = |(board, stretch): (&usize, usize)| {
+        let looks = &layout.looks[layout.of_board[*board].clone()];
+        let seen = looks.iter().flat_map(|look| look.seen.iter().filter_map(|it| linear(look, &layout.seen[*it])));
+        let is_held = layout.held_board == Some(*board);
+        let inverse = if is_held { Matrix6::zeros() } else { inverses[*board] };
+        Group { stretch, seen: seen.collect(), inverse, gradient: equations.gradient_of_board[*board] }
+    };
+    let groups = seeing.iter().zip(stretches(&seeing)).map(group).collect();
+    let rows = layout.rows.iter().map(|rows| std::array::from_fn(|column| rows[column])).collect();
+    Correlated { groups, rows, dimension: layout.dimension, known: Vec::new() }
+}
+
+/// A pixel by a step of the board: B exp(δ) p = B (p + ω × p + v).
+fn by_board(by_point: &Matrix2x3<f64>, world_from_board: &Isometry3<f64>, place: &Point3<f64>) -> SMatrix<f64, 2, 6> {
+    let by_place = by_point * world_from_board.rotation.to_rotation_matrix().matrix();
+    let mut by_board = SMatrix::<f64, 2, 6>::zeros();
+    by_board.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_place * -place.coords.cross_matrix()));
+    by_board.fixed_view_mut::<2, 3>(0, 3).copy_from(&by_place);
+    by_board
 }
 
 fn of_camera(camera: &Camera, block: &Columns) -> CameraCovariance {
@@ -249,7 +309,6 @@ impl<const C: usize> Equations<C> {
         };
         let posed: Vec<Posed<'_>> = cameras.iter().map(Posed::new).collect();
         for (look, between) in layout.looks.iter().zip(&mut new.between) {
-            let axes = boards[look.board].rotation.to_rotation_matrix();
             for seen in look.seen.iter().map(|it| &layout.seen[*it]) {
                 let (pixel, by_camera, by_point) =
                     posed[look.camera].linearise::<C, false>(&(boards[look.board] * seen.place))?;
@@ -258,11 +317,7 @@ impl<const C: usize> Equations<C> {
                 let (cost, weight) = loss.at(error.norm_squared() * per_variance);
                 new.cost += 0.5 * cost;
                 let weight = weight * per_variance;
-                // B exp(δ) p = B (p + ω × p + v)
-                let by_place = by_point * axes.matrix();
-                let mut by_board = SMatrix::<f64, 2, 6>::zeros();
-                by_board.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_place * -seen.place.coords.cross_matrix()));
-                by_board.fixed_view_mut::<2, 3>(0, 3).copy_from(&by_place);
+                let by_board = by_board(&by_point, &boards[look.board], &seen.place);
                 let weighted = by_camera * weight;
                 new.of_camera[look.camera] += by_camera.tr_mul(&weighted);
                 new.gradient_of_camera[look.camera] += weighted.tr_mul(&error);

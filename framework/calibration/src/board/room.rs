@@ -239,7 +239,7 @@ impl<'a> Room<'a> {
         self.move_to_origin();
         self.adjust(
             "without what contradicts",
-            &RigidRules { loss: Loss::HUBER, covariance: true, ..RigidRules::default() },
+            &RigidRules { loss: Loss::HUBER, covariance: true, correlated: true, ..RigidRules::default() },
         );
         self.test();
     }
@@ -370,7 +370,7 @@ impl<'a> Room<'a> {
                     self.move_to_origin();
                     self.adjust(
                         "seen from the floor",
-                        &RigidRules { loss: Loss::HUBER, covariance: true, ..RigidRules::default() },
+                        &RigidRules { loss: Loss::HUBER, covariance: true, correlated: true, ..RigidRules::default() },
                     );
                 }
             }

@@ -12,7 +12,7 @@ use crate::solved::ClockFit;
 pub struct FrameRules {
     /// A picture taken this close to the moment is taken as it is, without interpolation [s].
     pub coincide_s: f64,
-    /// Between sights further apart, where the light was is not known [s].
+    /// Between sights further apart, where the light was is not known; one and a half periods of a camera that is slower than this [s].
     pub max_gap_s: f64,
     /// Of more moments than this, some are left out at equal steps [–].
     pub max_frames: usize,

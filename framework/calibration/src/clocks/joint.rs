@@ -14,6 +14,7 @@ use super::frames::{Clock, FrameRules, Frames, at_moments, moments};
 use super::track::Track;
 use super::{ClockFault, ClockRules};
 use crate::recording::Recording;
+use crate::stretches::stretches;
 
 /// Rooms made anew at most.
 const ROOMS: usize = 4;
@@ -28,7 +29,7 @@ const LEAST: usize = 20;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Refined {
     pub clock: Clock,
-    /// Of what it shows in the middle of the recording, scaled by what residuals are [s].
+    /// Of what it shows in the middle of the recording, as residuals tell [s].
     pub sigma_s: f64,
     /// Sights that hold it.
     pub sights: usize,
@@ -221,25 +222,17 @@ impl Room<'_> {
         let gauge = if posed(self.reference) { ClockGauge::Camera(self.reference) } else { ClockGauge::Mean };
         let timing = Timing { velocities: &velocities, times_s: &times_s, free: &free, gauge };
         let rules = BundleRules { loss: Loss::HUBER, covariance, max_iterations: 40, ..BundleRules::default() };
-        let found = adjust_with_clocks(&self.cameras, &self.freedoms, &points, &observations, &timing, &rules)
-            .map_err(|fault| ClockFault::NotAdjusted { fault: fault.to_string() })?;
+        let stretches = stretches(&frames);
+        let found =
+            adjust_with_clocks(&self.cameras, &self.freedoms, &points, &observations, &timing, &stretches, &rules)
+                .map_err(|fault| ClockFault::NotAdjusted { fault: fault.to_string() })?;
         self.cameras.clone_from(&found.adjusted.cameras);
         for (frame, point) in frames.iter().zip(&found.adjusted.points) {
             self.points[*frame] = Some(*point);
         }
         let mut sights = vec![0; self.cameras.len()];
         observations.iter().for_each(|it| sights[it.camera] += 1);
-        let squares: f64 = found
-            .adjusted
-            .residuals
-            .iter()
-            .zip(&observations)
-            .filter_map(|(it, observation)| Some((*it)?.norm_squared() / observation.sigma_px.powi(2)))
-            .sum();
-        let unknowns = 3.0 * points.len() as f64 + 7.0 * self.cameras.len() as f64;
-        let surplus = 2.0 * observations.len() as f64 - unknowns;
-        let variance_factor = if surplus > 0.0 { squares / surplus } else { f64::INFINITY };
-        Ok(Adjustment { found, sights, variance_factor })
+        Ok(Adjustment { found, sights })
     }
 
     /// By what noise in a camera's velocities makes its clock look better known than it is: Σ v²/Σ v·v', with v' so much later that
@@ -262,11 +255,10 @@ impl Room<'_> {
         let clocks = self.clocks.iter().enumerate().map(|(camera, clock)| {
             let sights = last.sights[camera];
             let posed = status[camera] == CameraStatus::Calibrated && sights >= LEAST;
-            // Residuals below the stated noise are no reason to believe in more than that.
             let stated = last.found.clocks[camera].offset_sigma_s;
             let sigma_s = match camera == self.reference {
                 true => 0.0,
-                false => stated * last.variance_factor.max(1.0).sqrt() * self.of_noisy_velocities(camera),
+                false => stated * self.of_noisy_velocities(camera),
             };
             clock.filter(|_| posed).map(|clock| Refined { clock, sigma_s, sights })
         });
@@ -285,5 +277,4 @@ struct Adjustment {
     found: AdjustedWithClocks,
     /// By camera: sights in use.
     sights: Vec<usize>,
-    variance_factor: f64,
 }

@@ -38,7 +38,7 @@ pub struct ClockRules {
     pub max_drift: f64,
     /// The camera whose clock is the room's; `None`: the one that agrees with most others.
     pub reference: Option<usize>,
-    /// Between sights further apart, where the light was is not known [s].
+    /// Between sights further apart, where the light was is not known; one and a half periods of a camera that is slower than this [s].
     pub max_gap_s: f64,
     /// Of either coordinate of a right sight, standard deviation [px].
     pub sigma_px: f64,
@@ -152,43 +152,52 @@ pub enum ClockStatus {
     },
 }
 
+impl ClockStatus {
+    /// What became of it, the cameras that it speaks of by `name`.
+    pub fn sentence(&self, name: impl Fn(usize) -> String) -> String {
+        match self {
+            ClockStatus::Reference => "its clock is the room's".to_owned(),
+            ClockStatus::Found { links: 1 } => "found by one pair, which no loop of cameras confirms".to_owned(),
+            ClockStatus::Found { links } => format!("found, confirmed by {links} pairs"),
+            ClockStatus::TooFewSights { moments, needed } => {
+                format!("saw {moments} moments of a smoothly moving light, expected at least {needed}")
+            }
+            ClockStatus::LightStill { spread_px } => format!(
+                "the light stays in place: its pixels are within {spread_px:.2} px, and a light at rest tells no time"
+            ),
+            ClockStatus::NotTold { other, fault } => format!("with {}: {fault}", name(*other)),
+            ClockStatus::Separate { group } => {
+                let group: Vec<String> = group.iter().map(|it| name(*it)).collect();
+                format!("no pair ties it to the larger group of cameras; its own is {}", group.join(", "))
+            }
+            ClockStatus::NoPose { status } => format!("its pose was not found: {}", status.sentence(name)),
+            ClockStatus::BeyondLimit { offset_s, limit_s } => format!(
+                "pairs of cameras lead to an offset of {:.0} ms, expected at most {:.0} ms",
+                offset_s * 1e3,
+                limit_s * 1e3
+            ),
+            ClockStatus::Uncertain { sigma_s, limit_s } => format!(
+                "known to {:.2} ms only, expected {:.2} ms: too little motion across what others see",
+                sigma_s * 1e3,
+                limit_s * 1e3
+            ),
+        }
+    }
+
+    /// Whether clocks that may be further apart could be found: nothing fits within the offsets that were tried.
+    pub fn may_be_further_off(&self) -> bool {
+        let at_no_offset = |it: &PairFault| matches!(it, PairFault::NoOverlap { .. } | PairFault::Inconsistent { .. });
+        match self {
+            ClockStatus::BeyondLimit { .. } => true,
+            ClockStatus::NotTold { fault, .. } => at_no_offset(fault),
+            _ => false,
+        }
+    }
+}
+
 impl std::fmt::Display for ClockStatus {
     fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            ClockStatus::Reference => write!(to, "its clock is the room's"),
-            ClockStatus::Found { links: 1 } => write!(to, "found by one pair, which no loop of cameras confirms"),
-            ClockStatus::Found { links } => write!(to, "found, confirmed by {links} pairs"),
-            ClockStatus::TooFewSights { moments, needed } => {
-                write!(to, "saw {moments} moments of a smoothly moving light, expected at least {needed}")
-            }
-            ClockStatus::LightStill { spread_px } => {
-                write!(
-                    to,
-                    "the light stays in place: its pixels are within {spread_px:.2} px, and a light at rest tells no time"
-                )
-            }
-            ClockStatus::NotTold { other, fault } => write!(to, "with camera {other}: {fault}"),
-            ClockStatus::Separate { group } => {
-                write!(to, "no pair ties it to the larger group of cameras; its own is {group:?}")
-            }
-            ClockStatus::NoPose { status } => write!(to, "its pose was not found: {status}"),
-            ClockStatus::BeyondLimit { offset_s, limit_s } => {
-                write!(
-                    to,
-                    "pairs of cameras lead to an offset of {:.0} ms, expected at most {:.0} ms: allow more (--max-offset)",
-                    offset_s * 1e3,
-                    limit_s * 1e3
-                )
-            }
-            ClockStatus::Uncertain { sigma_s, limit_s } => {
-                write!(
-                    to,
-                    "known to {:.2} ms only, expected {:.2} ms: too little motion across what others see",
-                    sigma_s * 1e3,
-                    limit_s * 1e3
-                )
-            }
-        }
+        to.write_str(&self.sentence(|it| format!("camera {it}")))
     }
 }
 
@@ -270,6 +279,32 @@ pub enum ClockFault {
         /// Why.
         fault: String,
     },
+}
+
+impl ClockFault {
+    /// Why, the cameras that it speaks of by `name`; `further` is added to what is said of a clock.
+    pub fn sentence(&self, name: impl Fn(usize) -> String, further: impl Fn(&ClockStatus) -> String) -> String {
+        let list = |each: Vec<String>| each.iter().map(|it| format!("\n  {it}")).collect::<String>();
+        match self {
+            ClockFault::BadCamera { camera, fault } => format!("{}: {fault}", name(*camera)),
+            ClockFault::BadLook { look, camera, time_s, .. } => {
+                format!("picture {look} of {} is at {time_s} s, expected a finite time", name(*camera))
+            }
+            ClockFault::NothingFound { status } => {
+                let each = status.iter().enumerate();
+                let one = |(camera, it): (usize, &ClockStatus)| {
+                    format!("{}: {}{}", name(camera), it.sentence(&name), further(it))
+                };
+                format!("no two clocks could be compared:{}", list(each.map(one).collect()))
+            }
+            ClockFault::NoRoom { status } => {
+                let each = status.iter().enumerate();
+                let one = |(camera, it): (usize, &CameraStatus)| format!("{}: {}", name(camera), it.sentence(&name));
+                format!("no two cameras could be calibrated:{}", list(each.map(one).collect()))
+            }
+            other => other.to_string(),
+        }
+    }
 }
 
 /// Finds the clocks of the cameras of a `recording` of one light; the brightest spot of each picture is taken for it.

@@ -21,7 +21,7 @@ pub(super) struct Sample {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Track {
     pub samples: Vec<Sample>,
-    /// Median time from one to the next before any was left out [s].
+    /// Time from one picture to the next, pictures that are missing left out of account [s]; infinite with fewer than two.
     pub period_s: f64,
 }
 
@@ -44,10 +44,28 @@ const BENDING: f64 = 0.05;
 /// Interpolation that multiplies noise by more is none: samples that lie badly [–].
 const MAX_AMPLIFICATION: f64 = 1.5;
 
+/// Samples this many periods apart are neighbours, however slow the camera: one picture is missing at 2, and stamps are uneven [–].
+const NEIGHBOUR_PERIODS: f64 = 1.5;
+
+/// Time from one picture to the next at these times of one camera, pictures that are missing left out of account [s]; infinite with fewer
+/// than two. Where most pictures are missing, as those without a light may be, the median gap is several periods: a tenth of the gaps is not.
+pub(super) fn period_s(times_s: &[f64]) -> f64 {
+    let mut gaps: Vec<f64> = times_s.windows(2).map(|it| it[1] - it[0]).filter(|it| *it > 0.0).collect();
+    gaps.sort_by(f64::total_cmp);
+    let Some(short) = gaps.get(gaps.len() / 10).copied() else { return f64::INFINITY };
+    // Stamps that are uneven make the shortest gaps too short; those of one period lie around it.
+    let single = &gaps[..gaps.partition_point(|it| *it < NEIGHBOUR_PERIODS * short)];
+    single.get(single.len() / 2).copied().unwrap_or(short)
+}
+
 /// By camera: the brightest spot of each of its pictures. Pictures at the same time are one picture recorded twice.
 pub(super) fn brightest(recording: &Recording) -> Vec<Track> {
     let mut tracks = vec![Track::default(); recording.cameras.len()];
+    let mut times_s: Vec<Vec<f64>> = vec![Vec::new(); recording.cameras.len()];
     for (index, look) in recording.looks.iter().enumerate() {
+        if let Some(own) = times_s.get_mut(look.camera).filter(|_| look.time_s.is_finite()) {
+            own.push(look.time_s);
+        }
         let usable = |it: &&crate::recording::Spot| it.pixel.coords.norm().is_finite() && it.sigma_px > 0.0;
         let best = look.spots.iter().filter(usable).max_by(|a, b| a.peak.total_cmp(&b.peak));
         if let (Some(track), Some(spot)) = (tracks.get_mut(look.camera), best) {
@@ -55,17 +73,21 @@ pub(super) fn brightest(recording: &Recording) -> Vec<Track> {
             track.samples.push(Sample { time_s: look.time_s, pixel, sigma_px, look: index });
         }
     }
-    for track in &mut tracks {
+    for (track, times_s) in tracks.iter_mut().zip(&mut times_s) {
         track.samples.sort_by(|a, b| a.time_s.total_cmp(&b.time_s).then(a.look.cmp(&b.look)));
         track.samples.dedup_by(|later, earlier| later.time_s <= earlier.time_s);
-        let mut steps: Vec<f64> = track.samples.windows(2).map(|it| it[1].time_s - it[0].time_s).collect();
-        steps.sort_by(f64::total_cmp);
-        track.period_s = steps.get(steps.len() / 2).copied().unwrap_or(f64::INFINITY);
+        times_s.sort_by(f64::total_cmp);
+        track.period_s = period_s(times_s);
     }
     tracks
 }
 
 impl Track {
+    /// Between samples further apart the path is not known: `max_gap_s`, but never less than neighbours are apart [s].
+    fn reach_s(&self, max_gap_s: f64) -> f64 {
+        if self.period_s.is_finite() { max_gap_s.max(NEIGHBOUR_PERIODS * self.period_s) } else { max_gap_s }
+    }
+
     /// The samples that their neighbours predict: first by any three of them, then, among what is left, by half of all threes.
     pub(super) fn smooth(&self, max_gap_s: f64) -> Track {
         let once = self.agreeing(max_gap_s, 0.0);
@@ -83,7 +105,7 @@ impl Track {
     /// How many parabolas through three neighbours pass by a sample, and of how many.
     fn votes(&self, index: usize, max_gap_s: f64) -> (usize, usize) {
         let own = &self.samples[index];
-        let reach = max_gap_s.max(1.01 * self.period_s * NEIGHBOURS as f64);
+        let reach = max_gap_s.max((NEIGHBOURS as f64 + 0.5) * self.period_s);
         let first = index.saturating_sub(NEIGHBOURS);
         let end = (index + NEIGHBOURS + 1).min(self.samples.len());
         let near: Vec<&Sample> = (first..end)
@@ -130,7 +152,8 @@ impl Track {
         let next = self.samples.partition_point(|it| it.time_s <= time_s);
         let four: [Sample; 4] = self.samples.get(next.checked_sub(2)?..next + 2)?.try_into().ok()?;
         let times = four.map(|it| it.time_s);
-        if times.windows(2).any(|it| it[1] - it[0] > max_gap_s) {
+        let reach_s = self.reach_s(max_gap_s);
+        if times.windows(2).any(|it| it[1] - it[0] > reach_s) {
             return None;
         }
         let (weights, slopes) = lagrange(&times, time_s);

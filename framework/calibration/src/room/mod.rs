@@ -288,33 +288,14 @@ fn search(recording: &Recording, sightings: &[Sighting], rules: &RoomRules) -> R
                 .map(|(camera, it)| (camera.name.clone(), in_names(it, recording)));
             Err(RoomFault::NothingCalibrated { reasons: reasons.collect() })
         }
-        (None, Some(other)) => Err(RoomFault::Unusable(other.to_string())),
+        (None, Some(other)) => Err(RoomFault::Unusable(other.sentence(|it| recording.name(it)))),
         (None, None) => unreachable!("each attempt ends in an answer or a fault"),
     }
 }
 
 /// `status` with the names of the cameras it speaks of.
 pub fn in_names(status: &CameraStatus, recording: &Recording) -> String {
-    let name = |camera: usize| recording.cameras.get(camera).map_or_else(|| camera.to_string(), |it| it.name.clone());
-    match status {
-        CameraStatus::NoPartner { best: Some(best), common, needed } => {
-            format!("shares {common} frames with {} and fewer with others, expected at least {needed}", name(*best))
-        }
-        CameraStatus::Inconsistent { best, common, right } if *common > 0 => {
-            format!("no pose explains its pixels: with {}, {right} of {common} common frames fit", name(*best))
-        }
-        CameraStatus::NoDepth { best } => {
-            format!("stands where {} stands, or the light is too far away", name(*best))
-        }
-        CameraStatus::ClockOpen { best: Some(best) } => {
-            format!("its clock could not be found, nearest beside that of {}", name(*best))
-        }
-        CameraStatus::Separate { group } => {
-            let group: Vec<String> = group.iter().map(|it| name(*it)).collect();
-            format!("shares too few frames with the larger group of cameras; its own is {}", group.join(", "))
-        }
-        other => other.to_string(),
-    }
+    status.sentence(|it| recording.name(it))
 }
 
 /// Refuses recordings in which no two cameras can have seen the light together.

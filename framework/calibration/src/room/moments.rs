@@ -92,7 +92,22 @@ fn of_pictures(recording: &Recording) -> Vec<Moment> {
 
 /// Pictures of one moment are at most this far apart [s].
 pub(super) fn tolerance_s(recording: &Recording) -> f64 {
-    SAME_MOMENT * shortest_period(recording)
+    let period_s = shortest_period(recording);
+    // Two stamps of one moment that lie on either side of where they are rounded.
+    let rounding_s = 1.001 * stamp_step_s(recording);
+    let tolerance_s = if rounding_s <= MOST_ROUNDING * period_s { rounding_s } else { 0.0 };
+    (SAME_MOMENT * period_s).max(tolerance_s)
+}
+
+/// Stamps rounded to a larger part of the period do not say which pictures are of one moment [–].
+const MOST_ROUNDING: f64 = 0.2;
+
+/// What stamps are rounded to: milliseconds, or nothing that is known [s].
+fn stamp_step_s(recording: &Recording) -> f64 {
+    const STEP_S: f64 = 1e-3;
+    // Times of day in seconds have seven digits after the point.
+    let is_rounded = |it: &Look| (it.time_s / STEP_S - (it.time_s / STEP_S).round()).abs() < 1e-3;
+    if recording.looks.iter().all(is_rounded) { STEP_S } else { 0.0 }
 }
 
 /// The least of the cameras' periods [s]; 0 when no camera looked twice. Cameras may have left pictures without a light unsaid, so that most of

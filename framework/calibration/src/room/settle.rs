@@ -10,6 +10,7 @@ use super::RoomRules;
 use super::moments::{Moment, Sight};
 use crate::recording::Recording;
 use crate::solved::{FixedFreedoms, SightingRole, Solved, SolvedCamera, SolvedPoint, SolvedSighting, Step};
+use crate::stretches::stretches;
 
 /// No detector is better than that, standard deviation [px].
 const LEAST_SIGMA_PX: f64 = 0.005;
@@ -197,7 +198,8 @@ impl<'a> Room<'a> {
         let rules = BundleRules { loss, covariance: last, ..BundleRules::default() };
         // What was intersected is seen by two cameras each; with nothing intersected all stays as it is.
         let optics: Vec<OpticsPrior> = members.iter().map(|it| self.priors[*it].clone()).collect();
-        let known = bundle::Known { optics: &optics, ..bundle::Known::default() };
+        let stretches = stretches(&used.iter().map(|it| self.moments[*it].frame).collect::<Vec<_>>());
+        let known = bundle::Known { optics: &optics, stretches: &stretches, ..bundle::Known::default() };
         let Ok(found) = adjust_knowing(&cameras, &freed, &points, &observations, &known, &rules) else { return };
         for (slot, camera) in members.iter().enumerate() {
             self.cameras[*camera] = Some(found.cameras[slot].clone());
@@ -240,7 +242,6 @@ impl<'a> Room<'a> {
     /// All that is known, and the standard deviation of either coordinate of a right pixel [px].
     pub fn into_solved(self, recording: &Recording, status: &[CameraStatus], links: Vec<Link>) -> (Solved, f64) {
         let sigma_px = self.pixel_sigma().unwrap_or(self.sigma_px);
-        let factor = (sigma_px / self.sigma_px).powi(2);
         let (mut points, mut sightings) = (Vec::new(), Vec::new());
         for (moment, known) in self.moments.iter().zip(&self.known) {
             let (frame, label) = (moment.frame, moment.label);
@@ -270,7 +271,7 @@ impl<'a> Room<'a> {
             camera: camera.unwrap_or_else(|| guess.camera.clone()),
             status: status.clone(),
             prior: Some(OpticsPrior::of_guess(&guess.camera)),
-            covariance: covariance.map(|it| scaled(it, factor)),
+            covariance,
             clock: None,
         });
         let cameras = cameras.collect();
@@ -280,15 +281,4 @@ impl<'a> Room<'a> {
             Solved { cameras, points, sightings, steps: self.steps, links, fixed, asked, culprits: Vec::new() };
         (solved, sigma_px)
     }
-}
-
-/// The covariance with pixels whose variance is `factor` times what was taken for it.
-fn scaled(mut covariance: CameraCovariance, factor: f64) -> CameraCovariance {
-    covariance.pose *= factor;
-    covariance.centre *= factor;
-    let (root, optics) = (factor.sqrt(), &mut covariance.optics);
-    optics.focal *= root;
-    optics.aspect *= root;
-    optics.principal.iter_mut().chain(&mut optics.radial).chain(&mut optics.decentering).for_each(|it| *it *= root);
-    covariance
 }

@@ -14,6 +14,7 @@ use super::lengths::{TooFewFrames, WandLengths, frames, lengths};
 use super::solve::intersected;
 use crate::axes::transformed;
 use crate::solved::{FixedFreedoms, SightingRole, Solved, Step};
+use crate::stretches::stretches;
 
 /// A stick with a light at either end.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -136,7 +137,8 @@ pub fn readjust(
         .collect();
     let bundle = BundleRules { loss: rules.loss, covariance: true, ..BundleRules::default() };
     let optics: Vec<OpticsPrior> = members.iter().map(|it| solved.cameras[*it].known_optics()).collect();
-    let all_known = Known { lengths: known, optics: &optics };
+    let stretches = stretches(&solved.points.iter().map(|it| it.frame).collect::<Vec<_>>());
+    let all_known = Known { lengths: known, optics: &optics, stretches: &stretches };
     let found = adjust_knowing(&cameras, &freedoms, &points, &observations, &all_known, &bundle)?;
     let mut adjusted = solved.clone();
     for (slot, index) in members.iter().enumerate() {

@@ -12,6 +12,12 @@ pub struct Scene {
     /// By camera: own time = room time − offset.
     pub offsets_s: Vec<f64>,
     pub length_s: f64,
+    /// Pictures a second, camera by camera and then from the first again; one in four of the usual ones stamps unevenly.
+    pub rates_hz: &'static [f64],
+    /// Stamps are rounded to whole steps of so much [s]; 0: not at all.
+    pub rounded_s: f64,
+    /// Part of the pictures that are missing.
+    pub dropped: f64,
     pub sigma_px: f64,
     /// Part of the pictures that show something else.
     pub wrong: f64,
@@ -27,11 +33,25 @@ pub fn waved(time: f64) -> Point3<f64> {
     Point3::new(x, y, 1.2 + 0.4 * s(1.7, 0.9) + 0.25 * s(3.7, 2.2))
 }
 
+/// Rates of cameras that nobody chose.
+const USUAL_HZ: [f64; 4] = [30.0, 60.0, 50.0, 29.97];
+
 impl Scene {
     /// In which all goes well.
     pub fn new(offsets_s: &[f64]) -> Scene {
         let duty = vec![1.0; offsets_s.len()];
-        Scene { path: waved, offsets_s: offsets_s.to_vec(), length_s: 30.0, sigma_px: 0.5, wrong: 0.0, duty, seed: 1 }
+        Scene {
+            path: waved,
+            offsets_s: offsets_s.to_vec(),
+            length_s: 30.0,
+            rates_hz: &USUAL_HZ,
+            rounded_s: 0.0,
+            dropped: 0.0,
+            sigma_px: 0.5,
+            wrong: 0.0,
+            duty,
+            seed: 1,
+        }
     }
 
     /// The truth.
@@ -52,8 +72,9 @@ impl Scene {
         let cameras = self.cameras();
         for (index, camera) in cameras.iter().enumerate() {
             let mut draws = random.fork(&format!("camera {index}"));
-            let rate = [30.0, 60.0, 50.0, 29.97][index % 4];
-            let uneven = if index % 4 == 3 { 0.2 / rate } else { 0.0 };
+            let rate = self.rates_hz[index % self.rates_hz.len()];
+            let uneven = if self.rates_hz == USUAL_HZ && index % 4 == 3 { 0.2 / rate } else { 0.0 };
+            let mut missing = random.fork(&format!("missing {index}"));
             let start = draws.uniform_in(0.0, 1.0 / rate);
             for picture in 0..(self.length_s * rate) as usize {
                 let room_s = start + picture as f64 / rate + draws.uniform_in(-uneven, uneven);
@@ -63,7 +84,13 @@ impl Scene {
                 let anywhere = Point2::new(draws.uniform_in(0.0, 639.0), draws.uniform_in(0.0, 479.0));
                 let pixel = if wrong { Some(anywhere) } else { seen.map(|it| it + noise) };
                 let spot = |pixel| Spot { pixel, sigma_px: self.sigma_px, peak: 200.0, label: None };
-                let time_s = room_s - self.offsets_s[index];
+                let mut time_s = room_s - self.offsets_s[index];
+                if self.rounded_s > 0.0 {
+                    time_s = (time_s / self.rounded_s).round() * self.rounded_s;
+                }
+                if missing.uniform() < self.dropped {
+                    continue;
+                }
                 looks.push(Look { camera: index, time_s, spots: pixel.map(spot).into_iter().collect() });
             }
         }

@@ -2,9 +2,9 @@
 
 use std::fmt::Write;
 
-use foveate_calibration::clocks::{ClockStatus, PairFault};
+use foveate_calibration::clocks::ClockStatus;
 use foveate_calibration::recording::{Look, Recording};
-use foveate_calibration::room::{SolvedRoom, SynchronisedRoom, in_names, keep_distinct};
+use foveate_calibration::room::{NotSynchronised, SolvedRoom, SynchronisedRoom, in_names, keep_distinct};
 use foveate_calibration::solved::{FixedFreedoms, SightingRole, SolvedCamera};
 use foveate_calibration::words::{counted, signed};
 use foveate_estimation::statistics::Summary;
@@ -147,23 +147,19 @@ pub fn clocks(found: &SynchronisedRoom, recording: &Recording) -> Vec<String> {
 
 /// `status` with the names of the cameras it speaks of, and the flag that may help.
 fn clock_in_names(status: &ClockStatus, recording: &Recording) -> String {
-    let name = |camera: usize| recording.cameras.get(camera).map_or_else(|| camera.to_string(), |it| it.name.clone());
-    match status {
-        ClockStatus::NotTold { other, fault } => {
-            let further = match fault {
-                PairFault::NoOverlap { .. } | PairFault::Inconsistent { .. } => {
-                    "; if it is further off than --max-offset says, say more there"
-                }
-                _ => "",
-            };
-            format!("with {}: {fault}{further}", name(*other))
-        }
-        ClockStatus::Separate { group } => {
-            let group: Vec<String> = group.iter().map(|it| name(*it)).collect();
-            format!("no pair ties it to the larger group of cameras; its own is {}", group.join(", "))
-        }
-        ClockStatus::NoPose { status } => format!("its pose was not found: {}", in_names(status, recording)),
-        other => other.to_string(),
+    status.sentence(|it| recording.name(it)) + further(status)
+}
+
+/// What to say where clocks may be further apart than was tried.
+fn further(status: &ClockStatus) -> &'static str {
+    if status.may_be_further_off() { "; if it is further off than --max-offset says, say more there" } else { "" }
+}
+
+/// Why nothing was found by cameras that share no clock.
+pub fn not_synchronised(fault: &NotSynchronised, recording: &Recording) -> String {
+    match fault {
+        NotSynchronised::Clocks(fault) => fault.sentence(|it| recording.name(it), |status| further(status).to_owned()),
+        NotSynchronised::Room(fault) => fault.to_string(),
     }
 }
 

@@ -231,7 +231,10 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         }
         (true, None) if args.unsynchronised => {
             let found = room::unsynchronised_from_nothing(&captured.recording, &clock_rules, &rules);
-            let found = found.map_err(|fault| format!("error: {fault}{}", hint(args, &captured)))?;
+            let found = found.map_err(|fault| {
+                let reason = words::not_synchronised(&fault, &captured.recording);
+                format!("error: {reason}{}", hint(args, &captured))
+            })?;
             notes = words::clocks(&found, &captured.recording);
             Ok(found.room)
         }

@@ -8,13 +8,15 @@ use super::equations::Layout;
 use super::{CameraCovariance, Gauge, OpenParameters, gauge};
 use crate::camera::Camera;
 
-/// Of cameras in a scene that was moved to `centroid` and divided by `size`, and of the rows of the reduced system.
+/// Of cameras in a scene that was moved to `centroid` and divided by `size`, and of the rows of the reduced system. `correlated` makes of the
+/// inverse information the covariance of errors that are not independent.
 pub(super) fn of_cameras(
     layout: &Layout,
     cameras: &[Camera],
     information: &DMatrix<f64>,
     choice: Gauge,
     (centroid, size): (Vector3<f64>, f64),
+    correlated: impl FnOnce(DMatrix<f64>, usize) -> DMatrix<f64>,
 ) -> Result<(Vec<CameraCovariance>, DMatrix<f64>), OpenParameters> {
     let directions = gauge::directions(layout, cameras);
     let weight = information.diagonal().mean();
@@ -22,6 +24,7 @@ pub(super) fn of_cameras(
     gauge::add_directions(&mut held, &directions, weight);
     let mut covariance = invert_information(&held).map_err(|open| named(layout, &open))?;
     gauge::add_directions(&mut covariance, &directions, -1.0 / weight);
+    covariance = correlated(covariance, directions.ncols());
     if directions.ncols() == 7
         && let Some(constraints) = gauge::constraints(choice, &directions, layout, cameras)
     {

@@ -50,8 +50,9 @@ pub(super) struct Equations<const C: usize, const TIMED: bool> {
 pub(super) struct Reduced<const C: usize> {
     blocks: Vec<SMatrix<f64, C, C>>,
     gradients: Vec<SVector<f64, C>>,
-    inverses: Vec<Matrix3<f64>>,
-    coupled: Vec<Coupled>,
+    pub inverses: Vec<Matrix3<f64>>,
+    /// By known length.
+    pub coupled: Vec<Coupled>,
     pub information: DMatrix<f64>,
     pub gradient: DVector<f64>,
 }

@@ -57,6 +57,11 @@ impl Coupled {
         Coupled { inverse: whole.cholesky().map_or_else(Matrix6::zeros, |it| it.inverse()) }
     }
 
+    /// Of both points, one after the other.
+    pub(super) fn inverse(&self) -> &Matrix6<f64> {
+        &self.inverse
+    }
+
     /// The block that leads from the gradient of point `from` to the step of point `to`.
     pub(super) fn block(&self, to: usize, from: usize) -> Matrix3<f64> {
         self.inverse.fixed_view::<3, 3>(3 * to, 3 * from).into_owned()

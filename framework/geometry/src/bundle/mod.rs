@@ -18,6 +18,7 @@
 //! Inside, the scene is moved to its centroid and scaled to size 1, so that places of millions of metres keep their digits.
 
 mod columns;
+pub mod correlated;
 mod covariance;
 mod equations;
 mod gauge;
@@ -65,6 +66,10 @@ pub struct Known<'a> {
     pub lengths: &'a [KnownLength],
     /// By camera, or none at all; of what is held it says nothing.
     pub optics: &'a [OpticsPrior],
+    /// By point, or none at all: which stretch of time it is of, counted from 0; both points of a length are of one. Covariances then state what
+    /// residuals show: errors within a stretch may hang together, and each lens may have a smooth error that the model does not know. Without,
+    /// each pixel's error is taken for independent and as large as its σ.
+    pub stretches: &'a [usize],
 }
 
 /// How what pixels leave open is settled: where the origin is, how the axes lie, how long a metre is.
@@ -251,6 +256,14 @@ pub enum BundleFault {
         /// What should be.
         expected: &'static str,
     },
+    /// Stretches of time that are not one for each point.
+    #[error("stretches of time: {found}, expected {expected}")]
+    BadStretches {
+        /// What is there.
+        found: String,
+        /// What should be.
+        expected: &'static str,
+    },
     /// A rule that cannot be followed.
     #[error("{rule} is {found}, expected a finite number above 0")]
     BadRule {
@@ -292,6 +305,7 @@ pub fn adjust_knowing(
     check(cameras, freedoms.len(), points, observations, rules)?;
     check_lengths(points.len(), known.lengths)?;
     check_optics(cameras.len(), known.optics)?;
+    check_stretches(points.len(), known)?;
     // A width of the camera blocks that holds all that is free, of a few so that each gets code of its own.
     match freedoms.iter().map(Freedom::width).max().unwrap_or(0) {
         0..=6 => search::run::<6, false>(cameras, freedoms, points, observations, known, Timing::NONE, rules),
@@ -300,6 +314,16 @@ pub fn adjust_knowing(
         _ => search::run::<15, false>(cameras, freedoms, points, observations, known, Timing::NONE, rules),
     }
     .map(|it| it.0)
+}
+
+fn check_stretches(points: usize, known: &Known<'_>) -> Result<(), BundleFault> {
+    let stretches = known.stretches;
+    let is_one_each = stretches.is_empty() || stretches.len() == points;
+    // Numbers as large as that are no count.
+    let fine = is_one_each && stretches.iter().all(|it| *it <= points);
+    let found = || format!("{} of {points} points, up to number {:?}", stretches.len(), stretches.iter().max());
+    let expected = "none, or one for each point, numbered from 0";
+    fine.then_some(()).ok_or_else(|| BundleFault::BadStretches { found: found(), expected })
 }
 
 fn check_optics(cameras: usize, known: &[OpticsPrior]) -> Result<(), BundleFault> {

@@ -1,11 +1,13 @@
 //! Levenberg–Marquardt over cameras and points.
 
+use foveate_estimation::Loss;
 use foveate_estimation::least_squares::Stop;
 use foveate_estimation::statistics::median;
-use nalgebra::{DMatrix, Isometry3, Point3, SVector, Vector2, Vector3};
+use nalgebra::{DMatrix, Isometry3, Matrix6, Point3, SMatrix, SVector, Vector2, Vector3, Vector6};
 
 use super::columns::{CLOCK, N_NAMES};
-use super::equations::{Equations, Layout, Reduced};
+use super::correlated::{Correlated, Group, Linear, place};
+use super::equations::{Equations, Layout, Posed, Reduced};
 use super::lengths::Length;
 use super::timing::Timing;
 use super::{
@@ -167,7 +169,14 @@ pub(super) fn run<const C: usize, const TIMED: bool>(
     }
     let covariance = rules.covariance.then(|| {
         reduced.fill(&layout, &here, 0.0);
-        covariance::of_cameras(&layout, &cameras, &reduced.information, rules.gauge, (scale.centroid, scale.size))
+        let moved = (scale.centroid, scale.size);
+        let state = State { cameras: &cameras, clocks: &clocks, points: &points, loss: &rules.loss };
+        covariance::of_cameras(&layout, &cameras, &reduced.information, rules.gauge, moved, |inverse, directions| {
+            if known.stretches.is_empty() {
+                return inverse;
+            }
+            correlated(&layout, &here, &reduced, &state, known.stretches).covariance(&inverse, directions)
+        })
     });
     let (covariance, of_rows) = match covariance {
         Some(Ok((of_cameras, of_rows))) => (Some(Ok(of_cameras)), Some(of_rows)),
@@ -219,6 +228,69 @@ pub(super) fn run<const C: usize, const TIMED: bool>(
     adjusted.rms_px = (used.iter().sum::<f64>() / used.len().max(1) as f64).sqrt();
     let rows = layout.rows.iter().map(|it| [it[CLOCK], it[CLOCK + 1]]).collect();
     Ok((adjusted, FoundClocks { clocks, rows, covariance: of_rows }))
+}
+
+/// Where an adjustment ended.
+struct State<'a> {
+    cameras: &'a [Camera],
+    clocks: &'a [[f64; 2]],
+    points: &'a [Point3<f64>],
+    loss: &'a Loss,
+}
+
+/// All observations at a state that `equations` and `reduced`, without damping, are of. `stretches`: by point.
+fn correlated<const C: usize, const TIMED: bool>(
+    layout: &Layout,
+    equations: &Equations<C, TIMED>,
+    reduced: &Reduced<C>,
+    state: &State<'_>,
+    stretches: &[usize],
+) -> Correlated<C> {
+    let posed: Vec<Posed<'_>> = state.cameras.iter().map(Posed::new).collect();
+    let linear = |at: usize, side: usize, point: usize| -> Option<Linear<C>> {
+        let observation = &layout.observations[at];
+        let camera = observation.camera;
+        let (seen, mut by_camera, by_point) = posed[camera].linearise::<C, TIMED>(&state.points[point])?;
+        let mut error = seen - observation.pixel.coords;
+        if TIMED {
+            let (velocity, time_s) = layout.motions[at];
+            let [offset, drift] = state.clocks[camera];
+            error -= velocity * (offset + drift * time_s);
+            by_camera.set_column(C - 2, &-velocity);
+            by_camera.set_column(C - 1, &(velocity * -time_s));
+        }
+        let per_variance = observation.sigma_px.powi(-2);
+        let weight = state.loss.at(error.norm_squared() * per_variance).1 * per_variance;
+        let mut by_unknown = SMatrix::<f64, 2, 6>::zeros();
+        by_unknown.fixed_columns_mut::<3>(3 * side).copy_from(&by_point);
+        let place = place(&observation.pixel, state.cameras[camera].image_size);
+        Some(Linear { camera, weight, by_camera, by_unknown, error, place })
+    };
+    let of_point = |point: usize, side: usize| -> Vec<Linear<C>> {
+        layout.of_point[point].clone().filter_map(|at| linear(at, side, point)).collect()
+    };
+    let mut groups = Vec::new();
+    for point in (0..layout.of_point.len()).filter(|it| !layout.of_point[*it].is_empty() && !layout.coupled[*it]) {
+        let (mut inverse, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
+        inverse.fixed_view_mut::<3, 3>(0, 0).copy_from(&reduced.inverses[point]);
+        gradient.fixed_rows_mut::<3>(0).copy_from(&equations.gradient_of_point[point]);
+        groups.push(Group { stretch: stretches[point], seen: of_point(point, 0), inverse, gradient });
+    }
+    for (length, coupled) in layout.lengths.iter().zip(&reduced.coupled) {
+        let [a, b] = length.points;
+        let mut seen = of_point(a, 0);
+        seen.extend(of_point(b, 1));
+        let mut gradient = Vector6::zeros();
+        gradient.fixed_rows_mut::<3>(0).copy_from(&equations.gradient_of_point[a]);
+        gradient.fixed_rows_mut::<3>(3).copy_from(&equations.gradient_of_point[b]);
+        groups.push(Group { stretch: stretches[a], seen, inverse: *coupled.inverse(), gradient });
+    }
+    let rows = layout.rows.iter().map(|rows| std::array::from_fn(|column| rows[layout.names[column]]));
+    let known = layout.known_optics.iter().zip(&layout.rows).flat_map(|(known, rows)| {
+        let each = known.sigma.columns().into_iter().enumerate();
+        each.filter_map(|(optic, sigma)| Some((rows[6 + optic]?, sigma)).filter(|it| it.1.is_finite()))
+    });
+    Correlated { groups, rows: rows.collect(), dimension: layout.dimension, known: known.collect() }
 }
 
 /// Moves the whole scene so that the pose of `reference`, and if `rescale` its distance to `other`, are those of the `given` cameras.

@@ -8,7 +8,7 @@
 use nalgebra::{DMatrix, Point3, Vector2};
 
 use super::search::{self, FoundClocks};
-use super::{Adjusted, BundleFault, BundleRules, Freedom, Known, Observation, check};
+use super::{Adjusted, BundleFault, BundleRules, Freedom, Known, Observation, check, check_stretches};
 use crate::camera::Camera;
 
 /// What of a camera's clock is adjusted.
@@ -116,7 +116,7 @@ pub struct AdjustedWithClocks {
     pub clocks: Vec<ClockShift>,
 }
 
-/// As [`super::adjust`], with clocks adjusted as well.
+/// As [`super::adjust`], with clocks adjusted as well; `stretches` as in [`Known::stretches`].
 ///
 /// # Errors
 /// See [`BundleFault`].
@@ -126,9 +126,12 @@ pub fn adjust_with_clocks(
     points: &[Point3<f64>],
     observations: &[Observation],
     timing: &Timing<'_>,
+    stretches: &[usize],
     rules: &BundleRules,
 ) -> Result<AdjustedWithClocks, BundleFault> {
+    let known = Known { stretches, ..Known::default() };
     check(cameras, freedoms.len(), points, observations, rules)?;
+    check_stretches(points.len(), &known)?;
     timing.check(cameras.len(), observations.len())?;
     // In the mean's gauge the first free clock is held, and the shifts are moved to their mean afterwards.
     let mut free = timing.free.to_vec();
@@ -144,8 +147,8 @@ pub fn adjust_with_clocks(
     }
     let rest = Timing { free: &free, ..*timing };
     let (adjusted, found) = match freedoms.iter().map(Freedom::width).max().unwrap_or(0) {
-        0..=7 => search::run::<9, true>(cameras, freedoms, points, observations, &Known::default(), rest, rules),
-        _ => search::run::<17, true>(cameras, freedoms, points, observations, &Known::default(), rest, rules),
+        0..=7 => search::run::<9, true>(cameras, freedoms, points, observations, &known, rest, rules),
+        _ => search::run::<17, true>(cameras, freedoms, points, observations, &known, rest, rules),
     }?;
     let [offsets, drifts] = [0, 1].map(|kind| {
         let with_row = (0..free.len()).filter(|it| found.rows[*it][kind].is_some());

@@ -62,46 +62,51 @@ pub enum CameraStatus {
     },
 }
 
-impl std::fmt::Display for CameraStatus {
-    fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+impl CameraStatus {
+    /// What became of it, the cameras that it speaks of by `name`.
+    pub fn sentence(&self, name: impl Fn(usize) -> String) -> String {
         match self {
-            CameraStatus::Calibrated => write!(to, "calibrated"),
+            CameraStatus::Calibrated => "calibrated".to_owned(),
             CameraStatus::TooFewSightings { frames, needed } => {
-                write!(to, "saw the light in {frames} frames, expected at least {needed}")
+                format!("saw the light in {frames} frames, expected at least {needed}")
             }
             CameraStatus::LightStill { spread_px } => {
-                write!(to, "the light stays in place or on a line: {spread_px:.2} px across it")
+                format!("the light stays in place or on a line: {spread_px:.2} px across it")
             }
             CameraStatus::NoPartner { best: Some(best), common, needed } => {
-                write!(
-                    to,
-                    "shares {common} frames with camera {best} and fewer with others, expected at least {needed}"
-                )
+                format!("shares {common} frames with {} and fewer with others, expected at least {needed}", name(*best))
             }
-            CameraStatus::NoPartner { best: None, .. } => write!(to, "shares no frame with another camera"),
+            CameraStatus::NoPartner { best: None, .. } => "shares no frame with another camera".to_owned(),
             CameraStatus::Inconsistent { common: 0, .. } => {
-                write!(to, "never saw the light where two of the other cameras saw it too")
+                "never saw the light where two of the other cameras saw it too".to_owned()
             }
             CameraStatus::Inconsistent { best, common, right } => {
-                write!(to, "no pose explains its pixels: with camera {best}, {right} of {common} common frames fit")
+                format!("no pose explains its pixels: with {}, {right} of {common} common frames fit", name(*best))
             }
             CameraStatus::NoDepth { best } => {
-                write!(to, "stands where camera {best} stands, or the light is too far away")
+                format!("stands where {} stands, or the light is too far away", name(*best))
             }
             CameraStatus::Separate { group } => {
-                write!(to, "shares too few frames with the larger group; its own is {group:?}")
+                let group: Vec<String> = group.iter().map(|it| name(*it)).collect();
+                format!("shares too few frames with the larger group of cameras; its own is {}", group.join(", "))
             }
             CameraStatus::ClockOpen { best: Some(best) } => {
-                write!(to, "its clock could not be found, nearest beside that of camera {best}")
+                format!("its clock could not be found, nearest beside that of {}", name(*best))
             }
-            CameraStatus::ClockOpen { best: None } => write!(to, "its clock could not be found"),
+            CameraStatus::ClockOpen { best: None } => "its clock could not be found".to_owned(),
             CameraStatus::FocalOpen { sigma } if sigma.is_infinite() => {
-                write!(to, "nothing tells its focal length: too little depth, or a flat path")
+                "nothing tells its focal length: too little depth, or a flat path".to_owned()
             }
             CameraStatus::FocalOpen { sigma } => {
-                write!(to, "its focal length is known to {:.1} % only: too little depth, or a flat path", 100.0 * sigma)
+                format!("its focal length is known to {:.1} % only: too little depth, or a flat path", 100.0 * sigma)
             }
         }
+    }
+}
+
+impl std::fmt::Display for CameraStatus {
+    fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        to.write_str(&self.sentence(|it| format!("camera {it}")))
     }
 }
 
@@ -201,4 +206,22 @@ pub enum SelfCalibrationFault {
         /// By camera.
         status: Vec<CameraStatus>,
     },
+}
+
+impl SelfCalibrationFault {
+    /// Why, the cameras that it speaks of by `name`.
+    pub fn sentence(&self, name: impl Fn(usize) -> String) -> String {
+        match self {
+            SelfCalibrationFault::BadCamera { camera, fault } => format!("{}: {fault}", name(*camera)),
+            SelfCalibrationFault::SeenTwice { camera, frame } => {
+                format!("{} sees the light twice in frame {frame}, expected once at most", name(*camera))
+            }
+            SelfCalibrationFault::NothingCalibrated { status } => {
+                let each =
+                    status.iter().enumerate().map(|(camera, it)| format!("{}: {}", name(camera), it.sentence(&name)));
+                format!("no two cameras could be calibrated: {}", each.collect::<Vec<_>>().join("; "))
+            }
+            other => other.to_string(),
+        }
+    }
 }

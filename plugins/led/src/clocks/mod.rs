@@ -50,7 +50,7 @@ pub struct ClocksSettings {
     /// The best offset of two cameras must exceed chance by this much more than any other, or it is not believed [–]
     #[schemars(range(min = 1.0, max = 100.0))]
     pub min_distinction: f64,
-    /// Between sights further apart the target's path is not known [ms]
+    /// Between sights further apart the target's path is not known; of a slower camera, one and a half of its periods [ms]
     #[schemars(range(min = 1.0, max = 10000.0))]
     pub max_gap_ms: f64,
     /// A line of sight that turns faster from one picture to the next has a wrong detection at one of its ends and is not used [deg/s]
@@ -180,6 +180,7 @@ impl Node for ClocksNode {
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        self.sights.iter_mut().for_each(Sights::follow_period);
         let mut links = Vec::new();
         for a in 0..self.sights.len() {
             for b in a + 1..self.sights.len() {

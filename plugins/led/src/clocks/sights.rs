@@ -18,7 +18,7 @@ pub struct Sights {
     pub centre: Point3<f64>,
     /// Ascending by time.
     list: Vec<Sight>,
-    /// Between sights further apart the target is not known [s].
+    /// Between sights further apart the target is not known; see [`Sights::follow_period`] [s].
     max_gap_s: f64,
     /// A line of sight that turns faster between two sights has a wrong one among them [1/s].
     max_turn: f64,
@@ -35,6 +35,16 @@ impl Sights {
         if self.list.last().is_none_or(|it| it.time_s < sight.time_s) {
             self.list.push(sight);
         }
+    }
+
+    /// Once all sights are there: of a camera with less than one picture in the gap that was allowed, neighbouring pictures are bridged all
+    /// the same.
+    pub fn follow_period(&mut self) {
+        let mut gaps: Vec<f64> = self.list.windows(2).map(|it| it[1].time_s - it[0].time_s).collect();
+        gaps.sort_by(f64::total_cmp);
+        // Pictures without the target make most gaps several periods long; a tenth of them is not.
+        let period_s = gaps.get(gaps.len() / 10).copied().unwrap_or(0.0);
+        self.max_gap_s = self.max_gap_s.max(NEIGHBOUR_PERIODS * period_s);
     }
 
     /// All of them, ascending by time.
@@ -80,6 +90,9 @@ pub(super) fn miss(baseline: &Vector3<f64>, a: &Vector3<f64>, b: &Vector3<f64>) 
     (across_a.norm_squared() > ALONG && across_b.norm_squared() > ALONG).then(|| (across_a.dot(b) / scale, 1.0 / scale))
 }
 
+/// Sights this many periods apart are neighbours, however slow the camera [–].
+const NEIGHBOUR_PERIODS: f64 = 1.5;
+
 /// Square of the sine of the angle to the baseline below which a line of sight says nothing: 3°.
 const ALONG: f64 = 2.7e-3;
 
@@ -104,6 +117,17 @@ mod tests {
         let grid = sights.resampled(0.05, 0.2);
         assert_eq!(grid.len(), 11);
         assert!(grid[0].is_some() && grid[3].is_none() && grid[10].is_some());
+    }
+
+    #[test]
+    fn neighbours_of_a_slow_camera_are_bridged_whatever_its_rate() {
+        // Three and a third pictures a second: gaps of 0.3 s to the last digit, or one more.
+        let mut sights = Sights::new(Point3::origin(), 0.3, 1.0);
+        (0..40).for_each(|it| sights.push(sight(f64::from(it) * 0.3, 0.01 * f64::from(it))));
+        sights.push(sight(14.0, 0.5));
+        sights.follow_period();
+        assert!((0..38).all(|it| sights.at(f64::from(it) * 0.3 + 0.15).is_some()));
+        assert_eq!(sights.at(13.0), None);
     }
 
     #[test]

@@ -39,7 +39,7 @@ fn adjusted(room: &Room, free: &[ClockFreedom], gauge: ClockGauge, freedom: Free
     let timing = Timing { velocities: &room.velocities, times_s: &room.times_s, free, gauge };
     let rules = BundleRules { covariance: true, relative_gain: 1e-12, ..BundleRules::default() };
     let freedoms = vec![freedom; room.cameras.len()];
-    adjust_with_clocks(&room.cameras, &freedoms, &room.points, &room.observations, &timing, &rules).unwrap()
+    adjust_with_clocks(&room.cameras, &freedoms, &room.points, &room.observations, &timing, &[], &rules).unwrap()
 }
 
 fn free_but(reference: usize, n: usize, freedom: ClockFreedom) -> Vec<ClockFreedom> {
@@ -181,7 +181,7 @@ fn bad_timing_is_refused_by_place() {
     let fault = |timing: Timing<'_>| {
         let rules = BundleRules { gauge: Gauge::Inner, ..BundleRules::default() };
         let freedoms = [Freedom::POSE; 3];
-        adjust_with_clocks(&room.cameras, &freedoms, &room.points, &room.observations, &timing, &rules)
+        adjust_with_clocks(&room.cameras, &freedoms, &room.points, &room.observations, &timing, &[], &rules)
             .unwrap_err()
             .to_string()
     };
