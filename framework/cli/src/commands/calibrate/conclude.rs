@@ -17,7 +17,7 @@ use crate::calibrate::boards;
 use crate::calibrate::capture::{self, Captured};
 use crate::calibrate::{figures, words};
 use crate::output::say;
-use crate::{exit, results};
+use crate::{exit, interrupt, results};
 
 /// What is told beside the room itself.
 #[derive(Debug, Default)]
@@ -81,7 +81,10 @@ pub(super) fn conclude(
     figures.insert("verdict".to_owned(), f64::from(checks.verdict.level as u8));
     figures.extend(more.figures.clone());
     let figures: Map<String, Value> = figures.into_iter().map(|(name, value)| (name, results::number(value))).collect();
-    write(&folder.join("summary.json"), &format!("{:#}\n", Value::Object(figures)))?;
+    write(
+        &folder.join("summary.json"),
+        &format!("{:#}\n", Value::Object(interrupt::told(figures, interrupt::caught().is_some()))),
+    )?;
     write(&folder.join("verdict.txt"), &more.told(&checks.to_string()))?;
     let mut files = vec!["calibration.toml", "summary.json", "verdict.txt", capture::SIGHTINGS];
     if args.report {
