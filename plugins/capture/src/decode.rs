@@ -278,10 +278,23 @@ pub(crate) mod tests {
 
     #[test]
     fn claimed_size_is_refused_before_memory_is_taken() {
-        let mut bomb = png(&[0; 4], 2, 2, ExtendedColorType::L8);
-        bomb[16..20].copy_from_slice(&60_000_u32.to_be_bytes());
-        bomb[20..24].copy_from_slice(&60_000_u32.to_be_bytes());
-        assert!(decode(&bomb, Format::Gray, None).is_err());
+        // The check sum of a PNG's header, ISO/IEC 15948 annex D.
+        let crc = |bytes: &[u8]| {
+            !bytes.iter().fold(u32::MAX, |crc, byte| {
+                (0..8).fold(crc ^ u32::from(*byte), |it, _| if it & 1 == 1 { 0xEDB8_8320 ^ (it >> 1) } else { it >> 1 })
+            })
+        };
+        let claims = |size: u32| {
+            let mut bomb = png(&[0; 4], 2, 2, ExtendedColorType::L8);
+            bomb[16..20].copy_from_slice(&size.to_be_bytes());
+            bomb[20..24].copy_from_slice(&size.to_be_bytes());
+            let sum = crc(&bomb[12..29]);
+            bomb[29..33].copy_from_slice(&sum.to_be_bytes());
+            decode(&bomb, Format::Gray, None).unwrap_err()
+        };
+        let refused = claims(65_535);
+        assert!(refused.contains("65535 x 65535 px, expected 1 to 16384 px each way"), "{refused}");
+        assert!(!claims(3).contains("16384"), "a header in order, and too little after it");
     }
 
     #[test]
