@@ -94,3 +94,24 @@ fn a_head_on_a_terminal_says_where_it_is() {
     let path = line.split_once("EVI-D30 at ").and_then(|it| it.1.split_once(',')).unwrap().0;
     assert!(path.starts_with("/dev/") && std::path::Path::new(path).exists(), "{line}");
 }
+
+#[test]
+fn a_head_answers_where_it_is_bound_and_nowhere_twice() {
+    let (_head, line) = start(&["--bind", "127.0.0.2", "--udp", "0"]);
+    let address = line.split_once("UDP ").and_then(|it| it.1.split_once(',')).unwrap().0.to_owned();
+    let port = address.strip_prefix("127.0.0.2:").unwrap_or_else(|| panic!("{line}"));
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    socket.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+    socket.send_to(&[0x01, 0x10, 0, 5, 0, 0, 0, 9, 0x81, 0x09, 0x04, 0x00, 0xFF], &address).unwrap();
+    let mut buffer = [0; 64];
+    let length = socket.recv(&mut buffer).unwrap();
+    assert_eq!(buffer[..length], [0x01, 0x11, 0, 4, 0, 0, 0, 9, 0x90, 0x50, 0x02, 0xFF]);
+
+    let at = std::path::Path::new(".");
+    let (code, _, complaint) = foveate(at, &["sim", "head", "--bind", "127.0.0.2", "--udp", port]);
+    assert_eq!(code, 2);
+    assert!(complaint.contains(&format!("UDP {address}: ")), "{complaint}");
+    let (code, _, complaint) = foveate(at, &["sim", "head", "--bind", "127.0.0.2:7000"]);
+    assert_eq!(code, 2);
+    assert!(complaint.contains("expected an address of this host"), "{complaint}");
+}

@@ -33,7 +33,7 @@ pub struct Cli {
 }
 
 const EXIT_CODES: &str = "Exit codes: 0 done · 2 the rig or its input is at fault · 3 a requirement marked `must` was not met, or a calibration is to be done again \
-                          · 70 the program is at fault";
+                          · 70 the program is at fault · 129, 130, 143 ended by SIGHUP, SIGINT (Ctrl-C), SIGTERM, with all results written";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -109,7 +109,7 @@ pub struct RunArgs {
     /// Worker threads of a live run [default: one for each core and one for what joins cameras]
     #[arg(long, value_name = "N", requires = "live", value_parser = clap::value_parser!(u16).range(1..=256))]
     workers: Option<u16>,
-    /// Show no progress
+    /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
 }
@@ -180,18 +180,19 @@ fn devices() -> u8 {
 
 /// Loads a rig and prints its warnings, or prints all its faults.
 fn load(path: &Path, overrides: &Overrides) -> Result<Graph, u8> {
-    match rig::load_file(path, &registry(), overrides) {
-        Ok(graph) => {
-            if !graph.warnings.list.is_empty() {
-                eprint!("{}", graph.warnings.render(wants_color()));
-            }
-            Ok(graph)
-        }
-        Err(faults) => {
-            eprint!("{}", faults.render(wants_color()));
-            Err(exit::INPUT)
-        }
+    let graph = load_quietly(path, overrides)?;
+    if !graph.warnings.list.is_empty() {
+        eprint!("{}", graph.warnings.render(wants_color()));
     }
+    Ok(graph)
+}
+
+/// Loads a rig, or prints all its faults.
+fn load_quietly(path: &Path, overrides: &Overrides) -> Result<Graph, u8> {
+    rig::load_file(path, &registry(), overrides).map_err(|faults| {
+        eprint!("{}", faults.render(wants_color()));
+        exit::INPUT
+    })
 }
 
 /// A length of time on the command line.

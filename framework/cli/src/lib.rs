@@ -1,5 +1,14 @@
 //! The `foveate` program: the only room that knows all the others and the built-in plugins.
 
+/// As that of the standard library, but for a standard error that is gone (a closed terminal, a pipe that nobody reads): no reason to fail.
+macro_rules! eprintln {
+    ($($words:tt)*) => { $crate::output::tell(format_args!("{}\n", format_args!($($words)*))) };
+}
+/// See `eprintln` here.
+macro_rules! eprint {
+    ($($words:tt)*) => { $crate::output::tell(format_args!($($words)*)) };
+}
+
 pub mod calibrate;
 pub mod commands;
 mod interrupt;
@@ -37,4 +46,5 @@ pub mod exit {
     pub const REDO: u8 = 3;
     /// This program is at fault.
     pub const PROGRAM: u8 = 70;
+    // A run that a signal ended: 128 and the signal's number, see `interrupt`.
 }

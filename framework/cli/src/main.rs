@@ -18,9 +18,9 @@ fn main() -> ExitCode {
         Err(payload) => {
             let text = payload.downcast_ref::<&str>().copied();
             let text = text.or_else(|| payload.downcast_ref::<String>().map(String::as_str)).unwrap_or("no text");
-            eprintln!(
-                "error: foveate itself failed: {text}\nThis is a defect of the program, not of your rig; please report it with the rig file."
-            );
+            output::tell(format_args!(
+                "error: foveate itself failed: {text}\nThis is a defect of the program, not of your rig; please report it with the rig file.\n"
+            ));
             ExitCode::from(exit::PROGRAM)
         }
     }

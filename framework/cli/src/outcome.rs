@@ -1,5 +1,9 @@
 //! What a person reads at the end of a run, and the exit code.
 
+mod figures;
+
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -9,7 +13,7 @@ use foveate_dataflow::run::{Outcome, Unmet};
 
 use crate::exit;
 
-/// Figures, gaps and failures shown at most; the rest is in the files.
+/// Failures shown at most; the rest is in the files.
 const SHOWN: usize = 40;
 /// Kinds of gaps shown of each node at most.
 const GAPS_SHOWN: usize = 3;
@@ -26,27 +30,13 @@ pub fn describe(graph: &Graph, outcome: &Outcome, folder: &Path) -> String {
     let (session, wall) = (outcome.ended.as_s(), outcome.wall.as_secs_f64());
     let ended = if outcome.interrupted { "stopped by you after" } else { "done:" };
     line(&format!("{ended} {session:.2} s of motion in {wall:.2} s ({:.1}× real time)", session / wall.max(1e-9)));
-    // What is said of each camera, the same figure of a second node, and a node's own bookkeeping are for the file.
-    let is_for_the_file = |name: &str| {
-        let last = name.rsplit('.').next().unwrap_or(name);
-        let kept_by_a_node = graph.instances.iter().any(|it| {
-            let short = it.node_type.name.rsplit('.').next().unwrap_or(it.node_type.name);
-            name.strip_prefix(short).is_some_and(|rest| rest.starts_with('.'))
-        });
-        name.contains('[') || kept_by_a_node || graph.calibration.index_of(last).is_some()
-    };
-    let mut figures: Vec<_> = outcome.report.figures.iter().filter(|(name, _)| !is_for_the_file(name)).collect();
-    // What is of the whole run comes before what is of one camera or head.
-    figures.sort_by_key(|(name, _)| name.split('.').any(|it| graph.calibration.index_of(it).is_some()));
-    let width = figures.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
-    for (name, value) in figures.iter().take(SHOWN) {
-        line(&format!("  {name:width$}  {}", short(**value)));
+    let (table, n_left_out) = figures::table(graph, outcome);
+    table.iter().for_each(|it| line(it));
+    if n_left_out > 0 {
+        line(&format!("  … and {n_left_out} more in summary.json"));
     }
-    if figures.len() > SHOWN {
-        line(&format!("  … and {} more in summary.json", figures.len() - SHOWN));
-    }
-    for remark in &outcome.report.remarks {
-        line(&format!("note: {remark}"));
+    for (remark, others) in alike(&outcome.report.remarks, |it| kind(graph, it)) {
+        line(&format!("note: {remark}{}", and_more(others)));
     }
     lost(outcome, ", in events.csv").iter().for_each(|it| line(it));
     for (unmet, others) in unmet_by_node(outcome).iter().take(SHOWN) {
@@ -64,23 +54,85 @@ pub fn describe(graph: &Graph, outcome: &Outcome, folder: &Path) -> String {
     text
 }
 
+/// What went wrong, a line each, for who wants to read nothing else: failures of nodes, and promises marked `must` that were not kept.
+pub fn failures(outcome: &Outcome) -> Vec<String> {
+    let faults = outcome.faults.iter().map(|it| {
+        let (place, count) = (&it.instance, times(it.count));
+        format!("error: {place} at {}{count}: {} ({})", it.time, it.message, it.action)
+    });
+    let unmet = unmet_by_node(outcome).into_iter().filter(|it| it.0.must);
+    let unmet = unmet.map(|(it, others)| {
+        let more = if others == 0 { String::new() } else { format!("; and {others} like it") };
+        format!("error: requirement not met (must): {}: {}{more}", it.edge, it.what)
+    });
+    faults.chain(unmet).map(|it| harmless(&it)).collect()
+}
+
 /// Gaps and failures, a line each; `elsewhere` says where those are that are too many.
 pub fn lost(outcome: &Outcome, elsewhere: &str) -> Vec<String> {
     let mut lines = Vec::new();
-    for gaps in outcome.gaps.chunk_by(|a, b| a.instance == b.instance) {
-        for gap in gaps.iter().take(GAPS_SHOWN) {
-            lines.push(format!("gap: {} at {}{}: {}", gap.instance, gap.time, times(gap.count), gap.reason));
-        }
-        if gaps.len() > GAPS_SHOWN {
-            let count: u64 = gaps[GAPS_SHOWN..].iter().map(|it| it.count).sum();
-            lines.push(format!("gap: {}: {count} more{elsewhere}", gaps[0].instance));
+    // The same words of several nodes are one line.
+    let mut shown: BTreeMap<&str, usize> = BTreeMap::new();
+    for (gap, others) in alike(&outcome.gaps, |it| (without_cameras(&it.instance), it.reason.clone())) {
+        let of_node = shown.entry(gap.instance.as_str()).or_default();
+        *of_node += 1;
+        if *of_node <= GAPS_SHOWN {
+            let more = if others == 0 { String::new() } else { format!(" (and the same of {others} more cameras)") };
+            lines.push(format!("gap: {} at {}{}: {}{more}", gap.instance, gap.time, times(gap.count), gap.reason));
         }
     }
+    let hidden = shown.iter().filter(|it| *it.1 > GAPS_SHOWN);
+    lines.extend(hidden.map(|(node, kinds)| format!("gap: {node}: {} more kinds{elsewhere}", kinds - GAPS_SHOWN)));
     for fault in outcome.faults.iter().take(SHOWN) {
         let (place, count) = (&fault.instance, times(fault.count));
         lines.push(format!("fault: {place} at {}{count}: {} ({})", fault.time, fault.message, fault.action));
     }
     lines
+}
+
+/// The first of each kind, in their order, and how many more there are of it.
+fn alike<T, K: Ord>(list: &[T], kind: impl Fn(&T) -> K) -> Vec<(&T, usize)> {
+    let mut place: BTreeMap<K, usize> = BTreeMap::new();
+    let mut first: Vec<(&T, usize)> = Vec::new();
+    for it in list {
+        match place.entry(kind(it)) {
+            Entry::Occupied(known) => first[*known.get()].1 += 1,
+            Entry::Vacant(new) => {
+                new.insert(first.len());
+                first.push((it, 0));
+            }
+        }
+    }
+    first
+}
+
+/// A note without what differs from camera to camera: its name, and numbers.
+fn kind(graph: &Graph, remark: &str) -> String {
+    let is_word = |it: char| it.is_alphanumeric() || matches!(it, '-' | '_' | '.');
+    let mut text = String::new();
+    let mut word = String::new();
+    for c in remark.chars().chain([' ']) {
+        if is_word(c) {
+            word.push(c);
+            continue;
+        }
+        let is_camera = graph.calibration.index_of(word.trim_end_matches('.')).is_some();
+        if is_camera {
+            text.push('*');
+        } else {
+            text.extend(word.chars().map(|it| if it.is_ascii_digit() { '#' } else { it }));
+        }
+        word.clear();
+        text.push(c);
+    }
+    while text.contains("##") || text.contains("#.#") {
+        text = text.replace("#.#", "#").replace("##", "#");
+    }
+    text
+}
+
+fn and_more(others: usize) -> String {
+    if others == 0 { String::new() } else { format!(" (and {others} more like it, in events.csv)") }
 }
 
 /// Words out of a broken file must not steer the terminal.
@@ -112,16 +164,6 @@ fn times(count: u64) -> String {
     if count == 1 { String::new() } else { format!(" ({count} times)") }
 }
 
-fn short(value: f64) -> String {
-    if !value.is_finite() {
-        "–".to_owned()
-    } else if value.fract() == 0.0 && value.abs() < 1e9 {
-        format!("{value}")
-    } else {
-        format!("{value:.4}")
-    }
-}
-
 /// The exit code that the run earned.
 pub fn exit_code(outcome: &Outcome) -> u8 {
     match outcome.blame() {
@@ -135,6 +177,13 @@ pub fn exit_code(outcome: &Outcome) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_differs_in_the_camera_is_said_once() {
+        let list = ["a 1", "b", "a 2", "a 3"];
+        assert_eq!(alike(&list, |it| it.chars().next()), [(&"a 1", 2), (&"b", 0)]);
+        assert_eq!(and_more(0), "");
+    }
 
     #[test]
     fn edges_that_differ_in_the_camera_are_of_one_kind() {

@@ -18,6 +18,11 @@ pub fn say(text: &str) {
     }
 }
 
+/// Writes to standard error; where that is gone nobody can be told.
+pub fn tell(words: std::fmt::Arguments<'_>) {
+    drop(std::io::stderr().lock().write_fmt(words));
+}
+
 /// Whether something that was to be said on standard output is lost.
 pub fn failed() -> bool {
     FAILED.load(Ordering::Relaxed)

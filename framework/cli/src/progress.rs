@@ -1,6 +1,6 @@
 //! The line that shows where a run is: time, rates, targets, unmet requirements.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{IsTerminal, Write};
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread::{self, JoinHandle};
@@ -8,18 +8,21 @@ use std::time::{Duration, Instant};
 
 use foveate_dataflow::graph::Graph;
 use foveate_dataflow::run::Progress;
+use foveate_messages::CameraId;
 
 /// Where nobody watches a terminal, one line in so long.
 const PLAIN_PERIOD: Duration = Duration::from_secs(5);
 
-/// A head that was not heard for so long is said to be away [s].
+/// A head or a camera that was not heard for so long is said to be away [s].
 const QUIET_S: f64 = 2.0;
 
 /// Shows progress on standard error: one line that is rewritten on a terminal, a line now and then elsewhere.
 pub struct Line {
     duration_s: Option<f64>,
-    /// By edge: what its rate adds to, if anything.
+    /// By edge: what it tells.
     kinds: Vec<Kind>,
+    /// How many cameras the sources of the rig serve.
+    n_cameras: usize,
     /// By edge: how many messages there were, and the session time at which that had grown last [s].
     heard: Vec<(u64, f64)>,
     is_terminal: bool,
@@ -27,9 +30,16 @@ pub struct Line {
     shown: bool,
 }
 
+/// A camera, or a source that serves none by itself (a table of detections of several cameras).
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Eye {
+    Camera(CameraId),
+    Source(usize),
+}
+
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
-    Images,
+    Seen(Eye),
     Targets,
     Heads,
     Other,
@@ -51,14 +61,21 @@ impl Line {
                 return Kind::Other;
             }
             match (producer.ports.outputs[edge.from.1].message.name, producer.role) {
-                ("image" | "features", foveate_dataflow::Role::Source) => Kind::Images,
+                ("image" | "features", foveate_dataflow::Role::Source) => {
+                    let camera = graph.instances[edge.from.0].camera;
+                    Kind::Seen(camera.map_or(Eye::Source(edge.from.0), Eye::Camera))
+                }
                 ("targets", foveate_dataflow::Role::Integrator) => Kind::Targets,
                 _ => Kind::Other,
             }
         });
+        let kinds: Vec<Kind> = kinds.collect();
+        let eyes: BTreeSet<Eye> =
+            kinds.iter().filter_map(|it| if let Kind::Seen(eye) = it { Some(*eye) } else { None }).collect();
         Self {
             duration_s: graph.duration.map(|it| it.as_s()),
-            kinds: kinds.collect(),
+            kinds,
+            n_cameras: eyes.len(),
             heard: vec![(0, 0.0); graph.edges.len()],
             is_terminal: std::io::stderr().is_terminal(),
             last_plain: Instant::now(),
@@ -88,26 +105,31 @@ impl Line {
 
     fn text(&mut self, progress: &Progress) -> String {
         let now = progress.now.as_s();
-        let (mut images, mut cameras, mut targets, mut unmet) = (0.0, 0, None, 0);
+        let (mut targets, mut unmet) = (None, 0);
         let (mut heads, mut away) = (0, 0);
+        // Several edges may carry the pictures of one camera: they count once.
+        let mut rates: BTreeMap<Eye, f64> = BTreeMap::new();
         for ((kind, edge), heard) in self.kinds.iter().zip(&progress.edges).zip(&mut self.heard) {
             unmet += usize::from(edge.unmet);
+            if matches!(kind, Kind::Seen(_) | Kind::Heads) && edge.delivered != heard.0 {
+                *heard = (edge.delivered, now);
+            }
             match kind {
-                Kind::Images => {
-                    images += edge.rate_hz.unwrap_or(0.0);
-                    cameras += usize::from(edge.delivered > 0);
+                Kind::Seen(eye) if edge.delivered > 0 && now - heard.1 <= QUIET_S => {
+                    let rate = rates.entry(*eye).or_default();
+                    *rate = rate.max(edge.rate_hz.unwrap_or(0.0));
                 }
+                Kind::Seen(_) => {}
                 Kind::Targets => targets = targets.max(edge.count),
                 Kind::Heads => {
                     heads += 1;
-                    if edge.delivered != heard.0 {
-                        *heard = (edge.delivered, now);
-                    }
                     away += usize::from(now - heard.1 > QUIET_S);
                 }
                 Kind::Other => {}
             }
         }
+        let (images, seeing, cameras) = (rates.values().sum::<f64>(), rates.len(), self.n_cameras);
+        let cameras = if seeing == cameras { cameras.to_string() } else { format!("{seeing} of {cameras}") };
         let whole = self.duration_s.map_or(String::new(), |it| format!(" of {it:.0}"));
         let speed = now / progress.wall.as_secs_f64().max(1e-3);
         let targets = targets.map_or("-".to_owned(), |it| it.to_string());

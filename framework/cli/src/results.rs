@@ -1,44 +1,28 @@
 //! The results folder: summary, ledger, the resolved rig.
 
+mod folder;
+
 use std::fs;
-use std::io::{self, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use foveate_dataflow::graph::Graph;
 use foveate_dataflow::run::Outcome;
 use serde_json::{Map, Value, json};
 
-/// Makes the folder for a run's results: `wanted`, or the first free `results/<rig>-<n>`.
-///
-/// # Errors
-/// A sentence with the path and the reason.
-pub fn make_folder(wanted: Option<&Path>, rig: &str) -> Result<PathBuf, String> {
-    let complain =
-        |path: &Path, error: io::Error| format!("the results folder `{}` cannot be made: {error}", path.display());
-    if let Some(path) = wanted {
-        fs::create_dir_all(path).map_err(|error| complain(path, error))?;
-        return Ok(path.to_owned());
-    }
-    let parent = Path::new("results");
-    fs::create_dir_all(parent).map_err(|error| complain(parent, error))?;
-    for number in 1_u32.. {
-        let path = parent.join(format!("{rig}-{number}"));
-        match fs::create_dir(&path) {
-            Ok(()) => return Ok(path),
-            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-            Err(error) => return Err(complain(&path, error)),
-        }
-    }
-    unreachable!("four billion result folders")
-}
+pub use self::folder::{ResultsFolder, abandon, make_folder};
+use crate::interrupt;
+
+/// What is written before anything runs.
+pub const BEFORE_THE_RUN: [&str; 2] = ["rig.resolved.toml", "graph.svg"];
 
 /// Writes `rig.resolved.toml` and `graph.svg`, before anything runs.
 ///
 /// # Errors
 /// A sentence with the path and the reason.
 pub fn write_rig(folder: &Path, graph: &Graph) -> Result<(), String> {
-    write_whole(&folder.join("rig.resolved.toml"), graph.resolved.as_bytes())?;
-    write_whole(&folder.join("graph.svg"), graph.to_svg().as_bytes())
+    write_whole(&folder.join(BEFORE_THE_RUN[0]), graph.resolved.as_bytes())?;
+    write_whole(&folder.join(BEFORE_THE_RUN[1]), graph.to_svg().as_bytes())
 }
 
 /// Writes `summary.json`, `ledger.csv`, `events.csv` and `timing.json`. Tries all of them even if one fails.
@@ -78,7 +62,7 @@ pub fn summary(outcome: &Outcome, report_speed: bool) -> String {
     if report_speed {
         figures.insert("real_time_factor".into(), number(real_time_factor(outcome)));
     }
-    let mut sorted: Vec<_> = figures.into_iter().collect();
+    let mut sorted: Vec<_> = interrupt::told(figures, outcome.interrupted).into_iter().collect();
     sorted.sort_by(|a, b| a.0.cmp(&b.0));
     pretty(&Value::Object(sorted.into_iter().collect()))
 }
@@ -201,14 +185,6 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn folders_are_numbered_and_never_shared() {
-        let home = tempfile::tempdir().unwrap();
-        let wanted = home.path().join("a/b");
-        assert_eq!(make_folder(Some(&wanted), "room"), Ok(wanted.clone()));
-        assert_eq!(make_folder(Some(&wanted), "room"), Ok(wanted), "a folder asked for by name may exist");
-    }
 
     #[test]
     fn what_is_not_finite_is_null_and_whole_numbers_have_no_point() {

@@ -8,6 +8,8 @@ use std::path::PathBuf;
 pub struct Report {
     /// Figures by dotted name with the unit in it (`reprojection_px.median`); NaN where there was nothing to measure.
     pub figures: BTreeMap<String, f64>,
+    /// By figure: the full name of the node that gave it, in the report of a whole run; figures of the run itself have none.
+    pub origins: BTreeMap<String, String>,
     /// Files and pictures written, relative to the results folder where they lie in it.
     pub files: Vec<PathBuf>,
     /// Sentences for the person who ran it.
@@ -24,6 +26,7 @@ impl Report {
     pub(crate) fn absorb(&mut self, instance: &str, other: Report) {
         for (name, value) in other.figures {
             let name = if self.figures.contains_key(&name) { format!("{name}[{instance}]") } else { name };
+            self.origins.insert(name.clone(), instance.to_owned());
             self.figures.insert(name, value);
         }
         self.files.extend(other.files);

@@ -130,6 +130,8 @@ fn check(
     let rig_dir = folder(&rig, file_dir, findings);
     let given = overrides.calibration.clone();
     let calibration = given.or_else(|| calibration(&rig, &rig_dir, findings));
+    // Before any node is tried out, which may ask for a picture's memory.
+    let calibration = calibration.filter(|it| pictures_fit(it, &rig, findings));
     let seed = overrides.seed.unwrap_or(rig.seed);
     let duration_s = overrides.duration_s.or(rig.duration_s);
     if let Some(duration_s) = overrides.duration_s.filter(|it| !read::is_duration(*it)) {
@@ -203,6 +205,27 @@ fn calibration(rig: &RigText<'_>, rig_dir: &Path, findings: &mut Findings) -> Op
             None
         }
     }
+}
+
+/// Pixels of a picture, at most: more than the largest sensors have, and little enough to be held in memory [px].
+const MOST_PIXELS: u64 = 1 << 28;
+
+/// Whether pictures of each camera can be held in memory; a fault for each camera of which they cannot.
+fn pictures_fit(calibration: &Calibration, rig: &RigText<'_>, findings: &mut Findings) -> bool {
+    let pixels = |size: [u32; 2]| u64::from(size[0]) * u64::from(size[1]);
+    let absurd = calibration.cameras.iter().filter(|it| pixels(it.camera.image_size) > MOST_PIXELS);
+    let place = rig.calibration.as_ref().map_or_else(|| rig.header.clone(), |it| it.span());
+    let mut fits = true;
+    for it in absurd {
+        fits = false;
+        let [columns, rows] = it.camera.image_size;
+        let label = format!(
+            "camera {}: found pictures of {columns} x {rows} px, expected at most {MOST_PIXELS} px, as 16384 x 16384",
+            it.name
+        );
+        findings.fault(place.clone(), "the pictures of a camera fit into no memory", label);
+    }
+    fits
 }
 
 fn named_path(rig: &RigText<'_>, rig_dir: &Path, findings: &mut Findings) -> Option<PathBuf> {

@@ -17,7 +17,7 @@ use crate::settings::Format;
 /// Largest file that is read [bytes].
 const FILE_LIMIT: u64 = 256 << 20;
 /// Largest picture, each way [px]: a small file may claim any size.
-const SIDE_LIMIT: u32 = 16_384;
+pub(crate) const SIDE_LIMIT: u32 = 16_384;
 /// Most memory that a decoder may take [bytes].
 const MEMORY_LIMIT: u64 = 1 << 30;
 
@@ -80,9 +80,8 @@ impl Decoder {
         let broken = |error: image::ImageError| {
             format!("is a broken {}: {error}", if kind == ImageFormat::Jpeg { "JPEG" } else { "PNG" })
         };
+        // How large it claims to be is judged below, where the size can be told.
         let mut limits = Limits::default();
-        limits.max_image_width = Some(SIDE_LIMIT);
-        limits.max_image_height = Some(SIDE_LIMIT);
         limits.max_alloc = Some(MEMORY_LIMIT);
         let mut reader = ImageReader::with_format(Cursor::new(bytes), kind);
         reader.limits(limits);
@@ -95,7 +94,11 @@ impl Decoder {
             return Err(format!("claims to be {width} x {height} px, expected 1 to {SIDE_LIMIT} px each way"));
         }
         let stored = decoder.color_type();
-        let size = usize::try_from(decoder.total_bytes()).map_err(|_| "does not fit into memory".to_owned())?;
+        let size = usize::try_from(decoder.total_bytes()).ok().filter(|it| *it as u64 <= MEMORY_LIMIT);
+        let size = size.ok_or_else(|| {
+            let (needs, most) = (decoder.total_bytes() >> 20, MEMORY_LIMIT >> 20);
+            format!("is {width} x {height} px of {stored:?}, which takes {needs} MiB, expected at most {most} MiB")
+        })?;
         let as_wanted = matches!((stored, format), (ColorType::L8, Format::Gray) | (ColorType::Rgb8, Format::Rgb));
         let target = if as_wanted { &mut image.pixels } else { &mut self.as_stored };
         target.resize(size, 0);
@@ -275,10 +278,23 @@ pub(crate) mod tests {
 
     #[test]
     fn claimed_size_is_refused_before_memory_is_taken() {
-        let mut bomb = png(&[0; 4], 2, 2, ExtendedColorType::L8);
-        bomb[16..20].copy_from_slice(&60_000_u32.to_be_bytes());
-        bomb[20..24].copy_from_slice(&60_000_u32.to_be_bytes());
-        assert!(decode(&bomb, Format::Gray, None).is_err());
+        // The check sum of a PNG's header, ISO/IEC 15948 annex D.
+        let crc = |bytes: &[u8]| {
+            !bytes.iter().fold(u32::MAX, |crc, byte| {
+                (0..8).fold(crc ^ u32::from(*byte), |it, _| if it & 1 == 1 { 0xEDB8_8320 ^ (it >> 1) } else { it >> 1 })
+            })
+        };
+        let claims = |size: u32| {
+            let mut bomb = png(&[0; 4], 2, 2, ExtendedColorType::L8);
+            bomb[16..20].copy_from_slice(&size.to_be_bytes());
+            bomb[20..24].copy_from_slice(&size.to_be_bytes());
+            let sum = crc(&bomb[12..29]);
+            bomb[29..33].copy_from_slice(&sum.to_be_bytes());
+            decode(&bomb, Format::Gray, None).unwrap_err()
+        };
+        let refused = claims(65_535);
+        assert!(refused.contains("65535 x 65535 px, expected 1 to 16384 px each way"), "{refused}");
+        assert!(!claims(3).contains("16384"), "a header in order, and too little after it");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! An `ffmpeg` child process that decodes one video into raw pixels on a pipe.
 
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::io::{BufRead, BufReader, ErrorKind, Read};
 use std::path::Path;
 use std::process::{Child, ChildStdout, Command, Stdio};
@@ -75,6 +75,18 @@ pub(crate) struct Decoder {
 }
 
 impl Programs {
+    /// Which of the two is nowhere on `path`, and how to get it: for checks, which start nothing.
+    pub(crate) fn missing(&self, path: Option<&OsStr>) -> Option<String> {
+        let folders: Vec<_> = path.map(|it| std::env::split_paths(it).collect()).unwrap_or_default();
+        let is_there = |program: &OsString| {
+            let mut file = program.clone();
+            file.push(std::env::consts::EXE_SUFFIX);
+            folders.iter().any(|it| is_program(&it.join(&file)))
+        };
+        let absent = [&self.ffmpeg, &self.ffprobe].into_iter().find(|it| !is_there(it))?;
+        Some(cannot_start(&absent.to_string_lossy(), &ErrorKind::NotFound.into()))
+    }
+
     /// Reads the header of `path`; all unknown where `ffprobe` can make nothing of it.
     ///
     /// # Errors
@@ -196,6 +208,18 @@ fn as_file(path: &Path) -> OsString {
     text
 }
 
+#[cfg(unix)]
+fn is_program(file: &Path) -> bool {
+    use std::os::unix::fs::PermissionsExt;
+
+    file.metadata().is_ok_and(|it| it.is_file() && it.permissions().mode() & 0o111 != 0)
+}
+
+#[cfg(not(unix))]
+fn is_program(file: &Path) -> bool {
+    file.is_file()
+}
+
 fn cannot_start(program: &str, error: &std::io::Error) -> String {
     if error.kind() != ErrorKind::NotFound {
         return format!("`{program}` cannot be started: {error}");
@@ -278,5 +302,37 @@ pub(crate) mod tests {
         }
         let ending = decoder.end();
         assert!(count == 24 || ending.complaints.is_some_and(|it| it.contains("vsync")), "{count} frames");
+    }
+
+    #[test]
+    fn what_is_not_on_the_path_is_named_with_what_to_install() {
+        let folder = tempfile::tempdir().unwrap();
+        let programs = Programs::default();
+        let said = |path: Option<&std::path::Path>| programs.missing(path.map(std::path::Path::as_os_str));
+        for path in [None, Some(folder.path())] {
+            let said = said(path).unwrap();
+            assert!(
+                said.contains("`ffmpeg`, which is not on the PATH") && said.contains("apt install ffmpeg"),
+                "{said}"
+            );
+        }
+        let make = |name: &str| {
+            let file = folder.path().join(format!("{name}{}", std::env::consts::EXE_SUFFIX));
+            std::fs::write(&file, "").unwrap();
+            file
+        };
+        let ffmpeg = make("ffmpeg");
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            assert!(said(Some(folder.path())).is_some(), "it cannot be executed");
+            for file in [ffmpeg, make("ffprobe")] {
+                assert!(said(Some(folder.path())).is_some());
+                std::fs::set_permissions(file, std::fs::Permissions::from_mode(0o755)).unwrap();
+            }
+        }
+        #[cfg(not(unix))]
+        drop((ffmpeg, make("ffprobe")));
+        assert_eq!(said(Some(folder.path())), None);
     }
 }

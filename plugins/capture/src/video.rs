@@ -12,6 +12,7 @@ use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::decode::SIDE_LIMIT;
 use crate::ffmpeg::{Decoder, Dialect, Ending, Header, Programs};
 use crate::ffmpeg_words::Announced;
 use crate::settings::{Format, Reasons, camera_of, frame_time};
@@ -128,6 +129,18 @@ impl Film {
         let State::Open(decoder) = &mut self.state else { return Ok(()) };
         let Some(frame) = decoder.next() else { return self.end(pool, turns) };
         let [width, height] = frame.size;
+        let expected = *self.size.get_or_insert(frame.size);
+        // Before any memory is asked for: a header may claim any size.
+        if expected != frame.size && self.n_pictures == 0 {
+            return Err(self.wrong_size(&frame, expected));
+        }
+        if width.max(height) > SIDE_LIMIT {
+            return Err(format!(
+                "claims to be {width} x {height} px{}, expected at most {SIDE_LIMIT} px each way",
+                self.filtered()
+            ));
+        }
+        let State::Open(decoder) = &mut self.state else { return Ok(()) };
         let mut image = pool.take(Image::default);
         let format = self.settings.format.pixel_format();
         image.pixels.resize(width as usize * height as usize * format.channels(), 0);
@@ -136,17 +149,12 @@ impl Film {
         }
         (image.camera, image.width, image.height, image.format) = (self.camera, width, height, format);
         let time = self.time_of(&frame, turns);
-        let expected = *self.size.get_or_insert(frame.size);
         if expected == frame.size {
             self.n_pictures += 1;
             turns.push_back(Turn { time, what: What::Picture(image) });
             return Ok(());
         }
-        let fault =
-            format!("is {width} x {height} px{}, expected {} x {} px", self.filtered(), expected[0], expected[1]);
-        if self.n_pictures == 0 {
-            return Err(fault);
-        }
+        let fault = self.wrong_size(&frame, expected);
         drop(pool.share(image));
         self.wrong.add(format!("frame {} {fault}", self.index - 1));
         turns.push_back(Turn {
@@ -161,6 +169,11 @@ impl Film {
         let decoder = self.programs.decode(&self.path, format, filter, threads, dialect);
         self.state = State::Open(Box::new(decoder.map_err(|fault| format!("cannot be read: {fault}"))?));
         Ok(())
+    }
+
+    fn wrong_size(&self, frame: &Announced, [columns, rows]: [u32; 2]) -> String {
+        let [width, height] = frame.size;
+        format!("is {width} x {height} px{}, expected {columns} x {rows} px", self.filtered())
     }
 
     /// For messages about what leaves the filter; empty without one.
@@ -282,6 +295,9 @@ impl Node for Video {
         if file.len() == 0 {
             return Err(refused("is empty (0 bytes)".to_owned()));
         }
+        Programs::default()
+            .missing(std::env::var_os("PATH").as_deref())
+            .map_or(Ok(()), |it| Err(ConfigError::node(it)))?;
         let latency = Interval::from_ms(settings.latency_ms);
         let film = Film {
             settings,

@@ -158,13 +158,14 @@ fn length_mm(text: &str) -> Result<f64, String> {
 }
 
 pub(super) fn run(args: &CalibrateArgs) -> u8 {
-    match calibrate(args) {
+    let code = match calibrate(args) {
         Ok(code) => code,
         Err(sentences) => {
             eprintln!("{}", sentences.trim_end());
             exit::INPUT
         }
-    }
+    };
+    interrupt::caught().map_or(code, |it| it.code)
 }
 
 fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {

@@ -25,6 +25,8 @@ use crate::setup::Claims;
 
 /// More node instances than that are refused: a few lines with patterns can ask for any number of them.
 const MOST_INSTANCES: usize = 1_000_000;
+/// Pixels of one picture of each camera of all sources together, at most: each is held several times over while a rig runs [px].
+const MOST_PIXELS: u64 = 1 << 31;
 /// Places that the fault of a cycle shows.
 const MOST_PLACES: usize = 8;
 
@@ -49,6 +51,7 @@ impl Finish<'_, '_> {
             findings.fault(self.rig.header.clone(), "this rig has too many nodes", label);
             return None;
         }
+        self.refuse_absurd_pictures(findings);
         let names = Names::new(self.text, self.scales, self.nodes, self.calibration.as_deref());
         let mut wiring = wire(&names, findings);
         anchors::check(&names, &mut wiring.used, findings);
@@ -76,6 +79,30 @@ impl Finish<'_, '_> {
                 findings.fault(node.text.header.clone(), title, error);
                 None
             }
+        }
+    }
+
+    /// A fault where the pictures of all cameras fit into no memory: told here, and not by the system in the middle of a run.
+    fn refuse_absurd_pictures(&self, findings: &mut Findings) {
+        let Some(calibration) = &self.calibration else { return };
+        let pixels_of = |node: &NodeDraft<'_>| {
+            let gives_pictures = node.node_type.as_ref().is_some_and(|it| {
+                it.role == Role::Source && it.ports.outputs.iter().any(|it| it.message.name == "image")
+            });
+            let cameras = node.cameras.iter().flatten().flatten().filter(|_| gives_pictures);
+            let sizes = cameras.filter_map(|it| Some(calibration.cameras.get(usize::from(it.0))?.camera.image_size));
+            sizes.map(|[columns, rows]| u64::from(columns) * u64::from(rows)).sum::<u64>()
+        };
+        let all: u64 = self.nodes.iter().map(pixels_of).sum();
+        let largest = self.nodes.iter().max_by_key(|it| pixels_of(it)).filter(|_| all > MOST_PIXELS);
+        if let Some(node) = largest {
+            let label = format!(
+                "found {all} px in one picture of each camera of all sources, {} of them here, expected at most {MOST_PIXELS}",
+                pixels_of(node)
+            );
+            findings
+                .fault(node.text.header.clone(), "the pictures of this rig fit into no memory", label)
+                .help("look at `image_size_px` in the calibration, and at the cameras that `each` names");
         }
     }
 

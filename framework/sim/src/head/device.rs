@@ -2,15 +2,18 @@
 //!
 //! As the manuals of the EVI series say: one message is looked at in each field; a command takes one of two sockets, is
 //! acknowledged with its number and completed when it is done; inquiries take none; with both sockets taken the buffer is full. The
-//! bits of the pan-tilt status are not simulated: that inquiry is refused.
+//! bits of the pan-tilt status and the EVI-D30's own tracking of targets are not simulated: such messages are refused as syntax errors. What
+//! becomes of commands stands in `commands`.
 
 use std::collections::VecDeque;
+use std::net::SocketAddr;
 
 use foveate_dataflow::ConfigError;
 use foveate_estimation::random::Random;
 use foveate_messages::{Interval, Time};
 
 use super::mechanics::{Axis, Goal, TICK, Zoom};
+use super::picture::Picture;
 use super::settings::HeadSettings;
 use super::track::Track;
 use super::words::{self, Order, Question, Word};
@@ -20,17 +23,32 @@ const LONGEST: usize = 16;
 /// Messages that wait for their field; no manual says.
 const WAITING: usize = 4;
 /// The longest focal length [units].
-const ZOOM_END: u16 = 0x03FF;
+pub(super) const ZOOM_END: u16 = 0x03FF;
+/// Focus on what is far and on what is near [units].
+pub(super) const FOCUS_ENDS: [u16; 2] = [0x1000, 0x9FFF];
+/// The way between the two; no manual says for the EVI-D30 [ms].
+const FOCUS_TRAVEL_MS: f64 = 2000.0;
+/// Places of the memory.
+pub(super) const PRESETS: usize = 6;
 /// What a version inquiry is answered: Sony, EVI-D30, revision, two sockets.
 const VERSION: [u8; 7] = [0x00, 0x20, 0x04, 0x02, 0x01, 0x21, 0x02];
 
 /// Why something is not done, by number.
-const TOO_LONG: u8 = 0x01;
-const SYNTAX: u8 = 0x02;
-const BUFFER_FULL: u8 = 0x03;
-const CANCELLED: u8 = 0x04;
-const NO_SOCKET: u8 = 0x05;
-const NOT_EXECUTABLE: u8 = 0x41;
+pub(super) const TOO_LONG: u8 = 0x01;
+pub(super) const SYNTAX: u8 = 0x02;
+pub(super) const BUFFER_FULL: u8 = 0x03;
+pub(super) const CANCELLED: u8 = 0x04;
+pub(super) const NO_SOCKET: u8 = 0x05;
+pub(super) const NOT_EXECUTABLE: u8 = 0x41;
+
+/// Where a message came from; its answers carry it, unread by the head.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Tag {
+    /// The controller on the network, where there may be several.
+    pub controller: Option<SocketAddr>,
+    /// The message's number.
+    pub sequence: u32,
+}
 
 /// A packet of the head.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -38,22 +56,32 @@ pub struct Sent {
     /// When its first bit goes.
     pub at: Time,
     /// What came with the message that it answers, see [`Head::receive`].
-    pub tag: u32,
+    pub tag: Tag,
     /// With header and terminator.
     pub bytes: Vec<u8>,
 }
 
 /// A command in its socket.
 #[derive(Debug, Clone)]
-struct Execution {
-    order: Order,
-    tag: u32,
-    accepted: Time,
-    is_running: bool,
+pub(super) struct Execution {
+    pub(super) order: Order,
+    pub(super) tag: Tag,
+    pub(super) accepted: Time,
+    pub(super) is_running: bool,
+}
+
+/// A place of the memory: everything that is set again when it is recalled.
+#[derive(Debug, Clone)]
+pub(super) struct Preset {
+    pub(super) pan_tilt: [i32; 2],
+    pub(super) zoom: u16,
+    pub(super) focus_auto: bool,
+    pub(super) focus: u16,
+    pub(super) picture: Picture,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Power {
+pub(super) enum Power {
     On,
     Off,
     OnFrom(Time),
@@ -62,26 +90,31 @@ enum Power {
 /// A simulated head.
 #[derive(Debug, Clone)]
 pub struct Head {
-    settings: HeadSettings,
-    random: Random,
-    now: Time,
+    pub(super) settings: HeadSettings,
+    pub(super) random: Random,
+    pub(super) now: Time,
     next_field: Time,
     address: u8,
+    /// It stays 1, as on a network.
+    is_address_fixed: bool,
     begun: Vec<u8>,
-    inbox: VecDeque<(u32, Vec<u8>)>,
+    inbox: VecDeque<(Tag, Vec<u8>)>,
     outbox: VecDeque<Sent>,
-    sockets: [Option<Execution>; 2],
-    n_refused_full: u64,
-    power: Power,
-    pan: Axis,
-    tilt: Axis,
-    zoom: Zoom,
+    pub(super) sockets: [Option<Execution>; 2],
+    pub(super) n_refused_full: u64,
+    pub(super) power: Power,
+    pub(super) pan: Axis,
+    pub(super) tilt: Axis,
+    pub(super) zoom: Zoom,
     track: Track,
     /// Lowest and highest position of pan and tilt [units].
-    limits: [[i32; 2]; 2],
-    last_start: Time,
-    focus_auto: bool,
-    focus: u16,
+    pub(super) limits: [[i32; 2]; 2],
+    pub(super) last_start: Time,
+    pub(super) focus_auto: bool,
+    pub(super) focus: Zoom,
+    pub(super) picture: Picture,
+    pub(super) memory: [Option<Preset>; PRESETS],
+    pub(super) recalled: u8,
 }
 
 impl Head {
@@ -98,6 +131,7 @@ impl Head {
             random,
             now: Time::ZERO,
             address: 1,
+            is_address_fixed: false,
             begun: Vec::new(),
             inbox: VecDeque::new(),
             outbox: VecDeque::new(),
@@ -107,11 +141,14 @@ impl Head {
             pan: Axis::new(settings.pan.axis(), settings),
             tilt: Axis::new(settings.tilt.axis(), settings),
             track: Track::default(),
-            zoom: Zoom::new(f64::from(ZOOM_END), settings.zoom_travel_ms),
+            zoom: Zoom::new([0.0, f64::from(ZOOM_END)], settings.zoom_travel_ms),
             limits: [settings.pan.axis(), settings.tilt.axis()].map(|it| [-it.reach_units, it.reach_units]),
             last_start: Time::ZERO,
             focus_auto: true,
-            focus: 0x1000,
+            focus: Zoom::new(FOCUS_ENDS.map(f64::from), FOCUS_TRAVEL_MS),
+            picture: Picture::default(),
+            memory: Default::default(),
+            recalled: 0,
             settings: settings.clone(),
         })
     }
@@ -148,28 +185,54 @@ impl Head {
     }
 
     /// Takes a byte whose last bit has come by now; what answers its packet carries `tag`.
-    pub fn receive(&mut self, tag: u32, byte: u8) {
+    pub fn receive(&mut self, tag: Tag, byte: u8) {
         match byte {
             0xFF => {
                 let packet = std::mem::take(&mut self.begun);
-                if packet.len() < 2 {
-                    return;
-                }
-                if packet.len() >= LONGEST {
-                    self.refuse(tag, 0, TOO_LONG);
-                } else if self.inbox.len() == WAITING {
-                    self.n_refused_full += 1;
-                    self.refuse(tag, 0, BUFFER_FULL);
-                } else {
-                    self.inbox.push_back((tag, packet));
-                }
+                self.take_in(tag, packet);
             }
-            0x80.. => self.begun = vec![byte],
+            // A controller begins: what came before has lost its end. Other bytes of this kind are data of some messages.
+            0x81..=0x88 => self.begun = vec![byte],
             // What has no header is nobody's.
-            _ if self.begun.is_empty() => {}
+            0x00..=0x7F if self.begun.is_empty() => {}
             _ if self.begun.len() < LONGEST => self.begun.push(byte),
             _ => {}
         }
+    }
+
+    /// Takes a message that came as a whole, as on a network: whatever stands between its header and its end is data. What has no end is refused.
+    pub(super) fn receive_whole(&mut self, tag: Tag, message: &[u8]) {
+        let mut packets = message.split(|it| *it == 0xFF);
+        let rest = packets.next_back().unwrap_or_default();
+        packets.for_each(|it| self.take_in(tag, it.to_vec()));
+        if !rest.is_empty() {
+            self.refuse(tag, 0, if rest.len() >= LONGEST { TOO_LONG } else { SYNTAX });
+        }
+    }
+
+    /// A packet without its end; an end by itself ends nothing, and a header by itself is a message that says nothing.
+    fn take_in(&mut self, tag: Tag, packet: Vec<u8>) {
+        if packet.is_empty() {
+            return;
+        }
+        if packet.len() >= LONGEST {
+            self.refuse(tag, 0, TOO_LONG);
+        } else if self.inbox.len() == WAITING {
+            self.n_refused_full += 1;
+            self.refuse(tag, 0, BUFFER_FULL);
+        } else {
+            self.inbox.push_back((tag, packet));
+        }
+    }
+
+    /// The head keeps address 1, whatever it is told.
+    pub(super) fn fix_address(&mut self) {
+        self.is_address_fixed = true;
+    }
+
+    /// A message that is none is refused.
+    pub(super) fn refuse_syntax(&mut self, tag: Tag) {
+        self.refuse(tag, 0, SYNTAX);
     }
 
     /// Lives until `to`.
@@ -192,7 +255,7 @@ impl Head {
         self.begun.clear();
         self.outbox.clear();
         self.switch_on();
-        self.reply(0, 0x38, &[]);
+        self.reply(Tag::default(), 0x38, &[]);
     }
 
     fn tick(&mut self) {
@@ -211,11 +274,12 @@ impl Head {
         self.pan.step(self.now);
         self.tilt.step(self.now);
         self.zoom.step();
+        self.focus.step();
         self.track.push([self.pan.angle_rad(), self.tilt.angle_rad(), self.zoom.position()]);
         self.complete();
     }
 
-    fn look_at(&mut self, tag: u32, packet: &[u8]) {
+    fn look_at(&mut self, tag: Tag, packet: &[u8]) {
         let (&header, message) = packet.split_first().unwrap_or((&0, &[]));
         if header != 0x88 && header != 0x80 | self.address {
             return; // for another head, or from one
@@ -223,6 +287,7 @@ impl Head {
         match words::read(header, message) {
             None => self.refuse(tag, 0, SYNTAX),
             Some(Word::AddressSet(number)) => {
+                let number = if self.is_address_fixed { 1 } else { number };
                 self.address = number;
                 self.outbox.push_back(Sent { at: self.now, tag, bytes: vec![0x88, 0x30, number + 1, 0xFF] });
             }
@@ -240,160 +305,7 @@ impl Head {
         }
     }
 
-    fn accept(&mut self, tag: u32, order: Order) {
-        if !self.is_legal(order) {
-            return self.refuse(tag, 0, SYNTAX);
-        }
-        let Some(free) = self.sockets.iter().position(Option::is_none) else {
-            self.n_refused_full += 1;
-            return self.refuse(tag, 0, BUFFER_FULL);
-        };
-        let socket = free as u8 + 1;
-        let is_off = self.power != Power::On && !matches!(order, Order::Power(_));
-        if is_off || (matches!(order, Order::FocusTo(_) | Order::FocusDrive) && self.focus_auto) {
-            return self.refuse(tag, socket, NOT_EXECUTABLE);
-        }
-        self.reply(tag, 0x40 | socket, &[]);
-        self.sockets[free] = Some(Execution { order, tag, accepted: self.now, is_running: false });
-    }
-
-    fn is_legal(&self, order: Order) -> bool {
-        let (pan, tilt) = (&self.settings.pan, &self.settings.tilt);
-        let speeds = |[v, w]: [u8; 2]| (1..=pan.speeds).contains(&v) && (1..=tilt.speeds).contains(&w);
-        let within =
-            |[x, y]: [i32; 2], times: i32| x.abs() <= times * pan.reach_units && y.abs() <= times * tilt.reach_units;
-        match order {
-            Order::Absolute(speed, position) => speeds(speed) && within(position, 1),
-            Order::Relative(speed, way) => speeds(speed) && within(way, 2),
-            Order::Drive(speed, way) => speeds(speed) || way == [0, 0],
-            Order::Limit(_, position) => within(position, 1),
-            Order::ZoomTo(units) => units <= ZOOM_END,
-            _ => true,
-        }
-    }
-
-    /// Commands whose time has come begin; one that moves takes the place of the one before.
-    fn take_up(&mut self) {
-        let wait = Interval::from_ms(self.settings.take_up_ms);
-        let mut due: Vec<usize> = (0..2)
-            .filter(|&it| self.sockets[it].as_ref().is_some_and(|it| !it.is_running && self.now >= it.accepted + wait))
-            .collect();
-        due.sort_by_key(|&it| self.sockets[it].as_ref().map(|it| it.accepted));
-        for index in due {
-            let Some(mut execution) = self.sockets[index].take() else { continue };
-            let other = 1 - index;
-            let rival =
-                self.sockets[other].as_ref().is_some_and(|it| it.is_running && is_rival(it.order, execution.order));
-            if rival && !self.settings.supersedes {
-                self.sockets[index] = Some(execution);
-                continue;
-            }
-            if rival && let Some(done) = self.sockets[other].take() {
-                self.reply(done.tag, 0x50 | (other as u8 + 1), &[]);
-            }
-            self.begin(&execution);
-            execution.is_running = true;
-            self.sockets[index] = Some(execution);
-        }
-    }
-
-    fn begin(&mut self, execution: &Execution) {
-        let jitter = self.random.uniform() * self.settings.latency_jitter_ms;
-        let earliest = execution.accepted + Interval::from_ms(self.settings.latency_ms + jitter);
-        let fastest = [self.settings.pan.speeds, self.settings.tilt.speeds];
-        let here = [self.pan.motor_units(), self.tilt.motor_units()];
-        match execution.order {
-            Order::Absolute(speed, position) => self.go(earliest, speed, position.map(Some)),
-            Order::Relative(speed, [x, y]) => self.go(earliest, speed, [Some(here[0] + x), Some(here[1] + y)]),
-            Order::Drive(speed, way) => {
-                let end = |axis: usize| match way[axis] {
-                    0 => None,
-                    1.. => Some(self.limits[axis][1]),
-                    _ => Some(self.limits[axis][0]),
-                };
-                let ends = [end(0), end(1)];
-                self.go(earliest, speed, ends);
-            }
-            Order::Home | Order::Reset => self.go(earliest, fastest, [Some(0), Some(0)]),
-            Order::Limit(up_right, [x, y]) => {
-                let end = usize::from(up_right);
-                (self.limits[0][end], self.limits[1][end]) = (x, y);
-            }
-            Order::NoLimit(up_right) => {
-                let end = usize::from(up_right);
-                let sign = if up_right { 1 } else { -1 };
-                self.limits[0][end] = sign * self.settings.pan.reach_units;
-                self.limits[1][end] = sign * self.settings.tilt.reach_units;
-            }
-            Order::ZoomTo(units) => self.zoom.go(f64::from(units)),
-            Order::ZoomDrive(0) => self.zoom.stop(),
-            Order::ZoomDrive(way) => self.zoom.go(if way > 0 { f64::from(ZOOM_END) } else { 0.0 }),
-            Order::FocusAuto(auto) => self.focus_auto = auto,
-            Order::FocusTo(units) => self.focus = units,
-            Order::FocusDrive => {}
-            Order::Power(true) if self.power == Power::Off => self.switch_on(),
-            Order::Power(true) => {}
-            Order::Power(false) => {
-                self.power = Power::Off;
-                self.halt();
-            }
-        }
-    }
-
-    /// Sends both motors somewhere; `None`: comes to rest.
-    fn go(&mut self, earliest: Time, speed: [u8; 2], position: [Option<i32>; 2]) {
-        let start = earliest.max(self.last_start).max(self.now);
-        self.last_start = start;
-        for (index, axis) in [&mut self.pan, &mut self.tilt].into_iter().enumerate() {
-            let [low, high] = self.limits[index];
-            let goal = position[index].map_or(Goal::Stop, |units| Goal::At {
-                units: f64::from(units.clamp(low.min(high), high.max(low))),
-                speed: axis.speed_of(speed[index]),
-            });
-            axis.order(start, goal);
-        }
-    }
-
-    /// What is done is said so, and its socket is free.
-    fn complete(&mut self) {
-        for index in 0..2 {
-            let Some(execution) = &self.sockets[index] else { continue };
-            let is_done = execution.is_running
-                && match execution.order {
-                    Order::Absolute(..) | Order::Relative(..) | Order::Home | Order::Reset => {
-                        self.pan.is_done() && self.tilt.is_done()
-                    }
-                    Order::ZoomTo(_) => self.zoom.is_done(),
-                    Order::Power(true) => self.power == Power::On,
-                    _ => true,
-                };
-            if is_done {
-                let tag = execution.tag;
-                self.sockets[index] = None;
-                self.reply(tag, 0x50 | (index as u8 + 1), &[]);
-            }
-        }
-    }
-
-    fn cancel(&mut self, tag: u32, socket: u8) {
-        let index = usize::from(socket).wrapping_sub(1);
-        match self.sockets.get_mut(index).and_then(Option::take) {
-            None => self.refuse(tag, socket, NO_SOCKET),
-            Some(execution) => {
-                if execution.is_running {
-                    match execution.order {
-                        Order::ZoomTo(_) => self.zoom.stop(),
-                        order if is_move(order) => self.halt(),
-                        _ => {}
-                    }
-                }
-                // The reply tells of the command, under the number of the cancel that asked for it.
-                self.refuse(tag, socket, CANCELLED);
-            }
-        }
-    }
-
-    fn answer(&mut self, tag: u32, question: Question) {
+    fn answer(&mut self, tag: Tag, question: Question) {
         if self.power == Power::Off && !matches!(question, Question::Power | Question::Version) {
             return self.refuse(tag, 0, NOT_EXECUTABLE);
         }
@@ -404,7 +316,9 @@ impl Head {
             Question::Version => VERSION.to_vec(),
             Question::Zoom => four(self.zoom.units()),
             Question::FocusMode => vec![on_off(self.focus_auto)],
-            Question::Focus => four(self.focus),
+            Question::Focus => four(self.focus.units()),
+            Question::Memory => vec![self.recalled],
+            Question::Picture(index) => self.picture.answer(index),
             Question::MaxSpeed => vec![self.settings.pan.speeds, self.settings.tilt.speeds],
             Question::Position => {
                 [self.pan.motor_units(), self.tilt.motor_units()].into_iter().flat_map(words::digits).collect()
@@ -413,7 +327,7 @@ impl Head {
         self.reply(tag, 0x50, &answer);
     }
 
-    fn switch_on(&mut self) {
+    pub(super) fn switch_on(&mut self) {
         self.power = Power::OnFrom(self.now + Interval::from_ms(self.settings.power_on_ms));
         let fastest = [self.settings.pan.speeds, self.settings.tilt.speeds];
         self.go(self.now, fastest, [Some(0), Some(0)]);
@@ -429,7 +343,7 @@ impl Head {
     }
 
     /// Motors come to rest where they are.
-    fn halt(&mut self) {
+    pub(super) fn halt(&mut self) {
         for axis in [&mut self.pan, &mut self.tilt] {
             axis.forget();
             axis.order(self.now, Goal::Stop);
@@ -437,22 +351,12 @@ impl Head {
         self.last_start = self.now;
     }
 
-    fn refuse(&mut self, tag: u32, socket: u8, why: u8) {
+    pub(super) fn refuse(&mut self, tag: Tag, socket: u8, why: u8) {
         self.reply(tag, 0x60 | socket, &[why]);
     }
 
-    fn reply(&mut self, tag: u32, first: u8, rest: &[u8]) {
+    pub(super) fn reply(&mut self, tag: Tag, first: u8, rest: &[u8]) {
         let bytes = [&[0x80 | self.address << 4, first], rest, &[0xFF]].concat();
         self.outbox.push_back(Sent { at: self.now, tag, bytes });
     }
-}
-
-fn is_move(order: Order) -> bool {
-    matches!(order, Order::Absolute(..) | Order::Relative(..) | Order::Drive(..) | Order::Home | Order::Reset)
-}
-
-/// Whether two commands want the same motor.
-fn is_rival(a: Order, b: Order) -> bool {
-    let is_zoom = |it: Order| matches!(it, Order::ZoomTo(_) | Order::ZoomDrive(_));
-    (is_move(a) && is_move(b)) || (is_zoom(a) && is_zoom(b))
 }

@@ -6,7 +6,7 @@ use foveate_dataflow::ConfigError;
 use foveate_estimation::random::Random;
 use foveate_messages::{Interval, Time};
 
-use super::device::Head;
+use super::device::{Head, Tag};
 use super::settings::{HeadSettings, LineSettings};
 
 /// One way of the line: bytes and when their last bit arrives.
@@ -120,7 +120,7 @@ impl SerialHead {
     pub fn advance(&mut self, to: Time) {
         while let Some((at, byte)) = self.to_head.pop(to) {
             self.head.advance(at);
-            self.head.receive(0, byte);
+            self.head.receive(Tag::default(), byte);
         }
         self.head.advance(to);
         while let Some(sent) = self.head.send() {

@@ -146,7 +146,7 @@ impl Axis {
     }
 }
 
-/// The zoom: from 0 to its end at one speed [units].
+/// The zoom, or the focus: from end to end at one speed [units].
 #[derive(Debug, Clone)]
 pub(super) struct Zoom {
     position: f64,
@@ -155,8 +155,9 @@ pub(super) struct Zoom {
 }
 
 impl Zoom {
-    pub(super) fn new(end: f64, travel_ms: f64) -> Zoom {
-        Zoom { position: 0.0, goal: 0.0, units_per_s: end / travel_ms * 1e3 }
+    /// At the near end of `ends`, of which the way to the far one takes `travel_ms`.
+    pub(super) fn new(ends: [f64; 2], travel_ms: f64) -> Zoom {
+        Zoom { position: ends[0], goal: ends[0], units_per_s: (ends[1] - ends[0]) / travel_ms * 1e3 }
     }
 
     pub(super) fn go(&mut self, goal: f64) {

@@ -8,7 +8,9 @@
 //! | [`settings`] | what the head is like, with the figures of the EVI-D30 |
 //! | [`mechanics`] | motors with latency, limited acceleration and steps, and what vibrates on them |
 //! | `words` | the bytes of packets, read and written |
-//! | [`device`] | sockets, acknowledgements, completions: the program inside the head |
+//! | [`device`] | the program inside the head: messages in, answers out |
+//! | `commands` | what becomes of commands: sockets, acknowledgements, completions |
+//! | `picture` | what can be told about the picture, and is remembered only |
 //! | `track` | where it looked, for a while back |
 //! | [`line`](mod@line) | the serial line: time of each byte, noise, unplugging |
 //! | [`datagrams`] | VISCA over IP |
@@ -19,11 +21,13 @@
 //! All but `serve` live on a logical clock: bytes and times go in, bytes and times come out, the same for the same seed.
 
 pub mod axes;
+mod commands;
 pub mod datagrams;
 pub mod device;
 pub mod line;
 pub mod mechanics;
 pub mod motion;
+mod picture;
 pub mod serve;
 pub mod settings;
 #[cfg(test)]
@@ -33,7 +37,7 @@ mod words;
 
 pub use axes::Axes;
 pub use datagrams::NetworkHead;
-pub use device::Head;
+pub use device::{Head, Tag};
 pub use line::SerialHead;
 pub use motion::{HeadMotion, LineFaults, LineHead};
 pub use settings::{AxesSettings, HeadSettings, LineSettings, NetworkSettings, PanSettings, TiltSettings};

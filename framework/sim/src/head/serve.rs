@@ -1,7 +1,7 @@
 //! A simulated head as a process, in real time: on a pseudo terminal or a UDP port, for any VISCA client.
 
 use std::io;
-use std::net::UdpSocket;
+use std::net::{SocketAddr, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -17,29 +17,39 @@ fn since(start: Instant) -> Time {
     Time(i64::try_from(start.elapsed().as_nanos()).unwrap_or(i64::MAX))
 }
 
-/// Lets a head answer on `socket`, each datagram to whom it came from last, until `stop`.
+/// A socket for a head at `address`; port 0: any free one. Two heads never share one.
+///
+/// Clients on the same machine may take the same port at another address of it, as some do (`visca-over-ip` hears answers to inquiries at the
+/// head's own port of all addresses): such a client and a head at 127.0.0.2, say, get along.
+///
+/// # Errors
+/// What the system reports.
+pub fn bind(address: SocketAddr) -> io::Result<UdpSocket> {
+    let socket = UdpSocket::bind(address)?;
+    // Only now, so that it lets others in and does not itself push in where another head is.
+    #[cfg(unix)]
+    nix::sys::socket::setsockopt(&socket, nix::sys::socket::sockopt::ReuseAddr, &true)?;
+    Ok(socket)
+}
+
+/// Lets a head answer on `socket`, each controller what it asked, until `stop`.
 ///
 /// # Errors
 /// What the socket reports.
 pub fn serve_udp(head: &mut NetworkHead, socket: &UdpSocket, stop: &AtomicBool) -> io::Result<()> {
     let start = Instant::now();
     let mut buffer = [0; 2048];
-    let mut controller = None;
     socket.set_read_timeout(Some(PERIOD))?;
     while !stop.load(Ordering::Relaxed) {
         match socket.recv_from(&mut buffer) {
-            Ok((length, from)) => {
-                controller = Some(from);
-                head.receive(since(start), &buffer[..length]);
-            }
+            Ok((length, from)) => head.receive_from(since(start), from, &buffer[..length]),
             Err(error) if is_nothing(&error) => {}
             Err(error) => return Err(error),
         }
-        while let Some(datagram) = head.send(since(start)) {
-            let Some(controller) = controller else { continue };
-            match socket.send_to(&datagram, controller) {
-                Err(error) if !is_nothing(&error) => return Err(error),
-                _ => {}
+        while let Some((controller, datagram)) = head.send_to(since(start)) {
+            // A controller that cannot be reached, or that gave an impossible address, is not the end of the head.
+            if let Some(controller) = controller {
+                drop(socket.send_to(&datagram, controller));
             }
         }
     }

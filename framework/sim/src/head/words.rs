@@ -1,5 +1,7 @@
 //! The bytes of packets as the program inside the head reads and writes them.
 
+use super::picture::{self, Change};
+
 /// What a controller said.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Word {
@@ -30,9 +32,23 @@ pub(super) enum Order {
     /// −1 wide, 0 stop, 1 tele.
     ZoomDrive(i8),
     FocusAuto(bool),
+    /// By itself if it was by hand, and the other way round.
+    FocusToggle,
     FocusTo(u16),
-    FocusDrive,
+    /// −1 far, 0 stop, 1 near.
+    FocusDrive(i8),
+    /// What is done with the place of this number.
+    Memory(Memory, u8),
+    Picture(Change),
     Power(bool),
+}
+
+/// What is done with a place of the memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Memory {
+    Reset,
+    Set,
+    Recall,
 }
 
 /// An inquiry: answered from no socket.
@@ -45,6 +61,10 @@ pub(super) enum Question {
     Focus,
     MaxSpeed,
     Position,
+    /// The place of the memory that was recalled last.
+    Memory,
+    /// A setting of the picture by its index.
+    Picture(usize),
 }
 
 /// Reads a packet without header and terminator; `None`: a syntax error.
@@ -62,7 +82,8 @@ pub(super) fn read(header: u8, message: &[u8]) -> Option<Word> {
             (0x04, 0x48) => Question::Focus,
             (0x06, 0x11) => Question::MaxSpeed,
             (0x06, 0x12) => Question::Position,
-            _ => return None,
+            (0x04, 0x3F) => Question::Memory,
+            _ => Question::Picture(picture::asked(group, code)?),
         }),
         _ => return None,
     })
@@ -93,14 +114,21 @@ fn order(group: u8, code: u8, rest: &[u8]) -> Option<Order> {
         (0x04, 0x47, digits) => Order::ZoomTo(word(digits)? as u16),
         (0x04, 0x38, [0x02]) => Order::FocusAuto(true),
         (0x04, 0x38, [0x03]) => Order::FocusAuto(false),
+        (0x04, 0x38, [0x10]) => Order::FocusToggle,
+        (0x04, 0x18, [0x02]) => Order::FocusDrive(-1),
         (0x04, 0x48, digits) => Order::FocusTo(word(digits)? as u16),
-        (0x04, 0x08, [0x00 | 0x02 | 0x03]) => Order::FocusDrive,
-        _ => return None,
+        (0x04, 0x08, [0x00]) => Order::FocusDrive(0),
+        (0x04, 0x08, [0x02 | 0x20..=0x27]) => Order::FocusDrive(-1),
+        (0x04, 0x08, [0x03 | 0x30..=0x37]) => Order::FocusDrive(1),
+        (0x04, 0x3F, &[0x00, number]) => Order::Memory(Memory::Reset, number),
+        (0x04, 0x3F, &[0x01, number]) => Order::Memory(Memory::Set, number),
+        (0x04, 0x3F, &[0x02, number]) => Order::Memory(Memory::Recall, number),
+        _ => Order::Picture(picture::change(group, code, rest)?),
     })
 }
 
 /// Four digits as a 16-bit number with sign.
-fn word(digits: &[u8]) -> Option<i16> {
+pub(super) fn word(digits: &[u8]) -> Option<i16> {
     let &[a, b, c, d] = digits else { return None };
     if [a, b, c, d].iter().any(|it| *it > 15) {
         return None;

@@ -18,6 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::head::HeadMotion;
 use crate::score::follow_picture::{self, Track};
+use crate::score::warmup::Warmup;
 use crate::world::World;
 
 const WORLD: In<World> = In::latest(0, "world");
@@ -65,6 +66,7 @@ pub struct HeadScore {
     calibration: Arc<Calibration>,
     folder: Option<PathBuf>,
     tracks: BTreeMap<CameraId, Track>,
+    warmup: Warmup,
 }
 
 impl Node for HeadScore {
@@ -85,7 +87,13 @@ impl Node for HeadScore {
             setup.claim_file(Some("write"), PICTURE_FILE)?;
         }
         let folder = setup.out_dir.clone().filter(|_| settings.write && setup.purpose == Purpose::Run);
-        Ok(Self { settings, calibration: Arc::clone(&setup.calibration), folder, tracks: BTreeMap::new() })
+        Ok(Self {
+            settings,
+            calibration: Arc::clone(&setup.calibration),
+            folder,
+            tracks: BTreeMap::new(),
+            warmup: Warmup::default(),
+        })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -94,6 +102,9 @@ impl Node for HeadScore {
         }
         let Some(features) = io.take(&FEATURES) else { return Ok(()) };
         let (camera, time) = (features.value.camera, features.stamp.time);
+        if !self.warmup.is_scored(time, self.settings.start_s) {
+            return Ok(());
+        }
         let Some((target, seen_by)) = self.truth(io, camera, time) else { return Ok(()) };
         let track = self.tracks.entry(camera).or_default();
         track.pictures.push((time, off_centre(&seen_by, &target), seen_by.sees(&target).is_some()));
@@ -110,7 +121,9 @@ impl Node for HeadScore {
                 all.poses.extend(track.poses.iter().cloned());
             }
         }
-        if all.pictures.is_empty() {
+        if let Some(sentence) = self.warmup.remark(self.settings.start_s) {
+            report.remark(format!("heads: {sentence}"));
+        } else if all.pictures.is_empty() {
             let names: Vec<&str> = self.tracks.keys().map(name).collect();
             report.remark(format!(
                 "No picture of the cameras `{}` was scored; pictures came from: {}.",

@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::head::HeadMotion;
 use crate::score::marks::{MarkTrack, Names, Sight, SightTrack};
+use crate::score::warmup::Warmup;
 use crate::world::World;
 
 const WORLD: In<World> = In::latest(0, "world");
@@ -71,6 +72,7 @@ pub struct MarkScore {
     compared: MarkTrack,
     sights: SightTrack,
     n_true: usize,
+    warmup: Warmup,
 }
 
 impl Node for MarkScore {
@@ -101,13 +103,15 @@ impl Node for MarkScore {
             compared: MarkTrack::default(),
             sights: SightTrack::default(),
             n_true: 0,
+            warmup: Warmup::default(),
         })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         let world = io.latest(&WORLD).map(|it| it.value.clone());
         let truth = |time: Time| world.as_ref().and_then(|it| it.painted(time));
-        let is_scored = |time: Time| time.as_s() >= self.settings.start_s;
+        let (warmup, start_s) = (&mut self.warmup, self.settings.start_s);
+        let mut is_scored = |time: Time| warmup.is_scored(time, start_s);
         if let Some(marks) = io.take(&MARKS) {
             if let Some(painted) = truth(marks.value.time) {
                 self.n_true = painted.marks.len();
@@ -142,7 +146,9 @@ impl Node for MarkScore {
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         let names = self.whole.names();
-        if names.is_empty() {
+        if let Some(sentence) = self.warmup.remark(self.settings.start_s) {
+            report.remark(format!("marks: {sentence}"));
+        } else if names.is_empty() {
             report.remark("No mark was recovered, or nobody with painted marks was there: nothing was scored.");
         }
         self.marks.report_distances(&names, "", report);

@@ -92,7 +92,8 @@ impl Node for Score {
             let name = if self.label.is_empty() { name } else { format!("{}.{name}", self.label) };
             report.figure(name, value);
         }
-        own.remarks.into_iter().for_each(|it| report.remark(it));
+        let name = if self.label.is_empty() { "targets" } else { &self.label };
+        own.remarks.into_iter().for_each(|it| report.remark(format!("{name}: {it}")));
         self.truth_file.finish(report)
     }
 }

@@ -13,6 +13,7 @@ pub(crate) mod follow_picture;
 pub mod marks;
 mod pairs;
 mod truth;
+pub(crate) mod warmup;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -26,6 +27,7 @@ use nalgebra::Point3;
 use distances::Distances;
 use pairs::{Groups, Pair, Pairs};
 use truth::{Interpolated, TruthTrack};
+use warmup::Warmup;
 
 /// Recovered messages that may wait for the truth of their time; more are given up, oldest first.
 const MAX_WAITING: usize = 20_000;
@@ -61,6 +63,7 @@ pub struct Scorer {
     swaps: u64,
     rebirths: u64,
     messages: u64,
+    warmup: Warmup,
     unscored: u64,
     false_targets: u64,
     duplicates: u64,
@@ -120,6 +123,7 @@ impl Scorer {
             swaps: 0,
             rebirths: 0,
             messages: 0,
+            warmup: Warmup::default(),
             unscored: 0,
             false_targets: 0,
             duplicates: 0,
@@ -166,7 +170,7 @@ impl Scorer {
 
     /// What was recovered at one time.
     pub fn recovered(&mut self, targets: Arc<Targets>) {
-        if targets.time.as_s() < self.start_s {
+        if !self.warmup.is_scored(targets.time, self.start_s) {
             return;
         }
         if self.waiting.is_empty() && self.truth.reaches(targets.time) {
@@ -340,6 +344,11 @@ impl Scorer {
         report.figure("time_to_birth_ms.median", median);
         report.figure("scored_messages", self.messages as f64);
         report.figure("unscored_messages", self.unscored as f64);
+        if let Some(sentence) = self.warmup.remark(self.start_s) {
+            report.remark(sentence);
+        } else if n_true == 0 && self.messages > 0 {
+            report.remark("nothing was scored: no true light was within the volume of the scale in this time");
+        }
     }
 }
 

@@ -3,14 +3,17 @@
 use foveate::estimation::statistics::median;
 
 use super::course::{Course, Front, Moment, neighbours};
-use crate::plot::axes::{Labels, Panel, Range};
+use crate::plot::axes::{Labels, Panel, Range, round_step};
 use crate::plot::legend::{COLOURS, Key, LEGEND_WIDTH, Legend};
-use crate::plot::svg::{Anchor, Pen, Point, Rect, SMALL, Svg};
+use crate::plot::svg::{Anchor, Pen, Point, Rect, SMALL, Svg, TEXT};
 use crate::plot::thin::{FIGURE_POINTS, thin_courses};
 
 const LEFT: f64 = 76.0;
 const TOP: f64 = 46.0;
 const WIDTH: f64 = 760.0;
+/// Least and greatest height of a view of the world.
+const LOWEST: f64 = 130.0;
+const HIGHEST: f64 = 900.0;
 const OURS: &str = COLOURS[0];
 const COMPARED: &str = "#9a9a9a";
 const FILLED: &str = COLOURS[1];
@@ -23,24 +26,31 @@ const LONGEST_STEPS: f64 = 4.5;
 /// Marks of the pairs whose distances are drawn are this far apart on average [m].
 const PAIRS: std::ops::Range<f64> = 0.015..0.09;
 
-/// All surfaces over one another, in the world, from above and from the front [Davis 2002 Fig. 63].
+/// All surfaces over one another, in the world, from above and from the front, at one scale along all axes [Davis 2002 Fig. 63].
 pub(super) fn way(course: &Course, name: &str) -> String {
     let step = course.moments.len().div_ceil(OVERLAID).max(1);
     let shown: Vec<&Moment> = course.moments.iter().step_by(step).collect();
+    let title = format!("{name}: the marks of {} moments in the world", shown.len());
     let all = || shown.iter().flat_map(|it| it.in_world());
-    let range =
-        |axis: usize| Range::of(all().map(|it| it.0[axis])).unwrap_or(Range { min: 0.0, max: 1.0 }).widened(0.04);
-    let (x, y, z) = (range(0), range(1), range(2));
-    let scale = WIDTH / x.length();
-    let [deep, high] = [y, z].map(|it| (it.length() * scale).clamp(130.0, 900.0));
-    let height = TOP + deep + high + 90.0;
-    let mut svg =
-        Svg::new(LEFT + WIDTH + 20.0, height, &format!("{name}: the marks of {} moments in the world", shown.len()));
+    let values = |axis: usize| all().map(|it| it.0[axis]).filter(|it| it.is_finite()).collect::<Vec<_>>();
+    let range = |axis: usize| Range::of_most(&mut values(axis)).map(|it| it.widened(0.04));
+    let (Some(x), Some(y), Some(z)) = (range(0), range(1), range(2)) else { return nothing(&title) };
+    // [px/m]; a panel that would be too low or too narrow shows more of the world, not a stretched one.
+    let scale = (WIDTH / x.length()).min(HIGHEST / y.length()).min(HIGHEST / z.length());
+    let tall = |it: Range| (it.length() * scale).max(LOWEST);
+    let reach = |it: Range, pixels: f64| {
+        let (middle, half) = (0.5 * (it.min + it.max), 0.5 * pixels / scale);
+        Range { min: middle - half, max: middle + half }
+    };
+    let [deep, high] = [tall(y), tall(z)];
+    let (x, y, z) = (reach(x, WIDTH), reach(y, deep), reach(z, high));
+    let mut svg = Svg::new(LEFT + WIDTH + 20.0, TOP + deep + high + 90.0, &title);
+    let steps = [Some(round_step(42.0 / scale)); 2];
     let mut top = TOP;
     for (axis, other, tall, label) in [(1, y, deep, "y [m], from above"), (2, z, high, "z [m], from the front")] {
         let rect = Rect { left: LEFT, top, width: WIDTH, height: tall };
         let panel = Panel { rect, x, y: other };
-        panel.background(&mut svg, Labels::new((axis == 2).then_some("x [m]"), label));
+        panel.background(&mut svg, Labels { steps, ..Labels::new((axis == 2).then_some("x [m]"), label) });
         svg.within(rect, |svg| {
             for (number, moment) in shown.iter().enumerate() {
                 let colour = COLOURS[number % COLOURS.len()];
@@ -55,9 +65,20 @@ pub(super) fn way(course: &Course, name: &str) -> String {
     svg.finish()
 }
 
+/// A figure that says that it shows nothing, and why.
+fn nothing(title: &str) -> String {
+    let mut svg = Svg::new(LEFT + WIDTH + 20.0, TOP + 80.0, title);
+    svg.text([LEFT, TOP + 30.0], Anchor::Start, TEXT, "nothing to show: no marks were recovered in this run");
+    svg.finish()
+}
+
 /// By how much the distances of two pairs of marks deviate from their means over time: of the pair whose distance changes most and of the one whose
 /// distance changes least [Davis 2002 Fig. 64].
 pub(super) fn distances(ours: &Course, compared: &Course, name: &str) -> String {
+    let pairs = extreme_pairs(ours);
+    if pairs.is_empty() {
+        return nothing(&format!("{name}: how far the distance of two marks is from its mean over the session"));
+    }
     let mut svg = Svg::new(
         LEFT + WIDTH + LEGEND_WIDTH + 20.0,
         TOP + 2.0 * 190.0 + 60.0,
@@ -69,7 +90,7 @@ pub(super) fn distances(ours: &Course, compared: &Course, name: &str) -> String 
         legend.entry(&mut svg, Key::Line(Pen::new(COMPARED, 1.5)), "to compare with");
     }
     let time = Range::of(ours.moments.iter().map(|it| it.time_s)).unwrap_or(Range { min: 0.0, max: 1.0 });
-    for (row, (pair, what)) in extreme_pairs(ours).into_iter().zip(["most", "least"]).enumerate() {
+    for (row, (pair, what)) in pairs.into_iter().zip(["most", "least"]).enumerate() {
         let deviations = |course: &Course| {
             let distances = course.distance(pair);
             let mean = distances.iter().map(|it| it.1).sum::<f64>() / distances.len().max(1) as f64;
@@ -130,6 +151,9 @@ type Of<'a> = &'a dyn Fn(&Moment) -> Option<f64>;
 
 /// How many marks were measured and filled in, and how well the model describes them.
 pub(super) fn counts(course: &Course, name: &str) -> String {
+    if course.moments.is_empty() {
+        return nothing(&format!("{name}: marks measured and filled in, and how well the model fits"));
+    }
     let mut svg = Svg::new(
         LEFT + WIDTH + LEGEND_WIDTH + 20.0,
         TOP + 2.0 * 190.0 + 60.0,
@@ -169,11 +193,16 @@ pub(super) fn counts(course: &Course, name: &str) -> String {
 /// Some moments of the surface from before it, marks joined to their neighbours; filled marks stand out [Davis 2002 Fig. 62, 70].
 pub(super) fn stills(course: &Course, name: &str) -> String {
     const SIDE: f64 = 236.0;
-    let rows = STILLS.div_ceil(4) as f64;
-    let mut svg =
-        Svg::new(4.0 * SIDE + 40.0, TOP + rows * (SIDE + 24.0) + 44.0, &format!("{name}: the surface at some moments"));
-    let step = (course.moments.len() / STILLS).max(1);
-    let shown: Vec<&Moment> = course.moments.iter().skip(step / 2).step_by(step).take(STILLS).collect();
+    let title = format!("{name}: the surface at some moments");
+    // Moments with marks enough for a net, where there are any: a still of two dots shows no surface.
+    let whole: Vec<&Moment> = course.moments.iter().filter(|it| Front::of(it).is_some()).collect();
+    if whole.is_empty() {
+        return nothing(&title);
+    }
+    let step = (whole.len() / STILLS).max(1);
+    let shown: Vec<&Moment> = whole.into_iter().skip(step / 2).step_by(step).take(STILLS).collect();
+    let rows = shown.len().div_ceil(4) as f64;
+    let mut svg = Svg::new(4.0 * SIDE + 40.0, TOP + rows * (SIDE + 24.0) + 44.0, &title);
     // One frame of reference and one net for all: that of the moment with most marks.
     let fullest = course.moments.iter().max_by_key(|it| (it.samples.len(), std::cmp::Reverse(it.time_s.to_bits())));
     let net = fullest.map(neighbours).unwrap_or_default();

@@ -27,7 +27,7 @@ const COMPARED: In<Marks> = In::each(2, "compared").optional();
 pub struct ExportMarkPicturesSettings {
     /// What the names of the files begin with [–].
     pub prefix: String,
-    /// What happens before this session time is not drawn [s].
+    /// What happens before this session time is not drawn, where anything comes after it [s].
     #[schemars(range(min = 0.0, max = 1e6))]
     pub start_s: f64,
 }
@@ -43,9 +43,10 @@ impl Default for ExportMarkPicturesSettings {
 pub struct ExportMarkPictures {
     settings: ExportMarkPicturesSettings,
     name: String,
-    marks: Course,
-    shape: Course,
-    compared: Course,
+    /// What the figures show: marks, shape, and what they are compared with.
+    shown: [Course; 3],
+    /// The same from before `start_s`, while nothing has come after it.
+    early: [Course; 3],
     out_dir: Option<std::path::PathBuf>,
 }
 
@@ -69,25 +70,37 @@ impl Node for ExportMarkPictures {
         Ok(Self {
             settings,
             name: setup.scale.clone(),
-            marks: Course::default(),
-            shape: Course::default(),
-            compared: Course::default(),
+            shown: Default::default(),
+            early: Default::default(),
             out_dir: setup.out_dir.clone(),
         })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         let start_s = self.settings.start_s;
-        let is_shown = |marks: &Marks| marks.time.as_s() >= start_s;
-        for (port, course) in [(&MARKS, &mut self.marks), (&SHAPE, &mut self.shape), (&COMPARED, &mut self.compared)] {
-            if let Some(marks) = io.take(port).filter(|it| is_shown(&it.value)) {
-                course.push(&marks.value);
+        for (index, port) in [&MARKS, &SHAPE, &COMPARED].into_iter().enumerate() {
+            let Some(marks) = io.take(port) else { continue };
+            if marks.value.time.as_s() >= start_s {
+                self.early = Default::default();
+                self.shown[index].push(&marks.value);
+            } else if self.shown.iter().all(|it| it.moments.is_empty()) {
+                self.early[index].push(&marks.value);
             }
         }
         Ok(())
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        if self.shown.iter().all(|it| it.moments.is_empty())
+            && let Some(last_s) = self.early.iter().flat_map(|it| &it.moments).map(|it| it.time_s).reduce(f64::max)
+        {
+            report.remark(format!(
+                "the figures `{}*.svg` show what came before `start_s` = {} s: nothing came after it (the last marks at {last_s:.2} s)",
+                self.settings.prefix, self.settings.start_s
+            ));
+            self.shown = std::mem::take(&mut self.early);
+            self.name += &format!(" (all before start_s = {} s)", self.settings.start_s);
+        }
         match &self.out_dir {
             None => Ok(()),
             Some(folder) => write_pictures(folder, &self.settings.prefix, &self.draw(), report),
@@ -97,10 +110,11 @@ impl Node for ExportMarkPictures {
 
 impl ExportMarkPictures {
     fn draw(&self) -> [(&'static str, String); 4] {
-        let whole = if self.shape.moments.is_empty() { &self.marks } else { &self.shape };
+        let [marks, shape, compared] = &self.shown;
+        let whole = if shape.moments.is_empty() { marks } else { shape };
         [
             ("way.svg", draw::way(whole, &self.name)),
-            ("distances.svg", draw::distances(&self.marks, &self.compared, &self.name)),
+            ("distances.svg", draw::distances(marks, compared, &self.name)),
             ("counts.svg", draw::counts(whole, &self.name)),
             ("stills.svg", draw::stills(whole, &self.name)),
         ]
@@ -147,8 +161,8 @@ mod tests {
             let mut node = node(folder.path());
             for moment in 0..moments {
                 let marks = marks(f64::from(moment) / 30.0, n);
-                node.marks.push(&marks);
-                node.shape.push(&marks);
+                node.shown[0].push(&marks);
+                node.shown[1].push(&marks);
             }
             let mut report = Report::default();
             node.finish(&mut report).unwrap();
@@ -165,14 +179,62 @@ mod tests {
     fn the_pair_that_changes_most_is_drawn_and_faces_are_seen_from_the_front() {
         let folder = tempfile::tempdir().unwrap();
         let mut node = node(folder.path());
-        (0..60).for_each(|it| node.marks.push(&marks(f64::from(it) / 30.0, 36)));
-        let text = draw::distances(&node.marks, &node.compared, "face");
+        (0..60).for_each(|it| node.shown[0].push(&marks(f64::from(it) / 30.0, 36)));
+        let text = draw::distances(&node.shown[0], &node.shown[2], "face");
         assert!(text.contains("(changes most)") && text.contains(">0–"), "mark 0 moves");
-        let moment = &node.marks.moments[0];
+        let moment = &node.shown[0].moments[0];
         let front = course::Front::of(moment).unwrap();
         // The face looks along +y with z up: seen from before it, -x is to the right.
         let [right, up] = front.place(&Point3::new(-0.05, 0.0, 0.05));
         let [other, _] = front.place(&Point3::new(0.05, 0.0, 0.05));
         assert!(right > other && up > 0.0, "{right} {other} {up}");
+    }
+
+    /// Places of the numbers along an axis: those of texts with this anchor [px], and what stands there.
+    fn numbers(svg: &str, anchor: &str, key: &str) -> Vec<(f64, f64)> {
+        let texts = svg.split("<text ").skip(1).filter(|it| it.contains(&format!("text-anchor=\"{anchor}\"")));
+        let read = |it: &str| {
+            let place = it.split(&format!("{key}=\"")).nth(1)?.split('"').next()?.parse().ok()?;
+            let value = it.split('>').nth(1)?.split('<').next()?.replace('\u{2212}', "-").parse().ok()?;
+            Some((place, value))
+        };
+        texts.filter_map(read).collect()
+    }
+
+    #[test]
+    fn the_way_has_one_scale_along_all_axes_whatever_its_shape() {
+        for reach in [Vector3::new(4.0, 0.05, 0.2), Vector3::new(0.1, 3.0, 0.3), Vector3::new(0.05, 0.05, 9.0)] {
+            let mut course = Course::default();
+            for step in 0..50 {
+                let mut marks = marks(0.0, 36);
+                marks.world_from_marks.translation.vector += reach * f64::from(step) / 50.0;
+                course.push(&marks);
+            }
+            let svg = draw::way(&course, "face");
+            let across = numbers(&svg, "middle", "x");
+            let upwards = numbers(&svg, "end", "y");
+            let scale = |it: &[(f64, f64)]| ((it[1].0 - it[0].0) / (it[1].1 - it[0].1)).abs();
+            assert!(across.len() >= 2 && upwards.len() >= 4, "{reach}: {across:?} {upwards:?}");
+            let (x, y) = (scale(&across), scale(&upwards));
+            assert!((x / y - 1.0).abs() < 0.02, "{reach}: {x} px/m across, {y} px/m up");
+        }
+    }
+
+    #[test]
+    fn a_run_that_ends_before_the_start_shows_what_there_was_and_says_so() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut node = node(folder.path());
+        node.settings.start_s = 13.0;
+        (0..60).for_each(|it| node.early[0].push(&marks(f64::from(it) / 30.0, 36)));
+        let mut report = Report::default();
+        node.finish(&mut report).unwrap();
+        assert!(report.remarks[0].contains("before `start_s` = 13 s") && report.remarks[0].contains("1.97 s"));
+        let stills = std::fs::read_to_string(folder.path().join("face_stills.svg")).unwrap();
+        assert!(stills.matches("<circle").count() > 8 * 30, "eight surfaces");
+        let mut report = Report::default();
+        let mut empty = self::node(folder.path());
+        empty.finish(&mut report).unwrap();
+        let stills = std::fs::read_to_string(folder.path().join("face_stills.svg")).unwrap();
+        assert!(stills.contains("nothing to show"));
     }
 }

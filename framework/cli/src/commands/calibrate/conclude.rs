@@ -21,7 +21,7 @@ use crate::calibrate::boards;
 use crate::calibrate::capture::{self, Captured};
 use crate::calibrate::{figures, words};
 use crate::output::say;
-use crate::{exit, results};
+use crate::{exit, interrupt, results};
 
 /// What is told beside the room itself.
 #[derive(Debug, Default)]
@@ -90,7 +90,8 @@ pub(super) fn conclude(
         figures.into_iter().map(|(name, value)| (name, results::number(value))).collect();
     figures.insert("verdict".to_owned(), Value::String(checks.verdict.level.to_string()));
     figures.insert("diagnoses".to_owned(), figures::diagnoses(checks));
-    write(&folder.join("summary.json"), &format!("{:#}\n", Value::Object(figures)))?;
+    let summary = Value::Object(interrupt::told(figures, interrupt::caught().is_some()));
+    write(&folder.join("summary.json"), &format!("{summary:#}\n"))?;
     write(&folder.join("verdict.txt"), &more.told(&checks.to_string()))?;
     let mut files = vec!["calibration.toml", "summary.json", "verdict.txt", capture::SIGHTINGS];
     if args.report {

@@ -1,0 +1,188 @@
+//! The figures of a run as a person reads them: by scale, accuracy first, what belongs together in one line.
+
+use std::collections::BTreeMap;
+
+use foveate_dataflow::graph::Graph;
+use foveate_dataflow::run::Outcome;
+
+/// Lines shown of each scale at most, and of all scales together; the rest is in the file.
+const LINES_OF_SCALE: usize = 16;
+const LINES: usize = 44;
+/// Last parts of names that are statistics of one quantity.
+const STATISTICS: [&str; 8] = ["median", "mean", "p90", "p95", "p99", "max", "min", "rms"];
+/// Units of errors, at the end of the name of a quantity.
+const UNITS: [&str; 7] = ["_mm", "_px", "_deg", "_mrad", "_sigmas", "_ms", "_m"];
+/// What a node that judges counts besides: not how good it was but how much there was.
+const HOW_MUCH: [&str; 8] = [
+    "scored_messages",
+    "unscored_messages",
+    "targets_true",
+    "identities",
+    "pictures",
+    "marks_measured",
+    "marks_found",
+    "filled",
+];
+
+/// One line: a quantity with all its statistics.
+#[derive(Debug, Clone, PartialEq)]
+struct Quantity<'a> {
+    name: &'a str,
+    /// Name of the statistic, empty for a number by itself, and value.
+    values: Vec<(&'a str, f64)>,
+    rank: Rank,
+}
+
+/// What is read first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Rank {
+    /// How far what was recovered is from the truth, or from what was measured otherwise.
+    Error,
+    /// Other verdicts: what was missed, mixed up, invented.
+    Verdict,
+    /// Everything else.
+    Other,
+}
+
+/// The lines, and how many figures are left out of them that are in the file.
+pub(super) fn table(graph: &Graph, outcome: &Outcome) -> (Vec<String>, usize) {
+    let report = &outcome.report;
+    let mut of_scales: BTreeMap<usize, Vec<Quantity<'_>>> = BTreeMap::new();
+    let mut n_left_out = 0;
+    for (name, value) in &report.figures {
+        let node = report.origins.get(name).and_then(|path| graph.instances.iter().find(|it| it.path == *path));
+        // What is said of each camera, and a node's own bookkeeping, are for the file.
+        if is_for_the_file(graph, name) {
+            n_left_out += 1;
+            continue;
+        }
+        let (stem, statistic) = split(name);
+        let quantities = of_scales.entry(node.map_or(graph.scales.len(), |it| it.scale)).or_default();
+        match quantities.last_mut().filter(|it| it.name == stem && !statistic.is_empty()) {
+            Some(quantity) => quantity.values.push((statistic, *value)),
+            None => {
+                let rank = rank(node.map_or("", |it| it.node_type.name), stem);
+                quantities.push(Quantity { name: stem, values: vec![(statistic, *value)], rank });
+            }
+        }
+    }
+    let has_several = of_scales.len() > 1;
+    let share = (LINES / of_scales.len().max(1)).max(LINES_OF_SCALE);
+    let mut lines = Vec::new();
+    for (scale, mut quantities) in of_scales {
+        // What is of the whole run comes before what is of one camera or head.
+        quantities.sort_by_key(|it| (it.rank, of_camera(graph, it.name)));
+        if has_several {
+            lines.push(graph.scales.get(scale).map_or("the run", |it| &it.name).to_owned());
+        }
+        let (measured, empty): (Vec<_>, Vec<_>) =
+            quantities.iter().partition(|it| it.values.iter().any(|it| it.1.is_finite()));
+        let width = measured.iter().take(share).map(|it| it.name.len()).max().unwrap_or(0);
+        lines.extend(measured.iter().take(share).map(|it| format!("  {:width$}  {}", it.name, numbers(&it.values))));
+        n_left_out += measured.iter().skip(share).map(|it| it.values.len()).sum::<usize>();
+        let names: Vec<&str> = empty.iter().map(|it| it.name).collect();
+        if !names.is_empty() {
+            lines.push(format!("  nothing to measure: {}", names.join(", ")));
+        }
+    }
+    (lines, n_left_out)
+}
+
+fn is_for_the_file(graph: &Graph, name: &str) -> bool {
+    let last = name.rsplit('.').next().unwrap_or(name);
+    let kept_by_a_node = graph.instances.iter().any(|it| {
+        let short = it.node_type.name.rsplit('.').next().unwrap_or(it.node_type.name);
+        name.strip_prefix(short).is_some_and(|rest| rest.starts_with('.'))
+    });
+    name.contains('[') || kept_by_a_node || graph.calibration.index_of(last).is_some()
+}
+
+fn of_camera(graph: &Graph, name: &str) -> bool {
+    name.split('.').any(|it| graph.calibration.index_of(it).is_some())
+}
+
+/// A quantity, and which statistic of it this is.
+fn split(name: &str) -> (&str, &str) {
+    name.rsplit_once('.').filter(|it| STATISTICS.contains(&it.1)).unwrap_or((name, ""))
+}
+
+fn rank(node_type: &str, name: &str) -> Rank {
+    let judges = ["score", "error", "reprojection", "watch"].iter().any(|it| node_type.contains(it));
+    let last = name.rsplit('.').next().unwrap_or(name);
+    if !judges || HOW_MUCH.contains(&last) {
+        Rank::Other
+    } else if UNITS.iter().any(|it| last.ends_with(it)) && !last.starts_with("time_") {
+        Rank::Error
+    } else {
+        Rank::Verdict
+    }
+}
+
+fn numbers(values: &[(&str, f64)]) -> String {
+    let place = |statistic: &str| STATISTICS.iter().position(|it| *it == statistic);
+    let mut values: Vec<_> = values.to_vec();
+    values.sort_by_key(|it| place(it.0));
+    let one = |(statistic, value): &(&str, f64)| match *statistic {
+        "" => short(*value),
+        statistic => format!("{statistic} {}", short(*value)),
+    };
+    values.iter().map(one).collect::<Vec<_>>().join("   ")
+}
+
+/// Four digits where there are that many to show.
+fn short(value: f64) -> String {
+    let size = value.abs();
+    if !value.is_finite() {
+        "–".to_owned()
+    } else if value.fract() == 0.0 && size < 1e9 {
+        format!("{value}")
+    } else if !(1e-4..1e9).contains(&size) {
+        format!("{value:.2e}")
+    } else {
+        let decimals = (3.0 - size.log10().floor()).clamp(0.0, 6.0) as usize;
+        let text = format!("{value:.decimals$}");
+        // 0.9980 is 0.998.
+        if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_four_digits() {
+        let cases = [
+            (0.915, "0.915"),
+            (0.99851, "0.9985"),
+            (105.4259, "105.4"),
+            (51621.3, "51621"),
+            (0.0101, "0.0101"),
+            (8.0, "8"),
+            (-2.455, "-2.455"),
+            (2e-6, "2.00e-6"),
+            (f64::NAN, "–"),
+        ];
+        for (value, expected) in cases {
+            assert_eq!(short(value), expected);
+        }
+    }
+
+    #[test]
+    fn statistics_of_a_quantity_are_one_line_in_their_usual_order() {
+        assert_eq!(split("body.error_mm.median"), ("body.error_mm", "median"));
+        assert_eq!(split("body.completeness"), ("body.completeness", ""));
+        assert_eq!(numbers(&[("max", 9.0), ("p95", 2.455), ("median", 0.915)]), "median 0.915   p95 2.455   max 9");
+    }
+
+    #[test]
+    fn errors_come_before_verdicts_and_those_before_counts() {
+        assert_eq!(rank("sim.score", "body.error_mm"), Rank::Error);
+        assert_eq!(rank("sim.head_score", "off_centre_px"), Rank::Error);
+        assert_eq!(rank("sim.score", "completeness"), Rank::Verdict);
+        assert_eq!(rank("sim.score", "time_to_birth_ms"), Rank::Verdict);
+        assert_eq!(rank("sim.score", "body.scored_messages"), Rank::Other);
+        assert_eq!(rank("export.targets", "path_length_m"), Rank::Other);
+        assert!(Rank::Error < Rank::Verdict && Rank::Verdict < Rank::Other);
+    }
+}
