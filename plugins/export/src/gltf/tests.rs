@@ -120,8 +120,10 @@ fn everything_points_at_what_is_there() {
     for child in nodes.iter().filter_map(|it| it["children"].as_array()).flatten() {
         parents[number(child)] += 1;
     }
-    let root = number(&document["scenes"][0]["nodes"][0]);
-    assert!((0..nodes.len()).all(|it| parents[it] == usize::from(it != root)), "{parents:?}");
+    let roots: Vec<usize> = document["scenes"][0]["nodes"].as_array().unwrap().iter().map(number).collect();
+    assert!((0..nodes.len()).all(|it| parents[it] == usize::from(!roots.contains(&it))), "{parents:?}");
+    let skinned = (0..nodes.len()).filter(|it| !nodes[*it]["skin"].is_null()).collect::<Vec<_>>();
+    assert!(skinned.len() == 1 && roots.contains(&skinned[0]), "a mesh with a skin is a root: {roots:?}");
     let animation = &document["animations"][0];
     let mut targets = Vec::new();
     for channel in animation["channels"].as_array().unwrap() {
