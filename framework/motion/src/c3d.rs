@@ -13,8 +13,12 @@
 //! | more than 65,535 frames | the header saturates; `TRIAL:ACTUAL_START_FIELD`, `TRIAL:ACTUAL_END_FIELD` and `POINT:LONG_FRAMES` tell |
 //! | byte order | Intel, DEC and SGI (MIPS), read and written |
 //!
+//! What readers hold against each other agrees: one analog sample a frame in the header beside `ANALOG:RATE` = `POINT:RATE`, though there are no channels,
+//! and a description for each label.
+//!
 //! A file that lies about its sizes costs no more memory than a few times its own length.
 
+mod growing;
 mod order;
 mod parameters;
 mod read;
@@ -24,6 +28,7 @@ mod write;
 
 use std::fmt;
 
+pub use growing::{Growing, POINT_BYTES};
 pub use order::ByteOrder;
 pub use read::read;
 pub use write::{Coding, write};

@@ -43,16 +43,28 @@ impl std::error::Error for TrcError {}
 /// The file `name` of `recording`, with five decimals; labels lose tabs and line ends.
 pub fn write(recording: &Recording, name: &str) -> String {
     let (n_frames, n_points) = (recording.times_s.len(), recording.labels.len());
-    let mut text = String::with_capacity(200 + n_points * 40 + n_frames * (20 + n_points * 30));
-    text.push_str(&format!("PathFileType\t4\t(X/Y/Z)\t{name}\n"));
+    let mut text = head(recording, n_frames, name, 0);
+    text.reserve(n_frames * (20 + n_points * 30));
+    for (frame, time_s) in recording.times_s.iter().enumerate() {
+        put_row(&mut text, frame + 1, *time_s, &recording.positions[frame * n_points..(frame + 1) * n_points]);
+    }
+    text
+}
+
+/// All that stands before the rows of a file of `n_frames` frames, whatever `about` has of them. Spaces behind the file's name in the first line make it
+/// `room` bytes longer than it must be: the digits by which the number of frames grows can take their place.
+pub fn head(about: &Recording, n_frames: usize, name: &str, room: usize) -> String {
+    let n_points = about.labels.len();
+    let mut text = String::with_capacity(300 + n_points * 60 + room);
+    text.push_str(&format!("PathFileType\t4\t(X/Y/Z)\t{name}{}\n", " ".repeat(room)));
     text.push_str(
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames\n",
     );
-    let rate = format!("{:.3}", recording.rate_hz);
-    let units = &recording.units;
+    let rate = format!("{:.3}", about.rate_hz);
+    let units = &about.units;
     text.push_str(&format!("{rate}\t{rate}\t{n_frames}\t{n_points}\t{units}\t{rate}\t1\t{n_frames}\n"));
     text.push_str("Frame#\tTime");
-    for label in &recording.labels {
+    for label in &about.labels {
         text.push('\t');
         text.push_str(&label.replace(['\t', '\n', '\r'], " "));
         text.push_str("\t\t");
@@ -62,21 +74,23 @@ pub fn write(recording: &Recording, name: &str) -> String {
         text.push_str(&format!("\tX{number}\tY{number}\tZ{number}"));
     }
     text.push_str("\n\n");
-    for (frame, time_s) in recording.times_s.iter().enumerate() {
-        write!(text, "{}\t", frame + 1).ok();
-        fixed(&mut text, *time_s, 6);
-        for position in &recording.positions[frame * n_points..(frame + 1) * n_points] {
-            match position {
-                Some(position) => position.iter().for_each(|it| {
-                    text.push('\t');
-                    fixed(&mut text, *it, 5);
-                }),
-                None => text.push_str("\t\t\t"),
-            }
-        }
-        text.push('\n');
-    }
     text
+}
+
+/// Adds the line of a frame, counted from 1.
+pub fn put_row(text: &mut String, frame: usize, time_s: f64, positions: &[Option<[f64; 3]>]) {
+    write!(text, "{frame}\t").ok();
+    fixed(text, time_s, 6);
+    for position in positions {
+        match position {
+            Some(position) => position.iter().for_each(|it| {
+                text.push('\t');
+                fixed(text, *it, 5);
+            }),
+            None => text.push_str("\t\t\t"),
+        }
+    }
+    text.push('\n');
 }
 
 /// Reads a whole file.
