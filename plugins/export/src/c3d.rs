@@ -7,19 +7,22 @@
 //! bits evenly, neighbours by name together. `FOVEATE:CAMERAS` in the file says which. `FOVEATE:START_S` is the session time of the first frame.
 
 use std::collections::BTreeMap;
+use std::io::{self, Read, Write};
 
-use foveate::motion::c3d::{Analog, ByteOrder, Coding, Event, Recording, Sample, write};
+use foveate::motion::c3d::{Event, Growing, POINT_BYTES, Recording, Sample};
 use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::csv::camera_names;
-use crate::gather::{Common, Gather, Table, default_gap_ms, ports};
+use crate::frame_file::{About, Columns, Format, FrameFile};
+use crate::gather::{Common, Gather, default_gap_ms, ports};
 use crate::time_base;
-use crate::whole_file::WholeFile;
 
 /// Bits of the mask.
 const BITS: usize = 7;
+/// Bytes that each label has at least while the file grows, so that those of points that come later find room.
+const ROOM_FOR_LABELS: usize = 24;
 
 /// What the points are written as.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -88,41 +91,140 @@ fn default_residual_step_mm() -> f64 {
     0.02
 }
 
-/// Targets and marks into a C3D file, at the end of the run.
+/// Targets and marks into a C3D file, as they come: at any time the file holds what there was so far. Integers are made of floats at the end, for their scale is
+/// that of the farthest point.
 pub struct ExportC3d {
     gather: Option<Gather>,
-    file: WholeFile,
-    settings: ExportC3dSettings,
-    cameras: Vec<String>,
+    file: FrameFile<C3d>,
 }
 
-impl ExportC3d {
-    fn recording(&self, table: &Table) -> Recording {
-        let sample = |it: &time_base::Sample| {
-            Sample {
-                position: [0, 1, 2].map(|axis| (it.position[axis] * 1e3) as f32),
-                // Not 0 even where the covariance is: that would say that it was not measured.
-                residual: if it.is_filled { 0.0 } else { (it.sigma() as f32 * 1e3).max(f32::MIN_POSITIVE) },
-                cameras: it.cameras.iter().fold(0, |mask, camera| mask | 1 << bit(camera, self.cameras.len())),
-            }
-        };
-        let start_s = table.time_s(0);
+/// How frames become those of a C3D file.
+struct C3d {
+    /// With no point: what all frames have in common.
+    growing: Growing,
+    events: Vec<EventSettings>,
+    cameras: Vec<String>,
+    residual_step_mm: f32,
+    numbers: Numbers,
+    /// The largest coordinate [mm].
+    farthest: f32,
+    row: Vec<Sample>,
+}
+
+impl C3d {
+    fn growing(&self, about: &About, labels: &[String], label_bytes: usize) -> Result<Growing, String> {
         let event = |it: &EventSettings| Event {
             label: it.label.clone(),
             context: it.context.clone(),
-            time_s: it.time_s - start_s,
+            time_s: it.time_s - about.start_s,
         };
-        Recording {
-            rate_hz: table.rate_hz as f32,
+        let recording = Recording {
+            rate_hz: about.rate_hz as f32,
             units: "mm".to_owned(),
             first_frame: 1,
-            labels: table.points.iter().map(|it| it.label.clone()).collect(),
-            samples: Table::dense(&table.points, table.n_frames, Sample::MISSING, sample),
-            events: self.settings.events.iter().map(event).collect(),
-            analog: Analog::default(),
+            labels: labels.to_vec(),
+            events: self.events.iter().map(event).collect(),
             cameras: bits(&self.cameras),
-            start_s: Some(start_s),
+            start_s: Some(about.start_s),
+            ..Recording::default()
+        };
+        Growing::new(recording, self.residual_step_mm, label_bytes).map_err(|it| it.to_string())
+    }
+
+    fn sample(&self, it: &time_base::Sample) -> Sample {
+        Sample {
+            position: [0, 1, 2].map(|axis| (it.position[axis] * 1e3) as f32),
+            // Not 0 even where the covariance is: that would say that it was not measured.
+            residual: if it.is_filled { 0.0 } else { (it.sigma() as f32 * 1e3).max(f32::MIN_POSITIVE) },
+            cameras: it.cameras.iter().fold(0, |mask, camera| mask | 1 << bit(camera, self.cameras.len())),
         }
+    }
+
+    /// Calls `give` with the samples of each row, those of missing columns missing.
+    fn rows(
+        &self,
+        columns: &Columns,
+        from: &mut dyn Read,
+        mut give: impl FnMut(&[[u8; POINT_BYTES]]) -> io::Result<()>,
+    ) -> io::Result<()> {
+        let mut missing = Vec::new();
+        self.growing.put(&[Sample::MISSING], &mut missing);
+        let mut before = vec![0; columns.n_before * POINT_BYTES];
+        let missing = missing.first_chunk().copied().unwrap_or_default();
+        let mut row = vec![missing; columns.sources.len()];
+        while fill(from, &mut before)? {
+            let points = before.as_chunks::<POINT_BYTES>().0;
+            for (to, source) in row.iter_mut().zip(&columns.sources) {
+                *to = source.map_or(missing, |it| points[it]);
+            }
+            give(&row)?;
+        }
+        Ok(())
+    }
+}
+
+/// Reads one row; `false` at the end.
+fn fill(from: &mut dyn Read, row: &mut [u8]) -> io::Result<bool> {
+    match from.read_exact(row) {
+        Ok(()) => Ok(!row.is_empty()),
+        Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(false),
+        Err(error) => Err(error),
+    }
+}
+
+impl Format for C3d {
+    fn room(&self, _about: &About, labels: &[String]) -> usize {
+        labels.iter().map(String::len).max().unwrap_or(0).max(ROOM_FOR_LABELS)
+    }
+
+    fn head(&self, about: &About, labels: &[String], n_frames: usize, room: usize) -> Result<Vec<u8>, String> {
+        self.growing(about, labels, room)?.head(n_frames).map_err(|it| it.to_string())
+    }
+
+    fn put(&mut self, _about: &About, _frame: usize, points: &[Option<time_base::Sample>], rows: &mut Vec<u8>) {
+        let mut row = std::mem::take(&mut self.row);
+        row.clear();
+        row.extend(points.iter().map(|it| it.as_ref().map_or(Sample::MISSING, |it| self.sample(it))));
+        let there = row.iter().filter(|it| it.is_present()).flat_map(|it| it.position);
+        self.farthest = there.map(f32::abs).filter(|it| it.is_finite()).fold(self.farthest, f32::max);
+        self.growing.put(&row, rows);
+        self.row = row;
+    }
+
+    fn convert(&self, columns: &Columns, from: &mut dyn Read, to: &mut dyn Write) -> io::Result<()> {
+        self.rows(columns, from, |row| to.write_all(row.as_flattened()))
+    }
+
+    fn is_other_at_the_end(&self) -> bool {
+        self.numbers == Numbers::Integer
+    }
+
+    fn last_head(&self, about: &About, labels: &[String], n_frames: usize) -> Result<Vec<u8>, String> {
+        let growing = self.growing(about, labels, 0)?;
+        let head = match self.numbers {
+            Numbers::Float => growing.head(n_frames),
+            Numbers::Integer => growing.integer_head(n_frames, Growing::integer_step(self.farthest)),
+        };
+        head.map_err(|it| it.to_string())
+    }
+
+    fn convert_last(&self, columns: &Columns, from: &mut dyn Read, to: &mut dyn Write) -> io::Result<()> {
+        if self.numbers == Numbers::Float {
+            return self.convert(columns, from, to);
+        }
+        let step = Growing::integer_step(self.farthest);
+        let (mut samples, mut bytes) = (Vec::new(), Vec::new());
+        self.rows(columns, from, |row| {
+            samples.clear();
+            bytes.clear();
+            samples.extend(row.iter().map(|it| self.growing.sample(*it)));
+            Growing::put_integers(&samples, step, &mut bytes);
+            to.write_all(&bytes)
+        })
+    }
+
+    fn end(&self, n_bytes: u64, n_frames: usize) -> Vec<u8> {
+        vec![0; Growing::padding(n_bytes, n_frames)]
     }
 }
 
@@ -145,6 +247,18 @@ fn bits(cameras: &[String]) -> Vec<String> {
         }
     }
     bits
+}
+
+impl ExportC3d {
+    /// As when it comes at the port, at the message's own time.
+    #[cfg(test)]
+    pub(crate) fn push(&mut self, message: std::sync::Arc<Targets>) {
+        let now = message.time;
+        if let Some(gather) = &mut self.gather {
+            gather.push_targets(message, false);
+            self.file.take(gather, now);
+        }
+    }
 }
 
 impl Node for ExportC3d {
@@ -176,36 +290,32 @@ impl Node for ExportC3d {
         {
             return Err(ConfigError::at(setting, format_args!("found `{long}`, expected at most 120 bytes")));
         }
-        Ok(Self {
-            gather: Some(gather),
-            file: WholeFile::new(setup, &settings.file),
+        let residual_step_mm = settings.residual_step_mm as f32;
+        let growing = Growing::new(Recording::default(), residual_step_mm, 0)
+            .map_err(|error| ConfigError::at("residual_step_mm", error))?;
+        let format = C3d {
+            growing,
+            events: settings.events.clone(),
             cameras: camera_names(setup),
-            settings,
-        })
+            residual_step_mm,
+            numbers: settings.numbers,
+            farthest: 0.0,
+            row: Vec::new(),
+        };
+        Ok(Self { gather: Some(gather.taken_by_frame()), file: FrameFile::new(setup, file, format) })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         if let Some(gather) = &mut self.gather {
             gather.take(io);
+            self.file.take(gather, io.now());
         }
         Ok(())
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        let Some(gather) = self.gather.take() else { return Ok(()) };
-        let table = gather.finish(&self.settings.file, report);
-        report.figure("c3d.points", table.points.len() as f64);
-        report.figure("c3d.frames", table.n_frames as f64);
-        if !self.file.is_wanted() {
-            return Ok(());
-        }
-        let coding = match self.settings.numbers {
-            Numbers::Float => Coding::Float { residual_step: self.settings.residual_step_mm as f32 },
-            Numbers::Integer => Coding::Integer { step: None },
-        };
-        let bytes = write(&self.recording(&table), coding, ByteOrder::Intel)
-            .map_err(|error| NodeError::input(format!("{} cannot be written: {error}", self.settings.file)))?;
-        self.file.write(&bytes, report)
+        let Some(mut gather) = self.gather.take() else { return Ok(()) };
+        self.file.finish(&mut gather, "c3d", report)
     }
 }
 
@@ -262,7 +372,7 @@ mod tests {
                 ],
                 fit: None,
             };
-            gather.push_marks(&marks);
+            gather.push_marks(Arc::new(marks));
         }
         for step in 0..=50 {
             let time = 0.01 * f64::from(step);

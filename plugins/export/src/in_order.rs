@@ -1,39 +1,61 @@
-//! Several messages may be of one time, each knowing more than the one before: the last one counts.
+//! Messages in the order of their times, each time once: several may be of one time, each knowing more than the one before, and the last one counts.
+//!
+//! A message waits until one comes that is [`WAIT`] younger, so that what comes late finds its place; what is later still comes out at once.
 
-use std::sync::Arc;
+use std::collections::BTreeMap;
 
 use foveate::prelude::*;
 
-/// Holds a message back until time has moved on.
-#[derive(Debug, Default)]
-pub(crate) struct LastOfTime {
-    held: Option<Arc<Targets>>,
-    /// Messages of an earlier time than one before them.
+/// How much younger a message must be than one that is held back. Anchors of scales tell their last 256 poses, a quarter of a second of them at the highest rate
+/// that is usual (1000 Hz): what waits no longer than this still finds its own.
+pub(crate) const WAIT: Interval = Interval(100_000_000);
+
+/// Holds messages back until those before them have come.
+#[derive(Debug)]
+pub(crate) struct InOrder<T> {
+    held: BTreeMap<Time, T>,
+    newest: Option<Time>,
+    /// The last one that came out in order.
+    reached: Option<Time>,
     late: u64,
 }
 
-impl LastOfTime {
-    /// Takes a message in; gives out the last one of a time that is over. A late message comes out at once.
-    pub(crate) fn push(&mut self, message: Arc<Targets>) -> Option<Arc<Targets>> {
-        match &self.held {
-            Some(held) if message.time < held.time => {
-                self.late += 1;
-                Some(message)
-            }
-            Some(held) if message.time == held.time => {
-                self.held = Some(message);
-                None
-            }
-            _ => self.held.replace(message),
+impl<T> Default for InOrder<T> {
+    fn default() -> Self {
+        Self { held: BTreeMap::new(), newest: None, reached: None, late: 0 }
+    }
+}
+
+impl<T> InOrder<T> {
+    /// Takes a message in; gives out those whose time is over. One that is too late comes out at once.
+    pub(crate) fn push(&mut self, time: Time, message: T, give: &mut impl FnMut(T)) {
+        if self.reached.is_some_and(|it| time <= it) {
+            self.late += 1;
+            return give(message);
+        }
+        self.held.insert(time, message);
+        let newest = self.newest.map_or(time, |it| it.max(time));
+        self.newest = Some(newest);
+        while let Some(first) = self.held.first_entry().filter(|it| newest - *it.key() >= WAIT) {
+            self.reached = Some(*first.key());
+            give(first.remove());
         }
     }
 
-    /// The one that is still held, at the end.
-    pub(crate) fn finish(&mut self) -> Option<Arc<Targets>> {
-        self.held.take()
+    /// Those that are still held, at the end.
+    pub(crate) fn finish(&mut self, give: &mut impl FnMut(T)) {
+        while let Some((time, message)) = self.held.pop_first() {
+            self.reached = Some(time);
+            give(message);
+        }
     }
 
-    /// How many came late.
+    /// The time of the last one that came out in order.
+    pub(crate) fn reached(&self) -> Option<Time> {
+        self.reached
+    }
+
+    /// How many came too late for their place.
     pub(crate) fn late(&self) -> u64 {
         self.late
     }
@@ -43,19 +65,25 @@ impl LastOfTime {
 mod tests {
     use super::*;
 
-    #[test]
-    fn last_message_of_a_time_comes_out_when_time_moves_on() {
-        let mut last = LastOfTime::default();
-        let message = |time: i64, count: usize| {
-            let target = crate::target_rows::tests::target(1, [0.0; 3], How::Measured);
-            Arc::new(Targets { time: Time(time), list: vec![target; count] })
-        };
-        let mut outcome = Vec::new();
-        for (time, count) in [(1, 1), (1, 2), (1, 3), (2, 1), (1, 9), (4, 2)] {
-            outcome.extend(last.push(message(time, count)).map(|it| (it.time.0, it.list.len())));
+    fn order(messages: &[(f64, u32)]) -> (Vec<u32>, u64) {
+        let (mut order, mut out) = (InOrder::default(), Vec::new());
+        for &(ms, message) in messages {
+            order.push(Time::ZERO + Interval::from_ms(ms), message, &mut |it| out.push(it));
         }
-        outcome.extend(last.finish().map(|it| (it.time.0, it.list.len())));
-        assert_eq!(outcome, [(1, 3), (1, 9), (2, 1), (4, 2)]);
-        assert_eq!(last.late(), 1);
+        order.finish(&mut |it| out.push(it));
+        (out, order.late())
+    }
+
+    #[test]
+    fn messages_find_their_place_and_the_last_of_a_time_counts() {
+        assert_eq!(order(&[(1.0, 1), (1.0, 2), (1.0, 3), (2.0, 4), (1.0, 9), (4.0, 5)]), (vec![9, 4, 5], 0));
+        assert_eq!(order(&[(10.0, 1), (30.0, 3), (20.0, 2), (0.0, 0)]), (vec![0, 1, 2, 3], 0));
+    }
+
+    #[test]
+    fn what_is_too_late_comes_out_at_once() {
+        assert_eq!(order(&[(10.0, 1), (109.0, 2), (5.0, 0)]), (vec![0, 1, 2], 0));
+        assert_eq!(order(&[(10.0, 1), (110.0, 2), (5.0, 0), (60.0, 3), (10.0, 9)]), (vec![1, 0, 9, 3, 2], 2));
+        assert_eq!(order(&[]), (vec![], 0));
     }
 }

@@ -228,13 +228,13 @@ print("whole")
             how: How::Filled,
         };
         let quarter = Vector3::z() * std::f64::consts::FRAC_PI_2;
-        gather.push_marks(&Marks {
+        gather.push_marks(Arc::new(Marks {
             time: Time::from_s(0.6),
             world_from_marks: Isometry3::new(Vector3::z(), quarter),
             covariance: Matrix6::zeros(),
             list: vec![mark],
             fit: None,
-        });
+        }));
         node.finish(&mut Report::default()).unwrap();
         let output = Command::new(python).arg("-c").arg(CHECK).arg(folder.path().join("motion.npz")).output().unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));

@@ -1,14 +1,16 @@
 //! `export.trc`: targets and marks as TRC, on one time base, in millimetres.
 
 use std::collections::BTreeMap;
+use std::io::{self, BufRead, BufReader, Read, Write};
 
-use foveate::motion::trc::{Recording, write};
+use foveate::motion::trc::{Recording, head, put_row};
 use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::gather::{Common, Gather, Table, default_gap_ms, ports};
-use crate::whole_file::WholeFile;
+use crate::frame_file::{About, Columns, Format, FrameFile};
+use crate::gather::{Common, Gather, default_gap_ms, ports};
+use crate::time_base::Sample;
 
 /// Which way is up in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -55,29 +57,98 @@ fn default_filled() -> bool {
     true
 }
 
-/// Targets and marks into a TRC file, at the end of the run.
+/// Targets and marks into a TRC file, as they come: at any time the file holds what there was so far.
 pub struct ExportTrc {
     gather: Option<Gather>,
-    file: WholeFile,
-    settings: ExportTrcSettings,
+    file: FrameFile<Trc>,
 }
 
-impl ExportTrc {
-    fn recording(&self, table: &Table) -> Recording {
-        let position = |it: &crate::time_base::Sample| {
+/// How frames become rows.
+struct Trc {
+    file: String,
+    up: Up,
+    filled: bool,
+    row: Vec<Option<[f64; 3]>>,
+    text: String,
+}
+
+impl Format for Trc {
+    /// The length of the head.
+    fn room(&self, about: &About, labels: &[String]) -> usize {
+        // Twice the digits that the number of frames may still get, and a long name for each spare column.
+        let spare = labels.iter().filter(|it| it.starts_with("unused-")).count();
+        self.whole_head(about, labels, 0, 0).len() + 2 * 8 + 24 * spare
+    }
+
+    fn head(&self, about: &About, labels: &[String], n_frames: usize, room: usize) -> Result<Vec<u8>, String> {
+        let length = self.whole_head(about, labels, n_frames, 0).len();
+        Ok(self.whole_head(about, labels, n_frames, room.saturating_sub(length)).into_bytes())
+    }
+
+    fn put(&mut self, about: &About, frame: usize, points: &[Option<Sample>], rows: &mut Vec<u8>) {
+        let place = |it: &Sample| {
             let [x, y, z] = [0, 1, 2].map(|axis| it.position[axis] * 1e3);
-            let is_wanted = self.settings.filled || !it.is_filled;
-            is_wanted.then_some(match self.settings.up {
+            let is_wanted = self.filled || !it.is_filled;
+            is_wanted.then_some(match self.up {
                 Up::Y => [x, z, -y],
                 Up::Z => [x, y, z],
             })
         };
-        Recording {
-            rate_hz: table.rate_hz,
+        self.row.clear();
+        self.row.extend(points.iter().map(|it| it.as_ref().and_then(place)));
+        self.text.clear();
+        put_row(&mut self.text, frame + 1, about.start_s + frame as f64 / about.rate_hz, &self.row);
+        rows.extend_from_slice(self.text.as_bytes());
+    }
+
+    fn convert(&self, columns: &Columns, from: &mut dyn Read, to: &mut dyn Write) -> io::Result<()> {
+        let mut from = BufReader::new(from);
+        let mut line = String::new();
+        let mut row = String::new();
+        while from.read_line(&mut line)? > 0 {
+            row.clear();
+            let fields: Vec<&str> = line.trim_end_matches('\n').split('\t').collect();
+            let (start, points) = fields.split_at(fields.len().min(2));
+            row.push_str(&start.join("\t"));
+            for source in &columns.sources {
+                let of_point = source.and_then(|it| points.get(3 * it..3 * it + 3)).unwrap_or(&["", "", ""]);
+                of_point.iter().for_each(|it| {
+                    row.push('\t');
+                    row.push_str(it);
+                });
+            }
+            row.push('\n');
+            to.write_all(row.as_bytes())?;
+            line.clear();
+        }
+        Ok(())
+    }
+
+    fn end(&self, _n_bytes: u64, _n_frames: usize) -> Vec<u8> {
+        Vec::new()
+    }
+}
+
+impl Trc {
+    fn whole_head(&self, about: &About, labels: &[String], n_frames: usize, room: usize) -> String {
+        let recording = Recording {
+            rate_hz: about.rate_hz,
             units: "mm".to_owned(),
-            labels: table.points.iter().map(|it| it.label.clone()).collect(),
-            times_s: (0..table.n_frames).map(|it| table.time_s(it)).collect(),
-            positions: Table::dense(&table.points, table.n_frames, None, position),
+            labels: labels.to_vec(),
+            ..Recording::default()
+        };
+        head(&recording, n_frames, &self.file, room)
+    }
+}
+
+impl ExportTrc {
+    /// As when it comes at the port, at the message's own time.
+    #[cfg(test)]
+    pub(crate) fn push(&mut self, message: std::sync::Arc<Targets>) {
+        let now = message.time;
+        if let Some(gather) = &mut self.gather {
+            gather.push_targets(message, false);
+            self.file.take(gather, now);
         }
     }
 }
@@ -95,25 +166,22 @@ impl Node for ExportTrc {
     fn new(settings: ExportTrcSettings, setup: &Setup) -> Result<Self, ConfigError> {
         let ExportTrcSettings { file, rate_hz, gap_ms, labels, .. } = &settings;
         let gather = Gather::new(&Common { file, rate_hz: *rate_hz, gap_ms: *gap_ms, labels }, setup)?;
-        Ok(Self { gather: Some(gather), file: WholeFile::new(setup, &settings.file), settings })
+        let format =
+            Trc { file: file.clone(), up: settings.up, filled: settings.filled, row: Vec::new(), text: String::new() };
+        Ok(Self { gather: Some(gather.taken_by_frame()), file: FrameFile::new(setup, file, format) })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         if let Some(gather) = &mut self.gather {
             gather.take(io);
+            self.file.take(gather, io.now());
         }
         Ok(())
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        let Some(gather) = self.gather.take() else { return Ok(()) };
-        let table = gather.finish(&self.settings.file, report);
-        report.figure("trc.points", table.points.len() as f64);
-        report.figure("trc.frames", table.n_frames as f64);
-        if !self.file.is_wanted() {
-            return Ok(());
-        }
-        self.file.write(write(&self.recording(&table), &self.settings.file).as_bytes(), report)
+        let Some(mut gather) = self.gather.take() else { return Ok(()) };
+        self.file.finish(&mut gather, "trc", report)
     }
 }
 
