@@ -15,11 +15,13 @@ const ARROWS: &[(&str, &[&str])] = &[
     // A room beside dataflow: calibrating is no node's work, and the program that does it knows both.
     ("calibration", &["estimation", "geometry", "scene"]),
     ("messages", &[]),
+    // Skeletons are part of the scene.
+    ("motion", &["scene"]),
     ("dataflow", &["estimation", "geometry", "messages", "scene"]),
     ("sim", &["dataflow", "estimation", "geometry", "messages", "scene"]),
     ("testkit", &["dataflow", "estimation", "geometry", "messages", "scene"]),
     // Nodes that calibrate what moves while a rig runs, such as heads.
-    ("foveate", &["calibration", "dataflow", "estimation", "geometry", "imaging", "messages", "scene"]),
+    ("foveate", &["calibration", "dataflow", "estimation", "geometry", "imaging", "messages", "motion", "scene"]),
     ("capture", &["foveate"]),
     ("led", &["foveate"]),
     ("blob", &["foveate"]),

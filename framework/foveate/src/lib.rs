@@ -6,6 +6,7 @@ pub use foveate_estimation as estimation;
 pub use foveate_geometry as geometry;
 pub use foveate_imaging as imaging;
 pub use foveate_messages as messages;
+pub use foveate_motion as motion;
 pub use foveate_scene as scene;
 
 /// What nearly every node file needs.

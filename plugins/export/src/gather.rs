@@ -10,7 +10,7 @@ use foveate::scene::{LengthUnit, UncertainPose};
 use nalgebra::Isometry3;
 
 use crate::csv::check_file_name;
-use crate::last_of_time::LastOfTime;
+use crate::in_order::InOrder;
 use crate::time_base::{Sample, Settling, Ticks, TimeBase, Tracks};
 
 pub(crate) const TARGETS: In<Targets> = In::each(0, "targets").optional();
@@ -24,6 +24,9 @@ pub(crate) const POSES: In<HeadPose> = In::each(4, "poses").many().optional();
 pub(crate) fn ports() -> Ports {
     Ports::new().input(&TARGETS).input(&PARENT_TARGETS).input(&MARKS).input(&SPACES)
 }
+
+/// How long an input that has come to a halt holds up frames that others have samples for, in session time.
+const PATIENCE: Interval = Interval(5_000_000_000);
 
 /// Samples farther apart leave a hole [ms].
 pub(crate) fn default_gap_ms() -> f64 {
@@ -40,7 +43,7 @@ pub(crate) struct Common<'a> {
 
 /// A point of the world over time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Point {
+pub(crate) enum Point {
     Target(TargetId),
     ParentTarget(TargetId),
     Mark(u32),
@@ -59,6 +62,7 @@ enum Body {
 #[derive(Debug, Clone)]
 enum Item {
     Point(Point, Sample),
+    Predicted(Point, Sample),
     Body(Body, Isometry3<f64>),
 }
 
@@ -99,6 +103,24 @@ impl Table {
         self.start.as_s() + frame as f64 / self.rate_hz
     }
 
+    /// Puts marks in their own space where they are in the world: between samples the two are interpolated each by itself, which is not quite the same.
+    fn agree(&mut self) {
+        for own in &mut self.own_marks {
+            let Some(in_world) = self.points.iter().find(|it| it.mark == own.mark) else { continue };
+            let mut in_world = in_world.samples.iter().peekable();
+            let mut poses = self.marks_from.iter().peekable();
+            for (frame, sample) in &mut own.samples {
+                while in_world.next_if(|it| it.0 < *frame).is_some() {}
+                while poses.next_if(|it| it.0 < *frame).is_some() {}
+                if let (Some((at, place)), Some((then, pose))) = (in_world.peek(), poses.peek())
+                    && (*at, *then) == (*frame, *frame)
+                {
+                    sample.position = pose.inverse_transform_point(&place.position);
+                }
+            }
+        }
+    }
+
     /// Points frame by frame, in each frame point by point; `make` of a sample, `missing` where there is none.
     pub(crate) fn dense<T: Clone>(
         columns: &[Column],
@@ -116,11 +138,26 @@ impl Table {
     }
 }
 
+/// One frame, taken while the run goes on.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Frame {
+    /// Its number on the time base.
+    pub(crate) tick: i64,
+    /// All points that are there, ascending.
+    pub(crate) points: Vec<(Point, Sample)>,
+}
+
 /// Gathers what comes in.
 pub(crate) struct Gather {
     spaces: Spaces,
     parent: Option<(ScaleId, String)>,
-    last: [LastOfTime; 2],
+    order: [InOrder<Arc<Targets>>; 2],
+    marks_order: InOrder<Arc<Marks>>,
+    /// Which of the targets, the parent's and the marks can come.
+    expected: [bool; 3],
+    /// Frames are taken as they are ready, and points in the world are all that is wanted.
+    is_taken: bool,
+    has_ended: bool,
     settling: Settling<(Time, Item)>,
     points: Tracks<Point, Sample>,
     bodies: Tracks<Body, Isometry3<f64>>,
@@ -161,7 +198,11 @@ impl Gather {
         Ok(Self {
             spaces: Spaces::new(&setup.scales),
             parent: parent.and_then(|it| Some((it, setup.scales.place(it)?.name.clone()))),
-            last: Default::default(),
+            order: Default::default(),
+            marks_order: InOrder::default(),
+            expected: [setup.is_connected(&TARGETS), setup.is_connected(&PARENT_TARGETS), setup.is_connected(&MARKS)],
+            is_taken: false,
+            has_ended: false,
             settling: Settling::new(common.rate_hz, setup.is_connected(&MARKS)),
             points: Tracks::new(gap),
             bodies: Tracks::new(gap),
@@ -181,8 +222,14 @@ impl Gather {
             self.push_targets(message.value, true);
         }
         while let Some(message) = io.take(&MARKS) {
-            self.push_marks(&message.value);
+            self.push_marks(message.value);
         }
+    }
+
+    /// For exports that take frames while the run goes on.
+    pub(crate) fn taken_by_frame(mut self) -> Self {
+        self.is_taken = true;
+        self
     }
 
     /// Takes targets alone, for exports with ports of their own.
@@ -201,9 +248,15 @@ impl Gather {
     }
 
     pub(crate) fn push_targets(&mut self, message: Arc<Targets>, of_parent: bool) {
-        if let Some(message) = self.last[usize::from(of_parent)].push(message) {
-            self.add_targets(&message, of_parent);
-        }
+        let mut ready = Vec::new();
+        self.order[usize::from(of_parent)].push(message.time, message, &mut |it| ready.push(it));
+        ready.iter().for_each(|it| self.add_targets(it, of_parent));
+    }
+
+    pub(crate) fn push_marks(&mut self, marks: Arc<Marks>) {
+        let mut ready = Vec::new();
+        self.marks_order.push(marks.time, marks, &mut |it| ready.push(it));
+        ready.iter().for_each(|it| self.add_marks(it));
     }
 
     fn add_targets(&mut self, message: &Targets, of_parent: bool) {
@@ -218,26 +271,31 @@ impl Gather {
             let (position, covariance) = world_from_scale.transform_point(&target.position, &covariance);
             let key = if of_parent { Point::ParentTarget(target.id) } else { Point::Target(target.id) };
             if let Some(sample) = Sample::new(position, &covariance, target.how, &target.cameras) {
-                self.push(message.time, Item::Point(key, sample));
+                let is_data = target.how != How::Predicted;
+                self.push(message.time, if is_data { Item::Point(key, sample) } else { Item::Predicted(key, sample) });
             }
         }
     }
 
-    pub(crate) fn push_marks(&mut self, marks: &Marks) {
+    fn add_marks(&mut self, marks: &Marks) {
         self.settling.hear(marks.time);
         let world_from_marks = UncertainPose { transform: marks.world_from_marks, covariance: marks.covariance };
         let mut is_any = false;
         for mark in &marks.list {
             let (position, covariance) = world_from_marks.transform_point(&mark.position, &mark.covariance);
-            let in_world = Sample::new(position, &covariance, mark.how, &mark.cameras);
+            let Some(in_world) = Sample::new(position, &covariance, mark.how, &mark.cameras) else { continue };
+            if mark.how == How::Predicted {
+                self.push(marks.time, Item::Predicted(Point::Mark(mark.label), in_world));
+                continue;
+            }
+            self.push(marks.time, Item::Point(Point::Mark(mark.label), in_world));
+            is_any = true;
             let own = Sample::new(mark.position, &mark.covariance, mark.how, &mark.cameras);
-            if let (Some(in_world), Some(own)) = (in_world, own) {
-                self.push(marks.time, Item::Point(Point::Mark(mark.label), in_world));
+            if let Some(own) = own.filter(|_| !self.is_taken) {
                 self.push(marks.time, Item::Point(Point::OwnMark(mark.label), own));
-                is_any = true;
             }
         }
-        if is_any {
+        if is_any && !self.is_taken {
             self.push(marks.time, Item::Body(Body::Marks, marks.world_from_marks));
         }
     }
@@ -255,7 +313,7 @@ impl Gather {
                 self.release(&base);
                 self.put(&base, time, item);
             }
-            None => self.settling.hold((time, item)),
+            None => self.settling.hold(time, (time, item)),
         }
     }
 
@@ -268,11 +326,72 @@ impl Gather {
     fn put(&mut self, base: &TimeBase, time: Time, item: Item) {
         match item {
             Item::Point(key, sample) => self.points.push(base, key, time, sample),
+            Item::Predicted(key, sample) => self.points.push_predicted(key, time, sample),
             Item::Body(key, pose) => self.bodies.push(base, key, time, pose),
         }
     }
 
-    fn name(&self, point: Point) -> String {
+    /// The time base, once it is known.
+    pub(crate) fn base(&self) -> Option<TimeBase> {
+        self.settling.base()
+    }
+
+    /// The next frame with a point in it that nothing can change any more.
+    pub(crate) fn next_frame(&mut self) -> Option<Frame> {
+        let base = self.settling.base()?;
+        if self.has_ended {
+            let tick = self.points.first_tick()?;
+            return Some(self.take_frame(tick));
+        }
+        let until = self.all_has_come_until()?;
+        self.points.forget(&base, until);
+        let tick = self.points.first_tick()?;
+        (base.at(tick) + self.points.gap() <= until).then(|| self.take_frame(tick))
+    }
+
+    fn take_frame(&mut self, tick: i64) -> Frame {
+        let mut points = Vec::new();
+        self.points.take_tick(tick, |key, sample| points.push((key, sample)));
+        Frame { tick, points }
+    }
+
+    /// Samples of this time or an earlier one will not come; `None` before the first.
+    fn all_has_come_until(&self) -> Option<Time> {
+        let reached = [self.order[0].reached(), self.order[1].reached(), self.marks_order.reached()];
+        let newest = reached.into_iter().flatten().max()?;
+        let waited_for = reached.into_iter().zip(self.expected).filter(|it| it.1 || it.0.is_some());
+        let slowest = waited_for.map(|it| it.0).min().flatten();
+        Some(slowest.map_or(newest - PATIENCE, |it| it.max(newest - PATIENCE)))
+    }
+
+    /// The run is over: all frames that are left are ready. Says in the report what could not be used, and what `file` is to be read with care for.
+    pub(crate) fn end(&mut self, file: &str, is_empty: bool, report: &mut Report) {
+        self.settle();
+        if let Some(base) = self.settling.base() {
+            self.points.close(&base);
+        }
+        self.has_ended = true;
+        // Those that come too late to be taken are counted when they are looked for.
+        let is_empty = self.points.first_tick().is_none() && is_empty;
+        self.remark(self.points.late(), file, is_empty, report);
+    }
+
+    /// Takes in all that was held back.
+    fn settle(&mut self) -> TimeBase {
+        let (mut targets, mut marks) = (Vec::new(), Vec::new());
+        for (order, of_parent) in self.order.iter_mut().zip([false, true]) {
+            order.finish(&mut |it| targets.push((it, of_parent)));
+        }
+        self.marks_order.finish(&mut |it| marks.push(it));
+        targets.iter().for_each(|it| self.add_targets(&it.0, it.1));
+        marks.iter().for_each(|it| self.add_marks(it));
+        let base = self.settling.settle();
+        self.release(&base);
+        base
+    }
+
+    /// What a point is called in files.
+    pub(crate) fn name(&self, point: Point) -> String {
         let name = match point {
             Point::Target(id) => format!("target-{}", id.0),
             Point::ParentTarget(id) => {
@@ -285,16 +404,11 @@ impl Gather {
 
     /// All that was gathered. Says in the report what could not be used, and what `file` is to be read with care for.
     pub(crate) fn finish(mut self, file: &str, report: &mut Report) -> Table {
-        for of_parent in [false, true] {
-            if let Some(message) = self.last[usize::from(of_parent)].finish() {
-                self.add_targets(&message, of_parent);
-            }
-        }
-        let base = self.settling.settle();
-        self.release(&base);
-        let empty = Tracks::new(Interval(0));
-        let (points, late) = std::mem::replace(&mut self.points, empty).finish(&base);
-        let (bodies, _) = std::mem::replace(&mut self.bodies, Tracks::new(Interval(0))).finish(&base);
+        let base = self.settle();
+        self.points.close(&base);
+        let late = self.points.late();
+        let points = std::mem::replace(&mut self.points, Tracks::new(Interval(0))).finish(&base);
+        let bodies = std::mem::replace(&mut self.bodies, Tracks::new(Interval(0))).finish(&base);
         let ends = points.iter().map(|it| (it.1[0].0, it.1[it.1.len() - 1].0));
         let (first, last) = ends.fold((i64::MAX, i64::MIN), |all, it| (all.0.min(it.0), all.1.max(it.1)));
         let n_frames = if points.is_empty() { 0 } else { (last - first + 1) as usize };
@@ -327,11 +441,12 @@ impl Gather {
                 Body::Camera(camera) => table.cameras.push((camera, in_frames(ticks))),
             }
         }
-        self.remark(late, file, &table, report);
+        table.agree();
+        self.remark(late, file, table.n_frames == 0, report);
         table
     }
 
-    fn remark(&self, late: u64, file: &str, table: &Table, report: &mut Report) {
+    fn remark(&self, late: u64, file: &str, is_empty: bool, report: &mut Report) {
         if late > 0 {
             report.remark(format!(
                 "{file}: {late} samples were of an earlier time than one before them, and are left out"
@@ -343,7 +458,7 @@ impl Gather {
                 "{file}: {n} samples were of a scale whose place in the world was not known, and are left out"
             ));
         }
-        if !self.unit_is_known && table.n_frames > 0 {
+        if !self.unit_is_known && !is_empty {
             report.remark(format!(
                 "the lengths in {file} are in the calibration's own unit, which was never measured in metres"
             ));

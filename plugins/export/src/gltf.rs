@@ -1,7 +1,7 @@
 //! glTF in one binary file (GLB): nodes that move, a surface over marks, cameras.
 //!
 //! Source: *glTF 2.0 Specification*, The Khronos Group, 2021. All that moves hangs on one node that turns our axes (z up) into those of glTF (y up): below it every
-//! number is as in the world, in metres. Time 0 is the first frame.
+//! number is as in the world, in metres. A mesh that is moved by joints stands beside it, as the specification wants (section 3.7.3.3). Time 0 is the first frame.
 
 mod node;
 mod scene;
@@ -92,15 +92,15 @@ impl Glb {
         self.channels.push(json!({ "sampler": self.samplers.len() - 1, "target": target }));
     }
 
-    /// The whole file, `root` being the node that everything hangs on.
+    /// The whole file, `roots` being the nodes that everything hangs on.
     ///
     /// # Errors
     /// How many bytes it would have, where that is more than its 32 bits can count.
-    fn finish(self, root: usize, start_s: f64) -> Result<Vec<u8>, usize> {
+    fn finish(self, roots: &[usize], start_s: f64) -> Result<Vec<u8>, usize> {
         let mut document = json!({
             "asset": { "version": "2.0", "generator": "Foveate" },
             "scene": 0,
-            "scenes": [{ "nodes": [root] }],
+            "scenes": [{ "nodes": roots }],
             "nodes": self.nodes,
         });
         // Lists without an entry are not allowed.

@@ -16,16 +16,18 @@
 //!
 //! [`plot`] is what the pictures are drawn with; programs that measure draw their own figures with it.
 //!
-//! Tables reach the disk while the run goes on. A disk that is full or a folder that cannot be written to loses nothing: rows
+//! Tables, C3D and TRC reach the disk while the run goes on, and are whole at any time. A disk that is full or a folder that cannot be written to loses nothing: rows
 //! wait in memory, and lie in the system's folder for temporary files at the end, with an error that says where.
 
 pub mod bvh;
 pub mod c3d;
 mod csv;
 pub mod features;
+mod frame_file;
 mod gather;
 pub mod gltf;
-mod last_of_time;
+mod growing_file;
+mod in_order;
 pub mod mark_pictures;
 pub mod marks;
 pub mod npz;

@@ -5,6 +5,7 @@
 //! `world_x_m` to `world_czz_m2`, the same in the world, with the uncertainty of that space's place.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use foveate::prelude::*;
 use foveate::scene::{LengthUnit, UncertainPose};
@@ -12,6 +13,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::csv::{camera_names, check_file_name, field, fixed};
+use crate::in_order::InOrder;
 use crate::row_file::RowFile;
 use crate::targets::write_point;
 
@@ -33,9 +35,10 @@ fn default_file() -> String {
     "marks.csv".to_owned()
 }
 
-/// Painted marks into a CSV file, in the order of delivery.
+/// Painted marks into a CSV file. Of several messages of one time the last one is written.
 pub struct ExportMarks {
     file: RowFile,
+    order: InOrder<Arc<Marks>>,
     file_name: String,
     cameras: Vec<String>,
     unit_is_known: bool,
@@ -87,6 +90,7 @@ impl Node for ExportMarks {
         setup.claim_file(Some("file"), &settings.file)?;
         Ok(Self {
             file: RowFile::new(setup, &settings.file, HEADER),
+            order: InOrder::default(),
             file_name: settings.file,
             cameras: camera_names(setup),
             unit_is_known: setup.calibration.length_unit == LengthUnit::Metre,
@@ -98,14 +102,25 @@ impl Node for ExportMarks {
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let mut ready = Vec::new();
         while let Some(message) = io.take(&MARKS) {
-            self.write(&message.value);
+            self.order.push(message.value.time, message.value, &mut |it| ready.push(it));
         }
+        ready.iter().for_each(|it| self.write(it));
         self.file.flush_when_due(io.now());
         Ok(())
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let mut ready = Vec::new();
+        self.order.finish(&mut |it| ready.push(it));
+        ready.iter().for_each(|it| self.write(it));
+        if self.order.late() > 0 {
+            let (name, n_late) = (&self.file_name, self.order.late());
+            report.remark(format!(
+                "{name}: {n_late} messages were of an earlier time than one before them; their rows stand out of order"
+            ));
+        }
         report.figure("marks", self.seen.len() as f64);
         report.figure("marks.samples", self.samples as f64);
         report.figure("marks.samples_filled", self.filled as f64);

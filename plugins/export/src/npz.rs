@@ -1,176 +1,242 @@
-//! NPZ, the archive of arrays that `numpy.load` reads: a writer, pure functions over numbers.
+//! `export.npy`: targets and marks as arrays for NumPy, on one time base, with all that is known of each sample.
 //!
-//! An array is a file `NAME.npy` (NumPy's format 1.0: a dictionary in text, then the numbers, little-endian, the last index fastest) in a ZIP
-//! archive without compression.
+//! | array | shape | what |
+//! |---|---|---|
+//! | `rate_hz`, `times_s` | –, n | frames a second; session time of each frame |
+//! | `labels` | p | the points |
+//! | `positions_m` | n × p × 3 | in the world; NaN where missing |
+//! | `covariances_m2` | n × p × 3 × 3 | of the positions |
+//! | `how` | n × p | index into `how_names`: missing, measured, filled |
+//! | `cameras` | n × p × ⌈c / 8⌉ | bits: `numpy.unpackbits(cameras, axis=2, count=len(camera_names), bitorder="little")` |
+//! | `camera_names` | c | by number |
+//!
+//! With marks also, in the space that the marks have of their own (a head's): `mark_labels` (m), `marks_own_m` (n × m × 3), `marks_own_covariances_m2`
+//! (n × m × 3 × 3) and `world_from_marks` (n × 4 × 4).
 
-mod node;
+use std::collections::BTreeMap;
 
-pub use node::{ExportNpy, ExportNpySettings};
+use foveate::motion::npz::{Archive, TooLong};
+use foveate::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-/// An archive that grows.
-#[derive(Debug, Default)]
-pub struct Archive {
-    bytes: Vec<u8>,
-    /// Name, checksum, length and place of each file.
-    files: Vec<(String, u32, u32, u32)>,
+use crate::csv::camera_names;
+use crate::gather::{Column, Common, Gather, Table, default_gap_ms, ports};
+use crate::time_base::{Sample, TRIANGLE};
+use crate::whole_file::WholeFile;
+
+/// Settings of [`ExportNpy`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ExportNpySettings {
+    /// Name of the file in the results folder [–]
+    #[serde(default = "default_file")]
+    pub file: String,
+    /// Frames a second; 0: that of the marks where they are connected, 60 otherwise [Hz]
+    #[serde(default)]
+    #[schemars(range(min = 0.0, max = 100000.0))]
+    pub rate_hz: f64,
+    /// Between two samples of a point that are farther apart it is missing [ms]
+    #[serde(default = "default_gap_ms")]
+    #[schemars(range(min = 0.0, max = 60000.0))]
+    pub gap_ms: f64,
+    /// Names in the file in place of `target-N`, `PARENT-target-N` (PARENT: the parent scale's name) and `mark-N` [–]
+    #[serde(default)]
+    pub labels: BTreeMap<String, String>,
 }
 
-/// No array or archive is longer: the lengths of a plain ZIP archive have 32 bits [bytes].
-const MOST_BYTES: usize = u32::MAX as usize;
-/// Of the file's own format: 1980-01-01, for nodes read no clock.
-const DATE: u16 = 0x0021;
+fn default_file() -> String {
+    "motion.npz".to_owned()
+}
 
-/// An archive would be longer than 4 GiB.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct TooLong;
+/// Targets and marks into an archive of NumPy arrays, at the end of the run.
+pub struct ExportNpy {
+    gather: Option<Gather>,
+    file: WholeFile,
+    settings: ExportNpySettings,
+    cameras: Vec<String>,
+}
 
-impl Archive {
-    /// Adds an array of floats.
-    ///
-    /// # Errors
-    /// [`TooLong`].
-    ///
-    /// # Panics
-    /// When the shape is not that of so many values.
-    pub fn floats(&mut self, name: &str, shape: &[usize], values: &[f64]) -> Result<(), TooLong> {
-        self.array(name, "<f8", shape, values.len(), 8, values.iter().flat_map(|it| it.to_le_bytes()))
+/// The whole covariance of a sample, by rows.
+fn covariance(sample: &Sample) -> [f32; 9] {
+    let mut whole = [0.0; 9];
+    for ((row, column), value) in TRIANGLE.into_iter().zip(sample.covariance) {
+        whole[row * 3 + column] = value;
+        whole[column * 3 + row] = value;
     }
+    whole
+}
 
-    /// Adds an array of short floats; errors and panics as [`Self::floats`].
-    pub fn short_floats(&mut self, name: &str, shape: &[usize], values: &[f32]) -> Result<(), TooLong> {
-        self.array(name, "<f4", shape, values.len(), 4, values.iter().flat_map(|it| it.to_le_bytes()))
-    }
-
-    /// Adds an array of bytes; errors and panics as [`Self::floats`].
-    pub fn bytes(&mut self, name: &str, shape: &[usize], values: &[u8]) -> Result<(), TooLong> {
-        self.array(name, "|u1", shape, values.len(), 1, values.iter().copied())
-    }
-
-    /// Adds a list of texts; errors as [`Self::floats`].
-    pub fn texts(&mut self, name: &str, texts: &[&str]) -> Result<(), TooLong> {
-        let length = texts.iter().map(|it| it.chars().count()).max().unwrap_or(0).max(1);
-        let letters = texts.iter().flat_map(|it| it.chars().map(u32::from).chain(std::iter::repeat(0)).take(length));
-        let kind = format!("<U{length}");
-        self.array(name, &kind, &[texts.len()], texts.len(), 4 * length, letters.flat_map(u32::to_le_bytes))
-    }
-
-    fn array(
-        &mut self,
-        name: &str,
-        kind: &str,
-        shape: &[usize],
-        n_values: usize,
-        size: usize,
-        values: impl Iterator<Item = u8>,
-    ) -> Result<(), TooLong> {
-        assert_eq!(shape.iter().product::<usize>(), n_values, "`{name}` has another shape than {shape:?}");
-        let lengths: String = shape.iter().map(|it| format!("{it}, ")).collect();
-        let text = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({lengths}), }}");
-        // Such that the numbers begin at a multiple of 64 bytes of the array's file.
-        let length = (10 + text.len() + 1).next_multiple_of(64) - 10;
-        if n_values.saturating_mul(size).saturating_add(1 << 16) > MOST_BYTES - self.bytes.len().min(MOST_BYTES) {
-            return Err(TooLong);
+fn archive(table: &Table, cameras: &[String]) -> Result<Vec<u8>, TooLong> {
+    let (n, p) = (table.n_frames, table.points.len());
+    let mut to = Archive::default();
+    to.floats("rate_hz", &[], &[table.rate_hz])?;
+    to.floats("times_s", &[n], &(0..n).map(|it| table.time_s(it)).collect::<Vec<_>>())?;
+    to.texts("labels", &table.points.iter().map(|it| it.label.as_str()).collect::<Vec<_>>())?;
+    to.floats("positions_m", &[n, p, 3], &positions(&table.points, n))?;
+    to.short_floats("covariances_m2", &[n, p, 3, 3], &covariances(&table.points, n))?;
+    to.texts("how_names", &["missing", How::Measured.name(), How::Filled.name()])?;
+    to.bytes("how", &[n, p], &Table::dense(&table.points, n, 0, |it| if it.is_filled { 2 } else { 1 }))?;
+    let names: Vec<&str> = cameras.iter().map(String::as_str).collect();
+    to.texts("camera_names", &names)?;
+    let n_bytes = cameras.len().div_ceil(8);
+    let mut bits = vec![0_u8; n * p * n_bytes];
+    for (place, column) in table.points.iter().enumerate() {
+        for (frame, sample) in &column.samples {
+            let of_sample = &mut bits[(frame * p + place) * n_bytes..][..n_bytes];
+            for camera in sample.cameras.iter().map(|it| usize::from(it.0)).filter(|it| *it < cameras.len()) {
+                of_sample[camera / 8] |= 1 << (camera % 8);
+            }
         }
-        let file_name = format!("{name}.npy");
-        let start = self.bytes.len();
-        self.local_header(&file_name, 0, 0);
-        let content = self.bytes.len();
-        self.bytes.extend_from_slice(b"\x93NUMPY\x01\x00");
-        self.bytes.extend((length as u16).to_le_bytes());
-        self.bytes.extend_from_slice(format!("{text:<width$}\n", width = length - 1).as_bytes());
-        self.bytes.reserve(n_values * size);
-        self.bytes.extend(values);
-        let (sum, size) = (crc32(&self.bytes[content..]), (self.bytes.len() - content) as u32);
-        self.bytes[start + 14..start + 18].copy_from_slice(&sum.to_le_bytes());
-        self.bytes[start + 18..start + 22].copy_from_slice(&size.to_le_bytes());
-        self.bytes[start + 22..start + 26].copy_from_slice(&size.to_le_bytes());
-        self.files.push((file_name, sum, size, start as u32));
+    }
+    to.bytes("cameras", &[n, p, n_bytes], &bits)?;
+    if !table.own_marks.is_empty() {
+        let m = table.own_marks.len();
+        to.texts("mark_labels", &table.own_marks.iter().map(|it| it.label.as_str()).collect::<Vec<_>>())?;
+        to.floats("marks_own_m", &[n, m, 3], &positions(&table.own_marks, n))?;
+        to.short_floats("marks_own_covariances_m2", &[n, m, 3, 3], &covariances(&table.own_marks, n))?;
+        let mut poses = vec![[f64::NAN; 16]; n];
+        for (frame, pose) in &table.marks_from {
+            // Stored by columns.
+            poses[*frame].copy_from_slice(pose.to_homogeneous().transpose().as_slice());
+        }
+        to.floats("world_from_marks", &[n, 4, 4], poses.as_flattened())?;
+    }
+    Ok(to.finish())
+}
+
+fn positions(columns: &[Column], n_frames: usize) -> Vec<f64> {
+    let dense = Table::dense(columns, n_frames, [f64::NAN; 3], |it| it.position.into());
+    dense.into_iter().flatten().collect()
+}
+
+fn covariances(columns: &[Column], n_frames: usize) -> Vec<f32> {
+    Table::dense(columns, n_frames, [f32::NAN; 9], covariance).into_iter().flatten().collect()
+}
+
+impl Node for ExportNpy {
+    const TYPE: &'static str = "export.npy";
+    const ROLE: Role = Role::Sink;
+    const SUMMARY: &'static str =
+        "Writes targets and marks as NumPy arrays: times, positions, covariances, cameras, how";
+    type Settings = ExportNpySettings;
+
+    fn ports() -> Ports {
+        ports()
+    }
+
+    fn new(settings: ExportNpySettings, setup: &Setup) -> Result<Self, ConfigError> {
+        let ExportNpySettings { file, rate_hz, gap_ms, labels } = &settings;
+        let gather = Gather::new(&Common { file, rate_hz: *rate_hz, gap_ms: *gap_ms, labels }, setup)?;
+        Ok(Self {
+            gather: Some(gather),
+            file: WholeFile::new(setup, &settings.file),
+            cameras: camera_names(setup),
+            settings,
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        if let Some(gather) = &mut self.gather {
+            gather.take(io);
+        }
         Ok(())
     }
 
-    fn local_header(&mut self, name: &str, sum: u32, size: u32) {
-        self.bytes.extend_from_slice(b"PK\x03\x04");
-        self.common_header(name, sum, size);
-        self.bytes.extend_from_slice(name.as_bytes());
-    }
-
-    /// What stands both before a file and in the list at the end: version, flags, no compression, time, checksum, sizes, lengths of the names.
-    fn common_header(&mut self, name: &str, sum: u32, size: u32) {
-        for word in [20, 0, 0, 0, DATE] {
-            self.bytes.extend(word.to_le_bytes());
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let Some(gather) = self.gather.take() else { return Ok(()) };
+        let table = gather.finish(&self.settings.file, report);
+        report.figure("npy.points", table.points.len() as f64);
+        report.figure("npy.frames", table.n_frames as f64);
+        if !self.file.is_wanted() {
+            return Ok(());
         }
-        for word in [sum, size, size] {
-            self.bytes.extend(word.to_le_bytes());
-        }
-        self.bytes.extend((name.len() as u16).to_le_bytes());
-        self.bytes.extend([0, 0]);
-    }
-
-    /// The whole archive.
-    pub fn finish(mut self) -> Vec<u8> {
-        let start = self.bytes.len();
-        let files = std::mem::take(&mut self.files);
-        for (name, sum, size, place) in &files {
-            self.bytes.extend_from_slice(b"PK\x01\x02");
-            self.bytes.extend(20_u16.to_le_bytes());
-            self.common_header(name, *sum, *size);
-            // No comment, first disk, no attributes.
-            self.bytes.extend([0; 10]);
-            self.bytes.extend(place.to_le_bytes());
-            self.bytes.extend_from_slice(name.as_bytes());
-        }
-        let length = self.bytes.len() - start;
-        self.bytes.extend_from_slice(b"PK\x05\x06\0\0\0\0");
-        for _ in 0..2 {
-            self.bytes.extend((files.len() as u16).to_le_bytes());
-        }
-        self.bytes.extend((length as u32).to_le_bytes());
-        self.bytes.extend((start as u32).to_le_bytes());
-        self.bytes.extend([0, 0]);
-        self.bytes
-    }
-}
-
-/// The checksum of ZIP (polynomial 0xEDB88320, reflected).
-fn crc32(bytes: &[u8]) -> u32 {
-    const TABLE: [u32; 256] = {
-        let mut table = [0; 256];
-        let mut byte = 0;
-        while byte < 256 {
-            let mut sum = byte as u32;
-            let mut bit = 0;
-            while bit < 8 {
-                sum = if sum & 1 == 1 { sum >> 1 ^ 0xedb8_8320 } else { sum >> 1 };
-                bit += 1;
+        match archive(&table, &self.cameras) {
+            Ok(bytes) => self.file.write(&bytes, report),
+            Err(TooLong) => {
+                let (frames, points) = (table.n_frames, table.points.len());
+                Err(NodeError::input(format!(
+                    "{}: {frames} frames of {points} points take more than the 4 GiB that such a file can have",
+                    self.settings.file
+                )))
             }
-            table[byte] = sum;
-            byte += 1;
         }
-        table
-    };
-    !bytes.iter().fold(!0, |sum, &byte| sum >> 8 ^ TABLE[usize::from(sum as u8 ^ byte)])
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::process::Command;
+    use std::sync::Arc;
+
+    use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Vector3};
+
     use super::*;
+    use crate::target_rows::tests::target;
 
     #[test]
-    fn checksum_is_that_of_zip() {
-        assert_eq!(crc32(b"123456789"), 0xcbf4_3926);
+    fn node_keeps_its_promises() {
+        foveate_testkit::check_node::<ExportNpy>("");
     }
 
+    const CHECK: &str = r#"
+import sys, numpy
+file = numpy.load(sys.argv[1])
+names = list(file["camera_names"])
+seen = numpy.unpackbits(file["cameras"], axis=2, count=len(names), bitorder="little")
+assert file["positions_m"].shape == (5, 2, 3), file["positions_m"].shape
+assert list(file["labels"]) == ["waist", "mark-7"], file["labels"]
+assert numpy.allclose(file["positions_m"][1], [[1, 2, 3], [0.1, 0.0, 1.0]]), file["positions_m"][1]
+assert numpy.isnan(file["positions_m"][2:4, 0]).all() and numpy.isnan(file["covariances_m2"][2:4, 0]).all()
+assert [str(file["how_names"][it]) for it in file["how"][:, 0]] == ["measured", "measured", "missing", "missing", "measured"]
+assert [str(file["how_names"][it]) for it in file["how"][:, 1]] == ["missing", "filled", "missing", "missing", "missing"]
+assert [names[it] for it in seen[1, 0].nonzero()[0]] == ["ring-2"], seen[1, 0]
+assert [names[it] for it in seen[1, 1].nonzero()[0]] == ["ring-9"], seen[1, 1]
+assert numpy.allclose(file["times_s"], [0.5, 0.6, 0.7, 0.8, 0.9]) and file["rate_hz"] == 10
+assert numpy.allclose(file["covariances_m2"][1, 1], numpy.diag([4e-6, 1e-6, 1e-6])), file["covariances_m2"][1, 1]
+assert numpy.allclose(file["marks_own_m"][1, 0], [0, -0.1, 0]) and numpy.isnan(file["marks_own_m"][0]).all()
+assert numpy.allclose(file["marks_own_covariances_m2"][1, 0], numpy.diag([1e-6, 4e-6, 1e-6]))
+point = file["world_from_marks"][1] @ [0, -0.1, 0, 1]
+assert numpy.allclose(point, [0.1, 0, 1, 1]), point
+print("whole")
+"#;
+
     #[test]
-    fn array_begins_at_a_multiple_of_64() {
-        let mut archive = Archive::default();
-        archive.floats("a", &[2, 1], &[1.5, -2.0]).unwrap();
-        let bytes = archive.finish();
-        let start = 30 + "a.npy".len();
-        assert_eq!(&bytes[start..start + 8], b"\x93NUMPY\x01\x00");
-        let length = usize::from(u16::from_le_bytes([bytes[start + 8], bytes[start + 9]]));
-        assert!((10 + length).is_multiple_of(64));
-        let text = std::str::from_utf8(&bytes[start + 10..start + 10 + length]).unwrap();
-        assert_eq!(text.trim_end(), "{'descr': '<f8', 'fortran_order': False, 'shape': (2, 1, ), }");
-        assert_eq!(bytes[start + 10 + length..][..8], 1.5_f64.to_le_bytes());
+    fn numpy_reads_all_that_is_known() {
+        let Some(python) = std::env::var_os("FOVEATE_PEER_PYTHON") else {
+            println!("skipped: numpy_reads_all_that_is_known needs FOVEATE_PEER_PYTHON, a python with ezc3d and numpy");
+            return;
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let setup = Setup {
+            out_dir: Some(folder.path().to_owned()),
+            calibration: Arc::new(foveate_testkit::scene::ring_calibration(9)),
+            ..Setup::for_tests()
+        };
+        let settings = "rate_hz = 10.0\ngap_ms = 150.0\nlabels = { target-3 = \"waist\" }";
+        let mut node = ExportNpy::new(toml::from_str(settings).unwrap(), &setup).unwrap();
+        let gather = node.gather.as_mut().unwrap();
+        for time in [0.5, 0.6, 0.9] {
+            let list = vec![target(3, [1.0, 2.0, 3.0], How::Measured)];
+            gather.push_targets(Arc::new(Targets { time: Time::from_s(time), list }), false);
+        }
+        let mark = Mark {
+            label: 7,
+            position: Point3::new(0.0, -0.1, 0.0),
+            covariance: Matrix3::from_diagonal(&Vector3::new(1e-6, 4e-6, 1e-6)),
+            cameras: [CameraId(8)].into_iter().collect(),
+            how: How::Filled,
+        };
+        let quarter = Vector3::z() * std::f64::consts::FRAC_PI_2;
+        gather.push_marks(Arc::new(Marks {
+            time: Time::from_s(0.6),
+            world_from_marks: Isometry3::new(Vector3::z(), quarter),
+            covariance: Matrix6::zeros(),
+            list: vec![mark],
+            fit: None,
+        }));
+        node.finish(&mut Report::default()).unwrap();
+        let output = Command::new(python).arg("-c").arg(CHECK).arg(folder.path().join("motion.npz")).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     }
 }

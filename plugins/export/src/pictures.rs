@@ -16,7 +16,7 @@ use foveate::scene::{Calibration, LengthUnit};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::last_of_time::LastOfTime;
+use crate::in_order::InOrder;
 use crate::plot::{Subject, cameras, space, time};
 use crate::row_file::write_pictures;
 use crate::track_history::History;
@@ -54,25 +54,23 @@ pub struct ExportPictures {
 
 /// One input.
 struct Paths {
-    last: LastOfTime,
+    order: InOrder<Arc<Targets>>,
     history: History,
 }
 
 impl Paths {
     fn new(measured_within_ms: f64) -> Self {
-        Self { last: LastOfTime::default(), history: History::new(Interval::from_ms(measured_within_ms)) }
+        Self { order: InOrder::default(), history: History::new(Interval::from_ms(measured_within_ms)) }
     }
 
     fn push(&mut self, message: Arc<Targets>) {
-        if let Some(message) = self.last.push(message) {
-            self.history.push(&message);
-        }
+        let history = &mut self.history;
+        self.order.push(message.time, message, &mut |it| history.push(&it));
     }
 
     fn finish(&mut self) {
-        if let Some(message) = self.last.finish() {
-            self.history.push(&message);
-        }
+        let history = &mut self.history;
+        self.order.finish(&mut |it| history.push(&it));
     }
 }
 

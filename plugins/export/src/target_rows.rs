@@ -1,20 +1,27 @@
 //! From targets to rows: one for each sample, or one for each tick of a regular clock.
 //!
-//! On a clock, a target's row at tick T comes from its last sample, of time t ≤ T, with dt = T − t:
+//! On a clock, with a target's samples of times t ≤ T < u around tick T, dt = T − t and w = dt / (u − t):
 //!
 //! | here | formula | unit |
 //! |---|---|---|
-//! | position | p + v dt | m |
+//! | position, where u − t is no more than `carried_at_most` | (1 − w) p + w q, as all other exports have it | m |
+//! | covariance | (1 − w) P + w Q | m² |
+//! | position, where no sample follows, or too late | p + v dt, for as long as `carried_at_most` | m |
 //! | covariance | Ppp + (Ppv + Ppvᵀ) dt + Pvv dt² | m² |
 //! | how | measured, where an observation lies at most `measured_within` before T | – |
 //! | cameras | all that observed it within `measured_within` before T | – |
 //!
-//! No noise of the motion is added over dt: the clock's step is meant to be short.
+//! A target that a later message does not name is carried no further than to the time of that message. No noise of the motion is added over dt.
 
 use std::collections::{BTreeMap, VecDeque};
 
 use foveate::prelude::*;
 use nalgebra::{Matrix3, Point3};
+
+use crate::time_base::{ON_TICK, TimeBase};
+
+/// A position and its covariance.
+pub(crate) type Place = (Point3<f64>, Matrix3<f64>);
 
 /// One line of the table.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,6 +32,8 @@ pub(crate) struct Row {
     pub(crate) position: Point3<f64>,
     /// Of the position [m²].
     pub(crate) covariance: Matrix3<f64>,
+    /// The same in the world; `None`: not asked for, or not known.
+    pub(crate) world: Option<Place>,
     pub(crate) cameras: CameraSet,
     pub(crate) how: How,
 }
@@ -37,6 +46,7 @@ impl Row {
             id: target.id,
             position: target.position,
             covariance: target.covariance.fixed_view::<3, 3>(0, 0).into_owned(),
+            world: None,
             cameras: target.cameras.clone(),
             how: target.how,
         }
@@ -51,119 +61,170 @@ impl Row {
         let covariance = of_position + (with_velocity + with_velocity.transpose()) * dt + of_velocity * (dt * dt);
         Self { position: target.position_after(time - from), covariance, ..Self::of(time, target) }
     }
+
+    fn place(&self) -> Place {
+        (self.position, self.covariance)
+    }
+}
+
+/// Between two places, `share` of the way.
+fn between(a: Place, b: Place, share: f64) -> Place {
+    (a.0 + (b.0 - a.0) * share, a.1 * (1.0 - share) + b.1 * share)
+}
+
+/// Takes a place of a time to the world.
+pub(crate) type ToWorld<'a> = &'a dyn Fn(Time, &Place) -> Option<Place>;
+
+/// A sample of one target.
+#[derive(Debug)]
+struct Timed {
+    time: Time,
+    target: Target,
+    world: Option<Place>,
+    /// When the first message after it came that does not name the target.
+    gone: Option<Time>,
+}
+
+/// One target, from its last sample before the next tick on.
+#[derive(Debug, Default)]
+struct Live {
+    samples: VecDeque<Timed>,
+    observations: VecDeque<(Time, CameraSet)>,
 }
 
 /// A regular clock.
 #[derive(Debug)]
 pub(crate) struct Clock {
-    rate_hz: f64,
+    base: TimeBase,
     /// How old an observation may be that makes a row a measured one.
     measured_within: Interval,
-    /// How old a sample may be that still gives a row.
+    /// How old a sample may be that still gives a row, and how far apart two are between which rows are interpolated.
     carried_at_most: Interval,
     next_tick: Option<i64>,
     /// The last message.
-    time: Time,
-    samples: Vec<Target>,
-    observations: BTreeMap<TargetId, VecDeque<(Time, CameraSet)>>,
+    reached: Time,
+    has_ended: bool,
+    live: BTreeMap<TargetId, Live>,
 }
 
 impl Clock {
     pub(crate) fn new(rate_hz: f64, measured_within: Interval, carried_at_most: Interval) -> Self {
         Self {
-            rate_hz,
+            base: TimeBase { start: Time::ZERO, rate_hz },
             measured_within,
             carried_at_most,
             next_tick: None,
-            time: Time::ZERO,
-            samples: Vec::new(),
-            observations: BTreeMap::new(),
+            reached: Time::ZERO,
+            has_ended: false,
+            live: BTreeMap::new(),
         }
     }
 
-    /// Takes in the last message of a time; calls `give` with the rows of the ticks before it.
-    pub(crate) fn push(&mut self, message: &Targets, give: &mut impl FnMut(Row)) {
+    /// Takes in the last message of a time; calls `give` with the rows of the ticks that it decides.
+    pub(crate) fn push(&mut self, message: &Targets, to_world: ToWorld, give: &mut impl FnMut(Row)) {
+        let time = message.time;
         match self.next_tick {
-            Some(_) if message.time < self.time => return,
-            Some(_) => self.tick_until(message.time, false, give),
-            None => self.next_tick = Some(self.first_tick(message.time)),
+            Some(_) if time <= self.reached => return,
+            Some(_) => {}
+            None => self.next_tick = Some(self.base.first_from(time)),
         }
-        self.time = message.time;
-        self.samples.clone_from(&message.list);
-        let horizon = message.time - self.measured_within;
+        self.reached = time;
         for target in &message.list {
+            let live = self.live.entry(target.id).or_default();
             if target.how == How::Measured {
-                let seen = self.observations.entry(target.id).or_default();
-                // The ticks to come are not before this message.
-                while seen.front().is_some_and(|(time, _)| *time < horizon) {
-                    seen.pop_front();
-                }
-                seen.push_back((message.time, target.cameras.clone()));
+                live.observations.push_back((time, target.cameras.clone()));
+            }
+            let world = to_world(time, &Row::of(time, target).place());
+            live.samples.push_back(Timed { time, target: target.clone(), world, gone: None });
+        }
+        for live in self.live.values_mut() {
+            if let Some(last) = live.samples.back_mut().filter(|it| it.time < time) {
+                last.gone.get_or_insert(time);
             }
         }
-        let list = &message.list;
-        self.observations.retain(|id, _| list.binary_search_by_key(id, |it| it.id).is_ok());
+        self.tick(to_world, give);
     }
 
     /// The rows of the last ticks, up to the last message.
-    pub(crate) fn finish(&mut self, give: &mut impl FnMut(Row)) {
-        if self.next_tick.is_some() {
-            self.tick_until(self.time, true, give);
-        }
+    pub(crate) fn finish(&mut self, to_world: ToWorld, give: &mut impl FnMut(Row)) {
+        self.has_ended = true;
+        self.tick(to_world, give);
     }
 
-    /// The first tick that is not before `time`, whichever way its time was rounded.
-    fn first_tick(&self, time: Time) -> i64 {
-        let mut tick = (time.as_s() * self.rate_hz).floor() as i64;
-        while self.at(tick) < time {
-            tick += 1;
-        }
-        tick
-    }
-
-    fn at(&self, tick: i64) -> Time {
-        Time::from_s(tick as f64 / self.rate_hz)
-    }
-
-    fn tick_until(&mut self, end: Time, inclusive: bool, give: &mut impl FnMut(Row)) {
+    /// All ticks up to the last message that no later one can change.
+    fn tick(&mut self, to_world: ToWorld, give: &mut impl FnMut(Row)) {
         let Some(mut tick) = self.next_tick else { return };
-        let last_carried = self.time + self.carried_at_most;
         loop {
-            let time = self.at(tick);
-            if time > end || (time == end && !inclusive) {
+            let time = self.base.at(tick);
+            if time > self.reached + ON_TICK || !self.live.values().all(|it| self.is_decided(it, time)) {
                 break;
             }
-            if time > last_carried {
-                // Nothing is known of the ticks from here to `end`.
-                tick = tick.max(self.first_tick(end));
-                if inclusive && self.at(tick) == end {
-                    tick += 1;
+            let mut is_any = false;
+            for live in self.live.values() {
+                if let Some(row) = self.row(time, live, to_world) {
+                    is_any = true;
+                    give(row);
                 }
-                break;
             }
-            for target in &self.samples {
-                give(self.row(time, target));
-            }
+            let (horizon, oldest) = (time - self.measured_within, time - self.carried_at_most);
+            self.live.retain(|_, it| {
+                it.observations.retain(|seen| seen.0 >= horizon);
+                while it.samples.get(1).is_some_and(|next| next.time <= time) {
+                    it.samples.pop_front();
+                }
+                it.samples.back().is_some_and(|last| last.time >= oldest || last.time > time)
+            });
             tick += 1;
+            if !is_any {
+                // Nothing is known of the ticks from here to the next sample.
+                let next =
+                    self.live.values().flat_map(|it| &it.samples).map(|it| it.time).filter(|it| *it > time).min();
+                tick = tick.max(self.base.first_from(next.unwrap_or(self.reached)));
+            }
         }
         self.next_tick = Some(tick);
     }
 
-    fn row(&self, time: Time, target: &Target) -> Row {
-        let mut row = Row::carried(time, self.time, target);
+    fn is_decided(&self, live: &Live, time: Time) -> bool {
+        let last = live.samples.back().map(|it| it.time);
+        self.has_ended || last.is_none_or(|it| it >= time - ON_TICK || self.reached - it > self.carried_at_most)
+    }
+
+    fn row(&self, time: Time, live: &Live, to_world: ToWorld) -> Option<Row> {
+        let next = live.samples.partition_point(|it| it.time <= time + ON_TICK);
+        let last = live.samples.get(next.checked_sub(1)?)?;
+        let next = live.samples.get(next).filter(|it| it.time - last.time <= self.carried_at_most);
+        let since = time - last.time;
+        let mut row = Row::of(time, &last.target);
+        match next {
+            _ if since <= ON_TICK => row.world = last.world,
+            Some(next) => {
+                let share = since.as_s() / (next.time - last.time).as_s();
+                (row.position, row.covariance) = between(row.place(), Row::of(time, &next.target).place(), share);
+                row.world = last.world.zip(next.world).map(|(a, b)| between(a, b, share));
+                if next.target.how == How::Filled {
+                    row.how = How::Filled;
+                }
+            }
+            None if since > self.carried_at_most || last.gone.is_some_and(|it| it <= time) => return None,
+            None => {
+                row = Row::carried(time, last.time, &last.target);
+                row.world = to_world(time, &row.place());
+            }
+        }
         row.cameras.clear();
-        let recent = self.observations.get(&target.id).into_iter().flatten();
+        let is_recent = |it: &&(Time, CameraSet)| it.0 <= time + ON_TICK && time - it.0 <= self.measured_within;
         let mut is_measured = false;
-        for (_, cameras) in recent.filter(|(seen, _)| time - *seen <= self.measured_within) {
+        for (_, cameras) in live.observations.iter().filter(is_recent) {
             is_measured = true;
             cameras.iter().for_each(|camera| row.cameras.insert(camera));
         }
-        row.how = match (target.how, is_measured) {
+        row.how = match (row.how, is_measured) {
             (How::Filled, _) => How::Filled,
             (_, true) => How::Measured,
             (_, false) => How::Predicted,
         };
-        row
+        Some(row)
     }
 }
 
@@ -195,9 +256,9 @@ pub(crate) mod tests {
         let mut rows = Vec::new();
         for &(time, how) in messages {
             let message = Targets { time: ms(time), list: vec![target(1, [time * 1e-3, 0.0, 0.0], how)] };
-            clock.push(&message, &mut |row| rows.push(row));
+            clock.push(&message, &|_, _| None, &mut |row| rows.push(row));
         }
-        clock.finish(&mut |row| rows.push(row));
+        clock.finish(&|_, _| None, &mut |row| rows.push(row));
         let round = |value: f64| (value * 1e6).round() / 1e6;
         rows.iter().map(|it| (round(it.time.as_s() * 1e3), round(it.position.x * 1e3), it.how)).collect()
     }
@@ -233,16 +294,37 @@ pub(crate) mod tests {
         for (time, camera) in [(1.0, 4), (4.0, 2), (8.0, 7)] {
             let mut seen = target(1, [0.0; 3], How::Measured);
             seen.cameras = [CameraId(camera)].into_iter().collect();
-            clock.push(&Targets { time: ms(time), list: vec![seen] }, &mut |row| rows.push(row));
+            clock.push(&Targets { time: ms(time), list: vec![seen] }, &|_, _| None, &mut |row| rows.push(row));
         }
-        clock.push(&Targets { time: ms(50.0), list: Vec::new() }, &mut |row| rows.push(row));
-        clock.finish(&mut |row| rows.push(row));
+        clock.push(&Targets { time: ms(50.0), list: Vec::new() }, &|_, _| None, &mut |row| rows.push(row));
+        clock.finish(&|_, _| None, &mut |row| rows.push(row));
         assert_eq!(rows.len(), 4, "ticks of 10, 20, 30 and 40 ms");
         assert_eq!(rows[0].cameras, [2, 4, 7].map(CameraId).into_iter().collect());
         assert_eq!(rows[1].cameras, [2, 4, 7].map(CameraId).into_iter().collect());
         assert!(rows[2].cameras.is_empty() && rows[2].how == How::Predicted);
         let dt = 0.002;
         assert!((rows[0].covariance - Matrix3::identity() * 1e-4 * (1.0 + dt * dt)).norm() < 1e-18);
+    }
+
+    #[test]
+    fn rows_between_samples_lie_between_them_and_in_the_world_too() {
+        let mut clock = Clock::new(100.0, Interval::from_ms(20.0), Interval::from_ms(100.0));
+        let mut rows = Vec::new();
+        // A space that falls faster and faster: between samples only its places at their times count.
+        let to_world = |time: Time, place: &Place| Some((place.0 + Vector3::z() * -5.0 * time.as_s().powi(2), place.1));
+        for (time, x, id) in [(5.0, 0.0, 1), (25.0, 0.2, 1), (30.0, 7.0, 2), (45.0, 0.0, 1)] {
+            let message = Targets { time: ms(time), list: vec![target(id, [x, 0.0, 0.0], How::Measured)] };
+            clock.push(&message, &to_world, &mut |row| rows.push(row));
+        }
+        clock.finish(&to_world, &mut |row| rows.push(row));
+        let of_one: Vec<&Row> = rows.iter().filter(|it| it.id.0 == 1).collect();
+        let found: Vec<f64> = of_one.iter().map(|it| (it.position.x * 1e6).round() / 1e6).collect();
+        assert_eq!(found, [0.05, 0.15, 0.15, 0.05], "the message without it does not part its samples");
+        let z = |ms: f64| -5.0 * (ms * 1e-3).powi(2);
+        let expected = z(5.0) * 0.75 + z(25.0) * 0.25;
+        assert!((of_one[0].world.unwrap().0.z - expected).abs() < 1e-12);
+        let of_other: Vec<Time> = rows.iter().filter(|it| it.id.0 == 2).map(|it| it.time).collect();
+        assert_eq!(of_other, [ms(30.0), ms(40.0)], "gone at 45 ms");
     }
 
     #[test]

@@ -6,6 +6,7 @@
 //! anchors do not know it.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use foveate::dataflow::scale::Spaces;
 use foveate::prelude::*;
@@ -15,9 +16,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::csv::{camera_names, check_file_name, field, fixed, scientific};
-use crate::last_of_time::LastOfTime;
+use crate::in_order::InOrder;
 use crate::row_file::RowFile;
-use crate::target_rows::{Clock, Row};
+use crate::target_rows::{Clock, Place, Row};
 
 const TARGETS: In<Targets> = In::each(0, "targets");
 const SPACES: In<ScaleSpace> = In::latest(1, "spaces").many().optional();
@@ -37,7 +38,8 @@ pub struct ExportTargetsSettings {
     /// Name of the table in the results folder [–]
     #[serde(default = "default_file")]
     pub file: String,
-    /// Rows a second on a regular clock, each sample carried on by its velocity; 0: a row for each time that there is [Hz]
+    /// Rows a second on a regular clock, interpolated between samples and after the last one carried on by its velocity; 0: a row for each time
+    /// that there is [Hz]
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 100000.0))]
     pub rate_hz: f64,
@@ -45,7 +47,8 @@ pub struct ExportTargetsSettings {
     #[serde(default = "default_measured_within_ms")]
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub measured_within_ms: f64,
-    /// With `rate_hz`: a sample gives rows for at most this long; without newer ones the rows stop [ms]
+    /// With `rate_hz`: a sample gives rows for at most this long; between two that are farther apart rows are not interpolated, and without newer ones
+    /// they stop [ms]
     #[serde(default = "default_carried_at_most_ms")]
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub carried_at_most_ms: f64,
@@ -66,7 +69,7 @@ fn default_carried_at_most_ms() -> f64 {
 /// Targets into a CSV file. Of several messages of one time the last one is written.
 pub struct ExportTargets {
     file: RowFile,
-    last: LastOfTime,
+    order: InOrder<Arc<Targets>>,
     clock: Option<Clock>,
     table: Table,
     text: String,
@@ -100,13 +103,10 @@ impl Table {
         text.push_str(&field(&names.join("+")));
         text.push(',');
         text.push_str(row.how.name());
-        match self.spaces.as_ref().map(|it| it.world_from_own(row.time)) {
-            Some(Ok(world_from_own)) => {
-                let (position, covariance) = world_from_own.transform_point(&row.position, &row.covariance);
-                write_point(text, &position, &covariance);
-            }
-            Some(Err(_)) => text.push_str(NO_WORLD),
-            None => {}
+        match (&self.spaces, row.world) {
+            (Some(_), Some((position, covariance))) => write_point(text, &position, &covariance),
+            (Some(_), None) => text.push_str(NO_WORLD),
+            (None, _) => {}
         }
         text.push('\n');
         self.count(row);
@@ -141,15 +141,35 @@ pub(crate) fn write_point(text: &mut String, position: &Point3<f64>, covariance:
 }
 
 impl ExportTargets {
+    fn push(&mut self, message: Arc<Targets>) {
+        let mut ready = Vec::new();
+        self.order.push(message.time, message, &mut |it| ready.push(it));
+        ready.iter().for_each(|it| self.write(it));
+    }
+
     fn write(&mut self, message: &Targets) {
         let Self { clock, table, text, .. } = self;
+        let spaces = table.spaces.take();
+        let to_world = |time, place: &Place| to_world(spaces.as_ref(), time, place);
+        let mut rows = Vec::new();
         match clock {
-            Some(clock) => clock.push(message, &mut |row| table.write(&row, text)),
-            None => message.list.iter().for_each(|it| table.write(&Row::of(message.time, it), text)),
+            Some(clock) => clock.push(message, &to_world, &mut |row| rows.push(row)),
+            None => rows.extend(message.list.iter().map(|it| {
+                let row = Row::of(message.time, it);
+                let world = to_world(row.time, &(row.position, row.covariance));
+                Row { world, ..row }
+            })),
         }
+        table.spaces = spaces;
+        rows.iter().for_each(|row| table.write(row, text));
         self.file.push(&self.text);
         self.text.clear();
     }
+}
+
+/// `None`: the scale's space is the world, or nothing is known of it then.
+fn to_world(spaces: Option<&Spaces>, time: Time, (position, covariance): &Place) -> Option<Place> {
+    Some(spaces?.world_from_own(time).ok()?.transform_point(position, covariance))
 }
 
 impl Node for ExportTargets {
@@ -176,7 +196,7 @@ impl Node for ExportTargets {
         let header = if spaces.is_some() { format!("{HEADER}{WORLD_HEADER}") } else { HEADER.to_owned() };
         Ok(Self {
             file: RowFile::new(setup, &settings.file, &header),
-            last: LastOfTime::default(),
+            order: InOrder::default(),
             clock,
             table: Table { cameras: camera_names(setup), spaces, ..Table::default() },
             text: String::new(),
@@ -190,22 +210,22 @@ impl Node for ExportTargets {
             io.latest_of_each(&SPACES).for_each(|it| spaces.learn(it.value));
         }
         while let Some(message) = io.take(&TARGETS) {
-            if let Some(message) = self.last.push(message.value) {
-                self.write(&message);
-            }
+            self.push(message.value);
         }
         self.file.flush_when_due(io.now());
         Ok(())
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        if let Some(message) = self.last.finish() {
-            self.write(&message);
+        let mut ready = Vec::new();
+        self.order.finish(&mut |it| ready.push(it));
+        ready.iter().for_each(|it| self.write(it));
+        let mut rows = Vec::new();
+        if let Some(clock) = &mut self.clock {
+            let spaces = self.table.spaces.as_ref();
+            clock.finish(&|time, place| to_world(spaces, time, place), &mut |row| rows.push(row));
         }
-        let Self { clock, table, text, .. } = self;
-        if let Some(clock) = clock {
-            clock.finish(&mut |row| table.write(&row, text));
-        }
+        rows.iter().for_each(|row| self.table.write(row, &mut self.text));
         self.file.push(&self.text);
         let table = &self.table;
         report.figure("targets", table.places.len() as f64);
@@ -220,8 +240,8 @@ impl Node for ExportTargets {
                 "the lengths in {name} are in the calibration's own unit, which was never measured in metres"
             ));
         }
-        if self.last.late() > 0 {
-            let n_late = self.last.late();
+        if self.order.late() > 0 {
+            let n_late = self.order.late();
             report.remark(format!(
                 "{name}: {n_late} messages were of an earlier time than one before them; their rows stand out of order"
             ));
@@ -232,8 +252,6 @@ impl Node for ExportTargets {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use super::*;
     use crate::target_rows::tests::target;
 
@@ -252,9 +270,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut node = ExportTargets::new(settings, &setup(folder.path())).unwrap();
         for message in messages {
-            if let Some(message) = node.last.push(Arc::new(message)) {
-                node.write(&message);
-            }
+            node.push(Arc::new(message));
         }
         let mut report = Report::default();
         node.finish(&mut report).unwrap();

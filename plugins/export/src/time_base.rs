@@ -9,15 +9,16 @@
 //! | cameras | those of both | – |
 //! | how | filled where one of them is filled, measured otherwise | – |
 //!
-//! A tick on a sample gets that sample; all others get nothing. What a motion model alone predicted takes no part: it is not data.
+//! A tick on a sample gets that sample; all others get nothing. What a motion model alone predicted is not data and makes no tick present. Between two samples that are
+//! data, though, the way leads through the places that were predicted there: then a place that any file names for a time is that of all files.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
 use foveate::prelude::*;
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3};
 
 /// A sample this near to a tick lies on it.
-const ON_TICK: Interval = Interval(1_000);
+pub(crate) const ON_TICK: Interval = Interval(1_000);
 
 /// A regular clock.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,7 +34,7 @@ impl TimeBase {
     }
 
     /// The first tick that is not before `time`, but for [`ON_TICK`].
-    fn first_from(&self, time: Time) -> i64 {
+    pub(crate) fn first_from(&self, time: Time) -> i64 {
         let since = (time - ON_TICK - self.start).as_s();
         let mut tick = (since * self.rate_hz).floor() as i64;
         while self.at(tick) < time - ON_TICK {
@@ -47,6 +48,11 @@ impl TimeBase {
 pub(crate) trait Between: Clone {
     /// At `share` of the way from `self` to `other`, 0 to 1.
     fn between(&self, other: &Self, share: f64) -> Self;
+
+    /// This place on the way from one datum to the next, with all else that is known of it from the two.
+    fn on_the_way(self, _before: &Self, _after: &Self) -> Self {
+        self
+    }
 }
 
 /// What is known of a point at one time: small, for all samples of a run are kept.
@@ -65,10 +71,9 @@ pub(crate) struct Sample {
 pub(crate) const TRIANGLE: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
 
 impl Sample {
-    /// `None`: predicted only, or not a number.
+    /// `None`: not a number.
     pub(crate) fn new(position: Point3<f64>, covariance: &Matrix3<f64>, how: How, cameras: &CameraSet) -> Option<Self> {
-        let is_data = how != How::Predicted && position.iter().all(|it| it.is_finite());
-        is_data.then(|| Self {
+        position.iter().all(|it| it.is_finite()).then(|| Self {
             position,
             covariance: TRIANGLE.map(|it| covariance[it] as f32),
             is_filled: how == How::Filled,
@@ -89,10 +94,15 @@ impl Between for Sample {
         for (to, it) in covariance.iter_mut().zip(other.covariance) {
             *to = (f64::from(*to) * (1.0 - share) + f64::from(it) * share) as f32;
         }
-        let mut cameras = self.cameras.clone();
-        other.cameras.iter().for_each(|it| cameras.insert(it));
         let position = self.position + (other.position - self.position) * share;
-        Self { position, covariance, is_filled: self.is_filled || other.is_filled, cameras }
+        Self { position, covariance, is_filled: self.is_filled || other.is_filled, cameras: CameraSet::default() }
+    }
+
+    fn on_the_way(mut self, before: &Self, after: &Self) -> Self {
+        self.is_filled = before.is_filled || after.is_filled;
+        self.cameras = before.cameras.clone();
+        after.cameras.iter().for_each(|it| self.cameras.insert(it));
+        self
     }
 }
 
@@ -111,18 +121,21 @@ pub(crate) type Ticks<T> = Vec<(i64, T)>;
 /// What is known of one thing on the time base so far.
 #[derive(Debug, Clone)]
 pub(crate) struct Track<T> {
+    /// The last datum.
     last: Option<(Time, T)>,
-    ticks: Ticks<T>,
+    /// What was predicted since.
+    since: Vec<(Time, T)>,
+    ticks: VecDeque<(i64, T)>,
 }
 
 impl<T> Default for Track<T> {
     fn default() -> Self {
-        Self { last: None, ticks: Vec::new() }
+        Self { last: None, since: Vec::new(), ticks: VecDeque::new() }
     }
 }
 
 impl<T: Between> Track<T> {
-    /// Takes a sample; of several of one time the last one counts. `false`: it is of an earlier time than one before it, and left out.
+    /// Takes a sample that is data; of several of one time the last one counts. `false`: it is of an earlier time than one before it, and left out.
     fn push(&mut self, base: &TimeBase, gap: Interval, time: Time, value: T) -> bool {
         match self.last.take() {
             Some((before, last)) if time < before => {
@@ -131,21 +144,49 @@ impl<T: Between> Track<T> {
             }
             Some((before, last)) if time > before => {
                 if time - before <= gap {
-                    let mut tick = base.first_from(before);
-                    while base.at(tick) < time - ON_TICK {
-                        let since = base.at(tick) - before;
-                        let share = since.as_s() / (time - before).as_s();
-                        self.give(tick, if since <= ON_TICK { last.clone() } else { last.between(&value, share) });
-                        tick += 1;
-                    }
+                    self.fill(base, (before, &last), (time, &value));
                 } else {
                     self.close(base, before, last);
                 }
             }
             _ => {}
         }
+        self.since.clear();
         self.last = Some((time, value));
         true
+    }
+
+    /// Takes a place that a motion model predicted.
+    fn push_predicted(&mut self, gap: Interval, time: Time, value: T) {
+        let Some((before, _)) = self.last else { return };
+        let newest = self.since.last().map_or(before, |it| it.0);
+        if time == newest && newest > before {
+            self.since.pop();
+        } else if time <= newest || time - before > gap {
+            return;
+        }
+        self.since.push((time, value));
+    }
+
+    /// The ticks from one datum to the next, but for those on the latter.
+    fn fill(&mut self, base: &TimeBase, first: (Time, &T), last: (Time, &T)) {
+        let since = std::mem::take(&mut self.since);
+        let n_before = since.partition_point(|it| it.0 < last.0);
+        let mut tick = base.first_from(first.0);
+        while base.at(tick) < last.0 - ON_TICK {
+            let at = base.at(tick);
+            let next = since[..n_before].partition_point(|it| it.0 <= at + ON_TICK);
+            let from = next.checked_sub(1).map_or(first, |it| (since[it].0, &since[it].1));
+            let to = since[..n_before].get(next).map_or(last, |it| (it.0, &it.1));
+            let place = match at - from.0 {
+                passed if passed > ON_TICK => from.1.between(to.1, passed.as_s() / (to.0 - from.0).as_s()),
+                _ => from.1.clone(),
+            };
+            let is_datum = next == 0 && at - from.0 <= ON_TICK;
+            self.give(tick, if is_datum { place } else { place.on_the_way(first.1, last.1) });
+            tick += 1;
+        }
+        self.since = since;
     }
 
     /// A sample that nothing follows.
@@ -158,8 +199,8 @@ impl<T: Between> Track<T> {
 
     fn give(&mut self, tick: i64, value: T) {
         // Samples within a microsecond of each other may both lie on a tick.
-        if self.ticks.last().is_none_or(|it| it.0 < tick) {
-            self.ticks.push((tick, value));
+        if self.ticks.back().is_none_or(|it| it.0 < tick) {
+            self.ticks.push_back((tick, value));
         }
     }
 }
@@ -168,6 +209,8 @@ impl<T: Between> Track<T> {
 const TIMES_FOR_RATE: usize = 32;
 /// Samples that wait for the rate at most.
 const MOST_WAITING: usize = 1 << 20;
+/// As long they wait at most.
+const LONGEST_WAIT: Interval = Interval(60_000_000_000);
 /// The rate where nothing tells one [Hz].
 pub(crate) const DEFAULT_RATE_HZ: f64 = 60.0;
 
@@ -177,11 +220,13 @@ pub(crate) struct Tracks<K, T> {
     gap: Interval,
     all: BTreeMap<K, Track<T>>,
     late: u64,
+    /// Ticks before it have been taken.
+    next: i64,
 }
 
-impl<K: Ord, T: Between> Tracks<K, T> {
+impl<K: Ord + Copy, T: Between> Tracks<K, T> {
     pub(crate) fn new(gap: Interval) -> Self {
-        Self { gap, all: BTreeMap::new(), late: 0 }
+        Self { gap, all: BTreeMap::new(), late: 0, next: i64::MIN }
     }
 
     pub(crate) fn push(&mut self, base: &TimeBase, key: K, time: Time, value: T) {
@@ -189,15 +234,73 @@ impl<K: Ord, T: Between> Tracks<K, T> {
         self.late += u64::from(!is_taken);
     }
 
-    /// All of them, ascending by key, and how many samples came late; those without a single tick are left out.
-    pub(crate) fn finish(self, base: &TimeBase) -> (Vec<(K, Ticks<T>)>, u64) {
-        let whole = self.all.into_iter().map(|(key, mut track)| {
+    /// Takes a place that a motion model predicted.
+    pub(crate) fn push_predicted(&mut self, key: K, time: Time, value: T) {
+        if let Some(track) = self.all.get_mut(&key) {
+            track.push_predicted(self.gap, time, value);
+        }
+    }
+
+    /// How many samples came too late.
+    pub(crate) fn late(&self) -> u64 {
+        self.late
+    }
+
+    /// How far apart two samples may be.
+    pub(crate) fn gap(&self) -> Interval {
+        self.gap
+    }
+
+    /// The first tick that something lies on, of those that were not taken.
+    pub(crate) fn first_tick(&mut self) -> Option<i64> {
+        let Self { all, next, late, .. } = self;
+        for track in all.values_mut() {
+            while track.ticks.front().is_some_and(|it| it.0 < *next) {
+                track.ticks.pop_front();
+                *late += 1;
+            }
+        }
+        all.values().filter_map(|it| it.ticks.front()).map(|it| it.0).min()
+    }
+
+    /// Takes what lies on a tick, ascending by key; all before it is gone.
+    pub(crate) fn take_tick(&mut self, tick: i64, mut give: impl FnMut(K, T)) {
+        for (key, track) in &mut self.all {
+            if track.ticks.front().is_some_and(|it| it.0 == tick)
+                && let Some((_, value)) = track.ticks.pop_front()
+            {
+                give(*key, value);
+            }
+        }
+        self.next = self.next.max(tick + 1);
+    }
+
+    /// Ends what nothing can follow any more within the gap, given that all samples up to `time` have come, and forgets it once its ticks are taken.
+    pub(crate) fn forget(&mut self, base: &TimeBase, time: Time) {
+        let gap = self.gap;
+        self.all.retain(|_, track| {
+            if let Some((at, last)) = track.last.take_if(|it| time - it.0 >= gap) {
+                track.since.clear();
+                track.close(base, at, last);
+            }
+            track.last.is_some() || !track.ticks.is_empty()
+        });
+    }
+
+    /// No sample comes any more.
+    pub(crate) fn close(&mut self, base: &TimeBase) {
+        for track in self.all.values_mut() {
             if let Some((time, last)) = track.last.take() {
                 track.close(base, time, last);
             }
-            (key, track.ticks)
-        });
-        (whole.filter(|it| !it.1.is_empty()).collect(), self.late)
+        }
+    }
+
+    /// All of them, ascending by key; those without a single tick are left out.
+    pub(crate) fn finish(mut self, base: &TimeBase) -> Vec<(K, Ticks<T>)> {
+        self.close(base);
+        let whole = self.all.into_iter().map(|(key, track)| (key, Ticks::from(track.ticks)));
+        whole.filter(|it| !it.1.is_empty()).collect()
     }
 }
 
@@ -207,6 +310,8 @@ pub(crate) struct Settling<I> {
     base: Option<TimeBase>,
     times: Vec<Time>,
     waiting: Vec<I>,
+    /// Of the first thing that waits.
+    since: Option<Time>,
 }
 
 impl<I> Settling<I> {
@@ -214,7 +319,7 @@ impl<I> Settling<I> {
     pub(crate) fn new(rate_hz: f64, hears: bool) -> Self {
         let rate_hz = if rate_hz > 0.0 || hears { rate_hz } else { DEFAULT_RATE_HZ };
         let base = (rate_hz > 0.0).then_some(TimeBase { start: Time::ZERO, rate_hz });
-        Self { base, times: Vec::new(), waiting: Vec::new() }
+        Self { base, times: Vec::new(), waiting: Vec::new(), since: None }
     }
 
     /// Hears of a time that may tell the rate.
@@ -232,10 +337,11 @@ impl<I> Settling<I> {
         self.base
     }
 
-    /// Holds back `item` until the base is known.
-    pub(crate) fn hold(&mut self, item: I) {
+    /// Holds back `item` of a time until the base is known.
+    pub(crate) fn hold(&mut self, time: Time, item: I) {
+        let since = *self.since.get_or_insert(time);
         self.waiting.push(item);
-        if self.waiting.len() >= MOST_WAITING {
+        if self.waiting.len() >= MOST_WAITING || time - since >= LONGEST_WAIT {
             self.settle();
         }
     }
@@ -281,11 +387,12 @@ mod tests {
         let base = TimeBase { start: Time::ZERO, rate_hz: 100.0 };
         let mut tracks = Tracks::new(Interval::from_ms(25.0));
         for &(time, how) in samples {
-            if let Some(sample) = sample(time, how) {
-                tracks.push(&base, 0, ms(time), sample);
+            match how {
+                How::Predicted => tracks.push_predicted(0, ms(time), sample(time, how).unwrap()),
+                _ => tracks.push(&base, 0, ms(time), sample(time, how).unwrap()),
             }
         }
-        let (all, _) = tracks.finish(&base);
+        let all = tracks.finish(&base);
         let ticks = all.into_iter().flat_map(|it| it.1);
         ticks.map(|(tick, it)| (tick, (it.position.x * 1e3).round() / 1e3, it.is_filled)).collect()
     }
@@ -310,8 +417,49 @@ mod tests {
         for (time, x) in [(10.0, 1.0), (10.0, 2.0), (20.0, 3.0), (15.0, 9.0)] {
             tracks.push(&base, 7, ms(time), sample(x, How::Measured).unwrap());
         }
-        let (all, late) = tracks.finish(&base);
+        let late = tracks.late();
+        let all = tracks.finish(&base);
         assert_eq!((all[0].1[0].1.position.x, all[0].1[1].1.position.x, late), (2.0, 3.0, 1));
+    }
+
+    #[test]
+    fn way_between_data_leads_through_what_was_predicted() {
+        let base = TimeBase { start: Time::ZERO, rate_hz: 100.0 };
+        let mut tracks = Tracks::new(Interval::from_ms(50.0));
+        let at = |x: f64| sample(x, How::Measured).unwrap();
+        tracks.push_predicted(0, ms(1.0), at(90.0));
+        tracks.push(&base, 0, ms(5.0), at(1.0));
+        // On a tick, between ticks, twice at one time, and beyond the datum that follows.
+        for (time, x) in [(10.0, 2.0), (18.0, 40.0), (18.0, 4.0), (17.0, 50.0), (60.0, 60.0)] {
+            tracks.push_predicted(0, ms(time), at(x));
+        }
+        tracks.push(&base, 0, ms(28.0), at(14.0));
+        tracks.push_predicted(0, ms(30.0), at(70.0));
+        let all = tracks.finish(&base);
+        let found: Vec<(i64, f64)> = all[0].1.iter().map(|it| (it.0, it.1.position.x)).collect();
+        assert_eq!(found, [(1, 2.0), (2, 6.0)], "30 ms is predicted only");
+        let cameras = [1, 14].map(CameraId).into_iter().collect();
+        assert!(all[0].1.iter().all(|it| it.1.cameras == cameras && !it.1.is_filled), "{all:?}");
+    }
+
+    #[test]
+    fn ticks_are_taken_in_order_and_late_ones_counted() {
+        let base = TimeBase { start: Time::ZERO, rate_hz: 100.0 };
+        let mut tracks = Tracks::new(Interval::from_ms(25.0));
+        let at = |x: f64| sample(x, How::Measured).unwrap();
+        [10.0, 20.0, 30.0].into_iter().for_each(|it| tracks.push(&base, 0, ms(it), at(it)));
+        assert_eq!(tracks.first_tick(), Some(1));
+        let mut taken = Vec::new();
+        tracks.take_tick(1, |key, it| taken.push((key, it.position.x)));
+        [10.0, 20.0].into_iter().for_each(|it| tracks.push(&base, 7, ms(it), at(it)));
+        tracks.forget(&base, ms(46.0));
+        assert_eq!((tracks.first_tick(), tracks.late()), (Some(2), 1), "the tick of 7 at 10 ms");
+        [2, 3].into_iter().for_each(|tick| tracks.take_tick(tick, |key, it| taken.push((key, it.position.x))));
+        assert_eq!(taken, [(0, 10.0), (0, 20.0), (7, 20.0)]);
+        tracks.forget(&base, ms(60.0));
+        assert_eq!((tracks.first_tick(), tracks.late()), (None, 2), "tick 3 was taken before 30 ms was given up");
+        tracks.forget(&base, ms(61.0));
+        assert!(tracks.all.is_empty());
     }
 
     proptest! {

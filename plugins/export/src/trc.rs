@@ -1,282 +1,220 @@
-//! TRC, the table of points that OpenSim and many laboratories read: own reader and writer, pure functions over text.
-//!
-//! Three lines of header, a line of labels, a line of coordinates, an empty line, then a line for each frame: number, time, three coordinates for
-//! each point, with tabs between. A point that is missing leaves its three fields empty, as OpenSim expects. Some makers
-//! append points without a label, and identity, to the lines of a table, and count them in the header: a reader passes over these.
+//! `export.trc`: targets and marks as TRC, on one time base, in millimetres.
 
-mod node;
+use std::collections::BTreeMap;
+use std::io::{self, BufRead, BufReader, Read, Write};
 
-use std::fmt::{self, Write};
+use foveate::motion::trc::{Recording, head, put_row};
+use foveate::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-pub use node::{ExportTrc, ExportTrcSettings};
+use crate::frame_file::{About, Columns, Format, FrameFile};
+use crate::gather::{Common, Gather, default_gap_ms, ports};
+use crate::time_base::Sample;
 
-use crate::csv::fixed;
+/// Which way is up in a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Up {
+    /// y, as OpenSim has it: (x, y, z) of the world stand as (x, z, −y).
+    #[default]
+    Y,
+    /// z, as in the world.
+    Z,
+}
 
-/// What a file holds.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Recording {
-    /// Frames a second [Hz].
+/// Settings of [`ExportTrc`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ExportTrcSettings {
+    /// Name of the file in the results folder [–]
+    #[serde(default = "default_file")]
+    pub file: String,
+    /// Frames a second; 0: that of the marks where they are connected, 60 otherwise [Hz]
+    #[serde(default)]
+    #[schemars(range(min = 0.0, max = 100000.0))]
     pub rate_hz: f64,
-    /// The unit of positions, such as `mm`.
-    pub units: String,
-    /// The points.
-    pub labels: Vec<String>,
-    /// Time of each frame [s].
-    pub times_s: Vec<f64>,
-    /// Frame by frame, in each of them point by point; `None` where a point is missing.
-    pub positions: Vec<Option<[f64; 3]>>,
+    /// Between two samples of a point that are farther apart it is missing [ms]
+    #[serde(default = "default_gap_ms")]
+    #[schemars(range(min = 0.0, max = 60000.0))]
+    pub gap_ms: f64,
+    /// Names in the file in place of `target-N`, `PARENT-target-N` (PARENT: the parent scale's name) and `mark-N` [–]
+    #[serde(default)]
+    pub labels: BTreeMap<String, String>,
+    /// Which axis is up in the file: `y`, as OpenSim has it, or `z` [–]
+    #[serde(default)]
+    pub up: Up,
+    /// Whether points that a model of shape filled in are written; TRC cannot tell them from measured ones [–]
+    #[serde(default = "default_filled")]
+    pub filled: bool,
 }
 
-/// What is wrong with a file, and where.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct TrcError {
-    /// The line, counted from 1.
-    pub line: usize,
-    /// What is there and what should be.
-    pub message: String,
+fn default_file() -> String {
+    "motion.trc".to_owned()
 }
 
-impl fmt::Display for TrcError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "line {}: {}", self.line, self.message)
-    }
+fn default_filled() -> bool {
+    true
 }
 
-impl std::error::Error for TrcError {}
+/// Targets and marks into a TRC file, as they come: at any time the file holds what there was so far.
+pub struct ExportTrc {
+    gather: Option<Gather>,
+    file: FrameFile<Trc>,
+}
 
-/// The file `name` of `recording`, with five decimals; labels lose tabs and line ends.
-pub fn write(recording: &Recording, name: &str) -> String {
-    let (n_frames, n_points) = (recording.times_s.len(), recording.labels.len());
-    let mut text = String::with_capacity(200 + n_points * 40 + n_frames * (20 + n_points * 30));
-    text.push_str(&format!("PathFileType\t4\t(X/Y/Z)\t{name}\n"));
-    text.push_str(
-        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames\n",
-    );
-    let rate = format!("{:.3}", recording.rate_hz);
-    let units = &recording.units;
-    text.push_str(&format!("{rate}\t{rate}\t{n_frames}\t{n_points}\t{units}\t{rate}\t1\t{n_frames}\n"));
-    text.push_str("Frame#\tTime");
-    for label in &recording.labels {
-        text.push('\t');
-        text.push_str(&label.replace(['\t', '\n', '\r'], " "));
-        text.push_str("\t\t");
+/// How frames become rows.
+struct Trc {
+    file: String,
+    up: Up,
+    filled: bool,
+    row: Vec<Option<[f64; 3]>>,
+    text: String,
+}
+
+impl Format for Trc {
+    /// The length of the head.
+    fn room(&self, about: &About, labels: &[String]) -> usize {
+        // Twice the digits that the number of frames may still get, and a long name for each spare column.
+        let spare = labels.iter().filter(|it| it.starts_with("unused-")).count();
+        self.whole_head(about, labels, 0, 0).len() + 2 * 8 + 24 * spare
     }
-    text.push_str("\n\t");
-    for number in 1..=n_points {
-        text.push_str(&format!("\tX{number}\tY{number}\tZ{number}"));
+
+    fn head(&self, about: &About, labels: &[String], n_frames: usize, room: usize) -> Result<Vec<u8>, String> {
+        let length = self.whole_head(about, labels, n_frames, 0).len();
+        Ok(self.whole_head(about, labels, n_frames, room.saturating_sub(length)).into_bytes())
     }
-    text.push_str("\n\n");
-    for (frame, time_s) in recording.times_s.iter().enumerate() {
-        write!(text, "{}\t", frame + 1).ok();
-        fixed(&mut text, *time_s, 6);
-        for position in &recording.positions[frame * n_points..(frame + 1) * n_points] {
-            match position {
-                Some(position) => position.iter().for_each(|it| {
-                    text.push('\t');
-                    fixed(&mut text, *it, 5);
-                }),
-                None => text.push_str("\t\t\t"),
+
+    fn put(&mut self, about: &About, frame: usize, points: &[Option<Sample>], rows: &mut Vec<u8>) {
+        let place = |it: &Sample| {
+            let [x, y, z] = [0, 1, 2].map(|axis| it.position[axis] * 1e3);
+            let is_wanted = self.filled || !it.is_filled;
+            is_wanted.then_some(match self.up {
+                Up::Y => [x, z, -y],
+                Up::Z => [x, y, z],
+            })
+        };
+        self.row.clear();
+        self.row.extend(points.iter().map(|it| it.as_ref().and_then(place)));
+        self.text.clear();
+        put_row(&mut self.text, frame + 1, about.start_s + frame as f64 / about.rate_hz, &self.row);
+        rows.extend_from_slice(self.text.as_bytes());
+    }
+
+    fn convert(&self, columns: &Columns, from: &mut dyn Read, to: &mut dyn Write) -> io::Result<()> {
+        let mut from = BufReader::new(from);
+        let mut line = String::new();
+        let mut row = String::new();
+        while from.read_line(&mut line)? > 0 {
+            row.clear();
+            let fields: Vec<&str> = line.trim_end_matches('\n').split('\t').collect();
+            let (start, points) = fields.split_at(fields.len().min(2));
+            row.push_str(&start.join("\t"));
+            for source in &columns.sources {
+                let of_point = source.and_then(|it| points.get(3 * it..3 * it + 3)).unwrap_or(&["", "", ""]);
+                of_point.iter().for_each(|it| {
+                    row.push('\t');
+                    row.push_str(it);
+                });
             }
+            row.push('\n');
+            to.write_all(row.as_bytes())?;
+            line.clear();
         }
-        text.push('\n');
+        Ok(())
     }
-    text
+
+    fn end(&self, _n_bytes: u64, _n_frames: usize) -> Vec<u8> {
+        Vec::new()
+    }
 }
 
-/// Reads a whole file.
-///
-/// # Errors
-/// The line, what is there and what should be.
-pub fn read(text: &str) -> Result<Recording, TrcError> {
-    let mut lines = text.lines().enumerate();
-    let mut next = |what: &str| {
-        let complain = || TrcError { line: text.lines().count() + 1, message: format!("the end, expected {what}") };
-        lines.next().map(|(line, text)| (line + 1, text)).ok_or_else(complain)
-    };
-    let (line, first) = next("`PathFileType`")?;
-    if first.split('\t').next().map(str::trim) != Some("PathFileType") {
-        return fault(line, format_args!("found `{}`, expected `PathFileType`", shortened(first)));
+impl Trc {
+    fn whole_head(&self, about: &About, labels: &[String], n_frames: usize, room: usize) -> String {
+        let recording = Recording {
+            rate_hz: about.rate_hz,
+            units: "mm".to_owned(),
+            labels: labels.to_vec(),
+            ..Recording::default()
+        };
+        head(&recording, n_frames, &self.file, room)
     }
-    let (_, names) = next("the names of the header's values")?;
-    let (line, values) = next("the header's values")?;
-    let value = |wanted: &str| {
-        let place = names.split('\t').position(|it| it.trim() == wanted);
-        place.and_then(|it| values.split('\t').nth(it)).map(str::trim)
-    };
-    let rate_hz = value("DataRate").and_then(|it| it.parse().ok()).filter(|it: &f64| it.is_finite() && *it > 0.0);
-    let Some(rate_hz) = rate_hz else {
-        return fault(
-            line,
-            format_args!("found the `DataRate` `{}`, expected frames a second", value("DataRate").unwrap_or("")),
-        );
-    };
-    let units = value("Units").unwrap_or("").to_owned();
-    let (line, heading) = next("the labels")?;
-    if heading.split('\t').next().map(str::trim) != Some("Frame#") {
-        return fault(line, format_args!("found `{}`, expected `Frame#`, `Time` and the labels", shortened(heading)));
-    }
-    let labels = heading.split('\t').skip(2).step_by(3).map(str::trim);
-    let mut labels: Vec<String> = labels.map(str::to_owned).collect();
-    while labels.last().is_some_and(String::is_empty) {
-        labels.pop();
-    }
-    next("the names of the coordinates")?;
-    let mut recording = Recording { rate_hz, units, labels, times_s: Vec::new(), positions: Vec::new() };
-    for (line, text) in lines {
-        if !text.trim().is_empty() {
-            row(line + 1, text, &mut recording)?;
-        }
-    }
-    Ok(recording)
 }
 
-/// Adds the frame of one line.
-fn row(line: usize, text: &str, recording: &mut Recording) -> Result<(), TrcError> {
-    let mut fields = text.trim_end_matches(['\r', '\n']).split('\t').map(str::trim);
-    let number = |field: &str| field.parse::<f64>().ok().filter(|it| it.is_finite());
-    let _frame = fields.next();
-    let time = fields.next().unwrap_or("");
-    let Some(time_s) = number(time) else {
-        return fault(line, format_args!("found the time `{}`, expected seconds", shortened(time)));
-    };
-    recording.times_s.push(time_s);
-    for label in &recording.labels {
-        let of_point = [(); 3].map(|()| fields.next().unwrap_or(""));
-        let position = of_point.map(number);
-        match position {
-            [Some(x), Some(y), Some(z)] => recording.positions.push(Some([x, y, z])),
-            _ if of_point.iter().all(|it| it.is_empty() || it.eq_ignore_ascii_case("nan")) => {
-                recording.positions.push(None)
-            }
-            _ => {
-                let found = of_point.map(shortened).join("`, `");
-                return fault(
-                    line,
-                    format_args!("found `{found}` for `{label}`, expected three numbers or three empty fields"),
-                );
-            }
+impl ExportTrc {
+    /// As when it comes at the port, at the message's own time.
+    #[cfg(test)]
+    pub(crate) fn push(&mut self, message: std::sync::Arc<Targets>) {
+        let now = message.time;
+        if let Some(gather) = &mut self.gather {
+            gather.push_targets(message, false);
+            self.file.take(gather, now);
         }
     }
-    // Points without a label.
-    match fields.find(|it| !it.is_empty() && number(it).is_none()) {
-        Some(more) => fault(line, format_args!("found `{}` behind the last point, expected numbers", shortened(more))),
-        None => Ok(()),
+}
+
+impl Node for ExportTrc {
+    const TYPE: &'static str = "export.trc";
+    const ROLE: Role = Role::Sink;
+    const SUMMARY: &'static str = "Writes targets and marks as TRC for OpenSim: millimetres, missing points left empty";
+    type Settings = ExportTrcSettings;
+
+    fn ports() -> Ports {
+        ports()
     }
-}
 
-fn shortened(text: &str) -> String {
-    text.trim().chars().take(40).collect()
-}
+    fn new(settings: ExportTrcSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        let ExportTrcSettings { file, rate_hz, gap_ms, labels, .. } = &settings;
+        let gather = Gather::new(&Common { file, rate_hz: *rate_hz, gap_ms: *gap_ms, labels }, setup)?;
+        let format =
+            Trc { file: file.clone(), up: settings.up, filled: settings.filled, row: Vec::new(), text: String::new() };
+        Ok(Self { gather: Some(gather.taken_by_frame()), file: FrameFile::new(setup, file, format) })
+    }
 
-fn fault<T>(line: usize, message: impl fmt::Display) -> Result<T, TrcError> {
-    Err(TrcError { line, message: message.to_string() })
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        if let Some(gather) = &mut self.gather {
+            gather.take(io);
+            self.file.take(gather, io.now());
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let Some(mut gather) = self.gather.take() else { return Ok(()) };
+        self.file.finish(&mut gather, "trc", report)
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use foveate_testkit::data_dir_or_skip;
-    use proptest::prelude::*;
+    use std::sync::Arc;
+
+    use foveate::motion::trc::read;
 
     use super::*;
-    use crate::c3d;
+    use crate::target_rows::tests::target;
 
-    proptest! {
-        #[test]
-        fn recording_comes_back(
-            n_points in 0..5_usize, hundredths in prop::collection::vec(prop::option::of([any::<i32>(); 3]), 0..30),
-        ) {
-            let n_frames = hundredths.len().checked_div(n_points).unwrap_or(3);
-            let place = |it: &Option<[i32; 3]>| it.map(|it| it.map(|it| f64::from(it) / 100.0));
-            let wanted = Recording {
-                rate_hz: 59.94,
-                units: "mm".to_owned(),
-                labels: (0..n_points).map(|it| format!("mark {it}")).collect(),
-                times_s: (0..n_frames).map(|it| it as f64 / 64.0).collect(),
-                positions: hundredths[..n_frames * n_points].iter().map(place).collect(),
-            };
-            prop_assert_eq!(read(&write(&wanted, "a.trc")).unwrap(), wanted);
+    #[test]
+    fn node_keeps_its_promises() {
+        foveate_testkit::check_node::<ExportTrc>("up = \"z\"");
+    }
+
+    #[test]
+    fn points_are_in_millimetres_with_y_up_and_holes_empty() {
+        let folder = tempfile::tempdir().unwrap();
+        let setup = Setup { out_dir: Some(folder.path().to_owned()), ..Setup::for_tests() };
+        let settings = "rate_hz = 10.0\nlabels = { target-3 = \"waist\" }\nfilled = false";
+        let mut node = ExportTrc::new(toml::from_str(settings).unwrap(), &setup).unwrap();
+        for (step, how) in [(0, How::Measured), (2, How::Filled), (3, How::Measured)] {
+            let list = vec![target(3, [1.0, 2.0, 3.0], how)];
+            let message = Targets { time: Time::from_s(0.1 * f64::from(step)), list };
+            node.gather.as_mut().unwrap().push_targets(Arc::new(message), false);
         }
-    }
-
-    #[test]
-    fn text_is_what_opensim_expects() {
-        let recording = Recording {
-            rate_hz: 60.0,
-            units: "mm".to_owned(),
-            labels: vec!["head".to_owned(), "left\twrist".to_owned()],
-            times_s: vec![0.5],
-            positions: vec![Some([1.0, -2.5, 0.000_001]), None],
-        };
-        let expected = "PathFileType\t4\t(X/Y/Z)\tm.trc\n\
-            DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames\n\
-            60.000\t60.000\t1\t2\tmm\t60.000\t1\t1\n\
-            Frame#\tTime\thead\t\t\tleft wrist\t\t\n\
-            \t\tX1\tY1\tZ1\tX2\tY2\tZ2\n\
-            \n\
-            1\t0.500000\t1.00000\t-2.50000\t0.00000\t\t\t\n";
-        assert_eq!(write(&recording, "m.trc"), expected);
-    }
-
-    #[test]
-    fn broken_files_are_named_by_line() {
-        let good = write(
-            &Recording {
-                rate_hz: 60.0,
-                labels: vec!["a".into()],
-                times_s: vec![0.0],
-                positions: vec![None],
-                ..Default::default()
-            },
-            "a",
-        );
-        assert!(read(&good).is_ok());
-        let complaint = |text: &str| read(text).unwrap_err().to_string();
-        assert!(complaint("").starts_with("line 1: the end"));
-        assert!(
-            complaint("x\ty").contains("line 1: found `x y`") || complaint("x\ty").contains("expected `PathFileType`")
-        );
-        assert!(complaint(&good.replace("60.000", "fast")).starts_with("line 3: found the `DataRate` `fast`"));
-        assert!(complaint(&good.replace("Frame#", "Frame")).starts_with("line 4"));
-        assert!(complaint(&format!("{good}2\t1s\n")).starts_with("line 8: found the time `1s`"));
-        assert!(complaint(&format!("{good}2\t1\t1\t2\n")).contains("`1`, `2`, `` for `a`"));
-        assert!(complaint(&format!("{good}2\t1\t1\t2\t3\tx\n")).contains("behind the last point"));
-    }
-
-    /// One trial, written by its laboratory in both forms: the C3D file as it was measured, the table smoothed and with holes filled.
-    #[test]
-    fn trc_and_c3d_of_one_trial_agree() {
-        let Some(folder) = data_dir_or_skip("trc_and_c3d_of_one_trial_agree", "s10_btk_c3d_trc") else { return };
-        let table = read(&std::fs::read_to_string(folder.join("TRCSamples__Gait.trc")).unwrap()).unwrap();
-        let file = c3d::read(&std::fs::read(folder.join("C3DSamples__others__Gait.c3d")).unwrap()).unwrap();
-        assert_eq!((table.labels.len(), table.times_s.len(), table.rate_hz), (33, 487, 100.0));
-        assert_eq!((file.labels.len(), file.n_frames(), file.units), (33, 487, table.units.clone()));
-        // The same points in the same order, by longer names.
-        assert_eq!((table.labels[1].as_str(), file.labels[1].as_str()), ("R.Offset", "ROFF"));
-        let median_with_lag = |lag: usize| {
-            let pairs = table.positions.iter().zip(&file.samples[lag * 33..]).filter(|it| it.1.is_present());
-            let distance =
-                |a: [f64; 3], b: [f32; 3]| (0..3).map(|it| (a[it] - f64::from(b[it])).powi(2)).sum::<f64>().sqrt();
-            let mut distances: Vec<f64> = pairs.filter_map(|(a, b)| a.map(|a| distance(a, b.position))).collect();
-            distances.sort_by(f64::total_cmp);
-            (distances.len(), distances[distances.len() / 2], distances[distances.len() * 95 / 100])
-        };
-        let (n, median, p95) = median_with_lag(0);
-        assert_eq!(n, 5515);
-        assert!(median < 0.75 && p95 < 3.7, "{median} {p95} mm");
-        assert!(median_with_lag(1).1 > 14.0, "one frame apart");
-    }
-
-    #[test]
-    fn tables_of_other_makers_are_read() {
-        let Some(folder) = data_dir_or_skip("tables_of_other_makers_are_read", "s10_btk_c3d_trc") else { return };
-        let facts = |name: &str| {
-            let it = read(&std::fs::read_to_string(folder.join(name)).unwrap()).unwrap();
-            let missing = it.positions.iter().filter(|it| it.is_none()).count();
-            (it.labels.len(), it.times_s.len(), it.rate_hz, missing as f64 / it.positions.len() as f64)
-        };
-        let knee = facts("TRCSamples__Knee.trc");
-        assert_eq!((knee.0, knee.1, knee.2), (71, 200, 200.0));
-        assert!((knee.3 - 0.24).abs() < 0.01, "{}", knee.3);
-        assert_eq!(facts("TRCSamples__MOTEK__ballet_reduced.trc").0, 41);
+        node.finish(&mut Report::default()).unwrap();
+        let found = read(&std::fs::read_to_string(folder.path().join("motion.trc")).unwrap()).unwrap();
+        assert_eq!((found.labels, found.units, found.rate_hz), (vec!["waist".to_owned()], "mm".to_owned(), 10.0));
+        let there = Some([1000.0, 3000.0, -2000.0]);
+        assert_eq!(found.positions, [there, None, None, there]);
+        assert_eq!(found.times_s, [0.0, 0.1, 0.2, 0.3]);
     }
 }

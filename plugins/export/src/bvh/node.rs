@@ -3,11 +3,14 @@
 use std::collections::BTreeMap;
 
 use foveate::prelude::*;
+use foveate::scene::LengthUnit;
 use foveate::scene::skeleton::z_up_from_y_up;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::body::{Places, SITES, body};
+use super::guess::guess;
+use super::proportions::{All, Limits, objections};
 use crate::gather::{Common, Gather, TARGETS, Table, default_gap_ms};
 use crate::whole_file::WholeFile;
 
@@ -92,6 +95,33 @@ pub struct ExportBvhSettings {
     /// Unit of lengths in the file: `cm` or `m` [–]
     #[serde(default)]
     pub unit: Unit,
+    /// No file is written where a part of the body is longer or shorter by more than this factor than fits the other parts [–]
+    #[serde(default = "default_part_factor")]
+    #[schemars(range(min = 1.0, max = 1000.0))]
+    pub part_factor: f64,
+    /// Nor where a part differs from that of the other side by more than this factor [–]
+    #[serde(default = "default_side_factor")]
+    #[schemars(range(min = 1.0, max = 1000.0))]
+    pub side_factor: f64,
+    /// Nor where the length of a part changes by more than this share of it, from the 10th to the 90th of a hundred frames [%]
+    #[serde(default = "default_stretch_percent")]
+    #[schemars(range(min = 0.0, max = 100000.0))]
+    pub stretch_percent: f64,
+}
+
+/// Heads of children of two years are a third larger beside the rest, and targets on the skin are off by some centimetres.
+fn default_part_factor() -> f64 {
+    1.6
+}
+
+/// People differ by 5 %; targets of one side may sit otherwise than those of the other.
+fn default_side_factor() -> f64 {
+    1.3
+}
+
+/// Waist to shoulder when people bend, of the recordings that this was tried on, changes most.
+fn default_stretch_percent() -> f64 {
+    50.0
 }
 
 fn default_file() -> String {
@@ -103,6 +133,8 @@ pub struct ExportBvh {
     pub(super) gather: Option<Gather>,
     file: WholeFile,
     settings: ExportBvhSettings,
+    /// Metres in one of the calibration's units; `None`: it was never measured.
+    unit_m: Option<f64>,
 }
 
 impl ExportBvh {
@@ -121,6 +153,58 @@ impl ExportBvh {
             }
         }
         (first, frames)
+    }
+}
+
+impl ExportBvh {
+    /// Where all targets are, y up, and their numbers.
+    fn all(table: &Table) -> (Vec<All>, Vec<u32>) {
+        let columns: Vec<_> = table.points.iter().filter_map(|it| Some((it.target?.0, &it.samples))).collect();
+        let y_up_from_z_up = z_up_from_y_up().inverse();
+        let mut frames = vec![vec![None; columns.len()]; table.n_frames];
+        for (place, (_, samples)) in columns.iter().enumerate() {
+            for (frame, sample) in *samples {
+                frames[*frame][place] = Some(y_up_from_z_up * sample.position);
+            }
+        }
+        (frames, columns.into_iter().map(|it| it.0).collect())
+    }
+
+    fn limits(&self) -> Limits {
+        let ExportBvhSettings { part_factor, side_factor, stretch_percent, .. } = self.settings;
+        Limits { factor: part_factor, side_factor, stretch: stretch_percent / 100.0, unit_m: self.unit_m }
+    }
+
+    /// What to map, as it can stand in the rig.
+    fn advice(&self, table: &Table) -> String {
+        let (frames, numbers) = Self::all(table);
+        let mapped = self.settings.joints.numbers();
+        let is_left = |target: usize| {
+            let site = mapped.iter().position(|it| *it == numbers[target]).filter(|it| *it >= 2)?;
+            Some(site % 2 == 0)
+        };
+        let found = guess(&frames, self.unit_m, is_left).and_then(|guess| {
+            let targets = guess.targets.map(|it| numbers[it]);
+            let places: Vec<Places> = frames.iter().map(|frame| guess.targets.map(|it| frame[it])).collect();
+            let is_body = body(&places, table.rate_hz, 1.0).is_ok();
+            (is_body && objections(&places, &targets, &self.limits()).is_empty())
+                .then_some((targets, guess.knows_sides))
+        });
+        let Some((targets, knows_sides)) = found else {
+            let list: Vec<String> = numbers.iter().map(u32::to_string).collect();
+            return format!(
+                "`joints` names the targets on {}; no eight of the {} targets that were seen ({}) can be a body",
+                SITES.join(", "),
+                numbers.len(),
+                list.join(", ")
+            );
+        };
+        if targets == mapped {
+            return "no other map of `joints` fits better; where targets sit so, raise `part_factor`, `side_factor` or `stretch_percent`".to_owned();
+        }
+        let list: Vec<String> = SITES.iter().zip(targets).map(|(site, it)| format!("{site} = {it}")).collect();
+        let sides = if knows_sides { "" } else { " (left and right may be exchanged: the movements do not tell)" };
+        format!("by distances and movements this is a body{sides}: joints = {{ {} }}", list.join(", "))
     }
 }
 
@@ -146,7 +230,11 @@ impl Node for ExportBvh {
                 return Err(ConfigError::at("joints", message));
             }
         }
-        Ok(Self { gather: Some(gather), file: WholeFile::new(setup, file), settings })
+        ConfigError::unless_in("part_factor", settings.part_factor, 1.0..=1e3)?;
+        ConfigError::unless_in("side_factor", settings.side_factor, 1.0..=1e3)?;
+        ConfigError::unless_in("stretch_percent", settings.stretch_percent, 0.0..=1e5)?;
+        let unit_m = (setup.calibration.length_unit == LengthUnit::Metre).then_some(1.0);
+        Ok(Self { gather: Some(gather), file: WholeFile::new(setup, file), settings, unit_m })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -165,11 +253,19 @@ impl Node for ExportBvh {
             Unit::Cm => 100.0,
             Unit::M => 1.0,
         };
-        let body = match body(&frames, table.rate_hz, per_length) {
+        let written = body(&frames, table.rate_hz, per_length).and_then(|body| {
+            let against = objections(&frames, &self.settings.joints.numbers(), &self.limits());
+            if against.is_empty() {
+                Ok(body)
+            } else {
+                Err(format!("the targets cannot be a body: {}", against.join("; ")))
+            }
+        });
+        let body = match written {
             Ok(body) => body,
             Err(why) => {
                 report.figure("bvh.frames", 0.0);
-                report.remark(format!("{name} is not written: {why}"));
+                report.remark(format!("{name} is not written: {why}; {}", self.advice(&table)));
                 return Ok(());
             }
         };

@@ -31,7 +31,7 @@ pub(super) fn scene(table: &Table, look: &Look) -> Result<Vec<u8>, usize> {
         let ball = ball(&mut glb, look.radius as f32);
         children.extend(points.iter().map(|it| point(&mut glb, it, table, ball)));
     }
-    children.extend(surface.into_iter().flatten());
+    children.extend(surface.map(|it| it.marks));
     if let Some(calibration) = look.cameras {
         for (number, camera) in (0..).zip(&calibration.cameras) {
             let poses = table.cameras.iter().find(|it| it.0 == CameraId(number)).map(|it| &it.1);
@@ -45,7 +45,9 @@ pub(super) fn scene(table: &Table, look: &Look) -> Result<Vec<u8>, usize> {
         root["children"] = json!(children);
     }
     let root = glb.node(root);
-    glb.finish(root, table.time_s(0))
+    // No transform of a parent reaches a mesh with a skin, so it has none: its joints hang below the world.
+    let roots: Vec<usize> = [root].into_iter().chain(surface.map(|it| it.face)).collect();
+    glb.finish(&roots, table.time_s(0))
 }
 
 fn vector(it: &Vector3<f64>) -> [f32; 3] {
@@ -128,8 +130,17 @@ fn ball(glb: &mut Glb, radius: f32) -> usize {
     glb.meshes.len() - 1
 }
 
+/// The two nodes of the marks.
+#[derive(Debug, Clone, Copy)]
+struct Surface {
+    /// Moves as their space does; below it a joint a mark.
+    marks: usize,
+    /// The mesh, with its skin.
+    face: usize,
+}
+
 /// The marks as a surface with a joint a mark, below a node that moves as their space does. `None`: too few marks for a triangle.
-fn surface(glb: &mut Glb, table: &Table) -> Option<[usize; 2]> {
+fn surface(glb: &mut Glb, table: &Table) -> Option<Surface> {
     let marks = &table.own_marks;
     let mean = |it: &Column| {
         let sum: Vector3<f64> = it.samples.iter().map(|it| it.1.position.coords).sum();
@@ -173,7 +184,7 @@ fn surface(glb: &mut Glb, table: &Table) -> Option<[usize; 2]> {
     let inverse = glb.floats(&vertices.iter().map(back).collect::<Vec<_>>(), Use::Other);
     glb.skins.push(json!({ "joints": joints, "inverseBindMatrices": inverse, "skeleton": body }));
     let mesh = glb.node(json!({ "name": "face", "mesh": glb.meshes.len() - 1, "skin": glb.skins.len() - 1 }));
-    Some([body, mesh])
+    Some(Surface { marks: body, face: mesh })
 }
 
 /// Moves a node along poses, each turned by `then` in its own space.

@@ -1,7 +1,7 @@
-"""Times ezc3d at what `cargo bench -p foveate-export --bench c3d` times, on the same kind of recording.
+"""Times ezc3d at what `cargo bench -p foveate-motion --bench c3d` times, on the same kind of recording.
 
 pip install numpy ezc3d
-python3 plugins/export/benches/peer_c3d.py
+python3 framework/motion/benches/peer_c3d.py
 """
 
 import os

@@ -179,7 +179,7 @@ fn frames(bytes: Bytes, layout: &Layout, format: Vec<String>) -> (Vec<Sample>, V
 }
 
 /// A point by its last word: the residual in the lower byte, the cameras in the upper one.
-fn sample(position: [f32; 3], last: i16, unit: f32) -> Sample {
+pub(super) fn sample(position: [f32; 3], last: i16, unit: f32) -> Sample {
     if last < 0 {
         return Sample::MISSING;
     }

@@ -1,14 +1,14 @@
 //! Time to write and read 60 s of 100 marks as C3D, beside ezc3d in the same run.
 //!
-//! `FOVEATE_PEER_PYTHON=python3 cargo bench -p foveate-export --bench c3d`; without the variable, or without ezc3d there, only our side.
+//! `FOVEATE_PEER_PYTHON=python3 cargo bench -p foveate-motion --bench c3d`; without the variable, or without ezc3d there, only our side.
 
 use std::hint::black_box;
 use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
-use foveate::estimation::random::Random;
-use foveate_export::c3d::{ByteOrder, Coding, Recording, Sample, read, write};
+use foveate_estimation::random::Random;
+use foveate_motion::c3d::{ByteOrder, Coding, Recording, Sample, read, write};
 
 const N_MARKS: usize = 100;
 const DURATION_S: usize = 60;

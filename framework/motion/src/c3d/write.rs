@@ -19,6 +19,8 @@ pub enum Coding {
     },
 }
 
+/// The most frames that the format counts: by a 32-bit float.
+pub(super) const MOST_FRAMES: usize = 1 << 24;
 /// The longest label, so that 255 of them can be stepped over by a 16-bit number [bytes].
 const LONGEST_LABEL: usize = 120;
 /// The longest parameter section [blocks].
@@ -39,18 +41,16 @@ pub fn write(recording: &Recording, coding: Coding, order: ByteOrder) -> Result<
         let found = format!("{} samples of {n_points} points and analog channels", recording.samples.len());
         return fault(0, found, "whole frames of points alone");
     }
-    if n_frames > 1 << 24 {
+    if n_frames > MOST_FRAMES {
         return fault(0, format_args!("{n_frames} frames"), "at most 16777216: they are counted by a 32-bit float");
     }
     let (scale, step) = steps(recording, coding)?;
-    let parameters = parameters(recording, scale, order)?;
-    let data_start = 2 + parameters.len() / BLOCK;
+    let room = Room { long_frames: n_frames > usize::from(u16::MAX), label_bytes: 0 };
+    let head = head(recording, n_frames, scale, order, room)?;
 
     let size = if scale < 0.0 { 16 } else { 8 };
-    let mut out =
-        Vec::with_capacity((data_start - 1) * BLOCK + (size * recording.samples.len()).next_multiple_of(BLOCK));
-    out.extend_from_slice(&header(recording, scale, data_start, order));
-    out.extend_from_slice(&parameters);
+    let mut out = Vec::with_capacity(head.len() + (size * recording.samples.len()).next_multiple_of(BLOCK));
+    out.extend_from_slice(&head);
     match (scale < 0.0, order) {
         // The common case on its own, so that it is one straight loop.
         (true, ByteOrder::Intel) => floats(&mut out, &recording.samples, step, f32::to_le_bytes),
@@ -62,6 +62,29 @@ pub fn write(recording: &Recording, coding: Coding, order: ByteOrder) -> Result<
         out.resize(out.len().next_multiple_of(BLOCK), 0);
     }
     Ok(out)
+}
+
+/// What the head of a file has room for, so that it keeps its length while frames are added.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Room {
+    /// Whether there is `POINT:LONG_FRAMES`.
+    pub long_frames: bool,
+    /// Each label takes so many bytes at least.
+    pub label_bytes: usize,
+}
+
+/// Header and parameters of a file with `n_frames` frames, whole blocks.
+pub(super) fn head(
+    recording: &Recording,
+    n_frames: usize,
+    scale: f32,
+    order: ByteOrder,
+    room: Room,
+) -> Result<Vec<u8>, C3dError> {
+    let parameters = parameters(recording, n_frames, scale, order, room)?;
+    let mut head = header(recording, n_frames, scale, 2 + parameters.len() / BLOCK, order).to_vec();
+    head.extend_from_slice(&parameters);
+    Ok(head)
 }
 
 /// `POINT:SCALE`, and what positions (of integers) and residuals are divided by.
@@ -106,7 +129,7 @@ fn last_word(sample: &Sample, per_step: f32) -> i16 {
     i16::from(sample.cameras & 0x7f) << 8 | i16::from(residual)
 }
 
-fn floats(out: &mut Vec<u8>, samples: &[Sample], step: f32, bytes_of: impl Fn(f32) -> [u8; 4]) {
+pub(super) fn floats(out: &mut Vec<u8>, samples: &[Sample], step: f32, bytes_of: impl Fn(f32) -> [u8; 4]) {
     let per_step = 1.0 / step;
     for sample in samples {
         let [x, y, z] = sample.position;
@@ -120,7 +143,7 @@ fn floats(out: &mut Vec<u8>, samples: &[Sample], step: f32, bytes_of: impl Fn(f3
     }
 }
 
-fn integers(out: &mut Vec<u8>, samples: &[Sample], step: f32, order: ByteOrder) {
+pub(super) fn integers(out: &mut Vec<u8>, samples: &[Sample], step: f32, order: ByteOrder) {
     for sample in samples {
         let [x, y, z] = sample.position;
         let is_there = sample.is_present() && (x + y + z).is_finite();
@@ -137,7 +160,7 @@ fn two_words(number: usize) -> [u16; 2] {
     [number as u16, (number >> 16) as u16]
 }
 
-fn header(recording: &Recording, scale: f32, data_start: usize, order: ByteOrder) -> [u8; BLOCK] {
+fn header(recording: &Recording, n_frames: usize, scale: f32, data_start: usize, order: ByteOrder) -> [u8; BLOCK] {
     let mut block = [0; BLOCK];
     block[0] = 2;
     block[1] = MAGIC;
@@ -149,8 +172,10 @@ fn header(recording: &Recording, scale: f32, data_start: usize, order: ByteOrder
     let first = recording.first_frame as usize;
     word(2, recording.labels.len());
     word(4, first);
-    word(5, (first + recording.n_frames()).saturating_sub(1));
+    word(5, (first + n_frames).saturating_sub(1));
     word(9, data_start);
+    // Samples of a channel in a frame, which readers hold against `ANALOG:RATE` even where there are no channels.
+    word(10, 1);
     word(150, usize::from(FOUR_CHARACTERS));
     word(151, recording.events.len().min(HEADER_EVENTS));
     let mut float = |number: usize, value: f32| {
@@ -170,8 +195,13 @@ fn header(recording: &Recording, scale: f32, data_start: usize, order: ByteOrder
 }
 
 /// The parameter section, whole blocks.
-fn parameters(recording: &Recording, scale: f32, order: ByteOrder) -> Result<Vec<u8>, C3dError> {
-    let n_frames = recording.n_frames();
+fn parameters(
+    recording: &Recording,
+    n_frames: usize,
+    scale: f32,
+    order: ByteOrder,
+    room: Room,
+) -> Result<Vec<u8>, C3dError> {
     let first = recording.first_frame as usize;
     let last = (first + n_frames).saturating_sub(1);
     let mut to = Section { bytes: vec![1, MAGIC, 0, order.processor()], order, group: 0 };
@@ -179,7 +209,7 @@ fn parameters(recording: &Recording, scale: f32, order: ByteOrder) -> Result<Vec
     to.group("POINT");
     to.words("USED", &[recording.labels.len() as u16]);
     to.words("FRAMES", &[n_frames.min(usize::from(u16::MAX)) as u16]);
-    if n_frames > usize::from(u16::MAX) {
+    if room.long_frames {
         to.floats("LONG_FRAMES", &[1], &[n_frames as f32]);
     }
     let data_start_at = to.bytes.len();
@@ -189,7 +219,9 @@ fn parameters(recording: &Recording, scale: f32, order: ByteOrder) -> Result<Vec
     to.texts("UNITS", &[&recording.units])?;
     to.texts("X_SCREEN", &["+X"])?;
     to.texts("Y_SCREEN", &["+Z"])?;
-    to.many_texts("LABELS", &recording.labels)?;
+    to.many_texts("LABELS", &recording.labels, room.label_bytes)?;
+    // Readers warn where they are missing, and want one for each label.
+    to.many_texts("DESCRIPTIONS", &vec![String::new(); recording.labels.len()], 0)?;
 
     to.group("ANALOG");
     to.words("USED", &[0]);
@@ -223,7 +255,7 @@ fn parameters(recording: &Recording, scale: f32, order: ByteOrder) -> Result<Vec
     }
     to.group("FOVEATE");
     if !recording.cameras.is_empty() {
-        to.many_texts("CAMERAS", &recording.cameras)?;
+        to.many_texts("CAMERAS", &recording.cameras, 0)?;
     }
     if let Some(start_s) = recording.start_s {
         to.texts("START_S", &[&start_s.to_string()])?;
@@ -285,7 +317,12 @@ impl Section {
 
     /// At most 255 texts, filled up with spaces to the longest.
     fn texts(&mut self, name: &str, texts: &[&str]) -> Result<(), C3dError> {
-        let length = texts.iter().map(|it| it.len()).max().unwrap_or(0).max(1);
+        self.texts_of(name, texts, 0)
+    }
+
+    /// As [`Self::texts`], each of so many bytes at least.
+    fn texts_of(&mut self, name: &str, texts: &[&str], bytes: usize) -> Result<(), C3dError> {
+        let length = texts.iter().map(|it| it.len()).max().unwrap_or(0).max(bytes).max(1);
         if let Some(long) = texts.iter().find(|it| it.len() > LONGEST_LABEL) {
             return fault(0, format_args!("`{long}` in `{name}`"), format_args!("at most {LONGEST_LABEL} bytes"));
         }
@@ -299,14 +336,14 @@ impl Section {
     }
 
     /// Any number of texts, in `NAME`, `NAME2` and so on.
-    fn many_texts(&mut self, name: &str, texts: &[String]) -> Result<(), C3dError> {
+    fn many_texts(&mut self, name: &str, texts: &[String], bytes: usize) -> Result<(), C3dError> {
         if texts.is_empty() {
             return self.texts(name, &[]);
         }
         for (part, of_it) in texts.chunks(LABELS_A_PARAMETER).enumerate() {
             let of_it: Vec<&str> = of_it.iter().map(String::as_str).collect();
             let name = if part == 0 { name.to_owned() } else { format!("{name}{}", part + 1) };
-            self.texts(&name, &of_it)?;
+            self.texts_of(&name, &of_it, bytes)?;
         }
         Ok(())
     }
