@@ -122,6 +122,7 @@ impl ExportC3d {
             analog: Analog::default(),
             cameras: bits(&self.cameras),
             start_s: Some(start_s),
+            y_is_up: false,
         }
     }
 }

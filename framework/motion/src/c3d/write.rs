@@ -188,7 +188,7 @@ fn parameters(recording: &Recording, scale: f32, order: ByteOrder) -> Result<Vec
     to.floats("RATE", &[1], &[recording.rate_hz]);
     to.texts("UNITS", &[&recording.units])?;
     to.texts("X_SCREEN", &["+X"])?;
-    to.texts("Y_SCREEN", &["+Z"])?;
+    to.texts("Y_SCREEN", &[if recording.y_is_up { "+Y" } else { "+Z" }])?;
     to.many_texts("LABELS", &recording.labels)?;
 
     to.group("ANALOG");
