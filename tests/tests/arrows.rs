@@ -43,6 +43,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "geometry",
             "led",
             "messages",
+            "motion",
             "painted-mark",
             "pan-tilt",
             "scene",

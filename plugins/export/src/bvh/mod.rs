@@ -5,7 +5,9 @@
 
 mod body;
 mod node;
+mod of_motion;
 #[cfg(test)]
 mod tests;
 
 pub use node::{BodyTargets, ExportBvh, ExportBvhSettings, Unit};
+pub use of_motion::{SkeletonFile, bvh};
