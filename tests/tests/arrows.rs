@@ -15,8 +15,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     // A room beside dataflow: calibrating is no node's work, and the program that does it knows both.
     ("calibration", &["estimation", "geometry", "scene"]),
     ("messages", &[]),
-    // Skeletons are part of the scene.
-    ("motion", &["scene"]),
+    // Skeletons are part of the scene; two motions are aligned and assigned.
+    ("motion", &["estimation", "geometry", "messages", "scene"]),
     ("dataflow", &["estimation", "geometry", "messages", "scene"]),
     ("sim", &["dataflow", "estimation", "geometry", "messages", "scene"]),
     ("testkit", &["dataflow", "estimation", "geometry", "messages", "scene"]),
@@ -43,6 +43,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "geometry",
             "led",
             "messages",
+            "motion",
             "painted-mark",
             "pan-tilt",
             "scene",

@@ -2,8 +2,10 @@
 
 mod calibrate;
 mod check;
+mod compare;
 mod convert;
 mod graph;
+mod motion_files;
 mod new;
 mod nodes;
 mod run;
@@ -47,8 +49,10 @@ enum Command {
         #[arg(value_hint = clap::ValueHint::FilePath)]
         rig: PathBuf,
     },
-    /// Write a calibration in the form of another program, and say what is lost
-    Convert(convert::ConvertArgs),
+    /// Write a calibration or a motion file in another form, and say what is lost
+    Convert(Box<convert::ConvertArgs>),
+    /// Measure how far apart two motion files are, point by point
+    Compare(compare::CompareArgs),
     /// List the node types, or show one: ports, settings with units and defaults
     Nodes {
         /// A node type, as led.detector
@@ -146,6 +150,7 @@ impl Cli {
             Command::Calibrate(args) => calibrate::run(&args),
             Command::Check { rig } => check::run(&rig),
             Command::Convert(args) => convert::run(&args),
+            Command::Compare(args) => compare::run(&args),
             Command::Nodes { node_type } => nodes::run(node_type.as_deref()),
             Command::Devices => devices(),
             Command::Graph { rig, format, output } => graph::run(&rig, format, output),

@@ -19,6 +19,7 @@
 //! A file that lies about its sizes costs no more memory than a few times its own length.
 
 mod growing;
+mod layout;
 mod order;
 mod parameters;
 mod read;
@@ -30,7 +31,7 @@ use std::fmt;
 
 pub use growing::{Growing, POINT_BYTES};
 pub use order::ByteOrder;
-pub use read::read;
+pub use read::{read, read_told};
 pub use write::{Coding, write};
 
 /// One point in one frame.
@@ -98,6 +99,8 @@ pub struct Recording {
     pub start_s: Option<f64>,
     /// What each bit of [`Sample::cameras`] stands for, at most 7; empty where the file does not say.
     pub cameras: Vec<String>,
+    /// Whether y is up (`POINT:Y_SCREEN` is `+Y`); else z is.
+    pub y_is_up: bool,
 }
 
 impl Recording {

@@ -1,7 +1,11 @@
-//! NPZ, the archive of arrays that `numpy.load` reads: a writer, pure functions over numbers.
+//! NPZ, the archive of arrays that `numpy.load` reads: writer and reader, pure functions over numbers.
 //!
 //! An array is a file `NAME.npy` (NumPy's format 1.0: a dictionary in text, then the numbers, little-endian, the last index fastest) in a ZIP
 //! archive without compression.
+
+mod read;
+
+pub use read::{Arrays, Numbers};
 
 /// An archive that grows.
 #[derive(Debug, Default)]

@@ -93,15 +93,33 @@ pub fn put_row(text: &mut String, frame: usize, time_s: f64, positions: &[Option
     text.push('\n');
 }
 
-/// Reads a whole file.
+/// Reads a whole file, with nothing said of what was put right. See [`read_told`].
+///
+/// # Errors
+/// As [`read_told`].
+pub fn read(text: &str) -> Result<Recording, TrcError> {
+    read_told(text).map(|it| it.0)
+}
+
+/// Frames of so many fields that are not in the text are believed: rows may leave out the tabs of points that are missing at their end, and no
+/// file of a few lines may ask for more memory than this and 4 times its own length. [points]
+const MOST_LEFT_OUT: usize = 1 << 20;
+
+/// Reads a whole file, and says what in it contradicts itself, and how it was taken.
+///
+/// Any line ends, a byte-order mark and empty lines anywhere are passed over. The points are those of the labels' line, whatever the header counts; where it has none, the rows
+/// tell by their width, and the points are called `unlabelled-N`.
 ///
 /// # Errors
 /// The line, what is there and what should be.
-pub fn read(text: &str) -> Result<Recording, TrcError> {
-    let mut lines = text.lines().enumerate();
+pub fn read_told(text: &str) -> Result<(Recording, Vec<String>), TrcError> {
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let ends = if text.contains('\n') { '\n' } else { '\r' };
+    let mut lines = text.split_terminator(ends).enumerate().map(|(line, text)| (line + 1, text.trim_end_matches('\r')));
+    let n_lines = text.lines().count();
     let mut next = |what: &str| {
-        let complain = || TrcError { line: text.lines().count() + 1, message: format!("the end, expected {what}") };
-        lines.next().map(|(line, text)| (line + 1, text)).ok_or_else(complain)
+        let complain = || TrcError { line: n_lines + 1, message: format!("the end, expected {what}") };
+        lines.by_ref().find(|it| !it.1.trim().is_empty()).ok_or_else(complain)
     };
     let (line, first) = next("`PathFileType`")?;
     if first.split('\t').next().map(str::trim) != Some("PathFileType") {
@@ -120,57 +138,111 @@ pub fn read(text: &str) -> Result<Recording, TrcError> {
             format_args!("found the `DataRate` `{}`, expected frames a second", value("DataRate").unwrap_or("")),
         );
     };
+    let count = |wanted: &str| value(wanted).and_then(|it| it.parse::<usize>().ok());
+    let (n_markers, n_rows) = (count("NumMarkers"), count("NumFrames"));
     let units = value("Units").unwrap_or("").to_owned();
     let (line, heading) = next("the labels")?;
     if heading.split('\t').next().map(str::trim) != Some("Frame#") {
         return fault(line, format_args!("found `{}`, expected `Frame#`, `Time` and the labels", shortened(heading)));
     }
-    let labels = heading.split('\t').skip(2).step_by(3).map(str::trim);
-    let mut labels: Vec<String> = labels.map(str::to_owned).collect();
+    let mut rows = Rows {
+        recording: Recording { rate_hz, units, labels: labels(heading), ..Recording::default() },
+        n_left_out: 0,
+        most: MOST_LEFT_OUT.saturating_add(text.len().saturating_mul(4)),
+    };
+    let mut remarks = Vec::new();
+    let mut unnamed = 0;
+    for (line, text) in lines.filter(|it| !it.1.trim().is_empty()) {
+        // The names of the coordinates; a file may lack them.
+        if rows.recording.times_s.is_empty() && text.split('\t').take(2).all(|it| it.trim().is_empty()) {
+            continue;
+        }
+        if rows.recording.labels.is_empty() && rows.recording.times_s.is_empty() {
+            unnamed = (text.trim_end().split('\t').count().saturating_sub(2)).div_ceil(3);
+            rows.recording.labels = (1..=unnamed).map(|it| format!("unlabelled-{it}")).collect();
+        }
+        rows.add(line, text)?;
+    }
+    let recording = rows.recording;
+    let n_points = recording.labels.len();
+    if unnamed > 0 {
+        remarks.push(format!("the points have no names; the first row has {unnamed}, called `unlabelled-N`"));
+    }
+    // More in the header than labels: points that their maker appends without identity, which are passed over.
+    if let Some(n_markers) = n_markers.filter(|it| *it != n_points) {
+        remarks.push(format!("the header counts {n_markers} markers, the table names {n_points}; taken: {n_points}"));
+    }
+    if let Some(n_rows) = n_rows.filter(|it| *it != recording.times_s.len()) {
+        let found = recording.times_s.len();
+        remarks.push(format!("the header counts {n_rows} frames, the table has {found}; taken: {found}"));
+    }
+    Ok((recording, remarks))
+}
+
+/// The labels of their line: at every third field, or one a field where they stand side by side.
+fn labels(heading: &str) -> Vec<String> {
+    let fields: Vec<&str> = heading.split('\t').skip(2).map(str::trim).collect();
+    let is_spread = fields.iter().enumerate().all(|(place, it)| it.is_empty() || place % 3 == 0);
+    let mut labels: Vec<String> = match is_spread {
+        true => fields.iter().step_by(3).map(|it| (*it).to_owned()).collect(),
+        false => fields.iter().filter(|it| !it.is_empty()).map(|it| (*it).to_owned()).collect(),
+    };
     while labels.last().is_some_and(String::is_empty) {
         labels.pop();
     }
-    next("the names of the coordinates")?;
-    let mut recording = Recording { rate_hz, units, labels, times_s: Vec::new(), positions: Vec::new() };
-    for (line, text) in lines {
-        if !text.trim().is_empty() {
-            row(line + 1, text, &mut recording)?;
-        }
-    }
-    Ok(recording)
+    labels
 }
 
-/// Adds the frame of one line.
-fn row(line: usize, text: &str, recording: &mut Recording) -> Result<(), TrcError> {
-    let mut fields = text.trim_end_matches(['\r', '\n']).split('\t').map(str::trim);
-    let number = |field: &str| field.parse::<f64>().ok().filter(|it| it.is_finite());
-    let _frame = fields.next();
-    let time = fields.next().unwrap_or("");
-    let Some(time_s) = number(time) else {
-        return fault(line, format_args!("found the time `{}`, expected seconds", shortened(time)));
-    };
-    recording.times_s.push(time_s);
-    for label in &recording.labels {
-        let of_point = [(); 3].map(|()| fields.next().unwrap_or(""));
-        let position = of_point.map(number);
-        match position {
-            [Some(x), Some(y), Some(z)] => recording.positions.push(Some([x, y, z])),
-            _ if of_point.iter().all(|it| it.is_empty() || it.eq_ignore_ascii_case("nan")) => {
-                recording.positions.push(None)
-            }
-            _ => {
-                let found = of_point.map(shortened).join("`, `");
-                return fault(
-                    line,
-                    format_args!("found `{found}` for `{label}`, expected three numbers or three empty fields"),
-                );
+/// The table as it is read.
+struct Rows {
+    recording: Recording,
+    /// Points for which rows had no fields, and how many there may be.
+    n_left_out: usize,
+    most: usize,
+}
+
+impl Rows {
+    /// Adds the frame of one line.
+    fn add(&mut self, line: usize, text: &str) -> Result<(), TrcError> {
+        let recording = &mut self.recording;
+        let n_fields = text.split('\t').count().saturating_sub(2);
+        self.n_left_out += recording.labels.len().saturating_sub(n_fields.div_ceil(3));
+        if self.n_left_out > self.most {
+            let n_points = recording.labels.len();
+            return fault(line, format_args!("found {n_fields} fields, expected three for each of {n_points} points"));
+        }
+        let mut fields = text.split('\t').map(str::trim);
+        let number = |field: &str| field.parse::<f64>().ok().filter(|it| it.is_finite());
+        let _frame = fields.next();
+        let time = fields.next().unwrap_or("");
+        let Some(time_s) = number(time) else {
+            return fault(line, format_args!("found the time `{}`, expected seconds", shortened(time)));
+        };
+        recording.times_s.push(time_s);
+        for label in &recording.labels {
+            let of_point = [(); 3].map(|()| fields.next().unwrap_or(""));
+            let position = of_point.map(number);
+            match position {
+                [Some(x), Some(y), Some(z)] => recording.positions.push(Some([x, y, z])),
+                _ if of_point.iter().all(|it| it.is_empty() || it.eq_ignore_ascii_case("nan")) => {
+                    recording.positions.push(None)
+                }
+                _ => {
+                    let found = of_point.map(shortened).join("`, `");
+                    return fault(
+                        line,
+                        format_args!("found `{found}` for `{label}`, expected three numbers or three empty fields"),
+                    );
+                }
             }
         }
-    }
-    // Points without a label.
-    match fields.find(|it| !it.is_empty() && number(it).is_none()) {
-        Some(more) => fault(line, format_args!("found `{}` behind the last point, expected numbers", shortened(more))),
-        None => Ok(()),
+        // Points without a label.
+        match fields.find(|it| !it.is_empty() && !it.eq_ignore_ascii_case("nan") && number(it).is_none()) {
+            Some(more) => {
+                fault(line, format_args!("found `{}` behind the last point, expected numbers", shortened(more)))
+            }
+            None => Ok(()),
+        }
     }
 }
 
@@ -225,6 +297,51 @@ mod tests {
             \n\
             1\t0.500000\t1.00000\t-2.50000\t0.00000\t\t\t\n";
         assert_eq!(write(&recording, "m.trc"), expected);
+    }
+
+    /// A table of two points and two frames.
+    const PLAIN: &str = "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\n100\t100\t2\t2\tmm\n\
+        Frame#\tTime\ta\t\t\tb\t\t\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\n\n1\t0.00\t1\t2\t3\t4\t5\t6\n2\t0.01\t7\t8\t9\t\t\t\n";
+
+    fn positions() -> Vec<Option<[f64; 3]>> {
+        vec![Some([1.0, 2.0, 3.0]), Some([4.0, 5.0, 6.0]), Some([7.0, 8.0, 9.0]), None]
+    }
+
+    #[track_caller]
+    fn check_alike(text: &str, labels: [&str; 2], words: &str) {
+        let (found, remarks) = read_told(text).unwrap();
+        assert_eq!((found.positions, found.times_s), (positions(), vec![0.0, 0.01]));
+        assert_eq!(found.labels, labels);
+        assert_eq!(remarks.is_empty(), words.is_empty(), "{remarks:?}");
+        assert!(remarks.iter().all(|it| it.contains(words)) || remarks[0].contains(words), "{remarks:?}");
+    }
+
+    #[test]
+    fn tables_are_read_whatever_their_lines_and_counts() {
+        check_alike(PLAIN, ["a", "b"], "");
+        check_alike(&PLAIN.replace('\n', "\r\n"), ["a", "b"], "");
+        check_alike(&PLAIN.replace('\n', "\r"), ["a", "b"], "");
+        check_alike(&format!("\u{feff}\n\n{}", PLAIN.replace('\n', "\n\n")), ["a", "b"], "");
+        // Without what ends lines and tables.
+        check_alike(PLAIN.trim_end(), ["a", "b"], "");
+        check_alike(&PLAIN.replace("b\t\t\n", "b\n"), ["a", "b"], "");
+        check_alike(&PLAIN.replace("a\t\t\tb\t\t", "a\tb"), ["a", "b"], "");
+        // No marker declared, and rows that are full.
+        let declared = |n: usize| PLAIN.replace("\t2\tmm", &format!("\t{n}\tmm"));
+        check_alike(&declared(0), ["a", "b"], "the header counts 0 markers, the table names 2");
+        let unnamed = declared(0).replace("\ta\t\t\tb\t\t", "").replace("\tX1\tY1\tZ1\tX2\tY2\tZ2", "");
+        check_alike(&unnamed, ["unlabelled-1", "unlabelled-2"], "the points have no names");
+        check_alike(&declared(9), ["a", "b"], "9 markers");
+        check_alike(&PLAIN.replace("100\t2\t2", "100\t500\t2"), ["a", "b"], "500 frames, the table has 2");
+    }
+
+    #[test]
+    fn short_rows_of_many_points_ask_for_no_memory() {
+        let labels = "a\t\t\t".repeat(60_000);
+        let rows = "1\t0\n".repeat(60_000);
+        let error = read(&PLAIN.replace("a\t\t\tb\t\t", &labels).replace("1\t0.00\t1", &format!("{rows}1\t0.00\t1")))
+            .unwrap_err();
+        assert!(error.to_string().contains("expected three for each of 60000 points"), "{error}");
     }
 
     #[test]

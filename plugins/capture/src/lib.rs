@@ -1,4 +1,4 @@
-//! Sources: cameras, picture sequences, videos, 2D detections.
+//! Sources: cameras, picture sequences, videos, 2D detections, motion files.
 //!
 //! | node | what it reads |
 //! |---|---|
@@ -6,6 +6,7 @@
 //! | [`capture.images`](images::Images) | a folder of JPEG or PNG pictures, numbered in their names |
 //! | [`capture.video`](video::Video) | a video file, decoded by an `ffmpeg` child process |
 //! | [`capture.detections`](detections::Detections) | 2D points of one or more cameras in a CSV file |
+//! | [`capture.motion`](motion::CaptureMotion) | targets and marks in a motion file: C3D, TRC, BVH, our own tables, NPZ |
 //!
 //! What cannot be read is a counted gap at its own capture time, with a reason that names the file; a file or folder
 //! that gives nothing at all is refused before the run.
@@ -18,6 +19,7 @@ mod ffmpeg;
 mod ffmpeg_words;
 pub mod images;
 mod listing;
+pub mod motion;
 mod points_dat;
 pub mod settings;
 #[cfg_attr(
@@ -35,4 +37,5 @@ pub fn register(registry: &mut Registry) {
     registry.add::<images::Images>();
     registry.add::<video::Video>();
     registry.add::<detections::Detections>();
+    registry.add::<motion::CaptureMotion>();
 }

@@ -4,12 +4,14 @@
 //! number is as in the world, in metres. A mesh that is moved by joints stands beside it, as the specification wants (section 3.7.3.3). Time 0 is the first frame.
 
 mod node;
+mod of_motion;
 mod scene;
 #[cfg(test)]
 mod tests;
 mod triangles;
 
 pub use node::{ExportGltf, ExportGltfSettings};
+pub use of_motion::glb;
 
 use serde_json::{Value, json};
 

@@ -1,116 +1,133 @@
-//! `foveate convert`: a calibration in the form of another program, and what is lost on the way.
+//! `foveate convert`: a calibration or a motion file in another form, and what is lost on the way. What is in the file decides which of the two it is.
 
-use std::io::ErrorKind;
-use std::path::{Path, PathBuf};
+mod calibration;
+mod motion;
+
+use std::path::PathBuf;
 
 use clap::builder::PossibleValuesParser;
-use foveate_scene::{Calibration, DltOrigin, Export, Format, ImportOptions, LengthUnit};
+use foveate_motion::forms::Form;
+use foveate_scene::Format;
 
 use super::complain;
-use crate::exit;
-use crate::output::say;
+use super::motion_files::{UpArg, kind_of, seconds_of_gap};
 
 /// `foveate convert`
 #[derive(Debug, clap::Args)]
 pub struct ConvertArgs {
-    /// The calibration: a file or folder of any form that is known; what is in it decides
+    /// A calibration (a file or folder of any form that is known) or a motion file (C3D, TRC, BVH, targets.csv, marks.csv, NPZ); what is in it decides
     #[arg(value_name = "IN", value_hint = clap::ValueHint::AnyPath)]
     input: PathBuf,
-    /// What to write: a file, or a folder for forms of several files
+    /// What to write: a file, or a folder for calibrations of several files
     #[arg(value_name = "OUT", value_hint = clap::ValueHint::AnyPath)]
     output: PathBuf,
-    /// The form to write [default: by OUT's ending: .toml foveate, .yml opencv or opencv-stereo, .xml qualisys, .csv dlt]
-    #[arg(long, value_name = "FORMAT", value_parser = PossibleValuesParser::new(Format::ALL.map(Format::name)))]
+    /// The form to write [default: by OUT's ending. Calibrations: .toml foveate, .yml opencv or opencv-stereo, .xml qualisys, .csv dlt. Motion: .c3d
+    /// .trc .bvh .glb .npz .csv]
+    #[arg(long, value_name = "FORMAT", value_parser = PossibleValuesParser::new(forms()))]
     to: Option<String>,
-    /// Columns and rows of the images, for forms that do not hold them [px]
-    #[arg(long, value_name = "W,H", value_parser = image_size)]
-    image_size: Option<[u32; 2]>,
     /// How long a unit of IN is, for forms that do not say; 0.001 for millimetres [m]
     #[arg(long, value_name = "METRES", value_parser = length)]
     metres_per_unit: Option<f64>,
-    /// Pixels of DLT coefficients in IN count from the top left, as MATLAB does, not from the bottom left, as easyWand does
-    #[arg(long)]
-    dlt_top_left: bool,
-    /// Take lenses without poses: their cameras stand at the origin
-    #[arg(long)]
-    lenses: bool,
     /// Write nothing if anything would be lost
     #[arg(long)]
     strict: bool,
     /// Write over what is there
     #[arg(long)]
     force: bool,
+    #[command(flatten)]
+    calibration: CalibrationOptions,
+    #[command(flatten)]
+    motion: MotionOptions,
+}
+
+/// Calibrations alone have these.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Calibrations")]
+struct CalibrationOptions {
+    /// Columns and rows of the images, for forms that do not hold them [px]
+    #[arg(long, value_name = "W,H", value_parser = image_size)]
+    image_size: Option<[u32; 2]>,
+    /// Pixels of DLT coefficients in IN count from the top left, as MATLAB does, not from the bottom left, as easyWand does
+    #[arg(long)]
+    dlt_top_left: bool,
+    /// Take lenses without poses: their cameras stand at the origin
+    #[arg(long)]
+    lenses: bool,
+}
+
+/// Motion files alone have these.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Motion files")]
+struct MotionOptions {
+    /// Cross gaps whose ends are at most so far apart by a cubic; the samples keep the flag `filled` [s]
+    #[arg(long, value_name = "SECONDS", value_parser = seconds_of_gap)]
+    fill: Option<f64>,
+    /// Low-pass with this cut-off, without a lag (Butterworth, forwards and backwards), behind --fill [Hz]
+    #[arg(long, value_name = "HZ", value_parser = frequency)]
+    smooth: Option<f64>,
+    /// Frames a second in OUT [default: those of IN] [Hz]
+    #[arg(long, value_name = "HZ", value_parser = frequency)]
+    rate: Option<f64>,
+    /// Turn the points so that this axis is up [default: as in IN; z in our own forms, y in BVH and glTF]
+    #[arg(long, value_enum)]
+    up: Option<UpArg>,
+    /// Which axis is up in IN [default: as a C3D file says, y in TRC and BVH, else z]
+    #[arg(long, value_enum)]
+    from_up: Option<UpArg>,
+    /// Unit of lengths in C3D, TRC and BVH [default: that of IN, else mm; cm in BVH]
+    #[arg(long, value_name = "UNIT", value_parser = PossibleValuesParser::new(["mm", "cm", "m"]))]
+    unit: Option<String>,
+    /// For BVH: the points that joints sit on, as `waist=LASI+RASI+SACR,head=LFHD+RFHD` (the middle of several); of head, waist, left_ and right_shoulder,
+    /// _elbow, _wrist [default: by names in use]
+    #[arg(long, value_name = "JOINT=POINT,…")]
+    joints: Option<String>,
+}
+
+impl CalibrationOptions {
+    fn first_used(&self) -> Option<&'static str> {
+        let used = [
+            (self.image_size.is_some(), "--image-size"),
+            (self.dlt_top_left, "--dlt-top-left"),
+            (self.lenses, "--lenses"),
+        ];
+        used.into_iter().find(|it| it.0).map(|it| it.1)
+    }
+}
+
+impl MotionOptions {
+    fn first_used(&self) -> Option<&'static str> {
+        let used = [
+            (self.fill.is_some(), "--fill"),
+            (self.smooth.is_some(), "--smooth"),
+            (self.rate.is_some(), "--rate"),
+            (self.up.is_some(), "--up"),
+            (self.from_up.is_some(), "--from-up"),
+            (self.unit.is_some(), "--unit"),
+            (self.joints.is_some(), "--joints"),
+        ];
+        used.into_iter().find(|it| it.0).map(|it| it.1)
+    }
+}
+
+/// Everything that --to takes.
+fn forms() -> Vec<&'static str> {
+    Format::ALL.map(Format::name).into_iter().chain(Form::ALL.map(Form::name)).chain(["glb"]).collect()
 }
 
 pub(super) fn run(args: &ConvertArgs) -> u8 {
-    let options = ImportOptions {
-        image_size: args.image_size,
-        metres_per_unit: args.metres_per_unit,
-        dlt_origin: if args.dlt_top_left { DltOrigin::TopLeft } else { DltOrigin::BottomLeft },
-        lenses_at_origin: args.lenses,
+    let path = args.input.display();
+    let (unused, what, other) = match kind_of(&args.input) {
+        Ok(Some(form)) => match args.calibration.first_used() {
+            None => return motion::run(args, form),
+            Some(option) => (option, "a motion file", "calibrations"),
+        },
+        Ok(None) => match args.motion.first_used() {
+            None => return calibration::run(args),
+            Some(option) => (option, "no motion file", "motion files"),
+        },
+        Err(error) => return complain(&format!("`{path}` cannot be read: {error}")),
     };
-    let calibration = match Calibration::load_with(&args.input, &options) {
-        Ok(calibration) => calibration,
-        Err(error) => return complain(&error.to_string()),
-    };
-    let named = args.to.as_ref().and_then(|name| Format::ALL.into_iter().find(|it| it.name() == name));
-    let format = match named.map_or_else(|| by_ending(&args.output, calibration.cameras.len()), Ok) {
-        Ok(format) => format,
-        Err(sentence) => return complain(&sentence),
-    };
-    let export = match calibration.export(format) {
-        Ok(export) => export,
-        Err(error) => return complain(&format!("cannot be said in the form {format}: {error}")),
-    };
-    if args.strict && !export.lost.is_empty() {
-        return complain(&format!("nothing is written, since the form {format} loses\n{}", list(&export)));
-    }
-    let out = args.output.display();
-    match export.write(&args.output, args.force) {
-        Ok(()) => {
-            let unit = match calibration.length_unit {
-                LengthUnit::Metre => "metres",
-                LengthUnit::Unknown => "an unknown unit",
-            };
-            let lost = match export.lost.is_empty() {
-                true => "nothing is lost\n".to_owned(),
-                false => format!("lost:\n{}", list(&export)),
-            };
-            let cameras = match calibration.cameras.len() {
-                1 => "1 camera".to_owned(),
-                n => format!("{n} cameras"),
-            };
-            say(&format!("{}\n{out}: {cameras}, lengths in {unit}, {format}\n{lost}", calibration.origin));
-            exit::DONE
-        }
-        Err(error) if error.kind() == ErrorKind::AlreadyExists => {
-            complain(&format!("`{out}` is there already and is left as it is; choose another name, or --force"))
-        }
-        Err(error) => complain(&format!("`{out}` cannot be written: {error}")),
-    }
-}
-
-fn list(export: &Export) -> String {
-    export.lost.iter().map(|it| format!("  {it}\n")).collect()
-}
-
-/// The form that the ending of `out` stands for.
-fn by_ending(out: &Path, n_cameras: usize) -> Result<Format, String> {
-    let ending = out.extension().and_then(|it| it.to_str()).unwrap_or_default().to_ascii_lowercase();
-    match (ending.as_str(), n_cameras) {
-        ("toml", _) => Ok(Format::Foveate),
-        ("xml", _) => Ok(Format::Qualisys),
-        ("csv", _) => Ok(Format::Dlt),
-        ("yml" | "yaml", 1) => Ok(Format::OpenCv),
-        ("yml" | "yaml", 2) => Ok(Format::OpenCvStereo),
-        ("yml" | "yaml", n) => {
-            Err(format!("found {n} cameras for one file of OpenCV, expected 1 or 2, or `--to opencv` and a folder"))
-        }
-        _ => {
-            let names = Format::ALL.map(Format::name).join(", ");
-            Err(format!("found `{}`, whose ending names no form, expected --to with one of {names}", out.display()))
-        }
-    }
+    complain(&format!("`{path}` is {what}, and {unused} is for {other}"))
 }
 
 /// Columns and rows on the command line.
@@ -122,7 +139,13 @@ fn image_size(text: &str) -> Result<[u32; 2], String> {
 }
 
 /// A length on the command line.
-fn length(text: &str) -> Result<f64, String> {
+pub(super) fn length(text: &str) -> Result<f64, String> {
     let number = text.parse::<f64>().ok().filter(|it| it.is_finite() && *it > 0.0);
     number.ok_or_else(|| format!("found {text}, expected a length above 0 [m]"))
+}
+
+/// A frequency on the command line.
+fn frequency(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|it| *it > 0.0 && *it <= 1e6);
+    number.ok_or_else(|| format!("found {text}, expected a frequency above 0, to 1e6 [Hz]"))
 }

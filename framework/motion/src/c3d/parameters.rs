@@ -17,25 +17,50 @@ struct Parameter<'a> {
     values: &'a [u8],
 }
 
+/// Where the parameter section lies.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Section {
+    /// Its first byte.
+    pub start: usize,
+    /// How many blocks its head counts; 0: it does not say.
+    pub n_blocks: usize,
+    /// The first byte of the points, which lie behind it as a rule; 0: not known.
+    pub data_start: usize,
+}
+
+impl Section {
+    /// The byte behind its last one: by its own count, else where the points begin, else the end of the file.
+    fn end(self, length: usize) -> usize {
+        let end = match (self.n_blocks, self.data_start > self.start) {
+            (1.., _) => self.start + self.n_blocks * BLOCK,
+            (0, true) => self.data_start,
+            (0, false) => length,
+        };
+        end.min(length)
+    }
+}
+
 /// All parameters of a file.
 #[derive(Debug, Clone)]
 pub(super) struct Parameters<'a> {
     bytes: Bytes<'a>,
+    /// What was not as the format's guide has it, and is passed over.
+    pub remarks: Vec<String>,
     /// Number and name.
     groups: Vec<(u8, String)>,
     list: Vec<Parameter<'a>>,
 }
 
 impl<'a> Parameters<'a> {
-    /// Those that stand from `start` on: after the four bytes of the section's head.
-    pub fn read(bytes: Bytes<'a>, start: usize) -> Result<Self, C3dError> {
-        let mut this = Self { bytes, groups: Vec::new(), list: Vec::new() };
-        let mut at = start;
-        loop {
-            // A section that fills its last block to the end has no room for the mark of its end.
-            if at == bytes.all.len() || ((at - start + 4).is_multiple_of(BLOCK) && bytes.all.get(at) == Some(&0)) {
-                break;
-            }
+    /// Those of a section, behind the four bytes of its head.
+    ///
+    /// The list ends with an entry without a name, with a link of 0, or with the section. A link that does not lead to the end of its
+    /// entry, and does with its two bytes swapped, is taken so: files of SGI machines have such a last one.
+    pub fn read(bytes: Bytes<'a>, section: Section) -> Result<Self, C3dError> {
+        let mut this = Self { bytes, remarks: Vec::new(), groups: Vec::new(), list: Vec::new() };
+        let mut end = section.end(bytes.all.len());
+        let mut at = section.start + 4;
+        while at < end {
             let length = usize::from((bytes.byte(at, "a parameter's name")? as i8).unsigned_abs());
             if length == 0 {
                 break;
@@ -44,19 +69,42 @@ impl<'a> Parameters<'a> {
             let name = text(bytes.range(at + 2, length, "a parameter's name")?).to_uppercase();
             let link = at + 2 + length;
             let step = usize::from(bytes.word(link, "the way to the next parameter")?);
-            match number {
+            let behind = match number {
                 0 => return fault(at + 1, "group 0", format_args!("a group from 1 to 127 of `{name}`")),
-                ..0 => this.groups.push((number.unsigned_abs(), name)),
-                1.. => this.list.push(parameter(bytes, link + 2, number.unsigned_abs(), name)?),
-            }
+                ..0 => {
+                    this.groups.push((number.unsigned_abs(), name));
+                    link + 2
+                }
+                1.. => {
+                    let (parameter, behind) = parameter(bytes, link + 2, number.unsigned_abs(), name)?;
+                    this.list.push(parameter);
+                    behind
+                }
+            };
+            // The description, its length first; the last one may be cut off with the section.
+            let natural = behind + 1 + bytes.byte(behind, "a description").map_or(0, usize::from);
             if step == 0 {
                 break;
+            }
+            let swapped = usize::from((step as u16).swap_bytes());
+            if link + step != natural && link + swapped == natural {
+                this.remarks.push(format!(
+                    "the link of {step} at byte {link} has its bytes swapped, and is taken as {swapped}"
+                ));
+                at = natural;
+                continue;
             }
             if step < 2 || link + step > bytes.all.len() {
                 let found = format!("a next parameter {step} bytes ahead");
                 return fault(link, found, format_args!("0, or 2 to {} bytes", bytes.all.len() - link));
             }
             at = link + step;
+            if at > end && section.data_start >= at {
+                let n_blocks = section.n_blocks;
+                this.remarks
+                    .push(format!("the parameters go on behind the {n_blocks} blocks that their section counts"));
+                end = section.data_start.min(bytes.all.len());
+            }
         }
         Ok(this)
     }
@@ -139,8 +187,8 @@ fn continued<T>(name: &str, get: impl Fn(&str) -> Vec<T>) -> Vec<T> {
     all
 }
 
-/// The parameter whose kind stands at `at`.
-fn parameter<'a>(bytes: Bytes<'a>, at: usize, group: u8, name: String) -> Result<Parameter<'a>, C3dError> {
+/// The parameter whose kind stands at `at`, and the byte behind its values.
+fn parameter<'a>(bytes: Bytes<'a>, at: usize, group: u8, name: String) -> Result<(Parameter<'a>, usize), C3dError> {
     let kind = bytes.byte(at, "a parameter's kind")? as i8;
     if !matches!(kind, -1 | 1 | 2 | 4) {
         return fault(at, format_args!("kind {kind} of `{name}`"), "-1, 1, 2 or 4");
@@ -154,5 +202,6 @@ fn parameter<'a>(bytes: Bytes<'a>, at: usize, group: u8, name: String) -> Result
     // Seven bytes and a size of four: fits 64 bits, and on smaller machines it saturates.
     let length = dimensions.iter().fold(usize::from(kind.unsigned_abs()), |all, &it| all.saturating_mul(it));
     let values = bytes.range(at + 2 + n_dimensions, length, &format!("`{name}`"))?;
-    Ok(Parameter { group, name, kind, dimensions, values })
+    let behind = at + 2 + n_dimensions + length;
+    Ok((Parameter { group, name, kind, dimensions, values }, behind))
 }

@@ -1,44 +1,42 @@
 //! From the bytes of a C3D file to what it holds.
 
+use super::layout::{Layout, first_frame, layout};
 use super::order::{Bytes, text};
-use super::parameters::Parameters;
+use super::parameters::{Parameters, Section};
 use super::{
     Analog, BLOCK, ByteOrder, C3dError, Event, FOUR_CHARACTERS, HEADER_EVENTS, MAGIC, Recording, Sample, fault,
 };
 
 /// What a header says, in the names of the format's guide.
-struct Header {
-    n_points: usize,
-    n_analog: usize,
-    first: usize,
-    last: usize,
-    scale: f32,
-    data_start: usize,
-    analog_per_frame: usize,
-    rate_hz: f32,
+pub(super) struct Header {
+    pub n_points: usize,
+    /// Values of all channels in a frame.
+    pub n_analog: usize,
+    pub first: usize,
+    pub last: usize,
+    pub scale: f32,
+    /// The block, counted from 1.
+    pub data_start: usize,
+    pub analog_per_frame: usize,
+    pub rate_hz: f32,
 }
 
-/// How the frames lie in the file.
-struct Layout {
-    n_points: usize,
-    n_frames: usize,
-    /// Values of all channels in a frame, and how many of them each channel has.
-    n_analog: usize,
-    analog_per_frame: usize,
-    /// Negative: points and channels are floats.
-    scale: f32,
-    /// The first byte.
-    start: usize,
-}
-
-/// Reads a whole file.
+/// Reads a whole file, with nothing said of what was put right. See [`read_told`].
 ///
-/// Where header and parameters disagree the parameters count, but for the place of the data and the layout of the channels, which are the
-/// header's. Points without a label are called `unlabelled-N`, counted from 1.
+/// # Errors
+/// As [`read_told`].
+pub fn read(file: &[u8]) -> Result<Recording, C3dError> {
+    read_told(file).map(|it| it.0)
+}
+
+/// Reads a whole file, and says what in it contradicts itself or the format, and how it was taken.
+///
+/// Where header and parameters disagree on what the frames hold, whatever fits the file's length counts, the parameters before the header. Points without a
+/// label are called `unlabelled-N`, counted from 1. A coordinate that is not a number makes its point missing.
 ///
 /// # Errors
 /// The byte, what is there and what should be: no C3D, or one that is broken or cut off.
-pub fn read(file: &[u8]) -> Result<Recording, C3dError> {
+pub fn read_told(file: &[u8]) -> Result<(Recording, Vec<String>), C3dError> {
     let mut bytes = Bytes { all: file, order: ByteOrder::Intel };
     bytes.range(0, BLOCK, "a header")?;
     if file[1] != MAGIC {
@@ -47,22 +45,29 @@ pub fn read(file: &[u8]) -> Result<Recording, C3dError> {
     if file[0] < 2 {
         return fault(0, format_args!("parameters in block {}", file[0]), "block 2 or later: the header is block 1");
     }
-    let section = (usize::from(file[0]) - 1) * BLOCK;
-    let head = bytes.range(section, 4, "the head of the parameters")?;
+    let start = (usize::from(file[0]) - 1) * BLOCK;
+    let head = bytes.range(start, 4, "the head of the parameters")?;
     bytes.order = match ByteOrder::of_processor(head[3]) {
         Some(order) => order,
-        None => return fault(section + 3, head[3], "a processor: 84 (Intel), 85 (DEC) or 86 (SGI)"),
+        None => return fault(start + 3, head[3], "a processor: 84 (Intel), 85 (DEC) or 86 (SGI)"),
     };
     let header = header(bytes)?;
-    let parameters = Parameters::read(bytes, section + 4)?;
-    let layout = layout(bytes, &header, &parameters)?;
+    let section =
+        Section { start, n_blocks: usize::from(head[2]), data_start: header.data_start.saturating_sub(1) * BLOCK };
+    let mut parameters = Parameters::read(bytes, section)?;
+    let mut remarks = std::mem::take(&mut parameters.remarks);
+    let layout = layout(bytes, &header, &parameters, &mut remarks)?;
 
     let mut labels = parameters.continued_texts("POINT", "LABELS");
     labels.truncate(layout.n_points);
-    labels.extend((labels.len()..layout.n_points).map(|it| format!("unlabelled-{}", it + 1)));
+    let n_named = labels.len();
+    labels.extend((n_named..layout.n_points).map(|it| format!("unlabelled-{}", it + 1)));
+    if n_named < layout.n_points {
+        remarks.push(format!("{n_named} labels for {} points; the others are `unlabelled-N`", layout.n_points));
+    }
     let rate = parameters.number("POINT", "RATE").map(|it| it as f32).filter(|it| it.is_finite() && *it > 0.0);
     let (samples, raw) = frames(bytes, &layout, parameters.texts("ANALOG", "FORMAT"));
-    Ok(Recording {
+    let recording = Recording {
         rate_hz: rate.unwrap_or(header.rate_hz),
         units: parameters.texts("POINT", "UNITS").first().cloned().unwrap_or_default(),
         first_frame: first_frame(&header, &parameters) as u32,
@@ -72,7 +77,12 @@ pub fn read(file: &[u8]) -> Result<Recording, C3dError> {
         analog: analog(raw, &layout, &parameters),
         start_s: parameters.texts("FOVEATE", "START_S").first().and_then(|it| it.parse().ok()),
         cameras: parameters.texts("FOVEATE", "CAMERAS"),
-    })
+        y_is_up: parameters
+            .texts("POINT", "Y_SCREEN")
+            .first()
+            .is_some_and(|it| matches!(it.as_str(), "+Y" | "Y" | "+y" | "y")),
+    };
+    Ok((recording, remarks))
 }
 
 fn header(bytes: Bytes) -> Result<Header, C3dError> {
@@ -91,64 +101,11 @@ fn header(bytes: Bytes) -> Result<Header, C3dError> {
     })
 }
 
-fn first_frame(header: &Header, parameters: &Parameters) -> usize {
-    parameters.double_word("TRIAL", "ACTUAL_START_FIELD").unwrap_or(header.first)
-}
-
-/// How many frames the file says that it has.
-fn n_frames(header: &Header, parameters: &Parameters) -> Result<usize, C3dError> {
-    let first = first_frame(header, parameters);
-    if let Some(last) = parameters.double_word("TRIAL", "ACTUAL_END_FIELD")
-        && last >= first
-    {
-        return Ok(last - first + 1);
-    }
-    if header.last == usize::from(u16::MAX)
-        && let Some(number) = parameters.count("POINT", "LONG_FRAMES").or(parameters.count("POINT", "FRAMES"))
-        && number >= header.last
-    {
-        return Ok(number);
-    }
-    if header.last < header.first {
-        let found = format!("the last frame {} before the first one, {}", header.last, header.first);
-        return fault(8, found, "a frame that is not before the first");
-    }
-    Ok(header.last - header.first + 1)
-}
-
-fn layout(bytes: Bytes, header: &Header, parameters: &Parameters) -> Result<Layout, C3dError> {
-    let n_points = parameters.count("POINT", "USED").unwrap_or(header.n_points);
-    let scale = parameters.number("POINT", "SCALE").map_or(header.scale, |it| it as f32);
-    if !(scale.is_finite() && scale != 0.0) && n_points > 0 {
-        return fault(12, format_args!("a scale of {scale}"), "a number other than 0");
-    }
-    let start = match header.data_start {
-        block @ 2.. => (block - 1) * BLOCK,
-        block => return fault(16, format_args!("data in block {block}"), "a block behind the parameters"),
-    };
-    let n_analog = header.n_analog;
-    let analog_per_frame = header.analog_per_frame.max(1);
-    if !n_analog.is_multiple_of(analog_per_frame) {
-        let found = format!("{n_analog} analog values a frame, {analog_per_frame} of each channel");
-        return fault(4, found, "a whole number of channels");
-    }
-    let size_of_value = if scale < 0.0 { 4 } else { 2 };
-    let frame = size_of_value * (4 * n_points + n_analog);
-    let n_frames = if frame == 0 { 0 } else { n_frames(header, parameters)? };
-    let room = bytes.all.len().saturating_sub(start);
-    if n_frames > room.checked_div(frame).unwrap_or(0) {
-        let found = format!("{room} bytes of data");
-        return fault(start.min(bytes.all.len()), found, format_args!("{n_frames} frames of {frame} bytes each"));
-    }
-    Ok(Layout { n_points, n_frames, n_analog, analog_per_frame, scale, start })
-}
-
 /// All points, and the raw values of all channels. The layout has been checked against the file.
 fn frames(bytes: Bytes, layout: &Layout, format: Vec<String>) -> (Vec<Sample>, Vec<f32>) {
     let Layout { n_points, n_frames, n_analog, scale, .. } = *layout;
     let order = bytes.order;
-    let size = if scale < 0.0 { 4 } else { 2 };
-    let frame = size * (4 * n_points + n_analog);
+    let (size, frame) = (layout.size_of_value(), layout.size_of_frame());
     let mut samples = Vec::with_capacity(n_points * n_frames);
     let mut raw = Vec::with_capacity(n_analog * n_frames);
     let is_unsigned = format.first().is_some_and(|it| it.eq_ignore_ascii_case("UNSIGNED"));
@@ -180,17 +137,14 @@ fn frames(bytes: Bytes, layout: &Layout, format: Vec<String>) -> (Vec<Sample>, V
 
 /// A point by its last word: the residual in the lower byte, the cameras in the upper one.
 pub(super) fn sample(position: [f32; 3], last: i16, unit: f32) -> Sample {
-    if last < 0 {
+    if last < 0 || !position.iter().all(|it| it.is_finite()) {
         return Sample::MISSING;
     }
     Sample { position, residual: f32::from(last & 0xff) * unit, cameras: (last >> 8) as u8 }
 }
 
 fn analog(mut values: Vec<f32>, layout: &Layout, parameters: &Parameters) -> Analog {
-    let n_channels = layout.n_analog / layout.analog_per_frame;
-    if n_channels == 0 {
-        return Analog::default();
-    }
+    let Some(n_channels) = layout.n_channels.filter(|it| *it > 0) else { return Analog::default() };
     let mut labels = parameters.continued_texts("ANALOG", "LABELS");
     labels.truncate(n_channels);
     labels.extend((labels.len()..n_channels).map(|it| format!("unlabelled-{}", it + 1)));
@@ -206,7 +160,7 @@ fn analog(mut values: Vec<f32>, layout: &Layout, parameters: &Parameters) -> Ana
             *value = ((f64::from(*value) - offset) * scale * general) as f32;
         }
     }
-    Analog { labels, per_frame: layout.analog_per_frame, values }
+    Analog { labels, per_frame: layout.n_analog / n_channels, values }
 }
 
 /// Those of the group `EVENT`, or of the header where there is no such group.

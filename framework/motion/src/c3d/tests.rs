@@ -36,6 +36,7 @@ fn recording(n_points: usize, n_frames: usize) -> Recording {
         analog: Analog::default(),
         start_s: Some(12.000_000_001),
         cameras: ["ptz-1", "ptz-2"].map(str::to_owned).to_vec(),
+        y_is_up: false,
     }
 }
 
@@ -126,14 +127,114 @@ fn broken_headers_are_named() {
     check_broken(|it| it[0] = 200, 199 * 512, "4 bytes of the head of the parameters");
     check_broken(|it| it[515] = 83, 515, "84 (Intel)");
     check_broken(|it| it[516 + 1] = 0, 517, "a group from 1 to 127");
-    check_broken(|it| it[16] = 1, 16, "a block behind");
+    check_broken(|it| (it[16], it[DATA_START]) = (1, 1), 16, "a block behind");
     check_broken(|it| it.truncate(2048), 1536, "40 frames of 80 bytes each");
-    check_broken(|it| it[4] = 100, 1536, "40 frames of 480 bytes each");
     // The first parameter: `USED` of `POINT`, behind 2 + 5 + 3 bytes of its group.
     check_broken(|it| it[526 + 2 + 4 + 1] = 0xff, 532, "0, or 2 to");
     check_broken(|it| it[526 + 2 + 4 + 2] = 3, 534, "-1, 1, 2 or 4");
     check_broken(|it| it[526 + 2 + 4 + 3] = 8, 535, "0 to 7");
-    check_broken(|it| it[526 + 2 + 4 + 5] = 99, 1536, "40 frames of 1584 bytes");
+}
+
+/// Where the value of `POINT:DATA_START` stands in files of [`recording`]: behind `USED` (14 bytes), `FRAMES` (16) and its own head (17).
+const DATA_START: usize = 526 + 14 + 16 + 17;
+
+/// What is said of a file of [`recording`] after a change that leaves its points as they were.
+#[track_caller]
+fn check_put_right(order: ByteOrder, change: impl FnOnce(&mut Vec<u8>), words: &str) {
+    let wanted = recording(5, 40);
+    let mut file = write(&wanted, FLOAT, order).unwrap();
+    change(&mut file);
+    let (found, remarks) = read_told(&file).unwrap();
+    assert_eq!((found.labels, found.samples), (wanted.labels, wanted.samples));
+    assert!(remarks.len() == 1 && remarks[0].contains(words), "{remarks:?}");
+}
+
+#[test]
+fn header_and_parameters_may_disagree() {
+    // The word of a byte that may stand first or second.
+    let all = |change: &dyn Fn(&mut Vec<u8>, usize), words: &str| {
+        check_put_right(ByteOrder::Intel, |it| change(it, 0), words);
+        check_put_right(ByteOrder::Dec, |it| change(it, 0), words);
+        check_put_right(ByteOrder::Sgi, |it| change(it, 1), words);
+    };
+    all(&|it, low| it[4 + low] = 100, "disagree on analog samples");
+    all(&|it, low| it[2 + low] = 7, "POINT:USED says 5 points and the header 7; taken: 5");
+    all(&|it, low| it[526 + 11 + low] = 99, "POINT:USED says 99 points and the header 5; taken: 5");
+    all(&|it, low| it[16 + low] = 1, "in block 1 by the header, 4 by POINT:DATA_START; taken: 4");
+    all(&|it, low| it[DATA_START + low] = 9, "taken: 4");
+    // Word 10: samples of each channel in a frame; no channel has any.
+    for per_frame in [0, 1, 7] {
+        let mut file = write(&recording(5, 40), FLOAT, ByteOrder::Intel).unwrap();
+        file[18] = per_frame;
+        assert_eq!(read_told(&file).unwrap(), (recording(5, 40), Vec::new()));
+    }
+}
+
+#[test]
+fn points_are_kept_where_analog_values_are_no_whole_number_of_channels() {
+    let wanted = recording(2, 3);
+    let file = write(&wanted, FLOAT, ByteOrder::Intel).unwrap();
+    let (head, data) = file.split_at(file.len() - BLOCK);
+    // Three values a frame of two samples each: one channel and a half.
+    let mut torn = head.to_vec();
+    (torn[4], torn[18]) = (3, 2);
+    for frame in data.chunks_exact(32).take(3) {
+        torn.extend_from_slice(frame);
+        torn.extend_from_slice(&[7; 12]);
+    }
+    torn.resize(file.len(), 0);
+    let (found, remarks) = read_told(&torn).unwrap();
+    assert_eq!((found.samples, found.analog), (wanted.samples, Analog::default()));
+    assert!(remarks.iter().any(|it| it.contains("no whole number of channels")), "{remarks:?}");
+}
+
+/// The file's last link with its bytes swapped, as files of SGI machines have it.
+fn swap_last_link(file: &mut [u8]) {
+    let end = file.windows(7).rposition(|it| it == b"Foveate").unwrap();
+    // `COMPANY`, its link, kind, number of dimensions and the two of them.
+    let link = end - 4 - 2;
+    assert_eq!(&file[link - 7..link], b"COMPANY");
+    file.swap(link, link + 1);
+}
+
+#[test]
+fn files_of_sgi_machines_are_read() {
+    check_put_right(ByteOrder::Sgi, |it| swap_last_link(it), "has its bytes swapped");
+    check_put_right(ByteOrder::Intel, |it| swap_last_link(it), "has its bytes swapped");
+}
+
+#[test]
+fn the_section_ends_where_its_blocks_do() {
+    let wanted = recording(5, 40);
+    let plain = write(&wanted, FLOAT, ByteOrder::Intel).unwrap();
+    // The mark of the end becomes a group whose link leads out of the section, into the data.
+    let end = BLOCK * 3;
+    let last = plain[..end].iter().rposition(|it| *it != 0).unwrap();
+    let mut endless = plain.clone();
+    let link = last + 5;
+    let [low, high] = ((end + 123 - link) as u16).to_le_bytes();
+    // Behind the empty description of the last parameter.
+    endless[last + 2..last + 7].copy_from_slice(&[1, 0xff, b'x', low, high]);
+    assert_eq!((endless[BLOCK + 2], read_told(&endless).unwrap()), (2, (wanted.clone(), Vec::new())));
+    // A section that counts one block too few, and one that does not count.
+    let mut short = plain.clone();
+    short[BLOCK + 2] = 1;
+    let (found, remarks) = read_told(&short).unwrap();
+    assert_eq!((found, remarks.len()), (wanted.clone(), 1));
+    assert!(remarks[0].contains("behind the 1 blocks"), "{remarks:?}");
+    let mut silent = plain;
+    silent[BLOCK + 2] = 0;
+    assert_eq!(read_told(&silent).unwrap(), (wanted, Vec::new()));
+}
+
+#[test]
+fn a_coordinate_that_is_no_number_makes_its_point_missing() {
+    let wanted = recording(5, 40);
+    let mut file = write(&wanted, FLOAT, ByteOrder::Intel).unwrap();
+    file[BLOCK * 3..BLOCK * 3 + 4].copy_from_slice(&f32::NAN.to_le_bytes());
+    let found = read(&file).unwrap();
+    assert_eq!(found.samples[0], Sample::MISSING);
+    assert_eq!(found.samples[1..], wanted.samples[1..]);
 }
 
 /// Cut off anywhere, and with any byte of the header or the parameters changed: an answer, and no more memory than the file is worth.
@@ -160,7 +261,10 @@ fn torture(file: &[u8], stride: usize) {
 #[test]
 fn no_broken_file_harms() {
     for order in ORDERS {
-        torture(&write(&recording(3, 4), FLOAT, order).unwrap(), 1);
+        let mut file = write(&recording(3, 4), FLOAT, order).unwrap();
+        torture(&file, 1);
+        swap_last_link(&mut file);
+        torture(&file, 5);
     }
     torture(&write(&recording(600, 1), Coding::Integer { step: None }, ByteOrder::Intel).unwrap(), 3);
 }
@@ -207,6 +311,62 @@ fn recordings_of_laboratories_are_read() {
     let dance = facts("c3d.org__sample13__Dance.c3d");
     assert_eq!((dance.0, dance.1), (40, 499));
     assert!((dance.2 - 65.05).abs() < 0.01, "{} Hz", dance.2);
+}
+
+/// The bytes of a real file as an SGI machine has them: words and floats of header, parameters and data in its order.
+fn mirrored(intel: &[u8]) -> Vec<u8> {
+    let mut file = intel.to_vec();
+    let is_float = f32::from_le_bytes([file[12], file[13], file[14], file[15]]) < 0.0;
+    let swap = |file: &mut [u8], from: usize, n: usize, size: usize| {
+        file[from..from + n * size].chunks_exact_mut(size).for_each(|it| it.reverse());
+    };
+    let data = (usize::from(file[16]) - 1) * BLOCK;
+    let section = (usize::from(file[0]) - 1) * BLOCK;
+    // Words 2 to 6, the scale, words 9 and 10, the rate, the events.
+    for (word, n, size) in [(2, 5, 2), (7, 1, 4), (9, 2, 2), (11, 1, 4), (149, 3, 2), (153, 18, 4)] {
+        swap(&mut file, (word - 1) * 2, n, size);
+    }
+    file[section + 3] = 86;
+    let mut at = section + 4;
+    while file[at] != 0 {
+        let is_group = file[at + 1] as i8 <= 0;
+        let link = at + 2 + usize::from((file[at] as i8).unsigned_abs());
+        let step = usize::from(u16::from_le_bytes([file[link], file[link + 1]]));
+        if !is_group {
+            let n_dimensions = usize::from(file[link + 3]);
+            let n: usize = file[link + 4..link + 4 + n_dimensions].iter().map(|it| usize::from(*it)).product();
+            let size = usize::from((file[link + 2] as i8).unsigned_abs());
+            swap(&mut file, link + 4 + n_dimensions, n, size);
+        }
+        swap(&mut file, link, 1, 2);
+        if step == 0 {
+            break;
+        }
+        at = link + step;
+    }
+    let size = if is_float { 4 } else { 2 };
+    let n = (file.len() - data) / size;
+    swap(&mut file, data, n, size);
+    file
+}
+
+#[test]
+fn real_files_in_the_order_of_sgi_machines_are_the_same() {
+    let Some(folder) = data("real_files_in_the_order_of_sgi_machines_are_the_same") else { return };
+    for name in [
+        "c3d.org__sample02__pc_real.c3d",
+        "others__Gait.c3d",
+        "c3d.org__sample13__Dance.c3d",
+        "PiG__PiG_Motion-FlatFoot-Full.c3d",
+    ] {
+        let file = std::fs::read(folder.join(format!("C3DSamples__{name}"))).unwrap();
+        if file[(usize::from(file[0]) - 1) * BLOCK + 3] != 84 {
+            continue;
+        }
+        let (intel, sgi) = (read(&file).unwrap(), read(&mirrored(&file)).unwrap());
+        assert!(intel == sgi && intel.n_frames() > 50, "{name}");
+        torture(&mirrored(&file)[..file.len().min(60_000)], 211);
+    }
 }
 
 /// The same trial as integers with DEC floats and as Intel floats.

@@ -218,7 +218,7 @@ fn parameters(
     to.floats("RATE", &[1], &[recording.rate_hz]);
     to.texts("UNITS", &[&recording.units])?;
     to.texts("X_SCREEN", &["+X"])?;
-    to.texts("Y_SCREEN", &["+Z"])?;
+    to.texts("Y_SCREEN", &[if recording.y_is_up { "+Y" } else { "+Z" }])?;
     to.many_texts("LABELS", &recording.labels, room.label_bytes)?;
     // Readers warn where they are missing, and want one for each label.
     to.many_texts("DESCRIPTIONS", &vec![String::new(); recording.labels.len()], 0)?;

@@ -9,7 +9,7 @@ const MOST_JOINTS: usize = 1000;
 
 /// The words of a file, each with its line.
 struct Words<'a> {
-    lines: std::iter::Enumerate<std::str::Lines<'a>>,
+    lines: std::iter::Enumerate<std::str::SplitTerminator<'a, char>>,
     line: usize,
     rest: &'a str,
 }
@@ -49,6 +49,24 @@ impl<'a> Words<'a> {
         Err(BvhError { line: self.line, found, expected: expected.to_owned() })
     }
 
+    /// A word and its colon, with or without blanks around that.
+    fn expect_colon(&mut self, wanted: &str) -> Result<(), BvhError> {
+        let expected = format!("`{wanted}:`");
+        self.more();
+        let matches = self.rest.get(..wanted.len()).is_some_and(|it| it.eq_ignore_ascii_case(wanted));
+        let behind = self.rest.get(wanted.len()..).filter(|_| matches);
+        match behind.and_then(|it| it.trim_start().strip_prefix(':')) {
+            Some(rest) => {
+                self.rest = rest.trim_start();
+                Ok(())
+            }
+            None => {
+                let word = self.next(&expected)?;
+                self.fault(&format!("`{word}`"), &expected)
+            }
+        }
+    }
+
     fn expect(&mut self, wanted: &str) -> Result<(), BvhError> {
         let expected = format!("`{wanted}`");
         match self.next(&expected)? {
@@ -78,12 +96,15 @@ impl<'a> Words<'a> {
 }
 
 impl SkeletonMotion {
-    /// Reads the text of a BVH file.
+    /// Reads the text of a BVH file, with any line ends and perhaps a byte-order mark.
     ///
     /// # Errors
     /// The line, what is there and what should be.
     pub fn from_bvh(text: &str) -> Result<Self, BvhError> {
-        let mut words = Words { lines: text.lines().enumerate(), line: 1, rest: "" };
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        // Lines are trimmed, of a carriage return too.
+        let ends = if text.contains('\n') { '\n' } else { '\r' };
+        let mut words = Words { lines: text.split_terminator(ends).enumerate(), line: 1, rest: "" };
         words.expect("HIERARCHY")?;
         words.expect("ROOT")?;
         let joints = joints(&mut words)?;
@@ -92,10 +113,10 @@ impl SkeletonMotion {
             return words.fault("joints without a channel", "at least one channel");
         }
         words.expect("MOTION")?;
-        words.expect("Frames:")?;
+        words.expect_colon("Frames")?;
         let n_frames = words.count("the number of frames")?;
         words.expect("Frame")?;
-        words.expect("Time:")?;
+        words.expect_colon("Time")?;
         let frame_s = words.number("the time between two frames [s]")?;
         if frame_s <= 0.0 {
             return words.fault(&format!("a frame time of {frame_s}"), "seconds above 0");

@@ -96,6 +96,22 @@ proptest! {
     }
 }
 
+#[test]
+fn lines_may_end_in_any_way_and_a_mark_may_stand_first() {
+    let wanted = SkeletonMotion::from_bvh(ARM).unwrap();
+    for text in [
+        format!("\u{feff}{ARM}"),
+        format!("\u{feff}\r\n{}", ARM.replace('\n', "\r\n")),
+        ARM.replace('\n', "\r"),
+        ARM.trim_end().to_owned(),
+        ARM.replace("  ", "\t").replace(' ', "\t").replace("Left\tArm", "Left Arm"),
+        ARM.replace("Frames: 2", "Frames:2").replace("Time: ", "Time:"),
+        ARM.replace("Frames: 2", "frames :\t2"),
+    ] {
+        assert_eq!(SkeletonMotion::from_bvh(&text).unwrap(), wanted, "{text:?}");
+    }
+}
+
 #[track_caller]
 fn check_broken(from: &str, to: &str, line: usize, words: &str) {
     assert!(ARM.contains(from));

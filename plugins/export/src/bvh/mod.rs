@@ -8,8 +8,10 @@
 mod body;
 mod guess;
 mod node;
+mod of_motion;
 mod proportions;
 #[cfg(test)]
 mod tests;
 
 pub use node::{BodyTargets, ExportBvh, ExportBvhSettings, Unit};
+pub use of_motion::{SkeletonFile, bvh};

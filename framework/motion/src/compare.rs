@@ -1,0 +1,288 @@
+//! How far apart two motions are, point by point.
+//!
+//! In this order: points are paired, B is brought to A's axes, the times are shifted, B is laid onto A in space; then the distance of each pair is taken at the frames of the motion
+//! of the lower rate, where the other is interpolated between neighbouring frames. What is missing in either at a time is counted, and not compared.
+
+mod pairs;
+mod shift;
+#[cfg(test)]
+mod tests;
+
+use foveate_estimation::statistics::percentile;
+use foveate_geometry::alignment::{AlignmentRules, align};
+use nalgebra::{Isometry3, Point3};
+
+use crate::motion::{Motion, Up};
+use pairs::{by_names, by_places};
+
+/// What says which point of one file is which of the other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pairing {
+    /// Equal names, whatever stands before a `:`, and whatever their capitals, blanks and signs.
+    Names,
+    /// The assignment of least mean distance over the common time.
+    Nearest,
+}
+
+/// What may be done before distances are taken.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct CompareOptions {
+    /// How points are paired; `None`: by names, or by places where no name is in both.
+    pub pairing: Option<Pairing>,
+    /// Whether B is laid onto A by the rigid transform that fits best.
+    pub align: bool,
+    /// The largest shift in time that is looked for; 0: none [s].
+    pub most_shift_s: f64,
+}
+
+/// Distances of one pair, or of all of them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Distances {
+    /// In A.
+    pub name_a: String,
+    /// In B.
+    pub name_b: String,
+    /// Frames in which both are there.
+    pub n: usize,
+    /// Frames in which only A is there, and only B.
+    pub n_only: [usize; 2],
+    /// [m]; NaN where there is no frame.
+    pub median: f64,
+    /// [m]
+    pub p95: f64,
+    /// [m]
+    pub max: f64,
+}
+
+/// What [`compare`] found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Comparison {
+    /// How points were paired.
+    pub pairing: Pairing,
+    /// In the order of A.
+    pub points: Vec<Distances>,
+    /// All pairs together.
+    pub all: Distances,
+    /// Points without a partner, in A and in B.
+    pub only: [Vec<String>; 2],
+    /// Frames in which any pair is there in both.
+    pub n_frames: usize,
+    /// Frames of the common time.
+    pub n_common: usize,
+    /// What is added to B's times [s].
+    pub shift_s: f64,
+    /// Takes places of B to A, where it was asked for.
+    pub a_from_b: Option<Isometry3<f64>>,
+    /// What a reader should know, in words.
+    pub remarks: Vec<String>,
+}
+
+/// Frames of irregular times that are this far apart are no neighbours [s].
+const NEIGHBOURS_S: f64 = 0.05;
+/// Places that a transform in space is fitted to, at most.
+const MOST_FITTED: usize = 20_000;
+
+/// Holds B against A.
+///
+/// # Errors
+/// A sentence: no points or times in common, or what they have fixes no transform.
+pub fn compare(a: &Motion, b: &Motion, options: &CompareOptions) -> Result<Comparison, String> {
+    for (name, motion) in [("A", a), ("B", b)] {
+        if motion.n_present() == 0 {
+            return Err(format!("found no point in {name}, expected one at least"));
+        }
+    }
+    let mut remarks = Vec::new();
+    let mut b = b.clone();
+    let named = by_names(&a.labels, &b.labels);
+    let pairing = options.pairing.unwrap_or(if named.is_empty() { Pairing::Nearest } else { Pairing::Names });
+    if pairing == Pairing::Names && named.is_empty() {
+        let few = |labels: &[String]| labels.iter().take(4).map(|it| format!("`{it}`")).collect::<Vec<_>>().join(", ");
+        return Err(format!(
+            "found no name in both (A has {}, B {}), expected common names or the pairing by places (nearest)",
+            few(&a.labels),
+            few(&b.labels)
+        ));
+    }
+    if options.pairing.is_none() && pairing == Pairing::Nearest {
+        remarks.push("no name is in both: points are paired by their places".to_owned());
+    }
+    let known = (pairing == Pairing::Names).then_some(&named[..]);
+    let shift_s = match options.most_shift_s > 0.0 {
+        true => shift::by_speeds(a, &b, known, options.most_shift_s)?,
+        false => 0.0,
+    };
+    move_in_time(&mut b, shift_s);
+    let mut pairs = match pairing {
+        Pairing::Names => named,
+        Pairing::Nearest => by_places(a, &b, &Isometry3::identity())?,
+    };
+    if a.up != b.up {
+        pairs = same_up(a, &mut b, pairs, pairing, &mut remarks)?;
+    }
+    let mut shift_s = shift_s;
+    let mut a_from_b = None;
+    if options.align {
+        let mut best = lay_onto(a, &b, &pairs)?;
+        if pairing == Pairing::Nearest {
+            // Points that change partners change the transform, and the other way round.
+            for _ in 0..10 {
+                let again = by_places(a, &b, &best)?;
+                if again == pairs {
+                    break;
+                }
+                pairs = again;
+                best = lay_onto(a, &b, &pairs)?;
+            }
+        }
+        a_from_b = Some(best);
+    }
+    if options.most_shift_s > 0.0 {
+        let more = shift::refined(a, &b, &pairs, options.align)?;
+        if (shift_s + more).abs() <= options.most_shift_s {
+            shift_s += more;
+            move_in_time(&mut b, more);
+            if options.align {
+                a_from_b = Some(lay_onto(a, &b, &pairs)?);
+            }
+        }
+        if shift_s.abs() > 0.98 * options.most_shift_s {
+            remarks
+                .push(format!("the shift of {shift_s:.3} s is as large as was allowed; a larger one may fit better"));
+        }
+    }
+    let moved = a_from_b.unwrap_or_default();
+    let mut comparison = measure(a, &b, &pairs, &moved);
+    if comparison.n_common == 0 {
+        return Err(format!(
+            "found no common time: A lasts from {:.3} to {:.3} s, B from {:.3} to {:.3} s; expected an overlap, or a shift that is looked for",
+            a.start_s(),
+            a.times_s.last().copied().unwrap_or(0.0),
+            b.start_s(),
+            b.times_s.last().copied().unwrap_or(0.0)
+        ));
+    }
+    let only = |labels: &[String], taken: &dyn Fn(usize) -> bool| -> Vec<String> {
+        labels.iter().enumerate().filter(|it| !taken(it.0)).map(|it| it.1.clone()).collect()
+    };
+    comparison.only = [
+        only(&a.labels, &|it| pairs.iter().any(|pair| pair[0] == it)),
+        only(&b.labels, &|it| pairs.iter().any(|pair| pair[1] == it)),
+    ];
+    Ok(Comparison { pairing, shift_s, a_from_b, remarks, ..comparison })
+}
+
+fn move_in_time(motion: &mut Motion, by_s: f64) {
+    motion.times_s.iter_mut().for_each(|it| *it += by_s);
+}
+
+/// Of two files that say another axis is up: turned, or as the numbers stand, whichever is nearer, for some say so wrongly.
+fn same_up(
+    a: &Motion,
+    b: &mut Motion,
+    pairs: Vec<[usize; 2]>,
+    pairing: Pairing,
+    remarks: &mut Vec<String>,
+) -> Result<Vec<[usize; 2]>, String> {
+    let mut turned = b.clone();
+    turned.turn(a.up);
+    let again =
+        if pairing == Pairing::Nearest { by_places(a, &turned, &Isometry3::identity())? } else { pairs.clone() };
+    let median = |b: &Motion, pairs: &[[usize; 2]]| {
+        let all = measure(a, b, pairs, &Isometry3::identity()).all;
+        if all.n == 0 { f64::INFINITY } else { all.median }
+    };
+    let name = |it: Up| it.name();
+    if median(&turned, &again) < median(b, &pairs) {
+        remarks.push(format!("{} is up in A and {} in B: B is turned", name(a.up), name(b.up)));
+        *b = turned;
+        return Ok(again);
+    }
+    remarks.push(format!(
+        "{} is up in A and {} in B by their formats; their numbers agree better as they stand, and are compared so",
+        name(a.up),
+        name(b.up)
+    ));
+    b.up = a.up;
+    Ok(pairs)
+}
+
+/// The times at which two motions are held against each other, and whether they are A's.
+fn common_times(a: &Motion, b: &Motion) -> (Vec<f64>, bool) {
+    let rate = |it: &Motion| it.usual_rate_hz().unwrap_or(f64::INFINITY);
+    let (slow, fast, is_of_a) = if rate(a) <= rate(b) { (a, b, true) } else { (b, a, false) };
+    let within = |it: &f64| {
+        fast.times_s.first().is_some_and(|first| *first <= it + 1e-6)
+            && fast.times_s.last().is_some_and(|last| *last >= it - 1e-6)
+    };
+    (slow.times_s.iter().copied().filter(within).collect(), is_of_a)
+}
+
+/// The places of every pair at the common times, where both are there; time by time.
+fn places(a: &Motion, b: &Motion, times_s: &[f64], pair: [usize; 2]) -> Vec<[Option<Point3<f64>>; 2]> {
+    let gaps = [a, b].map(|it| it.neighbours_s(NEIGHBOURS_S));
+    let place = |motion: &Motion, point: usize, time: f64, gap: f64| motion.at(point, time, gap).map(|it| it.position);
+    times_s.iter().map(|&time| [place(a, pair[0], time, gaps[0]), place(b, pair[1], time, gaps[1])]).collect()
+}
+
+/// The rigid transform of B onto A that fits best, wrong samples left aside.
+fn lay_onto(a: &Motion, b: &Motion, pairs: &[[usize; 2]]) -> Result<Isometry3<f64>, String> {
+    let (times_s, _) = common_times(a, b);
+    let step = (times_s.len() * pairs.len()).div_ceil(MOST_FITTED).max(1);
+    let few: Vec<f64> = times_s.iter().copied().step_by(step).collect();
+    let (mut in_a, mut in_b) = (Vec::new(), Vec::new());
+    for &pair in pairs {
+        for both in places(a, b, &few, pair) {
+            if let [Some(of_a), Some(of_b)] = both {
+                in_a.push(of_a);
+                in_b.push(of_b);
+            }
+        }
+    }
+    let rules = AlignmentRules { scale: false, robust: true };
+    let found = align(&in_b, &in_a, rules).map_err(|it| format!("B cannot be laid onto A: {it}"))?;
+    Ok(found.b_from_a.isometry)
+}
+
+fn measure(a: &Motion, b: &Motion, pairs: &[[usize; 2]], a_from_b: &Isometry3<f64>) -> Comparison {
+    let (times_s, _) = common_times(a, b);
+    let mut is_compared = vec![false; times_s.len()];
+    let mut all = Vec::new();
+    let mut points = Vec::new();
+    let mut n_only_of_all = [0; 2];
+    for &pair in pairs {
+        let mut distances = Vec::new();
+        let mut n_only = [0; 2];
+        for (both, is_compared) in places(a, b, &times_s, pair).into_iter().zip(&mut is_compared) {
+            match both {
+                [Some(of_a), Some(of_b)] => {
+                    distances.push((a_from_b * of_b - of_a).norm());
+                    *is_compared = true;
+                }
+                [Some(_), None] => n_only[0] += 1,
+                [None, Some(_)] => n_only[1] += 1,
+                [None, None] => {}
+            }
+        }
+        all.extend_from_slice(&distances);
+        (n_only_of_all[0], n_only_of_all[1]) = (n_only_of_all[0] + n_only[0], n_only_of_all[1] + n_only[1]);
+        points.push(summary(&a.labels[pair[0]], &b.labels[pair[1]], &distances, n_only));
+    }
+    Comparison {
+        pairing: Pairing::Names,
+        points,
+        all: summary("all", "all", &all, n_only_of_all),
+        only: [Vec::new(), Vec::new()],
+        n_frames: is_compared.iter().filter(|it| **it).count(),
+        n_common: times_s.len(),
+        shift_s: 0.0,
+        a_from_b: None,
+        remarks: Vec::new(),
+    }
+}
+
+fn summary(name_a: &str, name_b: &str, distances: &[f64], n_only: [usize; 2]) -> Distances {
+    let at = |percent: f64| percentile(distances, percent).unwrap_or(f64::NAN);
+    let (median, p95, max) = (at(50.0), at(95.0), distances.iter().copied().fold(f64::NAN, f64::max));
+    Distances { name_a: name_a.to_owned(), name_b: name_b.to_owned(), n: distances.len(), n_only, median, p95, max }
+}

@@ -1,0 +1,298 @@
+//! Our own tables: `targets.csv` and `marks.csv`, as `export.targets` and `export.marks` write them.
+//!
+//! A row for each point and time, columns in any order by their names. `time_s` and `target` or `mark` are needed, and `x_m`, `y_m`, `z_m` or the same in the world
+//! (`world_x_m`, …), which count where both are there. `name` (a point's name, quoted where it must be) is ours too: written where names are not `target-N`.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+use foveate_messages::{CameraId, How};
+use nalgebra::Point3;
+
+use super::{Keeps, MotionError, Written, lost};
+use crate::csv::{field, fixed, scientific};
+use crate::motion::{Motion, Sample, Up, rate_of};
+
+/// The columns of a covariance's upper triangle.
+const COVARIANCE: [&str; 6] = ["cxx_m2", "cxy_m2", "cxz_m2", "cyy_m2", "cyz_m2", "czz_m2"];
+const AXES: [&str; 3] = ["x_m", "y_m", "z_m"];
+/// Times of the session are below this [s].
+const MOST_TIME_S: f64 = 9e9;
+/// Frames of times that are all different hold one point each: so many places of absent points a table may have beside its rows, and else 16 a row.
+const MOST_ABSENT: usize = 1 << 20;
+
+/// Whether a text begins with the header of such a table.
+pub(super) fn is_table(text: &[u8]) -> bool {
+    let line = text.split(|it| matches!(it, b'\n' | b'\r')).find(|it| !it.is_empty() && it[0] != b'#').unwrap_or(&[]);
+    let Ok(line) = std::str::from_utf8(&line[..line.len().min(4096)]) else { return false };
+    let names: Vec<&str> = line.split(',').map(|it| it.trim().trim_matches('"')).collect();
+    names.contains(&"time_s") && (names.contains(&"target") || names.contains(&"mark"))
+}
+
+/// Where each column stands.
+struct Columns {
+    time: usize,
+    point: usize,
+    /// `target` or `mark`.
+    kind: &'static str,
+    name: Option<usize>,
+    axes: [usize; 3],
+    covariance: Option<[usize; 6]>,
+    cameras: Option<usize>,
+    how: Option<usize>,
+}
+
+impl Columns {
+    fn of(names: &[String]) -> Result<Self, String> {
+        let place = |wanted: &str| names.iter().position(|it| it == wanted);
+        let needed = |wanted: &str| place(wanted).ok_or_else(|| format!("no column `{wanted}`"));
+        let kind = if place("target").is_some() { "target" } else { "mark" };
+        let in_world = place("world_x_m").is_some();
+        let prefix = if in_world { "world_" } else { "" };
+        let axes = AXES.map(|it| needed(&format!("{prefix}{it}")));
+        let covariance = COVARIANCE.map(|it| place(&format!("{prefix}{it}")));
+        let [x, y, z] = axes;
+        let all: Option<Vec<usize>> = covariance.into_iter().collect();
+        Ok(Self {
+            time: needed("time_s")?,
+            point: needed(kind)?,
+            kind,
+            name: place("name"),
+            axes: [x?, y?, z?],
+            covariance: all.and_then(|it| it.try_into().ok()),
+            cameras: place("cameras"),
+            how: place("how"),
+        })
+    }
+}
+
+/// The fields of a line; quotes as in CSV.
+fn fields(line: &str) -> Vec<String> {
+    let mut all = Vec::new();
+    let mut rest = line;
+    loop {
+        let trimmed = rest.trim_start();
+        if let Some(quoted) = trimmed.strip_prefix('"') {
+            let mut text = String::new();
+            let mut letters = quoted.char_indices().peekable();
+            let mut end = quoted.len();
+            while let Some((place, letter)) = letters.next() {
+                match letter {
+                    '"' if letters.peek().is_some_and(|it| it.1 == '"') => {
+                        text.push('"');
+                        letters.next();
+                    }
+                    '"' => {
+                        end = place + 1;
+                        break;
+                    }
+                    _ => text.push(letter),
+                }
+            }
+            all.push(text);
+            match quoted[end..].split_once(',') {
+                Some((_, more)) => rest = more,
+                None => return all,
+            }
+        } else {
+            match rest.split_once(',') {
+                Some((text, more)) => {
+                    all.push(text.trim().to_owned());
+                    rest = more;
+                }
+                None => {
+                    all.push(rest.trim().to_owned());
+                    return all;
+                }
+            }
+        }
+    }
+}
+
+/// What the rows add up to.
+#[derive(Default)]
+struct Table {
+    /// By number.
+    names: BTreeMap<u64, String>,
+    cameras: Vec<String>,
+    /// Time in nanoseconds, number, and sample, in the order of the file.
+    rows: Vec<(i64, u64, Sample)>,
+    n_without_place: usize,
+}
+
+impl Table {
+    fn add(&mut self, columns: &Columns, fields: &[String]) -> Result<(), String> {
+        let text = |place: usize| fields.get(place).map_or("", String::as_str);
+        let number = |place: usize, what: &str| match text(place).parse::<f64>() {
+            Ok(number) if number.is_finite() => Ok(number),
+            _ => Err(format!(
+                "found `{}` for {what}, expected a number",
+                text(place).chars().take(40).collect::<String>()
+            )),
+        };
+        let time_s = number(columns.time, "`time_s`")?;
+        if time_s.abs() > MOST_TIME_S {
+            return Err(format!("found the time {time_s}, expected at most {MOST_TIME_S:e} s"));
+        }
+        let Ok(point) = text(columns.point).parse::<u64>() else {
+            let found: String = text(columns.point).chars().take(40).collect();
+            return Err(format!("found `{found}` for `{}`, expected its number", columns.kind));
+        };
+        // In a space whose place in the world is not known.
+        if columns.axes.iter().all(|it| text(*it).is_empty()) {
+            self.n_without_place += 1;
+            return Ok(());
+        }
+        let mut place = [0.0; 3];
+        for (axis, to) in place.iter_mut().enumerate() {
+            *to = number(columns.axes[axis], AXES[axis])?;
+        }
+        let mut sample = Sample::at(Point3::from(place));
+        if let Some(places) = columns.covariance.filter(|it| it.iter().any(|it| !text(*it).is_empty())) {
+            for (to, place) in sample.covariance.iter_mut().zip(places) {
+                *to = number(place, "a covariance")? as f32;
+            }
+        }
+        sample.how = match columns.how.map_or("measured", text) {
+            "measured" | "" => How::Measured,
+            "predicted" => How::Predicted,
+            "filled" => How::Filled,
+            other => return Err(format!("found `{other}` for `how`, expected measured, predicted or filled")),
+        };
+        if let Some(cameras) = columns.cameras {
+            sample.cameras = text(cameras).split('+').filter(|it| !it.is_empty()).map(|it| self.camera(it)).collect();
+        }
+        let name = || match columns.name.map_or("", text) {
+            "" => format!("{}-{point}", columns.kind),
+            name => name.to_owned(),
+        };
+        self.names.entry(point).or_insert_with(name);
+        self.rows.push(((time_s * 1e9).round() as i64, point, sample));
+        Ok(())
+    }
+
+    fn camera(&mut self, name: &str) -> CameraId {
+        let place = self.cameras.iter().position(|it| it == name).unwrap_or_else(|| {
+            self.cameras.push(name.to_owned());
+            self.cameras.len() - 1
+        });
+        CameraId(place.min(usize::from(u16::MAX)) as u16)
+    }
+}
+
+pub(super) fn read(text: &str) -> Result<(Motion, Vec<String>), MotionError> {
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let ends = if text.contains('\n') { '\n' } else { '\r' };
+    let lines = text.split_terminator(ends).enumerate().map(|(line, text)| (line + 1, text.trim()));
+    let mut lines = lines.filter(|it| !it.1.is_empty() && !it.1.starts_with('#'));
+    let at = |line: usize, what: String| MotionError(format!("line {line}: {what}"));
+    let Some((line, header)) = lines.next() else { return Err(at(1, "found the end, expected a header".to_owned())) };
+    let expected = "expected `time_s`, `target` or `mark`, `x_m`, `y_m`, `z_m`";
+    let columns = Columns::of(&fields(header)).map_err(|it| at(line, format!("found {it}, {expected}")))?;
+    let mut table = Table::default();
+    for (line, text) in lines {
+        table.add(&columns, &fields(text)).map_err(|it| at(line, it))?;
+    }
+    let mut remarks = Vec::new();
+    if table.n_without_place > 0 {
+        remarks.push(format!("{} rows have no place in the world, and are passed over", table.n_without_place));
+    }
+    let places: BTreeMap<u64, usize> = table.names.keys().copied().zip(0..).collect();
+    let mut times: Vec<i64> = table.rows.iter().map(|it| it.0).collect();
+    times.sort_unstable();
+    times.dedup();
+    let n_points = places.len();
+    let n_samples = times.len().saturating_mul(n_points);
+    if n_samples > MOST_ABSENT.max(table.rows.len().saturating_mul(16)) {
+        return Err(MotionError(format!(
+            "found {n_points} points at {} times in {} rows, expected points that are seen together",
+            times.len(),
+            table.rows.len()
+        )));
+    }
+    let mut samples = vec![None; n_samples];
+    let mut n_replaced = 0;
+    for (time, point, sample) in table.rows {
+        let frame = times.binary_search(&time).unwrap_or(0);
+        let to: &mut Option<Sample> = &mut samples[frame * n_points + places[&point]];
+        n_replaced += usize::from(to.replace(sample).is_some());
+    }
+    if n_replaced > 0 {
+        remarks.push(format!("{n_replaced} rows are of a point and time that had one before; the last one counts"));
+    }
+    let times_s: Vec<f64> = times.into_iter().map(|it| it as f64 * 1e-9).collect();
+    let motion = Motion {
+        labels: table.names.into_values().collect(),
+        rate_hz: rate_of(&times_s),
+        times_s,
+        samples,
+        up: Up::Z,
+        cameras: table.cameras,
+        ..Motion::default()
+    };
+    Ok((motion, remarks))
+}
+
+/// The numbers of points that are all called `KIND-N`, each another.
+fn numbers(labels: &[String], kind: &str) -> Option<Vec<u64>> {
+    let number =
+        |it: &String| it.strip_prefix(kind)?.strip_prefix('-')?.parse().ok().filter(|n| *it == format!("{kind}-{n}"));
+    let numbers: Vec<u64> = labels.iter().map(number).collect::<Option<_>>()?;
+    Some(numbers).filter(|it| !it.is_empty())
+}
+
+pub(super) fn write(motion: &Motion) -> Result<Written, MotionError> {
+    let mut turned = motion.clone();
+    let mut lost_too = Vec::new();
+    if turned.turn(Up::Z) {
+        lost_too.push("y was up: turned, since z is up in our tables".to_owned());
+    }
+    let marks = numbers(&motion.labels, "mark");
+    let targets = numbers(&motion.labels, "target");
+    let kind = if marks.is_some() { "mark" } else { "target" };
+    let has_names = marks.is_none() && targets.is_none();
+    let numbers = marks.or(targets).unwrap_or_else(|| (0..motion.labels.len() as u64).collect());
+    let mut text = format!("time_s,{kind},x_m,y_m,z_m,{},cameras,how", COVARIANCE.join(","));
+    if kind == "mark" {
+        // The marks' own space is the world here.
+        write!(text, ",world_x_m,world_y_m,world_z_m,{}", COVARIANCE.map(|it| format!("world_{it}")).join(",")).ok();
+    }
+    text.push_str(if has_names { ",name\n" } else { "\n" });
+    let name =
+        |camera: CameraId| turned.cameras.get(usize::from(camera.0)).map_or("", String::as_str).replace('+', "_");
+    let mut point = String::new();
+    for (frame, time_s) in turned.times_s.iter().enumerate() {
+        for (place, number) in numbers.iter().enumerate() {
+            let Some(sample) = turned.get(frame, place) else { continue };
+            point.clear();
+            for coordinate in sample.position.iter() {
+                point.push(',');
+                fixed(&mut point, *coordinate, 6);
+            }
+            for value in sample.covariance {
+                point.push(',');
+                if value.is_finite() {
+                    scientific(&mut point, f64::from(value));
+                }
+            }
+            fixed(&mut text, *time_s, 6);
+            let cameras: Vec<String> = sample.cameras.iter().map(name).collect();
+            write!(text, ",{number}{point},{},{}", field(&cameras.join("+")), sample.how.name()).ok();
+            if kind == "mark" {
+                text.push_str(&point);
+            }
+            if has_names {
+                write!(text, ",{}", field(&turned.labels[place])).ok();
+            }
+            text.push('\n');
+        }
+    }
+    let keeps = Keeps { uncertainty: true, how: true, predicted: true, cameras: true, events: false };
+    let mut lost = lost(motion, keeps);
+    let n_never = (0..motion.labels.len()).filter(|it| motion.column(*it).all(|it| it.is_none())).count();
+    if n_never > 0 {
+        lost.push(format!("the names of {n_never} points that are never there"));
+    }
+    lost.extend(lost_too);
+    Ok(Written { bytes: text.into_bytes(), lost })
+}

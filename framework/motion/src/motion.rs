@@ -1,0 +1,278 @@
+//! Points over time, whatever file they come from: the form in which motion is filled, smoothed, compared and converted.
+
+use std::collections::BTreeSet;
+
+use foveate_messages::{CameraSet, How};
+use nalgebra::{Matrix3, Point3};
+
+use crate::bvh::SkeletonMotion;
+
+/// Which axis of the coordinates points up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Up {
+    /// y, as in OpenSim, BVH and glTF.
+    Y,
+    /// z, as in our world and most laboratories' C3D files.
+    #[default]
+    Z,
+}
+
+impl Up {
+    /// `y` or `z`.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Up::Y => "y",
+            Up::Z => "z",
+        }
+    }
+}
+
+/// One point in one frame, where it is there.
+#[derive(Debug, Clone)]
+pub struct Sample {
+    /// [m]
+    pub position: Point3<f64>,
+    /// Upper triangle of the position's covariance, by rows; NaN where the file does not say [m²].
+    pub covariance: [f32; 6],
+    /// By their place in [`Motion::cameras`].
+    pub cameras: CameraSet,
+    /// How the sample came to be.
+    pub how: How,
+}
+
+impl PartialEq for Sample {
+    /// Covariances that are not known are alike.
+    fn eq(&self, other: &Self) -> bool {
+        (self.position, &self.cameras, self.how) == (other.position, &other.cameras, other.how)
+            && self.covariance.map(f32::to_bits) == other.covariance.map(f32::to_bits)
+    }
+}
+
+impl Sample {
+    /// A measured sample of which no more than its place is known.
+    pub fn at(position: Point3<f64>) -> Self {
+        Self { position, covariance: [f32::NAN; 6], cameras: CameraSet::default(), how: How::Measured }
+    }
+
+    /// With the same variance along each axis.
+    pub fn with_sigma(self, sigma: f64) -> Self {
+        let variance = (sigma * sigma) as f32;
+        Self { covariance: [variance, 0.0, 0.0, variance, 0.0, variance], ..self }
+    }
+
+    /// Standard deviation of the position: the root of the mean variance over the axes; `None` where the file does not say [m].
+    pub fn sigma(&self) -> Option<f64> {
+        let [xx, _, _, yy, _, zz] = self.covariance.map(f64::from);
+        let mean = (xx + yy + zz) / 3.0;
+        (mean >= 0.0).then(|| mean.sqrt())
+    }
+
+    /// The whole covariance; `None` where the file does not say [m²].
+    pub fn covariance(&self) -> Option<Matrix3<f64>> {
+        let [xx, xy, xz, yy, yz, zz] = self.covariance.map(f64::from);
+        let whole = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+        whole.iter().all(|it| it.is_finite()).then_some(whole)
+    }
+}
+
+/// Something that happened at one time.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Event {
+    /// What.
+    pub label: String,
+    /// Whose, such as `Left`; empty where the file does not say.
+    pub context: String,
+    /// On the clock of [`Motion::times_s`] [s].
+    pub time_s: f64,
+}
+
+/// A skeleton that the points are the joints of.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Skeleton {
+    /// As the file has it.
+    pub motion: SkeletonMotion,
+    /// How long a unit of the file is [m].
+    pub unit_m: f64,
+}
+
+/// Points over time.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Motion {
+    /// The points' names, each another.
+    pub labels: Vec<String>,
+    /// When each frame is, ascending [s].
+    pub times_s: Vec<f64>,
+    /// Frames a second; `None`: the times are not regular [Hz].
+    pub rate_hz: Option<f64>,
+    /// Frame by frame, in each of them point by point; `None` where the point is missing.
+    pub samples: Vec<Option<Sample>>,
+    /// Which axis is up.
+    pub up: Up,
+    /// What happened meanwhile.
+    pub events: Vec<Event>,
+    /// What [`Sample::cameras`] counts.
+    pub cameras: Vec<String>,
+    /// Name and length of the file's unit; `None`: metres, of a file that has no choice [m].
+    pub unit: Option<(String, f64)>,
+    /// The skeleton that the points are joints of, while they are where it says.
+    pub skeleton: Option<Skeleton>,
+    /// What the file holds besides, in words.
+    pub besides: Vec<String>,
+}
+
+impl Motion {
+    /// How many frames there are.
+    pub fn n_frames(&self) -> usize {
+        self.times_s.len()
+    }
+
+    /// A point in a frame; `None` where it is missing.
+    pub fn get(&self, frame: usize, point: usize) -> Option<&Sample> {
+        let n_points = self.labels.len();
+        if point < n_points { self.samples.get(frame * n_points + point)?.as_ref() } else { None }
+    }
+
+    /// One point over all frames.
+    pub fn column(&self, point: usize) -> impl Iterator<Item = Option<&Sample>> {
+        let n_points = self.labels.len().max(1);
+        self.samples.iter().skip(point).step_by(n_points).map(Option::as_ref)
+    }
+
+    /// The places that are there.
+    pub fn n_present(&self) -> usize {
+        self.samples.iter().flatten().count()
+    }
+
+    /// How many samples came to be so.
+    pub fn n_of(&self, how: How) -> usize {
+        self.samples.iter().flatten().filter(|it| it.how == how).count()
+    }
+
+    /// Gives every point a name of its own: empty ones become `unlabelled-N`, and of equal ones the later get ` (2)` and so on. How many changed.
+    pub fn name_apart(&mut self) -> usize {
+        let mut taken = BTreeSet::new();
+        let mut n_changed = 0;
+        for (place, label) in self.labels.iter_mut().enumerate() {
+            let wanted = if label.is_empty() { format!("unlabelled-{}", place + 1) } else { label.clone() };
+            let mut name = wanted.clone();
+            let mut number = 2;
+            while !taken.insert(name.clone()) {
+                name = format!("{wanted} ({number})");
+                number += 1;
+            }
+            n_changed += usize::from(name != *label);
+            *label = name;
+        }
+        n_changed
+    }
+
+    /// Turns all points so that `up` is up: (x, y, z) with z up stand as (x, z, −y) with y up. Whether that changed anything.
+    pub fn turn(&mut self, up: Up) -> bool {
+        if self.up == up {
+            return false;
+        }
+        let order: fn([f64; 3]) -> [f64; 3] = match up {
+            Up::Y => |[x, y, z]| [x, z, -y],
+            Up::Z => |[x, y, z]| [x, -z, y],
+        };
+        for sample in self.samples.iter_mut().flatten() {
+            sample.position = Point3::from(order(sample.position.into()));
+            let [xx, xy, xz, yy, yz, zz] = sample.covariance;
+            sample.covariance = match up {
+                Up::Y => [xx, xz, -xy, zz, -yz, yy],
+                Up::Z => [xx, -xz, xy, zz, -yz, yy],
+            };
+        }
+        self.up = up;
+        // Its axes are its own.
+        self.skeleton = None;
+        true
+    }
+
+    /// When the first frame is [s].
+    pub fn start_s(&self) -> f64 {
+        self.times_s.first().copied().unwrap_or(0.0)
+    }
+}
+
+/// How far times may be from a regular clock, as a part of its step, and still be on it.
+const REGULAR: f64 = 0.01;
+
+/// The rate of a regular clock that all of these times are on, from the first one on; frames may be left out where `with_holes`.
+/// `None`: they are not regular, or fewer than two.
+pub(crate) fn rate_of(times_s: &[f64]) -> Option<f64> {
+    let (first, last) = (times_s.first()?, times_s.last()?);
+    let step = (last - first) / (times_s.len() - 1) as f64;
+    let is_regular = step > 0.0
+        && times_s.iter().enumerate().all(|(frame, time)| (first + frame as f64 * step - time).abs() <= REGULAR * step);
+    is_regular.then(|| {
+        let rate = 1.0 / step;
+        // Times rounded to microseconds leave 60.0003 Hz of 60.
+        let whole = (rate * 100.0).round() / 100.0;
+        let drift = (last - first) * (1.0 - rate / whole).abs();
+        if whole > 0.0 && drift < 2e-6_f64.max(REGULAR * step * 0.1) { whole } else { rate }
+    })
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// `n_points` of known paths at `rate_hz` for `n_frames`, some of them missing, one filled.
+    pub(crate) fn motion(n_points: usize, n_frames: usize, rate_hz: f64) -> Motion {
+        let sample = |frame: usize, point: usize| {
+            let t = frame as f64 / rate_hz;
+            let place = Point3::new((t + point as f64).sin(), 0.25 * t, 1.0 + point as f64 * 0.125);
+            match (frame * n_points + point) % 11 {
+                7 => None,
+                8 => Some(Sample { how: How::Filled, ..Sample::at(place) }),
+                _ => Some(Sample::at(place).with_sigma(0.001)),
+            }
+        };
+        Motion {
+            labels: (0..n_points).map(|it| format!("P{it}")).collect(),
+            times_s: (0..n_frames).map(|it| it as f64 / rate_hz).collect(),
+            rate_hz: Some(rate_hz),
+            samples: (0..n_frames * n_points).map(|it| sample(it / n_points, it % n_points)).collect(),
+            ..Motion::default()
+        }
+    }
+
+    #[test]
+    fn names_are_each_another() {
+        let labels = ["a", "", "a", "a (2)", ""].map(str::to_owned).to_vec();
+        let mut motion = Motion { labels, ..Motion::default() };
+        assert_eq!(motion.name_apart(), 4);
+        assert_eq!(motion.labels, ["a", "unlabelled-2", "a (2)", "a (2) (2)", "unlabelled-5"]);
+    }
+
+    #[test]
+    fn turning_there_and_back_changes_nothing_and_carries_the_covariance() {
+        let mut motion = motion(2, 3, 10.0);
+        let sample = motion.samples[0].as_mut().unwrap();
+        sample.covariance = [1.0, 0.1, 0.2, 2.0, 0.3, 3.0];
+        let wanted = motion.clone();
+        let z_up = wanted.samples[0].clone().unwrap();
+        assert!(motion.turn(Up::Y) && !motion.turn(Up::Y));
+        let y_up = motion.samples[0].clone().unwrap();
+        let turn = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -1.0, 0.0);
+        assert!((turn * z_up.position - y_up.position).norm() < 1e-12);
+        let carried = turn * z_up.covariance().unwrap() * turn.transpose();
+        assert!((carried - y_up.covariance().unwrap()).norm() < 1e-6, "{carried}");
+        assert!(motion.turn(Up::Z));
+        assert_eq!(motion, wanted);
+    }
+
+    #[test]
+    fn clocks_are_found_where_there_is_one() {
+        let rounded = |rate: f64, n: usize| -> Vec<f64> {
+            (0..n).map(|it| (it as f64 / rate * 1e6).round() / 1e6 + 3.0).collect()
+        };
+        assert_eq!(rate_of(&rounded(60.0, 500)), Some(60.0));
+        assert_eq!(rate_of(&rounded(59.94, 5000)), Some(59.94));
+        let odd = rate_of(&rounded(65.0543, 5000)).unwrap();
+        assert!((odd - 65.0543).abs() < 1e-4, "{odd}");
+        assert_eq!(rate_of(&[0.0, 0.1, 0.25]), None);
+        assert_eq!((rate_of(&[]), rate_of(&[1.0])), (None, None));
+    }
+}
