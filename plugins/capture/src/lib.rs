@@ -17,6 +17,7 @@ mod detections_csv;
 mod ffmpeg;
 mod ffmpeg_words;
 pub mod images;
+pub mod labels;
 mod listing;
 mod points_dat;
 pub mod settings;
