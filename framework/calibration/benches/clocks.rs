@@ -12,7 +12,7 @@ use foveate_calibration::clocks::{ClockRules, Synchronised, synchronise};
 use foveate_calibration::recording::{CameraGuess, Look, Recording, Spot};
 use foveate_estimation::{Random, statistics};
 use foveate_geometry::bundle::Freedom;
-use foveate_scene::Calibration;
+use foveate_scene::{Calibration, Clocks};
 use nalgebra::{Isometry3, Point2};
 use waved_light::Scene;
 
@@ -98,6 +98,8 @@ fn drones() -> Result<(), String> {
     let folder = data.join("s04_drone_multicam/dataset3/detections");
     let graphs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../graphs/drones.calibration.toml");
     let known = Calibration::load(&graphs).map_err(|fault| fault.to_string())?;
+    let clocks = Clocks::load(&graphs.with_file_name("drones.table.toml")).map_err(|fault| fault.to_string())?;
+    let known = Calibration { clocks, ..known };
     let mut recording = Recording::default();
     for (index, named) in known.cameras.iter().enumerate() {
         let path = folder.join(format!("{}.txt", named.name));

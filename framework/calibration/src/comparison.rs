@@ -1,19 +1,32 @@
 //! A solved room beside another calibration of the same cameras.
+//!
+//! The two worlds are laid over each other by the cameras that agree, wherever the others stand: each pair of cameras proposes a similarity, from
+//! their centres and their directions together, the half of the cameras that fits it best improves it (least trimmed squares), and the one
+//! is taken that leaves this half nearest. A camera that was displaced, turned or mirrored is then far off and the others are not.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-use foveate_estimation::statistics::Summary;
-use foveate_geometry::alignment::{AlignmentRules, camera_errors};
+use foveate_estimation::statistics::{Summary, median};
 use foveate_geometry::{Camera, CameraStatus};
 use foveate_scene::{Calibration, LengthUnit};
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Similarity3, UnitQuaternion, Vector3};
 
 use crate::solved::Solved;
-use crate::words::signed;
+use crate::words::{counted, signed};
 
-/// So many cameras are laid over each other by those that agree.
-const ROBUST_FROM: usize = 5;
+/// With more cameras, only pairs of neighbours in the list propose [–].
+const ALL_PAIRS_UP_TO: usize = 120;
+/// Neighbours then [–].
+const NEIGHBOURS: usize = 12;
+/// Rounds of improvement [–].
+const ROUNDS: usize = 4;
+/// Cameras whose distances are a smaller part of how far they are from the origin stand in one place [–].
+const SAME_PLACE: f64 = 1e-9;
+/// Cameras that are so many times further off than the half that fits best are no part of the alignment [–].
+const OFF: f64 = 4.0;
+/// And by at least so much: as a part of the room's size, and as an angle [–, rad].
+const OFF_AT_LEAST: f64 = 0.01;
 
 /// How far each camera is from where the other calibration has it, once the two worlds are laid over each other.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,6 +37,8 @@ pub struct Comparison {
     unit: &'static str,
     turns_mrad: Vec<f64>,
     focals_percent: Vec<f64>,
+    /// Whether a camera is one of those by which the worlds are laid over each other.
+    agrees: Vec<bool>,
     /// Lengths there over lengths here.
     scale: f64,
 }
@@ -33,41 +48,189 @@ pub struct Comparison {
 /// # Errors
 /// What keeps the two from being laid over each other, in a sentence.
 pub fn compare(solved: &Solved, other: &Calibration) -> Result<Comparison, String> {
-    let calibrated = solved.cameras.iter().filter(|it| it.status == CameraStatus::Calibrated);
+    let calibrated = || solved.cameras.iter().filter(|it| it.status == CameraStatus::Calibrated);
     let (mut names, mut here, mut there): (_, Vec<Camera>, Vec<Camera>) = (Vec::new(), Vec::new(), Vec::new());
-    for camera in calibrated {
+    for camera in calibrated() {
         if let Some(same) = other.camera(&camera.name) {
             names.push(camera.name.clone());
             here.push(camera.camera.clone());
             there.push(same.clone());
         }
     }
-    if names.len() < 3 {
-        return Err(format!("{} cameras stand in both, expected at least 3: {}", names.len(), names.join(", ")));
+    if names.len() < 2 {
+        let list = |names: Vec<&str>| if names.is_empty() { "none".to_owned() } else { names.join(", ") };
+        let in_both = match &names[..] {
+            [] => "no camera stands in both by the same name".to_owned(),
+            only => format!("only {} stands in both", only[0]),
+        };
+        return Err(format!(
+            "{in_both}, expected at least 2; here: {}; there: {}",
+            list(calibrated().map(|it| it.name.as_str()).collect()),
+            list(other.cameras.iter().map(|it| it.name.as_str()).collect())
+        ));
     }
-    // One that was displaced is not to make the others look off; fewer cannot outvote it.
-    let rules = AlignmentRules { scale: true, robust: names.len() >= ROBUST_FROM };
-    let errors = camera_errors(&here, &there, rules).map_err(|fault| fault.to_string())?;
-    let n = there.len() as f64;
-    let centroid = there.iter().fold(Vector3::zeros(), |sum, it| sum + it.centre().coords / n);
-    let size = (there.iter().map(|it| (it.centre().coords - centroid).norm_squared()).sum::<f64>() / n).sqrt();
+    let is_metric = solved.fixed.scale.is_some() && other.length_unit == LengthUnit::Metre;
+    let found = lay_over(&here, &there, is_metric).ok_or_else(|| {
+        format!(
+            "the {} that stand in both ({}) stand in one place: nothing tells how long a metre is",
+            counted(names.len(), "camera"),
+            names.join(", ")
+        )
+    })?;
     let (factor, unit) = match other.length_unit {
         LengthUnit::Metre => (1e3, "mm"),
-        LengthUnit::Unknown => (100.0 / size, "%"),
+        LengthUnit::Unknown => (100.0 / found.size, "%"),
     };
     let focal = |it: &Camera| it.intrinsics.focal[0];
     Ok(Comparison {
         names,
-        centres: errors.centres.iter().map(|it| factor * it).collect(),
+        centres: found.errors.iter().map(|it| factor * it.centre).collect(),
         unit,
-        turns_mrad: errors.rotations.iter().map(|it| 1e3 * it).collect(),
+        turns_mrad: found.errors.iter().map(|it| 1e3 * it.turn).collect(),
         focals_percent: here
             .iter()
             .zip(&there)
             .map(|(here, there)| 100.0 * (focal(here) / focal(there) - 1.0))
             .collect(),
-        scale: errors.true_from_found.scaling(),
+        agrees: found.agrees,
+        scale: found.there_from_here.scaling(),
     })
+}
+
+/// How far a camera is off.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Apart {
+    /// Distance of the centres, in the unit there.
+    centre: f64,
+    /// Angle between the directions [rad].
+    turn: f64,
+}
+
+struct LaidOver {
+    there_from_here: Similarity3<f64>,
+    errors: Vec<Apart>,
+    agrees: Vec<bool>,
+    /// Root mean square distance of the cameras that agree from their middle, there.
+    size: f64,
+}
+
+/// The similarity under which the half of the cameras that fits best is nearest; `None` where all stand in one place.
+fn lay_over(here: &[Camera], there: &[Camera], is_metric: bool) -> Option<LaidOver> {
+    let n = here.len();
+    let half = (n / 2 + 1).max(2);
+    let span = if n <= ALL_PAIRS_UP_TO { n } else { NEIGHBOURS };
+    let size = median_distance(there);
+    let cost = |errors: &[Apart]| {
+        let mut squares: Vec<f64> = errors.iter().map(|it| (it.centre / size).powi(2) + it.turn.powi(2)).collect();
+        squares.sort_by(f64::total_cmp);
+        squares
+    };
+    let mut best: Option<([f64; 2], Similarity3<f64>)> = None;
+    let pairs = (0..n).flat_map(|one| (one + 1..n.min(one + 1 + span)).map(move |other| vec![one, other]));
+    // Of cameras that are all right, all together tell most.
+    for proposers in std::iter::once((0..n).collect::<Vec<_>>()).chain(pairs) {
+        let Some(mut proposed) = similarity(here, there, &proposers) else { continue };
+        for _ in 0..ROUNDS {
+            let errors = errors(here, there, &proposed);
+            let mut order: Vec<usize> = (0..n).collect();
+            let square = |it: usize| (errors[it].centre / size).powi(2) + errors[it].turn.powi(2);
+            order.sort_by(|a, b| square(*a).total_cmp(&square(*b)));
+            match similarity(here, there, &order[..half]) {
+                Some(better) => proposed = better,
+                None => break,
+            }
+        }
+        let squares = cost(&errors(here, there, &proposed));
+        // Where two calibrations in metres leave two answers, that of equal metres is right.
+        let stretched = if is_metric { proposed.scaling().ln().powi(2) } else { 0.0 };
+        let rank = [squares[..half].iter().sum::<f64>() + stretched, squares.iter().map(|it| it.min(1.0)).sum::<f64>()];
+        let is_better = best.as_ref().is_none_or(|(known, _)| {
+            let same = (rank[0] - known[0]).abs() <= 1e-3 * known[0].max(1e-12);
+            if same { rank[1] < known[1] } else { rank[0] < known[0] }
+        });
+        if is_better {
+            best = Some((rank, proposed));
+        }
+    }
+    let (_, mut there_from_here) = best?;
+    let mut agrees = vec![true; n];
+    for _ in 0..ROUNDS {
+        let errors = errors(here, there, &there_from_here);
+        let squares = cost(&errors);
+        let typical = (squares[..half].iter().sum::<f64>() / half as f64).sqrt();
+        let limit = (OFF * typical).max(OFF_AT_LEAST);
+        agrees = errors.iter().map(|it| (it.centre / size).hypot(it.turn) <= limit).collect();
+        let good: Vec<usize> = (0..n).filter(|it| agrees[*it]).collect();
+        match similarity(here, there, &good) {
+            Some(better) if good.len() >= 2 => there_from_here = better,
+            _ => break,
+        }
+    }
+    let errors = errors(here, there, &there_from_here);
+    let good: Vec<Vector3<f64>> = (0..n).filter(|it| agrees[*it]).map(|it| there[it].centre().coords).collect();
+    let middle = good.iter().sum::<Vector3<f64>>() / good.len().max(1) as f64;
+    let size = (good.iter().map(|it| (it - middle).norm_squared()).sum::<f64>() / good.len().max(1) as f64).sqrt();
+    Some(LaidOver { there_from_here, errors, agrees, size: if size > 0.0 { size } else { 1.0 } })
+}
+
+/// The median distance of two centres.
+fn median_distance(cameras: &[Camera]) -> f64 {
+    let centres: Vec<Point3<f64>> = cameras.iter().map(Camera::centre).collect();
+    let every = centres.len().div_ceil(ALL_PAIRS_UP_TO);
+    let apart = |one: usize| {
+        centres.iter().skip(one + 1).step_by(every).map(move |it| *it).map({
+            let own = centres[one];
+            move |it| (it - own).norm()
+        })
+    };
+    let distances: Vec<f64> = (0..centres.len()).step_by(every).flat_map(apart).collect();
+    median(&distances).filter(|it| *it > 0.0).unwrap_or(1.0)
+}
+
+fn errors(here: &[Camera], there: &[Camera], there_from_here: &Similarity3<f64>) -> Vec<Apart> {
+    let of = |(here, there): (&Camera, &Camera)| {
+        let turned = here.camera_from_world.rotation * there_from_here.isometry.rotation.inverse();
+        Apart {
+            centre: (there_from_here * here.centre() - there.centre()).norm(),
+            turn: turned.angle_to(&there.camera_from_world.rotation),
+        }
+    };
+    here.iter().zip(there).map(of).collect()
+}
+
+/// The similarity that takes the cameras of `of` from here to there: the rotation from their directions and from those between their centres,
+/// then scale and shift from the centres. `None` where these stand in one place.
+fn similarity(here: &[Camera], there: &[Camera], of: &[usize]) -> Option<Similarity3<f64>> {
+    let n = of.len() as f64;
+    let middle = |cameras: &[Camera]| of.iter().map(|it| cameras[*it].centre().coords).sum::<Vector3<f64>>() / n;
+    let (middle_here, middle_there) = (middle(here), middle(there));
+    let (mut between, mut square_here, mut square_there) = (Matrix3::zeros(), 0.0, 0.0);
+    let mut turns = Matrix3::zeros();
+    for it in of {
+        let (a, b) = (here[*it].centre().coords - middle_here, there[*it].centre().coords - middle_there);
+        between += b * a.transpose();
+        square_here += a.norm_squared();
+        square_there += b.norm_squared();
+        let turn = there[*it].camera_from_world.rotation.inverse() * here[*it].camera_from_world.rotation;
+        turns += turn.to_rotation_matrix().into_inner();
+    }
+    let norm = (square_here * square_there).sqrt();
+    let are_apart = |square: f64, middle: &Vector3<f64>| square.sqrt() > SAME_PLACE * (middle.norm() + square.sqrt());
+    if !(are_apart(square_here, &middle_here) && are_apart(square_there, &middle_there)) {
+        return None;
+    }
+    // A direction between centres tells two of three angles, that of a camera all: weighed alike they add up to one scale.
+    let svd = (turns / n + between / norm).svd(true, true);
+    let (u, v_t) = (svd.u?, svd.v_t?);
+    let sign = Vector3::new(1.0, 1.0, (u.determinant() * v_t.determinant()).signum());
+    let rotation = u * Matrix3::from_diagonal(&sign) * v_t;
+    let scale = (between.component_mul(&rotation)).sum() / square_here;
+    if !(scale.is_finite() && scale > 0.0) {
+        return None;
+    }
+    let shift = middle_there - rotation * middle_here * scale;
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+    Some(Similarity3::from_isometry(Isometry3::from_parts(shift.into(), rotation), scale))
 }
 
 impl Comparison {
@@ -81,6 +244,7 @@ impl Comparison {
         let mut figures = BTreeMap::new();
         let centre = if self.unit == "mm" { "compare.centre_mm" } else { "compare.centre_percent" };
         figures.insert("compare.cameras".to_owned(), self.names.len() as f64);
+        figures.insert("compare.cameras_agreeing".to_owned(), self.agrees.iter().filter(|it| **it).count() as f64);
         figures.insert("compare.scale".to_owned(), self.scale);
         for (name, values) in [
             (centre, &self.centres),
@@ -104,7 +268,20 @@ impl Comparison {
         for (index, name) in self.names.iter().enumerate() {
             let (centre, turn) = (self.centres[index], self.turns_mrad[index]);
             let focal = signed(self.focals_percent[index], 2);
-            let _ = writeln!(text, "  {name:width$}  {centre:8.2} {:2}  {turn:6.2} mrad  {focal:>7} %", self.unit);
+            let mark = if self.agrees[index] { "" } else { "  stands elsewhere" };
+            let _ =
+                writeln!(text, "  {name:width$}  {centre:8.2} {:2}  {turn:6.2} mrad  {focal:>7} %{mark}", self.unit);
+        }
+        let n_off = self.agrees.iter().filter(|it| !**it).count();
+        if n_off > 0 {
+            let agreeing = counted(self.names.len() - n_off, "camera");
+            let _ = writeln!(
+                text,
+                "  (laid over each other by the {agreeing} that agree; what stands elsewhere does not count)"
+            );
+        }
+        if self.names.len() == 2 {
+            text += "  (two cameras do not tell which of them is off)\n";
         }
         if self.unit == "%" {
             text += "  (% of the room's size: the root mean square distance of the cameras from their middle)\n";
@@ -117,34 +294,126 @@ impl Comparison {
 mod tests {
     use foveate_geometry::bundle::Freedom;
     use foveate_scene::NamedCamera;
-    use nalgebra::{Point3, Translation3};
+    use nalgebra::Translation3;
 
     use super::*;
     use crate::solved::SolvedCamera;
 
+    fn camera(index: usize) -> Camera {
+        let angle = 1.1 * index as f64;
+        let centre = Point3::new(3.0 * angle.cos(), 3.0 * angle.sin(), 2.0 + 0.2 * (index % 5) as f64);
+        Camera::look_at(centre, Point3::new(0.0, 0.0, 1.0), [640, 480], 500.0)
+    }
+
+    /// The first `n` cameras in a world of another scale, turn and origin, with errors of `noise`; and where they are.
+    fn rooms(n: usize, noise: f64) -> (Solved, Calibration) {
+        let mut random = foveate_estimation::Random::new(n as u64);
+        let other = Isometry3::new(Vector3::new(4.0, 5.0, 6.0), Vector3::new(0.3, 0.2, 2.0));
+        let solved_camera = |index: usize| {
+            let mut camera = camera(index);
+            let mut small = || noise * random.normal();
+            camera.camera_from_world *=
+                Isometry3::new(Vector3::new(small(), small(), small()), Vector3::new(small(), small(), small()) / 3.0);
+            camera.camera_from_world *= other;
+            camera.camera_from_world.translation.vector *= 0.25;
+            SolvedCamera {
+                name: format!("wide-{index}"),
+                camera,
+                status: CameraStatus::Calibrated,
+                freed: Freedom::POSE,
+                prior: None,
+                covariance: None,
+                clock: None,
+            }
+        };
+        let solved = Solved { cameras: (0..n).map(solved_camera).collect(), ..Solved::default() };
+        let named = (0..n).map(|it| NamedCamera { name: format!("wide-{it}"), camera: camera(it) });
+        (solved, Calibration::new(named.collect(), LengthUnit::Metre, String::new()).unwrap())
+    }
+
     #[test]
-    fn of_six_cameras_the_displaced_one_alone_is_off() {
-        let camera = |index: usize| {
-            let angle = index as f64;
-            let centre = Point3::new(3.0 * angle.cos(), 3.0 * angle.sin(), 2.0 + 0.2 * angle);
-            Camera::look_at(centre, Point3::new(0.0, 0.0, 1.0), [640, 480], 500.0)
+    fn one_bad_camera_of_few_or_many_does_not_spoil_the_others() {
+        let displaced = |it: &mut Camera| it.camera_from_world *= Translation3::new(0.3, -0.1, 0.05);
+        let turned = |it: &mut Camera| {
+            let turn = UnitQuaternion::from_euler_angles(0.05, 0.3, 0.1);
+            it.camera_from_world = Isometry3::from_parts(Translation3::identity(), turn) * it.camera_from_world;
         };
-        let solved_camera = |index: usize| SolvedCamera {
-            name: format!("wide-{index}"),
-            camera: camera(index),
-            status: CameraStatus::Calibrated,
-            freed: Freedom::POSE,
-            prior: None,
-            covariance: None,
-            clock: None,
+        // A mirrored picture makes a camera that looks the other way from another place.
+        let mirrored = |it: &mut Camera| {
+            let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 2.0);
+            it.camera_from_world =
+                it.camera_from_world * Isometry3::from_parts(Translation3::new(0.2, 0.4, -0.3), turn);
         };
-        let mut solved = Solved { cameras: (0..6).map(solved_camera).collect(), ..Solved::default() };
-        let named = solved.cameras.iter().map(|it| NamedCamera { name: it.name.clone(), camera: it.camera.clone() });
-        let other = Calibration::new(named.collect(), LengthUnit::Metre, String::new()).unwrap();
-        solved.cameras[2].camera.camera_from_world *= Translation3::new(0.3, 0.0, 0.0);
+        let faults: [(&str, &dyn Fn(&mut Camera)); 3] =
+            [("displaced", &displaced), ("turned", &turned), ("mirrored", &mirrored)];
+        for n in [3, 4, 5, 6, 18] {
+            for (fault, change) in faults {
+                for bad in [0, n / 2, n - 1] {
+                    let (mut solved, other) = rooms(n, 2e-4);
+                    change(&mut solved.cameras[bad].camera);
+                    let found = compare(&solved, &other).unwrap();
+                    let case =
+                        format!("{fault} camera {bad} of {n}: {:.1?} mm, {:.1?} mrad", found.centres, found.turns_mrad);
+                    for index in 0..n {
+                        let is_near = found.centres[index] < 5.0 && found.turns_mrad[index] < 2.0;
+                        assert_eq!((is_near, found.agrees[index]), (index != bad, index != bad), "{case}");
+                    }
+                    assert!((found.scale() - 4.0).abs() < 0.02, "{case}: {}", found.scale());
+                    assert!(found.describe("t.toml").contains("stands elsewhere"), "{case}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn cameras_that_all_agree_are_as_near_as_their_noise() {
+        for n in [2, 3, 7] {
+            let (solved, other) = rooms(n, 1e-3);
+            let found = compare(&solved, &other).unwrap();
+            assert!(
+                found.agrees.iter().all(|it| *it) && found.centres.iter().all(|it| *it < 6.0),
+                "{:?}",
+                found.centres
+            );
+            let text = found.describe("t.toml");
+            assert!(text.contains("+0.00 %") && !text.contains("elsewhere"), "{text}");
+            assert_eq!(text.contains("two cameras do not tell"), n == 2);
+        }
+    }
+
+    #[test]
+    fn of_two_calibrations_in_metres_that_of_equal_metres_is_right() {
+        // Displaced along the line to the first: that pair alone would fit with another length of the metre.
+        let (mut solved, other) = rooms(3, 0.0);
+        for it in &mut solved.cameras {
+            it.camera.camera_from_world.translation.vector *= 4.0;
+        }
+        solved.fixed.scale = Some(foveate_scene::Fixed { by: "a wand".into(), sigma: None });
+        let away = solved.cameras[2].camera.centre() - solved.cameras[0].camera.centre();
+        solved.cameras[2].camera.camera_from_world *= Translation3::from(-0.4 * away);
         let found = compare(&solved, &other).unwrap();
-        let off = |it: usize| found.centres[it];
-        assert!((0..6).all(|it| (it == 2) == (off(it) > 1.0)), "{:?}", found.centres);
-        assert!(found.describe("t.toml").contains("+0.00 %"), "{}", found.describe("t.toml"));
+        assert_eq!(found.agrees, [true, true, false], "{:?}", found.centres);
+    }
+
+    #[test]
+    fn without_common_names_both_lists_are_told() {
+        let (solved, mut other) = rooms(3, 0.0);
+        other.cameras.iter_mut().for_each(|it| it.name = format!("cam{}", &it.name[5..]));
+        let fault = compare(&solved, &other).unwrap_err();
+        assert_eq!(
+            fault,
+            "no camera stands in both by the same name, expected at least 2; here: wide-0, wide-1, wide-2; there: cam0, cam1, cam2"
+        );
+        // Sorted by name, as calibrations are.
+        other.cameras[2].name = "wide-1".into();
+        assert!(
+            compare(&solved, &other)
+                .unwrap_err()
+                .starts_with("only wide-1 stands in both, expected at least 2; here: wide-0")
+        );
+        let (mut solved, other) = rooms(3, 0.0);
+        let first = solved.cameras[0].camera.clone();
+        solved.cameras.iter_mut().for_each(|it| it.camera.camera_from_world = first.camera_from_world);
+        assert!(compare(&solved, &other).unwrap_err().contains("stand in one place"));
     }
 }

@@ -7,6 +7,7 @@
 //! | [`room`] | the way from one to the other with one waved light, from nothing or from an older calibration |
 //! | [`board`] | cameras that see a rigid board: optics and poses in metres |
 //! | [`clocks`] | cameras that share no clock: their offsets from the continuity of the light's path |
+//! | [`path`] | cameras from a path in space that another system measured, clocks unknown |
 //! | [`wand`] | two lights a known distance apart |
 //! | [`axes`] | metres, the vertical and the origin, and what fixes each how well |
 //! | [`cause`] | what may be wrong about a camera, under names that programs know |
@@ -26,6 +27,7 @@ pub mod comparison;
 pub mod convergence;
 pub mod coverage;
 pub mod head;
+pub mod path;
 pub mod quality;
 pub mod recording;
 pub mod report;

@@ -28,6 +28,7 @@ mod render;
 mod resolved;
 mod scales;
 mod schema;
+mod selection;
 mod settings;
 mod targets;
 mod value;
@@ -45,6 +46,7 @@ pub use expected::unit_of;
 pub use fault::{Fault, Faults, Severity, Span};
 pub use names::matches;
 pub use schema::schema;
+pub use selection::{SelectionFault, select};
 
 use crate::graph::Graph;
 use crate::registry::Registry;

@@ -8,7 +8,7 @@
 //! points in a plane do. Wrong pairs may be more than half as long as [`ResectionRules::trials`] draws are likely to hold
 //! three right ones: 200 are for half, 2000 for 85 %.
 
-pub(crate) mod three_points;
+pub mod three_points;
 
 use nalgebra::{
     Isometry3, Matrix3, Matrix6, Point2, Point3, Translation3, Unit, UnitQuaternion, Vector2, Vector3, Vector6,

@@ -5,12 +5,14 @@
 
 use std::path::PathBuf;
 
+use foveate::dataflow::setup::expand_path;
 use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::clock::camera_clock;
-use crate::detections_csv::{Table, Wanted};
+use crate::detections_csv::{POINTS_DAT, Table, Wanted};
+use crate::labels;
 use crate::settings::camera_of;
 
 const FEATURES: Out<Features> = Out::new(0, "features");
@@ -22,14 +24,16 @@ const LATEST_START_S: f64 = 1e6;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DetectionsSettings {
-    /// CSV file with a header: `time_s`, `camera`, `x_px`, `y_px`, perhaps `sigma_px`, `area_px`, `peak`, `cxx_px2`, `cxy_px2`, `cyy_px2`, `label`, in any order; `#` begins a
+    /// Table of points. DeepLabCut's CSV and SLEAP's analysis CSV are known by their headers (their pictures are numbered: the rate is
+    /// `frame_rate_hz` of the camera's clock in the calibration). Else a CSV file with a header: `time_s`, `camera`, `x_px`, `y_px`, perhaps `sigma_px`, `area_px`, `peak`, `cxx_px2`, `cxy_px2`, `cyy_px2`, `label`, in any order; `#` begins a
     /// comment; a row with empty `x_px` and `y_px` is a picture in which nothing was found. Each instance takes the
     /// rows of its own camera [–]
     pub path: String,
-    /// What the centre of the top-left pixel is called in the file: 0, or 1 as MATLAB does [px]
+    /// What the centre of the top-left pixel is called in the file: 0, or 1 as MATLAB does; left out, it is 1 in `points.dat`, whose own
+    /// calibrations count so, and 0 in all else [px]
     #[serde(default)]
     #[schemars(range(min = 0, max = 1))]
-    pub pixel_origin: u8,
+    pub pixel_origin: Option<u8>,
     /// Standard deviation of either coordinate where the file gives none [px]
     #[serde(default = "default_sigma_px")]
     #[schemars(range(min = 0.001, max = 1000.0))]
@@ -40,6 +44,10 @@ pub struct DetectionsSettings {
     /// order of the calibration. Empty: the file has a header [–]
     #[serde(default)]
     pub columns: String,
+    /// Points that DeepLabCut or SLEAP take for less likely than this are left out; points marked by hand are not [–]
+    #[serde(default = "default_likelihood")]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub least_likelihood: f64,
     /// Whether a point at (0, 0), as the file counts, means that nothing was found [–]
     #[serde(default)]
     pub nothing_at_zero: bool,
@@ -61,8 +69,33 @@ fn default_clock() -> String {
     "calibration".to_owned()
 }
 
+fn default_likelihood() -> f64 {
+    0.6
+}
+
 fn default_sigma_px() -> f64 {
     0.5
+}
+
+/// Names of the points in the files of `path`, the setting of that name, over all `cameras`, in the order of their numbers; none where points
+/// have no names. Files that are not there are passed over.
+///
+/// # Errors
+/// A sentence: a file that is no table of points.
+pub fn label_names<'a>(
+    path: &str,
+    cameras: impl Iterator<Item = &'a str>,
+    rig_dir: &std::path::Path,
+) -> Result<Vec<String>, String> {
+    let paths: std::collections::BTreeSet<PathBuf> = match path.contains("{camera}") {
+        true => cameras.filter_map(|it| expand_path(&path.replace("{camera}", it), rig_dir).ok()).collect(),
+        false => expand_path(path, rig_dir).into_iter().collect(),
+    };
+    let mut names = std::collections::BTreeSet::new();
+    for path in paths.iter().filter(|it| it.is_file()) {
+        names.extend(labels::names_in(path)?);
+    }
+    Ok(names.into_iter().collect())
 }
 
 /// Points out, one message for each time of the camera.
@@ -77,6 +110,8 @@ pub struct Detections {
     camera: String,
     /// Cameras with rows that the calibration does not know.
     unknown_cameras: Vec<String>,
+    /// Names of points, in the order of their numbers.
+    names: Vec<String>,
 }
 
 impl Node for Detections {
@@ -90,7 +125,8 @@ impl Node for Detections {
     }
 
     fn new(settings: DetectionsSettings, setup: &Setup) -> Result<Self, ConfigError> {
-        ConfigError::unless_in("pixel_origin", settings.pixel_origin, 0..=1)?;
+        let pixel_origin = settings.pixel_origin.unwrap_or(u8::from(settings.columns == POINTS_DAT));
+        ConfigError::unless_in("pixel_origin", pixel_origin, 0..=1)?;
         ConfigError::unless_in("sigma_px", settings.sigma_px, 0.001..=1000.0)?;
         ConfigError::unless_in("start_s", settings.start_s, -9e9..=9e9)?;
         ConfigError::unless_in("latency_ms", settings.latency_ms, 0.0..=60_000.0)?;
@@ -99,17 +135,27 @@ impl Node for Detections {
             return Err(ConfigError::node(format_args!("the calibration has no camera number {}", camera.0)));
         };
         let clock = camera_clock(setup, &settings.clock)?;
+        ConfigError::unless_in("least_likelihood", settings.least_likelihood, 0.0..=1.0)?;
         let path = setup.path("path", &settings.path)?;
+        let cameras = setup.calibration.cameras.iter().map(|it| it.name.as_str());
+        let names = match settings.columns.is_empty() {
+            true => {
+                label_names(&settings.path, cameras, &setup.rig_dir).map_err(|fault| ConfigError::at("path", fault))?
+            }
+            false => Vec::new(),
+        };
         let wanted = Wanted {
             camera,
             name,
             size: setup.camera_model().map(|it| it.image_size),
-            origin: f64::from(settings.pixel_origin),
+            origin: f64::from(pixel_origin),
             sigma: settings.sigma_px,
             columns: (!settings.columns.is_empty()).then_some(settings.columns.as_str()),
             frame_rate: clock.frame_rate_hz,
             nothing_at_zero: settings.nothing_at_zero,
             row: "line",
+            names: &names,
+            least_likelihood: settings.least_likelihood,
         };
         let mut table = Table::read(&path, &wanted).map_err(|fault| ConfigError::at("path", fault))?;
         let is_unknown = |name: &&String| setup.calibration.index_of(name).is_none();
@@ -143,7 +189,18 @@ impl Node for Detections {
         let unknown_cameras = table.other_cameras.iter().filter(is_unknown).cloned().collect();
         let instance = setup.instance.clone();
         let camera = name.to_owned();
-        Ok(Self { table, next: before_start, before_start, start, latency, path, instance, camera, unknown_cameras })
+        Ok(Self {
+            table,
+            next: before_start,
+            before_start,
+            start,
+            latency,
+            path,
+            instance,
+            camera,
+            unknown_cameras,
+            names,
+        })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -183,6 +240,11 @@ impl Node for Detections {
         if !table.unknown_columns.is_empty() {
             report.remark(format!("{instance} passed over columns of `{path}`: {}", table.unknown_columns.join(", ")));
         }
+        if !self.names.is_empty() {
+            // The same words from every camera: said once.
+            let numbered: Vec<String> = self.names.iter().enumerate().map(|it| format!("{} {}", it.0, it.1)).collect();
+            report.remark(format!("points go by these numbers: {}", numbered.join(", ")));
+        }
         if !self.unknown_cameras.is_empty() {
             // The same words from every camera that reads this file: said once.
             let names = self.unknown_cameras.join(", ");
@@ -210,8 +272,9 @@ mod tests {
     fn settings(path: &str) -> DetectionsSettings {
         DetectionsSettings {
             path: path.to_owned(),
-            pixel_origin: 0,
+            pixel_origin: None,
             sigma_px: 0.5,
+            least_likelihood: default_likelihood(),
             columns: String::new(),
             nothing_at_zero: false,
             clock: default_clock(),
@@ -287,6 +350,63 @@ mod tests {
         let mut report = Report::default();
         node.finish(&mut report).unwrap();
         assert!(report.remarks[0].contains("left out 1"), "{:?}", report.remarks);
+    }
+
+    #[test]
+    fn the_first_pixel_of_points_dat_is_1_unless_said_otherwise() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("points.dat"), "11 21\n6 7\n1 1\n").unwrap();
+        std::fs::write(folder.path().join("IdMat.dat"), "1 1\n").unwrap();
+        let path = folder.path().join("points.dat");
+        let mut setup = setup_with_camera([640, 480]);
+        let name = setup.camera_name().unwrap().to_owned();
+        let clock = foveate::scene::clocks::CameraClock { frame_rate_hz: Some(10.0), ..Default::default() };
+        let mut calibration = (*setup.calibration).clone();
+        calibration.clocks.0.insert(name, clock);
+        setup.calibration = std::sync::Arc::new(calibration);
+        let first = |pixel_origin: Option<u8>, columns: &str| {
+            let text = settings(path.to_str().unwrap());
+            let settings = DetectionsSettings { pixel_origin, columns: columns.to_owned(), ..text };
+            let node = Detections::new(settings, &setup).unwrap();
+            node.table.frames[0].features.list[0].centre
+        };
+        assert_eq!(first(None, POINTS_DAT), nalgebra::Point2::new(10.0, 5.0));
+        assert_eq!(first(Some(0), POINTS_DAT), nalgebra::Point2::new(11.0, 6.0));
+        assert_eq!(first(Some(1), POINTS_DAT), nalgebra::Point2::new(10.0, 5.0));
+        std::fs::write(&path, "0 11 6\n1 21 7\n").unwrap();
+        assert_eq!(first(None, "frame x_px y_px"), nalgebra::Point2::new(11.0, 6.0));
+    }
+
+    #[test]
+    fn a_name_is_one_number_in_the_files_of_all_cameras() {
+        let folder = tempfile::tempdir().unwrap();
+        let table = |name: &str, part: &str| {
+            let text =
+                format!("scorer,n,n,n\nbodyparts,{part},{part},{part}\ncoords,x,y,likelihood\n0,5,6,0.9\n3,7,8,0.1\n");
+            std::fs::write(folder.path().join(format!("{name}.csv")), text).unwrap();
+        };
+        let mut setup = setup_with_camera([640, 480]);
+        let own = setup.camera_name().unwrap().to_owned();
+        let mut calibration = (*setup.calibration).clone();
+        let other = calibration.cameras.iter().map(|it| it.name.clone()).find(|it| *it != own).unwrap();
+        let clock = foveate::scene::clocks::CameraClock { frame_rate_hz: Some(10.0), ..Default::default() };
+        calibration.cameras.iter().for_each(|it| drop(calibration.clocks.0.insert(it.name.clone(), clock)));
+        setup.calibration = std::sync::Arc::new(calibration);
+        table(&own, "tail");
+        table(&other, "ear");
+        let path = folder.path().join("{camera}.csv");
+        let mut node = Detections::new(settings(path.to_str().unwrap()), &setup).unwrap();
+        let labels: Vec<Vec<Option<u32>>> =
+            node.table.frames.iter().map(|it| it.features.list.iter().map(|it| it.label).collect()).collect();
+        assert_eq!(labels, [vec![Some(1)], vec![]], "ear is 0, tail 1; what is not likely is left out");
+        assert_eq!(node.table.frames[1].time, Time::from_s(0.3));
+        let mut report = Report::default();
+        node.finish(&mut report).unwrap();
+        assert!(
+            report.remarks.iter().any(|it| it == "points go by these numbers: 0 ear, 1 tail"),
+            "{:?}",
+            report.remarks
+        );
     }
 
     #[test]

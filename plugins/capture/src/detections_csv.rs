@@ -9,7 +9,7 @@
 //! | `cxx_px2`, `cxy_px2`, `cyy_px2` | the whole covariance, instead of `sigma_px`; may be left out | px² |
 //! | `area_px` | pixels that belong to the point; may be left out | px² |
 //! | `peak` | its brightest pixel, 0 to 255; may be left out | gray level |
-//! | `label` | which mark it is, a whole number; empty or left out: not known | – |
+//! | `label` | which mark it is, a whole number or a name; empty or left out: not known | – |
 //!
 //! Columns in any order, others are passed over; lines that begin with `#` are comments; fields hold no commas.
 //!
@@ -25,13 +25,13 @@ use std::path::Path;
 use foveate::prelude::*;
 use nalgebra::{Matrix2, Point2};
 
-use crate::points_dat;
 use crate::settings::Reasons;
+use crate::{labels, points_dat};
 
 /// Lines longer than this are no lines of a table [bytes].
 const LINE_LIMIT: u64 = 4096;
 /// In place of columns: the file is one of MultiCamSelfCal's.
-const POINTS_DAT: &str = "points.dat";
+pub(crate) const POINTS_DAT: &str = "points.dat";
 /// Times beyond this are mistakes, such as milliseconds since 1970; seconds since 1970 lie below it [s].
 const TIME_LIMIT_S: f64 = 9e9;
 
@@ -58,6 +58,10 @@ pub(crate) struct Wanted<'a> {
     pub(crate) nothing_at_zero: bool,
     /// What a row is called in messages.
     pub(crate) row: &'static str,
+    /// Names of points, in order; the number of one is its place.
+    pub(crate) names: &'a [String],
+    /// Points that an estimator takes for less likely are left out [–].
+    pub(crate) least_likelihood: f64,
 }
 
 /// One picture's worth of rows.
@@ -174,6 +178,14 @@ impl Table {
             let rows = points_dat::rows_of(path, wanted.camera.0.into())?;
             let wanted =
                 Wanted { columns: Some("frame x_px y_px"), nothing_at_zero: true, row: "column", ..wanted.clone() };
+            return Self::parse(rows.as_bytes(), &wanted).map_err(|fault| format!("`{}`: {fault}", path.display()));
+        }
+        if wanted.columns.is_none()
+            && !wanted.names.is_empty()
+            && let Some(rows) = labels::rows_of(path, wanted.names, wanted.least_likelihood)?
+        {
+            let columns = Some("frame x_px y_px label");
+            let wanted = Wanted { columns, nothing_at_zero: true, row: "point", ..wanted.clone() };
             return Self::parse(rows.as_bytes(), &wanted).map_err(|fault| format!("`{}`: {fault}", path.display()));
         }
         let file = File::open(path).map_err(|error| format!("`{}` cannot be opened: {error}", path.display()))?;
@@ -347,7 +359,12 @@ impl Row {
         if !(0.0..=255.0).contains(&peak) {
             return Err(format!("peak is {peak}, expected 0 to 255"));
         }
-        let label = optional(columns.label, "label")?;
+        let text = columns.label.map_or("", |it| field(fields, it));
+        let named = wanted.names.binary_search_by(|it| it.as_str().cmp(text)).ok();
+        let label = match named {
+            Some(place) => Some(place as f64),
+            None => optional(columns.label, "label")?,
+        };
         if let Some(label) = label.filter(|it| it.fract() != 0.0 || !(0.0..=f64::from(u32::MAX)).contains(it)) {
             return Err(format!("label is {label}, expected a whole number of 0 or more"));
         }
@@ -420,6 +437,8 @@ mod tests {
             frame_rate: None,
             nothing_at_zero: false,
             row: "line",
+            names: &[],
+            least_likelihood: 0.0,
         }
     }
 

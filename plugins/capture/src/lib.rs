@@ -18,6 +18,7 @@ mod detections_csv;
 mod ffmpeg;
 mod ffmpeg_words;
 pub mod images;
+pub mod labels;
 mod listing;
 pub mod motion;
 mod points_dat;

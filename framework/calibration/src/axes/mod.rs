@@ -21,6 +21,7 @@ use nalgebra::{Point3, Similarity3};
 pub use self::fall::{Fall, FallFault};
 pub use self::fault::AxesFault;
 pub use self::places::{Stop, stops};
+pub(crate) use self::sources::KNOWN_PLACES;
 pub use self::transform::transformed;
 pub use self::wishes::{WishFault, Wishes};
 use crate::solved::Solved;

@@ -35,6 +35,9 @@ struct Up {
     sigma: f64,
 }
 
+/// How a frame of points whose coordinates a person says goes by: its Z = 0 is wherever that person wants it.
+pub(crate) const KNOWN_PLACES: &str = "points of known place";
+
 /// Says where the origin is and whereto X points, in the solution.
 struct Origin {
     by: String,
@@ -118,7 +121,7 @@ impl Sources {
     }
 
     fn points(&mut self, room: &Room<'_>, known: &[(Place, Point3<f64>)], sigma_m: f64) -> Result<(), AxesFault> {
-        let by = format!("{} points of known place", known.len());
+        let by = format!("{} {KNOWN_PLACES}", known.len());
         not_negative("the sigma of the points [m]", sigma_m)?;
         for (index, (_, point)) in known.iter().enumerate() {
             if let Some(found) = point.iter().copied().find(|it| !it.is_finite()) {

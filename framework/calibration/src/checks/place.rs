@@ -5,8 +5,13 @@ use nalgebra::{Matrix3, Point3, Unit, Vector3};
 
 use super::room::Room;
 use super::{CheckRules, Judgement, Level};
+use crate::axes::KNOWN_PLACES;
 
-/// What lies under the floor, which is Z = 0 where both vertical and origin are fixed.
+/// Cameras whose pictures' upward direction has on average less of Z than this stand on their heads [–].
+const ON_THEIR_HEADS: f64 = -0.3;
+
+/// What lies under the floor, which is Z = 0 where both vertical and origin are fixed, but for a frame of points of known place: its Z = 0 is
+/// where a person put it, and only cameras that stand on their heads beside that show a world upside down.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Floor {
     /// Level and sentence.
@@ -36,7 +41,16 @@ pub(super) fn floor(room: &Room<'_>) -> Floor {
     let path_is_below = lowest_path_m.is_some_and(|it| it < limit);
     let most_is_below =
         percentile(&heights, 50.0).is_some_and(|it| it < limit) || 2 * cameras_below.len() > room.calibrated().count();
-    let judgement = if most_is_below {
+    let is_frame = fixed.origin.as_ref().is_some_and(|it| it.by.contains(KNOWN_PLACES));
+    let judgement = if is_frame && !(most_is_below && are_on_their_heads(room)) {
+        let sentence = "Z = 0 is where the points of known place have it, be that the floor or not.";
+        return Floor {
+            judgement: Judgement::new(Level::Good, sentence),
+            lowest_camera_m,
+            lowest_path_m,
+            ..Floor::default()
+        };
+    } else if most_is_below {
         let sentence =
             "Most of the room is under the floor: the world is upside down or mirrored; fix the vertical again.";
         Judgement::new(Level::Redo, sentence)
@@ -57,6 +71,13 @@ pub(super) fn floor(room: &Room<'_>) -> Floor {
         Judgement::new(Level::Good, "Nothing is under the floor.")
     };
     Floor { judgement, fixed: true, cameras_below, lowest_camera_m, lowest_path_m }
+}
+
+/// Whether the cameras see the world's Z point down in their pictures.
+fn are_on_their_heads(room: &Room<'_>) -> bool {
+    let up = |camera: usize| -(room.solved.cameras[camera].camera.camera_from_world.rotation * Vector3::z()).y;
+    let (sum, n) = room.calibrated().map(up).fold((0.0, 0.0), |(sum, n), it| (sum + it, n + 1.0));
+    n > 0.0 && sum / n < ON_THEIR_HEADS
 }
 
 /// How the path of the light fills space.
@@ -132,5 +153,57 @@ impl Plane {
         order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
         let normal = Unit::new_normalize(eigen.eigenvectors.column(order[2]).into_owned());
         Some(Plane { centroid, normal, spread: order.map(|it| eigen.eigenvalues[it].max(0.0).sqrt()) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_geometry::{Camera, CameraStatus, Freedom};
+    use foveate_scene::uncertainty::Fixed;
+
+    use super::*;
+    use crate::solved::{FixedFreedoms, Solved, SolvedCamera, SolvedPoint};
+
+    /// Four cameras 2 m over a light at 1 m, in a world whose Z = 0 is `floor_m` above the floor; on its head if asked for.
+    fn judged(by: &str, floor_m: f64, upside_down: bool) -> Level {
+        let sign = if upside_down { -1.0 } else { 1.0 };
+        let camera = |index: usize| {
+            let angle = 1.5 * index as f64;
+            let centre = Point3::new(3.0 * angle.cos(), 3.0 * angle.sin(), 2.0);
+            let mut camera = Camera::look_at(centre, Point3::new(0.0, 0.0, 1.0), [640, 480], 500.0);
+            if upside_down {
+                camera.camera_from_world *=
+                    nalgebra::UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+            }
+            camera.camera_from_world *= nalgebra::Translation3::new(0.0, 0.0, floor_m);
+            let name = format!("wide-{index}");
+            let status = CameraStatus::Calibrated;
+            SolvedCamera { name, camera, status, freed: Freedom::POSE, prior: None, covariance: None, clock: None }
+        };
+        let point = |frame: usize| {
+            let position = Point3::new(0.0, 0.1 * frame as f64, sign * (1.0 + 0.1 * (frame % 5) as f64) - floor_m);
+            SolvedPoint { frame, time_s: frame as f64, label: 0, position }
+        };
+        let fixed = Some(Fixed { by: by.to_owned(), sigma: None });
+        let solved = Solved {
+            cameras: (0..4).map(camera).collect(),
+            points: (0..20).map(point).collect(),
+            fixed: FixedFreedoms { scale: fixed.clone(), gravity: fixed.clone(), origin: fixed },
+            ..Solved::default()
+        };
+        floor(&Room::new(&solved, &CheckRules::default())).judgement.level
+    }
+
+    #[test]
+    fn a_frame_whose_floor_is_not_at_zero_is_not_upside_down() {
+        let frame = format!("3 {KNOWN_PLACES}");
+        for floor_m in [0.0, 1.2, 3.0, 430.0, -100.0] {
+            assert_eq!(judged(&frame, floor_m, false), Level::Good, "{floor_m}");
+        }
+        // A sign that was mistaken still is.
+        assert_eq!(judged(&frame, 0.0, true), Level::Redo);
+        assert_eq!(judged("3 places on the floor", 0.0, false), Level::Good);
+        assert_eq!(judged("3 places on the floor", 3.0, false), Level::Redo);
+        assert_eq!(judged("3 places on the floor", 0.0, true), Level::Redo);
     }
 }

@@ -37,7 +37,26 @@ pub struct Cleaning {
 }
 
 /// A recording with what was set aside taken out, and a word on each camera.
-pub(super) fn cleaned(recording: &Recording) -> (Recording, Vec<Cleaning>) {
+pub(crate) fn cleaned(recording: &Recording) -> (Recording, Vec<Cleaning>) {
+    let (Recording { cameras, mut looks }, mut notes) = usable(recording);
+    drop_lamps(&mut looks, &mut notes);
+    drop_repeated_pictures(&mut looks, &mut notes);
+    count(&looks, &mut notes);
+    (Recording { cameras, looks }, notes)
+}
+
+/// How many pictures are left with a spot.
+fn count(looks: &[Look], notes: &mut [Cleaning]) {
+    notes.iter_mut().for_each(|it| (it.with_spots, it.ambiguous) = (0, 0));
+    for look in looks {
+        let note = &mut notes[look.camera];
+        note.with_spots += usize::from(!look.spots.is_empty());
+        note.ambiguous += usize::from(look.spots.len() > 1 && the_light(&look.spots).is_none());
+    }
+}
+
+/// As [`cleaned`], without a look at what stands still: times in order, and spots that can be.
+pub(super) fn usable(recording: &Recording) -> (Recording, Vec<Cleaning>) {
     let mut notes = vec![Cleaning::default(); recording.cameras.len()];
     let mut looks: Vec<Look> = recording.looks.iter().filter(|it| it.camera < notes.len()).cloned().collect();
     looks.sort_by(|a, b| a.time_s.total_cmp(&b.time_s).then(a.camera.cmp(&b.camera)));
@@ -61,13 +80,7 @@ pub(super) fn cleaned(recording: &Recording) -> (Recording, Vec<Cleaning>) {
         keep_distinct(&mut look.spots);
         notes[look.camera].written_twice += before - look.spots.len();
     }
-    drop_lamps(&mut looks, &mut notes);
-    drop_repeated_pictures(&mut looks, &mut notes);
-    for look in &looks {
-        let note = &mut notes[look.camera];
-        note.with_spots += usize::from(!look.spots.is_empty());
-        note.ambiguous += usize::from(look.spots.len() > 1 && the_light(&look.spots).is_none());
-    }
+    count(&looks, &mut notes);
     (Recording { cameras: recording.cameras.clone(), looks }, notes)
 }
 
@@ -83,7 +96,7 @@ pub fn keep_distinct(spots: &mut Vec<Spot>) {
 }
 
 /// The spot that is the light, if that can be told from one picture.
-pub(super) fn the_light(spots: &[Spot]) -> Option<&Spot> {
+pub(crate) fn the_light(spots: &[Spot]) -> Option<&Spot> {
     let brightest = spots.iter().max_by(|a, b| a.peak.total_cmp(&b.peak))?;
     let is_plain = spots.iter().all(|it| std::ptr::eq(it, brightest) || it.peak * OUTSHINES < brightest.peak);
     is_plain.then_some(brightest)

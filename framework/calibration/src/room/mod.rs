@@ -10,6 +10,7 @@
 
 mod cleaning;
 mod culprits;
+mod labels;
 mod moments;
 mod recalibrate;
 mod settle;
@@ -21,6 +22,8 @@ use foveate_geometry::self_calibration::{OpticHeld, SelfCalibrationFault};
 use foveate_geometry::{Camera, CameraStatus, SelfCalibration, SelfCalibrationRules, Sighting, self_calibrate};
 
 pub use self::cleaning::{Cleaning, keep_distinct};
+pub(crate) use self::cleaning::{cleaned, the_light};
+pub use self::labels::{Swapped, swapped};
 use self::moments::Moment;
 pub use self::recalibrate::{Moved, recalibrate};
 use self::settle::Room;
@@ -152,12 +155,17 @@ const FITS: f64 = 0.9;
 
 /// What was waved.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Sought {
+pub enum Sought<'a> {
     /// One light.
     #[default]
     Light,
     /// Two lights on a stick, told apart by their labels or, without, by [`crate::wand::label`].
     Wand,
+    /// Several points with labels, such as the joints of a person who walks about: each a point of its own in each frame.
+    Labels {
+        /// Pairs of labels that whoever set them may have taken for each other, such as the left and the right knee.
+        mirrored: &'a [[u32; 2]],
+    },
 }
 
 /// Solves the room of `recording`, by cameras that share a clock, without any pose to begin with. The result is up to a similarity,
@@ -165,7 +173,7 @@ pub enum Sought {
 ///
 /// # Errors
 /// See [`RoomFault`]; cameras that cannot be calibrated beside others that can are told in their status.
-pub fn from_nothing(recording: &Recording, sought: Sought, rules: &RoomRules) -> Result<SolvedRoom, RoomFault> {
+pub fn from_nothing(recording: &Recording, sought: Sought<'_>, rules: &RoomRules) -> Result<SolvedRoom, RoomFault> {
     let (recording, cleaning, moments) = prepared(recording, sought)?;
     let first = search(&recording, &Room::new(&recording, moments.clone(), rules).certain(), rules);
     let settled = |found: &SelfCalibration, moments: Vec<Moment>| {
@@ -224,11 +232,16 @@ fn left_out(culprit: &Culprit, moments: &[Moment]) -> CameraStatus {
 }
 
 /// What is left of a recording after cleaning, and its moments.
-fn prepared(recording: &Recording, sought: Sought) -> Result<(Recording, Vec<Cleaning>, Vec<Moment>), RoomFault> {
-    let (recording, cleaning) = cleaning::cleaned(recording);
+fn prepared(recording: &Recording, sought: Sought<'_>) -> Result<(Recording, Vec<Cleaning>, Vec<Moment>), RoomFault> {
+    let (recording, cleaning) = match sought {
+        // A joint of somebody who sits is no lamp.
+        Sought::Labels { .. } => cleaning::usable(recording),
+        Sought::Light | Sought::Wand => cleaning::cleaned(recording),
+    };
     require_company(&recording, &cleaning)?;
     let moments = match sought {
         Sought::Light => moments::of_light(&recording),
+        Sought::Labels { mirrored } => labels::moments(&recording, mirrored),
         Sought::Wand => {
             let frame_of_look = wand::frames_by_time(&recording, moments::tolerance_s(&recording));
             let labelled = wand::label(&recording, &frame_of_look, &wand::LabelRules::default());

@@ -48,7 +48,7 @@ pub(super) fn of_light(recording: &Recording) -> Vec<Moment> {
 
 /// Whether cameras take their pictures together: of those that others take within half a period, most are of the same moment. By
 /// chance a fifth would be. Looks are in order.
-fn are_triggered_together(recording: &Recording) -> bool {
+pub(super) fn are_triggered_together(recording: &Recording) -> bool {
     let (looks, tolerance) = (&recording.looks, tolerance_s(recording));
     let half_period = 0.5 * shortest_period(recording);
     let (mut together, mut all) = (0_usize, 0_usize);
@@ -63,7 +63,7 @@ fn are_triggered_together(recording: &Recording) -> bool {
 }
 
 /// Moments at which pictures were taken together; looks are in order. Pictures without spots are left out.
-fn of_pictures(recording: &Recording) -> Vec<Moment> {
+pub(super) fn of_pictures(recording: &Recording) -> Vec<Moment> {
     let tolerance = tolerance_s(recording);
     let mut starts_s: Vec<f64> = Vec::new();
     let mut moments: Vec<Moment> = Vec::new();

@@ -46,7 +46,7 @@ const LEAST_SIGHTINGS: usize = 10;
 /// See [`RoomFault`].
 pub fn recalibrate(
     recording: &Recording,
-    sought: Sought,
+    sought: Sought<'_>,
     fixed: &FixedFreedoms,
     rules: &RoomRules,
 ) -> Result<SolvedRoom, RoomFault> {

@@ -10,6 +10,7 @@ use foveate_board::detector::Detector;
 use foveate_calibration::board::Board;
 use foveate_calibration::coverage::{Coverage, CoverageRules};
 use foveate_calibration::recording::{CameraGuess, Recording};
+use foveate_capture::detections::{Detections, DetectionsSettings, label_names};
 use foveate_dataflow::graph::{Graph, Instance};
 use foveate_dataflow::rig::{self, Overrides};
 use foveate_dataflow::run::{self, Options, Outcome, Progress};
@@ -48,6 +49,8 @@ pub struct Wishes {
     pub board: BoardWishes,
     /// What counts as enough.
     pub coverage: CoverageRules,
+    /// By place in the rig's calibration: the number of the camera, where it is used; empty: all are.
+    pub numbers: Vec<Option<usize>>,
 }
 
 /// What was seen.
@@ -62,6 +65,8 @@ pub struct Captured {
     pub ended_early: Option<String>,
     /// What was shown to the cameras, where it is no light.
     pub board: Option<Board>,
+    /// Names of points, in the order of the numbers that are their labels; none where they have no names.
+    pub labels: Vec<String>,
 }
 
 /// The calibration to begin with, of which not all need be known.
@@ -87,6 +92,8 @@ pub fn draft(rig: &Path) -> Result<(PathBuf, Draft), String> {
 
 /// Runs what leads to the features of `rig`, and gathers them.
 ///
+/// `check` is asked before anything runs.
+///
 /// # Errors
 /// Sentences for the person, with all faults of the rig.
 pub fn capture(
@@ -95,19 +102,27 @@ pub fn capture(
     cameras: Vec<CameraGuess>,
     folder: &Path,
     wishes: &Wishes,
+    check: &dyn Fn(&Graph) -> Result<(), String>,
 ) -> Result<Captured, String> {
     let coverage = Coverage::new(&cameras, &wishes.coverage);
-    let shared: Shared = Arc::new(Mutex::new(Gathered { looks: Vec::new(), coverage }));
+    let numbers = match wishes.numbers.is_empty() {
+        true => (0..draft.calibration.cameras.len()).map(Some).collect(),
+        false => wishes.numbers.clone(),
+    };
+    let used = |index: &usize| numbers.get(*index).copied().flatten().is_some();
+    let shared: Shared = Arc::new(Mutex::new(Gathered { looks: Vec::new(), coverage, numbers: numbers.clone() }));
     let mut registry = registry();
     recorder::register(&mut registry, &shared);
-    let (graph, board) = detectors(rig_path, draft, &registry, wishes)?;
+    let Detectors { graph, board, labels } = detectors(rig_path, draft, &registry, wishes)?;
+    check(&graph)?;
     let board = boards::board(&wishes.board, board.as_ref())?;
     let graph = Arc::new(graph);
     if let Some([min, max]) = graph.scales.first().and_then(|it| it.volume_m)
         && let Some(volume) = WorkingVolume::new(min.into(), max.into())
         && draft.unknown.values().all(|it| !it.pose)
     {
-        let known: Vec<_> = draft.calibration.cameras.iter().map(|it| Some(it.camera.clone())).collect();
+        let all = draft.calibration.cameras.iter().enumerate();
+        let known: Vec<_> = all.filter(|it| used(&it.0)).map(|it| Some(it.1.camera.clone())).collect();
         lock(&shared).coverage.place(&known, volume);
     }
     let simulated = graph.instances.iter().find(|it| it.node_type.name.starts_with("sim."));
@@ -122,20 +137,24 @@ pub fn capture(
     let mut gathered = lock(&shared);
     let looks = std::mem::take(&mut gathered.looks);
     let coverage = gathered.coverage.clone();
-    Ok(Captured { recording: Recording { cameras, looks }, coverage, outcome, ended_early, board })
+    Ok(Captured { recording: Recording { cameras, looks }, coverage, outcome, ended_early, board, labels })
 }
 
 fn lock(shared: &Shared) -> std::sync::MutexGuard<'_, Gathered> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The part of the rig that gives features, with the recorder at its end, and the detector's settings, where it finds boards.
-fn detectors(
-    path: &Path,
-    draft: &Draft,
-    registry: &Registry,
-    wishes: &Wishes,
-) -> Result<(Graph, Option<BoardSettings>), String> {
+/// What gives features.
+struct Detectors {
+    /// That part of the rig, with the recorder at its end.
+    graph: Graph,
+    /// The detector's settings, where it finds boards.
+    board: Option<BoardSettings>,
+    /// Names of points, where they have some.
+    labels: Vec<String>,
+}
+
+fn detectors(path: &Path, draft: &Draft, registry: &Registry, wishes: &Wishes) -> Result<Detectors, String> {
     let overrides = Overrides {
         seed: wishes.seed,
         duration_s: wishes.duration_s,
@@ -154,7 +173,15 @@ fn detectors(
     let is_board = |it: &&Instance| it.node_type.name == Detector::TYPE && it.node == node;
     let settings = graph.instances.iter().find(is_board).and_then(|it| it.settings.resolved().ok());
     let board = settings.and_then(|it| it.try_into().ok());
-    Ok((graph.leading_to(|it| it.node == RECORDER || it.node == TABLE), board))
+    let is_table = |it: &&Instance| it.node_type.name == Detections::TYPE && it.node == node;
+    let settings = graph.instances.iter().find(is_table).and_then(|it| it.settings.resolved().ok());
+    let settings: Option<DetectionsSettings> = settings.and_then(|it| it.try_into().ok());
+    let labels = settings.filter(|it| it.columns.is_empty()).map(|it| {
+        let cameras = draft.calibration.cameras.iter().map(|it| it.name.as_str());
+        label_names(&it.path, cameras, path.parent().unwrap_or(Path::new("")))
+    });
+    let labels = labels.transpose().map_err(|fault| format!("error: {fault}"))?.unwrap_or_default();
+    Ok(Detectors { graph: graph.leading_to(|it| it.node == RECORDER || it.node == TABLE), board, labels })
 }
 
 /// Scale, node and output port of the features to take.

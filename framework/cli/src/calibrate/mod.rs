@@ -5,5 +5,8 @@ pub mod boards;
 pub mod capture;
 pub mod figures;
 mod guide;
+pub mod path;
+pub mod places;
 mod recorder;
+pub mod selected;
 pub mod words;

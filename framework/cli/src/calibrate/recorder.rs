@@ -23,6 +23,8 @@ pub struct Gathered {
     pub looks: Vec<Look>,
     /// Where the light has been.
     pub coverage: Coverage,
+    /// By place in the rig's calibration: the number of the camera, where it is used.
+    pub numbers: Vec<Option<usize>>,
 }
 
 /// Shared between the node and the program.
@@ -54,17 +56,16 @@ impl Node for Recorder {
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         let mut gathered = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         while let Some(message) = io.take(&FEATURES) {
+            let place = usize::from(message.value.camera.0);
+            let Some(camera) = gathered.numbers.get(place).copied().flatten() else { continue };
             let spot = |it: &foveate_messages::Feature| Spot {
                 pixel: it.centre,
                 sigma_px: (it.covariance.trace() / 2.0).max(0.0).sqrt().max(LEAST_SIGMA_PX),
                 peak: f64::from(it.peak),
                 label: it.label,
             };
-            let look = Look {
-                camera: usize::from(message.value.camera.0),
-                time_s: message.time().as_s(),
-                spots: message.value.list.iter().map(spot).collect(),
-            };
+            let look =
+                Look { camera, time_s: message.time().as_s(), spots: message.value.list.iter().map(spot).collect() };
             gathered.coverage.observe(&without_board(&look));
             gathered.looks.push(look);
         }

@@ -4,8 +4,10 @@ use std::fmt::Write;
 
 use foveate_calibration::clocks::ClockStatus;
 use foveate_calibration::recording::{Look, Recording};
-use foveate_calibration::room::{NotSynchronised, SolvedRoom, SynchronisedRoom, in_names, keep_distinct};
-use foveate_calibration::solved::{FixedFreedoms, SightingRole, SolvedCamera};
+use foveate_calibration::room::{
+    NotSynchronised, SolvedRoom, SynchronisedRoom, in_names, keep_distinct, swapped as swapped_labels,
+};
+use foveate_calibration::solved::{FixedFreedoms, SightingRole, Solved, SolvedCamera};
 use foveate_calibration::words::{counted, signed};
 use foveate_estimation::statistics::Summary;
 use foveate_geometry::{CameraStatus, OpticHeld};
@@ -15,6 +17,8 @@ use super::figures::{errors, figures};
 
 /// Cameras with more than that are in the files only.
 const SHOWN: usize = 64;
+/// Labels that show another point are told one by one up to so many.
+const SWAPPED_SHOWN: usize = 8;
 /// Optics of a camera that stay as given are told one by one up to so many cameras.
 const HELD_SHOWN: usize = 6;
 
@@ -114,6 +118,32 @@ pub fn several_spots(recording: &Recording, cameras: impl Iterator<Item = usize>
         "most pictures of {}{others} hold {n} spots: a wand (--wand-mm)? a board (--chessboard, --charuco)? or lamps",
         recording.cameras[first].name
     ))
+}
+
+/// How many labels there are.
+pub fn n_labels(recording: &Recording) -> usize {
+    let labels = recording.looks.iter().flat_map(|it| &it.spots).filter_map(|it| it.label);
+    labels.collect::<std::collections::BTreeSet<u32>>().len()
+}
+
+/// Observations that show another point than the one whose label they have, camera by camera.
+pub fn swapped(recording: &Recording, solved: &Solved, names: &[String]) -> Vec<String> {
+    let name = |label: u32| names.get(label as usize).cloned().unwrap_or_else(|| format!("label {label}"));
+    let found = swapped_labels(recording, solved);
+    let one = |it: &foveate_calibration::room::Swapped| {
+        let (labelled, shows) = (name(it.labelled), name(it.shows));
+        let camera = &recording.cameras[it.camera].name;
+        format!("labels of {camera}: {} of {} of {labelled} show {shows}; they were taken for that", it.count, it.of)
+    };
+    let mut lines: Vec<String> = found.iter().take(SWAPPED_SHOWN).map(one).collect();
+    if found.len() > SWAPPED_SHOWN {
+        let rest: usize = found[SWAPPED_SHOWN..].iter().map(|it| it.count).sum();
+        lines.push(format!(
+            "labels of other points and cameras: {} more show the point of the other side",
+            counted(rest, "observation")
+        ));
+    }
+    lines
 }
 
 /// How many distinct spots a picture of `camera` holds in the median, of those that hold any.

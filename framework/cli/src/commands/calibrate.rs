@@ -6,22 +6,28 @@ mod plan;
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-use foveate_calibration::axes::{self, AxesRules, Wishes};
+use foveate_calibration::axes::{self, AxesRules, Given, Wishes};
 use foveate_calibration::board::BoardRules;
 use foveate_calibration::checks::{CheckRules, LengthSample, Level, check};
 use foveate_calibration::clocks::ClockRules;
 use foveate_calibration::comparison::compare;
+use foveate_calibration::path::PathRules;
 use foveate_calibration::room::{self, RoomRules, SolvedRoom, Sought};
 use foveate_calibration::solved::{FixedFreedoms, SightingRole, Solved, SolvedCamera};
 use foveate_calibration::wand::{self, RefineRules, Wand, WandSample, WandSighting};
+use foveate_capture::labels::mirrored_pairs;
+use foveate_dataflow::graph::Graph;
 use foveate_geometry::CameraStatus;
-use foveate_scene::{Calibration, LengthUnit};
+use foveate_scene::{Calibration, Draft, LengthUnit};
 
 use self::conclude::{More, check_writable, conclude};
 use self::plan::Plan;
 use super::seconds;
 use crate::calibrate::boards::{self, BoardWishes};
 use crate::calibrate::capture::{self, Captured};
+use crate::calibrate::path::{self, PathWishes};
+use crate::calibrate::places::{self, Known};
+use crate::calibrate::selected::Selected;
 use crate::calibrate::words;
 use crate::outcome::{harmless, lost};
 use crate::progress::Waiting;
@@ -42,6 +48,9 @@ pub struct CalibrateArgs {
     /// The node whose features to take, where a rig has several
     #[arg(long, value_name = "NODE")]
     from: Option<String>,
+    /// The cameras to calibrate, by patterns parted by commas; those with `!` leave cameras out: 'wide-*,!wide-3' [default: all]
+    #[arg(long, value_name = "PATTERNS")]
+    cameras: Option<String>,
     /// Folder for the results; files of the same names in it are overwritten [default: results/RIG-N, the first free N]
     #[arg(long, value_name = "DIR", value_hint = clap::ValueHint::DirPath)]
     out: Option<PathBuf>,
@@ -98,6 +107,8 @@ pub struct CalibrateArgs {
     upright: bool,
     #[command(flatten)]
     board: BoardWishes,
+    #[command(flatten)]
+    measured: PathWishes,
     /// End the session after so many seconds of its own time
     #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
     duration: Option<f64>,
@@ -174,8 +185,15 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
     if args.write {
         check_writable(&path)?;
     }
-    let plan = Plan::new(args, &draft)?;
-    if let Some(note) = plan.doubtful_pixels(&draft) {
+    let measured = args.measured.read()?;
+    let draft = if measured.is_some() { path::without_offsets(&draft) } else { draft };
+    let selected = Selected::new(args.cameras.as_deref(), &draft.calibration)?;
+    let used = selected.of(&draft);
+    let check_places =
+        |lights: Option<u32>, duration_s: Option<f64>| check_places(&givens, &draft, &used, lights, duration_s);
+    check_places(None, args.duration)?;
+    let plan = if measured.is_some() { Plan::of_path(args, &used) } else { Plan::new(args, &used)? };
+    if let Some(note) = plan.doubtful_pixels(&used) {
         eprintln!("{note}");
     }
     let other =
@@ -191,14 +209,40 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         stop_when_enough: !args.keep_going,
         board: args.board,
         coverage: Default::default(),
+        numbers: selected.numbers(draft.calibration.cameras.len()),
     };
-    let captured = capture::capture(&args.rig, &draft, plan.cameras.clone(), &folder, &how)?;
+    let check_graph = |graph: &Graph| {
+        let has_labels = graph.instances.iter().any(|it| LABELLED.contains(&it.node_type.name));
+        let lights = if args.wand_mm.is_some() { Some(2) } else { Some(1).filter(|_| !has_labels) };
+        check_places(lights, graph.duration.map(|it| it.as_s()))
+    };
+    let captured = capture::capture(&args.rig, &draft, plan.cameras.clone(), &folder, &how, &check_graph)?;
     captured.ended_early.iter().for_each(|it| eprintln!("{it}"));
     let remarks = captured.outcome.report.remarks.iter().map(|it| format!("note: {it}"));
     remarks.chain(lost(&captured.outcome, "")).for_each(|it| eprintln!("{}", harmless(&it)));
     let board = captured.board.as_ref();
     let sightings = folder.join(capture::SIGHTINGS);
     interrupt::ends(format!("stopped by you before the end; what was seen is in {}", sightings.display()));
+    if let Some(asked) = &measured {
+        let solving = Waiting::new("searching poses and clocks", args.quiet);
+        let rules = PathRules {
+            inlier_px: args.inlier_px,
+            focal_unknown: plan.focal_unknown,
+            seed: args.seed.unwrap_or(1),
+            ..PathRules::default()
+        };
+        let ending = path::Ending {
+            rig: &args.rig,
+            older: (&path, &draft),
+            folder: &folder,
+            other: other.as_ref().zip(args.compare.as_deref()),
+            write: args.write,
+            report: args.report,
+        };
+        let solved = path::solve(asked, &captured.recording, &rules);
+        drop(solving);
+        return path::conclude(&solved, asked, &rules, &ending);
+    }
     let solving = Waiting::new("solving the room", args.quiet);
     let fixed = fixed_before(&draft.calibration, &plan);
     let rules = RoomRules {
@@ -207,7 +251,13 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         seed: args.seed.unwrap_or(1),
         ..RoomRules::default()
     };
-    let sought = if args.wand_mm.is_some() { Sought::Wand } else { Sought::Light };
+    let mirrored = mirrored_pairs(&captured.labels);
+    let has_labels = words::n_labels(&captured.recording) > 1;
+    let sought = match args.wand_mm {
+        Some(_) => Sought::Wand,
+        None if has_labels && !args.unsynchronised => Sought::Labels { mirrored: &mirrored },
+        None => Sought::Light,
+    };
     let clock_rules = ClockRules {
         max_offset_s: args.max_offset,
         inlier_px: rules.inlier_px,
@@ -243,7 +293,9 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         (false, None) => room::recalibrate(&captured.recording, sought, &fixed, &rules),
     };
     let mut solved = solve.map_err(|fault| format!("error: {fault}{}", hint(args, &captured)))?;
-    if args.wand_mm.is_none() && board.is_none() {
+    if let Sought::Labels { .. } = sought {
+        notes.extend(words::swapped(&captured.recording, &solved.solved, &captured.labels));
+    } else if args.wand_mm.is_none() && board.is_none() {
         let left_out = solved.solved.cameras.iter().enumerate().filter(|it| it.1.status != CameraStatus::Calibrated);
         notes.extend(words::several_spots(&captured.recording, left_out.map(|it| it.0)));
     }
@@ -288,6 +340,24 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
     conclude(args, &path, &folder, &captured, &solved, &checks, &more)
 }
 
+/// Nodes whose features may have labels: what is said of a light may be of any of them.
+const LABELLED: [&str; 2] = ["capture.detections", "board.detector"];
+
+/// Refuses what is said of scale and axes where no capture can make it right.
+fn check_places(
+    givens: &[Given],
+    draft: &Draft,
+    used: &Draft,
+    lights: Option<u32>,
+    duration_s: Option<f64>,
+) -> Result<(), String> {
+    let names = |it: &Draft| -> Vec<String> { it.calibration.cameras.iter().map(|it| it.name.clone()).collect() };
+    let (all, those) = (names(draft), names(used));
+    let (all, those): (Vec<&str>, Vec<&str>) =
+        (all.iter().map(String::as_str).collect(), those.iter().map(String::as_str).collect());
+    places::check(givens, &Known { cameras: &all, used: &those, lights, duration_s })
+}
+
 /// Adjusts the room with the length of the wand; how that length comes out at moments that were kept back.
 fn measured_by_wand(room: &mut SolvedRoom, length_mm: f64) -> Result<Vec<LengthSample>, String> {
     let refused = |fault: &dyn std::fmt::Display| format!("error: the wand: {fault}");
@@ -306,7 +376,8 @@ fn measured_by_wand(room: &mut SolvedRoom, length_mm: f64) -> Result<Vec<LengthS
 /// What to do about a room that cannot be solved, as far as what was seen tells.
 fn hint(args: &CalibrateArgs, captured: &Captured) -> String {
     let all = 0..captured.recording.cameras.len();
-    let several = words::several_spots(&captured.recording, all).filter(|_| args.wand_mm.is_none());
+    let is_light = args.wand_mm.is_none() && words::n_labels(&captured.recording) <= 1;
+    let several = words::several_spots(&captured.recording, all).filter(|_| is_light);
     let missing = captured.coverage.state().missing;
     let lines = several.into_iter().chain(missing.iter().take(3).map(ToString::to_string));
     lines.map(|it| format!("\n  {it}")).collect()

@@ -31,7 +31,8 @@ pub(super) struct NodeText<'t> {
     pub type_name: Option<Spanned<String>>,
     /// Whether a `type` stands there at all.
     pub has_type: bool,
-    pub each: Option<Spanned<String>>,
+    /// Patterns of names, of which those with a `!` leave cameras out; and where they stand.
+    pub each: Option<Spanned<Vec<Spanned<String>>>>,
     pub camera: Option<Spanned<String>>,
     /// Whether one of the two stands there but was not understood.
     pub cameras_unclear: bool,
@@ -76,7 +77,7 @@ impl<'t> NodeText<'t> {
         let each = keys.take("each");
         let camera = keys.take("camera");
         let n_camera_keys = usize::from(each.is_some()) + usize::from(camera.is_some());
-        let each = each.and_then(|it| findings.text("each", it, "a pattern of camera names: \"wide-*\""));
+        let each = each.and_then(|it| read_patterns(it, findings));
         let camera = camera.and_then(|it| findings.text("camera", it, "the name of a camera"));
         if let (Some(each), Some(camera)) = (&each, &camera) {
             findings
@@ -120,6 +121,25 @@ impl<'t> NodeText<'t> {
             settings,
         })
     }
+}
+
+/// One pattern or a list of them; `None` where one is no text.
+fn read_patterns(value: Value<'_>, findings: &mut Findings) -> Option<Spanned<Vec<Spanned<String>>>> {
+    let expected = "a pattern of camera names, \"wide-*\", or a list of them, [\"wide-*\", \"!wide-3\"]";
+    let span = value.span();
+    let patterns: Vec<Spanned<String>> = match value.get_ref() {
+        DeValue::Array(items) if !items.is_empty() => {
+            let read =
+                items.iter().map(|it| findings.text("each", it.clone(), "a pattern of camera names: \"wide-*\""));
+            read.collect::<Option<_>>()?
+        }
+        DeValue::String(_) => vec![findings.text("each", value, expected)?],
+        _ => {
+            findings.not_as_expected("each", &value, expected);
+            return None;
+        }
+    };
+    Some(Spanned::new(span, patterns))
 }
 
 fn read_cost(keys: &mut Keys<'_>, findings: &mut Findings) -> (Cost, Option<Span>) {

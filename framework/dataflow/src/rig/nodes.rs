@@ -11,10 +11,11 @@ use foveate_scene::calibration::Calibration;
 use toml::de::DeTable;
 
 use super::fault::Findings;
-use super::names::{did_you_mean, likely, listed, matches, shown, there_is};
+use super::names::{did_you_mean, likely, listed, shown, there_is};
 use super::node_text::NodeText;
 use super::scales::ScaleDraft;
 use super::schema::written;
+use super::selection::{SelectionFault, select};
 use super::settings;
 use crate::graph::scale_id;
 use crate::node::Plan;
@@ -107,44 +108,45 @@ impl Surroundings<'_> {
         if text.cameras_unclear {
             return None;
         }
-        let Some((wish, pattern)) =
-            text.each.as_ref().map(|it| (it, true)).or(text.camera.as_ref().map(|it| (it, false)))
-        else {
-            return Some(vec![None]);
+        let (span, key) = match (&text.each, &text.camera) {
+            (Some(each), _) => (each.span(), "each"),
+            (None, Some(camera)) => (camera.span(), "camera"),
+            (None, None) => return Some(vec![None]),
         };
         let calibration = self.calibration.as_ref()?;
-        let key = if pattern { "each" } else { "camera" };
         if !self.names_calibration {
             findings
                 .fault(
-                    wish.span(),
+                    span,
                     format_args!("`{key}` needs cameras, and the rig names no calibration"),
                     "found no cameras",
                 )
                 .help("add `calibration = \"FILE\"` under `[rig]`");
             return None;
         }
-        let fits = |name: &str| if pattern { matches(wish.get_ref(), name) } else { wish.get_ref() == name };
-        let found: Vec<Option<CameraId>> = calibration
-            .cameras
-            .iter()
-            .enumerate()
-            .filter(|(_, it)| fits(&it.name))
-            .filter_map(|(index, _)| u16::try_from(index).ok().map(|it| Some(CameraId(it))))
-            .collect();
-        if found.is_empty() {
-            let names = calibration.cameras.iter().map(|it| it.name.as_str());
-            let help = if pattern {
-                there_is("its cameras", names)
-            } else {
-                did_you_mean(wish.get_ref(), "its cameras", names)
+        let names: Vec<&str> = calibration.cameras.iter().map(|it| it.name.as_str()).collect();
+        let instance = |index: usize| u16::try_from(index).ok().map(|it| Some(CameraId(it)));
+        if let Some(each) = &text.each {
+            let patterns: Vec<&str> = each.get_ref().iter().map(|it| it.get_ref().as_str()).collect();
+            return match select(&patterns, &names) {
+                Ok(found) => Some(found.into_iter().filter_map(instance).collect()),
+                Err(SelectionFault { pattern, found, help }) => {
+                    let place = pattern.map_or(span, |it| each.get_ref()[it].span());
+                    findings.fault(place, found, "expected a pattern of camera names").help(help);
+                    None
+                }
             };
-            let verb = if pattern { "matches" } else { "is" };
+        }
+        let wish = text.camera.as_ref()?;
+        let found: Vec<Option<CameraId>> =
+            (0..names.len()).filter(|it| names[*it] == wish.get_ref()).filter_map(instance).collect();
+        if found.is_empty() {
+            let help = did_you_mean(wish.get_ref(), "its cameras", names);
             findings
                 .fault(
-                    wish.span(),
-                    format_args!("no camera of the calibration {verb} `{}`", shown(wish.get_ref())),
-                    if pattern { "expected a pattern of camera names" } else { "expected the name of a camera" },
+                    span,
+                    format_args!("no camera of the calibration is `{}`", shown(wish.get_ref())),
+                    "expected the name of a camera",
                 )
                 .help(help);
             return None;

@@ -104,10 +104,16 @@ fn write_node(text: &mut String, names: &Names<'_, '_>, node: &NodeDraft<'_>) ->
     let scale = quoted_key(&names.scales[node.scale].name);
     let _ = writeln!(text, "\n[scale.{scale}.node.{}]", quoted_key(node.name()));
     line(text, "type", &Value::from(node_type.name));
-    for (key, value) in [("each", &node.text.each), ("camera", &node.text.camera)] {
-        if let Some(value) = value {
-            line(text, key, &Value::from(value.get_ref().as_str()));
-        }
+    if let Some(each) = &node.text.each {
+        let patterns: Vec<&str> = each.get_ref().iter().map(|it| it.get_ref().as_str()).collect();
+        let value = match patterns[..] {
+            [one] => Value::from(one),
+            _ => Value::from(patterns),
+        };
+        line(text, "each", &value);
+    }
+    if let Some(camera) = &node.text.camera {
+        line(text, "camera", &Value::from(camera.get_ref().as_str()));
     }
     let on_error = ON_ERROR.iter().find(|it| it.1 == node.text.on_error).map_or("stop", |it| it.0);
     line(text, "on_error", &Value::from(on_error));

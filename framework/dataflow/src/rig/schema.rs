@@ -169,8 +169,13 @@ fn reserved(node_type: &NodeType) -> Map<String, Json> {
     let words = |list: &[&str]| Json::from(list.to_vec());
     let mut keys = Map::new();
     keys.insert("type".to_owned(), json!({ "description": node_type.summary, "const": node_type.name }));
-    let each = "One instance for each camera of that name; `*` stands for any characters, `?` for one.";
-    keys.insert("each".to_owned(), json!({ "description": each, "type": "string" }));
+    let each = "One instance for each camera of that name; `*` stands for any characters, `?` for one. A list takes what any of it matches; \
+                `!` before a pattern leaves out what it matches.";
+    let pattern = json!({ "type": "string" });
+    keys.insert(
+        "each".to_owned(),
+        json!({ "description": each, "type": ["string", "array"], "items": pattern, "minItems": 1 }),
+    );
     keys.insert("camera".to_owned(), json!({ "description": "The one camera that it serves.", "type": "string" }));
     let on_error = "What happens when it fails on a message: it stops, the message is dropped, or it is made anew.";
     let choices = words(&ON_ERROR.map(|it| it.0));

@@ -372,8 +372,9 @@ impl<'a> Consumer<'_, 'a, '_> {
             true => fault.help(same),
             false => fault.help(format_args!("{same}, or name one: `{them}[{example}].OUTPUT`")),
         };
-        if let Some(place) = self.node.text.each.as_ref().or(self.node.text.camera.as_ref()) {
-            fault.also(place.span(), format_args!("the cameras of `{us}`"));
+        let text = &self.node.text;
+        if let Some(place) = text.each.as_ref().map(Spanned::span).or(text.camera.as_ref().map(Spanned::span)) {
+            fault.also(place, format_args!("the cameras of `{us}`"));
         }
     }
 }

@@ -25,7 +25,7 @@ const NEARLY_REAL: f64 = 0.02;
 
 /// All `camera_from_world` that put `points_in_world` on the rays of `directions`, in front of the camera; none when the points lie on
 /// a line, or when numerics fail.
-pub(crate) fn poses(points_in_world: &[Point3<f64>; 3], directions: &[Unit<Vector3<f64>>; 3]) -> Vec<Isometry3<f64>> {
+pub fn poses(points_in_world: &[Point3<f64>; 3], directions: &[Unit<Vector3<f64>>; 3]) -> Vec<Isometry3<f64>> {
     let [p1, p2, p3] = points_in_world;
     let [j1, j2, j3] = directions;
     let (a2, b2, c2) = ((p2 - p3).norm_squared(), (p1 - p3).norm_squared(), (p1 - p2).norm_squared());

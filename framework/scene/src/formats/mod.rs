@@ -33,7 +33,7 @@ use crate::{calibration_file, multi_cam_self_cal as multi_cam_self_cal_reader};
 
 /// What [`Calibration::load`] looks for; part of its error when nothing fits.
 const LOOKED_FOR: &str = "a calibration: TOML of ours ([calibration]), of Pose2Sim, Anipose or Caliscope (matrix = [[…), OpenCV \
-                          (%YAML or <opencv_storage>), Qualisys (<calibration>), DLT coefficients (11 rows of numbers, a \
+                          (%YAML, <opencv_storage> or JSON with opencv-matrix), Qualisys (<calibration>), DLT coefficients (11 rows of numbers, a \
                           column for each camera), or a folder of MultiCamSelfCal (Pmatrices.dat) or of OpenCV files";
 
 /// A form of calibration that can be read and written.
@@ -265,7 +265,7 @@ fn read(path: &Path, options: &ImportOptions) -> Result<Calibration, Calibration
         }
         return match opencv::files_of(path)? {
             files if files.is_empty() => {
-                let found = "a folder without Pmatrices.dat, and without .yml, .yaml or .xml files of OpenCV";
+                let found = "a folder without Pmatrices.dat, and without .yml, .yaml, .xml or .json files of OpenCV";
                 Err(CalibrationFault::of_file(path, found, LOOKED_FOR).into())
             }
             files => opencv::load_folder(path, &files, options),
@@ -273,8 +273,11 @@ fn read(path: &Path, options: &ImportOptions) -> Result<Calibration, Calibration
     }
     let text = read_text(path)?;
     let start = text.trim_start_matches('\u{feff}').trim_start();
-    if start.starts_with("%YAML") || text.contains("!!opencv-matrix") {
+    if start.starts_with("%YAML") || text.contains("!!opencv-matrix") || text.contains("!!opencv-nd-matrix") {
         return opencv::load(path, storage::from_yaml(&text, path)?, options);
+    }
+    if opencv::is_json(start) {
+        return opencv::load(path, storage::from_json(start, path)?, options);
     }
     if start.starts_with('<') {
         let document = roxmltree::Document::parse(&text).map_err(|error| {

@@ -1,4 +1,4 @@
-//! OpenCV's FileStorage: a camera a file, or a stereo pair in one.
+//! OpenCV's FileStorage (YAML, XML, JSON; versions 3 to 5): a camera a file, or a stereo pair in one.
 //!
 //! OpenCV fixes no names; these are known, after its samples `calibration`, `stereo_calib` and common usage:
 //!
@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 use foveate_geometry::{Camera, Distortion};
 use nalgebra::{DMatrix, Isometry3, Matrix3, UnitQuaternion, Vector3};
 
-use super::storage::{Entry, Storage, Value, from_xml, from_yaml};
+use super::storage::{Entry, Storage, Value, from_json, from_xml, from_yaml};
 use super::{ExportContent, ImportOptions, note_ignored_skew, optics};
 use crate::calibration::{
     Calibration, CalibrationError, CalibrationFault, LengthUnit, NamedCamera, quoted, read_text, sort_by_place,
@@ -41,7 +41,7 @@ const LENS: [&str; 9] = [
 const TURN: [&str; 6] = ["R", "Rotation", "rotation", "rotation_matrix", "rvec", "rotationMatrix"];
 const SHIFT: [&str; 6] = ["T", "Translation", "translation", "translation_vector", "tvec", "translationVector"];
 const SIZE: [&str; 4] = ["image_size", "imageSize", "ImageSize", "size"];
-const ENDINGS: [&str; 3] = ["yml", "yaml", "xml"];
+const ENDINGS: [&str; 4] = ["yml", "yaml", "xml", "json"];
 
 /// Files of the folder that may be OpenCV's, in the order of their names.
 pub(crate) fn files_of(folder: &Path) -> Result<Vec<PathBuf>, CalibrationFault> {
@@ -51,7 +51,10 @@ pub(crate) fn files_of(folder: &Path) -> Result<Vec<PathBuf>, CalibrationFault> 
     for entry in fs::read_dir(folder).map_err(unreadable)? {
         let path = entry.map_err(unreadable)?.path();
         let fits = path.extension().is_some_and(|it| ENDINGS.iter().any(|ending| it.eq_ignore_ascii_case(ending)));
-        files.extend((fits && path.is_file()).then_some(path));
+        // JSON is written by all kinds of programs.
+        let is_foreign = path.extension().is_some_and(|it| it.eq_ignore_ascii_case("json"))
+            && !fs::read_to_string(&path).is_ok_and(|it| is_json(&it));
+        files.extend((fits && path.is_file() && !is_foreign).then_some(path));
     }
     files.sort();
     Ok(files)
@@ -85,8 +88,16 @@ pub(crate) fn load_folder(
     Calibration::new(cameras, unit, format!("OpenCV files in {}", folder.display())).map_err(|it| it.in_file(folder))
 }
 
+/// Whether a text is OpenCV's JSON.
+pub(crate) fn is_json(text: &str) -> bool {
+    text.trim_start().starts_with('{') && text.contains("\"opencv-")
+}
+
 fn open(path: &Path) -> Result<Storage, CalibrationError> {
     let text = read_text(path)?;
+    if text.trim_start().starts_with('{') {
+        return Ok(from_json(&text, path)?);
+    }
     if !text.trim_start().starts_with('<') {
         return Ok(from_yaml(&text, path)?);
     }

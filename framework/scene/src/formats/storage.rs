@@ -1,4 +1,7 @@
-//! OpenCV's FileStorage, as far as calibrations use it: top-level scalars, lists and matrices, in YAML or XML.
+//! OpenCV's FileStorage, as far as calibrations use it: top-level scalars, lists and matrices, in YAML, XML or JSON.
+//!
+//! OpenCV 5 writes what has one dimension, or more than two, as `opencv-nd-matrix` with a list of sizes: one size is a row here, and sizes beyond
+//! the first multiply the columns, as channels do.
 //!
 //! OpenCV's YAML opens with `%YAML:1.0` up to version 4, which is no YAML directive, so that parsers of YAML refuse it; what it writes
 //! besides is regular enough to be read line by line. Nested maps are passed over.
@@ -59,7 +62,8 @@ pub(crate) fn from_yaml(text: &str, path: &Path) -> Result<Storage, CalibrationF
             return Err(fault(number, format!("a line {shown:?}"), "`key: value`"));
         };
         let mut rest = rest.trim().to_owned();
-        let is_matrix = rest.starts_with("!!opencv-matrix");
+        let is_nd = rest.starts_with("!!opencv-nd-matrix");
+        let is_matrix = is_nd || rest.starts_with("!!opencv-matrix");
         let is_open = |it: &str| it.contains('[') && !it.contains(']');
         // What belongs to the key is indented; a list may go on without that, until its bracket closes.
         while let Some((_, next)) =
@@ -77,13 +81,65 @@ pub(crate) fn from_yaml(text: &str, path: &Path) -> Result<Storage, CalibrationF
                 line.map_or(String::new(), |it| it.trim().to_owned())
             };
             let numbers = rest.find("data").map_or(Vec::new(), |at| list(&rest[at..]));
-            Value::Matrix { rows: of("rows"), columns: of("cols"), numbers }
+            let sizes = if is_nd { list(&of("sizes")) } else { vec![of("rows"), of("cols")] };
+            matrix(&sizes, &unquoted(&of("dt")), numbers)
         } else if rest.starts_with('[') {
             Value::List(list(&rest))
         } else {
             Value::Scalar(unquoted(rest.lines().next().unwrap_or_default()))
         };
         storage.entries.push(Entry { key: unquoted(key.trim()), place: (number + 1, 1), value });
+    }
+    Ok(storage)
+}
+
+/// A matrix of these sizes, whose elements are as `kind` says: a letter for the type, perhaps with a number of channels before it.
+fn matrix(sizes: &[String], kind: &str, numbers: Vec<String>) -> Value {
+    let channels = kind.trim_end_matches(|it: char| it.is_ascii_alphabetic()).parse::<usize>().unwrap_or(1);
+    let (rows, others) = match sizes {
+        // One dimension: a row.
+        [only] => ("1".to_owned(), std::slice::from_ref(only)),
+        [rows, others @ ..] => (rows.clone(), others),
+        [] => return Value::Matrix { rows: String::new(), columns: String::new(), numbers },
+    };
+    let columns = others.iter().map(|it| it.parse::<usize>().ok()).chain([Some(channels)]);
+    // What is no number stays as it stands there, for the message.
+    let product = columns.fold(Some(1_usize), |product, it| product?.checked_mul(it?));
+    Value::Matrix { rows, columns: product.map_or_else(|| others.join(" x "), |it| it.to_string()), numbers }
+}
+
+/// Reads OpenCV's JSON: what the YAML says, as objects with a `type_id`.
+pub(crate) fn from_json(text: &str, path: &Path) -> Result<Storage, CalibrationFault> {
+    let document: serde_json::Value = serde_json::from_str(text).map_err(|error| {
+        let fault = CalibrationFault::of_file(path, format!("this is not JSON ({error})"), "a JSON file of OpenCV");
+        CalibrationFault { place: Some((error.line(), error.column())), ..fault }
+    })?;
+    let Some(object) = document.as_object() else {
+        return Err(CalibrationFault::of_file(path, "JSON that is no object", "OpenCV's, which has names of matrices"));
+    };
+    let word = |it: &serde_json::Value| it.as_str().map_or_else(|| it.to_string(), str::to_owned);
+    let words = |it: Option<&serde_json::Value>| -> Vec<String> {
+        it.and_then(serde_json::Value::as_array).map_or(Vec::new(), |list| list.iter().map(word).collect())
+    };
+    let mut storage = Storage::default();
+    for (key, value) in object {
+        let value = match value {
+            serde_json::Value::Array(_) => Value::List(words(Some(value))),
+            serde_json::Value::Object(fields) => {
+                let of = |name: &str| fields.get(name).map_or(String::new(), word);
+                let sizes = match of("type_id").as_str() {
+                    "opencv-matrix" => vec![of("rows"), of("cols")],
+                    "opencv-nd-matrix" => words(fields.get("sizes")),
+                    _ => continue,
+                };
+                matrix(&sizes, &of("dt"), words(fields.get("data")))
+            }
+            other => Value::Scalar(word(other)),
+        };
+        // Where the name stands first.
+        let quoted = format!("\"{key}\"");
+        let line = text.lines().position(|it| it.contains(&quoted)).map_or(1, |it| it + 1);
+        storage.entries.push(Entry { key: key.clone(), place: (line, 1), value });
     }
     Ok(storage)
 }
@@ -108,11 +164,13 @@ pub(crate) fn from_xml(document: &roxmltree::Document<'_>) -> Storage {
         let text = |node: roxmltree::Node<'_, '_>| node.text().unwrap_or_default().trim().to_owned();
         let of = |name: &str| node.children().find(|it| it.has_tag_name(name)).map_or(String::new(), text);
         let value = match node.attribute("type_id") {
-            Some("opencv-matrix") => Value::Matrix {
-                rows: of("rows"),
-                columns: of("cols"),
-                numbers: of("data").split_whitespace().map(str::to_owned).collect(),
-            },
+            Some(kind @ ("opencv-matrix" | "opencv-nd-matrix")) => {
+                let sizes = match kind {
+                    "opencv-matrix" => vec![of("rows"), of("cols")],
+                    _ => of("sizes").split_whitespace().map(str::to_owned).collect(),
+                };
+                matrix(&sizes, &unquoted(&of("dt")), of("data").split_whitespace().map(str::to_owned).collect())
+            }
             _ if node.children().any(|it| it.is_element()) => continue,
             _ => match text(node) {
                 it if it.split_whitespace().count() > 1 && !it.starts_with('"') => {

@@ -1,6 +1,7 @@
 //! Round trips through every form.
 
 mod malformed;
+mod opencv5;
 mod real;
 
 use std::fs;

@@ -40,6 +40,16 @@ impl Plan {
                 names.join(", ")
             ));
         }
+        Ok(Plan::with(args, draft, from_nothing))
+    }
+
+    /// For a measured path, which takes poses from nothing but itself.
+    pub(super) fn of_path(args: &CalibrateArgs, draft: &Draft) -> Plan {
+        Plan::with(args, draft, true)
+    }
+
+    fn with(args: &CalibrateArgs, draft: &Draft, from_nothing: bool) -> Plan {
+        let unknown = |name: &str| draft.unknown.get(name).copied().unwrap_or_default();
         let forget = args.from_nothing && args.optics.is_some_and(|it| it != Optics::Known);
         let guess = |named: &foveate_scene::NamedCamera| {
             let (mut camera, unknown) = (named.camera.clone(), unknown(&named.name));
@@ -60,7 +70,7 @@ impl Plan {
         };
         let cameras: Vec<CameraGuess> = draft.calibration.cameras.iter().map(guess).collect();
         let focal_unknown = forget || draft.unknown.values().any(|it| it.focal);
-        Ok(Plan { cameras, from_nothing, focal_unknown })
+        Plan { cameras, from_nothing, focal_unknown }
     }
 }
 
