@@ -200,7 +200,7 @@ fn simulated() {
                         .cameras
                         .iter_mut()
                         .zip(&truth)
-                        .for_each(|(guess, it)| guess.camera.distortion = it.distortion.clone());
+                        .for_each(|(guess, it)| guess.camera.distortion = it.distortion);
                 }
                 let set = sets::light(String::new(), recording, rooms::RATE_HZ, free);
                 if let Ok(solved) = (set.solve)(&set.recording) {

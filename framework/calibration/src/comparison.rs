@@ -178,7 +178,7 @@ fn median_distance(cameras: &[Camera]) -> f64 {
     let centres: Vec<Point3<f64>> = cameras.iter().map(Camera::centre).collect();
     let every = centres.len().div_ceil(ALL_PAIRS_UP_TO);
     let apart = |one: usize| {
-        centres.iter().skip(one + 1).step_by(every).map(move |it| *it).map({
+        centres.iter().skip(one + 1).step_by(every).copied().map({
             let own = centres[one];
             move |it| (it - own).norm()
         })
@@ -341,11 +341,10 @@ mod tests {
         // A mirrored picture makes a camera that looks the other way from another place.
         let mirrored = |it: &mut Camera| {
             let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 2.0);
-            it.camera_from_world =
-                it.camera_from_world * Isometry3::from_parts(Translation3::new(0.2, 0.4, -0.3), turn);
+            it.camera_from_world *= Isometry3::from_parts(Translation3::new(0.2, 0.4, -0.3), turn);
         };
-        let faults: [(&str, &dyn Fn(&mut Camera)); 3] =
-            [("displaced", &displaced), ("turned", &turned), ("mirrored", &mirrored)];
+        type Fault<'a> = (&'a str, &'a dyn Fn(&mut Camera));
+        let faults: [Fault<'_>; 3] = [("displaced", &displaced), ("turned", &turned), ("mirrored", &mirrored)];
         for n in [3, 4, 5, 6, 18] {
             for (fault, change) in faults {
                 for bad in [0, n / 2, n - 1] {

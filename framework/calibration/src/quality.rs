@@ -19,10 +19,13 @@ pub struct Quality {
     pub median_px: f64,
 }
 
+/// Cameras and where each saw a light at one moment.
+type Seen = Vec<(usize, Point2<f64>)>;
+
 /// How well `cameras`, by camera of `solved`, explain its observations; `None` stands for a camera that is not known, which explains nothing.
 /// Points are intersected anew with these cameras, so that no calibration is at an advantage because the points were adjusted to it.
 pub fn quality(solved: &Solved, cameras: &[Option<Camera>], limit_px: f64) -> Quality {
-    let mut moments: BTreeMap<(usize, u32), Vec<(usize, Point2<f64>)>> = BTreeMap::new();
+    let mut moments: BTreeMap<(usize, u32), Seen> = BTreeMap::new();
     for it in &solved.sightings {
         let label = it.point.map_or(0, |point| solved.points[point].label);
         moments.entry((it.frame, label)).or_default().push((it.camera, it.pixel));

@@ -390,7 +390,7 @@ mod tests {
         let mut calibration = (*setup.calibration).clone();
         let other = calibration.cameras.iter().map(|it| it.name.clone()).find(|it| *it != own).unwrap();
         let clock = foveate::scene::clocks::CameraClock { frame_rate_hz: Some(10.0), ..Default::default() };
-        calibration.cameras.iter().for_each(|it| drop(calibration.clocks.0.insert(it.name.clone(), clock)));
+        calibration.clocks.0.extend(calibration.cameras.iter().map(|it| (it.name.clone(), clock)));
         setup.calibration = std::sync::Arc::new(calibration);
         table(&own, "tail");
         table(&other, "ear");

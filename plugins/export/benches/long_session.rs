@@ -48,7 +48,7 @@ impl Node for Head {
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         let seconds = self.step as f64 / RATE_HZ;
         let is_there = |label: u32| {
-            let is_hidden = label % 10 == 3 && (seconds as u64 + u64::from(label)) % 20 == 0;
+            let is_hidden = label % 10 == 3 && (seconds as u64 + u64::from(label)).is_multiple_of(20);
             !is_hidden && (label < N_MARKS - 10 || seconds > self.late_s)
         };
         let mark = |label: u32| Mark {

@@ -3,7 +3,7 @@
 use foveate::prelude::{Interval, Time};
 use foveate_pan_tilt::driver::{Driver, DriverSettings, Link, Medium};
 use foveate_pan_tilt::visca::{Address, Command, Format, Packet, Profile, Reply, Request, Speed};
-use foveate_sim::head::{Head, HeadSettings, LineSettings, NetworkHead, SerialHead};
+use foveate_sim::head::{Head, HeadSettings, LineSettings, NetworkHead, SerialHead, Tag};
 use proptest::prelude::*;
 
 /// What happens to a driver.
@@ -86,12 +86,12 @@ proptest! {
         let mut head = Head::new(&HeadSettings::default(), 1).unwrap();
         for (index, byte) in stream.iter().enumerate() {
             head.advance(Time(index as i64 * 1_000_000));
-            head.receive(0, *byte);
+            head.receive(Tag::default(), *byte);
         }
         head.advance(Time::from_s(10.0));
         while head.send().is_some() {}
         // The end of whatever was begun, then a broadcast, which every head hears.
-        [0xFF, 0x88, 0x30, 0x01, 0xFF].into_iter().for_each(|byte| head.receive(0, byte));
+        [0xFF, 0x88, 0x30, 0x01, 0xFF].into_iter().for_each(|byte| head.receive(Tag::default(), byte));
         head.advance(Time::from_s(10.2));
         let replies: Vec<_> = std::iter::from_fn(|| head.send()).map(|it| it.bytes).collect();
         prop_assert!(replies.contains(&vec![0x88, 0x30, 0x02, 0xFF]), "{:02X?}", replies);

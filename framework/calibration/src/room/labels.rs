@@ -140,8 +140,8 @@ mod tests {
         let heading = 0.5 * time_s;
         let on_floor = Vector3::new(1.2 * heading.cos() + 0.3 * (0.31 * time_s).sin(), 1.5 * heading.sin(), 0.0);
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), heading);
-        let side = if label % 2 == 0 { 0.12 } else { -0.12 };
-        let swing = 0.4 * (6.0 * time_s + if label % 2 == 0 { 0.0 } else { std::f64::consts::PI }).sin();
+        let side = if label.is_multiple_of(2) { 0.12 } else { -0.12 };
+        let swing = 0.4 * (6.0 * time_s + if label.is_multiple_of(2) { 0.0 } else { std::f64::consts::PI }).sin();
         let at = match label / 2 {
             0 => Vector3::new(side, 0.0, 0.95 + 0.03 * (12.0 * time_s).sin()),
             1 => Vector3::new(side, 0.5 * swing, 0.5),

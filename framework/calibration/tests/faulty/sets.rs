@@ -13,7 +13,7 @@ pub struct Set {
     /// What the cameras saw.
     pub recording: Recording,
     /// What was waved.
-    pub sought: Sought,
+    pub sought: Sought<'static>,
     /// How to calibrate it.
     pub rules: RoomRules,
 }

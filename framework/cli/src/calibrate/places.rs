@@ -167,7 +167,8 @@ mod tests {
     #[test]
     fn what_cannot_be_is_named_with_what_was_meant() {
         let frame = |list: &[&str]| -> Vec<String> { list.iter().map(|it| (*it).to_owned()).collect() };
-        let cases: [(&dyn Fn(&mut Wishes), &str); 13] = [
+        type Case<'a> = (&'a dyn Fn(&mut Wishes), &'a str);
+        let cases: [Case<'_>; 13] = [
             (
                 &|it| it.distance("wide1:wide-2=3.2m"),
                 "--distance: there is no camera wide1 (did you mean wide-1?); the cameras are wide-1, wide-2",

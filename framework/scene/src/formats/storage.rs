@@ -102,9 +102,9 @@ fn matrix(sizes: &[String], kind: &str, numbers: Vec<String>) -> Value {
         [rows, others @ ..] => (rows.clone(), others),
         [] => return Value::Matrix { rows: String::new(), columns: String::new(), numbers },
     };
-    let columns = others.iter().map(|it| it.parse::<usize>().ok()).chain([Some(channels)]);
+    let mut columns = others.iter().map(|it| it.parse::<usize>().ok()).chain([Some(channels)]);
     // What is no number stays as it stands there, for the message.
-    let product = columns.fold(Some(1_usize), |product, it| product?.checked_mul(it?));
+    let product = columns.try_fold(1_usize, |product, it| product.checked_mul(it?));
     Value::Matrix { rows, columns: product.map_or_else(|| others.join(" x "), |it| it.to_string()), numbers }
 }
 

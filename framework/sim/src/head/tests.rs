@@ -321,7 +321,8 @@ fn malformed_datagrams_are_answered_as_the_manuals_say() {
     let refusal = |sequence, why| vec![datagram(0x0111, 4, sequence, &[0x90, 0x60, why, 0xFF])];
     let none = Vec::<Vec<u8>>::new();
     let long = [&[0x81][..], &[0x01; 40], &[0xFF]].concat();
-    let cases: [(&str, Vec<u8>, Vec<Vec<u8>>); 17] = [
+    type Case = (&'static str, Vec<u8>, Vec<Vec<u8>>);
+    let cases: [Case; 17] = [
         ("good", datagram(0x0110, 5, 7, power), vec![datagram(0x0111, 4, 7, &[0x90, 0x50, 0x02, 0xFF])]),
         ("the same number", datagram(0x0110, 5, 7, power), error(7, 1)),
         ("a smaller number", datagram(0x0110, 5, 3, power), error(3, 1)),
@@ -389,7 +390,7 @@ fn no_bytes_of_any_kind_end_a_head_or_keep_it_from_answering() {
         let mut random = Random::new(seed).fork("fuzz");
         // Half of the bytes are of those that mean something.
         let meant = [0x81, 0x88, 0xFF, 0x01, 0x09, 0x04, 0x06, 0x3F, 0x02, 0x03, 0x21, 0x30, 0x00, 0x38, 0x47];
-        let mut bytes = |random: &mut Random| {
+        let bytes = |random: &mut Random| {
             let n = random.below(40);
             (0..n)
                 .map(|_| match random.below(2) {

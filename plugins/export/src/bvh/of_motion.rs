@@ -250,7 +250,10 @@ mod tests {
             labels: labels(&["SACR", "LSHO", "RSHO", "toe"]),
             times_s: vec![0.0, 0.02],
             rate_hz: Some(50.0),
-            samples: [place(0.0, 1.0), place(0.2, 1.4), place(-0.2, 1.4), place(0.0, 0.0)].repeat(2),
+            samples: [0, 1]
+                .into_iter()
+                .flat_map(|_| [place(0.0, 1.0), place(0.2, 1.4), place(-0.2, 1.4), place(0.0, 0.0)])
+                .collect(),
             ..Motion::default()
         };
         let file = bvh(&motion, &BTreeMap::new(), 0.01).unwrap();

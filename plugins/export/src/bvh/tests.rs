@@ -229,7 +229,7 @@ fn body_is_found_among_other_targets() {
     let order = [30, 31, 32, 33, 34, 35, 36, 37];
     let place = |seconds: f64, id: u32| match id {
         30.. => renumbered(order)(seconds, id),
-        _ if id % 3 == 0 => Some(Point3::new(f64::from(id), 0.3 * f64::from(id % 7), 0.2 * f64::from(id))),
+        _ if id.is_multiple_of(3) => Some(Point3::new(f64::from(id), 0.3 * f64::from(id % 7), 0.2 * f64::from(id))),
         _ if id < 14 => {
             Some(Point3::new((seconds * f64::from(id)).sin(), 0.1 * f64::from(id), 1.0 + (seconds * 3.0).cos()))
         }
