@@ -98,7 +98,7 @@ fn drones() -> Result<(), String> {
     let folder = data.join("s04_drone_multicam/dataset3/detections");
     let graphs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../graphs/drones.calibration.toml");
     let known = Calibration::load(&graphs).map_err(|fault| fault.to_string())?;
-    let clocks = Clocks::load(&graphs.with_file_name("drones.table.toml")).map_err(|fault| fault.to_string())?;
+    let clocks = Clocks::load(&graphs.with_file_name("drones_table.clocks.toml")).map_err(|fault| fault.to_string())?;
     let known = Calibration { clocks, ..known };
     let mut recording = Recording::default();
     for (index, named) in known.cameras.iter().enumerate() {
