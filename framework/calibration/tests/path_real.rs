@@ -35,7 +35,7 @@ fn numbers(path: &Path) -> Vec<[f64; 3]> {
 }
 
 fn recording(folder: &Path, change: impl Fn(usize, Point2<f64>) -> Point2<f64>) -> Recording {
-    let graphs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../graphs/drones_path.calibration.toml");
+    let graphs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../graphs/drones.calibration.toml");
     let draft = Draft::load(&graphs).unwrap();
     let mut recording = Recording::default();
     for (index, it) in draft.calibration.cameras.iter().enumerate() {

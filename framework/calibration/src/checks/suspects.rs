@@ -37,6 +37,8 @@ pub struct Suspect {
 const LEAST_SAMPLES: usize = 20;
 /// Standard deviations beyond which an observation is far from where the others have the light.
 const FAR: f64 = 5.0;
+/// A camera that moved sees the light of one part so many times its median distance from where one pose for all has it [–].
+const MOVED_EFFECT: f64 = 3.0;
 /// With a larger share of such sightings, poses are searched for, not only refined.
 const SEARCH_SHARE: f64 = 0.1;
 /// A cause must explain this part of the excess.
@@ -361,7 +363,8 @@ impl<'a> Rest<'a> {
             }
         }
         let changed = moved(samples, &fitted.camera, self.room.rules.seed);
-        let is_seen = |effect_px: f64| effect_px > 2.0 * self.room.rules.least_effect_px;
+        let least_px = (2.0 * self.room.rules.least_effect_px).max(MOVED_EFFECT * samples.median_px(&fitted.camera));
+        let is_seen = |effect_px: f64| effect_px > least_px;
         if let Some((cause, cost, _)) = changed.filter(|it| is_seen(it.2)) {
             // A lens that differs from its model looks like a move where the light goes from one part of the picture to another.
             let lens = [Extra::Focal, Extra::Aspect, Extra::Principal, Extra::Distortion, Extra::Distortion2];
@@ -413,7 +416,7 @@ impl<'a> Rest<'a> {
 /// the picture of where the light of either part is seen with its pose from where it is seen with one pose for all [px].
 fn moved(samples: &Samples, camera: &Camera, seed: u64) -> Option<(Cause, f64, f64)> {
     let n = samples.len();
-    let least = (n / 12).max(LEAST_SAMPLES / 2);
+    let least = (n / 8).max(LEAST_SAMPLES / 2);
     if n < 4 * least {
         return None;
     }

@@ -10,8 +10,7 @@ use foveate_calibration::quality::quality;
 use foveate_calibration::recording::Recording;
 use foveate_calibration::report::{self, Grade, ReportInput};
 use foveate_calibration::room::{Origin, SolvedRoom};
-use foveate_calibration::solved::SolvedCamera;
-use foveate_geometry::{Camera, CameraStatus};
+use foveate_geometry::Camera;
 use foveate_scene::{Calibration, Draft, Head, NamedCamera};
 use serde_json::{Map, Value};
 
@@ -108,8 +107,11 @@ pub(super) fn conclude(
         say(&format!("{command}\n"));
     }
     if args.write {
-        let worse =
-            if more.has_older_poses { worse_than_older(room, more.older.as_ref(), args.inlier_px) } else { None };
+        let worse = if more.has_older_poses {
+            worse_than_older(room, &calibration, more.older.as_ref(), args.inlier_px)
+        } else {
+            None
+        };
         say(&replace(older, &text, checks, &carried.lost, worse)?);
     }
     say(&format!("results: {}/\n  {}\n", folder.display(), files.join("  ")));
@@ -142,14 +144,19 @@ fn asked(args: &CalibrateArgs, is_board: bool) -> advice::Asked {
     }
 }
 
-/// By what the room is worse than the older calibration on the same observations.
-fn worse_than_older(room: &SolvedRoom, older: Option<&Calibration>, inlier_px: f64) -> Option<String> {
-    let cameras = &room.solved.cameras;
-    let before: Vec<Option<Camera>> = cameras.iter().map(|it| older?.camera(&it.name).cloned()).collect();
-    let is_found = |it: &&SolvedCamera| it.status == CameraStatus::Calibrated;
-    let now: Vec<Option<Camera>> =
-        cameras.iter().map(|it| Some(it).filter(is_found).map(|it| it.camera.clone())).collect();
-    quality(&room.solved, &now, inlier_px).worse_than(&quality(&room.solved, &before, inlier_px))
+/// By what `newer` is worse than the older calibration on the same observations.
+fn worse_than_older(
+    room: &SolvedRoom,
+    newer: &Calibration,
+    older: Option<&Calibration>,
+    inlier_px: f64,
+) -> Option<String> {
+    let of = |calibration: Option<&Calibration>| {
+        let cameras: Vec<Option<Camera>> =
+            room.solved.cameras.iter().map(|it| calibration?.camera(&it.name).cloned()).collect();
+        quality(&room.solved, &cameras, inlier_px)
+    };
+    of(Some(newer)).worse_than(&of(older))
 }
 
 fn page(
