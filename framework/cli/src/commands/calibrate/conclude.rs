@@ -195,15 +195,15 @@ fn replace(
     if checks.verdict.level == Level::Redo {
         return Ok(format!("{} stays as it is: the verdict is \"redo\"\n", older.display()));
     }
-    if let Some(worse) = worse {
-        return Ok(format!("{} stays as it is, since the new one is worse: {worse}\n", older.display()));
-    }
     if !lost.is_empty() {
         return Ok(format!(
             "{} stays as it is, since {} would be lost: not calibrated; the others stand in the results' calibration.toml\n",
             older.display(),
             lost.join(", ")
         ));
+    }
+    if let Some(worse) = worse {
+        return Ok(format!("{} stays as it is, since the new one is worse: {worse}\n", older.display()));
     }
     let backups = (1..)
         .map(|it| older.with_extension(if it == 1 { "before.toml".to_owned() } else { format!("before-{it}.toml") }));
