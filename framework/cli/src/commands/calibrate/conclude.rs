@@ -141,6 +141,7 @@ fn asked(args: &CalibrateArgs, is_board: bool) -> advice::Asked {
         optics: args.optics.map(Optics::name),
         kept: [inlier_px, from, wand].into_iter().flatten().collect(),
         is_board,
+        is_wand: args.wand_mm.is_some(),
     }
 }
 
