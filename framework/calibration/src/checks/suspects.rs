@@ -39,7 +39,7 @@ const LEAST_SAMPLES: usize = 20;
 const FAR: f64 = 5.0;
 /// A camera that moved sees the light of one part so much farther from where one pose for all has it than from where two poses have it, as a
 /// ratio of medians [–].
-const MOVED_EFFECT: f64 = 3.0;
+const MOVED_EFFECT: f64 = 2.0;
 /// With a larger share of such sightings, poses are searched for, not only refined.
 const SEARCH_SHARE: f64 = 0.1;
 /// A cause must explain this part of the excess.
