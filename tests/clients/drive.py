@@ -111,18 +111,15 @@ class SerialInquirer(Inquirer):
         raise AssertionError(f"no answer: {found.hex()}")
 
     def ask(self, *code):
-        found = b""
-        # The client under test reads the same line and may take an answer that was meant for here: an inquiry is asked again.
-        for _ in range(5):
-            self.port.write(bytes([0x81, 0x09, *code, 0xFF]))
-            end = time.monotonic() + 2
-            while time.monotonic() < end:
-                found += self.port.read_all()
-                for packet in found.split(b"\xff")[:-1]:
-                    # Completions of what is still on its way are not what was asked for.
-                    if packet[:2] == b"\x90\x50":
-                        return packet[2:]
-                time.sleep(0.002)
+        self.port.write(bytes([0x81, 0x09, *code, 0xFF]))
+        end, found = time.monotonic() + 5, b""
+        while time.monotonic() < end:
+            found += self.port.read_all()
+            for packet in found.split(b"\xff")[:-1]:
+                # Completions of what is still on its way are not what was asked for.
+                if packet[:2] == b"\x90\x50":
+                    return packet[2:]
+            time.sleep(0.002)
         raise AssertionError(f"no answer to {code}: {found.hex()}")
 
 
