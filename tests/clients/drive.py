@@ -111,15 +111,18 @@ class SerialInquirer(Inquirer):
         raise AssertionError(f"no answer: {found.hex()}")
 
     def ask(self, *code):
-        self.port.write(bytes([0x81, 0x09, *code, 0xFF]))
-        end, found = time.monotonic() + 5, b""
-        while time.monotonic() < end:
-            found += self.port.read_all()
-            for packet in found.split(b"\xff")[:-1]:
-                # Completions of what is still on its way are not what was asked for.
-                if packet[:2] == b"\x90\x50":
-                    return packet[2:]
-            time.sleep(0.002)
+        # The client empties the line before it asks, and what it empties may be this answer: ask again.
+        for _ in range(10):
+            self.port.reset_input_buffer()
+            self.port.write(bytes([0x81, 0x09, *code, 0xFF]))
+            end, found = time.monotonic() + 1, b""
+            while time.monotonic() < end:
+                found += self.port.read_all()
+                for packet in found.split(b"\xff")[:-1]:
+                    # Completions of what is still on its way are not what was asked for.
+                    if packet[:2] == b"\x90\x50":
+                        return packet[2:]
+                time.sleep(0.002)
         raise AssertionError(f"no answer to {code}: {found.hex()}")
 
 
@@ -140,6 +143,19 @@ class Covered:
 
 def equal(found, expected, what):
     assert found == expected, f"{what}: found {found}, expected {expected}"
+
+
+def becomes(call, expected, what):
+    """A client takes the first packet that comes for the answer, also where it completes an earlier command: it may ask until the line is quiet."""
+    for _ in range(20):
+        try:
+            found = call()
+        except (IndexError, ValueError) as error:
+            found = error
+        if found == expected:
+            return
+        time.sleep(0.1)
+    equal(found, expected, what)
 
 
 def refused(call, code, what):
@@ -343,7 +359,8 @@ def over_serial(program):
         equal(asked.rest(), (200, 0), "set_pan")
         done("set_tilt", 90, 20)
         equal(asked.rest(), (200, 90), "set_tilt")
-        equal((camera.get_pan(), camera.get_tilt()), (200, 90), "get_pan, get_tilt")
+        becomes(camera.get_pan, 200, "get_pan")
+        becomes(camera.get_tilt, 90, "get_tilt")
         done("set_pan_rel", 50, 20)
         done("set_tilt_rel", 30, 20)
         assert asked.rest()[1] == 120
@@ -386,7 +403,8 @@ def over_serial(program):
         # Zoom and focus.
         done("set_zoom", 400)
         asked.rest()
-        equal((asked.zoom(), camera.get_zoom()), (400, 400), "set_zoom")
+        equal(asked.zoom(), 400, "set_zoom")
+        becomes(camera.get_zoom, 400, "get_zoom")
         done("set_zoom_rel", -100)
         asked.rest()
         equal(asked.zoom(), 300, "set_zoom_rel")
@@ -432,11 +450,11 @@ def over_serial(program):
 
         # Power, and the package's own care of its port.
         done("power", 0)
-        equal(camera.get_power(), 0, "power off")
+        becomes(camera.get_power, 0, "power off")
         done("power", 1)
-        equal(camera.get_power(), 1, "power on")
+        becomes(camera.get_power, 1, "power on")
         time.sleep(3.5)
-        assert camera.inq("81090002FF").startswith("9050"), "inq"
+        becomes(lambda: camera.inq("81090002FF")[:4], "9050", "inq")
         camera.reset_input_buffer()
         camera.reset_port()
         asked.port = camera.of._output
