@@ -9,8 +9,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use foveate::prelude::*;
-use foveate_dataflow::rig::{self, Overrides};
-use foveate_dataflow::run::{self, Options};
+use foveate_engine::{self as engine, Options};
+use foveate_rig::{self as rig, Overrides};
 use foveate_testkit::nodes::Blob;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -65,7 +65,7 @@ fn chain_ns(length: usize, size: usize, count: u64) -> f64 {
             Err(faults) => panic!("{}", faults.render(false)),
         };
         let start = Instant::now();
-        let outcome = run::deterministic(graph, &Options::default(), &mut |_| {});
+        let outcome = engine::deterministic(graph, &Options::default(), &mut |_| {});
         assert!(outcome.is_ok_and(|it| it.ledgers.iter().all(|edge| edge.delivered == count)));
         start.elapsed().as_nanos() as f64 / count as f64
     });

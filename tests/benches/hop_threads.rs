@@ -8,9 +8,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use foveate::prelude::*;
-use foveate_dataflow::rig::{self, Overrides};
-use foveate_dataflow::run::{self, Options};
+use foveate_engine::{self as engine, Options};
 use foveate_messages::{Message, SpaceKind};
+use foveate_rig::{self as rig, Overrides};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -136,7 +136,7 @@ fn chain_ns(folder: &Path, length: usize) -> (u64, u64) {
             Ok(graph) => Arc::new(graph),
             Err(faults) => panic!("{}", faults.render(false)),
         };
-        let outcome = run::live(graph, &Options { workers: Some(2), ..Options::default() }, &mut |_| {});
+        let outcome = engine::live(graph, &Options { workers: Some(2), ..Options::default() }, &mut |_| {});
         assert!(outcome.is_ok_and(|it| it.faults.is_empty()));
         let mut took_ns = std::mem::take(&mut *TOOK_NS.lock().unwrap_or_else(PoisonError::into_inner));
         took_ns.sort_unstable();

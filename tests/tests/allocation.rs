@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use foveate::prelude::*;
-use foveate_dataflow::rig::{self, Overrides};
-use foveate_dataflow::run::{self, Options};
+use foveate_engine::{self as engine, Options};
+use foveate_rig::{self as rig, Overrides};
 use foveate_testkit::allocation::{self, Counting};
 use foveate_testkit::nodes::Blob;
 use schemars::JsonSchema;
@@ -74,7 +74,7 @@ fn steady_state_allocates_nothing() {
         Err(faults) => panic!("{}", faults.render(false)),
     };
     // Progress is for people and may allocate; it is not asked for in the short time that this takes.
-    let outcome = run::deterministic(Arc::new(graph), &Options::default(), &mut |_| {}).unwrap();
+    let outcome = engine::deterministic(Arc::new(graph), &Options::default(), &mut |_| {}).unwrap();
     assert!(outcome.ledgers.iter().all(|it| it.delivered > 0));
     let (warm, end) = (AT_WARM.load(Ordering::Relaxed), AT_END.load(Ordering::Relaxed));
     assert!(warm > 0);

@@ -5,11 +5,11 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use foveate_dataflow::error::Blame;
-use foveate_dataflow::graph::Graph;
-use foveate_dataflow::rig::{self, Overrides};
-use foveate_dataflow::run::{self, Options, Outcome};
-use foveate_dataflow::{Registry, Time};
+use foveate_engine::{self as engine, Options, Outcome};
+use foveate_node::error::Blame;
+use foveate_node::{Registry, Time};
+use foveate_rig::graph::Graph;
+use foveate_rig::{self as rig, Overrides};
 use foveate_testkit::nodes::{Collected, collected};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,7 +47,7 @@ fn load(text: &str, path: &Path) -> Arc<Graph> {
 #[track_caller]
 fn play(engine: Engine, nodes: &str, shelf: &str) -> (Outcome, Vec<Collected>) {
     let options = Options { workers: Some(3), ..Options::default() };
-    let engine = if engine == Engine::Live { run::live } else { run::deterministic };
+    let engine = if engine == Engine::Live { engine::live } else { engine::deterministic };
     let outcome = engine(graph(nodes), &options, &mut |_| {}).unwrap();
     (outcome, collected(shelf))
 }
@@ -187,7 +187,7 @@ fn slow_consumer_on_another_thread_loses_by_policy_and_the_books_balance() {
              [scale.room.node.c]\ntype = \"testkit.collect\"\ninto = \"{shelf}\"\nin = {{ numbers = \"b.numbers\" }}\n"
         );
         let options = Options { workers: Some(2), ..Options::default() };
-        let outcome = run::live(graph_with_cameras(&rig), &options, &mut |_| {}).unwrap();
+        let outcome = engine::live(graph_with_cameras(&rig), &options, &mut |_| {}).unwrap();
         let edge = &outcome.ledgers[0];
         let found = numbers(&collected(&shelf));
         assert_eq!(edge.delivered + edge.dropped, 100, "{policy}: all that was sent is accounted for");
@@ -208,7 +208,7 @@ fn stop_from_outside_ends_a_live_run_and_keeps_what_was_recovered() {
         std::thread::sleep(Duration::from_millis(150));
         stop.store(true, Ordering::Relaxed);
     });
-    let outcome = run::live(graph(&rig), &options, &mut |_| {}).unwrap();
+    let outcome = engine::live(graph(&rig), &options, &mut |_| {}).unwrap();
     let found = collected("stopped");
     assert!(outcome.interrupted);
     assert_eq!(numbers(&found), (0..found.len() as i64).collect::<Vec<_>>());

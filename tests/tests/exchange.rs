@@ -4,8 +4,8 @@ use std::fs;
 use std::sync::Arc;
 
 use foveate::prelude::*;
-use foveate_dataflow::rig::{self, Overrides};
-use foveate_dataflow::run::{self, Options};
+use foveate_engine::{self as engine, Options};
+use foveate_rig::{self as rig, Overrides};
 use foveate_testkit::scene::{add_spot, ring_calibration};
 use nalgebra::Point3;
 use schemars::JsonSchema;
@@ -143,7 +143,7 @@ fn only_the_type_and_its_settings_change_between_detectors() {
         let path = folder.path().join("exchange.toml");
         let graph = rig::load(&text, &path, &registry, &Overrides::default())
             .unwrap_or_else(|faults| panic!("{detector}: {}", faults.render(false)));
-        let outcome = run::deterministic(Arc::new(graph), &Options::default(), &mut |_| {}).unwrap();
+        let outcome = engine::deterministic(Arc::new(graph), &Options::default(), &mut |_| {}).unwrap();
         let figure = |name: &str| outcome.report.figures[name];
         println!("{detector}\n{:?}", outcome.report.figures);
         let expected = 4.0 * (END_S - SETTLED_S) * RATE_HZ;

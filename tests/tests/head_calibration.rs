@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use foveate::geometry::pan_tilt::{Axis, AxisUnits, Setting};
 use foveate::scene::calibration::Calibration;
-use foveate_dataflow::rig::{self, Overrides};
-use foveate_dataflow::run::{self, Options};
+use foveate_engine::{self as engine, Options};
+use foveate_rig::{self as rig, Overrides};
 use foveate_sim::head::{Axes, AxesSettings};
 use serde::Deserialize as _;
 
@@ -24,7 +24,7 @@ fn heads_that_nobody_knew_are_found_in_the_simulated_lab() {
     let graph = graph.unwrap_or_else(|faults| panic!("{faults}"));
     let results = tempfile::tempdir().unwrap();
     let options = Options { out_dir: Some(results.path().to_owned()), ..Options::default() };
-    let outcome = run::deterministic(Arc::new(graph), &options, &mut |_| ()).unwrap();
+    let outcome = engine::deterministic(Arc::new(graph), &options, &mut |_| ()).unwrap();
     let figures = &outcome.report.figures;
     let document: toml::Table = text.parse().unwrap();
     let given = Calibration::load(&path.with_file_name("pan_tilt_calibration.calibration.toml")).unwrap();

@@ -9,9 +9,9 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
-use foveate_dataflow::graph::Graph;
-use foveate_dataflow::rig::{self, Overrides};
-use foveate_dataflow::run::{self, Options, Outcome};
+use foveate_engine::{self as engine, Options, Outcome};
+use foveate_rig::graph::Graph;
+use foveate_rig::{self as rig, Overrides};
 use nalgebra::{Matrix3, Point3};
 
 /// Long enough to be lost and found again [s].
@@ -27,7 +27,7 @@ fn run_in(rig: &str, duration_s: f64, folder: &Path) -> (Arc<Graph>, Outcome) {
     let graph = rig::load_file(&path, &foveate_cli::registry(), &overrides).unwrap_or_else(|faults| panic!("{faults}"));
     let graph = Arc::new(graph);
     let options = Options { out_dir: Some(folder.to_owned()), ..Options::default() };
-    let outcome = run::deterministic(Arc::clone(&graph), &options, &mut |_| ()).unwrap();
+    let outcome = engine::deterministic(Arc::clone(&graph), &options, &mut |_| ()).unwrap();
     assert_eq!(outcome.faults, []);
     (graph, outcome)
 }

@@ -6,9 +6,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use foveate_dataflow::rig::{self, Overrides};
-use foveate_dataflow::run::{self, Options, Outcome};
-use foveate_dataflow::{Registry, Time};
+use foveate_engine::{self as engine, Options, Outcome};
+use foveate_node::{Registry, Time};
+use foveate_rig::{self as rig, Overrides};
 use foveate_testkit::nodes::{Collected, collected};
 
 /// A rig out of node tables, run on the logical clock.
@@ -21,7 +21,7 @@ fn play(nodes: &str, seed: u64, shelf: &str) -> (Outcome, Vec<Collected>) {
         Ok(graph) => Arc::new(graph),
         Err(faults) => panic!("{}", faults.render(false)),
     };
-    let outcome = run::deterministic(graph, &Options::default(), &mut |_| {}).unwrap();
+    let outcome = engine::deterministic(graph, &Options::default(), &mut |_| {}).unwrap();
     (outcome, collected(shelf))
 }
 

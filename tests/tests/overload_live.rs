@@ -5,9 +5,9 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::{Duration, Instant};
 
 use foveate::prelude::*;
-use foveate_dataflow::rig::{self, Overrides};
-use foveate_dataflow::run::{self, Options};
+use foveate_engine::{self as engine, Options};
 use foveate_messages::{Message, SpaceKind};
+use foveate_rig::{self as rig, Overrides};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -121,7 +121,7 @@ fn newest_of_each_starves_nobody_keeps_memory_bounded_and_counts_what_it_drops()
         Err(faults) => panic!("{}", faults.render(false)),
     };
     let options = Options { workers: Some(2), ..Options::default() };
-    let outcome = run::live(graph, &options, &mut |_| {}).unwrap();
+    let outcome = engine::live(graph, &options, &mut |_| {}).unwrap();
     let delivered: Vec<u64> = outcome.ledgers.iter().map(|it| it.delivered).collect();
     let total: u64 = delivered.iter().sum();
     assert!(total < CAMERAS as u64 * COUNT / 2, "it was not overloaded: {delivered:?}");

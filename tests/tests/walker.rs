@@ -12,8 +12,8 @@ use std::sync::Arc;
 
 use foveate::geometry::{Camera, triangulate_rays};
 use foveate::scene::calibration::Calibration;
-use foveate_dataflow::rig::{self, Overrides};
-use foveate_dataflow::run::{self, Options};
+use foveate_engine::{self as engine, Options};
+use foveate_rig::{self as rig, Overrides};
 use nalgebra::{Point2, Point3, Vector3};
 use serde_json::Value;
 
@@ -35,7 +35,7 @@ fn recovered(data: &Path) -> BTreeMap<usize, Point3<f64>> {
     let graph = rig::load(&text, &path, &registry, &Overrides::default()).unwrap_or_else(|faults| panic!("{faults}"));
     let results = tempfile::tempdir().unwrap();
     let options = Options { out_dir: Some(results.path().to_owned()), ..Options::default() };
-    run::deterministic(Arc::new(graph), &options, &mut |_| ()).unwrap();
+    engine::deterministic(Arc::new(graph), &options, &mut |_| ()).unwrap();
     let table = fs::read_to_string(results.path().join("targets.csv")).unwrap();
     let mut names = Vec::new();
     let rows = table.lines().skip(1).map(|row| {

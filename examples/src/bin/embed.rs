@@ -4,8 +4,8 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use foveate::dataflow::rig::{self, Overrides};
-use foveate::dataflow::run::{self, Options};
+use foveate::engine::{self, Options};
+use foveate::rig::{self, Overrides};
 
 /// The simulated lab for three seconds, with the node of this crate between the integrator and the score.
 const RIG: &str = r#"
@@ -60,7 +60,7 @@ fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
-    match run::deterministic(graph, &Options::default(), &mut |_| {}) {
+    match engine::deterministic(graph, &Options::default(), &mut |_| {}) {
         Ok(outcome) => {
             for name in SHOWN {
                 if let Some(value) = outcome.report.figures.get(name) {

@@ -14,8 +14,8 @@ mod sim;
 use std::path::{Path, PathBuf};
 
 use clap::{CommandFactory, Parser, Subcommand, ValueEnum};
-use foveate_dataflow::graph::Graph;
-use foveate_dataflow::rig::{self, Overrides};
+use foveate_rig::graph::Graph;
+use foveate_rig::{self as rig, Overrides};
 
 use crate::output::{say, wants_color};
 use crate::{exit, registry};

@@ -17,7 +17,7 @@ pub mod output;
 pub mod progress;
 pub mod results;
 
-use foveate_dataflow::Registry;
+use foveate_node::Registry;
 
 /// Every node type that this program is built with: each plugin is named here once.
 pub fn registry() -> Registry {

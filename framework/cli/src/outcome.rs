@@ -7,9 +7,9 @@ use std::collections::btree_map::Entry;
 use std::fmt::Write;
 use std::path::Path;
 
-use foveate_dataflow::error::Blame;
-use foveate_dataflow::graph::Graph;
-use foveate_dataflow::run::{Outcome, Unmet};
+use foveate_engine::{Outcome, Unmet};
+use foveate_node::error::Blame;
+use foveate_rig::graph::Graph;
 
 use crate::exit;
 

@@ -6,9 +6,9 @@ use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use foveate_dataflow::graph::Graph;
-use foveate_dataflow::run::Progress;
+use foveate_engine::Progress;
 use foveate_messages::CameraId;
+use foveate_rig::graph::Graph;
 
 /// Where nobody watches a terminal, one line in so long.
 const PLAIN_PERIOD: Duration = Duration::from_secs(5);
@@ -51,7 +51,7 @@ impl Line {
         let mut heads = BTreeSet::new();
         let kinds = graph.edges.iter().map(|edge| {
             let producer = &graph.instances[edge.from.0].node_type;
-            if producer.role == foveate_dataflow::Role::Actuator
+            if producer.role == foveate_node::Role::Actuator
                 && heads.insert(edge.from.0)
                 && producer.ports.outputs[edge.from.1].message.name == "head_report"
             {
@@ -61,11 +61,11 @@ impl Line {
                 return Kind::Other;
             }
             match (producer.ports.outputs[edge.from.1].message.name, producer.role) {
-                ("image" | "features", foveate_dataflow::Role::Source) => {
+                ("image" | "features", foveate_node::Role::Source) => {
                     let camera = graph.instances[edge.from.0].camera;
                     Kind::Seen(camera.map_or(Eye::Source(edge.from.0), Eye::Camera))
                 }
-                ("targets", foveate_dataflow::Role::Integrator) => Kind::Targets,
+                ("targets", foveate_node::Role::Integrator) => Kind::Targets,
                 _ => Kind::Other,
             }
         });

@@ -6,8 +6,8 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use foveate_dataflow::graph::Graph;
-use foveate_dataflow::run::Outcome;
+use foveate_engine::Outcome;
+use foveate_rig::graph::Graph;
 use serde_json::{Map, Value, json};
 
 pub use self::folder::{ResultsFolder, abandon, make_folder};
@@ -45,7 +45,7 @@ pub fn write_outcome(folder: &Path, graph: &Graph, outcome: &Outcome) -> Result<
 /// the rig asks for it with `report_speed`.
 pub fn summary(outcome: &Outcome, report_speed: bool) -> String {
     let mut figures: Map<String, Value> = Map::new();
-    let sum = |of: fn(&foveate_dataflow::ledger::Ledger) -> u64| outcome.ledgers.iter().map(of).sum::<u64>();
+    let sum = |of: fn(&foveate_engine::ledger::Ledger) -> u64| outcome.ledgers.iter().map(of).sum::<u64>();
     figures.insert("session_s".into(), number(outcome.ended.as_s()));
     figures.insert("messages.delivered".into(), json!(sum(|it| it.delivered)));
     figures.insert("messages.dropped".into(), json!(sum(|it| it.dropped)));

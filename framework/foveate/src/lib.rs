@@ -1,24 +1,28 @@
 //! What authors of nodes and embedders depend on: the rooms re-exported, and a prelude. No code of its own.
 
 pub use foveate_calibration as calibration;
-pub use foveate_dataflow as dataflow;
+pub use foveate_diagnostics as diagnostics;
+pub use foveate_engine as engine;
 pub use foveate_estimation as estimation;
 pub use foveate_geometry as geometry;
 pub use foveate_imaging as imaging;
 pub use foveate_messages as messages;
 pub use foveate_motion as motion;
+pub use foveate_node as node;
+pub use foveate_rig as rig;
 pub use foveate_scene as scene;
+pub use foveate_time as time;
 
 /// What nearly every node file needs.
 pub mod prelude {
-    pub use foveate_dataflow::{
-        ConfigError, Due, In, Interval, Io, Message, Node, NodeError, Out, Plan, Pool, Ports, Purpose, Registry,
-        Report, Role, Setup, Stamp, Stamped, Time,
-    };
     pub use foveate_messages::{
         Assignment, CameraChoice, CameraId, CameraSet, Feature, Features, HeadCommand, HeadEvent, HeadLink, HeadOrder,
         HeadPose, HeadPosition, HeadReport, How, Image, Mark, MarkGuide, Marks, PixelFormat, ScaleSpace, SubRegion,
         Target, TargetId, Targets,
+    };
+    pub use foveate_node::{
+        ConfigError, Due, In, Interval, Io, Message, Node, NodeError, Out, Plan, Pool, Ports, Purpose, Registry,
+        Report, Role, Setup, Stamp, Stamped, Time,
     };
     pub use foveate_scene::CalibratedHead;
 }

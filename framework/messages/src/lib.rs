@@ -20,7 +20,6 @@ mod features;
 mod head;
 mod image;
 mod marks;
-mod stamped;
 mod sub_region;
 mod targets;
 
@@ -28,10 +27,10 @@ use std::any::Any;
 
 pub use camera_set::{CameraChoice, CameraId, CameraSet};
 pub use features::{Feature, Features};
+pub use foveate_time::{Interval, SourceId, Stamp, Stamped, Time};
 pub use head::{HeadCommand, HeadEvent, HeadLink, HeadOrder, HeadPose, HeadPosition, HeadReport};
 pub use image::{Image, PixelFormat, Window};
 pub use marks::{GuidedMark, Mark, MarkGuide, Marks, ShapeFit};
-pub use stamped::{Interval, SourceId, Stamp, Stamped, Time};
 pub use sub_region::{Assignment, ScaleId, ScaleSpace, SubRegion};
 pub use targets::{How, Target, TargetId, Targets};
 

@@ -26,6 +26,7 @@ pub mod heads;
 mod multi_cam_self_cal;
 mod natural_order;
 mod pose2sim;
+pub mod selection;
 pub mod shape_file;
 mod shared_lens;
 pub mod skeleton;

@@ -1,7 +1,7 @@
 //! A camera that is knocked, and stays turned.
 
-use foveate_dataflow::{ConfigError, Setup, Time};
 use foveate_geometry::Camera;
+use foveate_node::{ConfigError, Setup, Time};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

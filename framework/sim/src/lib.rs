@@ -26,7 +26,7 @@ pub mod score;
 pub mod timing;
 pub mod world;
 
-use foveate_dataflow::Registry;
+use foveate_node::Registry;
 
 /// Makes the nodes of this room known.
 pub fn register(registry: &mut Registry) {

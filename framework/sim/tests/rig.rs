@@ -3,10 +3,10 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use foveate_dataflow::rig::{self, Overrides};
-use foveate_dataflow::run::{self, Options, Outcome};
-use foveate_dataflow::{ConfigError, In, Io, Node, NodeError, Ports, Registry, Report, Role, Setup};
+use foveate_engine::{self as engine, Options, Outcome};
 use foveate_messages::Image;
+use foveate_node::{ConfigError, In, Io, Node, NodeError, Ports, Registry, Report, Role, Setup};
+use foveate_rig::{self as rig, Overrides};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -93,7 +93,7 @@ fn run_rig(seed: u64, camera_settings: &str, out_dir: Option<&Path>) -> Outcome 
     let path = foveate_testkit::data::workspace_root().join("graphs/sim-test.toml");
     let graph = rig::load(&text, &path, &registry, &Overrides::default()).unwrap_or_else(|faults| panic!("{faults}"));
     let options = Options { out_dir: out_dir.map(Path::to_owned), ..Options::default() };
-    run::deterministic(Arc::new(graph), &options, &mut |_| ()).unwrap()
+    engine::deterministic(Arc::new(graph), &options, &mut |_| ()).unwrap()
 }
 
 #[test]

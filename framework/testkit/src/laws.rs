@@ -1,7 +1,7 @@
 //! Checks that hold for every camera model, derivative and node: one call each.
 
-use foveate_dataflow::{Node, Registry};
 use foveate_geometry::Camera;
+use foveate_node::{Node, Registry};
 use nalgebra::{DMatrix, DVector, Point2};
 use serde_json::Value;
 

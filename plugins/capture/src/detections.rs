@@ -5,7 +5,7 @@
 
 use std::path::PathBuf;
 
-use foveate::dataflow::setup::expand_path;
+use foveate::node::setup::expand_path;
 use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -7,9 +7,9 @@ use std::io::Read;
 use std::sync::Arc;
 use std::time::Instant;
 
-use foveate::dataflow::rig::{self, Overrides};
-use foveate::dataflow::run::{self, Options};
+use foveate::engine::{self, Options};
 use foveate::prelude::*;
+use foveate::rig::{self, Overrides};
 use foveate_testkit::scene::ring_calibration;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use schemars::JsonSchema;
@@ -106,7 +106,7 @@ fn main() {
             .unwrap_or_else(|faults| panic!("{}", faults.render(false)));
         let options = Options { out_dir: Some(folder.path().to_owned()), ..Options::default() };
         let start = Instant::now();
-        let outcome = run::deterministic(Arc::new(graph), &options, &mut |_| {}).expect("a run");
+        let outcome = engine::deterministic(Arc::new(graph), &options, &mut |_| {}).expect("a run");
         let wall_s = start.elapsed().as_secs_f64();
         let figure = |name: &str| outcome.report.figures[&format!("{kind}.{name}")];
         let path = folder.path().join(format!("motion.{kind}"));

@@ -423,8 +423,8 @@ mod tests {
 
     #[test]
     fn targets_of_a_moving_scale_need_its_anchors() {
-        use foveate::dataflow::scale::{ScalePlace, ScaleTree};
         use foveate::messages::ScaleId;
+        use foveate::node::scale::{ScalePlace, ScaleTree};
         let place = |name: &str, parent, is_anchored| ScalePlace { name: name.to_owned(), parent, is_anchored };
         let places = [place("room", None, false), place("face", Some(ScaleId(0)), true)];
         let scales = ScaleTree { own: ScaleId(1), places: places.into() };

@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use foveate::dataflow::scale::Spaces;
 use foveate::messages::ScaleId;
+use foveate::node::scale::Spaces;
 use foveate::prelude::*;
 use foveate::scene::{LengthUnit, UncertainPose};
 use nalgebra::Isometry3;

@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use foveate::dataflow::scale::Spaces;
+use foveate::node::scale::Spaces;
 use foveate::prelude::*;
 use foveate::scene::LengthUnit;
 use nalgebra::{Matrix3, Point3};

@@ -5,11 +5,11 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
-use foveate::dataflow::rig::{self, Overrides};
-use foveate::dataflow::run::{self, Options};
+use foveate::engine::{self, Options};
 use foveate::estimation::random::Random;
 use foveate::motion::{c3d, trc};
 use foveate::prelude::*;
+use foveate::rig::{self, Overrides};
 use foveate_testkit::scene::ring_calibration;
 use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Quaternion, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
@@ -290,7 +290,7 @@ fn run_into(folder: &Path, duration_s: f64, exports: &[(&str, &str, &str)]) {
     let graph = rig::load(&text, &folder.join("formats.toml"), &registry, &Overrides::default())
         .unwrap_or_else(|faults| panic!("{}", faults.render(false)));
     let options = Options { out_dir: Some(folder.to_owned()), ..Options::default() };
-    run::deterministic(Arc::new(graph), &options, &mut |_| {}).unwrap();
+    engine::deterministic(Arc::new(graph), &options, &mut |_| {}).unwrap();
 }
 
 const BOTH: &str = "in = { targets = \"track.targets\", marks = \"track.marks\" }\nrate_hz = 60.0";

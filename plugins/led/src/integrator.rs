@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use foveate::dataflow::scale::Spaces;
 use foveate::estimation::consistency::Verdict;
+use foveate::node::scale::Spaces;
 use foveate::prelude::*;
 use nalgebra::Point3;
 

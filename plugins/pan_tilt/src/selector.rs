@@ -1,7 +1,7 @@
 //! `pan_tilt.selector`: keeps a head on a target.
 
-use foveate::dataflow::scale::Spaces;
 use foveate::messages::ScaleId;
+use foveate::node::scale::Spaces;
 use foveate::prelude::*;
 
 use crate::follow::{FollowSettings, Follower, Lead};

@@ -3,9 +3,9 @@
 use std::fs;
 use std::sync::Arc;
 
-use foveate::dataflow::rig::{self, Overrides};
-use foveate::dataflow::run::{self, Options};
+use foveate::engine::{self, Options};
 use foveate::prelude::*;
+use foveate::rig::{self, Overrides};
 use foveate_testkit::scene::ring_calibration;
 use nalgebra::{Matrix6, Point2, Point3, Vector3};
 use schemars::JsonSchema;
@@ -170,7 +170,7 @@ fn parts_follow_the_target_and_the_gate_lets_through_those_that_see_it() {
     registry.add::<Judge>();
     let graph = rig::load(RIG, &folder.path().join("select.toml"), &registry, &Overrides::default())
         .unwrap_or_else(|faults| panic!("{}", faults.render(false)));
-    let outcome = run::deterministic(Arc::new(graph), &Options::default(), &mut |_| {}).unwrap();
+    let outcome = engine::deterministic(Arc::new(graph), &Options::default(), &mut |_| {}).unwrap();
     let figures = outcome.report.figures;
     let each = |what: &str, name: fn(&str, u32) -> String| -> Vec<f64> {
         (1..=8).map(|it| figures[&name(what, it)]).collect()

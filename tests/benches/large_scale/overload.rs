@@ -4,10 +4,10 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use foveate_dataflow::Registry;
-use foveate_dataflow::rig::{self, Overrides};
-use foveate_dataflow::run::{self, Options as RunOptions};
+use foveate_engine::{self as engine, Options as RunOptions};
 use foveate_export::plot::legend::COLOURS;
+use foveate_node::Registry;
+use foveate_rig::{self as rig, Overrides};
 use foveate_testkit::nodes::collected;
 
 use crate::Options;
@@ -65,7 +65,8 @@ fn play(take: &str) -> Result<([Vec<f64>; 3], f64), String> {
     );
     let graph = rig::load(&text, Path::new("overload.toml"), &registry, &Overrides::default());
     let graph = Arc::new(graph.map_err(|faults| faults.render(false))?);
-    let outcome = run::deterministic(graph, &RunOptions::default(), &mut |_| {}).map_err(|error| error.to_string())?;
+    let outcome =
+        engine::deterministic(graph, &RunOptions::default(), &mut |_| {}).map_err(|error| error.to_string())?;
     let mut updates = [const { Vec::new() }; 3];
     for it in collected(&shelf) {
         if let Some(of_camera) = updates.get_mut(it.stamp.source.0 as usize) {

@@ -9,9 +9,9 @@ use foveate_calibration::board::{self, Board, BoardRules, BoardSolution, Refused
 use foveate_calibration::recording::Recording;
 use foveate_calibration::room::{Cleaning, SolvedRoom};
 use foveate_calibration::solved::{FixedFreedoms, SightingRole, Solved};
-use foveate_dataflow::Node;
 use foveate_estimation::statistics::median;
 use foveate_geometry::{AlignmentRules, CameraStatus, align};
+use foveate_node::Node;
 
 use super::figures::errors;
 

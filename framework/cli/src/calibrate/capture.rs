@@ -11,10 +11,10 @@ use foveate_calibration::board::Board;
 use foveate_calibration::coverage::{Coverage, CoverageRules};
 use foveate_calibration::recording::{CameraGuess, Recording};
 use foveate_capture::detections::{Detections, DetectionsSettings, label_names};
-use foveate_dataflow::graph::{Graph, Instance};
-use foveate_dataflow::rig::{self, Overrides};
-use foveate_dataflow::run::{self, Options, Outcome, Progress};
-use foveate_dataflow::{Node, Registry, Role};
+use foveate_engine::{self as engine, Options, Outcome, Progress};
+use foveate_node::{Node, Registry, Role};
+use foveate_rig::graph::{Graph, Instance};
+use foveate_rig::{self as rig, Overrides};
 use foveate_scene::{Draft, WorkingVolume};
 
 use super::boards::{self, BoardWishes};
@@ -160,7 +160,7 @@ fn detectors(path: &Path, draft: &Draft, registry: &Registry, wishes: &Wishes) -
         duration_s: wishes.duration_s,
         calibration: Some(Arc::new(draft.calibration.clone())),
     };
-    let faults = |faults: rig::Faults| faults.render(wants_color());
+    let faults = |faults: rig::Diagnostics| faults.render(wants_color());
     let text =
         std::fs::read_to_string(path).map_err(|error| format!("error: cannot read {}: {error}", path.display()))?;
     let whole = rig::load(&text, path, registry, &overrides).map_err(faults)?;
@@ -171,11 +171,11 @@ fn detectors(path: &Path, draft: &Draft, registry: &Registry, wishes: &Wishes) -
     );
     let graph = rig::load(&format!("{text}{addition}"), path, registry, &overrides).map_err(faults)?;
     let is_board = |it: &&Instance| it.node_type.name == Detector::TYPE && it.node == node;
-    let settings = graph.instances.iter().find(is_board).and_then(|it| it.settings.resolved().ok());
-    let board = settings.and_then(|it| it.try_into().ok());
+    let settings = graph.instances.iter().find(is_board).map(|it| it.settings.as_any());
+    let board = settings.and_then(|it| it.downcast_ref().cloned());
     let is_table = |it: &&Instance| it.node_type.name == Detections::TYPE && it.node == node;
-    let settings = graph.instances.iter().find(is_table).and_then(|it| it.settings.resolved().ok());
-    let settings: Option<DetectionsSettings> = settings.and_then(|it| it.try_into().ok());
+    let settings = graph.instances.iter().find(is_table).map(|it| it.settings.as_any());
+    let settings: Option<&DetectionsSettings> = settings.and_then(|it| it.downcast_ref());
     let labels = settings.filter(|it| it.columns.is_empty()).map(|it| {
         let cameras = draft.calibration.cameras.iter().map(|it| it.name.as_str());
         label_names(&it.path, cameras, path.parent().unwrap_or(Path::new("")))
@@ -250,7 +250,7 @@ fn run(
             stop.store(true, Ordering::Relaxed);
         }
     };
-    let engine = if is_live { run::live } else { run::deterministic };
+    let engine = if is_live { engine::live } else { engine::deterministic };
     let outcome = engine(Arc::clone(graph), &options, &mut observe).map_err(|error| format!("error: {error}"));
     guide.end();
     let outcome = outcome?;

@@ -4,8 +4,8 @@ use std::io::{IsTerminal, Write};
 use std::sync::PoisonError;
 use std::time::{Duration, Instant};
 
-use foveate_dataflow::graph::Graph;
-use foveate_dataflow::run::Progress;
+use foveate_engine::Progress;
+use foveate_rig::graph::Graph;
 
 use super::recorder::Shared;
 use crate::output::wants_color;

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use foveate_calibration::axes::{Given, Place};
-use foveate_dataflow::rig::closest;
+use foveate_diagnostics::names::likely;
 use nalgebra::Point3;
 
 /// Longest distance in a room [m].
@@ -125,7 +125,7 @@ fn camera(name: &str, known: &Known<'_>) -> Result<(), String> {
         return Err(format!("camera {name} is left out by --cameras"));
     }
     let unique: BTreeSet<&str> = known.used.iter().copied().collect();
-    let meant = closest(name, unique.iter().copied()).map_or(String::new(), |it| format!(" (did you mean {it}?)"));
+    let meant = likely(name, unique.iter().copied()).map_or(String::new(), |it| format!(" (did you mean {it}?)"));
     let list: Vec<&str> = known.used.to_vec();
     Err(format!(
         "there is no camera {name}{meant}; the cameras are {}. A place where the light was begins with @",

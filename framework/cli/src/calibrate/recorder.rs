@@ -4,9 +4,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use foveate_calibration::coverage::Coverage;
 use foveate_calibration::recording::{Look, Spot};
-use foveate_dataflow::error::{ConfigError, NodeError};
-use foveate_dataflow::{In, Io, Node, Ports, Registry, Role, Setup};
 use foveate_messages::Features;
+use foveate_node::error::{ConfigError, NodeError};
+use foveate_node::{In, Io, Node, Ports, Registry, Role, Setup};
 use nalgebra::{Point2, Vector2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

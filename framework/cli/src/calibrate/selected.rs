@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use foveate_dataflow::rig::select;
+use foveate_scene::selection::select;
 use foveate_scene::{Calibration, Draft};
 
 /// Cameras of a calibration that are used.

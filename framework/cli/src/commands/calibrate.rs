@@ -16,8 +16,8 @@ use foveate_calibration::room::{self, RoomRules, SolvedRoom, Sought};
 use foveate_calibration::solved::{FixedFreedoms, SightingRole, Solved, SolvedCamera};
 use foveate_calibration::wand::{self, RefineRules, Wand, WandSample, WandSighting};
 use foveate_capture::labels::mirrored_pairs;
-use foveate_dataflow::graph::Graph;
 use foveate_geometry::CameraStatus;
+use foveate_rig::graph::Graph;
 use foveate_scene::{Calibration, Draft, LengthUnit};
 
 use self::conclude::{More, check_writable, conclude};

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use foveate_dataflow::rig::Overrides;
+use foveate_rig::Overrides;
 
 use super::load;
 use crate::exit;

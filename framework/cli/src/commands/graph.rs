@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use foveate_dataflow::rig::Overrides;
+use foveate_rig::Overrides;
 
 use super::{PictureFormat, complain, load};
 use crate::exit;

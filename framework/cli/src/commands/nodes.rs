@@ -2,10 +2,10 @@
 
 use std::fmt::Write;
 
-use foveate_dataflow::port::InputSpec;
-use foveate_dataflow::registry::NodeType;
-use foveate_dataflow::rig::closest;
-use foveate_dataflow::setting_docs::{SettingDoc, setting_docs};
+use foveate_diagnostics::names::likely;
+use foveate_node::port::InputSpec;
+use foveate_node::registry::NodeType;
+use foveate_node::setting_docs::{SettingDoc, setting_docs};
 
 use crate::output::say;
 use crate::{exit, registry};
@@ -28,7 +28,7 @@ pub(super) fn run(node_type: Option<&str>) -> u8 {
             exit::DONE
         }
         None => {
-            let hint = closest(name, registry.iter().map(|it| it.name))
+            let hint = likely(name, registry.iter().map(|it| it.name))
                 .map_or(String::new(), |it| format!(" (did you mean `{it}`?)"));
             eprintln!("error: no node type is named `{name}`{hint}; `foveate nodes` lists them all");
             exit::INPUT

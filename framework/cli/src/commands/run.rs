@@ -3,9 +3,9 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use foveate_dataflow::graph::Graph;
-use foveate_dataflow::rig::Overrides;
-use foveate_dataflow::run::{self, Options, Outcome, Progress};
+use foveate_engine::{self as engine, Options, Outcome, Progress};
+use foveate_rig::Overrides;
+use foveate_rig::graph::Graph;
 
 use super::{RunArgs, complain, load, load_quietly};
 use crate::outcome::{describe, exit_code, failures};
@@ -48,7 +48,7 @@ fn run_into(args: &RunArgs, graph: &Arc<Graph>, options: &Options) -> Result<Out
         }
     };
     let has_device = graph.instances.iter().any(|it| it.is_live());
-    let engine = if args.live || has_device { run::live } else { run::deterministic };
+    let engine = if args.live || has_device { engine::live } else { engine::deterministic };
     let outcome = engine(Arc::clone(graph), options, &mut observe).map_err(|error| error.to_string());
     line.end();
     outcome

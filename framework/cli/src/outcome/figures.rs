@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use foveate_dataflow::graph::Graph;
-use foveate_dataflow::run::Outcome;
+use foveate_engine::Outcome;
+use foveate_rig::graph::Graph;
 
 /// Lines shown of each scale at most, and of all scales together; the rest is in the file.
 const LINES_OF_SCALE: usize = 16;

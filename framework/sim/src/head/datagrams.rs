@@ -15,8 +15,8 @@
 use std::collections::VecDeque;
 use std::net::SocketAddr;
 
-use foveate_dataflow::ConfigError;
 use foveate_messages::Time;
+use foveate_node::ConfigError;
 
 use super::device::{Head, Tag};
 use super::settings::HeadSettings;

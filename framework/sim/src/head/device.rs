@@ -8,9 +8,9 @@
 use std::collections::VecDeque;
 use std::net::SocketAddr;
 
-use foveate_dataflow::ConfigError;
 use foveate_estimation::random::Random;
 use foveate_messages::{Interval, Time};
+use foveate_node::ConfigError;
 
 use super::mechanics::{Axis, Goal, TICK, Zoom};
 use super::picture::Picture;

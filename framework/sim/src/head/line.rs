@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
-use foveate_dataflow::ConfigError;
 use foveate_estimation::random::Random;
 use foveate_messages::{Interval, Time};
+use foveate_node::ConfigError;
 
 use super::device::{Head, Tag};
 use super::settings::{HeadSettings, LineSettings};

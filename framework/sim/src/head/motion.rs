@@ -6,11 +6,11 @@
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use foveate_dataflow::{ConfigError, Device, Line};
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
 use foveate_geometry::pan_tilt::{PanTiltHead, Setting};
 use foveate_messages::{CameraId, Interval, Message, SpaceKind, Time};
+use foveate_node::{ConfigError, Device, Line};
 
 use super::datagrams::NetworkHead;
 use super::device::Head;

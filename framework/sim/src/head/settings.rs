@@ -1,6 +1,6 @@
 //! What a simulated head is like. The defaults are the Sony EVI-D30 where its manuals give a figure, and say so where not.
 
-use foveate_dataflow::ConfigError;
+use foveate_node::ConfigError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

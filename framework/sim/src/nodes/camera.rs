@@ -1,9 +1,9 @@
 //! A simulated camera as a source: looks at the world at its own moments, delivers its fields later.
 
-use foveate_dataflow::{ConfigError, Due, In, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup};
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Image};
+use foveate_node::{ConfigError, Due, In, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup};
 
 use super::fields::Fields;
 use crate::bump::Pending;
@@ -150,7 +150,7 @@ fn check(settings: &CameraSettings) -> Result<(), ConfigError> {
 mod tests {
     use std::sync::Arc;
 
-    use foveate_dataflow::Time;
+    use foveate_node::Time;
     use foveate_testkit::check_node;
 
     use super::*;

@@ -1,7 +1,7 @@
 //! What all simulated cameras do around a field: late, lost and failed ones become gaps, and their clocks are reported.
 
-use foveate_dataflow::{Due, Io, Out, Report, Time};
 use foveate_messages::Message;
+use foveate_node::{Due, Io, Out, Report, Time};
 
 use crate::timing::{Arrival, Fate, Timing};
 

@@ -1,6 +1,6 @@
 //! A simulated pan-tilt head as a source: the line to it, and its motion.
 
-use foveate_dataflow::{ConfigError, Due, Io, Line, Node, NodeError, Out, Ports, Report, Role, Setup, Time};
+use foveate_node::{ConfigError, Due, Io, Line, Node, NodeError, Out, Ports, Report, Role, Setup, Time};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -6,12 +6,12 @@ use std::io::{BufWriter, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use foveate_dataflow::rig::matches;
-use foveate_dataflow::{ConfigError, In, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Time};
 use foveate_estimation::statistics;
 use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Features, HeadPose, TargetId};
+use foveate_node::{ConfigError, In, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Time};
 use foveate_scene::calibration::Calibration;
+use foveate_scene::selection::matches;
 use nalgebra::{Point2, Point3, Vector2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,7 @@
 //! The simulated lab as a source: the world once, and the truth about its targets again and again.
 
-use foveate_dataflow::{ConfigError, Due, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup, Time};
 use foveate_messages::Targets;
+use foveate_node::{ConfigError, Due, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup, Time};
 use foveate_scene::skeleton::SkeletonMotion;
 
 use crate::painted::{FaceSettings, FaceSource, PartKind, RecordedHead};

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use foveate_dataflow::{ConfigError, Due, In, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup, Time};
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Feature, Features, MarkGuide};
+use foveate_node::{ConfigError, Due, In, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup, Time};
 use nalgebra::{Matrix2, Point2, Vector2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -5,10 +5,10 @@ use std::io::{BufWriter, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use foveate_dataflow::{ConfigError, In, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Time};
 use foveate_estimation::statistics::percentile;
 use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Features, Marks};
+use foveate_node::{ConfigError, In, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Time};
 use foveate_scene::calibration::Calibration;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

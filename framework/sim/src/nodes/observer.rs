@@ -1,8 +1,8 @@
 //! An ideal detector as a source: features without pictures, for set-ups too large to render.
 
-use foveate_dataflow::{ConfigError, Due, In, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup};
 use foveate_geometry::Camera;
 use foveate_messages::Features;
+use foveate_node::{ConfigError, Due, In, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup};
 
 use super::fields::Fields;
 use crate::bump::Pending;

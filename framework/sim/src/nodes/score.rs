@@ -4,8 +4,8 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::PathBuf;
 
-use foveate_dataflow::{ConfigError, In, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup};
 use foveate_messages::Targets;
+use foveate_node::{ConfigError, In, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

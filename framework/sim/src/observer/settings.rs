@@ -1,6 +1,6 @@
 //! What an ideal detector is like.
 
-use foveate_dataflow::ConfigError;
+use foveate_node::ConfigError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -20,9 +20,9 @@ use std::fmt;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use foveate_dataflow::ConfigError;
 use foveate_estimation::random::Random;
 use foveate_messages::Time;
+use foveate_node::ConfigError;
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

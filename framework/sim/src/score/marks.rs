@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use foveate_dataflow::Report;
 use foveate_estimation::statistics::{median, percentile};
 use foveate_geometry::{Alignment, AlignmentRules, align};
 use foveate_messages::{CameraId, How, Marks, Time};
+use foveate_node::Report;
 use nalgebra::{Point3, Similarity3};
 
 /// A recovered mark farther than this from all true ones is none of them [m].

@@ -18,10 +18,10 @@ pub(crate) mod warmup;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
-use foveate_dataflow::Report;
 use foveate_estimation::assignment::{self, Workspace};
 use foveate_estimation::gospa::SetDistance;
 use foveate_messages::{TargetId, Targets};
+use foveate_node::Report;
 use nalgebra::Point3;
 
 use distances::Distances;

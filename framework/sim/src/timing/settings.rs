@@ -1,6 +1,6 @@
 //! What a simulated camera's clock, way of delivery and health are like; part of the settings of every simulated camera.
 
-use foveate_dataflow::{ConfigError, Plan};
+use foveate_node::{ConfigError, Plan};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

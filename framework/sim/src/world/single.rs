@@ -1,6 +1,6 @@
 //! One light by itself, in place of people: waved by hand, swung from side to side, or on a path from a file.
 
-use foveate_dataflow::ConfigError;
+use foveate_node::ConfigError;
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

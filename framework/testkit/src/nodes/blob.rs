@@ -1,7 +1,7 @@
 //! Blobs of any size, given and passed on without a copy or an allocation: for measuring what the engine itself costs.
 
-use foveate_dataflow::{ConfigError, Due, In, Io, Node, NodeError, Out, Pool, Ports, Role, Setup, Time};
 use foveate_messages::{Message, SpaceKind};
+use foveate_node::{ConfigError, Due, In, Io, Node, NodeError, Out, Pool, Ports, Role, Setup, Time};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

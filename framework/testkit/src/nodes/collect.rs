@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use foveate_dataflow::{ConfigError, In, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Stamp, Time};
+use foveate_node::{ConfigError, In, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Stamp, Time};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

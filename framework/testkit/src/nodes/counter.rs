@@ -1,6 +1,6 @@
 //! Counts: 0, 1, 2, … at a rate.
 
-use foveate_dataflow::{ConfigError, Due, Interval, Io, Node, NodeError, Out, Plan, Ports, Report, Role, Setup, Time};
+use foveate_node::{ConfigError, Due, Interval, Io, Node, NodeError, Out, Plan, Ports, Report, Role, Setup, Time};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use foveate_dataflow::{ConfigError, In, Io, Node, NodeError, Out, Ports, Role, Setup};
+use foveate_node::{ConfigError, In, Io, Node, NodeError, Out, Ports, Role, Setup};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

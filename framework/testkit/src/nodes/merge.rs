@@ -1,6 +1,6 @@
 //! Nodes that take from many sources: the newest of one of them, or one of each at the same capture time.
 
-use foveate_dataflow::{ConfigError, In, Io, Node, NodeError, Out, Ports, Role, Setup};
+use foveate_node::{ConfigError, In, Io, Node, NodeError, Out, Ports, Role, Setup};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -24,8 +24,8 @@ pub use blob::{Blob, BlobSource, BlobSourceSettings, Pass, PassSettings};
 pub use collect::{Collect, CollectSettings, Collected, collected};
 pub use counter::{Counter, CounterSettings};
 pub use faults::{Fail, FaultSettings, Panic, Slow, SlowSettings};
-use foveate_dataflow::Registry;
 use foveate_messages::{Message, Quality, SpaceKind};
+use foveate_node::Registry;
 pub use merge::{Join, MergeSettings, Newest};
 pub use relay::{Relay, RelaySettings};
 

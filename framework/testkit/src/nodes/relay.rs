@@ -1,6 +1,6 @@
 //! Passes numbers on, adding the newest one of an optional feedback input.
 
-use foveate_dataflow::{ConfigError, In, Io, Node, NodeError, Out, Ports, Role, Setup};
+use foveate_node::{ConfigError, In, Io, Node, NodeError, Out, Ports, Role, Setup};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

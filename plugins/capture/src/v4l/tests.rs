@@ -158,7 +158,7 @@ impl Node for Troubled {
 
 #[test]
 fn live_run_has_a_gap_for_each_frame_that_is_missing_and_goes_on() {
-    use foveate::dataflow::{rig, run};
+    use foveate::{engine, rig};
 
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
@@ -172,7 +172,7 @@ fn live_run_has_a_gap_for_each_frame_that_is_missing_and_goes_on() {
     registry.add::<Troubled>();
     let graph = rig::load_file(&folder.path().join("rig.toml"), &registry, &rig::Overrides::default());
     let graph = graph.unwrap_or_else(|faults| panic!("{}", faults.render(false)));
-    let outcome = run::live(graph.into(), &run::Options::default(), &mut |_| {}).unwrap();
+    let outcome = engine::live(graph.into(), &engine::Options::default(), &mut |_| {}).unwrap();
     let count =
         |reason: &str| -> u64 { outcome.gaps.iter().filter(|it| it.reason.contains(reason)).map(|it| it.count).sum() };
     assert_eq!((count("the driver lost"), count("is damaged")), (3, 1), "{:?}", outcome.gaps);

@@ -8,10 +8,10 @@ mod tests;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use foveate::dataflow::scale::Spaces;
 use foveate::estimation::Summary;
 use foveate::geometry::{FitRules, FittedShape, MarkSight, ShapeFitter};
 use foveate::messages::ShapeFit;
+use foveate::node::scale::Spaces;
 use foveate::prelude::*;
 use foveate::scene::{UncertainPose, load_shape_model, shape_model_to_toml};
 use nalgebra::{Matrix3, Matrix6, Point3, Vector3};

@@ -1,9 +1,9 @@
 //! Tests of the node: marks out as measured or filled, models acquired and read, targets in the space of the scale.
 
-use foveate::dataflow::scale::{ScalePlace, ScaleTree};
 use foveate::estimation::Random;
 use foveate::estimation::statistics::median;
 use foveate::messages::ScaleId;
+use foveate::node::scale::{ScalePlace, ScaleTree};
 use foveate_testkit::check_node;
 use nalgebra::{Isometry3, UnitQuaternion};
 

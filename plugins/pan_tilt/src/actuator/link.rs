@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use foveate::dataflow::Line;
+use foveate::node::Line;
 use foveate::prelude::{Interval, Time};
 
 use super::{STOP, Way};

@@ -11,7 +11,7 @@ mod units;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use foveate::dataflow::Line;
+use foveate::node::Line;
 use foveate::prelude::*;
 
 use crate::driver::{CommandId, Driver, Event, Link, Medium, What};

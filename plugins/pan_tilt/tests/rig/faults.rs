@@ -1,6 +1,6 @@
 //! A head that is unplugged, silent or garbled: shown, tried again, and the rig goes on.
 
-use foveate::dataflow::run::Outcome;
+use foveate::engine::Outcome;
 use foveate::prelude::*;
 
 use crate::parts::{Heard, WIRED, rig_text, run_rig, simulated};

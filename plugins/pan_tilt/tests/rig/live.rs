@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
 
-use foveate::dataflow::run::{self, Options, Outcome};
+use foveate::engine::{self, Options, Outcome};
 use foveate::prelude::*;
 use foveate_sim::head::serve::serve_udp;
 use foveate_sim::head::{HeadSettings, NetworkHead};
@@ -29,7 +29,7 @@ fn run_live(port: &str, orders: &str, mut is_enough: impl FnMut(&Heard) -> bool)
     assert!(graph.instances.iter().any(|it| it.is_live()));
     let options = Options::default();
     let stop = Arc::clone(&options.stop);
-    let outcome = run::live(Arc::new(graph), &options, &mut |_| {
+    let outcome = engine::live(Arc::new(graph), &options, &mut |_| {
         if is_enough(&heard.lock().unwrap()) {
             stop.store(true, Ordering::Relaxed);
         }

@@ -2,9 +2,9 @@
 
 use std::sync::{Arc, Mutex};
 
-use foveate::dataflow::rig::{self, Overrides};
-use foveate::dataflow::run::{self, Options, Outcome};
+use foveate::engine::{self, Options, Outcome};
 use foveate::prelude::*;
+use foveate::rig::{self, Overrides};
 use foveate_sim::head::HeadMotion;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -172,7 +172,7 @@ pub fn simulated(settings: &str) -> String {
 pub const WIRED: &str = r#"in = { commands = "orders.commands", line = "device.line" }"#;
 
 /// The checked rig, or what is wrong with it.
-pub fn load(text: &str) -> Result<(foveate::dataflow::graph::Graph, Arc<Mutex<Heard>>), String> {
+pub fn load(text: &str) -> Result<(foveate::rig::graph::Graph, Arc<Mutex<Heard>>), String> {
     let heard: Arc<Mutex<Heard>> = Arc::default();
     let mut registry = Registry::new();
     foveate_sim::register(&mut registry);
@@ -189,7 +189,7 @@ pub fn load(text: &str) -> Result<(foveate::dataflow::graph::Graph, Arc<Mutex<He
 #[track_caller]
 pub fn run_rig(text: &str) -> (Outcome, Heard) {
     let (graph, heard) = load(text).unwrap_or_else(|faults| panic!("{faults}"));
-    let outcome = run::deterministic(Arc::new(graph), &Options::default(), &mut |_| ()).unwrap();
+    let outcome = engine::deterministic(Arc::new(graph), &Options::default(), &mut |_| ()).unwrap();
     let heard = std::mem::take(&mut *heard.lock().unwrap());
     (outcome, heard)
 }

@@ -1,0 +1,194 @@
+//! Running a checked graph: deterministic (simulated and file-fed, one logical clock) or live (worker threads, wall clock).
+//!
+//! Both engines run the same fused stages: a message is carried through all nodes that it triggers before the
+//! next one is looked at. Queues stand only where a message changes threads.
+
+mod busy;
+mod deterministic;
+mod faults;
+mod gates;
+mod inbox;
+pub mod ledger;
+mod live;
+mod slot;
+mod stage;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use foveate_messages::Time;
+
+pub use faults::{FaultRecord, GapRecord};
+pub(crate) use gates::Gate;
+pub use gates::{Spell, Suspensions};
+
+use crate::ledger::Ledger;
+use foveate_node::error::{Blame, NodeError};
+use foveate_node::report::Report;
+use foveate_rig::graph::Graph;
+use stage::Stage;
+
+/// How often a run is shown.
+const PROGRESS_PERIOD: Duration = Duration::from_millis(200);
+
+/// How to run.
+#[derive(Clone, Default)]
+pub struct Options {
+    /// Folder for results; must exist. `None`: nothing is written.
+    pub out_dir: Option<PathBuf>,
+    /// Set from outside (Ctrl-C) to end the run; what was recovered is still finished and saved.
+    pub stop: Arc<AtomicBool>,
+    /// Worker threads of a live run; `None`: one for each core and one for what joins cameras.
+    pub workers: Option<usize>,
+}
+
+impl Options {
+    fn must_stop(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}
+
+/// Where a run is, for people to look at.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Progress {
+    /// Session time.
+    pub now: Time,
+    /// Time since the start.
+    pub wall: Duration,
+    /// What each edge measured so far, in the graph's order.
+    pub edges: Vec<EdgeView>,
+}
+
+/// One edge at one moment.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct EdgeView {
+    /// Messages delivered.
+    pub delivered: u64,
+    /// Deliveries a second [Hz].
+    pub rate_hz: Option<f64>,
+    /// Things in the last sampled payload.
+    pub count: Option<u32>,
+    /// Whether its requirement is unmet so far.
+    pub unmet: bool,
+}
+
+/// What a run leaves behind.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// Figures and files of the nodes.
+    pub report: Report,
+    /// What each edge measured, in the graph's order.
+    pub ledgers: Vec<Ledger>,
+    /// Requirements that were not met.
+    pub unmet: Vec<Unmet>,
+    /// Failures of nodes.
+    pub faults: Vec<FaultRecord>,
+    /// Missing data that nodes declared.
+    pub gaps: Vec<GapRecord>,
+    /// When scales were without their target.
+    pub suspensions: Vec<Suspensions>,
+    /// Session time at the end.
+    pub ended: Time,
+    /// Wall time from start to end.
+    pub wall: Duration,
+    /// Ended from outside.
+    pub interrupted: bool,
+}
+
+/// A requirement that was not met.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Unmet {
+    /// The edge.
+    pub edge: String,
+    /// What was measured and what was promised.
+    pub what: String,
+    /// Whether it was marked `must`.
+    pub must: bool,
+}
+
+impl Outcome {
+    /// Whose fault the worst failure is, if there was one.
+    pub fn blame(&self) -> Option<Blame> {
+        self.faults.iter().map(|it| it.blame).max()
+    }
+}
+
+/// Runs on one thread and one logical clock: the same bytes for the same rig, seed and files, as fast as the machine can.
+///
+/// # Errors
+/// A node that refuses to be made. Failures during the run are in the outcome.
+pub fn deterministic(
+    graph: Arc<Graph>,
+    options: &Options,
+    observe: &mut dyn FnMut(&Progress),
+) -> Result<Outcome, NodeError> {
+    deterministic::run(graph, options, observe)
+}
+
+/// Runs on worker threads and the wall clock: sources when they are due, queues between threads as the rig says.
+///
+/// # Errors
+/// A node that refuses to be made. Failures during the run are in the outcome.
+pub fn live(graph: Arc<Graph>, options: &Options, observe: &mut dyn FnMut(&Progress)) -> Result<Outcome, NodeError> {
+    live::run(graph, options, observe)
+}
+
+/// Views of the edges whose consumers run on `stage`, written into `views`.
+fn view_edges(graph: &Graph, stage: &Stage, views: &mut [EdgeView]) {
+    for ((end, edge), view) in stage.ends.iter().zip(&graph.edges).zip(views) {
+        if let Some(end) = end {
+            *view = EdgeView {
+                delivered: end.ledger.delivered,
+                rate_hz: end.ledger.rate_hz(),
+                count: end.ledger.count(),
+                unmet: edge
+                    .require
+                    .as_ref()
+                    .is_some_and(|it| end.ledger.delivered > 0 && !end.ledger.unmet(it).is_empty()),
+            };
+        }
+    }
+}
+
+/// Finishes all nodes and gathers what the run leaves behind.
+/// Part of the messages of an edge that may be dropped without a word.
+const QUIET_DROPS: f64 = 0.01;
+
+/// Says where messages were dropped since their consumer did not keep up.
+fn remark_drops(graph: &Graph, ledgers: &[Ledger], report: &mut Report) {
+    let of = |it: &Ledger| (it.dropped, it.dropped + it.delivered);
+    let (dropped, all) = ledgers.iter().map(of).fold((0, 0), |sum, it| (sum.0 + it.0, sum.1 + it.1));
+    let part = |it: &Ledger| it.dropped as f64 / (it.dropped + it.delivered).max(1) as f64;
+    let worst = graph.edges.iter().zip(ledgers).max_by(|a, b| part(a.1).total_cmp(&part(b.1)));
+    if let Some((edge, ledger)) = worst.filter(|it| part(it.1) > QUIET_DROPS) {
+        report.remark(format!(
+            "{dropped} of {all} messages were dropped since what they went to did not keep up; worst: {} of {} at {}",
+            ledger.dropped,
+            ledger.dropped + ledger.delivered,
+            edge.name
+        ));
+    }
+}
+
+fn conclude(graph: &Graph, mut stage: Stage, ended: Time, wall: Duration, interrupted: bool) -> Outcome {
+    let mut report = Report::default();
+    stage.flush(ended);
+    stage.finish(ended, &mut report);
+    let suspensions = stage.gates.conclude(ended);
+    for it in &suspensions {
+        report.figure(format!("scale.suspensions.{}", it.scale), it.count as f64);
+        report.figure(format!("scale.suspended_s.{}", it.scale), it.time.as_s());
+    }
+    let ledgers: Vec<Ledger> = stage.ends.into_iter().map(|end| end.map(|it| it.ledger).unwrap_or_default()).collect();
+    remark_drops(graph, &ledgers, &mut report);
+    let promises = graph.edges.iter().zip(&ledgers).filter_map(|(edge, ledger)| Some((edge, edge.require?, ledger)));
+    let unmet = promises.flat_map(|(edge, promise, ledger)| {
+        let sentences = ledger.unmet(&promise).into_iter();
+        sentences.map(move |what| Unmet { edge: edge.name.clone(), what, must: promise.must })
+    });
+    let unmet = unmet.collect();
+    let (faults, gaps) = stage.faults.into_records();
+    Outcome { report, ledgers, unmet, faults, gaps, suspensions, ended, wall, interrupted }
+}

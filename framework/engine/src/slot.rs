@@ -1,0 +1,152 @@
+//! One node at work: its inboxes, what leads to it and what leaves from it.
+
+use std::path::PathBuf;
+
+use crossbeam::channel::Sender;
+use foveate_messages::Time;
+
+use crate::busy::Work;
+use crate::gates::{Gate, Gates, is_anchor};
+use crate::inbox::{Fate, Inbox};
+use crate::ledger::Ledger;
+use crate::stage::Costs;
+use foveate_node::error::NodeError;
+use foveate_node::io::Packet;
+use foveate_node::registry::ErasedNode;
+use foveate_node::setup::Purpose;
+use foveate_rig::graph::{Graph, WhenFull};
+
+/// One node instance at work.
+pub(crate) struct Slot {
+    /// `None`: stopped after a failure.
+    pub(super) node: Option<Box<dyn ErasedNode>>,
+    pub(super) inboxes: Vec<Inbox>,
+    pub(super) latest: Vec<Vec<Option<Packet>>>,
+    /// By input port, by source: the edge that leads there.
+    pub(super) input_edges: Vec<Vec<usize>>,
+    /// By output port: the edges that leave from there.
+    pub(super) routes: Vec<Vec<Route>>,
+    pub(super) sequences: Vec<u64>,
+    /// What its turns cost on the logical clock, where they cost anything.
+    pub(super) work: Option<Box<Work>>,
+    /// What holds messages up while its scale is suspended.
+    pub(super) gate: Option<Gate>,
+    /// Whether it has neither: looked at on every hop.
+    pub(super) is_plain: bool,
+}
+
+/// How an edge is travelled.
+pub(crate) enum Route {
+    /// The consumer runs on the same worker.
+    Here(usize),
+    /// Not to a node: an anchor tells the gates where its scale is.
+    Told(usize),
+    /// Across threads.
+    Away {
+        edge: usize,
+        sender: Sender<Packet>,
+        receiver: crossbeam::channel::Receiver<Packet>,
+        when_full: WhenFull,
+        dropped: u64,
+    },
+}
+
+/// An edge as its consumer's worker sees it.
+pub(crate) struct EdgeEnd {
+    pub(super) to: (usize, usize),
+    pub(super) source: usize,
+    pub(crate) ledger: Ledger,
+}
+
+impl Slot {
+    pub(super) fn build(
+        graph: &Graph,
+        gates: &Gates,
+        index: usize,
+        out_dir: Option<PathBuf>,
+        costs: Costs,
+    ) -> Result<Slot, NodeError> {
+        let instance = &graph.instances[index];
+        let setup = graph.setup(index, out_dir, Purpose::Run);
+        let node = instance
+            .settings
+            .build(&setup)
+            .map_err(|refusal| NodeError::input(format_args!("{}: {}", instance.path, in_words(&refusal))))?;
+        let ports = &instance.node_type.ports;
+        let mut input_edges = vec![Vec::new(); ports.inputs.len()];
+        let mut routes: Vec<Vec<Route>> = ports.outputs.iter().map(|_| Vec::new()).collect();
+        for (number, edge) in graph.edges.iter().enumerate() {
+            if edge.to.0 == index {
+                input_edges[edge.to.1].push(number);
+            }
+            if edge.from.0 == index {
+                routes[edge.from.1].push(Route::Here(number));
+            }
+        }
+        if is_anchor(instance) {
+            // First, so that what follows the space finds the gate open.
+            routes.iter_mut().for_each(|it| it.insert(0, Route::Told(instance.scale)));
+        }
+        let inboxes = ports
+            .inputs
+            .iter()
+            .zip(&instance.takes)
+            .zip(&input_edges)
+            .map(|((port, &take), edges)| Inbox::new(take, edges.len(), setup.random.fork(port.name)));
+        let work = Work::new(instance.cost, setup.random.fork("cost_ms"));
+        let work = work.filter(|_| costs == Costs::Simulated).map(Box::new);
+        let gate = gates.before(instance);
+        Ok(Slot {
+            node: Some(node),
+            inboxes: inboxes.collect(),
+            latest: input_edges.iter().map(|edges| vec![None; edges.len()]).collect(),
+            input_edges,
+            routes,
+            sequences: vec![0; ports.outputs.len()],
+            is_plain: work.is_none() && gate.is_none(),
+            work,
+            gate,
+        })
+    }
+
+    /// Whether it may take a message right behind the turn that gave it.
+    #[inline]
+    pub(super) fn may_follow(&self) -> bool {
+        self.work.is_none() && self.is_open()
+    }
+
+    /// Whether its scale is not suspended, as far as that concerns it.
+    #[inline]
+    pub(super) fn is_open(&self) -> bool {
+        self.gate.as_ref().is_none_or(Gate::is_open)
+    }
+
+    pub(super) fn stop(&mut self, ends: &mut [Option<EdgeEnd>], now: Time) {
+        self.node = None;
+        for (inbox, edges) in self.inboxes.iter_mut().zip(&self.input_edges) {
+            inbox.close(&mut |source, fate| enter(&mut ends[edges[source]], now, fate));
+        }
+    }
+
+    /// The routes that leave this slot.
+    pub(crate) fn routes_mut(&mut self) -> impl Iterator<Item = &mut Route> {
+        self.routes.iter_mut().flatten()
+    }
+}
+
+/// Enters in the ledger of an edge what becomes of one of its messages.
+pub(super) fn enter(end: &mut Option<EdgeEnd>, now: Time, fate: Fate<'_>) {
+    let Some(EdgeEnd { ledger, .. }) = end else { return };
+    match fate {
+        Fate::Taken(packet) => ledger.take(packet.stamp, now, || packet.payload.quality()),
+        Fate::PassedOver => ledger.dropped += 1,
+        Fate::Missing => ledger.gaps += u64::from(ledger.delivered > 0),
+    }
+}
+
+fn in_words(refusal: &foveate_node::error::ConfigError) -> String {
+    match &refusal.setting {
+        Some(setting) => format!("`{setting}`: {}", refusal.message),
+        None => refusal.message.clone(),
+    }
+}

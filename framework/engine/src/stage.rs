@@ -1,0 +1,482 @@
+//! The nodes that one worker runs: a message is carried through all of them before the next one is looked at.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use crossbeam::channel::TrySendError;
+use foveate_messages::{SourceId, Time};
+
+use crate::faults::{FaultLog, panic_text};
+use crate::gates::Gates;
+use crate::inbox::{Fate, Inbox, Put};
+use crate::ledger::Ledger;
+use crate::slot::{EdgeEnd, Route, Slot, enter};
+use foveate_node::error::{Blame, NodeError};
+use foveate_node::io::{Delivery, Io, Outbox, Packet};
+use foveate_node::node::Due;
+use foveate_node::report::Report;
+use foveate_node::setup::Purpose;
+use foveate_rig::graph::{Graph, OnError, WhenFull};
+
+/// What a worker must do when it has put a message on another one's queue.
+pub(crate) trait Away {
+    /// About to send along `edge`.
+    fn sending(&mut self, edge: usize);
+    /// Sent: wake the receiver.
+    fn sent(&mut self, edge: usize);
+    /// A message on `edge` was taken off its queue again, undelivered.
+    fn taken_back(&mut self, edge: usize);
+    /// The queue is full and its policy is to wait: accept what has come in meanwhile. `false`: give up, the run is over.
+    fn wait(&mut self, stage: &mut Stage) -> bool;
+}
+
+/// For runs on one thread.
+pub(crate) struct Alone;
+
+impl Away for Alone {
+    fn sending(&mut self, _edge: usize) {}
+    fn sent(&mut self, _edge: usize) {}
+    fn taken_back(&mut self, _edge: usize) {}
+    fn wait(&mut self, _stage: &mut Stage) -> bool {
+        false
+    }
+}
+
+/// Whether the costs of turns that the rig names are played out on the clock of the run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Costs {
+    Simulated,
+    Ignored,
+}
+
+/// The nodes that one worker runs. Indices are the graph's: what other workers run is `None` here.
+pub(crate) struct Stage {
+    graph: Arc<Graph>,
+    /// Which scales are suspended; shared by all workers.
+    pub(crate) gates: Arc<Gates>,
+    out_dir: Option<PathBuf>,
+    pub(crate) slots: Vec<Option<Slot>>,
+    pub(crate) ends: Vec<Option<EdgeEnd>>,
+    ready: Vec<u64>,
+    /// How many bits of `ready` are set.
+    n_ready: usize,
+    /// Live runs: when the session began; every turn then looks at the clock.
+    pub(crate) started: Option<Instant>,
+    /// Capture time of what the current turn is about.
+    seen: Time,
+    /// Nodes that are busy, by when they are done.
+    busy: BinaryHeap<Reverse<(Time, usize)>>,
+    delivery: Delivery,
+    outbox: Outbox,
+    pub(crate) faults: FaultLog,
+    /// Messages that queues between threads dropped, to be entered in the ledgers of their edges.
+    pub(crate) queue_drops: Vec<(usize, u64)>,
+}
+
+impl Stage {
+    /// Makes every node and connects all edges on one worker.
+    ///
+    /// # Errors
+    /// The first instance that refuses, with its reason.
+    pub(crate) fn build(graph: Arc<Graph>, out_dir: Option<PathBuf>, costs: Costs) -> Result<Stage, NodeError> {
+        let gates = Arc::new(Gates::new(&graph));
+        let mut slots = Vec::with_capacity(graph.instances.len());
+        for index in 0..graph.instances.len() {
+            slots.push(Some(Slot::build(&graph, &gates, index, out_dir.clone(), costs)?));
+        }
+        let mut ends: Vec<Option<EdgeEnd>> = (0..graph.edges.len()).map(|_| None).collect();
+        for (consumer, slot) in slots.iter().enumerate() {
+            let inputs = slot.iter().flat_map(|slot| slot.input_edges.iter().enumerate());
+            for (port, edges) in inputs {
+                for (source, &edge) in edges.iter().enumerate() {
+                    let from = graph.edges[edge].from.0;
+                    let ledger = Ledger::behind(gates.of_scale(graph.instances[from].scale));
+                    ends[edge] = Some(EdgeEnd { to: (consumer, port), source, ledger });
+                }
+            }
+        }
+        let ready = vec![0; slots.len().div_ceil(64)];
+        Ok(Stage {
+            graph,
+            gates,
+            out_dir,
+            slots,
+            ends,
+            ready,
+            n_ready: 0,
+            started: None,
+            seen: Time::ZERO,
+            busy: BinaryHeap::new(),
+            delivery: Delivery::default(),
+            outbox: Outbox::default(),
+            faults: FaultLog::default(),
+            queue_drops: Vec::new(),
+        })
+    }
+
+    /// A stage without nodes over the same graph, to move slots into.
+    pub(crate) fn empty_like(&self) -> Stage {
+        Stage {
+            graph: Arc::clone(&self.graph),
+            gates: Arc::clone(&self.gates),
+            out_dir: self.out_dir.clone(),
+            slots: self.slots.iter().map(|_| None).collect(),
+            ends: self.ends.iter().map(|_| None).collect(),
+            ready: vec![0; self.ready.len()],
+            n_ready: 0,
+            started: None,
+            seen: Time::ZERO,
+            busy: BinaryHeap::new(),
+            delivery: Delivery::default(),
+            outbox: Outbox::default(),
+            faults: FaultLog::default(),
+            queue_drops: Vec::new(),
+        }
+    }
+
+    /// When source `index` is due; a stopped or foreign node never is.
+    pub(crate) fn due(&mut self, index: usize, now: Time) -> Due {
+        let Some(node) = self.slots[index].as_mut().and_then(|slot| slot.node.as_mut()) else { return Due::Never };
+        match catch_unwind(AssertUnwindSafe(|| node.due())) {
+            Ok(due) => due,
+            Err(payload) => {
+                self.fail(index, now, NodeError::program(panic_text(&*payload)), true);
+                self.slots[index].as_mut().and_then(|slot| slot.node.as_mut()).map_or(Due::Never, |_| Due::Waiting)
+            }
+        }
+    }
+
+    /// Lets source `index` take its turn, and carries what it gave through the stage.
+    pub(crate) fn turn_source(&mut self, index: usize, now: Time, away: &mut dyn Away) {
+        self.delivery.port = usize::MAX;
+        self.delivery.packets.clear();
+        self.activate(index, now, away);
+        self.run_ready(now, away);
+    }
+
+    /// Hands a message to the consumer of `edge`.
+    pub(crate) fn deliver(&mut self, edge: usize, packet: Packet, now: Time) {
+        let Some(end) = &mut self.ends[edge] else { return };
+        let (consumer, port) = end.to;
+        let Some(slot) = &mut self.slots[consumer] else { return };
+        if slot.node.is_none() {
+            end.ledger.dropped += 1;
+            return;
+        }
+        let is_sampled = matches!(slot.inboxes[port], Inbox::Latest);
+        if !is_sampled && !slot.is_open() {
+            return end.ledger.suspend(packet.stamp, now);
+        }
+        end.ledger.arrive(packet.stamp);
+        if is_sampled {
+            end.ledger.take(packet.stamp, now, || packet.payload.quality());
+            slot.latest[port][end.source] = Some(packet);
+            return;
+        }
+        let is_busy = slot.work.as_ref().is_some_and(|it| it.is_busy());
+        let put = if is_busy {
+            slot.inboxes[port].put_bounded(end.source, packet, self.graph.edges[edge].queue)
+        } else {
+            slot.inboxes[port].put(end.source, packet)
+        };
+        match put {
+            Put::Triggers if !is_busy => self.set_ready(consumer),
+            Put::Triggers | Put::Waits => {}
+            Put::Replaces | Put::Refused => end.ledger.dropped += 1,
+        }
+    }
+
+    /// When the first of the busy nodes is done, and which it is.
+    pub(crate) fn next_done(&self) -> Option<(Time, usize)> {
+        self.busy.peek().map(|it| it.0)
+    }
+
+    /// The first of the busy nodes is done: what it gave goes on its way, and it may take what came meanwhile.
+    pub(crate) fn end_work(&mut self, away: &mut dyn Away) {
+        let Some(Reverse((now, index))) = self.busy.pop() else { return };
+        let Some(slot) = &mut self.slots[index] else { return };
+        let Some(work) = &mut slot.work else { return };
+        work.end(&mut self.outbox);
+        if slot.inboxes.iter().any(Inbox::may_trigger) {
+            self.set_ready(index);
+        }
+        self.route(index, now, away);
+        self.run_ready(now, away);
+    }
+
+    /// Runs nodes, first in schedule order first, until nothing is left to do.
+    pub(crate) fn run_ready(&mut self, now: Time, away: &mut dyn Away) {
+        let mut word = 0;
+        while word < self.ready.len() {
+            if self.ready[word] == 0 {
+                word += 1;
+                continue;
+            }
+            let index = word * 64 + self.ready[word].trailing_zeros() as usize;
+            let now = self.clock(now);
+            if self.take_next(index, now, false) {
+                self.activate(index, now, away);
+                word = 0; // a feedback edge may have made an earlier one ready
+            }
+        }
+    }
+
+    /// Enters the drops of queues in the ledgers of those edges whose consumer is here; the others are kept for later.
+    pub(crate) fn settle_queue_drops(&mut self) {
+        let ends = &mut self.ends;
+        self.queue_drops.retain(|&(edge, dropped)| match &mut ends[edge] {
+            Some(end) => {
+                end.ledger.dropped += dropped;
+                // The consumer saw each of them as a number left out: the same loss, counted once.
+                end.ledger.gaps = end.ledger.gaps.saturating_sub(dropped);
+                false
+            }
+            None => true,
+        });
+    }
+
+    /// At the end of the data: delivers what busy nodes hold back and sets that wait for sources which will not come; nothing
+    /// costs any time any more.
+    pub(crate) fn flush(&mut self, now: Time) {
+        while !self.busy.is_empty() {
+            self.end_work(&mut Alone);
+        }
+        self.slots.iter_mut().flatten().for_each(|slot| slot.work = None);
+        for index in 0..self.slots.len() {
+            while self.slots[index].as_ref().is_some_and(Slot::is_open) && self.take_next(index, now, true) {
+                self.activate(index, now, &mut Alone);
+                self.run_ready(now, &mut Alone);
+            }
+        }
+    }
+
+    /// Lets every node finish, in schedule order; failures are logged, the others still finish.
+    pub(crate) fn finish(&mut self, now: Time, report: &mut Report) {
+        for index in 0..self.slots.len() {
+            let Some(node) = self.slots[index].as_mut().and_then(|slot| slot.node.as_mut()) else { continue };
+            let mut own = Report::default();
+            let result = catch_unwind(AssertUnwindSafe(|| node.finish(&mut own)));
+            report.absorb(&self.graph.instances[index].path, own);
+            let error = match result {
+                Ok(Ok(())) => continue,
+                Ok(Err(error)) => error,
+                Err(payload) => NodeError::program(panic_text(&*payload)),
+            };
+            self.faults.failure(&self.graph.instances[index].path, now, &error, "while finishing");
+        }
+    }
+
+    /// Puts what the next turn of `index` is about into `self.delivery`, and notes whether it may have another one after that.
+    fn take_next(&mut self, index: usize, now: Time, flush: bool) -> bool {
+        let Some(slot) = &mut self.slots[index] else { return false };
+        self.delivery.packets.clear();
+        let mut taken = false;
+        for (port, inbox) in slot.inboxes.iter_mut().enumerate() {
+            let (edges, ends) = (&slot.input_edges[port], &mut self.ends);
+            let mut told = |source: usize, fate: Fate<'_>| enter(&mut ends[edges[source]], now, fate);
+            let packets = &mut self.delivery.packets;
+            taken = if flush { inbox.flush(packets, &mut told) } else { inbox.next(packets, &mut told) };
+            if taken {
+                self.delivery.port = port;
+                break;
+            }
+        }
+        if !slot.inboxes.iter().any(Inbox::may_trigger) {
+            self.clear_ready(index);
+        }
+        taken
+    }
+
+    fn set_ready(&mut self, index: usize) {
+        let (word, bit) = (&mut self.ready[index / 64], 1 << (index % 64));
+        self.n_ready += usize::from(*word & bit == 0);
+        *word |= bit;
+    }
+
+    fn clear_ready(&mut self, index: usize) {
+        let (word, bit) = (&mut self.ready[index / 64], 1 << (index % 64));
+        self.n_ready -= usize::from(*word & bit != 0);
+        *word &= !bit;
+    }
+
+    /// The session clock of a live run; the logical one stands still.
+    fn clock(&self, logical: Time) -> Time {
+        self.started.map_or(logical, |it| Time(it.elapsed().as_nanos() as i64))
+    }
+
+    /// One turn of node `index` with `self.delivery`, then its messages on their way. As long as a turn gives one message to
+    /// one node of this worker and nothing else waits, the turn of that node follows at once.
+    fn activate(&mut self, index: usize, now: Time, away: &mut dyn Away) {
+        let (mut at, mut now) = (index, now);
+        loop {
+            // One guard for the whole chain: it costs as much as a short turn.
+            let chain = catch_unwind(AssertUnwindSafe(|| {
+                loop {
+                    self.process(at, now);
+                    now = self.clock(now);
+                    match self.pass_on(at, now) {
+                        Some(next) => at = next,
+                        None => return,
+                    }
+                }
+            }));
+            let Err(payload) = chain else { break };
+            self.fail(at, self.seen, NodeError::program(panic_text(&*payload)), true);
+            match self.pass_on(at, now) {
+                Some(next) => at = next,
+                None => break,
+            }
+        }
+        if let Some(work) = self.slots[at].as_mut().and_then(|slot| slot.work.as_mut()) {
+            self.busy.push(Reverse((work.begin(now, &mut self.outbox), at)));
+            return self.clear_ready(at);
+        }
+        self.route(at, now, away);
+    }
+
+    fn process(&mut self, index: usize, now: Time) {
+        let Some(slot) = &mut self.slots[index] else { return };
+        let Some(node) = &mut slot.node else { return };
+        // The node takes the message out; a failure is reported with the message's own time.
+        self.seen = self.delivery.packets.first().map_or(now, |packet| packet.stamp.time);
+        let mut io = Io::new(
+            now,
+            SourceId(index as u32),
+            &mut self.delivery,
+            &slot.latest,
+            &mut self.outbox,
+            &mut slot.sequences,
+        );
+        if let Err(error) = node.process(&mut io) {
+            self.fail(index, self.seen, error, false);
+        }
+    }
+
+    /// If the turn of `index` gave one message, to one idle node of this worker that would be next anyway: hands it over and
+    /// says to whom. Nearly every turn of a chain.
+    fn pass_on(&mut self, index: usize, now: Time) -> Option<usize> {
+        let [(output, packet)] = &self.outbox.packets[..] else { return None };
+        if self.n_ready > 0 || !self.outbox.gaps.is_empty() {
+            return None;
+        }
+        let slot = self.slots[index].as_ref()?;
+        let [Route::Here(edge)] = slot.routes[*output][..] else { return None };
+        let end = self.ends[edge].as_mut()?;
+        let (consumer, port) = end.to;
+        let next = self.slots[consumer].as_ref()?;
+        let is_free = next.node.is_some() && slot.work.is_none() && (next.is_plain || next.may_follow());
+        if !is_free || !matches!(&next.inboxes[port], Inbox::Each(queue) if queue.is_empty()) {
+            return None;
+        }
+        end.ledger.deliver(packet.stamp, now, || packet.payload.quality());
+        let (_, packet) = self.outbox.packets.pop()?;
+        self.delivery.port = port;
+        self.delivery.packets.clear();
+        self.delivery.packets.push(packet);
+        Some(consumer)
+    }
+
+    fn route(&mut self, index: usize, now: Time, away: &mut dyn Away) {
+        if self.outbox.packets.is_empty() && self.outbox.gaps.is_empty() {
+            return;
+        }
+        let mut outbox = std::mem::take(&mut self.outbox);
+        let Some(slot) = &mut self.slots[index] else { return };
+        let mut routes = std::mem::take(&mut slot.routes);
+        for (port, gap) in outbox.gaps.drain(..) {
+            for route in &routes[port] {
+                let edge = match route {
+                    Route::Here(edge) | Route::Away { edge, .. } => *edge,
+                    Route::Told(_) => continue,
+                };
+                // A gap on an edge to another worker shows there as a number left out.
+                if let Some(end) = &mut self.ends[edge] {
+                    end.ledger.declare_gap(SourceId(index as u32));
+                }
+            }
+            self.faults.gap(&self.graph.instances[index].path, &gap);
+        }
+        for (port, packet) in outbox.packets.drain(..) {
+            let Some((last, others)) = routes[port].split_last_mut() else { continue };
+            for route in others {
+                self.send(route, packet.clone(), now, away);
+            }
+            self.send(last, packet, now, away);
+        }
+        if let Some(slot) = &mut self.slots[index] {
+            slot.routes = routes;
+        }
+        self.outbox = outbox;
+    }
+
+    fn send(&mut self, route: &mut Route, packet: Packet, now: Time, away: &mut dyn Away) {
+        let (edge, sender, receiver, when_full, dropped) = match route {
+            Route::Here(edge) => return self.deliver(*edge, packet, now),
+            Route::Told(scale) => return self.gates.hear(*scale, &packet),
+            Route::Away { edge, sender, receiver, when_full, dropped } => {
+                (*edge, sender, receiver, *when_full, dropped)
+            }
+        };
+        let mut packet = packet;
+        away.sending(edge);
+        loop {
+            packet = match sender.try_send(packet) {
+                Ok(()) => return away.sent(edge),
+                Err(TrySendError::Disconnected(_)) => {
+                    *dropped += 1;
+                    return away.taken_back(edge);
+                }
+                Err(TrySendError::Full(packet)) => packet,
+            };
+            match when_full {
+                WhenFull::DropNewest => {
+                    *dropped += 1;
+                    return away.taken_back(edge);
+                }
+                WhenFull::DropOldest => {
+                    if receiver.try_recv().is_ok() {
+                        *dropped += 1;
+                        away.taken_back(edge);
+                    }
+                }
+                WhenFull::Wait => {
+                    if !away.wait(self) {
+                        *dropped += 1;
+                        return away.taken_back(edge);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Applies the rig's `on_error` to a failure of node `index` on a message captured at `seen`.
+    fn fail(&mut self, index: usize, seen: Time, error: NodeError, panicked: bool) {
+        let instance = &self.graph.instances[index];
+        let action = match instance.on_error {
+            OnError::Stop => "stopped",
+            OnError::Skip if !panicked => "message skipped",
+            OnError::Skip | OnError::Restart => "restarted",
+        };
+        self.faults.failure(&instance.path, seen, &error, action);
+        let Some(slot) = &mut self.slots[index] else { return };
+        match action {
+            "stopped" => slot.stop(&mut self.ends, seen),
+            "restarted" => {
+                match instance.settings.build(&self.graph.setup(index, self.out_dir.clone(), Purpose::Run)) {
+                    Ok(node) => slot.node = Some(node),
+                    Err(refusal) => {
+                        let refusal =
+                            NodeError { blame: Blame::Input, message: format!("cannot be restarted: {refusal}") };
+                        self.faults.failure(&instance.path, seen, &refusal, "stopped");
+                        slot.stop(&mut self.ends, seen);
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+}

@@ -1,0 +1,167 @@
+//! A node's view of one turn: what arrived, what is known, what it gives out.
+
+use std::any::Any;
+use std::fmt::Display;
+use std::sync::Arc;
+
+use foveate_messages::{Message, Quality, SourceId, Stamp, Stamped, Time};
+
+use crate::port::{In, Out};
+
+/// A message with its type erased.
+pub trait Payload: Any + Send + Sync {
+    /// [`Message::quality`].
+    fn quality(&self) -> Quality;
+}
+
+impl<T: Message> Payload for T {
+    fn quality(&self) -> Quality {
+        Message::quality(self)
+    }
+}
+
+/// A stamped message with its type erased; shared, never copied.
+#[derive(Clone)]
+pub struct Packet {
+    /// When and by whom.
+    pub stamp: Stamp,
+    /// What.
+    pub payload: Arc<dyn Payload>,
+}
+
+impl Packet {
+    fn into_typed<T: Message>(self, port: &str) -> Stamped<Arc<T>> {
+        let any: Arc<dyn Any + Send + Sync> = self.payload;
+        match any.downcast::<T>() {
+            Ok(value) => Stamped { stamp: self.stamp, value },
+            Err(_) => unreachable!("port `{port}` got another type than `{}`: the graph was checked", T::NAME),
+        }
+    }
+
+    /// The value, if it is of that type.
+    pub fn as_typed<T: Message>(&self) -> Option<&T> {
+        let any: &dyn Any = &*self.payload;
+        any.downcast_ref()
+    }
+
+    fn typed<T: Message>(&self, port: &str) -> Stamped<&T> {
+        let any: &dyn Any = &*self.payload;
+        match any.downcast_ref::<T>() {
+            Some(value) => Stamped { stamp: self.stamp, value },
+            None => unreachable!("port `{port}` got another type than `{}`: the graph was checked", T::NAME),
+        }
+    }
+}
+
+/// What one turn is about: the port that triggered it and what it holds.
+#[derive(Default)]
+pub struct Delivery {
+    /// The input port, by its number.
+    pub port: usize,
+    /// One packet for `each` and `newest of each`, one for each source for `synced`.
+    pub packets: Vec<Packet>,
+}
+
+/// What a node gave out in one turn.
+#[derive(Default)]
+pub struct Outbox {
+    /// Messages, each with its output port.
+    pub packets: Vec<(usize, Packet)>,
+    /// Missing data, each with its output port.
+    pub gaps: Vec<(usize, Gap)>,
+}
+
+/// Data that should have been there and is not.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Gap {
+    /// When it should have been seen.
+    pub time: Time,
+    /// Why it is missing.
+    pub reason: String,
+}
+
+/// A node's view of one turn.
+pub struct Io<'a> {
+    now: Time,
+    delivery: &'a mut Delivery,
+    latest: &'a [Vec<Option<Packet>>],
+    outbox: &'a mut Outbox,
+    source: SourceId,
+    sequences: &'a mut [u64],
+}
+
+impl<'a> Io<'a> {
+    /// For who runs nodes: the turn of node `source` at `now` about `delivery`. `latest` holds, by input port and connected source, the newest
+    /// message so far; `sequences`, by output port, how many messages were numbered there.
+    pub fn new(
+        now: Time,
+        source: SourceId,
+        delivery: &'a mut Delivery,
+        latest: &'a [Vec<Option<Packet>>],
+        outbox: &'a mut Outbox,
+        sequences: &'a mut [u64],
+    ) -> Io<'a> {
+        Io { now, delivery, latest, outbox, source, sequences }
+    }
+}
+
+impl Io<'_> {
+    /// The session clock at this turn: the time of delivery, not of capture.
+    pub fn now(&self) -> Time {
+        self.now
+    }
+
+    /// The message that triggered this turn, if it came in at `port` (an `each` or `newest of each` port).
+    pub fn take<T: Message>(&mut self, port: &In<T>) -> Option<Stamped<Arc<T>>> {
+        if self.delivery.port != port.index {
+            return None;
+        }
+        self.delivery.packets.pop().map(|packet| packet.into_typed(port.name))
+    }
+
+    /// The set that triggered this turn, if it was joined at `port` (a `synced` port): at most one message a source, in
+    /// the order of the sources.
+    pub fn take_set<'s, T: Message>(&'s mut self, port: &In<T>) -> impl Iterator<Item = Stamped<Arc<T>>> + 's {
+        let name = port.name;
+        let count = if self.delivery.port == port.index { self.delivery.packets.len() } else { 0 };
+        self.delivery.packets.drain(..count).map(move |packet| packet.into_typed(name))
+    }
+
+    /// The newest message at a `latest` port with one source.
+    pub fn latest<T: Message>(&self, port: &In<T>) -> Option<Stamped<&T>> {
+        self.latest_of_each(port).next()
+    }
+
+    /// The newest message of each source at a `latest` port; sources that gave none yet are left out.
+    pub fn latest_of_each<'s, T: Message>(&'s self, port: &In<T>) -> impl Iterator<Item = Stamped<&'s T>> + 's {
+        let name = port.name;
+        let slots = self.latest.get(port.index).map_or(&[][..], Vec::as_slice);
+        slots.iter().flatten().map(move |packet| packet.typed(name))
+    }
+
+    /// Gives out `value` under the stamp of what it was made from.
+    pub fn emit<T: Message>(&mut self, port: &Out<T>, stamp: Stamp, value: impl Into<Arc<T>>) {
+        self.outbox.packets.push((port.index, Packet { stamp, payload: value.into() }));
+    }
+
+    /// Gives out `value` as seen at `time` by this node, numbered by this node: for sources, and for nodes that make
+    /// a new stream out of many.
+    pub fn emit_at<T: Message>(&mut self, port: &Out<T>, time: Time, value: impl Into<Arc<T>>) {
+        let sequence = self.sequences[port.index];
+        self.sequences[port.index] += 1;
+        self.emit(port, Stamp { time, source: self.source, sequence }, value);
+    }
+
+    /// Like [`Io::emit_at`] with a number of the device's own, so that what the device lost shows as a gap.
+    pub fn emit_numbered<T: Message>(&mut self, port: &Out<T>, time: Time, sequence: u64, value: impl Into<Arc<T>>) {
+        self.sequences[port.index] = sequence + 1;
+        self.emit(port, Stamp { time, source: self.source, sequence }, value);
+    }
+
+    /// Says that a message that should have been there is not: counted on the port's edges, shown, and never silent.
+    /// Takes up one sequence number.
+    pub fn gap<T: Message>(&mut self, port: &Out<T>, time: Time, reason: impl Display) {
+        self.sequences[port.index] += 1;
+        self.outbox.gaps.push((port.index, Gap { time, reason: reason.to_string() }));
+    }
+}

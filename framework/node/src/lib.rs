@@ -1,0 +1,32 @@
+//! What the author of a node compiles against. Knows no TOML, no graphs and no threads.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`node`], [`port`], [`io`] | what an author writes: a type with ports, settings and `process` |
+//! | [`setup`], [`report`], [`error`] | what a node is given when it is made, what it leaves behind, what it may complain about |
+//! | [`registry`] | the node types that a program knows, erased |
+//! | [`scale`] | the scales at run time: who carries a scale's space, and where it is |
+//! | [`setting_docs`] | the settings of a node type for people |
+
+pub mod error;
+pub mod io;
+pub mod line;
+pub mod node;
+pub mod pool;
+pub mod port;
+pub mod registry;
+pub mod report;
+pub mod scale;
+pub mod setting_docs;
+pub mod setup;
+
+pub use error::{ConfigError, NodeError};
+pub use foveate_messages::{Interval, Message, SourceId, Stamp, Stamped, Time};
+pub use io::Io;
+pub use line::{Device, Line};
+pub use node::{Due, Node, Plan, Role};
+pub use pool::Pool;
+pub use port::{In, Out, Ports};
+pub use registry::Registry;
+pub use report::Report;
+pub use setup::{Purpose, Setup};

@@ -1,0 +1,216 @@
+//! Typed ports: how a node takes messages in and gives them out.
+
+use std::any::TypeId;
+use std::marker::PhantomData;
+
+use foveate_messages::{Interval, Message, SpaceKind};
+
+/// How an input port takes data.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Take {
+    /// Every message triggers the node, in order of delivery.
+    Each,
+    /// Sampled whenever the node runs, never triggers it. The only kind that may close a cycle.
+    Latest,
+    /// Joins one message of each connected source whose capture times lie within the tolerance, then triggers. A set
+    /// that cannot be completed any more is delivered as it is; the missing ones count as gaps.
+    Synced(Interval),
+    /// When the node is free: empties the queues, picks one of the sources that delivered since (seeded, at random),
+    /// and triggers with the newest message of that source; the others are counted as dropped [Davis 2002 §3.5].
+    NewestOfEach,
+    /// When the node is free: empties the queues and triggers with the newest message of all, by capture time. A source whose
+    /// clock is ahead starves the others [Davis 2002 §3.5]; here to be compared with.
+    Newest,
+    /// When the node is free: triggers with the newest message of the next source in turn that has one; the others keep theirs.
+    /// Starves nobody, but what a slow source gave grows old before its turn [Davis 2002 §3.5].
+    RoundRobin,
+}
+
+impl Take {
+    /// The ways between which a rig may choose (`take = "…"`), by their names there.
+    pub const CHOICES: [(&'static str, Take); 4] = [
+        ("each", Take::Each),
+        ("newest_of_each", Take::NewestOfEach),
+        ("newest", Take::Newest),
+        ("round_robin", Take::RoundRobin),
+    ];
+
+    /// The name in rigs; `None` where a rig has no choice: for ports that sample or join.
+    pub fn choice(self) -> Option<&'static str> {
+        Take::CHOICES.iter().find(|it| it.1 == self).map(|it| it.0)
+    }
+
+    /// For people.
+    pub fn in_words(self) -> String {
+        match self {
+            Take::Each => "each message triggers".to_owned(),
+            Take::Latest => "the latest is sampled, never triggers; may close a cycle".to_owned(),
+            Take::Synced(tolerance) => format!("joined by capture time within {} ms", tolerance.as_ms()),
+            Take::NewestOfEach => "the newest of a source picked at random".to_owned(),
+            Take::Newest => "the newest of all sources".to_owned(),
+            Take::RoundRobin => "the newest of each source in turn".to_owned(),
+        }
+    }
+}
+
+/// An input port that takes messages of type `T`.
+#[derive(Debug)]
+pub struct In<T> {
+    pub(crate) index: usize,
+    pub(crate) name: &'static str,
+    pub(crate) take: Take,
+    pub(crate) optional: bool,
+    pub(crate) many: bool,
+    pub(crate) of_parent: bool,
+    message: PhantomData<fn(T)>,
+}
+
+impl<T> In<T> {
+    const fn new(index: usize, name: &'static str, take: Take) -> Self {
+        Self { index, name, take, optional: false, many: false, of_parent: false, message: PhantomData }
+    }
+
+    /// Port number `index` (counted from 0 in the order of [`Ports`]): each message triggers.
+    pub const fn each(index: usize, name: &'static str) -> Self {
+        Self::new(index, name, Take::Each)
+    }
+
+    /// Port number `index`: sampled, never triggers, may close a cycle.
+    pub const fn latest(index: usize, name: &'static str) -> Self {
+        Self::new(index, name, Take::Latest)
+    }
+
+    /// Port number `index`: joins sources whose capture times differ by at most `tolerance_ms`.
+    pub const fn synced(index: usize, name: &'static str, tolerance_ms: i64) -> Self {
+        Self::new(index, name, Take::Synced(Interval(tolerance_ms * 1_000_000)))
+    }
+
+    /// Port number `index`: the newest message of a source picked at random.
+    pub const fn newest_of_each(index: usize, name: &'static str) -> Self {
+        Self::new(index, name, Take::NewestOfEach)
+    }
+
+    /// May be left open in a rig.
+    pub const fn optional(mut self) -> Self {
+        self.optional = true;
+        self
+    }
+
+    /// Takes the messages of any number of cameras or nodes; otherwise of exactly one, the node's own camera.
+    pub const fn many(mut self) -> Self {
+        self.many = true;
+        self
+    }
+
+    /// Takes points of the parent scale rather than of the node's own.
+    pub const fn of_parent(mut self) -> Self {
+        self.of_parent = true;
+        self
+    }
+}
+
+/// An output port that gives messages of type `T`.
+#[derive(Debug)]
+pub struct Out<T> {
+    pub(crate) index: usize,
+    pub(crate) name: &'static str,
+    message: PhantomData<fn() -> T>,
+}
+
+impl<T> Out<T> {
+    /// Output port number `index`, counted from 0 in the order of [`Ports`].
+    pub const fn new(index: usize, name: &'static str) -> Self {
+        Self { index, name, message: PhantomData }
+    }
+}
+
+/// The type of a message, erased.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MessageType {
+    /// [`Message::NAME`].
+    pub name: &'static str,
+    /// [`Message::VERSION`].
+    pub version: u32,
+    /// [`Message::SPACE`].
+    pub space: SpaceKind,
+    /// The type itself, in this process.
+    pub id: TypeId,
+}
+
+impl MessageType {
+    /// Of `T`.
+    pub fn of<T: Message>() -> Self {
+        Self { name: T::NAME, version: T::VERSION, space: T::SPACE, id: TypeId::of::<T>() }
+    }
+}
+
+/// An input port, erased.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct InputSpec {
+    /// As rigs write it.
+    pub name: &'static str,
+    /// What it takes.
+    pub message: MessageType,
+    /// How it takes it.
+    pub take: Take,
+    /// May be left open.
+    pub optional: bool,
+    /// Takes any number of sources.
+    pub many: bool,
+    /// Takes points of the parent scale.
+    pub of_parent: bool,
+}
+
+/// An output port, erased.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct OutputSpec {
+    /// As rigs write it.
+    pub name: &'static str,
+    /// What it gives.
+    pub message: MessageType,
+}
+
+/// The ports of a node type, in the order of their numbers.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Ports {
+    /// Inputs.
+    pub inputs: Vec<InputSpec>,
+    /// Outputs.
+    pub outputs: Vec<OutputSpec>,
+}
+
+impl Ports {
+    /// No ports.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds an input.
+    ///
+    /// # Panics
+    /// When the port's number is not its place or its name is taken: a mistake in the node's source.
+    pub fn input<T: Message>(mut self, port: &In<T>) -> Self {
+        assert_eq!(port.index, self.inputs.len(), "input `{}` is listed at another place than its number", port.name);
+        assert!(self.inputs.iter().all(|it| it.name != port.name), "input `{}` is listed twice", port.name);
+        self.inputs.push(InputSpec {
+            name: port.name,
+            message: MessageType::of::<T>(),
+            take: port.take,
+            optional: port.optional,
+            many: port.many,
+            of_parent: port.of_parent,
+        });
+        self
+    }
+
+    /// Adds an output.
+    ///
+    /// # Panics
+    /// When the port's number is not its place or its name is taken: a mistake in the node's source.
+    pub fn output<T: Message>(mut self, port: &Out<T>) -> Self {
+        assert_eq!(port.index, self.outputs.len(), "output `{}` is listed at another place than its number", port.name);
+        assert!(self.outputs.iter().all(|it| it.name != port.name), "output `{}` is listed twice", port.name);
+        self.outputs.push(OutputSpec { name: port.name, message: MessageType::of::<T>() });
+        self
+    }
+}

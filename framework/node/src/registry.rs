@@ -1,0 +1,190 @@
+//! The node types that a program knows.
+
+use std::any::Any;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use schemars::Schema;
+
+use crate::error::{ConfigError, NodeError};
+use crate::io::Io;
+use crate::node::{Due, Node, Plan, Role};
+use crate::port::Ports;
+use crate::report::Report;
+use crate::scale::ScaleAnchor;
+use crate::setup::Setup;
+
+/// The node types that a program knows, by name.
+pub struct Registry {
+    types: BTreeMap<&'static str, Arc<NodeType>>,
+}
+
+/// One node type, erased.
+pub struct NodeType {
+    /// [`Node::TYPE`].
+    pub name: &'static str,
+    /// [`Node::ROLE`].
+    pub role: Role,
+    /// [`Node::SUMMARY`].
+    pub summary: &'static str,
+    /// [`Node::ports`].
+    pub ports: Ports,
+    /// JSON Schema of the settings (an object); names, units in brackets, ranges and defaults are read from it.
+    pub schema: Schema,
+    decode: Box<Decode>,
+}
+
+impl NodeType {
+    /// Reads the settings of a node of this type out of any format.
+    ///
+    /// # Errors
+    /// What cannot be read, with the dotted path of the setting.
+    pub fn decode(&self, given: &mut dyn erased_serde::Deserializer<'_>) -> Result<Box<dyn Settings>, ConfigError> {
+        (self.decode)(given)
+    }
+}
+
+/// Reads the settings of a node type.
+type Decode = dyn Fn(&mut dyn erased_serde::Deserializer<'_>) -> Result<Box<dyn Settings>, ConfigError> + Send + Sync;
+
+/// Makes a node out of its settings.
+type Make<N> = dyn Fn(<N as Node>::Settings, &Setup) -> Result<N, ConfigError> + Send + Sync;
+
+/// The settings of one node, erased.
+pub trait Settings: Send + Sync {
+    /// Makes the node.
+    ///
+    /// # Errors
+    /// [`Node::new`]'s.
+    fn build(&self, setup: &Setup) -> Result<Box<dyn ErasedNode>, ConfigError>;
+    /// All settings, defaults filled in, to be written in any format.
+    fn resolved(&self) -> &dyn erased_serde::Serialize;
+    /// The settings themselves: [`Node::Settings`].
+    fn as_any(&self) -> &dyn Any;
+    /// [`Node::plan`].
+    fn plan(&self) -> Plan;
+    /// [`Node::is_live`].
+    fn is_live(&self) -> bool;
+}
+
+/// A node, erased.
+pub trait ErasedNode: Send {
+    /// [`Node::process`].
+    ///
+    /// # Errors
+    /// [`Node::process`]'s.
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError>;
+    /// [`Node::due`].
+    fn due(&mut self) -> Due;
+    /// [`Node::finish`].
+    ///
+    /// # Errors
+    /// [`Node::finish`]'s.
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError>;
+}
+
+impl<N: Node> ErasedNode for N {
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        Node::process(self, io)
+    }
+    fn due(&mut self) -> Due {
+        Node::due(self)
+    }
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        Node::finish(self, report)
+    }
+}
+
+impl Default for Registry {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+struct SettingsOf<N: Node> {
+    given: N::Settings,
+    make: Arc<Make<N>>,
+}
+
+impl<N: Node> Settings for SettingsOf<N> {
+    fn build(&self, setup: &Setup) -> Result<Box<dyn ErasedNode>, ConfigError> {
+        Ok(Box::new((self.make)(self.given.clone(), setup)?))
+    }
+    fn resolved(&self) -> &dyn erased_serde::Serialize {
+        &self.given
+    }
+    fn as_any(&self) -> &dyn Any {
+        &self.given
+    }
+    fn plan(&self) -> Plan {
+        N::plan(&self.given)
+    }
+    fn is_live(&self) -> bool {
+        N::is_live(&self.given)
+    }
+}
+
+fn decode<N: Node>(
+    given: &mut dyn erased_serde::Deserializer<'_>,
+    make: &Arc<Make<N>>,
+) -> Result<Box<dyn Settings>, ConfigError> {
+    let given = serde_path_to_error::deserialize(given).map_err(|error| {
+        let path = error.path().to_string();
+        // A lone dot is the path of the whole.
+        let setting = (path != ".").then(|| path.replace('[', ".").replace(']', ""));
+        ConfigError { setting, message: error.into_inner().to_string() }
+    })?;
+    Ok(Box::new(SettingsOf::<N> { given, make: Arc::clone(make) }))
+}
+
+impl Registry {
+    /// Knows what every rig may need: `scale.anchor`.
+    pub fn new() -> Self {
+        let mut registry = Self { types: BTreeMap::new() };
+        registry.add::<ScaleAnchor>();
+        registry
+    }
+
+    /// Makes node type `N` known.
+    ///
+    /// # Panics
+    /// When the name is taken or is not `plugin.node`: a mistake in the program's source.
+    pub fn add<N: Node>(&mut self) {
+        self.add_made::<N>(N::new);
+    }
+
+    /// Makes node type `N` known, whose nodes `make` makes in place of [`Node::new`]: so a program gives its nodes something of
+    /// its own, such as a channel to itself.
+    ///
+    /// # Panics
+    /// As [`Registry::add`].
+    pub fn add_made<N: Node>(
+        &mut self,
+        make: impl Fn(N::Settings, &Setup) -> Result<N, ConfigError> + Send + Sync + 'static,
+    ) {
+        assert!(N::TYPE.split('.').count() == 2, "a node type is named `plugin.node`, not `{}`", N::TYPE);
+        let make: Arc<Make<N>> = Arc::new(make);
+        let taken = self.types.insert(
+            N::TYPE,
+            Arc::new(NodeType {
+                name: N::TYPE,
+                role: N::ROLE,
+                summary: N::SUMMARY,
+                ports: N::ports(),
+                schema: schemars::schema_for!(N::Settings),
+                decode: Box::new(move |given| decode::<N>(given, &make)),
+            }),
+        );
+        assert!(taken.is_none(), "two node types are named `{}`", N::TYPE);
+    }
+
+    /// The type of that name.
+    pub fn get(&self, name: &str) -> Option<&Arc<NodeType>> {
+        self.types.get(name)
+    }
+
+    /// All types by name.
+    pub fn iter(&self) -> impl Iterator<Item = &Arc<NodeType>> {
+        self.types.values()
+    }
+}

@@ -1,0 +1,48 @@
+//! What a run leaves behind: figures under dotted names, and files.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// Collects the figures and files of one run.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Report {
+    /// Figures by dotted name with the unit in it (`reprojection_px.median`); NaN where there was nothing to measure.
+    pub figures: BTreeMap<String, f64>,
+    /// By figure: the full name of the node that gave it, in the report of a whole run; figures of the run itself have none.
+    pub origins: BTreeMap<String, String>,
+    /// Files and pictures written, relative to the results folder where they lie in it.
+    pub files: Vec<PathBuf>,
+    /// Sentences for the person who ran it.
+    pub remarks: Vec<String>,
+}
+
+impl Report {
+    /// Sets a figure; a later value of the same name replaces the earlier one.
+    pub fn figure(&mut self, name: impl Into<String>, value: f64) {
+        self.figures.insert(name.into(), value);
+    }
+
+    /// Takes over the report of node `instance`. A figure whose name is taken already is kept as `name[instance]`.
+    pub fn absorb(&mut self, instance: &str, other: Report) {
+        for (name, value) in other.figures {
+            let name = if self.figures.contains_key(&name) { format!("{name}[{instance}]") } else { name };
+            self.origins.insert(name.clone(), instance.to_owned());
+            self.figures.insert(name, value);
+        }
+        self.files.extend(other.files);
+        other.remarks.into_iter().for_each(|it| self.remark(it));
+    }
+
+    /// Notes a file that was written.
+    pub fn file(&mut self, path: impl Into<PathBuf>) {
+        self.files.push(path.into());
+    }
+
+    /// Adds a sentence; what was said already is not said again.
+    pub fn remark(&mut self, text: impl Into<String>) {
+        let text = text.into();
+        if !self.remarks.contains(&text) {
+            self.remarks.push(text);
+        }
+    }
+}

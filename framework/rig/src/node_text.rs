@@ -1,0 +1,244 @@
+//! A node's table as written: the reserved keys taken out, the settings left as they are.
+
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use crate::graph::{Cost, OnError, Queue, Requirement, WhenFull};
+use foveate_diagnostics::value::{Keys, Value};
+use foveate_diagnostics::{Findings, Span};
+use foveate_messages::Interval;
+use foveate_node::port::Take;
+
+/// Names of [`OnError`] in rigs.
+pub(super) const ON_ERROR: [(&str, OnError); 3] =
+    [("stop", OnError::Stop), ("skip", OnError::Skip), ("restart", OnError::Restart)];
+
+/// Names of [`WhenFull`] in rigs.
+pub(super) const WHEN_FULL: [(&str, WhenFull); 3] =
+    [("drop_oldest", WhenFull::DropOldest), ("drop_newest", WhenFull::DropNewest), ("wait", WhenFull::Wait)];
+
+/// Longest turn [ms].
+pub(super) const LONGEST_COST_MS: f64 = 60_000.0;
+
+/// Longest queue: more messages than that are a mistake, and memory.
+const MOST_QUEUED: i64 = 1_000_000;
+
+/// A node as written.
+pub(super) struct NodeText<'t> {
+    pub name: Spanned<String>,
+    /// Where to point when the node as a whole is meant.
+    pub header: Span,
+    pub type_name: Option<Spanned<String>>,
+    /// Whether a `type` stands there at all.
+    pub has_type: bool,
+    /// Patterns of names, of which those with a `!` leave cameras out; and where they stand.
+    pub each: Option<Spanned<Vec<Spanned<String>>>>,
+    pub camera: Option<Spanned<String>>,
+    /// Whether one of the two stands there but was not understood.
+    pub cameras_unclear: bool,
+    pub inputs: Vec<InputText>,
+    /// Whether all of `in` was understood.
+    pub inputs_sound: bool,
+    pub requires: Vec<RequireText>,
+    pub on_error: OnError,
+    pub cost: Cost,
+    /// Where the cost stands, if it is not 0.
+    pub cost_place: Option<Span>,
+    /// All other keys.
+    pub settings: DeTable<'t>,
+}
+
+/// What is connected to one input port, as written.
+pub(super) struct InputText {
+    pub port: Spanned<String>,
+    pub from: Vec<Spanned<String>>,
+    pub queue: Queue,
+    /// How the port is to take data, and where that stands.
+    pub take: Option<(Take, Span)>,
+}
+
+/// What the edges into one port promise, as written.
+pub(super) struct RequireText {
+    pub port: Spanned<String>,
+    pub requirement: Requirement,
+    /// The age as written [ms], and where.
+    pub age_ms: Option<(f64, Span)>,
+    /// Where the rate stands.
+    pub rate: Option<Span>,
+}
+
+impl<'t> NodeText<'t> {
+    /// Takes the reserved keys out of a node's table.
+    pub fn read(name: Spanned<String>, value: Value<'t>, text: &str, findings: &mut Findings) -> Option<Self> {
+        let mut keys = findings.table(&name, value, text, "a table `[scale.NAME.node.NODE]`")?;
+        let type_value = keys.take("type");
+        let has_type = type_value.is_some();
+        let type_name = type_value.and_then(|it| findings.text("type", it, "the name of a node type"));
+        let each = keys.take("each");
+        let camera = keys.take("camera");
+        let n_camera_keys = usize::from(each.is_some()) + usize::from(camera.is_some());
+        let each = each.and_then(|it| read_patterns(it, findings));
+        let camera = camera.and_then(|it| findings.text("camera", it, "the name of a camera"));
+        if let (Some(each), Some(camera)) = (&each, &camera) {
+            findings
+                .error(camera.span(), "a node has `each` or `camera`, not both", "found `camera`")
+                .also(each.span(), "and `each`");
+        }
+        let cameras_unclear = n_camera_keys != usize::from(each.is_some() != camera.is_some());
+        let on_error = keys.take("on_error").and_then(|it| findings.choice("on_error", &it, &ON_ERROR));
+        let (cost, cost_place) = read_cost(&mut keys, findings);
+        let before = findings.count();
+        let mut inputs = Vec::new();
+        if let Some((key, value)) = keys.take_entry("in") {
+            let ports = findings.table(&key, value, text, "a table: `in = { PORT = \"NODE.OUTPUT\" }`");
+            for (port, value) in ports.map(|mut it| it.take_rest()).unwrap_or_default() {
+                inputs.push(read_input(port, value, text, findings));
+            }
+        }
+        let inputs_sound = findings.count() == before;
+        let mut requires = Vec::new();
+        if let Some((key, value)) = keys.take_entry("require") {
+            let ports = findings.table(&key, value, text, "a table: `require.PORT = { age_ms = 20 }`");
+            for (port, value) in ports.map(|mut it| it.take_rest()).unwrap_or_default() {
+                requires.extend(read_require(port, value, text, findings));
+            }
+        }
+        let Keys { table: settings, header, .. } = keys;
+        Some(Self {
+            name,
+            header,
+            type_name,
+            has_type,
+            each,
+            camera,
+            cameras_unclear,
+            inputs,
+            inputs_sound,
+            requires,
+            on_error: on_error.unwrap_or_default(),
+            cost,
+            cost_place,
+            settings,
+        })
+    }
+}
+
+/// One pattern or a list of them; `None` where one is no text.
+fn read_patterns(value: Value<'_>, findings: &mut Findings) -> Option<Spanned<Vec<Spanned<String>>>> {
+    let expected = "a pattern of camera names, \"wide-*\", or a list of them, [\"wide-*\", \"!wide-3\"]";
+    let span = value.span();
+    let patterns: Vec<Spanned<String>> = match value.get_ref() {
+        DeValue::Array(items) if !items.is_empty() => {
+            let read =
+                items.iter().map(|it| findings.text("each", it.clone(), "a pattern of camera names: \"wide-*\""));
+            read.collect::<Option<_>>()?
+        }
+        DeValue::String(_) => vec![findings.text("each", value, expected)?],
+        _ => {
+            findings.not_as_expected("each", &value, expected);
+            return None;
+        }
+    };
+    Some(Spanned::new(span, patterns))
+}
+
+fn read_cost(keys: &mut Keys<'_>, findings: &mut Findings) -> (Cost, Option<Span>) {
+    let expected = format!("0 to {LONGEST_COST_MS} [ms]");
+    let holds: fn(f64) -> bool = |it| (0.0..=LONGEST_COST_MS).contains(&it);
+    let mut read = |key: &'static str| {
+        let value = keys.take(key)?;
+        Some((findings.number(key, &value, &expected, holds)?, value.span()))
+    };
+    let (time, jitter) = (read("cost_ms"), read("cost_jitter_ms"));
+    let time_ms = time.as_ref().map_or(0.0, |it| it.0);
+    let place = time.filter(|it| it.0 > 0.0).map(|it| it.1);
+    if let Some((jitter_ms, span)) = jitter.as_ref().filter(|it| it.0 > time_ms) {
+        let label = format!("found {jitter_ms} ms, expected at most `cost_ms`, which is {time_ms} ms");
+        findings.error(span.clone(), "a turn cannot take less than no time", label);
+    }
+    let jitter_ms = jitter.map_or(0.0, |it| it.0);
+    (Cost { time: Interval::from_ms(time_ms), jitter: Interval::from_ms(jitter_ms) }, place)
+}
+
+fn read_input(port: Spanned<String>, value: Value<'_>, text: &str, findings: &mut Findings) -> InputText {
+    let mut queue = Queue::default();
+    let mut take = None;
+    let from = match value.get_ref() {
+        DeValue::Table(_) => match findings.table(&port, value, text, "") {
+            Some(mut keys) => {
+                if let Some(value) = keys.take("capacity") {
+                    let capacity = findings.whole("capacity", &value, 1, MOST_QUEUED);
+                    queue.capacity = capacity.and_then(|it| usize::try_from(it).ok()).unwrap_or(queue.capacity);
+                }
+                if let Some(value) = keys.take("when_full") {
+                    queue.when_full = findings.choice("when_full", &value, &WHEN_FULL).unwrap_or_default();
+                }
+                if let Some(value) = keys.take("take") {
+                    take = findings.choice("take", &value, &Take::CHOICES).map(|it| (it, value.span()));
+                }
+                let from = keys.take("from");
+                if from.is_none() {
+                    let title = format!("port `{}` names no source", port.get_ref());
+                    findings.error(keys.header.clone(), title, "expected `from = \"NODE.OUTPUT\"`");
+                }
+                keys.close("a connection", findings);
+                from.map(|it| read_sources(&port, it, findings))
+            }
+            None => None,
+        },
+        _ => Some(read_sources(&port, value, findings)),
+    };
+    InputText { port, from: from.unwrap_or_default(), queue, take }
+}
+
+fn read_sources(port: &Spanned<String>, value: Value<'_>, findings: &mut Findings) -> Vec<Spanned<String>> {
+    let expected = "an output, \"NODE.OUTPUT\", or a list of them";
+    let span = value.span();
+    let sources: Vec<Spanned<String>> = match value.get_ref() {
+        DeValue::String(_) => return findings.text(port.get_ref(), value, expected).into_iter().collect(),
+        DeValue::Array(items) => items
+            .iter()
+            .filter_map(|it| findings.text(port.get_ref(), it.clone(), "an output: \"NODE.OUTPUT\""))
+            .collect(),
+        _ => {
+            findings.not_as_expected(port.get_ref(), &value, expected);
+            return Vec::new();
+        }
+    };
+    if value.get_ref().as_array().is_some_and(|it| it.is_empty()) {
+        findings
+            .error(
+                span,
+                format_args!("port `{}` names no source", port.get_ref()),
+                "found an empty list, expected outputs",
+            )
+            .help("leave the port out to keep it open");
+    }
+    sources
+}
+
+fn read_require(port: Spanned<String>, value: Value<'_>, text: &str, findings: &mut Findings) -> Option<RequireText> {
+    let mut keys = findings.table(&port, value, text, "a table: `{ age_ms = 20, rate_hz = 30 }`")?;
+    let mut read = RequireText { port, requirement: Requirement::default(), age_ms: None, rate: None };
+    let mut measure = |key: &'static str, expected: &str, holds: fn(f64) -> bool, findings: &mut Findings| {
+        let value = keys.take(key)?;
+        let number = findings.number(key, &value, expected, holds)?;
+        Some((number, value.span()))
+    };
+    let positive: fn(f64) -> bool = |it| it > 0.0 && it.is_finite();
+    if let Some((age_ms, span)) = measure("age_ms", "more than 0 [ms]", positive, findings) {
+        read.requirement.age_s = Some(age_ms * 1e-3);
+        read.age_ms = Some((age_ms, span));
+    }
+    if let Some((rate_hz, span)) = measure("rate_hz", "more than 0 [Hz]", positive, findings) {
+        read.requirement.rate_hz = Some(rate_hz);
+        read.rate = Some(span);
+    }
+    read.requirement.sigma =
+        measure("sigma", "more than 0, in the payload's unit [px or m]", positive, findings).map(|it| it.0);
+    let fraction: fn(f64) -> bool = |it| (0.0..=1.0).contains(&it);
+    read.requirement.loss = measure("loss", "a fraction from 0 to 1", fraction, findings).map(|it| it.0);
+    read.requirement.must = keys.take("must").and_then(|it| findings.flag("must", &it)).unwrap_or_default();
+    keys.close("a requirement", findings);
+    Some(read)
+}

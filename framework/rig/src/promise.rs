@@ -1,0 +1,111 @@
+//! Requirements against what the plan can give: rates and least ages, carried from the sources along the schedule.
+
+use super::lookup::Names;
+use super::nodes::instance_path;
+use super::wire::{EdgeDraft, Wiring};
+use foveate_diagnostics::Findings;
+use foveate_node::node::Role;
+use foveate_node::port::Take;
+
+/// What an instance gives at best.
+#[derive(Debug, Clone, Copy, Default)]
+struct Best {
+    /// Messages a second on each output, at most; `None`: not known beforehand.
+    rate_hz: Option<f64>,
+    /// Age of what it gives out, at least [s].
+    age_s: f64,
+}
+
+/// What triggers one input port of an instance.
+#[derive(Debug, Clone, Copy)]
+struct Port {
+    index: usize,
+    rate_hz: Option<f64>,
+}
+
+/// Reports every requirement that no run of this rig can meet.
+pub(super) fn check(names: &Names<'_, '_>, wiring: &Wiring, order: &[usize], findings: &mut Findings) {
+    let best = carried(names, wiring, order);
+    for edge in &wiring.edges {
+        check_edge(names, wiring, edge, best[edge.from.0], findings);
+    }
+}
+
+fn carried(names: &Names<'_, '_>, wiring: &Wiring, order: &[usize]) -> Vec<Best> {
+    let mut incoming: Vec<Vec<usize>> = vec![Vec::new(); wiring.instances.len()];
+    for (number, edge) in wiring.edges.iter().enumerate().filter(|it| it.1.triggers) {
+        incoming[edge.to.0].push(number);
+    }
+    let mut best = vec![Best::default(); wiring.instances.len()];
+    for &instance in order {
+        let node = &names.nodes[wiring.instances[instance].0];
+        let mut least_age: Option<f64> = None;
+        let mut ports: Vec<Port> = Vec::new();
+        for &edge in &incoming[instance] {
+            let edge = &wiring.edges[edge];
+            let of = best[edge.from.0];
+            least_age = Some(least_age.map_or(of.age_s, |it| it.min(of.age_s)));
+            let joined = node.node_type.as_ref().is_some_and(|it| {
+                it.ports.inputs.get(edge.to.1).is_some_and(|port| matches!(port.take, Take::Synced(_)))
+            });
+            match ports.iter_mut().find(|it| it.index == edge.to.1) {
+                Some(port) => {
+                    // A joined set comes no more often than its fastest source; otherwise every message counts.
+                    let both = port.rate_hz.zip(of.rate_hz);
+                    port.rate_hz = both.map(|(a, b)| if joined { a.max(b) } else { a + b });
+                }
+                None => ports.push(Port { index: edge.to.1, rate_hz: of.rate_hz }),
+            }
+        }
+        let known = wiring.sound[wiring.instances[instance].0] && !ports.is_empty();
+        let triggered = if known { ports.iter().map(|it| it.rate_hz).sum::<Option<f64>>() } else { None };
+        let is_source = node.node_type.as_ref().is_some_and(|it| it.role == Role::Source);
+        best[instance] = Best {
+            rate_hz: node.plan.rate_hz.or(if is_source { None } else { triggered }),
+            age_s: node.plan.latency_s.max(0.0)
+                + if wiring.sound[wiring.instances[instance].0] { least_age.unwrap_or(0.0) } else { 0.0 },
+        };
+    }
+    best
+}
+
+fn check_edge(names: &Names<'_, '_>, wiring: &Wiring, edge: &EdgeDraft, best: Best, findings: &mut Findings) {
+    let (consumer, _) = wiring.instances[edge.to.0];
+    let consumer = &names.nodes[consumer];
+    let port = consumer.text.inputs[edge.input].port.get_ref();
+    let Some(require) = consumer.text.requires.iter().find(|it| it.port.get_ref() == port) else { return };
+    let path = |instance: usize| {
+        let (node, camera) = wiring.instances[instance];
+        let node = &names.nodes[node];
+        instance_path(&names.scales[node.scale].name, node.name(), camera.map(|it| names.camera_name(it)))
+    };
+    // Instances of one node share their settings, so the first edge of each reference says it all; `dedup` in the
+    // findings would not see that, as the paths differ.
+    let mut refuse = |span: &foveate_diagnostics::Span, title: String, label: String| {
+        if findings.is_new(span, &label) {
+            findings
+                .error(span.clone(), title, label)
+                .help("the plan is what the nodes' settings promise; no run can do better")
+                .also(edge.place.clone(), format_args!("given by `{}`", path(edge.from.0)));
+        }
+    };
+    if let (Some((age_ms, span)), Some(wanted)) = (&require.age_ms, require.requirement.age_s)
+        && best.age_s > wanted * (1.0 + 1e-9)
+    {
+        let least = round(best.age_s * 1e3);
+        let title = format!("input `{port}` of `{}` cannot be as young as required", consumer.name());
+        refuse(span, title, format!("found {age_ms} ms, expected at least {least} ms: that old it arrives at best"));
+    }
+    if let (Some(span), Some(wanted), Some(most)) = (&require.rate, require.requirement.rate_hz, best.rate_hz)
+        && most < wanted * (1.0 - 1e-9)
+    {
+        let most = round(most);
+        let title = format!("input `{port}` of `{}` cannot come as often as required", consumer.name());
+        refuse(span, title, format!("found {wanted} Hz, expected at most {most} Hz: more does not come"));
+    }
+}
+
+/// For messages: three decimals.
+fn round(value: f64) -> f64 {
+    (value * 1e3).round() * 1e-3
+}

@@ -1,0 +1,205 @@
+//! A rig's text as written: scales and nodes with the place of each word, before anything is looked up.
+
+use toml::Spanned;
+use toml::de::DeTable;
+
+use super::node_text::NodeText;
+use super::targets::{self, NamedTarget};
+use foveate_diagnostics::names::{is_plain, shown};
+use foveate_diagnostics::value::{Keys, Value};
+use foveate_diagnostics::{Findings, Span};
+
+/// What a scale's, node's or rig's name looks like.
+const PLAIN: &str = "lower-case letters, digits, `_` and `-`";
+
+/// A rig as written.
+pub(super) struct RigText<'t> {
+    /// `[rig]`, or the start of the text.
+    pub header: Span,
+    pub name: String,
+    pub calibration: Option<Spanned<String>>,
+    pub folder: Option<Spanned<String>>,
+    pub seed: u64,
+    pub duration_s: Option<f64>,
+    pub report_speed: bool,
+    /// In the order of the text.
+    pub scales: Vec<ScaleText<'t>>,
+}
+
+/// A scale as written.
+pub(super) struct ScaleText<'t> {
+    pub name: Spanned<String>,
+    pub parent: Option<Spanned<String>>,
+    /// Whether a parent stands there that was not understood.
+    pub parent_unclear: bool,
+    pub anchor: Option<Spanned<String>>,
+    pub volume_m: Option<[[f64; 3]; 2]>,
+    pub radius_m: Option<f64>,
+    /// In the order of the text.
+    pub targets: Vec<NamedTarget>,
+    /// Whether volume, radius and named targets were understood.
+    pub sound: bool,
+    /// In the order of the text.
+    pub nodes: Vec<NodeText<'t>>,
+}
+
+/// Takes a parsed document apart.
+pub(super) fn read<'t>(document: DeTable<'t>, text: &str, findings: &mut Findings) -> RigText<'t> {
+    let mut top = Keys::new(document, 0..0);
+    let mut rig = read_rig(&mut top, text, findings);
+    if let Some((key, value)) = top.take_entry("scale") {
+        let scales = findings.table(&key, value, text, "tables `[scale.NAME]`");
+        for (name, value) in scales.map(|mut it| it.take_rest()).unwrap_or_default() {
+            rig.scales.extend(read_scale(name, value, text, findings));
+        }
+    }
+    if rig.scales.iter().all(|it| it.nodes.is_empty()) && findings.count() == 0 {
+        findings
+            .error(rig.header.clone(), "this rig has no nodes", "expected at least one table `[scale.NAME.node.NODE]`")
+            .help("`foveate new rig` writes one to start from");
+    }
+    top.close("a rig", findings);
+    rig
+}
+
+fn read_rig<'t>(top: &mut Keys<'t>, text: &str, findings: &mut Findings) -> RigText<'t> {
+    let mut rig = RigText {
+        header: 0..0,
+        name: String::new(),
+        calibration: None,
+        folder: None,
+        seed: 1,
+        duration_s: None,
+        report_speed: false,
+        scales: Vec::new(),
+    };
+    let Some((key, value)) = top.take_entry("rig") else {
+        findings
+            .error(0..0, "the rig has no name", "expected a table `[rig]` with `name = \"…\"`")
+            .help("write `[rig]` and under it `name = \"my-lab\"`");
+        return rig;
+    };
+    let Some(mut keys) = findings.table(&key, value, text, "a table `[rig]`") else { return rig };
+    rig.header = keys.header.clone();
+    match keys.take("name") {
+        Some(value) => {
+            if let Some(name) = findings.text("name", value, "a text") {
+                plain_name("rig", &name, findings);
+                rig.name = name.into_inner();
+            }
+        }
+        None => {
+            findings
+                .error(rig.header.clone(), "the rig has no name", "expected `name` here")
+                .help("add `name = \"my-lab\"`: results are filed under it");
+        }
+    }
+    rig.calibration = keys.take("calibration").and_then(|it| findings.text("calibration", it, "the path of a file"));
+    rig.folder = keys.take("folder").and_then(|it| findings.text("folder", it, "the path of a folder"));
+    if let Some(value) = keys.take("seed") {
+        rig.seed = findings.whole("seed", &value, 0, i64::MAX).map_or(1, i64::unsigned_abs);
+    }
+    if let Some(value) = keys.take("duration_s") {
+        rig.duration_s = findings.number("duration_s", &value, "more than 0 and at most 9e9 [s]", is_duration);
+    }
+    if let Some(value) = keys.take("report_speed") {
+        rig.report_speed = findings.flag("report_speed", &value).unwrap_or(false);
+    }
+    keys.close("`[rig]`", findings);
+    rig
+}
+
+/// Whether a run may be cut off after `seconds`.
+pub(super) fn is_duration(seconds: f64) -> bool {
+    seconds > 0.0 && seconds <= 9e9
+}
+
+pub(super) fn plain_name(what: &str, name: &Spanned<String>, findings: &mut Findings) {
+    if !is_plain(name.get_ref()) {
+        let title = format!("a {what} cannot be named `{}`", shown(name.get_ref()));
+        findings.error(name.span(), title, format_args!("expected {PLAIN}"));
+    }
+}
+
+fn read_scale<'t>(
+    name: Spanned<String>,
+    value: Value<'t>,
+    text: &str,
+    findings: &mut Findings,
+) -> Option<ScaleText<'t>> {
+    let mut keys = findings.table(&name, value, text, "a table `[scale.NAME]`")?;
+    plain_name("scale", &name, findings);
+    let faults_before = findings.count();
+    let volume_m = match keys.take_entry("volume_m") {
+        Some((key, value)) => read_volume(&key, value, text, findings),
+        None => None,
+    };
+    let radius_m = keys
+        .take("radius_m")
+        .and_then(|it| findings.number("radius_m", &it, "more than 0 [m]", |it| it > 0.0 && it.is_finite()));
+    let targets = targets::read(&mut keys, text, findings);
+    let sound = findings.count() == faults_before;
+    let parent = keys.take("parent");
+    let has_parent = parent.is_some();
+    let parent = parent.and_then(|it| findings.text("parent", it, "the name of a scale"));
+    let anchor = keys.take("anchor").and_then(|it| findings.text("anchor", it, "a target: \"NODE.TARGET\""));
+    let mut nodes = Vec::new();
+    if let Some((key, value)) = keys.take_entry("node") {
+        let tables = findings.table(&key, value, text, "tables `[scale.NAME.node.NODE]`");
+        for (node, value) in tables.map(|mut it| it.take_rest()).unwrap_or_default() {
+            plain_name("node", &node, findings);
+            nodes.extend(NodeText::read(node, value, text, findings));
+        }
+    }
+    keys.close(&format!("`[scale.{}]`", shown(name.get_ref())), findings);
+    Some(ScaleText {
+        parent_unclear: has_parent && parent.is_none(),
+        name,
+        parent,
+        anchor,
+        volume_m,
+        radius_m,
+        targets,
+        sound,
+        nodes,
+    })
+}
+
+fn read_volume(key: &Spanned<String>, value: Value<'_>, text: &str, findings: &mut Findings) -> Option<[[f64; 3]; 2]> {
+    let whole = value.span();
+    let mut keys = findings.table(key, value, text, "`{ min = [x, y, z], max = [x, y, z] }` [m]")?;
+    let mut corners = [None; 2];
+    for (corner, name) in corners.iter_mut().zip(["min", "max"]) {
+        match keys.take(name) {
+            Some(value) => *corner = read_point(name, &value, findings),
+            None => {
+                let label = format!("expected `{name} = [x, y, z]` [m]");
+                findings.error(keys.header.clone(), format_args!("`volume_m` lacks `{name}`"), label);
+            }
+        }
+    }
+    keys.close("`volume_m`", findings);
+    let volume = [corners[0]?, corners[1]?];
+    if let Some(axis) = (0..3).find(|&axis| volume[0][axis] >= volume[1][axis]) {
+        let [min, max] = [volume[0][axis], volume[1][axis]];
+        let name = ["x", "y", "z"][axis];
+        let label = format!("found {min} to {max} m in {name}, expected `min` below `max`");
+        findings.error(whole, "`volume_m` is empty", label);
+        return None;
+    }
+    Some(volume)
+}
+
+pub(super) fn read_point(key: &str, value: &Value<'_>, findings: &mut Findings) -> Option<[f64; 3]> {
+    let expected = "three numbers [m]";
+    let items = value.get_ref().as_array().filter(|it| it.len() == 3);
+    let Some(items) = items else {
+        findings.not_as_expected(key, value, expected);
+        return None;
+    };
+    let mut point = [None; 3];
+    for (number, item) in point.iter_mut().zip(items) {
+        *number = findings.number(key, item, "a number [m]", f64::is_finite);
+    }
+    Some([point[0]?, point[1]?, point[2]?])
+}

@@ -1,0 +1,182 @@
+//! A rig with every default filled in, as TOML that loads again to the same graph.
+
+use std::collections::BTreeSet;
+use std::fmt::Write;
+use std::path::Path;
+
+use foveate_messages::Interval;
+use foveate_scene::AnchorRule;
+use serde_json::Value as Json;
+use toml::Value;
+
+use super::lookup::Names;
+use super::node_text::{ON_ERROR, RequireText, WHEN_FULL};
+use super::nodes::NodeDraft;
+use super::read::RigText;
+use super::reference::Reference;
+use super::scales::{Parent, ScaleDraft, anchored_to};
+use super::targets;
+use crate::graph::{Cost, Queue};
+use foveate_diagnostics::names::is_plain;
+use foveate_node::port::Take;
+
+/// What of the rig's own table the graph keeps.
+pub(super) struct Head<'r> {
+    pub rig: &'r RigText<'r>,
+    pub seed: u64,
+    pub duration_s: Option<f64>,
+    /// Where relative paths start, absolute.
+    pub folder: &'r Path,
+}
+
+/// Writes the whole rig.
+///
+/// # Errors
+/// The index of a node whose settings TOML cannot hold, and why.
+pub(super) fn write(head: &Head<'_>, names: &Names<'_, '_>) -> Result<String, (usize, String)> {
+    let mut text = String::new();
+    let _ = writeln!(text, "# Rig `{}` with every default filled in.\n\n[rig]", head.rig.name);
+    line(&mut text, "name", &Value::from(head.rig.name.as_str()));
+    line(&mut text, "folder", &Value::from(head.folder.to_string_lossy().as_ref()));
+    if let Some(calibration) = &head.rig.calibration {
+        line(&mut text, "calibration", &Value::from(calibration.get_ref().as_str()));
+    }
+    line(&mut text, "seed", &Value::from(i64::try_from(head.seed).unwrap_or(i64::MAX)));
+    if let Some(duration_s) = head.duration_s {
+        line(&mut text, "duration_s", &Value::from(duration_s));
+    }
+    line(&mut text, "report_speed", &Value::from(head.rig.report_speed));
+    let anchored = anchored_to(names.scales);
+    let mut nodes = names.nodes.iter().enumerate().peekable();
+    for (index, scale) in names.scales.iter().enumerate() {
+        write_scale(&mut text, names.scales, scale);
+        write_targets(&mut text, scale, &anchored[index]);
+        while let Some((number, node)) = nodes.next_if(|it| it.1.scale == index) {
+            if !node.is_implied {
+                write_node(&mut text, names, node).map_err(|error| (number, error))?;
+            }
+        }
+    }
+    Ok(text)
+}
+
+fn line(text: &mut String, key: &str, value: &Value) {
+    let _ = writeln!(text, "{} = {value}", quoted_key(key));
+}
+
+/// A key, in quotes where it needs them.
+fn quoted_key(key: &str) -> String {
+    let bare = !key.is_empty() && key.bytes().all(|it| it.is_ascii_alphanumeric() || it == b'_' || it == b'-');
+    if bare { key.to_owned() } else { Value::from(key).to_string() }
+}
+
+fn write_scale(text: &mut String, scales: &[ScaleDraft], scale: &ScaleDraft) {
+    let _ = writeln!(text, "\n[scale.{}]", quoted_key(&scale.name));
+    if let Parent::Of(parent) = scale.parent {
+        line(text, "parent", &Value::from(scales[parent].name.as_str()));
+    }
+    if let Some(anchor) = &scale.anchor {
+        line(text, "anchor", &Value::from(anchor.get_ref().as_str()));
+    }
+    if let Some(corners) = scale.volume_m {
+        let [min, max] = corners.map(|corner| Value::from(corner.to_vec()));
+        let _ = writeln!(text, "volume_m = {{ min = {min}, max = {max} }}");
+    }
+    if let Some(radius_m) = scale.radius_m {
+        line(text, "radius_m", &Value::from(radius_m));
+    }
+}
+
+/// The scale's named targets, then those of `anchored` without a table of their own.
+fn write_targets(text: &mut String, scale: &ScaleDraft, anchored: &[(&str, &AnchorRule)]) {
+    let mut written = BTreeSet::new();
+    let named = scale.targets.iter().map(|it| (it.name.get_ref().as_str(), &it.rule));
+    for (name, rule) in named.chain(anchored.iter().copied().filter(|it| is_plain(it.0))) {
+        if written.insert(name) {
+            let _ = writeln!(text, "\n[scale.{}.target.{}]", quoted_key(&scale.name), quoted_key(name));
+            targets::write(text, rule);
+        }
+    }
+}
+
+fn write_node(text: &mut String, names: &Names<'_, '_>, node: &NodeDraft<'_>) -> Result<(), String> {
+    let (Some(node_type), Some(settings)) = (&node.node_type, &node.settings) else { return Ok(()) };
+    let scale = quoted_key(&names.scales[node.scale].name);
+    let _ = writeln!(text, "\n[scale.{scale}.node.{}]", quoted_key(node.name()));
+    line(text, "type", &Value::from(node_type.name));
+    if let Some(each) = &node.text.each {
+        let patterns: Vec<&str> = each.get_ref().iter().map(|it| it.get_ref().as_str()).collect();
+        let value = match patterns[..] {
+            [one] => Value::from(one),
+            _ => Value::from(patterns),
+        };
+        line(text, "each", &value);
+    }
+    if let Some(camera) = &node.text.camera {
+        line(text, "camera", &Value::from(camera.get_ref().as_str()));
+    }
+    let on_error = ON_ERROR.iter().find(|it| it.1 == node.text.on_error).map_or("stop", |it| it.0);
+    line(text, "on_error", &Value::from(on_error));
+    // Nothing where turns cost nothing: the rig may be one for cameras and motors.
+    if node.text.cost != Cost::default() {
+        line(text, "cost_ms", &in_ms(node.text.cost.time));
+        line(text, "cost_jitter_ms", &in_ms(node.text.cost.jitter));
+    }
+    for input in &node.text.inputs {
+        let from: Vec<String> = input.from.iter().map(|it| full_reference(names, node, it.get_ref())).collect();
+        let from = match from.as_slice() {
+            [one] => Value::from(one.as_str()),
+            several => Value::from(several.to_vec()),
+        };
+        let Queue { capacity, when_full } = input.queue;
+        let when_full = WHEN_FULL.iter().find(|it| it.1 == when_full).map_or("drop_oldest", |it| it.0);
+        let own = node_type.ports.inputs.iter().find(|it| it.name == input.port.get_ref()).map(|it| it.take);
+        let take = input.take.as_ref().map(|it| it.0).or(own).and_then(Take::choice);
+        let take = take.map(|it| format!(", take = \"{it}\"")).unwrap_or_default();
+        let port = quoted_key(input.port.get_ref());
+        let _ =
+            writeln!(text, "in.{port} = {{ from = {from}, capacity = {capacity}, when_full = \"{when_full}\"{take} }}");
+    }
+    for require in &node.text.requires {
+        let _ = writeln!(text, "require.{} = {}", quoted_key(require.port.get_ref()), requirement(require));
+    }
+    let mut table = toml::Table::try_from(settings.resolved()).map_err(|error| error.to_string())?;
+    // In the order of the source, as far as the schema tells it.
+    let properties = node_type.schema.as_value().get("properties").and_then(Json::as_object);
+    for name in properties.into_iter().flat_map(|it| it.keys()) {
+        if let Some(value) = table.remove(name) {
+            line(text, name, &value);
+        }
+    }
+    for (name, value) in &table {
+        line(text, name, value);
+    }
+    Ok(())
+}
+
+/// In milliseconds; a quotient, unlike a product, gives back the very number that was read.
+fn in_ms(interval: Interval) -> Value {
+    Value::from(interval.0 as f64 / 1e6)
+}
+
+/// A reference with its scale.
+fn full_reference(names: &Names<'_, '_>, consumer: &NodeDraft<'_>, written: &str) -> String {
+    match Reference::parse(written) {
+        Some(Reference { scale: None, .. }) => format!("{}.{written}", names.scales[consumer.scale].name),
+        _ => written.to_owned(),
+    }
+}
+
+fn requirement(require: &RequireText) -> String {
+    let it = &require.requirement;
+    let measures = [
+        ("age_ms", require.age_ms.as_ref().map(|it| it.0)),
+        ("rate_hz", it.rate_hz),
+        ("sigma", it.sigma),
+        ("loss", it.loss),
+    ];
+    let mut parts: Vec<String> =
+        measures.iter().filter_map(|(key, value)| Some(format!("{key} = {}", Value::from((*value)?)))).collect();
+    parts.push(format!("must = {}", it.must));
+    format!("{{ {} }}", parts.join(", "))
+}
