@@ -1,6 +1,5 @@
 //! What went wrong during a run, counted and with its first words kept.
 
-use std::any::Any;
 use std::collections::BTreeMap;
 
 use foveate_messages::Time;
@@ -100,10 +99,4 @@ impl FaultLog {
     pub(crate) fn into_records(self) -> (Vec<FaultRecord>, Vec<GapRecord>) {
         (self.faults.into_values().flatten().collect(), self.gaps.into_values().flatten().collect())
     }
-}
-
-/// The words of a panic.
-pub(crate) fn panic_text(payload: &(dyn Any + Send)) -> String {
-    let text = payload.downcast_ref::<&str>().copied().or_else(|| payload.downcast_ref::<String>().map(String::as_str));
-    format!("panicked: {}", text.unwrap_or("without a text"))
 }

@@ -9,7 +9,7 @@ use foveate_node::io::Packet;
 use foveate_node::port::Take;
 use foveate_rig::graph::{Queue, WhenFull};
 
-/// A set is closed without a source that is silent once another source has this many messages waiting.
+/// A source is silent once another one has this many messages waiting for it: from then on until it comes again, no set waits for it.
 const SYNC_DEPTH: usize = 4;
 
 /// What waits at one input port. Sources are numbered in the order of the port's edges.
@@ -57,7 +57,8 @@ impl Inbox {
             Take::Each => Inbox::Each(VecDeque::new()),
             Take::Latest => Inbox::Latest,
             Take::Synced(tolerance) => {
-                Inbox::Synced(Synced { tolerance, waiting: (0..n_sources).map(|_| VecDeque::new()).collect() })
+                let waiting = (0..n_sources).map(|_| VecDeque::new()).collect();
+                Inbox::Synced(Synced { tolerance, waiting, is_silent: vec![false; n_sources] })
             }
             Take::NewestOfEach => fresh(Pick::AtRandom(random)),
             Take::Newest => fresh(Pick::Newest),
@@ -75,6 +76,7 @@ impl Inbox {
             Inbox::Latest => Put::Waits,
             Inbox::Synced(synced) => {
                 synced.waiting[source].push_back(packet);
+                synced.is_silent[source] = false;
                 if synced.is_ready() { Put::Triggers } else { Put::Waits }
             }
             Inbox::Fresh(fresh) => fresh.put(source, packet),
@@ -84,12 +86,7 @@ impl Inbox {
     /// Puts in a message while the node is busy: of each source no more than the edge's queue holds may wait. Nobody can be
     /// made to wait on a logical clock, so that `wait` lets the line grow.
     pub(crate) fn put_bounded(&mut self, source: usize, packet: Packet, limit: Queue) -> Put {
-        let waiting = match self {
-            Inbox::Each(queue) => queue.iter().filter(|it| it.0 == source).count(),
-            Inbox::Synced(synced) => synced.waiting[source].len(),
-            Inbox::Latest | Inbox::Fresh(_) => 0,
-        };
-        if waiting < limit.capacity {
+        if self.waiting(source) < limit.capacity {
             return self.put(source, packet);
         }
         match limit.when_full {
@@ -107,6 +104,15 @@ impl Inbox {
         }
         self.put(source, packet);
         Put::Replaces
+    }
+
+    /// Messages of `source` that wait, of those that are not replaced by newer ones.
+    pub(crate) fn waiting(&self, source: usize) -> usize {
+        match self {
+            Inbox::Each(queue) => queue.iter().filter(|it| it.0 == source).count(),
+            Inbox::Synced(synced) => synced.waiting[source].len(),
+            Inbox::Latest | Inbox::Fresh(_) => 0,
+        }
     }
 
     /// Whether [`Inbox::next`] may find something.
@@ -169,6 +175,8 @@ impl Inbox {
 pub(crate) struct Synced {
     tolerance: Interval,
     waiting: Vec<VecDeque<Packet>>,
+    /// By source: whether sets are closed without it.
+    is_silent: Vec<bool>,
 }
 
 impl Synced {
@@ -180,12 +188,17 @@ impl Synced {
     /// Whether no source can add to the next set any more, or one has waited too long for the others.
     fn is_ready(&self) -> bool {
         self.start().is_some()
-            && (self.waiting.iter().all(|queue| !queue.is_empty())
+            && (self.waiting.iter().zip(&self.is_silent).all(|(queue, &is_silent)| is_silent || !queue.is_empty())
                 || self.waiting.iter().any(|queue| queue.len() >= SYNC_DEPTH))
     }
 
     fn close_set(&mut self, packets: &mut Vec<Packet>, told: Told<'_>) -> bool {
         let Some(start) = self.start() else { return false };
+        if self.waiting.iter().any(|queue| queue.len() >= SYNC_DEPTH) {
+            for (queue, is_silent) in self.waiting.iter().zip(&mut self.is_silent) {
+                *is_silent |= queue.is_empty();
+            }
+        }
         for (source, queue) in self.waiting.iter_mut().enumerate() {
             let joins = queue.front().is_some_and(|packet| packet.stamp.time - start <= self.tolerance);
             match if joins { queue.pop_front() } else { None } {
@@ -331,8 +344,18 @@ mod tests {
     fn dead_source_does_not_hold_up_the_others() {
         let messages: Vec<_> = (0..10).map(|frame| (0, frame * 16)).collect();
         let (sets, losses) = play(TOLERANCE, 2, &messages);
-        assert_eq!(sets.len(), 10 - (SYNC_DEPTH - 1));
+        assert_eq!(sets.len(), 10, "only the first sets wait for it");
         assert!(losses.iter().all(|&it| it == (1, Lost::Missing)));
+    }
+
+    #[test]
+    fn source_that_comes_again_is_waited_for_again() {
+        let first: Vec<_> = (0..5).map(|frame| (0, frame * 16)).collect();
+        let messages = [&first[..], &[(1, 81), (0, 80), (0, 96), (1, 96)]].concat();
+        let (sets, losses) = play(TOLERANCE, 2, &messages);
+        assert_eq!(sets.len(), 7);
+        assert_eq!(sets[5..], [vec![(0, 80), (1, 81)], vec![(0, 96), (1, 96)]]);
+        assert_eq!(losses.len(), 5);
     }
 
     /// How often each of three sources is picked in 3000 turns, when two messages of each wait at every turn; source 0 is ahead.

@@ -4,6 +4,7 @@
 //! shortcoming of the data at one named edge.
 
 use foveate_messages::{Interval, Quality, SourceId, Stamp, Time};
+use foveate_node::guard::guarded;
 
 use crate::Gate;
 use foveate_rig::graph::Requirement;
@@ -94,6 +95,8 @@ pub struct Ledger {
     sigma_sum: f64,
     sigma_count: u64,
     sources: Vec<(SourceId, u64, Time)>,
+    /// The words of the first panic of a payload that was asked for its quality.
+    pub(crate) quality_fault: Option<Box<str>>,
     /// Of the scale that the messages come from, and how often it had been turned when it was last looked at.
     gate: Option<Box<(Gate, u64)>>,
 }
@@ -148,7 +151,10 @@ impl Ledger {
         self.first.get_or_insert(now);
         self.last = now;
         if self.delivered < QUALITY_STRIDE || self.delivered.is_multiple_of(QUALITY_STRIDE) {
-            self.quality = quality();
+            self.quality = guarded(quality).unwrap_or_else(|said| {
+                self.quality_fault.get_or_insert(said.into());
+                Quality::default()
+            });
             if let Some(sigma) = self.quality.sigma {
                 self.sigma_sum += sigma;
                 self.sigma_count += 1;

@@ -42,6 +42,9 @@ pub struct Options {
     pub stop: Arc<AtomicBool>,
     /// Worker threads of a live run; `None`: one for each core and one for what joins cameras.
     pub workers: Option<usize>,
+    /// A live run gives a node up that does not come back from an activation for so long once the run should end; `None`: ten seconds. While
+    /// the run goes on it waits six times as long.
+    pub patience: Option<Duration>,
 }
 
 impl Options {

@@ -5,36 +5,47 @@
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use foveate_messages::{Interval, Time};
 
 use super::slot::Route;
-use super::stage::{Alone, Away, Costs, Stage};
+use super::stage::{Away, Costs, Stage};
 use super::{EdgeView, Options, Outcome, PROGRESS_PERIOD, Progress, conclude, view_edges};
 use foveate_node::error::NodeError;
+use foveate_node::guard::guarded;
 use foveate_node::io::Packet;
-use foveate_node::node::Due;
-use foveate_rig::graph::Graph;
+use foveate_node::node::{Due, Role};
+use foveate_rig::graph::{Graph, Instance};
 
 /// Longest sleep of a worker without anything to do: bounds how late it sees the end of the run.
 const LONGEST_SLEEP: Duration = Duration::from_millis(20);
-/// Pause of a producer that meets a full queue whose policy is to wait.
+/// Pause before a node that met a full queue whose policy is to wait tries again.
 const FULL_PAUSE: Duration = Duration::from_micros(50);
+/// A node that does not come back from an activation in this time once the run should end is given up, and its thread with it; before that it
+/// is in so many times as much.
+const PATIENCE: Duration = Duration::from_secs(10);
+const PATIENCE_MEANWHILE: u32 = 6;
 /// Pause before a device that has nothing yet is asked again.
 const WAITING_PAUSE: Duration = Duration::from_millis(1);
 
 /// What the workers share.
 struct Shared {
-    started: Instant,
+    /// When the session began: once every worker has opened what is due at the very start.
+    started: OnceLock<Instant>,
+    /// Workers that have.
+    n_ready: AtomicUsize,
+    n_workers: usize,
     stop: Arc<AtomicBool>,
     /// Sources that may still give something.
     live_sources: AtomicUsize,
     /// Messages between threads, from before they are sent until all that they caused was sent.
     in_flight: AtomicUsize,
+    /// A thread is lost: the run ends without what it still owes.
+    is_abandoned: AtomicBool,
     /// One token each: "look at your queues".
     wake: Vec<Sender<()>>,
     views: Mutex<Vec<EdgeView>>,
@@ -42,11 +53,17 @@ struct Shared {
 
 impl Shared {
     fn now(&self) -> Time {
-        Time(self.started.elapsed().as_nanos() as i64)
+        self.started.get().map_or(Time::ZERO, |it| Time(it.elapsed().as_nanos() as i64))
     }
 
     fn is_over(&self) -> bool {
-        self.live_sources.load(Ordering::SeqCst) == 0 && self.in_flight.load(Ordering::SeqCst) == 0
+        let is_through = self.live_sources.load(Ordering::SeqCst) == 0 && self.in_flight.load(Ordering::SeqCst) == 0;
+        is_through || self.is_abandoned.load(Ordering::SeqCst)
+    }
+
+    /// Whether no source will give anything any more.
+    fn is_ending(&self) -> bool {
+        self.stop.load(Ordering::Relaxed) || self.live_sources.load(Ordering::SeqCst) == 0
     }
 
     fn wake_all(&self) {
@@ -62,6 +79,8 @@ struct Post {
     /// By edge: the worker of its consumer.
     worker_of_edge: Arc<Vec<usize>>,
     incoming: Vec<(usize, Receiver<Packet>)>,
+    /// What was taken off them at once, to be delivered in the order of capture.
+    batch: Vec<(usize, Packet)>,
     /// Messages taken off the incoming queues whose consequences are not all sent yet.
     accepted: usize,
 }
@@ -70,12 +89,21 @@ impl Post {
     /// Moves all that has come in to the ports of its consumers.
     fn accept(&mut self, stage: &mut Stage, now: Time) {
         for (edge, receiver) in &self.incoming {
+            if stage.is_full(*edge) {
+                continue;
+            }
             // No more than stood there at first: a producer that is quicker than this must not keep it here for ever.
             for _ in 0..receiver.len() {
                 let Ok(packet) = receiver.try_recv() else { break };
-                self.accepted += 1;
-                stage.deliver(*edge, packet, now);
+                self.batch.push((*edge, packet));
             }
+        }
+        self.accepted += self.batch.len();
+        if self.batch.len() > 1 {
+            self.batch.sort_by_key(|it| it.1.stamp.time);
+        }
+        for (edge, packet) in self.batch.drain(..) {
+            stage.deliver(edge, packet, now);
         }
     }
 
@@ -102,12 +130,6 @@ impl Away for Post {
     fn taken_back(&mut self, _edge: usize) {
         self.shared.in_flight.fetch_sub(1, Ordering::SeqCst);
     }
-
-    fn wait(&mut self, stage: &mut Stage) -> bool {
-        self.accept(stage, self.shared.now());
-        std::thread::sleep(FULL_PAUSE);
-        true
-    }
 }
 
 pub(super) fn run(
@@ -121,22 +143,18 @@ pub(super) fn run(
     let n_workers = worker_of.iter().max().map_or(1, |most| most + 1);
     let worker_of_edge: Arc<Vec<usize>> = Arc::new(graph.edges.iter().map(|edge| worker_of[edge.to.0]).collect());
 
-    // What is due at the very start is done before the clock runs: simulated worlds, rooms and files are being opened.
-    for index in 0..graph.instances.len() {
-        if whole.due(index, Time::ZERO) == Due::At(Time::ZERO) {
-            whole.turn_source(index, Time::ZERO, &mut Alone);
-        }
-    }
-
     let incoming = cut_edges(&graph, &mut whole, &worker_of);
     let (wake, woken): (Vec<_>, Vec<_>) = (0..n_workers).map(|_| bounded::<()>(1)).unzip();
     let live_sources: Vec<bool> =
         (0..graph.instances.len()).map(|index| whole.due(index, Time::ZERO) != Due::Never).collect();
     let shared = Arc::new(Shared {
-        started: Instant::now(),
+        started: OnceLock::new(),
+        n_ready: AtomicUsize::new(0),
+        n_workers,
         stop: Arc::clone(&options.stop),
         live_sources: AtomicUsize::new(live_sources.iter().filter(|&&it| it).count()),
         in_flight: AtomicUsize::new(0),
+        is_abandoned: AtomicBool::new(false),
         wake,
         views: Mutex::new(vec![EdgeView::default(); graph.edges.len()]),
     });
@@ -150,13 +168,13 @@ pub(super) fn run(
                 shared: Arc::clone(&shared),
                 worker_of_edge: Arc::clone(&worker_of_edge),
                 incoming: Vec::new(),
+                batch: Vec::new(),
                 accepted: 0,
             },
             woken,
             sources: Vec::new(),
         })
         .collect();
-    workers.iter_mut().for_each(|it| it.stage.started = Some(shared.started));
     for (index, &worker) in worker_of.iter().enumerate() {
         workers[worker].stage.slots[index] = whole.slots[index].take();
         if live_sources[index] {
@@ -170,22 +188,41 @@ pub(super) fn run(
         workers[worker_of_edge[edge]].post.incoming.push((edge, receiver));
     }
 
-    let stages = std::thread::scope(|scope| {
-        let threads: Vec<_> = workers.into_iter().map(|worker| scope.spawn(move || worker.work())).collect();
-        while threads.iter().any(|it| !it.is_finished()) {
-            std::thread::sleep(if shared.is_over() { Duration::from_millis(1) } else { PROGRESS_PERIOD / 4 });
-            let edges = shared.views.lock().unwrap_or_else(PoisonError::into_inner).clone();
-            observe(&Progress { now: shared.now(), wall: shared.started.elapsed(), edges });
+    let began = Instant::now();
+    let mut watched: Vec<Watch> = workers.iter().map(|it| Watch::new(Arc::clone(&it.stage.at))).collect();
+    // Not scoped: a thread that never comes back must not keep the run.
+    let threads: Vec<_> = workers.into_iter().map(|worker| std::thread::spawn(move || worker.work())).collect();
+    while threads.iter().zip(&watched).any(|it| !it.0.is_finished() && !it.1.is_lost) {
+        std::thread::sleep(if shared.is_over() { Duration::from_millis(1) } else { PROGRESS_PERIOD / 4 });
+        let edges = shared.views.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        observe(&Progress { now: shared.now(), wall: began.elapsed(), edges });
+        let patience = options.patience.unwrap_or(PATIENCE);
+        let longest = if shared.is_ending() { patience } else { patience * PATIENCE_MEANWHILE };
+        for (watch, _) in watched.iter_mut().zip(&threads).filter(|it| !it.1.is_finished()) {
+            let Some(index) = watch.stuck(longest) else { continue };
+            let error = NodeError::program(format_args!(
+                "has not come back from an activation for {:.1} s: the run ends without it and the nodes that share its thread",
+                longest.as_secs_f64()
+            ));
+            whole.faults.failure(&graph.instances[index].path, shared.now(), &error, "left behind");
+            shared.is_abandoned.store(true, Ordering::SeqCst);
+            shared.wake_all();
         }
-        threads.into_iter().map(|it| it.join()).collect::<Vec<_>>()
-    });
+    }
     let ended = shared.now();
-    for stage in stages {
-        let mut stage = stage.map_err(|payload| NodeError::program(super::faults::panic_text(&*payload)))?;
-        gather(&mut whole, &mut stage);
+    for (thread, _) in threads.into_iter().zip(&watched).filter(|it| !it.1.is_lost) {
+        match thread.join() {
+            Ok((mut stage, said)) => {
+                gather(&mut whole, &mut stage);
+                if let Some(said) = said {
+                    whole.faults.failure("engine", ended, &NodeError::program(said), "the run ended");
+                }
+            }
+            Err(_) => whole.faults.failure("engine", ended, &NodeError::program("a worker died"), "the run ended"),
+        }
     }
     let interrupted = options.must_stop();
-    let mut outcome = conclude(&graph, whole, ended, shared.started.elapsed(), interrupted);
+    let mut outcome = conclude(&graph, whole, ended, began.elapsed(), interrupted);
     if let Some(costly) = graph.instances.iter().find(|it| it.cost.time > Interval(0)) {
         outcome.report.remark(format!(
             "`cost_ms` (of `{}`) is ignored in a live run: a turn takes the time it takes",
@@ -195,11 +232,55 @@ pub(super) fn run(
     Ok(outcome)
 }
 
-/// Nodes of one camera share a worker; nodes without a camera are on worker 0; cameras take turns over the others.
+/// Looks from outside whether a worker comes back from its activations.
+struct Watch {
+    at: Arc<AtomicU64>,
+    last: u64,
+    since: Instant,
+    is_lost: bool,
+}
+
+impl Watch {
+    fn new(at: Arc<AtomicU64>) -> Watch {
+        Watch { at, last: 0, since: Instant::now(), is_lost: false }
+    }
+
+    /// The node in whose activation the worker has been for `longest`; told once.
+    fn stuck(&mut self, longest: Duration) -> Option<usize> {
+        let at = self.at.load(Ordering::Relaxed);
+        if at == 0 || at != self.last {
+            (self.last, self.since) = (at, Instant::now());
+            return None;
+        }
+        if self.is_lost || self.since.elapsed() < longest {
+            return None;
+        }
+        self.is_lost = true;
+        Some((at & u64::from(u32::MAX)) as usize)
+    }
+}
+
+/// Nodes of one camera share a worker; what joins cameras has one for each scale, and sinks, which wait for disks, have one of their own. Where
+/// there are fewer workers, they take turns.
 fn assign_workers(graph: &Graph, n_workers: usize) -> Vec<usize> {
-    let others = n_workers.saturating_sub(1);
-    let worker = |camera: usize| if others == 0 { 0 } else { 1 + camera % others };
-    graph.instances.iter().map(|it| it.camera.map_or(0, |camera| worker(usize::from(camera.0)))).collect()
+    let mut shared: Vec<(bool, usize)> = graph.instances.iter().filter(|it| it.camera.is_none()).map(group).collect();
+    shared.sort_unstable();
+    shared.dedup();
+    // Half of the workers at most: the cameras' nodes have most to do.
+    let n_shared = shared.len().clamp(1, n_workers.div_ceil(2));
+    let n_others = n_workers - n_shared;
+    let worker = |instance: &Instance| match instance.camera {
+        Some(camera) if n_others > 0 => n_shared + usize::from(camera.0) % n_others,
+        Some(_) => 0,
+        None => shared.binary_search(&group(instance)).map_or(0, |place| place % n_shared),
+    };
+    graph.instances.iter().map(worker).collect()
+}
+
+/// What nodes without a camera share a worker by: sinks, or the scale.
+fn group(instance: &Instance) -> (bool, usize) {
+    let is_sink = instance.node_type.role == Role::Sink;
+    (is_sink, if is_sink { 0 } else { instance.scale })
 }
 
 /// Puts a bounded queue into each edge whose ends are on different workers; gives the receiving ends.
@@ -251,8 +332,20 @@ struct Worker {
 }
 
 impl Worker {
-    fn work(mut self) -> Stage {
+    /// Works until the run is over; gives the stage back, and the words of a panic of the engine itself.
+    fn work(mut self) -> (Stage, Option<String>) {
         let shared = Arc::clone(&self.post.shared);
+        let said = guarded(|| self.work_on()).err();
+        if said.is_some() {
+            shared.is_abandoned.store(true, Ordering::SeqCst);
+            shared.wake_all();
+        }
+        (self.stage, said)
+    }
+
+    fn work_on(&mut self) {
+        let shared = Arc::clone(&self.post.shared);
+        self.begin(&shared);
         let mut due = BinaryHeap::new();
         for index in std::mem::take(&mut self.sources) {
             self.ask(index, shared.now(), &mut due);
@@ -266,6 +359,9 @@ impl Worker {
             }
             let now = shared.now();
             self.post.accept(&mut self.stage, now);
+            if self.stage.is_any_blocked() {
+                self.stage.unblock(now, &mut self.post);
+            }
             self.stage.run_ready(now, &mut self.post);
             self.post.settle();
             while let Some(&Reverse((time, index, is_waiting))) = due.peek()
@@ -273,6 +369,10 @@ impl Worker {
             {
                 due.pop();
                 let now = shared.now();
+                if self.stage.is_blocked(index) {
+                    due.push(Reverse((now + FULL_INTERVAL, index, is_waiting)));
+                    continue;
+                }
                 if !is_waiting {
                     self.stage.turn_source(index, now, &mut self.post);
                 }
@@ -287,14 +387,38 @@ impl Worker {
                 view_edges(&self.graph, &self.stage, &mut views);
             }
             let until_due = due.peek().map_or(i64::MAX, |Reverse((time, ..))| (*time - shared.now()).0.max(0));
-            let sleep = LONGEST_SLEEP.min(Duration::from_nanos(until_due.unsigned_abs()));
+            self.stage.rest();
+            let longest = if self.stage.is_any_blocked() { FULL_PAUSE } else { LONGEST_SLEEP };
+            let sleep = longest.min(Duration::from_nanos(until_due.unsigned_abs()));
             if !sleep.is_zero() {
                 match self.woken.recv_timeout(sleep) {
                     Ok(()) | Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {}
                 }
             }
         }
-        self.stage
+    }
+
+    /// What is due at the very start is done before the clock runs: devices, simulated worlds and files are being opened.
+    fn begin(&mut self, shared: &Shared) {
+        for index in self.sources.clone() {
+            if self.stage.due(index, Time::ZERO) == Due::At(Time::ZERO) {
+                self.stage.turn_source(index, Time::ZERO, &mut self.post);
+            }
+        }
+        self.stage.rest();
+        if shared.n_ready.fetch_add(1, Ordering::SeqCst) + 1 == shared.n_workers {
+            let _ = shared.started.set(Instant::now()); // only the last one comes here
+        }
+        while shared.started.get().is_none() && !shared.is_abandoned.load(Ordering::SeqCst) {
+            // What others give out at the start must find room.
+            self.post.accept(&mut self.stage, Time::ZERO);
+            self.stage.run_ready(Time::ZERO, &mut self.post);
+            self.stage.unblock(Time::ZERO, &mut self.post);
+            self.post.settle();
+            self.stage.rest();
+            std::thread::sleep(FULL_PAUSE);
+        }
+        self.stage.started = shared.started.get().copied();
     }
 
     /// Asks a source when it wants its next turn, and enters that; a source that is through is counted off.
@@ -314,4 +438,5 @@ impl Worker {
     }
 }
 
-const WAITING_INTERVAL: foveate_messages::Interval = foveate_messages::Interval(WAITING_PAUSE.as_nanos() as i64);
+const FULL_INTERVAL: Interval = Interval(FULL_PAUSE.as_nanos() as i64);
+const WAITING_INTERVAL: Interval = Interval(WAITING_PAUSE.as_nanos() as i64);

@@ -1,5 +1,6 @@
 //! One node at work: its inboxes, what leads to it and what leaves from it.
 
+use std::collections::VecDeque;
 use std::path::PathBuf;
 
 use crossbeam::channel::Sender;
@@ -11,6 +12,7 @@ use crate::inbox::{Fate, Inbox};
 use crate::ledger::Ledger;
 use crate::stage::Costs;
 use foveate_node::error::NodeError;
+use foveate_node::guard::guarded;
 use foveate_node::io::Packet;
 use foveate_node::registry::ErasedNode;
 use foveate_node::setup::Purpose;
@@ -31,8 +33,22 @@ pub(crate) struct Slot {
     pub(super) work: Option<Box<Work>>,
     /// What holds messages up while its scale is suspended.
     pub(super) gate: Option<Gate>,
-    /// Whether it has neither: looked at on every hop.
+    /// What it gave out and its consumers cannot take yet; until they have, it takes nothing itself.
+    pub(super) parked: VecDeque<Parked>,
+    /// How often in a row it was made anew without an activation that went well.
+    pub(super) restarts: u32,
+    /// When it is made anew; there while it is not.
+    pub(super) restart_at: Option<Time>,
+    /// Whether it has neither of the two above: looked at on every hop.
     pub(super) is_plain: bool,
+}
+
+/// A message that could not be delivered yet.
+pub(super) struct Parked {
+    pub port: usize,
+    /// Which of the port's routes.
+    pub route: usize,
+    pub packet: Packet,
 }
 
 /// How an edge is travelled.
@@ -68,10 +84,15 @@ impl Slot {
     ) -> Result<Slot, NodeError> {
         let instance = &graph.instances[index];
         let setup = graph.setup(index, out_dir, Purpose::Run);
-        let node = instance
-            .settings
-            .build(&setup)
-            .map_err(|refusal| NodeError::input(format_args!("{}: {}", instance.path, in_words(&refusal))))?;
+        let node = match guarded(|| instance.settings.build(&setup)) {
+            Ok(Ok(node)) => node,
+            Ok(Err(refusal)) => {
+                return Err(NodeError::input(format_args!("{}: {}", instance.path, in_words(&refusal))));
+            }
+            Err(said) => {
+                return Err(NodeError::program(format_args!("{}: while it was made, it {said}", instance.path)));
+            }
+        };
         let ports = &instance.node_type.ports;
         let mut input_edges = vec![Vec::new(); ports.inputs.len()];
         let mut routes: Vec<Vec<Route>> = ports.outputs.iter().map(|_| Vec::new()).collect();
@@ -103,6 +124,9 @@ impl Slot {
             input_edges,
             routes,
             sequences: vec![0; ports.outputs.len()],
+            parked: VecDeque::new(),
+            restarts: 0,
+            restart_at: None,
             is_plain: work.is_none() && gate.is_none(),
             work,
             gate,
@@ -121,8 +145,21 @@ impl Slot {
         self.gate.as_ref().is_none_or(Gate::is_open)
     }
 
-    pub(super) fn stop(&mut self, ends: &mut [Option<EdgeEnd>], now: Time) {
-        self.node = None;
+    /// Whether consumers hold it up.
+    #[inline]
+    pub(super) fn is_blocked(&self) -> bool {
+        !self.parked.is_empty()
+    }
+
+    /// Lets go of the node. Gives the words of its panic, if it does not go in peace.
+    pub(super) fn drop_node(&mut self) -> Result<(), String> {
+        let node = self.node.take();
+        guarded(|| drop(node))
+    }
+
+    /// Nothing will be kept any more.
+    pub(super) fn close(&mut self, ends: &mut [Option<EdgeEnd>], now: Time) {
+        self.restart_at = None;
         for (inbox, edges) in self.inboxes.iter_mut().zip(&self.input_edges) {
             inbox.close(&mut |source, fate| enter(&mut ends[edges[source]], now, fate));
         }
@@ -144,7 +181,7 @@ pub(super) fn enter(end: &mut Option<EdgeEnd>, now: Time, fate: Fate<'_>) {
     }
 }
 
-fn in_words(refusal: &foveate_node::error::ConfigError) -> String {
+pub(super) fn in_words(refusal: &foveate_node::error::ConfigError) -> String {
     match &refusal.setting {
         Some(setting) => format!("`{setting}`: {}", refusal.message),
         None => refusal.message.clone(),

@@ -1,21 +1,22 @@
 //! The nodes that one worker runs: a message is carried through all of them before the next one is looked at.
 
 use std::cmp::Reverse;
-use std::collections::BinaryHeap;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::collections::{BinaryHeap, VecDeque};
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use crossbeam::channel::TrySendError;
-use foveate_messages::{SourceId, Time};
+use foveate_messages::{Interval, SourceId, Time};
 
-use crate::faults::{FaultLog, panic_text};
+use crate::faults::FaultLog;
 use crate::gates::Gates;
 use crate::inbox::{Fate, Inbox, Put};
 use crate::ledger::Ledger;
-use crate::slot::{EdgeEnd, Route, Slot, enter};
+use crate::slot::{EdgeEnd, Parked, Route, Slot, enter, in_words};
 use foveate_node::error::{Blame, NodeError};
+use foveate_node::guard::guarded;
 use foveate_node::io::{Delivery, Io, Outbox, Packet};
 use foveate_node::node::Due;
 use foveate_node::report::Report;
@@ -28,11 +29,14 @@ pub(crate) trait Away {
     fn sending(&mut self, edge: usize);
     /// Sent: wake the receiver.
     fn sent(&mut self, edge: usize);
-    /// A message on `edge` was taken off its queue again, undelivered.
+    /// A message on `edge` is not on its way any more: it was dropped, or delivered on this worker.
     fn taken_back(&mut self, edge: usize);
-    /// The queue is full and its policy is to wait: accept what has come in meanwhile. `false`: give up, the run is over.
-    fn wait(&mut self, stage: &mut Stage) -> bool;
 }
+
+/// A node that fails is made anew at most so often without an activation that went well in between.
+const MOST_RESTARTS: u32 = 5;
+/// The first restart comes at once, the second after this time; each further one takes twice as long.
+const FIRST_PAUSE: Interval = Interval(100_000_000);
 
 /// For runs on one thread.
 pub(crate) struct Alone;
@@ -41,9 +45,6 @@ impl Away for Alone {
     fn sending(&mut self, _edge: usize) {}
     fn sent(&mut self, _edge: usize) {}
     fn taken_back(&mut self, _edge: usize) {}
-    fn wait(&mut self, _stage: &mut Stage) -> bool {
-        false
-    }
 }
 
 /// Whether the costs of turns that the rig names are played out on the clock of the run.
@@ -73,6 +74,13 @@ pub(crate) struct Stage {
     delivery: Delivery,
     outbox: Outbox,
     pub(crate) faults: FaultLog,
+    /// Nodes that cannot pass on what they gave out.
+    blocked: Vec<usize>,
+    /// The data is over: queues have no bounds any more.
+    is_flushing: bool,
+    /// For who looks on from outside: the number of the present activation (upper half) and of its node (lower half), 0 between two of them.
+    pub(crate) at: Arc<AtomicU64>,
+    n_activations: u64,
     /// Messages that queues between threads dropped, to be entered in the ledgers of their edges.
     pub(crate) queue_drops: Vec<(usize, u64)>,
 }
@@ -115,6 +123,10 @@ impl Stage {
             outbox: Outbox::default(),
             faults: FaultLog::default(),
             queue_drops: Vec::new(),
+            blocked: Vec::new(),
+            is_flushing: false,
+            at: Arc::default(),
+            n_activations: 0,
         })
     }
 
@@ -135,17 +147,25 @@ impl Stage {
             outbox: Outbox::default(),
             faults: FaultLog::default(),
             queue_drops: Vec::new(),
+            blocked: Vec::new(),
+            is_flushing: false,
+            at: Arc::default(),
+            n_activations: 0,
         }
     }
 
     /// When source `index` is due; a stopped or foreign node never is.
     pub(crate) fn due(&mut self, index: usize, now: Time) -> Due {
-        let Some(node) = self.slots[index].as_mut().and_then(|slot| slot.node.as_mut()) else { return Due::Never };
-        match catch_unwind(AssertUnwindSafe(|| node.due())) {
+        let Some(slot) = &mut self.slots[index] else { return Due::Never };
+        let Some(node) = &mut slot.node else { return slot.restart_at.map_or(Due::Never, Due::At) };
+        match guarded(|| node.due()) {
             Ok(due) => due,
-            Err(payload) => {
-                self.fail(index, now, NodeError::program(panic_text(&*payload)), true);
-                self.slots[index].as_mut().and_then(|slot| slot.node.as_mut()).map_or(Due::Never, |_| Due::Waiting)
+            Err(said) => {
+                self.fail(index, now, now, NodeError::program(said), true);
+                let slot = self.slots[index].as_ref();
+                slot.map_or(Due::Never, |it| {
+                    if it.node.is_some() { Due::Waiting } else { it.restart_at.map_or(Due::Never, Due::At) }
+                })
             }
         }
     }
@@ -154,15 +174,29 @@ impl Stage {
     pub(crate) fn turn_source(&mut self, index: usize, now: Time, away: &mut dyn Away) {
         self.delivery.port = usize::MAX;
         self.delivery.packets.clear();
+        if self.slots[index].as_ref().is_some_and(|it| it.node.is_none()) {
+            return self.revive(index, now);
+        }
         self.activate(index, now, away);
         self.run_ready(now, away);
     }
 
+    /// Whether the consumer of `edge` cannot take another message now, and its queue makes the producer wait.
+    pub(crate) fn is_full(&self, edge: usize) -> bool {
+        let queue = self.graph.edges[edge].queue;
+        let Some(end) = self.ends[edge].as_ref().filter(|_| queue.when_full == WhenFull::Wait) else { return false };
+        let consumer = self.slots[end.to.0].as_ref().filter(|it| it.is_blocked() && !self.is_flushing);
+        consumer.is_some_and(|it| it.inboxes[end.to.1].waiting(end.source) >= queue.capacity)
+    }
+
     /// Hands a message to the consumer of `edge`.
     pub(crate) fn deliver(&mut self, edge: usize, packet: Packet, now: Time) {
-        let Some(end) = &mut self.ends[edge] else { return };
+        let Some(end) = &self.ends[edge] else { return };
         let (consumer, port) = end.to;
-        let Some(slot) = &mut self.slots[consumer] else { return };
+        if self.slots[consumer].as_ref().is_some_and(|it| it.node.is_none()) {
+            self.revive(consumer, now);
+        }
+        let (Some(end), Some(slot)) = (&mut self.ends[edge], &mut self.slots[consumer]) else { return };
         if slot.node.is_none() {
             end.ledger.dropped += 1;
             return;
@@ -177,7 +211,8 @@ impl Stage {
             slot.latest[port][end.source] = Some(packet);
             return;
         }
-        let is_busy = slot.work.as_ref().is_some_and(|it| it.is_busy());
+        let is_blocked = slot.is_blocked() && !self.is_flushing;
+        let is_busy = is_blocked || slot.work.as_ref().is_some_and(|it| it.is_busy());
         let put = if is_busy {
             slot.inboxes[port].put_bounded(end.source, packet, self.graph.edges[edge].queue)
         } else {
@@ -187,6 +222,46 @@ impl Stage {
             Put::Triggers if !is_busy => self.set_ready(consumer),
             Put::Triggers | Put::Waits => {}
             Put::Replaces | Put::Refused => end.ledger.dropped += 1,
+        }
+    }
+
+    /// Nothing is at work.
+    pub(crate) fn rest(&self) {
+        self.at.store(0, Ordering::Relaxed);
+    }
+
+    /// Whether any node cannot pass on what it gave out.
+    pub(crate) fn is_any_blocked(&self) -> bool {
+        !self.blocked.is_empty()
+    }
+
+    /// Whether consumers hold node `index` up.
+    pub(crate) fn is_blocked(&self, index: usize) -> bool {
+        self.slots[index].as_ref().is_some_and(Slot::is_blocked)
+    }
+
+    /// Tries again to pass on what waits at nodes that are held up.
+    pub(crate) fn unblock(&mut self, now: Time, away: &mut dyn Away) {
+        for index in std::mem::take(&mut self.blocked) {
+            let Some(slot) = &mut self.slots[index] else { continue };
+            let (parked, mut routes) = (std::mem::take(&mut slot.parked), std::mem::take(&mut slot.routes));
+            let mut still: VecDeque<Parked> = VecDeque::new();
+            for it in parked {
+                // What was given out first on an edge stays first there.
+                let is_held = still.iter().any(|other| (other.port, other.route) == (it.port, it.route));
+                let Parked { port, route, packet } = it;
+                let refused =
+                    if is_held { Err(packet) } else { self.send(&mut routes[port][route], packet, now, away, true) };
+                still.extend(refused.err().map(|packet| Parked { port, route, packet }));
+            }
+            let is_free = still.is_empty();
+            let Some(slot) = &mut self.slots[index] else { continue };
+            (slot.parked, slot.routes) = (still, routes);
+            if !is_free {
+                self.blocked.push(index);
+            } else if slot.inboxes.iter().any(Inbox::may_trigger) {
+                self.set_ready(index);
+            }
         }
     }
 
@@ -242,10 +317,18 @@ impl Stage {
     /// At the end of the data: delivers what busy nodes hold back and sets that wait for sources which will not come; nothing
     /// costs any time any more.
     pub(crate) fn flush(&mut self, now: Time) {
+        self.is_flushing = true;
+        self.unblock(now, &mut Alone);
+        self.run_ready(now, &mut Alone);
         while !self.busy.is_empty() {
             self.end_work(&mut Alone);
         }
-        self.slots.iter_mut().flatten().for_each(|slot| slot.work = None);
+        for slot in self.slots.iter_mut().flatten() {
+            slot.work = None;
+            if slot.node.is_none() {
+                slot.close(&mut self.ends, now);
+            }
+        }
         for index in 0..self.slots.len() {
             while self.slots[index].as_ref().is_some_and(Slot::is_open) && self.take_next(index, now, true) {
                 self.activate(index, now, &mut Alone);
@@ -259,14 +342,26 @@ impl Stage {
         for index in 0..self.slots.len() {
             let Some(node) = self.slots[index].as_mut().and_then(|slot| slot.node.as_mut()) else { continue };
             let mut own = Report::default();
-            let result = catch_unwind(AssertUnwindSafe(|| node.finish(&mut own)));
-            report.absorb(&self.graph.instances[index].path, own);
-            let error = match result {
-                Ok(Ok(())) => continue,
-                Ok(Err(error)) => error,
-                Err(payload) => NodeError::program(panic_text(&*payload)),
-            };
-            self.faults.failure(&self.graph.instances[index].path, now, &error, "while finishing");
+            let result = guarded(|| node.finish(&mut own));
+            let path = &self.graph.instances[index].path;
+            report.absorb(path, own);
+            match result {
+                Ok(Ok(())) => {}
+                Ok(Err(error)) => self.faults.failure(path, now, &error, "while finishing"),
+                Err(said) => self.faults.failure(path, now, &NodeError::program(said), "while finishing"),
+            }
+        }
+        for index in 0..self.slots.len() {
+            if let Some(Err(said)) = self.slots[index].as_mut().map(Slot::drop_node) {
+                let path = &self.graph.instances[index].path;
+                self.faults.failure(path, now, &NodeError::program(said), "while it was let go");
+            }
+        }
+        for (edge, end) in self.graph.edges.iter().zip(&mut self.ends) {
+            if let Some(said) = end.as_mut().and_then(|it| it.ledger.quality_fault.take()) {
+                let error = NodeError::program(format_args!("the quality of a message on {} {said}", edge.name));
+                self.faults.failure(&self.graph.instances[edge.from.0].path, now, &error, "left out");
+            }
         }
     }
 
@@ -274,6 +369,10 @@ impl Stage {
     fn take_next(&mut self, index: usize, now: Time, flush: bool) -> bool {
         let Some(slot) = &mut self.slots[index] else { return false };
         self.delivery.packets.clear();
+        if slot.is_blocked() || slot.node.is_none() {
+            self.clear_ready(index);
+            return false;
+        }
         let mut taken = false;
         for (port, inbox) in slot.inboxes.iter_mut().enumerate() {
             let (edges, ends) = (&slot.input_edges[port], &mut self.ends);
@@ -314,7 +413,7 @@ impl Stage {
         let (mut at, mut now) = (index, now);
         loop {
             // One guard for the whole chain: it costs as much as a short turn.
-            let chain = catch_unwind(AssertUnwindSafe(|| {
+            let chain = guarded(|| {
                 loop {
                     self.process(at, now);
                     now = self.clock(now);
@@ -323,9 +422,9 @@ impl Stage {
                         None => return,
                     }
                 }
-            }));
-            let Err(payload) = chain else { break };
-            self.fail(at, self.seen, NodeError::program(panic_text(&*payload)), true);
+            });
+            let Err(said) = chain else { break };
+            self.fail(at, self.seen, now, NodeError::program(said), true);
             match self.pass_on(at, now) {
                 Some(next) => at = next,
                 None => break,
@@ -339,6 +438,8 @@ impl Stage {
     }
 
     fn process(&mut self, index: usize, now: Time) {
+        self.n_activations += 1;
+        self.at.store((self.n_activations << 32) | index as u64, Ordering::Relaxed);
         let Some(slot) = &mut self.slots[index] else { return };
         let Some(node) = &mut slot.node else { return };
         // The node takes the message out; a failure is reported with the message's own time.
@@ -351,8 +452,9 @@ impl Stage {
             &mut self.outbox,
             &mut slot.sequences,
         );
-        if let Err(error) = node.process(&mut io) {
-            self.fail(index, self.seen, error, false);
+        match node.process(&mut io) {
+            Ok(()) => slot.restarts = 0,
+            Err(error) => self.fail(index, self.seen, now, error, false),
         }
     }
 
@@ -368,7 +470,8 @@ impl Stage {
         let end = self.ends[edge].as_mut()?;
         let (consumer, port) = end.to;
         let next = self.slots[consumer].as_ref()?;
-        let is_free = next.node.is_some() && slot.work.is_none() && (next.is_plain || next.may_follow());
+        let is_free =
+            next.node.is_some() && !next.is_blocked() && slot.work.is_none() && (next.is_plain || next.may_follow());
         if !is_free || !matches!(&next.inboxes[port], Inbox::Each(queue) if queue.is_empty()) {
             return None;
         }
@@ -400,42 +503,86 @@ impl Stage {
             }
             self.faults.gap(&self.graph.instances[index].path, &gap);
         }
+        let mut parked: Vec<Parked> = Vec::new();
         for (port, packet) in outbox.packets.drain(..) {
-            let Some((last, others)) = routes[port].split_last_mut() else { continue };
-            for route in others {
-                self.send(route, packet.clone(), now, away);
+            let n_routes = routes[port].len();
+            let mut packet = Some(packet);
+            for route in 0..n_routes {
+                let Some(packet) = (if route + 1 == n_routes { packet.take() } else { packet.clone() }) else { break };
+                let is_held = !parked.is_empty() && parked.iter().any(|it| (it.port, it.route) == (port, route));
+                let refused = if is_held {
+                    away.sending(usize::MAX);
+                    Err(packet)
+                } else {
+                    self.send(&mut routes[port][route], packet, now, away, false)
+                };
+                parked.extend(refused.err().map(|packet| Parked { port, route, packet }));
             }
-            self.send(last, packet, now, away);
         }
         if let Some(slot) = &mut self.slots[index] {
             slot.routes = routes;
+            if !parked.is_empty() {
+                slot.parked.extend(parked);
+                self.blocked.push(index);
+                self.clear_ready(index);
+            }
         }
         self.outbox = outbox;
     }
 
-    fn send(&mut self, route: &mut Route, packet: Packet, now: Time, away: &mut dyn Away) {
+    /// Sends a message on its way; gives it back where its queue is full and makes producers wait. `is_counted`: it was on its way before.
+    fn send(
+        &mut self,
+        route: &mut Route,
+        packet: Packet,
+        now: Time,
+        away: &mut dyn Away,
+        is_counted: bool,
+    ) -> Result<(), Packet> {
         let (edge, sender, receiver, when_full, dropped) = match route {
-            Route::Here(edge) => return self.deliver(*edge, packet, now),
-            Route::Told(scale) => return self.gates.hear(*scale, &packet),
+            Route::Here(edge) => {
+                if self.is_full(*edge) {
+                    if !is_counted {
+                        away.sending(*edge);
+                    }
+                    return Err(packet);
+                }
+                self.deliver(*edge, packet, now);
+                if is_counted {
+                    away.taken_back(*edge);
+                }
+                return Ok(());
+            }
+            Route::Told(scale) => {
+                self.gates.hear(*scale, &packet);
+                return Ok(());
+            }
             Route::Away { edge, sender, receiver, when_full, dropped } => {
                 (*edge, sender, receiver, *when_full, dropped)
             }
         };
         let mut packet = packet;
-        away.sending(edge);
+        if !is_counted {
+            away.sending(edge);
+        }
         loop {
             packet = match sender.try_send(packet) {
-                Ok(()) => return away.sent(edge),
+                Ok(()) => {
+                    away.sent(edge);
+                    return Ok(());
+                }
                 Err(TrySendError::Disconnected(_)) => {
                     *dropped += 1;
-                    return away.taken_back(edge);
+                    away.taken_back(edge);
+                    return Ok(());
                 }
                 Err(TrySendError::Full(packet)) => packet,
             };
             match when_full {
                 WhenFull::DropNewest => {
                     *dropped += 1;
-                    return away.taken_back(edge);
+                    away.taken_back(edge);
+                    return Ok(());
                 }
                 WhenFull::DropOldest => {
                     if receiver.try_recv().is_ok() {
@@ -443,40 +590,66 @@ impl Stage {
                         away.taken_back(edge);
                     }
                 }
-                WhenFull::Wait => {
-                    if !away.wait(self) {
-                        *dropped += 1;
-                        return away.taken_back(edge);
-                    }
-                }
+                WhenFull::Wait => return Err(packet),
             }
         }
     }
 
-    /// Applies the rig's `on_error` to a failure of node `index` on a message captured at `seen`.
-    fn fail(&mut self, index: usize, seen: Time, error: NodeError, panicked: bool) {
-        let instance = &self.graph.instances[index];
+    /// Applies the rig's `on_error` to a failure of node `index` at session time `now`, on a message captured at `seen`.
+    fn fail(&mut self, index: usize, seen: Time, now: Time, error: NodeError, panicked: bool) {
+        let graph = Arc::clone(&self.graph);
+        let instance = &graph.instances[index];
+        let Some(slot) = &mut self.slots[index] else { return };
+        let is_worn_out = slot.restarts >= MOST_RESTARTS;
         let action = match instance.on_error {
             OnError::Stop => "stopped",
             OnError::Skip if !panicked => "message skipped",
+            OnError::Skip | OnError::Restart if is_worn_out => "stopped after five restarts in vain",
             OnError::Skip | OnError::Restart => "restarted",
         };
         self.faults.failure(&instance.path, seen, &error, action);
-        let Some(slot) = &mut self.slots[index] else { return };
-        match action {
-            "stopped" => slot.stop(&mut self.ends, seen),
-            "restarted" => {
-                match instance.settings.build(&self.graph.setup(index, self.out_dir.clone(), Purpose::Run)) {
-                    Ok(node) => slot.node = Some(node),
-                    Err(refusal) => {
-                        let refusal =
-                            NodeError { blame: Blame::Input, message: format!("cannot be restarted: {refusal}") };
-                        self.faults.failure(&instance.path, seen, &refusal, "stopped");
-                        slot.stop(&mut self.ends, seen);
-                    }
-                }
-            }
-            _ => {}
+        if action == "message skipped" {
+            return;
         }
+        // Before another one is made: two of them cannot hold one device.
+        if let Err(said) = slot.drop_node() {
+            self.faults.failure(&instance.path, seen, &NodeError::program(said), "while it was let go");
+        }
+        if action != "restarted" {
+            return slot.close(&mut self.ends, seen);
+        }
+        let pause = match slot.restarts {
+            0 => Interval(0),
+            before => Interval(FIRST_PAUSE.0 << (before - 1)),
+        };
+        slot.restarts += 1;
+        slot.restart_at = Some(now + pause);
+        self.revive(index, now);
+    }
+
+    /// Makes a node anew whose time has come; one that cannot be made is tried again later.
+    fn revive(&mut self, index: usize, now: Time) {
+        let graph = Arc::clone(&self.graph);
+        let instance = &graph.instances[index];
+        let Some(slot) = &mut self.slots[index] else { return };
+        if slot.restart_at.is_none_or(|it| now < it) {
+            return;
+        }
+        slot.restart_at = None;
+        let setup = graph.setup(index, self.out_dir.clone(), Purpose::Run);
+        let error = match guarded(|| instance.settings.build(&setup)) {
+            Ok(Ok(node)) => {
+                slot.node = Some(node);
+                if slot.inboxes.iter().any(Inbox::may_trigger) {
+                    self.set_ready(index);
+                }
+                return;
+            }
+            Ok(Err(refusal)) => {
+                NodeError { blame: Blame::Input, message: format!("cannot be restarted: {}", in_words(&refusal)) }
+            }
+            Err(said) => NodeError::program(format_args!("cannot be restarted: {said}")),
+        };
+        self.fail(index, now, now, error, true);
     }
 }

@@ -140,13 +140,18 @@ impl Io<'_> {
     }
 
     /// Gives out `value` under the stamp of what it was made from.
+    ///
+    /// # Panics
+    /// When the node's `ports` do not declare `port`: a mistake in its source.
     pub fn emit<T: Message>(&mut self, port: &Out<T>, stamp: Stamp, value: impl Into<Arc<T>>) {
+        self.check(port);
         self.outbox.packets.push((port.index, Packet { stamp, payload: value.into() }));
     }
 
     /// Gives out `value` as seen at `time` by this node, numbered by this node: for sources, and for nodes that make
     /// a new stream out of many.
     pub fn emit_at<T: Message>(&mut self, port: &Out<T>, time: Time, value: impl Into<Arc<T>>) {
+        self.check(port);
         let sequence = self.sequences[port.index];
         self.sequences[port.index] += 1;
         self.emit(port, Stamp { time, source: self.source, sequence }, value);
@@ -154,6 +159,7 @@ impl Io<'_> {
 
     /// Like [`Io::emit_at`] with a number of the device's own, so that what the device lost shows as a gap.
     pub fn emit_numbered<T: Message>(&mut self, port: &Out<T>, time: Time, sequence: u64, value: impl Into<Arc<T>>) {
+        self.check(port);
         self.sequences[port.index] = sequence + 1;
         self.emit(port, Stamp { time, source: self.source, sequence }, value);
     }
@@ -161,7 +167,17 @@ impl Io<'_> {
     /// Says that a message that should have been there is not: counted on the port's edges, shown, and never silent.
     /// Takes up one sequence number.
     pub fn gap<T: Message>(&mut self, port: &Out<T>, time: Time, reason: impl Display) {
+        self.check(port);
         self.sequences[port.index] += 1;
         self.outbox.gaps.push((port.index, Gap { time, reason: reason.to_string() }));
+    }
+
+    #[inline]
+    fn check<T>(&self, port: &Out<T>) {
+        let (index, name) = (port.index, port.name);
+        assert!(
+            index < self.sequences.len(),
+            "gave out at port {index} (`{name}`), which the node's `ports` do not declare"
+        );
     }
 }

@@ -4,11 +4,13 @@
 //! |---|---|
 //! | [`node`], [`port`], [`io`] | what an author writes: a type with ports, settings and `process` |
 //! | [`setup`], [`report`], [`error`] | what a node is given when it is made, what it leaves behind, what it may complain about |
+//! | [`guard`] | what stands around every call of foreign code |
 //! | [`registry`] | the node types that a program knows, erased |
 //! | [`scale`] | the scales at run time: who carries a scale's space, and where it is |
 //! | [`setting_docs`] | the settings of a node type for people |
 
 pub mod error;
+pub mod guard;
 pub mod io;
 pub mod line;
 pub mod node;

@@ -63,7 +63,14 @@ pub(super) fn implied<'t>(
     }
     let here = |text: String| Spanned::new(anchor.span(), text);
     let from = here(format!("{}.{name}.{}", scales[parent].name, output.name));
-    let input = InputText { port: here("targets".to_owned()), from: vec![from], queue: Queue::default(), take: None };
+    let input = InputText {
+        port: here("targets".to_owned()),
+        from: vec![from],
+        queue: Queue::default(),
+        has_capacity: false,
+        tolerance: None,
+        take: None,
+    };
     Some(NodeText {
         name: here(NODE.to_owned()),
         header: anchor.span(),

@@ -184,8 +184,11 @@ impl Finish<'_, '_> {
 
 /// How each input port of a node takes data: its own way where the rig does not choose another one.
 fn takes(node: &NodeDraft<'_>) -> Vec<Take> {
-    let chosen =
-        |port: &str| node.text.inputs.iter().find(|it| it.port.get_ref() == port)?.take.as_ref().map(|it| it.0);
+    let chosen = |port: &str| {
+        let input = node.text.inputs.iter().find(|it| it.port.get_ref() == port)?;
+        let tolerance = input.tolerance.as_ref().map(|it| Take::Synced(it.0));
+        tolerance.or(input.take.as_ref().map(|it| it.0))
+    };
     let ports = node.node_type.iter().flat_map(|it| &it.ports.inputs);
     ports.map(|it| chosen(it.name).unwrap_or(it.take)).collect()
 }

@@ -140,6 +140,9 @@ impl Default for Queue {
     }
 }
 
+/// Messages that may wait before a sink where the rig does not say: half a second of pictures, since a disk pauses for so long.
+pub const SINK_CAPACITY: usize = 32;
+
 /// What happens when a message meets a full queue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum WhenFull {

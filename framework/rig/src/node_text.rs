@@ -53,6 +53,10 @@ pub(super) struct InputText {
     pub port: Spanned<String>,
     pub from: Vec<Spanned<String>>,
     pub queue: Queue,
+    /// Whether the rig states how many messages may wait.
+    pub has_capacity: bool,
+    /// Of a port that joins sources: how far their capture times may lie apart, and where that stands.
+    pub tolerance: Option<(Interval, Span)>,
     /// How the port is to take data, and where that stands.
     pub take: Option<(Take, Span)>,
 }
@@ -160,13 +164,17 @@ fn read_cost(keys: &mut Keys<'_>, findings: &mut Findings) -> (Cost, Option<Span
     (Cost { time: Interval::from_ms(time_ms), jitter: Interval::from_ms(jitter_ms) }, place)
 }
 
+/// Capture times of one set lie at most so far apart [ms].
+const MOST_TOLERANCE_MS: f64 = 60_000.0;
+
 fn read_input(port: Spanned<String>, value: Value<'_>, text: &str, findings: &mut Findings) -> InputText {
     let mut queue = Queue::default();
-    let mut take = None;
+    let (mut take, mut tolerance, mut has_capacity) = (None, None, false);
     let from = match value.get_ref() {
         DeValue::Table(_) => match findings.table(&port, value, text, "") {
             Some(mut keys) => {
                 if let Some(value) = keys.take("capacity") {
+                    has_capacity = true;
                     let capacity = findings.whole("capacity", &value, 1, MOST_QUEUED);
                     queue.capacity = capacity.and_then(|it| usize::try_from(it).ok()).unwrap_or(queue.capacity);
                 }
@@ -175,6 +183,11 @@ fn read_input(port: Spanned<String>, value: Value<'_>, text: &str, findings: &mu
                 }
                 if let Some(value) = keys.take("take") {
                     take = findings.choice("take", &value, &Take::CHOICES).map(|it| (it, value.span()));
+                }
+                if let Some(value) = keys.take("tolerance_ms") {
+                    let is_time = |it: f64| (0.0..=MOST_TOLERANCE_MS).contains(&it);
+                    let found = findings.number("tolerance_ms", &value, "milliseconds, from 0 to 60000", is_time);
+                    tolerance = found.map(|it| (Interval::from_ms(it), value.span()));
                 }
                 let from = keys.take("from");
                 if from.is_none() {
@@ -188,7 +201,7 @@ fn read_input(port: Spanned<String>, value: Value<'_>, text: &str, findings: &mu
         },
         _ => Some(read_sources(&port, value, findings)),
     };
-    InputText { port, from: from.unwrap_or_default(), queue, take }
+    InputText { port, from: from.unwrap_or_default(), queue, has_capacity, tolerance, take }
 }
 
 fn read_sources(port: &Spanned<String>, value: Value<'_>, findings: &mut Findings) -> Vec<Spanned<String>> {

@@ -1,7 +1,6 @@
 //! Nodes one by one: the type looked up, the settings checked and decoded, one instance a camera, each made on trial.
 
 use std::collections::BTreeMap;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -14,10 +13,11 @@ use super::node_text::NodeText;
 use super::scales::ScaleDraft;
 use super::schema::written;
 use super::settings;
-use crate::graph::scale_id;
+use crate::graph::{SINK_CAPACITY, scale_id};
 use foveate_diagnostics::Findings;
 use foveate_diagnostics::names::{did_you_mean, likely, listed, shown, there_is};
-use foveate_node::node::Plan;
+use foveate_node::guard::guarded;
+use foveate_node::node::{Plan, Role};
 use foveate_node::registry::{NodeType, Registry, Settings};
 use foveate_node::scale::{ScalePlace, ScaleTree};
 use foveate_node::setup::{Claims, Purpose, Setup};
@@ -68,6 +68,11 @@ impl Surroundings<'_> {
     pub fn draft<'t>(&self, mut text: NodeText<'t>, scale: &ScaleView<'_>, findings: &mut Findings) -> NodeDraft<'t> {
         let node_type = self.node_type(&text, findings);
         let cameras = self.cameras(&text, findings);
+        if node_type.as_ref().is_some_and(|it| it.role == Role::Sink) {
+            for input in text.inputs.iter_mut().filter(|it| !it.has_capacity) {
+                input.queue.capacity = SINK_CAPACITY;
+            }
+        }
         let given = std::mem::take(&mut text.settings);
         let settings = node_type.as_ref().and_then(|it| decode(it, &text, &given, findings));
         let plan = settings.as_ref().map(|it| it.plan()).unwrap_or_default();
@@ -188,13 +193,10 @@ impl Surroundings<'_> {
                 purpose: Purpose::Check,
                 claims: self.claims.clone(),
             };
-            let (setting, message) = match catch_unwind(AssertUnwindSafe(|| settings.build(&setup).map(drop))) {
+            let (setting, message) = match guarded(|| settings.build(&setup).map(drop)) {
                 Ok(Ok(())) => continue,
                 Ok(Err(error)) => (error.setting, error.message),
-                Err(panic) => {
-                    let said = panic_text(panic.as_ref());
-                    (None, format!("the node panicked while it was made, which is a mistake in its program: {said}"))
-                }
+                Err(said) => (None, format!("the node {said}: a mistake in its program")),
             };
             let alike = camera_name.map_or_else(|| message.clone(), |it| message.replace(it, "{camera}"));
             let entry = complaints.entry((setting, alike)).or_insert_with(|| (message, Vec::new()));
@@ -218,11 +220,6 @@ impl Surroundings<'_> {
             }
         }
     }
-}
-
-fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {
-    let text = panic.downcast_ref::<String>().map(String::as_str);
-    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no message").to_owned()
 }
 
 /// `room.leds[wide-3]`, or `room.targets` without a camera.

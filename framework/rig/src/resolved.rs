@@ -133,9 +133,16 @@ fn write_node(text: &mut String, names: &Names<'_, '_>, node: &NodeDraft<'_>) ->
         let own = node_type.ports.inputs.iter().find(|it| it.name == input.port.get_ref()).map(|it| it.take);
         let take = input.take.as_ref().map(|it| it.0).or(own).and_then(Take::choice);
         let take = take.map(|it| format!(", take = \"{it}\"")).unwrap_or_default();
+        let tolerance = match (&input.tolerance, own) {
+            (Some((stated, _)), _) => format!(", tolerance_ms = {}", in_ms(*stated)),
+            (None, Some(Take::Synced(own))) => format!(", tolerance_ms = {}", in_ms(own)),
+            (None, _) => String::new(),
+        };
         let port = quoted_key(input.port.get_ref());
-        let _ =
-            writeln!(text, "in.{port} = {{ from = {from}, capacity = {capacity}, when_full = \"{when_full}\"{take} }}");
+        let _ = writeln!(
+            text,
+            "in.{port} = {{ from = {from}, capacity = {capacity}, when_full = \"{when_full}\"{take}{tolerance} }}"
+        );
     }
     for require in &node.text.requires {
         let _ = writeln!(text, "require.{} = {}", quoted_key(require.port.get_ref()), requirement(require));

@@ -9,6 +9,7 @@ use serde_json::{Map, Value as Json, json};
 
 use super::node_text::{LONGEST_COST_MS, ON_ERROR, WHEN_FULL};
 use super::targets;
+use crate::graph::{Queue, SINK_CAPACITY};
 use foveate_node::node::{Node, Role};
 use foveate_node::port::{InputSpec, Take};
 use foveate_node::registry::{NodeType, Registry};
@@ -192,7 +193,8 @@ fn reserved(node_type: &NodeType) -> Map<String, Json> {
         );
     }
     let inputs = &node_type.ports.inputs;
-    let ports: Map<String, Json> = inputs.iter().map(|it| (it.name.to_owned(), connection(it))).collect();
+    let ports: Map<String, Json> =
+        inputs.iter().map(|it| (it.name.to_owned(), connection(it, node_type.role))).collect();
     let needed: Vec<&str> = inputs.iter().filter(|it| !it.optional).map(|it| it.name).collect();
     keys.insert(
         "in".to_owned(),
@@ -218,7 +220,8 @@ fn reserved(node_type: &NodeType) -> Map<String, Json> {
 }
 
 /// A text, a list of texts, or a table: each keyword speaks of one kind of value only.
-fn connection(port: &InputSpec) -> Json {
+fn connection(port: &InputSpec, role: Role) -> Json {
+    let capacity = if role == Role::Sink { SINK_CAPACITY } else { Queue::default().capacity };
     let how = port.take.in_words();
     let count = if port.many { "any number of sources" } else { "one source" };
     let form = "NODE.OUTPUT, SCALE.NODE.OUTPUT or NODE[CAMERA].OUTPUT";
@@ -236,7 +239,7 @@ fn connection(port: &InputSpec) -> Json {
             "from": { "description": form, "type": ["string", "array"], "pattern": pattern, "items": source, "minItems": 1 },
             "capacity": {
                 "description": "Messages that may wait.",
-                "type": "integer", "minimum": 1, "maximum": 1_000_000, "default": 8
+                "type": "integer", "minimum": 1, "maximum": 1_000_000, "default": capacity
             },
             "when_full": {
                 "description": "What happens to one more: an old one is dropped, the new one is dropped, or its sender waits.",
@@ -247,6 +250,12 @@ fn connection(port: &InputSpec) -> Json {
         "required": ["from"],
         "additionalProperties": false
     });
+    if let Take::Synced(own) = port.take {
+        schema["properties"]["tolerance_ms"] = json!({
+            "description": "How far apart the capture times of one set may lie [ms].",
+            "type": "number", "minimum": 0, "maximum": 60_000, "default": own.as_ms()
+        });
+    }
     if let Some(own) = port.take.choice() {
         schema["properties"]["take"] = json!({
             "description": "Which of the waiting messages it takes when its node is free; the others are dropped and counted.",

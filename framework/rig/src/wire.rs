@@ -180,6 +180,11 @@ impl<'a> Consumer<'_, 'a, '_> {
                 .help("only inputs that take many can join sources: `foveate nodes TYPE` says which");
             return;
         }
+        if let (Some((_, place)), false) = (&input.tolerance, matches!(port.take, Take::Synced(_))) {
+            let title = format!("input `{}` of `{}` joins nothing", port.name, self.node.name());
+            let label = format!("found `tolerance_ms`, expected nothing: {}", port.take.in_words());
+            findings.error(place.clone(), title, label);
+        }
         if let (Some((_, place)), None) = (&input.take, port.take.choice()) {
             let title = format!("how input `{}` of `{}` takes data cannot be chosen", port.name, self.node.name());
             let label = format!("found `take`, expected nothing: {}", port.take.in_words());

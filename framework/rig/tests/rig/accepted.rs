@@ -45,6 +45,32 @@ fn lab_expands_to_one_instance_a_camera_in_the_order_of_its_edges() {
 }
 
 #[test]
+fn sets_are_joined_within_the_tolerance_of_the_rig_and_sinks_have_room_for_a_pause() {
+    let joined = |graph: &Graph| {
+        graph.instances.iter().find_map(|it| it.takes.iter().copied().find(|it| matches!(it, Take::Synced(_))))
+    };
+    let lab = LAB.replace("test.integrator", "test.joiner").replace(", hints = \"targets.hints\"", "");
+    let own = good(&lab);
+    assert_eq!(joined(&own), Some(Take::Synced(Interval::from_ms(8.0))));
+    let text =
+        lab.replacen("features = \"leds.features\"", "features = { from = \"leds.features\", tolerance_ms = 2.5 }", 1);
+    let graph = good(&text);
+    assert_eq!(joined(&graph), Some(Take::Synced(Interval::from_ms(2.5))));
+    assert!(graph.resolved.contains("tolerance_ms = 2.5"), "{}", graph.resolved);
+    assert_eq!(joined(&good(&graph.resolved)), Some(Take::Synced(Interval::from_ms(2.5))));
+    let sampled = LAB.replacen(
+        "targets = { from = [\"targets.targets\"]",
+        "targets = { tolerance_ms = 3, from = [\"targets.targets\"]",
+        1,
+    );
+    let refused = crate::parts::load(&sampled).unwrap_err().to_string();
+    assert!(refused.contains("joins nothing") && refused.contains("found `tolerance_ms`"), "{refused}");
+    let sinks = good(&LAB.replace("capacity = 64, ", ""));
+    let table = sinks.edges.iter().find(|it| it.name.ends_with("table.targets")).unwrap();
+    assert_eq!(table.queue.capacity, 32);
+}
+
+#[test]
 fn resolved_rig_has_the_defaults_and_is_its_own_resolution() {
     let graph = good(LAB);
     for line in ["offset = 25.0", "max_area = 400", "rate_hz = 60.0", "on_error = \"stop\"", "seed = 1"] {
