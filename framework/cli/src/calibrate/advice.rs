@@ -1,7 +1,7 @@
 //! What to try next, as a command that can be typed: what was found wrong, in options of this program.
 
 use foveate_calibration::cause::Cause;
-use foveate_calibration::checks::{Checks, Level};
+use foveate_calibration::checks::{Level, Suspect};
 
 /// What of the command line bears on what can be suggested.
 #[derive(Debug, Clone, Default)]
@@ -18,23 +18,21 @@ pub struct Asked {
     pub optics: Option<&'static str>,
     /// Options that go into any further command as they are, such as `--inlier-px 8`.
     pub kept: Vec<String>,
-    /// Whether a board was shown.
-    pub is_board: bool,
 }
 
 /// Clocks are looked for this many times as far as a camera was found to be late.
 const MARGIN: f64 = 2.0;
 
 /// Commands worth trying on the same recording, each with what it is for; none where all is well or nothing but a new recording helps.
-pub fn commands(asked: &Asked, checks: &Checks) -> Vec<String> {
-    let graver = || checks.suspects.iter().filter(|it| it.judgement.level > Level::Good);
+pub fn commands(asked: &Asked, suspects: &[Suspect]) -> Vec<String> {
+    let graver = || suspects.iter().filter(|it| it.judgement.level > Level::Good);
     let mut list = Vec::new();
     let latest = graver().filter_map(|it| match it.cause {
         Cause::Clock { offset_s, .. } => Some(offset_s.abs()),
         _ => None,
     });
     let latest_s = latest.fold(0.0, f64::max);
-    if latest_s > 0.0 && !asked.unsynchronised && !asked.is_board {
+    if latest_s > 0.0 && !asked.unsynchronised {
         let max_offset_s = (MARGIN * latest_s).max(0.5);
         let options = format!("--from-nothing --unsynchronised --max-offset {max_offset_s:.2}");
         list.push(asked.with(&options, asked.optics, "to find each camera's clock as well"));

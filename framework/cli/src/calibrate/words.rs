@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use foveate_calibration::clocks::ClockStatus;
+use foveate_calibration::clocks::{ClockFault, ClockStatus};
 use foveate_calibration::recording::{Look, Recording};
 use foveate_calibration::room::{
     NotSynchronised, SolvedRoom, SynchronisedRoom, in_names, keep_distinct, swapped as swapped_labels,
@@ -188,9 +188,14 @@ fn further(status: &ClockStatus) -> &'static str {
 /// Why nothing was found by cameras that share no clock.
 pub fn not_synchronised(fault: &NotSynchronised, recording: &Recording) -> String {
     match fault {
-        NotSynchronised::Clocks(fault) => fault.sentence(|it| recording.name(it), |status| further(status).to_owned()),
+        NotSynchronised::Clocks(fault) => no_clocks(fault, recording),
         NotSynchronised::Room(fault) => fault.to_string(),
     }
+}
+
+/// Why no clocks were found.
+pub fn no_clocks(fault: &ClockFault, recording: &Recording) -> String {
+    fault.sentence(|it| recording.name(it), |status| further(status).to_owned())
 }
 
 fn focal(camera: &SolvedCamera) -> String {
