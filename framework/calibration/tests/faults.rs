@@ -65,7 +65,7 @@ fn pixels_that_are_not_square_are_told_though_nearly_all_fits() {
 #[test]
 fn share_of_false_observations_is_told_and_most_of_them_do_no_harm() {
     let usual = named(Fault::Random(0.3), 1);
-    assert_eq!(usual.verdict.level, Level::Good, "{usual}");
+    assert!(usual.verdict.level < Level::Redo && usual.suspects[0].judgement.level == Level::Good, "{usual}");
     let share = |checks: &Checks| checks.suspects[0].cause.size().unwrap();
     assert!((share(&usual) - 0.3).abs() < 0.08, "{}", share(&usual));
     let most = named(Fault::Random(0.7), 1);
@@ -75,14 +75,10 @@ fn share_of_false_observations_is_told_and_most_of_them_do_no_harm() {
 #[test]
 fn clean_rooms_accuse_no_camera_whole_in_halves_and_without_each() {
     let set = set();
-    let n = set.recording.looks.len();
-    let part = |keeps: &dyn Fn(usize, usize) -> bool| {
-        let looks = set.recording.looks.iter().enumerate().filter(|(index, it)| keeps(*index, it.camera));
-        Recording { cameras: set.recording.cameras.clone(), looks: looks.map(|it| it.1.clone()).collect() }
-    };
-    let mut parts = vec![part(&|_, _| true), part(&|it, _| it < n / 2), part(&|it, _| it >= n / 2)];
-    parts.extend((0..5).map(|out| part(&|_, camera| camera != out)));
-    for recording in parts {
+    let parts = [Fault::Clean, Fault::Half { first: true }, Fault::Half { first: false }, Fault::Rate(29.97)];
+    let parts = parts.map(|it| (it, 0)).into_iter().chain((0..5).map(|camera| (Fault::Without, camera)));
+    for (part, camera) in parts {
+        let recording = part.done_to(&set.recording, camera, 1).unwrap();
         let (_, checks) = checked(&set, &recording).unwrap();
         let unseen = |it: usize| recording.looks.iter().all(|look| look.camera != it);
         let accused: Vec<_> = checks.suspects.iter().filter(|it| !unseen(it.camera)).map(|it| it.cause).collect();

@@ -233,7 +233,7 @@ impl Reader<'_> {
         for (name, value) in tables {
             self.camera = Some(name.get_ref().to_string());
             let clock = match value.get_ref().as_table() {
-                Some(table) => self.clock(table, name.span()),
+                Some(table) => self.clock(table),
                 None => self.expect(None, value, "clock", "a table such as [clock.wide-1]"),
             };
             clocks.0.extend(clock.map(|clock| (name.get_ref().to_string(), clock)));
@@ -242,10 +242,13 @@ impl Reader<'_> {
         clocks
     }
 
-    fn clock(&mut self, table: &DeTable<'_>, at: Range<usize>) -> Option<CameraClock> {
+    fn clock(&mut self, table: &DeTable<'_>) -> Option<CameraClock> {
         self.refuse_unknown(table, "key", &CLOCK_KEYS);
-        let offset = self.required(table, "offset_s", "a number of seconds", at);
-        let offset = offset.and_then(|value| self.number(value, "offset_s"));
+        // A clock may be stated for its frame rate alone.
+        let offset = match table.get("offset_s") {
+            Some(value) => self.number(value, "offset_s"),
+            None => Some(0.0),
+        };
         let mut positive = |key: &str| {
             let Some(value) = table.get(key) else { return Some(None) };
             let number = self.number(value, key)?;

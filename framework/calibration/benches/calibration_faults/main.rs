@@ -18,7 +18,7 @@ use foveate_geometry::{AlignmentRules, Camera, CameraStatus, alignment::camera_e
 use recorded::Recorded;
 
 /// What is done to each camera of each recording.
-const FAULTS: [Fault; 18] = [
+const FAULTS: [Fault; 27] = [
     Fault::Clean,
     Fault::Mirrored,
     Fault::UpsideDown,
@@ -37,6 +37,15 @@ const FAULTS: [Fault; 18] = [
     Fault::WrongPixelShape(1.15),
     Fault::OriginOff,
     Fault::FewCommon(3),
+    Fault::Half { first: true },
+    Fault::Half { first: false },
+    Fault::Without,
+    Fault::Rate(10.0),
+    Fault::Rate(12.0),
+    Fault::Rate(25.0),
+    Fault::Rate(29.97),
+    Fault::Rate(30.0),
+    Fault::Rate(60.0),
 ];
 
 fn main() {
@@ -49,12 +58,14 @@ fn main() {
         "{:28} {:22} {:>4} {:>6} {:>9} {:>5} {:>7} {:>5} {:>10} {:>10}",
         "set", "fault", "runs", "named", "innocent", "good", "usable", "redo", "worst, ok", "worst"
     );
+    let mut all: Vec<Run> = Vec::new();
     for set in recorded::all(root.as_deref()).into_iter().filter(|it| it.name.contains(&only_set)) {
         let clean =
             room::from_nothing(&set.set.recording, set.set.sought, &set.set.rules).expect("the clean set is solved");
         for fault in FAULTS.into_iter().filter(|it| format!("{it:?}").contains(&only_fault)) {
             let n = set.set.recording.cameras.len();
-            let cameras = if fault == Fault::Clean { 1 } else { n };
+            let is_of_all = fault.culprits(0, n).is_empty();
+            let cameras = if is_of_all { 1 } else { n };
             let runs: Vec<Run> = (0..cameras)
                 .filter_map(|camera| {
                     fault.done_to(&set.set.recording, camera, camera as u64 + 1).map(|it| (camera, it))
@@ -64,7 +75,11 @@ fn main() {
             if !runs.is_empty() {
                 row(set.name, fault, &runs);
             }
+            all.extend(runs);
         }
+    }
+    if !all.is_empty() {
+        row("all", Fault::Clean, &all);
     }
 }
 
@@ -80,9 +95,10 @@ struct Run {
 fn row(set: &str, fault: Fault, runs: &[Run]) {
     let count = |of: &dyn Fn(&&Run) -> bool| runs.iter().filter(of).count();
     let worst = |list: Vec<f64>| list.into_iter().fold(0.0, f64::max);
+    let name = if set == "all" { String::new() } else { format!("{fault:?}") };
     println!(
         "{set:28} {:22} {:>4} {:>6} {:>9} {:>5} {:>7} {:>5} {:>8.2} % {:>8.2} %",
-        format!("{fault:?}"),
+        name,
         runs.len(),
         count(&|it| it.named),
         runs.iter().map(|it| it.innocent).sum::<usize>(),

@@ -7,7 +7,7 @@ use crate::cause::{Cause, Culprit};
 
 /// Wrong sightings that were left out, told without blame.
 pub(super) fn harmless(room: &Room<'_>, camera: usize, share: f64) -> Judgement {
-    let (percent, name) = (100.0 * room.left_out_share(camera).unwrap_or(share), room.name(camera));
+    let (percent, name) = (100.0 * share, room.name(camera));
     Judgement::new(
         Level::Good,
         format!(
@@ -87,10 +87,11 @@ pub(super) fn suspect(room: &Room<'_>, camera: usize, cause: Cause, misfit: f64,
         Cause::Swapped { with, since_s } => {
             let (first, second) = (room.name(camera.min(with)), room.name(camera.max(with)));
             let since = since_s.map_or(String::new(), |it| format!(" since {it:.1} s"));
+            let solved = since_s.map_or("", |_| " (the room was solved with their rows put right)");
             (
                 Level::Redo,
                 format!(
-                    "Cameras {first} and {second} are swapped{since}: exchange their names or cables, and record again."
+                    "Cameras {first} and {second} are swapped{since}: exchange their names or cables, and record again{solved}."
                 ),
             )
         }
@@ -105,7 +106,7 @@ pub(super) fn suspect(room: &Room<'_>, camera: usize, cause: Cause, misfit: f64,
             Level::Usable,
             format!(
                 "{:.0} % of what camera {name} saw is not the light: mask lamps and mirrors in its picture.",
-                100.0 * room.left_out_share(camera).filter(|it| *it > 0.5 * share).unwrap_or(share)
+                100.0 * share
             ),
         ),
         Cause::FewObservations { count, median } => (

@@ -99,7 +99,8 @@ fn depth(room: &Room<'_>, camera: usize) -> Option<DepthRange> {
 }
 
 fn pose(room: &Room<'_>, camera: usize, depth: Option<&DepthRange>) -> Option<PoseQuality> {
-    let covariance = room.solved.cameras[camera].covariance.as_ref()?;
+    let own = &room.solved.cameras[camera];
+    let covariance = own.covariance.as_ref().filter(|_| own.status == CameraStatus::Calibrated)?;
     let centre = covariance.centre.symmetric_eigen();
     let weakest = centre.eigenvalues.imax();
     let centre_sigma = centre.eigenvalues[weakest].max(0.0).sqrt();

@@ -100,13 +100,6 @@ impl<'a> Room<'a> {
         variance.sqrt().max(LEAST_SIGMA_PX)
     }
 
-    /// Part of all sightings of `camera` that contradict the rest and were left out; `None` for one that was not found.
-    pub(super) fn left_out_share(&self, camera: usize) -> Option<f64> {
-        let own = || self.solved.sightings.iter().filter(|it| it.camera == camera);
-        let left_out = own().filter(|it| it.role == SightingRole::Rejected).count();
-        is_calibrated(&self.solved.cameras[camera]).then(|| left_out as f64 / own().count().max(1) as f64)
-    }
-
     /// The cameras that see the light together with `camera` often enough, whether its place was found or not; those of most frames
     /// first.
     pub(super) fn partners(&self, camera: usize) -> Vec<usize> {

@@ -37,6 +37,9 @@ pub struct Suspect {
 const LEAST_SAMPLES: usize = 20;
 /// Standard deviations beyond which an observation is far from where the others have the light.
 const FAR: f64 = 5.0;
+/// A camera that moved sees the light of one part so much farther from where one pose for all has it than from where two poses have it, as a
+/// ratio of medians [–].
+const MOVED_EFFECT: f64 = 2.0;
 /// With a larger share of such sightings, poses are searched for, not only refined.
 const SEARCH_SHARE: f64 = 0.1;
 /// A cause must explain this part of the excess.
@@ -361,7 +364,9 @@ impl<'a> Rest<'a> {
             }
         }
         let changed = moved(samples, &fitted.camera, self.room.rules.seed);
-        let is_seen = |effect_px: f64| effect_px > 2.0 * self.room.rules.least_effect_px;
+        let is_seen = |[effect_px, left_px]: [f64; 2]| {
+            effect_px > 2.0 * self.room.rules.least_effect_px && effect_px > MOVED_EFFECT * left_px
+        };
         if let Some((cause, cost, _)) = changed.filter(|it| is_seen(it.2)) {
             // A lens that differs from its model looks like a move where the light goes from one part of the picture to another.
             let lens = [Extra::Focal, Extra::Aspect, Extra::Principal, Extra::Distortion, Extra::Distortion2];
@@ -410,10 +415,11 @@ impl<'a> Rest<'a> {
 }
 
 /// Two poses, one before and one after the moment at which changing over costs least; with the cost, and the larger of the median distances in
-/// the picture of where the light of either part is seen with its pose from where it is seen with one pose for all [px].
-fn moved(samples: &Samples, camera: &Camera, seed: u64) -> Option<(Cause, f64, f64)> {
+/// the picture of where the light of either part is seen with its pose from where it is seen with one pose for all, beside what
+/// is left with two [px].
+fn moved(samples: &Samples, camera: &Camera, seed: u64) -> Option<(Cause, f64, [f64; 2])> {
     let n = samples.len();
-    let least = (n / 12).max(LEAST_SAMPLES / 2);
+    let least = (n / 8).max(LEAST_SAMPLES / 2);
     if n < 4 * least {
         return None;
     }
@@ -454,6 +460,7 @@ fn moved(samples: &Samples, camera: &Camera, seed: u64) -> Option<(Cause, f64, f
         median(&places.filter_map(|(a, b)| Some((a? - b?).norm())).collect::<Vec<_>>()).unwrap_or(0.0)
     };
     let effect_px = effect(0..at, &before).max(effect(at..n, &after));
+    let left_px = samples.part(0..at).median_px(&before).max(samples.part(at..n).median_px(&after));
     let (turned, went) = (before.camera_from_world.rotation, after.camera_from_world.rotation);
     let cause = Cause::Moved {
         at_s: Some(0.5 * (samples.time_s(at - 1) + samples.time_s(at))),
@@ -461,7 +468,7 @@ fn moved(samples: &Samples, camera: &Camera, seed: u64) -> Option<(Cause, f64, f
         turn: turned.angle_to(&went),
         distance: (before.centre() - after.centre()).norm(),
     };
-    Some((cause, cost, effect_px))
+    Some((cause, cost, [effect_px, left_px]))
 }
 
 /// The first sample of the later pose, and the cost.

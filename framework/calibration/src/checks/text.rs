@@ -43,7 +43,11 @@ impl Display for Checks {
         for (name, judgement) in parts.into_iter().chain(lengths) {
             writeln!(to, "{name:<11} {:<7} {}", judgement.level, judgement.sentence)?;
         }
-        for suspect in &self.suspects {
+        for (index, suspect) in self.suspects.iter().enumerate() {
+            // Two that were exchanged say the same of each other.
+            if self.suspects[..index].iter().any(|it| it.judgement.sentence == suspect.judgement.sentence) {
+                continue;
+            }
             let name = if suspect.judgement.level == Level::Good { "told" } else { "suspect" };
             writeln!(to, "{name:<11} {:<7} {}", suspect.judgement.level, suspect.judgement.sentence)?;
         }
@@ -69,7 +73,7 @@ impl Display for Checks {
                 to,
                 "{:<wide$}  {:<6} {used:>5}  {back:>9}  {rejected:>8}  {medians:>14}  {ratio:>14}  {centre:<12}  {turn:<9}  {}",
                 camera.name,
-                camera.judgement.level,
+                if camera.calibrated { camera.judgement.level.to_string() } else { "out".to_owned() },
                 pattern.unwrap_or_else(|| "–".to_owned()),
             )?;
         }

@@ -2,6 +2,7 @@
 
 use super::camera::{length, weakest};
 use super::{CheckRules, Checks, Judgement, Level, Suspect};
+use crate::cause::Cause;
 
 /// What to think of a calibration, and what to do.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -41,7 +42,8 @@ pub(super) fn verdict(checks: &Checks, rules: &CheckRules) -> Verdict {
     let level = findings.first().map_or(Level::Good, |it| it.level);
     let level = if 2 * uncalibrated >= checks.cameras.len() { Level::Redo } else { level };
     let mut sentences: Vec<String> = Vec::new();
-    let contradicting = checks.suspects.iter().filter(|it| it.judgement.level == Level::Redo).count();
+    let is_unexplained = |it: &&Suspect| it.judgement.level == Level::Redo && matches!(it.cause, Cause::Unknown { .. });
+    let contradicting = checks.suspects.iter().filter(is_unexplained).count();
     if 2 * contradicting >= checks.cameras.len().max(1) {
         sentences.push(format!(
             "{contradicting} of {} cameras contradict the rest: look at these first, then record again with nothing else shining in the room.",

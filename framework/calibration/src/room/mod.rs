@@ -209,6 +209,8 @@ pub fn from_nothing(recording: &Recording, sought: Sought<'_>, rules: &RoomRules
         }
     };
     take_over(&mut status, &found);
+    // What was said of optics beside a camera at fault says nothing of the room without it.
+    let held = if found.culprits.is_empty() { held } else { vec![Vec::new(); status.len()] };
     let (mut solved, sigma_px) = found.room.into_solved(&recording, &status, links);
     solved.culprits = found.culprits;
     Ok(SolvedRoom { solved, cleaning, held, moved: Vec::new(), sigma_px })

@@ -5,7 +5,8 @@ use foveate_geometry::bundle::Freedom;
 
 use super::moments::of_frames;
 use super::settle::Room;
-use super::{RoomFault, RoomRules, SolvedRoom, cleaning, require_company};
+use super::{RoomFault, RoomRules, SolvedRoom, cleaning, culprits, require_company, take_over};
+use crate::cause::{Cause, Culprit};
 use crate::clocks::{ClockFault, ClockRules, ClockStatus, FrameRules, Synchronised, frames, synchronise};
 use crate::recording::Recording;
 use crate::solved::Step;
@@ -32,6 +33,9 @@ pub enum NotSynchronised {
     Clocks(#[from] ClockFault),
 }
 
+/// Pictures of so many cameras at most are turned on trial, for each takes as long as the whole room [–].
+const TURNED: usize = 3;
+
 /// Finds clocks and poses together. Cameras whose clock is not determined are not calibrated; [`SynchronisedRoom::clocks`] says why.
 ///
 /// # Errors
@@ -47,7 +51,8 @@ pub fn unsynchronised_from_nothing(
         synchronise(&recording, clock_rules)?;
     let all = frames(&recording, &clocks, &FrameRules { max_gap_s: clock_rules.max_gap_s, ..FrameRules::default() });
     let used = all.sightings.len();
-    let mut room = Room::new(&recording, of_frames(&all), rules);
+    let moments = of_frames(&all);
+    let mut room = Room::new(&recording, moments.clone(), rules);
     let mut status = Vec::with_capacity(cameras.len());
     for (camera, (found, of_clock)) in cameras.into_iter().zip(&of_clocks).enumerate() {
         let is_found = matches!(of_clock, ClockStatus::Reference | ClockStatus::Found { .. });
@@ -58,7 +63,14 @@ pub fn unsynchronised_from_nothing(
     room.freed = recording.cameras.iter().map(|it| Freedom { pose: true, ..it.free }).collect();
     room.steps.push(Step { stage: "from nothing, with clocks", rms_px, used });
     room.settle(&[1.5, 1.0, 1.0]);
-    let (mut solved, sigma_px) = room.into_solved(&recording, &status, Vec::new());
+    let mirrored = mirrored(&recording, &status, clock_rules);
+    // Without a clock nothing can be solved anew: cameras are left out of the room as it stands.
+    let found = culprits::find(&recording, &moments, Some(room), &|_, _| None);
+    let Some(found) = found else { unreachable!("a room that stands stays one") };
+    take_over(&mut status, &found);
+    let (mut solved, sigma_px) = found.room.into_solved(&recording, &status, Vec::new());
+    solved.culprits = found.culprits;
+    solved.culprits.extend(mirrored);
     for (camera, clock) in solved.cameras.iter_mut().zip(clocks) {
         camera.clock = clock;
     }
@@ -84,4 +96,26 @@ pub(super) fn why_left_out(of_clock: &ClockStatus) -> CameraStatus {
         // The pose is good, the clock is not: a camera that would spoil every moving target.
         ClockStatus::Uncertain { .. } | ClockStatus::BeyondLimit { .. } => CameraStatus::ClockOpen { best: None },
     }
+}
+
+/// Of the cameras that fit nowhere those whose clock is found once their picture is turned left to right.
+fn mirrored(recording: &Recording, status: &[CameraStatus], rules: &ClockRules) -> Vec<Culprit> {
+    let fits_nowhere = |it: &usize| {
+        matches!(
+            status[*it],
+            CameraStatus::Inconsistent { .. } | CameraStatus::ClockOpen { .. } | CameraStatus::Separate { .. }
+        )
+    };
+    let is_found = |camera: &usize| {
+        let mut turned = recording.clone();
+        let width = f64::from(turned.cameras[*camera].camera.image_size[0]);
+        for look in turned.looks.iter_mut().filter(|it| it.camera == *camera) {
+            look.spots.iter_mut().for_each(|it| it.pixel.x = width - 1.0 - it.pixel.x);
+        }
+        let found = synchronise(&turned, rules);
+        found.is_ok_and(|it| matches!(it.status[*camera], ClockStatus::Found { .. } | ClockStatus::Reference))
+    };
+    let suspects = (0..status.len()).filter(fits_nowhere).take(TURNED);
+    let found: Vec<usize> = suspects.filter(is_found).collect();
+    found.into_iter().map(|camera| Culprit { camera, cause: Cause::Mirrored, shares: [0.0, 1.0] }).collect()
 }

@@ -35,6 +35,12 @@ pub enum Fault {
     OriginOff,
     /// It shares so many frames with the others.
     FewCommon(usize),
+    /// No fault: the first half of the recording, or the last.
+    Half { first: bool },
+    /// No fault: all of its rows are gone.
+    Without,
+    /// No fault: pictures taken so many times a second.
+    Rate(f64),
 }
 
 impl Fault {
@@ -45,6 +51,7 @@ impl Fault {
             Fault::Swapped if optics_known => &["rows_swapped"],
             Fault::Clean | Fault::UpsideDown | Fault::Swapped | Fault::Dropped(_) => &[],
             Fault::NaNAndTwice | Fault::OriginOff => &[],
+            Fault::Half { .. } | Fault::Without | Fault::Rate(_) => &[],
             Fault::Mirrored => &["mirrored"],
             Fault::SwappedHalf => &["rows_swapped"],
             Fault::Late(_) => &["late"],
@@ -147,6 +154,16 @@ impl Fault {
                 change(&mut recording, &mut |_, it, _| it.pixel.y = (it.pixel.y - 0.5 * height) / factor + 0.5 * height)
             }
             Fault::OriginOff => change(&mut recording, &mut |_, it, _| it.pixel += nalgebra::Vector2::new(1.0, 1.0)),
+            Fault::Half { first } => {
+                let (from_s, to_s) = (given.looks[0].time_s, given.looks[given.looks.len() - 1].time_s);
+                recording.looks.retain(|it| (it.time_s < 0.5 * (from_s + to_s)) == first);
+            }
+            Fault::Without => recording.looks.retain(|it| !own(it)),
+            Fault::Rate(hz) => {
+                let gaps = times.windows(2).map(|it| it[1] - it[0]).filter(|it| *it > 0.0);
+                let period_s = gaps.fold(f64::INFINITY, f64::min);
+                recording.looks.iter_mut().for_each(|it| it.time_s = (it.time_s / period_s).round() / hz);
+            }
             Fault::FewCommon(frames) => {
                 let with_spots: Vec<f64> =
                     given.looks.iter().filter(|it| own(it) && !it.spots.is_empty()).map(|it| it.time_s).collect();
@@ -162,7 +179,7 @@ impl Fault {
     pub fn culprits(self, camera: usize, n_cameras: usize) -> Vec<usize> {
         match self {
             Fault::Swapped | Fault::SwappedHalf => vec![camera, (camera + 1) % n_cameras],
-            Fault::Clean => Vec::new(),
+            Fault::Clean | Fault::Half { .. } | Fault::Rate(_) => Vec::new(),
             _ => vec![camera],
         }
     }

@@ -18,6 +18,8 @@ pub struct Asked {
     pub optics: Option<&'static str>,
     /// Options that go into any further command as they are, such as `--inlier-px 8`.
     pub kept: Vec<String>,
+    /// Whether one light was waved.
+    pub is_light: bool,
 }
 
 /// Clocks are looked for this many times as far as a camera was found to be late.
@@ -32,7 +34,9 @@ pub fn commands(asked: &Asked, suspects: &[Suspect]) -> Vec<String> {
         _ => None,
     });
     let latest_s = latest.fold(0.0, f64::max);
-    if latest_s > 0.0 && !asked.unsynchronised {
+    // Cameras that lose frames drift away from the others, which no steady lateness explains.
+    let drifts = graver().any(|it| matches!(it.cause, Cause::Unknown { .. }));
+    if (latest_s > 0.0 || drifts && asked.is_light) && !asked.unsynchronised {
         let max_offset_s = (MARGIN * latest_s).max(0.5);
         let options = format!("--from-nothing --unsynchronised --max-offset {max_offset_s:.2}");
         list.push(asked.with(&options, asked.optics, "to find each camera's clock as well"));
@@ -60,5 +64,52 @@ impl Asked {
             command += part;
         }
         format!("try: {command}   ({why})")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_calibration::checks::{Judgement, Suspect};
+
+    use super::*;
+
+    /// What is suggested where a camera is at fault by `cause`.
+    fn suggested(asked: &Asked, cause: Cause) -> Vec<String> {
+        let judgement = Judgement { level: Level::Redo, sentence: String::new() };
+        commands(asked, &[Suspect { judgement, camera: 0, cause, misfit: 2.0, explained: 1.0 }])
+    }
+
+    #[test]
+    fn each_suggestion_can_be_typed() {
+        use clap::Parser;
+        let causes = [
+            Cause::Clock { offset_s: -0.7, sigma_s: 0.01 },
+            Cause::Focal { factor: 1.1 },
+            Cause::Distortion { k1: 0.1 },
+            Cause::PixelShape { factor: 0.9 },
+            Cause::Mirrored,
+            Cause::Unknown { size: 0.9 },
+        ];
+        let mut n = 0;
+        for from_nothing in [false, true] {
+            for kept in [vec![], vec!["--inlier-px 8".to_owned()], vec!["--from leds".to_owned()]] {
+                for (is_light, shown) in [(true, ""), (false, "--wand-mm 400"), (false, "--chessboard 8x6")] {
+                    let mut kept = kept.clone();
+                    kept.extend((!is_light).then(|| shown.to_owned()));
+                    let asked = Asked { rig: "lab.toml".to_owned(), from_nothing, kept, is_light, ..Asked::default() };
+                    for line in causes.iter().flat_map(|it| suggested(&asked, *it)) {
+                        let command = line.trim_start_matches("try: ").split("   (").next().unwrap_or_default();
+                        let typed = crate::commands::Cli::try_parse_from(command.split(' '));
+                        assert!(typed.is_ok(), "{command}: {}", typed.unwrap_err());
+                        n += 1;
+                    }
+                }
+            }
+        }
+        assert!(n > 40, "{n}");
+        let late = suggested(&Asked::default(), causes[0]);
+        assert!(late[0].contains("--unsynchronised --max-offset 1.40"), "{late:?}");
+        assert!(suggested(&Asked { unsynchronised: true, ..Asked::default() }, causes[0]).is_empty());
+        assert!(suggested(&Asked::default(), Cause::Mirrored).is_empty());
     }
 }

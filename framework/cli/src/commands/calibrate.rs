@@ -451,12 +451,14 @@ fn fixed_before(older: &Calibration, plan: &Plan) -> FixedFreedoms {
     if plan.from_nothing {
         return FixedFreedoms::default();
     }
+    // A file of ours says what fixes each freedom; what it does not say is open.
+    let is_ours = older.provenance.is_some();
     let provenance = older.provenance.clone().unwrap_or_default();
     let inherited = || foveate_scene::Fixed { by: "the older calibration".to_owned(), sigma: None };
     let is_metric = older.length_unit == LengthUnit::Metre;
     FixedFreedoms {
         scale: provenance.scale.or_else(|| is_metric.then(inherited)),
-        gravity: provenance.gravity.or_else(|| is_metric.then(inherited)),
-        origin: provenance.origin.or_else(|| is_metric.then(inherited)),
+        gravity: provenance.gravity.or_else(|| (is_metric && !is_ours).then(inherited)),
+        origin: provenance.origin.or_else(|| (is_metric && !is_ours).then(inherited)),
     }
 }

@@ -191,7 +191,7 @@ fn of_two_groups_that_share_no_frames_the_larger_is_calibrated() {
         };
         assert_eq!(found.status[camera], expected, "{}", found.status[camera]);
     }
-    assert!(found.status[0].to_string().contains("[0, 1, 2]"));
+    assert!(found.status[0].sentence(|it| format!("c{it}")).contains("c0, c1, c2"));
 }
 
 #[test]

@@ -214,9 +214,11 @@ mod tests {
             let across = numbers(&svg, "middle", "x");
             let upwards = numbers(&svg, "end", "y");
             let scale = |it: &[(f64, f64)]| ((it[1].0 - it[0].0) / (it[1].1 - it[0].1)).abs();
-            assert!(across.len() >= 2 && upwards.len() >= 4, "{reach}: {across:?} {upwards:?}");
-            let (x, y) = (scale(&across), scale(&upwards));
-            assert!((x / y - 1.0).abs() < 0.02, "{reach}: {x} px/m across, {y} px/m up");
+            assert!(across.len() >= 2 && upwards.len() >= 2, "{reach}: {across:?} {upwards:?}");
+            // Numbers next to one another may be of two axes; those of one axis tell its scale.
+            let x = scale(&across);
+            let is_same = upwards.windows(2).any(|it| (x / scale(it) - 1.0).abs() < 0.02);
+            assert!(is_same, "{reach}: {x} px/m across, {upwards:?} up");
         }
     }
 

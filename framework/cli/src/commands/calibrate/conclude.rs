@@ -10,8 +10,7 @@ use foveate_calibration::quality::quality;
 use foveate_calibration::recording::Recording;
 use foveate_calibration::report::{self, Grade, ReportInput};
 use foveate_calibration::room::{Origin, SolvedRoom};
-use foveate_calibration::solved::SolvedCamera;
-use foveate_geometry::{Camera, CameraStatus};
+use foveate_geometry::Camera;
 use foveate_scene::{Calibration, Draft, Head, NamedCamera};
 use serde_json::{Map, Value};
 
@@ -104,12 +103,15 @@ pub(super) fn conclude(
         say(&format!("kept as the older calibration has them: {}\n", carried.kept.join(", ")));
     }
     say(&more.told(&format!("\n{checks}\n")));
-    for command in advice::commands(&asked(args), &checks.suspects) {
+    for command in advice::commands(&asked(args, more.is_board), &checks.suspects) {
         say(&format!("{command}\n"));
     }
     if args.write {
-        let worse =
-            if more.has_older_poses { worse_than_older(room, more.older.as_ref(), args.inlier_px) } else { None };
+        let worse = if more.has_older_poses {
+            worse_than_older(room, &calibration, more.older.as_ref(), args.inlier_px)
+        } else {
+            None
+        };
         say(&replace(older, &text, checks, &carried.lost, worse)?);
     }
     say(&format!("results: {}/\n  {}\n", folder.display(), files.join("  ")));
@@ -128,7 +130,7 @@ fn held_out_by_camera(checks: &Checks) -> BTreeMap<String, f64> {
 }
 
 /// What of `args` any further command has to say again.
-pub(super) fn asked(args: &CalibrateArgs) -> advice::Asked {
+fn asked(args: &CalibrateArgs, is_board: bool) -> advice::Asked {
     let option = |name: &str, it: Option<String>| it.map(|it| format!("--{name} {}", quoted(&it)));
     let each = |name: &str, list: &[String]| -> Vec<String> {
         list.iter().map(|it| format!("--{name} {}", quoted(it))).collect()
@@ -156,6 +158,7 @@ pub(super) fn asked(args: &CalibrateArgs) -> advice::Asked {
         max_offset_s: args.max_offset,
         optics: args.optics.map(Optics::name),
         kept,
+        is_light: args.wand_mm.is_none() && !is_board,
     }
 }
 
@@ -169,14 +172,19 @@ fn quoted(text: &str) -> String {
     }
 }
 
-/// By what the room is worse than the older calibration on the same observations.
-fn worse_than_older(room: &SolvedRoom, older: Option<&Calibration>, inlier_px: f64) -> Option<String> {
-    let cameras = &room.solved.cameras;
-    let before: Vec<Option<Camera>> = cameras.iter().map(|it| older?.camera(&it.name).cloned()).collect();
-    let is_found = |it: &&SolvedCamera| it.status == CameraStatus::Calibrated;
-    let now: Vec<Option<Camera>> =
-        cameras.iter().map(|it| Some(it).filter(is_found).map(|it| it.camera.clone())).collect();
-    quality(&room.solved, &now, inlier_px).worse_than(&quality(&room.solved, &before, inlier_px))
+/// By what `newer` is worse than the older calibration on the same observations.
+fn worse_than_older(
+    room: &SolvedRoom,
+    newer: &Calibration,
+    older: Option<&Calibration>,
+    inlier_px: f64,
+) -> Option<String> {
+    let of = |calibration: Option<&Calibration>| {
+        let cameras: Vec<Option<Camera>> =
+            room.solved.cameras.iter().map(|it| calibration?.camera(&it.name).cloned()).collect();
+        quality(&room.solved, &cameras, inlier_px)
+    };
+    of(Some(newer)).worse_than(&of(older))
 }
 
 fn page(
@@ -215,15 +223,15 @@ fn replace(
     if checks.verdict.level == Level::Redo {
         return Ok(format!("{} stays as it is: the verdict is \"redo\"\n", older.display()));
     }
-    if let Some(worse) = worse {
-        return Ok(format!("{} stays as it is, since the new one is worse: {worse}\n", older.display()));
-    }
     if !lost.is_empty() {
         return Ok(format!(
             "{} stays as it is, since {} would be lost: not calibrated; the others stand in the results' calibration.toml\n",
             older.display(),
             lost.join(", ")
         ));
+    }
+    if let Some(worse) = worse {
+        return Ok(format!("{} stays as it is, since the new one is worse: {worse}\n", older.display()));
     }
     let backups = (1..)
         .map(|it| older.with_extension(if it == 1 { "before.toml".to_owned() } else { format!("before-{it}.toml") }));

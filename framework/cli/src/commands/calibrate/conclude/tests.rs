@@ -5,6 +5,7 @@ use foveate_calibration::cause::Cause;
 use foveate_calibration::checks::{Judgement, Suspect};
 
 use super::*;
+use crate::calibrate::boards::BoardWishes;
 use crate::commands::{Cli, Command};
 
 fn calibrate(line: &str) -> CalibrateArgs {
@@ -42,9 +43,9 @@ fn suggested_commands_are_taken_whatever_was_asked() {
         Cause::Mirrored,
     ];
     let mut suggested = 0;
-    for (shown, besides, optics) in
-        shown.iter().flat_map(|a| asked_besides.iter().flat_map(move |b| optics.iter().map(move |c| (a, b, c))))
-    {
+    let besides = |shown| asked_besides.map(|it| (shown, it));
+    let all = shown.into_iter().flat_map(besides).flat_map(|(shown, besides)| optics.map(|it| (shown, besides, it)));
+    for (shown, besides, optics) in all {
         let typed = calibrate(&format!("foveate calibrate lab.toml {shown} {besides} {optics}"));
         for which in 0..1_usize << causes.len() {
             let of = |(index, cause): (usize, &Cause)| {
@@ -53,7 +54,7 @@ fn suggested_commands_are_taken_whatever_was_asked() {
                 (which >> index & 1 == 1).then_some(suspect)
             };
             let suspects: Vec<Suspect> = causes.iter().enumerate().filter_map(of).collect();
-            let commands = advice::commands(&asked(&typed), &suspects);
+            let commands = advice::commands(&asked(&typed, typed.board != BoardWishes::default()), &suspects);
             let has_clock = which & 1 == 1 && !typed.unsynchronised;
             assert_eq!(
                 has_clock,
