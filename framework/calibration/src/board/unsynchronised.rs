@@ -1,9 +1,10 @@
 //! A board shown to cameras that share no clock.
 //!
-//! The middle of the board is a point that every picture of it tells, whichever way round it was read: its path gives the clocks. Each mark
-//! is then followed between the pictures of a camera, to moments that all share.
+//! The paths of its outermost marks and of the one in its middle give the clocks; of a board that looks the same when it is turned, that of
+//! its middle, which every picture tells whichever way round it was read. Each mark is then followed between the pictures of a camera,
+//! to moments that all share.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use foveate_geometry::bundle::Freedom;
 use nalgebra::{Point2, Point3, Vector2};
@@ -13,12 +14,14 @@ use super::pattern::Board;
 use super::plane;
 use super::types::{BoardFault, BoardRules};
 use super::views::{check, frames, gather};
-use crate::clocks::{ClockFault, ClockRules, FrameRules, on_one_clock, synchronise};
+use crate::clocks::{ClockFault, ClockRules, FrameRules, in_turn, on_one_clock, synchronise};
 use crate::recording::{Look, Recording, Spot};
 use crate::room::OneClock;
 
 /// Marks around its middle that tell where that is; over more of them distortion bends the board [–].
 const AROUND: usize = 16;
+/// The label of the middle of a board that may have been read either way round.
+const MIDDLE: u32 = 0;
 
 /// Why the clocks of cameras that saw a board are not known.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -43,14 +46,19 @@ pub fn board_on_one_clock(
 ) -> Result<OneClock, NoBoardClocks> {
     check(recording, rules)?;
     let clock_rules = ClockRules { max_drift: 0.0, ..*clock_rules };
-    let found = synchronise(&middles(recording, board, rules)?, &clock_rules)?;
+    let found = synchronise(&paths(recording, board, rules, &clock_rules)?, &clock_rules)?;
     let frame_rules = FrameRules { max_gap_s: clock_rules.max_gap_s, ..FrameRules::default() };
     let recording = on_one_clock(recording, &found.clocks, &frame_rules);
     Ok(OneClock { recording, clocks: found.clocks, status: found.status, reference: found.reference })
 }
 
-/// The path of the board's middle as that of a light, by cameras with the optics that their own views tell.
-fn middles(recording: &Recording, board: &Board, rules: &BoardRules) -> Result<Recording, BoardFault> {
+/// The paths that the clocks are found from as that of one light, by cameras with the optics that their own views tell.
+fn paths(
+    recording: &Recording,
+    board: &Board,
+    rules: &BoardRules,
+    clock_rules: &ClockRules,
+) -> Result<Recording, BoardFault> {
     let (looks, views, ..) = gather(recording, board, rules)?;
     let mut cameras = recording.cameras.clone();
     for (camera, guess) in cameras.iter_mut().enumerate() {
@@ -65,17 +73,31 @@ fn middles(recording: &Recording, board: &Board, rules: &BoardRules) -> Result<R
             [it[0].min(mark.1.x), it[1].max(mark.1.x), it[2].min(mark.1.y), it[3].max(mark.1.y)]
         });
     let middle = Point3::new(0.5 * (corners[0] + corners[1]), 0.5 * (corners[2] + corners[3]), 0.0);
-    let mut seen: BTreeMap<(usize, usize), Spot> = BTreeMap::new();
+    let is_turned = board.turns().len() > 1;
+    let ends = [0, 1].map(|x| [2, 3].map(|y| board.nearest(&Point3::new(corners[x], corners[y], 0.0))));
+    let marks: BTreeSet<u32> = ends.into_iter().flatten().chain([board.nearest(&middle)]).collect();
+    let labels: Vec<u32> = if is_turned { vec![MIDDLE] } else { marks.into_iter().collect() };
+    let mut seen: BTreeMap<(usize, usize), Vec<Spot>> = BTreeMap::new();
     for (look, view) in looks.iter().zip(&views) {
-        seen.extend(picture_of(&middle, view).map(|it| ((look.frame, look.camera), it)));
+        let spot = |(id, at): (&u32, usize)| Spot {
+            pixel: look.pixels[at],
+            sigma_px: look.sigmas[at],
+            peak: 1.0,
+            label: Some(*id),
+        };
+        let spots = match is_turned {
+            true => picture_of(&middle, view).into_iter().collect(),
+            false => look.ids.iter().zip(0..).filter(|it| labels.contains(it.0)).map(spot).collect(),
+        };
+        seen.insert((look.frame, look.camera), spots);
     }
     let of_look = frames(recording, rules.frame_tolerance_s);
-    let look = |(it, frame): (&Look, usize)| Look {
-        camera: it.camera,
-        time_s: it.time_s,
-        spots: seen.get(&(frame, it.camera)).copied().into_iter().collect(),
+    let look = |(it, frame): (&Look, usize)| {
+        let spots = seen.remove(&(frame, it.camera)).unwrap_or_default();
+        Look { camera: it.camera, time_s: it.time_s, spots }
     };
-    Ok(Recording { cameras, looks: recording.looks.iter().zip(of_look).map(look).collect() })
+    let recording = Recording { cameras, looks: recording.looks.iter().zip(of_look).map(look).collect() };
+    Ok(in_turn(&recording, &labels, clock_rules.max_offset_s))
 }
 
 /// Where the `middle` of the board is in a view, by the marks next to it; `None` where it is beyond the marks that are seen.
@@ -98,5 +120,5 @@ fn picture_of(middle: &Point3<f64>, view: &View) -> Option<Spot> {
     let seen = local * Vector2::new(middle.x, middle.y).push(1.0);
     let sigma_px = order.iter().map(|it| view.sigmas[*it]).fold(0.0, f64::max);
     let pixel = Point2::new(seen.x / seen.z, seen.y / seen.z);
-    pixel.coords.norm().is_finite().then_some(Spot { pixel, sigma_px, peak: 1.0, label: None })
+    pixel.coords.norm().is_finite().then_some(Spot { pixel, sigma_px, peak: 1.0, label: Some(MIDDLE) })
 }

@@ -35,6 +35,19 @@ pub fn on_one_clock(recording: &Recording, clocks: &[Option<ClockFit>], rules: &
     Recording { cameras: recording.cameras.clone(), looks }
 }
 
+/// The paths of `labels` one after another, as that of one light, with pauses between them that no clock bridges.
+pub(crate) fn in_turn(recording: &Recording, labels: &[u32], max_offset_s: f64) -> Recording {
+    let times = || recording.looks.iter().map(|it| it.time_s);
+    let (first, last) = (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max));
+    let later_s = (last - first).max(0.0) + 4.0 * max_offset_s + 10.0;
+    let of_label = |(turn, label): (usize, &u32)| {
+        let mut looks = only(recording, *label).looks;
+        looks.iter_mut().for_each(|it| it.time_s += turn as f64 * later_s);
+        looks
+    };
+    Recording { cameras: recording.cameras.clone(), looks: labels.iter().enumerate().flat_map(of_label).collect() }
+}
+
 /// All pictures with what they show of one label.
 fn only(recording: &Recording, label: u32) -> Recording {
     let look = |it: &Look| Look {

@@ -12,7 +12,7 @@ use self::following::follow;
 use super::{
     NotSynchronised, OneClock, RoomFault, RoomRules, Sought, SynchronisedRoom, cleaning, from_nothing, require_company,
 };
-use crate::clocks::{ClockRules, FrameRules, Synchronised, on_one_clock, synchronise};
+use crate::clocks::{ClockRules, FrameRules, Synchronised, in_turn, on_one_clock, synchronise};
 use crate::recording::{Look, Recording, Spot};
 use crate::solved::ClockFit;
 use crate::wand::{self, LabelFault, LabelRules};
@@ -67,7 +67,7 @@ pub fn wand_on_one_clock(recording: &Recording, rules: &ClockRules) -> Result<On
 
 /// Clocks by the ends as `of_ends` labels them, and `paths` resampled with these.
 fn by_ends(of_ends: &Recording, paths: &Recording, rules: &ClockRules) -> Result<OneClock, NotSynchronised> {
-    let found = synchronise(&in_turn(of_ends, rules.max_offset_s), rules)?;
+    let found = synchronise(&in_turn(of_ends, &[0, 1], rules.max_offset_s), rules)?;
     let recording = resampled(paths, &found.clocks, rules);
     let Synchronised { clocks, status, reference, .. } = found;
     Ok(OneClock { recording, clocks, status, reference })
@@ -85,6 +85,12 @@ fn without_labels(recording: &Recording, rules: &ClockRules) -> Result<OneClock,
     let together = resampled(&followed, &start.clocks, rules);
     let ends = with_ends(&followed, &together, rules)?;
     let mut found = by_ends(&ends, &followed, rules)?;
+    for (camera, status) in start.status.into_iter().enumerate().filter(|it| start.clocks[it.0].is_none()) {
+        if found.clocks[camera].is_none() {
+            // Its ends could not be told for want of a clock.
+            found.status[camera] = status;
+        }
+    }
     // Which stretch of a camera's path a spot is of means nothing in another.
     found.recording = stripped(&found.recording);
     Ok(found)
@@ -92,21 +98,6 @@ fn without_labels(recording: &Recording, rules: &ClockRules) -> Result<OneClock,
 
 fn resampled(recording: &Recording, clocks: &[Option<ClockFit>], rules: &ClockRules) -> Recording {
     on_one_clock(recording, clocks, &FrameRules { max_gap_s: rules.max_gap_s, ..FrameRules::default() })
-}
-
-/// The path of end 0 and, after a pause no clock bridges, that of end 1, as those of one light.
-fn in_turn(recording: &Recording, max_offset_s: f64) -> Recording {
-    let times = || recording.looks.iter().map(|it| it.time_s);
-    let (first, last) = (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max));
-    let later_s = (last - first).max(0.0) + 4.0 * max_offset_s + 10.0;
-    let of_end = |end: u32| {
-        recording.looks.iter().map(move |it| Look {
-            camera: it.camera,
-            time_s: it.time_s + f64::from(end) * later_s,
-            spots: it.spots.iter().filter(|it| it.label == Some(end)).copied().collect(),
-        })
-    };
-    Recording { cameras: recording.cameras.clone(), looks: of_end(0).chain(of_end(1)).collect() }
 }
 
 /// The middle between the two spots of each picture that shows both ends.

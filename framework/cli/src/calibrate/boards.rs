@@ -181,9 +181,12 @@ fn in_older_world(solved: Solved, recording: &Recording, older: FixedFreedoms) -
 
 /// What is said of a waved light, of a board.
 pub fn of_board(text: &str) -> String {
-    const WORDS: [(&str, &str); 5] = [
+    const WORDS: [(&str, &str); 8] = [
         ("the light", "the board"),
         ("The light", "The board"),
+        ("a smoothly moving light", "a smoothly moving board"),
+        ("a moving light", "a moving board"),
+        ("a light at rest", "a board at rest"),
         ("say --floor-stops, --falling, --plumb or --upright", "say --board-floor"),
         ("say --floor-stops or --l-frame", "say --board-floor"),
         (
