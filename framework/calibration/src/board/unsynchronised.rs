@@ -49,7 +49,8 @@ pub fn board_on_one_clock(
     let found = synchronise(&paths(recording, board, rules, &clock_rules)?, &clock_rules)?;
     let frame_rules = FrameRules { max_gap_s: clock_rules.max_gap_s, ..FrameRules::default() };
     let recording = on_one_clock(recording, &found.clocks, &frame_rules);
-    Ok(OneClock { recording, clocks: found.clocks, status: found.status, reference: found.reference })
+    let shared = OneClock { recording, clocks: found.clocks, status: found.status, reference: found.reference };
+    Ok(shared.if_several()?)
 }
 
 /// The paths that the clocks are found from as that of one light, by cameras with the optics that their own views tell.

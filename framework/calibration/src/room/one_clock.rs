@@ -4,7 +4,7 @@ use foveate_geometry::CameraStatus;
 
 use super::unsynchronised::why_left_out;
 use super::{SolvedRoom, SynchronisedRoom};
-use crate::clocks::ClockStatus;
+use crate::clocks::{ClockFault, ClockStatus};
 use crate::recording::Recording;
 use crate::solved::ClockFit;
 
@@ -31,6 +31,11 @@ impl OneClock {
             }
         }
         SynchronisedRoom { room, clocks: self.status.clone(), reference: self.reference }
+    }
+
+    /// Itself, if two clocks are known, without which there is no room.
+    pub(crate) fn if_several(self) -> Result<OneClock, ClockFault> {
+        if self.n_clocks() < 2 { Err(ClockFault::NothingFound { status: self.status }) } else { Ok(self) }
     }
 
     /// How many clocks are known.

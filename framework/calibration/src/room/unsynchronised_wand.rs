@@ -12,13 +12,11 @@ use self::following::follow;
 use super::{
     NotSynchronised, OneClock, RoomFault, RoomRules, Sought, SynchronisedRoom, cleaning, from_nothing, require_company,
 };
-use crate::clocks::{ClockRules, FrameRules, Synchronised, in_turn, on_one_clock, synchronise};
-use crate::recording::{Look, Recording, Spot};
+use crate::clocks::{ClockFault, ClockRules, FrameRules, Synchronised, in_turn, on_one_clock, synchronise};
+use crate::recording::{CameraGuess, Look, Recording, Spot};
 use crate::solved::ClockFit;
 use crate::wand::{self, LabelFault, LabelRules};
 
-/// The middle between the pictures of two ends is that far from the picture of their middle, where one end is nearer to the camera [px].
-const MIDDLE_PX: f64 = 8.0;
 /// Clocks to begin with are good enough to tell the ends apart when they are known to this, standard deviation [s].
 const START_SIGMA_S: f64 = 20e-3;
 /// Stretches of a camera's path of which a smaller part is of one end are of neither [–].
@@ -36,7 +34,7 @@ pub fn unsynchronised_wand(
 ) -> Result<SynchronisedRoom, NotSynchronised> {
     let (recording, cleaning) = cleaning::cleaned(recording);
     require_company(&recording, &cleaning)?;
-    let shared = wand_on_one_clock(&recording, clock_rules)?;
+    let shared = wand_on_one_clock(&recording, clock_rules)?.if_several()?;
     let mut room = from_nothing(&shared.recording, Sought::Wand, rules)?;
     room.cleaning = cleaning;
     Ok(shared.of_room(room))
@@ -75,13 +73,17 @@ fn by_ends(of_ends: &Recording, paths: &Recording, rules: &ClockRules) -> Result
 
 fn without_labels(recording: &Recording, rules: &ClockRules) -> Result<OneClock, NotSynchronised> {
     let followed = follow(recording, rules.max_gap_s);
+    let beside_px = beside_middle_px(&followed);
     let rough = ClockRules {
-        sigma_px: rules.sigma_px.max(0.25 * MIDDLE_PX),
-        inlier_px: rules.inlier_px.max(MIDDLE_PX),
+        sigma_px: rules.sigma_px.hypot(0.5 * beside_px),
+        inlier_px: rules.inlier_px + beside_px,
         max_sigma_s: rules.max_sigma_s.max(START_SIGMA_S),
         ..*rules
     };
     let start = synchronise(&middles(&followed), &rough)?;
+    if start.clocks.iter().flatten().count() < 2 {
+        return Err(ClockFault::NothingFound { status: start.status }.into());
+    }
     let together = resampled(&followed, &start.clocks, rules);
     let ends = with_ends(&followed, &together, rules)?;
     let mut found = by_ends(&ends, &followed, rules)?;
@@ -110,6 +112,20 @@ fn middles(followed: &Recording) -> Recording {
         Look { camera: it.camera, time_s: it.time_s, spots }
     };
     Recording { cameras: followed.cameras.clone(), looks: followed.looks.iter().map(look).collect() }
+}
+
+/// How far the middle between the pictures of two ends may be from the picture of their middle, since one end is nearer to the camera:
+/// at most f · l² / 8 z² of a wand of length l at the distance z, whose picture is at most f · l / z long [px].
+fn beside_middle_px(followed: &Recording) -> f64 {
+    let of_camera = |(camera, guess): (usize, &CameraGuess)| {
+        let own = followed.looks.iter().filter(|it| it.camera == camera);
+        let mut long: Vec<f64> =
+            own.filter_map(|it| Some((it.spots.first()?.pixel - it.spots.get(1)?.pixel).norm())).collect();
+        long.sort_by(f64::total_cmp);
+        let longest = long.get(9 * long.len() / 10).copied().unwrap_or(0.0);
+        longest.powi(2) / (8.0 * guess.camera.intrinsics.focal[0])
+    };
+    followed.cameras.iter().enumerate().map(of_camera).fold(0.0, f64::max)
 }
 
 fn stripped(recording: &Recording) -> Recording {

@@ -397,8 +397,9 @@ fn hint(args: &CalibrateArgs, captured: &Captured) -> String {
     let all = 0..captured.recording.cameras.len();
     let is_light = args.wand_mm.is_none() && words::n_labels(&captured.recording) <= 1;
     let several = words::several_spots(&captured.recording, all).filter(|_| is_light);
+    let apart = words::never_together(&captured.recording).filter(|_| !args.unsynchronised);
     let missing = captured.coverage.state().missing;
-    let lines = several.into_iter().chain(missing.iter().take(3).map(ToString::to_string));
+    let lines = several.into_iter().chain(apart).chain(missing.iter().take(3).map(ToString::to_string));
     lines.map(|it| format!("\n  {it}")).collect()
 }
 
