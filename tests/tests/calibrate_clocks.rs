@@ -13,7 +13,7 @@ use self::the_program::foveate;
 
 /// Pictures a second of each camera, and how late its clock is [s].
 const RATES_HZ: [f64; 4] = [30.0, 25.0, 50.0, 30.0];
-const LATE_S: [f64; 4] = [0.0, -0.12, 0.033, 0.3];
+const LATE_S: [f64; 4] = [0.0, -0.127, 0.037, 0.307];
 
 fn cameras() -> Vec<Camera> {
     let of = |index: usize| {
@@ -101,7 +101,7 @@ fn is_found(folder: &tempfile::TempDir, shown: &[&str]) {
     let first = ["calibrate", "lab.toml", "--from-nothing", "--quiet", "--out", "out", "--compare", "truth.toml"];
     // Believed, the stamps make no good room; the program says what to do.
     let (_, said, complaint) = foveate(folder.path(), &[&first, shown].concat());
-    assert!((said + &complaint).contains("--unsynchronised"), "{complaint}");
+    assert!(said.contains("--unsynchronised") || complaint.contains("--unsynchronised"), "{said}\n{complaint}");
     let (code, said, complaint) = foveate(folder.path(), &[&first, shown, &["--unsynchronised"]].concat());
     assert_eq!(code, 0, "{said}\n{complaint}");
     let read = |name: &str| fs::read_to_string(folder.path().join("out").join(name)).unwrap();

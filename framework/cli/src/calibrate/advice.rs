@@ -20,6 +20,8 @@ pub struct Asked {
     pub kept: Vec<String>,
     /// Whether one light was waved.
     pub is_light: bool,
+    /// Whether the room is no good and hardly two pictures were taken together.
+    pub never_together: bool,
 }
 
 /// Clocks are looked for this many times as far as a camera was found to be late.
@@ -36,7 +38,8 @@ pub fn commands(asked: &Asked, suspects: &[Suspect]) -> Vec<String> {
     let latest_s = latest.fold(0.0, f64::max);
     // Cameras that lose frames drift away from the others, which no steady lateness explains.
     let drifts = graver().any(|it| matches!(it.cause, Cause::Unknown { .. }));
-    if (latest_s > 0.0 || drifts && asked.is_light) && !asked.unsynchronised {
+    let is_apart = latest_s > 0.0 || drifts && asked.is_light || asked.never_together;
+    if is_apart && !asked.unsynchronised {
         let max_offset_s = (MARGIN * latest_s).max(0.5);
         let options = format!("--from-nothing --unsynchronised --max-offset {max_offset_s:.2}");
         list.push(asked.with(&options, asked.optics, "to find each camera's clock as well"));
@@ -111,5 +114,8 @@ mod tests {
         assert!(late[0].contains("--unsynchronised --max-offset 1.40"), "{late:?}");
         assert!(suggested(&Asked { unsynchronised: true, ..Asked::default() }, causes[0]).is_empty());
         assert!(suggested(&Asked::default(), Cause::Mirrored).is_empty());
+        let apart = Asked { never_together: true, ..Asked::default() };
+        assert!(commands(&apart, &[])[0].contains("--unsynchronised --max-offset 0.50"));
+        assert!(commands(&Asked { unsynchronised: true, ..apart }, &[]).is_empty());
     }
 }

@@ -291,7 +291,7 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
                 Ok(room.room)
             } else {
                 let found = boards::solve(&captured.recording, board, (!plan.from_nothing).then_some(fixed), &rules);
-                let found = found.map_err(|fault| refused(&fault))?;
+                let found = found.map_err(|fault| refused(&fault) + &clocks_hint(args, &captured))?;
                 (notes, open) = (found.notes, found.open);
                 Ok(found.room)
             }
@@ -319,7 +319,10 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         notes.extend(words::several_spots(&captured.recording, left_out.map(|it| it.0)));
     }
     let lengths = match args.wand_mm {
-        Some(length_mm) => Some(measured_by_wand(&mut solved, length_mm)?),
+        Some(length_mm) => {
+            let measured = measured_by_wand(&mut solved, length_mm);
+            Some(measured.map_err(|fault| fault + &clocks_hint(args, &captured))?)
+        }
         None => None,
     };
     if !givens.is_empty() {
@@ -397,10 +400,16 @@ fn hint(args: &CalibrateArgs, captured: &Captured) -> String {
     let all = 0..captured.recording.cameras.len();
     let is_light = args.wand_mm.is_none() && words::n_labels(&captured.recording) <= 1;
     let several = words::several_spots(&captured.recording, all).filter(|_| is_light);
-    let apart = words::never_together(&captured.recording).filter(|_| !args.unsynchronised);
     let missing = captured.coverage.state().missing;
-    let lines = several.into_iter().chain(apart).chain(missing.iter().take(3).map(ToString::to_string));
-    lines.map(|it| format!("\n  {it}")).collect()
+    let lines = several.into_iter().chain(missing.iter().take(3).map(ToString::to_string));
+    let lines: String = lines.map(|it| format!("\n  {it}")).collect();
+    clocks_hint(args, captured) + &lines
+}
+
+/// Whether the cameras may share no clock, as far as what was seen tells.
+fn clocks_hint(args: &CalibrateArgs, captured: &Captured) -> String {
+    let apart = words::never_together(&captured.recording).filter(|_| !args.unsynchronised);
+    apart.map(|it| format!("\n  {it}")).unwrap_or_default()
 }
 
 fn wishes(args: &CalibrateArgs) -> Wishes {

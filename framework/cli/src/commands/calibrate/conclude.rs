@@ -103,7 +103,10 @@ pub(super) fn conclude(
         say(&format!("kept as the older calibration has them: {}\n", carried.kept.join(", ")));
     }
     say(&more.told(&format!("\n{checks}\n")));
-    for command in advice::commands(&asked(args, more.is_board), &checks.suspects) {
+    let is_redo = checks.verdict.level == Level::Redo;
+    let never_together = is_redo && words::never_together(recording).is_some();
+    let asked = advice::Asked { never_together, ..asked(args, more.is_board) };
+    for command in advice::commands(&asked, &checks.suspects) {
         say(&format!("{command}\n"));
     }
     if args.write {
@@ -159,6 +162,7 @@ fn asked(args: &CalibrateArgs, is_board: bool) -> advice::Asked {
         optics: args.optics.map(Optics::name),
         kept,
         is_light: args.wand_mm.is_none() && !is_board,
+        never_together: false,
     }
 }
 
