@@ -19,11 +19,13 @@ mod plane;
 mod rigid;
 mod room;
 mod types;
+mod unsynchronised;
 mod views;
 
 pub use pattern::Board;
 pub use room::calibrate;
 pub use types::{BoardFault, BoardPose, BoardRules, BoardSolution, HoldOut, OpticsFit, Refused, Why};
+pub use unsynchronised::{NoBoardClocks, board_on_one_clock};
 
 #[cfg(test)]
 mod tests;

@@ -60,7 +60,7 @@ pub(super) struct Clock {
 impl Clock {
     pub(super) const SAME: Clock = Clock { offset_s: 0.0, rate: 1.0 };
 
-    fn of(fit: &ClockFit) -> Clock {
+    pub(super) fn of(fit: &ClockFit) -> Clock {
         Clock { offset_s: fit.offset_s, rate: 1.0 + fit.drift }
     }
 

@@ -262,9 +262,15 @@ impl Room<'_> {
             };
             clock.filter(|_| posed).map(|clock| Refined { clock, sigma_s, sights })
         });
+        let why = |(camera, it): (usize, &CameraStatus)| match last.sights[camera] {
+            frames if *it == CameraStatus::Calibrated && frames < LEAST => {
+                CameraStatus::TooFewSightings { frames, needed: LEAST }
+            }
+            _ => it.clone(),
+        };
         Joint {
             clocks: clocks.collect(),
-            status,
+            status: status.iter().enumerate().map(why).collect(),
             cameras: self.cameras,
             rms_px: last.found.adjusted.rms_px,
             last_move_s,

@@ -15,6 +15,7 @@ mod agreement;
 mod frames;
 mod joint;
 mod pairs;
+mod resample;
 mod track;
 
 use foveate_estimation::Random;
@@ -24,6 +25,8 @@ use foveate_geometry::self_calibration::CameraStatus;
 
 pub use self::frames::{FrameRules, Frames, frames};
 pub use self::pairs::PairFault;
+pub(crate) use self::resample::in_turn;
+pub use self::resample::on_one_clock;
 use crate::recording::Recording;
 use crate::solved::ClockFit;
 use agreement::{Compared, agree};

@@ -55,20 +55,8 @@ pub fn unsynchronised_from_nothing(
     let mut room = Room::new(&recording, moments.clone(), rules);
     let mut status = Vec::with_capacity(cameras.len());
     for (camera, (found, of_clock)) in cameras.into_iter().zip(&of_clocks).enumerate() {
-        let (pose, why) = match of_clock {
-            ClockStatus::Reference | ClockStatus::Found { .. } => (Some(found), CameraStatus::Calibrated),
-            ClockStatus::NoPose { status } => (None, status.clone()),
-            ClockStatus::NotTold { other, .. } => (None, CameraStatus::ClockOpen { best: Some(*other) }),
-            ClockStatus::Separate { group } => (None, CameraStatus::Separate { group: group.clone() }),
-            ClockStatus::TooFewSights { moments, needed } => {
-                (None, CameraStatus::TooFewSightings { frames: *moments, needed: *needed })
-            }
-            ClockStatus::LightStill { spread_px } => (None, CameraStatus::LightStill { spread_px: *spread_px }),
-            // The pose is good, the clock is not: a camera that would spoil every moving target.
-            ClockStatus::Uncertain { .. } | ClockStatus::BeyondLimit { .. } => {
-                (None, CameraStatus::ClockOpen { best: None })
-            }
-        };
+        let is_found = matches!(of_clock, ClockStatus::Reference | ClockStatus::Found { .. });
+        let (pose, why) = (is_found.then_some(found), why_left_out(of_clock));
         room.cameras[camera] = pose;
         status.push(why);
     }
@@ -92,6 +80,22 @@ pub fn unsynchronised_from_nothing(
         clocks: of_clocks,
         reference,
     })
+}
+
+/// The status of a camera whose clock came to this.
+pub(super) fn why_left_out(of_clock: &ClockStatus) -> CameraStatus {
+    match of_clock {
+        ClockStatus::Reference | ClockStatus::Found { .. } => CameraStatus::Calibrated,
+        ClockStatus::NoPose { status } => status.clone(),
+        ClockStatus::NotTold { other, .. } => CameraStatus::ClockOpen { best: Some(*other) },
+        ClockStatus::Separate { group } => CameraStatus::Separate { group: group.clone() },
+        ClockStatus::TooFewSights { moments, needed } => {
+            CameraStatus::TooFewSightings { frames: *moments, needed: *needed }
+        }
+        ClockStatus::LightStill { spread_px } => CameraStatus::LightStill { spread_px: *spread_px },
+        // The pose is good, the clock is not: a camera that would spoil every moving target.
+        ClockStatus::Uncertain { .. } | ClockStatus::BeyondLimit { .. } => CameraStatus::ClockOpen { best: None },
+    }
 }
 
 /// Of the cameras that fit nowhere those whose clock is found once their picture is turned left to right.

@@ -1,7 +1,7 @@
 //! What to try next, as a command that can be typed: what was found wrong, in options of this program.
 
 use foveate_calibration::cause::Cause;
-use foveate_calibration::checks::{Checks, Level};
+use foveate_calibration::checks::{Level, Suspect};
 
 /// What of the command line bears on what can be suggested.
 #[derive(Debug, Clone, Default)]
@@ -18,18 +18,18 @@ pub struct Asked {
     pub optics: Option<&'static str>,
     /// Options that go into any further command as they are, such as `--inlier-px 8`.
     pub kept: Vec<String>,
-    /// Whether a board was shown.
-    pub is_board: bool,
-    /// Whether a wand was waved.
-    pub is_wand: bool,
+    /// Whether one light was waved.
+    pub is_light: bool,
+    /// Whether the room is no good and hardly two pictures were taken together.
+    pub never_together: bool,
 }
 
 /// Clocks are looked for this many times as far as a camera was found to be late.
 const MARGIN: f64 = 2.0;
 
 /// Commands worth trying on the same recording, each with what it is for; none where all is well or nothing but a new recording helps.
-pub fn commands(asked: &Asked, checks: &Checks) -> Vec<String> {
-    let graver = || checks.suspects.iter().filter(|it| it.judgement.level > Level::Good);
+pub fn commands(asked: &Asked, suspects: &[Suspect]) -> Vec<String> {
+    let graver = || suspects.iter().filter(|it| it.judgement.level > Level::Good);
     let mut list = Vec::new();
     let latest = graver().filter_map(|it| match it.cause {
         Cause::Clock { offset_s, .. } => Some(offset_s.abs()),
@@ -38,8 +38,8 @@ pub fn commands(asked: &Asked, checks: &Checks) -> Vec<String> {
     let latest_s = latest.fold(0.0, f64::max);
     // Cameras that lose frames drift away from the others, which no steady lateness explains.
     let drifts = graver().any(|it| matches!(it.cause, Cause::Unknown { .. }));
-    let is_light = !asked.is_board && !asked.is_wand;
-    if (latest_s > 0.0 || drifts) && !asked.unsynchronised && is_light {
+    let is_apart = latest_s > 0.0 || drifts && asked.is_light || asked.never_together;
+    if is_apart && !asked.unsynchronised {
         let max_offset_s = (MARGIN * latest_s).max(0.5);
         let options = format!("--from-nothing --unsynchronised --max-offset {max_offset_s:.2}");
         list.push(asked.with(&options, asked.optics, "to find each camera's clock as well"));
@@ -72,17 +72,14 @@ impl Asked {
 
 #[cfg(test)]
 mod tests {
-    use foveate_calibration::checks::{CheckRules, Judgement, Suspect, check};
-    use foveate_calibration::solved::Solved;
+    use foveate_calibration::checks::{Judgement, Suspect};
 
     use super::*;
 
     /// What is suggested where a camera is at fault by `cause`.
     fn suggested(asked: &Asked, cause: Cause) -> Vec<String> {
-        let mut checks = check(&Solved::default(), None, &CheckRules::default());
         let judgement = Judgement { level: Level::Redo, sentence: String::new() };
-        checks.suspects = vec![Suspect { judgement, camera: 0, cause, misfit: 2.0, explained: 1.0 }];
-        commands(asked, &checks)
+        commands(asked, &[Suspect { judgement, camera: 0, cause, misfit: 2.0, explained: 1.0 }])
     }
 
     #[test]
@@ -99,11 +96,10 @@ mod tests {
         let mut n = 0;
         for from_nothing in [false, true] {
             for kept in [vec![], vec!["--inlier-px 8".to_owned()], vec!["--from leds".to_owned()]] {
-                for (is_wand, is_board) in [(false, false), (true, false), (false, true)] {
+                for (is_light, shown) in [(true, ""), (false, "--wand-mm 400"), (false, "--chessboard 8x6")] {
                     let mut kept = kept.clone();
-                    kept.extend(is_wand.then(|| "--wand-mm 400".to_owned()));
-                    let asked =
-                        Asked { rig: "lab.toml".to_owned(), from_nothing, kept, is_wand, is_board, ..Asked::default() };
+                    kept.extend((!is_light).then(|| shown.to_owned()));
+                    let asked = Asked { rig: "lab.toml".to_owned(), from_nothing, kept, is_light, ..Asked::default() };
                     for line in causes.iter().flat_map(|it| suggested(&asked, *it)) {
                         let command = line.trim_start_matches("try: ").split("   (").next().unwrap_or_default();
                         let typed = crate::commands::Cli::try_parse_from(command.split(' '));
@@ -118,5 +114,8 @@ mod tests {
         assert!(late[0].contains("--unsynchronised --max-offset 1.40"), "{late:?}");
         assert!(suggested(&Asked { unsynchronised: true, ..Asked::default() }, causes[0]).is_empty());
         assert!(suggested(&Asked::default(), Cause::Mirrored).is_empty());
+        let apart = Asked { never_together: true, ..Asked::default() };
+        assert!(commands(&apart, &[])[0].contains("--unsynchronised --max-offset 0.50"));
+        assert!(commands(&Asked { unsynchronised: true, ..apart }, &[]).is_empty());
     }
 }

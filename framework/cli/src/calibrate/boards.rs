@@ -23,10 +23,10 @@ const RAYLEIGH_MEDIAN: f64 = 1.177_41;
 #[command(next_help_heading = "Board")]
 pub struct BoardWishes {
     /// The features are the inner corners of a chessboard, so many in a row and in a column; a rig with `board.detector` says it itself
-    #[arg(long, value_name = "8x6", value_parser = two_counts, conflicts_with_all = ["wand_mm", "unsynchronised"])]
+    #[arg(long, value_name = "8x6", value_parser = two_counts, conflicts_with = "wand_mm")]
     pub chessboard: Option<[u32; 2]>,
     /// The features are the inner corners of a ChArUco board of so many squares, numbered along its rows
-    #[arg(long, value_name = "4x5", value_parser = two_counts, conflicts_with_all = ["chessboard", "wand_mm", "unsynchronised"])]
+    #[arg(long, value_name = "4x5", value_parser = two_counts, conflicts_with_all = ["chessboard", "wand_mm"])]
     pub charuco: Option<[u32; 2]>,
     /// Side of the board's squares
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
@@ -34,6 +34,19 @@ pub struct BoardWishes {
     /// When the board lay on the floor, face up: its corner 0 is the origin then, and Z is up
     #[arg(long, value_name = "SECONDS", value_parser = time)]
     pub board_floor: Option<f64>,
+}
+
+impl BoardWishes {
+    /// As it is written on the command line.
+    pub fn options(&self) -> Vec<String> {
+        let counts = |name: &str, it: Option<[u32; 2]>| it.map(|[a, b]| format!("--{name} {a}x{b}"));
+        let square = self.square_mm.map(|it| format!("--square-mm {it}"));
+        let floor = self.board_floor.map(|it| format!("--board-floor {it}"));
+        [counts("chessboard", self.chessboard), counts("charuco", self.charuco), square, floor]
+            .into_iter()
+            .flatten()
+            .collect()
+    }
 }
 
 /// `8x6`
@@ -168,9 +181,12 @@ fn in_older_world(solved: Solved, recording: &Recording, older: FixedFreedoms) -
 
 /// What is said of a waved light, of a board.
 pub fn of_board(text: &str) -> String {
-    const WORDS: [(&str, &str); 5] = [
+    const WORDS: [(&str, &str); 8] = [
         ("the light", "the board"),
         ("The light", "The board"),
+        ("a smoothly moving light", "a smoothly moving board"),
+        ("a moving light", "a moving board"),
+        ("a light at rest", "a board at rest"),
         ("say --floor-stops, --falling, --plumb or --upright", "say --board-floor"),
         ("say --floor-stops or --l-frame", "say --board-floor"),
         (

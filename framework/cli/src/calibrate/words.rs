@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use foveate_calibration::clocks::ClockStatus;
+use foveate_calibration::clocks::{ClockFault, ClockStatus};
 use foveate_calibration::recording::{Look, Recording};
 use foveate_calibration::room::{
     NotSynchronised, SolvedRoom, SynchronisedRoom, in_names, keep_distinct, swapped as swapped_labels,
@@ -188,9 +188,39 @@ fn further(status: &ClockStatus) -> &'static str {
 /// Why nothing was found by cameras that share no clock.
 pub fn not_synchronised(fault: &NotSynchronised, recording: &Recording) -> String {
     match fault {
-        NotSynchronised::Clocks(fault) => fault.sentence(|it| recording.name(it), |status| further(status).to_owned()),
+        NotSynchronised::Clocks(fault) => no_clocks(fault, recording),
         NotSynchronised::Room(fault) => fault.to_string(),
     }
+}
+
+/// Pictures this close together count as taken together [s].
+const TOGETHER_S: f64 = 0.5e-3;
+
+/// What to say where less than half of the pictures were taken together with one of another camera.
+pub fn never_together(recording: &Recording) -> Option<String> {
+    let mut of_looks: Vec<(f64, usize)> =
+        recording.looks.iter().filter(|it| !it.spots.is_empty()).map(|it| (it.time_s, it.camera)).collect();
+    of_looks.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let together = |at: usize| {
+        let (time_s, camera) = of_looks[at];
+        let is_other = |it: &&(f64, usize)| it.1 != camera;
+        let near = |it: &&(f64, usize)| (it.0 - time_s).abs() <= TOGETHER_S;
+        of_looks[at + 1..].iter().take_while(near).any(|it| is_other(&it))
+            || of_looks[..at].iter().rev().take_while(near).any(|it| is_other(&it))
+    };
+    let n = (0..of_looks.len()).filter(|it| together(*it)).count();
+    let is_alone = of_looks.iter().all(|it| it.1 == of_looks[0].1);
+    (2 * n < of_looks.len() && !is_alone).then(|| {
+        format!(
+            "{n} of {} pictures were taken within 0.5 ms of one of another camera: if the cameras share no clock, --unsynchronised",
+            of_looks.len()
+        )
+    })
+}
+
+/// Why no clocks were found.
+pub fn no_clocks(fault: &ClockFault, recording: &Recording) -> String {
+    fault.sentence(|it| recording.name(it), |status| further(status).to_owned())
 }
 
 fn focal(camera: &SolvedCamera) -> String {

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use clap::ValueEnum;
 use foveate_calibration::axes::{self, AxesRules, Given, Wishes};
-use foveate_calibration::board::BoardRules;
+use foveate_calibration::board::{BoardRules, NoBoardClocks, board_on_one_clock};
 use foveate_calibration::checks::{CheckRules, LengthSample, Level, check};
 use foveate_calibration::clocks::ClockRules;
 use foveate_calibration::comparison::compare;
@@ -69,8 +69,8 @@ pub struct CalibrateArgs {
     /// A sighting is right when at most this far from where its point is seen [px]
     #[arg(long, value_name = "PX", default_value_t = INLIER_PX, value_parser = pixels)]
     inlier_px: f64,
-    /// The cameras share no clock: find each one's offset too, from the path of the light
-    #[arg(long, conflicts_with = "wand_mm", requires = "from_nothing")]
+    /// The cameras share no clock: find each one's offset too, from the path of the light, the wand or the board
+    #[arg(long, requires = "from_nothing")]
     unsynchronised: bool,
     /// Clocks are at most this far apart [s]
     #[arg(long, value_name = "SECONDS", requires = "unsynchronised", default_value_t = 0.5, value_parser = seconds)]
@@ -275,13 +275,32 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
                 floor_time_s: args.board.board_floor,
                 ..BoardRules::default()
             };
-            let found = boards::solve(&captured.recording, board, (!plan.from_nothing).then_some(fixed), &rules);
-            let found = found.map_err(|fault| format!("error: {fault}"))?;
-            (notes, open) = (found.notes, found.open);
-            Ok(found.room)
+            let refused = |fault: &dyn std::fmt::Display| format!("error: {fault}");
+            if args.unsynchronised {
+                let shared = board_on_one_clock(&captured.recording, board, &rules, &clock_rules);
+                let shared = shared.map_err(|fault| match fault {
+                    NoBoardClocks::Clocks(fault) => {
+                        boards::of_board(&refused(&words::no_clocks(&fault, &captured.recording)))
+                    }
+                    other => refused(&other),
+                })?;
+                let found = boards::solve(&shared.recording, board, None, &rules).map_err(|fault| refused(&fault))?;
+                let room = shared.of_room(found.room);
+                notes = words::clocks(&room, &captured.recording).iter().map(|it| boards::of_board(it)).collect();
+                (notes, open) = (notes.into_iter().chain(found.notes).collect(), found.open);
+                Ok(room.room)
+            } else {
+                let found = boards::solve(&captured.recording, board, (!plan.from_nothing).then_some(fixed), &rules);
+                let found = found.map_err(|fault| refused(&fault) + &clocks_hint(args, &captured))?;
+                (notes, open) = (found.notes, found.open);
+                Ok(found.room)
+            }
         }
         (true, None) if args.unsynchronised => {
-            let found = room::unsynchronised_from_nothing(&captured.recording, &clock_rules, &rules);
+            let found = match sought {
+                Sought::Wand => room::unsynchronised_wand(&captured.recording, &clock_rules, &rules),
+                _ => room::unsynchronised_from_nothing(&captured.recording, &clock_rules, &rules),
+            };
             let found = found.map_err(|fault| {
                 let reason = words::not_synchronised(&fault, &captured.recording);
                 format!("error: {reason}{}", hint(args, &captured))
@@ -300,7 +319,10 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         notes.extend(words::several_spots(&captured.recording, left_out.map(|it| it.0)));
     }
     let lengths = match args.wand_mm {
-        Some(length_mm) => Some(measured_by_wand(&mut solved, length_mm)?),
+        Some(length_mm) => {
+            let measured = measured_by_wand(&mut solved, length_mm);
+            Some(measured.map_err(|fault| fault + &clocks_hint(args, &captured))?)
+        }
         None => None,
     };
     if !givens.is_empty() {
@@ -380,7 +402,14 @@ fn hint(args: &CalibrateArgs, captured: &Captured) -> String {
     let several = words::several_spots(&captured.recording, all).filter(|_| is_light);
     let missing = captured.coverage.state().missing;
     let lines = several.into_iter().chain(missing.iter().take(3).map(ToString::to_string));
-    lines.map(|it| format!("\n  {it}")).collect()
+    let lines: String = lines.map(|it| format!("\n  {it}")).collect();
+    clocks_hint(args, captured) + &lines
+}
+
+/// Whether the cameras may share no clock, as far as what was seen tells.
+fn clocks_hint(args: &CalibrateArgs, captured: &Captured) -> String {
+    let apart = words::never_together(&captured.recording).filter(|_| !args.unsynchronised);
+    apart.map(|it| format!("\n  {it}")).unwrap_or_default()
 }
 
 fn wishes(args: &CalibrateArgs) -> Wishes {

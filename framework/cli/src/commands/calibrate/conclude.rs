@@ -103,7 +103,10 @@ pub(super) fn conclude(
         say(&format!("kept as the older calibration has them: {}\n", carried.kept.join(", ")));
     }
     say(&more.told(&format!("\n{checks}\n")));
-    for command in advice::commands(&asked(args, more.is_board), checks) {
+    let is_redo = checks.verdict.level == Level::Redo;
+    let never_together = is_redo && words::never_together(recording).is_some();
+    let asked = advice::Asked { never_together, ..asked(args, more.is_board) };
+    for command in advice::commands(&asked, &checks.suspects) {
         say(&format!("{command}\n"));
     }
     if args.write {
@@ -129,19 +132,47 @@ fn held_out_by_camera(checks: &Checks) -> BTreeMap<String, f64> {
     figures
 }
 
+/// What of `args` any further command has to say again.
 fn asked(args: &CalibrateArgs, is_board: bool) -> advice::Asked {
-    let inlier_px = (args.inlier_px != INLIER_PX).then(|| format!("--inlier-px {}", args.inlier_px));
-    let from = args.from.as_ref().map(|it| format!("--from {it}"));
-    let wand = args.wand_mm.map(|it| format!("--wand-mm {it}"));
+    let option = |name: &str, it: Option<String>| it.map(|it| format!("--{name} {}", quoted(&it)));
+    let each = |name: &str, list: &[String]| -> Vec<String> {
+        list.iter().map(|it| format!("--{name} {}", quoted(it))).collect()
+    };
+    let flag = |name: &str, is_set: bool| is_set.then(|| format!("--{name}"));
+    let single = [
+        option("inlier-px", (args.inlier_px != INLIER_PX).then(|| args.inlier_px.to_string())),
+        option("from", args.from.clone()),
+        option("cameras", args.cameras.clone()),
+        option("wand-mm", args.wand_mm.map(|it| it.to_string())),
+        flag("floor-stops", args.floor_stops),
+        option("floor-height-mm", args.floor_height_mm.map(|it| it.to_string())),
+        option("plumb", args.plumb.clone()),
+        flag("upright", args.upright),
+    ];
+    let mut kept: Vec<String> = single.into_iter().flatten().collect();
+    kept.extend(each("distance", &args.distance));
+    kept.extend(each("l-frame", &args.l_frame));
+    kept.extend(each("falling", &args.falling));
+    kept.extend(args.board.options());
     advice::Asked {
-        rig: args.rig.display().to_string(),
+        rig: quoted(&args.rig.display().to_string()),
         from_nothing: args.from_nothing,
         unsynchronised: args.unsynchronised,
         max_offset_s: args.max_offset,
         optics: args.optics.map(Optics::name),
-        kept: [inlier_px, from, wand].into_iter().flatten().collect(),
-        is_board,
-        is_wand: args.wand_mm.is_some(),
+        kept,
+        is_light: args.wand_mm.is_none() && !is_board,
+        never_together: false,
+    }
+}
+
+/// As a shell takes it for one word.
+fn quoted(text: &str) -> String {
+    let is_plain = |it: char| it.is_alphanumeric() || "-_./:=,@+%".contains(it);
+    if !text.is_empty() && text.chars().all(is_plain) {
+        text.to_owned()
+    } else {
+        format!("'{}'", text.replace('\'', "'\\''"))
     }
 }
 
@@ -267,3 +298,6 @@ struct CarriedOver {
     /// They do not stand in the new one.
     lost: Vec<String>,
 }
+
+#[cfg(test)]
+mod tests;
