@@ -110,8 +110,11 @@ pub struct RunArgs {
     /// always does
     #[arg(long)]
     live: bool,
-    /// Worker threads of a live run [default: one for each core and one for what joins cameras]
-    #[arg(long, value_name = "N", requires = "live", value_parser = clap::value_parser!(u16).range(1..=256))]
+    /// At the pace of the wall clock, where the machine keeps up: the repeatable order and the same bytes, for people who watch
+    #[arg(long, conflicts_with = "live")]
+    paced: bool,
+    /// Worker threads [default: one for each core, and in a live run one more]; without `--live` the results are the same with any number
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     workers: Option<u16>,
     /// Print nothing but errors
     #[arg(long, short)]

@@ -8,6 +8,7 @@ mod deterministic;
 mod faults;
 mod gates;
 mod inbox;
+mod lanes;
 pub mod ledger;
 mod live;
 mod slot;
@@ -40,8 +41,11 @@ pub struct Options {
     pub out_dir: Option<PathBuf>,
     /// Set from outside (Ctrl-C) to end the run; what was recovered is still finished and saved.
     pub stop: Arc<AtomicBool>,
-    /// Worker threads of a live run; `None`: one for each core and one for what joins cameras.
+    /// Worker threads; `None`: one for each core, and in a live run one more for what joins cameras. A run that is not live gives the same bytes
+    /// with any number of them.
     pub workers: Option<usize>,
+    /// A run that is not live lets nothing happen before its time on the wall clock, counted from the start of the run.
+    pub paced: bool,
     /// A live run gives a node up that does not come back from an activation for so long once the run should end; `None`: ten seconds. While
     /// the run goes on it waits six times as long.
     pub patience: Option<Duration>,
@@ -118,7 +122,7 @@ impl Outcome {
     }
 }
 
-/// Runs on one thread and one logical clock: the same bytes for the same rig, seed and files, as fast as the machine can.
+/// Runs on one logical clock: the same bytes for the same rig, seed and files on any number of threads, as fast as the machine can.
 ///
 /// # Errors
 /// A node that refuses to be made. Failures during the run are in the outcome.

@@ -213,7 +213,7 @@ pub(super) fn run(
     for (thread, _) in threads.into_iter().zip(&watched).filter(|it| !it.1.is_lost) {
         match thread.join() {
             Ok((mut stage, said)) => {
-                gather(&mut whole, &mut stage);
+                whole.absorb(&mut stage);
                 if let Some(said) = said {
                     whole.faults.failure("engine", ended, &NodeError::program(said), "the run ended");
                 }
@@ -299,28 +299,6 @@ fn cut_edges(graph: &Graph, whole: &mut Stage, worker_of: &[usize]) -> Vec<(usiz
         }
     }
     incoming
-}
-
-/// Puts a worker's nodes and ledgers back into the whole, with what its queues dropped entered where it belongs.
-fn gather(whole: &mut Stage, stage: &mut Stage) {
-    for (place, slot) in whole.slots.iter_mut().zip(&mut stage.slots) {
-        if let Some(mut slot) = slot.take() {
-            for route in slot.routes_mut() {
-                if let Route::Away { edge, dropped, .. } = *route {
-                    whole.queue_drops.push((edge, dropped));
-                    *route = Route::Here(edge);
-                }
-            }
-            *place = Some(slot);
-        }
-    }
-    for (place, end) in whole.ends.iter_mut().zip(&mut stage.ends) {
-        if let Some(end) = end.take() {
-            *place = Some(end);
-        }
-    }
-    whole.faults.absorb(std::mem::take(&mut stage.faults));
-    whole.settle_queue_drops();
 }
 
 struct Worker {

@@ -55,6 +55,8 @@ pub(super) struct Parked {
 pub(crate) enum Route {
     /// The consumer runs on the same worker.
     Here(usize),
+    /// The consumer runs on another stage of the same logical clock: what travels is gathered in [`Stage::outgoing`](crate::stage::Stage).
+    Beyond(usize),
     /// Not to a node: an anchor tells the gates where its scale is.
     Told(usize),
     /// Across threads.

@@ -54,6 +54,12 @@ pub(crate) enum Costs {
     Ignored,
 }
 
+/// What leaves a stage along an edge.
+pub(crate) enum Outgoing {
+    Message(usize, Packet),
+    Gap(usize, SourceId),
+}
+
 /// The nodes that one worker runs. Indices are the graph's: what other workers run is `None` here.
 pub(crate) struct Stage {
     graph: Arc<Graph>,
@@ -74,6 +80,10 @@ pub(crate) struct Stage {
     delivery: Delivery,
     outbox: Outbox,
     pub(crate) faults: FaultLog,
+    /// What leaves for other stages of the same logical clock, with the place in the round of the source that caused it.
+    pub(crate) outgoing: Vec<(usize, Outgoing)>,
+    /// The place in the round of the source whose turn it is.
+    pub(crate) place: usize,
     /// Nodes that cannot pass on what they gave out.
     blocked: Vec<usize>,
     /// The data is over: queues have no bounds any more.
@@ -123,6 +133,8 @@ impl Stage {
             outbox: Outbox::default(),
             faults: FaultLog::default(),
             queue_drops: Vec::new(),
+            outgoing: Vec::new(),
+            place: 0,
             blocked: Vec::new(),
             is_flushing: false,
             at: Arc::default(),
@@ -147,6 +159,8 @@ impl Stage {
             outbox: Outbox::default(),
             faults: FaultLog::default(),
             queue_drops: Vec::new(),
+            outgoing: Vec::new(),
+            place: 0,
             blocked: Vec::new(),
             is_flushing: false,
             at: Arc::default(),
@@ -225,9 +239,55 @@ impl Stage {
         }
     }
 
+    /// Capture time of what the last activation was about.
+    pub(crate) fn latest(&self) -> Time {
+        self.seen
+    }
+
     /// Nothing is at work.
     pub(crate) fn rest(&self) {
         self.at.store(0, Ordering::Relaxed);
+    }
+
+    /// Takes in what another stage of the same logical clock gave out, and carries it on.
+    pub(crate) fn take_in(&mut self, outgoing: Outgoing, now: Time) {
+        match outgoing {
+            Outgoing::Message(edge, packet) => {
+                self.deliver(edge, packet, now);
+                self.run_ready(now, &mut Alone);
+            }
+            Outgoing::Gap(edge, source) => {
+                if let Some(end) = &mut self.ends[edge] {
+                    end.ledger.declare_gap(source);
+                }
+            }
+        }
+    }
+
+    /// Moves the nodes of another stage over the same graph, and the ends of their edges, back into this one.
+    pub(crate) fn absorb(&mut self, stage: &mut Stage) {
+        for (place, slot) in self.slots.iter_mut().zip(&mut stage.slots) {
+            let Some(mut slot) = slot.take() else { continue };
+            for route in slot.routes_mut() {
+                match *route {
+                    Route::Away { edge, dropped, .. } => {
+                        self.queue_drops.push((edge, dropped));
+                        *route = Route::Here(edge);
+                    }
+                    Route::Beyond(edge) => *route = Route::Here(edge),
+                    Route::Here(_) | Route::Told(_) => {}
+                }
+            }
+            *place = Some(slot);
+        }
+        for (place, end) in self.ends.iter_mut().zip(&mut stage.ends) {
+            if let Some(end) = end.take() {
+                *place = Some(end);
+            }
+        }
+        self.faults.absorb(std::mem::take(&mut stage.faults));
+        self.blocked.append(&mut stage.blocked);
+        self.settle_queue_drops();
     }
 
     /// Whether any node cannot pass on what it gave out.
@@ -301,7 +361,7 @@ impl Stage {
     }
 
     /// Enters the drops of queues in the ledgers of those edges whose consumer is here; the others are kept for later.
-    pub(crate) fn settle_queue_drops(&mut self) {
+    fn settle_queue_drops(&mut self) {
         let ends = &mut self.ends;
         self.queue_drops.retain(|&(edge, dropped)| match &mut ends[edge] {
             Some(end) => {
@@ -495,6 +555,10 @@ impl Stage {
                 let edge = match route {
                     Route::Here(edge) | Route::Away { edge, .. } => *edge,
                     Route::Told(_) => continue,
+                    Route::Beyond(edge) => {
+                        self.outgoing.push((self.place, Outgoing::Gap(*edge, SourceId(index as u32))));
+                        continue;
+                    }
                 };
                 // A gap on an edge to another worker shows there as a number left out.
                 if let Some(end) = &mut self.ends[edge] {
@@ -551,6 +615,10 @@ impl Stage {
                 if is_counted {
                     away.taken_back(*edge);
                 }
+                return Ok(());
+            }
+            Route::Beyond(edge) => {
+                self.outgoing.push((self.place, Outgoing::Message(*edge, packet)));
                 return Ok(());
             }
             Route::Told(scale) => {

@@ -230,6 +230,57 @@ fn requirement_that_is_not_met_is_reported_with_both_numbers() {
 }
 
 #[test]
+fn cameras_on_any_number_of_threads_give_the_same() {
+    let rig = |shelf: &str| {
+        format!(
+            "[scale.room.node.a]\ntype = \"testkit.counter\"\neach = \"ring-*\"\ncount = 60\nrate_hz = 100\ngap_at = 7\n\
+             [scale.room.node.free]\ntype = \"testkit.counter\"\ncamera = \"ring-2\"\ncount = 90\nrate_hz = 77\n\
+             [scale.room.node.b]\ntype = \"testkit.relay\"\neach = \"ring-*\"\nin = {{ numbers = \"a.numbers\", feedback = \"n.numbers\" }}\n\
+             [scale.room.node.slow]\ntype = \"testkit.slow\"\neach = \"ring-*\"\nbusy_ms = 0.2\nin = {{ numbers = \"b.numbers\" }}\n\
+             [scale.room.node.harm]\ntype = \"testkit.panic\"\neach = \"ring-*\"\non_error = \"skip\"\nin = {{ numbers = \"slow.numbers\" }}\n\
+             [scale.room.node.n]\ntype = \"testkit.newest\"\nin = {{ numbers = [\"harm.numbers\", \"free.numbers\"] }}\n\
+             [scale.room.node.c]\ntype = \"testkit.collect\"\ninto = \"{shelf}\"\nin = {{ numbers = \"n.numbers\" }}\n"
+        )
+    };
+    let run = |workers: usize| {
+        let shelf = format!("threads {workers}");
+        let options = Options { workers: Some(workers), ..Options::default() };
+        let outcome = engine::deterministic(graph_with_cameras(&rig(&shelf)), &options, &mut |_| {}).unwrap();
+        (collected(&shelf), outcome.ledgers, outcome.faults, outcome.gaps, outcome.report.figures)
+    };
+    let one = run(1);
+    assert!(one.0.len() > 300, "{}", one.0.len());
+    assert_eq!((one.2.len(), one.3.len()), (4, 4));
+    for workers in [2, 3, 8] {
+        let other = run(workers);
+        assert_eq!(one.0, other.0, "{workers} threads");
+        assert_eq!((&one.1, &one.2, &one.3, &one.4), (&other.1, &other.2, &other.3, &other.4), "{workers} threads");
+    }
+}
+
+#[test]
+fn what_comes_back_to_a_camera_is_seen_from_the_next_round_on() {
+    // Two cameras at the same moments: what the first one causes is not there for the second one before the next moment.
+    let text = "[scale.room.node.a]\ntype = \"testkit.counter\"\neach = [\"ring-1\", \"ring-2\"]\ncount = 4\n\
+                [scale.room.node.b]\ntype = \"testkit.relay\"\neach = [\"ring-1\", \"ring-2\"]\nin = { numbers = \"a.numbers\", feedback = \"n.numbers\" }\n\
+                [scale.room.node.n]\ntype = \"testkit.newest\"\nin = { numbers = \"b.numbers\" }\n\
+                [scale.room.node.c]\ntype = \"testkit.collect\"\ninto = \"rounds\"\nin = { numbers = \"n.numbers\" }\n";
+    engine::deterministic(graph_with_cameras(text), &Options::default(), &mut |_| {}).unwrap();
+    // k + what was given last at the moment before: 0, 1, 3, 6, from both cameras.
+    assert_eq!(numbers(&collected("rounds")), [0, 0, 1, 1, 3, 3, 6, 6]);
+}
+
+#[test]
+fn paced_run_takes_its_time_and_gives_the_same() {
+    let rig = |shelf: &str| graph(&chain("count = 21\nrate_hz = 100", "type = \"testkit.relay\"", shelf));
+    let plain = engine::deterministic(rig("plain"), &Options::default(), &mut |_| {}).unwrap();
+    let options = Options { paced: true, ..Options::default() };
+    let paced = engine::deterministic(rig("paced"), &options, &mut |_| {}).unwrap();
+    assert!(paced.wall >= Duration::from_millis(200), "{:?}", paced.wall);
+    assert_eq!((collected("plain"), plain.ledgers), (collected("paced"), paced.ledgers));
+}
+
+#[test]
 fn two_runs_of_one_rig_are_the_same() {
     let counters: String = (0..5)
         .map(|index| {

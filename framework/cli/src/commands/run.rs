@@ -20,7 +20,7 @@ pub(super) fn run(args: &RunArgs) -> u8 {
         Ok(graph) => Arc::new(graph),
         Err(code) => return code,
     };
-    let options = Options { workers: args.workers.map(usize::from), ..Options::default() };
+    let options = Options { workers: args.workers.map(usize::from), paced: args.paced, ..Options::default() };
     if let Err(sentence) = interrupt::stops(&options.stop) {
         return complain(&sentence);
     }
