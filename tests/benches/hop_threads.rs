@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use foveate::prelude::*;
 use foveate_engine::{self as engine, Options};
-use foveate_messages::{Message, SpaceKind};
+use foveate_messages::{Message, Space, Wire};
 use foveate_rig::{self as rig, Overrides};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -29,7 +29,8 @@ struct Token {
 
 impl Message for Token {
     const NAME: &'static str = "token";
-    const SPACE: SpaceKind = SpaceKind::None;
+    const SPACE: Space = Space::NONE;
+    const WIRE: Wire = Wire::Local;
 }
 
 const IN: In<Token> = In::each(0, "token");

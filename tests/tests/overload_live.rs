@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use foveate::prelude::*;
 use foveate_engine::{self as engine, Options};
-use foveate_messages::{Message, SpaceKind};
+use foveate_messages::{Message, Space, Wire};
 use foveate_rig::{self as rig, Overrides};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -39,7 +39,8 @@ impl Drop for Counted {
 
 impl Message for Counted {
     const NAME: &'static str = "counted";
-    const SPACE: SpaceKind = SpaceKind::None;
+    const SPACE: Space = Space::NONE;
+    const WIRE: Wire = Wire::Local;
 }
 
 const IN: In<Counted> = In::each(0, "counted").many();

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, bounded};
+use crossbeam::channel::{Receiver, Sender, bounded};
 use foveate_messages::{Interval, Time};
 
 use super::slot::Route;
@@ -29,6 +29,10 @@ const FULL_PAUSE: Duration = Duration::from_micros(50);
 /// is in so many times as much.
 const PATIENCE: Duration = Duration::from_secs(10);
 const PATIENCE_MEANWHILE: u32 = 6;
+/// How long a worker that is busy looks out for the next message before it sleeps. At 60 messages a second that is 1.5 % of a core.
+const LOOKOUT: Duration = Duration::from_micros(250);
+/// Looks between two looks at the clock.
+const LOOKS_A_CLOCK: u32 = 32;
 /// Pause before a device that has nothing yet is asked again.
 const WAITING_PAUSE: Duration = Duration::from_millis(1);
 
@@ -329,6 +333,7 @@ impl Worker {
             self.ask(index, shared.now(), &mut due);
         }
         let mut last_shown = Instant::now();
+        let mut is_lively = false;
         while !shared.is_over() {
             if shared.stop.load(Ordering::Relaxed) && !due.is_empty() {
                 shared.live_sources.fetch_sub(due.len(), Ordering::SeqCst);
@@ -369,11 +374,26 @@ impl Worker {
             let longest = if self.stage.is_any_blocked() { FULL_PAUSE } else { LONGEST_SLEEP };
             let sleep = longest.min(Duration::from_nanos(until_due.unsigned_abs()));
             if !sleep.is_zero() {
-                match self.woken.recv_timeout(sleep) {
-                    Ok(()) | Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {}
+                is_lively = self.rest(sleep, is_lively);
+            }
+        }
+    }
+
+    /// Waits for messages, at most for `longest`. A worker that was just woken by one looks out for the next one for a while before it goes to
+    /// sleep, since to be woken takes longer than most turns; one that is idle burns no core. Gives whether a message came.
+    fn rest(&self, longest: Duration, is_lively: bool) -> bool {
+        if is_lively {
+            let began = Instant::now();
+            while began.elapsed() < LOOKOUT.min(longest) {
+                for _ in 0..LOOKS_A_CLOCK {
+                    if self.woken.try_recv().is_ok() {
+                        return true;
+                    }
+                    std::hint::spin_loop();
                 }
             }
         }
+        self.woken.recv_timeout(longest).is_ok()
     }
 
     /// What is due at the very start is done before the clock runs: devices, simulated worlds and files are being opened.

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use foveate_engine::{self as engine, Options, Outcome};
 use foveate_estimation::random::Random;
-use foveate_messages::{Quality, SpaceKind};
+use foveate_messages::{Quality, Space, Wire};
 use foveate_node::{
     ConfigError, Due, In, Io, Message, Node, NodeError, Out, Ports, Purpose, Registry, Report, Role, Setup, Stamp, Time,
 };
@@ -22,7 +22,8 @@ struct Token(bool);
 
 impl Message for Token {
     const NAME: &'static str = "token";
-    const SPACE: SpaceKind = SpaceKind::None;
+    const SPACE: Space = Space::NONE;
+    const WIRE: Wire = Wire::Local;
     fn quality(&self) -> Quality {
         assert!(!self.0, "no quality");
         Quality::default()

@@ -1,15 +1,19 @@
 //! Cameras by number, and sets of them.
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use smallvec::SmallVec;
 
-use crate::{Message, Quality, SpaceKind};
+use crate::{Message, Quality, Space, Wire};
 
 /// A camera of the rig: its place in the calibration's list, which is sorted by name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize, JsonSchema)]
 pub struct CameraId(pub u16);
 
 /// A set of cameras, ascending; up to 16 of them without an allocation.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(from = "Vec<CameraId>", into = "Vec<CameraId>")]
+#[schemars(with = "Vec<CameraId>")]
 pub struct CameraSet(SmallVec<[CameraId; 16]>);
 
 impl CameraSet {
@@ -46,6 +50,18 @@ impl CameraSet {
     }
 }
 
+impl From<Vec<CameraId>> for CameraSet {
+    fn from(cameras: Vec<CameraId>) -> Self {
+        cameras.into_iter().collect()
+    }
+}
+
+impl From<CameraSet> for Vec<CameraId> {
+    fn from(set: CameraSet) -> Self {
+        set.iter().collect()
+    }
+}
+
 impl FromIterator<CameraId> for CameraSet {
     fn from_iter<I: IntoIterator<Item = CameraId>>(cameras: I) -> Self {
         let mut set = CameraSet::default();
@@ -55,7 +71,7 @@ impl FromIterator<CameraId> for CameraSet {
 }
 
 /// The cameras that are worth processing.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct CameraChoice {
     /// These, and no others.
     pub cameras: CameraSet,
@@ -63,7 +79,8 @@ pub struct CameraChoice {
 
 impl Message for CameraChoice {
     const NAME: &'static str = "camera_choice";
-    const SPACE: SpaceKind = SpaceKind::None;
+    const SPACE: Space = Space::NONE;
+    const WIRE: Wire = Wire::portable::<Self>();
 
     fn quality(&self) -> Quality {
         Quality { count: Some(self.cameras.len() as u32), sigma: None }

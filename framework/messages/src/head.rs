@@ -4,11 +4,14 @@
 //! device's numbers and back.
 
 use nalgebra::{Isometry3, Matrix2, Matrix6};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use crate::{CameraId, Interval, Message, Quality, SpaceKind, Time};
+use crate::schema::{Numbers, Pose};
+use crate::{CameraId, Interval, Message, Quality, Space, Time, Wire};
 
 /// What a head should do.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum HeadOrder {
     /// Go to these angles.
     Go {
@@ -25,7 +28,7 @@ pub enum HeadOrder {
 }
 
 /// A command for the head of one camera.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HeadCommand {
     /// The camera that the head carries.
     pub camera: CameraId,
@@ -37,11 +40,12 @@ pub struct HeadCommand {
 
 impl Message for HeadCommand {
     const NAME: &'static str = "head_command";
-    const SPACE: SpaceKind = SpaceKind::CameraPixels;
+    const SPACE: Space = Space::HEAD_ANGLES;
+    const WIRE: Wire = Wire::portable::<Self>();
 }
 
 /// How things are with a head.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 pub enum HeadLink {
     /// Not reached (yet, or any more): it is tried again.
     #[default]
@@ -51,7 +55,7 @@ pub enum HeadLink {
 }
 
 /// Where a head said that it was.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HeadPosition {
     /// It looked at its motors after this moment …
     pub earliest: Time,
@@ -62,7 +66,7 @@ pub struct HeadPosition {
 }
 
 /// Something that happened between a head and what drives it.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum HeadEvent {
     /// The link changed.
     Link(HeadLink),
@@ -79,7 +83,7 @@ pub enum HeadEvent {
 /// What happened between a head and what drives it in the last second.
 ///
 /// Reports overlap, so that whoever samples them loses nothing: [`HeadReport::since`] leaves out what was heard before.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct HeadReport {
     /// The camera that the head carries.
     pub camera: CameraId,
@@ -102,7 +106,8 @@ impl HeadReport {
 
 impl Message for HeadReport {
     const NAME: &'static str = "head_report";
-    const SPACE: SpaceKind = SpaceKind::CameraPixels;
+    const SPACE: Space = Space::HEAD_ANGLES;
+    const WIRE: Wire = Wire::portable::<Self>();
 
     fn quality(&self) -> Quality {
         Quality { count: Some(self.events.len() as u32), sigma: None }
@@ -110,7 +115,7 @@ impl Message for HeadReport {
 }
 
 /// Where a camera on a head stood at one moment, as far as that can be told.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HeadPose {
     /// The camera.
     pub camera: CameraId,
@@ -119,14 +124,17 @@ pub struct HeadPose {
     /// Pan and tilt [rad].
     pub angles: [f64; 2],
     /// Of the angles [rad²].
+    #[schemars(with = "Numbers<4>")]
     pub angles_covariance: Matrix2<f64>,
     /// How fast they change [rad/s].
     pub rates: [f64; 2],
     /// Position of the zoom drive; `None` where it is not known or there is none.
     pub zoom: Option<f64>,
     /// The camera's pose by the calibrated axes.
+    #[schemars(with = "Pose")]
     pub camera_from_world: Isometry3<f64>,
     /// Of δ in `camera_from_world` ∘ exp(δ), (rotation, translation), from angles and calibration [rad², rad m, m²].
+    #[schemars(with = "Numbers<36>")]
     pub covariance: Matrix6<f64>,
     /// Between the last answer of the head and `time`; what lies between is carried on from the commands.
     pub age: Interval,
@@ -134,7 +142,8 @@ pub struct HeadPose {
 
 impl Message for HeadPose {
     const NAME: &'static str = "head_pose";
-    const SPACE: SpaceKind = SpaceKind::CameraPixels;
+    const SPACE: Space = Space::HEAD_ANGLES;
+    const WIRE: Wire = Wire::portable::<Self>();
 
     fn quality(&self) -> Quality {
         let variance = self.angles_covariance.trace() / 2.0;
@@ -157,8 +166,8 @@ mod tests {
         let mut heard = |report: &HeadReport| report.since(&mut next).map(|it| it.0.0).collect::<Vec<i64>>();
         assert_eq!(heard(&report(0, 3)), [0, 1, 2]);
         assert_eq!(heard(&report(1, 4)), [3, 4]);
-        assert_eq!(heard(&report(1, 4)), []);
-        assert_eq!(heard(&report(2, 1)), [], "an old report");
+        assert!(heard(&report(1, 4)).is_empty());
+        assert!(heard(&report(2, 1)).is_empty(), "an old report");
         assert_eq!(heard(&report(8, 2)), [8, 9], "what was between was never told");
     }
 }

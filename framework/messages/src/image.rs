@@ -1,11 +1,13 @@
 //! One picture of one camera.
 
 use nalgebra::Point2;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use crate::{CameraId, Message, SpaceKind};
+use crate::{CameraId, Message, Space, Wire};
 
 /// How the bytes of an [`Image`] are to be read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 pub enum PixelFormat {
     /// One byte a pixel.
     #[default]
@@ -25,7 +27,7 @@ impl PixelFormat {
 }
 
 /// Which part of its camera's picture an [`Image`] shows, and how much smaller.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Window {
     /// Columns of the camera's picture to the left of it [px].
     pub left: u32,
@@ -68,7 +70,7 @@ impl Window {
 }
 
 /// One picture, or a part of one. Rows lie one after the other from the top, without padding.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Image {
     /// The camera that saw it.
     pub camera: CameraId,
@@ -79,6 +81,7 @@ pub struct Image {
     /// How to read `pixels`.
     pub format: PixelFormat,
     /// `width × height × format.channels()` bytes.
+    #[serde(skip)]
     pub pixels: Vec<u8>,
     /// Which part of the camera's picture this is: what is found in it is given out in pixels of the whole.
     pub window: Window,
@@ -87,7 +90,16 @@ pub struct Image {
 impl Message for Image {
     const NAME: &'static str = "image";
     const VERSION: u32 = 2;
-    const SPACE: SpaceKind = SpaceKind::CameraPixels;
+    const SPACE: Space = Space::PIXELS;
+    const WIRE: Wire = Wire::portable::<Self>();
+
+    fn bulk(&self) -> &[u8] {
+        &self.pixels
+    }
+
+    fn set_bulk(&mut self, bytes: Vec<u8>) {
+        self.pixels = bytes;
+    }
 }
 
 #[cfg(test)]

@@ -6,13 +6,13 @@
 //! | [`Features`] | the 2D points found in one picture | pixels of that camera |
 //! | [`Targets`] | the 3D points recovered at one scale | metres in that scale's space |
 //! | [`SubRegion`] | the moving volume that the next scale looks into | metres in the parent scale's space, which its scale's nodes know |
-//! | [`ScaleSpace`] | where the space of an anchored scale is | – |
+//! | [`ScaleSpace`] | where the space of an anchored scale is | metres in the parent of the scale that it names |
 //! | [`Assignment`] | which head follows which target | – |
 //! | [`CameraChoice`] | which fixed cameras are worth processing | – |
 //! | [`HeadCommand`] | what a pan-tilt head should do | angles of its axes |
 //! | [`HeadReport`] | what it was told and what it said | angles of its axes |
 //! | [`HeadPose`] | where its camera stood at one moment | – |
-//! | [`Marks`] | painted marks of one surface at one time | metres in a space of their own |
+//! | [`Marks`] | painted marks of one surface at one time | metres in a space of their own, whose place in the outermost scale they say |
 //! | [`MarkGuide`] | where each camera should see each mark | pixels, camera by camera |
 
 mod camera_set;
@@ -20,8 +20,10 @@ mod features;
 mod head;
 mod image;
 mod marks;
+mod schema;
 mod sub_region;
 mod targets;
+mod wire;
 
 use std::any::Any;
 
@@ -33,31 +35,98 @@ pub use image::{Image, PixelFormat, Window};
 pub use marks::{GuidedMark, Mark, MarkGuide, Marks, ShapeFit};
 pub use sub_region::{Assignment, ScaleId, ScaleSpace, SubRegion};
 pub use targets::{How, Target, TargetId, Targets};
+pub use wire::{Codec, Wire};
 
-/// A type that may travel on an edge.
+/// A type that may travel on an edge: a contract of name, version, space and layout.
 pub trait Message: Any + Send + Sync {
     /// Name in rigs, errors and recordings, lower case.
     const NAME: &'static str;
     /// Raised when the meaning or the layout of the fields changes.
     const VERSION: u32 = 1;
     /// Whose coordinates the payload is in; edges that would mix them are refused before a run.
-    const SPACE: SpaceKind;
+    const SPACE: Space;
+    /// Whether and how it is recorded and sent.
+    const WIRE: Wire;
 
     /// What the payload can state about itself, for the ledger.
     fn quality(&self) -> Quality {
         Quality::default()
     }
+
+    /// What is large, such as pixels: recorded and shared as it is, beside the rest.
+    fn bulk(&self) -> &[u8] {
+        &[]
+    }
+
+    /// Takes back what [`Message::bulk`] gave. Messages without bulk data leave it.
+    fn set_bulk(&mut self, _bytes: Vec<u8>) {}
 }
 
-/// Whose coordinates a message is in.
+/// Whose coordinates a message is in, how many there are of a point, and their unit. Open: a plugin adds spaces of its own, such as pixels of a
+/// projector.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum SpaceKind {
+pub struct Space {
+    /// Whose they are.
+    pub owner: SpaceOwner,
+    /// Coordinates of a point; 0 without any.
+    pub dimension: u8,
+    /// Their unit, empty without any.
+    pub unit: &'static str,
+}
+
+/// Whose coordinates a message is in: what two ends of an edge must have in common.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SpaceOwner {
+    /// Nobody's: it holds no coordinates.
+    Nobody,
+    /// One camera's, or the head's that carries it: stays with nodes of that camera.
+    Camera,
+    /// Several cameras', each named in the message.
+    EachCamera,
+    /// The producer's scale.
+    Scale,
+    /// The scale around the producer's.
+    ParentScale,
+    /// The outermost scale around the producer's.
+    World,
+    /// The message names its scale itself.
+    Stated,
+    /// That of something else, by its name, such as `projector`: any edge may carry it.
+    Other(&'static str),
+}
+
+impl Space {
     /// Holds no coordinates.
-    None,
-    /// Pixels of one camera, or angles of the head that carries it.
-    CameraPixels,
-    /// Metres in the space of one scale.
-    ScalePoints,
+    pub const NONE: Space = Space { owner: SpaceOwner::Nobody, dimension: 0, unit: "" };
+    /// Raw pixels of one camera.
+    pub const PIXELS: Space = Space { owner: SpaceOwner::Camera, dimension: 2, unit: "px" };
+    /// Raw pixels of several cameras, camera by camera.
+    pub const PIXELS_OF_EACH: Space = Space { owner: SpaceOwner::EachCamera, dimension: 2, unit: "px" };
+    /// Pan and tilt of the head that carries a camera.
+    pub const HEAD_ANGLES: Space = Space { owner: SpaceOwner::Camera, dimension: 2, unit: "rad" };
+    /// Points in the space of the producer's scale.
+    pub const POINTS: Space = Space { owner: SpaceOwner::Scale, dimension: 3, unit: "m" };
+    /// Points in the space around that of the producer's scale.
+    pub const PARENT_POINTS: Space = Space { owner: SpaceOwner::ParentScale, dimension: 3, unit: "m" };
+    /// Points in the space of the outermost scale around the producer's.
+    pub const WORLD_POINTS: Space = Space { owner: SpaceOwner::World, dimension: 3, unit: "m" };
+    /// Points in a space that the message names.
+    pub const STATED: Space = Space { owner: SpaceOwner::Stated, dimension: 3, unit: "m" };
+
+    /// For people: "px of one camera".
+    pub fn in_words(&self) -> String {
+        let whose = match self.owner {
+            SpaceOwner::Nobody => return "no coordinates".to_owned(),
+            SpaceOwner::Camera => "of one camera",
+            SpaceOwner::EachCamera => "of each camera that it names",
+            SpaceOwner::Scale => "in its scale",
+            SpaceOwner::ParentScale => "in the scale around its own",
+            SpaceOwner::World => "in the outermost scale",
+            SpaceOwner::Stated => "in the scale that it names",
+            SpaceOwner::Other(name) => return format!("{} of {name}", self.unit),
+        };
+        format!("{} {whose}", self.unit)
+    }
 }
 
 /// What a payload states about itself, for the ledger.

@@ -1,17 +1,22 @@
 //! Painted marks on a surface that moves and deforms: a face, a knee.
 
 use nalgebra::{Isometry3, Matrix2, Matrix3, Matrix6, Point2, Point3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use crate::{CameraId, CameraSet, How, Message, Quality, SpaceKind, Time};
+use crate::schema::{Numbers, Pose};
+use crate::{CameraId, CameraSet, How, Message, Quality, Space, Time, Wire};
 
 /// One mark at one time.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Mark {
     /// Which mark it is: the label of its features.
     pub label: u32,
     /// In the space of its [`Marks`] [m].
+    #[schemars(with = "Numbers<3>")]
     pub position: Point3<f64>,
     /// Of the position, in that space [m²].
+    #[schemars(with = "Numbers<9>")]
     pub covariance: Matrix3<f64>,
     /// The cameras whose features entered; empty unless `how` is measured.
     pub cameras: CameraSet,
@@ -27,7 +32,7 @@ impl Mark {
 }
 
 /// How well a model of shape describes the marks of one moment.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct ShapeFit {
     /// Root mean square distance between the measured marks and the model's [m].
     pub rms: f64,
@@ -39,13 +44,15 @@ pub struct ShapeFit {
 
 /// The marks of one surface at one time, in a space of their own whose place in the world is known exactly as far as the two go together:
 /// what is uncertain about the whole stands in `covariance`, what is uncertain about each mark beside it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Marks {
     /// The time that all samples are of.
     pub time: Time,
     /// Takes points of the marks' space to the world. From a model of shape, the marks' space is that of the head (the knee) itself.
+    #[schemars(with = "Pose")]
     pub world_from_marks: Isometry3<f64>,
     /// Of δ in `world_from_marks` ∘ exp(δ), (rotation, translation) [rad², rad m, m²].
+    #[schemars(with = "Numbers<36>")]
     pub covariance: Matrix6<f64>,
     /// Ascending by label.
     pub list: Vec<Mark>,
@@ -79,8 +86,8 @@ impl Marks {
 
 impl Message for Marks {
     const NAME: &'static str = "marks";
-    /// They say themselves where their space is in the world.
-    const SPACE: SpaceKind = SpaceKind::None;
+    const SPACE: Space = Space::WORLD_POINTS;
+    const WIRE: Wire = Wire::portable::<Self>();
 
     fn quality(&self) -> Quality {
         let sum: f64 = self.list.iter().map(Mark::sigma).sum();
@@ -92,20 +99,22 @@ impl Message for Marks {
 }
 
 /// Where one mark should be in one picture.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GuidedMark {
     /// Which mark.
     pub label: u32,
     /// Where, in raw (distorted) pixels; outside the picture too.
+    #[schemars(with = "Numbers<2>")]
     pub pixel: Point2<f64>,
     /// Of that [px²].
+    #[schemars(with = "Numbers<4>")]
     pub covariance: Matrix2<f64>,
     /// What this camera reported under the label does not agree with the other cameras: it follows something else.
     pub disputed: bool,
 }
 
 /// What all cameras together know of where each should see each mark: by it, trackers give names to marks that they find (again).
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct MarkGuide {
     /// The pictures that it is about: those taken at this time.
     pub time: Time,
@@ -123,7 +132,8 @@ impl MarkGuide {
 
 impl Message for MarkGuide {
     const NAME: &'static str = "mark_guide";
-    const SPACE: SpaceKind = SpaceKind::None;
+    const SPACE: Space = Space::PIXELS_OF_EACH;
+    const WIRE: Wire = Wire::portable::<Self>();
 
     fn quality(&self) -> Quality {
         Quality { count: Some(self.cameras.iter().map(|it| it.1.len() as u32).sum()), sigma: None }

@@ -1,22 +1,28 @@
 //! The moving volume that the next scale looks into.
 
 use nalgebra::{Isometry3, Matrix6, Point3, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use crate::{CameraId, How, Interval, Message, Quality, SpaceKind, TargetId, Time};
+use crate::schema::{Numbers, Pose};
+use crate::{CameraId, How, Interval, Message, Quality, Space, TargetId, Time, Wire};
 
 /// What a sub-region selector follows: a ball about a target, in the space of the scale that the target lies in, which is the parent of the
 /// selector's.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SubRegion {
     /// The time that position and velocity are of.
     pub time: Time,
     /// The target in the middle.
     pub target: TargetId,
     /// The middle [m].
+    #[schemars(with = "Numbers<3>")]
     pub centre: Point3<f64>,
     /// How it moves [m/s].
+    #[schemars(with = "Numbers<3>")]
     pub velocity: Vector3<f64>,
     /// Of (centre, velocity) [m², m²/s, m²/s²].
+    #[schemars(with = "Numbers<36>")]
     pub covariance: Matrix6<f64>,
     /// Of the ball [m].
     pub radius: f64,
@@ -33,7 +39,8 @@ impl SubRegion {
 
 impl Message for SubRegion {
     const NAME: &'static str = "sub_region";
-    const SPACE: SpaceKind = SpaceKind::None;
+    const SPACE: Space = Space::PARENT_POINTS;
+    const WIRE: Wire = Wire::portable::<Self>();
 
     fn quality(&self) -> Quality {
         let variance = self.covariance.fixed_view::<3, 3>(0, 0).trace() / 3.0;
@@ -42,11 +49,11 @@ impl Message for SubRegion {
 }
 
 /// A scale of a rig by its number there, parents before children.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize, JsonSchema)]
 pub struct ScaleId(pub u32);
 
 /// The space of a scale that is anchored to a target, at one time.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ScaleSpace {
     /// Whose space it is.
     pub scale: ScaleId,
@@ -56,18 +63,23 @@ pub struct ScaleSpace {
     /// (the parent's own space where nothing ever was).
     pub target: Option<TargetId>,
     /// Takes points of the scale's space to the parent's.
+    #[schemars(with = "Pose")]
     pub parent_from_scale: Isometry3<f64>,
     /// Of δ in `parent_from_scale` ∘ exp(δ), (rotation, translation) [rad², rad m, m²].
+    #[schemars(with = "Numbers<36>")]
     pub covariance: Matrix6<f64>,
     /// Velocity of the space's origin in the parent [m/s].
+    #[schemars(with = "Numbers<3>")]
     pub velocity: Vector3<f64>,
     /// Of (origin, velocity) in the parent [m², m²/s, m²/s²].
+    #[schemars(with = "Numbers<36>")]
     pub motion_covariance: Matrix6<f64>,
 }
 
 impl Message for ScaleSpace {
     const NAME: &'static str = "scale_space";
-    const SPACE: SpaceKind = SpaceKind::None;
+    const SPACE: Space = Space::STATED;
+    const WIRE: Wire = Wire::portable::<Self>();
 
     fn quality(&self) -> Quality {
         let sigma = (self.covariance.fixed_view::<3, 3>(3, 3).trace() / 3.0).max(0.0).sqrt();
@@ -76,7 +88,7 @@ impl Message for ScaleSpace {
 }
 
 /// Which target each camera on a head should follow.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Assignment {
     /// Ascending by camera; heads that are not named have nothing to follow.
     pub list: Vec<(CameraId, TargetId)>,
@@ -91,7 +103,8 @@ impl Assignment {
 
 impl Message for Assignment {
     const NAME: &'static str = "assignment";
-    const SPACE: SpaceKind = SpaceKind::None;
+    const SPACE: Space = Space::NONE;
+    const WIRE: Wire = Wire::portable::<Self>();
 
     fn quality(&self) -> Quality {
         Quality { count: Some(self.list.len() as u32), sigma: None }

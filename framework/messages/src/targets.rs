@@ -1,15 +1,18 @@
 //! The 3D points recovered at one scale.
 
 use nalgebra::{Matrix6, Point3, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use crate::{CameraSet, Interval, Message, Quality, SpaceKind, Time};
+use crate::schema::Numbers;
+use crate::{CameraSet, Interval, Message, Quality, Space, Time, Wire};
 
 /// The identity of a target: lasts as long as the target does, and is not given out again.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize, JsonSchema)]
 pub struct TargetId(pub u32);
 
 /// How a sample came to be.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, JsonSchema)]
 pub enum How {
     /// From observations at this very time.
     #[default]
@@ -32,15 +35,18 @@ impl How {
 }
 
 /// One target at one time.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Target {
     /// Who.
     pub id: TargetId,
     /// In the scale's space [m].
+    #[schemars(with = "Numbers<3>")]
     pub position: Point3<f64>,
     /// In the scale's space [m/s].
+    #[schemars(with = "Numbers<3>")]
     pub velocity: Vector3<f64>,
     /// Of (position, velocity) [m², m²/s, m²/s²].
+    #[schemars(with = "Numbers<36>")]
     pub covariance: Matrix6<f64>,
     /// The cameras whose observations entered at this time; empty unless `how` is measured.
     pub cameras: CameraSet,
@@ -61,7 +67,7 @@ impl Target {
 }
 
 /// All targets of one scale at one time, ascending by identity.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Targets {
     /// The time that all samples in `list` are of.
     pub time: Time,
@@ -71,7 +77,8 @@ pub struct Targets {
 
 impl Message for Targets {
     const NAME: &'static str = "targets";
-    const SPACE: SpaceKind = SpaceKind::ScalePoints;
+    const SPACE: Space = Space::POINTS;
+    const WIRE: Wire = Wire::portable::<Self>();
 
     fn quality(&self) -> Quality {
         let sum: f64 = self.list.iter().map(Target::position_sigma).sum();

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use foveate_messages::{Message, SpaceKind, Time};
+use foveate_messages::{Message, Space, Time, Wire};
 
 /// A device at the other end of a line, on the logical clock of the run: what is written reaches it after the time that bytes take.
 ///
@@ -38,7 +38,8 @@ impl Line {
 
 impl Message for Line {
     const NAME: &'static str = "line";
-    const SPACE: SpaceKind = SpaceKind::None;
+    const SPACE: Space = Space::NONE;
+    const WIRE: Wire = Wire::Local;
 }
 
 #[cfg(test)]

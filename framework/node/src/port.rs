@@ -3,7 +3,7 @@
 use std::any::TypeId;
 use std::marker::PhantomData;
 
-use foveate_messages::{Interval, Message, SpaceKind};
+use foveate_messages::{Interval, Message, Space, Wire};
 
 /// How an input port takes data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -124,23 +124,33 @@ impl<T> Out<T> {
     }
 }
 
-/// The type of a message, erased.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// The type of a message, erased. Two are equal when they are one type of one process.
+#[derive(Debug, Clone, Copy)]
 pub struct MessageType {
     /// [`Message::NAME`].
     pub name: &'static str,
     /// [`Message::VERSION`].
     pub version: u32,
     /// [`Message::SPACE`].
-    pub space: SpaceKind,
+    pub space: Space,
+    /// [`Message::WIRE`].
+    pub wire: Wire,
     /// The type itself, in this process.
     pub id: TypeId,
 }
 
+impl PartialEq for MessageType {
+    fn eq(&self, other: &MessageType) -> bool {
+        self.id == other.id
+    }
+}
+
+impl Eq for MessageType {}
+
 impl MessageType {
     /// Of `T`.
     pub fn of<T: Message>() -> Self {
-        Self { name: T::NAME, version: T::VERSION, space: T::SPACE, id: TypeId::of::<T>() }
+        Self { name: T::NAME, version: T::VERSION, space: T::SPACE, wire: T::WIRE, id: TypeId::of::<T>() }
     }
 }
 

@@ -48,6 +48,10 @@ pub(super) struct NodeText<'t> {
     pub settings: DeTable<'t>,
 }
 
+/// What a node's table may hold beside its settings: the keys that [`NodeText::read`] takes out, and that the schema describes.
+pub(super) const RESERVED: [&str; 8] =
+    ["type", "each", "camera", "in", "require", "on_error", "cost_ms", "cost_jitter_ms"];
+
 /// What is connected to one input port, as written.
 pub(super) struct InputText {
     pub port: Spanned<String>,

@@ -10,12 +10,11 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::expected::{bounds, expectation, unit_of};
+use super::node_text::RESERVED;
 use foveate_diagnostics::names::{did_you_mean, likely, one_of, shown};
 use foveate_diagnostics::value::{Value, described, number, whole};
 use foveate_diagnostics::{Findings, Span};
 
-/// What a node's table holds beside its settings.
-const RESERVED: [&str; 6] = ["type", "each", "camera", "in", "require", "on_error"];
 /// References to references to … that are followed.
 const MOST_REFERENCES: usize = 32;
 /// Depth at which a schema that holds itself is no longer followed.

@@ -1,6 +1,6 @@
 //! Connects instances: each input's references looked up, their messages and spaces compared, one edge for each pair.
 
-use foveate_messages::{CameraId, SpaceKind};
+use foveate_messages::{CameraId, SpaceOwner};
 use toml::Spanned;
 
 use super::lookup::{Names, Source, outputs};
@@ -243,9 +243,76 @@ impl<'a> Consumer<'_, 'a, '_> {
                 .maybe_help(offers.map(|it| format!("{expected} is given by {it}")));
             return false;
         }
-        if message.space != SpaceKind::ScalePoints {
-            return true;
+        match message.space.owner {
+            SpaceOwner::Scale => self.points_fit(port, producer, reference, findings),
+            SpaceOwner::ParentScale => {
+                let around = |scale: usize| match self.names.scales[scale].parent {
+                    Parent::Of(parent) => Some(parent),
+                    Parent::Root | Parent::Unclear => None,
+                };
+                let (found, wanted) = (around(producer.scale), around(self.node.scale));
+                found == wanted || self.other_space(port, message, producer, [found, wanted], reference, findings)
+            }
+            SpaceOwner::World => {
+                let (found, wanted) = (self.root_of(producer.scale), self.root_of(self.node.scale));
+                found == wanted
+                    || self.other_space(port, message, producer, [found, wanted].map(Some), reference, findings)
+            }
+            SpaceOwner::Nobody
+            | SpaceOwner::Camera
+            | SpaceOwner::EachCamera
+            | SpaceOwner::Stated
+            | SpaceOwner::Other(_) => true,
         }
+    }
+
+    /// The outermost scale around `scale`.
+    fn root_of(&self, mut scale: usize) -> usize {
+        // No more steps than there are scales: that they nest in a circle is said elsewhere.
+        for _ in 0..self.names.scales.len() {
+            match self.names.scales[scale].parent {
+                Parent::Of(parent) => scale = parent,
+                Parent::Root | Parent::Unclear => break,
+            }
+        }
+        scale
+    }
+
+    /// Refuses a message whose coordinates are in the first of two scales, where this node reads them as of the second.
+    fn other_space(
+        &self,
+        port: &InputSpec,
+        message: MessageType,
+        producer: &NodeDraft<'_>,
+        scales: [Option<usize>; 2],
+        reference: &Spanned<String>,
+        findings: &mut Findings,
+    ) -> bool {
+        let named = |it: Option<usize>| {
+            it.map_or("no scale".to_owned(), |it| format!("scale `{}`", self.names.scales[it].name))
+        };
+        let [found, wanted] = scales.map(named);
+        let unit = message.space.unit;
+        let title = format!(
+            "output of `{}` is in {found}, input `{}` of `{}` takes it as in {wanted}",
+            producer.name(),
+            port.name,
+            self.node.name()
+        );
+        findings
+            .error(reference.span(), title, format_args!("found {unit} in {found}, expected {unit} in {wanted}"))
+            .help(format_args!("a `{}` holds {}", message.name, message.space.in_words()));
+        false
+    }
+
+    /// Whether points of the producer's scale are what the port takes.
+    fn points_fit(
+        &self,
+        port: &InputSpec,
+        producer: &NodeDraft<'_>,
+        reference: &Spanned<String>,
+        findings: &mut Findings,
+    ) -> bool {
         let scale_name = |scale: usize| &self.names.scales[scale].name;
         let wanted = match (port.of_parent, self.names.scales[self.node.scale].parent) {
             (false, _) => self.node.scale,
@@ -296,7 +363,7 @@ impl<'a> Consumer<'_, 'a, '_> {
         let producer = &self.names.nodes[source.node];
         let (Some(theirs), Some(ours)) = (&producer.cameras, &self.node.cameras) else { return Vec::new() };
         let (their_first, our_first) = (self.first[source.node], self.first[self.index]);
-        let pixels = message.space == SpaceKind::CameraPixels;
+        let pixels = message.space.owner == SpaceOwner::Camera;
         let chosen: Vec<(usize, Option<CameraId>)> = theirs
             .iter()
             .enumerate()

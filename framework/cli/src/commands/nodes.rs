@@ -42,13 +42,15 @@ fn describe(node_type: &NodeType) -> String {
     if !node_type.ports.inputs.is_empty() {
         text += "\nInputs\n";
         for it in &node_type.ports.inputs {
-            let _ = writeln!(text, "  {:12} {:10} {}", it.name, it.message.name, taking(it));
+            let space = it.message.space.in_words();
+            let _ = writeln!(text, "  {:12} {:10} {}; {space}", it.name, it.message.name, taking(it));
         }
     }
     if !node_type.ports.outputs.is_empty() {
         text += "\nOutputs\n";
         for it in &node_type.ports.outputs {
-            let _ = writeln!(text, "  {:12} {}", it.name, it.message.name);
+            let local = if it.message.wire.codec().is_none() { "; stays in this process" } else { "" };
+            let _ = writeln!(text, "  {:12} {:10} {}{local}", it.name, it.message.name, it.message.space.in_words());
         }
     }
     let settings = setting_docs(node_type);

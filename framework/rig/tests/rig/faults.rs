@@ -71,6 +71,46 @@ fn unknown_type_setting_and_key_say_what_was_probably_meant() {
     one("radius_m", "rig", "30:1", "rig", &["`[scale.face]`", "keys that may stand here: `volume_m`, "]);
 }
 
+/// The lab with a scale in the face, and beside the room a world of its own.
+fn nested(user: &str) -> String {
+    format!(
+        "{LAB}\n[scale.face.node.region]\ntype = \"test.region\"\nin = {{ targets = \"room.targets.targets\" }}\n\
+         [scale.eye]\nparent = \"face\"\nradius_m = 0.02\n\
+         [scale.hall]\n{user}"
+    )
+}
+
+#[test]
+fn coordinates_of_one_space_are_not_taken_for_those_of_another_at_any_depth() {
+    let user = |scale: &str, port: &str| {
+        nested(&format!(
+            "[scale.{scale}.node.user]\ntype = \"test.region_user\"\nin = {{ {port} = \"face.region.{port}\" }}\n"
+        ))
+    };
+    // A region of the face lies in the room: nodes of the face know that, those of the eye would take it as in the face.
+    let taken = |text: &str| crate::parts::load(text).map_or_else(|found| found.to_string(), |_| String::new());
+    let told = taken(&user("face", "region"));
+    assert!(!told.contains("takes it as in"), "{told}");
+    for (scale, wanted) in [("eye", "scale `face`"), ("room", "no scale"), ("hall", "no scale")] {
+        let told = taken(&user(scale, "region"));
+        assert!(told.contains(&format!("found m in scale `room`, expected m in {wanted}")), "{scale}: {told}");
+    }
+    // Marks say where they are in the outermost scale: that is the same one for the eye and the face, and another one for the hall.
+    for scale in ["face", "eye", "room"] {
+        let told = taken(&user(scale, "marks"));
+        assert!(!told.contains("takes it as in"), "{scale}: {told}");
+    }
+    let told = taken(&user("hall", "marks"));
+    assert!(told.contains("found m in scale `room`, expected m in scale `hall`"), "{told}");
+    assert!(told.contains("a `marks` holds m in the outermost scale"), "{told}");
+}
+
+#[test]
+fn misspelt_keys_of_nodes_are_told_from_settings() {
+    setting("cost_mss = 2", 1, "cost_mss", &["did you mean `cost_ms`?"]);
+    setting("cost_jiter_ms = 2", 1, "cost_jiter_ms", &["did you mean `cost_jitter_ms`?"]);
+}
+
 #[test]
 fn setting_out_of_range_names_the_range_and_the_unit() {
     setting(

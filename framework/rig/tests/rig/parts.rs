@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use foveate_messages::{Features, Image, ScaleSpace, Targets};
+use foveate_messages::{Features, Image, Marks, ScaleSpace, SubRegion, Targets};
 use foveate_node::{ConfigError, In, Io, Message, Node, NodeError, Out, Plan, Ports, Registry, Role, Setup};
 use foveate_rig::graph::Graph;
 use foveate_rig::{self as rig, Diagnostics, Overrides};
@@ -14,7 +14,8 @@ pub struct Hints;
 
 impl Message for Hints {
     const NAME: &'static str = "hints";
-    const SPACE: foveate_messages::SpaceKind = foveate_messages::SpaceKind::None;
+    const SPACE: foveate_messages::Space = foveate_messages::Space::NONE;
+    const WIRE: foveate_messages::Wire = foveate_messages::Wire::Local;
 }
 
 macro_rules! part {
@@ -216,6 +217,25 @@ part!(
 
 part!(Spaces, Nothing, "test.spaces", Sink, Ports::new().input(&In::<ScaleSpace>::each(0, "spaces").many()));
 
+part!(
+    Region,
+    Nothing,
+    "test.region",
+    Selector,
+    Ports::new()
+        .input(&In::<Targets>::each(0, "targets").of_parent())
+        .output(&Out::<SubRegion>::new(0, "region"))
+        .output(&Out::<Marks>::new(1, "marks"))
+);
+
+part!(
+    RegionUser,
+    Nothing,
+    "test.region_user",
+    Sink,
+    Ports::new().input(&In::<SubRegion>::each(0, "region").optional()).input(&In::<Marks>::each(1, "marks").optional())
+);
+
 part!(Listener, Nothing, "test.listener", Sink, Ports::new().input(&In::<Hints>::latest(0, "hints").many()));
 
 /// Settings without defaults.
@@ -270,6 +290,8 @@ pub fn registry_without_aim() -> Registry {
     registry.add::<Integrator>();
     registry.add::<Joiner>();
     registry.add::<Smoother>();
+    registry.add::<Region>();
+    registry.add::<RegionUser>();
     registry.add::<Spaces>();
     registry.add::<Motor>();
     registry.add::<Table>();

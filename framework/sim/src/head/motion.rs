@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
 use foveate_geometry::pan_tilt::{PanTiltHead, Setting};
-use foveate_messages::{CameraId, Interval, Message, SpaceKind, Time};
+use foveate_messages::{CameraId, Interval, Message, Space, Time, Wire};
 use foveate_node::{ConfigError, Device, Line};
 
 use super::datagrams::NetworkHead;
@@ -291,7 +291,8 @@ impl HeadMotion {
 
 impl Message for HeadMotion {
     const NAME: &'static str = "head_motion";
-    const SPACE: SpaceKind = SpaceKind::None;
+    const SPACE: Space = Space::NONE;
+    const WIRE: Wire = Wire::Local;
 }
 
 #[cfg(test)]

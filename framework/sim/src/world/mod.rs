@@ -14,7 +14,7 @@ mod waved;
 use std::sync::Arc;
 
 use foveate_estimation::random::Random;
-use foveate_messages::{CameraId, How, Message, SpaceKind, Target, TargetId, Targets, Time};
+use foveate_messages::{CameraId, How, Message, Space, Target, TargetId, Targets, Time, Wire};
 use nalgebra::{Matrix6, Point3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -197,7 +197,8 @@ struct Scene {
 
 impl Message for World {
     const NAME: &'static str = "world";
-    const SPACE: SpaceKind = SpaceKind::None;
+    const SPACE: Space = Space::NONE;
+    const WIRE: Wire = Wire::Local;
 }
 
 /// The identity of a light by itself; people are not there then.

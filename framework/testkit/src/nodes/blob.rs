@@ -1,6 +1,6 @@
 //! Blobs of any size, given and passed on without a copy or an allocation: for measuring what the engine itself costs.
 
-use foveate_messages::{Message, SpaceKind};
+use foveate_messages::{Message, Space, Wire};
 use foveate_node::{ConfigError, Due, In, Io, Node, NodeError, Out, Pool, Ports, Role, Setup, Time};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -11,7 +11,8 @@ pub struct Blob(pub Vec<u8>);
 
 impl Message for Blob {
     const NAME: &'static str = "blob";
-    const SPACE: SpaceKind = SpaceKind::None;
+    const SPACE: Space = Space::NONE;
+    const WIRE: Wire = Wire::Local;
 }
 
 /// Settings of [`BlobSource`].

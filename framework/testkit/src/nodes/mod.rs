@@ -24,7 +24,7 @@ pub use blob::{Blob, BlobSource, BlobSourceSettings, Pass, PassSettings};
 pub use collect::{Collect, CollectSettings, Collected, collected};
 pub use counter::{Counter, CounterSettings};
 pub use faults::{Fail, FaultSettings, Panic, Slow, SlowSettings};
-use foveate_messages::{Message, Quality, SpaceKind};
+use foveate_messages::{Message, Quality, Space, Wire};
 use foveate_node::Registry;
 pub use merge::{Join, MergeSettings, Newest};
 pub use relay::{Relay, RelaySettings};
@@ -35,7 +35,8 @@ pub struct Number(pub i64);
 
 impl Message for Number {
     const NAME: &'static str = "number";
-    const SPACE: SpaceKind = SpaceKind::None;
+    const SPACE: Space = Space::NONE;
+    const WIRE: Wire = Wire::Local;
 
     fn quality(&self) -> Quality {
         Quality { count: Some(1), sigma: None }
