@@ -1,13 +1,13 @@
 //! One logical clock, and an order that depends on nothing but the rig, on any number of threads.
 
 use std::cmp::Reverse;
-use std::collections::BinaryHeap;
-use std::sync::Arc;
+use std::collections::{BinaryHeap, VecDeque};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use foveate_messages::Time;
+use foveate_messages::{Interval, Time};
 
-use super::lanes::{Helpers, Lanes};
+use super::lanes::{Helpers, Lanes, Left};
 use super::stage::{Alone, Costs, Stage};
 use super::{EdgeView, Options, Outcome, PROGRESS_PERIOD, Progress, conclude, view_edges};
 use foveate_node::error::NodeError;
@@ -31,13 +31,15 @@ pub(super) fn run(
     let mut main = Stage::build(Arc::clone(&graph), options.out_dir.clone(), Costs::Simulated)?;
     let lanes = Lanes::take_from(&mut main, &graph);
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let mut helpers = Helpers::new(options.workers.unwrap_or(cores).max(1));
+    let until = Mutex::new(Time::ZERO);
+    let mut helpers = Helpers::new(options.workers.unwrap_or(cores).max(1), &until);
     let ended = std::thread::scope(|scope| {
         for _ in 0..helpers.count() {
-            let (work, lanes) = (helpers.work(), &lanes);
-            scope.spawn(move || work(lanes));
+            let (work, lanes, graph) = (helpers.work(), &lanes, &*graph);
+            scope.spawn(move || work(lanes, graph));
         }
-        let ended = guarded(|| sources_in_turn(&graph, options, &mut main, &lanes, &mut helpers, started, observe));
+        let mut events = Events::new(&graph, options, &mut main, &lanes, started);
+        let ended = guarded(|| events.run(&mut helpers, observe));
         helpers.end();
         ended
     });
@@ -53,101 +55,165 @@ pub(super) fn run(
     Ok(conclude(&graph, main, now, started.elapsed(), interrupted))
 }
 
-/// Lets all sources take their turns; gives the time at the end and whether the run was stopped.
-fn sources_in_turn(
-    graph: &Graph,
-    options: &Options,
-    main: &mut Stage,
-    lanes: &Lanes,
-    helpers: &mut Helpers,
+/// What happens next, on the one logical clock.
+struct Events<'r> {
+    graph: &'r Graph,
+    options: &'r Options,
+    main: &'r mut Stage,
+    lanes: &'r Lanes,
     started: Instant,
-    observe: &mut dyn FnMut(&Progress),
-) -> (Time, bool) {
-    let mut now = Time::ZERO;
-    // Sources by (due time, schedule order): ties are broken by the rig, not by chance.
-    let mut sources = BinaryHeap::new();
-    let mut waiting = Vec::new();
-    for index in 0..graph.instances.len() {
-        let due = if lanes.has(index) { lanes.due(index, now) } else { main.due(index, now) };
-        enqueue(due, index, &mut sources, &mut waiting);
+    now: Time,
+    /// Sources by (due time, schedule order): ties are broken by the rig, not by chance.
+    sources: BinaryHeap<Reverse<(Time, usize)>>,
+    /// Sources that have nothing yet.
+    waiting: Vec<usize>,
+    /// What left lanes that are ahead, in the order of time.
+    left: VecDeque<Left>,
+}
+
+impl<'r> Events<'r> {
+    fn new(
+        graph: &'r Graph,
+        options: &'r Options,
+        main: &'r mut Stage,
+        lanes: &'r Lanes,
+        started: Instant,
+    ) -> Events<'r> {
+        let (sources, waiting, left) = (BinaryHeap::new(), Vec::new(), VecDeque::new());
+        Events { graph, options, main, lanes, started, now: Time::ZERO, sources, waiting, left }
     }
-    let mut last_shown = started;
-    let mut turns = 0_u64;
-    let mut round = Vec::new();
-    loop {
-        if options.must_stop() {
-            return (now, true);
+
+    /// Until no source gives anything any more; gives the time at the end and whether the run was stopped.
+    fn run(&mut self, helpers: &mut Helpers<'_>, observe: &mut dyn FnMut(&Progress)) -> (Time, bool) {
+        (0..self.graph.instances.len()).for_each(|it| self.ask(it));
+        let mut last_shown = self.started;
+        let mut turns = 0_u64;
+        while !self.options.must_stop() {
+            if !self.next(helpers) {
+                return (self.now, false);
+            }
+            turns += 1;
+            if turns.is_multiple_of(TURNS_A_LOOK) && last_shown.elapsed() >= PROGRESS_PERIOD {
+                last_shown = Instant::now();
+                let mut edges = vec![EdgeView::default(); self.graph.edges.len()];
+                view_edges(self.graph, self.main, &mut edges);
+                self.lanes.each(|stage| view_edges(self.graph, stage, &mut edges));
+                observe(&Progress { now: self.now, wall: self.started.elapsed(), edges });
+            }
         }
+        // What lanes have seen already is not lost.
+        while let Some((time, _, it)) = self.left.pop_front() {
+            self.now = self.now.max(time);
+            self.lanes.deliver(self.graph, it, self.now, self.main);
+        }
+        (self.now, true)
+    }
+
+    /// The next event; `false` after the last one.
+    fn next(&mut self, helpers: &mut Helpers<'_>) -> bool {
+        let due = self.sources.peek().map(|&Reverse((due, index))| (self.now.max(due), index));
+        let left = self.left.front().map(|it| (it.0.max(self.now), it.1));
+        let first = [due, left].into_iter().flatten().min();
         // A node that is done at the very moment at which a message comes is free for it.
-        let first_due = sources.peek().map(|&Reverse((due, _))| now.max(due));
-        if let Some((done, _)) = main.next_done().filter(|it| first_due.is_none_or(|due| it.0 <= due)) {
-            now = done;
-            main.end_work(&mut Alone);
-            lanes.take_in(main, now);
-            continue;
+        if let Some((done, _)) = self.main.next_done().filter(|it| first.is_none_or(|(time, _)| it.0 <= time)) {
+            self.now = done;
+            self.main.end_work(&mut Alone);
+            self.lanes.take_in(self.graph, self.main, self.now);
+            return true;
         }
-        let Some(Reverse((due, index))) = sources.pop() else {
-            if waiting.is_empty() {
-                return (now, false);
+        let Some((time, index)) = first else {
+            if self.waiting.is_empty() {
+                return false;
             }
             std::thread::sleep(WAITING_PAUSE);
-            for index in std::mem::take(&mut waiting) {
-                let due = if lanes.has(index) { lanes.due(index, now) } else { main.due(index, now) };
-                enqueue(due, index, &mut sources, &mut waiting);
-            }
-            continue;
+            std::mem::take(&mut self.waiting).into_iter().for_each(|it| self.ask(it));
+            return true;
         };
-        if graph.is_over(due) {
-            continue;
-        }
-        now = now.max(due);
-        if options.paced {
-            wait_until(now, started, options);
-        }
-        if lanes.has(index) {
-            round.clear();
-            round.push(index);
-            while let Some(&Reverse((due, next))) = sources.peek()
-                && due <= now
-                && lanes.has(next)
-            {
-                round.push(next);
-                sources.pop();
+        // What left a source goes before its next turn.
+        if left.is_some_and(|left| due.is_none_or(|due| left <= due)) {
+            self.wait_until(time);
+            if let Some((_, _, it)) = self.left.pop_front() {
+                self.now = time;
+                self.lanes.deliver(self.graph, it, time, self.main);
             }
-            for (_, index, due) in lanes.round(&round, now, main, helpers) {
-                enqueue(due, index, &mut sources, &mut waiting);
-            }
+            return true;
+        }
+        let Some(Reverse((due, _))) = self.sources.pop() else { return true };
+        if self.graph.is_over(due) {
+            return true;
+        }
+        if !self.lanes.may_be_ahead(index) {
+            self.wait_until(time);
+            self.now = time;
+        }
+        if self.lanes.has(index) {
+            self.round(time, index, helpers);
         } else {
-            main.turn_source(index, now, &mut Alone);
-            lanes.take_in(main, now);
-            enqueue(main.due(index, now), index, &mut sources, &mut waiting);
+            self.main.turn_source(index, time, &mut Alone);
+            self.lanes.take_in(self.graph, self.main, time);
+            self.ask(index);
         }
-        turns += 1;
-        if turns.is_multiple_of(TURNS_A_LOOK) && last_shown.elapsed() >= PROGRESS_PERIOD {
-            last_shown = Instant::now();
-            let mut edges = vec![EdgeView::default(); graph.edges.len()];
-            view_edges(graph, main, &mut edges);
-            lanes.each(|stage| view_edges(graph, stage, &mut edges));
-            observe(&Progress { now, wall: started.elapsed(), edges });
-        }
+        true
     }
-}
 
-/// Waits until the wall clock shows `time`, unless the run is to be stopped before.
-fn wait_until(time: Time, started: Instant, options: &Options) {
-    loop {
-        let ahead = time.0 - started.elapsed().as_nanos() as i64;
-        if ahead <= 0 || options.must_stop() {
+    /// A round of lanes that begins with source `first` at `time`: of all lanes that may be ahead, as long as they may; otherwise of those whose sources
+    /// are due at this moment.
+    fn round(&mut self, time: Time, first: usize, helpers: &mut Helpers<'_>) {
+        let is_ahead = self.lanes.may_be_ahead(first);
+        let until = time + if is_ahead { self.lanes.shortest_lookahead() } else { Interval(1) };
+        let mut sources = vec![(time, first)];
+        let mut others = Vec::new();
+        while let Some(&Reverse((due, index))) = self.sources.peek()
+            && due < until
+        {
+            let is_like = self.lanes.has(index) && self.lanes.may_be_ahead(index) == is_ahead;
+            if !is_like && !is_ahead {
+                break;
+            }
+            self.sources.pop();
+            match is_like && !self.graph.is_over(due) {
+                true => sources.push((due.max(time), index)),
+                false => others.push(Reverse((due, index))),
+            }
+        }
+        self.sources.extend(others);
+        let mut left = Vec::new();
+        for (index, due) in self.lanes.round(self.graph, &sources, until, helpers, &mut left) {
+            self.enqueue(index, due);
+        }
+        if is_ahead {
+            // What is there already is earlier: it left an earlier round.
+            self.left.extend(left);
             return;
         }
-        std::thread::sleep(LONGEST_PAUSE.min(Duration::from_nanos(ahead.unsigned_abs())));
+        for (_, _, it) in left {
+            self.lanes.deliver(self.graph, it, time, self.main);
+        }
     }
-}
 
-fn enqueue(due: Due, index: usize, sources: &mut BinaryHeap<Reverse<(Time, usize)>>, waiting: &mut Vec<usize>) {
-    match due {
-        Due::At(time) => sources.push(Reverse((time, index))),
-        Due::Waiting => waiting.push(index),
-        Due::Never => {}
+    /// Asks a source when it wants its next turn.
+    fn ask(&mut self, index: usize) {
+        let lanes = self.lanes;
+        let due = if lanes.has(index) { lanes.due(index, self.now) } else { self.main.due(index, self.now) };
+        self.enqueue(index, due);
+    }
+
+    fn enqueue(&mut self, index: usize, due: Due) {
+        match due {
+            Due::At(time) => self.sources.push(Reverse((time, index))),
+            Due::Waiting => self.waiting.push(index),
+            Due::Never => {}
+        }
+    }
+
+    /// A paced run waits until the wall clock shows `time`, unless it is to be stopped before.
+    fn wait_until(&self, time: Time) {
+        while self.options.paced && !self.options.must_stop() {
+            let ahead = time.0 - self.started.elapsed().as_nanos() as i64;
+            if ahead <= 0 {
+                return;
+            }
+            std::thread::sleep(LONGEST_PAUSE.min(Duration::from_nanos(ahead.unsigned_abs())));
+        }
     }
 }

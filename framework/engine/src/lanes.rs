@@ -1,16 +1,21 @@
 //! The part of a deterministic run that any number of threads may share with the same bytes: each camera's own nodes.
 //!
 //! A camera's *lane* holds its sources, and the nodes of that camera which only messages of the lane trigger. What other nodes give to a lane is only
-//! sampled there, and becomes visible between two rounds. A *round* lets sources take their turns that are due at the same moment, each followed by
-//! all that it triggers in its lane: lanes do not see each other meanwhile, so that it does not matter which thread runs which. What leaves the
-//! lanes is then delivered in the order of the sources. This is conservative simulation of discrete events: the end of a round is the time-stamp
-//! bound up to which all inputs of a lane are known.
+//! sampled there. A *round* lets sources of lanes take their turns, each followed by all that it triggers in its lane; lanes do not see each other
+//! meanwhile, so that it does not matter which thread runs which. What leaves the lanes is then delivered in the order of time and of the rig.
+//!
+//! A feedback edge into a lane has a delay, the period of the lane's sources. That is the lane's *lookahead*: what it will sample in a period from
+//! now has been given out already, so that a round may last as long as the shortest lookahead. A lane that shares a device with other nodes (a
+//! handle, such as the line of a head), or whose rate is not known, has no lookahead: its rounds are single moments. This is conservative
+//! simulation of discrete events, where the lookahead gives the time-stamp bounds of a lane's inputs.
 
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, VecDeque};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use crossbeam::channel::{Receiver, Sender, unbounded};
-use foveate_messages::Time;
+use foveate_messages::{Interval, Time};
 use foveate_node::guard::guarded;
 use foveate_node::node::Due;
 use foveate_node::port::Take;
@@ -21,32 +26,67 @@ use crate::stage::{Alone, Outgoing, Stage};
 
 /// Stages that lanes are dealt out to, at most: more than cores, so that loads even out; few, since each has a table of the whole graph.
 const MOST_STAGES: usize = 32;
+/// Turns of one stage in a round, at most.
+const MOST_TURNS: usize = 10_000;
 /// A round that takes less is not worth waking threads for.
 const WORTH_SHARING: Duration = Duration::from_micros(150);
 
-/// One turn of a source: its place in the round, the source, and when it wants its next one.
-pub(crate) type Turn = (usize, usize, Due);
+/// What leaves a lane: when, by which source it was caused, and what.
+pub(crate) type Left = (Time, usize, Outgoing);
+
+/// What one round is about.
+struct Round<'g> {
+    graph: &'g Graph,
+    /// Sources that are due before this take their turns.
+    until: Time,
+}
 
 /// Some cameras' lanes.
 struct Bundle {
     stage: Stage,
-    now: Time,
-    turns: Vec<Turn>,
+    /// The sources that take turns in this round.
+    sources: BinaryHeap<Reverse<(Time, usize)>>,
+    /// What comes in along delayed edges, by when it becomes visible.
+    incoming: VecDeque<(Time, Outgoing)>,
+    left: Vec<Left>,
+    /// Sources that have had their turns, and when they want their next ones.
+    due: Vec<(usize, Due)>,
+    /// What its part of a round took of late.
+    typical: Duration,
     /// The words of a panic of the engine itself.
     said: Option<String>,
 }
 
 impl Bundle {
-    fn run(&mut self) {
-        let Bundle { stage, now, turns, .. } = self;
-        let result = guarded(|| {
-            for (place, source, due) in turns {
-                stage.place = *place;
-                stage.turn_source(*source, *now, &mut Alone);
-                *due = stage.due(*source, *now);
+    fn run(&mut self, round: &Round<'_>) {
+        let began = Instant::now();
+        let said = guarded(|| self.turns(round)).err();
+        self.said = self.said.take().or(said);
+        self.typical = (self.typical * 3 + began.elapsed()) / 4;
+    }
+
+    fn turns(&mut self, round: &Round<'_>) {
+        let mut n_turns = 0;
+        while let Some(Reverse((now, source))) = self.sources.pop() {
+            self.take_in(now);
+            self.stage.turn_source(source, now, &mut Alone);
+            self.left.extend(self.stage.outgoing.drain(..).map(|it| (now, source, it)));
+            n_turns += 1;
+            match self.stage.due(source, now) {
+                // One that never lets time go on is left to who can stop the run.
+                Due::At(due) if due.max(now) < round.until && !round.graph.is_over(due) && n_turns < MOST_TURNS => {
+                    self.sources.push(Reverse((due.max(now), source)));
+                }
+                due => self.due.push((source, due)),
             }
-        });
-        self.said = self.said.take().or(result.err());
+        }
+    }
+
+    /// Delivers what has become visible by `now`.
+    fn take_in(&mut self, now: Time) {
+        while let Some((visible, it)) = self.incoming.pop_front_if(|it| it.0 <= now) {
+            self.stage.take_in(it, visible);
+        }
     }
 }
 
@@ -55,8 +95,10 @@ pub(crate) struct Lanes {
     bundles: Vec<Mutex<Bundle>>,
     /// By instance: the stage of its lane.
     bundle_of: Vec<Option<usize>>,
-    /// By edge: the stage of its consumer.
-    consumer_of: Vec<Option<usize>>,
+    /// By instance: the lookahead of its lane; 0 without one.
+    lookahead: Vec<Interval>,
+    /// The shortest lookahead of all lanes that have one.
+    shortest: Interval,
 }
 
 impl Lanes {
@@ -69,7 +111,6 @@ impl Lanes {
         let n_bundles = cameras.len().min(MOST_STAGES);
         let place = |camera: u16| cameras.binary_search(&camera).map_or(0, |it| it % n_bundles.max(1));
         let bundle_of: Vec<Option<usize>> = camera_of.iter().map(|it| it.map(place)).collect();
-        let consumer_of: Vec<Option<usize>> = graph.edges.iter().map(|it| bundle_of[it.to.0]).collect();
         let mut stages: Vec<Stage> = (0..n_bundles).map(|_| whole.empty_like()).collect();
         for slot in whole.slots.iter_mut().flatten() {
             for route in slot.routes_mut() {
@@ -86,13 +127,25 @@ impl Lanes {
                 stages[bundle].slots[index] = whole.slots[index].take();
             }
         }
-        for (edge, &bundle) in consumer_of.iter().enumerate() {
-            if let Some(bundle) = bundle {
+        for (edge, ends) in graph.edges.iter().enumerate() {
+            if let Some(bundle) = bundle_of[ends.to.0] {
                 stages[bundle].ends[edge] = whole.ends[edge].take();
             }
         }
-        let bundle = |stage| Mutex::new(Bundle { stage, now: Time::ZERO, turns: Vec::new(), said: None });
-        Lanes { bundles: stages.into_iter().map(bundle).collect(), bundle_of, consumer_of }
+        let bundle = |stage| {
+            Mutex::new(Bundle {
+                stage,
+                sources: BinaryHeap::new(),
+                incoming: VecDeque::new(),
+                left: Vec::new(),
+                due: Vec::new(),
+                typical: WORTH_SHARING,
+                said: None,
+            })
+        };
+        let lookahead = lookaheads(graph, &camera_of);
+        let shortest = lookahead.iter().copied().filter(|it| it.0 > 0).min().unwrap_or(Interval(0));
+        Lanes { bundles: stages.into_iter().map(bundle).collect(), bundle_of, lookahead, shortest }
     }
 
     /// Whether source `index` has a lane.
@@ -100,54 +153,78 @@ impl Lanes {
         self.bundle_of[index].is_some()
     }
 
+    /// Whether source `index` has a lane that may be ahead of others.
+    pub(crate) fn may_be_ahead(&self, index: usize) -> bool {
+        self.has(index) && self.lookahead[index].0 > 0
+    }
+
+    /// How long a round of lanes that may be ahead lasts.
+    pub(crate) fn shortest_lookahead(&self) -> Interval {
+        self.shortest
+    }
+
     /// When source `index` of a lane is due.
     pub(crate) fn due(&self, index: usize, now: Time) -> Due {
         self.bundle_of[index].map_or(Due::Never, |it| self.lock(it).stage.due(index, now))
     }
 
-    /// Delivers what `main` gave out to lanes.
-    pub(crate) fn take_in(&self, main: &mut Stage, now: Time) {
-        for (_, outgoing) in std::mem::take(&mut main.outgoing) {
-            let (Outgoing::Message(edge, _) | Outgoing::Gap(edge, _)) = &outgoing;
-            match self.consumer_of[*edge] {
-                Some(bundle) => self.lock(bundle).stage.take_in(outgoing, now),
-                None => main.take_in(outgoing, now),
-            }
+    /// Delivers what left a stage at `now`: at once, or, along an edge with a delay, when that is over.
+    pub(crate) fn deliver(&self, graph: &Graph, outgoing: Outgoing, now: Time, main: &mut Stage) {
+        let (Outgoing::Message(number, _) | Outgoing::Gap(number, _)) = &outgoing;
+        let edge = &graph.edges[*number];
+        let Some(bundle) = self.bundle_of[edge.to.0] else {
+            main.take_in(outgoing, now);
+            return self.take_in(graph, main, now);
+        };
+        let mut bundle = self.lock(bundle);
+        let delay = self.lookahead[edge.to.0];
+        if edge.feedback && delay.0 > 0 {
+            let visible = now + delay;
+            let place = bundle.incoming.partition_point(|it| it.0 <= visible);
+            bundle.incoming.insert(place, (visible, outgoing));
+        } else {
+            bundle.stage.take_in(outgoing, now);
         }
     }
 
-    /// One round: `sources` take their turns at `now`, by all `helpers` where that is worth it. Gives their turns in that order, and delivers what left
-    /// the lanes.
-    pub(crate) fn round(&self, sources: &[usize], now: Time, main: &mut Stage, helpers: &mut Helpers) -> Vec<Turn> {
-        let mut busy: Vec<usize> = Vec::new();
-        for (place, &source) in sources.iter().enumerate() {
+    /// Delivers what `main` gave out to lanes.
+    pub(crate) fn take_in(&self, graph: &Graph, main: &mut Stage, now: Time) {
+        for it in std::mem::take(&mut main.outgoing) {
+            self.deliver(graph, it, now, main);
+        }
+    }
+
+    /// One round: `sources` take their turns, each when it is due and as often as it is before `until`, by all `helpers` where that is worth it. Adds what
+    /// left the lanes to `left`, and gives when the sources want their next turns.
+    pub(crate) fn round(
+        &self,
+        graph: &Graph,
+        sources: &[(Time, usize)],
+        until: Time,
+        helpers: &mut Helpers<'_>,
+        left: &mut Vec<Left>,
+    ) -> Vec<(usize, Due)> {
+        let mut busy: Vec<(Duration, usize)> = Vec::new();
+        for &(due, source) in sources {
             let Some(bundle) = self.bundle_of[source] else { continue };
             let mut it = self.lock(bundle);
-            it.now = now;
-            it.turns.push((place, source, Due::Never));
-            if it.turns.len() == 1 {
-                busy.push(bundle);
+            if it.sources.is_empty() {
+                busy.push((it.typical, bundle));
             }
+            it.sources.push(Reverse((due, source)));
         }
-        helpers.run(self, &busy);
-        let (mut turns, mut outgoing) = (Vec::with_capacity(sources.len()), Vec::new());
-        for bundle in busy {
+        // The longest first, so that threads end together.
+        busy.sort_by_key(|it| (Reverse(it.0), it.1));
+        helpers.run(self, &busy, &Round { graph, until });
+        let mut due = Vec::with_capacity(sources.len());
+        for (_, bundle) in busy {
             let mut it = self.lock(bundle);
-            turns.append(&mut it.turns);
-            outgoing.append(&mut it.stage.outgoing);
+            due.append(&mut it.due);
+            left.append(&mut it.left);
         }
-        turns.sort_unstable_by_key(|it| it.0);
         // Stable: what one source caused keeps its order.
-        outgoing.sort_by_key(|it| it.0);
-        for (_, it) in outgoing {
-            let (Outgoing::Message(edge, _) | Outgoing::Gap(edge, _)) = &it;
-            match self.consumer_of[*edge] {
-                Some(bundle) => self.lock(bundle).stage.take_in(it, now),
-                None => main.take_in(it, now),
-            }
-        }
-        self.take_in(main, now);
-        turns
+        left.sort_by_key(|it| (it.0, it.1));
+        due
     }
 
     /// Shows each stage.
@@ -155,11 +232,12 @@ impl Lanes {
         (0..self.bundles.len()).for_each(|it| show(&self.lock(it).stage));
     }
 
-    /// Puts all lanes back. Gives the words of panics of the engine itself.
+    /// Puts all lanes back at the end; what was still to become visible does. Gives the words of panics of the engine itself.
     pub(crate) fn give_back(self, whole: &mut Stage) -> Vec<String> {
         let mut said = Vec::new();
         for bundle in self.bundles {
             let mut bundle = bundle.into_inner().unwrap_or_else(PoisonError::into_inner);
+            bundle.take_in(Time(i64::MAX));
             whole.absorb(&mut bundle.stage);
             said.extend(bundle.said);
         }
@@ -172,21 +250,20 @@ impl Lanes {
 }
 
 /// Threads that share rounds with the one that runs the graph.
-pub(crate) struct Helpers {
+pub(crate) struct Helpers<'s> {
     n_helpers: usize,
-    todo: Sender<usize>,
-    queue: Receiver<usize>,
+    todo: Sender<Option<usize>>,
+    queue: Receiver<Option<usize>>,
     done: Sender<()>,
     finished: Receiver<()>,
-    /// What a stage's part of a round took of late.
-    typical: Duration,
+    until: &'s Mutex<Time>,
 }
 
-impl Helpers {
-    /// For `n_threads` in all, with the one that calls.
-    pub(crate) fn new(n_threads: usize) -> Helpers {
+impl<'s> Helpers<'s> {
+    /// For `n_threads` in all, with the one that calls. `until` tells helpers how long a round lasts.
+    pub(crate) fn new(n_threads: usize, until: &'s Mutex<Time>) -> Helpers<'s> {
         let ((todo, queue), (done, finished)) = (unbounded(), unbounded());
-        Helpers { n_helpers: n_threads.saturating_sub(1), todo, queue, done, finished, typical: WORTH_SHARING }
+        Helpers { n_helpers: n_threads.saturating_sub(1), todo, queue, done, finished, until }
     }
 
     /// How many there are to be.
@@ -195,15 +272,12 @@ impl Helpers {
     }
 
     /// What a helper's thread does until the run is over.
-    pub(crate) fn work(&self) -> impl FnOnce(&Lanes) + Send + use<> {
-        let (queue, done) = (self.queue.clone(), self.done.clone());
-        move |lanes| {
-            while let Ok(bundle) = queue.recv() {
-                // The mark of the end.
-                if bundle == usize::MAX {
-                    return;
-                }
-                lanes.lock(bundle).run();
+    pub(crate) fn work(&self) -> impl FnOnce(&Lanes, &Graph) + Send + use<'s> {
+        let (queue, done, until) = (self.queue.clone(), self.done.clone(), self.until);
+        move |lanes, graph| {
+            while let Ok(Some(bundle)) = queue.recv() {
+                let until = *until.lock().unwrap_or_else(PoisonError::into_inner);
+                lanes.lock(bundle).run(&Round { graph, until });
                 let _ = done.send(()); // nobody listens any more: the run is over
             }
         }
@@ -212,35 +286,27 @@ impl Helpers {
     /// Sends all helpers home.
     pub(crate) fn end(&self) {
         for _ in 0..self.n_helpers {
-            let _ = self.todo.send(usize::MAX); // its receiver is ours
+            let _ = self.todo.send(None); // its receiver is ours
         }
     }
 
-    fn run(&mut self, lanes: &Lanes, busy: &[usize]) {
-        let began = Instant::now();
-        if self.n_helpers == 0 || busy.len() < 2 || self.typical * (busy.len() as u32) < WORTH_SHARING {
-            busy.iter().for_each(|&it| lanes.lock(it).run());
-            self.learn(began.elapsed() / busy.len().max(1) as u32);
-            return;
+    fn run(&mut self, lanes: &Lanes, busy: &[(Duration, usize)], round: &Round<'_>) {
+        let expected: Duration = busy.iter().map(|it| it.0).sum();
+        if self.n_helpers == 0 || busy.len() < 2 || expected < WORTH_SHARING {
+            return busy.iter().for_each(|it| lanes.lock(it.1).run(round));
         }
-        for &bundle in busy {
-            let _ = self.todo.send(bundle); // its receiver is ours
+        *self.until.lock().unwrap_or_else(PoisonError::into_inner) = round.until;
+        for it in busy {
+            let _ = self.todo.send(Some(it.1)); // its receiver is ours
         }
         let mut own = 0;
-        while let Ok(bundle) = self.queue.try_recv() {
-            lanes.lock(bundle).run();
+        while let Ok(Some(bundle)) = self.queue.try_recv() {
+            lanes.lock(bundle).run(round);
             own += 1;
         }
-        if own > 0 {
-            self.learn(began.elapsed() / own);
-        }
-        for _ in own as usize..busy.len() {
+        for _ in own..busy.len() {
             let _ = self.finished.recv(); // a helper sends, whatever happens to it
         }
-    }
-
-    fn learn(&mut self, took: Duration) {
-        self.typical = (self.typical * 7 + took) / 8;
     }
 }
 
@@ -261,4 +327,30 @@ fn lanes(graph: &Graph) -> Vec<Option<u16>> {
         }
     }
     lanes
+}
+
+/// By instance: the period of the sources of its lane, where the lane may be ahead of others by so much.
+fn lookaheads(graph: &Graph, camera_of: &[Option<u16>]) -> Vec<Interval> {
+    let of_camera = |camera: u16| {
+        let own = |index: usize| camera_of[index] == Some(camera);
+        let mut shortest = None;
+        for (index, instance) in graph.instances.iter().enumerate().filter(|it| own(it.0)) {
+            if graph.edges.iter().any(|it| it.to.0 == index && instance.takes[it.to.1] != Take::Latest) {
+                continue;
+            }
+            // What gives no stream, such as a head that is there, has no rate and does not matter.
+            let Some(rate_hz) = instance.settings.plan().rate_hz else { continue };
+            let period = Interval::from_s(1.0 / rate_hz);
+            shortest = Some(shortest.map_or(period, |it: Interval| it.min(period)));
+        }
+        let shares = graph.edges.iter().any(|edge| {
+            let is_local =
+                graph.instances[edge.from.0].node_type.ports.outputs[edge.from.1].message.wire.codec().is_none();
+            own(edge.from.0) && !own(edge.to.0) && is_local
+        });
+        shortest.filter(|it| it.0 > 0 && !shares).unwrap_or(Interval(0))
+    };
+    let mut known = std::collections::BTreeMap::new();
+    let of = |camera: Option<u16>| camera.map_or(Interval(0), |it| *known.entry(it).or_insert_with(|| of_camera(it)));
+    camera_of.iter().copied().map(of).collect()
 }

@@ -341,10 +341,11 @@ impl Worker {
                 shared.wake_all();
             }
             let now = shared.now();
-            self.post.accept(&mut self.stage, now);
+            // First, so that what stands before a node that was held up is accepted in this round, and not after the next sleep.
             if self.stage.is_any_blocked() {
                 self.stage.unblock(now, &mut self.post);
             }
+            self.post.accept(&mut self.stage, now);
             self.stage.run_ready(now, &mut self.post);
             self.post.settle();
             while let Some(&Reverse((time, index, is_waiting))) = due.peek()

@@ -80,10 +80,8 @@ pub(crate) struct Stage {
     delivery: Delivery,
     outbox: Outbox,
     pub(crate) faults: FaultLog,
-    /// What leaves for other stages of the same logical clock, with the place in the round of the source that caused it.
-    pub(crate) outgoing: Vec<(usize, Outgoing)>,
-    /// The place in the round of the source whose turn it is.
-    pub(crate) place: usize,
+    /// What leaves for other stages of the same logical clock.
+    pub(crate) outgoing: Vec<Outgoing>,
     /// Nodes that cannot pass on what they gave out.
     blocked: Vec<usize>,
     /// The data is over: queues have no bounds any more.
@@ -134,7 +132,6 @@ impl Stage {
             faults: FaultLog::default(),
             queue_drops: Vec::new(),
             outgoing: Vec::new(),
-            place: 0,
             blocked: Vec::new(),
             is_flushing: false,
             at: Arc::default(),
@@ -160,7 +157,6 @@ impl Stage {
             faults: FaultLog::default(),
             queue_drops: Vec::new(),
             outgoing: Vec::new(),
-            place: 0,
             blocked: Vec::new(),
             is_flushing: false,
             at: Arc::default(),
@@ -556,7 +552,7 @@ impl Stage {
                     Route::Here(edge) | Route::Away { edge, .. } => *edge,
                     Route::Told(_) => continue,
                     Route::Beyond(edge) => {
-                        self.outgoing.push((self.place, Outgoing::Gap(*edge, SourceId(index as u32))));
+                        self.outgoing.push(Outgoing::Gap(*edge, SourceId(index as u32)));
                         continue;
                     }
                 };
@@ -618,7 +614,7 @@ impl Stage {
                 return Ok(());
             }
             Route::Beyond(edge) => {
-                self.outgoing.push((self.place, Outgoing::Message(*edge, packet)));
+                self.outgoing.push(Outgoing::Message(*edge, packet));
                 return Ok(());
             }
             Route::Told(scale) => {

@@ -131,6 +131,7 @@ pub struct HeadPose {
     /// Position of the zoom drive; `None` where it is not known or there is none.
     pub zoom: Option<f64>,
     /// The camera's pose by the calibrated axes.
+    #[serde(with = "Pose")]
     #[schemars(with = "Pose")]
     pub camera_from_world: Isometry3<f64>,
     /// Of δ in `camera_from_world` ∘ exp(δ), (rotation, translation), from angles and calibration [rad², rad m, m²].

@@ -49,6 +49,7 @@ pub struct Marks {
     /// The time that all samples are of.
     pub time: Time,
     /// Takes points of the marks' space to the world. From a model of shape, the marks' space is that of the head (the knee) itself.
+    #[serde(with = "Pose")]
     #[schemars(with = "Pose")]
     pub world_from_marks: Isometry3<f64>,
     /// Of δ in `world_from_marks` ∘ exp(δ), (rotation, translation) [rad², rad m, m²].

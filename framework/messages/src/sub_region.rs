@@ -63,6 +63,7 @@ pub struct ScaleSpace {
     /// (the parent's own space where nothing ever was).
     pub target: Option<TargetId>,
     /// Takes points of the scale's space to the parent's.
+    #[serde(with = "Pose")]
     #[schemars(with = "Pose")]
     pub parent_from_scale: Isometry3<f64>,
     /// Of δ in `parent_from_scale` ∘ exp(δ), (rotation, translation) [rad², rad m, m²].

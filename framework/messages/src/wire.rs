@@ -105,7 +105,7 @@ fn forget_words(schema: &mut Value) {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Isometry3, Matrix2, Matrix3, Matrix6, Point2, Point3, Vector3};
+    use nalgebra::{Isometry3, Matrix2, Matrix3, Matrix6, Point2, Point3, Quaternion, UnitQuaternion, Vector3};
 
     use super::*;
     use crate::*;
@@ -179,7 +179,9 @@ mod tests {
 
     #[test]
     fn every_message_is_written_and_read_back_as_its_schema_says() {
-        let pose = Isometry3::new(Vector3::new(1.0, 2.0, 3.0), Vector3::new(0.1, -0.2, 0.3));
+        // Numbers that JSON holds exactly; of length 1 but for the last bit, which reading must not put right.
+        let rotation = UnitQuaternion::new_unchecked(Quaternion::new(0.5, -0.5, 0.5, 0.5 + f64::EPSILON));
+        let pose = Isometry3::from_parts(Vector3::new(1.0, 2.0, 3.0).into(), rotation);
         let skew = Matrix2::new(1.0, 2.0, 3.0, 4.0);
         let feature = Feature { centre: Point2::new(4.5, 7.25), covariance: skew, area: 9, peak: 200, label: Some(3) };
         there_and_back(&Features { camera: CameraId(2), list: vec![feature, Feature { label: None, ..feature }] });
@@ -277,6 +279,13 @@ mod tests {
         };
         assert_eq!(layout(schema::<One>), layout(schema::<SameInOtherWords>));
         assert_ne!(layout(schema::<One>), layout(schema::<Other>));
+    }
+
+    #[test]
+    fn a_rotation_that_is_none_is_refused() {
+        let marks = serde_json::to_string(&Marks::default()).unwrap().replace("[0.0,0.0,0.0,1.0]", "[0.0,0.0,0.0,2.0]");
+        let refused = serde_json::from_str::<Marks>(&marks).unwrap_err().to_string();
+        assert!(refused.contains("found a rotation of length 2, expected a unit quaternion"), "{refused}");
     }
 
     #[test]
