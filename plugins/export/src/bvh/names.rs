@@ -35,6 +35,8 @@ const KNOWN: [(&str, &[&[&str]]); 5] = [
             &["lasis", "rasis", "vsacral"],
             &["lasis", "rasis"],
             &["lasi", "rasi"],
+            &["lfwt", "rfwt", "lbwt", "rbwt"],
+            &["lfwt", "rfwt"],
             &["sacr"],
             &["midhip"],
             &["lefthip", "righthip"],
@@ -114,11 +116,16 @@ pub(super) fn is_left(label: &str) -> Option<bool> {
 
 /// The points of each of [`SITES`]; none where it has none.
 ///
-/// `told` names them by site, as `head` or `left_wrist`; the other sites are found by names in use.
+/// `told` names them by site, as `head` or `left_wrist`; the other sites are found by names in use: the first alternative that `is_seen`, all its points in
+/// one frame at least.
 ///
 /// # Errors
 /// A sentence: a site or a point that does not exist.
-pub(super) fn sites(labels: &[String], told: &BTreeMap<String, Vec<String>>) -> Result<[Vec<usize>; 8], String> {
+pub(super) fn sites(
+    labels: &[String],
+    told: &BTreeMap<String, Vec<String>>,
+    is_seen: &dyn Fn(&[usize]) -> bool,
+) -> Result<[Vec<usize>; 8], String> {
     if let Some(wrong) = told.keys().find(|it| !SITES.contains(&it.as_str())) {
         return Err(format!("found the joint `{wrong}`, expected one of {}", SITES.join(", ")));
     }
@@ -142,8 +149,10 @@ pub(super) fn sites(labels: &[String], told: &BTreeMap<String, Vec<String>>) -> 
             let wanted = name.replace('*', side).replace('?', letter);
             cores.iter().position(|it| *it == wanted)
         };
-        let whole = alternatives.iter().find_map(|it| it.iter().map(place).collect::<Option<Vec<usize>>>());
-        *points = whole.unwrap_or_default();
+        let whole: Vec<Vec<usize>> =
+            alternatives.iter().filter_map(|it| it.iter().map(place).collect::<Option<Vec<usize>>>()).collect();
+        let seen = whole.iter().find(|it| is_seen(it));
+        *points = seen.or(whole.first()).cloned().unwrap_or_default();
         let bone = ["shoulder", "elbow"].iter().position(|it| *it == of_body);
         let is_marked = ELBOWS.iter().any(|it| place(it).is_some());
         if let Some(bone) = bone.filter(|_| !is_marked)
@@ -171,7 +180,10 @@ mod tests {
             "LASI", "RASI", "LPSI", "RPSI",
         ];
         let found =
-            sites(&labels(&plug_in_gait.map(|it| format!("Bob:{it}")).each_ref().map(String::as_str)), &none).unwrap();
+            sites(&labels(&plug_in_gait.map(|it| format!("Bob:{it}")).each_ref().map(String::as_str)), &none, &|_| {
+                true
+            })
+            .unwrap();
         assert_eq!(
             found,
             [vec![0, 1, 2, 3], vec![13, 14, 15, 16], vec![5], vec![6], vec![7], vec![8], vec![9, 10], vec![11, 12]]
@@ -186,15 +198,15 @@ mod tests {
             "left_wrist",
             "right_wrist",
         ]);
-        assert_eq!(sites(&ours, &none).unwrap(), std::array::from_fn(|it| vec![it]));
+        assert_eq!(sites(&ours, &none, &|_| true).unwrap(), std::array::from_fn(|it| vec![it]));
         let of_opensim =
             labels(&["Top.Head", "R.ASIS", "L.ASIS", "V.Sacral", "R.Shoulder", "L.Shoulder", "L.Elbow", "R.Wrist"]);
-        let found = sites(&of_opensim, &none).unwrap();
+        let found = sites(&of_opensim, &none, &|_| true).unwrap();
         assert_eq!((&found[0], &found[1], &found[2], &found[7]), (&vec![0], &vec![2, 1, 3], &vec![5], &vec![7]));
         let told = BTreeMap::from([("waist".to_owned(), labels(&["V.Sacral"]))]);
-        assert_eq!(sites(&of_opensim, &told).unwrap()[1], [3]);
+        assert_eq!(sites(&of_opensim, &told, &|_| true).unwrap()[1], [3]);
         let wrong = BTreeMap::from([("tail".to_owned(), labels(&["a"]))]);
-        assert!(sites(&of_opensim, &wrong).unwrap_err().contains("`tail`"));
+        assert!(sites(&of_opensim, &wrong, &|_| true).unwrap_err().contains("`tail`"));
     }
 
     /// The joints of skeletons in use: a bone's name is that of the joint where it begins.
@@ -203,7 +215,7 @@ mod tests {
         let none = BTreeMap::new();
         let check = |names: [&str; 9], prefix: &str| {
             let all: Vec<String> = names.iter().map(|it| format!("{prefix}{it}")).collect();
-            let found = sites(&all, &none).unwrap();
+            let found = sites(&all, &none, &|_| true).unwrap();
             assert_eq!(found, [vec![8], vec![0], vec![2], vec![5], vec![3], vec![6], vec![4], vec![7]], "{all:?}");
         };
         let mixamo = [
@@ -239,10 +251,13 @@ mod tests {
         );
         // Shoulders and elbows by name, and markers on the segments between them.
         let marked = labels(&["waist", "LeftShoulder", "LeftArm", "LeftElbow", "LeftForeArm", "LeftWrist"]);
-        let found = sites(&marked, &none).unwrap();
+        let found = sites(&marked, &none, &|_| true).unwrap();
         assert_eq!((&found[2], &found[4], &found[6]), (&vec![1], &vec![3], &vec![5]));
+        // Markers that were never there do not count.
+        let hips = labels(&["LASI", "RASI", "LPSI", "RPSI"]);
+        assert_eq!(sites(&hips, &none, &|it| !it.contains(&3)).unwrap()[1], [0, 1]);
         // The joint of the head is at its base, the end of its bone on top.
-        assert_eq!(sites(&labels(&["Hips", "Head", "Head-end"]), &none).unwrap()[0], [2]);
+        assert_eq!(sites(&labels(&["Hips", "Head", "Head-end"]), &none, &|_| true).unwrap()[0], [2]);
         assert_eq!([is_left("Bob:LASI"), is_left("right_wrist"), is_left("SACR")], [Some(true), Some(false), None]);
     }
 }

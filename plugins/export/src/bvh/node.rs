@@ -173,7 +173,7 @@ impl ExportBvh {
     fn limits(&self) -> Limits {
         let ExportBvhSettings { part_factor, side_factor, stretch_percent, .. } = self.settings;
         let stretch = stretch_percent / 100.0;
-        Limits { factor: part_factor, side_factor, stretch, unit_m: self.unit_m, checks_stature: true }
+        Limits { factor: part_factor, side_factor, stretch, unit_m: self.unit_m, checks_standing: true }
     }
 
     /// What to map, as it can stand in the rig.

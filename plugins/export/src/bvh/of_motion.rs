@@ -43,9 +43,13 @@ pub fn bvh(motion: &Motion, options: &SkeletonOptions) -> Result<SkeletonFile, S
     let Some(rate_hz) = motion.rate_hz.or((motion.n_frames() == 1).then_some(1.0)) else {
         return Err("the times are not regular, and a skeleton moves at one rate".to_owned());
     };
-    let sites = sites(&motion.labels, &options.joints)?;
     let mut y_up = motion.clone();
     y_up.turn(Up::Y);
+    let is_seen = |points: &[usize]| {
+        let is_there = |frame: usize, point: &usize| y_up.get(frame, *point).is_some_and(|it| it.how != How::Predicted);
+        (0..y_up.n_frames()).any(|frame| points.iter().all(|it| is_there(frame, it)))
+    };
+    let sites = sites(&motion.labels, &options.joints, &is_seen)?;
     let lacking: Vec<&str> = SITES.iter().zip(&sites).filter(|it| it.1.is_empty()).map(|it| *it.0).collect();
     if ["waist", "left_shoulder", "right_shoulder"].iter().any(|it| lacking.contains(it)) {
         let few: Vec<String> = motion.labels.iter().take(12).map(|it| format!("`{it}`")).collect();
@@ -69,6 +73,9 @@ pub fn bvh(motion: &Motion, options: &SkeletonOptions) -> Result<SkeletonFile, S
         (0..y_up.n_frames()).map(|frame| std::array::from_fn(|site| place(frame, &sites[site]))).collect();
     let names = |points: &Vec<usize>| points.iter().map(|it| motion.labels[*it].clone()).collect::<Vec<String>>();
     let called = |site: usize| format!("{} = {}", SITES[site], names(&sites[site]).join("+"));
+    // Where waist and shoulders are never seen together, other points are no better.
+    let is_together = |it: &Places| it[1..4].iter().all(Option::is_some);
+    let others = || if frames.iter().any(is_together) { likely(&y_up, rate_hz) } else { None };
     let made = body(&frames, rate_hz, 1.0 / options.unit_m).and_then(|body| {
         let against = if options.any_proportions { Vec::new() } else { objections(&frames, &called, &LIMITS) };
         match against.is_empty() {
@@ -76,7 +83,7 @@ pub fn bvh(motion: &Motion, options: &SkeletonOptions) -> Result<SkeletonFile, S
             false => Err(format!("these points cannot be a body: {}", against.join("; "))),
         }
     });
-    let body = made.map_err(|why| match likely(&y_up, rate_hz) {
+    let body = made.map_err(|why| match others() {
         None => format!("{why}; --joints names others, --any-proportions writes it as it is"),
         Some(it) if sites.iter().zip(it.points).all(|(site, point)| *site == [point]) => {
             format!("{why}; no other points fit better, and --any-proportions writes it as it is")
@@ -114,14 +121,16 @@ pub fn bvh(motion: &Motion, options: &SkeletonOptions) -> Result<SkeletonFile, S
     Ok(SkeletonFile { text: body.motion.to_bvh(), sites: sites.collect(), lost })
 }
 
-/// As `export.bvh` has them by default. A file's unit may be wrong: how tall the body is does not count.
+/// As `export.bvh` has them by default. A file's unit may be wrong, and people crawl: how tall the body is and how it stands does not count where names say what is what.
 const LIMITS: Limits = Limits {
     factor: PART_FACTOR,
     side_factor: SIDE_FACTOR,
     stretch: STRETCH,
     unit_m: Some(1.0),
-    checks_stature: false,
+    checks_standing: false,
 };
+/// As people mostly stand, of a size between a child's and the tallest man's.
+const STANDING: Limits = Limits { checks_standing: true, ..LIMITS };
 
 /// Points that can be a body.
 struct Likely {
@@ -140,11 +149,11 @@ fn likely(y_up: &Motion, rate_hz: f64) -> Option<Likely> {
         .step_by(step)
         .map(|frame| (0..labels.len()).map(|point| place(frame, point)).collect())
         .collect();
-    let guess = guess(&frames, None, |it| is_left(&labels[it]))?;
+    let guess = guess(&frames, STANDING.unit_m, |it| is_left(&labels[it]))?;
     let points = guess.targets;
     let places: Vec<Places> = frames.iter().map(|frame| points.map(|it| frame[it])).collect();
     let called = |site: usize| format!("{}={}", SITES[site], labels[points[site]]);
-    if body(&places, rate_hz, 1.0).is_err() || !objections(&places, &called, &LIMITS).is_empty() {
+    if body(&places, rate_hz, 1.0).is_err() || !objections(&places, &called, &STANDING).is_empty() {
         return None;
     }
     let sides = if guess.knows_sides { "" } else { " (left and right may be exchanged: the movements do not tell)" };
@@ -203,7 +212,7 @@ mod tests {
         let place = |frame: usize, site: usize| {
             let [x, y, z] = rest[site];
             let t = frame as f64 / 50.0;
-            let swing = if site < 4 { 0.0 } else { 0.05 * (6.0 * t + site as f64).sin() };
+            let swing = if site < 4 { 0.0 } else { 0.05 * (6.0 * t + 3.0 * (site % 2) as f64).sin() };
             Some(Sample::at(Point3::new(x + 1.3 * t + swing, y, z)))
         };
         Motion {
@@ -235,9 +244,11 @@ mod tests {
         let nameless = Motion { labels: (0..8).map(|it| format!("P{it}")).collect(), ..walker() };
         let error = bvh(&nameless, &USUAL).unwrap_err();
         assert!(error.contains("this is a body: --joints 'head=P0,waist=P1,left_shoulder=P2"), "{error}");
-        // Of any size: units are wrong in many files.
+        // Of any size, for units are wrong in many files, and on its hands.
         let mut small = walker();
-        small.samples.iter_mut().flatten().for_each(|it| it.position.coords *= 0.1);
+        for it in small.samples.iter_mut().flatten() {
+            it.position = Point3::new(0.1 * it.position.x, -0.1 * it.position.y, -0.1 * it.position.z);
+        }
         assert!(bvh(&small, &USUAL).is_ok());
     }
 }

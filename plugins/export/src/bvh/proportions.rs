@@ -63,8 +63,8 @@ pub(super) struct Limits {
     pub(super) stretch: f64,
     /// Metres in one of a place; `None`: not known.
     pub(super) unit_m: Option<f64>,
-    /// Whether the body must be as tall as people are.
-    pub(super) checks_stature: bool,
+    /// Whether the body must be as tall as people are, with its head above its waist most of the time.
+    pub(super) checks_standing: bool,
 }
 
 /// The frames that are looked at.
@@ -195,7 +195,7 @@ pub(super) fn objections(frames: &[Places], called: &dyn Fn(usize) -> String, li
             ));
         }
     }
-    if limits.checks_stature
+    if limits.checks_standing
         && let Some(unit_m) = limits.unit_m
         && !(STATURES_M[0]..=STATURES_M[1]).contains(&(stature * unit_m))
     {
@@ -203,7 +203,7 @@ pub(super) fn objections(frames: &[Places], called: &dyn Fn(usize) -> String, li
     }
     let heights = some(frames).filter_map(|it| Some(it[0]?.y > it[1]?.y));
     let (above, below): (Vec<bool>, Vec<bool>) = heights.partition(|it| *it);
-    if below.len() > above.len() {
+    if limits.checks_standing && below.len() > above.len() {
         let [head, waist] = [0, 1].map(called);
         let share = 100 * below.len() / (above.len() + below.len());
         found.push(format!("{head} is below {waist} in {share} % of the frames"));
