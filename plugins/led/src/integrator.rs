@@ -314,7 +314,9 @@ mod tests {
         for frame in 0..=(end_s * 20.0).round() as usize {
             let time = Time::from_s(frame as f64 / 20.0);
             for camera in 0..2 {
-                let light = Feature { position: [10.0 + 300.0 * f64::from(camera), 20.0].into(), ..Feature::default() };
+                let centre = [10.0 + 300.0 * f64::from(camera), 20.0].into();
+                let light =
+                    Feature { centre, covariance: nalgebra::Matrix2::identity(), area: 9, peak: 200, label: None };
                 let list = if time >= Time::from_s(first_s) { vec![light] } else { Vec::new() };
                 node.observe(time, &Features { camera: CameraId(camera), list });
             }
