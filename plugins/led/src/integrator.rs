@@ -305,11 +305,15 @@ mod tests {
 
     /// What is said of a run of two cameras that see lights from `first_s` on and end at `end_s`, and nothing meets.
     fn said(first_s: f64, end_s: f64) -> String {
-        let mut setup = Setup::for_tests();
-        let calibration = Arc::make_mut(&mut setup.calibration);
-        let mut second = calibration.cameras[0].clone();
-        second.name = "second".to_owned();
-        calibration.cameras.push(second);
+        let camera = |name: &str, x: f64| {
+            format!(
+                "[camera.{name}]\nimage_size_px = [640, 480]\nfocal_px = [600, 600]\nprincipal_point_px = [319.5, 239.5]\n\
+                 distortion = {{ k1 = 0.0 }}\nposition_m = [{x}, 0, 0]\ncamera_from_world_wxyz = [1, 0, 0, 0]\n"
+            )
+        };
+        let text = format!("[calibration]\nlength_unit = \"m\"\n{}{}", camera("a", 0.0), camera("b", 1.0));
+        let calibration = foveate::scene::Calibration::from_toml(&text, std::path::Path::new("lab.toml")).unwrap();
+        let setup = Setup { calibration: Arc::new(calibration), ..Setup::for_tests() };
         let mut node = Integrator::new(IntegratorSettings { birth_cameras: 2, ..Default::default() }, &setup).unwrap();
         for frame in 0..=(end_s * 20.0).round() as usize {
             let time = Time::from_s(frame as f64 / 20.0);
