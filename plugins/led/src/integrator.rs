@@ -18,8 +18,8 @@ const CONSISTENCY_TOLERANCE: f64 = 1.0;
 /// A frame captured later than this after its delivery carries a wrong clock, unless clocks may be off by more [ms].
 const CLOCK_TOLERANCE_MS: f64 = 100.0;
 
-/// Runs that end so soon, without a light or behind the first one, may well be without a target, whatever the calibration [s].
-const LEAST_DARK_S: f64 = 2.0;
+/// Runs that end so soon, after their start or behind the first light, may well be without a target, whatever the calibration [s].
+const LEAST_S: f64 = 2.0;
 const LEAST_LIT_S: f64 = 0.5;
 
 const FEATURES: In<Features> = In::each(0, "features").many();
@@ -240,10 +240,10 @@ impl Integrator {
     fn too_short(&self) -> Option<String> {
         let newest = self.newest?.as_s();
         match self.first_light.map(Time::as_s) {
-            None if newest < LEAST_DARK_S => Some(format!(
+            None if newest < LEAST_S => Some(format!(
                 "this run is too short to tell why: it ended at {newest:.2} s, and no light was seen before"
             )),
-            Some(first) if newest - first < LEAST_LIT_S => Some(format!(
+            Some(first) if newest < LEAST_S || newest - first < LEAST_LIT_S => Some(format!(
                 "this run is too short to tell why: the first light was seen at {first:.2} s, and the run ended at {newest:.2} s"
             )),
             _ => None,
@@ -337,6 +337,10 @@ mod tests {
             "{}",
             said(9.0, 0.05)
         );
+        // Lights that are seen all the time, outside the volume until then.
+        assert!(said(0.0, 1.0).contains("too short"), "{}", said(0.0, 1.0));
+        let late = said(4.8, 5.0);
+        assert!(late.contains("the first light was seen at 4.80 s"), "{late}");
         let lit = said(0.9, 1.0);
         assert!(lit.contains("the first light was seen at 0.90 s, and the run ended at 1.00 s"), "{lit}");
         assert!(said(9.0, 3.0).contains("the cameras saw no light"), "{}", said(9.0, 3.0));
