@@ -65,7 +65,14 @@ fn motion_goes_from_form_to_form_and_back() {
         "{said}"
     );
     done(at, &["convert", "walk.c3d", "walk.trc"]);
-    done(at, &["convert", "walk.trc", "walk.npz", "--from-up", "z"]);
+    // y is up in the table, as its readers take it.
+    done(at, &["convert", "walk.trc", "walk.npz"]);
+    done(at, &["convert", "walk.trc", "straight.csv"]);
+    let figures = compared(at, &["walk.csv", "straight.csv"]);
+    assert!(figures["all"]["max_mm"].as_f64().unwrap() < 0.01, "{}", figures["all"]);
+    let said = done(at, &["convert", "walk.c3d", "z.trc", "--up", "z"]);
+    assert!(said.contains("--from-up z"), "{said}");
+    done(at, &["convert", "z.trc", "walk.npz", "--from-up", "z", "--force"]);
     done(at, &["convert", "walk.npz", "again.csv"]);
     done(at, &["convert", "walk.c3d", "walk.glb"]);
     let figures = compared(at, &["walk.csv", "again.csv"]);
@@ -130,6 +137,23 @@ fn what_cannot_be_converted_is_refused_and_nothing_is_written_over() {
     refused(at, &["convert", "cut.c3d", "x.trc"], "at byte ");
     fs::write(at.join("empty.trc"), "").unwrap();
     refused(at, &["convert", "empty.trc", "x.c3d"], "`empty.trc` is no TRC file");
+    let walk = fs::read_to_string(at.join("walk.csv")).unwrap();
+    fs::write(at.join("semicolons.csv"), walk.replace(',', ";")).unwrap();
+    for command in [&["convert", "semicolons.csv", "x.trc"], &["compare", "walk.csv", "semicolons.csv"]] {
+        refused(
+            at,
+            command,
+            "`semicolons.csv` is no table of targets or marks that can be read: line 1: found columns with semicolons",
+        );
+    }
+    fs::write(at.join("renamed.csv"), walk.replace("target", "number")).unwrap();
+    refused(at, &["convert", "renamed.csv", "x.trc"], "no column `target` or `mark`, and `number` instead");
+    fs::write(at.join("header.csv"), walk.lines().next().unwrap().to_owned() + "\n").unwrap();
+    refused(at, &["convert", "header.csv", "x.trc"], "found no samples: 0 points in 0 frames");
+    let exchanged = walk.replace("head", "h").replace("left_wrist", "head").replace(",h\n", ",left_wrist\n");
+    fs::write(at.join("exchanged.csv"), exchanged).unwrap();
+    refused(at, &["convert", "exchanged.csv", "x.bvh"], "this is a body: --joints 'head=left_wrist,waist=waist");
+    done(at, &["convert", "exchanged.csv", "as_it_is.bvh", "--any-proportions"]);
     let legs = fs::read_to_string(at.join("walk.csv")).unwrap().replace("shoulder", "knee");
     fs::write(at.join("legs.csv"), legs).unwrap();
     refused(at, &["convert", "legs.csv", "x.bvh"], "no points for left_shoulder, right_shoulder among `head`");
@@ -139,6 +163,58 @@ fn what_cannot_be_converted_is_refused_and_nothing_is_written_over() {
     refused(at, &["compare", "walk.csv", "room.toml"], "`room.toml` is no motion file");
     refused(at, &["compare", "walk.csv", "legs.csv", "--match", "names", "--shift", "0"], "");
     assert!(!at.join("x.trc").exists() && !at.join("x.bvh").exists());
+}
+
+#[test]
+fn a_dash_is_standard_output() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    walk(at);
+    done(at, &["convert", "walk.csv", "walk.trc"]);
+    let (code, table, said) = foveate(at, &["convert", "walk.trc", "-", "--to", "csv"]);
+    assert_eq!((code, table.lines().count()), (0, 1 + 1600 - 37), "{said}");
+    assert!(table.starts_with("time_s,target,") && said.contains("nothing is lost"), "{said}");
+    assert!(!at.join("-").exists());
+    refused(at, &["convert", "walk.trc", "-"], "or --to");
+}
+
+#[test]
+fn a_start_that_a_form_cannot_tell_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    walk(at);
+    let later: String = fs::read_to_string(at.join("walk.csv"))
+        .unwrap()
+        .lines()
+        .map(|it| match it.split_once('.') {
+            Some((seconds, rest)) => format!("{}.{rest}\n", seconds.parse::<u32>().unwrap() + 3),
+            None => format!("{it}\n"),
+        })
+        .collect();
+    fs::write(at.join("later.csv"), later).unwrap();
+    for name in ["later.bvh", "later.glb"] {
+        let said = done(at, &["convert", "later.csv", name]);
+        assert!(said.contains("when it begins: the first frame is at 3.000000 s"), "{said}");
+    }
+    let said = done(at, &["convert", "walk.csv", "walk.glb"]);
+    assert!(!said.contains("when it begins"), "{said}");
+    done(at, &["convert", "walk.csv", "walk.bvh"]);
+    fs::write(
+        at.join("half.csv"),
+        fs::read_to_string(at.join("later.csv")).unwrap().replace("\n3.", "\n0.").replace("\n4.", "\n1."),
+    )
+    .unwrap();
+    let said = done(at, &["compare", "half.csv", "walk.bvh", "--match", "nearest"]);
+    assert!(!said.contains("share no clock"), "{said}");
+    let halves: String = fs::read_to_string(at.join("walk.csv"))
+        .unwrap()
+        .lines()
+        .filter(|it| !it.starts_with("0.0"))
+        .map(|it| format!("{it}\n"))
+        .collect();
+    fs::write(at.join("tenth.csv"), halves).unwrap();
+    let said = done(at, &["compare", "tenth.csv", "walk.bvh", "--match", "nearest"]);
+    assert!(said.contains("A begins at 0.100 s, B at 0.000 s, but B does not say when it begins"), "{said}");
 }
 
 #[test]

@@ -128,7 +128,9 @@ impl Line {
                 Kind::Other => {}
             }
         }
-        let (images, seeing, cameras) = (rates.values().sum::<f64>(), rates.len(), self.n_cameras);
+        // The sum of nothing is -0.
+        let images = rates.values().sum::<f64>() + 0.0;
+        let (seeing, cameras) = (rates.len(), self.n_cameras);
         let cameras = if seeing == cameras { cameras.to_string() } else { format!("{seeing} of {cameras}") };
         let whole = self.duration_s.map_or(String::new(), |it| format!(" of {it:.0}"));
         let speed = now / progress.wall.as_secs_f64().max(1e-3);

@@ -20,6 +20,7 @@
 
 mod growing;
 mod layout;
+mod model_outputs;
 mod order;
 mod parameters;
 mod read;
@@ -101,6 +102,17 @@ pub struct Recording {
     pub cameras: Vec<String>,
     /// Whether y is up (`POINT:Y_SCREEN` is `+Y`); else z is.
     pub y_is_up: bool,
+    /// Points that are no places, by kind; not written.
+    pub model_outputs: Vec<ModelOutputs>,
+}
+
+/// What a model made of a body, stored as points: three angles, a force and so on. The group `POINT` lists the labels of each kind.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct ModelOutputs {
+    /// The list's name, such as `ANGLES`.
+    pub kind: String,
+    /// By their place among the labels.
+    pub points: Vec<usize>,
 }
 
 impl Recording {

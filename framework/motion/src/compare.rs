@@ -89,10 +89,13 @@ const MOST_FITTED: usize = 20_000;
 pub fn compare(a: &Motion, b: &Motion, options: &CompareOptions) -> Result<Comparison, String> {
     for (name, motion) in [("A", a), ("B", b)] {
         if motion.n_present() == 0 {
-            return Err(format!("found no point in {name}, expected one at least"));
+            return Err(format!("found no samples in {name}, expected one at least"));
         }
     }
     let mut remarks = Vec::new();
+    if options.most_shift_s == 0.0 {
+        remarks.extend(clocks(a, b));
+    }
     let mut b = b.clone();
     let named = by_names(&a.labels, &b.labels);
     let pairing = options.pairing.unwrap_or(if named.is_empty() { Pairing::Nearest } else { Pairing::Names });
@@ -170,6 +173,28 @@ pub fn compare(a: &Motion, b: &Motion, options: &CompareOptions) -> Result<Compa
         only(&b.labels, &|it| pairs.iter().any(|pair| pair[1] == it)),
     ];
     Ok(Comparison { pairing, shift_s, a_from_b, remarks, ..comparison })
+}
+
+/// What speaks against the times of A and B being of one clock.
+fn clocks(a: &Motion, b: &Motion) -> Option<String> {
+    let (from_a, from_b) = (a.start_s(), b.start_s());
+    let frame_s = 1.0 / a.usual_rate_hz().unwrap_or(1.0).max(b.usual_rate_hz().unwrap_or(1.0));
+    if (from_a - from_b).abs() < 0.5 * frame_s {
+        return None;
+    }
+    let starts = format!("A begins at {from_a:.3} s, B at {from_b:.3} s");
+    match (a.lacks_start, b.lacks_start) {
+        (true, true) => None,
+        (false, false) if a.n_frames() > 1 && a.n_frames() == b.n_frames() && a.rate_hz == b.rate_hz => Some(format!(
+            "{starts}, and both have {} frames at one rate: where one of them lost when it began, a shift in time brings them together",
+            a.n_frames()
+        )),
+        (false, false) => None,
+        (is_a, _) => Some(format!(
+            "{starts}, but {} does not say when it begins: they share no clock, and a shift in time is to be looked for",
+            if is_a { "A" } else { "B" }
+        )),
+    }
 }
 
 fn move_in_time(motion: &mut Motion, by_s: f64) {

@@ -100,6 +100,15 @@ pub struct ReadOptions {
     pub up: Option<Up>,
 }
 
+/// How a file is to be written, where its form leaves a choice.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct WriteOptions<'a> {
+    /// The unit of lengths in C3D and TRC; `None`: the motion's own, else millimetres.
+    pub unit: Option<&'a str>,
+    /// Which axis is up in TRC, which does not say it; `None`: y, as its readers take it.
+    pub up: Option<Up>,
+}
+
 /// What is wrong with a file: the byte or the line, what is there and what should be.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MotionError(pub String);
@@ -130,6 +139,8 @@ pub struct Written {
     pub bytes: Vec<u8>,
     /// What of the motion it cannot tell.
     pub lost: Vec<String>,
+    /// What was done to the motion and loses nothing, in words.
+    pub notes: Vec<String>,
 }
 
 /// Reads a file of any form; its content decides.
@@ -138,6 +149,9 @@ pub struct Written {
 /// The byte or the line, what is there and what should be.
 pub fn read(bytes: &[u8], options: &ReadOptions) -> Result<Read, MotionError> {
     let Some(form) = Form::of(bytes) else {
+        if let Some(why) = nearly_table(bytes) {
+            return Err(MotionError(why));
+        }
         let found = bytes.iter().take(16).map(|it| format!("{it:02x}")).collect::<Vec<_>>().join(" ");
         return Err(MotionError(format!(
             "found a file of {} bytes that begins with `{found}`, expected C3D, TRC, BVH, an archive of `export.npy`, or a table of targets or marks",
@@ -145,6 +159,14 @@ pub fn read(bytes: &[u8], options: &ReadOptions) -> Result<Read, MotionError> {
         )));
     };
     read_as(bytes, form, options)
+}
+
+/// Why a file that looks like a table of targets or marks is none: its separator, or the columns that are missing; `None`: it does not look so.
+pub fn nearly_table(bytes: &[u8]) -> Option<String> {
+    match Form::of(bytes) {
+        None => table::nearly(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)),
+        Some(_) => None,
+    }
 }
 
 /// Reads a file as one of this form. See [`read`].
@@ -179,14 +201,14 @@ fn text(bytes: &[u8]) -> std::borrow::Cow<'_, str> {
     }
 }
 
-/// A file of `motion` called `name`. Lengths in C3D and TRC are in `unit`, or in the motion's own, or in millimetres.
+/// A file of `motion` called `name`. Points are turned where the form has one axis that is up: y in TRC, z in our own forms.
 ///
 /// # Errors
 /// What cannot be told in such a file.
-pub fn write(motion: &Motion, form: Form, name: &str, unit: Option<&str>) -> Result<Written, MotionError> {
+pub fn write(motion: &Motion, form: Form, name: &str, options: &WriteOptions<'_>) -> Result<Written, MotionError> {
     match form {
-        Form::C3d => c3d::write(motion, unit),
-        Form::Trc => trc::write(motion, name, unit),
+        Form::C3d => c3d::write(motion, options.unit),
+        Form::Trc => trc::write(motion, name, options),
         Form::Bvh => bvh::write(motion),
         Form::Table => table::write(motion),
         Form::Npz => npz::write(motion),
@@ -212,6 +234,9 @@ fn lost(motion: &Motion, keeps: Keeps) -> Vec<String> {
     if !keeps.cameras && motion.samples.iter().flatten().any(|it| !it.cameras.is_empty()) {
         lost.push("the cameras that saw each sample".to_owned());
     }
+    if !keeps.start && motion.start_s() != 0.0 {
+        lost.push(start_lost(motion));
+    }
     if !keeps.events {
         lost.extend(count(motion.events.len(), "events"));
     }
@@ -224,6 +249,11 @@ fn lost(motion: &Motion, keeps: Keeps) -> Vec<String> {
     lost
 }
 
+/// That a form cannot say when the first frame is.
+pub fn start_lost(motion: &Motion) -> String {
+    format!("when it begins: the first frame is at {:.6} s, and is at 0 s now", motion.start_s())
+}
+
 /// What a form can tell.
 #[derive(Debug, Clone, Copy, Default)]
 struct Keeps {
@@ -232,6 +262,7 @@ struct Keeps {
     predicted: bool,
     cameras: bool,
     events: bool,
+    start: bool,
 }
 
 #[cfg(test)]

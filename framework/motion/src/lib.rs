@@ -21,6 +21,7 @@ pub mod csv;
 pub mod fill;
 pub mod forms;
 mod interpolate;
+mod last_row;
 pub mod motion;
 pub mod npz;
 pub mod smooth;

@@ -25,6 +25,22 @@ impl Up {
             Up::Z => "z",
         }
     }
+
+    /// Coordinates with z up as they stand with this axis up: (x, y, z) is (x, z, −y) with y up.
+    pub const fn of_z_up(self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+        match self {
+            Up::Y => [x, z, -y],
+            Up::Z => [x, y, z],
+        }
+    }
+
+    /// Coordinates with this axis up as they stand with z up.
+    pub const fn to_z_up(self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+        match self {
+            Up::Y => [x, -z, y],
+            Up::Z => [x, y, z],
+        }
+    }
 }
 
 /// One point in one frame, where it is there.
@@ -118,6 +134,8 @@ pub struct Motion {
     pub skeleton: Option<Skeleton>,
     /// What the file holds besides, in words.
     pub besides: Vec<String>,
+    /// The file does not say when its first frame was, and its times count from there.
+    pub lacks_start: bool,
 }
 
 impl Motion {
@@ -171,12 +189,9 @@ impl Motion {
         if self.up == up {
             return false;
         }
-        let order: fn([f64; 3]) -> [f64; 3] = match up {
-            Up::Y => |[x, y, z]| [x, z, -y],
-            Up::Z => |[x, y, z]| [x, -z, y],
-        };
+        let before = self.up;
         for sample in self.samples.iter_mut().flatten() {
-            sample.position = Point3::from(order(sample.position.into()));
+            sample.position = Point3::from(up.of_z_up(before.to_z_up(sample.position.into())));
             let [xx, xy, xz, yy, yz, zz] = sample.covariance;
             sample.covariance = match up {
                 Up::Y => [xx, xz, -xy, zz, -yz, yy],
@@ -198,6 +213,9 @@ impl Motion {
 /// How far times may be from a regular clock, as a part of its step, and still be on it.
 const REGULAR: f64 = 0.01;
 
+/// Times in our tables are told to this [s].
+const FINE_S: f64 = 1e-6;
+
 /// The rate of a regular clock that all of these times are on, from the first one on; frames may be left out where `with_holes`.
 /// `None`: they are not regular, or fewer than two.
 pub(crate) fn rate_of(times_s: &[f64]) -> Option<f64> {
@@ -207,10 +225,18 @@ pub(crate) fn rate_of(times_s: &[f64]) -> Option<f64> {
         && times_s.iter().enumerate().all(|(frame, time)| (first + frame as f64 * step - time).abs() <= REGULAR * step);
     is_regular.then(|| {
         let rate = 1.0 / step;
-        // Times rounded to microseconds leave 60.0003 Hz of 60.
-        let whole = (rate * 100.0).round() / 100.0;
-        let drift = (last - first) * (1.0 - rate / whole).abs();
-        if whole > 0.0 && drift < 2e-6_f64.max(REGULAR * step * 0.1) { whole } else { rate }
+        // Rounded times leave 60.0003 Hz of 60: the fewest decimals that leave all times where they are, but for their rounding.
+        let is_multiple = |time: &f64, unit: f64| ((time / unit).round() * unit - time).abs() < 1e-9;
+        let rounding =
+            [1e-2, 1e-3, 1e-4, 1e-5].into_iter().find(|unit| times_s.iter().all(|it| is_multiple(it, *unit)));
+        let fits = |rate: f64, most: f64| {
+            let off = |(frame, time): (usize, &f64)| (first + frame as f64 / rate - time).abs();
+            rate > 0.0 && times_s.iter().enumerate().all(|it| off(it) < most)
+        };
+        // Times that are told finely may be whole milliseconds, too: 0.007 s and its multiples.
+        let most = 1.01 * rounding.filter(|_| !fits(rate, FINE_S)).unwrap_or(FINE_S);
+        let mut rounded = (0..6).map(|decimals| 10_f64.powi(decimals)).map(|it| (rate * it).round() / it);
+        rounded.find(|it| fits(*it, most)).unwrap_or(rate)
     })
 }
 

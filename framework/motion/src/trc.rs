@@ -7,6 +7,7 @@
 use std::fmt::{self, Write};
 
 use crate::csv::fixed;
+use crate::last_row::Shapes;
 
 /// What a file holds.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -60,7 +61,7 @@ pub fn head(about: &Recording, n_frames: usize, name: &str, room: usize) -> Stri
     text.push_str(
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames\n",
     );
-    let rate = format!("{:.3}", about.rate_hz);
+    let rate = rate_text(about.rate_hz);
     let units = &about.units;
     text.push_str(&format!("{rate}\t{rate}\t{n_frames}\t{n_points}\t{units}\t{rate}\t1\t{n_frames}\n"));
     text.push_str("Frame#\tTime");
@@ -75,6 +76,13 @@ pub fn head(about: &Recording, n_frames: usize, name: &str, room: usize) -> Stri
     }
     text.push_str("\n\n");
     text
+}
+
+/// With three decimals, and all that it takes where they say another rate.
+fn rate_text(rate_hz: f64) -> String {
+    let short = format!("{rate_hz:.3}");
+    let is_it = short.parse::<f64>().is_ok_and(|it| (it - rate_hz).abs() <= 1e-12 * rate_hz.abs());
+    if is_it { short } else { rate_hz.to_string() }
 }
 
 /// Adds the line of a frame, counted from 1.
@@ -108,7 +116,8 @@ const MOST_LEFT_OUT: usize = 1 << 20;
 /// Reads a whole file, and says what in it contradicts itself, and how it was taken.
 ///
 /// Any line ends, a byte-order mark and empty lines anywhere are passed over. The points are those of the labels' line, whatever the header counts; where it has none, the rows
-/// tell by their width, and the points are called `unlabelled-N`.
+/// tell by their width, and the points are called `unlabelled-N`. A last row that may be cut is left out: one without a line end whose last number may have lacked digits,
+/// or one with fewer fields than the others in a file that counts more frames.
 ///
 /// # Errors
 /// The line, what is there and what should be.
@@ -152,7 +161,11 @@ pub fn read_told(text: &str) -> Result<(Recording, Vec<String>), TrcError> {
     };
     let mut remarks = Vec::new();
     let mut unnamed = 0;
-    for (line, text) in lines.filter(|it| !it.1.trim().is_empty()) {
+    let has_end = text.ends_with(['\n', '\r']);
+    let mut shapes = Shapes::default();
+    let mut least_fields = usize::MAX;
+    let mut lines = lines.filter(|it| !it.1.trim().is_empty()).peekable();
+    while let Some((line, text)) = lines.next() {
         // The names of the coordinates; a file may lack them.
         if rows.recording.times_s.is_empty() && text.split('\t').take(2).all(|it| it.trim().is_empty()) {
             continue;
@@ -161,7 +174,27 @@ pub fn read_told(text: &str) -> Result<(Recording, Vec<String>), TrcError> {
             unnamed = (text.trim_end().split('\t').count().saturating_sub(2)).div_ceil(3);
             rows.recording.labels = (1..=unnamed).map(|it| format!("unlabelled-{it}")).collect();
         }
-        rows.add(line, text)?;
+        let n_before = rows.recording.times_s.len();
+        let n_fields = text.split('\t').count();
+        let added = rows.add(line, text);
+        let last = text.rsplit('\t').next().unwrap_or("").trim();
+        let coordinates = text.split('\t').skip(2);
+        if lines.peek().is_none() {
+            coordinates.take(n_fields.saturating_sub(3)).for_each(|it| shapes.add(it));
+            let is_short = n_fields < least_fields.min(2 + 3 * rows.recording.labels.len());
+            let is_more_said = n_rows.is_some_and(|it| it > n_before + 1);
+            let is_whole = added.is_ok() && !is_short && (last.is_empty() || shapes.tell_whole(last));
+            if if has_end { is_short && is_more_said } else { is_more_said || !is_whole } {
+                let found = if has_end { "fewer fields than the others have" } else { "no end of line" };
+                remarks.push(format!("line {line}: found {found}; the row may be cut, and is left out"));
+                rows.remove_behind(n_before);
+                break;
+            }
+        } else {
+            coordinates.for_each(|it| shapes.add(it));
+            least_fields = least_fields.min(n_fields);
+        }
+        added?;
     }
     let recording = rows.recording;
     let n_points = recording.labels.len();
@@ -202,6 +235,12 @@ struct Rows {
 }
 
 impl Rows {
+    /// Keeps so many frames.
+    fn remove_behind(&mut self, n_frames: usize) {
+        self.recording.times_s.truncate(n_frames);
+        self.recording.positions.truncate(n_frames * self.recording.labels.len());
+    }
+
     /// Adds the frame of one line.
     fn add(&mut self, line: usize, text: &str) -> Result<(), TrcError> {
         let recording = &mut self.recording;
@@ -323,7 +362,8 @@ mod tests {
         check_alike(&PLAIN.replace('\n', "\r"), ["a", "b"], "");
         check_alike(&format!("\u{feff}\n\n{}", PLAIN.replace('\n', "\n\n")), ["a", "b"], "");
         // Without what ends lines and tables.
-        check_alike(PLAIN.trim_end(), ["a", "b"], "");
+        check_alike(PLAIN.trim_end_matches('\n'), ["a", "b"], "");
+        check_alike(&PLAIN.replace("9\t\t\t\n", "9\n"), ["a", "b"], "");
         check_alike(&PLAIN.replace("b\t\t\n", "b\n"), ["a", "b"], "");
         check_alike(&PLAIN.replace("a\t\t\tb\t\t", "a\tb"), ["a", "b"], "");
         // No marker declared, and rows that are full.
@@ -333,6 +373,54 @@ mod tests {
         check_alike(&unnamed, ["unlabelled-1", "unlabelled-2"], "the points have no names");
         check_alike(&declared(9), ["a", "b"], "9 markers");
         check_alike(&PLAIN.replace("100\t2\t2", "100\t500\t2"), ["a", "b"], "500 frames, the table has 2");
+    }
+
+    /// However a file is cut, no number of it is taken that is not in the whole one.
+    #[test]
+    fn a_last_row_that_may_be_cut_is_left_out() {
+        for n_missing in [0, 2] {
+            let sample = |it: usize| [3.25, -0.5, 12.75].map(|x: f64| x * it as f64 + 0.123_45);
+            let whole = Recording {
+                rate_hz: 100.0,
+                units: "mm".to_owned(),
+                labels: vec!["a".to_owned(), "b".to_owned()],
+                times_s: (0..4).map(|it| f64::from(it) / 100.0).collect(),
+                positions: (0..8).map(|it| (it < 8 - n_missing).then(|| sample(it))).collect(),
+            };
+            let text = write(&whole, "a");
+            let wanted = read(&text).unwrap();
+            let first_row = text.find("\n1\t").unwrap() + 1;
+            for length in first_row..text.len() {
+                let (found, remarks) = read_told(&text[..length]).unwrap();
+                let n = found.times_s.len();
+                assert_eq!(found.times_s, wanted.times_s[..n], "{length}");
+                assert_eq!(found.positions, wanted.positions[..n * 2], "{length}");
+                let n_ended = text[first_row..length].matches('\n').count();
+                assert!(n == n_ended || (n == 4 && length + 1 == text.len()), "{length}: {n} of {n_ended}");
+                assert!(
+                    n == 4 || remarks.iter().any(|it| it.contains(&format!("taken: {n}"))),
+                    "{length}: {remarks:?}"
+                );
+            }
+        }
+        // An editor ended the line: fewer fields than the others, and the header counts more.
+        let short = PLAIN.replace("100\t2\t2", "100\t9\t2").replace("7\t8\t9\t\t\t\n", "7\t8\n");
+        let (found, remarks) = read_told(&short).unwrap();
+        assert_eq!((found.times_s.len(), remarks[0].contains("line 8: found fewer fields")), (1, true), "{remarks:?}");
+        // Whole tables of programs that end no last line: their digits say so; whole numbers do not.
+        let plain = PLAIN.replace("7\t8\t9\t\t\t\n", "7\t8\t9\t1\t2\t34");
+        assert_eq!(read(&plain).unwrap().times_s.len(), 1);
+        let fixed = plain.replace("1\t2\t3\t4\t5\t6\n", "1.0\t2.0\t3.0\t4.0\t5.0\t6.0\n");
+        let fixed = fixed.replace("7\t8\t9\t1\t2\t34", "7.0\t8.0\t9.0\t1.0\t2.0\t34.5");
+        assert_eq!(read_told(&fixed).map(|it| (it.0.times_s.len(), it.1)), Ok((2, Vec::new())));
+    }
+
+    #[test]
+    fn rates_are_told_with_all_their_digits() {
+        for rate_hz in [60.0, 59.94, 65.0543, 1000.0 / 7.0, 1e-3, 4e4] {
+            let recording = Recording { rate_hz, ..Recording::default() };
+            assert_eq!(read(&write(&recording, "a")).unwrap().rate_hz, rate_hz);
+        }
     }
 
     #[test]

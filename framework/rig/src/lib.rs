@@ -36,6 +36,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use foveate_scene::calibration::Calibration;
+use foveate_scene::{Draft, Unknown};
 use toml::de::DeTable;
 
 pub use expected::unit_of;
@@ -195,12 +196,32 @@ fn calibration(rig: &RigText<'_>, rig_dir: &Path, findings: &mut Findings) -> Op
     match Calibration::load(&path) {
         Ok(calibration) => Some(Arc::new(calibration)),
         Err(error) => {
+            if let Some(what) = not_calibrated(&path) {
+                findings
+                    .error(file.span(), "this room is not calibrated yet", what)
+                    .maybe_help(Some(CALIBRATE.to_owned()));
+                return None;
+            }
             for fault in &error.faults {
                 findings.error(file.span(), "the calibration cannot be used", fault);
             }
             None
         }
     }
+}
+
+const CALIBRATE: &str = "`foveate calibrate RIG --from-nothing --write` finds what is missing, from a light that somebody waves through the room";
+
+/// What a calibration lacks that is fine but for what calibrating finds; `None`: it is no such file.
+fn not_calibrated(path: &Path) -> Option<String> {
+    let draft = Draft::load(path).ok()?;
+    let of = |is_unknown: fn(&Unknown) -> bool| draft.unknown.values().filter(|it| is_unknown(it)).count();
+    let (poses, optics) = (of(|it| it.pose), of(|it| it.focal || it.principal));
+    let n = draft.calibration.cameras.len();
+    let lacks = [(poses, "poses"), (optics, "optics")].into_iter().filter(|it| it.0 > 0);
+    let lacks: Vec<String> = lacks.map(|(lacking, what)| format!("the {what} of {lacking}")).collect();
+    let path = path.display();
+    (!lacks.is_empty()).then(|| format!("`{path}` lacks {} of its {n} cameras", lacks.join(" and ")))
 }
 
 /// Pixels of a picture, at most: more than the largest sensors have, and little enough to be held in memory [px].

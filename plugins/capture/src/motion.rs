@@ -228,7 +228,17 @@ impl Node for CaptureMotion {
         let mut motion = read.motion;
         let mut remarks: Vec<String> = read.remarks.iter().map(|it| format!("`{name}`: {it}")).collect();
         if motion.n_present() == 0 {
-            return Err(ConfigError::at("path", format_args!("`{name}` holds no point that is there in any frame")));
+            let (n_points, n_frames) = (motion.labels.len(), motion.n_frames());
+            let fault =
+                format!("found no samples in `{name}` ({n_points} points, {n_frames} frames), expected one at least");
+            return Err(ConfigError::at("path", fault));
+        }
+        let is_none = |pattern: &&String| !motion.labels.iter().any(|it| is_of(pattern, it));
+        if let Some(pattern) = settings.marks.iter().find(is_none) {
+            let few: Vec<String> = motion.labels.iter().take(12).map(|it| format!("`{it}`")).collect();
+            let more = if motion.labels.len() > few.len() { ", …" } else { "" };
+            let fault = format!("found no point `{pattern}` in `{name}`, which has {}{more}", few.join(", "));
+            return Err(ConfigError::at("marks", fault));
         }
         motion.turn(Up::Z);
         let filled = match settings.fill_ms > 0.0 {
@@ -370,6 +380,15 @@ mod tests {
         let refused = |text: &[u8], settings: &str| node_of(text, settings).map(drop).unwrap_err();
         assert_eq!(refused(TABLE.as_bytes(), "start_s = -5.0").setting.as_deref(), Some("start_s"));
         assert!(refused(b"\x02P not C3D", "").message.contains("at byte 0"));
+        let fault = refused(TABLE.as_bytes(), "marks = [\"F*\", \"zzz*\"]");
+        assert_eq!(fault.setting.as_deref(), Some("marks"));
+        assert!(
+            fault.message.contains("no point `zzz*`") && fault.message.contains("`waist`, `mark-4`, `F nose`"),
+            "{}",
+            fault.message
+        );
+        assert!(refused(b"time_s,target,x_m,y_m,z_m\n", "").message.contains("no samples"));
+        assert!(refused(b"time_s;target;x_m;y_m;z_m\n", "").message.contains("semicolons"));
         assert!(refused(b"<html>", "").message.contains("expected C3D, TRC, BVH"));
         assert_eq!(refused(TABLE.as_bytes(), "smooth_hz = 2.0").setting.as_deref(), Some("smooth_hz"));
     }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::io::{self, BufRead, BufReader, Read, Write};
 
+use foveate::motion::motion;
 use foveate::motion::trc::{Recording, head, put_row};
 use foveate::prelude::*;
 use schemars::JsonSchema;
@@ -87,12 +88,12 @@ impl Format for Trc {
 
     fn put(&mut self, about: &About, frame: usize, points: &[Option<Sample>], rows: &mut Vec<u8>) {
         let place = |it: &Sample| {
-            let [x, y, z] = [0, 1, 2].map(|axis| it.position[axis] * 1e3);
             let is_wanted = self.filled || !it.is_filled;
-            is_wanted.then_some(match self.up {
-                Up::Y => [x, z, -y],
-                Up::Z => [x, y, z],
-            })
+            let up = match self.up {
+                Up::Y => motion::Up::Y,
+                Up::Z => motion::Up::Z,
+            };
+            is_wanted.then(|| up.of_z_up([0, 1, 2].map(|axis| it.position[axis] * 1e3)))
         };
         self.row.clear();
         self.row.extend(points.iter().map(|it| it.as_ref().and_then(place)));

@@ -18,6 +18,10 @@ const CONSISTENCY_TOLERANCE: f64 = 1.0;
 /// A frame captured later than this after its delivery carries a wrong clock, unless clocks may be off by more [ms].
 const CLOCK_TOLERANCE_MS: f64 = 100.0;
 
+/// Runs that end so soon, after their start or behind the first light, may well be without a target, whatever the calibration [s].
+const LEAST_S: f64 = 2.0;
+const LEAST_LIT_S: f64 = 0.5;
+
 const FEATURES: In<Features> = In::each(0, "features").many();
 const SPACES: In<ScaleSpace> = In::latest(1, "spaces").many().optional();
 const TARGETS: Out<Targets> = Out::new(0, "targets");
@@ -45,6 +49,9 @@ pub struct Integrator {
     /// Frames whose capture time lies after their delivery.
     from_the_future: u64,
     unknown_camera: u64,
+    /// When the first light was seen, and when the newest frame was.
+    first_light: Option<Time>,
+    newest: Option<Time>,
 }
 
 impl Node for Integrator {
@@ -87,6 +94,8 @@ impl Node for Integrator {
             camera_names: cameras.iter().map(|it| it.name.clone()).collect(),
             from_the_future: 0,
             unknown_camera: 0,
+            first_light: None,
+            newest: None,
         })
     }
 
@@ -96,7 +105,7 @@ impl Node for Integrator {
             self.from_the_future += 1; // applied, it would make every other camera late
             return Ok(());
         }
-        match self.tracker.observe(features.time(), &features.value) {
+        match self.observe(features.time(), &features.value) {
             Entry::Applied => {}
             Entry::Late | Entry::Repeated => return Ok(()),
             Entry::UnknownCamera => {
@@ -193,7 +202,9 @@ impl Integrator {
         if tally.births > 0 || n_seeing == 0 {
             return;
         }
-        let why = if n_seeing < self.birth_cameras as usize {
+        let why = if let Some(why) = self.too_short() {
+            why
+        } else if n_seeing < self.birth_cameras as usize {
             format!("{n_seeing} cameras gave frames, and a target needs {} (birth_cameras)", self.birth_cameras)
         } else if tally.unmatched == 0 {
             "the cameras saw no light".to_owned()
@@ -212,6 +223,31 @@ impl Integrator {
             )
         };
         report.remark(format!("no target was ever born: {why}"));
+    }
+
+    fn observe(&mut self, time: Time, features: &Features) -> Entry {
+        let entry = self.tracker.observe(time, features);
+        if entry == Entry::Applied {
+            self.newest = self.newest.max(Some(time));
+            if !features.list.is_empty() && self.first_light.is_none_or(|it| time < it) {
+                self.first_light = Some(time);
+            }
+        }
+        entry
+    }
+
+    /// That a run without targets ended too early to tell why; `None`: it did not.
+    fn too_short(&self) -> Option<String> {
+        let newest = self.newest?.as_s();
+        match self.first_light.map(Time::as_s) {
+            None if newest < LEAST_S => Some(format!(
+                "this run is too short to tell why: it ended at {newest:.2} s, and no light was seen before"
+            )),
+            Some(first) if newest < LEAST_S || newest - first < LEAST_LIT_S => Some(format!(
+                "this run is too short to tell why: the first light was seen at {first:.2} s, and the run ended at {newest:.2} s"
+            )),
+            _ => None,
+        }
     }
 
     /// Whether errors are as large as the filters say: the normalised squared innovations over their number of degrees of freedom.
@@ -265,6 +301,50 @@ mod tests {
     fn node_keeps_its_promises() {
         check_node::<Integrator>("");
         check_node::<Integrator>("birth_cameras = 2\nlost_after_ms = 100");
+    }
+
+    /// What is said of a run of two cameras that see lights from `first_s` on and end at `end_s`, and nothing meets.
+    fn said(first_s: f64, end_s: f64) -> String {
+        let camera = |name: &str, x: f64| {
+            format!(
+                "[camera.{name}]\nimage_size_px = [640, 480]\nfocal_px = [600, 600]\nprincipal_point_px = [319.5, 239.5]\n\
+                 distortion = {{ k1 = 0.0 }}\nposition_m = [{x}, 0, 0]\ncamera_from_world_wxyz = [1, 0, 0, 0]\n"
+            )
+        };
+        let text = format!("[calibration]\nlength_unit = \"m\"\n{}{}", camera("a", 0.0), camera("b", 1.0));
+        let calibration = foveate::scene::Calibration::from_toml(&text, std::path::Path::new("lab.toml")).unwrap();
+        let setup = Setup { calibration: Arc::new(calibration), ..Setup::for_tests() };
+        let mut node = Integrator::new(IntegratorSettings { birth_cameras: 2, ..Default::default() }, &setup).unwrap();
+        for frame in 0..=(end_s * 20.0).round() as usize {
+            let time = Time::from_s(frame as f64 / 20.0);
+            for camera in 0..2 {
+                let centre = [10.0 + 300.0 * f64::from(camera), 20.0].into();
+                let light =
+                    Feature { centre, covariance: nalgebra::Matrix2::identity(), area: 9, peak: 200, label: None };
+                let list = if time >= Time::from_s(first_s) { vec![light] } else { Vec::new() };
+                node.observe(time, &Features { camera: CameraId(camera), list });
+            }
+        }
+        let mut report = Report::default();
+        node.finish(&mut report).unwrap();
+        report.remarks.join("\n")
+    }
+
+    #[test]
+    fn short_runs_are_called_short_and_blame_nothing() {
+        assert!(
+            said(9.0, 0.05).contains("too short to tell why: it ended at 0.05 s, and no light"),
+            "{}",
+            said(9.0, 0.05)
+        );
+        // Lights that are seen all the time, outside the volume until then.
+        assert!(said(0.0, 1.0).contains("too short"), "{}", said(0.0, 1.0));
+        let late = said(4.8, 5.0);
+        assert!(late.contains("the first light was seen at 4.80 s"), "{late}");
+        let lit = said(0.9, 1.0);
+        assert!(lit.contains("the first light was seen at 0.90 s, and the run ended at 1.00 s"), "{lit}");
+        assert!(said(9.0, 3.0).contains("the cameras saw no light"), "{}", said(9.0, 3.0));
+        assert!(said(0.5, 3.0).contains("look at the calibration"), "{}", said(0.5, 3.0));
     }
 
     #[test]

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 
 use super::complain;
 use super::convert::length;
-use super::motion_files::{describe, kind_of, load, seconds_of_gap, write_whole};
+use super::motion_files::{describe, kind_of, load, nearly_table, seconds_of_gap, write_whole};
 use crate::exit;
 use crate::outcome::harmless;
 use crate::output::say;
@@ -77,12 +77,11 @@ fn told(args: &CompareArgs) -> Result<u8, String> {
     let mut notes = Vec::new();
     let mut open = |name: &str, path: &PathBuf, metres_per_unit: Option<f64>| -> Result<(Motion, Value), String> {
         let form = kind_of(path).map_err(|it| format!("`{}` cannot be read: {it}", path.display()))?;
-        let form = form.ok_or_else(|| {
-            format!(
-                "`{}` is no motion file: expected C3D, TRC, BVH, NPZ or a table of targets or marks",
-                path.display()
-            )
-        })?;
+        let none = || {
+            let path = path.display();
+            format!("`{path}` is no motion file: expected C3D, TRC, BVH, NPZ or a table of targets or marks")
+        };
+        let form = form.ok_or_else(|| nearly_table(path).unwrap_or_else(none))?;
         let read = load(path, form, &ReadOptions { metres_per_unit, up: None })?;
         lines.push(format!("{name}: {}", describe(path, &form.to_string(), &read.motion)));
         notes.extend(read.remarks.iter().map(|it| format!("{name}: {it}")));

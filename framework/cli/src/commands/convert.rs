@@ -10,7 +10,7 @@ use foveate_motion::forms::Form;
 use foveate_scene::Format;
 
 use super::complain;
-use super::motion_files::{UpArg, kind_of, seconds_of_gap};
+use super::motion_files::{UpArg, kind_of, nearly_table, seconds_of_gap};
 
 /// `foveate convert`
 #[derive(Debug, clap::Args)]
@@ -18,7 +18,7 @@ pub struct ConvertArgs {
     /// A calibration (a file or folder of any form that is known) or a motion file (C3D, TRC, BVH, targets.csv, marks.csv, NPZ); what is in it decides
     #[arg(value_name = "IN", value_hint = clap::ValueHint::AnyPath)]
     input: PathBuf,
-    /// What to write: a file, or a folder for calibrations of several files
+    /// What to write: a file, or a folder for calibrations of several files; `-`: standard output, with --to
     #[arg(value_name = "OUT", value_hint = clap::ValueHint::AnyPath)]
     output: PathBuf,
     /// The form to write [default: by OUT's ending. Calibrations: .toml foveate, .yml opencv or opencv-stereo, .xml qualisys, .csv dlt. Motion: .c3d
@@ -68,7 +68,7 @@ struct MotionOptions {
     /// Frames a second in OUT [default: those of IN] [Hz]
     #[arg(long, value_name = "HZ", value_parser = frequency)]
     rate: Option<f64>,
-    /// Turn the points so that this axis is up [default: as in IN; z in our own forms, y in BVH and glTF]
+    /// Turn the points so that this axis is up [default: as in IN; z in our own forms, y in TRC, BVH and glTF]
     #[arg(long, value_enum)]
     up: Option<UpArg>,
     /// Which axis is up in IN [default: as a C3D file says, y in TRC and BVH, else z]
@@ -81,6 +81,9 @@ struct MotionOptions {
     /// _elbow, _wrist [default: by names in use]
     #[arg(long, value_name = "JOINT=POINT,…")]
     joints: Option<String>,
+    /// For BVH: write it though the points' distances are not those of a body
+    #[arg(long)]
+    any_proportions: bool,
 }
 
 impl CalibrationOptions {
@@ -104,6 +107,7 @@ impl MotionOptions {
             (self.from_up.is_some(), "--from-up"),
             (self.unit.is_some(), "--unit"),
             (self.joints.is_some(), "--joints"),
+            (self.any_proportions, "--any-proportions"),
         ];
         used.into_iter().find(|it| it.0).map(|it| it.1)
     }
@@ -122,6 +126,7 @@ pub(super) fn run(args: &ConvertArgs) -> u8 {
             Some(option) => (option, "a motion file", "calibrations"),
         },
         Ok(None) => match args.motion.first_used() {
+            _ if let Some(why) = nearly_table(&args.input) => return complain(&why),
             None => return calibration::run(args),
             Some(option) => (option, "no motion file", "motion files"),
         },

@@ -47,6 +47,14 @@ pub(super) fn kind_of(path: &Path) -> std::io::Result<Option<Form>> {
     Ok(Form::of(&start).or(by_ending))
 }
 
+/// Why a file that looks like one of our tables is none; `None`: it does not look so.
+pub(super) fn nearly_table(path: &Path) -> Option<String> {
+    let mut start = Vec::new();
+    File::open(path).ok().filter(|_| path.is_file())?.take(1 << 16).read_to_end(&mut start).ok()?;
+    let why = forms::nearly_table(&start)?;
+    Some(harmless(&format!("`{}` is no table of targets or marks that can be read: {why}", path.display())))
+}
+
 /// Reads a file.
 pub(super) fn load(path: &Path, form: Form, options: &ReadOptions) -> Result<forms::Read, String> {
     let bytes = std::fs::read(path).map_err(|it| format!("`{}` cannot be read: {it}", path.display()))?;

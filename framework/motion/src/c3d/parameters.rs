@@ -114,6 +114,12 @@ impl<'a> Parameters<'a> {
         self.list.iter().find(|it| it.group == number && it.name == name)
     }
 
+    /// The names of a group's parameters, in the order of the file.
+    pub fn names(&self, group: &str) -> Vec<&str> {
+        let Some((number, _)) = self.groups.iter().find(|it| it.1 == group) else { return Vec::new() };
+        self.list.iter().filter(|it| it.group == *number).map(|it| it.name.as_str()).collect()
+    }
+
     /// The numbers of a parameter, whatever they are stored as; empty where it is missing or text.
     pub fn numbers(&self, group: &str, name: &str) -> Vec<f64> {
         let Some(parameter) = self.get(group, name) else { return Vec::new() };

@@ -1,6 +1,7 @@
 //! From the bytes of a C3D file to what it holds.
 
 use super::layout::{Layout, first_frame, layout};
+use super::model_outputs::model_outputs;
 use super::order::{Bytes, text};
 use super::parameters::{Parameters, Section};
 use super::{
@@ -66,6 +67,7 @@ pub fn read_told(file: &[u8]) -> Result<(Recording, Vec<String>), C3dError> {
         remarks.push(format!("{n_named} labels for {} points; the others are `unlabelled-N`", layout.n_points));
     }
     let rate = parameters.number("POINT", "RATE").map(|it| it as f32).filter(|it| it.is_finite() && *it > 0.0);
+    let model_outputs = model_outputs(&parameters, &labels);
     let (samples, raw) = frames(bytes, &layout, parameters.texts("ANALOG", "FORMAT"));
     let recording = Recording {
         rate_hz: rate.unwrap_or(header.rate_hz),
@@ -81,6 +83,7 @@ pub fn read_told(file: &[u8]) -> Result<(Recording, Vec<String>), C3dError> {
             .texts("POINT", "Y_SCREEN")
             .first()
             .is_some_and(|it| matches!(it.as_str(), "+Y" | "Y" | "+y" | "y")),
+        model_outputs,
     };
     Ok((recording, remarks))
 }

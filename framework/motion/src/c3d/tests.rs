@@ -37,6 +37,7 @@ fn recording(n_points: usize, n_frames: usize) -> Recording {
         start_s: Some(12.000_000_001),
         cameras: ["ptz-1", "ptz-2"].map(str::to_owned).to_vec(),
         y_is_up: false,
+        model_outputs: Vec::new(),
     }
 }
 

@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::*;
 use crate::motion::Sample;
+use crate::motion::tests::motion;
 
 /// Points that each move in their own way, from `start_s` on.
 fn walk(rate_hz: f64, start_s: f64, duration_s: f64) -> Motion {
@@ -48,6 +49,27 @@ fn anonymous(motion: &Motion, order: [usize; 4]) -> Motion {
 
 fn by(align: bool, most_shift_s: f64) -> CompareOptions {
     CompareOptions { pairing: None, align, most_shift_s }
+}
+
+/// What a file without a start, or that lost it, is held against is said.
+#[test]
+fn files_without_a_common_clock_are_said() {
+    let mut a = motion(3, 60, 50.0);
+    a.times_s.iter_mut().for_each(|it| *it += 0.5);
+    let remarks = |a: &Motion, b: &Motion| compare(a, b, &CompareOptions::default()).unwrap().remarks;
+    assert_eq!(remarks(&a, &a), Vec::<String>::new());
+    let mut b = motion(3, 60, 50.0);
+    b.lacks_start = true;
+    let said = remarks(&a, &b);
+    assert!(said[0].contains("A begins at 0.500 s, B at 0.000 s, but B does not say when it begins"), "{said:?}");
+    assert!(remarks(&b, &a)[0].contains("but A does not say"));
+    // Its start was lost on the way through another form.
+    b.lacks_start = false;
+    assert!(remarks(&a, &b)[0].contains("both have 60 frames at one rate"));
+    let shorter = motion(3, 59, 50.0);
+    assert_eq!(remarks(&a, &shorter), Vec::<String>::new());
+    let looked_for = CompareOptions { most_shift_s: 1.0, ..CompareOptions::default() };
+    assert!(!compare(&a, &b, &looked_for).unwrap().remarks.iter().any(|it| it.contains("begins")));
 }
 
 #[test]
@@ -153,7 +175,7 @@ fn files_that_disagree_on_what_is_up_are_turned_or_not_whichever_fits() {
 fn what_cannot_be_compared_is_refused() {
     let a = walk(100.0, 0.0, 1.0);
     let refused = |b: &Motion, options: &CompareOptions| compare(&a, b, options).unwrap_err();
-    assert!(refused(&Motion::default(), &by(false, 0.0)).contains("no point in B"));
+    assert!(refused(&Motion::default(), &by(false, 0.0)).contains("no samples in B"));
     assert!(refused(&walk(100.0, 5.0, 1.0), &by(false, 0.0)).contains("no common time"));
     assert!(refused(&walk(100.0, 50.0, 1.0), &by(false, 1.0)).contains("no shift within 1 s"));
     let mut still = a.clone();

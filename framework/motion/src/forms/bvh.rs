@@ -40,6 +40,7 @@ pub(super) fn read(text: &str, options: &ReadOptions) -> Result<(Motion, Vec<Str
         up: Up::Y,
         unit: Some(("m".to_owned(), 1.0)).filter(|_| unit_m == 1.0),
         skeleton: Some(Skeleton { motion: file, unit_m }),
+        lacks_start: true,
         ..Motion::default()
     };
     Ok((motion, remarks))
@@ -50,5 +51,5 @@ pub(super) fn write(motion: &Motion) -> Result<Written, MotionError> {
         return Err(MotionError("found points without a skeleton, expected joints with bones between them".to_owned()));
     };
     let lost = lost(&Motion { skeleton: None, ..motion.clone() }, Keeps::default());
-    Ok(Written { bytes: skeleton.motion.to_bvh().into_bytes(), lost })
+    Ok(Written { bytes: skeleton.motion.to_bvh().into_bytes(), lost, notes: Vec::new() })
 }

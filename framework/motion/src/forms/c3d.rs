@@ -18,10 +18,15 @@ const FINEST_STEP: f64 = 0.02e-3;
 
 pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<(Motion, Vec<String>), MotionError> {
     let (file, mut remarks) = c3d::read_told(bytes).map_err(|it| MotionError(it.to_string()))?;
-    let there = || file.samples.iter().filter(|it| it.is_present());
+    let n_points = file.labels.len();
+    let mut is_place = vec![true; n_points];
+    file.model_outputs.iter().flat_map(|it| &it.points).for_each(|it| is_place[*it] = false);
+    let of_places = || file.samples.iter().zip(is_place.iter().cycle()).filter(|it| *it.1).map(|it| it.0);
+    let there = || of_places().filter(|it| it.is_present());
     let largest = there().flat_map(|it| it.position).fold(0.0_f32, |most, it| most.max(it.abs()));
     let (name, metres) = unit(&file.units, options.metres_per_unit, f64::from(largest), &mut remarks);
-    let rate_hz = f64::from(file.rate_hz);
+    // What is written shortest was meant: 59.94, and not the float next to it.
+    let rate_hz = file.rate_hz.to_string().parse().unwrap_or(f64::from(file.rate_hz));
     if !(rate_hz.is_finite() && rate_hz > 0.0) && file.n_frames() > 0 {
         return Err(MotionError(format!(
             "found a rate of {rate_hz} in header and POINT:RATE, expected frames a second"
@@ -54,16 +59,25 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<(Motion, Vec<S
     let is_seen = there().any(|it| it.cameras != 0);
     let bit_names = (0..BITS).map(|it| file.cameras.get(it).cloned().unwrap_or_else(|| format!("camera-{}", it + 1)));
     let n_channels = file.analog.labels.len();
+    let mut besides: Vec<String> =
+        (n_channels > 0).then(|| format!("{n_channels} analog channels")).into_iter().collect();
+    let kinds: Vec<String> = file.model_outputs.iter().map(|it| format!("{} {}", it.points.len(), it.kind)).collect();
+    let n_outputs = is_place.iter().filter(|it| !**it).count();
+    if n_outputs > 0 {
+        let what = format!("{n_outputs} outputs of a model that are no places ({})", kinds.join(", "));
+        remarks.push(format!("{what}: left out"));
+        besides.push(what);
+    }
     let motion = Motion {
         times_s: (0..n_frames).map(|it| start_s + it as f64 / rate_hz).collect(),
         rate_hz: Some(rate_hz),
-        samples: file.samples.iter().map(|it| it.is_present().then(|| sample(it))).collect(),
+        samples: of_places().map(|it| it.is_present().then(|| sample(it))).collect(),
         up: if file.y_is_up { Up::Y } else { Up::Z },
         events: file.events.iter().map(event).collect(),
         cameras: if is_seen || !file.cameras.is_empty() { bit_names.collect() } else { Vec::new() },
         unit: Some((name, metres)),
-        besides: (n_channels > 0).then(|| format!("{n_channels} analog channels")).into_iter().collect(),
-        labels: file.labels,
+        besides,
+        labels: file.labels.iter().zip(&is_place).filter(|it| *it.1).map(|it| it.0.clone()).collect(),
         ..Motion::default()
     };
     Ok((motion, remarks))
@@ -128,6 +142,7 @@ pub(super) fn write(motion: &Motion, asked: Option<&str>) -> Result<Written, Mot
         start_s: (!is_numbered).then_some(start_s),
         cameras: bits(&motion.cameras),
         y_is_up: motion.up == Up::Y,
+        model_outputs: Vec::new(),
     };
     let largest = motion.samples.iter().flatten().filter_map(Sample::sigma).fold(0.0, f64::max);
     let step = FINEST_STEP.max(largest / 255.0) / metres;
@@ -137,12 +152,12 @@ pub(super) fn write(motion: &Motion, asked: Option<&str>) -> Result<Written, Mot
         let [xx, xy, xz, yy, yz, zz] = it.covariance;
         xx != yy || xx != zz || [xy, xz, yz] != [0.0; 3]
     };
-    let keeps =
-        Keeps { uncertainty: true, how: true, cameras: motion.cameras.len() <= BITS, events: true, predicted: false };
+    let cameras = motion.cameras.len() <= BITS;
+    let keeps = Keeps { uncertainty: true, how: true, cameras, events: true, predicted: false, start: true };
     let mut lost = lost(motion, keeps);
     let n_uneven = motion.samples.iter().flatten().filter(|it| it.sigma().is_some() && is_uneven(it)).count();
     if n_uneven > 0 {
         lost.push(format!("{n_uneven} covariances: a residual tells their mean over the axes"));
     }
-    Ok(Written { bytes, lost })
+    Ok(Written { bytes, lost, notes: Vec::new() })
 }

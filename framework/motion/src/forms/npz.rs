@@ -101,7 +101,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<(Motion, Vec<String>), MotionError> {
 
 pub(super) fn write(motion: &Motion) -> Result<Written, MotionError> {
     let mut turned = motion.clone();
-    let is_turned = turned.turn(Up::Z);
+    let notes = turned.turn(Up::Z).then(|| "turned: z is up in such archives".to_owned()).into_iter().collect();
     let (n, p) = (motion.n_frames(), motion.labels.len());
     let n_bytes = motion.cameras.len().div_ceil(8);
     let mut positions = Vec::with_capacity(n * p * 3);
@@ -148,10 +148,6 @@ pub(super) fn write(motion: &Motion) -> Result<Written, MotionError> {
             "{n} frames of {p} points take more than the 4 GiB that such a file can have"
         )));
     }
-    let keeps = Keeps { uncertainty: true, how: true, predicted: true, cameras: true, events: false };
-    let mut lost = lost(motion, keeps);
-    if is_turned {
-        lost.push("y was up: turned, since z is up in such archives".to_owned());
-    }
-    Ok(Written { bytes: to.finish(), lost })
+    let keeps = Keeps { uncertainty: true, how: true, predicted: true, cameras: true, events: false, start: true };
+    Ok(Written { bytes: to.finish(), lost: lost(motion, keeps), notes })
 }

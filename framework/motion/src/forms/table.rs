@@ -11,11 +11,13 @@ use nalgebra::Point3;
 
 use super::{Keeps, MotionError, Written, lost};
 use crate::csv::{field, fixed, scientific};
+use crate::last_row::Shapes;
 use crate::motion::{Motion, Sample, Up, rate_of};
 
 /// The columns of a covariance's upper triangle.
 const COVARIANCE: [&str; 6] = ["cxx_m2", "cxy_m2", "cxz_m2", "cyy_m2", "cyz_m2", "czz_m2"];
 const AXES: [&str; 3] = ["x_m", "y_m", "z_m"];
+const HOW: [&str; 3] = ["measured", "predicted", "filled"];
 /// Times of the session are below this [s].
 const MOST_TIME_S: f64 = 9e9;
 /// Frames of times that are all different hold one point each: so many places of absent points a table may have beside its rows, and else 16 a row.
@@ -28,6 +30,58 @@ pub(super) fn is_table(text: &[u8]) -> bool {
     let names: Vec<&str> = line.split(',').map(|it| it.trim().trim_matches('"')).collect();
     names.contains(&"time_s") && (names.contains(&"target") || names.contains(&"mark"))
 }
+
+/// What keeps a text from being such a table though its header shows most of the columns: what separates them, or which are missing.
+pub(super) fn nearly(text: &[u8]) -> Option<String> {
+    let mut lines = text.split(|it| matches!(it, b'\n' | b'\r')).zip(1_usize..);
+    let (line, number) = lines.find(|it| !it.0.trim_ascii().is_empty() && it.0[0] != b'#')?;
+    let line = std::str::from_utf8(line.get(..4096).unwrap_or(line)).ok()?;
+    let columns = |separator: char| -> Vec<&str> {
+        let names = line.split(separator).map(|it| it.trim().trim_matches('"'));
+        if separator == ' ' { names.filter(|it| !it.is_empty()).collect() } else { names.collect() }
+    };
+    let known = |name: &str| {
+        let name = name.to_ascii_lowercase();
+        let name = name.strip_prefix("world_").unwrap_or(&name);
+        ["time_s", "target", "mark", "how", "cameras"].contains(&name)
+            || AXES.contains(&name)
+            || COVARIANCE.contains(&name)
+    };
+    let n_known = |it: &Vec<&str>| it.iter().filter(|it| known(it)).count();
+    // The first of those with most columns that are known.
+    let mut best = (columns(','), "");
+    for (separator, called) in [(';', "semicolons"), ('\t', "tabs"), ('|', "`|`"), (' ', "blanks")] {
+        let other = columns(separator);
+        if n_known(&other) > n_known(&best.0) {
+            best = (other, called);
+        }
+    }
+    let (names, separator) = best;
+    if n_known(&names) < LEAST_KNOWN {
+        return None;
+    }
+    if !separator.is_empty() {
+        return Some(format!("line {number}: found columns with {separator} between them, expected commas"));
+    }
+    let mut missing: Vec<&str> = Vec::new();
+    if !names.contains(&"time_s") {
+        missing.push("`time_s`");
+    }
+    if !names.contains(&"target") && !names.contains(&"mark") {
+        missing.push("`target` or `mark`");
+    }
+    let strange: Vec<String> =
+        names.iter().filter(|it| !known(it) && **it != "name").map(|it| format!("`{it}`")).collect();
+    let in_place = if strange.is_empty() { String::new() } else { format!(", and {} instead", strange.join(", ")) };
+    let columns = if missing.len() == 1 { "column" } else { "columns" };
+    Some(format!(
+        "line {number}: found no {columns} {}{in_place}; expected `time_s`, `target` or `mark`, `x_m`, `y_m`, `z_m`",
+        missing.join(" and no ")
+    ))
+}
+
+/// Columns that other tables have by chance are fewer.
+const LEAST_KNOWN: usize = 3;
 
 /// Where each column stands.
 struct Columns {
@@ -180,9 +234,40 @@ impl Table {
     }
 }
 
+/// What rows tell of whether the last one is whole.
+#[derive(Default)]
+struct Before {
+    /// Of the last field.
+    shapes: Shapes,
+    /// Rows may have fewer fields than the header.
+    is_short: bool,
+}
+
+impl Before {
+    fn add(&mut self, row: &[String], n_columns: usize) {
+        self.is_short |= row.len() < n_columns;
+        if let Some(last) = row.last() {
+            self.shapes.add(last);
+        }
+    }
+
+    /// By the digits of a number, a word that is known, or the name that the point had before.
+    fn tell_whole(&self, row: &[String], columns: &Columns, names: &BTreeMap<u64, String>) -> bool {
+        let Some((last, place)) = row.last().zip(row.len().checked_sub(1)) else { return false };
+        let named = || names.get(&row.get(columns.point)?.parse().ok()?);
+        match Some(place) {
+            it if it == columns.how => HOW.contains(&last.as_str()),
+            it if it == columns.name => named() == Some(last),
+            _ => self.shapes.tell_whole(last),
+        }
+    }
+}
+
+/// Reads a whole table. A last row that may be cut is left out: one without a line end whose last field is not as those before it tell, or one of fewer fields than the others.
 pub(super) fn read(text: &str) -> Result<(Motion, Vec<String>), MotionError> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let ends = if text.contains('\n') { '\n' } else { '\r' };
+    let has_end = text.ends_with(['\n', '\r']);
     let lines = text.split_terminator(ends).enumerate().map(|(line, text)| (line + 1, text.trim()));
     let mut lines = lines.filter(|it| !it.1.is_empty() && !it.1.starts_with('#'));
     let at = |line: usize, what: String| MotionError(format!("line {line}: {what}"));
@@ -190,10 +275,23 @@ pub(super) fn read(text: &str) -> Result<(Motion, Vec<String>), MotionError> {
     let expected = "expected `time_s`, `target` or `mark`, `x_m`, `y_m`, `z_m`";
     let columns = Columns::of(&fields(header)).map_err(|it| at(line, format!("found {it}, {expected}")))?;
     let mut table = Table::default();
-    for (line, text) in lines {
-        table.add(&columns, &fields(text)).map_err(|it| at(line, it))?;
-    }
     let mut remarks = Vec::new();
+    let n_columns = fields(header).len();
+    let mut before = Before::default();
+    let mut lines = lines.peekable();
+    while let Some((line, text)) = lines.next() {
+        let row = fields(text);
+        if lines.peek().is_none() {
+            let is_short = row.len() < n_columns && !before.is_short;
+            if is_short || !(has_end || before.tell_whole(&row, &columns, &table.names)) {
+                let found = if is_short { "fewer fields than the others have" } else { "no end of line" };
+                remarks.push(format!("line {line}: found {found}; the row may be cut, and is left out"));
+                break;
+            }
+        }
+        table.add(&columns, &row).map_err(|it| at(line, it))?;
+        before.add(&row, n_columns);
+    }
     if table.n_without_place > 0 {
         remarks.push(format!("{} rows have no place in the world, and are passed over", table.n_without_place));
     }
@@ -243,10 +341,7 @@ fn numbers(labels: &[String], kind: &str) -> Option<Vec<u64>> {
 
 pub(super) fn write(motion: &Motion) -> Result<Written, MotionError> {
     let mut turned = motion.clone();
-    let mut lost_too = Vec::new();
-    if turned.turn(Up::Z) {
-        lost_too.push("y was up: turned, since z is up in our tables".to_owned());
-    }
+    let notes = turned.turn(Up::Z).then(|| "turned: z is up in our tables".to_owned()).into_iter().collect();
     let marks = numbers(&motion.labels, "mark");
     let targets = numbers(&motion.labels, "target");
     let kind = if marks.is_some() { "mark" } else { "target" };
@@ -287,12 +382,11 @@ pub(super) fn write(motion: &Motion) -> Result<Written, MotionError> {
             text.push('\n');
         }
     }
-    let keeps = Keeps { uncertainty: true, how: true, predicted: true, cameras: true, events: false };
+    let keeps = Keeps { uncertainty: true, how: true, predicted: true, cameras: true, events: false, start: true };
     let mut lost = lost(motion, keeps);
     let n_never = (0..motion.labels.len()).filter(|it| motion.column(*it).all(|it| it.is_none())).count();
     if n_never > 0 {
         lost.push(format!("the names of {n_never} points that are never there"));
     }
-    lost.extend(lost_too);
-    Ok(Written { bytes: text.into_bytes(), lost })
+    Ok(Written { bytes: text.into_bytes(), lost, notes })
 }

@@ -9,7 +9,14 @@ use crate::compare::{CompareOptions, Pairing, compare};
 use crate::motion::tests::motion;
 use crate::motion::{Event, Sample};
 
+mod pairs;
+
 const AS_IT_SAYS: ReadOptions = ReadOptions { metres_per_unit: None, up: None };
+const AS_USUAL: WriteOptions<'_> = WriteOptions { unit: None, up: None };
+
+fn in_unit(unit: &str) -> WriteOptions<'_> {
+    WriteOptions { unit: Some(unit), up: None }
+}
 
 /// With all that a file can tell: events, cameras, samples of every origin.
 fn whole() -> Motion {
@@ -50,7 +57,7 @@ fn units_rates_gaps_and_origins_come_back() {
     let wanted = whole();
     for (form, tolerance) in [(Form::C3d, 1e-6), (Form::Table, 1e-6), (Form::Npz, 0.0)] {
         for unit in ["mm", "cm", "m"] {
-            let written = write(&wanted, form, "a", Some(unit)).unwrap();
+            let written = write(&wanted, form, "a", &in_unit(unit)).unwrap();
             let read = read(&written.bytes, &AS_IT_SAYS).unwrap();
             assert_eq!(
                 (read.form, read.motion.rate_hz, read.motion.up),
@@ -80,8 +87,10 @@ fn units_rates_gaps_and_origins_come_back() {
 fn tables_of_trc_keep_places_and_say_what_they_lose() {
     let wanted = whole();
     for (unit, tolerance) in [("mm", 1e-8), ("m", 1e-5)] {
-        let written = write(&wanted, Form::Trc, "a.trc", Some(unit)).unwrap();
-        let read = read(&written.bytes, &ReadOptions { up: Some(Up::Z), ..AS_IT_SAYS }).unwrap();
+        let written = write(&wanted, Form::Trc, "a.trc", &in_unit(unit)).unwrap();
+        assert_eq!(written.notes, ["turned: y is up in the table"]);
+        let mut read = read(&written.bytes, &AS_IT_SAYS).unwrap();
+        assert!(read.motion.turn(Up::Z));
         let mut measured = wanted.clone();
         measured.samples.iter_mut().flatten().for_each(|it| it.how = How::Measured);
         check_alike(&read.motion, &measured, tolerance);
@@ -101,7 +110,7 @@ fn what_is_only_predicted_is_missing_where_a_form_has_no_word_for_it() {
     let mut motion = whole();
     motion.samples[0].as_mut().unwrap().how = How::Predicted;
     for form in [Form::C3d, Form::Trc] {
-        let written = write(&motion, form, "a", None).unwrap();
+        let written = write(&motion, form, "a", &AS_USUAL).unwrap();
         assert!(
             written.lost.iter().any(|it| it.starts_with("1 samples that were only predicted")),
             "{:?}",
@@ -109,7 +118,7 @@ fn what_is_only_predicted_is_missing_where_a_form_has_no_word_for_it() {
         );
         assert!(read(&written.bytes, &AS_IT_SAYS).unwrap().motion.samples[0].is_none());
     }
-    let table = write(&motion, Form::Table, "a", None).unwrap();
+    let table = write(&motion, Form::Table, "a", &AS_USUAL).unwrap();
     assert_eq!(read(&table.bytes, &AS_IT_SAYS).unwrap().motion.samples[0].as_ref().unwrap().how, How::Predicted);
 }
 
@@ -117,10 +126,10 @@ fn what_is_only_predicted_is_missing_where_a_form_has_no_word_for_it() {
 fn names_times_and_marks_survive_our_tables() {
     let mut named = motion(3, 4, 10.0);
     named.labels = ["a,\"b\"", "mark-1", "#c"].map(str::to_owned).to_vec();
-    let text = write(&named, Form::Table, "", None).unwrap().bytes;
+    let text = write(&named, Form::Table, "", &AS_USUAL).unwrap().bytes;
     check_alike(&read(&text, &AS_IT_SAYS).unwrap().motion, &named, 1e-6);
     named.labels = ["mark-7", "mark-1", "mark-30"].map(str::to_owned).to_vec();
-    let text = String::from_utf8(write(&named, Form::Table, "", None).unwrap().bytes).unwrap();
+    let text = String::from_utf8(write(&named, Form::Table, "", &AS_USUAL).unwrap().bytes).unwrap();
     assert!(text.starts_with("time_s,mark,x_m") && text.contains(",world_x_m,") && !text.contains("name"), "{text}");
     let back = read(text.as_bytes(), &AS_IT_SAYS).unwrap().motion;
     assert_eq!(back.labels, ["mark-1", "mark-7", "mark-30"]);
@@ -157,6 +166,53 @@ fn broken_tables_are_named_by_their_line() {
     );
 }
 
+/// However a table is cut, no number of it is taken that is not in the whole one.
+#[test]
+fn a_last_row_of_a_table_that_may_be_cut_is_left_out() {
+    for labels in [["target-0", "target-7"], ["mark-0", "mark-1"], ["left", "left wrist"]] {
+        let mut motion = motion(2, 3, 10.0);
+        motion.labels = labels.map(str::to_owned).to_vec();
+        let text = String::from_utf8(write(&motion, Form::Table, "", &AS_USUAL).unwrap().bytes).unwrap();
+        let wanted = read(text.as_bytes(), &AS_IT_SAYS).unwrap().motion;
+        for length in text.find('\n').unwrap() + 1..text.len() {
+            let found = read(&text.as_bytes()[..length], &AS_IT_SAYS).unwrap();
+            let (found, is_said) = (found.motion, found.remarks.iter().any(|it| it.contains("may be cut")));
+            let n_ended = text[..length].matches('\n').count() - 1;
+            let is_whole = text[length..].starts_with('\n') && found.n_present() == n_ended + 1;
+            let is_cut = !text[..length].ends_with('\n');
+            assert!(is_whole || (found.n_present(), is_said) == (n_ended, is_cut), "{:?}", &text[..length]);
+            for (frame, time) in found.times_s.iter().enumerate() {
+                assert_eq!(*time, wanted.times_s[frame], "{length}");
+                for (point, label) in found.labels.iter().enumerate() {
+                    let place = wanted.labels.iter().position(|it| it == label).unwrap();
+                    assert!(found.get(frame, point).is_none_or(|it| Some(it) == wanted.get(frame, place)), "{length}");
+                }
+            }
+        }
+    }
+    let short = "time_s,target,x_m,y_m,z_m,how\n0,0,1,2,3.5,measured\n0.1,0,1,2,3\n";
+    let found = read(short.as_bytes(), &AS_IT_SAYS).unwrap();
+    assert_eq!((found.motion.n_frames(), found.remarks[0].contains("line 3: found fewer fields")), (1, true));
+}
+
+#[test]
+fn tables_that_are_nearly_right_are_told_what_is_wrong() {
+    let right = "time_s,target,x_m,y_m,z_m,how\n0,1,0.5,0.5,0.5,measured\n";
+    let complaint = |text: String| read(text.as_bytes(), &AS_IT_SAYS).unwrap_err().to_string();
+    for (separator, called) in [(";", "semicolons"), ("\t", "tabs"), (" ", "blanks"), ("|", "`|`")] {
+        let found = complaint(format!("\u{feff}# of a run\n{}", right.replace(',', separator)));
+        assert!(found.starts_with(&format!("line 2: found columns with {called} between them")), "{found}");
+    }
+    let found = complaint(right.replace("target", "Target"));
+    assert!(found.contains("line 1: found no column `target` or `mark`; expected `time_s`"), "{found}");
+    let found = complaint(right.replace("time_s", "t"));
+    assert!(found.contains("no column `time_s`, and `t` instead"), "{found}");
+    for other in ["time_s,camera,x_px,y_px\n", "name,fx,fy,cx,cy\n", "", "#\n", "\n\n", "x_m,y_m\n"] {
+        assert_eq!(nearly_table(other.as_bytes()), None, "{other}");
+    }
+    assert_eq!(nearly_table(right.as_bytes()), None);
+}
+
 #[test]
 fn forms_are_told_by_their_content() {
     assert_eq!(Form::of(b"\xef\xbb\xbf PathFileType\t4"), Some(Form::Trc));
@@ -182,19 +238,19 @@ fn the_joints_of_a_skeleton_are_points() {
         (vec!["Hips".into(), "Hips-end".into()], Some(120.0), Up::Y)
     );
     assert!((motion.get(1, 1).unwrap().position - Point3::new(-0.09, 0.02, 0.03)).norm() < 1e-12);
-    let bvh = write(&motion, Form::Bvh, "", None).unwrap();
+    let bvh = write(&motion, Form::Bvh, "", &AS_USUAL).unwrap();
     assert_eq!(read(&bvh.bytes, &AS_IT_SAYS).unwrap().motion, motion);
     // Points over time in another form, without what makes them a skeleton.
-    let points = write(&motion, Form::C3d, "", None).unwrap();
+    let points = write(&motion, Form::C3d, "", &AS_USUAL).unwrap();
     assert!(points.lost[0].contains("the skeleton"), "{:?}", points.lost);
     let points = read(&points.bytes, &AS_IT_SAYS).unwrap().motion;
     assert_eq!(points.up, Up::Y, "C3D says so");
-    assert!(write(&points, Form::Bvh, "", None).unwrap_err().to_string().contains("without a skeleton"));
+    assert!(write(&points, Form::Bvh, "", &AS_USUAL).unwrap_err().to_string().contains("without a skeleton"));
 }
 
 #[test]
 fn archives_of_numpy_are_read_and_refused_by_name() {
-    let file = write(&whole(), Form::Npz, "", None).unwrap().bytes;
+    let file = write(&whole(), Form::Npz, "", &AS_USUAL).unwrap().bytes;
     for length in (4..file.len()).step_by(97) {
         assert!(read(&file[..length], &AS_IT_SAYS).is_err());
     }
@@ -254,7 +310,7 @@ fn one_trial_in_two_forms_is_one_motion() {
     );
     assert_eq!(file.besides, ["28 analog channels"]);
     for form in Form::ALL.into_iter().filter(|it| *it != Form::Bvh) {
-        let again = read(&write(&file, form, "", None).unwrap().bytes, &AS_IT_SAYS).unwrap().motion;
+        let again = read(&write(&file, form, "", &AS_USUAL).unwrap().bytes, &AS_IT_SAYS).unwrap().motion;
         assert_eq!((again.n_present(), again.rate_hz), (file.n_present(), file.rate_hz), "{form}");
         let apart = compare(&file, &again, &CompareOptions::default()).unwrap();
         assert_eq!((apart.all.n, apart.pairing), (file.n_present(), Pairing::Names), "{form}");

@@ -1,10 +1,12 @@
 //! Motions of TRC files.
+//!
+//! TRC does not say which axis is up. OpenSim and our own reader take y: points are turned when they are written, here as in `export.trc`, unless another is asked for.
 
 use foveate_messages::How;
 use nalgebra::Point3;
 
 use super::units::{unit, unit_to_write};
-use super::{Keeps, MotionError, ReadOptions, Written, lost};
+use super::{Keeps, MotionError, ReadOptions, WriteOptions, Written, lost};
 use crate::motion::{Motion, Sample, Up, rate_of};
 use crate::trc::{self, Recording};
 
@@ -53,14 +55,15 @@ pub(super) fn read(text: &str, options: &ReadOptions) -> Result<(Motion, Vec<Str
     Ok((motion, remarks))
 }
 
-pub(super) fn write(motion: &Motion, name: &str, asked: Option<&str>) -> Result<Written, MotionError> {
-    let (unit, metres) = unit_to_write(motion, asked);
+pub(super) fn write(motion: &Motion, name: &str, options: &WriteOptions<'_>) -> Result<Written, MotionError> {
+    let (unit, metres) = unit_to_write(motion, options.unit);
+    let up = options.up.unwrap_or(Up::Y);
     let Some(rate_hz) = motion.rate_hz.or((motion.n_frames() == 1).then_some(1.0)) else {
         return Err(MotionError("the times are not regular, and TRC has one rate".to_owned()));
     };
     let place = |it: &Option<Sample>| {
         let it = it.as_ref().filter(|it| it.how != How::Predicted)?;
-        Some([0, 1, 2].map(|axis| it.position[axis] / metres))
+        Some(up.of_z_up(motion.up.to_z_up(it.position.into())).map(|it| it / metres))
     };
     let recording = Recording {
         rate_hz,
@@ -69,10 +72,14 @@ pub(super) fn write(motion: &Motion, name: &str, asked: Option<&str>) -> Result<
         times_s: motion.times_s.clone(),
         positions: motion.samples.iter().map(place).collect(),
     };
-    let mut lost = lost(motion, Keeps::default());
+    let mut lost = lost(motion, Keeps { start: true, ..Keeps::default() });
+    let notes = (up != motion.up).then(|| format!("turned: {} is up in the table", up.name())).into_iter().collect();
+    if up == Up::Z {
+        lost.push("that z is up: TRC does not say it, and its readers take y (--from-up z)".to_owned());
+    }
     // Five decimals.
     if metres > 0.011 {
         lost.push(format!("places are told to {} mm; --unit mm tells more", metres * 1e-2));
     }
-    Ok(Written { bytes: trc::write(&recording, name).into_bytes(), lost })
+    Ok(Written { bytes: trc::write(&recording, name).into_bytes(), lost, notes })
 }

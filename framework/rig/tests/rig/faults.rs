@@ -317,6 +317,28 @@ fn calibration_that_cannot_be_used_is_told_with_its_own_errors() {
     one("\"lab.calibration.toml\"", "\"${NO_SUCH_VARIABLE_HERE}/a\"", "3:15", "\"${NO_SUCH_VARIABLE_HERE}/a\"", &said);
 }
 
+/// A calibration as it is begun with: one message, and what finds the rest.
+#[test]
+fn a_room_that_is_not_calibrated_yet_is_told_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let sizes: String = ["ptz-1", "ptz-2", "wide-1", "wide-2", "wide-3"]
+        .map(|it| format!("[camera.{it}]\nimage_size_px = [640, 480]\n[clock.{it}]\nframe_rate_hz = 30\n"))
+        .concat();
+    let path = folder.path().join("new.calibration.toml");
+    std::fs::write(&path, format!("[calibration]\nlength_unit = \"unknown\"\n{sizes}")).unwrap();
+    let faults = bad(&edited("lab.calibration.toml", &path.display().to_string()));
+    assert_eq!(faults.list.len(), 1, "{faults}");
+    let said = faults.to_string();
+    for words in
+        ["not calibrated yet", "lacks the poses of 5 and the optics of 5 of its 5 cameras", "foveate calibrate"]
+    {
+        assert!(said.contains(words), "{words}: {said}");
+    }
+    // Something else is wrong with it: that is said.
+    std::fs::write(&path, format!("[calibration]\nlength_unit = \"unknown\"\n{sizes}focal = 3\n")).unwrap();
+    assert!(!bad(&edited("lab.calibration.toml", &path.display().to_string())).to_string().contains("not calibrated"));
+}
+
 #[test]
 fn scales_nest_in_scales_that_exist_and_not_in_themselves() {
     let parent = "parent = \"room\"";

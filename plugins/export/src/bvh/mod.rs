@@ -7,6 +7,7 @@
 
 mod body;
 mod guess;
+mod names;
 mod node;
 mod of_motion;
 mod proportions;
@@ -14,4 +15,4 @@ mod proportions;
 mod tests;
 
 pub use node::{BodyTargets, ExportBvh, ExportBvhSettings, Unit};
-pub use of_motion::{SkeletonFile, bvh};
+pub use of_motion::{SkeletonFile, SkeletonOptions, bvh};

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::body::{Places, SITES, body};
 use super::guess::guess;
-use super::proportions::{All, Limits, objections};
+use super::proportions::{All, Limits, PART_FACTOR, SIDE_FACTOR, STRETCH, objections};
 use crate::gather::{Common, Gather, TARGETS, Table, default_gap_ms};
 use crate::whole_file::WholeFile;
 
@@ -111,17 +111,17 @@ pub struct ExportBvhSettings {
 
 /// Heads of children of two years are a third larger beside the rest, and targets on the skin are off by some centimetres.
 fn default_part_factor() -> f64 {
-    1.6
+    PART_FACTOR
 }
 
 /// People differ by 5 %; targets of one side may sit otherwise than those of the other.
 fn default_side_factor() -> f64 {
-    1.3
+    SIDE_FACTOR
 }
 
 /// Waist to shoulder when people bend, of the recordings that this was tried on, changes most.
 fn default_stretch_percent() -> f64 {
-    50.0
+    100.0 * STRETCH
 }
 
 fn default_file() -> String {
@@ -172,7 +172,8 @@ impl ExportBvh {
 
     fn limits(&self) -> Limits {
         let ExportBvhSettings { part_factor, side_factor, stretch_percent, .. } = self.settings;
-        Limits { factor: part_factor, side_factor, stretch: stretch_percent / 100.0, unit_m: self.unit_m }
+        let stretch = stretch_percent / 100.0;
+        Limits { factor: part_factor, side_factor, stretch, unit_m: self.unit_m, checks_standing: true }
     }
 
     /// What to map, as it can stand in the rig.
@@ -187,7 +188,7 @@ impl ExportBvh {
             let targets = guess.targets.map(|it| numbers[it]);
             let places: Vec<Places> = frames.iter().map(|frame| guess.targets.map(|it| frame[it])).collect();
             let is_body = body(&places, table.rate_hz, 1.0).is_ok();
-            (is_body && objections(&places, &targets, &self.limits()).is_empty())
+            (is_body && objections(&places, &called(&targets), &self.limits()).is_empty())
                 .then_some((targets, guess.knows_sides))
         });
         let Some((targets, knows_sides)) = found else {
@@ -206,6 +207,12 @@ impl ExportBvh {
         let sides = if knows_sides { "" } else { " (left and right may be exchanged: the movements do not tell)" };
         format!("by distances and movements this is a body{sides}: joints = {{ {} }}", list.join(", "))
     }
+}
+
+/// Each site as the setting that names its target.
+fn called(targets: &[u32; 8]) -> impl Fn(usize) -> String + use<> {
+    let targets = *targets;
+    move |site| format!("`joints.{}` = {}", SITES[site], targets[site])
 }
 
 impl Node for ExportBvh {
@@ -254,7 +261,7 @@ impl Node for ExportBvh {
             Unit::M => 1.0,
         };
         let written = body(&frames, table.rate_hz, per_length).and_then(|body| {
-            let against = objections(&frames, &self.settings.joints.numbers(), &self.limits());
+            let against = objections(&frames, &called(&self.settings.joints.numbers()), &self.limits());
             if against.is_empty() {
                 Ok(body)
             } else {

@@ -3,128 +3,15 @@
 use std::collections::BTreeMap;
 
 use foveate::motion::Motion;
+use foveate::motion::forms::start_lost;
 use foveate::motion::motion::Up;
 use foveate::prelude::How;
 use nalgebra::{Point3, Vector3};
 
 use super::body::{Places, SITES, body};
-
-/// Names of markers in use, without a subject's name, capitals and signs, `?` being `l` or `r` and `*` `left` or `right`: for each site the
-/// alternatives, the middle of whose markers it is. From the Plug-in Gait and Helen Hayes marker sets, OpenSim's examples, BVH skeletons, and ours.
-const KNOWN: [(&str, &[&[&str]]); 5] = [
-    (
-        "head",
-        &[
-            &["head"],
-            &["lfhd", "rfhd", "lbhd", "rbhd"],
-            &["lfhd", "rfhd"],
-            &["headtop"],
-            &["tophead"],
-            &["headend"],
-            &["vertex"],
-            &["leftear", "rightear"],
-        ],
-    ),
-    (
-        "waist",
-        &[
-            &["waist"],
-            &["hips"],
-            &["pelvis"],
-            &["lasi", "rasi", "lpsi", "rpsi"],
-            &["lasi", "rasi", "sacr"],
-            &["lasis", "rasis", "vsacral"],
-            &["lasis", "rasis"],
-            &["lasi", "rasi"],
-            &["sacr"],
-            &["midhip"],
-            &["lefthip", "righthip"],
-            &["root"],
-        ],
-    ),
-    (
-        "shoulder",
-        &[
-            &["*shoulder"],
-            &["?shoulder"],
-            &["?sho"],
-            &["?acr"],
-            &["?acromium"],
-            &["?acromion"],
-            &["*arm"],
-            &["shoulder?"],
-        ],
-    ),
-    (
-        "elbow",
-        &[
-            &["*elbow"],
-            &["?elbow"],
-            &["?elb"],
-            &["?elblat", "?elbmed"],
-            &["?elbowlat"],
-            &["?elbowlateral"],
-            &["*forearm"],
-            &["elbow?"],
-        ],
-    ),
-    (
-        "wrist",
-        &[
-            &["*wrist"],
-            &["?wrist"],
-            &["?wra", "?wrb"],
-            &["?wri"],
-            &["?radius", "?ulna"],
-            &["?wristlat", "?wristmed"],
-            &["*hand"],
-            &["*forearmend"],
-            &["wrist?"],
-        ],
-    ),
-];
-
-/// A name without what differs from maker to maker.
-fn core(name: &str) -> String {
-    let last = name.rsplit(':').next().unwrap_or(name);
-    last.chars().filter(|it| it.is_alphanumeric()).flat_map(char::to_lowercase).collect()
-}
-
-/// The points of each of [`SITES`]; none where it has none.
-///
-/// `told` names them by site, as `head` or `left_wrist`; the other sites are found by names in use.
-///
-/// # Errors
-/// A sentence: a site or a point that does not exist.
-fn sites(labels: &[String], told: &BTreeMap<String, Vec<String>>) -> Result<[Vec<usize>; 8], String> {
-    if let Some(wrong) = told.keys().find(|it| !SITES.contains(&it.as_str())) {
-        return Err(format!("found the joint `{wrong}`, expected one of {}", SITES.join(", ")));
-    }
-    let cores: Vec<String> = labels.iter().map(|it| core(it)).collect();
-    let mut found: [Vec<usize>; 8] = Default::default();
-    for (site, points) in SITES.iter().zip(&mut found) {
-        if let Some(names) = told.get(*site) {
-            for name in names {
-                let place =
-                    labels.iter().position(|it| it == name).or_else(|| cores.iter().position(|it| *it == core(name)));
-                points.push(
-                    place.ok_or_else(|| format!("found no point `{name}` for `{site}`, expected one of the file's"))?,
-                );
-            }
-            continue;
-        }
-        let (side, of_body) = site.split_once('_').unwrap_or(("", *site));
-        let alternatives = KNOWN.iter().find(|it| it.0 == of_body).map_or(&[][..], |it| it.1);
-        let place = |name: &&str| {
-            let letter = side.get(..1).unwrap_or("");
-            let wanted = name.replace('*', side).replace('?', letter);
-            cores.iter().position(|it| *it == wanted)
-        };
-        let whole = alternatives.iter().find_map(|it| it.iter().map(place).collect::<Option<Vec<usize>>>());
-        *points = whole.unwrap_or_default();
-    }
-    Ok(found)
-}
+use super::guess::guess;
+use super::names::{is_left, sites};
+use super::proportions::{All, FRAMES, Limits, PART_FACTOR, SIDE_FACTOR, STRETCH, objections};
 
 /// A skeleton in a file.
 #[derive(Debug, Clone, PartialEq)]
@@ -137,27 +24,43 @@ pub struct SkeletonFile {
     pub lost: Vec<String>,
 }
 
-/// A BVH file of the body that the points sit on, a unit of it being `unit_m` metres. `joints` may name the points of `head`, `waist`, `left_shoulder` and the others.
+/// What is wanted of a skeleton.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SkeletonOptions {
+    /// The points of `head`, `waist`, `left_shoulder` and the others; those that are not named are found by names in use.
+    pub joints: BTreeMap<String, Vec<String>>,
+    /// How long a unit of the file is [m].
+    pub unit_m: f64,
+    /// Whether it is written though the points' distances are not those of a body.
+    pub any_proportions: bool,
+}
+
+/// A BVH file of the body that the points sit on.
 ///
 /// # Errors
-/// A sentence: what is missing for a body, or times that are not regular.
-pub fn bvh(motion: &Motion, joints: &BTreeMap<String, Vec<String>>, unit_m: f64) -> Result<SkeletonFile, String> {
+/// A sentence: what is missing for a body, what speaks against its being one, and a guess at which points are one; or times that are not regular.
+pub fn bvh(motion: &Motion, options: &SkeletonOptions) -> Result<SkeletonFile, String> {
     let Some(rate_hz) = motion.rate_hz.or((motion.n_frames() == 1).then_some(1.0)) else {
         return Err("the times are not regular, and a skeleton moves at one rate".to_owned());
     };
-    let sites = sites(&motion.labels, joints)?;
+    let mut y_up = motion.clone();
+    y_up.turn(Up::Y);
+    let is_seen = |points: &[usize]| {
+        let is_there = |frame: usize, point: &usize| y_up.get(frame, *point).is_some_and(|it| it.how != How::Predicted);
+        (0..y_up.n_frames()).any(|frame| points.iter().all(|it| is_there(frame, it)))
+    };
+    let sites = sites(&motion.labels, &options.joints, &is_seen)?;
     let lacking: Vec<&str> = SITES.iter().zip(&sites).filter(|it| it.1.is_empty()).map(|it| *it.0).collect();
     if ["waist", "left_shoulder", "right_shoulder"].iter().any(|it| lacking.contains(it)) {
         let few: Vec<String> = motion.labels.iter().take(12).map(|it| format!("`{it}`")).collect();
         return Err(format!(
-            "found no points for {} among {}{}, expected at least waist and both shoulders; --joints names them, as --joints waist=SACR,left_shoulder=LSHO",
+            "found no points for {} among {}{}, expected at least waist and both shoulders; --joints names them, as --joints waist=SACR,left_shoulder=LSHO{}",
             lacking.join(", "),
             few.join(", "),
-            if motion.labels.len() > few.len() { ", …" } else { "" }
+            if motion.labels.len() > few.len() { ", …" } else { "" },
+            likely(&y_up, rate_hz).map_or(String::new(), |it| format!("; {}", it.words))
         ));
     }
-    let mut y_up = motion.clone();
-    y_up.turn(Up::Y);
     // Of several points of a site all must be there: the middle of some is another place.
     let place = |frame: usize, points: &[usize]| -> Option<Point3<f64>> {
         let mut sum = Vector3::zeros();
@@ -168,7 +71,25 @@ pub fn bvh(motion: &Motion, joints: &BTreeMap<String, Vec<String>>, unit_m: f64)
     };
     let frames: Vec<Places> =
         (0..y_up.n_frames()).map(|frame| std::array::from_fn(|site| place(frame, &sites[site]))).collect();
-    let body = body(&frames, rate_hz, 1.0 / unit_m)?;
+    let names = |points: &Vec<usize>| points.iter().map(|it| motion.labels[*it].clone()).collect::<Vec<String>>();
+    let called = |site: usize| format!("{} = {}", SITES[site], names(&sites[site]).join("+"));
+    // Where waist and shoulders are never seen together, other points are no better.
+    let is_together = |it: &Places| it[1..4].iter().all(Option::is_some);
+    let others = || if frames.iter().any(is_together) { likely(&y_up, rate_hz) } else { None };
+    let made = body(&frames, rate_hz, 1.0 / options.unit_m).and_then(|body| {
+        let against = if options.any_proportions { Vec::new() } else { objections(&frames, &called, &LIMITS) };
+        match against.is_empty() {
+            true => Ok(body),
+            false => Err(format!("these points cannot be a body: {}", against.join("; "))),
+        }
+    });
+    let body = made.map_err(|why| match others() {
+        None => format!("{why}; --joints names others, --any-proportions writes it as it is"),
+        Some(it) if sites.iter().zip(it.points).all(|(site, point)| *site == [point]) => {
+            format!("{why}; no other points fit better, and --any-proportions writes it as it is")
+        }
+        Some(it) => format!("{why}; {}", it.words),
+    })?;
     let used: Vec<usize> = sites.iter().flatten().copied().collect();
     let mut lost = motion.besides.clone();
     let n_unused = (0..motion.labels.len()).filter(|it| !used.contains(it)).count();
@@ -192,10 +113,52 @@ pub fn bvh(motion: &Motion, joints: &BTreeMap<String, Vec<String>>, unit_m: f64)
     if n_filled > 0 {
         lost.push(format!("{n_filled} samples were filled in, and now look measured"));
     }
-    let names = |points: &Vec<usize>| points.iter().map(|it| motion.labels[*it].clone()).collect::<Vec<String>>();
+    if motion.start_s() != 0.0 {
+        lost.push(start_lost(motion));
+    }
     let sites =
         SITES.iter().zip(&sites).filter(|it| !it.1.is_empty()).map(|(site, it)| ((*site).to_owned(), names(it)));
     Ok(SkeletonFile { text: body.motion.to_bvh(), sites: sites.collect(), lost })
+}
+
+/// As `export.bvh` has them by default. A file's unit may be wrong, and people crawl: how tall the body is and how it stands does not count where names say what is what.
+const LIMITS: Limits = Limits {
+    factor: PART_FACTOR,
+    side_factor: SIDE_FACTOR,
+    stretch: STRETCH,
+    unit_m: Some(1.0),
+    checks_standing: false,
+};
+/// As people mostly stand, of a size between a child's and the tallest man's.
+const STANDING: Limits = Limits { checks_standing: true, ..LIMITS };
+
+/// Points that can be a body.
+struct Likely {
+    /// In the order of [`SITES`].
+    points: [usize; 8],
+    words: String,
+}
+
+/// The points, y up, that are most like a body; `None`: none are.
+fn likely(y_up: &Motion, rate_hz: f64) -> Option<Likely> {
+    let labels = &y_up.labels;
+    let place =
+        |frame: usize, point: usize| y_up.get(frame, point).filter(|it| it.how != How::Predicted).map(|it| it.position);
+    let step = y_up.n_frames().div_ceil(FRAMES).max(1);
+    let frames: Vec<All> = (0..y_up.n_frames())
+        .step_by(step)
+        .map(|frame| (0..labels.len()).map(|point| place(frame, point)).collect())
+        .collect();
+    let guess = guess(&frames, STANDING.unit_m, |it| is_left(&labels[it]))?;
+    let points = guess.targets;
+    let places: Vec<Places> = frames.iter().map(|frame| points.map(|it| frame[it])).collect();
+    let called = |site: usize| format!("{}={}", SITES[site], labels[points[site]]);
+    if body(&places, rate_hz, 1.0).is_err() || !objections(&places, &called, &STANDING).is_empty() {
+        return None;
+    }
+    let sides = if guess.knows_sides { "" } else { " (left and right may be exchanged: the movements do not tell)" };
+    let list = (0..SITES.len()).map(called).collect::<Vec<_>>().join(",");
+    Some(Likely { points, words: format!("by distances and movements this is a body{sides}: --joints '{list}'") })
 }
 
 #[cfg(test)]
@@ -205,42 +168,10 @@ mod tests {
 
     use super::*;
 
+    const USUAL: SkeletonOptions = SkeletonOptions { joints: BTreeMap::new(), unit_m: 0.01, any_proportions: false };
+
     fn labels(all: &[&str]) -> Vec<String> {
         all.iter().map(|it| (*it).to_owned()).collect()
-    }
-
-    #[test]
-    fn marker_sets_in_use_are_known() {
-        let none = BTreeMap::new();
-        let plug_in_gait = [
-            "LFHD", "RFHD", "LBHD", "RBHD", "C7", "LSHO", "RSHO", "LELB", "RELB", "LWRA", "LWRB", "RWRA", "RWRB",
-            "LASI", "RASI", "LPSI", "RPSI",
-        ];
-        let found =
-            sites(&labels(&plug_in_gait.map(|it| format!("Bob:{it}")).each_ref().map(String::as_str)), &none).unwrap();
-        assert_eq!(
-            found,
-            [vec![0, 1, 2, 3], vec![13, 14, 15, 16], vec![5], vec![6], vec![7], vec![8], vec![9, 10], vec![11, 12]]
-        );
-        let ours = labels(&[
-            "head",
-            "waist",
-            "left_shoulder",
-            "right_shoulder",
-            "left_elbow",
-            "right_elbow",
-            "left_wrist",
-            "right_wrist",
-        ]);
-        assert_eq!(sites(&ours, &none).unwrap(), std::array::from_fn(|it| vec![it]));
-        let of_opensim =
-            labels(&["Top.Head", "R.ASIS", "L.ASIS", "V.Sacral", "R.Shoulder", "L.Shoulder", "L.Elbow", "R.Wrist"]);
-        let found = sites(&of_opensim, &none).unwrap();
-        assert_eq!((&found[0], &found[1], &found[2], &found[7]), (&vec![0], &vec![2, 1, 3], &vec![5], &vec![7]));
-        let told = BTreeMap::from([("waist".to_owned(), labels(&["V.Sacral"]))]);
-        assert_eq!(sites(&of_opensim, &told).unwrap()[1], [3]);
-        let wrong = BTreeMap::from([("tail".to_owned(), labels(&["a"]))]);
-        assert!(sites(&of_opensim, &wrong).unwrap_err().contains("`tail`"));
     }
 
     #[test]
@@ -256,13 +187,68 @@ mod tests {
                 .collect(),
             ..Motion::default()
         };
-        let file = bvh(&motion, &BTreeMap::new(), 0.01).unwrap();
+        let file = bvh(&motion, &USUAL).unwrap();
         let skeleton = SkeletonMotion::from_bvh(&file.text).unwrap();
         assert_eq!((skeleton.n_frames(), skeleton.frame(0).unwrap()[1]), (2, 100.0));
         assert!(file.lost.iter().any(|it| it.contains("1 points that no joint")), "{:?}", file.lost);
         assert!(file.lost.iter().any(|it| it.contains("Neck, LeftArm")), "{:?}", file.lost);
         let legs = Motion { labels: labels(&["SACR", "LKNE", "RKNE", "toe"]), ..motion };
-        let error = bvh(&legs, &BTreeMap::new(), 0.01).unwrap_err();
+        let error = bvh(&legs, &USUAL).unwrap_err();
         assert!(error.contains("no points for head, left_shoulder, right_shoulder"), "{error}");
+    }
+
+    /// A body that walks along x and swings its arms; z up.
+    fn walker() -> Motion {
+        let rest = [
+            [0.0, 0.0, 1.75],
+            [0.0, 0.0, 1.0],
+            [0.0, 0.2, 1.45],
+            [0.0, -0.2, 1.45],
+            [-0.05, 0.25, 1.15],
+            [-0.05, -0.25, 1.15],
+            [0.1, 0.27, 0.93],
+            [0.1, -0.27, 0.93],
+        ];
+        let place = |frame: usize, site: usize| {
+            let [x, y, z] = rest[site];
+            let t = frame as f64 / 50.0;
+            let swing = if site < 4 { 0.0 } else { 0.05 * (6.0 * t + 3.0 * (site % 2) as f64).sin() };
+            Some(Sample::at(Point3::new(x + 1.3 * t + swing, y, z)))
+        };
+        Motion {
+            labels: labels(&SITES),
+            times_s: (0..200).map(|it| f64::from(it) / 50.0 + 3.0).collect(),
+            rate_hz: Some(50.0),
+            samples: (0..1600).map(|it| place(it / 8, it % 8)).collect(),
+            ..Motion::default()
+        }
+    }
+
+    #[test]
+    fn points_that_cannot_be_a_body_are_refused_with_those_that_can() {
+        let good = bvh(&walker(), &USUAL).unwrap();
+        assert!(good.lost.iter().any(|it| it.contains("the first frame is at 3.000000 s")), "{:?}", good.lost);
+        let mut wrong = walker();
+        wrong.labels.swap(0, 6);
+        wrong.labels.swap(2, 5);
+        let error = bvh(&wrong, &USUAL).unwrap_err();
+        assert!(error.contains("cannot be a body: ") && error.contains("left_shoulder = left_shoulder"), "{error}");
+        let told = "--joints 'head=left_wrist,waist=waist,left_shoulder=right_elbow,right_shoulder=right_shoulder,\
+                    left_elbow=left_elbow,right_elbow=left_shoulder,left_wrist=head,right_wrist=right_wrist'";
+        assert!(error.contains(told), "{error}");
+        let pairs = told["--joints '".len()..told.len() - 1].split(',').map(|it| it.split_once('=').unwrap());
+        let joints = pairs.map(|it| (it.0.to_owned(), vec![it.1.to_owned()])).collect();
+        assert!(bvh(&wrong, &SkeletonOptions { joints, ..USUAL }).is_ok());
+        assert!(bvh(&wrong, &SkeletonOptions { any_proportions: true, ..USUAL }).is_ok());
+        // Names that say nothing.
+        let nameless = Motion { labels: (0..8).map(|it| format!("P{it}")).collect(), ..walker() };
+        let error = bvh(&nameless, &USUAL).unwrap_err();
+        assert!(error.contains("this is a body: --joints 'head=P0,waist=P1,left_shoulder=P2"), "{error}");
+        // Of any size, for units are wrong in many files, and on its hands.
+        let mut small = walker();
+        for it in small.samples.iter_mut().flatten() {
+            it.position = Point3::new(0.1 * it.position.x, -0.1 * it.position.y, -0.1 * it.position.z);
+        }
+        assert!(bvh(&small, &USUAL).is_ok());
     }
 }

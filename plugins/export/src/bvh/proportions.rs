@@ -12,7 +12,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::body::{Places, SITES};
+use super::body::Places;
 
 /// A part of the body: between which sites, its share of the stature, what people call it.
 pub(super) struct Part {
@@ -38,6 +38,10 @@ pub(super) const PARTS: [Part; 9] = [
 
 /// Statures of people who stand: from a child of a few months to the tallest man on record, 2.72 m [m].
 pub(super) const STATURES_M: [f64; 2] = [0.5, 2.8];
+/// Default of [`Limits::factor`], of [`Limits::side_factor`] and of [`Limits::stretch`].
+pub(super) const PART_FACTOR: f64 = 1.6;
+pub(super) const SIDE_FACTOR: f64 = 1.3;
+pub(super) const STRETCH: f64 = 0.5;
 /// Head and waist are no joints: a target there can sit some centimetres higher or lower, on a belt or between the shoulder blades.
 const NO_JOINT: f64 = 1.25;
 /// Of [`PARTS`]: a bone each.
@@ -45,7 +49,7 @@ const ARMS: std::ops::RangeInclusive<usize> = 1..=4;
 /// What arms may change of what other parts may, which bend.
 const ARM_STRETCH: f64 = 0.6;
 /// Frames that are looked at, spread over the session.
-const FRAMES: usize = 600;
+pub(super) const FRAMES: usize = 600;
 /// A front is told by so many frames at least.
 const FRONT_FRAMES: usize = 15;
 
@@ -59,6 +63,8 @@ pub(super) struct Limits {
     pub(super) stretch: f64,
     /// Metres in one of a place; `None`: not known.
     pub(super) unit_m: Option<f64>,
+    /// Whether the body must be as tall as people are, with its head above its waist most of the time.
+    pub(super) checks_standing: bool,
 }
 
 /// The frames that are looked at.
@@ -137,8 +143,8 @@ pub(super) fn sides(frames: &[Places]) -> Sides {
     }
 }
 
-/// What speaks against the targets being where they are said to, y up; empty: nothing. `targets` are their numbers.
-pub(super) fn objections(frames: &[Places], targets: &[u32; 8], limits: &Limits) -> Vec<String> {
+/// What speaks against the targets being where they are said to, y up; empty: nothing. `called` says what a site is called, and what sits on it.
+pub(super) fn objections(frames: &[Places], called: &dyn Fn(usize) -> String, limits: &Limits) -> Vec<String> {
     let of = |part: &Part| {
         let [a, b] = part.ends;
         let mut distances: Vec<f64> = some(frames).filter_map(|it| Some((it[a]? - it[b]?).norm())).collect();
@@ -151,8 +157,8 @@ pub(super) fn objections(frames: &[Places], targets: &[u32; 8], limits: &Limits)
     let (per_unit, unit) = limits.unit_m.map_or((1.0, "units"), |it| (100.0 * it, "cm"));
     let say = |length: f64| format!("{:.0} {unit}", length * per_unit);
     let ends = |part: &Part| {
-        let [a, b] = part.ends;
-        format!("`joints.{}` = {} and `joints.{}` = {}", SITES[a], targets[a], SITES[b], targets[b])
+        let [a, b] = part.ends.map(called);
+        format!("{a} and {b}")
     };
     let mut found = Vec::new();
     let mut is_named = [false; PARTS.len()];
@@ -189,17 +195,18 @@ pub(super) fn objections(frames: &[Places], targets: &[u32; 8], limits: &Limits)
             ));
         }
     }
-    if let Some(unit_m) = limits.unit_m
+    if limits.checks_standing
+        && let Some(unit_m) = limits.unit_m
         && !(STATURES_M[0]..=STATURES_M[1]).contains(&(stature * unit_m))
     {
         found.push(format!("the body would be {:.2} m tall", stature * unit_m));
     }
     let heights = some(frames).filter_map(|it| Some(it[0]?.y > it[1]?.y));
     let (above, below): (Vec<bool>, Vec<bool>) = heights.partition(|it| *it);
-    if below.len() > above.len() {
-        let (head, waist) = (targets[0], targets[1]);
+    if limits.checks_standing && below.len() > above.len() {
+        let [head, waist] = [0, 1].map(called);
         let share = 100 * below.len() / (above.len() + below.len());
-        found.push(format!("`joints.head` = {head} is below `joints.waist` = {waist} in {share} % of the frames"));
+        found.push(format!("{head} is below {waist} in {share} % of the frames"));
     }
     if found.is_empty() && sides(frames) == Sides::Exchanged {
         found.push("elbows bend backwards or the body walks backwards: left and right are exchanged".to_owned());

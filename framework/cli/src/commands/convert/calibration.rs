@@ -3,12 +3,12 @@
 use std::io::ErrorKind;
 use std::path::Path;
 
-use foveate_scene::{Calibration, DltOrigin, Export, Format, ImportOptions, LengthUnit};
+use foveate_scene::{Calibration, DltOrigin, Export, ExportContent, Format, ImportOptions, LengthUnit};
 
 use super::ConvertArgs;
 use crate::commands::complain;
 use crate::exit;
-use crate::output::say;
+use crate::output::{say, tell};
 
 pub(super) fn run(args: &ConvertArgs) -> u8 {
     let options = ImportOptions {
@@ -37,6 +37,14 @@ pub(super) fn run(args: &ConvertArgs) -> u8 {
         return complain(&format!("nothing is written, since the form {format} loses\n{}", list(&export)));
     }
     let out = args.output.display();
+    if args.output.as_os_str() == "-" {
+        let ExportContent::File(text) = &export.content else {
+            return complain(&format!("the form {format} is a folder of files, and `-` (standard output) is one"));
+        };
+        say(text);
+        tell(format_args!("{}", export.lost.iter().map(|it| format!("lost: {it}\n")).collect::<String>()));
+        return exit::DONE;
+    }
     match export.write(&args.output, args.force) {
         Ok(()) => {
             let unit = match calibration.length_unit {

@@ -1,10 +1,12 @@
 //! A motion file in another form: read, resampled, filled, smoothed, turned, written.
 
 use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::Path;
 
 use foveate_motion::Motion;
 use foveate_motion::fill::fill;
-use foveate_motion::forms::{self, Form, ReadOptions, unit_length};
+use foveate_motion::forms::{self, Form, ReadOptions, WriteOptions, start_lost, unit_length};
 use foveate_motion::motion::Up;
 use foveate_motion::smooth::smooth;
 
@@ -12,7 +14,8 @@ use super::ConvertArgs;
 use crate::commands::complain;
 use crate::commands::motion_files::{describe, load, write_whole};
 use crate::exit;
-use crate::output::say;
+use crate::outcome::harmless;
+use crate::output::{say, tell};
 
 /// Of the balls in a scene [m].
 const RADIUS_M: f64 = 0.015;
@@ -28,6 +31,11 @@ enum Target {
 
 pub(super) fn run(args: &ConvertArgs, form: Form) -> u8 {
     match convert(args, form) {
+        // Standard output is for the file.
+        Ok(said) if args.output.as_os_str() == "-" => {
+            tell(format_args!("{said}"));
+            exit::DONE
+        }
         Ok(said) => {
             say(&said);
             exit::DONE
@@ -43,20 +51,28 @@ fn convert(args: &ConvertArgs, form: Form) -> Result<String, String> {
     let mut said = format!("{}\n", describe(&args.input, read.form.to_string().as_str(), &read.motion));
     let mut motion = read.motion;
     said.extend(read.remarks.iter().map(|it| format!("note: {it}\n")));
+    if motion.n_present() == 0 {
+        return Err(no_samples(&args.input, &motion));
+    }
     worked_on(&mut motion, args, target, &mut said)?;
     let name = args.output.file_name().map_or_else(String::new, |it| it.to_string_lossy().into_owned());
     let unit = args.motion.unit.as_deref();
     let (bytes, lost) = match target {
         Target::Form(Form::Bvh) if motion.skeleton.is_none() => {
             let unit_m = unit.and_then(unit_length).unwrap_or(0.01);
-            let file = foveate_export::bvh::bvh(&motion, &joints(args.motion.joints.as_deref())?, unit_m)?;
+            let joints = joints(args.motion.joints.as_deref())?;
+            let any_proportions = args.motion.any_proportions;
+            let options = foveate_export::bvh::SkeletonOptions { joints, unit_m, any_proportions };
+            let file = foveate_export::bvh::bvh(&motion, &options)?;
             let sites = file.sites.iter().map(|(site, points)| format!("{site} = {}", points.join("+")));
             said += &format!("joints: {}\n", sites.collect::<Vec<_>>().join(", "));
             (file.text.into_bytes(), file.lost)
         }
         Target::Form(form) => {
+            let options = WriteOptions { unit, up: args.motion.up.map(Into::into) };
             let written =
-                forms::write(&motion, form, &name, unit).map_err(|it| format!("{form} cannot be written: {it}"))?;
+                forms::write(&motion, form, &name, &options).map_err(|it| format!("{form} cannot be written: {it}"))?;
+            said.extend(written.notes.iter().map(|it| format!("{it}\n")));
             (written.bytes, written.lost)
         }
         Target::Glb => (foveate_export::gltf::glb(&motion, RADIUS_M)?, lost_in_scene(&motion)),
@@ -65,7 +81,10 @@ fn convert(args: &ConvertArgs, form: Form) -> Result<String, String> {
     if args.strict && !lost.is_empty() {
         return Err(format!("nothing is written, since `{}` would lose\n{list}", args.output.display()));
     }
-    write_whole(&args.output, &bytes, args.force)?;
+    match args.output.as_os_str() == "-" {
+        true => to_stdout(&bytes)?,
+        false => write_whole(&args.output, &bytes, args.force)?,
+    }
     let name = match target {
         Target::Form(form) => form.to_string(),
         Target::Glb => "GLB".to_owned(),
@@ -73,6 +92,21 @@ fn convert(args: &ConvertArgs, form: Form) -> Result<String, String> {
     said += &format!("{}: {name}, {} bytes\n", args.output.display(), bytes.len());
     said += &if lost.is_empty() { "nothing is lost\n".to_owned() } else { format!("lost:\n{list}") };
     Ok(said)
+}
+
+/// That there is nothing to convert, and what there is instead.
+fn no_samples(path: &Path, motion: &Motion) -> String {
+    let (n_points, n_frames) = (motion.labels.len(), motion.n_frames());
+    let besides =
+        if motion.besides.is_empty() { String::new() } else { format!(", and {}", motion.besides.join(", ")) };
+    let fault = format!("found no samples: {n_points} points in {n_frames} frames{besides}");
+    harmless(&format!("`{}`: {fault}; expected one point in one frame at least", path.display()))
+}
+
+fn to_stdout(bytes: &[u8]) -> Result<(), String> {
+    let mut out = std::io::stdout().lock();
+    let written = out.write_all(bytes).and_then(|()| out.flush());
+    written.map_err(|it| format!("standard output cannot be written: {it}"))
 }
 
 /// By --to, else by the ending.
@@ -141,6 +175,9 @@ fn lost_in_scene(motion: &Motion) -> Vec<String> {
     lost.extend(count(motion.n_of(How::Filled), "samples were filled in, and now look measured"));
     lost.extend(count(motion.n_of(How::Predicted), "samples that were only predicted, now missing"));
     lost.extend(count(motion.events.len(), "events"));
+    if motion.start_s() != 0.0 {
+        lost.push(start_lost(motion));
+    }
     if motion.skeleton.is_some() {
         lost.push("the skeleton: its joints stand as points".to_owned());
     }
