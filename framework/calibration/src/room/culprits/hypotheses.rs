@@ -28,6 +28,8 @@ const SAME_TIME: f64 = 0.3;
 /// A hypothesis must explain this part of what is missing, and so much of all observations at the least [–].
 const EXPLAINS: f64 = 0.5;
 const LEAST_GAIN: f64 = 0.05;
+/// … and so many observations [–].
+const LEAST_COUNT: f64 = 10.0;
 /// A simpler hypothesis is taken that explains so little less [–].
 const SIMPLER: f64 = 0.03;
 /// Neighbours on the path further away than so many periods give no velocity [–].
@@ -213,7 +215,8 @@ impl<'a> Witnesses<'a> {
         let seen = self.beside(0.0, MOST_ROWS);
         let plain = self.fit(&seen, &self.starts, &free)?;
         let missing = (usual - plain.share).max(0.0);
-        let needed = plain.share + (EXPLAINS * missing).max(LEAST_GAIN);
+        let least = LEAST_COUNT / seen.len() as f64;
+        let needed = plain.share + (EXPLAINS * missing).max(LEAST_GAIN).max(least);
         // The simplest first.
         let mut found: Vec<(f64, Cause)> = Vec::new();
         let starts = [std::slice::from_ref(&plain.camera), &self.starts[..]].concat();
@@ -221,7 +224,10 @@ impl<'a> Witnesses<'a> {
             found.push((share, Cause::Mirrored));
         }
         found.extend(self.late(&starts, &free));
-        found.extend(self.optics(&seen, &starts, &free));
+        // Others that are hardly known themselves do not tell of a lens.
+        if self.room.is_held() {
+            found.extend(self.optics(&seen, &starts, &free));
+        }
         let parts = self.parts(&seen, &plain);
         if let Some(parts) = &parts {
             let shifts = seen
@@ -243,7 +249,7 @@ impl<'a> Witnesses<'a> {
         let (cause, share) = match chosen {
             Some((share, cause)) => (Some(cause), share),
             None if plain.share < NO_POSE => (Some(Cause::Unknown { size: 1.0 - plain.share }), plain.share),
-            None if plain.share < usual - FALSE_SHARE => {
+            None if plain.share < usual - FALSE_SHARE.max(least) => {
                 (Some(Cause::FalseObservations { share: 1.0 - plain.share }), usual)
             }
             None => (None, plain.share),
