@@ -95,10 +95,12 @@ pub fn compare(solved: &Solved, other: &Calibration) -> Result<Comparison, Strin
     });
     let mirrored = mirrored.min_by(|a, b| a.rank.total_cmp(&b.rank));
     let mirrored = mirrored.filter(|it| names.len() > 2 && it.is_far_better_than(&found));
+    // In a room that is nearly its own mirror image, exchanged names look like one.
+    let exchanged = exchanged(&here, &there, &found, is_metric);
+    let mirrored = mirrored.filter(|it| exchanged.as_ref().is_none_or(|(rank, _)| it.rank < *rank));
     let is_mirrored = mirrored.is_some();
     let found = mirrored.unwrap_or(found);
-    let exchanged = if is_mirrored { None } else { exchanged(&here, &there, &found, is_metric) };
-    let exchanged = exchanged.map(|pair| pair.map(|it| names[it].clone()));
+    let exchanged = exchanged.filter(|_| !is_mirrored).map(|(_, pair)| pair.map(|it| names[it].clone()));
     let (factor, unit) = match other.length_unit {
         LengthUnit::Metre => (1e3, "mm"),
         LengthUnit::Unknown => (100.0 / found.size, "%"),
@@ -131,8 +133,8 @@ fn mirror_image(camera: &Camera, flip: &Vector3<f64>) -> Camera {
     Camera { camera_from_world, ..camera.clone() }
 }
 
-/// The two cameras of few that have each other's names in one of the two calibrations, if that is what is between them.
-fn exchanged(here: &[Camera], there: &[Camera], found: &LaidOver, is_metric: bool) -> Option<[usize; 2]> {
+/// The two cameras of few that have each other's names in one of the two calibrations, if that is what is between them; and the rank without that.
+fn exchanged(here: &[Camera], there: &[Camera], found: &LaidOver, is_metric: bool) -> Option<(f64, [usize; 2])> {
     let n = here.len();
     if !(3..=FEW).contains(&n) || found.agrees.iter().all(|it| *it) && found.rank < NEAR {
         return None;
@@ -145,7 +147,7 @@ fn exchanged(here: &[Camera], there: &[Camera], found: &LaidOver, is_metric: boo
         found.agrees.iter().all(|it| *it).then_some((found, pair))
     });
     let best = tried.min_by(|a, b| a.0.rank.total_cmp(&b.0.rank))?;
-    best.0.is_far_better_than(found).then_some(best.1)
+    best.0.is_far_better_than(found).then_some((best.0.rank, best.1))
 }
 
 /// How far a camera is off.

@@ -85,6 +85,9 @@ const BLURS: [f64; 3] = [16.0, 4.0, 1.0];
 const LEAST_SHARE: f64 = 0.08;
 /// … and by so many observations' worth more: over few, lens and noise ask for a second pose by chance [–].
 const BY_CHANCE: f64 = 130.0;
+/// A second pose that gains less than this part of that to first order is not looked for [–]: cameras that were moved give 0.5 and more, even by
+/// 20 pixels, and clean recordings 0.1 to 0.4.
+const LIKELY: f64 = 0.4;
 /// What the two poses have apart is at least so large [px]…
 const LEAST_SHIFT_PX: f64 = 1.0;
 /// … and so many times what observations are off with both, in the median [–].
@@ -151,6 +154,10 @@ impl Looked<'_> {
         let after = self.residuals(&plain, None);
         let sigma_px = (median(&after)? / 1.18).max(TRIFLE_PX);
         let plain = system.adjust(plain, sigma_px);
+        let likely = self.scores(&plain, sigma_px).iter().map(|it| it.gain).fold(0.0, f64::max);
+        if likely < LIKELY * self.needed(&plain) {
+            return None;
+        }
         let mut candidates: Vec<Candidate> = Vec::new();
         for (blur, most) in SEARCHES {
             let mut list = self.scores(&plain, blur * sigma_px);
@@ -181,11 +188,15 @@ impl Looked<'_> {
         Some((plain, best?))
     }
 
+    /// What a second pose must lower the cost by.
+    fn needed(&self, plain: &State) -> f64 {
+        let n: usize = self.system.tracks.iter().map(|it| it.seen.len()).sum();
+        (LEAST_SHARE + BY_CHANCE / n.max(1) as f64) * plain.cost
+    }
+
     /// What is to be told, if the second pose is more than lens and noise ask for.
     fn accepted(&self, plain: &State, found: &State, slots: &[usize]) -> Option<PoseChange> {
         let second = found.second.as_ref()?;
-        let n = self.residuals(plain, None).len() as f64;
-        let needed = (LEAST_SHARE + BY_CHANCE / n) * plain.cost;
         let before = &found.cameras[second.slot];
         let after = Camera { camera_from_world: second.camera_from_world, ..before.clone() };
         let sees_it = |track: &Track| track.seen.iter().any(|it| it.slot == second.slot);
@@ -199,7 +210,7 @@ impl Looked<'_> {
         };
         let all_fit = (0..slots.len()).all(|slot| share(found, slot) >= ALL_FIT);
         let is_seen = shift_px > LEAST_SHIFT_PX && shift_px > SHIFT_RATIO * left_px;
-        (plain.cost - found.cost > needed && is_seen && all_fit).then(|| PoseChange {
+        (plain.cost - found.cost > self.needed(plain) && is_seen && all_fit).then(|| PoseChange {
             camera: slots[second.slot],
             at_s: second.at_s,
             shift_px,

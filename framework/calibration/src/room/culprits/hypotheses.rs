@@ -9,11 +9,11 @@ use foveate_estimation::Random;
 use foveate_estimation::statistics::median;
 use foveate_geometry::bundle::Freedom;
 use foveate_geometry::{Camera, PixelNoise, ResectionRules, refine, resect};
-use nalgebra::{Point2, Point3};
+use nalgebra::{Point2, Point3, Vector3};
 
 use super::LEAST_ROWS;
 use crate::cause::Cause;
-use crate::checks::models::{Extra, Samples, Witnessed};
+use crate::checks::models::{Extra, Fitted, Samples, Witnessed};
 use crate::recording::{CameraGuess, Recording};
 use crate::room::settle::Room;
 
@@ -275,18 +275,32 @@ impl<'a> Witnesses<'a> {
         });
         let mut coarse: Vec<(f64, i64)> = coarse.collect();
         coarse.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.abs().cmp(&b.1.abs())));
-        let fine = coarse.iter().take(3).filter_map(|(_, frames)| {
-            let shift_s = *frames as f64 * self.period_s;
+        // Part of a frame is no shift of rows.
+        let fine = coarse.iter().take(3).map(|it| it.1).chain([0]).filter_map(|frames| {
+            let shift_s = frames as f64 * self.period_s;
             let seen = self.beside(shift_s, MOST_ROWS);
             let found = self.fit(&seen, starts, free)?;
             let samples = Samples::new(&seen, &found.camera, self.sigma_px);
-            let fitted = samples.fit(&found.camera, &[Extra::Delay]);
-            let (delay_s, sigma_s) = fitted.map_or((0.0, 0.0), |it| (it.delay_s, it.delay_sigma_s));
-            let delay_s = if delay_s.abs() < 0.5 * self.period_s { delay_s } else { 0.0 };
+            let coarse = samples.blurred(8.0).fit(&found.camera, &[Extra::Delay]);
+            let start = coarse.map_or_else(|| found.camera.clone(), |it| it.camera);
+            let fitted = samples.fit(&start, &[Extra::Delay]).filter(|it| it.delay_s.abs() < 0.8 * self.period_s);
+            let (delay_s, sigma_s) = fitted.as_ref().map_or((0.0, self.period_s), |it| (it.delay_s, it.delay_sigma_s));
+            let share = fitted.map_or(found.share, |it| found.share.max(self.share_later(&seen, &it)));
             let sigma_s = if sigma_s.is_finite() { sigma_s } else { self.period_s };
-            Some((found.share, Cause::Clock { offset_s: delay_s - shift_s, sigma_s }))
+            Some((share, Cause::Clock { offset_s: delay_s - shift_s, sigma_s }))
         });
         fine.max_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// Share of `seen` that fits where the light is as much later as the camera's clock is found to be behind.
+    fn share_later(&self, seen: &[Witnessed], fitted: &Fitted) -> f64 {
+        let later = |it: &Witnessed| {
+            let way = it.velocity.map_or_else(Vector3::zeros, |it| it * fitted.delay_s);
+            Witnessed { point: it.point + way, ..*it }
+        };
+        let later: Vec<Witnessed> = seen.iter().map(later).collect();
+        let near = Samples::new(&later, &fitted.camera, self.sigma_px).near(&fitted.camera, self.room.inlier_px());
+        near.iter().filter(|it| **it).count() as f64 / near.len().max(1) as f64
     }
 
     /// What is stated of its optics and may be wrong.
