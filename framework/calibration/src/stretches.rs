@@ -37,6 +37,11 @@ pub(crate) fn steadiness(gains: &[f64]) -> f64 {
     if error > 0.0 { all / error } else { all.signum() * 1e6 * all.abs().min(1.0) }
 }
 
+/// Standard errors that a gain over so many numbers must be above 0, beside 1.5 at the least: a short recording needs more evidence.
+pub(crate) fn steady_enough(n: usize) -> f64 {
+    (4.0 * (100.0 / n.max(1) as f64).sqrt()).clamp(1.5, 4.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -17,7 +17,7 @@ use super::room::{MEDIAN_CHI2, Room, is_calibrated};
 use super::{Judgement, Level};
 use crate::cause::Cause;
 use crate::solved::SightingRole;
-use crate::stretches::steadiness;
+use crate::stretches::{steadiness, steady_enough};
 
 /// A camera that contradicts the rest.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,8 +34,6 @@ pub struct Suspect {
     pub explained: f64,
 }
 
-/// A cause gains by so many standard errors, of blocks of time [–].
-const STEADY: f64 = 4.0;
 /// Fewer sightings that others witness say nothing about a camera.
 const LEAST_SAMPLES: usize = 20;
 /// Standard deviations beyond which an observation is far from where the others have the light.
@@ -371,7 +369,7 @@ impl<'a> Rest<'a> {
             let far_fetched =
                 matches!(cause, Cause::Focal { factor } if !(1.0 / FOCAL_FACTOR..FOCAL_FACTOR).contains(&factor));
             let gains = before.iter().zip(samples.costs(&found)).map(|(before, after)| before - after);
-            let is_steady = steadiness(&gains.collect::<Vec<_>>()) > STEADY;
+            let is_steady = steadiness(&gains.collect::<Vec<_>>()) > steady_enough(samples.len());
             if !far_fetched && is_steady && samples.apart_px(fitted, &found) > self.room.rules.least_effect_px {
                 causes.push((cause, fitted.cost - found.cost));
             }

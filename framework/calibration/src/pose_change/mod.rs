@@ -128,13 +128,14 @@ pub(crate) fn pose_change(members: &[Member], witnesses: &[Witness], inlier_px: 
         second: None,
         cost: f64::INFINITY,
     };
-    let looked = Looked { system: &system, inlier_px };
-    let (plain, found) = looked.best(&start)?;
-    looked.accepted(&plain, &found, &slots)
+    let looked = Looked { system: &system, freed: &freed, inlier_px };
+    let (plain, found, sigma_px) = looked.best(&start)?;
+    looked.accepted(&plain, &found, sigma_px, &slots)
 }
 
 struct Looked<'a> {
     system: &'a System,
+    freed: &'a [Freedom],
     inlier_px: f64,
 }
 
@@ -145,8 +146,8 @@ struct Candidate {
 }
 
 impl Looked<'_> {
-    /// The room with one pose for each camera, and with the second pose that lowers its cost most.
-    fn best(&self, start: &State) -> Option<(State, State)> {
+    /// The room with one pose for each camera, and with the second pose that lowers its cost most; and the standard deviation of a pixel [px].
+    fn best(&self, start: &State) -> Option<(State, State, f64)> {
         let system = self.system;
         let all = self.residuals(start, None);
         let sigma_px = (median(&all)? / 1.18).max(TRIFLE_PX);
@@ -185,7 +186,7 @@ impl Looked<'_> {
                 best = Some(state);
             }
         }
-        Some((plain, best?))
+        Some((plain, best?, sigma_px))
     }
 
     /// What a second pose must lower the cost by.
@@ -195,7 +196,7 @@ impl Looked<'_> {
     }
 
     /// What is to be told, if the second pose is more than lens and noise ask for.
-    fn accepted(&self, plain: &State, found: &State, slots: &[usize]) -> Option<PoseChange> {
+    fn accepted(&self, plain: &State, found: &State, sigma_px: f64, slots: &[usize]) -> Option<PoseChange> {
         let second = found.second.as_ref()?;
         let before = &found.cameras[second.slot];
         let after = Camera { camera_from_world: second.camera_from_world, ..before.clone() };
@@ -210,7 +211,11 @@ impl Looked<'_> {
         };
         let all_fit = (0..slots.len()).all(|slot| share(found, slot) >= ALL_FIT);
         let is_seen = shift_px > LEAST_SHIFT_PX && shift_px > SHIFT_RATIO * left_px;
-        (plain.cost - found.cost > self.needed(plain) && is_seen && all_fit).then(|| PoseChange {
+        let is_gain = plain.cost - found.cost > self.needed(plain);
+        if !(is_gain && is_seen && all_fit && self.is_no_lens(plain, found, second.slot, sigma_px)) {
+            return None;
+        }
+        Some(PoseChange {
             camera: slots[second.slot],
             at_s: second.at_s,
             shift_px,
@@ -218,6 +223,17 @@ impl Looked<'_> {
             distance: (before.centre() - after.centre()).norm(),
             shares: [share(plain, second.slot), share(found, second.slot)],
         })
+    }
+
+    /// Whether the second pose gains as much with the camera's lens free as well: a lens that is not as stated asks for another pose too.
+    fn is_no_lens(&self, plain: &State, found: &State, slot: usize, sigma_px: f64) -> bool {
+        let (mut freed, mut priors) = (self.freed.to_vec(), self.system.priors().to_vec());
+        let all = Freedom { pose: true, focal: true, aspect: true, principal: true, k1: true, k2: true, ..freed[slot] };
+        freed[slot] = all;
+        priors[slot] = OpticsPrior::none(&plain.cameras[slot]);
+        let system = System::new(self.system.tracks.clone(), &freed, priors);
+        let [one, two] = [plain, found].map(|it| system.adjust(it.clone(), sigma_px));
+        one.cost - two.cost > self.needed(&one)
     }
 
     /// How far observations are off [px].
@@ -256,7 +272,7 @@ impl Looked<'_> {
             later = add(later, &sums[first]);
             let at = bins.partition_point(|it| *it < first);
             let at_s = 0.5 * (system.tracks[at - 1].time_s + system.tracks[at].time_s);
-            for slot in 0..state.cameras.len() {
+            for (slot, best) in best.iter_mut().enumerate() {
                 let own = system.first(slot);
                 let count =
                     |tracks: &[Track]| tracks.iter().filter(|it| it.seen.iter().any(|it| it.slot == slot)).count();
@@ -270,8 +286,8 @@ impl Looked<'_> {
                 (0..POSE).for_each(|it| left[(it, it)] += 1e-6 * left[(it, it)].abs() + 1e-12);
                 let Some(left) = left.cholesky() else { continue };
                 let gain = slope.dot(&left.solve(&slope));
-                if best[slot].as_ref().is_none_or(|it| gain > it.gain) {
-                    best[slot] = Some(Candidate { slot, at_s, gain });
+                if best.as_ref().is_none_or(|it| gain > it.gain) {
+                    *best = Some(Candidate { slot, at_s, gain });
                 }
             }
         }

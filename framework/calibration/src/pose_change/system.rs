@@ -95,6 +95,15 @@ struct Follows {
     between: Vec<(usize, Vector3<f64>)>,
 }
 
+/// An observation, linearised.
+struct Row {
+    /// By unknown.
+    by_camera: Vec<(usize, Vector2<f64>)>,
+    by_point: Matrix2x3<f64>,
+    off: Vector2<f64>,
+    weight: f64,
+}
+
 impl System {
     pub(super) fn new(tracks: Vec<Track>, freed: &[Freedom], priors: Vec<OpticsPrior>) -> System {
         let columns: Vec<Vec<usize>> = freed
@@ -107,6 +116,11 @@ impl System {
         let first = columns.iter().scan(0, |sum, it| Some(std::mem::replace(sum, *sum + it.len()))).collect();
         let n = columns.iter().map(Vec::len).sum();
         System { tracks, columns, first, priors, n }
+    }
+
+    /// By slot: what is known of the optics.
+    pub(super) fn priors(&self) -> &[OpticsPrior] {
+        &self.priors
     }
 
     /// The first unknown of a camera's pose.
@@ -134,7 +148,7 @@ impl System {
         let (track, point) = (&self.tracks[index], &state.points[index]);
         let mut v = Matrix3::identity() * 1e-12;
         let mut b = Vector3::zeros();
-        let mut rows: Vec<(Vec<(usize, Vector2<f64>)>, Matrix2x3<f64>, Vector2<f64>, f64)> = Vec::new();
+        let mut rows: Vec<Row> = Vec::new();
         for seen in &track.seen {
             let camera = state.camera(seen.slot, track.time_s);
             let Some((pixel, by_point)) = camera.project_with_jacobian(point) else { continue };
@@ -144,14 +158,14 @@ impl System {
             let by_camera = self.by_camera(state, seen.slot, track.time_s, &camera, point, &pixel, &by_point, sigma_px);
             v += weight * by_point.transpose() * by_point;
             b += weight * by_point.transpose() * off;
-            rows.push((by_camera, by_point, off, weight));
+            rows.push(Row { by_camera, by_point, off, weight });
         }
         if rows.len() < 2 {
             return None;
         }
         let inverse = v.try_inverse()?;
         let mut between: Vec<(usize, Vector3<f64>)> = Vec::new();
-        for (by_camera, by_point, off, weight) in &rows {
+        for Row { by_camera, by_point, off, weight } in &rows {
             for (unknown, column) in by_camera {
                 between.push((*unknown, *weight * by_point.transpose() * column));
                 sum.slope[*unknown] += weight * column.dot(off);

@@ -320,14 +320,12 @@ fn who_stayed(room: &Room<'_>, given: &[Camera], sigma_px: f64) -> Stayed {
     Stayed { cameras, given_from_found, errors_px }
 }
 
+/// Where the light is in the room that was found, and by the older calibration.
+type Pair = (Point3<f64>, Point3<f64>);
+
 /// By camera: how far its right sightings are from where the `reference` cameras alone have the light under the older calibration, median [px]; and
 /// where the light is in the room that was found beside where these have it. A camera that sees none of it with two of them tells nothing.
-fn errors_of_older(
-    room: &Room<'_>,
-    given: &[Camera],
-    reference: &[usize],
-    every: usize,
-) -> (Vec<f64>, Vec<(Point3<f64>, Point3<f64>)>) {
+fn errors_of_older(room: &Room<'_>, given: &[Camera], reference: &[usize], every: usize) -> (Vec<f64>, Vec<Pair>) {
     let (mut errors, mut pairs) = (vec![Vec::new(); given.len()], Vec::new());
     for (moment, known) in room.moments.iter().zip(&room.known).step_by(every) {
         let right: Vec<(usize, Point2<f64>)> = moment

@@ -11,7 +11,7 @@ use super::{Again, Repair};
 use crate::cause::{Cause, Culprit};
 use crate::recording::Recording;
 use crate::room::settle::Room;
-use crate::stretches::steadiness;
+use crate::stretches::{steadiness, steady_enough};
 
 /// A room whose observations are off by less in the root mean square has no optics that are wrong [px].
 const WELL_PX: f64 = 0.4;
@@ -28,8 +28,6 @@ const TOO_FAR: f64 = 0.75;
 const PUT_RIGHT: f64 = 0.8;
 /// … and be no more than so many times what it is with all focal lengths free.
 const NOTHING_LEFT: f64 = 1.5;
-/// It must gain by so many standard errors, of blocks of time [–].
-const STEADY: f64 = 4.0;
 /// The principal points of a picture and of the same upside down are told apart when they are so many standard deviations apart [–].
 const HALF_TURN_SIGMAS: f64 = 5.0;
 /// Optics are not as stated when off by so many standard deviations [–].
@@ -72,7 +70,7 @@ pub(super) fn told_by_optics<'a>(
     let costs = room.costs();
     let is_steady = |it: &Room<'_>| {
         let gains: Vec<f64> = costs.iter().zip(it.costs()).map(|(before, after)| before - after).collect();
-        steadiness(&gains) > STEADY
+        steadiness(&gains) > steady_enough(gains.len())
     };
     let is_seen = |causes: &[(usize, Cause)]| match causes {
         [(camera, Cause::UpsideDown)] => principal_is_opposite(recording, room, *camera),
