@@ -27,6 +27,14 @@ const SAME_PLACE: f64 = 1e-9;
 const OFF: f64 = 4.0;
 /// And by at least so much: as a part of the room's size, and as an angle [–, rad].
 const OFF_AT_LEAST: f64 = 0.01;
+/// The same where the half is two cameras.
+const OFF_OF_FEW: f64 = 0.05;
+/// Calibrations are of one room whose cameras are no more apart, as a part of the room's size and rad together, root mean square [–].
+const NEAR: f64 = 0.1;
+/// A mirror image, or two names exchanged, must leave cameras so many times nearer [–].
+const FAR_BETTER: f64 = 4.0;
+/// Names of so many cameras are exchanged on trial [–].
+const FEW: usize = 12;
 
 /// How far each camera is from where the other calibration has it, once the two worlds are laid over each other.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,6 +49,10 @@ pub struct Comparison {
     agrees: Vec<bool>,
     /// Lengths there over lengths here.
     scale: f64,
+    /// Whether they are mirror images of each other, and what is told is beside the mirror image.
+    is_mirrored: bool,
+    /// Two cameras of which each stands where the other one stood.
+    exchanged: Option<[String; 2]>,
 }
 
 /// Compares the calibrated cameras with those of the same names in `other`.
@@ -77,6 +89,18 @@ pub fn compare(solved: &Solved, other: &Calibration) -> Result<Comparison, Strin
             names.join(", ")
         )
     })?;
+    let mirrored = [Vector3::new(-1.0, 1.0, 1.0), Vector3::new(1.0, -1.0, 1.0)].into_iter().filter_map(|flip| {
+        let here: Vec<Camera> = here.iter().map(|it| mirror_image(it, &flip)).collect();
+        lay_over(&here, &there, is_metric)
+    });
+    let mirrored = mirrored.min_by(|a, b| a.rank.total_cmp(&b.rank));
+    let mirrored = mirrored.filter(|it| names.len() > 2 && it.is_far_better_than(&found));
+    // In a room that is nearly its own mirror image, exchanged names look like one.
+    let exchanged = exchanged(&here, &there, &found, is_metric);
+    let mirrored = mirrored.filter(|it| exchanged.as_ref().is_none_or(|(rank, _)| it.rank < *rank));
+    let is_mirrored = mirrored.is_some();
+    let found = mirrored.unwrap_or(found);
+    let exchanged = exchanged.filter(|_| !is_mirrored).map(|(_, pair)| pair.map(|it| names[it].clone()));
     let (factor, unit) = match other.length_unit {
         LengthUnit::Metre => (1e3, "mm"),
         LengthUnit::Unknown => (100.0 / found.size, "%"),
@@ -94,7 +118,36 @@ pub fn compare(solved: &Solved, other: &Calibration) -> Result<Comparison, Strin
             .collect(),
         agrees: found.agrees,
         scale: found.there_from_here.scaling(),
+        is_mirrored,
+        exchanged,
     })
+}
+
+/// A camera whose pictures are mirrored across their columns or rows, in the mirror image of its world.
+fn mirror_image(camera: &Camera, flip: &Vector3<f64>) -> Camera {
+    let (flip, across) = (Matrix3::from_diagonal(flip), Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, -1.0)));
+    let pose = &camera.camera_from_world;
+    let turn = flip * pose.rotation.to_rotation_matrix().into_inner() * across;
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(turn));
+    let camera_from_world = Isometry3::from_parts((flip * pose.translation.vector).into(), rotation);
+    Camera { camera_from_world, ..camera.clone() }
+}
+
+/// The two cameras of few that have each other's names in one of the two calibrations, if that is what is between them; and the rank without that.
+fn exchanged(here: &[Camera], there: &[Camera], found: &LaidOver, is_metric: bool) -> Option<(f64, [usize; 2])> {
+    let n = here.len();
+    if !(3..=FEW).contains(&n) || found.agrees.iter().all(|it| *it) && found.rank < NEAR {
+        return None;
+    }
+    let pairs = (0..n).flat_map(|one| (one + 1..n).map(move |other| [one, other]));
+    let tried = pairs.filter_map(|pair| {
+        let mut there = there.to_vec();
+        there.swap(pair[0], pair[1]);
+        let found = lay_over(here, &there, is_metric)?;
+        found.agrees.iter().all(|it| *it).then_some((found, pair))
+    });
+    let best = tried.min_by(|a, b| a.0.rank.total_cmp(&b.0.rank))?;
+    best.0.is_far_better_than(found).then_some((best.0.rank, best.1))
 }
 
 /// How far a camera is off.
@@ -112,6 +165,14 @@ struct LaidOver {
     agrees: Vec<bool>,
     /// Root mean square distance of the cameras that agree from their middle, there.
     size: f64,
+    /// Root mean square of how far all cameras are off, in parts of the room's size and rad together, none more than 1.
+    rank: f64,
+}
+
+impl LaidOver {
+    fn is_far_better_than(&self, other: &LaidOver) -> bool {
+        self.rank < NEAR && FAR_BETTER * self.rank < other.rank
+    }
 }
 
 /// The similarity under which the half of the cameras that fits best is nearest; `None` where all stand in one place.
@@ -158,7 +219,9 @@ fn lay_over(here: &[Camera], there: &[Camera], is_metric: bool) -> Option<LaidOv
         let errors = errors(here, there, &there_from_here);
         let squares = cost(&errors);
         let typical = (squares[..half].iter().sum::<f64>() / half as f64).sqrt();
-        let limit = (OFF * typical).max(OFF_AT_LEAST);
+        // Two cameras agree with each other whatever they are; they anchor nothing to a hundredth.
+        let at_least = if half == 2 { OFF_OF_FEW } else { OFF_AT_LEAST };
+        let limit = (OFF * typical).max(at_least);
         agrees = errors.iter().map(|it| (it.centre / size).hypot(it.turn) <= limit).collect();
         let good: Vec<usize> = (0..n).filter(|it| agrees[*it]).collect();
         match similarity(here, there, &good) {
@@ -168,9 +231,11 @@ fn lay_over(here: &[Camera], there: &[Camera], is_metric: bool) -> Option<LaidOv
     }
     let errors = errors(here, there, &there_from_here);
     let good: Vec<Vector3<f64>> = (0..n).filter(|it| agrees[*it]).map(|it| there[it].centre().coords).collect();
+    let squares = errors.iter().map(|it| ((it.centre / size).powi(2) + it.turn.powi(2)).min(1.0));
+    let rank = (squares.sum::<f64>() / n as f64).sqrt();
     let middle = good.iter().sum::<Vector3<f64>>() / good.len().max(1) as f64;
     let size = (good.iter().map(|it| (it - middle).norm_squared()).sum::<f64>() / good.len().max(1) as f64).sqrt();
-    Some(LaidOver { there_from_here, errors, agrees, size: if size > 0.0 { size } else { 1.0 } })
+    Some(LaidOver { there_from_here, errors, agrees, size: if size > 0.0 { size } else { 1.0 }, rank })
 }
 
 /// The median distance of two centres.
@@ -239,6 +304,21 @@ impl Comparison {
         self.scale
     }
 
+    /// The cameras that stand in both.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Whether the two are mirror images of each other.
+    pub fn is_mirrored(&self) -> bool {
+        self.is_mirrored
+    }
+
+    /// Two cameras of which each stands where the other one stood, by name.
+    pub fn exchanged(&self) -> Option<&[String; 2]> {
+        self.exchanged.as_ref()
+    }
+
     /// By dotted name, medians and maxima of sizes and each camera's own.
     pub fn figures(&self) -> BTreeMap<String, f64> {
         let mut figures = BTreeMap::new();
@@ -246,6 +326,7 @@ impl Comparison {
         figures.insert("compare.cameras".to_owned(), self.names.len() as f64);
         figures.insert("compare.cameras_agreeing".to_owned(), self.agrees.iter().filter(|it| **it).count() as f64);
         figures.insert("compare.scale".to_owned(), self.scale);
+        figures.insert("compare.mirrored".to_owned(), if self.is_mirrored { 1.0 } else { 0.0 });
         for (name, values) in [
             (centre, &self.centres),
             ("compare.turn_mrad", &self.turns_mrad),
@@ -272,8 +353,14 @@ impl Comparison {
             let _ =
                 writeln!(text, "  {name:width$}  {centre:8.2} {:2}  {turn:6.2} mrad  {focal:>7} %{mark}", self.unit);
         }
+        if self.is_mirrored {
+            text += "  (they are mirror images of each other: the pictures of all cameras were mirrored for one of them; laid over in the mirror)\n";
+        }
+        if let Some([first, second]) = &self.exchanged {
+            let _ = writeln!(text, "  ({first} and {second} stand in each other's places: their names are exchanged)");
+        }
         let n_off = self.agrees.iter().filter(|it| !**it).count();
-        if n_off > 0 {
+        if n_off > 0 && self.exchanged.is_none() {
             let agreeing = counted(self.names.len() - n_off, "camera");
             let _ = writeln!(
                 text,
@@ -291,128 +378,4 @@ impl Comparison {
 }
 
 #[cfg(test)]
-mod tests {
-    use foveate_geometry::bundle::Freedom;
-    use foveate_scene::NamedCamera;
-    use nalgebra::Translation3;
-
-    use super::*;
-    use crate::solved::SolvedCamera;
-
-    fn camera(index: usize) -> Camera {
-        let angle = 1.1 * index as f64;
-        let centre = Point3::new(3.0 * angle.cos(), 3.0 * angle.sin(), 2.0 + 0.2 * (index % 5) as f64);
-        Camera::look_at(centre, Point3::new(0.0, 0.0, 1.0), [640, 480], 500.0)
-    }
-
-    /// The first `n` cameras in a world of another scale, turn and origin, with errors of `noise`; and where they are.
-    fn rooms(n: usize, noise: f64) -> (Solved, Calibration) {
-        let mut random = foveate_estimation::Random::new(n as u64);
-        let other = Isometry3::new(Vector3::new(4.0, 5.0, 6.0), Vector3::new(0.3, 0.2, 2.0));
-        let solved_camera = |index: usize| {
-            let mut camera = camera(index);
-            let mut small = || noise * random.normal();
-            camera.camera_from_world *=
-                Isometry3::new(Vector3::new(small(), small(), small()), Vector3::new(small(), small(), small()) / 3.0);
-            camera.camera_from_world *= other;
-            camera.camera_from_world.translation.vector *= 0.25;
-            SolvedCamera {
-                name: format!("wide-{index}"),
-                camera,
-                status: CameraStatus::Calibrated,
-                freed: Freedom::POSE,
-                prior: None,
-                covariance: None,
-                clock: None,
-            }
-        };
-        let solved = Solved { cameras: (0..n).map(solved_camera).collect(), ..Solved::default() };
-        let named = (0..n).map(|it| NamedCamera { name: format!("wide-{it}"), camera: camera(it) });
-        (solved, Calibration::new(named.collect(), LengthUnit::Metre, String::new()).unwrap())
-    }
-
-    #[test]
-    fn one_bad_camera_of_few_or_many_does_not_spoil_the_others() {
-        let displaced = |it: &mut Camera| it.camera_from_world *= Translation3::new(0.3, -0.1, 0.05);
-        let turned = |it: &mut Camera| {
-            let turn = UnitQuaternion::from_euler_angles(0.05, 0.3, 0.1);
-            it.camera_from_world = Isometry3::from_parts(Translation3::identity(), turn) * it.camera_from_world;
-        };
-        // A mirrored picture makes a camera that looks the other way from another place.
-        let mirrored = |it: &mut Camera| {
-            let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 2.0);
-            it.camera_from_world *= Isometry3::from_parts(Translation3::new(0.2, 0.4, -0.3), turn);
-        };
-        type Fault<'a> = (&'a str, &'a dyn Fn(&mut Camera));
-        let faults: [Fault<'_>; 3] = [("displaced", &displaced), ("turned", &turned), ("mirrored", &mirrored)];
-        for n in [3, 4, 5, 6, 18] {
-            for (fault, change) in faults {
-                for bad in [0, n / 2, n - 1] {
-                    let (mut solved, other) = rooms(n, 2e-4);
-                    change(&mut solved.cameras[bad].camera);
-                    let found = compare(&solved, &other).unwrap();
-                    let case =
-                        format!("{fault} camera {bad} of {n}: {:.1?} mm, {:.1?} mrad", found.centres, found.turns_mrad);
-                    for index in 0..n {
-                        let is_near = found.centres[index] < 5.0 && found.turns_mrad[index] < 2.0;
-                        assert_eq!((is_near, found.agrees[index]), (index != bad, index != bad), "{case}");
-                    }
-                    assert!((found.scale() - 4.0).abs() < 0.02, "{case}: {}", found.scale());
-                    assert!(found.describe("t.toml").contains("stands elsewhere"), "{case}");
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn cameras_that_all_agree_are_as_near_as_their_noise() {
-        for n in [2, 3, 7] {
-            let (solved, other) = rooms(n, 1e-3);
-            let found = compare(&solved, &other).unwrap();
-            assert!(
-                found.agrees.iter().all(|it| *it) && found.centres.iter().all(|it| *it < 6.0),
-                "{:?}",
-                found.centres
-            );
-            let text = found.describe("t.toml");
-            assert!(text.contains("+0.00 %") && !text.contains("elsewhere"), "{text}");
-            assert_eq!(text.contains("two cameras do not tell"), n == 2);
-        }
-    }
-
-    #[test]
-    fn of_two_calibrations_in_metres_that_of_equal_metres_is_right() {
-        // Displaced along the line to the first: that pair alone would fit with another length of the metre.
-        let (mut solved, other) = rooms(3, 0.0);
-        for it in &mut solved.cameras {
-            it.camera.camera_from_world.translation.vector *= 4.0;
-        }
-        solved.fixed.scale = Some(foveate_scene::Fixed { by: "a wand".into(), sigma: None });
-        let away = solved.cameras[2].camera.centre() - solved.cameras[0].camera.centre();
-        solved.cameras[2].camera.camera_from_world *= Translation3::from(-0.4 * away);
-        let found = compare(&solved, &other).unwrap();
-        assert_eq!(found.agrees, [true, true, false], "{:?}", found.centres);
-    }
-
-    #[test]
-    fn without_common_names_both_lists_are_told() {
-        let (solved, mut other) = rooms(3, 0.0);
-        other.cameras.iter_mut().for_each(|it| it.name = format!("cam{}", &it.name[5..]));
-        let fault = compare(&solved, &other).unwrap_err();
-        assert_eq!(
-            fault,
-            "no camera stands in both by the same name, expected at least 2; here: wide-0, wide-1, wide-2; there: cam0, cam1, cam2"
-        );
-        // Sorted by name, as calibrations are.
-        other.cameras[2].name = "wide-1".into();
-        assert!(
-            compare(&solved, &other)
-                .unwrap_err()
-                .starts_with("only wide-1 stands in both, expected at least 2; here: wide-0")
-        );
-        let (mut solved, other) = rooms(3, 0.0);
-        let first = solved.cameras[0].camera.clone();
-        solved.cameras.iter_mut().for_each(|it| it.camera.camera_from_world = first.camera_from_world);
-        assert!(compare(&solved, &other).unwrap_err().contains("stand in one place"));
-    }
-}
+mod tests;

@@ -28,6 +28,7 @@ pub mod convergence;
 pub mod coverage;
 pub mod head;
 pub mod path;
+mod pose_change;
 pub mod quality;
 pub mod recording;
 pub mod report;

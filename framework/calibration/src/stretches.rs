@@ -15,9 +15,46 @@ pub(crate) fn stretches(frames: &[usize]) -> Vec<usize> {
     frames.iter().map(stretch).collect()
 }
 
+/// Blocks of time by which gains are compared, and numbers in each at least [–].
+const BLOCKS: usize = 10;
+const LEAST_OF_BLOCK: usize = 8;
+
+/// By how many standard errors the mean of `gains`, which are in the order of time, is above 0, if those of one block of time err together; 0 for too
+/// few of them. What is so all the time gains all the time; what happens to gain does so here and there.
+pub(crate) fn steadiness(gains: &[f64]) -> f64 {
+    let n = (gains.len() / LEAST_OF_BLOCK).min(BLOCKS);
+    if n < 3 {
+        return 0.0;
+    }
+    let mean = |block: usize| {
+        let part = &gains[block * gains.len() / n..(block + 1) * gains.len() / n];
+        part.iter().sum::<f64>() / part.len() as f64
+    };
+    let means: Vec<f64> = (0..n).map(mean).collect();
+    let all = means.iter().sum::<f64>() / n as f64;
+    let variance = means.iter().map(|it| (it - all).powi(2)).sum::<f64>() / (n - 1) as f64;
+    let error = (variance / n as f64).sqrt();
+    if error > 0.0 { all / error } else { all.signum() * 1e6 * all.abs().min(1.0) }
+}
+
+/// Standard errors that a gain over so many numbers must be above 0, beside 1.5 at the least: a short recording needs more evidence.
+pub(crate) fn steady_enough(n: usize) -> f64 {
+    (4.0 * (100.0 / n.max(1) as f64).sqrt()).clamp(1.5, 4.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn gains_of_all_times_are_steady_and_those_of_one_moment_are_not() {
+        let noise = |it: usize| 0.3 * (it as f64 * 12.9898).sin();
+        let steady: Vec<f64> = (0..200).map(|it| 1.0 + noise(it)).collect();
+        let once: Vec<f64> = (0..200).map(|it| if (90..105).contains(&it) { 40.0 } else { noise(it) }).collect();
+        assert!(steadiness(&steady) > 10.0 && steadiness(&once) < 2.0, "{} {}", steadiness(&steady), steadiness(&once));
+        assert_eq!(steadiness(&steady[..20]), 0.0);
+        assert_eq!(steadiness(&[0.0; 100]), 0.0);
+    }
 
     #[test]
     fn stretches_are_alike_in_frames_and_keep_the_ends_of_a_wand_together() {

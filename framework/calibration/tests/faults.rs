@@ -6,6 +6,7 @@ use faulty::faults::Fault;
 use faulty::sets::{self, Set};
 use foveate_calibration::cause::Cause;
 use foveate_calibration::checks::{CheckRules, Checks, Level, check};
+use foveate_calibration::comparison::compare;
 use foveate_calibration::quality::quality;
 use foveate_calibration::recording::Recording;
 use foveate_calibration::room::{self, RoomFault, SolvedRoom};
@@ -42,6 +43,40 @@ fn mirrored_late_and_knocked_cameras_are_named_and_the_room_is_not_usable() {
     for (fault, camera) in [(Fault::Mirrored, 1), (Fault::Late(1), 2), (Fault::Late(5), 0), (Fault::Knocked(10.0), 3)] {
         assert_eq!(named(fault, camera).verdict.level, Level::Redo, "{fault:?}");
     }
+}
+
+/// With optics that are free a room bends until a shift of some pixels shows in no residual.
+#[test]
+fn cameras_whose_picture_shifts_by_some_pixels_are_named_with_the_moment() {
+    for (px, camera) in [(3.0, 0), (6.0, 2), (10.0, 4), (20.0, 1)] {
+        let checks = named(Fault::Shifted(px), camera);
+        let [moved] = &checks.suspects[..] else { panic!("{px} px: {checks}") };
+        let Cause::Moved { at_s: Some(at_s), shift_px, .. } = moved.cause else { panic!("{px} px: {:?}", moved.cause) };
+        assert!((at_s - 11.65).abs() < 0.3 && (shift_px / px - 1.0).abs() < 0.25, "{px} px: {shift_px} px at {at_s} s");
+        assert_eq!(checks.verdict.level, Level::Redo);
+        assert!(!checks.cameras[camera].calibrated, "{checks}");
+    }
+}
+
+/// Little evidence is no evidence: lens, noise and a short path differ from one window to the next.
+#[test]
+fn short_windows_of_a_clean_recording_accuse_nobody() {
+    let set = set();
+    for (from, n) in [(0, 40), (0, 60), (90, 50), (150, 80), (210, 120), (330, 45), (400, 200), (480, 100), (610, 80)] {
+        let recording = Fault::Window { from, n }.done_to(&set.recording, 0, 1).unwrap();
+        let Ok((_, checks)) = checked(&set, &recording) else { continue };
+        let accused: Vec<_> = checks.suspects.iter().map(|it| (it.camera, it.cause)).collect();
+        assert!(accused.is_empty(), "{n} frames from {from}: {accused:?}\n{checks}");
+    }
+}
+
+/// Its pictures coincide with nobody's; the light is known between them.
+#[test]
+fn camera_late_by_half_a_frame_is_named() {
+    let checks = named(Fault::LatePart(0.5), 2);
+    let late: Vec<f64> = checks.suspects.iter().filter_map(|it| it.cause.size()).collect();
+    assert!(late.len() == 1 && (late[0] - 0.5 / 30.0).abs() < 0.004, "{late:?}");
+    assert_eq!(checks.verdict.level, Level::Redo);
 }
 
 #[test]
@@ -148,6 +183,65 @@ fn exchanged_names_and_a_camera_upside_down_are_seen_beside_an_older_calibration
         let is_redo = checks.verdict.level == Level::Redo;
         assert_eq!(is_redo, fault != Fault::Clean, "{fault:?}\n{checks}");
     }
+}
+
+/// Cameras of the set with their optics and poses as of the whole recording.
+fn known(set: &Set) -> Set {
+    let (clean, _) = checked(set, &set.recording).unwrap();
+    let mut known = set.clone();
+    for (guess, solved) in known.recording.cameras.iter_mut().zip(&clean.solved.cameras) {
+        (guess.camera, guess.free) = (solved.camera.clone(), foveate_geometry::Freedom::POSE);
+    }
+    known
+}
+
+/// One bad camera, or little to go by, and nobody else is said to have moved since the older calibration.
+#[test]
+fn beside_an_older_calibration_only_who_is_at_fault_is_named() {
+    let known = known(&sets::simulated(4, 11));
+    let windows = [(0, 60), (100, 50), (250, 80), (500, 60)].map(|(from, n)| (Fault::Window { from, n }, 0, None));
+    let faults = [
+        (Fault::Swapped, 0, Some("rows_swapped")),
+        (Fault::Swapped, 1, Some("rows_swapped")),
+        (Fault::UpsideDown, 0, Some("upside_down")),
+        (Fault::Shifted(6.0), 3, Some("moved")),
+    ];
+    for (fault, camera, cause) in windows.into_iter().chain(faults) {
+        let recording = fault.done_to(&known.recording, camera, 1).unwrap();
+        let found = room::recalibrate(&recording, known.sought, &FixedFreedoms::default(), &known.rules).unwrap();
+        let checks = check(&found.solved, None, &CheckRules::default());
+        let mut told: Vec<(usize, &str)> = checks.suspects.iter().map(|it| (it.camera, it.cause.name())).collect();
+        told.sort_unstable();
+        let mut culprits = if cause.is_some() { fault.culprits(camera, 4) } else { Vec::new() };
+        culprits.sort_unstable();
+        let expected: Vec<(usize, &str)> = culprits.into_iter().zip(cause.into_iter().cycle()).collect();
+        assert_eq!(told, expected, "{fault:?}\n{checks}");
+        let is_named = checks.suspects.iter().all(|it| fault != Fault::Shifted(6.0) || it.cause.since_s().is_some());
+        assert!(is_named, "{checks}");
+    }
+}
+
+/// Nothing in the pictures alone tells a room from its mirror image; an older calibration does.
+#[test]
+fn pictures_of_all_cameras_mirrored_are_told_beside_an_older_calibration() {
+    let known = known(&set());
+    let mut recording = known.recording.clone();
+    for camera in 0..5 {
+        recording = Fault::Mirrored.done_to(&recording, camera, 1).unwrap();
+    }
+    let found = room::recalibrate(&recording, known.sought, &FixedFreedoms::default(), &known.rules).unwrap();
+    let checks = check(&found.solved, None, &CheckRules::default());
+    assert!(checks.suspects.len() == 5 && checks.suspects.iter().all(|it| it.cause == Cause::Mirrored), "{checks}");
+    assert_eq!(checks.verdict.level, Level::Redo);
+    let found = room::from_nothing(&recording, known.sought, &known.rules).unwrap();
+    let mut checks = check(&found.solved, None, &CheckRules::default());
+    assert!(checks.suspects.is_empty(), "{checks}");
+    let named = known.recording.cameras.iter();
+    let named = named.map(|it| foveate_scene::NamedCamera { name: it.name.clone(), camera: it.camera.clone() });
+    let older = foveate_scene::Calibration::new(named.collect(), foveate_scene::LengthUnit::Unknown, String::new());
+    let beside = compare(&found.solved, &older.unwrap()).unwrap();
+    checks.add_beside_older(&beside, &CheckRules::default());
+    assert!(checks.suspects.len() == 5 && checks.verdict.level == Level::Redo, "{checks}");
 }
 
 /// A calibration that explains less of what was seen is worse, whatever its verdict.

@@ -18,7 +18,7 @@ use foveate_geometry::{AlignmentRules, Camera, CameraStatus, alignment::camera_e
 use recorded::Recorded;
 
 /// What is done to each camera of each recording.
-const FAULTS: [Fault; 27] = [
+const FAULTS: [Fault; 32] = [
     Fault::Clean,
     Fault::Mirrored,
     Fault::UpsideDown,
@@ -26,9 +26,14 @@ const FAULTS: [Fault; 27] = [
     Fault::SwappedHalf,
     Fault::Late(1),
     Fault::Late(5),
+    Fault::LatePart(0.5),
     Fault::Dropped(0.3),
     Fault::Knocked(10.0),
     Fault::Knocked(40.0),
+    Fault::Shifted(3.0),
+    Fault::Shifted(6.0),
+    Fault::Shifted(10.0),
+    Fault::Shifted(20.0),
     Fault::Random(0.3),
     Fault::Random(0.5),
     Fault::Random(0.7),
@@ -62,7 +67,14 @@ fn main() {
     for set in recorded::all(root.as_deref()).into_iter().filter(|it| it.name.contains(&only_set)) {
         let clean =
             room::from_nothing(&set.set.recording, set.set.sought, &set.set.rules).expect("the clean set is solved");
-        for fault in FAULTS.into_iter().filter(|it| format!("{it:?}").contains(&only_fault)) {
+        let n_windows: usize = option("--windows").and_then(|it| it.parse().ok()).unwrap_or(0);
+        let mut faults: Vec<Fault> = FAULTS.to_vec();
+        let mut random = foveate_estimation::Random::new(9).fork("windows");
+        faults.extend(
+            (0..n_windows)
+                .map(|_| Fault::Window { from: random.below(1000) as usize, n: 40 + random.below(161) as usize }),
+        );
+        for fault in faults.into_iter().filter(|it| format!("{it:?}").contains(&only_fault)) {
             let n = set.set.recording.cameras.len();
             let is_of_all = fault.culprits(0, n).is_empty();
             let cameras = if is_of_all { 1 } else { n };

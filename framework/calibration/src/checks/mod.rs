@@ -41,6 +41,7 @@ pub use self::rules::CheckRules;
 pub use self::suspects::Suspect;
 pub use self::verdict::Verdict;
 pub use crate::cause::Cause;
+use crate::comparison::Comparison;
 use crate::solved::Solved;
 
 /// How good something is; the worse, the greater.
@@ -95,6 +96,36 @@ pub struct Checks {
     pub suspects: Vec<Suspect>,
     /// All of it in words.
     pub verdict: Verdict,
+}
+
+impl Checks {
+    /// Adds what an older calibration of the same cameras tells of a room that was found without it: all pictures are mirrored, or two cameras have
+    /// each other's names. `beside` is what a comparison with it came to.
+    pub fn add_beside_older(&mut self, beside: &Comparison, rules: &CheckRules) {
+        let numbers = |name: &String| self.cameras.iter().position(|it| it.name == *name);
+        let told = |camera: usize, cause: Cause, sentence: &str| {
+            let judgement = Judgement::new(Level::Redo, sentence);
+            Suspect { judgement, camera, cause, misfit: f64::INFINITY, explained: 1.0 }
+        };
+        let mut found = Vec::new();
+        if beside.is_mirrored() {
+            let sentence = "The room is the mirror image of the older calibration: the pictures of all cameras are mirrored, left to right or top to bottom, or were when that was made; record them as they are.";
+            found.extend(beside.names().iter().filter_map(numbers).map(|it| told(it, Cause::Mirrored, sentence)));
+        }
+        if let Some([first, second]) = beside.exchanged() {
+            let sentence = format!(
+                "Cameras {first} and {second} stand in each other's places beside the older calibration: exchange their names or cables."
+            );
+            let both = numbers(first).zip(numbers(second));
+            let swapped = |(camera, with)| told(camera, Cause::Swapped { with, since_s: None }, &sentence);
+            found.extend(both.into_iter().flat_map(|(a, b)| [(a, b), (b, a)]).map(swapped));
+        }
+        found.retain(|it| self.suspects.iter().all(|known| known.camera != it.camera || known.cause != it.cause));
+        if !found.is_empty() {
+            self.suspects.extend(found);
+            self.verdict = verdict::verdict(self, rules);
+        }
+    }
 }
 
 /// Looks at `solved`, and at the known length of `lengths` where there is one, for what a low re-projection error hides.

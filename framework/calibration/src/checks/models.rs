@@ -96,7 +96,6 @@ struct Sample {
     has_velocity: bool,
     /// Of either coordinate [px].
     sigma: f64,
-    time_s: f64,
 }
 
 impl Samples {
@@ -110,17 +109,12 @@ impl Samples {
             velocity: it.velocity.unwrap_or_else(Vector3::zeros),
             has_velocity: it.velocity.is_some(),
             sigma: it.spread(camera, sigma_px).map_or(sigma_px, |it| (0.5 * it.trace()).sqrt()),
-            time_s: it.time_s,
         };
         Self { of: witnessed.iter().map(sample).collect(), centroid, sigma_px }
     }
 
     pub(crate) fn len(&self) -> usize {
         self.of.len()
-    }
-
-    pub(crate) fn time_s(&self, index: usize) -> f64 {
-        self.of[index].time_s
     }
 
     /// Share of the samples whose velocity is known [–].
@@ -172,11 +166,6 @@ impl Samples {
         self.of.iter().map(is_near).collect()
     }
 
-    /// Those of `range`, which are in the order of time.
-    pub(crate) fn part(&self, range: std::ops::Range<usize>) -> Samples {
-        Samples { of: self.of[range].to_vec(), ..Samples { of: Vec::new(), ..*self } }
-    }
-
     /// As a picture `width` wide shows them in a mirror [px].
     pub(crate) fn mirrored(&self, width: u32) -> Samples {
         let mut samples = self.clone();
@@ -194,10 +183,15 @@ impl Samples {
         self.of.iter().map(square).collect()
     }
 
-    /// By sample: where `camera` sees the point.
-    pub(crate) fn pixels(&self, camera: &Camera) -> Vec<Option<Point2<f64>>> {
-        let camera = self.centred(camera);
-        self.of.iter().map(|it| camera.project(&it.point)).collect()
+    /// By sample, in the order of time: its cost under `fitted`.
+    pub(crate) fn costs(&self, fitted: &Fitted) -> Vec<f64> {
+        let camera = self.centred(&fitted.camera);
+        let cost = |it: &Sample| {
+            let seen = camera.project(&(it.point + it.velocity * fitted.delay_s));
+            let square = seen.map(|seen| (seen - it.pixel).norm_squared() / it.sigma.powi(2));
+            LOSS.at(square.unwrap_or(UNSEEN * UNSEEN)).0
+        };
+        self.of.iter().map(cost).collect()
     }
 
     /// Fits the pose and `extras` from `camera` on.

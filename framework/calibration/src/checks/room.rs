@@ -10,6 +10,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::CheckRules;
 use super::models::Witnessed;
+use crate::pose_change::{Member, Observed, PoseChange, Witness, pose_change};
 use crate::solved::{SightingRole, Solved, SolvedCamera};
 
 /// Median of χ² with two degrees of freedom: of the squared length of a pixel's error in standard deviations.
@@ -79,6 +80,21 @@ impl<'a> Room<'a> {
 
     pub(super) fn positions(&self) -> Vec<Point3<f64>> {
         self.solved.points.iter().map(|it| it.position).collect()
+    }
+
+    /// The camera that was moved during the recording, if one was.
+    pub(super) fn pose_change(&self) -> Option<PoseChange> {
+        let member = |it: &SolvedCamera| Some((it.camera.clone(), it.freed, it.known_optics()));
+        let members: Vec<Member> =
+            self.solved.cameras.iter().map(|it| if is_calibrated(it) { member(it) } else { None }).collect();
+        let mut witnesses: Vec<Witness> = self.solved.points.iter().map(Witness::of).collect();
+        for it in &self.solved.sightings {
+            let finite = it.pixel.coords.norm().is_finite();
+            if let Some(witness) = it.point.filter(|_| finite).and_then(|point| witnesses.get_mut(point)) {
+                witness.observed.push(Observed { camera: it.camera, pixel: it.pixel });
+            }
+        }
+        pose_change(&members, &witnesses, self.rules.far_px)
     }
 
     /// The positions of points that a camera's sightings in use show.

@@ -17,8 +17,12 @@ pub struct Finding {
     pub camera: Option<String>,
     /// A fixed name of the cause.
     pub cause: &'static str,
-    /// How much of it, in the unit of the cause; NaN where it has no size.
+    /// How much of it, in [`Self::unit`]; NaN where it has no size.
     pub size: f64,
+    /// The unit of that: `px`, `s`, `m`, `deg`, `1` for shares and what has none, or `count`.
+    pub unit: &'static str,
+    /// `redo` where nothing is written of the camera.
+    pub level: Level,
 }
 
 /// How good it is, and why.
@@ -43,7 +47,13 @@ impl PathRoom {
             let sentence = "The path fits when two of its axes are swapped: its axes are left-handed (north, east, up?), or all pictures are \
                             mirrored; give it as x, y, z with z = x × y, such as east, north, up.";
             verdict.sentences.push(sentence.to_owned());
-            verdict.findings.push(Finding { camera: None, cause: "path_left_handed", size: f64::NAN });
+            verdict.findings.push(Finding {
+                camera: None,
+                cause: "path_left_handed",
+                size: f64::NAN,
+                unit: "1",
+                level: Level::Usable,
+            });
         }
         for (index, outcome) in self.cameras.iter().enumerate() {
             let name = &self.solved.cameras[index].name;
@@ -51,7 +61,8 @@ impl PathRoom {
                 Ok(camera) => verdict.of_camera(name, camera, rules),
                 Err(refusal) => {
                     verdict.sentences.push(format!("Camera {name} is not calibrated: {refusal}."));
-                    verdict.find(name, refusal.cause(), size(refusal));
+                    let (size, unit) = size(refusal);
+                    verdict.find(name, refusal.cause(), size, unit, Level::Redo);
                     Level::Redo
                 }
             };
@@ -72,24 +83,24 @@ impl PathRoom {
     }
 }
 
-fn size(refusal: &Refusal) -> f64 {
+fn size(refusal: &Refusal) -> (f64, &'static str) {
     match refusal {
-        Refusal::TooFew { seen, .. } | Refusal::NoOverlap { seen, .. } => *seen as f64,
-        Refusal::Still { spread_px } => *spread_px,
-        Refusal::Disagrees { right, of, .. } => 1.0 - *right as f64 / (*of).max(1) as f64,
-        Refusal::Mirrored { mirrored, .. } => *mirrored,
-        Refusal::ClockAmbiguous { offset_s, other_s, .. } => (offset_s - other_s).abs(),
-        Refusal::TwoPoses { angle_deg, .. } => *angle_deg,
-        Refusal::Weak { centre_m, .. } => *centre_m,
-        Refusal::Open { across_m, .. } => *across_m,
-        Refusal::OpticOpen { sigma, .. } => *sigma,
-        Refusal::HeldOut { held_out_px, .. } => *held_out_px,
+        Refusal::TooFew { seen, .. } | Refusal::NoOverlap { seen, .. } => (*seen as f64, "count"),
+        Refusal::Still { spread_px } => (*spread_px, "px"),
+        Refusal::Disagrees { right, of, .. } => (1.0 - *right as f64 / (*of).max(1) as f64, "1"),
+        Refusal::Mirrored { mirrored, .. } => (*mirrored, "1"),
+        Refusal::ClockAmbiguous { offset_s, other_s, .. } => ((offset_s - other_s).abs(), "s"),
+        Refusal::TwoPoses { angle_deg, .. } => (*angle_deg, "deg"),
+        Refusal::Weak { centre_m, .. } => (*centre_m, "m"),
+        Refusal::Open { across_m, .. } => (*across_m, "m"),
+        Refusal::OpticOpen { sigma, .. } => (*sigma, "1"),
+        Refusal::HeldOut { held_out_px, .. } => (*held_out_px, "px"),
     }
 }
 
 impl PathVerdict {
-    fn find(&mut self, camera: &str, cause: &'static str, size: f64) {
-        self.findings.push(Finding { camera: Some(camera.to_owned()), cause, size });
+    fn find(&mut self, camera: &str, cause: &'static str, size: f64, unit: &'static str, level: Level) {
+        self.findings.push(Finding { camera: Some(camera.to_owned()), cause, size, unit, level });
     }
 
     fn of_camera(&mut self, name: &str, camera: &PathCamera, rules: &PathRules) -> Level {
@@ -100,14 +111,23 @@ impl PathVerdict {
                 "Of camera {name}, {wrong:.0} % of the observations are more than {:.1} px from the path: look whether they are of the same point.",
                 camera.limit_px
             ));
-            self.find(name, "false_observations", 1.0 - camera.share());
+            self.find(name, "false_observations", 1.0 - camera.share(), "1", Level::Usable);
         }
         let ([used_px, _], [held_out_px, _]) = (camera.used_px, camera.held_out_px);
+        let usual_px = rules.inlier_px;
+        if used_px > usual_px {
+            self.sentences.push(format!(
+                "Camera {name} is {used_px:.1} px off in the median, with {:.0} % of its observations taken as right: its clock, its lens or the pictures' \
+                 shutter is not as it is taken to be.",
+                100.0 * camera.share()
+            ));
+            self.find(name, "fits_badly", used_px, "px", Level::Usable);
+        }
         if held_out_px > GOOD_HELD_OUT.0 * used_px + GOOD_HELD_OUT.1 {
             self.sentences.push(format!(
                 "Camera {name} is {held_out_px:.1} px off where observations were held out, {used_px:.1} px where they were used: record for longer."
             ));
-            self.find(name, "held_out_disagrees", held_out_px);
+            self.find(name, "held_out_disagrees", held_out_px, "px", Level::Usable);
         }
         if let Some([shift_s, sigma_s]) = camera.wander
             && shift_s.abs() > UNSTEADY.1
@@ -118,7 +138,7 @@ impl PathVerdict {
                  record at a constant one, or take the times that the file states of each picture.",
                 1e3 * shift_s.abs()
             ));
-            self.find(name, "clock_unsteady", shift_s.abs());
+            self.find(name, "clock_unsteady", shift_s.abs(), "s", Level::Usable);
         }
         if camera.centre_sigma_m > GOOD_POSE[0] * camera.depth_m || camera.turn_sigma > GOOD_POSE[1] {
             self.sentences.push(format!(
@@ -127,7 +147,7 @@ impl PathVerdict {
                 1e3 * camera.turn_sigma,
                 camera.depth_m
             ));
-            self.find(name, "pose_weak", camera.centre_sigma_m);
+            self.find(name, "pose_weak", camera.centre_sigma_m, "m", Level::Usable);
         }
         if self.sentences.len() > before { Level::Usable } else { Level::Good }
     }

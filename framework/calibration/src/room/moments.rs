@@ -46,21 +46,28 @@ pub(super) fn of_light(recording: &Recording) -> Vec<Moment> {
     of_frames(&frames(recording, &vec![Some(same); recording.cameras.len()], &FrameRules::default()))
 }
 
-/// Whether cameras take their pictures together: of those that others take within half a period, most are of the same moment. By
-/// chance a fifth would be. Looks are in order.
+/// Whether cameras take their pictures together: of those that others take within half a period of its own, most of each camera's are of the same
+/// moment, as far as it has as many as [`FEW_PICTURES`]. By chance a fifth would be. Looks are in order.
 pub(super) fn are_triggered_together(recording: &Recording) -> bool {
     let (looks, tolerance) = (&recording.looks, tolerance_s(recording));
-    let half_period = 0.5 * shortest_period(recording);
-    let (mut together, mut all) = (0_usize, 0_usize);
+    let half_period = 1.05 * 0.5 * shortest_period(recording);
+    let mut counts = vec![(0_usize, 0_usize); recording.cameras.len()];
     for (index, look) in looks.iter().enumerate() {
-        let after = looks[index + 1..].iter().take_while(|it| it.time_s - look.time_s < half_period);
+        let after = looks[index + 1..].iter().take_while(|it| it.time_s - look.time_s <= half_period);
         for other in after.filter(|it| it.camera != look.camera) {
-            all += 1;
-            together += usize::from(other.time_s - look.time_s <= tolerance);
+            for camera in [look.camera, other.camera] {
+                counts[camera].0 += usize::from(other.time_s - look.time_s <= tolerance);
+                counts[camera].1 += 1;
+            }
         }
     }
-    2 * together >= all
+    let all = counts.iter().fold((0, 0), |sum, it| (sum.0 + it.0, sum.1 + it.1));
+    // Pairs with a camera that is off count for the others too, so one that is off alone never shares a moment.
+    2 * all.0 >= all.1 && counts.iter().all(|it| it.1 < FEW_PICTURES || 10 * it.0 >= 3 * it.1)
 }
+
+/// Fewer pictures beside others' do not tell of a camera whether it is triggered together with them [–].
+const FEW_PICTURES: usize = 20;
 
 /// Moments at which pictures were taken together; looks are in order. Pictures without spots are left out.
 pub(super) fn of_pictures(recording: &Recording) -> Vec<Moment> {

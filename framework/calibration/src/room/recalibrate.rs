@@ -1,10 +1,12 @@
 //! An older calibration and new sightings: who moved, and where everybody stands now.
 
 use foveate_estimation::{Loss, Random};
-use foveate_geometry::{AlignmentRules, Camera, CameraStatus, Freedom, ResectionRules, align, resect};
-use nalgebra::{Isometry3, Point3, Similarity3, Translation3, UnitQuaternion, Vector3};
+use foveate_geometry::triangulate::triangulate_rays;
+use foveate_geometry::{AlignmentRules, Camera, CameraStatus, Freedom, Ray, ResectionRules, align, resect};
+use nalgebra::{Isometry3, Point2, Point3, Similarity3, Translation3, UnitQuaternion, Vector3};
 
 use super::cleaning::Cleaning;
+use super::culprits::Repair;
 use super::moments::Moment;
 use super::settle::Room;
 use super::{RoomFault, RoomRules, SolvedRoom, Sought, culprits, prepared, take_over};
@@ -36,6 +38,10 @@ const MOVED_SIGMAS: f64 = 4.0;
 const LEAST_MOVED_PX: f64 = 0.25;
 /// Moments by which pairs of cameras are compared.
 const WITNESSES: usize = 300;
+/// Of a light that a camera of the older calibration cannot see [px].
+const UNSEEN_PX: f64 = 1e4;
+/// Names of so many cameras are exchanged on trial [–].
+const FEW: usize = 8;
 /// Sightings that it takes to speak of a camera.
 const LEAST_SIGHTINGS: usize = 10;
 
@@ -56,6 +62,13 @@ pub fn recalibrate(
     }
     let given: Vec<Camera> = recording.cameras.iter().map(|it| it.camera.clone()).collect();
     let adjusted = |moments: Vec<Moment>, out: &[usize]| adjusted(&recording, moments, out, &cleaning, rules);
+    // Of few cameras, two with each other's names leave too few that agree.
+    let (moments, told) = match adjusted(moments.clone(), &[]) {
+        Err(RoomFault::NotThisRoom { agreeing, .. }) => {
+            put_right(&recording, &moments, rules, agreeing).unwrap_or((moments, Vec::new()))
+        }
+        _ => (moments, Vec::new()),
+    };
     let (room, mut status) = adjusted(moments.clone(), &[])?;
     let again = |out: &[usize], repair: Option<culprits::Repair>| {
         let moments = repair.map_or_else(|| moments.clone(), |it| it.done_to(&moments));
@@ -66,7 +79,9 @@ pub fn recalibrate(
     take_over(&mut status, &found);
     let room = found.room;
     let stayed = who_stayed(&room, &given, room.pixel_sigma().unwrap_or(rules.sigma_px));
-    let mut culprits = found.culprits;
+    let is_told = |camera: usize| told.iter().any(|it: &Culprit| it.camera == camera);
+    let mut culprits: Vec<Culprit> = found.culprits.into_iter().filter(|it| !is_told(it.camera)).collect();
+    culprits.extend(told);
     let (solved, sigma_px) = room.into_solved(&recording, &status, Vec::new());
     let mut solved = transformed(&solved, &stayed.given_from_found, fixed.clone());
     let mut moved = Vec::new();
@@ -216,6 +231,45 @@ fn place_anew(room: &mut Room<'_>, given: &[Camera], status: &mut [CameraStatus]
     }
 }
 
+/// What all together have in common that few cameras agree with the older calibration: two with each other's names, or all pictures
+/// mirrored. The moments with that put right, where more than before agree then and those put right do.
+fn put_right(
+    recording: &Recording,
+    moments: &[Moment],
+    rules: &RoomRules,
+    before: usize,
+) -> Option<(Vec<Moment>, Vec<Culprit>)> {
+    let n = recording.cameras.len();
+    let size = |camera: usize| recording.cameras[camera].camera.image_size;
+    let culprit = |camera: usize, cause: Cause| Culprit { camera, cause, shares: [0.0, 1.0] };
+    let mirror = |camera: usize| Repair::Mirror { camera, width: size(camera)[0] };
+    let all_mirrored = (0..n).map(|it| culprit(it, Cause::Mirrored)).collect();
+    let mut tried: Vec<(Vec<Repair>, Vec<Culprit>)> = vec![((0..n).map(mirror).collect(), all_mirrored)];
+    for a in (0..n).filter(|_| n <= FEW) {
+        for b in (a + 1..n).filter(|b| size(*b) == size(a)) {
+            let swapped = |camera: usize, with: usize| culprit(camera, Cause::Swapped { with, since_s: None });
+            let exchange = Repair::Exchange { cameras: [a, b], since_s: f64::NEG_INFINITY };
+            tried.push((vec![exchange], vec![swapped(a, b), swapped(b, a)]));
+        }
+    }
+    let agreeing = |moments: &[Moment], told: &[Culprit]| {
+        let mut room = Room::new(recording, moments.to_vec(), rules);
+        room.cameras = recording.cameras.iter().map(|it| Some(it.camera.clone())).collect();
+        drop_strangers(&mut room, rules);
+        let stands = |it: &Culprit| room.cameras[it.camera].is_some();
+        let seen = |camera: usize| moments.iter().any(|it| it.sights.iter().any(|it| it.camera == camera));
+        let all = told.iter().all(|it| stands(it) || !seen(it.camera));
+        if all { room.cameras.iter().flatten().count() } else { 0 }
+    };
+    let done = |repairs: &[Repair]| repairs.iter().fold(moments.to_vec(), |moments, it| it.done_to(&moments));
+    let found = tried.into_iter().map(|(repairs, told)| {
+        let moments = done(&repairs);
+        (agreeing(&moments, &told), moments, told)
+    });
+    let best = found.filter(|it| it.0 > before && it.0 > 2).max_by_key(|it| it.0)?;
+    Some((best.1, best.2))
+}
+
 /// Who stands where the older calibration has it, and what follows for all.
 struct Stayed {
     cameras: Vec<usize>,
@@ -224,54 +278,71 @@ struct Stayed {
     errors_px: Vec<f64>,
 }
 
-/// The largest set of cameras under whose older poses the points are seen where they were seen. Each pair of cameras proposes how the
-/// room that was found lies in the older one, so that one camera that moved, or several, do not pull at it.
+/// The largest set of cameras under whose older poses the light is seen where it was seen. Each pair of cameras proposes where the light was, by its older
+/// poses alone, so that no camera that moved, and no error of the new room, pulls at it.
 fn who_stayed(room: &Room<'_>, given: &[Camera], sigma_px: f64) -> Stayed {
     let members: Vec<usize> = (0..given.len()).filter(|it| room.cameras[*it].is_some()).collect();
     let found: Vec<Camera> =
         room.cameras.iter().zip(given).map(|(it, given)| it.clone().unwrap_or_else(|| given.clone())).collect();
     let limit = MOVED_SIGMAS * sigma_px.max(LEAST_MOVED_PX);
     let under = |reference: &[usize], every: usize| {
-        let given_from_found = onto(&found, given, reference);
-        let errors_px = errors_of_older(room, given, &given_from_found, every);
-        let cameras = members.iter().copied().filter(|it| errors_px[*it] <= limit).collect();
-        Stayed { cameras, given_from_found, errors_px }
+        let (errors_px, pairs) = errors_of_older(room, given, reference, every);
+        let cameras: Vec<usize> = members.iter().copied().filter(|it| errors_px[*it] <= limit).collect();
+        (cameras, errors_px, pairs)
     };
     let every = room.moments.len().div_ceil(WITNESSES).max(1);
-    let sum = |it: &Stayed| it.cameras.iter().map(|camera| it.errors_px[*camera]).sum::<f64>();
-    let better = |one: &Stayed, other: &Stayed| {
-        (one.cameras.len(), -sum(one)).partial_cmp(&(other.cameras.len(), -sum(other)))
-            == Some(std::cmp::Ordering::Greater)
-    };
+    let sum = |errors: &[f64], cameras: &[usize]| cameras.iter().map(|it| errors[*it]).sum::<f64>();
     // All of them first: where nobody moved, no pair does better.
-    let mut best = under(&members, every);
+    let (mut best, errors, _) = under(&members, every);
+    let mut best_sum = sum(&errors, &best);
     'pairs: for (index, first) in members.iter().enumerate() {
         for second in &members[index + 1..] {
-            if best.cameras.len() == members.len() {
+            if best.len() == members.len() {
                 break 'pairs;
             }
-            let proposed = under(&[*first, *second], every);
-            if better(&proposed, &best) {
-                best = proposed;
+            let (cameras, errors, _) = under(&[*first, *second], every);
+            let its_sum = sum(&errors, &cameras);
+            if cameras.len() > best.len() || (cameras.len() == best.len() && its_sum < best_sum) {
+                (best, best_sum) = (cameras, its_sum);
             }
         }
     }
     // Those who agree say it together, and better.
-    let reference = if best.cameras.len() >= 2 { best.cameras } else { members.clone() };
-    under(&reference, 1)
+    let reference = if best.len() >= 2 { best } else { members.clone() };
+    let (cameras, errors_px, pairs) = under(&reference, 1);
+    let cameras = if cameras.len() >= 2 { cameras } else { members };
+    let rules = AlignmentRules { scale: true, robust: true };
+    let (here, there): (Vec<Point3<f64>>, Vec<Point3<f64>>) = pairs.into_iter().unzip();
+    let given_from_found = match align(&here, &there, rules) {
+        Ok(it) if here.len() >= LEAST_SIGHTINGS => it.b_from_a,
+        _ => onto(&found, given, &reference),
+    };
+    Stayed { cameras, given_from_found, errors_px }
 }
 
-/// By camera: how far its right sightings were from the points under the older calibration, median [px].
-fn errors_of_older(room: &Room<'_>, given: &[Camera], given_from_found: &Similarity3<f64>, every: usize) -> Vec<f64> {
-    let mut errors = vec![Vec::new(); given.len()];
+/// Where the light is in the room that was found, and by the older calibration.
+type Pair = (Point3<f64>, Point3<f64>);
+
+/// By camera: how far its right sightings are from where the `reference` cameras alone have the light under the older calibration, median [px]; and
+/// where the light is in the room that was found beside where these have it. A camera that sees none of it with two of them tells nothing.
+fn errors_of_older(room: &Room<'_>, given: &[Camera], reference: &[usize], every: usize) -> (Vec<f64>, Vec<Pair>) {
+    let (mut errors, mut pairs) = (vec![Vec::new(); given.len()], Vec::new());
     for (moment, known) in room.moments.iter().zip(&room.known).step_by(every) {
-        let Some(point) = known.point.map(|it| given_from_found * it) else { continue };
-        for sight in moment.sights.iter().filter(|it| it.right) {
-            let seen = given[sight.camera].project(&point).zip(sight.chosen.map(|it| sight.spots[it]));
-            errors[sight.camera].extend(seen.map(|(seen, pixel)| (seen - pixel).norm()));
+        let right: Vec<(usize, Point2<f64>)> = moment
+            .sights
+            .iter()
+            .filter(|it| it.right)
+            .filter_map(|it| Some((it.camera, it.spots[it.chosen?])))
+            .collect();
+        let witnesses = right.iter().filter(|it| reference.contains(&it.0));
+        let rays: Vec<Ray> = witnesses.filter_map(|(camera, pixel)| given[*camera].ray(pixel)).collect();
+        let (Some(light), true) = (triangulate_rays(&rays), rays.len() >= 2) else { continue };
+        pairs.extend(known.point.map(|it| (it, light)));
+        for (camera, pixel) in right {
+            errors[camera].push(given[camera].project(&light).map_or(UNSEEN_PX, |it| (it - pixel).norm()));
         }
     }
-    errors.iter().map(|it| foveate_estimation::statistics::median(it).unwrap_or(0.0)).collect()
+    (errors.iter().map(|it| foveate_estimation::statistics::median(it).unwrap_or(0.0)).collect(), pairs)
 }
 
 /// The similarity that takes the `reference` cameras from where they are found to where they were; of two cameras the

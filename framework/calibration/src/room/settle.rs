@@ -1,19 +1,27 @@
 //! A room whose cameras are nearly right: spots chosen, points intersected, all adjusted, sightings judged, in rounds.
 
 use foveate_estimation::{Loss, Random};
-use foveate_geometry::bundle::{self, CameraCovariance, Freedom, OpticsPrior};
+use foveate_geometry::bundle::{self, CameraCovariance, Freedom, OpticsPrior, OpticsSigma};
 use foveate_geometry::self_calibration::Link;
 use foveate_geometry::{BundleRules, Camera, CameraStatus, Observation, Sighting, adjust_knowing, agreeing_point};
 use nalgebra::{Point2, Point3};
 
 use super::RoomRules;
 use super::moments::{Moment, Sight};
+use crate::pose_change::{Member, Observed, PoseChange, Witness, pose_change};
 use crate::recording::Recording;
 use crate::solved::{FixedFreedoms, SightingRole, Solved, SolvedCamera, SolvedPoint, SolvedSighting, Step};
 use crate::stretches::stretches;
 
 /// No detector is better than that, standard deviation [px].
 const LEAST_SIGMA_PX: f64 = 0.005;
+
+/// Cameras bear witness whose turn is known to so much, the root of the sum over the axes [rad], and whose focal length to such a part [–].
+const HELD_TURN: f64 = 0.03;
+const HELD_FOCAL: f64 = 0.03;
+
+/// So many times less well known is a room beside which a camera that was moved is looked for [–].
+const LOOSE: f64 = 4.0;
 
 /// What is known of a [`Moment`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -88,6 +96,62 @@ impl<'a> Room<'a> {
     /// A sighting is right when at most this far from where its point is seen [px].
     pub fn inlier_px(&self) -> f64 {
         self.rules.inlier_px
+    }
+
+    /// How well the optics of a camera are known, as it was adjusted last.
+    pub fn optics_sigma(&self, camera: usize) -> Option<OpticsSigma> {
+        self.covariance[camera].as_ref().map(|it| it.optics)
+    }
+
+    /// Whether all cameras are known well enough to bear witness: how they are turned, and their focal lengths.
+    pub fn is_held(&self) -> bool {
+        self.is_known_to(HELD_TURN, HELD_FOCAL)
+    }
+
+    fn is_known_to(&self, most_turn: f64, most_focal: f64) -> bool {
+        let known = (0..self.cameras.len()).filter(|it| self.cameras[*it].is_some());
+        known.into_iter().all(|camera| {
+            self.covariance[camera].as_ref().is_some_and(|it| {
+                let turn = it.pose.fixed_view::<3, 3>(0, 0).trace().max(0.0).sqrt();
+                turn < most_turn && (!self.freed[camera].focal || it.optics.focal < most_focal)
+            })
+        })
+    }
+
+    /// By moment, in the order of time: the sum over the sights of known cameras of what [`Self::cost`] is the mean of [px²].
+    pub fn costs(&self) -> Vec<f64> {
+        let limit = self.rules.inlier_px.powi(2);
+        let of = |(moment, known): (&Moment, &Known)| {
+            let sights = moment.sights.iter().filter_map(|it| {
+                let (camera, chosen) = (self.cameras[it.camera].as_ref()?, it.chosen?);
+                let seen = known.point.and_then(|it| camera.project(&it));
+                Some(seen.map_or(limit, |seen| (seen - it.spots[chosen]).norm_squared()).min(limit))
+            });
+            sights.sum()
+        };
+        self.moments.iter().zip(&self.known).map(of).collect()
+    }
+
+    /// Takes where the principal point is stated to be for nothing.
+    pub fn know_nothing_of_principal(&mut self, camera: usize) {
+        self.priors[camera].sigma.principal = [f64::INFINITY; 2];
+    }
+
+    /// The camera that was moved during the recording, if one was.
+    pub fn pose_change(&self) -> Option<PoseChange> {
+        // A camera that was moved spoils what is known of all; of a room of which hardly anything is known it cannot be told.
+        if !self.is_known_to(LOOSE * HELD_TURN, LOOSE * HELD_FOCAL) {
+            return None;
+        }
+        let known = self.cameras.iter().zip(&self.freed).zip(&self.priors);
+        let members: Vec<Member> =
+            known.map(|((camera, freed), prior)| Some((camera.clone()?, *freed, prior.clone()))).collect();
+        let witnesses = self.moments.iter().zip(&self.known).filter_map(|(moment, known)| {
+            let observed = |it: &Sight| Some(Observed { camera: it.camera, pixel: it.spots[it.chosen?] });
+            let observed = moment.sights.iter().filter_map(observed).collect();
+            Some(Witness { time_s: moment.time_s, point: known.point?, observed })
+        });
+        pose_change(&members, &witnesses.collect::<Vec<_>>(), self.rules.inlier_px)
     }
 
     /// Of the random draws.

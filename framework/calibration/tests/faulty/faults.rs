@@ -19,10 +19,14 @@ pub enum Fault {
     SwappedHalf,
     /// Its rows are of so many frames before.
     Late(usize),
+    /// Its times are later by this part of a frame.
+    LatePart(f64),
     /// This part of its rows is missing.
     Dropped(f64),
     /// It turns by so much in the middle of the recording [mrad].
     Knocked(f64),
+    /// Its picture shifts by so much, along its rows, in the middle of the recording [px].
+    Shifted(f64),
     /// This part of its rows is anywhere in its picture.
     Random(f64),
     /// Rows without a number, and rows that stand there twice.
@@ -37,6 +41,8 @@ pub enum Fault {
     FewCommon(usize),
     /// No fault: the first half of the recording, or the last.
     Half { first: bool },
+    /// No fault: so many frames from the one of that number on.
+    Window { from: usize, n: usize },
     /// No fault: all of its rows are gone.
     Without,
     /// No fault: pictures taken so many times a second.
@@ -51,11 +57,11 @@ impl Fault {
             Fault::Swapped if optics_known => &["rows_swapped"],
             Fault::Clean | Fault::UpsideDown | Fault::Swapped | Fault::Dropped(_) => &[],
             Fault::NaNAndTwice | Fault::OriginOff => &[],
-            Fault::Half { .. } | Fault::Without | Fault::Rate(_) => &[],
+            Fault::Half { .. } | Fault::Window { .. } | Fault::Without | Fault::Rate(_) => &[],
             Fault::Mirrored => &["mirrored"],
             Fault::SwappedHalf => &["rows_swapped"],
-            Fault::Late(_) => &["late"],
-            Fault::Knocked(_) => &["moved"],
+            Fault::Late(_) | Fault::LatePart(_) => &["late"],
+            Fault::Knocked(_) | Fault::Shifted(_) => &["moved"],
             Fault::Random(_) => &["false_observations"],
             Fault::WrongFocal(_) if !optics_known => &[],
             Fault::WrongFocal(_) => &["wrong_lens"],
@@ -111,6 +117,12 @@ impl Fault {
                     };
                 }
             }
+            Fault::LatePart(part) => {
+                let gaps = times.windows(2).map(|it| it[1] - it[0]).filter(|it| *it > 0.0);
+                let late_s = part * gaps.fold(f64::INFINITY, f64::min);
+                recording.looks.iter_mut().filter(|it| own(it)).for_each(|it| it.time_s += late_s);
+                recording.looks.sort_by(|a, b| a.time_s.total_cmp(&b.time_s).then(a.camera.cmp(&b.camera)));
+            }
             Fault::Dropped(share) => {
                 recording.looks.retain(|it| !own(it) || random.uniform_in(0.0, 1.0) >= share);
             }
@@ -125,6 +137,11 @@ impl Fault {
                     }
                 });
             }
+            Fault::Shifted(px) => change(&mut recording, &mut |time_s, it, _| {
+                if time_s >= middle_s {
+                    it.pixel.x += px;
+                }
+            }),
             Fault::Random(share) => change(&mut recording, &mut |_, it, random| {
                 if random.uniform_in(0.0, 1.0) < share {
                     it.pixel = Point2::new(random.uniform_in(0.0, width - 1.0), random.uniform_in(0.0, height - 1.0));
@@ -158,6 +175,12 @@ impl Fault {
                 let (from_s, to_s) = (given.looks[0].time_s, given.looks[given.looks.len() - 1].time_s);
                 recording.looks.retain(|it| (it.time_s < 0.5 * (from_s + to_s)) == first);
             }
+            Fault::Window { from, n } => {
+                let mut starts: Vec<f64> = given.looks.iter().map(|it| it.time_s).collect();
+                starts.dedup();
+                let [from_s, to_s] = [*starts.get(from)?, *starts.get(from + n)?];
+                recording.looks.retain(|it| it.time_s >= from_s && it.time_s < to_s);
+            }
             Fault::Without => recording.looks.retain(|it| !own(it)),
             Fault::Rate(hz) => {
                 let gaps = times.windows(2).map(|it| it[1] - it[0]).filter(|it| *it > 0.0);
@@ -179,7 +202,7 @@ impl Fault {
     pub fn culprits(self, camera: usize, n_cameras: usize) -> Vec<usize> {
         match self {
             Fault::Swapped | Fault::SwappedHalf => vec![camera, (camera + 1) % n_cameras],
-            Fault::Clean | Fault::Half { .. } | Fault::Rate(_) => Vec::new(),
+            Fault::Clean | Fault::Half { .. } | Fault::Window { .. } | Fault::Rate(_) => Vec::new(),
             _ => vec![camera],
         }
     }

@@ -211,7 +211,14 @@ fn summary(figures: &BTreeMap<String, f64>, verdict: &PathVerdict) -> Value {
         figures.iter().map(|(name, value)| (name.clone(), results::number(*value))).collect();
     all.insert("verdict".to_owned(), json!(verdict.level.to_string()));
     let diagnoses = verdict.findings.iter().map(|it| {
-        json!({ "camera": it.camera, "cause": it.cause, "size": results::number(it.size), "since_s": Value::Null })
+        json!({
+            "camera": it.camera,
+            "cause": it.cause,
+            "size": results::number(it.size),
+            "unit": it.unit,
+            "since_s": Value::Null,
+            "level": it.level.to_string(),
+        })
     });
     all.insert("diagnoses".to_owned(), diagnoses.collect());
     Value::Object(all)

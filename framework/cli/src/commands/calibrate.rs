@@ -342,6 +342,11 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         None => CheckRules::default(),
     };
     let mut checks = check(&solved.solved, lengths.as_deref(), &check_rules);
+    let has_older_poses = draft.unknown.values().all(|it| !it.pose);
+    let beside_older = has_older_poses && plan.from_nothing && board.is_none();
+    if let Some(beside) = compare(&solved.solved, &draft.calibration).ok().filter(|_| beside_older) {
+        checks.add_beside_older(&beside, &check_rules);
+    }
     drop(checking);
     if let Some(sentence) = open {
         checks.verdict.level = Level::Redo;
@@ -354,7 +359,6 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
     let older = Some(draft.calibration.clone());
     let is_adjusted = !plan.from_nothing;
     let words = words + &lengths_differ.unwrap_or_default();
-    let has_older_poses = draft.unknown.values().all(|it| !it.pose);
     let mut more = More { words, is_board: board.is_some(), older, has_older_poses, is_adjusted, ..More::default() };
     if let (Some(other), Some(path)) = (other, &args.compare) {
         more.add(compare(&solved.solved, &other), path);

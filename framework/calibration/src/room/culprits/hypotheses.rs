@@ -9,11 +9,11 @@ use foveate_estimation::Random;
 use foveate_estimation::statistics::median;
 use foveate_geometry::bundle::Freedom;
 use foveate_geometry::{Camera, PixelNoise, ResectionRules, refine, resect};
-use nalgebra::{Point2, Point3};
+use nalgebra::{Point2, Point3, Vector3};
 
 use super::LEAST_ROWS;
 use crate::cause::Cause;
-use crate::checks::models::{Extra, Samples, Witnessed};
+use crate::checks::models::{Extra, Fitted, Samples, Witnessed};
 use crate::recording::{CameraGuess, Recording};
 use crate::room::settle::Room;
 
@@ -28,6 +28,8 @@ const SAME_TIME: f64 = 0.3;
 /// A hypothesis must explain this part of what is missing, and so much of all observations at the least [–].
 const EXPLAINS: f64 = 0.5;
 const LEAST_GAIN: f64 = 0.05;
+/// … and so many observations [–].
+const LEAST_COUNT: f64 = 10.0;
 /// A simpler hypothesis is taken that explains so little less [–].
 const SIMPLER: f64 = 0.03;
 /// Neighbours on the path further away than so many periods give no velocity [–].
@@ -213,7 +215,8 @@ impl<'a> Witnesses<'a> {
         let seen = self.beside(0.0, MOST_ROWS);
         let plain = self.fit(&seen, &self.starts, &free)?;
         let missing = (usual - plain.share).max(0.0);
-        let needed = plain.share + (EXPLAINS * missing).max(LEAST_GAIN);
+        let least = LEAST_COUNT / seen.len() as f64;
+        let needed = plain.share + (EXPLAINS * missing).max(LEAST_GAIN).max(least);
         // The simplest first.
         let mut found: Vec<(f64, Cause)> = Vec::new();
         let starts = [std::slice::from_ref(&plain.camera), &self.starts[..]].concat();
@@ -221,7 +224,10 @@ impl<'a> Witnesses<'a> {
             found.push((share, Cause::Mirrored));
         }
         found.extend(self.late(&starts, &free));
-        found.extend(self.optics(&seen, &starts, &free));
+        // Others that are hardly known themselves do not tell of a lens.
+        if self.room.is_held() {
+            found.extend(self.optics(&seen, &starts, &free));
+        }
         let parts = self.parts(&seen, &plain);
         if let Some(parts) = &parts {
             let shifts = seen
@@ -243,7 +249,7 @@ impl<'a> Witnesses<'a> {
         let (cause, share) = match chosen {
             Some((share, cause)) => (Some(cause), share),
             None if plain.share < NO_POSE => (Some(Cause::Unknown { size: 1.0 - plain.share }), plain.share),
-            None if plain.share < usual - FALSE_SHARE => {
+            None if plain.share < usual - FALSE_SHARE.max(least) => {
                 (Some(Cause::FalseObservations { share: 1.0 - plain.share }), usual)
             }
             None => (None, plain.share),
@@ -269,18 +275,32 @@ impl<'a> Witnesses<'a> {
         });
         let mut coarse: Vec<(f64, i64)> = coarse.collect();
         coarse.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.abs().cmp(&b.1.abs())));
-        let fine = coarse.iter().take(3).filter_map(|(_, frames)| {
-            let shift_s = *frames as f64 * self.period_s;
+        // Part of a frame is no shift of rows.
+        let fine = coarse.iter().take(3).map(|it| it.1).chain([0]).filter_map(|frames| {
+            let shift_s = frames as f64 * self.period_s;
             let seen = self.beside(shift_s, MOST_ROWS);
             let found = self.fit(&seen, starts, free)?;
             let samples = Samples::new(&seen, &found.camera, self.sigma_px);
-            let fitted = samples.fit(&found.camera, &[Extra::Delay]);
-            let (delay_s, sigma_s) = fitted.map_or((0.0, 0.0), |it| (it.delay_s, it.delay_sigma_s));
-            let delay_s = if delay_s.abs() < 0.5 * self.period_s { delay_s } else { 0.0 };
+            let coarse = samples.blurred(8.0).fit(&found.camera, &[Extra::Delay]);
+            let start = coarse.map_or_else(|| found.camera.clone(), |it| it.camera);
+            let fitted = samples.fit(&start, &[Extra::Delay]).filter(|it| it.delay_s.abs() < 0.8 * self.period_s);
+            let (delay_s, sigma_s) = fitted.as_ref().map_or((0.0, self.period_s), |it| (it.delay_s, it.delay_sigma_s));
+            let share = fitted.map_or(found.share, |it| found.share.max(self.share_later(&seen, &it)));
             let sigma_s = if sigma_s.is_finite() { sigma_s } else { self.period_s };
-            Some((found.share, Cause::Clock { offset_s: delay_s - shift_s, sigma_s }))
+            Some((share, Cause::Clock { offset_s: delay_s - shift_s, sigma_s }))
         });
         fine.max_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// Share of `seen` that fits where the light is as much later as the camera's clock is found to be behind.
+    fn share_later(&self, seen: &[Witnessed], fitted: &Fitted) -> f64 {
+        let later = |it: &Witnessed| {
+            let way = it.velocity.map_or_else(Vector3::zeros, |it| it * fitted.delay_s);
+            Witnessed { point: it.point + way, ..*it }
+        };
+        let later: Vec<Witnessed> = seen.iter().map(later).collect();
+        let near = Samples::new(&later, &fitted.camera, self.sigma_px).near(&fitted.camera, self.room.inlier_px());
+        near.iter().filter(|it| **it).count() as f64 / near.len().max(1) as f64
     }
 
     /// What is stated of its optics and may be wrong.

@@ -16,6 +16,7 @@ use self::hypotheses::{Finding, Witnesses};
 use super::moments::Moment;
 use super::settle::Room;
 use crate::cause::{Cause, Culprit};
+use crate::pose_change::PoseChange;
 use crate::recording::Recording;
 
 /// A room whose cameras all fit so large a part of their observations holds no culprit [–].
@@ -122,6 +123,9 @@ pub(super) fn find<'a>(
     }
     let room = match room {
         Some(room) => {
+            if let Some(change) = room.pose_change() {
+                return Some(without_moved(room, &change, again));
+            }
             if let Some((room, culprits)) = optics::told_by_optics(recording, &room, again) {
                 return Some(Found { room, culprits });
             }
@@ -164,6 +168,15 @@ pub(super) fn find<'a>(
         best = room;
     }
     Some(conclude(recording, best, findings, again))
+}
+
+/// The room without a camera that was moved while it was recorded.
+fn without_moved<'a>(room: Room<'a>, change: &PoseChange, again: Again<'a, '_>) -> Found<'a> {
+    let best = Subset { room, out: Vec::new() };
+    let rest = best.without(&[change.camera], again).map(|it| it.room);
+    let mut room = rest.unwrap_or(best.room);
+    room.cameras[change.camera] = None;
+    Found { room, culprits: vec![change.culprit()] }
 }
 
 /// With three cameras the two that are left when one is out agree too easily to tell who it is. So what can be wrong with one or two is

@@ -11,6 +11,7 @@ use super::{Again, Repair};
 use crate::cause::{Cause, Culprit};
 use crate::recording::Recording;
 use crate::room::settle::Room;
+use crate::stretches::{steadiness, steady_enough};
 
 /// A room whose observations are off by less in the root mean square has no optics that are wrong [px].
 const WELL_PX: f64 = 0.4;
@@ -27,6 +28,10 @@ const TOO_FAR: f64 = 0.75;
 const PUT_RIGHT: f64 = 0.8;
 /// … and be no more than so many times what it is with all focal lengths free.
 const NOTHING_LEFT: f64 = 1.5;
+/// The principal points of a picture and of the same upside down are told apart when they are so many standard deviations apart [–].
+const HALF_TURN_SIGMAS: f64 = 5.0;
+/// Optics are not as stated when off by so many standard deviations [–].
+const OFF_SIGMAS: f64 = 5.0;
 /// Names of so many cameras are exchanged on trial, and so many are turned [–].
 const FEW: [usize; 2] = [6, 12];
 
@@ -62,12 +67,44 @@ pub(super) fn told_by_optics<'a>(
     let before = room.cost();
     let rooms = tried.into_iter().filter_map(|(repair, causes)| Some((again(&[], Some(repair))?, causes)));
     let whole = |it: &Room<'_>| members.iter().all(|camera| it.cameras[*camera].is_some());
+    let costs = room.costs();
+    let is_steady = |it: &Room<'_>| {
+        let gains: Vec<f64> = costs.iter().zip(it.costs()).map(|(before, after)| before - after).collect();
+        steadiness(&gains) > steady_enough(gains.len())
+    };
+    let is_seen = |causes: &[(usize, Cause)]| match causes {
+        [(camera, Cause::UpsideDown)] => principal_is_opposite(recording, room, *camera),
+        _ => true,
+    };
     // Any change lets a room with a wrong focal length fit a little better; the right one leaves nothing for other optics to explain.
     let limit = (PUT_RIGHT * before).min(NOTHING_LEFT * with_free_optics(room).cost());
-    let right = rooms.filter(|it| whole(&it.0) && it.0.cost() < limit);
+    let right = rooms.filter(|it| whole(&it.0) && it.0.cost() < limit && is_steady(&it.0) && is_seen(&it.1));
     let (room, causes) = right.min_by(|a, b| a.0.cost().total_cmp(&b.0.cost()))?;
     let culprit = |(camera, cause): &(usize, Cause)| Culprit { camera: *camera, cause: *cause, shares: [0.0, 1.0] };
     Some((room, causes.iter().map(culprit).collect()))
+}
+
+/// A picture that is upside down has its principal point on the other side of its middle, and by that alone it differs from one that is not, but for a
+/// roll. Whether the principal point, found from what was seen, is nearer to there than to where it is stated, beyond doubt.
+fn principal_is_opposite(recording: &Recording, room: &Room<'_>, camera: usize) -> bool {
+    let mut free = room.clone();
+    free.freed[camera] = Freedom { principal: true, ..room.freed[camera] };
+    free.know_nothing_of_principal(camera);
+    free.settle(&[3.0, 1.0, 1.0]);
+    let (Some(found), Some(sigma)) = (&free.cameras[camera], free.optics_sigma(camera)) else { return false };
+    let stated = &recording.cameras[camera].camera;
+    let on = |axis: usize| {
+        let middle = 0.5 * (f64::from(stated.image_size[axis]) - 1.0);
+        let way = 2.0 * (middle - stated.intrinsics.principal[axis]);
+        (way, found.intrinsics.principal[axis] - stated.intrinsics.principal[axis], sigma.principal[axis])
+    };
+    // Along either axis what is found in units of what it must be, weighed by how well it is known.
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for (way, went, sigma) in [on(0), on(1)] {
+        sum += way * went / sigma.powi(2);
+        weights += way * way / sigma.powi(2);
+    }
+    weights.sqrt() > HALF_TURN_SIGMAS && (sum / weights - 1.0).abs() < 0.5
 }
 
 /// The room with all focal lengths and shapes of pixels set free.
@@ -107,7 +144,8 @@ pub(super) fn told_wrong<'a>(recording: &Recording, room: Room<'a>, again: Again
         let sizes: Vec<f64> = offs.iter().map(|it| (it - common).abs()).collect();
         let usual = median(&sizes).unwrap_or(0.0);
         for (camera, size) in members.iter().zip(&sizes) {
-            let is_off = *size > OFF && *size < TOO_FAR && *size > MORE_THAN_OTHERS * usual;
+            let sigma = free.optics_sigma(*camera).map_or(f64::INFINITY, |it| [it.focal, it.aspect][which]);
+            let is_off = *size > OFF && *size < TOO_FAR && *size > (MORE_THAN_OTHERS * usual).max(OFF_SIGMAS * sigma);
             if is_off && found.as_ref().is_none_or(|it| *size > it.0) {
                 let factor = (off(*camera)[which] - common).exp();
                 let cause = if which == 1 { Cause::PixelShape { factor } } else { Cause::Focal { factor } };
