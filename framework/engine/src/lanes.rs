@@ -84,7 +84,8 @@ impl Bundle {
 
     /// Delivers what has become visible by `now`.
     fn take_in(&mut self, now: Time) {
-        while let Some((visible, it)) = self.incoming.pop_front_if(|it| it.0 <= now) {
+        let n_visible = self.incoming.partition_point(|it| it.0 <= now);
+        for (visible, it) in self.incoming.drain(..n_visible) {
             self.stage.take_in(it, visible);
         }
     }

@@ -567,14 +567,14 @@ impl Stage {
         for (port, packet) in outbox.packets.drain(..) {
             let n_routes = routes[port].len();
             let mut packet = Some(packet);
-            for route in 0..n_routes {
+            for (route, way) in routes[port].iter_mut().enumerate() {
                 let Some(packet) = (if route + 1 == n_routes { packet.take() } else { packet.clone() }) else { break };
                 let is_held = !parked.is_empty() && parked.iter().any(|it| (it.port, it.route) == (port, route));
                 let refused = if is_held {
                     away.sending(usize::MAX);
                     Err(packet)
                 } else {
-                    self.send(&mut routes[port][route], packet, now, away, false)
+                    self.send(way, packet, now, away, false)
                 };
                 parked.extend(refused.err().map(|packet| Parked { port, route, packet }));
             }

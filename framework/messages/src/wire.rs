@@ -23,9 +23,11 @@ pub enum Wire {
 pub struct Codec {
     schema: fn() -> Schema,
     view: fn(&dyn Any) -> Option<&dyn erased_serde::Serialize>,
-    read:
-        fn(&mut dyn erased_serde::Deserializer<'_>, Vec<u8>) -> Result<Box<dyn Any + Send + Sync>, erased_serde::Error>,
+    read: Read,
 }
+
+type Read =
+    fn(&mut dyn erased_serde::Deserializer<'_>, Vec<u8>) -> Result<Box<dyn Any + Send + Sync>, erased_serde::Error>;
 
 impl Wire {
     /// Of a type that serde writes and reads.
