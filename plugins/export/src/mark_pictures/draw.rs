@@ -175,8 +175,10 @@ pub(super) fn counts(course: &Course, name: &str) -> String {
         ("rms [mm]; outside [–]", curves([&|it| Some(it.rms? * 1e3), &|it| it.outside])),
     ];
     for (row, (label, curves)) in rows.into_iter().enumerate() {
+        let is_empty = curves.iter().all(Vec::is_empty);
         let values = curves.iter().flatten().map(|it| it.1).chain([0.0]);
-        let y = Range::of(values).unwrap_or(Range { min: 0.0, max: 1.0 }).widened(0.06);
+        let whole = Range { min: 0.0, max: 1.0 };
+        let y = Range::of(values).filter(|_| !is_empty).unwrap_or(whole).widened(0.06);
         let rect = Rect { left: LEFT, top: TOP + row as f64 * 210.0, width: WIDTH, height: 180.0 };
         let panel = Panel { rect, x, y };
         panel.background(&mut svg, Labels::new((row == 1).then_some("time [s]"), label));
@@ -186,6 +188,10 @@ pub(super) fn counts(course: &Course, name: &str) -> String {
             }
         });
         panel.frame(&mut svg);
+        if is_empty {
+            let middle = [rect.left + 0.5 * rect.width, rect.top + 0.5 * rect.height];
+            svg.text(middle, Anchor::Middle, SMALL, "no shape was fitted in this run");
+        }
     }
     svg.finish()
 }

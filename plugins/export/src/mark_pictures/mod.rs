@@ -190,6 +190,17 @@ mod tests {
         assert!(right > other && up > 0.0, "{right} {other} {up}");
     }
 
+    #[test]
+    fn a_panel_without_a_fit_says_so_and_has_a_plain_axis() {
+        let mut course = Course::default();
+        (0..60).for_each(|it| course.push(&marks(f64::from(it) / 30.0, 36)));
+        let svg = draw::counts(&course, "face");
+        assert!(svg.contains("no shape was fitted in this run") && !svg.contains("0.0010"), "{svg}");
+        let fit = foveate::messages::ShapeFit { rms: 0.001, outside: 0.2, weights: Vec::new() };
+        (60..90).for_each(|it| course.push(&Marks { fit: Some(fit.clone()), ..marks(f64::from(it) / 30.0, 36) }));
+        assert!(!draw::counts(&course, "face").contains("no shape was fitted"));
+    }
+
     /// Places of the numbers along an axis: those of texts with this anchor [px], and what stands there.
     fn numbers(svg: &str, anchor: &str, key: &str) -> Vec<(f64, f64)> {
         let texts = svg.split("<text ").skip(1).filter(|it| it.contains(&format!("text-anchor=\"{anchor}\"")));
