@@ -85,6 +85,8 @@ struct Post {
     incoming: Vec<(usize, Receiver<Packet>)>,
     /// What was taken off them at once, to be delivered in the order of capture.
     batch: Vec<(usize, Packet)>,
+    /// Whether this worker keeps the run going, since a node of it is held up.
+    is_holding: bool,
     /// Messages taken off the incoming queues whose consequences are not all sent yet.
     accepted: usize,
 }
@@ -111,10 +113,23 @@ impl Post {
         }
     }
 
-    /// All consequences of what was accepted have been sent.
-    fn settle(&mut self) {
-        if self.accepted > 0 {
-            self.shared.in_flight.fetch_sub(std::mem::take(&mut self.accepted), Ordering::SeqCst);
+    /// From now on until nothing is held up any more the run is not over: what stands before a node that is held up is counted nowhere.
+    fn hold(&mut self) {
+        if !self.is_holding {
+            self.is_holding = true;
+            self.shared.in_flight.fetch_add(1, Ordering::SeqCst);
+        }
+    }
+
+    /// All consequences of what was accepted have been sent, or are held up.
+    fn settle(&mut self, is_any_blocked: bool) {
+        let mut done = std::mem::take(&mut self.accepted);
+        if self.is_holding && !is_any_blocked {
+            self.is_holding = false;
+            done += 1;
+        }
+        if done > 0 {
+            self.shared.in_flight.fetch_sub(done, Ordering::SeqCst);
             if self.shared.is_over() {
                 self.shared.wake_all();
             }
@@ -174,6 +189,7 @@ pub(super) fn run(
                 incoming: Vec::new(),
                 batch: Vec::new(),
                 accepted: 0,
+                is_holding: false,
             },
             woken,
             sources: Vec::new(),
@@ -341,13 +357,7 @@ impl Worker {
                 shared.wake_all();
             }
             let now = shared.now();
-            // First, so that what stands before a node that was held up is accepted in this round, and not after the next sleep.
-            if self.stage.is_any_blocked() {
-                self.stage.unblock(now, &mut self.post);
-            }
-            self.post.accept(&mut self.stage, now);
-            self.stage.run_ready(now, &mut self.post);
-            self.post.settle();
+            self.catch_up(now);
             while let Some(&Reverse((time, index, is_waiting))) = due.peek()
                 && time <= shared.now()
             {
@@ -380,6 +390,18 @@ impl Worker {
         }
     }
 
+    /// Works on all that has come in.
+    fn catch_up(&mut self, now: Time) {
+        // First, so that what stands before a node that was held up is accepted now, and not after the next sleep.
+        if self.stage.is_any_blocked() {
+            self.post.hold();
+            self.stage.unblock(now, &mut self.post);
+        }
+        self.post.accept(&mut self.stage, now);
+        self.stage.run_ready(now, &mut self.post);
+        self.post.settle(self.stage.is_any_blocked());
+    }
+
     /// Waits for messages, at most for `longest`. A worker that was just woken by one looks out for the next one for a while before it goes to
     /// sleep, since to be woken takes longer than most turns; one that is idle burns no core. Gives whether a message came.
     fn rest(&self, longest: Duration, is_lively: bool) -> bool {
@@ -410,10 +432,7 @@ impl Worker {
         }
         while shared.started.get().is_none() && !shared.is_abandoned.load(Ordering::SeqCst) {
             // What others give out at the start must find room.
-            self.post.accept(&mut self.stage, Time::ZERO);
-            self.stage.run_ready(Time::ZERO, &mut self.post);
-            self.stage.unblock(Time::ZERO, &mut self.post);
-            self.post.settle();
+            self.catch_up(Time::ZERO);
             self.stage.rest();
             std::thread::sleep(FULL_PAUSE);
         }

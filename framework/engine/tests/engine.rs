@@ -61,7 +61,7 @@ fn chain(counter: &str, middle: &str, shelf: &str) -> String {
     format!(
         "[scale.room.node.a]\ntype = \"testkit.counter\"\n{counter}\n\
          [scale.room.node.b]\n{middle}\nin = {{ numbers = \"a.numbers\" }}\n\
-         [scale.room.node.c]\ntype = \"testkit.collect\"\ninto = \"{shelf}\"\nin = {{ numbers = \"b.numbers\" }}\n"
+         [scale.room.node.c]\ntype = \"testkit.collect\"\ninto = \"{shelf}\"\nin.numbers = {{ from = \"b.numbers\", capacity = 100000 }}\n"
     )
 }
 
