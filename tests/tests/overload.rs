@@ -57,7 +57,7 @@ fn tracked(with_slow: bool, take: &str, cost_ms: f64) -> (Outcome, Vec<Collected
     };
     let rig = format!(
         "{}[scale.room.node.t]\ntype = \"testkit.collect\"\ninto = \"{shelf}\"\ncost_ms = {cost_ms}\n\
-         in.numbers = {{ from = [{from}], take = \"{take}\" }}\n",
+         in.numbers = {{ from = [{from}], capacity = 8, take = \"{take}\" }}\n",
         cameras(with_slow)
     );
     let (outcome, found) = play(&rig, 1, &shelf);
