@@ -1,0 +1,253 @@
+//! How messages travel: delivered on this worker, sent to another one, or kept where their consumer has no room for them.
+
+use std::collections::VecDeque;
+
+use crossbeam::channel::TrySendError;
+use foveate_messages::{SourceId, Time};
+use foveate_node::io::Packet;
+use foveate_rig::graph::WhenFull;
+
+use super::{Alone, Away, Outgoing, Stage};
+use crate::inbox::{Inbox, Put};
+use crate::slot::{Parked, Route, Slot};
+
+impl Stage {
+    /// Whether the consumer of `edge` cannot take another message now, and its queue makes the producer wait.
+    pub(crate) fn is_full(&self, edge: usize) -> bool {
+        let queue = self.graph.edges[edge].queue;
+        let Some(end) = self.ends[edge].as_ref().filter(|_| queue.when_full == WhenFull::Wait) else { return false };
+        let consumer = self.slots[end.to.0].as_ref().filter(|it| it.is_blocked() && !self.is_flushing);
+        consumer.is_some_and(|it| it.inboxes[end.to.1].waiting(end.source) >= queue.capacity)
+    }
+
+    /// Hands a message to the consumer of `edge`.
+    pub(crate) fn deliver(&mut self, edge: usize, packet: Packet, now: Time) {
+        let Some(end) = &self.ends[edge] else { return };
+        let (consumer, port) = end.to;
+        if self.slots[consumer].as_ref().is_some_and(|it| it.node.is_none()) {
+            self.revive(consumer, now);
+        }
+        let (Some(end), Some(slot)) = (&mut self.ends[edge], &mut self.slots[consumer]) else { return };
+        if slot.node.is_none() {
+            end.ledger.dropped += 1;
+            return;
+        }
+        let is_sampled = matches!(slot.inboxes[port], Inbox::Latest);
+        if !is_sampled && !slot.is_open() {
+            return end.ledger.suspend(packet.stamp, now);
+        }
+        end.ledger.arrive(packet.stamp);
+        if is_sampled {
+            end.ledger.take(packet.stamp, now, || packet.payload.quality());
+            slot.latest[port][end.source] = Some(packet);
+            return;
+        }
+        let is_blocked = slot.is_blocked() && !self.is_flushing;
+        let is_busy = is_blocked || slot.work.as_ref().is_some_and(|it| it.is_busy());
+        let put = if is_busy {
+            slot.inboxes[port].put_bounded(end.source, packet, self.graph.edges[edge].queue)
+        } else {
+            slot.inboxes[port].put(end.source, packet)
+        };
+        match put {
+            Put::Triggers if !is_busy => self.set_ready(consumer),
+            Put::Triggers | Put::Waits => {}
+            Put::Replaces | Put::Refused => end.ledger.dropped += 1,
+        }
+    }
+
+    /// Takes in what another stage of the same logical clock gave out, and carries it on.
+    pub(crate) fn take_in(&mut self, outgoing: Outgoing, now: Time) {
+        match outgoing {
+            Outgoing::Message(edge, packet) => {
+                self.deliver(edge, packet, now);
+                self.run_ready(now, &mut Alone);
+            }
+            Outgoing::Gap(edge, source) => {
+                if let Some(end) = &mut self.ends[edge] {
+                    end.ledger.declare_gap(source);
+                }
+            }
+        }
+    }
+
+    /// Whether any node cannot pass on what it gave out.
+    pub(crate) fn is_any_blocked(&self) -> bool {
+        !self.blocked.is_empty()
+    }
+
+    /// Whether consumers hold node `index` up.
+    pub(crate) fn is_blocked(&self, index: usize) -> bool {
+        self.slots[index].as_ref().is_some_and(Slot::is_blocked)
+    }
+
+    /// Tries again to pass on what waits at nodes that are held up.
+    pub(crate) fn unblock(&mut self, now: Time, away: &mut dyn Away) {
+        for index in std::mem::take(&mut self.blocked) {
+            let Some(slot) = &mut self.slots[index] else { continue };
+            let (parked, mut routes) = (std::mem::take(&mut slot.parked), std::mem::take(&mut slot.routes));
+            let mut still: VecDeque<Parked> = VecDeque::new();
+            for it in parked {
+                // What was given out first on an edge stays first there.
+                let is_held = still.iter().any(|other| (other.port, other.route) == (it.port, it.route));
+                let Parked { port, route, packet } = it;
+                let refused =
+                    if is_held { Err(packet) } else { self.send(&mut routes[port][route], packet, now, away, true) };
+                still.extend(refused.err().map(|packet| Parked { port, route, packet }));
+            }
+            let is_free = still.is_empty();
+            let Some(slot) = &mut self.slots[index] else { continue };
+            (slot.parked, slot.routes) = (still, routes);
+            if !is_free {
+                self.blocked.push(index);
+            } else if slot.inboxes.iter().any(Inbox::may_trigger) {
+                self.set_ready(index);
+            }
+        }
+    }
+
+    /// If the turn of `index` gave one message, to one idle node of this worker that would be next anyway: hands it over and
+    /// says to whom. Nearly every turn of a chain.
+    pub(super) fn pass_on(&mut self, index: usize, now: Time) -> Option<usize> {
+        let [(output, packet)] = &self.outbox.packets[..] else { return None };
+        if self.n_ready > 0 || !self.outbox.gaps.is_empty() {
+            return None;
+        }
+        let slot = self.slots[index].as_ref()?;
+        let [Route::Here(edge)] = slot.routes[*output][..] else { return None };
+        let end = self.ends[edge].as_mut()?;
+        let (consumer, port) = end.to;
+        let next = self.slots[consumer].as_ref()?;
+        let is_free =
+            next.node.is_some() && !next.is_blocked() && slot.work.is_none() && (next.is_plain || next.may_follow());
+        if !is_free || !matches!(&next.inboxes[port], Inbox::Each(queue) if queue.is_empty()) {
+            return None;
+        }
+        end.ledger.deliver(packet.stamp, now, || packet.payload.quality());
+        let (_, packet) = self.outbox.packets.pop()?;
+        self.delivery.port = port;
+        self.delivery.packets.clear();
+        self.delivery.packets.push(packet);
+        Some(consumer)
+    }
+
+    pub(super) fn route(&mut self, index: usize, now: Time, away: &mut dyn Away) {
+        if self.outbox.packets.is_empty() && self.outbox.gaps.is_empty() {
+            return;
+        }
+        let mut outbox = std::mem::take(&mut self.outbox);
+        let Some(slot) = &mut self.slots[index] else { return };
+        let mut routes = std::mem::take(&mut slot.routes);
+        for (port, gap) in outbox.gaps.drain(..) {
+            for route in &routes[port] {
+                let edge = match route {
+                    Route::Here(edge) | Route::Away { edge, .. } => *edge,
+                    Route::Told(_) => continue,
+                    Route::Beyond(edge) => {
+                        self.outgoing.push(Outgoing::Gap(*edge, SourceId(index as u32)));
+                        continue;
+                    }
+                };
+                // A gap on an edge to another worker shows there as a number left out.
+                if let Some(end) = &mut self.ends[edge] {
+                    end.ledger.declare_gap(SourceId(index as u32));
+                }
+            }
+            self.faults.gap(&self.graph.instances[index].path, &gap);
+        }
+        let mut parked: Vec<Parked> = Vec::new();
+        for (port, packet) in outbox.packets.drain(..) {
+            let n_routes = routes[port].len();
+            let mut packet = Some(packet);
+            for (route, way) in routes[port].iter_mut().enumerate() {
+                let Some(packet) = (if route + 1 == n_routes { packet.take() } else { packet.clone() }) else { break };
+                let is_held = !parked.is_empty() && parked.iter().any(|it| (it.port, it.route) == (port, route));
+                let refused = if is_held {
+                    away.sending(usize::MAX);
+                    Err(packet)
+                } else {
+                    self.send(way, packet, now, away, false)
+                };
+                parked.extend(refused.err().map(|packet| Parked { port, route, packet }));
+            }
+        }
+        if let Some(slot) = &mut self.slots[index] {
+            slot.routes = routes;
+            if !parked.is_empty() {
+                slot.parked.extend(parked);
+                self.blocked.push(index);
+                self.clear_ready(index);
+            }
+        }
+        self.outbox = outbox;
+    }
+
+    /// Sends a message on its way; gives it back where its queue is full and makes producers wait. `is_counted`: it was on its way before.
+    fn send(
+        &mut self,
+        route: &mut Route,
+        packet: Packet,
+        now: Time,
+        away: &mut dyn Away,
+        is_counted: bool,
+    ) -> Result<(), Packet> {
+        let (edge, sender, receiver, when_full, dropped) = match route {
+            Route::Here(edge) => {
+                if self.is_full(*edge) {
+                    if !is_counted {
+                        away.sending(*edge);
+                    }
+                    return Err(packet);
+                }
+                self.deliver(*edge, packet, now);
+                if is_counted {
+                    away.taken_back(*edge);
+                }
+                return Ok(());
+            }
+            Route::Beyond(edge) => {
+                self.outgoing.push(Outgoing::Message(*edge, packet));
+                return Ok(());
+            }
+            Route::Told(scale) => {
+                self.gates.hear(*scale, &packet);
+                return Ok(());
+            }
+            Route::Away { edge, sender, receiver, when_full, dropped } => {
+                (*edge, sender, receiver, *when_full, dropped)
+            }
+        };
+        let mut packet = packet;
+        if !is_counted {
+            away.sending(edge);
+        }
+        loop {
+            packet = match sender.try_send(packet) {
+                Ok(()) => {
+                    away.sent(edge);
+                    return Ok(());
+                }
+                Err(TrySendError::Disconnected(_)) => {
+                    *dropped += 1;
+                    away.taken_back(edge);
+                    return Ok(());
+                }
+                Err(TrySendError::Full(packet)) => packet,
+            };
+            match when_full {
+                WhenFull::DropNewest => {
+                    *dropped += 1;
+                    away.taken_back(edge);
+                    return Ok(());
+                }
+                WhenFull::DropOldest => {
+                    if receiver.try_recv().is_ok() {
+                        *dropped += 1;
+                        away.taken_back(edge);
+                    }
+                }
+                WhenFull::Wait => return Err(packet),
+            }
+        }
+    }
+}
