@@ -1,6 +1,6 @@
-//! Known curves found again, wrong data outvoted, open parameters named.
+//! Known curves and rotations found again, wrong data outvoted, open parameters named.
 
-use nalgebra::{Matrix1, Matrix1x3, Vector1};
+use nalgebra::{Matrix1, Matrix1x3, UnitQuaternion, Vector1, Vector3};
 
 use super::*;
 use crate::random::Random;
@@ -177,4 +177,124 @@ fn what_cannot_be_solved_is_refused_with_the_reason() {
 fn a_limit_on_steps_is_told_from_a_minimum() {
     let found = solved(&curve(0.01, 0, 5), &Rules { max_iterations: 2, ..Rules::default() });
     assert_eq!((found.stop, found.converged()), (Stop::IterationLimit, false));
+}
+
+/// A rotation found from directions before and after: the step is a turn about it, q exp(δ).
+struct Turned {
+    pairs: Vec<(Vector3<f64>, Vector3<f64>)>,
+    sigma: f64,
+}
+
+impl Problem for Turned {
+    type Parameters = UnitQuaternion<f64>;
+
+    fn dimension(&self) -> usize {
+        3
+    }
+
+    fn moved(&self, from: &UnitQuaternion<f64>, step: &DVector<f64>) -> UnitQuaternion<f64> {
+        from * UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(0).into_owned())
+    }
+
+    fn linearise(&self, at: &UnitQuaternion<f64>, equations: &mut Equations) -> Option<()> {
+        for (before, after) in &self.pairs {
+            // q exp(δ) a = q (a + δ × a)
+            let jacobian = at.to_rotation_matrix().into_inner() * -before.cross_matrix() / self.sigma;
+            equations.add(&[0, 1, 2], &((at * before - after) / self.sigma), &jacobian);
+        }
+        Some(())
+    }
+}
+
+#[test]
+fn a_rotation_by_nearly_half_a_turn_is_found_on_its_manifold() {
+    let (sigma, runs) = (1e-2, 200);
+    let mut chi_squared = 0.0;
+    for seed in 0..runs {
+        let mut random = Random::new(seed);
+        let mut vector = |size: f64| Vector3::new(random.normal(), random.normal(), random.normal()) * size;
+        let truth = UnitQuaternion::from_scaled_axis(vector(1.0).normalize() * 3.0);
+        let pairs = (0..10).map(|_| vector(1.0)).collect::<Vec<_>>();
+        let pairs = pairs.into_iter().map(|it| (it, truth * it + vector(sigma))).collect();
+        let found = solve(&Turned { pairs, sigma }, UnitQuaternion::identity(), &Rules::default()).unwrap();
+        let error = (found.parameters.inverse() * truth).scaled_axis();
+        let covariance = found.covariance.unwrap();
+        chi_squared += error.dot(&(covariance.try_inverse().unwrap() * error)) / runs as f64;
+    }
+    assert!((2.4..3.6).contains(&chi_squared), "{chi_squared}"); // 3 ± 3.5 σ of 200 draws
+}
+
+#[test]
+fn a_minimum_without_residuals_is_reached_at_once() {
+    let mut clean = curve(0.0, 0, 1);
+    clean.sigma = 1.0;
+    let found = solve(&clean, TRUTH, &Rules::default()).unwrap();
+    assert_eq!((found.stop, found.iterations, found.costs.first().copied()), (Stop::SmallGain, 1, Some(0.0)));
+    assert_eq!(found.parameters, TRUTH);
+}
+
+#[test]
+fn without_any_residual_nothing_moves_and_all_is_open() {
+    let nothing = Curve { points: Vec::new(), sigma: 1.0 };
+    let found = solve(&nothing, [1.0, 2.0, 3.0], &Rules::default()).unwrap();
+    assert_eq!(found.parameters, [1.0, 2.0, 3.0]);
+    assert_eq!(found.covariance, Err(Open { parameters: vec![0, 1, 2], of: 3 }));
+    assert!(found.variance_factor.is_nan());
+}
+
+/// A straight line whose residual is no number beyond 1.
+struct Cliff;
+
+impl Problem for Cliff {
+    type Parameters = f64;
+
+    fn dimension(&self) -> usize {
+        1
+    }
+
+    fn moved(&self, from: &f64, step: &DVector<f64>) -> f64 {
+        from + step[0]
+    }
+
+    fn linearise(&self, at: &f64, equations: &mut Equations) -> Option<()> {
+        equations.add_row(if *at > 1.0 { f64::NAN } else { at - 3.0 }, &[1.0]);
+        Some(())
+    }
+}
+
+#[test]
+fn a_step_to_residuals_that_are_no_numbers_is_taken_back() {
+    let found = solve(&Cliff, 0.0, &Rules::default()).unwrap();
+    assert!(found.parameters <= 1.0 && found.parameters > 0.9, "{found:?}");
+    assert_eq!(solve(&Cliff, 2.0, &Rules::default()).unwrap_err(), SolveFault::BadStart);
+}
+
+#[test]
+fn an_average_has_the_same_minimum_and_a_cost_for_each_residual() {
+    struct Average(Curve);
+    impl Problem for Average {
+        type Parameters = [f64; 3];
+
+        fn dimension(&self) -> usize {
+            3
+        }
+
+        fn moved(&self, from: &[f64; 3], step: &DVector<f64>) -> [f64; 3] {
+            self.0.moved(from, step)
+        }
+
+        fn linearise(&self, at: &[f64; 3], equations: &mut Equations) -> Option<()> {
+            self.0.linearise(at, equations)?;
+            equations.average();
+            Some(())
+        }
+    }
+    let sum = solved(&curve(0.05, 0, 6), &Rules::default());
+    let mean = solve(&Average(curve(0.05, 0, 6)), [1.0, -0.1, 0.0], &Rules::default()).unwrap();
+    for (a, b) in sum.parameters.iter().zip(mean.parameters) {
+        assert!((a - b).abs() < 1e-6, "{a} {b}");
+    }
+    assert!((sum.costs.last().unwrap() / mean.costs.last().unwrap() - 100.0).abs() < 1e-6);
+    let (sum, mean) = (sum.covariance.unwrap(), mean.covariance.unwrap());
+    assert!((mean[(0, 0)] / sum[(0, 0)] - 100.0).abs() < 1e-3);
 }

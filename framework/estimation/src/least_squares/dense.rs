@@ -1,0 +1,231 @@
+//! Levenberg–Marquardt on dense normal equations, for problems of up to some hundred parameters.
+
+use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+
+use super::driver::{DriverOptions, Stop, System, minimise_with_costs, predicted_reduction, raise};
+use super::information::{Open, covariance, solve_positive};
+use super::{Loss, SolveFault};
+
+/// What is to be minimised. Residuals are in units of their standard deviations.
+pub trait Problem {
+    /// The unknowns, on whatever manifold they live.
+    type Parameters: Clone;
+
+    /// In how many directions the parameters can move.
+    fn dimension(&self) -> usize;
+
+    /// The parameters after a step of [`Self::dimension`] numbers.
+    fn moved(&self, from: &Self::Parameters, step: &DVector<f64>) -> Self::Parameters;
+
+    /// Adds all residuals at `at`, with their derivatives by the step, to `equations`. `None` where there are none, such as behind a
+    /// camera: a step there is taken back.
+    fn linearise(&self, at: &Self::Parameters, equations: &mut Equations) -> Option<()>;
+}
+
+/// Gauss–Newton's equations, summed over the residuals: JᵀWJ δ = −JᵀW r.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Equations {
+    loss: Loss,
+    information: DMatrix<f64>,
+    gradient: DVector<f64>,
+    cost: f64,
+    residuals: usize,
+}
+
+impl Equations {
+    fn new(loss: Loss, dimension: usize) -> Equations {
+        let (information, gradient) = (DMatrix::zeros(dimension, dimension), DVector::zeros(dimension));
+        Equations { loss, information, gradient, cost: 0.0, residuals: 0 }
+    }
+
+    fn clear(&mut self) {
+        self.information.fill(0.0);
+        self.gradient.fill(0.0);
+        (self.cost, self.residuals) = (0.0, 0);
+    }
+
+    /// Adds a residual of R numbers, judged by the loss as one, that depends on the C parameters `columns`.
+    pub fn add<const R: usize, const C: usize>(
+        &mut self,
+        columns: &[usize; C],
+        residual: &SVector<f64, R>,
+        jacobian: &SMatrix<f64, R, C>,
+    ) {
+        let (cost, weight) = self.loss.at(residual.norm_squared());
+        self.cost += 0.5 * cost;
+        self.residuals += R;
+        let weighted = jacobian.transpose() * weight;
+        let (information, gradient) = (weighted * jacobian, weighted * residual);
+        for (row, &to_row) in columns.iter().enumerate() {
+            self.gradient[to_row] += gradient[row];
+            for (column, &to_column) in columns.iter().enumerate() {
+                self.information[(to_row, to_column)] += information[(row, column)];
+            }
+        }
+    }
+
+    /// Divides all by the number of residuals, for problems of which not every state has as many, so that fewer residuals are no gain. The
+    /// covariance is then larger by that factor.
+    pub fn average(&mut self) {
+        let part = 1.0 / self.residuals.max(1) as f64;
+        self.information *= part;
+        self.gradient *= part;
+        self.cost *= part;
+    }
+
+    /// Adds a residual of one number that may depend on every parameter: `jacobian` has an entry for each.
+    pub fn add_row(&mut self, residual: f64, jacobian: &[f64]) {
+        let (cost, weight) = self.loss.at(residual * residual);
+        self.cost += 0.5 * cost;
+        self.residuals += 1;
+        for (row, by_row) in jacobian.iter().enumerate() {
+            self.gradient[row] += weight * by_row * residual;
+            for (column, by_column) in jacobian.iter().enumerate() {
+                self.information[(row, column)] += weight * by_row * by_column;
+            }
+        }
+    }
+}
+
+/// How to go about it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rules {
+    /// What residuals cost.
+    pub loss: Loss,
+    /// Parameters that stay as they are, by their place in the step; others are free.
+    pub held: Vec<usize>,
+    /// Steps tried at most [–].
+    pub max_iterations: u32,
+    /// Done when the next step promises less than this part of the cost [–].
+    pub relative_gain: f64,
+}
+
+impl Default for Rules {
+    fn default() -> Self {
+        Self { loss: Loss::Squared, held: Vec::new(), max_iterations: 100, relative_gain: 1e-12 }
+    }
+}
+
+/// What [`solve`] found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Solution<P> {
+    /// Where the cost is least.
+    pub parameters: P,
+    /// Of the step, if residuals are as large as their standard deviations say; rows and columns of held parameters are 0.
+    pub covariance: Result<DMatrix<f64>, Open>,
+    /// ½ Σ ρ at the start and after each accepted step.
+    pub costs: Vec<f64>,
+    /// Why it ended.
+    pub stop: Stop,
+    /// Steps tried, rejected ones included.
+    pub iterations: u32,
+    /// Twice the cost for each surplus residual: near 1 if the standard deviations are right; NaN without surplus.
+    pub variance_factor: f64,
+}
+
+impl<P> Solution<P> {
+    /// Whether a minimum was reached.
+    pub fn converged(&self) -> bool {
+        self.stop != Stop::IterationLimit
+    }
+}
+
+/// The part of the search that does not depend on what is sought.
+struct Normal {
+    free: Vec<usize>,
+    here: Equations,
+    there: Equations,
+    /// The last step; 0 for what is held.
+    step: DVector<f64>,
+}
+
+impl Normal {
+    fn new(dimension: usize, rules: &Rules) -> Result<Normal, SolveFault> {
+        if let Some(&index) = rules.held.iter().find(|it| **it >= dimension) {
+            return Err(SolveFault::NoSuchParameter { index, dimension });
+        }
+        if let Some(found) = rules.loss.bad_scale() {
+            return Err(SolveFault::BadRule { rule: "the scale of the loss", found });
+        }
+        let free: Vec<usize> = (0..dimension).filter(|it| !rules.held.contains(it)).collect();
+        if free.is_empty() {
+            return Err(SolveFault::NothingFree { dimension });
+        }
+        let [here, there] = [(); 2].map(|()| Equations::new(rules.loss, dimension));
+        Ok(Normal { free, here, there, step: DVector::zeros(dimension) })
+    }
+
+    fn solve(&mut self, damping: f64) -> Option<f64> {
+        let Normal { free, here: Equations { information, gradient, .. }, step, .. } = self;
+        let n = free.len();
+        let mut damped = DMatrix::from_fn(n, n, |row, column| information[(free[row], free[column])]);
+        let gradient = gradient.select_rows(&*free);
+        let largest = damped.diagonal().max();
+        let raised = DVector::from_fn(n, |row, _| raise(damped[(row, row)], largest, damping));
+        (0..n).for_each(|it| damped[(it, it)] += raised[it]);
+        let own = solve_positive(damped, &-&gradient)?;
+        free.iter().zip(own.iter()).for_each(|(to, value)| step[*to] = *value);
+        Some(predicted_reduction(own.as_slice(), gradient.as_slice(), raised.as_slice()))
+    }
+
+    fn solution<P>(self, parameters: P, (outcome, costs): (super::Outcome, Vec<f64>)) -> Solution<P> {
+        let surplus = self.here.residuals as f64 - self.free.len() as f64;
+        let variance_factor = if surplus > 0.0 { 2.0 * self.here.cost / surplus } else { f64::NAN };
+        let covariance = covariance(&self.here.information, &self.free);
+        let super::Outcome { stop, iterations, .. } = outcome;
+        Solution { parameters, covariance, costs, stop, iterations, variance_factor }
+    }
+}
+
+/// A problem on its way.
+struct Dense<'a, P: Problem> {
+    problem: &'a P,
+    parameters: P::Parameters,
+    candidate: Option<P::Parameters>,
+    normal: Normal,
+}
+
+impl<P: Problem> System for Dense<'_, P> {
+    fn begin(&mut self) -> Option<f64> {
+        self.problem.linearise(&self.parameters, &mut self.normal.here)?;
+        Some(self.normal.here.cost)
+    }
+
+    fn solve(&mut self, damping: f64) -> Option<f64> {
+        self.normal.solve(damping)
+    }
+
+    fn attempt(&mut self) -> Option<f64> {
+        let candidate = self.candidate.insert(self.problem.moved(&self.parameters, &self.normal.step));
+        self.normal.there.clear();
+        self.problem.linearise(candidate, &mut self.normal.there)?;
+        Some(self.normal.there.cost)
+    }
+
+    fn accept(&mut self) {
+        if let Some(candidate) = self.candidate.take() {
+            self.parameters = candidate;
+            std::mem::swap(&mut self.normal.here, &mut self.normal.there);
+        }
+    }
+}
+
+/// Minimises `problem` from `start`.
+///
+/// # Errors
+/// See [`SolveFault`].
+pub fn solve<P: Problem>(
+    problem: &P,
+    start: P::Parameters,
+    rules: &Rules,
+) -> Result<Solution<P::Parameters>, SolveFault> {
+    let normal = Normal::new(problem.dimension(), rules)?;
+    let mut system = Dense { problem, parameters: start, candidate: None, normal };
+    let Rules { max_iterations, relative_gain, .. } = *rules;
+    let options = DriverOptions { max_iterations, relative_gain, ..DriverOptions::default() };
+    let found = minimise_with_costs(&mut system, &options)?;
+    Ok(system.normal.solution(system.parameters, found))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,104 @@
+//! Levenberg–Marquardt for N parameters known at compile time: no allocation, for problems that are solved thousands of times.
+
+use nalgebra::{Cholesky, Const, SMatrix, SVector};
+
+use super::SolveFault;
+use super::driver::{DriverOptions, Outcome, System, minimise, predicted_reduction, raise};
+
+/// What is to be minimised over N parameters.
+pub trait SmallProblem<const N: usize> {
+    /// The unknowns, on whatever manifold they live.
+    type Parameters: Clone;
+
+    /// The parameters after a step.
+    fn moved(&self, from: &Self::Parameters, step: &SVector<f64, N>) -> Self::Parameters;
+
+    /// Adds all residuals at `at` to `equations`, which are 0 before. `None` where there are none, such as behind a camera: a step there is taken back.
+    fn linearise(&self, at: &Self::Parameters, equations: &mut SmallEquations<N>) -> Option<()>;
+}
+
+/// Gauss–Newton's equations H h = −g, summed over the residuals.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SmallEquations<const N: usize> {
+    /// H = JᵀWJ.
+    pub information: SMatrix<f64, N, N>,
+    /// g = JᵀWr.
+    pub gradient: SVector<f64, N>,
+    /// ½ Σ ρ.
+    pub cost: f64,
+}
+
+impl<const N: usize> SmallEquations<N> {
+    /// Without residuals.
+    pub fn zeros() -> Self {
+        SmallEquations { information: SMatrix::zeros(), gradient: SVector::zeros(), cost: 0.0 }
+    }
+}
+
+/// What [`solve_small`] found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SmallSolution<P, const N: usize> {
+    /// Where the cost is least.
+    pub parameters: P,
+    /// There; the inverse of the information is the covariance if residuals are as large as their standard deviations say.
+    pub equations: SmallEquations<N>,
+    /// How the search ended.
+    pub outcome: Outcome,
+}
+
+struct Small<'a, P: SmallProblem<N>, const N: usize> {
+    problem: &'a P,
+    parameters: P::Parameters,
+    candidate: P::Parameters,
+    here: SmallEquations<N>,
+    there: SmallEquations<N>,
+    step: SVector<f64, N>,
+}
+
+impl<P: SmallProblem<N>, const N: usize> System for Small<'_, P, N> {
+    fn begin(&mut self) -> Option<f64> {
+        self.problem.linearise(&self.parameters, &mut self.here)?;
+        Some(self.here.cost)
+    }
+
+    fn solve(&mut self, damping: f64) -> Option<f64> {
+        let mut damped = self.here.information;
+        let diagonal = damped.diagonal();
+        let largest = diagonal.iter().copied().fold(0.0, f64::max);
+        let raised = diagonal.map(|it| raise(it, largest, damping));
+        (0..N).for_each(|it| damped[(it, it)] += raised[it]);
+        self.step = Cholesky::<f64, Const<N>>::new(damped)?.solve(&-self.here.gradient);
+        Some(predicted_reduction(self.step.as_slice(), self.here.gradient.as_slice(), raised.as_slice()))
+    }
+
+    fn attempt(&mut self) -> Option<f64> {
+        self.candidate = self.problem.moved(&self.parameters, &self.step);
+        self.there = SmallEquations::zeros();
+        self.problem.linearise(&self.candidate, &mut self.there)?;
+        Some(self.there.cost)
+    }
+
+    fn accept(&mut self) {
+        std::mem::swap(&mut self.parameters, &mut self.candidate);
+        std::mem::swap(&mut self.here, &mut self.there);
+    }
+}
+
+/// Minimises `problem` from `start`.
+///
+/// # Errors
+/// [`SolveFault::BadStart`] and [`SolveFault::BadRule`].
+pub fn solve_small<P: SmallProblem<N>, const N: usize>(
+    problem: &P,
+    start: P::Parameters,
+    options: &DriverOptions,
+) -> Result<SmallSolution<P::Parameters, N>, SolveFault> {
+    let (here, there) = (SmallEquations::zeros(), SmallEquations::zeros());
+    let mut system =
+        Small { problem, candidate: start.clone(), parameters: start, here, there, step: SVector::zeros() };
+    let outcome = minimise(&mut system, options, &mut |_| ())?;
+    Ok(SmallSolution { parameters: system.parameters, equations: system.here, outcome })
+}
+
+#[cfg(test)]
+mod tests;
