@@ -1,10 +1,12 @@
-//! Times projection, its Jacobian, rays and triangulation; the best of several rounds, in ns a call.
+//! Times projection, its Jacobian, rays, triangulation and the refinement of a pose; the best of several rounds, in ns a call.
 
 use std::hint::black_box;
 use std::time::Instant;
 
-use foveate_geometry::{Camera, Distortion, PixelNoise, Ray, closest_approach, refine, triangulate_rays};
-use nalgebra::Point3;
+use foveate_geometry::{
+    Camera, Distortion, PixelNoise, Ray, ResectionRules, closest_approach, refine, refine_pose, triangulate_rays,
+};
+use nalgebra::{Point3, Translation3};
 
 const ROUNDS: usize = 50;
 
@@ -44,4 +46,9 @@ fn main() {
     time("refine, 6 cameras, 1 cm off", 1_000, |_| {
         refine(&list, &seen, PixelNoise::Sigma(0.1), points[5] + nalgebra::Vector3::new(0.01, 0.0, 0.0))
     });
+    let own = &cameras[0];
+    let (near, at): (Vec<_>, Vec<_>) = points.iter().filter_map(|it| Some((*it, own.project(it)?))).unzip();
+    let mut moved = own.clone();
+    moved.camera_from_world *= Translation3::new(0.01, -0.02, 0.01);
+    time("refine_pose, 64 points, 2 cm off", 1_000, |_| refine_pose(&moved, &near, &at, &ResectionRules::default()));
 }
