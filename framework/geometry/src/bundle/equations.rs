@@ -1,6 +1,7 @@
 //! The normal equations of cameras and points, and their reduction to the cameras.
 
 use foveate_estimation::Loss;
+use foveate_estimation::least_squares::driver::predicted_reduction;
 use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Point3, SMatrix, SVector, Vector2, Vector3};
 
 use super::Observation;
@@ -195,6 +196,25 @@ impl<const C: usize, const TIMED: bool> Equations<C, TIMED> {
         }
         self.add_known_optics(layout, cameras);
         self.cost.is_finite().then_some(())
+    }
+
+    /// Of a step of the equations with all diagonals raised by the part `damping`.
+    pub(super) fn predicted_reduction(
+        &self,
+        of_cameras: &[SVector<f64, C>],
+        of_points: &[Vector3<f64>],
+        damping: f64,
+    ) -> f64 {
+        let mut sum = 0.0;
+        for ((step, gradient), block) in of_cameras.iter().zip(&self.gradient_of_camera).zip(&self.of_camera) {
+            let raised = block.diagonal() * damping;
+            sum += predicted_reduction(step.as_slice(), gradient.as_slice(), raised.as_slice());
+        }
+        for ((step, gradient), block) in of_points.iter().zip(&self.gradient_of_point).zip(&self.of_point) {
+            let raised = block.diagonal() * damping;
+            sum += predicted_reduction(step.as_slice(), gradient.as_slice(), raised.as_slice());
+        }
+        sum
     }
 
     fn add_known_optics(&mut self, layout: &Layout, cameras: &[Camera]) {

@@ -1,5 +1,6 @@
 //! The directions in which a similarity of the whole scene moves the cameras.
 
+use foveate_estimation::least_squares::information::solve_positive;
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix3x6, Matrix6xX, Vector3};
 
 use super::Gauge;
@@ -43,6 +44,19 @@ pub(super) fn directions(layout: &Layout, cameras: &[Camera]) -> DMatrix<f64> {
         }
     }
     if columns.is_empty() { DMatrix::zeros(layout.dimension, 0) } else { DMatrix::from_columns(&columns) }
+}
+
+/// The step of the reduced system that moves nothing along the directions of the gauge; `None` where it is singular otherwise.
+pub(super) fn solve(
+    layout: &Layout,
+    cameras: &[Camera],
+    information: &DMatrix<f64>,
+    gradient: &DVector<f64>,
+) -> Option<DVector<f64>> {
+    let mut held = information.clone();
+    let weight = held.diagonal().mean();
+    add_directions(&mut held, &directions(layout, cameras), weight);
+    solve_positive(held, &-gradient)
 }
 
 /// Adds `weight` G Gᵀ to the lower triangle and the upper one.

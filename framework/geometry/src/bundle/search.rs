@@ -1,7 +1,7 @@
 //! Levenberg–Marquardt over cameras and points.
 
 use foveate_estimation::Loss;
-use foveate_estimation::least_squares::Stop;
+use foveate_estimation::least_squares::{Damping, DriverOptions, System, minimise_with_costs};
 use foveate_estimation::statistics::median;
 use nalgebra::{DMatrix, Isometry3, Matrix6, Point3, SMatrix, SVector, Vector2, Vector3, Vector6};
 
@@ -15,8 +15,8 @@ use super::{
 };
 use crate::camera::Camera;
 
-const FIRST_DAMPING: f64 = 1e-4;
-const MAX_DAMPING: f64 = 1e15;
+/// Cameras and points are nearly linear in one another: damping falls fast.
+const DAMPING: Damping = Damping { initial: 1e-4, least: 1e-12, fastest_decrease: 0.1 };
 
 /// Takes the scene to its centroid and to size 1, and back.
 struct Scale {
@@ -75,10 +75,10 @@ pub(super) fn run<const C: usize, const TIMED: bool>(
     rules: &BundleRules,
 ) -> Result<(Adjusted, FoundClocks), BundleFault> {
     let scale = Scale::of(given_points);
-    let mut cameras: Vec<Camera> = given.iter().map(|it| scale.inwards(it)).collect();
-    let mut points: Vec<Point3<f64>> =
+    let cameras: Vec<Camera> = given.iter().map(|it| scale.inwards(it)).collect();
+    let points: Vec<Point3<f64>> =
         given_points.iter().map(|it| Point3::from((it.coords - scale.centroid) / scale.size)).collect();
-    let mut clocks = vec![[0.0; 2]; given.len()];
+    let clocks = vec![[0.0; 2]; given.len()];
     let (mut layout, left_out) = lay_out(&cameras, freedoms, &points, observations, timing);
     for &KnownLength { points, length, sigma } in known.lengths {
         if points.iter().all(|it| !layout.of_point[*it].is_empty()) {
@@ -91,91 +91,22 @@ pub(super) fn run<const C: usize, const TIMED: bool>(
     if layout.observations.is_empty() {
         return Err(BundleFault::NothingShared { observations: observations.len() });
     }
-    let n_free = layout.slots.iter().flatten().count();
-    let mut here = Equations::<C, TIMED>::new(&layout, points.len());
-    let mut there = Equations::<C, TIMED>::new(&layout, points.len());
-    let mut reduced = Reduced::<C>::new(&layout, points.len());
-    if here.fill(&layout, &cameras, &clocks, &points, &rules.loss).is_none() {
+    let mut search = Search::<C, TIMED>::new(&layout, State { cameras, clocks, points }, rules.loss);
+    let BundleRules { max_iterations, relative_gain, .. } = *rules;
+    let options = DriverOptions { damping: DAMPING, max_iterations, relative_gain, ..DriverOptions::default() };
+    let Ok((outcome, costs)) = minimise_with_costs(&mut search, &options) else {
         return Err(BundleFault::NothingShared { observations: observations.len() });
-    }
-    let mut costs = vec![here.cost];
-    let (mut damping, mut growth) = (FIRST_DAMPING, 2.0);
-    let (mut stop, mut iterations) = (Stop::IterationLimit, 0);
-    let mut of_cameras = vec![SVector::<f64, C>::zeros(); n_free];
-    let mut of_points = vec![Vector3::zeros(); points.len()];
-    while iterations < rules.max_iterations {
-        iterations += 1;
-        reduced.fill(&layout, &here, damping);
-        let directions = gauge::directions(&layout, &cameras);
-        let mut system = reduced.information.clone();
-        let weight = system.diagonal().mean();
-        gauge::add_directions(&mut system, &directions, weight);
-        let solved = (layout.dimension > 0).then(|| system.cholesky().map(|it| it.solve(&-&reduced.gradient)));
-        let step = match solved {
-            Some(Some(step)) if step.iter().all(|it| it.is_finite()) => Some(step),
-            Some(_) => None,
-            None => Some(nalgebra::DVector::zeros(0)),
-        };
-        let mut small = false;
-        let mut accepted = false;
-        if let Some(step) = step {
-            for (slot, rows) in layout.slots.iter().zip(&layout.rows) {
-                if let Some(slot) = *slot {
-                    of_cameras[slot] =
-                        SVector::from_fn(|column, _| rows[layout.names[column]].map_or(0.0, |it| step[it]));
-                }
-            }
-            reduced.step_of_points(&layout, &here, &of_cameras, &mut of_points);
-            let promised = promised(&here, &of_cameras, &of_points, damping);
-            small = promised <= rules.relative_gain * here.cost.max(f64::MIN_POSITIVE);
-            let moved_cameras: Vec<Camera> = cameras
-                .iter()
-                .zip(&layout.slots)
-                .map(|(camera, slot)| {
-                    let end = if TIMED { C - 2 } else { C };
-                    slot.map_or_else(|| camera.clone(), |it| columns::moved(camera, &of_cameras[it].as_slice()[..end]))
-                })
-                .collect();
-            let mut moved_clocks = clocks.clone();
-            for (clock, slot) in moved_clocks.iter_mut().zip(&layout.slots).filter(|_| TIMED) {
-                let Some(slot) = *slot else { continue };
-                clock[0] += of_cameras[slot][C - 2];
-                clock[1] += of_cameras[slot][C - 1];
-            }
-            let moved_points: Vec<Point3<f64>> = points.iter().zip(&of_points).map(|(it, step)| it + step).collect();
-            let seen = there.fill(&layout, &moved_cameras, &moved_clocks, &moved_points, &rules.loss).is_some();
-            accepted = seen && there.cost <= here.cost;
-            if accepted {
-                let gain = (here.cost - there.cost) / promised.max(f64::MIN_POSITIVE);
-                damping = (damping * (1.0 - (2.0 * gain.min(1.5) - 1.0).powi(3)).max(0.1)).max(1e-12);
-                growth = 2.0;
-                (cameras, clocks, points) = (moved_cameras, moved_clocks, moved_points);
-                std::mem::swap(&mut here, &mut there);
-                costs.push(here.cost);
-            }
-        }
-        if !accepted {
-            damping = damping.max(1e-10) * growth;
-            growth *= 2.0;
-        }
-        if small {
-            stop = Stop::SmallGain;
-            break;
-        }
-        if damping > MAX_DAMPING {
-            stop = Stop::NoDescent;
-            break;
-        }
-    }
+    };
+    let Search { mut reduced, here, at, .. } = search;
+    let State { cameras, clocks, points } = &at;
     let covariance = rules.covariance.then(|| {
         reduced.fill(&layout, &here, 0.0);
         let moved = (scale.centroid, scale.size);
-        let state = State { cameras: &cameras, clocks: &clocks, points: &points, loss: &rules.loss };
-        covariance::of_cameras(&layout, &cameras, &reduced.information, rules.gauge, moved, |inverse, directions| {
+        covariance::of_cameras(&layout, cameras, &reduced.information, rules.gauge, moved, |inverse, directions| {
             if known.stretches.is_empty() {
                 return inverse;
             }
-            correlated(&layout, &here, &reduced, &state, known.stretches).covariance(&inverse, directions)
+            correlated(&layout, &here, &reduced, &at, &rules.loss, known.stretches).covariance(&inverse, directions)
         })
     });
     let (covariance, of_rows) = match covariance {
@@ -186,7 +117,7 @@ pub(super) fn run<const C: usize, const TIMED: bool>(
     let mut adjusted = Adjusted {
         cameras: given
             .iter()
-            .zip(&cameras)
+            .zip(cameras)
             .zip(freedoms)
             .map(
                 |((given, camera), freedom)| {
@@ -199,8 +130,8 @@ pub(super) fn run<const C: usize, const TIMED: bool>(
         rms_px: 0.0,
         left_out,
         costs,
-        stop,
-        iterations,
+        stop: outcome.stop,
+        iterations: outcome.iterations,
         covariance,
     };
     for (point, range) in layout.of_point.iter().enumerate() {
@@ -227,15 +158,88 @@ pub(super) fn run<const C: usize, const TIMED: bool>(
         .collect();
     adjusted.rms_px = (used.iter().sum::<f64>() / used.len().max(1) as f64).sqrt();
     let rows = layout.rows.iter().map(|it| [it[CLOCK], it[CLOCK + 1]]).collect();
-    Ok((adjusted, FoundClocks { clocks, rows, covariance: of_rows }))
+    Ok((adjusted, FoundClocks { clocks: at.clocks, rows, covariance: of_rows }))
 }
 
-/// Where an adjustment ended.
-struct State<'a> {
-    cameras: &'a [Camera],
-    clocks: &'a [[f64; 2]],
-    points: &'a [Point3<f64>],
-    loss: &'a Loss,
+/// Where an adjustment stands, in the units of the search.
+#[derive(Clone)]
+struct State {
+    cameras: Vec<Camera>,
+    clocks: Vec<[f64; 2]>,
+    points: Vec<Point3<f64>>,
+}
+
+/// An adjustment on its way.
+struct Search<'a, const C: usize, const TIMED: bool> {
+    layout: &'a Layout,
+    loss: Loss,
+    at: State,
+    candidate: State,
+    here: Equations<C, TIMED>,
+    there: Equations<C, TIMED>,
+    reduced: Reduced<C>,
+    of_cameras: Vec<SVector<f64, C>>,
+    of_points: Vec<Vector3<f64>>,
+}
+
+impl<'a, const C: usize, const TIMED: bool> Search<'a, C, TIMED> {
+    fn new(layout: &'a Layout, at: State, loss: Loss) -> Self {
+        let (n_free, n_points) = (layout.slots.iter().flatten().count(), at.points.len());
+        Search {
+            layout,
+            loss,
+            candidate: at.clone(),
+            at,
+            here: Equations::new(layout, n_points),
+            there: Equations::new(layout, n_points),
+            reduced: Reduced::new(layout, n_points),
+            of_cameras: vec![SVector::zeros(); n_free],
+            of_points: vec![Vector3::zeros(); n_points],
+        }
+    }
+}
+
+impl<const C: usize, const TIMED: bool> System for Search<'_, C, TIMED> {
+    fn begin(&mut self) -> Option<f64> {
+        let State { cameras, clocks, points } = &self.at;
+        self.here.fill(self.layout, cameras, clocks, points, &self.loss)?;
+        Some(self.here.cost)
+    }
+
+    fn solve(&mut self, damping: f64) -> Option<f64> {
+        let Search { layout, here, reduced, of_cameras, of_points, .. } = self;
+        reduced.fill(layout, here, damping);
+        let step = gauge::solve(layout, &self.at.cameras, &reduced.information, &reduced.gradient)?;
+        for (slot, rows) in layout.slots.iter().zip(&layout.rows) {
+            if let Some(slot) = *slot {
+                of_cameras[slot] = SVector::from_fn(|column, _| rows[layout.names[column]].map_or(0.0, |it| step[it]));
+            }
+        }
+        reduced.step_of_points(layout, here, of_cameras, of_points);
+        Some(here.predicted_reduction(of_cameras, of_points, damping))
+    }
+
+    fn attempt(&mut self) -> Option<f64> {
+        let Search { layout, at, candidate, of_cameras, of_points, .. } = self;
+        let end = if TIMED { C - 2 } else { C };
+        for (index, slot) in layout.slots.iter().enumerate() {
+            let Some(step) = slot.map(|it| &of_cameras[it]) else { continue };
+            candidate.cameras[index] = columns::moved(&at.cameras[index], &step.as_slice()[..end]);
+            if TIMED {
+                candidate.clocks[index] = [0, 1].map(|it| at.clocks[index][it] + step[C - 2 + it]);
+            }
+        }
+        for ((to, from), step) in candidate.points.iter_mut().zip(&at.points).zip(of_points) {
+            *to = from + *step;
+        }
+        self.there.fill(layout, &candidate.cameras, &candidate.clocks, &candidate.points, &self.loss)?;
+        Some(self.there.cost)
+    }
+
+    fn accept(&mut self) {
+        std::mem::swap(&mut self.at, &mut self.candidate);
+        std::mem::swap(&mut self.here, &mut self.there);
+    }
 }
 
 /// All observations at a state that `equations` and `reduced`, without damping, are of. `stretches`: by point.
@@ -243,7 +247,8 @@ fn correlated<const C: usize, const TIMED: bool>(
     layout: &Layout,
     equations: &Equations<C, TIMED>,
     reduced: &Reduced<C>,
-    state: &State<'_>,
+    state: &State,
+    loss: &Loss,
     stretches: &[usize],
 ) -> Correlated<C> {
     let posed: Vec<Posed<'_>> = state.cameras.iter().map(Posed::new).collect();
@@ -260,7 +265,7 @@ fn correlated<const C: usize, const TIMED: bool>(
             by_camera.set_column(C - 1, &(velocity * -time_s));
         }
         let per_variance = observation.sigma_px.powi(-2);
-        let weight = state.loss.at(error.norm_squared() * per_variance).1 * per_variance;
+        let weight = loss.at(error.norm_squared() * per_variance).1 * per_variance;
         let mut by_unknown = SMatrix::<f64, 2, 6>::zeros();
         by_unknown.fixed_columns_mut::<3>(3 * side).copy_from(&by_point);
         let place = place(&observation.pixel, state.cameras[camera].image_size);
@@ -311,25 +316,6 @@ fn put_back(adjusted: &mut Adjusted, given: &[Camera], [reference, other]: [usiz
         *point = given_from_found * Point3::from(point.coords * factor);
     }
     adjusted.cameras[reference].camera_from_world = given[reference].camera_from_world;
-}
-
-/// By how much a step lowers the cost if residuals are as linear as they look: ½ δᵀ (λ D δ − g).
-fn promised<const C: usize, const TIMED: bool>(
-    equations: &Equations<C, TIMED>,
-    of_cameras: &[SVector<f64, C>],
-    of_points: &[Vector3<f64>],
-    damping: f64,
-) -> f64 {
-    let mut sum = 0.0;
-    for (slot, step) in of_cameras.iter().enumerate() {
-        let weighted = step.component_mul(&equations.of_camera[slot].diagonal()) * damping;
-        sum += step.dot(&(weighted - equations.gradient_of_camera[slot]));
-    }
-    for (index, step) in of_points.iter().enumerate() {
-        let weighted = step.component_mul(&equations.of_point[index].diagonal()) * damping;
-        sum += step.dot(&(weighted - equations.gradient_of_point[index]));
-    }
-    0.5 * sum
 }
 
 /// Orders the observations that can be used, and lists the others.
