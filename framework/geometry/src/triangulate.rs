@@ -7,6 +7,9 @@
 //!
 //! Neither allocates.
 
+use foveate_estimation::least_squares::{
+    Damping, DriverOptions, SmallEquations, SmallProblem, SmallSolution, Stop, solve_small,
+};
 use nalgebra::{Matrix2, Matrix3, Point2, Point3, Vector3};
 
 use crate::camera::Camera;
@@ -82,7 +85,14 @@ pub enum TriangulationFault {
 /// Information matrices whose least eigenvalue is below this share of the largest are singular: lines of sight within
 /// about 3e-6 rad of each other.
 const SINGULAR: f64 = 1e-12;
-const MAX_ITERATIONS: u32 = 60;
+/// Depths of distant points are badly conditioned and hardly curved: little damping, that falls fast. Half of 1e-6 squared standard deviations is
+/// little beside any cost.
+const OPTIONS: DriverOptions = DriverOptions {
+    damping: Damping { initial: 1e-6, least: 1e-12, fastest_decrease: 0.1 },
+    max_iterations: 60,
+    relative_gain: 1e-14,
+    absolute_gain: 0.5e-20,
+};
 
 /// The point with the least sum of squared distances to the lines of `rays`, from which it may lie behind the origin.
 /// `None` for fewer than two rays, for (nearly) parallel ones, or when a number is not finite.
@@ -109,49 +119,32 @@ pub fn refine(
     noise: PixelNoise<'_>,
     start: Point3<f64>,
 ) -> Result<Triangulation, TriangulationFault> {
-    let problem = Problem { cameras, pixels, noise };
+    let uniform = match noise {
+        PixelNoise::Sigma(sigma) => Matrix2::identity() / (sigma * sigma),
+        PixelNoise::Covariances(_) => Matrix2::zeros(),
+    };
+    let problem = Problem { cameras, pixels, noise, uniform };
     problem.check()?;
-    let mut position = start;
-    let mut here = problem.normal_equations(&position).map_err(|index| TriangulationFault::NotVisible { index })?;
-    let mut damping = 1e-6;
-    for iterations in 1..=MAX_ITERATIONS {
-        let mut damped = here.information;
-        damped.set_diagonal(&(here.information.diagonal() * (1.0 + damping)));
-        let step = damped.cholesky().map(|it| it.solve(&here.gradient)).unwrap_or_else(Vector3::zeros);
-        let candidate = position + step;
-        let there = problem.normal_equations(&candidate).ok().filter(|it| it.cost <= here.cost);
-        // The gain that the linear model promises, relative to the cost and to one squared standard deviation.
-        let done = step.dot(&here.gradient) <= 1e-14 * (here.cost + 1e-6);
-        if let Some(there) = there {
-            (position, here) = (candidate, there);
-            damping = (damping * 0.1).max(1e-12);
-        } else {
-            damping = (damping * 10.0).max(1e-6);
-        }
-        if done {
-            let squares: f64 = problem.pixel_errors(&position).sum();
-            return Ok(Triangulation {
-                position,
-                covariance: invert_information(&here.information)?,
-                residuals_rms_px: (squares / pixels.len() as f64).sqrt(),
-                iterations,
-            });
-        }
+    let Ok(SmallSolution { parameters: position, equations, outcome }) = solve_small(&problem, start, &OPTIONS) else {
+        let unseen = problem.linearised(&start, &mut SmallEquations::zeros()).err();
+        return Err(TriangulationFault::NotVisible { index: unseen.unwrap_or(0) });
+    };
+    let covariance = invert_information(&equations.information)?;
+    let iterations = outcome.iterations;
+    if outcome.stop == Stop::IterationLimit {
+        return Err(TriangulationFault::NoConvergence { iterations });
     }
-    invert_information(&here.information)?;
-    Err(TriangulationFault::NoConvergence { iterations: MAX_ITERATIONS })
+    let squares: f64 = problem.pixel_errors(&position).sum();
+    let residuals_rms_px = (squares / pixels.len() as f64).sqrt();
+    Ok(Triangulation { position, covariance, residuals_rms_px, iterations })
 }
 
 struct Problem<'a> {
     cameras: &'a [&'a Camera],
     pixels: &'a [Point2<f64>],
     noise: PixelNoise<'a>,
-}
-
-struct NormalEquations {
-    information: Matrix3<f64>,
-    gradient: Vector3<f64>,
-    cost: f64,
+    /// Inverse covariance of all pixels, where they have one sigma [px⁻²].
+    uniform: Matrix2<f64>,
 }
 
 impl Problem<'_> {
@@ -176,9 +169,7 @@ impl Problem<'_> {
     /// Inverse covariance of a pixel [px⁻²].
     fn weight(&self, index: usize) -> Option<Matrix2<f64>> {
         match self.noise {
-            PixelNoise::Sigma(sigma) => {
-                (sigma > 0.0 && sigma.is_finite()).then(|| Matrix2::identity() / (sigma * sigma))
-            }
+            PixelNoise::Sigma(sigma) => (sigma > 0.0 && sigma.is_finite()).then_some(self.uniform),
             PixelNoise::Covariances(list) => {
                 let covariance = list[index];
                 let positive = covariance[(0, 0)] > 0.0 && covariance.determinant() > 0.0;
@@ -188,26 +179,37 @@ impl Problem<'_> {
     }
 
     /// At `position`; the error is the first camera that does not see it, or whose pixel is not finite.
-    fn normal_equations(&self, position: &Point3<f64>) -> Result<NormalEquations, usize> {
-        let mut sum = NormalEquations { information: Matrix3::zeros(), gradient: Vector3::zeros(), cost: 0.0 };
+    fn linearised(&self, position: &Point3<f64>, sum: &mut SmallEquations<3>) -> Result<(), usize> {
         for (index, (camera, pixel)) in self.cameras.iter().zip(self.pixels).enumerate() {
             let (seen, jacobian) = camera.project_with_jacobian(position).ok_or(index)?;
             let weight = self.weight(index).ok_or(index)?;
-            let residual = pixel - seen;
+            let residual = seen - pixel;
             let weighted = jacobian.transpose() * weight;
             sum.information += weighted * jacobian;
             sum.gradient += weighted * residual;
-            sum.cost += residual.dot(&(weight * residual));
+            sum.cost += 0.5 * residual.dot(&(weight * residual));
             if !sum.cost.is_finite() {
                 return Err(index);
             }
         }
-        Ok(sum)
+        Ok(())
     }
 
     fn pixel_errors(&self, position: &Point3<f64>) -> impl Iterator<Item = f64> {
         let each = self.cameras.iter().zip(self.pixels);
         each.filter_map(move |(camera, pixel)| camera.project(position).map(|seen| (pixel - seen).norm_squared()))
+    }
+}
+
+impl SmallProblem<3> for Problem<'_> {
+    type Parameters = Point3<f64>;
+
+    fn moved(&self, from: &Point3<f64>, step: &Vector3<f64>) -> Point3<f64> {
+        from + step
+    }
+
+    fn linearise(&self, at: &Point3<f64>, equations: &mut SmallEquations<3>) -> Option<()> {
+        self.linearised(at, equations).ok()
     }
 }
 
