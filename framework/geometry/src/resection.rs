@@ -10,6 +10,7 @@
 
 pub mod three_points;
 
+use foveate_estimation::least_squares::{Damping, DriverOptions, SmallEquations, SmallProblem, solve_small};
 use nalgebra::{
     Isometry3, Matrix3, Matrix6, Point2, Point3, Translation3, Unit, UnitQuaternion, Vector2, Vector3, Vector6,
 };
@@ -105,7 +106,12 @@ const COLLINEAR: f64 = 1e-4;
 const SINGULAR: f64 = 1e-6;
 /// Cauchy's loss at this many standard deviations is 95 % as efficient as least squares where nothing is wrong.
 const CAUCHY: f64 = 2.385;
-const MAX_ITERATIONS: u32 = 60;
+const OPTIONS: DriverOptions = DriverOptions {
+    damping: Damping { initial: 1e-4, least: 1e-12, fastest_decrease: 0.1 },
+    max_iterations: 60,
+    relative_gain: 1e-12,
+    absolute_gain: 0.5e-21,
+};
 /// Chance at which three right pairs must have been drawn before the search ends early.
 const CONFIDENCE: f64 = 0.9999;
 
@@ -184,13 +190,6 @@ struct Problem<'a> {
     spread: f64,
 }
 
-/// Gauss–Newton's equations at a pose.
-struct Normal {
-    information: Matrix6<f64>,
-    gradient: Vector6<f64>,
-    loss: f64,
-}
-
 impl<'a> Problem<'a> {
     fn new(
         camera: &'a Camera,
@@ -257,54 +256,36 @@ impl<'a> Problem<'a> {
         self.squared_errors(pose).filter(|it| *it <= limit).count()
     }
 
-    fn normal(&self, pose: &Isometry3<f64>) -> Normal {
+    /// Under Cauchy's loss, in pixels rather than standard deviations.
+    fn normal(&self, pose: &Isometry3<f64>) -> SmallEquations<6> {
         let camera = self.posed(pose);
         let scale = (CAUCHY * self.rules.sigma_px).powi(2);
         let unseen = scale * (100.0 * self.rules.inlier_px).powi(2).ln_1p();
-        let (mut information, mut gradient, mut loss) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
+        let mut sum = SmallEquations::zeros();
         for pair in &self.pairs {
             let Some((seen, by_point)) = camera.project_with_jacobian(&pair.point) else {
-                loss += unseen;
+                sum.cost += 0.5 * unseen;
                 continue;
             };
-            let error: Vector2<f64> = pair.pixel - seen;
+            let error: Vector2<f64> = seen - pair.pixel;
             let relative = error.norm_squared() / scale;
-            loss += scale * relative.ln_1p();
+            sum.cost += 0.5 * scale * relative.ln_1p();
             let weight = 1.0 / (1.0 + relative);
             // T exp(δ) p = T (p + ω × p + v): by ω the point moves by −[p]ₓ, by v by 1.
             let by_rotation = by_point * -pair.point.coords.cross_matrix();
             let mut jacobian = nalgebra::Matrix2x6::zeros();
             jacobian.fixed_columns_mut::<3>(0).copy_from(&by_rotation);
             jacobian.fixed_columns_mut::<3>(3).copy_from(&by_point);
-            information += jacobian.transpose() * jacobian * weight;
-            gradient += jacobian.transpose() * error * weight;
+            let weighted = jacobian * weight;
+            sum.information += jacobian.tr_mul(&weighted);
+            sum.gradient += weighted.tr_mul(&error);
         }
-        Normal { information, gradient, loss }
+        sum
     }
 
-    /// Levenberg–Marquardt; the pose is that of the centred points.
+    /// Goes to the minimum near `start`; the pose is that of the centred points.
     fn refine(&self, start: Isometry3<f64>) -> Isometry3<f64> {
-        let mut pose = start;
-        let mut here = self.normal(&pose);
-        let mut damping = 1e-4;
-        for _ in 0..MAX_ITERATIONS {
-            let mut damped = here.information;
-            damped.set_diagonal(&(here.information.diagonal() * (1.0 + damping)));
-            let Some(step) = damped.cholesky().map(|it| it.solve(&here.gradient)) else { break };
-            let candidate = moved(&pose, &step);
-            let there = self.normal(&candidate);
-            let done = step.dot(&here.gradient) <= 1e-12 * (here.loss + 1e-9);
-            if there.loss <= here.loss {
-                (pose, here) = (candidate, there);
-                damping = (damping * 0.1).max(1e-12);
-            } else {
-                damping = (damping * 10.0).max(1e-6);
-            }
-            if done || damping > 1e12 {
-                break;
-            }
-        }
-        pose
+        solve_small(self, start, &OPTIONS).map_or(start, |it| it.parameters)
     }
 
     /// Counts the right pairs of `pose`, and states how well they hold it.
@@ -335,8 +316,21 @@ impl<'a> Problem<'a> {
             covariance: moved_to_origin * of_centred * moved_to_origin.transpose(),
             right: self.places.iter().map(|place| place.is_some_and(|it| errors[it] <= limit)).collect(),
             residuals_rms_px: (right_sum / count as f64).sqrt(),
-            loss_px2: normal.loss / self.pairs.len() as f64,
+            loss_px2: 2.0 * normal.cost / self.pairs.len() as f64,
         })
+    }
+}
+
+impl SmallProblem<6> for Problem<'_> {
+    type Parameters = Isometry3<f64>;
+
+    fn moved(&self, from: &Isometry3<f64>, step: &Vector6<f64>) -> Isometry3<f64> {
+        moved(from, step)
+    }
+
+    fn linearise(&self, at: &Isometry3<f64>, equations: &mut SmallEquations<6>) -> Option<()> {
+        *equations = self.normal(at);
+        Some(())
     }
 }
 
