@@ -1,17 +1,18 @@
 //! Bundle adjustment over cameras and the poses of one rigid board: the poses under which all pixels together are most likely.
 //!
 //! As in [`foveate_geometry::bundle`], but what is eliminated from the normal equations is not points with three unknowns but poses with
-//! six: `of_board` is V, `between` W, and the reduced system U − W V⁻¹ Wᵀ has the unknowns of the cameras alone. The world is fixed
-//! by the caller, who holds the pose of one board or of one camera.
+//! six: they are the groups of [`foveate_estimation::least_squares::schur`]. The world is fixed by the caller, who holds the pose of
+//! one board or of one camera.
 
 use foveate_estimation::Loss;
-use foveate_estimation::least_squares::invert_information;
+use foveate_estimation::least_squares::schur::BlockSum;
+use foveate_estimation::least_squares::{DriverOptions, GroupedEquations, GroupedProblem, solve_grouped};
 use foveate_geometry::Camera;
 use foveate_geometry::bundle::correlated::{Correlated, Group, Linear, place};
 use foveate_geometry::bundle::{CLOCK, CameraCovariance, Freedom, NAMES, OpticsSigma, Posed, moved};
 use nalgebra::{
-    DMatrix, DVector, Isometry3, Matrix2x3, Matrix3, Matrix6, Point2, Point3, SMatrix, SVector, Translation3,
-    UnitQuaternion, Vector2, Vector3, Vector6,
+    DVector, Isometry3, Matrix2x3, Matrix3, Matrix6, Point2, Point3, SMatrix, Translation3, UnitQuaternion, Vector2,
+    Vector3, Vector6,
 };
 
 use crate::stretches::stretches;
@@ -105,14 +106,11 @@ struct Layout<'a> {
     held_board: Option<usize>,
 }
 
-struct Equations<const C: usize> {
-    of_camera: Vec<SMatrix<f64, C, C>>,
-    gradient_of_camera: Vec<SVector<f64, C>>,
-    of_board: Vec<Matrix6<f64>>,
-    gradient_of_board: Vec<Vector6<f64>>,
-    /// By look.
-    between: Vec<SMatrix<f64, C, 6>>,
-    cost: f64,
+/// Cameras and boards.
+#[derive(Clone)]
+struct State {
+    cameras: Vec<Camera>,
+    boards: Vec<Isometry3<f64>>,
 }
 
 fn run<const C: usize>(
@@ -126,52 +124,15 @@ fn run<const C: usize>(
     if layout.looks.is_empty() {
         return None;
     }
-    let (mut cameras, mut boards) = (cameras.to_vec(), boards.to_vec());
-    let mut here = Equations::<C>::at(&layout, &cameras, &boards, &rules.loss)?;
-    let (mut damping, mut growth) = (1e-4, 2.0);
-    for _ in 0..rules.max_iterations {
-        let Some((step, of_boards)) = here.step(&layout, damping) else {
-            damping *= growth;
-            growth *= 2.0;
-            if damping > 1e15 {
-                break;
-            }
-            continue;
-        };
-        let next_cameras: Vec<Camera> = cameras
-            .iter()
-            .enumerate()
-            .map(|(it, camera)| moved(camera, block::<C>(&layout, it, &step).as_slice()))
-            .collect();
-        let next_boards: Vec<Isometry3<f64>> =
-            boards.iter().zip(&of_boards).map(|(board, step)| board_moved(board, step)).collect();
-        let promised = here.promised(&layout, &step, &of_boards);
-        let there = Equations::<C>::at(&layout, &next_cameras, &next_boards, &rules.loss);
-        let small = promised <= rules.relative_gain * here.cost.max(f64::MIN_POSITIVE);
-        match there {
-            Some(there) if there.cost <= here.cost => {
-                let gain = (here.cost - there.cost) / promised.max(f64::MIN_POSITIVE);
-                damping = (damping * (1.0 - (2.0 * gain.min(1.5) - 1.0).powi(3)).max(1.0 / 3.0)).max(1e-15);
-                growth = 2.0;
-                (cameras, boards, here) = (next_cameras, next_boards, there);
-            }
-            _ => {
-                damping = damping.max(1e-10) * growth;
-                growth *= 2.0;
-            }
-        }
-        if small {
-            break;
-        }
-        if damping > 1e15 {
-            break;
-        }
-    }
+    let start = State { cameras: cameras.to_vec(), boards: boards.to_vec() };
+    let RigidRules { max_iterations, relative_gain, .. } = *rules;
+    let options = DriverOptions { max_iterations, relative_gain, ..DriverOptions::default() };
+    let found = solve_grouped(&Sought::<C> { layout: &layout }, start, rules.loss, &options).ok()?;
+    let State { cameras, boards } = &found.parameters;
     let residuals =
         seen.iter().map(|it| Some(cameras[it.camera].project(&(boards[it.board] * it.place))? - it.pixel)).collect();
     let mut columns = Vec::new();
     let covariance = rules.covariance.then(|| {
-        let (information, _, inverses) = here.reduced(&layout, 0.0);
         let names = |open: &[usize]| {
             let name = |row: &usize| {
                 let place = |(camera, rows): (usize, &[Option<usize>; CLOCK])| {
@@ -181,10 +142,10 @@ fn run<const C: usize>(
             };
             open.iter().filter_map(name).collect::<Vec<_>>()
         };
-        let whole = if layout.dimension == 0 { Ok(DMatrix::zeros(0, 0)) } else { invert_information(&information) };
-        let mut whole = whole.map_err(|open| names(&open))?;
+        let (mut whole, inverses) = found.covariance().map_err(|open| names(&open.parameters))?;
         if rules.correlated {
-            whole = correlated(&layout, &here, &inverses, &cameras, &boards, &rules.loss).covariance(&whole, 0);
+            let equations = &found.equations;
+            whole = correlated::<C>(&layout, equations, &inverses, cameras, boards, &rules.loss).covariance(&whole, 0);
         }
         columns = layout
             .rows
@@ -193,13 +154,14 @@ fn run<const C: usize>(
             .collect();
         Ok(cameras.iter().zip(&columns).map(|(camera, block)| of_camera(camera, block)).collect())
     });
-    Some(Rigid { cameras, world_from_board: boards, residuals, cost: here.cost, covariance, columns })
+    let (cost, State { cameras, boards }) = (found.outcome.cost, found.parameters);
+    Some(Rigid { cameras, world_from_board: boards, residuals, cost, covariance, columns })
 }
 
 /// All marks at the solution.
 fn correlated<const C: usize>(
     layout: &Layout<'_>,
-    equations: &Equations<C>,
+    equations: &GroupedEquations<6>,
     inverses: &[Matrix6<f64>],
     cameras: &[Camera],
     boards: &[Isometry3<f64>],
@@ -225,7 +187,7 @@ fn correlated<const C: usize>(
         let seen = looks.iter().flat_map(|look| look.seen.iter().filter_map(|it| linear(look, &layout.seen[*it])));
         let is_held = layout.held_board == Some(*board);
         let inverse = if is_held { Matrix6::zeros() } else { inverses[*board] };
-        Group { stretch, seen: seen.collect(), inverse, gradient: equations.gradient_of_board[*board] }
+        Group { stretch, seen: seen.collect(), inverse, gradient: equations.groups()[*board].gradient }
     };
     let groups = seeing.iter().zip(stretches(&seeing)).map(group).collect();
     let rows = layout.rows.iter().map(|rows| std::array::from_fn(|column| rows[column])).collect();
@@ -256,10 +218,6 @@ fn board_moved(board: &Isometry3<f64>, step: &Vector6<f64>) -> Isometry3<f64> {
     let mut moved = board * Isometry3::from_parts(Translation3::new(step[3], step[4], step[5]), turn);
     moved.rotation.renormalize_fast();
     moved
-}
-
-fn block<const C: usize>(layout: &Layout<'_>, camera: usize, step: &DVector<f64>) -> SVector<f64, C> {
-    SVector::from_fn(|column, _| layout.rows[camera][column].map_or(0.0, |row| step[row]))
 }
 
 fn lay_out<'a>(
@@ -297,114 +255,52 @@ fn lay_out<'a>(
     Layout { seen, looks, of_board, rows, dimension, held_board }
 }
 
-impl<const C: usize> Equations<C> {
-    fn at(layout: &Layout<'_>, cameras: &[Camera], boards: &[Isometry3<f64>], loss: &Loss) -> Option<Self> {
-        let mut new = Self {
-            of_camera: vec![SMatrix::zeros(); cameras.len()],
-            gradient_of_camera: vec![SVector::zeros(); cameras.len()],
-            of_board: vec![Matrix6::zeros(); boards.len()],
-            gradient_of_board: vec![Vector6::zeros(); boards.len()],
-            between: vec![SMatrix::zeros(); layout.looks.len()],
-            cost: 0.0,
-        };
-        let posed: Vec<Posed<'_>> = cameras.iter().map(Posed::new).collect();
-        for (look, between) in layout.looks.iter().zip(&mut new.between) {
+/// What is to be minimised, with camera blocks of width C.
+struct Sought<'a, const C: usize> {
+    layout: &'a Layout<'a>,
+}
+
+impl<const C: usize> Sought<'_, C> {
+    fn rows(&self, camera: usize) -> [Option<usize>; C] {
+        std::array::from_fn(|column| self.layout.rows[camera][column])
+    }
+}
+
+impl<const C: usize> GroupedProblem<6> for Sought<'_, C> {
+    type Parameters = State;
+
+    fn dimension(&self) -> usize {
+        self.layout.dimension
+    }
+
+    fn n_groups(&self) -> usize {
+        self.layout.of_board.len()
+    }
+
+    fn moved(&self, from: &State, shared: &DVector<f64>, groups: &[Vector6<f64>]) -> State {
+        let step = |camera: usize| self.rows(camera).map(|row| row.map_or(0.0, |it| shared[it]));
+        let cameras = from.cameras.iter().enumerate().map(|(index, it)| moved(it, &step(index)));
+        let boards = from.boards.iter().zip(groups).map(|(it, step)| board_moved(it, step));
+        State { cameras: cameras.collect(), boards: boards.collect() }
+    }
+
+    fn linearise(&self, at: &State, equations: &mut GroupedEquations<6>) -> Option<()> {
+        let (layout, loss) = (self.layout, equations.loss());
+        let posed: Vec<Posed<'_>> = at.cameras.iter().map(Posed::new).collect();
+        for look in &layout.looks {
+            let board = &at.boards[look.board];
+            let mut sum = BlockSum::<C, 6>::zeros();
             for seen in look.seen.iter().map(|it| &layout.seen[*it]) {
-                let (pixel, by_camera, by_point) =
-                    posed[look.camera].linearise::<C, false>(&(boards[look.board] * seen.place))?;
+                let (pixel, by_camera, by_point) = posed[look.camera].linearise::<C, false>(&(board * seen.place))?;
+                let mut by_board = by_board(&by_point, board, &seen.place);
+                if layout.held_board == Some(look.board) {
+                    by_board.fill(0.0);
+                }
                 let per_variance = 1.0 / (seen.sigma_px * seen.sigma_px);
-                let error = pixel - seen.pixel.coords;
-                let (cost, weight) = loss.at(error.norm_squared() * per_variance);
-                new.cost += 0.5 * cost;
-                let weight = weight * per_variance;
-                let by_board = by_board(&by_point, &boards[look.board], &seen.place);
-                let weighted = by_camera * weight;
-                new.of_camera[look.camera] += by_camera.tr_mul(&weighted);
-                new.gradient_of_camera[look.camera] += weighted.tr_mul(&error);
-                if layout.held_board != Some(look.board) {
-                    new.of_board[look.board] += by_board.tr_mul(&(by_board * weight));
-                    new.gradient_of_board[look.board] += by_board.tr_mul(&error) * weight;
-                    *between += weighted.tr_mul(&by_board);
-                }
+                sum.add(&loss, &(pixel - seen.pixel.coords), (&by_camera, &by_board), per_variance);
             }
+            equations.add_sum(&self.rows(look.camera), look.board, &sum);
         }
-        new.cost.is_finite().then_some(new)
-    }
-
-    /// Information and gradient of the cameras when boards follow, and the inverses by board.
-    fn reduced(&self, layout: &Layout<'_>, damping: f64) -> (DMatrix<f64>, DVector<f64>, Vec<Matrix6<f64>>) {
-        let mut information = DMatrix::zeros(layout.dimension, layout.dimension);
-        let mut gradient = DVector::zeros(layout.dimension);
-        let mut add = |a: usize, b: usize, block: &SMatrix<f64, C, C>| {
-            for (i, row) in layout.rows[a].iter().take(C).enumerate() {
-                for (j, column) in layout.rows[b].iter().take(C).enumerate() {
-                    if let (Some(row), Some(column)) = (row, column) {
-                        information[(*row, *column)] += block[(i, j)];
-                    }
-                }
-            }
-        };
-        let mut raise = |a: usize, part: &SVector<f64, C>| {
-            for (i, row) in layout.rows[a].iter().take(C).enumerate() {
-                if let Some(row) = row {
-                    gradient[*row] += part[i];
-                }
-            }
-        };
-        for (camera, block) in self.of_camera.iter().enumerate() {
-            let mut damped = *block;
-            (0..C).for_each(|it| damped[(it, it)] *= 1.0 + damping);
-            add(camera, camera, &damped);
-            raise(camera, &self.gradient_of_camera[camera]);
-        }
-        let mut inverses = vec![Matrix6::zeros(); self.of_board.len()];
-        for (board, range) in layout.of_board.iter().enumerate() {
-            let mut damped = self.of_board[board];
-            (0..6).for_each(|it| damped[(it, it)] *= 1.0 + damping);
-            let Some(factor) = damped.cholesky() else { continue };
-            inverses[board] = factor.inverse();
-            for high in range.clone() {
-                let led_back = self.between[high] * inverses[board];
-                raise(layout.looks[high].camera, &-(led_back * self.gradient_of_board[board]));
-                for low in range.clone() {
-                    add(
-                        layout.looks[high].camera,
-                        layout.looks[low].camera,
-                        &-(led_back * self.between[low].transpose()),
-                    );
-                }
-            }
-        }
-        (information, gradient, inverses)
-    }
-
-    fn step(&self, layout: &Layout<'_>, damping: f64) -> Option<(DVector<f64>, Vec<Vector6<f64>>)> {
-        let (information, gradient, inverses) = self.reduced(layout, damping);
-        let step = if layout.dimension == 0 { gradient } else { information.cholesky()?.solve(&-gradient) };
-        let mut of_boards: Vec<Vector6<f64>> = self.gradient_of_board.clone();
-        for (look, between) in layout.looks.iter().zip(&self.between) {
-            of_boards[look.board] += between.tr_mul(&block::<C>(layout, look.camera, &step));
-        }
-        for (of_board, inverse) in of_boards.iter_mut().zip(&inverses) {
-            *of_board = -(inverse * *of_board);
-        }
-        let finite = step.iter().all(|it| it.is_finite()) && of_boards.iter().flatten().all(|it| it.is_finite());
-        finite.then_some((step, of_boards))
-    }
-
-    /// By how much the equations say that a step lowers the cost.
-    fn promised(&self, layout: &Layout<'_>, step: &DVector<f64>, of_boards: &[Vector6<f64>]) -> f64 {
-        let mut promised = 0.0;
-        for camera in 0..self.of_camera.len() {
-            let own = block::<C>(layout, camera, step);
-            promised -= self.gradient_of_camera[camera].dot(&own) + 0.5 * own.dot(&(self.of_camera[camera] * own));
-        }
-        for (board, own) in of_boards.iter().enumerate() {
-            promised -= self.gradient_of_board[board].dot(own) + 0.5 * own.dot(&(self.of_board[board] * own));
-        }
-        for (look, between) in layout.looks.iter().zip(&self.between) {
-            promised -= block::<C>(layout, look.camera, step).dot(&(between * of_boards[look.board]));
-        }
-        promised
+        Some(())
     }
 }
