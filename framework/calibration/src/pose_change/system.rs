@@ -5,21 +5,24 @@
 //! instability and structural change with unknown change point", 1993).
 
 use foveate_estimation::Loss;
+use foveate_estimation::least_squares::schur::BlockSum;
+use foveate_estimation::least_squares::{Damping, DriverOptions, GroupedEquations, GroupedProblem, solve_grouped};
 use foveate_geometry::Camera;
-use foveate_geometry::bundle::{Freedom, OpticsPrior, moved};
-use nalgebra::{DMatrix, DVector, Isometry3, Matrix2x3, Matrix3, Point2, Point3, Translation3, Vector2, Vector3};
+use foveate_geometry::bundle::{CLOCK, Freedom, OpticsPrior, Posed, moved};
+use nalgebra::{DMatrix, DVector, Isometry3, Point2, Point3, Translation3, Vector3};
 
 /// Columns of a pose.
 pub(super) const POSE: usize = 6;
-/// Steps by which optics are differentiated, by column from the focal length on.
-const STEPS: [f64; 9] = [1e-5, 1e-5, 1e-5, 1e-2, 1e-2, 1e-5, 1e-6, 1e-6, 1e-5];
 /// Cost of an observation of a point that its camera cannot see [σ²].
 const UNSEEN: f64 = 900.0;
 const LOSS: Loss = Loss::CAUCHY;
-/// Steps at most [–].
-const STEPS_AT_MOST: usize = 12;
-/// Done when a step gains less than this part of the cost [–].
-const LEAST_GAIN: f64 = 1e-4;
+/// Done when a step is to gain less than 1e-4 of the cost: what is compared differs by parts of it.
+const OPTIONS: DriverOptions = DriverOptions {
+    damping: Damping { initial: 1e-4, least: 1e-8, fastest_decrease: 0.1 },
+    max_iterations: 20,
+    relative_gain: 1e-4,
+    absolute_gain: 0.0,
+};
 
 /// What one camera saw of a point.
 #[derive(Debug, Clone, Copy)]
@@ -69,13 +72,18 @@ pub(super) struct Second {
 impl State {
     /// The camera in `slot` at a time.
     pub(super) fn camera(&self, slot: usize, time_s: f64) -> Camera {
-        let camera = self.cameras[slot].clone();
-        match &self.second {
-            Some(it) if it.slot == slot && time_s >= it.at_s => {
-                Camera { camera_from_world: it.camera_from_world, ..camera }
-            }
-            _ => camera,
-        }
+        let second = self.second_camera().filter(|_| self.is_second(slot, time_s));
+        second.unwrap_or_else(|| self.cameras[slot].clone())
+    }
+
+    fn is_second(&self, slot: usize, time_s: f64) -> bool {
+        self.second.as_ref().is_some_and(|it| it.slot == slot && time_s >= it.at_s)
+    }
+
+    /// The camera with a second pose, there.
+    fn second_camera(&self) -> Option<Camera> {
+        let second = self.second.as_ref()?;
+        Some(Camera { camera_from_world: second.camera_from_world, ..self.cameras[second.slot].clone() })
     }
 }
 
@@ -85,23 +93,6 @@ pub(super) struct Reduced {
     pub information: DMatrix<f64>,
     /// Its negative leads downhill.
     pub slope: DVector<f64>,
-}
-
-/// What brings a point along with the cameras: V⁻¹, V⁻¹ b, and W by unknown.
-struct Follows {
-    point: usize,
-    inverse: Matrix3<f64>,
-    slope: Vector3<f64>,
-    between: Vec<(usize, Vector3<f64>)>,
-}
-
-/// An observation, linearised.
-struct Row {
-    /// By unknown.
-    by_camera: Vec<(usize, Vector2<f64>)>,
-    by_point: Matrix2x3<f64>,
-    off: Vector2<f64>,
-    weight: f64,
 }
 
 impl System {
@@ -128,169 +119,139 @@ impl System {
         self.first[slot]
     }
 
-    /// By bin of tracks: the normal equations, of the priors not; and the cost in all.
+    /// By bin of tracks, in ascending order: the normal equations, of the priors not.
     pub(super) fn by_bin(&self, state: &State, sigma_px: f64, bins: &[usize]) -> Vec<Reduced> {
-        let n_bins = bins.iter().max().map_or(0, |it| it + 1);
-        let empty = Reduced { information: DMatrix::zeros(self.n, self.n), slope: DVector::zeros(self.n) };
-        let mut sums = vec![empty; n_bins];
-        for (index, bin) in bins.iter().enumerate() {
-            self.track(state, sigma_px, index, &mut sums[*bin]);
+        let second = state.second_camera();
+        let views = Views::of(state, second.as_ref());
+        let mut sums = Vec::new();
+        for tracks in (0..bins.len()).collect::<Vec<usize>>().chunk_by(|a, b| bins[*a] == bins[*b]) {
+            let mut equations = GroupedEquations::new(LOSS, self.n, tracks.len());
+            for (group, track) in tracks.iter().enumerate() {
+                self.add_track(&mut equations, state, &views, sigma_px, *track, group);
+            }
+            let (information, slope) = equations.eliminated();
+            sums.push(Reduced { information, slope });
         }
         sums
     }
 
-    fn n_unknowns(&self, state: &State) -> usize {
-        self.n + if state.second.is_some() { POSE } else { 0 }
+    /// Where the columns of a camera stand among the unknowns.
+    fn rows(&self, slot: usize, is_second: bool) -> [Option<usize>; CLOCK] {
+        let mut rows = [None; CLOCK];
+        for (place, column) in self.columns[slot].iter().enumerate() {
+            let first = if is_second && place < POSE { self.n } else { self.first[slot] };
+            rows[*column] = Some(first + place);
+        }
+        rows
     }
 
-    /// Adds what a track tells of the cameras.
-    fn track(&self, state: &State, sigma_px: f64, index: usize, sum: &mut Reduced) -> Option<Follows> {
-        let (track, point) = (&self.tracks[index], &state.points[index]);
-        let mut v = Matrix3::identity() * 1e-12;
-        let mut b = Vector3::zeros();
-        let mut rows: Vec<Row> = Vec::new();
-        for seen in &track.seen {
-            let camera = state.camera(seen.slot, track.time_s);
-            let Some((pixel, by_point)) = camera.project_with_jacobian(point) else { continue };
-            let off = (pixel - seen.pixel) / sigma_px;
-            let weight = LOSS.at(off.norm_squared()).1;
-            let by_point = by_point / sigma_px;
-            let by_camera = self.by_camera(state, seen.slot, track.time_s, &camera, point, &pixel, &by_point, sigma_px);
-            v += weight * by_point.transpose() * by_point;
-            b += weight * by_point.transpose() * off;
-            rows.push(Row { by_camera, by_point, off, weight });
-        }
-        if rows.len() < 2 {
-            return None;
-        }
-        let inverse = v.try_inverse()?;
-        let mut between: Vec<(usize, Vector3<f64>)> = Vec::new();
-        for Row { by_camera, by_point, off, weight } in &rows {
-            for (unknown, column) in by_camera {
-                between.push((*unknown, *weight * by_point.transpose() * column));
-                sum.slope[*unknown] += weight * column.dot(off);
-                for (other, second) in by_camera {
-                    sum.information[(*unknown, *other)] += weight * column.dot(second);
-                }
-            }
-        }
-        let slope = inverse * b;
-        for (unknown, w) in &between {
-            sum.slope[*unknown] -= w.dot(&slope);
-            let follows = inverse * w;
-            for (other, second) in &between {
-                sum.information[(*other, *unknown)] -= follows.dot(second);
-            }
-        }
-        Some(Follows { point: index, inverse, slope, between })
-    }
-
-    /// By unknown: how the pixel moves [σ].
-    #[allow(clippy::too_many_arguments)]
-    fn by_camera(
+    /// Adds what was seen of a track, as a group.
+    fn add_track(
         &self,
+        equations: &mut GroupedEquations<3>,
         state: &State,
-        slot: usize,
-        time_s: f64,
-        camera: &Camera,
-        point: &Point3<f64>,
-        pixel: &Point2<f64>,
-        by_point: &Matrix2x3<f64>,
+        views: &Views<'_>,
         sigma_px: f64,
-    ) -> Vec<(usize, Vector2<f64>)> {
-        let is_second = state.second.as_ref().is_some_and(|it| it.slot == slot && time_s >= it.at_s);
-        let pose = if is_second { self.n } else { self.first[slot] };
-        // T exp(δ) p = T (p + ω × p + v)
-        let turned = by_point * -point.coords.cross_matrix();
-        let mut list: Vec<(usize, Vector2<f64>)> =
-            (0..3).map(|it| (pose + it, turned.column(it).into_owned())).collect();
-        list.extend((0..3).map(|it| (pose + 3 + it, by_point.column(it).into_owned())));
-        for (place, column) in self.columns[slot].iter().enumerate().skip(POSE) {
-            let mut step = [0.0; 15];
-            step[*column] = STEPS[*column - POSE];
-            let there = moved(camera, &step).project(point);
-            let by = there.map_or(Vector2::zeros(), |it| (it - pixel) / (step[*column] * sigma_px));
-            list.push((self.first[slot] + place, by));
+        track: usize,
+        group: usize,
+    ) {
+        let (Track { time_s, seen }, point) = (&self.tracks[track], &state.points[track]);
+        let visible = |it: &Seen| {
+            let is_second = state.is_second(it.slot, *time_s);
+            let linear = views.of_slot(it.slot, is_second).linearise::<CLOCK, false>(point)?;
+            Some((linear, is_second))
+        };
+        let linear: Vec<_> = seen.iter().map(visible).collect();
+        let is_fixed = linear.iter().flatten().count() >= 2;
+        for (seen, linear) in seen.iter().zip(&linear) {
+            let Some(((pixel, by_camera, by_point), is_second)) = linear else {
+                equations.add_cost(LOSS.at(UNSEEN).0);
+                continue;
+            };
+            let off = pixel - seen.pixel.coords;
+            if is_fixed {
+                let mut sum = BlockSum::zeros();
+                sum.add(&LOSS, &off, (by_camera, by_point), sigma_px.powi(-2));
+                equations.add_sum(&self.rows(seen.slot, *is_second), group, &sum);
+            } else {
+                equations.add_cost(LOSS.at(off.norm_squared() / sigma_px.powi(2)).0);
+            }
         }
-        list
     }
 
-    /// Adds what is known of the optics.
-    fn add_priors(&self, state: &State, sum: &mut Reduced) {
-        for (slot, columns) in self.columns.iter().enumerate() {
-            let (apart, sigmas) = apart(&self.priors[slot], &state.cameras[slot]);
+    /// Adjusts all of it, with pixels of that standard deviation.
+    pub(super) fn adjust(&self, state: State, sigma_px: f64) -> State {
+        let sought = Sought { system: self, sigma_px, has_second: state.second.is_some() };
+        match solve_grouped(&sought, state.clone(), LOSS, &OPTIONS) {
+            Ok(found) => State { cost: 2.0 * found.outcome.cost, ..found.parameters },
+            Err(_) => State { cost: f64::INFINITY, ..state },
+        }
+    }
+}
+
+/// Cameras of a state, ready for many points.
+struct Views<'a> {
+    first: Vec<Posed<'a>>,
+    second: Option<Posed<'a>>,
+}
+
+impl<'a> Views<'a> {
+    /// `second`: as [`State::second_camera`] has it.
+    fn of(state: &'a State, second: Option<&'a Camera>) -> Views<'a> {
+        Views { first: state.cameras.iter().map(Posed::new).collect(), second: second.map(Posed::new) }
+    }
+
+    fn of_slot(&self, slot: usize, is_second: bool) -> &Posed<'a> {
+        self.second.as_ref().filter(|_| is_second).unwrap_or(&self.first[slot])
+    }
+}
+
+/// What is to be minimised.
+struct Sought<'a> {
+    system: &'a System,
+    sigma_px: f64,
+    has_second: bool,
+}
+
+impl GroupedProblem<3> for Sought<'_> {
+    type Parameters = State;
+
+    fn dimension(&self) -> usize {
+        self.system.n + if self.has_second { POSE } else { 0 }
+    }
+
+    fn n_groups(&self) -> usize {
+        self.system.tracks.len()
+    }
+
+    fn moved(&self, from: &State, shared: &DVector<f64>, groups: &[Vector3<f64>]) -> State {
+        let step = |slot: usize, is_second: bool| {
+            self.system.rows(slot, is_second).map(|row| row.map_or(0.0, |it| shared[it]))
+        };
+        let cameras = from.cameras.iter().enumerate().map(|(slot, it)| moved(it, &step(slot, false)));
+        let second = from.second.as_ref().map(|it| {
+            let camera = Camera { camera_from_world: it.camera_from_world, ..from.cameras[it.slot].clone() };
+            Second { camera_from_world: moved(&camera, &step(it.slot, true)).camera_from_world, ..it.clone() }
+        });
+        let points = from.points.iter().zip(groups).map(|(it, step)| it + step);
+        State { cameras: cameras.collect(), points: points.collect(), second, cost: from.cost }
+    }
+
+    fn linearise(&self, at: &State, equations: &mut GroupedEquations<3>) -> Option<()> {
+        let second = at.second_camera();
+        let views = Views::of(at, second.as_ref());
+        for track in 0..self.system.tracks.len() {
+            self.system.add_track(equations, at, &views, self.sigma_px, track, track);
+        }
+        for (slot, columns) in self.system.columns.iter().enumerate() {
+            let (apart, sigmas) = apart(&self.system.priors[slot], &at.cameras[slot]);
             for (place, column) in columns.iter().enumerate().skip(POSE) {
-                let weight = sigmas[*column - POSE].powi(-2);
-                let unknown = self.first[slot] + place;
-                sum.information[(unknown, unknown)] += weight;
-                sum.slope[unknown] += weight * apart[*column - POSE];
+                let per_sigma = 1.0 / sigmas[*column - POSE];
+                let row = self.system.first[slot] + place;
+                equations.add_known(row, apart[*column - POSE] * per_sigma, per_sigma);
             }
         }
-    }
-
-    pub(super) fn cost(&self, state: &State, sigma_px: f64) -> f64 {
-        let mut cost = 0.0;
-        for (track, point) in self.tracks.iter().zip(&state.points) {
-            for seen in &track.seen {
-                let off = state.camera(seen.slot, track.time_s).project(point).map(|it| it - seen.pixel);
-                cost += LOSS.at(off.map_or(UNSEEN, |it| it.norm_squared() / sigma_px.powi(2))).0;
-            }
-        }
-        for (slot, columns) in self.columns.iter().enumerate() {
-            let (apart, sigmas) = apart(&self.priors[slot], &state.cameras[slot]);
-            cost += columns.iter().skip(POSE).map(|it| (apart[it - POSE] / sigmas[it - POSE]).powi(2)).sum::<f64>();
-        }
-        cost
-    }
-
-    /// Adjusts all of it (Levenberg, Marquardt), with pixels of that standard deviation.
-    pub(super) fn adjust(&self, mut state: State, sigma_px: f64) -> State {
-        let n = self.n_unknowns(&state);
-        state.cost = self.cost(&state, sigma_px);
-        let mut damping = 1e-4;
-        for _ in 0..STEPS_AT_MOST {
-            let mut sum = Reduced { information: DMatrix::zeros(n, n), slope: DVector::zeros(n) };
-            let followers: Vec<Follows> =
-                (0..self.tracks.len()).filter_map(|it| self.track(&state, sigma_px, it, &mut sum)).collect();
-            self.add_priors(&state, &mut sum);
-            let before = state.cost;
-            while damping < 1e6 {
-                let mut damped = sum.information.clone();
-                (0..n).for_each(|it| damped[(it, it)] += damping * damped[(it, it)].max(1e-12));
-                let step = damped.cholesky().map(|it| it.solve(&-&sum.slope));
-                let next = step.map(|it| self.moved(&state, &it, &followers, sigma_px));
-                if let Some(next) = next.filter(|it| it.cost < state.cost) {
-                    state = next;
-                    damping = (0.1 * damping).max(1e-8);
-                    break;
-                }
-                damping *= 10.0;
-            }
-            if before - state.cost < LEAST_GAIN * before {
-                break;
-            }
-        }
-        state
-    }
-
-    fn moved(&self, from: &State, step: &DVector<f64>, followers: &[Follows], sigma_px: f64) -> State {
-        let mut state = from.clone();
-        for (slot, columns) in self.columns.iter().enumerate() {
-            let mut own = [0.0; 15];
-            columns.iter().enumerate().for_each(|(place, column)| own[*column] = step[self.first[slot] + place]);
-            state.cameras[slot] = moved(&from.cameras[slot], &own);
-        }
-        if let Some(second) = &mut state.second {
-            let own: Vec<f64> = (0..POSE).map(|it| step[self.n + it]).collect();
-            let camera = Camera { camera_from_world: second.camera_from_world, ..from.cameras[second.slot].clone() };
-            second.camera_from_world = moved(&camera, &own).camera_from_world;
-        }
-        for it in followers {
-            let along = it.between.iter().fold(Vector3::zeros(), |sum, (unknown, w)| sum + w * step[*unknown]);
-            state.points[it.point] -= it.slope + it.inverse * along;
-        }
-        state.cost = self.cost(&state, sigma_px);
-        state
+        Some(())
     }
 }
 
