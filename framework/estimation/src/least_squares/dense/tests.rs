@@ -3,6 +3,7 @@
 use nalgebra::{Matrix1, Matrix1x3, UnitQuaternion, Vector1, Vector3};
 
 use super::*;
+use crate::least_squares::invert_information;
 use crate::random::Random;
 
 /// y = a exp(b x) + c, with σ.
@@ -297,4 +298,11 @@ fn an_average_has_the_same_minimum_and_a_cost_for_each_residual() {
     assert!((sum.costs.last().unwrap() / mean.costs.last().unwrap() - 100.0).abs() < 1e-6);
     let (sum, mean) = (sum.covariance.unwrap(), mean.covariance.unwrap());
     assert!((mean[(0, 0)] / sum[(0, 0)] - 100.0).abs() < 1e-3);
+}
+
+#[test]
+fn what_others_explain_to_twelve_digits_is_open() {
+    let tied = |rest: f64| DMatrix::from_row_slice(2, 2, &[4.0, 2.0 - rest, 2.0 - rest, 1.0]);
+    assert_eq!(invert_information(&tied(1e-14)), Err(vec![1]));
+    assert!(invert_information(&tied(1e-9)).is_ok());
 }

@@ -116,6 +116,8 @@ fn scene(seed: u64, wrong: usize) -> (Sliders, State) {
             problem.measured.push((sensor, point, seen + Vector2::new(random.normal(), random.normal()) * sigma));
         }
     }
+    // Twice by the same sensor.
+    problem.measured.extend_from_within(..5);
     problem.measured.iter_mut().step_by(7).take(wrong).for_each(|it| it.2.x += 3.0);
     problem.sigma = sigma;
     (problem, truth)
@@ -156,17 +158,47 @@ fn it_takes_the_same_steps_as_the_dense_system_and_states_the_same_covariance() 
 }
 
 #[test]
-fn the_predicted_reduction_is_that_of_the_dense_system() {
+fn a_step_solves_the_damped_equations_and_its_predicted_reduction_is_that_of_the_linear_model() {
     let (problem, truth) = scene(4, 0);
-    let start = off(&truth);
-    let mut of_schur = Vec::new();
     let (here, there) = (GroupedEquations::new(Loss::Squared, 8, 12), GroupedEquations::new(Loss::Squared, 8, 12));
-    let (step, of_groups) = (DVector::zeros(8), vec![SVector::zeros(); 12]);
-    let mut system = Grouped { problem: &problem, parameters: start, candidate: None, here, there, step, of_groups };
-    minimise(&mut system, &DriverOptions::default(), &mut |it| of_schur.push(it.gain_ratio().unwrap())).unwrap();
-    // The last steps are in sight of the minimum, where residuals are linear: what was predicted comes true.
-    let last = of_schur[of_schur.len() - 3];
-    assert!((last - 1.0).abs() < 1e-3, "{of_schur:?}");
+    let (step, of_groups, damping) = (DVector::zeros(8), vec![SVector::zeros(); 12], 0.7);
+    let parameters = off(&truth);
+    let mut system = Grouped { problem: &problem, parameters, candidate: None, here, there, step, of_groups };
+    system.begin().unwrap();
+    let predicted = system.solve(damping).unwrap();
+    let Grouped { here, step, of_groups, .. } = &system;
+    let raise = |diagonal: f64, step: f64| (1.0 + damping) * diagonal * step - diagonal * step;
+    let mut of_shared = &here.information * step + &here.gradient;
+    let mut by_hand = -here.gradient.dot(step) - 0.5 * step.dot(&(&here.information * step));
+    (0..8).for_each(|it| of_shared[it] += raise(here.information[(it, it)], step[it]));
+    for (group, own) in here.groups.iter().zip(of_groups) {
+        let mut left = group.information * own + group.gradient;
+        by_hand -= group.gradient.dot(own) + 0.5 * own.dot(&(group.information * own));
+        (0..2).for_each(|it| left[it] += raise(group.information[(it, it)], own[it]));
+        for (row, between) in &group.between {
+            left += between * step[*row];
+            of_shared[*row] += between.dot(own);
+            by_hand -= step[*row] * between.dot(own);
+        }
+        assert!(left.norm() < 1e-9 * group.gradient.norm().max(1.0), "{left}");
+    }
+    assert!(of_shared.norm() < 1e-9 * here.gradient.norm(), "{of_shared}");
+    assert!((predicted / by_hand - 1.0).abs() < 1e-9, "{predicted} {by_hand}");
+}
+
+#[test]
+fn an_information_weighs_as_a_residual_in_its_standard_deviations_does() {
+    let (residual, by_shared) = (Vector2::new(0.3, -2.0), Matrix2::new(1.0, 2.0, 3.0, 4.0));
+    let by_group = Matrix2::new(-1.0, 0.5, 2.0, 1.0);
+    let [mut of_pixels, mut of_sigmas] = [BlockSum::<2, 2>::zeros(), BlockSum::zeros()];
+    of_pixels.add(&Loss::CAUCHY, &residual, (&by_shared, &by_group), 4.0);
+    of_sigmas.add(&Loss::CAUCHY, &(residual * 2.0), (&(by_shared * 2.0), &(by_group * 2.0)), 1.0);
+    assert!((of_pixels.of_shared - of_sigmas.of_shared).norm() < 1e-12);
+    assert!((of_pixels.of_group - of_sigmas.of_group).norm() < 1e-12);
+    assert!((of_pixels.between - of_sigmas.between).norm() < 1e-12);
+    assert!((of_pixels.gradient_of_shared - of_sigmas.gradient_of_shared).norm() < 1e-12);
+    assert!((of_pixels.gradient_of_group - of_sigmas.gradient_of_group).norm() < 1e-12);
+    assert!((of_pixels.cost - of_sigmas.cost).abs() < 1e-12);
 }
 
 #[test]
@@ -272,6 +304,7 @@ fn groups_alone_are_solved_each_by_itself() {
     }
     let nothing = Directions(Vec::new(), 0);
     let found = solve_grouped(&nothing, Vec::new(), Loss::Squared, &DriverOptions::default()).unwrap();
+    assert!(found.covariance().unwrap().0.is_empty());
     assert_eq!((found.outcome.cost, found.outcome.stop), (0.0, Stop::SmallGain));
     assert!(matches!(
         solve_grouped(&nothing, Vec::new(), Loss::Cauchy { scale: -1.0 }, &DriverOptions::default()).unwrap_err(),
