@@ -276,9 +276,9 @@ impl<'a> Problem<'a> {
             let mut jacobian = nalgebra::Matrix2x6::zeros();
             jacobian.fixed_columns_mut::<3>(0).copy_from(&by_rotation);
             jacobian.fixed_columns_mut::<3>(3).copy_from(&by_point);
-            let weighted = jacobian * weight;
-            sum.information += jacobian.tr_mul(&weighted);
-            sum.gradient += weighted.tr_mul(&error);
+            let weighted = jacobian.transpose() * weight;
+            sum.information += weighted * jacobian;
+            sum.gradient += weighted * error;
         }
         sum
     }
