@@ -13,8 +13,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("imaging", &[]),
     ("time", &[]),
     ("diagnostics", &[]),
-    // Patterns of camera names say what was probably meant.
-    ("scene", &["diagnostics", "geometry"]),
+    // Patterns of camera names say what was probably meant. Foreign lenses are fitted.
+    ("scene", &["diagnostics", "estimation", "geometry"]),
     // A room beside the nodes: calibrating is no node's work, and the program that does it knows both.
     ("calibration", &["estimation", "geometry", "scene"]),
     ("messages", &["time"]),

@@ -5,15 +5,21 @@
 //! terms are just what a shifted centre of distortion looks like, and a turn about the axis takes up the shear.
 //! The rest is left to a least-squares fit (Levenberg–Marquardt) of all intrinsics and a small turn over the image.
 
+use foveate_estimation::least_squares::{Damping, DriverOptions, SmallEquations, SmallProblem, solve_small};
 use foveate_geometry::{Camera, Distortion, Intrinsics};
-use nalgebra::{Isometry3, Point2, Point3, SMatrix, SVector, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point2, Point3, SVector, UnitQuaternion, Vector2, Vector3};
 
 /// Five intrinsics, five of distortion, three of a turn.
 const UNKNOWNS: usize = 13;
 type Unknowns = SVector<f64, UNKNOWNS>;
 /// Grid of pixels over the image on which the two are compared.
 const GRID: [usize; 2] = [33, 25];
-const MAX_STEPS: usize = 60;
+const OPTIONS: DriverOptions = DriverOptions {
+    damping: Damping { initial: 1e-6, least: 1e-12, fastest_decrease: 0.1 },
+    max_iterations: 60,
+    relative_gain: 1e-9,
+    absolute_gain: 0.0,
+};
 
 /// The best camera, and its largest distance from the wanted pixels on a grid over the image [px]. `lens` stands at the
 /// origin. `None` when the lens maps less than half of the image, or nothing fits to 5 px.
@@ -38,27 +44,8 @@ pub(crate) fn fit(lens: &Camera, pinhole: &Camera) -> Option<(Camera, f64)> {
         0.0,
         0.0,
     ]);
-    let mut best = unknowns_of_start;
-    let mut best_cost = cost(&camera_of(&best, pinhole), &samples, pinhole)?;
-    let mut damping = 1e-6;
-    for _ in 0..MAX_STEPS {
-        let (mut normal, gradient) = normal_equations(&best, &samples, pinhole)?;
-        normal.set_diagonal(&(normal.diagonal() * (1.0 + damping)));
-        let candidate = best + normal.cholesky()?.solve(&gradient);
-        match cost(&camera_of(&candidate, pinhole), &samples, pinhole) {
-            Some(cost) if cost < best_cost => {
-                let gain = best_cost - cost;
-                (best, best_cost) = (candidate, cost);
-                damping = (damping * 0.1).max(1e-12);
-                if gain < 1e-9 * best_cost {
-                    break;
-                }
-            }
-            _ if damping > 1e3 => break,
-            _ => damping *= 10.0,
-        }
-    }
-    let camera = camera_of(&best, pinhole);
+    let found = solve_small(&Fit { samples: &samples, pinhole }, unknowns_of_start, &OPTIONS).ok()?;
+    let camera = camera_of(&found.parameters, pinhole);
     let error = errors(&camera, &samples, pinhole).flatten().map(|it| it.norm()).fold(0.0, f64::max);
     (error < 5.0).then_some((camera, error))
 }
@@ -97,44 +84,48 @@ fn camera_of(unknowns: &Unknowns, pinhole: &Camera) -> Camera {
     }
 }
 
-/// Wanted minus actual pixel of each sample [px]; `None` where the camera sees nothing.
-fn errors(
-    camera: &Camera,
-    samples: &[Sample],
-    pinhole: &Camera,
-) -> impl Iterator<Item = Option<nalgebra::Vector2<f64>>> {
+/// Actual minus wanted pixel of each sample [px]; `None` where the camera sees nothing.
+fn errors(camera: &Camera, samples: &[Sample], pinhole: &Camera) -> impl Iterator<Item = Option<Vector2<f64>>> {
     let turn = camera.camera_from_world.rotation * pinhole.camera_from_world.rotation.inverse();
     let at_origin = Camera { camera_from_world: Isometry3::from_parts(Default::default(), turn), ..camera.clone() };
-    samples.iter().map(move |(point, pixel)| at_origin.project(point).map(|seen| pixel - seen))
+    samples.iter().map(move |(point, pixel)| at_origin.project(point).map(|seen| seen - pixel))
 }
 
-fn cost(camera: &Camera, samples: &[Sample], pinhole: &Camera) -> Option<f64> {
-    errors(camera, samples, pinhole).map(|error| error.map(|it| it.norm_squared())).sum()
+struct Fit<'a> {
+    samples: &'a [Sample],
+    pinhole: &'a Camera,
 }
 
-/// JᵀJ and Jᵀr, J by central differences.
-fn normal_equations(
-    at: &Unknowns,
-    samples: &[Sample],
-    pinhole: &Camera,
-) -> Option<(SMatrix<f64, UNKNOWNS, UNKNOWNS>, Unknowns)> {
-    let errors_at = |unknowns: &Unknowns| -> Option<Vec<f64>> {
-        let list: Option<Vec<_>> = errors(&camera_of(unknowns, pinhole), samples, pinhole).collect();
-        Some(list?.iter().flat_map(|it| [it.x, it.y]).collect())
-    };
-    let residuals = errors_at(at)?;
-    let mut columns = Vec::with_capacity(UNKNOWNS);
-    for unknown in 0..UNKNOWNS {
-        let step = 1e-5 * at[unknown].abs().max(1.0);
-        let (mut above, mut below) = (*at, *at);
-        above[unknown] += step;
-        below[unknown] -= step;
-        let (above, below) = (errors_at(&above)?, errors_at(&below)?);
-        columns.push(below.iter().zip(&above).map(|(b, a)| (b - a) / (2.0 * step)).collect::<Vec<f64>>());
+impl SmallProblem<UNKNOWNS> for Fit<'_> {
+    type Parameters = Unknowns;
+
+    fn moved(&self, from: &Unknowns, step: &Unknowns) -> Unknowns {
+        from + step
     }
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
-    Some((
-        SMatrix::from_fn(|row, column| dot(&columns[row], &columns[column])),
-        Unknowns::from_fn(|row, _| dot(&columns[row], &residuals)),
-    ))
+
+    /// By central differences.
+    fn linearise(&self, at: &Unknowns, equations: &mut SmallEquations<UNKNOWNS>) -> Option<()> {
+        let errors_at = |unknowns: &Unknowns| -> Option<Vec<Vector2<f64>>> {
+            errors(&camera_of(unknowns, self.pinhole), self.samples, self.pinhole).collect()
+        };
+        let residuals = errors_at(at)?;
+        let mut columns: [Vec<Vector2<f64>>; UNKNOWNS] = Default::default();
+        for (unknown, column) in columns.iter_mut().enumerate() {
+            let step = 1e-5 * at[unknown].abs().max(1.0);
+            let (mut above, mut below) = (*at, *at);
+            above[unknown] += step;
+            below[unknown] -= step;
+            let (above, below) = (errors_at(&above)?, errors_at(&below)?);
+            *column = above.iter().zip(&below).map(|(a, b)| (a - b) / (2.0 * step)).collect();
+        }
+        let dot = |a: &[Vector2<f64>], b: &[Vector2<f64>]| a.iter().zip(b).map(|(a, b)| a.dot(b)).sum::<f64>();
+        for (row, by_row) in columns.iter().enumerate() {
+            equations.gradient[row] = dot(by_row, &residuals);
+            for (column, by_column) in columns.iter().enumerate() {
+                equations.information[(row, column)] = dot(by_row, by_column);
+            }
+        }
+        equations.cost = 0.5 * dot(&residuals, &residuals);
+        Some(())
+    }
 }
