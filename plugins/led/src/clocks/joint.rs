@@ -1,12 +1,14 @@
 //! All clocks together, from pairs that were compared one by one.
 //!
 //! A tree of the pairs that agree best gives each camera's clock against one of them; pairs that contradict it are left out. Then all
-//! offsets and rates are moved so that the lines of sight of all pairs meet best: Gauss–Newton with Levenberg's damping under Cauchy's loss, whose
+//! offsets and rates are moved so that the lines of sight of all pairs meet best: damped least squares under Cauchy's loss, whose
 //! scale follows the residuals down. Lines of sight that miss for another reason (a camera that is placed a little wrong) do so for
 //! seconds on end, so that counting them as independent would flatter: the uncertainty is that of leaving out one stretch of time after
 //! another and solving anew (jackknife).
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use foveate::estimation::Loss;
+use foveate::estimation::least_squares::{self, Equations, Rules};
+use nalgebra::{DVector, RowVector2, RowVector4, Vector1, Vector3};
 
 use super::search::PairClock;
 use super::sights::{Sights, miss};
@@ -51,7 +53,6 @@ const CONTRADICTION_S: f64 = 1.0;
 /// Sights closer together than this tell the same [s].
 const THINNED_S: f64 = 0.1;
 const BLOCKS: usize = 10;
-const ROUNDS: usize = 40;
 
 /// Solves for all cameras that `links` tie to camera `reference`.
 pub fn solve(sights: &[Sights], links: &[Link], reference: usize) -> Solution {
@@ -123,11 +124,43 @@ struct Problem<'a> {
     blocks: (f64, f64),
 }
 
-/// Sums over all sights.
-struct Normal {
-    information: DMatrix<f64>,
-    gradient: DVector<f64>,
-    loss: f64,
+/// The problem at one scale of the loss [rad].
+struct Scaled<'a> {
+    problem: &'a Problem<'a>,
+    left_out: Option<usize>,
+    scale: f64,
+}
+
+impl least_squares::Problem for Scaled<'_> {
+    type Parameters = DVector<f64>;
+
+    fn dimension(&self) -> usize {
+        self.problem.n_unknowns
+    }
+
+    fn moved(&self, from: &DVector<f64>, step: &DVector<f64>) -> DVector<f64> {
+        from + step
+    }
+
+    fn linearise(&self, at: &DVector<f64>, equations: &mut Equations) -> Option<()> {
+        let places = &self.problem.places;
+        self.problem.for_each(at, self.left_out, |a, b, angle, by_a, by_b| {
+            let residual = Vector1::new(angle / self.scale);
+            let [by_a, by_b] = [by_a, by_b].map(|it| RowVector2::from(it) / self.scale);
+            match (places[a], places[b]) {
+                (Some(a), Some(b)) => {
+                    let jacobian = RowVector4::new(by_a.x, by_a.y, by_b.x, by_b.y);
+                    equations.add(&[a, a + 1, b, b + 1], &residual, &jacobian);
+                }
+                (Some(a), None) => equations.add(&[a, a + 1], &residual, &by_a),
+                (None, Some(b)) => equations.add(&[b, b + 1], &residual, &by_b),
+                (None, None) => {}
+            }
+        });
+        // Fewer sights that overlap are no gain.
+        equations.average();
+        Some(())
+    }
 }
 
 impl<'a> Problem<'a> {
@@ -217,37 +250,6 @@ impl<'a> Problem<'a> {
         }
     }
 
-    fn normal(&self, unknowns: &DVector<f64>, left_out: Option<usize>, scale: f64) -> Normal {
-        let mut normal = Normal {
-            information: DMatrix::zeros(self.n_unknowns, self.n_unknowns),
-            gradient: DVector::zeros(self.n_unknowns),
-            loss: 0.0,
-        };
-        let mut n_sights = 0.0_f64;
-        self.for_each(unknowns, left_out, |a, b, angle, by_a, by_b| {
-            let relative = (angle / scale).powi(2);
-            let weight = 1.0 / (1.0 + relative);
-            normal.loss += relative.ln_1p();
-            n_sights += 1.0;
-            let columns = [(self.places[a], by_a), (self.places[b], by_b)];
-            for (place, by) in columns {
-                let Some(place) = place else { continue };
-                for (row, value) in by.iter().enumerate() {
-                    normal.gradient[place + row] -= weight * value * angle;
-                    for (other, by_other) in columns {
-                        let Some(other) = other else { continue };
-                        for (column, other_value) in by_other.iter().enumerate() {
-                            normal.information[(place + row, other + column)] += weight * value * other_value;
-                        }
-                    }
-                }
-            }
-        });
-        // Fewer sights that overlap are no gain.
-        normal.loss /= n_sights.max(1.0);
-        normal
-    }
-
     /// Median absolute miss angle [rad].
     fn median_miss(&self, unknowns: &DVector<f64>, left_out: Option<usize>) -> f64 {
         let mut angles = Vec::new();
@@ -265,28 +267,11 @@ impl<'a> Problem<'a> {
                 break;
             }
             let scale = (1.5 * median).max(1e-6);
-            let mut here = self.normal(&unknowns, left_out, scale);
-            let mut damping = 1e-4;
-            for _ in 0..ROUNDS {
-                let mut damped = here.information.clone();
-                let floor = 1e-12 * here.information.diagonal().max();
-                for place in 0..self.n_unknowns {
-                    damped[(place, place)] += damping * here.information[(place, place)] + floor;
-                }
-                let Some(step) = damped.cholesky().map(|it| it.solve(&here.gradient)) else { break };
-                let candidate = &unknowns + &step;
-                let there = self.normal(&candidate, left_out, scale);
-                let gained = here.loss - there.loss;
-                if gained >= 0.0 {
-                    (unknowns, here) = (candidate, there);
-                    damping = (damping * 0.1).max(1e-9);
-                } else {
-                    damping *= 10.0;
-                }
-                if damping > 1e6 || (0.0..1e-9).contains(&gained) {
-                    break;
-                }
-            }
+            let scaled = Scaled { problem: self, left_out, scale };
+            let loss = Loss::Cauchy { scale: 1.0 };
+            let rules = Rules { loss, max_iterations: 40, relative_gain: 1e-9, ..Rules::default() };
+            let Ok(found) = least_squares::solve(&scaled, unknowns.clone(), &rules) else { break };
+            unknowns = found.parameters;
         }
         let median = self.median_miss(&unknowns, left_out);
         (unknowns, median)
