@@ -4,7 +4,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use foveate_geometry::{
-    Camera, Distortion, PixelNoise, Ray, ResectionRules, closest_approach, refine, refine_pose, triangulate_rays,
+    Camera, Distortion, PixelNoise, Ray, ResectionOptions, closest_approach, refine, refine_pose, triangulate_rays,
 };
 use nalgebra::{Point3, Translation3};
 
@@ -50,5 +50,5 @@ fn main() {
     let (near, at): (Vec<_>, Vec<_>) = points.iter().filter_map(|it| Some((*it, own.project(it)?))).unzip();
     let mut moved = own.clone();
     moved.camera_from_world *= Translation3::new(0.01, -0.02, 0.01);
-    time("refine_pose, 64 points, 2 cm off", 1_000, |_| refine_pose(&moved, &near, &at, &ResectionRules::default()));
+    time("refine_pose, 64 points, 2 cm off", 1_000, |_| refine_pose(&moved, &near, &at, &ResectionOptions::default()));
 }

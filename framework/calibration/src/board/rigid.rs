@@ -30,7 +30,7 @@ pub(super) struct Seen {
 }
 
 #[derive(Debug, Clone, Copy)]
-pub(super) struct RigidRules {
+pub(super) struct RigidOptions {
     pub loss: Loss,
     /// The board whose pose stays.
     pub held_board: Option<usize>,
@@ -41,7 +41,7 @@ pub(super) struct RigidRules {
     pub correlated: bool,
 }
 
-impl Default for RigidRules {
+impl Default for RigidOptions {
     fn default() -> Self {
         Self {
             loss: Loss::HUBER,
@@ -57,13 +57,13 @@ impl Default for RigidRules {
 /// Covariance of a camera's columns.
 pub(super) type Columns = SMatrix<f64, CLOCK, CLOCK>;
 
-/// Parameters that the sightings leave open: camera and name.
+/// Parameters that the observations leave open: camera and name.
 pub(super) type Open = Vec<(usize, &'static str)>;
 
 pub(super) struct Rigid {
     pub cameras: Vec<Camera>,
     pub world_from_board: Vec<Isometry3<f64>>,
-    /// By sighting: where the solution has it − where it was seen, `None` where the camera cannot see it [px].
+    /// By observation: where the solution has it − where it was seen, `None` where the camera cannot see it [px].
     pub residuals: Vec<Option<Vector2<f64>>>,
     pub cost: f64,
     /// By camera, if asked for; the parameters that stay open otherwise.
@@ -79,17 +79,17 @@ pub(super) fn adjust(
     freedoms: &[Freedom],
     boards: &[Isometry3<f64>],
     seen: &[Seen],
-    rules: &RigidRules,
+    options: &RigidOptions,
 ) -> Option<Rigid> {
     match freedoms.iter().map(Freedom::width).max().unwrap_or(0) {
-        0..=6 => run::<6>(cameras, freedoms, boards, seen, rules),
-        7..=9 => run::<9>(cameras, freedoms, boards, seen, rules),
-        _ => run::<15>(cameras, freedoms, boards, seen, rules),
+        0..=6 => run::<6>(cameras, freedoms, boards, seen, options),
+        7..=9 => run::<9>(cameras, freedoms, boards, seen, options),
+        _ => run::<15>(cameras, freedoms, boards, seen, options),
     }
 }
 
-/// One look of a camera at a board: a range of sightings.
-struct Look {
+/// One camera frame of a camera at a board: a range of observations.
+struct CameraFrame {
     camera: usize,
     board: usize,
     seen: Vec<usize>,
@@ -98,7 +98,7 @@ struct Look {
 struct Layout<'a> {
     seen: &'a [Seen],
     /// By board, in its order.
-    looks: Vec<Look>,
+    camera_frames: Vec<CameraFrame>,
     of_board: Vec<std::ops::Range<usize>>,
     /// By camera and column: the row of the reduced system.
     rows: Vec<[Option<usize>; CLOCK]>,
@@ -118,21 +118,21 @@ fn run<const C: usize>(
     freedoms: &[Freedom],
     boards: &[Isometry3<f64>],
     seen: &[Seen],
-    rules: &RigidRules,
+    options: &RigidOptions,
 ) -> Option<Rigid> {
-    let layout = lay_out(cameras, freedoms, boards, seen, rules.held_board);
-    if layout.looks.is_empty() {
+    let layout = lay_out(cameras, freedoms, boards, seen, options.held_board);
+    if layout.camera_frames.is_empty() {
         return None;
     }
     let start = State { cameras: cameras.to_vec(), boards: boards.to_vec() };
-    let RigidRules { max_iterations, relative_gain, .. } = *rules;
+    let RigidOptions { max_iterations, relative_gain, .. } = *options;
     let options = DriverOptions { max_iterations, relative_gain, ..DriverOptions::default() };
-    let found = solve_grouped(&Sought::<C> { layout: &layout }, start, rules.loss, &options).ok()?;
+    let found = solve_grouped(&Sought::<C> { layout: &layout }, start, options.loss, &options).ok()?;
     let State { cameras, boards } = &found.parameters;
     let residuals =
         seen.iter().map(|it| Some(cameras[it.camera].project(&(boards[it.board] * it.place))? - it.pixel)).collect();
     let mut columns = Vec::new();
-    let covariance = rules.covariance.then(|| {
+    let covariance = options.covariance.then(|| {
         let names = |open: &[usize]| {
             let name = |row: &usize| {
                 let place = |(camera, rows): (usize, &[Option<usize>; CLOCK])| {
@@ -143,9 +143,10 @@ fn run<const C: usize>(
             open.iter().filter_map(name).collect::<Vec<_>>()
         };
         let (mut whole, inverses) = found.covariance().map_err(|open| names(&open.parameters))?;
-        if rules.correlated {
+        if options.correlated {
             let equations = &found.equations;
-            whole = correlated::<C>(&layout, equations, &inverses, cameras, boards, &rules.loss).covariance(&whole, 0);
+            whole =
+                correlated::<C>(&layout, equations, &inverses, cameras, boards, &options.loss).covariance(&whole, 0);
         }
         columns = layout
             .rows
@@ -169,22 +170,24 @@ fn correlated<const C: usize>(
 ) -> Correlated<C> {
     let posed: Vec<Posed<'_>> = cameras.iter().map(Posed::new).collect();
     let seeing: Vec<usize> = (0..boards.len()).filter(|it| !layout.of_board[*it].is_empty()).collect();
-    let linear = |look: &Look, seen: &Seen| {
+    let linear = |camera_frame: &CameraFrame, seen: &Seen| {
         let (pixel, by_camera, by_point) =
-            posed[look.camera].linearise::<C, false>(&(boards[look.board] * seen.place))?;
+            posed[camera_frame.camera].linearise::<C, false>(&(boards[camera_frame.board] * seen.place))?;
         let error = pixel - seen.pixel.coords;
         let per_variance = seen.sigma_px.powi(-2);
         let weight = loss.at(error.norm_squared() * per_variance).1 * per_variance;
-        let mut by_unknown = by_board(&by_point, &boards[look.board], &seen.place);
-        if layout.held_board == Some(look.board) {
+        let mut by_unknown = by_board(&by_point, &boards[camera_frame.board], &seen.place);
+        if layout.held_board == Some(camera_frame.board) {
             by_unknown.fill(0.0);
         }
-        let place = place(&seen.pixel, cameras[look.camera].image_size);
-        Some(Linear { camera: look.camera, weight, by_camera, by_unknown, error, place })
+        let place = place(&seen.pixel, cameras[camera_frame.camera].image_size);
+        Some(Linear { camera: camera_frame.camera, weight, by_camera, by_unknown, error, place })
     };
     let group = |(board, stretch): (&usize, usize)| {
-        let looks = &layout.looks[layout.of_board[*board].clone()];
-        let seen = looks.iter().flat_map(|look| look.seen.iter().filter_map(|it| linear(look, &layout.seen[*it])));
+        let camera_frames = &layout.camera_frames[layout.of_board[*board].clone()];
+        let seen = camera_frames
+            .iter()
+            .flat_map(|camera_frame| camera_frame.seen.iter().filter_map(|it| linear(camera_frame, &layout.seen[*it])));
         let is_held = layout.held_board == Some(*board);
         let inverse = if is_held { Matrix6::zeros() } else { inverses[*board] };
         Group { stretch, seen: seen.collect(), inverse, gradient: equations.groups()[*board].gradient }
@@ -227,23 +230,24 @@ fn lay_out<'a>(
     seen: &'a [Seen],
     held_board: Option<usize>,
 ) -> Layout<'a> {
-    let mut by_look: std::collections::BTreeMap<(usize, usize), Vec<usize>> = std::collections::BTreeMap::new();
+    let mut by_frame: std::collections::BTreeMap<(usize, usize), Vec<usize>> = std::collections::BTreeMap::new();
     for (index, it) in seen.iter().enumerate() {
         // Marks that are out of view at the start have no derivative to lead them back.
         if cameras[it.camera].project(&(boards[it.board] * it.place)).is_some() {
-            by_look.entry((it.board, it.camera)).or_default().push(index);
+            by_frame.entry((it.board, it.camera)).or_default().push(index);
         }
     }
-    let looks: Vec<Look> = by_look.into_iter().map(|((board, camera), seen)| Look { camera, board, seen }).collect();
+    let camera_frames: Vec<CameraFrame> =
+        by_frame.into_iter().map(|((board, camera), seen)| CameraFrame { camera, board, seen }).collect();
     let mut of_board = vec![0..0; boards.len()];
-    for (index, look) in looks.iter().enumerate() {
-        let range = &mut of_board[look.board];
+    for (index, camera_frame) in camera_frames.iter().enumerate() {
+        let range = &mut of_board[camera_frame.board];
         *range = if range.start == range.end { index..index + 1 } else { range.start..index + 1 };
     }
     let mut dimension = 0;
     let mut rows = vec![[None; CLOCK]; cameras.len()];
     for (camera, freedom) in freedoms.iter().enumerate() {
-        if looks.iter().any(|it| it.camera == camera) {
+        if camera_frames.iter().any(|it| it.camera == camera) {
             for (column, free) in freedom.mask().into_iter().enumerate() {
                 rows[camera][column] = free.then(|| {
                     dimension += 1;
@@ -252,7 +256,7 @@ fn lay_out<'a>(
             }
         }
     }
-    Layout { seen, looks, of_board, rows, dimension, held_board }
+    Layout { seen, camera_frames, of_board, rows, dimension, held_board }
 }
 
 /// What is to be minimised, with camera blocks of width C.
@@ -287,19 +291,20 @@ impl<const C: usize> GroupedProblem<6> for Sought<'_, C> {
     fn linearise(&self, at: &State, equations: &mut GroupedEquations<6>) -> Option<()> {
         let (layout, loss) = (self.layout, equations.loss());
         let posed: Vec<Posed<'_>> = at.cameras.iter().map(Posed::new).collect();
-        for look in &layout.looks {
-            let board = &at.boards[look.board];
+        for camera_frame in &layout.camera_frames {
+            let board = &at.boards[camera_frame.board];
             let mut sum = BlockSum::<C, 6>::zeros();
-            for seen in look.seen.iter().map(|it| &layout.seen[*it]) {
-                let (pixel, by_camera, by_point) = posed[look.camera].linearise::<C, false>(&(board * seen.place))?;
+            for seen in camera_frame.seen.iter().map(|it| &layout.seen[*it]) {
+                let (pixel, by_camera, by_point) =
+                    posed[camera_frame.camera].linearise::<C, false>(&(board * seen.place))?;
                 let mut by_board = by_board(&by_point, board, &seen.place);
-                if layout.held_board == Some(look.board) {
+                if layout.held_board == Some(camera_frame.board) {
                     by_board.fill(0.0);
                 }
                 let per_variance = 1.0 / (seen.sigma_px * seen.sigma_px);
                 sum.add(&loss, &(pixel - seen.pixel.coords), (&by_camera, &by_board), per_variance);
             }
-            equations.add_sum(&self.rows(look.camera), look.board, &sum);
+            equations.add_sum(&self.rows(camera_frame.camera), camera_frame.board, &sum);
         }
         Some(())
     }

@@ -3,8 +3,8 @@
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 use super::driver::{DriverOptions, Stop, System, minimise_with_costs, predicted_reduction, raise};
-use super::information::{Open, covariance, solve_positive};
-use super::{Loss, SolveFault};
+use super::information::{Unobservable, covariance, solve_positive};
+use super::{Loss, SolveError};
 
 /// What is to be minimised. Residuals are in units of their standard deviations.
 pub trait Problem {
@@ -89,7 +89,7 @@ impl Equations {
 
 /// How to go about it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Rules {
+pub struct Options {
     /// What residuals cost.
     pub loss: Loss,
     /// Parameters that stay as they are, by their place in the step; others are free.
@@ -100,7 +100,7 @@ pub struct Rules {
     pub relative_gain: f64,
 }
 
-impl Default for Rules {
+impl Default for Options {
     fn default() -> Self {
         Self { loss: Loss::Squared, held: Vec::new(), max_iterations: 100, relative_gain: 1e-12 }
     }
@@ -112,7 +112,7 @@ pub struct Solution<P> {
     /// Where the cost is least.
     pub parameters: P,
     /// Of the step, if residuals are as large as their standard deviations say; rows and columns of held parameters are 0.
-    pub covariance: Result<DMatrix<f64>, Open>,
+    pub covariance: Result<DMatrix<f64>, Unobservable>,
     /// ½ Σ ρ at the start and after each accepted step.
     pub costs: Vec<f64>,
     /// Why it ended.
@@ -140,18 +140,18 @@ struct Normal {
 }
 
 impl Normal {
-    fn new(dimension: usize, rules: &Rules) -> Result<Normal, SolveFault> {
-        if let Some(&index) = rules.held.iter().find(|it| **it >= dimension) {
-            return Err(SolveFault::NoSuchParameter { index, dimension });
+    fn new(dimension: usize, options: &Options) -> Result<Normal, SolveError> {
+        if let Some(&index) = options.held.iter().find(|it| **it >= dimension) {
+            return Err(SolveError::NoSuchParameter { index, dimension });
         }
-        if let Some(found) = rules.loss.bad_scale() {
-            return Err(SolveFault::BadRule { rule: "the scale of the loss", found });
+        if let Some(found) = options.loss.bad_scale() {
+            return Err(SolveError::BadRule { rule: "the scale of the loss", found });
         }
-        let free: Vec<usize> = (0..dimension).filter(|it| !rules.held.contains(it)).collect();
+        let free: Vec<usize> = (0..dimension).filter(|it| !options.held.contains(it)).collect();
         if free.is_empty() {
-            return Err(SolveFault::NothingFree { dimension });
+            return Err(SolveError::NothingFree { dimension });
         }
-        let [here, there] = [(); 2].map(|()| Equations::new(rules.loss, dimension));
+        let [here, there] = [(); 2].map(|()| Equations::new(options.loss, dimension));
         Ok(Normal { free, here, there, step: DVector::zeros(dimension) })
     }
 
@@ -213,15 +213,15 @@ impl<P: Problem> System for Dense<'_, P> {
 /// Minimises `problem` from `start`.
 ///
 /// # Errors
-/// See [`SolveFault`].
+/// See [`SolveError`].
 pub fn solve<P: Problem>(
     problem: &P,
     start: P::Parameters,
-    rules: &Rules,
-) -> Result<Solution<P::Parameters>, SolveFault> {
-    let normal = Normal::new(problem.dimension(), rules)?;
+    options: &Options,
+) -> Result<Solution<P::Parameters>, SolveError> {
+    let normal = Normal::new(problem.dimension(), options)?;
     let mut system = Dense { problem, parameters: start, candidate: None, normal };
-    let Rules { max_iterations, relative_gain, .. } = *rules;
+    let Options { max_iterations, relative_gain, .. } = *options;
     let options = DriverOptions { max_iterations, relative_gain, ..DriverOptions::default() };
     let found = minimise_with_costs(&mut system, &options)?;
     Ok(system.normal.solution(system.parameters, found))

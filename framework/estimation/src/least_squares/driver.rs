@@ -25,9 +25,9 @@
 //!    damping beyond 1e15.
 //! 3. [`Stop::IterationLimit`]: `max_iterations` steps were tried, refused ones included. None at all are tried where that is 0.
 //!
-//! A start without a finite cost is refused with [`SolveFault::BadStart`].
+//! A start without a finite cost is refused with [`SolveError::BadStart`].
 
-use super::SolveFault;
+use super::SolveError;
 
 /// Least squares about a point that moves: what the driver needs to know of a problem.
 ///
@@ -92,18 +92,18 @@ impl Default for DriverOptions {
 }
 
 impl DriverOptions {
-    fn check(&self) -> Result<(), SolveFault> {
+    fn check(&self) -> Result<(), SolveError> {
         let Damping { initial, least, fastest_decrease } = self.damping;
         let positive = |it: f64| it.is_finite() && it > 0.0;
-        let rules = [
+        let options = [
             ("relative_gain", self.relative_gain, positive(self.relative_gain)),
             ("absolute_gain", self.absolute_gain, self.absolute_gain == 0.0 || positive(self.absolute_gain)),
             ("the initial damping", initial, positive(initial)),
             ("the least damping", least, positive(least)),
             ("the fastest decrease of the damping", fastest_decrease, positive(fastest_decrease)),
         ];
-        let bad = rules.into_iter().find(|it| !it.2);
-        bad.map_or(Ok(()), |(rule, found, _)| Err(SolveFault::BadRule { rule, found }))
+        let bad = options.into_iter().find(|it| !it.2);
+        bad.map_or(Ok(()), |(rule, found, _)| Err(SolveError::BadRule { rule, found }))
     }
 }
 
@@ -158,14 +158,14 @@ const MAX_DAMPING: f64 = 1e15;
 /// Minimises the cost of `system`, and hands each step that was tried to `log`. Allocates nothing itself.
 ///
 /// # Errors
-/// [`SolveFault::BadStart`] and [`SolveFault::BadRule`].
+/// [`SolveError::BadStart`] and [`SolveError::BadRule`].
 pub fn minimise(
     system: &mut dyn System,
     options: &DriverOptions,
     log: &mut dyn FnMut(&Iteration),
-) -> Result<Outcome, SolveFault> {
+) -> Result<Outcome, SolveError> {
     options.check()?;
-    let mut cost = system.begin().filter(|it| it.is_finite()).ok_or(SolveFault::BadStart)?;
+    let mut cost = system.begin().filter(|it| it.is_finite()).ok_or(SolveError::BadStart)?;
     let (mut damping, mut growth) = (options.damping.initial, 2.0);
     for iterations in 1..=options.max_iterations {
         let predicted_reduction = system.solve(damping).filter(|it| it.is_finite());
@@ -203,7 +203,7 @@ pub fn minimise(
 pub fn minimise_with_costs(
     system: &mut dyn System,
     options: &DriverOptions,
-) -> Result<(Outcome, Vec<f64>), SolveFault> {
+) -> Result<(Outcome, Vec<f64>), SolveError> {
     let mut costs = Vec::new();
     let outcome = minimise(system, options, &mut |it| {
         if costs.is_empty() {

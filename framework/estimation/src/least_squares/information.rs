@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 /// Parameters that the data do not hold.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("the data leave {} of {of} parameters open: they cannot be told from those before them: {parameters:?}", parameters.len())]
-pub struct Open {
+pub struct Unobservable {
     /// Which, by their place in the step: given the parameters before it, each is left open.
     pub parameters: Vec<usize>,
     /// How many are free in all.
@@ -25,10 +25,10 @@ pub fn solve_positive(matrix: DMatrix<f64>, right: &DVector<f64>) -> Option<DVec
 }
 
 /// Inverse of the information of the `free` parameters, spread into rows and columns of all.
-pub(super) fn covariance(information: &DMatrix<f64>, free: &[usize]) -> Result<DMatrix<f64>, Open> {
+pub(super) fn covariance(information: &DMatrix<f64>, free: &[usize]) -> Result<DMatrix<f64>, Unobservable> {
     let inverse = invert_information(&information.select_rows(free).select_columns(free));
-    let inverse =
-        inverse.map_err(|open| Open { parameters: open.iter().map(|it| free[*it]).collect(), of: free.len() })?;
+    let inverse = inverse
+        .map_err(|open| Unobservable { parameters: open.iter().map(|it| free[*it]).collect(), of: free.len() })?;
     let mut whole = DMatrix::zeros(information.nrows(), information.nrows());
     for (row, &to_row) in free.iter().enumerate() {
         for (column, &to_column) in free.iter().enumerate() {

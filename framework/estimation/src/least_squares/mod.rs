@@ -9,7 +9,7 @@
 //! | [`information`] | the inverse of an information matrix, or which parameters it leaves open |
 //!
 //! Each minimises ½ Σ ρ(|r|²). Losses enter by their weights (iteratively reweighted least squares). Parameters live on any manifold: a problem says where a
-//! step leads. Problems that leave a combination of parameters open still get their minimum, but no covariance: [`Open`] names the
+//! step leads. Problems that leave a combination of parameters open still get their minimum, but no covariance: [`Unobservable`] names the
 //! parameters in question.
 
 pub mod dense;
@@ -19,16 +19,16 @@ mod loss;
 pub mod schur;
 pub mod small;
 
-pub use dense::{Equations, Problem, Rules, Solution, solve};
+pub use dense::{Equations, Options, Problem, Solution, solve};
 pub use driver::{Damping, DriverOptions, Iteration, Outcome, Stop, System, minimise, minimise_with_costs};
-pub use information::{Open, invert_information};
+pub use information::{Unobservable, invert_information};
 pub use loss::Loss;
 pub use schur::{GroupedEquations, GroupedProblem, GroupedSolution, solve_grouped};
 pub use small::{SmallEquations, SmallProblem, SmallSolution, solve_small};
 
 /// Why there is no answer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum SolveFault {
+pub enum SolveError {
     /// The start has no residuals, or one that is not finite.
     #[error("at the start the residuals cannot be computed or are not finite")]
     BadStart,

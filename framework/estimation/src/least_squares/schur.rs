@@ -12,8 +12,8 @@
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 use super::driver::{DriverOptions, Outcome, System, minimise, predicted_reduction, raise};
-use super::information::{Open, invert_information, solve_positive};
-use super::{Loss, SolveFault};
+use super::information::{Unobservable, invert_information, solve_positive};
+use super::{Loss, SolveError};
 
 /// What is to be minimised over shared parameters and groups of G.
 pub trait GroupedProblem<const G: usize> {
@@ -239,10 +239,10 @@ impl<P, const G: usize> GroupedSolution<P, G> {
     ///
     /// # Errors
     /// Shared parameters that are unobservable.
-    pub fn covariance(&self) -> Result<(DMatrix<f64>, Vec<SMatrix<f64, G, G>>), Open> {
+    pub fn covariance(&self) -> Result<(DMatrix<f64>, Vec<SMatrix<f64, G, G>>), Unobservable> {
         let Reduced { information, inverses, .. } = self.equations.reduced(None, 0.0);
         let of = information.nrows();
-        let covariance = invert_information(&information).map_err(|parameters| Open { parameters, of })?;
+        let covariance = invert_information(&information).map_err(|parameters| Unobservable { parameters, of })?;
         Ok((covariance, inverses))
     }
 }
@@ -299,15 +299,15 @@ impl<P: GroupedProblem<G>, const G: usize> System for Grouped<'_, P, G> {
 /// Minimises `problem` from `start`.
 ///
 /// # Errors
-/// [`SolveFault::BadStart`] and [`SolveFault::BadRule`].
+/// [`SolveError::BadStart`] and [`SolveError::BadRule`].
 pub fn solve_grouped<P: GroupedProblem<G>, const G: usize>(
     problem: &P,
     start: P::Parameters,
     loss: Loss,
     options: &DriverOptions,
-) -> Result<GroupedSolution<P::Parameters, G>, SolveFault> {
+) -> Result<GroupedSolution<P::Parameters, G>, SolveError> {
     if let Some(found) = loss.bad_scale() {
-        return Err(SolveFault::BadRule { rule: "the scale of the loss", found });
+        return Err(SolveError::BadRule { rule: "the scale of the loss", found });
     }
     let (dimension, n_groups) = (problem.dimension(), problem.n_groups());
     let [here, there] = [(); 2].map(|()| GroupedEquations::new(loss, dimension, n_groups));

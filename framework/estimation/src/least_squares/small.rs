@@ -2,7 +2,7 @@
 
 use nalgebra::{Cholesky, Const, SMatrix, SVector};
 
-use super::SolveFault;
+use super::SolveError;
 use super::driver::{DriverOptions, Outcome, System, minimise, predicted_reduction, raise};
 
 /// What is to be minimised over N parameters.
@@ -87,12 +87,12 @@ impl<P: SmallProblem<N>, const N: usize> System for Small<'_, P, N> {
 /// Minimises `problem` from `start`.
 ///
 /// # Errors
-/// [`SolveFault::BadStart`] and [`SolveFault::BadRule`].
+/// [`SolveError::BadStart`] and [`SolveError::BadRule`].
 pub fn solve_small<P: SmallProblem<N>, const N: usize>(
     problem: &P,
     start: P::Parameters,
     options: &DriverOptions,
-) -> Result<SmallSolution<P::Parameters, N>, SolveFault> {
+) -> Result<SmallSolution<P::Parameters, N>, SolveError> {
     let (here, there) = (SmallEquations::zeros(), SmallEquations::zeros());
     let mut system =
         Small { problem, candidate: start.clone(), parameters: start, here, there, step: SVector::zeros() };

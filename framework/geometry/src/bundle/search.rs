@@ -11,7 +11,7 @@ use super::equations::{Equations, Layout, Posed, Reduced};
 use super::lengths::Length;
 use super::timing::Timing;
 use super::{
-    Adjusted, BundleFault, BundleRules, Freedom, Gauge, Known, KnownLength, Observation, columns, covariance, gauge,
+    Adjusted, BundleError, BundleOptions, Freedom, Gauge, Known, KnownLength, Observation, columns, covariance, gauge,
 };
 use crate::camera::Camera;
 
@@ -72,8 +72,8 @@ pub(super) fn run<const C: usize, const TIMED: bool>(
     observations: &[Observation],
     known: &Known<'_>,
     timing: Timing<'_>,
-    rules: &BundleRules,
-) -> Result<(Adjusted, FoundClocks), BundleFault> {
+    options: &BundleOptions,
+) -> Result<(Adjusted, FoundClocks), BundleError> {
     let scale = Scale::of(given_points);
     let cameras: Vec<Camera> = given.iter().map(|it| scale.inwards(it)).collect();
     let points: Vec<Point3<f64>> =
@@ -89,24 +89,24 @@ pub(super) fn run<const C: usize, const TIMED: bool>(
     layout.known_optics = known.optics.to_vec();
     layout.names = if TIMED { (0..C - 2).chain(CLOCK..N_NAMES).collect() } else { (0..C).collect() };
     if layout.observations.is_empty() {
-        return Err(BundleFault::NothingShared { observations: observations.len() });
+        return Err(BundleError::NothingShared { observations: observations.len() });
     }
-    let mut search = Search::<C, TIMED>::new(&layout, State { cameras, clocks, points }, rules.loss);
-    let BundleRules { max_iterations, relative_gain, .. } = *rules;
+    let mut search = Search::<C, TIMED>::new(&layout, State { cameras, clocks, points }, options.loss);
+    let BundleOptions { max_iterations, relative_gain, .. } = *options;
     let options = DriverOptions { damping: DAMPING, max_iterations, relative_gain, ..DriverOptions::default() };
     let Ok((outcome, costs)) = minimise_with_costs(&mut search, &options) else {
-        return Err(BundleFault::NothingShared { observations: observations.len() });
+        return Err(BundleError::NothingShared { observations: observations.len() });
     };
     let Search { mut reduced, here, at, .. } = search;
     let State { cameras, clocks, points } = &at;
-    let covariance = rules.covariance.then(|| {
+    let covariance = options.covariance.then(|| {
         reduced.fill(&layout, &here, 0.0);
         let moved = (scale.centroid, scale.size);
-        covariance::of_cameras(&layout, cameras, &reduced.information, rules.gauge, moved, |inverse, directions| {
+        covariance::of_cameras(&layout, cameras, &reduced.information, options.gauge, moved, |inverse, directions| {
             if known.stretches.is_empty() {
                 return inverse;
             }
-            correlated(&layout, &here, &reduced, &at, &rules.loss, known.stretches).covariance(&inverse, directions)
+            correlated(&layout, &here, &reduced, &at, &options.loss, known.stretches).covariance(&inverse, directions)
         })
     });
     let (covariance, of_rows) = match covariance {
@@ -140,7 +140,7 @@ pub(super) fn run<const C: usize, const TIMED: bool>(
         }
     }
     if layout.anchors.is_empty()
-        && let Gauge::Cameras { reference, other } = rules.gauge
+        && let Gauge::Cameras { reference, other } = options.gauge
     {
         put_back(&mut adjusted, given, [reference, other], layout.lengths.is_empty());
     }

@@ -136,10 +136,10 @@ fn bad_starts_and_options_are_refused_with_the_reason() {
         minimise(&mut system, options, &mut |_| ()).unwrap_err()
     };
     for start in [None, Some(f64::NAN), Some(f64::INFINITY)] {
-        assert_eq!(refused(start, &options()), SolveFault::BadStart);
+        assert_eq!(refused(start, &options()), SolveError::BadStart);
     }
     let rule = |options: DriverOptions| match refused(Some(1.0), &options) {
-        SolveFault::BadRule { rule, .. } => rule,
+        SolveError::BadRule { rule, .. } => rule,
         other => panic!("{other}"),
     };
     let damping = Damping::default();

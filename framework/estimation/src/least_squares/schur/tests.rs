@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Matrix2x3, UnitVector3, Vector2, Vector3};
 
 use super::*;
-use crate::least_squares::{Equations, Problem, Rules, Solution, Stop, solve};
+use crate::least_squares::{Equations, Options, Problem, Solution, Stop, solve};
 use crate::random::Random;
 
 /// A plane seen by sliders: sensor s is at x = shared[2 s] with gain shared[2 s + 1], and measures of point p its place and the gain's
@@ -131,8 +131,8 @@ fn off(truth: &State) -> State {
 #[track_caller]
 fn both(problem: &Sliders, start: &State, loss: Loss) -> (GroupedSolution<State, 2>, Solution<State>) {
     let schur = solve_grouped(problem, start.clone(), loss, &DriverOptions::default()).unwrap();
-    let rules = Rules { loss, ..Rules::default() };
-    (schur, solve(&InOne(problem), start.clone(), &rules).unwrap())
+    let options = Options { loss, ..Options::default() };
+    (schur, solve(&InOne(problem), start.clone(), &options).unwrap())
 }
 
 fn largest_difference(a: &State, b: &State) -> f64 {
@@ -237,7 +237,7 @@ fn unobservable_shared_parameters_are_named_and_the_minimum_is_reached_all_the_s
     start.shared[7] = truth.shared[7];
     let unseen = start.shared[4];
     let found = solve_grouped(&Blind(problem), start, Loss::Squared, &DriverOptions::default()).unwrap();
-    assert_eq!(found.covariance().unwrap_err(), Open { parameters: vec![4, 5, 7], of: 8 });
+    assert_eq!(found.covariance().unwrap_err(), Unobservable { parameters: vec![4, 5, 7], of: 8 });
     assert!((found.parameters.shared[6] - truth.shared[6]).abs() < 0.05, "{found:?}");
     assert_eq!((found.parameters.shared[4], found.outcome.stop), (unseen, Stop::SmallGain));
 }
@@ -308,6 +308,6 @@ fn groups_alone_are_solved_each_by_itself() {
     assert_eq!((found.outcome.cost, found.outcome.stop), (0.0, Stop::SmallGain));
     assert!(matches!(
         solve_grouped(&nothing, Vec::new(), Loss::Cauchy { scale: -1.0 }, &DriverOptions::default()).unwrap_err(),
-        SolveFault::BadRule { found: -1.0, .. }
+        SolveError::BadRule { found: -1.0, .. }
     ));
 }

@@ -3,7 +3,7 @@
 use nalgebra::{DVector, Matrix2, Vector1, Vector2};
 
 use super::*;
-use crate::least_squares::{Equations, Loss, Problem, Rules, Stop, solve};
+use crate::least_squares::{Equations, Loss, Options, Problem, Stop, solve};
 
 /// Rosenbrock's valley as residuals, and none at all left of −2.
 struct Valley;
@@ -53,7 +53,7 @@ impl Problem for Valley {
 fn it_takes_the_same_way_as_the_dense_system() {
     let start = Vector2::new(-1.2, 1.0);
     let small = solve_small(&Valley, start, &DriverOptions::default()).unwrap();
-    let dense = solve(&Valley, start, &Rules::default()).unwrap();
+    let dense = solve(&Valley, start, &Options::default()).unwrap();
     assert!((small.parameters - Vector2::new(1.0, 1.0)).norm() < 1e-9, "{small:?}");
     assert!((small.parameters - dense.parameters).norm() < 1e-9);
     assert_eq!((small.outcome.iterations, small.outcome.stop), (dense.iterations, dense.stop));
@@ -65,7 +65,7 @@ fn it_takes_the_same_way_as_the_dense_system() {
 #[test]
 fn a_start_without_residuals_is_refused() {
     let start = Vector2::new(-3.0, 0.0);
-    assert_eq!(solve_small(&Valley, start, &DriverOptions::default()).unwrap_err(), SolveFault::BadStart);
+    assert_eq!(solve_small(&Valley, start, &DriverOptions::default()).unwrap_err(), SolveError::BadStart);
 }
 
 /// The mean of a few numbers, robustly; the second parameter is not seen at all.
