@@ -22,7 +22,7 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>) {
     page.section(
         "convergence",
         "Convergence",
-        "Root mean square of the residuals in use after each step. Steps that bring sightings in may raise it; the bands are the stages \
+        "Root mean square of the residuals in use after each step. Steps that bring observations in may raise it; the bands are the stages \
          in the table.",
     );
     let all = || own.iter().filter(|it| usable(it)).map(|it| it.rms_px);
@@ -75,7 +75,7 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>) {
     }
     page.raw(&format!(
         "<table class=\"steps\"><thead><tr><th>stage</th><th class=\"n\">steps</th><th class=\"n\">root mean square at its end [px]</th>\
-         <th class=\"n\">sightings in use</th></tr></thead><tbody>{rows}</tbody></table>"
+         <th class=\"n\">observations in use</th></tr></thead><tbody>{rows}</tbody></table>"
     ));
     if stages.len() > STAGES {
         page.note(&format!("{} further stages are left out.", count(stages.len() - STAGES)));
@@ -94,7 +94,7 @@ fn from_a_poor_start(page: &mut Page, both: &Convergence) {
     }
     let n = both.together.len().max(both.in_turn.len()).max(2);
     let x = Axis::log(1.0, n as f64, "1 is the start, then each turn or step");
-    let y = Axis::log(0.8 * low, 1.25 * high, "root mean square on moments kept back [px]");
+    let y = Axis::log(0.8 * low, 1.25 * high, "root mean square on moments held out [px]");
     let mut plot = Plot::new([720.0, 300.0], x, y, "From a poor start");
     for (class, errors) in [("s0", &both.together), ("s1", &both.in_turn)] {
         plot.line(&format!("line {class}"), errors.iter().enumerate().map(|(index, it)| (index as f64 + 1.0, *it)));

@@ -172,7 +172,7 @@ pub(super) fn counts(course: &Course, name: &str) -> String {
     };
     let rows = [
         ("marks", curves([&|it| Some(count(it, false)), &|it| Some(count(it, true))])),
-        ("rms [mm]; outside [–]", curves([&|it| Some(it.rms? * 1e3), &|it| it.outside])),
+        ("rms [mm]; outside [–]", curves([&|it| Some(it.rms? * 1e3), &|it| it.out_of_distribution])),
     ];
     for (row, (label, curves)) in rows.into_iter().enumerate() {
         let is_empty = curves.iter().all(Vec::is_empty);
