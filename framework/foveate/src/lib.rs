@@ -22,7 +22,7 @@ pub mod prelude {
     };
     pub use foveate_node::{
         ConfigError, Due, In, Interval, Io, Message, Node, NodeError, Out, Plan, Pool, Ports, Purpose, Registry,
-        Report, Role, Setup, Stamp, Stamped, Time,
+        Report, Role, Setup, Stamp, Stamped, Time, ports,
     };
     pub use foveate_scene::CalibratedHead;
 }

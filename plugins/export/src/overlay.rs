@@ -19,8 +19,10 @@ use crate::csv::file_part;
 use crate::paint::Canvas;
 use crate::row_file::write_whole;
 
-const IMAGE: In<Image> = In::each(0, "image");
-const FEATURES: In<Features> = In::each(1, "features");
+ports! {
+    IMAGE: In<Image> = each("image");
+    FEATURES: In<Features> = each("features");
+}
 
 /// Pictures kept until their features come.
 const HELD: usize = 4;
@@ -155,7 +157,7 @@ impl Node for ExportOverlay {
     type Settings = ExportOverlaySettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&IMAGE).input(&FEATURES)
+        declared_ports()
     }
 
     fn new(settings: ExportOverlaySettings, setup: &Setup) -> Result<Self, ConfigError> {

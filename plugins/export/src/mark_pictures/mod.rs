@@ -17,9 +17,11 @@ use serde::{Deserialize, Serialize};
 use crate::row_file::write_pictures;
 use course::Course;
 
-const MARKS: In<Marks> = In::each(0, "marks");
-const SHAPE: In<Marks> = In::each(1, "shape").optional();
-const COMPARED: In<Marks> = In::each(2, "compared").optional();
+ports! {
+    MARKS: In<Marks> = each("marks");
+    SHAPE: In<Marks> = each("shape").optional();
+    COMPARED: In<Marks> = each("compared").optional();
+}
 
 /// Settings of [`ExportMarkPictures`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -57,7 +59,7 @@ impl Node for ExportMarkPictures {
     type Settings = ExportMarkPicturesSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&MARKS).input(&SHAPE).input(&COMPARED)
+        declared_ports()
     }
 
     fn new(settings: ExportMarkPicturesSettings, setup: &Setup) -> Result<Self, ConfigError> {

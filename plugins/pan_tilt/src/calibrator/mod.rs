@@ -22,9 +22,11 @@ use foveate::scene::Calibration;
 
 pub use settings::{CalibratorSettings, Carrier, Units};
 
-const TARGETS: In<Targets> = In::each(0, "targets");
-const FEATURES: In<Features> = In::each(1, "features").many();
-const REPORT: In<HeadReport> = In::each(2, "report").many();
+ports! {
+    TARGETS: In<Targets> = each("targets");
+    FEATURES: In<Features> = each("features").many();
+    REPORT: In<HeadReport> = each("report").many();
+}
 
 /// Samples of the light closer than this say nothing new [s].
 const LIGHT_STEP_S: f64 = 0.008;
@@ -66,7 +68,7 @@ impl Node for Calibrator {
     type Settings = CalibratorSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&TARGETS).input(&FEATURES).input(&REPORT)
+        declared_ports()
     }
 
     fn new(settings: CalibratorSettings, setup: &Setup) -> Result<Self, ConfigError> {
