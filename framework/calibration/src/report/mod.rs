@@ -8,12 +8,11 @@ mod coverage;
 mod depths;
 mod figures;
 mod graph;
-pub(crate) mod page;
+mod page;
 mod residuals;
 mod room;
 mod steps;
 mod summary;
-pub(crate) mod svg;
 
 use foveate_scene::Provenance;
 

@@ -1,13 +1,16 @@
 //! Paths in space, to scale: from above, and from two sides.
 
 use foveate::geometry::Camera;
+use foveate::plot::axes::{Labels, Panel, Range};
+use foveate::plot::legend::{Key, LEGEND_WIDTH, Legend};
+use foveate::plot::names::Names;
+use foveate::plot::svg::{Pen, Point, Rect, Svg, TITLE};
+use foveate::plot::text::text_width;
+use foveate::plot::thin::{FIGURE_POINTS, thin_paths};
+use foveate::plot::ticks::round_step;
 use nalgebra::Point2;
 
-use super::axes::{Labels, Panel, Range, round_step};
-use super::legend::{Key, LEGEND_WIDTH, Legend, MEASURED, PREDICTED, TRUTH};
-use super::svg::{Anchor, INK, Pen, Point, Rect, SMALL, Svg, TITLE, text_width};
-use super::thin::{FIGURE_POINTS, thin_paths};
-use super::{Coloured, Subject};
+use super::{Coloured, MEASURED, PREDICTED, Subject, TRUTH};
 use crate::track_history::{Sample, Track};
 
 const LEFT: f64 = 76.0;
@@ -37,7 +40,7 @@ fn draw(subject: &Subject<'_>, title: &str, views: &[[usize; 2]]) -> String {
     let (panels, scale) = arrange(views, &ranges);
     let right = panels.iter().map(|it| it.rect.right()).fold(0.0, f64::max);
     let bottom = panels.iter().map(|it| it.rect.bottom()).fold(0.0, f64::max);
-    let height = (bottom + BELOW).max(TOP + Legend::height(subject, 9));
+    let height = (bottom + BELOW).max(TOP + subject.legend_height(6));
     let title = match subject.unit {
         "m" => title.to_owned(),
         unit => format!("{title} [{unit} of the calibration]"),
@@ -64,12 +67,9 @@ fn arrange(views: &[[usize; 2]], ranges: &[Range; 3]) -> (Vec<Panel>, f64) {
     let mut panels = Vec::new();
     for &[across, up] in views {
         let [width, height] = [across, up].map(|axis| (length(axis) * scale).max(NARROWEST));
-        let fit = |range: Range, pixels: f64| {
-            let (middle, half) = ((range.min + range.max) / 2.0, pixels / scale / 2.0);
-            Range { min: middle - half, max: middle + half }
-        };
+        let fit = |range: Range, pixels: f64| range.around_middle(pixels / scale);
         let rect = Rect { left: corner[0], top: corner[1], width, height };
-        panels.push(Panel { rect, x: fit(ranges[across], width), y: fit(ranges[up], height) });
+        panels.push(Panel::new(rect, fit(ranges[across], width), fit(ranges[up], height)));
         if below >= beside {
             corner[1] = rect.bottom() + BELOW;
         } else {
@@ -100,7 +100,7 @@ fn range(subject: &Subject<'_>, axis: usize, reach: f64) -> Range {
 fn view(svg: &mut Svg, subject: &Subject<'_>, [across, up]: [usize; 2], panel: &Panel, (reach, limit): (f64, usize)) {
     let label = |axis: usize| format!("{} [{}]", AXES[axis], subject.unit);
     // Both axes have the same scale, and so the same distance of ticks.
-    let step = Some(round_step(42.0 / panel.rect.width * panel.x.length()));
+    let step = Some(round_step(42.0 / panel.rect.width * panel.x.range.length()));
     panel.background(svg, Labels { steps: [step; 2], ..Labels::new(Some(&label(across)), &label(up)) });
     let place = |position: [f64; 3]| panel.place(position[across], position[up]);
     svg.within(panel.rect, |svg| {
@@ -203,46 +203,25 @@ fn draw_camera(svg: &mut Svg, (centre, far): &(Point, Vec<Point>)) {
 /// Names beside the cameras where there is room; a name that would cover a camera or another name is left out.
 fn camera_names(svg: &mut Svg, subject: &Subject<'_>, panel: &Panel, reach: f64, place: impl Fn([f64; 3]) -> Point) {
     let outlines: Vec<_> = subject.cameras.iter().map(|(_, camera)| outline(camera, reach, &place)).collect();
-    let mut taken: Vec<Rect> = Vec::new();
+    let mut names = Names::within(panel.rect);
     for (centre, far) in &outlines {
-        let around = |[x, y]: Point| Rect { left: x - 4.0, top: y - 4.0, width: 8.0, height: 8.0 };
-        let between = |a: Point, b: Point, part: f64| [a[0] + (b[0] - a[0]) * part, a[1] + (b[1] - a[1]) * part];
-        taken.push(around(*centre));
+        names.keep_off(*centre);
         for (index, corner) in far.iter().enumerate() {
-            let next = far[(index + 1) % far.len()];
-            taken.extend([0.33, 0.67, 1.0].map(|part| around(between(*centre, *corner, part))));
-            taken.extend([0.25, 0.5, 0.75].map(|part| around(between(*corner, next, part))));
+            names.keep_off_line(*centre, *corner);
+            names.keep_off_line(*corner, far[(index + 1) % far.len()]);
         }
     }
-    for ((name, _), ([x, y], _)) in subject.cameras.iter().zip(outlines) {
-        let (width, height) = (text_width(name, SMALL), SMALL);
-        let rects = [9.0, 16.0, 26.0, 40.0].into_iter().flat_map(|away| {
-            let (right, left, centred) = (x + away, x - away - width, x - width / 2.0);
-            let (above, beside, below) = (y - away, y + height * 0.35, y + away + height * 0.75);
-            let (up, down) = (y - away * 0.7, y + away * 0.7 + height * 0.7);
-            [(centred, above), (centred, below), (right, beside), (left, beside)].into_iter().chain([
-                (right, up),
-                (left, up),
-                (right, down),
-                (left, down),
-            ])
-        });
-        let free = rects
-            .map(|(left, base)| Rect { left, top: base - height, width, height: height * 1.25 })
-            .find(|it| panel.rect.holds(it) && taken.iter().all(|other| !it.overlaps(other)));
-        if let Some(rect) = free {
-            svg.text([rect.left + width / 2.0, rect.top + height], Anchor::Middle, SMALL, name);
-            taken.push(rect);
-        }
+    for ((name, _), (centre, _)) in subject.cameras.iter().zip(outlines) {
+        names.write(svg, centre, name);
     }
 }
 
 fn legend(svg: &mut Svg, subject: &Subject<'_>, scale: f64, at: Point) {
     let mut legend = Legend::at(at);
-    legend.tracks(svg, subject);
-    legend.line_styles(svg);
-    legend.entry(svg, Key::Dot { fill: "white" }, "begins");
-    legend.entry(svg, Key::Dot { fill: INK }, "ends");
+    subject.tracks_legend(&mut legend, svg);
+    let (ink, paper) = (svg.theme().ink, svg.theme().paper);
+    legend.entry(svg, Key::Dot { fill: paper, edge: ink }, "begins");
+    legend.entry(svg, Key::Dot { fill: ink, edge: ink }, "ends");
     if !subject.cameras.is_empty() {
         legend.entry(svg, Key::Camera, "camera and its view");
     }

@@ -1,44 +1,29 @@
-//! Figures as a paper would show them, written as SVG: a few kinds of marks, axes with round numbers, legends.
+//! What the figures of `export.pictures` show: paths in space, positions and cameras over time.
 //!
-//! A figure of one's own: a [`svg::Svg`], in it an [`axes::Panel`], whose `place` takes values to the figure's pixels.
-//!
-//! ```
-//! use foveate_export::plot::axes::{Labels, Panel, Range};
-//! use foveate_export::plot::svg::{Pen, Rect, Svg};
-//!
-//! let mut svg = Svg::new(400.0, 300.0, "a parabola");
-//! let rect = Rect { left: 70.0, top: 40.0, width: 310.0, height: 210.0 };
-//! let panel = Panel { rect, x: Range { min: -1.0, max: 1.0 }, y: Range { min: 0.0, max: 1.0 } };
-//! panel.background(&mut svg, Labels::new(Some("x [m]"), "y [m²]"));
-//! let curve = (-20..=20).map(|it| f64::from(it) / 20.0).map(|x| panel.place(x, x * x));
-//! svg.lines(&[curve.collect()], Pen::new("#0072b2", 1.5));
-//! panel.frame(&mut svg);
-//! assert!(svg.finish().starts_with("<svg"));
-//! ```
-//!
-//! | module | what it gives |
+//! | module | what it draws |
 //! |---|---|
-//! | [`svg`] | the marks |
-//! | [`axes`] | ranges, ticks, frames |
-//! | [`thin`] | lines with no more points than can be seen |
-//! | [`legend`] | colours and keys |
 //! | `space` | paths from above and from the side, to scale |
 //! | `time` | position over time |
 //! | `cameras` | cameras over time |
 
-pub mod axes;
 pub(crate) mod cameras;
-pub mod legend;
 pub(crate) mod space;
-pub mod svg;
-pub mod thin;
 pub(crate) mod time;
 
 use foveate::geometry::Camera;
+use foveate::plot::colours::{COLOURS, OTHERS, REFERENCE};
+use foveate::plot::legend::{Key, LINE_HEIGHT, Legend};
+use foveate::plot::svg::{Pen, Svg};
 use foveate::prelude::TargetId;
 
 use crate::track_history::{History, Track};
-use legend::{COLOURS, OTHERS};
+
+/// Truth, behind all else.
+pub(crate) const TRUTH: Pen<'static> = Pen::new(REFERENCE, 2.6);
+/// Width of a measured stretch [px].
+pub(crate) const MEASURED: f64 = 1.4;
+/// Dashes of a predicted stretch.
+pub(crate) const PREDICTED: &str = "3 2.4";
 
 /// All that the figures show.
 pub(crate) struct Subject<'a> {
@@ -92,5 +77,31 @@ impl<'a> Subject<'a> {
     /// Those without a colour of their own first, so that the others lie above them.
     pub(crate) fn all(&self) -> impl Iterator<Item = &Coloured<'a>> {
         self.others.iter().chain(&self.tracks)
+    }
+
+    /// What the colours of the tracks mean, and what those are that have no line of their own.
+    pub(crate) fn tracks_legend(&self, legend: &mut Legend, svg: &mut Svg) {
+        for it in &self.tracks {
+            legend.entry(svg, Key::Line(Pen::new(it.colour, 2.2)), &format!("target {}", it.id.0));
+        }
+        let n_others = self.others.len() as u64;
+        if n_others > 0 {
+            legend.entry(svg, Key::Line(Pen::new(OTHERS, 1.4)), &format!("{n_others} shorter tracks"));
+        }
+        if self.n_left_out > 0 {
+            legend.words(svg, &format!("{} short ones left out", self.n_left_out));
+        }
+        if !self.truth.is_empty() {
+            legend.entry(svg, Key::Line(TRUTH), "truth");
+        }
+        legend.skip();
+        let ink = svg.theme().ink;
+        legend.entry(svg, Key::Line(Pen::new(ink, MEASURED)), "measured");
+        legend.entry(svg, Key::Line(Pen::new(ink, MEASURED).dashed(PREDICTED)), "predicted");
+    }
+
+    /// The height of a legend with the tracks and so many entries more [px].
+    pub(crate) fn legend_height(&self, n_more: usize) -> f64 {
+        LINE_HEIGHT * (self.tracks.len() + n_more + 6) as f64
     }
 }

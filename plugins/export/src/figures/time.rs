@@ -1,17 +1,18 @@
 //! Position over time: one panel an axis, with a band of two standard deviations.
 
-use super::axes::{Labels, Panel, Range};
-use super::legend::{Key, LEGEND_WIDTH, Legend, TRUTH};
+use foveate::plot::axes::{Labels, Panel, Range};
+use foveate::plot::legend::{Key, LEGEND_WIDTH, Legend};
+use foveate::plot::svg::{Point, Rect, Svg};
+use foveate::plot::thin::{FIGURE_POINTS, thin_courses};
+
 use super::space::{draw_tracks, tracks};
-use super::svg::{INK, Point, Rect, Svg};
-use super::thin::{FIGURE_POINTS, thin_courses};
-use super::{Coloured, Subject};
+use super::{Coloured, Subject, TRUTH};
 use crate::track_history::Sample;
 
 const LEFT: f64 = 76.0;
 const TOP: f64 = 46.0;
-/// Least and largest width of a panel [px]: long runs get more, to zoom into.
-const WIDTH: [f64; 2] = [760.0, 2000.0];
+/// Least and largest width of a panel [px]: long runs get more, but no more than can be read on a small screen.
+const WIDTH: [f64; 2] = [660.0, 860.0];
 /// What a second should have [px].
 const WIDTH_A_SECOND: f64 = 18.0;
 const HEIGHT: f64 = 170.0;
@@ -26,22 +27,22 @@ const BAND_LIMIT: usize = 4000;
 pub(crate) fn position(subject: &Subject<'_>, span: (f64, f64)) -> String {
     let x = Range { min: span.0, max: span.1 }.widened(0.01);
     let width = (x.length() * WIDTH_A_SECOND).clamp(WIDTH[0], WIDTH[1]).round();
-    let height = (TOP + 3.0 * HEIGHT + 2.0 * BETWEEN + BELOW).max(TOP + Legend::height(subject, 4));
+    let height = (TOP + 3.0 * HEIGHT + 2.0 * BETWEEN + BELOW).max(TOP + subject.legend_height(1));
     let mut svg =
         Svg::new(LEFT + width + LEGEND_WIDTH + 20.0, height, &format!("{}: position over time", subject.name));
     for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
         let top = TOP + axis as f64 * (HEIGHT + BETWEEN);
         let rect = Rect { left: LEFT, top, width, height: HEIGHT };
-        let panel = Panel { rect, x, y: range(subject, axis) };
+        let panel = Panel::new(rect, x, range(subject, axis));
         let label = format!("{name} [{}]", subject.unit);
         panel.background(&mut svg, Labels::new((axis == 2).then_some("time [s]"), &label));
         svg.within(rect, |svg| courses(svg, subject, axis, &panel));
         panel.frame(&mut svg);
     }
     let mut legend = Legend::at([LEFT + width + 20.0, TOP]);
-    legend.tracks(&mut svg, subject);
-    legend.line_styles(&mut svg);
-    legend.entry(&mut svg, Key::Swatch(INK, 0.18), "\u{b1}2\u{3c3}");
+    subject.tracks_legend(&mut legend, &mut svg);
+    let ink = svg.theme().ink;
+    legend.entry(&mut svg, Key::Swatch(ink, 0.18), "\u{b1}2\u{3c3}");
     svg.finish()
 }
 

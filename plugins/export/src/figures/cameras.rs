@@ -1,14 +1,17 @@
 //! How many cameras saw each target, over time: a strip a target, dark where many did.
 
-use super::axes::{Labels, Panel, Range, round_step};
-use super::legend::LEGEND_WIDTH;
-use super::svg::{Anchor, INK, Pen, Point, Rect, SMALL, Svg, TEXT};
+use foveate::plot::axes::{Labels, Panel, Range};
+use foveate::plot::colours::shade;
+use foveate::plot::legend::{Key, LEGEND_WIDTH, LINE_HEIGHT, Legend};
+use foveate::plot::svg::{Anchor, Pen, Point, Rect, SMALL, Svg};
+use foveate::plot::ticks::round_step;
+
 use super::{Coloured, Subject};
 use crate::track_history::Sample;
 
 const LEFT: f64 = 90.0;
 const TOP: f64 = 46.0;
-const WIDTH: f64 = 746.0;
+const WIDTH: f64 = 660.0;
 const STRIP: f64 = 15.0;
 const ROW: f64 = 21.0;
 const TOTAL_HEIGHT: f64 = 120.0;
@@ -31,13 +34,13 @@ pub(crate) fn cameras(subject: &Subject<'_>, span: (f64, f64)) -> String {
     let n_more = subject.tracks.len() + subject.others.len() - shown.len() + subject.n_left_out as usize;
     let strips: Vec<Vec<Cell>> = shown.iter().map(|it| cells(&it.track.samples, bin_s)).collect();
     let strips_height = ROW * shown.len().max(1) as f64 + 6.0;
-    let height = (TOP + strips_height + BETWEEN + TOTAL_HEIGHT + BELOW).max(TOP + 280.0);
+    let height = (TOP + strips_height + BETWEEN + TOTAL_HEIGHT + BELOW).max(TOP + 14.0 * LINE_HEIGHT);
     let title = format!("{}: cameras that saw each target, in steps of {bin_s} s", subject.name);
     let mut svg = Svg::new(LEFT + WIDTH + LEGEND_WIDTH + 20.0, height, &title);
     let most = strips.iter().flatten().map(|it| it.count).max().unwrap_or(0).max(1);
 
     let rect = Rect { left: LEFT, top: TOP, width: WIDTH, height: strips_height };
-    let panel = Panel { rect, x, y: Range { min: 0.0, max: 1.0 } };
+    let panel = Panel::new(rect, x, Range { min: 0.0, max: 1.0 });
     for (row, (it, strip)) in shown.iter().zip(&strips).enumerate() {
         let top = TOP + 6.0 + row as f64 * ROW;
         svg.text([LEFT - 8.0, top + STRIP - 3.5], Anchor::End, SMALL, &format!("target {}", it.id.0));
@@ -46,7 +49,7 @@ pub(crate) fn cameras(subject: &Subject<'_>, span: (f64, f64)) -> String {
             let [left, _] = panel.place((first.bin as f64 * bin_s).max(x.min), 0.0);
             let [right, _] = panel.place(((last.bin + 1) as f64 * bin_s).min(x.max), 0.0);
             let cell = Rect { left, top, width: (right - left).max(0.3), height: STRIP };
-            svg.cell(cell, &shade(first.count, most));
+            svg.cells(&[cell], &shade_of(first.count, most));
         }
     }
     panel.frame(&mut svg);
@@ -84,9 +87,9 @@ fn total(svg: &mut Svg, subject: &Subject<'_>, x: Range, bin_s: f64, top: f64) {
         .collect();
     let most = bins.iter().map(|it| it.1).max().unwrap_or(1).max(subject.cameras.len().min(128) as u32);
     let y = Range { min: 0.0, max: f64::from(most) * 1.08 };
-    let panel = Panel { rect: Rect { left: LEFT, top, width: WIDTH, height: TOTAL_HEIGHT }, x, y };
+    let panel = Panel::new(Rect { left: LEFT, top, width: WIDTH, height: TOTAL_HEIGHT }, x, y);
     let steps = [None, Some(round_step((f64::from(most) / 5.0).max(1.0)))];
-    panel.background(svg, Labels { steps, ..Labels::new(Some("time [s]"), "cameras, all targets") });
+    panel.background(svg, Labels { steps, ..Labels::new(Some("time [s]"), "cameras [–]") });
     let mut pieces: Vec<Vec<Point>> = Vec::new();
     for run in bins.chunk_by(|a, b| a.0 + 1 == b.0) {
         let steps = run
@@ -94,39 +97,30 @@ fn total(svg: &mut Svg, subject: &Subject<'_>, x: Range, bin_s: f64, top: f64) {
             .flat_map(|&(bin, count)| [bin, bin + 1].map(|edge| panel.place(edge as f64 * bin_s, f64::from(count))));
         pieces.push(steps.collect());
     }
-    svg.within(panel.rect, |svg| svg.lines(&pieces, Pen::new(INK, 1.2)));
+    svg.within(panel.rect, |svg| svg.lines(&pieces, Pen::new(svg.theme().ink, 1.2)));
     panel.frame(svg);
 }
 
-/// From pale yellow over green to dark blue.
-fn shade(count: u32, most: u32) -> String {
-    const STOPS: [[f64; 3]; 5] =
-        [[253.0, 231.0, 120.0], [122.0, 209.0, 81.0], [34.0, 168.0, 132.0], [42.0, 120.0, 142.0], [65.0, 44.0, 110.0]];
-    if count == 0 {
-        return UNSEEN.to_owned();
+/// Darker for more cameras.
+fn shade_of(count: u32, most: u32) -> String {
+    match count {
+        0 => UNSEEN.to_owned(),
+        _ if most > 1 => shade(f64::from(count - 1) / f64::from(most - 1)),
+        _ => shade(1.0),
     }
-    let share = if most > 1 { f64::from(count - 1) / f64::from(most - 1) } else { 1.0 };
-    let place = share * (STOPS.len() - 1) as f64;
-    let (low, high) = (STOPS[place.floor() as usize], STOPS[place.ceil() as usize]);
-    let part = place.fract();
-    let [red, green, blue] = [0, 1, 2].map(|it| (low[it] * (1.0 - part) + high[it] * part).round() as u8);
-    format!("#{red:02x}{green:02x}{blue:02x}")
 }
 
 /// The shades, at most ten of them.
-fn key(svg: &mut Svg, most: u32, n_more: usize, [left, top]: Point) {
-    svg.text([left, top + 10.0], Anchor::Start, TEXT, "cameras");
+fn key(svg: &mut Svg, most: u32, n_more: usize, at: Point) {
+    let mut legend = Legend::at(at);
+    legend.heading(svg, "cameras of a target");
     let step = most.div_ceil(10).max(1);
-    let counts = std::iter::once(0).chain((1..=most).step_by(step as usize));
-    let mut y = top + 22.0;
-    for count in counts {
-        svg.rect(Rect { left, top: y, width: 24.0, height: 13.0 }, &shade(count, most), None);
+    for count in std::iter::once(0).chain((1..=most).step_by(step as usize)) {
         let text = if count == 0 { "none: predicted".to_owned() } else { count.to_string() };
-        svg.text([left + 32.0, y + 10.5], Anchor::Start, SMALL, &text);
-        y += 18.0;
+        legend.entry(svg, Key::Swatch(&shade_of(count, most), 1.0), &text);
     }
     if n_more > 0 {
-        svg.text([left, y + 14.0], Anchor::Start, SMALL, &format!("{n_more} shorter tracks left out"));
+        legend.words(svg, &format!("{n_more} shorter tracks left out"));
     }
 }
 
@@ -149,13 +143,8 @@ mod tests {
     }
 
     #[test]
-    fn shades_run_from_pale_to_dark() {
-        let brightness = |count: u32| {
-            let shade = shade(count, 18);
-            let part = |at: usize| f64::from(u8::from_str_radix(&shade[at..at + 2], 16).unwrap());
-            0.299 * part(1) + 0.587 * part(3) + 0.114 * part(5)
-        };
-        assert!((1..18).all(|count| brightness(count) > brightness(count + 1)));
-        assert_eq!(shade(1, 1), shade(18, 18));
+    fn most_cameras_are_darkest_and_none_is_no_shade() {
+        assert_eq!([shade_of(1, 1), shade_of(18, 18)], [shade(1.0), shade(1.0)]);
+        assert_eq!([shade_of(1, 18), shade_of(0, 18)], [shade(0.0), UNSEEN.to_owned()]);
     }
 }
