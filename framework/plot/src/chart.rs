@@ -8,7 +8,8 @@ use crate::colours::Theme;
 use crate::legend::{Key, LINE_HEIGHT, Legend};
 use crate::svg::{Anchor, Font, Pen, Point, Rect, SMALL, Svg, TEXT};
 use crate::text::{fitted, text_width};
-use crate::thin::{FIGURE_POINTS, evenly, thin_courses, thin_dots, thin_paths};
+use crate::thin::{CHART_POINTS, evenly, thin_courses, thin_dots, thin_paths};
+use crate::ticks::round_step;
 
 /// How the points of a series are drawn.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -86,6 +87,7 @@ pub struct Axis {
     down: bool,
     hidden: bool,
     zero: bool,
+    whole: bool,
     rows: Vec<String>,
 }
 
@@ -125,6 +127,11 @@ impl Axis {
     /// It shows 0, wherever the data are.
     pub fn from_zero(self) -> Self {
         Self { zero: true, ..self }
+    }
+
+    /// Its numbers are whole ones, for what is counted.
+    pub fn whole(self) -> Self {
+        Self { whole: true, ..self }
     }
 
     /// Without label and numbers, as the chart below has them.
@@ -217,7 +224,14 @@ impl<'a> Chart<'a> {
 
     fn labels(&self) -> Labels<'_> {
         let x = (!self.x.hidden).then_some(self.x.label.as_str());
-        Labels { rows: &self.y.rows, ..Labels::new(x, &self.y.label) }
+        if !self.x.whole && !self.y.whole {
+            return Labels { rows: &self.y.rows, ..Labels::new(x, &self.y.label) };
+        }
+        let panel = self.panel([0.0; 2]);
+        let step =
+            |axis: &Axis, span: &Span, n: f64| axis.whole.then(|| round_step((span.range.length() / n).max(1.0)));
+        let steps = [step(&self.x, &panel.x, self.size[0] / 60.0), step(&self.y, &panel.y, self.size[1] / 34.0)];
+        Labels { steps, rows: &self.y.rows, ..Labels::new(x, &self.y.label) }
     }
 
     fn is_empty(&self) -> bool {
@@ -254,8 +268,14 @@ impl<'a> Chart<'a> {
             svg.text_upwards([rect.left - 24.0, rect.middle()[1]], TEXT, labels.y);
         } else {
             panel.background(svg, self.labels());
-            let limit = FIGURE_POINTS / self.series.len().max(2);
-            svg.within(rect, |svg| self.series.iter().for_each(|it| it.draw(svg, &panel, limit)));
+            let n_points = |it: &Series<'_>| it.pieces.iter().map(Vec::len).sum::<usize>();
+            let n_all = self.series.iter().map(n_points).sum::<usize>().max(1);
+            svg.within(rect, |svg| {
+                for series in &self.series {
+                    let share = n_points(series) as f64 / n_all as f64;
+                    series.draw(svg, &panel, (CHART_POINTS as f64 * share) as usize + 1000);
+                }
+            });
         }
         panel.frame(svg);
     }

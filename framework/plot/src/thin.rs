@@ -3,8 +3,8 @@
 use crate::axes::Range;
 use crate::svg::{Point, Rect};
 
-/// Most points of all lines in a figure: about 600 kB.
-pub const FIGURE_POINTS: usize = 60_000;
+/// Most points of all lines in a frame: about 200 kB.
+pub const CHART_POINTS: usize = 20_000;
 
 /// Drops points that lie closer than `tolerance` [px] to the last kept one; both ends stay.
 fn spaced(points: &[Point], tolerance: f64) -> Vec<Point> {

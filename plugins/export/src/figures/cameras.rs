@@ -1,22 +1,17 @@
 //! How many cameras saw each target, over time: a strip a target, dark where many did.
 
-use foveate::plot::axes::{Labels, Panel, Range};
+use foveate::plot::axes::Range;
 use foveate::plot::colours::shade;
-use foveate::plot::legend::{Key, LEGEND_WIDTH, LINE_HEIGHT, Legend};
-use foveate::plot::svg::{Anchor, Pen, Point, Rect, SMALL, Svg};
+use foveate::plot::svg::Pen;
 use foveate::plot::ticks::round_step;
+use foveate::plot::{Axis, Chart, Figure, Marks, Series};
 
-use super::{Coloured, Subject};
+use super::{Coloured, INK, Subject};
 use crate::track_history::Sample;
 
-const LEFT: f64 = 90.0;
-const TOP: f64 = 46.0;
 const WIDTH: f64 = 660.0;
-const STRIP: f64 = 15.0;
 const ROW: f64 = 21.0;
 const TOTAL_HEIGHT: f64 = 120.0;
-const BETWEEN: f64 = 34.0;
-const BELOW: f64 = 56.0;
 /// Strips drawn at most.
 const STRIPS_LIMIT: usize = 24;
 /// Narrowest bin [s]: a round of unsynchronised cameras.
@@ -33,29 +28,38 @@ pub(crate) fn cameras(subject: &Subject<'_>, span: (f64, f64)) -> String {
     shown.sort_by_key(|it| it.id);
     let n_more = subject.tracks.len() + subject.others.len() - shown.len() + subject.n_left_out as usize;
     let strips: Vec<Vec<Cell>> = shown.iter().map(|it| cells(&it.track.samples, bin_s)).collect();
-    let strips_height = ROW * shown.len().max(1) as f64 + 6.0;
-    let height = (TOP + strips_height + BETWEEN + TOTAL_HEIGHT + BELOW).max(TOP + 14.0 * LINE_HEIGHT);
-    let title = format!("{}: cameras that saw each target, in steps of {bin_s} s", subject.name);
-    let mut svg = Svg::new(LEFT + WIDTH + LEGEND_WIDTH + 20.0, height, &title);
-    let most = strips.iter().flatten().map(|it| it.count).max().unwrap_or(0).max(1);
-
-    let rect = Rect { left: LEFT, top: TOP, width: WIDTH, height: strips_height };
-    let panel = Panel::new(rect, x, Range { min: 0.0, max: 1.0 });
-    for (row, (it, strip)) in shown.iter().zip(&strips).enumerate() {
-        let top = TOP + 6.0 + row as f64 * ROW;
-        svg.text([LEFT - 8.0, top + STRIP - 3.5], Anchor::End, SMALL, &format!("target {}", it.id.0));
-        for run in strip.chunk_by(|a, b| a.count == b.count && a.bin + 1 == b.bin) {
-            let (Some(first), Some(last)) = (run.first(), run.last()) else { continue };
-            let [left, _] = panel.place((first.bin as f64 * bin_s).max(x.min), 0.0);
-            let [right, _] = panel.place(((last.bin + 1) as f64 * bin_s).min(x.max), 0.0);
-            let cell = Rect { left, top, width: (right - left).max(0.3), height: STRIP };
-            svg.cells(&[cell], &shade_of(first.count, most));
-        }
-    }
-    panel.frame(&mut svg);
-    total(&mut svg, subject, x, bin_s, rect.bottom() + BETWEEN);
-    key(&mut svg, most, n_more, [LEFT + WIDTH + 20.0, TOP]);
-    svg.finish()
+    let most = strips.iter().flatten().map(|it| it.count).max().unwrap_or(0);
+    let shades: Vec<String> = (0..=most).map(|count| shade_of(count, most)).collect();
+    // At most ten of the shades are explained.
+    let is_explained = |count: u32| count == 0 || (count - 1).is_multiple_of(most.div_ceil(10).max(1));
+    let name = |count: u32| match count {
+        0 => "no camera: predicted".to_owned(),
+        1 => "1 camera".to_owned(),
+        _ => format!("{count} cameras"),
+    };
+    let series = shades.iter().zip(0..).map(|(colour, count)| {
+        let name = if is_explained(count) { name(count) } else { String::new() };
+        let of_row = |(row, strip): (usize, &Vec<Cell>)| {
+            let runs = strip.chunk_by(|a, b| a.count == b.count && a.bin + 1 == b.bin);
+            let of_count = runs.filter(|run| run[0].count == count);
+            let area = |run: &[Cell]| {
+                let [from, to] = [run[0].bin, run[run.len() - 1].bin + 1].map(|it| it as f64 * bin_s);
+                let [top, bottom] = [-0.36, 0.36].map(|it| Axis::row(row) + it);
+                vec![[from, top], [to, top], [to, bottom], [from, bottom]]
+            };
+            of_count.map(area).collect::<Vec<_>>()
+        };
+        let pieces = strips.iter().enumerate().flat_map(of_row).collect();
+        Series { pieces, ..Series::new(name, Marks::Areas(1.0), Pen::new(colour, 1.0), Vec::new()) }
+    });
+    let rows = Axis::of_rows(shown.iter().map(|it| format!("target {}", it.id.0)));
+    let time = || Axis::new("time [s]").over(x.min, x.max);
+    let height = ROW * shown.len().max(3) as f64;
+    let targets = Chart { series: series.collect(), ..Chart::new("", [WIDTH, height], time().hidden(), rows) };
+    let left_out = if n_more > 0 { format!("; {n_more} shorter tracks left out") } else { String::new() };
+    let title = format!("{}: cameras that saw each target, in steps of {bin_s} s{left_out}", subject.name);
+    let charts = vec![targets.if_empty("no targets"), total(subject, time(), bin_s)];
+    Figure { title, n_columns: 1, charts }.svg()
 }
 
 /// One bin of one target.
@@ -78,7 +82,7 @@ fn cells(samples: &[Sample], bin_s: f64) -> Vec<Cell> {
 }
 
 /// A step line of the cameras that saw any target at all.
-fn total(svg: &mut Svg, subject: &Subject<'_>, x: Range, bin_s: f64, top: f64) {
+fn total(subject: &Subject<'_>, time: Axis, bin_s: f64) -> Chart<'static> {
     let mut all: Vec<Cell> = subject.all().flat_map(|it| cells(&it.track.samples, bin_s)).collect();
     all.sort_by_key(|it| it.bin);
     let bins: Vec<(i64, u32)> = all
@@ -86,19 +90,14 @@ fn total(svg: &mut Svg, subject: &Subject<'_>, x: Range, bin_s: f64, top: f64) {
         .filter_map(|chunk| Some((chunk.first()?.bin, chunk.iter().fold(0, |bits, it| bits | it.cameras).count_ones())))
         .collect();
     let most = bins.iter().map(|it| it.1).max().unwrap_or(1).max(subject.cameras.len().min(128) as u32);
-    let y = Range { min: 0.0, max: f64::from(most) * 1.08 };
-    let panel = Panel::new(Rect { left: LEFT, top, width: WIDTH, height: TOTAL_HEIGHT }, x, y);
-    let steps = [None, Some(round_step((f64::from(most) / 5.0).max(1.0)))];
-    panel.background(svg, Labels { steps, ..Labels::new(Some("time [s]"), "cameras [–]") });
-    let mut pieces: Vec<Vec<Point>> = Vec::new();
-    for run in bins.chunk_by(|a, b| a.0 + 1 == b.0) {
-        let steps = run
-            .iter()
-            .flat_map(|&(bin, count)| [bin, bin + 1].map(|edge| panel.place(edge as f64 * bin_s, f64::from(count))));
-        pieces.push(steps.collect());
-    }
-    svg.within(panel.rect, |svg| svg.lines(&pieces, Pen::new(svg.theme().ink, 1.2)));
-    panel.frame(svg);
+    let steps = |run: &[(i64, u32)]| {
+        let edges = run.iter().flat_map(|&(bin, count)| [bin, bin + 1].map(|it| [it as f64 * bin_s, f64::from(count)]));
+        edges.collect::<Vec<_>>()
+    };
+    let pieces = bins.chunk_by(|a, b| a.0 + 1 == b.0).map(steps).collect();
+    let y = Axis::new("cameras [–]").over(0.0, 1.08 * f64::from(most)).whole();
+    let line = Series { pieces, ..Series::line("any target", INK, Vec::new()) };
+    Chart::new("", [WIDTH, TOTAL_HEIGHT], time, y).with(line).if_empty("no targets")
 }
 
 /// Darker for more cameras.
@@ -107,20 +106,6 @@ fn shade_of(count: u32, most: u32) -> String {
         0 => UNSEEN.to_owned(),
         _ if most > 1 => shade(f64::from(count - 1) / f64::from(most - 1)),
         _ => shade(1.0),
-    }
-}
-
-/// The shades, at most ten of them.
-fn key(svg: &mut Svg, most: u32, n_more: usize, at: Point) {
-    let mut legend = Legend::at(at);
-    legend.heading(svg, "cameras of a target");
-    let step = most.div_ceil(10).max(1);
-    for count in std::iter::once(0).chain((1..=most).step_by(step as usize)) {
-        let text = if count == 0 { "none: predicted".to_owned() } else { count.to_string() };
-        legend.entry(svg, Key::Swatch(&shade_of(count, most), 1.0), &text);
-    }
-    if n_more > 0 {
-        legend.words(svg, &format!("{n_more} shorter tracks left out"));
     }
 }
 

@@ -11,13 +11,14 @@ pub(crate) mod space;
 pub(crate) mod time;
 
 use foveate::geometry::Camera;
-use foveate::plot::colours::{COLOURS, OTHERS, REFERENCE};
-use foveate::plot::legend::{Key, LINE_HEIGHT, Legend};
-use foveate::plot::svg::{Pen, Svg};
+use foveate::plot::colours::{COLOURS, OTHERS, PAPER, REFERENCE};
+use foveate::plot::svg::Pen;
 use foveate::prelude::TargetId;
 
 use crate::track_history::{History, Track};
 
+/// Of what is no target.
+pub(crate) const INK: &str = PAPER.ink;
 /// Truth, behind all else.
 pub(crate) const TRUTH: Pen<'static> = Pen::new(REFERENCE, 2.6);
 /// Width of a measured stretch [px].
@@ -77,31 +78,5 @@ impl<'a> Subject<'a> {
     /// Those without a colour of their own first, so that the others lie above them.
     pub(crate) fn all(&self) -> impl Iterator<Item = &Coloured<'a>> {
         self.others.iter().chain(&self.tracks)
-    }
-
-    /// What the colours of the tracks mean, and what those are that have no line of their own.
-    pub(crate) fn tracks_legend(&self, legend: &mut Legend, svg: &mut Svg) {
-        for it in &self.tracks {
-            legend.entry(svg, Key::Line(Pen::new(it.colour, 2.2)), &format!("target {}", it.id.0));
-        }
-        let n_others = self.others.len() as u64;
-        if n_others > 0 {
-            legend.entry(svg, Key::Line(Pen::new(OTHERS, 1.4)), &format!("{n_others} shorter tracks"));
-        }
-        if self.n_left_out > 0 {
-            legend.words(svg, &format!("{} short ones left out", self.n_left_out));
-        }
-        if !self.truth.is_empty() {
-            legend.entry(svg, Key::Line(TRUTH), "truth");
-        }
-        legend.skip();
-        let ink = svg.theme().ink;
-        legend.entry(svg, Key::Line(Pen::new(ink, MEASURED)), "measured");
-        legend.entry(svg, Key::Line(Pen::new(ink, MEASURED).dashed(PREDICTED)), "predicted");
-    }
-
-    /// The height of a legend with the tracks and so many entries more [px].
-    pub(crate) fn legend_height(&self, n_more: usize) -> f64 {
-        LINE_HEIGHT * (self.tracks.len() + n_more + 6) as f64
     }
 }

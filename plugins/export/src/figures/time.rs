@@ -1,23 +1,18 @@
 //! Position over time: one panel an axis, with a band of two standard deviations.
 
-use foveate::plot::axes::{Labels, Panel, Range};
-use foveate::plot::legend::{Key, LEGEND_WIDTH, Legend};
-use foveate::plot::svg::{Point, Rect, Svg};
-use foveate::plot::thin::{FIGURE_POINTS, thin_courses};
+use foveate::plot::axes::Range;
+use foveate::plot::svg::{Pen, Point};
+use foveate::plot::{Axis, Chart, Figure, Marks, Series};
 
-use super::space::{draw_tracks, tracks};
-use super::{Coloured, Subject, TRUTH};
+use super::space::tracks;
+use super::{Coloured, INK, MEASURED, PREDICTED, Subject, TRUTH};
 use crate::track_history::Sample;
 
-const LEFT: f64 = 76.0;
-const TOP: f64 = 46.0;
 /// Least and largest width of a panel [px]: long runs get more, but no more than can be read on a small screen.
 const WIDTH: [f64; 2] = [660.0, 860.0];
 /// What a second should have [px].
 const WIDTH_A_SECOND: f64 = 18.0;
 const HEIGHT: f64 = 170.0;
-const BETWEEN: f64 = 16.0;
-const BELOW: f64 = 50.0;
 /// Narrowest column of a band [px]; bands are smooth, and seldom looked at closely.
 const BAND_COLUMN: f64 = 2.0;
 /// Columns of all bands of a panel.
@@ -27,23 +22,18 @@ const BAND_LIMIT: usize = 4000;
 pub(crate) fn position(subject: &Subject<'_>, span: (f64, f64)) -> String {
     let x = Range { min: span.0, max: span.1 }.widened(0.01);
     let width = (x.length() * WIDTH_A_SECOND).clamp(WIDTH[0], WIDTH[1]).round();
-    let height = (TOP + 3.0 * HEIGHT + 2.0 * BETWEEN + BELOW).max(TOP + subject.legend_height(1));
-    let mut svg =
-        Svg::new(LEFT + width + LEGEND_WIDTH + 20.0, height, &format!("{}: position over time", subject.name));
-    for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
-        let top = TOP + axis as f64 * (HEIGHT + BETWEEN);
-        let rect = Rect { left: LEFT, top, width, height: HEIGHT };
-        let panel = Panel::new(rect, x, range(subject, axis));
-        let label = format!("{name} [{}]", subject.unit);
-        panel.background(&mut svg, Labels::new((axis == 2).then_some("time [s]"), &label));
-        svg.within(rect, |svg| courses(svg, subject, axis, &panel));
-        panel.frame(&mut svg);
-    }
-    let mut legend = Legend::at([LEFT + width + 20.0, TOP]);
-    subject.tracks_legend(&mut legend, &mut svg);
-    let ink = svg.theme().ink;
-    legend.entry(&mut svg, Key::Swatch(ink, 0.18), "\u{b1}2\u{3c3}");
-    svg.finish()
+    let column_px = BAND_COLUMN.max(width * subject.tracks.len() as f64 / BAND_LIMIT as f64);
+    let column_s = column_px / width * x.length();
+    let chart = |(axis, name): (usize, &str)| {
+        let time = Axis::new("time [s]").over(x.min, x.max);
+        let time = if axis < 2 { time.hidden() } else { time };
+        let Range { min, max } = range(subject, axis);
+        let y = Axis::new(format!("{name} [{}]", subject.unit)).over(min, max);
+        let series = courses(subject, axis, column_s);
+        Chart { series, ..Chart::new("", [width, HEIGHT], time, y) }.if_empty("no targets")
+    };
+    let charts = ["x", "y", "z"].into_iter().enumerate().map(chart).collect();
+    Figure { title: format!("{}: position over time", subject.name), n_columns: 1, charts }.svg()
 }
 
 fn range(subject: &Subject<'_>, axis: usize) -> Range {
@@ -52,37 +42,38 @@ fn range(subject: &Subject<'_>, axis: usize) -> Range {
     Range::of_most(&mut values).unwrap_or(Range { min: -1.0, max: 1.0 }).widened(0.06)
 }
 
-fn courses(svg: &mut Svg, subject: &Subject<'_>, axis: usize, panel: &Panel) {
-    let place = |it: &Sample| panel.place(it.time_s, f64::from(it.position[axis]));
-    let truth_pieces = subject.truth.iter().flat_map(|it| it.pieces());
-    let mut truth: Vec<Vec<Point>> = truth_pieces.map(|piece| piece.iter().map(place).collect()).collect();
-    thin_courses(&mut truth, FIGURE_POINTS / 6);
-    svg.lines(&truth, TRUTH);
-    let column = BAND_COLUMN.max(panel.rect.width * subject.tracks.len() as f64 / BAND_LIMIT as f64);
+fn courses<'a>(subject: &Subject<'a>, axis: usize, column_s: f64) -> Vec<Series<'a>> {
+    let place = |it: &Sample| [it.time_s, f64::from(it.position[axis])];
+    let line = |name: String, pen, pieces| Series { pieces, ..Series::new(name, Marks::Line, pen, Vec::new()) };
+    let truth = subject.truth.iter().flat_map(|it| it.pieces()).map(|piece| piece.iter().map(place).collect());
+    let mut series = vec![line("truth".to_owned(), TRUTH, truth.collect())];
+    series.retain(|_| !subject.truth.is_empty());
     for it in &subject.tracks {
-        bands(svg, it, axis, panel, column);
+        let pen = Pen::new(it.colour, 1.0);
+        series.push(Series { marks: Marks::Areas(0.18), ..line(String::new(), pen, bands(it, axis, column_s)) });
     }
-    let (mut lines, pens) = tracks(subject, place);
-    thin_courses(&mut lines, FIGURE_POINTS / 6);
-    draw_tracks(svg, &lines, &pens);
+    for (name, pen, lines) in tracks(subject, place) {
+        series.push(line(name, pen, lines));
+    }
+    let styles = [("measured", Pen::new(INK, MEASURED)), ("predicted", Pen::new(INK, MEASURED).dashed(PREDICTED))];
+    series.extend(styles.map(|(name, pen)| line(name.to_owned(), pen, Vec::new())));
+    series.push(Series::new("\u{b1}2\u{3c3}", Marks::Areas(0.18), Pen::new(INK, 1.0), Vec::new()));
+    series
 }
 
-/// Two standard deviations to either side, as wide in each column as its widest sample.
-fn bands(svg: &mut Svg, it: &Coloured<'_>, axis: usize, panel: &Panel, column: f64) {
-    for piece in it.track.pieces() {
-        let place = |sample: &Sample, sigmas: f64| {
-            panel.place(sample.time_s, f64::from(sample.position[axis]) + sigmas * f64::from(sample.sigma[axis]))
-        };
-        let column_of = |it: &Sample| (place(it, 0.0)[0] / column).floor();
+/// Two standard deviations to either side, as wide in each column of time as its widest sample.
+fn bands(it: &Coloured<'_>, axis: usize, column_s: f64) -> Vec<Vec<Point>> {
+    let band = |piece: &[Sample]| {
+        let end = |it: &Sample, sigmas: f64| f64::from(it.position[axis]) + sigmas * f64::from(it.sigma[axis]);
+        let column_of = |it: &Sample| (it.time_s / column_s).floor();
         let (mut upper, mut lower) = (Vec::new(), Vec::new());
         for samples in piece.chunk_by(|a, b| column_of(a) == column_of(b)) {
-            let x = samples.iter().map(|it| place(it, 0.0)[0]).sum::<f64>() / samples.len() as f64;
-            upper.push([x, samples.iter().map(|it| place(it, 2.0)[1]).fold(f64::MAX, f64::min)]);
-            lower.push([x, samples.iter().map(|it| place(it, -2.0)[1]).fold(f64::MIN, f64::max)]);
+            let time_s = samples.iter().map(|it| it.time_s).sum::<f64>() / samples.len() as f64;
+            upper.push([time_s, samples.iter().map(|it| end(it, 2.0)).fold(f64::MIN, f64::max)]);
+            lower.push([time_s, samples.iter().map(|it| end(it, -2.0)).fold(f64::MAX, f64::min)]);
         }
-        if upper.len() > 1 {
-            upper.extend(lower.into_iter().rev());
-            svg.area(&upper, it.colour, 0.18, None);
-        }
-    }
+        upper.extend(lower.into_iter().rev());
+        upper
+    };
+    it.track.pieces().map(band).filter(|it| it.len() > 3).collect()
 }

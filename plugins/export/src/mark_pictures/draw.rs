@@ -133,7 +133,7 @@ pub(super) fn counts(course: &Course, name: &str) -> String {
     let span =
         Range::of(course.moments.iter().map(|it| it.time_s)).unwrap_or(Range { min: 0.0, max: 1.0 }).widened(0.01);
     let time = || Axis::new("time [s]").over(span.min, span.max);
-    let marks = Chart::new("", [WIDTH, HEIGHT], time(), Axis::new("marks [–]").from_zero())
+    let marks = Chart::new("", [WIDTH, HEIGHT], time(), Axis::new("marks [–]").from_zero().whole())
         .with(line("measured", OURS, &|it| count(it, false)))
         .with(line("filled in", FILLED, &|it| count(it, true)));
     let charts = if course.moments.iter().any(|it| it.rms.is_some() || it.outside.is_some()) {
