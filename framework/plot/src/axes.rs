@@ -176,8 +176,12 @@ impl Panel {
 
     /// How far labels and numbers reach out of the left side [px].
     pub fn left_margin(&self, labels: &Labels<'_>) -> f64 {
-        let label = if labels.y.is_empty() { 4.0 } else { 12.0 + TEXT };
-        label + GAP + self.widest(labels)
+        if labels.y.is_empty() { 4.0 + GAP + self.widest(labels) } else { self.label_out(labels) + TEXT }
+    }
+
+    /// From the frame to the base line of the label upwards [px].
+    fn label_out(&self, labels: &Labels<'_>) -> f64 {
+        (GAP + self.widest(labels) + 10.0).max(26.0)
     }
 
     /// The widest number or name upwards [px].
@@ -222,7 +226,7 @@ impl Panel {
             let label = fitted_label(&format!("{label}{}", across.suffix), TEXT, width + 60.0);
             svg.text([left + width / 2.0, bottom + 36.0], Anchor::Middle, TEXT, &label);
         }
-        let out = (GAP + self.widest(&labels) + 10.0).max(38.0);
+        let out = self.label_out(&labels);
         let label = fitted_label(&format!("{}{suffix}", labels.y), TEXT, height + 50.0);
         svg.text_upwards([left - out, (top + bottom) / 2.0], TEXT, &label);
     }

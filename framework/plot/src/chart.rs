@@ -371,7 +371,7 @@ impl Figure<'_> {
         let beside = Legend::width_of(entries.iter().map(|it| it.1)).min(LEGEND_LIMIT);
         let beside = if entries.is_empty() { 0.0 } else { beside };
         // A legend of many entries may be longer than the rows.
-        let longest = entries.len() as f64 * LINE_HEIGHT + tops.last().copied().unwrap_or(HEAD) + 8.0;
+        let longest = entries.iter().fold(HEAD, |next, it| tops[it.0].max(next) + LINE_HEIGHT);
         let size = [right + beside + 10.0, if beside > 0.0 { bottom.max(longest) } else { bottom }];
         let width = size[0].max(text_width(&self.title, crate::svg::TITLE).min(700.0) + 40.0);
         let mut svg = Svg::new(width, size[1] + 6.0, &self.title);

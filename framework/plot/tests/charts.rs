@@ -52,6 +52,14 @@ fn texts(xml: &Document<'_>) -> Vec<([f64; 4], String)> {
 fn check_texts(xml: &Document<'_>) {
     let root = xml.root_element();
     let [width, height] = [number(&root, "width"), number(&root, "height")];
+    for turned in xml.descendants().filter(|it| it.attribute("transform").is_some()) {
+        let place: Vec<f64> =
+            turned.attribute("transform").unwrap().split(['(', ',', ')']).flat_map(str::parse).collect();
+        let (ascent, half) = (0.75 * number(&turned, "font-size"), 0.25 * number(&turned, "font-size"));
+        let half = half * turned.text().unwrap_or_default().chars().count() as f64;
+        let is_within = place[0] - ascent >= 0.0 && place[1] - half >= 0.0 && place[1] + half <= height;
+        assert!(is_within, "{:?} sticks out: {place:?} of {width} {height}", turned.text());
+    }
     let texts = texts(xml);
     for (index, (a, text)) in texts.iter().enumerate() {
         assert!(
