@@ -1,7 +1,7 @@
 //! Bundle adjustment of two small public problems in the BAL format (S. Agarwal et al., "Bundle adjustment in the large", ECCV 2010), held
 //! against the optimum that SciPy's `least_squares` finds.
 
-use foveate::geometry::bundle::{Adjusted, BundleRules, Freedom, Observation, adjust};
+use foveate::geometry::bundle::{Adjusted, BundleOptions, Freedom, Observation, adjust};
 use foveate::geometry::{Camera, Distortion, Intrinsics};
 use foveate_testkit::data_dir_or_skip;
 use nalgebra::{Isometry3, Point2, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -45,8 +45,9 @@ fn read(text: &str) -> Option<Problem> {
 #[track_caller]
 fn adjusted(problem: &Problem, freedom: Freedom) -> Adjusted {
     let freedoms = vec![freedom; problem.cameras.len()];
-    let rules = BundleRules { relative_gain: 1e-12, max_iterations: 500, covariance: true, ..BundleRules::default() };
-    adjust(&problem.cameras, &freedoms, &problem.points, &problem.observations, &rules).unwrap()
+    let options =
+        BundleOptions { relative_gain: 1e-12, max_iterations: 500, covariance: true, ..BundleOptions::default() };
+    adjust(&problem.cameras, &freedoms, &problem.points, &problem.observations, &options).unwrap()
 }
 
 #[test]

@@ -445,7 +445,7 @@ fn flags_of_a_board_without_a_board_are_refused() {
     let lab = Lab::new(&all, |frame, camera| seen(&all, frame, camera));
     lab.refuses(&["--square-mm", "30"], &["`--square-mm` and no board", "--chessboard", "board.detector"]);
     lab.refuses(&["--board-floor", "1"], &["`--board-floor` and no board"]);
-    assert!(!lab.folder.path().join("out/sightings.csv").exists(), "told before anything runs");
+    assert!(!lab.folder.path().join("out/observations.csv").exists(), "told before anything runs");
 }
 
 #[cfg(target_os = "linux")]

@@ -93,7 +93,7 @@ impl Lab {
         let (code, said, complaint) = self.calibrate(more);
         assert_eq!(code, 2, "{said}\n{complaint}");
         words.iter().for_each(|it| assert!(complaint.contains(it), "`{it}` is not in:\n{complaint}"));
-        assert!(!self.folder.path().join("out/sightings.csv").exists(), "something was captured");
+        assert!(!self.folder.path().join("out/observations.csv").exists(), "something was captured");
     }
 }
 

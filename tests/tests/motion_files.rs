@@ -15,7 +15,7 @@ fn walk(folder: &Path) {
         ["head", "waist", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist"];
     let rest =
         [[0.0, 1.7], [0.0, 1.0], [0.2, 1.45], [-0.2, 1.45], [0.3, 1.2], [-0.3, 1.2], [0.35, 0.95], [-0.35, 0.95]];
-    let mut text = "time_s,target,x_m,y_m,z_m,how,name\n".to_owned();
+    let mut text = "time_s,target,x_m,y_m,z_m,provenance,name\n".to_owned();
     for frame in 0..200 {
         let t = f64::from(frame) / 100.0;
         for (number, (name, [y, z])) in names.iter().zip(rest).enumerate() {

@@ -57,7 +57,7 @@ fn tracked(with_slow: bool, take: &str, cost_ms: f64) -> (Outcome, Vec<Collected
     };
     let rig = format!(
         "{}[scale.room.node.t]\ntype = \"testkit.collect\"\ninto = \"{shelf}\"\ncost_ms = {cost_ms}\n\
-         in.numbers = {{ from = [{from}], capacity = 8, take = \"{take}\" }}\n",
+         in.numbers = {{ from = [{from}], capacity = 8, policy = \"{take}\" }}\n",
         cameras(with_slow)
     );
     let (outcome, found) = play(&rig, 1, &shelf);
@@ -108,7 +108,7 @@ fn under_load_the_newest_starves_and_the_newest_of_each_does_not() {
     let _ = writeln!(
         table,
         "{:16} {:>6} {:>6} {:>6} {:>6} {:>9} {:>9} {:>9} {:>9}",
-        "take", "A", "B", "C", "D", "A ms", "B ms", "C ms", "D ms"
+        "policy", "A", "B", "C", "D", "A ms", "B ms", "C ms", "D ms"
     );
     let mut row = |take: &str| {
         let (outcome, found) = tracked(true, take, 20.0);

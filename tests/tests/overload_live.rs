@@ -116,7 +116,7 @@ fn newest_of_each_starves_nobody_keeps_memory_bounded_and_counts_what_it_drops()
     let rig = "[rig]\nname = \"overload\"\ncalibration = \"cameras.toml\"\n[scale.room]\n\
                [scale.room.node.video]\ntype = \"test.source\"\neach = \"ring-*\"\n\
                [scale.room.node.slow]\ntype = \"test.slow\"\n\
-               in.counted = { from = \"video.counted\", take = \"newest_of_each\", capacity = 4 }\n";
+               in.counted = { from = \"video.counted\", policy = \"newest_of_each\", capacity = 4 }\n";
     let graph = match rig::load(rig, &folder.path().join("test.toml"), &registry, &Overrides::default()) {
         Ok(graph) => Arc::new(graph),
         Err(faults) => panic!("{}", faults.render(false)),

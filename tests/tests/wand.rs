@@ -1,12 +1,12 @@
 //! A wand that others waved: told apart without its labels, and as long in held-out frames as in the others.
 
-use foveate_calibration::recording::{CameraGuess, Look, Recording, Spot};
-use foveate_calibration::wand::{self, LabelRules, RefineRules, Wand};
+use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
+use foveate_calibration::wand::{self, LabelOptions, RefineOptions, Wand};
 use foveate_testkit::data_dir_or_skip;
 use nalgebra::{Isometry3, Point2};
 
 use foveate::geometry::bundle::Freedom;
-use foveate::geometry::self_calibration::SelfCalibrationRules;
+use foveate::geometry::self_calibration::SelfCalibrationOptions;
 use foveate::geometry::{Camera, CameraStatus, Distortion, Intrinsics};
 
 fn numbers(text: &str, separator: char) -> Vec<Vec<f64>> {
@@ -22,7 +22,7 @@ fn recording(profile: &str, rows: &str) -> Recording {
         let free = Freedom { focal: true, k1: true, ..Freedom::POSE };
         CameraGuess { name: format!("camera {}", it[0]), camera, free }
     });
-    let mut looks = Vec::new();
+    let mut camera_frames = Vec::new();
     for (frame, row) in numbers(rows, ',').iter().enumerate().filter(|it| it.1.len() == 12) {
         for camera in 0..3 {
             let spot = |end: usize| Spot {
@@ -33,10 +33,10 @@ fn recording(profile: &str, rows: &str) -> Recording {
             };
             // In one picture of two the second end comes first, in each camera in another one.
             let order = if (frame >> camera) % 2 == 0 { [0, 1] } else { [1, 0] };
-            looks.push(Look { camera, time_s: frame as f64, spots: order.map(spot).to_vec() });
+            camera_frames.push(CameraFrame { camera, time_s: frame as f64, spots: order.map(spot).to_vec() });
         }
     }
-    Recording { cameras: cameras.collect(), looks }
+    Recording { cameras: cameras.collect(), camera_frames }
 }
 
 #[test]
@@ -44,16 +44,16 @@ fn a_real_wand_is_told_apart_and_keeps_its_length_where_it_was_held_out() {
     let Some(folder) = data_dir_or_skip("the wand", "s15_easywand_3cam") else { return };
     let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
     let given = recording(&read("RGBsetup_profile.txt"), &read("wandpts.csv"));
-    assert_eq!((given.cameras.len(), given.looks.len()), (3, 150));
+    assert_eq!((given.cameras.len(), given.camera_frames.len()), (3, 150));
     let mut bare = given.clone();
-    bare.looks.iter_mut().flat_map(|it| &mut it.spots).for_each(|it| it.label = None);
+    bare.camera_frames.iter_mut().flat_map(|it| &mut it.spots).for_each(|it| it.label = None);
     let frames = wand::frames_by_time(&bare, 0.5);
     // The focal lengths are guesses, so that right pixels are some way off their lines.
-    let rules = LabelRules { sigma_px: 3.0, inlier_px: 15.0, ..LabelRules::default() };
-    let found = wand::label(&bare, &frames, &rules).unwrap();
+    let options = LabelOptions { sigma_px: 3.0, inlier_px: 15.0, ..LabelOptions::default() };
+    let found = wand::label(&bare, &frames, &options).unwrap();
     let mut wrong = 0;
-    for (found, given) in found.recording.looks.chunks(3).zip(given.looks.chunks(3)) {
-        let differs = |it: &(&Look, &Look)| {
+    for (found, given) in found.recording.camera_frames.chunks(3).zip(given.camera_frames.chunks(3)) {
+        let differs = |it: &(&CameraFrame, &CameraFrame)| {
             it.0.spots
                 .iter()
                 .any(|spot| it.1.spots.iter().any(|own| own.pixel == spot.pixel && own.label != spot.label))
@@ -63,19 +63,19 @@ fn a_real_wand_is_told_apart_and_keeps_its_length_where_it_was_held_out() {
     }
     assert!(wrong <= 2 && found.whole >= 140, "{wrong} wrong, {} whole", found.whole);
 
-    let all = wand::sightings(&given, &frames);
+    let all = wand::observations(&given, &frames);
     let (fit, held): (Vec<_>, Vec<_>) = all.into_iter().partition(|it| it.frame % 2 == 0);
-    let rules = SelfCalibrationRules {
+    let options = SelfCalibrationOptions {
         sigma_px: 1.0,
         inlier_px: 15.0,
         max_focal_sigma: 0.2,
-        ..SelfCalibrationRules::default()
+        ..SelfCalibrationOptions::default()
     };
-    let mut start = wand::solve(&given.cameras, &fit, &rules).unwrap();
+    let mut start = wand::solve(&given.cameras, &fit, &options).unwrap();
     assert!(start.cameras.iter().all(|it| it.status == CameraStatus::Calibrated));
     start.cameras.iter_mut().zip(&given.cameras).for_each(|(it, given)| it.freed = given.free);
     let unit = Wand { ends: [0, 1], length_m: 1.0, sigma_m: 0.0 };
-    let refine = RefineRules { sigma_px: 1.0, frame_sigma: 3e-3, ..RefineRules::default() };
+    let refine = RefineOptions { sigma_px: 1.0, frame_sigma: 3e-3, ..RefineOptions::default() };
     let refined = wand::refine(&start, &unit, &refine).unwrap();
     let measured = wand::lengths(&wand::intersect(&refined.solved.cameras, &held), [0, 1]).unwrap();
     // A bundle adjustment without the length and without distortion leaves 0.9 %.

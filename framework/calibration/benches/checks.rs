@@ -7,8 +7,8 @@ mod simulated_room;
 
 use std::time::Instant;
 
-use foveate_calibration::checks::{CheckRules, Level, check};
-use simulated_room::{FAULTS, Fault, innocent_suspects, is_named, solved};
+use foveate_calibration::checks::{CheckOptions, Level, check};
+use simulated_room::{FAULTS, Fault, innocent_candidates, is_named, solved};
 
 fn main() {
     let seeds = std::env::args().filter_map(|it| it.parse::<u64>().ok()).next_back().unwrap_or(20);
@@ -21,12 +21,12 @@ fn main() {
     for fault in FAULTS.into_iter().chain(weaker) {
         let (mut named, mut innocent, mut levels, mut taken) = (0, 0, [0; 3], 0.0);
         for seed in 1..=seeds {
-            let room = solved(fault, seed);
+            let network = solved(fault, seed);
             let start = Instant::now();
-            let checks = check(&room, None, &CheckRules::default());
+            let checks = check(&network, None, &CheckOptions::default());
             taken += start.elapsed().as_secs_f64();
             named += u32::from(is_named(fault, &checks));
-            innocent += innocent_suspects(fault, &checks);
+            innocent += innocent_candidates(fault, &checks);
             levels[match checks.verdict.level {
                 Level::Good => 0,
                 Level::Usable => 1,

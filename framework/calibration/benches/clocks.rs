@@ -8,8 +8,8 @@ mod waved_light;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use foveate_calibration::clocks::{ClockRules, Synchronised, synchronise};
-use foveate_calibration::recording::{CameraGuess, Look, Recording, Spot};
+use foveate_calibration::clocks::{ClockOptions, Synchronised, synchronise};
+use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
 use foveate_estimation::{Random, statistics};
 use foveate_geometry::bundle::Freedom;
 use foveate_scene::{Calibration, Clocks};
@@ -58,14 +58,14 @@ fn simulated(reach_s: f64, wrong: f64, sigma_px: f64, focal: bool) {
         let length_s = 30.0 + reach_s;
         let scene = Scene { wrong, sigma_px, seed, length_s, ..Scene::new(&offsets) };
         let recording = scene.recording(Freedom { focal, ..Freedom::NONE });
-        let rules = ClockRules {
+        let options = ClockOptions {
             max_offset_s: (2.2 * reach_s).max(0.5),
             sigma_px,
             inlier_px: (6.0 * sigma_px).max(1.0),
-            ..ClockRules::default()
+            ..ClockOptions::default()
         };
         let start = Instant::now();
-        let found = synchronise(&recording, &rules);
+        let found = synchronise(&recording, &options);
         seconds.push(start.elapsed().as_secs_f64());
         let Ok(found) = found else { continue };
         for (camera, clock) in found.clocks.iter().enumerate() {
@@ -112,7 +112,7 @@ fn drones() -> Result<(), String> {
             let seen = (x != 0.0 || y != 0.0).then_some(Point2::new(x, y));
             let spot = |pixel| Spot { pixel, sigma_px: 2.0, peak: 1.0, label: None };
             let spots = seen.map(spot).into_iter().collect();
-            recording.looks.push(Look { camera: index, time_s: picture / rate_hz, spots });
+            recording.camera_frames.push(CameraFrame { camera: index, time_s: picture / rate_hz, spots });
         }
         let mut camera = named.camera.clone();
         camera.camera_from_world = Isometry3::identity();
@@ -125,7 +125,7 @@ fn drones() -> Result<(), String> {
         for guess in &mut recording.cameras {
             guess.free = free;
         }
-        let rules = ClockRules {
+        let options = ClockOptions {
             max_offset_s: 60.0,
             max_drift: 0.002,
             reference: Some(0),
@@ -134,10 +134,10 @@ fn drones() -> Result<(), String> {
             inlier_px: 12.0,
             max_frames: 3000,
             max_sigma_s: 0.05,
-            ..ClockRules::default()
+            ..ClockOptions::default()
         };
         let start = Instant::now();
-        let found = synchronise(&recording, &rules).map_err(|fault| fault.to_string())?;
+        let found = synchronise(&recording, &options).map_err(|fault| fault.to_string())?;
         let seconds = start.elapsed().as_secs_f64();
         println!(
             "drones, {name}: {seconds:.1} s, {:.2} px rms, {} pairs of which {} agree",
@@ -159,8 +159,9 @@ fn drones_against_table(recording: &Recording, known: &Calibration, found: &Sync
             println!("  {name}: {status}");
             continue;
         };
-        let own =
-            || recording.looks.iter().filter(|it| it.camera == camera && !it.spots.is_empty()).map(|it| it.time_s);
+        let own = || {
+            recording.camera_frames.iter().filter(|it| it.camera == camera && !it.spots.is_empty()).map(|it| it.time_s)
+        };
         let (first, last) = (own().fold(f64::INFINITY, f64::min), own().fold(f64::NEG_INFINITY, f64::max));
         let table = &known.clocks.0[name];
         // What the room's clock shows when the camera's does, here less by the table.

@@ -1,7 +1,7 @@
 //! Whether calibrations state how well they are known: those of two disjoint halves of a recording should differ by what both state together.
 //!
 //! `cargo bench -p foveate-calibration --bench halves` reads the sets below `FOVEATE_DATA`; `-- NAME …` takes those sets only, and
-//! `-- NAME=sightings.csv` one more, of a single light, as `foveate calibrate --out` leaves it.
+//! `-- NAME=observations.csv` one more, of a single light, as `foveate calibrate --out` leaves it.
 
 #[path = "halves/rooms.rs"]
 mod rooms;
@@ -10,10 +10,10 @@ mod sets;
 
 use std::path::PathBuf;
 
-use foveate_calibration::recording::{Look, Recording};
+use foveate_calibration::recording::{CameraFrame, Recording};
 use foveate_calibration::solved::{Solved, SolvedCamera};
 use foveate_estimation::statistics::median;
-use foveate_geometry::{AlignmentRules, Camera, CameraStatus, align};
+use foveate_geometry::{AlignmentOptions, Camera, CameraStatus, align};
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, Vector3};
 use sets::Set;
 
@@ -72,12 +72,13 @@ impl Kind {
 }
 
 fn halves(set: &Set, kind: Kind) -> [Recording; 2] {
-    let frame = |it: &Look| (it.time_s * set.rate_hz).round().max(0.0) as usize;
-    let with = || set.recording.looks.iter().filter(|it| !it.spots.is_empty()).map(frame);
+    let frame = |it: &CameraFrame| (it.time_s * set.rate_hz).round().max(0.0) as usize;
+    let with = || set.recording.camera_frames.iter().filter(|it| !it.spots.is_empty()).map(frame);
     let (first, last) = (with().min().unwrap_or(0), with().max().unwrap_or(0));
     [false, true].map(|second| {
-        let looks = set.recording.looks.iter().filter(|it| kind.is_second(frame(it), first, last) == second);
-        Recording { cameras: set.recording.cameras.clone(), looks: looks.cloned().collect() }
+        let camera_frames =
+            set.recording.camera_frames.iter().filter(|it| kind.is_second(frame(it), first, last) == second);
+        Recording { cameras: set.recording.cameras.clone(), camera_frames: camera_frames.cloned().collect() }
     })
 }
 
@@ -149,7 +150,7 @@ fn normalised((centroid, size): (Vector3<f64>, f64), pairs: &[(Said, Said)], is_
         Some(apart / one.of_focal?.hypot(other.of_focal?))
     });
     let of_focal = of_focal.collect();
-    let Ok(aligned) = align(&b, &a, AlignmentRules { scale: !is_metric, robust: false }) else {
+    let Ok(aligned) = align(&b, &a, AlignmentOptions { scale: !is_metric, robust: false }) else {
         return [Vec::new(), of_focal];
     };
     let scale = aligned.b_from_a.scaling();

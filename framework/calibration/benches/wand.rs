@@ -5,11 +5,11 @@
 use std::path::{Path, PathBuf};
 
 use foveate_calibration::recording::CameraGuess;
-use foveate_calibration::solved::{Solved, SolvedSighting};
-use foveate_calibration::wand::{self, RefineRules, Wand, WandLengths, WandSighting};
+use foveate_calibration::solved::{Solved, SolvedObservation};
+use foveate_calibration::wand::{self, RefineOptions, Wand, WandLengths, WandObservation};
 use foveate_estimation::statistics::Summary;
 use foveate_geometry::bundle::Freedom;
-use foveate_geometry::self_calibration::SelfCalibrationRules;
+use foveate_geometry::self_calibration::SelfCalibrationOptions;
 use foveate_geometry::{Camera, CameraStatus, Distortion, Intrinsics};
 use nalgebra::{Isometry3, Point2};
 
@@ -46,8 +46,8 @@ fn with_freedom(solved: &Solved, freed: Freedom) -> Solved {
     solved
 }
 
-fn pixels(sightings: &[SolvedSighting]) -> Option<Summary> {
-    Summary::of(&sightings.iter().filter_map(|it| Some(it.residual?.norm())).collect::<Vec<_>>())
+fn pixels(observations: &[SolvedObservation]) -> Option<Summary> {
+    Summary::of(&observations.iter().filter_map(|it| Some(it.residual?.norm())).collect::<Vec<_>>())
 }
 
 fn numbers(text: &str, separator: impl Fn(char) -> bool) -> Vec<Vec<f64>> {
@@ -56,9 +56,9 @@ fn numbers(text: &str, separator: impl Fn(char) -> bool) -> Vec<Vec<f64>> {
 }
 
 /// Frames fitted, frames held out.
-type Halves = (Vec<WandSighting>, Vec<WandSighting>);
+type Halves = (Vec<WandObservation>, Vec<WandObservation>);
 
-fn halves(all: &[WandSighting], odd: bool) -> Halves {
+fn halves(all: &[WandObservation], odd: bool) -> Halves {
     all.iter().partition(|it| (it.frame % 2 == 0) != odd)
 }
 
@@ -71,7 +71,7 @@ fn easy_wand(folder: &Path) -> Outcome {
     for (frame, row) in rows.iter().enumerate() {
         for (index, pixel) in row.chunks_exact(2).enumerate() {
             let (end, camera, time_s) = ((index / 3) as u32, index % 3, frame as f64);
-            all.push(WandSighting { camera, frame, time_s, end, pixel: Point2::new(pixel[0], pixel[1]) });
+            all.push(WandObservation { camera, frame, time_s, end, pixel: Point2::new(pixel[0], pixel[1]) });
         }
     }
     println!(
@@ -79,19 +79,19 @@ fn easy_wand(folder: &Path) -> Outcome {
         rows.len(),
         cameras.len()
     );
-    let rules = SelfCalibrationRules { sigma_px: 1.0, inlier_px: 15.0, max_focal_sigma: 0.2, ..Default::default() };
+    let options = SelfCalibrationOptions { sigma_px: 1.0, inlier_px: 15.0, max_focal_sigma: 0.2, ..Default::default() };
     let unit = Wand { ends: [0, 1], length_m: 1.0, sigma_m: 0.0 };
     println!(
         "{:<22} {:<7} | all: {:>7} {:>7} {:>8} | held out: {:>7} {:>7} {:>8}",
         "free", "wand", "median", "rms px", "spread", "median", "rms px", "spread"
     );
-    let start = wand::solve(&cameras, &all, &rules)?;
+    let start = wand::solve(&cameras, &all, &options)?;
     for it in &start.cameras {
         println!("  {}: {}, focal {:.0} px", it.name, it.status, it.camera.intrinsics.focal[0]);
     }
     for (name, freed) in OPTICS {
         for frame_sigma in [None, Some(3e-3), Some(1e-3)] {
-            let refine = RefineRules { sigma_px: 1.0, frame_sigma: frame_sigma.unwrap_or(1.0), ..Default::default() };
+            let refine = RefineOptions { sigma_px: 1.0, frame_sigma: frame_sigma.unwrap_or(1.0), ..Default::default() };
             let refined = |solved: Solved| -> Result<Solved, Box<dyn std::error::Error>> {
                 let solved = with_freedom(&solved, freed);
                 Ok(match frame_sigma {
@@ -104,18 +104,18 @@ fn easy_wand(folder: &Path) -> Outcome {
             let (mut held_out, mut samples) = (Vec::new(), Vec::new());
             for odd in [false, true] {
                 let (fit, held) = halves(&all, odd);
-                let found = refined(wand::solve(&cameras, &fit, &rules)?)?;
+                let found = refined(wand::solve(&cameras, &fit, &options)?)?;
                 if found.cameras.iter().any(|it| it.status != CameraStatus::Calibrated) {
                     continue;
                 }
                 let measured = wand::intersect(&found.cameras, &held);
                 let WandLengths { samples: own, mean, .. } = wand::lengths(&measured, [0, 1])?;
-                held_out.extend(measured.sightings);
+                held_out.extend(measured.observations);
                 samples.extend(own.iter().map(|it| it.length / mean - 1.0));
             }
             let spread = (samples.iter().map(|it| it * it).sum::<f64>() / (samples.len() as f64 - 2.0)).sqrt();
-            let (fit, held) = (pixels(&whole.sightings), pixels(&held_out));
-            let figures = |it: Option<Summary>, all: &[SolvedSighting]| {
+            let (fit, held) = (pixels(&whole.observations), pixels(&held_out));
+            let figures = |it: Option<Summary>, all: &[SolvedObservation]| {
                 let squares: Vec<f64> = all.iter().filter_map(|it| Some(it.residual?.norm_squared())).collect();
                 let rms = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
                 format!("{:>7.3} {rms:>7.3}", it.map_or(f64::NAN, |it| it.median))
@@ -123,7 +123,7 @@ fn easy_wand(folder: &Path) -> Outcome {
             println!(
                 "{name:<22} {:<7} |      {} {:>6.2} % |           {} {:>6.2} %",
                 frame_sigma.map_or("no".into(), |it| format!("{:.1} %", 100.0 * it)),
-                figures(fit, &whole.sightings),
+                figures(fit, &whole.observations),
                 100.0 * of_all.spread,
                 figures(held, &held_out),
                 100.0 * spread
@@ -149,23 +149,23 @@ fn straw_lab(folder: &Path) -> Outcome {
         for (frame, _) in visible.iter().enumerate().filter(|it| *it.1 > 0.5) {
             let pixel = Point2::new(points[3 * camera][frame], points[3 * camera + 1][frame]);
             if pixel.coords.norm().is_finite() {
-                all.push(WandSighting { camera, frame, time_s: frame as f64, end: 0, pixel });
+                all.push(WandObservation { camera, frame, time_s: frame as f64, end: 0, pixel });
             }
         }
     }
     let mut best: Option<(f64, usize, Vec<CameraGuess>)> = None;
-    // Nothing is known of the lenses: the focal length by which most sightings can be explained is the start.
+    // Nothing is known of the lenses: the focal length by which most observations can be explained is the start.
     for share in [0.6, 0.8, 1.1, 1.5, 2.0] {
         let cameras: Vec<CameraGuess> = sizes
             .iter()
             .zip(names.lines())
             .map(|(size, name)| guess(name.to_owned(), [size[0] as u32, size[1] as u32], share * size[0]))
             .collect();
-        let rules = SelfCalibrationRules { inlier_px: 10.0, max_focal_sigma: 0.2, ..Default::default() };
-        if let Ok(found) = wand::solve(&cameras, &all, &rules) {
+        let options = SelfCalibrationOptions { inlier_px: 10.0, max_focal_sigma: 0.2, ..Default::default() };
+        if let Ok(found) = wand::solve(&cameras, &all, &options) {
             let (rms, used) = (found.steps[0].rms_px, found.steps[0].used);
             println!(
-                "  guess {:>5.0} px: {used} of {} sightings right, {rms:.3} px rms",
+                "  guess {:>5.0} px: {used} of {} observations right, {rms:.3} px rms",
                 share * sizes[0][0],
                 all.len()
             );
@@ -186,9 +186,9 @@ fn straw_lab(folder: &Path) -> Outcome {
         let (mut fitted, mut held_out, mut lenses) = (Vec::new(), Vec::new(), String::new());
         for odd in [false, true] {
             let (fit, held) = halves(&all, odd);
-            let rules = SelfCalibrationRules { inlier_px: 10.0, max_focal_sigma: 0.2, ..Default::default() };
-            let start = with_freedom(&wand::solve(&cameras, &fit, &rules)?, freed);
-            let refine = RefineRules { sigma_px: 0.5, ..Default::default() };
+            let options = SelfCalibrationOptions { inlier_px: 10.0, max_focal_sigma: 0.2, ..Default::default() };
+            let start = with_freedom(&wand::solve(&cameras, &fit, &options)?, freed);
+            let refine = RefineOptions { sigma_px: 0.5, ..Default::default() };
             let found = wand::readjust(&start, &[], &refine)?.0;
             let measured = wand::intersect(&found.cameras, &held);
             lenses = found
@@ -196,8 +196,8 @@ fn straw_lab(folder: &Path) -> Outcome {
                 .iter()
                 .map(|it| format!("{:.0} {:+.3}  ", it.camera.intrinsics.focal[0], it.camera.distortion.k1))
                 .collect();
-            fitted.extend(found.sightings);
-            held_out.extend(measured.sightings);
+            fitted.extend(found.observations);
+            held_out.extend(measured.observations);
         }
         let squares: Vec<f64> = held_out.iter().filter_map(|it| Some(it.residual?.norm_squared())).collect();
         let rms = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();

@@ -1,16 +1,16 @@
 //! How fast a room comes right from a poor start: path and cameras in turn, as [Davis 2002 §3.2] has it, beside all at once.
 //!
-//! Both minimise the same, so both end in the same place; [Davis 2002, Fig. 25] shows the way there as the error on sightings that the
+//! Both minimise the same, so both end in the same place; [Davis 2002, Fig. 25] shows the way there as the error on observations that the
 //! cameras were not fitted to.
 
 use foveate_estimation::Random;
-use foveate_geometry::bundle::{BundleFault, BundleRules, Observation, adjust};
+use foveate_geometry::bundle::{BundleError, BundleOptions, Observation, adjust};
 use foveate_geometry::{Camera, CameraStatus, Freedom, alternate, path_error};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use crate::solved::{SightingRole, Solved};
+use crate::solved::{ObservationRole, Solved};
 
-/// Root mean square error on independent sightings, at the start and after each turn or step [px].
+/// Root mean square error on independent observations, at the start and after each turn or step [px].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Convergence {
     /// In words: how far the start is off.
@@ -23,7 +23,7 @@ pub struct Convergence {
 
 /// How far, and from where.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ConvergenceRules {
+pub struct ConvergenceOptions {
     /// Turns of the alternating scheme [–].
     pub turns: usize,
     /// Steps of the bundle adjustment at most [–].
@@ -38,24 +38,24 @@ pub struct ConvergenceRules {
     pub seed: u64,
 }
 
-impl Default for ConvergenceRules {
+impl Default for ConvergenceOptions {
     fn default() -> Self {
         Self { turns: 100, steps: 30, off_deg: 3.0, off_size: 0.03, max_moments: 600, seed: 1 }
     }
 }
 
-/// Both ways from a start that is drawn around a solved room, on its own sightings; the error is that on moments that were kept back.
-/// Optics are as they were found. `None` when nothing was kept back, or no point can be intersected.
-pub fn convergence(solved: &Solved, rules: &ConvergenceRules) -> Option<Convergence> {
+/// Both ways from a start that is drawn around a solved room, on its own observations; the error is that on moments that were held out.
+/// Optics are as they were found. `None` when nothing was held out, or no point can be intersected.
+pub fn convergence(solved: &Solved, options: &ConvergenceOptions) -> Option<Convergence> {
     let members: Vec<usize> =
         (0..solved.cameras.len()).filter(|it| solved.cameras[*it].status == CameraStatus::Calibrated).collect();
     let truth: Vec<Camera> = members.iter().map(|it| solved.cameras[*it].camera.clone()).collect();
-    let of_role = |role: SightingRole| {
-        let all = solved.sightings.iter().filter(|it| it.role == role);
+    let of_role = |role: ObservationRole| {
+        let all = solved.observations.iter().filter(|it| it.role == role);
         let mut places: Vec<usize> = all.clone().filter_map(|it| it.point).collect();
         places.sort_unstable();
         places.dedup();
-        let every = places.len().div_ceil(rules.max_moments.max(1)).max(1);
+        let every = places.len().div_ceil(options.max_moments.max(1)).max(1);
         let places: Vec<usize> = places.into_iter().step_by(every).collect();
         let observation = |camera: usize, point: usize, pixel| {
             let (camera, point) = (members.binary_search(&camera).ok()?, places.binary_search(&point).ok()?);
@@ -63,14 +63,14 @@ pub fn convergence(solved: &Solved, rules: &ConvergenceRules) -> Option<Converge
         };
         all.filter_map(|it| observation(it.camera, it.point?, it.pixel)).collect::<Vec<_>>()
     };
-    let (seen, independent) = (of_role(SightingRole::Used), of_role(SightingRole::HeldOut));
+    let (seen, independent) = (of_role(ObservationRole::Used), of_role(ObservationRole::HeldOut));
     let n = truth.len().max(1) as f64;
     let centroid = truth.iter().fold(Vector3::zeros(), |sum, it| sum + it.centre().coords / n);
     let size = (truth.iter().map(|it| (it.centre().coords - centroid).norm_squared()).sum::<f64>() / n).sqrt();
-    let mut random = Random::new(rules.seed).fork("convergence");
-    let start = poor_start(&truth, rules.off_deg, rules.off_size * size, &mut random);
-    let (together, in_turn) = side_by_side(&start, &seen, &independent, rules.turns, rules.steps).ok()?;
-    let start = format!("{:.0}° and {:.0} % of the size of the room", rules.off_deg, 100.0 * rules.off_size);
+    let mut random = Random::new(options.seed).fork("convergence");
+    let start = poor_start(&truth, options.off_deg, options.off_size * size, &mut random);
+    let (together, in_turn) = side_by_side(&start, &seen, &independent, options.turns, options.steps).ok()?;
+    let start = format!("{:.0}° and {:.0} % of the size of the room", options.off_deg, 100.0 * options.off_size);
     (!in_turn.is_empty()).then_some(Convergence { start, together, in_turn })
 }
 
@@ -88,7 +88,7 @@ pub fn poor_start(cameras: &[Camera], degrees: f64, distance: f64, random: &mut 
     cameras.iter().map(&mut moved).collect()
 }
 
-/// Errors on `independent` sightings [px], together and in turn, before and after each step of the one and each turn of the other.
+/// Errors on `independent` observations [px], together and in turn, before and after each step of the one and each turn of the other.
 ///
 /// # Errors
 /// Those of [`alternate`].
@@ -98,7 +98,7 @@ pub fn side_by_side(
     independent: &[Observation],
     turns: usize,
     steps: u32,
-) -> Result<(Vec<f64>, Vec<f64>), BundleFault> {
+) -> Result<(Vec<f64>, Vec<f64>), BundleError> {
     let in_turn = alternate(start, seen, independent, turns)?.independent_px;
     // The adjustment begins on the path that the start gives.
     let first = alternate(start, seen, independent, 0)?;
@@ -106,8 +106,8 @@ pub fn side_by_side(
     let freedoms = vec![Freedom::POSE; start.len()];
     let mut together = first.independent_px;
     for max_iterations in 1..=steps {
-        let rules = BundleRules { max_iterations, ..BundleRules::default() };
-        let found = adjust(start, &freedoms, &points, seen, &rules)?;
+        let options = BundleOptions { max_iterations, ..BundleOptions::default() };
+        let found = adjust(start, &freedoms, &points, seen, &options)?;
         together.extend(path_error(&found.cameras, independent));
         if found.iterations < max_iterations {
             break;

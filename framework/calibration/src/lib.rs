@@ -3,7 +3,7 @@
 //! | module | what it is |
 //! |---|---|
 //! | [`recording`] | what went in: who saw what, where and when, and what is known of the cameras' optics |
-//! | [`solved`] | what came out: cameras, path, the residual of each sighting, and what remains open |
+//! | [`solved`] | what came out: cameras, path, the residual of each observation, and what remains open |
 //! | [`room`] | the way from one to the other with one waved light, from nothing or from an older calibration |
 //! | [`board`] | cameras that see a rigid board: optics and poses in metres |
 //! | [`clocks`] | cameras that share no clock: their offsets from the continuity of the light's path |
@@ -27,12 +27,12 @@ pub mod comparison;
 pub mod convergence;
 pub mod coverage;
 pub mod head;
+pub mod network;
 pub mod path;
 mod pose_change;
 pub mod quality;
 pub mod recording;
 pub mod report;
-pub mod room;
 pub mod solved;
 mod stretches;
 pub mod wand;

@@ -26,7 +26,7 @@ type Seen = Vec<(usize, Point2<f64>)>;
 /// Points are intersected anew with these cameras, so that no calibration is at an advantage because the points were adjusted to it.
 pub fn quality(solved: &Solved, cameras: &[Option<Camera>], limit_px: f64) -> Quality {
     let mut moments: BTreeMap<(usize, u32), Seen> = BTreeMap::new();
-    for it in &solved.sightings {
+    for it in &solved.observations {
         let label = it.point.map_or(0, |point| solved.points[point].label);
         moments.entry((it.frame, label)).or_default().push((it.camera, it.pixel));
     }

@@ -9,7 +9,7 @@ pub struct Recording {
     /// The cameras; a camera's place here is its number.
     pub cameras: Vec<CameraGuess>,
     /// Pictures, those without a spot among them, in the order of their times.
-    pub looks: Vec<Look>,
+    pub camera_frames: Vec<CameraFrame>,
 }
 
 impl Recording {
@@ -32,7 +32,7 @@ pub struct CameraGuess {
 
 /// One picture.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Look {
+pub struct CameraFrame {
     /// Which camera.
     pub camera: usize,
     /// When, by the camera's clock [s].

@@ -1,4 +1,4 @@
-//! A room that was solved: its cameras, the path of the light, and how each sighting fits.
+//! A room that was solved: its cameras, the path of the light, and how each observation fits.
 
 use foveate_geometry::Camera;
 use foveate_geometry::bundle::{CameraCovariance, Freedom, OpticsPrior};
@@ -8,7 +8,7 @@ use nalgebra::{Point2, Point3, Vector2};
 
 use crate::cause::Culprit;
 
-/// Cameras, points and sightings of a room that was calibrated.
+/// Cameras, points and observations of a room that was calibrated.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Solved {
     /// In the order of the recording.
@@ -16,7 +16,7 @@ pub struct Solved {
     /// The places of lights and marks, by frame and then by label.
     pub points: Vec<SolvedPoint>,
     /// What was seen of them.
-    pub sightings: Vec<SolvedSighting>,
+    pub observations: Vec<SolvedObservation>,
     /// How the solution was approached, in order.
     pub steps: Vec<Step>,
     /// Pairs of cameras that were oriented with each other.
@@ -88,12 +88,12 @@ pub struct SolvedPoint {
     pub position: Point3<f64>,
 }
 
-/// What became of a sighting.
+/// What became of an observation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum SightingRole {
+pub enum ObservationRole {
     /// The solution was made of it.
     Used,
-    /// It was kept back, to test the solution: its point comes from other cameras' sightings or other frames'.
+    /// It was held out, to test the solution: its point comes from other cameras' observations or other frames'.
     HeldOut,
     /// It contradicts the rest.
     Rejected,
@@ -103,7 +103,7 @@ pub enum SightingRole {
 
 /// A light or a mark as a camera saw it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SolvedSighting {
+pub struct SolvedObservation {
     /// Which camera.
     pub camera: usize,
     /// Which frame.
@@ -115,7 +115,7 @@ pub struct SolvedSighting {
     /// Where the solution has it − where it was seen, if both camera and point are known [px].
     pub residual: Option<Vector2<f64>>,
     /// What became of it.
-    pub role: SightingRole,
+    pub role: ObservationRole,
 }
 
 /// One step towards the solution.
@@ -125,7 +125,7 @@ pub struct Step {
     pub stage: &'static str,
     /// Root of the mean squared length of the residuals in use after it [px].
     pub rms_px: f64,
-    /// Sightings in use.
+    /// Observations in use.
     pub used: usize,
 }
 

@@ -3,9 +3,9 @@
 mod waved_light;
 
 use foveate_calibration::clocks::{
-    ClockFault, ClockRules, ClockStatus, FrameRules, PairFault, Synchronised, frames, synchronise,
+    ClockError, ClockOptions, ClockStatus, FrameOptions, PairError, Synchronised, frames, synchronise,
 };
-use foveate_calibration::recording::{Look, Recording};
+use foveate_calibration::recording::{CameraFrame, Recording};
 use foveate_calibration::solved::ClockFit;
 use foveate_estimation::Random;
 use foveate_geometry::bundle::Freedom;
@@ -25,8 +25,8 @@ fn repeating(time: f64) -> Point3<f64> {
 
 /// Largest error against the truth [s] of those found, each within its sigma as far as chance goes.
 #[track_caller]
-fn check(scene: &Scene, free: Freedom, rules: &ClockRules, limit_ms: f64) -> Synchronised {
-    let found = synchronise(&scene.recording(free), rules).unwrap();
+fn check(scene: &Scene, free: Freedom, options: &ClockOptions, limit_ms: f64) -> Synchronised {
+    let found = synchronise(&scene.recording(free), options).unwrap();
     for (camera, (clock, truth)) in found.clocks.iter().zip(&scene.offsets_s).enumerate() {
         let Some(clock) = clock else { panic!("camera {camera}: {}", found.status[camera]) };
         let error = clock.offset_s - (truth - scene.offsets_s[found.reference]);
@@ -46,7 +46,7 @@ const TENTHS: [f64; 6] = [0.0, 0.083, -0.1, 0.021, -0.055, 0.1];
 
 #[test]
 fn offsets_of_a_tenth_of_a_second_are_found() {
-    let found = check(&Scene::new(&TENTHS), Freedom::NONE, &ClockRules::default(), 0.5);
+    let found = check(&Scene::new(&TENTHS), Freedom::NONE, &ClockOptions::default(), 0.5);
     assert!(found.rms_px < 0.8, "{}", found.rms_px);
     assert!(found.status.contains(&ClockStatus::Reference));
     assert!(found.links.iter().all(|it| it.consistent) && found.links.len() >= 12, "{:?}", found.links);
@@ -55,8 +55,8 @@ fn offsets_of_a_tenth_of_a_second_are_found() {
 #[test]
 fn clocks_beyond_the_limit_are_not_found_however_they_are_chained() {
     let scene = Scene::new(&[0.0, 0.08, 0.16, 0.24]);
-    let rules = ClockRules { max_offset_s: 0.1, reference: Some(0), ..ClockRules::default() };
-    let found = synchronise(&scene.recording(Freedom::NONE), &rules).unwrap();
+    let options = ClockOptions { max_offset_s: 0.1, reference: Some(0), ..ClockOptions::default() };
+    let found = synchronise(&scene.recording(Freedom::NONE), &options).unwrap();
     assert!(found.clocks[1].is_some_and(|it| (it.offset_s - 0.08).abs() < 1e-3), "{:?}", found.clocks);
     for camera in [2, 3] {
         assert_eq!(found.clocks[camera], None);
@@ -68,13 +68,13 @@ fn clocks_beyond_the_limit_are_not_found_however_they_are_chained() {
 #[test]
 fn a_third_of_wrong_sights_is_no_obstacle() {
     let scene = Scene { wrong: 0.3, seed: 2, ..Scene::new(&TENTHS) };
-    check(&scene, Freedom::NONE, &ClockRules::default(), 1.0);
+    check(&scene, Freedom::NONE, &ClockOptions::default(), 1.0);
 }
 
 #[test]
 fn focal_lengths_may_be_free() {
     let scene = Scene { seed: 3, ..Scene::new(&TENTHS) };
-    let found = check(&scene, Freedom { focal: true, ..Freedom::NONE }, &ClockRules::default(), 0.6);
+    let found = check(&scene, Freedom { focal: true, ..Freedom::NONE }, &ClockOptions::default(), 0.6);
     for camera in &found.cameras {
         assert!((camera.intrinsics.focal[0] - 420.0).abs() < 4.0, "{:?}", camera.intrinsics);
     }
@@ -83,14 +83,14 @@ fn focal_lengths_may_be_free() {
 #[test]
 fn offsets_of_twenty_seconds_are_found_in_a_wide_window() {
     let scene = Scene { length_s: 50.0, seed: 4, ..Scene::new(&[0.0, 20.0, -13.7, 4.2, -20.0]) };
-    let rules = ClockRules { max_offset_s: 45.0, reference: Some(0), ..ClockRules::default() };
-    check(&scene, Freedom::NONE, &rules, 1.0);
+    let options = ClockOptions { max_offset_s: 45.0, reference: Some(0), ..ClockOptions::default() };
+    check(&scene, Freedom::NONE, &options, 1.0);
 }
 
 #[test]
 fn a_camera_that_sees_the_light_rarely_is_synchronised_too() {
     let scene = Scene { duty: vec![1.0, 1.0, 1.0, 1.0, 0.25, 1.0], length_s: 40.0, seed: 5, ..Scene::new(&TENTHS) };
-    let found = check(&scene, Freedom::NONE, &ClockRules::default(), 1.5);
+    let found = check(&scene, Freedom::NONE, &ClockOptions::default(), 1.5);
     let [rare, usual] = [4, 5].map(|it| found.clocks[it].unwrap().sigma_s);
     assert!(found.reference == 5 || rare > 1.2 * usual, "{rare} {usual}");
 }
@@ -114,7 +114,7 @@ fn cameras_of_any_exact_rate_are_synchronised() {
         for (rounded_s, dropped) in [(0.0, 0.0), (1e-3, 0.0), (0.0, 0.1), (1e-3, 0.1)] {
             let scene = Scene { rates_hz, rounded_s, dropped, seed: seed as u64, ..Scene::new(&TENTHS) };
             let recording = scene.recording(Freedom::NONE);
-            let found = synchronise(&recording, &ClockRules::default())
+            let found = synchronise(&recording, &ClockOptions::default())
                 .unwrap_or_else(|fault| panic!("{rates_hz:?} Hz, {rounded_s} s, {dropped}: {fault}"));
             for (camera, (clock, truth)) in found.clocks.iter().zip(&scene.offsets_s).enumerate() {
                 let Some(clock) = clock else {
@@ -135,9 +135,9 @@ fn cameras_of_any_exact_rate_are_synchronised() {
 }
 
 #[track_caller]
-fn refused(scene: &Scene, rules: &ClockRules) -> Vec<ClockStatus> {
-    match synchronise(&scene.recording(Freedom::NONE), rules) {
-        Err(ClockFault::NothingFound { status }) => status,
+fn refused(scene: &Scene, options: &ClockOptions) -> Vec<ClockStatus> {
+    match synchronise(&scene.recording(Freedom::NONE), options) {
+        Err(ClockError::NothingFound { status }) => status,
         other => panic!("{:?}", other.map(|it| (it.clocks, it.status))),
     }
 }
@@ -146,9 +146,9 @@ fn refused(scene: &Scene, rules: &ClockRules) -> Vec<ClockStatus> {
 fn a_light_that_goes_round_evenly_tells_no_time() {
     let scene = Scene { path: circling, seed: 6, ..Scene::new(&TENTHS[..4]) };
     for max_offset_s in [0.2, 0.5, 4.0] {
-        let status = refused(&scene, &ClockRules { max_offset_s, ..ClockRules::default() });
+        let status = refused(&scene, &ClockOptions { max_offset_s, ..ClockOptions::default() });
         let told = |it: &ClockStatus| {
-            matches!(it, ClockStatus::NotTold { fault: PairFault::Flat { .. } | PairFault::Ambiguous { .. }, .. })
+            matches!(it, ClockStatus::NotTold { fault: PairError::Flat { .. } | PairError::Ambiguous { .. }, .. })
         };
         assert!(status.iter().all(told), "{max_offset_s}: {status:?}");
     }
@@ -157,22 +157,22 @@ fn a_light_that_goes_round_evenly_tells_no_time() {
 #[test]
 fn a_path_that_repeats_is_ambiguous_beyond_its_period_only() {
     let scene = Scene { path: repeating, seed: 7, ..Scene::new(&TENTHS[..4]) };
-    let status = refused(&scene, &ClockRules { max_offset_s: 6.0, ..ClockRules::default() });
-    let ambiguous = |it: &ClockStatus| matches!(it, ClockStatus::NotTold { fault: PairFault::Ambiguous { .. }, .. });
+    let status = refused(&scene, &ClockOptions { max_offset_s: 6.0, ..ClockOptions::default() });
+    let ambiguous = |it: &ClockStatus| matches!(it, ClockStatus::NotTold { fault: PairError::Ambiguous { .. }, .. });
     assert!(status.iter().all(ambiguous), "{status:?}");
-    check(&scene, Freedom::NONE, &ClockRules { max_offset_s: 1.0, ..ClockRules::default() }, 0.8);
+    check(&scene, Freedom::NONE, &ClockOptions { max_offset_s: 1.0, ..ClockOptions::default() }, 0.8);
 }
 
 #[test]
 fn a_light_at_rest_tells_no_time() {
     let scene = Scene { path: |_| Point3::new(0.2, 0.1, 1.3), ..Scene::new(&TENTHS[..4]) };
     let still = |it: &ClockStatus| matches!(it, ClockStatus::LightStill { spread_px } if *spread_px < 1.5);
-    let status = refused(&scene, &ClockRules::default());
+    let status = refused(&scene, &ClockOptions::default());
     assert!(status.iter().all(still), "{status:?}");
     // So does one that is never seen.
     let scene = Scene { duty: vec![0.0; 4], ..Scene::new(&TENTHS[..4]) };
-    let status = refused(&scene, &ClockRules::default());
-    assert!(status.iter().all(|it| matches!(it, ClockStatus::TooFewSights { moments: 0, .. })), "{status:?}");
+    let status = refused(&scene, &ClockOptions::default());
+    assert!(status.iter().all(|it| matches!(it, ClockStatus::TooFewViews { moments: 0, .. })), "{status:?}");
 }
 
 #[test]
@@ -181,45 +181,49 @@ fn a_camera_that_looks_elsewhere_is_named_and_the_others_are_found() {
     let mut recording = scene.recording(Freedom::NONE);
     // Its pictures in the order of another day.
     let mut random = Random::new(9);
-    for look in recording.looks.iter_mut().filter(|it| it.camera == 2) {
-        let phase = 2.1 * look.time_s;
+    for camera_frame in recording.camera_frames.iter_mut().filter(|it| it.camera == 2) {
+        let phase = 2.1 * camera_frame.time_s;
         let pixel = Point2::new(
             320.0 + 180.0 * (1.7 * phase).sin(),
             240.0 + 140.0 * (phase + 0.3 * (0.37 * phase).sin()).cos(),
         );
-        look.spots.iter_mut().for_each(|it| it.pixel = pixel + Vector2::new(random.normal(), random.normal()) * 0.5);
+        camera_frame
+            .spots
+            .iter_mut()
+            .for_each(|it| it.pixel = pixel + Vector2::new(random.normal(), random.normal()) * 0.5);
     }
-    let found = synchronise(&recording, &ClockRules { reference: Some(0), ..ClockRules::default() }).unwrap();
+    let found = synchronise(&recording, &ClockOptions { reference: Some(0), ..ClockOptions::default() }).unwrap();
     assert!(found.clocks[2].is_none(), "{:?}", found.status);
     for camera in [0, 1, 3, 4] {
         let error = found.clocks[camera].unwrap().offset_s - TENTHS[camera];
         assert!(error.abs() < 1e-3, "camera {camera}: {error}");
     }
-    assert!(found.frames.sightings.iter().all(|it| it.camera != 2));
+    assert!(found.frames.observations.iter().all(|it| it.camera != 2));
 }
 
 #[test]
 fn pictures_taken_together_are_frames_as_they_are() {
     let scene = Scene { wrong: 0.2, ..Scene::new(&[0.0; 3]) };
     let mut recording = scene.recording(Freedom::NONE);
-    recording.looks.retain(|it| it.camera == 0);
+    recording.camera_frames.retain(|it| it.camera == 0);
     for camera in 1..3 {
-        let same: Vec<Look> = recording.looks.iter().filter(|it| it.camera == 0).cloned().collect();
-        recording.looks.extend(same.into_iter().map(|it| Look { camera, ..it }));
+        let same: Vec<CameraFrame> = recording.camera_frames.iter().filter(|it| it.camera == 0).cloned().collect();
+        recording.camera_frames.extend(same.into_iter().map(|it| CameraFrame { camera, ..it }));
     }
     let zero = ClockFit { offset_s: 0.0, drift: 0.0, sigma_s: 0.0, pairs: 0 };
-    let made = frames(&recording, &[Some(zero), Some(zero), None], &FrameRules::default());
-    let seen = recording.looks.iter().filter(|it| it.camera < 2 && !it.spots.is_empty()).count();
-    assert_eq!((made.sightings.len(), made.times_s.len() * 2), (seen, seen));
-    for (sighting, look) in made.sightings.iter().zip(&made.looks) {
-        assert_eq!(sighting.pixel, recording.looks[look.unwrap()].spots[0].pixel);
+    let made = frames(&recording, &[Some(zero), Some(zero), None], &FrameOptions::default());
+    let seen = recording.camera_frames.iter().filter(|it| it.camera < 2 && !it.spots.is_empty()).count();
+    assert_eq!((made.observations.len(), made.times_s.len() * 2), (seen, seen));
+    for (observation, camera_frame) in made.observations.iter().zip(&made.camera_frames) {
+        assert_eq!(observation.pixel, recording.camera_frames[camera_frame.unwrap()].spots[0].pixel);
     }
-    let few = frames(&recording, &[Some(zero); 3], &FrameRules { max_frames: 100, ..FrameRules::default() });
-    assert_eq!((few.times_s.len(), few.sightings.len()), (100, 300));
+    let few = frames(&recording, &[Some(zero); 3], &FrameOptions { max_frames: 100, ..FrameOptions::default() });
+    assert_eq!((few.times_s.len(), few.observations.len()), (100, 300));
     // An offset that puts one camera's pictures between those of the other.
     let half = ClockFit { offset_s: 0.5 / 30.0, ..zero };
-    let between = frames(&recording, &[Some(zero), Some(half), None], &FrameRules::default());
-    let interpolated = between.looks.iter().zip(&between.sightings).filter(|(look, _)| look.is_none());
+    let between = frames(&recording, &[Some(zero), Some(half), None], &FrameOptions::default());
+    let interpolated =
+        between.camera_frames.iter().zip(&between.observations).filter(|(camera_frame, _)| camera_frame.is_none());
     assert!(interpolated.clone().all(|(_, it)| it.camera == 1) && interpolated.count() > 200);
 }
 
@@ -227,15 +231,15 @@ fn pictures_taken_together_are_frames_as_they_are() {
 fn what_is_said_of_clocks_names_cameras_and_no_flag() {
     let scene = Scene { path: circling, length_s: 12.0, seed: 6, ..Scene::new(&TENTHS[..3]) };
     let recording = scene.recording(Freedom::NONE);
-    let fault = synchronise(&recording, &ClockRules::default()).unwrap_err();
+    let fault = synchronise(&recording, &ClockOptions::default()).unwrap_err();
     let said = fault.sentence(|it| recording.name(it), |_| "; further".to_owned());
     assert!(recording.cameras.iter().all(|it| said.contains(&format!("{}: with cam", it.name))), "{said}");
     assert!(!said.contains("camera 0") && !said.contains("--"), "{said}");
     let statuses = [
         ClockStatus::BeyondLimit { offset_s: 0.7, limit_s: 0.5 },
-        ClockStatus::NotTold { other: 1, fault: PairFault::Inconsistent { right: 3, moments: 90 } },
+        ClockStatus::NotTold { other: 1, fault: PairError::Inconsistent { right: 3, moments: 90 } },
         ClockStatus::Separate { group: vec![0, 2] },
-        ClockStatus::NotTold { other: 1, fault: PairFault::Flat { tolerance_s: 0.1 } },
+        ClockStatus::NotTold { other: 1, fault: PairError::Flat { tolerance_s: 0.1 } },
     ];
     let said = statuses.each_ref().map(|it| it.sentence(|camera| recording.name(camera)));
     assert!(
@@ -248,29 +252,37 @@ fn what_is_said_of_clocks_names_cameras_and_no_flag() {
 #[test]
 fn bad_input_is_refused_by_place() {
     let recording = Scene { length_s: 1.0, ..Scene::new(&TENTHS[..3]) }.recording(Freedom::NONE);
-    let fault = |change: &dyn Fn(&mut Recording), rules: ClockRules| {
+    let fault = |change: &dyn Fn(&mut Recording), options: ClockOptions| {
         let mut broken = recording.clone();
         change(&mut broken);
-        synchronise(&broken, &rules).unwrap_err()
+        synchronise(&broken, &options).unwrap_err()
     };
-    let rules = ClockRules::default;
-    assert_eq!(fault(&|it| it.cameras.truncate(1), rules()), ClockFault::TooFewCameras { count: 1 });
-    assert!(matches!(fault(&|it| it.looks[4].camera = 9, rules()), ClockFault::BadLook { look: 4, camera: 9, .. }));
-    assert!(matches!(fault(&|it| it.looks[5].time_s = f64::NAN, rules()), ClockFault::BadLook { look: 5, .. }));
-    let bad_focal = fault(&|it| it.cameras[1].camera.intrinsics.focal[0] = 0.0, rules());
-    assert!(matches!(bad_focal, ClockFault::BadCamera { camera: 1, .. }));
+    let options = ClockOptions::default;
+    assert_eq!(fault(&|it| it.cameras.truncate(1), options()), ClockError::TooFewCameras { count: 1 });
+    assert!(matches!(
+        fault(&|it| it.camera_frames[4].camera = 9, options()),
+        ClockError::BadFrame { camera_frame: 4, camera: 9, .. }
+    ));
+    assert!(matches!(
+        fault(&|it| it.camera_frames[5].time_s = f64::NAN, options()),
+        ClockError::BadFrame { camera_frame: 5, .. }
+    ));
+    let bad_focal = fault(&|it| it.cameras[1].camera.intrinsics.focal[0] = 0.0, options());
+    assert!(matches!(bad_focal, ClockError::BadCamera { camera: 1, .. }));
     for (bad, name) in [
-        (ClockRules { max_offset_s: 0.0, ..rules() }, "max_offset_s"),
-        (ClockRules { max_drift: 1.0, ..rules() }, "max_drift"),
-        (ClockRules { sigma_px: f64::NAN, ..rules() }, "sigma_px"),
-        (ClockRules { reference: Some(3), ..rules() }, "reference"),
-        (ClockRules { min_distinction: 0.5, ..rules() }, "min_distinction"),
+        (ClockOptions { max_offset_s: 0.0, ..options() }, "max_offset_s"),
+        (ClockOptions { max_drift: 1.0, ..options() }, "max_drift"),
+        (ClockOptions { sigma_px: f64::NAN, ..options() }, "sigma_px"),
+        (ClockOptions { reference: Some(3), ..options() }, "reference"),
+        (ClockOptions { min_distinction: 0.5, ..options() }, "min_distinction"),
     ] {
-        assert!(matches!(fault(&|_| (), bad), ClockFault::BadRule { rule, .. } if rule == name), "{name}");
+        assert!(matches!(fault(&|_| (), bad), ClockError::BadRule { rule, .. } if rule == name), "{name}");
     }
     // Spots that are no numbers, and pictures recorded twice, are passed over.
     let broken = |it: &mut Recording| {
-        it.looks.iter_mut().for_each(|look| look.spots.iter_mut().for_each(|it| it.pixel.x = f64::NAN));
+        it.camera_frames
+            .iter_mut()
+            .for_each(|camera_frame| camera_frame.spots.iter_mut().for_each(|it| it.pixel.x = f64::NAN));
     };
-    assert!(matches!(fault(&broken, rules()), ClockFault::NothingFound { .. }));
+    assert!(matches!(fault(&broken, options()), ClockError::NothingFound { .. }));
 }

@@ -2,16 +2,16 @@
 
 use std::collections::BTreeSet;
 
-use foveate_calibration::board::{Board, BoardRules, board_on_one_clock, calibrate};
-use foveate_calibration::clocks::{ClockFault, ClockRules};
-use foveate_calibration::recording::{CameraGuess, Look, Recording, Spot};
-use foveate_calibration::room::{
-    NotSynchronised, RoomRules, Sought, SynchronisedRoom, from_nothing, unsynchronised_wand,
+use foveate_calibration::board::{Board, BoardOptions, board_on_one_clock, calibrate};
+use foveate_calibration::clocks::{ClockError, ClockOptions};
+use foveate_calibration::network::{
+    NetworkOptions, NotSynchronised, Sought, SynchronisedNetwork, from_nothing, unsynchronised_wand,
 };
+use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
 use foveate_calibration::solved::{ClockFit, SolvedCamera};
 use foveate_estimation::Random;
 use foveate_geometry::bundle::Freedom;
-use foveate_geometry::{AlignmentRules, Camera, CameraStatus, camera_errors};
+use foveate_geometry::{AlignmentOptions, Camera, CameraStatus, camera_errors};
 use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 
 const RATES_HZ: [f64; 4] = [30.0, 25.0, 60.0, 30.0];
@@ -48,7 +48,7 @@ fn recording(
     points: impl Fn(f64) -> Vec<Point3<f64>>,
 ) -> Recording {
     let mut random = Random::new(7).fork("no shared clock");
-    let mut looks = Vec::new();
+    let mut camera_frames = Vec::new();
     for (camera, model) in cameras.iter().enumerate() {
         let rate_hz = rates_hz[camera];
         // Pictures at the same moments where the room has one clock.
@@ -65,21 +65,21 @@ fn recording(
                 spots.reverse();
             }
             if random.uniform() >= 0.05 {
-                looks.push(Look { camera, time_s: room_s + late_s[camera], spots });
+                camera_frames.push(CameraFrame { camera, time_s: room_s + late_s[camera], spots });
             }
         }
     }
-    looks.sort_by(|a, b| a.time_s.total_cmp(&b.time_s).then(a.camera.cmp(&b.camera)));
+    camera_frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s).then(a.camera.cmp(&b.camera)));
     let guess = |(index, it): (usize, &Camera)| CameraGuess {
         name: format!("c{index}"),
         camera: Camera { camera_from_world: Isometry3::identity(), ..it.clone() },
         free: Freedom::POSE,
     };
-    Recording { cameras: cameras.iter().enumerate().map(guess).collect(), looks }
+    Recording { cameras: cameras.iter().enumerate().map(guess).collect(), camera_frames }
 }
 
 fn without_labels(mut seen: Recording) -> Recording {
-    seen.looks.iter_mut().flat_map(|it| &mut it.spots).for_each(|it| it.label = None);
+    seen.camera_frames.iter_mut().flat_map(|it| &mut it.spots).for_each(|it| it.label = None);
     seen
 }
 
@@ -115,8 +115,8 @@ fn clocks_are_right(clocks: &[Option<ClockFit>], reference: usize, late_s: &[f64
     worst_s
 }
 
-fn clocks_of(found: &SynchronisedRoom) -> Vec<Option<ClockFit>> {
-    found.room.solved.cameras.iter().map(|it| it.clock).collect()
+fn clocks_of(found: &SynchronisedNetwork) -> Vec<Option<ClockFit>> {
+    found.network.solved.cameras.iter().map(|it| it.clock).collect()
 }
 
 /// The furthest that the centre of a calibrated camera is from the truth, in parts of the distance between the first two cameras.
@@ -124,14 +124,14 @@ fn off(cameras: &[SolvedCamera], truth: &[Camera], scale: bool) -> f64 {
     let calibrated = |it: &(&SolvedCamera, &Camera)| it.0.status == CameraStatus::Calibrated;
     let both = cameras.iter().zip(truth).filter(calibrated).map(|(it, truth)| (it.camera.clone(), truth.clone()));
     let (found, known): (Vec<Camera>, Vec<Camera>) = both.unzip();
-    let errors = camera_errors(&found, &known, AlignmentRules { scale, robust: false }).unwrap();
+    let errors = camera_errors(&found, &known, AlignmentOptions { scale, robust: false }).unwrap();
     errors.centres.iter().fold(0.0_f64, |worst, it| worst.max(*it)) / (truth[0].centre() - truth[1].centre()).norm()
 }
 
 /// The cameras `expected` and no others have clocks and poses, which are right.
 #[track_caller]
-fn is_right(found: &SynchronisedRoom, truth: &[Camera], late_s: &[f64; 4], expected: [bool; 4]) {
-    let solved = &found.room.solved.cameras;
+fn is_right(found: &SynchronisedNetwork, truth: &[Camera], late_s: &[f64; 4], expected: [bool; 4]) {
+    let solved = &found.network.solved.cameras;
     let known = |it: &SolvedCamera| it.status == CameraStatus::Calibrated && it.clock.is_some();
     assert_eq!(solved.iter().map(known).collect::<Vec<_>>(), expected, "{:?}", found.clocks);
     let clocks_s = clocks_are_right(&clocks_of(found), found.reference, late_s);
@@ -140,8 +140,8 @@ fn is_right(found: &SynchronisedRoom, truth: &[Camera], late_s: &[f64; 4], expec
     assert!(off < 0.01, "{off}");
 }
 
-fn unsynchronised(seen: &Recording, max_offset_s: f64) -> Result<SynchronisedRoom, NotSynchronised> {
-    unsynchronised_wand(seen, &ClockRules { max_offset_s, ..ClockRules::default() }, &RoomRules::default())
+fn unsynchronised(seen: &Recording, max_offset_s: f64) -> Result<SynchronisedNetwork, NotSynchronised> {
+    unsynchronised_wand(seen, &ClockOptions { max_offset_s, ..ClockOptions::default() }, &NetworkOptions::default())
 }
 
 fn wand_is_solved(strip: bool) {
@@ -153,10 +153,10 @@ fn wand_is_solved(strip: bool) {
     let found = unsynchronised(&seen(APART), 0.5).unwrap();
     is_right(&found, &truth, &LATE_S, [true; 4]);
     if !strip {
-        let together = from_nothing(&seen(TOGETHER), Sought::Wand, &RoomRules::default()).unwrap();
-        assert!(off(&found.room.solved.cameras, &truth, true) < 5.0 * off(&together.solved.cameras, &truth, true));
+        let together = from_nothing(&seen(TOGETHER), Sought::Wand, &NetworkOptions::default()).unwrap();
+        assert!(off(&found.network.solved.cameras, &truth, true) < 5.0 * off(&together.solved.cameras, &truth, true));
     }
-    let labels: BTreeSet<u32> = found.room.solved.points.iter().map(|it| it.label).collect();
+    let labels: BTreeSet<u32> = found.network.solved.points.iter().map(|it| it.label).collect();
     assert_eq!(labels.into_iter().collect::<Vec<_>>(), [0, 1]);
 }
 
@@ -174,8 +174,8 @@ fn a_wand_whose_ends_look_alike_gives_the_clocks() {
 fn a_camera_with_the_ends_exchanged_is_put_right() {
     let truth = cameras();
     let mut seen = recording(&truth, APART, 20.0, wand);
-    for look in seen.looks.iter_mut().filter(|it| it.camera == 2) {
-        look.spots.iter_mut().for_each(|it| it.label = it.label.map(|it| 1 - it));
+    for camera_frame in seen.camera_frames.iter_mut().filter(|it| it.camera == 2) {
+        camera_frame.spots.iter_mut().for_each(|it| it.label = it.label.map(|it| 1 - it));
     }
     is_right(&unsynchronised(&seen, 0.5).unwrap(), &truth, &LATE_S, [true; 4]);
 }
@@ -195,7 +195,7 @@ fn clocks_seconds_apart_are_found_if_they_are_looked_for() {
 fn a_camera_that_sees_one_end_only_does_not_stop_the_others() {
     let truth = cameras();
     let mut seen = without_labels(recording(&truth, APART, 20.0, wand));
-    seen.looks.iter_mut().filter(|it| it.camera == 3).for_each(|it| it.spots.truncate(1));
+    seen.camera_frames.iter_mut().filter(|it| it.camera == 3).for_each(|it| it.spots.truncate(1));
     is_right(&unsynchronised(&seen, 0.5).unwrap(), &truth, &LATE_S, [true, true, true, false]);
 }
 
@@ -204,13 +204,15 @@ fn a_wand_that_leaves_the_view_and_lamps_beside_it_do_no_harm() {
     let truth = cameras();
     let far = |time_s: f64| wand(time_s).into_iter().map(|it| Point3::from(it.coords * 2.2)).collect();
     let mut seen = without_labels(recording(&truth, APART, 25.0, far));
-    let shown = |n: usize| seen.looks.iter().filter(|it| it.spots.len() == n).count();
+    let shown = |n: usize| seen.camera_frames.iter().filter(|it| it.spots.len() == n).count();
     assert!(shown(0) > 300 && shown(1) > 300, "the wand leaves the view");
     let mut random = Random::new(3);
-    for look in seen.looks.iter_mut().filter(|_| random.uniform() < 0.15) {
-        let pixel =
-            Point2::new(40.0 * look.camera as f64 + 0.1 * look.time_s, 700.0 - 300.0 * (0.1 * look.time_s).cos());
-        look.spots.push(Spot { pixel, sigma_px: 0.3, peak: 1.0, label: None });
+    for camera_frame in seen.camera_frames.iter_mut().filter(|_| random.uniform() < 0.15) {
+        let pixel = Point2::new(
+            40.0 * camera_frame.camera as f64 + 0.1 * camera_frame.time_s,
+            700.0 - 300.0 * (0.1 * camera_frame.time_s).cos(),
+        );
+        camera_frame.spots.push(Spot { pixel, sigma_px: 0.3, peak: 1.0, label: None });
     }
     is_right(&unsynchronised(&seen, 0.5).unwrap(), &truth, &LATE_S, [true; 4]);
 }
@@ -220,17 +222,17 @@ fn a_camera_that_shares_nothing_is_named() {
     let truth = cameras();
     for strip in [false, true] {
         let mut seen = recording(&truth, APART, 30.0, wand);
-        seen.looks.retain(|it| (it.camera == 1) == (it.time_s > 18.0));
+        seen.camera_frames.retain(|it| (it.camera == 1) == (it.time_s > 18.0));
         let seen = if strip { without_labels(seen) } else { seen };
         let found = unsynchronised(&seen, 0.5).unwrap();
         is_right(&found, &truth, &LATE_S, [true, false, true, true]);
-        assert!(matches!(found.room.solved.cameras[1].status, CameraStatus::ClockOpen { .. }), "{:?}", found.clocks);
+        assert!(matches!(found.network.solved.cameras[1].status, CameraStatus::ClockOpen { .. }), "{:?}", found.clocks);
         // Of two cameras alone nothing is left.
         let mut two = seen.clone();
         two.cameras.truncate(2);
-        two.looks.retain(|it| it.camera < 2);
+        two.camera_frames.retain(|it| it.camera < 2);
         let fault = unsynchronised(&two, 0.5).unwrap_err();
-        assert!(matches!(fault, NotSynchronised::Clocks(ClockFault::NothingFound { .. })), "{fault}");
+        assert!(matches!(fault, NotSynchronised::Clocks(ClockError::NothingFound { .. })), "{fault}");
     }
 }
 
@@ -244,16 +246,16 @@ fn a_wand_at_rest_tells_no_clock() {
 /// A board before cameras with clocks of their own: clocks and cameras as they are.
 #[track_caller]
 fn board_is_solved(board: &Board, flip: bool) {
-    let (truth, rules) = (before_a_board(), BoardRules { poses_guessed: false, ..BoardRules::default() });
+    let (truth, options) = (before_a_board(), BoardOptions { poses_guessed: false, ..BoardOptions::default() });
     let mut seen = recording(&truth, APART, 16.0, |time_s| marks(board, time_s));
     let last = board.marks().count() as u32 - 1;
-    for look in seen.looks.iter_mut().filter(|it| flip && it.camera == 1) {
-        look.spots.iter_mut().for_each(|it| it.label = it.label.map(|it| last - it));
+    for camera_frame in seen.camera_frames.iter_mut().filter(|it| flip && it.camera == 1) {
+        camera_frame.spots.iter_mut().for_each(|it| it.label = it.label.map(|it| last - it));
     }
-    let shared = board_on_one_clock(&seen, board, &rules, &ClockRules::default()).unwrap();
+    let shared = board_on_one_clock(&seen, board, &options, &ClockOptions::default()).unwrap();
     assert!(shared.clocks.iter().all(Option::is_some), "{:?}", shared.status);
     let clocks_s = clocks_are_right(&shared.clocks, shared.reference, &LATE_S);
-    let found = calibrate(&shared.recording, board, &rules).unwrap();
+    let found = calibrate(&shared.recording, board, &options).unwrap();
     assert!(found.solved.cameras.iter().all(|it| it.status == CameraStatus::Calibrated), "{:?}", found.solved.cameras);
     let off = off(&found.solved.cameras, &truth, false);
     println!("clocks off by {:.2} ms, centres by {off:.5}", 1e3 * clocks_s);
@@ -275,6 +277,6 @@ fn a_board_that_one_camera_reads_the_other_way_round_gives_the_clocks() {
 fn a_board_that_lies_on_the_floor_tells_no_clock() {
     let board = Board::charuco(5, 4, 0.09).unwrap();
     let seen = recording(&before_a_board(), APART, 10.0, |_| marks(&board, 0.0));
-    let fault = board_on_one_clock(&seen, &board, &BoardRules::default(), &ClockRules::default()).unwrap_err();
+    let fault = board_on_one_clock(&seen, &board, &BoardOptions::default(), &ClockOptions::default()).unwrap_err();
     assert!(fault.to_string().contains("moving light") || fault.to_string().contains("in place"), "{fault}");
 }

@@ -4,11 +4,11 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use foveate_calibration::board::{Board, BoardRules, board_on_one_clock, calibrate};
-use foveate_calibration::clocks::ClockRules;
-use foveate_calibration::recording::{CameraGuess, Look, Recording, Spot};
-use foveate_calibration::room::{OneClock, SolvedRoom};
-use foveate_calibration::solved::{SightingRole, Solved};
+use foveate_calibration::board::{Board, BoardOptions, board_on_one_clock, calibrate};
+use foveate_calibration::clocks::ClockOptions;
+use foveate_calibration::network::{OneClock, SolvedNetwork};
+use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
+use foveate_calibration::solved::{ObservationRole, Solved};
 use foveate_estimation::statistics::median;
 use foveate_geometry::{CameraStatus, Freedom};
 use foveate_scene::Calibration;
@@ -38,24 +38,24 @@ fn recording(folder: &Path, late_s: [f64; 4]) -> Recording {
         let spot = Spot { pixel, sigma_px: 0.3, peak: 1.0, label: Some(number(3) as u32) };
         pictures.entry((number(0), number(1))).or_default().push(spot);
     }
-    let look = |((picture, camera), spots): ((usize, usize), Vec<Spot>)| Look {
+    let camera_frame = |((picture, camera), spots): ((usize, usize), Vec<Spot>)| CameraFrame {
         camera,
         time_s: picture as f64 / RATE_HZ + late_s[camera],
         spots,
     };
-    let mut looks: Vec<Look> = pictures.into_iter().map(look).collect();
-    looks.sort_by(|a, b| a.time_s.total_cmp(&b.time_s).then(a.camera.cmp(&b.camera)));
+    let mut camera_frames: Vec<CameraFrame> = pictures.into_iter().map(camera_frame).collect();
+    camera_frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s).then(a.camera.cmp(&b.camera)));
     let given = Calibration::load(&folder.join("camera_array.toml")).unwrap();
     let guess = |name: &str| CameraGuess {
         name: name.to_owned(),
         camera: given.camera(name).unwrap().clone(),
         free: Freedom::POSE,
     };
-    Recording { cameras: ["0", "1", "2", "3"].map(guess).to_vec(), looks }
+    Recording { cameras: ["0", "1", "2", "3"].map(guess).to_vec(), camera_frames }
 }
 
 fn residual_px(solved: &Solved, camera: usize) -> f64 {
-    let own = solved.sightings.iter().filter(|it| it.camera == camera && it.role == SightingRole::Used);
+    let own = solved.observations.iter().filter(|it| it.camera == camera && it.role == ObservationRole::Used);
     median(&own.filter_map(|it| Some(it.residual?.norm())).collect::<Vec<_>>()).unwrap()
 }
 
@@ -68,14 +68,14 @@ fn apart_s(shared: &OneClock) -> f64 {
 #[test]
 fn webcams_that_saw_a_board_are_put_on_one_clock() {
     let Some(folder) = folder() else { return };
-    let (board, rules) = (Board::charuco(4, 5, 0.054).unwrap(), BoardRules::default());
+    let (board, options) = (Board::charuco(4, 5, 0.054).unwrap(), BoardOptions::default());
     let shared = |late_s| {
-        let clock_rules = ClockRules { inlier_px: rules.inlier_px, ..ClockRules::default() };
-        board_on_one_clock(&recording(&folder, late_s), &board, &rules, &clock_rules).unwrap()
+        let clock_options = ClockOptions { inlier_px: options.inlier_px, ..ClockOptions::default() };
+        board_on_one_clock(&recording(&folder, late_s), &board, &options, &clock_options).unwrap()
     };
     let as_stamped = shared([0.0; 4]);
-    let believed = calibrate(&recording(&folder, [0.0; 4]), &board, &rules).unwrap().solved;
-    let solved = calibrate(&as_stamped.recording, &board, &rules).unwrap().solved;
+    let believed = calibrate(&recording(&folder, [0.0; 4]), &board, &options).unwrap().solved;
+    let solved = calibrate(&as_stamped.recording, &board, &options).unwrap().solved;
     for camera in [0, 2] {
         let [now, before] = [residual_px(&solved, camera), residual_px(&believed, camera)];
         println!("camera {camera}: {now:.2} px, with the stamps believed {before:.2} px");
@@ -87,9 +87,9 @@ fn webcams_that_saw_a_board_are_put_on_one_clock() {
     println!("{:.4} s apart, then {:.4} s", apart_s(&as_stamped), apart_s(&late));
     assert!((moved - -0.35).abs() < 5e-3, "{moved}");
     // Two saw too little of it at six pictures a second: without a clock nothing is stated of them, and it is said why.
-    let room = SolvedRoom { solved, cleaning: Vec::new(), held: Vec::new(), moved: Vec::new(), sigma_px: 0.3 };
-    let room = as_stamped.of_room(room);
-    for (camera, status) in room.room.solved.cameras.iter().zip(&room.clocks) {
+    let network = SolvedNetwork { solved, cleaning: Vec::new(), held: Vec::new(), moved: Vec::new(), sigma_px: 0.3 };
+    let network = as_stamped.of_room(network);
+    for (camera, status) in network.network.solved.cameras.iter().zip(&network.clocks) {
         assert_eq!(camera.clock.is_some(), camera.status == CameraStatus::Calibrated, "{status}");
         assert!(!status.to_string().contains("not found: calibrated"), "{status}");
     }

@@ -4,9 +4,9 @@
 use std::path::{Path, PathBuf};
 
 use foveate_calibration::path::table::{TableOptions, parse};
-use foveate_calibration::path::{MeasuredPath, PathRoom, PathRules, Refusal, calibrate};
-use foveate_calibration::recording::{CameraGuess, Look, Recording, Spot};
-use foveate_geometry::{AlignmentRules, Freedom, align};
+use foveate_calibration::path::{MeasuredPath, PathOptions, PathRoom, Refusal, calibrate};
+use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
+use foveate_geometry::{AlignmentOptions, Freedom, align};
 use foveate_scene::Draft;
 use nalgebra::Point2;
 use nalgebra::Point3;
@@ -46,7 +46,7 @@ fn recording(folder: &Path, change: impl Fn(usize, Point2<f64>) -> Point2<f64>) 
             let pixel = change(index, Point2::new(x, y));
             let spot = Spot { pixel, sigma_px: 2.0, peak: 0.0, label: None };
             let spots = if x == 0.0 && y == 0.0 { Vec::new() } else { vec![spot] };
-            recording.looks.push(Look { camera: index, time_s: picture / rate_hz, spots });
+            recording.camera_frames.push(CameraFrame { camera: index, time_s: picture / rate_hz, spots });
         }
         let camera = it.camera.clone();
         recording.cameras.push(CameraGuess { name: it.name.clone(), camera, free: Freedom::POSE });
@@ -60,8 +60,8 @@ fn path(folder: &Path) -> MeasuredPath {
     MeasuredPath::new(&table.rows).unwrap().between(SPAN_S[0], SPAN_S[1]).unwrap()
 }
 
-fn told(room: &PathRoom) {
-    for (camera, outcome) in room.solved.cameras.iter().zip(&room.cameras) {
+fn told(network: &PathRoom) {
+    for (camera, outcome) in network.solved.cameras.iter().zip(&network.cameras) {
         match outcome {
             Ok(it) => println!(
                 "{}: {:.1} % of {} within {:.1} px, {:.2} px, held out {:.2} px, {:+.3} s ± {:.1} ms, {:+.0} ppm, wander {:.0} ms, ± {:.3} m, ± {:.2} mrad, next {:?}",
@@ -87,10 +87,10 @@ fn told(room: &PathRoom) {
 #[test]
 fn a_flight_places_the_cameras_where_they_were_surveyed() {
     let Some(folder) = folder() else { return };
-    let room = calibrate(&recording(&folder, |_, it| it), &path(&folder), &PathRules::default());
-    told(&room);
+    let network = calibrate(&recording(&folder, |_, it| it), &path(&folder), &PathOptions::default());
+    told(&network);
     // By matching each camera alone, elsewhere, without drift: so to a third of a second.
-    for (outcome, expected) in room.cameras.iter().zip([61.85, 27.85, 43.45, 51.80, 29.80, 59.10]) {
+    for (outcome, expected) in network.cameras.iter().zip([61.85, 27.85, 43.45, 51.80, 29.80, 59.10]) {
         let found = outcome.as_ref().unwrap();
         let middle = 0.5 * (SPAN_S[0] + SPAN_S[1]) - found.offset_s;
         let offset = found.offset_s + found.drift * middle;
@@ -99,8 +99,8 @@ fn a_flight_places_the_cameras_where_they_were_surveyed() {
     }
     let surveyed = numbers(&folder.join("camera-locations/campos.txt"));
     let surveyed: Vec<Point3<f64>> = [0, 4, 2, 1, 3, 5].map(|it: usize| Point3::from(surveyed[it])).to_vec();
-    let centres: Vec<Point3<f64>> = room.solved.cameras.iter().map(|it| it.camera.centre()).collect();
-    let fit = align(&centres, &surveyed, AlignmentRules { scale: false, robust: false }).unwrap();
+    let centres: Vec<Point3<f64>> = network.solved.cameras.iter().map(|it| it.camera.centre()).collect();
+    let fit = align(&centres, &surveyed, AlignmentOptions { scale: false, robust: false }).unwrap();
     println!("places: {:.3?} m, rms {:.3} m", fit.distances, fit.rms);
     assert!(fit.rms < 0.8, "{:?}", fit.distances);
 }
@@ -110,19 +110,19 @@ fn a_camera_that_shows_something_else_or_is_mirrored_is_refused_with_the_reason(
     let Some(folder) = folder() else { return };
     let mut wrong = recording(&folder, |camera, it| if camera == 4 { Point2::new(1919.0 - it.x, it.y) } else { it });
     // Three in four pictures of one camera show another thing: where the drone was seen five minutes before.
-    let own: Vec<usize> = (0..wrong.looks.len()).filter(|it| wrong.looks[*it].camera == 3).collect();
-    let before: Vec<Vec<Spot>> = own.iter().map(|it| wrong.looks[*it].spots.clone()).collect();
+    let own: Vec<usize> = (0..wrong.camera_frames.len()).filter(|it| wrong.camera_frames[*it].camera == 3).collect();
+    let before: Vec<Vec<Spot>> = own.iter().map(|it| wrong.camera_frames[*it].spots.clone()).collect();
     for (place, index) in own.iter().enumerate() {
         if place % 100 > 20 {
-            wrong.looks[*index].spots.clone_from(&before[(place * 7 + 1250) % own.len()]);
+            wrong.camera_frames[*index].spots.clone_from(&before[(place * 7 + 1250) % own.len()]);
         }
     }
     let cameras = wrong.cameras.split_off(3);
-    wrong.looks.retain(|it| it.camera == 3 || it.camera == 4);
-    wrong.looks.iter_mut().for_each(|it| it.camera -= 3);
+    wrong.camera_frames.retain(|it| it.camera == 3 || it.camera == 4);
+    wrong.camera_frames.iter_mut().for_each(|it| it.camera -= 3);
     wrong.cameras = cameras[..2].to_vec();
-    let room = calibrate(&wrong, &path(&folder), &PathRules::default());
-    told(&room);
-    assert!(room.cameras[0].is_err(), "{:?}", room.cameras[0]);
-    assert!(matches!(room.cameras[1], Err(Refusal::Mirrored { .. })), "{:?}", room.cameras[1]);
+    let network = calibrate(&wrong, &path(&folder), &PathOptions::default());
+    told(&network);
+    assert!(network.cameras[0].is_err(), "{:?}", network.cameras[0]);
+    assert!(matches!(network.cameras[1], Err(Refusal::Mirrored { .. })), "{:?}", network.cameras[1]);
 }

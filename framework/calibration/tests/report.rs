@@ -3,20 +3,20 @@
 use std::collections::BTreeSet;
 use std::f64::consts::{PI, TAU};
 
-use foveate_calibration::convergence::{ConvergenceRules, convergence, settled};
+use foveate_calibration::convergence::{ConvergenceOptions, convergence, settled};
 use foveate_calibration::report::{Grade, ReportInput, Verdict, html};
 use foveate_calibration::solved::{
-    ClockFit, FixedFreedoms, SightingRole, Solved, SolvedCamera, SolvedPoint, SolvedSighting, Step,
+    ClockFit, FixedFreedoms, ObservationRole, Solved, SolvedCamera, SolvedObservation, SolvedPoint, Step,
 };
 use foveate_estimation::Random;
 use foveate_geometry::{
-    Camera, CameraStatus, Freedom, SelfCalibrationRules, Sighting, self_calibrate, triangulate_rays,
+    Camera, CameraStatus, Freedom, LightObservation, SelfCalibrationOptions, self_calibrate, triangulate_rays,
 };
 use foveate_scene::{Fixed, Provenance};
 use nalgebra::{Point2, Point3, Vector2};
 
 /// A room of `n` cameras that was calibrated from a light waved for `frames`, each frame seen by `views` cameras at most.
-fn room(n: usize, frames: usize, views: usize, focal_free: bool) -> Solved {
+fn network(n: usize, frames: usize, views: usize, focal_free: bool) -> Solved {
     let mut random = Random::new(n as u64);
     let truth: Vec<Camera> = (0..n)
         .map(|index| {
@@ -27,7 +27,7 @@ fn room(n: usize, frames: usize, views: usize, focal_free: bool) -> Solved {
             Camera::look_at(centre, target, [640, 480], 420.0)
         })
         .collect();
-    let mut sightings = Vec::new();
+    let mut observations = Vec::new();
     for frame in 0..frames {
         let phase = TAU * frame as f64 / frames as f64;
         let (x, y) = (1.6 * (5.0 * phase + 0.3).sin(), 2.2 * (3.3 * phase).sin());
@@ -42,38 +42,38 @@ fn room(n: usize, frames: usize, views: usize, focal_free: bool) -> Solved {
             if random.uniform() < 0.03 {
                 pixel = Point2::new(random.uniform_in(0.0, 639.0), random.uniform_in(0.0, 479.0));
             }
-            sightings.push(Sighting { camera, frame, pixel });
+            observations.push(LightObservation { camera, frame, pixel });
         }
     }
-    let is_held_out = |it: &Sighting| it.frame % 7 == 3;
-    let trained: Vec<Sighting> = sightings.iter().filter(|it| !is_held_out(it)).copied().collect();
+    let is_held_out = |it: &LightObservation| it.frame % 7 == 3;
+    let trained: Vec<LightObservation> = observations.iter().filter(|it| !is_held_out(it)).copied().collect();
     let freedom = Freedom { focal: focal_free, ..Freedom::POSE };
-    let found = self_calibrate(&truth, &vec![freedom; n], &trained, &SelfCalibrationRules::default()).unwrap();
+    let found = self_calibrate(&truth, &vec![freedom; n], &trained, &SelfCalibrationOptions::default()).unwrap();
     let mut points = Vec::new();
     let mut point_of = vec![None; frames];
     for (frame, position) in found.points.iter().enumerate() {
-        let held_out = sightings.iter().filter(|it| it.frame == frame && is_held_out(it));
+        let held_out = observations.iter().filter(|it| it.frame == frame && is_held_out(it));
         let rays: Vec<_> = held_out.filter_map(|it| found.cameras[it.camera].ray(&it.pixel)).collect();
         if let Some(position) = position.or_else(|| triangulate_rays(&rays)) {
             point_of[frame] = Some(points.len());
             points.push(SolvedPoint { frame, time_s: frame as f64 / 30.0, label: 0, position });
         }
     }
-    let sightings = sightings.iter().map(|it| {
+    let observations = observations.iter().map(|it| {
         let point = point_of.get(it.frame).copied().flatten();
         let seen = point.and_then(|at: usize| found.cameras[it.camera].project(&points[at].position));
         let residual = seen.map(|seen| seen - it.pixel);
         let far = residual.is_none_or(|it| it.norm() > 3.0);
         let role = match (point, is_held_out(it)) {
-            (None, _) => SightingRole::Unsolved,
-            _ if far => SightingRole::Rejected,
-            (_, true) => SightingRole::HeldOut,
-            (_, false) => SightingRole::Used,
+            (None, _) => ObservationRole::Unsolved,
+            _ if far => ObservationRole::Rejected,
+            (_, true) => ObservationRole::HeldOut,
+            (_, false) => ObservationRole::Used,
         };
-        SolvedSighting { camera: it.camera, frame: it.frame, point, pixel: it.pixel, residual, role }
+        SolvedObservation { camera: it.camera, frame: it.frame, point, pixel: it.pixel, residual, role }
     });
-    let sightings: Vec<SolvedSighting> = sightings.collect();
-    let n_used = sightings.iter().filter(|it| it.role == SightingRole::Used).count();
+    let observations: Vec<SolvedObservation> = observations.collect();
+    let n_used = observations.iter().filter(|it| it.role == ObservationRole::Used).count();
     let stage = |stage, from: f64, n: usize| {
         (0..n).map(move |it| Step {
             stage,
@@ -103,7 +103,7 @@ fn room(n: usize, frames: usize, views: usize, focal_free: bool) -> Solved {
     Solved {
         cameras: cameras.collect(),
         points,
-        sightings,
+        observations,
         steps: steps.collect(),
         links: found.links.clone(),
         fixed: FixedFreedoms::default(),
@@ -170,7 +170,7 @@ fn words(list: &[&str]) -> Vec<String> {
 
 #[test]
 fn a_small_room_has_every_section_and_says_what_it_was_told() {
-    let mut solved = room(4, 600, 4, true);
+    let mut solved = network(4, 600, 4, true);
     let fixed = |by: &str, sigma| Some(Fixed { by: by.to_owned(), sigma });
     solved.fixed = FixedFreedoms {
         scale: fixed("a wand of 0.4 m", Some(0.0005)),
@@ -189,9 +189,9 @@ fn a_small_room_has_every_section_and_says_what_it_was_told() {
         ..Provenance::default()
     };
     let sentences =
-        words(&["held-out sightings fit as well as those used", "the upper left of wide-2 is empty: wave there"]);
+        words(&["held-out observations fit as well as those used", "the upper left of wide-2 is empty: wave there"]);
     let verdict = Verdict { grade: Grade::Usable, sentences: &sentences, more: 1 };
-    let convergence = convergence(&solved, &ConvergenceRules { turns: 20, ..ConvergenceRules::default() }).unwrap();
+    let convergence = convergence(&solved, &ConvergenceOptions { turns: 20, ..ConvergenceOptions::default() }).unwrap();
     let [together, in_turn] = [&convergence.together, &convergence.in_turn].map(|it| it.last().copied().unwrap());
     assert!(in_turn >= 0.999 * together && in_turn < 0.5 * convergence.in_turn[0], "{convergence:?}");
     assert!(settled(&convergence.together) < settled(&convergence.in_turn), "{convergence:?}");
@@ -219,7 +219,7 @@ fn a_small_room_has_every_section_and_says_what_it_was_told() {
         "wand &amp; floor.csv",
         "312 frames in which",
         "From cameras that are 3° and 3 % of the size of the room off",
-        "sightings contradict the rest",
+        "observations contradict the rest",
         "id=\"clocks\"",
         "id=\"depth\"",
         "adjusted with optics",
@@ -232,7 +232,7 @@ fn a_small_room_has_every_section_and_says_what_it_was_told() {
 
 #[test]
 fn a_large_room_stays_readable_and_small() {
-    let solved = room(64, 900, 12, false);
+    let solved = network(64, 900, 12, false);
     let text = page("report_64.html", &report("Hall with 64 cameras", &solved));
     assert!(text.len() < 2_500_000, "{}", text.len());
     assert!(text.contains("The vertical is not known"));
@@ -240,13 +240,13 @@ fn a_large_room_stays_readable_and_small() {
 
 #[test]
 fn the_same_room_gives_the_same_bytes() {
-    let solved = room(4, 300, 4, false);
+    let solved = network(4, 300, 4, false);
     assert_eq!(html(&report("a", &solved)), html(&report("a", &solved)));
 }
 
 #[test]
-fn two_hundred_cameras_and_a_million_sightings_stay_below_five_megabytes_and_the_page_says_what_it_left_out() {
-    let mut solved = room(8, 300, 6, false);
+fn two_hundred_cameras_and_a_million_observations_stay_below_five_megabytes_and_the_page_says_what_it_left_out() {
+    let mut solved = network(8, 300, 6, false);
     solved.cameras = (0..200)
         .map(|index| SolvedCamera { name: format!("seat-{index}"), ..solved.cameras[index % 8].clone() })
         .collect();
@@ -258,24 +258,24 @@ fn two_hundred_cameras_and_a_million_sightings_stay_below_five_megabytes_and_the
             SolvedPoint { frame, time_s: frame as f64 / 30.0, label: 0, position }
         })
         .collect();
-    solved.sightings = (0..1_000_000)
+    solved.observations = (0..1_000_000)
         .map(|index| {
             let pixel = Point2::new(random.uniform_in(0.0, 639.0), random.uniform_in(0.0, 479.0));
             let residual = Some(Vector2::new(random.normal(), random.normal()));
             let (camera, point) = (index % 200, Some(index / 50));
-            let role = if index % 9 == 0 { SightingRole::HeldOut } else { SightingRole::Used };
-            SolvedSighting { camera, frame: index / 50, point, pixel, residual, role }
+            let role = if index % 9 == 0 { ObservationRole::HeldOut } else { ObservationRole::Used };
+            SolvedObservation { camera, frame: index / 50, point, pixel, residual, role }
         })
         .collect();
     let text = page("report_200.html", &report("Stadium", &solved));
     assert!(text.len() < 5_000_000, "{}", text.len());
     assert!(text.contains("4000 of 20\u{202f}000 points are drawn"));
-    assert!(text.contains("at most 200 sightings of each camera"));
+    assert!(text.contains("at most 200 observations of each camera"));
 }
 
 #[test]
 fn names_cannot_break_the_page() {
-    let mut solved = room(4, 300, 4, false);
+    let mut solved = network(4, 300, 4, false);
     let nasty = ["</script><b>", "\"><img src=x onerror=alert(1)>", "a&b 'c' \"d\"", "\u{2028}\u{0}\\ü"];
     solved.cameras.iter_mut().zip(nasty).for_each(|(camera, name)| camera.name = name.to_owned());
     solved.cameras[1].status = CameraStatus::NoDepth { best: 0 };
@@ -300,13 +300,13 @@ fn names_cannot_break_the_page() {
 fn rooms_that_were_not_solved_and_numbers_that_are_none_have_a_page() {
     let empty = Solved::default();
     page("report_empty.html", &report("nothing", &empty));
-    let mut broken = room(4, 300, 4, false);
-    for (index, sighting) in broken.sightings.iter_mut().enumerate() {
+    let mut broken = network(4, 300, 4, false);
+    for (index, observation) in broken.observations.iter_mut().enumerate() {
         match index % 5 {
-            0 => sighting.residual = Some(Vector2::new(f64::NAN, 1.0)),
-            1 => sighting.pixel.x = f64::INFINITY,
-            2 => sighting.point = Some(1_000_000),
-            3 => sighting.camera = 99,
+            0 => observation.residual = Some(Vector2::new(f64::NAN, 1.0)),
+            1 => observation.pixel.x = f64::INFINITY,
+            2 => observation.point = Some(1_000_000),
+            3 => observation.camera = 99,
             _ => {}
         }
     }
@@ -321,9 +321,9 @@ fn rooms_that_were_not_solved_and_numbers_that_are_none_have_a_page() {
         covariance.centre[(0, 0)] = f64::NAN;
     }
     let text = page("report_broken.html", &report("broken", &broken));
-    assert!(text.contains("sightings by cameras that do not exist"));
-    for sighting in &mut broken.sightings {
-        (sighting.residual, sighting.point, sighting.role) = (None, None, SightingRole::Unsolved);
+    assert!(text.contains("observations by cameras that do not exist"));
+    for observation in &mut broken.observations {
+        (observation.residual, observation.point, observation.role) = (None, None, ObservationRole::Unsolved);
     }
     broken.points.clear();
     page("report_unsolved.html", &report("unsolved", &broken));

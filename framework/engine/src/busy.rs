@@ -1,4 +1,4 @@
-//! What a turn of a node costs on the logical clock, where a turn takes no time by itself.
+//! What a activation of a node costs on the logical clock, where a activation takes no time by itself.
 
 use std::mem::swap;
 
@@ -8,17 +8,17 @@ use foveate_messages::{Interval, Time};
 use foveate_node::io::Outbox;
 use foveate_rig::graph::Cost;
 
-/// A node whose turns cost time.
+/// A node whose activations cost time.
 pub(crate) struct Work {
     cost: Cost,
     random: Random,
     is_busy: bool,
-    /// What the last turn gave out: it leaves when the node is done. Empty while the node is free.
+    /// What the last activation gave out: it leaves when the node is done. Empty while the node is free.
     held: Outbox,
 }
 
 impl Work {
-    /// `None` where turns cost nothing.
+    /// `None` where activations cost nothing.
     pub(crate) fn new(cost: Cost, random: Random) -> Option<Work> {
         (cost.time > Interval(0)).then(|| Work { cost, random, is_busy: false, held: Outbox::default() })
     }
@@ -27,7 +27,7 @@ impl Work {
         self.is_busy
     }
 
-    /// A turn began at `now`: takes what it gave out of `outbox`, and says when it is done.
+    /// A activation began at `now`: takes what it gave out of `outbox`, and says when it is done.
     pub(crate) fn begin(&mut self, now: Time, outbox: &mut Outbox) -> Time {
         let Cost { time, jitter } = self.cost;
         let more = if jitter == Interval(0) {
@@ -40,7 +40,7 @@ impl Work {
         now + Interval((time.0 + more as i64).max(0))
     }
 
-    /// The turn is done: gives what it held back.
+    /// The activation is done: gives what it held back.
     pub(crate) fn end(&mut self, outbox: &mut Outbox) {
         self.is_busy = false;
         swap(&mut self.held, outbox);

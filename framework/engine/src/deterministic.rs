@@ -15,8 +15,8 @@ use foveate_node::guard::guarded;
 use foveate_node::node::Due;
 use foveate_rig::graph::Graph;
 
-/// The wall clock is looked at once in so many turns of sources.
-const TURNS_A_LOOK: u64 = 16;
+/// The wall clock is looked at once in so many activations of sources.
+const ACTIVATIONS_PER_CLOCK_READ: u64 = 16;
 /// Longest sleep of a paced run: bounds how late it sees that it is to be stopped.
 const LONGEST_PAUSE: Duration = Duration::from_millis(50);
 /// Pause before a source that has nothing yet is asked again.
@@ -87,13 +87,13 @@ impl<'r> Events<'r> {
     fn run(&mut self, helpers: &mut Helpers<'_>, observe: &mut dyn FnMut(&Progress)) -> (Time, bool) {
         (0..self.graph.instances.len()).for_each(|it| self.ask(it));
         let mut last_shown = self.started;
-        let mut turns = 0_u64;
+        let mut activations = 0_u64;
         while !self.options.must_stop() {
             if !self.next(helpers) {
                 return (self.now, false);
             }
-            turns += 1;
-            if turns.is_multiple_of(TURNS_A_LOOK) && last_shown.elapsed() >= PROGRESS_PERIOD {
+            activations += 1;
+            if activations.is_multiple_of(ACTIVATIONS_PER_CLOCK_READ) && last_shown.elapsed() >= PROGRESS_PERIOD {
                 last_shown = Instant::now();
                 let mut edges = vec![EdgeView::default(); self.graph.edges.len()];
                 view_edges(self.graph, self.main, &mut edges);
@@ -129,7 +129,7 @@ impl<'r> Events<'r> {
             std::mem::take(&mut self.waiting).into_iter().for_each(|it| self.ask(it));
             return true;
         };
-        // What left a source goes before its next turn.
+        // What left a source goes before its next activation.
         if left.is_some_and(|left| due.is_none_or(|due| left <= due)) {
             self.wait_until(time);
             if let Some((_, _, it)) = self.left.pop_front() {
@@ -149,7 +149,7 @@ impl<'r> Events<'r> {
         if self.lanes.has(index) {
             self.round(time, index, helpers);
         } else {
-            self.main.turn_source(index, time, &mut Alone);
+            self.main.activate_source(index, time, &mut Alone);
             self.lanes.take_in(self.graph, self.main, time);
             self.ask(index);
         }
@@ -191,7 +191,7 @@ impl<'r> Events<'r> {
         }
     }
 
-    /// Asks a source when it wants its next turn.
+    /// Asks a source when it wants its next activation.
     fn ask(&mut self, index: usize) {
         let lanes = self.lanes;
         let due = if lanes.has(index) { lanes.due(index, self.now) } else { self.main.due(index, self.now) };

@@ -59,11 +59,11 @@ impl Gate {
     }
 
     /// How often it has been turned.
-    pub(crate) fn turns(&self) -> u64 {
+    pub(crate) fn activations(&self) -> u64 {
         self.0.load(Ordering::Relaxed)
     }
 
-    fn turn(&self) {
+    fn activation(&self) {
         self.0.fetch_add(1, Ordering::Relaxed);
     }
 }
@@ -176,11 +176,11 @@ impl Gates {
                     if scale.log.spells.len() < KEPT {
                         scale.log.spells.push(Spell { from: time, until: None, why });
                     }
-                    self.gates[index].turn();
+                    self.gates[index].activation();
                 }
                 (Some(_), None) => {
                     scale.end_spell(time);
-                    self.gates[index].turn();
+                    self.gates[index].activation();
                 }
                 (Some(_), Some(_)) | (None, None) => {}
             }

@@ -6,7 +6,7 @@ use foveate_estimation::random::Random;
 use foveate_messages::{Interval, Time};
 
 use foveate_node::io::Packet;
-use foveate_node::port::Take;
+use foveate_node::port::InputPolicy;
 use foveate_rig::graph::{Queue, WhenFull};
 
 /// A source is silent once another one has this many messages waiting for it: from then on until it comes again, no set waits for it.
@@ -35,7 +35,7 @@ pub(crate) enum Put {
 }
 
 /// What becomes of a message that waits.
-pub(crate) enum Fate<'p> {
+pub(crate) enum DeliveryOutcome<'p> {
     /// It goes to the node.
     Taken(&'p Packet),
     /// It was there and another one was chosen.
@@ -45,24 +45,24 @@ pub(crate) enum Fate<'p> {
 }
 
 /// Is told the source of a message and what becomes of it.
-pub(crate) type Told<'t> = &'t mut dyn FnMut(usize, Fate<'_>);
+pub(crate) type OnOutcome<'t> = &'t mut dyn FnMut(usize, DeliveryOutcome<'_>);
 
 impl Inbox {
-    pub(crate) fn new(take: Take, n_sources: usize, random: Random) -> Self {
+    pub(crate) fn new(policy: InputPolicy, n_sources: usize, random: Random) -> Self {
         let fresh = |pick| {
             let waiting = (0..n_sources).map(|_| None).collect();
             Inbox::Fresh(Fresh { waiting, pick })
         };
-        match take {
-            Take::Each => Inbox::Each(VecDeque::new()),
-            Take::Latest => Inbox::Latest,
-            Take::Synced(tolerance) => {
+        match policy {
+            InputPolicy::Each => Inbox::Each(VecDeque::new()),
+            InputPolicy::Latest => Inbox::Latest,
+            InputPolicy::Synced(tolerance) => {
                 let waiting = (0..n_sources).map(|_| VecDeque::new()).collect();
                 Inbox::Synced(Synced { tolerance, waiting, is_silent: vec![false; n_sources] })
             }
-            Take::NewestOfEach => fresh(Pick::AtRandom(random)),
-            Take::Newest => fresh(Pick::Newest),
-            Take::RoundRobin => fresh(Pick::InTurn(0)),
+            InputPolicy::NewestOfEach => fresh(Pick::AtRandom(random)),
+            InputPolicy::Newest => fresh(Pick::Newest),
+            InputPolicy::RoundRobin => fresh(Pick::InTurn(0)),
         }
     }
 
@@ -125,19 +125,19 @@ impl Inbox {
         }
     }
 
-    /// Takes out what the next turn is about, into `packets` (empty before and, if nothing is ready, after).
-    pub(crate) fn next(&mut self, packets: &mut Vec<Packet>, told: Told<'_>) -> bool {
+    /// Takes out what the next activation is about, into `packets` (empty before and, if nothing is ready, after).
+    pub(crate) fn next(&mut self, packets: &mut Vec<Packet>, on_outcome: OnOutcome<'_>) -> bool {
         match self {
             Inbox::Each(queue) => match queue.pop_front() {
                 Some((source, packet)) => {
-                    told(source, Fate::Taken(&packet));
+                    on_outcome(source, DeliveryOutcome::Taken(&packet));
                     packets.push(packet);
                 }
                 None => return false,
             },
             Inbox::Latest => return false,
-            Inbox::Synced(synced) => return synced.is_ready() && synced.close_set(packets, told),
-            Inbox::Fresh(fresh) => match fresh.pick(told) {
+            Inbox::Synced(synced) => return synced.is_ready() && synced.close_set(packets, on_outcome),
+            Inbox::Fresh(fresh) => match fresh.pick(on_outcome) {
                 Some(packet) => packets.push(packet),
                 None => return false,
             },
@@ -146,26 +146,26 @@ impl Inbox {
     }
 
     /// At the end of the data: closes the oldest set even though some of its sources could still have come.
-    pub(crate) fn flush(&mut self, packets: &mut Vec<Packet>, told: Told<'_>) -> bool {
+    pub(crate) fn flush(&mut self, packets: &mut Vec<Packet>, on_outcome: OnOutcome<'_>) -> bool {
         match self {
-            Inbox::Synced(synced) => synced.close_set(packets, told),
-            Inbox::Each(_) | Inbox::Latest | Inbox::Fresh(_) => self.next(packets, told),
+            Inbox::Synced(synced) => synced.close_set(packets, on_outcome),
+            Inbox::Each(_) | Inbox::Latest | Inbox::Fresh(_) => self.next(packets, on_outcome),
         }
     }
 
     /// The node will not come any more: all that waits is passed over, and nothing will be kept.
-    pub(crate) fn close(&mut self, told: Told<'_>) {
+    pub(crate) fn close(&mut self, on_outcome: OnOutcome<'_>) {
         match std::mem::replace(self, Inbox::Latest) {
-            Inbox::Each(queue) => queue.iter().for_each(|it| told(it.0, Fate::PassedOver)),
+            Inbox::Each(queue) => queue.iter().for_each(|it| on_outcome(it.0, DeliveryOutcome::PassedOver)),
             Inbox::Latest => {}
             Inbox::Synced(synced) => {
                 for (source, queue) in synced.waiting.iter().enumerate() {
-                    queue.iter().for_each(|_| told(source, Fate::PassedOver));
+                    queue.iter().for_each(|_| on_outcome(source, DeliveryOutcome::PassedOver));
                 }
             }
             Inbox::Fresh(fresh) => {
                 let waiting = fresh.waiting.iter().enumerate().filter(|it| it.1.is_some());
-                waiting.for_each(|it| told(it.0, Fate::PassedOver));
+                waiting.for_each(|it| on_outcome(it.0, DeliveryOutcome::PassedOver));
             }
         }
     }
@@ -192,7 +192,7 @@ impl Synced {
                 || self.waiting.iter().any(|queue| queue.len() >= SYNC_DEPTH))
     }
 
-    fn close_set(&mut self, packets: &mut Vec<Packet>, told: Told<'_>) -> bool {
+    fn close_set(&mut self, packets: &mut Vec<Packet>, on_outcome: OnOutcome<'_>) -> bool {
         let Some(start) = self.start() else { return false };
         if self.waiting.iter().any(|queue| queue.len() >= SYNC_DEPTH) {
             for (queue, is_silent) in self.waiting.iter().zip(&mut self.is_silent) {
@@ -203,10 +203,10 @@ impl Synced {
             let joins = queue.front().is_some_and(|packet| packet.stamp.time - start <= self.tolerance);
             match if joins { queue.pop_front() } else { None } {
                 Some(packet) => {
-                    told(source, Fate::Taken(&packet));
+                    on_outcome(source, DeliveryOutcome::Taken(&packet));
                     packets.push(packet);
                 }
-                None => told(source, Fate::Missing),
+                None => on_outcome(source, DeliveryOutcome::Missing),
             }
         }
         true
@@ -245,7 +245,7 @@ impl Fresh {
         }
     }
 
-    fn pick(&mut self, told: Told<'_>) -> Option<Packet> {
+    fn pick(&mut self, on_outcome: OnOutcome<'_>) -> Option<Packet> {
         let n_sources = self.waiting.len();
         let fresh = self.waiting.iter().enumerate().filter_map(|(source, it)| Some((source, it.as_ref()?)));
         let chosen = match &mut self.pick {
@@ -255,12 +255,12 @@ impl Fresh {
                 several => fresh.map(|it| it.0).nth(random.below(several) as usize),
             },
             Pick::Newest => fresh.rev().max_by_key(|it| it.1.stamp.time).map(|it| it.0),
-            Pick::InTurn(turn) => {
-                let chosen = fresh.map(|it| it.0).min_by_key(|source| (source + n_sources - *turn) % n_sources);
+            Pick::InTurn(activation) => {
+                let chosen = fresh.map(|it| it.0).min_by_key(|source| (source + n_sources - *activation) % n_sources);
                 let chosen = chosen?;
-                *turn = (chosen + 1) % n_sources;
+                *activation = (chosen + 1) % n_sources;
                 let packet = self.waiting[chosen].take()?;
-                told(chosen, Fate::Taken(&packet));
+                on_outcome(chosen, DeliveryOutcome::Taken(&packet));
                 return Some(packet);
             }
         }?;
@@ -268,10 +268,10 @@ impl Fresh {
         for (source, slot) in self.waiting.iter_mut().enumerate() {
             let Some(packet) = slot.take() else { continue };
             if source == chosen {
-                told(source, Fate::Taken(&packet));
+                on_outcome(source, DeliveryOutcome::Taken(&packet));
                 picked = Some(packet);
             } else {
-                told(source, Fate::PassedOver);
+                on_outcome(source, DeliveryOutcome::PassedOver);
             }
         }
         picked
@@ -301,22 +301,22 @@ mod tests {
         Missing,
     }
 
-    fn lost(fate: Fate<'_>) -> Option<Lost> {
-        match fate {
-            Fate::Taken(_) => None,
-            Fate::PassedOver => Some(Lost::PassedOver),
-            Fate::Missing => Some(Lost::Missing),
+    fn lost(outcome: DeliveryOutcome<'_>) -> Option<Lost> {
+        match outcome {
+            DeliveryOutcome::Taken(_) => None,
+            DeliveryOutcome::PassedOver => Some(Lost::PassedOver),
+            DeliveryOutcome::Missing => Some(Lost::Missing),
         }
     }
 
     /// Puts `messages` (source, capture time) in one by one and takes out what is ready; gives the sets and the losses.
-    fn play(take: Take, n_sources: usize, messages: &[(usize, i64)]) -> (Vec<Vec<Seen>>, Vec<(usize, Lost)>) {
-        let mut inbox = Inbox::new(take, n_sources, Random::new(5));
+    fn play(policy: InputPolicy, n_sources: usize, messages: &[(usize, i64)]) -> (Vec<Vec<Seen>>, Vec<(usize, Lost)>) {
+        let mut inbox = Inbox::new(policy, n_sources, Random::new(5));
         let (mut sets, mut losses) = (Vec::new(), Vec::new());
         for &(source, time_ms) in messages {
             inbox.put(source, packet(source as u32, time_ms));
             let mut packets = Vec::new();
-            while inbox.next(&mut packets, &mut |source, fate| losses.extend(lost(fate).map(|it| (source, it)))) {
+            while inbox.next(&mut packets, &mut |source, outcome| losses.extend(lost(outcome).map(|it| (source, it)))) {
                 let stamps = packets.drain(..).map(|it| (it.stamp.source.0, it.stamp.time.0 / 1_000_000));
                 sets.push(stamps.collect());
             }
@@ -324,7 +324,7 @@ mod tests {
         (sets, losses)
     }
 
-    const TOLERANCE: Take = Take::Synced(Interval(4_000_000));
+    const TOLERANCE: InputPolicy = InputPolicy::Synced(Interval(4_000_000));
 
     #[test]
     fn set_is_complete_when_every_source_has_come_within_the_tolerance() {
@@ -358,23 +358,25 @@ mod tests {
         assert_eq!(losses.len(), 5);
     }
 
-    /// How often each of three sources is picked in 3000 turns, when two messages of each wait at every turn; source 0 is ahead.
-    fn picked(take: Take) -> [usize; 3] {
-        let mut inbox = Inbox::new(take, 3, Random::new(1));
+    /// How often each of three sources is picked in 3000 activations, when two messages of each wait at every activation; source 0 is ahead.
+    fn picked(policy: InputPolicy) -> [usize; 3] {
+        let mut inbox = Inbox::new(policy, 3, Random::new(1));
         let (mut picked, mut passed, mut replaced) = ([0; 3], 0, 0);
-        for turn in 0..3000 {
+        for activation in 0..3000 {
             for source in 0..3 {
                 for _ in 0..2 {
                     let ahead = if source == 0 { 4 } else { 0 };
-                    replaced += usize::from(inbox.put(source, packet(source as u32, turn + ahead)) == Put::Replaces);
+                    replaced +=
+                        usize::from(inbox.put(source, packet(source as u32, activation + ahead)) == Put::Replaces);
                 }
             }
             let mut packets = Vec::new();
-            let mut told = |_: usize, fate: Fate<'_>| passed += usize::from(lost(fate) == Some(Lost::PassedOver));
-            assert!(inbox.next(&mut packets, &mut told));
+            let mut on_outcome =
+                |_: usize, outcome: DeliveryOutcome<'_>| passed += usize::from(lost(outcome) == Some(Lost::PassedOver));
+            assert!(inbox.next(&mut packets, &mut on_outcome));
             picked[packets[0].stamp.source.0 as usize] += 1;
-            let emptied = take != Take::RoundRobin;
-            assert_eq!(inbox.may_trigger(), !emptied, "the queues are emptied at each turn");
+            let emptied = policy != InputPolicy::RoundRobin;
+            assert_eq!(inbox.may_trigger(), !emptied, "the queues are emptied at each activation");
         }
         inbox.close(&mut |_, _| passed += 1);
         assert_eq!(picked.iter().sum::<usize>() + passed + replaced, 3000 * 6, "all are accounted for");
@@ -383,15 +385,15 @@ mod tests {
 
     #[test]
     fn newest_of_each_and_taking_turns_starve_no_source_and_the_newest_does() {
-        let at_random = picked(Take::NewestOfEach);
+        let at_random = picked(InputPolicy::NewestOfEach);
         assert!(at_random.iter().all(|&count| (850..1150).contains(&count)), "{at_random:?}");
-        assert_eq!(picked(Take::RoundRobin), [1000; 3]);
-        assert_eq!(picked(Take::Newest), [3000, 0, 0]);
+        assert_eq!(picked(InputPolicy::RoundRobin), [1000; 3]);
+        assert_eq!(picked(InputPolicy::Newest), [3000, 0, 0]);
     }
 
     #[test]
     fn older_message_does_not_take_the_place_of_a_newer_one() {
-        let mut inbox = Inbox::new(Take::NewestOfEach, 1, Random::new(1));
+        let mut inbox = Inbox::new(InputPolicy::NewestOfEach, 1, Random::new(1));
         assert_eq!([20, 30, 10].map(|it| inbox.put(0, packet(0, it))), [Put::Triggers, Put::Replaces, Put::Replaces]);
         let mut packets = Vec::new();
         inbox.next(&mut packets, &mut |_, _| {});
@@ -400,7 +402,7 @@ mod tests {
 
     #[test]
     fn turns_pass_over_sources_that_have_nothing() {
-        let (sets, losses) = play(Take::RoundRobin, 3, &[(2, 1), (2, 2), (0, 3), (0, 4), (1, 5)]);
+        let (sets, losses) = play(InputPolicy::RoundRobin, 3, &[(2, 1), (2, 2), (0, 3), (0, 4), (1, 5)]);
         assert_eq!(sets.concat(), [(2, 1), (2, 2), (0, 3), (0, 4), (1, 5)]);
         assert_eq!(losses, []);
     }
@@ -412,7 +414,7 @@ mod tests {
             (WhenFull::DropNewest, vec![(1, 0), (0, 2), (0, 3)], Put::Refused),
             (WhenFull::Wait, vec![(1, 0), (0, 2), (0, 3), (0, 4)], Put::Triggers),
         ] {
-            let mut inbox = Inbox::new(Take::Each, 2, Random::new(1));
+            let mut inbox = Inbox::new(InputPolicy::Each, 2, Random::new(1));
             let limit = Queue { capacity: 2, when_full };
             let mut put = |source, time| inbox.put_bounded(source, packet(source as u32, time), limit);
             assert_eq!(
@@ -428,7 +430,7 @@ mod tests {
 
     #[test]
     fn each_keeps_the_order_of_delivery() {
-        let (sets, _) = play(Take::Each, 2, &[(1, 5), (0, 3), (1, 4)]);
+        let (sets, _) = play(InputPolicy::Each, 2, &[(1, 5), (0, 3), (1, 4)]);
         assert_eq!(sets, [vec![(1, 5)], vec![(0, 3)], vec![(1, 4)]]);
     }
 }

@@ -1,7 +1,7 @@
 //! The part of a deterministic run that any number of threads may share with the same bytes: each camera's own nodes.
 //!
 //! A camera's *lane* holds its sources, and the nodes of that camera which only messages of the lane trigger. What other nodes give to a lane is only
-//! sampled there. A *round* lets sources of lanes take their turns, each followed by all that it triggers in its lane; lanes do not see each other
+//! sampled there. A *round* lets sources of lanes take their activations, each followed by all that it triggers in its lane; lanes do not see each other
 //! meanwhile, so that it does not matter which thread runs which. What leaves the lanes is then delivered in the order of time and of the rig.
 //!
 //! A feedback edge into a lane has a delay, the period of the lane's sources. That is the lane's *lookahead*: what it will sample in a period from
@@ -18,7 +18,7 @@ use crossbeam::channel::{Receiver, Sender, unbounded};
 use foveate_messages::{Interval, Time};
 use foveate_node::guard::guarded;
 use foveate_node::node::Due;
-use foveate_node::port::Take;
+use foveate_node::port::InputPolicy;
 use foveate_rig::graph::Graph;
 
 use crate::slot::Route;
@@ -26,7 +26,7 @@ use crate::stage::{Alone, Outgoing, Stage};
 
 /// Stages that lanes are dealt out to, at most: more than cores, so that loads even out; few, since each has a table of the whole graph.
 const MOST_STAGES: usize = 32;
-/// Turns of one stage in a round, at most.
+/// Activations of one stage in a round, at most.
 const MOST_TURNS: usize = 10_000;
 /// A round that takes less is not worth waking threads for.
 const WORTH_SHARING: Duration = Duration::from_micros(150);
@@ -37,19 +37,19 @@ pub(crate) type Left = (Time, usize, Outgoing);
 /// What one round is about.
 struct Round<'g> {
     graph: &'g Graph,
-    /// Sources that are due before this take their turns.
+    /// Sources that are due before this take their activations.
     until: Time,
 }
 
 /// Some cameras' lanes.
 struct Bundle {
     stage: Stage,
-    /// The sources that take turns in this round.
+    /// The sources that take activations in this round.
     sources: BinaryHeap<Reverse<(Time, usize)>>,
     /// What comes in along delayed edges, by when it becomes visible.
     incoming: VecDeque<(Time, Outgoing)>,
     left: Vec<Left>,
-    /// Sources that have had their turns, and when they want their next ones.
+    /// Sources that have had their activations, and when they want their next ones.
     due: Vec<(usize, Due)>,
     /// What its part of a round took of late.
     typical: Duration,
@@ -60,16 +60,16 @@ struct Bundle {
 impl Bundle {
     fn run(&mut self, round: &Round<'_>) {
         let began = Instant::now();
-        let said = guarded(|| self.turns(round)).err();
+        let said = guarded(|| self.activations(round)).err();
         self.said = self.said.take().or(said);
         self.typical = (self.typical * 3 + began.elapsed()) / 4;
     }
 
-    fn turns(&mut self, round: &Round<'_>) {
+    fn activations(&mut self, round: &Round<'_>) {
         let mut n_turns = 0;
         while let Some(Reverse((now, source))) = self.sources.pop() {
             self.take_in(now);
-            self.stage.turn_source(source, now, &mut Alone);
+            self.stage.activate_source(source, now, &mut Alone);
             self.left.extend(self.stage.outgoing.drain(..).map(|it| (now, source, it)));
             n_turns += 1;
             match self.stage.due(source, now) {
@@ -195,8 +195,8 @@ impl Lanes {
         }
     }
 
-    /// One round: `sources` take their turns, each when it is due and as often as it is before `until`, by all `helpers` where that is worth it. Adds what
-    /// left the lanes to `left`, and gives when the sources want their next turns.
+    /// One round: `sources` take their activations, each when it is due and as often as it is before `until`, by all `helpers` where that is worth it. Adds what
+    /// left the lanes to `left`, and gives when the sources want their next activations.
     pub(crate) fn round(
         &self,
         graph: &Graph,
@@ -320,7 +320,7 @@ fn lanes(graph: &Graph) -> Vec<Option<u16>> {
         shrinks = false;
         for edge in &graph.edges {
             let (from, (to, port)) = (edge.from.0, edge.to);
-            let triggers = graph.instances[to].takes[port] != Take::Latest;
+            let triggers = graph.instances[to].takes[port] != InputPolicy::Latest;
             if triggers && lanes[to].is_some() && lanes[from] != lanes[to] {
                 lanes[to] = None;
                 shrinks = true;
@@ -336,7 +336,7 @@ fn lookaheads(graph: &Graph, camera_of: &[Option<u16>]) -> Vec<Interval> {
         let own = |index: usize| camera_of[index] == Some(camera);
         let mut shortest = None;
         for (index, instance) in graph.instances.iter().enumerate().filter(|it| own(it.0)) {
-            if graph.edges.iter().any(|it| it.to.0 == index && instance.takes[it.to.1] != Take::Latest) {
+            if graph.edges.iter().any(|it| it.to.0 == index && instance.takes[it.to.1] != InputPolicy::Latest) {
                 continue;
             }
             // What gives no stream, such as a head that is there, has no rate and does not matter.

@@ -136,8 +136,8 @@ impl Ledger {
     #[cold]
     fn miss(&mut self, count: u64) {
         if let Some((gate, seen)) = self.gate.as_deref_mut() {
-            let turns = gate.turns();
-            if std::mem::replace(seen, turns) != turns {
+            let activations = gate.activations();
+            if std::mem::replace(seen, activations) != activations {
                 return;
             }
         }

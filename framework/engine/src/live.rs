@@ -1,7 +1,7 @@
 //! Worker threads on the wall clock. A camera's nodes share a worker; what joins cameras has one of its own.
 //!
 //! The run is over when no source will give any more and no message is on its way: every message on a queue between
-//! threads is counted before it is sent and until all that it caused has been sent in turn.
+//! threads is counted before it is sent and until all that it caused has been sent in activation.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -13,7 +13,7 @@ use crossbeam::channel::{Receiver, Sender, bounded};
 use foveate_messages::{Interval, Time};
 
 use super::slot::Route;
-use super::stage::{Away, Costs, Stage};
+use super::stage::{Costs, Remote, Stage};
 use super::{EdgeView, Options, Outcome, PROGRESS_PERIOD, Progress, conclude, view_edges};
 use foveate_node::error::NodeError;
 use foveate_node::guard::guarded;
@@ -78,7 +78,7 @@ impl Shared {
 }
 
 /// One worker's side of the queues between threads.
-struct Post {
+struct Mailbox {
     shared: Arc<Shared>,
     /// By edge: the worker of its consumer.
     worker_of_edge: Arc<Vec<usize>>,
@@ -91,7 +91,7 @@ struct Post {
     accepted: usize,
 }
 
-impl Post {
+impl Mailbox {
     /// Moves all that has come in to the ports of its consumers.
     fn accept(&mut self, stage: &mut Stage, now: Time) {
         for (edge, receiver) in &self.incoming {
@@ -137,7 +137,7 @@ impl Post {
     }
 }
 
-impl Away for Post {
+impl Remote for Mailbox {
     fn sending(&mut self, _edge: usize) {
         self.shared.in_flight.fetch_add(1, Ordering::SeqCst);
     }
@@ -183,7 +183,7 @@ pub(super) fn run(
         .map(|woken| Worker {
             graph: Arc::clone(&graph),
             stage: whole.empty_like(),
-            post: Post {
+            mailbox: Mailbox {
                 shared: Arc::clone(&shared),
                 worker_of_edge: Arc::clone(&worker_of_edge),
                 incoming: Vec::new(),
@@ -205,7 +205,7 @@ pub(super) fn run(
         workers[worker].stage.ends[edge] = whole.ends[edge].take();
     }
     for (edge, receiver) in incoming {
-        workers[worker_of_edge[edge]].post.incoming.push((edge, receiver));
+        workers[worker_of_edge[edge]].mailbox.incoming.push((edge, receiver));
     }
 
     let began = Instant::now();
@@ -245,7 +245,7 @@ pub(super) fn run(
     let mut outcome = conclude(&graph, whole, ended, began.elapsed(), interrupted);
     if let Some(costly) = graph.instances.iter().find(|it| it.cost.time > Interval(0)) {
         outcome.report.remark(format!(
-            "`cost_ms` (of `{}`) is ignored in a live run: a turn takes the time it takes",
+            "`cost_ms` (of `{}`) is ignored in a live run: a activation takes the time it takes",
             costly.path
         ));
     }
@@ -281,7 +281,7 @@ impl Watch {
 }
 
 /// Nodes of one camera share a worker; what joins cameras has one for each scale, and sinks, which wait for disks, have one of their own. Where
-/// there are fewer workers, they take turns.
+/// there are fewer workers, they take activations.
 fn assign_workers(graph: &Graph, n_workers: usize) -> Vec<usize> {
     let mut shared: Vec<(bool, usize)> = graph.instances.iter().filter(|it| it.camera.is_none()).map(group).collect();
     shared.sort_unstable();
@@ -315,7 +315,7 @@ fn cut_edges(graph: &Graph, whole: &mut Stage, worker_of: &[usize]) -> Vec<(usiz
             }
             let (sender, receiver) = bounded(ends.queue.capacity.max(1));
             incoming.push((edge, receiver.clone()));
-            *route = Route::Away { edge, sender, receiver, when_full: ends.queue.when_full, dropped: 0 };
+            *route = Route::Remote { edge, sender, receiver, when_full: ends.queue.when_full, dropped: 0 };
         }
     }
     incoming
@@ -324,7 +324,7 @@ fn cut_edges(graph: &Graph, whole: &mut Stage, worker_of: &[usize]) -> Vec<(usiz
 struct Worker {
     graph: Arc<Graph>,
     stage: Stage,
-    post: Post,
+    mailbox: Mailbox,
     woken: Receiver<()>,
     sources: Vec<usize>,
 }
@@ -332,7 +332,7 @@ struct Worker {
 impl Worker {
     /// Works until the run is over; gives the stage back, and the words of a panic of the engine itself.
     fn work(mut self) -> (Stage, Option<String>) {
-        let shared = Arc::clone(&self.post.shared);
+        let shared = Arc::clone(&self.mailbox.shared);
         let said = guarded(|| self.work_on()).err();
         if said.is_some() {
             shared.is_abandoned.store(true, Ordering::SeqCst);
@@ -342,7 +342,7 @@ impl Worker {
     }
 
     fn work_on(&mut self) {
-        let shared = Arc::clone(&self.post.shared);
+        let shared = Arc::clone(&self.mailbox.shared);
         self.begin(&shared);
         let mut due = BinaryHeap::new();
         for index in std::mem::take(&mut self.sources) {
@@ -368,7 +368,7 @@ impl Worker {
                     continue;
                 }
                 if !is_waiting {
-                    self.stage.turn_source(index, now, &mut self.post);
+                    self.stage.activate_source(index, now, &mut self.mailbox);
                 }
                 self.ask(index, now, &mut due);
                 if !self.woken.is_empty() {
@@ -394,16 +394,16 @@ impl Worker {
     fn catch_up(&mut self, now: Time) {
         // First, so that what stands before a node that was held up is accepted now, and not after the next sleep.
         if self.stage.is_any_blocked() {
-            self.post.hold();
-            self.stage.unblock(now, &mut self.post);
+            self.mailbox.hold();
+            self.stage.unblock(now, &mut self.mailbox);
         }
-        self.post.accept(&mut self.stage, now);
-        self.stage.run_ready(now, &mut self.post);
-        self.post.settle(self.stage.is_any_blocked());
+        self.mailbox.accept(&mut self.stage, now);
+        self.stage.run_ready(now, &mut self.mailbox);
+        self.mailbox.settle(self.stage.is_any_blocked());
     }
 
     /// Waits for messages, at most for `longest`. A worker that was just woken by one looks out for the next one for a while before it goes to
-    /// sleep, since to be woken takes longer than most turns; one that is idle burns no core. Gives whether a message came.
+    /// sleep, since to be woken takes longer than most activations; one that is idle burns no core. Gives whether a message came.
     fn rest(&self, longest: Duration, is_lively: bool) -> bool {
         if is_lively {
             let began = Instant::now();
@@ -423,7 +423,7 @@ impl Worker {
     fn begin(&mut self, shared: &Shared) {
         for index in self.sources.clone() {
             if self.stage.due(index, Time::ZERO) == Due::At(Time::ZERO) {
-                self.stage.turn_source(index, Time::ZERO, &mut self.post);
+                self.stage.activate_source(index, Time::ZERO, &mut self.mailbox);
             }
         }
         self.stage.rest();
@@ -439,15 +439,15 @@ impl Worker {
         self.stage.started = shared.started.get().copied();
     }
 
-    /// Asks a source when it wants its next turn, and enters that; a source that is through is counted off.
+    /// Asks a source when it wants its next activation, and enters that; a source that is through is counted off.
     fn ask(&mut self, index: usize, now: Time, due: &mut BinaryHeap<Reverse<(Time, usize, bool)>>) {
         let entry = match self.stage.due(index, now) {
             Due::At(time) if !self.graph.is_over(time) => (time, index, false),
             Due::Waiting if !self.graph.is_over(now) => (now + WAITING_INTERVAL, index, true),
             Due::At(_) | Due::Waiting | Due::Never => {
-                self.post.shared.live_sources.fetch_sub(1, Ordering::SeqCst);
-                if self.post.shared.is_over() {
-                    self.post.shared.wake_all();
+                self.mailbox.shared.live_sources.fetch_sub(1, Ordering::SeqCst);
+                if self.mailbox.shared.is_over() {
+                    self.mailbox.shared.wake_all();
                 }
                 return;
             }

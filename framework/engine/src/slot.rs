@@ -8,7 +8,7 @@ use foveate_messages::Time;
 
 use crate::busy::Work;
 use crate::gates::{Gate, Gates, is_anchor};
-use crate::inbox::{Fate, Inbox};
+use crate::inbox::{DeliveryOutcome, Inbox};
 use crate::ledger::Ledger;
 use crate::stage::Costs;
 use foveate_node::error::NodeError;
@@ -29,7 +29,7 @@ pub(crate) struct Slot {
     /// By output port: the edges that leave from there.
     pub(super) routes: Vec<Vec<Route>>,
     pub(super) sequences: Vec<u64>,
-    /// What its turns cost on the logical clock, where they cost anything.
+    /// What its activations cost on the logical clock, where they cost anything.
     pub(super) work: Option<Box<Work>>,
     /// What holds messages up while its scale is suspended.
     pub(super) gate: Option<Gate>,
@@ -58,9 +58,9 @@ pub(crate) enum Route {
     /// The consumer runs on another stage of the same logical clock: what travels is gathered in [`Stage::outgoing`](crate::stage::Stage).
     Beyond(usize),
     /// Not to a node: an anchor tells the gates where its scale is.
-    Told(usize),
+    OnOutcome(usize),
     /// Across threads.
-    Away {
+    Remote {
         edge: usize,
         sender: Sender<Packet>,
         receiver: crossbeam::channel::Receiver<Packet>,
@@ -108,14 +108,14 @@ impl Slot {
         }
         if is_anchor(instance) {
             // First, so that what follows the space finds the gate open.
-            routes.iter_mut().for_each(|it| it.insert(0, Route::Told(instance.scale)));
+            routes.iter_mut().for_each(|it| it.insert(0, Route::OnOutcome(instance.scale)));
         }
         let inboxes = ports
             .inputs
             .iter()
             .zip(&instance.takes)
             .zip(&input_edges)
-            .map(|((port, &take), edges)| Inbox::new(take, edges.len(), setup.random.fork(port.name)));
+            .map(|((port, &policy), edges)| Inbox::new(policy, edges.len(), setup.random.fork(port.name)));
         let work = Work::new(instance.cost, setup.random.fork("cost_ms"));
         let work = work.filter(|_| costs == Costs::Simulated).map(Box::new);
         let gate = gates.before(instance);
@@ -135,7 +135,7 @@ impl Slot {
         })
     }
 
-    /// Whether it may take a message right behind the turn that gave it.
+    /// Whether it may take a message right behind the activation that gave it.
     #[inline]
     pub(super) fn may_follow(&self) -> bool {
         self.work.is_none() && self.is_open()
@@ -163,7 +163,7 @@ impl Slot {
     pub(super) fn close(&mut self, ends: &mut [Option<EdgeEnd>], now: Time) {
         self.restart_at = None;
         for (inbox, edges) in self.inboxes.iter_mut().zip(&self.input_edges) {
-            inbox.close(&mut |source, fate| enter(&mut ends[edges[source]], now, fate));
+            inbox.close(&mut |source, outcome| enter(&mut ends[edges[source]], now, outcome));
         }
     }
 
@@ -174,12 +174,12 @@ impl Slot {
 }
 
 /// Enters in the ledger of an edge what becomes of one of its messages.
-pub(super) fn enter(end: &mut Option<EdgeEnd>, now: Time, fate: Fate<'_>) {
+pub(super) fn enter(end: &mut Option<EdgeEnd>, now: Time, outcome: DeliveryOutcome<'_>) {
     let Some(EdgeEnd { ledger, .. }) = end else { return };
-    match fate {
-        Fate::Taken(packet) => ledger.take(packet.stamp, now, || packet.payload.quality()),
-        Fate::PassedOver => ledger.dropped += 1,
-        Fate::Missing => ledger.gaps += u64::from(ledger.delivered > 0),
+    match outcome {
+        DeliveryOutcome::Taken(packet) => ledger.take(packet.stamp, now, || packet.payload.quality()),
+        DeliveryOutcome::PassedOver => ledger.dropped += 1,
+        DeliveryOutcome::Missing => ledger.gaps += u64::from(ledger.delivered > 0),
     }
 }
 

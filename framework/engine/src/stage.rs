@@ -14,7 +14,7 @@ use foveate_messages::{SourceId, Time};
 
 use crate::faults::FaultLog;
 use crate::gates::Gates;
-use crate::inbox::{Fate, Inbox};
+use crate::inbox::{DeliveryOutcome, Inbox};
 use crate::ledger::Ledger;
 use crate::slot::{EdgeEnd, Route, Slot, enter};
 use foveate_node::error::NodeError;
@@ -25,7 +25,7 @@ use foveate_node::report::Report;
 use foveate_rig::graph::Graph;
 
 /// What a worker must do when it has put a message on another one's queue.
-pub(crate) trait Away {
+pub(crate) trait Remote {
     /// About to send along `edge`.
     fn sending(&mut self, edge: usize);
     /// Sent: wake the receiver.
@@ -37,13 +37,13 @@ pub(crate) trait Away {
 /// For runs on one thread.
 pub(crate) struct Alone;
 
-impl Away for Alone {
+impl Remote for Alone {
     fn sending(&mut self, _edge: usize) {}
     fn sent(&mut self, _edge: usize) {}
     fn taken_back(&mut self, _edge: usize) {}
 }
 
-/// Whether the costs of turns that the rig names are played out on the clock of the run.
+/// Whether the costs of activations that the rig names are played out on the clock of the run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Costs {
     Simulated,
@@ -67,9 +67,9 @@ pub(crate) struct Stage {
     ready: Vec<u64>,
     /// How many bits of `ready` are set.
     n_ready: usize,
-    /// Live runs: when the session began; every turn then looks at the clock.
+    /// Live runs: when the session began; every activation then looks at the clock.
     pub(crate) started: Option<Instant>,
-    /// Capture time of what the current turn is about.
+    /// Capture time of what the current activation is about.
     seen: Time,
     /// Nodes that are busy, by when they are done.
     busy: BinaryHeap<Reverse<(Time, usize)>>,
@@ -158,15 +158,15 @@ impl Stage {
         }
     }
 
-    /// Lets source `index` take its turn, and carries what it gave through the stage.
-    pub(crate) fn turn_source(&mut self, index: usize, now: Time, away: &mut dyn Away) {
+    /// Lets source `index` take its activation, and carries what it gave through the stage.
+    pub(crate) fn activate_source(&mut self, index: usize, now: Time, remote: &mut dyn Remote) {
         self.delivery.port = usize::MAX;
         self.delivery.packets.clear();
         if self.slots[index].as_ref().is_some_and(|it| it.node.is_none()) {
             return self.revive(index, now);
         }
-        self.activate(index, now, away);
-        self.run_ready(now, away);
+        self.activate(index, now, remote);
+        self.run_ready(now, remote);
     }
 
     /// Capture time of what the last activation was about.
@@ -185,12 +185,12 @@ impl Stage {
             let Some(mut slot) = slot.take() else { continue };
             for route in slot.routes_mut() {
                 match *route {
-                    Route::Away { edge, dropped, .. } => {
+                    Route::Remote { edge, dropped, .. } => {
                         self.queue_drops.push((edge, dropped));
                         *route = Route::Here(edge);
                     }
                     Route::Beyond(edge) => *route = Route::Here(edge),
-                    Route::Here(_) | Route::Told(_) => {}
+                    Route::Here(_) | Route::OnOutcome(_) => {}
                 }
             }
             *place = Some(slot);
@@ -211,7 +211,7 @@ impl Stage {
     }
 
     /// The first of the busy nodes is done: what it gave goes on its way, and it may take what came meanwhile.
-    pub(crate) fn end_work(&mut self, away: &mut dyn Away) {
+    pub(crate) fn end_work(&mut self, remote: &mut dyn Remote) {
         let Some(Reverse((now, index))) = self.busy.pop() else { return };
         let Some(slot) = &mut self.slots[index] else { return };
         let Some(work) = &mut slot.work else { return };
@@ -219,12 +219,12 @@ impl Stage {
         if slot.inboxes.iter().any(Inbox::may_trigger) {
             self.set_ready(index);
         }
-        self.route(index, now, away);
-        self.run_ready(now, away);
+        self.route(index, now, remote);
+        self.run_ready(now, remote);
     }
 
     /// Runs nodes, first in schedule order first, until nothing is left to do.
-    pub(crate) fn run_ready(&mut self, now: Time, away: &mut dyn Away) {
+    pub(crate) fn run_ready(&mut self, now: Time, remote: &mut dyn Remote) {
         let mut word = 0;
         while word < self.ready.len() {
             if self.ready[word] == 0 {
@@ -234,7 +234,7 @@ impl Stage {
             let index = word * 64 + self.ready[word].trailing_zeros() as usize;
             let now = self.clock(now);
             if self.take_next(index, now, false) {
-                self.activate(index, now, away);
+                self.activate(index, now, remote);
                 word = 0; // a feedback edge may have made an earlier one ready
             }
         }
@@ -305,7 +305,7 @@ impl Stage {
         }
     }
 
-    /// Puts what the next turn of `index` is about into `self.delivery`, and notes whether it may have another one after that.
+    /// Puts what the next activation of `index` is about into `self.delivery`, and notes whether it may have another one after that.
     fn take_next(&mut self, index: usize, now: Time, flush: bool) -> bool {
         let Some(slot) = &mut self.slots[index] else { return false };
         self.delivery.packets.clear();
@@ -316,9 +316,10 @@ impl Stage {
         let mut taken = false;
         for (port, inbox) in slot.inboxes.iter_mut().enumerate() {
             let (edges, ends) = (&slot.input_edges[port], &mut self.ends);
-            let mut told = |source: usize, fate: Fate<'_>| enter(&mut ends[edges[source]], now, fate);
+            let mut on_outcome =
+                |source: usize, outcome: DeliveryOutcome<'_>| enter(&mut ends[edges[source]], now, outcome);
             let packets = &mut self.delivery.packets;
-            taken = if flush { inbox.flush(packets, &mut told) } else { inbox.next(packets, &mut told) };
+            taken = if flush { inbox.flush(packets, &mut on_outcome) } else { inbox.next(packets, &mut on_outcome) };
             if taken {
                 self.delivery.port = port;
                 break;
@@ -347,12 +348,12 @@ impl Stage {
         self.started.map_or(logical, |it| Time(it.elapsed().as_nanos() as i64))
     }
 
-    /// One turn of node `index` with `self.delivery`, then its messages on their way. As long as a turn gives one message to
-    /// one node of this worker and nothing else waits, the turn of that node follows at once.
-    fn activate(&mut self, index: usize, now: Time, away: &mut dyn Away) {
+    /// One activation of node `index` with `self.delivery`, then its messages on their way. As long as a activation gives one message to
+    /// one node of this worker and nothing else waits, the activation of that node follows at once.
+    fn activate(&mut self, index: usize, now: Time, remote: &mut dyn Remote) {
         let (mut at, mut now) = (index, now);
         loop {
-            // One guard for the whole chain: it costs as much as a short turn.
+            // One guard for the whole chain: it costs as much as a short activation.
             let chain = guarded(|| {
                 loop {
                     self.process(at, now);
@@ -374,7 +375,7 @@ impl Stage {
             self.busy.push(Reverse((work.begin(now, &mut self.outbox), at)));
             return self.clear_ready(at);
         }
-        self.route(at, now, away);
+        self.route(at, now, remote);
     }
 
     fn process(&mut self, index: usize, now: Time) {

@@ -164,7 +164,7 @@ fn policy_decides_what_becomes_of_a_failure() {
 }
 
 #[test]
-fn feedback_edge_carries_the_message_of_the_turn_before() {
+fn feedback_edge_carries_the_message_of_the_activation_before() {
     let rig = "[scale.room.node.a]\ntype = \"testkit.counter\"\ncount = 5\n\
                [scale.room.node.b]\ntype = \"testkit.relay\"\nin = { numbers = \"a.numbers\", feedback = \"b.numbers\" }\n\
                [scale.room.node.c]\ntype = \"testkit.collect\"\ninto = \"feedback\"\nin = { numbers = \"b.numbers\" }\n";

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use foveate_engine::{self as engine, Options, Outcome};
-use foveate_messages::{How, ScaleSpace, Target, TargetId, Targets};
+use foveate_messages::{Provenance, ScaleSpace, Target, TargetId, Targets};
 use foveate_node::scale::Spaces;
 use foveate_node::{
     ConfigError, Due, In, Interval, Io, Node, NodeError, Out, Ports, Registry, Report, Role, Setup, Time,
@@ -61,7 +61,7 @@ impl Node for Script {
             velocity: Vector3::new(1.0, 0.0, 0.0),
             covariance: Matrix6::identity() * 1e-4,
             cameras: Default::default(),
-            how: How::Measured,
+            provenance: Provenance::Measured,
         };
         io.emit_at(&OUT, time, Targets { time, list: if is_away { Vec::new() } else { vec![target] } });
         self.next += 1;
@@ -77,7 +77,7 @@ impl Node for Script {
 #[serde(deny_unknown_fields)]
 struct Nothing {}
 
-/// Passes targets on and counts its turns; its count outlives a suspension.
+/// Passes targets on and counts its activations; its count outlives a suspension.
 struct Through {
     n_turns: u32,
 }
@@ -105,7 +105,7 @@ impl Node for Through {
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        report.figure("turns", f64::from(self.n_turns));
+        report.figure("activations", f64::from(self.n_turns));
         Ok(())
     }
 }
@@ -232,7 +232,7 @@ fn into(graph: &Graph, outcome: &Outcome, port: &str) -> (u64, u64) {
 #[test]
 fn lost_scale_holds_up_its_filters_and_those_of_the_scales_in_it_and_nothing_else() {
     let (graph, outcome) = deterministic(NESTED);
-    // What the hall's filter gives at t is known to the person's anchor before the person's own source has its turn at t.
+    // What the hall's filter gives at t is known to the person's anchor before the person's own source has its activation at t.
     assert_eq!(into(&graph, &outcome, "-> hall.smooth.targets"), (100, 0));
     assert_eq!(into(&graph, &outcome, "-> person.anchor.targets"), (100, 0));
     assert_eq!(into(&graph, &outcome, "-> person.smooth.targets"), (70, 30));
@@ -253,8 +253,8 @@ fn spells_are_told_with_their_times_and_reasons() {
     let spells = |scale: usize| {
         let it = &outcome.suspensions[scale];
         let ms = |time: Time| time.0 / 1_000_000;
-        let told = it.spells.iter().map(|it| (ms(it.from), it.until.map(ms), it.why.as_str()));
-        (it.scale.as_str(), told.collect::<Vec<_>>())
+        let on_outcome = it.spells.iter().map(|it| (ms(it.from), it.until.map(ms), it.why.as_str()));
+        (it.scale.as_str(), on_outcome.collect::<Vec<_>>())
     };
     let person = vec![
         (0, Some(0), "its target `smooth.body` has not been found yet"),

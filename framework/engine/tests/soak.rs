@@ -214,7 +214,7 @@ fn text(run: &str, random: &mut Random, count: u64) -> String {
         };
         let capacity = 1 + random.below(6);
         text += &format!(
-            "in.tokens = {{ from = {from}, capacity = {capacity}, when_full = \"{full}\", take = \"{take}\" }}\n"
+            "in.tokens = {{ from = {from}, capacity = {capacity}, when_full = \"{full}\", policy = \"{take}\" }}\n"
         );
         if random.below(3) == 0 {
             text += &format!(
@@ -351,9 +351,13 @@ fn a_node_that_cannot_be_made_anew_is_tried_again_and_given_up() {
                 [scale.room.node.a]\ntype = \"test.hostile\"\nrun = \"anew\"\ncount = 20000\n\
                 [scale.room.node.b]\ntype = \"test.hostile\"\nrun = \"anew\"\nharm = \"made_anew\"\nevery = 1000\non_error = \"restart\"\nin.tokens = \"a.tokens\"\n";
     let (_, outcome) = run(text, false, 1);
-    let told: Vec<_> =
+    let on_outcome: Vec<_> =
         outcome.faults.iter().map(|it| (it.action, it.message.contains("cannot be restarted"))).collect();
-    assert!(told.contains(&("restarted", true)) && told.contains(&("restarted", false)), "{:#?}", outcome.faults);
+    assert!(
+        on_outcome.contains(&("restarted", true)) && on_outcome.contains(&("restarted", false)),
+        "{:#?}",
+        outcome.faults
+    );
     let ledger = &outcome.ledgers[0];
     assert_eq!(ledger.delivered + ledger.dropped, 20_000);
     // It is made anew after 0.1 s, in which 5,000 messages are lost.

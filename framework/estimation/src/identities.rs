@@ -1,4 +1,4 @@
-//! Who is who: true targets and recovered identities, matched from moment to moment, swaps and rebirths counted.
+//! Who is who: true targets and recovered identities, matched from moment to moment, ID switches and reinitialisations counted.
 //!
 //! K. Bernardin and R. Stiefelhagen, "Evaluating multiple object tracking performance: the CLEAR MOT metrics", EURASIP
 //! JIVP, 2008: a pair of the last time is kept while it stays within the gate; what is left is assigned so that the sum
@@ -18,11 +18,11 @@ pub type Somebody = (u32, Point3<f64>);
 pub struct Identities {
     gate: f64,
     /// By true target: every identity it was ever matched to, the last one at the end.
-    followers: BTreeMap<u32, Vec<u32>>,
+    identities_of: BTreeMap<u32, Vec<u32>>,
     /// By identity: the true target it was matched to last.
     owners: BTreeMap<u32, u32>,
-    swaps: u64,
-    rebirths: u64,
+    id_switches: u64,
+    reinitialisations: u64,
     costs: Vec<f64>,
     assigned: Vec<Option<usize>>,
     kept: Vec<Option<usize>>,
@@ -34,10 +34,10 @@ impl Identities {
     pub fn new(gate: f64) -> Self {
         Self {
             gate,
-            followers: BTreeMap::new(),
+            identities_of: BTreeMap::new(),
             owners: BTreeMap::new(),
-            swaps: 0,
-            rebirths: 0,
+            id_switches: 0,
+            reinitialisations: 0,
             costs: Vec::new(),
             assigned: Vec::new(),
             kept: Vec::new(),
@@ -54,7 +54,7 @@ impl Identities {
         }
         self.kept.clear();
         for (row, (who, _)) in truth.iter().enumerate() {
-            let last = self.followers.get(who).and_then(|it| it.last());
+            let last = self.identities_of.get(who).and_then(|it| it.last());
             let column = last.and_then(|last| found.iter().position(|(it, _)| it == last));
             self.kept.push(column.filter(|column| self.costs[row * columns + column] <= self.gate));
         }
@@ -79,23 +79,23 @@ impl Identities {
     }
 
     fn note(&mut self, truth: u32, identity: u32) {
-        let followers = self.followers.entry(truth).or_default();
-        let is_first = followers.is_empty();
-        if followers.last() != Some(&identity) {
-            followers.retain(|it| *it != identity);
-            followers.push(identity);
+        let identities_of = self.identities_of.entry(truth).or_default();
+        let is_first = identities_of.is_empty();
+        if identities_of.last() != Some(&identity) {
+            identities_of.retain(|it| *it != identity);
+            identities_of.push(identity);
         }
         let owner = self.owners.insert(identity, truth);
         if owner.is_some_and(|it| it != truth) {
-            self.swaps += 1;
+            self.id_switches += 1;
         } else if owner.is_none() && !is_first {
-            self.rebirths += 1;
+            self.reinitialisations += 1;
         }
     }
 
     /// By true target that was ever matched: every identity that it was matched to.
-    pub fn followers(&self) -> &BTreeMap<u32, Vec<u32>> {
-        &self.followers
+    pub fn identities_of(&self) -> &BTreeMap<u32, Vec<u32>> {
+        &self.identities_of
     }
 
     /// How many identities were ever matched.
@@ -104,13 +104,13 @@ impl Identities {
     }
 
     /// How often a true target was matched to an identity that had been another's last.
-    pub fn swaps(&self) -> u64 {
-        self.swaps
+    pub fn id_switches(&self) -> u64 {
+        self.id_switches
     }
 
     /// How often a true target that had an identity was matched to one that was new to all.
-    pub fn rebirths(&self) -> u64 {
-        self.rebirths
+    pub fn reinitialisations(&self) -> u64 {
+        self.reinitialisations
     }
 }
 
@@ -131,19 +131,19 @@ mod tests {
     }
 
     #[test]
-    fn swaps_and_rebirths_are_counted_once_each() {
+    fn id_switches_and_reinitialisations_are_counted_once_each() {
         let truth: &[Somebody] = &[at(0, 0.0), at(1, 1.0)];
         let (here, swapped): (&[Somebody], &[Somebody]) = (&[at(5, 0.01), at(6, 1.01)], &[at(6, 0.01), at(5, 1.01)]);
         let same = run(&[(truth, here), (truth, here)]);
-        assert_eq!((same.n_identities(), same.swaps(), same.rebirths()), (2, 0, 0));
+        assert_eq!((same.n_identities(), same.id_switches(), same.reinitialisations()), (2, 0, 0));
         let swap = run(&[(truth, here), (truth, swapped), (truth, swapped)]);
-        assert_eq!((swap.n_identities(), swap.swaps(), swap.rebirths()), (2, 2, 0));
+        assert_eq!((swap.n_identities(), swap.id_switches(), swap.reinitialisations()), (2, 2, 0));
         let reborn = run(&[(truth, here), (truth, &here[1..]), (truth, &[at(7, 0.0), at(6, 1.0)])]);
-        assert_eq!((reborn.n_identities(), reborn.swaps(), reborn.rebirths()), (3, 0, 1));
-        assert_eq!(reborn.followers()[&0], [5, 7]);
+        assert_eq!((reborn.n_identities(), reborn.id_switches(), reborn.reinitialisations()), (3, 0, 1));
+        assert_eq!(reborn.identities_of()[&0], [5, 7]);
         // Taken up again after a while: neither.
         let again = run(&[(truth, here), (truth, &here[1..]), (truth, here)]);
-        assert_eq!((again.n_identities(), again.swaps(), again.rebirths()), (2, 0, 0));
+        assert_eq!((again.n_identities(), again.id_switches(), again.reinitialisations()), (2, 0, 0));
     }
 
     #[test]
@@ -152,7 +152,7 @@ mod tests {
         identities.match_up(&[at(0, 0.0)], &[at(5, 0.05)]);
         assert_eq!(identities.match_up(&[at(0, 0.0)], &[at(6, 0.0), at(5, 0.09)]), [Some(1)]);
         assert_eq!(identities.match_up(&[at(0, 0.0)], &[at(6, 0.0), at(5, 0.11)]), [Some(0)]);
-        assert_eq!((identities.n_identities(), identities.rebirths()), (2, 1));
+        assert_eq!((identities.n_identities(), identities.reinitialisations()), (2, 1));
     }
 
     #[test]
@@ -161,7 +161,7 @@ mod tests {
         identities.match_up(&[at(0, 0.0), at(1, 0.5)], &[at(5, 0.0)]);
         identities.match_up(&[at(0, 0.0), at(1, 0.5)], &[at(5, 0.5)]);
         assert_eq!(identities.match_up(&[at(0, 0.46), at(1, 0.5)], &[at(5, 0.46)]), [None, Some(0)]);
-        assert_eq!(identities.swaps(), 1);
+        assert_eq!(identities.id_switches(), 1);
     }
 
     #[test]

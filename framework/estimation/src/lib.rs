@@ -12,12 +12,13 @@
 //! | [`assignment`] | which measurement belongs to which track, at the least cost, with a gate |
 //! | [`allocation`] | which heads look at which target, where several at one target see more together |
 //! | [`gospa`] | how far a set of points is from the true one: OSPA, GOSPA |
-//! | [`identities`] | true targets and recovered identities matched over time: swaps, rebirths |
+//! | [`identities`] | true targets and recovered identities matched over time: ID switches, reinitialisations |
 //! | [`prediction`] | where a moving point will be, by what has foretold best of late |
-//! | [`servo`] | two motors that answer late: how late, and where they are |
+//! | [`actuator`] | two motors that answer late: how late, and where they are |
 //! | [`statistics`] | median, percentiles, median absolute deviation, a summary |
 //! | [`random`] | seeded random numbers, with a stream of its own for each name |
 
+pub mod actuator;
 pub mod allocation;
 pub mod assignment;
 pub mod bounded;
@@ -31,19 +32,18 @@ pub mod motion;
 pub mod prediction;
 pub mod principal;
 pub mod random;
-pub mod servo;
 pub mod statistics;
 
+pub use actuator::{ActuatorEstimator, ActuatorOptions, ActuatorState};
 pub use assignment::{Workspace, nearest_greedy, optimal};
-pub use bounded::{Bounded, BoundedFault, BoundedLeastSquares};
+pub use bounded::{Bounded, BoundedError, BoundedLeastSquares};
 pub use clocks::{ClockEstimate, ClockEstimator, ClockObservation, ClockSettings};
 pub use consistency::{Consistency, Verdict};
 pub use gospa::SetDistance;
 pub use kalman::{ConstantVelocity, Innovation};
 pub use least_squares::Loss;
 pub use motion::{AdaptiveNoise, Filter, Interacting, Mode, Model};
-pub use prediction::{Prediction, Predictor, PredictorRules, Way};
-pub use principal::{Principal, PrincipalFault, principal, principal_of};
+pub use prediction::{Prediction, Predictor, PredictorOptions, Way};
+pub use principal::{Principal, PrincipalError, principal, principal_of};
 pub use random::Random;
-pub use servo::{Servo, ServoRules, ServoState};
 pub use statistics::Summary;

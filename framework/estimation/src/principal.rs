@@ -23,7 +23,7 @@ pub struct Principal {
 
 /// Why there is no answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum PrincipalFault {
+pub enum PrincipalError {
     /// No sample, or samples without numbers.
     #[error("{samples} samples of {numbers} numbers have no mean")]
     Empty {
@@ -55,14 +55,14 @@ pub enum PrincipalFault {
 /// Of `samples`, one a column (d × n). One sample alone, or equal ones, have a mean and no direction.
 ///
 /// # Errors
-/// [`PrincipalFault::Empty`], [`PrincipalFault::NotFinite`].
-pub fn principal(samples: &DMatrix<f64>) -> Result<Principal, PrincipalFault> {
+/// [`PrincipalError::Empty`], [`PrincipalError::NotFinite`].
+pub fn principal(samples: &DMatrix<f64>) -> Result<Principal, PrincipalError> {
     let (d, n) = samples.shape();
     if d == 0 || n == 0 {
-        return Err(PrincipalFault::Empty { samples: n, numbers: d });
+        return Err(PrincipalError::Empty { samples: n, numbers: d });
     }
     if let Some(place) = samples.iter().position(|it| !it.is_finite()) {
-        return Err(PrincipalFault::NotFinite { sample: place / d, number: place % d });
+        return Err(PrincipalError::NotFinite { sample: place / d, number: place % d });
     }
     let mean = samples.column_mean();
     let least = (ROUNDING_OF_NUMBERS * samples.amax()).powi(2);
@@ -93,20 +93,20 @@ pub fn principal(samples: &DMatrix<f64>) -> Result<Principal, PrincipalFault> {
 /// Of numbers with this mean and covariance (symmetric).
 ///
 /// # Errors
-/// [`PrincipalFault::Shape`], [`PrincipalFault::Empty`], [`PrincipalFault::NotFinite`].
-pub fn principal_of(mean: DVector<f64>, covariance: DMatrix<f64>) -> Result<Principal, PrincipalFault> {
+/// [`PrincipalError::Shape`], [`PrincipalError::Empty`], [`PrincipalError::NotFinite`].
+pub fn principal_of(mean: DVector<f64>, covariance: DMatrix<f64>) -> Result<Principal, PrincipalError> {
     let ((rows, columns), numbers) = (covariance.shape(), mean.len());
     if rows != numbers || columns != numbers {
-        return Err(PrincipalFault::Shape { rows, columns, numbers });
+        return Err(PrincipalError::Shape { rows, columns, numbers });
     }
     if numbers == 0 {
-        return Err(PrincipalFault::Empty { samples: 0, numbers });
+        return Err(PrincipalError::Empty { samples: 0, numbers });
     }
     if let Some(place) = covariance.iter().position(|it| !it.is_finite()) {
-        return Err(PrincipalFault::NotFinite { sample: place / numbers, number: place % numbers });
+        return Err(PrincipalError::NotFinite { sample: place / numbers, number: place % numbers });
     }
     if let Some(number) = mean.iter().position(|it| !it.is_finite()) {
-        return Err(PrincipalFault::NotFinite { sample: 0, number });
+        return Err(PrincipalError::NotFinite { sample: 0, number });
     }
     Ok(of_covariance(mean, covariance, 0.0))
 }
@@ -188,13 +188,13 @@ mod tests {
 
     #[test]
     fn what_has_no_mean_is_refused() {
-        assert_eq!(principal(&DMatrix::zeros(3, 0)).unwrap_err(), PrincipalFault::Empty { samples: 0, numbers: 3 });
+        assert_eq!(principal(&DMatrix::zeros(3, 0)).unwrap_err(), PrincipalError::Empty { samples: 0, numbers: 3 });
         let mut broken = DMatrix::zeros(3, 4);
         broken[(1, 2)] = f64::NAN;
-        assert_eq!(principal(&broken).unwrap_err(), PrincipalFault::NotFinite { sample: 2, number: 1 });
+        assert_eq!(principal(&broken).unwrap_err(), PrincipalError::NotFinite { sample: 2, number: 1 });
         let of = |n: usize, rows: usize, columns: usize| principal_of(DVector::zeros(n), DMatrix::zeros(rows, columns));
-        assert_eq!(of(2, 2, 3).unwrap_err(), PrincipalFault::Shape { rows: 2, columns: 3, numbers: 2 });
+        assert_eq!(of(2, 2, 3).unwrap_err(), PrincipalError::Shape { rows: 2, columns: 3, numbers: 2 });
         assert_eq!(of(2, 2, 2).unwrap().variances, Vec::<f64>::new());
-        assert!(matches!(of(0, 0, 0), Err(PrincipalFault::Empty { .. })));
+        assert!(matches!(of(0, 0, 0), Err(PrincipalError::Empty { .. })));
     }
 }

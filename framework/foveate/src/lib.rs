@@ -18,8 +18,8 @@ pub use foveate_time as time;
 pub mod prelude {
     pub use foveate_messages::{
         Assignment, CameraChoice, CameraId, CameraSet, Feature, Features, HeadCommand, HeadEvent, HeadLink, HeadOrder,
-        HeadPose, HeadPosition, HeadReport, How, Image, Mark, MarkGuide, Marks, PixelFormat, ScaleSpace, SubRegion,
-        Target, TargetId, Targets,
+        HeadPose, HeadPosition, HeadReport, Image, Mark, MarkGuide, Marks, PixelFormat, Provenance, ScaleSpace,
+        SubRegion, Target, TargetId, Targets,
     };
     pub use foveate_node::{
         ConfigError, Due, In, Interval, Io, Message, Node, NodeError, Out, Plan, Pool, Ports, Purpose, Registry,

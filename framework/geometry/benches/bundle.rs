@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::time::Instant;
 
 use foveate_estimation::Random;
-use foveate_geometry::{AlignmentRules, BundleRules, Camera, Freedom, Observation, adjust, align, camera_errors};
+use foveate_geometry::{AlignmentOptions, BundleOptions, Camera, Freedom, Observation, adjust, align, camera_errors};
 use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector2, Vector3};
 
 const ROUNDS: usize = 50;
@@ -72,19 +72,19 @@ fn room(n_cameras: usize, n_points: usize, views: usize, focal_free: bool) -> Ro
 
 fn report(name: &str, room: &Room, freedom: Freedom, rounds: usize) {
     let freedoms = vec![freedom; room.cameras.len()];
-    let rules = BundleRules::default();
+    let options = BundleOptions::default();
     let mut best = f64::INFINITY;
     let mut found = None;
     for _ in 0..rounds {
         let start = Instant::now();
-        found = adjust(&room.cameras, &freedoms, &room.points, &room.observations, &rules).ok();
+        found = adjust(&room.cameras, &freedoms, &room.points, &room.observations, &options).ok();
         best = best.min(start.elapsed().as_secs_f64() * 1e3);
     }
     let Some(found) = found else { return println!("{name}: no answer") };
-    let rules = AlignmentRules { scale: true, robust: false };
+    let options = AlignmentOptions { scale: true, robust: false };
     let rms = |list: &[f64]| (list.iter().map(|it| it * it).sum::<f64>() / list.len() as f64).sqrt() * 1e3;
-    let centres = camera_errors(&found.cameras, &room.truth, rules).map_or(f64::NAN, |it| rms(&it.centres));
-    let points = align(&found.points, &room.true_points, rules).map_or(f64::NAN, |it| rms(&it.distances));
+    let centres = camera_errors(&found.cameras, &room.truth, options).map_or(f64::NAN, |it| rms(&it.centres));
+    let points = align(&found.points, &room.true_points, options).map_or(f64::NAN, |it| rms(&it.distances));
     println!(
         "{name:<34} {best:9.2} ms {:3} steps, {} observations, {:.4} px, centres {centres:.2} mm, points {points:.2} mm",
         found.iterations,

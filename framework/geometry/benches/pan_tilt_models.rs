@@ -7,9 +7,9 @@ use std::fmt::Write as _;
 
 use foveate_estimation::{Loss, Random, statistics};
 use foveate_geometry::pan_tilt::{
-    AxesRule, HeadCalibration, HeadObservation, HeadRules, Limits, PanTiltHead, Setting, calibrate_head,
+    AxesRule, HeadCalibration, HeadObservation, HeadOptions, Limits, PanTiltHead, Setting, calibrate_head,
 };
-use foveate_geometry::{Camera, Distortion, ResectionRules, refine_pose};
+use foveate_geometry::{Camera, Distortion, ResectionOptions, refine_pose};
 use nalgebra::{Matrix3, Point2, Point3, Vector2, Vector3};
 
 const SEEDS: u64 = 20;
@@ -109,15 +109,16 @@ impl Experiment {
         let points: Vec<Point3<f64>> = home.iter().map(|it| it.point_in_world).collect();
         let pixels: Vec<Point2<f64>> = home.iter().map(|it| it.pixel).collect();
         // So wide a loss is the plain square.
-        let rules = ResectionRules { sigma_px: 1e4, inlier_px: 1e5, ..ResectionRules::default() };
-        let pose = refine_pose(&self.truth.at_rest, &points, &pixels, &rules).ok()?.camera_from_world;
+        let options = ResectionOptions { sigma_px: 1e4, inlier_px: 1e5, ..ResectionOptions::default() };
+        let pose = refine_pose(&self.truth.at_rest, &points, &pixels, &options).ok()?.camera_from_world;
         let camera = Camera { camera_from_world: pose, ..self.truth.at_rest.clone() };
         Some(PanTiltHead::aligned(camera, self.truth.limits))
     }
 
     fn calibrated(&self, axes: AxesRule, loss: Loss) -> Option<HeadCalibration> {
-        let rules = HeadRules { axes, loss, most_place_sigma: 1.0, most_direction_sigma: 0.2, ..HeadRules::default() };
-        calibrate_head(&self.truth.at_rest, &self.observations, &rules).ok()
+        let options =
+            HeadOptions { axes, loss, most_place_sigma: 1.0, most_direction_sigma: 0.2, ..HeadOptions::default() };
+        calibrate_head(&self.truth.at_rest, &self.observations, &options).ok()
     }
 
     /// Of both axes: the angle to the true one [°], and how far it passes from the true one's point next to the lens, across it [mm].

@@ -9,8 +9,8 @@ use std::time::Instant;
 
 use foveate_estimation::{Random, statistics};
 use foveate_geometry::{
-    AlignmentRules, BundleRules, Camera, CameraStatus, Distortion, Freedom, Gauge, Observation, SelfCalibrationRules,
-    Sighting, adjust, align, camera_errors, self_calibrate,
+    AlignmentOptions, BundleOptions, Camera, CameraStatus, Distortion, Freedom, Gauge, LightObservation, Observation,
+    SelfCalibrationOptions, adjust, align, camera_errors, self_calibrate,
 };
 use nalgebra::{Point2, Point3, Vector2};
 
@@ -21,7 +21,7 @@ const SIGMA_PX: f64 = 0.5;
 struct Room {
     truth: Vec<Camera>,
     path: Vec<Point3<f64>>,
-    sightings: Vec<Sighting>,
+    observations: Vec<LightObservation>,
     right: Vec<Observation>,
 }
 
@@ -41,7 +41,7 @@ fn room(views: usize, wrong: f64, lens: &Distortion, seed: u64) -> Room {
         Point3::new(1.6 * (5.0 * phase + 0.3).sin(), 2.2 * (3.3 * phase).sin(), 1.2 + 0.7 * (7.1 * phase).sin())
     };
     let path: Vec<Point3<f64>> = (0..FRAMES).map(place).collect();
-    let (mut sightings, mut right) = (Vec::new(), Vec::new());
+    let (mut observations, mut right) = (Vec::new(), Vec::new());
     for (frame, place) in path.iter().enumerate() {
         let mut seen: Vec<(usize, Point2<f64>)> =
             truth.iter().enumerate().filter_map(|(camera, it)| Some((camera, it.sees(place)?))).collect();
@@ -55,10 +55,10 @@ fn room(views: usize, wrong: f64, lens: &Distortion, seed: u64) -> Room {
             } else {
                 right.push(Observation { camera, point: frame, pixel, sigma_px: SIGMA_PX });
             }
-            sightings.push(Sighting { camera, frame, pixel });
+            observations.push(LightObservation { camera, frame, pixel });
         }
     }
-    Room { truth, path, sightings, right }
+    Room { truth, path, observations, right }
 }
 
 fn rms_mm(errors: &[f64]) -> f64 {
@@ -68,15 +68,16 @@ fn rms_mm(errors: &[f64]) -> f64 {
 /// Root mean square errors of centres and points [mm], of focal lengths [%]; `None` unless all cameras were calibrated.
 fn errors(room: &Room, given: &[Camera], freedom: Freedom) -> Option<[f64; 3]> {
     let found =
-        self_calibrate(given, &vec![freedom; given.len()], &room.sightings, &SelfCalibrationRules::default()).ok()?;
+        self_calibrate(given, &vec![freedom; given.len()], &room.observations, &SelfCalibrationOptions::default())
+            .ok()?;
     if !found.status.iter().all(|it| *it == CameraStatus::Calibrated) {
         return None;
     }
-    let similarity = AlignmentRules { scale: true, robust: false };
+    let similarity = AlignmentOptions { scale: true, robust: false };
     let centres = camera_errors(&found.cameras, &room.truth, similarity).ok()?.centres;
     let (points, truth): (Vec<_>, Vec<_>) =
         found.points.iter().zip(&room.path).filter_map(|(a, b)| Some(((*a)?, *b))).unzip();
-    let points = align(&points, &truth, AlignmentRules { scale: true, robust: true }).ok()?.distances;
+    let points = align(&points, &truth, AlignmentOptions { scale: true, robust: true }).ok()?.distances;
     let focal = found.cameras.iter().zip(&room.truth);
     let focal: Vec<f64> = focal.map(|(a, b)| a.intrinsics.focal[0] / b.intrinsics.focal[0] - 1.0).collect();
     Some([rms_mm(&centres), rms_mm(&points), 0.1 * rms_mm(&focal)])
@@ -85,9 +86,9 @@ fn errors(room: &Room, given: &[Camera], freedom: Freedom) -> Option<[f64; 3]> {
 /// Error of the centres after an adjustment from the truth, and the bound for it [mm].
 fn floor(room: &Room, freedom: Freedom) -> Option<[f64; 2]> {
     let freedoms = vec![freedom; room.truth.len()];
-    let rules = BundleRules { gauge: Gauge::Centres, covariance: true, ..BundleRules::default() };
-    let found = adjust(&room.truth, &freedoms, &room.path, &room.right, &rules).ok()?;
-    let similarity = AlignmentRules { scale: true, robust: false };
+    let options = BundleOptions { gauge: Gauge::Centres, covariance: true, ..BundleOptions::default() };
+    let found = adjust(&room.truth, &freedoms, &room.path, &room.right, &options).ok()?;
+    let similarity = AlignmentOptions { scale: true, robust: false };
     let errors = camera_errors(&found.cameras, &room.truth, similarity).ok()?.centres;
     let stated: Vec<f64> = found.covariance?.ok()?.iter().map(|it| it.centre.trace().sqrt()).collect();
     Some([rms_mm(&errors), rms_mm(&stated)])

@@ -1,4 +1,4 @@
-//! The point on which most of several sightings agree, some of which may be wrong.
+//! The point on which most of several observations agree, some of which may be wrong.
 
 use nalgebra::{Point2, Point3};
 
@@ -11,17 +11,21 @@ use crate::triangulate::triangulate_rays;
 pub struct Agreement {
     /// Where: the point closest to the rays of those who agree.
     pub point: Point3<f64>,
-    /// By sighting: whether it is at most the limit off.
+    /// By observation: whether it is at most the limit off.
     pub agreeing: Vec<bool>,
 }
 
-/// The point on which more than half of the `sights`, at least two, agree within `limit_px`, tried by all and by each two of them.
+/// The point on which more than half of the `bearings`, at least two, agree within `limit_px`, tried by all and by each two of them.
 /// `None` when there is none.
-pub fn agreeing_point(sights: &[(&Camera, Point2<f64>)], limit_px: f64) -> Option<Agreement> {
-    let rays: Vec<Option<Ray>> = sights.iter().map(|(camera, pixel)| camera.ray(pixel)).collect();
+pub fn agreeing_point(bearings: &[(&Camera, Point2<f64>)], limit_px: f64) -> Option<Agreement> {
+    let rays: Vec<Option<Ray>> = bearings.iter().map(|(camera, pixel)| camera.ray(pixel)).collect();
     let agreeing = |point: &Point3<f64>| -> Vec<bool> {
         let error = |(camera, pixel): &(&Camera, Point2<f64>)| camera.project(point).map(|seen| (seen - pixel).norm());
-        sights.iter().zip(&rays).map(|(it, ray)| ray.is_some() && error(it).is_some_and(|it| it <= limit_px)).collect()
+        bearings
+            .iter()
+            .zip(&rays)
+            .map(|(it, ray)| ray.is_some() && error(it).is_some_and(|it| it <= limit_px))
+            .collect()
     };
     let count = |list: &[bool]| list.iter().filter(|it| **it).count();
     let known: Vec<Ray> = rays.iter().flatten().copied().collect();
@@ -69,8 +73,9 @@ mod tests {
         let (cameras, light) = (room(), point![0.2, -0.3, 1.1]);
         let off =
             [Vector2::zeros(), Vector2::new(25.0, 4.0), Vector2::zeros(), Vector2::new(-3.0, 60.0), Vector2::zeros()];
-        let sights: Vec<_> = cameras.iter().zip(off).map(|(it, off)| (it, it.project(&light).unwrap() + off)).collect();
-        let found = agreeing_point(&sights, 1.0).unwrap();
+        let bearings: Vec<_> =
+            cameras.iter().zip(off).map(|(it, off)| (it, it.project(&light).unwrap() + off)).collect();
+        let found = agreeing_point(&bearings, 1.0).unwrap();
         assert_eq!(found.agreeing, [true, false, true, false, true]);
         assert!((found.point - light).norm() < 1e-9);
     }
@@ -78,8 +83,8 @@ mod tests {
     #[test]
     fn half_is_no_majority_and_one_is_no_company() {
         let (cameras, lights) = (room(), [point![0.2, -0.3, 1.1], point![-0.8, 0.6, 0.4]]);
-        let sights: Vec<_> = (0..4).map(|it| (&cameras[it], cameras[it].project(&lights[it % 2]).unwrap())).collect();
-        assert_eq!(agreeing_point(&sights, 1.0), None);
-        assert_eq!(agreeing_point(&sights[..1], 1.0), None);
+        let bearings: Vec<_> = (0..4).map(|it| (&cameras[it], cameras[it].project(&lights[it % 2]).unwrap())).collect();
+        assert_eq!(agreeing_point(&bearings, 1.0), None);
+        assert_eq!(agreeing_point(&bearings[..1], 1.0), None);
     }
 }

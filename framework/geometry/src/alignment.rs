@@ -32,7 +32,7 @@ pub struct Alignment {
 
 /// Whether and how [`align`] may scale and doubt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct AlignmentRules {
+pub struct AlignmentOptions {
     /// Whether lengths in a are in another unit than in b.
     pub scale: bool,
     /// Whether some pairs may be wrong.
@@ -41,7 +41,7 @@ pub struct AlignmentRules {
 
 /// Why there is no answer.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum AlignmentFault {
+pub enum AlignmentError {
     /// Lists of different lengths.
     #[error("{in_a} points in a and {in_b} in b, expected as many of each")]
     LengthsDiffer {
@@ -74,26 +74,26 @@ const WEIGHTED_ROUNDS: usize = 10;
 /// Finds the transform from a to b.
 ///
 /// # Errors
-/// See [`AlignmentFault`].
+/// See [`AlignmentError`].
 pub fn align(
     points_in_a: &[Point3<f64>],
     points_in_b: &[Point3<f64>],
-    rules: AlignmentRules,
-) -> Result<Alignment, AlignmentFault> {
+    options: AlignmentOptions,
+) -> Result<Alignment, AlignmentError> {
     if points_in_a.len() != points_in_b.len() {
-        return Err(AlignmentFault::LengthsDiffer { in_a: points_in_a.len(), in_b: points_in_b.len() });
+        return Err(AlignmentError::LengthsDiffer { in_a: points_in_a.len(), in_b: points_in_b.len() });
     }
     let finite = |it: &Point3<f64>| it.coords.norm_squared().is_finite();
     if let Some(index) = points_in_a.iter().zip(points_in_b).position(|(a, b)| !finite(a) || !finite(b)) {
-        return Err(AlignmentFault::NotFinite { index });
+        return Err(AlignmentError::NotFinite { index });
     }
     let mut weights = vec![1.0; points_in_a.len()];
-    let mut b_from_a = weighted(points_in_a, points_in_b, &weights, rules.scale)?;
+    let mut b_from_a = weighted(points_in_a, points_in_b, &weights, options.scale)?;
     let distances_after = |b_from_a: &Similarity3<f64>| -> Vec<f64> {
         points_in_a.iter().zip(points_in_b).map(|(a, b)| (b_from_a * a - b).norm()).collect()
     };
     let mut distances = distances_after(&b_from_a);
-    for round in 0..if rules.robust { TRIMMED_ROUNDS + WEIGHTED_ROUNDS } else { 0 } {
+    for round in 0..if options.robust { TRIMMED_ROUNDS + WEIGHTED_ROUNDS } else { 0 } {
         let middle = median(&distances).unwrap_or(0.0);
         let scale = 2.385 * SIGMA_PER_MAD * middle;
         if scale <= 0.0 {
@@ -104,7 +104,7 @@ pub fn align(
             false => 1.0 / (1.0 + (it / scale).powi(2)),
         };
         weights = distances.iter().map(weight).collect();
-        b_from_a = weighted(points_in_a, points_in_b, &weights, rules.scale)?;
+        b_from_a = weighted(points_in_a, points_in_b, &weights, options.scale)?;
         distances = distances_after(&b_from_a);
     }
     let squares: f64 = distances.iter().zip(&weights).map(|(it, weight)| weight * it * it).sum();
@@ -116,7 +116,7 @@ pub(crate) fn weighted(
     points_in_b: &[Point3<f64>],
     weights: &[f64],
     scale: bool,
-) -> Result<Similarity3<f64>, AlignmentFault> {
+) -> Result<Similarity3<f64>, AlignmentError> {
     let total: f64 = weights.iter().sum();
     let centroid = |points: &[Point3<f64>]| {
         points.iter().zip(weights).fold(Vector3::zeros(), |sum, (it, weight)| sum + it.coords * (weight / total))
@@ -130,7 +130,7 @@ pub(crate) fn weighted(
     }
     let svd = cross_covariance.svd(true, true);
     let spread_ratio = svd.singular_values[1] / svd.singular_values[0];
-    let fault = AlignmentFault::Degenerate { count: points_in_a.len(), spread_ratio };
+    let fault = AlignmentError::Degenerate { count: points_in_a.len(), spread_ratio };
     let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else { return Err(fault) };
     if spread_ratio.is_nan() || spread_ratio < COLLINEAR {
         return Err(fault);
@@ -160,14 +160,14 @@ pub struct CameraErrors {
 /// Compares `found` cameras with the `truth`, after the best transform of their centres.
 ///
 /// # Errors
-/// See [`AlignmentFault`]; cameras in a row fix no rotation.
+/// See [`AlignmentError`]; cameras in a row fix no rotation.
 pub fn camera_errors(
     found: &[Camera],
     truth: &[Camera],
-    rules: AlignmentRules,
-) -> Result<CameraErrors, AlignmentFault> {
+    options: AlignmentOptions,
+) -> Result<CameraErrors, AlignmentError> {
     let centres = |cameras: &[Camera]| -> Vec<Point3<f64>> { cameras.iter().map(Camera::centre).collect() };
-    let alignment = align(&centres(found), &centres(truth), rules)?;
+    let alignment = align(&centres(found), &centres(truth), options)?;
     let true_from_found = alignment.b_from_a;
     let rotation = |(found, truth): (&Camera, &Camera)| {
         let aligned = found.camera_from_world.rotation * true_from_found.isometry.rotation.inverse();
@@ -206,7 +206,7 @@ mod tests {
             prop_assume!(spread(&points) > 0.5);
             let truth = Similarity3::new(Vector3::from(shift), Vector3::from(turn), scale);
             let moved: Vec<Point3<f64>> = points.iter().map(|it| truth * it).collect();
-            let found = align(&points, &moved, AlignmentRules { scale: true, robust: false }).unwrap();
+            let found = align(&points, &moved, AlignmentOptions { scale: true, robust: false }).unwrap();
             prop_assert!((found.b_from_a.to_homogeneous() - truth.to_homogeneous()).norm() < 1e-9 * scale.max(1.0));
             prop_assert!(found.rms < 1e-9);
         }
@@ -216,7 +216,7 @@ mod tests {
     fn a_mirrored_world_is_not_explained_by_a_rotation() {
         let points = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 2.0, 3.0]].map(Point3::from);
         let mirrored = points.map(|it| Point3::new(-it.x, it.y, it.z));
-        let found = align(&points, &mirrored, AlignmentRules { scale: true, robust: false }).unwrap();
+        let found = align(&points, &mirrored, AlignmentOptions { scale: true, robust: false }).unwrap();
         assert!(found.rms > 0.2, "{}", found.rms);
         let (determinant, scaling) =
             (found.b_from_a.isometry.rotation.to_rotation_matrix().matrix().determinant(), found.b_from_a.scaling());
@@ -231,7 +231,7 @@ mod tests {
         let mut moved: Vec<Point3<f64>> = points.iter().map(|it| truth * it).collect();
         moved.iter_mut().step_by(3).for_each(|it| *it += Vector3::new(3.0, -2.0, 8.0));
         let error = |robust: bool| {
-            let found = align(&points, &moved, AlignmentRules { scale: true, robust }).unwrap();
+            let found = align(&points, &moved, AlignmentOptions { scale: true, robust }).unwrap();
             (found.b_from_a * points[1] - truth * points[1]).norm()
         };
         assert!(error(false) > 1.0 && error(true) < 1e-2, "{} {}", error(false), error(true));
@@ -258,21 +258,21 @@ mod tests {
                 Camera { camera_from_world, ..it.clone() }
             })
             .collect();
-        let errors = camera_errors(&found, &truth, AlignmentRules { scale: true, robust: false }).unwrap();
+        let errors = camera_errors(&found, &truth, AlignmentOptions { scale: true, robust: false }).unwrap();
         assert!((errors.true_from_found.scaling() - 4.0).abs() < 1e-9);
         assert!(errors.centres.iter().chain(&errors.rotations).all(|it| *it < 1e-6), "{errors:?}");
     }
 
     #[test]
     fn what_fixes_no_rotation_is_refused() {
-        let rules = AlignmentRules::default();
+        let options = AlignmentOptions::default();
         let line: Vec<Point3<f64>> = (0..9).map(|it| Point3::new(f64::from(it), 2.0, f64::from(it))).collect();
         for points in [&line[..], &[line[0]; 5], &line[..1], &[]] {
-            assert!(matches!(align(points, points, rules), Err(AlignmentFault::Degenerate { .. })), "{points:?}");
+            assert!(matches!(align(points, points, options), Err(AlignmentError::Degenerate { .. })), "{points:?}");
         }
-        assert_eq!(align(&line, &line[1..], rules).unwrap_err(), AlignmentFault::LengthsDiffer { in_a: 9, in_b: 8 });
+        assert_eq!(align(&line, &line[1..], options).unwrap_err(), AlignmentError::LengthsDiffer { in_a: 9, in_b: 8 });
         let mut broken = line.clone();
         broken[3].y = f64::NAN;
-        assert_eq!(align(&line, &broken, rules).unwrap_err(), AlignmentFault::NotFinite { index: 3 });
+        assert_eq!(align(&line, &broken, options).unwrap_err(), AlignmentError::NotFinite { index: 3 });
     }
 }

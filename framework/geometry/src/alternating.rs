@@ -12,10 +12,10 @@
 use foveate_estimation::statistics::median;
 use nalgebra::{Point2, Point3};
 
-use crate::bundle::{BundleFault, BundleRules, Observation, check};
+use crate::bundle::{BundleError, BundleOptions, Observation, check};
 use crate::camera::Camera;
 use crate::ray::Ray;
-use crate::resection::{ResectionRules, refine_pose};
+use crate::resection::{ResectionOptions, refine_pose};
 use crate::triangulate::{PixelNoise, refine, triangulate_rays};
 
 /// Median length of an error in the plane over the standard deviation of a coordinate: √(2 ln 2).
@@ -30,25 +30,25 @@ pub struct Alternated {
     pub points: Vec<Option<Point3<f64>>>,
     /// [`path_error`] of the given cameras, then after each turn [px].
     pub rms_px: Vec<f64>,
-    /// The same on the sightings that the cameras were not fitted to, as Figure 25 shows it; empty when there are none [px].
+    /// The same on the observations that the cameras were not fitted to, as Figure 25 shows it; empty when there are none [px].
     pub independent_px: Vec<f64>,
 }
 
 /// Takes `turns` turns from `cameras` on `observations`, and measures each on `independent` ones too, whose points are their own.
 ///
 /// # Errors
-/// Those of [`crate::bundle::adjust`]: bad cameras or observations; [`BundleFault::NothingShared`] when no point can be intersected.
+/// Those of [`crate::bundle::adjust`]: bad cameras or observations; [`BundleError::NothingShared`] when no point can be intersected.
 pub fn alternate(
     cameras: &[Camera],
     observations: &[Observation],
     independent: &[Observation],
     turns: usize,
-) -> Result<Alternated, BundleFault> {
+) -> Result<Alternated, BundleError> {
     for list in [observations, independent] {
-        check(cameras, cameras.len(), &vec![Point3::origin(); n_points(list)], list, &BundleRules::default())?;
+        check(cameras, cameras.len(), &vec![Point3::origin(); n_points(list)], list, &BundleOptions::default())?;
     }
     let mut cameras = cameras.to_vec();
-    let nothing = BundleFault::NothingShared { observations: observations.len() };
+    let nothing = BundleError::NothingShared { observations: observations.len() };
     let mut points = path(&cameras, observations);
     let mut rms_px = vec![error_of(&cameras, &points, observations).ok_or(nothing)?];
     let mut independent_px: Vec<f64> = path_error(&cameras, independent).into_iter().collect();
@@ -96,8 +96,8 @@ fn turn(index: usize, camera: &mut Camera, points: &[Option<Point3<f64>>], obser
     let errors: Vec<f64> = places.iter().zip(&pixels).filter_map(error).collect();
     let Some(middle) = median(&errors).filter(|it| *it > 0.0) else { return };
     let sigma_px = middle / MEDIAN_PER_SIGMA;
-    let rules = ResectionRules { sigma_px, inlier_px: 6.0 * sigma_px, ..ResectionRules::default() };
-    if let Ok(found) = refine_pose(camera, &places, &pixels, &rules) {
+    let options = ResectionOptions { sigma_px, inlier_px: 6.0 * sigma_px, ..ResectionOptions::default() };
+    if let Ok(found) = refine_pose(camera, &places, &pixels, &options) {
         camera.camera_from_world = found.camera_from_world;
     }
 }
@@ -142,7 +142,7 @@ mod tests {
         assert_eq!((found.rms_px.len(), found.independent_px.len()), (61, 61));
         assert!(found.rms_px.windows(2).all(|it| it[1] < it[0] * 1.01), "{:?}", found.rms_px);
         let points: Vec<Point3<f64>> = found.points.iter().map(|it| it.unwrap()).collect();
-        let best = adjust(&found.cameras, &[Freedom::POSE; 6], &points, &seen, &BundleRules::default()).unwrap();
+        let best = adjust(&found.cameras, &[Freedom::POSE; 6], &points, &seen, &BundleOptions::default()).unwrap();
         let last = *found.rms_px.last().unwrap();
         assert!(found.rms_px[0] > 20.0 && last < 1.05 * best.rms_px, "{} {last} {}", found.rms_px[0], best.rms_px);
         let independent_px = *found.independent_px.last().unwrap();
@@ -164,9 +164,9 @@ mod tests {
     fn what_cannot_be_intersected_is_refused() {
         let truth = test_room::cameras(2, 3);
         let alone = [Observation { camera: 0, point: 0, pixel: Point2::new(3.0, 4.0), sigma_px: 0.5 }];
-        assert_eq!(alternate(&truth, &alone, &[], 3).unwrap_err(), BundleFault::NothingShared { observations: 1 });
+        assert_eq!(alternate(&truth, &alone, &[], 3).unwrap_err(), BundleError::NothingShared { observations: 1 });
         let nobody = [Observation { camera: 2, ..alone[0] }];
-        assert!(matches!(alternate(&truth, &nobody, &[], 3), Err(BundleFault::BadObservation { camera: 2, .. })));
-        assert!(matches!(alternate(&truth, &alone, &nobody, 3), Err(BundleFault::BadObservation { .. })));
+        assert!(matches!(alternate(&truth, &nobody, &[], 3), Err(BundleError::BadObservation { camera: 2, .. })));
+        assert!(matches!(alternate(&truth, &alone, &nobody, 3), Err(BundleError::BadObservation { .. })));
     }
 }

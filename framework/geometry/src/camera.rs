@@ -40,7 +40,7 @@ pub struct Camera {
 
 /// Why a [`Camera`] cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum CameraFault {
+pub enum CameraError {
     /// A number that is NaN or infinite.
     #[error("{field} is {found}, expected a finite number")]
     NotFinite {
@@ -133,13 +133,13 @@ impl Camera {
     }
 
     /// Finds what makes the camera unusable; the first such thing, in the order of the fields.
-    pub fn check(&self) -> Result<(), CameraFault> {
+    pub fn check(&self) -> Result<(), CameraError> {
         let Intrinsics { focal, principal, skew } = self.intrinsics;
         let Distortion { k1, k2, p1, p2, k3 } = self.distortion;
         let place = self.camera_from_world.translation.vector;
         let turn = self.camera_from_world.rotation.as_vector();
         if self.image_size.contains(&0) {
-            return Err(CameraFault::EmptyImage { found: self.image_size });
+            return Err(CameraError::EmptyImage { found: self.image_size });
         }
         let named = [
             ("focal[0]", focal[0]),
@@ -158,14 +158,14 @@ impl Camera {
             ("rotation of camera_from_world", turn.sum()),
         ];
         if let Some(&(field, found)) = named.iter().find(|(_, found)| !found.is_finite()) {
-            return Err(CameraFault::NotFinite { field, found });
+            return Err(CameraError::NotFinite { field, found });
         }
         if let Some(&(field, found)) = named[..2].iter().find(|(_, found)| *found <= 0.0) {
-            return Err(CameraFault::FocalNotPositive { field, found });
+            return Err(CameraError::FocalNotPositive { field, found });
         }
         let length = turn.norm();
         if (length - 1.0).abs() > 1e-6 {
-            return Err(CameraFault::NotARotation { found: length });
+            return Err(CameraError::NotARotation { found: length });
         }
         Ok(())
     }

@@ -13,7 +13,7 @@ const FLAT: f64 = 1e-9;
 
 /// Why a 3×4 matrix is not that of a camera at a finite place.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum ProjectionFault {
+pub enum ProjectionError {
     /// A number that is NaN or infinite.
     #[error("row {row}, column {column} of the projection matrix is {found}, expected a finite number")]
     NotFinite {
@@ -38,12 +38,12 @@ impl Camera {
     ///
     /// If points that were seen come out behind the camera, the world of `p` is left-handed (a mirror image):
     /// negate one axis of the world, that is one of the first three columns of `p`, and all points' along with it.
-    pub fn from_projection_matrix(p: &Matrix3x4<f64>, image_size: [u32; 2]) -> Result<Camera, ProjectionFault> {
+    pub fn from_projection_matrix(p: &Matrix3x4<f64>, image_size: [u32; 2]) -> Result<Camera, ProjectionError> {
         for column in 0..4 {
             for row in 0..3 {
                 let found = p[(row, column)];
                 if !found.is_finite() {
-                    return Err(ProjectionFault::NotFinite { row, column, found });
+                    return Err(ProjectionError::NotFinite { row, column, found });
                 }
             }
         }
@@ -51,7 +51,7 @@ impl Camera {
         let size = left.amax();
         let solid = |extent: f64| {
             let ratio = if size > 0.0 { extent / size } else { 0.0 };
-            if ratio > FLAT { Ok(extent) } else { Err(ProjectionFault::Singular { ratio }) }
+            if ratio > FLAT { Ok(extent) } else { Err(ProjectionError::Singular { ratio }) }
         };
         let sign = if left.determinant() < 0.0 { -1.0 } else { 1.0 };
         let [m1, m2, m3]: [Vector3<f64>; 3] = [0, 1, 2].map(|row| left.row(row).transpose() * sign);
@@ -146,17 +146,17 @@ mod tests {
         let refusal = |matrix: &Matrix3x4<f64>| Camera::from_projection_matrix(matrix, [640, 480]).unwrap_err();
         let mut broken = good;
         broken[(1, 3)] = f64::NAN;
-        assert!(matches!(refusal(&broken), ProjectionFault::NotFinite { row: 1, column: 3, found } if found.is_nan()));
+        assert!(matches!(refusal(&broken), ProjectionError::NotFinite { row: 1, column: 3, found } if found.is_nan()));
         for row in 0..3 {
             let mut flat = good;
             let other: nalgebra::RowVector4<f64> = good.row((row + 1) % 3).into_owned();
             flat.row_mut(row).copy_from(&other);
-            assert!(matches!(refusal(&flat), ProjectionFault::Singular { .. }), "{row}");
+            assert!(matches!(refusal(&flat), ProjectionError::Singular { .. }), "{row}");
             flat.row_mut(row).fill(0.0);
-            assert!(matches!(refusal(&flat), ProjectionFault::Singular { .. }), "{row}");
+            assert!(matches!(refusal(&flat), ProjectionError::Singular { .. }), "{row}");
         }
         let affine = Matrix3x4::new(1.0, 0.0, 0.0, 5.0, 0.0, 1.0, 0.0, 5.0, 0.0, 0.0, 0.0, 1.0);
-        assert_eq!(refusal(&affine), ProjectionFault::Singular { ratio: 0.0 });
-        assert_eq!(refusal(&Matrix3x4::zeros()), ProjectionFault::Singular { ratio: 0.0 });
+        assert_eq!(refusal(&affine), ProjectionError::Singular { ratio: 0.0 });
+        assert_eq!(refusal(&Matrix3x4::zeros()), ProjectionError::Singular { ratio: 0.0 });
     }
 }

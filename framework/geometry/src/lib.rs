@@ -2,7 +2,7 @@
 //!
 //! | module | what it gives |
 //! |---|---|
-//! | [`agreement`] | the point on which most of several sightings agree |
+//! | [`agreement`] | the point on which most of several observations agree |
 //! | [`alignment`] | the similarity that best maps one set of points onto another, and what is left |
 //! | [`alternating`] | cameras and the path of one light in turn, as the paper does it |
 //! | [`bundle`] | all cameras and points together, clocks of cameras if wanted, adjusted to all pixels, with covariances |
@@ -37,27 +37,27 @@ pub mod shape_model;
 pub mod triangulate;
 
 pub use agreement::{Agreement, agreeing_point};
-pub use alignment::{Alignment, AlignmentFault, AlignmentRules, CameraErrors, align, camera_errors};
+pub use alignment::{Alignment, AlignmentError, AlignmentOptions, CameraErrors, align, camera_errors};
 pub use alternating::{Alternated, alternate, path_error};
 pub use bundle::{
-    Adjusted, BundleFault, BundleRules, Freedom, Gauge, Known, KnownLength, Observation, Optic, OpticsPrior, adjust,
+    Adjusted, BundleError, BundleOptions, Freedom, Gauge, Known, KnownLength, Observation, Optic, OpticsPrior, adjust,
     adjust_knowing, adjust_with_clocks,
 };
-pub use camera::{Camera, CameraFault, Distortion, Intrinsics};
-pub use epipolar::{EpipolarFault, EpipolarRules, TwoViews, relative_pose};
-pub use from_matrix::ProjectionFault;
-pub use joint::{Joint, JointFault, JointPoint, JointRules, Sight, Viewpoint, triangulate_jointly};
+pub use camera::{Camera, CameraError, Distortion, Intrinsics};
+pub use epipolar::{EpipolarError, EpipolarOptions, TwoViews, relative_pose};
+pub use from_matrix::ProjectionError;
+pub use joint::{Joint, JointError, JointObservation, JointOptions, JointPoint, Viewpoint, triangulate_jointly};
 pub use ray::{Approach, Ray, closest_approach};
-pub use resection::{Resection, ResectionFault, ResectionRules, refine_pose, resect};
+pub use resection::{Resection, ResectionError, ResectionOptions, refine_pose, resect};
 pub use self_calibration::{
-    CameraStatus, HeldBecause, OpticHeld, SelfCalibration, SelfCalibrationFault, SelfCalibrationRules, Sighting,
-    self_calibrate,
+    CameraStatus, HeldBecause, LightObservation, OpticHeld, SelfCalibration, SelfCalibrationError,
+    SelfCalibrationOptions, self_calibrate,
 };
 pub use shape_model::{
-    AcquisitionFault, AcquisitionRules, Bases, FitRules, FittedShape, MarkSight, ShapeFault, ShapeFitter, ShapeKind,
-    ShapeModel, acquire,
+    AcquisitionError, AcquisitionOptions, Bases, FitOptions, FittedShape, MarkObservation, ShapeError, ShapeFitter,
+    ShapeKind, ShapeModel, acquire,
 };
-pub use triangulate::{PixelNoise, Triangulation, TriangulationFault, refine, triangulate_rays};
+pub use triangulate::{PixelNoise, Triangulation, TriangulationError, refine, triangulate_rays};
 
 #[cfg(test)]
 mod test_room;

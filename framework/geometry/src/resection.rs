@@ -5,7 +5,7 @@
 //! pair go the further it is off. The points are moved to their centroid first, so that places of millions of metres keep their digits.
 //!
 //! Four points are the least: three admit up to four poses. Points on a line or in one place fix no pose and are refused;
-//! points in a plane do. Wrong pairs may be more than half as long as [`ResectionRules::trials`] draws are likely to hold
+//! points in a plane do. Wrong pairs may be more than half as long as [`ResectionOptions::trials`] draws are likely to hold
 //! three right ones: 200 are for half, 2000 for 85 %.
 
 pub mod three_points;
@@ -18,7 +18,7 @@ use crate::camera::Camera;
 
 /// How to go about it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ResectionRules {
+pub struct ResectionOptions {
     /// Of either coordinate of a right pixel, standard deviation [px].
     pub sigma_px: f64,
     /// A pair whose pixel is at most this far off is a right one [px].
@@ -27,7 +27,7 @@ pub struct ResectionRules {
     pub trials: u32,
 }
 
-impl Default for ResectionRules {
+impl Default for ResectionOptions {
     fn default() -> Self {
         Self { sigma_px: 0.5, inlier_px: 3.0, trials: 500 }
     }
@@ -50,7 +50,7 @@ pub struct Resection {
 
 /// Why there is no answer.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum ResectionFault {
+pub enum ResectionError {
     /// Lists of different lengths.
     #[error("{points} points and {pixels} pixels, expected as many of each")]
     LengthsDiffer {
@@ -113,20 +113,20 @@ const CONFIDENCE: f64 = 0.9999;
 /// numbers from 0 to n − 1 at random: the same numbers give the same pose.
 ///
 /// # Errors
-/// See [`ResectionFault`].
+/// See [`ResectionError`].
 pub fn resect(
     camera: &Camera,
     points_in_world: &[Point3<f64>],
     pixels: &[Point2<f64>],
-    rules: &ResectionRules,
+    options: &ResectionOptions,
     mut below: impl FnMut(u32) -> u32,
-) -> Result<Resection, ResectionFault> {
-    let problem = Problem::new(camera, points_in_world, pixels, rules)?;
+) -> Result<Resection, ResectionError> {
+    let problem = Problem::new(camera, points_in_world, pixels, options)?;
     let n = problem.pairs.len() as u32;
     let mut best: Option<(f64, Isometry3<f64>)> = None;
-    let mut needed = f64::from(rules.trials);
+    let mut needed = f64::from(options.trials);
     let mut trials = 0;
-    while trials < rules.trials && f64::from(trials) < needed {
+    while trials < options.trials && f64::from(trials) < needed {
         trials += 1;
         let drawn = [(); 3].map(|()| below(n).min(n - 1) as usize);
         if drawn[0] == drawn[1] || drawn[0] == drawn[2] || drawn[1] == drawn[2] {
@@ -140,13 +140,13 @@ pub fn resect(
                 best = Some((loss, pose));
                 let share = problem.n_right(&pose) as f64 / f64::from(n);
                 needed = (1.0 - CONFIDENCE).ln() / (1.0 - share.powi(3)).max(f64::MIN_POSITIVE).ln();
-                needed = if needed.is_finite() { needed.max(20.0) } else { f64::from(rules.trials) };
+                needed = if needed.is_finite() { needed.max(20.0) } else { f64::from(options.trials) };
             }
         }
     }
     let agreeing = best.as_ref().map_or(0, |(_, pose)| problem.n_right(pose));
     let Some((_, start)) = best.filter(|_| agreeing >= 4) else {
-        return Err(ResectionFault::NoConsensus { trials, agreeing, count: n as usize });
+        return Err(ResectionError::NoConsensus { trials, agreeing, count: n as usize });
     };
     problem.finish(problem.refine(start))
 }
@@ -154,14 +154,14 @@ pub fn resect(
 /// Refines the pose that `camera` has on the pixels, without a search: for a pose that is nearly right.
 ///
 /// # Errors
-/// See [`ResectionFault`].
+/// See [`ResectionError`].
 pub fn refine_pose(
     camera: &Camera,
     points_in_world: &[Point3<f64>],
     pixels: &[Point2<f64>],
-    rules: &ResectionRules,
-) -> Result<Resection, ResectionFault> {
-    let problem = Problem::new(camera, points_in_world, pixels, rules)?;
+    options: &ResectionOptions,
+) -> Result<Resection, ResectionError> {
+    let problem = Problem::new(camera, points_in_world, pixels, options)?;
     let start = camera.camera_from_world * Translation3::from(problem.centroid);
     problem.finish(problem.refine(start))
 }
@@ -175,7 +175,7 @@ struct Pair {
 
 struct Problem<'a> {
     camera: &'a Camera,
-    rules: &'a ResectionRules,
+    options: &'a ResectionOptions,
     pairs: Vec<Pair>,
     /// By pair given: its place in `pairs`.
     places: Vec<Option<usize>>,
@@ -196,14 +196,14 @@ impl<'a> Problem<'a> {
         camera: &'a Camera,
         points: &[Point3<f64>],
         pixels: &[Point2<f64>],
-        rules: &'a ResectionRules,
-    ) -> Result<Self, ResectionFault> {
+        options: &'a ResectionOptions,
+    ) -> Result<Self, ResectionError> {
         if points.len() != pixels.len() {
-            return Err(ResectionFault::LengthsDiffer { points: points.len(), pixels: pixels.len() });
+            return Err(ResectionError::LengthsDiffer { points: points.len(), pixels: pixels.len() });
         }
-        for (rule, found) in [("sigma_px", rules.sigma_px), ("inlier_px", rules.inlier_px)] {
+        for (rule, found) in [("sigma_px", options.sigma_px), ("inlier_px", options.inlier_px)] {
             if !(found.is_finite() && found > 0.0) {
-                return Err(ResectionFault::BadRule { rule, found });
+                return Err(ResectionError::BadRule { rule, found });
             }
         }
         let mut pairs = Vec::with_capacity(points.len());
@@ -218,7 +218,7 @@ impl<'a> Problem<'a> {
             }));
         }
         if pairs.len() < 4 {
-            return Err(ResectionFault::TooFew { count: pairs.len() });
+            return Err(ResectionError::TooFew { count: pairs.len() });
         }
         let n = pairs.len() as f64;
         let centroid = pairs.iter().fold(Vector3::zeros(), |sum, it| sum + it.point.coords) / n;
@@ -231,9 +231,9 @@ impl<'a> Problem<'a> {
         axes.sort_by(f64::total_cmp);
         let ratio = axes[1] / axes[2];
         if ratio.is_nan() || ratio < COLLINEAR {
-            return Err(ResectionFault::Collinear { ratio: if ratio.is_nan() { 0.0 } else { ratio } });
+            return Err(ResectionError::Collinear { ratio: if ratio.is_nan() { 0.0 } else { ratio } });
         }
-        Ok(Self { camera, rules, pairs, places, centroid, spread: scatter.trace().sqrt() })
+        Ok(Self { camera, options, pairs, places, centroid, spread: scatter.trace().sqrt() })
     }
 
     fn posed(&self, pose: &Isometry3<f64>) -> Camera {
@@ -248,19 +248,19 @@ impl<'a> Problem<'a> {
 
     /// Squared errors, none counted for more than the limit of a right pair [px²].
     fn truncated_loss(&self, pose: &Isometry3<f64>) -> f64 {
-        let limit = self.rules.inlier_px.powi(2);
+        let limit = self.options.inlier_px.powi(2);
         self.squared_errors(pose).map(|it| it.min(limit)).sum()
     }
 
     fn n_right(&self, pose: &Isometry3<f64>) -> usize {
-        let limit = self.rules.inlier_px.powi(2);
+        let limit = self.options.inlier_px.powi(2);
         self.squared_errors(pose).filter(|it| *it <= limit).count()
     }
 
     fn normal(&self, pose: &Isometry3<f64>) -> Normal {
         let camera = self.posed(pose);
-        let scale = (CAUCHY * self.rules.sigma_px).powi(2);
-        let unseen = scale * (100.0 * self.rules.inlier_px).powi(2).ln_1p();
+        let scale = (CAUCHY * self.options.sigma_px).powi(2);
+        let unseen = scale * (100.0 * self.options.inlier_px).powi(2).ln_1p();
         let (mut information, mut gradient, mut loss) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
         for pair in &self.pairs {
             let Some((seen, by_point)) = camera.project_with_jacobian(&pair.point) else {
@@ -308,12 +308,12 @@ impl<'a> Problem<'a> {
     }
 
     /// Counts the right pairs of `pose`, and states how well they hold it.
-    fn finish(&self, pose: Isometry3<f64>) -> Result<Resection, ResectionFault> {
-        let limit = self.rules.inlier_px.powi(2);
+    fn finish(&self, pose: Isometry3<f64>) -> Result<Resection, ResectionError> {
+        let limit = self.options.inlier_px.powi(2);
         let errors: Vec<f64> = self.squared_errors(&pose).collect();
         let count = errors.iter().filter(|it| **it <= limit).count();
         if count < 4 {
-            return Err(ResectionFault::NoConsensus { trials: 0, agreeing: count, count: errors.len() });
+            return Err(ResectionError::NoConsensus { trials: 0, agreeing: count, count: errors.len() });
         }
         let normal = self.normal(&pose);
         // Rotations about the centroid and shifts in units of the spread compare with one another.
@@ -321,11 +321,11 @@ impl<'a> Problem<'a> {
         let comparable = units * normal.information * units;
         let eigenvalues = comparable.symmetric_eigenvalues();
         let ratio = (eigenvalues.min().max(0.0) / eigenvalues.max()).sqrt();
-        let fault = ResectionFault::Degenerate { count, ratio };
+        let fault = ResectionError::Degenerate { count, ratio };
         if ratio.is_nan() || ratio < SINGULAR {
             return Err(fault);
         }
-        let of_centred = normal.information.try_inverse().ok_or(fault)? * self.rules.sigma_px.powi(2);
+        let of_centred = normal.information.try_inverse().ok_or(fault)? * self.options.sigma_px.powi(2);
         // exp(δ) about the centroid c is exp(δ') about the origin with v' = v + c × ω.
         let mut moved_to_origin = Matrix6::identity();
         moved_to_origin.fixed_view_mut::<3, 3>(3, 0).copy_from(&self.centroid.cross_matrix());

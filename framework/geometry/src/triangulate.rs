@@ -36,7 +36,7 @@ pub struct Triangulation {
 
 /// Why [`refine`] has no answer.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum TriangulationFault {
+pub enum TriangulationError {
     /// Lists of different lengths.
     #[error("{cameras} cameras, {pixels} pixels and {covariances} covariances, expected as many of each")]
     LengthsDiffer {
@@ -108,11 +108,11 @@ pub fn refine(
     pixels: &[Point2<f64>],
     noise: PixelNoise<'_>,
     start: Point3<f64>,
-) -> Result<Triangulation, TriangulationFault> {
+) -> Result<Triangulation, TriangulationError> {
     let problem = Problem { cameras, pixels, noise };
     problem.check()?;
     let mut position = start;
-    let mut here = problem.normal_equations(&position).map_err(|index| TriangulationFault::NotVisible { index })?;
+    let mut here = problem.normal_equations(&position).map_err(|index| TriangulationError::NotVisible { index })?;
     let mut damping = 1e-6;
     for iterations in 1..=MAX_ITERATIONS {
         let mut damped = here.information;
@@ -139,7 +139,7 @@ pub fn refine(
         }
     }
     invert_information(&here.information)?;
-    Err(TriangulationFault::NoConvergence { iterations: MAX_ITERATIONS })
+    Err(TriangulationError::NoConvergence { iterations: MAX_ITERATIONS })
 }
 
 struct Problem<'a> {
@@ -155,20 +155,20 @@ struct NormalEquations {
 }
 
 impl Problem<'_> {
-    fn check(&self) -> Result<(), TriangulationFault> {
+    fn check(&self) -> Result<(), TriangulationError> {
         let (cameras, pixels) = (self.cameras.len(), self.pixels.len());
         let covariances = match self.noise {
             PixelNoise::Sigma(_) => pixels,
             PixelNoise::Covariances(list) => list.len(),
         };
         if cameras != pixels || pixels != covariances {
-            return Err(TriangulationFault::LengthsDiffer { cameras, pixels, covariances });
+            return Err(TriangulationError::LengthsDiffer { cameras, pixels, covariances });
         }
         if cameras < 2 {
-            return Err(TriangulationFault::TooFew { count: cameras });
+            return Err(TriangulationError::TooFew { count: cameras });
         }
         match (0..cameras).find(|&index| self.weight(index).is_none()) {
-            Some(index) => Err(TriangulationFault::BadNoise { index }),
+            Some(index) => Err(TriangulationError::BadNoise { index }),
             None => Ok(()),
         }
     }
@@ -211,11 +211,11 @@ impl Problem<'_> {
     }
 }
 
-fn invert_information(information: &Matrix3<f64>) -> Result<Matrix3<f64>, TriangulationFault> {
+fn invert_information(information: &Matrix3<f64>) -> Result<Matrix3<f64>, TriangulationError> {
     let eigenvalues = information.symmetric_eigenvalues();
     let ratio = eigenvalues.min().max(0.0) / eigenvalues.max();
     let inverse = information.try_inverse().filter(|_| ratio > SINGULAR);
-    inverse.ok_or(TriangulationFault::Degenerate { ratio: ratio.sqrt() })
+    inverse.ok_or(TriangulationError::Degenerate { ratio: ratio.sqrt() })
 }
 
 #[cfg(test)]
@@ -251,7 +251,7 @@ mod tests {
         cameras: &[Camera],
         pixels: &[Point2<f64>],
         noise: PixelNoise<'_>,
-    ) -> Result<Triangulation, TriangulationFault> {
+    ) -> Result<Triangulation, TriangulationError> {
         let start = triangulate_rays(&rays_of(cameras, pixels)).unwrap_or_else(Point3::origin);
         refine(&cameras.iter().collect::<Vec<_>>(), pixels, noise, start)
     }
@@ -352,30 +352,30 @@ mod tests {
         let fine = PixelNoise::Sigma(0.1);
         assert_eq!(
             fault(&list, &pixels[..2], fine, point),
-            TriangulationFault::LengthsDiffer { cameras: 3, pixels: 2, covariances: 2 }
+            TriangulationError::LengthsDiffer { cameras: 3, pixels: 2, covariances: 2 }
         );
         assert_eq!(
             fault(&list, &pixels, PixelNoise::Covariances(&[]), point),
-            TriangulationFault::LengthsDiffer { cameras: 3, pixels: 3, covariances: 0 }
+            TriangulationError::LengthsDiffer { cameras: 3, pixels: 3, covariances: 0 }
         );
-        assert_eq!(fault(&list[..1], &pixels[..1], fine, point), TriangulationFault::TooFew { count: 1 });
+        assert_eq!(fault(&list[..1], &pixels[..1], fine, point), TriangulationError::TooFew { count: 1 });
         for sigma in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             let noise = PixelNoise::Sigma(sigma);
-            assert_eq!(fault(&list, &pixels, noise, point), TriangulationFault::BadNoise { index: 0 });
+            assert_eq!(fault(&list, &pixels, noise, point), TriangulationError::BadNoise { index: 0 });
         }
         let one = Matrix2::identity();
         let bad = [one, one, Matrix2::new(1.0, 2.0, 2.0, 1.0)];
         assert_eq!(
             fault(&list, &pixels, PixelNoise::Covariances(&bad), point),
-            TriangulationFault::BadNoise { index: 2 }
+            TriangulationError::BadNoise { index: 2 }
         );
         let behind = cameras[1].centre() + (cameras[1].centre() - point);
-        assert!(matches!(fault(&list, &pixels, fine, behind), TriangulationFault::NotVisible { .. }));
+        assert!(matches!(fault(&list, &pixels, fine, behind), TriangulationError::NotVisible { .. }));
         let mut broken = pixels.clone();
         broken[1].y = f64::NAN;
-        assert_eq!(fault(&list, &broken, fine, point), TriangulationFault::NotVisible { index: 1 });
+        assert_eq!(fault(&list, &broken, fine, point), TriangulationError::NotVisible { index: 1 });
         // The same camera twice knows no depth.
         let twice = fault(&[list[0], list[0]], &[pixels[0], pixels[0]], fine, point);
-        assert!(matches!(twice, TriangulationFault::Degenerate { ratio } if ratio < 1e-5), "{twice}");
+        assert!(matches!(twice, TriangulationError::Degenerate { ratio } if ratio < 1e-5), "{twice}");
     }
 }

@@ -76,7 +76,7 @@ impl Scene {
     }
 }
 
-struct Watcher {
+struct BlobDetector {
     scene: Scene,
     foreground: Foreground,
     finder: BlobFinder,
@@ -84,7 +84,7 @@ struct Watcher {
     limits: BlobLimits,
 }
 
-impl Watcher {
+impl BlobDetector {
     /// Has learnt the empty room.
     fn new(seed: u64, config: ForegroundConfig) -> Self {
         let mut this = Self {
@@ -118,15 +118,17 @@ impl Watcher {
 fn centroid_errors(level: f64, noise: f64) -> (f64, f64, usize) {
     let (mut errors, mut squares, mut n) = (0.0, 0.0, 0);
     for seed in 0..4 {
-        let mut watcher = Watcher::new(seed, ForegroundConfig::default());
-        watcher.scene.noise = noise;
+        let mut blob_detector = BlobDetector::new(seed, ForegroundConfig::default());
+        blob_detector.scene.noise = noise;
         for _ in 0..30 {
-            watcher.see(&[]);
+            blob_detector.see(&[]);
         }
         for k in 0..25 {
             let body = Body { level, ..Body::at(25.0 + 4.3 * k as f64, 50.0 + 0.77 * k as f64) };
-            watcher.see(&[body]);
-            let [blob] = &watcher.blobs[..] else { panic!("{} blobs at {}", watcher.blobs.len(), body.centre) };
+            blob_detector.see(&[body]);
+            let [blob] = &blob_detector.blobs[..] else {
+                panic!("{} blobs at {}", blob_detector.blobs.len(), body.centre)
+            };
             let off = blob.centroid - body.centre;
             errors += off.norm();
             squares += (off.transpose() * blob.covariance.try_inverse().unwrap() * off).x;
@@ -149,18 +151,18 @@ fn centroid_is_as_good_as_its_covariance_says() {
 
 #[test]
 fn an_empty_room_stays_empty() {
-    let mut watcher = Watcher::new(1, ForegroundConfig::default());
+    let mut blob_detector = BlobDetector::new(1, ForegroundConfig::default());
     for _ in 0..50 {
-        assert_eq!(watcher.see(&[]), Verdict::Trusted);
-        assert_eq!(watcher.blobs, []);
+        assert_eq!(blob_detector.see(&[]), Verdict::Trusted);
+        assert_eq!(blob_detector.blobs, []);
     }
-    assert!(watcher.lit() < 1e-3, "{}", watcher.lit());
+    assert!(blob_detector.lit() < 1e-3, "{}", blob_detector.lit());
 }
 
 #[test]
 fn somebody_in_view_while_learning_leaves_no_ghost() {
     let config = ForegroundConfig::default();
-    let mut watcher = Watcher {
+    let mut blob_detector = BlobDetector {
         scene: Scene::new(2),
         foreground: Foreground::new(config.clone(), WIDTH, HEIGHT).unwrap(),
         finder: BlobFinder::default(),
@@ -168,41 +170,46 @@ fn somebody_in_view_while_learning_leaves_no_ghost() {
         limits: BlobLimits::default(),
     };
     for k in 0..config.learn_frames {
-        watcher.see(&[Body::at(10.0 + 4.5 * f64::from(k), 60.0)]);
+        blob_detector.see(&[Body::at(10.0 + 4.5 * f64::from(k), 60.0)]);
     }
-    watcher.see(&[]);
-    assert_eq!(watcher.blobs, []);
-    watcher.see(&[Body::at(70.0, 60.0)]);
-    assert_eq!(watcher.blobs.len(), 1);
+    blob_detector.see(&[]);
+    assert_eq!(blob_detector.blobs, []);
+    blob_detector.see(&[Body::at(70.0, 60.0)]);
+    assert_eq!(blob_detector.blobs.len(), 1);
 }
 
 #[test]
 fn light_that_changes_everywhere_is_no_foreground() {
-    let mut watcher = Watcher::new(3, ForegroundConfig::default());
+    let mut blob_detector = BlobDetector::new(3, ForegroundConfig::default());
     for light in [1.0, 0.6, 0.8, 1.4, 1.0, 0.5] {
-        watcher.scene.light = light;
-        assert_eq!(watcher.see(&[]), Verdict::Trusted);
-        assert!(watcher.lit() < 2e-3, "light {light}: {} of the picture", watcher.lit());
-        assert!((f64::from(watcher.foreground.gain()) - light).abs() < 0.02, "{}", watcher.foreground.gain());
-        watcher.see(&[Body { level: 160.0, ..Body::at(90.0, 50.0) }]);
-        assert_eq!(watcher.blobs.len(), 1, "light {light}");
+        blob_detector.scene.light = light;
+        assert_eq!(blob_detector.see(&[]), Verdict::Trusted);
+        assert!(blob_detector.lit() < 2e-3, "light {light}: {} of the picture", blob_detector.lit());
+        assert!(
+            (f64::from(blob_detector.foreground.gain()) - light).abs() < 0.02,
+            "{}",
+            blob_detector.foreground.gain()
+        );
+        blob_detector.see(&[Body { level: 160.0, ..Body::at(90.0, 50.0) }]);
+        assert_eq!(blob_detector.blobs.len(), 1, "light {light}");
     }
 }
 
 #[test]
 fn a_light_that_drifts_in_one_corner_is_followed() {
-    let mut watcher = Watcher::new(4, ForegroundConfig { adapt_frames: 50.0, ..ForegroundConfig::default() });
+    let mut blob_detector =
+        BlobDetector::new(4, ForegroundConfig { adapt_frames: 50.0, ..ForegroundConfig::default() });
     for k in 0..400 {
-        watcher.scene.shadow = 1.0 + 0.3 * f64::from(k) / 400.0;
-        watcher.see(&[]);
-        assert_eq!(watcher.blobs, [], "picture {k}");
+        blob_detector.scene.shadow = 1.0 + 0.3 * f64::from(k) / 400.0;
+        blob_detector.see(&[]);
+        assert_eq!(blob_detector.blobs, [], "picture {k}");
     }
     // A drift of 0.075 % a picture is followed 50 pictures late; a variance that grew instead would hide that it is not.
     let inside = (0..WIDTH * HEIGHT).filter(|i| (25..55).contains(&(i % WIDTH)) && (85..105).contains(&(i / WIDTH)));
-    let (mut lag, mut sigma, gain) = (0.0, 0.0, f64::from(watcher.foreground.gain()));
+    let (mut lag, mut sigma, gain) = (0.0, 0.0, f64::from(blob_detector.foreground.gain()));
     for i in inside {
-        let (mean, deviation) = watcher.foreground.pixel(i);
-        lag += (watcher.scene.room[i] * 1.3 - gain * f64::from(mean)) / watcher.scene.room[i] / 600.0;
+        let (mean, deviation) = blob_detector.foreground.pixel(i);
+        lag += (blob_detector.scene.room[i] * 1.3 - gain * f64::from(mean)) / blob_detector.scene.room[i] / 600.0;
         sigma += f64::from(deviation) / 600.0;
     }
     assert!((lag - 0.0375).abs() < 0.01, "lag {lag}, gain {gain}, σ {sigma}");
@@ -212,82 +219,83 @@ fn a_light_that_drifts_in_one_corner_is_followed() {
 #[test]
 fn a_shadow_is_no_foreground_unless_it_is_asked_for() {
     for (shadow_ratio, expected) in [(0.6, 0), (1.0, 1)] {
-        let mut watcher = Watcher::new(5, ForegroundConfig { shadow_ratio, ..ForegroundConfig::default() });
-        watcher.scene.shadow = 0.75;
-        watcher.see(&[]);
-        assert_eq!(watcher.blobs.len(), expected, "shadow_ratio {shadow_ratio}");
+        let mut blob_detector = BlobDetector::new(5, ForegroundConfig { shadow_ratio, ..ForegroundConfig::default() });
+        blob_detector.scene.shadow = 0.75;
+        blob_detector.see(&[]);
+        assert_eq!(blob_detector.blobs.len(), expected, "shadow_ratio {shadow_ratio}");
     }
     // As dark as that is no shadow.
-    let mut watcher = Watcher::new(5, ForegroundConfig::default());
-    watcher.scene.shadow = 0.4;
-    watcher.see(&[]);
-    assert_eq!(watcher.blobs.len(), 1);
+    let mut blob_detector = BlobDetector::new(5, ForegroundConfig::default());
+    blob_detector.scene.shadow = 0.4;
+    blob_detector.see(&[]);
+    assert_eq!(blob_detector.blobs.len(), 1);
 }
 
 #[test]
 fn who_stops_is_seen_until_absorbed_and_no_longer() {
     let config = ForegroundConfig { absorb_frames: 60, ..ForegroundConfig::default() };
-    let mut watcher = Watcher::new(6, config);
+    let mut blob_detector = BlobDetector::new(6, config);
     let still = Body::at(80.0, 60.0);
     for k in 0..59 {
-        watcher.see(&[still]);
-        assert_eq!(watcher.blobs.len(), 1, "picture {k}");
-        let off = watcher.blobs[0].centroid - still.centre;
+        blob_detector.see(&[still]);
+        assert_eq!(blob_detector.blobs.len(), 1, "picture {k}");
+        let off = blob_detector.blobs[0].centroid - still.centre;
         assert!(off.norm() < 0.5, "picture {k}: off by {off}");
     }
     for _ in 0..30 {
-        watcher.see(&[still]);
+        blob_detector.see(&[still]);
     }
-    assert_eq!(watcher.blobs, []);
+    assert_eq!(blob_detector.blobs, []);
 
-    let mut watcher = Watcher::new(6, ForegroundConfig { absorb_frames: 0, ..ForegroundConfig::default() });
+    let mut blob_detector = BlobDetector::new(6, ForegroundConfig { absorb_frames: 0, ..ForegroundConfig::default() });
     for _ in 0..300 {
-        watcher.see(&[still]);
+        blob_detector.see(&[still]);
     }
-    assert_eq!(watcher.blobs.len(), 1);
+    assert_eq!(blob_detector.blobs.len(), 1);
 }
 
 #[test]
 fn who_moves_is_not_absorbed() {
-    let mut watcher = Watcher::new(7, ForegroundConfig { absorb_frames: 30, ..ForegroundConfig::default() });
+    let mut blob_detector = BlobDetector::new(7, ForegroundConfig { absorb_frames: 30, ..ForegroundConfig::default() });
     for k in 0..100 {
         let body = Body::at(80.0 + 40.0 * (0.1 * f64::from(k)).sin(), 60.0);
-        watcher.see(&[body]);
-        assert_eq!(watcher.blobs.len(), 1, "picture {k}");
-        assert!((watcher.blobs[0].centroid - body.centre).norm() < 1.0, "picture {k}");
+        blob_detector.see(&[body]);
+        assert_eq!(blob_detector.blobs.len(), 1, "picture {k}");
+        assert!((blob_detector.blobs[0].centroid - body.centre).norm() < 1.0, "picture {k}");
     }
 }
 
 #[test]
 fn pieces_are_one_blob_when_they_are_close() {
-    let mut watcher = Watcher::new(8, ForegroundConfig::default());
+    let mut blob_detector = BlobDetector::new(8, ForegroundConfig::default());
     let halves = [[9.0, 9.0]; 2].map(|radii| Body { radii, ..Body::PERSON });
     let bodies =
         [Body { centre: Point2::new(60.0, 40.0), ..halves[0] }, Body { centre: Point2::new(60.0, 64.0), ..halves[1] }];
-    watcher.limits.merge_px = 10;
-    watcher.see(&bodies);
-    let [blob] = &watcher.blobs[..] else { panic!("{:?}", watcher.blobs) };
+    blob_detector.limits.merge_px = 10;
+    blob_detector.see(&bodies);
+    let [blob] = &blob_detector.blobs[..] else { panic!("{:?}", blob_detector.blobs) };
     assert!((blob.centroid - Point2::new(60.0, 52.0)).norm() < 0.5, "{}", blob.centroid);
     // Two discs of radius 9, 12 px off the middle: 9²/4 and 9²/4 + 12².
     assert!((blob.moment[(0, 0)] - 20.25).abs() < 2.0 && (blob.moment[(1, 1)] - 164.25).abs() < 8.0, "{}", blob.moment);
-    let (top, covariance) = watcher.finder.end(blob, Vector2::new(0.0, -1.0)).unwrap();
+    let (top, covariance) = blob_detector.finder.end(blob, Vector2::new(0.0, -1.0)).unwrap();
     assert!((top - Point2::new(60.0, 31.7)).norm() < 1.5, "{top}");
     assert!(covariance.symmetric_eigenvalues().min() > 0.0);
-    watcher.limits.merge_px = 2;
-    watcher.see(&bodies);
-    assert_eq!(watcher.blobs.len(), 2);
-    watcher.limits.min_area = 300;
-    watcher.see(&bodies);
-    assert_eq!(watcher.blobs, []);
+    blob_detector.limits.merge_px = 2;
+    blob_detector.see(&bodies);
+    assert_eq!(blob_detector.blobs.len(), 2);
+    blob_detector.limits.min_area = 300;
+    blob_detector.see(&bodies);
+    assert_eq!(blob_detector.blobs, []);
 }
 
 #[test]
 fn what_is_expected_needs_no_sure_pixel() {
-    let mut watcher = Watcher::new(9, ForegroundConfig { sure_sigma: 1000.0, ..ForegroundConfig::default() });
-    watcher.see(&[Body::PERSON]);
-    assert_eq!(watcher.blobs, []);
+    let mut blob_detector =
+        BlobDetector::new(9, ForegroundConfig { sure_sigma: 1000.0, ..ForegroundConfig::default() });
+    blob_detector.see(&[Body::PERSON]);
+    assert_eq!(blob_detector.blobs, []);
     let mut find = |expected: &[Point2<f64>]| {
-        let Watcher { finder, foreground, limits, blobs, .. } = &mut watcher;
+        let BlobDetector { finder, foreground, limits, blobs, .. } = &mut blob_detector;
         finder.find(foreground, limits, expected, blobs).unwrap();
         blobs.len()
     };
@@ -299,25 +307,25 @@ fn what_is_expected_needs_no_sure_pixel() {
 
 #[test]
 fn a_blob_at_the_edge_does_not_claim_to_be_whole() {
-    let mut watcher = Watcher::new(10, ForegroundConfig::default());
-    watcher.see(&[Body::at(1.0, 60.0)]);
-    let [blob] = &watcher.blobs[..] else { panic!("{:?}", watcher.blobs) };
+    let mut blob_detector = BlobDetector::new(10, ForegroundConfig::default());
+    blob_detector.see(&[Body::at(1.0, 60.0)]);
+    let [blob] = &blob_detector.blobs[..] else { panic!("{:?}", blob_detector.blobs) };
     assert!(blob.touches_border);
     assert!(blob.covariance[(0, 0)] > 9.0 && blob.covariance[(1, 1)] < 1.0, "{}", blob.covariance);
 }
 
 #[test]
 fn a_flooded_room_is_learnt_again() {
-    let mut watcher = Watcher::new(11, ForegroundConfig::default());
-    watcher.scene.room = room(&mut Random::new(99));
-    for level in &mut watcher.scene.room {
+    let mut blob_detector = BlobDetector::new(11, ForegroundConfig::default());
+    blob_detector.scene.room = room(&mut Random::new(99));
+    for level in &mut blob_detector.scene.room {
         *level = 220.0 - *level; // no one gain explains it
     }
-    let verdicts: Vec<_> = (0..61).map(|_| watcher.see(&[])).collect();
+    let verdicts: Vec<_> = (0..61).map(|_| blob_detector.see(&[])).collect();
     assert_eq!(verdicts[..30], [Verdict::Flooded; 30]);
     assert_eq!(verdicts[30..60], [Verdict::Learning; 30]);
     assert_eq!(verdicts[60], Verdict::Trusted);
-    assert_eq!(watcher.blobs, []);
+    assert_eq!(blob_detector.blobs, []);
 }
 
 #[test]
@@ -337,13 +345,13 @@ fn a_picture_of_the_empty_room_replaces_learning() {
 
 #[test]
 fn masked_pixels_are_never_foreground() {
-    let mut watcher = Watcher::new(13, ForegroundConfig::default());
+    let mut blob_detector = BlobDetector::new(13, ForegroundConfig::default());
     let masked: Vec<bool> = (0..WIDTH * HEIGHT).map(|i| i % WIDTH >= 80).collect();
-    watcher.foreground.set_mask(&masked).unwrap();
-    watcher.see(&[Body::PERSON]);
-    assert!(watcher.foreground.mask().iter().zip(&masked).all(|(&it, &masked)| it == 0 || !masked));
-    assert_eq!(watcher.blobs[0].bounds[2], 79);
-    assert!(watcher.foreground.set_mask(&[true]).is_err());
+    blob_detector.foreground.set_mask(&masked).unwrap();
+    blob_detector.see(&[Body::PERSON]);
+    assert!(blob_detector.foreground.mask().iter().zip(&masked).all(|(&it, &masked)| it == 0 || !masked));
+    assert_eq!(blob_detector.blobs[0].bounds[2], 79);
+    assert!(blob_detector.foreground.set_mask(&[true]).is_err());
 }
 
 #[test]

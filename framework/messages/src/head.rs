@@ -137,7 +137,7 @@ pub struct HeadPose {
     /// Of δ in `camera_from_world` ∘ exp(δ), (rotation, translation), from angles and calibration [rad², rad m, m²].
     #[schemars(with = "Numbers<36>")]
     pub covariance: Matrix6<f64>,
-    /// Between the last answer of the head and `time`; what lies between is carried on from the commands.
+    /// Between the last answer of the head and `time`; what lies between is extrapolated from the commands.
     pub age: Interval,
 }
 

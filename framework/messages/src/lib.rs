@@ -34,7 +34,7 @@ pub use head::{HeadCommand, HeadEvent, HeadLink, HeadOrder, HeadPose, HeadPositi
 pub use image::{Image, PixelFormat, Window};
 pub use marks::{GuidedMark, Mark, MarkGuide, Marks, ShapeFit};
 pub use sub_region::{Assignment, ScaleId, ScaleSpace, SubRegion};
-pub use targets::{How, Target, TargetId, Targets};
+pub use targets::{Provenance, Target, TargetId, Targets};
 pub use wire::{Codec, Wire};
 
 /// A type that may travel on an edge: a contract of name, version, space and layout.

@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::schema::{Numbers, Pose};
-use crate::{CameraId, CameraSet, How, Message, Quality, Space, Time, Wire};
+use crate::{CameraId, CameraSet, Message, Provenance, Quality, Space, Time, Wire};
 
 /// One mark at one time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -18,10 +18,10 @@ pub struct Mark {
     /// Of the position, in that space [m²].
     #[schemars(with = "Numbers<9>")]
     pub covariance: Matrix3<f64>,
-    /// The cameras whose features entered; empty unless `how` is measured.
+    /// The cameras whose features entered; empty unless `provenance` is measured.
     pub cameras: CameraSet,
     /// How this sample came to be.
-    pub how: How,
+    pub provenance: Provenance,
 }
 
 impl Mark {
@@ -37,7 +37,7 @@ pub struct ShapeFit {
     /// Root mean square distance between the measured marks and the model's [m].
     pub rms: f64,
     /// How far the shape lies outside what was captured [–]: 0 inside, 1 where it cannot be trusted any more.
-    pub outside: f64,
+    pub out_of_distribution: f64,
     /// The weights of the bases [–].
     pub weights: Vec<f64>,
 }
@@ -149,7 +149,7 @@ mod tests {
 
     fn mark(label: u32, x: f64) -> Mark {
         let (position, covariance) = (Point3::new(x, 0.0, 0.0), Matrix3::identity() * 4.0);
-        Mark { label, position, covariance, cameras: CameraSet::default(), how: How::Filled }
+        Mark { label, position, covariance, cameras: CameraSet::default(), provenance: Provenance::Filled }
     }
 
     #[test]

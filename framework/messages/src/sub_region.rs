@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::schema::{Numbers, Pose};
-use crate::{CameraId, How, Interval, Message, Quality, Space, TargetId, Time, Wire};
+use crate::{CameraId, Interval, Message, Provenance, Quality, Space, TargetId, Time, Wire};
 
 /// What a sub-region selector follows: a ball about a target, in the space of the scale that the target lies in, which is the parent of the
 /// selector's.
@@ -27,7 +27,7 @@ pub struct SubRegion {
     /// Of the ball [m].
     pub radius: f64,
     /// How the middle came to be.
-    pub how: How,
+    pub provenance: Provenance,
 }
 
 impl SubRegion {
@@ -132,7 +132,7 @@ mod tests {
             velocity: Vector3::new(0.0, -2.0, 0.0),
             covariance: Matrix6::identity() * 4.0,
             radius: 0.2,
-            how: How::Measured,
+            provenance: Provenance::Measured,
         };
         assert_eq!(region.centre_after(Interval::from_ms(500.0)), Point3::new(1.0, 1.0, 3.0));
         assert_eq!(region.quality().sigma, Some(2.0));

@@ -13,7 +13,7 @@ pub struct TargetId(pub u32);
 
 /// How a sample came to be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, JsonSchema)]
-pub enum How {
+pub enum Provenance {
     /// From observations at this very time.
     #[default]
     Measured,
@@ -23,13 +23,13 @@ pub enum How {
     Filled,
 }
 
-impl How {
+impl Provenance {
     /// As it stands in files: `measured`, `predicted` or `filled`.
     pub const fn name(self) -> &'static str {
         match self {
-            How::Measured => "measured",
-            How::Predicted => "predicted",
-            How::Filled => "filled",
+            Provenance::Measured => "measured",
+            Provenance::Predicted => "predicted",
+            Provenance::Filled => "filled",
         }
     }
 }
@@ -48,10 +48,10 @@ pub struct Target {
     /// Of (position, velocity) [m², m²/s, m²/s²].
     #[schemars(with = "Numbers<36>")]
     pub covariance: Matrix6<f64>,
-    /// The cameras whose observations entered at this time; empty unless `how` is measured.
+    /// The cameras whose observations entered at this time; empty unless `provenance` is measured.
     pub cameras: CameraSet,
     /// How this sample came to be.
-    pub how: How,
+    pub provenance: Provenance,
 }
 
 impl Target {

@@ -175,7 +175,7 @@ mod tests {
             velocity: Vector3::new(0.25, 0.0, 3.0),
             covariance: Matrix6::from_fn(|row, column| (row * 6 + column) as f64),
             cameras: [3, 1].map(CameraId).into_iter().collect(),
-            how: How::Filled,
+            provenance: Provenance::Filled,
         }
     }
 
@@ -195,7 +195,7 @@ mod tests {
             velocity: Vector3::x(),
             covariance: target().covariance,
             radius: 0.2,
-            how: How::Predicted,
+            provenance: Provenance::Predicted,
         };
         there_and_back(&region);
         let space = ScaleSpace {
@@ -240,9 +240,9 @@ mod tests {
             position: Point3::new(1.0, 2.0, 3.0),
             covariance: Matrix3::from_fn(|row, column| (row + 3 * column) as f64),
             cameras: target().cameras,
-            how: How::Measured,
+            provenance: Provenance::Measured,
         };
-        let fit = ShapeFit { rms: 0.001, outside: 0.5, weights: vec![0.25, 1.0] };
+        let fit = ShapeFit { rms: 0.001, out_of_distribution: 0.5, weights: vec![0.25, 1.0] };
         there_and_back(&Marks { world_from_marks: pose, list: vec![mark], fit: Some(fit), ..Marks::default() });
         let guided = GuidedMark { label: 1, pixel: Point2::new(1.0, 2.0), covariance: skew, disputed: true };
         there_and_back(&MarkGuide { time: Time(1), cameras: vec![(CameraId(2), vec![guided])] });

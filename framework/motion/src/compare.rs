@@ -9,7 +9,7 @@ mod shift;
 mod tests;
 
 use foveate_estimation::statistics::percentile;
-use foveate_geometry::alignment::{AlignmentRules, align};
+use foveate_geometry::alignment::{AlignmentOptions, align};
 use nalgebra::{Isometry3, Point3};
 
 use crate::motion::{Motion, Up};
@@ -264,8 +264,8 @@ fn lay_onto(a: &Motion, b: &Motion, pairs: &[[usize; 2]]) -> Result<Isometry3<f6
             }
         }
     }
-    let rules = AlignmentRules { scale: false, robust: true };
-    let found = align(&in_b, &in_a, rules).map_err(|it| format!("B cannot be laid onto A: {it}"))?;
+    let solver_options = AlignmentOptions { scale: false, robust: true };
+    let found = align(&in_b, &in_a, solver_options).map_err(|it| format!("B cannot be laid onto A: {it}"))?;
     Ok(found.b_from_a.isometry)
 }
 

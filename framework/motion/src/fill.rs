@@ -2,9 +2,9 @@
 //!
 //! A gap is crossed by the cubic that meets the samples at its ends with the velocities that the path has there (Hermite). A velocity is the derivative, at the
 //! last sample before the gap (first behind it), of the parabola of least squares through up to [`RUN`] samples there, or of the line through fewer than three; next to
-//! a single sample it is that of the straight line across. What is filled says so: its `how` is filled, and it has no covariance.
+//! a single sample it is that of the straight line across. What is filled says so: its `provenance` is filled, and it has no covariance.
 
-use foveate_messages::How;
+use foveate_messages::Provenance;
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::motion::{Motion, Sample};
@@ -45,7 +45,8 @@ pub fn fill(motion: &mut Motion, longest_s: f64) -> Filled {
             filled.n_gaps += 1;
             filled.n_samples += places.len();
             for (frame, place) in (from + 1..to).zip(places) {
-                motion.samples[frame * n_points + point] = Some(Sample { how: How::Filled, ..Sample::at(place) });
+                motion.samples[frame * n_points + point] =
+                    Some(Sample { provenance: Provenance::Filled, ..Sample::at(place) });
             }
         }
     }
@@ -131,8 +132,13 @@ mod tests {
         let (mut motion, truth) = swing(is_there);
         let filled = fill(&mut motion, 0.11);
         assert_eq!(filled, Filled { n_gaps: 1, n_samples: 10, n_too_long: 1, n_outside: 3 + 4 });
-        assert_eq!(motion.n_of(How::Filled), 10);
-        assert!(motion.samples[20..30].iter().flatten().all(|it| it.how == How::Filled && it.sigma().is_none()));
+        assert_eq!(motion.n_of(Provenance::Filled), 10);
+        assert!(
+            motion.samples[20..30]
+                .iter()
+                .flatten()
+                .all(|it| it.provenance == Provenance::Filled && it.sigma().is_none())
+        );
         assert!(motion.samples[60].is_none() && motion.samples[0].is_none() && motion.samples[199].is_none());
         // A straight line across a tenth of a second is 18 mm off; the cubic by far less.
         assert!(worst(&motion, &truth) < 0.5e-3, "{} m", worst(&motion, &truth));

@@ -217,7 +217,7 @@ pub fn write(motion: &Motion, form: Form, name: &str, options: &WriteOptions<'_>
 
 /// What a file that has positions alone loses of a motion, besides what it says itself.
 fn lost(motion: &Motion, keeps: Keeps) -> Vec<String> {
-    use foveate_messages::How;
+    use foveate_messages::Provenance;
     let mut lost = motion.besides.clone();
     let count = |n: usize, what: &str| (n > 0).then(|| format!("{n} {what}"));
     let is_known = |it: &crate::motion::Sample| it.sigma().is_some_and(|it| it > 0.0);
@@ -225,11 +225,11 @@ fn lost(motion: &Motion, keeps: Keeps) -> Vec<String> {
     if !keeps.uncertainty {
         lost.extend(count(n_known, "residuals or covariances"));
     }
-    if !keeps.how {
-        lost.extend(count(motion.n_of(How::Filled), "samples were filled in, and now look measured"));
+    if !keeps.provenance {
+        lost.extend(count(motion.n_of(Provenance::Filled), "samples were filled in, and now look measured"));
     }
     if !keeps.predicted {
-        lost.extend(count(motion.n_of(How::Predicted), "samples that were only predicted, now missing"));
+        lost.extend(count(motion.n_of(Provenance::Predicted), "samples that were only predicted, now missing"));
     }
     if !keeps.cameras && motion.samples.iter().flatten().any(|it| !it.cameras.is_empty()) {
         lost.push("the cameras that saw each sample".to_owned());
@@ -258,7 +258,7 @@ pub fn start_lost(motion: &Motion) -> String {
 #[derive(Debug, Clone, Copy, Default)]
 struct Keeps {
     uncertainty: bool,
-    how: bool,
+    provenance: bool,
     predicted: bool,
     cameras: bool,
     events: bool,

@@ -4,7 +4,7 @@
 //! (Catmull and Rom); where one neighbour is missing along the parabola through three, where both are along a line. Covariances are the weighted mean of the two, which is never too small; a sample is as
 //! little measured as the worse of its two.
 
-use foveate_messages::How;
+use foveate_messages::Provenance;
 use nalgebra::{Point3, Vector3};
 
 use crate::motion::{Motion, Sample, rate_of};
@@ -51,9 +51,13 @@ impl Motion {
         }
         let mut cameras = from.cameras.clone();
         to.cameras.iter().for_each(|it| cameras.insert(it));
-        let rank = |it: How| [How::Measured, How::Filled, How::Predicted].iter().position(|how| *how == it);
-        let how = if rank(to.how) > rank(from.how) { to.how } else { from.how };
-        Some(Sample { position, covariance, cameras, how })
+        let rank = |it: Provenance| {
+            [Provenance::Measured, Provenance::Filled, Provenance::Predicted]
+                .iter()
+                .position(|provenance| *provenance == it)
+        };
+        let provenance = if rank(to.provenance) > rank(from.provenance) { to.provenance } else { from.provenance };
+        Some(Sample { position, covariance, cameras, provenance })
     }
 
     /// How far apart two frames may be and still be neighbours: one and a half steps of a regular clock, or `of_irregular_s` [s].
@@ -136,12 +140,13 @@ mod tests {
     fn holes_stay_holes_and_the_worse_origin_counts() {
         let mut holed = motion((0..=10).map(|it| f64::from(it) / 10.0).collect(), Some(10.0));
         holed.samples[5] = None;
-        holed.samples[2].as_mut().unwrap().how = How::Filled;
+        holed.samples[2].as_mut().unwrap().provenance = Provenance::Filled;
         let at_20 = holed.resampled(20.0, holed.neighbours_s(0.05)).unwrap();
         let missing: Vec<usize> = (0..21).filter(|it| at_20.samples[*it].is_none()).collect();
         assert_eq!(missing, [9, 10, 11]);
-        let filled: Vec<usize> =
-            (0..21).filter(|it| at_20.samples[*it].as_ref().is_some_and(|it| it.how == How::Filled)).collect();
+        let filled: Vec<usize> = (0..21)
+            .filter(|it| at_20.samples[*it].as_ref().is_some_and(|it| it.provenance == Provenance::Filled))
+            .collect();
         assert_eq!(filled, [3, 4, 5]);
         assert!(holed.at(0, -0.01, 1.0).is_none() && holed.at(0, 1.01, 1.0).is_none());
     }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use foveate_messages::{CameraSet, How};
+use foveate_messages::{CameraSet, Provenance};
 use nalgebra::{Matrix3, Point3};
 
 use crate::bvh::SkeletonMotion;
@@ -53,13 +53,13 @@ pub struct Sample {
     /// By their place in [`Motion::cameras`].
     pub cameras: CameraSet,
     /// How the sample came to be.
-    pub how: How,
+    pub provenance: Provenance,
 }
 
 impl PartialEq for Sample {
     /// Covariances that are not known are alike.
     fn eq(&self, other: &Self) -> bool {
-        (self.position, &self.cameras, self.how) == (other.position, &other.cameras, other.how)
+        (self.position, &self.cameras, self.provenance) == (other.position, &other.cameras, other.provenance)
             && self.covariance.map(f32::to_bits) == other.covariance.map(f32::to_bits)
     }
 }
@@ -67,7 +67,7 @@ impl PartialEq for Sample {
 impl Sample {
     /// A measured sample of which no more than its place is known.
     pub fn at(position: Point3<f64>) -> Self {
-        Self { position, covariance: [f32::NAN; 6], cameras: CameraSet::default(), how: How::Measured }
+        Self { position, covariance: [f32::NAN; 6], cameras: CameraSet::default(), provenance: Provenance::Measured }
     }
 
     /// With the same variance along each axis.
@@ -162,8 +162,8 @@ impl Motion {
     }
 
     /// How many samples came to be so.
-    pub fn n_of(&self, how: How) -> usize {
-        self.samples.iter().flatten().filter(|it| it.how == how).count()
+    pub fn n_of(&self, provenance: Provenance) -> usize {
+        self.samples.iter().flatten().filter(|it| it.provenance == provenance).count()
     }
 
     /// Gives every point a name of its own: empty ones become `unlabelled-N`, and of equal ones the later get ` (2)` and so on. How many changed.
@@ -251,7 +251,7 @@ pub(crate) mod tests {
             let place = Point3::new((t + point as f64).sin(), 0.25 * t, 1.0 + point as f64 * 0.125);
             match (frame * n_points + point) % 11 {
                 7 => None,
-                8 => Some(Sample { how: How::Filled, ..Sample::at(place) }),
+                8 => Some(Sample { provenance: Provenance::Filled, ..Sample::at(place) }),
                 _ => Some(Sample::at(place).with_sigma(0.001)),
             }
         };

@@ -7,7 +7,7 @@ use foveate_messages::{Interval, Message, Space, Wire};
 
 /// How an input port takes data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Take {
+pub enum InputPolicy {
     /// Every message triggers the node, in order of delivery.
     Each,
     /// Sampled whenever the node runs, never triggers it. The only kind that may close a cycle.
@@ -26,29 +26,29 @@ pub enum Take {
     RoundRobin,
 }
 
-impl Take {
-    /// The ways between which a rig may choose (`take = "…"`), by their names there.
-    pub const CHOICES: [(&'static str, Take); 4] = [
-        ("each", Take::Each),
-        ("newest_of_each", Take::NewestOfEach),
-        ("newest", Take::Newest),
-        ("round_robin", Take::RoundRobin),
+impl InputPolicy {
+    /// The ways between which a rig may choose (`policy = "…"`), by their names there.
+    pub const CHOICES: [(&'static str, InputPolicy); 4] = [
+        ("each", InputPolicy::Each),
+        ("newest_of_each", InputPolicy::NewestOfEach),
+        ("newest", InputPolicy::Newest),
+        ("round_robin", InputPolicy::RoundRobin),
     ];
 
     /// The name in rigs; `None` where a rig has no choice: for ports that sample or join.
     pub fn choice(self) -> Option<&'static str> {
-        Take::CHOICES.iter().find(|it| it.1 == self).map(|it| it.0)
+        InputPolicy::CHOICES.iter().find(|it| it.1 == self).map(|it| it.0)
     }
 
     /// For people.
     pub fn in_words(self) -> String {
         match self {
-            Take::Each => "each message triggers".to_owned(),
-            Take::Latest => "the latest is sampled, never triggers; may close a cycle".to_owned(),
-            Take::Synced(tolerance) => format!("joined by capture time within {} ms", tolerance.as_ms()),
-            Take::NewestOfEach => "the newest of a source picked at random".to_owned(),
-            Take::Newest => "the newest of all sources".to_owned(),
-            Take::RoundRobin => "the newest of each source in turn".to_owned(),
+            InputPolicy::Each => "each message triggers".to_owned(),
+            InputPolicy::Latest => "the latest is sampled, never triggers; may close a cycle".to_owned(),
+            InputPolicy::Synced(tolerance) => format!("joined by capture time within {} ms", tolerance.as_ms()),
+            InputPolicy::NewestOfEach => "the newest of a source picked at random".to_owned(),
+            InputPolicy::Newest => "the newest of all sources".to_owned(),
+            InputPolicy::RoundRobin => "the newest of each source in turn".to_owned(),
         }
     }
 }
@@ -58,7 +58,7 @@ impl Take {
 pub struct In<T> {
     pub(crate) index: usize,
     pub(crate) name: &'static str,
-    pub(crate) take: Take,
+    pub(crate) policy: InputPolicy,
     pub(crate) optional: bool,
     pub(crate) many: bool,
     pub(crate) of_parent: bool,
@@ -66,28 +66,28 @@ pub struct In<T> {
 }
 
 impl<T> In<T> {
-    const fn new(index: usize, name: &'static str, take: Take) -> Self {
-        Self { index, name, take, optional: false, many: false, of_parent: false, message: PhantomData }
+    const fn new(index: usize, name: &'static str, policy: InputPolicy) -> Self {
+        Self { index, name, policy, optional: false, many: false, of_parent: false, message: PhantomData }
     }
 
     /// Port number `index` (counted from 0 in the order of [`Ports`]): each message triggers.
     pub const fn each(index: usize, name: &'static str) -> Self {
-        Self::new(index, name, Take::Each)
+        Self::new(index, name, InputPolicy::Each)
     }
 
     /// Port number `index`: sampled, never triggers, may close a cycle.
     pub const fn latest(index: usize, name: &'static str) -> Self {
-        Self::new(index, name, Take::Latest)
+        Self::new(index, name, InputPolicy::Latest)
     }
 
     /// Port number `index`: joins sources whose capture times differ by at most `tolerance_ms`.
     pub const fn synced(index: usize, name: &'static str, tolerance_ms: i64) -> Self {
-        Self::new(index, name, Take::Synced(Interval(tolerance_ms * 1_000_000)))
+        Self::new(index, name, InputPolicy::Synced(Interval(tolerance_ms * 1_000_000)))
     }
 
     /// Port number `index`: the newest message of a source picked at random.
     pub const fn newest_of_each(index: usize, name: &'static str) -> Self {
-        Self::new(index, name, Take::NewestOfEach)
+        Self::new(index, name, InputPolicy::NewestOfEach)
     }
 
     /// May be left open in a rig.
@@ -162,7 +162,7 @@ pub struct InputSpec {
     /// What it takes.
     pub message: MessageType,
     /// How it takes it.
-    pub take: Take,
+    pub policy: InputPolicy,
     /// May be left open.
     pub optional: bool,
     /// Takes any number of sources.
@@ -205,7 +205,7 @@ impl Ports {
         self.inputs.push(InputSpec {
             name: port.name,
             message: MessageType::of::<T>(),
-            take: port.take,
+            policy: port.policy,
             optional: port.optional,
             many: port.many,
             of_parent: port.of_parent,

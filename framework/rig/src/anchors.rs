@@ -69,7 +69,7 @@ pub(super) fn implied<'t>(
         queue: Queue::default(),
         has_capacity: false,
         tolerance: None,
-        take: None,
+        policy: None,
     };
     Some(NodeText {
         name: here(NODE.to_owned()),

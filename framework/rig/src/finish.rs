@@ -20,7 +20,7 @@ use crate::graph::{Edge, Graph, Instance, Queue, Requirement, Scale};
 use foveate_diagnostics::names::listed;
 use foveate_diagnostics::{Diagnostics, Findings};
 use foveate_node::node::Role;
-use foveate_node::port::Take;
+use foveate_node::port::InputPolicy;
 use foveate_node::setup::Claims;
 
 /// More node instances than that are refused: a few lines with patterns can ask for any number of them.
@@ -183,14 +183,14 @@ impl Finish<'_, '_> {
 }
 
 /// How each input port of a node takes data: its own way where the rig does not choose another one.
-fn takes(node: &NodeDraft<'_>) -> Vec<Take> {
+fn takes(node: &NodeDraft<'_>) -> Vec<InputPolicy> {
     let chosen = |port: &str| {
         let input = node.text.inputs.iter().find(|it| it.port.get_ref() == port)?;
-        let tolerance = input.tolerance.as_ref().map(|it| Take::Synced(it.0));
-        tolerance.or(input.take.as_ref().map(|it| it.0))
+        let tolerance = input.tolerance.as_ref().map(|it| InputPolicy::Synced(it.0));
+        tolerance.or(input.policy.as_ref().map(|it| it.0))
     };
     let ports = node.node_type.iter().flat_map(|it| &it.ports.inputs);
-    ports.map(|it| chosen(it.name).unwrap_or(it.take)).collect()
+    ports.map(|it| chosen(it.name).unwrap_or(it.policy)).collect()
 }
 
 fn report_cycles(names: &Names<'_, '_>, wiring: &Wiring, circles: &[Vec<usize>], findings: &mut Findings) {

@@ -11,7 +11,7 @@ use foveate_scene::AnchorRule;
 use foveate_scene::calibration::Calibration;
 
 use foveate_diagnostics::Diagnostics;
-use foveate_node::port::Take;
+use foveate_node::port::InputPolicy;
 use foveate_node::registry::{NodeType, Settings};
 use foveate_node::scale::{ScalePlace, ScaleTree};
 use foveate_node::setup::{Claims, Purpose, Setup};
@@ -81,7 +81,7 @@ pub struct Instance {
     /// What happens when it fails.
     pub on_error: OnError,
     /// By input port: how it takes data, as the port itself says or as the rig chose.
-    pub takes: Vec<Take>,
+    pub takes: Vec<InputPolicy>,
     /// What each of its turns costs on the logical clock.
     pub cost: Cost,
 }

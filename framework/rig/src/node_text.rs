@@ -7,7 +7,7 @@ use crate::graph::{Cost, OnError, Queue, Requirement, WhenFull};
 use foveate_diagnostics::value::{Keys, Value};
 use foveate_diagnostics::{Findings, Span};
 use foveate_messages::Interval;
-use foveate_node::port::Take;
+use foveate_node::port::InputPolicy;
 
 /// Names of [`OnError`] in rigs.
 pub(super) const ON_ERROR: [(&str, OnError); 3] =
@@ -62,7 +62,7 @@ pub(super) struct InputText {
     /// Of a port that joins sources: how far their capture times may lie apart, and where that stands.
     pub tolerance: Option<(Interval, Span)>,
     /// How the port is to take data, and where that stands.
-    pub take: Option<(Take, Span)>,
+    pub policy: Option<(InputPolicy, Span)>,
 }
 
 /// What the edges into one port promise, as written.
@@ -173,7 +173,7 @@ const MOST_TOLERANCE_MS: f64 = 60_000.0;
 
 fn read_input(port: Spanned<String>, value: Value<'_>, text: &str, findings: &mut Findings) -> InputText {
     let mut queue = Queue::default();
-    let (mut take, mut tolerance, mut has_capacity) = (None, None, false);
+    let (mut policy, mut tolerance, mut has_capacity) = (None, None, false);
     let from = match value.get_ref() {
         DeValue::Table(_) => match findings.table(&port, value, text, "") {
             Some(mut keys) => {
@@ -185,8 +185,8 @@ fn read_input(port: Spanned<String>, value: Value<'_>, text: &str, findings: &mu
                 if let Some(value) = keys.take("when_full") {
                     queue.when_full = findings.choice("when_full", &value, &WHEN_FULL).unwrap_or_default();
                 }
-                if let Some(value) = keys.take("take") {
-                    take = findings.choice("take", &value, &Take::CHOICES).map(|it| (it, value.span()));
+                if let Some(value) = keys.take("policy") {
+                    policy = findings.choice("policy", &value, &InputPolicy::CHOICES).map(|it| (it, value.span()));
                 }
                 if let Some(value) = keys.take("tolerance_ms") {
                     let is_time = |it: f64| (0.0..=MOST_TOLERANCE_MS).contains(&it);
@@ -205,7 +205,7 @@ fn read_input(port: Spanned<String>, value: Value<'_>, text: &str, findings: &mu
         },
         _ => Some(read_sources(&port, value, findings)),
     };
-    InputText { port, from: from.unwrap_or_default(), queue, has_capacity, tolerance, take }
+    InputText { port, from: from.unwrap_or_default(), queue, has_capacity, tolerance, policy }
 }
 
 fn read_sources(port: &Spanned<String>, value: Value<'_>, findings: &mut Findings) -> Vec<Spanned<String>> {

@@ -5,7 +5,7 @@ use super::nodes::instance_path;
 use super::wire::{EdgeDraft, Wiring};
 use foveate_diagnostics::Findings;
 use foveate_node::node::Role;
-use foveate_node::port::Take;
+use foveate_node::port::InputPolicy;
 
 /// What an instance gives at best.
 #[derive(Debug, Clone, Copy, Default)]
@@ -46,7 +46,7 @@ fn carried(names: &Names<'_, '_>, wiring: &Wiring, order: &[usize]) -> Vec<Best>
             let of = best[edge.from.0];
             least_age = Some(least_age.map_or(of.age_s, |it| it.min(of.age_s)));
             let joined = node.node_type.as_ref().is_some_and(|it| {
-                it.ports.inputs.get(edge.to.1).is_some_and(|port| matches!(port.take, Take::Synced(_)))
+                it.ports.inputs.get(edge.to.1).is_some_and(|port| matches!(port.policy, InputPolicy::Synced(_)))
             });
             match ports.iter_mut().find(|it| it.index == edge.to.1) {
                 Some(port) => {

@@ -18,7 +18,7 @@ use super::scales::{Parent, ScaleDraft, anchored_to};
 use super::targets;
 use crate::graph::{Cost, Queue};
 use foveate_diagnostics::names::is_plain;
-use foveate_node::port::Take;
+use foveate_node::port::InputPolicy;
 
 /// What of the rig's own table the graph keeps.
 pub(super) struct Head<'r> {
@@ -130,18 +130,18 @@ fn write_node(text: &mut String, names: &Names<'_, '_>, node: &NodeDraft<'_>) ->
         };
         let Queue { capacity, when_full } = input.queue;
         let when_full = WHEN_FULL.iter().find(|it| it.1 == when_full).map_or("drop_oldest", |it| it.0);
-        let own = node_type.ports.inputs.iter().find(|it| it.name == input.port.get_ref()).map(|it| it.take);
-        let take = input.take.as_ref().map(|it| it.0).or(own).and_then(Take::choice);
-        let take = take.map(|it| format!(", take = \"{it}\"")).unwrap_or_default();
+        let own = node_type.ports.inputs.iter().find(|it| it.name == input.port.get_ref()).map(|it| it.policy);
+        let policy = input.policy.as_ref().map(|it| it.0).or(own).and_then(InputPolicy::choice);
+        let policy = policy.map(|it| format!(", policy = \"{it}\"")).unwrap_or_default();
         let tolerance = match (&input.tolerance, own) {
             (Some((stated, _)), _) => format!(", tolerance_ms = {}", in_ms(*stated)),
-            (None, Some(Take::Synced(own))) => format!(", tolerance_ms = {}", in_ms(own)),
+            (None, Some(InputPolicy::Synced(own))) => format!(", tolerance_ms = {}", in_ms(own)),
             (None, _) => String::new(),
         };
         let port = quoted_key(input.port.get_ref());
         let _ = writeln!(
             text,
-            "in.{port} = {{ from = {from}, capacity = {capacity}, when_full = \"{when_full}\"{take}{tolerance} }}"
+            "in.{port} = {{ from = {from}, capacity = {capacity}, when_full = \"{when_full}\"{policy}{tolerance} }}"
         );
     }
     for require in &node.text.requires {

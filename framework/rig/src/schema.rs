@@ -11,7 +11,7 @@ use super::node_text::{LONGEST_COST_MS, ON_ERROR, WHEN_FULL};
 use super::targets;
 use crate::graph::{Queue, SINK_CAPACITY};
 use foveate_node::node::{Node, Role};
-use foveate_node::port::{InputSpec, Take};
+use foveate_node::port::{InputPolicy, InputSpec};
 use foveate_node::registry::{NodeType, Registry};
 use foveate_node::scale::ScaleAnchor;
 
@@ -222,7 +222,7 @@ fn reserved(node_type: &NodeType) -> Map<String, Json> {
 /// A text, a list of texts, or a table: each keyword speaks of one kind of value only.
 fn connection(port: &InputSpec, role: Role) -> Json {
     let capacity = if role == Role::Sink { SINK_CAPACITY } else { Queue::default().capacity };
-    let how = port.take.in_words();
+    let how = port.policy.in_words();
     let count = if port.many { "any number of sources" } else { "one source" };
     let form = "NODE.OUTPUT, SCALE.NODE.OUTPUT or NODE[CAMERA].OUTPUT";
     let pattern = "^[^.\\[\\]]+(\\.[^.\\[\\]]+)?(\\[.+\\])?\\.[^.\\[\\]]+$";
@@ -250,18 +250,18 @@ fn connection(port: &InputSpec, role: Role) -> Json {
         "required": ["from"],
         "additionalProperties": false
     });
-    if let Take::Synced(own) = port.take {
+    if let InputPolicy::Synced(own) = port.policy {
         schema["properties"]["tolerance_ms"] = json!({
             "description": "How far apart the capture times of one set may lie [ms].",
             "type": "number", "minimum": 0, "maximum": 60_000, "default": own.as_ms()
         });
     }
-    if let Some(own) = port.take.choice() {
-        schema["properties"]["take"] = json!({
+    if let Some(own) = port.policy.choice() {
+        schema["properties"]["policy"] = json!({
             "description": "Which of the waiting messages it takes when its node is free; the others are dropped and counted.",
-            "enum": Take::CHOICES.map(|it| it.0).to_vec(),
+            "enum": InputPolicy::CHOICES.map(|it| it.0).to_vec(),
             "default": own,
-            "x-taplo": { "docs": { "enumValues": Take::CHOICES.map(|it| it.1.in_words()).to_vec() } }
+            "x-taplo": { "docs": { "enumValues": InputPolicy::CHOICES.map(|it| it.1.in_words()).to_vec() } }
         });
     }
     if let (Some(schema), Json::Object(most)) = (schema.as_object_mut(), most) {

@@ -10,7 +10,7 @@ use super::scales::Parent;
 use foveate_diagnostics::names::{likely, listed, shown};
 use foveate_diagnostics::{Findings, Span};
 use foveate_node::node::Role;
-use foveate_node::port::{InputSpec, MessageType, Take};
+use foveate_node::port::{InputPolicy, InputSpec, MessageType};
 
 /// More edges than that are refused: a few lines with patterns can ask for any number of them.
 const MOST_EDGES: usize = 4_000_000;
@@ -180,14 +180,14 @@ impl<'a> Consumer<'_, 'a, '_> {
                 .help("only inputs that take many can join sources: `foveate nodes TYPE` says which");
             return;
         }
-        if let (Some((_, place)), false) = (&input.tolerance, matches!(port.take, Take::Synced(_))) {
+        if let (Some((_, place)), false) = (&input.tolerance, matches!(port.policy, InputPolicy::Synced(_))) {
             let title = format!("input `{}` of `{}` joins nothing", port.name, self.node.name());
-            let label = format!("found `tolerance_ms`, expected nothing: {}", port.take.in_words());
+            let label = format!("found `tolerance_ms`, expected nothing: {}", port.policy.in_words());
             findings.error(place.clone(), title, label);
         }
-        if let (Some((_, place)), None) = (&input.take, port.take.choice()) {
+        if let (Some((_, place)), None) = (&input.policy, port.policy.choice()) {
             let title = format!("how input `{}` of `{}` takes data cannot be chosen", port.name, self.node.name());
-            let label = format!("found `take`, expected nothing: {}", port.take.in_words());
+            let label = format!("found `policy`, expected nothing: {}", port.policy.in_words());
             findings
                 .error(place.clone(), title, label)
                 .help("only inputs that take each message, or the newest ones, let a rig choose");
@@ -206,7 +206,7 @@ impl<'a> Consumer<'_, 'a, '_> {
                     from: (from, output),
                     to: (to, port_index),
                     input: number,
-                    triggers: port.take != Take::Latest,
+                    triggers: port.policy != InputPolicy::Latest,
                     place: reference.span(),
                 });
             }

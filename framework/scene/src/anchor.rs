@@ -10,7 +10,7 @@
 //! | measured again under the same identity | followed again at once |
 //! | lost, and another one has been the choice for `settle_ns` | follows that one from then on |
 //!
-//! What has not been measured within `lost_ns` is never picked, so that a target that is only carried on does not come straight back.
+//! What has not been measured within `lost_ns` is never picked, so that a target that is only extrapolated does not come straight back.
 
 use nalgebra::{Matrix6, Point3, Vector3};
 
@@ -66,7 +66,7 @@ impl Default for AnchorRule {
 
 /// A target at one time, as an [`Anchor`] takes it; what is not finite is not seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sighting {
+pub struct TargetObservation {
     /// Who.
     pub id: u32,
     /// [m].
@@ -84,7 +84,7 @@ pub struct Sighting {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum AnchorState {
     /// Its target, with the rule's offset added to the position.
-    Found(Sighting),
+    Found(TargetObservation),
     /// It has none.
     Lost {
         /// When the last one was last measured [ns]; `None`: there never was one.
@@ -100,8 +100,8 @@ pub struct Anchor {
     /// The time of the last update.
     now_ns: i64,
     /// What is listed now, each with the time it was last measured, if it ever was.
-    present: Vec<(Sighting, Option<i64>)>,
-    before: Vec<(Sighting, Option<i64>)>,
+    present: Vec<(TargetObservation, Option<i64>)>,
+    before: Vec<(TargetObservation, Option<i64>)>,
     /// The target that is followed or was last.
     last: Option<Last>,
     /// The choice that is not followed yet, and since when it is the choice.
@@ -141,7 +141,7 @@ impl Anchor {
     }
 
     /// Takes all `targets` at `time_ns`. Those of an earlier time than the last ones change nothing.
-    pub fn update(&mut self, time_ns: i64, targets: impl IntoIterator<Item = Sighting>) -> AnchorState {
+    pub fn update(&mut self, time_ns: i64, targets: impl IntoIterator<Item = TargetObservation>) -> AnchorState {
         if time_ns < self.now_ns {
             return self.state;
         }
@@ -156,7 +156,7 @@ impl Anchor {
         self.state = match settled.or(followed) {
             Some((target, measured_ns)) => {
                 self.last = Some(Last { id: target.id, position: target.position, measured_ns });
-                AnchorState::Found(Sighting { position: target.position + self.rule.offset, ..target })
+                AnchorState::Found(TargetObservation { position: target.position + self.rule.offset, ..target })
             }
             None => AnchorState::Lost { since_ns: self.last.map(|it| it.measured_ns) },
         };
@@ -164,7 +164,7 @@ impl Anchor {
     }
 
     /// Replaces what is listed, and keeps when each was last measured.
-    fn note(&mut self, targets: impl IntoIterator<Item = Sighting>) {
+    fn note(&mut self, targets: impl IntoIterator<Item = TargetObservation>) {
         std::mem::swap(&mut self.present, &mut self.before);
         self.present.clear();
         for target in targets {
@@ -178,17 +178,17 @@ impl Anchor {
     }
 
     /// Those that have been measured of late, with the time.
-    fn eligible(&self) -> impl Iterator<Item = (Sighting, i64)> + '_ {
+    fn eligible(&self) -> impl Iterator<Item = (TargetObservation, i64)> + '_ {
         let is_fresh = |measured_ns: i64| self.now_ns.saturating_sub(measured_ns) <= self.rule.lost_ns;
         self.present.iter().filter_map(move |it| Some((it.0, it.1.filter(|it| is_fresh(*it))?)))
     }
 
-    fn alive(&self, id: u32) -> Option<(Sighting, i64)> {
+    fn alive(&self, id: u32) -> Option<(TargetObservation, i64)> {
         self.eligible().find(|it| it.0.id == id)
     }
 
     /// What the rule picks now.
-    fn choose(&self, follows_one: bool) -> Option<(Sighting, i64)> {
+    fn choose(&self, follows_one: bool) -> Option<(TargetObservation, i64)> {
         if let (Some(lost), false) = (self.last, follows_one) {
             if let Some(back) = self.alive(lost.id) {
                 return Some(back);
@@ -197,7 +197,7 @@ impl Anchor {
                 && self.now_ns.saturating_sub(lost.measured_ns) <= self.rule.again_ns
                 && !matches!(self.rule.pick, Pick::Id(_))
             {
-                let distance = |it: &(Sighting, i64)| (it.0.position - lost.position).norm();
+                let distance = |it: &(TargetObservation, i64)| (it.0.position - lost.position).norm();
                 return least(self.eligible().filter(|it| distance(it) <= within), distance);
             }
         }
@@ -211,7 +211,11 @@ impl Anchor {
     }
 
     /// `next` once it has been the choice for long enough, or is the lost one.
-    fn settled(&mut self, next: Option<(Sighting, i64)>, followed: Option<u32>) -> Option<(Sighting, i64)> {
+    fn settled(
+        &mut self,
+        next: Option<(TargetObservation, i64)>,
+        followed: Option<u32>,
+    ) -> Option<(TargetObservation, i64)> {
         let Some((target, measured_ns)) = next.filter(|it| followed != Some(it.0.id)) else {
             self.choice = None;
             return None;
@@ -229,9 +233,9 @@ impl Anchor {
 
 /// The one with the least `cost`; of equals the one with the smallest identity.
 fn least(
-    targets: impl Iterator<Item = (Sighting, i64)>,
-    cost: impl Fn(&(Sighting, i64)) -> f64,
-) -> Option<(Sighting, i64)> {
+    targets: impl Iterator<Item = (TargetObservation, i64)>,
+    cost: impl Fn(&(TargetObservation, i64)) -> f64,
+) -> Option<(TargetObservation, i64)> {
     targets.min_by(|a, b| cost(a).total_cmp(&cost(b)).then(a.0.id.cmp(&b.0.id)))
 }
 
@@ -241,24 +245,25 @@ mod tests {
 
     const MS: i64 = 1_000_000;
 
-    fn at(id: u32, x: f64, z: f64) -> Sighting {
+    fn at(id: u32, x: f64, z: f64) -> TargetObservation {
         let (position, velocity) = (Point3::new(x, 0.0, z), Vector3::new(1.0, 0.0, 0.0));
-        Sighting { id, position, velocity, covariance: Matrix6::identity() * 1e-4, is_measured: true }
+        TargetObservation { id, position, velocity, covariance: Matrix6::identity() * 1e-4, is_measured: true }
     }
 
-    fn predicted(id: u32, x: f64, z: f64) -> Sighting {
-        Sighting { is_measured: false, ..at(id, x, z) }
+    fn predicted(id: u32, x: f64, z: f64) -> TargetObservation {
+        TargetObservation { is_measured: false, ..at(id, x, z) }
     }
 
     /// What is followed after each of the updates [ms].
     #[track_caller]
-    fn followed(rule: AnchorRule, updates: &[(i64, &[Sighting])]) -> Vec<Option<u32>> {
+    fn followed(rule: AnchorRule, updates: &[(i64, &[TargetObservation])]) -> Vec<Option<u32>> {
         let mut anchor = Anchor::new(rule);
-        let follow =
-            |&(time_ms, targets): &(i64, &[Sighting])| match anchor.update(time_ms * MS, targets.iter().copied()) {
-                AnchorState::Found(it) => Some(it.id),
-                AnchorState::Lost { .. } => None,
-            };
+        let follow = |&(time_ms, targets): &(i64, &[TargetObservation])| match anchor
+            .update(time_ms * MS, targets.iter().copied())
+        {
+            AnchorState::Found(it) => Some(it.id),
+            AnchorState::Lost { .. } => None,
+        };
         updates.iter().map(follow).collect()
     }
 
@@ -285,7 +290,7 @@ mod tests {
 
     #[test]
     fn target_is_kept_though_another_becomes_the_choice_unless_the_rule_says_otherwise() {
-        let updates: [(i64, &[Sighting]); 2] =
+        let updates: [(i64, &[TargetObservation]); 2] =
             [(0, &[at(1, 0.0, 2.0), at(2, 0.0, 1.0)]), (10, &[at(1, 0.0, 1.0), at(2, 0.0, 2.0)])];
         let rule = at_once(Pick::Highest);
         assert_eq!(followed(rule, &updates), [Some(1), Some(1)]);
@@ -298,12 +303,12 @@ mod tests {
         let high = at(2, 0.0, 2.0);
         let rule = AnchorRule { pick: Pick::Highest, settle_ns: 20 * MS, ..AnchorRule::default() };
         // The first choice is another one 10 ms later, and starts anew.
-        let updates: [(i64, &[Sighting]); 4] =
+        let updates: [(i64, &[TargetObservation]); 4] =
             [(0, &[low]), (10, &[low, high]), (20, &[low, high]), (30, &[low, high])];
         assert_eq!(followed(rule, &updates), [None, None, None, Some(2)]);
         // A challenge that ends before it has lasted leaves things as they were.
         let rule = AnchorRule { keep: false, ..rule };
-        let updates: [(i64, &[Sighting]); 5] =
+        let updates: [(i64, &[TargetObservation]); 5] =
             [(0, &[low]), (20, &[low]), (30, &[low, high]), (40, &[low]), (50, &[low, high])];
         assert_eq!(followed(rule, &updates), [None, Some(1), Some(1), Some(1), Some(1)]);
     }
@@ -311,7 +316,7 @@ mod tests {
     #[test]
     fn predicted_for_too_long_is_lost_and_does_not_come_back_until_measured() {
         let rule = AnchorRule { lost_ns: 30 * MS, ..at_once(Pick::First) };
-        let updates: [(i64, &[Sighting]); 6] = [
+        let updates: [(i64, &[TargetObservation]); 6] = [
             (0, &[predicted(1, 0.0, 0.0)]),
             (10, &[at(1, 0.0, 0.0)]),
             (40, &[predicted(1, 0.0, 0.0)]),
@@ -326,7 +331,7 @@ mod tests {
     fn same_identity_goes_on_at_once_and_another_has_to_last() {
         let rule = AnchorRule { settle_ns: 20 * MS, lost_ns: 5 * MS, ..AnchorRule::default() };
         let (one, two) = (at(1, 0.0, 0.0), at(2, 0.0, 0.0));
-        let updates: [(i64, &[Sighting]); 7] =
+        let updates: [(i64, &[TargetObservation]); 7] =
             [(0, &[one]), (20, &[one]), (30, &[]), (40, &[one, two]), (50, &[two]), (60, &[two]), (70, &[two])];
         assert_eq!(followed(rule, &updates), [None, Some(1), None, Some(1), None, None, Some(2)]);
     }
@@ -335,7 +340,7 @@ mod tests {
     fn after_a_loss_only_what_is_near_is_picked_for_a_while() {
         let rule = AnchorRule { again_within: Some(0.5), again_ns: 100 * MS, ..at_once(Pick::First) };
         let (far, near, nearer) = (at(2, 3.0, 0.0), at(9, 0.4, 0.0), at(8, 0.2, 0.0));
-        let lost: (i64, &[Sighting]) = (0, &[at(1, 0.0, 0.0)]);
+        let lost: (i64, &[TargetObservation]) = (0, &[at(1, 0.0, 0.0)]);
         assert_eq!(followed(rule, &[lost, (50, &[far]), (60, &[far, near, nearer])]), [Some(1), None, Some(8)]);
         assert_eq!(followed(rule, &[lost, (100, &[far]), (101, &[far])]), [Some(1), None, Some(2)]);
     }
@@ -345,7 +350,7 @@ mod tests {
         let offset = Vector3::new(0.0, 0.1, -0.2);
         let mut anchor = Anchor::new(AnchorRule { offset, ..at_once(Pick::First) });
         assert_eq!(anchor.state(), AnchorState::Lost { since_ns: None });
-        let moved = Sighting { position: Point3::new(1.0, 0.1, 1.8), ..at(4, 1.0, 2.0) };
+        let moved = TargetObservation { position: Point3::new(1.0, 0.1, 1.8), ..at(4, 1.0, 2.0) };
         assert_eq!(anchor.update(7, [at(4, 1.0, 2.0)]), AnchorState::Found(moved));
         assert_eq!(anchor.update(9, []), AnchorState::Lost { since_ns: Some(7) });
         assert_eq!(anchor.update(8, [at(4, 1.0, 2.0)]), AnchorState::Lost { since_ns: Some(7) }, "of the past");
@@ -359,7 +364,8 @@ mod tests {
     fn what_is_not_finite_is_not_seen() {
         let mut broken = at(1, 0.0, 0.0);
         broken.covariance[(0, 3)] = f64::NAN;
-        let updates: [(i64, &[Sighting]); 2] = [(0, &[at(1, f64::INFINITY, 0.0), at(2, 0.0, 0.0)]), (1, &[broken])];
+        let updates: [(i64, &[TargetObservation]); 2] =
+            [(0, &[at(1, f64::INFINITY, 0.0), at(2, 0.0, 0.0)]), (1, &[broken])];
         assert_eq!(followed(at_once(Pick::First), &updates), [Some(2), None]);
         // Nor do the ends of the clock overflow.
         let mut anchor = Anchor::new(at_once(Pick::First));

@@ -84,12 +84,12 @@ pub struct Calibration {
 #[derive(Debug, Clone, PartialEq)]
 pub struct CalibrationError {
     /// In the order of the file; at least one.
-    pub faults: Vec<CalibrationFault>,
+    pub faults: Vec<CalibrationDiagnostic>,
 }
 
 /// One thing that is wrong with a calibration.
 #[derive(Debug, Clone, PartialEq)]
-pub struct CalibrationFault {
+pub struct CalibrationDiagnostic {
     /// The file; empty when there is none.
     pub file: PathBuf,
     /// Line and column in `file`, both from 1, the column in characters.
@@ -102,7 +102,7 @@ pub struct CalibrationFault {
     pub expected: String,
 }
 
-impl fmt::Display for CalibrationFault {
+impl fmt::Display for CalibrationDiagnostic {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if !self.file.as_os_str().is_empty() {
             write!(f, "{}", self.file.display())?;
@@ -120,15 +120,15 @@ impl fmt::Display for CalibrationFault {
 
 impl fmt::Display for CalibrationError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let lines: Vec<String> = self.faults.iter().map(CalibrationFault::to_string).collect();
+        let lines: Vec<String> = self.faults.iter().map(CalibrationDiagnostic::to_string).collect();
         f.write_str(&lines.join("\n"))
     }
 }
 
 impl std::error::Error for CalibrationError {}
 
-impl From<CalibrationFault> for CalibrationError {
-    fn from(fault: CalibrationFault) -> Self {
+impl From<CalibrationDiagnostic> for CalibrationError {
+    fn from(fault: CalibrationDiagnostic) -> Self {
         CalibrationError { faults: vec![fault] }
     }
 }
@@ -141,11 +141,11 @@ impl CalibrationError {
     }
 }
 
-impl CalibrationFault {
+impl CalibrationDiagnostic {
     /// A fault of `file` as a whole.
     pub(crate) fn of_file(file: &Path, found: impl Into<String>, expected: impl Into<String>) -> Self {
         let (found, expected) = (found.into(), expected.into());
-        CalibrationFault { file: file.to_owned(), place: None, camera: None, found, expected }
+        CalibrationDiagnostic { file: file.to_owned(), place: None, camera: None, found, expected }
     }
 }
 
@@ -166,8 +166,8 @@ impl Calibration {
         cameras.sort_by(|a, b| natural_order(&a.name, &b.name));
         let mut faults = Vec::new();
         let mut report = |camera: Option<&str>, found: String, expected: &str| {
-            let fault = CalibrationFault::of_file(Path::new(""), found, expected);
-            faults.push(CalibrationFault { camera: camera.map(str::to_owned), ..fault });
+            let fault = CalibrationDiagnostic::of_file(Path::new(""), found, expected);
+            faults.push(CalibrationDiagnostic { camera: camera.map(str::to_owned), ..fault });
         };
         if cameras.is_empty() || cameras.len() > MAX_CAMERAS {
             report(None, format!("there are {} cameras", cameras.len()), "1 to 65535");
@@ -265,19 +265,19 @@ pub(crate) fn quoted(text: &str) -> String {
 }
 
 /// Reads a text file of at most 16 MiB.
-pub(crate) fn read_text(path: &Path) -> Result<String, CalibrationFault> {
+pub(crate) fn read_text(path: &Path) -> Result<String, CalibrationDiagnostic> {
     let unreadable =
-        |error: std::io::Error| CalibrationFault::of_file(path, format!("cannot be read ({error})"), "a file");
+        |error: std::io::Error| CalibrationDiagnostic::of_file(path, format!("cannot be read ({error})"), "a file");
     let mut bytes = Vec::new();
     File::open(path).and_then(|file| file.take(MAX_FILE_SIZE + 1).read_to_end(&mut bytes)).map_err(unreadable)?;
     if bytes.len() as u64 > MAX_FILE_SIZE {
-        return Err(CalibrationFault::of_file(path, "has more than 16 MiB", "a calibration of at most 16 MiB"));
+        return Err(CalibrationDiagnostic::of_file(path, "has more than 16 MiB", "a calibration of at most 16 MiB"));
     }
     String::from_utf8(bytes).map_err(|error| {
         let before = &error.as_bytes()[..error.utf8_error().valid_up_to()];
         let place = Some(place_of(&String::from_utf8_lossy(before), before.len()));
-        let fault = CalibrationFault::of_file(path, "a byte that is not UTF-8", "a text file in UTF-8");
-        CalibrationFault { place, ..fault }
+        let fault = CalibrationDiagnostic::of_file(path, "a byte that is not UTF-8", "a text file in UTF-8");
+        CalibrationDiagnostic { place, ..fault }
     })
 }
 
@@ -289,7 +289,7 @@ pub(crate) fn place_of(text: &str, offset: usize) -> (usize, usize) {
 }
 
 /// Faults in the order of places in the file; those without a place first.
-pub(crate) fn sort_by_place(faults: &mut [CalibrationFault]) {
+pub(crate) fn sort_by_place(faults: &mut [CalibrationDiagnostic]) {
     faults.sort_by(|a, b| a.file.cmp(&b.file).then_with(|| a.place.cmp(&b.place)));
 }
 

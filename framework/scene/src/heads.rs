@@ -28,7 +28,7 @@ use std::fmt::Write as _;
 use std::ops::Range;
 
 use foveate_geometry::pan_tilt::{
-    Axis, AxisUnits, HeadCovariance, Limits, PanTiltHead, Stacking, ZoomFault, ZoomStop, ZoomTable,
+    Axis, AxisUnits, HeadCovariance, Limits, PanTiltHead, Stacking, ZoomError, ZoomStop, ZoomTable,
 };
 use foveate_geometry::{Camera, Distortion, Intrinsics};
 use nalgebra::{Point3, SMatrix, Unit, Vector3};
@@ -279,10 +279,10 @@ impl Reader<'_> {
             Ok(table) => Some(table),
             Err(fault) => {
                 let at = match fault {
-                    ZoomFault::TooFew { .. } => None,
-                    ZoomFault::NotRising { stop, .. }
-                    | ZoomFault::FocalTurnsBack { stop, .. }
-                    | ZoomFault::BadOptics { stop, .. } => list.get(stop).map(|it| it.span()),
+                    ZoomError::TooFew { .. } => None,
+                    ZoomError::NotRising { stop, .. }
+                    | ZoomError::FocalTurnsBack { stop, .. }
+                    | ZoomError::BadOptics { stop, .. } => list.get(stop).map(|it| it.span()),
                 };
                 let expected = "two stops or more by rising position, with focal lengths that only rise or only fall";
                 self.report(at.unwrap_or_else(|| value.span()), fault.to_string(), expected.into());

@@ -36,8 +36,8 @@ mod uncertain_pose;
 pub mod uncertainty;
 pub mod volume;
 
-pub use anchor::{Anchor, AnchorRule, AnchorState, Pick, Sighting};
-pub use calibration::{Calibration, CalibrationError, CalibrationFault, LengthUnit, NamedCamera};
+pub use anchor::{Anchor, AnchorRule, AnchorState, Pick, TargetObservation};
+pub use calibration::{Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, NamedCamera};
 pub use clocks::{CameraClock, Clocks};
 pub use draft::{Draft, Unknown};
 pub use formats::{DltOrigin, Export, ExportContent, Format, ImportOptions};

@@ -24,7 +24,7 @@ use std::path::Path;
 use foveate_geometry::{Camera, Distortion, Intrinsics};
 use nalgebra::{Matrix3x4, Vector4};
 
-use crate::calibration::{Calibration, CalibrationError, CalibrationFault, LengthUnit, NamedCamera, read_text};
+use crate::calibration::{Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, NamedCamera, read_text};
 use crate::natural_order::natural_order;
 use crate::shared_lens;
 
@@ -36,7 +36,7 @@ pub(crate) fn load(folder: &Path) -> Result<Calibration, CalibrationError> {
     let matrices_file = folder.join(MATRICES);
     if !matrices_file.is_file() {
         let found = format!("a folder without {MATRICES}");
-        return Err(CalibrationFault::of_file(folder, found, "a TOML file, or a folder of MultiCamSelfCal").into());
+        return Err(CalibrationDiagnostic::of_file(folder, found, "a TOML file, or a folder of MultiCamSelfCal").into());
     }
     let mut faults = Vec::new();
     let matrices = keep(table::<4>(&matrices_file), &mut faults).unwrap_or_default();
@@ -48,7 +48,7 @@ pub(crate) fn load(folder: &Path) -> Result<Calibration, CalibrationError> {
         for (file, rows, per_camera) in [(&matrices_file, matrices.len(), 3), (&sizes_file, sizes.len(), 1)] {
             if rows != per_camera * count {
                 let expected = format!("{} rows for the {count} .rad files", per_camera * count);
-                faults.push(CalibrationFault::of_file(file, format!("has {rows} rows"), expected));
+                faults.push(CalibrationDiagnostic::of_file(file, format!("has {rows} rows"), expected));
             }
         }
     }
@@ -57,7 +57,7 @@ pub(crate) fn load(folder: &Path) -> Result<Calibration, CalibrationError> {
     }
     let mut models = Vec::new();
     for (index, name) in names.iter().enumerate() {
-        let named = |fault: CalibrationFault| CalibrationFault { camera: Some(name.clone()), ..fault };
+        let named = |fault: CalibrationDiagnostic| CalibrationDiagnostic { camera: Some(name.clone()), ..fault };
         let rows = &matrices[3 * index..3 * index + 3];
         let lens = lens(&folder.join(format!("{name}.rad")), sizes[index])
             .map_err(|list| list.into_iter().map(named).collect::<Vec<_>>());
@@ -75,8 +75,8 @@ pub(crate) fn load(folder: &Path) -> Result<Calibration, CalibrationError> {
     let mut worst = 0.0;
     for (name, lens, mut matrix) in models {
         let mut report = |found: String, expected: &str| {
-            let fault = CalibrationFault::of_file(&matrices_file, found, expected);
-            faults.push(CalibrationFault { camera: Some(name.clone()), ..fault });
+            let fault = CalibrationDiagnostic::of_file(&matrices_file, found, expected);
+            faults.push(CalibrationDiagnostic { camera: Some(name.clone()), ..fault });
         };
         if mirrored(&matrix) != left_handed {
             report("a projection of the other handedness than the first camera's".into(), "the same for all cameras");
@@ -112,14 +112,14 @@ pub(crate) fn load(folder: &Path) -> Result<Calibration, CalibrationError> {
     Calibration::new(cameras, LengthUnit::Unknown, origin)
 }
 
-fn keep<T>(result: Result<T, Vec<CalibrationFault>>, faults: &mut Vec<CalibrationFault>) -> Option<T> {
+fn keep<T>(result: Result<T, Vec<CalibrationDiagnostic>>, faults: &mut Vec<CalibrationDiagnostic>) -> Option<T> {
     result.map_err(|list| faults.extend(list)).ok()
 }
 
 /// Names of the `.rad` files, without the ending, in natural order.
-fn lens_names(folder: &Path) -> Result<Vec<String>, CalibrationFault> {
+fn lens_names(folder: &Path) -> Result<Vec<String>, CalibrationDiagnostic> {
     let unreadable =
-        |error: std::io::Error| CalibrationFault::of_file(folder, format!("cannot be read ({error})"), "a folder");
+        |error: std::io::Error| CalibrationDiagnostic::of_file(folder, format!("cannot be read ({error})"), "a folder");
     let mut names = Vec::new();
     for entry in fs::read_dir(folder).map_err(unreadable)? {
         let file = entry.map_err(unreadable)?.file_name();
@@ -127,16 +127,16 @@ fn lens_names(folder: &Path) -> Result<Vec<String>, CalibrationFault> {
     }
     names.sort_by(|a, b| natural_order(a, b));
     match names.is_empty() {
-        true => Err(CalibrationFault::of_file(folder, "a folder without .rad files", "one for each camera")),
+        true => Err(CalibrationDiagnostic::of_file(folder, "a folder without .rad files", "one for each camera")),
         false => Ok(names),
     }
 }
 
 /// The lens alone, as a camera at the origin; pixels count from 1.
-fn lens(path: &Path, size: [f64; 2]) -> Result<Camera, Vec<CalibrationFault>> {
+fn lens(path: &Path, size: [f64; 2]) -> Result<Camera, Vec<CalibrationDiagnostic>> {
     let text = read_text(path).map_err(|fault| vec![fault])?;
     let mut faults = Vec::new();
-    let mut report = |found: String, expected: &str| faults.push(CalibrationFault::of_file(path, found, expected));
+    let mut report = |found: String, expected: &str| faults.push(CalibrationDiagnostic::of_file(path, found, expected));
     let mut value_of = |key: &str| {
         let line = text.lines().find_map(|line| line.split_once('=').filter(|(name, _)| name.trim() == key));
         let value = line.and_then(|(_, value)| value.trim().parse::<f64>().ok()).filter(|it| it.is_finite());
@@ -150,11 +150,11 @@ fn lens(path: &Path, size: [f64; 2]) -> Result<Camera, Vec<CalibrationFault>> {
     let [k1, k2, p1, p2] = ["kc1", "kc2", "kc3", "kc4"].map(&mut value_of);
     if faults.is_empty() && ([k21, k31, k32] != [0.0; 3] || k33 != 1.0 || k11 <= 0.0 || k22 <= 0.0) {
         let found = format!("K21, K31, K32, K33 are {k21}, {k31}, {k32}, {k33}; K11, K22 are {k11}, {k22}");
-        faults.push(CalibrationFault::of_file(path, found, "0, 0, 0, 1, and K11, K22 above 0"));
+        faults.push(CalibrationDiagnostic::of_file(path, found, "0, 0, 0, 1, and K11, K22 above 0"));
     }
     if !size.iter().all(|it| it.fract() == 0.0 && (1.0..=65535.0).contains(it)) {
         let found = format!("the image in Res.dat has {} x {} px", size[0], size[1]);
-        faults.push(CalibrationFault::of_file(path, found, "whole numbers from 1 to 65535"));
+        faults.push(CalibrationDiagnostic::of_file(path, found, "whole numbers from 1 to 65535"));
     }
     let lens = Camera {
         image_size: size.map(|it| it as u32),
@@ -172,7 +172,7 @@ fn in_front(matrix: &Matrix3x4<f64>, points: &[[f64; 7]]) -> Matrix3x4<f64> {
 }
 
 /// Rows of `N` numbers parted by blanks, as MATLAB saves them in text form.
-fn table<const N: usize>(path: &Path) -> Result<Vec<[f64; N]>, Vec<CalibrationFault>> {
+fn table<const N: usize>(path: &Path) -> Result<Vec<[f64; N]>, Vec<CalibrationDiagnostic>> {
     let text = read_text(path).map_err(|fault| vec![fault])?;
     let (mut rows, mut faults) = (Vec::new(), Vec::new());
     for (index, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
@@ -182,8 +182,9 @@ fn table<const N: usize>(path: &Path) -> Result<Vec<[f64; N]>, Vec<CalibrationFa
             Some(row) => rows.push(row),
             None => {
                 let shown: String = line.trim().chars().take(60).collect();
-                let fault = CalibrationFault::of_file(path, format!("a row {shown:?}"), format!("{N} finite numbers"));
-                faults.push(CalibrationFault { place: Some((index + 1, 1)), ..fault });
+                let fault =
+                    CalibrationDiagnostic::of_file(path, format!("a row {shown:?}"), format!("{N} finite numbers"));
+                faults.push(CalibrationDiagnostic { place: Some((index + 1, 1)), ..fault });
             }
         }
     }

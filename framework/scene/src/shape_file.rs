@@ -28,7 +28,7 @@ use foveate_geometry::shape_model::{Bases, ShapeModel, Usual};
 use nalgebra::{DMatrix, Matrix3, Point3};
 use toml::de::DeTable;
 
-use crate::calibration::{CalibrationError, CalibrationFault};
+use crate::calibration::{CalibrationDiagnostic, CalibrationError};
 use crate::toml_reader::{Reader, read};
 
 const SECTIONS: [&str; 3] = ["shape_model", "mark", "base"];
@@ -43,7 +43,7 @@ const BASE_KEYS: [&str; 2] = ["variance", "shape"];
 /// Everything that is wrong with it, each with its line, what was found and what is expected.
 pub fn parse_shape_model(text: &str, path: &Path) -> Result<ShapeModel, CalibrationError> {
     let model = read(text, path, |reader, root, whole| reader.shape_model(root, whole))?;
-    let fault = |found: String| CalibrationFault::of_file(path, found, "a model whose parts go together");
+    let fault = |found: String| CalibrationDiagnostic::of_file(path, found, "a model whose parts go together");
     let model = model.ok_or_else(|| fault("an incomplete model".to_owned()))?;
     match model.fault() {
         Some(found) => Err(fault(found).into()),
@@ -56,8 +56,9 @@ pub fn parse_shape_model(text: &str, path: &Path) -> Result<ShapeModel, Calibrat
 /// # Errors
 /// As [`parse_shape_model`]; a file that cannot be read.
 pub fn load_shape_model(path: &Path) -> Result<ShapeModel, CalibrationError> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|error| CalibrationFault::of_file(path, format!("no text ({error})"), "a model of a shape in TOML"))?;
+    let text = std::fs::read_to_string(path).map_err(|error| {
+        CalibrationDiagnostic::of_file(path, format!("no text ({error})"), "a model of a shape in TOML")
+    })?;
     parse_shape_model(&text, path)
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Each space hangs below a parent by `parent_from_space`, which is fixed or a bounded history of timed poses. Between two
 //! samples the translation is interpolated linearly and the rotation along the shortest arc; beyond the ends the nearest sample
-//! holds for a limited time, and a newest one with a velocity is carried on by it. The poses are [`UncertainPose`]s; between samples their
+//! holds for a limited time, and a newest one with a velocity is extrapolated by it. The poses are [`UncertainPose`]s; between samples their
 //! covariances are interpolated too, which errs on the safe side whether or not the samples' errors are correlated.
 //!
 //! A space whose target is lost is *suspended*: it answers for the past, keeps what it holds, and resumes with the next pose.
@@ -199,7 +199,7 @@ impl SceneGraph {
     }
 
     /// As [`Self::push`] for a space whose origin moves with `velocity` in its parent [m/s]: as long as this pose is the newest one, later
-    /// times have it carried on, less and less certainly. `covariance` is that of (origin, velocity) in the parent [m², m²/s, m²/s²]. An
+    /// times have it extrapolated, less and less certainly. `covariance` is that of (origin, velocity) in the parent [m², m²/s, m²/s²]. An
     /// acceleration is not in that.
     pub fn push_moving(
         &mut self,

@@ -6,7 +6,7 @@ use std::path::Path;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use crate::calibration::{CalibrationError, CalibrationFault, place_of, sort_by_place};
+use crate::calibration::{CalibrationDiagnostic, CalibrationError, place_of, sort_by_place};
 
 pub(crate) type Value<'i> = Spanned<DeValue<'i>>;
 
@@ -38,13 +38,13 @@ pub(crate) struct Reader<'a> {
     /// The one being read, for the messages.
     pub camera: Option<String>,
     /// What was wrong so far.
-    pub faults: Vec<CalibrationFault>,
+    pub faults: Vec<CalibrationDiagnostic>,
 }
 
 impl Reader<'_> {
     /// Adds a fault of what stands at the byte range `at`.
     pub fn report(&mut self, at: Range<usize>, found: String, expected: String) {
-        self.faults.push(CalibrationFault {
+        self.faults.push(CalibrationDiagnostic {
             file: self.path.to_owned(),
             place: Some(place_of(self.text, at.start)),
             camera: self.camera.clone(),

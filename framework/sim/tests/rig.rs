@@ -129,7 +129,7 @@ fn truth_scores_perfectly_and_is_saved() {
     let outcome = run_rig(1, "", Some(folder.path()));
     let figures = &outcome.report.figures;
     assert_eq!((figures["targets_true"], figures["identities_per_target"]), (8.0, 1.0), "{figures:?}");
-    assert_eq!((figures["missed"], figures["completeness"], figures["swaps"]), (0.0, 1.0, 0.0), "{figures:?}");
+    assert_eq!((figures["missed"], figures["completeness"], figures["id_switches"]), (0.0, 1.0, 0.0), "{figures:?}");
     assert!(figures["error_mm.p95"] < 0.01, "{figures:?}");
     let text = std::fs::read_to_string(folder.path().join("truth.csv")).unwrap();
     let lines: Vec<&str> = text.lines().collect();

@@ -6,8 +6,8 @@ use foveate::geometry::Camera;
 use foveate::prelude::*;
 use nalgebra::{Point2, Vector2, Vector3};
 
+use crate::blob_detector::{BlobDetector, GrayPicture, Outcome};
 use crate::settings::BlobSettings;
-use crate::watcher::{GrayPicture, Outcome, Watcher};
 
 const IMAGE: In<Image> = In::each(0, "image");
 const PREDICTED: In<Targets> = In::latest(1, "predicted").optional();
@@ -18,7 +18,7 @@ const FEATURES: Out<Features> = Out::new(0, "features");
 /// Nothing seen, or the background not learnt yet: an empty list. A picture of the wrong size or a broken one, and one of which
 /// so much is foreground that the background cannot be right, is a gap on the output; the detector goes on with the next.
 pub struct Detector {
-    watcher: Watcher,
+    blob_detector: BlobDetector,
     camera: Option<CameraId>,
     camera_name: String,
     model: Option<Camera>,
@@ -54,7 +54,7 @@ impl Node for Detector {
             text => Some(read_background(&setup.path("background", text)?, size)?),
         };
         Ok(Self {
-            watcher: Watcher::new(settings, size, background).map_err(ConfigError::node)?,
+            blob_detector: BlobDetector::new(settings, size, background).map_err(ConfigError::node)?,
             camera: setup.camera,
             camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
             model,
@@ -73,7 +73,7 @@ impl Node for Detector {
             let later = image.time() - targets.value.time;
             targets.value.list.iter().filter_map(move |target| model?.project(&target.position_after(later)))
         });
-        match self.watcher.find(&image.value, predicted, |pixel| up_at(model, pixel), &mut features) {
+        match self.blob_detector.find(&image.value, predicted, |pixel| up_at(model, pixel), &mut features) {
             Ok(outcome) => {
                 *match outcome {
                     Outcome::Searched => &mut self.tally.searched,

@@ -5,11 +5,11 @@
 //! | `blob.detector` | finds what moves before a learnt background, in the pictures of one camera |
 //!
 //! It has the ports of `led.detector`: in a rig only `type` and the settings change. The algorithm is a plain structure that
-//! knows no graph: [`watcher::Watcher`].
+//! knows no graph: [`blob_detector::BlobDetector`].
 
+pub mod blob_detector;
 pub mod detector;
 mod settings;
-pub mod watcher;
 
 pub use settings::{BlobSettings, ReportedPoint};
 

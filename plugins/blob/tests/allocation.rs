@@ -1,7 +1,7 @@
 //! The steady state of the blob detector allocates nothing.
 
 use foveate::messages::{Features, Image, PixelFormat};
-use foveate_blob::watcher::{Outcome, Watcher};
+use foveate_blob::blob_detector::{BlobDetector, Outcome};
 use foveate_blob::{BlobSettings, ReportedPoint};
 use foveate_testkit::allocation::{self, Counting};
 use nalgebra::{Point2, Vector2};
@@ -13,7 +13,7 @@ static ALLOCATOR: Counting = Counting;
 #[test]
 fn steady_state_allocates_nothing() {
     let settings = BlobSettings { learn_frames: 5, shrink: 2, point: ReportedPoint::Top, ..BlobSettings::default() };
-    let mut watcher = Watcher::new(settings, None, None).unwrap();
+    let mut blob_detector = BlobDetector::new(settings, None, None).unwrap();
     let n = 320 * 240;
     let mut image =
         Image { width: 320, height: 240, format: PixelFormat::Rgb8, pixels: vec![90; 3 * n], ..Image::default() };
@@ -27,7 +27,7 @@ fn steady_state_allocates_nothing() {
         }
         let predicted = at.map(|at| Point2::new(at as f64, 120.0));
         let up = |_: &Point2<f64>| Vector2::new(0.0, -1.0);
-        let outcome = watcher.find(&image, predicted.into_iter(), up, &mut features).unwrap();
+        let outcome = blob_detector.find(&image, predicted.into_iter(), up, &mut features).unwrap();
         (outcome, features.list.len())
     };
     (0..5).for_each(|_| assert_eq!(find(None), (Outcome::Learning, 0)));

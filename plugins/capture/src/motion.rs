@@ -169,7 +169,7 @@ impl CaptureMotion {
                 velocity,
                 covariance,
                 cameras,
-                how: sample.how,
+                provenance: sample.provenance,
             })
         };
         Targets { time, list: self.order.iter().filter_map(target).collect() }
@@ -179,7 +179,7 @@ impl CaptureMotion {
         let mark = |(kind, point): &(Kind, usize)| {
             let (Kind::Mark(label), sample) = (kind, self.motion.get(frame, *point)?) else { return None };
             let (covariance, cameras) = (self.covariance(sample), self.cameras(sample));
-            Some(Mark { label: *label, position: sample.position, covariance, cameras, how: sample.how })
+            Some(Mark { label: *label, position: sample.position, covariance, cameras, provenance: sample.provenance })
         };
         let list = self.order.iter().filter_map(mark).collect();
         Marks { time, world_from_marks: Isometry3::identity(), list, ..Marks::default() }
@@ -337,7 +337,7 @@ mod tests {
 
     use super::*;
 
-    const TABLE: &str = "time_s,target,x_m,y_m,z_m,how,name\n0,0,0,0,1,measured,waist\n0,1,0,1,1,filled,mark-4\n0,2,5,5,5,measured,F nose\n\
+    const TABLE: &str = "time_s,target,x_m,y_m,z_m,provenance,name\n0,0,0,0,1,measured,waist\n0,1,0,1,1,filled,mark-4\n0,2,5,5,5,measured,F nose\n\
                          0.1,0,0.2,0,1,measured,waist\n0.2,0,0.4,0,1,predicted,waist\n0.4,0,0.8,0,1,measured,waist\n";
 
     fn node_of(text: &[u8], settings: &str) -> Result<CaptureMotion, ConfigError> {
@@ -363,10 +363,10 @@ mod tests {
         assert!((targets.list[0].velocity - Vector3::new(2.0, 0.0, 0.0)).norm() < 1e-9);
         assert!((targets.list[0].position_sigma() - 0.002).abs() < 1e-9);
         let marks = node.marks(0, time);
-        let list: Vec<_> = marks.list.iter().map(|it| (it.label, it.how, it.position)).collect();
+        let list: Vec<_> = marks.list.iter().map(|it| (it.label, it.provenance, it.position)).collect();
         let (nose, four) = (Point3::new(5.0, 5.0, 5.0), Point3::new(0.0, 1.0, 1.0));
-        assert_eq!(list, [(0, How::Measured, nose), (4, How::Filled, four)]);
-        assert_eq!(node.targets(2, time).list[0].how, How::Predicted);
+        assert_eq!(list, [(0, Provenance::Measured, nose), (4, Provenance::Filled, four)]);
+        assert_eq!(node.targets(2, time).list[0].provenance, Provenance::Predicted);
         assert!(node.marks(1, time).list.is_empty());
         assert!(node.remarks.iter().any(|it| it.contains("target-0 = waist, mark-0 = F nose")), "{:?}", node.remarks);
     }
@@ -405,7 +405,7 @@ mod tests {
         );
         let node = node_of(text.as_bytes(), "fill_ms = 25.0").unwrap();
         let filled = node.targets(9, Time::ZERO).list.remove(0);
-        assert_eq!(filled.how, How::Filled);
+        assert_eq!(filled.provenance, Provenance::Filled);
         assert!((filled.position - Point3::new(0.09, -0.009, 1.0)).norm() < 1e-9, "{}", filled.position);
         assert!((filled.velocity - Vector3::new(1.0, -0.1, 0.0)).norm() < 1e-9);
         assert!(node_of(text.as_bytes(), "").unwrap().targets(9, Time::ZERO).list.is_empty());

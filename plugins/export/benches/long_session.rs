@@ -60,7 +60,7 @@ impl Node for Head {
             ),
             covariance: Matrix3::identity() * 1e-8,
             cameras: [CameraId(0), CameraId(1)].into_iter().collect(),
-            how: How::Measured,
+            provenance: Provenance::Measured,
         };
         let marks = Marks {
             time: io.now(),

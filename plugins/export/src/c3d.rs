@@ -353,12 +353,12 @@ mod tests {
             node("labels = { mark-4 = \"nose\" }\nevents = [{ time_s = 0.3, label = \"blink\" }]", 3, folder.path())
                 .unwrap();
         let gather = node.gather.as_mut().unwrap();
-        let mark = |label, x, how| Mark {
+        let mark = |label, x, provenance| Mark {
             label,
             position: Point3::new(x, 0.0, 0.0),
             covariance: Matrix3::identity() * 1e-6,
             cameras: [CameraId(0), CameraId(2)].into_iter().collect(),
-            how,
+            provenance,
         };
         // Marks at 25 Hz from 0.2 s on, one of them filled; a target at 100 Hz with a hole.
         for step in 0..5 {
@@ -367,8 +367,8 @@ mod tests {
                 world_from_marks: Isometry3::new(Vector3::z(), Vector3::zeros()),
                 covariance: Matrix6::zeros(),
                 list: vec![
-                    mark(4, 0.5, How::Measured),
-                    mark(5, 0.25, if step == 2 { How::Filled } else { How::Measured }),
+                    mark(4, 0.5, Provenance::Measured),
+                    mark(5, 0.25, if step == 2 { Provenance::Filled } else { Provenance::Measured }),
                 ],
                 fit: None,
             };
@@ -376,8 +376,8 @@ mod tests {
         }
         for step in 0..=50 {
             let time = 0.01 * f64::from(step);
-            let how = if (21..27).contains(&step) { How::Predicted } else { How::Measured };
-            let list = vec![target(1, [time, 0.0, 0.0], how)];
+            let provenance = if (21..27).contains(&step) { Provenance::Predicted } else { Provenance::Measured };
+            let list = vec![target(1, [time, 0.0, 0.0], provenance)];
             gather.push_targets(Arc::new(Targets { time: Time::from_s(time), list }), false);
         }
         let mut report = Report::default();

@@ -343,7 +343,7 @@ mod tests {
     }
 
     fn message(step: u32) -> Arc<Targets> {
-        let list = (0..40).filter_map(|id| Some(target(id, place(id, step)?, How::Measured))).collect();
+        let list = (0..40).filter_map(|id| Some(target(id, place(id, step)?, Provenance::Measured))).collect();
         Arc::new(Targets { time: Time::from_s(1.0 + f64::from(step) / RATE_HZ), list })
     }
 

@@ -263,15 +263,16 @@ impl Gather {
         let own = self.spaces.own();
         let scale = self.parent.as_ref().map(|it| it.0).filter(|_| of_parent).unwrap_or(own);
         let Ok(world_from_scale) = self.spaces.a_from_b(self.spaces.root(), scale, message.time) else {
-            self.without_place += message.list.iter().filter(|it| it.how != How::Predicted).count() as u64;
+            self.without_place +=
+                message.list.iter().filter(|it| it.provenance != Provenance::Predicted).count() as u64;
             return;
         };
         for target in &message.list {
             let covariance = target.covariance.fixed_view::<3, 3>(0, 0).into_owned();
             let (position, covariance) = world_from_scale.transform_point(&target.position, &covariance);
             let key = if of_parent { Point::ParentTarget(target.id) } else { Point::Target(target.id) };
-            if let Some(sample) = Sample::new(position, &covariance, target.how, &target.cameras) {
-                let is_data = target.how != How::Predicted;
+            if let Some(sample) = Sample::new(position, &covariance, target.provenance, &target.cameras) {
+                let is_data = target.provenance != Provenance::Predicted;
                 self.push(message.time, if is_data { Item::Point(key, sample) } else { Item::Predicted(key, sample) });
             }
         }
@@ -283,14 +284,14 @@ impl Gather {
         let mut is_any = false;
         for mark in &marks.list {
             let (position, covariance) = world_from_marks.transform_point(&mark.position, &mark.covariance);
-            let Some(in_world) = Sample::new(position, &covariance, mark.how, &mark.cameras) else { continue };
-            if mark.how == How::Predicted {
+            let Some(in_world) = Sample::new(position, &covariance, mark.provenance, &mark.cameras) else { continue };
+            if mark.provenance == Provenance::Predicted {
                 self.push(marks.time, Item::Predicted(Point::Mark(mark.label), in_world));
                 continue;
             }
             self.push(marks.time, Item::Point(Point::Mark(mark.label), in_world));
             is_any = true;
-            let own = Sample::new(mark.position, &mark.covariance, mark.how, &mark.cameras);
+            let own = Sample::new(mark.position, &mark.covariance, mark.provenance, &mark.cameras);
             if let Some(own) = own.filter(|_| !self.is_taken) {
                 self.push(marks.time, Item::Point(Point::OwnMark(mark.label), own));
             }

@@ -1,7 +1,7 @@
 //! `export.marks`: the table of painted marks, one line for each mark and time.
 //!
 //! Columns: `time_s,mark,x_m,y_m,z_m`, the upper triangle of the position's covariance `cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2`, `cameras` (names joined by
-//! `+`: those whose features entered), `how` (`measured`, `predicted`, `filled`): all in the space that the marks have of their own, a head's or a knee's; then
+//! `+`: those whose features entered), `provenance` (`measured`, `predicted`, `filled`): all in the space that the marks have of their own, a head's or a knee's; then
 //! `world_x_m` to `world_czz_m2`, the same in the world, with the uncertainty of that space's place.
 
 use std::collections::BTreeSet;
@@ -19,7 +19,7 @@ use crate::targets::write_point;
 
 const MARKS: In<Marks> = In::each(0, "marks");
 
-const HEADER: &str = "time_s,mark,x_m,y_m,z_m,cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2,cameras,how,\
+const HEADER: &str = "time_s,mark,x_m,y_m,z_m,cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2,cameras,provenance,\
      world_x_m,world_y_m,world_z_m,world_cxx_m2,world_cxy_m2,world_cxz_m2,world_cyy_m2,world_cyz_m2,world_czz_m2";
 
 /// Settings of [`ExportMarks`].
@@ -61,12 +61,12 @@ impl ExportMarks {
             let name = |it: CameraId| self.cameras.get(usize::from(it.0)).cloned().unwrap_or_else(|| it.0.to_string());
             text.push_str(&field(&mark.cameras.iter().map(name).collect::<Vec<_>>().join("+")));
             text.push(',');
-            text.push_str(mark.how.name());
+            text.push_str(mark.provenance.name());
             let (position, covariance) = world_from_marks.transform_point(&mark.position, &mark.covariance);
             write_point(text, &position, &covariance);
             text.push('\n');
             self.samples += 1;
-            self.filled += u64::from(mark.how == How::Filled);
+            self.filled += u64::from(mark.provenance == Provenance::Filled);
             self.seen.insert(mark.label);
         }
         self.file.push(&self.text);
@@ -153,12 +153,12 @@ mod tests {
         let calibration = Arc::new(foveate_testkit::scene::ring_calibration(3));
         let setup = Setup { out_dir: Some(folder.path().to_owned()), calibration, ..Setup::for_tests() };
         let mut node = ExportMarks::new(toml::from_str("").unwrap(), &setup).unwrap();
-        let mark = |label, how, cameras: &[u16]| Mark {
+        let mark = |label, provenance, cameras: &[u16]| Mark {
             label,
             position: Point3::new(0.1, 0.0, 0.0),
             covariance: Matrix3::from_diagonal(&Vector3::new(1e-6, 4e-6, 1e-6)),
             cameras: cameras.iter().map(|&it| CameraId(it)).collect(),
-            how,
+            provenance,
         };
         // The whole is known to 1 mm along its x axis.
         let mut covariance = Matrix6::zeros();
@@ -167,7 +167,7 @@ mod tests {
             time: Time::from_s(0.25),
             world_from_marks: Isometry3::new(Vector3::z(), Vector3::z() * std::f64::consts::FRAC_PI_2),
             covariance,
-            list: vec![mark(3, How::Measured, &[0, 2]), mark(9, How::Filled, &[])],
+            list: vec![mark(3, Provenance::Measured, &[0, 2]), mark(9, Provenance::Filled, &[])],
             fit: None,
         });
         let mut report = Report::default();

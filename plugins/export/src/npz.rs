@@ -6,7 +6,7 @@
 //! | `labels` | p | the points |
 //! | `positions_m` | n × p × 3 | in the world; NaN where missing |
 //! | `covariances_m2` | n × p × 3 × 3 | of the positions |
-//! | `how` | n × p | index into `how_names`: missing, measured, filled |
+//! | `provenance` | n × p | index into `provenance_names`: missing, measured, filled |
 //! | `cameras` | n × p × ⌈c / 8⌉ | bits: `numpy.unpackbits(cameras, axis=2, count=len(camera_names), bitorder="little")` |
 //! | `camera_names` | c | by number |
 //!
@@ -75,8 +75,8 @@ fn archive(table: &Table, cameras: &[String]) -> Result<Vec<u8>, TooLong> {
     to.texts("labels", &table.points.iter().map(|it| it.label.as_str()).collect::<Vec<_>>())?;
     to.floats("positions_m", &[n, p, 3], &positions(&table.points, n))?;
     to.short_floats("covariances_m2", &[n, p, 3, 3], &covariances(&table.points, n))?;
-    to.texts("how_names", &["missing", How::Measured.name(), How::Filled.name()])?;
-    to.bytes("how", &[n, p], &Table::dense(&table.points, n, 0, |it| if it.is_filled { 2 } else { 1 }))?;
+    to.texts("provenance_names", &["missing", Provenance::Measured.name(), Provenance::Filled.name()])?;
+    to.bytes("provenance", &[n, p], &Table::dense(&table.points, n, 0, |it| if it.is_filled { 2 } else { 1 }))?;
     let names: Vec<&str> = cameras.iter().map(String::as_str).collect();
     to.texts("camera_names", &names)?;
     let n_bytes = cameras.len().div_ceil(8);
@@ -188,8 +188,8 @@ assert file["positions_m"].shape == (5, 2, 3), file["positions_m"].shape
 assert list(file["labels"]) == ["waist", "mark-7"], file["labels"]
 assert numpy.allclose(file["positions_m"][1], [[1, 2, 3], [0.1, 0.0, 1.0]]), file["positions_m"][1]
 assert numpy.isnan(file["positions_m"][2:4, 0]).all() and numpy.isnan(file["covariances_m2"][2:4, 0]).all()
-assert [str(file["how_names"][it]) for it in file["how"][:, 0]] == ["measured", "measured", "missing", "missing", "measured"]
-assert [str(file["how_names"][it]) for it in file["how"][:, 1]] == ["missing", "filled", "missing", "missing", "missing"]
+assert [str(file["provenance_names"][it]) for it in file["provenance"][:, 0]] == ["measured", "measured", "missing", "missing", "measured"]
+assert [str(file["provenance_names"][it]) for it in file["provenance"][:, 1]] == ["missing", "filled", "missing", "missing", "missing"]
 assert [names[it] for it in seen[1, 0].nonzero()[0]] == ["ring-2"], seen[1, 0]
 assert [names[it] for it in seen[1, 1].nonzero()[0]] == ["ring-9"], seen[1, 1]
 assert numpy.allclose(file["times_s"], [0.5, 0.6, 0.7, 0.8, 0.9]) and file["rate_hz"] == 10
@@ -217,7 +217,7 @@ print("whole")
         let mut node = ExportNpy::new(toml::from_str(settings).unwrap(), &setup).unwrap();
         let gather = node.gather.as_mut().unwrap();
         for time in [0.5, 0.6, 0.9] {
-            let list = vec![target(3, [1.0, 2.0, 3.0], How::Measured)];
+            let list = vec![target(3, [1.0, 2.0, 3.0], Provenance::Measured)];
             gather.push_targets(Arc::new(Targets { time: Time::from_s(time), list }), false);
         }
         let mark = Mark {
@@ -225,7 +225,7 @@ print("whole")
             position: Point3::new(0.0, -0.1, 0.0),
             covariance: Matrix3::from_diagonal(&Vector3::new(1e-6, 4e-6, 1e-6)),
             cameras: [CameraId(8)].into_iter().collect(),
-            how: How::Filled,
+            provenance: Provenance::Filled,
         };
         let quarter = Vector3::z() * std::f64::consts::FRAC_PI_2;
         gather.push_marks(Arc::new(Marks {

@@ -185,7 +185,7 @@ mod tests {
             let radius = 0.4 + 0.1 * f64::from(id);
             let noise = if truth { 0.0 } else { 0.01 * f64::from(step * 7919 % 101) / 101.0 };
             let position = [radius * phase.cos() + noise, radius * phase.sin(), 1.0 + 0.2 * (2.0 * phase).sin()];
-            let mut target = target(id, position, if lost { How::Predicted } else { How::Measured });
+            let mut target = target(id, position, if lost { Provenance::Predicted } else { Provenance::Measured });
             let sigma = if lost { 0.01 + 0.15 * (since_loss - 8.0) } else { 0.01 };
             target.covariance.fixed_view_mut::<3, 3>(0, 0).set_diagonal(&Vector3::repeat(sigma * sigma));
             if !lost {

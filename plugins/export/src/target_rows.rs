@@ -35,7 +35,7 @@ pub(crate) struct Row {
     /// The same in the world; `None`: not asked for, or not known.
     pub(crate) world: Option<Place>,
     pub(crate) cameras: CameraSet,
-    pub(crate) how: How,
+    pub(crate) provenance: Provenance,
 }
 
 impl Row {
@@ -48,11 +48,11 @@ impl Row {
             covariance: target.covariance.fixed_view::<3, 3>(0, 0).into_owned(),
             world: None,
             cameras: target.cameras.clone(),
-            how: target.how,
+            provenance: target.provenance,
         }
     }
 
-    /// A sample carried on by its velocity.
+    /// A sample extrapolated by its velocity.
     fn carried(time: Time, from: Time, target: &Target) -> Self {
         let dt = (time - from).as_s();
         let of_position = target.covariance.fixed_view::<3, 3>(0, 0);
@@ -131,7 +131,7 @@ impl Clock {
         self.reached = time;
         for target in &message.list {
             let live = self.live.entry(target.id).or_default();
-            if target.how == How::Measured {
+            if target.provenance == Provenance::Measured {
                 live.observations.push_back((time, target.cameras.clone()));
             }
             let world = to_world(time, &Row::of(time, target).place());
@@ -202,8 +202,8 @@ impl Clock {
                 let share = since.as_s() / (next.time - last.time).as_s();
                 (row.position, row.covariance) = between(row.place(), Row::of(time, &next.target).place(), share);
                 row.world = last.world.zip(next.world).map(|(a, b)| between(a, b, share));
-                if next.target.how == How::Filled {
-                    row.how = How::Filled;
+                if next.target.provenance == Provenance::Filled {
+                    row.provenance = Provenance::Filled;
                 }
             }
             None if since > self.carried_at_most || last.gone.is_some_and(|it| it <= time) => return None,
@@ -219,10 +219,10 @@ impl Clock {
             is_measured = true;
             cameras.iter().for_each(|camera| row.cameras.insert(camera));
         }
-        row.how = match (row.how, is_measured) {
-            (How::Filled, _) => How::Filled,
-            (_, true) => How::Measured,
-            (_, false) => How::Predicted,
+        row.provenance = match (row.provenance, is_measured) {
+            (Provenance::Filled, _) => Provenance::Filled,
+            (_, true) => Provenance::Measured,
+            (_, false) => Provenance::Predicted,
         };
         Some(row)
     }
@@ -234,15 +234,16 @@ pub(crate) mod tests {
 
     use super::*;
 
-    pub(crate) fn target(id: u32, position: [f64; 3], how: How) -> Target {
-        let cameras = if how == How::Measured { [CameraId(1)].into_iter().collect() } else { CameraSet::default() };
+    pub(crate) fn target(id: u32, position: [f64; 3], provenance: Provenance) -> Target {
+        let cameras =
+            if provenance == Provenance::Measured { [CameraId(1)].into_iter().collect() } else { CameraSet::default() };
         Target {
             id: TargetId(id),
             position: position.into(),
             velocity: Vector3::new(1.0, 0.0, 0.0),
             covariance: Matrix6::identity() * 1e-4,
             cameras,
-            how,
+            provenance,
         }
     }
 
@@ -251,37 +252,37 @@ pub(crate) mod tests {
     }
 
     /// Rows of a 100 Hz clock as (ms, x in mm, how).
-    fn ticks(messages: &[(f64, How)]) -> Vec<(f64, f64, How)> {
+    fn ticks(messages: &[(f64, Provenance)]) -> Vec<(f64, f64, Provenance)> {
         let mut clock = Clock::new(100.0, Interval::from_ms(20.0), Interval::from_ms(100.0));
         let mut rows = Vec::new();
-        for &(time, how) in messages {
-            let message = Targets { time: ms(time), list: vec![target(1, [time * 1e-3, 0.0, 0.0], how)] };
+        for &(time, provenance) in messages {
+            let message = Targets { time: ms(time), list: vec![target(1, [time * 1e-3, 0.0, 0.0], provenance)] };
             clock.push(&message, &|_, _| None, &mut |row| rows.push(row));
         }
         clock.finish(&|_, _| None, &mut |row| rows.push(row));
         let round = |value: f64| (value * 1e6).round() / 1e6;
-        rows.iter().map(|it| (round(it.time.as_s() * 1e3), round(it.position.x * 1e3), it.how)).collect()
+        rows.iter().map(|it| (round(it.time.as_s() * 1e3), round(it.position.x * 1e3), it.provenance)).collect()
     }
 
     #[test]
     fn ticks_carry_the_last_sample_by_its_velocity() {
-        use How::{Measured, Predicted};
+        use Provenance::{Measured, Predicted};
         // At 40 ms the last observation (13 ms) is older than 20 ms.
         let rows = ticks(&[(7.0, Measured), (13.0, Measured), (35.0, Predicted), (40.0, Predicted), (41.0, Measured)]);
         let expected = [(10.0, Measured), (20.0, Measured), (30.0, Measured), (40.0, Predicted)];
-        assert_eq!(rows, expected.map(|(time, how)| (time, time, how)));
+        assert_eq!(rows, expected.map(|(time, provenance)| (time, time, provenance)));
     }
 
     #[test]
     fn sample_at_the_tick_itself_counts_also_at_the_ends() {
-        let rows = ticks(&[(10.0, How::Measured), (20.0, How::Measured)]);
+        let rows = ticks(&[(10.0, Provenance::Measured), (20.0, Provenance::Measured)]);
         assert_eq!(rows.iter().map(|it| it.0).collect::<Vec<_>>(), [10.0, 20.0]);
     }
 
     #[test]
     fn long_silence_gives_no_rows_and_costs_no_time() {
         let month = 30.0 * 86_400.0 * 1e3;
-        let rows = ticks(&[(10.0, How::Measured), (month, How::Measured)]);
+        let rows = ticks(&[(10.0, Provenance::Measured), (month, Provenance::Measured)]);
         let times: Vec<f64> = rows.iter().map(|it| it.0).collect();
         assert_eq!(times.len(), 12, "{times:?}");
         assert_eq!((times[0], times[10], times[11]), (10.0, 110.0, month));
@@ -292,7 +293,7 @@ pub(crate) mod tests {
         let mut clock = Clock::new(100.0, Interval::from_ms(20.0), Interval::from_ms(100.0));
         let mut rows = Vec::new();
         for (time, camera) in [(1.0, 4), (4.0, 2), (8.0, 7)] {
-            let mut seen = target(1, [0.0; 3], How::Measured);
+            let mut seen = target(1, [0.0; 3], Provenance::Measured);
             seen.cameras = [CameraId(camera)].into_iter().collect();
             clock.push(&Targets { time: ms(time), list: vec![seen] }, &|_, _| None, &mut |row| rows.push(row));
         }
@@ -301,7 +302,7 @@ pub(crate) mod tests {
         assert_eq!(rows.len(), 4, "ticks of 10, 20, 30 and 40 ms");
         assert_eq!(rows[0].cameras, [2, 4, 7].map(CameraId).into_iter().collect());
         assert_eq!(rows[1].cameras, [2, 4, 7].map(CameraId).into_iter().collect());
-        assert!(rows[2].cameras.is_empty() && rows[2].how == How::Predicted);
+        assert!(rows[2].cameras.is_empty() && rows[2].provenance == Provenance::Predicted);
         let dt = 0.002;
         assert!((rows[0].covariance - Matrix3::identity() * 1e-4 * (1.0 + dt * dt)).norm() < 1e-18);
     }
@@ -313,7 +314,7 @@ pub(crate) mod tests {
         // A space that falls faster and faster: between samples only its places at their times count.
         let to_world = |time: Time, place: &Place| Some((place.0 + Vector3::z() * -5.0 * time.as_s().powi(2), place.1));
         for (time, x, id) in [(5.0, 0.0, 1), (25.0, 0.2, 1), (30.0, 7.0, 2), (45.0, 0.0, 1)] {
-            let message = Targets { time: ms(time), list: vec![target(id, [x, 0.0, 0.0], How::Measured)] };
+            let message = Targets { time: ms(time), list: vec![target(id, [x, 0.0, 0.0], Provenance::Measured)] };
             clock.push(&message, &to_world, &mut |row| rows.push(row));
         }
         clock.finish(&to_world, &mut |row| rows.push(row));
@@ -329,7 +330,7 @@ pub(crate) mod tests {
 
     #[test]
     fn correlation_with_velocity_enters_the_carried_covariance() {
-        let mut seen = target(1, [0.0; 3], How::Measured);
+        let mut seen = target(1, [0.0; 3], Provenance::Measured);
         seen.covariance[(0, 3)] = 5e-5;
         seen.covariance[(3, 0)] = 5e-5;
         let row = Row::carried(ms(100.0), ms(0.0), &seen);

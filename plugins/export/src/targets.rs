@@ -1,7 +1,7 @@
 //! `export.targets`: the table of all that was recovered, one line for each target and time.
 //!
 //! Columns: `time_s,target,x_m,y_m,z_m`, the upper triangle of the position's covariance `cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2`,
-//! `cameras` (names joined by `+`: those whose observations entered) and `how` (`measured`, `predicted`, `filled`). All in the scale's own
+//! `cameras` (names joined by `+`: those whose observations entered) and `provenance` (`measured`, `predicted`, `filled`). All in the scale's own
 //! space; in a scale whose space moves, with its anchors at `spaces`, `world_x_m` to `world_czz_m2` follow, the same in the world, empty where the
 //! anchors do not know it.
 
@@ -23,7 +23,7 @@ use crate::target_rows::{Clock, Place, Row};
 const TARGETS: In<Targets> = In::each(0, "targets");
 const SPACES: In<ScaleSpace> = In::latest(1, "spaces").many().optional();
 
-const HEADER: &str = "time_s,target,x_m,y_m,z_m,cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2,cameras,how";
+const HEADER: &str = "time_s,target,x_m,y_m,z_m,cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2,cameras,provenance";
 
 /// What is added to [`HEADER`] where the scale's space moves and its anchors are connected.
 const WORLD_HEADER: &str =
@@ -38,7 +38,7 @@ pub struct ExportTargetsSettings {
     /// Name of the table in the results folder [–]
     #[serde(default = "default_file")]
     pub file: String,
-    /// Rows a second on a regular clock, interpolated between samples and after the last one carried on by its velocity; 0: a row for each time
+    /// Rows a second on a regular clock, interpolated between samples and after the last one extrapolated by its velocity; 0: a row for each time
     /// that there is [Hz]
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 100000.0))]
@@ -102,7 +102,7 @@ impl Table {
         let names: Vec<String> = row.cameras.iter().map(|it| self.camera(it)).collect();
         text.push_str(&field(&names.join("+")));
         text.push(',');
-        text.push_str(row.how.name());
+        text.push_str(row.provenance.name());
         match (&self.spaces, row.world) {
             (Some(_), Some((position, covariance))) => write_point(text, &position, &covariance),
             (Some(_), None) => text.push_str(NO_WORLD),
@@ -118,8 +118,8 @@ impl Table {
 
     fn count(&mut self, row: &Row) {
         self.samples += 1;
-        self.predicted += u64::from(row.how == How::Predicted);
-        self.filled += u64::from(row.how == How::Filled);
+        self.predicted += u64::from(row.provenance == Provenance::Predicted);
+        self.filled += u64::from(row.provenance == Provenance::Filled);
         if let Some(before) = self.places.insert(row.id, row.position) {
             self.path_length += (row.position - before).norm();
         }
@@ -285,12 +285,18 @@ mod tests {
     #[test]
     fn last_message_of_a_time_is_written_with_all_that_is_known() {
         let at = |ms: f64, list: Vec<Target>| Targets { time: Time::ZERO + Interval::from_ms(ms), list };
-        let mut seen_by_two = target(4, [1.0, -2.0, 0.5], How::Measured);
+        let mut seen_by_two = target(4, [1.0, -2.0, 0.5], Provenance::Measured);
         seen_by_two.cameras = [CameraId(0), CameraId(2)].into_iter().collect();
         let messages = vec![
-            at(10.0, vec![target(4, [9.0, 9.0, 9.0], How::Measured)]),
+            at(10.0, vec![target(4, [9.0, 9.0, 9.0], Provenance::Measured)]),
             at(10.0, vec![seen_by_two]),
-            at(20.0, vec![target(4, [1.0, -2.0, 1.5], How::Predicted), target(5, [0.0, 0.0, -1e-9], How::Filled)]),
+            at(
+                20.0,
+                vec![
+                    target(4, [1.0, -2.0, 1.5], Provenance::Predicted),
+                    target(5, [0.0, 0.0, -1e-9], Provenance::Filled),
+                ],
+            ),
         ];
         let (text, report) = export(settings(0.0), messages);
         let covariance = "1.000000e-04,0.000000e+00,0.000000e+00,1.000000e-04,0.000000e+00,1.000000e-04";
@@ -311,7 +317,7 @@ mod tests {
     fn clock_gives_rows_at_its_own_times() {
         let messages = (0..=20).map(|step| {
             let time = f64::from(step) * 0.005;
-            Targets { time: Time::from_s(time), list: vec![target(1, [time, 0.0, 0.0], How::Measured)] }
+            Targets { time: Time::from_s(time), list: vec![target(1, [time, 0.0, 0.0], Provenance::Measured)] }
         });
         let (text, report) = export(settings(30.0), messages.collect());
         let times: Vec<&str> = text.lines().skip(1).filter_map(|line| line.split(',').next()).collect();

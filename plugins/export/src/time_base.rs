@@ -72,11 +72,16 @@ pub(crate) const TRIANGLE: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1)
 
 impl Sample {
     /// `None`: not a number.
-    pub(crate) fn new(position: Point3<f64>, covariance: &Matrix3<f64>, how: How, cameras: &CameraSet) -> Option<Self> {
+    pub(crate) fn new(
+        position: Point3<f64>,
+        covariance: &Matrix3<f64>,
+        provenance: Provenance,
+        cameras: &CameraSet,
+    ) -> Option<Self> {
         position.iter().all(|it| it.is_finite()).then(|| Self {
             position,
             covariance: TRIANGLE.map(|it| covariance[it] as f32),
-            is_filled: how == How::Filled,
+            is_filled: provenance == Provenance::Filled,
             cameras: cameras.clone(),
         })
     }
@@ -377,19 +382,19 @@ mod tests {
         Time::ZERO + Interval::from_ms(milliseconds)
     }
 
-    fn sample(x: f64, how: How) -> Option<Sample> {
+    fn sample(x: f64, provenance: Provenance) -> Option<Sample> {
         let cameras = [CameraId(x as u16)].into_iter().collect();
-        Sample::new(Point3::new(x, 0.0, 0.0), &(Matrix3::identity() * x), how, &cameras)
+        Sample::new(Point3::new(x, 0.0, 0.0), &(Matrix3::identity() * x), provenance, &cameras)
     }
 
     /// Ticks at 100 Hz of samples that lie at x = time in ms: tick, x, filled or not.
-    fn ticks(samples: &[(f64, How)]) -> Vec<(i64, f64, bool)> {
+    fn ticks(samples: &[(f64, Provenance)]) -> Vec<(i64, f64, bool)> {
         let base = TimeBase { start: Time::ZERO, rate_hz: 100.0 };
         let mut tracks = Tracks::new(Interval::from_ms(25.0));
-        for &(time, how) in samples {
-            match how {
-                How::Predicted => tracks.push_predicted(0, ms(time), sample(time, how).unwrap()),
-                _ => tracks.push(&base, 0, ms(time), sample(time, how).unwrap()),
+        for &(time, provenance) in samples {
+            match provenance {
+                Provenance::Predicted => tracks.push_predicted(0, ms(time), sample(time, provenance).unwrap()),
+                _ => tracks.push(&base, 0, ms(time), sample(time, provenance).unwrap()),
             }
         }
         let all = tracks.finish(&base);
@@ -399,7 +404,7 @@ mod tests {
 
     #[test]
     fn ticks_between_near_samples_are_interpolated_and_others_missing() {
-        use How::{Filled, Measured, Predicted};
+        use Provenance::{Filled, Measured, Predicted};
         assert_eq!(ticks(&[(5.0, Measured), (25.0, Measured)]), [(1, 10.0, false), (2, 20.0, false)]);
         assert_eq!(ticks(&[(5.0, Measured), (31.0, Measured)]), [], "26 ms apart");
         assert_eq!(ticks(&[(5.0, Measured), (15.0, Predicted), (31.0, Measured)]), [], "a prediction is no sample");
@@ -415,7 +420,7 @@ mod tests {
         let base = TimeBase { start: Time::ZERO, rate_hz: 100.0 };
         let mut tracks = Tracks::new(Interval::from_ms(25.0));
         for (time, x) in [(10.0, 1.0), (10.0, 2.0), (20.0, 3.0), (15.0, 9.0)] {
-            tracks.push(&base, 7, ms(time), sample(x, How::Measured).unwrap());
+            tracks.push(&base, 7, ms(time), sample(x, Provenance::Measured).unwrap());
         }
         let late = tracks.late();
         let all = tracks.finish(&base);
@@ -426,7 +431,7 @@ mod tests {
     fn way_between_data_leads_through_what_was_predicted() {
         let base = TimeBase { start: Time::ZERO, rate_hz: 100.0 };
         let mut tracks = Tracks::new(Interval::from_ms(50.0));
-        let at = |x: f64| sample(x, How::Measured).unwrap();
+        let at = |x: f64| sample(x, Provenance::Measured).unwrap();
         tracks.push_predicted(0, ms(1.0), at(90.0));
         tracks.push(&base, 0, ms(5.0), at(1.0));
         // On a tick, between ticks, twice at one time, and beyond the datum that follows.
@@ -446,7 +451,7 @@ mod tests {
     fn ticks_are_taken_in_order_and_late_ones_counted() {
         let base = TimeBase { start: Time::ZERO, rate_hz: 100.0 };
         let mut tracks = Tracks::new(Interval::from_ms(25.0));
-        let at = |x: f64| sample(x, How::Measured).unwrap();
+        let at = |x: f64| sample(x, Provenance::Measured).unwrap();
         [10.0, 20.0, 30.0].into_iter().for_each(|it| tracks.push(&base, 0, ms(it), at(it)));
         assert_eq!(tracks.first_tick(), Some(1));
         let mut taken = Vec::new();
@@ -469,7 +474,7 @@ mod tests {
         ) {
             let [a, b] = [(from, p), (to, q)].map(|(x, variance)| {
                 let covariance = Matrix3::identity() * variance;
-                Sample::new(Point3::new(x, 0.0, 0.0), &covariance, How::Measured, &CameraSet::default()).unwrap()
+                Sample::new(Point3::new(x, 0.0, 0.0), &covariance, Provenance::Measured, &CameraSet::default()).unwrap()
             });
             let it = a.between(&b, share);
             prop_assert!((it.position.x - (from + (to - from) * share)).abs() < 1e-12);

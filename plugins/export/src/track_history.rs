@@ -101,7 +101,7 @@ impl Track {
     fn push(&mut self, time: Time, target: &Target, measured_within: Interval) {
         self.stride = self.stride.max(1);
         self.last_seen = time;
-        if target.how == How::Measured {
+        if target.provenance == Provenance::Measured {
             self.last_measured = Some(time);
         }
         let cameras = target.cameras.iter().fold(0, |bits, camera| bits | (1 << camera.0.min(127)));
@@ -162,8 +162,8 @@ mod tests {
     fn history(n: u32, step_ms: f64, seen: impl Fn(u32) -> bool) -> History {
         let mut history = History::new(Interval::from_ms(20.0));
         for index in 0..n {
-            let how = if seen(index) { How::Measured } else { How::Predicted };
-            let mut target = target(1, [f64::from(index), 0.0, 0.0], how);
+            let provenance = if seen(index) { Provenance::Measured } else { Provenance::Predicted };
+            let mut target = target(1, [f64::from(index), 0.0, 0.0], provenance);
             if seen(index) {
                 target.cameras = [CameraId((index % 5) as u16)].into_iter().collect();
             }
@@ -200,7 +200,8 @@ mod tests {
     fn many_tracks_are_bounded_and_the_long_ones_stay() {
         let mut history = History::new(Interval::from_ms(20.0));
         for index in 0..5000_u32 {
-            let list = vec![target(0, [0.0; 3], How::Measured), target(index + 1, [1.0; 3], How::Measured)];
+            let list =
+                vec![target(0, [0.0; 3], Provenance::Measured), target(index + 1, [1.0; 3], Provenance::Measured)];
             history.push(&Targets { time: Time::ZERO + Interval::from_ms(10.0 * f64::from(index)), list });
         }
         assert!(history.tracks.len() <= TRACKS_LIMIT);
@@ -212,7 +213,7 @@ mod tests {
     fn total_is_bounded() {
         let mut history = History::new(Interval::from_ms(20.0));
         for step in 0..3000_u32 {
-            let list = (0..300).map(|id| target(id, [0.0; 3], How::Measured)).collect();
+            let list = (0..300).map(|id| target(id, [0.0; 3], Provenance::Measured)).collect();
             history.push(&Targets { time: Time(i64::from(step) * 1_000_000), list });
         }
         let total: usize = history.tracks.values().map(|it| it.samples.len()).sum();
@@ -223,7 +224,7 @@ mod tests {
     #[test]
     fn holes_part_a_track() {
         let mut history = history(20, 10.0, |_| true);
-        let later = Targets { time: Time::from_s(2.0), list: vec![target(1, [0.0; 3], How::Measured)] };
+        let later = Targets { time: Time::from_s(2.0), list: vec![target(1, [0.0; 3], Provenance::Measured)] };
         history.push(&later);
         let pieces: Vec<usize> = history.tracks[&TargetId(1)].pieces().map(<[Sample]>::len).collect();
         assert_eq!(pieces, [20, 1]);

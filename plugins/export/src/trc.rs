@@ -206,8 +206,8 @@ mod tests {
         let setup = Setup { out_dir: Some(folder.path().to_owned()), ..Setup::for_tests() };
         let settings = "rate_hz = 10.0\nlabels = { target-3 = \"waist\" }\nfilled = false";
         let mut node = ExportTrc::new(toml::from_str(settings).unwrap(), &setup).unwrap();
-        for (step, how) in [(0, How::Measured), (2, How::Filled), (3, How::Measured)] {
-            let list = vec![target(3, [1.0, 2.0, 3.0], how)];
+        for (step, provenance) in [(0, Provenance::Measured), (2, Provenance::Filled), (3, Provenance::Measured)] {
+            let list = vec![target(3, [1.0, 2.0, 3.0], provenance)];
             let message = Targets { time: Time::from_s(0.1 * f64::from(step)), list };
             node.gather.as_mut().unwrap().push_targets(Arc::new(message), false);
         }

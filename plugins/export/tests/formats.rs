@@ -60,7 +60,7 @@ impl Tracker {
                 velocity: Vector3::new(-3.0 * phase.sin(), 3.0 * phase.cos(), 0.0),
                 covariance: Matrix6::identity() * 1e-6,
                 cameras: if is_measured { [CameraId(1)].into_iter().collect() } else { CameraSet::default() },
-                how: if is_measured { How::Measured } else { How::Predicted },
+                provenance: if is_measured { Provenance::Measured } else { Provenance::Predicted },
             }
         };
         let mut list: Vec<Target> = (0..N_TARGETS).map(&mut target).collect();
@@ -74,13 +74,13 @@ impl Tracker {
         let mark = |label: u32| {
             let [y, z] = [f64::from(label % 5) * 0.02, f64::from(label / 5) * 0.02 + 0.001 * f64::from(label)];
             let bent = 0.1 - y * y + 0.01 * (seconds * 9.0).sin();
-            let how = if label == 7 { How::Filled } else { How::Measured };
+            let provenance = if label == 7 { Provenance::Filled } else { Provenance::Measured };
             Mark {
                 label,
                 position: Point3::new(bent, y, z),
                 covariance: Matrix3::identity() * 1e-8,
                 cameras: CameraSet::default(),
-                how,
+                provenance,
             }
         };
         Marks {

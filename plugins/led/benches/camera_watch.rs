@@ -31,7 +31,7 @@ fn watched(seed: u64, lasts_s: f64, bumped: Option<(usize, [f64; 3])>) -> Watch 
     let offsets: Vec<f64> = models.iter().map(|_| offsets.uniform() / RATE_HZ).collect();
     let mut order: Vec<usize> = (0..models.len()).collect();
     order.sort_by(|a, b| offsets[*a].total_cmp(&offsets[*b]));
-    let mut watch = Watch::new(CameraWatchSettings::default().rules(), models.clone());
+    let mut watch = Watch::new(CameraWatchSettings::default().options(), models.clone());
     let mut tracker = Tracker::new(IntegratorSettings::default(), models.clone(), Some(VOLUME_M));
     for frame in 0..(lasts_s * RATE_HZ) as u64 {
         for &camera in &order {
@@ -105,17 +105,17 @@ fn main() {
             middle(&mut errors)
         );
     }
-    let (mut alone, mut undecided, mut sightings, mut turns, mut largest) = (0, 0, 0, 0, 0.0_f64);
+    let (mut alone, mut undecided, mut observations, mut turns, mut largest) = (0, 0, 0, 0, 0.0_f64);
     for seed in 101..107 {
         let quiet = watched(seed, quiet_s, None);
         alone += quiet.bumps().iter().filter(|it| it.cameras.len() == 1).count();
         undecided += quiet.bumps().iter().filter(|it| it.cameras.len() > 1).count();
-        sightings += quiet.sightings().iter().sum::<u64>();
+        observations += quiet.observations().iter().sum::<u64>();
         turns += quiet.rows().len();
         largest = quiet.rows().iter().map(|it| it.sigmas).filter(|it| it.is_finite()).fold(largest, f64::max);
     }
     println!(
-        "quiet, 6 seeds of {quiet_s} s: {alone} accusations, {undecided} undecided, {sightings} sightings, {turns} turns"
+        "quiet, 6 seeds of {quiet_s} s: {alone} accusations, {undecided} undecided, {observations} observations, {turns} turns"
     );
     println!(
         "largest change seen: {largest:.1} standard deviations (told from {} on)",

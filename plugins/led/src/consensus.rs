@@ -18,7 +18,7 @@ use smallvec::SmallVec;
 
 /// A feature as a line of sight.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sighting {
+pub struct RayObservation {
     /// Who saw it.
     pub camera: CameraId,
     /// When.
@@ -35,7 +35,7 @@ pub struct Sighting {
 
 /// What counts as a meeting.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Rules {
+pub struct ConsensusOptions {
     /// Lines this close to a point go through it [m].
     pub tolerance: f64,
     /// How many different cameras a point needs.
@@ -49,7 +49,7 @@ pub struct Rules {
 pub struct Meeting {
     /// Least squares over the lines [m].
     pub position: Point3<f64>,
-    /// Places in the list of sightings, ascending.
+    /// Places in the list of observations, ascending.
     pub members: SmallVec<[usize; 20]>,
 }
 
@@ -92,25 +92,25 @@ impl PartialEq for Candidate {
 impl Eq for Candidate {}
 
 impl Consensus {
-    /// Fills `found` with the meetings among `sightings`, best first; no sighting is in two of them.
+    /// Fills `found` with the meetings among `observations`, best first; no observation is in two of them.
     ///
-    /// `sightings` must be grouped by camera. With `seeds`, each meeting was proposed by a line of that camera: the only one
+    /// `observations` must be grouped by camera. With `seeds`, each meeting was proposed by a line of that camera: the only one
     /// that is new. `accept` says whether a point with that many cameras may be a light at all.
     pub fn find(
         &mut self,
-        sightings: &[Sighting],
+        observations: &[RayObservation],
         seeds: Option<CameraId>,
-        rules: &Rules,
+        options: &ConsensusOptions,
         accept: impl Fn(&Point3<f64>, usize) -> bool,
         found: &mut Vec<Meeting>,
     ) {
         found.clear();
         self.heap.clear();
         self.used.clear();
-        self.used.resize(sightings.len(), false);
-        self.propose(sightings, seeds, rules, &accept);
+        self.used.resize(observations.len(), false);
+        self.propose(observations, seeds, options, &accept);
         while let Some(candidate) = self.heap.pop() {
-            let Some((meeting, now)) = self.settle(sightings, candidate, rules) else { continue };
+            let Some((meeting, now)) = self.settle(observations, candidate, options) else { continue };
             if now.cameras < candidate.cameras {
                 self.heap.push(now); // others took some of its lines: it queues again
             } else if accept(&meeting.position, meeting.members.len()) {
@@ -125,22 +125,22 @@ impl Consensus {
     /// Puts all pairs of lines that meet, with enough support, into the heap.
     fn propose(
         &mut self,
-        sightings: &[Sighting],
+        observations: &[RayObservation],
         seeds: Option<CameraId>,
-        rules: &Rules,
+        options: &ConsensusOptions,
         accept: &impl Fn(&Point3<f64>, usize) -> bool,
     ) {
-        for (i, a) in sightings.iter().enumerate() {
+        for (i, a) in observations.iter().enumerate() {
             if seeds.is_some_and(|camera| camera != a.camera) {
                 continue;
             }
-            for (j, b) in sightings.iter().enumerate() {
+            for (j, b) in observations.iter().enumerate() {
                 if b.camera == a.camera || (seeds.is_none() && j < i) {
                     continue;
                 }
-                let Some(position) = meet(a, b, rules) else { continue };
-                let (members, spread) = self.support(sightings, &position, rules);
-                if members.len() >= rules.min_cameras && accept(&position, members.len()) {
+                let Some(position) = meet(a, b, options) else { continue };
+                let (members, spread) = self.support(observations, &position, options);
+                if members.len() >= options.min_cameras && accept(&position, members.len()) {
                     self.heap.push(Candidate { cameras: members.len(), spread, position, pair: (i, j) });
                 }
             }
@@ -148,37 +148,47 @@ impl Consensus {
     }
 
     /// The candidate on the lines that are still unused, moved to where these meet best.
-    fn settle(&self, sightings: &[Sighting], candidate: Candidate, rules: &Rules) -> Option<(Meeting, Candidate)> {
-        let (members, spread) = self.support(sightings, &candidate.position, rules);
-        if members.len() < rules.min_cameras {
+    fn settle(
+        &self,
+        observations: &[RayObservation],
+        candidate: Candidate,
+        options: &ConsensusOptions,
+    ) -> Option<(Meeting, Candidate)> {
+        let (members, spread) = self.support(observations, &candidate.position, options);
+        if members.len() < options.min_cameras {
             return None;
         }
         let now = Candidate { cameras: members.len(), spread, ..candidate };
-        let Some(position) = least_squares(sightings, &members) else {
+        let Some(position) = least_squares(observations, &members) else {
             return Some((Meeting { position: candidate.position, members }, now));
         };
         // Lines that the first guess missed may go through the better point; never fewer than before.
-        let (again, _) = self.support(sightings, &position, rules);
+        let (again, _) = self.support(observations, &position, options);
         if again.len() < members.len() {
             return Some((Meeting { position: candidate.position, members }, now));
         }
-        let position = least_squares(sightings, &again).unwrap_or(position);
+        let position = least_squares(observations, &again).unwrap_or(position);
         Some((Meeting { position, members: again }, now))
     }
 
     /// The nearest unused line of each camera within the tolerance of `point`, and their mean squared distance [m²].
-    fn support(&self, sightings: &[Sighting], point: &Point3<f64>, rules: &Rules) -> (SmallVec<[usize; 20]>, f64) {
+    fn support(
+        &self,
+        observations: &[RayObservation],
+        point: &Point3<f64>,
+        options: &ConsensusOptions,
+    ) -> (SmallVec<[usize; 20]>, f64) {
         let mut members: SmallVec<[usize; 20]> = SmallVec::new();
         let (mut sum, mut nearest) = (0.0, f64::INFINITY);
         let mut camera = None;
-        for (i, it) in sightings.iter().enumerate() {
+        for (i, it) in observations.iter().enumerate() {
             if self.used[i] {
                 continue;
             }
             let to_point = point - it.ray.origin;
             let depth = to_point.dot(&it.ray.direction);
             let squared = to_point.norm_squared() - depth * depth;
-            if !(depth > 0.0 && squared <= rules.tolerance * rules.tolerance) {
+            if !(depth > 0.0 && squared <= options.tolerance * options.tolerance) {
                 continue;
             }
             if camera != Some(it.camera) {
@@ -200,18 +210,18 @@ impl Consensus {
 }
 
 /// Where two lines meet in front of both cameras, at a sufficient angle and within the tolerance.
-fn meet(a: &Sighting, b: &Sighting, rules: &Rules) -> Option<Point3<f64>> {
+fn meet(a: &RayObservation, b: &RayObservation, options: &ConsensusOptions) -> Option<Point3<f64>> {
     let sine_squared = a.ray.direction.cross(&b.ray.direction).norm_squared();
-    if sine_squared < rules.min_sine * rules.min_sine {
+    if sine_squared < options.min_sine * options.min_sine {
         return None;
     }
     let approach = closest_approach(&a.ray, &b.ray)?;
     let in_front = approach.depth_a > 0.0 && approach.depth_b > 0.0;
-    (in_front && approach.gap <= rules.tolerance).then_some(approach.midpoint)
+    (in_front && approach.gap <= options.tolerance).then_some(approach.midpoint)
 }
 
-fn least_squares(sightings: &[Sighting], members: &[usize]) -> Option<Point3<f64>> {
-    let rays: SmallVec<[Ray; 20]> = members.iter().map(|&i| sightings[i].ray).collect();
+fn least_squares(observations: &[RayObservation], members: &[usize]) -> Option<Point3<f64>> {
+    let rays: SmallVec<[Ray; 20]> = members.iter().map(|&i| observations[i].ray).collect();
     triangulate_rays(&rays)
 }
 
@@ -221,10 +231,10 @@ mod tests {
 
     use super::*;
 
-    const RULES: Rules = Rules { tolerance: 0.015, min_cameras: 3, min_sine: 0.05 };
+    const OPTIONS: ConsensusOptions = ConsensusOptions { tolerance: 0.015, min_cameras: 3, min_sine: 0.05 };
 
     /// What `cameras` of a ring of 8 see of `lights`, by camera.
-    fn sightings(cameras: &[usize], lights: &[Point3<f64>]) -> Vec<Sighting> {
+    fn observations(cameras: &[usize], lights: &[Point3<f64>]) -> Vec<RayObservation> {
         let ring = camera_ring(8);
         let mut list = Vec::new();
         for &camera in cameras {
@@ -232,28 +242,35 @@ mod tests {
                 let pixel = ring[camera].sees(light).unwrap();
                 let ray = ring[camera].ray(&pixel).unwrap();
                 let camera = CameraId(camera as u16);
-                list.push(Sighting { camera, time: Time::ZERO, ray, pixel, covariance: Matrix2::identity(), feature });
+                list.push(RayObservation {
+                    camera,
+                    time: Time::ZERO,
+                    ray,
+                    pixel,
+                    covariance: Matrix2::identity(),
+                    feature,
+                });
             }
         }
         list
     }
 
-    fn meetings(sightings: &[Sighting], seeds: Option<CameraId>) -> Vec<Meeting> {
+    fn meetings(observations: &[RayObservation], seeds: Option<CameraId>) -> Vec<Meeting> {
         let mut found = Vec::new();
-        Consensus::default().find(sightings, seeds, &RULES, |_, _| true, &mut found);
+        Consensus::default().find(observations, seeds, &OPTIONS, |_, _| true, &mut found);
         found
     }
 
     #[test]
     fn each_light_is_met_once_by_all_cameras_and_nothing_else_is() {
         let lights: Vec<Point3<f64>> = foveate_testkit::scene::point_cloud(20, 3);
-        let sightings = sightings(&[0, 1, 2, 3, 4, 5, 6, 7], &lights);
-        let found = meetings(&sightings, None);
+        let observations = observations(&[0, 1, 2, 3, 4, 5, 6, 7], &lights);
+        let found = meetings(&observations, None);
         assert_eq!(found.len(), 20);
         for meeting in found {
             assert_eq!(meeting.members.len(), 8);
-            let light = sightings[meeting.members[0]].feature;
-            assert!(meeting.members.iter().all(|&it| sightings[it].feature == light), "lines of different lights");
+            let light = observations[meeting.members[0]].feature;
+            assert!(meeting.members.iter().all(|&it| observations[it].feature == light), "lines of different lights");
             assert!((meeting.position - lights[light]).norm() < 1e-6);
         }
     }
@@ -266,13 +283,13 @@ mod tests {
         let middle = Point3::new(0.0, 0.0, 1.0);
         let in_plane = (a - middle) * 0.1 + (b - middle) * 0.15;
         let lights = [middle, middle + in_plane];
-        let pair = sightings(&[0, 3], &lights);
-        let rules = Rules { min_cameras: 2, ..RULES };
+        let pair = observations(&[0, 3], &lights);
+        let options = ConsensusOptions { min_cameras: 2, ..OPTIONS };
         let mut found = Vec::new();
-        Consensus::default().find(&pair, None, &rules, |_, _| true, &mut found);
+        Consensus::default().find(&pair, None, &options, |_, _| true, &mut found);
         assert_eq!(found.len(), 2, "two lines a camera make two points, right or wrong");
         // A third camera tells which.
-        let found = meetings(&sightings(&[0, 3, 5], &lights), None);
+        let found = meetings(&observations(&[0, 3, 5], &lights), None);
         assert_eq!(found.len(), 2);
         assert!(found.iter().all(|it| lights.iter().any(|light| (light - it.position).norm() < 1e-6)), "{found:?}");
     }
@@ -282,8 +299,8 @@ mod tests {
         // A ghost on the line of camera 0 to the light, where cameras 1 and 2 imagine something.
         let light = Point3::new(0.1, 0.2, 0.9);
         let ghost = nalgebra::center(&light, &camera_ring(8)[0].centre());
-        let mut mixed = sightings(&[0, 3, 4], &[light]);
-        mixed.splice(1..1, sightings(&[1, 2], &[ghost, light]));
+        let mut mixed = observations(&[0, 3, 4], &[light]);
+        mixed.splice(1..1, observations(&[1, 2], &[ghost, light]));
         let found = meetings(&mixed, None);
         assert_eq!(found.len(), 1, "what is left of the ghost is two lines");
         assert_eq!(found[0].members.len(), 5);
@@ -292,11 +309,11 @@ mod tests {
 
     #[test]
     fn lines_at_too_small_an_angle_fix_no_point() {
-        let pair = sightings(&[0, 1], &[Point3::new(0.1, 0.2, 0.9)]); // some 40 degrees apart
+        let pair = observations(&[0, 1], &[Point3::new(0.1, 0.2, 0.9)]); // some 40 degrees apart
         for (min_sine, n) in [(0.4, 1), (0.8, 0)] {
             let mut found = Vec::new();
-            let rules = Rules { min_sine, min_cameras: 2, ..RULES };
-            Consensus::default().find(&pair, None, &rules, |_, _| true, &mut found);
+            let options = ConsensusOptions { min_sine, min_cameras: 2, ..OPTIONS };
+            Consensus::default().find(&pair, None, &options, |_, _| true, &mut found);
             assert_eq!(found.len(), n, "{min_sine}");
         }
     }
@@ -304,27 +321,27 @@ mod tests {
     #[test]
     fn seeds_restrict_the_proposers() {
         let light = [Point3::new(0.1, 0.2, 0.9)];
-        let sightings = sightings(&[1, 2, 4], &light);
-        assert_eq!(meetings(&sightings, Some(CameraId(2))).len(), 1);
-        assert_eq!(meetings(&sightings, Some(CameraId(3))).len(), 0);
+        let observations = observations(&[1, 2, 4], &light);
+        assert_eq!(meetings(&observations, Some(CameraId(2))).len(), 1);
+        assert_eq!(meetings(&observations, Some(CameraId(3))).len(), 0);
     }
 
     #[test]
     fn too_few_parallel_and_broken_lines_meet_nowhere() {
         let light = [Point3::new(0.1, 0.2, 0.9)];
         assert!(meetings(&[], None).is_empty());
-        assert!(meetings(&sightings(&[1, 2], &light), None).is_empty());
-        let mut same = sightings(&[1, 1, 1], &light);
+        assert!(meetings(&observations(&[1, 2], &light), None).is_empty());
+        let mut same = observations(&[1, 1, 1], &light);
         (0..3).for_each(|k| same[k].camera = CameraId(k as u16));
         assert!(meetings(&same, None).is_empty());
-        let mut broken = sightings(&[1, 2, 4], &light);
+        let mut broken = observations(&[1, 2, 4], &light);
         broken[1].ray.origin.x = f64::NAN;
         assert!(meetings(&broken, None).is_empty());
     }
 
     #[test]
     fn what_lies_behind_a_camera_is_not_met() {
-        let mut backwards = sightings(&[0, 2, 5], &[Point3::new(0.1, 0.2, 0.9)]);
+        let mut backwards = observations(&[0, 2, 5], &[Point3::new(0.1, 0.2, 0.9)]);
         for it in &mut backwards {
             it.ray.direction = -it.ray.direction;
         }

@@ -5,7 +5,7 @@ use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::spotter::{Outcome, Spotter};
+use crate::led_detector::{LedDetector, Outcome};
 
 const IMAGE: In<Image> = In::each(0, "image");
 const PREDICTED: In<Targets> = In::latest(1, "predicted").optional();
@@ -156,7 +156,7 @@ pub enum WhileLearning {
 /// Nothing seen, or the background not learnt yet: an empty list. A picture of the wrong size or a broken one, and one in
 /// which so much is lit that hardly any of it can be a light, is a gap on the output; the detector goes on with the next.
 pub struct Detector {
-    spotter: Spotter,
+    led_detector: LedDetector,
     camera: Option<CameraId>,
     camera_name: String,
     model: Option<Camera>,
@@ -188,9 +188,9 @@ impl Node for Detector {
         let model = setup.camera_model().cloned();
         let size = model.as_ref().map(|it| it.image_size);
         let phase = setup.random.clone().next_u64();
-        let spotter = Spotter::new(settings, size, phase).map_err(ConfigError::node)?;
+        let led_detector = LedDetector::new(settings, size, phase).map_err(ConfigError::node)?;
         Ok(Self {
-            spotter,
+            led_detector,
             camera: setup.camera,
             camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
             model,
@@ -209,7 +209,7 @@ impl Node for Detector {
             let later = image.time() - targets.value.time;
             targets.value.list.iter().filter_map(move |target| model?.project(&target.position_after(later)))
         });
-        match self.spotter.find(&image.value, predicted, &mut features) {
+        match self.led_detector.find(&image.value, predicted, &mut features) {
             Ok(outcome) => {
                 *match outcome {
                     Outcome::Searched => &mut self.tally.searched,

@@ -42,8 +42,8 @@ pub struct Integrator {
     volume: Option<[[f64; 3]; 2]>,
     /// How far ahead of its delivery a frame may have been captured.
     ahead: Interval,
-    birth_cameras: u32,
-    birth_features_max: u32,
+    initiation_cameras: u32,
+    initiation_features_max: u32,
     pool: Pool<Targets>,
     camera_names: Vec<String>,
     /// Frames whose capture time lies after their delivery.
@@ -71,16 +71,16 @@ impl Node for Integrator {
             let n = cameras.len();
             return Err(ConfigError::node(format_args!("found {n} cameras in the calibration, expected at least 2")));
         }
-        if settings.birth_cameras as usize > cameras.len() {
-            let (found, n) = (settings.birth_cameras, cameras.len());
+        if settings.initiation_cameras as usize > cameras.len() {
+            let (found, n) = (settings.initiation_cameras, cameras.len());
             let message = format!(
-                "found {found}, expected at most the {n} cameras of the calibration: no target would ever be born"
+                "found {found}, expected at most the {n} cameras of the calibration: no target would ever be initiated"
             );
-            return Err(ConfigError::at("birth_cameras", message));
+            return Err(ConfigError::at("initiation_cameras", message));
         }
         let ahead = Interval::from_ms(settings.clocks_off_ms().max(CLOCK_TOLERANCE_MS));
-        let birth_cameras = settings.birth_cameras;
-        let birth_features_max = settings.birth_features_max;
+        let initiation_cameras = settings.initiation_cameras;
+        let initiation_features_max = settings.initiation_features_max;
         let spaces = setup.is_connected(&SPACES).then(|| Spaces::new(&setup.scales)).filter(Spaces::is_moving);
         let models = cameras.iter().map(|it| it.camera.clone()).collect();
         Ok(Self {
@@ -88,8 +88,8 @@ impl Node for Integrator {
             volume: setup.volume_m.filter(|_| spaces.is_some()),
             spaces,
             ahead,
-            birth_cameras,
-            birth_features_max,
+            initiation_cameras,
+            initiation_features_max,
             pool: Pool::default(),
             camera_names: cameras.iter().map(|it| it.name.clone()).collect(),
             from_the_future: 0,
@@ -140,7 +140,7 @@ impl Node for Integrator {
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         let tally = self.tracker.tally();
         let mut figure = |name: &str, count: u64| report.figure(format!("integrator.{name}"), count as f64);
-        figure("births", tally.births);
+        figure("initiations", tally.initiations);
         figure("identities_regained", tally.regained);
         figure("deaths_unseen", tally.deaths_unseen);
         figure("deaths_single_view", tally.deaths_single_view);
@@ -166,7 +166,7 @@ impl Node for Integrator {
             let worst = worst.map_or("", |it| it.1.as_str());
             report.remark(format!(
                 "{late} of {} camera frames came too long after newer ones and were not used, most of them of {worst}: that machine does not \
-                 keep up, or its clock is off; late = \"refilter\", a larger history_ms and clocks = \"correct\" use them",
+                 keep up, or its clock is off; late = \"out_of_sequence\", a larger history_ms and clocks = \"correct\" use them",
                 late + applied
             ));
         }
@@ -199,30 +199,33 @@ impl Integrator {
     fn report_nothing(&self, report: &mut Report) {
         let tally = self.tracker.tally();
         let n_seeing = tally.cameras.iter().filter(|it| it.applied > 0).count();
-        if tally.births > 0 || n_seeing == 0 {
+        if tally.initiations > 0 || n_seeing == 0 {
             return;
         }
         let why = if let Some(why) = self.too_short() {
             why
-        } else if n_seeing < self.birth_cameras as usize {
-            format!("{n_seeing} cameras gave frames, and a target needs {} (birth_cameras)", self.birth_cameras)
+        } else if n_seeing < self.initiation_cameras as usize {
+            format!(
+                "{n_seeing} cameras gave frames, and a target needs {} (initiation_cameras)",
+                self.initiation_cameras
+            )
         } else if tally.unmatched == 0 {
             "the cameras saw no light".to_owned()
-        } else if tally.unmatched > tally.frames() * u64::from(self.birth_features_max) {
+        } else if tally.unmatched > tally.frames() * u64::from(self.initiation_features_max) {
             format!(
-                "frames hold more features than birth_features_max = {}, and count as noise",
-                self.birth_features_max
+                "frames hold more features than initiation_features_max = {}, and count as noise",
+                self.initiation_features_max
             )
         } else {
             format!(
                 "of {} features in {} frames, no lines of sight of {} cameras met: look at the calibration, the clocks and the volume, and \
-                 at birth_tolerance_mm, birth_share and stale_after_ms",
+                 at initiation_tolerance_mm, initiation_share and stale_after_ms",
                 tally.unmatched,
                 tally.frames(),
-                self.birth_cameras
+                self.initiation_cameras
             )
         };
-        report.remark(format!("no target was ever born: {why}"));
+        report.remark(format!("no target was ever initiated: {why}"));
     }
 
     fn observe(&mut self, time: Time, features: &Features) -> Entry {
@@ -300,7 +303,7 @@ mod tests {
     #[test]
     fn node_keeps_its_promises() {
         check_node::<Integrator>("");
-        check_node::<Integrator>("birth_cameras = 2\nlost_after_ms = 100");
+        check_node::<Integrator>("initiation_cameras = 2\nlost_after_ms = 100");
     }
 
     /// What is said of a run of two cameras that see lights from `first_s` on and end at `end_s`, and nothing meets.
@@ -314,7 +317,8 @@ mod tests {
         let text = format!("[calibration]\nlength_unit = \"m\"\n{}{}", camera("a", 0.0), camera("b", 1.0));
         let calibration = foveate::scene::Calibration::from_toml(&text, std::path::Path::new("lab.toml")).unwrap();
         let setup = Setup { calibration: Arc::new(calibration), ..Setup::for_tests() };
-        let mut node = Integrator::new(IntegratorSettings { birth_cameras: 2, ..Default::default() }, &setup).unwrap();
+        let mut node =
+            Integrator::new(IntegratorSettings { initiation_cameras: 2, ..Default::default() }, &setup).unwrap();
         for frame in 0..=(end_s * 20.0).round() as usize {
             let time = Time::from_s(frame as f64 / 20.0);
             for camera in 0..2 {

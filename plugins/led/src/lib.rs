@@ -10,7 +10,7 @@
 //! | `led.path_error` | compares recovered targets with a measured path, in metres |
 //! | `led.reprojection` | compares recovered targets with what the cameras saw, in pixels |
 //!
-//! The algorithms are plain structures that know no graph: [`spotter::Spotter`], [`tracker::Tracker`],
+//! The algorithms are plain structures that know no graph: [`led_detector::LedDetector`], [`tracker::Tracker`],
 //! [`triangulator::Triangulator`], [`camera_watch::Watch`], [`clocks::search`](clocks::search::search), [`reprojection::Comparison`].
 
 pub mod camera_watch;
@@ -18,9 +18,9 @@ pub mod clocks;
 pub mod consensus;
 pub mod detector;
 pub mod integrator;
+pub mod led_detector;
 pub mod path_error;
 pub mod reprojection;
-pub mod spotter;
 pub mod tracker;
 pub mod triangulator;
 

@@ -253,7 +253,7 @@ mod tests {
             velocity: Vector3::x(),
             covariance: Matrix6::identity(),
             cameras: CameraSet::default(),
-            how: How::Measured,
+            provenance: Provenance::Measured,
         }
     }
 

@@ -11,7 +11,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use smallvec::SmallVec;
 
-use crate::consensus::{Consensus, Meeting, Rules, Sighting};
+use crate::consensus::{Consensus, ConsensusOptions, Meeting, RayObservation};
 
 const FEATURES: In<Features> = In::synced(0, "features", 4).many();
 const TARGETS: Out<Targets> = Out::new(0, "targets");
@@ -64,7 +64,7 @@ pub struct Triangulator {
     cameras: Vec<Camera>,
     volume: Option<[[f64; 3]; 2]>,
     consensus: Consensus,
-    sightings: Vec<Sighting>,
+    observations: Vec<RayObservation>,
     meetings: Vec<Meeting>,
     /// Identities and places of the last set.
     last: Vec<(TargetId, Point3<f64>)>,
@@ -82,7 +82,7 @@ impl Triangulator {
             cameras,
             volume,
             consensus: Consensus::default(),
-            sightings: Vec::new(),
+            observations: Vec::new(),
             meetings: Vec::new(),
             last: Vec::new(),
             last_time: None,
@@ -97,7 +97,14 @@ impl Triangulator {
         for (feature, &Feature { centre: pixel, covariance, .. }) in features.list.iter().enumerate() {
             let sound = covariance[(0, 0)] >= 0.0 && covariance.determinant() >= 0.0 && covariance.sum().is_finite();
             if let Some(ray) = camera.ray(&pixel).filter(|_| sound) {
-                self.sightings.push(Sighting { camera: features.camera, time, ray, pixel, covariance, feature });
+                self.observations.push(RayObservation {
+                    camera: features.camera,
+                    time,
+                    ray,
+                    pixel,
+                    covariance,
+                    feature,
+                });
             }
         }
     }
@@ -106,8 +113,8 @@ impl Triangulator {
     pub fn solve(&mut self, time: Time, targets: &mut Targets) {
         targets.time = time;
         targets.list.clear();
-        self.sightings.sort_by_key(|it| (it.camera, it.feature));
-        let rules = Rules {
+        self.observations.sort_by_key(|it| (it.camera, it.feature));
+        let options = ConsensusOptions {
             tolerance: self.settings.tolerance_mm * 1e-3,
             min_cameras: self.settings.min_cameras as usize,
             min_sine: self.settings.min_angle_deg.to_radians().sin(),
@@ -121,7 +128,7 @@ impl Triangulator {
             }),
         };
         let mut meetings = std::mem::take(&mut self.meetings);
-        self.consensus.find(&self.sightings, None, &rules, |point, _| inside(point), &mut meetings);
+        self.consensus.find(&self.observations, None, &options, |point, _| inside(point), &mut meetings);
         for meeting in &meetings {
             if let Some(target) = self.refined(meeting) {
                 targets.list.push(target);
@@ -129,7 +136,7 @@ impl Triangulator {
         }
         self.meetings = meetings;
         self.identify(time, &mut targets.list);
-        self.sightings.clear();
+        self.observations.clear();
     }
 
     /// The maximum-likelihood point of a meeting, without the cameras that do not fit; `None` when too few are left.
@@ -137,18 +144,18 @@ impl Triangulator {
         let mut members = meeting.members.clone();
         let variance = Matrix2::identity() * self.settings.camera_error_px.powi(2);
         loop {
-            let of = |&member: &usize| &self.cameras[usize::from(self.sightings[member].camera.0)];
+            let of = |&member: &usize| &self.cameras[usize::from(self.observations[member].camera.0)];
             let cameras: SmallVec<[&Camera; 20]> = members.iter().map(of).collect();
-            let pixels: SmallVec<[Point2<f64>; 20]> = members.iter().map(|&it| self.sightings[it].pixel).collect();
+            let pixels: SmallVec<[Point2<f64>; 20]> = members.iter().map(|&it| self.observations[it].pixel).collect();
             let noise: SmallVec<[Matrix2<f64>; 20]> =
-                members.iter().map(|&it| self.sightings[it].covariance + variance).collect();
+                members.iter().map(|&it| self.observations[it].covariance + variance).collect();
             let found = refine(&cameras, &pixels, PixelNoise::Covariances(&noise), meeting.position).ok()?;
             let residual = |place: usize| {
                 cameras[place].project(&found.position).map_or(f64::INFINITY, |seen| (seen - pixels[place]).norm())
             };
             let worst = (0..members.len()).max_by(|&a, &b| residual(a).total_cmp(&residual(b)))?;
             if residual(worst) <= self.settings.outlier_px {
-                let seen_by = members.iter().map(|&it| self.sightings[it].camera).collect();
+                let seen_by = members.iter().map(|&it| self.observations[it].camera).collect();
                 return Some(target(&found, seen_by));
             }
             members.remove(worst);
@@ -208,7 +215,7 @@ fn target(found: &Triangulation, cameras: CameraSet) -> Target {
         velocity: Vector3::zeros(),
         covariance,
         cameras,
-        how: How::Measured,
+        provenance: Provenance::Measured,
     }
 }
 
@@ -299,7 +306,7 @@ mod tests {
     }
 
     /// What all cameras of a ring of 6 see of `lights`.
-    fn sights(lights: &[Point3<f64>]) -> Vec<Features> {
+    fn observations(lights: &[Point3<f64>]) -> Vec<Features> {
         let of = |(k, camera): (usize, &Camera)| Features {
             camera: CameraId(k as u16),
             list: lights.iter().map(|it| feature(camera.sees(it).unwrap())).collect(),
@@ -311,10 +318,10 @@ mod tests {
         Triangulator::new(TriangulatorSettings::default(), camera_ring(6), None)
     }
 
-    fn solve(triangulator: &mut Triangulator, ms: f64, sights: &[Features]) -> Vec<Target> {
+    fn solve(triangulator: &mut Triangulator, ms: f64, observations: &[Features]) -> Vec<Target> {
         let time = Time::ZERO + Interval::from_ms(ms);
         let mut targets = Targets::default();
-        sights.iter().for_each(|it| triangulator.add(time, it));
+        observations.iter().for_each(|it| triangulator.add(time, it));
         triangulator.solve(time, &mut targets);
         targets.list
     }
@@ -329,16 +336,16 @@ mod tests {
     fn all_lights_are_found_and_keep_their_identities_from_set_to_set() {
         let mut triangulator = triangulator();
         let lights = point_cloud(8, 5);
-        let first = solve(&mut triangulator, 0.0, &sights(&lights));
+        let first = solve(&mut triangulator, 0.0, &observations(&lights));
         assert_eq!(first.len(), 8);
         let moved: Vec<_> = lights.iter().map(|it| it + Vector3::new(0.02, 0.0, 0.0)).collect();
-        let second = solve(&mut triangulator, 20.0, &sights(&moved));
+        let second = solve(&mut triangulator, 20.0, &observations(&moved));
         assert_eq!(second.len(), 8);
         for (a, b) in first.iter().zip(&second) {
             assert_eq!(a.id, b.id);
             assert!((b.position - a.position - Vector3::x() * 0.02).norm() < 1e-6);
             assert!((b.velocity - Vector3::x()).norm() < 1e-4);
-            assert_eq!((b.how, b.cameras.len()), (How::Measured, 6));
+            assert_eq!((b.provenance, b.cameras.len()), (Provenance::Measured, 6));
         }
     }
 
@@ -346,11 +353,11 @@ mod tests {
     fn a_camera_that_does_not_fit_is_left_out() {
         let mut triangulator = triangulator();
         let light = Point3::new(0.1, 0.2, 1.0);
-        let mut sights = sights(&[light]);
-        sights[2].list[0].centre.x += 1.7; // 8 mm: inside the tolerance of the meeting
+        let mut observations = observations(&[light]);
+        observations[2].list[0].centre.x += 1.7; // 8 mm: inside the tolerance of the meeting
         let settings = TriangulatorSettings { outlier_px: 1.0, ..TriangulatorSettings::default() };
         triangulator.settings = settings;
-        let found = solve(&mut triangulator, 0.0, &sights);
+        let found = solve(&mut triangulator, 0.0, &observations);
         assert_eq!((found.len(), triangulator.outliers), (1, 1));
         assert!(!found[0].cameras.contains(CameraId(2)));
         assert!((found[0].position - light).norm() < 1e-6);
@@ -360,9 +367,9 @@ mod tests {
     fn nothing_seen_broken_features_and_strangers_give_no_target() {
         let mut triangulator = triangulator();
         assert!(solve(&mut triangulator, 0.0, &[]).is_empty());
-        let mut sights = sights(&[Point3::new(0.1, 0.2, 1.0)]);
-        sights.iter_mut().for_each(|it| it.list[0].centre.x = f64::NAN);
-        sights[0].camera = CameraId(99);
-        assert!(solve(&mut triangulator, 1.0, &sights).is_empty());
+        let mut observations = observations(&[Point3::new(0.1, 0.2, 1.0)]);
+        observations.iter_mut().for_each(|it| it.list[0].centre.x = f64::NAN);
+        observations[0].camera = CameraId(99);
+        assert!(solve(&mut triangulator, 1.0, &observations).is_empty());
     }
 }

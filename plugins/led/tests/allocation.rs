@@ -2,7 +2,7 @@
 
 use foveate::messages::{Features, Image, PixelFormat, Targets};
 use foveate_led::detector::DetectorSettings;
-use foveate_led::spotter::{Outcome, Spotter};
+use foveate_led::led_detector::{LedDetector, Outcome};
 use foveate_led::tracker::{IntegratorSettings, Tracker};
 use foveate_testkit::allocation::{self, Counting};
 use foveate_testkit::lab::{Lab, person};
@@ -34,8 +34,8 @@ fn steady_state_allocates_nothing() {
     run(warm_up);
     assert_eq!(count(|| run(steady)), 0, "allocations of the tracker in {} frames", steady.len());
 
-    let mut spotter =
-        Spotter::new(DetectorSettings { learn_frames: 5, ..DetectorSettings::default() }, None, 7).unwrap();
+    let mut led_detector =
+        LedDetector::new(DetectorSettings { learn_frames: 5, ..DetectorSettings::default() }, None, 7).unwrap();
     let mut image =
         Image { width: 640, height: 240, format: PixelFormat::Gray8, pixels: vec![5; 640 * 240], ..Image::default() };
     let mut features = Features::default();
@@ -47,7 +47,7 @@ fn steady_state_allocates_nothing() {
             }
         }
         let predicted = (0..8).map(|k| Point2::new((30 * k + at % 300) as f64, (20 + 25 * k) as f64));
-        spotter.find(&image, predicted, &mut features).unwrap()
+        led_detector.find(&image, predicted, &mut features).unwrap()
     };
     (0..5).for_each(|_| assert_eq!(find(400), Outcome::Learning));
     (0..100).for_each(|at| assert_eq!(find(at), Outcome::Searched));

@@ -3,7 +3,7 @@
 use foveate::geometry::Camera;
 use foveate::messages::{CameraId, Features, Interval, Targets, Time};
 use foveate_led::tracker::{AssociationMethod, IntegratorSettings, MotionModel, Tracker};
-use foveate_testkit::lab::{Crossings, Lab, Lights, ROOM_M, Rules, Score, Wanderers, cameras, feature, score};
+use foveate_testkit::lab::{Crossings, Lab, Lights, ROOM_M, Score, ScoreOptions, Wanderers, cameras, feature, score};
 use nalgebra::{Point3, Vector3};
 
 /// A tracker of `n` cameras that look in turn, each at 60 Hz, without noise.
@@ -139,7 +139,7 @@ fn an_accident_that_took_a_lost_identity_gives_it_back() {
 fn one_camera_alone_does_not_keep_a_target_alive_whatever_order_the_cameras_had_before() {
     for before in [[0, 1, 2, 3], [3, 2, 1, 0], [0, 0, 1, 3]] {
         let cameras = cameras(4);
-        let settings = IntegratorSettings { birth_cameras: 2, ..IntegratorSettings::default() };
+        let settings = IntegratorSettings { initiation_cameras: 2, ..IntegratorSettings::default() };
         let mut tracker = Tracker::new(settings, cameras.clone(), Some(ROOM_M));
         let here = Point3::new(0.2, -0.3, 1.2);
         let mut see = |ms: f64, camera: usize| {
@@ -159,8 +159,8 @@ fn one_camera_alone_does_not_keep_a_target_alive_whatever_order_the_cameras_had_
 
 fn run(lab: &Lab, lights: &impl Lights, duration_s: f64, settings: &IntegratorSettings) -> (Score, u64) {
     let mut tracker = Tracker::new(settings.clone(), lab.cameras.clone(), Some(ROOM_M));
-    let rules = Rules { settled_s: 1.0, step_s: 1.0 / 60.0 };
-    let score = score(&lab.frames(duration_s, lights), rules, lights, |time, features, targets| {
+    let options = ScoreOptions { settled_s: 1.0, step_s: 1.0 / 60.0 };
+    let score = score(&lab.frames(duration_s, lights), options, lights, |time, features, targets| {
         let taken = tracker.observe(time, features) == foveate_led::tracker::Entry::Applied;
         tracker.write(targets);
         taken
@@ -174,17 +174,20 @@ const METHODS: [AssociationMethod; 3] =
 #[test]
 fn crossing_lights_keep_their_identities_by_every_method_and_hypotheses_are_kept_where_they_are_needed() {
     for association in METHODS {
-        let (mut swaps, mut ambiguities, mut identities) = (0, 0, 0.0);
+        let (mut id_switches, mut ambiguities, mut identities) = (0, 0, 0.0);
         for seed in 1..=4 {
             let lab = Lab { seed, melt: 3.0, ..Lab::new(6) };
             let lights = Crossings::new(4, 8.0, ROOM_M, [0.03, 0.1], seed);
             let settings = IntegratorSettings { association, ..IntegratorSettings::default() };
             let (score, kept) = run(&lab, &lights, 8.0, &settings);
-            swaps += score.swaps;
+            id_switches += score.id_switches;
             identities += score.identities_per_light() / 4.0;
             ambiguities += kept;
         }
-        assert!(swaps <= 2 && identities < 1.1, "{association:?}: {swaps} swaps, {identities} identities a light");
+        assert!(
+            id_switches <= 2 && identities < 1.1,
+            "{association:?}: {id_switches} id_switches, {identities} identities a light"
+        );
         assert_eq!(ambiguities > 0, association == AssociationMethod::Hypotheses);
     }
 }
@@ -228,7 +231,7 @@ fn every_motion_model_follows_wandering_lights_and_says_honestly_how_well() {
         let lights = Wanderers::new(8, 8.0, ROOM_M, 1.0, 3);
         let settings = IntegratorSettings { motion, adapt_noise, ..IntegratorSettings::default() };
         let (score, _) = run(&lab, &lights, 8.0, &settings);
-        assert_eq!((score.n_identities, score.swaps), (8, 0), "{motion:?} {score:?}");
+        assert_eq!((score.n_identities, score.id_switches), (8, 0), "{motion:?} {score:?}");
         assert!(score.ghosts <= score.samples / 500, "{motion:?} {score:?}");
         assert!(score.rms < 4.5e-3 && (0.5..4.5).contains(&score.consistency), "{motion:?} {score:?}");
     }

@@ -6,8 +6,8 @@ use foveate::geometry::Camera;
 use foveate::messages::{CameraId, Features, Image, Interval, PixelFormat, Targets, Time};
 use foveate::scene::calibration::Calibration;
 use foveate_led::detector::{ColourPlane, DetectorSettings, Search, WhileLearning};
-use foveate_led::reprojection::{Comparison, ComparisonRules};
-use foveate_led::spotter::Spotter;
+use foveate_led::led_detector::LedDetector;
+use foveate_led::reprojection::{Comparison, ComparisonOptions};
 use foveate_led::tracker::{IntegratorSettings, Tracker};
 use foveate_led::triangulator::{Triangulator, TriangulatorSettings};
 use foveate_testkit::data_dir_or_skip;
@@ -33,11 +33,11 @@ fn picture(folder: &Path, camera: usize, frame: usize) -> Image {
 /// By frame, by camera.
 fn detect(folder: &Path, settings: &DetectorSettings) -> Vec<Vec<Features>> {
     let of_camera = |camera: usize| -> Vec<Features> {
-        let mut spotter = Spotter::new(settings.clone(), None, 0).unwrap();
+        let mut led_detector = LedDetector::new(settings.clone(), None, 0).unwrap();
         (0..N_FRAMES)
             .map(|frame| {
                 let mut features = Features { camera: CameraId(camera as u16), list: Vec::new() };
-                spotter.find(&picture(folder, camera, frame), std::iter::empty(), &mut features).unwrap();
+                led_detector.find(&picture(folder, camera, frame), std::iter::empty(), &mut features).unwrap();
                 features
             })
             .collect()
@@ -54,8 +54,8 @@ fn integrator_settings() -> IntegratorSettings {
     IntegratorSettings {
         acceleration_m_s2: 50.0,
         gate_px: 60.0,
-        birth_tolerance_mm: 60.0,
-        birth_speed_m_s: 5.0,
+        initiation_tolerance_mm: 60.0,
+        initiation_speed_m_s: 5.0,
         separation_mm: 200.0,
         ..IntegratorSettings::default()
     }
@@ -79,8 +79,8 @@ fn frame_time(frame: usize) -> Time {
 }
 
 fn comparison(cameras: &[Camera]) -> Comparison {
-    let rules = ComparisonRules { min_cameras: 3, gate: 8.0, settle_after: Interval::from_ms(1000.0) };
-    Comparison::new(rules, cameras.to_vec())
+    let options = ComparisonOptions { min_cameras: 3, gate: 8.0, settle_after: Interval::from_ms(1000.0) };
+    Comparison::new(options, cameras.to_vec())
 }
 
 /// The peer that calibrated these cameras reaches, on what it found in the same pictures, a median of 0.36 px and a 90th
@@ -126,5 +126,5 @@ fn as_many_frames_as_the_peer_at_no_worse_residuals() {
     assert!(filtered.frames_recovered >= 446, "{} frames", filtered.frames_recovered);
     assert!(filtered.all.quantile(0.5) <= 0.36, "median {} px", filtered.all.quantile(0.5));
     assert!(filtered.all.quantile(0.9) <= 1.5, "p90 {} px", filtered.all.quantile(0.9));
-    assert!(tracker.tally().births <= 6, "{} births for one light", tracker.tally().births);
+    assert!(tracker.tally().initiations <= 6, "{} initiations for one light", tracker.tally().initiations);
 }

@@ -3,11 +3,11 @@
 use foveate::estimation::random::Random;
 use foveate::messages::{CameraId, Features, Interval, Targets, Time};
 use foveate_led::tracker::{Clocks, Entry, IntegratorSettings, LateRule, Tracker};
-use foveate_testkit::lab::{Conditions, Lab, ROOM_M, Rules, Score, Wanderers, score};
+use foveate_testkit::lab::{Conditions, Lab, ROOM_M, Score, ScoreOptions, Wanderers, score};
 use nalgebra::Point3;
 
-fn refilter() -> IntegratorSettings {
-    IntegratorSettings { late: LateRule::Refilter, ..IntegratorSettings::default() }
+fn out_of_sequence() -> IntegratorSettings {
+    IntegratorSettings { late: LateRule::OutOfSequence, ..IntegratorSettings::default() }
 }
 
 fn tracker(lab: &Lab, settings: &IntegratorSettings) -> Tracker {
@@ -17,8 +17,8 @@ fn tracker(lab: &Lab, settings: &IntegratorSettings) -> Tracker {
 fn run(lab: &Lab, settings: &IntegratorSettings, duration_s: f64, settled_s: f64) -> (Score, Tracker) {
     let lights = Wanderers::new(8, duration_s, ROOM_M, 1.0, lab.seed);
     let mut tracker = tracker(lab, settings);
-    let rules = Rules { settled_s, step_s: 1.0 / 60.0 };
-    let score = score(&lab.frames(duration_s, &lights), rules, &lights, |time, features, targets| {
+    let options = ScoreOptions { settled_s, step_s: 1.0 / 60.0 };
+    let score = score(&lab.frames(duration_s, &lights), options, &lights, |time, features, targets| {
         let taken = tracker.observe(time, features) == Entry::Applied;
         tracker.write(targets);
         taken
@@ -42,7 +42,7 @@ fn put_in_its_place_a_late_frame_leaves_the_filters_as_if_it_had_come_in_time() 
     let lights = Wanderers::new(4, 3.0, ROOM_M, 1.0, 2);
     let in_order = lab.frames(3.0, &lights);
     // The noise follows the innovations as they come, which the order changes.
-    let settings = IntegratorSettings { adapt_noise: false, ..refilter() };
+    let settings = IntegratorSettings { adapt_noise: false, ..out_of_sequence() };
     let (expected, _) = end(&lab, &settings, &in_order);
     // From 1 s on every frame but the last of a few changes its place with one up to 40 ms later.
     let mut shuffled = in_order.clone();
@@ -69,10 +69,10 @@ fn put_in_its_place_a_late_frame_leaves_the_filters_as_if_it_had_come_in_time() 
 fn links_that_are_late_cost_little_where_frames_are_put_in_their_place() {
     let conditions = vec![Conditions { delay_s: 0.005, jitter_s: 0.05, ..Conditions::default() }; 8];
     let lab = Lab { conditions, ..Lab::new(8) };
-    let (in_place, _) = run(&lab, &refilter(), 6.0, 1.0);
+    let (in_place, _) = run(&lab, &out_of_sequence(), 6.0, 1.0);
     let apply = IntegratorSettings { late_tolerance_ms: 100.0, ..IntegratorSettings::default() };
     let (as_now, _) = run(&lab, &apply, 6.0, 1.0);
-    assert_eq!((in_place.n_identities, in_place.swaps, in_place.missed), (8, 0, 0), "{in_place:?}");
+    assert_eq!((in_place.n_identities, in_place.id_switches, in_place.missed), (8, 0, 0), "{in_place:?}");
     // What is on its way is missing at that moment by either rule.
     assert!(in_place.rms < 6.5e-3 && as_now.rms > 1.5 * in_place.rms, "{} {}", in_place.rms, as_now.rms);
 }
@@ -98,7 +98,7 @@ fn only_the_rule_that_discards_what_is_late_starves_cameras() {
     let discard = IntegratorSettings { late: LateRule::Discard, ..IntegratorSettings::default() };
     assert_eq!(figure_35(&discard), (vec![60, 0, 0], vec![0, 60, 60]));
     assert_eq!(figure_35(&IntegratorSettings::default()), (vec![60, 60, 60], vec![0, 0, 0]));
-    assert_eq!(figure_35(&refilter()), (vec![60, 60, 60], vec![0, 0, 0]));
+    assert_eq!(figure_35(&out_of_sequence()), (vec![60, 60, 60], vec![0, 0, 0]));
 }
 
 #[test]
@@ -106,7 +106,7 @@ fn how_late_is_too_late_is_the_rule_s_own_limit() {
     for (settings, limit_ms) in [
         (IntegratorSettings { late: LateRule::Discard, ..IntegratorSettings::default() }, 0.0),
         (IntegratorSettings { late_tolerance_ms: 12.0, ..IntegratorSettings::default() }, 12.0),
-        (IntegratorSettings { history_ms: 80.0, ..refilter() }, 80.0),
+        (IntegratorSettings { history_ms: 80.0, ..out_of_sequence() }, 80.0),
     ] {
         let lab = Lab::new(3);
         let mut tracker = tracker(&lab, &settings);
@@ -126,7 +126,7 @@ fn frames_of_one_camera_may_overtake_each_other_where_they_are_put_in_their_plac
     let lab = Lab::new(3);
     let frame = Features { camera: CameraId(0), list: Vec::new() };
     let ms = |ms: f64| Time::ZERO + Interval::from_ms(ms);
-    let mut place = tracker(&lab, &refilter());
+    let mut place = tracker(&lab, &out_of_sequence());
     let mut apply = tracker(&lab, &IntegratorSettings::default());
     for tracker in [&mut place, &mut apply] {
         assert_eq!(tracker.observe(ms(100.0), &frame), Entry::Applied);
@@ -162,7 +162,7 @@ fn clock_error(lab: &Lab, tracker: &Tracker, at_s: f64) -> f64 {
 fn clocks_that_disagree_are_found_and_corrected() {
     for (spread_s, settled_s) in [(0.005, 2.0), (0.02, 4.0), (0.05, 6.0)] {
         let lab = Lab { conditions: clocks(8, spread_s, 50e-6, 3), seed: 3, ..Lab::new(8) };
-        let correct = IntegratorSettings { clocks: Clocks::Correct, history_ms: 200.0, ..refilter() };
+        let correct = IntegratorSettings { clocks: Clocks::Correct, history_ms: 200.0, ..out_of_sequence() };
         let (score, tracker) = run(&lab, &correct, 10.0, settled_s);
         let error = clock_error(&lab, &tracker, 10.0);
         assert!(error < 0.5e-3, "±{spread_s} s: off by {error} s");
@@ -176,10 +176,10 @@ fn clocks_that_disagree_are_found_and_corrected() {
 #[test]
 fn clocks_are_shown_without_being_corrected_where_that_was_asked() {
     let lab = Lab { conditions: clocks(8, 0.005, 0.0, 3), ..Lab::new(8) };
-    let estimate = IntegratorSettings { clocks: Clocks::Estimate, history_ms: 200.0, ..refilter() };
+    let estimate = IntegratorSettings { clocks: Clocks::Estimate, history_ms: 200.0, ..out_of_sequence() };
     let (_, tracker) = run(&lab, &estimate, 8.0, 1.0);
     assert!(clock_error(&lab, &tracker, 8.0) < 1.5e-3);
-    let (_, trusting) = run(&lab, &refilter(), 2.0, 1.0);
+    let (_, trusting) = run(&lab, &out_of_sequence(), 2.0, 1.0);
     assert_eq!(trusting.clock(CameraId(0), Time::from_s(1.0)), None);
 }
 
@@ -187,7 +187,7 @@ fn clocks_are_shown_without_being_corrected_where_that_was_asked() {
 fn lights_at_rest_say_nothing_about_clocks_and_nothing_is_claimed() {
     let lab = Lab { conditions: clocks(8, 0.02, 0.0, 3), ..Lab::new(8) };
     let still = |_: f64| [foveate_testkit::lab::Light::at(Point3::new(0.1, 0.2, 1.0)); 1];
-    let settings = IntegratorSettings { clocks: Clocks::Correct, history_ms: 200.0, ..refilter() };
+    let settings = IntegratorSettings { clocks: Clocks::Correct, history_ms: 200.0, ..out_of_sequence() };
     let (_, tracker) = end(&lab, &settings, &lab.frames(5.0, &still));
     for camera in 0..8 {
         let found = tracker.clock(CameraId(camera), Time::from_s(5.0)).unwrap();

@@ -1,4 +1,4 @@
-//! Births of lights that move, and of many at once.
+//! Initiations of lights that move, and of many at once.
 
 use foveate::messages::Targets;
 use foveate_led::tracker::{IntegratorSettings, Tracker};
@@ -31,32 +31,32 @@ fn a_fast_light_is_born_where_its_motion_is_taken_into_account() {
     let lab = slow_lab();
     for speed in [1.5, 3.0] {
         let (tracker, targets) = watch(&lab, IntegratorSettings::default(), 0.3, &flying(speed));
-        assert_eq!((tracker.tally().births, targets.list.len()), (1, 1), "{speed} m/s: {:?}", tracker.tally());
+        assert_eq!((tracker.tally().initiations, targets.list.len()), (1, 1), "{speed} m/s: {:?}", tracker.tally());
         let truth = flying(speed)(targets.time.as_s())[0].position;
         assert!((targets.list[0].position - truth).norm() < 0.015, "{speed} m/s: {targets:?}");
         assert!((targets.list[0].velocity - Vector3::y() * speed).norm() < 0.25 * speed, "{speed} m/s: {targets:?}");
     }
     // The paper's rule: lines of different moments meet by luck only.
-    let after = |birth_motion_px: f64| -> f64 {
+    let after = |initiation_motion_px: f64| -> f64 {
         let times = (1..=8).map(|seed| {
             let lab = Lab { seed, ..slow_lab() };
-            let settings = IntegratorSettings { birth_motion_px, ..IntegratorSettings::default() };
+            let settings = IntegratorSettings { initiation_motion_px, ..IntegratorSettings::default() };
             let mut tracker = Tracker::new(settings, lab.cameras.clone(), Some(ROOM_M));
             let frames = lab.frames(1.0, &flying(3.0));
-            let born = frames.iter().find(|(time, features)| {
+            let initiated = frames.iter().find(|(time, features)| {
                 tracker.observe(*time, features);
                 tracker.n_targets() > 0
             });
-            born.map_or(1.0, |it| it.0.as_s())
+            initiated.map_or(1.0, |it| it.0.as_s())
         });
         times.sum::<f64>() / 8.0
     };
     let (moving, still) = (after(40.0), after(0.0));
-    assert!(moving < 0.2 && still > 1.5 * moving, "born after {moving} s and {still} s");
+    assert!(moving < 0.2 && still > 1.5 * moving, "initiated after {moving} s and {still} s");
 }
 
 #[test]
-fn the_velocity_at_birth_is_that_of_the_light() {
+fn the_velocity_at_initiation_is_that_of_the_light() {
     let mut known = 0;
     for seed in 1..=8 {
         let lab = Lab { seed, ..slow_lab() };
@@ -114,5 +114,5 @@ fn a_light_in_a_hall_of_hundreds_of_cameras_is_born_as_in_a_room() {
     for (time, features) in lab.frames(0.2, &lights) {
         tracker.observe(time, &features);
     }
-    assert_eq!((tracker.tally().births, tracker.n_targets()), (3, 3), "{:?}", tracker.tally());
+    assert_eq!((tracker.tally().initiations, tracker.n_targets()), (3, 3), "{:?}", tracker.tally());
 }

@@ -3,9 +3,9 @@
 
 use foveate::estimation::random::Random;
 use foveate::geometry::Camera;
-use foveate::messages::{CameraId, Features, How, Image, Targets, Time};
+use foveate::messages::{CameraId, Features, Image, Provenance, Targets, Time};
 use foveate_led::detector::DetectorSettings;
-use foveate_led::spotter::Spotter;
+use foveate_led::led_detector::LedDetector;
 use foveate_led::tracker::{IntegratorSettings, Tracker};
 use foveate_sim::camera::{CameraSettings, Renderer};
 use foveate_sim::lab::{VOLUME_M, lab_calibration};
@@ -22,7 +22,7 @@ struct Eye {
     camera: Camera,
     offset_s: f64,
     renderer: Renderer,
-    spotter: Spotter,
+    led_detector: LedDetector,
 }
 
 #[test]
@@ -40,7 +40,7 @@ fn eight_leds_are_eight_targets_and_nothing_else_is() {
             &CameraSettings::default(),
             &random.fork(&named.name),
         ),
-        spotter: Spotter::new(DetectorSettings::default(), Some(named.camera.image_size), k as u64).unwrap(),
+        led_detector: LedDetector::new(DetectorSettings::default(), Some(named.camera.image_size), k as u64).unwrap(),
     };
     let mut eyes: Vec<Eye> = lab_calibration().cameras.iter().enumerate().map(eye).collect();
     let cameras = eyes.iter().map(|it| it.camera.clone()).collect();
@@ -62,7 +62,7 @@ fn eight_leds_are_eight_targets_and_nothing_else_is() {
         let predicted: Vec<Point2<f64>> =
             targets.list.iter().filter_map(|it| eye.camera.project(&it.position_after(later))).collect();
         features.camera = CameraId(k as u16);
-        eye.spotter.find(&image, predicted.into_iter(), &mut features).unwrap();
+        eye.led_detector.find(&image, predicted.into_iter(), &mut features).unwrap();
         tracker.observe(time, &features);
         tracker.write(&mut targets);
         if time.as_s() < SETTLED_S {
@@ -81,7 +81,7 @@ fn eight_leds_are_eight_targets_and_nothing_else_is() {
             if !identities[nearest].contains(&target.id) {
                 identities[nearest].push(target.id);
             }
-            if target.how == How::Measured {
+            if target.provenance == Provenance::Measured {
                 squares += error(nearest).powi(2);
                 n += 1;
             }
@@ -93,6 +93,6 @@ fn eight_leds_are_eight_targets_and_nothing_else_is() {
     assert_eq!((n_ghosts, n_missed), (0, 0));
     assert!(identities.iter().all(|it| it.len() == 1), "{identities:?}");
     let tally = tracker.tally();
-    assert_eq!(tally.births - tally.deaths_unconfirmed, 8, "accidents are withheld, and taken back");
+    assert_eq!(tally.initiations - tally.deaths_unconfirmed, 8, "accidents are tentative, and taken back");
     assert!(rms_mm < 2.5, "{rms_mm} mm");
 }

@@ -1,9 +1,9 @@
-//! The tracker in a small lab with known truth: identities, accuracy, births, deaths.
+//! The tracker in a small lab with known truth: identities, accuracy, initiations, deaths.
 
 use foveate::geometry::Camera;
-use foveate::messages::{CameraId, Features, How, Interval, TargetId, Targets, Time};
+use foveate::messages::{CameraId, Features, Interval, Provenance, TargetId, Targets, Time};
 use foveate_led::tracker::{Entry, IntegratorSettings, Tracker};
-use foveate_testkit::lab::{Lab, Light, ROOM_M as ROOM, Rules, Score, cameras, feature, person, score};
+use foveate_testkit::lab::{Lab, Light, ROOM_M as ROOM, Score, ScoreOptions, cameras, feature, person, score};
 use nalgebra::{Matrix2, Point2, Point3, Vector3};
 
 fn ms(milliseconds: f64) -> Time {
@@ -23,14 +23,14 @@ impl Rig {
     }
 
     /// What camera number `camera` sees of `lights`, without noise.
-    fn sight(&self, camera: usize, lights: &[Point3<f64>]) -> Features {
+    fn observation(&self, camera: usize, lights: &[Point3<f64>]) -> Features {
         let list = lights.iter().filter_map(|it| Some(feature(self.cameras[camera].sees(it)?, 0.3))).collect();
         Features { camera: CameraId(camera as u16), list }
     }
 
     #[track_caller]
     fn see(&mut self, time: Time, camera: usize, lights: &[Point3<f64>]) -> Entry {
-        let features = self.sight(camera, lights);
+        let features = self.observation(camera, lights);
         assert_eq!(features.list.len(), lights.len(), "camera {camera} does not see all of it");
         self.tracker.observe(time, &features)
     }
@@ -68,8 +68,8 @@ const SPOT: Point3<f64> = Point3::new(0.2, -0.3, 1.2);
 
 fn walk(lab: &Lab, duration: f64) -> (Score, Tracker) {
     let mut tracker = Tracker::new(IntegratorSettings::default(), lab.cameras.clone(), Some(ROOM));
-    let rules = Rules { settled_s: 1.0, step_s: 0.0 };
-    let score = score(&lab.frames(duration, &person), rules, &person, |time, features, targets| {
+    let options = ScoreOptions { settled_s: 1.0, step_s: 0.0 };
+    let score = score(&lab.frames(duration, &person), options, &person, |time, features, targets| {
         let entry = tracker.observe(time, features);
         tracker.write(targets);
         entry == Entry::Applied
@@ -147,7 +147,7 @@ fn a_run_repeats_to_the_last_bit_and_the_order_of_features_does_not_matter() {
 }
 
 #[test]
-fn no_birth_before_three_cameras_agree() {
+fn no_initiation_before_three_cameras_agree() {
     let mut rig = Rig::new(6, IntegratorSettings::default());
     rig.see(ms(0.0), 0, &[SPOT]);
     assert_eq!(rig.tracker.n_targets(), 0);
@@ -162,61 +162,61 @@ fn no_birth_before_three_cameras_agree() {
     assert!((targets.list[0].position - SPOT).norm() < 1e-3, "{targets:?}");
     // It may have moved by 22 mm at 1 m/s since the oldest of the three.
     assert!((0.022..0.025).contains(&targets.list[0].position_sigma()), "{}", targets.list[0].position_sigma());
-    assert_eq!((targets.time, targets.list[0].how), (ms(22.0), How::Measured));
+    assert_eq!((targets.time, targets.list[0].provenance), (ms(22.0), Provenance::Measured));
     assert_eq!(targets.list[0].cameras, [CameraId(4)].into_iter().collect());
 }
 
 #[test]
 fn two_cameras_suffice_where_the_rig_says_so() {
-    let mut rig = Rig::new(6, IntegratorSettings { birth_cameras: 2, ..IntegratorSettings::default() });
+    let mut rig = Rig::new(6, IntegratorSettings { initiation_cameras: 2, ..IntegratorSettings::default() });
     rig.see(ms(0.0), 0, &[SPOT]);
     rig.see(ms(2.0), 2, &[SPOT]);
     assert_eq!(rig.ids(), [0]);
 }
 
 #[test]
-fn what_a_birth_explains_takes_part_in_no_other() {
-    let mut rig = Rig::new(6, IntegratorSettings { birth_cameras: 2, ..IntegratorSettings::default() });
+fn what_a_initiation_explains_takes_part_in_no_other() {
+    let mut rig = Rig::new(6, IntegratorSettings { initiation_cameras: 2, ..IntegratorSettings::default() });
     rig.see(ms(0.0), 0, &[SPOT]);
     rig.see(ms(1.0), 1, &[SPOT]);
     assert_eq!(rig.ids(), [0]);
     // A false feature of a third camera, whose line meets the one that camera 0 had to the light.
     let on_that_line = SPOT + (rig.cameras[0].centre() - SPOT) * 0.2;
     rig.see(ms(2.0), 2, &[on_that_line]);
-    assert_eq!(rig.tracker.tally().births, 1);
+    assert_eq!(rig.tracker.tally().initiations, 1);
 }
 
 #[test]
-fn stale_features_give_no_birth() {
-    for (wait, born) in [(69.0, 1), (71.0, 0)] {
+fn stale_features_give_no_initiation() {
+    for (wait, initiated) in [(69.0, 1), (71.0, 0)] {
         let mut rig = Rig::new(6, IntegratorSettings::default());
         rig.see(ms(0.0), 0, &[SPOT]);
         rig.see(ms(2.0), 2, &[SPOT]);
         rig.see(ms(wait), 4, &[SPOT]);
-        assert_eq!(rig.tracker.n_targets(), born, "after {wait} ms");
+        assert_eq!(rig.tracker.n_targets(), initiated, "after {wait} ms");
     }
 }
 
 #[test]
-fn lines_that_miss_by_more_than_the_tolerance_give_no_birth() {
-    for (miss, born) in [(0.010, 1), (0.025, 0)] {
+fn lines_that_miss_by_more_than_the_tolerance_give_no_initiation() {
+    for (miss, initiated) in [(0.010, 1), (0.025, 0)] {
         let mut rig = Rig::new(6, IntegratorSettings::default());
         rig.see(ms(0.0), 0, &[SPOT]);
         rig.see(ms(2.0), 2, &[SPOT]);
         rig.see(ms(4.0), 4, &[SPOT + Vector3::z() * miss]);
-        assert_eq!(rig.tracker.n_targets(), born, "{miss} m");
+        assert_eq!(rig.tracker.n_targets(), initiated, "{miss} m");
     }
 }
 
 #[test]
-fn few_of_many_onlookers_give_no_birth() {
+fn few_of_many_onlookers_give_no_initiation() {
     // Three of eighteen cameras agree on a point that the others look at and do not see.
     let mut rig = Rig::new(18, IntegratorSettings::default());
     for camera in 0..18 {
         let lights: &[Point3<f64>] = if [3, 8, 14].contains(&camera) { &[SPOT] } else { &[] };
         rig.see(ms(camera as f64), camera, lights);
     }
-    assert_eq!(rig.tracker.tally().births, 0);
+    assert_eq!(rig.tracker.tally().initiations, 0);
 }
 
 #[test]
@@ -231,12 +231,12 @@ fn a_target_few_cameras_agree_on_is_shown_when_it_has_been_confirmed() {
         }
     }
     // Born by 0, 2 and 4, at a share of 3/5 it is sure; at 3/6 it would have waited for 3 more.
-    assert_eq!((rig.tracker.tally().births, shown_after), (1, Some(4)));
-    let mut rig = Rig::new(12, IntegratorSettings { birth_sure_share: 0.9, ..IntegratorSettings::default() });
+    assert_eq!((rig.tracker.tally().initiations, shown_after), (1, Some(4)));
+    let mut rig = Rig::new(12, IntegratorSettings { initiation_sure_share: 0.9, ..IntegratorSettings::default() });
     for k in 0..=9 {
         let lights: &[Point3<f64>] = if k % 2 == 0 { &[SPOT] } else { &[] };
         rig.see(ms(k as f64), k, lights);
-        assert_eq!((rig.tracker.tally().births, rig.tracker.n_targets()), (u64::from(k >= 4), 0), "{k}");
+        assert_eq!((rig.tracker.tally().initiations, rig.tracker.n_targets()), (u64::from(k >= 4), 0), "{k}");
     }
     rig.see(ms(10.0), 10, &[SPOT]);
     assert_eq!(rig.ids(), [0]);
@@ -248,7 +248,7 @@ fn an_accident_is_taken_back() {
     for camera in [0, 4, 8] {
         rig.see(ms(camera as f64), camera, &[SPOT]);
     }
-    assert_eq!(rig.tracker.tally().births, 1);
+    assert_eq!(rig.tracker.tally().initiations, 1);
     rig.watch(ms(20.0), ms(158.0), &[99], &[]);
     assert_eq!(rig.tracker.n_targets(), 1);
     rig.watch(ms(158.1), ms(165.0), &[99], &[]);
@@ -262,7 +262,7 @@ fn a_target_dies_when_unseen_for_too_long_and_its_identity_is_not_used_again() {
     assert_eq!(rig.ids(), [0]);
     let last = rig.tracker.time().unwrap();
     rig.see(last + Interval::from_ms(299.0), 0, &[]);
-    assert_eq!(rig.targets().list[0].how, How::Predicted);
+    assert_eq!(rig.targets().list[0].provenance, Provenance::Predicted);
     assert!(rig.targets().list[0].cameras.is_empty());
     rig.see(last + Interval::from_ms(301.0), 1, &[]);
     assert!(rig.ids().is_empty());
@@ -293,7 +293,7 @@ fn a_feature_beyond_the_gate_is_not_taken() {
         let mut rig = Rig::new(6, settings);
         rig.watch(ms(0.0), ms(200.0), &[], &[SPOT]);
         let before = rig.tracker.tally().used;
-        let mut features = rig.sight(2, &[SPOT]);
+        let mut features = rig.observation(2, &[SPOT]);
         features.list[0].centre.x += off;
         rig.tracker.observe(ms(210.0), &features);
         assert_eq!(rig.tracker.tally().used - before, u64::from(used), "{off} px");
@@ -314,7 +314,7 @@ fn cameras_with_slow_clocks_do_not_starve_and_very_late_frames_are_discarded() {
         assert_eq!(targets.list[0].cameras.len(), if k == 0 { 1 } else { 3 });
     }
     let now = rig.tracker.time().unwrap();
-    let late = rig.sight(1, &[SPOT]);
+    let late = rig.observation(1, &[SPOT]);
     assert_eq!(rig.tracker.observe(now - Interval::from_ms(10.1), &late), Entry::Late);
     assert_eq!(rig.tracker.observe(now - Interval::from_ms(3.0), &late), Entry::Repeated);
     let tally = rig.tracker.tally();
@@ -337,7 +337,7 @@ fn a_repeated_frame_counts_once() {
 fn broken_features_are_left_out_and_counted() {
     let mut rig = Rig::new(6, IntegratorSettings::default());
     rig.watch(ms(0.0), ms(100.0), &[], &[SPOT]);
-    let mut features = rig.sight(0, &[SPOT]);
+    let mut features = rig.observation(0, &[SPOT]);
     let good = features.list[0];
     for (x, covariance) in [
         (f64::NAN, good.covariance),
@@ -374,7 +374,7 @@ fn cameras_at_one_place_confirm_nothing() {
         let list = vec![feature(one.sees(&SPOT).unwrap(), 0.3)];
         tracker.observe(ms(5.0 * f64::from(k)), &Features { camera: CameraId(k as u16 % 3), list });
     }
-    assert_eq!(tracker.tally().births, 0);
+    assert_eq!(tracker.tally().initiations, 0);
 }
 
 #[test]
@@ -395,19 +395,19 @@ fn lights_behind_every_camera_leave_targets_alone() {
         let list = vec![feature(Point2::new(320.0, 120.0), 0.3)];
         tracker.observe(ms(camera as f64), &Features { camera: CameraId(camera as u16), list });
     }
-    assert_eq!((tracker.n_targets(), tracker.tally().used, tracker.tally().births), (1, 0, 1));
+    assert_eq!((tracker.n_targets(), tracker.tally().used, tracker.tally().initiations), (1, 0, 1));
 }
 
 #[test]
 fn targets_are_born_in_the_working_volume_only_and_die_outside() {
     let outside = Point3::new(0.0, 0.0, 0.6);
     let low = [[-1.75, -2.5, 1.0], [1.75, 2.5, 2.2]];
-    for (volume, margin, born) in [(None, 250.0, 1), (Some(low), 250.0, 0), (Some(low), 450.0, 1)] {
+    for (volume, margin, initiated) in [(None, 250.0, 1), (Some(low), 250.0, 0), (Some(low), 450.0, 1)] {
         let settings = IntegratorSettings { volume_margin_mm: margin, ..IntegratorSettings::default() };
         let mut rig = Rig::new(6, settings.clone());
         rig.tracker = Tracker::new(settings, rig.cameras.clone(), volume);
         rig.watch(ms(0.0), ms(100.0), &[], &[outside]);
-        assert_eq!(rig.tracker.n_targets(), born, "{volume:?} {margin}");
+        assert_eq!(rig.tracker.n_targets(), initiated, "{volume:?} {margin}");
     }
     let settings = IntegratorSettings { volume_margin_mm: 100.0, ..IntegratorSettings::default() };
     let mut rig = Rig::new(6, settings.clone());

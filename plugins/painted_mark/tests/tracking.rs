@@ -3,7 +3,7 @@
 mod support;
 
 use foveate::messages::{Features, GuidedMark, Image, PixelFormat, Time, Window};
-use foveate_painted_mark::tracker::{Correction, Follower, TrackerSettings};
+use foveate_painted_mark::tracker::{Correction, MarkTracker, TrackerSettings};
 use nalgebra::{Matrix2, Point2, Vector2};
 use support::{HEIGHT, Names, Play, Score, Sequence, WIDTH, run};
 
@@ -60,8 +60,8 @@ fn without_checks_hidden_marks_are_reported_and_errors_add_up() {
     assert!((0.3..1.5).contains(&without.consistency), "errors are {} of what is said", without.consistency);
 }
 
-fn follower(corrections: Vec<Correction>) -> Follower {
-    Follower::new(TrackerSettings::default(), corrections).unwrap()
+fn mark_tracker(corrections: Vec<Correction>) -> MarkTracker {
+    MarkTracker::new(TrackerSettings::default(), corrections).unwrap()
 }
 
 fn label_at(features: &Features, place: Point2<f64>) -> Option<u32> {
@@ -76,9 +76,9 @@ fn a_correction_puts_a_mark_right_or_ends_it_at_its_picture() {
     let row = |frame, mark, pixel| Correction { frame, mark, pixel };
     let mut corrections = vec![row(0, 3, Some(sequence.truth(0)[3].0)), row(0, 4, Some(sequence.truth(0)[4].0))];
     corrections.extend([row(5, 3, Some(truth[8].0 + Vector2::new(1.0, -1.0))), row(5, 4, None)]);
-    let mut follower = follower(corrections);
+    let mut mark_tracker = mark_tracker(corrections);
     for t in 0..8 {
-        follower.see(&sequence.picture(t), Sequence::stamp(t), None, &mut features).unwrap();
+        mark_tracker.see(&sequence.picture(t), Sequence::stamp(t), None, &mut features).unwrap();
         let truth = sequence.truth(t);
         let expected = if t < 5 { (3, Some(4)) } else { (8, None) };
         assert_eq!(label_at(&features, truth[expected.0].0), Some(3), "picture {t}");
@@ -94,10 +94,10 @@ fn guided(label: u32, pixel: Point2<f64>) -> GuidedMark {
 #[test]
 fn a_disputed_mark_is_dropped_at_once_and_an_ambiguous_place_gives_no_name() {
     let mut sequence = Sequence::new(Play { speed_px: 20.0, ..Play::default() }, 12, 7);
-    let (mut follower, mut features) = (follower(vec![]), Features::default());
+    let (mut mark_tracker, mut features) = (mark_tracker(vec![]), Features::default());
     let mut see = |t: usize, guide: &[GuidedMark]| {
         let guide = (!guide.is_empty()).then(|| (Sequence::stamp(t - 1).time, guide));
-        follower.see(&sequence.picture(t), Sequence::stamp(t), guide, &mut features).unwrap();
+        mark_tracker.see(&sequence.picture(t), Sequence::stamp(t), guide, &mut features).unwrap();
         (features.clone(), sequence.truth(t))
     };
     let (first, truth) = see(0, &[]);
@@ -121,7 +121,9 @@ fn a_disputed_mark_is_dropped_at_once_and_an_ambiguous_place_gives_no_name() {
     let (bad, now) = see(4, &bad);
     assert!(!bad.list.iter().any(|it| it.label.is_some_and(|it| it < 3)));
     let guide = [guided(4, now[5].0)];
-    follower.see(&sequence.picture(5), Sequence::stamp(5), Some((Time::from_s(99.0), &guide)), &mut features).unwrap();
+    mark_tracker
+        .see(&sequence.picture(5), Sequence::stamp(5), Some((Time::from_s(99.0), &guide)), &mut features)
+        .unwrap();
     assert!(!features.list.iter().any(|it| it.label == Some(4)));
 }
 
@@ -130,7 +132,7 @@ fn parts_of_pictures_and_colour_give_the_same_marks() {
     let mut sequence = Sequence::new(Play::default(), 6, 7);
     let corrections = sequence.by_hand();
     let (mut whole, mut part, mut colour) =
-        (follower(corrections.clone()), follower(corrections.clone()), follower(corrections));
+        (mark_tracker(corrections.clone()), mark_tracker(corrections.clone()), mark_tracker(corrections));
     let [mut in_whole, mut in_part, mut in_colour] = [(); 3].map(|()| Features::default());
     for t in 0..6 {
         let (image, stamp) = (sequence.picture(t), Sequence::stamp(t));
@@ -170,8 +172,8 @@ fn marks_of_a_colour_are_found_where_the_surface_is_as_bright() {
         Image { width: 80, height: 60, format: PixelFormat::Rgb8, pixels: pixels.collect(), ..Image::default() };
     let found = |colour| {
         let settings = TrackerSettings { colour, ..TrackerSettings::default() };
-        let (mut follower, mut features) = (Follower::new(settings, vec![]).unwrap(), Features::default());
-        follower.see(&image, Sequence::stamp(0), None, &mut features).unwrap();
+        let (mut mark_tracker, mut features) = (MarkTracker::new(settings, vec![]).unwrap(), Features::default());
+        mark_tracker.see(&image, Sequence::stamp(0), None, &mut features).unwrap();
         features.list.iter().map(|it| it.centre).collect::<Vec<_>>()
     };
     assert_eq!(found(None), []);
@@ -182,9 +184,9 @@ fn marks_of_a_colour_are_found_where_the_surface_is_as_bright() {
 #[test]
 fn bad_pictures_are_passed_over_and_other_sizes_begin_anew() {
     let mut sequence = Sequence::new(Play::default(), 6, 7);
-    let (mut follower, mut features) = (follower(sequence.by_hand()), Features::default());
+    let (mut mark_tracker, mut features) = (mark_tracker(sequence.by_hand()), Features::default());
     let mut see = |image: &Image, t: usize| {
-        let seen = follower.see(image, Sequence::stamp(t), None, &mut features);
+        let seen = mark_tracker.see(image, Sequence::stamp(t), None, &mut features);
         seen.map(|()| features.list.iter().filter(|it| it.label.is_some()).count())
     };
     assert!(see(&sequence.picture(0), 0).unwrap() > 60);
@@ -217,11 +219,11 @@ fn a_mark_without_a_dot_is_followed_by_its_patch() {
     let rows = (0..).zip(&pairs);
     let corrections = rows.map(|(mark, it)| Correction { frame: 0, mark, pixel: Some(middle(&truth, *it)) }).collect();
     let settings = TrackerSettings { find: false, ..TrackerSettings::default() };
-    let mut follower = Follower::new(settings, corrections).unwrap();
+    let mut mark_tracker = MarkTracker::new(settings, corrections).unwrap();
     let mut features = Features::default();
     let mut n = 0;
     for t in 0..30 {
-        follower.see(&sequence.picture(t), Sequence::stamp(t), None, &mut features).unwrap();
+        mark_tracker.see(&sequence.picture(t), Sequence::stamp(t), None, &mut features).unwrap();
         let truth = sequence.truth(t);
         for feature in &features.list {
             let pair = pairs[feature.label.unwrap() as usize];

@@ -21,8 +21,8 @@
 pub mod actuator;
 pub mod allocator;
 pub mod calibrator;
+pub mod control;
 pub mod driver;
-pub mod follow;
 pub mod head;
 pub mod port;
 pub mod pose;

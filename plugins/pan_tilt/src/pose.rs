@@ -1,6 +1,6 @@
 //! `pan_tilt.pose`: where the camera on a head stood when each of its pictures was taken.
 
-use foveate::estimation::{Servo, ServoRules};
+use foveate::estimation::{ActuatorEstimator, ActuatorOptions};
 use foveate::geometry::pan_tilt::{PanTiltHead, Setting};
 use foveate::prelude::*;
 use foveate::scene::heads::CalibratedHead;
@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Matrix2, Point3, SMatrix, Vector4, Vector6};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::follow::hear;
+use crate::control::hear;
 use crate::target_anchor::TargetAnchor;
 
 const REPORT: In<HeadReport> = In::each(0, "report");
@@ -52,7 +52,7 @@ impl Default for PoseSettings {
     }
 }
 
-/// The pose of a head at the capture time of each picture, with uncertainty; the paper's weak point [Davis 2002 §5.2]. How, tells [`Servo`].
+/// The pose of a head at the capture time of each picture, with uncertainty; the paper's weak point [Davis 2002 §5.2]. How, tells [`ActuatorEstimator`].
 ///
 /// With `features` and `target` connected, a picture that has the scale's target, and nothing else near it, tells itself how far the head was off: the
 /// target's place is known from the scale above.
@@ -60,7 +60,7 @@ pub struct Pose {
     camera: CameraId,
     name: String,
     head: CalibratedHead,
-    servo: Servo,
+    actuator: ActuatorEstimator,
     zoom: Option<f64>,
     anchor: TargetAnchor,
     target: Option<Target>,
@@ -79,7 +79,7 @@ struct Standing {
 }
 
 /// What a picture says of the head that it was taken from.
-struct Sight {
+struct Observation {
     /// Together with what was foreseen.
     standing: Standing,
     /// By the picture alone, and how well that is known.
@@ -106,18 +106,18 @@ impl Node for Pose {
         }
         ConfigError::unless_in("shake_deg", settings.shake_deg, 0.0..=10.0)?;
         let (camera, head) = crate::head_of(setup)?;
-        let rules = ServoRules {
+        let options = ActuatorOptions {
             latency_s: [settings.latency_ms * 1e-3, 0.08],
             acceleration: settings.acceleration_deg_per_s2.to_radians(),
             quantum: settings.quantum_deg.map(f64::to_radians),
             shake: settings.shake_deg.to_radians(),
-            ..ServoRules::default()
+            ..ActuatorOptions::default()
         };
         Ok(Self {
             camera,
             name: setup.camera_name().unwrap_or_default().to_owned(),
             head,
-            servo: Servo::new(rules, 0.0, [0.0; 2]),
+            actuator: ActuatorEstimator::new(options, 0.0, [0.0; 2]),
             zoom: None,
             anchor: TargetAnchor::new(setup),
             target: None,
@@ -132,7 +132,7 @@ impl Node for Pose {
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         if let Some(report) = io.take(&REPORT) {
             for (at, event) in report.value.since(&mut self.next_event) {
-                hear(&mut self.servo, *at, event);
+                hear(&mut self.actuator, *at, event);
                 if let HeadEvent::Zoom(zoom) = event {
                     self.zoom = Some(*zoom);
                 }
@@ -153,7 +153,7 @@ impl Node for Pose {
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         let name = &self.name;
-        let [latency, sigma] = self.servo.latency();
+        let [latency, sigma] = self.actuator.latency();
         report.figure(format!("heads.{name}.pose_latency_ms"), latency * 1e3);
         report.figure(format!("heads.{name}.pose_latency_sigma_ms"), sigma * 1e3);
         report.figure(format!("heads.{name}.sighted"), self.n_sighted as f64 / self.n_told as f64);
@@ -167,18 +167,18 @@ impl Node for Pose {
 impl Pose {
     fn tell(&mut self, stamp: Stamp, features: Option<&Features>, io: &mut Io<'_>) {
         // A head that was never heard may stand anywhere.
-        let state = self.servo.last_answer_s().and_then(|last| Some((last, self.servo.at(stamp.time.as_s())?)));
+        let state = self.actuator.last_answer_s().and_then(|last| Some((last, self.actuator.at(stamp.time.as_s())?)));
         let Some((last, state)) = state else {
             self.n_unknown += 1;
             return io.gap(&POSE, stamp.time, "the head has not said yet where it stands");
         };
         let foreseen = Standing { angles: state.angles, covariance: Matrix2::from_diagonal(&state.variances.into()) };
-        let sight = features.and_then(|it| self.sight(it, stamp.time, &foreseen));
+        let observation = features.and_then(|it| self.observation(it, stamp.time, &foreseen));
         self.n_told += 1;
-        let standing = match sight {
-            Some(Sight { standing, seen, variances }) => {
+        let standing = match observation {
+            Some(Observation { standing, seen, variances }) => {
                 self.n_sighted += 1;
-                self.servo.sight(stamp.time.as_s(), seen, variances);
+                self.actuator.observation(stamp.time.as_s(), seen, variances);
                 standing
             }
             None => foreseen,
@@ -189,7 +189,7 @@ impl Pose {
     }
 
     /// Where the head stands by the one feature that is the target's, if there is one.
-    fn sight(&self, features: &Features, time: Time, foreseen: &Standing) -> Option<Sight> {
+    fn observation(&self, features: &Features, time: Time, foreseen: &Standing) -> Option<Observation> {
         let target = self.target.as_ref()?;
         let since = time - self.target_time;
         if since.abs().as_s() > FARTHEST_S {
@@ -221,7 +221,7 @@ impl Pose {
         let change = gain * missed;
         let by_pixel = expected.by_angles.try_inverse()?;
         let (seen, variances) = (by_pixel * missed, by_pixel * noise * by_pixel.transpose());
-        Some(Sight {
+        Some(Observation {
             standing: Standing {
                 angles: [pan + change.x, tilt + change.y],
                 covariance: (Matrix2::identity() - gain * expected.by_angles) * foreseen.covariance,
@@ -304,7 +304,7 @@ fn step_to(model: &PanTiltHead, setting: &Setting, there: &Isometry3<f64>) -> Ve
 mod tests {
     use std::sync::Arc;
 
-    use foveate::estimation::ServoState;
+    use foveate::estimation::ActuatorState;
     use foveate::geometry::Camera;
     use foveate::geometry::pan_tilt::{HeadCovariance, Limits};
     use foveate_testkit::check_node;
@@ -348,7 +348,7 @@ mod tests {
 
     /// What a picture tells of a head that truly stands at `truth`, when it is thought to stand at 0.3 and -0.2 rad; besides the target's, the picture has
     /// features at these distances from it [px].
-    fn sighted(truth: [f64; 2], others: &[f64]) -> Option<Sight> {
+    fn observed(truth: [f64; 2], others: &[f64]) -> Option<Observation> {
         let mut pose = Pose::new(PoseSettings::default(), &setup()).unwrap();
         let place = Point3::new(1.0, 3.0, 1.2);
         pose.target_time = Time::from_s(1.0);
@@ -358,7 +358,7 @@ mod tests {
             velocity: nalgebra::Vector3::x(),
             covariance: Matrix6::identity() * 1e-6,
             cameras: CameraSet::default(),
-            how: How::Measured,
+            provenance: Provenance::Measured,
         });
         let time = Time::from_s(1.02);
         let moved = place + nalgebra::Vector3::x() * 0.02;
@@ -372,13 +372,13 @@ mod tests {
         };
         let list = [0.0].iter().chain(others).map(|it| feature(*it)).collect();
         let foreseen = Standing { angles: [0.3, -0.2], covariance: Matrix2::identity() * 0.004_f64.powi(2) };
-        pose.sight(&Features { camera: CameraId(0), list }, time, &foreseen)
+        pose.observation(&Features { camera: CameraId(0), list }, time, &foreseen)
     }
 
     #[test]
     fn a_picture_of_the_target_says_where_the_head_stood() {
         let truth = [0.306, -0.195];
-        let Sight { standing, seen, variances } = sighted(truth, &[]).unwrap();
+        let Observation { standing, seen, variances } = observed(truth, &[]).unwrap();
         for axis in [0, 1] {
             assert!((seen[axis] - truth[axis]).abs() < 1e-4, "{axis}: {}", seen[axis]);
             let [by, to] =
@@ -389,9 +389,9 @@ mod tests {
 
     #[test]
     fn a_picture_with_two_candidates_or_a_far_one_says_nothing() {
-        assert!(sighted([0.305, -0.2], &[20.0]).is_none(), "another feature is near");
-        assert!(sighted([0.305, -0.2], &[400.0]).is_some(), "another feature is far");
-        assert!(sighted([0.34, -0.2], &[]).is_none(), "ten standard deviations off: that is another light");
+        assert!(observed([0.305, -0.2], &[20.0]).is_none(), "another feature is near");
+        assert!(observed([0.305, -0.2], &[400.0]).is_some(), "another feature is far");
+        assert!(observed([0.34, -0.2], &[]).is_none(), "ten standard deviations off: that is another light");
     }
 
     #[test]
@@ -404,7 +404,7 @@ mod tests {
         (6..14).for_each(|it| known[(it, it)] = 1e-6);
         (known[(14, 14)], known[(15, 15)]) = (1e-5, 1e-5);
         pose.head.covariance = Some(HeadCovariance { whole: known });
-        let state = ServoState { angles: [0.6, -0.3], rates: [0.0; 2], variances: [4e-6, 1e-6] };
+        let state = ActuatorState { angles: [0.6, -0.3], rates: [0.0; 2], variances: [4e-6, 1e-6] };
         let standing = Standing { angles: state.angles, covariance: Matrix2::from_diagonal(&state.variances.into()) };
         let stated = pose.pose_at(Time::ZERO, &standing, [0.0; 2], Interval(0));
         let mut random = foveate::estimation::Random::new(2);

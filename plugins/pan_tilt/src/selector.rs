@@ -4,7 +4,7 @@ use foveate::messages::ScaleId;
 use foveate::node::scale::Spaces;
 use foveate::prelude::*;
 
-use crate::follow::{FollowSettings, Follower, Lead};
+use crate::control::{ControlSettings, HeadController, Lead};
 use crate::target_anchor::TargetAnchor;
 
 const TARGET: In<Targets> = In::each(0, "target").of_parent();
@@ -14,10 +14,10 @@ const SPACES: In<ScaleSpace> = In::latest(3, "spaces").many().optional();
 const COMMANDS: Out<HeadCommand> = Out::new(0, "commands");
 const REGION: Out<SubRegion> = Out::new(1, "region");
 
-/// Which target, and how its head is led to it: see [`Follower`]. Where the target is of a scale that itself moves, `spaces` takes the anchors of
+/// Which target, and how its head is led to it: see [`HeadController`]. Where the target is of a scale that itself moves, `spaces` takes the anchors of
 /// that scale and of those around it: heads stand in the world.
 pub struct Selector {
-    follower: Follower,
+    controller: HeadController,
     camera: CameraId,
     name: String,
     radius: f64,
@@ -41,13 +41,13 @@ impl Node for Selector {
     const TYPE: &'static str = "pan_tilt.selector";
     const ROLE: Role = Role::Selector;
     const SUMMARY: &'static str = "Keeps a pan-tilt head on a target: predicts it, aims, and leads the head";
-    type Settings = FollowSettings;
+    type Settings = ControlSettings;
 
     fn ports() -> Ports {
         Ports::new().input(&TARGET).input(&HEAD).input(&ASSIGNMENT).input(&SPACES).output(&COMMANDS).output(&REGION)
     }
 
-    fn new(settings: FollowSettings, setup: &Setup) -> Result<Self, ConfigError> {
+    fn new(settings: ControlSettings, setup: &Setup) -> Result<Self, ConfigError> {
         settings.check()?;
         let (camera, head) = crate::head_of(setup)?;
         let radius = if settings.radius_m > 0.0 { settings.radius_m } else { setup.radius_m.unwrap_or(0.0) };
@@ -75,7 +75,7 @@ impl Node for Selector {
             spaces: parent_space(setup)?,
             following: None,
             next_event: 0,
-            follower: Follower::new(settings, head.model, radius),
+            controller: HeadController::new(settings, head.model, radius),
             counts: Counts::default(),
         })
     }
@@ -83,7 +83,7 @@ impl Node for Selector {
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         let Some(targets) = io.take(&TARGET) else { return Ok(()) };
         if let Some(report) = io.latest(&HEAD) {
-            self.follower.hear(report.value, &mut self.next_event);
+            self.controller.hear(report.value, &mut self.next_event);
         }
         let assigned = io.latest(&ASSIGNMENT).map(|it| it.value.target_of(self.camera));
         let anchored = self.anchor.target(&targets.value).map(|it| it.id);
@@ -106,13 +106,13 @@ impl Node for Selector {
             if self.following.replace(target.id).is_some() {
                 self.counts.changes += 1;
             }
-            self.follower.change_target();
+            self.controller.change_target();
         }
-        // A sample that was only carried on says nothing that the predictor does not know.
-        if target.how == How::Measured {
-            self.follower.see(targets.value.time, target, &self.anchor.offset);
+        // A sample that was only extrapolated says nothing that the predictor does not know.
+        if target.provenance == Provenance::Measured {
+            self.controller.see(targets.value.time, target, &self.anchor.offset);
         }
-        let Some(Lead { order, zoom, reachable, .. }) = self.follower.command(io.now()) else { return Ok(()) };
+        let Some(Lead { order, zoom, reachable, .. }) = self.controller.command(io.now()) else { return Ok(()) };
         self.counts.commands += 1;
         self.counts.out_of_reach += u64::from(!reachable);
         let region = SubRegion {
@@ -122,7 +122,7 @@ impl Node for Selector {
             velocity: target.velocity,
             covariance: target.covariance,
             radius: self.radius,
-            how: target.how,
+            provenance: target.provenance,
         };
         io.emit_at(&COMMANDS, targets.value.time, HeadCommand { camera: self.camera, order, zoom });
         io.emit_at(&REGION, targets.value.time, region);
@@ -131,7 +131,7 @@ impl Node for Selector {
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         let Counts { commands, out_of_reach, changes } = self.counts;
-        let [latency, sigma] = self.follower.latency_s();
+        let [latency, sigma] = self.controller.latency_s();
         let name = &self.name;
         report.figure(format!("heads.{name}.commands"), commands as f64);
         report.figure(format!("heads.{name}.out_of_reach"), out_of_reach as f64);

@@ -1,7 +1,7 @@
 //! The target that a node's scale is anchored to, among those of the scale above.
 
-use foveate::prelude::{How, Setup, Target, Targets};
-use foveate::scene::anchor::{Anchor, AnchorRule, AnchorState, Sighting};
+use foveate::prelude::{Provenance, Setup, Target, Targets};
+use foveate::scene::anchor::{Anchor, AnchorRule, AnchorState, TargetObservation};
 use nalgebra::Vector3;
 
 /// Follows the anchor of a scale by its rule; in a scale without one, the target that has lived longest.
@@ -21,14 +21,14 @@ impl TargetAnchor {
 
     /// Which one it is now, if it is not lost.
     pub fn target<'t>(&mut self, targets: &'t Targets) -> Option<&'t Target> {
-        let sightings = targets.list.iter().map(|it| Sighting {
+        let observations = targets.list.iter().map(|it| TargetObservation {
             id: it.id.0,
             position: it.position,
             velocity: it.velocity,
             covariance: it.covariance,
-            is_measured: it.how == How::Measured,
+            is_measured: it.provenance == Provenance::Measured,
         });
-        let AnchorState::Found(found) = self.anchor.update(targets.time.0, sightings) else { return None };
+        let AnchorState::Found(found) = self.anchor.update(targets.time.0, observations) else { return None };
         targets.list.iter().find(|it| it.id.0 == found.id)
     }
 }

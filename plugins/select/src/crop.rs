@@ -4,7 +4,7 @@ use foveate::geometry::Camera;
 use foveate::imaging::{Channel, ImageView, plane, shrink};
 use foveate::messages::Window;
 use foveate::prelude::*;
-use foveate::scene::anchor::{Anchor, AnchorRule, AnchorState, Pick, Sighting};
+use foveate::scene::anchor::{Anchor, AnchorRule, AnchorState, Pick, TargetObservation};
 use nalgebra::{Matrix6, Point2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -43,7 +43,7 @@ impl Default for CropSettings {
 /// Pictures in; out a part of each at full resolution, with the target in the middle or as near to it as the picture reaches, and the whole of
 /// it made smaller, in gray. Both carry their [`Window`], so that what is found in them is in pixels of the camera.
 ///
-/// The target is taken from `target`, which has points of the parent scale, or `targets`, of the own one, and carried on at its velocity to the picture's
+/// The target is taken from `target`, which has points of the parent scale, or `targets`, of the own one, and extrapolated at its velocity to the picture's
 /// time. Where it is lost or out of the picture, `inside` has a gap.
 pub struct Crop {
     settings: CropSettings,
@@ -143,7 +143,7 @@ impl Node for Crop {
             velocity: target.velocity,
             covariance: target.covariance,
             radius: self.radius.unwrap_or(half_px * depth / focal[0].max(focal[1])),
-            how: if target.is_measured { How::Measured } else { How::Predicted },
+            provenance: if target.is_measured { Provenance::Measured } else { Provenance::Predicted },
         };
         io.emit(&INSIDE, image.stamp, inside);
         io.emit(&REGION, image.stamp, region);
@@ -202,18 +202,18 @@ impl Crop {
             return;
         }
         self.heard = Some(targets.time);
-        let sightings = targets.list.iter().map(|it| Sighting {
+        let observations = targets.list.iter().map(|it| TargetObservation {
             id: it.id.0,
             position: it.position,
             velocity: it.velocity,
             covariance: it.covariance,
-            is_measured: it.how == How::Measured,
+            is_measured: it.provenance == Provenance::Measured,
         });
-        self.anchor.update(targets.time.0, sightings);
+        self.anchor.update(targets.time.0, observations);
     }
 
-    /// The target, carried on to `time`; `None`: it is lost, or nothing was heard for as long as that takes.
-    fn target_at(&self, time: Time) -> Option<Sighting> {
+    /// The target, extrapolated to `time`; `None`: it is lost, or nothing was heard for as long as that takes.
+    fn target_at(&self, time: Time) -> Option<TargetObservation> {
         let AnchorState::Found(target) = self.anchor.state() else { return None };
         let later = time - self.heard?;
         if later.0 > self.anchor.rule().lost_ns {
@@ -221,7 +221,7 @@ impl Crop {
         }
         let mut carry_on = Matrix6::identity();
         carry_on.fixed_view_mut::<3, 3>(0, 3).fill_diagonal(later.as_s());
-        Some(Sighting {
+        Some(TargetObservation {
             position: target.position + target.velocity * later.as_s(),
             covariance: carry_on * target.covariance * carry_on.transpose(),
             is_measured: target.is_measured && later.0 == 0,
@@ -305,7 +305,7 @@ mod tests {
             velocity: *velocity,
             covariance: Matrix6::identity() * 1e-4,
             cameras: CameraSet::default(),
-            how: How::Measured,
+            provenance: Provenance::Measured,
         };
         Targets { time: Time::from_s(time_s), list: list.iter().map(target).collect() }
     }
@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn the_target_is_carried_on_to_the_time_of_the_picture_and_lost_when_nothing_is_heard() {
+    fn the_target_is_extrapolated_to_the_time_of_the_picture_and_lost_when_nothing_is_heard() {
         let mut crop = crop(CropSettings::default());
         assert_eq!(crop.target_at(Time::ZERO), None);
         let (place, velocity) = (Point3::new(0.1, 0.2, 1.0), Vector3::new(1.0, 0.0, -0.5));

@@ -46,7 +46,8 @@ impl Node for Walk {
         let (position, velocity) = path(time.as_s());
         let cameras = (0..8).map(CameraId).collect();
         let covariance = Matrix6::identity() * 1e-6;
-        let target = Target { id: TargetId(3), position, velocity, covariance, cameras, how: How::Measured };
+        let target =
+            Target { id: TargetId(3), position, velocity, covariance, cameras, provenance: Provenance::Measured };
         let list = if (1.0..5.0).contains(&time.as_s()) { vec![target] } else { vec![] };
         self.0 += 1;
         io.emit_at(&TARGETS, time, Targets { time, list });

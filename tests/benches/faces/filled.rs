@@ -85,7 +85,8 @@ pub fn filled(out: Option<&Path>) {
 /// Four different choices of hidden marks, each for all frames, as in the paper.
 fn try_one(case: &Case, method: Method) -> (&'static str, Vec<[f64; 2]>) {
     let mut fitter = ShapeFitter::new(method.model);
-    let (mut lengths, mut points, mut squares, mut outside, mut times) = (vec![], vec![], 0.0, vec![], vec![]);
+    let (mut lengths, mut points, mut squares, mut out_of_distribution, mut times) =
+        (vec![], vec![], 0.0, vec![], vec![]);
     let mut random = Random::new(11);
     for _ in 0..4 {
         let hidden = some(case.n_hidden, case.tried_on[0].len(), &mut random);
@@ -94,13 +95,13 @@ fn try_one(case: &Case, method: Method) -> (&'static str, Vec<[f64; 2]>) {
             lengths.extend(one.errors.iter().map(|it| it.norm()));
             points.extend(one.errors.iter().map(|it| case.frontal.map(|axis| it[axis] * 1e3)));
             squares += one.squares / 3.0;
-            outside.push(one.outside);
+            out_of_distribution.push(one.out_of_distribution);
             times.push(one.ms);
         }
     }
-    let mean_outside = outside.iter().sum::<f64>() / outside.len() as f64;
+    let mean_out_of_distribution = out_of_distribution.iter().sum::<f64>() / out_of_distribution.len() as f64;
     println!(
-        "| {} | {:.2} mm | {:.2} mm | {:.1} mm | {:.2} | {mean_outside:.2} | {:.2} ms |",
+        "| {} | {:.2} mm | {:.2} mm | {:.1} mm | {:.2} | {mean_out_of_distribution:.2} | {:.2} ms |",
         method.name,
         percentile_mm(&lengths, 50.0),
         percentile_mm(&lengths, 95.0),

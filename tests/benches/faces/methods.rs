@@ -3,7 +3,9 @@
 use std::time::Instant;
 
 use foveate::estimation::statistics::percentile;
-use foveate::geometry::{AcquisitionRules, Bases, FitRules, MarkSight, ShapeFitter, ShapeKind, ShapeModel, acquire};
+use foveate::geometry::{
+    AcquisitionOptions, Bases, FitOptions, MarkObservation, ShapeFitter, ShapeKind, ShapeModel, acquire,
+};
 use nalgebra::{Matrix3, Vector3};
 
 use crate::takes::Frame;
@@ -17,24 +19,24 @@ pub struct Method {
 /// Noise of the marks where nothing better is known [m].
 pub const NOISE: f64 = 2e-4;
 
-fn model(frames: &[Frame], rules: AcquisitionRules) -> ShapeModel {
+fn model(frames: &[Frame], options: AcquisitionOptions) -> ShapeModel {
     let labels: Vec<u32> = (0..frames[0].len() as u32).collect();
     let frames: Vec<_> = frames.iter().map(|it| it.iter().copied().map(Some).collect()).collect();
-    acquire(&labels, &frames, &rules).expect("complete frames")
+    acquire(&labels, &frames, &options).expect("complete frames")
 }
 
 /// All of them, from the same frames; five components alone where `few`.
 pub fn methods(frames: &[Frame], few: bool) -> Vec<Method> {
-    let rules = AcquisitionRules { noise: NOISE, ..AcquisitionRules::default() };
-    let five = model(frames, AcquisitionRules { n_bases: 5, unseen: 0.0, ..rules });
+    let options = AcquisitionOptions { noise: NOISE, ..AcquisitionOptions::default() };
+    let five = model(frames, AcquisitionOptions { n_bases: 5, unseen: 0.0, ..options });
     let plain = five.clone().with_bases(Bases::Components { variances: vec![f64::INFINITY; five.n_bases()] });
     let mut methods =
         vec![Method { name: "5 components", model: plain }, Method { name: "5 components, prior", model: five }];
     if few {
-        methods.push(Method { name: "80 components, prior", model: model(frames, rules) });
+        methods.push(Method { name: "80 components, prior", model: model(frames, options) });
         return methods;
     }
-    let faces = model(frames, AcquisitionRules { kind: ShapeKind::Faces, ..rules });
+    let faces = model(frames, AcquisitionOptions { kind: ShapeKind::Faces, ..options });
     let bounded = |lowest: f64, highest: f64| faces.clone().with_bases(Bases::Faces { lowest, highest });
     methods.splice(
         0..0,
@@ -44,9 +46,9 @@ pub fn methods(frames: &[Frame], few: bool) -> Vec<Method> {
             Method { name: "80 faces, weights 0 to 1", model: faces },
         ],
     );
-    let captured = AcquisitionRules { unseen: 0.0, ..rules };
+    let captured = AcquisitionOptions { unseen: 0.0, ..options };
     methods.push(Method { name: "80 components, prior, captured ways alone", model: model(frames, captured) });
-    methods.push(Method { name: "80 components, prior", model: model(frames, rules) });
+    methods.push(Method { name: "80 components, prior", model: model(frames, options) });
     methods
 }
 
@@ -56,7 +58,7 @@ pub struct Filled {
     pub errors: Vec<Vector3<f64>>,
     /// Sum of the squared errors over what was stated; 3 for each mark where it is honest.
     pub squares: f64,
-    pub outside: f64,
+    pub out_of_distribution: f64,
     pub ms: f64,
 }
 
@@ -64,9 +66,10 @@ pub struct Filled {
 pub fn fill(fitter: &mut ShapeFitter, frame: &Frame, hidden: &[usize]) -> Option<Filled> {
     let covariance = Matrix3::from_diagonal_element(NOISE * NOISE);
     let seen = (0..frame.len()).filter(|it| !hidden.contains(it));
-    let sights: Vec<MarkSight> = seen.map(|it| MarkSight::new(it as u32, frame[it], covariance)).collect();
+    let observations: Vec<MarkObservation> =
+        seen.map(|it| MarkObservation::new(it as u32, frame[it], covariance)).collect();
     let start = Instant::now();
-    let found = fitter.fit(&sights, &FitRules::default()).ok()?;
+    let found = fitter.fit(&observations, &FitOptions::default()).ok()?;
     let ms = start.elapsed().as_secs_f64() * 1e3;
     let mut squares = 0.0;
     let errors = hidden
@@ -79,7 +82,7 @@ pub fn fill(fitter: &mut ShapeFitter, frame: &Frame, hidden: &[usize]) -> Option
             error
         })
         .collect();
-    Some(Filled { errors, squares, outside: found.outside, ms })
+    Some(Filled { errors, squares, out_of_distribution: found.out_of_distribution, ms })
 }
 
 /// Of lengths [m], in millimetres.

@@ -2,7 +2,7 @@
 
 use foveate::messages::{CameraId, Time};
 use foveate_led::tracker::{Entry, Tracker};
-use foveate_testkit::lab::{Conditions, Lab, ROOM_M, Rules, Wanderers, score};
+use foveate_testkit::lab::{Conditions, Lab, ROOM_M, ScoreOptions, Wanderers, score};
 
 use crate::Options;
 use crate::scenes::MIDDLE_M;
@@ -13,11 +13,11 @@ const N_CAMERAS: usize = 6;
 
 const VARIANTS: &[(&str, &str)] = &[
     ("trust", ""),
-    ("estimate", "clocks = \"estimate\"\nlate = \"refilter\"\nclock_spread_ms = 30.0"),
-    ("correct", "clocks = \"correct\"\nlate = \"refilter\"\nclock_spread_ms = 30.0"),
+    ("estimate", "clocks = \"estimate\"\nlate = \"out_of_sequence\"\nclock_spread_ms = 30.0"),
+    ("correct", "clocks = \"correct\"\nlate = \"out_of_sequence\"\nclock_spread_ms = 30.0"),
     (
         "correct, 300 ms of history",
-        "clocks = \"correct\"\nlate = \"refilter\"\nclock_spread_ms = 60.0\nhistory_ms = 300.0",
+        "clocks = \"correct\"\nlate = \"out_of_sequence\"\nclock_spread_ms = 60.0\nhistory_ms = 300.0",
     ),
 ];
 
@@ -46,11 +46,12 @@ pub fn clocks(_options: &Options) {
                 continue;
             };
             let mut tracker = Tracker::new(settings, lab.cameras.clone(), Some(ROOM_M));
-            let score = score(&frames, Rules { settled_s: 5.0, step_s: 0.005 }, &lights, |time, features, targets| {
-                let entry = tracker.observe(time, features);
-                tracker.write(targets);
-                entry == Entry::Applied
-            });
+            let score =
+                score(&frames, ScoreOptions { settled_s: 5.0, step_s: 0.005 }, &lights, |time, features, targets| {
+                    let entry = tracker.observe(time, features);
+                    tracker.write(targets);
+                    entry == Entry::Applied
+                });
             let end = Time::from_s(DURATION_S);
             // Only differences of clocks can be seen: the mean of all is nobody's business.
             let found: Vec<f64> =

@@ -1,4 +1,4 @@
-//! Figure 25: pixel error on independent sightings against the turns of the paper's calibration, and of what takes its place.
+//! Figure 25: pixel error on independent observations against the turns of the paper's calibration, and of what takes its place.
 
 use foveate::estimation::Random;
 use foveate::geometry::bundle::Observation;
@@ -15,7 +15,7 @@ const N_POINTS: usize = 600;
 const TURNS: usize = 300;
 const STEPS: u32 = 30;
 const SIGMA_PX: f64 = 0.5;
-/// Every camera that can see a point has its sighting of it.
+/// Every camera that can see a point has its observation of it.
 const STARTS: [(f64, f64); 2] = [(3.0, 0.1), (10.0, 0.4)];
 
 /// Cameras under the ceiling around 3.5 × 5 m, as §3.1 has them.
@@ -31,7 +31,7 @@ fn lab(random: &mut Random) -> Vec<Camera> {
 }
 
 /// A path through 3.5 × 5 m from 0.5 to 2 m of height, other for each `phase`, and what all cameras see of it.
-fn sightings(cameras: &[Camera], phase: f64, random: &mut Random) -> Vec<Observation> {
+fn observations(cameras: &[Camera], phase: f64, random: &mut Random) -> Vec<Observation> {
     let mut all = Vec::new();
     for point in 0..N_POINTS {
         let turn = std::f64::consts::TAU * point as f64 / N_POINTS as f64;
@@ -49,10 +49,10 @@ fn sightings(cameras: &[Camera], phase: f64, random: &mut Random) -> Vec<Observa
 pub fn convergence(options: &Options) {
     let mut random = Random::new(25);
     let truth = lab(&mut random);
-    let seen = sightings(&truth, 0.3, &mut random);
-    let independent = sightings(&truth, 1.1, &mut random);
+    let seen = observations(&truth, 0.3, &mut random);
+    let independent = observations(&truth, 1.1, &mut random);
     println!(
-        "Figure 25: {N_CAMERAS} cameras, {} sightings of {N_POINTS} points, {SIGMA_PX} px of noise; error on {} independent ones",
+        "Figure 25: {N_CAMERAS} cameras, {} observations of {N_POINTS} points, {SIGMA_PX} px of noise; error on {} independent ones",
         seen.len(),
         independent.len()
     );
@@ -78,7 +78,7 @@ pub fn convergence(options: &Options) {
     }
     let x = Axis::new("estimates so far: 1 is the start, then each turn or step").log();
     let y = Axis::new("root mean square [px]").log();
-    let chart = Chart { series, ..Chart::new("error on independent sightings", [520.0, 300.0], x, y) };
+    let chart = Chart { series, ..Chart::new("error on independent observations", [520.0, 300.0], x, y) };
     let title = "Convergence of calibration: path and cameras in turn, or together";
     save(options.out.as_deref(), "convergence", title, 1, vec![chart]);
 }

@@ -6,7 +6,7 @@ use foveate::messages::Targets;
 use foveate::plot::{Axis, COLOURS, Chart, Series};
 use foveate_led::tracker::{Entry, IntegratorSettings, Tracker};
 use foveate_testkit::allocation::held_bytes;
-use foveate_testkit::lab::{Lab, Lights, Occlusions, ROOM_M, Rules, Scorer, Wanderers};
+use foveate_testkit::lab::{Lab, Lights, Occlusions, ROOM_M, ScoreOptions, Scorer, Wanderers};
 
 use crate::Options;
 use crate::chart::save;
@@ -27,11 +27,11 @@ pub fn hour(options: &Options) {
     };
     let lights = Wanderers::new(N_LIGHTS, DURATION_S, MIDDLE_M, 1.2, 1);
     let stream = lab.stream(DURATION_S, &lights);
-    let mut scorer = Scorer::new(N_LIGHTS, Rules { settled_s: 1.0, step_s: 0.5 });
+    let mut scorer = Scorer::new(N_LIGHTS, ScoreOptions { settled_s: 1.0, step_s: 0.5 });
     let before = held_bytes();
     let mut tracker = Tracker::new(IntegratorSettings::default(), lab.cameras.clone(), Some(ROOM_M));
     let (mut targets, mut here) = (Targets::default(), Vec::new());
-    let (mut held, mut resident, mut births) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut held, mut resident, mut initiations) = (Vec::new(), Vec::new(), Vec::new());
     let (mut n_frames, mut n_features, mut next_s) = (0_u64, 0_u64, 0.0);
     // Memory of the tracker alone: what is allocated while it works.
     let mut of_tracker = held_bytes() - before;
@@ -53,7 +53,7 @@ pub fn hour(options: &Options) {
             let minute = now_s / 60.0;
             held.push([minute, of_tracker as f64 / 1e3]);
             resident.extend(resident_mb().map(|it| [minute, it]));
-            births.push([minute, tracker.tally().births as f64]);
+            initiations.push([minute, tracker.tally().initiations as f64]);
             next_s += 10.0;
         }
     }
@@ -76,12 +76,12 @@ pub fn hour(options: &Options) {
         at(&held, 10.0),
         at(&held, 60.0)
     );
-    println!("| births, targets alive at the end | {}, {} |", tracker.tally().births, tracker.n_targets());
+    println!("| initiations, targets alive at the end | {}, {} |", tracker.tally().initiations, tracker.n_targets());
     println!(
-        "| identities a light, swaps, rebirths | {:.1}, {}, {} |",
+        "| identities a light, id_switches, reinitialisations | {:.1}, {}, {} |",
         score.identities_per_light(),
-        score.swaps,
-        score.rebirths
+        score.id_switches,
+        score.reinitialisations
     );
     println!("| occlusions | {} |", N_LIGHTS as f64 * DURATION_S / 10.0);
     println!(
@@ -97,7 +97,7 @@ pub fn hour(options: &Options) {
     let charts = vec![
         chart("resident memory of the process", "[MB]", COLOURS[0], resident),
         chart("held by the tracker", "[kB]", COLOURS[1], held),
-        chart("births", "targets [–]", COLOURS[2], births),
+        chart("initiations", "targets [–]", COLOURS[2], initiations),
     ];
     save(options.out.as_deref(), "hour", "One hour", 1, charts);
 }

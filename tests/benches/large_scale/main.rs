@@ -8,7 +8,7 @@
 //! | `scenes` | 8 wandering lights with clutter and occlusions, 6 unsynchronised cameras: each variant of the tracker |
 //! | `crowd` | the same for 32 lights and 64 cameras |
 //! | `crossings` | pairs of lights that cross, or meet and turn back, at 30 to 100 mm |
-//! | `convergence` | Figure 25: calibration by turns and by bundle adjustment, error on independent sightings |
+//! | `convergence` | Figure 25: calibration by turns and by bundle adjustment, error on independent observations |
 //! | `stage` | §3.7: a LED on a linear stage in rendered pictures, Figures 36 to 41 |
 //! | `strengths` | Figures 42 to 44: the motion model at three strengths, on a line and on a circle |
 //! | `starvation` | Figure 35: three cameras, one of whose clocks is 4 ms ahead |

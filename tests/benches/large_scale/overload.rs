@@ -59,7 +59,7 @@ fn play(take: &str) -> Result<([Vec<f64>; 3], f64), String> {
     let shelf = format!("overload {take}");
     text += &format!(
         "[scale.room.node.t]\ntype = \"testkit.collect\"\ninto = \"{shelf}\"\ncost_ms = {COST_MS:?}\n\
-         in.numbers = {{ from = [\"a.numbers\", \"b.numbers\", \"c.numbers\"], take = \"{take}\" }}\n"
+         in.numbers = {{ from = [\"a.numbers\", \"b.numbers\", \"c.numbers\"], policy = \"{take}\" }}\n"
     );
     let graph = rig::load(&text, Path::new("overload.toml"), &registry, &Overrides::default());
     let graph = Arc::new(graph.map_err(|faults| faults.render(false))?);

@@ -1,10 +1,10 @@
-//! Crowded scenes: identities, swaps, false targets, misses, errors, for each variant of the tracker.
+//! Crowded scenes: identities, ID switches, false targets, misses, errors, for each variant of the tracker.
 
 use std::time::Instant;
 
 use foveate::messages::{Features, Time};
 use foveate_led::tracker::{Entry, IntegratorSettings, Tracker};
-use foveate_testkit::lab::{Crossings, Lab, Lights, Occlusions, ROOM_M, Rules, Score, Wanderers, score};
+use foveate_testkit::lab::{Crossings, Lab, Lights, Occlusions, ROOM_M, Score, ScoreOptions, Wanderers, score};
 
 use crate::Options;
 use crate::variants::{VARIANTS, available};
@@ -13,7 +13,7 @@ use crate::variants::{VARIANTS, available};
 pub const MIDDLE_M: [[f64; 3]; 2] = [[-1.4, -2.1, 0.4], [1.4, 2.1, 1.9]];
 
 const DURATION_S: f64 = 10.0;
-const RULES: Rules = Rules { settled_s: 0.5, step_s: 0.005 };
+const OPTIONS: ScoreOptions = ScoreOptions { settled_s: 0.5, step_s: 0.005 };
 
 /// Six cameras at 60 Hz, a false feature in every second frame, each light hidden from a camera for a tenth of the time,
 /// and from all of them for 0.1 to 0.6 s in every five; features nearer than 4 px melt into one.
@@ -53,7 +53,7 @@ pub fn crossings(options: &Options) {
 /// What a tracker of `settings` makes of a scene, scored every 5 ms.
 pub fn run(settings: &IntegratorSettings, lab: &Lab, frames: &[(Time, Features)], lights: &impl Lights) -> Score {
     let mut tracker = Tracker::new(settings.clone(), lab.cameras.clone(), Some(ROOM_M));
-    score(frames, RULES, lights, |time, features, targets| {
+    score(frames, OPTIONS, lights, |time, features, targets| {
         let entry = tracker.observe(time, features);
         tracker.write(targets);
         entry == Entry::Applied
@@ -75,7 +75,7 @@ fn table<L: Lights>(title: &str, n_seeds: u64, scene: impl Fn(u64) -> (Lab, L)) 
         }
     }
     println!(
-        "| variant | identities a target | swaps | rebirths | false at a time | missed % | birth ms | OSPA mm | GOSPA mm | error median / p95 mm | NEES (3) | s a scene |"
+        "| variant | identities a target | id_switches | reinitialisations | false at a time | missed % | initiation ms | OSPA mm | GOSPA mm | error median / p95 mm | NEES (3) | s a scene |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     for ((name, _), (scores, spent)) in variants.iter().zip(scores.iter().zip(spent)) {
@@ -90,11 +90,11 @@ fn table<L: Lights>(title: &str, n_seeds: u64, scene: impl Fn(u64) -> (Lab, L)) 
         println!(
             "| {name} | {} | {} | {} | {} | {} | {} | {} | {} | {:.1} / {:.1} | {:.1} | {:.2} |",
             shown(&Score::identities_per_light, 3),
-            shown(&|it| it.swaps as f64, 2),
-            shown(&|it| it.rebirths as f64, 2),
+            shown(&|it| it.id_switches as f64, 2),
+            shown(&|it| it.reinitialisations as f64, 2),
             shown(&Score::false_targets, 3),
             shown(&|it| 100.0 * it.missed_part(), 2),
-            shown(&|it| 1e3 * it.time_to_birth(), 0),
+            shown(&|it| 1e3 * it.time_to_initiation(), 0),
             shown(&|it| 1e3 * it.ospa, 1),
             shown(&|it| 1e3 * it.gospa, 1),
             figure(&|it| 1e3 * it.error_median)[0],

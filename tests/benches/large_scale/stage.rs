@@ -9,7 +9,7 @@ use foveate::geometry::Camera;
 use foveate::messages::{CameraId, Features, Image, Targets, Time};
 use foveate::plot::{Axis, COLOURS, Chart, Series};
 use foveate_led::detector::{CentroidKind, DetectorSettings, Search};
-use foveate_led::spotter::Spotter;
+use foveate_led::led_detector::LedDetector;
 use foveate_led::tracker::{IntegratorSettings, Tracker};
 use foveate_sim::camera::{CameraSettings, Renderer};
 use foveate_sim::lab::{VOLUME_M, wide_cameras};
@@ -55,7 +55,7 @@ fn cameras() -> Vec<Camera> {
 /// One way to measure, with all that it found.
 struct Way {
     name: &'static str,
-    spotters: Vec<Spotter>,
+    led_detectors: Vec<LedDetector>,
     tracker: Tracker,
     /// By camera: time [s] and place without distortion [px].
     seen: Vec<Vec<(f64, Vector2<f64>)>>,
@@ -66,12 +66,13 @@ struct Way {
 impl Way {
     fn new(name: &'static str, centroid: CentroidKind, tracker: IntegratorSettings, cameras: &[Camera]) -> Self {
         let detector = DetectorSettings { centroid, search: Search::Full, ..DetectorSettings::default() };
-        let spotter = |(k, camera): (usize, &Camera)| {
-            Spotter::new(detector.clone(), Some(camera.image_size), k as u64).expect("the default settings are valid")
+        let led_detector = |(k, camera): (usize, &Camera)| {
+            LedDetector::new(detector.clone(), Some(camera.image_size), k as u64)
+                .expect("the default settings are valid")
         };
         Self {
             name,
-            spotters: cameras.iter().enumerate().map(spotter).collect(),
+            led_detectors: cameras.iter().enumerate().map(led_detector).collect(),
             tracker: Tracker::new(tracker, cameras.to_vec(), Some(VOLUME_M)),
             seen: vec![Vec::new(); cameras.len()],
             recovered: Vec::new(),
@@ -81,7 +82,9 @@ impl Way {
     fn look(&mut self, time: Time, camera: (usize, &Camera), image: &Image, targets: &mut Targets) {
         let (index, camera) = camera;
         let mut features = Features { camera: CameraId(index as u16), list: Vec::new() };
-        self.spotters[index].find(image, std::iter::empty(), &mut features).expect("pictures have the camera's size");
+        self.led_detectors[index]
+            .find(image, std::iter::empty(), &mut features)
+            .expect("pictures have the camera's size");
         let truth = camera.project(&place(time.as_s()));
         // The room's own lights are no observations of the LED.
         let near = |it: &&foveate::messages::Feature| truth.is_some_and(|truth| (it.centre - truth).norm() < 8.0);

@@ -2,19 +2,19 @@
 //! [Davis 2002 §3.5, Figure 35].
 
 use foveate_led::tracker::{Entry, Tracker};
-use foveate_testkit::lab::{Conditions, Lab, ROOM_M, Rules, person, score};
+use foveate_testkit::lab::{Conditions, Lab, ROOM_M, ScoreOptions, person, score};
 
 use crate::Options;
 use crate::chart::save;
 use crate::overload::timeline;
 use crate::variants::settings;
 
-const RULES: &[(&str, &str)] = &[
+const OPTIONS: &[(&str, &str)] = &[
     ("discard what is older", "late = \"discard\""),
     ("discard what is older (no tolerance)", "late_tolerance_ms = 0.0"),
     ("apply up to 10 ms late", "late_tolerance_ms = 10.0"),
-    ("refilter", "late = \"refilter\""),
-    ("correct the clocks", "late = \"refilter\"\nclocks = \"correct\""),
+    ("out_of_sequence", "late = \"out_of_sequence\""),
+    ("correct the clocks", "late = \"out_of_sequence\"\nclocks = \"correct\""),
 ];
 
 const DURATION_S: f64 = 10.0;
@@ -29,14 +29,14 @@ pub fn starvation(options: &Options) {
     println!("| rule | A | B | C | missed % | error median mm |");
     println!("|---|---|---|---|---|---|");
     let mut charts = Vec::new();
-    for (name, text) in RULES {
-        let Ok(rule) = settings(&format!("birth_cameras = 2\n{text}")) else {
+    for (name, text) in OPTIONS {
+        let Ok(rule) = settings(&format!("initiation_cameras = 2\n{text}")) else {
             println!("| {name} | not available | | | | |");
             continue;
         };
         let mut tracker = Tracker::new(rule, lab.cameras.clone(), Some(ROOM_M));
         let mut updates = [Vec::new(), Vec::new(), Vec::new()];
-        let score = score(&frames, Rules { settled_s: 1.0, step_s: 0.0 }, &person, |time, features, targets| {
+        let score = score(&frames, ScoreOptions { settled_s: 1.0, step_s: 0.0 }, &person, |time, features, targets| {
             let entry = tracker.observe(time, features);
             if entry == Entry::Applied {
                 updates[usize::from(features.camera.0)].push(time.as_s());

@@ -42,7 +42,7 @@ fn circle(time_s: f64) -> [Light; 1] {
 struct Run {
     /// Of one target after the other: time [s] and place [m].
     paths: Vec<Vec<(f64, Point3<f64>)>>,
-    births: u64,
+    initiations: u64,
     /// Observed and predicted points of camera 0, in turn [px].
     strokes: Vec<Point>,
     error_mm: f64,
@@ -52,7 +52,7 @@ fn run(text: &str, lab: &Lab, scene: fn(f64) -> [Light; 1]) -> Run {
     let settings = settings(text).expect("a setting since the first version");
     let mut tracker = Tracker::new(settings, lab.cameras.clone(), Some(ROOM_M));
     let (mut targets, mut ids) = (Targets::default(), Vec::new());
-    let mut run = Run { paths: Vec::new(), births: 0, strokes: Vec::new(), error_mm: f64::NAN };
+    let mut run = Run { paths: Vec::new(), initiations: 0, strokes: Vec::new(), error_mm: f64::NAN };
     let mut errors = Vec::new();
     for (time, features) in lab.frames(DURATION_S, &scene) {
         if features.camera.0 == 0 && time.as_s() > DURATION_S - 2.0 {
@@ -76,7 +76,7 @@ fn run(text: &str, lab: &Lab, scene: fn(f64) -> [Light; 1]) -> Run {
             errors.push((target.position - scene(targets.time.as_s())[0].position).norm());
         }
     }
-    run.births = tracker.tally().births;
+    run.initiations = tracker.tally().initiations;
     run.error_mm = 1e3 * errors.iter().sum::<f64>() / errors.len() as f64;
     run
 }
@@ -91,7 +91,7 @@ fn predicted(targets: &Targets, time: Time, camera: &Camera) -> Vec<Point> {
 /// Measures and draws.
 pub fn strengths(options: &Options) {
     println!("## Strength of the constant-velocity model, 6 cameras, one light [Davis 2002, Figures 42 to 44]\n");
-    println!("| strength | setting | line: births, mean error mm | circle: births, mean error mm |");
+    println!("| strength | setting | line: initiations, mean error mm | circle: initiations, mean error mm |");
     println!("|---|---|---|---|");
     let lab = Lab { noise: 1.0, ..Lab::new(6) };
     let runs: Vec<[Run; 2]> =
@@ -100,9 +100,9 @@ pub fn strengths(options: &Options) {
         println!(
             "| {name} | {} | {}, {:.1} | {}, {:.1} |",
             text.lines().next().unwrap_or_default(),
-            on_line.births,
+            on_line.initiations,
             on_line.error_mm,
-            on_circle.births,
+            on_circle.initiations,
             on_circle.error_mm
         );
     }
@@ -133,7 +133,7 @@ pub fn strengths(options: &Options) {
     let around = |index: usize| {
         let pieces = runs[index][1].paths.iter().map(|path| path.iter().map(|it| [it.1.x, it.1.y]).collect()).collect();
         let truth = (0..=200).map(|it| circle(f64::from(it) / 100.0)[0].position).map(|it| [it.x, it.y]).collect();
-        let title = format!("{} strength, births: {}", STRENGTHS[index].0, runs[index][1].births);
+        let title = format!("{} strength, initiations: {}", STRENGTHS[index].0, runs[index][1].initiations);
         Chart::new(title, [330.0, 330.0], Axis::new("x [m]"), Axis::new("y [m]"))
             .equal()
             .with(Series { pieces, ..Series::line("recovered", COLOURS[0], Vec::new()) })

@@ -10,11 +10,11 @@ mod recorded;
 use std::path::PathBuf;
 
 use faulty::faults::Fault;
-use foveate_calibration::checks::{CheckRules, Checks, Level, check};
+use foveate_calibration::checks::{CheckOptions, Checks, Level, check};
+use foveate_calibration::network::{self, SolvedNetwork};
 use foveate_calibration::recording::Recording;
-use foveate_calibration::room::{self, SolvedRoom};
 use foveate_calibration::solved::Solved;
-use foveate_geometry::{AlignmentRules, Camera, CameraStatus, alignment::camera_errors};
+use foveate_geometry::{AlignmentOptions, Camera, CameraStatus, alignment::camera_errors};
 use recorded::Recorded;
 
 /// What is done to each camera of each recording.
@@ -65,8 +65,8 @@ fn main() {
     );
     let mut all: Vec<Run> = Vec::new();
     for set in recorded::all(root.as_deref()).into_iter().filter(|it| it.name.contains(&only_set)) {
-        let clean =
-            room::from_nothing(&set.set.recording, set.set.sought, &set.set.rules).expect("the clean set is solved");
+        let clean = network::from_nothing(&set.set.recording, set.set.sought, &set.set.options)
+            .expect("the clean set is solved");
         let n_windows: usize = option("--windows").and_then(|it| it.parse().ok()).unwrap_or(0);
         let mut faults: Vec<Fault> = FAULTS.to_vec();
         let mut random = foveate_estimation::Random::new(9).fork("windows");
@@ -125,18 +125,18 @@ fn row(set: &str, fault: Fault, runs: &[Run]) {
 fn run(set: &Recorded, recording: &Recording, fault: Fault, camera: usize, clean: &Solved, is_verbose: bool) -> Run {
     let start = std::time::Instant::now();
     let culprits = fault.culprits(camera, set.set.recording.cameras.len());
-    let found: Result<SolvedRoom, _> = room::from_nothing(recording, set.set.sought, &set.set.rules);
+    let found: Result<SolvedNetwork, _> = network::from_nothing(recording, set.set.sought, &set.set.options);
     let causes = fault.causes(set.optics_known);
     match &found {
-        Ok(room) => {
-            let checks = check(&room.solved, None, &CheckRules::default());
+        Ok(network) => {
+            let checks = check(&network.solved, None, &CheckOptions::default());
             let told = told(&checks);
             let is_culprit = |it: &usize| culprits.contains(it);
             let named = causes.is_empty() || told.iter().any(|it| is_culprit(&it.0) && causes.contains(&it.1));
             let innocent = told.iter().filter(|it| !is_culprit(&it.0)).count();
             // Names that were put right need no renaming.
             let is_renamed = fault == Fault::Swapped && !told.iter().any(|it| it.1 == "rows_swapped");
-            let worst = worst_centre(&room.solved, clean, is_renamed, &culprits);
+            let worst = worst_centre(&network.solved, clean, is_renamed, &culprits);
             if is_verbose {
                 println!(
                     "  {fault:?} of {camera}: {told:?} {worst:.2} % in {:.1} s\n{checks}",
@@ -158,7 +158,7 @@ fn run(set: &Recorded, recording: &Recording, fault: Fault, camera: usize, clean
 
 /// Cameras and causes that a program is told.
 fn told(checks: &Checks) -> Vec<(usize, &'static str)> {
-    checks.suspects.iter().map(|it| (it.camera, it.cause.name())).collect()
+    checks.candidates.iter().map(|it| (it.camera, it.cause.name())).collect()
 }
 
 /// Largest distance of a camera from where the clean recording has it, after a similarity [% of the room's size].
@@ -185,8 +185,8 @@ fn worst_centre(found: &Solved, clean: &Solved, is_renamed: bool, culprits: &[us
     let n = all_cameras.len() as f64;
     let middle = all_cameras.iter().fold(nalgebra::Vector3::zeros(), |sum, it| sum + it.centre().coords / n);
     let size = (all_cameras.iter().map(|it| (it.centre().coords - middle).norm_squared()).sum::<f64>() / n).sqrt();
-    let rules = AlignmentRules { scale: true, robust: reference.len() >= 5 };
-    let Ok(errors) = camera_errors(&here, &truth, rules) else { return f64::NAN };
+    let options = AlignmentOptions { scale: true, robust: reference.len() >= 5 };
+    let Ok(errors) = camera_errors(&here, &truth, options) else { return f64::NAN };
     let move_over = errors.true_from_found;
     let off = of(found, &both).into_iter().zip(of(clean, &there));
     off.map(|(it, truth)| 100.0 * (move_over * it.centre() - truth.centre()).norm() / size).fold(0.0, f64::max)

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use foveate_calibration::recording::{CameraGuess, Look, Recording};
-use foveate_calibration::room::{RoomRules, Sought};
+use foveate_calibration::network::{NetworkOptions, Sought};
+use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording};
 use foveate_geometry::bundle::Freedom;
 
 use crate::faulty::sets::{LENS, Set, guess, simulated, spot};
@@ -40,45 +40,45 @@ fn numbers(path: &Path, separator: impl Fn(char) -> bool) -> Option<Vec<Vec<f64>
     Some(text.lines().map(row).filter(|it: &Vec<f64>| !it.is_empty()).collect())
 }
 
-/// Sightings of MultiCamSelfCal, whose pixels count from 1.
-fn points_dat(folder: &Path, rate_hz: f64) -> Option<(Vec<[u32; 2]>, Vec<Look>)> {
+/// Observations of MultiCamSelfCal, whose pixels count from 1.
+fn points_dat(folder: &Path, rate_hz: f64) -> Option<(Vec<[u32; 2]>, Vec<CameraFrame>)> {
     let sizes = numbers(&folder.join("Res.dat"), char::is_whitespace)?;
     let points = numbers(&folder.join("points.dat"), char::is_whitespace)?;
     let seen = numbers(&folder.join("IdMat.dat"), char::is_whitespace)?;
-    let mut looks = Vec::new();
+    let mut camera_frames = Vec::new();
     for frame in 0..seen[0].len() {
         for camera in 0..seen.len() {
             let spots = match seen[camera][frame] > 0.0 {
                 true => vec![spot(points[3 * camera][frame] - 1.0, points[3 * camera + 1][frame] - 1.0, None)],
                 false => Vec::new(),
             };
-            looks.push(Look { camera, time_s: frame as f64 / rate_hz, spots });
+            camera_frames.push(CameraFrame { camera, time_s: frame as f64 / rate_hz, spots });
         }
     }
-    Some((sizes.iter().map(|it| [it[0] as u32, it[1] as u32]).collect(), looks))
+    Some((sizes.iter().map(|it| [it[0] as u32, it[1] as u32]).collect(), camera_frames))
 }
 
 fn free(name: &'static str, folder: &Path, rate_hz: f64) -> Option<Recorded> {
-    let (sizes, looks) = points_dat(folder, rate_hz)?;
+    let (sizes, camera_frames) = points_dat(folder, rate_hz)?;
     let cameras = sizes.iter().enumerate().map(|(index, size)| guess(format!("cam{index}"), *size, None, LENS));
-    let recording = Recording { cameras: cameras.collect(), looks };
-    let rules = RoomRules { focal_unknown: true, ..RoomRules::default() };
-    let set = Set { recording, sought: Sought::Light, rules };
+    let recording = Recording { cameras: cameras.collect(), camera_frames };
+    let options = NetworkOptions { focal_unknown: true, ..NetworkOptions::default() };
+    let set = Set { recording, sought: Sought::Light, options };
     Some(Recorded { name, set, optics_known: false })
 }
 
 /// With the optics that came with the recording.
 fn stated(folder: &Path) -> Option<Recorded> {
-    let (_, looks) = points_dat(folder, 10.0)?;
+    let (_, camera_frames) = points_dat(folder, 10.0)?;
     let calibration = foveate_scene::Calibration::load(folder).ok()?;
     let cameras = calibration.cameras.iter().map(|it| CameraGuess {
         name: it.name.clone(),
         camera: it.camera.clone(),
         free: Freedom::POSE,
     });
-    let recording = Recording { cameras: cameras.collect(), looks };
-    let rules = RoomRules::default();
-    let set = Set { recording, sought: Sought::Light, rules };
+    let recording = Recording { cameras: cameras.collect(), camera_frames };
+    let options = NetworkOptions::default();
+    let set = Set { recording, sought: Sought::Light, options };
     Some(Recorded { name: "s01 laser, optics stated", set, optics_known: true })
 }
 
@@ -87,15 +87,15 @@ fn easy_wand(folder: &Path) -> Option<Recorded> {
     let rows = numbers(&folder.join("wandpts.csv"), |it| it == ',')?;
     let free = Freedom { focal: true, k1: true, ..Freedom::POSE };
     let of = |it: &Vec<f64>| guess(format!("cam{}", it[0]), [it[2] as u32, it[3] as u32], Some(it[1]), free);
-    let mut looks = Vec::new();
+    let mut camera_frames = Vec::new();
     for (frame, row) in rows.iter().enumerate() {
         for camera in 0..3 {
             let end = |end: usize| spot(row[6 * end + 2 * camera], row[6 * end + 2 * camera + 1], Some(end as u32));
-            looks.push(Look { camera, time_s: frame as f64, spots: vec![end(0), end(1)] });
+            camera_frames.push(CameraFrame { camera, time_s: frame as f64, spots: vec![end(0), end(1)] });
         }
     }
-    let recording = Recording { cameras: profile.iter().map(of).collect(), looks };
-    let rules = RoomRules { inlier_px: 15.0, sigma_px: 1.0, max_focal_sigma: 0.2, ..RoomRules::default() };
-    let set = Set { recording, sought: Sought::Wand, rules };
+    let recording = Recording { cameras: profile.iter().map(of).collect(), camera_frames };
+    let options = NetworkOptions { inlier_px: 15.0, sigma_px: 1.0, max_focal_sigma: 0.2, ..NetworkOptions::default() };
+    let set = Set { recording, sought: Sought::Wand, options };
     Some(Recorded { name: "s15 wand, 3 cameras", set, optics_known: false })
 }

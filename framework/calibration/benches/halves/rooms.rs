@@ -1,6 +1,6 @@
 //! Simulated rooms whose errors are known: white noise, and what a lens, a light and a hand do beside it.
 
-use foveate_calibration::recording::{CameraGuess, Look, Recording, Spot};
+use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
 use foveate_estimation::Random;
 use foveate_geometry::bundle::Freedom;
 use foveate_geometry::{Camera, Distortion};
@@ -58,7 +58,7 @@ pub fn simulated(error: Error, seed: u64, free: Freedom) -> (Recording, Vec<Came
         let (x, y) = (0.8 * s(1.1, 0) + 0.5 * s(2.9, 1), 1.2 * s(0.9, 2) + 0.5 * s(2.3, 3));
         Point3::new(x, y, 1.1 + 0.5 * s(1.7, 4) + 0.25 * s(3.7, 5))
     };
-    let mut looks = Vec::new();
+    let mut camera_frames = Vec::new();
     for (index, camera) in cameras.iter().enumerate() {
         let mut draws = random.fork(&format!("camera {index}"));
         let mut lasting = Vector2::zeros();
@@ -77,10 +77,10 @@ pub fn simulated(error: Error, seed: u64, free: Freedom) -> (Recording, Vec<Came
             let error = if error == Error::InTime { lasting } else { noise } * 0.3;
             let seen = camera.sees(&place).map(|it| it + error).filter(|it| camera.has_pixel(it));
             let spot = |pixel: Point2<f64>| Spot { pixel, sigma_px: 0.3, peak: 1.0, label: None };
-            looks.push(Look { camera: index, time_s, spots: seen.map(spot).into_iter().collect() });
+            camera_frames.push(CameraFrame { camera: index, time_s, spots: seen.map(spot).into_iter().collect() });
         }
     }
-    looks.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+    camera_frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
     let guess = |(index, camera): (usize, &Camera)| {
         let mut guess = camera.clone();
         guess.camera_from_world = Isometry3::identity();
@@ -90,5 +90,5 @@ pub fn simulated(error: Error, seed: u64, free: Freedom) -> (Recording, Vec<Came
         CameraGuess { name: format!("cam{index}"), camera: guess, free }
     };
     let guesses = cameras.iter().enumerate().map(guess).collect();
-    (Recording { cameras: guesses, looks }, cameras)
+    (Recording { cameras: guesses, camera_frames }, cameras)
 }

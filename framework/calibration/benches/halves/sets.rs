@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use foveate_calibration::board::{self, Board, BoardRules};
-use foveate_calibration::recording::{CameraGuess, Look, Recording, Spot};
-use foveate_calibration::room::{RoomRules, Sought, from_nothing};
+use foveate_calibration::board::{self, Board, BoardOptions};
+use foveate_calibration::network::{NetworkOptions, Sought, from_nothing};
+use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
 use foveate_calibration::solved::Solved;
-use foveate_calibration::wand::{self, RefineRules, Wand};
+use foveate_calibration::wand::{self, RefineOptions, Wand};
 use foveate_geometry::bundle::Freedom;
 use foveate_geometry::{Camera, Distortion, Intrinsics};
 use foveate_scene::Draft;
@@ -35,7 +35,7 @@ pub const FOCAL: Freedom = Freedom { focal: true, ..Freedom::POSE };
 pub fn all(root: Option<&Path>, wanted: &[String]) -> Vec<Result<Set, String>> {
     let mut sets = Vec::new();
     for it in wanted.iter().filter_map(|it| it.split_once('=')) {
-        sets.push(sightings(it.0, Path::new(it.1)));
+        sets.push(observations(it.0, Path::new(it.1)));
     }
     let Some(root) = root else {
         sets.push(Err("FOVEATE_DATA is not set: no recording of others".to_owned()));
@@ -70,8 +70,8 @@ pub fn light(name: String, recording: Recording, rate_hz: f64, free: Freedom) ->
     let mut recording = recording;
     recording.cameras.iter_mut().for_each(|it| it.free = free);
     let solve: Solve = Box::new(|recording| {
-        let rules = RoomRules { focal_unknown: true, ..RoomRules::default() };
-        from_nothing(recording, Sought::Light, &rules).map(|it| it.solved).map_err(|fault| fault.to_string())
+        let options = NetworkOptions { focal_unknown: true, ..NetworkOptions::default() };
+        from_nothing(recording, Sought::Light, &options).map(|it| it.solved).map_err(|fault| fault.to_string())
     });
     Set { name, recording, rate_hz, is_metric: false, solve }
 }
@@ -81,10 +81,10 @@ const WAND: Wand = Wand { ends: [0, 1], length_m: 1.0, sigma_m: 0.0 };
 
 fn waved_wand(name: String, recording: Recording) -> Set {
     let solve: Solve = Box::new(|recording| {
-        let rules = RoomRules { inlier_px: 15.0, max_focal_sigma: 0.2, ..RoomRules::default() };
-        let room = from_nothing(recording, Sought::Wand, &rules).map_err(|fault| fault.to_string())?;
-        let rules = RefineRules { sigma_px: room.sigma_px, ..RefineRules::default() };
-        wand::refine(&room.solved, &WAND, &rules).map(|it| it.solved).map_err(|fault| fault.to_string())
+        let options = NetworkOptions { inlier_px: 15.0, max_focal_sigma: 0.2, ..NetworkOptions::default() };
+        let network = from_nothing(recording, Sought::Wand, &options).map_err(|fault| fault.to_string())?;
+        let options = RefineOptions { sigma_px: network.sigma_px, ..RefineOptions::default() };
+        wand::refine(&network.solved, &WAND, &options).map(|it| it.solved).map_err(|fault| fault.to_string())
     });
     Set { name, recording, rate_hz: 30.0, is_metric: true, solve }
 }
@@ -117,15 +117,15 @@ fn points_dat(folder: &Path, rate_hz: f64, first: f64) -> Result<Recording, Stri
         for (frame, visible) in visible.iter().enumerate() {
             let [x, y] = [0, 1].map(|row| points[3 * camera + row][frame] - first);
             let spots = if *visible > 0.5 && x.is_finite() { vec![spot(x, y, 0.5, None)] } else { Vec::new() };
-            recording.looks.push(Look { camera, time_s: frame as f64 / rate_hz, spots });
+            recording.camera_frames.push(CameraFrame { camera, time_s: frame as f64 / rate_hz, spots });
         }
     }
-    recording.looks.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+    recording.camera_frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
     Ok(recording)
 }
 
-/// Sightings of one light as our own table has them; sizes of pictures from what is seen.
-fn sightings(name: &str, path: &Path) -> Result<Set, String> {
+/// Observations of one light as our own table has them; sizes of pictures from what is seen.
+fn observations(name: &str, path: &Path) -> Result<Set, String> {
     let text = std::fs::read_to_string(path).map_err(|fault| format!("`{}`: {fault}", path.display()))?;
     let mut lines = text.lines();
     let head: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
@@ -146,9 +146,9 @@ fn sightings(name: &str, path: &Path) -> Result<Set, String> {
             recording.cameras.push(guess(name, [640, 480], guessed_focal([640, 480], 1.0)));
             recording.cameras.len() - 1
         });
-        recording.looks.push(Look { camera, time_s, spots: vec![spot(x, y, 0.5, None)] });
+        recording.camera_frames.push(CameraFrame { camera, time_s, spots: vec![spot(x, y, 0.5, None)] });
     }
-    recording.looks.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+    recording.camera_frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
     Ok(light(name.to_owned(), recording, 25.0, LENS))
 }
 
@@ -159,7 +159,7 @@ fn easy_wand(folder: &Path, free: Freedom) -> Result<Recording, String> {
         let guess = guess(&format!("camera {}", it[0]), [it[2] as u32, it[3] as u32], [it[1]; 2]);
         CameraGuess { free, ..guess }
     });
-    let mut recording = Recording { cameras: cameras.collect(), looks: Vec::new() };
+    let mut recording = Recording { cameras: cameras.collect(), camera_frames: Vec::new() };
     for (frame, row) in rows.iter().enumerate() {
         for camera in 0..3 {
             let end = |end: usize| {
@@ -168,7 +168,7 @@ fn easy_wand(folder: &Path, free: Freedom) -> Result<Recording, String> {
                 (x.is_finite() && y.is_finite()).then(|| spot(x, y, 1.0, Some(end as u32)))
             };
             let spots = [0, 1].into_iter().filter_map(end).collect();
-            recording.looks.push(Look { camera, time_s: frame as f64 / 30.0, spots });
+            recording.camera_frames.push(CameraFrame { camera, time_s: frame as f64 / 30.0, spots });
         }
     }
     Ok(recording)
@@ -184,24 +184,24 @@ fn caliscope(folder: &Path, free: Freedom, name: &str) -> Result<Set, String> {
         camera.camera_from_world = Isometry3::identity();
         CameraGuess { name: it.name.clone(), camera, free }
     });
-    let mut recording = Recording { cameras: cameras.collect(), looks: Vec::new() };
+    let mut recording = Recording { cameras: cameras.collect(), camera_frames: Vec::new() };
     let rows = numbers(&folder.join("calibration/extrinsic/CHARUCO/xy_CHARUCO.csv"), |it| it == ',')?;
     for row in &rows {
         let &[frame, camera, _, label, x, y, ..] = row.as_slice() else { continue };
         let (camera, time_s) = (camera as usize, frame / 6.0);
-        let found = recording.looks.iter_mut().find(|it| it.camera == camera && it.time_s == time_s);
+        let found = recording.camera_frames.iter_mut().find(|it| it.camera == camera && it.time_s == time_s);
         let seen = spot(x, y, 0.3, Some(label as u32));
         match found {
-            Some(look) => look.spots.push(seen),
-            None => recording.looks.push(Look { camera, time_s, spots: vec![seen] }),
+            Some(camera_frame) => camera_frame.spots.push(seen),
+            None => recording.camera_frames.push(CameraFrame { camera, time_s, spots: vec![seen] }),
         }
     }
-    recording.looks.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+    recording.camera_frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
     let focal_guessed = free.focal;
     let solve: Solve = Box::new(move |recording| {
         let board = Board::charuco(4, 5, 0.054).map_err(|fault| fault.to_string())?;
-        let rules = BoardRules { focal_guessed, ..BoardRules::default() };
-        board::calibrate(recording, &board, &rules).map(|it| it.solved).map_err(|fault| fault.to_string())
+        let options = BoardOptions { focal_guessed, ..BoardOptions::default() };
+        board::calibrate(recording, &board, &options).map(|it| it.solved).map_err(|fault| fault.to_string())
     });
     Ok(Set { name: name.to_owned(), recording, rate_hz: 6.0, is_metric: true, solve })
 }

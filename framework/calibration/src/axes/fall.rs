@@ -40,7 +40,7 @@ pub struct Fall {
 
 /// Why there is no fall.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum FallFault {
+pub enum FallError {
     /// All samples are of the same moment.
     #[error("the samples carry no times from which a speed could be had; a fall needs the times of the pictures")]
     NoTimes,
@@ -89,12 +89,12 @@ struct Fit {
 }
 
 /// Finds the fall in `samples`, which are in the order of time, at least [`LEAST_SAMPLES`].
-pub(super) fn find(samples: &[(f64, Point3<f64>)]) -> Result<Fall, FallFault> {
+pub(super) fn find(samples: &[(f64, Point3<f64>)]) -> Result<Fall, FallError> {
     let every = samples.len().div_ceil(MOST_SAMPLES);
     let samples: Vec<(f64, Point3<f64>)> = samples.iter().copied().step_by(every).collect();
     let asked_s = samples[samples.len() - 1].0 - samples[0].0;
     if samples.windows(2).any(|it| it[1].0 <= it[0].0) {
-        return Err(FallFault::NoTimes);
+        return Err(FallError::NoTimes);
     }
     // Six samples in a row, less the three numbers of a quadratic: what they scatter by, however the light moves.
     let local: Vec<f64> = samples.windows(6).filter_map(|it| Some(fit(it, 3, f64::INFINITY)?.rms)).collect();
@@ -102,7 +102,7 @@ pub(super) fn find(samples: &[(f64, Point3<f64>)]) -> Result<Fall, FallFault> {
     // Of nine surplus numbers, the median is 0.963 of the standard deviation.
     let scatter = (median(&local).unwrap_or(0.0) / 0.963).max(LEAST_SCATTER * length);
     if scatter <= 0.0 {
-        return Err(FallFault::TooShort { sigma: f64::INFINITY });
+        return Err(FallError::TooShort { sigma: f64::INFINITY });
     }
     let mut best: Option<(f64, usize, usize, Fit)> = None;
     for first in 0..=samples.len() - LEAST_SAMPLES {
@@ -115,22 +115,22 @@ pub(super) fn find(samples: &[(f64, Point3<f64>)]) -> Result<Fall, FallFault> {
         }
     }
     let Some((_, first, end, quadratic)) = best else {
-        return Err(FallFault::NotConstant { fitting_s: 0.0, asked_s });
+        return Err(FallError::NotConstant { fitting_s: 0.0, asked_s });
     };
     let stretch = &samples[first..end];
     let noise = quadratic.rms.max(scatter);
     let (strength, sigma) = (quadratic.acceleration.norm(), quadratic.unit_sigma * noise);
     if sigma.is_nan() || sigma > LARGEST_SIGMA * strength {
-        return Err(FallFault::TooShort { sigma: sigma / strength });
+        return Err(FallError::TooShort { sigma: sigma / strength });
     }
     let span_s = [stretch[0].0, stretch[stretch.len() - 1].0];
     if span_s[1] - span_s[0] < LEAST_SHARE * asked_s {
-        return Err(FallFault::NotConstant { fitting_s: span_s[1] - span_s[0], asked_s });
+        return Err(FallError::NotConstant { fitting_s: span_s[1] - span_s[0], asked_s });
     }
     if let Some(cubic) = fit(stretch, 4, scatter) {
         let change = cubic.change.norm();
         if change > LARGEST_CHANGE * strength && change > 4.0 * cubic.change_unit_sigma * noise {
-            return Err(FallFault::Changing { change: change / strength });
+            return Err(FallError::Changing { change: change / strength });
         }
     }
     Ok(Fall { span_s, count: stretch.len(), acceleration: quadratic.acceleration, sigma, rms: quadratic.rms })

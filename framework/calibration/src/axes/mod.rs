@@ -8,8 +8,8 @@
 //! A light held still for a second is a *stop*; stops are counted from 1 ([`Place::Stop`]), so that a person can lay the light on the
 //! origin, on the X axis and elsewhere on the floor in turn, without a table of times.
 
+mod error;
 mod fall;
-mod fault;
 mod places;
 mod sources;
 mod spread;
@@ -18,12 +18,12 @@ mod wishes;
 
 use nalgebra::{Point3, Similarity3};
 
-pub use self::fall::{Fall, FallFault};
-pub use self::fault::AxesFault;
+pub use self::error::AxesError;
+pub use self::fall::{Fall, FallError};
 pub use self::places::{Stop, stops};
 pub(crate) use self::sources::KNOWN_PLACES;
 pub use self::transform::transformed;
-pub use self::wishes::{WishFault, Wishes};
+pub use self::wishes::{WishError, Wishes};
 use crate::solved::Solved;
 
 /// A place in the room.
@@ -112,7 +112,7 @@ pub enum Given {
 
 /// How to go about it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct AxesRules {
+pub struct AxesOptions {
     /// A light is at a stop when still for this long [s].
     pub stop_s: f64,
     /// Still is what stays within this part of the size of the path [–].
@@ -125,7 +125,7 @@ pub struct AxesRules {
     pub gravity_mps2: f64,
 }
 
-impl Default for AxesRules {
+impl Default for AxesOptions {
     fn default() -> Self {
         Self {
             stop_s: 1.0,
@@ -187,18 +187,18 @@ impl std::fmt::Display for FreedomName {
 /// Fixes what `given` can fix of the space of `solved`.
 ///
 /// # Errors
-/// See [`AxesFault`].
-pub fn fix(solved: &Solved, given: &[Given], rules: &AxesRules) -> Result<AxesFixed, AxesFault> {
-    rules.check()?;
+/// See [`AxesError`].
+pub fn fix(solved: &Solved, given: &[Given], options: &AxesOptions) -> Result<AxesFixed, AxesError> {
+    options.check()?;
     if given.is_empty() {
-        return Err(AxesFault::NothingGiven);
+        return Err(AxesError::NothingGiven);
     }
-    let room = places::Room::new(solved, rules);
+    let network = places::Room::new(solved, options);
     let mut sources = sources::Sources::of_earlier_steps(solved);
     for it in given {
-        sources.add(&room, it)?;
+        sources.add(&network, it)?;
     }
-    let settled = sources.settle(rules.contradiction_sigmas)?;
+    let settled = sources.settle(options.contradiction_sigmas)?;
     Ok(AxesFixed {
         solved: transformed(solved, &settled.world_from_solved, settled.fixed),
         world_from_solved: settled.world_from_solved,
@@ -207,12 +207,12 @@ pub fn fix(solved: &Solved, given: &[Given], rules: &AxesRules) -> Result<AxesFi
     })
 }
 
-impl AxesRules {
+impl AxesOptions {
     /// Whether each number can be followed.
     ///
     /// # Errors
     /// The first that cannot.
-    pub fn check(&self) -> Result<(), AxesFault> {
+    pub fn check(&self) -> Result<(), AxesError> {
         for (what, found) in [
             ("stop_s", self.stop_s),
             ("stop_share", self.stop_share),
@@ -226,16 +226,16 @@ impl AxesRules {
     }
 }
 
-fn positive(what: &str, found: f64) -> Result<(), AxesFault> {
+fn positive(what: &str, found: f64) -> Result<(), AxesError> {
     let fine = found.is_finite() && found > 0.0;
     let expected = "a finite number above 0";
-    fine.then_some(()).ok_or_else(|| AxesFault::BadNumber { what: what.to_owned(), found, expected })
+    fine.then_some(()).ok_or_else(|| AxesError::BadNumber { what: what.to_owned(), found, expected })
 }
 
-fn not_negative(what: &str, found: f64) -> Result<(), AxesFault> {
+fn not_negative(what: &str, found: f64) -> Result<(), AxesError> {
     let fine = found.is_finite() && found >= 0.0;
     let expected = "a finite number of 0 or more";
-    fine.then_some(()).ok_or_else(|| AxesFault::BadNumber { what: what.to_owned(), found, expected })
+    fine.then_some(()).ok_or_else(|| AxesError::BadNumber { what: what.to_owned(), found, expected })
 }
 
 #[cfg(test)]

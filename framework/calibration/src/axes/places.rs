@@ -4,8 +4,8 @@ use foveate_estimation::statistics::median;
 use foveate_geometry::CameraStatus;
 use nalgebra::{Point3, Vector3};
 
-use super::{AxesFault, AxesRules, Place};
-use crate::solved::{SightingRole, Solved};
+use super::{AxesError, AxesOptions, Place};
+use crate::solved::{ObservationRole, Solved};
 
 /// Places that make a mean, at least.
 const LEAST_IN_SPAN: usize = 2;
@@ -37,19 +37,19 @@ pub(super) struct Located {
 /// A solved room with what several givens ask of it.
 pub(super) struct Room<'a> {
     pub solved: &'a Solved,
-    pub rules: &'a AxesRules,
+    pub options: &'a AxesOptions,
     /// Standard deviation of the place of a point by a single line of sight, across it.
-    sight_sigma: f64,
+    view_sigma: f64,
     /// By which the shape of the room is uncertain at any place: the median of the cameras' own.
     shape_sigma: f64,
 }
 
 impl<'a> Room<'a> {
-    pub(super) fn new(solved: &'a Solved, rules: &'a AxesRules) -> Self {
+    pub(super) fn new(solved: &'a Solved, options: &'a AxesOptions) -> Self {
         let across: Vec<f64> = solved
-            .sightings
+            .observations
             .iter()
-            .filter(|it| it.role == SightingRole::Used)
+            .filter(|it| it.role == ObservationRole::Used)
             .filter_map(|it| {
                 let camera = &solved.cameras.get(it.camera)?.camera;
                 let point = solved.points.get(it.point?)?.position;
@@ -58,14 +58,14 @@ impl<'a> Room<'a> {
                 Some(it.residual?.norm() / 1.1774 / camera.intrinsics.focal[0] * depth)
             })
             .collect();
-        let sight_sigma = median(&across).unwrap_or(0.0);
+        let view_sigma = median(&across).unwrap_or(0.0);
         let of_cameras: Vec<f64> = solved
             .cameras
             .iter()
             .filter(|it| it.status == CameraStatus::Calibrated)
             .filter_map(|it| Some((it.covariance.as_ref()?.centre.trace() / 3.0).sqrt()))
             .collect();
-        Self { solved, rules, sight_sigma, shape_sigma: median(&of_cameras).unwrap_or(sight_sigma) }
+        Self { solved, options, view_sigma, shape_sigma: median(&of_cameras).unwrap_or(view_sigma) }
     }
 
     /// Times and places of a light, in the order of time.
@@ -73,7 +73,7 @@ impl<'a> Room<'a> {
         path(self.solved, label)
     }
 
-    pub(super) fn locate(&self, place: &Place) -> Result<Located, AxesFault> {
+    pub(super) fn locate(&self, place: &Place) -> Result<Located, AxesError> {
         match place {
             Place::Camera(name) => self.camera(name),
             &Place::Light { label, from_s, until_s } => {
@@ -82,12 +82,12 @@ impl<'a> Room<'a> {
                 Ok(self.located(median_place(&places), scatter(&places), places.len()))
             }
             &Place::Stop { label, number } => {
-                let found = stops(self.solved, label, self.rules);
-                let stop = number.checked_sub(1).and_then(|it| found.get(it)).ok_or(AxesFault::NoStop {
+                let found = stops(self.solved, label, self.options);
+                let stop = number.checked_sub(1).and_then(|it| found.get(it)).ok_or(AxesError::NoStop {
                     label,
                     number,
                     found: found.len(),
-                    stop_s: self.rules.stop_s,
+                    stop_s: self.options.stop_s,
                 })?;
                 Ok(self.located(stop.position, stop.scatter, stop.count))
             }
@@ -101,13 +101,13 @@ impl<'a> Room<'a> {
         from_s: f64,
         until_s: f64,
         needed: usize,
-    ) -> Result<Vec<(f64, Point3<f64>)>, AxesFault> {
+    ) -> Result<Vec<(f64, Point3<f64>)>, AxesError> {
         let path = self.path(label);
         let recorded_s = [path.first(), path.last()].map(|it| it.map_or(f64::NAN, |it| it.0));
         let samples: Vec<_> = path.into_iter().filter(|it| (from_s..=until_s).contains(&it.0)).collect();
         if samples.len() < needed {
             let found = samples.len();
-            return Err(AxesFault::NoLight { label, from_s, until_s, found, needed, recorded_s });
+            return Err(AxesError::NoLight { label, from_s, until_s, found, needed, recorded_s });
         }
         Ok(samples)
     }
@@ -118,22 +118,22 @@ impl<'a> Room<'a> {
         Located { position, sigma: own.hypot(self.shape_sigma).max(f64::MIN_POSITIVE) }
     }
 
-    fn camera(&self, name: &str) -> Result<Located, AxesFault> {
+    fn camera(&self, name: &str) -> Result<Located, AxesError> {
         let found = self.solved.cameras.iter().find(|it| it.name == name);
-        let camera = found.ok_or_else(|| AxesFault::NoSuchCamera {
+        let camera = found.ok_or_else(|| AxesError::NoSuchCamera {
             name: name.to_owned(),
             known: self.solved.cameras.iter().map(|it| it.name.clone()).collect(),
         })?;
         if camera.status != CameraStatus::Calibrated {
-            return Err(AxesFault::CameraNotSolved { name: name.to_owned(), status: camera.status.clone() });
+            return Err(AxesError::CameraNotSolved { name: name.to_owned(), status: camera.status.clone() });
         }
-        let sigma = camera.covariance.as_ref().map_or(self.sight_sigma, |it| (it.centre.trace() / 3.0).sqrt());
+        let sigma = camera.covariance.as_ref().map_or(self.view_sigma, |it| (it.centre.trace() / 3.0).sqrt());
         Ok(Located { position: camera.camera.centre(), sigma: sigma.max(f64::MIN_POSITIVE) })
     }
 }
 
 /// When and where the light `label` stood still, in the order of time.
-pub fn stops(solved: &Solved, label: u32, rules: &AxesRules) -> Vec<Stop> {
+pub fn stops(solved: &Solved, label: u32, options: &AxesOptions) -> Vec<Stop> {
     let path = path(solved, label);
     let places: Vec<Point3<f64>> = path.iter().map(|it| it.1).collect();
     let middle = median_place(&places);
@@ -141,12 +141,12 @@ pub fn stops(solved: &Solved, label: u32, rules: &AxesRules) -> Vec<Stop> {
     let steps: Vec<f64> = places.windows(2).map(|it| (it[1] - it[0]).norm()).collect();
     // Noise alone moves the light from sample to sample; the quietest of them are those at stops.
     let noise = foveate_estimation::statistics::percentile(&steps, 10.0).unwrap_or(0.0);
-    let radius = (rules.stop_share * size).max(3.0 * noise);
+    let radius = (options.stop_share * size).max(3.0 * noise);
     let mut found: Vec<Stop> = Vec::new();
     let mut first = 0;
     while first < path.len() {
         let last = stay(&places, first, radius);
-        let lasts = path[last].0 - path[first].0 >= rules.stop_s;
+        let lasts = path[last].0 - path[first].0 >= options.stop_s;
         if !lasts || last + 1 - first < LEAST_AT_STOP {
             first += 1;
             continue;

@@ -1,14 +1,14 @@
 //! What each given says of scale, vertical and origin, and what they say together.
 
 use foveate_geometry::CameraStatus;
-use foveate_geometry::alignment::{AlignmentRules, align};
+use foveate_geometry::alignment::{AlignmentOptions, align};
 use foveate_scene::uncertainty::Fixed;
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Similarity3, Unit, UnitQuaternion, Vector3};
 
 use super::fall::{self, Fall};
 use super::places::{Located, Room};
 use super::spread::{COLLINEAR, Spread, collinear, not_collinear};
-use super::{AxesFault, FreedomName, Given, Place, SourceFigure, not_negative, positive};
+use super::{AxesError, FreedomName, Given, Place, SourceFigure, not_negative, positive};
 use crate::solved::{FixedFreedoms, Solved};
 use crate::wand;
 
@@ -81,22 +81,22 @@ impl Sources {
         }
     }
 
-    pub(super) fn add(&mut self, room: &Room<'_>, given: &Given) -> Result<(), AxesFault> {
+    pub(super) fn add(&mut self, network: &Room<'_>, given: &Given) -> Result<(), AxesError> {
         match given {
-            &Given::WandLength { ends, metres, sigma_m } => self.wand(room, ends, metres, sigma_m),
-            Given::Distance { a, b, metres, sigma_m } => self.distance(room, [a, b], *metres, *sigma_m),
-            Given::Points { known, sigma_m } => self.points(room, known, *sigma_m),
-            Given::Floor { places, height_m, sigma_m } => self.floor(room, places, *height_m, *sigma_m),
-            &Given::Falling { label, from_s, until_s } => self.falling(room, label, [from_s, until_s]),
-            Given::Plumb { top, bottom, sigma } => self.plumb(room, [top, bottom], *sigma),
-            Given::CamerasUpright => self.upright(room),
+            &Given::WandLength { ends, metres, sigma_m } => self.wand(network, ends, metres, sigma_m),
+            Given::Distance { a, b, metres, sigma_m } => self.distance(network, [a, b], *metres, *sigma_m),
+            Given::Points { known, sigma_m } => self.points(network, known, *sigma_m),
+            Given::Floor { places, height_m, sigma_m } => self.floor(network, places, *height_m, *sigma_m),
+            &Given::Falling { label, from_s, until_s } => self.falling(network, label, [from_s, until_s]),
+            Given::Plumb { top, bottom, sigma } => self.plumb(network, [top, bottom], *sigma),
+            Given::CamerasUpright => self.upright(network),
         }
     }
 
-    fn wand(&mut self, room: &Room<'_>, ends: [u32; 2], metres: f64, sigma_m: f64) -> Result<(), AxesFault> {
+    fn wand(&mut self, network: &Room<'_>, ends: [u32; 2], metres: f64, sigma_m: f64) -> Result<(), AxesError> {
         positive("the length of the wand [m]", metres)?;
         not_negative("the sigma of the wand's length [m]", sigma_m)?;
-        let found = wand::lengths(room.solved, ends).map_err(|it| AxesFault::NoWand {
+        let found = wand::lengths(network.solved, ends).map_err(|it| AxesError::NoWand {
             ends,
             frames: it.frames,
             needed: it.needed,
@@ -109,36 +109,42 @@ impl Sources {
         Ok(())
     }
 
-    fn distance(&mut self, room: &Room<'_>, [a, b]: [&Place; 2], metres: f64, sigma_m: f64) -> Result<(), AxesFault> {
+    fn distance(
+        &mut self,
+        network: &Room<'_>,
+        [a, b]: [&Place; 2],
+        metres: f64,
+        sigma_m: f64,
+    ) -> Result<(), AxesError> {
         let by = format!("{metres} m from {a} to {b}");
         positive(&format!("the distance from {a} to {b} [m]"), metres)?;
         not_negative("the sigma of the distance [m]", sigma_m)?;
-        let (a, b) = (room.locate(a)?, room.locate(b)?);
+        let (a, b) = (network.locate(a)?, network.locate(b)?);
         let (distance, sigma) = apart(&by, a, b)?;
         let sigma = (sigma / distance).hypot(sigma_m / metres).max(f64::EPSILON);
         self.scales.push(Scale { by, factor: metres / distance, sigma, metres: Some(metres) });
         Ok(())
     }
 
-    fn points(&mut self, room: &Room<'_>, known: &[(Place, Point3<f64>)], sigma_m: f64) -> Result<(), AxesFault> {
+    fn points(&mut self, network: &Room<'_>, known: &[(Place, Point3<f64>)], sigma_m: f64) -> Result<(), AxesError> {
         let by = format!("{} {KNOWN_PLACES}", known.len());
         not_negative("the sigma of the points [m]", sigma_m)?;
         for (index, (_, point)) in known.iter().enumerate() {
             if let Some(found) = point.iter().copied().find(|it| !it.is_finite()) {
                 let what = format!("a coordinate of known point {} [m]", index + 1);
-                return Err(AxesFault::BadNumber { what, found, expected: "a finite number" });
+                return Err(AxesError::BadNumber { what, found, expected: "a finite number" });
             }
         }
         if known.len() < 3 {
-            return Err(AxesFault::TooFewPlaces { given: by, found: known.len(), needed: 3 });
+            return Err(AxesError::TooFewPlaces { given: by, found: known.len(), needed: 3 });
         }
-        let located: Vec<Located> = known.iter().map(|it| room.locate(&it.0)).collect::<Result<_, _>>()?;
+        let located: Vec<Located> = known.iter().map(|it| network.locate(&it.0)).collect::<Result<_, _>>()?;
         let in_solved: Vec<Point3<f64>> = located.iter().map(|it| it.position).collect();
         let in_world: Vec<Point3<f64>> = known.iter().map(|it| it.1).collect();
         not_collinear(&format!("{by} (their coordinates)"), &in_world)?;
         not_collinear(&by, &in_solved)?;
-        let rules = AlignmentRules { scale: true, robust: false };
-        let aligned = align(&in_solved, &in_world, rules).map_err(|it| collinear(&by, it))?;
+        let options = AlignmentOptions { scale: true, robust: false };
+        let aligned = align(&in_solved, &in_world, options).map_err(|it| collinear(&by, it))?;
         let world_from_solved = aligned.b_from_a;
         let factor = world_from_solved.scaling();
         let own = (located.iter().map(|it| it.sigma * it.sigma).sum::<f64>() / located.len() as f64).sqrt() * factor;
@@ -148,16 +154,16 @@ impl Sources {
         let rms_m = (aligned.distances.iter().map(|it| it * it).sum::<f64>() / surplus).sqrt();
         if rms_m > MISFIT * sigma {
             let mirrored: Vec<Point3<f64>> = in_world.iter().map(|it| Point3::new(it.x, it.y, -it.z)).collect();
-            let in_mirror = align(&in_solved, &mirrored, rules).map(|it| it.rms).unwrap_or(f64::INFINITY);
+            let in_mirror = align(&in_solved, &mirrored, options).map(|it| it.rms).unwrap_or(f64::INFINITY);
             if in_mirror < 0.3 * aligned.rms {
                 let why = format!("in a mirror they fit to {in_mirror:.4} m, as they are to {:.4} m", aligned.rms);
-                return Err(AxesFault::Mirrored { given: by, why });
+                return Err(AxesError::Mirrored { given: by, why });
             }
             let farthest = aligned.distances.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
             let (worst, worst_m) = farthest.unwrap_or((0, 0.0));
-            return Err(AxesFault::Misfit { given: by, rms_m, expected_m: sigma, worst: worst + 1, worst_m });
+            return Err(AxesError::Misfit { given: by, rms_m, expected_m: sigma, worst: worst + 1, worst_m });
         }
-        self.not_upside_down(room, &by, &world_from_solved, &in_world)?;
+        self.not_upside_down(network, &by, &world_from_solved, &in_world)?;
         let spread = Spread::of(&in_world);
         let sigma = sigma.max(rms_m).max(f64::MIN_POSITIVE);
         let tilt = sigma / spread.middle;
@@ -169,7 +175,7 @@ impl Sources {
         });
         let back = world_from_solved.isometry.rotation.inverse();
         let up = Unit::new_normalize(back * Vector3::z());
-        self.ups.push(Up { by: by.clone(), up, sigma: tilt.hypot(room.rules.level_sigma_rad) });
+        self.ups.push(Up { by: by.clone(), up, sigma: tilt.hypot(network.options.level_sigma_rad) });
         let place = world_from_solved.inverse() * Point3::origin();
         let at_centroid = sigma / (known.len() as f64).sqrt();
         let sigma = at_centroid.hypot(tilt * spread.centroid.coords.norm()) / factor;
@@ -180,19 +186,19 @@ impl Sources {
     /// Flat points fit as well when turned over: what is above the floor tells.
     fn not_upside_down(
         &self,
-        room: &Room<'_>,
+        network: &Room<'_>,
         by: &str,
         world_from_solved: &Similarity3<f64>,
         in_world: &[Point3<f64>],
-    ) -> Result<(), AxesFault> {
+    ) -> Result<(), AxesError> {
         let spread = Spread::of(in_world);
         let flat = spread.least < COLLINEAR * spread.largest && spread.flat_normal.z.abs() > 0.7;
         if !flat {
             return Ok(());
         }
         let floor = spread.centroid.z;
-        let above = share_above(room.solved.points.iter().map(|it| (world_from_solved * it.position).z - floor));
-        let mut calibrated = room.solved.cameras.iter().filter(|it| it.status == CameraStatus::Calibrated);
+        let above = share_above(network.solved.points.iter().map(|it| (world_from_solved * it.position).z - floor));
+        let mut calibrated = network.solved.cameras.iter().filter(|it| it.status == CameraStatus::Calibrated);
         let cameras_below = calibrated.clone().all(|it| (world_from_solved * it.camera.centre()).z < floor);
         let to_world = world_from_solved.isometry.rotation;
         let upright = |it: &crate::solved::SolvedCamera| {
@@ -202,19 +208,19 @@ impl Sources {
         let heads_down = calibrated.clone().map(upright).sum::<f64>() < 0.0 && calibrated.next().is_some();
         if above <= 1.0 - ONE_SIDE && cameras_below && heads_down {
             let why = "the cameras would stand below the points, upside down".to_owned();
-            return Err(AxesFault::Mirrored { given: by.to_owned(), why });
+            return Err(AxesError::Mirrored { given: by.to_owned(), why });
         }
         Ok(())
     }
 
-    fn floor(&mut self, room: &Room<'_>, places: &[Place], height_m: f64, sigma_m: f64) -> Result<(), AxesFault> {
+    fn floor(&mut self, network: &Room<'_>, places: &[Place], height_m: f64, sigma_m: f64) -> Result<(), AxesError> {
         let by = format!("{} points of a level floor", places.len());
         not_negative("the height of the light above the floor [m]", height_m)?;
         not_negative("the sigma of the floor [m]", sigma_m)?;
         if places.len() < 3 {
-            return Err(AxesFault::TooFewPlaces { given: by, found: places.len(), needed: 3 });
+            return Err(AxesError::TooFewPlaces { given: by, found: places.len(), needed: 3 });
         }
-        let located: Vec<Located> = places.iter().map(|it| room.locate(it)).collect::<Result<_, _>>()?;
+        let located: Vec<Located> = places.iter().map(|it| network.locate(it)).collect::<Result<_, _>>()?;
         let in_solved: Vec<Point3<f64>> = located.iter().map(|it| it.position).collect();
         not_collinear(&by, &in_solved)?;
         apart(&by, located[0], located[1])?;
@@ -224,41 +230,46 @@ impl Sources {
         let surplus = (rest.len() as f64 - 3.0).max(1.0);
         let own = (located.iter().map(|it| it.sigma * it.sigma).sum::<f64>() / located.len() as f64).sqrt();
         let sigma = own.max((rest.iter().sum::<f64>() / surplus).sqrt());
-        let above = share_above(room.solved.points.iter().map(|it| height(&it.position)));
+        let above = share_above(network.solved.points.iter().map(|it| height(&it.position)));
         if above > 1.0 - ONE_SIDE && above < ONE_SIDE {
-            return Err(AxesFault::NoSideIsUp { given: by, above: 100.0 * above });
+            return Err(AxesError::NoSideIsUp { given: by, above: 100.0 * above });
         }
         let up = Unit::new_normalize(if above >= ONE_SIDE { spread.flat_normal } else { -spread.flat_normal });
         // What is said of the floor is in metres; without a scale the unit of the solution stands for it.
         let factor = combined(self.scales.iter().map(|it| (it.factor, it.sigma))).map_or(1.0, |it| it.0);
         let sigma = sigma.hypot(sigma_m / factor);
         let tilt = sigma / spread.middle;
-        self.ups.push(Up { by: by.clone(), up, sigma: tilt.hypot(room.rules.level_sigma_rad) });
+        self.ups.push(Up { by: by.clone(), up, sigma: tilt.hypot(network.options.level_sigma_rad) });
         let place = in_solved[0] - up.into_inner() * (height_m / factor);
         self.origins.push(Origin { by, place, sigma, heading: Some(in_solved[1] - in_solved[0]) });
         Ok(())
     }
 
-    fn falling(&mut self, room: &Room<'_>, label: u32, [from_s, until_s]: [f64; 2]) -> Result<(), AxesFault> {
+    fn falling(&mut self, network: &Room<'_>, label: u32, [from_s, until_s]: [f64; 2]) -> Result<(), AxesError> {
         if !(from_s.is_finite() && until_s.is_finite() && from_s < until_s) {
             let what = "the end of the fall, less its start [s]".to_owned();
-            return Err(AxesFault::BadNumber { what, found: until_s - from_s, expected: "a finite number above 0" });
+            return Err(AxesError::BadNumber { what, found: until_s - from_s, expected: "a finite number above 0" });
         }
-        let samples = room.span(label, from_s, until_s, fall::LEAST_SAMPLES)?;
-        let fall = fall::find(&samples).map_err(|fault| AxesFault::NoFall { from_s, until_s, fault })?;
+        let samples = network.span(label, from_s, until_s, fall::LEAST_SAMPLES)?;
+        let fall = fall::find(&samples).map_err(|fault| AxesError::NoFall { from_s, until_s, fault })?;
         let by = format!("a fall from {:.2} s to {:.2} s", fall.span_s[0], fall.span_s[1]);
         let strength = fall.acceleration.norm();
         let sigma = fall.sigma / strength;
-        self.scales.push(Scale { by: by.clone(), factor: room.rules.gravity_mps2 / strength, sigma, metres: None });
+        self.scales.push(Scale {
+            by: by.clone(),
+            factor: network.options.gravity_mps2 / strength,
+            sigma,
+            metres: None,
+        });
         self.ups.push(Up { by, up: Unit::new_normalize(-fall.acceleration), sigma });
         self.falls.push(fall);
         Ok(())
     }
 
-    fn plumb(&mut self, room: &Room<'_>, [top, bottom]: [&Place; 2], sigma: f64) -> Result<(), AxesFault> {
+    fn plumb(&mut self, network: &Room<'_>, [top, bottom]: [&Place; 2], sigma: f64) -> Result<(), AxesError> {
         not_negative("the sigma of the plumb line [–]", sigma)?;
         let by = format!("a plumb line from {top} to {bottom}");
-        let (top, bottom) = (room.locate(top)?, room.locate(bottom)?);
+        let (top, bottom) = (network.locate(top)?, network.locate(bottom)?);
         let (distance, own) = apart(&by, top, bottom)?;
         let up = Unit::new_normalize(top.position - bottom.position);
         self.ups.push(Up { by, up, sigma: (own / distance).hypot(sigma) });
@@ -266,8 +277,8 @@ impl Sources {
     }
 
     /// The direction to which the cameras' horizontal axes are most square.
-    fn upright(&mut self, room: &Room<'_>) -> Result<(), AxesFault> {
-        let calibrated = room.solved.cameras.iter().filter(|it| it.status == CameraStatus::Calibrated);
+    fn upright(&mut self, network: &Room<'_>) -> Result<(), AxesError> {
+        let calibrated = network.solved.cameras.iter().filter(|it| it.status == CameraStatus::Calibrated);
         let back: Vec<UnitQuaternion<f64>> =
             calibrated.map(|it| it.camera.camera_from_world.rotation.inverse()).collect();
         let mut scatter = Matrix3::zeros();
@@ -282,13 +293,13 @@ impl Sources {
         let sigma = roll / axes.eigenvalues[middle].max(f64::MIN_POSITIVE).sqrt();
         if back.len() < 2 || sigma > 0.3 {
             let why = format!("{} calibrated cameras look in nearly the same direction", back.len());
-            return Err(AxesFault::CamerasTellNothing { why });
+            return Err(AxesError::CamerasTellNothing { why });
         }
         let up: Vector3<f64> = axes.eigenvectors.column(least).into_owned();
         let agreement = up.dot(&heads) / back.len() as f64;
         if agreement.abs() < 0.2 {
             let why = "their upper edges do not lie on one side".to_owned();
-            return Err(AxesFault::CamerasTellNothing { why });
+            return Err(AxesError::CamerasTellNothing { why });
         }
         let by = "the cameras being mounted upright (an assumption)".to_owned();
         self.ups.push(Up { by, up: Unit::new_normalize(up * agreement.signum()), sigma });
@@ -296,7 +307,7 @@ impl Sources {
     }
 
     /// Weighs the sources of each freedom.
-    pub(super) fn settle(&self, sigmas: f64) -> Result<Settled, AxesFault> {
+    pub(super) fn settle(&self, sigmas: f64) -> Result<Settled, AxesError> {
         for (a, b) in pairs(&self.scales) {
             let (difference, allowed) = ((a.factor / b.factor).ln().abs(), sigmas * a.sigma.hypot(b.sigma));
             let (a, b) = if a.metres.is_some() && b.metres.is_none() { (b, a) } else { (a, b) };
@@ -368,8 +379,8 @@ fn agree(
     difference: f64,
     allowed: f64,
     lengths_m: Option<[f64; 2]>,
-) -> Result<(), AxesFault> {
-    let fault = || AxesFault::Contradiction { freedom, a: a.clone(), b: b.clone(), difference, allowed, lengths_m };
+) -> Result<(), AxesError> {
+    let fault = || AxesError::Contradiction { freedom, a: a.clone(), b: b.clone(), difference, allowed, lengths_m };
     if difference <= allowed { Ok(()) } else { Err(fault()) }
 }
 
@@ -389,10 +400,10 @@ fn share_above(heights: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Distance of two places and its standard deviation; a fault where it is not well above 0.
-fn apart(given: &str, a: Located, b: Located) -> Result<(f64, f64), AxesFault> {
+fn apart(given: &str, a: Located, b: Located) -> Result<(f64, f64), AxesError> {
     let (distance, sigma) = ((a.position - b.position).norm(), a.sigma.hypot(b.sigma));
     if distance.is_nan() || distance <= 5.0 * sigma {
-        return Err(AxesFault::SamePlace { given: given.to_owned(), distance, sigma });
+        return Err(AxesError::SamePlace { given: given.to_owned(), distance, sigma });
     }
     Ok((distance, sigma))
 }

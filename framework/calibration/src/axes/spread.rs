@@ -1,9 +1,9 @@
 //! How far points reach in each direction: levers of what is fitted to them, and whether they lie on a line or in a plane.
 
-use foveate_geometry::AlignmentFault;
+use foveate_geometry::AlignmentError;
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::AxesFault;
+use super::AxesError;
 
 /// Points whose spread across a line is less than this part of that along it lie on it.
 pub(super) const COLLINEAR: f64 = 0.02;
@@ -42,17 +42,17 @@ impl Spread {
     }
 }
 
-pub(super) fn not_collinear(given: &str, points: &[Point3<f64>]) -> Result<(), AxesFault> {
+pub(super) fn not_collinear(given: &str, points: &[Point3<f64>]) -> Result<(), AxesError> {
     let spread = Spread::of(points);
     let ratio = spread.middle / spread.largest;
-    let fault = AxesFault::Collinear { given: given.to_owned(), ratio };
+    let fault = AxesError::Collinear { given: given.to_owned(), ratio };
     if ratio.is_nan() || ratio < COLLINEAR { Err(fault) } else { Ok(()) }
 }
 
-pub(super) fn collinear(given: &str, fault: AlignmentFault) -> AxesFault {
+pub(super) fn collinear(given: &str, fault: AlignmentError) -> AxesError {
     let ratio = match fault {
-        AlignmentFault::Degenerate { spread_ratio, .. } => spread_ratio,
-        AlignmentFault::LengthsDiffer { .. } | AlignmentFault::NotFinite { .. } => f64::NAN,
+        AlignmentError::Degenerate { spread_ratio, .. } => spread_ratio,
+        AlignmentError::LengthsDiffer { .. } | AlignmentError::NotFinite { .. } => f64::NAN,
     };
-    AxesFault::Collinear { given: given.to_owned(), ratio }
+    AxesError::Collinear { given: given.to_owned(), ratio }
 }

@@ -104,12 +104,12 @@ const FALL: Given = Given::Falling { label: 0, from_s: FALL_S[0], until_s: FALL_
 const FRAME: [[f64; 3]; 3] = [[0.0, 0.0, 0.0], [1.2, 0.0, 0.0], [0.1, 0.9, 0.0]];
 
 fn fixed(solved: &Solved, given: &[Given]) -> AxesFixed {
-    fix(solved, given, &AxesRules::default()).unwrap_or_else(|it| panic!("{it}"))
+    fix(solved, given, &AxesOptions::default()).unwrap_or_else(|it| panic!("{it}"))
 }
 
 #[track_caller]
 fn fails(given: &[Given], expected: &str) {
-    let fault = fix(&unscaled(1), given, &AxesRules::default()).expect_err(expected).to_string();
+    let fault = fix(&unscaled(1), given, &AxesOptions::default()).expect_err(expected).to_string();
     assert!(fault.contains(expected), "{fault:?} does not say {expected:?}");
 }
 
@@ -123,7 +123,7 @@ fn worst_camera(found: &Solved) -> f64 {
 
 #[test]
 fn stops_are_found_in_their_order() {
-    let found = stops(&unscaled(1), 0, &AxesRules::default());
+    let found = stops(&unscaled(1), 0, &AxesOptions::default());
     let back = solved_from_world().inverse();
     let places: Vec<Point3<f64>> = found.iter().map(|it| back * it.position).collect();
     let expected = [FRAME[0], FRAME[1], FRAME[2], [0.4, 0.5, 2.0], [0.8, 0.2, 0.3], [0.8, 0.2, 1.9]];
@@ -223,7 +223,7 @@ fn what_is_no_fall_is_refused() {
     fails(&[Given::Falling { label: 4, from_s: 14.0, until_s: 14.6 }], "light 4 was found 0 times");
     let mut timeless = unscaled(1);
     timeless.points.iter_mut().for_each(|it| it.time_s = 14.0);
-    let fault = fix(&timeless, &[FALL], &AxesRules::default()).unwrap_err().to_string();
+    let fault = fix(&timeless, &[FALL], &AxesOptions::default()).unwrap_err().to_string();
     assert!(fault.contains("carry no times"), "{fault}");
     // Carried down, ever more slowly.
     let mut carried = unscaled(1);
@@ -232,7 +232,7 @@ fn what_is_no_fall_is_refused() {
         let down = Vector3::new(0.4, 0.5, 2.0 - 4.0 * since * since + 3.5 * since.powi(3));
         point.position = solved_from_world() * Point3::from(down);
     }
-    let fault = fix(&carried, &[FALL], &AxesRules::default()).unwrap_err().to_string();
+    let fault = fix(&carried, &[FALL], &AxesOptions::default()).unwrap_err().to_string();
     assert!(fault.contains("changes by") || fault.contains("only "), "{fault}");
 }
 
@@ -251,7 +251,7 @@ fn a_plumb_line_and_upright_cameras_give_the_vertical_alone() {
     let mut same = unscaled(1);
     let pose = same.cameras[0].camera.camera_from_world;
     same.cameras.iter_mut().for_each(|it| it.camera.camera_from_world.rotation = pose.rotation);
-    let fault = fix(&same, &[Given::CamerasUpright], &AxesRules::default()).unwrap_err().to_string();
+    let fault = fix(&same, &[Given::CamerasUpright], &AxesOptions::default()).unwrap_err().to_string();
     assert!(fault.contains("look in nearly the same direction"), "{fault}");
 }
 
@@ -267,7 +267,7 @@ fn sources_that_cannot_both_be_right_are_named() {
     let both = fix(
         &unscaled(1),
         &[distance("wide-1", "wide-3", 1.1 * metres), distance("wide-1", "wide-3", metres)],
-        &AxesRules::default(),
+        &AxesOptions::default(),
     );
     let (wrong, fault) = (1.1 * metres, both.unwrap_err().to_string());
     assert!(fault.contains("differ by 10.0") && fault.contains(" %, expected at most "), "{fault}");
@@ -276,7 +276,7 @@ fn sources_that_cannot_both_be_right_are_named() {
     fails(&[FALL, leaning], "the vertical by a fall from");
     let mut earlier = unscaled(1);
     earlier.fixed.scale = Some(Fixed { by: "a wand of 0.4 m".into(), sigma: Some(1e-3) });
-    let fault = fix(&earlier, &[l_frame(&FRAME)], &AxesRules::default()).unwrap_err().to_string();
+    let fault = fix(&earlier, &[l_frame(&FRAME)], &AxesOptions::default()).unwrap_err().to_string();
     assert!(fault.contains("the scale by a wand of 0.4 m and by 3 points of known place differ by"), "{fault}");
     // What agrees is weighed, and is known better than by either.
     let both = fixed(&unscaled(1), &[FALL, l_frame(&FRAME)]);
@@ -324,12 +324,12 @@ fn numbers_and_names_that_cannot_be_are_refused() {
     fails(&[Given::Plumb { top: stop(0), bottom: stop(5), sigma: 0.0 }], "stop 0");
     let mut without = unscaled(1);
     without.cameras[1].status = CameraStatus::NoDepth { best: 0 };
-    let fault = fix(&without, &[distance("wide-1", "wide-2", 1.0)], &AxesRules::default()).unwrap_err().to_string();
+    let fault = fix(&without, &[distance("wide-1", "wide-2", 1.0)], &AxesOptions::default()).unwrap_err().to_string();
     assert!(fault.contains("camera \"wide-2\" has no place: stands where camera 0 stands"), "{fault}");
-    let rules = AxesRules { stop_s: 0.0, ..AxesRules::default() };
-    let fault = fix(&without, &[FALL], &rules).unwrap_err().to_string();
+    let options = AxesOptions { stop_s: 0.0, ..AxesOptions::default() };
+    let fault = fix(&without, &[FALL], &options).unwrap_err().to_string();
     assert_eq!(fault, "stop_s is 0, expected a finite number above 0");
-    assert!(fix(&Solved::default(), &[FALL, Given::CamerasUpright], &AxesRules::default()).is_err());
+    assert!(fix(&Solved::default(), &[FALL, Given::CamerasUpright], &AxesOptions::default()).is_err());
 }
 
 #[test]

@@ -49,7 +49,7 @@ pub struct Wishes {
 /// A text that is not understood.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{what} is {found:?}, expected {expected}")]
-pub struct WishFault {
+pub struct WishError {
     /// Which flag or part of it.
     pub what: &'static str,
     /// What was typed.
@@ -62,8 +62,8 @@ impl Wishes {
     /// What is given, in the order of the fields.
     ///
     /// # Errors
-    /// See [`WishFault`].
-    pub fn givens(&self) -> Result<Vec<Given>, WishFault> {
+    /// See [`WishError`].
+    pub fn givens(&self) -> Result<Vec<Given>, WishError> {
         let mut givens = Vec::new();
         if let Some(length_mm) = self.wand_mm {
             givens.push(Given::WandLength { ends: [0, 1], metres: length_mm / 1e3, sigma_m: WAND_SIGMA_M });
@@ -86,7 +86,7 @@ impl Wishes {
         }
         if let Some(text) = &self.plumb {
             let expected = "TOP:BOTTOM, such as @1:@2";
-            let fault = || WishFault { what: "a plumb line", found: text.clone(), expected };
+            let fault = || WishError { what: "a plumb line", found: text.clone(), expected };
             let (top, bottom) = text.split_once(':').ok_or_else(fault)?;
             givens.push(Given::Plumb { top: top.parse()?, bottom: bottom.parse()?, sigma: PLUMB_SIGMA });
         }
@@ -97,28 +97,28 @@ impl Wishes {
     }
 }
 
-fn distance(text: &str) -> Result<Given, WishFault> {
+fn distance(text: &str) -> Result<Given, WishError> {
     let expected = "PLACE:PLACE=LENGTH, such as wide-1:wide-2=3.2m";
-    let fault = || WishFault { what: "a distance", found: text.to_owned(), expected };
+    let fault = || WishError { what: "a distance", found: text.to_owned(), expected };
     let (places, length) = text.split_once('=').ok_or_else(fault)?;
     let (a, b) = places.split_once(':').ok_or_else(fault)?;
     Ok(Given::Distance { a: a.parse()?, b: b.parse()?, metres: metres(length)?, sigma_m: TAPE_SIGMA_M })
 }
 
-fn metres(text: &str) -> Result<f64, WishFault> {
+fn metres(text: &str) -> Result<f64, WishError> {
     let trimmed = text.trim();
     let (number, factor) = [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)]
         .into_iter()
         .find_map(|(unit, factor)| Some((trimmed.strip_suffix(unit)?, factor)))
         .unwrap_or(("", 1.0));
     let expected = "a number with its unit, such as 3.2m, 320cm or 3200mm";
-    let fault = |_| WishFault { what: "a length", found: text.to_owned(), expected };
+    let fault = |_| WishError { what: "a length", found: text.to_owned(), expected };
     number.trim().parse::<f64>().map(|it| it * factor).map_err(fault)
 }
 
-fn known_point(text: &str) -> Result<(Place, Point3<f64>), WishFault> {
+fn known_point(text: &str) -> Result<(Place, Point3<f64>), WishError> {
     let expected = "PLACE=X,Y,Z in metres, such as @1=0,0,0";
-    let fault = || WishFault { what: "a point of the L-frame", found: text.to_owned(), expected };
+    let fault = || WishError { what: "a point of the L-frame", found: text.to_owned(), expected };
     let (place, coordinates) = text.split_once('=').ok_or_else(fault)?;
     let numbers: Vec<f64> =
         coordinates.split(',').map(|it| it.trim().parse().map_err(|_| fault())).collect::<Result<_, _>>()?;
@@ -126,19 +126,19 @@ fn known_point(text: &str) -> Result<(Place, Point3<f64>), WishFault> {
     Ok((place.parse()?, Point3::new(x, y, z)))
 }
 
-fn span(what: &'static str, text: &str) -> Result<(f64, f64), WishFault> {
-    let fault = || WishFault { what, found: text.to_owned(), expected: "FROM..UNTIL in seconds, such as 12.5..13.1" };
+fn span(what: &'static str, text: &str) -> Result<(f64, f64), WishError> {
+    let fault = || WishError { what, found: text.to_owned(), expected: "FROM..UNTIL in seconds, such as 12.5..13.1" };
     let (from, until) = text.split_once("..").ok_or_else(fault)?;
     let number = |it: &str| it.trim().parse::<f64>().ok().filter(|it| it.is_finite());
     number(from).zip(number(until)).filter(|(from, until)| from < until).ok_or_else(fault)
 }
 
 impl FromStr for Place {
-    type Err = WishFault;
+    type Err = WishError;
 
-    fn from_str(text: &str) -> Result<Self, WishFault> {
+    fn from_str(text: &str) -> Result<Self, WishError> {
         let expected = "a camera's name, @2 for the light's second stop, or @12.5..13.1 for a span of time";
-        let fault = || WishFault { what: "a place", found: text.to_owned(), expected };
+        let fault = || WishError { what: "a place", found: text.to_owned(), expected };
         let trimmed = text.trim();
         let Some(light) = trimmed.strip_prefix('@') else {
             return if trimmed.is_empty() { Err(fault()) } else { Ok(Place::Camera(trimmed.to_owned())) };

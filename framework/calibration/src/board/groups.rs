@@ -7,11 +7,11 @@
 use foveate_geometry::{Camera, self_calibration::Link};
 use nalgebra::{Isometry3, Point2, Point3};
 
-use super::{BoardRules, pattern::Board, plane::Posed};
+use super::{BoardOptions, pattern::Board, plane::Posed};
 
 /// What a camera saw in a frame, and the poses that explain it.
 #[derive(Debug, Clone)]
-pub(super) struct Look {
+pub(super) struct CameraFrame {
     pub camera: usize,
     pub frame: usize,
     pub ids: Vec<u32>,
@@ -38,19 +38,21 @@ pub(super) struct Paired {
     pub open: bool,
 }
 
-/// Mean distance of a few marks of `look` from where a board with `camera_from_board` has them [px].
-fn distance(camera: &Camera, camera_from_board: &Isometry3<f64>, look: &Look) -> f64 {
+/// Mean distance of a few marks of `camera_frame` from where a board with `camera_from_board` has them [px].
+fn distance(camera: &Camera, camera_from_board: &Isometry3<f64>, camera_frame: &CameraFrame) -> f64 {
     let eye = Camera { camera_from_world: *camera_from_board, ..camera.clone() };
-    let n = look.places.len();
+    let n = camera_frame.places.len();
     let picked = [0, n / 3, 2 * n / 3, n - 1];
-    let sum: f64 =
-        picked.iter().map(|it| eye.project(&look.places[*it]).map_or(1e6, |at| (at - look.pixels[*it]).norm())).sum();
+    let sum: f64 = picked
+        .iter()
+        .map(|it| eye.project(&camera_frame.places[*it]).map_or(1e6, |at| (at - camera_frame.pixels[*it]).norm()))
+        .sum();
     sum / picked.len() as f64
 }
 
-/// A distance beyond which a look simply does not agree [px].
-fn cap(camera: &Camera, rules: &BoardRules) -> f64 {
-    (0.02 * f64::from(camera.image_size[0])).max(3.0 * rules.inlier_px)
+/// A distance beyond which a camera frame simply does not agree [px].
+fn cap(camera: &Camera, options: &BoardOptions) -> f64 {
+    (0.02 * f64::from(camera.image_size[0])).max(3.0 * options.inlier_px)
 }
 
 /// The relative pose on which most common frames of two cameras agree.
@@ -58,12 +60,12 @@ pub(super) fn pair(
     cameras: &[Camera],
     a: usize,
     b: usize,
-    common: &[(&Look, &Look)],
+    common: &[(&CameraFrame, &CameraFrame)],
     board: &Board,
     guess: Option<&[Camera]>,
-    rules: &BoardRules,
+    options: &BoardOptions,
 ) -> Option<Paired> {
-    let cap = cap(&cameras[b], rules);
+    let cap = cap(&cameras[b], options);
     let every = |n: usize| move |it: usize| it * common.len() / common.len().min(n);
     let loss = |b_from_a: &Isometry3<f64>| {
         let n = common.len().min(TRYING);
@@ -87,7 +89,7 @@ pub(super) fn pair(
                 for turn in board.turns() {
                     let b_from_a = in_b.camera_from_board * (in_a.camera_from_board * turn).inverse();
                     let (loss, right) = loss(&b_from_a);
-                    // Of two poses of one look the worse is less likely, even where all else is equal.
+                    // Of two poses of one camera frame the worse is less likely, even where all else is equal.
                     proposals.push((loss + 0.5 * (in_a.rms_px + in_b.rms_px) / cap, right, b_from_a));
                 }
             }
@@ -156,43 +158,43 @@ pub(super) fn groups(n_cameras: usize, pairs: &[Paired], usable: &[bool]) -> Vec
 /// A pose of the board is given up for another under which what was seen is off by less than this part of what it is now.
 const MUCH_BETTER: f64 = 0.5;
 
-/// Where the board is in a frame, given the cameras, and how each look is turned: the pose, mirrored or turned, of one look on which the
+/// Where the board is in a frame, given the cameras, and how each camera frame is turned: the pose, mirrored or turned, of one camera frame on which the
 /// looks agree best; `now`, where that is known and no other is much better. `None` when no camera that is placed saw it.
 pub(super) fn place(
     cameras: &[Camera],
     placed: &[bool],
     now: Option<&Isometry3<f64>>,
-    looks: &mut [&mut Look],
+    camera_frames: &mut [&mut CameraFrame],
     board: &Board,
-    rules: &BoardRules,
+    options: &BoardOptions,
 ) -> Option<Isometry3<f64>> {
-    let seeing: Vec<usize> = (0..looks.len()).filter(|it| placed[looks[*it].camera]).collect();
+    let seeing: Vec<usize> = (0..camera_frames.len()).filter(|it| placed[camera_frames[*it].camera]).collect();
     let judged = |world_from_board: &Isometry3<f64>| {
-        let (mut sum, mut turned) = (0.0, vec![0; looks.len()]);
+        let (mut sum, mut turned) = (0.0, vec![0; camera_frames.len()]);
         for &at in &seeing {
-            let camera = &cameras[looks[at].camera];
+            let camera = &cameras[camera_frames[at].camera];
             let camera_from_board = camera.camera_from_world * world_from_board;
             let turns = board.turns().iter().enumerate();
-            let tried = turns.map(|(it, turn)| (distance(camera, &(camera_from_board * turn), looks[at]), it));
+            let tried = turns.map(|(it, turn)| (distance(camera, &(camera_from_board * turn), camera_frames[at]), it));
             let (least, turn) = tried.min_by(|x, y| x.0.total_cmp(&y.0))?;
-            sum += (least / cap(camera, rules)).min(1.0);
+            sum += (least / cap(camera, options)).min(1.0);
             turned[at] = turn;
         }
         Some((sum, *world_from_board, turned))
     };
-    let of_look = |at: &usize| {
-        let world_from_camera = cameras[looks[*at].camera].camera_from_world.inverse();
-        looks[*at].poses.iter().map(move |pose| world_from_camera * pose.camera_from_board).collect::<Vec<_>>()
+    let of_frame = |at: &usize| {
+        let world_from_camera = cameras[camera_frames[*at].camera].camera_from_world.inverse();
+        camera_frames[*at].poses.iter().map(move |pose| world_from_camera * pose.camera_from_board).collect::<Vec<_>>()
     };
-    let candidates: Vec<Isometry3<f64>> = seeing.iter().flat_map(of_look).collect();
+    let candidates: Vec<Isometry3<f64>> = seeing.iter().flat_map(of_frame).collect();
     let best = candidates.iter().filter_map(judged).min_by(|x, y| x.0.total_cmp(&y.0));
     let kept = now.and_then(judged).filter(|now| best.as_ref().is_none_or(|it| it.0 > MUCH_BETTER * now.0));
     let (_, world_from_board, turned) = kept.or(best)?;
-    looks.iter_mut().zip(turned).for_each(|(look, turn)| look.turn = turn);
+    camera_frames.iter_mut().zip(turned).for_each(|(camera_frame, turn)| camera_frame.turn = turn);
     Some(world_from_board)
 }
 
 /// The pixels' places on the board as the frame has it.
-pub(super) fn turned_place(board: &Board, look: &Look, mark: usize) -> Point3<f64> {
-    board.turns()[look.turn] * look.places[mark]
+pub(super) fn turned_place(board: &Board, camera_frame: &CameraFrame, mark: usize) -> Point3<f64> {
+    board.turns()[camera_frame.turn] * camera_frame.places[mark]
 }

@@ -13,18 +13,18 @@
 //! cameras saw.
 
 mod groups;
+mod network;
 mod optics;
 mod pattern;
 mod plane;
 mod rigid;
-mod room;
 mod types;
 mod unsynchronised;
 mod views;
 
+pub use network::calibrate;
 pub use pattern::Board;
-pub use room::calibrate;
-pub use types::{BoardFault, BoardPose, BoardRules, BoardSolution, HoldOut, OpticsFit, Refused, Why};
+pub use types::{BoardError, BoardOptions, BoardPose, BoardSolution, HoldOut, OpticsFit, Refused, Why};
 pub use unsynchronised::{NoBoardClocks, board_on_one_clock};
 
 #[cfg(test)]

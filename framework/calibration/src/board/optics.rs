@@ -6,8 +6,8 @@ use foveate_geometry::bundle::{CLOCK, Freedom, Optic, OpticsSigma};
 use nalgebra::{Isometry3, Point2, Point3, SMatrix, Vector3};
 
 use super::plane::{self, Homography};
-use super::rigid::{self, Rigid, RigidRules, Seen};
-use super::{BoardRules, OpticsFit, Refused, Why};
+use super::rigid::{self, Rigid, RigidOptions, Seen};
+use super::{BoardOptions, OpticsFit, Refused, Why};
 
 /// What one camera saw of the board in one picture.
 #[derive(Debug, Clone)]
@@ -26,7 +26,7 @@ const SAME_VIEW_PX: f64 = 3.0;
 const START_VIEWS: usize = 15;
 
 /// Finds what `free` asks for and the views can hold.
-pub(super) fn fit(guess: &Camera, free: Freedom, views: &[&View], rules: &BoardRules) -> OpticsFit {
+pub(super) fn fit(guess: &Camera, free: Freedom, views: &[&View], options: &BoardOptions) -> OpticsFit {
     let wanted = Freedom { pose: false, ..free };
     let mut fit = OpticsFit {
         camera: Camera { camera_from_world: Isometry3::identity(), ..guess.clone() },
@@ -43,19 +43,19 @@ pub(super) fn fit(guess: &Camera, free: Freedom, views: &[&View], rules: &BoardR
         return fit;
     }
     let views = &different(views)[..];
-    if views.len() < rules.min_views {
-        let why = Why::TooFewViews { views: views.len(), needed: rules.min_views };
+    if views.len() < options.min_views {
+        let why = Why::TooFewViews { views: views.len(), needed: options.min_views };
         fit.refused = ladder(wanted).map(|what| Refused { what, why }).collect();
         return fit;
     }
     let chosen: Vec<&View> = spread(views, MAX_VIEWS);
     let mut start = fit.camera.clone();
     if wanted.focal {
-        start = first_focal(guess, wanted, &spread(views, START_VIEWS), rules);
+        start = first_focal(guess, wanted, &spread(views, START_VIEWS), options);
     }
     let mut freed = wanted;
     loop {
-        let Some((adjusted, n)) = refine(&start, freed, &chosen, rules) else {
+        let Some((adjusted, n)) = refine(&start, freed, &chosen, options) else {
             fit.refused = ladder(wanted).map(|what| Refused { what, why: Why::Misfit }).collect();
             fit.freed = Freedom::NONE;
             return fit;
@@ -65,11 +65,11 @@ pub(super) fn fit(guess: &Camera, free: Freedom, views: &[&View], rules: &BoardR
         let squares: f64 = adjusted.residuals.iter().flatten().map(|it| it.norm_squared()).sum();
         let distances: Vec<f64> = adjusted.residuals.iter().flatten().map(|it| it.norm()).collect();
         fit.rms_px = (squares / adjusted.residuals.len().max(1) as f64).sqrt();
-        // Noise as it was found, robustly, in units of what the sightings claim: the median length of a 2D normal is 1.1774 σ.
+        // Noise as it was found, robustly, in units of what the observations claim: the median length of a 2D normal is 1.1774 σ.
         let sigma_px = foveate_estimation::statistics::median(&distances).unwrap_or(0.0) / 1.1774;
         let claimed = chosen.iter().flat_map(|it| &it.sigmas).sum::<f64>() / n.max(1) as f64;
         let factor = (sigma_px / claimed).max(1e-6);
-        match verdict(camera, guess, freed, &adjusted, factor, n, &fit, rules) {
+        match verdict(camera, guess, freed, &adjusted, factor, n, &fit, options) {
             Some(refused) => {
                 start = adjusted.cameras[0].clone();
                 reset(&mut start, guess, refused.what);
@@ -101,12 +101,12 @@ fn verdict(
     factor: f64,
     n: usize,
     fit: &OpticsFit,
-    rules: &BoardRules,
+    options: &BoardOptions,
 ) -> Option<Refused> {
     let refusable: Vec<Optic> = ladder(freed).collect();
     let open_reason = |sigma: f64, limit: f64| match () {
-        () if fit.tilt_rad < rules.min_tilt_rad => {
-            Why::ViewsParallel { tilt_rad: fit.tilt_rad, needed_rad: rules.min_tilt_rad }
+        () if fit.tilt_rad < options.min_tilt_rad => {
+            Why::ViewsParallel { tilt_rad: fit.tilt_rad, needed_rad: options.min_tilt_rad }
         }
         () if fit.reach < 0.5 => Why::MiddleOnly { reach: fit.reach },
         () => Why::Uncertain { sigma, limit },
@@ -130,8 +130,8 @@ fn verdict(
     let radial = (by_radial.transpose() * block * by_radial)[0].max(0.0).sqrt() * factor;
     for what in refusable.iter().copied() {
         let (found, limit) = match what {
-            Optic::K3 | Optic::K2 | Optic::K1 => (radial, rules.max_corner_px),
-            Optic::Decentering => (sigma(12).hypot(sigma(13)) * 3.0 * corner * corner * focal, rules.max_corner_px),
+            Optic::K3 | Optic::K2 | Optic::K1 => (radial, options.max_corner_px),
+            Optic::Decentering => (sigma(12).hypot(sigma(13)) * 3.0 * corner * corner * focal, options.max_corner_px),
             Optic::Principal => (sigma(9).max(sigma(10)), 0.02 * half_diagonal * 2.0),
             Optic::Aspect => (sigma(11), 0.01),
             Optic::Focal => continue,
@@ -141,8 +141,8 @@ fn verdict(
         }
     }
     // The focal length is worth more than any other: all of them go first.
-    if freed.focal && sigma(6) > rules.max_focal_sigma {
-        return Some(Refused { what: *refusable.first()?, why: open_reason(sigma(6), rules.max_focal_sigma) });
+    if freed.focal && sigma(6) > options.max_focal_sigma {
+        return Some(Refused { what: *refusable.first()?, why: open_reason(sigma(6), options.max_focal_sigma) });
     }
     // A term that explains less than its place in the Bayesian information criterion costs is better left as it was.
     let cost = (n as f64).max(2.0).ln();
@@ -205,7 +205,7 @@ fn reset(camera: &mut Camera, given: &Camera, optic: Optic) {
 }
 
 /// The best of a few focal lengths to start from.
-fn first_focal(guess: &Camera, wanted: Freedom, views: &[&View], rules: &BoardRules) -> Camera {
+fn first_focal(guess: &Camera, wanted: Freedom, views: &[&View], options: &BoardOptions) -> Camera {
     let homographies: Vec<Homography> = views.iter().map(|it| it.homography).collect();
     let width = f64::from(guess.image_size[0]);
     let given = guess.intrinsics.focal[0];
@@ -222,8 +222,9 @@ fn first_focal(guess: &Camera, wanted: Freedom, views: &[&View], rules: &BoardRu
         let mut camera = Camera { camera_from_world: Isometry3::identity(), ..guess.clone() };
         let factor = focal / given;
         camera.intrinsics.focal = guess.intrinsics.focal.map(|it| it * factor);
-        let rough = RigidRules { loss: Loss::HUBER, max_iterations: 25, relative_gain: 1e-4, ..RigidRules::default() };
-        let Some((adjusted, _)) = refine_once(&camera, freed, views, rules, &rough) else { continue };
+        let rough =
+            RigidOptions { loss: Loss::HUBER, max_iterations: 25, relative_gain: 1e-4, ..RigidOptions::default() };
+        let Some((adjusted, _)) = refine_once(&camera, freed, views, options, &rough) else { continue };
         if best.as_ref().is_none_or(|it| adjusted.cost < it.0) {
             best = Some((adjusted.cost, adjusted.cameras[0].clone()));
         }
@@ -232,24 +233,24 @@ fn first_focal(guess: &Camera, wanted: Freedom, views: &[&View], rules: &BoardRu
 }
 
 /// Optics and views together, twice: the second time from the poses, mirrored ones among them, that fit the new optics best.
-fn refine(start: &Camera, freed: Freedom, views: &[&View], rules: &BoardRules) -> Option<(Rigid, usize)> {
-    let rough = RigidRules { loss: Loss::HUBER, max_iterations: 40, ..RigidRules::default() };
-    let (first, _) = refine_once(start, freed, views, rules, &rough)?;
-    let fine = RigidRules { loss: Loss::HUBER, covariance: true, ..RigidRules::default() };
-    refine_once(&first.cameras[0], freed, views, rules, &fine)
+fn refine(start: &Camera, freed: Freedom, views: &[&View], options: &BoardOptions) -> Option<(Rigid, usize)> {
+    let rough = RigidOptions { loss: Loss::HUBER, max_iterations: 40, ..RigidOptions::default() };
+    let (first, _) = refine_once(start, freed, views, options, &rough)?;
+    let fine = RigidOptions { loss: Loss::HUBER, covariance: true, ..RigidOptions::default() };
+    refine_once(&first.cameras[0], freed, views, options, &fine)
 }
 
 fn refine_once(
     camera: &Camera,
     freed: Freedom,
     views: &[&View],
-    rules: &BoardRules,
-    how: &RigidRules,
+    options: &BoardOptions,
+    how: &RigidOptions,
 ) -> Option<(Rigid, usize)> {
     let (mut boards, mut seen) = (Vec::new(), Vec::new());
     for view in views {
         // Far from the truth no mark is within the usual distance.
-        let wide = rules.inlier_px.max(0.1 * view.homography.extent);
+        let wide = options.inlier_px.max(0.1 * view.homography.extent);
         let Some(best) = plane::poses(camera, &view.places, &view.pixels, wide).first().copied() else { continue };
         let board = boards.len();
         boards.push(best.camera_from_board);
@@ -262,7 +263,7 @@ fn refine_once(
             sigma_px: *sigma,
         }));
     }
-    if boards.len() < rules.min_views.min(views.len()) {
+    if boards.len() < options.min_views.min(views.len()) {
         return None;
     }
     let n = seen.len();

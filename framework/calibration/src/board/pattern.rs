@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::BoardFault;
+use super::BoardError;
 
 /// A rigid board with numbered marks on a plane.
 ///
@@ -25,8 +25,8 @@ impl Board {
     /// round it lies in a picture is then open; [`super::calibrate`] settles it by what several cameras saw.
     ///
     /// # Errors
-    /// [`BoardFault::BadBoard`] for fewer than 2 × 2 corners or a square that is not larger than 0.
-    pub fn chessboard(columns: u32, rows: u32, square_m: f64) -> Result<Board, BoardFault> {
+    /// [`BoardError::BadBoard`] for fewer than 2 × 2 corners or a square that is not larger than 0.
+    pub fn chessboard(columns: u32, rows: u32, square_m: f64) -> Result<Board, BoardError> {
         let name = format!("chessboard of {columns} x {rows} corners, squares of {} mm", square_m * 1e3);
         let mut board = Board::grid(name, columns, rows, square_m)?;
         let middle = Vector3::new(f64::from(columns - 1), -f64::from(rows - 1), 0.0) * (square_m / 2.0);
@@ -46,16 +46,16 @@ impl Board {
     /// The inner corners of a ChArUco board of `columns` × `rows` **squares**, numbered along the rows as OpenCV does.
     ///
     /// # Errors
-    /// [`BoardFault::BadBoard`] for fewer than 3 × 3 squares or a square that is not larger than 0.
-    pub fn charuco(columns: u32, rows: u32, square_m: f64) -> Result<Board, BoardFault> {
+    /// [`BoardError::BadBoard`] for fewer than 3 × 3 squares or a square that is not larger than 0.
+    pub fn charuco(columns: u32, rows: u32, square_m: f64) -> Result<Board, BoardError> {
         let name = format!("ChArUco board of {columns} x {rows} squares of {} mm", square_m * 1e3);
         Board::grid(name, columns.saturating_sub(1), rows.saturating_sub(1), square_m)
     }
 
-    fn grid(name: String, columns: u32, rows: u32, square_m: f64) -> Result<Board, BoardFault> {
+    fn grid(name: String, columns: u32, rows: u32, square_m: f64) -> Result<Board, BoardError> {
         if !((2..=200).contains(&columns) && (2..=200).contains(&rows) && square_m.is_finite() && square_m > 0.0) {
             let found = format!("{columns} x {rows} inner corners, squares of {square_m} m");
-            return Err(BoardFault::BadBoard {
+            return Err(BoardError::BadBoard {
                 found,
                 expected: "2 to 200 inner corners each way, squares larger than 0 m",
             });

@@ -4,7 +4,7 @@
 //! same when it is mirrored at the plane across the line of sight: D. Oberkampf, D. DeMenthon, L. Davis, "Iterative pose
 //! estimation using coplanar feature points", CVIU 63(3), 1996. Both poses are refined and both kept while the pixels allow.
 
-use foveate_geometry::{Camera, ResectionRules, refine_pose};
+use foveate_geometry::{Camera, ResectionOptions, refine_pose};
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Rotation3, SMatrix, UnitQuaternion, Vector2, Vector3};
 
 /// How many times the homography is fitted, each mark weighed by how well it fitted before.
@@ -141,10 +141,10 @@ pub(super) fn poses(camera: &Camera, places: &[Point3<f64>], pixels: &[Point2<f6
         return Vec::new();
     };
     let middle = kept_places.iter().fold(Vector3::zeros(), |sum, it| sum + it.coords) / kept_places.len() as f64;
-    let rules = ResectionRules { inlier_px, ..ResectionRules::default() };
+    let options = ResectionOptions { inlier_px, ..ResectionOptions::default() };
     let refined = |start: Isometry3<f64>| {
         let posed = Camera { camera_from_world: start, ..camera.clone() };
-        let found = refine_pose(&posed, places, pixels, &rules).ok()?;
+        let found = refine_pose(&posed, places, pixels, &options).ok()?;
         let right = found.right.iter().filter(|it| **it).count() as f64 / found.right.len() as f64;
         let in_front = (found.camera_from_world * Point3::from(middle)).z > 0.0;
         in_front.then_some(Posed {

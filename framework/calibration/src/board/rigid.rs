@@ -29,7 +29,7 @@ pub(super) struct Seen {
 }
 
 #[derive(Debug, Clone, Copy)]
-pub(super) struct RigidRules {
+pub(super) struct RigidOptions {
     pub loss: Loss,
     /// The board whose pose stays.
     pub held_board: Option<usize>,
@@ -40,7 +40,7 @@ pub(super) struct RigidRules {
     pub correlated: bool,
 }
 
-impl Default for RigidRules {
+impl Default for RigidOptions {
     fn default() -> Self {
         Self {
             loss: Loss::HUBER,
@@ -56,13 +56,13 @@ impl Default for RigidRules {
 /// Covariance of a camera's columns.
 pub(super) type Columns = SMatrix<f64, CLOCK, CLOCK>;
 
-/// Parameters that the sightings leave open: camera and name.
+/// Parameters that the observations leave open: camera and name.
 pub(super) type Open = Vec<(usize, &'static str)>;
 
 pub(super) struct Rigid {
     pub cameras: Vec<Camera>,
     pub world_from_board: Vec<Isometry3<f64>>,
-    /// By sighting: where the solution has it − where it was seen, `None` where the camera cannot see it [px].
+    /// By observation: where the solution has it − where it was seen, `None` where the camera cannot see it [px].
     pub residuals: Vec<Option<Vector2<f64>>>,
     pub cost: f64,
     /// By camera, if asked for; the parameters that stay open otherwise.
@@ -78,17 +78,17 @@ pub(super) fn adjust(
     freedoms: &[Freedom],
     boards: &[Isometry3<f64>],
     seen: &[Seen],
-    rules: &RigidRules,
+    options: &RigidOptions,
 ) -> Option<Rigid> {
     match freedoms.iter().map(Freedom::width).max().unwrap_or(0) {
-        0..=6 => run::<6>(cameras, freedoms, boards, seen, rules),
-        7..=9 => run::<9>(cameras, freedoms, boards, seen, rules),
-        _ => run::<15>(cameras, freedoms, boards, seen, rules),
+        0..=6 => run::<6>(cameras, freedoms, boards, seen, options),
+        7..=9 => run::<9>(cameras, freedoms, boards, seen, options),
+        _ => run::<15>(cameras, freedoms, boards, seen, options),
     }
 }
 
-/// One look of a camera at a board: a range of sightings.
-struct Look {
+/// One camera frame of a camera at a board: a range of observations.
+struct CameraFrame {
     camera: usize,
     board: usize,
     seen: Vec<usize>,
@@ -97,7 +97,7 @@ struct Look {
 struct Layout<'a> {
     seen: &'a [Seen],
     /// By board, in its order.
-    looks: Vec<Look>,
+    camera_frames: Vec<CameraFrame>,
     of_board: Vec<std::ops::Range<usize>>,
     /// By camera and column: the row of the reduced system.
     rows: Vec<[Option<usize>; CLOCK]>,
@@ -120,16 +120,16 @@ fn run<const C: usize>(
     freedoms: &[Freedom],
     boards: &[Isometry3<f64>],
     seen: &[Seen],
-    rules: &RigidRules,
+    options: &RigidOptions,
 ) -> Option<Rigid> {
-    let layout = lay_out(cameras, freedoms, boards, seen, rules.held_board);
-    if layout.looks.is_empty() {
+    let layout = lay_out(cameras, freedoms, boards, seen, options.held_board);
+    if layout.camera_frames.is_empty() {
         return None;
     }
     let (mut cameras, mut boards) = (cameras.to_vec(), boards.to_vec());
-    let mut here = Equations::<C>::at(&layout, &cameras, &boards, &rules.loss)?;
+    let mut here = Equations::<C>::at(&layout, &cameras, &boards, &options.loss)?;
     let (mut damping, mut growth) = (1e-4, 2.0);
-    for _ in 0..rules.max_iterations {
+    for _ in 0..options.max_iterations {
         let Some((step, of_boards)) = here.step(&layout, damping) else {
             damping *= growth;
             growth *= 2.0;
@@ -145,12 +145,12 @@ fn run<const C: usize>(
             .collect();
         let next_boards: Vec<Isometry3<f64>> =
             boards.iter().zip(&of_boards).map(|(board, step)| board_moved(board, step)).collect();
-        let promised = here.promised(&layout, &step, &of_boards);
-        let there = Equations::<C>::at(&layout, &next_cameras, &next_boards, &rules.loss);
-        let small = promised <= rules.relative_gain * here.cost.max(f64::MIN_POSITIVE);
+        let predicted_reduction = here.predicted_reduction(&layout, &step, &of_boards);
+        let there = Equations::<C>::at(&layout, &next_cameras, &next_boards, &options.loss);
+        let small = predicted_reduction <= options.relative_gain * here.cost.max(f64::MIN_POSITIVE);
         match there {
             Some(there) if there.cost <= here.cost => {
-                let gain = (here.cost - there.cost) / promised.max(f64::MIN_POSITIVE);
+                let gain = (here.cost - there.cost) / predicted_reduction.max(f64::MIN_POSITIVE);
                 damping = (damping * (1.0 - (2.0 * gain.min(1.5) - 1.0).powi(3)).max(1.0 / 3.0)).max(1e-15);
                 growth = 2.0;
                 (cameras, boards, here) = (next_cameras, next_boards, there);
@@ -170,7 +170,7 @@ fn run<const C: usize>(
     let residuals =
         seen.iter().map(|it| Some(cameras[it.camera].project(&(boards[it.board] * it.place))? - it.pixel)).collect();
     let mut columns = Vec::new();
-    let covariance = rules.covariance.then(|| {
+    let covariance = options.covariance.then(|| {
         let (information, _, inverses) = here.reduced(&layout, 0.0);
         let names = |open: &[usize]| {
             let name = |row: &usize| {
@@ -183,8 +183,8 @@ fn run<const C: usize>(
         };
         let whole = if layout.dimension == 0 { Ok(DMatrix::zeros(0, 0)) } else { invert_information(&information) };
         let mut whole = whole.map_err(|open| names(&open))?;
-        if rules.correlated {
-            whole = correlated(&layout, &here, &inverses, &cameras, &boards, &rules.loss).covariance(&whole, 0);
+        if options.correlated {
+            whole = correlated(&layout, &here, &inverses, &cameras, &boards, &options.loss).covariance(&whole, 0);
         }
         columns = layout
             .rows
@@ -207,22 +207,24 @@ fn correlated<const C: usize>(
 ) -> Correlated<C> {
     let posed: Vec<Posed<'_>> = cameras.iter().map(Posed::new).collect();
     let seeing: Vec<usize> = (0..boards.len()).filter(|it| !layout.of_board[*it].is_empty()).collect();
-    let linear = |look: &Look, seen: &Seen| {
+    let linear = |camera_frame: &CameraFrame, seen: &Seen| {
         let (pixel, by_camera, by_point) =
-            posed[look.camera].linearise::<C, false>(&(boards[look.board] * seen.place))?;
+            posed[camera_frame.camera].linearise::<C, false>(&(boards[camera_frame.board] * seen.place))?;
         let error = pixel - seen.pixel.coords;
         let per_variance = seen.sigma_px.powi(-2);
         let weight = loss.at(error.norm_squared() * per_variance).1 * per_variance;
-        let mut by_unknown = by_board(&by_point, &boards[look.board], &seen.place);
-        if layout.held_board == Some(look.board) {
+        let mut by_unknown = by_board(&by_point, &boards[camera_frame.board], &seen.place);
+        if layout.held_board == Some(camera_frame.board) {
             by_unknown.fill(0.0);
         }
-        let place = place(&seen.pixel, cameras[look.camera].image_size);
-        Some(Linear { camera: look.camera, weight, by_camera, by_unknown, error, place })
+        let place = place(&seen.pixel, cameras[camera_frame.camera].image_size);
+        Some(Linear { camera: camera_frame.camera, weight, by_camera, by_unknown, error, place })
     };
     let group = |(board, stretch): (&usize, usize)| {
-        let looks = &layout.looks[layout.of_board[*board].clone()];
-        let seen = looks.iter().flat_map(|look| look.seen.iter().filter_map(|it| linear(look, &layout.seen[*it])));
+        let camera_frames = &layout.camera_frames[layout.of_board[*board].clone()];
+        let seen = camera_frames
+            .iter()
+            .flat_map(|camera_frame| camera_frame.seen.iter().filter_map(|it| linear(camera_frame, &layout.seen[*it])));
         let is_held = layout.held_board == Some(*board);
         let inverse = if is_held { Matrix6::zeros() } else { inverses[*board] };
         Group { stretch, seen: seen.collect(), inverse, gradient: equations.gradient_of_board[*board] }
@@ -269,23 +271,24 @@ fn lay_out<'a>(
     seen: &'a [Seen],
     held_board: Option<usize>,
 ) -> Layout<'a> {
-    let mut by_look: std::collections::BTreeMap<(usize, usize), Vec<usize>> = std::collections::BTreeMap::new();
+    let mut by_frame: std::collections::BTreeMap<(usize, usize), Vec<usize>> = std::collections::BTreeMap::new();
     for (index, it) in seen.iter().enumerate() {
         // Marks that are out of view at the start have no derivative to lead them back.
         if cameras[it.camera].project(&(boards[it.board] * it.place)).is_some() {
-            by_look.entry((it.board, it.camera)).or_default().push(index);
+            by_frame.entry((it.board, it.camera)).or_default().push(index);
         }
     }
-    let looks: Vec<Look> = by_look.into_iter().map(|((board, camera), seen)| Look { camera, board, seen }).collect();
+    let camera_frames: Vec<CameraFrame> =
+        by_frame.into_iter().map(|((board, camera), seen)| CameraFrame { camera, board, seen }).collect();
     let mut of_board = vec![0..0; boards.len()];
-    for (index, look) in looks.iter().enumerate() {
-        let range = &mut of_board[look.board];
+    for (index, camera_frame) in camera_frames.iter().enumerate() {
+        let range = &mut of_board[camera_frame.board];
         *range = if range.start == range.end { index..index + 1 } else { range.start..index + 1 };
     }
     let mut dimension = 0;
     let mut rows = vec![[None; CLOCK]; cameras.len()];
     for (camera, freedom) in freedoms.iter().enumerate() {
-        if looks.iter().any(|it| it.camera == camera) {
+        if camera_frames.iter().any(|it| it.camera == camera) {
             for (column, free) in freedom.mask().into_iter().enumerate() {
                 rows[camera][column] = free.then(|| {
                     dimension += 1;
@@ -294,7 +297,7 @@ fn lay_out<'a>(
             }
         }
     }
-    Layout { seen, looks, of_board, rows, dimension, held_board }
+    Layout { seen, camera_frames, of_board, rows, dimension, held_board }
 }
 
 impl<const C: usize> Equations<C> {
@@ -304,26 +307,26 @@ impl<const C: usize> Equations<C> {
             gradient_of_camera: vec![SVector::zeros(); cameras.len()],
             of_board: vec![Matrix6::zeros(); boards.len()],
             gradient_of_board: vec![Vector6::zeros(); boards.len()],
-            between: vec![SMatrix::zeros(); layout.looks.len()],
+            between: vec![SMatrix::zeros(); layout.camera_frames.len()],
             cost: 0.0,
         };
         let posed: Vec<Posed<'_>> = cameras.iter().map(Posed::new).collect();
-        for (look, between) in layout.looks.iter().zip(&mut new.between) {
-            for seen in look.seen.iter().map(|it| &layout.seen[*it]) {
+        for (camera_frame, between) in layout.camera_frames.iter().zip(&mut new.between) {
+            for seen in camera_frame.seen.iter().map(|it| &layout.seen[*it]) {
                 let (pixel, by_camera, by_point) =
-                    posed[look.camera].linearise::<C, false>(&(boards[look.board] * seen.place))?;
+                    posed[camera_frame.camera].linearise::<C, false>(&(boards[camera_frame.board] * seen.place))?;
                 let per_variance = 1.0 / (seen.sigma_px * seen.sigma_px);
                 let error = pixel - seen.pixel.coords;
                 let (cost, weight) = loss.at(error.norm_squared() * per_variance);
                 new.cost += 0.5 * cost;
                 let weight = weight * per_variance;
-                let by_board = by_board(&by_point, &boards[look.board], &seen.place);
+                let by_board = by_board(&by_point, &boards[camera_frame.board], &seen.place);
                 let weighted = by_camera * weight;
-                new.of_camera[look.camera] += by_camera.tr_mul(&weighted);
-                new.gradient_of_camera[look.camera] += weighted.tr_mul(&error);
-                if layout.held_board != Some(look.board) {
-                    new.of_board[look.board] += by_board.tr_mul(&(by_board * weight));
-                    new.gradient_of_board[look.board] += by_board.tr_mul(&error) * weight;
+                new.of_camera[camera_frame.camera] += by_camera.tr_mul(&weighted);
+                new.gradient_of_camera[camera_frame.camera] += weighted.tr_mul(&error);
+                if layout.held_board != Some(camera_frame.board) {
+                    new.of_board[camera_frame.board] += by_board.tr_mul(&(by_board * weight));
+                    new.gradient_of_board[camera_frame.board] += by_board.tr_mul(&error) * weight;
                     *between += weighted.tr_mul(&by_board);
                 }
             }
@@ -365,11 +368,11 @@ impl<const C: usize> Equations<C> {
             inverses[board] = factor.inverse();
             for high in range.clone() {
                 let led_back = self.between[high] * inverses[board];
-                raise(layout.looks[high].camera, &-(led_back * self.gradient_of_board[board]));
+                raise(layout.camera_frames[high].camera, &-(led_back * self.gradient_of_board[board]));
                 for low in range.clone() {
                     add(
-                        layout.looks[high].camera,
-                        layout.looks[low].camera,
+                        layout.camera_frames[high].camera,
+                        layout.camera_frames[low].camera,
                         &-(led_back * self.between[low].transpose()),
                     );
                 }
@@ -382,8 +385,8 @@ impl<const C: usize> Equations<C> {
         let (information, gradient, inverses) = self.reduced(layout, damping);
         let step = if layout.dimension == 0 { gradient } else { information.cholesky()?.solve(&-gradient) };
         let mut of_boards: Vec<Vector6<f64>> = self.gradient_of_board.clone();
-        for (look, between) in layout.looks.iter().zip(&self.between) {
-            of_boards[look.board] += between.tr_mul(&block::<C>(layout, look.camera, &step));
+        for (camera_frame, between) in layout.camera_frames.iter().zip(&self.between) {
+            of_boards[camera_frame.board] += between.tr_mul(&block::<C>(layout, camera_frame.camera, &step));
         }
         for (of_board, inverse) in of_boards.iter_mut().zip(&inverses) {
             *of_board = -(inverse * *of_board);
@@ -393,18 +396,21 @@ impl<const C: usize> Equations<C> {
     }
 
     /// By how much the equations say that a step lowers the cost.
-    fn promised(&self, layout: &Layout<'_>, step: &DVector<f64>, of_boards: &[Vector6<f64>]) -> f64 {
-        let mut promised = 0.0;
+    fn predicted_reduction(&self, layout: &Layout<'_>, step: &DVector<f64>, of_boards: &[Vector6<f64>]) -> f64 {
+        let mut predicted_reduction = 0.0;
         for camera in 0..self.of_camera.len() {
             let own = block::<C>(layout, camera, step);
-            promised -= self.gradient_of_camera[camera].dot(&own) + 0.5 * own.dot(&(self.of_camera[camera] * own));
+            predicted_reduction -=
+                self.gradient_of_camera[camera].dot(&own) + 0.5 * own.dot(&(self.of_camera[camera] * own));
         }
         for (board, own) in of_boards.iter().enumerate() {
-            promised -= self.gradient_of_board[board].dot(own) + 0.5 * own.dot(&(self.of_board[board] * own));
+            predicted_reduction -=
+                self.gradient_of_board[board].dot(own) + 0.5 * own.dot(&(self.of_board[board] * own));
         }
-        for (look, between) in layout.looks.iter().zip(&self.between) {
-            promised -= block::<C>(layout, look.camera, step).dot(&(between * of_boards[look.board]));
+        for (camera_frame, between) in layout.camera_frames.iter().zip(&self.between) {
+            predicted_reduction -=
+                block::<C>(layout, camera_frame.camera, step).dot(&(between * of_boards[camera_frame.board]));
         }
-        promised
+        predicted_reduction
     }
 }

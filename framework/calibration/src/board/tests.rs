@@ -3,12 +3,12 @@
 use foveate_estimation::Random;
 use foveate_geometry::bundle::{Freedom, Optic};
 use foveate_geometry::self_calibration::CameraStatus;
-use foveate_geometry::{AlignmentRules, Camera, Distortion, camera_errors};
+use foveate_geometry::{AlignmentOptions, Camera, Distortion, camera_errors};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 
 use super::*;
-use crate::recording::{CameraGuess, Look, Recording, Spot};
-use crate::solved::SightingRole;
+use crate::recording::{CameraFrame, CameraGuess, Recording, Spot};
+use crate::solved::ObservationRole;
 
 const ALL: Freedom = Freedom {
     pose: true,
@@ -55,7 +55,7 @@ fn scene(n: usize, frames: usize, board: Board, seed: u64) -> Scene {
 }
 
 impl Scene {
-    fn look(&self, camera: usize, frame: usize, random: &mut Random) -> Look {
+    fn camera_frame(&self, camera: usize, frame: usize, random: &mut Random) -> CameraFrame {
         let eye = &self.cameras[camera];
         let board = &self.world_from_board[frame];
         let facing = (board * Vector3::z()).dot(&(eye.centre() - board * Point3::origin())) > 0.0;
@@ -64,7 +64,7 @@ impl Scene {
             let pixel = eye.sees(&(board * place))? + noise;
             Some(Spot { pixel, sigma_px: self.noise_px, peak: 1.0, label: Some(id) })
         });
-        Look { camera, time_s: frame as f64 * 0.1, spots: spots.collect() }
+        CameraFrame { camera, time_s: frame as f64 * 0.1, spots: spots.collect() }
     }
 
     fn recording(&self, free: Freedom, seed: u64) -> Recording {
@@ -80,20 +80,23 @@ impl Scene {
         };
         let cameras = self.cameras.iter().enumerate().map(guess).collect();
         let frames = self.world_from_board.len();
-        let looks = (0..frames).flat_map(|frame| (0..self.cameras.len()).map(move |camera| (camera, frame)));
-        Recording { cameras, looks: looks.map(|(camera, frame)| self.look(camera, frame, &mut random)).collect() }
+        let camera_frames = (0..frames).flat_map(|frame| (0..self.cameras.len()).map(move |camera| (camera, frame)));
+        Recording {
+            cameras,
+            camera_frames: camera_frames.map(|(camera, frame)| self.camera_frame(camera, frame, &mut random)).collect(),
+        }
     }
 }
 
 fn solved(recording: &Recording, board: &Board) -> BoardSolution {
-    calibrate(recording, board, &BoardRules::default()).unwrap()
+    calibrate(recording, board, &BoardOptions::default()).unwrap()
 }
 
 /// Worst distance of a centre [m] and worst rotation [rad], after a rigid fit.
 #[track_caller]
 fn errors(solution: &BoardSolution, truth: &[Camera]) -> (f64, f64) {
     let found: Vec<Camera> = solution.solved.cameras.iter().map(|it| it.camera.clone()).collect();
-    let errors = camera_errors(&found, truth, AlignmentRules::default()).unwrap();
+    let errors = camera_errors(&found, truth, AlignmentOptions::default()).unwrap();
     (errors.centres.iter().copied().fold(0.0, f64::max), errors.rotations.iter().copied().fold(0.0, f64::max))
 }
 
@@ -161,9 +164,9 @@ fn a_symmetric_board_that_each_camera_reads_its_own_way_round_is_put_right() {
         let mut recording = scene.recording(Freedom::POSE, seed);
         let mut random = Random::new(seed).fork("which way round");
         let turns = scene.board.turns().to_vec();
-        for look in &mut recording.looks {
+        for camera_frame in &mut recording.camera_frames {
             let turn = turns[random.below(turns.len() as u32) as usize];
-            for spot in &mut look.spots {
+            for spot in &mut camera_frame.spots {
                 let place = scene.board.place(spot.label.unwrap()).unwrap();
                 spot.label = Some(scene.board.nearest(&(turn * place)));
             }
@@ -172,7 +175,8 @@ fn a_symmetric_board_that_each_camera_reads_its_own_way_round_is_put_right() {
         let (centre, _) = errors(&solution, &scene.cameras);
         assert!(centre < 0.01 && solution.ambiguous.is_empty(), "{columns} x {rows}: {centre}");
         // Each mark has one label in a frame, whatever its cameras called it.
-        let off = solution.solved.sightings.iter().filter_map(|it| it.residual).map(|it| it.norm()).fold(0.0, f64::max);
+        let off =
+            solution.solved.observations.iter().filter_map(|it| it.residual).map(|it| it.norm()).fold(0.0, f64::max);
         assert!(off < 2.0, "{off}");
     }
 }
@@ -193,7 +197,7 @@ fn a_single_frame_of_a_symmetric_board_is_said_to_be_ambiguous_and_a_guess_decid
     let mut scene = scene(3, 1, Board::chessboard(8, 6, 0.115).unwrap(), 5);
     scene.world_from_board[0] = Translation3::new(-0.4, 0.3, -0.3) * UnitQuaternion::identity();
     let mut recording = scene.recording(Freedom::POSE, 5);
-    for spot in &mut recording.looks[1].spots {
+    for spot in &mut recording.camera_frames[1].spots {
         spot.label = spot.label.map(|it| 47 - it);
     }
     let solution = solved(&recording, &scene.board);
@@ -202,8 +206,8 @@ fn a_single_frame_of_a_symmetric_board_is_said_to_be_ambiguous_and_a_guess_decid
         let off = UnitQuaternion::from_scaled_axis(Vector3::new(0.1, -0.1, 0.1));
         guess.camera.camera_from_world = off * truth.camera_from_world;
     }
-    let rules = BoardRules { poses_guessed: true, floor_time_s: Some(0.0), ..BoardRules::default() };
-    let solution = calibrate(&recording, &scene.board, &rules).unwrap();
+    let options = BoardOptions { poses_guessed: true, floor_time_s: Some(0.0), ..BoardOptions::default() };
+    let solution = calibrate(&recording, &scene.board, &options).unwrap();
     let (centre, _) = errors(&solution, &scene.cameras);
     assert!(centre < 0.02 && solution.ambiguous.is_empty(), "{centre}");
     // The board on the floor is the world, with Z up.
@@ -222,9 +226,9 @@ fn a_pose_and_its_mirror_image_are_both_seen_and_the_frames_decide() {
     }
     scene.noise_px = 0.5;
     let mut random = Random::new(7);
-    let look = scene.look(0, 3, &mut random);
-    let places: Vec<_> = look.spots.iter().map(|it| scene.board.place(it.label.unwrap()).unwrap()).collect();
-    let pixels: Vec<_> = look.spots.iter().map(|it| it.pixel).collect();
+    let camera_frame = scene.camera_frame(0, 3, &mut random);
+    let places: Vec<_> = camera_frame.spots.iter().map(|it| scene.board.place(it.label.unwrap()).unwrap()).collect();
+    let pixels: Vec<_> = camera_frame.spots.iter().map(|it| it.pixel).collect();
     let poses = plane::poses(&scene.cameras[0], &places, &pixels, 6.0);
     assert_eq!(poses.len(), 2);
     let truth = scene.cameras[0].camera_from_world * scene.world_from_board[3];
@@ -241,7 +245,7 @@ fn a_pose_and_its_mirror_image_are_both_seen_and_the_frames_decide() {
 fn one_camera_alone_gets_its_optics_and_one_that_saw_nothing_is_named() {
     let scene = scene(2, 15, charuco(), 11);
     let mut recording = scene.recording(ALL, 11);
-    recording.looks.iter_mut().filter(|it| it.camera == 1).for_each(|it| it.spots.clear());
+    recording.camera_frames.iter_mut().filter(|it| it.camera == 1).for_each(|it| it.spots.clear());
     let solution = solved(&recording, &scene.board);
     let cameras = &solution.solved.cameras;
     assert_eq!(cameras[0].status, CameraStatus::Calibrated);
@@ -253,7 +257,7 @@ fn one_camera_alone_gets_its_optics_and_one_that_saw_nothing_is_named() {
         cameras[0].camera.intrinsics,
         scene.cameras[0].intrinsics
     );
-    assert_eq!(cameras[1].status, CameraStatus::TooFewSightings { frames: 0, needed: 1 });
+    assert_eq!(cameras[1].status, CameraStatus::TooFewObservations { frames: 0, needed: 1 });
     assert_eq!(cameras[1].camera, recording.cameras[1].camera);
 }
 
@@ -287,8 +291,8 @@ fn optics_that_the_views_cannot_hold_are_refused_with_the_reason() {
     // A focal length that was stated is kept, and the camera is placed by it.
     let mut stated = flat.recording(ALL, 13);
     stated.cameras[0].camera.intrinsics = flat.cameras[0].intrinsics;
-    let rules = BoardRules { focal_guessed: false, ..BoardRules::default() };
-    let solution = calibrate(&stated, &flat.board, &rules).unwrap();
+    let options = BoardOptions { focal_guessed: false, ..BoardOptions::default() };
+    let solution = calibrate(&stated, &flat.board, &options).unwrap();
     let camera = &solution.solved.cameras[0];
     assert_eq!((camera.status.clone(), camera.freed.focal), (CameraStatus::Calibrated, false));
     assert_eq!(camera.camera.intrinsics.focal, flat.cameras[0].intrinsics.focal);
@@ -300,16 +304,16 @@ fn optics_that_the_views_cannot_hold_are_refused_with_the_reason() {
 }
 
 fn solved_or_refused(recording: &Recording, board: &Board) -> OpticsFit {
-    match calibrate(recording, board, &BoardRules::default()) {
+    match calibrate(recording, board, &BoardOptions::default()) {
         Ok(solution) => solution.optics[0].clone(),
-        Err(BoardFault::NoPose { .. }) => {
+        Err(BoardError::NoPose { .. }) => {
             // With its focal length known it can be placed; the refusals are those of the optics alone.
-            let (looks, views) = (recording, views::views_of(recording, board, &BoardRules::default()));
+            let (camera_frames, views) = (recording, views::views_of(recording, board, &BoardOptions::default()));
             optics::fit(
-                &looks.cameras[0].camera,
-                looks.cameras[0].free,
+                &camera_frames.cameras[0].camera,
+                camera_frames.cameras[0].free,
                 &views.iter().collect::<Vec<_>>(),
-                &BoardRules::default(),
+                &BoardOptions::default(),
             )
         }
         Err(fault) => panic!("{fault}"),
@@ -322,15 +326,15 @@ fn wrong_and_doubled_numbers_do_little_harm() {
     let mut recording = scene.recording(Freedom::POSE, 17);
     let mut random = Random::new(17);
     let mut doubled = 0;
-    for look in &mut recording.looks {
-        for spot in &mut look.spots {
+    for camera_frame in &mut recording.camera_frames {
+        for spot in &mut camera_frame.spots {
             if random.uniform() < 0.1 {
                 spot.pixel += Vector2::new(random.normal(), random.normal()) * 40.0;
             }
         }
-        if let Some(first) = look.spots.first().copied() {
-            look.spots.push(Spot { pixel: first.pixel + Vector2::new(30.0, 0.0), ..first });
-            look.spots.push(Spot { pixel: first.pixel * f64::NAN, label: Some(3), ..first });
+        if let Some(first) = camera_frame.spots.first().copied() {
+            camera_frame.spots.push(Spot { pixel: first.pixel + Vector2::new(30.0, 0.0), ..first });
+            camera_frame.spots.push(Spot { pixel: first.pixel * f64::NAN, label: Some(3), ..first });
             doubled += 3;
         }
     }
@@ -338,31 +342,34 @@ fn wrong_and_doubled_numbers_do_little_harm() {
     assert_eq!(solution.unusable_spots, doubled);
     let (centre, _) = errors(&solution, &scene.cameras);
     assert!(centre < 0.01, "{centre}");
-    assert!(solution.solved.sightings.iter().any(|it| it.role == SightingRole::Rejected));
+    assert!(solution.solved.observations.iter().any(|it| it.role == ObservationRole::Rejected));
 }
 
 #[test]
 fn a_board_of_another_size_and_pictures_without_one_are_refused() {
     let scene = scene(2, 8, Board::chessboard(8, 6, 0.05).unwrap(), 19);
     let recording = scene.recording(Freedom::POSE, 19);
-    let fault = calibrate(&recording, &Board::chessboard(6, 8, 0.05).unwrap(), &BoardRules::default()).unwrap_err();
-    assert!(matches!(fault, BoardFault::OtherBoard { .. }), "{fault}");
+    let fault = calibrate(&recording, &Board::chessboard(6, 8, 0.05).unwrap(), &BoardOptions::default()).unwrap_err();
+    assert!(matches!(fault, BoardError::OtherBoard { .. }), "{fault}");
     let mut blank = recording.clone();
-    blank.looks.iter_mut().for_each(|it| it.spots.clear());
-    let fault = calibrate(&blank, &scene.board, &BoardRules::default()).unwrap_err();
-    assert!(matches!(fault, BoardFault::NoBoardSeen { unusable: 0, .. }), "{fault}");
+    blank.camera_frames.iter_mut().for_each(|it| it.spots.clear());
+    let fault = calibrate(&blank, &scene.board, &BoardOptions::default()).unwrap_err();
+    assert!(matches!(fault, BoardError::NoBoardSeen { unusable: 0, .. }), "{fault}");
     assert!(matches!(
-        calibrate(&Recording::default(), &scene.board, &BoardRules::default()),
-        Err(BoardFault::NoBoardSeen { .. })
+        calibrate(&Recording::default(), &scene.board, &BoardOptions::default()),
+        Err(BoardError::NoBoardSeen { .. })
     ));
     let mut wrong = recording.clone();
-    wrong.looks[0].camera = 9;
+    wrong.camera_frames[0].camera = 9;
     assert!(matches!(
-        calibrate(&wrong, &scene.board, &BoardRules::default()),
-        Err(BoardFault::NoSuchCamera { look: 0, camera: 9, cameras: 2 })
+        calibrate(&wrong, &scene.board, &BoardOptions::default()),
+        Err(BoardError::NoSuchCamera { camera_frame: 0, camera: 9, cameras: 2 })
     ));
-    let rules = BoardRules { inlier_px: f64::NAN, ..BoardRules::default() };
-    assert!(matches!(calibrate(&recording, &scene.board, &rules), Err(BoardFault::BadRule { rule: "inlier_px", .. })));
+    let options = BoardOptions { inlier_px: f64::NAN, ..BoardOptions::default() };
+    assert!(matches!(
+        calibrate(&recording, &scene.board, &options),
+        Err(BoardError::BadRule { rule: "inlier_px", .. })
+    ));
     for (columns, rows, square_m) in
         [(1, 6, 0.1), (8, 1, 0.1), (8, 6, 0.0), (8, 6, -0.1), (8, 6, f64::NAN), (8, 1000, 0.1)]
     {
@@ -382,8 +389,10 @@ fn optics_are_not_bent_to_make_up_for_a_clock_that_differs() {
         *board = Translation3::from(moved) * *board;
     }
     let later = scene.recording(ALL, 29);
-    for (look, later) in recording.looks.iter_mut().zip(later.looks).filter(|it| it.0.camera == 2) {
-        *look = later;
+    for (camera_frame, later) in
+        recording.camera_frames.iter_mut().zip(later.camera_frames).filter(|it| it.0.camera == 2)
+    {
+        *camera_frame = later;
     }
     let solution = solved(&recording, &scene.board);
     for (found, truth) in solution.solved.cameras.iter().zip(&scene.cameras) {
@@ -398,7 +407,7 @@ fn optics_are_not_bent_to_make_up_for_a_clock_that_differs() {
 fn two_groups_that_share_no_frame_are_told_apart() {
     let scene = scene(4, 24, charuco(), 23);
     let mut recording = scene.recording(Freedom::POSE, 23);
-    recording.looks.retain(|it| ((it.time_s * 10.0).round() as usize).is_multiple_of(2) == (it.camera < 2));
+    recording.camera_frames.retain(|it| ((it.time_s * 10.0).round() as usize).is_multiple_of(2) == (it.camera < 2));
     let solution = solved(&recording, &scene.board);
     let statuses: Vec<_> = solution.solved.cameras.iter().map(|it| it.status.clone()).collect();
     let separate = |it: &&CameraStatus| matches!(it, CameraStatus::Separate { .. });

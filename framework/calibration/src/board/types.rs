@@ -8,7 +8,7 @@ use crate::solved::Solved;
 
 /// How to go about it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct BoardRules {
+pub struct BoardOptions {
     /// Looks of different cameras that are at most this far apart in time are of one frame [s].
     pub frame_tolerance_s: f64,
     /// A mark that is at most this far from where the solution has it is a right one [px].
@@ -29,11 +29,11 @@ pub struct BoardRules {
     pub focal_guessed: bool,
     /// Whether the poses given are roughly right. They then decide between answers that the pictures cannot tell apart, and nothing else.
     pub poses_guessed: bool,
-    /// Each so many-th frame is kept back to test the solution; 0: none. With fewer than ten frames for it, marks are kept back instead.
+    /// Each so many-th frame is held out to test the solution; 0: none. With fewer than ten frames for it, marks are held out instead.
     pub hold_out_every: usize,
 }
 
-impl Default for BoardRules {
+impl Default for BoardOptions {
     fn default() -> Self {
         Self {
             frame_tolerance_s: 0.002,
@@ -138,7 +138,7 @@ pub struct BoardPose {
     pub world_from_board: Isometry3<f64>,
 }
 
-/// How well what was kept back is foretold.
+/// How well what was held out is foretold.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HoldOut {
     /// Median distance [px].
@@ -147,14 +147,14 @@ pub struct HoldOut {
     pub rms_px: f64,
     /// How many marks.
     pub marks: usize,
-    /// Whether whole frames were kept back, each mark being foretold from the other cameras; marks of frames in use otherwise.
+    /// Whether whole frames were held out, each mark being foretold from the other cameras; marks of frames in use otherwise.
     pub frames: bool,
 }
 
 /// A room that was solved from a board, and what is worth knowing beside it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoardSolution {
-    /// Cameras, marks and sightings, in metres of the board.
+    /// Cameras, marks and observations, in metres of the board.
     pub solved: Solved,
     /// Optics by camera, each from its own views.
     pub optics: Vec<OpticsFit>,
@@ -164,7 +164,7 @@ pub struct BoardSolution {
     pub rms_px: f64,
     /// Median distance of the marks in use [px].
     pub median_px: f64,
-    /// What was kept back, if that is anything.
+    /// What was held out, if that is anything.
     pub hold_out: Option<HoldOut>,
     /// Cameras that could as well stand elsewhere: the board looks alike from there (turned, or mirrored from afar), and no frame decides.
     pub ambiguous: Vec<usize>,
@@ -176,7 +176,7 @@ pub struct BoardSolution {
 
 /// Why there is no answer at all.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum BoardFault {
+pub enum BoardError {
     /// A board that cannot be.
     #[error("a board of {found}, expected {expected}")]
     BadBoard {
@@ -201,13 +201,13 @@ pub enum BoardFault {
         /// Its name.
         camera: String,
         /// What is wrong.
-        fault: foveate_geometry::CameraFault,
+        fault: foveate_geometry::CameraError,
     },
     /// A look of a camera that does not exist.
-    #[error("look {look} is of camera {camera}, expected less than {cameras}")]
+    #[error("look {camera_frame} is of camera {camera}, expected less than {cameras}")]
     NoSuchCamera {
         /// Which look.
-        look: usize,
+        camera_frame: usize,
         /// Its camera.
         camera: usize,
         /// How many there are.
@@ -215,11 +215,11 @@ pub enum BoardFault {
     },
     /// No picture shows the board.
     #[error(
-        "none of {looks} pictures shows {needed} marks of the {board} ({unusable} spots have no number that is on it, or one twice)"
+        "none of {camera_frames} pictures shows {needed} marks of the {board} ({unusable} spots have no number that is on it, or one twice)"
     )]
     NoBoardSeen {
         /// Pictures.
-        looks: usize,
+        camera_frames: usize,
         /// Marks that make a view.
         needed: usize,
         /// The board.

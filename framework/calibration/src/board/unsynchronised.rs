@@ -12,11 +12,11 @@ use nalgebra::{Point2, Point3, Vector2};
 use super::optics::{self, View};
 use super::pattern::Board;
 use super::plane;
-use super::types::{BoardFault, BoardRules};
+use super::types::{BoardError, BoardOptions};
 use super::views::{check, frames, gather};
-use crate::clocks::{ClockFault, ClockRules, FrameRules, in_turn, on_one_clock, synchronise};
-use crate::recording::{Look, Recording, Spot};
-use crate::room::OneClock;
+use crate::clocks::{ClockError, ClockOptions, FrameOptions, in_turn, on_one_clock, synchronise};
+use crate::network::OneClock;
+use crate::recording::{CameraFrame, Recording, Spot};
 
 /// Marks around its middle that tell where that is; over more of them distortion bends the board [–].
 const AROUND: usize = 16;
@@ -28,27 +28,27 @@ const MIDDLE: u32 = 0;
 pub enum NoBoardClocks {
     /// The board cannot be calibrated with, whatever the clocks.
     #[error(transparent)]
-    Board(#[from] BoardFault),
+    Board(#[from] BoardError),
     /// The clocks cannot be found.
     #[error(transparent)]
-    Clocks(#[from] ClockFault),
+    Clocks(#[from] ClockError),
 }
 
-/// The recording of a moving board at moments that all cameras share. Clocks of constant offset only: [`ClockRules::max_drift`] is taken as 0.
+/// The recording of a moving board at moments that all cameras share. Clocks of constant offset only: [`ClockOptions::max_drift`] is taken as 0.
 ///
 /// # Errors
 /// See [`NoBoardClocks`].
 pub fn board_on_one_clock(
     recording: &Recording,
     board: &Board,
-    rules: &BoardRules,
-    clock_rules: &ClockRules,
+    options: &BoardOptions,
+    clock_options: &ClockOptions,
 ) -> Result<OneClock, NoBoardClocks> {
-    check(recording, rules)?;
-    let clock_rules = ClockRules { max_drift: 0.0, ..*clock_rules };
-    let found = synchronise(&paths(recording, board, rules, &clock_rules)?, &clock_rules)?;
-    let frame_rules = FrameRules { max_gap_s: clock_rules.max_gap_s, ..FrameRules::default() };
-    let recording = on_one_clock(recording, &found.clocks, &frame_rules);
+    check(recording, options)?;
+    let clock_options = ClockOptions { max_drift: 0.0, ..*clock_options };
+    let found = synchronise(&paths(recording, board, options, &clock_options)?, &clock_options)?;
+    let frame_options = FrameOptions { max_gap_s: clock_options.max_gap_s, ..FrameOptions::default() };
+    let recording = on_one_clock(recording, &found.clocks, &frame_options);
     let shared = OneClock { recording, clocks: found.clocks, status: found.status, reference: found.reference };
     Ok(shared.if_several()?)
 }
@@ -57,14 +57,15 @@ pub fn board_on_one_clock(
 fn paths(
     recording: &Recording,
     board: &Board,
-    rules: &BoardRules,
-    clock_rules: &ClockRules,
-) -> Result<Recording, BoardFault> {
-    let (looks, views, ..) = gather(recording, board, rules)?;
+    options: &BoardOptions,
+    clock_options: &ClockOptions,
+) -> Result<Recording, BoardError> {
+    let (camera_frames, views, ..) = gather(recording, board, options)?;
     let mut cameras = recording.cameras.clone();
     for (camera, guess) in cameras.iter_mut().enumerate() {
-        let own: Vec<&View> = looks.iter().zip(&views).filter(|it| it.0.camera == camera).map(|it| it.1).collect();
-        let fit = optics::fit(&guess.camera, guess.free, &own, rules);
+        let own: Vec<&View> =
+            camera_frames.iter().zip(&views).filter(|it| it.0.camera == camera).map(|it| it.1).collect();
+        let fit = optics::fit(&guess.camera, guess.free, &own, options);
         // A focal length that its views do not hold may still be found with the others.
         guess.free = Freedom { focal: guess.free.focal && !fit.freed.focal, ..Freedom::POSE };
         guess.camera = fit.camera;
@@ -79,26 +80,27 @@ fn paths(
     let marks: BTreeSet<u32> = ends.into_iter().flatten().chain([board.nearest(&middle)]).collect();
     let labels: Vec<u32> = if is_turned { vec![MIDDLE] } else { marks.into_iter().collect() };
     let mut seen: BTreeMap<(usize, usize), Vec<Spot>> = BTreeMap::new();
-    for (look, view) in looks.iter().zip(&views) {
+    for (camera_frame, view) in camera_frames.iter().zip(&views) {
         let spot = |(id, at): (&u32, usize)| Spot {
-            pixel: look.pixels[at],
-            sigma_px: look.sigmas[at],
+            pixel: camera_frame.pixels[at],
+            sigma_px: camera_frame.sigmas[at],
             peak: 1.0,
             label: Some(*id),
         };
         let spots = match is_turned {
             true => picture_of(&middle, view).into_iter().collect(),
-            false => look.ids.iter().zip(0..).filter(|it| labels.contains(it.0)).map(spot).collect(),
+            false => camera_frame.ids.iter().zip(0..).filter(|it| labels.contains(it.0)).map(spot).collect(),
         };
-        seen.insert((look.frame, look.camera), spots);
+        seen.insert((camera_frame.frame, camera_frame.camera), spots);
     }
-    let of_look = frames(recording, rules.frame_tolerance_s);
-    let look = |(it, frame): (&Look, usize)| {
+    let of_frame = frames(recording, options.frame_tolerance_s);
+    let camera_frame = |(it, frame): (&CameraFrame, usize)| {
         let spots = seen.remove(&(frame, it.camera)).unwrap_or_default();
-        Look { camera: it.camera, time_s: it.time_s, spots }
+        CameraFrame { camera: it.camera, time_s: it.time_s, spots }
     };
-    let recording = Recording { cameras, looks: recording.looks.iter().zip(of_look).map(look).collect() };
-    Ok(in_turn(&recording, &labels, clock_rules.max_offset_s))
+    let recording =
+        Recording { cameras, camera_frames: recording.camera_frames.iter().zip(of_frame).map(camera_frame).collect() };
+    Ok(in_turn(&recording, &labels, clock_options.max_offset_s))
 }
 
 /// Where the `middle` of the board is in a view, by the marks next to it; `None` where it is beyond the marks that are seen.

@@ -5,9 +5,9 @@ use foveate_geometry::self_calibration::CameraStatus;
 use nalgebra::{Unit, Vector3};
 
 use super::maps::{Pattern, ResidualMap, map};
-use super::room::Room;
-use super::{CheckRules, Judgement, Level};
-use crate::solved::SightingRole;
+use super::network::Room;
+use super::{CheckOptions, Judgement, Level};
+use crate::solved::ObservationRole;
 
 /// What can be said of one camera.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,8 +18,8 @@ pub struct CameraCheck {
     pub name: String,
     /// Whether its pose was found.
     pub calibrated: bool,
-    /// Its sightings: in use, kept back, rejected [–].
-    pub sightings: [usize; 3],
+    /// Its observations: in use, held out, rejected [–].
+    pub observations: [usize; 3],
     /// How far away the light was; `None` without a point.
     pub depth: Option<DepthRange>,
     /// Its residuals over its picture; `None` without any.
@@ -67,39 +67,40 @@ const FOCAL_SIGMA: [f64; 2] = [0.01, 0.05];
 const PLACES: [&str; 9] =
     ["upper left", "top", "upper right", "left edge", "middle", "right edge", "lower left", "bottom", "lower right"];
 
-pub(super) fn camera(room: &Room<'_>, camera: usize) -> CameraCheck {
-    let own = &room.solved.cameras[camera];
+pub(super) fn camera(network: &Room<'_>, camera: usize) -> CameraCheck {
+    let own = &network.solved.cameras[camera];
     let calibrated = own.status == CameraStatus::Calibrated;
-    let roles = [SightingRole::Used, SightingRole::HeldOut, SightingRole::Rejected];
-    let of_role =
-        |role: SightingRole| room.solved.sightings.iter().filter(|it| it.camera == camera && it.role == role).count();
-    let (depth, residuals) = if calibrated { (depth(room, camera), map(room, camera)) } else { (None, None) };
-    let pose = pose(room, camera, depth.as_ref());
-    let wave = wave(room, camera, depth.as_ref());
+    let roles = [ObservationRole::Used, ObservationRole::HeldOut, ObservationRole::Rejected];
+    let of_role = |role: ObservationRole| {
+        network.solved.observations.iter().filter(|it| it.camera == camera && it.role == role).count()
+    };
+    let (depth, residuals) = if calibrated { (depth(network, camera), map(network, camera)) } else { (None, None) };
+    let pose = pose(network, camera, depth.as_ref());
+    let wave = wave(network, camera, depth.as_ref());
     let mut check = CameraCheck {
         judgement: Judgement::default(),
         name: own.name.clone(),
         calibrated,
-        sightings: roles.map(of_role),
+        observations: roles.map(of_role),
         depth,
         residuals,
         pose,
         wave,
     };
-    check.judgement = judge(room, camera, &check);
+    check.judgement = judge(network, camera, &check);
     check
 }
 
-fn depth(room: &Room<'_>, camera: usize) -> Option<DepthRange> {
-    let model = &room.solved.cameras[camera].camera;
-    let depths: Vec<f64> = room.points_of(camera).iter().map(|it| (model.camera_from_world * it).z).collect();
+fn depth(network: &Room<'_>, camera: usize) -> Option<DepthRange> {
+    let model = &network.solved.cameras[camera].camera;
+    let depths: Vec<f64> = network.points_of(camera).iter().map(|it| (model.camera_from_world * it).z).collect();
     let at = |percent: f64| percentile(&depths, percent);
     let (nearest, farthest) = (at(5.0)?, at(95.0)?);
     Some(DepthRange { nearest, median: at(50.0)?, farthest, ratio: farthest / nearest })
 }
 
-fn pose(room: &Room<'_>, camera: usize, depth: Option<&DepthRange>) -> Option<PoseQuality> {
-    let own = &room.solved.cameras[camera];
+fn pose(network: &Room<'_>, camera: usize, depth: Option<&DepthRange>) -> Option<PoseQuality> {
+    let own = &network.solved.cameras[camera];
     let covariance = own.covariance.as_ref().filter(|_| own.status == CameraStatus::Calibrated)?;
     let centre = covariance.centre.symmetric_eigen();
     let weakest = centre.eigenvalues.imax();
@@ -114,12 +115,12 @@ fn pose(room: &Room<'_>, camera: usize, depth: Option<&DepthRange>) -> Option<Po
     })
 }
 
-/// Ninths of the picture, row by row, in which a camera's sightings that were not rejected are scarce.
-pub(super) fn empty_ninths(room: &Room<'_>, camera: usize) -> Vec<usize> {
-    let [width, height] = room.solved.cameras[camera].camera.image_size.map(f64::from);
+/// Ninths of the picture, row by row, in which a camera's observations that were not rejected are scarce.
+pub(super) fn empty_ninths(network: &Room<'_>, camera: usize) -> Vec<usize> {
+    let [width, height] = network.solved.cameras[camera].camera.image_size.map(f64::from);
     let mut counts = [0_usize; 9];
-    let own = room.of_camera[camera].iter().map(|it| &room.solved.sightings[*it]);
-    for pixel in own.filter(|it| it.role != SightingRole::Rejected).map(|it| it.pixel) {
+    let own = network.of_camera[camera].iter().map(|it| &network.solved.observations[*it]);
+    for pixel in own.filter(|it| it.role != ObservationRole::Rejected).map(|it| it.pixel) {
         let third = |at: f64, of: f64| ((3.0 * (at + 0.5) / of) as usize).min(2);
         counts[3 * third(pixel.y, height) + third(pixel.x, width)] += 1;
     }
@@ -128,16 +129,16 @@ pub(super) fn empty_ninths(room: &Room<'_>, camera: usize) -> Vec<usize> {
 }
 
 /// The empty part of the picture, or else the depth that is missing.
-fn wave(room: &Room<'_>, camera: usize, depth: Option<&DepthRange>) -> Option<String> {
-    let empty = empty_ninths(room, camera);
+fn wave(network: &Room<'_>, camera: usize, depth: Option<&DepthRange>) -> Option<String> {
+    let empty = empty_ninths(network, camera);
     match empty[..] {
         [] => {
-            let depth = depth.filter(|it| it.ratio < room.rules.depth_ratio)?;
+            let depth = depth.filter(|it| it.ratio < network.options.depth_ratio)?;
             Some(format!(
                 "nearer to it and farther away (all was {:.1} to {:.1} {} away)",
                 depth.nearest,
                 depth.farthest,
-                room.unit()
+                network.unit()
             ))
         }
         _ if empty.len() >= ALMOST_ALL => Some("over its whole picture".to_owned()),
@@ -148,25 +149,26 @@ fn wave(room: &Room<'_>, camera: usize, depth: Option<&DepthRange>) -> Option<St
     }
 }
 
-fn judge(room: &Room<'_>, camera: usize, check: &CameraCheck) -> Judgement {
+fn judge(network: &Room<'_>, camera: usize, check: &CameraCheck) -> Judgement {
     let name = &check.name;
-    let status = &room.solved.cameras[camera].status;
+    let status = &network.solved.cameras[camera].status;
     if !check.calibrated {
-        return Judgement::new(Level::Usable, uncalibrated(room, camera, status));
+        return Judgement::new(Level::Usable, uncalibrated(network, camera, status));
     }
     let place = check.wave.clone().unwrap_or_else(|| "in front of it, near and far".to_owned());
     let wave = format!("wave {place}");
     let Some(pose) = &check.pose else {
         return Judgement::new(Level::Redo, format!("What was seen leaves the pose of camera {name} open: {wave}."));
     };
-    let rules = room.rules;
-    let by_centre = CheckRules::level(pose.relative, rules.centre_sigma);
-    let by_turn = CheckRules::level(1e3 * pose.turn_sigma, rules.turn_sigma_mrad);
-    let by_focal = CheckRules::level(pose.focal_sigma, FOCAL_SIGMA);
-    let shallow = check.depth.is_some_and(|it| it.ratio < rules.depth_ratio) && room.solved.cameras[camera].freed.focal;
+    let options = network.options;
+    let by_centre = CheckOptions::level(pose.relative, options.centre_sigma);
+    let by_turn = CheckOptions::level(1e3 * pose.turn_sigma, options.turn_sigma_mrad);
+    let by_focal = CheckOptions::level(pose.focal_sigma, FOCAL_SIGMA);
+    let shallow =
+        check.depth.is_some_and(|it| it.ratio < options.depth_ratio) && network.solved.cameras[camera].freed.focal;
     let level = by_centre.max(by_turn).max(by_focal).max(if shallow { Level::Usable } else { Level::Good });
     if level > Level::Good {
-        let centre = length(pose.centre_sigma, room.unit());
+        let centre = length(pose.centre_sigma, network.unit());
         let sentence = if level == by_focal && pose.focal_sigma > 0.0 {
             format!("The focal length of camera {name} is known to {:.1} % only: {wave}.", 100.0 * pose.focal_sigma)
         } else if level > Level::Good && by_centre.max(by_turn) == level {
@@ -180,7 +182,7 @@ fn judge(room: &Room<'_>, camera: usize, check: &CameraCheck) -> Judgement {
         return Judgement::new(level, sentence);
     }
     let unconfirmed =
-        room.solved.cameras[camera].clock.is_some_and(|it| it.pairs == 1) && room.calibrated().count() > 2;
+        network.solved.cameras[camera].clock.is_some_and(|it| it.pairs == 1) && network.calibrated().count() > 2;
     if unconfirmed {
         let sentence = format!(
             "The clock of camera {name} was found beside a single other, which no third confirms: look for clocks that are further apart, or wave where it and two others see."
@@ -210,12 +212,12 @@ pub(super) fn length(value: f64, unit: &str) -> String {
     }
 }
 
-fn uncalibrated(room: &Room<'_>, camera: usize, status: &CameraStatus) -> String {
-    let name = room.name(camera);
-    let of = |camera: &usize| room.solved.cameras.get(*camera).map_or("?", |it| it.name.as_str());
+fn uncalibrated(network: &Room<'_>, camera: usize, status: &CameraStatus) -> String {
+    let name = network.name(camera);
+    let of = |camera: &usize| network.solved.cameras.get(*camera).map_or("?", |it| it.name.as_str());
     match status {
         CameraStatus::Calibrated => unreachable!("only cameras that are not calibrated come here"),
-        CameraStatus::TooFewSightings { frames, needed } => {
+        CameraStatus::TooFewObservations { frames, needed } => {
             format!("Camera {name} saw the light in {frames} frames, {needed} are needed: wave longer in front of it.")
         }
         CameraStatus::LightStill { .. } => {
@@ -228,8 +230,8 @@ fn uncalibrated(room: &Room<'_>, camera: usize, status: &CameraStatus) -> String
             format!("Camera {name} never sees the light together with another: wave where it and another see.")
         }
         // One that says so of itself had no other to be compared with, such as before a board.
-        CameraStatus::Inconsistent { best, common, .. } if *common < room.rules.min_common && *best != camera => {
-            let partners: Vec<&str> = room.partners(camera).into_iter().take(4).map(|it| room.name(it)).collect();
+        CameraStatus::Inconsistent { best, common, .. } if *common < network.options.min_common && *best != camera => {
+            let partners: Vec<&str> = network.partners(camera).into_iter().take(4).map(|it| network.name(it)).collect();
             let with = match partners[..] {
                 [] => "together with no other".to_owned(),
                 _ => match partners.len() {

@@ -1,63 +1,66 @@
-//! Sightings kept back, and lengths that are known.
+//! Observations held out, and lengths that are known.
 
 use foveate_estimation::statistics::{SIGMA_PER_MAD, Summary, mad, median};
 use nalgebra::Point3;
 
-use super::room::{MEDIAN_CHI2, Room};
-use super::{CheckRules, Judgement, Level};
-use crate::solved::SightingRole;
+use super::network::{MEDIAN_CHI2, Room};
+use super::{CheckOptions, Judgement, Level};
+use crate::solved::ObservationRole;
 use crate::words::signed;
 
-/// How sightings fit from which the solution was made, and such as were kept back.
+/// How observations fit from which the solution was made, and such as were held out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
     /// Level and sentence.
     pub judgement: Judgement,
-    /// Residuals of the sightings in use [px]; `None` without any.
+    /// Residuals of the observations in use [px]; `None` without any.
     pub training: Option<Summary>,
-    /// Residuals of those kept back [px]; `None` if none were.
+    /// Residuals of those held out [px]; `None` if none were.
     pub held_out: Option<Summary>,
     /// Median of the latter over that of the former [–].
     pub ratio: Option<f64>,
-    /// Median distance of those kept back over what pixel noise and the other cameras' geometry leave to be expected; near 1 when all is
+    /// Median distance of those held out over what pixel noise and the other cameras' geometry leave to be expected; near 1 when all is
     /// well, however few cameras see a point. `None` where two other cameras see none of these points [–].
     pub excess: Option<f64>,
-    /// Share of the sightings that contradict the rest [–].
+    /// Share of the observations that contradict the rest [–].
     pub rejected: f64,
-    /// By camera: median of the sightings in use and of those kept back [px].
+    /// By camera: median of the observations in use and of those held out [px].
     pub by_camera: Vec<[Option<f64>; 2]>,
 }
 
-pub(super) fn fit(room: &Room<'_>) -> Fit {
-    let residuals = |camera: Option<usize>, role: SightingRole| -> Vec<f64> {
-        let wanted =
-            room.solved.sightings.iter().filter(|it| it.role == role && camera.is_none_or(|own| own == it.camera));
+pub(super) fn fit(network: &Room<'_>) -> Fit {
+    let residuals = |camera: Option<usize>, role: ObservationRole| -> Vec<f64> {
+        let wanted = network
+            .solved
+            .observations
+            .iter()
+            .filter(|it| it.role == role && camera.is_none_or(|own| own == it.camera));
         wanted.filter_map(|it| Some(it.residual?.norm())).collect()
     };
-    let training = Summary::of(&residuals(None, SightingRole::Used));
-    let held_out = Summary::of(&residuals(None, SightingRole::HeldOut));
+    let training = Summary::of(&residuals(None, ObservationRole::Used));
+    let held_out = Summary::of(&residuals(None, ObservationRole::HeldOut));
     let ratio = training.zip(held_out).map(|(training, held)| held.median / training.median);
-    let by_camera = (0..room.solved.cameras.len())
-        .map(|it| [SightingRole::Used, SightingRole::HeldOut].map(|role| median(&residuals(Some(it), role))))
+    let by_camera = (0..network.solved.cameras.len())
+        .map(|it| [ObservationRole::Used, ObservationRole::HeldOut].map(|role| median(&residuals(Some(it), role))))
         .collect();
-    let count = |role: SightingRole| room.solved.sightings.iter().filter(|it| it.role == role).count() as f64;
-    let rejected_count = count(SightingRole::Rejected);
-    let judged = rejected_count + count(SightingRole::Used) + count(SightingRole::HeldOut);
+    let count = |role: ObservationRole| network.solved.observations.iter().filter(|it| it.role == role).count() as f64;
+    let rejected_count = count(ObservationRole::Rejected);
+    let judged = rejected_count + count(ObservationRole::Used) + count(ObservationRole::HeldOut);
     let rejected = if judged > 0.0 { rejected_count / judged } else { 0.0 };
-    let excess = excess(room);
-    let judgement = judge(room.rules, training, held_out, excess, rejected);
+    let excess = excess(network);
+    let judgement = judge(network.options, training, held_out, excess, rejected);
     Fit { judgement, training, held_out, ratio, excess, rejected, by_camera }
 }
 
-/// Squared distances of sightings kept back in units of their covariance, as a standard deviation.
-fn excess(room: &Room<'_>) -> Option<f64> {
-    let (cameras, points) = (room.cameras(), room.positions());
+/// Squared distances of observations held out in units of their covariance, as a standard deviation.
+fn excess(network: &Room<'_>) -> Option<f64> {
+    let (cameras, points) = (network.cameras(), network.positions());
     let mut squares = Vec::new();
-    for camera in room.calibrated() {
-        let held = room.witnessed(camera, &[], &cameras, &points, |role| role == SightingRole::HeldOut);
+    for camera in network.calibrated() {
+        let held = network.witnessed(camera, &[], &cameras, &points, |role| role == ObservationRole::HeldOut);
         squares.extend(held.iter().filter_map(|it| {
             let error = cameras[camera].project(&it.point)? - it.pixel;
-            let weight = it.spread(&cameras[camera], room.sigma_px)?.try_inverse()?;
+            let weight = it.spread(&cameras[camera], network.sigma_px)?.try_inverse()?;
             Some(error.dot(&(weight * error)))
         }));
     }
@@ -65,29 +68,29 @@ fn excess(room: &Room<'_>) -> Option<f64> {
 }
 
 fn judge(
-    rules: &CheckRules,
+    options: &CheckOptions,
     training: Option<Summary>,
     held_out: Option<Summary>,
     excess: Option<f64>,
     rejected: f64,
 ) -> Judgement {
     let Some(training) = training else {
-        return Judgement::new(Level::Redo, "No sighting is in use: nothing was calibrated; record again.");
+        return Judgement::new(Level::Redo, "No observation is in use: nothing was calibrated; record again.");
     };
     let told = held_out.unwrap_or(training);
-    let by_px = CheckRules::level(told.median, rules.hold_out_px);
-    let excess_counts = told.median > rules.trifle_px;
+    let by_px = CheckOptions::level(told.median, options.hold_out_px);
+    let excess_counts = told.median > options.trifle_px;
     let by_excess =
-        excess.filter(|_| excess_counts).map_or(Level::Good, |it| CheckRules::level(it, rules.hold_out_excess));
-    let by_share = CheckRules::level(rejected, rules.rejected_share);
+        excess.filter(|_| excess_counts).map_or(Level::Good, |it| CheckOptions::level(it, options.hold_out_excess));
+    let by_share = CheckOptions::level(rejected, options.rejected_share);
     let level = by_px.max(by_excess).max(by_share);
-    let kept = if held_out.is_some() { "kept back" } else { "in use (none were kept back)" };
-    let figures = format!("Sightings {kept} are {:.2} px off in the median, {:.2} px at p90", told.median, told.p90);
+    let kept = if held_out.is_some() { "held out" } else { "in use (none were held out)" };
+    let figures = format!("Observations {kept} are {:.2} px off in the median, {:.2} px at p90", told.median, told.p90);
     let sentence = if level == Level::Good {
         format!("{figures}.")
     } else if by_share == level {
         format!(
-            "{:.0} % of the sightings contradict the rest: darken the room or mask lamps and mirrors.",
+            "{:.0} % of the observations contradict the rest: darken the room or mask lamps and mirrors.",
             100.0 * rejected
         )
     } else if by_excess == level {
@@ -136,7 +139,7 @@ pub struct Lengths {
 }
 
 /// `None` without a finite sample.
-pub(super) fn lengths(samples: &[LengthSample], rules: &CheckRules) -> Option<Lengths> {
+pub(super) fn lengths(samples: &[LengthSample], options: &CheckOptions) -> Option<Lengths> {
     let finite = |it: &&LengthSample| it.relative_error.is_finite() && it.at.coords.norm().is_finite();
     let samples: Vec<&LengthSample> = samples.iter().filter(finite).collect();
     let errors: Vec<f64> = samples.iter().map(|it| it.relative_error).collect();
@@ -153,7 +156,7 @@ pub(super) fn lengths(samples: &[LengthSample], rules: &CheckRules) -> Option<Le
     let slopes = [0, 1, 2].map(along);
     let slope_axis = (0..3).max_by(|a, b| slopes[*a].abs().total_cmp(&slopes[*b].abs())).unwrap_or(0);
     let slope = slopes[slope_axis];
-    let level = CheckRules::level(spread.max(bias.abs()).max(slope.abs() / 3.0), rules.length_spread);
+    let level = CheckOptions::level(spread.max(bias.abs()).max(slope.abs() / 3.0), options.length_spread);
     let figures = format!(
         "The known length comes out with a spread of {:.2} % and a bias of {} %",
         100.0 * spread,

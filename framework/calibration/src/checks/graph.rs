@@ -1,6 +1,6 @@
 //! Who sees the light together with whom.
 
-use super::room::Room;
+use super::network::Room;
 use super::{Judgement, Level};
 
 /// The graph of cameras that share enough frames.
@@ -20,13 +20,13 @@ pub struct Links {
     pub groups: Vec<Vec<usize>>,
 }
 
-pub(super) fn links(room: &Room<'_>) -> Links {
-    let n = room.solved.cameras.len();
+pub(super) fn links(network: &Room<'_>) -> Links {
+    let n = network.solved.cameras.len();
     let mut common = vec![0_usize; n * n];
     let mut seeing = Vec::new();
-    for sightings in &room.of_point {
+    for observations in &network.of_point {
         seeing.clear();
-        seeing.extend(sightings.iter().map(|it| room.solved.sightings[*it].camera));
+        seeing.extend(observations.iter().map(|it| network.solved.observations[*it].camera));
         seeing.sort_unstable();
         seeing.dedup();
         for (place, a) in seeing.iter().enumerate() {
@@ -35,13 +35,13 @@ pub(super) fn links(room: &Room<'_>) -> Links {
     }
     let every_pair = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b)));
     let pairs: Vec<(usize, usize, usize)> =
-        every_pair.map(|(a, b)| (a, b, common[a * n + b])).filter(|it| it.2 >= room.rules.min_common).collect();
+        every_pair.map(|(a, b)| (a, b, common[a * n + b])).filter(|it| it.2 >= network.options.min_common).collect();
     let mut neighbours = vec![Vec::new(); n];
     for &(a, b, _) in &pairs {
         neighbours[a].push(b);
         neighbours[b].push(a);
     }
-    let nodes: Vec<usize> = room.calibrated().collect();
+    let nodes: Vec<usize> = network.calibrated().collect();
     let groups = groups(&neighbours, &nodes, None);
     let is_cut = |it: &usize| self::groups(&neighbours, &nodes, Some(*it)).len() > groups.len();
     let cuts: Vec<usize> = nodes.iter().copied().filter(is_cut).collect();
@@ -49,27 +49,27 @@ pub(super) fn links(room: &Room<'_>) -> Links {
         0..=2 => Vec::new(), // two cameras cannot have more
         _ => nodes.iter().filter(|it| neighbours[**it].len() == 1).map(|it| (*it, neighbours[*it][0])).collect(),
     };
-    let judgement = judge(room, &groups, &cuts, &hanging);
+    let judgement = judge(network, &groups, &cuts, &hanging);
     Links { judgement, pairs, degree: neighbours.iter().map(Vec::len).collect(), cuts, hanging, groups }
 }
 
-fn judge(room: &Room<'_>, groups: &[Vec<usize>], cuts: &[usize], hanging: &[(usize, usize)]) -> Judgement {
-    let min = room.rules.min_common;
+fn judge(network: &Room<'_>, groups: &[Vec<usize>], cuts: &[usize], hanging: &[(usize, usize)]) -> Judgement {
+    let min = network.options.min_common;
     if groups.len() > 1 {
         let smallest = groups.iter().min_by_key(|it| it.len()).map_or(&[][..], Vec::as_slice);
-        let names: Vec<&str> = smallest.iter().take(4).map(|it| room.name(*it)).collect();
+        let names: Vec<&str> = smallest.iter().take(4).map(|it| network.name(*it)).collect();
         let sentence = format!(
             "{} share fewer than {min} frames with the other cameras: wave where they and others both see.",
             names.join(", ")
         );
         Judgement::new(Level::Redo, sentence)
     } else if let Some(&(camera, other)) = hanging.first() {
-        let (name, other) = (room.name(camera), room.name(other));
+        let (name, other) = (network.name(camera), network.name(other));
         let sentence =
             format!("Camera {name} is linked with {other} alone: wave where {name} and a third camera both see.");
         Judgement::new(Level::Usable, sentence)
     } else if let Some(&cut) = cuts.first() {
-        let name = room.name(cut);
+        let name = network.name(cut);
         let sentence =
             format!("Two parts of the room hang together by camera {name} alone: wave where cameras of both see.");
         Judgement::new(Level::Usable, sentence)

@@ -6,18 +6,18 @@
 //! reversed by itself: the two poses of a square seen from afar (T. Collins and A. Bartoli, "Infinitesimal plane-based pose
 //! estimation", 2014). Both twins are adjusted and compared with the room as it is.
 
-use foveate_geometry::bundle::{BundleRules, Observation, adjust};
-use foveate_geometry::{AlignmentRules, Camera, Freedom, ResectionRules, align, refine_pose};
+use foveate_geometry::bundle::{BundleOptions, Observation, adjust};
+use foveate_geometry::{AlignmentOptions, Camera, Freedom, ResectionOptions, align, refine_pose};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
+use super::network::Room;
 use super::place::Plane;
-use super::room::Room;
-use super::{CheckRules, Judgement, Level};
-use crate::solved::SightingRole;
+use super::{CheckOptions, Judgement, Level};
+use crate::solved::ObservationRole;
 
 /// Points that are enough to compare two worlds.
 const ENOUGH_POINTS: usize = 300;
-/// Sightings that the reversed world may not see at all, as a share, before it is out of the question.
+/// Observations that the reversed world may not see at all, as a share, before it is out of the question.
 const UNSEEN: f64 = 0.1;
 /// Poses of one camera that are closer than this are one [rad].
 const SAME_POSE: f64 = 0.05;
@@ -27,7 +27,7 @@ const SAME_POSE: f64 = 0.05;
 pub struct Handedness {
     /// Level and sentence.
     pub judgement: Judgement,
-    /// Sightings in use whose point is behind its camera [–].
+    /// Observations in use whose point is behind its camera [–].
     pub behind: usize,
     /// R.m.s. residual of the reversed world over that of the room; `None` when there is no such minimum [–].
     pub reversed_ratio: Option<f64>,
@@ -36,20 +36,20 @@ pub struct Handedness {
     pub closest_camera: Option<(usize, f64)>,
 }
 
-pub(super) fn handedness(room: &Room<'_>) -> Handedness {
-    let sightings = &room.solved.sightings;
+pub(super) fn handedness(network: &Room<'_>) -> Handedness {
+    let observations = &network.solved.observations;
     let is_behind = |index: &&usize| {
-        let it = &sightings[**index];
-        let camera = &room.solved.cameras[it.camera].camera;
-        it.point.is_some_and(|point| (camera.camera_from_world * room.solved.points[point].position).z <= 0.0)
+        let it = &observations[**index];
+        let camera = &network.solved.cameras[it.camera].camera;
+        it.point.is_some_and(|point| (camera.camera_from_world * network.solved.points[point].position).z <= 0.0)
     };
-    let in_use = || room.of_point.iter().flatten();
+    let in_use = || network.of_point.iter().flatten();
     let behind = in_use().filter(is_behind).count();
-    let reversed_ratio = reversed_room(room);
-    let each = room.calibrated().filter_map(|it| Some((it, reversed_camera(room, it)?)));
+    let reversed_ratio = reversed_room(network);
+    let each = network.calibrated().filter_map(|it| Some((it, reversed_camera(network, it)?)));
     let closest_camera = each.min_by(|a, b| a.1.total_cmp(&b.1));
-    let [good, usable] = room.rules.reversed_ratio;
-    let of = |ratio: Option<f64>| ratio.map_or(Level::Good, |it| CheckRules::level(-it, [-good, -usable]));
+    let [good, usable] = network.options.reversed_ratio;
+    let of = |ratio: Option<f64>| ratio.map_or(Level::Good, |it| CheckOptions::level(-it, [-good, -usable]));
     let room_level = of(reversed_ratio);
     let camera_level = of(closest_camera.map(|it| it.1));
     let judgement = if behind * 2 > in_use().count() {
@@ -65,7 +65,7 @@ pub(super) fn handedness(room: &Room<'_>) -> Handedness {
         );
         Judgement::new(Level::Redo, sentence)
     } else if let Some((camera, ratio)) = closest_camera.filter(|_| camera_level == Level::Redo) {
-        let name = room.name(camera);
+        let name = network.name(camera);
         let sentence = if ratio < 1.0 {
             format!(
                 "Camera {name} is flipped about the plane of the path (the flipped pose has {ratio:.2} times its residuals): wave out of that plane and calibrate again."
@@ -77,8 +77,8 @@ pub(super) fn handedness(room: &Room<'_>) -> Handedness {
         };
         Judgement::new(Level::Redo, sentence)
     } else if room_level.max(camera_level) == Level::Usable {
-        let camera =
-            closest_camera.map_or(String::new(), |it| format!(", most of all in front of camera {}", room.name(it.0)));
+        let camera = closest_camera
+            .map_or(String::new(), |it| format!(", most of all in front of camera {}", network.name(it.0)));
         let sentence = format!("The mirrored world is told apart by little: wave with more depth{camera}.");
         Judgement::new(Level::Usable, sentence)
     } else {
@@ -88,56 +88,56 @@ pub(super) fn handedness(room: &Room<'_>) -> Handedness {
 }
 
 /// R.m.s. residual of the adjusted reversed room over that of the room.
-fn reversed_room(room: &Room<'_>) -> Option<f64> {
-    let shared: Vec<usize> = (0..room.of_point.len()).filter(|it| room.of_point[*it].len() > 1).collect();
+fn reversed_room(network: &Room<'_>) -> Option<f64> {
+    let shared: Vec<usize> = (0..network.of_point.len()).filter(|it| network.of_point[*it].len() > 1).collect();
     let chosen: Vec<usize> = shared.iter().copied().step_by(shared.len().div_ceil(ENOUGH_POINTS).max(1)).collect();
-    let points: Vec<Point3<f64>> = chosen.iter().map(|it| room.solved.points[*it].position).collect();
+    let points: Vec<Point3<f64>> = chosen.iter().map(|it| network.solved.points[*it].position).collect();
     let mut observations = Vec::new();
     for (place, &point) in chosen.iter().enumerate() {
-        observations.extend(room.of_point[point].iter().map(|&it| {
-            let seen = &room.solved.sightings[it];
-            Observation { camera: seen.camera, point: place, pixel: seen.pixel, sigma_px: room.sigma_px }
+        observations.extend(network.of_point[point].iter().map(|&it| {
+            let seen = &network.solved.observations[it];
+            Observation { camera: seen.camera, point: place, pixel: seen.pixel, sigma_px: network.sigma_px }
         }));
     }
     let plane = Plane::through(&points)?;
-    let (cameras, mut freedoms) = (room.cameras(), vec![Freedom::NONE; room.solved.cameras.len()]);
-    room.calibrated().for_each(|it| freedoms[it] = Freedom::POSE);
+    let (cameras, mut freedoms) = (network.cameras(), vec![Freedom::NONE; network.solved.cameras.len()]);
+    network.calibrated().for_each(|it| freedoms[it] = Freedom::POSE);
     let reflected: Vec<Point3<f64>> = points.iter().map(|it| reflection(&plane, it)).collect();
     let turned: Vec<Camera> = cameras.iter().map(|it| reversed(it, &plane)).collect();
-    let rules = BundleRules { max_iterations: 60, ..BundleRules::default() };
-    let now = adjust(&cameras, &freedoms, &points, &observations, &rules).ok()?;
-    let then = adjust(&turned, &freedoms, &reflected, &observations, &rules).ok()?;
+    let options = BundleOptions { max_iterations: 60, ..BundleOptions::default() };
+    let now = adjust(&cameras, &freedoms, &points, &observations, &options).ok()?;
+    let then = adjust(&turned, &freedoms, &reflected, &observations, &options).ok()?;
     if then.left_out.len() as f64 > UNSEEN * observations.len() as f64 {
         return None;
     }
     // The adjustment may have found its way back: then there is no reversed minimum.
     let scene = |cameras: &[Camera], points: &[Point3<f64>]| -> Vec<Point3<f64>> {
-        room.calibrated().map(|it| cameras[it].centre()).chain(points.iter().copied()).collect()
+        network.calibrated().map(|it| cameras[it].centre()).chain(points.iter().copied()).collect()
     };
-    let rules = AlignmentRules { scale: true, robust: false };
+    let options = AlignmentOptions { scale: true, robust: false };
     let found = scene(&then.cameras, &then.points);
-    let apart = |other: &[Point3<f64>]| align(&found, other, rules).map_or(f64::INFINITY, |it| it.rms);
+    let apart = |other: &[Point3<f64>]| align(&found, other, options).map_or(f64::INFINITY, |it| it.rms);
     let came_back = apart(&scene(&now.cameras, &now.points)) < apart(&scene(&turned, &reflected));
-    (!came_back).then(|| then.rms_px / now.rms_px.max(0.1 * room.sigma_px))
+    (!came_back).then(|| then.rms_px / now.rms_px.max(0.1 * network.sigma_px))
 }
 
 /// R.m.s. residual of the camera's reversal about the plane of its points, which stay, over that of its pose.
-fn reversed_camera(room: &Room<'_>, camera: usize) -> Option<f64> {
-    let points = room.points_of(camera);
-    let used = room.of_camera[camera].iter().map(|it| &room.solved.sightings[*it]);
-    let pixels: Vec<_> = used.filter(|it| it.role == SightingRole::Used).map(|it| it.pixel).collect();
+fn reversed_camera(network: &Room<'_>, camera: usize) -> Option<f64> {
+    let points = network.points_of(camera);
+    let used = network.of_camera[camera].iter().map(|it| &network.solved.observations[*it]);
+    let pixels: Vec<_> = used.filter(|it| it.role == ObservationRole::Used).map(|it| it.pixel).collect();
     let plane = Plane::through(&points)?;
-    let model = &room.solved.cameras[camera].camera;
-    let rules = ResectionRules { sigma_px: room.sigma_px, inlier_px: 6.0 * room.sigma_px, trials: 1 };
-    let now = refine_pose(model, &points, &pixels, &rules).ok()?;
-    let rules = ResectionRules { inlier_px: 1e3 * room.sigma_px, ..rules };
-    let then = refine_pose(&reversed(model, &plane), &points, &pixels, &rules).ok()?;
+    let model = &network.solved.cameras[camera].camera;
+    let options = ResectionOptions { sigma_px: network.sigma_px, inlier_px: 6.0 * network.sigma_px, trials: 1 };
+    let now = refine_pose(model, &points, &pixels, &options).ok()?;
+    let options = ResectionOptions { inlier_px: 1e3 * network.sigma_px, ..options };
+    let then = refine_pose(&reversed(model, &plane), &points, &pixels, &options).ok()?;
     let turned = then.camera_from_world.rotation.angle_to(&now.camera_from_world.rotation);
     if turned < SAME_POSE {
         return None;
     }
     let given = refine_distance(model, &points, &pixels);
-    let best = now.residuals_rms_px.min(given).max(0.1 * room.sigma_px);
+    let best = now.residuals_rms_px.min(given).max(0.1 * network.sigma_px);
     Some(then.residuals_rms_px / best)
 }
 

@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix5, SMatrix, Vector2, Vector5};
 
-use super::room::Room;
-use crate::solved::SightingRole;
+use super::network::Room;
+use crate::solved::ObservationRole;
 
 /// What a systematic residual looks like.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,7 +23,7 @@ pub enum Pattern {
 /// One cell of a [`ResidualMap`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MapCell {
-    /// Sightings in it [–].
+    /// Observations in it [–].
     pub count: usize,
     /// Mean of their residuals, seen − measured [px].
     pub mean: Vector2<f64>,
@@ -51,25 +51,25 @@ impl ResidualMap {
     }
 }
 
-/// Cells with fewer sightings say nothing.
+/// Cells with fewer observations say nothing.
 const LEAST_IN_CELL: usize = 3;
 /// Shapes take up the pattern when they explain this part of it.
 const EXPLAINS: f64 = 0.5;
 /// How unlikely chance must be: standard deviations of the sum of squares over the cells.
 const SIGNIFICANT: f64 = 6.0;
 
-/// `None` without a sighting in use that has a residual.
-pub(super) fn map(room: &Room<'_>, camera: usize) -> Option<ResidualMap> {
-    let [width, height] = room.solved.cameras[camera].camera.image_size.map(f64::from);
-    let n = room.rules.map_cells.max(1);
+/// `None` without an observation in use that has a residual.
+pub(super) fn map(network: &Room<'_>, camera: usize) -> Option<ResidualMap> {
+    let [width, height] = network.solved.cameras[camera].camera.image_size.map(f64::from);
+    let n = network.options.map_cells.max(1);
     let cell_px = width.max(height) / n as f64;
     let size = [(width / cell_px).ceil() as usize, (height / cell_px).ceil() as usize].map(|it| it.max(1));
     let mut cells = vec![MapCell::default(); size[0] * size[1]];
-    let used = room.of_camera[camera].iter().map(|it| &room.solved.sightings[*it]);
-    for sighting in used.filter(|it| it.role == SightingRole::Used) {
-        let Some(residual) = sighting.residual else { continue };
+    let used = network.of_camera[camera].iter().map(|it| &network.solved.observations[*it]);
+    for observation in used.filter(|it| it.role == ObservationRole::Used) {
+        let Some(residual) = observation.residual else { continue };
         let place = |at: f64, of: usize| (((at + 0.5) / cell_px).max(0.0) as usize).min(of - 1);
-        let cell = &mut cells[place(sighting.pixel.y, size[1]) * size[0] + place(sighting.pixel.x, size[0])];
+        let cell = &mut cells[place(observation.pixel.y, size[1]) * size[0] + place(observation.pixel.x, size[0])];
         cell.count += 1;
         cell.mean += residual;
     }
@@ -78,7 +78,7 @@ pub(super) fn map(room: &Room<'_>, camera: usize) -> Option<ResidualMap> {
     }
     for cell in cells.iter_mut().filter(|it| it.count > 0) {
         cell.mean /= cell.count as f64;
-        cell.sigma = room.sigma_px / (cell.count as f64).sqrt();
+        cell.sigma = network.sigma_px / (cell.count as f64).sqrt();
     }
     let told: Vec<(Vector2<f64>, MapCell)> = cells
         .iter()
@@ -90,11 +90,11 @@ pub(super) fn map(room: &Room<'_>, camera: usize) -> Option<ResidualMap> {
     let freedom = 2.0 * told.len() as f64;
     let count: f64 = told.iter().map(|(_, it)| it.count as f64).sum();
     let squares: f64 = told.iter().map(|(_, it)| it.mean.norm_squared() * it.count as f64).sum();
-    let noise = freedom * room.sigma_px.powi(2);
+    let noise = freedom * network.sigma_px.powi(2);
     let systematic_px = ((squares - noise) / count.max(1.0)).max(0.0).sqrt();
     let significant = chi2 > freedom + SIGNIFICANT * (2.0 * freedom).sqrt();
-    let told_of =
-        significant && systematic_px > (room.rules.pattern_sigma * room.sigma_px).max(room.rules.least_effect_px);
+    let told_of = significant
+        && systematic_px > (network.options.pattern_sigma * network.sigma_px).max(network.options.least_effect_px);
     let pattern = told_of.then(|| shape(&told));
     Some(ResidualMap { size, cells, pattern, systematic_px })
 }

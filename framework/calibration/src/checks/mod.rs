@@ -5,40 +5,40 @@
 //!
 //! | part | what it looks at |
 //! |---|---|
-//! | [`Fit`] | sightings kept back, and how far off they should be from pixel noise alone |
+//! | [`Fit`] | observations held out, and how far off they should be from pixel noise alone |
 //! | [`Lengths`] | how a known length comes out all over the room |
 //! | [`Handedness`] | points behind cameras, and the reversed world (D. Necker's cube): does it fit nearly as well? |
 //! | [`Floor`] | cameras and path under a floor that is fixed |
 //! | [`PathShape`] | how flat the path is |
 //! | [`Links`] | cameras that hang on a single other one |
 //! | [`CameraCheck`] | for each: depth, residuals over its picture, covariance of its pose, where to wave |
-//! | [`Suspect`] | a camera that contradicts the rest, with the cause that explains most |
+//! | [`Candidate`] | a camera that contradicts the rest, with the cause that explains most |
 //!
-//! Suspects are found one after the other: the worst is taken out, the room is adjusted without it, and the rest is looked at again,
+//! Candidates are found one after the other: the worst is taken out, the room is adjusted without it, and the rest is looked at again,
 //! so that nobody is accused for what a neighbour did.
 
-mod accusation;
 mod camera;
+mod candidates;
 mod fit;
 mod graph;
+mod gross_error;
 mod handed;
 mod maps;
 pub(crate) mod models;
+mod network;
+mod options;
 mod place;
-mod room;
-mod rules;
-mod suspects;
 mod text;
 mod verdict;
 
 pub use self::camera::{CameraCheck, DepthRange, PoseQuality};
+pub use self::candidates::Candidate;
 pub use self::fit::{Fit, LengthSample, Lengths};
 pub use self::graph::Links;
 pub use self::handed::Handedness;
 pub use self::maps::{MapCell, Pattern, ResidualMap};
+pub use self::options::CheckOptions;
 pub use self::place::{Floor, PathShape};
-pub use self::rules::CheckRules;
-pub use self::suspects::Suspect;
 pub use self::verdict::Verdict;
 pub use crate::cause::Cause;
 use crate::comparison::Comparison;
@@ -78,7 +78,7 @@ pub struct Checks {
     pub unit: &'static str,
     /// Standard deviation of a pixel's coordinate, from the residuals of the whole room [px].
     pub sigma_px: f64,
-    /// Sightings kept back.
+    /// Observations held out.
     pub fit: Fit,
     /// The known length, where one was given.
     pub lengths: Option<Lengths>,
@@ -93,7 +93,7 @@ pub struct Checks {
     /// By camera, in the order of the room.
     pub cameras: Vec<CameraCheck>,
     /// Cameras that contradict the rest, the worst first.
-    pub suspects: Vec<Suspect>,
+    pub candidates: Vec<Candidate>,
     /// All of it in words.
     pub verdict: Verdict,
 }
@@ -101,11 +101,11 @@ pub struct Checks {
 impl Checks {
     /// Adds what an older calibration of the same cameras tells of a room that was found without it: all pictures are mirrored, or two cameras have
     /// each other's names. `beside` is what a comparison with it came to.
-    pub fn add_beside_older(&mut self, beside: &Comparison, rules: &CheckRules) {
+    pub fn add_beside_older(&mut self, beside: &Comparison, options: &CheckOptions) {
         let numbers = |name: &String| self.cameras.iter().position(|it| it.name == *name);
         let told = |camera: usize, cause: Cause, sentence: &str| {
             let judgement = Judgement::new(Level::Redo, sentence);
-            Suspect { judgement, camera, cause, misfit: f64::INFINITY, explained: 1.0 }
+            Candidate { judgement, camera, cause, misfit: f64::INFINITY, explained: 1.0 }
         };
         let mut found = Vec::new();
         if beside.is_mirrored() {
@@ -120,31 +120,31 @@ impl Checks {
             let swapped = |(camera, with)| told(camera, Cause::Swapped { with, since_s: None }, &sentence);
             found.extend(both.into_iter().flat_map(|(a, b)| [(a, b), (b, a)]).map(swapped));
         }
-        found.retain(|it| self.suspects.iter().all(|known| known.camera != it.camera || known.cause != it.cause));
+        found.retain(|it| self.candidates.iter().all(|known| known.camera != it.camera || known.cause != it.cause));
         if !found.is_empty() {
-            self.suspects.extend(found);
-            self.verdict = verdict::verdict(self, rules);
+            self.candidates.extend(found);
+            self.verdict = verdict::verdict(self, options);
         }
     }
 }
 
 /// Looks at `solved`, and at the known length of `lengths` where there is one, for what a low re-projection error hides.
 ///
-/// The same input gives the same answer; nothing is random that is not seeded by [`CheckRules::seed`].
-pub fn check(solved: &Solved, lengths: Option<&[LengthSample]>, rules: &CheckRules) -> Checks {
-    let room = room::Room::new(solved, rules);
-    let fit = fit::fit(&room);
-    let lengths = lengths.and_then(|it| fit::lengths(it, rules));
-    let handedness = handed::handedness(&room);
-    let floor = place::floor(&room);
-    let path = place::path(&room);
-    let links = graph::links(&room);
+/// The same input gives the same answer; nothing is random that is not seeded by [`CheckOptions::seed`].
+pub fn check(solved: &Solved, lengths: Option<&[LengthSample]>, options: &CheckOptions) -> Checks {
+    let network = network::Room::new(solved, options);
+    let fit = fit::fit(&network);
+    let lengths = lengths.and_then(|it| fit::lengths(it, options));
+    let handedness = handed::handedness(&network);
+    let floor = place::floor(&network);
+    let path = place::path(&network);
+    let links = graph::links(&network);
     let is_mirrored = handedness.judgement.level == Level::Redo;
-    let suspects = suspects::suspects(&room, is_mirrored);
-    let cameras = (0..solved.cameras.len()).map(|it| camera::camera(&room, it)).collect();
+    let candidates = candidates::candidates(&network, is_mirrored);
+    let cameras = (0..solved.cameras.len()).map(|it| camera::camera(&network, it)).collect();
     let mut checks = Checks {
-        unit: room.unit(),
-        sigma_px: room.sigma_px,
+        unit: network.unit(),
+        sigma_px: network.sigma_px,
         fit,
         lengths,
         handedness,
@@ -152,9 +152,9 @@ pub fn check(solved: &Solved, lengths: Option<&[LengthSample]>, rules: &CheckRul
         path,
         links,
         cameras,
-        suspects,
+        candidates,
         verdict: Verdict::default(),
     };
-    checks.verdict = verdict::verdict(&checks, rules);
+    checks.verdict = verdict::verdict(&checks, options);
     checks
 }

@@ -1,9 +1,9 @@
 //! One camera fitted to points of known place: its pose alone, or with what may be wrong about it.
 
 use foveate_estimation::Loss;
-use foveate_estimation::least_squares::{Equations, Problem, Rules, solve};
+use foveate_estimation::least_squares::{Equations, Options, Problem, solve};
 use foveate_estimation::statistics::{median, percentile};
-use foveate_geometry::{Camera, ResectionRules, resect};
+use foveate_geometry::{Camera, ResectionOptions, resect};
 use nalgebra::{
     DVector, Isometry3, Matrix2, Matrix3, Point2, Point3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3,
 };
@@ -59,7 +59,7 @@ pub(crate) struct Fitted {
     pub cost: f64,
 }
 
-/// A sighting beside where the other cameras have the point.
+/// An observation beside where the other cameras have the point.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Witnessed {
     pub time_s: f64,
@@ -79,7 +79,7 @@ impl Witnessed {
     }
 }
 
-/// Sightings beside points, with the standard deviation of their distance.
+/// Observations beside points, with the standard deviation of their distance.
 #[derive(Debug, Clone)]
 pub(crate) struct Samples {
     of: Vec<Sample>,
@@ -197,9 +197,9 @@ impl Samples {
     /// Fits the pose and `extras` from `camera` on.
     pub(crate) fn fit(&self, camera: &Camera, extras: &[Extra]) -> Option<Fitted> {
         let held = (FOCAL..WIDTH).filter(|it| !extras.iter().any(|extra| extra.columns().contains(it))).collect();
-        let rules = Rules { loss: LOSS, held, max_iterations: 50, relative_gain: 1e-6 };
+        let options = Options { loss: LOSS, held, max_iterations: 50, relative_gain: 1e-6 };
         let start = Unknowns { camera: self.centred(camera), delay_s: 0.0 };
-        let solution = solve(self, start, &rules).ok()?;
+        let solution = solve(self, start, &options).ok()?;
         let delay_sigma_s = solution.covariance.as_ref().map_or(f64::INFINITY, |it| it[(DELAY, DELAY)].max(0.0).sqrt());
         let Unknowns { mut camera, delay_s } = solution.parameters;
         camera.camera_from_world *= Translation3::from(-self.centroid);
@@ -212,8 +212,8 @@ impl Samples {
         let points: Vec<Point3<f64>> = self.of.iter().map(|it| it.point).collect();
         let pixels: Vec<Point2<f64>> = self.of.iter().map(|it| it.pixel).collect();
         let mut random = foveate_estimation::Random::new(seed).fork("resection");
-        let rules = ResectionRules { sigma_px: self.sigma_px, inlier_px: 6.0 * self.sigma_px, trials: 300 };
-        let found = resect(camera, &points, &pixels, &rules, |n| random.below(n)).ok()?;
+        let options = ResectionOptions { sigma_px: self.sigma_px, inlier_px: 6.0 * self.sigma_px, trials: 300 };
+        let found = resect(camera, &points, &pixels, &options, |n| random.below(n)).ok()?;
         let camera_from_world = found.camera_from_world * Translation3::from(-self.centroid);
         self.fit(&Camera { camera_from_world, ..camera.clone() }, &[])
     }

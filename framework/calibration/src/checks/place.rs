@@ -3,8 +3,8 @@
 use foveate_estimation::statistics::percentile;
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 
-use super::room::Room;
-use super::{CheckRules, Judgement, Level};
+use super::network::Room;
+use super::{CheckOptions, Judgement, Level};
 use crate::axes::KNOWN_PLACES;
 
 /// Cameras whose pictures' upward direction has on average less of Z than this stand on their heads [–].
@@ -26,23 +26,23 @@ pub struct Floor {
     pub lowest_path_m: Option<f64>,
 }
 
-pub(super) fn floor(room: &Room<'_>) -> Floor {
-    let fixed = &room.solved.fixed;
+pub(super) fn floor(network: &Room<'_>) -> Floor {
+    let fixed = &network.solved.fixed;
     if fixed.gravity.is_none() || fixed.origin.is_none() {
         let sentence = "Vertical or origin are not fixed: whether anything is under the floor cannot be told.";
         return Floor { judgement: Judgement::new(Level::Good, sentence), ..Floor::default() };
     }
-    let height = |camera: usize| room.solved.cameras[camera].camera.centre().z;
-    let limit = -room.rules.floor_tolerance_m;
-    let cameras_below: Vec<usize> = room.calibrated().filter(|it| height(*it) < limit).collect();
-    let lowest_camera_m = room.calibrated().map(height).min_by(f64::total_cmp);
-    let heights: Vec<f64> = room.solved.points.iter().map(|it| it.position.z).collect();
+    let height = |camera: usize| network.solved.cameras[camera].camera.centre().z;
+    let limit = -network.options.floor_tolerance_m;
+    let cameras_below: Vec<usize> = network.calibrated().filter(|it| height(*it) < limit).collect();
+    let lowest_camera_m = network.calibrated().map(height).min_by(f64::total_cmp);
+    let heights: Vec<f64> = network.solved.points.iter().map(|it| it.position.z).collect();
     let lowest_path_m = percentile(&heights, 1.0);
     let path_is_below = lowest_path_m.is_some_and(|it| it < limit);
-    let most_is_below =
-        percentile(&heights, 50.0).is_some_and(|it| it < limit) || 2 * cameras_below.len() > room.calibrated().count();
+    let most_is_below = percentile(&heights, 50.0).is_some_and(|it| it < limit)
+        || 2 * cameras_below.len() > network.calibrated().count();
     let is_frame = fixed.origin.as_ref().is_some_and(|it| it.by.contains(KNOWN_PLACES));
-    let judgement = if is_frame && !(most_is_below && are_on_their_heads(room)) {
+    let judgement = if is_frame && !(most_is_below && are_on_their_heads(network)) {
         let sentence = "Z = 0 is where the points of known place have it, be that the floor or not.";
         return Floor {
             judgement: Judgement::new(Level::Good, sentence),
@@ -57,7 +57,7 @@ pub(super) fn floor(room: &Room<'_>) -> Floor {
     } else if let Some(camera) = cameras_below.first() {
         let sentence = format!(
             "Camera {} is {:.2} m under the floor: its pose is mirrored, or the origin is not on the floor; calibrate it again.",
-            room.name(*camera),
+            network.name(*camera),
             -height(*camera)
         );
         Judgement::new(Level::Redo, sentence)
@@ -74,9 +74,9 @@ pub(super) fn floor(room: &Room<'_>) -> Floor {
 }
 
 /// Whether the cameras see the world's Z point down in their pictures.
-fn are_on_their_heads(room: &Room<'_>) -> bool {
-    let up = |camera: usize| -(room.solved.cameras[camera].camera.camera_from_world.rotation * Vector3::z()).y;
-    let (sum, n) = room.calibrated().map(up).fold((0.0, 0.0), |(sum, n), it| (sum + it, n + 1.0));
+fn are_on_their_heads(network: &Room<'_>) -> bool {
+    let up = |camera: usize| -(network.solved.cameras[camera].camera.camera_from_world.rotation * Vector3::z()).y;
+    let (sum, n) = network.calibrated().map(up).fold((0.0, 0.0), |(sum, n), it| (sum + it, n + 1.0));
     n > 0.0 && sum / n < ON_THEIR_HEADS
 }
 
@@ -96,20 +96,20 @@ pub struct PathShape {
 /// Focal lengths whose standard deviation is a smaller part of them are known well enough [–].
 const HELD_FOCAL: f64 = 0.01;
 
-pub(super) fn path(room: &Room<'_>) -> PathShape {
-    let positions = room.positions();
+pub(super) fn path(network: &Room<'_>) -> PathShape {
+    let positions = network.positions();
     let Some(plane) = Plane::through(&positions) else {
         let sentence = "Fewer than three places of the light are known: wave it through the whole volume.";
         return PathShape { judgement: Judgement::new(Level::Redo, sentence), ..PathShape::default() };
     };
     let flatness = plane.spread[2] / plane.spread[0];
-    let [good, usable] = room.rules.flatness;
+    let [good, usable] = network.options.flatness;
     // Several cameras around a plane tell their focal lengths after all.
-    let open = room.calibrated().map(|it| &room.solved.cameras[it]).any(|it| {
+    let open = network.calibrated().map(|it| &network.solved.cameras[it]).any(|it| {
         let sigma = it.covariance.as_ref().map_or(f64::INFINITY, |it| it.optics.focal);
         it.freed.focal && sigma > HELD_FOCAL
     });
-    let level = match CheckRules::level(-flatness, [-good, -usable]) {
+    let level = match CheckOptions::level(-flatness, [-good, -usable]) {
         Level::Redo if !open => Level::Usable, // known optics need no third dimension; the mirrored twin is looked for elsewhere
         level => level,
     };
@@ -191,7 +191,7 @@ mod tests {
             fixed: FixedFreedoms { scale: fixed.clone(), gravity: fixed.clone(), origin: fixed },
             ..Solved::default()
         };
-        floor(&Room::new(&solved, &CheckRules::default())).judgement.level
+        floor(&Room::new(&solved, &CheckOptions::default())).judgement.level
     }
 
     #[test]

@@ -43,13 +43,13 @@ impl Display for Checks {
         for (name, judgement) in parts.into_iter().chain(lengths) {
             writeln!(to, "{name:<11} {:<7} {}", judgement.level, judgement.sentence)?;
         }
-        for (index, suspect) in self.suspects.iter().enumerate() {
+        for (index, candidate) in self.candidates.iter().enumerate() {
             // Two that were exchanged say the same of each other.
-            if self.suspects[..index].iter().any(|it| it.judgement.sentence == suspect.judgement.sentence) {
+            if self.candidates[..index].iter().any(|it| it.judgement.sentence == candidate.judgement.sentence) {
                 continue;
             }
-            let name = if suspect.judgement.level == Level::Good { "told" } else { "suspect" };
-            writeln!(to, "{name:<11} {:<7} {}", suspect.judgement.level, suspect.judgement.sentence)?;
+            let name = if candidate.judgement.level == Level::Good { "told" } else { "candidate" };
+            writeln!(to, "{name:<11} {:<7} {}", candidate.judgement.level, candidate.judgement.sentence)?;
         }
         writeln!(to)?;
         let wide = self.cameras.iter().map(|it| it.name.chars().count()).max().unwrap_or(0).max(6);
@@ -67,7 +67,7 @@ impl Display for Checks {
                 Some(pattern) => format!("{pattern:?}, {:.2} px", it.systematic_px).to_lowercase(),
                 None => "none".to_owned(),
             });
-            let [used, back, rejected] = camera.sightings;
+            let [used, back, rejected] = camera.observations;
             let medians = format!("{} / {}", px(medians[0]), px(medians[1]));
             writeln!(
                 to,

@@ -1,7 +1,7 @@
 //! All findings in a few sentences, the most important first.
 
 use super::camera::{length, weakest};
-use super::{CheckRules, Checks, Judgement, Level, Suspect};
+use super::{Candidate, CheckOptions, Checks, Judgement, Level};
 use crate::cause::Cause;
 
 /// What to think of a calibration, and what to do.
@@ -17,11 +17,11 @@ pub struct Verdict {
     pub weakest: Option<usize>,
 }
 
-pub(super) fn verdict(checks: &Checks, rules: &CheckRules) -> Verdict {
+pub(super) fn verdict(checks: &Checks, options: &CheckOptions) -> Verdict {
     // In the order in which they should be mended: what is wrong with a camera explains much of what follows.
-    let suspects = checks.suspects.iter().map(|it| &it.judgement);
-    let (harmless, harmful): (Vec<&Suspect>, Vec<&Suspect>) =
-        checks.suspects.iter().partition(|it| it.judgement.level == Level::Good);
+    let candidates = checks.candidates.iter().map(|it| &it.judgement);
+    let (harmless, harmful): (Vec<&Candidate>, Vec<&Candidate>) =
+        checks.candidates.iter().partition(|it| it.judgement.level == Level::Good);
     let accused: Vec<usize> = harmful.iter().map(|it| it.camera).collect();
     let others = checks.cameras.iter().enumerate().filter(|(index, _)| !accused.contains(index));
     let cameras = others.map(|(_, it)| &it.judgement);
@@ -30,7 +30,7 @@ pub(super) fn verdict(checks: &Checks, rules: &CheckRules) -> Verdict {
     let lengths = checks.lengths.iter().map(|it| &it.judgement);
     let all: Vec<&Judgement> = whole
         .into_iter()
-        .chain(suspects)
+        .chain(candidates)
         .chain(rest)
         .chain(lengths)
         .chain(cameras)
@@ -42,8 +42,9 @@ pub(super) fn verdict(checks: &Checks, rules: &CheckRules) -> Verdict {
     let level = findings.first().map_or(Level::Good, |it| it.level);
     let level = if 2 * uncalibrated >= checks.cameras.len() { Level::Redo } else { level };
     let mut sentences: Vec<String> = Vec::new();
-    let is_unexplained = |it: &&Suspect| it.judgement.level == Level::Redo && matches!(it.cause, Cause::Unknown { .. });
-    let contradicting = checks.suspects.iter().filter(is_unexplained).count();
+    let is_unexplained =
+        |it: &&Candidate| it.judgement.level == Level::Redo && matches!(it.cause, Cause::Unknown { .. });
+    let contradicting = checks.candidates.iter().filter(is_unexplained).count();
     if 2 * contradicting >= checks.cameras.len().max(1) {
         sentences.push(format!(
             "{contradicting} of {} cameras contradict the rest: look at these first, then record again with nothing else shining in the room.",
@@ -56,8 +57,8 @@ pub(super) fn verdict(checks: &Checks, rules: &CheckRules) -> Verdict {
             sentences.push(finding.sentence.clone());
         }
     }
-    let more = sentences.len().saturating_sub(rules.max_sentences);
-    sentences.truncate(rules.max_sentences);
+    let more = sentences.len().saturating_sub(options.max_sentences);
+    sentences.truncate(options.max_sentences);
     let weakest = weakest(&checks.cameras);
     if sentences.is_empty()
         && let Some(camera) = weakest
@@ -71,7 +72,7 @@ pub(super) fn verdict(checks: &Checks, rules: &CheckRules) -> Verdict {
         ));
     }
     // What did no harm is told where there is room for it.
-    let room = rules.max_sentences - sentences.len().min(rules.max_sentences);
-    sentences.extend(harmless.iter().take(room).map(|it| it.judgement.sentence.clone()));
+    let network = options.max_sentences - sentences.len().min(options.max_sentences);
+    sentences.extend(harmless.iter().take(network).map(|it| it.judgement.sentence.clone()));
     Verdict { level, sentences, more, weakest }
 }

@@ -1,6 +1,6 @@
 //! Moments that cameras with clocks of their own share, and what each saw then.
 
-use foveate_geometry::self_calibration::Sighting;
+use foveate_geometry::self_calibration::LightObservation;
 use nalgebra::Vector2;
 
 use super::track::{Track, brightest};
@@ -9,16 +9,16 @@ use crate::solved::ClockFit;
 
 /// How moments are chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FrameRules {
+pub struct FrameOptions {
     /// A picture taken this close to the moment is taken as it is, without interpolation [s].
     pub coincide_s: f64,
-    /// Between sights further apart, where the light was is not known; one and a half periods of a camera that is slower than this [s].
+    /// Between observations further apart, where the light was is not known; one and a half periods of a camera that is slower than this [s].
     pub max_gap_s: f64,
     /// Of more moments than this, some are left out at equal steps [–].
     pub max_frames: usize,
 }
 
-impl Default for FrameRules {
+impl Default for FrameOptions {
     fn default() -> Self {
         Self { coincide_s: 0.5e-3, max_gap_s: 0.1, max_frames: usize::MAX }
     }
@@ -30,24 +30,24 @@ pub struct Frames {
     /// By frame, ascending: the room's time [s].
     pub times_s: Vec<f64>,
     /// In the order of frames and within a frame of cameras: at most one a camera.
-    pub sightings: Vec<Sighting>,
-    /// By sighting: how fast the pixel moves [px/s]; `None` where its neighbours lie on no smooth path, which none but a picture
+    pub observations: Vec<LightObservation>,
+    /// By observation: how fast the pixel moves [px/s]; `None` where its neighbours lie on no smooth path, which none but a picture
     /// that was taken as it is can be.
     pub velocities: Vec<Option<Vector2<f64>>>,
-    /// By sighting: the standard deviation of either coordinate, which makes up for sights that several frames share [px].
+    /// By observation: the standard deviation of either coordinate, which makes up for observations that several frames share [px].
     pub sigmas_px: Vec<f64>,
-    /// By sighting: the picture's place in the recording; `None` for a place between pictures.
-    pub looks: Vec<Option<usize>>,
+    /// By observation: the picture's place in the recording; `None` for a place between pictures.
+    pub camera_frames: Vec<Option<usize>>,
 }
 
 /// Frames of a recording under known clocks; cameras without one (`None`) are left out. With clocks that agree, moments are those of the pictures
 /// and nothing is interpolated, or left out for not being smooth. Of several spots in a picture the brightest is taken.
-pub fn frames(recording: &Recording, clocks: &[Option<ClockFit>], rules: &FrameRules) -> Frames {
+pub fn frames(recording: &Recording, clocks: &[Option<ClockFit>], options: &FrameOptions) -> Frames {
     let all = brightest(recording);
-    let smooth: Vec<Track> = all.iter().map(|it| it.smooth(rules.max_gap_s)).collect();
+    let smooth: Vec<Track> = all.iter().map(|it| it.smooth(options.max_gap_s)).collect();
     let clocks: Vec<Option<Clock>> = clocks.iter().map(|it| it.as_ref().map(Clock::of)).collect();
-    let times_s = moments(&all, &clocks, rules.max_frames);
-    at_moments(&all, &smooth, &clocks, times_s, rules)
+    let times_s = moments(&all, &clocks, options.max_frames);
+    at_moments(&all, &smooth, &clocks, times_s, options)
 }
 
 /// Room time = `offset_s` + `rate` · camera time.
@@ -106,7 +106,7 @@ pub(super) fn at_moments(
     smooth: &[Track],
     clocks: &[Option<Clock>],
     times_s: Vec<f64>,
-    rules: &FrameRules,
+    options: &FrameOptions,
 ) -> Frames {
     let mut steps: Vec<f64> = times_s.windows(2).map(|it| it[1] - it[0]).collect();
     steps.sort_by(f64::total_cmp);
@@ -116,16 +116,16 @@ pub(super) fn at_moments(
         for (camera, clock) in clocks.iter().enumerate() {
             let Some(clock) = clock else { continue };
             let own = clock.own_s(*time);
-            let between = || smooth[camera].at(own, rules.max_gap_s);
+            let between = || smooth[camera].at(own, options.max_gap_s);
             let samples = &all[camera].samples;
             let next = samples.partition_point(|it| it.time_s < own);
             let beside = [next.checked_sub(1), Some(next)].into_iter().flatten().filter_map(|it| samples.get(it));
             let nearest = beside.min_by(|a, b| (a.time_s - own).abs().total_cmp(&(b.time_s - own).abs()));
-            let (pixel, velocity, sigma_px, look) = match nearest {
-                Some(it) if (it.time_s - own).abs() <= rules.coincide_s => {
+            let (pixel, velocity, sigma_px, camera_frame) = match nearest {
+                Some(it) if (it.time_s - own).abs() <= options.coincide_s => {
                     let kept =
                         smooth[camera].samples.binary_search_by(|other| other.time_s.total_cmp(&it.time_s)).is_ok();
-                    (it.pixel, between().filter(|_| kept).map(|it| it.velocity), it.sigma_px, Some(it.look))
+                    (it.pixel, between().filter(|_| kept).map(|it| it.velocity), it.sigma_px, Some(it.camera_frame))
                 }
                 _ => match between() {
                     // Frames denser than pictures share them: together they must not weigh more than the pictures do.
@@ -137,10 +137,10 @@ pub(super) fn at_moments(
                     None => continue,
                 },
             };
-            frames.sightings.push(Sighting { camera, frame, pixel });
+            frames.observations.push(LightObservation { camera, frame, pixel });
             frames.velocities.push(velocity);
             frames.sigmas_px.push(sigma_px);
-            frames.looks.push(look);
+            frames.camera_frames.push(camera_frame);
         }
     }
     frames.times_s = times_s;

@@ -2,17 +2,17 @@
 
 use foveate_estimation::Loss;
 use foveate_geometry::bundle::{
-    AdjustedWithClocks, BundleRules, ClockFreedom, ClockGauge, Freedom, Observation, Timing, adjust_with_clocks,
+    AdjustedWithClocks, BundleOptions, ClockFreedom, ClockGauge, Freedom, Observation, Timing, adjust_with_clocks,
 };
 use foveate_geometry::self_calibration::{
-    CameraStatus, SelfCalibration, SelfCalibrationFault, SelfCalibrationRules, self_calibrate,
+    CameraStatus, SelfCalibration, SelfCalibrationError, SelfCalibrationOptions, self_calibrate,
 };
 use foveate_geometry::{Camera, Ray, triangulate_rays};
 use nalgebra::{Point3, Vector2};
 
-use super::frames::{Clock, FrameRules, Frames, at_moments, moments};
+use super::frames::{Clock, FrameOptions, Frames, at_moments, moments};
 use super::track::Track;
-use super::{ClockFault, ClockRules};
+use super::{ClockError, ClockOptions};
 use crate::recording::Recording;
 use crate::stretches::stretches;
 
@@ -20,9 +20,9 @@ use crate::stretches::stretches;
 const ROOMS: usize = 4;
 /// Adjustments of one room at most.
 const ROUNDS: usize = 12;
-/// Clocks that moved further since the room was made may have cost it sights [s].
+/// Clocks that moved further since the room was made may have cost it observations [s].
 const ANEW_S: f64 = 2e-3;
-/// Least sights of a clock.
+/// Least observations of a clock.
 const LEAST: usize = 20;
 
 /// A clock after all cameras were taken together.
@@ -31,8 +31,8 @@ pub(super) struct Refined {
     pub clock: Clock,
     /// Of what it shows in the middle of the recording, as residuals tell [s].
     pub sigma_s: f64,
-    /// Sights that hold it.
-    pub sights: usize,
+    /// Observations that hold it.
+    pub views: usize,
 }
 
 /// The outcome.
@@ -51,7 +51,7 @@ pub(super) struct Joint {
 struct Room<'a> {
     recording: &'a Recording,
     smooth: &'a [Track],
-    rules: &'a ClockRules,
+    options: &'a ClockOptions,
     reference: usize,
     clocks: Vec<Option<Clock>>,
     cameras: Vec<Camera>,
@@ -65,12 +65,12 @@ pub(super) fn refine(
     smooth: &[Track],
     start: Vec<Option<Clock>>,
     reference: usize,
-    rules: &ClockRules,
-) -> Result<Joint, ClockFault> {
-    let mut room = Room {
+    options: &ClockOptions,
+) -> Result<Joint, ClockError> {
+    let mut network = Room {
         recording,
         smooth,
-        rules,
+        options,
         reference,
         clocks: start,
         cameras: recording.cameras.iter().map(|it| it.camera.clone()).collect(),
@@ -81,42 +81,43 @@ pub(super) fn refine(
     let mut round = 0;
     loop {
         round += 1;
-        let made = room.make()?;
-        let before = room.clocks.clone();
-        let (found, last_move_s) = room.settle(&made.status)?;
-        let middle = room.middle_s();
-        let moved = room.moved(&before, middle);
+        let made = network.make()?;
+        let before = network.clocks.clone();
+        let (found, last_move_s) = network.settle(&made.status)?;
+        let middle = network.middle_s();
+        let moved = network.moved(&before, middle);
         if moved < ANEW_S || round == ROOMS {
-            return Ok(room.finish(made.status, &found, last_move_s));
+            return Ok(network.finish(made.status, &found, last_move_s));
         }
     }
 }
 
 impl Room<'_> {
-    fn frame_rules(&self) -> FrameRules {
+    fn frame_options(&self) -> FrameOptions {
         // Only the camera that sets the moments is taken as it is: what the others show has to move with their clocks.
-        FrameRules { coincide_s: 1e-9, max_gap_s: self.rules.max_gap_s, max_frames: self.rules.max_frames }
+        FrameOptions { coincide_s: 1e-9, max_gap_s: self.options.max_gap_s, max_frames: self.options.max_frames }
     }
 
     /// Frames under the clocks so far, and a room from them alone.
-    fn make(&mut self) -> Result<SelfCalibration, ClockFault> {
-        let rules = self.frame_rules();
-        let times = moments(self.smooth, &self.clocks, rules.max_frames);
-        self.frames = at_moments(self.smooth, self.smooth, &self.clocks, times, &rules);
+    fn make(&mut self) -> Result<SelfCalibration, ClockError> {
+        let options = self.frame_options();
+        let times = moments(self.smooth, &self.clocks, options.max_frames);
+        self.frames = at_moments(self.smooth, self.smooth, &self.clocks, times, &options);
         let guesses = &self.recording.cameras;
         let given: Vec<Camera> = guesses.iter().map(|it| it.camera.clone()).collect();
-        let self_rules = SelfCalibrationRules {
-            sigma_px: self.rules.sigma_px,
-            // Clocks that are still a little off cost sights, those of fast motion first.
-            inlier_px: 1.5 * self.rules.inlier_px,
-            seed: self.rules.seed,
-            ..SelfCalibrationRules::default()
+        let self_options = SelfCalibrationOptions {
+            sigma_px: self.options.sigma_px,
+            // Clocks that are still a little off cost observations, those of fast motion first.
+            inlier_px: 1.5 * self.options.inlier_px,
+            seed: self.options.seed,
+            ..SelfCalibrationOptions::default()
         };
         let free: Vec<Freedom> = guesses.iter().map(|it| it.free).collect();
-        let made = self_calibrate(&given, &free, &self.frames.sightings, &self_rules).map_err(|fault| match fault {
-            SelfCalibrationFault::NothingCalibrated { status } => ClockFault::NoRoom { status },
-            other => unreachable!("cameras and rules were checked: {other}"),
-        })?;
+        let made =
+            self_calibrate(&given, &free, &self.frames.observations, &self_options).map_err(|fault| match fault {
+                SelfCalibrationError::NothingCalibrated { status } => ClockError::NoRoom { status },
+                other => unreachable!("cameras and rules were checked: {other}"),
+            })?;
         // Optics that the frames do not hold stay as given.
         self.freedoms = made.freed.iter().map(|it| Freedom { pose: true, ..*it }).collect();
         self.cameras.clone_from(&made.cameras);
@@ -144,10 +145,10 @@ impl Room<'_> {
     }
 
     /// Adjusts, moves the clocks and looks pixels up anew until nothing moves; how far the last round moved a clock.
-    fn settle(&mut self, status: &[CameraStatus]) -> Result<(Adjustment, f64), ClockFault> {
+    fn settle(&mut self, status: &[CameraStatus]) -> Result<(Adjustment, f64), ClockError> {
         let mut previous = f64::INFINITY;
         for round in 0.. {
-            let last = round + 1 == ROUNDS || previous < self.rules.settled_s;
+            let last = round + 1 == ROUNDS || previous < self.options.settled_s;
             let before = self.clocks.clone();
             let found = self.adjust(status, last)?;
             let middle = self.middle_s();
@@ -163,17 +164,17 @@ impl Room<'_> {
                 return Ok((found, previous));
             }
             let times = std::mem::take(&mut self.frames.times_s);
-            self.frames = at_moments(self.smooth, self.smooth, &self.clocks, times, &self.frame_rules());
+            self.frames = at_moments(self.smooth, self.smooth, &self.clocks, times, &self.frame_options());
         }
         unreachable!("the last round returns")
     }
 
-    /// All sights that fit, and points where there were none.
-    fn adjust(&mut self, status: &[CameraStatus], covariance: bool) -> Result<Adjustment, ClockFault> {
+    /// All observations that fit, and points where there were none.
+    fn adjust(&mut self, status: &[CameraStatus], covariance: bool) -> Result<Adjustment, ClockError> {
         let posed = |camera: usize| matches!(status[camera], CameraStatus::Calibrated);
-        let limit = self.rules.inlier_px;
+        let limit = self.options.inlier_px;
         let mut of_frame: Vec<Vec<usize>> = vec![Vec::new(); self.frames.times_s.len()];
-        for (index, it) in self.frames.sightings.iter().enumerate() {
+        for (index, it) in self.frames.observations.iter().enumerate() {
             if posed(it.camera) && self.frames.velocities[index].is_some() {
                 of_frame[it.frame].push(index);
             }
@@ -183,7 +184,7 @@ impl Room<'_> {
         let (mut observations, mut velocities, mut times_s) = (Vec::new(), Vec::new(), Vec::new());
         for (frame, of_frame) in of_frame.iter().enumerate() {
             let error = |index: &usize, point: &Point3<f64>| {
-                let it = &self.frames.sightings[*index];
+                let it = &self.frames.observations[*index];
                 self.cameras[it.camera].project(point).map_or(f64::INFINITY, |seen| (seen - it.pixel).norm())
             };
             let fitting = |point: &Point3<f64>| -> Vec<usize> {
@@ -191,7 +192,7 @@ impl Room<'_> {
             };
             let known = self.points[frame].or_else(|| {
                 let ray = |it: &usize| {
-                    let it = &self.frames.sightings[*it];
+                    let it = &self.frames.observations[*it];
                     self.cameras[it.camera].ray(&it.pixel)
                 };
                 triangulate_rays(&of_frame.iter().filter_map(ray).collect::<Vec<Ray>>())
@@ -203,7 +204,7 @@ impl Room<'_> {
                 continue;
             }
             for index in chosen {
-                let it = &self.frames.sightings[index];
+                let it = &self.frames.observations[index];
                 let sigma_px = self.frames.sigmas_px[index];
                 observations.push(Observation { camera: it.camera, point: points.len(), pixel: it.pixel, sigma_px });
                 velocities.push(self.frames.velocities[index].unwrap_or_else(Vector2::zeros));
@@ -215,24 +216,24 @@ impl Room<'_> {
         let free: Vec<ClockFreedom> = (0..self.cameras.len())
             .map(|it| {
                 let offset = it != self.reference && posed(it);
-                ClockFreedom { offset, drift: offset && self.rules.max_drift > 0.0 }
+                ClockFreedom { offset, drift: offset && self.options.max_drift > 0.0 }
             })
             .collect();
         // A reference that has no pose holds no gauge: the others are then stated against their mean.
         let gauge = if posed(self.reference) { ClockGauge::Camera(self.reference) } else { ClockGauge::Mean };
         let timing = Timing { velocities: &velocities, times_s: &times_s, free: &free, gauge };
-        let rules = BundleRules { loss: Loss::HUBER, covariance, max_iterations: 40, ..BundleRules::default() };
+        let options = BundleOptions { loss: Loss::HUBER, covariance, max_iterations: 40, ..BundleOptions::default() };
         let stretches = stretches(&frames);
         let found =
-            adjust_with_clocks(&self.cameras, &self.freedoms, &points, &observations, &timing, &stretches, &rules)
-                .map_err(|fault| ClockFault::NotAdjusted { fault: fault.to_string() })?;
+            adjust_with_clocks(&self.cameras, &self.freedoms, &points, &observations, &timing, &stretches, &options)
+                .map_err(|fault| ClockError::NotAdjusted { fault: fault.to_string() })?;
         self.cameras.clone_from(&found.adjusted.cameras);
         for (frame, point) in frames.iter().zip(&found.adjusted.points) {
             self.points[*frame] = Some(*point);
         }
-        let mut sights = vec![0; self.cameras.len()];
-        observations.iter().for_each(|it| sights[it.camera] += 1);
-        Ok(Adjustment { found, sights })
+        let mut views = vec![0; self.cameras.len()];
+        observations.iter().for_each(|it| views[it.camera] += 1);
+        Ok(Adjustment { found, views })
     }
 
     /// By what noise in a camera's velocities makes its clock look better known than it is: Σ v²/Σ v·v', with v' so much later that
@@ -242,7 +243,7 @@ impl Room<'_> {
         let track = &self.smooth[camera];
         let (mut squares, mut products) = (0.0, 0.0);
         for time in &self.frames.times_s {
-            let at = |later: f64| track.at(clock.own_s(*time) + later * track.period_s, self.rules.max_gap_s);
+            let at = |later: f64| track.at(clock.own_s(*time) + later * track.period_s, self.options.max_gap_s);
             if let Some((now, then)) = at(0.0).zip(at(4.0)) {
                 squares += now.velocity.norm_squared();
                 products += now.velocity.dot(&then.velocity);
@@ -253,18 +254,18 @@ impl Room<'_> {
 
     fn finish(self, status: Vec<CameraStatus>, last: &Adjustment, last_move_s: f64) -> Joint {
         let clocks = self.clocks.iter().enumerate().map(|(camera, clock)| {
-            let sights = last.sights[camera];
-            let posed = status[camera] == CameraStatus::Calibrated && sights >= LEAST;
+            let views = last.views[camera];
+            let posed = status[camera] == CameraStatus::Calibrated && views >= LEAST;
             let stated = last.found.clocks[camera].offset_sigma_s;
             let sigma_s = match camera == self.reference {
                 true => 0.0,
                 false => stated * self.of_noisy_velocities(camera),
             };
-            clock.filter(|_| posed).map(|clock| Refined { clock, sigma_s, sights })
+            clock.filter(|_| posed).map(|clock| Refined { clock, sigma_s, views })
         });
-        let why = |(camera, it): (usize, &CameraStatus)| match last.sights[camera] {
+        let why = |(camera, it): (usize, &CameraStatus)| match last.views[camera] {
             frames if *it == CameraStatus::Calibrated && frames < LEAST => {
-                CameraStatus::TooFewSightings { frames, needed: LEAST }
+                CameraStatus::TooFewObservations { frames, needed: LEAST }
             }
             _ => it.clone(),
         };
@@ -281,6 +282,6 @@ impl Room<'_> {
 /// One adjustment.
 struct Adjustment {
     found: AdjustedWithClocks,
-    /// By camera: sights in use.
-    sights: Vec<usize>,
+    /// By camera: observations in use.
+    views: Vec<usize>,
 }

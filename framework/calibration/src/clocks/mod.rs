@@ -1,6 +1,6 @@
 //! Cameras that share no clock: how far theirs are apart, from the path of one light, before anything else is known.
 //!
-//! 1. Each camera's sights are held against their neighbours; those on a smooth path are kept, with where the light was between them and how fast.
+//! 1. Each camera's observations are held against their neighbours; those on a smooth path are kept, with where the light was between them and how fast.
 //! 2. Pairs of cameras are compared at every offset in the window, without poses, by whether one epipolar geometry explains them.
 //! 3. The offsets of all pairs are brought to agree; pairs that contradict the others are dropped.
 //! 4. Frames by these clocks give a room ([`self_calibrate`](foveate_geometry::self_calibration)), whose adjustment has the clocks free; frames are
@@ -20,32 +20,32 @@ mod track;
 
 use foveate_estimation::Random;
 use foveate_geometry::Camera;
-use foveate_geometry::camera::CameraFault;
+use foveate_geometry::camera::CameraError;
 use foveate_geometry::self_calibration::CameraStatus;
 
-pub use self::frames::{FrameRules, Frames, frames};
-pub use self::pairs::PairFault;
+pub use self::frames::{FrameOptions, Frames, frames};
+pub use self::pairs::PairError;
 pub(crate) use self::resample::in_turn;
 pub use self::resample::on_one_clock;
 use crate::recording::Recording;
 use crate::solved::ClockFit;
 use agreement::{Compared, agree};
-use pairs::{PairRules, Straight, compare};
+use pairs::{PairOptions, Straight, compare};
 
 /// How to go about it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ClockRules {
+pub struct ClockOptions {
     /// Clocks are compared up to this far apart, either way [s].
     pub max_offset_s: f64,
     /// And up to this part faster or slower; 0: all run alike [–].
     pub max_drift: f64,
     /// The camera whose clock is the room's; `None`: the one that agrees with most others.
     pub reference: Option<usize>,
-    /// Between sights further apart, where the light was is not known; one and a half periods of a camera that is slower than this [s].
+    /// Between observations further apart, where the light was is not known; one and a half periods of a camera that is slower than this [s].
     pub max_gap_s: f64,
-    /// Of either coordinate of a right sight, standard deviation [px].
+    /// Of either coordinate of a right observation, standard deviation [px].
     pub sigma_px: f64,
-    /// A sight is right when at most this far from where its point is seen [px].
+    /// An observation is right when at most this far from where its point is seen [px].
     pub inlier_px: f64,
     /// Moments, at steps of the path, that two cameras must share, at least 16 [–].
     pub min_moments: usize,
@@ -61,7 +61,7 @@ pub struct ClockRules {
     pub seed: u64,
 }
 
-impl Default for ClockRules {
+impl Default for ClockOptions {
     fn default() -> Self {
         Self {
             max_offset_s: 0.5,
@@ -111,7 +111,7 @@ pub enum ClockStatus {
         links: usize,
     },
     /// It saw too little of a smooth path.
-    TooFewSights {
+    TooFewViews {
         /// Moments at steps of the path.
         moments: usize,
         /// How many are needed.
@@ -127,7 +127,7 @@ pub enum ClockStatus {
         /// The other camera of that pair.
         other: usize,
         /// Why not.
-        fault: PairFault,
+        fault: PairError,
     },
     /// Pairs tell how it stands to others, but not to the larger group of cameras.
     Separate {
@@ -162,7 +162,7 @@ impl ClockStatus {
             ClockStatus::Reference => "its clock is the room's".to_owned(),
             ClockStatus::Found { links: 1 } => "found by one pair, which no loop of cameras confirms".to_owned(),
             ClockStatus::Found { links } => format!("found, confirmed by {links} pairs"),
-            ClockStatus::TooFewSights { moments, needed } => {
+            ClockStatus::TooFewViews { moments, needed } => {
                 format!("saw {moments} moments of a smoothly moving light, expected at least {needed}")
             }
             ClockStatus::LightStill { spread_px } => format!(
@@ -189,7 +189,7 @@ impl ClockStatus {
 
     /// Whether clocks that may be further apart could be found: nothing fits within the offsets that were tried.
     pub fn may_be_further_off(&self) -> bool {
-        let at_no_offset = |it: &PairFault| matches!(it, PairFault::NoOverlap { .. } | PairFault::Inconsistent { .. });
+        let at_no_offset = |it: &PairError| matches!(it, PairError::NoOverlap { .. } | PairError::Inconsistent { .. });
         match self {
             ClockStatus::BeyondLimit { .. } => true,
             ClockStatus::NotTold { fault, .. } => at_no_offset(fault),
@@ -227,7 +227,7 @@ pub struct Synchronised {
 
 /// Why there is no answer at all.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum ClockFault {
+pub enum ClockError {
     /// One camera, or none.
     #[error("{count} cameras, expected at least 2")]
     TooFewCameras {
@@ -240,13 +240,15 @@ pub enum ClockFault {
         /// Which.
         camera: usize,
         /// What is wrong.
-        fault: CameraFault,
+        fault: CameraError,
     },
     /// A picture by nobody, or at no time.
-    #[error("picture {look} is of camera {camera} at {time_s} s, expected a camera below {cameras} and a finite time")]
-    BadLook {
+    #[error(
+        "picture {camera_frame} is of camera {camera} at {time_s} s, expected a camera below {cameras} and a finite time"
+    )]
+    BadFrame {
         /// Its place in the recording.
-        look: usize,
+        camera_frame: usize,
         /// Its camera.
         camera: usize,
         /// Its time [s].
@@ -284,23 +286,23 @@ pub enum ClockFault {
     },
 }
 
-impl ClockFault {
+impl ClockError {
     /// Why, the cameras that it speaks of by `name`; `further` is added to what is said of a clock.
     pub fn sentence(&self, name: impl Fn(usize) -> String, further: impl Fn(&ClockStatus) -> String) -> String {
         let list = |each: Vec<String>| each.iter().map(|it| format!("\n  {it}")).collect::<String>();
         match self {
-            ClockFault::BadCamera { camera, fault } => format!("{}: {fault}", name(*camera)),
-            ClockFault::BadLook { look, camera, time_s, .. } => {
-                format!("picture {look} of {} is at {time_s} s, expected a finite time", name(*camera))
+            ClockError::BadCamera { camera, fault } => format!("{}: {fault}", name(*camera)),
+            ClockError::BadFrame { camera_frame, camera, time_s, .. } => {
+                format!("picture {camera_frame} of {} is at {time_s} s, expected a finite time", name(*camera))
             }
-            ClockFault::NothingFound { status } => {
+            ClockError::NothingFound { status } => {
                 let each = status.iter().enumerate();
                 let one = |(camera, it): (usize, &ClockStatus)| {
                     format!("{}: {}{}", name(camera), it.sentence(&name), further(it))
                 };
                 format!("no two clocks could be compared:{}", list(each.map(one).collect()))
             }
-            ClockFault::NoRoom { status } => {
+            ClockError::NoRoom { status } => {
                 let each = status.iter().enumerate();
                 let one = |(camera, it): (usize, &CameraStatus)| format!("{}: {}", name(camera), it.sentence(&name));
                 format!("no two cameras could be calibrated:{}", list(each.map(one).collect()))
@@ -313,40 +315,40 @@ impl ClockFault {
 /// Finds the clocks of the cameras of a `recording` of one light; the brightest spot of each picture is taken for it.
 ///
 /// # Errors
-/// See [`ClockFault`]; clocks that are not determined beside others that are stand in the status.
-pub fn synchronise(recording: &Recording, rules: &ClockRules) -> Result<Synchronised, ClockFault> {
-    check(recording, rules)?;
+/// See [`ClockError`]; clocks that are not determined beside others that are stand in the status.
+pub fn synchronise(recording: &Recording, options: &ClockOptions) -> Result<Synchronised, ClockError> {
+    check(recording, options)?;
     let n = recording.cameras.len();
     let all = track::brightest(recording);
-    let smooth: Vec<_> = all.iter().map(|it| it.smooth(rules.max_gap_s)).collect();
+    let smooth: Vec<_> = all.iter().map(|it| it.smooth(options.max_gap_s)).collect();
     let straight: Vec<Straight> =
         smooth.iter().zip(&recording.cameras).map(|(track, it)| Straight::new(track, &it.camera)).collect();
-    let pair_rules = PairRules {
-        max_offset_s: rules.max_offset_s,
-        max_drift: rules.max_drift,
-        max_gap_s: rules.max_gap_s,
-        inlier_px: rules.inlier_px,
-        sigma_px: rules.sigma_px,
-        min_moments: rules.min_moments.max(16),
-        min_distinction: rules.min_distinction,
+    let pair_options = PairOptions {
+        max_offset_s: options.max_offset_s,
+        max_drift: options.max_drift,
+        max_gap_s: options.max_gap_s,
+        inlier_px: options.inlier_px,
+        sigma_px: options.sigma_px,
+        min_moments: options.min_moments.max(16),
+        min_distinction: options.min_distinction,
     };
     let mut status: Vec<Option<ClockStatus>> = straight
         .iter()
         .map(|it| {
-            let (moments, needed) = (it.n_moments(), pair_rules.min_moments);
+            let (moments, needed) = (it.n_moments(), pair_options.min_moments);
             if moments < needed {
-                Some(ClockStatus::TooFewSights { moments, needed })
-            } else if it.spread_px < 5.0 * rules.sigma_px {
+                Some(ClockStatus::TooFewViews { moments, needed })
+            } else if it.spread_px < 5.0 * options.sigma_px {
                 Some(ClockStatus::LightStill { spread_px: it.spread_px })
             } else {
                 None
             }
         })
         .collect();
-    let (mut compared, mut faults): (Vec<Compared>, Vec<(usize, usize, PairFault)>) = (Vec::new(), Vec::new());
+    let (mut compared, mut faults): (Vec<Compared>, Vec<(usize, usize, PairError)>) = (Vec::new(), Vec::new());
     for a in 0..n {
         for b in (a + 1..n).filter(|it| status[a].is_none() && status[*it].is_none()) {
-            match compare(&straight[a], &straight[b], &pair_rules) {
+            match compare(&straight[a], &straight[b], &pair_options) {
                 Ok(clock) => compared.push(Compared { a, b, clock }),
                 Err(fault) => faults.push((a, b, fault)),
             }
@@ -361,14 +363,14 @@ pub fn synchronise(recording: &Recording, rules: &ClockRules) -> Result<Synchron
         if group.len() > 1 {
             return ClockStatus::Separate { group };
         }
-        let needed = pair_rules.min_moments;
-        closest(camera).unwrap_or(ClockStatus::TooFewSights { moments: straight[camera].n_moments(), needed })
+        let needed = pair_options.min_moments;
+        closest(camera).unwrap_or(ClockStatus::TooFewViews { moments: straight[camera].n_moments(), needed })
     };
-    let mut random = Random::new(rules.seed).fork("clocks");
-    let Some(agreed) = agree(n, &compared, rules.reference, &mut random) else {
+    let mut random = Random::new(options.seed).fork("clocks");
+    let Some(agreed) = agree(n, &compared, options.reference, &mut random) else {
         let each = status.into_iter().enumerate();
         let status = each.map(|(camera, it)| it.unwrap_or_else(|| unreached(camera, Vec::new()))).collect();
-        return Err(ClockFault::NothingFound { status });
+        return Err(ClockError::NothingFound { status });
     };
     for (camera, status) in status.iter_mut().enumerate().filter(|it| it.1.is_none()) {
         if agreed.clocks[camera].is_none() {
@@ -388,8 +390,8 @@ pub fn synchronise(recording: &Recording, rules: &ClockRules) -> Result<Synchron
         })
         .collect();
     let reference = agreed.reference;
-    let found = joint::refine(recording, &smooth, agreed.clocks, reference, rules)?;
-    let times = || recording.looks.iter().map(|it| it.time_s);
+    let found = joint::refine(recording, &smooth, agreed.clocks, reference, options)?;
+    let times = || recording.camera_frames.iter().map(|it| it.time_s);
     let middle_s = 0.5 * (times().fold(f64::INFINITY, f64::min) + times().fold(f64::NEG_INFINITY, f64::max));
     let mut clocks: Vec<Option<ClockFit>> = Vec::with_capacity(n);
     let mut stated: Vec<ClockStatus> = Vec::with_capacity(n);
@@ -400,12 +402,14 @@ pub fn synchronise(recording: &Recording, rules: &ClockRules) -> Result<Synchron
             (None, None) => (None, ClockStatus::NoPose { status: found.status[camera].clone() }),
             (None, Some(it)) if camera == reference => (Some(it), ClockStatus::Reference),
             // Pairs within the window add up: what they lead to may be the second best of two offsets.
-            (None, Some(it)) if (it.clock.room_s(middle_s) - middle_s).abs() > rules.max_offset_s + BESIDE_S => {
+            (None, Some(it)) if (it.clock.room_s(middle_s) - middle_s).abs() > options.max_offset_s + BESIDE_S => {
                 let offset_s = it.clock.room_s(middle_s) - middle_s;
-                (None, ClockStatus::BeyondLimit { offset_s, limit_s: rules.max_offset_s })
+                (None, ClockStatus::BeyondLimit { offset_s, limit_s: options.max_offset_s })
             }
-            (None, Some(it)) if it.sigma_s <= rules.max_sigma_s => (Some(it), ClockStatus::Found { links: confirming }),
-            (None, Some(it)) => (None, ClockStatus::Uncertain { sigma_s: it.sigma_s, limit_s: rules.max_sigma_s }),
+            (None, Some(it)) if it.sigma_s <= options.max_sigma_s => {
+                (Some(it), ClockStatus::Found { links: confirming })
+            }
+            (None, Some(it)) => (None, ClockStatus::Uncertain { sigma_s: it.sigma_s, limit_s: options.max_sigma_s }),
         };
         clocks.push(clock.map(|it| ClockFit {
             offset_s: it.clock.offset_s,
@@ -415,9 +419,10 @@ pub fn synchronise(recording: &Recording, rules: &ClockRules) -> Result<Synchron
         }));
         stated.push(status);
     }
-    let frame_rules = FrameRules { max_gap_s: rules.max_gap_s, max_frames: rules.max_frames, ..FrameRules::default() };
+    let frame_options =
+        FrameOptions { max_gap_s: options.max_gap_s, max_frames: options.max_frames, ..FrameOptions::default() };
     Ok(Synchronised {
-        frames: frames(recording, &clocks, &frame_rules),
+        frames: frames(recording, &clocks, &frame_options),
         clocks,
         status: stated,
         reference,
@@ -429,55 +434,55 @@ pub fn synchronise(recording: &Recording, rules: &ClockRules) -> Result<Synchron
 }
 
 /// How far a comparison came.
-fn depth(fault: &PairFault) -> u8 {
+fn depth(fault: &PairError) -> u8 {
     match fault {
-        PairFault::TooFew { .. } => 0,
-        PairFault::NoOverlap { .. } => 1,
-        PairFault::Inconsistent { .. } => 2,
-        PairFault::Flat { .. } => 3,
-        PairFault::Ambiguous { .. } => 4,
+        PairError::TooFew { .. } => 0,
+        PairError::NoOverlap { .. } => 1,
+        PairError::Inconsistent { .. } => 2,
+        PairError::Flat { .. } => 3,
+        PairError::Ambiguous { .. } => 4,
     }
 }
 
-fn check(recording: &Recording, rules: &ClockRules) -> Result<(), ClockFault> {
+fn check(recording: &Recording, options: &ClockOptions) -> Result<(), ClockError> {
     let cameras = recording.cameras.len();
     if cameras < 2 {
-        return Err(ClockFault::TooFewCameras { count: cameras });
+        return Err(ClockError::TooFewCameras { count: cameras });
     }
     for (camera, guess) in recording.cameras.iter().enumerate() {
-        guess.camera.check().map_err(|fault| ClockFault::BadCamera { camera, fault })?;
+        guess.camera.check().map_err(|fault| ClockError::BadCamera { camera, fault })?;
     }
-    for (index, look) in recording.looks.iter().enumerate() {
-        if look.camera >= cameras || !look.time_s.is_finite() {
-            let (camera, time_s) = (look.camera, look.time_s);
-            return Err(ClockFault::BadLook { look: index, camera, time_s, cameras });
+    for (index, camera_frame) in recording.camera_frames.iter().enumerate() {
+        if camera_frame.camera >= cameras || !camera_frame.time_s.is_finite() {
+            let (camera, time_s) = (camera_frame.camera, camera_frame.time_s);
+            return Err(ClockError::BadFrame { camera_frame: index, camera, time_s, cameras });
         }
     }
     for (rule, found) in [
-        ("max_offset_s", rules.max_offset_s),
-        ("max_gap_s", rules.max_gap_s),
-        ("sigma_px", rules.sigma_px),
-        ("inlier_px", rules.inlier_px),
-        ("max_frames", rules.max_frames as f64),
-        ("max_sigma_s", rules.max_sigma_s),
-        ("settled_s", rules.settled_s),
+        ("max_offset_s", options.max_offset_s),
+        ("max_gap_s", options.max_gap_s),
+        ("sigma_px", options.sigma_px),
+        ("inlier_px", options.inlier_px),
+        ("max_frames", options.max_frames as f64),
+        ("max_sigma_s", options.max_sigma_s),
+        ("settled_s", options.settled_s),
     ] {
         if !(found.is_finite() && found > 0.0) {
-            return Err(ClockFault::BadRule { rule, found, expected: "a finite number above 0" });
+            return Err(ClockError::BadRule { rule, found, expected: "a finite number above 0" });
         }
     }
-    if !(0.0..=0.05).contains(&rules.max_drift) {
-        return Err(ClockFault::BadRule { rule: "max_drift", found: rules.max_drift, expected: "0 to 0.05" });
+    if !(0.0..=0.05).contains(&options.max_drift) {
+        return Err(ClockError::BadRule { rule: "max_drift", found: options.max_drift, expected: "0 to 0.05" });
     }
-    if !(rules.min_distinction >= 1.0 && rules.min_distinction.is_finite()) {
-        return Err(ClockFault::BadRule {
+    if !(options.min_distinction >= 1.0 && options.min_distinction.is_finite()) {
+        return Err(ClockError::BadRule {
             rule: "min_distinction",
-            found: rules.min_distinction,
+            found: options.min_distinction,
             expected: "at least 1",
         });
     }
-    if let Some(camera) = rules.reference.filter(|it| *it >= cameras) {
-        return Err(ClockFault::BadRule {
+    if let Some(camera) = options.reference.filter(|it| *it >= cameras) {
+        return Err(ClockError::BadRule {
             rule: "reference",
             found: camera as f64,
             expected: "the number of a camera",

@@ -15,7 +15,7 @@ use super::track::Track;
 
 /// What to try.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct PairRules {
+pub(super) struct PairOptions {
     pub max_offset_s: f64,
     pub max_drift: f64,
     pub max_gap_s: f64,
@@ -42,7 +42,7 @@ pub(super) struct PairClock {
 
 /// Why two tracks do not tell how their clocks stand.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum PairFault {
+pub enum PairError {
     /// One of the two sees too little of a path.
     #[error("{moments} moments of a moving light, expected at least {needed}")]
     TooFew {
@@ -142,15 +142,15 @@ impl Straight {
 }
 
 /// Compares two cameras at all offsets in the window.
-pub(super) fn compare(a: &Straight, b: &Straight, rules: &PairRules) -> Result<PairClock, PairFault> {
+pub(super) fn compare(a: &Straight, b: &Straight, options: &PairOptions) -> Result<PairClock, PairError> {
     // The one with more moments is looked up at those of the other.
     let swapped = b.n_moments() > a.n_moments();
     let (few, many) = if swapped { (a, b) } else { (b, a) };
     let moments = few.n_moments();
-    if moments < rules.min_moments {
-        return Err(PairFault::TooFew { moments, needed: rules.min_moments });
+    if moments < options.min_moments {
+        return Err(PairError::TooFew { moments, needed: options.min_moments });
     }
-    let found = Pair::new(few, many, rules).search()?;
+    let found = Pair::new(few, many, options).search()?;
     if !swapped {
         return Ok(found);
     }
@@ -163,7 +163,7 @@ pub(super) fn compare(a: &Straight, b: &Straight, rules: &PairRules) -> Result<P
 struct Pair<'a> {
     few: &'a Straight,
     many: &'a Straight,
-    rules: &'a PairRules,
+    options: &'a PairOptions,
     /// In which the light moves by the inlier distance [s].
     fine_s: f64,
     middle_s: f64,
@@ -181,43 +181,43 @@ struct Trial {
 }
 
 impl<'a> Pair<'a> {
-    fn new(few: &'a Straight, many: &'a Straight, rules: &'a PairRules) -> Pair<'a> {
+    fn new(few: &'a Straight, many: &'a Straight, options: &'a PairOptions) -> Pair<'a> {
         let [start, end] = few.track.span_s().unwrap_or([0.0; 2]);
-        let fine_s = rules.inlier_px / few.speed.max(many.speed).max(1e-9);
-        Pair { few, many, rules, fine_s, middle_s: 0.5 * (start + end), half_span_s: 0.5 * (end - start).max(1e-3) }
+        let fine_s = options.inlier_px / few.speed.max(many.speed).max(1e-9);
+        Pair { few, many, options, fine_s, middle_s: 0.5 * (start + end), half_span_s: 0.5 * (end - start).max(1e-3) }
     }
 
-    fn search(&self) -> Result<PairClock, PairFault> {
+    fn search(&self) -> Result<PairClock, PairError> {
         let (starts, step_s) = self.valleys()?;
         let mut best: Vec<(f64, usize, Trial)> = Vec::new();
         for offset_s in starts {
             let trial = self.descend(Trial { offset_s, drift: 0.0, cost: f64::INFINITY }, step_s);
-            if trial.offset_s.abs() <= self.rules.max_offset_s + step_s {
+            if trial.offset_s.abs() <= self.options.max_offset_s + step_s {
                 let (support, moments) = self.support(trial.offset_s, trial.drift);
                 best.push((support, moments, trial));
             }
         }
         best.sort_by(|x, y| y.0.total_cmp(&x.0));
-        let needed = self.rules.min_moments;
+        let needed = self.options.min_moments;
         let Some(&(support, moments, first)) = best.first() else {
-            return Err(PairFault::NoOverlap { best: 0, needed });
+            return Err(PairError::NoOverlap { best: 0, needed });
         };
         if support < MIN_SHARE * moments as f64 || support < 0.5 * needed as f64 {
-            return Err(PairFault::Inconsistent { right: support as usize, moments });
+            return Err(PairError::Inconsistent { right: support as usize, moments });
         }
         let tolerance_s = TOLERANCE * self.fine_s;
         // Offsets that the first one shades off into are judged by what lies one tolerance away.
         let beside = [-1.0, 1.0].map(|side| self.support(first.offset_s + side * tolerance_s, first.drift));
         let rival =
-            |(other, of): (f64, usize)| other * moments as f64 / (of.max(1) as f64) * self.rules.min_distinction;
+            |(other, of): (f64, usize)| other * moments as f64 / (of.max(1) as f64) * self.options.min_distinction;
         if beside.into_iter().any(|it| it.1 >= needed && rival(it) > support) {
-            return Err(PairFault::Flat { tolerance_s });
+            return Err(PairError::Flat { tolerance_s });
         }
         let elsewhere = best.iter().find(|it| (it.2.offset_s - first.offset_s).abs() > tolerance_s);
         if let Some(&(other, _, second)) = elsewhere
-            && other * self.rules.min_distinction > support
+            && other * self.options.min_distinction > support
         {
-            return Err(PairFault::Ambiguous { first_s: first.offset_s, second_s: second.offset_s });
+            return Err(PairError::Ambiguous { first_s: first.offset_s, second_s: second.offset_s });
         }
         let rate = 1.0 + first.drift;
         let a_from_b = Clock { offset_s: first.offset_s - first.drift * self.middle_s, rate };
@@ -225,16 +225,16 @@ impl<'a> Pair<'a> {
     }
 
     /// The offsets at which one linear solution explains most, the best first, and the step between offsets tried.
-    fn valleys(&self) -> Result<(Vec<f64>, f64), PairFault> {
+    fn valleys(&self) -> Result<(Vec<f64>, f64), PairError> {
         let part = |it: &Straight| 0.1 * it.spread_px / it.speed.max(1e-9);
-        let window = self.rules.max_offset_s;
+        let window = self.options.max_offset_s;
         let step_s = part(self.few).min(part(self.many)).clamp(1e-3, (0.25 * window).max(1e-3));
         let grid_s = 0.5 * step_s;
         let [start, end] = self.many.track.span_s().unwrap_or([0.0; 2]);
         let n_grid = ((end - start) / grid_s) as usize + 1;
         let on_grid: Vec<Option<Vector3<f64>>> = (0..n_grid)
             .map(|it| {
-                let found = self.many.track.at(start + it as f64 * grid_s, self.rules.max_gap_s)?;
+                let found = self.many.track.at(start + it as f64 * grid_s, self.options.max_gap_s)?;
                 Some(self.many.scale * found.pixel.to_homogeneous())
             })
             .collect();
@@ -251,7 +251,7 @@ impl<'a> Pair<'a> {
             };
             let pairs: Pairs = in_few.iter().filter_map(|(time, own)| Some((*own, at(*time)?))).collect();
             most = most.max(pairs.len());
-            let left = if pairs.len() < self.rules.min_moments {
+            let left = if pairs.len() < self.options.min_moments {
                 f64::INFINITY
             } else {
                 let (_, least) = eight_points(&pairs, |_| 1.0);
@@ -260,8 +260,8 @@ impl<'a> Pair<'a> {
             };
             remaining.push((offset_s, left));
         }
-        if most < self.rules.min_moments {
-            return Err(PairFault::NoOverlap { best: most, needed: self.rules.min_moments });
+        if most < self.options.min_moments {
+            return Err(PairError::NoOverlap { best: most, needed: self.options.min_moments });
         }
         let left = |it: usize| remaining.get(it).map_or(f64::INFINITY, |it| it.1);
         let mut valleys: Vec<(f64, f64)> = (0..remaining.len())
@@ -280,7 +280,7 @@ impl<'a> Pair<'a> {
     fn pairs(&self, offset_s: f64, drift: f64) -> Pairs {
         let of = |&(time, own): &(f64, Point2<f64>)| {
             let there = time + offset_s + drift * (time - self.middle_s);
-            let other = self.many.track.at(there, self.rules.max_gap_s)?;
+            let other = self.many.track.at(there, self.options.max_gap_s)?;
             Some((self.few.scale * own.to_homogeneous(), self.many.scale * other.pixel.to_homogeneous()))
         };
         self.few.moments.iter().filter_map(of).collect()
@@ -293,17 +293,17 @@ impl<'a> Pair<'a> {
         let mut here = start;
         while step_s > finest {
             // As far off as steps are long, pairs may miss by what the light moves meanwhile.
-            let scale_px = self.rules.inlier_px * (step_s / self.fine_s).clamp(0.5, 30.0);
+            let scale_px = self.options.inlier_px * (step_s / self.fine_s).clamp(0.5, 30.0);
             here.cost = self.cost(here.offset_s, here.drift, scale_px);
             for _ in 0..6 {
                 let mut moves = vec![(step_s, 0.0), (-step_s, 0.0)];
                 let turn = step_s / self.half_span_s;
-                if self.rules.max_drift > 0.0 && turn < self.rules.max_drift {
+                if self.options.max_drift > 0.0 && turn < self.options.max_drift {
                     moves.extend([(0.0, turn), (0.0, -turn)]);
                 }
                 let trials = moves.into_iter().map(|(shift, turn)| {
                     let (offset_s, drift) = (here.offset_s + shift, here.drift + turn);
-                    let allowed = drift.abs() <= self.rules.max_drift;
+                    let allowed = drift.abs() <= self.options.max_drift;
                     let cost = if allowed { self.cost(offset_s, drift, scale_px) } else { f64::INFINITY };
                     Trial { offset_s, drift, cost }
                 });
@@ -321,7 +321,7 @@ impl<'a> Pair<'a> {
     /// Mean of Cauchy's loss of the distances.
     fn cost(&self, offset_s: f64, drift: f64, scale_px: f64) -> f64 {
         let squared = self.distances(&self.pairs(offset_s, drift), scale_px);
-        if squared.len() < self.rules.min_moments {
+        if squared.len() < self.options.min_moments {
             return f64::INFINITY;
         }
         squared.iter().map(|it| (1.0 + it / (scale_px * scale_px)).ln()).sum::<f64>() / squared.len() as f64
@@ -329,7 +329,7 @@ impl<'a> Pair<'a> {
 
     /// Σ max(0, 1 − (distance / inlier distance)²), and the number of moments.
     fn support(&self, offset_s: f64, drift: f64) -> (f64, usize) {
-        let limit = self.rules.inlier_px;
+        let limit = self.options.inlier_px;
         let squared = self.distances(&self.pairs(offset_s, drift), limit);
         let support = squared.iter().map(|it| (1.0 - it / (limit * limit)).max(0.0)).sum();
         (support, squared.len())
@@ -354,7 +354,7 @@ impl<'a> Pair<'a> {
             let middle = sorted.len() / 2;
             let median = *sorted.select_nth_unstable_by(middle, f64::total_cmp).1;
             let scale = (scale_px * scale_px).max(if round < 2 { 2.0 * median } else { 0.0 });
-            let scale = scale.max(self.rules.sigma_px.powi(2));
+            let scale = scale.max(self.options.sigma_px.powi(2));
             let weights: Vec<f64> = squared
                 .iter()
                 .zip(&by_slope)

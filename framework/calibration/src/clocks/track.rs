@@ -1,4 +1,4 @@
-//! One camera's sights of one light, in the camera's own time: which of them lie on a smooth path, and where the light was between them.
+//! One camera's observations of one light, in the camera's own time: which of them lie on a smooth path, and where the light was between them.
 
 use nalgebra::{Matrix3x4, Point2, Vector2, Vector3};
 
@@ -14,7 +14,7 @@ pub(super) struct Sample {
     /// Standard deviation of either coordinate [px].
     pub sigma_px: f64,
     /// Place of the picture in the recording.
-    pub look: usize,
+    pub camera_frame: usize,
 }
 
 /// Samples ascending by time.
@@ -62,19 +62,19 @@ pub(super) fn period_s(times_s: &[f64]) -> f64 {
 pub(super) fn brightest(recording: &Recording) -> Vec<Track> {
     let mut tracks = vec![Track::default(); recording.cameras.len()];
     let mut times_s: Vec<Vec<f64>> = vec![Vec::new(); recording.cameras.len()];
-    for (index, look) in recording.looks.iter().enumerate() {
-        if let Some(own) = times_s.get_mut(look.camera).filter(|_| look.time_s.is_finite()) {
-            own.push(look.time_s);
+    for (index, camera_frame) in recording.camera_frames.iter().enumerate() {
+        if let Some(own) = times_s.get_mut(camera_frame.camera).filter(|_| camera_frame.time_s.is_finite()) {
+            own.push(camera_frame.time_s);
         }
         let usable = |it: &&crate::recording::Spot| it.pixel.coords.norm().is_finite() && it.sigma_px > 0.0;
-        let best = look.spots.iter().filter(usable).max_by(|a, b| a.peak.total_cmp(&b.peak));
-        if let (Some(track), Some(spot)) = (tracks.get_mut(look.camera), best) {
+        let best = camera_frame.spots.iter().filter(usable).max_by(|a, b| a.peak.total_cmp(&b.peak));
+        if let (Some(track), Some(spot)) = (tracks.get_mut(camera_frame.camera), best) {
             let (pixel, sigma_px) = (spot.pixel, spot.sigma_px);
-            track.samples.push(Sample { time_s: look.time_s, pixel, sigma_px, look: index });
+            track.samples.push(Sample { time_s: camera_frame.time_s, pixel, sigma_px, camera_frame: index });
         }
     }
     for (track, times_s) in tracks.iter_mut().zip(&mut times_s) {
-        track.samples.sort_by(|a, b| a.time_s.total_cmp(&b.time_s).then(a.look.cmp(&b.look)));
+        track.samples.sort_by(|a, b| a.time_s.total_cmp(&b.time_s).then(a.camera_frame.cmp(&b.camera_frame)));
         track.samples.dedup_by(|later, earlier| later.time_s <= earlier.time_s);
         times_s.sort_by(f64::total_cmp);
         track.period_s = period_s(times_s);
@@ -217,17 +217,17 @@ mod tests {
 
     use super::*;
 
-    /// A light waved once a second at 30 Hz, every third sight wrong at random.
+    /// A light waved once a second at 30 Hz, every third observation wrong at random.
     fn waved(wrong: f64, sigma_px: f64) -> (Track, Vec<bool>) {
         let mut random = Random::new(3);
         let (mut samples, mut right) = (Vec::new(), Vec::new());
-        for look in 0..600 {
-            let time_s = look as f64 / 30.0;
+        for camera_frame in 0..600 {
+            let time_s = camera_frame as f64 / 30.0;
             let noise = Vector2::new(random.normal(), random.normal()) * sigma_px;
             let is_wrong = random.uniform() < wrong;
             let anywhere = Point2::new(random.uniform_in(0.0, 640.0), random.uniform_in(0.0, 480.0));
             let pixel = if is_wrong { anywhere } else { place(time_s) + noise };
-            samples.push(Sample { time_s, pixel, sigma_px: sigma_px.max(0.1), look });
+            samples.push(Sample { time_s, pixel, sigma_px: sigma_px.max(0.1), camera_frame });
             right.push(!is_wrong);
         }
         (Track { samples, period_s: 1.0 / 30.0 }, right)
@@ -242,7 +242,7 @@ mod tests {
     fn a_third_of_wrong_sights_is_left_out_and_hardly_a_right_one() {
         let (track, right) = waved(0.3, 0.5);
         let kept = track.smooth(0.1);
-        let wrong = kept.samples.iter().filter(|it| !right[it.look]).count();
+        let wrong = kept.samples.iter().filter(|it| !right[it.camera_frame]).count();
         let n_right = right.iter().filter(|it| **it).count();
         assert!(wrong <= 3, "{wrong}");
         assert!(kept.samples.len() - wrong > n_right * 3 / 4, "{} of {n_right}", kept.samples.len());

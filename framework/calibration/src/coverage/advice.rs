@@ -235,7 +235,7 @@ pub(super) fn guidance(coverage: &Coverage) -> Guidance {
 }
 
 fn needed(coverage: &Coverage) -> Vec<Advice> {
-    let Coverage { rules, cameras, links, .. } = coverage;
+    let Coverage { options, cameras, links, .. } = coverage;
     let n = cameras.len();
     if n < 2 {
         return vec![Advice::TooFewCameras { found: n }];
@@ -245,20 +245,20 @@ fn needed(coverage: &Coverage) -> Vec<Advice> {
     if still {
         missing.push(Advice::LightStill);
         // Frames count where the light moved: what else is missing follows from that.
-        if cameras.iter().all(|it| it.frames < rules.min_frames) {
+        if cameras.iter().all(|it| it.frames < options.min_frames) {
             return missing;
         }
     } else if cameras.iter().all(|it| it.frames == 0) {
         return vec![Advice::NothingSeen];
     }
     let mut few: Vec<(String, u32)> =
-        cameras.iter().filter(|it| it.frames < rules.min_frames).map(|it| (it.name.clone(), it.frames)).collect();
+        cameras.iter().filter(|it| it.frames < options.min_frames).map(|it| (it.name.clone(), it.frames)).collect();
     if !few.is_empty() {
         few.sort_by_key(|it| it.1);
-        missing.push(Advice::TooFewFrames { cameras: few, needed: rules.min_frames });
+        missing.push(Advice::TooFewFrames { cameras: few, needed: options.min_frames });
     }
     let name = |it: usize| cameras[it].name.clone();
-    let groups = groups(n, |a, b| links.common(a, b) >= rules.min_common, None);
+    let groups = groups(n, |a, b| links.common(a, b) >= options.min_common, None);
     if let Some((largest, others)) = groups.split_first() {
         for group in others {
             let rest: Vec<usize> = (0..n).filter(|it| !group.contains(it)).collect();
@@ -270,7 +270,7 @@ fn needed(coverage: &Coverage) -> Vec<Advice> {
                 cameras: group.iter().map(|it| name(*it)).collect(),
                 between: [name(own), name(other)],
                 common: links.common(own, other),
-                needed: rules.min_common,
+                needed: options.min_common,
             });
         }
     }
@@ -279,34 +279,34 @@ fn needed(coverage: &Coverage) -> Vec<Advice> {
         missing.push(Advice::Flat { cameras: flat });
     }
     for camera in cameras.iter().filter(|it| it.frames > 0) {
-        let share = camera.share(rules);
-        let saturated = share >= rules.least_cells && camera.since_full >= rules.saturated_frames;
-        if share < rules.min_cells && !saturated {
-            let emptiest = emptiest(camera, rules.grid);
+        let share = camera.share(options);
+        let saturated = share >= options.least_cells && camera.since_full >= options.saturated_frames;
+        if share < options.min_cells && !saturated {
+            let emptiest = emptiest(camera, options.grid);
             missing.push(Advice::Narrow { camera: camera.name.clone(), share, emptiest });
-        } else if camera.spread() < rules.min_spread {
+        } else if camera.spread() < options.min_spread {
             missing.push(Advice::OnLine { camera: camera.name.clone() });
         }
     }
-    for camera in cameras.iter().filter(|it| it.several > rules.max_several) {
+    for camera in cameras.iter().filter(|it| it.several > options.max_several) {
         let (camera, share) = (camera.name.clone(), camera.several);
-        missing.push(Advice::SeveralLights { camera, share, expected: rules.lights });
+        missing.push(Advice::SeveralLights { camera, share, expected: options.lights });
     }
     missing
 }
 
 fn helpful(coverage: &Coverage) -> Vec<Advice> {
-    let Coverage { rules, cameras, links, volume, .. } = coverage;
+    let Coverage { options, cameras, links, volume, .. } = coverage;
     let mut missing = Vec::new();
     if !light_still(coverage) {
         for camera in cameras {
-            let standing = camera.standing(rules);
+            let standing = camera.standing(options);
             missing.extend(standing.map(|pixel| Advice::StandingLight { camera: camera.name.clone(), pixel }));
         }
     }
     let n = cameras.len();
     let name = |it: usize| cameras[it].name.clone();
-    let partners = |a, b| links.common(a, b) >= rules.min_common;
+    let partners = |a, b| links.common(a, b) >= options.min_common;
     if n > 2 && groups(n, partners, None).len() == 1 {
         for by in 0..n {
             for group in groups(n, partners, Some(by)).iter().skip(1) {
@@ -325,8 +325,8 @@ fn helpful(coverage: &Coverage) -> Vec<Advice> {
     if let Some((share, place)) = volume.as_ref().and_then(|it| it.share().zip(it.emptiest())) {
         missing.push(Advice::VolumeEmpty { share, place });
     }
-    for camera in cameras.iter().filter(|it| it.frames >= rules.min_frames) {
-        let empty = regions(&camera.cells, rules.grid).filter(|it| it.1 == 0);
+    for camera in cameras.iter().filter(|it| it.frames >= options.min_frames) {
+        let empty = regions(&camera.cells, options.grid).filter(|it| it.1 == 0);
         missing.extend(empty.map(|(region, _)| Advice::RegionEmpty { camera: camera.name.clone(), region }));
     }
     missing
@@ -342,12 +342,12 @@ fn light_still(coverage: &Coverage) -> bool {
 
 /// Whether the camera has partners, and what it saw with the best of them lies in a plane.
 fn flat(coverage: &Coverage, camera: usize) -> bool {
-    let Coverage { rules, cameras, links, .. } = coverage;
+    let Coverage { options, cameras, links, .. } = coverage;
     let others = (0..cameras.len()).filter(|it| *it != camera);
-    let mut partners: Vec<usize> = others.filter(|it| links.common(camera, *it) >= rules.min_common).collect();
+    let mut partners: Vec<usize> = others.filter(|it| links.common(camera, *it) >= options.min_common).collect();
     partners.sort_by_key(|it| std::cmp::Reverse(links.common(camera, *it)));
     partners.truncate(PARTNERS);
-    let planar = |other: &usize| links.planar_share(camera, *other, rules.flat_px) > rules.flat_share;
+    let planar = |other: &usize| links.planar_share(camera, *other, options.flat_px) > options.flat_share;
     !partners.is_empty() && partners.iter().all(planar)
 }
 

@@ -3,8 +3,8 @@
 use foveate_geometry::{Camera, Ray};
 use nalgebra::{Matrix2, Point2, Vector2};
 
-use super::{CoverageRules, Seen};
-use crate::recording::{CameraGuess, Look, Spot};
+use super::{CoverageOptions, Seen};
+use crate::recording::{CameraFrame, CameraGuess, Spot};
 
 /// Places that are watched for lights that stand; a room has fewer lamps than that in one picture.
 const PLACES: usize = 8;
@@ -30,7 +30,7 @@ pub(super) struct CameraCoverage {
     /// As last seen.
     pub last: Seen,
     places: [Place; PLACES],
-    looks: u32,
+    camera_frames: u32,
     /// Share of the last pictures with a light in which it stands.
     pub still: f64,
     /// Share of the last pictures with a light in which there were too many.
@@ -62,7 +62,7 @@ impl CameraCoverage {
             counted_at: None,
             last: Seen { number: 0, time_s: f64::NEG_INFINITY, moved: false, ideal: None, ray: None },
             places: [Place::default(); PLACES],
-            looks: 0,
+            camera_frames: 0,
             still: 0.0,
             several: 0.0,
             lit_s: f64::NEG_INFINITY,
@@ -72,12 +72,12 @@ impl CameraCoverage {
     /// Takes a picture in; whether it shows the light that is waved.
     pub(super) fn observe(
         &mut self,
-        look: &Look,
-        rules: &CoverageRules,
+        camera_frame: &CameraFrame,
+        options: &CoverageOptions,
         ray: impl Fn(&Point2<f64>) -> Option<Ray>,
     ) -> bool {
-        self.looks += 1;
-        let usable = || look.spots.iter().filter(|it| self.camera.has_pixel(&it.pixel));
+        self.camera_frames += 1;
+        let usable = || camera_frame.spots.iter().filter(|it| self.camera.has_pixel(&it.pixel));
         if usable().next().is_none() {
             return false;
         }
@@ -85,7 +85,7 @@ impl CameraCoverage {
         let mut places = self.places;
         let (mut light, mut moving): (Option<&Spot>, usize) = (None, 0);
         for spot in usable() {
-            if watch(&mut places, spot.pixel, self.looks, rules) && !labelled {
+            if watch(&mut places, spot.pixel, self.camera_frames, options) && !labelled {
                 continue;
             }
             moving += 1;
@@ -98,54 +98,54 @@ impl CameraCoverage {
             }
         }
         self.places = places;
-        self.lit_s = look.time_s;
+        self.lit_s = camera_frame.time_s;
         let fade = |share: &mut f64, now: bool| *share += NEWEST * (f64::from(u8::from(now)) - *share);
         fade(&mut self.still, light.is_none());
-        fade(&mut self.several, moving > rules.lights && !labelled);
+        fade(&mut self.several, moving > options.lights && !labelled);
         let Some(light) = light.map(|it| it.pixel) else { return false };
-        let moved = self.counted_at.is_none_or(|it| (it - light).norm() >= rules.step_px);
+        let moved = self.counted_at.is_none_or(|it| (it - light).norm() >= options.step_px);
         if moved {
             self.counted_at = Some(light);
-            self.count(&light, rules);
+            self.count(&light, options);
             if labelled {
-                look.spots.iter().filter(|it| it.pixel != light).for_each(|it| self.fill(&it.pixel, rules));
+                camera_frame.spots.iter().filter(|it| it.pixel != light).for_each(|it| self.fill(&it.pixel, options));
             }
         }
         let focal = self.camera.intrinsics.focal;
         let ideal = self.camera.normalise(&light).map(|it| [it.x * focal[0], it.y * focal[1]].map(|it| it as f32));
-        self.last = Seen { number: self.last.number + 1, time_s: look.time_s, moved, ideal, ray: ray(&light) };
+        self.last = Seen { number: self.last.number + 1, time_s: camera_frame.time_s, moved, ideal, ray: ray(&light) };
         true
     }
 
-    fn count(&mut self, pixel: &Point2<f64>, rules: &CoverageRules) {
+    fn count(&mut self, pixel: &Point2<f64>, options: &CoverageOptions) {
         self.frames += 1;
         self.since_full += 1;
         let before = pixel.coords - self.mean;
         self.mean += before / f64::from(self.frames);
         self.scatter += before * (pixel.coords - self.mean).transpose();
-        self.fill(pixel, rules);
+        self.fill(pixel, options);
     }
 
-    fn fill(&mut self, pixel: &Point2<f64>, rules: &CoverageRules) {
+    fn fill(&mut self, pixel: &Point2<f64>, options: &CoverageOptions) {
         if !self.camera.has_pixel(pixel) {
             return;
         }
         let size = self.camera.image_size.map(f64::from);
         let [column, row] = [0, 1].map(|it| {
             let part = (pixel[it] + 0.5) / size[it];
-            ((part * rules.grid[it] as f64) as usize).min(rules.grid[it] - 1)
+            ((part * options.grid[it] as f64) as usize).min(options.grid[it] - 1)
         });
-        let cell = &mut self.cells[row * rules.grid[0] + column];
+        let cell = &mut self.cells[row * options.grid[0] + column];
         *cell = cell.saturating_add(1);
-        if u32::from(*cell) == rules.full_cell.max(1) {
+        if u32::from(*cell) == options.full_cell.max(1) {
             self.full += 1;
             self.since_full = 0;
         }
     }
 
     /// Part of the cells that are full.
-    pub(super) fn share(&self, rules: &CoverageRules) -> f64 {
-        self.full as f64 / (rules.grid[0] * rules.grid[1]) as f64
+    pub(super) fn share(&self, options: &CoverageOptions) -> f64 {
+        self.full as f64 / (options.grid[0] * options.grid[1]) as f64
     }
 
     /// Standard deviation across the line along which the pixels spread most, of the image's width.
@@ -160,25 +160,25 @@ impl CameraCoverage {
     }
 
     /// Where a light is standing now.
-    pub(super) fn standing(&self, rules: &CoverageRules) -> impl Iterator<Item = Point2<f64>> {
-        let now = self.looks;
-        let rules = *rules;
+    pub(super) fn standing(&self, options: &CoverageOptions) -> impl Iterator<Item = Point2<f64>> {
+        let now = self.camera_frames;
+        let options = *options;
         self.places
             .iter()
-            .filter(move |it| stands(it, now, &rules) && now - it.last <= rules.still_looks)
+            .filter(move |it| stands(it, now, &options) && now - it.last <= options.still_looks)
             .map(|it| it.pixel)
     }
 }
 
 /// Enters a spot among the places that are watched; whether a light is standing there.
-fn watch(places: &mut [Place; PLACES], pixel: Point2<f64>, now: u32, rules: &CoverageRules) -> bool {
-    let near = |it: &&mut Place| it.hits > 0 && (it.pixel - pixel).norm() <= rules.still_px;
+fn watch(places: &mut [Place; PLACES], pixel: Point2<f64>, now: u32, options: &CoverageOptions) -> bool {
+    let near = |it: &&mut Place| it.hits > 0 && (it.pixel - pixel).norm() <= options.still_px;
     if let Some(place) = places.iter_mut().find(near) {
         if place.last != now {
             place.hits += 1;
             place.last = now;
         }
-        return stands(place, now, rules);
+        return stands(place, now, options);
     }
     // What was seen longest ago makes room: a standing light is in every picture.
     if let Some(oldest) = places.iter_mut().min_by_key(|it| it.last) {
@@ -187,6 +187,6 @@ fn watch(places: &mut [Place; PLACES], pixel: Point2<f64>, now: u32, rules: &Cov
     false
 }
 
-fn stands(place: &Place, now: u32, rules: &CoverageRules) -> bool {
-    place.hits >= rules.still_looks.max(2) && f64::from(place.hits) >= STANDS * f64::from(now - place.first + 1)
+fn stands(place: &Place, now: u32, options: &CoverageOptions) -> bool {
+    place.hits >= options.still_looks.max(2) && f64::from(place.hits) >= STANDS * f64::from(now - place.first + 1)
 }

@@ -2,7 +2,7 @@
 //! missing, and when it is enough.
 //!
 //! [`Coverage`] is fed each picture as it comes, at a cost of one comparison for each camera. The rule for stopping
-//! ([`Coverage::state`]): it is enough when, by [`CoverageRules`],
+//! ([`Coverage::state`]): it is enough when, by [`CoverageOptions`],
 //!
 //! - each camera saw the light in `min_frames` frames, in which it moved;
 //! - these fill `min_cells` of its image, or `least_cells` where waving on fills no more, and do not lie on a line;
@@ -26,11 +26,11 @@ pub use self::advice::{Advice, Guidance, Region};
 use self::camera::CameraCoverage;
 use self::links::Links;
 use self::volume::VolumeCoverage;
-use crate::recording::{CameraGuess, Look, Recording};
+use crate::recording::{CameraFrame, CameraGuess, Recording};
 
 /// What is enough, and what counts.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CoverageRules {
+pub struct CoverageOptions {
     /// Columns and rows of the grid over each image, each at least 1 [–].
     pub grid: [usize; 2],
     /// A cell is full with the light in so many frames [–].
@@ -67,7 +67,7 @@ pub struct CoverageRules {
     pub volume_cells: [usize; 3],
 }
 
-impl Default for CoverageRules {
+impl Default for CoverageOptions {
     fn default() -> Self {
         Self {
             grid: [8, 6],
@@ -94,7 +94,7 @@ impl Default for CoverageRules {
 /// What cameras saw so far.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Coverage {
-    rules: CoverageRules,
+    options: CoverageOptions,
     cameras: Vec<CameraCoverage>,
     links: Links,
     volume: Option<VolumeCoverage>,
@@ -117,12 +117,12 @@ struct Seen {
 
 impl Coverage {
     /// Nothing seen yet. A grid without cells is taken to have one.
-    pub fn new(cameras: &[CameraGuess], rules: &CoverageRules) -> Self {
-        let mut rules = *rules;
-        rules.grid = rules.grid.map(|it| it.max(1));
+    pub fn new(cameras: &[CameraGuess], options: &CoverageOptions) -> Self {
+        let mut options = *options;
+        options.grid = options.grid.map(|it| it.max(1));
         Self {
-            rules,
-            cameras: cameras.iter().map(|it| CameraCoverage::new(it, rules.grid)).collect(),
+            options,
+            cameras: cameras.iter().map(|it| CameraCoverage::new(it, options.grid)).collect(),
             links: Links::new(cameras.len()),
             volume: None,
             newest_s: f64::NEG_INFINITY,
@@ -130,30 +130,32 @@ impl Coverage {
     }
 
     /// What a whole recording covers.
-    pub fn of(recording: &Recording, rules: &CoverageRules) -> Self {
-        let mut coverage = Self::new(&recording.cameras, rules);
-        recording.looks.iter().for_each(|it| coverage.observe(it));
+    pub fn of(recording: &Recording, options: &CoverageOptions) -> Self {
+        let mut coverage = Self::new(&recording.cameras, options);
+        recording.camera_frames.iter().for_each(|it| coverage.observe(it));
         coverage
     }
 
     /// From now on also tells where in `volume` the light has been, and how deep for each camera, by the poses of `cameras`
     /// (in the order of [`Self::new`]; `None`: not known). What was told of the volume before is forgotten.
     pub fn place(&mut self, cameras: &[Option<Camera>], volume: WorkingVolume) {
-        self.volume = Some(VolumeCoverage::new(cameras, volume, self.rules.volume_cells));
+        self.volume = Some(VolumeCoverage::new(cameras, volume, self.options.volume_cells));
         self.cameras.iter_mut().for_each(|it| it.last.ray = None);
     }
 
     /// Takes one picture in. One of a camera that does not exist, or at a time that is no number, counts for nothing.
-    pub fn observe(&mut self, look: &Look) {
-        let Some(camera) = self.cameras.get_mut(look.camera).filter(|_| look.time_s.is_finite()) else { return };
-        self.newest_s = self.newest_s.max(look.time_s);
-        let ray = |pixel: &Point2<f64>| self.volume.as_ref().and_then(|it| it.ray(look.camera, pixel));
-        if !camera.observe(look, &self.rules, ray) {
+    pub fn observe(&mut self, camera_frame: &CameraFrame) {
+        let Some(camera) = self.cameras.get_mut(camera_frame.camera).filter(|_| camera_frame.time_s.is_finite()) else {
+            return;
+        };
+        self.newest_s = self.newest_s.max(camera_frame.time_s);
+        let ray = |pixel: &Point2<f64>| self.volume.as_ref().and_then(|it| it.ray(camera_frame.camera, pixel));
+        if !camera.observe(camera_frame, &self.options, ray) {
             return;
         }
-        self.links.meet(look.camera, &self.cameras, self.rules.tolerance_s);
+        self.links.meet(camera_frame.camera, &self.cameras, self.options.tolerance_s);
         if let Some(volume) = &mut self.volume {
-            volume.observe(look.camera, &self.cameras, self.rules.tolerance_s);
+            volume.observe(camera_frame.camera, &self.cameras, self.options.tolerance_s);
         }
     }
 
@@ -186,7 +188,7 @@ impl Coverage {
 
     /// Part of the cells of `camera` that are full.
     pub fn share(&self, camera: usize) -> f64 {
-        self.cameras.get(camera).map_or(0.0, |it| it.share(&self.rules))
+        self.cameras.get(camera).map_or(0.0, |it| it.share(&self.options))
     }
 
     /// Frames that two cameras saw together.

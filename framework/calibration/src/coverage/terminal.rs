@@ -43,20 +43,20 @@ impl Painter<'_> {
     /// Frames on the way to what is needed.
     fn is_done(&self, camera: usize) -> bool {
         let camera = &self.coverage.cameras[camera];
-        let rules = &self.coverage.rules;
-        let share = camera.share(rules);
-        let saturated = share >= rules.least_cells && camera.since_full >= rules.saturated_frames;
-        camera.frames >= rules.min_frames && (share >= rules.min_cells || saturated)
+        let options = &self.coverage.options;
+        let share = camera.share(options);
+        let saturated = share >= options.least_cells && camera.since_full >= options.saturated_frames;
+        camera.frames >= options.min_frames && (share >= options.min_cells || saturated)
     }
 
     fn partners(&self, camera: usize) -> usize {
         let common = |other: usize| self.coverage.links.common(camera, other);
-        (0..self.coverage.cameras.len()).filter(|it| common(*it) >= self.coverage.rules.min_common).count()
+        (0..self.coverage.cameras.len()).filter(|it| common(*it) >= self.coverage.options.min_common).count()
     }
 
     fn pictures(&self, text: &mut String, width: usize) {
         let n = self.coverage.cameras.len();
-        let [columns, rows] = self.coverage.rules.grid;
+        let [columns, rows] = self.coverage.options.grid;
         let large = n <= LARGE;
         // Two characters are about as wide as one is high.
         let inner = (if large { 2 * columns } else { columns }).max(12);
@@ -91,9 +91,9 @@ impl Painter<'_> {
 
     /// A line of the picture: one row of cells, or two.
     fn line(&self, camera: usize, line: usize, large: bool, inner: usize) -> String {
-        let [columns, rows] = self.coverage.rules.grid;
+        let [columns, rows] = self.coverage.options.grid;
         let cells = &self.coverage.cameras[camera].cells;
-        let enough = u32::from(u16::MAX).min(2 * self.coverage.rules.full_cell.max(1));
+        let enough = u32::from(u16::MAX).min(2 * self.coverage.options.full_cell.max(1));
         let part = |column: usize, row: usize| {
             let count = if row < rows { u32::from(cells[row * columns + column]) } else { 0 };
             f64::from(count.min(enough)) / f64::from(enough)
@@ -138,7 +138,7 @@ impl Painter<'_> {
                 .filter(|it| *it < n)
                 .map(|camera| {
                     let held = &self.coverage.cameras[camera];
-                    let share = 100.0 * held.share(&self.coverage.rules);
+                    let share = 100.0 * held.share(&self.coverage.options);
                     let mark = if self.is_done(camera) { self.painted("✓", "32") } else { self.painted("·", "33") };
                     let (name, partners) = (fitted(&held.name, names), self.partners(camera));
                     format!("{name} {:>6}  {share:>3.0} % {partners:>5} {mark}", held.frames)
@@ -149,9 +149,9 @@ impl Painter<'_> {
     }
 
     fn links(&self, text: &mut String, width: usize) {
-        let Coverage { cameras, links, rules, .. } = self.coverage;
+        let Coverage { cameras, links, options, .. } = self.coverage;
         let n = cameras.len();
-        let partners = |a: usize, b: usize| links.common(a, b) >= rules.min_common;
+        let partners = |a: usize, b: usize| links.common(a, b) >= options.min_common;
         let n_pairs = (0..n).map(|b| (0..b).filter(|a| partners(*a, b)).count()).sum::<usize>();
         let groups = groups(n, partners, None);
         let mut line = format!("{n_pairs} pairs linked");

@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use foveate_estimation::Random;
 use foveate_geometry::{
-    AlignmentRules, CameraStatus, Freedom, SelfCalibrationRules, Sighting, camera_errors, self_calibrate,
+    AlignmentOptions, CameraStatus, Freedom, LightObservation, SelfCalibrationOptions, camera_errors, self_calibrate,
 };
 use nalgebra::{Point3, Vector2, Vector3};
 
@@ -45,7 +45,7 @@ impl Waving {
         Self { random: Random::new(seed).fork("waving"), low, high, from: low, to: low, part: 1.0, speed: 0.0 }
     }
 
-    fn room(seed: u64) -> Self {
+    fn network(seed: u64) -> Self {
         Self::new(seed, [-1.7, -2.4, 0.3], [1.7, 2.4, 2.1])
     }
 
@@ -71,10 +71,10 @@ fn spot(pixel: Point2<f64>, peak: f64) -> Spot {
 struct Take {
     cameras: Vec<CameraGuess>,
     coverage: Coverage,
-    sightings: Vec<Sighting>,
+    observations: Vec<LightObservation>,
     noise: Random,
     frame: usize,
-    /// Part of the sightings that is missing, and of the rest that is anywhere.
+    /// Part of the observations that is missing, and of the rest that is anywhere.
     hidden: f64,
     wrong: f64,
 }
@@ -82,9 +82,9 @@ struct Take {
 impl Take {
     fn new(n: usize, seed: u64) -> Self {
         let cameras = cameras(n, seed);
-        let coverage = Coverage::new(&cameras, &CoverageRules::default());
+        let coverage = Coverage::new(&cameras, &CoverageOptions::default());
         let noise = Random::new(seed).fork("noise");
-        Self { cameras, coverage, sightings: Vec::new(), noise, frame: 0, hidden: 0.0, wrong: 0.0 }
+        Self { cameras, coverage, observations: Vec::new(), noise, frame: 0, hidden: 0.0, wrong: 0.0 }
     }
 
     fn frame(&mut self, light: &Point3<f64>) {
@@ -97,9 +97,9 @@ impl Take {
                 pixel = Some(Point2::new(self.noise.uniform_in(0.0, 639.0), self.noise.uniform_in(0.0, 479.0)));
             }
             let spots = pixel.map(|it| spot(it, 200.0)).into_iter().collect();
-            self.coverage.observe(&Look { camera: index, time_s: self.frame as f64 * FRAME_S, spots });
+            self.coverage.observe(&CameraFrame { camera: index, time_s: self.frame as f64 * FRAME_S, spots });
             let frame = self.frame;
-            self.sightings.extend(pixel.map(|pixel| Sighting { camera: index, frame, pixel }));
+            self.observations.extend(pixel.map(|pixel| LightObservation { camera: index, frame, pixel }));
         }
         self.frame += 1;
     }
@@ -123,9 +123,9 @@ impl Take {
         let mut given = truth.clone();
         given.iter_mut().for_each(|it| it.intrinsics.focal = it.intrinsics.focal.map(|focal| focal * focal_guess));
         let free = vec![Freedom { focal: focal_guess != 1.0, ..Freedom::POSE }; given.len()];
-        let found = self_calibrate(&given, &free, &self.sightings, &SelfCalibrationRules::default()).ok()?;
+        let found = self_calibrate(&given, &free, &self.observations, &SelfCalibrationOptions::default()).ok()?;
         let whole = found.status.iter().all(|it| *it == CameraStatus::Calibrated);
-        let similarity = AlignmentRules { scale: true, robust: false };
+        let similarity = AlignmentOptions { scale: true, robust: false };
         let centres = camera_errors(&found.cameras, &truth, similarity).ok().filter(|_| whole)?.centres;
         Some((centres.iter().map(|it| it * it).sum::<f64>() / centres.len() as f64).sqrt())
     }
@@ -145,7 +145,7 @@ fn what_is_enough_can_be_calibrated() {
         let (mut taken, mut errors_mm) = (Vec::new(), Vec::new());
         for seed in 0..seeds {
             let mut take = Take { hidden, wrong, ..Take::new(n, seed) };
-            let mut waving = Waving::room(seed);
+            let mut waving = Waving::network(seed);
             let frames = take.until_enough(6000, || waving.next());
             let error = take.error_m(focal_guess);
             assert!(
@@ -188,7 +188,7 @@ fn bad_waving_is_never_enough() {
 #[test]
 fn a_light_that_stands_beside_the_waved_one_is_told_and_does_not_count() {
     let mut take = Take::new(4, 3);
-    let mut waving = Waving::room(3);
+    let mut waving = Waving::network(3);
     let lamp = Point2::new(312.2, 40.1);
     let guesses = take.cameras.clone();
     for frame in 0..400 {
@@ -198,7 +198,7 @@ fn a_light_that_stands_beside_the_waved_one_is_told_and_does_not_count() {
             if camera == 2 {
                 spots.push(spot(lamp + Vector2::new(0.1 * take.noise.normal(), 0.0), 250.0));
             }
-            take.coverage.observe(&Look { camera, time_s: f64::from(frame) * FRAME_S, spots });
+            take.coverage.observe(&CameraFrame { camera, time_s: f64::from(frame) * FRAME_S, spots });
         }
     }
     assert_says(&take.coverage, "camera wide-3 sees a second light that does not move: cover it (at 312, 40 px)");
@@ -211,7 +211,7 @@ fn a_light_that_stands_beside_the_waved_one_is_told_and_does_not_count() {
         let light = waving.next();
         for (camera, guess) in guesses.iter().enumerate() {
             let spots = guess.camera.sees(&light).map(|it| spot(it, 100.0)).into_iter().collect();
-            take.coverage.observe(&Look { camera, time_s: f64::from(frame) * FRAME_S, spots });
+            take.coverage.observe(&CameraFrame { camera, time_s: f64::from(frame) * FRAME_S, spots });
         }
     }
     assert!(!take.coverage.state().missing.iter().any(|it| matches!(it, Advice::StandingLight { .. })));
@@ -221,13 +221,13 @@ fn a_light_that_stands_beside_the_waved_one_is_told_and_does_not_count() {
 fn two_waved_lights_are_told_unless_they_are_a_wand() {
     for (lights, told) in [(1, true), (2, false)] {
         let guesses = cameras(4, 5);
-        let mut coverage = Coverage::new(&guesses, &CoverageRules { lights, ..CoverageRules::default() });
-        let mut waving = [Waving::room(5), Waving::room(6)];
+        let mut coverage = Coverage::new(&guesses, &CoverageOptions { lights, ..CoverageOptions::default() });
+        let mut waving = [Waving::network(5), Waving::network(6)];
         for frame in 0..300 {
             let places = [waving[0].next(), waving[1].next()];
             for (camera, guess) in guesses.iter().enumerate() {
                 let spots = places.iter().filter_map(|it| guess.camera.sees(it)).map(|it| spot(it, 100.0)).collect();
-                coverage.observe(&Look { camera, time_s: f64::from(frame) * FRAME_S, spots });
+                coverage.observe(&CameraFrame { camera, time_s: f64::from(frame) * FRAME_S, spots });
             }
         }
         assert_eq!(coverage.state().missing.iter().any(|it| matches!(it, Advice::SeveralLights { .. })), told);
@@ -237,7 +237,7 @@ fn two_waved_lights_are_told_unless_they_are_a_wand() {
 /// Looks of cameras that stand for a group each, so that any graph of pairs can be made.
 fn linked(pairs: &[(usize, usize, u32)], n: usize) -> Coverage {
     let guesses = cameras(n, 1);
-    let mut coverage = Coverage::new(&guesses, &CoverageRules::default());
+    let mut coverage = Coverage::new(&guesses, &CoverageOptions::default());
     let mut random = Random::new(4);
     let mut time_s = 0.0;
     for &(a, b, count) in pairs {
@@ -245,7 +245,7 @@ fn linked(pairs: &[(usize, usize, u32)], n: usize) -> Coverage {
             time_s += 1.0;
             for camera in [a, b] {
                 let pixel = Point2::new(random.uniform_in(0.0, 639.0), random.uniform_in(0.0, 479.0));
-                coverage.observe(&Look { camera, time_s, spots: vec![spot(pixel, 1.0)] });
+                coverage.observe(&CameraFrame { camera, time_s, spots: vec![spot(pixel, 1.0)] });
             }
         }
     }
@@ -271,25 +271,26 @@ fn frames_of_two_cameras_match_within_the_tolerance_and_once() {
     let guesses = cameras(2, 1);
     for (shift_s, expected) in [(0.0, 100), (0.016, 100), (0.018, 0), (-0.016, 100)] {
         // At 25 frames a second, so that the neighbours are out of reach.
-        let mut looks = Vec::new();
+        let mut camera_frames = Vec::new();
         for frame in 0..100 {
             for camera in 0..2 {
                 let time_s = f64::from(frame) * 0.04 + if camera == 1 { shift_s } else { 0.0 };
                 let spots = vec![spot(Point2::new(5.0 * f64::from(frame), 100.0), 1.0)];
-                looks.push(Look { camera, time_s, spots });
+                camera_frames.push(CameraFrame { camera, time_s, spots });
             }
         }
-        looks.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
-        let coverage = Coverage::of(&Recording { cameras: guesses.clone(), looks }, &CoverageRules::default());
+        camera_frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+        let coverage =
+            Coverage::of(&Recording { cameras: guesses.clone(), camera_frames }, &CoverageOptions::default());
         assert_eq!(coverage.common(0, 1), expected, "{shift_s}");
     }
     // One camera twice as fast: each frame of the slow one meets one of the fast one.
-    let mut coverage = Coverage::new(&guesses, &CoverageRules { tolerance_s: 0.03, ..CoverageRules::default() });
+    let mut coverage = Coverage::new(&guesses, &CoverageOptions { tolerance_s: 0.03, ..CoverageOptions::default() });
     for tick in 0..200 {
         let (time_s, spots) = (f64::from(tick) * 0.02, vec![spot(Point2::new(3.0 * f64::from(tick), 9.0), 1.0)]);
-        coverage.observe(&Look { camera: 0, time_s, spots: spots.clone() });
+        coverage.observe(&CameraFrame { camera: 0, time_s, spots: spots.clone() });
         if tick % 2 == 0 {
-            coverage.observe(&Look { camera: 1, time_s, spots });
+            coverage.observe(&CameraFrame { camera: 1, time_s, spots });
         }
     }
     assert_eq!(coverage.common(0, 1), 100);
@@ -298,14 +299,14 @@ fn frames_of_two_cameras_match_within_the_tolerance_and_once() {
 #[test]
 fn cells_and_regions_are_where_the_light_was() {
     let guesses = cameras(2, 1);
-    let mut coverage = Coverage::new(&guesses, &CoverageRules { full_cell: 1, ..CoverageRules::default() });
+    let mut coverage = Coverage::new(&guesses, &CoverageOptions { full_cell: 1, ..CoverageOptions::default() });
     for (index, (column, row)) in (0..8).flat_map(|column| (0..6).map(move |row| (column, row))).enumerate() {
         if column > 2 || row > 1 {
             let pixel = Point2::new(80.0 * f64::from(column) + 20.0, 80.0 * f64::from(row) + 30.0);
             for repeat in 0..3 {
                 let pixel = pixel + Vector2::new(10.0 * f64::from(repeat), 0.0);
                 let time_s = index as f64 + 0.1 * f64::from(repeat);
-                coverage.observe(&Look { camera: 0, time_s, spots: vec![spot(pixel, 1.0)] });
+                coverage.observe(&CameraFrame { camera: 0, time_s, spots: vec![spot(pixel, 1.0)] });
             }
         }
     }
@@ -349,18 +350,18 @@ fn with_poses_the_volume_and_the_depths_are_told() {
 
 #[test]
 fn nonsense_counts_for_nothing() {
-    let mut coverage = Coverage::new(&cameras(2, 1), &CoverageRules::default());
+    let mut coverage = Coverage::new(&cameras(2, 1), &CoverageOptions::default());
     let before = coverage.clone();
-    coverage.observe(&Look { camera: 7, time_s: 0.0, spots: vec![spot(Point2::new(1.0, 1.0), 1.0)] });
-    coverage.observe(&Look { camera: 0, time_s: f64::NAN, spots: vec![spot(Point2::new(1.0, 1.0), 1.0)] });
+    coverage.observe(&CameraFrame { camera: 7, time_s: 0.0, spots: vec![spot(Point2::new(1.0, 1.0), 1.0)] });
+    coverage.observe(&CameraFrame { camera: 0, time_s: f64::NAN, spots: vec![spot(Point2::new(1.0, 1.0), 1.0)] });
     assert_eq!(coverage, before);
     for pixel in [Point2::new(f64::NAN, 1.0), Point2::new(1.0, f64::INFINITY), Point2::new(-20.0, 1.0)] {
-        coverage.observe(&Look { camera: 0, time_s: 0.0, spots: vec![spot(pixel, f64::NAN)] });
+        coverage.observe(&CameraFrame { camera: 0, time_s: 0.0, spots: vec![spot(pixel, f64::NAN)] });
     }
     assert_eq!(coverage.frames(0), 0);
     assert_eq!(coverage.state().missing, [Advice::NothingSeen]);
     for n in 0..2 {
-        let few = Coverage::new(&cameras(n, 1), &CoverageRules { grid: [0, 0], ..CoverageRules::default() });
+        let few = Coverage::new(&cameras(n, 1), &CoverageOptions { grid: [0, 0], ..CoverageOptions::default() });
         assert_eq!(few.state().missing, [Advice::TooFewCameras { found: n }]);
         assert!(!few.render(80, true).is_empty());
     }
@@ -370,7 +371,7 @@ fn nonsense_counts_for_nothing() {
 fn pictures_keep_to_the_width_and_any_number_of_cameras_has_one() {
     for n in [1, 2, 4, 6, 7, 18, 64, 65, 200] {
         let mut take = Take::new(n, 1);
-        let mut waving = Waving::room(1);
+        let mut waving = Waving::network(1);
         (0..120).for_each(|_| take.frame(&waving.next()));
         for width in [20, 40, 80, 132] {
             let text = take.coverage.render(width, false);

@@ -8,9 +8,9 @@
 
 use foveate_estimation::{Random, statistics};
 use foveate_geometry::pan_tilt::{
-    AxesRule, CalibrationFault, HeadCalibration, HeadObservation, HeadRules, PanTiltHead, Setting, calibrate_head,
+    AxesRule, HeadCalibration, HeadCalibrationError, HeadObservation, HeadOptions, PanTiltHead, Setting, calibrate_head,
 };
-use foveate_geometry::{Camera, ResectionRules, resect};
+use foveate_geometry::{Camera, ResectionOptions, resect};
 use nalgebra::{Point2, Point3, Vector2};
 
 /// Fewer targets at home give no pose.
@@ -61,16 +61,16 @@ impl Comparison {
 pub fn compare(
     optics: &Camera,
     observations: &[HeadObservation],
-    rules: &HeadRules,
-) -> Result<Comparison, CalibrationFault> {
-    let calibration = calibrate_head(optics, observations, rules)?;
+    options: &HeadOptions,
+) -> Result<Comparison, HeadCalibrationError> {
+    let calibration = calibrate_head(optics, observations, options)?;
     // It misses by more than its noise, which is no reason to refuse it here.
-    let loose = HeadRules {
+    let loose = HeadOptions {
         axes: AxesRule::Aligned,
         most_place_sigma: f64::MAX,
         most_direction_sigma: f64::MAX,
         holdout_parts: 0,
-        ..rules.clone()
+        ..options.clone()
     };
     let aligned = calibrate_head(optics, observations, &loose).ok();
     let units = calibration.units;
@@ -133,8 +133,8 @@ fn at_home(
     let sigma_px = sigma_px * found.noise_factor.max(1.0);
     let inlier_px = 4.0 * sigma_px.max(found.median_px);
     let mut random = Random::new(1);
-    let rules = ResectionRules { sigma_px, inlier_px, trials: TRIALS };
-    let pose = resect(optics, &points, &pixels, &rules, |n| random.below(n)).ok()?.camera_from_world;
+    let options = ResectionOptions { sigma_px, inlier_px, trials: TRIALS };
+    let pose = resect(optics, &points, &pixels, &options, |n| random.below(n)).ok()?.camera_from_world;
     let mut head = match aligned {
         Some(it) => it.head.clone(),
         None => PanTiltHead::aligned(optics.clone(), found.head.limits),

@@ -22,7 +22,7 @@ pub struct LightSample {
 
 /// The only light in a picture of the camera on the head.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LitLook {
+pub struct LitFrame {
     /// When the picture was taken [s].
     pub time_s: f64,
     /// Where it is, raw [px].
@@ -37,14 +37,14 @@ pub struct HeadRecording {
     /// Where the head said that it was.
     pub positions: Vec<PositionReport>,
     /// Pictures with one light.
-    pub looks: Vec<LitLook>,
+    pub camera_frames: Vec<LitFrame>,
     /// The light in the room.
     pub light: Vec<LightSample>,
 }
 
 /// What counts as an observation.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GatherRules {
+pub struct GatherOptions {
     /// Reports of the head this close are of one place [rad].
     pub tolerance: f64,
     /// How long after it stopped what it carries still swings [s].
@@ -57,7 +57,7 @@ pub struct GatherRules {
     pub most_a_setting: usize,
 }
 
-impl Default for GatherRules {
+impl Default for GatherOptions {
     fn default() -> Self {
         Self { tolerance: 1.5e-3, settle_s: 0.4, most_apart_s: 0.05, step_px: 12.0, most_a_setting: 40 }
     }
@@ -71,7 +71,7 @@ pub struct Gathered {
     /// Different settings among them.
     pub settings: usize,
     /// Pictures with one light.
-    pub looks: usize,
+    pub camera_frames: usize,
     /// Those taken while the head moved, or before it had settled.
     pub moving: usize,
     /// Those at a time of which the light's place is not known.
@@ -80,28 +80,29 @@ pub struct Gathered {
 
 impl HeadRecording {
     /// What of it is of use.
-    pub fn gather(&self, rules: &GatherRules) -> Gathered {
-        let mut gathered = Gathered { looks: self.looks.len(), ..Gathered::default() };
-        let stands = stands(&self.positions, rules.tolerance, rules.settle_s);
+    pub fn gather(&self, options: &GatherOptions) -> Gathered {
+        let mut gathered = Gathered { camera_frames: self.camera_frames.len(), ..Gathered::default() };
+        let stands = stands(&self.positions, options.tolerance, options.settle_s);
         // By setting, in the order of first coming there.
         let mut by_setting: Vec<([f64; 2], Vec<HeadObservation>)> = Vec::new();
-        for look in &self.looks {
-            let Some(stand) = stand_at(&stands, look.time_s) else {
+        for camera_frame in &self.camera_frames {
+            let Some(stand) = stand_at(&stands, camera_frame.time_s) else {
                 gathered.moving += 1;
                 continue;
             };
-            let Some((point, covariance)) = self.light_at(look.time_s, rules.most_apart_s) else {
+            let Some((point, covariance)) = self.light_at(camera_frame.time_s, options.most_apart_s) else {
                 gathered.without_light += 1;
                 continue;
             };
-            let near =
-                |it: &[f64; 2]| (it[0] - stand.angles[0]).abs().max((it[1] - stand.angles[1]).abs()) <= rules.tolerance;
+            let near = |it: &[f64; 2]| {
+                (it[0] - stand.angles[0]).abs().max((it[1] - stand.angles[1]).abs()) <= options.tolerance
+            };
             let place = by_setting.iter().position(|it| near(&it.0)).unwrap_or_else(|| {
                 by_setting.push((stand.angles, Vec::new()));
                 by_setting.len() - 1
             });
             let (angles, list) = &mut by_setting[place];
-            if list.last().is_some_and(|it| (it.pixel - look.pixel).norm() < rules.step_px) {
+            if list.last().is_some_and(|it| (it.pixel - camera_frame.pixel).norm() < options.step_px) {
                 continue;
             }
             list.push(HeadObservation {
@@ -109,13 +110,13 @@ impl HeadRecording {
                 tilt: angles[1],
                 point_in_world: point,
                 point_covariance: covariance,
-                pixel: look.pixel,
-                sigma_px: look.sigma_px,
+                pixel: camera_frame.pixel,
+                sigma_px: camera_frame.sigma_px,
             });
         }
         gathered.settings = by_setting.len();
         for (_, list) in by_setting {
-            gathered.observations.extend(thinned(list, rules.most_a_setting));
+            gathered.observations.extend(thinned(list, options.most_a_setting));
         }
         gathered
     }

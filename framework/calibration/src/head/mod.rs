@@ -22,8 +22,8 @@ pub mod to_calibration;
 mod tests;
 
 pub use compare::{Comparison, ModelFit, compare};
-pub use gather::{GatherRules, Gathered, HeadRecording, LightSample, LitLook};
+pub use gather::{GatherOptions, Gathered, HeadRecording, LightSample, LitFrame};
 pub use picture::picture;
 pub use rest::{PositionReport, Stand, stands};
-pub use sweep::{Sweep, SweepOrder, SweepRules};
+pub use sweep::{Sweep, SweepOptions, SweepOrder};
 pub use to_calibration::calibrated_head;

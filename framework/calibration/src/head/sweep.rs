@@ -14,7 +14,7 @@ const LONGEST_WAY_S: f64 = 15.0;
 
 /// Where to go, and what is enough there.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SweepRules {
+pub struct SweepOptions {
     /// Settings in their order: pan and tilt [rad].
     pub settings: Vec<[f64; 2]>,
     /// The head is at a setting when it says that it is this close [rad].
@@ -23,8 +23,8 @@ pub struct SweepRules {
     pub settle_s: f64,
     /// The light counts anew when it moved by so much in the picture [px].
     pub step_px: f64,
-    /// So many sightings are enough at a setting … [–]
-    pub sightings: u32,
+    /// So many observations are enough at a setting … [–]
+    pub observations: u32,
     /// … when they lie in so many ninths of the picture [–].
     pub cells: u32,
     /// After this it goes on with what there is [s].
@@ -49,8 +49,8 @@ pub enum SweepOrder {
 pub struct Seen {
     /// Whether the head got there.
     pub reached: bool,
-    /// Sightings of the light that count.
-    pub sightings: u32,
+    /// Observations of the light that count.
+    pub observations: u32,
     /// By ninth of the picture, row by row.
     pub cells: [u32; CELLS * CELLS],
 }
@@ -58,7 +58,7 @@ pub struct Seen {
 /// A head on its way over settings.
 #[derive(Debug, Clone)]
 pub struct Sweep {
-    rules: SweepRules,
+    options: SweepOptions,
     at: usize,
     /// Since when it is under way to the present setting [s].
     sent_s: Option<f64>,
@@ -75,34 +75,34 @@ const SAID_AGAIN_S: f64 = 3.0;
 
 impl Sweep {
     /// Before the first setting.
-    pub fn new(rules: SweepRules) -> Sweep {
-        let seen = vec![Seen::default(); rules.settings.len()];
-        Sweep { rules, at: 0, sent_s: None, said_s: 0.0, there_s: None, last: None, seen }
+    pub fn new(options: SweepOptions) -> Sweep {
+        let seen = vec![Seen::default(); options.settings.len()];
+        Sweep { options, at: 0, sent_s: None, said_s: 0.0, there_s: None, last: None, seen }
     }
 
     /// The present is `now_s`; the head said last that it is at `angles` [rad].
     pub fn step(&mut self, now_s: f64, angles: Option<[f64; 2]>) -> SweepOrder {
-        let Some(&setting) = self.rules.settings.get(self.at) else { return SweepOrder::Done };
+        let Some(&setting) = self.options.settings.get(self.at) else { return SweepOrder::Done };
         let Some(sent_s) = self.sent_s else {
             (self.sent_s, self.said_s) = (Some(now_s), now_s);
             return SweepOrder::Go(setting);
         };
-        let is_there =
-            angles.is_some_and(|it| (it[0] - setting[0]).abs().max((it[1] - setting[1]).abs()) <= self.rules.tolerance);
+        let is_there = angles
+            .is_some_and(|it| (it[0] - setting[0]).abs().max((it[1] - setting[1]).abs()) <= self.options.tolerance);
         match (is_there, self.there_s) {
             (true, None) => {
                 self.there_s = Some(now_s);
                 self.seen[self.at].reached = true;
             }
             (true, Some(there_s))
-                if self.is_enough() || now_s - there_s > self.rules.settle_s + self.rules.longest_s =>
+                if self.is_enough() || now_s - there_s > self.options.settle_s + self.options.longest_s =>
             {
                 return self.go_on(now_s);
             }
             (true, Some(_)) => {}
             (false, _) => {
                 self.there_s = None;
-                if now_s - sent_s > LONGEST_WAY_S + self.rules.longest_s {
+                if now_s - sent_s > LONGEST_WAY_S + self.options.longest_s {
                     return self.go_on(now_s);
                 }
                 if now_s - self.said_s > SAID_AGAIN_S {
@@ -120,17 +120,17 @@ impl Sweep {
     }
 
     /// The light is at `pixel` in a picture of `time_s`, and nothing else is.
-    pub fn add_sighting(&mut self, time_s: f64, pixel: Point2<f64>) {
-        let has_settled = self.there_s.is_some_and(|it| time_s > it + self.rules.settle_s);
-        let moved = self.last.is_none_or(|it| (it - pixel).norm() >= self.rules.step_px);
+    pub fn add_observation(&mut self, time_s: f64, pixel: Point2<f64>) {
+        let has_settled = self.there_s.is_some_and(|it| time_s > it + self.options.settle_s);
+        let moved = self.last.is_none_or(|it| (it - pixel).norm() >= self.options.step_px);
         if !has_settled || !moved {
             return;
         }
         self.last = Some(pixel);
         let seen = &mut self.seen[self.at];
-        seen.sightings += 1;
+        seen.observations += 1;
         let [column, row] = [0, 1].map(|axis| {
-            let part = (pixel[axis] + 0.5) / f64::from(self.rules.image_size[axis]);
+            let part = (pixel[axis] + 0.5) / f64::from(self.options.image_size[axis]);
             ((part * CELLS as f64) as usize).min(CELLS - 1)
         });
         seen.cells[row * CELLS + column] += 1;
@@ -139,7 +139,7 @@ impl Sweep {
     fn is_enough(&self) -> bool {
         let seen = &self.seen[self.at];
         let cells = seen.cells.iter().filter(|it| **it > 0).count();
-        seen.sightings >= self.rules.sightings && cells >= self.rules.cells as usize
+        seen.observations >= self.options.observations && cells >= self.options.cells as usize
     }
 
     /// How many settings are behind it, and how many there are.
@@ -149,12 +149,12 @@ impl Sweep {
 
     /// What was seen at each setting, in their order.
     pub fn seen(&self) -> impl Iterator<Item = ([f64; 2], &Seen)> {
-        self.rules.settings.iter().copied().zip(&self.seen)
+        self.options.settings.iter().copied().zip(&self.seen)
     }
 
-    /// Settings that the head reached, with sightings enough.
+    /// Settings that the head reached, with observations enough.
     pub fn filled(&self) -> usize {
-        self.seen.iter().filter(|it| it.sightings >= self.rules.sightings).count()
+        self.seen.iter().filter(|it| it.observations >= self.options.observations).count()
     }
 }
 
@@ -162,8 +162,8 @@ impl fmt::Display for Sweep {
     /// A sentence for the person with the light: where the head is, what is missing there, where the light is wanted.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [at, n] = self.progress();
-        let Some([pan, tilt]) = self.rules.settings.get(at) else {
-            return write!(f, "{n} of {n} settings done, {} with enough sightings", self.filled());
+        let Some([pan, tilt]) = self.options.settings.get(at) else {
+            return write!(f, "{n} of {n} settings done, {} with enough observations", self.filled());
         };
         let (pan, tilt) = (pan.to_degrees(), tilt.to_degrees());
         write!(f, "setting {} of {n} (pan {pan:+.0}°, tilt {tilt:+.0}°): ", at + 1)?;
@@ -171,19 +171,19 @@ impl fmt::Display for Sweep {
             return write!(f, "the head is on its way");
         }
         let seen = &self.seen[at];
-        let wanted = self.rules.sightings;
+        let wanted = self.options.observations;
         match seen.cells.iter().enumerate().min_by_key(|it| *it.1) {
-            _ if seen.sightings == 0 => write!(f, "the light was not seen yet; move it before the camera"),
+            _ if seen.observations == 0 => write!(f, "the light was not seen yet; move it before the camera"),
             Some((emptiest, 0)) => {
                 let vertical = ["at the top", "halfway up", "at the bottom"][emptiest / CELLS];
                 let across = ["left", "middle", "right"][emptiest % CELLS];
                 write!(
                     f,
-                    "{} of {wanted} sightings; move the light to the {across} of the picture, {vertical}",
-                    seen.sightings
+                    "{} of {wanted} observations; move the light to the {across} of the picture, {vertical}",
+                    seen.observations
                 )
             }
-            _ => write!(f, "{} of {wanted} sightings; move the light on, nearer and farther", seen.sightings),
+            _ => write!(f, "{} of {wanted} observations; move the light on, nearer and farther", seen.observations),
         }
     }
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use foveate_estimation::Random;
 use foveate_geometry::Camera;
 use foveate_geometry::pan_tilt::{
-    Axis, AxisUnits, CalibrationFault, HeadRules, Limits, PanTiltHead, Setting, UnitsRule,
+    Axis, AxisUnits, HeadCalibrationError, HeadOptions, Limits, PanTiltHead, Setting, UnitsRule,
 };
 use foveate_scene::{Calibration, LengthUnit, NamedCamera};
 use nalgebra::{Isometry3, Matrix6, Point2, Point3, Vector2, Vector3, Vector4};
@@ -41,8 +41,8 @@ fn settings() -> Vec<[f64; 2]> {
     all
 }
 
-const RULES: GatherRules =
-    GatherRules { tolerance: 1.5e-3, settle_s: 0.4, most_apart_s: 0.05, step_px: 12.0, most_a_setting: 15 };
+const OPTIONS: GatherOptions =
+    GatherOptions { tolerance: 1.5e-3, settle_s: 0.4, most_apart_s: 0.05, step_px: 12.0, most_a_setting: 15 };
 const AT_EACH_S: f64 = 4.0;
 const WAY_S: f64 = 1.0;
 
@@ -86,7 +86,7 @@ fn recorded(head: &PanTiltHead, units: [f64; 2], seed: u64) -> HeadRecording {
         });
         let noise = Vector2::new(normal(), normal()) * 0.3;
         if let Some(seen) = camera_of(time_s).sees(&place(time_s)) {
-            recording.looks.push(LitLook { time_s, pixel: seen + noise, sigma_px: 0.3 });
+            recording.camera_frames.push(LitFrame { time_s, pixel: seen + noise, sigma_px: 0.3 });
         }
     }
     recording
@@ -101,11 +101,11 @@ fn apart(found: &Axis, truth: &Axis) -> [f64; 2] {
 #[test]
 fn a_swept_head_is_found_from_what_is_heard_of_it() {
     let truth = crooked();
-    let gathered = recorded(&truth, [1.0; 2], 1).gather(&RULES);
+    let gathered = recorded(&truth, [1.0; 2], 1).gather(&OPTIONS);
     assert_eq!(gathered.settings, 22);
     assert!(gathered.observations.len() == 22 * 15, "{}", gathered.observations.len());
-    assert!(gathered.moving > 22 * 60 && gathered.without_light < gathered.looks / 10, "{gathered:?}");
-    let found = compare(&optics(&truth), &gathered.observations, &HeadRules::default()).unwrap();
+    assert!(gathered.moving > 22 * 60 && gathered.without_light < gathered.camera_frames / 10, "{gathered:?}");
+    let found = compare(&optics(&truth), &gathered.observations, &HeadOptions::default()).unwrap();
     for (found, truth) in [(found.free.head.pan, truth.pan), (found.free.head.tilt, truth.tilt)] {
         let [degrees, mm] = apart(&found, &truth);
         assert!(degrees < 0.1 && mm < 3.0, "{degrees}° {mm} mm");
@@ -120,9 +120,9 @@ fn a_swept_head_is_found_from_what_is_heard_of_it() {
 #[test]
 fn units_that_are_a_little_wrong_are_put_right_in_the_file() {
     let truth = crooked();
-    let gathered = recorded(&truth, [1.04, 0.97], 2).gather(&RULES);
-    let rules = HeadRules { units: [UnitsRule::Near(AxisUnits::RADIANS); 2], ..HeadRules::default() };
-    let found = compare(&optics(&truth), &gathered.observations, &rules).unwrap();
+    let gathered = recorded(&truth, [1.04, 0.97], 2).gather(&OPTIONS);
+    let options = HeadOptions { units: [UnitsRule::Near(AxisUnits::RADIANS); 2], ..HeadOptions::default() };
+    let found = compare(&optics(&truth), &gathered.observations, &options).unwrap();
     let named = |name: &str| NamedCamera { name: name.into(), camera: optics(&truth) };
     let cameras = vec![named("ptz-1"), named("wide-1")];
     let mut calibration = Calibration::new(cameras, LengthUnit::Metre, "a test".into()).unwrap();
@@ -149,12 +149,16 @@ fn a_head_that_hardly_moved_is_refused() {
     let truth = crooked();
     let mut recording = recorded(&truth, [1.0; 2], 1);
     let until_s = 3.0 * (AT_EACH_S + WAY_S) - WAY_S;
-    recording.looks.retain(|it| it.time_s < until_s);
-    let gathered = recording.gather(&RULES);
-    let refused = compare(&optics(&truth), &gathered.observations, &HeadRules::default()).unwrap_err();
+    recording.camera_frames.retain(|it| it.time_s < until_s);
+    let gathered = recording.gather(&OPTIONS);
+    let refused = compare(&optics(&truth), &gathered.observations, &HeadOptions::default()).unwrap_err();
     assert_eq!(
         refused,
-        CalibrationFault::RangeTooSmall { axis: "tilt", range: 0.0, expected: HeadRules::default().least_range[1] }
+        HeadCalibrationError::RangeTooSmall {
+            axis: "tilt",
+            range: 0.0,
+            expected: HeadOptions::default().least_range[1]
+        }
     );
 }
 
@@ -162,16 +166,16 @@ fn a_head_that_hardly_moved_is_refused() {
 fn no_picture_counts_in_which_head_or_light_is_not_known() {
     let truth = crooked();
     let full = recorded(&truth, [1.0; 2], 1);
-    let rules = RULES;
-    let silent = HeadRecording { positions: Vec::new(), ..full.clone() }.gather(&rules);
-    assert_eq!((silent.moving, silent.observations.len()), (silent.looks, 0));
-    let dark = HeadRecording { light: Vec::new(), ..full.clone() }.gather(&rules);
-    assert_eq!((dark.moving + dark.without_light, dark.observations.len()), (dark.looks, 0));
+    let options = OPTIONS;
+    let silent = HeadRecording { positions: Vec::new(), ..full.clone() }.gather(&options);
+    assert_eq!((silent.moving, silent.observations.len()), (silent.camera_frames, 0));
+    let dark = HeadRecording { light: Vec::new(), ..full.clone() }.gather(&options);
+    assert_eq!((dark.moving + dark.without_light, dark.observations.len()), (dark.camera_frames, 0));
     // Two tracks in turn: between them nothing is interpolated.
     let mut torn = full.clone();
     torn.light.iter_mut().enumerate().for_each(|(index, it)| it.track = index as u32);
-    assert_eq!(torn.gather(&rules).observations.len(), 0);
-    assert!(full.gather(&GatherRules { most_a_setting: 5, ..rules }).observations.len() == 22 * 5);
+    assert_eq!(torn.gather(&options).observations.len(), 0);
+    assert!(full.gather(&GatherOptions { most_a_setting: 5, ..options }).observations.len() == 22 * 5);
 }
 
 #[test]
@@ -202,8 +206,8 @@ fn a_head_stands_between_two_reports_of_one_place() {
 #[test]
 fn the_picture_shows_three_models_and_is_the_same_each_time() {
     let truth = crooked();
-    let gathered = recorded(&truth, [1.0; 2], 1).gather(&RULES);
-    let found = compare(&optics(&truth), &gathered.observations, &HeadRules::default()).unwrap();
+    let gathered = recorded(&truth, [1.0; 2], 1).gather(&OPTIONS);
+    let found = compare(&optics(&truth), &gathered.observations, &HeadOptions::default()).unwrap();
     let drawn = picture(&found, "ptz-1 <at the wall>");
     assert_eq!(drawn, picture(&found, "ptz-1 <at the wall>"));
     assert!(drawn.contains("ptz-1 &lt;at the wall&gt;") && drawn.matches("observations").count() >= 6);
@@ -213,12 +217,12 @@ fn the_picture_shows_three_models_and_is_the_same_each_time() {
 }
 
 fn sweep() -> Sweep {
-    Sweep::new(SweepRules {
+    Sweep::new(SweepOptions {
         settings: vec![[0.0, 0.0], [0.5, 0.0], [0.0, 0.3]],
         tolerance: 0.01,
         settle_s: 0.5,
         step_px: 10.0,
-        sightings: 4,
+        observations: 4,
         cells: 3,
         longest_s: 5.0,
         image_size: [640, 480],
@@ -233,19 +237,19 @@ fn a_sweep_goes_on_when_enough_was_seen_and_says_where_the_light_is_wanted() {
     assert_eq!(sweep.to_string(), "setting 1 of 3 (pan +0°, tilt +0°): the head is on its way");
     assert_eq!(sweep.step(1.0, Some([0.005, 0.0])), SweepOrder::Stay);
     assert!(sweep.to_string().ends_with("the light was not seen yet; move it before the camera"));
-    sweep.add_sighting(1.2, Point2::new(30.0, 30.0)); // the camera still swings
-    sweep.add_sighting(1.6, Point2::new(30.0, 30.0));
-    sweep.add_sighting(1.7, Point2::new(33.0, 34.0)); // the light stood still
-    sweep.add_sighting(1.8, Point2::new(320.0, 30.0));
+    sweep.add_observation(1.2, Point2::new(30.0, 30.0)); // the camera still swings
+    sweep.add_observation(1.6, Point2::new(30.0, 30.0));
+    sweep.add_observation(1.7, Point2::new(33.0, 34.0)); // the light stood still
+    sweep.add_observation(1.8, Point2::new(320.0, 30.0));
     assert!(
-        sweep.to_string().ends_with("2 of 4 sightings; move the light to the right of the picture, at the top"),
+        sweep.to_string().ends_with("2 of 4 observations; move the light to the right of the picture, at the top"),
         "{sweep}"
     );
     for y in [40.0, 50.0, 60.0] {
-        sweep.add_sighting(2.0, Point2::new(320.0, y));
+        sweep.add_observation(2.0, Point2::new(320.0, y));
     }
     assert_eq!(sweep.step(2.1, Some([0.0, 0.0])), SweepOrder::Stay, "three ninths are asked for");
-    sweep.add_sighting(2.2, Point2::new(639.4, 479.4));
+    sweep.add_observation(2.2, Point2::new(639.4, 479.4));
     assert_eq!(sweep.step(2.3, Some([0.0, 0.0])), SweepOrder::Go([0.5, 0.0]));
     assert_eq!((sweep.progress(), sweep.filled()), ([1, 3], 1));
     assert_eq!(sweep.seen().next().unwrap().1.cells, [1, 4, 0, 0, 0, 0, 0, 0, 1]);
@@ -266,6 +270,6 @@ fn a_sweep_does_not_wait_for_ever() {
     sweep.step(28.0, Some([0.0, 0.3]));
     assert_eq!(sweep.step(34.0, Some([0.0, 0.3])), SweepOrder::Done);
     assert_eq!(sweep.step(35.0, None), SweepOrder::Done);
-    assert_eq!(sweep.to_string(), "3 of 3 settings done, 0 with enough sightings");
+    assert_eq!(sweep.to_string(), "3 of 3 settings done, 0 with enough observations");
     assert_eq!(sweep.seen().map(|it| it.1.reached).collect::<Vec<bool>>(), [true, false, true]);
 }

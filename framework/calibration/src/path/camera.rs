@@ -5,7 +5,7 @@ use foveate_estimation::statistics::{median, percentile};
 use foveate_geometry::{Camera, Freedom, Optic, OpticsPrior};
 use nalgebra::{Isometry3, Matrix3, Point3, UnitQuaternion, Vector3};
 
-use super::PathRules;
+use super::PathOptions;
 use super::measured::{MeasuredPath, spreads};
 use super::refine::{Free, Quality, Refined, State, refine, wander};
 use super::refusal::Refusal;
@@ -79,17 +79,17 @@ pub(super) fn solve(
     recording: &Recording,
     camera: usize,
     path: &MeasuredPath,
-    rules: &PathRules,
+    options: &PathOptions,
 ) -> Result<Found, Refusal> {
     let guess = &recording.cameras[camera];
     let track = Track::new(recording, camera, &guess.camera);
-    let found = Solver { guess, path, rules }.solve(recording, camera, &track);
+    let found = Solver { guess, path, options }.solve(recording, camera, &track);
     // A mirrored picture is a world of the other hand: no pose makes it fit.
     let Err(Refusal::Disagrees { right, of, .. }) = found else { return found };
     let other_hand = path.of_other_hand();
     let share = right as f64 / of.max(1) as f64;
-    match (Solver { guess, path: &other_hand, rules }).solve(recording, camera, &track) {
-        Ok(mirrored) if mirrored.share() > rules.good_share.max(share) => {
+    match (Solver { guess, path: &other_hand, options }).solve(recording, camera, &track) {
+        Ok(mirrored) if mirrored.share() > options.good_share.max(share) => {
             Err(Refusal::Mirrored { share, mirrored: mirrored.share() })
         }
         _ => found,
@@ -105,7 +105,7 @@ impl Found {
 struct Solver<'a> {
     guess: &'a CameraGuess,
     path: &'a MeasuredPath,
-    rules: &'a PathRules,
+    options: &'a PathOptions,
 }
 
 /// A candidate after refinement.
@@ -127,7 +127,7 @@ impl Extended {
 
 impl Solver<'_> {
     fn solve(&self, recording: &Recording, camera: usize, track: &Track) -> Result<Found, Refusal> {
-        let (seen, needed) = (track.seen.len(), self.rules.min_observations);
+        let (seen, needed) = (track.seen.len(), self.options.min_observations);
         if seen < needed {
             return Err(Refusal::TooFew { seen, needed });
         }
@@ -137,7 +137,7 @@ impl Solver<'_> {
             spread(axis).unwrap_or(middle) - middle
         });
         let spread_px = spread_px[0].hypot(spread_px[1]);
-        if spread_px < 2.0 * self.rules.inlier_px {
+        if spread_px < 2.0 * self.options.inlier_px {
             return Err(Refusal::Still { spread_px });
         }
         let extended = self.candidates(recording, camera, track);
@@ -159,8 +159,8 @@ impl Solver<'_> {
     /// All that may be, refined over the whole recording, the best first.
     fn candidates(&self, recording: &Recording, camera: usize, track: &Track) -> Vec<Extended> {
         let factors =
-            if self.rules.focal_unknown && self.guess.free.focal { &FOCAL_FACTORS[..] } else { &FOCAL_FACTORS[..1] };
-        let mut random = Random::new(self.rules.seed).fork(&self.guess.name);
+            if self.options.focal_unknown && self.guess.free.focal { &FOCAL_FACTORS[..] } else { &FOCAL_FACTORS[..1] };
+        let mut random = Random::new(self.options.seed).fork(&self.guess.name);
         let mut found: Vec<Candidate> = Vec::new();
         for factor in factors {
             let mut optics = self.guess.camera.clone();
@@ -206,15 +206,15 @@ impl Solver<'_> {
     }
 
     fn pose_and_clock(&self, rate: bool) -> Free {
-        let optics = Freedom { focal: self.rules.focal_unknown && self.guess.free.focal, ..Freedom::POSE };
+        let optics = Freedom { focal: self.options.focal_unknown && self.guess.free.focal, ..Freedom::POSE };
         Free { optics, rate }
     }
 
     fn limit_px(&self, state: &State, sigma_px: f64) -> f64 {
         // A focal length that is being found is not to stretch its own limit.
-        let most = self.rules.agree_rad * focal(&state.camera).min(focal(&self.guess.camera));
-        let most = most.max(self.rules.inlier_px);
-        (LIMIT_SIGMAS * sigma_px).clamp(self.rules.inlier_px, most)
+        let most = self.options.agree_rad * focal(&state.camera).min(focal(&self.guess.camera));
+        let most = most.max(self.options.inlier_px);
+        (LIMIT_SIGMAS * sigma_px).clamp(self.options.inlier_px, most)
     }
 
     fn refined(&self, state: State, seen: &[Seen], sigma_px: f64, free: Free) -> Option<Refined> {
@@ -339,9 +339,9 @@ impl Solver<'_> {
     fn judge(&self, mut found: Found, best: &Extended, rival: Option<&Extended>) -> Result<Found, Refusal> {
         let offset = |it: &State| it.path_s - it.middle_s;
         let (share, offset_s) = (found.share(), offset(&found.state));
-        if share < self.rules.least_share {
+        if share < self.options.least_share {
             let Found { right, of, limit_px, .. } = found;
-            let least_share = self.rules.least_share;
+            let least_share = self.options.least_share;
             return Err(Refusal::Disagrees { right, of, limit_px, offset_s, least_share });
         }
         if let Some(rival) = rival {
@@ -394,9 +394,9 @@ impl Solver<'_> {
         let pose = state.camera.camera_from_world;
         // Depth is reversed along the line of sight of the middle, not along the axis.
         let in_camera = pose * Point3::from(middle);
-        let sight =
+        let view =
             UnitQuaternion::rotation_between(&in_camera.coords, &Vector3::z())?.to_rotation_matrix().into_inner();
-        let turned = sight.transpose() * depth * sight * pose.rotation.to_rotation_matrix().into_inner() * mirror;
+        let turned = view.transpose() * depth * view * pose.rotation.to_rotation_matrix().into_inner() * mirror;
         let rotation = UnitQuaternion::from_matrix(&turned);
         let reversed = Isometry3::from_parts((in_camera.coords - rotation * middle).into(), rotation);
         let mut other =

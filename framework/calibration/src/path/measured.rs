@@ -27,7 +27,7 @@ pub struct MeasuredPath {
 
 /// Why a path is none.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum MeasuredPathFault {
+pub enum MeasuredPathError {
     /// Too few rows with numbers and times of their own.
     #[error("the path has {found} rows with numbers and a time of their own, expected at least {LEAST_ROWS}")]
     TooFewRows {
@@ -61,14 +61,14 @@ impl MeasuredPath {
     /// From rows of time [s] and place [m] in any order; those without numbers and those of a time that another row has are left out.
     ///
     /// # Errors
-    /// See [`MeasuredPathFault`].
-    pub fn new(rows: &[(f64, Point3<f64>)]) -> Result<MeasuredPath, MeasuredPathFault> {
+    /// See [`MeasuredPathError`].
+    pub fn new(rows: &[(f64, Point3<f64>)]) -> Result<MeasuredPath, MeasuredPathError> {
         let mut usable: Vec<(f64, Point3<f64>)> =
             rows.iter().copied().filter(|it| it.0.is_finite() && it.1.coords.norm().is_finite()).collect();
         usable.sort_by(|a, b| a.0.total_cmp(&b.0));
         usable.dedup_by(|later, earlier| later.0 <= earlier.0);
         if usable.len() < LEAST_ROWS {
-            return Err(MeasuredPathFault::TooFewRows { found: usable.len() });
+            return Err(MeasuredPathError::TooFewRows { found: usable.len() });
         }
         let (times_s, places): (Vec<f64>, Vec<Point3<f64>>) = usable.into_iter().unzip();
         let gaps: Vec<f64> = times_s.windows(2).map(|it| it[1] - it[0]).collect();
@@ -80,13 +80,13 @@ impl MeasuredPath {
         Ok(path)
     }
 
-    fn check_shape(&self) -> Result<(), MeasuredPathFault> {
+    fn check_shape(&self) -> Result<(), MeasuredPathError> {
         let ([along_m, across_m, _], noise_m) = (spreads(&self.places), self.noise_m());
         if along_m <= STILL * noise_m || along_m <= 0.0 {
-            return Err(MeasuredPathFault::Still { reach_m: along_m, noise_m });
+            return Err(MeasuredPathError::Still { reach_m: along_m, noise_m });
         }
         if across_m <= LINE * along_m {
-            return Err(MeasuredPathFault::Line { along_m, across_m });
+            return Err(MeasuredPathError::Line { along_m, across_m });
         }
         Ok(())
     }
@@ -126,8 +126,8 @@ impl MeasuredPath {
     /// The part of the path from one time to another; `None` where too little is left.
     ///
     /// # Errors
-    /// See [`MeasuredPathFault`].
-    pub fn between(&self, from_s: f64, until_s: f64) -> Result<MeasuredPath, MeasuredPathFault> {
+    /// See [`MeasuredPathError`].
+    pub fn between(&self, from_s: f64, until_s: f64) -> Result<MeasuredPath, MeasuredPathError> {
         let rows = self.times_s.iter().copied().zip(self.places.iter().copied());
         let inside: Vec<_> = rows.filter(|it| (from_s..=until_s).contains(&it.0)).collect();
         MeasuredPath::new(&inside)
@@ -266,13 +266,13 @@ mod tests {
     #[test]
     fn what_fixes_nothing_is_refused() {
         let line: Vec<_> = rows().iter().map(|it| (it.0, Point3::new(it.0, 2.0 * it.0, 1.0))).collect();
-        assert!(matches!(MeasuredPath::new(&line), Err(MeasuredPathFault::Line { .. })));
+        assert!(matches!(MeasuredPath::new(&line), Err(MeasuredPathError::Line { .. })));
         let still: Vec<_> = rows().iter().map(|it| (it.0, Point3::new(1.0, 2.0, 3.0))).collect();
-        assert!(matches!(MeasuredPath::new(&still), Err(MeasuredPathFault::Still { .. })));
+        assert!(matches!(MeasuredPath::new(&still), Err(MeasuredPathError::Still { .. })));
         let mut random = foveate_estimation::Random::new(1);
         let mut noise = || 0.01 * random.normal();
         let noisy: Vec<_> = rows().iter().map(|it| (it.0, Point3::new(noise(), noise(), noise()))).collect();
-        assert!(matches!(MeasuredPath::new(&noisy), Err(MeasuredPathFault::Still { .. })));
-        assert!(matches!(MeasuredPath::new(&rows()[..7]), Err(MeasuredPathFault::TooFewRows { found: 7 })));
+        assert!(matches!(MeasuredPath::new(&noisy), Err(MeasuredPathError::Still { .. })));
+        assert!(matches!(MeasuredPath::new(&rows()[..7]), Err(MeasuredPathError::TooFewRows { found: 7 })));
     }
 }

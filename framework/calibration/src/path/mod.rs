@@ -26,17 +26,17 @@ use foveate_scene::uncertainty::Fixed;
 use nalgebra::{Matrix6, Point3, Translation3};
 
 use self::camera::Found;
-pub use self::measured::{MeasuredPath, MeasuredPathFault};
+pub use self::measured::{MeasuredPath, MeasuredPathError};
 pub use self::refusal::Refusal;
 use self::track::Seen;
 pub use self::verdict::{Finding, PathVerdict};
+use crate::network::{Cleaning, cleaned};
 use crate::recording::Recording;
-use crate::room::{Cleaning, cleaned};
-use crate::solved::{ClockFit, FixedFreedoms, SightingRole, Solved, SolvedCamera, SolvedPoint, SolvedSighting};
+use crate::solved::{ClockFit, FixedFreedoms, ObservationRole, Solved, SolvedCamera, SolvedObservation, SolvedPoint};
 
 /// How to go about it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PathRules {
+pub struct PathOptions {
     /// An observation agrees with the path when at most this far off, or three standard deviations of what agrees where that is more [px].
     pub inlier_px: f64,
     /// But never further off than this, as an angle: marks by hand, an antenna beside the marked centre and the lens add up to it [rad].
@@ -53,7 +53,7 @@ pub struct PathRules {
     pub seed: u64,
 }
 
-impl Default for PathRules {
+impl Default for PathOptions {
     fn default() -> Self {
         Self {
             inlier_px: 3.0,
@@ -125,15 +125,15 @@ impl PathCamera {
 }
 
 /// Calibrates each camera of `recording` against `path`.
-pub fn calibrate(recording: &Recording, path: &MeasuredPath, rules: &PathRules) -> PathRoom {
+pub fn calibrate(recording: &Recording, path: &MeasuredPath, options: &PathOptions) -> PathRoom {
     let (recording, cleaning) = cleaned(recording);
     let middle = path.middle();
     let centred = path.seen_from(&middle);
     let found: Vec<Result<Found, Refusal>> =
-        (0..recording.cameras.len()).map(|it| camera::solve(&recording, it, &centred, rules)).collect();
+        (0..recording.cameras.len()).map(|it| camera::solve(&recording, it, &centred, options)).collect();
     let refused_as_mirrored = found.iter().filter(|it| matches!(it, Err(Refusal::Mirrored { .. }))).count();
     let other_hand = refused_as_mirrored > 0 && found.iter().all(Result::is_err);
-    let first_of = |camera: usize| recording.looks.iter().find(|it| it.camera == camera).map(|it| it.time_s);
+    let first_of = |camera: usize| recording.camera_frames.iter().find(|it| it.camera == camera).map(|it| it.time_s);
     let starts =
         found.iter().enumerate().filter_map(|(index, it)| Some(it.as_ref().ok()?.state.path_time(first_of(index)?)));
     let [path_from_s, _] = path.span_s();
@@ -156,7 +156,7 @@ pub fn calibrate(recording: &Recording, path: &MeasuredPath, rules: &PathRules) 
                 };
                 let status = match refusal {
                     Refusal::TooFew { seen, needed } | Refusal::NoOverlap { seen, needed } => {
-                        CameraStatus::TooFewSightings { frames: *seen, needed: *needed }
+                        CameraStatus::TooFewObservations { frames: *seen, needed: *needed }
                     }
                     Refusal::Still { spread_px } => CameraStatus::LightStill { spread_px: *spread_px },
                     Refusal::ClockAmbiguous { .. } => CameraStatus::ClockOpen { best: None },
@@ -247,7 +247,7 @@ fn observe(
     middle: &Point3<f64>,
     session_from_s: f64,
 ) {
-    let roles = [(&found.used, SightingRole::Used), (&found.held_out, SightingRole::HeldOut)];
+    let roles = [(&found.used, ObservationRole::Used), (&found.held_out, ObservationRole::HeldOut)];
     for (seen, role) in roles {
         for it in seen {
             let time_s = found.state.path_time(it.time_s);
@@ -256,8 +256,8 @@ fn observe(
             let (frame, point) = (solved.points.len(), solved.points.len());
             let position = path.at(time_s).0 + middle.coords;
             solved.points.push(SolvedPoint { frame, time_s: time_s - session_from_s, label: 0, position });
-            let role = if is_right { role } else { SightingRole::Rejected };
-            solved.sightings.push(SolvedSighting {
+            let role = if is_right { role } else { ObservationRole::Rejected };
+            solved.observations.push(SolvedObservation {
                 camera,
                 frame,
                 point: Some(point),
@@ -270,10 +270,11 @@ fn observe(
 }
 
 /// How far a camera that was calibrated before is from what it saw, at its best clock: median of what the new one holds right [px].
-pub fn error_of_older(room: &PathRoom, camera: usize, older: &foveate_geometry::Camera) -> Option<f64> {
-    let own = room.solved.sightings.iter().filter(|it| it.camera == camera && it.role != SightingRole::Rejected);
+pub fn error_of_older(network: &PathRoom, camera: usize, older: &foveate_geometry::Camera) -> Option<f64> {
+    let own =
+        network.solved.observations.iter().filter(|it| it.camera == camera && it.role != ObservationRole::Rejected);
     let errors: Vec<f64> = own
-        .filter_map(|it| Some((older.project(&room.solved.points[it.point?].position)? - it.pixel).norm()))
+        .filter_map(|it| Some((older.project(&network.solved.points[it.point?].position)? - it.pixel).norm()))
         .collect();
     Summary::of(&errors).map(|it| it.median)
 }

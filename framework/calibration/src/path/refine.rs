@@ -6,7 +6,7 @@
 //! the gradient gᵦ of each block b, H⁻¹ (Σ gᵦ gᵦᵀ) H⁻¹ n/(n − p) for n blocks and p parameters (White's estimator, clustered).
 
 use foveate_estimation::Loss;
-use foveate_estimation::least_squares::{Equations, Problem, Rules, solve};
+use foveate_estimation::least_squares::{Equations, Options, Problem, solve};
 use foveate_estimation::statistics::{SIGMA_PER_MAD, median};
 use foveate_geometry::Camera;
 use foveate_geometry::bundle::{CLOCK, Freedom, NAMES, Optic, OpticsPrior, OpticsSigma, Posed, moved};
@@ -225,8 +225,8 @@ pub(super) fn refine(
     let start = start.told_at(0.5 * (first.time_s + last.time_s));
     let half_s = (0.5 * (last.time_s - first.time_s)).max(1e-6);
     let fit = Fit { path, seen, sigma_px, half_s, prior, free };
-    let rules = Rules { loss: Loss::CAUCHY, held: fit.held(), max_iterations: 40, relative_gain: 1e-7 };
-    let solution = solve(&fit, start, &rules).ok()?;
+    let options = Options { loss: Loss::CAUCHY, held: fit.held(), max_iterations: 40, relative_gain: 1e-7 };
+    let solution = solve(&fit, start, &options).ok()?;
     let (covariance, open) = match &solution.covariance {
         Ok(_) => (fit.covariance(&solution.parameters), Vec::new()),
         Err(open) => (None, open.parameters.clone()),

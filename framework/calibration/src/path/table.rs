@@ -66,7 +66,7 @@ pub struct PathTable {
 /// A file that is not understood.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{}found {found}, expected {expected}", line.map_or(String::new(), |it| format!("line {it}: ")))]
-pub struct TableFault {
+pub struct TableError {
     /// Counted from 1; none where it is of the whole file.
     pub line: Option<usize>,
     /// What is there.
@@ -96,8 +96,8 @@ struct Columns {
 /// Reads the text of a file.
 ///
 /// # Errors
-/// See [`TableFault`].
-pub fn parse(text: &str, options: &TableOptions) -> Result<PathTable, TableFault> {
+/// See [`TableError`].
+pub fn parse(text: &str, options: &TableOptions) -> Result<PathTable, TableError> {
     let text = text.trim_start_matches('\u{feff}');
     let mut header: Option<(usize, Vec<String>)> = None;
     let mut rows: Vec<(usize, Vec<String>)> = Vec::new();
@@ -114,15 +114,15 @@ pub fn parse(text: &str, options: &TableOptions) -> Result<PathTable, TableFault
         }
     }
     let Some((_, first)) = rows.first() else {
-        return Err(TableFault {
+        return Err(TableError {
             line: None,
             found: "no row of numbers".into(),
             expected: "a row for each time: time, x, y, z".into(),
         });
     };
     let columns = match &header {
-        Some((line, names)) => columns_of(names, options).map_err(|it| TableFault { line: Some(*line), ..it })?,
-        None => in_order(first.len(), options).map_err(|it| TableFault { line: Some(rows[0].0), ..it })?,
+        Some((line, names)) => columns_of(names, options).map_err(|it| TableError { line: Some(*line), ..it })?,
+        None => in_order(first.len(), options).map_err(|it| TableError { line: Some(rows[0].0), ..it })?,
     };
     let mut table = PathTable { rows: Vec::with_capacity(rows.len()), notes: Vec::new() };
     let (mut without_numbers, mut geodetic) = (0, Vec::new());
@@ -130,13 +130,13 @@ pub fn parse(text: &str, options: &TableOptions) -> Result<PathTable, TableFault
         let fields = joined_date(fields, columns.count);
         if let Some(count) = columns.count.filter(|it| fields.len() < *it && fields.len() <= columns.last()) {
             let found = format!("{} fields", fields.len());
-            return Err(TableFault { line: Some(*line), found, expected: format!("{count}, as the header has names") });
+            return Err(TableError { line: Some(*line), found, expected: format!("{count}, as the header has names") });
         }
-        let number_at = |column: usize| -> Result<f64, TableFault> {
+        let number_at = |column: usize| -> Result<f64, TableError> {
             let field = fields.get(column).map_or("", String::as_str);
             match field {
                 "" | "-" | "nan" | "NaN" | "NAN" | "null" | "None" => Ok(f64::NAN),
-                _ => parse_number(field).ok_or_else(|| TableFault {
+                _ => parse_number(field).ok_or_else(|| TableError {
                     line: Some(*line),
                     found: format!("`{field:.40}`"),
                     expected: "a number".into(),
@@ -164,7 +164,7 @@ pub fn parse(text: &str, options: &TableOptions) -> Result<PathTable, TableFault
                 let place = [latitude?, longitude?, height?];
                 if place[0].abs() > 90.0 || place[1].abs() > 360.0 {
                     let found = format!("latitude {}, longitude {}", place[0], place[1]);
-                    return Err(TableFault { line: Some(*line), found, expected: "degrees, to 90 and 360".into() });
+                    return Err(TableError { line: Some(*line), found, expected: "degrees, to 90 and 360".into() });
                 }
                 geodetic.push(place);
                 Point3::origin()
@@ -246,12 +246,12 @@ fn name_and_unit(name: &str) -> (String, Option<String>) {
     }
 }
 
-fn columns_of(names: &[String], options: &TableOptions) -> Result<Columns, TableFault> {
+fn columns_of(names: &[String], options: &TableOptions) -> Result<Columns, TableError> {
     let parted: Vec<(String, Option<String>)> = names.iter().map(|it| name_and_unit(it)).collect();
     let find = |known: &[&str]| known.iter().find_map(|name| parted.iter().position(|it| it.0 == *name));
-    let unit_of = |column: usize, known: &[(&str, f64)], otherwise: f64| -> Result<f64, TableFault> {
+    let unit_of = |column: usize, known: &[(&str, f64)], otherwise: f64| -> Result<f64, TableError> {
         let Some(unit) = &parted[column].1 else { return Ok(otherwise) };
-        known.iter().find(|it| it.0 == unit).map(|it| it.1).ok_or_else(|| TableFault {
+        known.iter().find(|it| it.0 == unit).map(|it| it.1).ok_or_else(|| TableError {
             line: None,
             found: format!("the unit `{unit}` of column `{}`", names[column]),
             expected: known.iter().map(|it| it.0).collect::<Vec<_>>().join(", "),
@@ -263,7 +263,7 @@ fn columns_of(names: &[String], options: &TableOptions) -> Result<Columns, Table
         None if options.rate_hz.is_some() => None,
         None => {
             let expected = format!("a column of times (one of {}), or --path-rate HZ", TIME[..4].join(", "));
-            return Err(TableFault { line: None, found: format!("the columns {}", all()), expected });
+            return Err(TableError { line: None, found: format!("the columns {}", all()), expected });
         }
     };
     let places = match ([find(&LATITUDE), find(&LONGITUDE), find(&HEIGHT)], [find(&X), find(&Y), find(&Z)]) {
@@ -277,7 +277,7 @@ fn columns_of(names: &[String], options: &TableOptions) -> Result<Columns, Table
         }
         _ => {
             let expected = "columns x, y, z (or east, north, up), or lat, lon, height".to_owned();
-            return Err(TableFault { line: None, found: format!("the columns {}", all()), expected });
+            return Err(TableError { line: None, found: format!("the columns {}", all()), expected });
         }
     };
     let mut columns = Columns { time, places, count: Some(names.len()), passed_over: Vec::new() };
@@ -291,24 +291,24 @@ fn columns_of(names: &[String], options: &TableOptions) -> Result<Columns, Table
 }
 
 /// Without a header.
-fn in_order(count: usize, options: &TableOptions) -> Result<Columns, TableFault> {
+fn in_order(count: usize, options: &TableOptions) -> Result<Columns, TableError> {
     let unit = options.metres_per_unit;
     let of = |first: usize| Places::Cartesian([(first, unit), (first + 1, unit), (first + 2, unit)]);
     let columns = |time: Option<(usize, f64)>, places| Columns { time, places, count: None, passed_over: Vec::new() };
     match (count, options.rate_hz) {
         (4, None) => Ok(columns(Some((0, 1.0)), of(1))),
         (3, Some(_)) => Ok(columns(None, of(0))),
-        (3, None) => Err(TableFault {
+        (3, None) => Err(TableError {
             line: None,
             found: "three columns without names".into(),
             expected: "--path-rate HZ beside x, y, z, or a first column with times".into(),
         }),
-        (4, Some(_)) => Err(TableFault {
+        (4, Some(_)) => Err(TableError {
             line: None,
             found: "four columns without names, and --path-rate".into(),
             expected: "three (x, y, z), or a header that says which column is which".into(),
         }),
-        _ => Err(TableFault {
+        _ => Err(TableError {
             line: None,
             found: format!("{count} columns without names"),
             expected: "four (time, x, y, z), three with --path-rate, or a header".into(),

@@ -7,7 +7,7 @@ use nalgebra::{Point2, Point3, Translation3, Vector3};
 
 use super::*;
 use crate::checks::Level;
-use crate::recording::{CameraGuess, Look, Spot};
+use crate::recording::{CameraFrame, CameraGuess, Spot};
 
 /// How long a picture takes from its first row to its last [s].
 const ROLLING_S: f64 = 0.02;
@@ -89,10 +89,10 @@ impl Simulated {
         Some(Point2::new(fx * u + cx, fy * v + cy)).filter(|it| self.camera.has_pixel(it))
     }
 
-    fn looks(&self, index: usize, path: &impl Fn(f64) -> Point3<f64>) -> Vec<Look> {
+    fn camera_frames(&self, index: usize, path: &impl Fn(f64) -> Point3<f64>) -> Vec<CameraFrame> {
         let mut random = Random::new(99).fork(&format!("camera {index}"));
         let n = (self.length_s * self.frame_rate_hz) as usize;
-        let (mut looks, mut wrong_until) = (Vec::new(), 0);
+        let (mut camera_frames, mut wrong_until) = (Vec::new(), 0);
         for frame in 0..n {
             let camera_s = frame as f64 / self.frame_rate_hz;
             let varied = camera_s + self.wander_s * (camera_s / self.length_s * 9.0).sin() + 1e-3 * random.normal();
@@ -113,9 +113,9 @@ impl Simulated {
                 }
                 spots.push(Spot { pixel, sigma_px: 2.0, peak: 0.0, label: None });
             }
-            looks.push(Look { camera: index, time_s: camera_s, spots });
+            camera_frames.push(CameraFrame { camera: index, time_s: camera_s, spots });
         }
-        looks
+        camera_frames
     }
 }
 
@@ -125,19 +125,19 @@ fn recording(simulated: &[Simulated], path: &impl Fn(f64) -> Point3<f64>) -> Rec
         CameraGuess { name: format!("cam{index}"), camera, free: Freedom::POSE }
     };
     let cameras = simulated.iter().enumerate().map(guess).collect();
-    let looks = simulated.iter().enumerate().flat_map(|(index, it)| it.looks(index, path)).collect();
-    Recording { cameras, looks }
+    let camera_frames = simulated.iter().enumerate().flat_map(|(index, it)| it.camera_frames(index, path)).collect();
+    Recording { cameras, camera_frames }
 }
 
 fn solve(simulated: &[Simulated]) -> PathRoom {
     let path = |time_s: f64| flight(1, time_s);
-    calibrate(&recording(simulated, &path), &MeasuredPath::new(&rows(80.0, path)).unwrap(), &PathRules::default())
+    calibrate(&recording(simulated, &path), &MeasuredPath::new(&rows(80.0, path)).unwrap(), &PathOptions::default())
 }
 
 #[track_caller]
-fn assert_found(room: &PathRoom, index: usize, truth: &Simulated) {
-    let found = room.cameras[index].as_ref().unwrap_or_else(|it| panic!("cam{index}: {it}"));
-    let camera = &room.solved.cameras[index];
+fn assert_found(network: &PathRoom, index: usize, truth: &Simulated) {
+    let found = network.cameras[index].as_ref().unwrap_or_else(|it| panic!("cam{index}: {it}"));
+    let camera = &network.solved.cameras[index];
     let off = (camera.camera.centre() - truth.camera.centre()).norm();
     let turn = camera.camera.camera_from_world.rotation.angle_to(&truth.camera.camera_from_world.rotation);
     // Half of a rolling picture is the offset that one clock for all rows leaves.
@@ -164,35 +164,35 @@ fn assert_found(room: &PathRoom, index: usize, truth: &Simulated) {
 #[test]
 fn poses_and_clocks_are_found_whatever_the_offset() {
     let simulated: Vec<Simulated> = (0..3).map(Simulated::new).collect();
-    let room = solve(&simulated);
+    let network = solve(&simulated);
     for (index, truth) in simulated.iter().enumerate() {
-        assert_found(&room, index, truth);
-        assert!(room.cameras[index].as_ref().unwrap().share() > 0.85);
+        assert_found(&network, index, truth);
+        assert!(network.cameras[index].as_ref().unwrap().share() > 0.85);
     }
-    let verdict = room.verdict(&PathRules::default());
+    let verdict = network.verdict(&PathOptions::default());
     assert_eq!(verdict.level, Level::Good, "{:?}", verdict.sentences);
     // The session begins with whoever is first: camera 0, 17 s before the path.
     assert!(
-        (room.session_from_s + 17.3).abs() < 0.02 && (room.path_start_s - 17.3).abs() < 0.02,
+        (network.session_from_s + 17.3).abs() < 0.02 && (network.path_start_s - 17.3).abs() < 0.02,
         "{}",
-        room.session_from_s
+        network.session_from_s
     );
-    let clock = room.solved.cameras[2].clock.unwrap();
+    let clock = network.solved.cameras[2].clock.unwrap();
     assert!((clock.room_s(0.0) - (31.1 + 17.3)).abs() < 0.03, "{clock:?}");
     let again = solve(&simulated[..1]);
-    assert_eq!(room.cameras[0], again.cameras[0], "the same input gives the same answer, whoever stands beside");
+    assert_eq!(network.cameras[0], again.cameras[0], "the same input gives the same answer, whoever stands beside");
 }
 
 #[test]
 fn a_camera_that_mostly_saw_another_thing_is_refused_and_the_others_stand() {
     let mut simulated: Vec<Simulated> = (0..2).map(Simulated::new).collect();
     simulated[1].wrong = 4.0;
-    let room = solve(&simulated);
-    let refusal = room.cameras[1].as_ref().unwrap_err();
+    let network = solve(&simulated);
+    let refusal = network.cameras[1].as_ref().unwrap_err();
     assert!(matches!(refusal, Refusal::Disagrees { right, of, .. } if 2 * right < *of), "{refusal}");
-    assert!(matches!(room.solved.cameras[1].status, CameraStatus::Inconsistent { .. }));
-    assert_found(&room, 0, &simulated[0]);
-    let verdict = room.verdict(&PathRules::default());
+    assert!(matches!(network.solved.cameras[1].status, CameraStatus::Inconsistent { .. }));
+    assert_found(&network, 0, &simulated[0]);
+    let verdict = network.verdict(&PathOptions::default());
     assert_eq!(verdict.level, Level::Usable);
     assert!(verdict.findings.iter().any(|it| it.camera.as_deref() == Some("cam1") && it.cause == "false_observations"));
 }
@@ -201,28 +201,28 @@ fn a_camera_that_mostly_saw_another_thing_is_refused_and_the_others_stand() {
 fn a_third_of_marks_on_another_thing_does_no_harm_and_is_told() {
     let mut simulated = vec![Simulated::new(0)];
     simulated[0].wrong = 0.55;
-    let room = solve(&simulated);
-    assert_found(&room, 0, &simulated[0]);
-    let share = room.cameras[0].as_ref().unwrap().share();
+    let network = solve(&simulated);
+    assert_found(&network, 0, &simulated[0]);
+    let share = network.cameras[0].as_ref().unwrap().share();
     assert!((0.5..0.75).contains(&share), "{share}");
-    assert_eq!(room.verdict(&PathRules::default()).level, Level::Usable);
+    assert_eq!(network.verdict(&PathOptions::default()).level, Level::Usable);
 }
 
 #[test]
 fn mirrored_pictures_and_left_handed_paths_are_named() {
     let mut simulated: Vec<Simulated> = (0..2).map(Simulated::new).collect();
     simulated[1].mirrored = true;
-    let room = solve(&simulated);
-    assert_found(&room, 0, &simulated[0]);
-    assert!(matches!(room.cameras[1], Err(Refusal::Mirrored { .. })), "{:?}", room.cameras[1]);
-    assert!(!room.other_hand);
+    let network = solve(&simulated);
+    assert_found(&network, 0, &simulated[0]);
+    assert!(matches!(network.cameras[1], Err(Refusal::Mirrored { .. })), "{:?}", network.cameras[1]);
+    assert!(!network.other_hand);
     let path = |time_s: f64| flight(1, time_s);
     let swapped = |time_s: f64| Point3::new(path(time_s).y, path(time_s).x, path(time_s).z);
     let simulated = [Simulated::new(0)];
     let measured = MeasuredPath::new(&rows(80.0, swapped)).unwrap();
-    let room = calibrate(&recording(&simulated, &path), &measured, &PathRules::default());
-    assert!(room.other_hand);
-    let verdict = room.verdict(&PathRules::default());
+    let network = calibrate(&recording(&simulated, &path), &measured, &PathOptions::default());
+    assert!(network.other_hand);
+    let verdict = network.verdict(&PathOptions::default());
     assert_eq!((verdict.level, verdict.findings[0].cause), (Level::Redo, "path_left_handed"));
 }
 
@@ -235,14 +235,14 @@ fn a_loop_that_repeats_leaves_the_clock_ambiguous() {
     let mut simulated = Simulated::new(1);
     simulated.length_s = 30.0;
     let measured = MeasuredPath::new(&rows(80.0, lap)).unwrap();
-    let room = calibrate(&recording(&[simulated], &lap), &measured, &PathRules::default());
-    let Err(Refusal::ClockAmbiguous { offset_s, other_s, .. }) = room.cameras[0] else {
-        panic!("{:?}", room.cameras[0])
+    let network = calibrate(&recording(&[simulated], &lap), &measured, &PathOptions::default());
+    let Err(Refusal::ClockAmbiguous { offset_s, other_s, .. }) = network.cameras[0] else {
+        panic!("{:?}", network.cameras[0])
     };
     // After half a lap it looks the same from the other side.
     let laps = (offset_s - other_s) / 10.0;
     assert!((laps - laps.round()).abs() < 0.02 && laps.round() != 0.0, "{offset_s} {other_s}");
-    assert_eq!(room.verdict(&PathRules::default()).level, Level::Redo);
+    assert_eq!(network.verdict(&PathOptions::default()).level, Level::Redo);
 }
 
 #[test]
@@ -250,11 +250,11 @@ fn what_a_camera_saw_too_little_of_fixes_nothing() {
     let short = Simulated { length_s: 1.2, ..Simulated::new(0) };
     let before = Simulated { offset_s: -500.0, ..Simulated::new(1) };
     let simulated = [short, before];
-    let room = solve(&simulated);
-    assert!(matches!(room.cameras[0], Err(Refusal::TooFew { .. })), "{:?}", room.cameras[0]);
+    let network = solve(&simulated);
+    assert!(matches!(network.cameras[0], Err(Refusal::TooFew { .. })), "{:?}", network.cameras[0]);
     // Of a camera that recorded before the path began, whatever fits by chance is little.
-    assert!(room.cameras[1].is_err(), "{:?}", room.cameras[1]);
-    assert!(room.solved.sightings.is_empty() && room.solved.points.is_empty());
+    assert!(network.cameras[1].is_err(), "{:?}", network.cameras[1]);
+    assert!(network.solved.observations.is_empty() && network.solved.points.is_empty());
 }
 
 #[test]
@@ -265,8 +265,12 @@ fn a_flat_path_far_away_has_two_poses() {
         Camera::look_at(Point3::new(25_000.0, 4000.0, 9000.0), Point3::origin(), [1920, 1080], 400_000.0);
     simulated.strange_lens = false;
     let measured = MeasuredPath::new(&rows(80.0, flat)).unwrap();
-    let room = calibrate(&recording(&[simulated], &flat), &measured, &PathRules::default());
-    assert!(matches!(room.cameras[0], Err(Refusal::TwoPoses { .. } | Refusal::Weak { .. })), "{:?}", room.cameras[0]);
+    let network = calibrate(&recording(&[simulated], &flat), &measured, &PathOptions::default());
+    assert!(
+        matches!(network.cameras[0], Err(Refusal::TwoPoses { .. } | Refusal::Weak { .. })),
+        "{:?}",
+        network.cameras[0]
+    );
 }
 
 #[test]
@@ -278,10 +282,10 @@ fn a_focal_length_that_nobody_stated_is_found() {
     recording.cameras[0].camera.distortion = Distortion::default();
     recording.cameras[0].free = Freedom { focal: true, k1: true, k2: true, ..Freedom::POSE };
     let measured = MeasuredPath::new(&rows(80.0, path)).unwrap();
-    let rules = PathRules { focal_unknown: true, ..PathRules::default() };
-    let room = calibrate(&recording, &measured, &rules);
-    let found = room.cameras[0].as_ref().unwrap_or_else(|it| panic!("{it}"));
-    let focal = room.solved.cameras[0].camera.intrinsics.focal[0];
+    let options = PathOptions { focal_unknown: true, ..PathOptions::default() };
+    let network = calibrate(&recording, &measured, &options);
+    let found = network.cameras[0].as_ref().unwrap_or_else(|it| panic!("{it}"));
+    let focal = network.solved.cameras[0].camera.intrinsics.focal[0];
     println!("focal {focal:.1} px, {:.1} % right", 100.0 * found.share());
     assert!((focal / 1500.0 - 1.0).abs() < 0.01, "{focal}");
 }
@@ -289,12 +293,12 @@ fn a_focal_length_that_nobody_stated_is_found() {
 #[test]
 fn a_clock_that_runs_to_and_fro_is_told() {
     let simulated = [Simulated { wander_s: 0.12, length_s: 75.0, offset_s: 2.0, ..Simulated::new(0) }];
-    let room = solve(&simulated);
-    let verdict = room.verdict(&PathRules::default());
+    let network = solve(&simulated);
+    let verdict = network.verdict(&PathOptions::default());
     assert!(
         verdict.findings.iter().any(|it| it.cause == "clock_unsteady"),
         "{:?} {:?}",
-        room.cameras,
+        network.cameras,
         verdict.sentences
     );
 }
@@ -305,10 +309,15 @@ fn a_path_in_national_coordinates_gives_the_same_camera() {
     let far = Vector3::new(2_683_000.0, 1_247_000.0, 430.0);
     let path = |time_s: f64| flight(1, time_s);
     let shifted: Vec<_> = rows(80.0, path).into_iter().map(|it| (it.0 + 1.7e9, it.1 + far)).collect();
-    let room = calibrate(&recording(&simulated, &path), &MeasuredPath::new(&shifted).unwrap(), &PathRules::default());
-    let camera = &room.solved.cameras[0];
-    assert!((camera.camera.centre() - far - simulated[0].camera.centre()).norm() < 0.25, "{:?}", room.cameras);
-    assert!(room.session_from_s > 1.6e9 && camera.clock.unwrap().offset_s.abs() < 60.0, "{}", room.session_from_s);
+    let network =
+        calibrate(&recording(&simulated, &path), &MeasuredPath::new(&shifted).unwrap(), &PathOptions::default());
+    let camera = &network.solved.cameras[0];
+    assert!((camera.camera.centre() - far - simulated[0].camera.centre()).norm() < 0.25, "{:?}", network.cameras);
+    assert!(
+        network.session_from_s > 1.6e9 && camera.clock.unwrap().offset_s.abs() < 60.0,
+        "{}",
+        network.session_from_s
+    );
     let here = camera.camera.camera_from_world * Translation3::from(far);
     assert!((here.translation.vector - simulated[0].camera.camera_from_world.translation.vector).norm() < 0.5);
 }

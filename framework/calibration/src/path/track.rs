@@ -4,8 +4,8 @@ use foveate_estimation::statistics::median;
 use foveate_geometry::Camera;
 use nalgebra::{Point2, Vector2};
 
-use crate::recording::{Look, Recording};
-use crate::room::the_light;
+use crate::network::the_light;
+use crate::recording::{CameraFrame, Recording};
 
 /// Steps of the point in the picture that are longer than this many usual ones count as so many: a wrong spot is no motion [–].
 const LONGEST_STEP: f64 = 5.0;
@@ -36,11 +36,11 @@ pub(super) struct Track {
 impl Track {
     /// Of a camera, whose optics are those of `camera`. Spots where the lens has no picture are left out.
     pub fn new(recording: &Recording, camera: usize, optics: &Camera) -> Track {
-        let looks = recording.looks.iter().filter(|it| it.camera == camera);
-        let ambiguous = looks.clone().filter(|it| it.spots.len() > 1 && the_light(&it.spots).is_none()).count();
-        let seen = looks.filter_map(|look: &Look| {
-            let pixel = the_light(&look.spots)?.pixel;
-            Some(Seen { time_s: look.time_s, pixel, ideal: optics.normalise(&pixel)?, moved_px: 0.0 })
+        let camera_frames = recording.camera_frames.iter().filter(|it| it.camera == camera);
+        let ambiguous = camera_frames.clone().filter(|it| it.spots.len() > 1 && the_light(&it.spots).is_none()).count();
+        let seen = camera_frames.filter_map(|camera_frame: &CameraFrame| {
+            let pixel = the_light(&camera_frame.spots)?.pixel;
+            Some(Seen { time_s: camera_frame.time_s, pixel, ideal: optics.normalise(&pixel)?, moved_px: 0.0 })
         });
         let mut track = Track { seen: seen.collect(), ambiguous, speed_px_s: 0.0 };
         track.measure();

@@ -1,6 +1,6 @@
 //! Whether to work with cameras that were calibrated from a path, in words and for programs.
 
-use super::{PathCamera, PathRoom, PathRules, Refusal};
+use super::{PathCamera, PathOptions, PathRoom, Refusal};
 use crate::checks::Level;
 
 /// A camera is good when its centre is known to this part of its distance, and its direction to so much [–, rad].
@@ -40,7 +40,7 @@ pub struct PathVerdict {
 
 impl PathRoom {
     /// Whether to work with it: `redo` where no camera was found, `usable` where one was refused.
-    pub fn verdict(&self, rules: &PathRules) -> PathVerdict {
+    pub fn verdict(&self, options: &PathOptions) -> PathVerdict {
         let mut verdict =
             PathVerdict { level: Level::Good, levels: Vec::new(), sentences: Vec::new(), findings: Vec::new() };
         if self.other_hand {
@@ -58,7 +58,7 @@ impl PathRoom {
         for (index, outcome) in self.cameras.iter().enumerate() {
             let name = &self.solved.cameras[index].name;
             let level = match outcome {
-                Ok(camera) => verdict.of_camera(name, camera, rules),
+                Ok(camera) => verdict.of_camera(name, camera, options),
                 Err(refusal) => {
                     verdict.sentences.push(format!("Camera {name} is not calibrated: {refusal}."));
                     let (size, unit) = size(refusal);
@@ -103,9 +103,9 @@ impl PathVerdict {
         self.findings.push(Finding { camera: Some(camera.to_owned()), cause, size, unit, level });
     }
 
-    fn of_camera(&mut self, name: &str, camera: &PathCamera, rules: &PathRules) -> Level {
+    fn of_camera(&mut self, name: &str, camera: &PathCamera, options: &PathOptions) -> Level {
         let before = self.sentences.len();
-        if camera.share() < rules.good_share {
+        if camera.share() < options.good_share {
             let wrong = 100.0 * (1.0 - camera.share());
             self.sentences.push(format!(
                 "Of camera {name}, {wrong:.0} % of the observations are more than {:.1} px from the path: look whether they are of the same point.",
@@ -114,7 +114,7 @@ impl PathVerdict {
             self.find(name, "false_observations", 1.0 - camera.share(), "1", Level::Usable);
         }
         let ([used_px, _], [held_out_px, _]) = (camera.used_px, camera.held_out_px);
-        let usual_px = rules.inlier_px;
+        let usual_px = options.inlier_px;
         if used_px > usual_px {
             self.sentences.push(format!(
                 "Camera {name} is {used_px:.1} px off in the median, with {:.0} % of its observations taken as right: its clock, its lens or the pictures' \

@@ -12,7 +12,7 @@ use super::page::{LEVELS, Page, THEME};
 use super::residuals::cell_of;
 
 const COLUMNS: usize = 12;
-/// Sightings in a cell that give the darkest shade, where a camera has that many on average.
+/// Observations in a cell that give the darkest shade, where a camera has that many on average.
 const LEAST_FULL: f64 = 5.0;
 
 pub(super) fn section(page: &mut Page, report: &ReportInput<'_>, figures: &Figures) {
@@ -56,7 +56,7 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
         .map(|(class, words)| format!("<span class=\"key {class}\">{words}</span>"))
         .concat();
     page.raw(&format!(
-        "<p class=\"note\">Sightings in a cell, of what an even spread over the image would give, but of at least 5: {keys}. Each \
+        "<p class=\"note\">Observations in a cell, of what an even spread over the image would give, but of at least 5: {keys}. Each \
          picture is the whole image, u to the right and v downwards.</p>"
     ));
 }

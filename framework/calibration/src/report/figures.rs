@@ -2,16 +2,16 @@
 
 use nalgebra::{Point2, Vector2};
 
-use crate::solved::{SightingRole, Solved};
+use crate::solved::{ObservationRole, Solved};
 
 /// Residuals, pixels and depths of one camera.
 #[derive(Debug, Clone, Default)]
 pub(super) struct OfCamera {
-    /// Sightings by role: used, held out, rejected, unsolved.
+    /// Observations by role: used, held out, rejected, unsolved.
     pub counts: [usize; 4],
-    /// Lengths of the residuals of used sightings, sorted [px].
+    /// Lengths of the residuals of used observations, sorted [px].
     pub used_px: Vec<f64>,
-    /// Lengths of the residuals of sightings held out, sorted [px].
+    /// Lengths of the residuals of observations held out, sorted [px].
     pub held_out_px: Vec<f64>,
     /// Where it was seen, with the residual where there is one; used and held out.
     pub seen: Vec<(Point2<f64>, Option<Vector2<f64>>)>,
@@ -24,38 +24,38 @@ pub(super) struct OfCamera {
 /// Of the whole room.
 pub(super) struct Figures {
     pub cameras: Vec<OfCamera>,
-    /// Lengths of all residuals of used sightings, sorted [px].
+    /// Lengths of all residuals of used observations, sorted [px].
     pub used_px: Vec<f64>,
     /// Of those held out, sorted [px].
     pub held_out_px: Vec<f64>,
     pub n_frames: usize,
-    /// Sightings whose camera or point does not exist; they are left out of everything.
+    /// Observations whose camera or point does not exist; they are left out of everything.
     pub n_bad: usize,
 }
 
 impl Figures {
     pub(super) fn of(solved: &Solved) -> Self {
         let mut cameras = vec![OfCamera::default(); solved.cameras.len()];
-        let mut frames = Vec::with_capacity(solved.sightings.len());
+        let mut frames = Vec::with_capacity(solved.observations.len());
         let mut n_bad = 0;
-        for sighting in &solved.sightings {
-            let Some(of) = cameras.get_mut(sighting.camera) else {
+        for observation in &solved.observations {
+            let Some(of) = cameras.get_mut(observation.camera) else {
                 n_bad += 1;
                 continue;
             };
-            frames.push(sighting.frame);
-            of.counts[role_index(sighting.role)] += 1;
-            if !matches!(sighting.role, SightingRole::Used | SightingRole::HeldOut) {
+            frames.push(observation.frame);
+            of.counts[role_index(observation.role)] += 1;
+            if !matches!(observation.role, ObservationRole::Used | ObservationRole::HeldOut) {
                 continue;
             }
-            let residual = sighting.residual.filter(|it| it.norm().is_finite());
-            if sighting.pixel.coords.norm().is_finite() {
-                of.seen.push((sighting.pixel, residual));
+            let residual = observation.residual.filter(|it| it.norm().is_finite());
+            if observation.pixel.coords.norm().is_finite() {
+                of.seen.push((observation.pixel, residual));
             }
-            let list = if sighting.role == SightingRole::Used { &mut of.used_px } else { &mut of.held_out_px };
+            let list = if observation.role == ObservationRole::Used { &mut of.used_px } else { &mut of.held_out_px };
             list.extend(residual.map(|it| it.norm()));
-            let point = sighting.point.and_then(|it| solved.points.get(it));
-            let depth = point.map(|it| (solved.cameras[sighting.camera].camera.camera_from_world * it.position).z);
+            let point = observation.point.and_then(|it| solved.points.get(it));
+            let depth = point.map(|it| (solved.cameras[observation.camera].camera.camera_from_world * it.position).z);
             of.depths.extend(depth.filter(|it| it.is_finite()));
         }
         for link in solved.links.iter().filter(|it| it.consistent) {
@@ -82,12 +82,12 @@ impl Figures {
     }
 }
 
-fn role_index(role: SightingRole) -> usize {
+fn role_index(role: ObservationRole) -> usize {
     match role {
-        SightingRole::Used => 0,
-        SightingRole::HeldOut => 1,
-        SightingRole::Rejected => 2,
-        SightingRole::Unsolved => 3,
+        ObservationRole::Used => 0,
+        ObservationRole::HeldOut => 1,
+        ObservationRole::Rejected => 2,
+        ObservationRole::Unsolved => 3,
     }
 }
 

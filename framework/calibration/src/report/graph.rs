@@ -8,7 +8,7 @@ use super::ReportInput;
 use super::figures::Figures;
 use super::page::{LEVELS, Page, THEME};
 use super::summary::name_of;
-use crate::solved::{SightingRole, Solved};
+use crate::solved::{ObservationRole, Solved};
 
 /// Up to so many cameras have numbers in the cells.
 const NUMBERED: usize = 18;
@@ -88,13 +88,13 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
     ));
 }
 
-/// Frames that two cameras saw together, in a square matrix; sightings that contradict the rest do not count.
+/// Frames that two cameras saw together, in a square matrix; observations that contradict the rest do not count.
 fn common_frames(solved: &Solved) -> Vec<u32> {
     let n = solved.cameras.len();
     let mut seen: Vec<(usize, usize)> = solved
-        .sightings
+        .observations
         .iter()
-        .filter(|it| it.camera < n && it.role != SightingRole::Rejected)
+        .filter(|it| it.camera < n && it.role != ObservationRole::Rejected)
         .map(|it| (it.frame, it.camera))
         .collect();
     seen.sort_unstable();

@@ -8,9 +8,9 @@ mod coverage;
 mod depths;
 mod figures;
 mod graph;
+mod network;
 mod page;
 mod residuals;
-mod room;
 mod steps;
 mod summary;
 
@@ -34,7 +34,7 @@ pub struct ReportInput<'a> {
     pub convergence: Option<&'a Convergence>,
     /// How the calibration was made.
     pub provenance: Option<&'a Provenance>,
-    /// What was rejected beyond single sightings, and why, in sentences.
+    /// What was rejected beyond single observations, and why, in sentences.
     pub rejected: &'a [String],
 }
 
@@ -66,7 +66,7 @@ pub fn html(report: &ReportInput<'_>) -> String {
     let mut page = page::Page::new(report.title);
     summary::head(&mut page, report, &figures);
     summary::cameras(&mut page, report, &figures);
-    room::section(&mut page, report);
+    network::section(&mut page, report);
     residuals::section(&mut page, report, &figures);
     coverage::section(&mut page, report, &figures);
     depths::section(&mut page, report, &figures);

@@ -1,4 +1,4 @@
-//! How sightings fit: for all cameras, and for each over its image.
+//! How observations fit: for all cameras, and for each over its image.
 
 use foveate_plot::svg::Pen;
 use foveate_plot::text::{count, escaped, fixed, rounded};
@@ -17,7 +17,7 @@ const DOTS: usize = 40_000;
 const DOTS_OF_ONE: usize = 1_500;
 /// Arrows across an image; their rows follow from its shape.
 const ARROWS: usize = 12;
-/// A cell of the map needs so many sightings: the mean of fewer is noise.
+/// A cell of the map needs so many observations: the mean of fewer is noise.
 const CELL: usize = 3;
 /// More cameras than this are folded.
 const UNFOLDED: usize = 8;
@@ -35,7 +35,7 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
     let dots = (DOTS / n.max(1)).clamp(100, DOTS_OF_ONE);
     if figures.cameras.iter().any(|it| it.seen.len() > dots) {
         page.note(&format!(
-            "Scatter plots show at most {} sightings of each camera, evenly chosen; histograms, arrows and numbers are of all.",
+            "Scatter plots show at most {} observations of each camera, evenly chosen; histograms, arrows and numbers are of all.",
             count(dots)
         ));
     }
@@ -49,7 +49,7 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
         let histogram = histogram(of, limit);
         let (map, factor) = map(camera, of);
         let words = format!(
-            "median {} px, root mean square {} px, {} sightings",
+            "median {} px, root mean square {} px, {} observations",
             fixed(quantile(&of.used_px, 0.5), 3),
             fixed(rms(&of.used_px), 3),
             count(of.used_px.len())
@@ -79,7 +79,7 @@ fn drawn_histogram(size: [f64; 2], lists: [&[f64]; 2], limit: f64) -> String {
     let [used, held_out] = lists.map(|it| shares(it, limit));
     let most = used.iter().chain(&held_out).map(|it| it[2]).fold(1.0, f64::max);
     let x = Axis::new("length of the residual [px]").over(0.0, limit);
-    let y = Axis::new("sightings [%]").over(0.0, 1.05 * most);
+    let y = Axis::new("observations [%]").over(0.0, 1.05 * most);
     let mut chart = Chart::new("", size, x, y).with(Series::bars("used", SERIES[0], used));
     if !lists[1].is_empty() {
         let steps = held_out.iter().flat_map(|&[from, to, share]| [[from, share], [to, share]]).collect();

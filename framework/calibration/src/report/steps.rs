@@ -25,7 +25,7 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>) {
     page.section(
         "convergence",
         "Convergence",
-        "Root mean square of the residuals in use after each step. Steps that bring sightings in may raise it; the bands are the stages \
+        "Root mean square of the residuals in use after each step. Steps that bring observations in may raise it; the bands are the stages \
          in the table.",
     );
     let all = || own.iter().filter(|it| usable(it)).map(|it| it.rms_px);
@@ -79,7 +79,7 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>) {
     }
     page.raw(&format!(
         "<table class=\"steps\"><thead><tr><th>stage</th><th class=\"n\">steps</th><th class=\"n\">root mean square at its end [px]</th>\
-         <th class=\"n\">sightings in use</th></tr></thead><tbody>{rows}</tbody></table>"
+         <th class=\"n\">observations in use</th></tr></thead><tbody>{rows}</tbody></table>"
     ));
     if stages.len() > STAGES {
         page.note(&format!("{} further stages are left out.", count(stages.len() - STAGES)));
@@ -98,7 +98,7 @@ fn from_a_poor_start(page: &mut Page, both: &Convergence) {
     }
     let n = both.together.len().max(both.in_turn.len()).max(2);
     let x = Axis::new("1 is the start, then each turn or step").over(1.0, n as f64).log();
-    let y = Axis::new("root mean square on moments kept back [px]").over(0.8 * low, 1.25 * high).log();
+    let y = Axis::new("root mean square on moments held out [px]").over(0.8 * low, 1.25 * high).log();
     let mut chart = Chart::new("", [640.0, 260.0], x, y);
     for (colour, errors) in SERIES.into_iter().zip([&both.together, &both.in_turn]) {
         let points = errors.iter().enumerate().map(|(index, it)| [index as f64 + 1.0, *it]).collect();

@@ -45,12 +45,12 @@ pub(super) fn head(page: &mut Page, report: &ReportInput<'_>, figures: &Figures)
     for (value, name) in [
         (format!("{n_calibrated} of {}", solved.cameras.len()), "cameras calibrated"),
         (count(figures.n_frames), "frames with the light"),
-        (count(n_used), "sightings used"),
+        (count(n_used), "observations used"),
         (px(&figures.used_px, 0.5), "median residual, used"),
         (px(&figures.held_out_px, 0.5), "median residual, held out"),
         (format!("{} px", fixed(rms(&figures.used_px), 3)), "root mean square, used"),
-        (count(n_held_out), "sightings held out"),
-        (count(n_rejected), "sightings rejected"),
+        (count(n_held_out), "observations held out"),
+        (count(n_rejected), "observations rejected"),
     ] {
         let _ = write!(tiles, "<div class=\"tile\"><b>{value}</b><span>{name}</span></div>"); // writing to a String cannot fail
     }
@@ -120,7 +120,7 @@ pub(super) fn cameras(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
     page.section(
         "cameras",
         "Cameras",
-        "Residuals are distances between where a light was seen and where the solution has it. Held-out sightings took no part in the \
+        "Residuals are distances between where a light was seen and where the solution has it. Held-out observations took no part in the \
          solution: where theirs are much larger than those of the used, the solution follows the noise. ± is one standard deviation.",
     );
     let mut rows = String::new();
@@ -171,7 +171,7 @@ pub(super) fn cameras(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
         );
     }
     page.raw(&format!(
-        "<div class=\"wide\"><table class=\"cameras\"><thead><tr><th>camera</th><th>status</th><th class=\"n\">sightings</th>\
+        "<div class=\"wide\"><table class=\"cameras\"><thead><tr><th>camera</th><th>status</th><th class=\"n\">observations</th>\
          <th class=\"n\">used, median / 90 % [px]</th><th class=\"n\">held out, median / 90 % [px]</th><th class=\"n\">focal length [px]</th>\
          <th class=\"n\">centre x, y, z [{unit}]</th><th class=\"n\">σ of it, longest axis</th><th class=\"n\">clock offset [ms]</th>\
          <th class=\"n\">links</th></tr></thead><tbody>{rows}</tbody></table></div>"
@@ -237,12 +237,16 @@ pub(super) fn rejected(page: &mut Page, report: &ReportInput<'_>, figures: &Figu
                 camera.name,
                 count(rejected),
                 count(all),
-                if all == 1 { "sighting contradicts" } else { "sightings contradict" },
+                if all == 1 { "observation contradicts" } else { "observations contradict" },
                 fixed(share, 1)
             ));
         }
         if unsolved > 0 && camera.status == CameraStatus::Calibrated {
-            items.push(format!("camera {}: {} of lights whose place was not found", camera.name, sightings(unsolved)));
+            items.push(format!(
+                "camera {}: {} of lights whose place was not found",
+                camera.name,
+                observations(unsolved)
+            ));
         }
     }
     let apart: Vec<&Link> = solved.links.iter().filter(|it| !it.consistent).collect();
@@ -256,7 +260,7 @@ pub(super) fn rejected(page: &mut Page, report: &ReportInput<'_>, figures: &Figu
         items.push(format!("{who} ({} of {} frames fit)", worst.right, worst.common));
     }
     if figures.n_bad > 0 {
-        items.push(format!("{} by cameras that do not exist", sightings(figures.n_bad)));
+        items.push(format!("{} by cameras that do not exist", observations(figures.n_bad)));
     }
     if items.is_empty() {
         page.raw("<p>Nothing.</p>");
@@ -266,8 +270,8 @@ pub(super) fn rejected(page: &mut Page, report: &ReportInput<'_>, figures: &Figu
     page.raw(&format!("<ul class=\"rejected\">{list}</ul>"));
 }
 
-fn sightings(n: usize) -> String {
-    format!("{} {}", count(n), if n == 1 { "sighting" } else { "sightings" })
+fn observations(n: usize) -> String {
+    format!("{} {}", count(n), if n == 1 { "observation" } else { "observations" })
 }
 
 /// How the calibration was made.

@@ -5,7 +5,7 @@ use foveate_estimation::statistics::{SIGMA_PER_MAD, mad, median, percentile};
 use foveate_geometry::{CameraStatus, closest_approach};
 use nalgebra::{Point3, Vector3};
 
-use crate::solved::{SightingRole, Solved};
+use crate::solved::{ObservationRole, Solved};
 
 /// Frames with both ends that are needed.
 const LEAST_FRAMES: usize = 3;
@@ -184,10 +184,10 @@ fn map(samples: &[&WandSample], mean: f64) -> Vec<CellLength> {
 
 fn pairs(solved: &Solved, frames: &[(usize, [usize; 2])], middle: f64) -> Vec<PairLengths> {
     let mut of_point: Vec<Vec<usize>> = vec![Vec::new(); solved.points.len()];
-    for (index, sighting) in solved.sightings.iter().enumerate() {
-        let seen = matches!(sighting.role, SightingRole::Used | SightingRole::HeldOut);
-        let calibrated = solved.cameras.get(sighting.camera).is_some_and(|it| it.status == CameraStatus::Calibrated);
-        if let Some(list) = sighting.point.and_then(|it| of_point.get_mut(it)).filter(|_| seen && calibrated) {
+    for (index, observation) in solved.observations.iter().enumerate() {
+        let seen = matches!(observation.role, ObservationRole::Used | ObservationRole::HeldOut);
+        let calibrated = solved.cameras.get(observation.camera).is_some_and(|it| it.status == CameraStatus::Calibrated);
+        if let Some(list) = observation.point.and_then(|it| of_point.get_mut(it)).filter(|_| seen && calibrated) {
             list.push(index);
         }
     }
@@ -196,14 +196,14 @@ fn pairs(solved: &Solved, frames: &[(usize, [usize; 2])], middle: f64) -> Vec<Pa
     for (_, [a, b]) in frames {
         // Rays of the cameras that see both ends.
         let ray = |it: usize| {
-            let sighting = &solved.sightings[it];
-            Some((sighting.camera, solved.cameras[sighting.camera].camera.ray(&sighting.pixel)?))
+            let observation = &solved.observations[it];
+            Some((observation.camera, solved.cameras[observation.camera].camera.ray(&observation.pixel)?))
         };
         let whole: Vec<_> = of_point[*a]
             .iter()
             .filter_map(|first| {
-                let camera = solved.sightings[*first].camera;
-                let second = of_point[*b].iter().find(|it| solved.sightings[**it].camera == camera)?;
+                let camera = solved.observations[*first].camera;
+                let second = of_point[*b].iter().find(|it| solved.observations[**it].camera == camera)?;
                 Some((ray(*first)?, ray(*second)?.1))
             })
             .collect();

@@ -1,6 +1,6 @@
 //! Two lights a known distance apart: which is which in each picture, how long the wand comes out, and a room adjusted with its length.
 //!
-//! The way: [`label`] the spots of a recording, [`solve`] the room from the [`sightings`] (or any other way to a
+//! The way: [`label`] the spots of a recording, [`solve`] the room from the [`observations`] (or any other way to a
 //! [`crate::solved::Solved`] whose points carry the labels of the ends), [`refine`] it with the length, and [`lengths`] of frames that were held
 //! out ([`intersect`]) for a check.
 
@@ -9,10 +9,10 @@ mod lengths;
 mod refine;
 mod solve;
 
-pub use self::label::{LabelFault, LabelRules, Labelled, frames_by_time, label};
+pub use self::label::{LabelError, LabelOptions, Labelled, frames_by_time, label};
 pub use self::lengths::{CellLength, PairLengths, TooFewFrames, WandLengths, WandSample, lengths};
-pub use self::refine::{RefineFault, RefineRules, Refined, Wand, readjust, refine};
-pub use self::solve::{WandSighting, intersect, sightings, solve};
+pub use self::refine::{RefineError, RefineOptions, Refined, Wand, readjust, refine};
+pub use self::solve::{WandObservation, intersect, observations, solve};
 
 #[cfg(test)]
 mod tests;

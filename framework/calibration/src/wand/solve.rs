@@ -1,19 +1,21 @@
-//! From labelled sightings of a wand to a solved room, in a unit of its own; and from solved cameras to where a wand was.
+//! From labelled observations of a wand to a solved room, in a unit of its own; and from solved cameras to where a wand was.
 
 use std::collections::BTreeMap;
 
 use foveate_geometry::bundle::Freedom;
 use foveate_geometry::bundle::OpticsPrior;
-use foveate_geometry::self_calibration::{SelfCalibrationFault, SelfCalibrationRules, Sighting, self_calibrate};
+use foveate_geometry::self_calibration::{
+    LightObservation, SelfCalibrationError, SelfCalibrationOptions, self_calibrate,
+};
 use foveate_geometry::{Camera, CameraStatus, PixelNoise, Ray, refine, triangulate_rays};
 use nalgebra::{Point2, Point3};
 
 use crate::recording::{CameraGuess, Recording};
-use crate::solved::{SightingRole, Solved, SolvedCamera, SolvedPoint, SolvedSighting, Step};
+use crate::solved::{ObservationRole, Solved, SolvedCamera, SolvedObservation, SolvedPoint, Step};
 
 /// An end of the wand in a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WandSighting {
+pub struct WandObservation {
     /// Which camera.
     pub camera: usize,
     /// Which frame.
@@ -26,16 +28,16 @@ pub struct WandSighting {
     pub pixel: Point2<f64>,
 }
 
-/// The labelled spots of a recording; `frame_of_look` says which frame each look is of, if any. Of a label that a picture shows twice,
+/// The labelled spots of a recording; `frame_of_look` says which frame each camera frame is of, if any. Of a label that a picture shows twice,
 /// the brightest spot.
-pub fn sightings(recording: &Recording, frame_of_look: &[Option<usize>]) -> Vec<WandSighting> {
+pub fn observations(recording: &Recording, moment_of_frame: &[Option<usize>]) -> Vec<WandObservation> {
     let mut found = BTreeMap::new();
-    for (look, frame) in recording.looks.iter().zip(frame_of_look) {
+    for (camera_frame, frame) in recording.camera_frames.iter().zip(moment_of_frame) {
         let Some(frame) = *frame else { continue };
-        for spot in &look.spots {
+        for spot in &camera_frame.spots {
             let Some(end) = spot.label.filter(|_| spot.pixel.coords.norm().is_finite()) else { continue };
-            let (camera, time_s, pixel) = (look.camera, look.time_s, spot.pixel);
-            let new = (spot.peak, WandSighting { camera, frame, time_s, end, pixel });
+            let (camera, time_s, pixel) = (camera_frame.camera, camera_frame.time_s, spot.pixel);
+            let new = (spot.peak, WandObservation { camera, frame, time_s, end, pixel });
             let kept = found.entry((frame, end, camera)).or_insert(new);
             if spot.peak > kept.0 {
                 *kept = new;
@@ -48,23 +50,26 @@ pub fn sightings(recording: &Recording, frame_of_look: &[Option<usize>]) -> Vec<
 /// Calibrates `cameras` from nothing: each end of the wand in each frame is a point of its own.
 ///
 /// # Errors
-/// See [`SelfCalibrationFault`].
+/// See [`SelfCalibrationError`].
 pub fn solve(
     cameras: &[CameraGuess],
-    sightings: &[WandSighting],
-    rules: &SelfCalibrationRules,
-) -> Result<Solved, SelfCalibrationFault> {
+    observations: &[WandObservation],
+    options: &SelfCalibrationOptions,
+) -> Result<Solved, SelfCalibrationError> {
     let mut number_of = BTreeMap::new();
-    for it in sightings {
+    for it in observations {
         let next = number_of.len();
         number_of.entry((it.frame, it.end)).or_insert(next);
     }
-    let as_points =
-        |it: &WandSighting| Sighting { camera: it.camera, frame: number_of[&(it.frame, it.end)], pixel: it.pixel };
+    let as_points = |it: &WandObservation| LightObservation {
+        camera: it.camera,
+        frame: number_of[&(it.frame, it.end)],
+        pixel: it.pixel,
+    };
     let given: Vec<Camera> = cameras.iter().map(|it| it.camera.clone()).collect();
-    let each: Vec<Sighting> = sightings.iter().map(as_points).collect();
+    let each: Vec<LightObservation> = observations.iter().map(as_points).collect();
     let free: Vec<Freedom> = cameras.iter().map(|it| it.free).collect();
-    let found = self_calibrate(&given, &free, &each, rules)?;
+    let found = self_calibrate(&given, &free, &each, options)?;
     let mut covariance = found.covariance;
     let of_camera = |(index, guess): (usize, &CameraGuess)| SolvedCamera {
         name: guess.name.clone(),
@@ -76,15 +81,15 @@ pub fn solve(
         clock: None,
     };
     let cameras = cameras.iter().enumerate().map(of_camera).collect();
-    let (points, place_of) = points_of(sightings, |frame, end| found.points[number_of[&(frame, end)]]);
-    let of_sighting = |(index, it): (usize, &WandSighting)| {
+    let (points, place_of) = points_of(observations, |frame, end| found.points[number_of[&(frame, end)]]);
+    let of_observation = |(index, it): (usize, &WandObservation)| {
         let solved = found.residuals[index].is_some();
         let role = match (found.right[index], solved) {
-            (true, _) => SightingRole::Used,
-            (false, true) => SightingRole::Rejected,
-            (false, false) => SightingRole::Unsolved,
+            (true, _) => ObservationRole::Used,
+            (false, true) => ObservationRole::Rejected,
+            (false, false) => ObservationRole::Unsolved,
         };
-        SolvedSighting {
+        SolvedObservation {
             camera: it.camera,
             frame: it.frame,
             point: place_of.get(&(it.frame, it.end)).copied(),
@@ -97,7 +102,7 @@ pub fn solve(
     Ok(Solved {
         cameras,
         points,
-        sightings: sightings.iter().enumerate().map(of_sighting).collect(),
+        observations: observations.iter().enumerate().map(of_observation).collect(),
         steps: vec![Step { stage: "from nothing", rms_px: found.rms_px, used }],
         links: found.links,
         ..Solved::default()
@@ -112,10 +117,10 @@ pub(super) fn intersected(seen: &[(&Camera, Point2<f64>)]) -> Option<Point3<f64>
     Some(refine(&own, &pixels, PixelNoise::Sigma(1.0), start).ok()?.position)
 }
 
-/// Where solved cameras put the wand in frames that they were not made of: sightings are held out, points are intersections.
-pub fn intersect(cameras: &[SolvedCamera], sightings: &[WandSighting]) -> Solved {
-    let mut of_point: BTreeMap<(usize, u32), Vec<&WandSighting>> = BTreeMap::new();
-    for it in sightings {
+/// Where solved cameras put the wand in frames that they were not made of: observations are held out, points are intersections.
+pub fn intersect(cameras: &[SolvedCamera], observations: &[WandObservation]) -> Solved {
+    let mut of_point: BTreeMap<(usize, u32), Vec<&WandObservation>> = BTreeMap::new();
+    for it in observations {
         if cameras.get(it.camera).is_some_and(|camera| camera.status == CameraStatus::Calibrated) {
             of_point.entry((it.frame, it.end)).or_default().push(it);
         }
@@ -125,25 +130,25 @@ pub fn intersect(cameras: &[SolvedCamera], sightings: &[WandSighting]) -> Solved
         let seen: Vec<(&Camera, Point2<f64>)> = seen.iter().map(|it| (&cameras[it.camera].camera, it.pixel)).collect();
         intersected(&seen)
     };
-    let (points, place_of) = points_of(sightings, place);
-    let of_sighting = |it: &WandSighting| {
+    let (points, place_of) = points_of(observations, place);
+    let of_observation = |it: &WandObservation| {
         let point = place_of.get(&(it.frame, it.end)).copied();
         let camera = cameras.get(it.camera).filter(|it| it.status == CameraStatus::Calibrated);
         let seen = camera.zip(point).and_then(|(camera, at)| camera.camera.project(&points[at].position));
-        let role = if seen.is_some() { SightingRole::HeldOut } else { SightingRole::Unsolved };
+        let role = if seen.is_some() { ObservationRole::HeldOut } else { ObservationRole::Unsolved };
         let residual = seen.map(|seen| seen - it.pixel);
-        SolvedSighting { camera: it.camera, frame: it.frame, point, pixel: it.pixel, residual, role }
+        SolvedObservation { camera: it.camera, frame: it.frame, point, pixel: it.pixel, residual, role }
     };
-    let sightings = sightings.iter().map(of_sighting).collect();
-    Solved { cameras: cameras.to_vec(), points, sightings, ..Solved::default() }
+    let observations = observations.iter().map(of_observation).collect();
+    Solved { cameras: cameras.to_vec(), points, observations, ..Solved::default() }
 }
 
 /// Points in the order of frames and ends, and the place of each in that list.
 fn points_of(
-    sightings: &[WandSighting],
+    observations: &[WandObservation],
     place: impl Fn(usize, u32) -> Option<Point3<f64>>,
 ) -> (Vec<SolvedPoint>, BTreeMap<(usize, u32), usize>) {
-    let times: BTreeMap<(usize, u32), f64> = sightings.iter().map(|it| ((it.frame, it.end), it.time_s)).collect();
+    let times: BTreeMap<(usize, u32), f64> = observations.iter().map(|it| ((it.frame, it.end), it.time_s)).collect();
     let (mut points, mut place_of) = (Vec::new(), BTreeMap::new());
     for ((frame, label), time_s) in times {
         if let Some(position) = place(frame, label) {

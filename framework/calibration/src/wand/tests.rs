@@ -1,15 +1,15 @@
 //! A wand waved in a room of known truth: labels found, metres as good as stated, and what must be noticed.
 
 use foveate_estimation::Random;
-use foveate_geometry::alignment::{AlignmentRules, align};
+use foveate_geometry::alignment::{AlignmentOptions, align};
 use foveate_geometry::bundle::Freedom;
-use foveate_geometry::self_calibration::SelfCalibrationRules;
+use foveate_geometry::self_calibration::SelfCalibrationOptions;
 use foveate_geometry::{Camera, CameraStatus};
 use nalgebra::{Point2, Point3, Vector2, Vector3};
 
 use super::*;
-use crate::axes::{self, AxesRules, Given, Place};
-use crate::recording::{CameraGuess, Look, Recording, Spot};
+use crate::axes::{self, AxesOptions, Given, Place};
+use crate::recording::{CameraFrame, CameraGuess, Recording, Spot};
 use crate::solved::Solved;
 
 const LENGTH_M: f64 = 0.5;
@@ -42,7 +42,7 @@ fn ends(frame: usize, n: usize) -> [Point3<f64>; 2] {
 fn recording(n_cameras: usize, n_frames: usize, seed: u64) -> Recording {
     let mut random = Random::new(seed).fork("wand");
     let cameras = cameras(n_cameras);
-    let mut looks = Vec::new();
+    let mut camera_frames = Vec::new();
     for frame in 0..n_frames {
         for (camera, guess) in cameras.iter().enumerate() {
             let mut spots = Vec::new();
@@ -56,14 +56,14 @@ fn recording(n_cameras: usize, n_frames: usize, seed: u64) -> Recording {
             if random.uniform() < 0.5 {
                 spots.reverse();
             }
-            looks.push(Look { camera, time_s: frame as f64 / 50.0, spots });
+            camera_frames.push(CameraFrame { camera, time_s: frame as f64 / 50.0, spots });
         }
     }
-    Recording { cameras, looks }
+    Recording { cameras, camera_frames }
 }
 
 fn without_labels(mut recording: Recording) -> Recording {
-    recording.looks.iter_mut().flat_map(|it| &mut it.spots).for_each(|it| it.label = None);
+    recording.camera_frames.iter_mut().flat_map(|it| &mut it.spots).for_each(|it| it.label = None);
     recording
 }
 
@@ -72,17 +72,17 @@ fn frames(recording: &Recording) -> Vec<Option<usize>> {
 }
 
 fn labelled(recording: &Recording) -> Labelled {
-    label(recording, &frames(recording), &LabelRules::default()).unwrap_or_else(|it| panic!("{it}"))
+    label(recording, &frames(recording), &LabelOptions::default()).unwrap_or_else(|it| panic!("{it}"))
 }
 
 /// Of the labels: how many are right, in each frame up to the better exchange of both; how many wrong; and how often that changes.
 fn count(found: &Labelled, n_frames: usize) -> [usize; 3] {
     let (mut right, mut wrong, mut changes, mut before) = (0, 0, 0, None);
-    for (frame, looks) in found.recording.looks.chunk_by(|a, b| a.time_s == b.time_s).enumerate() {
+    for (frame, camera_frames) in found.recording.camera_frames.chunk_by(|a, b| a.time_s == b.time_s).enumerate() {
         let mut votes = [0, 0];
-        for look in looks {
-            for spot in &look.spots {
-                let camera = &found.recording.cameras[look.camera].camera;
+        for camera_frame in camera_frames {
+            for spot in &camera_frame.spots {
+                let camera = &found.recording.cameras[camera_frame.camera].camera;
                 let off = ends(frame, n_frames).map(|it| (camera.project(&it).unwrap() - spot.pixel).norm());
                 let end = usize::from(off[1] < off[0]);
                 if off[end] > 8.0 * SIGMA_PX {
@@ -102,8 +102,8 @@ fn count(found: &Labelled, n_frames: usize) -> [usize; 3] {
 }
 
 fn solved(recording: &Recording) -> Solved {
-    let rules = SelfCalibrationRules { sigma_px: SIGMA_PX, ..SelfCalibrationRules::default() };
-    solve(&recording.cameras, &sightings(recording, &frames(recording)), &rules).unwrap()
+    let options = SelfCalibrationOptions { sigma_px: SIGMA_PX, ..SelfCalibrationOptions::default() };
+    solve(&recording.cameras, &observations(recording, &frames(recording)), &options).unwrap()
 }
 
 fn wand(length_m: f64) -> Wand {
@@ -111,8 +111,8 @@ fn wand(length_m: f64) -> Wand {
 }
 
 fn refined(solved: &Solved) -> Refined {
-    let rules = RefineRules { sigma_px: SIGMA_PX, ..RefineRules::default() };
-    refine(solved, &wand(LENGTH_M), &rules).unwrap_or_else(|it| panic!("{it}"))
+    let options = RefineOptions { sigma_px: SIGMA_PX, ..RefineOptions::default() };
+    refine(solved, &wand(LENGTH_M), &options).unwrap_or_else(|it| panic!("{it}"))
 }
 
 /// Scale of the truth over that of the found cameras, and their root mean square distance after alignment without it [m].
@@ -124,7 +124,7 @@ fn against_truth(found: &Solved) -> [f64; 2] {
         known.iter().map(|it| found.cameras[*it].camera.centre()).collect(),
         known.iter().map(|it| truth[*it].camera.centre()).collect(),
     ];
-    let [scaled, rigid] = [true, false].map(|scale| align(&a, &b, AlignmentRules { scale, robust: false }).unwrap());
+    let [scaled, rigid] = [true, false].map(|scale| align(&a, &b, AlignmentOptions { scale, robust: false }).unwrap());
     [scaled.b_from_a.scaling(), rigid.rms]
 }
 
@@ -142,18 +142,18 @@ fn lights_that_look_alike_are_told_apart() {
 fn clutter_lamps_and_hidden_ends_are_seen_through() {
     let mut seen = without_labels(recording(6, 200, 2));
     let mut random = Random::new(5);
-    for look in &mut seen.looks {
+    for camera_frame in &mut seen.camera_frames {
         let peak = random.uniform_in(100.0, 250.0);
         let spot = |pixel| Spot { pixel, sigma_px: SIGMA_PX, peak, label: None };
-        if look.camera == 3 {
-            look.spots.push(spot(Point2::new(222.0, 111.0)));
+        if camera_frame.camera == 3 {
+            camera_frame.spots.push(spot(Point2::new(222.0, 111.0)));
         }
         if random.uniform() < 0.1 {
-            look.spots.truncate(1);
+            camera_frame.spots.truncate(1);
         }
         if random.uniform() < 0.2 {
             let pixel = Point2::new(random.uniform_in(0.0, 639.0), random.uniform_in(0.0, 479.0));
-            look.spots.push(spot(pixel));
+            camera_frame.spots.push(spot(pixel));
         }
     }
     let found = labelled(&seen);
@@ -172,7 +172,7 @@ fn clutter_lamps_and_hidden_ends_are_seen_through() {
 fn three_wrong_spots_in_ten_do_not_hide_the_wand() {
     let mut seen = without_labels(recording(6, 200, 3));
     let mut random = Random::new(7);
-    for spot in seen.looks.iter_mut().flat_map(|it| &mut it.spots) {
+    for spot in seen.camera_frames.iter_mut().flat_map(|it| &mut it.spots) {
         if random.uniform() < 0.3 {
             spot.pixel = Point2::new(random.uniform_in(0.0, 639.0), random.uniform_in(0.0, 479.0));
         }
@@ -187,8 +187,8 @@ fn three_wrong_spots_in_ten_do_not_hide_the_wand() {
 fn a_camera_with_its_ends_the_wrong_way_round_is_named() {
     let mut seen = recording(5, 100, 4);
     assert_eq!(labelled(&seen).swapped, Vec::<usize>::new());
-    for look in seen.looks.iter_mut().filter(|it| it.camera == 2) {
-        look.spots.iter_mut().for_each(|it| it.label = it.label.map(|it| 1 - it));
+    for camera_frame in seen.camera_frames.iter_mut().filter(|it| it.camera == 2) {
+        camera_frame.spots.iter_mut().for_each(|it| it.label = it.label.map(|it| 1 - it));
     }
     let found = labelled(&seen);
     assert_eq!(found.swapped, [2]);
@@ -199,8 +199,8 @@ fn a_camera_with_its_ends_the_wrong_way_round_is_named() {
 #[test]
 fn cameras_that_never_see_the_wand_whole_are_calibrated_too() {
     let mut seen = recording(6, 150, 5);
-    for look in seen.looks.iter_mut().filter(|it| it.camera > 2) {
-        look.spots.retain(|it| it.label == Some((look.camera % 2) as u32));
+    for camera_frame in seen.camera_frames.iter_mut().filter(|it| it.camera > 2) {
+        camera_frame.spots.retain(|it| it.label == Some((camera_frame.camera % 2) as u32));
     }
     let found = refined(&solved(&labelled(&seen).recording));
     assert!(found.solved.cameras.iter().all(|it| it.status == CameraStatus::Calibrated));
@@ -231,20 +231,20 @@ fn metres_are_as_good_as_they_say() {
 /// Scaled by the wand, without an adjustment.
 fn axes_by_wand(solved: &Solved) -> Solved {
     let given = Given::WandLength { ends: [0, 1], metres: LENGTH_M, sigma_m: 0.0 };
-    axes::fix(solved, &[given], &AxesRules::default()).unwrap().solved
+    axes::fix(solved, &[given], &AxesOptions::default()).unwrap().solved
 }
 
 #[test]
 fn a_wrong_length_is_found_out_by_a_known_distance() {
     let solved = solved(&recording(5, 60, 6));
-    let rules = RefineRules { sigma_px: SIGMA_PX, ..RefineRules::default() };
+    let options = RefineOptions { sigma_px: SIGMA_PX, ..RefineOptions::default() };
     let truth = cameras(5);
     let metres = (truth[0].camera.centre() - truth[2].camera.centre()).norm();
     let [a, b] = ["wide-1", "wide-3"].map(|it| Place::Camera(it.into()));
     let distance = [Given::Distance { a, b, metres, sigma_m: 2e-3 }];
     for (length_m, agrees) in [(LENGTH_M, true), (0.9 * LENGTH_M, false)] {
-        let found = refine(&solved, &wand(length_m), &rules).unwrap().solved;
-        let fixed = axes::fix(&found, &distance, &AxesRules::default());
+        let found = refine(&solved, &wand(length_m), &options).unwrap().solved;
+        let fixed = axes::fix(&found, &distance, &AxesOptions::default());
         assert_eq!(fixed.is_ok(), agrees, "{:?}", fixed.err());
         if let Err(fault) = fixed {
             assert!(fault.to_string().contains("the scale by a wand of 0.45 m and by"), "{fault}");
@@ -274,21 +274,21 @@ fn a_bent_world_shows_in_the_map_of_lengths() {
 #[test]
 fn held_out_frames_measure_the_wand() {
     let seen = recording(5, 120, 8);
-    let all = sightings(&seen, &frames(&seen));
+    let all = observations(&seen, &frames(&seen));
     let (fit, held): (Vec<_>, Vec<_>) = all.into_iter().partition(|it| it.frame % 2 == 0);
-    let rules = SelfCalibrationRules { sigma_px: SIGMA_PX, ..SelfCalibrationRules::default() };
-    let found = refined(&solve(&seen.cameras, &fit, &rules).unwrap()).solved;
+    let options = SelfCalibrationOptions { sigma_px: SIGMA_PX, ..SelfCalibrationOptions::default() };
+    let found = refined(&solve(&seen.cameras, &fit, &options).unwrap()).solved;
     let measured = intersect(&found.cameras, &held);
     let lengths = lengths(&measured, [0, 1]).unwrap();
     assert!((lengths.mean / LENGTH_M - 1.0).abs() < 2e-3 && lengths.samples.iter().all(|it| it.frame % 2 == 1));
-    assert!(measured.sightings.iter().filter_map(|it| it.residual).all(|it| it.norm() < 3.0));
+    assert!(measured.observations.iter().filter_map(|it| it.residual).all(|it| it.norm() < 3.0));
 }
 
 #[test]
 fn what_is_no_wand_is_refused() {
     let solved = solved(&recording(4, 60, 9));
     let fails = |solved: &Solved, wand: Wand, expected: &str| {
-        let fault = refine(solved, &wand, &RefineRules::default()).unwrap_err().to_string();
+        let fault = refine(solved, &wand, &RefineOptions::default()).unwrap_err().to_string();
         assert!(fault.contains(expected), "{fault}");
     };
     for (length_m, expected) in [(0.0, "is 0, expected"), (-1.0, "is -1, expected"), (f64::NAN, "is NaN, expected")] {
@@ -300,19 +300,19 @@ fn what_is_no_wand_is_refused() {
     in_one_place.points.iter_mut().for_each(|it| it.position = Point3::origin());
     fails(&in_one_place, wand(0.5), "the length of the wand over the one that was solved for is inf");
     let fails = |recording: &Recording, expected: &str| {
-        let fault = label(recording, &frames(recording), &LabelRules::default()).unwrap_err().to_string();
+        let fault = label(recording, &frames(recording), &LabelOptions::default()).unwrap_err().to_string();
         assert!(fault.contains(expected), "{fault}");
     };
     let mut still = without_labels(recording(3, 40, 1));
-    let first: Vec<Look> = still.looks[..3].to_vec();
-    for (index, look) in still.looks.iter_mut().enumerate() {
-        look.spots.clone_from(&first[index % 3].spots);
+    let first: Vec<CameraFrame> = still.camera_frames[..3].to_vec();
+    for (index, camera_frame) in still.camera_frames.iter_mut().enumerate() {
+        camera_frame.spots.clone_from(&first[index % 3].spots);
     }
     fails(&still, "no two cameras could be oriented by the wand");
     let mut alone = recording(3, 40, 1);
-    alone.looks.retain(|it| it.camera == 1);
+    alone.camera_frames.retain(|it| it.camera == 1);
     fails(&alone, "saw both of its lights together in 0 frames, expected at least 10");
-    alone.looks[0].camera = 9;
+    alone.camera_frames[0].camera = 9;
     fails(&alone, "look 0 is of camera 9, expected less than 3");
-    assert!(label(&alone, &[], &LabelRules::default()).is_err());
+    assert!(label(&alone, &[], &LabelOptions::default()).is_err());
 }

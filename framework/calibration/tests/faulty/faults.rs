@@ -1,6 +1,6 @@
 //! What goes wrong with recordings, done to one on purpose.
 
-use foveate_calibration::recording::{Look, Recording, Spot};
+use foveate_calibration::recording::{CameraFrame, Recording, Spot};
 use foveate_estimation::Random;
 use nalgebra::{Point2, Rotation3, Vector3};
 
@@ -79,13 +79,13 @@ impl Fault {
         let axis = Vector3::new(random.normal(), random.normal(), 0.4 * random.normal()).normalize();
         let model = given.cameras[camera].camera.clone();
         let [width, height] = model.image_size.map(f64::from);
-        let own = |it: &Look| it.camera == camera;
-        let times: Vec<f64> = given.looks.iter().filter(|it| own(it)).map(|it| it.time_s).collect();
+        let own = |it: &CameraFrame| it.camera == camera;
+        let times: Vec<f64> = given.camera_frames.iter().filter(|it| own(it)).map(|it| it.time_s).collect();
         let middle_s = times[times.len() / 2];
         let mut change = |recording: &mut Recording, to: &mut dyn FnMut(f64, &mut Spot, &mut Random)| {
-            for look in recording.looks.iter_mut().filter(|it| it.camera == camera) {
-                let time_s = look.time_s;
-                look.spots.iter_mut().for_each(|it| to(time_s, it, &mut random));
+            for camera_frame in recording.camera_frames.iter_mut().filter(|it| it.camera == camera) {
+                let time_s = camera_frame.time_s;
+                camera_frame.spots.iter_mut().for_each(|it| to(time_s, it, &mut random));
             }
         };
         match self {
@@ -99,20 +99,21 @@ impl Fault {
                     return None;
                 }
                 let from_s = if self == Fault::Swapped { f64::NEG_INFINITY } else { middle_s };
-                for look in recording.looks.iter_mut().filter(|it| it.time_s >= from_s) {
-                    look.camera = match look.camera {
+                for camera_frame in recording.camera_frames.iter_mut().filter(|it| it.time_s >= from_s) {
+                    camera_frame.camera = match camera_frame.camera {
                         it if it == camera => other,
                         it if it == other => camera,
                         it => it,
                     };
                 }
-                recording.looks.sort_by(|a, b| a.time_s.total_cmp(&b.time_s).then(a.camera.cmp(&b.camera)));
+                recording.camera_frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s).then(a.camera.cmp(&b.camera)));
             }
             Fault::Late(frames) => {
-                let places: Vec<usize> = (0..given.looks.len()).filter(|it| own(&given.looks[*it])).collect();
+                let places: Vec<usize> =
+                    (0..given.camera_frames.len()).filter(|it| own(&given.camera_frames[*it])).collect();
                 for (index, place) in places.iter().enumerate() {
-                    recording.looks[*place].spots = match index.checked_sub(frames) {
-                        Some(before) => given.looks[places[before]].spots.clone(),
+                    recording.camera_frames[*place].spots = match index.checked_sub(frames) {
+                        Some(before) => given.camera_frames[places[before]].spots.clone(),
                         None => Vec::new(),
                     };
                 }
@@ -120,11 +121,11 @@ impl Fault {
             Fault::LatePart(part) => {
                 let gaps = times.windows(2).map(|it| it[1] - it[0]).filter(|it| *it > 0.0);
                 let late_s = part * gaps.fold(f64::INFINITY, f64::min);
-                recording.looks.iter_mut().filter(|it| own(it)).for_each(|it| it.time_s += late_s);
-                recording.looks.sort_by(|a, b| a.time_s.total_cmp(&b.time_s).then(a.camera.cmp(&b.camera)));
+                recording.camera_frames.iter_mut().filter(|it| own(it)).for_each(|it| it.time_s += late_s);
+                recording.camera_frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s).then(a.camera.cmp(&b.camera)));
             }
             Fault::Dropped(share) => {
-                recording.looks.retain(|it| !own(it) || random.uniform_in(0.0, 1.0) >= share);
+                recording.camera_frames.retain(|it| !own(it) || random.uniform_in(0.0, 1.0) >= share);
             }
             Fault::Knocked(mrad) => {
                 let turn = Rotation3::new(axis * 1e-3 * mrad);
@@ -153,12 +154,12 @@ impl Fault {
                         it.pixel.x = f64::NAN;
                     }
                 });
-                for look in recording.looks.iter_mut().filter(|it| it.camera == camera) {
-                    let again = look.spots.clone();
-                    look.spots.extend(again);
+                for camera_frame in recording.camera_frames.iter_mut().filter(|it| it.camera == camera) {
+                    let again = camera_frame.spots.clone();
+                    camera_frame.spots.extend(again);
                 }
-                let twice: Vec<Look> = recording.looks.iter().step_by(7).cloned().collect();
-                recording.looks.extend(twice);
+                let twice: Vec<CameraFrame> = recording.camera_frames.iter().step_by(7).cloned().collect();
+                recording.camera_frames.extend(twice);
             }
             Fault::WrongFocal(factor) => {
                 if recording.cameras[camera].free.focal {
@@ -172,27 +173,32 @@ impl Fault {
             }
             Fault::OriginOff => change(&mut recording, &mut |_, it, _| it.pixel += nalgebra::Vector2::new(1.0, 1.0)),
             Fault::Half { first } => {
-                let (from_s, to_s) = (given.looks[0].time_s, given.looks[given.looks.len() - 1].time_s);
-                recording.looks.retain(|it| (it.time_s < 0.5 * (from_s + to_s)) == first);
+                let (from_s, to_s) =
+                    (given.camera_frames[0].time_s, given.camera_frames[given.camera_frames.len() - 1].time_s);
+                recording.camera_frames.retain(|it| (it.time_s < 0.5 * (from_s + to_s)) == first);
             }
             Fault::Window { from, n } => {
-                let mut starts: Vec<f64> = given.looks.iter().map(|it| it.time_s).collect();
+                let mut starts: Vec<f64> = given.camera_frames.iter().map(|it| it.time_s).collect();
                 starts.dedup();
                 let [from_s, to_s] = [*starts.get(from)?, *starts.get(from + n)?];
-                recording.looks.retain(|it| it.time_s >= from_s && it.time_s < to_s);
+                recording.camera_frames.retain(|it| it.time_s >= from_s && it.time_s < to_s);
             }
-            Fault::Without => recording.looks.retain(|it| !own(it)),
+            Fault::Without => recording.camera_frames.retain(|it| !own(it)),
             Fault::Rate(hz) => {
                 let gaps = times.windows(2).map(|it| it[1] - it[0]).filter(|it| *it > 0.0);
                 let period_s = gaps.fold(f64::INFINITY, f64::min);
-                recording.looks.iter_mut().for_each(|it| it.time_s = (it.time_s / period_s).round() / hz);
+                recording.camera_frames.iter_mut().for_each(|it| it.time_s = (it.time_s / period_s).round() / hz);
             }
             Fault::FewCommon(frames) => {
-                let with_spots: Vec<f64> =
-                    given.looks.iter().filter(|it| own(it) && !it.spots.is_empty()).map(|it| it.time_s).collect();
+                let with_spots: Vec<f64> = given
+                    .camera_frames
+                    .iter()
+                    .filter(|it| own(it) && !it.spots.is_empty())
+                    .map(|it| it.time_s)
+                    .collect();
                 let every = with_spots.len() / frames;
                 let kept: Vec<f64> = with_spots.into_iter().step_by(every.max(1)).take(frames).collect();
-                recording.looks.retain(|it| !own(it) || kept.contains(&it.time_s));
+                recording.camera_frames.retain(|it| !own(it) || kept.contains(&it.time_s));
             }
         }
         Some(recording)

@@ -1,7 +1,7 @@
 //! Recordings of waved lights as a calibration gets them: one that is simulated.
 
-use foveate_calibration::recording::{CameraGuess, Look, Recording, Spot};
-use foveate_calibration::room::{RoomRules, Sought};
+use foveate_calibration::network::{NetworkOptions, Sought};
+use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
 use foveate_estimation::Random;
 use foveate_geometry::bundle::Freedom;
 use foveate_geometry::{Camera, Distortion, Intrinsics};
@@ -15,7 +15,7 @@ pub struct Set {
     /// What was waved.
     pub sought: Sought<'static>,
     /// How to calibrate it.
-    pub rules: RoomRules,
+    pub options: NetworkOptions,
 }
 
 /// Focal length and two terms of radial distortion.
@@ -59,7 +59,7 @@ pub fn simulated(n_cameras: usize, seed: u64) -> Set {
             1.2 + 0.5 * turn(0.17, 0.9) + 0.3 * turn(0.41, 0.0),
         )
     };
-    let mut looks = Vec::new();
+    let mut camera_frames = Vec::new();
     for frame in 0..700 {
         let time_s = frame as f64 / 30.0;
         for (index, camera) in cameras.iter().enumerate() {
@@ -71,11 +71,11 @@ pub fn simulated(n_cameras: usize, seed: u64) -> Set {
                 let bias = 0.05 * (seen - before);
                 spot(seen.x + bias.x + 0.2 * random.normal(), seen.y + bias.y + 0.2 * random.normal(), None)
             });
-            looks.push(Look { camera: index, time_s, spots: spots.into_iter().collect() });
+            camera_frames.push(CameraFrame { camera: index, time_s, spots: spots.into_iter().collect() });
         }
     }
     let guesses = (0..n_cameras).map(|index| guess(format!("cam{index}"), [640, 480], None, LENS));
-    let recording = Recording { cameras: guesses.collect(), looks };
-    let rules = RoomRules { focal_unknown: true, ..RoomRules::default() };
-    Set { recording, sought: Sought::Light, rules }
+    let recording = Recording { cameras: guesses.collect(), camera_frames };
+    let options = NetworkOptions { focal_unknown: true, ..NetworkOptions::default() };
+    Set { recording, sought: Sought::Light, options }
 }

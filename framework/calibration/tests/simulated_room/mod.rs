@@ -1,8 +1,10 @@
 //! A room with a light waved in it, and faults on purpose: what a calibration would make of it.
 
-use foveate_calibration::solved::{FixedFreedoms, SightingRole, Solved, SolvedCamera, SolvedPoint, SolvedSighting};
+use foveate_calibration::solved::{
+    FixedFreedoms, ObservationRole, Solved, SolvedCamera, SolvedObservation, SolvedPoint,
+};
 use foveate_estimation::{Loss, Random};
-use foveate_geometry::bundle::{BundleRules, Observation, adjust};
+use foveate_geometry::bundle::{BundleOptions, Observation, adjust};
 use foveate_geometry::{Camera, CameraStatus, Freedom, Pose};
 use foveate_scene::uncertainty::Fixed;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
@@ -34,13 +36,13 @@ pub enum Fault {
     Focal(f64),
     /// The lens of camera [`BAD`] has this k1, and is believed to have none [–].
     Distortion(f64),
-    /// The sightings of [`BAD`] and [`OTHER`] are exchanged, and the room is calibrated from where cameras are known to stand.
+    /// The observations of [`BAD`] and [`OTHER`] are exchanged, and the room is calibrated from where cameras are known to stand.
     Swapped,
     /// The clock of camera [`BAD`] is behind by so much [ms].
     Clock(f64),
-    /// Camera [`BAD`] has but a tenth of its sightings.
+    /// Camera [`BAD`] has but a tenth of its observations.
     Few,
-    /// This part of the sightings of camera [`BAD`] are anywhere in its picture [–].
+    /// This part of the observations of camera [`BAD`] are anywhere in its picture [–].
     Wrong(f64),
 }
 
@@ -177,27 +179,27 @@ fn calibrated(mut cameras: Vec<Camera>, mut points: Vec<Point3<f64>>, seen: Vec<
             seen.iter().zip(&used).filter(|it| *it.1).map(|it| to_observation(it.0)).collect();
         let freedoms: Vec<Freedom> =
             counts.iter().map(|it| if *it >= 30 { Freedom::POSE } else { Freedom::NONE }).collect();
-        let rules = BundleRules { loss, covariance: true, ..BundleRules::default() };
-        let adjusted = adjust(&cameras, &freedoms, &points, &observations, &rules).unwrap();
+        let options = BundleOptions { loss, covariance: true, ..BundleOptions::default() };
+        let adjusted = adjust(&cameras, &freedoms, &points, &observations, &options).unwrap();
         (cameras, points) = (adjusted.cameras, adjusted.points);
         covariance = adjusted.covariance.and_then(Result::ok);
     }
     let found = |camera: usize| seen.iter().zip(&used).any(|it| *it.1 && it.0.camera == camera);
-    let sightings = seen.iter().zip(&used).map(|(it, used)| {
+    let observations = seen.iter().zip(&used).map(|(it, used)| {
         let residual = residual(&cameras, &points, it).filter(|_| found(it.camera));
         let role = match (used, it.held_out) {
-            (true, _) => SightingRole::Used,
-            (false, true) if residual.is_some_and(|it| it.norm() < 4.0) => SightingRole::HeldOut,
-            _ if found(it.camera) => SightingRole::Rejected,
-            _ => SightingRole::Unsolved,
+            (true, _) => ObservationRole::Used,
+            (false, true) if residual.is_some_and(|it| it.norm() < 4.0) => ObservationRole::HeldOut,
+            _ if found(it.camera) => ObservationRole::Rejected,
+            _ => ObservationRole::Unsolved,
         };
-        SolvedSighting { camera: it.camera, frame: it.frame, point: Some(it.frame), pixel: it.pixel, residual, role }
+        SolvedObservation { camera: it.camera, frame: it.frame, point: Some(it.frame), pixel: it.pixel, residual, role }
     });
-    let sightings = sightings.collect();
+    let observations = observations.collect();
     let status = |camera: usize| match found(camera) {
         true => CameraStatus::Calibrated,
         false => match seen.iter().filter(|it| it.camera == camera).count() {
-            frames @ 0..60 => CameraStatus::TooFewSightings { frames, needed: 60 },
+            frames @ 0..60 => CameraStatus::TooFewObservations { frames, needed: 60 },
             _ => CameraStatus::Inconsistent { best: 0, common: 100, right: 3 },
         },
     };
@@ -220,7 +222,7 @@ fn calibrated(mut cameras: Vec<Camera>, mut points: Vec<Point3<f64>>, seen: Vec<
     Solved {
         cameras: cameras.iter().enumerate().map(solved_camera).collect(),
         points: points.iter().enumerate().map(point).collect(),
-        sightings,
+        observations,
         fixed: FixedFreedoms { scale: fixed(), gravity: None, origin: None },
         ..Solved::default()
     }
@@ -245,16 +247,16 @@ fn reversed(cameras: &[Camera], points: &[Point3<f64>]) -> (Vec<Camera>, Vec<Poi
 pub fn is_named(fault: Fault, checks: &foveate_calibration::checks::Checks) -> bool {
     use foveate_calibration::checks::{Cause, Level};
     let of = |wanted: usize, right: fn(&Cause, Fault) -> bool| {
-        checks.suspects.iter().any(|it| it.camera == wanted && right(&it.cause, fault))
+        checks.candidates.iter().any(|it| it.camera == wanted && right(&it.cause, fault))
     };
     match fault {
-        Fault::Nothing => checks.suspects.is_empty() && checks.verdict.level == Level::Good,
+        Fault::Nothing => checks.candidates.is_empty() && checks.verdict.level == Level::Good,
         Fault::Flipped => checks.handedness.judgement.level == Level::Redo,
         Fault::FlippedCamera => {
             let closest = checks.handedness.closest_camera;
             checks.handedness.judgement.level == Level::Redo && closest.is_some_and(|it| it.0 == BAD && it.1 < 1.0)
         }
-        Fault::Flat => checks.suspects.is_empty() && checks.verdict.level == Level::Usable,
+        Fault::Flat => checks.candidates.is_empty() && checks.verdict.level == Level::Usable,
         Fault::Moved(_) => {
             of(BAD, |it, _| matches!(it, Cause::Moved { at_s: Some(at_s), .. } if (at_s - MOVED_AT_S).abs() < 0.5))
         }
@@ -285,14 +287,14 @@ pub fn is_named(fault: Fault, checks: &foveate_calibration::checks::Checks) -> b
     }
 }
 
-/// Cameras that are called suspects without being at fault.
-pub fn innocent_suspects(fault: Fault, checks: &foveate_calibration::checks::Checks) -> usize {
+/// Cameras that are called candidates without being at fault.
+pub fn innocent_candidates(fault: Fault, checks: &foveate_calibration::checks::Checks) -> usize {
     let guilty = |camera: usize| match fault {
         Fault::Nothing | Fault::Flipped | Fault::Flat => false,
         Fault::Swapped => camera == BAD || camera == OTHER,
         _ => camera == BAD,
     };
-    let mut accused: Vec<usize> = checks.suspects.iter().map(|it| it.camera).filter(|it| !guilty(*it)).collect();
+    let mut accused: Vec<usize> = checks.candidates.iter().map(|it| it.camera).filter(|it| !guilty(*it)).collect();
     accused.sort_unstable();
     accused.dedup();
     accused.len()

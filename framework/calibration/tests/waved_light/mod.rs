@@ -1,6 +1,6 @@
 //! One light waved in a room of cameras whose clocks nobody synchronised.
 
-use foveate_calibration::recording::{CameraGuess, Look, Recording, Spot};
+use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
 use foveate_estimation::Random;
 use foveate_geometry::Camera;
 use foveate_geometry::bundle::Freedom;
@@ -68,7 +68,7 @@ impl Scene {
     /// Cameras of 30 to 60 Hz; one in four stamps unevenly, by a fifth of its period.
     pub fn recording(&self, free: Freedom) -> Recording {
         let random = Random::new(self.seed);
-        let mut looks = Vec::new();
+        let mut camera_frames = Vec::new();
         let cameras = self.cameras();
         for (index, camera) in cameras.iter().enumerate() {
             let mut draws = random.fork(&format!("camera {index}"));
@@ -91,10 +91,10 @@ impl Scene {
                 if missing.uniform() < self.dropped {
                     continue;
                 }
-                looks.push(Look { camera: index, time_s, spots: pixel.map(spot).into_iter().collect() });
+                camera_frames.push(CameraFrame { camera: index, time_s, spots: pixel.map(spot).into_iter().collect() });
             }
         }
-        looks.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+        camera_frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
         let guess = |(index, camera): (usize, &Camera)| {
             let mut camera = camera.clone();
             camera.camera_from_world = nalgebra::Isometry3::identity();
@@ -103,6 +103,6 @@ impl Scene {
             }
             CameraGuess { name: format!("cam{index}"), camera, free }
         };
-        Recording { cameras: cameras.iter().enumerate().map(guess).collect(), looks }
+        Recording { cameras: cameras.iter().enumerate().map(guess).collect(), camera_frames }
     }
 }

@@ -1,7 +1,7 @@
 //! What to try next, as a command that can be typed: what was found wrong, in options of this program.
 
 use foveate_calibration::cause::Cause;
-use foveate_calibration::checks::{Level, Suspect};
+use foveate_calibration::checks::{Candidate, Level};
 
 /// What of the command line bears on what can be suggested.
 #[derive(Debug, Clone, Default)]
@@ -28,8 +28,8 @@ pub struct Asked {
 const MARGIN: f64 = 2.0;
 
 /// Commands worth trying on the same recording, each with what it is for; none where all is well or nothing but a new recording helps.
-pub fn commands(asked: &Asked, suspects: &[Suspect]) -> Vec<String> {
-    let graver = || suspects.iter().filter(|it| it.judgement.level > Level::Good);
+pub fn commands(asked: &Asked, candidates: &[Candidate]) -> Vec<String> {
+    let graver = || candidates.iter().filter(|it| it.judgement.level > Level::Good);
     let mut list = Vec::new();
     let latest = graver().filter_map(|it| match it.cause {
         Cause::Clock { offset_s, .. } => Some(offset_s.abs()),
@@ -72,14 +72,14 @@ impl Asked {
 
 #[cfg(test)]
 mod tests {
-    use foveate_calibration::checks::{Judgement, Suspect};
+    use foveate_calibration::checks::{Candidate, Judgement};
 
     use super::*;
 
     /// What is suggested where a camera is at fault by `cause`.
     fn suggested(asked: &Asked, cause: Cause) -> Vec<String> {
         let judgement = Judgement { level: Level::Redo, sentence: String::new() };
-        commands(asked, &[Suspect { judgement, camera: 0, cause, misfit: 2.0, explained: 1.0 }])
+        commands(asked, &[Candidate { judgement, camera: 0, cause, misfit: 2.0, explained: 1.0 }])
     }
 
     #[test]

@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 use foveate_board::BoardSettings;
 use foveate_board::detector::Detector;
 use foveate_calibration::axes::transformed;
-use foveate_calibration::board::{self, Board, BoardRules, BoardSolution, Refused};
+use foveate_calibration::board::{self, Board, BoardOptions, BoardSolution, Refused};
+use foveate_calibration::network::{Cleaning, SolvedNetwork};
 use foveate_calibration::recording::Recording;
-use foveate_calibration::room::{Cleaning, SolvedRoom};
-use foveate_calibration::solved::{FixedFreedoms, SightingRole, Solved};
+use foveate_calibration::solved::{FixedFreedoms, ObservationRole, Solved};
 use foveate_estimation::statistics::median;
-use foveate_geometry::{AlignmentRules, CameraStatus, align};
+use foveate_geometry::{AlignmentOptions, CameraStatus, align};
 use foveate_node::Node;
 
 use super::figures::errors;
@@ -91,8 +91,8 @@ pub fn board(wishes: &BoardWishes, detector: Option<&BoardSettings>) -> Result<O
 
 /// A room that was solved from a board.
 pub struct FromBoard {
-    /// Cameras, marks and sightings.
-    pub room: SolvedRoom,
+    /// Cameras, marks and observations.
+    pub network: SolvedNetwork,
     /// What is to be told beside, a sentence each.
     pub notes: Vec<String>,
     /// Why it cannot be relied upon, where another room explains what was seen as well.
@@ -110,10 +110,10 @@ pub fn solve(
     recording: &Recording,
     board: &Board,
     older: Option<FixedFreedoms>,
-    rules: &BoardRules,
+    solver_options: &BoardOptions,
 ) -> Result<FromBoard, String> {
     let BoardSolution { solved, optics, ambiguous, unusable_spots, misfit_views, boards, .. } =
-        board::calibrate(recording, board, rules).map_err(|fault| fault.to_string())?;
+        board::calibrate(recording, board, solver_options).map_err(|fault| fault.to_string())?;
     let mut notes = vec![format!("{}: seen in {} frames", board.name, boards.len())];
     for (camera, fit) in solved.cameras.iter().zip(&optics) {
         let mut by_reason: BTreeMap<String, Vec<String>> = BTreeMap::new();
@@ -148,7 +148,7 @@ pub fn solve(
     if misfit_views > 0 {
         notes.push(format!("{misfit_views} pictures whose corners do not lie as on the board"));
     }
-    if let Some(said) = rules.floor_time_s.filter(|_| solved.fixed.gravity.is_none()) {
+    if let Some(said) = solver_options.floor_time_s.filter(|_| solved.fixed.gravity.is_none()) {
         let times = || boards.iter().map(|it| it.time_s);
         let (from, until) = (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max));
         return Err(format!(
@@ -159,10 +159,10 @@ pub fn solve(
         Some(older) => in_older_world(solved, recording, older),
         None => solved,
     };
-    let sigma_px = median(&errors(&solved, SightingRole::Used, None)).unwrap_or(f64::NAN) / RAYLEIGH_MEDIAN;
+    let sigma_px = median(&errors(&solved, ObservationRole::Used, None)).unwrap_or(f64::NAN) / RAYLEIGH_MEDIAN;
     let n = recording.cameras.len();
     let (cleaning, held) = (vec![Cleaning::default(); n], vec![Vec::new(); n]);
-    Ok(FromBoard { room: SolvedRoom { solved, cleaning, held, moved: Vec::new(), sigma_px }, notes, open })
+    Ok(FromBoard { network: SolvedNetwork { solved, cleaning, held, moved: Vec::new(), sigma_px }, notes, open })
 }
 
 /// The room where the older calibration has it, as nearly as its cameras tell; as it is where they are fewer than three or in a row.
@@ -170,7 +170,7 @@ fn in_older_world(solved: Solved, recording: &Recording, older: FixedFreedoms) -
     let known = || (0..solved.cameras.len()).filter(|it| solved.cameras[*it].status == CameraStatus::Calibrated);
     let found: Vec<_> = known().map(|it| solved.cameras[it].camera.centre()).collect();
     let given: Vec<_> = known().map(|it| recording.cameras[it].camera.centre()).collect();
-    match align(&found, &given, AlignmentRules { scale: false, robust: false }) {
+    match align(&found, &given, AlignmentOptions { scale: false, robust: false }) {
         Ok(it) => {
             let fixed = FixedFreedoms { scale: solved.fixed.scale.clone(), ..older };
             transformed(&solved, &it.b_from_a, fixed)

@@ -1,4 +1,4 @@
-//! Sightings out of a rig: its sources and detectors run, and all that comes after them is left out.
+//! Observations out of a rig: its sources and detectors run, and all that comes after them is left out.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use foveate_board::BoardSettings;
 use foveate_board::detector::Detector;
 use foveate_calibration::board::Board;
-use foveate_calibration::coverage::{Coverage, CoverageRules};
+use foveate_calibration::coverage::{Coverage, CoverageOptions};
 use foveate_calibration::recording::{CameraGuess, Recording};
 use foveate_capture::detections::{Detections, DetectionsSettings, label_names};
 use foveate_engine::{self as engine, Options, Outcome, Progress};
@@ -26,9 +26,9 @@ use crate::{interrupt, registry};
 /// The node that is added to the rig.
 const RECORDER: &str = "calibrate_recorder";
 /// The node that is added besides, so that what was seen can be calibrated with again.
-const TABLE: &str = "calibrate_sightings";
+const TABLE: &str = "calibrate_observations";
 /// What it writes.
-pub const SIGHTINGS: &str = "sightings.csv";
+pub const OBSERVATIONS: &str = "observations.csv";
 
 /// How to run the rig.
 #[derive(Debug, Clone, Default)]
@@ -48,7 +48,7 @@ pub struct Wishes {
     /// What is said of a board.
     pub board: BoardWishes,
     /// What counts as enough.
-    pub coverage: CoverageRules,
+    pub coverage: CoverageOptions,
     /// By place in the rig's calibration: the number of the camera, where it is used; empty: all are.
     pub numbers: Vec<Option<usize>>,
 }
@@ -110,7 +110,8 @@ pub fn capture(
         false => wishes.numbers.clone(),
     };
     let used = |index: &usize| numbers.get(*index).copied().flatten().is_some();
-    let shared: Shared = Arc::new(Mutex::new(Gathered { looks: Vec::new(), coverage, numbers: numbers.clone() }));
+    let shared: Shared =
+        Arc::new(Mutex::new(Gathered { camera_frames: Vec::new(), coverage, numbers: numbers.clone() }));
     let mut registry = registry();
     recorder::register(&mut registry, &shared);
     let Detectors { graph, board, labels } = detectors(rig_path, draft, &registry, wishes)?;
@@ -135,9 +136,9 @@ pub fn capture(
     }
     let (outcome, ended_early) = run(&graph, &shared, folder, wishes)?;
     let mut gathered = lock(&shared);
-    let looks = std::mem::take(&mut gathered.looks);
+    let camera_frames = std::mem::take(&mut gathered.camera_frames);
     let coverage = gathered.coverage.clone();
-    Ok(Captured { recording: Recording { cameras, looks }, coverage, outcome, ended_early, board, labels })
+    Ok(Captured { recording: Recording { cameras, camera_frames }, coverage, outcome, ended_early, board, labels })
 }
 
 fn lock(shared: &Shared) -> std::sync::MutexGuard<'_, Gathered> {
@@ -167,7 +168,7 @@ fn detectors(path: &Path, draft: &Draft, registry: &Registry, wishes: &Wishes) -
     let (scale, node, port) = choose(&whole, wishes.node.as_deref())?;
     let addition = format!(
         "\n\n[scale.{scale}.node.{RECORDER}]\ntype = \"calibrate.recorder\"\nin = {{ features = \"{node}.{port}\" }}\n\
-         \n[scale.{scale}.node.{TABLE}]\ntype = \"export.features\"\nin = {{ features = \"{node}.{port}\" }}\nfile = \"{SIGHTINGS}\"\n"
+         \n[scale.{scale}.node.{TABLE}]\ntype = \"export.features\"\nin = {{ features = \"{node}.{port}\" }}\nfile = \"{OBSERVATIONS}\"\n"
     );
     let graph = rig::load(&format!("{text}{addition}"), path, registry, &overrides).map_err(faults)?;
     let is_board = |it: &&Instance| it.node_type.name == Detector::TYPE && it.node == node;

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use foveate_calibration::cause::Cause;
-use foveate_calibration::checks::{Checks, Suspect};
-use foveate_calibration::room::SolvedRoom;
-use foveate_calibration::solved::{SightingRole, Solved};
+use foveate_calibration::checks::{Candidate, Checks};
+use foveate_calibration::network::SolvedNetwork;
+use foveate_calibration::solved::{ObservationRole, Solved};
 use foveate_estimation::statistics::Summary;
 use foveate_geometry::CameraStatus;
 use serde_json::{Value, json};
@@ -13,8 +13,8 @@ use serde_json::{Value, json};
 use crate::results::number;
 
 /// Figures by dotted name, as those of a run.
-pub fn figures(room: &SolvedRoom) -> BTreeMap<String, f64> {
-    let solved = &room.solved;
+pub fn figures(network: &SolvedNetwork) -> BTreeMap<String, f64> {
+    let solved = &network.solved;
     let mut figures = BTreeMap::new();
     let mut put = |name: &str, value: f64| {
         figures.insert(name.to_owned(), value);
@@ -22,21 +22,21 @@ pub fn figures(room: &SolvedRoom) -> BTreeMap<String, f64> {
     let calibrated = solved.cameras.iter().filter(|it| it.status == CameraStatus::Calibrated).count();
     put("cameras", solved.cameras.len() as f64);
     put("cameras_calibrated", calibrated as f64);
-    put("cameras_moved", room.moved.len() as f64);
+    put("cameras_moved", network.moved.len() as f64);
     put("frames", moments(solved, 1) as f64);
     put("frames_used", moments(solved, 2) as f64);
     put("frames_used.of_three", moments(solved, 3) as f64);
-    put("pixel_sigma_px", room.sigma_px);
-    for (name, role) in [("reprojection_px", SightingRole::Used), ("holdout_px", SightingRole::HeldOut)] {
+    put("pixel_sigma_px", network.sigma_px);
+    for (name, role) in [("reprojection_px", ObservationRole::Used), ("holdout_px", ObservationRole::HeldOut)] {
         let errors = errors(solved, role, None);
         let summary = Summary::of(&errors);
-        put(&format!("{name}.sightings"), errors.len() as f64);
+        put(&format!("{name}.observations"), errors.len() as f64);
         put(&format!("{name}.median"), summary.map_or(f64::NAN, |it| it.median));
         put(&format!("{name}.p90"), summary.map_or(f64::NAN, |it| it.p90));
     }
-    put("sightings_rejected", errors(solved, SightingRole::Rejected, None).len() as f64);
+    put("observations_rejected", errors(solved, ObservationRole::Rejected, None).len() as f64);
     for (index, camera) in solved.cameras.iter().enumerate() {
-        let summary = Summary::of(&errors(solved, SightingRole::Used, Some(index)));
+        let summary = Summary::of(&errors(solved, ObservationRole::Used, Some(index)));
         if let Some(clock) = camera.clock {
             put(&format!("clock_offset_ms[{}]", camera.name), 1e3 * clock.offset_s);
             put(&format!("clock_sigma_ms[{}]", camera.name), 1e3 * clock.sigma_s);
@@ -48,7 +48,7 @@ pub fn figures(room: &SolvedRoom) -> BTreeMap<String, f64> {
 
 /// What is wrong with cameras, for programs: a list of objects, the worst first.
 pub fn diagnoses(checks: &Checks) -> Value {
-    let object = |it: &Suspect| {
+    let object = |it: &Candidate| {
         let with = match it.cause {
             Cause::Swapped { with, .. } => Some(checks.cameras[with].name.clone()),
             _ => None,
@@ -66,20 +66,20 @@ pub fn diagnoses(checks: &Checks) -> Value {
         }
         object
     };
-    Value::Array(checks.suspects.iter().map(object).collect())
+    Value::Array(checks.candidates.iter().map(object).collect())
 }
 
-/// Lengths of the residuals of sightings in one role, of one camera if asked for [px].
-pub fn errors(solved: &Solved, role: SightingRole, camera: Option<usize>) -> Vec<f64> {
-    let of = solved.sightings.iter().filter(|it| it.role == role && camera.is_none_or(|camera| it.camera == camera));
+/// Lengths of the residuals of observations in one role, of one camera if asked for [px].
+pub fn errors(solved: &Solved, role: ObservationRole, camera: Option<usize>) -> Vec<f64> {
+    let of = solved.observations.iter().filter(|it| it.role == role && camera.is_none_or(|camera| it.camera == camera));
     of.filter_map(|it| Some(it.residual?.norm())).collect()
 }
 
-/// Moments of which so many right sightings at least are known, those kept back among them; one: at which anything was seen.
+/// Moments of which so many right observations at least are known, those held out among them; one: at which anything was seen.
 fn moments(solved: &Solved, least: usize) -> usize {
     let mut counts: BTreeMap<usize, usize> = BTreeMap::new();
-    for it in &solved.sightings {
-        let counts_here = matches!(it.role, SightingRole::Used | SightingRole::HeldOut) || least <= 1;
+    for it in &solved.observations {
+        let counts_here = matches!(it.role, ObservationRole::Used | ObservationRole::HeldOut) || least <= 1;
         *counts.entry(it.frame).or_default() += usize::from(counts_here);
     }
     counts.values().filter(|it| **it >= least).count()

@@ -89,15 +89,15 @@ impl Guide {
 fn fitting(text: &str, [columns, rows]: [usize; 2]) -> (String, usize) {
     let rows_of = |line: &str| visible(line).div_ceil(columns.max(1)).max(1);
     // The cursor comes to stand on a row of its own.
-    let room = rows.saturating_sub(1).max(1);
+    let network = rows.saturating_sub(1).max(1);
     let all: usize = text.lines().map(rows_of).sum();
-    if all <= room {
+    if all <= network {
         return (text.to_owned(), all);
     }
     let mut used = 1;
     let fits = |line: &&str| {
         used += rows_of(line);
-        used <= room
+        used <= network
     };
     let mut kept: Vec<&str> = text.lines().rev().take_while(fits).collect();
     kept.push(if visible(MORE) <= columns { MORE } else { "…" });

@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 
 use foveate_calibration::checks::Level;
 use foveate_calibration::comparison::compare;
+use foveate_calibration::network::Origin;
 use foveate_calibration::path::table::{self, TableOptions};
-use foveate_calibration::path::{self, MeasuredPath, PathCamera, PathRoom, PathRules, PathVerdict};
+use foveate_calibration::path::{self, MeasuredPath, PathCamera, PathOptions, PathRoom, PathVerdict};
 use foveate_calibration::recording::Recording;
 use foveate_calibration::report::{self, Grade, ReportInput};
-use foveate_calibration::room::Origin;
 use foveate_scene::{Calibration, CameraClock, Clocks, Draft};
 use serde_json::{Map, Value, json};
 
@@ -115,16 +115,21 @@ pub struct Ending<'a> {
 }
 
 /// Calibrates.
-pub fn solve(asked: &Asked, recording: &Recording, rules: &PathRules) -> PathRoom {
-    path::calibrate(recording, &asked.path, rules)
+pub fn solve(asked: &Asked, recording: &Recording, solver_options: &PathOptions) -> PathRoom {
+    path::calibrate(recording, &asked.path, solver_options)
 }
 
 /// Writes the results and says how they are; gives the exit code.
 ///
 /// # Errors
 /// Sentences for the person.
-pub fn conclude(room: &PathRoom, asked: &Asked, rules: &PathRules, ending: &Ending<'_>) -> Result<u8, String> {
-    let verdict = room.verdict(rules);
+pub fn conclude(
+    network: &PathRoom,
+    asked: &Asked,
+    solver_options: &PathOptions,
+    ending: &Ending<'_>,
+) -> Result<u8, String> {
+    let verdict = network.verdict(solver_options);
     let origin = Origin {
         method: format!("foveate calibrate {}: a measured path", env!("CARGO_PKG_VERSION")),
         date: None,
@@ -134,18 +139,18 @@ pub fn conclude(room: &PathRoom, asked: &Asked, rules: &PathRules, ending: &Endi
     let write = |name: &str, text: &str| {
         results::write_whole(&ending.folder.join(name), text.as_bytes()).map_err(|it| format!("error: {it}"))
     };
-    let n_found = room.cameras.iter().filter(|it| it.is_ok()).count();
-    let mut files = vec!["summary.json", "verdict.txt", capture::SIGHTINGS];
+    let n_found = network.cameras.iter().filter(|it| it.is_ok()).count();
+    let mut files = vec!["summary.json", "verdict.txt", capture::OBSERVATIONS];
     let mut calibration = None;
     if n_found > 0 {
-        let mut found = room.solved.to_calibration(origin).map_err(|error| format!("error: {error}"))?;
+        let mut found = network.solved.to_calibration(origin).map_err(|error| format!("error: {error}"))?;
         keep_frame_rates(&mut found, &ending.older.1.calibration);
         write("calibration.toml", &found.to_toml())?;
         files.insert(0, "calibration.toml");
         calibration = Some(found);
     }
-    let beside = ending.other.map(|(other, path)| (compare(&room.solved, other), path.display().to_string()));
-    let mut figures = figures(room);
+    let beside = ending.other.map(|(other, path)| (compare(&network.solved, other), path.display().to_string()));
+    let mut figures = figures(network);
     if let Some((Ok(beside), _)) = &beside {
         figures.extend(beside.figures());
     }
@@ -153,10 +158,10 @@ pub fn conclude(room: &PathRoom, asked: &Asked, rules: &PathRules, ending: &Endi
     let judged = judged(&verdict);
     write("verdict.txt", &judged)?;
     if let (true, Some(calibration)) = (ending.report, &calibration) {
-        write("report.html", &page(room, &verdict, calibration, ending.rig))?;
+        write("report.html", &page(network, &verdict, calibration, ending.rig))?;
         files.push("report.html");
     }
-    say(&described(room, asked));
+    say(&described(network, asked));
     match &beside {
         Some((Ok(it), path)) => say(&format!("\n{}", it.describe(path))),
         Some((Err(reason), path)) => say(&format!("\n{path} cannot be compared: {reason}\n")),
@@ -164,7 +169,7 @@ pub fn conclude(room: &PathRoom, asked: &Asked, rules: &PathRules, ending: &Endi
     }
     say(&format!("\n{judged}\n"));
     if ending.write {
-        say(&replaced(room, &verdict, calibration.as_ref(), ending)?);
+        say(&replaced(network, &verdict, calibration.as_ref(), ending)?);
     }
     say(&format!("results: {}/\n  {}\n", ending.folder.display(), files.join("  ")));
     Ok(if verdict.level == Level::Redo { exit::UNMET } else { exit::DONE })
@@ -178,13 +183,13 @@ fn keep_frame_rates(calibration: &mut Calibration, older: &Calibration) {
 }
 
 /// Figures by dotted name.
-fn figures(room: &PathRoom) -> BTreeMap<String, f64> {
+fn figures(network: &PathRoom) -> BTreeMap<String, f64> {
     let mut figures = BTreeMap::new();
-    figures.insert("cameras".to_owned(), room.cameras.len() as f64);
-    figures.insert("cameras_calibrated".to_owned(), room.cameras.iter().filter(|it| it.is_ok()).count() as f64);
-    figures.insert("path.start_s".to_owned(), room.path_start_s);
-    figures.insert("path.session_from_s".to_owned(), room.session_from_s);
-    for (camera, outcome) in room.solved.cameras.iter().zip(&room.cameras) {
+    figures.insert("cameras".to_owned(), network.cameras.len() as f64);
+    figures.insert("cameras_calibrated".to_owned(), network.cameras.iter().filter(|it| it.is_ok()).count() as f64);
+    figures.insert("path.start_s".to_owned(), network.path_start_s);
+    figures.insert("path.session_from_s".to_owned(), network.session_from_s);
+    for (camera, outcome) in network.solved.cameras.iter().zip(&network.cameras) {
         let Ok(it) = outcome else { continue };
         let mut put = |name: &str, value: f64| figures.insert(format!("{name}[{}]", camera.name), value);
         put("path.agreement", it.share());
@@ -232,12 +237,12 @@ fn judged(verdict: &PathVerdict) -> String {
     text
 }
 
-fn described(room: &PathRoom, asked: &Asked) -> String {
-    let n_found = room.cameras.iter().filter(|it| it.is_ok()).count();
+fn described(network: &PathRoom, asked: &Asked) -> String {
+    let n_found = network.cameras.iter().filter(|it| it.is_ok()).count();
     let [from_s, until_s] = asked.path.span_s();
     let mut text = format!(
         "calibrated {n_found} of {} cameras from {}: {} rows of {:.2} Hz, from {from_s:.2} to {until_s:.2} s\n",
-        room.cameras.len(),
+        network.cameras.len(),
         asked.file.display(),
         asked.path.len(),
         asked.path.rate_hz()
@@ -245,13 +250,13 @@ fn described(room: &PathRoom, asked: &Asked) -> String {
     asked.notes.iter().for_each(|it| {
         let _ = writeln!(text, "note: {it}");
     });
-    let width = room.solved.cameras.iter().map(|it| it.name.chars().count()).max().unwrap_or(0).max(6);
+    let width = network.solved.cameras.iter().map(|it| it.name.chars().count()).max().unwrap_or(0).max(6);
     let _ = writeln!(
         text,
         "\n  {:width$}  agree             median     p90  held out   clock (path − camera)    drift   centre ±   turn ±      next best offset",
         "camera"
     );
-    for (camera, outcome) in room.solved.cameras.iter().zip(&room.cameras) {
+    for (camera, outcome) in network.solved.cameras.iter().zip(&network.cameras) {
         match outcome {
             Ok(it) => text += &line(&camera.name, it, width),
             Err(refusal) => {
@@ -263,10 +268,10 @@ fn described(room: &PathRoom, asked: &Asked) -> String {
         let _ = writeln!(
             text,
             "\nthe session begins when the path's clock shows {:.3} s; the first row of the path that was used lies at {:.3} s of the session",
-            room.session_from_s, room.path_start_s
+            network.session_from_s, network.path_start_s
         );
     }
-    for (camera, it) in room.cameras.iter().zip(&room.solved.cameras) {
+    for (camera, it) in network.cameras.iter().zip(&network.solved.cameras) {
         if let Ok(found) = camera
             && !found.held.is_empty()
         {
@@ -294,19 +299,19 @@ fn line(name: &str, it: &PathCamera, width: usize) -> String {
     )
 }
 
-fn page(room: &PathRoom, verdict: &PathVerdict, calibration: &Calibration, rig: &Path) -> String {
+fn page(network: &PathRoom, verdict: &PathVerdict, calibration: &Calibration, rig: &Path) -> String {
     let grade = match verdict.level {
         Level::Good => Grade::Good,
         Level::Usable => Grade::Usable,
         Level::Redo => Grade::Redo,
     };
-    let named = room.solved.cameras.iter().zip(&room.cameras);
+    let named = network.solved.cameras.iter().zip(&network.cameras);
     let rejected: Vec<String> =
         named.filter_map(|(camera, it)| Some(format!("left out: {}: {}", camera.name, it.as_ref().err()?))).collect();
     report::html(&ReportInput {
         title: &format!("Calibration of {}", rig.display()),
         verdict: Some(report::Verdict { grade, sentences: &verdict.sentences, more: 0 }),
-        solved: &room.solved,
+        solved: &network.solved,
         unit: "m",
         convergence: None,
         provenance: calibration.provenance.as_ref(),
@@ -316,7 +321,7 @@ fn page(room: &PathRoom, verdict: &PathVerdict, calibration: &Calibration, rig: 
 
 /// Puts the calibration in place of the older one, which is kept beside it, unless something would be lost or become worse.
 fn replaced(
-    room: &PathRoom,
+    network: &PathRoom,
     verdict: &PathVerdict,
     calibration: Option<&Calibration>,
     ending: &Ending<'_>,
@@ -337,11 +342,11 @@ fn replaced(
     if !lost.is_empty() {
         return stays(format!("{} would be lost; the others stand in the results' calibration.toml", lost.join(", ")));
     }
-    for (index, camera) in room.solved.cameras.iter().enumerate() {
+    for (index, camera) in network.solved.cameras.iter().enumerate() {
         let has_pose = draft.unknown.get(&camera.name).is_none_or(|it| !it.pose);
-        let own = room.cameras[index].as_ref().map_or(f64::INFINITY, |it| it.used_px[0].max(it.held_out_px[0]));
+        let own = network.cameras[index].as_ref().map_or(f64::INFINITY, |it| it.used_px[0].max(it.held_out_px[0]));
         let of_older = draft.calibration.camera(&camera.name).filter(|_| has_pose);
-        if let Some(of_older) = of_older.and_then(|it| path::error_of_older(room, index, it))
+        if let Some(of_older) = of_older.and_then(|it| path::error_of_older(network, index, it))
             && 1.1 * of_older < own
         {
             return stays(format!("of {} it is {of_older:.2} px off, the new one {own:.2} px", camera.name));

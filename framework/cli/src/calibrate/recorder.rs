@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use foveate_calibration::coverage::Coverage;
-use foveate_calibration::recording::{Look, Spot};
+use foveate_calibration::recording::{CameraFrame, Spot};
 use foveate_messages::Features;
 use foveate_node::error::{ConfigError, NodeError};
 use foveate_node::{In, Io, Node, Ports, Registry, Role, Setup};
@@ -20,7 +20,7 @@ const LEAST_SIGMA_PX: f64 = 1e-3;
 #[derive(Debug)]
 pub struct Gathered {
     /// In the order of delivery.
-    pub looks: Vec<Look>,
+    pub camera_frames: Vec<CameraFrame>,
     /// Where the light has been.
     pub coverage: Coverage,
     /// By place in the rig's calibration: the number of the camera, where it is used.
@@ -64,24 +64,27 @@ impl Node for Recorder {
                 peak: f64::from(it.peak),
                 label: it.label,
             };
-            let look =
-                Look { camera, time_s: message.time().as_s(), spots: message.value.list.iter().map(spot).collect() };
-            gathered.coverage.observe(&without_board(&look));
-            gathered.looks.push(look);
+            let camera_frame = CameraFrame {
+                camera,
+                time_s: message.time().as_s(),
+                spots: message.value.list.iter().map(spot).collect(),
+            };
+            gathered.coverage.observe(&without_board(&camera_frame));
+            gathered.camera_frames.push(camera_frame);
         }
         Ok(())
     }
 }
 
 /// For coverage, the many numbered marks of a board are one spot, in their middle.
-fn without_board(look: &Look) -> Look {
-    let is_board = look.spots.len() > 2 && look.spots.iter().all(|it| it.label.is_some());
-    let middle = |it: &Look| {
+fn without_board(camera_frame: &CameraFrame) -> CameraFrame {
+    let is_board = camera_frame.spots.len() > 2 && camera_frame.spots.iter().all(|it| it.label.is_some());
+    let middle = |it: &CameraFrame| {
         let sum = it.spots.iter().fold(Vector2::zeros(), |sum, spot| sum + spot.pixel.coords);
         Spot { pixel: Point2::from(sum / it.spots.len() as f64), label: None, ..it.spots[0] }
     };
-    let spots = if is_board { vec![middle(look)] } else { look.spots.clone() };
-    Look { spots, ..*look }
+    let spots = if is_board { vec![middle(camera_frame)] } else { camera_frame.spots.clone() };
+    CameraFrame { spots, ..*camera_frame }
 }
 
 /// Makes the node known, its nodes tied to `shared`.
@@ -97,15 +100,15 @@ mod tests {
     #[test]
     fn a_board_counts_as_one_spot_and_lights_as_they_are() {
         let spot = |at: usize, label| Spot { pixel: Point2::new(at as f64, 2.0), sigma_px: 0.1, peak: 0.0, label };
-        let look = |label: fn(u32) -> Option<u32>| {
+        let camera_frame = |label: fn(u32) -> Option<u32>| {
             let spots = (0..5).map(|it| spot(it, label(it as u32))).collect();
-            Look { camera: 1, time_s: 2.0, spots }
+            CameraFrame { camera: 1, time_s: 2.0, spots }
         };
-        let board = without_board(&look(Some));
+        let board = without_board(&camera_frame(Some));
         assert_eq!(board.spots, [spot(2, None)]);
         assert_eq!((board.camera, board.time_s), (1, 2.0));
-        assert_eq!(without_board(&look(|_| None)).spots.len(), 5);
-        let wand = Look { spots: look(Some).spots[..2].to_vec(), ..board };
+        assert_eq!(without_board(&camera_frame(|_| None)).spots.len(), 5);
+        let wand = CameraFrame { spots: camera_frame(Some).spots[..2].to_vec(), ..board };
         assert_eq!(without_board(&wand), wand);
     }
 }

@@ -2,12 +2,12 @@
 
 use std::fmt::Write;
 
-use foveate_calibration::clocks::{ClockFault, ClockStatus};
-use foveate_calibration::recording::{Look, Recording};
-use foveate_calibration::room::{
-    NotSynchronised, SolvedRoom, SynchronisedRoom, in_names, keep_distinct, swapped as swapped_labels,
+use foveate_calibration::clocks::{ClockError, ClockStatus};
+use foveate_calibration::network::{
+    NotSynchronised, SolvedNetwork, SynchronisedNetwork, in_names, keep_distinct, swapped as swapped_labels,
 };
-use foveate_calibration::solved::{FixedFreedoms, SightingRole, Solved, SolvedCamera};
+use foveate_calibration::recording::{CameraFrame, Recording};
+use foveate_calibration::solved::{FixedFreedoms, ObservationRole, Solved, SolvedCamera};
 use foveate_calibration::words::{counted, signed};
 use foveate_estimation::statistics::Summary;
 use foveate_geometry::{CameraStatus, OpticHeld};
@@ -23,9 +23,9 @@ const SWAPPED_SHOWN: usize = 8;
 const HELD_SHOWN: usize = 6;
 
 /// What was found, camera by camera.
-pub fn describe(room: &SolvedRoom, recording: &Recording) -> String {
-    let solved = &room.solved;
-    let figure = figures(room);
+pub fn describe(network: &SolvedNetwork, recording: &Recording) -> String {
+    let solved = &network.solved;
+    let figure = figures(network);
     let value = |name: &str| figure.get(name).copied().unwrap_or(f64::NAN);
     let mut text = String::new();
     let _ = writeln!(
@@ -38,23 +38,23 @@ pub fn describe(room: &SolvedRoom, recording: &Recording) -> String {
     );
     let _ = writeln!(
         text,
-        "  re-projection {:.2} px median, {:.2} px at 90 %; moments kept back {:.2} px, {:.2} px; noise of a coordinate {:.2} px",
+        "  re-projection {:.2} px median, {:.2} px at 90 %; moments held out {:.2} px, {:.2} px; noise of a coordinate {:.2} px",
         value("reprojection_px.median"),
         value("reprojection_px.p90"),
         value("holdout_px.median"),
         value("holdout_px.p90"),
-        room.sigma_px
+        network.sigma_px
     );
     let unit = if solved.fixed.scale.is_some() { "mm" } else { "mu" };
     let width = solved.cameras.iter().map(|it| it.name.chars().count()).max().unwrap_or(0).max(6);
-    let _ = writeln!(text, "\n  {:width$}  frames  median    p90  kept back    focal        centre ±", "camera");
+    let _ = writeln!(text, "\n  {:width$}  frames  median    p90  held out    focal        centre ±", "camera");
     for (index, camera) in solved.cameras.iter().enumerate().take(SHOWN) {
         if camera.status != CameraStatus::Calibrated {
             let _ = writeln!(text, "  {:width$}  not calibrated: {}", camera.name, in_names(&camera.status, recording));
             continue;
         }
         let of = |role| Summary::of(&errors(solved, role, Some(index)));
-        let (used, kept) = (of(SightingRole::Used), of(SightingRole::HeldOut));
+        let (used, kept) = (of(ObservationRole::Used), of(ObservationRole::HeldOut));
         let px = |it: Option<f64>| it.map_or("-".to_owned(), |it| format!("{it:.2} px"));
         let _ = writeln!(
             text,
@@ -76,22 +76,22 @@ pub fn describe(room: &SolvedRoom, recording: &Recording) -> String {
     }
     text.push('\n');
     text += &fixed(&solved.fixed);
-    for line in left_out(room, recording) {
+    for line in left_out(network, recording) {
         text += &line;
         text.push('\n');
     }
     text
 }
 
-/// What was not used or not found beyond single sightings, and what moved: a sentence each.
-pub fn left_out(room: &SolvedRoom, recording: &Recording) -> Vec<String> {
-    let solved = &room.solved;
+/// What was not used or not found beyond single observations, and what moved: a sentence each.
+pub fn left_out(network: &SolvedNetwork, recording: &Recording) -> Vec<String> {
+    let solved = &network.solved;
     let unit = if solved.fixed.scale.is_some() { "mm" } else { "mu" };
     let mut list = Vec::new();
     for camera in solved.cameras.iter().filter(|it| it.status != CameraStatus::Calibrated) {
         list.push(format!("left out: {}: {}", camera.name, in_names(&camera.status, recording)));
     }
-    for moved in &room.moved {
+    for moved in &network.moved {
         list.push(format!(
             "moved: {} by {:.1} {unit} and {:.1} mrad; under the older calibration it was {:.1} px off",
             solved.cameras[moved.camera].name,
@@ -100,8 +100,8 @@ pub fn left_out(room: &SolvedRoom, recording: &Recording) -> Vec<String> {
             moved.before_px
         ));
     }
-    list.extend(held(room));
-    list.extend(set_aside(room));
+    list.extend(held(network));
+    list.extend(set_aside(network));
     list
 }
 
@@ -122,7 +122,7 @@ pub fn several_spots(recording: &Recording, cameras: impl Iterator<Item = usize>
 
 /// How many labels there are.
 pub fn n_labels(recording: &Recording) -> usize {
-    let labels = recording.looks.iter().flat_map(|it| &it.spots).filter_map(|it| it.label);
+    let labels = recording.camera_frames.iter().flat_map(|it| &it.spots).filter_map(|it| it.label);
     labels.collect::<std::collections::BTreeSet<u32>>().len()
 }
 
@@ -130,7 +130,7 @@ pub fn n_labels(recording: &Recording) -> usize {
 pub fn swapped(recording: &Recording, solved: &Solved, names: &[String]) -> Vec<String> {
     let name = |label: u32| names.get(label as usize).cloned().unwrap_or_else(|| format!("label {label}"));
     let found = swapped_labels(recording, solved);
-    let one = |it: &foveate_calibration::room::Swapped| {
+    let one = |it: &foveate_calibration::network::Swapped| {
         let (labelled, shows) = (name(it.labelled), name(it.shows));
         let camera = &recording.cameras[it.camera].name;
         format!("labels of {camera}: {} of {} of {labelled} show {shows}; they were taken for that", it.count, it.of)
@@ -148,9 +148,9 @@ pub fn swapped(recording: &Recording, solved: &Solved, names: &[String]) -> Vec<
 
 /// How many distinct spots a picture of `camera` holds in the median, of those that hold any.
 fn usual_spots(recording: &Recording, camera: usize) -> Option<usize> {
-    let of_camera = recording.looks.iter().filter(|it| it.camera == camera && !it.spots.is_empty());
-    let count = |look: &Look| {
-        let mut spots = look.spots.clone();
+    let of_camera = recording.camera_frames.iter().filter(|it| it.camera == camera && !it.spots.is_empty());
+    let count = |camera_frame: &CameraFrame| {
+        let mut spots = camera_frame.spots.clone();
         keep_distinct(&mut spots);
         spots.len()
     };
@@ -160,8 +160,8 @@ fn usual_spots(recording: &Recording, camera: usize) -> Option<usize> {
 }
 
 /// What became of each camera's clock.
-pub fn clocks(found: &SynchronisedRoom, recording: &Recording) -> Vec<String> {
-    let cameras = found.room.solved.cameras.iter().zip(&found.clocks);
+pub fn clocks(found: &SynchronisedNetwork, recording: &Recording) -> Vec<String> {
+    let cameras = found.network.solved.cameras.iter().zip(&found.clocks);
     let one = |(camera, status): (&SolvedCamera, &ClockStatus)| match (status, camera.clock) {
         (ClockStatus::Found { .. }, Some(clock)) => format!(
             "clock of {}: {} ms to that of {}, ± {:.2} ms; {status}",
@@ -198,28 +198,28 @@ const TOGETHER_S: f64 = 0.5e-3;
 
 /// What to say where less than half of the pictures were taken together with one of another camera.
 pub fn never_together(recording: &Recording) -> Option<String> {
-    let mut of_looks: Vec<(f64, usize)> =
-        recording.looks.iter().filter(|it| !it.spots.is_empty()).map(|it| (it.time_s, it.camera)).collect();
-    of_looks.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut of_frames: Vec<(f64, usize)> =
+        recording.camera_frames.iter().filter(|it| !it.spots.is_empty()).map(|it| (it.time_s, it.camera)).collect();
+    of_frames.sort_by(|a, b| a.0.total_cmp(&b.0));
     let together = |at: usize| {
-        let (time_s, camera) = of_looks[at];
+        let (time_s, camera) = of_frames[at];
         let is_other = |it: &&(f64, usize)| it.1 != camera;
         let near = |it: &&(f64, usize)| (it.0 - time_s).abs() <= TOGETHER_S;
-        of_looks[at + 1..].iter().take_while(near).any(|it| is_other(&it))
-            || of_looks[..at].iter().rev().take_while(near).any(|it| is_other(&it))
+        of_frames[at + 1..].iter().take_while(near).any(|it| is_other(&it))
+            || of_frames[..at].iter().rev().take_while(near).any(|it| is_other(&it))
     };
-    let n = (0..of_looks.len()).filter(|it| together(*it)).count();
-    let is_alone = of_looks.iter().all(|it| it.1 == of_looks[0].1);
-    (2 * n < of_looks.len() && !is_alone).then(|| {
+    let n = (0..of_frames.len()).filter(|it| together(*it)).count();
+    let is_alone = of_frames.iter().all(|it| it.1 == of_frames[0].1);
+    (2 * n < of_frames.len() && !is_alone).then(|| {
         format!(
             "{n} of {} pictures were taken within 0.5 ms of one of another camera: if the cameras share no clock, --unsynchronised",
-            of_looks.len()
+            of_frames.len()
         )
     })
 }
 
 /// Why no clocks were found.
-pub fn no_clocks(fault: &ClockFault, recording: &Recording) -> String {
+pub fn no_clocks(fault: &ClockError, recording: &Recording) -> String {
     fault.sentence(|it| recording.name(it), |status| further(status).to_owned())
 }
 
@@ -252,12 +252,12 @@ pub fn fixed(fixed: &FixedFreedoms) -> String {
 }
 
 /// Optics that were to be found and stay as given.
-fn held(room: &SolvedRoom) -> Vec<String> {
-    let with = room.held.iter().enumerate().filter(|it| !it.1.is_empty());
+fn held(network: &SolvedNetwork) -> Vec<String> {
+    let with = network.held.iter().enumerate().filter(|it| !it.1.is_empty());
     let n = with.clone().count();
     let one = |(camera, list): (usize, &Vec<OpticHeld>)| {
         let reasons: Vec<String> = list.iter().map(OpticHeld::to_string).collect();
-        format!("optics of {}: {}", room.solved.cameras[camera].name, reasons.join("; "))
+        format!("optics of {}: {}", network.solved.cameras[camera].name, reasons.join("; "))
     };
     let mut lines: Vec<String> = with.take(HELD_SHOWN).map(one).collect();
     if n > HELD_SHOWN {
@@ -267,9 +267,9 @@ fn held(room: &SolvedRoom) -> Vec<String> {
 }
 
 /// What of the pictures was not used, and why.
-fn set_aside(room: &SolvedRoom) -> Vec<String> {
+fn set_aside(network: &SolvedNetwork) -> Vec<String> {
     let mut lines = Vec::new();
-    for (camera, it) in room.solved.cameras.iter().zip(&room.cleaning) {
+    for (camera, it) in network.solved.cameras.iter().zip(&network.cleaning) {
         let mut parts = Vec::new();
         let mut part = |n: usize, one: &str, what: &str| {
             parts.extend((n > 0).then(|| format!("{} {what}", counted(n, one))));

@@ -6,15 +6,15 @@ mod plan;
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-use foveate_calibration::axes::{self, AxesRules, Given, Wishes};
-use foveate_calibration::board::{BoardRules, NoBoardClocks, board_on_one_clock};
-use foveate_calibration::checks::{CheckRules, LengthSample, Level, check};
-use foveate_calibration::clocks::ClockRules;
+use foveate_calibration::axes::{self, AxesOptions, Given, Wishes};
+use foveate_calibration::board::{BoardOptions, NoBoardClocks, board_on_one_clock};
+use foveate_calibration::checks::{CheckOptions, LengthSample, Level, check};
+use foveate_calibration::clocks::ClockOptions;
 use foveate_calibration::comparison::compare;
-use foveate_calibration::path::PathRules;
-use foveate_calibration::room::{self, RoomRules, SolvedRoom, Sought};
-use foveate_calibration::solved::{FixedFreedoms, SightingRole, Solved, SolvedCamera};
-use foveate_calibration::wand::{self, RefineRules, Wand, WandSample, WandSighting};
+use foveate_calibration::network::{self, NetworkOptions, SolvedNetwork, Sought};
+use foveate_calibration::path::PathOptions;
+use foveate_calibration::solved::{FixedFreedoms, ObservationRole, Solved, SolvedCamera};
+use foveate_calibration::wand::{self, RefineOptions, Wand, WandObservation, WandSample};
 use foveate_capture::labels::mirrored_pairs;
 use foveate_geometry::CameraStatus;
 use foveate_rig::graph::Graph;
@@ -66,7 +66,7 @@ pub struct CalibrateArgs {
     /// Replace the calibration that the rig names, unless the verdict is "redo"; the older one is kept beside it
     #[arg(long)]
     write: bool,
-    /// A sighting is right when at most this far from where its point is seen [px]
+    /// An observation is right when at most this far from where its point is seen [px]
     #[arg(long, value_name = "PX", default_value_t = INLIER_PX, value_parser = pixels)]
     inlier_px: f64,
     /// The cameras share no clock: find each one's offset too, from the path of the light, the wand or the board
@@ -126,7 +126,7 @@ pub struct CalibrateArgs {
     quiet: bool,
 }
 
-/// A sighting is right when at most so far from where its point is seen, unless the command line says otherwise [px].
+/// An observation is right when at most so far from where its point is seen, unless the command line says otherwise [px].
 const INLIER_PX: f64 = 3.0;
 /// The length of a wand is taken as right to this, standard deviation [m].
 const WAND_SIGMA_M: f64 = 2e-4;
@@ -221,15 +221,15 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
     let remarks = captured.outcome.report.remarks.iter().map(|it| format!("note: {it}"));
     remarks.chain(lost(&captured.outcome, "")).for_each(|it| eprintln!("{}", harmless(&it)));
     let board = captured.board.as_ref();
-    let sightings = folder.join(capture::SIGHTINGS);
-    interrupt::ends(format!("stopped by you before the end; what was seen is in {}", sightings.display()));
+    let observations = folder.join(capture::OBSERVATIONS);
+    interrupt::ends(format!("stopped by you before the end; what was seen is in {}", observations.display()));
     if let Some(asked) = &measured {
         let solving = Waiting::new("searching poses and clocks", args.quiet);
-        let rules = PathRules {
+        let options = PathOptions {
             inlier_px: args.inlier_px,
             focal_unknown: plan.focal_unknown,
             seed: args.seed.unwrap_or(1),
-            ..PathRules::default()
+            ..PathOptions::default()
         };
         let ending = path::Ending {
             rig: &args.rig,
@@ -239,17 +239,17 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
             write: args.write,
             report: args.report,
         };
-        let solved = path::solve(asked, &captured.recording, &rules);
+        let solved = path::solve(asked, &captured.recording, &options);
         drop(solving);
-        return path::conclude(&solved, asked, &rules, &ending);
+        return path::conclude(&solved, asked, &options, &ending);
     }
     let solving = Waiting::new("solving the room", args.quiet);
     let fixed = fixed_before(&draft.calibration, &plan);
-    let rules = RoomRules {
+    let options = NetworkOptions {
         inlier_px: args.inlier_px,
         focal_unknown: plan.focal_unknown,
         seed: args.seed.unwrap_or(1),
-        ..RoomRules::default()
+        ..NetworkOptions::default()
     };
     let mirrored = mirrored_pairs(&captured.labels);
     let has_labels = words::n_labels(&captured.recording) > 1;
@@ -258,58 +258,58 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         None if has_labels && !args.unsynchronised => Sought::Labels { mirrored: &mirrored },
         None => Sought::Light,
     };
-    let clock_rules = ClockRules {
+    let clock_options = ClockOptions {
         max_offset_s: args.max_offset,
-        inlier_px: rules.inlier_px,
-        sigma_px: rules.sigma_px,
-        seed: rules.seed,
-        ..ClockRules::default()
+        inlier_px: options.inlier_px,
+        sigma_px: options.sigma_px,
+        seed: options.seed,
+        ..ClockOptions::default()
     };
     let (mut notes, mut open) = (Vec::new(), None);
     let solve = match (plan.from_nothing, &board) {
         (_, Some(board)) => {
-            let rules = BoardRules {
+            let options = BoardOptions {
                 inlier_px: args.inlier_px,
                 focal_guessed: plan.focal_unknown,
                 poses_guessed: !plan.from_nothing,
                 floor_time_s: args.board.board_floor,
-                ..BoardRules::default()
+                ..BoardOptions::default()
             };
             let refused = |fault: &dyn std::fmt::Display| format!("error: {fault}");
             if args.unsynchronised {
-                let shared = board_on_one_clock(&captured.recording, board, &rules, &clock_rules);
+                let shared = board_on_one_clock(&captured.recording, board, &options, &clock_options);
                 let shared = shared.map_err(|fault| match fault {
                     NoBoardClocks::Clocks(fault) => {
                         boards::of_board(&refused(&words::no_clocks(&fault, &captured.recording)))
                     }
                     other => refused(&other),
                 })?;
-                let found = boards::solve(&shared.recording, board, None, &rules).map_err(|fault| refused(&fault))?;
-                let room = shared.of_room(found.room);
-                notes = words::clocks(&room, &captured.recording).iter().map(|it| boards::of_board(it)).collect();
+                let found = boards::solve(&shared.recording, board, None, &options).map_err(|fault| refused(&fault))?;
+                let network = shared.of_room(found.network);
+                notes = words::clocks(&network, &captured.recording).iter().map(|it| boards::of_board(it)).collect();
                 (notes, open) = (notes.into_iter().chain(found.notes).collect(), found.open);
-                Ok(room.room)
+                Ok(network.network)
             } else {
-                let found = boards::solve(&captured.recording, board, (!plan.from_nothing).then_some(fixed), &rules);
+                let found = boards::solve(&captured.recording, board, (!plan.from_nothing).then_some(fixed), &options);
                 let found = found.map_err(|fault| refused(&fault) + &clocks_hint(args, &captured))?;
                 (notes, open) = (found.notes, found.open);
-                Ok(found.room)
+                Ok(found.network)
             }
         }
         (true, None) if args.unsynchronised => {
             let found = match sought {
-                Sought::Wand => room::unsynchronised_wand(&captured.recording, &clock_rules, &rules),
-                _ => room::unsynchronised_from_nothing(&captured.recording, &clock_rules, &rules),
+                Sought::Wand => network::unsynchronised_wand(&captured.recording, &clock_options, &options),
+                _ => network::unsynchronised_from_nothing(&captured.recording, &clock_options, &options),
             };
             let found = found.map_err(|fault| {
                 let reason = words::not_synchronised(&fault, &captured.recording);
                 format!("error: {reason}{}", hint(args, &captured))
             })?;
             notes = words::clocks(&found, &captured.recording);
-            Ok(found.room)
+            Ok(found.network)
         }
-        (true, None) => room::from_nothing(&captured.recording, sought, &rules),
-        (false, None) => room::recalibrate(&captured.recording, sought, &fixed, &rules),
+        (true, None) => network::from_nothing(&captured.recording, sought, &options),
+        (false, None) => network::recalibrate(&captured.recording, sought, &fixed, &options),
     };
     let mut solved = solve.map_err(|fault| format!("error: {fault}{}", hint(args, &captured)))?;
     if let Sought::Labels { .. } = sought {
@@ -326,7 +326,7 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         None => None,
     };
     if !givens.is_empty() {
-        let found = axes::fix(&solved.solved, &givens, &AxesRules::default());
+        let found = axes::fix(&solved.solved, &givens, &AxesOptions::default());
         solved.solved = found.map_err(|fault| format!("error: {fault}"))?.solved;
     }
     let is_measured = board.is_some() || args.wand_mm.is_some();
@@ -337,15 +337,15 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
     drop(solving);
     let checking = Waiting::new("checking it", args.quiet);
     // The marks of a board lie in a plane, and each view is judged by itself whether it holds the optics.
-    let check_rules = match &board {
-        Some(_) => CheckRules { flatness: [0.0; 2], ..CheckRules::default() },
-        None => CheckRules::default(),
+    let check_options = match &board {
+        Some(_) => CheckOptions { flatness: [0.0; 2], ..CheckOptions::default() },
+        None => CheckOptions::default(),
     };
-    let mut checks = check(&solved.solved, lengths.as_deref(), &check_rules);
+    let mut checks = check(&solved.solved, lengths.as_deref(), &check_options);
     let has_older_poses = draft.unknown.values().all(|it| !it.pose);
     let beside_older = has_older_poses && plan.from_nothing && board.is_none();
     if let Some(beside) = compare(&solved.solved, &draft.calibration).ok().filter(|_| beside_older) {
-        checks.add_beside_older(&beside, &check_rules);
+        checks.add_beside_older(&beside, &check_options);
     }
     drop(checking);
     if let Some(sentence) = open {
@@ -384,16 +384,16 @@ fn check_places(
     places::check(givens, &Known { cameras: &all, used: &those, lights, duration_s })
 }
 
-/// Adjusts the room with the length of the wand; how that length comes out at moments that were kept back.
-fn measured_by_wand(room: &mut SolvedRoom, length_mm: f64) -> Result<Vec<LengthSample>, String> {
+/// Adjusts the room with the length of the wand; how that length comes out at moments that were held out.
+fn measured_by_wand(network: &mut SolvedNetwork, length_mm: f64) -> Result<Vec<LengthSample>, String> {
     let refused = |fault: &dyn std::fmt::Display| format!("error: the wand: {fault}");
     let wand = Wand { ends: [0, 1], length_m: length_mm / 1e3, sigma_m: WAND_SIGMA_M };
-    let rules = RefineRules { sigma_px: room.sigma_px, ..RefineRules::default() };
-    let refined = wand::refine(&room.solved, &wand, &rules).map_err(|fault| refused(&fault))?;
-    room.solved = refined.solved;
+    let options = RefineOptions { sigma_px: network.sigma_px, ..RefineOptions::default() };
+    let refined = wand::refine(&network.solved, &wand, &options).map_err(|fault| refused(&fault))?;
+    network.solved = refined.solved;
     // Those that the adjustment knew of have the right length because they were made to.
-    let kept_back: Vec<WandSighting> = room.wand_sightings(SightingRole::HeldOut);
-    let measured = wand::intersect(&room.solved.cameras, &kept_back);
+    let held_out_points: Vec<WandObservation> = network.wand_observations(ObservationRole::HeldOut);
+    let measured = wand::intersect(&network.solved.cameras, &held_out_points);
     let samples = wand::lengths(&measured, wand.ends).map_or_else(|_| refined.before.samples, |it| it.samples);
     let error = |it: &WandSample| LengthSample { at: it.middle, relative_error: it.length / wand.length_m - 1.0 };
     Ok(samples.iter().map(error).collect())

@@ -62,7 +62,7 @@ fn describe(node_type: &NodeType) -> String {
 }
 
 fn taking(port: &InputSpec) -> String {
-    let how = port.take.in_words();
+    let how = port.policy.in_words();
     let many = if port.many { ", of any number of cameras" } else { "" };
     let optional = if port.optional { ", may be left open" } else { "" };
     format!("{how}{many}{optional}")

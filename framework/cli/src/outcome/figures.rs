@@ -180,7 +180,7 @@ mod tests {
         assert_eq!(rank("sim.score", "body.error_mm"), Rank::Error);
         assert_eq!(rank("sim.head_score", "off_centre_px"), Rank::Error);
         assert_eq!(rank("sim.score", "completeness"), Rank::Verdict);
-        assert_eq!(rank("sim.score", "time_to_birth_ms"), Rank::Verdict);
+        assert_eq!(rank("sim.score", "time_to_initiation_ms"), Rank::Verdict);
         assert_eq!(rank("sim.score", "body.scored_messages"), Rank::Other);
         assert_eq!(rank("export.targets", "path_length_m"), Rank::Other);
         assert!(Rank::Error < Rank::Verdict && Rank::Verdict < Rank::Other);

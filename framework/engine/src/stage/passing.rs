@@ -7,7 +7,7 @@ use foveate_messages::{SourceId, Time};
 use foveate_node::io::Packet;
 use foveate_rig::graph::WhenFull;
 
-use super::{Alone, Away, Outgoing, Stage};
+use super::{Alone, Outgoing, Remote, Stage};
 use crate::inbox::{Inbox, Put};
 use crate::slot::{Parked, Route, Slot};
 
@@ -82,7 +82,7 @@ impl Stage {
     }
 
     /// Tries again to pass on what waits at nodes that are held up.
-    pub(crate) fn unblock(&mut self, now: Time, away: &mut dyn Away) {
+    pub(crate) fn unblock(&mut self, now: Time, remote: &mut dyn Remote) {
         for index in std::mem::take(&mut self.blocked) {
             let Some(slot) = &mut self.slots[index] else { continue };
             let (parked, mut routes) = (std::mem::take(&mut slot.parked), std::mem::take(&mut slot.routes));
@@ -92,7 +92,7 @@ impl Stage {
                 let is_held = still.iter().any(|other| (other.port, other.route) == (it.port, it.route));
                 let Parked { port, route, packet } = it;
                 let refused =
-                    if is_held { Err(packet) } else { self.send(&mut routes[port][route], packet, now, away, true) };
+                    if is_held { Err(packet) } else { self.send(&mut routes[port][route], packet, now, remote, true) };
                 still.extend(refused.err().map(|packet| Parked { port, route, packet }));
             }
             let is_free = still.is_empty();
@@ -106,8 +106,8 @@ impl Stage {
         }
     }
 
-    /// If the turn of `index` gave one message, to one idle node of this worker that would be next anyway: hands it over and
-    /// says to whom. Nearly every turn of a chain.
+    /// If the activation of `index` gave one message, to one idle node of this worker that would be next anyway: hands it over and
+    /// says to whom. Nearly every activation of a chain.
     pub(super) fn pass_on(&mut self, index: usize, now: Time) -> Option<usize> {
         let [(output, packet)] = &self.outbox.packets[..] else { return None };
         if self.n_ready > 0 || !self.outbox.gaps.is_empty() {
@@ -131,7 +131,7 @@ impl Stage {
         Some(consumer)
     }
 
-    pub(super) fn route(&mut self, index: usize, now: Time, away: &mut dyn Away) {
+    pub(super) fn route(&mut self, index: usize, now: Time, remote: &mut dyn Remote) {
         if self.outbox.packets.is_empty() && self.outbox.gaps.is_empty() {
             return;
         }
@@ -141,8 +141,8 @@ impl Stage {
         for (port, gap) in outbox.gaps.drain(..) {
             for route in &routes[port] {
                 let edge = match route {
-                    Route::Here(edge) | Route::Away { edge, .. } => *edge,
-                    Route::Told(_) => continue,
+                    Route::Here(edge) | Route::Remote { edge, .. } => *edge,
+                    Route::OnOutcome(_) => continue,
                     Route::Beyond(edge) => {
                         self.outgoing.push(Outgoing::Gap(*edge, SourceId(index as u32)));
                         continue;
@@ -163,10 +163,10 @@ impl Stage {
                 let Some(packet) = (if route + 1 == n_routes { packet.take() } else { packet.clone() }) else { break };
                 let is_held = !parked.is_empty() && parked.iter().any(|it| (it.port, it.route) == (port, route));
                 let refused = if is_held {
-                    away.sending(usize::MAX);
+                    remote.sending(usize::MAX);
                     Err(packet)
                 } else {
-                    self.send(way, packet, now, away, false)
+                    self.send(way, packet, now, remote, false)
                 };
                 parked.extend(refused.err().map(|packet| Parked { port, route, packet }));
             }
@@ -188,20 +188,20 @@ impl Stage {
         route: &mut Route,
         packet: Packet,
         now: Time,
-        away: &mut dyn Away,
+        remote: &mut dyn Remote,
         is_counted: bool,
     ) -> Result<(), Packet> {
         let (edge, sender, receiver, when_full, dropped) = match route {
             Route::Here(edge) => {
                 if self.is_full(*edge) {
                     if !is_counted {
-                        away.sending(*edge);
+                        remote.sending(*edge);
                     }
                     return Err(packet);
                 }
                 self.deliver(*edge, packet, now);
                 if is_counted {
-                    away.taken_back(*edge);
+                    remote.taken_back(*edge);
                 }
                 return Ok(());
             }
@@ -209,27 +209,27 @@ impl Stage {
                 self.outgoing.push(Outgoing::Message(*edge, packet));
                 return Ok(());
             }
-            Route::Told(scale) => {
+            Route::OnOutcome(scale) => {
                 self.gates.hear(*scale, &packet);
                 return Ok(());
             }
-            Route::Away { edge, sender, receiver, when_full, dropped } => {
+            Route::Remote { edge, sender, receiver, when_full, dropped } => {
                 (*edge, sender, receiver, *when_full, dropped)
             }
         };
         let mut packet = packet;
         if !is_counted {
-            away.sending(edge);
+            remote.sending(edge);
         }
         loop {
             packet = match sender.try_send(packet) {
                 Ok(()) => {
-                    away.sent(edge);
+                    remote.sent(edge);
                     return Ok(());
                 }
                 Err(TrySendError::Disconnected(_)) => {
                     *dropped += 1;
-                    away.taken_back(edge);
+                    remote.taken_back(edge);
                     return Ok(());
                 }
                 Err(TrySendError::Full(packet)) => packet,
@@ -237,13 +237,13 @@ impl Stage {
             match when_full {
                 WhenFull::DropNewest => {
                     *dropped += 1;
-                    away.taken_back(edge);
+                    remote.taken_back(edge);
                     return Ok(());
                 }
                 WhenFull::DropOldest => {
                     if receiver.try_recv().is_ok() {
                         *dropped += 1;
-                        away.taken_back(edge);
+                        remote.taken_back(edge);
                     }
                 }
                 WhenFull::Wait => return Err(packet),

@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 
-use super::{BoundedFault, add_scaled, check_bounds, dot};
+use super::{BoundedError, add_scaled, check_bounds, dot};
 
 /// A column whose part that other columns do not explain is less than this part of its square is taken to follow from them.
 const DEPENDENT: f64 = 1e-11;
@@ -113,26 +113,26 @@ impl ActiveSet {
     /// Goes to the least ½ wᵀ G w − gᵀ w, G = `gram` (symmetric, no negative eigenvalue), g = `right`; gives how many systems of equations it took.
     ///
     /// # Errors
-    /// [`BoundedFault::Lengths`], [`BoundedFault::NotFinite`], [`BoundedFault::Crossed`]; [`BoundedFault::Lost`] where G is no such matrix.
+    /// [`BoundedError::Lengths`], [`BoundedError::NotFinite`], [`BoundedError::Crossed`]; [`BoundedError::Lost`] where G is no such matrix.
     pub fn minimise(
         &mut self,
         gram: &DMatrix<f64>,
         right: &[f64],
         lower: &[f64],
         upper: &[f64],
-    ) -> Result<usize, BoundedFault> {
+    ) -> Result<usize, BoundedError> {
         let n = self.weights.len();
         check_bounds(n, lower, upper)?;
         for (what, found) in [("rows of the normal matrix", gram.nrows()), ("columns of it", gram.ncols())] {
             if found != n {
-                return Err(BoundedFault::Lengths { what, found, expected: n });
+                return Err(BoundedError::Lengths { what, found, expected: n });
             }
         }
         if right.len() != n {
-            return Err(BoundedFault::Lengths { what: "right side", found: right.len(), expected: n });
+            return Err(BoundedError::Lengths { what: "right side", found: right.len(), expected: n });
         }
         if let Some(index) = right.iter().position(|it| !it.is_finite()) {
-            return Err(BoundedFault::NotFinite { what: "right side", index });
+            return Err(BoundedError::NotFinite { what: "right side", index });
         }
         // Bounds may have changed since the last search.
         for index in 0..n {
@@ -151,7 +151,7 @@ impl ActiveSet {
             self.slopes.iter_mut().zip(right).for_each(|(slope, right)| *slope = -right);
             multiply(gram, &self.weights, &mut self.slopes);
             if self.slopes.iter().any(|it| !it.is_finite()) {
-                return Err(BoundedFault::Lost { rounds: round });
+                return Err(BoundedError::Lost { rounds: round });
             }
             let released = self.release(gram, right, lower, upper, one_by_one, &held);
             if round > 0 && released.is_none() {
@@ -166,7 +166,7 @@ impl ActiveSet {
                 }
             }
         }
-        Err(BoundedFault::Lost { rounds: ROUNDS })
+        Err(BoundedError::Lost { rounds: ROUNDS })
     }
 
     /// Frees the weights that go downhill from their bound, or only the one that does most; gives that one.

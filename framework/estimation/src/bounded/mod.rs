@@ -26,7 +26,7 @@ const ROUNDING: f64 = 1e-6;
 
 /// Why there is no answer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum BoundedFault {
+pub enum BoundedError {
     /// Lists that do not go together.
     #[error("{what}: found {found}, expected {expected}")]
     Lengths {
@@ -110,13 +110,13 @@ impl BoundedLeastSquares {
     /// For `matrix` (rows × weights) and the bounds of each weight, which may be infinite.
     ///
     /// # Errors
-    /// [`BoundedFault::Lengths`], [`BoundedFault::NotFinite`] (a bound may be infinite, not NaN), [`BoundedFault::Crossed`].
-    pub fn new(matrix: DMatrix<f64>, lower: &[f64], upper: &[f64]) -> Result<Self, BoundedFault> {
+    /// [`BoundedError::Lengths`], [`BoundedError::NotFinite`] (a bound may be infinite, not NaN), [`BoundedError::Crossed`].
+    pub fn new(matrix: DMatrix<f64>, lower: &[f64], upper: &[f64]) -> Result<Self, BoundedError> {
         let n = matrix.ncols();
         check_bounds(n, lower, upper)?;
         let transposed = matrix.transpose();
         if let Some(index) = transposed.iter().position(|it| !it.is_finite()) {
-            return Err(BoundedFault::NotFinite { what: "matrix element (row by row)", index });
+            return Err(BoundedError::NotFinite { what: "matrix element (row by row)", index });
         }
         let rows = matrix.nrows();
         let norms = matrix.column_iter().map(|it| it.norm()).collect();
@@ -145,19 +145,19 @@ impl BoundedLeastSquares {
     /// The weights for `values`, of the rows that `counts`. Values of other rows are not looked at.
     ///
     /// # Errors
-    /// [`BoundedFault::Lengths`], [`BoundedFault::NotFinite`], [`BoundedFault::NoRows`]; after an error the next call is as good as without it.
-    pub fn solve(&mut self, values: &[f64], counts: &[bool]) -> Result<Bounded, BoundedFault> {
+    /// [`BoundedError::Lengths`], [`BoundedError::NotFinite`], [`BoundedError::NoRows`]; after an error the next call is as good as without it.
+    pub fn solve(&mut self, values: &[f64], counts: &[bool]) -> Result<Bounded, BoundedError> {
         let rows = self.matrix.nrows();
         for (what, found) in [("values", values.len()), ("marks of rows that count", counts.len())] {
             if found != rows {
-                return Err(BoundedFault::Lengths { what, found, expected: rows });
+                return Err(BoundedError::Lengths { what, found, expected: rows });
             }
         }
         if let Some(index) = (0..rows).find(|&it| counts[it] && !values[it].is_finite()) {
-            return Err(BoundedFault::NotFinite { what: "value", index });
+            return Err(BoundedError::NotFinite { what: "value", index });
         }
         if !counts.contains(&true) {
-            return Err(BoundedFault::NoRows { rows });
+            return Err(BoundedError::NoRows { rows });
         }
         self.count_rows(counts);
         self.right.fill(0.0);
@@ -279,19 +279,19 @@ impl BoundedLeastSquares {
 }
 
 /// Whether bounds are as many as weights, numbers, and not crossed.
-pub(crate) fn check_bounds(n: usize, lower: &[f64], upper: &[f64]) -> Result<(), BoundedFault> {
+pub(crate) fn check_bounds(n: usize, lower: &[f64], upper: &[f64]) -> Result<(), BoundedError> {
     for (what, bounds) in [("lower bounds", lower), ("upper bounds", upper)] {
         if bounds.len() != n {
-            return Err(BoundedFault::Lengths { what, found: bounds.len(), expected: n });
+            return Err(BoundedError::Lengths { what, found: bounds.len(), expected: n });
         }
         if let Some(index) = bounds.iter().position(|it| it.is_nan()) {
-            return Err(BoundedFault::NotFinite { what, index });
+            return Err(BoundedError::NotFinite { what, index });
         }
     }
     let crossed =
         |it: &usize| lower[*it] > upper[*it] || lower[*it] == f64::INFINITY || upper[*it] == f64::NEG_INFINITY;
     match (0..n).find(crossed) {
-        Some(index) => Err(BoundedFault::Crossed { index, lower: lower[index], upper: upper[index] }),
+        Some(index) => Err(BoundedError::Crossed { index, lower: lower[index], upper: upper[index] }),
         None => Ok(()),
     }
 }

@@ -153,17 +153,17 @@ fn what_is_no_problem_is_refused_and_the_next_one_solved() {
     let new = |matrix: &DMatrix<f64>, lower: &[f64], upper: &[f64]| {
         BoundedLeastSquares::new(matrix.clone(), lower, upper).unwrap_err()
     };
-    assert_eq!(new(&one, &[0.0, 0.0], &[1.0]), BoundedFault::Lengths { what: "lower bounds", found: 2, expected: 1 });
-    assert_eq!(new(&one, &[0.0], &[f64::NAN]), BoundedFault::NotFinite { what: "upper bounds", index: 0 });
-    assert_eq!(new(&one, &[2.0], &[1.0]), BoundedFault::Crossed { index: 0, lower: 2.0, upper: 1.0 });
+    assert_eq!(new(&one, &[0.0, 0.0], &[1.0]), BoundedError::Lengths { what: "lower bounds", found: 2, expected: 1 });
+    assert_eq!(new(&one, &[0.0], &[f64::NAN]), BoundedError::NotFinite { what: "upper bounds", index: 0 });
+    assert_eq!(new(&one, &[2.0], &[1.0]), BoundedError::Crossed { index: 0, lower: 2.0, upper: 1.0 });
     let mut broken = one.clone();
     broken[1] = f64::INFINITY;
-    assert!(matches!(new(&broken, &[0.0], &[1.0]), BoundedFault::NotFinite { index: 1, .. }));
+    assert!(matches!(new(&broken, &[0.0], &[1.0]), BoundedError::NotFinite { index: 1, .. }));
     let mut solver = BoundedLeastSquares::new(one, &[0.0], &[1.0]).unwrap();
-    assert_eq!(solver.solve(&[1.0, 0.5], &[false; 2]), Err(BoundedFault::NoRows { rows: 2 }));
-    assert_eq!(solver.solve(&[1.0, f64::NAN], &[true; 2]), Err(BoundedFault::NotFinite { what: "value", index: 1 }));
-    assert!(matches!(solver.solve(&[1.0], &[true; 2]), Err(BoundedFault::Lengths { what: "values", .. })));
-    assert!(matches!(solver.solve(&[f64::MAX, -f64::MAX], &[true; 2]), Ok(_) | Err(BoundedFault::Lost { .. })));
+    assert_eq!(solver.solve(&[1.0, 0.5], &[false; 2]), Err(BoundedError::NoRows { rows: 2 }));
+    assert_eq!(solver.solve(&[1.0, f64::NAN], &[true; 2]), Err(BoundedError::NotFinite { what: "value", index: 1 }));
+    assert!(matches!(solver.solve(&[1.0], &[true; 2]), Err(BoundedError::Lengths { what: "values", .. })));
+    assert!(matches!(solver.solve(&[f64::MAX, -f64::MAX], &[true; 2]), Ok(_) | Err(BoundedError::Lost { .. })));
     assert_eq!(check(&mut solver, &[1.0, f64::NAN], &[true, false]).weights, [1.0]);
     assert_eq!(check(&mut solver, &[1.0, 0.5], &[true; 2]).weights, [0.75]);
 }

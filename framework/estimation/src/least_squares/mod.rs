@@ -2,7 +2,7 @@
 //!
 //! A [`Problem`] gives residuals in units of their standard deviations with their derivatives; [`solve`] minimises ½ Σ ρ(|r|²) and
 //! says why it stopped, what each iteration cost, and how well the data hold each parameter. Problems that leave a combination of
-//! parameters open still get their minimum, but no covariance: [`Open`] names the parameters in question.
+//! parameters open still get their minimum, but no covariance: [`Unobservable`] names the parameters in question.
 //!
 //! Source: K. Madsen, H. B. Nielsen, O. Tingleff, *Methods for non-linear least squares problems*, 2004, algorithm 3.16, with
 //! Marquardt's scaling by the diagonal. Losses enter by their weights (iteratively reweighted least squares).
@@ -87,7 +87,7 @@ impl Equations {
 
 /// How to go about it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Rules {
+pub struct Options {
     /// What residuals cost.
     pub loss: Loss,
     /// Parameters that stay as they are, by their place in the step; others are free.
@@ -98,7 +98,7 @@ pub struct Rules {
     pub relative_gain: f64,
 }
 
-impl Default for Rules {
+impl Default for Options {
     fn default() -> Self {
         Self { loss: Loss::Squared, held: Vec::new(), max_iterations: 100, relative_gain: 1e-12 }
     }
@@ -121,7 +121,7 @@ pub struct Solution<P> {
     /// Where the cost is least.
     pub parameters: P,
     /// Of the step, if residuals are as large as their standard deviations say; rows and columns of held parameters are 0.
-    pub covariance: Result<DMatrix<f64>, Open>,
+    pub covariance: Result<DMatrix<f64>, Unobservable>,
     /// ½ Σ ρ at the start and after each accepted step.
     pub costs: Vec<f64>,
     /// Why it ended.
@@ -142,7 +142,7 @@ impl<P> Solution<P> {
 /// Parameters that the data do not hold.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("the data leave {} of {of} parameters open: they cannot be told from those before them: {parameters:?}", parameters.len())]
-pub struct Open {
+pub struct Unobservable {
     /// Which, by their place in the step: given the parameters before it, each is left open.
     pub parameters: Vec<usize>,
     /// How many are free in all.
@@ -151,7 +151,7 @@ pub struct Open {
 
 /// Why there is no answer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum SolveFault {
+pub enum SolveError {
     /// The start has no residuals, or one that is not finite.
     #[error("at the start the residuals cannot be computed or are not finite")]
     BadStart,
@@ -186,35 +186,35 @@ const MAX_DAMPING: f64 = 1e15;
 /// Minimises `problem` from `start`.
 ///
 /// # Errors
-/// See [`SolveFault`].
+/// See [`SolveError`].
 pub fn solve<P: Problem>(
     problem: &P,
     start: P::Parameters,
-    rules: &Rules,
-) -> Result<Solution<P::Parameters>, SolveFault> {
+    options: &Options,
+) -> Result<Solution<P::Parameters>, SolveError> {
     let dimension = problem.dimension();
-    if let Some(&index) = rules.held.iter().find(|it| **it >= dimension) {
-        return Err(SolveFault::NoSuchParameter { index, dimension });
+    if let Some(&index) = options.held.iter().find(|it| **it >= dimension) {
+        return Err(SolveError::NoSuchParameter { index, dimension });
     }
-    if let Some(found) = rules.loss.bad_scale() {
-        return Err(SolveFault::BadRule { rule: "the scale of the loss", found });
+    if let Some(found) = options.loss.bad_scale() {
+        return Err(SolveError::BadRule { rule: "the scale of the loss", found });
     }
-    if !(rules.relative_gain.is_finite() && rules.relative_gain > 0.0) {
-        return Err(SolveFault::BadRule { rule: "relative_gain", found: rules.relative_gain });
+    if !(options.relative_gain.is_finite() && options.relative_gain > 0.0) {
+        return Err(SolveError::BadRule { rule: "relative_gain", found: options.relative_gain });
     }
-    let free: Vec<usize> = (0..dimension).filter(|it| !rules.held.contains(it)).collect();
+    let free: Vec<usize> = (0..dimension).filter(|it| !options.held.contains(it)).collect();
     if free.is_empty() {
-        return Err(SolveFault::NothingFree { dimension });
+        return Err(SolveError::NothingFree { dimension });
     }
-    let (mut here, mut there) = (Equations::new(rules.loss, dimension), Equations::new(rules.loss, dimension));
+    let (mut here, mut there) = (Equations::new(options.loss, dimension), Equations::new(options.loss, dimension));
     let mut parameters = start;
     if problem.linearise(&parameters, &mut here).is_none() || !here.cost.is_finite() {
-        return Err(SolveFault::BadStart);
+        return Err(SolveError::BadStart);
     }
     let mut costs = vec![here.cost];
     let (mut damping, mut growth) = (1e-4, 2.0);
     let (mut stop, mut iterations) = (Stop::IterationLimit, 0);
-    while iterations < rules.max_iterations {
+    while iterations < options.max_iterations {
         iterations += 1;
         let information = here.information.select_rows(&free).select_columns(&free);
         let downhill = -here.gradient.select_rows(&free);
@@ -227,15 +227,15 @@ pub fn solve<P: Problem>(
             }
             continue;
         };
-        let promised = step.dot(&downhill) - 0.5 * step.dot(&(&information * &step));
-        let small = promised <= rules.relative_gain * here.cost.max(f64::MIN_POSITIVE);
+        let predicted_reduction = step.dot(&downhill) - 0.5 * step.dot(&(&information * &step));
+        let small = predicted_reduction <= options.relative_gain * here.cost.max(f64::MIN_POSITIVE);
         let mut whole = DVector::zeros(dimension);
         free.iter().zip(step.iter()).for_each(|(&to, value)| whole[to] = *value);
         let candidate = problem.moved(&parameters, &whole);
         there.clear();
         let computed = problem.linearise(&candidate, &mut there).is_some() && there.cost.is_finite();
         if computed && there.cost <= here.cost {
-            let gain = (here.cost - there.cost) / promised.max(f64::MIN_POSITIVE);
+            let gain = (here.cost - there.cost) / predicted_reduction.max(f64::MIN_POSITIVE);
             damping = (damping * (1.0 - (2.0 * gain.min(1.5) - 1.0).powi(3)).max(1.0 / 3.0)).max(1e-15); // (3.16)
             growth = 2.0;
             parameters = candidate;
@@ -273,10 +273,10 @@ fn damped_step(information: &DMatrix<f64>, downhill: &DVector<f64>, damping: f64
 }
 
 /// Inverse of the information of the `free` parameters, spread into rows and columns of all.
-fn covariance(information: &DMatrix<f64>, free: &[usize]) -> Result<DMatrix<f64>, Open> {
+fn covariance(information: &DMatrix<f64>, free: &[usize]) -> Result<DMatrix<f64>, Unobservable> {
     let inverse = invert_information(&information.select_rows(free).select_columns(free));
-    let inverse =
-        inverse.map_err(|open| Open { parameters: open.iter().map(|it| free[*it]).collect(), of: free.len() })?;
+    let inverse = inverse
+        .map_err(|open| Unobservable { parameters: open.iter().map(|it| free[*it]).collect(), of: free.len() })?;
     let mut whole = DMatrix::zeros(information.nrows(), information.nrows());
     for (row, &to_row) in free.iter().enumerate() {
         for (column, &to_column) in free.iter().enumerate() {

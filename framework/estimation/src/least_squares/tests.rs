@@ -48,15 +48,15 @@ fn curve(sigma: f64, wrong: usize, seed: u64) -> Curve {
 }
 
 #[track_caller]
-fn solved(curve: &Curve, rules: &Rules) -> Solution<[f64; 3]> {
-    solve(curve, [1.0, -0.1, 0.0], rules).unwrap()
+fn solved(curve: &Curve, options: &Options) -> Solution<[f64; 3]> {
+    solve(curve, [1.0, -0.1, 0.0], options).unwrap()
 }
 
 #[test]
 fn a_clean_curve_is_found_to_the_last_digits() {
     let mut clean = curve(0.0, 0, 1);
     clean.sigma = 1.0;
-    let found = solved(&clean, &Rules::default());
+    let found = solved(&clean, &Options::default());
     assert!(found.converged() && found.costs.is_sorted_by(|a, b| a >= b), "{found:?}");
     for (found, truth) in found.parameters.iter().zip(TRUTH) {
         assert!((found - truth).abs() < 1e-8, "{found} {truth}");
@@ -68,7 +68,7 @@ fn errors_are_as_large_as_the_covariance_says() {
     let runs = 300;
     let (mut chi_squared, mut factor) = (0.0, 0.0);
     for seed in 0..runs {
-        let found = solved(&curve(0.05, 0, seed), &Rules::default());
+        let found = solved(&curve(0.05, 0, seed), &Options::default());
         let error = DVector::from_fn(3, |row, _| found.parameters[row] - TRUTH[row]);
         chi_squared += error.dot(&(found.covariance.unwrap().try_inverse().unwrap() * &error));
         factor += found.variance_factor;
@@ -81,7 +81,7 @@ fn errors_are_as_large_as_the_covariance_says() {
 #[test]
 fn robust_losses_outvote_one_wrong_value_in_five() {
     let error = |loss: Loss| {
-        let found = solved(&curve(0.05, 20, 4), &Rules { loss, ..Rules::default() });
+        let found = solved(&curve(0.05, 20, 4), &Options { loss, ..Options::default() });
         (found.parameters[0] - TRUTH[0]).abs() + (found.parameters[2] - TRUTH[2]).abs()
     };
     assert!(error(Loss::Squared) > 1.0);
@@ -91,7 +91,7 @@ fn robust_losses_outvote_one_wrong_value_in_five() {
 
 #[test]
 fn held_parameters_stay() {
-    let found = solved(&curve(0.01, 0, 5), &Rules { held: vec![1], ..Rules::default() });
+    let found = solved(&curve(0.01, 0, 5), &Options { held: vec![1], ..Options::default() });
     assert_eq!(found.parameters[1], -0.1);
     let covariance = found.covariance.unwrap();
     assert!(covariance.row(1).iter().all(|it| *it == 0.0) && covariance[(0, 0)] > 0.0);
@@ -120,10 +120,10 @@ impl Problem for Sum {
 
 #[test]
 fn open_parameters_are_named_and_the_minimum_is_reached_all_the_same() {
-    let found = solve(&Sum, DVector::zeros(3), &Rules::default()).unwrap();
+    let found = solve(&Sum, DVector::zeros(3), &Options::default()).unwrap();
     assert!((found.parameters[0] + found.parameters[1] - 3.0).abs() < 1e-6, "{found:?}");
-    assert_eq!(found.covariance, Err(Open { parameters: vec![1, 2], of: 3 }));
-    let held = solve(&Sum, DVector::zeros(3), &Rules { held: vec![1, 2], ..Rules::default() }).unwrap();
+    assert_eq!(found.covariance, Err(Unobservable { parameters: vec![1, 2], of: 3 }));
+    let held = solve(&Sum, DVector::zeros(3), &Options { held: vec![1, 2], ..Options::default() }).unwrap();
     assert!((held.covariance.unwrap()[(0, 0)] - 0.2).abs() < 1e-12);
 }
 
@@ -152,29 +152,29 @@ impl Problem for Positive {
 
 #[test]
 fn a_step_to_where_nothing_is_defined_is_taken_back() {
-    let found = solve(&Positive, 5.0, &Rules::default()).unwrap();
+    let found = solve(&Positive, 5.0, &Options::default()).unwrap();
     assert!(found.iterations as usize >= found.costs.len());
     assert!((found.parameters - 0.01).abs() < 1e-9, "{}", found.parameters);
 }
 
 #[test]
 fn what_cannot_be_solved_is_refused_with_the_reason() {
-    let rules = Rules::default();
-    assert_eq!(solve(&Positive, -1.0, &rules).unwrap_err(), SolveFault::BadStart);
-    assert_eq!(solve(&Positive, f64::NAN, &rules).unwrap_err(), SolveFault::BadStart);
-    let refused = |rules: &Rules| solve(&Positive, 1.0, rules).unwrap_err();
-    assert_eq!(refused(&Rules { held: vec![0], ..rules.clone() }), SolveFault::NothingFree { dimension: 1 });
+    let options = Options::default();
+    assert_eq!(solve(&Positive, -1.0, &options).unwrap_err(), SolveError::BadStart);
+    assert_eq!(solve(&Positive, f64::NAN, &options).unwrap_err(), SolveError::BadStart);
+    let refused = |options: &Options| solve(&Positive, 1.0, options).unwrap_err();
+    assert_eq!(refused(&Options { held: vec![0], ..options.clone() }), SolveError::NothingFree { dimension: 1 });
     assert_eq!(
-        refused(&Rules { held: vec![7], ..rules.clone() }),
-        SolveFault::NoSuchParameter { index: 7, dimension: 1 }
+        refused(&Options { held: vec![7], ..options.clone() }),
+        SolveError::NoSuchParameter { index: 7, dimension: 1 }
     );
     let loss = Loss::Cauchy { scale: 0.0 };
-    assert!(matches!(refused(&Rules { loss, ..rules.clone() }), SolveFault::BadRule { found: 0.0, .. }));
-    assert!(matches!(refused(&Rules { relative_gain: f64::NAN, ..rules }), SolveFault::BadRule { .. }));
+    assert!(matches!(refused(&Options { loss, ..options.clone() }), SolveError::BadRule { found: 0.0, .. }));
+    assert!(matches!(refused(&Options { relative_gain: f64::NAN, ..options }), SolveError::BadRule { .. }));
 }
 
 #[test]
 fn a_limit_on_steps_is_told_from_a_minimum() {
-    let found = solved(&curve(0.01, 0, 5), &Rules { max_iterations: 2, ..Rules::default() });
+    let found = solved(&curve(0.01, 0, 5), &Options { max_iterations: 2, ..Options::default() });
     assert_eq!((found.stop, found.converged()), (Stop::IterationLimit, false));
 }

@@ -9,24 +9,24 @@
 //! | [`Way::Velocity`] | x(t) + L v(t), the paper's |
 //! | [`Way::Acceleration`] | a filter of nearly constant acceleration |
 //! | [`Way::Interacting`] | interacting models of constant velocity and constant acceleration |
-//! | [`Way::Learned`] | a combination of recent displacements, fitted to what followed them in the last seconds: `learned` |
-//! | [`Way::Contest`] | all of them, weighted by how well each one foretold what has happened since: `contest` |
+//! | [`Way::Linear`] | a combination of recent displacements, fitted to what followed them in the last seconds: `linear` |
+//! | [`Way::Weighted`] | all of them, weighted by how well each one foretold what has happened since: `weighting` |
 //!
 //! Whatever the way, the stated uncertainty is that of the predictions made over the same horizon in the last seconds.
 
-mod contest;
 mod history;
-mod learned;
+mod linear;
 #[cfg(test)]
 mod tests;
+mod weighting;
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use self::contest::Contest;
 use self::history::History;
+use self::weighting::PredictorWeighting;
 use crate::motion::{AdaptiveNoise, Filter, Interacting, Mode, Model};
 
-/// How a point is carried on.
+/// How a point is extrapolated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Way {
     /// It stays where it is.
@@ -38,18 +38,18 @@ pub enum Way {
     /// Now this, now that.
     Interacting,
     /// As it went on after displacements like the last ones.
-    Learned,
+    Linear,
     /// What has foretold best of late.
-    Contest,
+    Weighted,
 }
 
 /// The ways that compete, in the order in which they are kept.
-const COMPETITORS: [Way; 5] = [Way::Still, Way::Velocity, Way::Acceleration, Way::Interacting, Way::Learned];
+const COMPETITORS: [Way; 5] = [Way::Still, Way::Velocity, Way::Acceleration, Way::Interacting, Way::Linear];
 
 /// How much a point that is followed jerks, for the filters.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PredictorRules {
-    /// How it is carried on.
+pub struct PredictorOptions {
+    /// How it is extrapolated.
     pub way: Way,
     /// Spectral density of the white-noise jerk [m²/s⁵], above 0.
     pub jerk_density: f64,
@@ -59,10 +59,10 @@ pub struct PredictorRules {
     pub memory_s: f64,
 }
 
-impl Default for PredictorRules {
-    /// A contest, for people: jerks of 20 m²/s⁵, accelerations of 4 m/s², a memory of 2 s.
+impl Default for PredictorOptions {
+    /// Weighted, for people: jerks of 20 m²/s⁵, accelerations of 4 m/s², a memory of 2 s.
     fn default() -> Self {
-        Self { way: Way::Contest, jerk_density: 20.0, acceleration_sigma: 4.0, memory_s: 2.0 }
+        Self { way: Way::Weighted, jerk_density: 20.0, acceleration_sigma: 4.0, memory_s: 2.0 }
     }
 }
 
@@ -78,13 +78,13 @@ pub struct Prediction {
 /// One point as it moves, and where it will be.
 #[derive(Debug, Clone)]
 pub struct Predictor {
-    rules: PredictorRules,
+    options: PredictorOptions,
     history: History,
     /// Both filters at the time of the newest sample; `None` before the first.
     filters: Option<[Filter; 2]>,
     /// Their noise follows what they miss: the same rules serve a hand and a field.
     noise: [AdaptiveNoise; 2],
-    contest: Contest,
+    weighting: PredictorWeighting,
     /// The velocity that came with the newest sample [m/s].
     stated_velocity: Vector3<f64>,
     /// The horizon that was asked for last [s].
@@ -98,15 +98,15 @@ const LONGEST_GAP_S: f64 = 0.5;
 
 impl Predictor {
     /// Of a point that has not been seen yet.
-    pub fn new(rules: PredictorRules) -> Predictor {
-        let contest = Contest::new(rules.memory_s);
+    pub fn new(options: PredictorOptions) -> Predictor {
+        let weighting = PredictorWeighting::new(options.memory_s);
         let noise = [AdaptiveNoise::bounded(NOISE_MEMORY_S, 0.1, 1e5); 2];
         Predictor {
-            rules,
+            options,
             history: History::default(),
             filters: None,
             noise,
-            contest,
+            weighting,
             stated_velocity: Vector3::zeros(),
             horizon_s: 0.3,
         }
@@ -114,7 +114,7 @@ impl Predictor {
 
     /// Forgets all.
     pub fn clear(&mut self) {
-        *self = Predictor::new(self.rules);
+        *self = Predictor::new(self.options);
     }
 
     /// When the point was seen last [s].
@@ -153,10 +153,10 @@ impl Predictor {
         // The velocity that is stated trembles more than the filter's lags.
         let velocity = self.filters.as_ref().map_or(velocity, |it| it[0].velocity());
         if self.history.push(time_s, position, velocity) {
-            self.contest.score(time_s, &self.history);
+            self.weighting.score(time_s, &self.history);
             let horizon = self.horizon_s;
             let foretold = COMPETITORS.map(|way| self.by(way, horizon));
-            self.contest.foretell(time_s, horizon, foretold);
+            self.weighting.foretell(time_s, horizon, foretold);
         }
     }
 
@@ -169,12 +169,12 @@ impl Predictor {
             return Some(Prediction { position, covariance: Matrix3::zeros() });
         }
         self.horizon_s = horizon;
-        let foretold = match self.rules.way {
-            Way::Contest => self.contest.weigh(&COMPETITORS.map(|way| self.by(way, horizon))),
+        let foretold = match self.options.way {
+            Way::Weighted => self.weighting.weigh(&COMPETITORS.map(|way| self.by(way, horizon))),
             way => self.by(way, horizon),
         };
-        let way = COMPETITORS.iter().position(|it| *it == self.rules.way);
-        let variance = self.contest.variance(way, horizon);
+        let way = COMPETITORS.iter().position(|it| *it == self.options.way);
+        let variance = self.weighting.variance(way, horizon);
         Some(Prediction { position: foretold, covariance: Matrix3::identity() * variance })
     }
 
@@ -188,17 +188,17 @@ impl Predictor {
             Way::Velocity => last.position + self.stated_velocity * horizon_s,
             Way::Acceleration => by_filter(0),
             Way::Interacting => by_filter(1),
-            Way::Learned | Way::Contest => learned::predict(&self.history, horizon_s, self.rules.memory_s),
+            Way::Linear | Way::Weighted => linear::predict(&self.history, horizon_s, self.options.memory_s),
         }
     }
 
     fn acceleration(&self) -> Model {
-        let PredictorRules { jerk_density, acceleration_sigma, .. } = self.rules;
+        let PredictorOptions { jerk_density, acceleration_sigma, .. } = self.options;
         Model::ConstantAcceleration { jerk_density, acceleration_sigma }
     }
 
     fn interacting(&self) -> Model {
-        let PredictorRules { jerk_density, acceleration_sigma, .. } = self.rules;
+        let PredictorOptions { jerk_density, acceleration_sigma, .. } = self.options;
         let modes = [
             (Mode::ConstantVelocity { acceleration_density: 0.1 }, 1.0),
             (Mode::ConstantAcceleration { jerk_density: 3.0 * jerk_density, acceleration_sigma }, 0.5),

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::{Predictor, PredictorRules, Way};
+use super::{Predictor, PredictorOptions, Way};
 use crate::random::Random;
 
 const HORIZON_S: f64 = 0.35;
@@ -14,7 +14,7 @@ const HORIZON_S: f64 = 0.35;
 fn missed(way: Way, from_s: f64, path: impl Fn(f64) -> [f64; 3]) -> (f64, f64) {
     let at = |time_s: f64| Point3::from(path(time_s));
     let mut random = Random::new(7);
-    let mut predictor = Predictor::new(PredictorRules { way, ..PredictorRules::default() });
+    let mut predictor = Predictor::new(PredictorOptions { way, ..PredictorOptions::default() });
     let (mut squares, mut stated, mut count) = (0.0, 0.0, 0.0);
     for step in 0..1500 {
         let time_s = 3.0 + f64::from(step) * 0.01;
@@ -38,25 +38,25 @@ fn swing(time_s: f64) -> [f64; 3] {
 }
 
 #[test]
-fn a_swing_is_learnt_and_the_contest_takes_it_up() {
+fn a_swing_is_learnt_and_the_weighting_takes_it_up() {
     let of = |way: Way| missed(way, 8.0, swing).0;
     let (still, velocity, acceleration) = (of(Way::Still), of(Way::Velocity), of(Way::Acceleration));
-    let (learned, contest) = (of(Way::Learned), of(Way::Contest));
+    let (linear, weighting) = (of(Way::Linear), of(Way::Weighted));
     println!(
-        "still {still:.3}, velocity {velocity:.3}, acceleration {acceleration:.3}, learned {learned:.3}, contest {contest:.3} m"
+        "still {still:.3}, velocity {velocity:.3}, acceleration {acceleration:.3}, linear {linear:.3}, weighting {weighting:.3} m"
     );
-    assert!(velocity < 0.55 * still && learned < 0.3 * velocity && contest < 1.15 * learned);
+    assert!(velocity < 0.55 * still && linear < 0.3 * velocity && weighting < 1.15 * linear);
 }
 
 #[test]
 fn uniform_motion_and_rest_are_as_exact_as_the_samples() {
-    assert!(missed(Way::Contest, 8.0, |_| [1.0, 2.0, 1.0]).0 < 0.008);
-    assert!(missed(Way::Contest, 8.0, |time_s| [0.9 * time_s, -0.4 * time_s, 1.0]).0 < 0.012);
+    assert!(missed(Way::Weighted, 8.0, |_| [1.0, 2.0, 1.0]).0 < 0.008);
+    assert!(missed(Way::Weighted, 8.0, |time_s| [0.9 * time_s, -0.4 * time_s, 1.0]).0 < 0.012);
 }
 
 #[test]
 fn the_stated_uncertainty_is_that_of_the_misses() {
-    for way in [Way::Velocity, Way::Learned, Way::Contest] {
+    for way in [Way::Velocity, Way::Linear, Way::Weighted] {
         let (_, ratio) = missed(way, 8.0, swing);
         assert!((0.6..1.7).contains(&ratio), "{way:?}: stated over found variance {ratio:.2}");
     }
@@ -64,7 +64,7 @@ fn the_stated_uncertainty_is_that_of_the_misses() {
 
 #[test]
 fn what_comes_late_or_is_no_number_changes_nothing_and_a_gap_begins_anew() {
-    let mut predictor = Predictor::new(PredictorRules::default());
+    let mut predictor = Predictor::new(PredictorOptions::default());
     let exact = Matrix3::identity() * 1e-6;
     assert_eq!(predictor.predict(1.0), None);
     predictor.observe(1.0, Point3::new(1.0, 0.0, 0.0), Vector3::x(), &exact);
@@ -79,7 +79,7 @@ fn what_comes_late_or_is_no_number_changes_nothing_and_a_gap_begins_anew() {
 
 #[test]
 fn the_past_is_what_was_seen() {
-    let mut predictor = Predictor::new(PredictorRules::default());
+    let mut predictor = Predictor::new(PredictorOptions::default());
     for step in 0..60 {
         let time_s = f64::from(step) / 60.0;
         predictor.observe(

@@ -133,7 +133,7 @@ impl Optic {
     pub const ALL: [Optic; 7] =
         [Optic::Focal, Optic::K1, Optic::Principal, Optic::K2, Optic::Aspect, Optic::Decentering, Optic::K3];
 
-    /// By the name of one of its parameters in [`super::OpenParameters`].
+    /// By the name of one of its parameters in [`super::UnobservableParameters`].
     pub fn named(parameter: &str) -> Option<Optic> {
         match parameter {
             "focal" => Some(Optic::Focal),

@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix, Vector3};
 
 use super::columns::{NAMES, OpticsSigma};
 use super::equations::Layout;
-use super::{CameraCovariance, Gauge, OpenParameters, gauge};
+use super::{CameraCovariance, Gauge, UnobservableParameters, gauge};
 use crate::camera::Camera;
 
 /// Of cameras in a scene that was moved to `centroid` and divided by `size`, and of the rows of the reduced system. `correlated` makes of the
@@ -17,7 +17,7 @@ pub(super) fn of_cameras(
     choice: Gauge,
     (centroid, size): (Vector3<f64>, f64),
     correlated: impl FnOnce(DMatrix<f64>, usize) -> DMatrix<f64>,
-) -> Result<(Vec<CameraCovariance>, DMatrix<f64>), OpenParameters> {
+) -> Result<(Vec<CameraCovariance>, DMatrix<f64>), UnobservableParameters> {
     let directions = gauge::directions(layout, cameras);
     let weight = information.diagonal().mean();
     let mut held = information.clone();
@@ -53,7 +53,7 @@ pub(super) fn of_cameras(
 }
 
 /// Rows of the reduced system by camera and name.
-fn named(layout: &Layout, open: &[usize]) -> OpenParameters {
+fn named(layout: &Layout, open: &[usize]) -> UnobservableParameters {
     let mut parameters = Vec::with_capacity(open.len());
     for (camera, rows) in layout.rows.iter().enumerate() {
         for (row, name) in rows.iter().zip(NAMES) {
@@ -62,5 +62,5 @@ fn named(layout: &Layout, open: &[usize]) -> OpenParameters {
             }
         }
     }
-    OpenParameters { parameters }
+    UnobservableParameters { parameters }
 }

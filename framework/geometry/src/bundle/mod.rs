@@ -33,7 +33,7 @@ use nalgebra::{Matrix3, Matrix6, Point2, Point3, Vector2};
 pub use self::columns::{CLOCK, Freedom, NAMES, Optic, OpticsPrior, OpticsSigma, moved};
 pub use self::equations::Posed;
 pub use self::timing::{AdjustedWithClocks, ClockFreedom, ClockGauge, ClockShift, Timing, adjust_with_clocks};
-use crate::camera::{Camera, CameraFault};
+use crate::camera::{Camera, CameraError};
 
 /// A point seen by a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -91,7 +91,7 @@ pub enum Gauge {
 
 /// How to go about it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BundleRules {
+pub struct BundleOptions {
     /// What a pixel error costs, in its standard deviations.
     pub loss: Loss,
     /// See [`Gauge`]; of no effect when held cameras fix everything.
@@ -104,7 +104,7 @@ pub struct BundleRules {
     pub covariance: bool,
 }
 
-impl Default for BundleRules {
+impl Default for BundleOptions {
     fn default() -> Self {
         Self { loss: Loss::Squared, gauge: Gauge::Inner, max_iterations: 100, relative_gain: 1e-6, covariance: false }
     }
@@ -130,7 +130,7 @@ pub struct Adjusted {
     /// Steps tried, rejected ones included.
     pub iterations: u32,
     /// By camera, if asked for.
-    pub covariance: Option<Result<Vec<CameraCovariance>, OpenParameters>>,
+    pub covariance: Option<Result<Vec<CameraCovariance>, UnobservableParameters>>,
 }
 
 impl Adjusted {
@@ -154,14 +154,14 @@ pub struct CameraCovariance {
 /// Parameters that the pixels do not hold, beside the gauge.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("the pixels leave open: {}", parameters.iter().map(|(camera, name)| format!("{name} of camera {camera}")).collect::<Vec<_>>().join(", "))]
-pub struct OpenParameters {
+pub struct UnobservableParameters {
     /// Camera and name of the parameter; each cannot be told from those of cameras before it.
     pub parameters: Vec<(usize, &'static str)>,
 }
 
 /// Why there is no answer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum BundleFault {
+pub enum BundleError {
     /// Not as many of one as of the other.
     #[error("{cameras} cameras and {freedoms} lists of what is free, expected as many of each")]
     LengthsDiffer {
@@ -176,7 +176,7 @@ pub enum BundleFault {
         /// Which.
         camera: usize,
         /// What is wrong.
-        fault: CameraFault,
+        fault: CameraError,
     },
     /// A point with a number that is none.
     #[error("point {point} is not finite")]
@@ -277,15 +277,15 @@ pub enum BundleFault {
 /// Adjusts what `freedoms` leaves free in `cameras`, and all `points`, to `observations`.
 ///
 /// # Errors
-/// See [`BundleFault`].
+/// See [`BundleError`].
 pub fn adjust(
     cameras: &[Camera],
     freedoms: &[Freedom],
     points: &[Point3<f64>],
     observations: &[Observation],
-    rules: &BundleRules,
-) -> Result<Adjusted, BundleFault> {
-    adjust_knowing(cameras, freedoms, points, observations, &Known::default(), rules)
+    options: &BundleOptions,
+) -> Result<Adjusted, BundleError> {
+    adjust_knowing(cameras, freedoms, points, observations, &Known::default(), options)
 }
 
 /// As [`adjust`], with more that is known. A length counts as one more residual, under the same loss; the start has to be in the unit of
@@ -293,61 +293,61 @@ pub fn adjust(
 /// residuals under no loss.
 ///
 /// # Errors
-/// See [`BundleFault`].
+/// See [`BundleError`].
 pub fn adjust_knowing(
     cameras: &[Camera],
     freedoms: &[Freedom],
     points: &[Point3<f64>],
     observations: &[Observation],
     known: &Known<'_>,
-    rules: &BundleRules,
-) -> Result<Adjusted, BundleFault> {
-    check(cameras, freedoms.len(), points, observations, rules)?;
+    options: &BundleOptions,
+) -> Result<Adjusted, BundleError> {
+    check(cameras, freedoms.len(), points, observations, options)?;
     check_lengths(points.len(), known.lengths)?;
     check_optics(cameras.len(), known.optics)?;
     check_stretches(points.len(), known)?;
     // A width of the camera blocks that holds all that is free, of a few so that each gets code of its own.
     match freedoms.iter().map(Freedom::width).max().unwrap_or(0) {
-        0..=6 => search::run::<6, false>(cameras, freedoms, points, observations, known, Timing::NONE, rules),
-        7 => search::run::<7, false>(cameras, freedoms, points, observations, known, Timing::NONE, rules),
-        8..=9 => search::run::<9, false>(cameras, freedoms, points, observations, known, Timing::NONE, rules),
-        _ => search::run::<15, false>(cameras, freedoms, points, observations, known, Timing::NONE, rules),
+        0..=6 => search::run::<6, false>(cameras, freedoms, points, observations, known, Timing::NONE, options),
+        7 => search::run::<7, false>(cameras, freedoms, points, observations, known, Timing::NONE, options),
+        8..=9 => search::run::<9, false>(cameras, freedoms, points, observations, known, Timing::NONE, options),
+        _ => search::run::<15, false>(cameras, freedoms, points, observations, known, Timing::NONE, options),
     }
     .map(|it| it.0)
 }
 
-fn check_stretches(points: usize, known: &Known<'_>) -> Result<(), BundleFault> {
+fn check_stretches(points: usize, known: &Known<'_>) -> Result<(), BundleError> {
     let stretches = known.stretches;
     let is_one_each = stretches.is_empty() || stretches.len() == points;
     // Numbers as large as that are no count.
     let fine = is_one_each && stretches.iter().all(|it| *it <= points);
     let found = || format!("{} of {points} points, up to number {:?}", stretches.len(), stretches.iter().max());
     let expected = "none, or one for each point, numbered from 0";
-    fine.then_some(()).ok_or_else(|| BundleFault::BadStretches { found: found(), expected })
+    fine.then_some(()).ok_or_else(|| BundleError::BadStretches { found: found(), expected })
 }
 
-fn check_optics(cameras: usize, known: &[OpticsPrior]) -> Result<(), BundleFault> {
+fn check_optics(cameras: usize, known: &[OpticsPrior]) -> Result<(), BundleError> {
     let count = known.len();
     if count != 0 && count != cameras {
-        return Err(BundleFault::BadPrior { found: format!("{count} of {cameras} cameras"), expected: "none, or all" });
+        return Err(BundleError::BadPrior { found: format!("{count} of {cameras} cameras"), expected: "none, or all" });
     }
     for (index, prior) in known.iter().enumerate() {
-        prior.camera.check().map_err(|fault| BundleFault::BadCamera { camera: index, fault })?;
+        prior.camera.check().map_err(|fault| BundleError::BadCamera { camera: index, fault })?;
         if !prior.is_usable() {
             let found = format!("sigmas {:?} of camera {index}", prior.sigma);
-            return Err(BundleFault::BadPrior { found, expected: "numbers above 0, or infinite ones" });
+            return Err(BundleError::BadPrior { found, expected: "numbers above 0, or infinite ones" });
         }
     }
     Ok(())
 }
 
-fn check_lengths(count: usize, lengths: &[KnownLength]) -> Result<(), BundleFault> {
+fn check_lengths(count: usize, lengths: &[KnownLength]) -> Result<(), BundleError> {
     let mut taken = vec![false; if lengths.is_empty() { 0 } else { count }];
     for (index, &KnownLength { points, length, sigma }) in lengths.iter().enumerate() {
         let positive = |it: f64| it.is_finite() && it > 0.0;
         let known = points[0] != points[1] && points.iter().all(|it| *it < count && !taken[*it]);
         if !(known && positive(length) && positive(sigma)) {
-            return Err(BundleFault::BadLength { index, points, length, sigma, count });
+            return Err(BundleError::BadLength { index, points, length, sigma, count });
         }
         points.iter().for_each(|it| taken[*it] = true);
     }
@@ -359,28 +359,28 @@ pub(crate) fn check(
     freedoms: usize,
     points: &[Point3<f64>],
     observations: &[Observation],
-    rules: &BundleRules,
-) -> Result<(), BundleFault> {
+    options: &BundleOptions,
+) -> Result<(), BundleError> {
     if cameras.len() != freedoms {
-        return Err(BundleFault::LengthsDiffer { cameras: cameras.len(), freedoms });
+        return Err(BundleError::LengthsDiffer { cameras: cameras.len(), freedoms });
     }
-    if let Some(found) = rules.loss.bad_scale() {
-        return Err(BundleFault::BadRule { rule: "the scale of the loss", found });
+    if let Some(found) = options.loss.bad_scale() {
+        return Err(BundleError::BadRule { rule: "the scale of the loss", found });
     }
-    if !(rules.relative_gain.is_finite() && rules.relative_gain > 0.0) {
-        return Err(BundleFault::BadRule { rule: "relative_gain", found: rules.relative_gain });
+    if !(options.relative_gain.is_finite() && options.relative_gain > 0.0) {
+        return Err(BundleError::BadRule { rule: "relative_gain", found: options.relative_gain });
     }
     for (index, camera) in cameras.iter().enumerate() {
-        camera.check().map_err(|fault| BundleFault::BadCamera { camera: index, fault })?;
+        camera.check().map_err(|fault| BundleError::BadCamera { camera: index, fault })?;
     }
     if let Some(point) = points.iter().position(|it| !it.iter().all(|value| value.is_finite())) {
-        return Err(BundleFault::BadPoint { point });
+        return Err(BundleError::BadPoint { point });
     }
     for (index, &Observation { camera, point, pixel, sigma_px }) in observations.iter().enumerate() {
         let known = camera < cameras.len() && point < points.len();
         let usable = pixel.coords.norm().is_finite() && sigma_px.is_finite() && sigma_px > 0.0;
         if !(known && usable) {
-            return Err(BundleFault::BadObservation {
+            return Err(BundleError::BadObservation {
                 observation: index,
                 camera,
                 point,
@@ -391,11 +391,11 @@ pub(crate) fn check(
             });
         }
     }
-    if let Gauge::Cameras { reference, other } = rules.gauge {
+    if let Gauge::Cameras { reference, other } = options.gauge {
         let centre = |index: usize| cameras.get(index).map(Camera::centre);
         let apart = centre(reference).zip(centre(other)).is_some_and(|(a, b)| (b - a).norm() > 0.0);
         if !apart {
-            return Err(BundleFault::BadGauge { reference, other, cameras: cameras.len() });
+            return Err(BundleError::BadGauge { reference, other, cameras: cameras.len() });
         }
     }
     Ok(())

@@ -11,7 +11,7 @@ use super::equations::{Equations, Layout, Posed, Reduced};
 use super::lengths::Length;
 use super::timing::Timing;
 use super::{
-    Adjusted, BundleFault, BundleRules, Freedom, Gauge, Known, KnownLength, Observation, columns, covariance, gauge,
+    Adjusted, BundleError, BundleOptions, Freedom, Gauge, Known, KnownLength, Observation, columns, covariance, gauge,
 };
 use crate::camera::Camera;
 
@@ -72,8 +72,8 @@ pub(super) fn run<const C: usize, const TIMED: bool>(
     observations: &[Observation],
     known: &Known<'_>,
     timing: Timing<'_>,
-    rules: &BundleRules,
-) -> Result<(Adjusted, FoundClocks), BundleFault> {
+    options: &BundleOptions,
+) -> Result<(Adjusted, FoundClocks), BundleError> {
     let scale = Scale::of(given_points);
     let mut cameras: Vec<Camera> = given.iter().map(|it| scale.inwards(it)).collect();
     let mut points: Vec<Point3<f64>> =
@@ -89,21 +89,21 @@ pub(super) fn run<const C: usize, const TIMED: bool>(
     layout.known_optics = known.optics.to_vec();
     layout.names = if TIMED { (0..C - 2).chain(CLOCK..N_NAMES).collect() } else { (0..C).collect() };
     if layout.observations.is_empty() {
-        return Err(BundleFault::NothingShared { observations: observations.len() });
+        return Err(BundleError::NothingShared { observations: observations.len() });
     }
     let n_free = layout.slots.iter().flatten().count();
     let mut here = Equations::<C, TIMED>::new(&layout, points.len());
     let mut there = Equations::<C, TIMED>::new(&layout, points.len());
     let mut reduced = Reduced::<C>::new(&layout, points.len());
-    if here.fill(&layout, &cameras, &clocks, &points, &rules.loss).is_none() {
-        return Err(BundleFault::NothingShared { observations: observations.len() });
+    if here.fill(&layout, &cameras, &clocks, &points, &options.loss).is_none() {
+        return Err(BundleError::NothingShared { observations: observations.len() });
     }
     let mut costs = vec![here.cost];
     let (mut damping, mut growth) = (FIRST_DAMPING, 2.0);
     let (mut stop, mut iterations) = (Stop::IterationLimit, 0);
     let mut of_cameras = vec![SVector::<f64, C>::zeros(); n_free];
     let mut of_points = vec![Vector3::zeros(); points.len()];
-    while iterations < rules.max_iterations {
+    while iterations < options.max_iterations {
         iterations += 1;
         reduced.fill(&layout, &here, damping);
         let directions = gauge::directions(&layout, &cameras);
@@ -126,8 +126,8 @@ pub(super) fn run<const C: usize, const TIMED: bool>(
                 }
             }
             reduced.step_of_points(&layout, &here, &of_cameras, &mut of_points);
-            let promised = promised(&here, &of_cameras, &of_points, damping);
-            small = promised <= rules.relative_gain * here.cost.max(f64::MIN_POSITIVE);
+            let predicted_reduction = predicted_reduction(&here, &of_cameras, &of_points, damping);
+            small = predicted_reduction <= options.relative_gain * here.cost.max(f64::MIN_POSITIVE);
             let moved_cameras: Vec<Camera> = cameras
                 .iter()
                 .zip(&layout.slots)
@@ -143,10 +143,10 @@ pub(super) fn run<const C: usize, const TIMED: bool>(
                 clock[1] += of_cameras[slot][C - 1];
             }
             let moved_points: Vec<Point3<f64>> = points.iter().zip(&of_points).map(|(it, step)| it + step).collect();
-            let seen = there.fill(&layout, &moved_cameras, &moved_clocks, &moved_points, &rules.loss).is_some();
+            let seen = there.fill(&layout, &moved_cameras, &moved_clocks, &moved_points, &options.loss).is_some();
             accepted = seen && there.cost <= here.cost;
             if accepted {
-                let gain = (here.cost - there.cost) / promised.max(f64::MIN_POSITIVE);
+                let gain = (here.cost - there.cost) / predicted_reduction.max(f64::MIN_POSITIVE);
                 damping = (damping * (1.0 - (2.0 * gain.min(1.5) - 1.0).powi(3)).max(0.1)).max(1e-12);
                 growth = 2.0;
                 (cameras, clocks, points) = (moved_cameras, moved_clocks, moved_points);
@@ -167,11 +167,11 @@ pub(super) fn run<const C: usize, const TIMED: bool>(
             break;
         }
     }
-    let covariance = rules.covariance.then(|| {
+    let covariance = options.covariance.then(|| {
         reduced.fill(&layout, &here, 0.0);
         let moved = (scale.centroid, scale.size);
-        let state = State { cameras: &cameras, clocks: &clocks, points: &points, loss: &rules.loss };
-        covariance::of_cameras(&layout, &cameras, &reduced.information, rules.gauge, moved, |inverse, directions| {
+        let state = State { cameras: &cameras, clocks: &clocks, points: &points, loss: &options.loss };
+        covariance::of_cameras(&layout, &cameras, &reduced.information, options.gauge, moved, |inverse, directions| {
             if known.stretches.is_empty() {
                 return inverse;
             }
@@ -209,7 +209,7 @@ pub(super) fn run<const C: usize, const TIMED: bool>(
         }
     }
     if layout.anchors.is_empty()
-        && let Gauge::Cameras { reference, other } = rules.gauge
+        && let Gauge::Cameras { reference, other } = options.gauge
     {
         put_back(&mut adjusted, given, [reference, other], layout.lengths.is_empty());
     }
@@ -314,7 +314,7 @@ fn put_back(adjusted: &mut Adjusted, given: &[Camera], [reference, other]: [usiz
 }
 
 /// By how much a step lowers the cost if residuals are as linear as they look: ½ δᵀ (λ D δ − g).
-fn promised<const C: usize, const TIMED: bool>(
+fn predicted_reduction<const C: usize, const TIMED: bool>(
     equations: &Equations<C, TIMED>,
     of_cameras: &[SVector<f64, C>],
     of_points: &[Vector3<f64>],

@@ -4,7 +4,7 @@ use foveate_estimation::Random;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3, Vector6};
 
 use super::*;
-use crate::alignment::{AlignmentRules, camera_errors};
+use crate::alignment::{AlignmentOptions, camera_errors};
 use crate::test_room;
 
 /// A room with known truth, and a disturbed start.
@@ -35,18 +35,18 @@ fn room(cameras: Vec<Camera>, n_points: usize, views: usize, sigma: f64, size: f
 }
 
 #[track_caller]
-fn adjusted(room: &Room, freedom: Freedom, rules: &BundleRules) -> Adjusted {
+fn adjusted(room: &Room, freedom: Freedom, options: &BundleOptions) -> Adjusted {
     let freedoms = vec![freedom; room.start.len()];
-    adjust(&room.start, &freedoms, &room.start_points, &room.observations, rules).unwrap()
+    adjust(&room.start, &freedoms, &room.start_points, &room.observations, options).unwrap()
 }
 
 fn worst_centre(room: &Room, found: &Adjusted) -> f64 {
-    let rules = AlignmentRules { scale: true, robust: false };
-    let errors = camera_errors(&found.cameras, &room.truth, rules).unwrap();
+    let options = AlignmentOptions { scale: true, robust: false };
+    let errors = camera_errors(&found.cameras, &room.truth, options).unwrap();
     errors.centres.iter().fold(0.0, |worst: f64, it| worst.max(*it))
 }
 
-const PRECISE: BundleRules = BundleRules {
+const PRECISE: BundleOptions = BundleOptions {
     loss: Loss::Squared,
     gauge: Gauge::Inner,
     max_iterations: 100,
@@ -57,7 +57,7 @@ const PRECISE: BundleRules = BundleRules {
 #[test]
 fn a_disturbed_room_is_put_right_to_the_noise_floor() {
     let room = room(test_room::cameras(18, 1), 600, 6, 0.5, 0.05, 3);
-    let found = adjusted(&room, Freedom::POSE, &BundleRules::default());
+    let found = adjusted(&room, Freedom::POSE, &BundleOptions::default());
     assert!(found.converged() && found.iterations < 12, "{:?} {}", found.stop, found.iterations);
     assert!(found.costs.is_sorted_by(|a, b| a > b), "{:?}", found.costs);
     // 2 × 3600 numbers less 18 × 6 + 600 × 3 − 7 unknowns: √2 σ √(1 − 1901/7200) = 0.607 px, 4 standard errors of 1.4 %.
@@ -105,7 +105,7 @@ fn without_noise_the_truth_is_found_with_all_optics_free() {
 #[test]
 fn reduced_steps_are_those_of_the_whole_system() {
     // The same minimum as the dense solver of `estimation`, which knows nothing of blocks.
-    use foveate_estimation::least_squares::{Equations, Problem, Rules, solve};
+    use foveate_estimation::least_squares::{Equations, Options, Problem, solve};
     use nalgebra::{DVector, SMatrix};
     struct Whole<'a>(&'a Room);
     impl Problem for Whole<'_> {
@@ -137,9 +137,9 @@ fn reduced_steps_are_those_of_the_whole_system() {
     }
     let room = room(test_room::cameras(4, 3), 25, 4, 0.5, 0.03, 8);
     for loss in [Loss::Squared, Loss::HUBER] {
-        let rules = Rules { loss, ..Rules::default() };
-        let whole = solve(&Whole(&room), (room.start.clone(), room.start_points.clone()), &rules).unwrap();
-        let found = adjusted(&room, Freedom::POSE, &BundleRules { loss, ..PRECISE });
+        let options = Options { loss, ..Options::default() };
+        let whole = solve(&Whole(&room), (room.start.clone(), room.start_points.clone()), &options).unwrap();
+        let found = adjusted(&room, Freedom::POSE, &BundleOptions { loss, ..PRECISE });
         let (dense, sparse) = (whole.costs.last().unwrap(), found.costs.last().unwrap());
         assert!((dense - sparse).abs() < 1e-7 * dense, "{dense} {sparse}");
         assert!((whole.costs[0] - found.costs[0]).abs() < 1e-9 * dense);
@@ -155,7 +155,7 @@ fn centre_chi_squared(gauge: Gauge) -> f64 {
         let mut room = room(cameras.clone(), 80, 4, 0.5, 0.0, 100 + seed);
         // The gauge is that of the start: at the truth, errors are those in this gauge.
         room.start_points.clone_from(&room.points);
-        let found = adjusted(&room, Freedom::POSE, &BundleRules { gauge, covariance: true, ..PRECISE });
+        let found = adjusted(&room, Freedom::POSE, &BundleOptions { gauge, covariance: true, ..PRECISE });
         let covariances = found.covariance.as_ref().unwrap().as_ref().unwrap();
         let error = found.cameras[3].centre() - room.truth[3].centre();
         sum += error.dot(&(covariances[3].centre.try_inverse().unwrap() * error));
@@ -181,19 +181,19 @@ fn errors_are_as_large_as_the_covariance_says_in_either_gauge() {
 #[test]
 fn the_gauge_of_the_centres_says_what_an_alignment_of_them_leaves() {
     let (mut of_errors, mut stated) = (0.0, 0.0);
-    let rules = BundleRules { gauge: Gauge::Centres, covariance: true, ..PRECISE };
+    let options = BundleOptions { gauge: Gauge::Centres, covariance: true, ..PRECISE };
     for seed in 0..40 {
         let room = room(test_room::cameras(6, 4), 60, 4, 0.5, 0.002, 100 + seed);
-        let found = adjusted(&room, Freedom::POSE, &rules);
+        let found = adjusted(&room, Freedom::POSE, &options);
         let traces = |found: &Adjusted| {
             let covariances = found.covariance.as_ref().unwrap().as_ref().unwrap();
             covariances.iter().map(|it| it.centre.trace()).sum::<f64>()
         };
-        let similarity = AlignmentRules { scale: true, robust: false };
+        let similarity = AlignmentOptions { scale: true, robust: false };
         let errors = camera_errors(&found.cameras, &room.truth, similarity).unwrap().centres;
         of_errors += errors.iter().map(|it| it * it).sum::<f64>();
         stated += traces(&found);
-        let inner = adjusted(&room, Freedom::POSE, &BundleRules { gauge: Gauge::Inner, ..rules });
+        let inner = adjusted(&room, Freedom::POSE, &BundleOptions { gauge: Gauge::Inner, ..options });
         assert!(traces(&inner) > 1.01 * traces(&found));
     }
     // χ² of 11 degrees of freedom in 40 draws, four standard errors wide.
@@ -220,8 +220,8 @@ fn held_cameras_stay_and_fix_the_gauge() {
     let mut start = room.start.clone();
     start[..2].clone_from_slice(&room.truth[..2]);
     let freedoms: Vec<Freedom> = (0..6).map(|it| if it < 2 { Freedom::NONE } else { Freedom::POSE }).collect();
-    let rules = BundleRules { covariance: true, ..PRECISE };
-    let found = adjust(&start, &freedoms, &room.start_points, &room.observations, &rules).unwrap();
+    let options = BundleOptions { covariance: true, ..PRECISE };
+    let found = adjust(&start, &freedoms, &room.start_points, &room.observations, &options).unwrap();
     assert_eq!(found.cameras[..2], room.truth[..2]);
     let worst =
         found.cameras.iter().zip(&room.truth).map(|(a, b)| (a.centre() - b.centre()).norm()).fold(0.0, f64::max);
@@ -230,7 +230,7 @@ fn held_cameras_stay_and_fix_the_gauge() {
     assert!(covariances[0].pose.norm() == 0.0 && covariances[4].centre.trace().sqrt() < 0.02);
     // One held camera leaves the scale open, which stays as it was.
     let one: Vec<Freedom> = (0..6).map(|it| if it < 1 { Freedom::NONE } else { Freedom::POSE }).collect();
-    let found = adjust(&start, &one, &room.start_points, &room.observations, &rules).unwrap();
+    let found = adjust(&start, &one, &room.start_points, &room.observations, &options).unwrap();
     assert!(found.covariance.unwrap().is_ok());
 }
 
@@ -238,7 +238,7 @@ fn held_cameras_stay_and_fix_the_gauge() {
 fn a_tenth_of_wrong_pixels_is_outvoted() {
     let mut room = room(test_room::cameras(8, 6), 200, 6, 0.5, 0.01, 11);
     room.observations.iter_mut().step_by(10).for_each(|it| it.pixel += Vector2::new(40.0, -25.0));
-    let error = |loss: Loss| worst_centre(&room, &adjusted(&room, Freedom::POSE, &BundleRules { loss, ..PRECISE }));
+    let error = |loss: Loss| worst_centre(&room, &adjusted(&room, Freedom::POSE, &BundleOptions { loss, ..PRECISE }));
     assert!(error(Loss::Squared) > 0.02);
     assert!(error(Loss::CAUCHY) < 4e-3, "{}", error(Loss::CAUCHY));
 }
@@ -251,7 +251,7 @@ fn places_of_a_map_keep_their_digits() {
         camera.camera_from_world *= nalgebra::Translation3::from(-far);
     }
     room.start_points.iter_mut().for_each(|it| *it += far);
-    let found = adjusted(&room, Freedom::POSE, &BundleRules { covariance: true, ..PRECISE });
+    let found = adjusted(&room, Freedom::POSE, &BundleOptions { covariance: true, ..PRECISE });
     assert!(found.rms_px < 1e-3 && worst_centre(&room, &found) < 1e-5, "{}", found.rms_px);
     assert!(found.covariance.unwrap().is_ok());
 }
@@ -262,8 +262,8 @@ fn what_the_pixels_leave_open_is_named() {
     let room = room(test_room::cameras(6, 4), 100, 6, 0.5, 0.01, 13);
     let mut apart = room.observations.clone();
     apart.retain(|it| (it.camera < 2) == (it.point < 40));
-    let rules = BundleRules { covariance: true, ..BundleRules::default() };
-    let found = adjust(&room.start, &[Freedom::POSE; 6], &room.start_points, &apart, &rules).unwrap();
+    let options = BundleOptions { covariance: true, ..BundleOptions::default() };
+    let found = adjust(&room.start, &[Freedom::POSE; 6], &room.start_points, &apart, &options).unwrap();
     assert!(found.converged());
     let open = found.covariance.unwrap().unwrap_err();
     assert!(open.parameters.len() == 7 && open.to_string().contains("of camera 5"), "{open}");
@@ -277,7 +277,7 @@ fn what_is_seen_by_nobody_else_is_left_out() {
     room.observations.retain(|it| it.point != 7 || it.camera == camera);
     let behind = room.start[0].centre() * 2.0;
     room.start_points[9] = Point3::from(behind.coords);
-    let found = adjusted(&room, Freedom::POSE, &BundleRules::default());
+    let found = adjusted(&room, Freedom::POSE, &BundleOptions::default());
     assert_eq!(found.points[7], room.start_points[7]);
     assert!(found.left_out.contains(&alone), "{:?}", found.left_out);
     assert!(found.rms_px < 0.7, "{}", found.rms_px);
@@ -292,15 +292,16 @@ fn what_is_seen_by_nobody_else_is_left_out() {
 fn bad_input_is_refused_by_place() {
     let room = room(test_room::cameras(3, 4), 20, 3, 0.5, 0.0, 15);
     let free = [Freedom::POSE; 3];
-    let rules = BundleRules::default();
+    let options = BundleOptions::default();
     let (points, observations) = (&room.points, &room.observations);
-    let refused = |cameras: &[Camera], points: &[Point3<f64>], observations: &[Observation], rules: &BundleRules| {
-        adjust(cameras, &free, points, observations, rules).unwrap_err()
-    };
+    let refused =
+        |cameras: &[Camera], points: &[Point3<f64>], observations: &[Observation], options: &BundleOptions| {
+            adjust(cameras, &free, points, observations, options).unwrap_err()
+        };
     let with = |change: fn(&mut Observation)| {
         let mut broken = observations.clone();
         change(&mut broken[4]);
-        refused(&room.truth, points, &broken, &rules)
+        refused(&room.truth, points, &broken, &options)
     };
     for fault in [
         with(|it| it.camera = 3),
@@ -309,26 +310,26 @@ fn bad_input_is_refused_by_place() {
         with(|it| it.sigma_px = 0.0),
         with(|it| it.sigma_px = f64::INFINITY),
     ] {
-        assert!(matches!(fault, BundleFault::BadObservation { observation: 4, .. }), "{fault}");
+        assert!(matches!(fault, BundleError::BadObservation { observation: 4, .. }), "{fault}");
     }
     assert_eq!(
-        refused(&room.truth[..2], points, observations, &rules),
-        BundleFault::LengthsDiffer { cameras: 2, freedoms: 3 }
+        refused(&room.truth[..2], points, observations, &options),
+        BundleError::LengthsDiffer { cameras: 2, freedoms: 3 }
     );
-    assert_eq!(refused(&room.truth, points, &[], &rules), BundleFault::NothingShared { observations: 0 });
+    assert_eq!(refused(&room.truth, points, &[], &options), BundleError::NothingShared { observations: 0 });
     let mut broken = points.clone();
     broken[3].z = f64::NAN;
-    assert_eq!(refused(&room.truth, &broken, observations, &rules), BundleFault::BadPoint { point: 3 });
+    assert_eq!(refused(&room.truth, &broken, observations, &options), BundleError::BadPoint { point: 3 });
     let mut cameras = room.truth.clone();
     cameras[1].intrinsics.focal[0] = -1.0;
-    assert!(matches!(refused(&cameras, points, observations, &rules), BundleFault::BadCamera { camera: 1, .. }));
+    assert!(matches!(refused(&cameras, points, observations, &options), BundleError::BadCamera { camera: 1, .. }));
     let gauge = Gauge::Cameras { reference: 1, other: 1 };
-    let fault = refused(&room.truth, points, observations, &BundleRules { gauge, ..rules });
-    assert_eq!(fault, BundleFault::BadGauge { reference: 1, other: 1, cameras: 3 });
+    let fault = refused(&room.truth, points, observations, &BundleOptions { gauge, ..options });
+    assert_eq!(fault, BundleError::BadGauge { reference: 1, other: 1, cameras: 3 });
     let loss = Loss::Huber { scale: f64::NAN };
     assert!(matches!(
-        refused(&room.truth, points, observations, &BundleRules { loss, ..rules }),
-        BundleFault::BadRule { .. }
+        refused(&room.truth, points, observations, &BundleOptions { loss, ..options }),
+        BundleError::BadRule { .. }
     ));
 }
 
@@ -340,8 +341,8 @@ fn beside_one_held_camera_the_other_has_no_error_in_scale() {
     let points: Vec<Point3<f64>> = pair.points.iter().map(|it| it - centroid).collect();
     let mut cameras = pair.truth[..2].to_vec();
     cameras.iter_mut().for_each(|it| it.camera_from_world *= nalgebra::Translation3::from(centroid));
-    let rules = BundleRules { covariance: true, ..PRECISE };
-    let found = adjust(&cameras, &[Freedom::NONE, Freedom::POSE], &points, &pair.observations, &rules).unwrap();
+    let options = BundleOptions { covariance: true, ..PRECISE };
+    let found = adjust(&cameras, &[Freedom::NONE, Freedom::POSE], &points, &pair.observations, &options).unwrap();
     let covariance = found.covariance.as_ref().unwrap().as_ref().unwrap()[1].pose;
     // Seen from the centroid, a larger scene moves the free camera along the line between the two.
     let along = (found.cameras[1].centre() - found.cameras[0].centre()).normalize();
@@ -357,7 +358,7 @@ fn lengths(room: &Room, sigma: f64) -> Vec<KnownLength> {
     (0..room.points.len() / 2).map(|it| pair(2 * it)).collect()
 }
 
-fn with_lengths(room: &Room, lengths: &[KnownLength], rules: &BundleRules) -> Adjusted {
+fn with_lengths(room: &Room, lengths: &[KnownLength], options: &BundleOptions) -> Adjusted {
     let freedoms = vec![Freedom { focal: true, ..Freedom::POSE }; room.start.len()];
     adjust_knowing(
         &room.start,
@@ -365,7 +366,7 @@ fn with_lengths(room: &Room, lengths: &[KnownLength], rules: &BundleRules) -> Ad
         &room.start_points,
         &room.observations,
         &Known { lengths, ..Known::default() },
-        rules,
+        options,
     )
     .unwrap()
 }
@@ -381,8 +382,8 @@ fn known_lengths_bring_the_scale_home() {
     // One length alone is enough; all of them change nothing.
     for lengths in [&lengths(&room, 1e-3)[3..4], &lengths(&room, 1e-3)] {
         let found = with_lengths(&room, lengths, &PRECISE);
-        let rules = AlignmentRules { scale: true, robust: false };
-        let factor = camera_errors(&found.cameras, &room.truth, rules).unwrap().true_from_found.scaling();
+        let options = AlignmentOptions { scale: true, robust: false };
+        let factor = camera_errors(&found.cameras, &room.truth, options).unwrap().true_from_found.scaling();
         assert!(
             (factor - 1.0).abs() < 1e-6 && found.costs.last().is_some_and(|it| *it < 1e-9),
             "{factor} {:?}",
@@ -421,8 +422,8 @@ fn the_scale_is_as_uncertain_as_the_lengths() {
     let room = room(test_room::cameras(5, 2), 60, 4, 0.01, 0.01, 6);
     let size = |it: &[CameraCovariance]| it.iter().map(|it| it.centre.trace()).sum::<f64>().sqrt();
     let of = |sigma: f64| {
-        let rules = BundleRules { covariance: true, ..PRECISE };
-        size(&with_lengths(&room, &lengths(&room, sigma), &rules).covariance.unwrap().unwrap())
+        let options = BundleOptions { covariance: true, ..PRECISE };
+        size(&with_lengths(&room, &lengths(&room, sigma), &options).covariance.unwrap().unwrap())
     };
     // With good pixels, poor lengths leave all centres to grow from their midst together.
     let centroid = room.truth.iter().map(|it| it.centre().coords / 5.0).sum::<Vector3<f64>>();
@@ -451,7 +452,7 @@ fn lengths_of_nothing_are_refused() {
             &room.start_points,
             &room.observations,
             &Known { lengths: &[good, bad], ..Known::default() },
-            &BundleRules::default(),
+            &BundleOptions::default(),
         );
         let fault = fault.unwrap_err().to_string();
         assert!(fault.starts_with("length 1 is "), "{fault}");
@@ -475,11 +476,11 @@ fn what_is_known_roughly_of_optics_is_in_the_uncertainty_of_the_rest() {
         let nothing = OpticsSigma { focal: f64::INFINITY, aspect: 1.0, radial: [1.0; 3], ..OpticsSigma::default() };
         let sigma = OpticsSigma { principal: [4.0; 2], decentering: [1.0; 2], ..nothing };
         let optics: Vec<OpticsPrior> = guesses.into_iter().map(|camera| OpticsPrior { camera, sigma }).collect();
-        let rules = BundleRules { covariance: true, ..PRECISE };
+        let options = BundleOptions { covariance: true, ..PRECISE };
         let of = |freedom: Freedom| {
             let known = Known { optics: &optics, ..Known::default() };
-            let found =
-                adjust_knowing(&start, &[freedom; 4], &room.start_points, &room.observations, &known, &rules).unwrap();
+            let found = adjust_knowing(&start, &[freedom; 4], &room.start_points, &room.observations, &known, &options)
+                .unwrap();
             let sigmas: Vec<f64> =
                 found.covariance.as_ref().unwrap().as_ref().unwrap().iter().map(|it| it.optics.focal).collect();
             let error =
@@ -505,7 +506,7 @@ fn optics_known_of_some_cameras_or_to_no_sigma_are_refused() {
     for (optics, words) in [(vec![guess.clone()], "1 of 3 cameras"), (vec![guess.clone(), guess, zero], "camera 2")] {
         let known = Known { optics: &optics, ..Known::default() };
         let (points, seen) = (&room.start_points, &room.observations);
-        let fault = adjust_knowing(&room.start, &[Freedom::POSE; 3], points, seen, &known, &BundleRules::default());
+        let fault = adjust_knowing(&room.start, &[Freedom::POSE; 3], points, seen, &known, &BundleOptions::default());
         let fault = fault.unwrap_err().to_string();
         assert!(fault.starts_with("known optics: ") && fault.contains(words), "{fault}");
     }
@@ -514,17 +515,17 @@ fn optics_known_of_some_cameras_or_to_no_sigma_are_refused() {
 #[test]
 fn a_point_that_ran_away_leaves_the_rest_as_well_known() {
     let mut room = room(test_room::cameras(6, 4), 100, 4, 0.5, 0.01, 15);
-    let rules = BundleRules { covariance: true, ..BundleRules::default() };
+    let options = BundleOptions { covariance: true, ..BundleOptions::default() };
     let sigma = |found: &Adjusted| {
         let all = found.covariance.as_ref().unwrap().as_ref().unwrap();
         all.iter().map(|it| it.centre.trace()).sum::<f64>().sqrt()
     };
-    let near = sigma(&adjusted(&room, Freedom::POSE, &rules));
+    let near = sigma(&adjusted(&room, Freedom::POSE, &options));
     // A point on the way to infinity before the cameras that see it.
     let seen = room.observations.iter().find(|it| it.point == 3).map(|it| it.camera).unwrap();
     let away = &room.start[seen];
     let ray = away.camera_from_world.inverse() * nalgebra::Vector3::new(0.0, 0.0, 1e9);
     room.start_points[3] = Point3::from(away.centre().coords + ray);
-    let far = sigma(&adjusted(&room, Freedom::POSE, &rules));
+    let far = sigma(&adjusted(&room, Freedom::POSE, &options));
     assert!((far / near - 1.0).abs() < 0.1, "{far} {near}");
 }

@@ -8,7 +8,7 @@
 use nalgebra::{DMatrix, Point3, Vector2};
 
 use super::search::{self, FoundClocks};
-use super::{Adjusted, BundleFault, BundleRules, Freedom, Known, Observation, check, check_stretches};
+use super::{Adjusted, BundleError, BundleOptions, Freedom, Known, Observation, check, check_stretches};
 use crate::camera::Camera;
 
 /// What of a camera's clock is adjusted.
@@ -67,8 +67,8 @@ impl Timing<'_> {
         self.free.get(camera).map_or([false; 2], |it| [it.offset, it.drift])
     }
 
-    fn check(&self, n_cameras: usize, n_observations: usize) -> Result<(), BundleFault> {
-        let fault = |found: String, expected: &'static str| Err(BundleFault::BadTiming { found, expected });
+    fn check(&self, n_cameras: usize, n_observations: usize) -> Result<(), BundleError> {
+        let fault = |found: String, expected: &'static str| Err(BundleError::BadTiming { found, expected });
         let lengths = [self.free.len(), self.velocities.len(), self.times_s.len()];
         if lengths != [n_cameras, n_observations, n_observations] {
             let found = format!(
@@ -119,7 +119,7 @@ pub struct AdjustedWithClocks {
 /// As [`super::adjust`], with clocks adjusted as well; `stretches` as in [`Known::stretches`].
 ///
 /// # Errors
-/// See [`BundleFault`].
+/// See [`BundleError`].
 pub fn adjust_with_clocks(
     cameras: &[Camera],
     freedoms: &[Freedom],
@@ -127,10 +127,10 @@ pub fn adjust_with_clocks(
     observations: &[Observation],
     timing: &Timing<'_>,
     stretches: &[usize],
-    rules: &BundleRules,
-) -> Result<AdjustedWithClocks, BundleFault> {
+    options: &BundleOptions,
+) -> Result<AdjustedWithClocks, BundleError> {
     let known = Known { stretches, ..Known::default() };
-    check(cameras, freedoms.len(), points, observations, rules)?;
+    check(cameras, freedoms.len(), points, observations, options)?;
     check_stretches(points.len(), &known)?;
     timing.check(cameras.len(), observations.len())?;
     // In the mean's gauge the first free clock is held, and the shifts are moved to their mean afterwards.
@@ -147,13 +147,13 @@ pub fn adjust_with_clocks(
     }
     let rest = Timing { free: &free, ..*timing };
     let (adjusted, found) = match freedoms.iter().map(Freedom::width).max().unwrap_or(0) {
-        0..=7 => search::run::<9, true>(cameras, freedoms, points, observations, &known, rest, rules),
-        _ => search::run::<17, true>(cameras, freedoms, points, observations, &known, rest, rules),
+        0..=7 => search::run::<9, true>(cameras, freedoms, points, observations, &known, rest, options),
+        _ => search::run::<17, true>(cameras, freedoms, points, observations, &known, rest, options),
     }?;
     let [offsets, drifts] = [0, 1].map(|kind| {
         let with_row = (0..free.len()).filter(|it| found.rows[*it][kind].is_some());
         let members: Vec<usize> = held[kind].map_or_else(Vec::new, |first| with_row.chain([first]).collect());
-        stated(&found, kind, &members, rules.covariance)
+        stated(&found, kind, &members, options.covariance)
     });
     let clocks = offsets.into_iter().zip(drifts).map(|((offset_s, offset_sigma_s), (drift, drift_sigma))| ClockShift {
         offset_s,

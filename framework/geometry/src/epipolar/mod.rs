@@ -13,13 +13,13 @@ mod five_points;
 use foveate_estimation::{Loss, Random, statistics};
 use nalgebra::{Isometry3, Matrix2, Matrix3, Point2, Point3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 
-use crate::bundle::{BundleRules, Freedom, Observation, adjust};
+use crate::bundle::{BundleOptions, Freedom, Observation, adjust};
 use crate::camera::Camera;
 use crate::ray::{Ray, closest_approach};
 
 /// How to go about it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct EpipolarRules {
+pub struct EpipolarOptions {
     /// Of either coordinate of a right pixel, standard deviation [px].
     pub sigma_px: f64,
     /// A pair of pixels is right when both are at most this far from their point's [px].
@@ -30,7 +30,7 @@ pub struct EpipolarRules {
     pub trials: u32,
 }
 
-impl Default for EpipolarRules {
+impl Default for EpipolarOptions {
     fn default() -> Self {
         Self { sigma_px: 0.5, inlier_px: 2.0, min_right: 8, trials: 500 }
     }
@@ -53,7 +53,7 @@ pub struct TwoViews {
 
 /// Why there is no answer.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum EpipolarFault {
+pub enum EpipolarError {
     /// Lists of different lengths.
     #[error("{in_a} pixels of camera a and {in_b} of camera b, expected as many of each")]
     LengthsDiffer {
@@ -113,57 +113,58 @@ const LEAST_TRIALS: f64 = 10.0;
 /// Finds how camera `b` stands to camera `a` (whose own poses do not matter) from pixels of the same points.
 ///
 /// # Errors
-/// See [`EpipolarFault`].
+/// See [`EpipolarError`].
 pub fn relative_pose(
     [a, b]: [&Camera; 2],
     [pixels_a, pixels_b]: [&[Point2<f64>]; 2],
-    rules: &EpipolarRules,
+    options: &EpipolarOptions,
     random: &mut Random,
-) -> Result<TwoViews, EpipolarFault> {
+) -> Result<TwoViews, EpipolarError> {
     if pixels_a.len() != pixels_b.len() {
-        return Err(EpipolarFault::LengthsDiffer { in_a: pixels_a.len(), in_b: pixels_b.len() });
+        return Err(EpipolarError::LengthsDiffer { in_a: pixels_a.len(), in_b: pixels_b.len() });
     }
-    for (rule, found) in [("sigma_px", rules.sigma_px), ("inlier_px", rules.inlier_px)] {
+    for (rule, found) in [("sigma_px", options.sigma_px), ("inlier_px", options.inlier_px)] {
         if !(found.is_finite() && found > 0.0) {
-            return Err(EpipolarFault::BadRule { rule, found });
+            return Err(EpipolarError::BadRule { rule, found });
         }
     }
-    let needed = rules.min_right.max(6);
+    let needed = options.min_right.max(6);
     let mut pairs = Vec::with_capacity(pixels_a.len());
     for (index, (in_a, in_b)) in pixels_a.iter().zip(pixels_b).enumerate() {
         if let Some((from_a, from_b)) = a.normalise(in_a).zip(b.normalise(in_b)) {
-            pairs.push(Pair { index, pixels: [*in_a, *in_b], sights: [from_a.push(1.0), from_b.push(1.0)] });
+            pairs.push(Pair { index, pixels: [*in_a, *in_b], bearings: [from_a.push(1.0), from_b.push(1.0)] });
         }
     }
     if pairs.len() < needed {
-        return Err(EpipolarFault::TooFew { count: pairs.len(), needed });
+        return Err(EpipolarError::TooFew { count: pairs.len(), needed });
     }
     let spread_px = spread_across(&pairs, 0).min(spread_across(&pairs, 1));
-    if spread_px < 3.0 * rules.sigma_px {
-        return Err(EpipolarFault::Collinear { spread_px });
+    if spread_px < 3.0 * options.sigma_px {
+        return Err(EpipolarError::Collinear { spread_px });
     }
     let focal = |it: &Camera| 0.5 * (it.intrinsics.focal[0] + it.intrinsics.focal[1]);
-    let limit = (rules.inlier_px / (0.5 * (focal(a) + focal(b)))).powi(2);
-    let (best, trials) = search(&pairs, limit, rules.trials, random);
-    let fault = |agreeing| EpipolarFault::NoConsensus { trials, agreeing, count: pairs.len(), needed };
+    let limit = (options.inlier_px / (0.5 * (focal(a) + focal(b)))).powi(2);
+    let (best, trials) = search(&pairs, limit, options.trials, random);
+    let fault = |agreeing| EpipolarError::NoConsensus { trials, agreeing, count: pairs.len(), needed };
     let Some(essential) = best else { return Err(fault(0)) };
     let agreeing: Vec<&Pair> = pairs.iter().filter(|it| it.sampson(&essential) <= limit).collect();
     if agreeing.len() < needed {
         return Err(fault(agreeing.len()));
     }
     let start = pose_in_front(&essential, &agreeing);
-    let (b_from_a, points) = adjusted([a, b], &pairs, &agreeing, &start, rules).ok_or_else(|| fault(agreeing.len()))?;
+    let (b_from_a, points) =
+        adjusted([a, b], &pairs, &agreeing, &start, options).ok_or_else(|| fault(agreeing.len()))?;
     let n_right = points.iter().flatten().count();
     if n_right < needed {
         return Err(fault(n_right));
     }
     let right: Vec<&Pair> =
         pairs.iter().zip(&points).filter(|(_, point)| point.is_some()).map(|(pair, _)| pair).collect();
-    let angle = |it: &Pair| (b_from_a.rotation * it.sights[0]).angle(&it.sights[1]);
+    let angle = |it: &Pair| (b_from_a.rotation * it.bearings[0]).angle(&it.bearings[1]);
     let angles: Vec<f64> = right.iter().map(|it| angle(it)).collect();
     let parallax_rad = statistics::median(&angles).unwrap_or(0.0);
-    if parallax_rad < 6.0 * rules.sigma_px / focal(a).max(focal(b)) {
-        return Err(EpipolarFault::NoDepth { parallax_rad });
+    if parallax_rad < 6.0 * options.sigma_px / focal(a).max(focal(b)) {
+        return Err(EpipolarError::NoDepth { parallax_rad });
     }
     let mut points_in_a = vec![None; pixels_a.len()];
     pairs.iter().zip(&points).for_each(|(pair, point)| points_in_a[pair.index] = *point);
@@ -177,13 +178,13 @@ type RightPoints = Vec<Option<Point3<f64>>>;
 struct Pair {
     index: usize,
     pixels: [Point2<f64>; 2],
-    sights: [Vector3<f64>; 2],
+    bearings: [Vector3<f64>; 2],
 }
 
 impl Pair {
     /// Squared distance of the pair from the nearest that fulfils bᵀ E a = 0, to first order.
     fn sampson(&self, essential: &Matrix3<f64>) -> f64 {
-        let [a, b] = &self.sights;
+        let [a, b] = &self.bearings;
         let (in_b, in_a) = (essential * a, essential.tr_mul(b));
         b.dot(&in_b).powi(2) / (in_b.xy().norm_squared() + in_a.xy().norm_squared())
     }
@@ -217,7 +218,7 @@ fn search(pairs: &[Pair], limit: f64, trials: u32, random: &mut Random) -> (Opti
                 }
             };
         }
-        let of = |camera: usize| chosen.map(|it| pairs[it].sights[camera]);
+        let of = |camera: usize| chosen.map(|it| pairs[it].bearings[camera]);
         for matrix in five_points::essential_matrices(&of(0), &of(1)) {
             let (mut error, mut agreeing) = (0.0, 0);
             for pair in pairs {
@@ -259,9 +260,9 @@ fn pose_in_front(essential: &Matrix3<f64>, pairs: &[&Pair]) -> Isometry3<f64> {
 /// Where the two lines of sight come closest, if in front of both cameras.
 fn triangulated(pair: &Pair, b_from_a: &Isometry3<f64>) -> Option<Point3<f64>> {
     let unit = nalgebra::Unit::new_normalize;
-    let a = Ray { origin: Point3::origin(), direction: unit(pair.sights[0]) };
+    let a = Ray { origin: Point3::origin(), direction: unit(pair.bearings[0]) };
     let origin = b_from_a.inverse_transform_point(&Point3::origin());
-    let b = Ray { origin, direction: unit(b_from_a.rotation.inverse() * pair.sights[1]) };
+    let b = Ray { origin, direction: unit(b_from_a.rotation.inverse() * pair.bearings[1]) };
     closest_approach(&a, &b).filter(|it| it.depth_a > 0.0 && it.depth_b > 0.0).map(|it| it.midpoint)
 }
 
@@ -271,7 +272,7 @@ fn adjusted(
     pairs: &[Pair],
     agreeing: &[&Pair],
     start: &Isometry3<f64>,
-    rules: &EpipolarRules,
+    options: &EpipolarOptions,
 ) -> Option<(Isometry3<f64>, RightPoints)> {
     let mut b_from_a = *start;
     let mut chosen: Vec<&Pair> = agreeing.to_vec();
@@ -282,11 +283,11 @@ fn adjusted(
         for pair in &chosen {
             let Some(point) = triangulated(pair, &b_from_a) else { continue };
             for (camera, pixel) in pair.pixels.into_iter().enumerate() {
-                observations.push(Observation { camera, point: points.len(), pixel, sigma_px: rules.sigma_px });
+                observations.push(Observation { camera, point: points.len(), pixel, sigma_px: options.sigma_px });
             }
             points.push(point);
         }
-        let bundle = BundleRules { loss: Loss::CAUCHY, max_iterations: 30, ..BundleRules::default() };
+        let bundle = BundleOptions { loss: Loss::CAUCHY, max_iterations: 30, ..BundleOptions::default() };
         let found = adjust(&cameras, &[Freedom::NONE, Freedom::POSE], &points, &observations, &bundle).ok()?;
         b_from_a = found.cameras[1].camera_from_world;
         let length = b_from_a.translation.vector.norm();
@@ -294,13 +295,13 @@ fn adjusted(
         if !(length > 0.0 && length.is_finite()) {
             return None;
         }
-        let right = right_points([a, b], pairs, &b_from_a, rules.inlier_px);
+        let right = right_points([a, b], pairs, &b_from_a, options.inlier_px);
         chosen = pairs.iter().zip(&right).filter(|(_, point)| point.is_some()).map(|(pair, _)| pair).collect();
         if chosen.len() < 6 {
             return None;
         }
     }
-    let points = right_points([a, b], pairs, &b_from_a, rules.inlier_px);
+    let points = right_points([a, b], pairs, &b_from_a, options.inlier_px);
     Some((b_from_a, points))
 }
 
@@ -323,7 +324,7 @@ fn planar_share(pairs: &[&Pair], limit: f64) -> f64 {
     for _ in 0..3 {
         let mut normal = SMatrix::<f64, 9, 9>::zeros();
         for pair in &chosen {
-            let [a, b] = &pair.sights;
+            let [a, b] = &pair.bearings;
             for (own, by) in [(0, b.x), (1, b.y)] {
                 let mut row = SVector::<f64, 9>::zeros();
                 row.fixed_rows_mut::<3>(3 * own).copy_from(a);
@@ -337,9 +338,9 @@ fn planar_share(pairs: &[&Pair], limit: f64) -> f64 {
         // Either way round: seen at a slant, one picture of the plane magnifies the noise of the other.
         let back = homography.try_inverse().unwrap_or_else(Matrix3::zeros);
         let error = |pair: &&&Pair| {
-            let [there, here] = [homography * pair.sights[0], back * pair.sights[1]];
-            let in_b = (there.xy() / there.z - pair.sights[1].xy()).norm_squared();
-            in_b.min((here.xy() / here.z - pair.sights[0].xy()).norm_squared())
+            let [there, here] = [homography * pair.bearings[0], back * pair.bearings[1]];
+            let in_b = (there.xy() / there.z - pair.bearings[1].xy()).norm_squared();
+            in_b.min((here.xy() / here.z - pair.bearings[0].xy()).norm_squared())
         };
         let near: Vec<&Pair> = pairs.iter().filter(|it| error(it) <= 4.0 * limit).copied().collect();
         explained = near.len();

@@ -28,10 +28,10 @@ fn scene(points: &[Point3<f64>], sigma: f64, wrong_every: usize, seed: u64) -> S
     Scene { cameras, pixels }
 }
 
-fn found(scene: &Scene, rules: &EpipolarRules) -> Result<TwoViews, EpipolarFault> {
+fn found(scene: &Scene, options: &EpipolarOptions) -> Result<TwoViews, EpipolarError> {
     let [a, b] = &scene.cameras;
     let [in_a, in_b] = &scene.pixels;
-    relative_pose([a, b], [in_a, in_b], rules, &mut Random::new(5))
+    relative_pose([a, b], [in_a, in_b], options, &mut Random::new(5))
 }
 
 /// Angles of the rotation and of the direction of the baseline from the truth [rad].
@@ -46,7 +46,7 @@ fn errors(scene: &Scene, found: &TwoViews) -> [f64; 2] {
 #[test]
 fn a_clean_pair_is_found_exactly() {
     let scene = scene(&test_room::path(60), 0.0, 0, 1);
-    let found = found(&scene, &EpipolarRules::default()).unwrap();
+    let found = found(&scene, &EpipolarOptions::default()).unwrap();
     assert_eq!(found.n_right, scene.pixels[0].len());
     assert!(errors(&scene, &found).iter().all(|it| *it < 1e-6), "{:?}", errors(&scene, &found));
     assert!(found.planar_share < 0.7 && found.parallax_rad > 0.3, "{found:?}");
@@ -56,7 +56,7 @@ fn a_clean_pair_is_found_exactly() {
 fn two_dozen_noisy_points_with_a_third_wrong_are_enough() {
     for seed in 0..10 {
         let scene = scene(&test_room::path(30), 0.5, 3, seed);
-        let found = found(&scene, &EpipolarRules::default()).unwrap();
+        let found = found(&scene, &EpipolarOptions::default()).unwrap();
         assert!(errors(&scene, &found).iter().all(|it| *it < 0.05), "{seed}: {:?}", errors(&scene, &found));
         assert!(found.n_right * 10 >= scene.pixels[0].len() * 5, "{}", found.n_right);
     }
@@ -66,41 +66,41 @@ fn two_dozen_noisy_points_with_a_third_wrong_are_enough() {
 fn a_path_in_a_plane_says_so() {
     let flat: Vec<Point3<f64>> = test_room::path(80).iter().map(|it| Point3::new(it.x, it.y, 1.0)).collect();
     let scene = scene(&flat, 0.3, 0, 2);
-    let found = found(&scene, &EpipolarRules::default()).unwrap();
+    let found = found(&scene, &EpipolarOptions::default()).unwrap();
     assert!(found.planar_share > 0.95, "{}", found.planar_share);
 }
 
 #[test]
 fn what_fixes_no_pose_is_refused_with_the_reason() {
-    let rules = EpipolarRules::default();
+    let options = EpipolarOptions::default();
     let good = scene(&test_room::path(60), 0.2, 0, 3);
-    let refused = |scene: &Scene| found(scene, &rules).unwrap_err();
+    let refused = |scene: &Scene| found(scene, &options).unwrap_err();
     let still = scene(&[Point3::new(0.0, 0.0, 1.2); 30], 0.5, 0, 3);
-    assert!(matches!(refused(&still), EpipolarFault::Collinear { .. }), "{}", refused(&still));
+    assert!(matches!(refused(&still), EpipolarError::Collinear { .. }), "{}", refused(&still));
     let line: Vec<Point3<f64>> = (0..40).map(|it| Point3::new(0.02 * f64::from(it), 0.0, 1.0)).collect();
     let mut on_line = scene(&line, 0.3, 0, 3);
     on_line.cameras.iter_mut().for_each(|it| it.distortion = Default::default());
-    assert!(matches!(refused(&on_line), EpipolarFault::Collinear { .. }), "{}", refused(&on_line));
+    assert!(matches!(refused(&on_line), EpipolarError::Collinear { .. }), "{}", refused(&on_line));
     let same = Scene {
         cameras: [good.cameras[0].clone(), good.cameras[0].clone()],
         pixels: [good.pixels[0].clone(), good.pixels[0].clone()],
     };
     assert!(
-        matches!(refused(&same), EpipolarFault::NoDepth { .. } | EpipolarFault::NoConsensus { .. }),
+        matches!(refused(&same), EpipolarError::NoDepth { .. } | EpipolarError::NoConsensus { .. }),
         "{}",
         refused(&same)
     );
     let mut shifted = good.pixels.clone();
     shifted[1].rotate_left(7);
     let unrelated = Scene { cameras: good.cameras.clone(), pixels: shifted };
-    let strict = EpipolarRules { inlier_px: 0.5, min_right: 30, ..rules };
-    assert!(matches!(found(&unrelated, &strict), Err(EpipolarFault::NoConsensus { .. })));
+    let strict = EpipolarOptions { inlier_px: 0.5, min_right: 30, ..options };
+    assert!(matches!(found(&unrelated, &strict), Err(EpipolarError::NoConsensus { .. })));
     let few = Scene { cameras: good.cameras.clone(), pixels: good.pixels.clone().map(|it| it[..5].to_vec()) };
-    assert_eq!(refused(&few), EpipolarFault::TooFew { count: 5, needed: 8 });
+    assert_eq!(refused(&few), EpipolarError::TooFew { count: 5, needed: 8 });
     let mut broken = good.pixels.clone();
     broken[0].iter_mut().for_each(|it| it.x = f64::NAN);
     let broken = Scene { cameras: good.cameras.clone(), pixels: broken };
-    assert_eq!(refused(&broken), EpipolarFault::TooFew { count: 0, needed: 8 });
-    let bad = EpipolarRules { sigma_px: -1.0, ..rules };
-    assert_eq!(found(&good, &bad).unwrap_err(), EpipolarFault::BadRule { rule: "sigma_px", found: -1.0 });
+    assert_eq!(refused(&broken), EpipolarError::TooFew { count: 0, needed: 8 });
+    let bad = EpipolarOptions { sigma_px: -1.0, ..options };
+    assert_eq!(found(&good, &bad).unwrap_err(), EpipolarError::BadRule { rule: "sigma_px", found: -1.0 });
 }

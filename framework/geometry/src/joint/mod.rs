@@ -8,7 +8,7 @@
 //! |---|---|---|
 //! | `step` (ε) | error of a camera's pose: a turn about its own centre, and a shift, both in world axes: `camera_from_world` ∘ T(c) exp(ε) T(−c) | rad, m |
 //! | `prior` (Λ) | inverse of what is known of ε beforehand | |
-//! | residual of a sight | pixel − π(camera ⊕ ε, point), whitened by its covariance | – |
+//! | residual of an observation | pixel − π(camera ⊕ ε, point), whitened by its covariance | – |
 //!
 //! Minimises Σ ρ(‖rᵢ‖²) + Σ εᵀ Λ ε by Gauss–Newton steps; points are eliminated (Schur), so that a step costs as much as its 6 unknowns a camera. ρ is
 //! Huber's, its bend at a multiple of the residuals' own spread while they shrink. Then the worst sight of a point that three or more cameras
@@ -36,7 +36,7 @@ pub struct Viewpoint {
 
 /// One point in one picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sight {
+pub struct JointObservation {
     /// Which viewpoint.
     pub viewpoint: usize,
     /// Which point.
@@ -49,20 +49,20 @@ pub struct Sight {
 
 /// What [`triangulate_jointly`] assumes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct JointRules {
+pub struct JointOptions {
     /// Whether the poses have errors at all; otherwise the points alone are found.
     pub estimate_poses: bool,
     /// What a viewpoint's covariance leaves out: standard deviation of a turn about the camera's centre [rad] …
     pub rotation_floor: f64,
     /// … and of a shift [m].
     pub translation_floor: f64,
-    /// What the covariances of the sights leave out: a standard deviation for both directions [px].
+    /// What the covariances of the observations leave out: a standard deviation for both directions [px].
     pub pixel_floor: f64,
-    /// A sight farther off than this many standard deviations is wrong.
+    /// An observation farther off than this many standard deviations is wrong.
     pub outlier_sigmas: f64,
 }
 
-impl Default for JointRules {
+impl Default for JointOptions {
     fn default() -> Self {
         Self {
             estimate_poses: true,
@@ -94,19 +94,19 @@ pub struct Joint {
     pub middle: Point3<f64>,
     /// Of δ of all points as a whole about [`Self::middle`], in world axes, (rotation, translation) [rad², rad m, m²].
     pub covariance: Matrix6<f64>,
-    /// By sight: its residual in standard deviations; `None` where it had no part: its point is not there, or it was left out.
+    /// By observation: its residual in standard deviations; `None` where it had no part: its point is not there, or it was left out.
     pub residuals: Vec<Option<f64>>,
-    /// By sight: it does not agree with the others of its point.
+    /// By observation: it does not agree with the others of its point.
     pub disputed: Vec<bool>,
 }
 
 /// Why there is no answer.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum JointFault {
+pub enum JointError {
     /// A number of a viewpoint or a point that there is none of.
-    #[error("sight {index} is of viewpoint {viewpoint} of {viewpoints} and point {point} of {points}")]
+    #[error("observation {index} is of viewpoint {viewpoint} of {viewpoints} and point {point} of {points}")]
     NoSuch {
-        /// Which sight.
+        /// Which observation.
         index: usize,
         /// Its viewpoint.
         viewpoint: usize,
@@ -118,9 +118,9 @@ pub enum JointFault {
         points: usize,
     },
     /// A pixel or covariance that is not one.
-    #[error("sight {index} has no finite pixel with a positive definite covariance")]
-    BadSight {
-        /// Which sight.
+    #[error("observation {index} has no finite pixel with a positive definite covariance")]
+    BadObservation {
+        /// Which observation.
         index: usize,
     },
     /// A viewpoint's covariance that is not one.
@@ -140,7 +140,7 @@ const MOST_STEPS: usize = 12;
 const SMALL_STEP: f64 = 1e-4;
 /// Huber's bend [standard deviations].
 const BEND: f64 = 2.5;
-/// How often sights are left out and the rest is solved again.
+/// How often observations are left out and the rest is solved again.
 const MOST_ROUNDS: usize = 4;
 /// Two lines of sight closer to parallel than this fix no depth: least over largest eigenvalue of a point's information.
 const FLATTEST: f64 = 1e-7;
@@ -148,16 +148,16 @@ const FLATTEST: f64 = 1e-7;
 /// Finds the points, and the poses that they were seen from. At most one sight of a point from each viewpoint.
 ///
 /// # Errors
-/// See [`JointFault`].
+/// See [`JointError`].
 pub fn triangulate_jointly(
     viewpoints: &[Viewpoint],
     n_points: usize,
-    sights: &[Sight],
-    rules: &JointRules,
-) -> Result<Joint, JointFault> {
-    let mut search = Search::new(viewpoints, n_points, sights, rules)?;
+    observations: &[JointObservation],
+    options: &JointOptions,
+) -> Result<Joint, JointError> {
+    let mut search = Search::new(viewpoints, n_points, observations, options)?;
     if search.positions.iter().all(Option::is_none) {
-        return Err(JointFault::NothingSeenTwice);
+        return Err(JointError::NothingSeenTwice);
     }
     for round in 1..=MOST_ROUNDS {
         search.settle();
@@ -168,17 +168,17 @@ pub fn triangulate_jointly(
     Ok(search.result())
 }
 
-/// The cameras, points and sights of a search under way.
+/// The cameras, points and observations of a search under way.
 struct Search<'a> {
-    sights: &'a [Sight],
-    rules: &'a JointRules,
+    observations: &'a [JointObservation],
+    options: &'a JointOptions,
     cameras: Vec<Camera>,
     centres: Vec<Point3<f64>>,
     /// By viewpoint: inverse covariance of ε, and how far ε is from what was believed.
     priors: Vec<Matrix6<f64>>,
     offsets: Vec<Vector6<f64>>,
     positions: Vec<Option<Point3<f64>>>,
-    /// By sight: Cholesky factor W of its information, WᵀW.
+    /// By observation: Cholesky factor W of its information, WᵀW.
     whitening: Vec<Matrix2<f64>>,
     in_use: Vec<bool>,
     disputed: Vec<bool>,
@@ -188,36 +188,36 @@ impl<'a> Search<'a> {
     fn new(
         viewpoints: &[Viewpoint],
         n_points: usize,
-        sights: &'a [Sight],
-        rules: &'a JointRules,
-    ) -> Result<Self, JointFault> {
-        let floor = Matrix2::identity() * rules.pixel_floor.powi(2);
-        let mut whitening = Vec::with_capacity(sights.len());
-        for (index, sight) in sights.iter().enumerate() {
-            let Sight { viewpoint, point, pixel, covariance } = *sight;
+        observations: &'a [JointObservation],
+        options: &'a JointOptions,
+    ) -> Result<Self, JointError> {
+        let floor = Matrix2::identity() * options.pixel_floor.powi(2);
+        let mut whitening = Vec::with_capacity(observations.len());
+        for (index, observation) in observations.iter().enumerate() {
+            let JointObservation { viewpoint, point, pixel, covariance } = *observation;
             if viewpoint >= viewpoints.len() || point >= n_points {
                 let (viewpoints, points) = (viewpoints.len(), n_points);
-                return Err(JointFault::NoSuch { index, viewpoint, viewpoints, point, points });
+                return Err(JointError::NoSuch { index, viewpoint, viewpoints, point, points });
             }
             let information = (covariance + floor).try_inverse().filter(|_| pixel.coords.norm().is_finite());
-            let factor = information.and_then(|it| it.cholesky()).ok_or(JointFault::BadSight { index })?;
+            let factor = information.and_then(|it| it.cholesky()).ok_or(JointError::BadObservation { index })?;
             whitening.push(factor.l().transpose());
         }
         let cameras: Vec<Camera> = viewpoints.iter().map(|it| it.camera.clone()).collect();
         let centres: Vec<Point3<f64>> = cameras.iter().map(Camera::centre).collect();
         let prior = |(index, it): (usize, &Viewpoint)| {
-            prior(&it.covariance, &centres[index], rules).ok_or(JointFault::BadViewpoint { index })
+            prior(&it.covariance, &centres[index], options).ok_or(JointError::BadViewpoint { index })
         };
         let priors = viewpoints.iter().enumerate().map(prior).collect::<Result<_, _>>()?;
         let mut search = Self {
-            sights,
-            rules,
+            observations,
+            options,
             priors,
             offsets: vec![Vector6::zeros(); viewpoints.len()],
             positions: vec![None; n_points],
             whitening,
-            in_use: vec![true; sights.len()],
-            disputed: vec![false; sights.len()],
+            in_use: vec![true; observations.len()],
+            disputed: vec![false; observations.len()],
             cameras,
             centres,
         };
@@ -228,26 +228,26 @@ impl<'a> Search<'a> {
     /// Points that two lines of sight or more pass closest to.
     fn start(&mut self) {
         let mut rays = vec![Vec::new(); self.positions.len()];
-        for sight in self.sights {
-            rays[sight.point].extend(self.cameras[sight.viewpoint].ray(&sight.pixel));
+        for observation in self.observations {
+            rays[observation.point].extend(self.cameras[observation.viewpoint].ray(&observation.pixel));
         }
         for (position, rays) in self.positions.iter_mut().zip(&rays) {
             *position = triangulate_rays(rays);
         }
     }
 
-    /// Whitened residual of a sight.
+    /// Whitened residual of an observation.
     fn residual(&self, index: usize) -> Option<f64> {
-        let sight = &self.sights[index];
-        let position = self.positions[sight.point].filter(|_| self.in_use[index])?;
-        let expected = self.cameras[sight.viewpoint].project(&position)?;
-        Some((self.whitening[index] * (sight.pixel - expected)).norm())
+        let observation = &self.observations[index];
+        let position = self.positions[observation.point].filter(|_| self.in_use[index])?;
+        let expected = self.cameras[observation.viewpoint].project(&position)?;
+        Some((self.whitening[index] * (observation.pixel - expected)).norm())
     }
 
     /// Goes to the minimum. Points that cannot be seen from where they come to lie are dropped.
     fn settle(&mut self) {
         for _ in 0..MOST_STEPS {
-            let residuals: Vec<f64> = (0..self.sights.len()).filter_map(|it| self.residual(it)).collect();
+            let residuals: Vec<f64> = (0..self.observations.len()).filter_map(|it| self.residual(it)).collect();
             // A norm of two normal numbers has its median at 1.18 standard deviations.
             let spread = (median(&residuals).unwrap_or(1.0) * SIGMA_PER_MAD / 1.7462).max(1.0);
             let equations = Equations::of(self, BEND * spread);
@@ -279,26 +279,26 @@ impl<'a> Search<'a> {
         self.offsets[viewpoint] += step;
     }
 
-    /// Leaves out sights that do not agree with the rest; whether there were any.
+    /// Leaves out observations that do not agree with the rest; whether there were any.
     fn leave_out(&mut self) -> bool {
         let mut of_point: Vec<Vec<(usize, f64)>> = vec![Vec::new(); self.positions.len()];
-        for index in 0..self.sights.len() {
+        for index in 0..self.observations.len() {
             if let Some(residual) = self.residual(index) {
-                of_point[self.sights[index].point].push((index, residual));
+                of_point[self.observations[index].point].push((index, residual));
             }
         }
         let mut changed = false;
-        for (point, sights) in of_point.iter().enumerate() {
-            let Some(worst) = sights.iter().max_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
-            if worst.1 <= self.rules.outlier_sigmas {
+        for (point, observations) in of_point.iter().enumerate() {
+            let Some(worst) = observations.iter().max_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
+            if worst.1 <= self.options.outlier_sigmas {
                 continue;
             }
             changed = true;
-            let odd = if sights.len() > 2 { self.odd_one_out(point, sights) } else { None };
+            let odd = if observations.len() > 2 { self.odd_one_out(point, observations) } else { None };
             let left_out: Vec<usize> = match odd {
                 Some(odd) => vec![odd],
-                // Two sights, or several of which no subset agrees: who is right cannot be told.
-                None => sights.iter().map(|it| it.0).collect(),
+                // Two observations, or several of which no subset agrees: who is right cannot be told.
+                None => observations.iter().map(|it| it.0).collect(),
             };
             for index in left_out {
                 (self.in_use[index], self.disputed[index]) = (false, true);
@@ -310,23 +310,24 @@ impl<'a> Search<'a> {
         changed
     }
 
-    /// The sight without which the others of a point agree; the point moves to where they meet.
-    fn odd_one_out(&mut self, point: usize, sights: &[(usize, f64)]) -> Option<usize> {
+    /// The observation without which the others of a point agree; the point moves to where they meet.
+    fn odd_one_out(&mut self, point: usize, observations: &[(usize, f64)]) -> Option<usize> {
         let without = |odd: usize| {
-            let others: Vec<usize> = sights.iter().map(|it| it.0).filter(|it| *it != odd).collect();
-            let ray = |index: &usize| self.cameras[self.sights[*index].viewpoint].ray(&self.sights[*index].pixel);
+            let others: Vec<usize> = observations.iter().map(|it| it.0).filter(|it| *it != odd).collect();
+            let ray =
+                |index: &usize| self.cameras[self.observations[*index].viewpoint].ray(&self.observations[*index].pixel);
             let meet = triangulate_rays(&others.iter().filter_map(ray).collect::<Vec<_>>())?;
             let worst = others.iter().try_fold(0.0_f64, |worst, index| {
-                let sight = &self.sights[*index];
-                let expected = self.cameras[sight.viewpoint].project(&meet)?;
-                Some(worst.max((self.whitening[*index] * (sight.pixel - expected)).norm()))
+                let observation = &self.observations[*index];
+                let expected = self.cameras[observation.viewpoint].project(&meet)?;
+                Some(worst.max((self.whitening[*index] * (observation.pixel - expected)).norm()))
             })?;
             Some((odd, meet, worst))
         };
-        let best = sights.iter().filter_map(|it| without(it.0)).min_by(|a, b| a.2.total_cmp(&b.2))?;
+        let best = observations.iter().filter_map(|it| without(it.0)).min_by(|a, b| a.2.total_cmp(&b.2))?;
         let (odd, meet, worst) = best;
         // Of three, any two meet somewhere: only by a residual that is far larger is one of them told to be odd.
-        let agrees = worst <= self.rules.outlier_sigmas;
+        let agrees = worst <= self.options.outlier_sigmas;
         if agrees {
             self.positions[point] = Some(meet);
         }
@@ -335,7 +336,7 @@ impl<'a> Search<'a> {
 
     fn result(self) -> Joint {
         let equations = Equations::of(&self, f64::INFINITY);
-        let residuals: Vec<Option<f64>> = (0..self.sights.len()).map(|it| self.residual(it)).collect();
+        let residuals: Vec<Option<f64>> = (0..self.observations.len()).map(|it| self.residual(it)).collect();
         let known: Vec<Point3<f64>> = self.positions.iter().flatten().copied().collect();
         let sum = known.iter().fold(nalgebra::Vector3::zeros(), |sum, it| sum + it.coords);
         let middle = Point3::from(sum / known.len().max(1) as f64);
@@ -357,14 +358,14 @@ impl<'a> Search<'a> {
 }
 
 /// Inverse covariance of ε; `None` where it is not one.
-fn prior(covariance: &Matrix6<f64>, centre: &Point3<f64>, rules: &JointRules) -> Option<Matrix6<f64>> {
+fn prior(covariance: &Matrix6<f64>, centre: &Point3<f64>, options: &JointOptions) -> Option<Matrix6<f64>> {
     // δ of a turn ω about the centre c and a shift v: (ω, v − ω × c), so that ε = (ω, δ_v + ω × c) = (ω, δ_v − c × ω).
     let mut to_centre = Matrix6::identity();
     to_centre.fixed_view_mut::<3, 3>(3, 0).copy_from(&-centre.coords.cross_matrix());
     let mut at_centre = to_centre * covariance * to_centre.transpose();
     for axis in 0..3 {
-        at_centre[(axis, axis)] += rules.rotation_floor.powi(2);
-        at_centre[(axis + 3, axis + 3)] += rules.translation_floor.powi(2);
+        at_centre[(axis, axis)] += options.rotation_floor.powi(2);
+        at_centre[(axis + 3, axis + 3)] += options.translation_floor.powi(2);
     }
     Some(at_centre.cholesky()?.inverse()).filter(|it| it.iter().all(|it| it.is_finite()))
 }

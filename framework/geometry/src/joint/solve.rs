@@ -4,11 +4,11 @@ use nalgebra::{Cholesky, DMatrix, DVector, Matrix2x3, Matrix3, Matrix6, Matrix6x
 
 use super::{FLATTEST, Search};
 
-/// By camera Hcc and gc, by point Hpp and gp, by sight Hcp.
+/// By camera Hcc and gc, by point Hpp and gp, by observation Hcp.
 pub(super) struct Equations {
     camera: Vec<(Matrix6<f64>, Vector6<f64>)>,
     point: Vec<(Matrix3<f64>, Vector3<f64>)>,
-    /// Sight, its block.
+    /// JointObservation, its block.
     mixed: Vec<(usize, Matrix6x3<f64>)>,
 }
 
@@ -18,25 +18,25 @@ impl Equations {
         let mut camera: Vec<_> =
             search.priors.iter().zip(&search.offsets).map(|(prior, offset)| (*prior, -(prior * offset))).collect();
         let mut point = vec![(Matrix3::zeros(), Vector3::zeros()); search.positions.len()];
-        let mut mixed = Vec::with_capacity(search.sights.len());
-        for (index, sight) in search.sights.iter().enumerate() {
-            let Some(position) = search.positions[sight.point].filter(|_| search.in_use[index]) else { continue };
-            let view = &search.cameras[sight.viewpoint];
+        let mut mixed = Vec::with_capacity(search.observations.len());
+        for (index, observation) in search.observations.iter().enumerate() {
+            let Some(position) = search.positions[observation.point].filter(|_| search.in_use[index]) else { continue };
+            let view = &search.cameras[observation.viewpoint];
             let Some((expected, by_point)) = view.project_with_jacobian(&position) else { continue };
             let whitening = search.whitening[index];
-            let residual = whitening * (sight.pixel - expected);
+            let residual = whitening * (observation.pixel - expected);
             let by_point: Matrix2x3<f64> = whitening * by_point;
             // A turn ω about the centre moves the point by ω × (p − c), a shift by itself.
-            let arm = position - search.centres[sight.viewpoint];
+            let arm = position - search.centres[observation.viewpoint];
             let mut by_pose = nalgebra::Matrix2x6::zeros();
             by_pose.fixed_columns_mut::<3>(0).copy_from(&(by_point * -arm.cross_matrix()));
             by_pose.fixed_columns_mut::<3>(3).copy_from(&by_point);
             let norm = residual.norm();
             let weight = if norm > bend { bend / norm } else { 1.0 };
-            let (information, gradient) = &mut point[sight.point];
+            let (information, gradient) = &mut point[observation.point];
             *information += by_point.transpose() * by_point * weight;
             *gradient += by_point.transpose() * residual * weight;
-            let (information, gradient) = &mut camera[sight.viewpoint];
+            let (information, gradient) = &mut camera[observation.viewpoint];
             *information += by_pose.transpose() * by_pose * weight;
             *gradient += by_pose.transpose() * residual * weight;
             mixed.push((index, by_pose.transpose() * by_point * weight));
@@ -64,19 +64,19 @@ impl Equations {
         }
         let mut of_point: Vec<Vec<usize>> = vec![Vec::new(); self.point.len()];
         for (place, (index, _)) in self.mixed.iter().enumerate() {
-            of_point[search.sights[*index].point].push(place);
+            of_point[search.observations[*index].point].push(place);
         }
         for (point, places) in of_point.iter().enumerate() {
             let Some(inverse) = inverses[point] else { continue };
             for a in places {
-                let (sight, block) = &self.mixed[*a];
-                let row = 6 * search.sights[*sight].viewpoint;
+                let (observation, block) = &self.mixed[*a];
+                let row = 6 * search.observations[*observation].viewpoint;
                 let part = block * inverse;
                 let mut right = gradient.fixed_rows_mut::<6>(row);
                 right -= part * self.point[point].1;
                 for b in places {
                     let (other, other_block) = &self.mixed[*b];
-                    let column = 6 * search.sights[*other].viewpoint;
+                    let column = 6 * search.observations[*other].viewpoint;
                     let mut cell = information.fixed_view_mut::<6, 6>(row, column);
                     cell -= part * other_block.transpose();
                 }
@@ -90,7 +90,7 @@ impl Equations {
     pub(super) fn solve(&self, search: &Search<'_>) -> Option<(Vec<Vector6<f64>>, Vec<(Vector3<f64>, Matrix3<f64>)>)> {
         let inverses = self.point_inverses();
         let mut steps = vec![Vector6::zeros(); self.camera.len()];
-        if search.rules.estimate_poses {
+        if search.options.estimate_poses {
             let (information, gradient) = self.reduced(search, &inverses);
             let solved = Cholesky::new(information)?.solve(&gradient);
             for (viewpoint, step) in steps.iter_mut().enumerate() {
@@ -99,8 +99,8 @@ impl Equations {
         }
         let mut rights: Vec<Vector3<f64>> = self.point.iter().map(|it| it.1).collect();
         for (index, block) in &self.mixed {
-            let sight = &search.sights[*index];
-            rights[sight.point] -= block.transpose() * steps[sight.viewpoint];
+            let observation = &search.observations[*index];
+            rights[observation.point] -= block.transpose() * steps[observation.viewpoint];
         }
         let moves = inverses.iter().zip(&rights).zip(&self.point).map(|((inverse, right), (information, _))| {
             // A point whose place is not fixed is taken out by the move that is no number.
@@ -112,7 +112,7 @@ impl Equations {
     /// Covariance of all ε together; `None` where the poses have no errors or the equations are singular.
     pub(super) fn poses_covariance(&self, search: &Search<'_>) -> Option<DMatrix<f64>> {
         let (information, _) = self.reduced(search, &self.point_inverses());
-        Cholesky::new(information).filter(|_| search.rules.estimate_poses).map(|it| it.inverse())
+        Cholesky::new(information).filter(|_| search.options.estimate_poses).map(|it| it.inverse())
     }
 }
 
@@ -136,12 +136,12 @@ pub(super) fn rigid_parts(
         return Parts { whole: Matrix6::zeros(), points };
     }
     let size = poses.nrows();
-    // How each point follows ε: −Hpp⁻¹ Hcpᵀ, since the sights hold it where it is in the pictures.
+    // How each point follows ε: −Hpp⁻¹ Hcpᵀ, since the observations hold it where it is in the pictures.
     let mut follows = vec![DMatrix::<f64>::zeros(3, size); inverses.len()];
     for (index, block) in &equations.mixed {
-        let sight = &search.sights[*index];
-        if let Some(inverse) = inverses[sight.point] {
-            let mut part = follows[sight.point].fixed_columns_mut::<6>(6 * sight.viewpoint);
+        let observation = &search.observations[*index];
+        if let Some(inverse) = inverses[observation.point] {
+            let mut part = follows[observation.point].fixed_columns_mut::<6>(6 * observation.viewpoint);
             part -= inverse * block.transpose();
         }
     }

@@ -26,20 +26,25 @@ fn face(n: usize, random: &mut Random) -> Vec<Point3<f64>> {
 struct Scene {
     truth: Vec<Point3<f64>>,
     viewpoints: Vec<Viewpoint>,
-    sights: Vec<Sight>,
+    observations: Vec<JointObservation>,
 }
 
-/// Cameras whose heads point `error` off at random [rad], sights with noise `sigma` [px].
+/// Cameras whose heads point `error` off at random [rad], observations with noise `sigma` [px].
 fn scene(error: f64, sigma: f64, seed: u64) -> Scene {
     let mut random = Random::new(seed);
     let truth = face(60, &mut random);
     let mut viewpoints = Vec::new();
-    let mut sights = Vec::new();
+    let mut observations = Vec::new();
     for (viewpoint, camera) in cameras().into_iter().enumerate() {
         for (point, place) in truth.iter().enumerate() {
             let noise = Vector2::new(random.normal(), random.normal()) * sigma;
             let covariance = Matrix2::identity() * sigma.max(1e-3).powi(2);
-            sights.push(Sight { viewpoint, point, pixel: camera.project(place).unwrap() + noise, covariance });
+            observations.push(JointObservation {
+                viewpoint,
+                point,
+                pixel: camera.project(place).unwrap() + noise,
+                covariance,
+            });
         }
         let turn = Vector3::from_fn(|_, _| random.normal() * error);
         let centre = camera.centre().coords;
@@ -55,11 +60,11 @@ fn scene(error: f64, sigma: f64, seed: u64) -> Scene {
         let believed = Camera { camera_from_world: camera.camera_from_world * about.inverse(), ..camera };
         viewpoints.push(Viewpoint { camera: believed, covariance });
     }
-    Scene { truth, viewpoints, sights }
+    Scene { truth, viewpoints, observations }
 }
 
-fn solve(scene: &Scene, rules: &JointRules) -> Joint {
-    triangulate_jointly(&scene.viewpoints, scene.truth.len(), &scene.sights, rules).unwrap()
+fn solve(scene: &Scene, options: &JointOptions) -> Joint {
+    triangulate_jointly(&scene.viewpoints, scene.truth.len(), &scene.observations, options).unwrap()
 }
 
 /// Median deviation of the distances between neighbouring marks from the truth [mm].
@@ -78,16 +83,16 @@ fn pair_error(scene: &Scene, joint: &Joint) -> f64 {
 fn marks_fit_together_though_the_heads_are_a_tenth_of_a_degree_off() {
     let mut scene = scene(0.1 * DEGREE, 0.1, 1);
     // The left half of the face is hidden from one side, the right half from the other.
-    scene.sights.retain(|it| it.viewpoint != if scene.truth[it.point].x < 0.0 { 3 } else { 0 });
-    let fixed = JointRules { estimate_poses: false, outlier_sigmas: f64::INFINITY, ..JointRules::default() };
-    let [ours, without] = [JointRules::default(), fixed].map(|rules| pair_error(&scene, &solve(&scene, &rules)));
+    scene.observations.retain(|it| it.viewpoint != if scene.truth[it.point].x < 0.0 { 3 } else { 0 });
+    let fixed = JointOptions { estimate_poses: false, outlier_sigmas: f64::INFINITY, ..JointOptions::default() };
+    let [ours, without] = [JointOptions::default(), fixed].map(|options| pair_error(&scene, &solve(&scene, &options)));
     assert!(ours < 0.15 && without > 3.0 * ours, "{ours} mm, {without} mm with the poses as believed");
 }
 
 #[test]
 fn poses_that_are_right_stay_and_points_are_exact_without_noise() {
     let scene = scene(0.0, 0.0, 2);
-    let joint = solve(&scene, &JointRules::default());
+    let joint = solve(&scene, &JointOptions::default());
     for (found, truth) in joint.points.iter().zip(&scene.truth) {
         assert!((found.unwrap().position - truth).norm() < 1e-9);
     }
@@ -99,10 +104,10 @@ fn wrong_sights_are_named_and_do_no_harm() {
     let mut scene = scene(0.1 * DEGREE, 0.1, 3);
     let wrong = [5, 77, 140, 201, 230];
     for index in wrong {
-        scene.sights[index].pixel += Vector2::new(6.0, -9.0);
+        scene.observations[index].pixel += Vector2::new(6.0, -9.0);
     }
-    let joint = solve(&scene, &JointRules::default());
-    let named: Vec<usize> = (0..scene.sights.len()).filter(|it| joint.disputed[*it]).collect();
+    let joint = solve(&scene, &JointOptions::default());
+    let named: Vec<usize> = (0..scene.observations.len()).filter(|it| joint.disputed[*it]).collect();
     assert_eq!(named, wrong);
     assert!(pair_error(&scene, &joint) < 0.12 && joint.points.iter().all(Option::is_some));
 }
@@ -111,9 +116,9 @@ fn wrong_sights_are_named_and_do_no_harm() {
 fn a_point_that_two_cameras_see_differently_is_left_out() {
     let mut scene = scene(0.02 * DEGREE, 0.1, 4);
     // Point 7 is seen by the first two cameras only, one of them 5 px off its line.
-    scene.sights.retain(|it| it.point != 7 || it.viewpoint < 2);
-    scene.sights[7].pixel.y += 5.0;
-    let joint = solve(&scene, &JointRules::default());
+    scene.observations.retain(|it| it.point != 7 || it.viewpoint < 2);
+    scene.observations[7].pixel.y += 5.0;
+    let joint = solve(&scene, &JointOptions::default());
     assert!(joint.points[7].is_none() && joint.points[8].is_some());
     assert_eq!(joint.disputed.iter().filter(|it| **it).count(), 2);
 }
@@ -123,10 +128,10 @@ fn what_is_uncertain_is_said_of_the_whole_and_of_each_point() {
     let (mut whole, mut beside, mut n) = (0.0, 0.0, 0.0);
     for seed in 0..60 {
         let scene = scene(0.1 * DEGREE, 0.15, 100 + seed);
-        let joint = solve(&scene, &JointRules { pixel_floor: 1e-3, ..JointRules::default() });
+        let joint = solve(&scene, &JointOptions { pixel_floor: 1e-3, ..JointOptions::default() });
         let found: Vec<Point3<f64>> = joint.points.iter().map(|it| it.unwrap().position).collect();
-        let rules = crate::AlignmentRules::default();
-        let alignment = crate::align(&found, &scene.truth, rules).unwrap();
+        let options = crate::AlignmentOptions::default();
+        let alignment = crate::align(&found, &scene.truth, options).unwrap();
         for (point, truth) in joint.points.iter().zip(&scene.truth) {
             let point = point.unwrap();
             let left = alignment.b_from_a.isometry * point.position - truth;
@@ -145,15 +150,15 @@ fn what_is_uncertain_is_said_of_the_whole_and_of_each_point() {
 fn what_cannot_be_solved_is_refused_by_its_place() {
     let mut scene = scene(0.0, 0.1, 5);
     let fault = |scene: &Scene| {
-        triangulate_jointly(&scene.viewpoints, scene.truth.len(), &scene.sights, &JointRules::default())
+        triangulate_jointly(&scene.viewpoints, scene.truth.len(), &scene.observations, &JointOptions::default())
     };
-    scene.sights[3].pixel.x = f64::NAN;
-    assert_eq!(fault(&scene), Err(JointFault::BadSight { index: 3 }));
-    scene.sights[3].point = 99;
-    assert!(matches!(fault(&scene), Err(JointFault::NoSuch { index: 3, point: 99, .. })));
-    scene.sights.truncate(3);
-    assert_eq!(fault(&scene), Err(JointFault::NothingSeenTwice));
+    scene.observations[3].pixel.x = f64::NAN;
+    assert_eq!(fault(&scene), Err(JointError::BadObservation { index: 3 }));
+    scene.observations[3].point = 99;
+    assert!(matches!(fault(&scene), Err(JointError::NoSuch { index: 3, point: 99, .. })));
+    scene.observations.truncate(3);
+    assert_eq!(fault(&scene), Err(JointError::NothingSeenTwice));
     scene.viewpoints[1].covariance = Matrix6::identity() * -1.0;
-    assert_eq!(fault(&scene), Err(JointFault::BadViewpoint { index: 1 }));
-    assert_eq!(triangulate_jointly(&[], 0, &[], &JointRules::default()), Err(JointFault::NothingSeenTwice));
+    assert_eq!(fault(&scene), Err(JointError::BadViewpoint { index: 1 }));
+    assert_eq!(triangulate_jointly(&[], 0, &[], &JointOptions::default()), Err(JointError::NothingSeenTwice));
 }

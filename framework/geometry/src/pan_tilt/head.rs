@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Matrix2, Matrix2x3, Point2, Point3, Unit, Vector3};
 
 use super::axis::Axis;
 use super::zoom::ZoomTable;
-use crate::camera::{Camera, CameraFault};
+use crate::camera::{Camera, CameraError};
 
 /// Which axis carries the other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -127,10 +127,10 @@ pub struct HeadProjection {
 
 /// Why a [`PanTiltHead`] cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum HeadFault {
+pub enum HeadError {
     /// The camera at rest.
     #[error("the camera at rest: {0}")]
-    BadCamera(CameraFault),
+    BadCamera(CameraError),
     /// An axis with a number that is none, or without direction.
     #[error("the {axis} axis has point {point:?} and direction {direction:?}, expected finite numbers and length 1")]
     BadAxis {
@@ -200,18 +200,18 @@ impl PanTiltHead {
     }
 
     /// Finds what makes the head unusable; the first such thing, in the order of the fields.
-    pub fn check(&self) -> Result<(), HeadFault> {
-        self.at_rest.check().map_err(HeadFault::BadCamera)?;
+    pub fn check(&self) -> Result<(), HeadError> {
+        self.at_rest.check().map_err(HeadError::BadCamera)?;
         for (name, axis) in [("pan", &self.pan), ("tilt", &self.tilt)] {
             let sound = axis.point.iter().all(|it| it.is_finite()) && (axis.direction.norm() - 1.0).abs() < 1e-6;
             if !sound {
                 let [point, direction] = [axis.point.coords, axis.direction.into_inner()].map(<[f64; 3]>::from);
-                return Err(HeadFault::BadAxis { axis: name, point, direction });
+                return Err(HeadError::BadAxis { axis: name, point, direction });
             }
         }
         for (axis, found) in [("pan", self.limits.pan), ("tilt", self.limits.tilt)] {
             if found[0].is_nan() || found[1].is_nan() || found[0] > found[1] {
-                return Err(HeadFault::BadLimits { axis, found });
+                return Err(HeadError::BadLimits { axis, found });
             }
         }
         Ok(())

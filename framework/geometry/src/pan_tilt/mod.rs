@@ -28,8 +28,8 @@ mod zoom;
 pub use aim::{Aim, Obstacle, Unreachable, aim, aim_at_sphere};
 pub use axis::Axis;
 pub use calibration::{
-    AxesRule, AxisSigma, CalibrationFault, HeadCalibration, HeadCovariance, HeadObservation, HeadRules, Holdout,
+    AxesRule, AxisSigma, HeadCalibration, HeadCalibrationError, HeadCovariance, HeadObservation, HeadOptions, Holdout,
     UnitsRule, calibrate_head, refine_head,
 };
-pub use head::{AxisUnits, HeadFault, HeadProjection, Limits, PanTiltHead, Setting, Stacking};
-pub use zoom::{ZoomChoice, ZoomFault, ZoomStop, ZoomTable};
+pub use head::{AxisUnits, HeadError, HeadProjection, Limits, PanTiltHead, Setting, Stacking};
+pub use zoom::{ZoomChoice, ZoomError, ZoomStop, ZoomTable};

@@ -4,7 +4,7 @@
 //! lies outside them (F. Fritsch and J. Butland, "A method for constructing local monotone piecewise cubic interpolants", SIAM
 //! J. Sci. Stat. Comput. 5(2), 1984); focal lengths follow it in their logarithm, since zoom drives go by ratios.
 
-use crate::camera::{Camera, CameraFault, Distortion, Intrinsics};
+use crate::camera::{Camera, CameraError, Distortion, Intrinsics};
 
 /// What the lens is at one position of the zoom drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,7 +29,7 @@ pub struct ZoomTable {
 
 /// Why there is no table.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum ZoomFault {
+pub enum ZoomError {
     /// Nothing to interpolate.
     #[error("{count} zoom stops, expected at least 2")]
     TooFew {
@@ -64,7 +64,7 @@ pub enum ZoomFault {
         /// Which, from 0.
         stop: usize,
         /// What is wrong.
-        fault: CameraFault,
+        fault: CameraError,
     },
 }
 
@@ -83,10 +83,10 @@ impl ZoomTable {
     /// A table of two stops or more, by rising position.
     ///
     /// # Errors
-    /// See [`ZoomFault`].
-    pub fn new(stops: Vec<ZoomStop>) -> Result<ZoomTable, ZoomFault> {
+    /// See [`ZoomError`].
+    pub fn new(stops: Vec<ZoomStop>) -> Result<ZoomTable, ZoomError> {
         if stops.len() < 2 {
-            return Err(ZoomFault::TooFew { count: stops.len() });
+            return Err(ZoomError::TooFew { count: stops.len() });
         }
         for (stop, it) in stops.iter().enumerate() {
             let camera = Camera {
@@ -95,17 +95,17 @@ impl ZoomTable {
                 distortion: it.distortion,
                 camera_from_world: nalgebra::Isometry3::identity(),
             };
-            camera.check().map_err(|fault| ZoomFault::BadOptics { stop, fault })?;
+            camera.check().map_err(|fault| ZoomError::BadOptics { stop, fault })?;
         }
         let rises = stops[1].intrinsics.focal[0] > stops[0].intrinsics.focal[0];
         for (stop, pair) in stops.windows(2).enumerate() {
             let [before, found] = [pair[0].zoom, pair[1].zoom];
             if !(found.is_finite() && before.is_finite() && found > before) {
-                return Err(ZoomFault::NotRising { stop: stop + 1, found, before });
+                return Err(ZoomError::NotRising { stop: stop + 1, found, before });
             }
             let [before, found] = [pair[0].intrinsics.focal[0], pair[1].intrinsics.focal[0]];
             if found == before || (found > before) != rises {
-                return Err(ZoomFault::FocalTurnsBack { stop: stop + 1, found, before });
+                return Err(ZoomError::FocalTurnsBack { stop: stop + 1, found, before });
             }
         }
         let values: Vec<[f64; COLUMNS]> = stops.iter().map(values).collect();
@@ -348,7 +348,7 @@ mod tests {
         );
         assert!(matches!(
             ZoomTable::new(vec![lens(0.0), lens(f64::NAN)]),
-            Err(ZoomFault::BadOptics { .. } | ZoomFault::NotRising { .. })
+            Err(ZoomError::BadOptics { .. } | ZoomError::NotRising { .. })
         ));
     }
 }

@@ -50,9 +50,9 @@ fn scene(half: [f64; 3], n: usize, sigma: f64, draw: &mut Draw) -> (Vec<Point3<f
 }
 
 #[track_caller]
-fn found(points: &[Point3<f64>], pixels: &[Point2<f64>], rules: &ResectionRules) -> Resection {
+fn found(points: &[Point3<f64>], pixels: &[Point2<f64>], options: &ResectionOptions) -> Resection {
     let mut draw = Draw(7);
-    resect(&camera(), points, pixels, rules, |n| draw.below(n)).unwrap()
+    resect(&camera(), points, pixels, options, |n| draw.below(n)).unwrap()
 }
 
 fn centre_error(found: &Resection) -> Vector3<f64> {
@@ -66,7 +66,7 @@ proptest! {
     fn exact_pixels_give_the_pose_back(seed in 0u64..1000, n in 6usize..40, height in prop_oneof![Just(0.0), 1.0..8.0]) {
         // Height 0: all points in a plane.
         let (points, pixels) = scene([10.0, 10.0, height], n, 0.0, &mut Draw(seed));
-        let found = found(&points, &pixels, &ResectionRules::default());
+        let found = found(&points, &pixels, &ResectionOptions::default());
         prop_assert!(centre_error(&found).norm() < 1e-5, "{}", centre_error(&found));
         prop_assert!(found.camera_from_world.rotation.angle_to(&camera().camera_from_world.rotation) < 1e-6);
         prop_assert!(found.right.iter().all(|it| *it) && found.residuals_rms_px < 1e-4);
@@ -76,13 +76,13 @@ proptest! {
 #[test]
 fn four_points_are_enough_and_three_are_not() {
     let (points, pixels) = scene([10.0, 10.0, 5.0], 4, 0.0, &mut Draw(3));
-    assert!(centre_error(&found(&points, &pixels, &ResectionRules::default())).norm() < 1e-5);
-    let refused = resect(&camera(), &points[..3], &pixels[..3], &ResectionRules::default(), |_| 0).unwrap_err();
-    assert_eq!(refused, ResectionFault::TooFew { count: 3 });
+    assert!(centre_error(&found(&points, &pixels, &ResectionOptions::default())).norm() < 1e-5);
+    let refused = resect(&camera(), &points[..3], &pixels[..3], &ResectionOptions::default(), |_| 0).unwrap_err();
+    assert_eq!(refused, ResectionError::TooFew { count: 3 });
     let mut broken = pixels.clone();
     broken[2].x = f64::NAN;
-    let refused = resect(&camera(), &points, &broken, &ResectionRules::default(), |_| 0).unwrap_err();
-    assert_eq!(refused, ResectionFault::TooFew { count: 3 });
+    let refused = resect(&camera(), &points, &broken, &ResectionOptions::default(), |_| 0).unwrap_err();
+    assert_eq!(refused, ResectionError::TooFew { count: 3 });
 }
 
 #[test]
@@ -92,7 +92,7 @@ fn seven_wrong_pairs_of_ten_are_found_out() {
     for pixel in pixels.iter_mut().take(210) {
         *pixel += Vector2::new(draw.normal(), draw.normal()) * 150.0;
     }
-    let found = found(&points, &pixels, &ResectionRules { trials: 2000, ..ResectionRules::default() });
+    let found = found(&points, &pixels, &ResectionOptions { trials: 2000, ..ResectionOptions::default() });
     assert!(centre_error(&found).norm() < 0.1, "{} m", centre_error(&found).norm());
     assert!(found.right[210..].iter().all(|it| *it));
     assert!(found.right[..210].iter().filter(|it| **it).count() < 5);
@@ -105,7 +105,8 @@ fn the_error_is_what_the_covariance_says() {
     for _ in 0..runs {
         let (points, pixels) = scene([10.0, 10.0, 5.0], 60, 0.5, &mut draw);
         let found =
-            refine_pose(&camera(), &points, &pixels, &ResectionRules { inlier_px: 5.0, ..Default::default() }).unwrap();
+            refine_pose(&camera(), &points, &pixels, &ResectionOptions { inlier_px: 5.0, ..Default::default() })
+                .unwrap();
         let error = centre_error(&found);
         of_centre += error.dot(&(found.centre_covariance().try_inverse().unwrap() * error));
         let delta = found.camera_from_world.inverse() * camera().camera_from_world;
@@ -123,31 +124,31 @@ fn places_of_a_map_keep_their_digits() {
     let far = Vector3::new(465_000.0, 5_247_000.0, 540.0);
     let (points, pixels) = scene([10.0, 10.0, 5.0], 30, 0.0, &mut Draw(9));
     let shifted: Vec<Point3<f64>> = points.iter().map(|it| it + far).collect();
-    let found = found(&shifted, &pixels, &ResectionRules::default());
+    let found = found(&shifted, &pixels, &ResectionOptions::default());
     assert!((centre_error(&found) - far).norm() < 1e-4, "{}", (centre_error(&found) - far).norm());
 }
 
 #[test]
 fn what_fixes_no_pose_is_refused_with_the_reason() {
-    let rules = ResectionRules::default();
-    let refused = |points: &[Point3<f64>], pixels: &[Point2<f64>], rules: &ResectionRules| {
+    let options = ResectionOptions::default();
+    let refused = |points: &[Point3<f64>], pixels: &[Point2<f64>], options: &ResectionOptions| {
         let mut draw = Draw(2);
-        resect(&camera(), points, pixels, rules, |n| draw.below(n)).unwrap_err()
+        resect(&camera(), points, pixels, options, |n| draw.below(n)).unwrap_err()
     };
     let line: Vec<Point3<f64>> = (0..20).map(|it| Point3::new(f64::from(it), 0.5 * f64::from(it), 15.0)).collect();
     let on_line: Vec<Point2<f64>> = line.iter().map(|it| camera().project(it).unwrap()).collect();
-    assert!(matches!(refused(&line, &on_line, &rules), ResectionFault::Collinear { .. }));
-    assert!(matches!(refused(&[line[0]; 9], &[on_line[0]; 9], &rules), ResectionFault::Collinear { .. }));
+    assert!(matches!(refused(&line, &on_line, &options), ResectionError::Collinear { .. }));
+    assert!(matches!(refused(&[line[0]; 9], &[on_line[0]; 9], &options), ResectionError::Collinear { .. }));
     let (points, pixels) = scene([10.0, 10.0, 5.0], 30, 0.0, &mut Draw(4));
-    assert_eq!(refused(&points, &pixels[1..], &rules), ResectionFault::LengthsDiffer { points: 30, pixels: 29 });
-    let bad = ResectionRules { inlier_px: 0.0, ..rules };
-    assert_eq!(refused(&points, &pixels, &bad), ResectionFault::BadRule { rule: "inlier_px", found: 0.0 });
+    assert_eq!(refused(&points, &pixels[1..], &options), ResectionError::LengthsDiffer { points: 30, pixels: 29 });
+    let bad = ResectionOptions { inlier_px: 0.0, ..options };
+    assert_eq!(refused(&points, &pixels, &bad), ResectionError::BadRule { rule: "inlier_px", found: 0.0 });
     // Pixels that belong to no points.
     let mut draw = Draw(6);
     let noise: Vec<Point2<f64>> =
         points.iter().map(|_| Point2::new(draw.uniform() * 1920.0, draw.uniform() * 1080.0)).collect();
-    let strict = ResectionRules { inlier_px: 0.01, ..rules };
-    assert!(matches!(refused(&points, &noise, &strict), ResectionFault::NoConsensus { .. }));
+    let strict = ResectionOptions { inlier_px: 0.01, ..options };
+    assert!(matches!(refused(&points, &noise, &strict), ResectionError::NoConsensus { .. }));
 }
 
 #[test]
@@ -157,7 +158,7 @@ fn points_behind_the_camera_are_never_right() {
         let direction = *point - camera().centre();
         *point = camera().centre() - direction; // on the same line, behind
     }
-    let found = found(&points, &pixels, &ResectionRules::default());
+    let found = found(&points, &pixels, &ResectionOptions::default());
     assert!(centre_error(&found).norm() < 1e-5);
     assert_eq!(found.right.iter().filter(|it| **it).count(), 32);
 }

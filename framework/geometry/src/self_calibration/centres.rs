@@ -1,9 +1,9 @@
 //! The centres of all cameras at once, their rotations known: a linear problem.
 //!
-//! With d the unit direction of a sighting in the world and P = w (I − d dᵀ), a point X seen from centres cᵢ has Σ Pᵢ (X − cᵢ) = 0.
+//! With d the unit direction of an observation in the world and P = w (I − d dᵀ), a point X seen from centres cᵢ has Σ Pᵢ (X − cᵢ) = 0.
 //! Eliminating the points leaves a quadratic form in the centres that is least, but for shifts, at the wanted ones: its
 //! fourth eigenvector, found by inverse iteration. Weights 1/depth² turn distances from the line into angles and Cauchy's weights
-//! silence wrong sightings, both from the round before.
+//! silence wrong observations, both from the round before.
 
 use foveate_estimation::statistics::{SIGMA_PER_MAD, median};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Translation3, Vector3};
@@ -22,7 +22,7 @@ pub(super) struct Start {
 }
 
 /// A line of sight in the world.
-struct Sight {
+struct Bearing {
     camera: usize,
     direction: Vector3<f64>,
     weight: f64,
@@ -39,22 +39,22 @@ pub(super) fn place(tracks: &Tracks<'_>, links: &[Oriented], graph: &Averaged) -
     }
     let mut slots = vec![None; n];
     members.iter().enumerate().for_each(|(slot, camera)| slots[*camera] = Some(slot));
-    let mut supported = vec![false; tracks.sightings.len()];
+    let mut supported = vec![false; tracks.observations.len()];
     for link in links.iter().filter(|it| graph.consistent.contains(&(it.link.a, it.link.b))) {
         link.right.iter().flatten().for_each(|it| supported[*it] = true);
     }
-    let mut frames: Vec<Vec<Sight>> = Vec::new();
+    let mut frames: Vec<Vec<Bearing>> = Vec::new();
     for frame in &tracks.of_frame {
-        let sight = |index: &usize| {
-            let sighting = &tracks.sightings[*index];
-            let slot = slots[sighting.camera].filter(|_| supported[*index])?;
-            let in_camera = tracks.cameras[sighting.camera].normalise(&sighting.pixel)?.push(1.0);
-            let direction = graph.camera_from_world[sighting.camera].inverse() * in_camera.normalize();
-            Some(Sight { camera: slot, direction, weight: 1.0, depth: 1.0, error: 0.0 })
+        let bearing = |index: &usize| {
+            let observation = &tracks.observations[*index];
+            let slot = slots[observation.camera].filter(|_| supported[*index])?;
+            let in_camera = tracks.cameras[observation.camera].normalise(&observation.pixel)?.push(1.0);
+            let direction = graph.camera_from_world[observation.camera].inverse() * in_camera.normalize();
+            Some(Bearing { camera: slot, direction, weight: 1.0, depth: 1.0, error: 0.0 })
         };
-        let sights: Vec<Sight> = frame.iter().filter_map(sight).collect();
-        if sights.len() >= 2 {
-            frames.push(sights);
+        let bearings: Vec<Bearing> = frame.iter().filter_map(bearing).collect();
+        if bearings.len() >= 2 {
+            frames.push(bearings);
         }
     }
     let mut centres = DVector::zeros(3 * members.len());
@@ -70,10 +70,10 @@ pub(super) fn place(tracks: &Tracks<'_>, links: &[Oriented], graph: &Averaged) -
         let scale = 2.385 * SIGMA_PER_MAD * median(&errors)?.max(1e-9);
         let depths: Vec<f64> = frames.iter().flatten().map(|it| it.depth.abs()).collect();
         let middle = median(&depths)?;
-        for sight in frames.iter_mut().flatten() {
-            // Depths of points that are still far off would give single sightings all the weight.
-            let depth = sight.depth.abs().clamp(0.2 * middle, 5.0 * middle) / middle;
-            sight.weight = 1.0 / (depth * depth * (1.0 + (sight.error / scale).powi(2)));
+        for bearing in frames.iter_mut().flatten() {
+            // Depths of points that are still far off would give single observations all the weight.
+            let depth = bearing.depth.abs().clamp(0.2 * middle, 5.0 * middle) / middle;
+            bearing.weight = 1.0 / (depth * depth * (1.0 + (bearing.error / scale).powi(2)));
         }
     }
     let mut cameras = vec![None; n];
@@ -87,17 +87,17 @@ pub(super) fn place(tracks: &Tracks<'_>, links: &[Oriented], graph: &Averaged) -
 }
 
 /// The form of the centres when the points follow, least but for shifts; from `before` or, at first, from a fixed direction.
-fn least_centres(frames: &[Vec<Sight>], n: usize, before: &DVector<f64>, round: usize) -> Option<DVector<f64>> {
+fn least_centres(frames: &[Vec<Bearing>], n: usize, before: &DVector<f64>, round: usize) -> Option<DVector<f64>> {
     let mut form = DMatrix::zeros(3 * n, 3 * n);
-    for sights in frames {
-        let projections: Vec<Matrix3<f64>> = sights.iter().map(across).collect();
+    for bearings in frames {
+        let projections: Vec<Matrix3<f64>> = bearings.iter().map(across).collect();
         let Some(inverse) = projections.iter().sum::<Matrix3<f64>>().try_inverse() else { continue };
-        for (sight, projection) in sights.iter().zip(&projections) {
+        for (bearing, projection) in bearings.iter().zip(&projections) {
             let led_back = projection * inverse;
-            let mut own = form.fixed_view_mut::<3, 3>(3 * sight.camera, 3 * sight.camera);
+            let mut own = form.fixed_view_mut::<3, 3>(3 * bearing.camera, 3 * bearing.camera);
             own += projection;
-            for (other, by) in sights.iter().zip(&projections) {
-                let mut block = form.fixed_view_mut::<3, 3>(3 * sight.camera, 3 * other.camera);
+            for (other, by) in bearings.iter().zip(&projections) {
+                let mut block = form.fixed_view_mut::<3, 3>(3 * bearing.camera, 3 * other.camera);
                 block -= led_back * by;
             }
         }
@@ -124,24 +124,24 @@ fn least_centres(frames: &[Vec<Sight>], n: usize, before: &DVector<f64>, round: 
     vector.iter().all(|it| it.is_finite()).then_some(vector)
 }
 
-fn across(sight: &Sight) -> Matrix3<f64> {
-    (Matrix3::identity() - sight.direction * sight.direction.transpose()) * sight.weight
+fn across(bearing: &Bearing) -> Matrix3<f64> {
+    (Matrix3::identity() - bearing.direction * bearing.direction.transpose()) * bearing.weight
 }
 
-/// Intersects each frame, and measures depth and angular error of its sights.
-fn measure(frames: &mut [Vec<Sight>], centres: &DVector<f64>) {
-    for sights in frames {
+/// Intersects each frame, and measures depth and angular error of its bearings.
+fn measure(frames: &mut [Vec<Bearing>], centres: &DVector<f64>) {
+    for bearings in frames {
         let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
-        for sight in sights.iter() {
-            let projection = across(sight);
+        for bearing in bearings.iter() {
+            let projection = across(bearing);
             normal += projection;
-            right += projection * centres.fixed_rows::<3>(3 * sight.camera);
+            right += projection * centres.fixed_rows::<3>(3 * bearing.camera);
         }
         let Some(point) = normal.try_inverse().map(|it| Point3::from(it * right)) else { continue };
-        for sight in sights.iter_mut() {
-            let offset = point.coords - centres.fixed_rows::<3>(3 * sight.camera);
-            sight.depth = offset.dot(&sight.direction);
-            sight.error = sight.direction.cross(&offset).norm() / offset.norm().max(f64::MIN_POSITIVE);
+        for bearing in bearings.iter_mut() {
+            let offset = point.coords - centres.fixed_rows::<3>(3 * bearing.camera);
+            bearing.depth = offset.dot(&bearing.direction);
+            bearing.error = bearing.direction.cross(&offset).norm() / offset.norm().max(f64::MIN_POSITIVE);
         }
     }
 }

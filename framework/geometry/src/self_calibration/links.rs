@@ -3,10 +3,10 @@
 use foveate_estimation::Random;
 use nalgebra::{Isometry3, Matrix2, Point2, Vector2};
 
-use super::{CameraStatus, SelfCalibrationRules, Sighting};
+use super::{CameraStatus, LightObservation, SelfCalibrationOptions};
 use crate::bundle::{Freedom, OpticsPrior};
 use crate::camera::Camera;
-use crate::epipolar::{EpipolarFault, EpipolarRules, relative_pose};
+use crate::epipolar::{EpipolarError, EpipolarOptions, relative_pose};
 
 /// How two cameras are linked.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,7 +25,7 @@ pub struct Link {
     pub consistent: bool,
 }
 
-/// The sightings, by camera.
+/// The observations, by camera.
 pub(super) struct Tracks<'a> {
     /// As the caller gave them.
     pub given: &'a [Camera],
@@ -35,14 +35,14 @@ pub(super) struct Tracks<'a> {
     pub priors: Vec<OpticsPrior>,
     /// What is free of each.
     pub free: &'a [Freedom],
-    pub sightings: &'a [Sighting],
-    /// By camera: its sightings in the order of frames.
+    pub observations: &'a [LightObservation],
+    /// By camera: its observations in the order of frames.
     pub of_camera: Vec<Vec<usize>>,
-    /// By frame: its sightings in the order of cameras.
+    /// By frame: its observations in the order of cameras.
     pub of_frame: Vec<Vec<usize>>,
 }
 
-/// A link, its pose and the sightings that fit.
+/// A link, its pose and the observations that fit.
 pub(super) struct Oriented {
     pub link: Link,
     pub b_from_a: Isometry3<f64>,
@@ -60,23 +60,23 @@ impl<'a> Tracks<'a> {
         given: &'a [Camera],
         cameras: &'a [Camera],
         free: &'a [Freedom],
-        sightings: &'a [Sighting],
+        observations: &'a [LightObservation],
     ) -> Self {
-        let mut order: Vec<usize> = (0..sightings.len()).collect();
-        order.sort_by_key(|it| (sightings[*it].frame, sightings[*it].camera));
-        let n_frames = sightings.iter().map(|it| it.frame + 1).max().unwrap_or(0);
+        let mut order: Vec<usize> = (0..observations.len()).collect();
+        order.sort_by_key(|it| (observations[*it].frame, observations[*it].camera));
+        let n_frames = observations.iter().map(|it| it.frame + 1).max().unwrap_or(0);
         let (mut of_camera, mut of_frame) = (vec![Vec::new(); cameras.len()], vec![Vec::new(); n_frames]);
         for index in order {
-            of_camera[sightings[index].camera].push(index);
-            of_frame[sightings[index].frame].push(index);
+            of_camera[observations[index].camera].push(index);
+            of_frame[observations[index].frame].push(index);
         }
         let priors = given.iter().map(OpticsPrior::of_guess).collect();
-        Self { given, cameras, priors, free, sightings, of_camera, of_frame }
+        Self { given, cameras, priors, free, observations, of_camera, of_frame }
     }
 
-    /// Sightings of both cameras in the frames that both see.
+    /// Observations of both cameras in the frames that both see.
     fn common(&self, a: usize, b: usize) -> Vec<[usize; 2]> {
-        let frame = |it: usize| self.sightings[it].frame;
+        let frame = |it: usize| self.observations[it].frame;
         let (mut in_a, mut in_b) = (self.of_camera[a].iter().peekable(), self.of_camera[b].iter().peekable());
         let mut both = Vec::new();
         while let (Some(&&x), Some(&&y)) = (in_a.peek(), in_b.peek()) {
@@ -93,8 +93,8 @@ impl<'a> Tracks<'a> {
         both
     }
 
-    fn pixel(&self, sighting: usize) -> Point2<f64> {
-        self.sightings[sighting].pixel
+    fn pixel(&self, observation: usize) -> Point2<f64> {
+        self.observations[observation].pixel
     }
 
     /// Standard deviation of a camera's pixels across the line along which they spread most [px].
@@ -109,14 +109,14 @@ impl<'a> Tracks<'a> {
 }
 
 /// Orients each camera with those that it shares most frames with.
-pub(super) fn orient(tracks: &Tracks<'_>, rules: &SelfCalibrationRules, random: &Random) -> Orientations {
+pub(super) fn orient(tracks: &Tracks<'_>, options: &SelfCalibrationOptions, random: &Random) -> Orientations {
     let n = tracks.cameras.len();
-    let needed = rules.min_common.max(6);
+    let needed = options.min_common.max(6);
     let mut counts = vec![vec![0_usize; n]; n];
     for frame in &tracks.of_frame {
         for (index, first) in frame.iter().enumerate() {
             for second in &frame[index + 1..] {
-                let [a, b] = [first, second].map(|it| tracks.sightings[*it].camera);
+                let [a, b] = [first, second].map(|it| tracks.observations[*it].camera);
                 counts[a][b] += 1;
                 counts[b][a] += 1;
             }
@@ -126,7 +126,7 @@ pub(super) fn orient(tracks: &Tracks<'_>, rules: &SelfCalibrationRules, random: 
     for (camera, counts) in counts.iter().enumerate() {
         let mut partners: Vec<usize> = (0..n).filter(|it| counts[*it] >= needed).collect();
         partners.sort_by_key(|it| (std::cmp::Reverse(counts[*it]), *it));
-        partners.truncate(rules.max_partners);
+        partners.truncate(options.max_partners);
         for partner in partners {
             wanted[camera.min(partner)][camera.max(partner)] = true;
         }
@@ -140,15 +140,15 @@ pub(super) fn orient(tracks: &Tracks<'_>, rules: &SelfCalibrationRules, random: 
         for b in (a + 1..n).filter(|it| wanted[a][*it]) {
             let common = tracks.common(a, b);
             let pixels = [0, 1].map(|side| common.iter().map(|it| tracks.pixel(it[side])).collect::<Vec<_>>());
-            let pair_rules = EpipolarRules {
-                sigma_px: rules.sigma_px,
-                inlier_px: slack(a).max(slack(b)) * rules.inlier_px,
+            let pair_options = EpipolarOptions {
+                sigma_px: options.sigma_px,
+                inlier_px: slack(a).max(slack(b)) * options.inlier_px,
                 min_right: needed,
-                ..EpipolarRules::default()
+                ..EpipolarOptions::default()
             };
             let mut draws = random.fork(&format!("{a} {b}"));
             let pair = [&tracks.cameras[a], &tracks.cameras[b]];
-            let found = relative_pose(pair, [&pixels[0], &pixels[1]], &pair_rules, &mut draws);
+            let found = relative_pose(pair, [&pixels[0], &pixels[1]], &pair_options, &mut draws);
             let mut note = |right: usize| {
                 for (own, other) in [(a, b), (b, a)] {
                     if best_fit[own].is_none_or(|it| right > it.2) {
@@ -165,8 +165,8 @@ pub(super) fn orient(tracks: &Tracks<'_>, rules: &SelfCalibrationRules, random: 
                     let link = Link { a, b, common: common.len(), right: right_count, planar_share, consistent: false };
                     links.push(Oriented { link, b_from_a: found.b_from_a, right });
                 }
-                Err(EpipolarFault::NoConsensus { agreeing, .. }) => note(agreeing),
-                Err(EpipolarFault::NoDepth { .. }) => {
+                Err(EpipolarError::NoConsensus { agreeing, .. }) => note(agreeing),
+                Err(EpipolarError::NoDepth { .. }) => {
                     shallow[a] = shallow[a].or(Some(b));
                     shallow[b] = shallow[b].or(Some(a));
                 }
@@ -182,8 +182,8 @@ pub(super) fn orient(tracks: &Tracks<'_>, rules: &SelfCalibrationRules, random: 
         if links.iter().any(|it| it.link.a == camera || it.link.b == camera) {
             CameraStatus::Calibrated
         } else if frames < needed {
-            CameraStatus::TooFewSightings { frames, needed }
-        } else if spread_px < 3.0 * rules.sigma_px {
+            CameraStatus::TooFewObservations { frames, needed }
+        } else if spread_px < 3.0 * options.sigma_px {
             CameraStatus::LightStill { spread_px }
         } else if common < needed {
             CameraStatus::NoPartner { best, common, needed }

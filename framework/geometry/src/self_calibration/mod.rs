@@ -3,7 +3,7 @@
 //! Each frame gives at most one pixel a camera, many give none. Pairs of cameras are oriented ([`crate::epipolar`]); the rotations of
 //! all pairs are averaged over the view graph, pairs that contradict it are dropped; with rotations known, the centres of all
 //! cameras are the solution of one linear problem over all lines of sight; then points are intersected and everything is bundle-adjusted
-//! in rounds that are ever stricter about which sightings are right. Cameras that no pair could place are resected from the points.
+//! in rounds that are ever stricter about which observations are right. Cameras that no pair could place are resected from the points.
 //! So a frame seen by 4 of 18 cameras helps as much as it can, where growing a scene from one pair would starve: two cameras
 //! share only some two dozen of 600 such frames, of which a third camera sees three.
 //!
@@ -22,13 +22,13 @@ use foveate_estimation::Random;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector2, Vector3};
 
 pub use self::links::Link;
-pub use self::status::{CameraStatus, HeldBecause, OpticHeld, SelfCalibrationFault};
+pub use self::status::{CameraStatus, HeldBecause, OpticHeld, SelfCalibrationError};
 use crate::bundle::{CameraCovariance, Freedom};
 use crate::camera::Camera;
 
 /// The light, seen by a camera in a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sighting {
+pub struct LightObservation {
     /// Which camera.
     pub camera: usize,
     /// Which frame; cameras see the same place in the same frame.
@@ -39,12 +39,12 @@ pub struct Sighting {
 
 /// How to go about it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SelfCalibrationRules {
+pub struct SelfCalibrationOptions {
     /// Of either coordinate of a right pixel, standard deviation [px].
     pub sigma_px: f64,
-    /// A sighting is right when at most this far from where its point is seen [px].
+    /// An observation is right when at most this far from where its point is seen [px].
     pub inlier_px: f64,
-    /// Right pairs of sightings that link two cameras, at least 6 [–].
+    /// Right pairs of observations that link two cameras, at least 6 [–].
     pub min_common: usize,
     /// Pairs are oriented with this many partners of each camera, those with which it shares most frames [–].
     pub max_partners: usize,
@@ -54,7 +54,7 @@ pub struct SelfCalibrationRules {
     pub seed: u64,
 }
 
-impl Default for SelfCalibrationRules {
+impl Default for SelfCalibrationOptions {
     fn default() -> Self {
         Self { sigma_px: 0.5, inlier_px: 3.0, min_common: 10, max_partners: 20, max_focal_sigma: 0.04, seed: 1 }
     }
@@ -68,17 +68,17 @@ pub struct SelfCalibration {
     pub cameras: Vec<Camera>,
     /// By camera.
     pub status: Vec<CameraStatus>,
-    /// By frame: where the light was, if more than half of its sightings, at least two, agree.
+    /// By frame: where the light was, if more than half of its observations, at least two, agree.
     pub points: Vec<Option<Point3<f64>>>,
     /// By camera: what was found rather than given; the optics that are free here are not those of the input.
     pub freed: Vec<Freedom>,
     /// By camera that was found: the optics that were to be found and stay as given, and why.
     pub held: Vec<Vec<OpticHeld>>,
-    /// By sighting: seen − measured, if camera and point are known [px].
+    /// By observation: seen − measured, if camera and point are known [px].
     pub residuals: Vec<Option<Vector2<f64>>>,
-    /// By sighting: whether it is right, and was used.
+    /// By observation: whether it is right, and was used.
     pub right: Vec<bool>,
-    /// Root of the mean squared length of the residuals of right sightings [px].
+    /// Root of the mean squared length of the residuals of right observations [px].
     pub rms_px: f64,
     /// By camera: how well it is known, with inner constraints; `None` when not calibrated or left open.
     pub covariance: Vec<Option<CameraCovariance>>,
@@ -88,23 +88,23 @@ pub struct SelfCalibration {
     pub flatness: f64,
 }
 
-/// Calibrates `cameras`, whose poses do not matter, from `sightings` of one light.
+/// Calibrates `cameras`, whose poses do not matter, from `observations` of one light.
 ///
 /// What `free` leaves free of a camera's optics is found, and what was given of it is a guess: of focal lengths right to a third or so, of
 /// the rest as [`OpticsPrior::of_guess`](crate::bundle::OpticsPrior::of_guess) has it. All else of the optics is known. A camera whose focal length is free and cannot be told is refused; its other optics
-/// stay as given when the sightings do not hold them ([`SelfCalibration::held`]).
+/// stay as given when the observations do not hold them ([`SelfCalibration::held`]).
 ///
 /// # Errors
-/// See [`SelfCalibrationFault`]; cameras that cannot be calibrated beside others that can are told in the status.
+/// See [`SelfCalibrationError`]; cameras that cannot be calibrated beside others that can are told in the status.
 pub fn self_calibrate(
     cameras: &[Camera],
     free: &[Freedom],
-    sightings: &[Sighting],
-    rules: &SelfCalibrationRules,
-) -> Result<SelfCalibration, SelfCalibrationFault> {
-    check(cameras, free, sightings, rules)?;
+    observations: &[LightObservation],
+    options: &SelfCalibrationOptions,
+) -> Result<SelfCalibration, SelfCalibrationError> {
+    check(cameras, free, observations, options)?;
     let free: Vec<Freedom> = free.iter().map(|it| Freedom { pose: true, ..*it }).collect();
-    // A guess by which most sightings can be explained is near enough for the adjustment to find the rest.
+    // A guess by which most observations can be explained is near enough for the adjustment to find the rest.
     let mut best: Option<SelfCalibration> = None;
     let mut fault = None;
     for [focal, k1] in optics::guesses(&free) {
@@ -117,7 +117,7 @@ pub fn self_calibrate(
                 camera.distortion.k1 += k1;
             }
         }
-        match attempt(cameras, &guessed, &free, sightings, rules) {
+        match attempt(cameras, &guessed, &free, observations, options) {
             Ok(found) => {
                 let n_right = |it: &SelfCalibration| it.right.iter().filter(|it| **it).count();
                 if best.as_ref().is_none_or(|best| n_right(&found) > n_right(best)) {
@@ -126,7 +126,7 @@ pub fn self_calibrate(
             }
             Err(found) => fault = fault.or(Some(found)),
         }
-        if best.as_ref().is_some_and(|it| it.stands(sightings)) {
+        if best.as_ref().is_some_and(|it| it.stands(observations)) {
             break;
         }
     }
@@ -140,57 +140,62 @@ pub fn self_calibrate(
 /// A room stands when two thirds of the cameras that see enough, at least three, are calibrated [–]…
 const STANDING_CAMERAS: f64 = 0.66;
 /// … and so large a part of what these see is right [–].
-const STANDING_SIGHTINGS: f64 = 0.9;
+const STANDING_OBSERVATIONS: f64 = 0.9;
 
 impl SelfCalibration {
     /// Whether no other start is needed: all cameras that see enough are calibrated, or most of them are and agree. What is wrong with the
     /// others is not the start then.
-    pub fn stands(&self, sightings: &[Sighting]) -> bool {
-        let hears = |it: &CameraStatus| !matches!(it, CameraStatus::TooFewSightings { .. });
+    pub fn stands(&self, observations: &[LightObservation]) -> bool {
+        let hears = |it: &CameraStatus| !matches!(it, CameraStatus::TooFewObservations { .. });
         let heard = self.status.iter().filter(|it| hears(it)).count();
         let is_in = |it: usize| self.status[it] == CameraStatus::Calibrated;
         let calibrated = (0..self.status.len()).filter(|it| is_in(*it)).count();
-        let of_these = sightings.iter().filter(|it| is_in(it.camera)).count() as f64;
+        let of_these = observations.iter().filter(|it| is_in(it.camera)).count() as f64;
         let right = self.right.iter().filter(|it| **it).count() as f64;
         let most = (STANDING_CAMERAS * heard as f64).ceil().max(3.0) as usize;
-        calibrated >= heard || (calibrated >= most && right >= STANDING_SIGHTINGS * of_these)
+        calibrated >= heard || (calibrated >= most && right >= STANDING_OBSERVATIONS * of_these)
     }
 }
 
 fn check(
     cameras: &[Camera],
     free: &[Freedom],
-    sightings: &[Sighting],
-    rules: &SelfCalibrationRules,
-) -> Result<(), SelfCalibrationFault> {
+    observations: &[LightObservation],
+    options: &SelfCalibrationOptions,
+) -> Result<(), SelfCalibrationError> {
     if cameras.len() < 2 {
-        return Err(SelfCalibrationFault::TooFewCameras { count: cameras.len() });
+        return Err(SelfCalibrationError::TooFewCameras { count: cameras.len() });
     }
     if cameras.len() != free.len() {
-        return Err(SelfCalibrationFault::LengthsDiffer { cameras: cameras.len(), freedoms: free.len() });
+        return Err(SelfCalibrationError::LengthsDiffer { cameras: cameras.len(), freedoms: free.len() });
     }
     for (rule, found) in [
-        ("sigma_px", rules.sigma_px),
-        ("inlier_px", rules.inlier_px),
-        ("max_partners", rules.max_partners as f64),
-        ("max_focal_sigma", rules.max_focal_sigma),
+        ("sigma_px", options.sigma_px),
+        ("inlier_px", options.inlier_px),
+        ("max_partners", options.max_partners as f64),
+        ("max_focal_sigma", options.max_focal_sigma),
     ] {
         if !(found.is_finite() && found > 0.0) {
-            return Err(SelfCalibrationFault::BadRule { rule, found });
+            return Err(SelfCalibrationError::BadRule { rule, found });
         }
     }
     for (index, camera) in cameras.iter().enumerate() {
-        camera.check().map_err(|fault| SelfCalibrationFault::BadCamera { camera: index, fault })?;
+        camera.check().map_err(|fault| SelfCalibrationError::BadCamera { camera: index, fault })?;
     }
-    for (index, &Sighting { camera, pixel, .. }) in sightings.iter().enumerate() {
+    for (index, &LightObservation { camera, pixel, .. }) in observations.iter().enumerate() {
         if camera >= cameras.len() || !pixel.coords.norm().is_finite() {
-            return Err(SelfCalibrationFault::BadSighting { sighting: index, camera, pixel, cameras: cameras.len() });
+            return Err(SelfCalibrationError::BadObservation {
+                observation: index,
+                camera,
+                pixel,
+                cameras: cameras.len(),
+            });
         }
     }
-    let mut keys: Vec<(usize, usize)> = sightings.iter().map(|it| (it.camera, it.frame)).collect();
+    let mut keys: Vec<(usize, usize)> = observations.iter().map(|it| (it.camera, it.frame)).collect();
     keys.sort_unstable();
     if let Some(twice) = keys.windows(2).find(|it| it[0] == it[1]) {
-        return Err(SelfCalibrationFault::SeenTwice { camera: twice[0].0, frame: twice[0].1 });
+        return Err(SelfCalibrationError::SeenTwice { camera: twice[0].0, frame: twice[0].1 });
     }
     Ok(())
 }
@@ -200,12 +205,12 @@ fn attempt(
     given: &[Camera],
     cameras: &[Camera],
     free: &[Freedom],
-    sightings: &[Sighting],
-    rules: &SelfCalibrationRules,
-) -> Result<SelfCalibration, SelfCalibrationFault> {
-    let random = Random::new(rules.seed).fork("self_calibration");
-    let tracks = links::Tracks::new(given, cameras, free, sightings);
-    let oriented = links::orient(&tracks, rules, &random);
+    observations: &[LightObservation],
+    options: &SelfCalibrationOptions,
+) -> Result<SelfCalibration, SelfCalibrationError> {
+    let random = Random::new(options.seed).fork("self_calibration");
+    let tracks = links::Tracks::new(given, cameras, free, observations);
+    let oriented = links::orient(&tracks, options, &random);
     let graph = rotations::average(cameras.len(), &oriented.links);
     let mut status = oriented.status;
     for (camera, status) in status.iter_mut().enumerate() {
@@ -223,9 +228,9 @@ fn attempt(
         };
     }
     let start = centres::place(&tracks, &oriented.links, &graph);
-    let nothing = |status: &[CameraStatus]| SelfCalibrationFault::NothingCalibrated { status: status.to_vec() };
+    let nothing = |status: &[CameraStatus]| SelfCalibrationError::NothingCalibrated { status: status.to_vec() };
     let Some(start) = start else { return Err(nothing(&status)) };
-    let found = rounds::run(&tracks, start, &mut status, rules, &random);
+    let found = rounds::run(&tracks, start, &mut status, options, &random);
     let mut found = found.ok_or_else(|| nothing(&status))?;
     if !found.status.contains(&CameraStatus::Calibrated) {
         return Err(nothing(&found.status));

@@ -1,18 +1,18 @@
-//! Optics beyond the focal length: freed when the room stands, and held again where the sightings do not hold them.
+//! Optics beyond the focal length: freed when the room stands, and held again where the observations do not hold them.
 //!
 //! What re-projection gains by a further parameter says nothing. So what is known of any lens beforehand goes into the adjustment, which
-//! keeps an optic that pixels hold too little within reason and no more certain than that ([`crate::bundle::OpticsPrior`]); and sightings which were
-//! kept back must be predicted at least as well.
+//! keeps an optic that pixels hold too little within reason and no more certain than that ([`crate::bundle::OpticsPrior`]); and observations which were
+//! held out must be predicted at least as well.
 
 use foveate_estimation::Loss;
 
 use super::rounds::{LATE_ROUNDS, Room};
 use super::status::{HeldBecause, OpticHeld};
-use crate::bundle::{Freedom, OpenParameters, Optic};
+use crate::bundle::{Freedom, Optic, UnobservableParameters};
 
-/// One right sighting in so many of a camera is kept back.
-const KEPT_BACK: usize = 5;
-/// A camera's sightings that are kept back say nothing when there are fewer.
+/// One right observation in so many of a camera is held out.
+const HELD_OUT_EVERY: usize = 5;
+/// A camera's observations that are held out say nothing when there are fewer.
 const LEAST_KEPT: usize = 8;
 /// Optics that are not needed cost some hold-out error, which is no reason to refuse them.
 const MAX_HOLD_OUT_LOSS: f64 = 1.05;
@@ -24,12 +24,12 @@ pub(super) fn guesses(free: &[Freedom]) -> Vec<[f64; 2]> {
     k1.iter().flat_map(|k1| focal.iter().map(|focal| [*focal, *k1])).collect()
 }
 
-/// What is adjusted while the room comes to stand: without it too few sightings fit.
+/// What is adjusted while the room comes to stand: without it too few observations fit.
 pub(super) fn from_the_start(free: &Freedom) -> Freedom {
     Freedom { focal: free.focal, k1: free.k1, ..Freedom::POSE }
 }
 
-/// Frees the optics of a room that stands as far as its sightings hold them; by camera, those that stay as given.
+/// Frees the optics of a room that stands as far as its observations hold them; by camera, those that stay as given.
 pub(super) fn free_what_holds(room: &mut Room<'_>) -> Option<Vec<Vec<OpticHeld>>> {
     let mut held = vec![Vec::new(); room.cameras.len()];
     let asked = |it: &Freedom| Optic::ALL[1..].iter().any(|optic| it.frees(*optic));
@@ -102,7 +102,7 @@ fn restore(room: &mut Room<'_>, camera: usize) {
 }
 
 /// Of each camera with parameters that are open, the optic to hold: an open one, or else the one that is missed least.
-fn left_open(room: &Room<'_>, open: &OpenParameters) -> Vec<(usize, OpticHeld)> {
+fn left_open(room: &Room<'_>, open: &UnobservableParameters) -> Vec<(usize, OpticHeld)> {
     let members = room.members();
     let least = |camera: usize| Optic::ALL[1..].iter().rev().find(|it| room.freed[camera].frees(**it)).copied();
     let mut refused: Vec<(usize, OpticHeld)> = Vec::new();
@@ -123,21 +123,21 @@ fn left_open(room: &Room<'_>, open: &OpenParameters) -> Vec<(usize, OpticHeld)> 
     refused
 }
 
-/// Cameras whose freed optics predict sightings that were kept back worse than the given optics do.
+/// Cameras whose freed optics predict observations that were held out worse than the given optics do.
 fn predicted_worse(room: &Room<'_>) -> Option<Vec<(usize, HeldBecause)>> {
     let mut freed = room.clone();
     let mut kept: Vec<usize> = Vec::new();
     let mut turn = vec![0; room.cameras.len()];
-    for sightings in &room.tracks.of_frame {
-        let right: Vec<usize> = sightings.iter().copied().filter(|it| room.right[*it]).collect();
+    for observations in &room.tracks.of_frame {
+        let right: Vec<usize> = observations.iter().copied().filter(|it| room.right[*it]).collect();
         if right.len() < 3 {
-            continue; // two sightings of a point must remain
+            continue; // two observations of a point must remain
         }
-        // Cameras take turns, so that a frame loses one sighting and each camera its part.
+        // Cameras take turns, so that a frame loses one observation and each camera its part.
         for index in &right {
-            let camera = room.tracks.sightings[*index].camera;
+            let camera = room.tracks.observations[*index].camera;
             turn[camera] += 1;
-            if turn[camera] >= KEPT_BACK {
+            if turn[camera] >= HELD_OUT_EVERY {
                 turn[camera] = 0;
                 kept.push(*index);
                 freed.right[*index] = false;
@@ -152,11 +152,11 @@ fn predicted_worse(room: &Room<'_>) -> Option<Vec<(usize, HeldBecause)>> {
     freed.adjust(Loss::HUBER, false)?;
     held.adjust(Loss::HUBER, false)?;
     let rms = |room: &Room<'_>, camera: usize| {
-        let own = kept.iter().map(|it| &room.tracks.sightings[*it]).filter(|it| it.camera == camera);
+        let own = kept.iter().map(|it| &room.tracks.observations[*it]).filter(|it| it.camera == camera);
         let errors: Vec<f64> = own
             .filter_map(|it| Some((room.cameras[camera].as_ref()?, room.points[it.frame]?, it.pixel)))
             .map(|(found, point, pixel)| found.project(&point).map_or(f64::INFINITY, |it| (it - pixel).norm()))
-            .map(|it| it.min(4.0 * room.rules.inlier_px))
+            .map(|it| it.min(4.0 * room.options.inlier_px))
             .collect();
         let squares: f64 = errors.iter().map(|it| it * it).sum();
         (errors.len() >= LEAST_KEPT).then(|| (squares / errors.len() as f64).sqrt())

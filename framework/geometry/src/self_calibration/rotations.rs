@@ -21,7 +21,7 @@ pub(super) struct Averaged {
     pub consistent: BTreeSet<(usize, usize)>,
 }
 
-/// `[a][b]`: b from a, and how many sightings say so.
+/// `[a][b]`: b from a, and how many observations say so.
 type Between = Vec<Vec<Option<(UnitQuaternion<f64>, usize)>>>;
 
 /// A triangle whose rotations miss the identity by less closes [rad].

@@ -5,15 +5,16 @@ use nalgebra::Point3;
 
 use super::centres::Start;
 use super::links::Tracks;
-use super::{CameraStatus, OpticHeld, SelfCalibration, SelfCalibrationRules, flatness, normalise, optics};
+use super::{CameraStatus, OpticHeld, SelfCalibration, SelfCalibrationOptions, flatness, normalise, optics};
 use crate::agreement::agreeing_point;
 use crate::bundle::{
-    Adjusted, BundleRules, CameraCovariance, Freedom, Known, Observation, OpenParameters, OpticsPrior, adjust_knowing,
+    Adjusted, BundleOptions, CameraCovariance, Freedom, Known, Observation, OpticsPrior, UnobservableParameters,
+    adjust_knowing,
 };
 use crate::camera::Camera;
-use crate::resection::{ResectionRules, resect};
+use crate::resection::{ResectionOptions, resect};
 
-/// How far off a right sighting may be in each round, in `inlier_px`.
+/// How far off a right observation may be in each round, in `inlier_px`.
 const ROUNDS: [f64; 5] = [12.0, 6.0, 3.0, 1.5, 1.0];
 /// Further rounds for each camera that resection adds.
 pub(super) const LATE_ROUNDS: [f64; 2] = [1.5, 1.0];
@@ -22,7 +23,7 @@ pub(super) const LATE_ROUNDS: [f64; 2] = [1.5, 1.0];
 #[derive(Clone)]
 pub(super) struct Room<'a> {
     pub tracks: &'a Tracks<'a>,
-    pub rules: &'a SelfCalibrationRules,
+    pub options: &'a SelfCalibrationOptions,
     pub cameras: Vec<Option<Camera>>,
     pub points: Vec<Option<Point3<f64>>>,
     pub right: Vec<bool>,
@@ -30,22 +31,22 @@ pub(super) struct Room<'a> {
     pub freed: Vec<Freedom>,
 }
 
-/// Adjusts the `start`; cameras that come to stand on too few right sightings lose their pose, and their status says why.
+/// Adjusts the `start`; cameras that come to stand on too few right observations lose their pose, and their status says why.
 pub(super) fn run(
     tracks: &Tracks<'_>,
     start: Start,
     status: &mut [CameraStatus],
-    rules: &SelfCalibrationRules,
+    options: &SelfCalibrationOptions,
     random: &Random,
 ) -> Option<SelfCalibration> {
-    let right = vec![false; tracks.sightings.len()];
+    let right = vec![false; tracks.observations.len()];
     let points = vec![None; tracks.of_frame.len()];
     let freed = tracks.free.iter().map(optics::from_the_start).collect();
-    let mut room = Room { tracks, rules, cameras: start.cameras, points, right, freed };
+    let mut room = Room { tracks, options, cameras: start.cameras, points, right, freed };
     room.adjust_in_rounds(&ROUNDS)?;
     for (camera, status) in status.iter().enumerate() {
         // From far enough away, anything looks like a light that stays in place.
-        let hopeless = matches!(status, CameraStatus::LightStill { .. } | CameraStatus::TooFewSightings { .. });
+        let hopeless = matches!(status, CameraStatus::LightStill { .. } | CameraStatus::TooFewObservations { .. });
         if room.cameras[camera].is_none() && !hopeless && room.resect(camera, random) {
             room.adjust_in_rounds(&LATE_ROUNDS)?;
         }
@@ -62,7 +63,7 @@ pub(super) fn run(
     Some(room.finish(last, status, held))
 }
 
-/// Whether there is a lens of such a focal length; one that ran away stands for a room that the sightings do not hold.
+/// Whether there is a lens of such a focal length; one that ran away stands for a room that the observations do not hold.
 fn is_lens(camera: &Camera) -> bool {
     let longer = f64::from(camera.image_size[0].max(camera.image_size[1]));
     (0.1..50.0).contains(&(camera.intrinsics.focal[0] / longer))
@@ -76,30 +77,30 @@ impl Room<'_> {
 
     pub(super) fn adjust_in_rounds(&mut self, rounds: &[f64]) -> Option<()> {
         for limit in rounds {
-            self.intersect(limit * self.rules.inlier_px);
+            self.intersect(limit * self.options.inlier_px);
             self.adjust(Loss::CAUCHY, false)?;
         }
-        self.intersect(self.rules.inlier_px);
+        self.intersect(self.options.inlier_px);
         Some(())
     }
 
-    /// For each frame the point on which more than half of its sightings, at least two, agree within `limit_px`.
+    /// For each frame the point on which more than half of its observations, at least two, agree within `limit_px`.
     fn intersect(&mut self, limit_px: f64) {
         self.right.fill(false);
-        for (frame, sightings) in self.tracks.of_frame.iter().enumerate() {
+        for (frame, observations) in self.tracks.of_frame.iter().enumerate() {
             let seen = |it: &usize| {
-                let sighting = &self.tracks.sightings[*it];
-                Some((*it, (self.cameras[sighting.camera].as_ref()?, sighting.pixel)))
+                let observation = &self.tracks.observations[*it];
+                Some((*it, (self.cameras[observation.camera].as_ref()?, observation.pixel)))
             };
-            let (indices, sights): (Vec<usize>, Vec<_>) = sightings.iter().filter_map(seen).unzip();
-            let found = agreeing_point(&sights, limit_px);
+            let (indices, bearings): (Vec<usize>, Vec<_>) = observations.iter().filter_map(seen).unzip();
+            let found = agreeing_point(&bearings, limit_px);
             self.points[frame] = found.as_ref().map(|it| it.point);
             let agreeing = found.iter().flat_map(|it| &it.agreeing);
             indices.iter().zip(agreeing).for_each(|(index, agrees)| self.right[*index] = *agrees);
         }
     }
 
-    /// Adjusts all cameras that have a pose to the right sightings.
+    /// Adjusts all cameras that have a pose to the right observations.
     pub(super) fn adjust(&mut self, loss: Loss, covariance: bool) -> Option<Adjusted> {
         let members = self.members();
         let mut slots = vec![0; self.cameras.len()];
@@ -108,18 +109,18 @@ impl Room<'_> {
         let mut observations = Vec::new();
         for (point, frame) in frames.iter().enumerate() {
             for &index in self.tracks.of_frame[*frame].iter().filter(|it| self.right[**it]) {
-                let sighting = &self.tracks.sightings[index];
-                let (camera, pixel) = (slots[sighting.camera], sighting.pixel);
-                observations.push(Observation { camera, point, pixel, sigma_px: self.rules.sigma_px });
+                let observation = &self.tracks.observations[index];
+                let (camera, pixel) = (slots[observation.camera], observation.pixel);
+                observations.push(Observation { camera, point, pixel, sigma_px: self.options.sigma_px });
             }
         }
         let cameras: Vec<Camera> = members.iter().filter_map(|it| self.cameras[*it].clone()).collect();
         let points: Vec<Point3<f64>> = frames.iter().filter_map(|it| self.points[*it]).collect();
-        let rules = BundleRules { loss, covariance, max_iterations: 60, ..BundleRules::default() };
+        let options = BundleOptions { loss, covariance, max_iterations: 60, ..BundleOptions::default() };
         let freedoms: Vec<Freedom> = members.iter().map(|it| self.freed[*it]).collect();
         let optics: Vec<OpticsPrior> = members.iter().map(|it| self.tracks.priors[*it].clone()).collect();
         let known = Known { optics: &optics, ..Known::default() };
-        let found = adjust_knowing(&cameras, &freedoms, &points, &observations, &known, &rules).ok()?;
+        let found = adjust_knowing(&cameras, &freedoms, &points, &observations, &known, &options).ok()?;
         for (slot, camera) in members.iter().enumerate() {
             self.cameras[*camera] = Some(found.cameras[slot].clone());
         }
@@ -132,30 +133,30 @@ impl Room<'_> {
     /// Tries to place a camera by the points of the others.
     fn resect(&mut self, camera: usize, random: &Random) -> bool {
         let known =
-            |it: &usize| Some((self.points[self.tracks.sightings[*it].frame]?, self.tracks.sightings[*it].pixel));
+            |it: &usize| Some((self.points[self.tracks.observations[*it].frame]?, self.tracks.observations[*it].pixel));
         let (points, pixels): (Vec<_>, Vec<_>) = self.tracks.of_camera[camera].iter().filter_map(known).unzip();
-        let rules = ResectionRules {
-            sigma_px: self.rules.sigma_px,
-            inlier_px: 2.0 * self.rules.inlier_px,
-            ..ResectionRules::default()
+        let options = ResectionOptions {
+            sigma_px: self.options.sigma_px,
+            inlier_px: 2.0 * self.options.inlier_px,
+            ..ResectionOptions::default()
         };
         let mut draws = random.fork(&format!("resection of {camera}"));
         let given = &self.tracks.cameras[camera];
-        let Ok(found) = resect(given, &points, &pixels, &rules, |n| draws.below(n)) else { return false };
+        let Ok(found) = resect(given, &points, &pixels, &options, |n| draws.below(n)) else { return false };
         let n_right = found.right.iter().filter(|it| **it).count();
-        if n_right < self.rules.min_common.max(6) || 3 * n_right < points.len() {
+        if n_right < self.options.min_common.max(6) || 3 * n_right < points.len() {
             return false;
         }
         self.cameras[camera] = Some(Camera { camera_from_world: found.camera_from_world, ..given.clone() });
         true
     }
 
-    /// Takes the pose from cameras that too few of their own sightings support.
+    /// Takes the pose from cameras that too few of their own observations support.
     fn drop_ill_held(&mut self, status: &mut [CameraStatus]) {
-        let needed = self.rules.min_common.max(6);
+        let needed = self.options.min_common.max(6);
         for (camera, status) in status.iter_mut().enumerate() {
             let own = &self.tracks.of_camera[camera];
-            let shared = own.iter().filter(|it| self.points[self.tracks.sightings[**it].frame].is_some()).count();
+            let shared = own.iter().filter(|it| self.points[self.tracks.observations[**it].frame].is_some()).count();
             let right = own.iter().filter(|it| self.right[**it]).count();
             if self.cameras[camera].is_some() && (right < needed || 3 * right < shared) {
                 self.cameras[camera] = None;
@@ -163,7 +164,7 @@ impl Room<'_> {
                 *status = CameraStatus::Inconsistent { best, common: shared, right };
             }
         }
-        self.intersect(self.rules.inlier_px);
+        self.intersect(self.options.inlier_px);
     }
 
     fn finish(mut self, last: Adjusted, status: &mut [CameraStatus], mut held: Vec<Vec<OpticHeld>>) -> SelfCalibration {
@@ -171,7 +172,7 @@ impl Room<'_> {
         let mut covariance: Vec<Option<CameraCovariance>> = vec![None; self.cameras.len()];
         match last.covariance {
             Some(Ok(each)) => members.iter().zip(each).for_each(|(camera, it)| covariance[*camera] = Some(it)),
-            Some(Err(OpenParameters { parameters })) => {
+            Some(Err(UnobservableParameters { parameters })) => {
                 for (slot, _) in parameters.iter().filter(|it| self.freed[members[it.0]].focal) {
                     status[members[*slot]] = CameraStatus::FocalOpen { sigma: f64::INFINITY };
                 }
@@ -182,7 +183,7 @@ impl Room<'_> {
             let sigma = covariance[*camera].as_ref().map_or(0.0, |it| it.optics.focal);
             let is_lens = self.cameras[*camera].as_ref().is_none_or(is_lens) || !self.freed[*camera].focal;
             let sigma = if is_lens { sigma } else { f64::INFINITY };
-            if sigma > self.rules.max_focal_sigma {
+            if sigma > self.options.max_focal_sigma {
                 status[*camera] = CameraStatus::FocalOpen { sigma };
             }
         }
@@ -194,7 +195,7 @@ impl Room<'_> {
             let least = status.iter().filter_map(sigma).fold(f64::INFINITY, f64::min);
             status[alone] = match self.freed[alone].focal {
                 true => CameraStatus::FocalOpen { sigma: least },
-                false => CameraStatus::NoPartner { best: None, common: 0, needed: self.rules.min_common },
+                false => CameraStatus::NoPartner { best: None, common: 0, needed: self.options.min_common },
             };
         }
         let mut cameras: Vec<Camera> = self.tracks.given.to_vec();
@@ -203,9 +204,9 @@ impl Room<'_> {
         }
         let calibrated = |it: usize| status[it] == CameraStatus::Calibrated;
         let residual = |index: usize| {
-            let sighting = &self.tracks.sightings[index];
-            let point = self.points[sighting.frame].filter(|_| calibrated(sighting.camera))?;
-            Some(cameras[sighting.camera].project(&point)? - sighting.pixel)
+            let observation = &self.tracks.observations[index];
+            let point = self.points[observation.frame].filter(|_| calibrated(observation.camera))?;
+            Some(cameras[observation.camera].project(&point)? - observation.pixel)
         };
         let residuals: Vec<_> = (0..self.right.len()).map(residual).collect();
         for (right, residual) in self.right.iter_mut().zip(&residuals) {

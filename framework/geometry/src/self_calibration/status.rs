@@ -3,7 +3,7 @@
 use nalgebra::Point2;
 
 use crate::bundle::Optic;
-use crate::camera::CameraFault;
+use crate::camera::CameraError;
 
 /// What became of a camera.
 #[derive(Debug, Clone, PartialEq)]
@@ -11,7 +11,7 @@ pub enum CameraStatus {
     /// Its pose is known.
     Calibrated,
     /// It saw too little.
-    TooFewSightings {
+    TooFewObservations {
         /// In how many frames it saw the light.
         frames: usize,
         /// How many are needed.
@@ -67,7 +67,7 @@ impl CameraStatus {
     pub fn sentence(&self, name: impl Fn(usize) -> String) -> String {
         match self {
             CameraStatus::Calibrated => "calibrated".to_owned(),
-            CameraStatus::TooFewSightings { frames, needed } => {
+            CameraStatus::TooFewObservations { frames, needed } => {
                 format!("saw the light in {frames} frames, expected at least {needed}")
             }
             CameraStatus::LightStill { spread_px } => {
@@ -124,7 +124,7 @@ pub struct OpticHeld {
 pub enum HeldBecause {
     /// Nothing tells it from the others.
     Open,
-    /// With it, sightings that had been kept back were predicted no better.
+    /// With it, observations that had been held out were predicted no better.
     HoldOut {
         /// Their error with this camera's optics as given, root mean square [px].
         held_px: f64,
@@ -137,9 +137,9 @@ impl std::fmt::Display for OpticHeld {
     fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(to, "{} stays as given: ", self.optic)?;
         match self.reason {
-            HeldBecause::Open => write!(to, "the sightings leave it open"),
+            HeldBecause::Open => write!(to, "the observations leave it open"),
             HeldBecause::HoldOut { held_px, freed_px } => {
-                write!(to, "sightings kept back are {held_px:.2} px off with it held, {freed_px:.2} px with it free")
+                write!(to, "observations held out are {held_px:.2} px off with it held, {freed_px:.2} px with it free")
             }
         }
     }
@@ -147,7 +147,7 @@ impl std::fmt::Display for OpticHeld {
 
 /// Why there is no answer at all.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum SelfCalibrationFault {
+pub enum SelfCalibrationError {
     /// One camera, or none.
     #[error("{count} cameras, expected at least 2")]
     TooFewCameras {
@@ -168,15 +168,15 @@ pub enum SelfCalibrationFault {
         /// Which.
         camera: usize,
         /// What is wrong.
-        fault: CameraFault,
+        fault: CameraError,
     },
-    /// A sighting by nobody, or of nothing.
+    /// An observation by nobody, or of nothing.
     #[error(
-        "sighting {sighting} is of camera {camera} at pixel {pixel}, expected a camera below {cameras} and finite numbers"
+        "observation {observation} is of camera {camera} at pixel {pixel}, expected a camera below {cameras} and finite numbers"
     )]
-    BadSighting {
+    BadObservation {
         /// Which.
-        sighting: usize,
+        observation: usize,
         /// Its camera.
         camera: usize,
         /// Its pixel [px].
@@ -208,15 +208,15 @@ pub enum SelfCalibrationFault {
     },
 }
 
-impl SelfCalibrationFault {
+impl SelfCalibrationError {
     /// Why, the cameras that it speaks of by `name`.
     pub fn sentence(&self, name: impl Fn(usize) -> String) -> String {
         match self {
-            SelfCalibrationFault::BadCamera { camera, fault } => format!("{}: {fault}", name(*camera)),
-            SelfCalibrationFault::SeenTwice { camera, frame } => {
+            SelfCalibrationError::BadCamera { camera, fault } => format!("{}: {fault}", name(*camera)),
+            SelfCalibrationError::SeenTwice { camera, frame } => {
                 format!("{} sees the light twice in frame {frame}, expected once at most", name(*camera))
             }
-            SelfCalibrationFault::NothingCalibrated { status } => {
+            SelfCalibrationError::NothingCalibrated { status } => {
                 let each =
                     status.iter().enumerate().map(|(camera, it)| format!("{}: {}", name(camera), it.sentence(&name)));
                 format!("no two cameras could be calibrated: {}", each.collect::<Vec<_>>().join("; "))

@@ -3,21 +3,27 @@
 use nalgebra::Vector2;
 
 use super::*;
-use crate::alignment::{AlignmentRules, camera_errors};
+use crate::alignment::{AlignmentOptions, camera_errors};
 use crate::test_room;
 
 /// What cameras see of the path: `views` of them at each point.
-fn sightings(cameras: &[Camera], path: &[Point3<f64>], views: usize, sigma: f64, seed: u64) -> Vec<Sighting> {
+fn observations(
+    cameras: &[Camera],
+    path: &[Point3<f64>],
+    views: usize,
+    sigma: f64,
+    seed: u64,
+) -> Vec<LightObservation> {
     let all = test_room::observations(cameras, path, views, sigma, &mut Random::new(seed));
-    all.iter().map(|it| Sighting { camera: it.camera, frame: it.point, pixel: it.pixel }).collect()
+    all.iter().map(|it| LightObservation { camera: it.camera, frame: it.point, pixel: it.pixel }).collect()
 }
 
-/// Every `every`th sighting becomes a reflection somewhere else.
-fn spoil(sightings: &mut [Sighting], share: f64, seed: u64) {
+/// Every `every`th observation becomes a reflection somewhere else.
+fn spoil(observations: &mut [LightObservation], share: f64, seed: u64) {
     let mut random = Random::new(seed);
-    for sighting in sightings {
+    for observation in observations {
         if random.uniform() < share {
-            sighting.pixel = Point2::new(random.uniform_in(0.0, 639.0), random.uniform_in(0.0, 479.0));
+            observation.pixel = Point2::new(random.uniform_in(0.0, 639.0), random.uniform_in(0.0, 479.0));
         }
     }
 }
@@ -26,8 +32,8 @@ fn spoil(sightings: &mut [Sighting], share: f64, seed: u64) {
 fn centre_errors(found: &SelfCalibration, truth: &[Camera]) -> [f64; 2] {
     let known: Vec<usize> = (0..truth.len()).filter(|it| found.status[*it] == CameraStatus::Calibrated).collect();
     let of = |list: &[Camera]| known.iter().map(|it| list[*it].clone()).collect::<Vec<_>>();
-    let rules = AlignmentRules { scale: true, robust: false };
-    let errors = camera_errors(&of(&found.cameras), &of(truth), rules).unwrap().centres;
+    let options = AlignmentOptions { scale: true, robust: false };
+    let errors = camera_errors(&of(&found.cameras), &of(truth), options).unwrap().centres;
     let squares: f64 = errors.iter().map(|it| it * it).sum();
     [(squares / errors.len() as f64).sqrt(), errors.iter().fold(0.0, |worst: f64, it| worst.max(*it))]
 }
@@ -47,15 +53,15 @@ fn all_calibrated(found: &SelfCalibration) {
     }
 }
 
-fn calibrated(cameras: &[Camera], sightings: &[Sighting]) -> SelfCalibration {
-    self_calibrate(cameras, &known(cameras), sightings, &SelfCalibrationRules::default()).unwrap()
+fn calibrated(cameras: &[Camera], observations: &[LightObservation]) -> SelfCalibration {
+    self_calibrate(cameras, &known(cameras), observations, &SelfCalibrationOptions::default()).unwrap()
 }
 
 #[test]
 fn a_room_is_found_when_each_point_is_seen_by_4_of_18() {
     for seed in 0..3 {
         let truth = test_room::cameras(18, seed + 1);
-        let seen = sightings(&truth, &test_room::path(600), 4, 0.5, seed);
+        let seen = observations(&truth, &test_room::path(600), 4, 0.5, seed);
         let found = calibrated(&truth, &seen);
         all_calibrated(&found);
         let [rms, worst] = centre_errors(&found, &truth);
@@ -67,18 +73,18 @@ fn a_room_is_found_when_each_point_is_seen_by_4_of_18() {
 }
 
 #[test]
-fn wrong_sightings_in_three_of_ten_are_seen_through() {
+fn wrong_observations_in_three_of_ten_are_seen_through() {
     let truth = test_room::cameras(18, 2);
-    // Of all sightings, each point seen by 8; then in frames, each point seen by 4, one of them wrong.
-    let mut seen = sightings(&truth, &test_room::path(600), 8, 0.5, 4);
+    // Of all observations, each point seen by 8; then in frames, each point seen by 4, one of them wrong.
+    let mut seen = observations(&truth, &test_room::path(600), 8, 0.5, 4);
     spoil(&mut seen, 0.3, 5);
     let found = calibrated(&truth, &seen);
     all_calibrated(&found);
     let [rms, _] = centre_errors(&found, &truth);
     assert!(rms < 4e-3, "{rms}");
-    let mut seen = sightings(&truth, &test_room::path(600), 4, 0.5, 6);
-    for sighting in seen.iter_mut().step_by(4).filter(|it| it.frame % 10 < 3) {
-        sighting.pixel = Point2::new(639.0 - sighting.pixel.x, 479.0 - 0.5 * sighting.pixel.y);
+    let mut seen = observations(&truth, &test_room::path(600), 4, 0.5, 6);
+    for observation in seen.iter_mut().step_by(4).filter(|it| it.frame % 10 < 3) {
+        observation.pixel = Point2::new(639.0 - observation.pixel.x, 479.0 - 0.5 * observation.pixel.y);
     }
     let found = calibrated(&truth, &seen);
     all_calibrated(&found);
@@ -90,8 +96,9 @@ fn wrong_sightings_in_three_of_ten_are_seen_through() {
 fn lenses_and_frames_given_twice_do_no_harm() {
     let mut truth = test_room::cameras(8, 3);
     truth.iter_mut().for_each(|it| it.distortion = test_room::lens());
-    let mut seen = sightings(&truth, &test_room::path(200), 4, 0.3, 7);
-    let again: Vec<Sighting> = seen.iter().map(|it| Sighting { frame: it.frame + 200, ..*it }).collect();
+    let mut seen = observations(&truth, &test_room::path(200), 4, 0.3, 7);
+    let again: Vec<LightObservation> =
+        seen.iter().map(|it| LightObservation { frame: it.frame + 200, ..*it }).collect();
     seen.extend(again);
     let found = calibrated(&truth, &seen);
     all_calibrated(&found);
@@ -101,7 +108,7 @@ fn lenses_and_frames_given_twice_do_no_harm() {
 #[test]
 fn the_same_input_gives_the_same_bytes() {
     let truth = test_room::cameras(6, 3);
-    let mut seen = sightings(&truth, &test_room::path(150), 4, 0.5, 7);
+    let mut seen = observations(&truth, &test_room::path(150), 4, 0.5, 7);
     spoil(&mut seen, 0.1, 8);
     assert_eq!(calibrated(&truth, &seen), calibrated(&truth, &seen));
 }
@@ -110,10 +117,10 @@ fn the_same_input_gives_the_same_bytes() {
 fn a_focal_length_that_was_guessed_is_refined() {
     for guess in [0.85, 1.15] {
         let truth = test_room::cameras(10, 4);
-        let seen = sightings(&truth, &test_room::path(400), 6, 0.5, 9);
+        let seen = observations(&truth, &test_room::path(400), 6, 0.5, 9);
         let mut guessed = truth.clone();
         guessed.iter_mut().for_each(|it| it.intrinsics.focal = [guess * 420.0; 2]);
-        let found = self_calibrate(&guessed, &focal_free(&guessed), &seen, &SelfCalibrationRules::default()).unwrap();
+        let found = self_calibrate(&guessed, &focal_free(&guessed), &seen, &SelfCalibrationOptions::default()).unwrap();
         all_calibrated(&found);
         for (camera, covariance) in found.cameras.iter().zip(&found.covariance) {
             let error = camera.intrinsics.focal[0] / 420.0 - 1.0;
@@ -128,7 +135,7 @@ fn a_focal_length_that_was_guessed_is_refined() {
 fn a_path_in_a_plane_calibrates_known_optics_and_refuses_free_ones() {
     let truth = test_room::cameras(8, 4);
     let flat: Vec<Point3<f64>> = test_room::path(300).iter().map(|it| Point3::new(it.x, it.y, 1.0)).collect();
-    let seen = sightings(&truth, &flat, 6, 0.5, 10);
+    let seen = observations(&truth, &flat, 6, 0.5, 10);
     let found = calibrated(&truth, &seen);
     all_calibrated(&found);
     assert!(found.flatness < 0.01, "{}", found.flatness);
@@ -136,10 +143,10 @@ fn a_path_in_a_plane_calibrates_known_optics_and_refuses_free_ones() {
     assert!(centre_errors(&found, &truth)[0] < 20e-3, "{:?}", centre_errors(&found, &truth));
     let far: Vec<Point3<f64>> =
         test_room::path(300).iter().map(|it| Point3::new(0.1 * it.x, 0.1 * it.y, 1.0 + 0.1 * it.z)).collect();
-    let seen = sightings(&truth, &far, 6, 0.5, 11);
-    let refused = self_calibrate(&truth, &focal_free(&truth), &seen, &SelfCalibrationRules::default());
+    let seen = observations(&truth, &far, 6, 0.5, 11);
+    let refused = self_calibrate(&truth, &focal_free(&truth), &seen, &SelfCalibrationOptions::default());
     let status = match refused {
-        Err(SelfCalibrationFault::NothingCalibrated { status }) => status,
+        Err(SelfCalibrationError::NothingCalibrated { status }) => status,
         Ok(found) => found.status,
         Err(fault) => panic!("{fault}"),
     };
@@ -150,19 +157,20 @@ fn a_path_in_a_plane_calibrates_known_optics_and_refuses_free_ones() {
 #[test]
 fn cameras_that_cannot_be_calibrated_say_why_and_leave_the_others_alone() {
     let truth = test_room::cameras(12, 5);
-    let mut seen = sightings(&truth, &test_room::path(600), 7, 0.5, 12);
+    let mut seen = observations(&truth, &test_room::path(600), 7, 0.5, 12);
     seen.retain(|it| it.camera != 3 || it.frame < 12); // sees next to nothing
-    for sighting in seen.iter_mut() {
-        let jitter = Vector2::new(f64::from(sighting.frame as u32 % 7), f64::from(sighting.frame as u32 % 3)) * 0.1;
-        match sighting.camera {
-            5 => sighting.pixel = Point2::new(320.0, 200.0) + jitter, // a lamp, not the light
-            8 => sighting.pixel = Point2::new(639.0 - sighting.pixel.x, sighting.pixel.y), // mirrored
+    for observation in seen.iter_mut() {
+        let jitter =
+            Vector2::new(f64::from(observation.frame as u32 % 7), f64::from(observation.frame as u32 % 3)) * 0.1;
+        match observation.camera {
+            5 => observation.pixel = Point2::new(320.0, 200.0) + jitter, // a lamp, not the light
+            8 => observation.pixel = Point2::new(639.0 - observation.pixel.x, observation.pixel.y), // mirrored
             _ => {}
         }
     }
     let found = calibrated(&truth, &seen);
     assert!(
-        matches!(found.status[3], CameraStatus::TooFewSightings { .. } | CameraStatus::NoPartner { .. }),
+        matches!(found.status[3], CameraStatus::TooFewObservations { .. } | CameraStatus::NoPartner { .. }),
         "{}",
         found.status[3]
     );
@@ -181,7 +189,7 @@ fn cameras_that_cannot_be_calibrated_say_why_and_leave_the_others_alone() {
 #[test]
 fn of_two_groups_that_share_no_frames_the_larger_is_calibrated() {
     let truth = test_room::cameras(9, 6);
-    let mut seen = sightings(&truth, &test_room::path(400), 9, 0.3, 13);
+    let mut seen = observations(&truth, &test_room::path(400), 9, 0.3, 13);
     seen.retain(|it| (it.camera < 3) == (it.frame < 150));
     let found = calibrated(&truth, &seen);
     for camera in 0..9 {
@@ -197,9 +205,9 @@ fn of_two_groups_that_share_no_frames_the_larger_is_calibrated() {
 #[test]
 fn swapped_cameras_of_one_kind_swap_their_poses_only() {
     let truth = test_room::cameras(6, 7);
-    let mut seen = sightings(&truth, &test_room::path(200), 5, 0.3, 14);
-    for sighting in &mut seen {
-        sighting.camera = [1, 0, 2, 3, 4, 5][sighting.camera];
+    let mut seen = observations(&truth, &test_room::path(200), 5, 0.3, 14);
+    for observation in &mut seen {
+        observation.camera = [1, 0, 2, 3, 4, 5][observation.camera];
     }
     let found = calibrated(&truth, &seen);
     all_calibrated(&found);
@@ -211,11 +219,11 @@ fn swapped_cameras_of_one_kind_swap_their_poses_only() {
 #[test]
 fn where_nothing_can_be_calibrated_each_camera_says_why() {
     let truth = test_room::cameras(5, 8);
-    let status = |path: &[Point3<f64>], change: fn(&Sighting) -> bool| {
-        let mut seen = sightings(&truth, path, 5, 0.5, 15);
+    let status = |path: &[Point3<f64>], change: fn(&LightObservation) -> bool| {
+        let mut seen = observations(&truth, path, 5, 0.5, 15);
         seen.retain(change);
-        match self_calibrate(&truth, &known(&truth), &seen, &SelfCalibrationRules::default()) {
-            Err(SelfCalibrationFault::NothingCalibrated { status }) => status,
+        match self_calibrate(&truth, &known(&truth), &seen, &SelfCalibrationOptions::default()) {
+            Err(SelfCalibrationError::NothingCalibrated { status }) => status,
             other => panic!("{other:?}"),
         }
     };
@@ -228,36 +236,36 @@ fn where_nothing_can_be_calibrated_each_camera_says_why() {
     let alone = status(&path, |it| it.frame % 5 == it.camera);
     assert!(alone.iter().all(|it| matches!(it, CameraStatus::NoPartner { best: None, .. })), "{alone:?}");
     let none = status(&path, |_| false);
-    assert!(none.iter().all(|it| matches!(it, CameraStatus::TooFewSightings { frames: 0, .. })), "{none:?}");
+    assert!(none.iter().all(|it| matches!(it, CameraStatus::TooFewObservations { frames: 0, .. })), "{none:?}");
 }
 
 #[test]
 fn bad_input_is_refused_by_place() {
     let truth = test_room::cameras(4, 9);
-    let seen = sightings(&truth, &test_room::path(60), 4, 0.5, 16);
-    let rules = SelfCalibrationRules::default();
-    let refused = |cameras: &[Camera], seen: &[Sighting], rules: &SelfCalibrationRules| {
-        self_calibrate(cameras, &known(cameras), seen, rules).unwrap_err()
+    let seen = observations(&truth, &test_room::path(60), 4, 0.5, 16);
+    let options = SelfCalibrationOptions::default();
+    let refused = |cameras: &[Camera], seen: &[LightObservation], options: &SelfCalibrationOptions| {
+        self_calibrate(cameras, &known(cameras), seen, options).unwrap_err()
     };
-    assert_eq!(refused(&truth[..1], &[], &rules), SelfCalibrationFault::TooFewCameras { count: 1 });
-    let with = |change: fn(&mut Sighting)| {
+    assert_eq!(refused(&truth[..1], &[], &options), SelfCalibrationError::TooFewCameras { count: 1 });
+    let with = |change: fn(&mut LightObservation)| {
         let mut broken = seen.clone();
         change(&mut broken[9]);
-        refused(&truth, &broken, &rules)
+        refused(&truth, &broken, &options)
     };
-    assert!(matches!(with(|it| it.pixel.y = f64::NAN), SelfCalibrationFault::BadSighting { sighting: 9, .. }));
-    assert!(matches!(with(|it| it.camera = 4), SelfCalibrationFault::BadSighting { camera: 4, cameras: 4, .. }));
+    assert!(matches!(with(|it| it.pixel.y = f64::NAN), SelfCalibrationError::BadObservation { observation: 9, .. }));
+    assert!(matches!(with(|it| it.camera = 4), SelfCalibrationError::BadObservation { camera: 4, cameras: 4, .. }));
     let mut twice = seen.clone();
     twice.push(seen[7]);
-    let fault = SelfCalibrationFault::SeenTwice { camera: seen[7].camera, frame: seen[7].frame };
-    assert_eq!(refused(&truth, &twice, &rules), fault);
-    let fewer = self_calibrate(&truth, &[Freedom::POSE; 3], &seen, &rules).unwrap_err();
-    assert_eq!(fewer, SelfCalibrationFault::LengthsDiffer { cameras: 4, freedoms: 3 });
-    let bad = SelfCalibrationRules { inlier_px: f64::NAN, ..rules };
-    assert!(matches!(refused(&truth, &seen, &bad), SelfCalibrationFault::BadRule { rule: "inlier_px", .. }));
+    let fault = SelfCalibrationError::SeenTwice { camera: seen[7].camera, frame: seen[7].frame };
+    assert_eq!(refused(&truth, &twice, &options), fault);
+    let fewer = self_calibrate(&truth, &[Freedom::POSE; 3], &seen, &options).unwrap_err();
+    assert_eq!(fewer, SelfCalibrationError::LengthsDiffer { cameras: 4, freedoms: 3 });
+    let bad = SelfCalibrationOptions { inlier_px: f64::NAN, ..options };
+    assert!(matches!(refused(&truth, &seen, &bad), SelfCalibrationError::BadRule { rule: "inlier_px", .. }));
     let mut cameras = truth.clone();
     cameras[2].intrinsics.focal[1] = f64::NAN;
-    assert!(matches!(refused(&cameras, &seen, &rules), SelfCalibrationFault::BadCamera { camera: 2, .. }));
+    assert!(matches!(refused(&cameras, &seen, &options), SelfCalibrationError::BadCamera { camera: 2, .. }));
 }
 
 const ALL_OPTICS: Freedom =
@@ -270,14 +278,14 @@ fn a_lens_that_nobody_knows_is_found_where_the_light_was_everywhere() {
         camera.distortion = test_room::lens();
         camera.intrinsics.principal = [326.0, 233.0];
     }
-    let seen = sightings(&truth, &test_room::path(600), 7, 0.3, 21);
+    let seen = observations(&truth, &test_room::path(600), 7, 0.3, 21);
     let mut given = truth.clone();
     for camera in &mut given {
         camera.distortion = Default::default();
         camera.intrinsics.principal = [319.5, 239.5];
         camera.intrinsics.focal = [460.0; 2];
     }
-    let found = self_calibrate(&given, &[ALL_OPTICS; 10], &seen, &SelfCalibrationRules::default()).unwrap();
+    let found = self_calibrate(&given, &[ALL_OPTICS; 10], &seen, &SelfCalibrationOptions::default()).unwrap();
     all_calibrated(&found);
     assert!(centre_errors(&found, &truth)[0] < 20e-3, "{:?}", centre_errors(&found, &truth));
     for (index, camera) in found.cameras.iter().enumerate() {
@@ -292,13 +300,13 @@ fn a_lens_that_nobody_knows_is_found_where_the_light_was_everywhere() {
 }
 
 #[test]
-fn optics_that_the_sightings_do_not_hold_stay_within_reason() {
+fn optics_that_the_observations_do_not_hold_stay_within_reason() {
     // Seen near the middle of each picture only, k2 and k3 do nothing that could be seen.
     let truth = test_room::cameras(8, 4);
-    let mut seen = sightings(&truth, &test_room::path(600), 8, 0.5, 22);
+    let mut seen = observations(&truth, &test_room::path(600), 8, 0.5, 22);
     seen.retain(|it| (it.pixel - Point2::new(319.5, 239.5)).norm() < 110.0);
     let free = [Freedom { k1: true, k2: true, k3: true, ..Freedom::POSE }; 8];
-    let found = self_calibrate(&truth, &free, &seen, &SelfCalibrationRules::default()).unwrap();
+    let found = self_calibrate(&truth, &free, &seen, &SelfCalibrationOptions::default()).unwrap();
     all_calibrated(&found);
     for (index, camera) in found.cameras.iter().enumerate() {
         let sigma = found.covariance[index].as_ref().unwrap().optics.radial;

@@ -1,17 +1,17 @@
 //! A model from frames of labelled points.
 
-use foveate_estimation::principal::PrincipalFault;
+use foveate_estimation::principal::PrincipalError;
 use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
 
 use super::bases::bases_of;
-use super::fit::{FitRules, MarkSight, ShapeFitter};
+use super::fit::{FitOptions, MarkObservation, ShapeFitter};
 use super::judge::judge;
 use super::procrustes::{Aligned, align_frames};
 use super::{Bases, ShapeKind, ShapeModel, Usual};
 
 /// How [`acquire`] makes a model.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct AcquisitionRules {
+pub struct AcquisitionOptions {
     /// Which bases.
     pub kind: ShapeKind,
     /// Bases at most.
@@ -26,14 +26,14 @@ pub struct AcquisitionRules {
     pub seed: u64,
 }
 
-impl Default for AcquisitionRules {
+impl Default for AcquisitionOptions {
     /// As for a face of 40 to 80 marks.
     fn default() -> Self {
         Self { kind: ShapeKind::Components, n_bases: 80, noise: 2e-4, unseen: 0.1, reach: 0.02, seed: 1 }
     }
 }
 
-impl AcquisitionRules {
+impl AcquisitionOptions {
     /// A model is not taken to be better than a part of the noise of the marks that it was made from [m²].
     pub(super) fn least_unexplained(&self) -> f64 {
         (LEAST_OF_NOISE * self.noise).powi(2)
@@ -42,7 +42,7 @@ impl AcquisitionRules {
 
 /// Why there is no model.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum AcquisitionFault {
+pub enum AcquisitionError {
     /// Too few marks or frames.
     #[error("{marks} marks in {frames} frames make no model; expected 3 marks and 1 frame at least")]
     TooFew {
@@ -82,7 +82,7 @@ pub enum AcquisitionFault {
     Degenerate,
     /// A number among the rules that is out of range.
     #[error("{what} of {found}; expected {expected}")]
-    Rules {
+    Options {
         /// Which.
         what: &'static str,
         /// Its value.
@@ -99,15 +99,15 @@ const FILLING_ROUNDS: usize = 3;
 /// Makes a model from `frames`, each with a place for every label; frames may stand anywhere, and lack marks.
 ///
 /// # Errors
-/// See [`AcquisitionFault`].
+/// See [`AcquisitionError`].
 pub fn acquire(
     labels: &[u32],
     frames: &[Vec<Option<Point3<f64>>>],
-    rules: &AcquisitionRules,
-) -> Result<ShapeModel, AcquisitionFault> {
-    check(labels, frames, rules)?;
+    options: &AcquisitionOptions,
+) -> Result<ShapeModel, AcquisitionError> {
+    check(labels, frames, options)?;
     let Aligned { frames: aligned, mean, spreads } =
-        align_frames(frames, rules.noise).ok_or(AcquisitionFault::Degenerate)?;
+        align_frames(frames, options.noise).ok_or(AcquisitionError::Degenerate)?;
     let complete = |frame: &[Option<Point3<f64>>], filled: &[Point3<f64>]| -> Vec<f64> {
         frame.iter().zip(filled).flat_map(|(seen, filled)| seen.unwrap_or(*filled).coords.data.0[0]).collect()
     };
@@ -116,24 +116,26 @@ pub fn acquire(
     for (column, frame) in aligned.iter().enumerate() {
         table.column_mut(column).copy_from_slice(&complete(frame, &mean));
     }
-    let noise = Matrix3::from_diagonal_element(rules.noise * rules.noise);
+    let noise = Matrix3::from_diagonal_element(options.noise * options.noise);
     let lacking: Vec<usize> = (0..aligned.len()).filter(|it| aligned[*it].contains(&None)).collect();
     for _ in 0..if lacking.is_empty() { 0 } else { FILLING_ROUNDS } {
-        let filling = AcquisitionRules { kind: ShapeKind::Components, ..*rules };
+        let filling = AcquisitionOptions { kind: ShapeKind::Components, ..*options };
         let mut fitter = ShapeFitter::new(model_of(labels, &table, &spreads, &filling)?);
         for &column in &lacking {
             let frame = &aligned[column];
-            let sights: Vec<MarkSight> =
-                (0..n).filter_map(|mark| Some(MarkSight::new(labels[mark], frame[mark]?, noise))).collect();
-            if let Ok(fitted) = fitter.fit(&sights, &FitRules { gate_sigmas: f64::INFINITY, ..FitRules::default() }) {
+            let observations: Vec<MarkObservation> =
+                (0..n).filter_map(|mark| Some(MarkObservation::new(labels[mark], frame[mark]?, noise))).collect();
+            if let Ok(fitted) =
+                fitter.fit(&observations, &FitOptions { gate_sigmas: f64::INFINITY, ..FitOptions::default() })
+            {
                 let places: Vec<Point3<f64>> =
                     fitted.marks.iter().map(|it| fitted.measured_from_shape * it.position).collect();
                 table.column_mut(column).copy_from_slice(&complete(frame, &places));
             }
         }
     }
-    let mut model = model_of(labels, &table, &spreads, rules)?;
-    judge(&mut model, &table, &aligned, rules)?;
+    let mut model = model_of(labels, &table, &spreads, options)?;
+    judge(&mut model, &table, &aligned, options)?;
     Ok(model)
 }
 
@@ -142,14 +144,14 @@ pub(super) fn model_of(
     labels: &[u32],
     table: &DMatrix<f64>,
     spreads: &[f64],
-    rules: &AcquisitionRules,
-) -> Result<ShapeModel, AcquisitionFault> {
-    let based = bases_of(table, spreads, rules).map_err(|fault| match fault {
-        PrincipalFault::NotFinite { sample, number } => {
-            AcquisitionFault::NotFinite { frame: sample, label: labels[number / 3] }
+    options: &AcquisitionOptions,
+) -> Result<ShapeModel, AcquisitionError> {
+    let based = bases_of(table, spreads, options).map_err(|fault| match fault {
+        PrincipalError::NotFinite { sample, number } => {
+            AcquisitionError::NotFinite { frame: sample, label: labels[number / 3] }
         }
-        PrincipalFault::Empty { .. } | PrincipalFault::Shape { .. } => {
-            AcquisitionFault::TooFew { marks: labels.len(), frames: table.ncols() }
+        PrincipalError::Empty { .. } | PrincipalError::Shape { .. } => {
+            AcquisitionError::TooFew { marks: labels.len(), frames: table.ncols() }
         }
     })?;
     let mean = table.column_mean();
@@ -168,32 +170,32 @@ pub(super) fn model_of(
 fn check(
     labels: &[u32],
     frames: &[Vec<Option<Point3<f64>>>],
-    rules: &AcquisitionRules,
-) -> Result<(), AcquisitionFault> {
+    options: &AcquisitionOptions,
+) -> Result<(), AcquisitionError> {
     let n = labels.len();
     if n < 3 || frames.is_empty() {
-        return Err(AcquisitionFault::TooFew { marks: n, frames: frames.len() });
+        return Err(AcquisitionError::TooFew { marks: n, frames: frames.len() });
     }
     if let Some(pair) = labels.windows(2).find(|it| it[0] >= it[1]) {
-        return Err(AcquisitionFault::Labels { label: pair[1] });
+        return Err(AcquisitionError::Labels { label: pair[1] });
     }
     for (frame, marks) in frames.iter().enumerate() {
         if marks.len() != n {
-            return Err(AcquisitionFault::Lengths { frame, found: marks.len(), expected: n });
+            return Err(AcquisitionError::Lengths { frame, found: marks.len(), expected: n });
         }
         let broken = |it: &Option<Point3<f64>>| it.is_some_and(|it| it.coords.iter().any(|it| !it.is_finite()));
         if let Some(mark) = marks.iter().position(broken) {
-            return Err(AcquisitionFault::NotFinite { frame, label: labels[mark] });
+            return Err(AcquisitionError::NotFinite { frame, label: labels[mark] });
         }
     }
     for (what, found, sound, expected) in [
-        ("noise", rules.noise, rules.noise > 0.0 && rules.noise.is_finite(), "above 0 [m]"),
-        ("movement not captured", rules.unseen, (0.0..=10.0).contains(&rules.unseen), "0 to 10 [–]"),
-        ("reach", rules.reach, rules.reach > 0.0 && rules.reach.is_finite(), "above 0 [m]"),
-        ("number of bases", rules.n_bases as f64, rules.n_bases > 0, "1 or more"),
+        ("noise", options.noise, options.noise > 0.0 && options.noise.is_finite(), "above 0 [m]"),
+        ("movement not captured", options.unseen, (0.0..=10.0).contains(&options.unseen), "0 to 10 [–]"),
+        ("reach", options.reach, options.reach > 0.0 && options.reach.is_finite(), "above 0 [m]"),
+        ("number of bases", options.n_bases as f64, options.n_bases > 0, "1 or more"),
     ] {
         if !sound {
-            return Err(AcquisitionFault::Rules { what, found, expected });
+            return Err(AcquisitionError::Options { what, found, expected });
         }
     }
     Ok(())

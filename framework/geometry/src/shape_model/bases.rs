@@ -1,9 +1,9 @@
 //! Bases of a model, from aligned frames.
 
-use foveate_estimation::principal::{Principal, PrincipalFault, principal, principal_of};
+use foveate_estimation::principal::{Principal, PrincipalError, principal, principal_of};
 use nalgebra::{DMatrix, Point3};
 
-use super::{AcquisitionRules, Bases, ShapeKind};
+use super::{AcquisitionOptions, Bases, ShapeKind};
 
 /// Shapes with more numbers than this get no ways of moving but captured ones: the covariance would take too long.
 const MOST_NUMBERS: usize = 1200;
@@ -19,17 +19,17 @@ pub(super) struct Based {
 pub(super) fn bases_of(
     frames: &DMatrix<f64>,
     spreads: &[f64],
-    rules: &AcquisitionRules,
-) -> Result<Based, PrincipalFault> {
-    match rules.kind {
-        ShapeKind::Components => components(frames, spreads, rules),
-        ShapeKind::Faces => faces(frames, rules),
+    options: &AcquisitionOptions,
+) -> Result<Based, PrincipalError> {
+    match options.kind {
+        ShapeKind::Components => components(frames, spreads, options),
+        ShapeKind::Faces => faces(frames, options),
     }
 }
 
-fn components(frames: &DMatrix<f64>, spreads: &[f64], rules: &AcquisitionRules) -> Result<Based, PrincipalFault> {
+fn components(frames: &DMatrix<f64>, spreads: &[f64], options: &AcquisitionOptions) -> Result<Based, PrincipalError> {
     let (numbers, n_marks) = (frames.nrows(), frames.nrows() / 3);
-    let Principal { mut directions, mut variances, .. } = match rules.unseen > 0.0 && numbers <= MOST_NUMBERS {
+    let Principal { mut directions, mut variances, .. } = match options.unseen > 0.0 && numbers <= MOST_NUMBERS {
         false => principal(frames)?,
         true => {
             let mean = frames.column_mean();
@@ -39,17 +39,17 @@ fn components(frames: &DMatrix<f64>, spreads: &[f64], rules: &AcquisitionRules) 
             let place = |mark: usize| Point3::new(mean[3 * mark], mean[3 * mark + 1], mean[3 * mark + 2]);
             for a in 0..n_marks {
                 for b in 0..n_marks {
-                    let apart = (place(a) - place(b)).norm_squared() / (2.0 * rules.reach * rules.reach);
-                    let together = rules.unseen.powi(2) * spreads[a] * spreads[b] * (-apart).exp();
+                    let apart = (place(a) - place(b)).norm_squared() / (2.0 * options.reach * options.reach);
+                    let together = options.unseen.powi(2) * spreads[a] * spreads[b] * (-apart).exp();
                     (0..3).for_each(|axis| covariance[(3 * a + axis, 3 * b + axis)] += together);
                 }
             }
             principal_of(mean, covariance)?
         }
     };
-    let noise = rules.noise * rules.noise;
-    let n_kept = variances.iter().take_while(|it| **it > noise).count().min(rules.n_bases);
-    let mut unexplained = vec![rules.least_unexplained(); n_marks];
+    let noise = options.noise * options.noise;
+    let n_kept = variances.iter().take_while(|it| **it > noise).count().min(options.n_bases);
+    let mut unexplained = vec![options.least_unexplained(); n_marks];
     for (direction, variance) in directions.column_iter().zip(&variances).skip(n_kept) {
         for (mark, left) in unexplained.iter_mut().enumerate() {
             *left += variance * direction.fixed_rows::<3>(3 * mark).norm_squared() / 3.0;
@@ -61,12 +61,12 @@ fn components(frames: &DMatrix<f64>, spreads: &[f64], rules: &AcquisitionRules) 
 }
 
 /// Of each principal component in turn the frame that lies furthest along it, either way; so often that there are enough.
-fn faces(frames: &DMatrix<f64>, rules: &AcquisitionRules) -> Result<Based, PrincipalFault> {
+fn faces(frames: &DMatrix<f64>, options: &AcquisitionOptions) -> Result<Based, PrincipalError> {
     let found = principal(frames)?;
     let mut along = found.directions.transpose() * frames;
     let offset = found.directions.transpose() * &found.mean;
     along.column_iter_mut().for_each(|mut it| it -= &offset);
-    let wanted = rules.n_bases.min(frames.ncols());
+    let wanted = options.n_bases.min(frames.ncols());
     let mut chosen: Vec<usize> = Vec::with_capacity(wanted);
     let mut is_chosen = vec![false; frames.ncols()];
     // Frames that do not vary have no component; one of them is as good as another.
@@ -88,6 +88,6 @@ fn faces(frames: &DMatrix<f64>, rules: &AcquisitionRules) -> Result<Based, Princ
     Ok(Based {
         shapes: frames.select_columns(&chosen),
         bases: Bases::Faces { lowest: 0.0, highest: 1.0 },
-        unexplained: vec![rules.least_unexplained(); frames.nrows() / 3],
+        unexplained: vec![options.least_unexplained(); frames.nrows() / 3],
     })
 }

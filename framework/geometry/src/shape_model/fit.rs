@@ -15,7 +15,7 @@ const ALIGNMENT_ROUNDS: usize = 8;
 
 /// One mark as it was seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MarkSight {
+pub struct MarkObservation {
     /// Which mark.
     pub label: u32,
     /// Where [m].
@@ -24,7 +24,7 @@ pub struct MarkSight {
     pub covariance: Matrix3<f64>,
 }
 
-impl MarkSight {
+impl MarkObservation {
     /// From its parts.
     pub fn new(label: u32, position: Point3<f64>, covariance: Matrix3<f64>) -> Self {
         Self { label, position, covariance }
@@ -33,14 +33,14 @@ impl MarkSight {
 
 /// How [`ShapeFitter::fit`] doubts.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FitRules {
+pub struct FitOptions {
     /// A mark is wrong where it is further from the place that the others give it, in standard deviations; infinite: none is [–].
     pub gate_sigmas: f64,
     /// The part of the seen marks that may be wrong; where more seem to be, it is the shape that is not known, and none is left out [–].
     pub wrong_at_most: f64,
 }
 
-impl Default for FitRules {
+impl Default for FitOptions {
     fn default() -> Self {
         Self { gate_sigmas: 6.0, wrong_at_most: 0.2 }
     }
@@ -58,7 +58,7 @@ pub struct FittedMark {
 /// What a fit found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FittedShape {
-    /// Takes points of the model's space to that of the sights.
+    /// Takes points of the model's space to that of the observations.
     pub measured_from_shape: Isometry3<f64>,
     /// Of δ, (rotation, translation) [rad², rad m, m²].
     pub covariance: Matrix6<f64>,
@@ -69,7 +69,7 @@ pub struct FittedShape {
     /// Root mean square distance between the seen marks that counted and the model's [m].
     pub rms: f64,
     /// 0 within what was captured, 1 where it cannot be trusted.
-    pub outside: f64,
+    pub out_of_distribution: f64,
     /// Root mean square of what is left, over what noise and left-out components explain [–].
     pub misfit: f64,
     /// Root mean square of the weights over their standard deviations [–].
@@ -80,7 +80,7 @@ pub struct FittedShape {
 
 /// Why there is no fit.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum ShapeFault {
+pub enum ShapeError {
     /// Too few marks of the model.
     #[error("{found} marks of the model are seen; expected 3 or more")]
     TooFew {
@@ -129,27 +129,27 @@ impl ShapeFitter {
         &self.model
     }
 
-    /// The pose and shape that go best with `sights`. Marks that the model does not know are passed over, as is a label that comes again.
+    /// The pose and shape that go best with `observations`. Marks that the model does not know are passed over, as is a label that comes again.
     ///
     /// # Errors
-    /// See [`ShapeFault`].
-    pub fn fit(&mut self, sights: &[MarkSight], rules: &FitRules) -> Result<FittedShape, ShapeFault> {
-        let sound = |it: &MarkSight| it.position.coords.sum().is_finite() && it.covariance.sum().is_finite();
-        if let Some(broken) = sights.iter().find(|it| !sound(it)) {
-            return Err(ShapeFault::NotFinite { label: broken.label });
+    /// See [`ShapeError`].
+    pub fn fit(&mut self, observations: &[MarkObservation], options: &FitOptions) -> Result<FittedShape, ShapeError> {
+        let sound = |it: &MarkObservation| it.position.coords.sum().is_finite() && it.covariance.sum().is_finite();
+        if let Some(broken) = observations.iter().find(|it| !sound(it)) {
+            return Err(ShapeError::NotFinite { label: broken.label });
         }
-        let mut seen: Vec<(usize, MarkSight)> =
-            sights.iter().filter_map(|it| Some((self.model.index_of(it.label)?, *it))).collect();
+        let mut seen: Vec<(usize, MarkObservation)> =
+            observations.iter().filter_map(|it| Some((self.model.index_of(it.label)?, *it))).collect();
         seen.sort_by_key(|it| it.0);
         seen.dedup_by_key(|it| it.0);
         if seen.len() < 3 {
-            return Err(ShapeFault::TooFew { found: seen.len() });
+            return Err(ShapeError::TooFew { found: seen.len() });
         }
         let start = self.first_pose(&seen)?;
         let all = self.solve(&seen, start)?;
-        let most_wrong = (rules.wrong_at_most * seen.len() as f64) as usize;
+        let most_wrong = (options.wrong_at_most * seen.len() as f64) as usize;
         let (mut kept, mut solved, mut wrong) = (seen.clone(), all.clone(), Vec::new());
-        while let Some(place) = worst(&self.model, &kept, &solved, rules.gate_sigmas) {
+        while let Some(place) = worst(&self.model, &kept, &solved, options.gate_sigmas) {
             if wrong.len() >= most_wrong || kept.len() <= 4 {
                 // So many cannot be wrong: it is a shape that the model does not know.
                 (kept, solved) = (seen, all);
@@ -163,11 +163,11 @@ impl ShapeFitter {
         Ok(self.describe(&kept, solved, wrong))
     }
 
-    fn solve(&mut self, seen: &[(usize, MarkSight)], start: Isometry3<f64>) -> Result<Solved, ShapeFault> {
+    fn solve(&mut self, seen: &[(usize, MarkObservation)], start: Isometry3<f64>) -> Result<Solved, ShapeError> {
         Sought { model: &self.model, seen }.find(start, &mut self.set)
     }
 
-    fn describe(&self, kept: &[(usize, MarkSight)], solved: Solved, wrong: Vec<u32>) -> FittedShape {
+    fn describe(&self, kept: &[(usize, MarkObservation)], solved: Solved, wrong: Vec<u32>) -> FittedShape {
         let model = &self.model;
         let usual = model.usual;
         let strain = match &model.bases {
@@ -194,7 +194,7 @@ impl ShapeFitter {
             covariance: solved.pose_covariance * inflation,
             marks: (0..model.labels.len()).map(fitted).collect(),
             rms: (squares / kept.len() as f64).sqrt(),
-            outside: (over - 1.0).clamp(0.0, 1.0),
+            out_of_distribution: (over - 1.0).clamp(0.0, 1.0),
             misfit: solved.misfit,
             strain,
             wrong,
@@ -203,7 +203,7 @@ impl ShapeFitter {
     }
 
     /// From the mean shape, by marks as they are known to move; those far off weigh little.
-    fn first_pose(&self, seen: &[(usize, MarkSight)]) -> Result<Isometry3<f64>, ShapeFault> {
+    fn first_pose(&self, seen: &[(usize, MarkObservation)]) -> Result<Isometry3<f64>, ShapeError> {
         let model = &self.model;
         let places: Vec<Point3<f64>> = seen.iter().map(|it| model.mean[it.0]).collect();
         let marks: Vec<Point3<f64>> = seen.iter().map(|it| it.1.position).collect();
@@ -213,7 +213,7 @@ impl ShapeFitter {
             .map(|(mark, it)| model.spreads[*mark].powi(2) + it.covariance.trace().max(0.0) / 3.0 + least)
             .collect();
         let mut weights: Vec<f64> = variances.iter().map(|it| 1.0 / it).collect();
-        let collinear = ShapeFault::Collinear { found: seen.len() };
+        let collinear = ShapeError::Collinear { found: seen.len() };
         let mut pose = weighted(&places, &marks, &weights, false).map_err(|_| collinear)?.isometry;
         for _ in 0..ALIGNMENT_ROUNDS {
             let off: Vec<f64> = places
@@ -235,7 +235,7 @@ impl ShapeFitter {
 }
 
 /// The mark furthest from where the others have it, if it is too far.
-fn worst(model: &ShapeModel, kept: &[(usize, MarkSight)], solved: &Solved, gate_sigmas: f64) -> Option<usize> {
+fn worst(model: &ShapeModel, kept: &[(usize, MarkObservation)], solved: &Solved, gate_sigmas: f64) -> Option<usize> {
     if gate_sigmas == f64::INFINITY {
         return None;
     }

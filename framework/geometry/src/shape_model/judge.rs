@@ -4,9 +4,9 @@ use foveate_estimation::Random;
 use foveate_estimation::statistics::percentile;
 use nalgebra::{DMatrix, Matrix3, Point3};
 
-use super::acquire::{AcquisitionFault, model_of};
-use super::fit::{FitRules, MarkSight, ShapeFitter};
-use super::{AcquisitionRules, ShapeModel, Usual};
+use super::acquire::{AcquisitionError, model_of};
+use super::fit::{FitOptions, MarkObservation, ShapeFitter};
+use super::{AcquisitionOptions, ShapeModel, Usual};
 
 /// Stretches of frames that are left out in turn.
 const STRETCHES: usize = 8;
@@ -24,21 +24,21 @@ pub(super) fn judge(
     model: &mut ShapeModel,
     table: &DMatrix<f64>,
     aligned: &[Vec<Option<Point3<f64>>>],
-    rules: &AcquisitionRules,
-) -> Result<(), AcquisitionFault> {
+    options: &AcquisitionOptions,
+) -> Result<(), AcquisitionError> {
     let (n, n_frames) = (model.labels.len(), table.ncols());
     if n_frames < 2 * STRETCHES || n < 6 {
         return Ok(());
     }
     // What a mark was seen to be off by has the noise of seeing in it, which is no fault of the model.
-    let noise = Matrix3::from_diagonal_element(rules.noise * rules.noise);
-    let mut random = Random::new(rules.seed).fork("hidden marks");
+    let noise = Matrix3::from_diagonal_element(options.noise * options.noise);
+    let mut random = Random::new(options.seed).fork("hidden marks");
     let (mut squares, mut counts) = (vec![Matrix3::<f64>::zeros(); n], vec![0_usize; n]);
     let (mut misfits, mut strains) = (Vec::new(), Vec::new());
     for stretch in 0..STRETCHES {
         let [from, to] = [stretch, stretch + 1].map(|it| it * n_frames / STRETCHES);
         let others: Vec<usize> = (0..n_frames).filter(|it| !(from..to).contains(it)).collect();
-        let mut part = model_of(&model.labels, &table.select_columns(&others), &model.spreads, rules)?;
+        let mut part = model_of(&model.labels, &table.select_columns(&others), &model.spreads, options)?;
         // As long as nothing is known to be usual, no covariance is made larger for being unusual.
         part.usual = Usual { misfit: f64::INFINITY, strain: f64::INFINITY };
         let floor = part.unexplained.clone();
@@ -51,10 +51,10 @@ pub(super) fn judge(
                 order.swap(place, random.below(place as u32 + 1) as usize);
             }
             let (hidden, seen) = order.split_at((HIDDEN * order.len() as f64).ceil() as usize);
-            let sight = |&mark: &usize| Some(MarkSight::new(model.labels[mark], frame[mark]?, noise));
-            let sights: Vec<MarkSight> = seen.iter().filter_map(sight).collect();
-            let rules = FitRules { gate_sigmas: f64::INFINITY, ..FitRules::default() };
-            let Ok(fitted) = fitter.fit(&sights, &rules) else { continue };
+            let observation = |&mark: &usize| Some(MarkObservation::new(model.labels[mark], frame[mark]?, noise));
+            let observations: Vec<MarkObservation> = seen.iter().filter_map(observation).collect();
+            let options = FitOptions { gate_sigmas: f64::INFINITY, ..FitOptions::default() };
+            let Ok(fitted) = fitter.fit(&observations, &options) else { continue };
             misfits.push(fitted.misfit);
             strains.push(fitted.strain);
             for &mark in hidden {
@@ -67,7 +67,7 @@ pub(super) fn judge(
             }
         }
     }
-    let least = rules.least_unexplained();
+    let least = options.least_unexplained();
     let total: f64 = squares.iter().zip(&counts).map(|(it, count)| (it - noise * *count as f64).trace() / 3.0).sum();
     let movement: f64 = model.spreads.iter().zip(&counts).map(|(it, count)| it * it * *count as f64).sum();
     let share = if movement > 0.0 { (total / movement).max(0.0) } else { 0.0 };

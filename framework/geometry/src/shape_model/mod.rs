@@ -7,7 +7,7 @@
 //! | [`Bases::Faces`] | captured shapes, the most extreme ones along the principal components | each in 0..=1, the paper's way | 0 |
 //! | [`Bases::Components`] | principal components | of known variance: the prior | the mean shape |
 //!
-//! Components are those of the captured covariance and of a little more, [`AcquisitionRules::unseen`]: neighbouring marks also move together
+//! Components are those of the captured covariance and of a little more, [`AcquisitionOptions::unseen`]: neighbouring marks also move together
 //! in ways that were not captured, each as much in proportion as it was seen to move.
 //!
 //! The fit ([`ShapeFitter`]) finds weights and pose at once, by Gauss and Newton, each mark counting by its own covariance. The uncertainty of a filled mark has two parts: what
@@ -29,8 +29,8 @@ mod solve;
 #[cfg(test)]
 mod tests;
 
-pub use acquire::{AcquisitionFault, AcquisitionRules, acquire};
-pub use fit::{FitRules, FittedMark, FittedShape, MarkSight, ShapeFault, ShapeFitter};
+pub use acquire::{AcquisitionError, AcquisitionOptions, acquire};
+pub use fit::{FitOptions, FittedMark, FittedShape, MarkObservation, ShapeError, ShapeFitter};
 
 use nalgebra::{DMatrix, Matrix3, Point3};
 

@@ -14,7 +14,7 @@ use nalgebra::{
 };
 
 use super::acquire::place_in;
-use super::fit::{MarkSight, ShapeFault};
+use super::fit::{MarkObservation, ShapeError};
 use super::{Bases, ShapeModel};
 
 const STEPS: usize = 25;
@@ -26,7 +26,7 @@ const BOUNDED_SIGMA: f64 = 1.0;
 /// The marks that are to be fitted, with their places in the model.
 pub(super) struct Sought<'a> {
     pub(super) model: &'a ShapeModel,
-    pub(super) seen: &'a [(usize, MarkSight)],
+    pub(super) seen: &'a [(usize, MarkObservation)],
 }
 
 /// A fit.
@@ -70,7 +70,7 @@ struct Normal {
 
 impl Sought<'_> {
     /// Searches from the pose `start`; `set` is where the last search for weights at bounds ended.
-    pub(super) fn find(&self, start: Isometry3<f64>, set: &mut Option<ActiveSet>) -> Result<Solved, ShapeFault> {
+    pub(super) fn find(&self, start: Isometry3<f64>, set: &mut Option<ActiveSet>) -> Result<Solved, ShapeError> {
         let model = self.model;
         let k = model.n_bases();
         let (information, normal) = self.weigh(&start)?;
@@ -79,7 +79,7 @@ impl Sought<'_> {
             Bases::Components { .. } => None,
         };
         let factor = match bounds {
-            None => Some(Cholesky::new(normal.gram.clone()).ok_or(ShapeFault::Unsolvable)?),
+            None => Some(Cholesky::new(normal.gram.clone()).ok_or(ShapeError::Unsolvable)?),
             Some(_) => None,
         };
         let mut pose = start;
@@ -93,21 +93,21 @@ impl Sought<'_> {
                     let left = linear.pose - linear.cross.tr_mul(&by_weights).fixed_view::<6, 6>(0, 0);
                     let right = linear.of_pose - linear.cross.tr_mul(&free).fixed_rows::<6>(0);
                     let step =
-                        Cholesky::new(left).ok_or(ShapeFault::Collinear { found: self.seen.len() })?.solve(&right);
+                        Cholesky::new(left).ok_or(ShapeError::Collinear { found: self.seen.len() })?.solve(&right);
                     weights = free - by_weights * step;
                     step
                 }
                 (None, Some((lower, upper))) => {
                     let pose_factor =
-                        Cholesky::new(linear.pose).ok_or(ShapeFault::Collinear { found: self.seen.len() })?;
+                        Cholesky::new(linear.pose).ok_or(ShapeError::Collinear { found: self.seen.len() })?;
                     let root = pose_factor
                         .l()
                         .solve_lower_triangular(&linear.cross_transposed())
-                        .ok_or(ShapeFault::Unsolvable)?;
+                        .ok_or(ShapeError::Unsolvable)?;
                     let gram = &normal.gram - root.tr_mul(&root);
                     let right = &linear.of_weights - &linear.cross * pose_factor.solve(&linear.of_pose);
                     let set = set.get_or_insert_with(|| ActiveSet::new(lower, upper));
-                    set.minimise(&gram, right.as_slice(), lower, upper).map_err(|_| ShapeFault::Unsolvable)?;
+                    set.minimise(&gram, right.as_slice(), lower, upper).map_err(|_| ShapeError::Unsolvable)?;
                     weights.copy_from_slice(set.weights());
                     pose_factor.solve(&(linear.of_pose - linear.cross.tr_mul(&weights).fixed_rows::<6>(0)))
                 }
@@ -116,7 +116,7 @@ impl Sought<'_> {
             let turn: Vector3<f64> = step.fixed_rows::<3>(0).into_owned();
             let shift: Vector3<f64> = step.fixed_rows::<3>(3).into_owned();
             if !step.iter().all(|it| it.is_finite()) {
-                return Err(ShapeFault::Unsolvable);
+                return Err(ShapeError::Unsolvable);
             }
             pose *= Isometry3::from_parts(Translation3::from(shift), UnitQuaternion::from_scaled_axis(turn));
             if turn.norm() < SETTLED[0] && shift.norm() < SETTLED[1] {
@@ -127,17 +127,17 @@ impl Sought<'_> {
     }
 
     /// Informations of the seen marks, in the model's axes, and the rows of the bases by them.
-    fn weigh(&self, pose: &Isometry3<f64>) -> Result<(Vec<Matrix3<f64>>, Normal), ShapeFault> {
+    fn weigh(&self, pose: &Isometry3<f64>) -> Result<(Vec<Matrix3<f64>>, Normal), ShapeError> {
         let model = self.model;
         let k = model.n_bases();
         let turn = pose.rotation.to_rotation_matrix();
         let mut rows = DMatrix::zeros(3 * self.seen.len(), k);
         let (mut informations, mut roots) = (Vec::new(), Vec::new());
-        for (place, (mark, sight)) in self.seen.iter().enumerate() {
-            let covariance = turn.transpose() * sight.covariance * turn.matrix()
+        for (place, (mark, observation)) in self.seen.iter().enumerate() {
+            let covariance = turn.transpose() * observation.covariance * turn.matrix()
                 + Matrix3::from_diagonal_element(model.unexplained[*mark]);
-            let information = (covariance + covariance.transpose()).try_inverse().ok_or(ShapeFault::Unsolvable)? * 2.0;
-            let root = Cholesky::new(information).ok_or(ShapeFault::Unsolvable)?.l().transpose();
+            let information = (covariance + covariance.transpose()).try_inverse().ok_or(ShapeError::Unsolvable)? * 2.0;
+            let root = Cholesky::new(information).ok_or(ShapeError::Unsolvable)?.l().transpose();
             rows.rows_mut(3 * place, 3).copy_from(&(root * model.shapes.fixed_rows::<3>(3 * mark)));
             informations.push(information);
             roots.push(root);
@@ -154,8 +154,8 @@ impl Sought<'_> {
         let n = 3 * self.seen.len();
         let mut pose_rows = DMatrix::<f64>::zeros(n, 6);
         let mut right = DVector::<f64>::zeros(n);
-        for (place, ((mark, sight), root)) in self.seen.iter().zip(&normal.roots).enumerate() {
-            let point = pose.inverse_transform_point(&sight.position);
+        for (place, ((mark, observation), root)) in self.seen.iter().zip(&normal.roots).enumerate() {
+            let point = pose.inverse_transform_point(&observation.position);
             pose_rows.rows_mut(3 * place, 3).copy_from(&(root * by_pose(&point)));
             let off = match model.bases {
                 Bases::Faces { .. } => point.coords,
@@ -178,7 +178,7 @@ impl Sought<'_> {
         information: Vec<Matrix3<f64>>,
         normal: Normal,
         set: Option<&ActiveSet>,
-    ) -> Result<Solved, ShapeFault> {
+    ) -> Result<Solved, ShapeError> {
         let model = self.model;
         let n = model.labels.len();
         let mut places = &model.shapes * &weights;
@@ -205,12 +205,12 @@ impl Sought<'_> {
         if set.is_some() {
             (0..free.len()).for_each(|it| gram[(it, it)] += BOUNDED_SIGMA.powi(-2));
         }
-        let factor: Cholesky<f64, Dyn> = Cholesky::new(gram).ok_or(ShapeFault::Unsolvable)?;
+        let factor: Cholesky<f64, Dyn> = Cholesky::new(gram).ok_or(ShapeError::Unsolvable)?;
         let by_pose_step = factor.solve(&cross);
         let left = linear.pose - cross.tr_mul(&by_pose_step).fixed_view::<6, 6>(0, 0);
-        let pose_covariance = Cholesky::new(left).ok_or(ShapeFault::Collinear { found: self.seen.len() })?.inverse();
+        let pose_covariance = Cholesky::new(left).ok_or(ShapeError::Collinear { found: self.seen.len() })?.inverse();
         let shapes = shapes.as_ref().unwrap_or(&model.shapes);
-        let halves = factor.l().solve_lower_triangular(&shapes.transpose()).ok_or(ShapeFault::Unsolvable)?;
+        let halves = factor.l().solve_lower_triangular(&shapes.transpose()).ok_or(ShapeError::Unsolvable)?;
         let mut open = Vec::with_capacity(n);
         for mark in 0..n {
             let half = halves.columns(3 * mark, 3);
@@ -222,8 +222,8 @@ impl Sought<'_> {
         let mut solved =
             Solved { pose, pose_covariance, weights: weights.data.into(), places, open, misfit: 0.0, information };
         let (mut squares, mut left) = (0.0, 0.0);
-        for ((mark, sight), information) in self.seen.iter().zip(&solved.information) {
-            let off = pose.inverse_transform_point(&sight.position) - solved.place(model, *mark);
+        for ((mark, observation), information) in self.seen.iter().zip(&solved.information) {
+            let off = pose.inverse_transform_point(&observation.position) - solved.place(model, *mark);
             squares += off.dot(&(information * off));
             left += 3.0 - (information * solved.open[*mark]).trace();
         }
@@ -251,10 +251,10 @@ impl Linear {
 ///
 /// That place need not be computed: with R the covariance by which the mark was weighed, V what the fit leaves open of it and r what is left, the
 /// others have it at a distance of R (R − V)⁻¹ r, known to R (R − V)⁻¹ R − R.
-pub(super) fn judge_marks(model: &ShapeModel, kept: &[(usize, MarkSight)], solved: &Solved) -> Vec<f64> {
-    let square = |(mark, sight): &(usize, MarkSight), information: &Matrix3<f64>| {
+pub(super) fn judge_marks(model: &ShapeModel, kept: &[(usize, MarkObservation)], solved: &Solved) -> Vec<f64> {
+    let square = |(mark, observation): &(usize, MarkObservation), information: &Matrix3<f64>| {
         let weighed = information.try_inverse()?;
-        let left = solved.pose.inverse_transform_point(&sight.position) - solved.place(model, *mark);
+        let left = solved.pose.inverse_transform_point(&observation.position) - solved.place(model, *mark);
         let gain = weighed * (weighed - solved.open[*mark]).try_inverse()?;
         let apart = gain * left;
         let known = gain * weighed;

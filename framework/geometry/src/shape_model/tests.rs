@@ -79,15 +79,15 @@ fn captured(kind: ShapeKind, random: &mut Random) -> (Face, ShapeModel) {
             noisy(&shape, &at, NOISE, random).into_iter().map(Some).collect()
         })
         .collect();
-    let model = acquire(&labels(), &frames, &AcquisitionRules { kind, ..AcquisitionRules::default() }).unwrap();
+    let model = acquire(&labels(), &frames, &AcquisitionOptions { kind, ..AcquisitionOptions::default() }).unwrap();
     assert_eq!(model.fault(), None);
     (face, model)
 }
 
-fn sights(marks: &[Point3<f64>], hidden: &[usize], sigma: f64) -> Vec<MarkSight> {
+fn observations(marks: &[Point3<f64>], hidden: &[usize], sigma: f64) -> Vec<MarkObservation> {
     let seen = (0..marks.len()).filter(|it| !hidden.contains(it));
     let covariance = Matrix3::from_diagonal_element(sigma * sigma);
-    seen.map(|it| MarkSight::new(labels()[it], marks[it], covariance)).collect()
+    seen.map(|it| MarkObservation::new(labels()[it], marks[it], covariance)).collect()
 }
 
 /// `count` different marks.
@@ -108,7 +108,7 @@ fn trials(face: &Face, model: &ShapeModel, n_hidden: usize, random: &mut Random)
         let (shape, at) = (face.at(f64::from(frame) / 7.0, 0.31), pose(random));
         let marks = noisy(&shape, &at, NOISE, random);
         let hidden = some(n_hidden, random);
-        let found = fitter.fit(&sights(&marks, &hidden, NOISE), &FitRules::default()).unwrap();
+        let found = fitter.fit(&observations(&marks, &hidden, NOISE), &FitOptions::default()).unwrap();
         for &mark in &hidden {
             let off = found.measured_from_shape.inverse() * (at * shape[mark]) - found.marks[mark].position;
             errors.push(off.norm());
@@ -144,7 +144,7 @@ fn the_pose_is_found_with_the_shape_and_states_how_well() {
     for frame in 0..40 {
         let (shape, at) = (face.at(f64::from(frame) / 6.0, 0.4), pose(&mut random));
         let marks = noisy(&shape, &at, NOISE, &mut random);
-        let found = fitter.fit(&sights(&marks, &some(11, &mut random), NOISE), &FitRules::default()).unwrap();
+        let found = fitter.fit(&observations(&marks, &some(11, &mut random), NOISE), &FitOptions::default()).unwrap();
         poses.push(at.inverse() * found.measured_from_shape);
         stated.push(found.covariance);
     }
@@ -167,7 +167,7 @@ fn wrong_marks_are_named_and_do_no_harm() {
         for &mark in &bad {
             marks[mark] += Vector3::new(random.normal(), random.normal(), random.normal()).normalize() * 12.0 * MM;
         }
-        let found = fitter.fit(&sights(&marks, &[], NOISE), &FitRules::default()).unwrap();
+        let found = fitter.fit(&observations(&marks, &[], NOISE), &FitOptions::default()).unwrap();
         let mut named: Vec<u32> = bad.iter().map(|it| labels()[*it]).collect();
         named.sort_unstable();
         assert_eq!(found.wrong, named, "{frame}");
@@ -184,21 +184,24 @@ fn a_face_that_was_not_captured_is_said_to_be_outside() {
         let mut random = Random::new(10);
         let (face, model) = captured(kind, &mut random);
         let mut fitter = ShapeFitter::new(model);
-        let mut outside = |weights: &[f64], other: &[Vector3<f64>], random: &mut Random| {
+        let mut out_of_distribution = |weights: &[f64], other: &[Vector3<f64>], random: &mut Random| {
             let mut shape = face.shape(weights);
             shape.iter_mut().zip(other).for_each(|(it, other)| *it += *other);
             let marks = noisy(&shape, &pose(random), NOISE, random);
-            fitter.fit(&sights(&marks, &some(11, random), NOISE), &FitRules::default()).unwrap().outside
+            fitter
+                .fit(&observations(&marks, &some(11, random), NOISE), &FitOptions::default())
+                .unwrap()
+                .out_of_distribution
         };
         let still = vec![Vector3::zeros(); N_MARKS];
-        let inside = outside(&[0.5, 0.2, 0.7, 0.4, 0.1, 0.9], &still, &mut random);
+        let inside = out_of_distribution(&[0.5, 0.2, 0.7, 0.4, 0.1, 0.9], &still, &mut random);
         assert!(inside < 0.3, "{kind:?}: {inside}");
-        let far = outside(&[3.0, -2.0, 2.5, 0.4, 3.0, -2.0], &still, &mut random);
+        let far = out_of_distribution(&[3.0, -2.0, 2.5, 0.4, 3.0, -2.0], &still, &mut random);
         assert!(far > 0.7, "{kind:?}, three times as far as ever: {far}");
         // A way to move that no captured frame had, 8 mm.
         let wave: Vec<Vector3<f64>> =
             face.places.iter().map(|it| Vector3::new(0.0, (it.x * 60.0).sin() * 8.0 * MM, 0.0)).collect();
-        let other = outside(&[0.5; 6], &wave, &mut random);
+        let other = out_of_distribution(&[0.5; 6], &wave, &mut random);
         assert!(other > 0.7, "{kind:?}, another way: {other}");
     }
 }
@@ -214,7 +217,7 @@ fn marks_missing_while_acquiring_are_filled() {
             marks.map(|(mark, place)| (!away.contains(&mark)).then_some(place)).collect()
         })
         .collect();
-    let model = acquire(&labels(), &frames, &AcquisitionRules::default()).unwrap();
+    let model = acquire(&labels(), &frames, &AcquisitionOptions::default()).unwrap();
     let (errors, _) = trials(&face, &model, 11, &mut random);
     assert!(percentile(&errors, 95.0).unwrap() < 1.2 * MM, "{:?}", percentile(&errors, 95.0));
 }
@@ -225,7 +228,7 @@ fn the_space_moves_with_the_marks_that_keep_their_distances() {
     let face = Face::new(&mut random);
     let frames: Vec<Vec<Option<Point3<f64>>>> =
         (0..60).map(|it| face.at(f64::from(it) / 6.0, 0.0).into_iter().map(Some).collect()).collect();
-    let model = acquire(&labels(), &frames, &AcquisitionRules::default()).unwrap();
+    let model = acquire(&labels(), &frames, &AcquisitionOptions::default()).unwrap();
     // The frames were not turned, and the axes are those of a frame: where the forehead does not move, nothing does.
     let most = face.modes.iter().map(|mode| mode[still_mark(&face)].norm()).fold(0.0, f64::max);
     assert!(most < 1.0 * MM && model.spreads[still_mark(&face)] <= model.spreads.iter().copied().sum::<f64>() / 69.0);
@@ -247,12 +250,13 @@ fn one_frame_and_equal_frames_make_a_rigid_model() {
     for (kind, count) in
         [(ShapeKind::Components, 1), (ShapeKind::Components, 40), (ShapeKind::Faces, 1), (ShapeKind::Faces, 40)]
     {
-        let rules = AcquisitionRules { kind, ..AcquisitionRules::default() };
-        let model = acquire(&labels(), &vec![frame.clone(); count], &rules).unwrap();
+        let options = AcquisitionOptions { kind, ..AcquisitionOptions::default() };
+        let model = acquire(&labels(), &vec![frame.clone(); count], &options).unwrap();
         assert_eq!(model.n_bases(), usize::from(kind == ShapeKind::Faces), "{kind:?} {count}");
         let at = pose(&mut random);
         let marks = noisy(&face.places, &at, 0.0, &mut random);
-        let found = ShapeFitter::new(model).fit(&sights(&marks, &some(20, &mut random), NOISE), &FitRules::default());
+        let found =
+            ShapeFitter::new(model).fit(&observations(&marks, &some(20, &mut random), NOISE), &FitOptions::default());
         let found = found.unwrap();
         for (mark, truth) in found.marks.iter().zip(&marks) {
             assert!((found.measured_from_shape * mark.position - truth).norm() < 1e-6, "{kind:?} {count}");
@@ -265,36 +269,36 @@ fn what_makes_no_model_and_what_fits_none_is_refused() {
     let mut random = Random::new(15);
     let face = Face::new(&mut random);
     let frame: Vec<Option<Point3<f64>>> = face.places.iter().copied().map(Some).collect();
-    let rules = AcquisitionRules::default();
-    let fault = |labels: &[u32], frames: &[Vec<Option<Point3<f64>>>]| acquire(labels, frames, &rules).unwrap_err();
-    assert_eq!(fault(&labels(), &[]), AcquisitionFault::TooFew { marks: 69, frames: 0 });
-    assert_eq!(fault(&[1, 2], &[frame[..2].to_vec()]), AcquisitionFault::TooFew { marks: 2, frames: 1 });
+    let options = AcquisitionOptions::default();
+    let fault = |labels: &[u32], frames: &[Vec<Option<Point3<f64>>>]| acquire(labels, frames, &options).unwrap_err();
+    assert_eq!(fault(&labels(), &[]), AcquisitionError::TooFew { marks: 69, frames: 0 });
+    assert_eq!(fault(&[1, 2], &[frame[..2].to_vec()]), AcquisitionError::TooFew { marks: 2, frames: 1 });
     let short = [frame.clone(), frame[1..].to_vec()];
-    assert_eq!(fault(&labels(), &short), AcquisitionFault::Lengths { frame: 1, found: 68, expected: 69 });
-    assert_eq!(fault(&[1, 5, 5], &[frame[..3].to_vec()]), AcquisitionFault::Labels { label: 5 });
+    assert_eq!(fault(&labels(), &short), AcquisitionError::Lengths { frame: 1, found: 68, expected: 69 });
+    assert_eq!(fault(&[1, 5, 5], &[frame[..3].to_vec()]), AcquisitionError::Labels { label: 5 });
     let mut broken = frame.clone();
     broken[2] = Some(Point3::new(0.0, f64::NAN, 0.0));
-    assert_eq!(fault(&labels(), &[broken]), AcquisitionFault::NotFinite { frame: 0, label: 7 });
+    assert_eq!(fault(&labels(), &[broken]), AcquisitionError::NotFinite { frame: 0, label: 7 });
     let line: Vec<_> = (0..5).map(|it| Some(Point3::new(f64::from(it), 2.0, 0.0))).collect();
-    assert_eq!(fault(&[0, 1, 2, 3, 4], &[line]), AcquisitionFault::Degenerate);
+    assert_eq!(fault(&[0, 1, 2, 3, 4], &[line]), AcquisitionError::Degenerate);
     let mut never = frame.clone();
     never[4] = None;
-    assert_eq!(fault(&labels(), &[never]), AcquisitionFault::Degenerate);
-    let wild = AcquisitionRules { noise: 0.0, ..rules };
-    assert!(matches!(acquire(&labels(), &[frame], &wild), Err(AcquisitionFault::Rules { what: "noise", .. })));
+    assert_eq!(fault(&labels(), &[never]), AcquisitionError::Degenerate);
+    let wild = AcquisitionOptions { noise: 0.0, ..options };
+    assert!(matches!(acquire(&labels(), &[frame], &wild), Err(AcquisitionError::Options { what: "noise", .. })));
 
     let (_, model) = captured(ShapeKind::Components, &mut random);
     let on_a_line: Vec<Point3<f64>> = (0..69).map(|it| Point3::new(0.001 * f64::from(it), 0.0, 1.0)).collect();
     let mut fitter = ShapeFitter::new(model);
-    let mut fault = |sights: &[MarkSight]| fitter.fit(sights, &FitRules::default()).unwrap_err();
-    assert_eq!(fault(&sights(&face.places, &[], NOISE)[..2]), ShapeFault::TooFew { found: 2 });
-    assert_eq!(fault(&sights(&on_a_line, &[], NOISE)), ShapeFault::Collinear { found: 69 });
-    let foreign = MarkSight::new(0, Point3::origin(), Matrix3::identity());
-    assert_eq!(fault(&[foreign; 9]), ShapeFault::TooFew { found: 0 });
-    let mut broken = sights(&face.places, &[], NOISE);
+    let mut fault = |observations: &[MarkObservation]| fitter.fit(observations, &FitOptions::default()).unwrap_err();
+    assert_eq!(fault(&observations(&face.places, &[], NOISE)[..2]), ShapeError::TooFew { found: 2 });
+    assert_eq!(fault(&observations(&on_a_line, &[], NOISE)), ShapeError::Collinear { found: 69 });
+    let foreign = MarkObservation::new(0, Point3::origin(), Matrix3::identity());
+    assert_eq!(fault(&[foreign; 9]), ShapeError::TooFew { found: 0 });
+    let mut broken = observations(&face.places, &[], NOISE);
     broken[6].covariance[(1, 1)] = f64::NAN;
-    assert_eq!(fault(&broken), ShapeFault::NotFinite { label: labels()[6] });
+    assert_eq!(fault(&broken), ShapeError::NotFinite { label: labels()[6] });
     broken[6].covariance = Matrix3::from_diagonal_element(-1.0);
-    assert_eq!(fault(&broken), ShapeFault::Unsolvable);
-    assert!(fitter.fit(&sights(&face.places, &[], NOISE), &FitRules::default()).is_ok(), "as good as before");
+    assert_eq!(fault(&broken), ShapeError::Unsolvable);
+    assert!(fitter.fit(&observations(&face.places, &[], NOISE), &FitOptions::default()).is_ok(), "as good as before");
 }

@@ -3,7 +3,7 @@
 //! A residual above 0 is the standard deviation of a measured sample, 0 says that a model or a filter supplied it. Files in which every residual is 0 say
 //! nothing by that: many programs write none.
 
-use foveate_messages::{CameraId, CameraSet, How};
+use foveate_messages::{CameraId, CameraSet, Provenance};
 use nalgebra::Point3;
 
 use super::units::{unit, unit_to_write};
@@ -42,7 +42,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<(Motion, Vec<S
         let sample = Sample { cameras, ..Sample::at(place) };
         match it.residual > 0.0 {
             true => sample.with_sigma(f64::from(it.residual) * metres),
-            false if has_residuals => Sample { how: How::Filled, ..sample },
+            false if has_residuals => Sample { provenance: Provenance::Filled, ..sample },
             false => sample,
         }
     };
@@ -110,13 +110,17 @@ pub(super) fn write(motion: &Motion, asked: Option<&str>) -> Result<Written, Mot
         return Err(MotionError("the times are not regular, and C3D has one rate".to_owned()));
     };
     let sample = |it: &Option<Sample>| {
-        let Some(it) = it.as_ref().filter(|it| it.how != How::Predicted) else { return c3d::Sample::MISSING };
+        let Some(it) = it.as_ref().filter(|it| it.provenance != Provenance::Predicted) else {
+            return c3d::Sample::MISSING;
+        };
         c3d::Sample {
             position: [0, 1, 2].map(|axis| (it.position[axis] / metres) as f32),
             // Not 0 where it is not known: that would say that it was not measured.
-            residual: match it.how {
-                How::Filled | How::Predicted => 0.0,
-                How::Measured => it.sigma().map_or(f32::MIN_POSITIVE, |it| (it / metres) as f32).max(f32::MIN_POSITIVE),
+            residual: match it.provenance {
+                Provenance::Filled | Provenance::Predicted => 0.0,
+                Provenance::Measured => {
+                    it.sigma().map_or(f32::MIN_POSITIVE, |it| (it / metres) as f32).max(f32::MIN_POSITIVE)
+                }
             },
             cameras: it.cameras.iter().fold(0, |mask, camera| mask | 1 << bit(camera, motion.cameras.len())),
         }
@@ -153,7 +157,7 @@ pub(super) fn write(motion: &Motion, asked: Option<&str>) -> Result<Written, Mot
         xx != yy || xx != zz || [xy, xz, yz] != [0.0; 3]
     };
     let cameras = motion.cameras.len() <= BITS;
-    let keeps = Keeps { uncertainty: true, how: true, cameras, events: true, predicted: false, start: true };
+    let keeps = Keeps { uncertainty: true, provenance: true, cameras, events: true, predicted: false, start: true };
     let mut lost = lost(motion, keeps);
     let n_uneven = motion.samples.iter().flatten().filter(|it| it.sigma().is_some() && is_uneven(it)).count();
     if n_uneven > 0 {

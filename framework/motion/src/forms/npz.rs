@@ -1,6 +1,6 @@
 //! Motions of NumPy archives, as `export.npy` writes them.
 
-use foveate_messages::{CameraId, CameraSet, How};
+use foveate_messages::{CameraId, CameraSet, Provenance};
 use nalgebra::Point3;
 
 use super::{Keeps, MotionError, Written, lost};
@@ -58,8 +58,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<(Motion, Vec<String>), MotionError> {
         return Err(MotionError("`times_s`: found times that do not grow, expected ascending ones".to_owned()));
     }
     let covariances = of_shape("covariances_m2", &[n_frames, n_points, 3, 3])?;
-    let how_names = texts("how_names")?;
-    let how = of_shape("how", &[n_frames, n_points])?;
+    let provenance_names = texts("provenance_names")?;
+    let provenance = of_shape("provenance", &[n_frames, n_points])?;
     let cameras = texts("camera_names")?;
     let n_bytes = cameras.len().div_ceil(8);
     let seen = of_shape("cameras", &[n_frames, n_points, n_bytes])?;
@@ -68,13 +68,14 @@ pub(super) fn read(bytes: &[u8]) -> Result<(Motion, Vec<String>), MotionError> {
         if !position.iter().all(|it| it.is_finite()) {
             return None;
         }
-        let how = match how.as_ref().and_then(|it| how_names.get(it[place] as usize)).map(String::as_str) {
-            Some("missing") => return None,
-            Some("filled") => How::Filled,
-            Some("predicted") => How::Predicted,
-            _ => How::Measured,
-        };
-        let mut sample = Sample { how, ..Sample::at(Point3::new(position[0], position[1], position[2])) };
+        let provenance =
+            match provenance.as_ref().and_then(|it| provenance_names.get(it[place] as usize)).map(String::as_str) {
+                Some("missing") => return None,
+                Some("filled") => Provenance::Filled,
+                Some("predicted") => Provenance::Predicted,
+                _ => Provenance::Measured,
+            };
+        let mut sample = Sample { provenance, ..Sample::at(Point3::new(position[0], position[1], position[2])) };
         if let Some(all) = &covariances {
             sample.covariance = TRIANGLE.map(|(row, column)| all[place * 9 + row * 3 + column] as f32);
         }
@@ -106,7 +107,7 @@ pub(super) fn write(motion: &Motion) -> Result<Written, MotionError> {
     let n_bytes = motion.cameras.len().div_ceil(8);
     let mut positions = Vec::with_capacity(n * p * 3);
     let mut covariances = Vec::with_capacity(n * p * 9);
-    let mut how = Vec::with_capacity(n * p);
+    let mut provenance = Vec::with_capacity(n * p);
     let mut bits = vec![0_u8; n * p * n_bytes];
     for (place, sample) in turned.samples.iter().enumerate() {
         let there = sample.as_ref();
@@ -121,11 +122,11 @@ pub(super) fn write(motion: &Motion) -> Result<Written, MotionError> {
             }
         }
         covariances.extend(whole);
-        how.push(match there.map(|it| it.how) {
+        provenance.push(match there.map(|it| it.provenance) {
             None => 0,
-            Some(How::Measured) => 1,
-            Some(How::Filled) => 2,
-            Some(How::Predicted) => 3,
+            Some(Provenance::Measured) => 1,
+            Some(Provenance::Filled) => 2,
+            Some(Provenance::Predicted) => 3,
         });
     }
 
@@ -138,8 +139,11 @@ pub(super) fn write(motion: &Motion) -> Result<Written, MotionError> {
         to.texts("labels", &turned.labels.iter().map(String::as_str).collect::<Vec<_>>())?;
         to.floats("positions_m", &[n, p, 3], &positions)?;
         to.short_floats("covariances_m2", &[n, p, 3, 3], &covariances)?;
-        to.texts("how_names", &["missing", How::Measured.name(), How::Filled.name(), How::Predicted.name()])?;
-        to.bytes("how", &[n, p], &how)?;
+        to.texts(
+            "provenance_names",
+            &["missing", Provenance::Measured.name(), Provenance::Filled.name(), Provenance::Predicted.name()],
+        )?;
+        to.bytes("provenance", &[n, p], &provenance)?;
         to.texts("camera_names", &turned.cameras.iter().map(String::as_str).collect::<Vec<_>>())?;
         to.bytes("cameras", &[n, p, n_bytes], &bits)
     };
@@ -148,6 +152,7 @@ pub(super) fn write(motion: &Motion) -> Result<Written, MotionError> {
             "{n} frames of {p} points take more than the 4 GiB that such a file can have"
         )));
     }
-    let keeps = Keeps { uncertainty: true, how: true, predicted: true, cameras: true, events: false, start: true };
+    let keeps =
+        Keeps { uncertainty: true, provenance: true, predicted: true, cameras: true, events: false, start: true };
     Ok(Written { bytes: to.finish(), lost: lost(motion, keeps), notes })
 }

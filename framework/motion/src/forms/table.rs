@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-use foveate_messages::{CameraId, How};
+use foveate_messages::{CameraId, Provenance};
 use nalgebra::Point3;
 
 use super::{Keeps, MotionError, Written, lost};
@@ -17,7 +17,7 @@ use crate::motion::{Motion, Sample, Up, rate_of};
 /// The columns of a covariance's upper triangle.
 const COVARIANCE: [&str; 6] = ["cxx_m2", "cxy_m2", "cxz_m2", "cyy_m2", "cyz_m2", "czz_m2"];
 const AXES: [&str; 3] = ["x_m", "y_m", "z_m"];
-const HOW: [&str; 3] = ["measured", "predicted", "filled"];
+const PROVENANCES: [&str; 3] = ["measured", "predicted", "filled"];
 /// Times of the session are below this [s].
 const MOST_TIME_S: f64 = 9e9;
 /// Frames of times that are all different hold one point each: so many places of absent points a table may have beside its rows, and else 16 a row.
@@ -43,7 +43,7 @@ pub(super) fn nearly(text: &[u8]) -> Option<String> {
     let known = |name: &str| {
         let name = name.to_ascii_lowercase();
         let name = name.strip_prefix("world_").unwrap_or(&name);
-        ["time_s", "target", "mark", "how", "cameras"].contains(&name)
+        ["time_s", "target", "mark", "provenance", "cameras"].contains(&name)
             || AXES.contains(&name)
             || COVARIANCE.contains(&name)
     };
@@ -93,7 +93,7 @@ struct Columns {
     axes: [usize; 3],
     covariance: Option<[usize; 6]>,
     cameras: Option<usize>,
-    how: Option<usize>,
+    provenance: Option<usize>,
 }
 
 impl Columns {
@@ -115,7 +115,7 @@ impl Columns {
             axes: [x?, y?, z?],
             covariance: all.and_then(|it| it.try_into().ok()),
             cameras: place("cameras"),
-            how: place("how"),
+            provenance: place("provenance"),
         })
     }
 }
@@ -207,11 +207,11 @@ impl Table {
                 *to = number(place, "a covariance")? as f32;
             }
         }
-        sample.how = match columns.how.map_or("measured", text) {
-            "measured" | "" => How::Measured,
-            "predicted" => How::Predicted,
-            "filled" => How::Filled,
-            other => return Err(format!("found `{other}` for `how`, expected measured, predicted or filled")),
+        sample.provenance = match columns.provenance.map_or("measured", text) {
+            "measured" | "" => Provenance::Measured,
+            "predicted" => Provenance::Predicted,
+            "filled" => Provenance::Filled,
+            other => return Err(format!("found `{other}` for `provenance`, expected measured, predicted or filled")),
         };
         if let Some(cameras) = columns.cameras {
             sample.cameras = text(cameras).split('+').filter(|it| !it.is_empty()).map(|it| self.camera(it)).collect();
@@ -256,7 +256,7 @@ impl Before {
         let Some((last, place)) = row.last().zip(row.len().checked_sub(1)) else { return false };
         let named = || names.get(&row.get(columns.point)?.parse().ok()?);
         match Some(place) {
-            it if it == columns.how => HOW.contains(&last.as_str()),
+            it if it == columns.provenance => PROVENANCES.contains(&last.as_str()),
             it if it == columns.name => named() == Some(last),
             _ => self.shapes.tell_whole(last),
         }
@@ -347,7 +347,7 @@ pub(super) fn write(motion: &Motion) -> Result<Written, MotionError> {
     let kind = if marks.is_some() { "mark" } else { "target" };
     let has_names = marks.is_none() && targets.is_none();
     let numbers = marks.or(targets).unwrap_or_else(|| (0..motion.labels.len() as u64).collect());
-    let mut text = format!("time_s,{kind},x_m,y_m,z_m,{},cameras,how", COVARIANCE.join(","));
+    let mut text = format!("time_s,{kind},x_m,y_m,z_m,{},cameras,provenance", COVARIANCE.join(","));
     if kind == "mark" {
         // The marks' own space is the world here.
         write!(text, ",world_x_m,world_y_m,world_z_m,{}", COVARIANCE.map(|it| format!("world_{it}")).join(",")).ok();
@@ -372,7 +372,7 @@ pub(super) fn write(motion: &Motion) -> Result<Written, MotionError> {
             }
             fixed(&mut text, *time_s, 6);
             let cameras: Vec<String> = sample.cameras.iter().map(name).collect();
-            write!(text, ",{number}{point},{},{}", field(&cameras.join("+")), sample.how.name()).ok();
+            write!(text, ",{number}{point},{},{}", field(&cameras.join("+")), sample.provenance.name()).ok();
             if kind == "mark" {
                 text.push_str(&point);
             }
@@ -382,7 +382,8 @@ pub(super) fn write(motion: &Motion) -> Result<Written, MotionError> {
             text.push('\n');
         }
     }
-    let keeps = Keeps { uncertainty: true, how: true, predicted: true, cameras: true, events: false, start: true };
+    let keeps =
+        Keeps { uncertainty: true, provenance: true, predicted: true, cameras: true, events: false, start: true };
     let mut lost = lost(motion, keeps);
     let n_never = (0..motion.labels.len()).filter(|it| motion.column(*it).all(|it| it.is_none())).count();
     if n_never > 0 {

@@ -1,6 +1,6 @@
 //! Motions come back from files of each form, real ones are read alike from whichever form, and broken ones do no harm.
 
-use foveate_messages::{CameraId, How};
+use foveate_messages::{CameraId, Provenance};
 use foveate_testkit::data_dir_or_skip;
 use nalgebra::Point3;
 
@@ -25,7 +25,7 @@ fn whole() -> Motion {
     whole.cameras = ["left", "right"].map(str::to_owned).to_vec();
     whole.events = vec![Event { label: "Foot Strike".to_owned(), context: "Left".to_owned(), time_s: 1.75 }];
     for (place, sample) in whole.samples.iter_mut().enumerate() {
-        if let Some(it) = sample.as_mut().filter(|it| it.how == How::Measured) {
+        if let Some(it) = sample.as_mut().filter(|it| it.provenance == Provenance::Measured) {
             it.cameras = [CameraId((place % 2) as u16)].into_iter().collect();
         }
     }
@@ -45,7 +45,7 @@ fn check_alike(found: &Motion, wanted: &Motion, tolerance: f64) {
             (None, None) => {}
             (Some(a), Some(b)) => {
                 assert!((a.position - b.position).norm() <= tolerance, "{place}: {a:?}, expected {b:?}");
-                assert_eq!(a.how, b.how, "{place}");
+                assert_eq!(a.provenance, b.provenance, "{place}");
             }
             _ => panic!("{place}: {a:?}, expected {b:?}"),
         }
@@ -92,10 +92,10 @@ fn tables_of_trc_keep_places_and_say_what_they_lose() {
         let mut read = read(&written.bytes, &AS_IT_SAYS).unwrap();
         assert!(read.motion.turn(Up::Z));
         let mut measured = wanted.clone();
-        measured.samples.iter_mut().flatten().for_each(|it| it.how = How::Measured);
+        measured.samples.iter_mut().flatten().for_each(|it| it.provenance = Provenance::Measured);
         check_alike(&read.motion, &measured, tolerance);
         assert_eq!((read.motion.rate_hz, read.motion.unit.unwrap().0.as_str()), (Some(50.0), unit));
-        let n_filled = wanted.n_of(How::Filled);
+        let n_filled = wanted.n_of(Provenance::Filled);
         assert!(
             written.lost.contains(&format!("{n_filled} samples were filled in, and now look measured")),
             "{:?}",
@@ -108,7 +108,7 @@ fn tables_of_trc_keep_places_and_say_what_they_lose() {
 #[test]
 fn what_is_only_predicted_is_missing_where_a_form_has_no_word_for_it() {
     let mut motion = whole();
-    motion.samples[0].as_mut().unwrap().how = How::Predicted;
+    motion.samples[0].as_mut().unwrap().provenance = Provenance::Predicted;
     for form in [Form::C3d, Form::Trc] {
         let written = write(&motion, form, "a", &AS_USUAL).unwrap();
         assert!(
@@ -119,7 +119,10 @@ fn what_is_only_predicted_is_missing_where_a_form_has_no_word_for_it() {
         assert!(read(&written.bytes, &AS_IT_SAYS).unwrap().motion.samples[0].is_none());
     }
     let table = write(&motion, Form::Table, "a", &AS_USUAL).unwrap();
-    assert_eq!(read(&table.bytes, &AS_IT_SAYS).unwrap().motion.samples[0].as_ref().unwrap().how, How::Predicted);
+    assert_eq!(
+        read(&table.bytes, &AS_IT_SAYS).unwrap().motion.samples[0].as_ref().unwrap().provenance,
+        Provenance::Predicted
+    );
 }
 
 #[test]
@@ -138,20 +141,23 @@ fn names_times_and_marks_survive_our_tables() {
         named.get(0, 0).map(|it| it.position.map(|it| (it * 1e6).round()))
     );
     // Times of two cameras that are not synchronised: no rate, and each point missing between its own.
-    let text = "\u{feff}target,time_s,y_m,x_m,z_m,how\r\n3,0.0,2,1,3,filled\r\n\r\n1,0.013,0,0,0,\r\n3,0.02,2,1,3.5,predicted\r\n";
+    let text = "\u{feff}target,time_s,y_m,x_m,z_m,provenance\r\n3,0.0,2,1,3,filled\r\n\r\n1,0.013,0,0,0,\r\n3,0.02,2,1,3.5,predicted\r\n";
     let odd = read(text.as_bytes(), &AS_IT_SAYS).unwrap().motion;
     assert_eq!(
         (odd.labels.clone(), odd.n_frames(), odd.n_present(), odd.rate_hz),
         (vec!["target-1".into(), "target-3".into()], 3, 3, None)
     );
-    assert_eq!(odd.get(0, 1).unwrap(), &Sample { how: How::Filled, ..Sample::at(Point3::new(1.0, 2.0, 3.0)) });
+    assert_eq!(
+        odd.get(0, 1).unwrap(),
+        &Sample { provenance: Provenance::Filled, ..Sample::at(Point3::new(1.0, 2.0, 3.0)) }
+    );
 }
 
 #[test]
 fn broken_tables_are_named_by_their_line() {
     let complaint = |text: &str| read(text.as_bytes(), &AS_IT_SAYS).unwrap_err().to_string();
     assert!(complaint("time_s,target,x_m,y_m\n").starts_with("line 1: found no column `z_m`"));
-    let table = |row: &str| format!("time_s,target,x_m,y_m,z_m,how\n0,1,0,0,0,measured\n{row}\n");
+    let table = |row: &str| format!("time_s,target,x_m,y_m,z_m,provenance\n0,1,0,0,0,measured\n{row}\n");
     assert!(complaint(&table("x,1,0,0,0,")).starts_with("line 3: found `x` for `time_s`"));
     assert!(complaint(&table("1,-1,0,0,0,")).starts_with("line 3: found `-1` for `target`"));
     assert!(complaint(&table("1,1,0,,0,")).starts_with("line 3: found `` for y_m"));
@@ -161,7 +167,7 @@ fn broken_tables_are_named_by_their_line() {
     // Each time another point: as many places as rows times points.
     let apart: String = (0..9_000).map(|it| format!("{it},{it},0,0,0,\n")).collect();
     assert!(
-        complaint(&format!("time_s,target,x_m,y_m,z_m,how\n{apart}"))
+        complaint(&format!("time_s,target,x_m,y_m,z_m,provenance\n{apart}"))
             .contains("expected points that are seen together")
     );
 }
@@ -190,14 +196,14 @@ fn a_last_row_of_a_table_that_may_be_cut_is_left_out() {
             }
         }
     }
-    let short = "time_s,target,x_m,y_m,z_m,how\n0,0,1,2,3.5,measured\n0.1,0,1,2,3\n";
+    let short = "time_s,target,x_m,y_m,z_m,provenance\n0,0,1,2,3.5,measured\n0.1,0,1,2,3\n";
     let found = read(short.as_bytes(), &AS_IT_SAYS).unwrap();
     assert_eq!((found.motion.n_frames(), found.remarks[0].contains("line 3: found fewer fields")), (1, true));
 }
 
 #[test]
 fn tables_that_are_nearly_right_are_told_what_is_wrong() {
-    let right = "time_s,target,x_m,y_m,z_m,how\n0,1,0.5,0.5,0.5,measured\n";
+    let right = "time_s,target,x_m,y_m,z_m,provenance\n0,1,0.5,0.5,0.5,measured\n";
     let complaint = |text: String| read(text.as_bytes(), &AS_IT_SAYS).unwrap_err().to_string();
     for (separator, called) in [(";", "semicolons"), ("\t", "tabs"), (" ", "blanks"), ("|", "`|`")] {
         let found = complaint(format!("\u{feff}# of a run\n{}", right.replace(',', separator)));
@@ -295,7 +301,7 @@ fn what_a_c3d_file_leaves_open_is_said() {
     assert_eq!(told.get(0, 0).unwrap().position.x, 15.0);
     assert_eq!(told.start_s(), 1.0, "frame 101 at 100 Hz");
     let silent = read(&of("mm", 1500.0, 0.0), &AS_IT_SAYS).unwrap();
-    assert_eq!((silent.motion.n_of(How::Measured), silent.remarks.len()), (3, 1));
+    assert_eq!((silent.motion.n_of(Provenance::Measured), silent.remarks.len()), (3, 1));
 }
 
 /// One trial, written by its laboratory as C3D as it was measured and as TRC smoothed and with holes filled.

@@ -2,7 +2,7 @@
 //!
 //! TRC does not say which axis is up. OpenSim and our own reader take y: points are turned when they are written, here as in `export.trc`, unless another is asked for.
 
-use foveate_messages::How;
+use foveate_messages::Provenance;
 use nalgebra::Point3;
 
 use super::units::{unit, unit_to_write};
@@ -62,7 +62,7 @@ pub(super) fn write(motion: &Motion, name: &str, options: &WriteOptions<'_>) -> 
         return Err(MotionError("the times are not regular, and TRC has one rate".to_owned()));
     };
     let place = |it: &Option<Sample>| {
-        let it = it.as_ref().filter(|it| it.how != How::Predicted)?;
+        let it = it.as_ref().filter(|it| it.provenance != Provenance::Predicted)?;
         Some(up.of_z_up(motion.up.to_z_up(it.position.into())).map(|it| it / metres))
     };
     let recording = Recording {

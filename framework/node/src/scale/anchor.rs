@@ -1,7 +1,7 @@
 //! `scale.anchor`: follows the target that carries a scale, and says where the scale's space is.
 
-use foveate_messages::{How, ScaleId, ScaleSpace, Targets};
-use foveate_scene::{Anchor, AnchorState, Sighting};
+use foveate_messages::{Provenance, ScaleId, ScaleSpace, Targets};
+use foveate_scene::{Anchor, AnchorState, TargetObservation};
 use nalgebra::{Isometry3, Matrix6, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -50,12 +50,12 @@ impl Node for ScaleAnchor {
             let time = targets.value.time;
             let state = self.anchor.update(
                 time.0,
-                targets.value.list.iter().map(|it| Sighting {
+                targets.value.list.iter().map(|it| TargetObservation {
                     id: it.id.0,
                     position: it.position,
                     velocity: it.velocity,
                     covariance: it.covariance,
-                    is_measured: it.how == How::Measured,
+                    is_measured: it.provenance == Provenance::Measured,
                 }),
             );
             match state {

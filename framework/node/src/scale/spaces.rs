@@ -8,7 +8,7 @@ use super::ScaleTree;
 
 /// How many poses of each space are kept: more than two seconds at 100 Hz.
 const HISTORY: usize = 256;
-/// How long the newest pose is carried on, and the oldest holds [ns].
+/// How long the newest pose is extrapolated, and the oldest holds [ns].
 const REACH_NS: i64 = 200_000_000;
 /// Velocities of spaces are differences over this time [ns].
 const STEP_NS: i64 = 1_000_000;
@@ -177,7 +177,7 @@ mod tests {
             spaces.learn(&it);
         }
         let world_from_hand = spaces.world_from_own(Time(SECOND / 10)).unwrap();
-        // 5 and 0.5, each carried on for 0.1 s at 1 m/s.
+        // 5 and 0.5, each extrapolated for 0.1 s at 1 m/s.
         let point = world_from_hand.transform * Point3::new(0.01, 0.0, 0.0);
         assert!((point.x - 5.71).abs() < 1e-12, "{point}");
         let back = spaces.a_from_b(ScaleId(4), ScaleId(0), Time(SECOND / 10)).unwrap();
@@ -196,7 +196,7 @@ mod tests {
             velocity: Vector3::new(2.0, 0.5, 0.0),
             covariance: Matrix6::identity() * 1e-4,
             cameras: Default::default(),
-            how: foveate_messages::How::Measured,
+            provenance: foveate_messages::Provenance::Measured,
         };
         let time = Time(SECOND / 10);
         // The hand is at 5.7 m then, and its space moves at 2 m/s in the hall.

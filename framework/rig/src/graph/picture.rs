@@ -135,8 +135,8 @@ impl<'g> Sketch<'g> {
                 let input = consumer.node_type.ports.inputs.get(edge.to.1);
                 let (name, message) = output.map_or(("", ""), |it| (it.name, it.message.name));
                 // Shown where the rig has chosen another way than the port's own.
-                let take = consumer.takes.get(edge.to.1).filter(|it| input.is_some_and(|port| port.take != **it));
-                let choice = take.and_then(|it| it.choice()).map(|it| format!(" ({it})")).unwrap_or_default();
+                let policy = consumer.takes.get(edge.to.1).filter(|it| input.is_some_and(|port| port.policy != **it));
+                let choice = policy.and_then(|it| it.choice()).map(|it| format!(" ({it})")).unwrap_or_default();
                 let label = match (name == message, choice.is_empty()) {
                     (true, true) => message.into(),
                     (true, false) => format!("{message}{choice}").into(),
@@ -148,7 +148,7 @@ impl<'g> Sketch<'g> {
                     name,
                     consumer.node,
                     input.map_or("", |it| it.name),
-                    take.map(|it| format!(": {}", it.in_words())).unwrap_or_default()
+                    policy.map(|it| format!(": {}", it.in_words())).unwrap_or_default()
                 );
                 links.push(Link { from: key.0, output: key.1, to: key.2, input: key.3, label, feedback: false, about });
                 links.len() - 1

@@ -1,7 +1,7 @@
 //! Rigs without a fault: what becomes of them.
 
 use foveate_node::Interval;
-use foveate_node::port::Take;
+use foveate_node::port::InputPolicy;
 use foveate_rig::graph::{Cost, Graph, OnError, WhenFull};
 
 use crate::parts::good;
@@ -47,17 +47,17 @@ fn lab_expands_to_one_instance_a_camera_in_the_order_of_its_edges() {
 #[test]
 fn sets_are_joined_within_the_tolerance_of_the_rig_and_sinks_have_room_for_a_pause() {
     let joined = |graph: &Graph| {
-        graph.instances.iter().find_map(|it| it.takes.iter().copied().find(|it| matches!(it, Take::Synced(_))))
+        graph.instances.iter().find_map(|it| it.takes.iter().copied().find(|it| matches!(it, InputPolicy::Synced(_))))
     };
     let lab = LAB.replace("test.integrator", "test.joiner").replace(", hints = \"targets.hints\"", "");
     let own = good(&lab);
-    assert_eq!(joined(&own), Some(Take::Synced(Interval::from_ms(8.0))));
+    assert_eq!(joined(&own), Some(InputPolicy::Synced(Interval::from_ms(8.0))));
     let text =
         lab.replacen("features = \"leds.features\"", "features = { from = \"leds.features\", tolerance_ms = 2.5 }", 1);
     let graph = good(&text);
-    assert_eq!(joined(&graph), Some(Take::Synced(Interval::from_ms(2.5))));
+    assert_eq!(joined(&graph), Some(InputPolicy::Synced(Interval::from_ms(2.5))));
     assert!(graph.resolved.contains("tolerance_ms = 2.5"), "{}", graph.resolved);
-    assert_eq!(joined(&good(&graph.resolved)), Some(Take::Synced(Interval::from_ms(2.5))));
+    assert_eq!(joined(&good(&graph.resolved)), Some(InputPolicy::Synced(Interval::from_ms(2.5))));
     let sampled = LAB.replacen(
         "targets = { from = [\"targets.targets\"]",
         "targets = { tolerance_ms = 3, from = [\"targets.targets\"]",
@@ -139,17 +139,17 @@ fn rig_chooses_how_a_port_takes_data_and_what_a_turn_costs() {
         let targets = graph.instances.iter().find(|it| it.node == "targets").unwrap();
         (targets.takes.clone(), targets.cost)
     };
-    assert_eq!(of(&own), (vec![Take::NewestOfEach], Cost::default()));
-    assert!(own.resolved.contains("take = \"newest_of_each\""), "{}", own.resolved);
+    assert_eq!(of(&own), (vec![InputPolicy::NewestOfEach], Cost::default()));
+    assert!(own.resolved.contains("policy = \"newest_of_each\""), "{}", own.resolved);
     assert!(!own.to_svg().contains("round_robin"), "{}", own.to_svg());
     let chosen = good(&LAB.replace(
         "in = { features = \"leds.features\" }",
-        "cost_ms = 2.3\ncost_jitter_ms = 1\nin.features = { from = \"leds.features\", take = \"round_robin\" }",
+        "cost_ms = 2.3\ncost_jitter_ms = 1\nin.features = { from = \"leds.features\", policy = \"round_robin\" }",
     ));
     let cost = Cost { time: Interval(2_300_000), jitter: Interval(1_000_000) };
-    assert_eq!(of(&chosen), (vec![Take::RoundRobin], cost));
+    assert_eq!(of(&chosen), (vec![InputPolicy::RoundRobin], cost));
     assert!(chosen.to_svg().contains("features (round_robin)"));
-    assert!(chosen.resolved.contains("take = \"round_robin\""), "{}", chosen.resolved);
+    assert!(chosen.resolved.contains("policy = \"round_robin\""), "{}", chosen.resolved);
     assert!(chosen.resolved.lines().any(|it| it == "cost_ms = 2.3"), "{}", chosen.resolved);
     assert_eq!(of(&good(&chosen.resolved)), of(&chosen));
     assert_eq!(good(&chosen.resolved).resolved, chosen.resolved);

@@ -522,7 +522,7 @@ fn columns_count_characters() {
 #[test]
 fn way_to_take_data_is_one_of_four_and_only_where_there_is_a_choice() {
     features(
-        "{ features = { from = \"leds.features\", take = \"newest_of_all\" } }",
+        "{ features = { from = \"leds.features\", policy = \"newest_of_all\" } }",
         52,
         "\"newest_of_all\"",
         &[
@@ -532,7 +532,7 @@ fn way_to_take_data_is_one_of_four_and_only_where_there_is_a_choice() {
             "did you mean \"newest_of_each\"?",
         ],
     );
-    let sampled = "in = { image = \"video.image\", hints = { from = \"targets.hints\", take = \"each\" } }";
+    let sampled = "in = { image = \"video.image\", hints = { from = \"targets.hints\", policy = \"each\" } }";
     one(
         "in = { image = \"video.image\", hints = \"targets.hints\" }",
         sampled,
@@ -540,7 +540,7 @@ fn way_to_take_data_is_one_of_four_and_only_where_there_is_a_choice() {
         "\"each\"",
         &[
             "how input `hints` of `leds` takes data cannot be chosen",
-            "found `take`, expected nothing: the latest is sampled",
+            "found `policy`, expected nothing: the latest is sampled",
         ],
     );
 }

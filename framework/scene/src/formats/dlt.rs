@@ -12,7 +12,7 @@ use foveate_geometry::{Camera, Distortion};
 use nalgebra::{Matrix3, Matrix3x4};
 
 use super::{DltOrigin, ImportOptions, optics};
-use crate::calibration::{Calibration, CalibrationError, CalibrationFault, LengthUnit, NamedCamera};
+use crate::calibration::{Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, NamedCamera};
 
 const COEFFICIENTS: usize = 11;
 /// A world whose origin is nearer than this to a camera's own plane has no such coefficients [unit of the world].
@@ -32,8 +32,8 @@ fn words(line: &str) -> impl Iterator<Item = &str> {
 /// Reads the table.
 pub(crate) fn load(path: &Path, text: &str, options: &ImportOptions) -> Result<Calibration, CalibrationError> {
     let fault = |line: Option<usize>, camera: Option<&str>, found: String, expected: &str| -> CalibrationError {
-        let fault = CalibrationFault::of_file(path, found, expected);
-        CalibrationFault { place: line.map(|it| (it + 1, 1)), camera: camera.map(str::to_owned), ..fault }.into()
+        let fault = CalibrationDiagnostic::of_file(path, found, expected);
+        CalibrationDiagnostic { place: line.map(|it| (it + 1, 1)), camera: camera.map(str::to_owned), ..fault }.into()
     };
     let mut rows: Vec<Vec<f64>> = Vec::new();
     for (number, line) in

@@ -28,7 +28,7 @@ use std::path::Path;
 
 use foveate_geometry::{Camera, Intrinsics};
 
-use crate::calibration::{Calibration, CalibrationError, CalibrationFault, LengthUnit, read_text};
+use crate::calibration::{Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, read_text};
 use crate::{calibration_file, multi_cam_self_cal as multi_cam_self_cal_reader};
 
 /// What [`Calibration::load`] looks for; part of its error when nothing fits.
@@ -143,7 +143,7 @@ impl Calibration {
     /// Every fault found, with its place; when no format fits, what was looked for.
     pub fn load_with(path: &Path, options: &ImportOptions) -> Result<Calibration, CalibrationError> {
         if let Some(factor) = options.metres_per_unit.filter(|it| !(it.is_finite() && *it > 0.0)) {
-            let fault = CalibrationFault::of_file(path, format!("a unit of {factor} m"), "a length above 0");
+            let fault = CalibrationDiagnostic::of_file(path, format!("a unit of {factor} m"), "a length above 0");
             return Err(fault.into());
         }
         let calibration = read(path, options)?;
@@ -151,7 +151,7 @@ impl Calibration {
             None => Ok(calibration),
             Some(_) if calibration.length_unit == LengthUnit::Metre => {
                 let found = "lengths in metres, and another unit asked for";
-                Err(CalibrationFault::of_file(path, found, "a file that does not say its unit").into())
+                Err(CalibrationDiagnostic::of_file(path, found, "a file that does not say its unit").into())
             }
             Some(factor) => Ok(calibration.in_metres(factor)),
         }
@@ -216,8 +216,8 @@ impl Calibration {
 
     /// A fault of this calibration in view of a form that cannot say it.
     fn cannot(&self, camera: Option<&str>, found: impl Into<String>, expected: impl Into<String>) -> CalibrationError {
-        let fault = CalibrationFault::of_file(Path::new(""), found, expected);
-        CalibrationFault { camera: camera.map(str::to_owned), ..fault }.into()
+        let fault = CalibrationDiagnostic::of_file(Path::new(""), found, expected);
+        CalibrationDiagnostic { camera: camera.map(str::to_owned), ..fault }.into()
     }
 
     /// Refuses names that cannot be a file's.
@@ -266,7 +266,7 @@ fn read(path: &Path, options: &ImportOptions) -> Result<Calibration, Calibration
         return match opencv::files_of(path)? {
             files if files.is_empty() => {
                 let found = "a folder without Pmatrices.dat, and without .yml, .yaml, .xml or .json files of OpenCV";
-                Err(CalibrationFault::of_file(path, found, LOOKED_FOR).into())
+                Err(CalibrationDiagnostic::of_file(path, found, LOOKED_FOR).into())
             }
             files => opencv::load_folder(path, &files, options),
         };
@@ -282,8 +282,8 @@ fn read(path: &Path, options: &ImportOptions) -> Result<Calibration, Calibration
     if start.starts_with('<') {
         let document = roxmltree::Document::parse(&text).map_err(|error| {
             let place = (error.pos().row as usize, error.pos().col as usize);
-            let fault = CalibrationFault::of_file(path, format!("this is not XML ({error})"), "an XML file");
-            CalibrationFault { place: Some(place), ..fault }
+            let fault = CalibrationDiagnostic::of_file(path, format!("this is not XML ({error})"), "an XML file");
+            CalibrationDiagnostic { place: Some(place), ..fault }
         })?;
         let root = document.root_element().tag_name().name().to_owned();
         return match root.as_str() {
@@ -291,7 +291,7 @@ fn read(path: &Path, options: &ImportOptions) -> Result<Calibration, Calibration
             // The real-time protocol wraps it in an element named after its version.
             "calibration" => qualisys::load(path, &document),
             _ if root.starts_with("QTM_Parameters") => qualisys::load(path, &document),
-            _ => Err(CalibrationFault::of_file(path, format!("XML with the root <{root}>"), LOOKED_FOR).into()),
+            _ => Err(CalibrationDiagnostic::of_file(path, format!("XML with the root <{root}>"), LOOKED_FOR).into()),
         };
     }
     if dlt::is_meant(start) {
@@ -302,7 +302,7 @@ fn read(path: &Path, options: &ImportOptions) -> Result<Calibration, Calibration
         let shown: String = start.lines().next().unwrap_or_default().chars().take(40).collect();
         let found =
             if start.is_empty() { "an empty file".to_owned() } else { format!("a file that begins with {shown:?}") };
-        return Err(CalibrationFault::of_file(path, found, LOOKED_FOR).into());
+        return Err(CalibrationDiagnostic::of_file(path, found, LOOKED_FOR).into());
     }
     calibration_file::parse(&text, path)
 }

@@ -23,7 +23,7 @@ use nalgebra::{DMatrix, Isometry3, Matrix3, UnitQuaternion, Vector3};
 use super::storage::{Entry, Storage, Value, from_json, from_xml, from_yaml};
 use super::{ExportContent, ImportOptions, note_ignored_skew, optics};
 use crate::calibration::{
-    Calibration, CalibrationError, CalibrationFault, LengthUnit, NamedCamera, quoted, read_text, sort_by_place,
+    Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, NamedCamera, quoted, read_text, sort_by_place,
 };
 
 const MATRIX: [&str; 7] = ["camera_matrix", "CameraMatrix", "cameraMatrix", "Camera_Matrix", "K", "M", "intrinsic"];
@@ -44,9 +44,9 @@ const SIZE: [&str; 4] = ["image_size", "imageSize", "ImageSize", "size"];
 const ENDINGS: [&str; 4] = ["yml", "yaml", "xml", "json"];
 
 /// Files of the folder that may be OpenCV's, in the order of their names.
-pub(crate) fn files_of(folder: &Path) -> Result<Vec<PathBuf>, CalibrationFault> {
+pub(crate) fn files_of(folder: &Path) -> Result<Vec<PathBuf>, CalibrationDiagnostic> {
     let unreadable =
-        |error: std::io::Error| CalibrationFault::of_file(folder, format!("cannot be read ({error})"), "a folder");
+        |error: std::io::Error| CalibrationDiagnostic::of_file(folder, format!("cannot be read ({error})"), "a folder");
     let mut files = Vec::new();
     for entry in fs::read_dir(folder).map_err(unreadable)? {
         let path = entry.map_err(unreadable)?.path();
@@ -82,7 +82,7 @@ pub(crate) fn load_folder(
     let in_metres = units.iter().all(|it| *it == LengthUnit::Metre);
     if !in_metres && units.contains(&LengthUnit::Metre) {
         let found = "files in metres beside files of unknown unit";
-        return Err(CalibrationFault::of_file(folder, found, "one unit for all cameras").into());
+        return Err(CalibrationDiagnostic::of_file(folder, found, "one unit for all cameras").into());
     }
     let unit = if in_metres { LengthUnit::Metre } else { LengthUnit::Unknown };
     Calibration::new(cameras, unit, format!("OpenCV files in {}", folder.display())).map_err(|it| it.in_file(folder))
@@ -102,7 +102,7 @@ fn open(path: &Path) -> Result<Storage, CalibrationError> {
         return Ok(from_yaml(&text, path)?);
     }
     let document = roxmltree::Document::parse(&text)
-        .map_err(|error| CalibrationFault::of_file(path, format!("this is not XML ({error})"), "an XML file"))?;
+        .map_err(|error| CalibrationDiagnostic::of_file(path, format!("this is not XML ({error})"), "an XML file"))?;
     Ok(from_xml(&document))
 }
 
@@ -133,13 +133,17 @@ struct Reader<'a> {
     storage: &'a Storage,
     options: &'a ImportOptions,
     camera: Option<String>,
-    faults: Vec<CalibrationFault>,
+    faults: Vec<CalibrationDiagnostic>,
 }
 
 impl<'a> Reader<'a> {
     fn report<T>(&mut self, entry: Option<&Entry>, found: String, expected: &str) -> Option<T> {
-        let fault = CalibrationFault::of_file(self.path, found, expected);
-        self.faults.push(CalibrationFault { place: entry.map(|it| it.place), camera: self.camera.clone(), ..fault });
+        let fault = CalibrationDiagnostic::of_file(self.path, found, expected);
+        self.faults.push(CalibrationDiagnostic {
+            place: entry.map(|it| it.place),
+            camera: self.camera.clone(),
+            ..fault
+        });
         None
     }
 

@@ -21,7 +21,7 @@ use nalgebra::{Isometry3, Matrix3, Vector3};
 use roxmltree::{Document, Node};
 
 use super::optics;
-use crate::calibration::{Calibration, CalibrationError, CalibrationFault, LengthUnit, NamedCamera};
+use crate::calibration::{Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, NamedCamera};
 
 /// Parts of a pixel in which intrinsics are counted.
 const SUBPIXELS: f64 = 64.0;
@@ -50,15 +50,15 @@ struct Reader<'a, 'x> {
     path: &'a Path,
     document: &'a Document<'x>,
     camera: Option<String>,
-    faults: Vec<CalibrationFault>,
+    faults: Vec<CalibrationDiagnostic>,
 }
 
 impl Reader<'_, '_> {
     fn report(&mut self, node: Node<'_, '_>, found: String, expected: &str) {
         let at = self.document.text_pos_at(node.range().start);
-        let fault = CalibrationFault::of_file(self.path, found, expected);
+        let fault = CalibrationDiagnostic::of_file(self.path, found, expected);
         let place = Some((at.row as usize, at.col as usize));
-        self.faults.push(CalibrationFault { place, camera: self.camera.clone(), ..fault });
+        self.faults.push(CalibrationDiagnostic { place, camera: self.camera.clone(), ..fault });
     }
 
     /// Reads everything before it gives up, so that all faults are found.

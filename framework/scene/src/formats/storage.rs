@@ -8,7 +8,7 @@
 
 use std::path::Path;
 
-use crate::calibration::CalibrationFault;
+use crate::calibration::CalibrationDiagnostic;
 
 /// A file's top-level entries.
 #[derive(Debug, Default)]
@@ -45,11 +45,11 @@ impl Storage {
 }
 
 /// Reads OpenCV's YAML.
-pub(crate) fn from_yaml(text: &str, path: &Path) -> Result<Storage, CalibrationFault> {
+pub(crate) fn from_yaml(text: &str, path: &Path) -> Result<Storage, CalibrationDiagnostic> {
     let mut storage = Storage::default();
     let fault = |line: usize, found: String, expected: &str| {
-        let fault = CalibrationFault::of_file(path, found, expected);
-        CalibrationFault { place: Some((line + 1, 1)), ..fault }
+        let fault = CalibrationDiagnostic::of_file(path, found, expected);
+        CalibrationDiagnostic { place: Some((line + 1, 1)), ..fault }
     };
     let mut lines = text.lines().enumerate().peekable();
     while let Some((number, line)) = lines.next() {
@@ -109,13 +109,18 @@ fn matrix(sizes: &[String], kind: &str, numbers: Vec<String>) -> Value {
 }
 
 /// Reads OpenCV's JSON: what the YAML says, as objects with a `type_id`.
-pub(crate) fn from_json(text: &str, path: &Path) -> Result<Storage, CalibrationFault> {
+pub(crate) fn from_json(text: &str, path: &Path) -> Result<Storage, CalibrationDiagnostic> {
     let document: serde_json::Value = serde_json::from_str(text).map_err(|error| {
-        let fault = CalibrationFault::of_file(path, format!("this is not JSON ({error})"), "a JSON file of OpenCV");
-        CalibrationFault { place: Some((error.line(), error.column())), ..fault }
+        let fault =
+            CalibrationDiagnostic::of_file(path, format!("this is not JSON ({error})"), "a JSON file of OpenCV");
+        CalibrationDiagnostic { place: Some((error.line(), error.column())), ..fault }
     })?;
     let Some(object) = document.as_object() else {
-        return Err(CalibrationFault::of_file(path, "JSON that is no object", "OpenCV's, which has names of matrices"));
+        return Err(CalibrationDiagnostic::of_file(
+            path,
+            "JSON that is no object",
+            "OpenCV's, which has names of matrices",
+        ));
     };
     let word = |it: &serde_json::Value| it.as_str().map_or_else(|| it.to_string(), str::to_owned);
     let words = |it: Option<&serde_json::Value>| -> Vec<String> {

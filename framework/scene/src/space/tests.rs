@@ -80,7 +80,7 @@ fn poses_hold_for_the_reach_and_no_longer() {
 }
 
 #[test]
-fn newest_pose_is_carried_on_by_its_velocity_and_grows_less_certain() {
+fn newest_pose_is_extrapolated_by_its_velocity_and_grows_less_certain() {
     let (mut scene, [room, head, _]) = room_head_eye();
     // A head that is turned by 90° about z; its own x is the room's y.
     let mut turned = pose([1.0, 0.0, 0.0], [0.0, 0.0, std::f64::consts::FRAC_PI_2]);

@@ -29,13 +29,13 @@ pub(super) struct Backdrop {
 impl Backdrop {
     pub fn new(camera: &Camera, world: &World, settings: &CameraSettings) -> Self {
         let [width, height] = camera.image_size.map(|it| it as usize);
-        let sight = Sight::new(camera);
+        let view_grid = ViewGrid::new(camera);
         let origin = camera.centre();
         let mut still = Vec::with_capacity(width * height);
         let mut screens = Vec::new();
         for row in 0..height {
             for column in 0..width {
-                let direction = sight.direction(column, row);
+                let direction = view_grid.direction(column, row);
                 let (light, _, depth) = room_light(&origin, &direction);
                 let light = match nearest_monitor(&origin, &direction, depth, world) {
                     None => light,
@@ -75,7 +75,7 @@ impl Backdrop {
 #[derive(Default)]
 pub(super) struct MovingBackdrop {
     /// Of a camera with these optics in the middle of the world.
-    sight: Option<(Camera, Sight)>,
+    view_grid: Option<(Camera, ViewGrid)>,
     /// At the grid's places [steps].
     lights: Vec<f32>,
 }
@@ -84,25 +84,25 @@ impl MovingBackdrop {
     /// Overwrites `canvas` with the view of `camera` at `time`, nobody in it.
     pub fn draw(&mut self, camera: &Camera, world: &World, settings: &CameraSettings, time: Time, canvas: &mut [i16]) {
         let in_the_middle = Camera { camera_from_world: Isometry3::identity(), ..camera.clone() };
-        let (_, sight) = match self.sight.take().filter(|it| it.0 == in_the_middle) {
-            Some(known) => self.sight.insert(known),
+        let (_, view_grid) = match self.view_grid.take().filter(|it| it.0 == in_the_middle) {
+            Some(known) => self.view_grid.insert(known),
             None => {
-                let sight = Sight::new(&in_the_middle);
-                self.sight.insert((in_the_middle, sight))
+                let view_grid = ViewGrid::new(&in_the_middle);
+                self.view_grid.insert((in_the_middle, view_grid))
             }
         };
         let origin = camera.centre();
         let world_from_camera = camera.camera_from_world.rotation.inverse();
         self.lights.clear();
-        self.lights.extend(sight.grid.iter().map(|direction| {
+        self.lights.extend(view_grid.grid.iter().map(|direction| {
             let light = light_along(&origin, &(world_from_camera * direction), world, settings, time);
             (light * STEPS) as f32
         }));
         let width = camera.image_size[0] as usize;
         for (row, pixels) in canvas.chunks_exact_mut(width).enumerate() {
             let down = (row % GRID) as f32 / GRID as f32;
-            let above = &self.lights[row / GRID * sight.columns..][..sight.columns];
-            let below = &self.lights[(row / GRID + 1) * sight.columns..][..sight.columns];
+            let above = &self.lights[row / GRID * view_grid.columns..][..view_grid.columns];
+            let below = &self.lights[(row / GRID + 1) * view_grid.columns..][..view_grid.columns];
             let at = |column: usize| above[column] + (below[column] - above[column]) * down;
             for (cell, pixels) in pixels.chunks_mut(GRID).enumerate() {
                 let (left, right) = (at(cell), at(cell + 1));
@@ -160,12 +160,12 @@ fn add_bright_spots(camera: &Camera, world: &World, settings: &CameraSettings, c
 }
 
 /// Lines of sight of all pixels, from a grid of exact ones.
-struct Sight {
+struct ViewGrid {
     columns: usize,
     grid: Vec<Vector3<f64>>,
 }
 
-impl Sight {
+impl ViewGrid {
     fn new(camera: &Camera) -> Self {
         let [width, height] = camera.image_size.map(|it| it as usize);
         let (columns, rows) = (width / GRID + 2, height / GRID + 2);
@@ -194,9 +194,9 @@ mod tests {
     #[test]
     fn interpolated_lines_of_sight_are_good_to_a_twentieth_of_a_pixel() {
         for (name, camera) in wide_cameras() {
-            let sight = Sight::new(&camera);
+            let view_grid = ViewGrid::new(&camera);
             for (column, row) in [(3, 3), (4, 4), (637, 236), (333, 117), (5, 237)] {
-                let point = camera.centre() + sight.direction(column, row);
+                let point = camera.centre() + view_grid.direction(column, row);
                 let pixel = camera.project(&point).unwrap();
                 let error = (pixel - Point2::new(column as f64, row as f64)).norm();
                 assert!(error < 0.05, "{name} at {column}, {row}: {error} px");

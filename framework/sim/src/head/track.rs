@@ -36,7 +36,7 @@ impl Track {
         self.states.push_back(state);
     }
 
-    /// The state at `time`: that of the last tick, carried on with the change during it. So it is the same whether or not the tick in
+    /// The state at `time`: that of the last tick, extrapolated with the change during it. So it is the same whether or not the tick in
     /// which `time` lies has been lived already.
     pub fn at(&self, time: Time) -> [f64; 3] {
         let last = self.states.len() - 1;

@@ -3,7 +3,7 @@
 use foveate_messages::Message;
 use foveate_node::{Due, Io, Out, Report, Time};
 
-use crate::timing::{Arrival, Fate, Timing};
+use crate::timing::{Arrival, DeliveryOutcome, Timing};
 
 /// A camera whose delivery is this late gives up on the fields that it could not make [s].
 const PATIENCE_S: f64 = 0.1;
@@ -38,13 +38,13 @@ impl Fields {
             io.gap(port, self.timing.next().stamp, "the simulated camera was asked too late for this field");
         }
         let arrival = self.timing.next();
-        let reason = match arrival.fate {
-            Fate::Arrives => {
+        let reason = match arrival.outcome {
+            DeliveryOutcome::Arrives => {
                 self.last = self.last.max(arrival.capture);
                 return Some(arrival);
             }
-            Fate::Lost => "the settings of the simulated camera lose this field",
-            Fate::Failed => "the simulated camera has failed",
+            DeliveryOutcome::Lost => "the settings of the simulated camera lose this field",
+            DeliveryOutcome::Failed => "the simulated camera has failed",
         };
         io.gap(port, arrival.stamp, reason);
         None

@@ -14,7 +14,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::head::HeadMotion;
-use crate::score::marks::{MarkTrack, Names, Sight, SightTrack};
+use crate::score::marks::{MarkObservationTrack, MarkTrack, Names, ReportedMark};
 use crate::score::warmup::Warmup;
 use crate::world::World;
 
@@ -59,7 +59,7 @@ impl Default for MarkScoreSettings {
 /// | `filled_mm.median`, `.p95`, `filled_sigmas.rms` | distance of filled marks from the truth, in the space of the face; in stated standard deviations |
 /// | `face_mm.…`, `face_world_mm.…` | distance of all marks from the truth, in the space of the face and in the world |
 /// | `frames_with_all_marks`, `frames_with_all_measured` | shares of the frames |
-/// | `marks_wrong_as_found`, `…per_10000` | marks reported in pictures that are not where they were reported |
+/// | `marks_false_positives`, `…per_10000` | marks reported in pictures that are not where they were reported |
 /// | `mark_px.median`, `.p95` | distance of the others from the truth |
 pub struct MarkScore {
     settings: MarkScoreSettings,
@@ -70,7 +70,7 @@ pub struct MarkScore {
     marks: MarkTrack,
     shape: MarkTrack,
     compared: MarkTrack,
-    sights: SightTrack,
+    reported: MarkObservationTrack,
     n_true: usize,
     warmup: Warmup,
 }
@@ -101,7 +101,7 @@ impl Node for MarkScore {
             marks: MarkTrack::default(),
             shape: MarkTrack::default(),
             compared: MarkTrack::default(),
-            sights: SightTrack::default(),
+            reported: MarkObservationTrack::default(),
             n_true: 0,
             warmup: Warmup::default(),
         })
@@ -138,7 +138,7 @@ impl Node for MarkScore {
                 let off = |mark| camera.project(mark).map_or(f32::NAN, |it| (it - feature.centre).norm() as f32);
                 let distances = painted.marks.iter().map(off).collect();
                 let (time, camera) = (features.stamp.time, features.value.camera);
-                self.sights.add(Sight { time, camera, label, distances });
+                self.reported.add(ReportedMark { time, camera, label, distances });
             }
         }
         Ok(())
@@ -158,14 +158,15 @@ impl Node for MarkScore {
         if self.shape != MarkTrack::default() {
             self.shape.report_shape(&names, self.n_true, report);
         }
-        self.report_sights(&names, report);
+        self.report_observations(&names, report);
         let Some(folder) = &self.folder else { return Ok(()) };
         let track = if self.shape == MarkTrack::default() { &self.marks } else { &self.shape };
         let name = |id: CameraId| {
             self.calibration.cameras.get(usize::from(id.0)).map_or_else(String::new, |it| it.name.clone())
         };
-        let wrong = self.sights.wrong_rows(&names, self.settings.wrong_px, name);
-        let tables = [(TABLE_FILE, MarkTrack::HEADING, track.rows(&names)), (WRONG_FILE, SightTrack::HEADING, wrong)];
+        let wrong = self.reported.wrong_rows(&names, self.settings.wrong_px, name);
+        let tables =
+            [(TABLE_FILE, MarkTrack::HEADING, track.rows(&names)), (WRONG_FILE, MarkObservationTrack::HEADING, wrong)];
         for (file, heading, rows) in tables {
             write_rows(&folder.join(file), heading, &rows).map_err(|error| {
                 NodeError::input(format_args!(
@@ -187,14 +188,14 @@ impl MarkScore {
         Some(motion.map_or_else(|| calibrated.clone(), |it| it.camera_at(calibrated, time)))
     }
 
-    fn report_sights(&self, names: &Names, report: &mut Report) {
-        let (all, wrong) = self.sights.wrong(names, self.settings.wrong_px);
+    fn report_observations(&self, names: &Names, report: &mut Report) {
+        let (all, wrong) = self.reported.wrong(names, self.settings.wrong_px);
         let wrong = wrong.count();
         if all > 0 {
             report.figure("marks_found", all as f64);
-            report.figure("marks_wrong_as_found", wrong as f64);
-            report.figure("marks_wrong_as_found.per_10000", wrong as f64 * 1e4 / all as f64);
-            let right = self.sights.right(names, self.settings.wrong_px);
+            report.figure("marks_false_positives", wrong as f64);
+            report.figure("marks_false_positives.per_10000", wrong as f64 * 1e4 / all as f64);
+            let right = self.reported.right(names, self.settings.wrong_px);
             for (which, percent) in [("median", 50.0), ("p95", 95.0)] {
                 report.figure(format!("mark_px.{which}"), percentile(&right, percent).unwrap_or(f64::NAN));
             }

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use foveate_estimation::statistics::{median, percentile};
-use foveate_geometry::{Alignment, AlignmentRules, align};
-use foveate_messages::{CameraId, How, Marks, Time};
+use foveate_geometry::{Alignment, AlignmentOptions, align};
+use foveate_messages::{CameraId, Marks, Provenance, Time};
 use foveate_node::Report;
 use nalgebra::{Point3, Similarity3};
 
@@ -28,7 +28,7 @@ const PAIR_SHARE: f64 = 0.2;
 struct Sample {
     label: u32,
     in_world: Point3<f64>,
-    how: How,
+    provenance: Provenance,
     /// Stated, of one axis [m].
     sigma: f64,
 }
@@ -40,7 +40,7 @@ struct Moment {
     samples: Vec<Sample>,
     truth: Vec<Point3<f64>>,
     rms: Option<f64>,
-    outside: Option<f64>,
+    out_of_distribution: Option<f64>,
 }
 
 impl Moment {
@@ -61,7 +61,7 @@ fn closest_motion(moment: &Moment) -> Similarity3<f64> {
             Some((*it, moment.truth[near.0]))
         };
         let (found, truth): (Vec<_>, Vec<_>) = samples.iter().filter_map(pair).unzip();
-        let Ok(better) = align(&found, &truth, AlignmentRules::default()) else { break };
+        let Ok(better) = align(&found, &truth, AlignmentOptions::default()) else { break };
         motion = better.b_from_a;
     }
     motion
@@ -70,7 +70,7 @@ fn closest_motion(moment: &Moment) -> Similarity3<f64> {
 /// The rigid motion that brings all samples closest to the truth; `None` where they fix none.
 fn to_truth(pairs: &[(Sample, Point3<f64>)]) -> Option<Alignment> {
     let (found, truth): (Vec<_>, Vec<_>) = pairs.iter().map(|it| (it.0.in_world, it.1)).unzip();
-    align(&found, &truth, AlignmentRules { robust: true, ..AlignmentRules::default() }).ok()
+    align(&found, &truth, AlignmentOptions { robust: true, ..AlignmentOptions::default() }).ok()
 }
 
 /// What was recovered over time.
@@ -88,12 +88,12 @@ impl MarkTrack {
         let sample = |it: &foveate_messages::Mark| Sample {
             label: it.label,
             in_world: marks.in_world(it),
-            how: it.how,
+            provenance: it.provenance,
             sigma: it.sigma(),
         };
         let samples = marks.list.iter().map(sample).collect();
-        let (rms, outside) = marks.fit.as_ref().map(|it| (it.rms, it.outside)).unzip();
-        self.moments.push(Moment { time: marks.time, samples, truth, rms, outside });
+        let (rms, out_of_distribution) = marks.fit.as_ref().map(|it| (it.rms, it.out_of_distribution)).unzip();
+        self.moments.push(Moment { time: marks.time, samples, truth, rms, out_of_distribution });
     }
 
     /// Which true mark each label is: the one that it was closest to most often while it was measured, once the motion of the whole was taken off. Labels that
@@ -111,7 +111,7 @@ impl MarkTrack {
         let mut votes: BTreeMap<u32, BTreeMap<Option<usize>, u32>> = BTreeMap::new();
         for moment in &self.moments {
             let motion = motion(moment);
-            for sample in moment.samples.iter().filter(|it| it.how == How::Measured) {
+            for sample in moment.samples.iter().filter(|it| it.provenance == Provenance::Measured) {
                 let near = nearest(&(motion * sample.in_world), &moment.truth).filter(|it| it.1 < gate);
                 if may_be_none || near.is_some() {
                     *votes.entry(sample.label).or_default().entry(near.map(|it| it.0)).or_default() += 1;
@@ -160,7 +160,8 @@ impl MarkTrack {
     fn pair(&self, names: &Names, pair: [u32; 2]) -> (Vec<f64>, Vec<f64>) {
         let both = |moment: &Moment| {
             let place = |label: u32| {
-                let sample = moment.samples.iter().find(|it| it.label == label && it.how == How::Measured)?;
+                let sample =
+                    moment.samples.iter().find(|it| it.label == label && it.provenance == Provenance::Measured)?;
                 Some((sample.in_world, *moment.truth.get(names[&label])?))
             };
             let (one, other) = (place(pair[0])?, place(pair[1])?);
@@ -183,7 +184,7 @@ impl MarkTrack {
         let mut wrong = 0;
         let mut seen = 0;
         for moment in &self.moments {
-            let pairs: Vec<_> = moment.pairs(names).filter(|it| it.0.how == How::Measured).collect();
+            let pairs: Vec<_> = moment.pairs(names).filter(|it| it.0.provenance == Provenance::Measured).collect();
             seen += pairs.len();
             let Some(motion) = to_truth(&pairs) else { continue };
             for (sample, own) in &pairs {
@@ -215,11 +216,11 @@ impl MarkTrack {
         spread("filled_mm", filled);
         let frames = self.moments.len().max(1) as f64;
         let share = |of: &dyn Fn(&Moment) -> bool| self.moments.iter().filter(|it| of(it)).count() as f64 / frames;
-        let covers = |moment: &Moment, is_counted: &dyn Fn(How) -> bool| {
+        let covers = |moment: &Moment, is_counted: &dyn Fn(Provenance) -> bool| {
             let mut marks: Vec<usize> = moment
                 .samples
                 .iter()
-                .filter(|it| is_counted(it.how))
+                .filter(|it| is_counted(it.provenance))
                 .filter_map(|it| names.get(&it.label).copied())
                 .collect();
             marks.sort_unstable();
@@ -230,8 +231,14 @@ impl MarkTrack {
         let squares: f64 = filled_sigmas.iter().map(|it| it * it).sum();
         report.figure("filled_sigmas.rms", (squares / filled_sigmas.len() as f64).sqrt());
         report.figure("frames_with_all_marks", share(&|it| covers(it, &|_| true)));
-        report.figure("frames_with_all_measured", share(&|it| covers(it, &|how| how == How::Measured)));
-        report.figure("frames_outside_model", share(&|it| it.outside.is_some_and(|outside| outside > 0.5)));
+        report.figure(
+            "frames_with_all_measured",
+            share(&|it| covers(it, &|provenance| provenance == Provenance::Measured)),
+        );
+        report.figure(
+            "frames_out_of_distribution",
+            share(&|it| it.out_of_distribution.is_some_and(|out_of_distribution| out_of_distribution > 0.5)),
+        );
     }
 
     /// Rows of a table: one for each moment.
@@ -240,25 +247,25 @@ impl MarkTrack {
             let mut errors = Errors::default();
             errors.add(moment, names);
             let middle = |values: &[f64]| median(values).map_or(String::new(), |it| format!("{:.4}", it * 1e3));
-            let count = |how: How| moment.samples.iter().filter(|it| it.how == how).count();
+            let count = |provenance: Provenance| moment.samples.iter().filter(|it| it.provenance == provenance).count();
             let of = |it: Option<f64>, scale: f64| it.map_or(String::new(), |it| format!("{:.4}", it * scale));
             format!(
                 "{:.6},{},{},{},{},{},{},{}",
                 moment.time.as_s(),
-                count(How::Measured),
-                count(How::Filled),
+                count(Provenance::Measured),
+                count(Provenance::Filled),
                 middle(&errors.whole),
                 middle(&errors.world),
                 middle(&errors.filled),
                 of(moment.rms, 1e3),
-                of(moment.outside, 1.0)
+                of(moment.out_of_distribution, 1.0)
             )
         };
         self.moments.iter().map(row).collect()
     }
 
     /// Heading of [`Self::rows`].
-    pub const HEADING: &str = "time_s,measured,filled,face_mm,face_world_mm,filled_mm,fit_rms_mm,outside";
+    pub const HEADING: &str = "time_s,measured,filled,face_mm,face_world_mm,filled_mm,fit_rms_mm,out_of_distribution";
 }
 
 /// Distances from the truth [m].
@@ -279,7 +286,7 @@ impl Errors {
         for ((sample, truth), off) in pairs.iter().zip(&motion.distances) {
             self.whole.push(*off);
             self.world.push((sample.in_world - truth).norm());
-            if sample.how == How::Filled {
+            if sample.provenance == Provenance::Filled {
                 self.filled.push(*off);
                 self.filled_sigmas.push(off / (3.0_f64.sqrt() * sample.sigma));
             }
@@ -295,7 +302,7 @@ fn nearest(to: &Point3<f64>, places: &[Point3<f64>]) -> Option<(usize, f64)> {
 
 /// A mark that was reported in a picture.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sight {
+pub struct ReportedMark {
     /// When.
     pub time: Time,
     /// By which camera.
@@ -306,7 +313,7 @@ pub struct Sight {
     pub distances: Vec<f32>,
 }
 
-impl Sight {
+impl ReportedMark {
     /// From where its own mark truly is [px].
     fn off(&self, names: &Names) -> Option<f64> {
         self.distances.get(*names.get(&self.label)?).map(|it| f64::from(*it))
@@ -319,30 +326,34 @@ impl Sight {
 
 /// What trackers reported of marks in pictures, against where these truly were.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct SightTrack {
-    sights: Vec<Sight>,
+pub struct MarkObservationTrack {
+    reported: Vec<ReportedMark>,
 }
 
-impl SightTrack {
+impl MarkObservationTrack {
     /// Takes in a mark that was reported.
-    pub fn add(&mut self, sight: Sight) {
-        self.sights.push(sight);
+    pub fn add(&mut self, reported: ReportedMark) {
+        self.reported.push(reported);
     }
 
     /// How many marks were reported, and those of them that were farther than `wrong_px` from where they truly are.
-    pub fn wrong<'s>(&'s self, names: &'s Names, wrong_px: f64) -> (usize, impl Iterator<Item = &'s Sight> + 's) {
-        let all = self.sights.iter().filter(|it| names.contains_key(&it.label)).count();
-        (all, self.sights.iter().filter(move |it| it.is_wrong(names, wrong_px)))
+    pub fn wrong<'s>(
+        &'s self,
+        names: &'s Names,
+        wrong_px: f64,
+    ) -> (usize, impl Iterator<Item = &'s ReportedMark> + 's) {
+        let all = self.reported.iter().filter(|it| names.contains_key(&it.label)).count();
+        (all, self.reported.iter().filter(move |it| it.is_wrong(names, wrong_px)))
     }
 
     /// Distances of those that were reported near where their mark truly was [px].
     pub fn right(&self, names: &Names, wrong_px: f64) -> Vec<f64> {
-        self.sights.iter().filter_map(|it| it.off(names)).filter(|it| *it <= wrong_px).collect()
+        self.reported.iter().filter_map(|it| it.off(names)).filter(|it| *it <= wrong_px).collect()
     }
 
     /// Rows of a table of the wrong ones: when, which camera, which name, how far from its own mark, which true mark is closest and how far that is.
     pub fn wrong_rows(&self, names: &Names, wrong_px: f64, camera: impl Fn(CameraId) -> String) -> Vec<String> {
-        let row = |it: &Sight| {
+        let row = |it: &ReportedMark| {
             let near = it.distances.iter().enumerate().filter(|it| it.1.is_finite()).min_by(|a, b| a.1.total_cmp(b.1));
             let (nearest, distance) = near.map_or((String::new(), f32::NAN), |it| (it.0.to_string(), *it.1));
             let off = it.off(names).unwrap_or(f64::NAN);
@@ -368,13 +379,13 @@ mod tests {
             .collect()
     }
 
-    fn marks(places: &[(u32, Point3<f64>, How)]) -> Marks {
-        let mark = |(label, position, how): &(u32, Point3<f64>, How)| Mark {
+    fn marks(places: &[(u32, Point3<f64>, Provenance)]) -> Marks {
+        let mark = |(label, position, provenance): &(u32, Point3<f64>, Provenance)| Mark {
             label: *label,
             position: *position,
             covariance: Matrix3::identity() * 1e-6,
             cameras: CameraSet::default(),
-            how: *how,
+            provenance: *provenance,
         };
         Marks { list: places.iter().map(mark).collect(), ..Marks::default() }
     }
@@ -394,7 +405,7 @@ mod tests {
             let place = |(label, it): (u32, &Point3<f64>)| {
                 let is_hidden = frame > 2 && label == 6;
                 let off = if is_hidden { Vector3::x() * 0.001 } else { Vector3::zeros() };
-                (label + 100, motion * (it + off), if is_hidden { How::Filled } else { How::Measured })
+                (label + 100, motion * (it + off), if is_hidden { Provenance::Filled } else { Provenance::Measured })
             };
             let places: Vec<_> = (0..).zip(&truth).map(place).collect();
             track.add(&marks(&places), truth.clone());
@@ -414,12 +425,12 @@ mod tests {
         let mut track = MarkTrack::default();
         for frame in 0..40 {
             let shake = if frame % 2 == 0 { 0.5e-3 } else { -0.5e-3 };
-            let mut places: Vec<_> = (0..).zip(&truth).map(|(label, it)| (label, *it, How::Measured)).collect();
+            let mut places: Vec<_> = (0..).zip(&truth).map(|(label, it)| (label, *it, Provenance::Measured)).collect();
             places[3].1.z += shake;
             if frame == 39 {
                 (places[8].1, places[9].1) = (places[9].1, places[8].1);
             }
-            places.push((77, Point3::new(1.0, 1.0, 1.0), How::Measured));
+            places.push((77, Point3::new(1.0, 1.0, 1.0), Provenance::Measured));
             track.add(&marks(&places), truth.clone());
         }
         let names = track.names();
@@ -430,10 +441,10 @@ mod tests {
 
     #[test]
     fn a_sight_is_wrong_when_it_is_far_from_its_own_mark() {
-        let mut track = SightTrack::default();
+        let mut track = MarkObservationTrack::default();
         let names: Names = [(5, 1)].into();
         for (label, distances) in [(5, [20.0, 0.4]), (5, [0.3, 12.0]), (5, [0.3, f32::NAN]), (6, [0.1, 0.1])] {
-            track.add(Sight { time: Time::ZERO, camera: CameraId(3), label, distances: distances.into() });
+            track.add(ReportedMark { time: Time::ZERO, camera: CameraId(3), label, distances: distances.into() });
         }
         let (all, wrong) = track.wrong(&names, 4.0);
         assert_eq!((all, wrong.count()), (3, 2));

@@ -40,13 +40,13 @@ const MAX_WAITING: usize = 20_000;
 /// | `gospa_mm.mean` | GOSPA with p = 2, α = 2 and the gate as cut-off, mean over messages: the root of the sum of squared distances and of half a squared gate for each missed or false target |
 /// | `targets_true` | targets that there are, in the volume at some time |
 /// | `identities`, `identities_per_target` | recovered identities that were ever matched, and those for each true target |
-/// | `swaps` | a true target was matched to an identity that had been another's |
-/// | `rebirths` | a true target was matched to an identity new to it and to all |
+/// | `id_switches` | a true target was matched to an identity that had been another's |
+/// | `reinitialisations` | a true target was matched to an identity new to it and to all |
 /// | `false_targets` | recovered targets with no true one within the gate, mean over messages |
 /// | `duplicates` | recovered targets that are left over though a true one is within the gate, mean over messages |
 /// | `missed` | share of true targets without a match, over messages |
 /// | `completeness` | share of the truth's samples after which, before the next one, the target was matched |
-/// | `time_to_birth_ms.median` | from the first truth of a target to its first match |
+/// | `time_to_initiation_ms.median` | from the first truth of a target to its first match |
 /// | `targets_unborn` | true targets never matched |
 /// | `scored_messages`, `unscored_messages` | recovered messages compared, and those whose time the truth did not cover |
 pub struct Scorer {
@@ -60,8 +60,8 @@ pub struct Scorer {
     records: BTreeMap<TargetId, Record>,
     /// Every identity that was matched, and the true target it was matched to last.
     owners: BTreeMap<TargetId, TargetId>,
-    swaps: u64,
-    rebirths: u64,
+    id_switches: u64,
+    reinitialisations: u64,
     messages: u64,
     warmup: Warmup,
     unscored: u64,
@@ -120,8 +120,8 @@ impl Scorer {
             distances: Distances::new(gate),
             records: BTreeMap::new(),
             owners: BTreeMap::new(),
-            swaps: 0,
-            rebirths: 0,
+            id_switches: 0,
+            reinitialisations: 0,
             messages: 0,
             warmup: Warmup::default(),
             unscored: 0,
@@ -304,9 +304,9 @@ impl Scorer {
         let before = record.identity.replace(identity);
         let owner = self.owners.insert(identity, truth);
         if owner.is_some_and(|owner| owner != truth) {
-            self.swaps += 1;
+            self.id_switches += 1;
         } else if owner.is_none() && before.is_some() {
-            self.rebirths += 1;
+            self.reinitialisations += 1;
         }
     }
 
@@ -324,24 +324,24 @@ impl Scorer {
         report.figure("targets_true", n_true as f64);
         report.figure("identities", self.owners.len() as f64);
         report.figure("identities_per_target", share(self.owners.len() as u64, n_true));
-        report.figure("swaps", self.swaps as f64);
-        report.figure("rebirths", self.rebirths as f64);
+        report.figure("id_switches", self.id_switches as f64);
+        report.figure("reinitialisations", self.reinitialisations as f64);
         report.figure("false_targets", share(self.false_targets, self.messages));
         report.figure("duplicates", share(self.duplicates, self.messages));
         report.figure("missed", 1.0 - share(self.pairs, self.pairs_possible));
         let (covered, samples) = self.truth.finish();
         report.figure("completeness", share(covered, samples));
-        let mut births: Vec<f64> =
+        let mut initiations: Vec<f64> =
             self.records.values().filter_map(|it| Some((it.born_s? - it.appeared_s).max(0.0) * 1e3)).collect();
-        report.figure("targets_unborn", (n_true as usize - births.len()) as f64);
-        births.sort_by(f64::total_cmp);
-        let middle = births.len() / 2;
-        let median = match births.len() {
+        report.figure("targets_unborn", (n_true as usize - initiations.len()) as f64);
+        initiations.sort_by(f64::total_cmp);
+        let middle = initiations.len() / 2;
+        let median = match initiations.len() {
             0 => f64::NAN,
-            odd if odd % 2 == 1 => births[middle],
-            _ => (births[middle - 1] + births[middle]) / 2.0,
+            odd if odd % 2 == 1 => initiations[middle],
+            _ => (initiations[middle - 1] + initiations[middle]) / 2.0,
         };
-        report.figure("time_to_birth_ms.median", median);
+        report.figure("time_to_initiation_ms.median", median);
         report.figure("scored_messages", self.messages as f64);
         report.figure("unscored_messages", self.unscored as f64);
         if let Some(sentence) = self.warmup.remark(self.start_s) {
@@ -359,14 +359,21 @@ fn is_in(volume: Option<[[f64; 3]; 2]>, point: &Point3<f64>) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use foveate_messages::{How, Target, Time};
+    use foveate_messages::{Provenance, Target, Time};
     use nalgebra::{Matrix6, Vector3};
 
     use super::*;
 
     fn target(id: u32, position: Point3<f64>, velocity: Vector3<f64>) -> Target {
         let covariance = Matrix6::zeros();
-        Target { id: TargetId(id), position, velocity, covariance, cameras: Default::default(), how: How::Measured }
+        Target {
+            id: TargetId(id),
+            position,
+            velocity,
+            covariance,
+            cameras: Default::default(),
+            provenance: Provenance::Measured,
+        }
     }
 
     fn targets(time_s: f64, list: Vec<Target>) -> Arc<Targets> {
@@ -409,8 +416,8 @@ mod tests {
             ("targets_true", 2.0),
             ("identities", 2.0),
             ("identities_per_target", 1.0),
-            ("swaps", 0.0),
-            ("rebirths", 0.0),
+            ("id_switches", 0.0),
+            ("reinitialisations", 0.0),
             ("false_targets", 0.0),
             ("duplicates", 0.0),
             ("missed", 0.0),
@@ -424,7 +431,7 @@ mod tests {
         // What is left is the error of the interpolation and the width of a bin.
         assert!(found["gospa_mm.mean"] < 2e-3, "{found:?}");
         assert!(found["error_mm.p95"] < 0.02 && found["error_mm.rms"] < 1e-3, "{found:?}");
-        assert!((found["time_to_birth_ms.median"] - 0.5).abs() < 1e-6, "{found:?}");
+        assert!((found["time_to_initiation_ms.median"] - 0.5).abs() < 1e-6, "{found:?}");
     }
 
     #[test]
@@ -447,16 +454,16 @@ mod tests {
         assert!((found["missed"] - 0.75).abs() < 0.01, "{found:?}");
         assert!((found["completeness"] - 0.25).abs() < 0.01, "{found:?}");
         assert_eq!((found["identities"], found["targets_unborn"]), (1.0, 1.0));
-        assert!((found["time_to_birth_ms.median"] - 1000.0).abs() < 8.0, "{found:?}");
+        assert!((found["time_to_initiation_ms.median"] - 1000.0).abs() < 8.0, "{found:?}");
     }
 
     #[test]
     fn swapped_and_new_identities_are_counted_once_each() {
         let found =
             figures(|time, [a, b]| if time < 1.0 { vec![at(1, a), at(2, b)] } else { vec![at(2, a), at(1, b)] });
-        assert_eq!((found["swaps"], found["rebirths"], found["identities"]), (2.0, 0.0, 2.0));
+        assert_eq!((found["id_switches"], found["reinitialisations"], found["identities"]), (2.0, 0.0, 2.0));
         let found = figures(|time, [a, b]| vec![at(if time < 1.0 { 1 } else { 3 }, a), at(2, b)]);
-        assert_eq!((found["swaps"], found["rebirths"], found["identities"]), (0.0, 1.0, 3.0));
+        assert_eq!((found["id_switches"], found["reinitialisations"], found["identities"]), (0.0, 1.0, 3.0));
         assert_eq!(found["identities_per_target"], 1.5);
     }
 
@@ -482,7 +489,7 @@ mod tests {
         let mut report = Report::default();
         scorer.finish(&mut report);
         let found = &report.figures;
-        assert_eq!((found["missed"], found["swaps"], found["duplicates"]), (0.5, 1.0, 0.0), "{found:?}");
+        assert_eq!((found["missed"], found["id_switches"], found["duplicates"]), (0.5, 1.0, 0.0), "{found:?}");
     }
 
     #[test]
@@ -506,7 +513,7 @@ mod tests {
         for found in [score(true), score(false)] {
             assert_eq!((found["targets_true"], found["missed"], found["completeness"]), (1.0, 0.0, 1.0), "{found:?}");
             assert_eq!((found["false_targets"], found["duplicates"], found["gospa_mm.mean"]), (0.0, 0.0, 0.0));
-            assert!(found["time_to_birth_ms.median"] < 1.0, "{found:?}");
+            assert!(found["time_to_initiation_ms.median"] < 1.0, "{found:?}");
         }
     }
 

@@ -35,12 +35,12 @@ pub struct Arrival {
     /// When it arrives, on the session's clock.
     pub delivery: Time,
     /// Whether it arrives at all.
-    pub fate: Fate,
+    pub outcome: DeliveryOutcome,
 }
 
 /// What becomes of a field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Fate {
+pub enum DeliveryOutcome {
     /// It arrives.
     Arrives,
     /// It gets lost on the way.
@@ -108,14 +108,14 @@ impl Timing {
             unreachable!("`next_delivery` leaves a field under way");
         };
         let capture = self.capture(frame);
-        let fate = if self.has_failed(capture.as_s()) {
-            Fate::Failed
+        let outcome = if self.has_failed(capture.as_s()) {
+            DeliveryOutcome::Failed
         } else if stream(self.lottery, 0, frame as i64).uniform() < self.settings.lost {
-            Fate::Lost
+            DeliveryOutcome::Lost
         } else {
-            Fate::Arrives
+            DeliveryOutcome::Arrives
         };
-        Arrival { frame, capture, stamp: self.clock.reads(capture), delivery, fate }
+        Arrival { frame, capture, stamp: self.clock.reads(capture), delivery, outcome }
     }
 
     /// The middle of the exposure of field `frame`.
@@ -190,7 +190,7 @@ mod tests {
     fn plain_camera_delivers_in_order_by_the_right_clock() {
         let found = arrivals(|_| (), "a", 600);
         for (i, it) in found.iter().enumerate() {
-            assert_eq!((it.frame, it.fate, it.stamp), (i as u64, Fate::Arrives, it.capture));
+            assert_eq!((it.frame, it.outcome, it.stamp), (i as u64, DeliveryOutcome::Arrives, it.capture));
             assert_eq!(it.delivery - it.capture, Interval::from_ms(10.0));
         }
     }
@@ -252,7 +252,7 @@ mod tests {
         let failed = |fails_for_s: f64| -> Vec<f64> {
             let fails = |it: &mut TimingSettings| (it.fails_at_s, it.fails_for_s) = (Some(3.0), fails_for_s);
             let found = arrivals(fails, "a", 600);
-            found.iter().filter(|it| it.fate == Fate::Failed).map(|it| it.capture.as_s()).collect()
+            found.iter().filter(|it| it.outcome == DeliveryOutcome::Failed).map(|it| it.capture.as_s()).collect()
         };
         let for_a_while = failed(2.0);
         assert_eq!(for_a_while.len(), 120);
@@ -265,7 +265,7 @@ mod tests {
         let fails = |it: &mut TimingSettings| (it.failure_every_s, it.failure_lasts_s) = (20.0, 3.0);
         let n = 60 * 2000;
         let found = arrivals(fails, "a", n);
-        let failed = |it: &Arrival| it.fate == Fate::Failed;
+        let failed = |it: &Arrival| it.outcome == DeliveryOutcome::Failed;
         let starts = found.windows(2).filter(|it| !failed(&it[0]) && failed(&it[1])).count();
         let share = found.iter().filter(|it| failed(it)).count() as f64 / n as f64;
         // Two failures that run into each other count as one.

@@ -14,7 +14,7 @@ mod waved;
 use std::sync::Arc;
 
 use foveate_estimation::random::Random;
-use foveate_messages::{CameraId, How, Message, Space, Target, TargetId, Targets, Time, Wire};
+use foveate_messages::{CameraId, Message, Provenance, Space, Target, TargetId, Targets, Time, Wire};
 use nalgebra::{Matrix6, Point3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -373,14 +373,14 @@ impl World {
                 velocity,
                 covariance: Matrix6::zeros(),
                 cameras: Default::default(),
-                how: How::Measured,
+                provenance: Provenance::Measured,
             }));
         }
         let actor = self.people_at(time).next().filter(|_| self.0.settings.has_knee());
         truth.list.extend(actor.map(|(_, actor)| {
             let (position, velocity) = actor.knee_motion(time.as_s());
-            let (cameras, how) = (Default::default(), How::Measured);
-            Target { id: self.knee_id(), position, velocity, covariance: Matrix6::zeros(), cameras, how }
+            let (cameras, provenance) = (Default::default(), Provenance::Measured);
+            Target { id: self.knee_id(), position, velocity, covariance: Matrix6::zeros(), cameras, provenance }
         }));
         truth.list.extend(self.single(time).map(|(single, since_s)| Target {
             id: SINGLE,
@@ -388,7 +388,7 @@ impl World {
             velocity: single.velocity(since_s),
             covariance: Matrix6::zeros(),
             cameras: Default::default(),
-            how: How::Measured,
+            provenance: Provenance::Measured,
         }));
         truth.list.sort_unstable_by_key(|it| it.id);
     }

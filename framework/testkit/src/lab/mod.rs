@@ -18,7 +18,7 @@ use nalgebra::{Matrix2, Point2};
 
 pub use paths::{Crossings, Light, Lights, Path, Wanderers};
 pub use room::{ROOM_M, cameras, person};
-pub use score::{GATE_M, Rules, Score, Scorer, score};
+pub use score::{GATE_M, Score, ScoreOptions, Scorer, score};
 
 /// What the lab is like.
 #[derive(Debug, Clone)]

@@ -3,7 +3,7 @@
 use foveate_estimation::gospa::SetDistance;
 use foveate_estimation::identities::{Identities, Somebody};
 use foveate_estimation::statistics;
-use foveate_messages::{Features, How, TargetId, Targets, Time};
+use foveate_messages::{Features, Provenance, TargetId, Targets, Time};
 use nalgebra::{Matrix3, Point3};
 
 use super::Lights;
@@ -13,14 +13,14 @@ pub const GATE_M: f64 = 0.1;
 
 /// What is counted.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Rules {
-    /// Nothing before counts but births [s].
+pub struct ScoreOptions {
+    /// Nothing before counts but initiations [s].
     pub settled_s: f64,
     /// Least time between two comparisons; 0: after each frame [s].
     pub step_s: f64,
 }
 
-/// How a tracker did against the truth. All but the births is of the time after settling.
+/// How a tracker did against the truth. All but the initiations is of the time after settling.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Score {
     /// By light: the identities that followed it.
@@ -28,9 +28,9 @@ pub struct Score {
     /// How many identities followed any light.
     pub n_identities: usize,
     /// A light was followed by an identity that had followed another one before.
-    pub swaps: u64,
+    pub id_switches: u64,
     /// A light that had an identity was followed by a new one.
-    pub rebirths: u64,
+    pub reinitialisations: u64,
     /// Comparisons of all lights with all targets.
     pub moments: usize,
     /// Samples of targets that followed no light.
@@ -54,9 +54,9 @@ pub struct Score {
     /// Mean over the comparisons, with p = 2 and α = 2 [m].
     pub gospa: f64,
     /// By light: from the first frame to the first target that followed it [s].
-    pub births: Vec<Option<f64>>,
+    pub initiations: Vec<Option<f64>>,
     /// When the first target was there at all.
-    pub first_birth: Option<Time>,
+    pub first_initiation: Option<Time>,
 }
 
 impl Score {
@@ -76,17 +76,17 @@ impl Score {
     }
 
     /// Mean time from the first frame to the target of a light, over those that had one [s]; NaN without any.
-    pub fn time_to_birth(&self) -> f64 {
-        let born: Vec<f64> = self.births.iter().flatten().copied().collect();
+    pub fn time_to_initiation(&self) -> f64 {
+        let born: Vec<f64> = self.initiations.iter().flatten().copied().collect();
         born.iter().sum::<f64>() / born.len() as f64
     }
 }
 
 /// Compares targets with lights, moment by moment.
 pub struct Scorer {
-    rules: Rules,
+    options: ScoreOptions,
     identities: Identities,
-    /// Before settling: births only.
+    /// Before settling: initiations only.
     early: Identities,
     distance: SetDistance,
     score: Score,
@@ -103,14 +103,14 @@ pub struct Scorer {
 
 impl Scorer {
     /// Of so many lights.
-    pub fn new(n_lights: usize, rules: Rules) -> Self {
-        let (identities, births) = (vec![Vec::new(); n_lights], vec![None; n_lights]);
+    pub fn new(n_lights: usize, options: ScoreOptions) -> Self {
+        let (identities, initiations) = (vec![Vec::new(); n_lights], vec![None; n_lights]);
         Self {
-            rules,
+            options,
             identities: Identities::new(GATE_M),
             early: Identities::new(GATE_M),
             distance: SetDistance::new(GATE_M, 2.0),
-            score: Score { identities, births, ..Score::default() },
+            score: Score { identities, initiations, ..Score::default() },
             first_s: None,
             next_s: f64::NEG_INFINITY,
             errors: Vec::new(),
@@ -132,18 +132,18 @@ impl Scorer {
     pub fn compare(&mut self, targets: &Targets, lights: impl Iterator<Item = Point3<f64>>) {
         let time_s = targets.time.as_s();
         let first_s = *self.first_s.get_or_insert(time_s);
-        self.next_s = time_s + self.rules.step_s;
+        self.next_s = time_s + self.options.step_s;
         self.truth.clear();
         self.truth.extend((0..).zip(lights));
         self.found.clear();
         self.found.extend(targets.list.iter().map(|it| (it.id.0, it.position)));
         if !targets.list.is_empty() {
-            self.score.first_birth.get_or_insert(targets.time);
+            self.score.first_initiation.get_or_insert(targets.time);
         }
-        let is_settled = time_s >= self.rules.settled_s;
+        let is_settled = time_s >= self.options.settled_s;
         let identities = if is_settled { &mut self.identities } else { &mut self.early };
         let partners = identities.match_up(&self.truth, &self.found);
-        for (born, partner) in self.score.births.iter_mut().zip(partners) {
+        for (born, partner) in self.score.initiations.iter_mut().zip(partners) {
             if partner.is_some() {
                 born.get_or_insert(time_s - first_s);
             }
@@ -157,7 +157,7 @@ impl Scorer {
             let error = self.truth[light].1 - target.position;
             n_pairs += 1;
             self.errors.push(error.norm());
-            if target.how == How::Measured {
+            if target.provenance == Provenance::Measured {
                 self.squares += error.norm_squared();
                 self.n_measured += 1;
                 let covariance: Matrix3<f64> = target.covariance.fixed_view::<3, 3>(0, 0).into_owned();
@@ -186,9 +186,10 @@ impl Scorer {
         score.ospa /= n;
         score.gospa /= n;
         score.n_identities = self.identities.n_identities();
-        (score.swaps, score.rebirths) = (self.identities.swaps(), self.identities.rebirths());
-        for (light, followers) in self.identities.followers() {
-            score.identities[*light as usize] = followers.iter().map(|it| TargetId(*it)).collect();
+        (score.id_switches, score.reinitialisations) =
+            (self.identities.id_switches(), self.identities.reinitialisations());
+        for (light, identities_of) in self.identities.identities_of() {
+            score.identities[*light as usize] = identities_of.iter().map(|it| TargetId(*it)).collect();
         }
         score.error_median = statistics::median(&self.errors).unwrap_or(f64::NAN);
         score.error_p95 = statistics::percentile(&self.errors, 95.0).unwrap_or(f64::NAN);
@@ -202,11 +203,11 @@ impl Scorer {
 /// the targets and says whether the frame was taken.
 pub fn score<'a>(
     frames: impl IntoIterator<Item = &'a (Time, Features)>,
-    rules: Rules,
+    options: ScoreOptions,
     lights: &impl Lights,
     mut track: impl FnMut(Time, &Features, &mut Targets) -> bool,
 ) -> Score {
-    let mut scorer = Scorer::new(lights.count(), rules);
+    let mut scorer = Scorer::new(lights.count(), options);
     let (mut targets, mut here) = (Targets::default(), Vec::new());
     for (time, features) in frames {
         if track(*time, features, &mut targets) && scorer.is_due(targets.time) {
@@ -231,13 +232,13 @@ mod tests {
             velocity: Vector3::zeros(),
             covariance: Matrix6::identity() * 1e-4,
             cameras: Default::default(),
-            how: How::Measured,
+            provenance: Provenance::Measured,
         }
     }
 
     /// Two lights at 0 and 1 m, compared once a second from 0 s with what `found` gives; settled at 2 s.
     fn scored(n: u32, found: impl Fn(u32) -> Vec<Target>) -> Score {
-        let mut scorer = Scorer::new(2, Rules { settled_s: 2.0, step_s: 0.0 });
+        let mut scorer = Scorer::new(2, ScoreOptions { settled_s: 2.0, step_s: 0.0 });
         for second in 0..n {
             let targets = Targets { time: Time::from_s(f64::from(second)), list: found(second) };
             scorer.compare(&targets, [0.0, 1.0].map(|x| Point3::new(x, 0.0, 0.0)).into_iter());
@@ -253,7 +254,7 @@ mod tests {
         assert_eq!((score.moments, score.samples, score.missed, score.ghosts), (4, 8, 4, 4));
         assert_eq!((score.false_targets(), score.missed_part(), score.identities_per_light()), (1.0, 0.5, 0.5));
         assert_eq!((&score.identities[0][..], &score.identities[1][..]), (&[TargetId(4)][..], &[][..]));
-        assert_eq!((&score.births[..], score.first_birth), (&[Some(1.0), None][..], Some(Time::from_s(1.0))));
+        assert_eq!((&score.initiations[..], score.first_initiation), (&[Some(1.0), None][..], Some(Time::from_s(1.0))));
         for (found, expected) in [
             (score.rms, 0.01),
             (score.error_median, 0.01),
@@ -268,12 +269,12 @@ mod tests {
     #[test]
     fn identities_before_settling_do_not_count() {
         let score = scored(6, |second| vec![target(second.min(3), 0.0), target(10, 1.0)]);
-        assert_eq!((score.n_identities, score.rebirths, score.swaps), (3, 1, 0));
+        assert_eq!((score.n_identities, score.reinitialisations, score.id_switches), (3, 1, 0));
     }
 
     #[test]
     fn a_step_leaves_moments_out() {
-        let mut scorer = Scorer::new(1, Rules { settled_s: 0.0, step_s: 0.5 });
+        let mut scorer = Scorer::new(1, ScoreOptions { settled_s: 0.0, step_s: 0.5 });
         let due: Vec<bool> = (0..6)
             .map(|it| {
                 let time = Time::from_s(f64::from(it) * 0.2);

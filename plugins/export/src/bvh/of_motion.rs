@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use foveate::motion::Motion;
 use foveate::motion::forms::start_lost;
 use foveate::motion::motion::Up;
-use foveate::prelude::How;
+use foveate::prelude::Provenance;
 use nalgebra::{Point3, Vector3};
 
 use super::body::{Places, SITES, body};
@@ -46,7 +46,9 @@ pub fn bvh(motion: &Motion, options: &SkeletonOptions) -> Result<SkeletonFile, S
     let mut y_up = motion.clone();
     y_up.turn(Up::Y);
     let is_seen = |points: &[usize]| {
-        let is_there = |frame: usize, point: &usize| y_up.get(frame, *point).is_some_and(|it| it.how != How::Predicted);
+        let is_there = |frame: usize, point: &usize| {
+            y_up.get(frame, *point).is_some_and(|it| it.provenance != Provenance::Predicted)
+        };
         (0..y_up.n_frames()).any(|frame| points.iter().all(|it| is_there(frame, it)))
     };
     let sites = sites(&motion.labels, &options.joints, &is_seen)?;
@@ -65,7 +67,7 @@ pub fn bvh(motion: &Motion, options: &SkeletonOptions) -> Result<SkeletonFile, S
     let place = |frame: usize, points: &[usize]| -> Option<Point3<f64>> {
         let mut sum = Vector3::zeros();
         for point in points {
-            sum += y_up.get(frame, *point).filter(|it| it.how != How::Predicted)?.position.coords;
+            sum += y_up.get(frame, *point).filter(|it| it.provenance != Provenance::Predicted)?.position.coords;
         }
         (!points.is_empty()).then(|| Point3::from(sum / points.len() as f64))
     };
@@ -109,7 +111,7 @@ pub fn bvh(motion: &Motion, options: &SkeletonOptions) -> Result<SkeletonFile, S
         lost.push(format!("{}: no points for them, or never seen together", body.absent.join(", ")));
     }
     lost.push("bones have their median lengths, and how limbs turn about themselves is not known".to_owned());
-    let n_filled = motion.n_of(How::Filled);
+    let n_filled = motion.n_of(Provenance::Filled);
     if n_filled > 0 {
         lost.push(format!("{n_filled} samples were filled in, and now look measured"));
     }
@@ -142,8 +144,9 @@ struct Likely {
 /// The points, y up, that are most like a body; `None`: none are.
 fn likely(y_up: &Motion, rate_hz: f64) -> Option<Likely> {
     let labels = &y_up.labels;
-    let place =
-        |frame: usize, point: usize| y_up.get(frame, point).filter(|it| it.how != How::Predicted).map(|it| it.position);
+    let place = |frame: usize, point: usize| {
+        y_up.get(frame, point).filter(|it| it.provenance != Provenance::Predicted).map(|it| it.position)
+    };
     let step = y_up.n_frames().div_ceil(FRAMES).max(1);
     let frames: Vec<All> = (0..y_up.n_frames())
         .step_by(step)

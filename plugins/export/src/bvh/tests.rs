@@ -37,7 +37,7 @@ fn run(settings: &str, place: impl Fn(f64, u32) -> Option<Point3<f64>>) -> (Opti
     let mut node = ExportBvh::new(toml::from_str(settings).unwrap(), &setup).unwrap();
     for frame in 60..150 {
         let time = Time::from_s(f64::from(frame) / 60.0);
-        let at = |id: u32| Some(target(id, place(time.as_s(), id)?.into(), How::Measured));
+        let at = |id: u32| Some(target(id, place(time.as_s(), id)?.into(), Provenance::Measured));
         let list = (0..40).filter_map(at).collect();
         node.gather.as_mut().unwrap().push_targets(Arc::new(Targets { time, list }), false);
     }

@@ -20,7 +20,7 @@ pub fn glb(motion: &Motion, radius_m: f64) -> Result<Vec<u8>, String> {
     };
     let sample = |it: &foveate::motion::motion::Sample| {
         let covariance = it.covariance().unwrap_or_default();
-        Sample::new(it.position, &covariance, it.how, &it.cameras)
+        Sample::new(it.position, &covariance, it.provenance, &it.cameras)
     };
     let column = |point: usize| Column {
         label: z_up.labels[point].clone(),

@@ -24,8 +24,8 @@ fn file() -> Vec<u8> {
     for step in 0..=50 {
         let seconds = 1.0 + 0.02 * f64::from(step);
         let time = Time::from_s(seconds);
-        let how = if (20..30).contains(&step) { How::Predicted } else { How::Measured };
-        gather.push_targets(Arc::new(Targets { time, list: vec![target(1, [seconds, 2.0, 3.0], how)] }), false);
+        let provenance = if (20..30).contains(&step) { Provenance::Predicted } else { Provenance::Measured };
+        gather.push_targets(Arc::new(Targets { time, list: vec![target(1, [seconds, 2.0, 3.0], provenance)] }), false);
         let mark = |label: u32| {
             let [y, z] = [f64::from(label % 5) * 0.02, f64::from(label / 5) * 0.02 + 0.001 * f64::from(label)];
             Mark {
@@ -33,7 +33,7 @@ fn file() -> Vec<u8> {
                 position: Point3::new(0.1 - y * y + 0.001 * f64::from(step), y, z),
                 covariance: Matrix3::identity() * 1e-8,
                 cameras: CameraSet::default(),
-                how: How::Measured,
+                provenance: Provenance::Measured,
             }
         };
         gather.push_marks(Arc::new(Marks {

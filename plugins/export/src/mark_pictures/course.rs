@@ -1,6 +1,6 @@
 //! What of a session's marks the pictures show, kept as it comes.
 
-use foveate::prelude::{How, Marks};
+use foveate::prelude::{Marks, Provenance};
 use nalgebra::{Matrix3, Point3, SymmetricEigen, UnitQuaternion, Vector3};
 
 /// One mark of one moment.
@@ -19,7 +19,7 @@ pub(super) struct Moment {
     pub world_from_marks: nalgebra::Isometry3<f64>,
     pub samples: Vec<Sample>,
     pub rms: Option<f64>,
-    pub outside: Option<f64>,
+    pub out_of_distribution: Option<f64>,
 }
 
 impl Moment {
@@ -27,15 +27,15 @@ impl Moment {
         let sample = |it: &foveate::prelude::Mark| Sample {
             label: it.label,
             position: it.position.cast(),
-            is_filled: it.how == How::Filled,
+            is_filled: it.provenance == Provenance::Filled,
         };
-        let (rms, outside) = marks.fit.as_ref().map(|it| (it.rms, it.outside)).unzip();
+        let (rms, out_of_distribution) = marks.fit.as_ref().map(|it| (it.rms, it.out_of_distribution)).unzip();
         Moment {
             time_s: marks.time.as_s(),
             world_from_marks: marks.world_from_marks,
             samples: marks.list.iter().map(sample).collect(),
             rms,
-            outside,
+            out_of_distribution,
         }
     }
 

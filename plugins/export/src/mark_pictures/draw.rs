@@ -136,13 +136,14 @@ pub(super) fn counts(course: &Course, name: &str) -> String {
     let marks = Chart::new("", [WIDTH, HEIGHT], time(), Axis::new("marks [–]").from_zero().whole())
         .with(line("measured", OURS, &|it| count(it, false)))
         .with(line("filled in", FILLED, &|it| count(it, true)));
-    let charts = if course.moments.iter().any(|it| it.rms.is_some() || it.outside.is_some()) {
+    let charts = if course.moments.iter().any(|it| it.rms.is_some() || it.out_of_distribution.is_some()) {
         let rms = Chart::new("", [WIDTH, HEIGHT], time().hidden(), Axis::new("rms of the fit [mm]").from_zero());
-        let outside = Chart::new("", [WIDTH, HEIGHT], time(), Axis::new("outside the model [–]").from_zero());
+        let out_of_distribution =
+            Chart::new("", [WIDTH, HEIGHT], time(), Axis::new("outside the model [–]").from_zero());
         vec![
             Chart { x: time().hidden(), ..marks },
             rms.with(line("", OURS, &|it| Some(it.rms? * 1e3))),
-            outside.with(line("", OURS, &|it| it.outside)),
+            out_of_distribution.with(line("", OURS, &|it| it.out_of_distribution)),
         ]
     } else {
         let fit = Chart::new("", [WIDTH, 40.0], time().hidden(), Axis::new(""));

@@ -137,7 +137,7 @@ mod tests {
                 position: Point3::new(x, 0.08 - 8.0 * (x * x + z * z), z + open),
                 covariance: Matrix3::identity() * 1e-8,
                 cameras: CameraSet::default(),
-                how: if label % 7 == 3 { How::Filled } else { How::Measured },
+                provenance: if label % 7 == 3 { Provenance::Filled } else { Provenance::Measured },
             }
         };
         let world_from_marks = Isometry3::new(Vector3::new(time_s * 0.1, 0.0, 1.6), Vector3::z() * 0.3 * time_s.sin());
@@ -196,7 +196,7 @@ mod tests {
         (0..60).for_each(|it| course.push(&marks(f64::from(it) / 30.0, 36)));
         let svg = draw::counts(&course, "face");
         assert!(svg.contains("no shape was fitted in this run") && !svg.contains("0.0010"), "{svg}");
-        let fit = foveate::messages::ShapeFit { rms: 0.001, outside: 0.2, weights: Vec::new() };
+        let fit = foveate::messages::ShapeFit { rms: 0.001, out_of_distribution: 0.2, weights: Vec::new() };
         (60..90).for_each(|it| course.push(&Marks { fit: Some(fit.clone()), ..marks(f64::from(it) / 30.0, 36) }));
         let fitted = draw::counts(&course, "face");
         assert!(!fitted.contains("no shape was fitted"));

@@ -20,8 +20,8 @@ use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use turns::TurnRules;
-pub use watch::{Bump, Watch, WatchRules};
+use turns::TurnOptions;
+pub use watch::{Bump, Watch, WatchOptions};
 
 const FEATURES: In<Features> = In::each(0, "features").many();
 const TARGETS: In<Targets> = In::each(1, "targets");
@@ -30,15 +30,15 @@ const TARGETS: In<Targets> = In::each(1, "targets");
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CameraWatchSettings {
-    /// Over how long sightings are gathered into one turn of the camera [s]
+    /// Over how long observations are gathered into one turn of the camera [s]
     #[schemars(range(min = 0.1, max = 60.0))]
     pub bin_s: f64,
     /// How many such turns together must differ from those before; more find smaller bumps, later [–]
     #[schemars(range(min = 1, max = 100))]
     pub bins: u32,
-    /// Sightings that a turn is made of at least [–]
+    /// Observations that a turn is made of at least [–]
     #[schemars(range(min = 4, max = 10000))]
-    pub min_sightings: u32,
+    pub min_observations: u32,
     /// A smaller turn is not told: the calibration itself is known no better [mrad]
     #[schemars(range(min = 0.01, max = 100.0))]
     pub least_mrad: f64,
@@ -66,7 +66,7 @@ impl Default for CameraWatchSettings {
         Self {
             bin_s: 0.5,
             bins: 3,
-            min_sightings: 12,
+            min_observations: 12,
             least_mrad: 0.3,
             least_px: 0.25,
             calibration_mrad: 0.5,
@@ -80,12 +80,12 @@ impl Default for CameraWatchSettings {
 
 impl CameraWatchSettings {
     /// What they mean for a [`Watch`].
-    pub fn rules(&self) -> WatchRules {
-        WatchRules {
-            turns: TurnRules {
+    pub fn options(&self) -> WatchOptions {
+        WatchOptions {
+            turns: TurnOptions {
                 bin: Interval::from_s(self.bin_s),
                 bins: self.bins as usize,
-                min_sightings: self.min_sightings as usize,
+                min_observations: self.min_observations as usize,
                 least: self.least_mrad * 1e-3,
                 least_px: self.least_px,
                 calibration: self.calibration_mrad * 1e-3,
@@ -119,7 +119,7 @@ impl Node for CameraWatch {
         let check = ConfigError::unless_in::<f64>;
         check("bin_s", settings.bin_s, 0.1..=60.0)?;
         ConfigError::unless_in("bins", settings.bins, 1..=100)?;
-        ConfigError::unless_in("min_sightings", settings.min_sightings, 4..=10_000)?;
+        ConfigError::unless_in("min_observations", settings.min_observations, 4..=10_000)?;
         check("least_mrad", settings.least_mrad, 0.01..=100.0)?;
         check("least_px", settings.least_px, 0.01..=100.0)?;
         check("calibration_mrad", settings.calibration_mrad, 0.001..=100.0)?;
@@ -135,7 +135,7 @@ impl Node for CameraWatch {
             )));
         }
         Ok(Self {
-            watch: Watch::new(settings.rules(), cameras.iter().map(|it| it.camera.clone()).collect()),
+            watch: Watch::new(settings.options(), cameras.iter().map(|it| it.camera.clone()).collect()),
             names: cameras.iter().map(|it| it.name.clone()).collect(),
             out: setup.out_dir.clone(),
             file: settings.file,
@@ -170,8 +170,8 @@ impl Node for CameraWatch {
                 report.figure(format!("camera_watch.shift_px.{name}"), bump.shift_px);
             }
         }
-        let counts = self.watch.sightings();
-        report.figure("camera_watch.sightings", counts.iter().sum::<u64>() as f64);
+        let counts = self.watch.observations();
+        report.figure("camera_watch.observations", counts.iter().sum::<u64>() as f64);
         let blind: Vec<&str> =
             counts.iter().zip(&self.names).filter(|it| *it.0 == 0).map(|(_, name)| name.as_str()).collect();
         if !blind.is_empty() && blind.len() < self.names.len() {
@@ -213,7 +213,7 @@ impl CameraWatch {
 
     /// One row for each camera and turn.
     fn table(&self) -> String {
-        let mut text = "time_s,camera,tilt_mrad,pan_mrad,roll_mrad,sigma_mrad,sightings,sigmas\n".to_owned();
+        let mut text = "time_s,camera,tilt_mrad,pan_mrad,roll_mrad,sigma_mrad,observations,sigmas\n".to_owned();
         for row in self.watch.rows() {
             let [tilt, pan, roll] = of_camera_mrad(&row.turn);
             // Writing to a String cannot fail.
@@ -223,7 +223,7 @@ impl CameraWatch {
                 row.at.as_s(),
                 self.names[row.camera],
                 row.sigma * 1e3,
-                row.sightings,
+                row.observations,
                 row.sigmas
             );
         }

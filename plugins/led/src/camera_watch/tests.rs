@@ -1,10 +1,10 @@
-//! A bumped camera and its neighbours, in simulated sightings.
+//! A bumped camera and its neighbours, in simulated observations.
 
 use std::sync::Arc;
 
 use foveate::estimation::Random;
 use foveate::geometry::Camera;
-use foveate::messages::{CameraId, CameraSet, Feature, Features, How, Target, TargetId, Targets};
+use foveate::messages::{CameraId, CameraSet, Feature, Features, Provenance, Target, TargetId, Targets};
 use foveate_testkit::{camera_ring, check_node};
 use nalgebra::{Isometry3, Matrix2, Matrix6, Point2, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 
@@ -28,7 +28,7 @@ fn light(number: usize, time_s: f64) -> Point3<f64> {
 struct Scene {
     cameras: usize,
     lasts_s: f64,
-    /// Share of the sightings that are missing [–].
+    /// Share of the observations that are missing [–].
     hidden: f64,
     /// Features that are no light, in each picture.
     clutter: usize,
@@ -39,7 +39,7 @@ struct Scene {
 /// Runs a scene; `turn` gives by how much a camera is turned at a time, about its own axes [rad].
 fn watched(scene: Scene, turn: impl Fn(usize, f64) -> Vector3<f64>) -> Watch {
     let cameras = camera_ring(scene.cameras);
-    let mut watch = Watch::new(CameraWatchSettings::default().rules(), cameras.clone());
+    let mut watch = Watch::new(CameraWatchSettings::default().options(), cameras.clone());
     let mut random = Random::new(7);
     let mut moments: Vec<(Time, usize)> = Vec::new();
     for camera in 0..scene.cameras {
@@ -97,7 +97,7 @@ fn target(number: usize, position: Point3<f64>, velocity: Vector3<f64>) -> Targe
         velocity,
         covariance,
         cameras: CameraSet::default(),
-        how: How::Measured,
+        provenance: Provenance::Measured,
     }
 }
 

@@ -1,8 +1,8 @@
 //! The turns of one camera over time, and whether the last ones differ from those before.
 //!
 //! A turn ω by which a camera sees points p (in the camera) moves each by ω × p. That of a bin is the robust least-squares one (Cauchy's
-//! loss, scale from the median), so that a minority of wrong sightings does little. Errors of one light in one bin are not independent
-//! (half of it is hidden, something shines beside it): n sightings of it are known to no better than σ²/n + `CORRELATED_PX`². The last few turns are compared with the mean of
+//! loss, scale from the median), so that a minority of wrong observations does little. Errors of one light in one bin are not independent
+//! (half of it is hidden, something shines beside it): n observations of it are known to no better than σ²/n + `CORRELATED_PX`². The last few turns are compared with the mean of
 //! all before them since the last bump: d = recent − before, told when dᵀ (C_recent + C_before)⁻¹ d exceeds a square and |d| a least turn. The
 //! covariances are widened by what the camera's own history scatters more than they say. Without a history the calibration is taken
 //! at its word.
@@ -14,13 +14,13 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
 
 /// See [`super::CameraWatchSettings`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TurnRules {
+pub struct TurnOptions {
     /// Length of a bin.
     pub bin: Interval,
     /// Turns that are compared with those before.
     pub bins: usize,
-    /// Sightings in a bin.
-    pub min_sightings: usize,
+    /// Observations in a bin.
+    pub min_observations: usize,
     /// Turns told are at least this large [rad].
     pub least: f64,
     /// And move lights in the picture by this much at least, root mean square [px].
@@ -54,7 +54,7 @@ pub struct Turn {
     /// Inverse covariance of that [rad⁻²].
     pub information: Matrix3<f64>,
     /// What it was made of.
-    pub sightings: usize,
+    pub observations: usize,
     /// Length in the picture of a turn by 1 rad about each axis, root mean square, as Σ JᵀJ / n [px²/rad²].
     pub squared_px: Matrix3<f64>,
 }
@@ -85,7 +85,7 @@ const MEDIAN_CHI2: f64 = 2.365_974;
 /// No camera is turned by more without anybody noticing; keeps what a bin does not hold from running away [rad].
 const WIDEST: f64 = 0.2;
 const ROUNDS: usize = 12;
-/// Errors that sightings of one light in one bin have in common [px].
+/// Errors that observations of one light in one bin have in common [px].
 const CORRELATED_PX: f64 = 0.15;
 /// A turn that rests on fewer lights is that of a light rather than of a camera.
 const LEAST_TARGETS: usize = 3;
@@ -101,15 +101,15 @@ pub struct Turns {
 }
 
 impl Turns {
-    /// Takes in a sighting of the bin that is open.
+    /// Takes in an observation of the bin that is open.
     pub fn add(&mut self, residual: Residual) {
         self.gathered.push(residual);
     }
 
     /// Ends the bin that began at `at`. `None` when too little was seen; what was seen is forgotten.
-    pub fn close(&mut self, at: Time, rules: &TurnRules) -> Option<Turn> {
+    pub fn close(&mut self, at: Time, options: &TurnOptions) -> Option<Turn> {
         let targets = self.weigh();
-        let is_enough = self.gathered.len() >= rules.min_sightings && targets >= LEAST_TARGETS;
+        let is_enough = self.gathered.len() >= options.min_observations && targets >= LEAST_TARGETS;
         let turn = is_enough.then(|| self.solve(at)).flatten();
         self.gathered.clear();
         self.history.extend(turn);
@@ -132,16 +132,16 @@ impl Turns {
 
     /// The last turns against those before; `None` while there are too few, or when the last of them is not of the bin that began at `now`.
     /// `is_void` says that the camera was bumped before, or may have been: what the calibration says of it holds no more.
-    pub fn change(&self, now: Time, is_void: bool, rules: &TurnRules) -> Option<Change> {
+    pub fn change(&self, now: Time, is_void: bool, options: &TurnOptions) -> Option<Change> {
         let n = self.history.len();
-        let (before, recent) = self.history.split_at(n.checked_sub(rules.bins)?);
+        let (before, recent) = self.history.split_at(n.checked_sub(options.bins)?);
         let is_now = recent.last().is_some_and(|it| it.at == now);
         let known = before.len() >= LEAST_HISTORY;
         if !is_now || (is_void && !known) {
             return None;
         }
         let (mean, covariance) =
-            if known { mean(before)? } else { (Vector3::zeros(), Matrix3::identity() * rules.calibration.powi(2)) };
+            if known { mean(before)? } else { (Vector3::zeros(), Matrix3::identity() * options.calibration.powi(2)) };
         let widened = if known { scatter(before, &mean) } else { 1.0 };
         let (last, last_covariance) = self::mean(recent)?;
         // History shares its own scatter; one without history has what the calibration says instead.
@@ -228,7 +228,7 @@ impl Turns {
             at,
             turn,
             information,
-            sightings: self.gathered.len(),
+            observations: self.gathered.len(),
             squared_px,
         })
     }

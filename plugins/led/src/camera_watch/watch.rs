@@ -10,16 +10,16 @@ use std::sync::Arc;
 
 use foveate::geometry::triangulate::{PixelNoise, refine};
 use foveate::geometry::{Camera, Triangulation};
-use foveate::messages::{Features, How, Interval, TargetId, Targets, Time};
+use foveate::messages::{Features, Interval, Provenance, TargetId, Targets, Time};
 use nalgebra::{Isometry3, Matrix2, Point2, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::turns::{Change, Residual, TurnRules, Turns};
+use super::turns::{Change, Residual, TurnOptions, Turns};
 
 /// See [`super::CameraWatchSettings`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WatchRules {
+pub struct WatchOptions {
     /// About the turns.
-    pub turns: TurnRules,
+    pub turns: TurnOptions,
     /// How far a feature may be from its target [rad].
     pub gate: f64,
     /// How far apart the two features of another camera may be between which a target is placed.
@@ -55,7 +55,7 @@ pub struct Row {
     /// Standard deviation about the worst known axis [rad].
     pub sigma: f64,
     /// What it was made of.
-    pub sightings: usize,
+    pub observations: usize,
     /// How far it and those just before it are from the history; NaN without one.
     pub sigmas: f64,
 }
@@ -82,7 +82,7 @@ const MOST_WAITING: usize = 4096;
 const FORGOTTEN: Interval = Interval(2_000_000_000);
 
 #[derive(Debug, Clone, Copy)]
-struct Sight {
+struct Observation {
     time: Time,
     pixel: Point2<f64>,
     covariance: Matrix2<f64>,
@@ -92,7 +92,7 @@ struct Sight {
 #[derive(Debug, Clone)]
 struct Seen {
     /// By camera, in the order of time.
-    sights: Vec<VecDeque<Sight>>,
+    observations: Vec<VecDeque<Observation>>,
     /// When some camera last observed it.
     measured: Time,
 }
@@ -102,7 +102,7 @@ struct Seen {
 struct Pending {
     camera: usize,
     target: TargetId,
-    sight: Sight,
+    observation: Observation,
     /// About where the target is.
     near: Point3<f64>,
 }
@@ -110,7 +110,7 @@ struct Pending {
 /// Watches the cameras of a rig.
 #[derive(Debug)]
 pub struct Watch {
-    rules: WatchRules,
+    options: WatchOptions,
     cameras: Vec<Camera>,
     /// As they are believed to stand now: tells which feature is which light once a camera was bumped.
     stand: Vec<Camera>,
@@ -119,7 +119,7 @@ pub struct Watch {
     is_out: Vec<bool>,
     /// What the calibration says of its orientation holds no more: it was bumped, or may have been.
     is_void: Vec<bool>,
-    sightings: Vec<u64>,
+    observations: Vec<u64>,
     waiting: Vec<(Time, Arc<Features>)>,
     targets: Option<Arc<Targets>>,
     seen: BTreeMap<TargetId, Seen>,
@@ -130,7 +130,7 @@ pub struct Watch {
     bumps: Vec<Bump>,
     /// Of bumps whose size is still to be settled: which, and how the camera was turned before.
     unsettled: Vec<(usize, Vector3<f64>)>,
-    /// By camera: how many sightings of the open bin had fewer than [`CERTAIN`] witnesses, of how many.
+    /// By camera: how many observations of the open bin had fewer than [`CERTAIN`] witnesses, of how many.
     thin: Vec<[usize; 2]>,
     /// By camera: who was a witness in the open bin.
     asked: Vec<Vec<bool>>,
@@ -142,14 +142,14 @@ pub struct Watch {
 
 impl Watch {
     /// Nothing seen yet; `cameras` are all of the calibration, in its order.
-    pub fn new(rules: WatchRules, cameras: Vec<Camera>) -> Self {
+    pub fn new(options: WatchOptions, cameras: Vec<Camera>) -> Self {
         let n = cameras.len();
         Self {
-            rules,
+            options,
             turns: vec![Turns::default(); n],
             is_out: vec![false; n],
             is_void: vec![false; n],
-            sightings: vec![0; n],
+            observations: vec![0; n],
             stand: cameras.clone(),
             cameras,
             waiting: Vec::new(),
@@ -179,9 +179,9 @@ impl Watch {
         &self.rows
     }
 
-    /// By camera: sightings that could be compared.
-    pub fn sightings(&self) -> &[u64] {
-        &self.sightings
+    /// By camera: observations that could be compared.
+    pub fn observations(&self) -> &[u64] {
+        &self.observations
     }
 
     /// Takes in what a camera saw at `time`.
@@ -212,14 +212,14 @@ impl Watch {
         }
         waiting.retain(|it| it.0 > time);
         self.waiting = waiting;
-        self.judge_until(time - self.rules.max_age);
+        self.judge_until(time - self.options.max_age);
         self.targets = Some(targets);
     }
 
     /// Judges what waits, and ends the bin that is open.
     pub fn finish(&mut self) {
         if let Some(last) = self.pending.back() {
-            self.judge_until(last.sight.time);
+            self.judge_until(last.observation.time);
         }
         if let Some(open) = self.bin.take() {
             self.close(open);
@@ -230,13 +230,13 @@ impl Watch {
     fn look(&mut self, time: Time, features: &Features, targets: &Targets) {
         let own = usize::from(features.camera.0);
         let model = &self.stand[own];
-        let gate_px = self.rules.gate * model.intrinsics.focal[0];
+        let gate_px = self.options.gate * model.intrinsics.focal[0];
         for target in &targets.list {
-            let known = self.seen.get(&target.id).is_some_and(|it| time - it.measured <= self.rules.max_age);
-            match target.how {
-                How::Measured => {}
+            let known = self.seen.get(&target.id).is_some_and(|it| time - it.measured <= self.options.max_age);
+            match target.provenance {
+                Provenance::Measured => {}
                 // A camera that was bumped far may be believed by no target any more.
-                How::Predicted if known => {}
+                Provenance::Predicted if known => {}
                 _ => continue,
             }
             let Some(expected) = model.project(&target.position) else { continue };
@@ -245,28 +245,28 @@ impl Watch {
             let crowded = others.any(|it| model.project(&it.position).is_some_and(|it| is_near(&it)));
             let mut near = features.list.iter().filter(|it| is_near(&it.centre));
             let (Some(feature), None, false) = (near.next(), near.next(), crowded) else { continue };
-            let sight = Sight { time, pixel: feature.centre, covariance: feature.covariance };
-            self.pending.push_back(Pending { camera: own, target: target.id, sight, near: target.position });
+            let observation = Observation { time, pixel: feature.centre, covariance: feature.covariance };
+            self.pending.push_back(Pending { camera: own, target: target.id, observation, near: target.position });
             let n = self.cameras.len();
-            let none = || Seen { sights: vec![VecDeque::new(); n], measured: time };
+            let none = || Seen { observations: vec![VecDeque::new(); n], measured: time };
             let seen = self.seen.entry(target.id).or_insert_with(none);
-            if target.how == How::Measured {
+            if target.provenance == Provenance::Measured {
                 seen.measured = time;
             }
-            let sights = &mut seen.sights[own];
+            let observations = &mut seen.observations[own];
             // They are asked for what others saw up to `max_age` ago, and for the one before that.
-            while sights.front().is_some_and(|it| time - it.time > Interval(2 * self.rules.max_age.0)) {
-                sights.pop_front();
+            while observations.front().is_some_and(|it| time - it.time > Interval(2 * self.options.max_age.0)) {
+                observations.pop_front();
             }
-            sights.push_back(sight);
+            observations.push_back(observation);
         }
     }
 
     /// Judges what was seen up to `until`, after which the others were heard of as well.
     fn judge_until(&mut self, until: Time) {
-        while let Some(next) = self.pending.front().filter(|it| it.sight.time <= until).copied() {
+        while let Some(next) = self.pending.front().filter(|it| it.observation.time <= until).copied() {
             self.pending.pop_front();
-            self.enter(next.sight.time);
+            self.enter(next.observation.time);
             self.judge(&next);
         }
         self.enter(until);
@@ -274,7 +274,7 @@ impl Watch {
 
     /// Ends the bin that is open if `time` is after it.
     fn enter(&mut self, time: Time) {
-        let bin = self.rules.turns.bin;
+        let bin = self.options.turns.bin;
         let open = *self.bin.get_or_insert(time);
         if time >= open + bin {
             self.close(open);
@@ -290,15 +290,15 @@ impl Watch {
         let Some(placed) = self.place_without(pending) else { return };
         let camera = &self.cameras[own];
         let Some((expected, by_point)) = camera.project_with_jacobian(&placed.position) else { return };
-        let spread = pending.sight.covariance
+        let spread = pending.observation.covariance
             + by_point * placed.covariance * by_point.transpose()
             + Matrix2::identity() * UNSTATED_PX * UNSTATED_PX;
         let in_camera = camera.camera_from_world * placed.position;
         let rotation = camera.camera_from_world.rotation.to_rotation_matrix();
         let by_turn = by_point * rotation.matrix().transpose() * -in_camera.coords.cross_matrix();
-        let error = pending.sight.pixel - expected;
+        let error = pending.observation.pixel - expected;
         self.turns[own].add(Residual { error, target: pending.target, covariance: spread, by_turn });
-        self.sightings[own] += 1;
+        self.observations[own] += 1;
         self.thin[own][0] += usize::from(self.witnesses.len() < CERTAIN);
         self.thin[own][1] += 1;
         self.witnesses.iter().for_each(|it| self.asked[own][*it] = true);
@@ -306,19 +306,20 @@ impl Watch {
 
     /// Where the target was by all other cameras; `None` if fewer than two agree.
     fn place_without(&mut self, pending: &Pending) -> Option<Triangulation> {
-        let time = pending.sight.time;
+        let time = pending.observation.time;
         let seen = self.seen.get(&pending.target)?;
         self.witnesses.clear();
         self.pixels.clear();
         self.covariances.clear();
-        for (camera, sights) in seen.sights.iter().enumerate() {
+        for (camera, observations) in seen.observations.iter().enumerate() {
             if camera == pending.camera || self.is_out[camera] {
                 continue;
             }
-            let after = sights.partition_point(|it| it.time < time);
-            let Some(next) = sights.get(after) else { continue };
-            let last = if next.time == time { Some(next) } else { after.checked_sub(1).and_then(|it| sights.get(it)) };
-            let Some(last) = last.filter(|it| next.time - it.time <= self.rules.max_age) else { continue };
+            let after = observations.partition_point(|it| it.time < time);
+            let Some(next) = observations.get(after) else { continue };
+            let last =
+                if next.time == time { Some(next) } else { after.checked_sub(1).and_then(|it| observations.get(it)) };
+            let Some(last) = last.filter(|it| next.time - it.time <= self.options.max_age) else { continue };
             let Some((_, by_point)) = self.cameras[camera].project_with_jacobian(&pending.near) else { continue };
             let (since, until) = ((time - last.time).as_s(), (next.time - time).as_s());
             let part = if next.time > last.time { since / (since + until) } else { 0.0 };
@@ -358,26 +359,26 @@ impl Watch {
 
     /// Ends the bin that began at `at`, and tells what changed.
     fn close(&mut self, at: Time) {
-        let rules = self.rules.turns;
+        let options = self.options.turns;
         let thin = std::mem::replace(&mut self.thin, vec![[0; 2]; self.cameras.len()]);
         let asked = std::mem::replace(&mut self.asked, vec![vec![false; self.cameras.len()]; self.cameras.len()]);
         let mut changes: Vec<(usize, Change)> = Vec::new();
         let mut n_watched = 0;
         for camera in 0..self.cameras.len() {
-            let Some(turn) = self.turns[camera].close(at, &rules) else { continue };
+            let Some(turn) = self.turns[camera].close(at, &options) else { continue };
             n_watched += 1;
-            let change = self.turns[camera].change(at, self.is_void[camera], &rules);
+            let change = self.turns[camera].change(at, self.is_void[camera], &options);
             let sigma = turn.information.symmetric_eigenvalues().min().max(f64::MIN_POSITIVE).sqrt().recip();
             let sigmas = change.map_or(f64::NAN, |it| it.sigmas);
-            self.rows.push(Row { at, camera, turn: turn.turn, sigma, sightings: turn.sightings, sigmas });
+            self.rows.push(Row { at, camera, turn: turn.turn, sigma, observations: turn.observations, sigmas });
             changes.extend(change.map(|it| (camera, it)));
         }
         let is_told = |it: &Change| {
-            let large = it.turn.norm() > rules.least && it.shift_px > rules.least_px;
-            it.sigmas > rules.sigmas && it.bins >= LASTING && large
+            let large = it.turn.norm() > options.least && it.shift_px > options.least_px;
+            it.sigmas > options.sigmas && it.bins >= LASTING && large
         };
         // Half as certain will do for what speaks against an accusation.
-        let is_change = |it: &Change| it.sigmas > 0.5 * rules.sigmas && it.turn.norm() > rules.least;
+        let is_change = |it: &Change| it.sigmas > 0.5 * options.sigmas && it.turn.norm() > options.least;
         let changed: Vec<usize> = changes.iter().filter(|it| is_change(&it.1)).map(|it| it.0).collect();
         changes.retain(|it| is_told(&it.1));
         self.settle();
@@ -430,7 +431,7 @@ impl Watch {
         self.bumps.push(Bump {
             cameras: candidates,
             at: change.at,
-            told_at: at + rules.bin + self.rules.max_age,
+            told_at: at + options.bin + self.options.max_age,
             turn: change.turn,
             shift_px: change.shift_px,
             sigmas: change.sigmas,

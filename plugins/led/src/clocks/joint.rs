@@ -8,8 +8,8 @@
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
+use super::bearings::{Bearings, miss};
 use super::search::PairClock;
-use super::sights::{Sights, miss};
 
 /// A pair of cameras, by number, and the clock of the second against the first.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,14 +48,14 @@ pub struct Solution {
 
 /// Pairs whose offset differs from what the others say by more contradict them [s].
 const CONTRADICTION_S: f64 = 1.0;
-/// Sights closer together than this tell the same [s].
+/// Bearings closer together than this tell the same [s].
 const THINNED_S: f64 = 0.1;
 const BLOCKS: usize = 10;
 const ROUNDS: usize = 40;
 
 /// Solves for all cameras that `links` tie to camera `reference`.
-pub fn solve(sights: &[Sights], links: &[Link], reference: usize) -> Solution {
-    let mut clocks: Vec<Option<[f64; 2]>> = vec![None; sights.len()];
+pub fn solve(bearings: &[Bearings], links: &[Link], reference: usize) -> Solution {
+    let mut clocks: Vec<Option<[f64; 2]>> = vec![None; bearings.len()];
     if let Some(own) = clocks.get_mut(reference) {
         *own = Some([0.0, 1.0]);
     }
@@ -85,7 +85,7 @@ pub fn solve(sights: &[Sights], links: &[Link], reference: usize) -> Solution {
         (link.clock.b_s(link.clock.middle_s) - (b[0] + b[1] * session)).abs() > CONTRADICTION_S
     };
     let contradicting: Vec<usize> = (0..links.len()).filter(|it| contradicts(&links[*it])).collect();
-    let problem = Problem::new(sights, links, &contradicting, &clocks, reference);
+    let problem = Problem::new(bearings, links, &contradicting, &clocks, reference);
     let (solved, miss_rad) = problem.solve(&problem.start(&clocks), None);
     let left_out: Vec<DVector<f64>> = (0..BLOCKS).map(|block| problem.solve(&solved, Some(block)).0).collect();
     let n = BLOCKS as f64;
@@ -93,7 +93,7 @@ pub fn solve(sights: &[Sights], links: &[Link], reference: usize) -> Solution {
         let mean = left_out.iter().map(of).sum::<f64>() / n;
         ((n - 1.0) / n * left_out.iter().map(|it| (of(it) - mean).powi(2)).sum::<f64>()).sqrt()
     };
-    let clocks = (0..sights.len()).map(|camera| {
+    let clocks = (0..bearings.len()).map(|camera| {
         clocks[camera]?;
         let Some(place) = problem.places[camera] else {
             return Some(SolvedClock { offset_s: 0.0, rate: 1.0, sigma_s: 0.0, sigma_rate: 0.0 });
@@ -112,7 +112,7 @@ pub fn solve(sights: &[Sights], links: &[Link], reference: usize) -> Solution {
 
 /// The unknowns of a camera: o and ρ of own = s + o + ρ (s − middle), s being the reference's time.
 struct Problem<'a> {
-    sights: &'a [Sights],
+    bearings: &'a [Bearings],
     pairs: Vec<(usize, usize, Vector3<f64>)>,
     /// By camera: where its two unknowns stand.
     places: Vec<Option<usize>>,
@@ -123,7 +123,7 @@ struct Problem<'a> {
     blocks: (f64, f64),
 }
 
-/// Sums over all sights.
+/// Sums over all bearings.
 struct Normal {
     information: DMatrix<f64>,
     gradient: DVector<f64>,
@@ -132,7 +132,7 @@ struct Normal {
 
 impl<'a> Problem<'a> {
     fn new(
-        sights: &'a [Sights],
+        bearings: &'a [Bearings],
         links: &[Link],
         contradicting: &[usize],
         clocks: &[Option<[f64; 2]>],
@@ -142,7 +142,7 @@ impl<'a> Problem<'a> {
             !contradicting.contains(index) && clocks[link.a].is_some() && clocks[link.b].is_some()
         });
         let pairs = used.filter_map(|(_, link)| {
-            let baseline = (sights[link.b].centre - sights[link.a].centre).try_normalize(1e-9)?;
+            let baseline = (bearings[link.b].centre - bearings[link.a].centre).try_normalize(1e-9)?;
             Some((link.a, link.b, baseline))
         });
         let mut n_unknowns = 0;
@@ -152,14 +152,14 @@ impl<'a> Problem<'a> {
             Some(n_unknowns - 2)
         });
         let places = places.collect();
-        let spans = sights.iter().zip(clocks).filter_map(|(sights, clock)| {
-            let ([offset, rate], (start, end)) = ((*clock)?, sights.span_s()?);
+        let spans = bearings.iter().zip(clocks).filter_map(|(bearings, clock)| {
+            let ([offset, rate], (start, end)) = ((*clock)?, bearings.span_s()?);
             Some(((start - offset) / rate, (end - offset) / rate))
         });
         let (start, end) = spans.fold((f64::INFINITY, f64::NEG_INFINITY), |all, it| (all.0.min(it.0), all.1.max(it.1)));
         let (start, end) = if start < end { (start, end) } else { (0.0, 1.0) };
         let blocks = (start, (end - start) / BLOCKS as f64);
-        Self { sights, pairs: pairs.collect(), places, n_unknowns, middle_s: 0.5 * (start + end), blocks }
+        Self { bearings, pairs: pairs.collect(), places, n_unknowns, middle_s: 0.5 * (start + end), blocks }
     }
 
     fn start(&self, clocks: &[Option<[f64; 2]>]) -> DVector<f64> {
@@ -178,7 +178,7 @@ impl<'a> Problem<'a> {
         self.places[camera].map_or((0.0, 0.0), |place| (unknowns[place], unknowns[place + 1]))
     }
 
-    /// Calls `each` with miss angle, and its derivatives by the unknowns of both cameras, for each sight of each pair.
+    /// Calls `each` with miss angle, and its derivatives by the unknowns of both cameras, for each bearing of each pair.
     fn for_each(
         &self,
         unknowns: &DVector<f64>,
@@ -188,23 +188,23 @@ impl<'a> Problem<'a> {
         for &(a, b, baseline) in &self.pairs {
             let ((shift_a, rate_a), (shift_b, rate_b)) = (self.clock(unknowns, a), self.clock(unknowns, b));
             let mut last = f64::NEG_INFINITY;
-            for sight in self.sights[a].list() {
-                if sight.time_s - last < THINNED_S {
+            for bearing in self.bearings[a].list() {
+                if bearing.time_s - last < THINNED_S {
                     continue;
                 }
-                last = sight.time_s;
-                // a's time is that of the sight; the session's follows from it, and b's from that.
-                let since_middle = (sight.time_s - self.middle_s - shift_a) / (1.0 + rate_a);
+                last = bearing.time_s;
+                // a's time is that of the bearing; the session's follows from it, and b's from that.
+                let since_middle = (bearing.time_s - self.middle_s - shift_a) / (1.0 + rate_a);
                 let session = self.middle_s + since_middle;
                 let block = ((session - self.blocks.0) / self.blocks.1).max(0.0) as usize;
                 if left_out == Some(block.min(BLOCKS - 1)) {
                     continue;
                 }
-                let Some((of_b, change)) = self.sights[b].at(session + shift_b + rate_b * since_middle) else {
+                let Some((of_b, change)) = self.bearings[b].at(session + shift_b + rate_b * since_middle) else {
                     continue;
                 };
-                let Some((angle, per_scale)) = miss(&baseline, &sight.direction, &of_b) else { continue };
-                let by_time_of_b = baseline.cross(&sight.direction).dot(&change) * per_scale;
+                let Some((angle, per_scale)) = miss(&baseline, &bearing.direction, &of_b) else { continue };
+                let by_time_of_b = baseline.cross(&bearing.direction).dot(&change) * per_scale;
                 let by_session = by_time_of_b * (1.0 + rate_b) / (1.0 + rate_a);
                 each(
                     a,
@@ -223,12 +223,12 @@ impl<'a> Problem<'a> {
             gradient: DVector::zeros(self.n_unknowns),
             loss: 0.0,
         };
-        let mut n_sights = 0.0_f64;
+        let mut n_bearings = 0.0_f64;
         self.for_each(unknowns, left_out, |a, b, angle, by_a, by_b| {
             let relative = (angle / scale).powi(2);
             let weight = 1.0 / (1.0 + relative);
             normal.loss += relative.ln_1p();
-            n_sights += 1.0;
+            n_bearings += 1.0;
             let columns = [(self.places[a], by_a), (self.places[b], by_b)];
             for (place, by) in columns {
                 let Some(place) = place else { continue };
@@ -243,8 +243,8 @@ impl<'a> Problem<'a> {
                 }
             }
         });
-        // Fewer sights that overlap are no gain.
-        normal.loss /= n_sights.max(1.0);
+        // Fewer bearings that overlap are no gain.
+        normal.loss /= n_bearings.max(1.0);
         normal
     }
 

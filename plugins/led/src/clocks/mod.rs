@@ -3,9 +3,9 @@
 //! Nothing but the cameras' places and lines of sight is needed: no picture of a clapperboard, no table. A search over all offsets and rates for
 //! each pair of cameras comes first ([`search`](mod@search)), then all cameras together ([`joint`]).
 
+pub mod bearings;
 pub mod joint;
 pub mod search;
-pub mod sights;
 #[cfg(test)]
 mod tests;
 
@@ -17,14 +17,14 @@ use foveate::scene::clocks::{CameraClock, Clocks};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use bearings::{Bearing, Bearings};
 use joint::{Link, Solution, solve};
-use search::{SearchRules, search};
-use sights::{Sight, Sights};
+use search::{SearchOptions, search};
 
 const FEATURES: In<Features> = In::each(0, "features").many();
 
 /// Of one camera: an hour at 280 Hz. More are left out and counted.
-const MAX_SIGHTS: usize = 1_000_000;
+const MAX_BEARINGS: usize = 1_000_000;
 
 /// Settings of [`ClocksNode`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -50,7 +50,7 @@ pub struct ClocksSettings {
     /// The best offset of two cameras must exceed chance by this much more than any other, or it is not believed [–]
     #[schemars(range(min = 1.0, max = 100.0))]
     pub min_distinction: f64,
-    /// Between sights further apart the target's path is not known; of a slower camera, one and a half of its periods [ms]
+    /// Between bearings further apart the target's path is not known; of a slower camera, one and a half of its periods [ms]
     #[schemars(range(min = 1.0, max = 10000.0))]
     pub max_gap_ms: f64,
     /// A line of sight that turns faster from one picture to the next has a wrong detection at one of its ends and is not used [deg/s]
@@ -85,9 +85,9 @@ impl Default for ClocksSettings {
 /// Pictures in which not exactly one point was found are passed over: they do not say which one the target is.
 pub struct ClocksNode {
     cameras: Vec<(String, Camera)>,
-    sights: Vec<Sights>,
+    bearings: Vec<Bearings>,
     reference: usize,
-    rules: SearchRules,
+    options: SearchOptions,
     truth: Option<Clocks>,
     /// By name, for what the file should keep.
     frame_rates: Clocks,
@@ -137,12 +137,12 @@ impl Node for ClocksNode {
             }
         };
         let max_turn = settings.max_turn_deg_s.to_radians();
-        let sights = cameras.iter().map(|it| Sights::new(it.camera.centre(), settings.max_gap_ms * 1e-3, max_turn));
+        let bearings = cameras.iter().map(|it| Bearings::new(it.camera.centre(), settings.max_gap_ms * 1e-3, max_turn));
         Ok(Self {
-            sights: sights.collect(),
+            bearings: bearings.collect(),
             cameras: cameras.iter().map(|it| (it.name.clone(), it.camera.clone())).collect(),
             reference,
-            rules: SearchRules {
+            options: SearchOptions {
                 max_offset_s: settings.max_offset_s,
                 max_rate: settings.max_rate_percent * 1e-2,
                 step_s: settings.step_ms * 1e-3,
@@ -163,15 +163,15 @@ impl Node for ClocksNode {
         let Some(features) = io.take(&FEATURES) else { return Ok(()) };
         let time_s = features.time().as_s();
         let camera = usize::from(features.value.camera.0);
-        let (Some(sights), Some((_, model))) = (self.sights.get_mut(camera), self.cameras.get(camera)) else {
+        let (Some(bearings), Some((_, model))) = (self.bearings.get_mut(camera), self.cameras.get(camera)) else {
             return Ok(());
         };
         match features.value.list.as_slice() {
             [] => {}
-            [_] if sights.list().len() >= MAX_SIGHTS => self.too_many += 1,
+            [_] if bearings.list().len() >= MAX_BEARINGS => self.too_many += 1,
             [only] => {
                 if let Some(ray) = model.ray(&only.centre) {
-                    sights.push(Sight { time_s, direction: ray.direction.into_inner() });
+                    bearings.push(Bearing { time_s, direction: ray.direction.into_inner() });
                 }
             }
             _ => self.several += 1,
@@ -180,11 +180,11 @@ impl Node for ClocksNode {
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        self.sights.iter_mut().for_each(Sights::follow_period);
+        self.bearings.iter_mut().for_each(Bearings::follow_period);
         let mut links = Vec::new();
-        for a in 0..self.sights.len() {
-            for b in a + 1..self.sights.len() {
-                match search(&self.sights[a], &self.sights[b], &self.rules) {
+        for a in 0..self.bearings.len() {
+            for b in a + 1..self.bearings.len() {
+                match search(&self.bearings[a], &self.bearings[b], &self.options) {
                     Ok(clock) => links.push(Link { a, b, clock }),
                     Err(fault) => {
                         report.remark(format!("clocks of {} and {}: {fault}", self.cameras[a].0, self.cameras[b].0));
@@ -192,7 +192,7 @@ impl Node for ClocksNode {
                 }
             }
         }
-        let solution = solve(&self.sights, &links, self.reference);
+        let solution = solve(&self.bearings, &links, self.reference);
         for &index in &solution.contradicting {
             let Link { a, b, clock } = links[index];
             let (a, b, offset) = (&self.cameras[a].0, &self.cameras[b].0, clock.offset_s);
@@ -204,7 +204,7 @@ impl Node for ClocksNode {
         report.figure("clocks.pictures_with_several", self.several as f64);
         if self.too_many > 0 {
             let n = self.too_many;
-            report.remark(format!("{n} sights were left out: a camera's clock needs no more than {MAX_SIGHTS}"));
+            report.remark(format!("{n} bearings were left out: a camera's clock needs no more than {MAX_BEARINGS}"));
         }
         let clocks = self.report_clocks(&solution, report);
         if let Some(folder) = &self.out {
@@ -230,7 +230,7 @@ impl ClocksNode {
         let true_reference = truth_of(&self.cameras[self.reference].0);
         for (camera, (name, _)) in self.cameras.iter().enumerate() {
             let Some(found) = solution.clocks[camera] else {
-                report.remark(format!("the clock of {name} is not known: no other camera's sights tell it"));
+                report.remark(format!("the clock of {name} is not known: no other camera's bearings tell it"));
                 continue;
             };
             report.figure(format!("clocks.offset_s.{name}"), found.offset_s);
@@ -244,7 +244,7 @@ impl ClocksNode {
                 frame_rate_hz: self.frame_rates.0.get(name).and_then(|it| it.frame_rate_hz),
             };
             if let (Some(truth), Some(reference), Some((start, end))) =
-                (truth_of(name), true_reference, self.sights[camera].span_s())
+                (truth_of(name), true_reference, self.bearings[camera].span_s())
             {
                 // What the camera's clock shows against what it should, at one moment of the reference's clock.
                 let error = |own_s: f64| own_s - truth.camera_s(reference.session_s(clock.session_s(own_s)));

@@ -6,11 +6,11 @@
 
 use nalgebra::Vector3;
 
-use super::sights::{Sights, miss};
+use super::bearings::{Bearings, miss};
 
 /// What to try.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SearchRules {
+pub struct SearchOptions {
     /// Offsets up to this, either way [s].
     pub max_offset_s: f64,
     /// Rates up to this from 1, either way [–].
@@ -53,7 +53,7 @@ impl PairClock {
 
 /// Why two tracks do not tell their clocks apart.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum SearchFault {
+pub enum SearchError {
     /// Cameras in one place, or one that saw nothing.
     #[error("the cameras stand in one place, or one of them saw nothing")]
     NoBaseline,
@@ -89,38 +89,38 @@ pub enum SearchFault {
 const LEAST_EXCESS: f64 = 0.15;
 /// Offsets that differ by less belong to one peak [s].
 const PEAK_S: f64 = 3.0;
-/// Sights of a that are tried are this many steps apart.
+/// Bearings of a that are tried are this many steps apart.
 const STRIDE: usize = 4;
 
 /// Tries all offsets and rates.
 ///
 /// # Errors
-/// See [`SearchFault`].
-pub fn search(a: &Sights, b: &Sights, rules: &SearchRules) -> Result<PairClock, SearchFault> {
-    let baseline = (b.centre - a.centre).try_normalize(1e-9).ok_or(SearchFault::NoBaseline)?;
+/// See [`SearchError`].
+pub fn search(a: &Bearings, b: &Bearings, options: &SearchOptions) -> Result<PairClock, SearchError> {
+    let baseline = (b.centre - a.centre).try_normalize(1e-9).ok_or(SearchError::NoBaseline)?;
     let (Some((a_start, a_end)), Some((b_start, _))) = (a.span_s(), b.span_s()) else {
-        return Err(SearchFault::NoBaseline);
+        return Err(SearchError::NoBaseline);
     };
     let trials = Trials {
         baseline,
-        a: a.resampled(a_start, rules.step_s * STRIDE as f64),
-        b: b.resampled(b_start, rules.step_s),
+        a: a.resampled(a_start, options.step_s * STRIDE as f64),
+        b: b.resampled(b_start, options.step_s),
         a_start,
         b_start,
         middle_s: 0.5 * (a_start + a_end),
-        rules,
+        options,
     };
-    let n_offsets = (rules.max_offset_s / rules.step_s).ceil() as i64;
+    let n_offsets = (options.max_offset_s / options.step_s).ceil() as i64;
     // A rate moves the ends of the recording against its middle: two steps of offset there are close enough.
-    let half_length = (0.5 * (a_end - a_start)).max(rules.step_s);
-    let rate_step = 2.0 * rules.step_s / half_length;
-    let n_rates = (rules.max_rate / rate_step).ceil() as i64;
-    let least = (rules.min_overlap_s / (rules.step_s * STRIDE as f64)).ceil().max(3.0);
+    let half_length = (0.5 * (a_end - a_start)).max(options.step_s);
+    let rate_step = 2.0 * options.step_s / half_length;
+    let n_rates = (options.max_rate / rate_step).ceil() as i64;
+    let least = (options.min_overlap_s / (options.step_s * STRIDE as f64)).ceil().max(3.0);
     // By offset: the best over the rates.
     let mut best: Vec<Trial> = Vec::with_capacity(2 * n_offsets as usize + 1);
     let (mut sum, mut count) = (0.0, 0.0);
     for offset in -n_offsets..=n_offsets {
-        let offset_s = offset as f64 * rules.step_s;
+        let offset_s = offset as f64 * options.step_s;
         let at_one = trials.gain(offset_s, 1.0);
         sum += at_one.gain * at_one.count;
         count += at_one.count;
@@ -128,8 +128,8 @@ pub fn search(a: &Sights, b: &Sights, rules: &SearchRules) -> Result<PairClock, 
     }
     let longest = best.iter().fold(0.0_f64, |longest, it| longest.max(it.count));
     if longest < least {
-        let best_s = longest * rules.step_s * STRIDE as f64;
-        return Err(SearchFault::TooShort { best_s, min_s: rules.min_overlap_s });
+        let best_s = longest * options.step_s * STRIDE as f64;
+        return Err(SearchError::TooShort { best_s, min_s: options.min_overlap_s });
     }
     let chance = sum / count;
     let excess = |it: &Trial| if it.count < least { 0.0 } else { (it.gain - chance).max(0.0) * it.count.sqrt() };
@@ -143,15 +143,15 @@ pub fn search(a: &Sights, b: &Sights, rules: &SearchRules) -> Result<PairClock, 
     }
     let highest =
         |among: &mut dyn Iterator<Item = &Trial>| among.copied().max_by(|x, y| excess(x).total_cmp(&excess(y)));
-    let Some(first) = highest(&mut best.iter()) else { return Err(SearchFault::NoBaseline) };
+    let Some(first) = highest(&mut best.iter()) else { return Err(SearchError::NoBaseline) };
     if first.gain - chance < LEAST_EXCESS || first.count < least {
-        return Err(SearchFault::Flat { gain: first.gain, chance });
+        return Err(SearchError::Flat { gain: first.gain, chance });
     }
     let second = highest(&mut best.iter().filter(|it| (it.offset_s - first.offset_s).abs() > PEAK_S));
     let distinction = second.map_or(f64::INFINITY, |it| excess(&first) / excess(&it));
-    if distinction < rules.min_distinction {
+    if distinction < options.min_distinction {
         let second_s = second.map_or(f64::NAN, |it| it.offset_s);
-        return Err(SearchFault::Ambiguous { first_s: first.offset_s, second_s, distinction });
+        return Err(SearchError::Ambiguous { first_s: first.offset_s, second_s, distinction });
     }
     Ok(PairClock {
         offset_s: first.offset_s,
@@ -160,7 +160,7 @@ pub fn search(a: &Sights, b: &Sights, rules: &SearchRules) -> Result<PairClock, 
         gain: first.gain,
         chance,
         distinction,
-        overlap_s: first.count * rules.step_s * STRIDE as f64,
+        overlap_s: first.count * options.step_s * STRIDE as f64,
     })
 }
 
@@ -172,7 +172,7 @@ struct Trials<'a> {
     a_start: f64,
     b_start: f64,
     middle_s: f64,
-    rules: &'a SearchRules,
+    options: &'a SearchOptions,
 }
 
 #[derive(Clone, Copy)]
@@ -185,10 +185,10 @@ struct Trial {
 
 impl Trials<'_> {
     fn gain(&self, offset_s: f64, rate: f64) -> Trial {
-        let step = self.rules.step_s;
-        let per_square = self.rules.tolerance_rad.powi(-2);
+        let step = self.options.step_s;
+        let per_square = self.options.tolerance_rad.powi(-2);
         let (mut sum, mut count) = (0.0, 0.0);
-        // Place in b of the first sight of a, and how far it moves on from one to the next.
+        // Place in b of the first bearing of a, and how far it moves on from one to the next.
         let at_start = self.a_start + offset_s + (rate - 1.0) * (self.a_start - self.middle_s) - self.b_start;
         let (first, on) = (at_start / step + 0.5, rate * STRIDE as f64);
         for (index, of_a) in self.a.iter().enumerate() {

@@ -5,15 +5,15 @@ use foveate::geometry::Camera;
 use foveate_testkit::check_node;
 use nalgebra::{Point3, Vector3};
 
+use super::bearings::{Bearing, Bearings};
 use super::joint::{Link, Solution, solve};
-use super::search::{PairClock, SearchFault, SearchRules, search};
-use super::sights::{Sight, Sights};
+use super::search::{PairClock, SearchError, SearchOptions, search};
 use super::*;
 
 /// Offset [s] and rate of each camera's clock against the first one's.
 const CLOCKS: [(f64, f64); 4] = [(0.0, 1.0), (17.3, 1.002), (-9.45, 0.9995), (41.0, 1.0)];
 
-const RULES: SearchRules = SearchRules {
+const OPTIONS: SearchOptions = SearchOptions {
     max_offset_s: 60.0,
     max_rate: 0.004,
     step_s: 0.1,
@@ -38,13 +38,13 @@ fn flight(t: f64) -> Point3<f64> {
     )
 }
 
-/// What the cameras see of `path` for 200 s of the session: 25 to 30 pictures a second, `noise` [rad], a part `wrong` of the sights
+/// What the cameras see of `path` for 200 s of the session: 25 to 30 pictures a second, `noise` [rad], a part `wrong` of the bearings
 /// anywhere, and each camera blind for a quarter of the time, in stretches of its own.
-fn seen(path: impl Fn(f64) -> Point3<f64>, noise: f64, wrong: f64) -> Vec<Sights> {
+fn seen(path: impl Fn(f64) -> Point3<f64>, noise: f64, wrong: f64) -> Vec<Bearings> {
     let mut random = Random::new(3).fork("clocks");
     let seen_by = |(index, camera): (usize, &Camera)| {
         let (offset, rate) = CLOCKS[index];
-        let mut sights = Sights::new(camera.centre(), 0.3, 1.0);
+        let mut bearings = Bearings::new(camera.centre(), 0.3, 1.0);
         let interval = [0.04, 0.0333, 0.04, 0.0367][index];
         for picture in 0..(200.0 / interval) as usize {
             let session = picture as f64 * interval + 0.007 * index as f64;
@@ -54,16 +54,16 @@ fn seen(path: impl Fn(f64) -> Point3<f64>, noise: f64, wrong: f64) -> Vec<Sights
             let mut direction = (path(session) - camera.centre()).normalize();
             let error = if random.uniform() < wrong { 0.3 } else { noise };
             direction += Vector3::new(random.normal(), random.normal(), random.normal()) * error;
-            sights.push(Sight { time_s: offset + rate * session, direction: direction.normalize() });
+            bearings.push(Bearing { time_s: offset + rate * session, direction: direction.normalize() });
         }
-        sights
+        bearings
     };
     cameras().iter().enumerate().map(seen_by).collect()
 }
 
-fn links(sights: &[Sights]) -> Vec<Link> {
-    let pairs = (0..sights.len()).flat_map(|a| (a + 1..sights.len()).map(move |b| (a, b)));
-    pairs.filter_map(|(a, b)| Some(Link { a, b, clock: search(&sights[a], &sights[b], &RULES).ok()? })).collect()
+fn links(bearings: &[Bearings]) -> Vec<Link> {
+    let pairs = (0..bearings.len()).flat_map(|a| (a + 1..bearings.len()).map(move |b| (a, b)));
+    pairs.filter_map(|(a, b)| Some(Link { a, b, clock: search(&bearings[a], &bearings[b], &OPTIONS).ok()? })).collect()
 }
 
 /// Largest error of a clock over the recording [s].
@@ -78,10 +78,10 @@ fn worst(solution: &Solution) -> f64 {
 
 #[test]
 fn clocks_tens_of_seconds_apart_are_found_to_milliseconds() {
-    let sights = seen(flight, 0.001, 0.0);
-    let found = links(&sights);
+    let bearings = seen(flight, 0.001, 0.0);
+    let found = links(&bearings);
     assert_eq!(found.len(), 6, "{found:?}");
-    let solution = solve(&sights, &found, 0);
+    let solution = solve(&bearings, &found, 0);
     assert!(worst(&solution) < 0.01, "{} s, {solution:?}", worst(&solution));
     assert!(solution.miss_rad < 0.002 && solution.contradicting.is_empty());
     for (found, (offset, rate)) in solution.clocks.iter().zip(CLOCKS).skip(1) {
@@ -93,41 +93,41 @@ fn clocks_tens_of_seconds_apart_are_found_to_milliseconds() {
 
 #[test]
 fn wrong_sights_and_a_wrong_pair_do_no_harm() {
-    let sights = seen(flight, 0.002, 0.3);
-    let mut found = links(&sights);
+    let bearings = seen(flight, 0.002, 0.3);
+    let mut found = links(&bearings);
     let wrong = PairClock { offset_s: found[5].clock.offset_s + 20.0, gain: 0.3, chance: 0.1, ..found[5].clock };
     found[5].clock = wrong;
-    let solution = solve(&sights, &found, 0);
+    let solution = solve(&bearings, &found, 0);
     assert_eq!(solution.contradicting, [5]);
-    // Better than the step of the search; 0.4 s where sights beside a wrong one are interpolated all the same.
+    // Better than the step of the search; 0.4 s where bearings beside a wrong one are interpolated all the same.
     assert!(worst(&solution) < 0.1, "{} s", worst(&solution));
 }
 
 #[test]
 fn a_target_that_hovers_tells_no_offset_and_that_is_said() {
-    let sights = seen(|_| Point3::new(3.0, 2.0, 14.0), 0.002, 0.0);
-    let fault = search(&sights[0], &sights[1], &RULES).unwrap_err();
-    assert!(matches!(fault, SearchFault::Flat { .. }), "{fault}");
-    let solution = solve(&sights, &[], 0);
+    let bearings = seen(|_| Point3::new(3.0, 2.0, 14.0), 0.002, 0.0);
+    let fault = search(&bearings[0], &bearings[1], &OPTIONS).unwrap_err();
+    assert!(matches!(fault, SearchError::Flat { .. }), "{fault}");
+    let solution = solve(&bearings, &[], 0);
     assert!(solution.clocks[0].is_some() && solution.clocks[1..].iter().all(Option::is_none));
 }
 
 #[test]
 fn a_flight_in_circles_has_several_offsets_and_that_is_said() {
     let circle = |t: f64| Point3::new(12.0 * (t * 0.5).cos(), 12.0 * (t * 0.5).sin(), 15.0 + 3.0 * (t * 0.5).sin());
-    let sights = seen(circle, 0.001, 0.0);
-    let fault = search(&sights[0], &sights[1], &RULES).unwrap_err();
-    assert!(matches!(fault, SearchFault::Ambiguous { .. }), "{fault}");
+    let bearings = seen(circle, 0.001, 0.0);
+    let fault = search(&bearings[0], &bearings[1], &OPTIONS).unwrap_err();
+    assert!(matches!(fault, SearchError::Ambiguous { .. }), "{fault}");
 }
 
 #[test]
 fn cameras_without_a_common_view_or_a_baseline_are_refused() {
-    let sights = seen(flight, 0.001, 0.0);
-    let nothing = Sights::new(Point3::new(9.0, 0.0, 0.0), 0.3, 1.0);
-    assert_eq!(search(&sights[0], &nothing, &RULES), Err(SearchFault::NoBaseline));
-    assert_eq!(search(&sights[0], &sights[0], &RULES), Err(SearchFault::NoBaseline));
-    let rules = SearchRules { min_overlap_s: 1000.0, ..RULES };
-    assert!(matches!(search(&sights[0], &sights[1], &rules), Err(SearchFault::TooShort { .. })));
+    let bearings = seen(flight, 0.001, 0.0);
+    let nothing = Bearings::new(Point3::new(9.0, 0.0, 0.0), 0.3, 1.0);
+    assert_eq!(search(&bearings[0], &nothing, &OPTIONS), Err(SearchError::NoBaseline));
+    assert_eq!(search(&bearings[0], &bearings[0], &OPTIONS), Err(SearchError::NoBaseline));
+    let options = SearchOptions { min_overlap_s: 1000.0, ..OPTIONS };
+    assert!(matches!(search(&bearings[0], &bearings[1], &options), Err(SearchError::TooShort { .. })));
 }
 
 #[test]

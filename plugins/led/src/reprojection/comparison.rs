@@ -6,14 +6,14 @@
 use std::collections::BTreeMap;
 
 use foveate::geometry::Camera;
-use foveate::messages::{CameraId, Features, How, Interval, Targets, Time};
+use foveate::messages::{CameraId, Features, Interval, Provenance, Targets, Time};
 use nalgebra::{Point2, Point3};
 
 use super::distribution::Distribution;
 
 /// What a frame must show to count.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ComparisonRules {
+pub struct ComparisonOptions {
     /// Cameras that must agree with a target.
     pub min_cameras: usize,
     /// How close a feature must be to a target's projection to agree [px].
@@ -25,7 +25,7 @@ pub struct ComparisonRules {
 /// The comparison so far.
 #[derive(Debug)]
 pub struct Comparison {
-    rules: ComparisonRules,
+    options: ComparisonOptions,
     cameras: Vec<Camera>,
     open: BTreeMap<Time, Frame>,
     /// Frames that were settled, to be filled again.
@@ -59,10 +59,10 @@ struct Frame {
 
 impl Comparison {
     /// Nothing compared yet; `cameras` are all of the calibration, in its order.
-    pub fn new(rules: ComparisonRules, cameras: Vec<Camera>) -> Self {
+    pub fn new(options: ComparisonOptions, cameras: Vec<Camera>) -> Self {
         Self {
             by_camera: vec![Distribution::default(); cameras.len()],
-            rules,
+            options,
             cameras,
             open: BTreeMap::new(),
             spare: Vec::new(),
@@ -88,7 +88,7 @@ impl Comparison {
     pub fn add_targets(&mut self, targets: &Targets) {
         if let Some(frame) = self.frame(targets.time) {
             frame.targets.clear();
-            let measured = targets.list.iter().filter(|it| it.how == How::Measured);
+            let measured = targets.list.iter().filter(|it| it.provenance == Provenance::Measured);
             frame.targets.extend(measured.map(|it| it.position));
         }
     }
@@ -103,7 +103,7 @@ impl Comparison {
     /// The frame of `time`, unless it has been settled; settles those that are old enough.
     fn frame(&mut self, time: Time) -> Option<&mut Frame> {
         self.newest = self.newest.max(time);
-        let horizon = self.newest - self.rules.settle_after;
+        let horizon = self.newest - self.options.settle_after;
         while let Some(first) = self.open.first_entry().filter(|it| *it.key() < horizon) {
             let frame = first.remove();
             self.settle(frame);
@@ -123,7 +123,7 @@ impl Comparison {
         let mut recovered = false;
         for target in 0..frame.targets.len() {
             let of_target = |it: &&Option<(usize, f64)>| it.is_some_and(|it| it.0 == target);
-            if frame.agreement.iter().filter(of_target).count() >= self.rules.min_cameras {
+            if frame.agreement.iter().filter(of_target).count() >= self.options.min_cameras {
                 recovered = true;
             } else {
                 // Not recovered: what agrees with it by chance proves nothing.
@@ -163,7 +163,7 @@ impl Comparison {
                 }
                 let Some((_, Some(expected))) = projected else { continue };
                 let residual = (pixel - expected).norm();
-                if residual <= self.rules.gate {
+                if residual <= self.options.gate {
                     self.pairs.push((residual, target, feature));
                 }
             }
@@ -191,8 +191,8 @@ mod tests {
     const LIGHT: Point3<f64> = Point3::new(0.1, -0.2, 1.1);
 
     fn comparison() -> Comparison {
-        let rules = ComparisonRules { min_cameras: 3, gate: 5.0, settle_after: Interval::from_ms(100.0) };
-        Comparison::new(rules, camera_ring(4))
+        let options = ComparisonOptions { min_cameras: 3, gate: 5.0, settle_after: Interval::from_ms(100.0) };
+        Comparison::new(options, camera_ring(4))
     }
 
     /// What camera number `camera` sees of `points`, off by `error`.
@@ -208,14 +208,14 @@ mod tests {
         Features { camera: CameraId(camera as u16), list: points.iter().map(of).collect() }
     }
 
-    fn targets(time: Time, positions: &[Point3<f64>], how: How) -> Targets {
+    fn targets(time: Time, positions: &[Point3<f64>], provenance: Provenance) -> Targets {
         let of = |(k, position): (usize, &Point3<f64>)| Target {
             id: TargetId(k as u32),
             position: *position,
             velocity: Vector3::zeros(),
             covariance: Matrix6::identity(),
             cameras: CameraSet::default(),
-            how,
+            provenance,
         };
         Targets { time, list: positions.iter().enumerate().map(of).collect() }
     }
@@ -226,7 +226,7 @@ mod tests {
         for (camera, error) in [(0, 0.3), (1, 0.4), (2, 0.5)] {
             comparison.add_features(Time::ZERO, &features(camera, &[LIGHT], Vector2::new(error, 0.0)));
         }
-        comparison.add_targets(&targets(Time::ZERO, &[LIGHT], How::Measured));
+        comparison.add_targets(&targets(Time::ZERO, &[LIGHT], Provenance::Measured));
         comparison.finish();
         assert_eq!((comparison.frames_recovered, comparison.all.count()), (1, 3));
         assert!((comparison.all.quantile(0.5) - 0.4).abs() < 1e-3);
@@ -236,20 +236,20 @@ mod tests {
     #[test]
     fn the_last_targets_of_a_time_count_whatever_came_first() {
         let mut comparison = comparison();
-        comparison.add_targets(&targets(Time::ZERO, &[LIGHT + Vector3::x()], How::Measured));
+        comparison.add_targets(&targets(Time::ZERO, &[LIGHT + Vector3::x()], Provenance::Measured));
         (0..4).for_each(|camera| comparison.add_features(Time::ZERO, &features(camera, &[LIGHT], Vector2::zeros())));
-        comparison.add_targets(&targets(Time::ZERO, &[LIGHT], How::Measured));
+        comparison.add_targets(&targets(Time::ZERO, &[LIGHT], Provenance::Measured));
         comparison.finish();
         assert_eq!((comparison.frames_recovered, comparison.outliers_rejected), (1, 0));
     }
 
     #[test]
     fn predictions_and_targets_of_two_cameras_are_not_recovered() {
-        for (how, n_cameras) in [(How::Predicted, 4), (How::Measured, 2)] {
+        for (provenance, n_cameras) in [(Provenance::Predicted, 4), (Provenance::Measured, 2)] {
             let mut comparison = comparison();
             (0..n_cameras)
                 .for_each(|it| comparison.add_features(Time::ZERO, &features(it, &[LIGHT], Vector2::zeros())));
-            comparison.add_targets(&targets(Time::ZERO, &[LIGHT], how));
+            comparison.add_targets(&targets(Time::ZERO, &[LIGHT], provenance));
             comparison.finish();
             assert_eq!((comparison.frames_recovered, comparison.frames_seen, comparison.all.count()), (0, 1, 0));
         }
@@ -263,7 +263,7 @@ mod tests {
             comparison.add_features(Time::ZERO, &features(camera, &[LIGHT, clutter], Vector2::zeros()));
         }
         let twins = [LIGHT, LIGHT + Vector3::z() * 0.005];
-        comparison.add_targets(&targets(Time::ZERO, &twins, How::Measured));
+        comparison.add_targets(&targets(Time::ZERO, &twins, Provenance::Measured));
         comparison.finish();
         assert_eq!((comparison.outliers_rejected, comparison.all.count()), (4, 4));
     }
@@ -273,10 +273,10 @@ mod tests {
         let mut comparison = comparison();
         let at = |ms: f64| Time::ZERO + Interval::from_ms(ms);
         (0..3).for_each(|camera| comparison.add_features(at(0.0), &features(camera, &[LIGHT], Vector2::zeros())));
-        comparison.add_targets(&targets(at(0.0), &[LIGHT], How::Measured));
-        comparison.add_targets(&targets(at(100.0), &[LIGHT], How::Measured));
+        comparison.add_targets(&targets(at(0.0), &[LIGHT], Provenance::Measured));
+        comparison.add_targets(&targets(at(100.0), &[LIGHT], Provenance::Measured));
         assert_eq!(comparison.frames_recovered, 0);
-        comparison.add_targets(&targets(at(100.1), &[LIGHT], How::Measured));
+        comparison.add_targets(&targets(at(100.1), &[LIGHT], Provenance::Measured));
         assert_eq!(comparison.frames_recovered, 1);
         comparison.add_features(at(0.0), &features(3, &[LIGHT], Vector2::zeros()));
         assert_eq!(comparison.late, 1);

@@ -7,7 +7,7 @@ use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use comparison::{Comparison, ComparisonRules};
+pub use comparison::{Comparison, ComparisonOptions};
 pub use distribution::Distribution;
 
 const FEATURES: In<Features> = In::each(0, "features").many();
@@ -62,14 +62,14 @@ impl Node for Reprojection {
         if cameras.is_empty() {
             return Err(ConfigError::node("found no camera in the calibration, expected at least 1"));
         }
-        let rules = ComparisonRules {
+        let options = ComparisonOptions {
             min_cameras: settings.min_cameras as usize,
             gate: settings.gate_px,
             settle_after: Interval::from_ms(settings.settle_after_ms),
         };
         let models = cameras.iter().map(|it| it.camera.clone()).collect();
         let camera_names = cameras.iter().map(|it| it.name.clone()).collect();
-        Ok(Self { comparison: Comparison::new(rules, models), camera_names })
+        Ok(Self { comparison: Comparison::new(options, models), camera_names })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {

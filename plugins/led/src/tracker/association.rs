@@ -2,7 +2,7 @@
 //!
 //! Each target is projected into the camera; what lies within a gate around it may be its own [Davis 2002 §3.4]. Near is
 //! meant in the filter's own measure, νᵀS⁻¹ν + ln det S: the likelihood, up to a constant. The second term lets a target
-//! that is known well win over one that could be anywhere, as a newborn one could, which the distance νᵀS⁻¹ν alone would
+//! that is known well win over one that could be anywhere, as a new one could, which the distance νᵀS⁻¹ν alone would
 //! favour. One feature to one target, in one of three ways:
 //!
 //! | method | rule |

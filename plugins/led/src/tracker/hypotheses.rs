@@ -299,7 +299,7 @@ impl Hypotheses {
                 None => hypotheses.push(hypothesis),
             }
         }
-        // Whatever some hypothesis uses is not free for a birth.
+        // Whatever some hypothesis uses is not free for an initiation.
         for feature in self
             .children
             .iter()

@@ -1,6 +1,6 @@
-//! Targets that were lost, or that nobody has seen for a while, and whether a newborn one is one of them.
+//! Targets that were lost, or that nobody has seen for a while, and whether a new one is one of them.
 //!
-//! Two things speak for it. Motion: the newborn lies where the lost one can have gone since. Arrangement: its distances to
+//! Two things speak for it. Motion: the new lies where the lost one can have gone since. Arrangement: its distances to
 //! the targets around it are those that the lost one had, as far as these used to keep (lights on one limb do, those on two
 //! people do not). Where two lost targets fit alike, none is taken up again: a new identity is less harm than a wrong one.
 
@@ -165,7 +165,7 @@ impl Memory {
         self.lost.retain(|it| now - it.seen_at <= reach.remember);
     }
 
-    /// The lost or unseen target that one born at `place` [m] with the variance `variance` of each coordinate [m²] is, if there is one
+    /// The lost or unseen target that one initiated at `place` [m] with the variance `variance` of each coordinate [m²] is, if there is one
     /// and only one.
     pub fn recall(&mut self, newborn: &Newborn<'_>, reach: &Reach) -> Option<Recalled> {
         let lost = self.lost.iter().enumerate();
@@ -188,7 +188,7 @@ impl Memory {
     }
 }
 
-/// A target about to be born.
+/// A target about to be initiated.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Newborn<'a> {
     /// [m]
@@ -200,7 +200,7 @@ pub(super) struct Newborn<'a> {
     pub tracks: &'a [Track],
 }
 
-/// Who a newborn target is.
+/// Who a new target is.
 #[derive(Debug)]
 pub(super) enum Recalled {
     /// It lives, unseen.
@@ -273,7 +273,7 @@ impl Lost {
         }
     }
 
-    /// Squared misfit of `newborn`; `None` where it cannot be this one.
+    /// Squared misfit of `new`; `None` where it cannot be this one.
     fn misfit(&self, newborn: &Newborn<'_>, reach: &Reach) -> Option<f64> {
         let &Newborn { place, variance, now, tracks } = newborn;
         let unseen_s = (now - self.seen_at).as_s();

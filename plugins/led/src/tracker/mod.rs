@@ -2,21 +2,21 @@
 //!
 //! One frame of one camera at a time [Davis 2002 §3.4]: all filters are carried to its time, each target is projected into
 //! that camera and takes the feature that is its own, and each filter takes in that one pixel alone. Nothing waits for a
-//! set of cameras to be complete. What no target explains may give birth to one; who is not seen any more dies [§3.6], and
+//! set of cameras to be complete. What no target explains may initiate one; who is not seen any more dies [§3.6], and
 //! is remembered for a while.
 //!
 //! | step | file |
 //! |---|---|
 //! | when a frame counts, and as of when [§3.5] | here, and `history` |
 //! | pairs of targets and features | `association`, and `hypotheses` where one frame cannot tell |
-//! | births | `birth`, and [`consensus`](crate::consensus); `partners`: who can confirm whom |
+//! | initiations | `initiation`, and [`consensus`](crate::consensus); `partners`: who can confirm whom |
 //! | deaths | `track`, and here |
 //! | identities taken up again | `memory` |
 
 mod association;
-mod birth;
 mod history;
 mod hypotheses;
+mod initiation;
 mod memory;
 mod partners;
 mod settings;
@@ -26,23 +26,23 @@ mod track;
 use foveate::estimation::clocks::{ClockEstimate, ClockEstimator, ClockObservation, ClockSettings};
 use foveate::estimation::motion::{AdaptiveNoise, Filter, Model};
 use foveate::geometry::Camera;
-use foveate::messages::{CameraId, CameraSet, Features, How, Interval, Target, TargetId, Targets, Time};
+use foveate::messages::{CameraId, CameraSet, Features, Interval, Provenance, Target, TargetId, Targets, Time};
 use nalgebra::{Matrix2, Matrix6, Point3, Vector3};
 
 use association::{Association, Gate, Pair, View};
-use birth::{Conditions, Nursery};
 use history::{Seen, Step};
 use hypotheses::{Frame, Hypotheses};
+use initiation::{Conditions, TrackInitiation};
 use memory::{Memory, Newborn, Reach, Recalled};
 pub use settings::{AssociationMethod, Clocks, IntegratorSettings, LateRule, MotionModel};
 pub use tally::{CameraTally, Tally};
 use track::{Death, Track};
 
-use crate::consensus::Rules;
+use crate::consensus::ConsensusOptions;
 
-/// A newborn target must be seen by this part of `birth_share` of the frames that show its place: less than at its birth,
+/// A new target must be seen by this part of `initiation_share` of the frames that show its place: less than at its initiation,
 /// when all cameras' newest frames were looked at and not each one.
-const PROBATION_SHARE: f64 = 0.5;
+const CONFIRMATION_SHARE: f64 = 0.5;
 
 /// What the innovations of a target said is forgotten with this time constant [s].
 const ADAPT_WITHIN_S: f64 = 0.25;
@@ -86,7 +86,7 @@ pub struct Tracker {
     clutter: Vec<f64>,
     association: Association,
     hypotheses: Hypotheses,
-    nursery: Nursery,
+    initiation: TrackInitiation,
     memory: Memory,
     clocks: ClockEstimator,
     /// Number of a target, and its filter as of a late frame.
@@ -119,7 +119,7 @@ impl Tracker {
             clutter: vec![0.0; n],
             association: Association::default(),
             hypotheses: Hypotheses::default(),
-            nursery: Nursery::new(&cameras),
+            initiation: TrackInitiation::new(&cameras),
             memory: Memory::default(),
             clocks: ClockEstimator::new(
                 n,
@@ -159,7 +159,7 @@ impl Tracker {
         let now = self.time.map_or(time, |now| now.max(time));
         tally.applied_late += u64::from(time < now);
         self.advance(now);
-        if time < now && self.settings.late == LateRule::Refilter {
+        if time < now && self.settings.late == LateRule::OutOfSequence {
             self.associate_late(stamp, time, now, features);
         } else {
             self.associate(stamp, now, features);
@@ -168,7 +168,7 @@ impl Tracker {
         self.merge(now);
         if self.newest[camera].is_none_or(|newest| stamp > newest) {
             self.newest[camera] = Some(stamp);
-            self.give_birth(time, now, features);
+            self.give_initiation(time, now, features);
         }
         if self.settings.remember_ms > 0.0 {
             self.memory.look(&mut self.tracks, now);
@@ -183,7 +183,7 @@ impl Tracker {
         let (tolerance_ms, in_order) = match self.settings.late {
             LateRule::Discard => (0.0, true),
             LateRule::Apply => (self.settings.late_tolerance_ms.max(self.settings.clocks_off_ms()), true),
-            LateRule::Refilter => (self.settings.history_ms(), false),
+            LateRule::OutOfSequence => (self.settings.history_ms(), false),
         };
         let tolerance = Interval::from_ms(tolerance_ms);
         if late > tolerance {
@@ -205,13 +205,13 @@ impl Tracker {
         self.newest.get(usize::from(camera.0)).copied().flatten()
     }
 
-    /// How many targets live, without those that are withheld.
+    /// How many targets live, without those that are tentative.
     pub fn n_targets(&self) -> usize {
         self.shown().count()
     }
 
     fn shown(&self) -> impl Iterator<Item = &Track> {
-        self.tracks.iter().filter(|it| !it.withheld)
+        self.tracks.iter().filter(|it| !it.is_tentative)
     }
 
     /// What was seen and done so far.
@@ -235,7 +235,7 @@ impl Tracker {
             velocity: Vector3::zeros(),
             covariance: Matrix6::zeros(),
             cameras: CameraSet::default(),
-            how: How::Predicted,
+            provenance: Provenance::Predicted,
         });
         for (track, target) in self.shown().zip(&mut targets.list) {
             track.write(targets.time, target);
@@ -248,7 +248,7 @@ impl Tracker {
         self.time = Some(now);
         let unseen = Interval::from_ms(self.settings.lost_after_ms);
         let single_view = Interval::from_ms(self.settings.single_view_after_ms);
-        let share = self.settings.birth_share * PROBATION_SHARE;
+        let share = self.settings.initiation_share * CONFIRMATION_SHARE;
         let (volume, margin) = (&self.volume, self.settings.volume_margin_mm * 2e-3);
         let remembers = self.settings.remember_ms > 0.0;
         let (tally, memory) = (&mut self.tally, &mut self.memory);
@@ -279,7 +279,7 @@ impl Tracker {
         Reach {
             remember: Interval::from_ms(self.settings.remember_ms),
             sigma: self.settings.gate_sigma,
-            speed: self.settings.birth_speed_m_s,
+            speed: self.settings.initiation_speed_m_s,
         }
     }
 
@@ -318,7 +318,7 @@ impl Tracker {
                 AssociationMethod::Global | AssociationMethod::Hypotheses => association.choose_global(),
             }
         }
-        let keeps_history = self.settings.late == LateRule::Refilter;
+        let keeps_history = self.settings.late == LateRule::OutOfSequence;
         let reach = Interval::from_ms(self.settings.history_ms());
         for pair in self.association.pairs() {
             let track = &mut self.tracks[pair.track];
@@ -391,7 +391,7 @@ impl Tracker {
     fn judge(&mut self) {
         for (index, track) in self.tracks.iter_mut().enumerate() {
             if self.association.in_view(index) {
-                track.judge(self.association.has_feature(index), self.settings.birth_share);
+                track.judge(self.association.has_feature(index), self.settings.initiation_share);
             }
         }
     }
@@ -446,54 +446,54 @@ impl Tracker {
     }
 
     /// Keeps what no target explains, and begins targets where that meets what other cameras left.
-    fn give_birth(&mut self, time: Time, now: Time, features: &Features) {
+    fn give_initiation(&mut self, time: Time, now: Time, features: &Features) {
         let camera = features.camera;
         let model = &self.cameras[usize::from(camera.0)];
         let unmatched = self.association.unmatched();
-        self.nursery.record(camera, model, time, &features.list, unmatched, self.settings.birth_motion_px);
-        let n_unmatched = self.nursery.n_unmatched(camera);
-        if n_unmatched > self.settings.birth_features_max as usize {
-            self.nursery.forget(camera);
+        self.initiation.record(camera, model, time, &features.list, unmatched, self.settings.initiation_motion_px);
+        let n_unmatched = self.initiation.n_unmatched(camera);
+        if n_unmatched > self.settings.initiation_features_max as usize {
+            self.initiation.forget(camera);
             return;
         }
         self.bear(camera, time, now, false);
-        if self.settings.birth_motion_px > 0.0 {
+        if self.settings.initiation_motion_px > 0.0 {
             self.bear(camera, time, now, true);
         }
     }
 
     /// Begins targets where lines that `camera` left meet others; of fast lights where they are `moving`.
     fn bear(&mut self, camera: CameraId, time: Time, now: Time, moving: bool) {
-        if self.nursery.n_unmatched(camera) == 0 {
+        if self.initiation.n_unmatched(camera) == 0 {
             return;
         }
         let conditions = Conditions {
             cameras: &self.cameras,
-            rules: Rules {
-                tolerance: self.settings.birth_tolerance_mm * 1e-3,
-                min_cameras: self.settings.birth_cameras as usize,
-                min_sine: self.settings.birth_angle_deg.to_radians().sin(),
+            options: ConsensusOptions {
+                tolerance: self.settings.initiation_tolerance_mm * 1e-3,
+                min_cameras: self.settings.initiation_cameras as usize,
+                min_sine: self.settings.initiation_angle_deg.to_radians().sin(),
             },
-            share: self.settings.birth_share,
+            share: self.settings.initiation_share,
             stale_after: Interval::from_ms(self.settings.stale_after_ms),
-            speed: self.settings.birth_speed_m_s,
+            speed: self.settings.initiation_speed_m_s,
             camera_variance: self.settings.camera_error_px.powi(2),
         };
         let (volume, margin) = (&self.volume, self.settings.volume_margin_mm * 1e-3);
         let separation = self.settings.separation_mm * 1e-3;
-        let probation = Interval::from_ms(self.settings.probation_ms);
+        let confirmation = Interval::from_ms(self.settings.tentative_ms);
         let remembers = self.settings.remember_ms > 0.0;
-        // One that nobody sees any more does not stand in the way: it may be the one that is born.
+        // One that nobody sees any more does not stand in the way: it may be the one that is initiated.
         let alone = |tracks: &[Track], point: &Point3<f64>| {
             let near = |it: &&Track| (it.filter.position() - point).norm_squared() < separation * separation;
             !tracks.iter().filter(near).any(|it| !(remembers && it.is_coasting(now)))
         };
         let (tracks, reach) = (&self.tracks, self.reach());
         let allowed = |point: &Point3<f64>| within(volume, margin, point) && alone(tracks, point);
-        let n_meetings = self.nursery.meetings(camera, now, moving, &conditions, allowed).len();
+        let n_meetings = self.initiation.meetings(camera, now, moving, &conditions, allowed).len();
         for index in 0..n_meetings {
-            let Some(meeting) = self.nursery.meeting(index) else { break };
-            let Some(start) = self.nursery.start(meeting, now, moving, &conditions) else { continue };
+            let Some(meeting) = self.initiation.meeting(index) else { break };
+            let Some(start) = self.initiation.start(meeting, now, moving, &conditions) else { continue };
             if !alone(&self.tracks, &start.position) || !within(volume, margin, &start.position) {
                 continue; // of two meetings around one light the better one came first
             }
@@ -502,7 +502,7 @@ impl Tracker {
             let newborn =
                 Newborn { place: start.position, variance: start.covariance.trace() / 3.0, now, tracks: &self.tracks };
             let recalled = if remembers { self.memory.recall(&newborn, &reach) } else { None };
-            let witnesses = self.nursery.witnesses(meeting, time);
+            let witnesses = self.initiation.witnesses(meeting, time);
             let place = match recalled {
                 Some(Recalled::Live(id)) => {
                     let Ok(place) = self.tracks.binary_search_by_key(&id, |it| it.id) else { continue };
@@ -518,14 +518,14 @@ impl Tracker {
                     };
                     let id = regained.as_ref().map_or(TargetId(self.next_id), |it| it.id);
                     self.next_id = self.next_id.max(id.0 + 1);
-                    let mut track = Track::new(id, filter, now, camera, probation);
+                    let mut track = Track::new(id, filter, now, camera, confirmation);
                     track.noise = self
                         .settings
                         .adapt_noise
                         .then(|| AdaptiveNoise::bounded(ADAPT_WITHIN_S, LEAST_NOISE, MOST_NOISE));
-                    let share = self.nursery.share(camera, meeting, now, &conditions);
-                    track.withheld = regained.is_none() && share < self.settings.birth_sure_share;
-                    self.tally.births += 1;
+                    let share = self.initiation.share(camera, meeting, now, &conditions);
+                    track.is_tentative = regained.is_none() && share < self.settings.initiation_sure_share;
+                    self.tally.initiations += 1;
                     self.tally.regained += u64::from(regained.is_some());
                     track.regained = regained;
                     let place = self.tracks.partition_point(|it| it.id < id);
@@ -535,12 +535,12 @@ impl Tracker {
             };
             let track = &mut self.tracks[place];
             witnesses.for_each(|witness| track.cameras.insert(witness));
-            if self.settings.late == LateRule::Refilter {
+            if self.settings.late == LateRule::OutOfSequence {
                 let step = Step { time: now, seen: None, filter: track.filter.clone() };
                 track.history.push(step, Interval::from_ms(self.settings.history_ms()));
             }
-            self.nursery.consume_members(index);
-            self.nursery.consume(camera, &start.position, 2.0 * conditions.rules.tolerance);
+            self.initiation.consume_members(index);
+            self.initiation.consume(camera, &start.position, 2.0 * conditions.options.tolerance);
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Which cameras look at the same places: only these can confirm what one of them sees.
 //!
-//! Without this the search for a birth would grow with the square of the number of cameras.
+//! Without this the search for an initiation would grow with the square of the number of cameras.
 
 use foveate::geometry::Camera;
 use foveate::messages::CameraId;

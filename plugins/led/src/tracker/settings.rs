@@ -34,7 +34,7 @@ pub enum LateRule {
     #[default]
     Apply,
     /// The filters are taken back to its time and on again, up to `history_ms`.
-    Refilter,
+    OutOfSequence,
 }
 
 /// What is made of the clocks of the cameras.
@@ -96,39 +96,39 @@ pub struct IntegratorSettings {
     #[schemars(range(min = 0.1, max = 10000.0))]
     pub gate_px: f64,
     /// Lines of sight this close to a point meet there. Covers the motion between unsynchronised frames as well, and so limits
-    /// the speed of a target at its birth [mm].
+    /// the speed of a target at its initiation [mm].
     #[schemars(range(min = 0.001, max = 1000000.0))]
-    pub birth_tolerance_mm: f64,
-    /// Different cameras whose lines of sight must meet where a target is born. The paper used 2; with several lights, two
+    pub initiation_tolerance_mm: f64,
+    /// Different cameras whose lines of sight must meet where a target is initiated. The paper used 2; with several lights, two
     /// lines of different lights meet by accident many times a second, three rarely [–].
     #[schemars(range(min = 2, max = 1000))]
-    pub birth_cameras: u32,
+    pub initiation_cameras: u32,
     /// And this part of the cameras whose field of view contains the point and that sent a frame within `stale_after_ms`.
     /// Keeps accidents out where many cameras look on; hidden and fast lights need a low value [–].
     #[schemars(range(min = 0.0, max = 1.0))]
-    pub birth_share: f64,
-    /// A target is given out at its birth when this part of those cameras agrees; otherwise once three more frames have seen it,
-    /// and `birth_share` of all that show its place. 0: always at once, as in the paper [–].
+    pub initiation_share: f64,
+    /// A target is given out at its initiation when this part of those cameras agrees; otherwise once three more frames have seen it,
+    /// and `initiation_share` of all that show its place. 0: always at once, as in the paper [–].
     #[schemars(range(min = 0.0, max = 1.0))]
-    pub birth_sure_share: f64,
+    pub initiation_sure_share: f64,
     /// Two lines of sight fix a point only at this angle or more: below, the depth is a guess, and cameras side by side
     /// are no confirmation of one another [deg].
     #[schemars(range(min = 0.01, max = 90.0))]
-    pub birth_angle_deg: f64,
-    /// Speed to be expected at birth, each axis, standard deviation [m/s].
+    pub initiation_angle_deg: f64,
+    /// Speed to be expected at initiation, each axis, standard deviation [m/s].
     #[schemars(range(min = 0.001, max = 10000.0))]
-    pub birth_speed_m_s: f64,
-    /// A frame with more unmatched features than this is noise, and gives birth to nothing [–].
+    pub initiation_speed_m_s: f64,
+    /// A frame with more unmatched features than this is noise, and initiates nothing [–].
     #[schemars(range(min = 1, max = 1000))]
-    pub birth_features_max: u32,
-    /// For this long after its birth it is counted how many of the frames that show its place see a target; it is taken back
-    /// when they are less than half of `birth_share` [ms].
+    pub initiation_features_max: u32,
+    /// For this long after its initiation it is counted how many of the frames that show its place see a target; it is taken back
+    /// when they are less than half of `initiation_share` [ms].
     #[schemars(range(min = 0.0, max = 10000.0))]
-    pub probation_ms: f64,
-    /// Unmatched features older than this do not take part in a birth [ms].
+    pub tentative_ms: f64,
+    /// Unmatched features older than this do not take part in an initiation [ms].
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub stale_after_ms: f64,
-    /// No target is born this close to another, and of two that stay this close without any camera seeing them apart, the
+    /// No target is initiated this close to another, and of two that stay this close without any camera seeing them apart, the
     /// younger one goes: they follow one light [mm].
     #[schemars(range(min = 0.0, max = 1000000.0))]
     pub separation_mm: f64,
@@ -145,18 +145,18 @@ pub struct IntegratorSettings {
     /// `hypotheses`, and where one frame cannot tell, several answers are kept until later ones can [–].
     pub association: AssociationMethod,
     /// How far an unmatched feature may be from where the one of that camera's frame before was expected, to be the same one: its motion
-    /// lets fast targets be born. 0: only slow ones are, as in the paper [px].
+    /// lets fast targets be initiated. 0: only slow ones are, as in the paper [px].
     #[schemars(range(min = 0.0, max = 1000.0))]
-    pub birth_motion_px: f64,
-    /// For how long a lost target is remembered: one that is born where it can have gone, with the same distances to the others
+    pub initiation_motion_px: f64,
+    /// For how long a lost target is remembered: one that is initiated where it can have gone, with the same distances to the others
     /// around, takes its identity up again. 0: never, as in the paper [ms].
     #[schemars(range(min = 0.0, max = 600000.0))]
     pub remember_ms: f64,
     /// What happens to a frame captured before the filter's time: `discard`; `apply`, as though of the filter's time, up to
-    /// `late_tolerance_ms`, as in the paper; `refilter`, the filters are taken back to its time and on again, up to `history_ms` [–].
+    /// `late_tolerance_ms`, as in the paper; `out_of_sequence`, the filters are taken back to its time and on again, up to `history_ms` [–].
     pub late: LateRule,
     /// What is made of the clocks of the cameras: `trust`; `estimate`, offset and drift are found from what moves, against the mean of all
-    /// cameras, and shown at the end (right for small offsets only); `correct`, and stamps are put right: best with `late = "refilter"` [–].
+    /// cameras, and shown at the end (right for small offsets only); `correct`, and stamps are put right: best with `late = "out_of_sequence"` [–].
     pub clocks: Clocks,
     /// How far clocks are expected to be off, standard deviation, as far as they are estimated [ms].
     #[schemars(range(min = 0.01, max = 10000.0))]
@@ -165,10 +165,10 @@ pub struct IntegratorSettings {
     /// that is more [ms].
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub late_tolerance_ms: f64,
-    /// With `late = "refilter"`: how far back; frames later than this are discarded and counted; likewise [ms].
+    /// With `late = "out_of_sequence"`: how far back; frames later than this are discarded and counted; likewise [ms].
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub history_ms: f64,
-    /// Targets are born within this distance of the scale's working volume, where the rig states one, and lost beyond twice
+    /// Targets are initiated within this distance of the scale's working volume, where the rig states one, and lost beyond twice
     /// this distance [mm].
     #[schemars(range(min = 0.0, max = 1000000.0))]
     pub volume_margin_mm: f64,
@@ -186,21 +186,21 @@ impl Default for IntegratorSettings {
             camera_error_px: 0.3,
             gate_sigma: 4.0,
             gate_px: 40.0,
-            birth_tolerance_mm: 15.0,
-            birth_cameras: 3,
-            birth_share: 0.3,
-            birth_sure_share: 0.6,
-            birth_angle_deg: 3.0,
-            birth_speed_m_s: 1.0,
-            birth_features_max: 128,
-            probation_ms: 150.0,
+            initiation_tolerance_mm: 15.0,
+            initiation_cameras: 3,
+            initiation_share: 0.3,
+            initiation_sure_share: 0.6,
+            initiation_angle_deg: 3.0,
+            initiation_speed_m_s: 1.0,
+            initiation_features_max: 128,
+            tentative_ms: 150.0,
             stale_after_ms: 70.0,
             separation_mm: 30.0,
             merge_after_ms: 100.0,
             lost_after_ms: 300.0,
             single_view_after_ms: 300.0,
             association: AssociationMethod::Global,
-            birth_motion_px: 40.0,
+            initiation_motion_px: 40.0,
             remember_ms: 1000.0,
             clocks: Clocks::Trust,
             clock_spread_ms: 20.0,
@@ -255,20 +255,20 @@ impl IntegratorSettings {
         check("camera_error_px", self.camera_error_px, 0.001..=100.0)?;
         check("gate_sigma", self.gate_sigma, 1.0..=100.0)?;
         check("gate_px", self.gate_px, 0.1..=1e4)?;
-        check("birth_tolerance_mm", self.birth_tolerance_mm, 0.001..=1e6)?;
-        ConfigError::unless_in("birth_cameras", self.birth_cameras, 2..=1000)?;
-        check("birth_share", self.birth_share, 0.0..=1.0)?;
-        check("birth_sure_share", self.birth_sure_share, 0.0..=1.0)?;
-        check("birth_angle_deg", self.birth_angle_deg, 0.01..=90.0)?;
-        check("birth_speed_m_s", self.birth_speed_m_s, 0.001..=1e4)?;
-        ConfigError::unless_in("birth_features_max", self.birth_features_max, 1..=1000)?;
-        check("probation_ms", self.probation_ms, 0.0..=1e4)?;
+        check("initiation_tolerance_mm", self.initiation_tolerance_mm, 0.001..=1e6)?;
+        ConfigError::unless_in("initiation_cameras", self.initiation_cameras, 2..=1000)?;
+        check("initiation_share", self.initiation_share, 0.0..=1.0)?;
+        check("initiation_sure_share", self.initiation_sure_share, 0.0..=1.0)?;
+        check("initiation_angle_deg", self.initiation_angle_deg, 0.01..=90.0)?;
+        check("initiation_speed_m_s", self.initiation_speed_m_s, 0.001..=1e4)?;
+        ConfigError::unless_in("initiation_features_max", self.initiation_features_max, 1..=1000)?;
+        check("tentative_ms", self.tentative_ms, 0.0..=1e4)?;
         check("stale_after_ms", self.stale_after_ms, 0.0..=1e4)?;
         check("separation_mm", self.separation_mm, 0.0..=1e6)?;
         check("merge_after_ms", self.merge_after_ms, 0.0..=1e4)?;
         check("lost_after_ms", self.lost_after_ms, 1.0..=1e5)?;
         check("single_view_after_ms", self.single_view_after_ms, 1.0..=1e5)?;
-        check("birth_motion_px", self.birth_motion_px, 0.0..=1000.0)?;
+        check("initiation_motion_px", self.initiation_motion_px, 0.0..=1000.0)?;
         check("remember_ms", self.remember_ms, 0.0..=6e5)?;
         check("history_ms", self.history_ms, 0.0..=1e4)?;
         check("clock_spread_ms", self.clock_spread_ms, 0.01..=1e4)?;

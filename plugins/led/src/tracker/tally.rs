@@ -8,7 +8,7 @@ use super::track::Death;
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Tally {
     /// Targets that began.
-    pub births: u64,
+    pub initiations: u64,
     /// Those among them that took up the identity of a lost one again.
     pub regained: u64,
     /// Targets lost since no camera saw them.
@@ -17,7 +17,7 @@ pub struct Tally {
     pub deaths_single_view: u64,
     /// Targets lost since they left the working volume.
     pub deaths_outside: u64,
-    /// Targets taken back since too few cameras saw them after their birth.
+    /// Targets taken back since too few cameras saw them after their initiation.
     pub deaths_unconfirmed: u64,
     /// Targets taken back since they followed the light of an older one.
     pub deaths_duplicate: u64,
@@ -25,7 +25,7 @@ pub struct Tally {
     pub ambiguities: u64,
     /// Features that belonged to a target.
     pub used: u64,
-    /// Features that belonged to none when they came; those of a birth are among them.
+    /// Features that belonged to none when they came; those of an initiation are among them.
     pub unmatched: u64,
     /// Features without finite numbers, or with a covariance that is none.
     pub unusable: u64,

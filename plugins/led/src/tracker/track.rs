@@ -1,7 +1,7 @@
 //! One target as the tracker keeps it: filter, identity, and who saw it when.
 
 use foveate::estimation::motion::{AdaptiveNoise, Filter};
-use foveate::messages::{CameraId, CameraSet, How, Interval, Target, TargetId, Time};
+use foveate::messages::{CameraId, CameraSet, Interval, Provenance, Target, TargetId, Time};
 
 use super::history::History;
 use super::memory::{Lost, Neighbours, Wander};
@@ -25,10 +25,10 @@ pub(super) struct Track {
     pub beside: Option<(TargetId, Time)>,
     /// It has been there for too long: it follows the light of the older one.
     pub is_twin: bool,
-    /// While it is on probation.
-    probation: Option<Probation>,
-    /// Not shown yet: few of the cameras that look on agreed at its birth.
-    pub withheld: bool,
+    /// While it is on confirmation.
+    confirmation: Option<Confirmation>,
+    /// Not shown yet: few of the cameras that look on agreed at its initiation.
+    pub is_tentative: bool,
     /// Frames that showed its place without it, since the last one that saw it.
     misses: u32,
     /// What the filter took in lately; empty unless late observations are put in their place.
@@ -37,13 +37,13 @@ pub(super) struct Track {
     pub neighbours: Neighbours,
     /// How far it goes astray from where it is headed.
     pub wander: Wander,
-    /// The lost target that it was taken for, until its probation is over.
+    /// The lost target that it was taken for, until its confirmation is over.
     pub regained: Option<Box<Lost>>,
 }
 
-/// What the cameras make of a newborn target.
+/// What the cameras make of a new target.
 #[derive(Debug, Clone, Copy)]
-struct Probation {
+struct Confirmation {
     ends: Time,
     /// Frames in whose field of view it lay.
     looks: u32,
@@ -51,14 +51,14 @@ struct Probation {
     hits: u32,
 }
 
-impl Probation {
+impl Confirmation {
     /// Part of the frames that saw it; all of none.
     fn share(&self) -> f64 {
         if self.looks == 0 { 1.0 } else { f64::from(self.hits) / f64::from(self.looks) }
     }
 }
 
-/// Sightings after which a target that is withheld may be shown.
+/// Observations after which a target that is tentative may be shown.
 const HITS_TO_SHOW: u32 = 3;
 
 /// A target that was seen in the newest frame takes a feature if its gate holds fewer false ones than this, on average.
@@ -79,16 +79,16 @@ pub(super) enum Death {
     SingleView,
     /// It has left the working volume, or its filter has left the numbers.
     Outside,
-    /// Too few of the cameras that should have seen it did so after its birth: lines had met by accident.
+    /// Too few of the cameras that should have seen it did so after its initiation: lines had met by accident.
     Unconfirmed,
     /// It followed the light of an older target.
     Duplicate,
 }
 
 impl Track {
-    /// A target first seen at `time`, by several cameras, that has to prove itself for as long as `probation`.
-    pub fn new(id: TargetId, filter: Filter, time: Time, camera: CameraId, probation: Interval) -> Self {
-        let probation = Some(Probation { ends: time + probation, looks: 0, hits: 0 });
+    /// A target first seen at `time`, by several cameras, that has to prove itself for as long as `confirmation`.
+    pub fn new(id: TargetId, filter: Filter, time: Time, camera: CameraId, confirmation: Interval) -> Self {
+        let confirmation = Some(Confirmation { ends: time + confirmation, looks: 0, hits: 0 });
         let cameras = std::iter::once(camera).collect();
         Self {
             id,
@@ -100,8 +100,8 @@ impl Track {
             cameras,
             beside: None,
             is_twin: false,
-            probation,
-            withheld: false,
+            confirmation,
+            is_tentative: false,
             misses: 0,
             history: History::default(),
             neighbours: Neighbours::new(),
@@ -118,7 +118,7 @@ impl Track {
     /// Notes that `camera` saw it at `time`, which is never before `seen_at`.
     pub fn note(&mut self, camera: CameraId, time: Time) {
         if camera != self.last_camera {
-            self.other_at = self.seen_at; // the sighting before this one was another camera's
+            self.other_at = self.seen_at; // the observation before this one was another camera's
             self.last_camera = camera;
         }
         if time != self.seen_at {
@@ -152,22 +152,22 @@ impl Track {
         }
     }
 
-    /// Notes a frame in whose field of view it lies, and whether that frame saw it. A target that is withheld is shown from the
-    /// third sighting on, if the part `share` of the frames saw it.
+    /// Notes a frame in whose field of view it lies, and whether that frame saw it. A target that is tentative is shown from the
+    /// third observation on, if the part `share` of the frames saw it.
     pub fn judge(&mut self, seen: bool, share: f64) {
         self.misses = if seen { 0 } else { self.misses.saturating_add(1) };
-        if let Some(probation) = &mut self.probation {
-            probation.looks += 1;
-            probation.hits += u32::from(seen);
-            self.withheld &= probation.hits < HITS_TO_SHOW || probation.share() < share;
+        if let Some(confirmation) = &mut self.confirmation {
+            confirmation.looks += 1;
+            confirmation.hits += u32::from(seen);
+            self.is_tentative &= confirmation.hits < HITS_TO_SHOW || confirmation.share() < share;
         }
     }
 
-    /// Ends the probation when it is over by `now`; whether less than the part `share` of the frames saw it.
+    /// Ends the confirmation when it is over by `now`; whether less than the part `share` of the frames saw it.
     pub fn refuted(&mut self, now: Time, share: f64) -> bool {
-        let Some(over) = self.probation.filter(|it| now > it.ends) else { return false };
-        self.probation = None;
-        self.withheld = false;
+        let Some(over) = self.confirmation.filter(|it| now > it.ends) else { return false };
+        self.confirmation = None;
+        self.is_tentative = false;
         let refuted = over.share() < share;
         if !refuted {
             self.regained = None;
@@ -177,7 +177,7 @@ impl Track {
 
     /// Whether it is known well enough to judge others by, such as a camera's clock.
     pub fn is_established(&self) -> bool {
-        self.probation.is_none()
+        self.confirmation.is_none()
     }
 
     /// How many false features its gate may hold in one frame, on average: the longer it has been missed, the likelier is it hidden, and
@@ -210,10 +210,10 @@ impl Track {
         target.velocity = self.filter.velocity();
         target.covariance = self.filter.covariance();
         target.cameras.clear();
-        target.how = How::Predicted;
+        target.provenance = Provenance::Predicted;
         if self.seen_at == now {
             self.cameras.iter().for_each(|camera| target.cameras.insert(camera));
-            target.how = How::Measured;
+            target.provenance = Provenance::Measured;
         }
     }
 }

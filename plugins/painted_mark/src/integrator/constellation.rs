@@ -4,7 +4,7 @@
 //! deforms, but much of it little.
 
 use foveate::estimation::Random;
-use foveate::geometry::{AlignmentRules, align};
+use foveate::geometry::{AlignmentOptions, align};
 use nalgebra::{Isometry3, Point3};
 
 /// Distances of a triple agree when they differ by less [m]: what a face changes between neighbours.
@@ -46,7 +46,7 @@ pub(super) fn recognise(points: &[Point3<f64>], marks: &[Point3<f64>]) -> Option
                         continue;
                     }
                     let from = [marks[a], marks[b], marks[c]];
-                    let Ok(motion) = align(&from, &triple.map(|it| points[it]), AlignmentRules::default()) else {
+                    let Ok(motion) = align(&from, &triple.map(|it| points[it]), AlignmentOptions::default()) else {
                         continue;
                     };
                     let pairs = on_points(points, marks, &motion.b_from_a.isometry);
@@ -65,7 +65,7 @@ pub(super) fn recognise(points: &[Point3<f64>], marks: &[Point3<f64>]) -> Option
     // Once more with all that agree.
     let from: Vec<Point3<f64>> = best.iter().map(|it| marks[it.0]).collect();
     let to: Vec<Point3<f64>> = best.iter().map(|it| points[it.1]).collect();
-    let motion = align(&from, &to, AlignmentRules { robust: true, ..AlignmentRules::default() }).ok()?;
+    let motion = align(&from, &to, AlignmentOptions { robust: true, ..AlignmentOptions::default() }).ok()?;
     let pairs = on_points(points, marks, &motion.b_from_a.isometry);
     let enough = pairs.len() >= LEAST && pairs.len() as f64 >= SHARE * points.len().min(marks.len()) as f64;
     let is_alone = (rival as f64) <= RIVAL * best.len() as f64;

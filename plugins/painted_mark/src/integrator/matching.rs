@@ -25,7 +25,7 @@ pub(super) struct Match {
 
 /// What is looked for.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct MatchRules {
+pub(super) struct MatchOptions {
     /// Middle of the ball that all marks lie in [m], and its radius [m].
     pub ball: (Point3<f64>, f64),
     /// A dot is where a place is seen when it is no farther off [px].
@@ -53,7 +53,7 @@ pub(super) fn where_all_look<'a>(cameras: impl Iterator<Item = &'a Camera>) -> O
 }
 
 /// Matches dots; the best agreed first.
-pub(super) fn match_dots(views: &[DotView], rules: &MatchRules) -> Vec<Match> {
+pub(super) fn match_dots(views: &[DotView], options: &MatchOptions) -> Vec<Match> {
     let rays: Vec<Vec<Option<Ray>>> =
         views.iter().map(|view| view.dots.iter().map(|dot| view.camera.ray(dot)).collect()).collect();
     let mut found: Vec<Match> = Vec::new();
@@ -62,7 +62,7 @@ pub(super) fn match_dots(views: &[DotView], rules: &MatchRules) -> Vec<Match> {
             for (i, one) in rays[a].iter().enumerate() {
                 for (j, other) in rays[b].iter().enumerate() {
                     let (Some(one), Some(other)) = (one, other) else { continue };
-                    found.extend(hypothesis(views, &rays, rules, [(a, i), (b, j)], [*one, *other]));
+                    found.extend(hypothesis(views, &rays, options, [(a, i), (b, j)], [*one, *other]));
                 }
             }
         }
@@ -82,17 +82,17 @@ pub(super) fn match_dots(views: &[DotView], rules: &MatchRules) -> Vec<Match> {
 fn hypothesis(
     views: &[DotView],
     rays: &[Vec<Option<Ray>>],
-    rules: &MatchRules,
+    options: &MatchOptions,
     pair: [(usize, usize); 2],
-    sights: [Ray; 2],
+    observations: [Ray; 2],
 ) -> Option<Match> {
-    let start = triangulate_rays(&sights)?;
+    let start = triangulate_rays(&observations)?;
     let off = |position: &Point3<f64>, (view, dot): (usize, usize)| {
         let DotView { camera, dots } = &views[view];
         Some((camera.project(position)? - dots[dot]).norm())
     };
-    let near = (start - rules.ball.0).norm() < rules.ball.1;
-    if !near || pair.iter().any(|it| off(&start, *it).is_none_or(|off| off > rules.tolerance)) {
+    let near = (start - options.ball.0).norm() < options.ball.1;
+    if !near || pair.iter().any(|it| off(&start, *it).is_none_or(|off| off > options.tolerance)) {
         return None;
     }
     let mut dots = pair.to_vec();
@@ -103,16 +103,16 @@ fn hypothesis(
         let Some(expected) = camera.project(&start) else { continue };
         let nearest = candidates.iter().map(|it| (it - expected).norm()).enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
         // The place is known by two cameras only yet.
-        dots.extend(nearest.filter(|it| it.1 < 1.5 * rules.tolerance).map(|it| (view, it.0)));
+        dots.extend(nearest.filter(|it| it.1 < 1.5 * options.tolerance).map(|it| (view, it.0)));
     }
-    if dots.len() < rules.views {
+    if dots.len() < options.views {
         return None;
     }
     dots.sort_unstable();
     let lines: Vec<Ray> = dots.iter().filter_map(|(view, dot)| rays[*view][*dot]).collect();
     let position = triangulate_rays(&lines)?;
     let worst = dots.iter().try_fold(0.0_f64, |worst, it| Some(worst.max(off(&position, *it)?)))?;
-    (worst <= rules.tolerance).then_some(Match { position, dots, worst })
+    (worst <= options.tolerance).then_some(Match { position, dots, worst })
 }
 
 #[cfg(test)]
@@ -140,7 +140,7 @@ mod tests {
             })
             .collect();
         let ball = (where_all_look(scene.cameras.iter()).unwrap(), 0.25);
-        let found = match_dots(&views, &MatchRules { ball, tolerance: 1.0, views: 3 });
+        let found = match_dots(&views, &MatchOptions { ball, tolerance: 1.0, views: 3 });
         for it in &found {
             let mark = truth[it.dots[0].0][it.dots[0].1];
             assert!(it.dots.iter().all(|(view, dot)| truth[*view][*dot] == mark), "{it:?}");
@@ -153,12 +153,12 @@ mod tests {
 
     #[test]
     fn nothing_comes_of_nothing() {
-        let rules = MatchRules { ball: (Point3::origin(), 1.0), tolerance: 1.0, views: 2 };
-        assert_eq!(match_dots(&[], &rules), []);
+        let options = MatchOptions { ball: (Point3::origin(), 1.0), tolerance: 1.0, views: 2 };
+        assert_eq!(match_dots(&[], &options), []);
         let scene = Scene::new(0.0);
         let empty = |camera: &Camera| DotView { camera: camera.clone(), dots: vec![] };
         let views: Vec<DotView> = scene.cameras.iter().map(empty).collect();
-        assert_eq!(match_dots(&views, &rules), []);
+        assert_eq!(match_dots(&views, &options), []);
         assert_eq!(where_all_look(scene.cameras[..1].iter()), None);
     }
 }

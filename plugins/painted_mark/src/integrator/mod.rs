@@ -1,6 +1,5 @@
 //! `painted_mark.integrator`: from the marks in the pictures of several cameras to marks in space.
 
-mod book;
 mod constellation;
 mod gather;
 mod matching;
@@ -9,21 +8,22 @@ mod registration;
 mod settings;
 #[cfg(test)]
 pub(crate) mod tests;
+mod track_store;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use foveate::geometry::{Camera, Joint, JointPoint, JointRules, Sight, Viewpoint, triangulate_jointly};
+use foveate::geometry::{Camera, Joint, JointObservation, JointOptions, JointPoint, Viewpoint, triangulate_jointly};
 use foveate::messages::GuidedMark;
 use foveate::prelude::*;
 use nalgebra::{Isometry3, Matrix2, Matrix3, Point2, Point3};
 
-use book::Book;
 use constellation::recognise;
 use gather::{Frame, Gather, View};
-use matching::{DotView, MatchRules, match_dots, where_all_look};
+use matching::{DotView, MatchOptions, match_dots, where_all_look};
 use pair::{Blend, Choice, Offer, middle};
 use registration::register;
 pub use settings::{IntegratorSettings, Views};
+use track_store::TrackStore;
 
 const FEATURES: In<Features> = In::synced(0, "features", 4).many();
 const POSES: In<HeadPose> = In::each(1, "poses").many().optional();
@@ -59,7 +59,7 @@ pub struct Integrator {
     /// Names of the calibration's cameras.
     cameras: Vec<String>,
     gather: Gather,
-    book: Book,
+    track_store: TrackStore,
     choice: Choice,
     blend: Blend,
     last: Option<Time>,
@@ -80,10 +80,10 @@ struct Tally {
     turns: BTreeMap<CameraId, (f64, u64)>,
 }
 
-/// The named features of one frame as sights, with the labels of points and what each sight is.
-struct Sights {
+/// The named features of one frame as observations, with the labels of points and what each observation is.
+struct Observations {
     labels: Vec<u32>,
-    list: Vec<Sight>,
+    list: Vec<JointObservation>,
 }
 
 impl Node for Integrator {
@@ -104,7 +104,7 @@ impl Node for Integrator {
             radius,
             cameras: setup.calibration.cameras.iter().map(|it| it.name.clone()).collect(),
             gather: Gather::new(setup),
-            book: Book::default(),
+            track_store: TrackStore::default(),
             choice: Choice::default(),
             blend: Blend::new(settings.blend_ms * 1e-3),
             last: None,
@@ -143,7 +143,7 @@ impl Node for Integrator {
             figure("measured.mean", *marks as f64 / *frames as f64);
             figure("views.mean", *views as f64 / (*marks).max(1) as f64);
         }
-        figure("known", self.book.marks.values().filter(|it| it.is_believed).count() as f64);
+        figure("known", self.track_store.marks.values().filter(|it| it.is_believed).count() as f64);
         figure("disputed", *disputed as f64);
         figure("frames_without", *without_answer as f64);
         figure("searches", *starts as f64);
@@ -173,8 +173,8 @@ impl Integrator {
         if let Some(last) = self.last.replace(frame.time) {
             self.blend.fade((frame.time - last).as_s().max(0.0));
         }
-        let sights = self.sights(frame);
-        let solved = self.solve(frame, &sights);
+        let observations = self.observations(frame);
+        let solved = self.solve(frame, &observations);
         let cameras: Vec<Camera> = match &solved {
             Some(joint) => joint.cameras.clone(),
             None => frame.views.iter().map(|it| it.viewpoint.camera.clone()).collect(),
@@ -182,21 +182,21 @@ impl Integrator {
         let mut disputed = BTreeSet::new();
         let mut measured = BTreeMap::new();
         if let Some(joint) = &solved {
-            for (sight, _) in sights.list.iter().zip(&joint.disputed).filter(|it| *it.1) {
-                disputed.insert((frame.views[sight.viewpoint].id, sights.labels[sight.point]));
+            for (observation, _) in observations.list.iter().zip(&joint.disputed).filter(|it| *it.1) {
+                disputed.insert((frame.views[observation.viewpoint].id, observations.labels[observation.point]));
             }
-            for (label, point) in sights.labels.iter().zip(&joint.points) {
+            for (label, point) in observations.labels.iter().zip(&joint.points) {
                 measured.extend(point.map(|it| (*label, it.position)));
             }
             self.count_turns(frame, joint);
         }
         self.tally.disputed += disputed.len() as u64;
         for (label, position) in &measured {
-            if !self.book.marks.contains_key(label) {
-                self.book.named(*label, *position);
+            if !self.track_store.marks.contains_key(label) {
+                self.track_store.named(*label, *position);
             }
         }
-        self.book.update(&measured, filled, self.settings.birth_frames);
+        self.track_store.update(&measured, filled, self.settings.initiation_frames);
         let cameras = if measured.len() < LEAST_TO_GO_ON {
             self.look_for_surface(frame).unwrap_or(cameras)
         } else {
@@ -204,7 +204,7 @@ impl Integrator {
             cameras
         };
         let guide = self.guide(frame, &cameras, &disputed);
-        let marks = solved.and_then(|joint| self.marks(frame, &sights, joint));
+        let marks = solved.and_then(|joint| self.marks(frame, &observations, joint));
         match &marks {
             Some(marks) => {
                 self.tally.marks += marks.list.len() as u64;
@@ -215,26 +215,26 @@ impl Integrator {
         (marks, guide)
     }
 
-    fn sights(&self, frame: &Frame) -> Sights {
-        let mut sights = Sights { labels: Vec::new(), list: Vec::new() };
+    fn observations(&self, frame: &Frame) -> Observations {
+        let mut observations = Observations { labels: Vec::new(), list: Vec::new() };
         let mut places = BTreeMap::new();
         for (viewpoint, view) in frame.views.iter().enumerate() {
             let mut here = BTreeSet::new();
             for feature in &view.features.list {
                 let Some(label) = feature.label.filter(|it| here.insert(*it)) else { continue };
                 let point = *places.entry(label).or_insert_with(|| {
-                    sights.labels.push(label);
-                    sights.labels.len() - 1
+                    observations.labels.push(label);
+                    observations.labels.len() - 1
                 });
                 let Feature { centre: pixel, covariance, .. } = *feature;
-                sights.list.push(Sight { viewpoint, point, pixel, covariance });
+                observations.list.push(JointObservation { viewpoint, point, pixel, covariance });
             }
         }
-        sights
+        observations
     }
 
-    fn rules(&self) -> JointRules {
-        JointRules {
+    fn options(&self) -> JointOptions {
+        JointOptions {
             estimate_poses: self.settings.pose_errors,
             rotation_floor: self.settings.rotation_floor_mrad * 1e-3,
             translation_floor: self.settings.translation_floor_mm * 1e-3,
@@ -245,20 +245,22 @@ impl Integrator {
     }
 
     /// Marks from the pictures that the settings say. `None` where no mark is seen twice.
-    fn solve(&mut self, frame: &Frame, sights: &Sights) -> Option<Joint> {
+    fn solve(&mut self, frame: &Frame, observations: &Observations) -> Option<Joint> {
         let viewpoints: Vec<Viewpoint> = frame.views.iter().map(|it| it.viewpoint.clone()).collect();
-        let rules = self.rules();
-        let of = |list: &[Sight]| triangulate_jointly(&viewpoints, sights.labels.len(), list, &rules).ok();
+        let options = self.options();
+        let of = |list: &[JointObservation]| {
+            triangulate_jointly(&viewpoints, observations.labels.len(), list, &options).ok()
+        };
         if self.settings.views == Views::All {
-            return of(&sights.list);
+            return of(&observations.list);
         }
-        let offers = offers(frame, sights);
+        let offers = offers(frame, observations);
         let (pair, last) = self.choice.choose(&offers, self.settings.pair_gain)?;
         let by = |pair: [CameraId; 2]| {
-            let is_in = |it: &Sight| pair.contains(&frame.views[it.viewpoint].id);
-            // The others stay in the list, so that what is said of sights stays in its place, but see nothing.
-            let list: Vec<Sight> = sights.list.iter().filter(|it| is_in(it)).copied().collect();
-            of(&list).map(|joint| with_all_sights(joint, &sights.list, is_in))
+            let is_in = |it: &JointObservation| pair.contains(&frame.views[it.viewpoint].id);
+            // The others stay in the list, so that what is said of observations stays in its place, but see nothing.
+            let list: Vec<JointObservation> = observations.list.iter().filter(|it| is_in(it)).copied().collect();
+            of(&list).map(|joint| with_all_observations(joint, &observations.list, is_in))
         };
         let joint = by(pair)?;
         if let Some(old) = last.and_then(by) {
@@ -296,8 +298,8 @@ impl Integrator {
         unnamed.filter(is_free).collect()
     }
 
-    fn birth_views(&self, frame: &Frame) -> usize {
-        (self.settings.birth_views as usize).min(frame.views.len()).max(2)
+    fn initiation_views(&self, frame: &Frame) -> usize {
+        (self.settings.initiation_views as usize).min(frame.views.len()).max(2)
     }
 
     /// Nothing or too little is known: matches all dots, and names them, by the marks that are known where they are recognised. The cameras at the poses
@@ -321,21 +323,21 @@ impl Integrator {
         if self.settings.pose_errors && !register(&mut views, ball, self.settings.start_px, agreeing) {
             return None;
         }
-        let n_views = self.birth_views(frame);
+        let n_views = self.initiation_views(frame);
         let mut found = Vec::new();
         for tolerance in NARROWING_PX {
-            let rules = MatchRules { ball, tolerance, views: n_views };
-            found = match_dots(&views, &rules);
-            let sights: Vec<Sight> = found
+            let options = MatchOptions { ball, tolerance, views: n_views };
+            found = match_dots(&views, &options);
+            let observations: Vec<JointObservation> = found
                 .iter()
                 .enumerate()
                 .flat_map(|(point, it)| it.dots.iter().map(move |(view, dot)| (point, *view, *dot)))
                 .map(|(point, viewpoint, dot)| {
                     let covariance = Matrix2::identity() * (0.3 * tolerance).powi(2);
-                    Sight { viewpoint, point, pixel: views[viewpoint].dots[dot], covariance }
+                    JointObservation { viewpoint, point, pixel: views[viewpoint].dots[dot], covariance }
                 })
                 .collect();
-            let joint = triangulate_jointly(&viewpoints, found.len(), &sights, &self.rules()).ok()?;
+            let joint = triangulate_jointly(&viewpoints, found.len(), &observations, &self.options()).ok()?;
             for (view, camera) in views.iter_mut().zip(&joint.cameras) {
                 view.camera = camera.clone();
             }
@@ -351,15 +353,20 @@ impl Integrator {
             return None;
         }
         self.tally.starts += 1;
-        let (labels, believed): (Vec<u32>, Vec<Point3<f64>>) =
-            self.book.marks.iter().filter(|it| it.1.is_believed).map(|(label, it)| (*label, it.position)).unzip();
+        let (labels, believed): (Vec<u32>, Vec<Point3<f64>>) = self
+            .track_store
+            .marks
+            .iter()
+            .filter(|it| it.1.is_believed)
+            .map(|(label, it)| (*label, it.position))
+            .unzip();
         if labels.len() < LEAST_TO_GO_ON {
-            self.book.marks.retain(|_, it| it.is_believed);
+            self.track_store.marks.retain(|_, it| it.is_believed);
             points.into_iter().for_each(|it| self.bear(it));
         } else {
             let pairs = recognise(&points, &believed)?;
             let measured = pairs.iter().map(|(mark, point)| (labels[*mark], points[*point])).collect();
-            self.book.update(&measured, None, self.settings.birth_frames);
+            self.track_store.update(&measured, None, self.settings.initiation_frames);
         }
         Some(views.into_iter().map(|it| it.camera).collect())
     }
@@ -367,7 +374,7 @@ impl Integrator {
     /// Dots that are no known mark become marks where enough cameras agree.
     fn look_for_new(&mut self, frame: &Frame, cameras: &[Camera]) {
         let places = |camera: &Camera| -> Vec<Point2<f64>> {
-            self.book.marks.values().filter_map(|it| camera.project(&it.position)).collect()
+            self.track_store.marks.values().filter_map(|it| camera.project(&it.position)).collect()
         };
         let view = |(view, camera): (&View, &Camera)| {
             let known = places(camera);
@@ -375,29 +382,30 @@ impl Integrator {
             DotView { camera: camera.clone(), dots }
         };
         let views: Vec<DotView> = frame.views.iter().zip(cameras).map(view).collect();
-        let n_views = self.birth_views(frame);
+        let n_views = self.initiation_views(frame);
         if views.iter().filter(|it| !it.dots.is_empty()).count() < n_views {
             return;
         }
-        let seen: Vec<Point3<f64>> = self.book.marks.values().filter(|it| it.is_seen).map(|it| it.position).collect();
+        let seen: Vec<Point3<f64>> =
+            self.track_store.marks.values().filter(|it| it.is_seen).map(|it| it.position).collect();
         let tolerance = NARROWING_PX[NARROWING_PX.len() - 1];
-        let rules = MatchRules { ball: (middle(&seen), self.radius), tolerance, views: n_views };
-        for found in match_dots(&views, &rules) {
-            if !self.book.moved_to(&found.position, MOST_OFF) {
+        let options = MatchOptions { ball: (middle(&seen), self.radius), tolerance, views: n_views };
+        for found in match_dots(&views, &options) {
+            if !self.track_store.moved_to(&found.position, MOST_OFF) {
                 self.bear(found.position);
             }
         }
     }
 
     fn bear(&mut self, position: Point3<f64>) {
-        if self.book.nearest(&position) > self.settings.spacing_mm * 1e-3 {
-            self.book.born(position);
+        if self.track_store.nearest(&position) > self.settings.spacing_mm * 1e-3 {
+            self.track_store.initiated(position);
         }
     }
 
     fn guide(&self, frame: &Frame, cameras: &[Camera], disputed: &BTreeSet<(CameraId, u32)>) -> MarkGuide {
         let of = |(view, camera): (&View, &Camera)| {
-            let guided = self.book.marks.iter().filter_map(|(label, mark)| {
+            let guided = self.track_store.marks.iter().filter_map(|(label, mark)| {
                 let (pixel, by_point) = camera.project_with_jacobian(&mark.position)?;
                 let sigma = if mark.is_seen { self.settings.translation_floor_mm * 1e-3 } else { CARRIED_SIGMA };
                 let covariance = by_point * by_point.transpose() * sigma.powi(2);
@@ -408,12 +416,12 @@ impl Integrator {
         MarkGuide { time: frame.time, cameras: frame.views.iter().zip(cameras).map(of).collect() }
     }
 
-    fn marks(&self, frame: &Frame, sights: &Sights, joint: Joint) -> Option<Marks> {
-        let mut cameras = vec![CameraSet::default(); sights.labels.len()];
-        for (sight, _) in sights.list.iter().zip(&joint.residuals).filter(|it| it.1.is_some()) {
-            cameras[sight.point].insert(frame.views[sight.viewpoint].id);
+    fn marks(&self, frame: &Frame, observations: &Observations, joint: Joint) -> Option<Marks> {
+        let mut cameras = vec![CameraSet::default(); observations.labels.len()];
+        for (observation, _) in observations.list.iter().zip(&joint.residuals).filter(|it| it.1.is_some()) {
+            cameras[observation.point].insert(frame.views[observation.viewpoint].id);
         }
-        let is_believed = |label: &u32| self.book.marks.get(label).is_some_and(|it| it.is_believed);
+        let is_believed = |label: &u32| self.track_store.marks.get(label).is_some_and(|it| it.is_believed);
         let mark = |((label, point), cameras): ((&u32, &Option<JointPoint>), CameraSet)| {
             let point = point.filter(|_| is_believed(label))?;
             Some(Mark {
@@ -421,10 +429,10 @@ impl Integrator {
                 position: Point3::from(point.position - joint.middle),
                 covariance: symmetric(&point.covariance),
                 cameras,
-                how: How::Measured,
+                provenance: Provenance::Measured,
             })
         };
-        let mut list: Vec<Mark> = sights.labels.iter().zip(&joint.points).zip(cameras).filter_map(mark).collect();
+        let mut list: Vec<Mark> = observations.labels.iter().zip(&joint.points).zip(cameras).filter_map(mark).collect();
         if list.is_empty() {
             return None;
         }
@@ -439,11 +447,11 @@ fn symmetric(covariance: &Matrix3<f64>) -> Matrix3<f64> {
     (covariance + covariance.transpose()) / 2.0
 }
 
-/// What was found from the sights that `is_in` chooses, with the others at their places, without a part.
-fn with_all_sights(joint: Joint, all: &[Sight], is_in: impl Fn(&Sight) -> bool) -> Joint {
+/// What was found from the observations that `is_in` chooses, with the others at their places, without a part.
+fn with_all_observations(joint: Joint, all: &[JointObservation], is_in: impl Fn(&JointObservation) -> bool) -> Joint {
     let mut residuals = joint.residuals.into_iter();
     let mut disputed = joint.disputed.into_iter();
-    let mut at_place = |it: &Sight| {
+    let mut at_place = |it: &JointObservation| {
         if is_in(it) { (residuals.next().flatten(), disputed.next().unwrap_or(false)) } else { (None, false) }
     };
     let (residuals, disputed) = all.iter().map(&mut at_place).unzip();
@@ -451,9 +459,9 @@ fn with_all_sights(joint: Joint, all: &[Sight], is_in: impl Fn(&Sight) -> bool) 
 }
 
 /// What each pair of views has to offer.
-fn offers(frame: &Frame, sights: &Sights) -> Vec<Offer> {
+fn offers(frame: &Frame, observations: &Observations) -> Vec<Offer> {
     let mut seen = vec![BTreeSet::new(); frame.views.len()];
-    for it in &sights.list {
+    for it in &observations.list {
         seen[it.viewpoint].insert(it.point);
     }
     let axis = |view: &View| {

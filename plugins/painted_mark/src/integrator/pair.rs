@@ -1,6 +1,6 @@
 //! The best pair of cameras over time, and how its changes are kept from showing [Davis 2002 §5.2].
 
-use foveate::geometry::{AlignmentRules, align};
+use foveate::geometry::{AlignmentOptions, align};
 use foveate::prelude::CameraId;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
@@ -60,7 +60,7 @@ impl Blend {
         let middle = middle(new);
         let fading = self.motion(&middle);
         let shown: Vec<Point3<f64>> = old.iter().map(|it| fading * it).collect();
-        let Ok(motion) = align(new, &shown, AlignmentRules { robust: true, ..AlignmentRules::default() }) else {
+        let Ok(motion) = align(new, &shown, AlignmentOptions { robust: true, ..AlignmentOptions::default() }) else {
             return;
         };
         let motion = motion.b_from_a.isometry;

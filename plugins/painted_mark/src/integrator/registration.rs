@@ -175,8 +175,8 @@ mod tests {
         assert!(register(&mut views, ball, 30.0, 15));
         let marks = marks_on_a_face();
         let dots_near = |views: &[DotView]| {
-            let rules = super::super::matching::MatchRules { ball, tolerance: 3.0, views: 3 };
-            super::super::matching::match_dots(views, &rules)
+            let options = super::super::matching::MatchOptions { ball, tolerance: 3.0, views: 3 };
+            super::super::matching::match_dots(views, &options)
         };
         let found = dots_near(&views);
         // The whole face may be off by what all heads are off together.

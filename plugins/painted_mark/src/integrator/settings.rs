@@ -42,10 +42,10 @@ pub struct IntegratorSettings {
     pub start_px: f64,
     /// Cameras that have to agree on a mark that nobody named, at least; 2 where there are no more [–].
     #[schemars(range(min = 2, max = 16))]
-    pub birth_views: u32,
+    pub initiation_views: u32,
     /// Pictures in a row in which they have to, before the mark counts [–].
     #[schemars(range(min = 1, max = 1000))]
-    pub birth_frames: u32,
+    pub initiation_frames: u32,
     /// Marks lie at least this far apart [mm].
     #[schemars(range(min = 0.5, max = 1000.0))]
     pub spacing_mm: f64,
@@ -72,8 +72,8 @@ impl Default for IntegratorSettings {
             pixel_floor_px: 0.08,
             outlier_sigmas: 6.0,
             start_px: 30.0,
-            birth_views: 3,
-            birth_frames: 5,
+            initiation_views: 3,
+            initiation_frames: 5,
             spacing_mm: 6.0,
             radius_m: 0.0,
             pair_gain: 0.15,
@@ -89,8 +89,8 @@ impl IntegratorSettings {
         ConfigError::unless_in("pixel_floor_px", self.pixel_floor_px, 0.001..=10.0)?;
         ConfigError::unless_in("outlier_sigmas", self.outlier_sigmas, 2.0..=100.0)?;
         ConfigError::unless_in("start_px", self.start_px, 0.5..=100.0)?;
-        ConfigError::unless_in("birth_views", self.birth_views, 2..=16)?;
-        ConfigError::unless_in("birth_frames", self.birth_frames, 1..=1000)?;
+        ConfigError::unless_in("initiation_views", self.initiation_views, 2..=16)?;
+        ConfigError::unless_in("initiation_frames", self.initiation_frames, 1..=1000)?;
         ConfigError::unless_in("spacing_mm", self.spacing_mm, 0.5..=1000.0)?;
         ConfigError::unless_in("radius_m", self.radius_m, 0.0..=100.0)?;
         ConfigError::unless_in("pair_gain", self.pair_gain, 0.0..=10.0)?;

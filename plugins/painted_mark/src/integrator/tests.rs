@@ -124,7 +124,7 @@ fn settings_out_of_range_are_refused() {
         Integrator::new(settings, &Setup::for_tests()).err().and_then(|it| it.setting).unwrap()
     };
     assert_eq!(refused(|it| it.outlier_sigmas = f64::NAN), "outlier_sigmas");
-    assert_eq!(refused(|it| it.birth_views = 1), "birth_views");
+    assert_eq!(refused(|it| it.initiation_views = 1), "initiation_views");
     assert_eq!(refused(|it| it.start_px = 0.0), "start_px");
     assert_eq!(refused(|it| it.blend_ms = -1.0), "blend_ms");
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use foveate::estimation::statistics::median;
 use foveate::geometry::shape_model::{Bases, Usual};
-use foveate::geometry::{AcquisitionFault, ShapeModel, acquire};
+use foveate::geometry::{AcquisitionError, ShapeModel, acquire};
 use foveate::prelude::*;
 use nalgebra::{DMatrix, Matrix3, Point3};
 
@@ -26,7 +26,7 @@ pub(super) struct Capture {
 impl Capture {
     /// Adds what was measured of one frame.
     pub(super) fn add(&mut self, marks: &Marks) {
-        let measured = || marks.list.iter().filter(|it| it.how == How::Measured);
+        let measured = || marks.list.iter().filter(|it| it.provenance == Provenance::Measured);
         let sigmas: Vec<f64> = measured().map(Mark::sigma).collect();
         if let Some(sigma) = median(&sigmas) {
             self.frames.push(measured().map(|it| (it.label, marks.in_world(it))).collect());
@@ -39,7 +39,7 @@ impl Capture {
     }
 
     /// The model, and of how many frames it was made.
-    pub(super) fn model(&self, settings: &ShapeSettings) -> Result<(ShapeModel, usize), AcquisitionFault> {
+    pub(super) fn model(&self, settings: &ShapeSettings) -> Result<(ShapeModel, usize), AcquisitionError> {
         let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
         self.frames.iter().flat_map(|it| it.keys()).for_each(|it| *counts.entry(*it).or_default() += 1);
         let often = (OFTEN * self.frames.len() as f64).ceil() as usize;
@@ -53,7 +53,7 @@ impl Capture {
             .collect();
         let n_used = usable.len().min(settings.frames as usize);
         let used: Vec<_> = (0..n_used).map(|it| usable[it * usable.len() / n_used].clone()).collect();
-        let model = acquire(&labels, &used, &settings.rules(median(&self.sigmas).unwrap_or(0.0)))?;
+        let model = acquire(&labels, &used, &settings.options(median(&self.sigmas).unwrap_or(0.0)))?;
         Ok((model, n_used))
     }
 }
@@ -75,7 +75,7 @@ impl Rigid {
             None => return false,
         };
         let before = self.places.len();
-        for mark in marks.list.iter().filter(|it| it.how == How::Measured) {
+        for mark in marks.list.iter().filter(|it| it.provenance == Provenance::Measured) {
             self.places.entry(mark.label).or_insert_with(|| pose.inverse_transform_point(&mark.position));
         }
         self.places.len() > before

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use foveate::estimation::Summary;
-use foveate::geometry::{FitRules, FittedShape, MarkSight, ShapeFitter};
+use foveate::geometry::{FitOptions, FittedShape, MarkObservation, ShapeFitter};
 use foveate::messages::ShapeFit;
 use foveate::node::scale::Spaces;
 use foveate::prelude::*;
@@ -62,7 +62,7 @@ struct Tally {
     all_measured: u64,
     filled: u64,
     wrong: u64,
-    outside: u64,
+    out_of_distribution: u64,
     gaps: u64,
     rms_mm: Vec<f64>,
     filled_sigmas_mm: Vec<f64>,
@@ -148,7 +148,7 @@ impl Node for Shape {
             report.figure("shape.all_marks_measured", tally.all_measured as f64 / tally.fitted as f64);
             report.figure("shape.filled", tally.filled as f64);
             report.figure("shape.contradicting", tally.wrong as f64);
-            report.figure("shape.frames_outside", tally.outside as f64);
+            report.figure("shape.frames_out_of_distribution", tally.out_of_distribution as f64);
             if let Some(rms) = Summary::of(&tally.rms_mm) {
                 report.figure("shape.fit_rms_mm.median", rms.median);
                 report.figure("shape.fit_rms_mm.p95", rms.p95);
@@ -210,29 +210,29 @@ impl Shape {
     }
 
     fn fit(&mut self, measured: &Marks) -> Result<FittedShape, String> {
-        let sights: Vec<MarkSight> = measured
+        let observations: Vec<MarkObservation> = measured
             .list
             .iter()
-            .filter(|it| it.how == How::Measured)
-            .map(|it| MarkSight::new(it.label, it.position, it.covariance))
+            .filter(|it| it.provenance == Provenance::Measured)
+            .map(|it| MarkObservation::new(it.label, it.position, it.covariance))
             .collect();
         let least = self.settings.min_marks as usize;
         if let Stage::Rigid { surface, .. } = &mut self.stage
             && self.fitter.is_none()
-            && sights.len() >= least
+            && observations.len() >= least
             && surface.learn(measured, None)
         {
             self.fitter = Some(ShapeFitter::new(surface.model()));
         }
         let too_few = |known: usize, enough: usize| format!("{known} marks are measured, expected {enough} or more");
-        let fitter = self.fitter.as_mut().ok_or_else(|| too_few(sights.len(), least))?;
-        let known = sights.iter().filter(|it| fitter.model().index_of(it.label).is_some()).count();
+        let fitter = self.fitter.as_mut().ok_or_else(|| too_few(observations.len(), least))?;
+        let known = observations.iter().filter(|it| fitter.model().index_of(it.label).is_some()).count();
         let enough = least.min(fitter.model().labels.len());
         if known < enough {
             return Err(too_few(known, enough));
         }
-        let rules = FitRules { gate_sigmas: self.settings.gate_sigmas, ..FitRules::default() };
-        let fitted = fitter.fit(&sights, &rules);
+        let options = FitOptions { gate_sigmas: self.settings.gate_sigmas, ..FitOptions::default() };
+        let fitted = fitter.fit(&observations, &options);
         if let Stage::Rigid { surface, .. } = &mut self.stage {
             match &fitted {
                 Ok(fitted) if surface.learn(measured, Some(&fitted.measured_from_shape)) => {
@@ -252,11 +252,11 @@ impl Shape {
         }
         let tally = &mut self.tally;
         tally.fitted += 1;
-        let filled = || marks.list.iter().filter(|it| it.how == How::Filled);
+        let filled = || marks.list.iter().filter(|it| it.provenance == Provenance::Filled);
         tally.filled += filled().count() as u64;
         tally.all_measured += u64::from(filled().next().is_none());
         tally.wrong += fitted.wrong.len() as u64;
-        tally.outside += u64::from(fitted.outside >= 1.0);
+        tally.out_of_distribution += u64::from(fitted.out_of_distribution >= 1.0);
         tally.rms_mm.push(fitted.rms * 1e3);
         tally.filled_sigmas_mm.extend(filled().map(|it| it.sigma() * 1e3));
     }
@@ -290,7 +290,7 @@ impl Shape {
                 velocity: before.map_or(Vector3::zeros(), |before| (position - before) / dt_s),
                 covariance,
                 cameras: mark.cameras.clone(),
-                how: mark.how,
+                provenance: mark.provenance,
             }
         };
         let list = marks.list.iter().map(target).collect();
@@ -304,7 +304,8 @@ impl Shape {
 fn place(measured: &Marks, fitted: &FittedShape, model: Option<&ShapeFitter>) -> Marks {
     let turn = fitted.measured_from_shape.rotation.to_rotation_matrix();
     let into_shape = |covariance: &Matrix3<f64>| turn.transpose() * covariance * turn;
-    let is_kept = |it: &&Mark| it.how == How::Measured && !(model.is_some() && fitted.wrong.contains(&it.label));
+    let is_kept =
+        |it: &&Mark| it.provenance == Provenance::Measured && !(model.is_some() && fitted.wrong.contains(&it.label));
     let mut list: Vec<Mark> = measured
         .list
         .iter()
@@ -323,7 +324,7 @@ fn place(measured: &Marks, fitted: &FittedShape, model: Option<&ShapeFitter>) ->
                 position: mark.position,
                 covariance: mark.covariance,
                 cameras: CameraSet::default(),
-                how: How::Filled,
+                provenance: Provenance::Filled,
             });
         }
     }
@@ -336,6 +337,10 @@ fn place(measured: &Marks, fitted: &FittedShape, model: Option<&ShapeFitter>) ->
         world_from_marks: world_from_shape.transform,
         covariance: world_from_shape.covariance,
         list,
-        fit: model.map(|_| ShapeFit { rms: fitted.rms, outside: fitted.outside, weights: fitted.weights.clone() }),
+        fit: model.map(|_| ShapeFit {
+            rms: fitted.rms,
+            out_of_distribution: fitted.out_of_distribution,
+            weights: fitted.weights.clone(),
+        }),
     }
 }

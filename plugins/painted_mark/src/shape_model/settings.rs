@@ -1,6 +1,6 @@
 //! Settings of the model of shape, with the reasons for their defaults.
 
-use foveate::geometry::{AcquisitionRules, ShapeKind};
+use foveate::geometry::{AcquisitionOptions, ShapeKind};
 use foveate::prelude::ConfigError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -109,8 +109,8 @@ impl ShapeSettings {
     }
 
     /// How a model is made of marks that are known to `sigma` [m].
-    pub(super) fn rules(&self, sigma: f64) -> AcquisitionRules {
-        AcquisitionRules {
+    pub(super) fn options(&self, sigma: f64) -> AcquisitionOptions {
+        AcquisitionOptions {
             kind: match self.kind {
                 Kind::Faces => ShapeKind::Faces,
                 Kind::Components => ShapeKind::Components,
@@ -119,7 +119,7 @@ impl ShapeSettings {
             noise: sigma.max(self.noise_mm * 1e-3),
             unseen: self.unseen,
             reach: self.reach_mm * 1e-3,
-            ..AcquisitionRules::default()
+            ..AcquisitionOptions::default()
         }
     }
 }

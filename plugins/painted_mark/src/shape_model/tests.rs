@@ -60,7 +60,7 @@ impl Face {
             position: world_from_marks.inverse() * (place + noise()),
             covariance: Matrix3::identity() * SIGMA * SIGMA,
             cameras: [CameraId(1), CameraId(2)].into_iter().collect(),
-            how: How::Measured,
+            provenance: Provenance::Measured,
         };
         Marks {
             time: Time::from_s(time_s),
@@ -125,7 +125,10 @@ fn without_a_model_marks_go_out_as_measured_with_a_pose() {
         let (marks, targets) = shape.step(&measured).unwrap();
         assert!(marks.fit.is_none() && marks.list.len() == measured.list.len());
         for (given, out) in measured.list.iter().zip(&marks.list) {
-            assert!((measured.in_world(given) - marks.in_world(out)).norm() < 1e-12 && out.how == How::Measured);
+            assert!(
+                (measured.in_world(given) - marks.in_world(out)).norm() < 1e-12
+                    && out.provenance == Provenance::Measured
+            );
         }
         // The face deforms by centimetres, the pose hardly notices.
         let turned = Face::world_from_face(time_s) * Face::world_from_face(0.0).inverse();
@@ -149,12 +152,15 @@ fn hidden_marks_are_filled_in_their_place_and_measured_ones_stay() {
             let targets = targets.unwrap();
             assert_eq!((marks.list.len(), targets.list.len()), (N_MARKS, N_MARKS));
             for ((mark, target), truth) in marks.list.iter().zip(&targets.list).zip(face.truth(time_s)) {
-                assert_eq!((target.id.0, target.how, target.cameras.len()), (mark.label, mark.how, mark.cameras.len()));
+                assert_eq!(
+                    (target.id.0, target.provenance, target.cameras.len()),
+                    (mark.label, mark.provenance, mark.cameras.len())
+                );
                 assert!((target.position - marks.in_world(mark)).norm() < 1e-12);
                 match measured.get(mark.label) {
                     Some(given) => assert!((measured.in_world(given) - target.position).norm() < 1e-12),
                     None => {
-                        assert_eq!((mark.how, mark.cameras.len()), (How::Filled, 0));
+                        assert_eq!((mark.provenance, mark.cameras.len()), (Provenance::Filled, 0));
                         let off = target.position - truth;
                         errors.push(off.norm());
                         let known = target.covariance.fixed_view::<3, 3>(0, 0).try_inverse().unwrap();
@@ -162,7 +168,7 @@ fn hidden_marks_are_filled_in_their_place_and_measured_ones_stay() {
                     }
                 }
             }
-            assert!(marks.fit.unwrap().outside < 1.0);
+            assert!(marks.fit.unwrap().out_of_distribution < 1.0);
         }
         let stated = squares / errors.len() as f64;
         assert!(median(&errors).unwrap() < 4e-4, "{kind:?}: {:?}", median(&errors));
@@ -183,8 +189,8 @@ fn a_mark_that_follows_something_else_is_filled_instead() {
     measured.list[11].position.z += 0.02;
     let (marks, _) = shape.step(&measured).unwrap();
     let off = marks.in_world(&marks.list[11]) - face.truth(7.3)[11];
-    assert!(marks.list[11].how == How::Filled && off.norm() < 1e-3, "{}", off.norm());
-    assert_eq!(marks.list.iter().filter(|it| it.how == How::Filled).count(), 1);
+    assert!(marks.list[11].provenance == Provenance::Filled && off.norm() < 1e-3, "{}", off.norm());
+    assert_eq!(marks.list.iter().filter(|it| it.provenance == Provenance::Filled).count(), 1);
 }
 
 #[test]

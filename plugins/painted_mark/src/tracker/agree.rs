@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use super::follow::{Follower, SAME_GUESS_PX};
+use super::mark_tracker::{MarkTracker, SAME_GUESS_PX};
 use super::neighbours::Neighbours;
 use super::track::{Found, Track};
 
@@ -14,7 +14,7 @@ const LEAST_TRUSTED: usize = 3;
 const LEAST_PART: f64 = 0.4;
 const LEAST_FOR_BLUR: usize = 8;
 
-impl Follower {
+impl MarkTracker {
     /// What the neighbours of track `at` did beyond what was expected. Those that were seen in the picture before are asked, where there are any: others
     /// may have found the wrong thing, and all the same one.
     pub(super) fn neighbours(&self, at: usize) -> Neighbours {

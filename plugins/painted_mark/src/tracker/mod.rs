@@ -3,7 +3,7 @@
 mod agree;
 mod corrections;
 mod eye;
-mod follow;
+mod mark_tracker;
 mod naming;
 mod neighbours;
 mod settings;
@@ -12,7 +12,7 @@ mod track;
 use foveate::prelude::*;
 
 pub use corrections::{Correction, read as read_corrections};
-pub use follow::Follower;
+pub use mark_tracker::MarkTracker;
 pub use settings::TrackerSettings;
 
 const IMAGE: In<Image> = In::each(0, "image");
@@ -22,7 +22,7 @@ const FEATURES: Out<Features> = Out::new(0, "features");
 /// Pictures in, painted marks out [Davis 2002 §5.1]: with a label those whose names are known, chosen by hand or given by the guide, without one the
 /// dots whose names are not. What is in doubt is left out.
 pub struct TrackerNode {
-    follower: Follower,
+    mark_tracker: MarkTracker,
     camera: Option<CameraId>,
     camera_name: String,
     pool: Pool<Features>,
@@ -46,7 +46,7 @@ impl Node for TrackerNode {
             text => read_marks(&setup.path("marks", text)?, setup)?,
         };
         Ok(Self {
-            follower: Follower::new(settings, corrections)?,
+            mark_tracker: MarkTracker::new(settings, corrections)?,
             camera: setup.camera,
             camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
             pool: Pool::default(),
@@ -59,7 +59,7 @@ impl Node for TrackerNode {
         features.camera = self.camera.unwrap_or(image.value.camera);
         let camera = features.camera;
         let guide = io.latest(&GUIDE).map(|it| (it.value.time, it.value.of(camera)));
-        let seen = self.follower.see(&image.value, image.stamp, guide, &mut features);
+        let seen = self.mark_tracker.see(&image.value, image.stamp, guide, &mut features);
         let features = self.pool.share(features);
         match seen {
             Ok(()) => io.emit(&FEATURES, image.stamp, features),
@@ -69,7 +69,7 @@ impl Node for TrackerNode {
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        self.follower.report(&self.camera_name, report);
+        self.mark_tracker.report(&self.camera_name, report);
         Ok(())
     }
 }

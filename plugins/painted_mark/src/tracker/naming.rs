@@ -1,13 +1,13 @@
 //! Names of marks from what all cameras together know: the guide says where each mark should have been in a picture.
 //!
-//! What it says is carried on to the present picture by the marks that are seen here and that it speaks of, too: the median of what the nearest of them did since. Where there
+//! What it says is extrapolated to the present picture by the marks that are seen here and that it speaks of, too: the median of what the nearest of them did since. Where there
 //! are none, by the motion of the whole. A dot gets a name when it is near to where that mark should be and neither another dot nor another mark competes.
 
 use foveate::messages::GuidedMark;
 use foveate::prelude::Time;
 use nalgebra::{Matrix2, Point2, Vector2};
 
-use super::follow::Follower;
+use super::mark_tracker::MarkTracker;
 use super::neighbours::Neighbours;
 
 /// Marks up to this far away carry a place on [px of the camera].
@@ -34,7 +34,7 @@ struct Wanted {
     is_by_whole: bool,
 }
 
-impl Follower {
+impl MarkTracker {
     /// Gives dots the names of `marks`, which were at these places at `time`; `now` is the time of the present picture of `size`.
     pub(super) fn heed(&mut self, time: Time, marks: &[GuidedMark], now: Time, size: [u32; 2]) {
         for mark in marks.iter().filter(|it| it.disputed) {

@@ -4,7 +4,7 @@
 
 use foveate::estimation::random::Random;
 use foveate::messages::{CameraId, Features, GuidedMark, Image, PixelFormat, SourceId, Stamp, Time};
-use foveate_painted_mark::tracker::{Correction, Follower, TrackerSettings};
+use foveate_painted_mark::tracker::{Correction, MarkTracker, TrackerSettings};
 use nalgebra::{Matrix2, Point2, Vector2};
 
 pub const WIDTH: usize = 400;
@@ -294,7 +294,7 @@ impl Score {
 
 pub fn run(sequence: &mut Sequence, settings: TrackerSettings, names: Names) -> Score {
     let corrections = if names == Names::ByHand { sequence.by_hand() } else { Vec::new() };
-    let mut follower = Follower::new(settings, corrections).expect("settings in range");
+    let mut mark_tracker = MarkTracker::new(settings, corrections).expect("settings in range");
     let mut random = Random::new(99);
     let (mut features, mut score) = (Features::default(), Score::default());
     let n = sequence.n_marks();
@@ -314,7 +314,7 @@ pub fn run(sequence: &mut Sequence, settings: TrackerSettings, names: Names) -> 
         };
         let stamp = Sequence::stamp(t);
         let guide = (names == Names::ByGuide && t > 0).then(|| (Sequence::stamp(t - 1).time, guide.as_slice()));
-        follower.see(&image, stamp, guide, &mut features).expect("a whole picture");
+        mark_tracker.see(&image, stamp, guide, &mut features).expect("a whole picture");
         let truth = sequence.truth(t);
         let blurred = sequence.is_blurred(t);
         let mut is_right = vec![false; n];

@@ -36,7 +36,7 @@ fn target(id: u32, position: Point3<f64>) -> Target {
         velocity: Vector3::zeros(),
         covariance: Matrix6::identity() * 1e-4,
         cameras: CameraSet::default(),
-        how: How::Measured,
+        provenance: Provenance::Measured,
     }
 }
 

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use foveate::calibration::head::{
-    Comparison, Gathered, HeadRecording, LightSample, LitLook, PositionReport, calibrated_head, compare, picture,
+    Comparison, Gathered, HeadRecording, LightSample, LitFrame, PositionReport, calibrated_head, compare, picture,
 };
 use foveate::geometry::pan_tilt::AxisUnits;
 use foveate::prelude::*;
@@ -111,7 +111,7 @@ impl Node for Calibrator {
         }
         if self.counts.left_out > 0 {
             report.remark(format!(
-                "the capture is too long: {} sightings at its end were left out",
+                "the capture is too long: {} observations at its end were left out",
                 self.counts.left_out
             ));
         }
@@ -124,7 +124,7 @@ impl Node for Calibrator {
             let name = named.name.as_str();
             heard.recording.light.clone_from(&light);
             heard.recording.positions.sort_by(|a, b| a.earliest_s.total_cmp(&b.earliest_s));
-            heard.recording.looks.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+            heard.recording.camera_frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
             let gathered = heard.recording.gather(&self.settings.gathering());
             self.tell_gathered(name, &gathered, heard.several, report);
             match self.solve(name, &gathered, &mut calibration) {
@@ -148,7 +148,7 @@ impl Node for Calibrator {
 
 impl Calibrator {
     fn add_targets(&mut self, targets: &Targets) {
-        let measured: Vec<&Target> = targets.list.iter().filter(|it| it.how == How::Measured).collect();
+        let measured: Vec<&Target> = targets.list.iter().filter(|it| it.provenance == Provenance::Measured).collect();
         let [one] = measured[..] else {
             let count = if measured.is_empty() { &mut self.counts.dark } else { &mut self.counts.several };
             *count += 1;
@@ -169,8 +169,8 @@ impl Calibrator {
             [one] => {
                 let sigma_px = (0.5 * one.covariance.trace()).max(0.0).sqrt();
                 if sigma_px.is_finite() && sigma_px > 0.0 {
-                    let look = LitLook { time_s: time.as_s(), pixel: one.centre, sigma_px };
-                    keep(&mut heard.recording.looks, look, &mut self.counts);
+                    let camera_frame = LitFrame { time_s: time.as_s(), pixel: one.centre, sigma_px };
+                    keep(&mut heard.recording.camera_frames, camera_frame, &mut self.counts);
                 }
             }
             [] => {}
@@ -190,7 +190,7 @@ impl Calibrator {
 
     fn tell_gathered(&self, name: &str, gathered: &Gathered, several: u64, report: &mut Report) {
         let figures = [
-            ("looks", gathered.looks as f64),
+            ("looks", gathered.camera_frames as f64),
             ("several_lights", several as f64),
             ("moving", gathered.moving as f64),
             ("without_light", gathered.without_light as f64),
@@ -206,9 +206,9 @@ impl Calibrator {
     fn solve(&self, name: &str, gathered: &Gathered, calibration: &mut Calibration) -> Result<Comparison, String> {
         let Some(optics) = self.calibration.camera(name) else { return Err("it has no optics".to_owned()) };
         if gathered.observations.is_empty() {
-            let Gathered { looks, moving, without_light, .. } = gathered;
+            let Gathered { camera_frames, moving, without_light, .. } = gathered;
             return Err(format!(
-                "found {looks} pictures with one light, {moving} of them while the head moved or had not settled and {without_light} at times at \
+                "found {camera_frames} pictures with one light, {moving} of them while the head moved or had not settled and {without_light} at times at \
                  which the room did not know where the light was; expected some at rest and in both"
             ));
         }

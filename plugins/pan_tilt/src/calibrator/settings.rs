@@ -1,7 +1,7 @@
 //! What counts when a head is calibrated, and how well it must be held.
 
-use foveate::calibration::head::GatherRules;
-use foveate::geometry::pan_tilt::{AxisUnits, HeadRules, Limits, Stacking, UnitsRule};
+use foveate::calibration::head::GatherOptions;
+use foveate::geometry::pan_tilt::{AxisUnits, HeadOptions, Limits, Stacking, UnitsRule};
 use foveate::prelude::ConfigError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -50,7 +50,7 @@ pub struct CalibratorSettings {
     /// The light counts anew at one setting when it moved by so much in the picture [px]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub step_px: f64,
-    /// At most so many sightings count at one setting [–]
+    /// At most so many observations count at one setting [–]
     #[schemars(range(min = 2, max = 100000))]
     pub most_a_setting: usize,
     /// How far the head stands from where it says, standard deviation; above 0 each setting gets a correction of its own [°]
@@ -122,8 +122,8 @@ impl CalibratorSettings {
     }
 
     /// What they mean for gathering.
-    pub fn gathering(&self) -> GatherRules {
-        GatherRules {
+    pub fn gathering(&self) -> GatherOptions {
+        GatherOptions {
             tolerance: self.tolerance_deg.to_radians(),
             settle_s: 1e-3 * self.settle_ms,
             most_apart_s: 1e-3 * self.most_apart_ms,
@@ -133,12 +133,12 @@ impl CalibratorSettings {
     }
 
     /// What they mean for solving; settings come as angles.
-    pub fn solving(&self) -> HeadRules {
+    pub fn solving(&self) -> HeadOptions {
         let units = match self.units {
             Units::Known => UnitsRule::Known(AxisUnits::RADIANS),
             Units::Estimated => UnitsRule::Near(AxisUnits::RADIANS),
         };
-        HeadRules {
+        HeadOptions {
             units: [units; 2],
             stacking: match self.stacking {
                 Carrier::TiltOnPan => Stacking::TiltOnPan,
@@ -149,7 +149,7 @@ impl CalibratorSettings {
             least_range: [self.least_pan_deg, self.least_tilt_deg].map(f64::to_radians),
             most_direction_sigma: self.most_direction_sigma_deg.to_radians(),
             most_place_sigma: 1e-3 * self.most_place_sigma_mm,
-            ..HeadRules::default()
+            ..HeadOptions::default()
         }
     }
 }

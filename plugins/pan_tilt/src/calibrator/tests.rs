@@ -70,7 +70,7 @@ fn run(settings: CalibratorSettings, out: Option<PathBuf>, trouble: Trouble) -> 
                 velocity: (light(time_s + 1e-3) - light(time_s - 1e-3)) / 2e-3,
                 covariance: Matrix6::identity() * 1e-6,
                 cameras: CameraSet::default(),
-                how: How::Measured,
+                provenance: Provenance::Measured,
             };
             let mut list = vec![target(at as u32, light(time_s) + noise)];
             if trouble.second_light_s.is_some_and(|it| time_s >= it) {

@@ -12,7 +12,7 @@ use std::fs::OpenOptions;
 use std::io::Write as _;
 use std::path::PathBuf;
 
-use foveate::calibration::head::{Sweep, SweepOrder, SweepRules};
+use foveate::calibration::head::{Sweep, SweepOptions, SweepOrder};
 use foveate::prelude::*;
 
 pub use settings::SweepSettings;
@@ -80,18 +80,18 @@ impl Node for SweepNode {
         setup.claim_named_file("file", &file)?;
         let advice = settings.advice.replace("{camera}", &name);
         setup.claim_named_file("advice", &advice)?;
-        let rules = SweepRules {
+        let options = SweepOptions {
             settings: places,
             tolerance: settings.tolerance_deg.to_radians(),
             settle_s: 1e-3 * settings.settle_ms,
             step_px: settings.step_px,
-            sightings: settings.sightings,
+            observations: settings.observations,
             cells: settings.cells,
             longest_s: settings.longest_s,
             image_size: model.image_size,
         };
         Ok(Self {
-            sweep: Sweep::new(rules),
+            sweep: Sweep::new(options),
             camera,
             name,
             speed: settings.speed_deg_per_s.to_radians(),
@@ -129,7 +129,7 @@ impl Node for SweepNode {
             SweepOrder::Done if !std::mem::replace(&mut self.is_done, true) => [0.0; 2],
             SweepOrder::Stay | SweepOrder::Done => {
                 if let [one] = features.value.list[..] {
-                    self.sweep.add_sighting(features.time().as_s(), one.centre);
+                    self.sweep.add_observation(features.time().as_s(), one.centre);
                 }
                 return Ok(());
             }
@@ -148,7 +148,7 @@ impl Node for SweepNode {
             ("visited", visited),
             ("reached", seen.iter().filter(|it| it.1.reached).count()),
             ("filled", self.sweep.filled()),
-            ("sightings", seen.iter().map(|it| it.1.sightings as usize).sum()),
+            ("observations", seen.iter().map(|it| it.1.observations as usize).sum()),
         ];
         figures.into_iter().for_each(|(figure, n)| report.figure(format!("sweep.{name}.{figure}"), n as f64));
         report.remark(format!("{name}: {}", self.sweep));
@@ -188,13 +188,18 @@ impl Advice {
 impl SweepNode {
     /// One row for each setting; `cells` are the ninths of the picture, row by row.
     fn table(&self) -> String {
-        let mut text = "pan_deg,tilt_deg,reached,sightings,cells\n".to_owned();
+        let mut text = "pan_deg,tilt_deg,reached,observations,cells\n".to_owned();
         for ([pan, tilt], seen) in self.sweep.seen() {
             let cells: Vec<String> = seen.cells.iter().map(u32::to_string).collect();
             let (pan, tilt) = (pan.to_degrees(), tilt.to_degrees());
             // Writing to a String cannot fail.
-            let _ =
-                writeln!(text, "{pan:.3},{tilt:.3},{},{},{}", u8::from(seen.reached), seen.sightings, cells.join(" "));
+            let _ = writeln!(
+                text,
+                "{pan:.3},{tilt:.3},{},{},{}",
+                u8::from(seen.reached),
+                seen.observations,
+                cells.join(" ")
+            );
         }
         text
     }

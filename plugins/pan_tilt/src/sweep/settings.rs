@@ -26,9 +26,9 @@ pub struct SweepSettings {
     /// The light counts anew when it moved by so much in the picture [px]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub step_px: f64,
-    /// So many sightings are enough at a setting … [–]
+    /// So many observations are enough at a setting … [–]
     #[schemars(range(min = 1, max = 100000))]
-    pub sightings: u32,
+    pub observations: u32,
     /// … when they lie in so many ninths of the picture [–]
     #[schemars(range(min = 1, max = 9))]
     pub cells: u32,
@@ -62,7 +62,7 @@ impl Default for SweepSettings {
             tolerance_deg: 0.25,
             settle_ms: 500.0,
             step_px: 12.0,
-            sightings: 24,
+            observations: 24,
             cells: 5,
             longest_s: 10.0,
             file: "sweep.{camera}.csv".to_owned(),
@@ -88,7 +88,7 @@ impl SweepSettings {
         check("tolerance_deg", self.tolerance_deg, 0.001..=10.0)?;
         check("settle_ms", self.settle_ms, 0.0..=10_000.0)?;
         check("step_px", self.step_px, 0.0..=1000.0)?;
-        ConfigError::unless_in("sightings", self.sightings, 1..=100_000)?;
+        ConfigError::unless_in("observations", self.observations, 1..=100_000)?;
         ConfigError::unless_in("cells", self.cells, 1..=9)?;
         check("longest_s", self.longest_s, 0.1..=3600.0)
     }

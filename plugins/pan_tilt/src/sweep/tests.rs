@@ -28,7 +28,7 @@ fn setup(limits: Option<Limits>) -> Setup {
 #[test]
 fn node_keeps_the_law() {
     check_node::<SweepNode>("");
-    check_node::<SweepNode>("pan_deg = [0, 5]\ntilt_deg = []\nboth_deg = [[1, 2]]\nsightings = 3");
+    check_node::<SweepNode>("pan_deg = [0, 5]\ntilt_deg = []\nboth_deg = [[1, 2]]\nobservations = 3");
 }
 
 #[test]

@@ -15,7 +15,7 @@ fn target(id: u32, place: [f64; 3], cameras: &[u16]) -> Target {
         velocity: Vector3::zeros(),
         covariance: Matrix6::identity() * 1e-4,
         cameras: cameras.iter().copied().map(CameraId).collect(),
-        how: How::Measured,
+        provenance: Provenance::Measured,
     }
 }
 

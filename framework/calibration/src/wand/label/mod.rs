@@ -22,7 +22,7 @@ const CLEAR: f64 = 9.0;
 
 /// How to go about it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LabelRules {
+pub struct LabelOptions {
     /// Of either coordinate of a right pixel, standard deviation; the optics may be guesses, so more than the detector's [px].
     pub sigma_px: f64,
     /// A spot fits when its epipolar line is at most this far away [px].
@@ -33,7 +33,7 @@ pub struct LabelRules {
     pub seed: u64,
 }
 
-impl Default for LabelRules {
+impl Default for LabelOptions {
     fn default() -> Self {
         Self { sigma_px: 1.0, inlier_px: 4.0, min_frames: 10, seed: 1 }
     }
@@ -60,20 +60,20 @@ pub struct Labelled {
 
 /// Why there is no answer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum LabelFault {
+pub enum LabelError {
     /// Lists of different lengths.
-    #[error("{looks} looks and {frames} frames of looks, expected as many of each")]
+    #[error("{camera_frames} looks and {frames} frames of looks, expected as many of each")]
     LengthsDiffer {
         /// Looks.
-        looks: usize,
+        camera_frames: usize,
         /// Frames of them.
         frames: usize,
     },
     /// A look by nobody.
-    #[error("look {look} is of camera {camera}, expected less than {cameras}")]
+    #[error("look {camera_frame} is of camera {camera}, expected less than {cameras}")]
     NoSuchCamera {
         /// Which look.
-        look: usize,
+        camera_frame: usize,
         /// Its camera.
         camera: usize,
         /// How many cameras there are.
@@ -102,48 +102,48 @@ pub enum LabelFault {
     },
 }
 
-/// What a look of a frame shows.
+/// What a camera frame of a frame shows.
 #[derive(Debug, Clone, Default)]
 struct View {
-    look: usize,
+    camera_frame: usize,
     /// Usable spots, brightest first.
     spots: Vec<usize>,
     /// The spots of ends 0 and 1.
     ends: [Option<usize>; 2],
 }
 
-/// Groups looks into frames: one for each run of looks whose times are less than `tolerance_s` after the one before, and in which no
+/// Groups looks into frames: one for each run of camera frames whose times are less than `tolerance_s` after the one before, and in which no
 /// camera comes twice. For cameras that share a clock.
 pub fn frames_by_time(recording: &Recording, tolerance_s: f64) -> Vec<Option<usize>> {
     let mut order: Vec<usize> =
-        (0..recording.looks.len()).filter(|it| recording.looks[*it].time_s.is_finite()).collect();
-    order.sort_by(|a, b| recording.looks[*a].time_s.total_cmp(&recording.looks[*b].time_s));
-    let mut frames = vec![None; recording.looks.len()];
+        (0..recording.camera_frames.len()).filter(|it| recording.camera_frames[*it].time_s.is_finite()).collect();
+    order.sort_by(|a, b| recording.camera_frames[*a].time_s.total_cmp(&recording.camera_frames[*b].time_s));
+    let mut frames = vec![None; recording.camera_frames.len()];
     let (mut frame, mut seen, mut before) = (0, Vec::new(), f64::NEG_INFINITY);
     for index in order {
-        let look = &recording.looks[index];
-        if !seen.is_empty() && (look.time_s - before >= tolerance_s || seen.contains(&look.camera)) {
+        let camera_frame = &recording.camera_frames[index];
+        if !seen.is_empty() && (camera_frame.time_s - before >= tolerance_s || seen.contains(&camera_frame.camera)) {
             frame += 1;
             seen.clear();
         }
-        seen.push(look.camera);
-        before = look.time_s;
+        seen.push(camera_frame.camera);
+        before = camera_frame.time_s;
         frames[index] = Some(frame);
     }
     frames
 }
 
-/// Labels the ends of the wand; `frame_of_look` says which frame each look is of, if any.
+/// Labels the ends of the wand; `frame_of_look` says which frame each camera frame is of, if any.
 ///
 /// # Errors
-/// See [`LabelFault`].
+/// See [`LabelError`].
 pub fn label(
     recording: &Recording,
-    frame_of_look: &[Option<usize>],
-    rules: &LabelRules,
-) -> Result<Labelled, LabelFault> {
-    check(recording, frame_of_look, rules)?;
-    let mut wand = Wand::new(recording, frame_of_look, rules);
+    moment_of_frame: &[Option<usize>],
+    options: &LabelOptions,
+) -> Result<Labelled, LabelError> {
+    check(recording, moment_of_frame, options)?;
+    let mut wand = Wand::new(recording, moment_of_frame, options);
     wand.orient()?;
     let swapped = if wand.has_labels { wand.agree_on_given_labels() } else { Vec::new() };
     if !wand.has_labels {
@@ -156,17 +156,22 @@ pub fn label(
     Ok(wand.finish(swapped))
 }
 
-fn check(recording: &Recording, frame_of_look: &[Option<usize>], rules: &LabelRules) -> Result<(), LabelFault> {
-    let (looks, frames, cameras) = (recording.looks.len(), frame_of_look.len(), recording.cameras.len());
-    if looks != frames {
-        return Err(LabelFault::LengthsDiffer { looks, frames });
+fn check(recording: &Recording, moment_of_frame: &[Option<usize>], options: &LabelOptions) -> Result<(), LabelError> {
+    let (camera_frames, frames, cameras) =
+        (recording.camera_frames.len(), moment_of_frame.len(), recording.cameras.len());
+    if camera_frames != frames {
+        return Err(LabelError::LengthsDiffer { camera_frames, frames });
     }
-    if let Some(look) = recording.looks.iter().position(|it| it.camera >= cameras) {
-        return Err(LabelFault::NoSuchCamera { look, camera: recording.looks[look].camera, cameras });
+    if let Some(camera_frame) = recording.camera_frames.iter().position(|it| it.camera >= cameras) {
+        return Err(LabelError::NoSuchCamera {
+            camera_frame,
+            camera: recording.camera_frames[camera_frame].camera,
+            cameras,
+        });
     }
-    for (rule, found) in [("sigma_px", rules.sigma_px), ("inlier_px", rules.inlier_px)] {
+    for (rule, found) in [("sigma_px", options.sigma_px), ("inlier_px", options.inlier_px)] {
         if !(found.is_finite() && found > 0.0) {
-            return Err(LabelFault::BadRule { rule, found });
+            return Err(LabelError::BadRule { rule, found });
         }
     }
     Ok(())
@@ -174,7 +179,7 @@ fn check(recording: &Recording, frame_of_look: &[Option<usize>], rules: &LabelRu
 
 struct Wand<'a> {
     recording: &'a Recording,
-    rules: &'a LabelRules,
+    options: &'a LabelOptions,
     /// By frame and camera.
     frames: Vec<Vec<Option<View>>>,
     has_labels: bool,
@@ -182,14 +187,14 @@ struct Wand<'a> {
 }
 
 impl<'a> Wand<'a> {
-    fn new(recording: &'a Recording, frame_of_look: &[Option<usize>], rules: &'a LabelRules) -> Self {
-        let n_frames = frame_of_look.iter().flatten().max().map_or(0, |it| it + 1);
+    fn new(recording: &'a Recording, moment_of_frame: &[Option<usize>], options: &'a LabelOptions) -> Self {
+        let n_frames = moment_of_frame.iter().flatten().max().map_or(0, |it| it + 1);
         let mut frames: Vec<Vec<Option<View>>> = vec![vec![None; recording.cameras.len()]; n_frames];
         let lamps: Vec<Vec<Point2<f64>>> = (0..recording.cameras.len()).map(|it| lamps(recording, it)).collect();
         let mut labelled = [0, 0];
-        for (look, frame) in frame_of_look.iter().enumerate() {
+        for (camera_frame, frame) in moment_of_frame.iter().enumerate() {
             let Some(frame) = *frame else { continue };
-            let seen = &recording.looks[look];
+            let seen = &recording.camera_frames[camera_frame];
             let is_lamp = |it: &Spot| lamps[seen.camera].iter().any(|lamp| (lamp - it.pixel).norm() <= LAMP_PX);
             let usable = |it: &usize| {
                 let spot = &seen.spots[*it];
@@ -199,10 +204,10 @@ impl<'a> Wand<'a> {
             spots.sort_by(|a, b| seen.spots[*b].peak.total_cmp(&seen.spots[*a].peak));
             labelled[0] += spots.len();
             labelled[1] += spots.iter().filter(|it| matches!(seen.spots[**it].label, Some(0 | 1))).count();
-            frames[frame][seen.camera].get_or_insert(View { look, spots, ends: [None; 2] });
+            frames[frame][seen.camera].get_or_insert(View { camera_frame, spots, ends: [None; 2] });
         }
         let mut wand =
-            Self { recording, rules, frames, has_labels: 2 * labelled[1] > labelled[0], oriented: Vec::new() };
+            Self { recording, options, frames, has_labels: 2 * labelled[1] > labelled[0], oriented: Vec::new() };
         wand.first_readings();
         wand
     }
@@ -210,7 +215,7 @@ impl<'a> Wand<'a> {
     /// Ends where two spots leave no doubt which they are but for their order, or where labels are given.
     fn first_readings(&mut self) {
         for view in self.frames.iter_mut().flatten().flatten() {
-            let spots = &self.recording.looks[view.look].spots;
+            let spots = &self.recording.camera_frames[view.camera_frame].spots;
             view.ends = if self.has_labels {
                 [0, 1].map(|end| view.spots.iter().copied().find(|it| spots[*it].label == Some(end)))
             } else if let [a, b] = view.spots[..] {
@@ -222,7 +227,7 @@ impl<'a> Wand<'a> {
     }
 
     fn pixel(&self, view: &View, spot: usize) -> Point2<f64> {
-        self.recording.looks[view.look].spots[spot].pixel
+        self.recording.camera_frames[view.camera_frame].spots[spot].pixel
     }
 
     /// Pixels of both ends, in the order that they were read.
@@ -262,7 +267,7 @@ impl<'a> Wand<'a> {
     fn join(&mut self, frame: usize) {
         let edge = |pair: &Oriented| {
             let [same, exchanged] = self.readings(pair, frame)?;
-            let fits = same.min(exchanged) < 2.0 * (self.rules.inlier_px / self.rules.sigma_px).powi(2);
+            let fits = same.min(exchanged) < 2.0 * (self.options.inlier_px / self.options.sigma_px).powi(2);
             ((exchanged - same).abs() >= CLEAR && fits).then_some((pair.cameras, exchanged - same))
         };
         let edges: Vec<([usize; 2], f64)> = self.oriented.iter().filter_map(edge).collect();
@@ -315,7 +320,7 @@ impl<'a> Wand<'a> {
                 }
             }
         }
-        let limit = lines * (self.rules.inlier_px / self.rules.sigma_px).powi(2);
+        let limit = lines * (self.options.inlier_px / self.options.sigma_px).powi(2);
         [0, 1].map(|end| {
             let fits = |it: &usize| costs[*it][end] < limit;
             let best = (0..costs.len()).filter(fits).min_by(|a, b| costs[*a][end].total_cmp(&costs[*b][end]))?;
@@ -352,18 +357,18 @@ impl<'a> Wand<'a> {
 
     fn finish(self, swapped: Vec<usize>) -> Labelled {
         let mut recording = self.recording.clone();
-        recording.looks.iter_mut().for_each(|it| it.spots.clear());
+        recording.camera_frames.iter_mut().for_each(|it| it.spots.clear());
         let (mut whole, mut single) = (0, 0);
         for view in self.frames.iter().flatten().flatten() {
-            let spots = &mut recording.looks[view.look].spots;
+            let spots = &mut recording.camera_frames[view.camera_frame].spots;
             for (end, spot) in view.ends.iter().enumerate() {
-                let found = spot.map(|it| self.recording.looks[view.look].spots[it]);
+                let found = spot.map(|it| self.recording.camera_frames[view.camera_frame].spots[it]);
                 spots.extend(found.map(|it| Spot { label: Some(end as u32), ..it }));
             }
             whole += usize::from(spots.len() == 2);
             single += usize::from(spots.len() == 1);
         }
-        let before: usize = self.recording.looks.iter().map(|it| it.spots.len()).sum();
+        let before: usize = self.recording.camera_frames.iter().map(|it| it.spots.len()).sum();
         let placed = |camera: &usize| self.oriented.iter().any(|it| it.cameras.contains(camera));
         Labelled {
             recording,

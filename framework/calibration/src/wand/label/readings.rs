@@ -1,10 +1,10 @@
 //! Cameras oriented by lights that look alike, and how well the readings of a frame fit their epipolar lines.
 
 use foveate_estimation::Random;
-use foveate_geometry::epipolar::{EpipolarRules, relative_pose};
+use foveate_geometry::epipolar::{EpipolarOptions, relative_pose};
 use nalgebra::{Isometry3, Matrix3, Point2};
 
-use super::{LabelFault, Wand};
+use super::{LabelError, Wand};
 use crate::recording::{Recording, Spot};
 
 /// Frames of a pair of cameras that are used to orient it.
@@ -13,7 +13,7 @@ const MOST_FRAMES: usize = 150;
 const PARTNERS: usize = 5;
 /// Part of all readings that must be right: half are if all labels are, and three of ten spots may be wrong.
 const LEAST_RIGHT: f64 = 0.2;
-/// A spot at the same place in this part of the looks is a lamp.
+/// A spot at the same place in this part of the camera frames is a lamp.
 const LAMP_SHARE: f64 = 0.5;
 /// Looks from which on lamps are told.
 const LAMP_LOOKS: usize = 20;
@@ -31,7 +31,7 @@ pub(super) struct Oriented {
 
 impl Wand<'_> {
     /// Orients each camera with those with which it shares most frames.
-    pub(super) fn orient(&mut self) -> Result<(), LabelFault> {
+    pub(super) fn orient(&mut self) -> Result<(), LabelError> {
         let n = self.recording.cameras.len();
         let shared = |a: usize, b: usize| -> Vec<usize> {
             let both = |it: &usize| self.both(*it, a).is_some() && self.both(*it, b).is_some();
@@ -47,7 +47,7 @@ impl Wand<'_> {
         for (cameras, frames) in &common {
             let wanted = cameras.iter().any(|it| partners[*it] < PARTNERS);
             if wanted
-                && frames.len() >= self.rules.min_frames.max(3)
+                && frames.len() >= self.options.min_frames.max(3)
                 && let Some(found) = self.orient_pair(*cameras, frames)
             {
                 cameras.iter().for_each(|it| partners[*it] += 1);
@@ -56,7 +56,7 @@ impl Wand<'_> {
         }
         if oriented.is_empty() {
             let (best, frames) = common.first().map_or(([0, 0], 0), |it| (it.0, it.1.len()));
-            return Err(LabelFault::NothingOriented { best, frames, needed: self.rules.min_frames });
+            return Err(LabelError::NothingOriented { best, frames, needed: self.options.min_frames });
         }
         self.oriented = oriented;
         Ok(())
@@ -73,21 +73,21 @@ impl Wand<'_> {
             }
         }
         let n = pixels[0].len();
-        let EpipolarRules { min_right, .. } = EpipolarRules::default();
-        let epipolar = EpipolarRules {
-            sigma_px: self.rules.sigma_px,
-            inlier_px: self.rules.inlier_px,
+        let EpipolarOptions { min_right, .. } = EpipolarOptions::default();
+        let epipolar = EpipolarOptions {
+            sigma_px: self.options.sigma_px,
+            inlier_px: self.options.inlier_px,
             min_right: min_right.max((LEAST_RIGHT * n as f64) as usize),
             trials: 2000,
         };
         let [a, b] = cameras.map(|it| &self.recording.cameras[it].camera);
-        let mut random = Random::new(self.rules.seed).fork(&format!("wand {cameras:?}"));
+        let mut random = Random::new(self.options.seed).fork(&format!("wand {cameras:?}"));
         let found = relative_pose([a, b], [&pixels[0], &pixels[1]], &epipolar, &mut random).ok()?;
         let Isometry3 { rotation, translation } = found.b_from_a;
         let essential = translation.vector.cross_matrix() * rotation.to_rotation_matrix().into_inner();
         let focal = 0.5 * (a.intrinsics.focal[0] + b.intrinsics.focal[0]);
         let mut oriented = Oriented { cameras, essential, focal, frames: frames.len(), right: 0 };
-        let limit = 2.0 * (self.rules.inlier_px / self.rules.sigma_px).powi(2);
+        let limit = 2.0 * (self.options.inlier_px / self.options.sigma_px).powi(2);
         let fits = |it: &&usize| self.readings(&oriented, **it).is_some_and(|it| it[0].min(it[1]) < limit);
         oriented.right = frames.iter().filter(fits).count();
         Some(oriented)
@@ -101,9 +101,9 @@ impl Wand<'_> {
         let (in_a, in_b) = (of(pair.cameras[0], &a)?, of(pair.cameras[1], &b)?);
         let (line_b, line_a) = (pair.essential * in_a, pair.essential.tr_mul(&in_b));
         let slope = line_b.xy().norm_squared() + line_a.xy().norm_squared();
-        let distance = in_b.dot(&line_b) / slope.sqrt() * pair.focal / self.rules.sigma_px;
+        let distance = in_b.dot(&line_b) / slope.sqrt() * pair.focal / self.options.sigma_px;
         // What is far off is off, however far.
-        let most = 2.0 * self.rules.inlier_px / self.rules.sigma_px;
+        let most = 2.0 * self.options.inlier_px / self.options.sigma_px;
         Some((distance * distance).min(most * most))
     }
 
@@ -139,13 +139,13 @@ pub(super) fn joined(n: usize, mut edges: Vec<([usize; 2], f64)>) -> (Vec<usize>
 
 /// Places in the pictures of a camera that nearly always have a spot.
 pub(super) fn lamps(recording: &Recording, camera: usize) -> Vec<Point2<f64>> {
-    let looks: Vec<&[Spot]> =
-        recording.looks.iter().filter(|it| it.camera == camera).map(|it| it.spots.as_slice()).collect();
-    if looks.len() < LAMP_LOOKS {
+    let camera_frames: Vec<&[Spot]> =
+        recording.camera_frames.iter().filter(|it| it.camera == camera).map(|it| it.spots.as_slice()).collect();
+    if camera_frames.len() < LAMP_LOOKS {
         return Vec::new();
     }
-    let every = looks.len().div_ceil(200);
-    let sample: Vec<&&[Spot]> = looks.iter().step_by(every).collect();
+    let every = camera_frames.len().div_ceil(200);
+    let sample: Vec<&&[Spot]> = camera_frames.iter().step_by(every).collect();
     let mut found: Vec<Point2<f64>> = Vec::new();
     for spot in sample.iter().take(sample.len() / 2 + 1).flat_map(|it| it.iter()) {
         let near = |it: &Spot| (it.pixel - spot.pixel).norm() <= LAMP_PX;

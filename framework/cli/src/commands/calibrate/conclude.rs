@@ -5,11 +5,11 @@ use std::path::Path;
 
 use foveate_calibration::checks::{Checks, Level};
 use foveate_calibration::comparison::Comparison;
-use foveate_calibration::convergence::{ConvergenceRules, convergence};
+use foveate_calibration::convergence::{ConvergenceOptions, convergence};
+use foveate_calibration::network::{Origin, SolvedNetwork};
 use foveate_calibration::quality::quality;
 use foveate_calibration::recording::Recording;
 use foveate_calibration::report::{self, Grade, ReportInput};
-use foveate_calibration::room::{Origin, SolvedRoom};
 use foveate_geometry::Camera;
 use foveate_scene::{Calibration, Draft, Head, NamedCamera};
 use serde_json::{Map, Value};
@@ -59,7 +59,7 @@ pub(super) fn conclude(
     older: &Path,
     folder: &Path,
     captured: &Captured,
-    room: &SolvedRoom,
+    room: &SolvedNetwork,
     checks: &Checks,
     more: &More,
 ) -> Result<u8, String> {
@@ -92,7 +92,7 @@ pub(super) fn conclude(
     let summary = Value::Object(interrupt::told(figures, interrupt::caught().is_some()));
     write(&folder.join("summary.json"), &format!("{summary:#}\n"))?;
     write(&folder.join("verdict.txt"), &more.told(&checks.to_string()))?;
-    let mut files = vec!["calibration.toml", "summary.json", "verdict.txt", capture::SIGHTINGS];
+    let mut files = vec!["calibration.toml", "summary.json", "verdict.txt", capture::OBSERVATIONS];
     if args.report {
         write(&folder.join("report.html"), &more.told(&page(args, room, checks, &calibration, recording)))?;
         files.push("report.html");
@@ -106,7 +106,7 @@ pub(super) fn conclude(
     let is_redo = checks.verdict.level == Level::Redo;
     let never_together = is_redo && words::never_together(recording).is_some();
     let asked = advice::Asked { never_together, ..asked(args, more.is_board) };
-    for command in advice::commands(&asked, &checks.suspects) {
+    for command in advice::commands(&asked, &checks.candidates) {
         say(&format!("{command}\n"));
     }
     if args.write {
@@ -125,7 +125,7 @@ pub(super) fn conclude(
 fn held_out_by_camera(checks: &Checks) -> BTreeMap<String, f64> {
     let mut figures = BTreeMap::new();
     for (camera, [_, held_out]) in checks.cameras.iter().zip(&checks.fit.by_camera) {
-        let [used, held, rejected] = camera.sightings.map(|it| it as f64);
+        let [used, held, rejected] = camera.observations.map(|it| it as f64);
         figures.insert(format!("holdout_px.median[{}]", camera.name), held_out.unwrap_or(f64::NAN));
         figures.insert(format!("rejected_share[{}]", camera.name), rejected / (used + held + rejected).max(1.0));
     }
@@ -178,7 +178,7 @@ fn quoted(text: &str) -> String {
 
 /// By what `newer` is worse than the older calibration on the same observations.
 fn worse_than_older(
-    room: &SolvedRoom,
+    room: &SolvedNetwork,
     newer: &Calibration,
     older: Option<&Calibration>,
     inlier_px: f64,
@@ -193,7 +193,7 @@ fn worse_than_older(
 
 fn page(
     args: &CalibrateArgs,
-    room: &SolvedRoom,
+    room: &SolvedNetwork,
     checks: &Checks,
     calibration: &Calibration,
     recording: &Recording,
@@ -204,7 +204,7 @@ fn page(
         Level::Redo => Grade::Redo,
     };
     let rejected: Vec<String> = words::left_out(room, recording);
-    let both = if args.alternating { convergence(&room.solved, &ConvergenceRules::default()) } else { None };
+    let both = if args.alternating { convergence(&room.solved, &ConvergenceOptions::default()) } else { None };
     report::html(&ReportInput {
         title: &format!("Calibration of {}", args.rig.display()),
         verdict: Some(report::Verdict { grade, sentences: &checks.verdict.sentences, more: checks.verdict.more }),

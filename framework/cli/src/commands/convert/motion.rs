@@ -167,13 +167,13 @@ fn worked_on(motion: &mut Motion, args: &ConvertArgs, target: Target, said: &mut
 
 /// What a scene of points does not tell.
 fn lost_in_scene(motion: &Motion) -> Vec<String> {
-    use foveate_messages::How;
+    use foveate_messages::Provenance;
     let mut lost = motion.besides.clone();
     let count = |n: usize, what: &str| (n > 0).then(|| format!("{n} {what}"));
     let n_known = motion.samples.iter().flatten().filter(|it| it.sigma().is_some_and(|it| it > 0.0)).count();
     lost.extend(count(n_known, "residuals or covariances"));
-    lost.extend(count(motion.n_of(How::Filled), "samples were filled in, and now look measured"));
-    lost.extend(count(motion.n_of(How::Predicted), "samples that were only predicted, now missing"));
+    lost.extend(count(motion.n_of(Provenance::Filled), "samples were filled in, and now look measured"));
+    lost.extend(count(motion.n_of(Provenance::Predicted), "samples that were only predicted, now missing"));
     lost.extend(count(motion.events.len(), "events"));
     if motion.start_s() != 0.0 {
         lost.push(start_lost(motion));

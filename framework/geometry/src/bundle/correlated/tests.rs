@@ -3,8 +3,8 @@
 use foveate_estimation::Random;
 use nalgebra::Vector2;
 
-use crate::alignment::{AlignmentRules, camera_errors};
-use crate::bundle::{BundleFault, BundleRules, CameraCovariance, Freedom, Known, Observation, adjust_knowing};
+use crate::alignment::{AlignmentOptions, camera_errors};
+use crate::bundle::{BundleError, BundleOptions, CameraCovariance, Freedom, Known, Observation, adjust_knowing};
 use crate::camera::Camera;
 use crate::test_room;
 
@@ -29,14 +29,14 @@ fn check(noise: impl Fn(&mut Random, usize) -> Vec<Vector2<f64>>, seen_by: impl 
         }
         let stretches: Vec<usize> = (0..N_POINTS).map(|it| it * 24 / N_POINTS).collect();
         let freedoms = vec![Freedom { focal: true, ..Freedom::POSE }; cameras.len()];
-        let rules = BundleRules { covariance: true, ..BundleRules::default() };
+        let options = BundleOptions { covariance: true, ..BundleOptions::default() };
         let stated = |stretches: &[usize]| -> (Vec<Camera>, Vec<CameraCovariance>) {
             let known = Known { stretches, ..Known::default() };
-            let found = adjust_knowing(&cameras, &freedoms, &points, &observations, &known, &rules).unwrap();
+            let found = adjust_knowing(&cameras, &freedoms, &points, &observations, &known, &options).unwrap();
             (found.cameras, found.covariance.unwrap().unwrap())
         };
         let ((found, with), (_, without)) = (stated(&stretches), stated(&[]));
-        let apart = camera_errors(&found, &cameras, AlignmentRules { scale: true, robust: false }).unwrap();
+        let apart = camera_errors(&found, &cameras, AlignmentOptions { scale: true, robust: false }).unwrap();
         for ((with, without), error) in with.iter().zip(&without).zip(&apart.centres) {
             assert!(with.pose.symmetric_eigenvalues().min() > 0.0, "{}", with.pose);
             ratios.push((with.centre.trace() / without.centre.trace()).sqrt());
@@ -93,7 +93,7 @@ fn stretches_are_one_for_each_point() {
     for stretches in [vec![0; 3], vec![100_000; N_POINTS]] {
         let known = Known { stretches: &stretches, ..Known::default() };
         let freedoms = [Freedom::POSE; 2];
-        let fault = adjust_knowing(&cameras, &freedoms, &points, &observations, &known, &BundleRules::default());
-        assert!(matches!(fault, Err(BundleFault::BadStretches { .. })), "{fault:?}");
+        let fault = adjust_knowing(&cameras, &freedoms, &points, &observations, &known, &BundleOptions::default());
+        assert!(matches!(fault, Err(BundleError::BadStretches { .. })), "{fault:?}");
     }
 }

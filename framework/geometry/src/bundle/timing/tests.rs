@@ -37,9 +37,9 @@ fn room(clocks: &[[f64; 2]], n_points: usize, sigma: f64, seed: u64) -> Room {
 #[track_caller]
 fn adjusted(room: &Room, free: &[ClockFreedom], gauge: ClockGauge, freedom: Freedom) -> AdjustedWithClocks {
     let timing = Timing { velocities: &room.velocities, times_s: &room.times_s, free, gauge };
-    let rules = BundleRules { covariance: true, relative_gain: 1e-12, ..BundleRules::default() };
+    let options = BundleOptions { covariance: true, relative_gain: 1e-12, ..BundleOptions::default() };
     let freedoms = vec![freedom; room.cameras.len()];
-    adjust_with_clocks(&room.cameras, &freedoms, &room.points, &room.observations, &timing, &[], &rules).unwrap()
+    adjust_with_clocks(&room.cameras, &freedoms, &room.points, &room.observations, &timing, &[], &options).unwrap()
 }
 
 fn free_but(reference: usize, n: usize, freedom: ClockFreedom) -> Vec<ClockFreedom> {
@@ -179,9 +179,9 @@ fn bad_timing_is_refused_by_place() {
     let good =
         Timing { velocities: &room.velocities, times_s: &room.times_s, free: &free, gauge: ClockGauge::Camera(1) };
     let fault = |timing: Timing<'_>| {
-        let rules = BundleRules { gauge: Gauge::Inner, ..BundleRules::default() };
+        let options = BundleOptions { gauge: Gauge::Inner, ..BundleOptions::default() };
         let freedoms = [Freedom::POSE; 3];
-        adjust_with_clocks(&room.cameras, &freedoms, &room.points, &room.observations, &timing, &[], &rules)
+        adjust_with_clocks(&room.cameras, &freedoms, &room.points, &room.observations, &timing, &[], &options)
             .unwrap_err()
             .to_string()
     };

@@ -11,7 +11,7 @@
 //! −[R z]× ω + R [z]× ω + (1 − R) β, and when the angle grows, by u × R z.
 
 use foveate_estimation::Loss;
-use foveate_estimation::least_squares::{self, Equations, Problem, Rules, Solution};
+use foveate_estimation::least_squares::{self, Equations, Options, Problem, Solution};
 use nalgebra::{
     DVector, Isometry3, Matrix2, Matrix2x3, Matrix3, Point2, Point3, SMatrix, Translation3, UnitQuaternion, Vector2,
     Vector3,
@@ -125,7 +125,7 @@ pub(super) struct Fit<'a> {
 impl<'a> Fit<'a> {
     /// Standard deviations are `factor` times those at `at`.
     pub fn new(prepared: &'a Prepared<'a>, chosen: &'a [usize], at: &Parameters, factor: f64) -> Fit<'a> {
-        let sigma = prepared.rules.setting_sigma;
+        let sigma = prepared.options.setting_sigma;
         let mut counts = vec![0; prepared.n_settings];
         chosen.iter().for_each(|it| counts[prepared.used[*it].setting] += 1);
         let (mut corrected, mut n_corrected) = (vec![None; prepared.n_settings], 0);
@@ -160,8 +160,8 @@ impl<'a> Fit<'a> {
             *correction = [0.0; 2];
         }
         let held = self.prepared.held();
-        let rules = Rules { loss, held, max_iterations: 100, relative_gain: 1e-10 };
-        least_squares::solve(self, start, &rules).ok()
+        let options = Options { loss, held, max_iterations: 100, relative_gain: 1e-10 };
+        least_squares::solve(self, start, &options).ok()
     }
 
     /// Standard deviation of an error where it is largest [px].
@@ -231,7 +231,7 @@ impl Problem for Fit<'_> {
         }
         for (correction, place) in at.corrections.iter().zip(&self.corrected) {
             if let Some(place) = *place {
-                let per_sigma = 1.0 / (self.factor * self.prepared.rules.setting_sigma);
+                let per_sigma = 1.0 / (self.factor * self.prepared.options.setting_sigma);
                 let error = Vector2::from(*correction) * per_sigma;
                 equations.add(&[place, place + 1], &error, &(Matrix2::identity() * per_sigma));
             }
@@ -257,8 +257,8 @@ impl Prepared<'_> {
 
     /// Unknowns that stay, by the rules.
     fn held(&self) -> Vec<usize> {
-        let mut held = if self.rules.axes == AxesRule::Aligned { (6..14).collect() } else { Vec::new() };
-        for (axis, units) in self.rules.units.iter().enumerate() {
+        let mut held = if self.options.axes == AxesRule::Aligned { (6..14).collect() } else { Vec::new() };
+        for (axis, units) in self.options.units.iter().enumerate() {
             if matches!(units, UnitsRule::Known(_)) {
                 held.push(14 + axis);
             }

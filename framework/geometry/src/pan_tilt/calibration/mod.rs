@@ -7,12 +7,12 @@
 //!
 //! What is free: the pose of the camera at rest (6), each axis (4), and by rule what an angle is in the device's units (1 each). Where a device
 //! counts from is not: to count from elsewhere is to call another pose the one at rest. Nor is the place of an axis' point along it.
-//! Stacking is not found but given ([`HeadRules::stacking`]): settings that change one angle at a time fit either.
+//! Stacking is not found but given ([`HeadOptions::stacking`]): settings that change one angle at a time fit either.
 
 mod equations;
-mod fault;
+mod error;
+mod options;
 mod outcome;
-mod rules;
 mod start;
 
 #[cfg(test)]
@@ -26,9 +26,9 @@ use foveate_estimation::{Loss, Random};
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3};
 
 use self::equations::{Fit, Parameters, Used};
-pub use self::fault::CalibrationFault;
+pub use self::error::HeadCalibrationError;
+pub use self::options::{AxesRule, HeadOptions, UnitsRule};
 pub use self::outcome::{AxisSigma, HeadCalibration, HeadCovariance, Holdout};
-pub use self::rules::{AxesRule, HeadRules, UnitsRule};
 use super::head::{AxisUnits, PanTiltHead};
 use crate::camera::Camera;
 
@@ -72,14 +72,14 @@ const STAGES: [f64; 4] = [64.0, 16.0, 4.0, 1.0];
 /// explains the observations best after refinement is taken.
 ///
 /// # Errors
-/// See [`CalibrationFault`].
+/// See [`HeadCalibrationError`].
 pub fn calibrate_head(
     optics: &Camera,
     observations: &[HeadObservation],
-    rules: &HeadRules,
-) -> Result<HeadCalibration, CalibrationFault> {
-    let prepared = Prepared::new(optics, observations, rules)?;
-    let mut random = Random::new(rules.seed);
+    options: &HeadOptions,
+) -> Result<HeadCalibration, HeadCalibrationError> {
+    let prepared = Prepared::new(optics, observations, options)?;
+    let mut random = Random::new(options.seed);
     let (starts, posed) = start::find(&prepared, &mut random);
     let mut best: Option<(f64, Parameters)> = None;
     for start in starts {
@@ -89,28 +89,29 @@ pub fn calibrate_head(
             best = Some((cost, found));
         }
     }
-    let fault = CalibrationFault::NoStart { settings: prepared.n_settings, posed };
+    let fault = HeadCalibrationError::NoStart { settings: prepared.n_settings, posed };
     prepared.finish(best.ok_or(fault)?.1)
 }
 
-/// Refines a head that is nearly right. `units` are those of pan and tilt at the start; [`HeadRules::units`] says which of them are free, and its
+/// Refines a head that is nearly right. `units` are those of pan and tilt at the start; [`HeadOptions::units`] says which of them are free, and its
 /// numbers are not used.
 ///
 /// # Errors
-/// See [`CalibrationFault`].
+/// See [`HeadCalibrationError`].
 pub fn refine_head(
     start: &PanTiltHead,
     units: [AxisUnits; 2],
     observations: &[HeadObservation],
-    rules: &HeadRules,
-) -> Result<HeadCalibration, CalibrationFault> {
-    let mut prepared = Prepared::new(&start.at_rest, observations, rules)?;
+    options: &HeadOptions,
+) -> Result<HeadCalibration, HeadCalibrationError> {
+    let mut prepared = Prepared::new(&start.at_rest, observations, options)?;
     prepared.set_at_rest(units.map(|it| it.at_rest));
-    let head = PanTiltHead { stacking: rules.stacking, limits: rules.limits, zoom: None, ..start.clone() };
+    let head = PanTiltHead { stacking: options.stacking, limits: options.limits, zoom: None, ..start.clone() };
     let rad_per_unit = units.map(|it| it.rad_per_unit);
     let start = prepared.parameters(head, rad_per_unit);
     let seen = prepared.seen_by(&start);
-    let (_, found) = prepared.robust(start).ok_or(CalibrationFault::BadStart { seen, count: observations.len() })?;
+    let (_, found) =
+        prepared.robust(start).ok_or(HeadCalibrationError::BadStart { seen, count: observations.len() })?;
     match lost_unit(rad_per_unit, &found) {
         Some(fault) => Err(fault),
         None => prepared.finish(found),
@@ -119,17 +120,17 @@ pub fn refine_head(
 
 /// Settings in equal steps fit as well when each step is a whole turn more, or the axis points the other way and each step is a whole turn less one:
 /// a search that ends with another unit than the one it began with found such a copy.
-fn lost_unit(start: [f64; 2], found: &Parameters) -> Option<CalibrationFault> {
+fn lost_unit(start: [f64; 2], found: &Parameters) -> Option<HeadCalibrationError> {
     let names = ["pan", "tilt"].into_iter().enumerate();
     let mut lost = names.map(|(axis, name)| (name, start[axis], found.rad_per_unit[axis]));
     let (axis, start, found) = lost.find(|(_, start, found)| (found / start).ln().abs() >= UNIT_RATIO.ln())?;
-    Some(CalibrationFault::UnitLost { axis, start, found })
+    Some(HeadCalibrationError::UnitLost { axis, start, found })
 }
 
 /// The observations in the form that the search wants.
 pub(super) struct Prepared<'a> {
     optics: Camera,
-    rules: &'a HeadRules,
+    options: &'a HeadOptions,
     observations: &'a [HeadObservation],
     used: Vec<Used>,
     /// By observation: the direction of its pixel in the camera, where the lens has one.
@@ -143,19 +144,19 @@ impl<'a> Prepared<'a> {
     fn new(
         optics: &Camera,
         observations: &'a [HeadObservation],
-        rules: &'a HeadRules,
-    ) -> Result<Self, CalibrationFault> {
-        optics.check().map_err(CalibrationFault::BadOptics)?;
-        rules.check()?;
+        options: &'a HeadOptions,
+    ) -> Result<Self, HeadCalibrationError> {
+        optics.check().map_err(HeadCalibrationError::BadOptics)?;
+        options.check()?;
         observations.iter().enumerate().try_for_each(|(index, it)| it.check(index))?;
         if observations.len() < LEAST_OBSERVATIONS {
-            return Err(CalibrationFault::TooFew {
+            return Err(HeadCalibrationError::TooFew {
                 count: observations.len(),
                 kind: "usable",
                 expected: LEAST_OBSERVATIONS,
             });
         }
-        let at_rest = rules.units.map(|it| match it {
+        let at_rest = options.units.map(|it| match it {
             UnitsRule::Known(units) | UnitsRule::Near(units) => units.at_rest,
             UnitsRule::Unknown { at_rest } => at_rest,
         });
@@ -171,8 +172,9 @@ impl<'a> Prepared<'a> {
         let optics = Camera { camera_from_world: Isometry3::identity(), ..optics.clone() };
         let directions =
             observations.iter().map(|it| Some(optics.normalise(&it.pixel)?.push(1.0).normalize())).collect();
-        let prepared = Prepared { optics, rules, observations, used, directions, at_rest, n_settings: settings.len() };
-        prepared.check_range(rules.units.map(|it| match it {
+        let prepared =
+            Prepared { optics, options, observations, used, directions, at_rest, n_settings: settings.len() };
+        prepared.check_range(options.units.map(|it| match it {
             UnitsRule::Known(units) | UnitsRule::Near(units) => Some(units.rad_per_unit),
             UnitsRule::Unknown { .. } => None,
         }))?;
@@ -205,19 +207,19 @@ impl<'a> Prepared<'a> {
     }
 
     /// Without the angle of a unit, any range will do for now.
-    fn check_range(&self, rad_per_unit: [Option<f64>; 2]) -> Result<(), CalibrationFault> {
+    fn check_range(&self, rad_per_unit: [Option<f64>; 2]) -> Result<(), HeadCalibrationError> {
         let ranges = self.ranges(|_| true);
         for (axis, name) in ["pan", "tilt"].into_iter().enumerate() {
-            let expected = self.rules.least_range[axis];
+            let expected = self.options.least_range[axis];
             let range = rad_per_unit[axis].map_or(ranges[axis], |unit| ranges[axis] * unit.abs());
             if range == 0.0 || (rad_per_unit[axis].is_some() && range < expected) {
-                return Err(CalibrationFault::RangeTooSmall { axis: name, range, expected });
+                return Err(HeadCalibrationError::RangeTooSmall { axis: name, range, expected });
             }
         }
         Ok(())
     }
 
-    fn check_spread(&self) -> Result<(), CalibrationFault> {
+    fn check_spread(&self) -> Result<(), HeadCalibrationError> {
         let n = self.observations.len() as f64;
         let centroid = self.observations.iter().fold(Vector3::zeros(), |sum, it| sum + it.point_in_world.coords) / n;
         let scatter = self.observations.iter().fold(Matrix3::zeros(), |sum, it| {
@@ -228,7 +230,7 @@ impl<'a> Prepared<'a> {
         spreads.sort_by(f64::total_cmp);
         let [_, across, along] = spreads;
         if across.is_nan() || across <= ON_A_LINE * along {
-            return Err(CalibrationFault::OnALine { along, across });
+            return Err(HeadCalibrationError::OnALine { along, across });
         }
         Ok(())
     }
@@ -241,7 +243,7 @@ impl<'a> Prepared<'a> {
     fn robust(&self, start: Parameters) -> Option<(f64, Parameters)> {
         let all: Vec<usize> = (0..self.used.len()).collect();
         let mut here = start;
-        if self.rules.loss == Loss::Squared {
+        if self.options.loss == Loss::Squared {
             let fit = Fit::new(self, &all, &here, 1.0);
             let found = fit.solve(here, Loss::Squared)?;
             return Some((*found.costs.last()?, found.parameters));
@@ -249,7 +251,7 @@ impl<'a> Prepared<'a> {
         let mut cost = f64::INFINITY;
         for factor in STAGES {
             let factor = factor * self.noise_factor(&here, factor == 1.0);
-            let found = Fit::new(self, &all, &here, factor).solve(here, self.rules.loss)?;
+            let found = Fit::new(self, &all, &here, factor).solve(here, self.options.loss)?;
             cost = found.costs.last()? * factor * factor;
             here = found.parameters;
         }
@@ -271,11 +273,11 @@ impl<'a> Prepared<'a> {
 
 impl HeadObservation {
     /// Finds what cannot be used in it, the observation of that number.
-    fn check(&self, observation: usize) -> Result<(), CalibrationFault> {
+    fn check(&self, observation: usize) -> Result<(), HeadCalibrationError> {
         let finite = "a finite number";
         let covariance = &self.point_covariance;
         let fault =
-            |field, found, expected| Err(CalibrationFault::BadObservation { observation, field, found, expected });
+            |field, found, expected| Err(HeadCalibrationError::BadObservation { observation, field, found, expected });
         let named = [
             ("pan", self.pan),
             ("tilt", self.tilt),

@@ -4,7 +4,7 @@ use foveate_estimation::{Loss, statistics};
 use nalgebra::{DMatrix, Matrix2, Matrix3, Matrix4, Matrix6, Point3, SMatrix, Vector2};
 
 use super::equations::{Fit, Parameters, SHARED, linear};
-use super::{CalibrationFault, GATE, LEAST_OBSERVATIONS, PARALLEL, Prepared};
+use super::{GATE, HeadCalibrationError, LEAST_OBSERVATIONS, PARALLEL, Prepared};
 use crate::camera::Camera;
 use crate::pan_tilt::head::{AxisUnits, PanTiltHead};
 
@@ -155,7 +155,7 @@ const NAMES: [&str; SHARED] = [
 
 impl Prepared<'_> {
     /// Least squares on what is right at `found`, and all that is stated about it.
-    pub(super) fn finish(&self, found: Parameters) -> Result<HeadCalibration, CalibrationFault> {
+    pub(super) fn finish(&self, found: Parameters) -> Result<HeadCalibration, HeadCalibrationError> {
         let mut here = found;
         let mut right: Vec<bool> = vec![true; self.used.len()];
         let mut solution = None;
@@ -166,9 +166,9 @@ impl Prepared<'_> {
             let chosen: Vec<usize> = (0..right.len()).filter(|it| right[*it]).collect();
             if chosen.len() < LEAST_OBSERVATIONS {
                 let (count, expected) = (chosen.len(), LEAST_OBSERVATIONS);
-                return Err(CalibrationFault::TooFew { count, kind: "right", expected });
+                return Err(HeadCalibrationError::TooFew { count, kind: "right", expected });
             }
-            let fault = CalibrationFault::BadStart { seen: self.seen_by(&here), count: self.used.len() };
+            let fault = HeadCalibrationError::BadStart { seen: self.seen_by(&here), count: self.used.len() };
             let solved = Fit::new(self, &chosen, &here, 1.0).solve(here, Loss::Squared).ok_or(fault)?;
             here = solved.parameters.clone();
             let done = solution.is_some() && before == right;
@@ -186,7 +186,7 @@ impl Prepared<'_> {
                 let mut parameters: Vec<&str> =
                     open.parameters.iter().filter_map(|it| NAMES.get(*it).copied()).collect();
                 parameters.dedup();
-                return Err(CalibrationFault::Open { parameters });
+                return Err(HeadCalibrationError::Open { parameters });
             }
         };
         let to_own = to_own_space(&here.head);
@@ -222,20 +222,20 @@ impl Prepared<'_> {
             let is_near = fit.relative_length(at, *it).is_some_and(|length| length <= limit);
             is_near && limit * fit.sigma_px(*it) <= most_px
         };
-        all.iter().map(|it| self.rules.loss == Loss::Squared || within(it)).collect()
+        all.iter().map(|it| self.options.loss == Loss::Squared || within(it)).collect()
     }
 
-    fn check_ranges(&self, at: &Parameters, right: &[bool]) -> Result<[f64; 2], CalibrationFault> {
+    fn check_ranges(&self, at: &Parameters, right: &[bool]) -> Result<[f64; 2], HeadCalibrationError> {
         let units = self.ranges(|it| right[it]);
         let ranges = [0, 1].map(|axis| units[axis] * at.rad_per_unit[axis].abs());
         for (axis, name) in ["pan", "tilt"].into_iter().enumerate() {
-            let expected = self.rules.least_range[axis];
+            let expected = self.options.least_range[axis];
             if ranges[axis] < expected {
-                return Err(CalibrationFault::RangeTooSmall { axis: name, range: ranges[axis], expected });
+                return Err(HeadCalibrationError::RangeTooSmall { axis: name, range: ranges[axis], expected });
             }
         }
         let angle = at.head.pan.angle_to(&at.head.tilt);
-        if angle < PARALLEL { Err(CalibrationFault::ParallelAxes { angle }) } else { Ok(ranges) }
+        if angle < PARALLEL { Err(HeadCalibrationError::ParallelAxes { angle }) } else { Ok(ranges) }
     }
 
     fn check_hold(
@@ -244,10 +244,10 @@ impl Prepared<'_> {
         covariance: &HeadCovariance,
         right: &[bool],
         ranges: [f64; 2],
-    ) -> Result<(), CalibrationFault> {
+    ) -> Result<(), HeadCalibrationError> {
         let (pan, tilt) = (covariance.pan(), covariance.tilt());
         let centre = covariance.centre(&at.head).symmetric_eigenvalues().max().max(0.0).sqrt();
-        let (direction, place) = (self.rules.most_direction_sigma, self.rules.most_place_sigma);
+        let (direction, place) = (self.options.most_direction_sigma, self.options.most_place_sigma);
         let named = [
             ("the place of the camera", centre, place, 1e3, "mm"),
             ("the direction of the pan axis", pan.direction, direction, 1f64.to_degrees(), "°"),
@@ -267,12 +267,12 @@ impl Prepared<'_> {
             distances = [distances[0].min(distance), distances[1].max(distance)];
         }
         let (sigma, expected) = (sigma * to_unit, expected * to_unit);
-        Err(CalibrationFault::Loose { what, sigma, expected, unit, distances, ranges })
+        Err(HeadCalibrationError::Loose { what, sigma, expected, unit, distances, ranges })
     }
 
     /// Errors of each part of the settings under least squares on the others, from the answer for all.
     fn holdout(&self, found: &Parameters, right: &[bool]) -> Option<Holdout> {
-        let parts = self.rules.holdout_parts.min(self.n_settings);
+        let parts = self.options.holdout_parts.min(self.n_settings);
         if parts < 2 || self.n_settings < 6 {
             return None;
         }

@@ -5,29 +5,32 @@ use super::*;
 use crate::pan_tilt::head::{Setting, Stacking};
 
 #[track_caller]
-fn refused(observations: &[HeadObservation], rules: &HeadRules) -> CalibrationFault {
-    calibrate_head(&optics(&crooked(Stacking::TiltOnPan)), observations, rules).unwrap_err()
+fn refused(observations: &[HeadObservation], options: &HeadOptions) -> HeadCalibrationError {
+    calibrate_head(&optics(&crooked(Stacking::TiltOnPan)), observations, options).unwrap_err()
 }
 
 #[test]
 fn too_little_range_is_refused() {
     let truth = crooked(Stacking::TiltOnPan);
-    let rules = HeadRules::default();
+    let options = HeadOptions::default();
     let still = |pan: f64, tilt: f64| -> Vec<Setting> {
         settings().iter().map(|it| Setting::new(it.pan * pan, it.tilt * tilt)).collect()
     };
-    let fault = refused(&observe(&truth, &still(0.08, 1.0), [AxisUnits::RADIANS; 2], &SCENE), &rules);
+    let fault = refused(&observe(&truth, &still(0.08, 1.0), [AxisUnits::RADIANS; 2], &SCENE), &options);
     assert_eq!(fault.to_string(), "pan was moved over 8.00° only, expected 10.0° or more");
     let units = [AxisUnits::RADIANS; 2];
-    let unknown = HeadRules { units: [UnitsRule::Unknown { at_rest: 0.0 }; 2], ..HeadRules::default() };
-    for rules in [&rules, &unknown] {
-        let fault = refused(&observe(&truth, &still(1.0, 0.0), units, &SCENE), rules);
-        assert_eq!(fault, CalibrationFault::RangeTooSmall { axis: "tilt", range: 0.0, expected: rules.least_range[1] });
+    let unknown = HeadOptions { units: [UnitsRule::Unknown { at_rest: 0.0 }; 2], ..HeadOptions::default() };
+    for options in [&options, &unknown] {
+        let fault = refused(&observe(&truth, &still(1.0, 0.0), units, &SCENE), options);
+        assert_eq!(
+            fault,
+            HeadCalibrationError::RangeTooSmall { axis: "tilt", range: 0.0, expected: options.least_range[1] }
+        );
     }
     // With unknown units the range shows in the end only.
     let fault = refused(&observe(&truth, &still(1.0, 0.1), units, &Scene { points_a_setting: 30, ..SCENE }), &unknown);
     assert!(
-        matches!(fault, CalibrationFault::RangeTooSmall { axis: "tilt", range, .. } if (range.to_degrees() - 3.5).abs() < 0.5),
+        matches!(fault, HeadCalibrationError::RangeTooSmall { axis: "tilt", range, .. } if (range.to_degrees() - 3.5).abs() < 0.5),
         "{fault}"
     );
 }
@@ -35,16 +38,16 @@ fn too_little_range_is_refused() {
 #[test]
 fn targets_that_hold_nothing_are_refused() {
     let truth = crooked(Stacking::TiltOnPan);
-    let rules = HeadRules::default();
+    let options = HeadOptions::default();
     let mut observations = radians(&truth, &SCENE);
     assert_eq!(
-        refused(&observations[..11], &rules),
-        CalibrationFault::TooFew { count: 11, kind: "usable", expected: 12 }
+        refused(&observations[..11], &options),
+        HeadCalibrationError::TooFew { count: 11, kind: "usable", expected: 12 }
     );
     // All far away: where the axes pass does not show.
-    let far = refused(&radians(&truth, &Scene { distances: [100.0, 102.0], ..SCENE }), &rules);
+    let far = refused(&radians(&truth, &Scene { distances: [100.0, 102.0], ..SCENE }), &options);
     assert!(
-        matches!(far, CalibrationFault::Loose { unit: "mm", distances: [near, _], .. } if (near - 100.0).abs() < 1.0),
+        matches!(far, HeadCalibrationError::Loose { unit: "mm", distances: [near, _], .. } if (near - 100.0).abs() < 1.0),
         "{far}"
     );
     assert!(far.to_string().contains("nearer targets"), "{far}");
@@ -52,17 +55,19 @@ fn targets_that_hold_nothing_are_refused() {
     for (index, it) in observations.iter_mut().enumerate() {
         it.point_in_world = Point3::new(0.0, 0.01 * index as f64, 1.0);
     }
-    assert!(matches!(refused(&observations, &rules), CalibrationFault::OnALine { .. }));
+    assert!(matches!(refused(&observations, &options), HeadCalibrationError::OnALine { .. }));
 }
 
 #[test]
 fn pixels_that_belong_to_no_targets_are_refused() {
     let truth = crooked(Stacking::TiltOnPan);
-    let fault = refused(&radians(&truth, &Scene { wrong: 1.0, ..SCENE }), &HeadRules::default());
+    let fault = refused(&radians(&truth, &Scene { wrong: 1.0, ..SCENE }), &HeadOptions::default());
     assert!(
         matches!(
             fault,
-            CalibrationFault::Loose { .. } | CalibrationFault::TooFew { .. } | CalibrationFault::ParallelAxes { .. }
+            HeadCalibrationError::Loose { .. }
+                | HeadCalibrationError::TooFew { .. }
+                | HeadCalibrationError::ParallelAxes { .. }
         ),
         "{fault}"
     );
@@ -72,19 +77,19 @@ fn pixels_that_belong_to_no_targets_are_refused() {
 fn a_tilt_axis_that_is_the_pan_axis_is_refused() {
     let mut truth = crooked(Stacking::TiltOnPan);
     truth.tilt = truth.pan;
-    let unknown = HeadRules { units: [UnitsRule::Unknown { at_rest: 0.0 }; 2], ..HeadRules::default() };
+    let unknown = HeadOptions { units: [UnitsRule::Unknown { at_rest: 0.0 }; 2], ..HeadOptions::default() };
     let fault = refused(&radians(&truth, &SCENE), &unknown);
-    assert!(matches!(fault, CalibrationFault::ParallelAxes { angle } if angle < 0.1), "{fault}");
+    assert!(matches!(fault, HeadCalibrationError::ParallelAxes { angle } if angle < 0.1), "{fault}");
 }
 
 #[test]
 fn what_cannot_be_followed_is_named() {
     let truth = crooked(Stacking::TiltOnPan);
     let observations = radians(&truth, &SCENE);
-    let fault_of = |change: &dyn Fn(&mut HeadRules, &mut HeadObservation)| {
-        let (mut rules, mut observations) = (HeadRules::default(), observations.clone());
-        change(&mut rules, &mut observations[7]);
-        refused(&observations, &rules).to_string()
+    let fault_of = |change: &dyn Fn(&mut HeadOptions, &mut HeadObservation)| {
+        let (mut options, mut observations) = (HeadOptions::default(), observations.clone());
+        change(&mut options, &mut observations[7]);
+        refused(&observations, &options).to_string()
     };
     assert_eq!(
         fault_of(&|it, _| it.loss = Loss::Cauchy { scale: 0.0 }),
@@ -101,6 +106,6 @@ fn what_cannot_be_followed_is_named() {
     assert!(fault_of(&|_, it| it.point_covariance[(1, 1)] = -1.0).starts_with("observation 7: the least eigenvalue"));
     let mut broken = optics(&truth);
     broken.intrinsics.focal[0] = -1.0;
-    let fault = calibrate_head(&broken, &observations, &HeadRules::default()).unwrap_err();
+    let fault = calibrate_head(&broken, &observations, &HeadOptions::default()).unwrap_err();
     assert_eq!(fault.to_string(), "the optics: focal[0] is -1 px, expected more than 0 px");
 }

@@ -7,7 +7,7 @@ use super::equations::Parameters;
 use super::{AxesRule, Prepared, UnitsRule};
 use crate::pan_tilt::axis::Axis;
 use crate::pan_tilt::head::{PanTiltHead, Setting, Stacking};
-use crate::resection::{ResectionRules, resect, three_points};
+use crate::resection::{ResectionOptions, resect, three_points};
 
 /// Settings with fewer targets give no pose.
 const LEAST_TARGETS: usize = 6;
@@ -31,13 +31,13 @@ pub(super) fn find(prepared: &Prepared, random: &mut Random) -> (Vec<Parameters>
     for (pan, tilt) in [(Vector3::y(), Vector3::x()), (Vector3::x(), Vector3::y())] {
         mounts.extend([[pan, tilt], [pan, -tilt], [-pan, tilt], [-pan, -tilt]]);
     }
-    let mut units = [0, 1].map(|axis| match prepared.rules.units[axis] {
+    let mut units = [0, 1].map(|axis| match prepared.options.units[axis] {
         UnitsRule::Known(it) | UnitsRule::Near(it) => Some(it.rad_per_unit),
         UnitsRule::Unknown { .. } => None,
     });
     if let Some(turns) = turns(prepared, &poses) {
         units = turns.rad_per_unit.map(Some);
-        if prepared.rules.axes == AxesRule::Free {
+        if prepared.options.axes == AxesRule::Free {
             starts.push(turns);
         }
     }
@@ -62,8 +62,8 @@ fn poses(prepared: &Prepared, random: &mut Random) -> Vec<Posed> {
         let points: Vec<Point3<f64>> = members.iter().map(|it| prepared.observations[*it].point_in_world).collect();
         let pixels: Vec<_> = members.iter().map(|it| prepared.observations[*it].pixel).collect();
         let sigma_px = sigma(prepared, members);
-        let rules = ResectionRules { sigma_px, inlier_px: 4.0 * sigma_px, trials: TRIALS_OF_SETTING };
-        let Ok(pose) = resect(&prepared.optics, &points, &pixels, &rules, |n| random.below(n)) else { continue };
+        let options = ResectionOptions { sigma_px, inlier_px: 4.0 * sigma_px, trials: TRIALS_OF_SETTING };
+        let Ok(pose) = resect(&prepared.optics, &points, &pixels, &options, |n| random.below(n)) else { continue };
         let right = pose.right.iter().filter(|it| **it).count();
         if right > LEAST_TARGETS.max(members.len() / 2) - 1 {
             found.push(Posed { units: prepared.used[members[0]].units, camera_from_world: pose.camera_from_world });
@@ -127,7 +127,7 @@ fn turns(prepared: &Prepared, poses: &[Posed]) -> Option<Parameters> {
     let mut axes = Vec::with_capacity(2);
     for axis in 0..2 {
         let vector = vectors.row(axis).transpose() / ranges[axis];
-        rad_per_unit[axis] = match prepared.rules.units[axis] {
+        rad_per_unit[axis] = match prepared.options.units[axis] {
             UnitsRule::Known(it) | UnitsRule::Near(it) => it.rad_per_unit,
             UnitsRule::Unknown { .. } => vector.norm(),
         };
@@ -135,7 +135,7 @@ fn turns(prepared: &Prepared, poses: &[Posed]) -> Option<Parameters> {
     }
     let angles = [0, 1].map(|axis| reference.units[axis] * rad_per_unit[axis]);
     // Seen from the camera, the carried axis is always the same, the other is turned back by it.
-    let (outer, inner) = match prepared.rules.stacking {
+    let (outer, inner) = match prepared.options.stacking {
         Stacking::TiltOnPan => (0, 1),
         Stacking::PanOnTilt => (1, 0),
     };
@@ -201,7 +201,7 @@ fn pooled(
 
 impl Prepared<'_> {
     fn head(&self, [pan, tilt]: [Axis; 2]) -> PanTiltHead {
-        let aligned = PanTiltHead::aligned(self.optics.clone(), self.rules.limits);
-        PanTiltHead { pan, tilt, stacking: self.rules.stacking, ..aligned }
+        let aligned = PanTiltHead::aligned(self.optics.clone(), self.options.limits);
+        PanTiltHead { pan, tilt, stacking: self.options.stacking, ..aligned }
     }
 }

@@ -94,8 +94,8 @@ pub(super) fn optics(head: &PanTiltHead) -> Camera {
 }
 
 #[track_caller]
-fn found(head: &PanTiltHead, observations: &[HeadObservation], rules: &HeadRules) -> HeadCalibration {
-    let found = calibrate_head(&optics(head), observations, rules).unwrap_or_else(|it| panic!("{it}"));
+fn found(head: &PanTiltHead, observations: &[HeadObservation], options: &HeadOptions) -> HeadCalibration {
+    let found = calibrate_head(&optics(head), observations, options).unwrap_or_else(|it| panic!("{it}"));
     assert!(found.converged);
     found
 }
@@ -135,7 +135,7 @@ fn clean_observations_give_the_head_back() {
     for stacking in [Stacking::TiltOnPan, Stacking::PanOnTilt] {
         let truth = crooked(stacking);
         let clean = Scene { sigma_px: 0.0, target_mm: 0.0, ..SCENE };
-        let found = found(&truth, &radians(&truth, &clean), &HeadRules { stacking, ..HeadRules::default() });
+        let found = found(&truth, &radians(&truth, &clean), &HeadOptions { stacking, ..HeadOptions::default() });
         assert!(found.rms_px < 1e-6 && found.holdout.unwrap().rms_px < 1e-6, "{}", found.rms_px);
         assert_axes_within(&found, &truth, 1e-6, 1e-5);
         assert!((found.head.at_rest.centre() - truth.at_rest.centre()).norm() < 1e-7);
@@ -145,7 +145,7 @@ fn clean_observations_give_the_head_back() {
 #[test]
 fn noise_leaves_the_axes_to_hundredths_of_a_degree_and_a_millimetre() {
     let truth = crooked(Stacking::TiltOnPan);
-    let found = found(&truth, &radians(&truth, &SCENE), &HeadRules::default());
+    let found = found(&truth, &radians(&truth, &SCENE), &HeadOptions::default());
     assert_axes_within(&found, &truth, 0.1, 2.0);
     assert!((0.9..1.1).contains(&found.noise_factor), "{}", found.noise_factor);
     let holdout = found.holdout.unwrap();
@@ -157,14 +157,14 @@ fn noise_leaves_the_axes_to_hundredths_of_a_degree_and_a_millimetre() {
 fn errors_are_as_large_as_the_covariance_says() {
     // Device units, estimated; the paper's Sony counts 880 of them over 200°.
     let units = [AxisUnits { rad_per_unit: 200f64.to_radians() / 880.0, at_rest: 0.0 }; 2];
-    let mut rules = HeadRules { units: units.map(UnitsRule::Near), ..HeadRules::default() };
+    let mut options = HeadOptions { units: units.map(UnitsRule::Near), ..HeadOptions::default() };
     for (name, setting_deg) in [("exact settings", 0.0), ("settings 0.05° off", 0.05)] {
-        rules.setting_sigma = f64::to_radians(setting_deg);
+        options.setting_sigma = f64::to_radians(setting_deg);
         let (mut squared, mut axes, mut predicted, mut factor) = (0.0, 0.0, 0.0, 0.0);
         for seed in 0..20 {
             let truth = crooked(Stacking::TiltOnPan);
             let scene = Scene { setting_deg, seed, points_a_setting: 8, ..SCENE };
-            let found = found(&truth, &observe(&truth, &settings(), units, &scene), &rules);
+            let found = found(&truth, &observe(&truth, &settings(), units, &scene), &options);
             let error = error(&found, &truth, units);
             squared += error.dot(&(found.covariance.whole.try_inverse().unwrap() * error)) / 20.0;
             let of_axes = error.fixed_rows::<8>(6).into_owned();
@@ -191,7 +191,7 @@ fn one_wrong_observation_in_five_does_no_harm() {
     for seed in 0..4 {
         let scene = Scene { wrong: 0.2, seed, ..SCENE };
         let observations = radians(&truth, &scene);
-        let robust = found(&truth, &observations, &HeadRules::default());
+        let robust = found(&truth, &observations, &HeadOptions::default());
         let sigmas = [robust.covariance.pan(), robust.covariance.tilt()];
         for (sigma, [direction, place]) in sigmas.iter().zip(axis_errors(&robust, &truth)) {
             assert!(
@@ -206,8 +206,12 @@ fn one_wrong_observation_in_five_does_no_harm() {
             "{wrong} {}",
             robust.noise_factor
         );
-        let plain =
-            HeadRules { loss: Loss::Squared, most_place_sigma: 1.0, most_direction_sigma: 1.0, ..HeadRules::default() };
+        let plain = HeadOptions {
+            loss: Loss::Squared,
+            most_place_sigma: 1.0,
+            most_direction_sigma: 1.0,
+            ..HeadOptions::default()
+        };
         let plain = refine_head(&truth, [AxisUnits::RADIANS; 2], &observations, &plain).unwrap();
         assert!(axis_errors(&plain, &truth)[0][1] > 5.0 && plain.right.iter().all(|it| *it));
     }
@@ -220,7 +224,7 @@ fn a_target_right_before_the_lens_is_no_witness() {
     // Beside the lens and 1 mm before it: wherever it is seen, its millimetre of error explains that.
     let ahead = truth.at_rest.camera_from_world.inverse_transform_point(&Point3::new(0.002, 0.0, 0.001));
     observations.push(HeadObservation { pan: 0.0, tilt: 0.0, point_in_world: ahead, ..observations[0].clone() });
-    let found = found(&truth, &observations, &HeadRules::default());
+    let found = found(&truth, &observations, &HeadOptions::default());
     assert!(!found.right[observations.len() - 1] && found.rms_px < 1.0 && found.holdout.unwrap().rms_px < 1.1);
 }
 
@@ -232,11 +236,11 @@ fn single_observations_everywhere_are_enough_when_the_units_are_known() {
         (0..150).map(|_| Setting::new(random.uniform_in(-1.6, 1.6), random.uniform_in(-0.4, 0.4))).collect();
     let scene = Scene { points_a_setting: 1, wrong: 0.2, ..SCENE };
     let observations = observe(&truth, &anywhere, [AxisUnits::RADIANS; 2], &scene);
-    assert_axes_within(&found(&truth, &observations, &HeadRules::default()), &truth, 0.15, 4.0);
+    assert_axes_within(&found(&truth, &observations, &HeadOptions::default()), &truth, 0.15, 4.0);
     // Without the units there is no start.
-    let unknown = HeadRules { units: [UnitsRule::Unknown { at_rest: 0.0 }; 2], ..HeadRules::default() };
+    let unknown = HeadOptions { units: [UnitsRule::Unknown { at_rest: 0.0 }; 2], ..HeadOptions::default() };
     let refused = calibrate_head(&optics(&truth), &observations, &unknown).unwrap_err();
-    assert_eq!(refused, CalibrationFault::NoStart { settings: 150, posed: 0 });
+    assert_eq!(refused, HeadCalibrationError::NoStart { settings: 150, posed: 0 });
 }
 
 #[test]
@@ -246,7 +250,7 @@ fn units_are_found_from_nothing() {
     let scene = Scene { wrong: 0.15, points_a_setting: 16, ..SCENE };
     let observations = observe(&truth, &settings(), units, &scene);
     let unknown = units.map(|it| UnitsRule::Unknown { at_rest: it.at_rest });
-    let found = found(&truth, &observations, &HeadRules { units: unknown, ..HeadRules::default() });
+    let found = found(&truth, &observations, &HeadOptions { units: unknown, ..HeadOptions::default() });
     assert_axes_within(&found, &truth, 0.15, 2.5);
     for ((found, truth), sigma) in found.units.iter().zip(units).zip(found.covariance.units()) {
         let off = found.rad_per_unit / truth.rad_per_unit - 1.0;
@@ -265,9 +269,9 @@ fn cameras_may_hang_upside_down_or_sideways_and_count_backwards() {
             *axis = Axis { point: roll * axis.point, direction: roll.rotation * axis.direction };
         }
         let units = [AxisUnits { rad_per_unit: 0.01 * sign, at_rest: 0.0 }; 2];
-        let rules = HeadRules { units: units.map(UnitsRule::Known), ..HeadRules::default() };
+        let options = HeadOptions { units: units.map(UnitsRule::Known), ..HeadOptions::default() };
         let scene = Scene { points_a_setting: 4, ..SCENE }; // too few for poses
-        let found = found(&truth, &observe(&truth, &settings(), units, &scene), &rules);
+        let found = found(&truth, &observe(&truth, &settings(), units, &scene), &options);
         assert_axes_within(&found, &truth, 0.2, 4.0);
     }
 }
@@ -279,9 +283,9 @@ fn three_models_fit_ever_better() {
     let aligned = found(
         &truth,
         &observations,
-        &HeadRules { axes: AxesRule::Aligned, loss: Loss::Squared, ..HeadRules::default() },
+        &HeadOptions { axes: AxesRule::Aligned, loss: Loss::Squared, ..HeadOptions::default() },
     );
-    let free = found(&truth, &observations, &HeadRules::default());
+    let free = found(&truth, &observations, &HeadOptions::default());
     assert_eq!(aligned.head.pan, PanTiltHead::aligned(truth.at_rest.clone(), Limits::WIDE).pan);
     assert!(aligned.median_px > 5.0 && free.median_px < 0.8, "{} {}", aligned.median_px, free.median_px);
     let held = aligned.covariance.whole.fixed_view::<8, 8>(6, 6).into_owned();
@@ -292,9 +296,9 @@ fn three_models_fit_ever_better() {
 fn errors_larger_than_stated_widen_the_covariance() {
     let truth = crooked(Stacking::TiltOnPan);
     let mut observations = radians(&truth, &Scene { sigma_px: 3.0, target_mm: 0.0, ..SCENE });
-    let as_stated = found(&truth, &observations, &HeadRules::default());
+    let as_stated = found(&truth, &observations, &HeadOptions::default());
     observations.iter_mut().for_each(|it| it.sigma_px = 0.3);
-    let understated = found(&truth, &observations, &HeadRules::default());
+    let understated = found(&truth, &observations, &HeadOptions::default());
     assert!((9.0..11.0).contains(&understated.noise_factor), "{}", understated.noise_factor);
     let ratio = understated.covariance.pan().place / as_stated.covariance.pan().place;
     assert!((0.9..1.1).contains(&ratio), "{ratio}");
@@ -319,10 +323,10 @@ fn derivatives_are_those_of_differences() {
             12
         ];
         // Twelve alike are no calibration, but enough for a derivative.
-        let rules = HeadRules::default();
+        let options = HeadOptions::default();
         let prepared = Prepared {
             optics: optics(&head),
-            rules: &rules,
+            options: &options,
             observations: &observations,
             used: vec![Used { units: at, setting: 0 }; 12],
             directions: vec![None; 12],
@@ -354,8 +358,8 @@ fn a_head_looked_at_from_its_start_is_refined() {
     let mut start = PanTiltHead::aligned(truth.at_rest.clone(), Limits::WIDE);
     start.at_rest.camera_from_world.translation.vector.x += 0.05;
     let units = [AxisUnits::RADIANS; 2];
-    let refined = refine_head(&start, units, &observations, &HeadRules::default()).unwrap();
-    let free = found(&truth, &observations, &HeadRules::default());
+    let refined = refine_head(&start, units, &observations, &HeadOptions::default()).unwrap();
+    let free = found(&truth, &observations, &HeadOptions::default());
     assert!(refined.head.pan.step_to(&free.head.pan).unwrap().norm() < 1e-5);
     assert_eq!(refined.right, free.right);
 }

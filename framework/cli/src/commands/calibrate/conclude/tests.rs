@@ -2,7 +2,7 @@
 
 use clap::Parser;
 use foveate_calibration::cause::Cause;
-use foveate_calibration::checks::{Judgement, Suspect};
+use foveate_calibration::checks::{Candidate, Judgement};
 
 use super::*;
 use crate::calibrate::boards::BoardWishes;
@@ -50,11 +50,11 @@ fn suggested_commands_are_taken_whatever_was_asked() {
         for which in 0..1_usize << causes.len() {
             let of = |(index, cause): (usize, &Cause)| {
                 let judgement = Judgement { level: Level::Redo, sentence: String::new() };
-                let suspect = Suspect { judgement, camera: index, cause: *cause, misfit: 9.0, explained: 0.9 };
-                (which >> index & 1 == 1).then_some(suspect)
+                let candidate = Candidate { judgement, camera: index, cause: *cause, misfit: 9.0, explained: 0.9 };
+                (which >> index & 1 == 1).then_some(candidate)
             };
-            let suspects: Vec<Suspect> = causes.iter().enumerate().filter_map(of).collect();
-            let commands = advice::commands(&asked(&typed, typed.board != BoardWishes::default()), &suspects);
+            let candidates: Vec<Candidate> = causes.iter().enumerate().filter_map(of).collect();
+            let commands = advice::commands(&asked(&typed, typed.board != BoardWishes::default()), &candidates);
             let has_clock = which & 1 == 1 && !typed.unsynchronised;
             assert_eq!(
                 has_clock,

@@ -1,0 +1,133 @@
+//! What is said of a camera that contradicts the rest.
+
+use super::candidates::Candidate;
+use super::network::{Room, is_calibrated};
+use super::{Judgement, Level};
+use crate::cause::{Cause, Culprit};
+
+/// Wrong observations that were left out, told without blame.
+pub(super) fn harmless(network: &Room<'_>, camera: usize, share: f64) -> Judgement {
+    let (percent, name) = (100.0 * share, network.name(camera));
+    Judgement::new(
+        Level::Good,
+        format!(
+            "{percent:.0} % of what camera {name} saw was not the light and was left out: it did no harm; masking lamps and mirrors avoids it."
+        ),
+    )
+}
+
+/// What is said of a camera that was found to be at fault before the room was solved without it.
+pub(super) fn culprit(network: &Room<'_>, culprit: &Culprit) -> Candidate {
+    let Culprit { camera, cause, shares } = *culprit;
+    let mut told = candidate(network, camera, cause, f64::INFINITY, 1.0);
+    if let Cause::FalseObservations { share } = cause {
+        // Its right observations are enough, and hold it as well as the others are held.
+        let is_found = is_calibrated(&network.solved.cameras[camera]);
+        if is_found && shares[0] >= RIGHT_ENOUGH {
+            told.judgement = harmless(network, camera, share);
+        } else if share > network.options.rejected_share[1] {
+            told.judgement.level = Level::Redo;
+        }
+    }
+    told
+}
+
+/// A camera of whose observations so large a part is right is found by them [–].
+const RIGHT_ENOUGH: f64 = 0.5;
+
+/// The level and the sentence of an diagnosis.
+pub(super) fn candidate(network: &Room<'_>, camera: usize, cause: Cause, misfit: f64, explained: f64) -> Candidate {
+    let name = network.name(camera);
+    let grave = if misfit > network.options.misfit { Level::Redo } else { Level::Usable };
+    let (level, sentence) = match cause {
+        Cause::Moved { at_s: Some(at_s), shift_px, turn, .. } => (
+            Level::Redo,
+            format!(
+                "Camera {name} was moved at {at_s:.1} s ({shift_px:.1} px, {:.1} mrad): fasten it and record again.",
+                1e3 * turn
+            ),
+        ),
+        Cause::Moved { at_s: None, shift_px, turn, .. } => (
+            Level::Usable,
+            format!(
+                "Camera {name} was moved since the older calibration ({shift_px:.1} px, {:.1} mrad): it stands where it is now found.",
+                1e3 * turn
+            ),
+        ),
+        Cause::Clock { offset_s, sigma_s } => {
+            let which = if offset_s < 0.0 { "late" } else { "early" };
+            let by = format!("{:.1} ± {:.1} ms", 1e3 * offset_s.abs(), 1e3 * sigma_s);
+            (
+                Level::Redo,
+                format!(
+                    "Camera {name} is {by} {which}: synchronise it, or have each camera's clock found from the path of the light."
+                ),
+            )
+        }
+        Cause::Focal { factor } => (
+            grave,
+            format!(
+                "The focal length of camera {name} is off by {:+.1} %: let focal lengths be found, or check lens and zoom.",
+                100.0 * (factor - 1.0)
+            ),
+        ),
+        Cause::Distortion { k1 } => (
+            grave,
+            format!(
+                "The lens of camera {name} distorts otherwise than its model (k1 {k1:+.3}): let its lens be found."
+            ),
+        ),
+        Cause::PixelShape { factor } => (
+            grave,
+            format!(
+                "The pixels of camera {name} are not as stated: height over width of its focal length is {:+.1} % off; state pixel_aspect, or check how its picture is scaled.",
+                100.0 * (factor - 1.0)
+            ),
+        ),
+        Cause::Swapped { with, since_s } => {
+            let (first, second) = (network.name(camera.min(with)), network.name(camera.max(with)));
+            let since = since_s.map_or(String::new(), |it| format!(" since {it:.1} s"));
+            let solved = since_s.map_or("", |_| " (the room was solved with their rows put right)");
+            (
+                Level::Redo,
+                format!(
+                    "Cameras {first} and {second} are swapped{since}: exchange their names or cables, and record again{solved}."
+                ),
+            )
+        }
+        Cause::Mirrored => {
+            (Level::Redo, format!("The picture of camera {name} is mirrored, left to right: record it as it is."))
+        }
+        Cause::UpsideDown => (
+            Level::Redo,
+            format!("The picture of camera {name} is upside down: turn the camera or its picture by half."),
+        ),
+        Cause::FalseObservations { share } => (
+            Level::Usable,
+            format!(
+                "{:.0} % of what camera {name} saw is not the light: mask lamps and mirrors in its picture.",
+                100.0 * share
+            ),
+        ),
+        Cause::FewObservations { count, median } => (
+            Level::Usable,
+            format!("Camera {name} saw the light {count} times, others {median} times: wave longer in front of it."),
+        ),
+        Cause::FewCommon { .. } => unreachable!("its sentence is that of its status"),
+        Cause::Unknown { size } if !misfit.is_finite() => (
+            Level::Redo,
+            format!(
+                "No pose explains {:.0} % of what camera {name} saw: check its lens, its mount, its clock and which camera's picture it is.",
+                100.0 * size
+            ),
+        ),
+        Cause::Unknown { .. } => {
+            let level = if misfit > 2.0 * network.options.misfit { Level::Redo } else { Level::Usable };
+            let sentence = format!(
+                "Camera {name} fits the others {misfit:.1} times worse than usual: check its focus, mount and lens."
+            );
+            (level, sentence)
+        }
+    };
+    Candidate { judgement: Judgement::new(level, sentence), camera, cause, misfit, explained }
+}

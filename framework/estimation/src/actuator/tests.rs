@@ -1,0 +1,106 @@
+//! The estimate of an actuator against a motor that is simulated.
+
+use super::motor::Motor;
+use super::{ActuatorEstimator, ActuatorOptions, Order};
+use crate::random::Random;
+
+const TICK_S: f64 = 0.001;
+
+/// What a run ended with.
+struct Run {
+    actuator: ActuatorEstimator,
+    /// Root of the mean squared error of pan as it was told 30 ms later, and root of the mean variance stated for it [rad].
+    error: f64,
+    stated: f64,
+}
+
+/// A head with `latency_s` that is sent every 50 ms to where a swing of ±20° in 2.4 s will be, asked every 100 ms, and answers in its own steps; from `lost_s`
+/// on orders do not reach it.
+fn run(latency_s: f64, acceleration_deg: f64, lost_s: f64) -> Run {
+    let mut actuator = ActuatorEstimator::new(ActuatorOptions::default(), 0.0, [0.0; 2]);
+    let mut random = Random::new(3);
+    let mut truth = [Motor::at_rest(0.1), Motor::at_rest(-0.05)];
+    let mut pending: Vec<(f64, [Order; 2])> = Vec::new();
+    let mut past: Vec<f64> = Vec::new();
+    let (mut squares, mut variances, mut count) = (0.0, 0.0, 0.0);
+    for tick in 0..20_000 {
+        let now = f64::from(tick) * TICK_S;
+        if tick % 50 == 7 {
+            let ahead = now + 0.35;
+            let goal = 0.35 * (std::f64::consts::TAU * ahead / 2.4).sin();
+            let orders = [Order::Go { goal, speed: 0.9 }, Order::Go { goal: 0.1 * (0.5 * ahead).sin(), speed: 0.3 }];
+            actuator.order(now, orders);
+            if now < lost_s {
+                pending.push((now + latency_s + 0.01 * random.uniform(), orders));
+            }
+        }
+        pending.retain(|(at, orders)| {
+            let is_due = *at <= now;
+            if is_due {
+                (truth[0].order, truth[1].order) = (orders[0], orders[1]);
+            }
+            !is_due
+        });
+        truth.iter_mut().for_each(|it| it.advance(TICK_S, acceleration_deg.to_radians()));
+        past.push(truth[0].angle);
+        if tick % 100 == 60 {
+            let quantum = ActuatorOptions::default().quantum;
+            let said = [0, 1].map(|axis| (truth[axis].angle / quantum[axis]).round() * quantum[axis]);
+            actuator.answer(now - 0.015, now + 0.015, said);
+        }
+        if tick % 33 == 0 && tick > 6000 {
+            let state = actuator.at(now - 0.03).unwrap();
+            squares += (state.angles[0] - past[past.len() - 31]).powi(2);
+            variances += state.variances[0];
+            count += 1.0;
+        }
+    }
+    Run { actuator, error: (squares / count).sqrt(), stated: (variances / count).sqrt() }
+}
+
+#[test]
+fn latency_is_found_and_so_is_the_angle_between_two_answers() {
+    for (latency_s, acceleration) in [(0.12, 800.0), (0.26, 400.0), (0.4, 250.0)] {
+        let Run { actuator, error, stated } = run(latency_s, acceleration, f64::INFINITY);
+        let [found, sigma] = actuator.latency();
+        let angle = error.to_degrees();
+        println!(
+            "{latency_s} s: found {found:.3} ± {sigma:.3} s, angle within {angle:.3}°, stated {:.3}°",
+            stated.to_degrees()
+        );
+        assert!((found - latency_s - 0.005).abs() < 0.03, "{found}");
+        assert!(angle < 0.35 && (0.4..2.5).contains(&(stated / error)));
+    }
+}
+
+#[test]
+fn a_head_that_does_not_obey_is_where_it_says() {
+    let Run { mut actuator, .. } = run(0.26, 400.0, 10.0);
+    let state = actuator.at(20.0).unwrap();
+    assert!(state.variances[0].sqrt().to_degrees() > 1.0, "and that is not known well: its orders say otherwise");
+}
+
+#[test]
+fn an_order_on_its_way_is_foreseen_and_the_past_is_remembered() {
+    let mut actuator = ActuatorEstimator::new(
+        ActuatorOptions { latency_s: [0.2, 0.001], ..ActuatorOptions::default() },
+        0.0,
+        [0.0; 2],
+    );
+    actuator.answer(0.0, 0.0, [0.0; 2]);
+    actuator.order(0.1, [Order::Go { goal: 0.5, speed: 1.0 }, Order::Turn(0.0)]);
+    assert_eq!(actuator.at(0.25).unwrap().angles, [0.0; 2]);
+    let later = actuator.at(1.5).unwrap();
+    assert!((later.angles[0] - 0.5).abs() < 1e-3 && later.angles[1] == 0.0);
+    assert!(actuator.at(0.6).is_some_and(|it| it.angles[0] > 0.1 && it.angles[0] < 0.5));
+    assert_eq!(actuator.at(-1.0), None);
+}
+
+#[test]
+fn what_is_no_number_changes_nothing() {
+    let mut actuator = ActuatorEstimator::new(ActuatorOptions::default(), 0.0, [0.2; 2]);
+    actuator.answer(0.1, f64::NAN, [0.0; 2]);
+    actuator.answer(0.1, 0.1, [f64::INFINITY, 0.0]);
+    assert_eq!(actuator.last_answer_s(), None);
+    assert!(actuator.at(0.3).unwrap().angles.iter().all(|it| (it - 0.2).abs() < 1e-12));
+}

@@ -1,0 +1,118 @@
+//! How to go about a calibration.
+
+use foveate_estimation::Loss;
+
+use super::HeadCalibrationError;
+use crate::pan_tilt::head::{AxisUnits, Limits, Stacking};
+
+/// What is known of a device's units of angle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum UnitsRule {
+    /// As given, such as by the device's maker.
+    Known(AxisUnits),
+    /// Estimated, starting at this.
+    Near(AxisUnits),
+    /// Estimated from nothing, and positive: the axis points where the device's numbers rise. Needs settings with several targets each.
+    Unknown {
+        /// The device's number at angle zero.
+        at_rest: f64,
+    },
+}
+
+/// Which model is fitted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AxesRule {
+    /// Axes anywhere: equation (2).
+    Free,
+    /// Axes along the image's rows and columns, through the centre of projection: equation (1), for comparison.
+    Aligned,
+}
+
+/// How to go about it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HeadOptions {
+    /// Of pan and tilt.
+    pub units: [UnitsRule; 2],
+    /// Which model.
+    pub axes: AxesRule,
+    /// Which axis carries the other.
+    pub stacking: Stacking,
+    /// Limits that the head found is given; of no effect on the search.
+    pub limits: Limits,
+    /// What an error costs, in its standard deviations.
+    pub loss: Loss,
+    /// How far the head stands from where its device says, standard deviation of either angle [rad]. Above 0, each setting gets a
+    /// correction of its own.
+    pub setting_sigma: f64,
+    /// Between the smallest and the largest setting of pan and tilt, at least [rad].
+    pub least_range: [f64; 2],
+    /// Directions of the axes less well known than this are refused, standard deviation [rad].
+    pub most_direction_sigma: f64,
+    /// Places of the axes and of the camera less well known than this are refused, standard deviation [m].
+    pub most_place_sigma: f64,
+    /// Into how many parts the settings are divided, each in turn predicted from the others; 0 for none [–].
+    pub holdout_parts: usize,
+    /// Of what is drawn at random.
+    pub seed: u64,
+}
+
+impl Default for HeadOptions {
+    /// Settings in rad, axes free, Cauchy's loss, exact settings, ranges of 10° and 5°, directions to 1°, places to 50 mm, five parts.
+    fn default() -> Self {
+        Self {
+            units: [UnitsRule::Known(AxisUnits::RADIANS); 2],
+            axes: AxesRule::Free,
+            stacking: Stacking::default(),
+            limits: Limits::WIDE,
+            loss: Loss::CAUCHY,
+            setting_sigma: 0.0,
+            least_range: [10.0_f64.to_radians(), 5.0_f64.to_radians()],
+            most_direction_sigma: 1.0_f64.to_radians(),
+            most_place_sigma: 0.05,
+            holdout_parts: 5,
+            seed: 1,
+        }
+    }
+}
+
+impl HeadOptions {
+    /// Finds what cannot be followed.
+    pub(super) fn check(&self) -> Result<(), HeadCalibrationError> {
+        let positive = "a finite number above 0";
+        let named = [
+            ("the range of pan", self.least_range[0]),
+            ("the range of tilt", self.least_range[1]),
+            ("most_direction_sigma", self.most_direction_sigma),
+            ("most_place_sigma", self.most_place_sigma),
+        ];
+        let bad = |it: &&(&'static str, f64)| !(it.1.is_finite() && it.1 > 0.0);
+        if let Some(&(rule, found)) = named.iter().find(bad) {
+            return Err(HeadCalibrationError::BadRule { rule, found, expected: positive });
+        }
+        if let Some(found) = self.loss.bad_scale() {
+            return Err(HeadCalibrationError::BadRule { rule: "the scale of the loss", found, expected: positive });
+        }
+        if !(self.setting_sigma.is_finite() && self.setting_sigma >= 0.0) {
+            let (rule, found) = ("setting_sigma", self.setting_sigma);
+            return Err(HeadCalibrationError::BadRule { rule, found, expected: "a finite number of 0 or more" });
+        }
+        for units in self.units {
+            let (rad_per_unit, at_rest) = match units {
+                UnitsRule::Known(it) | UnitsRule::Near(it) => (it.rad_per_unit, it.at_rest),
+                UnitsRule::Unknown { at_rest } => (1.0, at_rest),
+            };
+            if !rad_per_unit.is_finite() || rad_per_unit == 0.0 {
+                let expected = "a finite number other than 0";
+                return Err(HeadCalibrationError::BadRule { rule: "rad_per_unit", found: rad_per_unit, expected });
+            }
+            if !at_rest.is_finite() {
+                return Err(HeadCalibrationError::BadRule {
+                    rule: "at_rest",
+                    found: at_rest,
+                    expected: "a finite number",
+                });
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,363 @@
+//! Lights in the pictures of one camera: threshold, search, centroid [Davis 2002 §3.3].
+//!
+//! One picture at a time: its plane, a search of the whole picture or of a sparse grid and of windows where lights are
+//! expected, and what the picture teaches about the background. Windows lie where a light was in the last picture, where
+//! it would be had it gone on at its speed in the image, and where the integrator's targets should be.
+
+#[cfg(test)]
+mod tests;
+
+use foveate::imaging::{
+    Background, BackgroundConfig, Centroid, Channel, ImageView, ImagingError, Measure, Sampling, Spot, SpotFinder,
+    SpotLimits, Statistic, ThresholdMap, Verdict, Window, fill_polygon, plane,
+};
+use foveate::messages::{self, Feature, Features, Image, PixelFormat};
+use nalgebra::{Point2, Vector2};
+
+use crate::detector::{CentroidKind, ColourPlane, DetectorSettings, Search, WhileLearning};
+
+/// Successive pictures of a new size after which that size is believed, where no calibration states one.
+const SIZE_PATIENCE: u32 = 10;
+
+/// Windows of one picture, at most.
+const WINDOWS_MAX: usize = 512;
+
+/// The detector of one camera.
+pub struct LedDetector {
+    settings: DetectorSettings,
+    /// As the calibration states it [px].
+    calibrated_size: Option<[u32; 2]>,
+    /// Where the jittered grid starts.
+    phase: u64,
+    finder: SpotFinder,
+    limits: SpotLimits,
+    of_size: Option<OfSize>,
+    /// A size that came instead of the expected one, and how often in a row.
+    other_size: ([u32; 2], u32),
+    n_pictures: u64,
+    plane: Vec<u8>,
+    spots: Vec<Spot>,
+    windows: Vec<Window>,
+    /// Lights of the last picture and those of this one.
+    before: Vec<Moving>,
+    now: Vec<Moving>,
+}
+
+/// What depends on the size of the pictures.
+struct OfSize {
+    size: [u32; 2],
+    /// Which part of the camera's pictures they show.
+    part: messages::Window,
+    /// `None`: nothing is learnt, `floor` is all there is.
+    background: Option<Background>,
+    /// The lowest threshold everywhere, with the masks.
+    floor: ThresholdMap,
+}
+
+/// A light and how far it moved since the picture before, in pixels of the camera.
+#[derive(Debug, Clone, Copy)]
+struct Moving {
+    centre: Point2<f64>,
+    step: Vector2<f64>,
+}
+
+/// What a picture was worth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// Searched.
+    Searched,
+    /// The background is still being learnt.
+    Learning,
+    /// So much is lit that most of it is no light: the room has changed, and is being learnt again.
+    Flooded,
+}
+
+/// Why a picture could not be searched.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Refusal {
+    /// Another size than the camera's.
+    WrongSize {
+        /// Columns, rows [px].
+        expected: [u32; 2],
+        /// Columns, rows [px].
+        found: [u32; 2],
+    },
+    /// A part that is not one of the camera's picture.
+    Outside {
+        /// Columns, rows of the camera's [px].
+        whole: [u32; 2],
+        /// Columns, rows of the part [px].
+        size: [u32; 2],
+        /// Where it is.
+        part: messages::Window,
+    },
+    /// Another part than the one that the background was learnt for.
+    Moved {
+        /// The background's.
+        learnt: messages::Window,
+        /// The picture's.
+        found: messages::Window,
+    },
+    /// The settings ask for a colour and the picture has none.
+    NoColour,
+    /// The pixels are not what the size promises.
+    Broken(ImagingError),
+}
+
+impl std::fmt::Display for Refusal {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Refusal::WrongSize { expected: [w, h], found: [a, b] } => {
+                write!(f, "the picture is {a} x {b} px, the camera's are {w} x {h} px")
+            }
+            Refusal::Outside { whole: [w, h], size: [a, b], part: messages::Window { left, top, shrink } } => {
+                write!(f, "{a} x {b} px at ({left}, {top}), 1/{shrink} of the size, are no part of the camera's {w} x {h} px")
+            }
+            Refusal::Moved { learnt: a, found: b } => write!(
+                f,
+                "the picture begins at ({}, {}), 1/{} of the size, the background was learnt from ({}, {}), 1/{}: where parts of pictures \
+                 move, nothing can be learnt, set `learn_frames = 0`",
+                b.left, b.top, b.shrink, a.left, a.top, a.shrink
+            ),
+            Refusal::NoColour => f.write_str(
+                "the picture is gray and `channel` names a colour: let the source give colour (`format = \"rgb\"`), or set \
+                 `channel = \"luma\"`",
+            ),
+            Refusal::Broken(error) => write!(f, "{error}"),
+        }
+    }
+}
+
+impl LedDetector {
+    /// A detector with `settings` that have been checked. `phase` is a random number for the jittered grid, different for
+    /// each camera.
+    ///
+    /// # Errors
+    /// A setting out of its range.
+    pub fn new(
+        settings: DetectorSettings,
+        calibrated_size: Option<[u32; 2]>,
+        phase: u64,
+    ) -> Result<Self, ImagingError> {
+        let limits = SpotLimits {
+            min_area: settings.min_area_px,
+            max_area: settings.max_area_px,
+            max_elongation: settings.max_elongation,
+            min_fill: settings.min_fill,
+            max_spots: settings.max_features as usize,
+            ..SpotLimits::default()
+        };
+        limits.check()?;
+        background_config(&settings).map_or(Ok(()), |config| config.check())?;
+        let finder = SpotFinder::new(Measure {
+            centroid: match settings.centroid {
+                CentroidKind::Weighted => Centroid::Weighted,
+                CentroidKind::Integer => Centroid::Integer,
+            },
+            foot: settings.offset,
+            pixel_sigma: settings.pixel_noise,
+            ..Measure::default()
+        })?;
+        Ok(Self {
+            settings,
+            calibrated_size,
+            phase: phase % 1024,
+            finder,
+            limits,
+            of_size: None,
+            other_size: ([0, 0], 0),
+            n_pictures: 0,
+            plane: Vec::new(),
+            spots: Vec::new(),
+            windows: Vec::with_capacity(64),
+            before: Vec::new(),
+            now: Vec::new(),
+        })
+    }
+
+    /// Fills `features` with the lights of `image`; `predicted` are pixels where targets are expected, whose windows are
+    /// searched in a sampled search. All in pixels of the camera; of parts of its pictures the settings' sizes are in pixels of the part.
+    ///
+    /// # Errors
+    /// A picture that is none, has another size, or is a part that moves while a background is learnt; what was learnt stays, and `features` is empty.
+    pub fn find(
+        &mut self,
+        image: &Image,
+        predicted: impl Iterator<Item = Point2<f64>>,
+        features: &mut Features,
+    ) -> Result<Outcome, Refusal> {
+        features.list.clear();
+        let part = image.window;
+        self.fit([image.width, image.height], part)?;
+        let Some(of_size) = &mut self.of_size else { unreachable!("the size was fitted") };
+        let (width, height) = (image.width as usize, image.height as usize);
+        let pixels = match image.format {
+            PixelFormat::Gray8 => match self.settings.channel {
+                ColourPlane::Luma | ColourPlane::Max => image.pixels.as_slice(),
+                ColourPlane::Red | ColourPlane::Green | ColourPlane::Blue => return Err(Refusal::NoColour),
+            },
+            PixelFormat::Rgb8 => {
+                plane::extract(channel(self.settings.channel), &image.pixels, &mut self.plane)
+                    .map_err(Refusal::Broken)?;
+                &self.plane
+            }
+        };
+        let view = ImageView::new(pixels, width, height).map_err(Refusal::Broken)?;
+        let learnt = of_size.background.as_ref().and_then(Background::thresholds);
+        let blind = of_size.background.is_some() && learnt.is_none();
+        let found = if blind && self.settings.while_learning == WhileLearning::Wait {
+            self.spots.clear();
+            None
+        } else {
+            let thresholds = learnt.unwrap_or(&of_size.floor);
+            let (limits, spots) = (&self.limits, &mut self.spots);
+            Some(match self.settings.search {
+                Search::Full => self.finder.find_full(&view, thresholds, limits, spots),
+                Search::Sampled => {
+                    let size = self.settings.window_px.div_ceil(part.shrink.max(1));
+                    let around = |centre: Point2<f64>| Window::around(part.in_image(&centre), size);
+                    self.windows.clear();
+                    self.windows.extend(self.before.iter().map(|it| around(it.centre)));
+                    let gone_on = self.before.iter().filter(|it| it.step != Vector2::zeros());
+                    self.windows.extend(gone_on.map(|it| around(it.centre + it.step)));
+                    self.windows.extend(predicted.map(around));
+                    self.windows.truncate(WINDOWS_MAX);
+                    let sampling = Sampling::of_frame(self.phase + self.n_pictures, self.settings.grid_px as usize);
+                    self.finder.find_sampled(&view, thresholds, sampling, &self.windows, limits, spots)
+                }
+            })
+            .transpose()
+            .map_err(Refusal::Broken)?
+        };
+        self.spots.retain(|spot| spot.peak >= self.settings.min_peak);
+        self.n_pictures += 1;
+        let verdict = match &mut of_size.background {
+            // What was searched with the lowest threshold says nothing about a table that is not there yet.
+            Some(background) => background.update(&view, found.filter(|_| !blind).as_ref()).map_err(Refusal::Broken)?,
+            None => Verdict::Trusted,
+        };
+        match verdict {
+            Verdict::Flooded => {
+                self.before.clear();
+                return Ok(Outcome::Flooded);
+            }
+            Verdict::Learning if found.is_none() => return Ok(Outcome::Learning),
+            Verdict::Learning | Verdict::Trusted => {}
+        }
+        self.follow(part);
+        let stretch = f64::from(part.shrink);
+        features.list.extend(self.spots.iter().map(|spot| Feature {
+            centre: part.in_camera(&spot.centre),
+            covariance: spot.covariance * (stretch * stretch),
+            area: spot.area.saturating_mul(part.shrink * part.shrink),
+            peak: spot.peak,
+            label: None,
+        }));
+        Ok(Outcome::Searched)
+    }
+
+    /// Sees to it that what depends on the size is there for `size` and `part`.
+    fn fit(&mut self, size: [u32; 2], part: messages::Window) -> Result<(), Refusal> {
+        if let Some(other) = self.of_size.as_ref().filter(|it| it.part != part) {
+            if other.background.is_some() {
+                return Err(Refusal::Moved { learnt: other.part, found: part });
+            }
+            if other.size != size || !self.settings.masks.is_empty() || part == messages::Window::default() {
+                self.of_size = None;
+            }
+        }
+        if part == messages::Window::default() {
+            return self.fit_size(size);
+        }
+        if let Some(whole) = self.calibrated_size.filter(|it| !part.fits(size, *it)) {
+            return Err(Refusal::Outside { whole, size, part });
+        }
+        match &mut self.of_size {
+            Some(it) if it.size == size => it.part = part,
+            Some(it) if it.background.is_some() => return Err(Refusal::WrongSize { expected: it.size, found: size }),
+            _ => self.of_size = Some(self.prepare(size, part).map_err(Refusal::Broken)?),
+        }
+        Ok(())
+    }
+
+    /// The same of whole pictures.
+    fn fit_size(&mut self, size: [u32; 2]) -> Result<(), Refusal> {
+        let expected = self.calibrated_size.or(self.of_size.as_ref().map(|it| it.size));
+        if let Some(expected) = expected.filter(|it| *it != size) {
+            let times = if self.other_size.0 == size { self.other_size.1 + 1 } else { 1 };
+            self.other_size = (size, times);
+            if self.calibrated_size.is_some() || times < SIZE_PATIENCE || size.contains(&0) {
+                return Err(Refusal::WrongSize { expected, found: size });
+            }
+            self.of_size = None;
+        }
+        self.other_size.1 = 0;
+        if self.of_size.is_none() {
+            self.of_size = Some(self.prepare(size, messages::Window::default()).map_err(Refusal::Broken)?);
+            self.before.clear();
+        }
+        Ok(())
+    }
+
+    /// Background, masks and lowest thresholds for pictures of `size` that show `part`.
+    fn prepare(&self, size: [u32; 2], part: messages::Window) -> Result<OfSize, ImagingError> {
+        let [width, height] = size.map(|it| it as usize);
+        let mut masked = vec![false; width * height];
+        for polygon in &self.settings.masks {
+            let corners: Vec<Point2<f64>> =
+                polygon.iter().map(|corner| part.in_image(&Point2::from(*corner))).collect();
+            fill_polygon(&mut masked, width, height, &corners)?;
+        }
+        let lowest = self.settings.min_threshold;
+        let thresholds = masked.iter().map(|&masked| if masked { 255 } else { lowest }).collect();
+        let floor = ThresholdMap::new(thresholds, width, height)?;
+        let background = match background_config(&self.settings) {
+            None => None,
+            Some(config) => {
+                let mut background = Background::new(config, width, height)?;
+                background.set_mask(masked)?;
+                Some(background)
+            }
+        };
+        Ok(OfSize { size, part, background, floor })
+    }
+
+    /// Finds out how far each light of this picture, which shows `part`, has moved since the last one.
+    fn follow(&mut self, part: messages::Window) {
+        let reach = f64::from(self.settings.window_px) * f64::from(part.shrink);
+        self.now.clear();
+        for spot in &self.spots {
+            let centre = part.in_camera(&spot.centre);
+            let expected = |it: &&Moving| (it.centre + it.step - centre).norm_squared();
+            let nearest = self.before.iter().min_by(|a, b| expected(a).total_cmp(&expected(b)));
+            let step = nearest.map(|it| centre - it.centre).filter(|step| step.norm() <= reach);
+            self.now.push(Moving { centre, step: step.unwrap_or_default() });
+        }
+        std::mem::swap(&mut self.before, &mut self.now);
+    }
+}
+
+/// `None`: nothing is to be learnt.
+fn background_config(settings: &DetectorSettings) -> Option<BackgroundConfig> {
+    (settings.learn_frames > 0).then_some(BackgroundConfig {
+        learn_frames: settings.learn_frames,
+        offset: settings.offset,
+        min_threshold: settings.min_threshold,
+        relearn_fraction: settings.relearn_fraction,
+        statistic: match settings.left_out_frames {
+            0 => Statistic::Maximum,
+            n => Statistic::WithoutHighest(n),
+        },
+        sink: settings.sink,
+    })
+}
+
+fn channel(plane: ColourPlane) -> Channel {
+    match plane {
+        ColourPlane::Luma => Channel::Luma,
+        ColourPlane::Red => Channel::Red,
+        ColourPlane::Green => Channel::Green,
+        ColourPlane::Blue => Channel::Blue,
+        ColourPlane::Max => Channel::Max,
+    }
+}

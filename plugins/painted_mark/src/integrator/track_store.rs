@@ -1,0 +1,211 @@
+//! What is known of each mark: where it was, whether it is believed yet.
+
+use std::collections::BTreeMap;
+
+use foveate::geometry::{AlignmentOptions, align};
+use foveate::prelude::*;
+use nalgebra::{Isometry3, Point3};
+
+/// A mark that is not believed yet is forgotten after so many frames without being seen.
+const PATIENCE: u32 = 15;
+/// Marks by whose motion an unseen one is extrapolated: its nearest so many.
+const NEIGHBOURS: usize = 10;
+/// Fewer marks than this do not say how the surface moved.
+const LEAST_FOR_MOTION: usize = 4;
+
+/// One mark.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Known {
+    /// Where it is or should be, in the world [m].
+    pub position: Point3<f64>,
+    /// Whether it was measured in the last frame.
+    pub is_seen: bool,
+    /// Frames in which it was measured, until it is believed.
+    seen: u32,
+    /// Frames since it was measured.
+    unseen: u32,
+    pub is_believed: bool,
+}
+
+/// All marks by label.
+#[derive(Default)]
+pub(super) struct TrackStore {
+    pub marks: BTreeMap<u32, Known>,
+    next_label: u32,
+}
+
+impl TrackStore {
+    /// A mark that somebody named.
+    pub fn named(&mut self, label: u32, position: Point3<f64>) {
+        self.next_label = self.next_label.max(label + 1);
+        let known = Known { position, is_seen: true, seen: 1, unseen: 0, is_believed: true };
+        self.marks.insert(label, known);
+    }
+
+    /// A mark that the cameras agree on.
+    pub fn initiated(&mut self, position: Point3<f64>) {
+        let known = Known { position, is_seen: false, seen: 0, unseen: 0, is_believed: false };
+        self.marks.insert(self.next_label, known);
+        self.next_label += 1;
+    }
+
+    /// Takes in the marks of one frame and carries on the others: by `filled`, where all marks should be in a space of their own, or else by where all were.
+    /// Marks that were not believed and are not seen again are forgotten.
+    pub fn update(&mut self, measured: &BTreeMap<u32, Point3<f64>>, filled: Option<&Marks>, initiation_frames: u32) {
+        let known = |label: u32| self.marks.get(&label).map(|it| it.position);
+        // Where a mark that was not measured is, in a space in which the measured ones are known too.
+        let reference = |label: u32| filled.and_then(|it| Some(it.get(label)?.position));
+        let by_model: Vec<(u32, Point3<f64>)> =
+            measured.keys().filter_map(|label| Some((*label, reference(*label)?))).collect();
+        let by_memory: Vec<(u32, Point3<f64>)> =
+            measured.keys().filter_map(|label| Some((*label, known(*label)?))).collect();
+        let carried: Vec<(u32, Point3<f64>)> = self
+            .marks
+            .iter()
+            .filter(|(label, _)| !measured.contains_key(label))
+            .filter_map(|(label, mark)| {
+                let by_model = || Some(carry(&by_model, measured, &reference(*label)?)? * reference(*label)?);
+                let by_memory = || Some(carry(&by_memory, measured, &mark.position)? * mark.position);
+                Some((*label, by_model().or_else(by_memory)?))
+            })
+            .collect();
+        for (label, position) in carried {
+            if let Some(mark) = self.marks.get_mut(&label) {
+                (mark.position, mark.is_seen) = (position, false);
+            }
+        }
+        for (label, mark) in &mut self.marks {
+            let position = measured.get(label);
+            mark.is_seen = position.is_some();
+            match position {
+                Some(position) => {
+                    (mark.position, mark.unseen) = (*position, 0);
+                    mark.seen += 1;
+                    mark.is_believed |= mark.seen >= initiation_frames;
+                }
+                None => mark.unseen += 1,
+            }
+        }
+        self.marks.retain(|_, mark| mark.is_believed || mark.unseen < PATIENCE);
+    }
+
+    /// Takes `position`, where the cameras agree on a mark that has no name, for the one hidden mark that should be within `reach` of it [m]. Whether there is such a one; where
+    /// there are several, nobody is moved, and nobody new is there either.
+    pub fn moved_to(&mut self, position: &Point3<f64>, reach: f64) -> bool {
+        let is_near = |mark: &Known| mark.is_believed && mark.unseen > 0 && (mark.position - position).norm() < reach;
+        let mut near = self.marks.values_mut().filter(|it| is_near(it));
+        let Some(mark) = near.next() else { return false };
+        if near.next().is_none() {
+            mark.position = *position;
+        }
+        true
+    }
+
+    /// Distance to the nearest mark [m].
+    pub fn nearest(&self, position: &Point3<f64>) -> f64 {
+        self.marks.values().map(|it| (it.position - position).norm()).fold(f64::INFINITY, f64::min)
+    }
+}
+
+/// How the surroundings of `place` moved, from where `from` has the marks to where they were measured.
+fn carry(
+    from: &[(u32, Point3<f64>)],
+    measured: &BTreeMap<u32, Point3<f64>>,
+    place: &Point3<f64>,
+) -> Option<Isometry3<f64>> {
+    if from.len() < LEAST_FOR_MOTION {
+        return None;
+    }
+    let mut near: Vec<&(u32, Point3<f64>)> = from.iter().collect();
+    near.sort_by(|a, b| (a.1 - place).norm_squared().total_cmp(&(b.1 - place).norm_squared()));
+    near.truncate(NEIGHBOURS);
+    let before: Vec<Point3<f64>> = near.iter().map(|it| it.1).collect();
+    let after: Vec<Point3<f64>> = near.iter().map(|it| measured[&it.0]).collect();
+    let motion = align(&before, &after, AlignmentOptions::default()).ok()?;
+    Some(motion.b_from_a.isometry)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::integrator::tests::marks_on_a_face;
+
+    #[test]
+    fn a_hidden_mark_moves_with_its_surroundings() {
+        let marks = marks_on_a_face();
+        let mut track_store = TrackStore::default();
+        for (label, position) in marks.iter().enumerate() {
+            track_store.named(label as u32, *position);
+        }
+        let motion = Isometry3::new(Vector3::new(0.03, 0.01, -0.02), Vector3::new(0.1, 0.2, -0.1));
+        let hidden = [3, 40];
+        let measured: BTreeMap<u32, Point3<f64>> = marks
+            .iter()
+            .zip(0..)
+            .filter(|(_, label)| !hidden.contains(label))
+            .map(|(it, label)| (label, motion * it))
+            .collect();
+        track_store.update(&measured, None, 1);
+        for label in hidden {
+            let mark = &track_store.marks[&label];
+            let off = (mark.position - motion * marks[label as usize]).norm();
+            assert!(off < 1e-6 && !mark.is_seen, "{label}: {off} m");
+        }
+        assert!(track_store.marks[&4].is_seen);
+    }
+
+    #[test]
+    fn the_model_knows_better_where_a_hidden_mark_is() {
+        let marks = marks_on_a_face();
+        let mut track_store = TrackStore::default();
+        let mark = |label: u32, position: Point3<f64>| Mark {
+            label,
+            position,
+            covariance: nalgebra::Matrix3::identity() * 1e-8,
+            cameras: CameraSet::default(),
+            provenance: Provenance::Filled,
+        };
+        // The model has the mark 5 mm beside where it was last seen.
+        let mut list: Vec<Mark> = marks.iter().zip(0..).map(|(it, label)| mark(label, *it)).collect();
+        list[20].position.x += 0.005;
+        for (label, position) in marks.iter().enumerate() {
+            track_store.named(label as u32, *position);
+        }
+        let motion = Isometry3::new(Vector3::new(0.03, 0.01, -0.02), Vector3::new(0.1, 0.2, -0.1));
+        let expected = motion * list[20].position;
+        let measured = marks.iter().zip(0..).filter(|it| it.1 != 20).map(|(it, label)| (label, motion * it)).collect();
+        track_store.update(&measured, Some(&Marks { list, ..Marks::default() }), 1);
+        assert!((track_store.marks[&20].position - expected).norm() < 1e-6);
+    }
+
+    #[test]
+    fn what_comes_out_near_where_one_hidden_mark_should_be_is_that_mark() {
+        let mut track_store = TrackStore::default();
+        let at = |x: f64| Point3::new(x, 0.0, 1.0);
+        [0.0, 0.1, 0.112].iter().zip(0..).for_each(|(x, label)| track_store.named(label, at(*x)));
+        assert!(!track_store.moved_to(&at(0.005), 0.009), "nobody is hidden");
+        track_store.update(&BTreeMap::new(), None, 1);
+        assert!(track_store.moved_to(&at(0.005), 0.009) && track_store.marks[&0].position == at(0.005));
+        assert!(
+            track_store.moved_to(&at(0.106), 0.009) && track_store.marks[&1].position == at(0.1),
+            "one of two, nobody knows which"
+        );
+        assert!(!track_store.moved_to(&at(0.05), 0.009));
+    }
+
+    #[test]
+    fn a_mark_is_believed_after_some_frames_and_forgotten_before_that_when_it_does_not_come_again() {
+        let mut track_store = TrackStore::default();
+        track_store.initiated(Point3::new(0.0, 0.0, 1.0));
+        track_store.initiated(Point3::new(0.1, 0.0, 1.0));
+        let seen: BTreeMap<u32, Point3<f64>> = [(0, Point3::new(0.0, 0.0, 1.0))].into();
+        (0..3).for_each(|_| track_store.update(&seen, None, 3));
+        assert!(track_store.marks[&0].is_believed && !track_store.marks[&1].is_believed);
+        (0..PATIENCE).for_each(|_| track_store.update(&BTreeMap::new(), None, 3));
+        assert_eq!(track_store.marks.keys().copied().collect::<Vec<_>>(), [0]);
+        track_store.initiated(Point3::origin());
+        assert!(track_store.marks.contains_key(&2), "labels are not given out again");
+    }
+}

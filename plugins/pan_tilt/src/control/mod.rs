@@ -1,0 +1,242 @@
+//! A head that stays on a target: [Davis 2002 §4.3–4.4].
+//!
+//! | step | here |
+//! |---|---|
+//! | where the target will be when the head obeys | [`Predictor`] |
+//! | the setting that has it in the middle of the image | [`aim`] |
+//! | where the head will be by then, and how late it obeys | [`ActuatorEstimator`] |
+//! | how fast and how far it is told to go | [`HeadController::command`] |
+//!
+//! A command given at t takes effect at T = t + latency. With q and v the angle and rate that the head will have at T by the commands it
+//! was given, and θ(T) the angle wanted then, a head in pursuit is told to turn at
+//!
+//! v = θ'(T) + (θ(T) − q(T)) / settle,
+//!
+//! to a goal that lies v²/2a, what it needs to brake, beyond where it should be when the next command takes effect.
+
+mod settings;
+#[cfg(test)]
+mod tests;
+
+use foveate::estimation::actuator::Order;
+use foveate::estimation::{ActuatorEstimator, Predictor};
+use foveate::geometry::pan_tilt::{Aim, PanTiltHead, Setting, Unreachable, aim, aim_at_sphere};
+use foveate::prelude::{HeadEvent, HeadOrder, HeadReport, Target, Time};
+use nalgebra::{Matrix3, Point3, Vector3};
+
+pub use self::settings::{Control, ControlSettings, LatencyFrom, PredictorKind};
+
+/// A change of the zoom by less than this part of its range is not worth a command [–].
+const ZOOM_BAND: f64 = 0.01;
+
+/// What a head should do now.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lead {
+    /// What it is told.
+    pub order: HeadOrder,
+    /// Where its zoom should stand, where that is for the selector to say.
+    pub zoom: Option<f64>,
+    /// Whether the target is within its limits.
+    pub reachable: bool,
+}
+
+/// One head and the target that it follows.
+#[derive(Debug, Clone)]
+pub struct HeadController {
+    settings: ControlSettings,
+    head: PanTiltHead,
+    radius: f64,
+    predictor: Predictor,
+    actuator: ActuatorEstimator,
+    /// The setting that was wanted last: the next one is near it.
+    wanted: Setting,
+    /// Direction after damping, and when that was.
+    damped: Option<(Time, [f64; 2])>,
+    commanded: Option<(Time, [f64; 2])>,
+    commanded_zoom: Option<f64>,
+}
+
+impl HeadController {
+    /// A head at rest, of which nothing was heard yet. `radius` of the sub-region in metres.
+    pub fn new(settings: ControlSettings, head: PanTiltHead, radius: f64) -> HeadController {
+        let rest = head.limits.clamp(&Setting::default());
+        HeadController {
+            predictor: Predictor::new(settings.predictor_options()),
+            actuator: ActuatorEstimator::new(settings.actuator_options(), 0.0, [rest.pan, rest.tilt]),
+            wanted: rest,
+            damped: None,
+            commanded: None,
+            commanded_zoom: None,
+            settings,
+            head,
+            radius,
+        }
+    }
+
+    /// Another target takes the place of the last one.
+    pub fn change_target(&mut self) {
+        self.predictor.clear();
+        self.damped = None;
+    }
+
+    /// Where the target was seen at `time`, and how far from it is what is followed: what is only predicted says nothing new.
+    pub fn see(&mut self, time: Time, target: &Target, offset: &Vector3<f64>) {
+        let covariance: Matrix3<f64> = target.covariance.fixed_view::<3, 3>(0, 0).into_owned();
+        self.predictor.observe(time.as_s(), target.position + offset, target.velocity, &covariance);
+    }
+
+    /// What the head was told and said; `next_event` as for [`HeadReport::since`].
+    pub fn hear(&mut self, report: &HeadReport, next_event: &mut u64) {
+        for (at, event) in report.since(next_event) {
+            hear(&mut self.actuator, *at, event);
+        }
+    }
+
+    /// From a command on the line to the first movement, mean and standard deviation [s].
+    pub fn latency_s(&self) -> [f64; 2] {
+        self.actuator.latency()
+    }
+
+    /// Whether the next command may be given.
+    pub fn is_due(&self, now: Time) -> bool {
+        self.commanded.is_none_or(|(at, _)| (now - at).as_s() >= 0.98 / self.settings.rate_hz)
+    }
+
+    /// What to tell the head at `now`: nothing if the target is lost, the last command is not old enough, or the head looks where it should.
+    pub fn command(&mut self, now: Time) -> Option<Lead> {
+        let last_s = self.predictor.last_s()?;
+        if !self.is_due(now) || now.as_s() - last_s > self.settings.lost_ms * 1e-3 {
+            return None;
+        }
+        let obeys_s = match self.settings.latency {
+            LatencyFrom::Fixed => last_s + self.settings.latency_ms * 1e-3,
+            LatencyFrom::Measured => now.as_s() + self.actuator.latency()[0],
+        };
+        match self.settings.control {
+            Control::Step => self.step(now, obeys_s),
+            Control::Pursuit => self.pursue(now, obeys_s),
+        }
+    }
+
+    /// The paper's: to the predicted place, the faster the farther.
+    fn step(&mut self, now: Time, obeys_s: f64) -> Option<Lead> {
+        let (wanted, reachable) = self.wanted_at(obeys_s)?;
+        self.wanted = wanted.setting;
+        let goal = self.damp(now, [wanted.setting.pan, wanted.setting.tilt], f64::INFINITY);
+        let from = self.actuator.at(now.as_s())?.angles;
+        let band = self.settings.dead_band_deg.to_radians();
+        if !self.zooms(&wanted) && self.commanded.is_some_and(|it| is_near(&goal, &it.1, band)) {
+            return None;
+        }
+        let speeds = [0, 1].map(|it| {
+            let speed = (goal[it] - from[it]).abs() / (self.settings.settle_ms * 1e-3);
+            speed.min(self.settings.max_speed_deg_per_s[it].to_radians())
+        });
+        Some(self.lead(now, goal, speeds, wanted, reachable))
+    }
+
+    fn pursue(&mut self, now: Time, obeys_s: f64) -> Option<Lead> {
+        let ControlSettings { settle_ms, still_deg_per_s, dead_band_deg, max_speed_deg_per_s, .. } = self.settings;
+        let period_s = 1.0 / self.settings.rate_hz;
+        let (wanted, reachable) = self.wanted_at(obeys_s)?;
+        let (next, _) = self.wanted_at(obeys_s + period_s)?;
+        self.wanted = wanted.setting;
+        let head = self.actuator.at(obeys_s)?;
+        let (here, there) = ([wanted.setting.pan, wanted.setting.tilt], [next.setting.pan, next.setting.tilt]);
+        let rates = [0, 1].map(|it| (there[it] - here[it]) / period_s);
+        let pace = rates[0].hypot(rates[1]);
+        let still = still_deg_per_s.to_radians();
+        let there = if pace < still { self.damp(now, there, pace) } else { self.undamped(now, there) };
+        let missing = [0, 1].map(|it| here[it] - head.angles[it]);
+        let is_still = pace < still && head.rates.iter().all(|it| it.abs() < still) && !self.zooms(&wanted);
+        if is_still && self.commanded.is_some_and(|it| is_near(&there, &it.1, dead_band_deg.to_radians())) {
+            return None;
+        }
+        let acceleration = self.actuator.acceleration();
+        let (mut goal, mut speeds) = ([0.0; 2], [0.0; 2]);
+        for axis in [0, 1] {
+            let most = max_speed_deg_per_s[axis].to_radians();
+            let rate = (rates[axis] + missing[axis] / (settle_ms * 1e-3)).clamp(-most, most);
+            // Half as much again as it takes to brake: the next command may be late.
+            let braking = if pace < still { 0.0 } else { 0.75 * rate * rate / acceleration };
+            goal[axis] = there[axis] + braking.copysign(rate);
+            // The goal may lie behind the way that the rate points: then it is nearly reached, and the rest is made slowly.
+            let way = goal[axis] - head.angles[axis];
+            speeds[axis] = if way * rate > 0.0 { rate.abs() } else { way.abs() / period_s }.min(most);
+        }
+        Some(self.lead(now, goal, speeds, wanted, reachable))
+    }
+
+    fn lead(&mut self, now: Time, goal: [f64; 2], speeds: [f64; 2], wanted: Aim, reachable: bool) -> Lead {
+        let within = self.head.limits.clamp(&Setting::new(goal[0], goal[1]));
+        let angles = [within.pan, within.tilt];
+        self.commanded = Some((now, angles));
+        // Too slow to be told is not the same as not at all.
+        let speeds = speeds.map(|it| it.max(1e-3));
+        let zoom = wanted.setting.zoom.filter(|_| self.settings.fill > 0.0);
+        self.commanded_zoom = zoom;
+        Lead { order: HeadOrder::Go { angles, speeds }, zoom, reachable }
+    }
+
+    /// Whether the zoom that is wanted is another one, by more than [`ZOOM_BAND`].
+    fn zooms(&self, wanted: &Aim) -> bool {
+        let (Some(table), Some(zoom)) = (&self.head.zoom, wanted.setting.zoom) else { return false };
+        let [first, last] = table.range();
+        let before = self.commanded_zoom.unwrap_or(f64::INFINITY);
+        self.settings.fill > 0.0 && (zoom - before).abs() > ZOOM_BAND * (last - first).abs()
+    }
+
+    /// The setting wanted at a time, and whether the head can have it.
+    fn wanted_at(&mut self, time_s: f64) -> Option<(Aim, bool)> {
+        let target = self.predictor.predict(time_s)?.position;
+        Some(match self.aim_at(&target) {
+            Ok(aim) => (aim, true),
+            Err(out) => (out.nearest, false),
+        })
+    }
+
+    fn aim_at(&self, target: &Point3<f64>) -> Result<Aim, Unreachable> {
+        if self.settings.fill > 0.0 {
+            aim_at_sphere(&self.head, target, self.radius, self.settings.fill, &self.wanted)
+        } else {
+            aim(&self.head, target, &self.wanted)
+        }
+    }
+
+    /// Smooths angles; less the nearer the pace comes to that of a target that moves.
+    fn damp(&mut self, now: Time, angles: [f64; 2], pace: f64) -> [f64; 2] {
+        let still = self.settings.still_deg_per_s.to_radians();
+        let part = if pace.is_finite() && still > 0.0 { (1.0 - pace / still).max(0.0) } else { 1.0 };
+        let time_constant = self.settings.damping_ms * 1e-3 * part;
+        let damped = match self.damped {
+            Some((at, before)) if time_constant > 0.0 => {
+                let taken = 1.0 - (-(now - at).as_s() / time_constant).exp();
+                [0, 1].map(|it| before[it] + (angles[it] - before[it]) * taken)
+            }
+            _ => angles,
+        };
+        self.damped = Some((now, damped));
+        damped
+    }
+
+    fn undamped(&mut self, now: Time, angles: [f64; 2]) -> [f64; 2] {
+        self.damped = Some((now, angles));
+        angles
+    }
+}
+
+fn is_near(a: &[f64; 2], b: &[f64; 2], within: f64) -> bool {
+    a.iter().zip(b).all(|(a, b)| (a - b).abs() < within)
+}
+
+/// Lets a model of the motors know what the head was told and said.
+pub(crate) fn hear(actuator: &mut ActuatorEstimator, at: Time, event: &HeadEvent) {
+    match *event {
+        HeadEvent::Sent(HeadOrder::Go { angles, speeds }) => {
+            actuator.order(at.as_s(), [0, 1].map(|it| Order::Go { goal: angles[it], speed: speeds[it] }));
+        }
+        HeadEvent::Sent(HeadOrder::Turn { rates }) => actuator.order(at.as_s(), rates.map(Order::Turn)),
+        HeadEvent::Position(it) => actuator.answer(it.earliest.as_s(), it.latest.as_s(), it.angles),
+        HeadEvent::Link(_) | HeadEvent::Arrived | HeadEvent::Zoom(_) => {}
+    }
+}

@@ -1,0 +1,158 @@
+//! How a head follows its target.
+
+use foveate::estimation::{ActuatorOptions, PredictorOptions, Way};
+use foveate::prelude::ConfigError;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// How the target is extrapolated to the moment at which the head will obey.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PredictorKind {
+    /// Not at all.
+    None,
+    /// With its velocity [Davis 2002 §4.4].
+    Velocity,
+    /// With its acceleration.
+    Acceleration,
+    /// Interacting models: now at constant velocity, now not.
+    Interacting,
+    /// As it went on after movements like its last ones.
+    Linear,
+    /// All of these, weighted by what has foretold best of late.
+    #[default]
+    Weighted,
+}
+
+/// Where the latency of the head is from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum LatencyFrom {
+    /// As the settings say, from the capture time of the target to the head's movement.
+    Fixed,
+    /// From commands and the positions that the head answers with, while it runs; the setting is where that begins.
+    #[default]
+    Measured,
+}
+
+/// How the head is led.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Control {
+    /// To where the target will be, with a speed in proportion to the way that is left [Davis 2002 §4.3].
+    Step,
+    /// Along with the target: with its speed, to a place so far ahead that the head does not brake before the next command.
+    #[default]
+    Pursuit,
+}
+
+/// Settings of [`Selector`](crate::selector::Selector).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ControlSettings {
+    /// The target to follow, by its number; left out: the target that the scale is anchored to, or the one that an allocator assigns [–]
+    pub target: Option<u32>,
+    /// How the target is extrapolated to the moment at which the head will obey [–].
+    pub predictor: PredictorKind,
+    /// Where the latency is from [–].
+    pub latency: LatencyFrom,
+    /// From the capture of the target's position to the head's movement, as far as it is known beforehand [ms].
+    #[schemars(range(min = 0.0, max = 800.0))]
+    pub latency_ms: f64,
+    /// How the head is led [–].
+    pub control: Control,
+    /// Commands a second at most: on a line of 9600 baud a head takes about 19, and more than 30 fill its queue [Hz].
+    #[schemars(range(min = 1.0, max = 120.0))]
+    pub rate_hz: f64,
+    /// In what time what is missing is made up for: shorter is nearer to the target and shakes more [ms].
+    #[schemars(range(min = 10.0, max = 5000.0))]
+    pub settle_ms: f64,
+    /// The direction of the target is smoothed with this time constant while it hardly moves, and less the faster it does [ms].
+    #[schemars(range(min = 0.0, max = 5000.0))]
+    pub damping_ms: f64,
+    /// A head that looks so near to a target that hardly moves is left alone, so that it does not step to and fro [°].
+    #[schemars(range(min = 0.0, max = 10.0))]
+    pub dead_band_deg: f64,
+    /// A target slower than this, as the head sees it, hardly moves [°/s].
+    #[schemars(range(min = 0.0, max = 100.0))]
+    pub still_deg_per_s: f64,
+    /// The fastest that the head turns: pan and tilt [°/s].
+    #[schemars(inner(range(min = 0.1, max = 1000.0)))]
+    pub max_speed_deg_per_s: [f64; 2],
+    /// How fast the head speeds up and brakes, roughly; the following finds out [°/s²].
+    #[schemars(range(min = 10.0, max = 10_000.0))]
+    pub acceleration_deg_per_s2: f64,
+    /// A target that was not seen for so long is lost: the head stays where it is until it is seen again [ms].
+    #[schemars(range(min = 10.0, max = 60_000.0))]
+    pub lost_ms: f64,
+    /// Radius of the sub-region about the target; 0: that of the scale [m].
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    pub radius_m: f64,
+    /// A head that zooms is set so that the sub-region covers this part of half the image's shorter side; 0: its zoom is left alone [–].
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub fill: f64,
+}
+
+impl Default for ControlSettings {
+    fn default() -> Self {
+        Self {
+            target: None,
+            predictor: PredictorKind::Weighted,
+            latency: LatencyFrom::Measured,
+            latency_ms: 300.0,
+            control: Control::Pursuit,
+            rate_hz: 20.0,
+            settle_ms: 100.0,
+            damping_ms: 100.0,
+            dead_band_deg: 0.12,
+            still_deg_per_s: 2.0,
+            max_speed_deg_per_s: [80.0, 50.0],
+            acceleration_deg_per_s2: 400.0,
+            lost_ms: 500.0,
+            radius_m: 0.0,
+            fill: 0.0,
+        }
+    }
+}
+
+impl ControlSettings {
+    /// Refuses numbers out of their ranges.
+    ///
+    /// # Errors
+    /// The first of them.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        ConfigError::unless_in("latency_ms", self.latency_ms, 0.0..=800.0)?;
+        ConfigError::unless_in("rate_hz", self.rate_hz, 1.0..=120.0)?;
+        ConfigError::unless_in("settle_ms", self.settle_ms, 10.0..=5000.0)?;
+        ConfigError::unless_in("damping_ms", self.damping_ms, 0.0..=5000.0)?;
+        ConfigError::unless_in("dead_band_deg", self.dead_band_deg, 0.0..=10.0)?;
+        ConfigError::unless_in("still_deg_per_s", self.still_deg_per_s, 0.0..=100.0)?;
+        for speed in self.max_speed_deg_per_s {
+            ConfigError::unless_in("max_speed_deg_per_s", speed, 0.1..=1000.0)?;
+        }
+        ConfigError::unless_in("acceleration_deg_per_s2", self.acceleration_deg_per_s2, 10.0..=10_000.0)?;
+        ConfigError::unless_in("lost_ms", self.lost_ms, 10.0..=60_000.0)?;
+        ConfigError::unless_in("radius_m", self.radius_m, 0.0..=1000.0)?;
+        ConfigError::unless_in("fill", self.fill, 0.0..=1.0)
+    }
+
+    pub(super) fn predictor_options(&self) -> PredictorOptions {
+        let way = match self.predictor {
+            PredictorKind::None => Way::Still,
+            PredictorKind::Velocity => Way::Velocity,
+            PredictorKind::Acceleration => Way::Acceleration,
+            PredictorKind::Interacting => Way::Interacting,
+            PredictorKind::Linear => Way::Linear,
+            PredictorKind::Weighted => Way::Weighted,
+        };
+        PredictorOptions { way, ..PredictorOptions::default() }
+    }
+
+    pub(super) fn actuator_options(&self) -> ActuatorOptions {
+        ActuatorOptions {
+            latency_s: [(self.latency_ms * 1e-3 - 0.03).max(0.0), 0.08],
+            acceleration: self.acceleration_deg_per_s2.to_radians(),
+            ..ActuatorOptions::default()
+        }
+    }
+}
