@@ -166,6 +166,17 @@ impl<'t> Keys<'t> {
         rest
     }
 
+    /// Refuses the key `old`, which is called `now` today.
+    pub fn renamed(&mut self, old: &str, now: &'static str, findings: &mut Findings) {
+        if let Some((key, _)) = self.table.remove_entry(old) {
+            findings.error(
+                key.span(),
+                format_args!("the key `{old}` is now called `{now}`"),
+                format_args!("found the old name, expected `{now}`"),
+            );
+        }
+    }
+
     /// Whatever is left is a fault; `place` names the table: "`[rig]`".
     pub fn close(mut self, place: &str, findings: &mut Findings) {
         let known = std::mem::take(&mut self.known);

@@ -185,6 +185,7 @@ fn read_input(port: Spanned<String>, value: Value<'_>, text: &str, findings: &mu
                 if let Some(value) = keys.take("when_full") {
                     queue.when_full = findings.choice("when_full", &value, &WHEN_FULL).unwrap_or_default();
                 }
+                keys.renamed("take", "policy", findings);
                 if let Some(value) = keys.take("policy") {
                     policy = findings.choice("policy", &value, &InputPolicy::CHOICES).map(|it| (it, value.span()));
                 }

@@ -546,6 +546,16 @@ fn way_to_take_data_is_one_of_four_and_only_where_there_is_a_choice() {
 }
 
 #[test]
+fn renamed_key_of_a_connection_is_refused_with_its_new_name() {
+    features(
+        "{ features = { from = \"leds.features\", take = \"newest\" } }",
+        45,
+        "take",
+        &["the key `take` is now called `policy`", "found the old name, expected `policy`"],
+    );
+}
+
+#[test]
 fn cost_of_a_turn_is_a_time_and_sources_have_none() {
     one("offset = 25", "cost_ms = -1", "16:11", "-1", &["found -1, expected 0 to 60000 [ms]"]);
     one(

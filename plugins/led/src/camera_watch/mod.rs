@@ -38,6 +38,7 @@ pub struct CameraWatchSettings {
     pub bins: u32,
     /// Observations that a turn is made of at least [–]
     #[schemars(range(min = 4, max = 10000))]
+    #[schemars(extend("x-formerly" = "min_sightings"))]
     pub min_observations: u32,
     /// A smaller turn is not told: the calibration itself is known no better [mrad]
     #[schemars(range(min = 0.01, max = 100.0))]

@@ -190,7 +190,7 @@ impl Calibrator {
 
     fn tell_gathered(&self, name: &str, gathered: &Gathered, several: u64, report: &mut Report) {
         let figures = [
-            ("looks", gathered.camera_frames as f64),
+            ("camera_frames", gathered.camera_frames as f64),
             ("several_lights", several as f64),
             ("moving", gathered.moving as f64),
             ("without_light", gathered.without_light as f64),
