@@ -59,7 +59,7 @@ impl Findings {
     }
 
     /// A number for which `holds`.
-    pub fn number(&mut self, key: &str, value: &Value<'_>, expected: &str, holds: fn(f64) -> bool) -> Option<f64> {
+    pub fn number(&mut self, key: &str, value: &Value<'_>, expected: &str, holds: impl Fn(f64) -> bool) -> Option<f64> {
         let found = number(value.get_ref()).filter(|it| holds(*it));
         if found.is_none() {
             self.not_as_expected(key, value, expected);

@@ -65,7 +65,7 @@ pub(super) fn arrange<'t>(
     }
     let mut scales: Vec<Option<ScaleText<'t>>> = scales.into_iter().map(Some).collect();
     let (mut drafts, mut nodes): (Vec<ScaleDraft>, _) = (Vec::new(), Vec::new());
-    let mut options: HashMap<(usize, String), AnchorRule> = HashMap::new();
+    let mut rules: HashMap<(usize, String), AnchorRule> = HashMap::new();
     for scale in order {
         let Some(text) = scales[scale].take() else { continue };
         let parent = match parents[scale] {
@@ -83,9 +83,9 @@ pub(super) fn arrange<'t>(
         if let (Parent::Of(parent), Some(anchor)) = (parent, &anchor) {
             sound &= drafts[parent].sound;
             let target = target_name(anchor.get_ref()).unwrap_or_default();
-            rule = Some(options.get(&(parent, target.to_owned())).copied().unwrap_or_default());
+            rule = Some(rules.get(&(parent, target.to_owned())).copied().unwrap_or_default());
         }
-        options.extend(targets.iter().map(|it| ((drafts.len(), it.name.get_ref().clone()), it.rule)));
+        rules.extend(targets.iter().map(|it| ((drafts.len(), it.name.get_ref().clone()), it.rule)));
         drafts.push(ScaleDraft { name: name.into_inner(), parent, anchor, rule, volume_m, radius_m, targets, sound });
         nodes.push(texts);
     }

@@ -10,7 +10,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::expected::{bounds, expectation, unit_of};
-use super::node_text::RESERVED;
+use super::grammar;
 use foveate_diagnostics::names::{did_you_mean, likely, one_of, shown};
 use foveate_diagnostics::value::{Value, described, number, whole};
 use foveate_diagnostics::{Findings, Span};
@@ -90,7 +90,7 @@ impl<'s> Walk<'s, '_> {
                     format_args!("found the old name, expected `{now}`"),
                 );
             } else if !open {
-                let reserved = likely(name, RESERVED).filter(|_| path.is_empty());
+                let reserved = likely(name, grammar::node::ALL.map(|it| it.name)).filter(|_| path.is_empty());
                 let help = match (likely(name, known.iter().map(|it| it.0)), reserved) {
                     (None, Some(word)) => format!("did you mean `{word}`?"),
                     _ => did_you_mean(name, "its settings", known.iter().map(|it| it.0)),
