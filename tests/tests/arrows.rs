@@ -13,17 +13,19 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("imaging", &[]),
     ("time", &[]),
     ("diagnostics", &[]),
+    ("plot", &[]),
     // Patterns of camera names say what was probably meant.
-    ("scene", &["diagnostics", "geometry"]),
+    // Names stand in the XML of other programs, escaped as in figures.
+    ("scene", &["diagnostics", "geometry", "plot"]),
     // A room beside the nodes: calibrating is no node's work, and the program that does it knows both.
-    ("calibration", &["estimation", "geometry", "scene"]),
+    ("calibration", &["estimation", "geometry", "plot", "scene"]),
     ("messages", &["time"]),
     // Skeletons are part of the scene; two motions are aligned and assigned.
     ("motion", &["estimation", "geometry", "messages", "scene"]),
     ("node", &["estimation", "geometry", "messages", "scene"]),
-    ("rig", &["diagnostics", "estimation", "messages", "node", "scene"]),
+    ("rig", &["diagnostics", "estimation", "messages", "node", "plot", "scene"]),
     ("engine", &["estimation", "messages", "node", "rig"]),
-    ("sim", &["estimation", "geometry", "messages", "node", "scene"]),
+    ("sim", &["estimation", "geometry", "messages", "node", "plot", "scene"]),
     ("testkit", &["estimation", "geometry", "messages", "node", "scene"]),
     // Nodes that calibrate what moves while a rig runs, such as heads.
     (
@@ -38,6 +40,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "messages",
             "motion",
             "node",
+            "plot",
             "rig",
             "scene",
             "time",

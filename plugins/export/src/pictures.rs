@@ -16,8 +16,8 @@ use foveate::scene::{Calibration, LengthUnit};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::figures::{Subject, cameras, space, time};
 use crate::in_order::InOrder;
-use crate::plot::{Subject, cameras, space, time};
 use crate::row_file::write_pictures;
 use crate::track_history::History;
 
