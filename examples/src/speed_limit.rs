@@ -4,8 +4,10 @@ use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-const TARGETS: In<Targets> = In::each(0, "targets");
-const CREDIBLE: Out<Targets> = Out::new(0, "targets");
+ports! {
+    TARGETS: In<Targets> = each("targets");
+    CREDIBLE: Out<Targets> = "targets";
+}
 
 /// Settings of [`SpeedLimit`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -35,7 +37,7 @@ impl Node for SpeedLimit {
     type Settings = SpeedLimitSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&TARGETS).output(&CREDIBLE)
+        declared_ports()
     }
 
     fn new(settings: SpeedLimitSettings, _setup: &Setup) -> Result<Self, ConfigError> {

@@ -18,7 +18,9 @@ use serde::{Deserialize, Serialize};
 /// Repetitions of each measurement.
 const ROUNDS: usize = 15;
 
-const IN: In<Blob> = In::each(0, "blob");
+ports! {
+    IN: In<Blob> = each("blob");
+}
 
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
@@ -33,7 +35,7 @@ impl Node for End {
     const SUMMARY: &'static str = "Takes blobs.";
     type Settings = NoSettings;
     fn ports() -> Ports {
-        Ports::new().input(&IN)
+        declared_ports()
     }
     fn new(_settings: NoSettings, _setup: &Setup) -> Result<Self, ConfigError> {
         Ok(Self)

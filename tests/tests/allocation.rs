@@ -21,7 +21,9 @@ const WARM: u64 = 1_000;
 static AT_WARM: AtomicU64 = AtomicU64::new(0);
 static AT_END: AtomicU64 = AtomicU64::new(0);
 
-const IN: In<Blob> = In::each(0, "blob").many();
+ports! {
+    IN: In<Blob> = each("blob").many();
+}
 
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
@@ -38,7 +40,7 @@ impl Node for End {
     const SUMMARY: &'static str = "Takes blobs.";
     type Settings = NoSettings;
     fn ports() -> Ports {
-        Ports::new().input(&IN)
+        declared_ports()
     }
     fn new(_settings: NoSettings, _setup: &Setup) -> Result<Self, ConfigError> {
         Ok(Self { taken: 0 })

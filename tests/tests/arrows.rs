@@ -13,17 +13,18 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("imaging", &[]),
     ("time", &[]),
     ("diagnostics", &[]),
-    // Patterns of camera names say what was probably meant. Foreign lenses are fitted.
-    ("scene", &["diagnostics", "estimation", "geometry"]),
+    ("plot", &[]),
+    // Patterns of camera names say what was probably meant; foreign lenses are fitted; names stand in the XML of other programs, escaped as in figures.
+    ("scene", &["diagnostics", "estimation", "geometry", "plot"]),
     // A room beside the nodes: calibrating is no node's work, and the program that does it knows both.
-    ("calibration", &["estimation", "geometry", "scene"]),
+    ("calibration", &["estimation", "geometry", "plot", "scene"]),
     ("messages", &["time"]),
     // Skeletons are part of the scene; two motions are aligned and assigned.
     ("motion", &["estimation", "geometry", "messages", "scene"]),
     ("node", &["estimation", "geometry", "messages", "scene"]),
-    ("rig", &["diagnostics", "estimation", "messages", "node", "scene"]),
+    ("rig", &["diagnostics", "estimation", "messages", "node", "plot", "scene"]),
     ("engine", &["estimation", "messages", "node", "rig"]),
-    ("sim", &["estimation", "geometry", "messages", "node", "scene"]),
+    ("sim", &["estimation", "geometry", "messages", "node", "plot", "scene"]),
     ("testkit", &["estimation", "geometry", "messages", "node", "scene"]),
     // Nodes that calibrate what moves while a rig runs, such as heads.
     (
@@ -38,6 +39,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "messages",
             "motion",
             "node",
+            "plot",
             "rig",
             "scene",
             "time",

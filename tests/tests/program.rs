@@ -34,6 +34,20 @@ fn refuses(edit: impl FnOnce(String) -> String, words: &[&str]) {
 }
 
 #[test]
+fn renamed_settings_and_their_renamed_words_are_refused_with_the_new_name() {
+    let integrator = "type = \"led.integrator\"\n";
+    let old = format!("{integrator}birth_cameras = 3\nprobation_ms = 100\nlate = \"refilter\"\n");
+    refuses(
+        |it| it.replace(integrator, &old),
+        &[
+            "the setting `birth_cameras` is now called `initiation_cameras`",
+            "the setting `probation_ms` is now called `tentative_ms`",
+            "\"refilter\" is now called \"out_of_sequence\"",
+        ],
+    );
+}
+
+#[test]
 fn lab_as_it_comes_has_no_fault_and_runs_to_the_same_bytes_twice() {
     let folder = lab(|it| it);
     assert_eq!(foveate(folder.path(), &["check", "room.toml"]).0, 0);

@@ -59,7 +59,7 @@ impl Findings {
     }
 
     /// A number for which `holds`.
-    pub fn number(&mut self, key: &str, value: &Value<'_>, expected: &str, holds: fn(f64) -> bool) -> Option<f64> {
+    pub fn number(&mut self, key: &str, value: &Value<'_>, expected: &str, holds: impl Fn(f64) -> bool) -> Option<f64> {
         let found = number(value.get_ref()).filter(|it| holds(*it));
         if found.is_none() {
             self.not_as_expected(key, value, expected);
@@ -164,6 +164,17 @@ impl<'t> Keys<'t> {
             .collect();
         rest.sort_by_key(|it| it.0.span().start);
         rest
+    }
+
+    /// Refuses the key `old`, which is called `now` today.
+    pub fn renamed(&mut self, old: &str, now: &'static str, findings: &mut Findings) {
+        if let Some((key, _)) = self.table.remove_entry(old) {
+            findings.error(
+                key.span(),
+                format_args!("the key `{old}` is now called `{now}`"),
+                format_args!("found the old name, expected `{now}`"),
+            );
+        }
     }
 
     /// Whatever is left is a fault; `place` names the table: "`[rig]`".

@@ -9,6 +9,7 @@ pub use foveate_imaging as imaging;
 pub use foveate_messages as messages;
 pub use foveate_motion as motion;
 pub use foveate_node as node;
+pub use foveate_plot as plot;
 pub use foveate_rig as rig;
 pub use foveate_scene as scene;
 pub use foveate_time as time;
@@ -22,7 +23,7 @@ pub mod prelude {
     };
     pub use foveate_node::{
         ConfigError, Due, In, Interval, Io, Message, Node, NodeError, Out, Plan, Pool, Ports, Purpose, Registry,
-        Report, Role, Setup, Stamp, Stamped, Time,
+        Report, Role, Setup, Stamp, Stamped, Time, ports,
     };
     pub use foveate_scene::CalibratedHead;
 }

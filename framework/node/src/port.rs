@@ -65,6 +65,60 @@ pub struct In<T> {
     message: PhantomData<fn(T)>,
 }
 
+/// Declares the ports of a node: a constant for each, numbered in the order in which they stand, and `declared_ports()`, which
+/// [`Node::ports`](crate::Node::ports) gives back.
+///
+/// An input says how it takes data, as a constructor of [`In`] without the number; what follows is as there. An output has its name alone.
+///
+/// ```
+/// use foveate_messages::{Features, Targets};
+///
+/// foveate_node::ports! {
+///     FEATURES: In<Features> = each("features").many();
+///     HINTS: In<Targets> = latest("hints").optional();
+///     TARGETS: Out<Targets> = "targets";
+/// }
+///
+/// let ports = declared_ports();
+/// assert_eq!(ports.inputs.iter().map(|it| it.name).collect::<Vec<_>>(), ["features", "hints"]);
+/// assert_eq!(ports.outputs[0].name, "targets");
+/// ```
+///
+/// What several nodes share is declared with `pub(crate) fn NAME;` before the ports: the name of the function in place of `declared_ports`.
+#[macro_export]
+macro_rules! ports {
+    (@next [$scope:vis $all:ident] [$($input:ident)*] [$($output:ident)*] $n_in:expr; $n_out:expr;) => {
+        /// The ports, in the order of their declarations.
+        $scope fn $all() -> $crate::Ports {
+            $crate::Ports::new()$(.input(&$input))*$(.output(&$output))*
+        }
+    };
+    (
+        @next [$scope:vis $all:ident] [$($input:ident)*] [$($output:ident)*] $n_in:expr; $n_out:expr;
+        $(#[$doc:meta])* $name:ident: In<$message:ty> = $policy:ident($($argument:expr),*) $(.$modifier:ident())*;
+        $($rest:tt)*
+    ) => {
+        $(#[$doc])*
+        $scope const $name: $crate::In<$message> = $crate::In::$policy($n_in, $($argument),*)$(.$modifier())*;
+        $crate::ports!(@next [$scope $all] [$($input)* $name] [$($output)*] $n_in + 1; $n_out; $($rest)*);
+    };
+    (
+        @next [$scope:vis $all:ident] [$($input:ident)*] [$($output:ident)*] $n_in:expr; $n_out:expr;
+        $(#[$doc:meta])* $name:ident: Out<$message:ty> = $text:literal;
+        $($rest:tt)*
+    ) => {
+        $(#[$doc])*
+        $scope const $name: $crate::Out<$message> = $crate::Out::new($n_out, $text);
+        $crate::ports!(@next [$scope $all] [$($input)*] [$($output)* $name] $n_in; $n_out + 1; $($rest)*);
+    };
+    ($scope:vis fn $all:ident; $($ports:tt)*) => {
+        $crate::ports!(@next [$scope $all] [] [] 0; 0; $($ports)*);
+    };
+    ($($ports:tt)*) => {
+        $crate::ports!(@next [declared_ports] [] [] 0; 0; $($ports)*);
+    };
+}
+
 impl<T> In<T> {
     const fn new(index: usize, name: &'static str, policy: InputPolicy) -> Self {
         Self { index, name, policy, optional: false, many: false, of_parent: false, message: PhantomData }

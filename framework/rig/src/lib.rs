@@ -15,6 +15,7 @@
 mod anchors;
 mod expected;
 mod finish;
+mod grammar;
 pub mod graph;
 mod lookup;
 mod node_text;

@@ -3,6 +3,7 @@
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use crate::grammar::{connection, node as grammar, requirement};
 use crate::graph::{Cost, OnError, Queue, Requirement, WhenFull};
 use foveate_diagnostics::value::{Keys, Value};
 use foveate_diagnostics::{Findings, Span};
@@ -16,12 +17,6 @@ pub(super) const ON_ERROR: [(&str, OnError); 3] =
 /// Names of [`WhenFull`] in rigs.
 pub(super) const WHEN_FULL: [(&str, WhenFull); 3] =
     [("drop_oldest", WhenFull::DropOldest), ("drop_newest", WhenFull::DropNewest), ("wait", WhenFull::Wait)];
-
-/// Longest turn [ms].
-pub(super) const LONGEST_COST_MS: f64 = 60_000.0;
-
-/// Longest queue: more messages than that are a mistake, and memory.
-const MOST_QUEUED: i64 = 1_000_000;
 
 /// A node as written.
 pub(super) struct NodeText<'t> {
@@ -47,10 +42,6 @@ pub(super) struct NodeText<'t> {
     /// All other keys.
     pub settings: DeTable<'t>,
 }
-
-/// What a node's table may hold beside its settings: the keys that [`NodeText::read`] takes out, and that the schema describes.
-pub(super) const RESERVED: [&str; 8] =
-    ["type", "each", "camera", "in", "require", "on_error", "cost_ms", "cost_jitter_ms"];
 
 /// What is connected to one input port, as written.
 pub(super) struct InputText {
@@ -79,25 +70,23 @@ impl<'t> NodeText<'t> {
     /// Takes the reserved keys out of a node's table.
     pub fn read(name: Spanned<String>, value: Value<'t>, text: &str, findings: &mut Findings) -> Option<Self> {
         let mut keys = findings.table(&name, value, text, "a table `[scale.NAME.node.NODE]`")?;
-        let type_value = keys.take("type");
-        let has_type = type_value.is_some();
-        let type_name = type_value.and_then(|it| findings.text("type", it, "the name of a node type"));
-        let each = keys.take("each");
-        let camera = keys.take("camera");
-        let n_camera_keys = usize::from(each.is_some()) + usize::from(camera.is_some());
-        let each = each.and_then(|it| read_patterns(it, findings));
-        let camera = camera.and_then(|it| findings.text("camera", it, "the name of a camera"));
+        let has_type = keys.table.contains_key(grammar::TYPE.name);
+        let type_name = grammar::TYPE.text(&mut keys, findings);
+        let n_camera_keys =
+            [grammar::EACH, grammar::CAMERA].iter().filter(|it| keys.table.contains_key(it.name)).count();
+        let each = keys.take(grammar::EACH.name).and_then(|it| read_patterns(it, findings));
+        let camera = grammar::CAMERA.text(&mut keys, findings);
         if let (Some(each), Some(camera)) = (&each, &camera) {
             findings
                 .error(camera.span(), "a node has `each` or `camera`, not both", "found `camera`")
                 .also(each.span(), "and `each`");
         }
         let cameras_unclear = n_camera_keys != usize::from(each.is_some() != camera.is_some());
-        let on_error = keys.take("on_error").and_then(|it| findings.choice("on_error", &it, &ON_ERROR));
+        let on_error = grammar::ON_ERROR_KEY.word(&ON_ERROR, &mut keys, findings).map(|it| it.0);
         let (cost, cost_place) = read_cost(&mut keys, findings);
         let before = findings.count();
         let mut inputs = Vec::new();
-        if let Some((key, value)) = keys.take_entry("in") {
+        if let Some((key, value)) = keys.take_entry(grammar::IN.name) {
             let ports = findings.table(&key, value, text, "a table: `in = { PORT = \"NODE.OUTPUT\" }`");
             for (port, value) in ports.map(|mut it| it.take_rest()).unwrap_or_default() {
                 inputs.push(read_input(port, value, text, findings));
@@ -105,7 +94,7 @@ impl<'t> NodeText<'t> {
         }
         let inputs_sound = findings.count() == before;
         let mut requires = Vec::new();
-        if let Some((key, value)) = keys.take_entry("require") {
+        if let Some((key, value)) = keys.take_entry(grammar::REQUIRE.name) {
             let ports = findings.table(&key, value, text, "a table: `require.PORT = { age_ms = 20 }`");
             for (port, value) in ports.map(|mut it| it.take_rest()).unwrap_or_default() {
                 requires.extend(read_require(port, value, text, findings));
@@ -151,13 +140,7 @@ fn read_patterns(value: Value<'_>, findings: &mut Findings) -> Option<Spanned<Ve
 }
 
 fn read_cost(keys: &mut Keys<'_>, findings: &mut Findings) -> (Cost, Option<Span>) {
-    let expected = format!("0 to {LONGEST_COST_MS} [ms]");
-    let holds: fn(f64) -> bool = |it| (0.0..=LONGEST_COST_MS).contains(&it);
-    let mut read = |key: &'static str| {
-        let value = keys.take(key)?;
-        Some((findings.number(key, &value, &expected, holds)?, value.span()))
-    };
-    let (time, jitter) = (read("cost_ms"), read("cost_jitter_ms"));
+    let (time, jitter) = (grammar::COST_MS.number(keys, findings), grammar::COST_JITTER_MS.number(keys, findings));
     let time_ms = time.as_ref().map_or(0.0, |it| it.0);
     let place = time.filter(|it| it.0 > 0.0).map(|it| it.1);
     if let Some((jitter_ms, span)) = jitter.as_ref().filter(|it| it.0 > time_ms) {
@@ -168,32 +151,22 @@ fn read_cost(keys: &mut Keys<'_>, findings: &mut Findings) -> (Cost, Option<Span
     (Cost { time: Interval::from_ms(time_ms), jitter: Interval::from_ms(jitter_ms) }, place)
 }
 
-/// Capture times of one set lie at most so far apart [ms].
-const MOST_TOLERANCE_MS: f64 = 60_000.0;
-
 fn read_input(port: Spanned<String>, value: Value<'_>, text: &str, findings: &mut Findings) -> InputText {
     let mut queue = Queue::default();
     let (mut policy, mut tolerance, mut has_capacity) = (None, None, false);
     let from = match value.get_ref() {
         DeValue::Table(_) => match findings.table(&port, value, text, "") {
             Some(mut keys) => {
-                if let Some(value) = keys.take("capacity") {
-                    has_capacity = true;
-                    let capacity = findings.whole("capacity", &value, 1, MOST_QUEUED);
-                    queue.capacity = capacity.and_then(|it| usize::try_from(it).ok()).unwrap_or(queue.capacity);
-                }
-                if let Some(value) = keys.take("when_full") {
-                    queue.when_full = findings.choice("when_full", &value, &WHEN_FULL).unwrap_or_default();
-                }
-                if let Some(value) = keys.take("policy") {
-                    policy = findings.choice("policy", &value, &InputPolicy::CHOICES).map(|it| (it, value.span()));
-                }
-                if let Some(value) = keys.take("tolerance_ms") {
-                    let is_time = |it: f64| (0.0..=MOST_TOLERANCE_MS).contains(&it);
-                    let found = findings.number("tolerance_ms", &value, "milliseconds, from 0 to 60000", is_time);
-                    tolerance = found.map(|it| (Interval::from_ms(it), value.span()));
-                }
-                let from = keys.take("from");
+                has_capacity = keys.table.contains_key(connection::CAPACITY.name);
+                let capacity = connection::CAPACITY.whole(&mut keys, findings);
+                queue.capacity = capacity.and_then(|it| usize::try_from(it).ok()).unwrap_or(queue.capacity);
+                let when_full = connection::WHEN_FULL_KEY.word(&WHEN_FULL, &mut keys, findings);
+                queue.when_full = when_full.map_or(queue.when_full, |it| it.0);
+                keys.renamed("take", connection::POLICY.name, findings);
+                policy = connection::POLICY.word(&InputPolicy::CHOICES, &mut keys, findings);
+                let stated = connection::TOLERANCE_MS.number(&mut keys, findings);
+                tolerance = stated.map(|(ms, place)| (Interval::from_ms(ms), place));
+                let from = keys.take(connection::FROM.name);
                 if from.is_none() {
                     let title = format!("port `{}` names no source", port.get_ref());
                     findings.error(keys.header.clone(), title, "expected `from = \"NODE.OUTPUT\"`");
@@ -237,25 +210,17 @@ fn read_sources(port: &Spanned<String>, value: Value<'_>, findings: &mut Finding
 fn read_require(port: Spanned<String>, value: Value<'_>, text: &str, findings: &mut Findings) -> Option<RequireText> {
     let mut keys = findings.table(&port, value, text, "a table: `{ age_ms = 20, rate_hz = 30 }`")?;
     let mut read = RequireText { port, requirement: Requirement::default(), age_ms: None, rate: None };
-    let mut measure = |key: &'static str, expected: &str, holds: fn(f64) -> bool, findings: &mut Findings| {
-        let value = keys.take(key)?;
-        let number = findings.number(key, &value, expected, holds)?;
-        Some((number, value.span()))
-    };
-    let positive: fn(f64) -> bool = |it| it > 0.0 && it.is_finite();
-    if let Some((age_ms, span)) = measure("age_ms", "more than 0 [ms]", positive, findings) {
+    if let Some((age_ms, span)) = requirement::AGE_MS.number(&mut keys, findings) {
         read.requirement.age_s = Some(age_ms * 1e-3);
         read.age_ms = Some((age_ms, span));
     }
-    if let Some((rate_hz, span)) = measure("rate_hz", "more than 0 [Hz]", positive, findings) {
+    if let Some((rate_hz, span)) = requirement::RATE_HZ.number(&mut keys, findings) {
         read.requirement.rate_hz = Some(rate_hz);
         read.rate = Some(span);
     }
-    read.requirement.sigma =
-        measure("sigma", "more than 0, in the payload's unit [px or m]", positive, findings).map(|it| it.0);
-    let fraction: fn(f64) -> bool = |it| (0.0..=1.0).contains(&it);
-    read.requirement.loss = measure("loss", "a fraction from 0 to 1", fraction, findings).map(|it| it.0);
-    read.requirement.must = keys.take("must").and_then(|it| findings.flag("must", &it)).unwrap_or_default();
+    read.requirement.sigma = requirement::SIGMA.number(&mut keys, findings).map(|it| it.0);
+    read.requirement.loss = requirement::LOSS.number(&mut keys, findings).map(|it| it.0);
+    read.requirement.must = requirement::MUST.flag(&mut keys, findings).unwrap_or_default();
     keys.close("a requirement", findings);
     Some(read)
 }

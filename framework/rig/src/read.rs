@@ -3,6 +3,7 @@
 use toml::Spanned;
 use toml::de::DeTable;
 
+use super::grammar::{rig as head, scale};
 use super::node_text::NodeText;
 use super::targets::{self, NamedTarget};
 use foveate_diagnostics::names::{is_plain, shown};
@@ -81,37 +82,28 @@ fn read_rig<'t>(top: &mut Keys<'t>, text: &str, findings: &mut Findings) -> RigT
     };
     let Some(mut keys) = findings.table(&key, value, text, "a table `[rig]`") else { return rig };
     rig.header = keys.header.clone();
-    match keys.take("name") {
-        Some(value) => {
-            if let Some(name) = findings.text("name", value, "a text") {
-                plain_name("rig", &name, findings);
-                rig.name = name.into_inner();
-            }
+    if keys.table.contains_key(head::NAME.name) {
+        if let Some(name) = head::NAME.text(&mut keys, findings) {
+            plain_name("rig", &name, findings);
+            rig.name = name.into_inner();
         }
-        None => {
-            findings
-                .error(rig.header.clone(), "the rig has no name", "expected `name` here")
-                .help("add `name = \"my-lab\"`: results are filed under it");
-        }
+    } else {
+        findings
+            .error(rig.header.clone(), "the rig has no name", "expected `name` here")
+            .help("add `name = \"my-lab\"`: results are filed under it");
     }
-    rig.calibration = keys.take("calibration").and_then(|it| findings.text("calibration", it, "the path of a file"));
-    rig.folder = keys.take("folder").and_then(|it| findings.text("folder", it, "the path of a folder"));
-    if let Some(value) = keys.take("seed") {
-        rig.seed = findings.whole("seed", &value, 0, i64::MAX).map_or(1, i64::unsigned_abs);
-    }
-    if let Some(value) = keys.take("duration_s") {
-        rig.duration_s = findings.number("duration_s", &value, "more than 0 and at most 9e9 [s]", is_duration);
-    }
-    if let Some(value) = keys.take("report_speed") {
-        rig.report_speed = findings.flag("report_speed", &value).unwrap_or(false);
-    }
+    rig.calibration = head::CALIBRATION.text(&mut keys, findings);
+    rig.folder = head::FOLDER.text(&mut keys, findings);
+    rig.seed = head::SEED.whole(&mut keys, findings).map_or(rig.seed, i64::unsigned_abs);
+    rig.duration_s = head::DURATION_S.number(&mut keys, findings).map(|it| it.0);
+    rig.report_speed = head::REPORT_SPEED.flag(&mut keys, findings).unwrap_or(rig.report_speed);
     keys.close("`[rig]`", findings);
     rig
 }
 
 /// Whether a run may be cut off after `seconds`.
 pub(super) fn is_duration(seconds: f64) -> bool {
-    seconds > 0.0 && seconds <= 9e9
+    seconds > 0.0 && seconds <= head::LONGEST_S
 }
 
 pub(super) fn plain_name(what: &str, name: &Spanned<String>, findings: &mut Findings) {
@@ -130,21 +122,18 @@ fn read_scale<'t>(
     let mut keys = findings.table(&name, value, text, "a table `[scale.NAME]`")?;
     plain_name("scale", &name, findings);
     let faults_before = findings.count();
-    let volume_m = match keys.take_entry("volume_m") {
+    let volume_m = match keys.take_entry(scale::VOLUME_M.name) {
         Some((key, value)) => read_volume(&key, value, text, findings),
         None => None,
     };
-    let radius_m = keys
-        .take("radius_m")
-        .and_then(|it| findings.number("radius_m", &it, "more than 0 [m]", |it| it > 0.0 && it.is_finite()));
+    let radius_m = scale::RADIUS_M.number(&mut keys, findings).map(|it| it.0);
     let targets = targets::read(&mut keys, text, findings);
     let sound = findings.count() == faults_before;
-    let parent = keys.take("parent");
-    let has_parent = parent.is_some();
-    let parent = parent.and_then(|it| findings.text("parent", it, "the name of a scale"));
-    let anchor = keys.take("anchor").and_then(|it| findings.text("anchor", it, "a target: \"NODE.TARGET\""));
+    let has_parent = keys.table.contains_key(scale::PARENT.name);
+    let parent = scale::PARENT.text(&mut keys, findings);
+    let anchor = scale::ANCHOR.text(&mut keys, findings);
     let mut nodes = Vec::new();
-    if let Some((key, value)) = keys.take_entry("node") {
+    if let Some((key, value)) = keys.take_entry(scale::NODE.name) {
         let tables = findings.table(&key, value, text, "tables `[scale.NAME.node.NODE]`");
         for (node, value) in tables.map(|mut it| it.take_rest()).unwrap_or_default() {
             plain_name("node", &node, findings);

@@ -9,6 +9,7 @@ use foveate_scene::AnchorRule;
 use serde_json::Value as Json;
 use toml::Value;
 
+use super::grammar::{self, Key};
 use super::lookup::Names;
 use super::node_text::{ON_ERROR, RequireText, WHEN_FULL};
 use super::nodes::NodeDraft;
@@ -36,16 +37,16 @@ pub(super) struct Head<'r> {
 pub(super) fn write(head: &Head<'_>, names: &Names<'_, '_>) -> Result<String, (usize, String)> {
     let mut text = String::new();
     let _ = writeln!(text, "# Rig `{}` with every default filled in.\n\n[rig]", head.rig.name);
-    line(&mut text, "name", &Value::from(head.rig.name.as_str()));
-    line(&mut text, "folder", &Value::from(head.folder.to_string_lossy().as_ref()));
+    line(&mut text, grammar::rig::NAME.name, &Value::from(head.rig.name.as_str()));
+    line(&mut text, grammar::rig::FOLDER.name, &Value::from(head.folder.to_string_lossy().as_ref()));
     if let Some(calibration) = &head.rig.calibration {
-        line(&mut text, "calibration", &Value::from(calibration.get_ref().as_str()));
+        line(&mut text, grammar::rig::CALIBRATION.name, &Value::from(calibration.get_ref().as_str()));
     }
-    line(&mut text, "seed", &Value::from(i64::try_from(head.seed).unwrap_or(i64::MAX)));
+    line(&mut text, grammar::rig::SEED.name, &Value::from(i64::try_from(head.seed).unwrap_or(i64::MAX)));
     if let Some(duration_s) = head.duration_s {
-        line(&mut text, "duration_s", &Value::from(duration_s));
+        line(&mut text, grammar::rig::DURATION_S.name, &Value::from(duration_s));
     }
-    line(&mut text, "report_speed", &Value::from(head.rig.report_speed));
+    line(&mut text, grammar::rig::REPORT_SPEED.name, &Value::from(head.rig.report_speed));
     let anchored = anchored_to(names.scales);
     let mut nodes = names.nodes.iter().enumerate().peekable();
     for (index, scale) in names.scales.iter().enumerate() {
@@ -73,17 +74,17 @@ fn quoted_key(key: &str) -> String {
 fn write_scale(text: &mut String, scales: &[ScaleDraft], scale: &ScaleDraft) {
     let _ = writeln!(text, "\n[scale.{}]", quoted_key(&scale.name));
     if let Parent::Of(parent) = scale.parent {
-        line(text, "parent", &Value::from(scales[parent].name.as_str()));
+        line(text, grammar::scale::PARENT.name, &Value::from(scales[parent].name.as_str()));
     }
     if let Some(anchor) = &scale.anchor {
-        line(text, "anchor", &Value::from(anchor.get_ref().as_str()));
+        line(text, grammar::scale::ANCHOR.name, &Value::from(anchor.get_ref().as_str()));
     }
     if let Some(corners) = scale.volume_m {
         let [min, max] = corners.map(|corner| Value::from(corner.to_vec()));
-        let _ = writeln!(text, "volume_m = {{ min = {min}, max = {max} }}");
+        let _ = writeln!(text, "{} = {{ min = {min}, max = {max} }}", grammar::scale::VOLUME_M.name);
     }
     if let Some(radius_m) = scale.radius_m {
-        line(text, "radius_m", &Value::from(radius_m));
+        line(text, grammar::scale::RADIUS_M.name, &Value::from(radius_m));
     }
 }
 
@@ -103,24 +104,24 @@ fn write_node(text: &mut String, names: &Names<'_, '_>, node: &NodeDraft<'_>) ->
     let (Some(node_type), Some(settings)) = (&node.node_type, &node.settings) else { return Ok(()) };
     let scale = quoted_key(&names.scales[node.scale].name);
     let _ = writeln!(text, "\n[scale.{scale}.node.{}]", quoted_key(node.name()));
-    line(text, "type", &Value::from(node_type.name));
+    line(text, grammar::node::TYPE.name, &Value::from(node_type.name));
     if let Some(each) = &node.text.each {
         let patterns: Vec<&str> = each.get_ref().iter().map(|it| it.get_ref().as_str()).collect();
         let value = match patterns[..] {
             [one] => Value::from(one),
             _ => Value::from(patterns),
         };
-        line(text, "each", &value);
+        line(text, grammar::node::EACH.name, &value);
     }
     if let Some(camera) = &node.text.camera {
-        line(text, "camera", &Value::from(camera.get_ref().as_str()));
+        line(text, grammar::node::CAMERA.name, &Value::from(camera.get_ref().as_str()));
     }
     let on_error = ON_ERROR.iter().find(|it| it.1 == node.text.on_error).map_or("stop", |it| it.0);
-    line(text, "on_error", &Value::from(on_error));
+    line(text, grammar::node::ON_ERROR_KEY.name, &Value::from(on_error));
     // Nothing where turns cost nothing: the rig may be one for cameras and motors.
     if node.text.cost != Cost::default() {
-        line(text, "cost_ms", &in_ms(node.text.cost.time));
-        line(text, "cost_jitter_ms", &in_ms(node.text.cost.jitter));
+        line(text, grammar::node::COST_MS.name, &in_ms(node.text.cost.time));
+        line(text, grammar::node::COST_JITTER_MS.name, &in_ms(node.text.cost.jitter));
     }
     for input in &node.text.inputs {
         let from: Vec<String> = input.from.iter().map(|it| full_reference(names, node, it.get_ref())).collect();
@@ -132,17 +133,20 @@ fn write_node(text: &mut String, names: &Names<'_, '_>, node: &NodeDraft<'_>) ->
         let when_full = WHEN_FULL.iter().find(|it| it.1 == when_full).map_or("drop_oldest", |it| it.0);
         let own = node_type.ports.inputs.iter().find(|it| it.name == input.port.get_ref()).map(|it| it.policy);
         let policy = input.policy.as_ref().map(|it| it.0).or(own).and_then(InputPolicy::choice);
-        let policy = policy.map(|it| format!(", policy = \"{it}\"")).unwrap_or_default();
         let tolerance = match (&input.tolerance, own) {
-            (Some((stated, _)), _) => format!(", tolerance_ms = {}", in_ms(*stated)),
-            (None, Some(InputPolicy::Synced(own))) => format!(", tolerance_ms = {}", in_ms(own)),
-            (None, _) => String::new(),
+            (Some((stated, _)), _) => Some(*stated),
+            (None, Some(InputPolicy::Synced(own))) => Some(own),
+            (None, _) => None,
         };
-        let port = quoted_key(input.port.get_ref());
-        let _ = writeln!(
-            text,
-            "in.{port} = {{ from = {from}, capacity = {capacity}, when_full = \"{when_full}\"{policy}{tolerance} }}"
-        );
+        use grammar::connection::{CAPACITY, FROM, POLICY, TOLERANCE_MS, WHEN_FULL_KEY};
+        let keys = [
+            (FROM, Some(from)),
+            (CAPACITY, Some(Value::from(capacity as i64))),
+            (WHEN_FULL_KEY, Some(Value::from(when_full))),
+            (POLICY, policy.map(Value::from)),
+            (TOLERANCE_MS, tolerance.map(in_ms)),
+        ];
+        let _ = writeln!(text, "in.{} = {}", quoted_key(input.port.get_ref()), inline(&keys));
     }
     for require in &node.text.requires {
         let _ = writeln!(text, "require.{} = {}", quoted_key(require.port.get_ref()), requirement(require));
@@ -176,14 +180,18 @@ fn full_reference(names: &Names<'_, '_>, consumer: &NodeDraft<'_>, written: &str
 
 fn requirement(require: &RequireText) -> String {
     let it = &require.requirement;
-    let measures = [
-        ("age_ms", require.age_ms.as_ref().map(|it| it.0)),
-        ("rate_hz", it.rate_hz),
-        ("sigma", it.sigma),
-        ("loss", it.loss),
-    ];
-    let mut parts: Vec<String> =
-        measures.iter().filter_map(|(key, value)| Some(format!("{key} = {}", Value::from((*value)?)))).collect();
-    parts.push(format!("must = {}", it.must));
-    format!("{{ {} }}", parts.join(", "))
+    use grammar::requirement::{AGE_MS, LOSS, MUST, RATE_HZ, SIGMA};
+    inline(&[
+        (AGE_MS, require.age_ms.as_ref().map(|it| Value::from(it.0))),
+        (RATE_HZ, it.rate_hz.map(Value::from)),
+        (SIGMA, it.sigma.map(Value::from)),
+        (LOSS, it.loss.map(Value::from)),
+        (MUST, Some(Value::from(it.must))),
+    ])
+}
+
+/// A table in one line, of the keys that have a value.
+fn inline(keys: &[(Key, Option<Value>)]) -> String {
+    let parts = keys.iter().filter_map(|(key, value)| Some(format!("{} = {}", key.name, value.as_ref()?)));
+    format!("{{ {} }}", parts.collect::<Vec<_>>().join(", "))
 }

@@ -7,9 +7,9 @@ use std::sync::Arc;
 
 use serde_json::{Map, Value as Json, json};
 
-use super::node_text::{LONGEST_COST_MS, ON_ERROR, WHEN_FULL};
+use super::grammar::{self, table};
 use super::targets;
-use crate::graph::{Queue, SINK_CAPACITY};
+use crate::graph::SINK_CAPACITY;
 use foveate_node::node::{Node, Role};
 use foveate_node::port::{InputPolicy, InputSpec};
 use foveate_node::registry::{NodeType, Registry};
@@ -59,79 +59,32 @@ fn plain_name() -> Json {
 }
 
 fn head() -> Json {
-    json!({
-        "description": "What concerns the rig as a whole.",
-        "type": "object",
-        "properties": {
-            "name": {
-                "description": "Results are filed under it: lower-case letters, digits, `_` and `-`.",
-                "type": "string",
-                "pattern": "^[a-z0-9_-]+$"
-            },
-            "calibration": {
-                "description": "The cameras: a file, or a folder with results of MultiCamSelfCal. `${NAME}` is an environment variable.",
-                "type": "string"
-            },
-            "folder": {
-                "description": "Where relative paths start; left out: where this file lies.",
-                "type": "string"
-            },
-            "seed": {
-                "description": "Of all random numbers: the same seed gives the same results.",
-                "type": "integer", "minimum": 0, "maximum": i64::MAX, "default": 1
-            },
-            "duration_s": {
-                "description": "Where simulated and file-fed sources are cut off [s].",
-                "type": "number", "exclusiveMinimum": 0, "maximum": 9e9
-            },
-            "report_speed": {
-                "description": "Whether `summary.json` has the `real_time_factor` too, the one line in it that then differs from run to run.",
-                "type": "boolean", "default": false
-            }
-        },
-        "required": ["name"],
-        "additionalProperties": false
-    })
+    table("What concerns the rig as a whole.", &grammar::rig::ALL, &[&grammar::rig::NAME])
 }
 
 fn scale() -> Json {
+    use grammar::scale::{ALL, NODE, TARGET, VOLUME_M};
+    let mut schema = table("A graph of nodes with a space of its own.", &ALL, &[]);
     let point = json!({ "type": "array", "items": { "type": "number" }, "minItems": 3, "maxItems": 3 });
-    json!({
-        "description": "A graph of nodes with a space of its own.",
+    let named = |of: Json| json!({ "type": "object", "propertyNames": plain_name(), "additionalProperties": of });
+    let volume = json!({
         "type": "object",
-        "properties": {
-            "parent": { "description": "The scale that this one nests in.", "type": "string" },
-            "anchor": {
-                "description": "The target that this scale's space moves with: a node of the parent that gives targets, dot, the name of one; `[scale.PARENT.target.NAME]` says which that is.",
-                "type": "string",
-                "pattern": "^[^.]+\\..+$"
-            },
-            "volume_m": {
-                "description": "Where targets can be, in this scale's space: opposite corners [m].",
-                "type": "object",
-                "properties": { "min": point, "max": point },
-                "required": ["min", "max"],
-                "additionalProperties": false
-            },
-            "radius_m": {
-                "description": "How far around its anchor this scale reaches [m].",
-                "type": "number", "exclusiveMinimum": 0
-            },
-            "target": {
-                "description": "Names for targets that scales can be anchored to.",
-                "type": "object",
-                "propertyNames": plain_name(),
-                "additionalProperties": targets::schema()
-            },
-            "node": {
-                "description": "The nodes by name.",
-                "type": "object",
-                "propertyNames": plain_name(),
-                "additionalProperties": reference("node")
-            }
-        },
+        "properties": { "min": point, "max": point },
+        "required": ["min", "max"],
         "additionalProperties": false
-    })
+    });
+    let parts = [(VOLUME_M, volume), (TARGET, named(targets::schema())), (NODE, named(reference("node")))];
+    for (key, part) in parts {
+        extend(&mut schema["properties"][key.name], part);
+    }
+    schema
+}
+
+/// Adds the keywords of `more` to `schema`.
+fn extend(schema: &mut Json, more: Json) {
+    if let (Some(schema), Json::Object(more)) = (schema.as_object_mut(), more) {
+        schema.extend(more);
+    }
 }
 
 fn node(registry: &Registry) -> Json {
@@ -167,129 +120,68 @@ fn definition(node_type: &str) -> String {
 
 /// The keys that every node has, for a node with these ports.
 fn reserved(node_type: &NodeType) -> Map<String, Json> {
-    let words = |list: &[&str]| Json::from(list.to_vec());
-    let mut keys = Map::new();
-    keys.insert("type".to_owned(), json!({ "description": node_type.summary, "const": node_type.name }));
-    let each = "One instance for each camera of that name; `*` stands for any characters, `?` for one. A list takes what any of it matches; \
-                `!` before a pattern leaves out what it matches.";
-    let pattern = json!({ "type": "string" });
-    keys.insert(
-        "each".to_owned(),
-        json!({ "description": each, "type": ["string", "array"], "items": pattern, "minItems": 1 }),
-    );
-    keys.insert("camera".to_owned(), json!({ "description": "The one camera that it serves.", "type": "string" }));
-    let on_error = "What happens when it fails on a message: it stops, the message is dropped, or it is made anew.";
-    let choices = words(&ON_ERROR.map(|it| it.0));
-    keys.insert("on_error".to_owned(), json!({ "description": on_error, "enum": choices, "default": "stop" }));
-    if node_type.role != Role::Source {
-        let cost = |description: &str| json!({ "description": description, "type": "number", "minimum": 0, "maximum": LONGEST_COST_MS, "default": 0 });
-        keys.insert(
-            "cost_ms".to_owned(),
-            cost("How long a turn keeps it busy on the logical clock of a run that is not live [ms]."),
-        );
-        keys.insert(
-            "cost_jitter_ms".to_owned(),
-            cost("By how much the cost of a turn varies up and down, uniformly [ms]."),
-        );
-    }
+    let is_source = node_type.role == Role::Source;
+    let costs = [grammar::node::COST_MS.name, grammar::node::COST_JITTER_MS.name];
+    let mut keys: Map<String, Json> = grammar::node::ALL
+        .iter()
+        .filter(|it| !(is_source && costs.contains(&it.name)))
+        .map(|it| (it.name.to_owned(), it.schema()))
+        .collect();
+    keys[grammar::node::TYPE.name] = json!({ "description": node_type.summary, "const": node_type.name });
+    let patterns = json!({ "type": ["string", "array"], "items": { "type": "string" }, "minItems": 1 });
+    extend(&mut keys[grammar::node::EACH.name], patterns);
     let inputs = &node_type.ports.inputs;
     let ports: Map<String, Json> =
         inputs.iter().map(|it| (it.name.to_owned(), connection(it, node_type.role))).collect();
     let needed: Vec<&str> = inputs.iter().filter(|it| !it.optional).map(|it| it.name).collect();
-    keys.insert(
-        "in".to_owned(),
-        json!({
-            "description": "What each input takes.",
-            "type": "object",
-            "properties": ports,
-            "required": needed,
-            "additionalProperties": false
-        }),
+    extend(
+        &mut keys[grammar::node::IN.name],
+        json!({ "type": "object", "properties": ports, "required": needed, "additionalProperties": false }),
     );
     let requires: Map<String, Json> = inputs.iter().map(|it| (it.name.to_owned(), reference("require"))).collect();
-    keys.insert(
-        "require".to_owned(),
-        json!({
-            "description": "What the edges into each input promise.",
-            "type": "object",
-            "properties": requires,
-            "additionalProperties": false
-        }),
+    extend(
+        &mut keys[grammar::node::REQUIRE.name],
+        json!({ "type": "object", "properties": requires, "additionalProperties": false }),
     );
     keys
 }
 
 /// A text, a list of texts, or a table: each keyword speaks of one kind of value only.
 fn connection(port: &InputSpec, role: Role) -> Json {
-    let capacity = if role == Role::Sink { SINK_CAPACITY } else { Queue::default().capacity };
-    let how = port.policy.in_words();
+    use grammar::connection::{CAPACITY, FROM, POLICY, TOLERANCE_MS, WHEN_FULL_KEY};
+    let policy = port.policy.in_words();
     let count = if port.many { "any number of sources" } else { "one source" };
-    let form = "NODE.OUTPUT, SCALE.NODE.OUTPUT or NODE[CAMERA].OUTPUT";
     let pattern = "^[^.\\[\\]]+(\\.[^.\\[\\]]+)?(\\[.+\\])?\\.[^.\\[\\]]+$";
-    let most = if port.many { json!({}) } else { json!({ "maxItems": 1 }) };
     let source = json!({ "type": "string", "pattern": pattern });
-    let when_full = WHEN_FULL.map(|it| it.0).to_vec();
-    let mut schema = json!({
-        "description": format!("Takes `{}` from {count}: {how}. {form}.", port.message.name),
-        "type": ["string", "array", "object"],
-        "pattern": pattern,
-        "items": source,
-        "minItems": 1,
-        "properties": {
-            "from": { "description": form, "type": ["string", "array"], "pattern": pattern, "items": source, "minItems": 1 },
-            "capacity": {
-                "description": "Messages that may wait.",
-                "type": "integer", "minimum": 1, "maximum": 1_000_000, "default": capacity
-            },
-            "when_full": {
-                "description": "What happens to one more: an old one is dropped, the new one is dropped, or its sender waits.",
-                "enum": when_full,
-                "default": "drop_oldest"
-            }
-        },
-        "required": ["from"],
-        "additionalProperties": false
-    });
-    if let InputPolicy::Synced(own) = port.policy {
-        schema["properties"]["tolerance_ms"] = json!({
-            "description": "How far apart the capture times of one set may lie [ms].",
-            "type": "number", "minimum": 0, "maximum": 60_000, "default": own.as_ms()
-        });
+    let mut keys = vec![&FROM, &CAPACITY, &WHEN_FULL_KEY];
+    let joins = if let InputPolicy::Synced(own) = port.policy { Some(own) } else { None };
+    keys.extend(joins.map(|_| &TOLERANCE_MS));
+    keys.extend(port.policy.choice().map(|_| &POLICY));
+    let description = format!("Takes `{}` from {count}: {policy}. {}.", port.message.name, FROM.doc);
+    let mut schema = table(&description, &keys, &[&FROM]);
+    let forms = json!({ "type": ["string", "array"], "pattern": pattern, "items": source, "minItems": 1 });
+    let properties = &mut schema["properties"];
+    extend(&mut properties[FROM.name], forms.clone());
+    if role == Role::Sink {
+        properties[CAPACITY.name]["default"] = json!(SINK_CAPACITY);
+    }
+    if let Some(own) = joins {
+        properties[TOLERANCE_MS.name]["default"] = json!(own.as_ms());
     }
     if let Some(own) = port.policy.choice() {
-        schema["properties"]["policy"] = json!({
-            "description": "Which of the waiting messages it takes when its node is free; the others are dropped and counted.",
-            "enum": InputPolicy::CHOICES.map(|it| it.0).to_vec(),
-            "default": own,
-            "x-taplo": { "docs": { "enumValues": InputPolicy::CHOICES.map(|it| it.1.in_words()).to_vec() } }
-        });
+        let words = InputPolicy::CHOICES.map(|it| it.1.in_words()).to_vec();
+        extend(&mut properties[POLICY.name], json!({ "default": own, "x-taplo": { "docs": { "enumValues": words } } }));
     }
-    if let (Some(schema), Json::Object(most)) = (schema.as_object_mut(), most) {
-        schema.extend(most);
+    extend(&mut schema, forms);
+    schema["type"] = json!(["string", "array", "object"]);
+    if !port.many {
+        schema["maxItems"] = json!(1);
     }
     schema
 }
 
 fn require() -> Json {
-    let measure = |description: &str| json!({ "description": description, "type": "number", "exclusiveMinimum": 0 });
-    json!({
-        "description": "Measured, shown, reported.",
-        "type": "object",
-        "properties": {
-            "age_ms": measure("Age at delivery, 99th percentile, at most [ms]."),
-            "rate_hz": measure("Messages a second, at least [Hz]."),
-            "sigma": measure("Mean standard deviation that the payload states, at most [px or m]."),
-            "loss": {
-                "description": "Fraction of the messages that were lost, at most.",
-                "type": "number", "minimum": 0, "maximum": 1
-            },
-            "must": {
-                "description": "Whether not meeting it fails the run, with exit code 3.",
-                "type": "boolean", "default": false
-            }
-        },
-        "additionalProperties": false
-    })
+    table("Measured, shown, reported.", &grammar::requirement::ALL, &[])
 }
 
 /// The settings of a node type beside the reserved keys; its own definitions move to the rig's.

@@ -10,7 +10,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::expected::{bounds, expectation, unit_of};
-use super::node_text::RESERVED;
+use super::grammar;
 use foveate_diagnostics::names::{did_you_mean, likely, one_of, shown};
 use foveate_diagnostics::value::{Value, described, number, whole};
 use foveate_diagnostics::{Findings, Span};
@@ -81,8 +81,16 @@ impl<'s> Walk<'s, '_> {
                 // Stands in an `allOf` or alternative, which is checked below.
             } else if let Some(other) = other.filter(|it| it.is_object()) {
                 self.value(other, &full, value, depth + 1);
+            } else if let Some((now, _)) =
+                known.iter().find(|it| formerly(it.1).is_some_and(|old| old.as_str() == Some(name)))
+            {
+                self.findings.error(
+                    key.span(),
+                    format_args!("the setting `{}` is now called `{now}`", shown(&name)),
+                    format_args!("found the old name, expected `{now}`"),
+                );
             } else if !open {
-                let reserved = likely(name, RESERVED).filter(|_| path.is_empty());
+                let reserved = likely(name, grammar::node::ALL.map(|it| it.name)).filter(|_| path.is_empty());
                 let help = match (likely(name, known.iter().map(|it| it.0)), reserved) {
                     (None, Some(word)) => format!("did you mean `{word}`?"),
                     _ => did_you_mean(name, "its settings", known.iter().map(|it| it.0)),
@@ -127,7 +135,7 @@ impl<'s> Walk<'s, '_> {
         match table.get(key) {
             Some(value) => {
                 let before = self.findings.count();
-                self.word(&tags, &full, value);
+                self.word(&tags, None, &full, value);
                 self.findings.count() == before
             }
             None => {
@@ -168,7 +176,7 @@ impl<'s> Walk<'s, '_> {
         }
         let schema = resolved(self.root, schema);
         if let Some(words) = words(self.root, schema) {
-            self.word(&words, path, value);
+            self.word(&words, formerly(schema), path, value);
             return;
         }
         let Some(mut choices) = alternatives(schema) else {
@@ -204,12 +212,16 @@ impl<'s> Walk<'s, '_> {
         best.unwrap_or_default()
     }
 
-    fn word(&mut self, words: &[&str], path: &str, value: &Value<'_>) {
+    fn word(&mut self, words: &[&str], renamed: Option<&Json>, path: &str, value: &Value<'_>) {
         let found = value.get_ref().as_str();
         if found.is_some_and(|it| words.contains(&it)) {
             return;
         }
         self.findings.not_as_expected(path, value, &one_of(words));
+        if let (Some(now), Some(fault)) = (found.and_then(|it| renamed?.get(it)?.as_str()), self.findings.last()) {
+            fault.help(format_args!("\"{}\" is now called \"{now}\"", found.unwrap_or_default()));
+            return;
+        }
         let meant = found.and_then(|it| likely(it, words.iter().copied()));
         if let (Some(meant), Some(fault)) = (meant, self.findings.last()) {
             fault.help(format_args!("did you mean \"{meant}\"?"));
@@ -284,6 +296,11 @@ impl<'s> Walk<'s, '_> {
             );
         }
     }
+}
+
+/// What `schema` was called before: of a setting its old name, of a choice a table from its old words to the new ones.
+fn formerly(schema: &Json) -> Option<&Json> {
+    schema.get("x-formerly")
 }
 
 /// The key whose word tells `choices` apart, and the words.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use foveate_engine::{self as engine, Options, Outcome};
 use foveate_messages::Image;
-use foveate_node::{ConfigError, In, Io, Node, NodeError, Ports, Registry, Report, Role, Setup};
+use foveate_node::{ConfigError, Io, Node, NodeError, Ports, Registry, Report, Role, Setup, ports};
 use foveate_rig::{self as rig, Overrides};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -15,7 +15,9 @@ use serde::{Deserialize, Serialize};
 #[serde(default, deny_unknown_fields)]
 struct DigestSettings {}
 
-const IMAGES: In<Image> = In::each(0, "images").many();
+ports! {
+    IMAGES: In<Image> = each("images").many();
+}
 
 /// Sums up all that it sees into two numbers.
 #[derive(Default)]
@@ -32,7 +34,7 @@ impl Node for Digest {
     type Settings = DigestSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&IMAGES)
+        declared_ports()
     }
 
     fn new(_settings: DigestSettings, _setup: &Setup) -> Result<Self, ConfigError> {

@@ -9,9 +9,11 @@ use nalgebra::{Point2, Vector2, Vector3};
 use crate::blob_detector::{BlobDetector, GrayPicture, Outcome};
 use crate::settings::BlobSettings;
 
-const IMAGE: In<Image> = In::each(0, "image");
-const PREDICTED: In<Targets> = In::latest(1, "predicted").optional();
-const FEATURES: Out<Features> = Out::new(0, "features");
+ports! {
+    IMAGE: In<Image> = each("image");
+    PREDICTED: In<Targets> = latest("predicted").optional();
+    FEATURES: Out<Features> = "features";
+}
 
 /// Pictures in, blobs out, each with a point and its covariance; the camera's, in scan order.
 ///
@@ -42,7 +44,7 @@ impl Node for Detector {
     type Settings = BlobSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&IMAGE).input(&PREDICTED).output(&FEATURES)
+        declared_ports()
     }
 
     fn new(settings: BlobSettings, setup: &Setup) -> Result<Self, ConfigError> {

@@ -7,8 +7,10 @@ use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-const IMAGE: In<Image> = In::each(0, "image");
-const FEATURES: Out<Features> = Out::new(0, "features");
+ports! {
+    IMAGE: In<Image> = each("image");
+    FEATURES: Out<Features> = "features";
+}
 
 /// Pictures without the board in which another one is looked for: that takes as long again.
 const MAX_PROBED: u64 = 5;
@@ -53,7 +55,7 @@ impl Node for Detector {
     type Settings = BoardSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&IMAGE).output(&FEATURES)
+        declared_ports()
     }
 
     fn new(settings: BoardSettings, setup: &Setup) -> Result<Self, ConfigError> {

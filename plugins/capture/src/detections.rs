@@ -15,7 +15,9 @@ use crate::detections_csv::{POINTS_DAT, Table, Wanted};
 use crate::labels;
 use crate::settings::camera_of;
 
-const FEATURES: Out<Features> = Out::new(0, "features");
+ports! {
+    FEATURES: Out<Features> = "features";
+}
 
 /// A file that begins later than this counts from another start than the session, such as 1970 [s].
 const LATEST_START_S: f64 = 1e6;
@@ -121,7 +123,7 @@ impl Node for Detections {
     type Settings = DetectionsSettings;
 
     fn ports() -> Ports {
-        Ports::new().output(&FEATURES)
+        declared_ports()
     }
 
     fn new(settings: DetectionsSettings, setup: &Setup) -> Result<Self, ConfigError> {

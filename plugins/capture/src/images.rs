@@ -14,7 +14,9 @@ use crate::listing::Listing;
 pub use crate::listing::Numbering;
 use crate::settings::{Format, Reasons, camera_of, frame_time};
 
-const IMAGE: Out<Image> = Out::new(0, "image");
+ports! {
+    IMAGE: Out<Image> = "image";
+}
 
 /// Settings of [`Images`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -134,7 +136,7 @@ impl Node for Images {
     type Settings = ImagesSettings;
 
     fn ports() -> Ports {
-        Ports::new().output(&IMAGE)
+        declared_ports()
     }
 
     fn new(settings: ImagesSettings, setup: &Setup) -> Result<Self, ConfigError> {

@@ -16,8 +16,10 @@ use nalgebra::{Isometry3, Matrix3, Matrix6, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-const TARGETS: Out<Targets> = Out::new(0, "targets");
-const MARKS: Out<Marks> = Out::new(1, "marks");
+ports! {
+    TARGETS: Out<Targets> = "targets";
+    MARKS: Out<Marks> = "marks";
+}
 
 /// Which axis of the file is up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -201,7 +203,7 @@ impl Node for CaptureMotion {
     type Settings = CaptureMotionSettings;
 
     fn ports() -> Ports {
-        Ports::new().output(&TARGETS).output(&MARKS)
+        declared_ports()
     }
 
     fn new(settings: CaptureMotionSettings, setup: &Setup) -> Result<Self, ConfigError> {

@@ -34,7 +34,9 @@ use self::reader::Reader;
 use self::stream::{Counts, Stream, Turn, What};
 use crate::settings::camera_of;
 
-const IMAGE: Out<Image> = Out::new(0, "image");
+ports! {
+    IMAGE: Out<Image> = "image";
+}
 
 /// Why there are no cameras in a program that was built without them.
 #[cfg(not(all(feature = "hardware", target_os = "linux")))]
@@ -188,7 +190,7 @@ impl Node for V4l {
     type Settings = V4lSettings;
 
     fn ports() -> Ports {
-        Ports::new().output(&IMAGE)
+        declared_ports()
     }
 
     fn new(settings: V4lSettings, setup: &Setup) -> Result<Self, ConfigError> {

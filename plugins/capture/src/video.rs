@@ -17,7 +17,9 @@ use crate::ffmpeg::{Decoder, Dialect, Ending, Header, Programs};
 use crate::ffmpeg_words::Announced;
 use crate::settings::{Format, Reasons, camera_of, frame_time};
 
-const IMAGE: Out<Image> = Out::new(0, "image");
+ports! {
+    IMAGE: Out<Image> = "image";
+}
 
 /// A step of the time stamps longer than this many average frames has left something out.
 const LONG_STEP: f64 = 1.75;
@@ -275,7 +277,7 @@ impl Node for Video {
     type Settings = VideoSettings;
 
     fn ports() -> Ports {
-        Ports::new().output(&IMAGE)
+        declared_ports()
     }
 
     fn new(settings: VideoSettings, setup: &Setup) -> Result<Self, ConfigError> {

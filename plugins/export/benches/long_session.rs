@@ -20,7 +20,9 @@ const N_MARKS: u32 = 100;
 /// What the process may take [MB].
 const GOAL_MB: f64 = 200.0;
 
-const MARKS: Out<Marks> = Out::new(0, "marks");
+ports! {
+    MARKS: Out<Marks> = "marks";
+}
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -40,7 +42,7 @@ impl Node for Head {
     const SUMMARY: &'static str = "Knows marks.";
     type Settings = HeadSettings;
     fn ports() -> Ports {
-        Ports::new().output(&MARKS)
+        declared_ports()
     }
     fn new(settings: HeadSettings, _setup: &Setup) -> Result<Self, ConfigError> {
         Ok(Self { step: 0, late_s: settings.late_s })

@@ -14,7 +14,9 @@ use serde::{Deserialize, Serialize};
 use crate::csv::{check_file_name, field, fixed, scientific};
 use crate::row_file::RowFile;
 
-const FEATURES: In<Features> = In::each(0, "features").many();
+ports! {
+    FEATURES: In<Features> = each("features").many();
+}
 
 const HEADER: &str = "time_s,camera,x_px,y_px,sigma_px,area_px,peak,cxx_px2,cxy_px2,cyy_px2,label";
 
@@ -91,7 +93,7 @@ impl Node for ExportFeatures {
     type Settings = ExportFeaturesSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&FEATURES)
+        declared_ports()
     }
 
     fn new(settings: ExportFeaturesSettings, setup: &Setup) -> Result<Self, ConfigError> {

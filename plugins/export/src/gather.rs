@@ -13,17 +13,16 @@ use crate::csv::check_file_name;
 use crate::in_order::InOrder;
 use crate::time_base::{Sample, Settling, Ticks, TimeBase, Tracks};
 
-pub(crate) const TARGETS: In<Targets> = In::each(0, "targets").optional();
-pub(crate) const PARENT_TARGETS: In<Targets> = In::each(1, "parent_targets").of_parent().optional();
-pub(crate) const MARKS: In<Marks> = In::each(2, "marks").optional();
-pub(crate) const SPACES: In<ScaleSpace> = In::latest(3, "spaces").many().optional();
-
-pub(crate) const POSES: In<HeadPose> = In::each(4, "poses").many().optional();
-
-/// The inputs of all exports but for cameras.
-pub(crate) fn ports() -> Ports {
-    Ports::new().input(&TARGETS).input(&PARENT_TARGETS).input(&MARKS).input(&SPACES)
+ports! {
+    pub(crate) fn ports;
+    TARGETS: In<Targets> = each("targets").optional();
+    PARENT_TARGETS: In<Targets> = each("parent_targets").of_parent().optional();
+    MARKS: In<Marks> = each("marks").optional();
+    SPACES: In<ScaleSpace> = latest("spaces").many().optional();
 }
+
+/// An input that stands behind [`ports`] where poses of heads are exported too.
+pub(crate) const POSES: In<HeadPose> = In::each(4, "poses").many().optional();
 
 /// How long an input that has come to a halt holds up frames that others have samples for, in session time.
 const PATIENCE: Interval = Interval(5_000_000_000);

@@ -14,8 +14,6 @@
 //! | [`export.bvh`](bvh::ExportBvh) | `motion.bvh`: the body that eight targets sit on, as a skeleton that moves |
 //! | [`export.overlay`](overlay::ExportOverlay) | some pictures of a camera with the points ringed that were found in them, as PNG |
 //!
-//! [`plot`] is what the pictures are drawn with; programs that measure draw their own figures with it.
-//!
 //! Tables, C3D and TRC reach the disk while the run goes on, and are whole at any time. A disk that is full or a folder that cannot be written to loses nothing: rows
 //! wait in memory, and lie in the system's folder for temporary files at the end, with an error that says where.
 
@@ -23,6 +21,7 @@ pub mod bvh;
 pub mod c3d;
 mod csv;
 pub mod features;
+mod figures;
 mod frame_file;
 mod gather;
 pub mod gltf;
@@ -32,9 +31,7 @@ pub mod mark_pictures;
 pub mod marks;
 pub mod npz;
 pub mod overlay;
-mod paint;
 pub mod pictures;
-pub mod plot;
 mod row_file;
 mod target_rows;
 pub mod targets;

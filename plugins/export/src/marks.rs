@@ -17,7 +17,9 @@ use crate::in_order::InOrder;
 use crate::row_file::RowFile;
 use crate::targets::write_point;
 
-const MARKS: In<Marks> = In::each(0, "marks");
+ports! {
+    MARKS: In<Marks> = each("marks");
+}
 
 const HEADER: &str = "time_s,mark,x_m,y_m,z_m,cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2,cameras,provenance,\
      world_x_m,world_y_m,world_z_m,world_cxx_m2,world_cxy_m2,world_cxz_m2,world_cyy_m2,world_cyz_m2,world_czz_m2";
@@ -82,7 +84,7 @@ impl Node for ExportMarks {
     type Settings = ExportMarksSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&MARKS)
+        declared_ports()
     }
 
     fn new(settings: ExportMarksSettings, setup: &Setup) -> Result<Self, ConfigError> {

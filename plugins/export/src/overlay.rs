@@ -9,18 +9,18 @@ use std::fs;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use foveate::plot::canvas::Canvas;
 use foveate::prelude::*;
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::csv::file_part;
-use crate::paint::Canvas;
 use crate::row_file::write_whole;
 
-const IMAGE: In<Image> = In::each(0, "image");
-const FEATURES: In<Features> = In::each(1, "features");
+ports! {
+    IMAGE: In<Image> = each("image");
+    FEATURES: In<Features> = each("features");
+}
 
 /// Pictures kept until their features come.
 const HELD: usize = 4;
@@ -123,7 +123,8 @@ impl ExportOverlay {
     fn draw(&mut self, stamp: Stamp, image: &Image, features: &Features) {
         self.n_drawn += 1;
         let Some(out_dir) = &self.out_dir else { return };
-        let mut canvas = Canvas::of(image, self.settings.zoom, self.settings.gain);
+        let channels = image.format.channels();
+        let mut canvas = Canvas::of(&image.pixels, image.width, channels, self.settings.zoom, self.settings.gain);
         for feature in &features.list {
             let radius =
                 (f64::from(feature.area) / std::f64::consts::PI).sqrt() / f64::from(image.window.shrink.max(1));
@@ -131,16 +132,15 @@ impl ExportOverlay {
             canvas.ring(centre.x, centre.y, radius + CLEARANCE, COLOUR);
         }
         let name = format!("{FOLDER}/{}_{:06}.png", self.name, stamp.sequence);
-        let mut bytes = Vec::new();
-        let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive);
-        let written = encoder
-            .write_image(&canvas.pixels, canvas.width, canvas.height, ExtendedColorType::Rgb8)
+        let written = canvas
+            .png()
             .map_err(|error| format!("`{name}` cannot be encoded: {error}"))
-            .and_then(|()| {
+            .and_then(|bytes| {
                 fs::create_dir_all(out_dir.join(FOLDER))
                     .map_err(|error| format!("`{}`: {error}", out_dir.join(FOLDER).display()))
+                    .map(|()| bytes)
             })
-            .and_then(|()| write_whole(Some(out_dir), &name, &bytes, &mut self.report));
+            .and_then(|bytes| write_whole(Some(out_dir), &name, &bytes, &mut self.report));
         if let Err(fault) = written {
             self.fault.get_or_insert(fault);
         }
@@ -155,7 +155,7 @@ impl Node for ExportOverlay {
     type Settings = ExportOverlaySettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&IMAGE).input(&FEATURES)
+        declared_ports()
     }
 
     fn new(settings: ExportOverlaySettings, setup: &Setup) -> Result<Self, ConfigError> {

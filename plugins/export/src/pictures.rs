@@ -16,13 +16,15 @@ use foveate::scene::{Calibration, LengthUnit};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::figures::{Subject, cameras, space, time};
 use crate::in_order::InOrder;
-use crate::plot::{Subject, cameras, space, time};
 use crate::row_file::write_pictures;
 use crate::track_history::History;
 
-const TARGETS: In<Targets> = In::each(0, "targets");
-const TRUTH: In<Targets> = In::each(1, "truth").optional();
+ports! {
+    TARGETS: In<Targets> = each("targets");
+    TRUTH: In<Targets> = each("truth").optional();
+}
 
 /// Settings of [`ExportPictures`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -108,7 +110,7 @@ impl Node for ExportPictures {
     type Settings = ExportPicturesSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&TARGETS).input(&TRUTH)
+        declared_ports()
     }
 
     fn new(settings: ExportPicturesSettings, setup: &Setup) -> Result<Self, ConfigError> {

@@ -20,8 +20,10 @@ use crate::in_order::InOrder;
 use crate::row_file::RowFile;
 use crate::target_rows::{Clock, Place, Row};
 
-const TARGETS: In<Targets> = In::each(0, "targets");
-const SPACES: In<ScaleSpace> = In::latest(1, "spaces").many().optional();
+ports! {
+    TARGETS: In<Targets> = each("targets");
+    SPACES: In<ScaleSpace> = latest("spaces").many().optional();
+}
 
 const HEADER: &str = "time_s,target,x_m,y_m,z_m,cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2,cameras,provenance";
 
@@ -179,7 +181,7 @@ impl Node for ExportTargets {
     type Settings = ExportTargetsSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&TARGETS).input(&SPACES)
+        declared_ports()
     }
 
     fn new(settings: ExportTargetsSettings, setup: &Setup) -> Result<Self, ConfigError> {

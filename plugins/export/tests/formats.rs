@@ -23,8 +23,10 @@ const N_MARKS: u32 = 20;
 /// A hundredth of a millimetre.
 const AGREES_MM: f64 = 0.01;
 
-const TARGETS: Out<Targets> = Out::new(0, "targets");
-const MARKS: Out<Marks> = Out::new(1, "marks");
+ports! {
+    TARGETS: Out<Targets> = "targets";
+    MARKS: Out<Marks> = "marks";
+}
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -98,7 +100,7 @@ impl Node for Tracker {
     const SUMMARY: &'static str = "Knows targets and marks.";
     type Settings = TrackerSettings;
     fn ports() -> Ports {
-        Ports::new().output(&TARGETS).output(&MARKS)
+        declared_ports()
     }
     fn new(settings: TrackerSettings, _setup: &Setup) -> Result<Self, ConfigError> {
         Ok(Self { random: Random::new(13), step: 0, duration_s: settings.duration_s })

@@ -7,9 +7,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::led_detector::{LedDetector, Outcome};
 
-const IMAGE: In<Image> = In::each(0, "image");
-const PREDICTED: In<Targets> = In::latest(1, "predicted").optional();
-const FEATURES: Out<Features> = Out::new(0, "features");
+ports! {
+    IMAGE: In<Image> = each("image");
+    PREDICTED: In<Targets> = latest("predicted").optional();
+    FEATURES: Out<Features> = "features";
+}
 
 /// Settings of [`Detector`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -180,7 +182,7 @@ impl Node for Detector {
     type Settings = DetectorSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&IMAGE).input(&PREDICTED).output(&FEATURES)
+        declared_ports()
     }
 
     fn new(settings: DetectorSettings, setup: &Setup) -> Result<Self, ConfigError> {

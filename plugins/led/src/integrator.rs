@@ -22,10 +22,12 @@ const CLOCK_TOLERANCE_MS: f64 = 100.0;
 const LEAST_S: f64 = 2.0;
 const LEAST_LIT_S: f64 = 0.5;
 
-const FEATURES: In<Features> = In::each(0, "features").many();
-const SPACES: In<ScaleSpace> = In::latest(1, "spaces").many().optional();
-const TARGETS: Out<Targets> = Out::new(0, "targets");
-const PREDICTED: Out<Targets> = Out::new(1, "predicted");
+ports! {
+    FEATURES: In<Features> = each("features").many();
+    SPACES: In<ScaleSpace> = latest("spaces").many().optional();
+    TARGETS: Out<Targets> = "targets";
+    PREDICTED: Out<Targets> = "predicted";
+}
 
 /// One Kalman filter a target, each observation applied alone, at its own time and with its own camera.
 ///
@@ -61,7 +63,7 @@ impl Node for Integrator {
     type Settings = IntegratorSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&FEATURES).input(&SPACES).output(&TARGETS).output(&PREDICTED)
+        declared_ports()
     }
 
     fn new(settings: IntegratorSettings, setup: &Setup) -> Result<Self, ConfigError> {

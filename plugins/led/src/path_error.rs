@@ -8,7 +8,9 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-const TARGETS: In<Targets> = In::each(0, "targets");
+ports! {
+    TARGETS: In<Targets> = each("targets");
+}
 
 /// Longer files are no paths [rows].
 const MAX_ROWS: usize = 10_000_000;
@@ -98,7 +100,7 @@ impl Node for PathError {
     type Settings = PathErrorSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&TARGETS)
+        declared_ports()
     }
 
     fn new(settings: PathErrorSettings, setup: &Setup) -> Result<Self, ConfigError> {

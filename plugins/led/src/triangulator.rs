@@ -13,8 +13,10 @@ use smallvec::SmallVec;
 
 use crate::consensus::{Consensus, ConsensusOptions, Meeting, RayObservation};
 
-const FEATURES: In<Features> = In::synced(0, "features", 4).many();
-const TARGETS: Out<Targets> = Out::new(0, "targets");
+ports! {
+    FEATURES: In<Features> = synced("features", 4).many();
+    TARGETS: Out<Targets> = "targets";
+}
 
 /// Settings of [`TriangulatorNode`]; lengths as for the integrator.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -238,7 +240,7 @@ impl Node for TriangulatorNode {
     type Settings = TriangulatorSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&FEATURES).output(&TARGETS)
+        declared_ports()
     }
 
     fn new(settings: TriangulatorSettings, setup: &Setup) -> Result<Self, ConfigError> {

@@ -11,11 +11,13 @@ use serde::{Deserialize, Serialize};
 use crate::control::hear;
 use crate::target_anchor::TargetAnchor;
 
-const REPORT: In<HeadReport> = In::each(0, "report");
-const IMAGE: In<Image> = In::each(1, "image").optional();
-const FEATURES: In<Features> = In::each(2, "features").optional();
-const TARGET: In<Targets> = In::latest(3, "target").optional().of_parent();
-const POSE: Out<HeadPose> = Out::new(0, "pose");
+ports! {
+    REPORT: In<HeadReport> = each("report");
+    IMAGE: In<Image> = each("image").optional();
+    FEATURES: In<Features> = each("features").optional();
+    TARGET: In<Targets> = latest("target").optional().of_parent();
+    POSE: Out<HeadPose> = "pose";
+}
 
 /// A feature is the target's within this many standard deviations of where it is expected …
 const GATE_SIGMAS: f64 = 4.0;
@@ -95,7 +97,7 @@ impl Node for Pose {
     type Settings = PoseSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&REPORT).input(&IMAGE).input(&FEATURES).input(&TARGET).output(&POSE)
+        declared_ports()
     }
 
     fn new(settings: PoseSettings, setup: &Setup) -> Result<Self, ConfigError> {

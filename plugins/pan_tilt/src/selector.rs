@@ -7,12 +7,14 @@ use foveate::prelude::*;
 use crate::control::{ControlSettings, HeadController, Lead};
 use crate::target_anchor::TargetAnchor;
 
-const TARGET: In<Targets> = In::each(0, "target").of_parent();
-const HEAD: In<HeadReport> = In::latest(1, "head").optional();
-const ASSIGNMENT: In<Assignment> = In::latest(2, "assignment").optional();
-const SPACES: In<ScaleSpace> = In::latest(3, "spaces").many().optional();
-const COMMANDS: Out<HeadCommand> = Out::new(0, "commands");
-const REGION: Out<SubRegion> = Out::new(1, "region");
+ports! {
+    TARGET: In<Targets> = each("target").of_parent();
+    HEAD: In<HeadReport> = latest("head").optional();
+    ASSIGNMENT: In<Assignment> = latest("assignment").optional();
+    SPACES: In<ScaleSpace> = latest("spaces").many().optional();
+    COMMANDS: Out<HeadCommand> = "commands";
+    REGION: Out<SubRegion> = "region";
+}
 
 /// Which target, and how its head is led to it: see [`HeadController`]. Where the target is of a scale that itself moves, `spaces` takes the anchors of
 /// that scale and of those around it: heads stand in the world.
@@ -44,7 +46,7 @@ impl Node for Selector {
     type Settings = ControlSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&TARGET).input(&HEAD).input(&ASSIGNMENT).input(&SPACES).output(&COMMANDS).output(&REGION)
+        declared_ports()
     }
 
     fn new(settings: ControlSettings, setup: &Setup) -> Result<Self, ConfigError> {

@@ -9,12 +9,14 @@ use nalgebra::{Matrix6, Point2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-const IMAGE: In<Image> = In::each(0, "image");
-const TARGET: In<Targets> = In::latest(1, "target").of_parent().optional();
-const TARGETS: In<Targets> = In::latest(2, "targets").optional();
-const INSIDE: Out<Image> = Out::new(0, "inside");
-const COARSE: Out<Image> = Out::new(1, "coarse");
-const REGION: Out<SubRegion> = Out::new(2, "region");
+ports! {
+    IMAGE: In<Image> = each("image");
+    TARGET: In<Targets> = latest("target").of_parent().optional();
+    TARGETS: In<Targets> = latest("targets").optional();
+    INSIDE: Out<Image> = "inside";
+    COARSE: Out<Image> = "coarse";
+    REGION: Out<SubRegion> = "region";
+}
 
 /// Settings of [`Crop`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -77,7 +79,7 @@ impl Node for Crop {
     type Settings = CropSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&IMAGE).input(&TARGET).input(&TARGETS).output(&INSIDE).output(&COARSE).output(&REGION)
+        declared_ports()
     }
 
     fn new(settings: CropSettings, setup: &Setup) -> Result<Self, ConfigError> {

@@ -4,11 +4,13 @@ use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-const IMAGE_IN: In<Image> = In::each(0, "image").optional();
-const FEATURES_IN: In<Features> = In::each(1, "features").optional();
-const CHOICE: In<CameraChoice> = In::latest(2, "choice");
-const IMAGE_OUT: Out<Image> = Out::new(0, "image");
-const FEATURES_OUT: Out<Features> = Out::new(1, "features");
+ports! {
+    IMAGE_IN: In<Image> = each("image").optional();
+    FEATURES_IN: In<Features> = each("features").optional();
+    CHOICE: In<CameraChoice> = latest("choice");
+    IMAGE_OUT: Out<Image> = "image";
+    FEATURES_OUT: Out<Features> = "features";
+}
 
 /// Settings of [`Gate`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -55,7 +57,7 @@ impl Node for Gate {
     type Settings = GateSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&IMAGE_IN).input(&FEATURES_IN).input(&CHOICE).output(&IMAGE_OUT).output(&FEATURES_OUT)
+        declared_ports()
     }
 
     fn new(settings: GateSettings, setup: &Setup) -> Result<Self, ConfigError> {

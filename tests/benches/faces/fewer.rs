@@ -4,8 +4,9 @@ use std::path::Path;
 
 use foveate::estimation::Random;
 use foveate::geometry::ShapeFitter;
+use foveate::plot::{Axis, Chart, Series};
 
-use crate::chart::{Chart, Marks, Scale, Series, draw, save};
+use crate::chart::save;
 use crate::methods::{NOISE, fill, methods, percentile_mm};
 use crate::takes::{Frame, Head, recorded, simulated, spread};
 
@@ -62,19 +63,14 @@ pub fn fewer(out: Option<&Path>) {
                 };
                 by_frame.chunks(GROUP).map(point).collect()
             };
-            series.push(Series::new(format!("{}, median", method.name), Marks::Line, colour, curve(50.0)));
-            series.push(Series::new(format!("{}, p95", method.name), Marks::Dashed, colour, curve(95.0)));
+            series.push(Series::line(format!("{}, median", method.name), colour, curve(50.0)));
+            series.push(Series::line(format!("{}, p95", method.name), colour, curve(95.0)).dashed());
         }
         println!();
-        charts.push(Chart {
-            title: case.name.to_owned(),
-            x: "hidden marks",
-            y: "error of filled marks [mm]",
-            scale: Scale::Linear,
-            series,
-        });
+        let (x, y) = (Axis::new("hidden marks [–]"), Axis::new("error of filled marks [mm]"));
+        charts.push(Chart { series, ..Chart::new(case.name, [560.0, 240.0], x, y) });
     }
-    save(out, "faces_fewer", &draw("Fewer and fewer marks seen (Figure 67)", 1, [560.0, 240.0], &charts));
+    save(out, "faces_fewer", "Fewer and fewer marks seen (Figure 67)", 1, charts);
 }
 
 /// By frame: the errors of the hidden marks.

@@ -5,8 +5,9 @@ use std::path::Path;
 use foveate::estimation::Random;
 use foveate::estimation::statistics::median;
 use foveate::geometry::ShapeFitter;
+use foveate::plot::{Axis, Chart, Series};
 
-use crate::chart::{Chart, Marks, Scale, Series, draw, save};
+use crate::chart::save;
 use crate::methods::{Method, NOISE, fill, methods, percentile_mm};
 use crate::takes::{Frame, Head, recorded, simulated, spread};
 
@@ -68,21 +69,17 @@ pub fn filled(out: Option<&Path>) {
             let name = scatter.0;
             if ["80 faces, weights 0 to 1", "80 components, prior"].contains(&name) {
                 let points = scatter.1;
-                charts.push(Chart {
-                    title: format!("{}: {name}", case.name),
-                    x: "to the side [mm]",
-                    y: "up [mm]",
-                    scale: Scale::Equal,
-                    series: vec![
-                        Series::new(name, Marks::Dots, colour, points),
-                        Series::new("1.5 mm, the paper's", Marks::Line, "#000000", circle(1.5)),
-                    ],
-                });
+                let (x, y) = (Axis::new("to the side [mm]"), Axis::new("up [mm]"));
+                let chart = Chart::new(format!("{}: {name}", case.name), [300.0, 300.0], x, y)
+                    .equal()
+                    .with(Series::dots(name, colour, points))
+                    .with(Series::line("1.5 mm, the paper's", "#000000", circle(1.5)));
+                charts.push(chart);
             }
         }
         println!();
     }
-    save(out, "faces_filled", &draw("Errors of filled marks, frontal plane (Figure 66)", 2, [300.0, 300.0], &charts));
+    save(out, "faces_filled", "Errors of filled marks, frontal plane (Figure 66)", 2, charts);
 }
 
 /// Four different choices of hidden marks, each for all frames, as in the paper.

@@ -8,7 +8,6 @@
 //! | `filled` | Figures 65 and 66: some marks hidden for 100 frames, a model from 200 others |
 //! | `fewer` | Figure 67: more and more marks hidden over 431 frames, five components from 321 others |
 
-#[expect(dead_code, reason = "the program it is shared with draws in more ways")]
 #[path = "../large_scale/chart.rs"]
 mod chart;
 mod fewer;

@@ -3,12 +3,12 @@
 use foveate::estimation::Random;
 use foveate::geometry::bundle::Observation;
 use foveate::geometry::{Camera, path_error};
+use foveate::plot::{Axis, COLOURS, Chart, Series};
 use foveate_calibration::convergence::{poor_start, settled, side_by_side};
-use foveate_export::plot::legend::COLOURS;
 use nalgebra::{Point2, Point3};
 
 use super::Options;
-use super::chart::{Chart, Marks, Scale, Series, draw, save};
+use super::chart::save;
 
 const N_CAMERAS: usize = 18;
 const N_POINTS: usize = 600;
@@ -66,22 +66,19 @@ pub fn convergence(options: &Options) {
         let cameras = poor_start(&truth, start.0, start.1, &mut random);
         let (of_steps, of_turns) = side_by_side(&cameras, &seen, &independent, TURNS, STEPS).unwrap_or_default();
         let name = format!("{} degrees, {} m", start.0, start.1);
-        for (what, errors, marks) in [("in turn", of_turns, Marks::Line), ("together", of_steps, Marks::Dashed)] {
+        for (what, errors) in [("in turn", of_turns), ("together", of_steps)] {
             let at = |turn: usize| errors.get(turn).map_or_else(|| "".to_owned(), |it| format!("{it:.3}"));
             let columns: Vec<String> = [0, 1, 3, 10, 30, 100, errors.len().max(1) - 1].into_iter().map(at).collect();
             println!("| {name} | {what} | {} | {} |", columns.join(" | "), settled(&errors));
             // The logarithm has no 0: the start stands at 1.
             let points = errors.iter().enumerate().map(|(turn, it)| [turn as f64 + 1.0, *it]).collect();
-            series.push(Series::new(format!("{what}, {name}"), marks, COLOURS[index], points));
+            let line = Series::line(format!("{what}, {name}"), COLOURS[index], points);
+            series.push(if what == "together" { line.dashed() } else { line });
         }
     }
-    let chart = Chart {
-        title: "error on independent observations".to_owned(),
-        x: "estimates so far: 1 is the start, then each turn or step",
-        y: "root mean square [px]",
-        scale: Scale::Logarithmic,
-        series,
-    };
+    let x = Axis::new("estimates so far: 1 is the start, then each turn or step").log();
+    let y = Axis::new("root mean square [px]").log();
+    let chart = Chart { series, ..Chart::new("error on independent observations", [520.0, 300.0], x, y) };
     let title = "Convergence of calibration: path and cameras in turn, or together";
-    save(options.out.as_deref(), "convergence", &draw(title, 1, [520.0, 300.0], &[chart]));
+    save(options.out.as_deref(), "convergence", title, 1, vec![chart]);
 }

@@ -3,13 +3,13 @@
 use std::time::Instant;
 
 use foveate::messages::Targets;
-use foveate_export::plot::legend::COLOURS;
+use foveate::plot::{Axis, COLOURS, Chart, Series};
 use foveate_led::tracker::{IntegratorSettings, Tracker};
 use foveate_testkit::allocation::held_bytes;
 use foveate_testkit::lab::{Lab, ROOM_M, Wanderers};
 
 use crate::Options;
-use crate::chart::{Chart, Marks, Scale, Series, draw, save};
+use crate::chart::save;
 use crate::scenes::MIDDLE_M;
 
 const N_CAMERAS: [usize; 9] = [4, 8, 16, 32, 64, 128, 256, 512, 1000];
@@ -59,14 +59,16 @@ pub fn growth(options: &Options) {
         }
         let (time_slope, memory_slope) = (slope(&rounds), slope(&memory));
         println!("| slope, log-log | {n_lights} | | {time_slope:.2} | | {memory_slope:.2} |");
-        times.push(Series::new(format!("{n_lights} lights"), Marks::Line, colour, rounds));
-        bytes.push(Series::new("", Marks::Line, colour, memory));
+        times.push(Series::line(format!("{n_lights} lights"), colour, rounds));
+        bytes.push(Series::line("", colour, memory));
     }
     println!();
-    let chart =
-        |title: &str, y, series| Chart { title: title.to_owned(), x: "cameras", y, scale: Scale::Logarithmic, series };
-    let charts = [chart("time", "a round of all cameras [ms]", times), chart("memory", "tracker [kB]", bytes)];
-    save(options.out.as_deref(), "growth", &draw("Growth with the number of cameras", 2, [340.0, 280.0], &charts));
+    let chart = |title: &str, y: &str, series| {
+        let (x, y) = (Axis::new("cameras [–]").log(), Axis::new(y).log());
+        Chart { series, ..Chart::new(title, [340.0, 280.0], x, y) }
+    };
+    let charts = vec![chart("time", "a round of all cameras [ms]", times), chart("memory", "tracker [kB]", bytes)];
+    save(options.out.as_deref(), "growth", "Growth with the number of cameras", 2, charts);
 }
 
 /// Of the line through the logarithms, by least squares: 1 is linear growth.

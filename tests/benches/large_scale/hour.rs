@@ -3,13 +3,13 @@
 use std::time::Instant;
 
 use foveate::messages::Targets;
-use foveate_export::plot::legend::COLOURS;
+use foveate::plot::{Axis, COLOURS, Chart, Series};
 use foveate_led::tracker::{Entry, IntegratorSettings, Tracker};
 use foveate_testkit::allocation::held_bytes;
 use foveate_testkit::lab::{Lab, Lights, Occlusions, ROOM_M, ScoreOptions, Scorer, Wanderers};
 
 use crate::Options;
-use crate::chart::{Chart, Marks, Scale, Series, draw, save};
+use crate::chart::save;
 use crate::scenes::MIDDLE_M;
 
 const DURATION_S: f64 = 3600.0;
@@ -90,16 +90,16 @@ pub fn hour(options: &Options) {
         100.0 * score.missed_part(),
         1e3 * score.error_median
     );
-    let chart = |title: &str, y, colour, points| {
-        let series = vec![Series::new("", Marks::Line, colour, points)];
-        Chart { title: title.to_owned(), x: "time [min]", y, scale: Scale::Linear, series }
+    let chart = |title: &str, y: &str, colour, points| {
+        let (x, y) = (Axis::new("time [min]"), Axis::new(y));
+        Chart::new(title, [640.0, 150.0], x, y).with(Series::line("", colour, points))
     };
-    let charts = [
+    let charts = vec![
         chart("resident memory of the process", "[MB]", COLOURS[0], resident),
         chart("held by the tracker", "[kB]", COLOURS[1], held),
-        chart("initiations", "targets", COLOURS[2], initiations),
+        chart("initiations", "targets [–]", COLOURS[2], initiations),
     ];
-    save(options.out.as_deref(), "hour", &draw("One hour", 1, [640.0, 150.0], &charts));
+    save(options.out.as_deref(), "hour", "One hour", 1, charts);
 }
 
 /// What of this process lies in memory, where the system tells.

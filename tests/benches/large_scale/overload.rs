@@ -4,14 +4,15 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use foveate::plot::svg::Pen;
+use foveate::plot::{Axis, COLOURS, Chart, Marks, Series};
 use foveate_engine::{self as engine, Options as RunOptions};
-use foveate_export::plot::legend::COLOURS;
 use foveate_node::Registry;
 use foveate_rig::{self as rig, Overrides};
 use foveate_testkit::nodes::collected;
 
 use crate::Options;
-use crate::chart::{Chart, Marks, Scale, Series, draw, save};
+use crate::chart::save;
 
 /// What the integrator needs for a frame, by the logical clock [ms].
 const COST_MS: f64 = 8.0;
@@ -40,11 +41,8 @@ pub fn overload(options: &Options) {
         }
     }
     println!();
-    save(
-        options.out.as_deref(),
-        "overload_fig35",
-        &draw("Updates of each camera under overload (Figure 35)", 2, [400.0, 90.0], &charts),
-    );
+    let title = "Updates of each camera under overload (Figure 35)";
+    save(options.out.as_deref(), "overload_fig35", title, 2, charts);
 }
 
 /// When each camera had a say, by its clock [s], and the greatest age of a frame when it had [ms].
@@ -78,20 +76,16 @@ fn play(take: &str) -> Result<([Vec<f64>; 3], f64), String> {
 }
 
 /// A dot for each update, a row for each camera.
-pub fn timeline(title: &str, updates: &[Vec<f64>; 3]) -> Chart {
-    let rows = (1..=3).map(|row| vec![[0.0, f64::from(row)], [SHOWN_MS, f64::from(row)]]);
-    let mut series =
-        vec![Series { name: String::new(), marks: Marks::Line, colour: "#d0d0d0", pieces: rows.collect() }];
-    series.extend(updates.iter().enumerate().map(|(camera, times)| {
+pub fn timeline(title: &str, updates: &[Vec<f64>; 3]) -> Chart<'static> {
+    let x = Axis::new("capture time by the camera's clock [ms]").over(0.0, SHOWN_MS);
+    let y = Axis::of_rows(["A", "B", "C"].map(String::from));
+    let rows = (0..3).flat_map(|row| [[0.0, Axis::row(row)], [SHOWN_MS, Axis::row(row)]]).collect();
+    let mut chart =
+        Chart::new(title, [400.0, 90.0], x, y).with(Series::new("", Marks::Strokes, Pen::new("#d0d0d0", 1.3), rows));
+    for (camera, times) in updates.iter().enumerate() {
         let shown = times.iter().map(|it| 1e3 * it).filter(|it| *it < SHOWN_MS);
-        let dots = shown.map(|it| [it, 3.0 - camera as f64]).collect();
-        Series::new(["A, 4 ms ahead", "B", "C"][camera], Marks::Dots, COLOURS[camera], dots)
-    }));
-    Chart {
-        title: title.to_owned(),
-        x: "capture time by the camera's clock [ms]",
-        y: "C, B, A",
-        scale: Scale::Linear,
-        series,
+        let dots = shown.map(|it| [it, Axis::row(camera)]).collect();
+        chart = chart.with(Series::dots(["A, 4 ms ahead", "B", "C"][camera], COLOURS[camera], dots));
     }
+    chart
 }

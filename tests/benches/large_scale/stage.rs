@@ -7,7 +7,7 @@
 use foveate::estimation::Random;
 use foveate::geometry::Camera;
 use foveate::messages::{CameraId, Features, Image, Targets, Time};
-use foveate_export::plot::legend::COLOURS;
+use foveate::plot::{Axis, COLOURS, Chart, Series};
 use foveate_led::detector::{CentroidKind, DetectorSettings, Search};
 use foveate_led::led_detector::LedDetector;
 use foveate_led::tracker::{IntegratorSettings, Tracker};
@@ -18,7 +18,7 @@ use foveate_testkit::scene::add_oval_spot;
 use nalgebra::{Point3, Vector2, Vector3};
 
 use crate::Options;
-use crate::chart::{Chart, Marks, Scale, Series, draw, save};
+use crate::chart::save;
 use crate::lines::{distances_from_line, mean_and_most};
 use crate::variants::settings;
 
@@ -197,25 +197,21 @@ fn plots(ways: &[Way], options: &Options) {
     let moving = |way: &Way, camera: usize| -> Vec<(f64, Vector2<f64>)> {
         way.seen[camera].iter().filter(|it| it.0 > STILL_S).copied().collect()
     };
-    let chart = |title: String, x, y, scale, series| Chart { title, x, y, scale, series };
+    let chart = |title: String, size, x: &str, y: &str, series| Chart {
+        series,
+        ..Chart::new(title, size, Axis::new(x), Axis::new(y))
+    };
     let two = |of: &dyn Fn(&Way) -> Vec<[f64; 2]>| {
-        vec![
-            Series::new("whole pixels", Marks::Line, COLOURS[1], of(whole)),
-            Series::new("sub-pixel", Marks::Line, COLOURS[0], of(fine)),
-        ]
+        vec![Series::line("whole pixels", COLOURS[1], of(whole)), Series::line("sub-pixel", COLOURS[0], of(fine))]
     };
     let paths: Vec<Chart> = (0..9)
         .map(|camera| {
             let camera = 2 * camera;
             let series = two(&|way| moving(way, camera).iter().map(|it| [it.1.x, 240.0 - it.1.y]).collect());
-            chart(format!("wide-{}", camera + 1), "x [px]", "240 − y [px]", Scale::Linear, series)
+            chart(format!("wide-{}", camera + 1), [230.0, 150.0], "x [px]", "240 − y [px]", series)
         })
         .collect();
-    save(
-        out,
-        "stage_fig36_37_paths",
-        &draw("Observed path of the LED, nine cameras (Figures 36, 37)", 3, [230.0, 150.0], &paths),
-    );
+    save(out, "stage_fig36_37_paths", "Observed path of the LED, nine cameras (Figures 36, 37)", 3, paths);
     let shown = [0, 8];
     let over_time: Vec<Chart> = shown
         .iter()
@@ -226,11 +222,11 @@ fn plots(ways: &[Way], options: &Options) {
                     moving(way, camera).iter().filter(|it| early.contains(&it.0)).map(|it| [it.0, it.1[axis]]).collect()
                 };
                 let y = if axis == 0 { "x [px]" } else { "y [px]" };
-                chart(format!("wide-{}", camera + 1), "time [s]", y, Scale::Linear, two(&of))
+                chart(format!("wide-{}", camera + 1), [340.0, 170.0], "time [s]", y, two(&of))
             })
         })
         .collect();
-    save(out, "stage_fig38_series", &draw("Observed position over time (Figure 38)", 2, [340.0, 170.0], &over_time));
+    save(out, "stage_fig38_series", "Observed position over time (Figure 38)", 2, over_time);
     let errors: Vec<Chart> = shown
         .iter()
         .map(|&camera| {
@@ -239,34 +235,32 @@ fn plots(ways: &[Way], options: &Options) {
                 let points: Vec<_> = moving.iter().map(|it| it.1).collect();
                 moving.iter().zip(distances_from_line(&points)).map(|(it, error)| [it.0, error]).collect()
             };
-            chart(format!("wide-{}", camera + 1), "time [s]", "distance from the line [px]", Scale::Linear, two(&of))
+            chart(format!("wide-{}", camera + 1), [360.0, 200.0], "time [s]", "distance from the line [px]", two(&of))
         })
         .collect();
-    save(
-        out,
-        "stage_fig39_image_error",
-        &draw("Distance of observations from the fitted line (Figure 39)", 2, [360.0, 200.0], &errors),
-    );
+    save(out, "stage_fig39_image_error", "Distance of observations from the fitted line (Figure 39)", 2, errors);
     let mut position: Vec<Chart> = [("x [m]", 0), ("y [m]", 1), ("z [m]", 2)]
         .map(|(y, axis)| {
             let of = |way: &Way| way.recovered.iter().map(|it| [it.0, it.1[axis]]).collect();
-            chart(String::new(), "time [s]", y, Scale::Linear, two(&of))
+            chart(String::new(), [360.0, 180.0], "time [s]", y, two(&of))
         })
         .to_vec();
     let still = |way: &Way| {
         let still = way.recovered.iter().filter(|it| (EMPTY_S + 0.5..STILL_S).contains(&it.0));
         still.map(|it| [it.0, 1e3 * (it.1.z - place(0.0).z)]).collect()
     };
-    position.push(chart("at rest, enlarged".to_owned(), "time [s]", "z error [mm]", Scale::Linear, two(&still)));
-    save(out, "stage_fig40_position", &draw("Recovered position over time (Figure 40)", 2, [360.0, 180.0], &position));
+    position.push(chart("at rest, enlarged".to_owned(), [360.0, 180.0], "time [s]", "z error [mm]", two(&still)));
+    save(out, "stage_fig40_position", "Recovered position over time (Figure 40)", 2, position);
     let series = ways.iter().zip([COLOURS[1], COLOURS[4], COLOURS[0], COLOURS[2]]).map(|(way, colour)| {
         let points = way.deviations().iter().map(|it| [it.0, 1e3 * it.1]).collect();
-        Series::new(way.name, Marks::Line, colour, points)
+        Series::line(way.name, colour, points)
     });
-    let deviation = chart(String::new(), "time [s]", "deviation from the line [mm]", Scale::Linear, series.collect());
+    let deviation = chart(String::new(), [720.0, 260.0], "time [s]", "deviation from the line [mm]", series.collect());
     save(
         out,
         "stage_fig41_deviation",
-        &draw("Deviation of the recovered position from a line (Figure 41)", 1, [720.0, 260.0], &[deviation]),
+        "Deviation of the recovered position from a line (Figure 41)",
+        1,
+        vec![deviation],
     );
 }

@@ -5,7 +5,7 @@ use foveate_led::tracker::{Entry, Tracker};
 use foveate_testkit::lab::{Conditions, Lab, ROOM_M, ScoreOptions, person, score};
 
 use crate::Options;
-use crate::chart::{draw, save};
+use crate::chart::save;
 use crate::overload::timeline;
 use crate::variants::settings;
 
@@ -57,9 +57,5 @@ pub fn starvation(options: &Options) {
         charts.push(timeline(&title, &updates));
     }
     println!();
-    save(
-        options.out.as_deref(),
-        "starvation_fig35",
-        &draw("Updates of each camera (Figure 35)", 2, [400.0, 90.0], &charts),
-    );
+    save(options.out.as_deref(), "starvation_fig35", "Updates of each camera (Figure 35)", 2, charts);
 }

@@ -5,14 +5,15 @@ use std::f64::consts::TAU;
 
 use foveate::geometry::Camera;
 use foveate::messages::{Targets, Time};
-use foveate_export::plot::legend::COLOURS;
-use foveate_export::plot::svg::Point;
+use foveate::plot::colours::REFERENCE;
+use foveate::plot::svg::{Pen, Point};
+use foveate::plot::{Axis, COLOURS, Chart, Marks, Series};
 use foveate_led::tracker::Tracker;
 use foveate_testkit::lab::{Lab, Light, ROOM_M};
 use nalgebra::Point3;
 
 use crate::Options;
-use crate::chart::{Chart, Marks, Scale, Series, draw, save};
+use crate::chart::save;
 use crate::variants::settings;
 
 /// The weaker the belief in a constant velocity, the larger the acceleration that is expected. Who is lost is not remembered,
@@ -115,66 +116,40 @@ pub fn strengths(options: &Options) {
     };
     let position = |title: &str, from: f64, to: f64| {
         let truth = (0..=500).map(|it| from + (to - from) * f64::from(it) / 500.0);
-        let mut series = vec![Series::new(
-            "truth",
-            Marks::Dashed,
-            "#9a9a9a",
-            truth.map(|t| [t, 1e3 * line(t)[0].position.x]).collect(),
-        )];
+        let (x, y) = (Axis::new("time [s]"), Axis::new("x [mm]"));
+        let truth = truth.map(|t| [t, 1e3 * line(t)[0].position.x]).collect();
+        let truth = Series::line("truth", REFERENCE, truth).dashed();
+        let mut chart = Chart::new(title, [640.0, 200.0], x, y).with(truth);
         for (run, colour) in [(0, COLOURS[0]), (1, COLOURS[1])] {
             let pieces = over_time(&runs[run][0], from, to);
-            series.push(Series { name: format!("{} strength", STRENGTHS[run].0), marks: Marks::Line, colour, pieces });
+            let name = format!("{} strength", STRENGTHS[run].0);
+            chart = chart.with(Series { pieces, ..Series::line(name, colour, Vec::new()) });
         }
-        Chart { title: title.to_owned(), x: "time [s]", y: "x [mm]", scale: Scale::Linear, series }
+        chart
     };
-    let charts = [position("all of it", 0.0, DURATION_S), position("enlarged", 4.8, 5.2)];
-    save(
-        out,
-        "strengths_fig42_position",
-        &draw("Position on the line at two strengths (Figure 42)", 1, [640.0, 200.0], &charts),
-    );
+    let charts = vec![position("all of it", 0.0, DURATION_S), position("enlarged", 4.8, 5.2)];
+    let title = "Position on the line at two strengths (Figure 42)";
+    save(out, "strengths_fig42_position", title, 1, charts);
     let around = |index: usize| {
         let pieces = runs[index][1].paths.iter().map(|path| path.iter().map(|it| [it.1.x, it.1.y]).collect()).collect();
         let truth = (0..=200).map(|it| circle(f64::from(it) / 100.0)[0].position).map(|it| [it.x, it.y]).collect();
-        Chart {
-            title: format!("{} strength, initiations: {}", STRENGTHS[index].0, runs[index][1].initiations),
-            x: "x [m]",
-            y: "y [m]",
-            scale: Scale::Equal,
-            series: vec![
-                Series { name: "recovered".to_owned(), marks: Marks::Line, colour: COLOURS[0], pieces },
-                Series::new("truth", Marks::Dashed, "#9a9a9a", truth),
-            ],
-        }
+        let title = format!("{} strength, initiations: {}", STRENGTHS[index].0, runs[index][1].initiations);
+        Chart::new(title, [330.0, 330.0], Axis::new("x [m]"), Axis::new("y [m]"))
+            .equal()
+            .with(Series { pieces, ..Series::line("recovered", COLOURS[0], Vec::new()) })
+            .with(Series::line("truth", REFERENCE, truth).dashed())
     };
-    save(
-        out,
-        "strengths_fig43_circle",
-        &draw("Path on the circle (Figure 43)", 2, [330.0, 330.0], &[around(0), around(2)]),
-    );
+    save(out, "strengths_fig43_circle", "Path on the circle (Figure 43)", 2, vec![around(0), around(2)]);
     let seen = |index: usize| {
         let strokes = &runs[index][1].strokes;
         let every = |first: usize| strokes.iter().skip(first).step_by(2).copied().collect();
-        Chart {
-            title: format!("{} strength", STRENGTHS[index].0),
-            x: "x [px]",
-            y: "−y [px]",
-            scale: Scale::Equal,
-            series: vec![
-                Series::new("", Marks::Strokes, "#777777", strokes.clone()),
-                Series::new("predicted", Marks::Dots, "#222222", every(1)),
-                Series::new("observed", Marks::Dots, COLOURS[0], every(0)),
-            ],
-        }
+        let title = format!("{} strength", STRENGTHS[index].0);
+        Chart::new(title, [560.0, 230.0], Axis::new("x [px]"), Axis::new("−y [px]"))
+            .equal()
+            .with(Series::new("", Marks::Strokes, Pen::new("#777777", 0.7), strokes.clone()))
+            .with(Series::dots("predicted", "#222222", every(1)))
+            .with(Series::dots("observed", COLOURS[0], every(0)))
     };
-    save(
-        out,
-        "strengths_fig44_predicted",
-        &draw(
-            "Observed and predicted points of one camera (Figure 44)",
-            1,
-            [560.0, 230.0],
-            &[seen(0), seen(1), seen(2)],
-        ),
-    );
+    let title = "Observed and predicted points of one camera (Figure 44)";
+    save(out, "strengths_fig44_predicted", title, 1, vec![seen(0), seen(1), seen(2)]);
 }

@@ -204,7 +204,7 @@ pub enum BoardError {
         fault: foveate_geometry::CameraError,
     },
     /// A look of a camera that does not exist.
-    #[error("look {camera_frame} is of camera {camera}, expected less than {cameras}")]
+    #[error("camera frame {camera_frame} is of camera {camera}, expected less than {cameras}")]
     NoSuchCamera {
         /// Which look.
         camera_frame: usize,

@@ -2,11 +2,14 @@
 
 use std::fmt::Write as _;
 
+use foveate_plot::colours::level;
+use foveate_plot::svg::{Rect, Svg};
+use foveate_plot::text::{escaped, fixed};
+
 use super::ReportInput;
 use super::figures::Figures;
-use super::page::{Page, escaped, fixed};
+use super::page::{LEVELS, Page, THEME};
 use super::residuals::cell_of;
-use super::svg::shade;
 
 const COLUMNS: usize = 12;
 /// Observations in a cell that give the darkest shade, where a camera has that many on average.
@@ -30,24 +33,20 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
             }
         }
         let full = (of.seen.len() as f64 / counts.len() as f64).max(LEAST_FULL);
-        let mut paths = vec![String::new(); 6];
+        let size = [10.0 * COLUMNS as f64, 10.0 * rows as f64];
+        let mut svg = Svg::bare(size[0], size[1], &format!("Coverage of {}", camera.name), THEME);
+        let mut cells = vec![Vec::new(); LEVELS.len()];
         for (cell, count) in counts.iter().enumerate() {
-            let (x, y) = (10 * (cell % COLUMNS), 10 * (cell / COLUMNS));
-            let _ = write!(paths[shade(*count as f64 / full)], "M{x} {y}h10v10h-10z"); // writing to a String cannot fail
+            let [left, top] = [cell % COLUMNS, cell / COLUMNS].map(|it| 10.0 * it as f64);
+            let rect = Rect { left, top, width: 10.0, height: 10.0 };
+            cells[level(*count as f64 / full, LEVELS.len())].push(rect);
         }
-        let levels: String = paths
-            .iter()
-            .enumerate()
-            .filter(|it| !it.1.is_empty())
-            .map(|(level, path)| format!("<path class=\"h{level}\" d=\"{path}\"/>"))
-            .collect();
+        cells.iter().zip(LEVELS).for_each(|(cells, colour)| svg.cells(cells, colour));
         let covered = counts.iter().filter(|it| **it > 0).count() as f64 / counts.len() as f64;
         let _ = write!(
             cells_html,
-            "<figure><svg class=\"heat\" viewBox=\"0 0 {0} {1}\" width=\"{0}\" height=\"{1}\" role=\"img\" aria-label=\"Coverage of {2}\">\
-             {levels}</svg><figcaption><b>{2}</b> {3} %</figcaption></figure>",
-            10 * COLUMNS,
-            10 * rows,
+            "<figure>{}<figcaption><b>{}</b> {} %</figcaption></figure>",
+            svg.element("heat"),
             escaped(&camera.name),
             fixed(100.0 * covered, 0),
         );

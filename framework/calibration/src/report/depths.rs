@@ -1,9 +1,11 @@
 //! How near and how far each camera saw the light.
 
+use foveate_plot::svg::Pen;
+use foveate_plot::{Axis, Chart, Marks, Series};
+
 use super::ReportInput;
 use super::figures::{Figures, quantile};
-use super::page::Page;
-use super::svg::{Axis, Plot, short};
+use super::page::{PLOT, Page, SERIES, THEME};
 
 pub(super) fn section(page: &mut Page, report: &ReportInput<'_>, figures: &Figures) {
     let known: Vec<(&str, &[f64])> = report
@@ -25,25 +27,23 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
     );
     let far = known.iter().map(|it| it.1[it.1.len() - 1]).fold(0.0, f64::max);
     let near = known.iter().map(|it| it.1[0]).fold(0.0, f64::min);
-    let n = known.len();
-    let x = Axis::linear(near, 1.03 * far, &format!("depth [{}]", report.unit));
-    let size = [720.0, 50.0 + 18.0 * n as f64];
-    let mut plot = Plot::new(size, x, Axis::linear(0.0, n as f64, ""), "Depths by camera").with_rows(130.0);
-    for (index, &(name, depths)) in known.iter().enumerate() {
-        let row = n as f64 - index as f64 - 0.5;
-        let at = plot.y(row);
-        let words: String = name.chars().take(20).collect();
-        plot.text("tick e", 124.0, at + 3.5, &words);
-        plot.line("thin s0", [(depths[0], row), (depths[depths.len() - 1], row)].into_iter());
-        let [low, middle, high] = [0.25, 0.5, 0.75].map(|part| plot.x(quantile(depths, part)));
-        plot.raw(&format!(
-            "<rect class=\"box\" x=\"{}\" y=\"{}\" width=\"{}\" height=\"10\"/><path class=\"median\" d=\"M{} {}v10\"/>",
-            short(low),
-            short(at - 5.0),
-            short(high - low),
-            short(middle),
-            short(at - 5.0),
-        ));
+    let rows = Axis::of_rows(known.iter().map(|it| it.0.to_owned()));
+    let x = Axis::new(format!("depth [{}]", report.unit)).over(near, 1.03 * far);
+    let mut series = [
+        (Marks::Strokes, Pen::new(SERIES[0], 1.0)),
+        (Marks::Areas(0.45), Pen::new(SERIES[0], 1.0)),
+        (Marks::Strokes, Pen::new(THEME.ink, 2.0)),
+    ]
+    .map(|(marks, pen)| Series::new("", marks, pen, Vec::new()));
+    for (index, &(_, depths)) in known.iter().enumerate() {
+        let row = Axis::row(index);
+        let [low, middle, high] = [0.25, 0.5, 0.75].map(|part| quantile(depths, part));
+        let (above, below) = (row - 0.28, row + 0.28);
+        series[0].pieces.push(vec![[depths[0], row], [depths[depths.len() - 1], row]]);
+        series[1].pieces.push(vec![[low, above], [high, above], [high, below], [low, below]]);
+        series[2].pieces.push(vec![[middle, above], [middle, below]]);
     }
-    page.raw(&plot.finish());
+    let mut chart = Chart::new("", [580.0, 18.0 * known.len() as f64], x, rows);
+    chart.series.extend(series);
+    page.raw(&chart.element(THEME, PLOT, "Depths by camera"));
 }

@@ -102,10 +102,3 @@ pub(super) fn quantile(sorted: &[f64], part: f64) -> f64 {
 pub(super) fn rms(list: &[f64]) -> f64 {
     (list.iter().map(|it| it * it).sum::<f64>() / list.len() as f64).sqrt()
 }
-
-/// At most `most` of the items, evenly spaced from the first on.
-pub(super) fn thinned<T>(items: &[T], most: usize) -> impl Iterator<Item = &T> {
-    let n = items.len();
-    let kept = n.min(most);
-    (0..kept).map(move |it| &items[it * n / kept.max(1)])
-}

@@ -1,12 +1,13 @@
 //! Which cameras see the light together: the view graph as a matrix.
 
-use std::fmt::Write as _;
+use foveate_plot::colours::level;
+use foveate_plot::svg::{Anchor, Font, Pen, Rect, SMALL, Svg};
+use foveate_plot::text::{count, fitted, fixed, text_width};
 
 use super::ReportInput;
 use super::figures::Figures;
-use super::page::{Page, count, escaped, fixed};
+use super::page::{LEVELS, Page, THEME};
 use super::summary::name_of;
-use super::svg::{shade, short};
 use crate::solved::{ObservationRole, Solved};
 
 /// Up to so many cameras have numbers in the cells.
@@ -29,66 +30,49 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
     let common = common_frames(solved);
     let most = common.iter().copied().max().unwrap_or(0).max(1);
     let cell = (640.0 / n as f64).clamp(4.0, 34.0);
-    let left = 110.0;
-    let mut paths = vec![String::new(); 6];
-    let mut words = String::new();
-    for row in 1..n {
-        for column in 0..row {
-            let (x, y) = (left + column as f64 * cell, (row - 1) as f64 * cell);
-            let number = common[row * n + column];
-            let level = shade(f64::from(number) / f64::from(most));
-            let side = short(cell - 1.0);
-            // writing to a String cannot fail
-            let _ = write!(paths[level], "M{} {}h{side}v{side}h-{side}z", short(x), short(y));
-            if n <= NUMBERED {
-                let class = if level > 3 { "num on" } else { "num" };
-                let (x, y) = (short(x + 0.5 * cell - 0.5), short(y + 0.5 * cell + 3.0));
-                let _ = write!(words, "<text class=\"{class}\" x=\"{x}\" y=\"{y}\">{number}</text>");
-            }
-        }
-    }
-    let mut svg: String = paths
-        .iter()
-        .enumerate()
-        .filter(|it| !it.1.is_empty())
-        .map(|(level, path)| format!("<path class=\"h{level}\" d=\"{path}\"/>"))
-        .collect();
-    let (mut framed, mut crossed) = (String::new(), String::new());
+    let names: Vec<String> = (0..n).map(|it| fitted(&name_of(solved, it), SMALL, 116.0)).collect();
+    let longest = names.iter().map(|it| text_width(it, SMALL)).fold(0.0, f64::max);
+    let (left, below) = (longest + 10.0, (n - 1) as f64 * cell);
+    let about = "Frames seen together by each pair of cameras";
+    let mut svg = Svg::bare(left + below + 10.0, below + 14.0 + longest, about, THEME);
+    let rect_of = |row: usize, column: usize| {
+        let (left, top) = (left + column as f64 * cell, (row - 1) as f64 * cell);
+        Rect { left, top, width: cell - 1.0, height: cell - 1.0 }
+    };
+    let level_of = |number: u32| level(f64::from(number) / f64::from(most), LEVELS.len());
+    let pairs = || (1..n).flat_map(|row| (0..row).map(move |column| (row, column)));
+    let mut cells = vec![Vec::new(); LEVELS.len()];
+    pairs().for_each(|(row, column)| cells[level_of(common[row * n + column])].push(rect_of(row, column)));
+    cells.iter().zip(LEVELS).for_each(|(cells, colour)| svg.cells(cells, colour));
+    let (mut framed, mut crossed) = (Vec::new(), Vec::new());
     for link in solved.links.iter().filter(|it| it.a.max(it.b) < n && it.a != it.b) {
-        let (row, column) = (link.a.max(link.b), link.a.min(link.b));
-        let (x, y) = (short(left + column as f64 * cell), short((row - 1) as f64 * cell));
-        let side = short(cell - 1.0);
-        let _ = write!(framed, "M{x} {y}h{side}v{side}h-{side}z");
+        let rect = rect_of(link.a.max(link.b), link.a.min(link.b));
+        let [a, b] = [[rect.left, rect.top], [rect.right(), rect.bottom()]];
+        framed.push(vec![a, [b[0], a[1]], b, [a[0], b[1]], a]);
         if !link.consistent {
-            let _ = write!(crossed, "M{x} {y}l{side} {side}m0 -{side}l-{side} {side}");
+            crossed.extend([vec![a, b], vec![[a[0], b[1]], [b[0], a[1]]]]);
         }
     }
-    let _ = write!(svg, "<path class=\"framed\" d=\"{framed}\"/><path class=\"crossed\" d=\"{crossed}\"/>{words}");
+    svg.lines(&framed, Pen::new(THEME.edge, 1.0));
+    svg.lines(&crossed, Pen::new("var(--redo)", 1.5));
+    for (row, column) in pairs().filter(|_| n <= NUMBERED) {
+        let (number, rect) = (common[row * n + column], rect_of(row, column));
+        let font = Font::new((cell / 3.2).min(10.0));
+        let font = if level_of(number) > 3 { font.coloured("var(--on)") } else { font };
+        svg.text([rect.middle()[0], rect.middle()[1] + 3.5], Anchor::Middle, font, &number.to_string());
+    }
     let every = n.div_ceil(NAMED);
-    let below = (n - 1) as f64 * cell;
-    for camera in (0..n).step_by(every) {
-        let name: String = name_of(solved, camera).chars().take(16).collect();
-        let name = escaped(&name);
+    let font = Font::new(SMALL).coloured(THEME.muted);
+    for (camera, name) in names.iter().enumerate().step_by(every) {
         if camera > 0 {
-            let y = short((camera - 1) as f64 * cell + 0.5 * cell + 3.0);
-            let _ = write!(svg, "<text class=\"tick e\" x=\"{}\" y=\"{y}\">{name}</text>", short(left - 5.0));
+            svg.text([left - 5.0, rect_of(camera, 0).middle()[1] + 4.0], Anchor::End, font, name);
         }
         if camera + 1 < n {
-            let x = short(left + (camera as f64 + 0.5) * cell + 3.0);
-            let _ = write!(
-                svg,
-                "<text class=\"tick e\" transform=\"translate({x} {}) rotate(-90)\">{name}</text>",
-                short(below + 5.0)
-            );
+            let x = left + (camera as f64 + 0.5) * cell + 3.0;
+            svg.text_turned([x, below + 5.0], Anchor::End, font, name);
         }
     }
-    let longest = solved.cameras.iter().map(|it| it.name.chars().count().min(16)).max().unwrap_or(0);
-    let size = [left + (n - 1) as f64 * cell + 10.0, below + 14.0 + 7.0 * longest as f64].map(short);
-    page.raw(&format!(
-        "<div class=\"wide\"><svg class=\"matrix\" viewBox=\"0 0 {0} {1}\" width=\"{0}\" height=\"{1}\" role=\"img\" \
-         aria-label=\"Frames seen together by each pair of cameras\">{svg}</svg></div>",
-        size[0], size[1]
-    ));
+    page.raw(&format!("<div class=\"wide\">{}</div>", svg.element("matrix")));
     let keys: String = (0..6)
         .map(|level| {
             let to = fixed(f64::from(most) * f64::from(level) / 5.0, 0);

@@ -9,11 +9,10 @@ mod depths;
 mod figures;
 mod graph;
 mod network;
-pub(crate) mod page;
+mod page;
 mod residuals;
 mod steps;
 mod summary;
-pub(crate) mod svg;
 
 use foveate_scene::Provenance;
 

@@ -1,14 +1,16 @@
 //! The room in 3D: cameras, path, how well the cameras are known; once as SVG and once as data for the script.
 
-use std::fmt::Write as _;
-
 use foveate_geometry::self_calibration::CameraStatus;
+use foveate_plot::names::Names;
+use foveate_plot::svg::{Anchor, Font, Pen, Rect, SMALL, Svg};
+use foveate_plot::text::{count, rounded};
+use foveate_plot::ticks::round_step;
+use foveate_plot::view::View;
 use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
 
 use super::ReportInput;
 use super::figures::quantile;
-use super::page::{Page, count, escaped, json_string, rounded};
-use super::svg::short;
+use super::page::{PLOT, Page, SERIES, THEME, json_string};
 use crate::solved::{ObservationRole, Solved};
 
 /// Points of the path that are drawn at most.
@@ -18,7 +20,7 @@ const GAP: usize = 4;
 /// Turn and tilt of the first view [rad].
 const VIEW: [f64; 2] = [0.6, 0.45];
 const STATIC_SIZE: [f64; 2] = [860.0, 520.0];
-/// Up to so many cameras are named in the static picture.
+/// Cameras named in the static picture at most, where there is room.
 const NAMED: usize = 40;
 
 /// The room, turned so that Z is up on the page.
@@ -156,9 +158,7 @@ impl Scene {
     /// Lines of the ground's grid, and the length of a cell.
     fn grid(&self) -> (Vec<[Point3<f64>; 2]>, f64) {
         let size = (self.high - self.low).xy().amax().max(1e-9);
-        let decade = 10_f64.powf((size / 6.0).log10().floor());
-        let step =
-            [1.0, 2.0, 5.0, 10.0].into_iter().map(|it| it * decade).find(|it| *it >= size / 12.0).unwrap_or(decade);
+        let step = round_step(size / 12.0);
         let from = (self.low.xy() / step).map(f64::floor) * step;
         let to = (self.high.xy() / step).map(f64::ceil) * step;
         let lines =
@@ -171,71 +171,42 @@ impl Scene {
 
     /// The first view.
     fn svg(&self, unit: &str) -> String {
-        let middle = nalgebra::center(&self.low, &self.high);
-        let [turn, tilt] = VIEW;
-        let seen = |place: &Point3<f64>| {
-            let offset = place - middle;
-            let across = offset.x * turn.cos() - offset.y * turn.sin();
-            let away = offset.x * turn.sin() + offset.y * turn.cos();
-            [across, -(away * tilt.sin() + offset.z * tilt.cos())]
-        };
         let (grid, step) = self.grid();
-        let mut reach = [1e-9_f64; 2];
         let corners = self.cameras.iter().flat_map(|it| it.corners.iter().chain([&it.centre]));
         let all = self.points.iter().map(|it| &it.place).chain(corners).chain(grid.iter().flatten());
-        for place in all {
-            let at = seen(place);
-            reach = [reach[0].max(at[0].abs()), reach[1].max(at[1].abs())];
-        }
-        let scale = (0.46 * STATIC_SIZE[0] / reach[0]).min(0.46 * STATIC_SIZE[1] / reach[1]);
-        let on_page = |place: &Point3<f64>| {
-            let [x, y] = seen(place);
-            [0.5 * STATIC_SIZE[0] + scale * x, 0.5 * STATIC_SIZE[1] + scale * y].map(short)
-        };
-        let mut lines = String::new();
-        for [from, to] in &grid {
-            let [a, b] = [on_page(from), on_page(to)];
-            let _ = write!(lines, "M{} {}L{} {}", a[0], a[1], b[0], b[1]); // writing to a String cannot fail
-        }
-        let mut path = String::new();
-        for point in &self.points {
-            let [x, y] = on_page(&point.place);
-            let _ = if point.joined { write!(path, "L{x} {y}") } else { write!(path, "M{x} {y}h0") };
-        }
-        let (mut pyramids, mut names, mut ellipses) = (String::new(), String::new(), String::new());
+        let middle = nalgebra::center(&self.low, &self.high).into();
+        let view = View::of(all.map(|it| (*it).into()), middle, VIEW, STATIC_SIZE);
+        let on_page = |place: &Point3<f64>| view.place((*place).into());
+        let mut svg = Svg::bare(STATIC_SIZE[0], STATIC_SIZE[1], "The room", THEME);
+        let lines: Vec<_> = grid.iter().map(|it| it.each_ref().map(on_page).to_vec()).collect();
+        svg.lines(&lines, Pen::new(THEME.grid, 1.0));
+        let pieces =
+            self.points.chunk_by(|_, next| next.joined).map(|it| it.iter().map(|it| on_page(&it.place)).collect());
+        let pieces: Vec<Vec<_>> = pieces.collect();
+        let alone = pieces.iter().filter(|it| it.len() == 1).flatten().copied();
+        svg.dots(alone, 0.8, THEME.muted, 0.7);
+        svg.lines(&pieces, Pen::new(THEME.muted, 1.1).faint(0.7));
+        let bounds = Rect { left: 0.0, top: 0.0, width: STATIC_SIZE[0], height: STATIC_SIZE[1] - 24.0 };
+        let mut names = Names::within(bounds);
+        let (mut ellipses, mut pyramids) = (Vec::new(), Vec::new());
         for camera in &self.cameras {
-            let centre = on_page(&camera.centre);
-            let corners = camera.corners.each_ref().map(on_page);
-            for corner in &corners {
-                let _ = write!(pyramids, "M{} {}L{} {}", centre[0], centre[1], corner[0], corner[1]);
-            }
-            let [a, b, c, d] = corners.map(|it| it.join(" "));
-            let _ = write!(pyramids, "M{a}L{b}L{c}L{d}z");
+            let (centre, [a, b, c, d]) = (on_page(&camera.centre), camera.corners.each_ref().map(on_page));
+            pyramids.extend([vec![a, centre, b], vec![c, centre, d], vec![a, b, c, d, a]]);
+            names.keep_off(centre);
+            [a, b, c, d].into_iter().for_each(|corner| names.keep_off_line(centre, corner));
             for axis in camera.half_axes.iter().flatten() {
-                let [from, to] = [-1.0, 1.0].map(|sign| on_page(&(camera.centre + axis * (sign * self.factor))));
-                let _ = write!(ellipses, "M{} {}L{} {}", from[0], from[1], to[0], to[1]);
-            }
-            if self.cameras.len() <= NAMED {
-                let name: String = camera.name.chars().take(20).collect();
-                let _ = write!(
-                    names,
-                    "<text class=\"tick\" x=\"{}\" y=\"{}\" dx=\"5\" dy=\"-5\">{}</text>",
-                    centre[0],
-                    centre[1],
-                    escaped(&name)
-                );
+                let ends = [-1.0, 1.0].map(|sign| on_page(&(camera.centre + axis * (sign * self.factor))));
+                ellipses.push(ends.to_vec());
             }
         }
-        format!(
-            "<svg class=\"plot\" viewBox=\"0 0 {0} {1}\" width=\"{0}\" height=\"{1}\" role=\"img\" aria-label=\"The room\"><path class=\"grid\" \
-             d=\"{lines}\"/><path class=\"path\" d=\"{path}\"/><path class=\"sigma\" d=\"{ellipses}\"/><path class=\"pyramid\" d=\"{pyramids}\"/>\
-             {names}<text class=\"tick\" x=\"8\" y=\"{2}\">a cell of the grid is {3} {4}</text></svg>",
-            STATIC_SIZE[0],
-            STATIC_SIZE[1],
-            STATIC_SIZE[1] - 8.0,
-            rounded(step),
-            escaped(unit)
-        )
+        svg.lines(&ellipses, Pen::new(SERIES[1], 2.0));
+        svg.lines(&pyramids, Pen::new(SERIES[0], 1.1));
+        for camera in self.cameras.iter().take(NAMED) {
+            names.write(&mut svg, on_page(&camera.centre), &camera.name);
+        }
+        let words = format!("a cell of the grid is {} {unit}", rounded(step));
+        svg.text([8.0, STATIC_SIZE[1] - 8.0], Anchor::Start, Font::new(SMALL).coloured(THEME.muted), &words);
+        svg.element(PLOT)
     }
 
     fn json(&self, unit: &str) -> String {

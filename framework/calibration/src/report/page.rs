@@ -2,8 +2,21 @@
 
 use std::fmt::Write as _;
 
+use foveate_plot::colours::Theme;
+use foveate_plot::text::{escaped, rounded};
+
 const STYLE: &str = include_str!("style.css");
 const SCRIPT: &str = include_str!("room.js");
+
+/// Colours of figures, which `style.css` gives for day, night and print.
+pub(super) const THEME: Theme =
+    Theme { ink: "var(--ink)", muted: "var(--muted)", grid: "var(--line)", edge: "var(--edge)", paper: "var(--card)" };
+/// Of what was used, and of what was held out.
+pub(super) const SERIES: [&str; 2] = ["var(--s0)", "var(--s1)"];
+/// Of nothing, and of ever more.
+pub(super) const LEVELS: [&str; 6] = ["var(--h0)", "var(--h1)", "var(--h2)", "var(--h3)", "var(--h4)", "var(--h5)"];
+/// Elements that hold figures.
+pub(super) const PLOT: &str = "plot";
 
 /// The page as it grows.
 pub(super) struct Page {
@@ -54,23 +67,6 @@ impl Page {
     }
 }
 
-/// `text` as it may stand between tags and in attributes; control characters become spaces.
-pub(crate) fn escaped(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for letter in text.chars() {
-        match letter {
-            '&' => escaped += "&amp;",
-            '<' => escaped += "&lt;",
-            '>' => escaped += "&gt;",
-            '"' => escaped += "&quot;",
-            '\'' => escaped += "&#39;",
-            control if control.is_control() => escaped.push(' '),
-            other => escaped.push(other),
-        }
-    }
-    escaped
-}
-
 /// `text` as a string of JSON that may stand in a `script` element.
 pub(super) fn json_string(text: &str) -> String {
     let mut json = String::from("\"");
@@ -85,43 +81,6 @@ pub(super) fn json_string(text: &str) -> String {
     }
     json.push('"');
     json
-}
-
-/// With so many digits after the point; a dash for what is no finite number.
-pub(super) fn fixed(value: f64, digits: usize) -> String {
-    if !value.is_finite() {
-        return "–".to_owned();
-    }
-    let text = format!("{value:.digits$}");
-    // No "-0.0"; a minus of the width of the digits.
-    let zero = text.bytes().all(|it| matches!(it, b'-' | b'0' | b'.'));
-    if zero { text.replace('-', "") } else { text.replace('-', "−") }
-}
-
-/// With three significant digits.
-pub(super) fn rounded(value: f64) -> String {
-    if !value.is_finite() {
-        return "–".to_owned();
-    }
-    let size = value.abs();
-    if size != 0.0 && !(1e-4..1e6).contains(&size) {
-        return format!("{value:.2e}").replace('-', "−");
-    }
-    let before = if size < 1e-12 { 0 } else { size.log10().floor() as i32 };
-    fixed(value, (2 - before).clamp(0, 7) as usize)
-}
-
-/// A whole number with thin spaces between thousands.
-pub(super) fn count(number: usize) -> String {
-    let digits = number.to_string();
-    let mut text = String::new();
-    for (index, digit) in digits.chars().enumerate() {
-        if index > 0 && (digits.len() - index).is_multiple_of(3) && digits.len() > 4 {
-            text.push('\u{202f}');
-        }
-        text.push(digit);
-    }
-    text
 }
 
 /// A standard deviation of a length, in mm where the unit is the metre.

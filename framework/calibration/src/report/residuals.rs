@@ -1,13 +1,15 @@
 //! How observations fit: for all cameras, and for each over its image.
 
-use std::fmt::Write as _;
-
+use foveate_plot::svg::Pen;
+use foveate_plot::text::{count, escaped, fixed, rounded};
+use foveate_plot::thin::evenly;
+use foveate_plot::ticks::{round_step, round_step_below};
+use foveate_plot::{Axis, Chart, Marks, Series};
 use nalgebra::{Point2, Vector2};
 
 use super::ReportInput;
-use super::figures::{Figures, OfCamera, quantile, rms, thinned};
-use super::page::{Page, count, escaped, fixed, rounded};
-use super::svg::{Axis, Plot, short};
+use super::figures::{Figures, OfCamera, quantile, rms};
+use super::page::{PLOT, Page, SERIES, THEME};
 use crate::solved::SolvedCamera;
 
 /// Dots of all scatter plots together, and of each at most.
@@ -38,8 +40,7 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
         ));
     }
     // One scale for all, so that cameras compare at a glance.
-    let limit = round_up(3.0 * quantile(&figures.used_px, 0.75).max(quantile(&figures.held_out_px, 0.75)).max(0.05));
-    let limit = if limit.is_finite() { limit } else { 1.0 };
+    let limit = round_step(3.0 * quantile(&figures.used_px, 0.75).max(quantile(&figures.held_out_px, 0.75)).max(0.05));
     for (camera, of) in report.solved.cameras.iter().zip(&figures.cameras) {
         if of.used_px.is_empty() && of.held_out_px.is_empty() {
             continue;
@@ -63,42 +64,35 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
     }
 }
 
-/// The next of 1, 2, 5, 10, …
-fn round_up(value: f64) -> f64 {
-    let decade = 10_f64.powf(value.log10().floor());
-    [1.0, 2.0, 5.0, 10.0].into_iter().map(|it| it * decade).find(|it| *it >= value * 0.999).unwrap_or(value)
-}
-
-/// Share of the values in each of [`BINS`] bins from 0 to `limit`.
-fn shares(sorted: &[f64], limit: f64) -> Vec<(f64, f64, f64)> {
+/// Share of the values in each of [`BINS`] bins from 0 to `limit` [%]: from, to, how much.
+fn shares(sorted: &[f64], limit: f64) -> Vec<[f64; 3]> {
     let width = limit / BINS as f64;
     let below = |edge: f64| sorted.partition_point(|it| *it < edge);
     let share = |bin: usize| {
         let (from, to) = (bin as f64 * width, (bin + 1) as f64 * width);
-        (from, to, 100.0 * (below(to) - below(from)) as f64 / sorted.len().max(1) as f64)
+        [from, to, 100.0 * (below(to) - below(from)) as f64 / sorted.len().max(1) as f64]
     };
     (0..BINS).map(share).collect()
 }
 
 fn drawn_histogram(size: [f64; 2], lists: [&[f64]; 2], limit: f64) -> String {
     let [used, held_out] = lists.map(|it| shares(it, limit));
-    let most = used.iter().chain(&held_out).map(|it| it.2).fold(1.0, f64::max);
-    let (x, y) =
-        (Axis::linear(0.0, limit, "length of the residual [px]"), Axis::linear(0.0, 1.05 * most, "observations [%]"));
-    let mut plot = Plot::new(size, x, y, "Histogram of residuals");
-    plot.bars("bars", used.into_iter());
+    let most = used.iter().chain(&held_out).map(|it| it[2]).fold(1.0, f64::max);
+    let x = Axis::new("length of the residual [px]").over(0.0, limit);
+    let y = Axis::new("observations [%]").over(0.0, 1.05 * most);
+    let mut chart = Chart::new("", size, x, y).with(Series::bars("used", SERIES[0], used));
     if !lists[1].is_empty() {
-        let steps = held_out.iter().flat_map(|&(from, to, share)| [(from, share), (to, share)]);
-        plot.line("line s1", steps);
+        let steps = held_out.iter().flat_map(|&[from, to, share]| [[from, share], [to, share]]).collect();
+        chart = chart.with(Series::new("held out", Marks::Line, Pen::new(SERIES[1], 1.8), steps));
     }
-    plot.finish()
+    chart.element(THEME, PLOT, "Histogram of residuals")
 }
 
 fn histogram_of_all(figures: &Figures) -> String {
     let lists = [figures.used_px.as_slice(), figures.held_out_px.as_slice()];
     let reach = lists.iter().map(|it| quantile(it, 0.99)).fold(f64::NAN, f64::max);
-    let limit = if reach > 0.0 { round_up(reach) } else { 1.0 };
-    let plot = drawn_histogram([560.0, 240.0], lists, limit);
+    let limit = round_step(reach);
+    let plot = drawn_histogram([500.0, 200.0], lists, limit);
     let held_out = if lists[1].is_empty() { "" } else { "<span class=\"key s1\">held out</span>" };
     let beyond = |list: &[f64]| list.len() - list.partition_point(|it| *it < limit);
     format!(
@@ -109,27 +103,18 @@ fn histogram_of_all(figures: &Figures) -> String {
 }
 
 fn histogram(of: &OfCamera, limit: f64) -> String {
-    drawn_histogram([300.0, 220.0], [&of.used_px, &of.held_out_px], limit)
+    drawn_histogram([240.0, 178.0], [&of.used_px, &of.held_out_px], limit)
 }
 
 fn scatter(camera: &SolvedCamera, of: &OfCamera, limit: f64, dots: usize) -> String {
-    let axis = |name: &str| Axis::linear(-limit, limit, name);
-    let name = format!("Residuals of {}", camera.name);
-    let mut plot = Plot::new([230.0, 220.0], axis("u [px]"), axis("v [px]"), &name).down().equal();
+    let axis = |name: &str| Axis::new(name).over(-limit, limit);
     let residuals: Vec<Vector2<f64>> = of.seen.iter().filter_map(|it| it.1).collect();
-    let [left, top, right, bottom] = plot.frame();
-    let (middle_x, middle_y) = (plot.x(0.0), plot.y(0.0));
-    plot.raw(&format!(
-        "<path class=\"zero\" d=\"M{} {1}H{2}M{3} {4}V{5}\"/>",
-        short(left),
-        short(middle_y),
-        short(right),
-        short(middle_x),
-        short(top),
-        short(bottom)
-    ));
-    plot.dots("dots s0", thinned(&residuals, dots).map(|it| (it.x, it.y)));
-    plot.finish()
+    let dots = evenly(&residuals, dots).map(|it| [it.x, it.y]).collect();
+    let zero = vec![[-limit, 0.0], [limit, 0.0], [0.0, -limit], [0.0, limit]];
+    Chart::new("", [178.0, 178.0], axis("u [px]"), axis("v [px]").down())
+        .with(Series::new("", Marks::Strokes, Pen::new(THEME.edge, 1.0).dashed("2 3"), zero))
+        .with(Series::new("", Marks::Dots(1.2), Pen::new(SERIES[0], 1.0).faint(0.45), dots))
+        .element(THEME, PLOT, &format!("Residuals of {}", camera.name))
 }
 
 /// Mean residuals in cells of the image as arrows; and by what factor they are drawn longer, in words.
@@ -150,26 +135,21 @@ fn map(camera: &SolvedCamera, of: &OfCamera) -> (String, String) {
     let mut lengths: Vec<f64> = means.iter().map(|it| it.1.norm()).collect();
     lengths.sort_by(f64::total_cmp);
     let typical = quantile(&lengths, 0.9);
-    let factor = if typical > 0.0 { round_down(0.9 * width / ARROWS as f64 / typical) } else { 1.0 };
-    let (x, y) = (Axis::linear(-0.5, width - 0.5, "u [px]"), Axis::linear(-0.5, height - 0.5, "v [px]"));
-    let name = format!("Mean residuals over the image of {}", camera.name);
-    let mut plot = Plot::new([320.0, 240.0], x, y, &name).down().equal();
-    let mut path = String::new();
-    let mut feet = Vec::with_capacity(means.len());
+    let factor = if typical > 0.0 { round_step_below(0.9 * width / ARROWS as f64 / typical) } else { 1.0 };
+    let (mut arrows, mut feet) = (Vec::new(), Vec::new());
     for (place, mean) in means {
-        let (from, to) = (place, place + mean * factor);
-        feet.push((from.x, from.y));
-        let [left, top, right, bottom] = [plot.x(from.x), plot.y(from.y), plot.x(to.x), plot.y(to.y)];
-        let _ = write!(path, "M{} {}L{} {}", short(left), short(top), short(right), short(bottom));
+        let tip = place + mean * factor;
+        feet.push([place.x, place.y]);
+        arrows.extend([[place.x, place.y], [tip.x, tip.y]]);
     }
-    plot.raw(&format!("<path class=\"arrow s0\" d=\"{path}\"/>"));
-    plot.dots("feet", feet.into_iter());
-    (plot.finish(), format!("drawn {} times as long, from the dot", rounded(factor)))
-}
-
-fn round_down(value: f64) -> f64 {
-    let decade = 10_f64.powf(value.log10().floor());
-    [5.0, 2.0, 1.0].into_iter().map(|it| it * decade).find(|it| *it <= value).unwrap_or(decade)
+    // The frame is the image, in its shape.
+    let scale = (264.0 / width).min(198.0 / height);
+    let (x, y) = (Axis::new("u [px]").over(-0.5, width - 0.5), Axis::new("v [px]").over(-0.5, height - 0.5).down());
+    let drawn = Chart::new("", [width * scale, height * scale], x, y)
+        .with(Series::new("", Marks::Strokes, Pen::new(SERIES[0], 1.4), arrows))
+        .with(Series::new("", Marks::Dots(1.3), Pen::new(THEME.ink, 1.0), feet))
+        .element(THEME, PLOT, &format!("Mean residuals over the image of {}", camera.name));
+    (drawn, format!("drawn {} times as long, from the dot", rounded(factor)))
 }
 
 /// Number of the cell of a pixel, row by row; `None` off the image.

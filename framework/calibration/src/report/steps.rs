@@ -2,9 +2,12 @@
 
 use std::fmt::Write as _;
 
+use foveate_plot::svg::Pen;
+use foveate_plot::text::{count, escaped, fixed};
+use foveate_plot::{Axis, Chart, Marks, Series};
+
 use super::ReportInput;
-use super::page::{Page, count, escaped, fixed};
-use super::svg::{Axis, Plot, short};
+use super::page::{PLOT, Page, SERIES, THEME};
 use crate::convergence::{Convergence, settled};
 use crate::solved::Step;
 
@@ -28,32 +31,33 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>) {
     let all = || own.iter().filter(|it| usable(it)).map(|it| it.rms_px);
     let (low, high) = (all().fold(f64::INFINITY, f64::min), all().fold(0.0, f64::max));
     let n = own.len();
-    let x = Axis::linear(1.0, n.max(2) as f64, "step");
-    let mut plot =
-        Plot::new([720.0, 300.0], x, Axis::log(0.8 * low, 1.25 * high, "root mean square [px]"), "Convergence");
+    let last = n.max(2) as f64;
+    let (bottom, top) = (0.8 * low, 1.25 * high);
     let stages = stages(own);
-    let [_, top, _, bottom] = plot.frame();
-    for stage in stages.iter().skip(1).step_by(2) {
-        let half = |step: usize| plot.x((step as f64 + 0.5).clamp(1.0, n.max(2) as f64));
-        let (from, to) = (half(stage.from), half(stage.to));
-        plot.raw(&format!(
-            "<rect class=\"band\" x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\"/>",
-            short(from),
-            short(top),
-            short(to - from),
-            short(bottom - top)
-        ));
-    }
-    let every = n.div_ceil(DRAWN).max(1);
-    let shown = || {
-        let numbered = own.iter().enumerate().filter(|(index, _)| index % every == 0 || index + 1 == n);
-        numbered.map(|(index, step)| (index as f64 + 1.0, step.rms_px))
+    let bands = stages.iter().skip(1).step_by(2).map(|stage| {
+        let [from, to] = [stage.from, stage.to].map(|step| (step as f64 + 0.5).clamp(1.0, last));
+        // Beyond the axis at either end, wherever its decades end.
+        let (bottom, top) = (1e-3 * bottom, 1e3 * top);
+        vec![[from, bottom], [to, bottom], [to, top], [from, top]]
+    });
+    let bands = Series {
+        pieces: bands.collect(),
+        ..Series::new("", Marks::Areas(0.45), Pen::new(THEME.grid, 1.0), Vec::new())
     };
-    plot.line("line s0", shown());
+    let every = n.div_ceil(DRAWN).max(1);
+    let numbered = own.iter().enumerate().filter(|(index, _)| index % every == 0 || index + 1 == n);
+    let shown: Vec<[f64; 2]> = numbered.map(|(index, step)| [index as f64 + 1.0, step.rms_px]).collect();
+    let y = Axis::new("root mean square [px]").over(bottom, top).log();
+    let mut chart = Chart::new("", [640.0, 250.0], Axis::new("step").over(1.0, last), y).with(bands).with(Series::new(
+        "",
+        Marks::Line,
+        Pen::new(SERIES[0], 1.8),
+        shown.clone(),
+    ));
     if n <= 100 {
-        plot.dots("marks s0", shown());
+        chart = chart.with(Series::new("", Marks::Dots(3.0), Pen::new(SERIES[0], 1.0), shown));
     }
-    page.raw(&format!("<figure>{}</figure>", plot.finish()));
+    page.raw(&format!("<figure>{}</figure>", chart.element(THEME, PLOT, "Convergence")));
     if n > DRAWN {
         page.note(&format!("Of {} steps, every {} is drawn.", count(n), ordinal(n.div_ceil(DRAWN))));
     }
@@ -93,16 +97,17 @@ fn from_a_poor_start(page: &mut Page, both: &Convergence) {
         return;
     }
     let n = both.together.len().max(both.in_turn.len()).max(2);
-    let x = Axis::log(1.0, n as f64, "1 is the start, then each turn or step");
-    let y = Axis::log(0.8 * low, 1.25 * high, "root mean square on moments held out [px]");
-    let mut plot = Plot::new([720.0, 300.0], x, y, "From a poor start");
-    for (class, errors) in [("s0", &both.together), ("s1", &both.in_turn)] {
-        plot.line(&format!("line {class}"), errors.iter().enumerate().map(|(index, it)| (index as f64 + 1.0, *it)));
+    let x = Axis::new("1 is the start, then each turn or step").over(1.0, n as f64).log();
+    let y = Axis::new("root mean square on moments held out [px]").over(0.8 * low, 1.25 * high).log();
+    let mut chart = Chart::new("", [640.0, 260.0], x, y);
+    for (colour, errors) in SERIES.into_iter().zip([&both.together, &both.in_turn]) {
+        let points = errors.iter().enumerate().map(|(index, it)| [index as f64 + 1.0, *it]).collect();
+        chart = chart.with(Series::new("", Marks::Line, Pen::new(colour, 1.8), points));
     }
     page.raw(&format!(
         "<figure>{}<figcaption><span class=\"key s0\">path and cameras together (bundle adjustment)</span><span class=\"key s1\">in turn \
          [Davis 2002 §3.2]</span></figcaption></figure>",
-        plot.finish()
+        chart.element(THEME, PLOT, "From a poor start")
     ));
     page.note(&format!(
         "From cameras that are {} off: within 1 % of the end after {} steps together, and after {} turns of path and cameras; {} px and {} px \

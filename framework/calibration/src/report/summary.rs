@@ -3,11 +3,13 @@
 use std::fmt::Write as _;
 
 use foveate_geometry::self_calibration::{CameraStatus, Link};
+use foveate_plot::svg::{Pen, SMALL};
+use foveate_plot::text::{count, escaped, fitted, fixed, rounded};
+use foveate_plot::{Axis, Chart, Marks, Series};
 use foveate_scene::Fixed;
 
 use super::figures::{Figures, quantile, rms};
-use super::page::{Page, count, escaped, fixed, rounded, small_length};
-use super::svg::{Axis, Plot, short};
+use super::page::{PLOT, Page, SERIES, THEME, small_length};
 use super::{Grade, ReportInput};
 use crate::solved::{Solved, SolvedCamera};
 
@@ -199,22 +201,18 @@ pub(super) fn clocks(page: &mut Page, report: &ReportInput<'_>) {
     let ends = known.iter().flat_map(|it| [it.1 - 2.0 * finite(it.2), it.1 + 2.0 * finite(it.2)]);
     let (low, high) = ends.fold((0.0_f64, 0.0_f64), |(low, high), it| (low.min(it), high.max(it)));
     let margin = 0.05 * (high - low).max(1e-3);
-    let n = known.len();
-    let height = 50.0 + 18.0 * n as f64;
-    let x = Axis::linear(low - margin, high + margin, "offset [ms]");
-    let mut plot = Plot::new([720.0, height], x, Axis::linear(0.0, n as f64, ""), "Clock offsets").with_rows(190.0);
-    for (index, &(name, offset, sigma, drift)) in known.iter().enumerate() {
-        let row = n as f64 - index as f64 - 0.5;
-        let words: String = name.chars().take(20).collect();
-        let at = plot.y(row);
-        plot.text("tick e", 110.0, at + 3.5, &words);
-        plot.text("tick e", 184.0, at + 3.5, &format!("{} ppm", fixed(drift, 1)));
-        let sigma = finite(sigma);
-        plot.line("bar s0", [(offset - 2.0 * sigma, row), (offset + 2.0 * sigma, row)].into_iter());
-        let centre = format!("<circle class=\"s0\" cx=\"{}\" cy=\"{}\" r=\"3\"/>", short(plot.x(offset)), short(at));
-        plot.raw(&centre);
+    let rows = known.iter().map(|it| format!("{}  {} ppm", fitted(it.0, SMALL, 100.0), fixed(it.3, 1)));
+    let (mut bars, mut centres) = (Vec::new(), Vec::new());
+    for (index, &(_, offset, sigma, _)) in known.iter().enumerate() {
+        let (row, reach) = (Axis::row(index), 2.0 * finite(sigma));
+        bars.extend([[offset - reach, row], [offset + reach, row]]);
+        centres.push([offset, row]);
     }
-    page.raw(&plot.finish());
+    let x = Axis::new("offset [ms]").over(low - margin, high + margin);
+    let chart = Chart::new("", [520.0, 18.0 * known.len() as f64], x, Axis::of_rows(rows))
+        .with(Series::new("", Marks::Strokes, Pen::new(SERIES[0], 2.0), bars))
+        .with(Series::new("", Marks::Dots(3.0), Pen::new(SERIES[0], 1.0), centres));
+    page.raw(&chart.element(THEME, PLOT, "Clock offsets"));
 }
 
 fn finite(value: f64) -> f64 {

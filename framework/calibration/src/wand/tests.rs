@@ -313,6 +313,6 @@ fn what_is_no_wand_is_refused() {
     alone.camera_frames.retain(|it| it.camera == 1);
     fails(&alone, "saw both of its lights together in 0 frames, expected at least 10");
     alone.camera_frames[0].camera = 9;
-    fails(&alone, "look 0 is of camera 9, expected less than 3");
+    fails(&alone, "camera frame 0 is of camera 9, expected less than 3");
     assert!(label(&alone, &[], &LabelOptions::default()).is_err());
 }

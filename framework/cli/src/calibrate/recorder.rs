@@ -6,12 +6,14 @@ use foveate_calibration::coverage::Coverage;
 use foveate_calibration::recording::{CameraFrame, Spot};
 use foveate_messages::Features;
 use foveate_node::error::{ConfigError, NodeError};
-use foveate_node::{In, Io, Node, Ports, Registry, Role, Setup};
+use foveate_node::{Io, Node, Ports, Registry, Role, Setup, ports};
 use nalgebra::{Point2, Vector2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-const FEATURES: In<Features> = In::each(0, "features").many();
+ports! {
+    FEATURES: In<Features> = each("features").many();
+}
 
 /// No spot is known better than this [px]; detectors that state less state nothing.
 const LEAST_SIGMA_PX: f64 = 1e-3;
@@ -45,7 +47,7 @@ impl Node for Recorder {
     type Settings = RecorderSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&FEATURES)
+        declared_ports()
     }
 
     fn new(_settings: RecorderSettings, setup: &Setup) -> Result<Self, ConfigError> {

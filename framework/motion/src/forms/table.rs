@@ -17,6 +17,8 @@ use crate::motion::{Motion, Sample, Up, rate_of};
 /// The columns of a covariance's upper triangle.
 const COVARIANCE: [&str; 6] = ["cxx_m2", "cxy_m2", "cxz_m2", "cyy_m2", "cyz_m2", "czz_m2"];
 const AXES: [&str; 3] = ["x_m", "y_m", "z_m"];
+/// The column `provenance` of tables written before version 0.2.
+const OLD_PROVENANCE: &str = "how";
 const PROVENANCES: [&str; 3] = ["measured", "predicted", "filled"];
 /// Times of the session are below this [s].
 const MOST_TIME_S: f64 = 9e9;
@@ -43,7 +45,7 @@ pub(super) fn nearly(text: &[u8]) -> Option<String> {
     let known = |name: &str| {
         let name = name.to_ascii_lowercase();
         let name = name.strip_prefix("world_").unwrap_or(&name);
-        ["time_s", "target", "mark", "provenance", "cameras"].contains(&name)
+        ["time_s", "target", "mark", "provenance", OLD_PROVENANCE, "cameras"].contains(&name)
             || AXES.contains(&name)
             || COVARIANCE.contains(&name)
     };
@@ -115,7 +117,7 @@ impl Columns {
             axes: [x?, y?, z?],
             covariance: all.and_then(|it| it.try_into().ok()),
             cameras: place("cameras"),
-            provenance: place("provenance"),
+            provenance: place("provenance").or_else(|| place(OLD_PROVENANCE)),
         })
     }
 }

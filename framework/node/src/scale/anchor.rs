@@ -9,11 +9,14 @@ use serde::{Deserialize, Serialize};
 use crate::error::{ConfigError, NodeError};
 use crate::io::Io;
 use crate::node::{Node, Role};
-use crate::port::{In, Out, Ports};
+use crate::port::Ports;
+use crate::ports;
 use crate::setup::Setup;
 
-const TARGETS: In<Targets> = In::each(0, "targets").of_parent();
-const SPACE: Out<ScaleSpace> = Out::new(0, "space");
+ports! {
+    TARGETS: In<Targets> = each("targets").of_parent();
+    SPACE: Out<ScaleSpace> = "space";
+}
 
 /// `scale.anchor` has no settings: the rule stands in the parent's table `[scale.PARENT.target.NAME]`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -35,7 +38,7 @@ impl Node for ScaleAnchor {
     type Settings = ScaleAnchorSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&TARGETS).output(&SPACE)
+        declared_ports()
     }
 
     fn new(_settings: ScaleAnchorSettings, setup: &Setup) -> Result<Self, ConfigError> {

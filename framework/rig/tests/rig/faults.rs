@@ -450,7 +450,7 @@ fn requirement_that_the_plan_cannot_meet_gives_both_numbers() {
         .replace("test.integrator", "test.joiner")
         .replace(table, &format!("{table}\nrequire.targets.rate_hz = 61"));
     whole(&joined, "26:27", "61", &["expected at most 60 Hz"]);
-    one(require, "{ loss = 2 }", "21:29", "2", &["expected a fraction from 0 to 1"]);
+    one(require, "{ loss = 2 }", "21:29", "2", &["expected 0 to 1 [–]"]);
     one(
         require,
         "{ ag_ms = 2 }",
@@ -523,7 +523,7 @@ fn columns_count_characters() {
 fn way_to_take_data_is_one_of_four_and_only_where_there_is_a_choice() {
     features(
         "{ features = { from = \"leds.features\", policy = \"newest_of_all\" } }",
-        52,
+        54,
         "\"newest_of_all\"",
         &[
             "found the text `newest_of_all`",
@@ -536,12 +536,22 @@ fn way_to_take_data_is_one_of_four_and_only_where_there_is_a_choice() {
     one(
         "in = { image = \"video.image\", hints = \"targets.hints\" }",
         sampled,
-        "15:72",
+        "15:74",
         "\"each\"",
         &[
             "how input `hints` of `leds` takes data cannot be chosen",
             "found `policy`, expected nothing: the latest is sampled",
         ],
+    );
+}
+
+#[test]
+fn renamed_key_of_a_connection_is_refused_with_its_new_name() {
+    features(
+        "{ features = { from = \"leds.features\", take = \"newest\" } }",
+        45,
+        "take",
+        &["the key `take` is now called `policy`", "found the old name, expected `policy`"],
     );
 }
 

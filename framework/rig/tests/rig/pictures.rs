@@ -81,7 +81,7 @@ fn drawing_is_well_formed_and_boxes_lie_apart_in_it() {
             assert!(x + w < x2 || x2 + w2 < x || y + h < y2 || y2 + h2 < y, "{x} {y} meets {x2} {y2}");
         }
     }
-    assert_eq!(svg.matches("class=\"edge feedback\"").count(), 2 + 1, "two feedback edges and the legend");
+    assert_eq!(svg.matches("stroke-dasharray").count(), 2 + 1, "two feedback edges and the legend");
     assert!(svg.contains("&lt;lips&gt; &amp; &quot;teeth&quot;") && svg.contains(">×3<"), "{svg}");
 }
 

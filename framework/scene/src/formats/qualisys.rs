@@ -16,6 +16,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use foveate_geometry::{Camera, Distortion, Intrinsics};
+use foveate_plot::text::escaped;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use roxmltree::{Document, Node};
 
@@ -172,8 +173,4 @@ pub(crate) fn write(calibration: &Calibration) -> Result<String, CalibrationErro
         );
     }
     Ok(text + "  </cameras>\n</calibration>\n")
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

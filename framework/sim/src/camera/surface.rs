@@ -63,10 +63,11 @@ impl Surfaces {
         for row in area.from[1]..area.to[1] {
             self.depths[row * width..][area.from[0]..area.to[0]].fill(f32::INFINITY);
         }
+        let texture = part.texture();
         for triangle in &part.surface.triangles {
             let corners = triangle.corners.map(|it| self.corners[it as usize]);
             let mut canvas = Canvas { width, area, depths: &mut self.depths, lights: &mut self.lights };
-            canvas.draw(corners, &triangle.texels, &part.texture);
+            canvas.draw(corners, &triangle.texels, texture);
         }
         let within = self.area.get_or_insert(area);
         for axis in 0..2 {

@@ -3,7 +3,7 @@
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Image};
-use foveate_node::{ConfigError, Due, In, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup};
+use foveate_node::{ConfigError, Due, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, ports};
 
 use super::fields::Fields;
 use crate::bump::Pending;
@@ -12,9 +12,11 @@ use crate::head::HeadMotion;
 use crate::timing::{Arrival, Timing};
 use crate::world::World;
 
-const WORLD: In<World> = In::latest(0, "world");
-const HEAD: In<HeadMotion> = In::latest(1, "head").optional();
-const IMAGE: Out<Image> = Out::new(0, "image");
+ports! {
+    WORLD: In<World> = latest("world");
+    HEAD: In<HeadMotion> = latest("head").optional();
+    IMAGE: Out<Image> = "image";
+}
 
 /// With `head` connected it stands on that head: the calibration's camera is the camera at rest, and field k shows the world as the turned
 /// camera sees it, its LEDs smeared by the head's motion too. Field k is exposed around its capture time, stamped with what the camera's clock then shows, and delivered later: see
@@ -38,7 +40,7 @@ impl Node for SimCamera {
     type Settings = CameraSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&WORLD).input(&HEAD).output(&IMAGE)
+        declared_ports()
     }
 
     fn new(settings: CameraSettings, setup: &Setup) -> Result<Self, ConfigError> {

@@ -1,13 +1,15 @@
 //! A simulated pan-tilt head as a source: the line to it, and its motion.
 
-use foveate_node::{ConfigError, Due, Io, Line, Node, NodeError, Out, Ports, Report, Role, Setup, Time};
+use foveate_node::{ConfigError, Due, Io, Line, Node, NodeError, Ports, Report, Role, Setup, Time, ports};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::head::{Axes, AxesSettings, HeadMotion, HeadSettings, LineFaults, LineHead, LineSettings, NetworkSettings};
 
-const LINE: Out<Line> = Out::new(0, "line");
-const MOTION: Out<HeadMotion> = Out::new(1, "motion");
+ports! {
+    LINE: Out<Line> = "line";
+    MOTION: Out<HeadMotion> = "motion";
+}
 
 /// How a head is reached.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -76,7 +78,7 @@ impl Node for SimHead {
     type Settings = SimHeadSettings;
 
     fn ports() -> Ports {
-        Ports::new().output(&LINE).output(&MOTION)
+        declared_ports()
     }
 
     fn new(settings: SimHeadSettings, setup: &Setup) -> Result<Self, ConfigError> {

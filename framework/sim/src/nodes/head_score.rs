@@ -9,7 +9,7 @@ use std::sync::Arc;
 use foveate_estimation::statistics;
 use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Features, HeadPose, TargetId};
-use foveate_node::{ConfigError, In, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Time};
+use foveate_node::{ConfigError, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Time, ports};
 use foveate_scene::calibration::Calibration;
 use foveate_scene::selection::matches;
 use nalgebra::{Point2, Point3, Vector2};
@@ -21,10 +21,12 @@ use crate::score::follow_picture::{self, Track};
 use crate::score::warmup::Warmup;
 use crate::world::World;
 
-const WORLD: In<World> = In::latest(0, "world");
-const MOTION: In<HeadMotion> = In::latest(1, "motion").many();
-const FEATURES: In<Features> = In::each(2, "features").many();
-const POSE: In<HeadPose> = In::each(3, "pose").many().optional();
+ports! {
+    WORLD: In<World> = latest("world");
+    MOTION: In<HeadMotion> = latest("motion").many();
+    FEATURES: In<Features> = each("features").many();
+    POSE: In<HeadPose> = each("pose").many().optional();
+}
 
 const TRACK_FILE: &str = "heads.csv";
 const PICTURE_FILE: &str = "heads.svg";
@@ -77,7 +79,7 @@ impl Node for HeadScore {
     type Settings = HeadScoreSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&WORLD).input(&MOTION).input(&FEATURES).input(&POSE)
+        declared_ports()
     }
 
     fn new(settings: HeadScoreSettings, setup: &Setup) -> Result<Self, ConfigError> {

@@ -1,7 +1,7 @@
 //! The simulated lab as a source: the world once, and the truth about its targets again and again.
 
 use foveate_messages::Targets;
-use foveate_node::{ConfigError, Due, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup, Time};
+use foveate_node::{ConfigError, Due, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, Time, ports};
 use foveate_scene::skeleton::SkeletonMotion;
 
 use crate::painted::{FaceSettings, FaceSource, PartKind, RecordedHead};
@@ -10,8 +10,10 @@ use crate::world::{
     BodySettings, BodySource, LightPath, MAX_MONITORS, Recordings, SceneSettings, SwingSettings, WalkKind, World,
 };
 
-const WORLD: Out<World> = Out::new(0, "world");
-const TRUTH: Out<Targets> = Out::new(1, "truth");
+ports! {
+    WORLD: Out<World> = "world";
+    TRUTH: Out<Targets> = "truth";
+}
 
 /// More people would tread on each other's heels.
 const MOST_ON_A_ROUND: usize = 4;
@@ -35,7 +37,7 @@ impl Node for Lab {
     type Settings = SceneSettings;
 
     fn ports() -> Ports {
-        Ports::new().output(&WORLD).output(&TRUTH)
+        declared_ports()
     }
 
     fn new(settings: SceneSettings, setup: &Setup) -> Result<Self, ConfigError> {

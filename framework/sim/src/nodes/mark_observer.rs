@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Feature, Features, MarkGuide};
-use foveate_node::{ConfigError, Due, In, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup, Time};
+use foveate_node::{ConfigError, Due, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, Time, ports};
 use nalgebra::{Matrix2, Point2, Vector2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -17,10 +17,12 @@ use crate::painted::Painted;
 use crate::timing::{Arrival, Timing, TimingSettings};
 use crate::world::World;
 
-const WORLD: In<World> = In::latest(0, "world");
-const HEAD: In<HeadMotion> = In::latest(1, "head").optional();
-const GUIDE: In<MarkGuide> = In::latest(2, "guide").optional();
-const FEATURES: Out<Features> = Out::new(0, "features");
+ports! {
+    WORLD: In<World> = latest("world");
+    HEAD: In<HeadMotion> = latest("head").optional();
+    GUIDE: In<MarkGuide> = latest("guide").optional();
+    FEATURES: Out<Features> = "features";
+}
 
 /// A mark of which a guide says that it is here has that name if it truly is no farther from there [px].
 const NEAR_PX: f64 = 4.0;
@@ -76,7 +78,7 @@ impl Node for SimMarkObserver {
     type Settings = MarkObserverSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&WORLD).input(&HEAD).input(&GUIDE).output(&FEATURES)
+        declared_ports()
     }
 
     fn new(settings: MarkObserverSettings, setup: &Setup) -> Result<Self, ConfigError> {

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use foveate_estimation::statistics::percentile;
 use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Features, Marks};
-use foveate_node::{ConfigError, In, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Time};
+use foveate_node::{ConfigError, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Time, ports};
 use foveate_scene::calibration::Calibration;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -18,12 +18,14 @@ use crate::score::marks::{MarkObservationTrack, MarkTrack, Names, ReportedMark};
 use crate::score::warmup::Warmup;
 use crate::world::World;
 
-const WORLD: In<World> = In::latest(0, "world");
-const MOTION: In<HeadMotion> = In::latest(1, "motion").many().optional();
-const FEATURES: In<Features> = In::each(2, "features").many().optional();
-const MARKS: In<Marks> = In::each(3, "marks");
-const SHAPE: In<Marks> = In::each(4, "shape").optional();
-const COMPARED: In<Marks> = In::each(5, "compared").optional();
+ports! {
+    WORLD: In<World> = latest("world");
+    MOTION: In<HeadMotion> = latest("motion").many().optional();
+    FEATURES: In<Features> = each("features").many().optional();
+    MARKS: In<Marks> = each("marks");
+    SHAPE: In<Marks> = each("shape").optional();
+    COMPARED: In<Marks> = each("compared").optional();
+}
 
 const TABLE_FILE: &str = "face_score.csv";
 const WRONG_FILE: &str = "marks_wrong.csv";
@@ -82,7 +84,7 @@ impl Node for MarkScore {
     type Settings = MarkScoreSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&WORLD).input(&MOTION).input(&FEATURES).input(&MARKS).input(&SHAPE).input(&COMPARED)
+        declared_ports()
     }
 
     fn new(settings: MarkScoreSettings, setup: &Setup) -> Result<Self, ConfigError> {

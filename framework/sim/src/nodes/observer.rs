@@ -2,7 +2,7 @@
 
 use foveate_geometry::Camera;
 use foveate_messages::Features;
-use foveate_node::{ConfigError, Due, In, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup};
+use foveate_node::{ConfigError, Due, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, ports};
 
 use super::fields::Fields;
 use crate::bump::Pending;
@@ -11,9 +11,11 @@ use crate::observer::{Observer, ObserverSettings};
 use crate::timing::{Arrival, Timing};
 use crate::world::World;
 
-const WORLD: In<World> = In::latest(0, "world");
-const HEAD: In<HeadMotion> = In::latest(1, "head").optional();
-const FEATURES: Out<Features> = Out::new(0, "features");
+ports! {
+    WORLD: In<World> = latest("world");
+    HEAD: In<HeadMotion> = latest("head").optional();
+    FEATURES: Out<Features> = "features";
+}
 
 /// A camera and its detector in one. With `head` connected it stands on that head, the calibration's camera being the camera at rest. Clock, delays and failures are those of `sim.camera`; what is seen is [`Observer`]'s.
 pub struct SimObserver {
@@ -35,7 +37,7 @@ impl Node for SimObserver {
     type Settings = ObserverSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&WORLD).input(&HEAD).output(&FEATURES)
+        declared_ports()
     }
 
     fn new(settings: ObserverSettings, setup: &Setup) -> Result<Self, ConfigError> {

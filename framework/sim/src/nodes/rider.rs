@@ -1,7 +1,7 @@
 //! An ideal detector on a rig that rides with somebody: the cameras of a scale whose space moves.
 
 use foveate_messages::{Features, TargetId, Targets};
-use foveate_node::{ConfigError, Due, In, Io, Node, NodeError, Out, Plan, Pool, Ports, Report, Role, Setup, Time};
+use foveate_node::{ConfigError, Due, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, Time, ports};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -12,8 +12,10 @@ use crate::person::N_LEDS;
 use crate::timing::{Arrival, Timing, TimingSettings};
 use crate::world::World;
 
-const WORLD: In<World> = In::latest(0, "world");
-const FEATURES: Out<Features> = Out::new(0, "features");
+ports! {
+    WORLD: In<World> = latest("world");
+    FEATURES: Out<Features> = "features";
+}
 
 /// Most people of a simulated world, less one.
 const LAST_PERSON: u32 = 31;
@@ -107,7 +109,7 @@ impl Node for SimRider {
     type Settings = RiderSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&WORLD).output(&FEATURES)
+        declared_ports()
     }
 
     fn new(settings: RiderSettings, setup: &Setup) -> Result<Self, ConfigError> {

@@ -5,14 +5,16 @@ use std::io::{BufWriter, Write};
 use std::path::PathBuf;
 
 use foveate_messages::Targets;
-use foveate_node::{ConfigError, In, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup};
+use foveate_node::{ConfigError, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, ports};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::score::Scorer;
 
-const TRUTH: In<Targets> = In::each(0, "truth");
-const TARGETS: In<Targets> = In::each(1, "targets");
+ports! {
+    TRUTH: In<Targets> = each("truth");
+    TARGETS: In<Targets> = each("targets");
+}
 
 /// Name of the file with the truth in the folder for results.
 const TRUTH_FILE: &str = "truth.csv";
@@ -53,7 +55,7 @@ impl Node for Score {
     type Settings = ScoreSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&TRUTH).input(&TARGETS)
+        declared_ports()
     }
 
     fn new(settings: ScoreSettings, setup: &Setup) -> Result<Self, ConfigError> {

@@ -18,7 +18,7 @@ mod texture;
 use std::collections::VecDeque;
 use std::fmt;
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use foveate_estimation::random::Random;
 use foveate_messages::Time;
@@ -136,13 +136,49 @@ impl FaceSettings {
 /// The painted part of an actor: what does not change over time.
 pub(crate) struct Part {
     pub surface: Surface,
-    pub texture: Texture,
     pub light: f64,
+    painter: Painter,
+    /// Painted when a camera first looks: a rig that is only checked waits for no paint.
+    texture: OnceLock<Texture>,
     names: Vec<String>,
     spots: Vec<Spot>,
     /// What a face does; a knee does what the leg does.
     drive: Option<Drive>,
     recent: Mutex<VecDeque<(Time, Arc<Skin>)>>,
+}
+
+/// What is needed to paint the texture.
+struct Painter {
+    /// Columns, rows [texel].
+    size: [usize; 2],
+    marks: texture::Paint,
+    albedo: Albedo,
+}
+
+/// What the bare surface is made of.
+enum Albedo {
+    /// The leg, by its seed.
+    Knee(u32),
+    /// The built-in head.
+    BuiltIn(skin::Features),
+    /// The recorded head.
+    Recorded(skin::Features),
+}
+
+impl Albedo {
+    /// At a point of the rest shape [m].
+    fn at(&self, p: &Point3<f64>, material: Material) -> f32 {
+        match (self, material) {
+            (Albedo::Knee(seed), _) => knee::albedo(p, *seed),
+            (_, Material::Eye) => ict::eye_albedo(p),
+            (_, Material::Mouth) => 0.06,
+            (Albedo::BuiltIn(features), Material::Skin) => features.albedo(&(p * 1e3)),
+            (Albedo::Recorded(features), Material::Skin) => {
+                let skin = features.albedo(&ict::as_built_in(p));
+                skin + (features.cloth(p) - skin) * ict::cloth(p)
+            }
+        }
+    }
 }
 
 /// The surface at one time, in the world.
@@ -174,9 +210,9 @@ impl Part {
             let (mut surface, size) = knee::knee();
             surface.sort_triangles();
             let spots = knee::spots(&surface, settings.marks);
-            let paint = texture::Paint::new(&surface, &spots, settings.radius_mm, seed);
-            let texture = texture::paint(&surface, size, &paint, |p, _| knee::albedo(p, seed));
-            return Self::of(settings, surface, texture, spots, None);
+            let marks = texture::Paint::new(&surface, &spots, settings.radius_mm, seed);
+            let painter = Painter { size, marks, albedo: Albedo::Knee(seed) };
+            return Self::of(settings, surface, painter, spots, None);
         }
         let features = skin::Features { seed, is_built_in: recorded.is_none() };
         let is_built_in = recorded.is_none();
@@ -190,31 +226,30 @@ impl Part {
         surface.sort_triangles();
         let place = if is_built_in { |at| at } else { ict::place };
         let spots = places::on_face(&surface, settings.marks, place);
-        let paint = texture::Paint::new(&surface, &spots, settings.radius_mm, seed);
-        let albedo = |p: &Point3<f64>, material: Material| match material {
-            Material::Skin if is_built_in => features.albedo(&(p * 1e3)),
-            Material::Skin => {
-                let skin = features.albedo(&ict::as_built_in(p));
-                skin + (features.cloth(p) - skin) * ict::cloth(p)
-            }
-            Material::Eye => ict::eye_albedo(p),
-            Material::Mouth => 0.06,
-        };
-        let texture = texture::paint(&surface, size, &paint, albedo);
+        let marks = texture::Paint::new(&surface, &spots, settings.radius_mm, seed);
+        let albedo = if is_built_in { Albedo::BuiltIn(features) } else { Albedo::Recorded(features) };
+        let painter = Painter { size, marks, albedo };
         let drive = Drive::new(start_s, shown_s, curves, &mut random.fork("expressions"));
-        Self::of(settings, surface, texture, spots, Some(drive))
+        Self::of(settings, surface, painter, spots, Some(drive))
     }
 
-    fn of(settings: &FaceSettings, surface: Surface, texture: Texture, spots: Vec<Spot>, drive: Option<Drive>) -> Self {
+    fn of(settings: &FaceSettings, surface: Surface, painter: Painter, spots: Vec<Spot>, drive: Option<Drive>) -> Self {
         Self {
             names: surface.modes.iter().map(|it| it.name.clone()).collect(),
             light: settings.light,
             recent: Mutex::default(),
             surface,
-            texture,
+            painter,
+            texture: OnceLock::new(),
             spots,
             drive,
         }
+    }
+
+    /// What the surface looks like, painted when it is first asked for.
+    pub fn texture(&self) -> &Texture {
+        let Painter { size, marks, albedo } = &self.painter;
+        self.texture.get_or_init(|| texture::paint(&self.surface, *size, marks, |p, material| albedo.at(p, material)))
     }
 
     /// Whether it takes the place of a part of the body, or of some of it.

@@ -3,9 +3,11 @@
 //! For each texel the point of the rest shape that it covers is looked up, and what is seen there is painted: marks by their distance in
 //! space, so that they are round on the skin whatever the texture's own measures.
 
+use std::sync::{Mutex, PoisonError};
+
 use nalgebra::{Point3, Vector3};
 
-use super::surface::{Material, Spot, Surface};
+use super::surface::{Material, Spot, Surface, Triangle};
 
 /// Half the width of a mark's soft edge [mm].
 const SOFT_MM: f64 = 0.35;
@@ -62,36 +64,85 @@ impl Paint {
     }
 }
 
-/// Paints a texture of `size` (columns, rows): `albedo` tells what is at a point of the rest shape [m], for each material.
+/// Rows that are painted in one go.
+const BAND: usize = 32;
+
+/// Paints a texture of `size` (columns, rows): `albedo` tells what is at a point of the rest shape [m], for each material. Bands of rows
+/// are dealt out to all cores; each row is the same whoever paints it.
 pub(super) fn paint(
     surface: &Surface,
     [width, height]: [usize; 2],
     paint: &Paint,
-    albedo: impl Fn(&Point3<f64>, Material) -> f32,
+    albedo: impl Fn(&Point3<f64>, Material) -> f32 + Sync,
 ) -> Texture {
     let mut shades = vec![0_u8; width * height];
-    for triangle in &surface.triangles {
-        let corners = triangle.corners.map(|it| surface.rest[it as usize]);
-        let [a, b, c] = triangle.texels.map(|it| it.map(f64::from));
-        let doubled = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
-        if doubled == 0.0 {
-            continue;
+    let patches: Vec<Patch<'_>> = surface.triangles.iter().filter_map(|it| Patch::new(surface, it, paint)).collect();
+    let bands = Mutex::new(shades.chunks_mut(width * BAND).enumerate());
+    // In a call of its own, so that the lock is not held while a band is painted.
+    let next = || bands.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let work = || {
+        while let Some((band, rows)) = next() {
+            patches.iter().for_each(|it| it.paint(band * BAND, rows, [width, height], paint, &albedo));
         }
+    };
+    let n_threads = std::thread::available_parallelism().map_or(1, usize::from);
+    std::thread::scope(|scope| {
+        (1..n_threads).for_each(|_| {
+            scope.spawn(work);
+        });
+        work();
+    });
+    Texture { width, shades }
+}
+
+/// A triangle in the texture.
+struct Patch<'s> {
+    triangle: &'s Triangle,
+    corners: [Point3<f64>; 3],
+    /// Its corners in the texture [texel].
+    texels: [[f64; 2]; 3],
+    doubled: f64,
+    /// Columns and rows that it may reach [texel].
+    extent: [(f64, f64); 2],
+    /// The marks that may lie on it.
+    near: Vec<u32>,
+}
+
+impl<'s> Patch<'s> {
+    fn new(surface: &Surface, triangle: &'s Triangle, paint: &Paint) -> Option<Self> {
+        let corners = triangle.corners.map(|it| surface.rest[it as usize]);
+        let texels @ [a, b, c] = triangle.texels.map(|it| it.map(f64::from));
+        let doubled = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
         let middle = (corners[0].coords + corners[1].coords + corners[2].coords) / 3.0;
         let reach = corners.iter().map(|it| (it.coords - middle).norm()).fold(0.0, f64::max);
-        let near: Vec<u32> = (0..paint.dots.len() as u32)
-            .filter(|&dot| {
-                let (centre, radius) = paint.dots[dot as usize];
-                triangle.material == Material::Skin
-                    && (centre.coords - middle).norm() < 1.6 * reach + (radius + 3.0 * SOFT_MM) * 1e-3
-            })
-            .collect();
-        let extent = |axis: usize| {
+        let is_near = |dot: &u32| {
+            let (centre, radius) = paint.dots[*dot as usize];
+            triangle.material == Material::Skin
+                && (centre.coords - middle).norm() < 1.6 * reach + (radius + 3.0 * SOFT_MM) * 1e-3
+        };
+        let extent = [0, 1].map(|axis| {
             let [low, high] = [f64::min, f64::max].map(|pick| pick(pick(a[axis], b[axis]), c[axis]));
             (low - 1.0, high + 1.0)
-        };
-        let ((left, right), (top, bottom)) = (extent(0), extent(1));
-        for row in top.floor().max(0.0) as usize..=(bottom.ceil().max(0.0) as usize).min(height - 1) {
+        });
+        let near = (0..paint.dots.len() as u32).filter(is_near).collect();
+        (doubled != 0.0).then_some(Self { triangle, corners, texels, doubled, extent, near })
+    }
+
+    /// Paints what of it lies in the rows `shades`, of which the first is row `from` of the texture.
+    fn paint(
+        &self,
+        from: usize,
+        shades: &mut [u8],
+        [width, height]: [usize; 2],
+        paint: &Paint,
+        albedo: &impl Fn(&Point3<f64>, Material) -> f32,
+    ) {
+        let ([a, b, c], doubled, corners) = (self.texels, self.doubled, &self.corners);
+        let [(left, right), (top, bottom)] = self.extent;
+        let rows = from..(from + shades.len() / width);
+        let first_row = (top.floor().max(0.0) as usize).max(rows.start);
+        let last_row = ((bottom.ceil().max(0.0) as usize).min(height - 1)).min(rows.end - 1);
+        for row in first_row..=last_row {
             for column in left.floor().max(0.0) as usize..=(right.ceil().max(0.0) as usize).min(width - 1) {
                 let (u, v) = (column as f64, row as f64);
                 let second = ((u - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (v - a[1])) / doubled;
@@ -99,18 +150,17 @@ pub(super) fn paint(
                 let first = 1.0 - second - third;
                 // A texel beyond the edges, for those who read between texels; inside wins.
                 let beyond = first.min(second).min(third);
-                let shade = &mut shades[row * width + column];
+                let shade = &mut shades[(row - from) * width + column];
                 if beyond < -1e-9 && (*shade != 0 || !within_a_texel([a, b, c], [u, v])) {
                     continue;
                 }
                 let p = corners[0].coords * first + corners[1].coords * second + corners[2].coords * third;
                 let p = Point3::from(p);
-                let seen = paint.over(&near, &p, albedo(&p, triangle.material));
+                let seen = paint.over(&self.near, &p, albedo(&p, self.triangle.material));
                 *shade = (seen.clamp(0.0, 1.0) * 254.0) as u8 + 1;
             }
         }
     }
-    Texture { width, shades }
 }
 
 /// Whether a point lies within a texel and a half of a triangle.

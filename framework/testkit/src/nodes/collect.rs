@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use foveate_node::{ConfigError, In, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Stamp, Time};
+use foveate_node::{ConfigError, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Stamp, Time, ports};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -40,7 +40,9 @@ pub fn collected(name: &str) -> Vec<Collected> {
     shelves().remove(name).unwrap_or_default()
 }
 
-const NUMBERS: In<Number> = In::each(0, "numbers").many();
+ports! {
+    NUMBERS: In<Number> = each("numbers").many();
+}
 
 /// Keeps all it gets for [`collected`].
 pub struct Collect {
@@ -55,7 +57,7 @@ impl Node for Collect {
     type Settings = CollectSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&NUMBERS)
+        declared_ports()
     }
 
     fn new(settings: CollectSettings, setup: &Setup) -> Result<Self, ConfigError> {

@@ -1,6 +1,6 @@
 //! Counts: 0, 1, 2, … at a rate.
 
-use foveate_node::{ConfigError, Due, Interval, Io, Node, NodeError, Out, Plan, Ports, Report, Role, Setup, Time};
+use foveate_node::{ConfigError, Due, Interval, Io, Node, NodeError, Plan, Ports, Report, Role, Setup, Time, ports};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -31,7 +31,9 @@ impl Default for CounterSettings {
     }
 }
 
-const NUMBERS: Out<Number> = Out::new(0, "numbers");
+ports! {
+    NUMBERS: Out<Number> = "numbers";
+}
 
 /// Gives `k` at capture time `phase + k / rate`, delivered after the latency.
 pub struct Counter {
@@ -52,7 +54,7 @@ impl Node for Counter {
     type Settings = CounterSettings;
 
     fn ports() -> Ports {
-        Ports::new().output(&NUMBERS)
+        declared_ports()
     }
 
     fn new(settings: CounterSettings, _setup: &Setup) -> Result<Self, ConfigError> {

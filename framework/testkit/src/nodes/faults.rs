@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use foveate_node::{ConfigError, In, Io, Node, NodeError, Out, Ports, Role, Setup};
+use foveate_node::{ConfigError, Io, Node, NodeError, Ports, Role, Setup, ports};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -45,8 +45,10 @@ impl Default for SlowSettings {
     }
 }
 
-const NUMBERS: In<Number> = In::each(0, "numbers");
-const PASSED: Out<Number> = Out::new(0, "numbers");
+ports! {
+    NUMBERS: In<Number> = each("numbers");
+    PASSED: Out<Number> = "numbers";
+}
 
 /// Passes on what triggered this turn, unless `intercept` fails.
 fn pass(io: &mut Io<'_>, intercept: impl FnOnce(i64) -> Result<(), NodeError>) -> Result<(), NodeError> {
@@ -57,7 +59,7 @@ fn pass(io: &mut Io<'_>, intercept: impl FnOnce(i64) -> Result<(), NodeError>) -
 }
 
 fn ports() -> Ports {
-    Ports::new().input(&NUMBERS).output(&PASSED)
+    declared_ports()
 }
 
 /// Gives a [`NodeError`] at one number.

@@ -1,6 +1,6 @@
 //! Passes numbers on, adding the newest one of an optional feedback input.
 
-use foveate_node::{ConfigError, In, Io, Node, NodeError, Out, Ports, Role, Setup};
+use foveate_node::{ConfigError, Io, Node, NodeError, Ports, Role, Setup, ports};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -14,9 +14,11 @@ pub struct RelaySettings {
     pub add: i64,
 }
 
-const NUMBERS: In<Number> = In::each(0, "numbers");
-const FEEDBACK: In<Number> = In::latest(1, "feedback").optional();
-const RELAYED: Out<Number> = Out::new(0, "numbers");
+ports! {
+    NUMBERS: In<Number> = each("numbers");
+    FEEDBACK: In<Number> = latest("feedback").optional();
+    RELAYED: Out<Number> = "numbers";
+}
 
 /// Gives number + `add` + the newest number at `feedback` (0 where nothing came yet), under the stamp of the number.
 pub struct Relay {
@@ -30,7 +32,7 @@ impl Node for Relay {
     type Settings = RelaySettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&NUMBERS).input(&FEEDBACK).output(&RELAYED)
+        declared_ports()
     }
 
     fn new(settings: RelaySettings, _setup: &Setup) -> Result<Self, ConfigError> {

@@ -1,127 +1,101 @@
 //! The pictures themselves.
 
 use foveate::estimation::statistics::median;
+use foveate::plot::axes::Range;
+use foveate::plot::colours::{REFERENCE, shade};
+use foveate::plot::legend::{Key, LINE_HEIGHT, Legend};
+use foveate::plot::svg::{Anchor, Pen, Point, SMALL, Svg};
+use foveate::plot::{Axis, COLOURS, Chart, Figure, Marks, Series, nothing};
 
 use super::course::{Course, Front, Moment, neighbours};
-use crate::plot::axes::{Labels, Panel, Range, round_step};
-use crate::plot::legend::{COLOURS, Key, LEGEND_WIDTH, Legend};
-use crate::plot::svg::{Anchor, Pen, Point, Rect, SMALL, Svg, TEXT};
-use crate::plot::thin::{FIGURE_POINTS, thin_courses};
 
-const LEFT: f64 = 76.0;
-const TOP: f64 = 46.0;
-const WIDTH: f64 = 760.0;
+const WIDTH: f64 = 660.0;
+/// Height of a panel with curves.
+const HEIGHT: f64 = 170.0;
 /// Least and greatest height of a view of the world.
 const LOWEST: f64 = 130.0;
-const HIGHEST: f64 = 900.0;
+const HIGHEST: f64 = 800.0;
 const OURS: &str = COLOURS[0];
-const COMPARED: &str = "#9a9a9a";
 const FILLED: &str = COLOURS[1];
-/// Surfaces that lie over one another in the picture of the whole way.
+/// Surfaces that lie over one another in the picture of the whole way, and of how many the legend says when they were.
 const OVERLAID: usize = 60;
+const DATED: usize = 6;
 /// Stills, in rows of four.
 const STILLS: usize = 8;
 /// A line goes on over as many usual steps [–].
 const LONGEST_STEPS: f64 = 4.5;
 /// Marks of the pairs whose distances are drawn are this far apart on average [m].
 const PAIRS: std::ops::Range<f64> = 0.015..0.09;
+/// Why a figure is empty.
+const NO_MARKS: &str = "no marks were recovered in this run";
 
 /// All surfaces over one another, in the world, from above and from the front, at one scale along all axes [Davis 2002 Fig. 63].
 pub(super) fn way(course: &Course, name: &str) -> String {
     let step = course.moments.len().div_ceil(OVERLAID).max(1);
     let shown: Vec<&Moment> = course.moments.iter().step_by(step).collect();
     let title = format!("{name}: the marks of {} moments in the world", shown.len());
-    let all = || shown.iter().flat_map(|it| it.in_world());
-    let values = |axis: usize| all().map(|it| it.0[axis]).filter(|it| it.is_finite()).collect::<Vec<_>>();
+    let values = |axis: usize| shown.iter().flat_map(|it| it.in_world()).map(|it| it.0[axis]).collect::<Vec<_>>();
     let range = |axis: usize| Range::of_most(&mut values(axis)).map(|it| it.widened(0.04));
-    let (Some(x), Some(y), Some(z)) = (range(0), range(1), range(2)) else { return nothing(&title) };
+    let (Some(x), Some(y), Some(z)) = (range(0), range(1), range(2)) else { return nothing(&title, NO_MARKS) };
     // [px/m]; a panel that would be too low or too narrow shows more of the world, not a stretched one.
     let scale = (WIDTH / x.length()).min(HIGHEST / y.length()).min(HIGHEST / z.length());
-    let tall = |it: Range| (it.length() * scale).max(LOWEST);
-    let reach = |it: Range, pixels: f64| {
-        let (middle, half) = (0.5 * (it.min + it.max), 0.5 * pixels / scale);
-        Range { min: middle - half, max: middle + half }
+    let over = |axis: Axis, of: Range, pixels: f64| {
+        let Range { min, max } = of.around_middle(pixels / scale);
+        axis.over(min, max)
     };
-    let [deep, high] = [tall(y), tall(z)];
-    let (x, y, z) = (reach(x, WIDTH), reach(y, deep), reach(z, high));
-    let mut svg = Svg::new(LEFT + WIDTH + 20.0, TOP + deep + high + 90.0, &title);
-    let steps = [Some(round_step(42.0 / scale)); 2];
-    let mut top = TOP;
-    for (axis, other, tall, label) in [(1, y, deep, "y [m], from above"), (2, z, high, "z [m], from the front")] {
-        let rect = Rect { left: LEFT, top, width: WIDTH, height: tall };
-        let panel = Panel { rect, x, y: other };
-        panel.background(&mut svg, Labels { steps, ..Labels::new((axis == 2).then_some("x [m]"), label) });
-        svg.within(rect, |svg| {
-            for (number, moment) in shown.iter().enumerate() {
-                let colour = COLOURS[number % COLOURS.len()];
-                for (place, _) in moment.in_world() {
-                    svg.circle(panel.place(place.x, place[axis]), 1.3, colour, Pen::new("none", 0.0));
-                }
-            }
-        });
-        panel.frame(&mut svg);
-        top += tall + 30.0;
-    }
-    svg.finish()
-}
-
-/// A figure that says that it shows nothing, and why.
-fn nothing(title: &str) -> String {
-    let mut svg = Svg::new(LEFT + WIDTH + 20.0, TOP + 80.0, title);
-    svg.text([LEFT, TOP + 30.0], Anchor::Start, TEXT, "nothing to show: no marks were recovered in this run");
-    svg.finish()
+    // From pale, the first, to dark, the last.
+    let part = |index: usize| index as f64 / (shown.len() - 1).max(1) as f64;
+    let shades: Vec<String> = (0..shown.len()).map(|it| shade(0.12 + 0.88 * part(it))).collect();
+    let dated: Vec<usize> = (0..DATED).map(|it| it * (shown.len() - 1) / (DATED - 1)).collect();
+    let view = |upwards: usize, of: Range, across: Axis, label: &str| {
+        let tall = (of.length() * scale).max(LOWEST);
+        let mut chart = Chart::new("", [WIDTH, tall], over(across, x, WIDTH), over(Axis::new(label), of, tall));
+        for (index, (moment, colour)) in shown.iter().zip(&shades).enumerate() {
+            let name = if dated.contains(&index) { format!("{:.1} s", moment.time_s) } else { String::new() };
+            let points = moment.in_world().map(|(place, _)| [place.x, place[upwards]]).collect();
+            chart.series.push(Series::new(name, Marks::Dots(1.3), Pen::new(colour, 1.0), points));
+        }
+        chart
+    };
+    let above = view(1, y, Axis::new("x [m]").hidden(), "from above: y [m]");
+    let front = view(2, z, Axis::new("x [m]"), "from the front: z [m]");
+    Figure { title, n_columns: 1, charts: vec![above, front] }.svg()
 }
 
 /// By how much the distances of two pairs of marks deviate from their means over time: of the pair whose distance changes most and of the one whose
 /// distance changes least [Davis 2002 Fig. 64].
 pub(super) fn distances(ours: &Course, compared: &Course, name: &str) -> String {
+    let title = format!("{name}: how far the distance of two marks is from its mean over the session");
     let pairs = extreme_pairs(ours);
     if pairs.is_empty() {
-        return nothing(&format!("{name}: how far the distance of two marks is from its mean over the session"));
+        return nothing(&title, NO_MARKS);
     }
-    let mut svg = Svg::new(
-        LEFT + WIDTH + LEGEND_WIDTH + 20.0,
-        TOP + 2.0 * 190.0 + 60.0,
-        &format!("{name}: how far the distance of two marks is from its mean over the session"),
-    );
-    let mut legend = Legend::at([LEFT + WIDTH + 20.0, TOP]);
-    legend.entry(&mut svg, Key::Line(Pen::new(OURS, 1.5)), "all cameras");
-    if !compared.moments.is_empty() {
-        legend.entry(&mut svg, Key::Line(Pen::new(COMPARED, 1.5)), "to compare with");
-    }
-    let time = Range::of(ours.moments.iter().map(|it| it.time_s)).unwrap_or(Range { min: 0.0, max: 1.0 });
-    for (row, (pair, what)) in pairs.into_iter().zip(["most", "least"]).enumerate() {
+    let last = pairs.len() - 1;
+    let chart = |(row, (pair, what)): (usize, ([u32; 2], &str))| {
         let deviations = |course: &Course| {
             let distances = course.distance(pair);
             let mean = distances.iter().map(|it| it.1).sum::<f64>() / distances.len().max(1) as f64;
-            distances.into_iter().map(|it| (it.0, (it.1 - mean) * 1e3)).collect::<Vec<_>>()
+            distances.into_iter().map(|it| [it.0, (it.1 - mean) * 1e3]).collect::<Vec<_>>()
         };
-        let (mine, other) = (deviations(ours), deviations(compared));
-        let y =
-            Range::of(mine.iter().chain(&other).map(|it| it.1)).unwrap_or(Range { min: -1.0, max: 1.0 }).widened(0.1);
-        let rect = Rect { left: LEFT, top: TOP + row as f64 * 210.0, width: WIDTH, height: 180.0 };
-        let panel = Panel { rect, x: time.widened(0.01), y };
-        let label = format!("{}–{} (changes {what}) [mm]", pair[0], pair[1]);
-        panel.background(&mut svg, Labels::new((row == 1).then_some("time [s]"), &label));
-        svg.within(rect, |svg| {
-            for (course, pen) in [(other, Pen::new(COMPARED, 1.2)), (mine, Pen::new(OURS, 1.2))] {
-                svg.lines(&pieces(&course, &panel), pen);
-            }
-        });
-        panel.frame(&mut svg);
-    }
-    svg.finish()
+        let title = format!("marks {}–{}, whose distance changes {what}", pair[0], pair[1]);
+        let x = Axis::new("time [s]");
+        let x = if row < last { x.hidden() } else { x };
+        let mut chart = Chart::new(title, [WIDTH, HEIGHT], x, Axis::new("deviation [mm]"));
+        if !compared.moments.is_empty() {
+            chart = chart.with(curve("to compare with", REFERENCE, deviations(compared)));
+        }
+        chart.with(curve("all cameras", OURS, deviations(ours)))
+    };
+    let charts = pairs.into_iter().zip(["most", "least"]).enumerate().map(chart).collect();
+    Figure { title, n_columns: 1, charts }.svg()
 }
 
-/// A course as lines; where something is missing for long there is none.
-fn pieces(course: &[(f64, f64)], panel: &Panel) -> Vec<Vec<Point>> {
-    let steps: Vec<f64> = course.windows(2).map(|it| it[1].0 - it[0].0).collect();
+/// A course as a line; where something is missing for long there is none.
+fn curve<'a>(name: &str, colour: &'a str, course: Vec<Point>) -> Series<'a> {
+    let steps: Vec<f64> = course.windows(2).map(|it| it[1][0] - it[0][0]).collect();
     let longest = LONGEST_STEPS * median(&steps).unwrap_or(0.0);
-    let runs = course.chunk_by(|a, b| b.0 - a.0 <= longest);
-    let mut lines: Vec<Vec<Point>> =
-        runs.map(|run| run.iter().map(|it| panel.place(it.0, it.1)).collect::<Vec<Point>>()).collect();
-    thin_courses(&mut lines, FIGURE_POINTS / 4);
-    lines
+    let pieces = course.chunk_by(|a, b| b[0] - a[0] <= longest).map(<[Point]>::to_vec).collect();
+    Series { pieces, ..Series::line(name, colour, Vec::new()) }
 }
 
 /// The pair whose distance changes most and the one whose changes least, of those that were there most of the time.
@@ -146,69 +120,52 @@ fn extreme_pairs(course: &Course) -> Vec<[u32; 2]> {
     ends.into_iter().flatten().map(|it| it.1).collect()
 }
 
-/// What a curve shows of a moment.
-type Of<'a> = &'a dyn Fn(&Moment) -> Option<f64>;
-
 /// How many marks were measured and filled in, and how well the model describes them.
 pub(super) fn counts(course: &Course, name: &str) -> String {
+    let title = format!("{name}: marks measured and filled in, and how well the model fits");
     if course.moments.is_empty() {
-        return nothing(&format!("{name}: marks measured and filled in, and how well the model fits"));
+        return nothing(&title, NO_MARKS);
     }
-    let mut svg = Svg::new(
-        LEFT + WIDTH + LEGEND_WIDTH + 20.0,
-        TOP + 2.0 * 190.0 + 60.0,
-        &format!("{name}: marks measured and filled in, and how well the model fits"),
-    );
-    let mut legend = Legend::at([LEFT + WIDTH + 20.0, TOP]);
-    legend.entry(&mut svg, Key::Line(Pen::new(OURS, 1.5)), "measured");
-    legend.entry(&mut svg, Key::Line(Pen::new(FILLED, 1.5)), "filled in");
-    let mut legend = Legend::at([LEFT + WIDTH + 20.0, TOP + 210.0]);
-    legend.entry(&mut svg, Key::Line(Pen::new(OURS, 1.5)), "rms of the fit [mm]");
-    legend.entry(&mut svg, Key::Line(Pen::new(FILLED, 1.5)), "outside the model [–]");
-    let x = Range::of(course.moments.iter().map(|it| it.time_s)).unwrap_or(Range { min: 0.0, max: 1.0 }).widened(0.01);
-    let count = |it: &Moment, filled: bool| it.samples.iter().filter(|it| it.is_filled == filled).count() as f64;
-    let curves = |of: [Of<'_>; 2]| {
-        of.map(|of| course.moments.iter().filter_map(|it| Some((it.time_s, of(it)?))).collect::<Vec<_>>())
+    let line = |name: &str, colour, of: &dyn Fn(&Moment) -> Option<f64>| {
+        curve(name, colour, course.moments.iter().filter_map(|it| Some([it.time_s, of(it)?])).collect())
     };
-    let rows = [
-        ("marks", curves([&|it| Some(count(it, false)), &|it| Some(count(it, true))])),
-        ("rms [mm]; outside [–]", curves([&|it| Some(it.rms? * 1e3), &|it| it.out_of_distribution])),
-    ];
-    for (row, (label, curves)) in rows.into_iter().enumerate() {
-        let is_empty = curves.iter().all(Vec::is_empty);
-        let values = curves.iter().flatten().map(|it| it.1).chain([0.0]);
-        let whole = Range { min: 0.0, max: 1.0 };
-        let y = Range::of(values).filter(|_| !is_empty).unwrap_or(whole).widened(0.06);
-        let rect = Rect { left: LEFT, top: TOP + row as f64 * 210.0, width: WIDTH, height: 180.0 };
-        let panel = Panel { rect, x, y };
-        panel.background(&mut svg, Labels::new((row == 1).then_some("time [s]"), label));
-        svg.within(rect, |svg| {
-            for (curve, colour) in curves.iter().zip([OURS, FILLED]) {
-                svg.lines(&pieces(curve, &panel), Pen::new(colour, 1.2));
-            }
-        });
-        panel.frame(&mut svg);
-        if is_empty {
-            let middle = [rect.left + 0.5 * rect.width, rect.top + 0.5 * rect.height];
-            svg.text(middle, Anchor::Middle, SMALL, "no shape was fitted in this run");
-        }
-    }
-    svg.finish()
+    let count = |it: &Moment, filled: bool| Some(it.samples.iter().filter(|it| it.is_filled == filled).count() as f64);
+    let span =
+        Range::of(course.moments.iter().map(|it| it.time_s)).unwrap_or(Range { min: 0.0, max: 1.0 }).widened(0.01);
+    let time = || Axis::new("time [s]").over(span.min, span.max);
+    let marks = Chart::new("", [WIDTH, HEIGHT], time(), Axis::new("marks [–]").from_zero().whole())
+        .with(line("measured", OURS, &|it| count(it, false)))
+        .with(line("filled in", FILLED, &|it| count(it, true)));
+    let charts = if course.moments.iter().any(|it| it.rms.is_some() || it.out_of_distribution.is_some()) {
+        let rms = Chart::new("", [WIDTH, HEIGHT], time().hidden(), Axis::new("rms of the fit [mm]").from_zero());
+        let out_of_distribution =
+            Chart::new("", [WIDTH, HEIGHT], time(), Axis::new("outside the model [–]").from_zero());
+        vec![
+            Chart { x: time().hidden(), ..marks },
+            rms.with(line("", OURS, &|it| Some(it.rms? * 1e3))),
+            out_of_distribution.with(line("", OURS, &|it| it.out_of_distribution)),
+        ]
+    } else {
+        let fit = Chart::new("", [WIDTH, 40.0], time().hidden(), Axis::new(""));
+        vec![marks, fit.if_empty("no shape was fitted in this run")]
+    };
+    Figure { title, n_columns: 1, charts }.svg()
 }
 
 /// Some moments of the surface from before it, marks joined to their neighbours; filled marks stand out [Davis 2002 Fig. 62, 70].
 pub(super) fn stills(course: &Course, name: &str) -> String {
-    const SIDE: f64 = 236.0;
+    const SIDE: f64 = 210.0;
+    const TOP: f64 = 46.0;
     let title = format!("{name}: the surface at some moments");
     // Moments with marks enough for a net, where there are any: a still of two dots shows no surface.
     let whole: Vec<&Moment> = course.moments.iter().filter(|it| Front::of(it).is_some()).collect();
     if whole.is_empty() {
-        return nothing(&title);
+        return nothing(&title, NO_MARKS);
     }
     let step = (whole.len() / STILLS).max(1);
     let shown: Vec<&Moment> = whole.into_iter().skip(step / 2).step_by(step).take(STILLS).collect();
     let rows = shown.len().div_ceil(4) as f64;
-    let mut svg = Svg::new(4.0 * SIDE + 40.0, TOP + rows * (SIDE + 24.0) + 44.0, &title);
+    let mut svg = Svg::new(4.0 * SIDE + 40.0, TOP + rows * (SIDE + 24.0) + 24.0 + 2.0 * LINE_HEIGHT, &title);
     // One frame of reference and one net for all: that of the moment with most marks.
     let fullest = course.moments.iter().max_by_key(|it| (it.samples.len(), std::cmp::Reverse(it.time_s.to_bits())));
     let net = fullest.map(neighbours).unwrap_or_default();
@@ -234,6 +191,7 @@ pub(super) fn stills(course: &Course, name: &str) -> String {
         svg.text(below, Anchor::Middle, SMALL, &format!("{:.1} s", moment.time_s));
     }
     let mut legend = Legend::at([24.0, TOP + rows * (SIDE + 24.0) + 14.0]);
-    legend.entry(&mut svg, Key::Dot { fill: OURS }, "measured; rings: filled in by the model");
+    legend.entry(&mut svg, Key::Dot { fill: OURS, edge: OURS }, "measured");
+    legend.entry(&mut svg, Key::Dot { fill: "#ffffff", edge: FILLED }, "filled in by the model");
     svg.finish()
 }

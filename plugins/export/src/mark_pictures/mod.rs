@@ -17,9 +17,11 @@ use serde::{Deserialize, Serialize};
 use crate::row_file::write_pictures;
 use course::Course;
 
-const MARKS: In<Marks> = In::each(0, "marks");
-const SHAPE: In<Marks> = In::each(1, "shape").optional();
-const COMPARED: In<Marks> = In::each(2, "compared").optional();
+ports! {
+    MARKS: In<Marks> = each("marks");
+    SHAPE: In<Marks> = each("shape").optional();
+    COMPARED: In<Marks> = each("compared").optional();
+}
 
 /// Settings of [`ExportMarkPictures`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -57,7 +59,7 @@ impl Node for ExportMarkPictures {
     type Settings = ExportMarkPicturesSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&MARKS).input(&SHAPE).input(&COMPARED)
+        declared_ports()
     }
 
     fn new(settings: ExportMarkPicturesSettings, setup: &Setup) -> Result<Self, ConfigError> {
@@ -181,7 +183,7 @@ mod tests {
         let mut node = node(folder.path());
         (0..60).for_each(|it| node.shown[0].push(&marks(f64::from(it) / 30.0, 36)));
         let text = draw::distances(&node.shown[0], &node.shown[2], "face");
-        assert!(text.contains("(changes most)") && text.contains(">0–"), "mark 0 moves");
+        assert!(text.contains("marks 0–") && text.contains("whose distance changes most"), "mark 0 moves");
         let moment = &node.shown[0].moments[0];
         let front = course::Front::of(moment).unwrap();
         // The face looks along +y with z up: seen from before it, -x is to the right.
@@ -198,7 +200,9 @@ mod tests {
         assert!(svg.contains("no shape was fitted in this run") && !svg.contains("0.0010"), "{svg}");
         let fit = foveate::messages::ShapeFit { rms: 0.001, out_of_distribution: 0.2, weights: Vec::new() };
         (60..90).for_each(|it| course.push(&Marks { fit: Some(fit.clone()), ..marks(f64::from(it) / 30.0, 36) }));
-        assert!(!draw::counts(&course, "face").contains("no shape was fitted"));
+        let fitted = draw::counts(&course, "face");
+        assert!(!fitted.contains("no shape was fitted"));
+        assert!(fitted.contains("rms of the fit [mm]") && fitted.contains("outside the model [–]"), "an axis each");
     }
 
     /// Places of the numbers along an axis: those of texts with this anchor [px], and what stands there.

@@ -23,8 +23,10 @@ use serde::{Deserialize, Serialize};
 use turns::TurnOptions;
 pub use watch::{Bump, Watch, WatchOptions};
 
-const FEATURES: In<Features> = In::each(0, "features").many();
-const TARGETS: In<Targets> = In::each(1, "targets");
+ports! {
+    FEATURES: In<Features> = each("features").many();
+    TARGETS: In<Targets> = each("targets");
+}
 
 /// Settings of [`CameraWatch`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -38,6 +40,7 @@ pub struct CameraWatchSettings {
     pub bins: u32,
     /// Observations that a turn is made of at least [–]
     #[schemars(range(min = 4, max = 10000))]
+    #[schemars(extend("x-formerly" = "min_sightings"))]
     pub min_observations: u32,
     /// A smaller turn is not told: the calibration itself is known no better [mrad]
     #[schemars(range(min = 0.01, max = 100.0))]
@@ -112,7 +115,7 @@ impl Node for CameraWatch {
     type Settings = CameraWatchSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&FEATURES).input(&TARGETS)
+        declared_ports()
     }
 
     fn new(settings: CameraWatchSettings, setup: &Setup) -> Result<Self, ConfigError> {

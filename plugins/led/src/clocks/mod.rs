@@ -21,7 +21,9 @@ use bearings::{Bearing, Bearings};
 use joint::{Link, Solution, solve};
 use search::{SearchOptions, search};
 
-const FEATURES: In<Features> = In::each(0, "features").many();
+ports! {
+    FEATURES: In<Features> = each("features").many();
+}
 
 /// Of one camera: an hour at 280 Hz. More are left out and counted.
 const MAX_BEARINGS: usize = 1_000_000;
@@ -104,7 +106,7 @@ impl Node for ClocksNode {
     type Settings = ClocksSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&FEATURES)
+        declared_ports()
     }
 
     fn new(settings: ClocksSettings, setup: &Setup) -> Result<Self, ConfigError> {

@@ -10,8 +10,10 @@ use serde::{Deserialize, Serialize};
 pub use comparison::{Comparison, ComparisonOptions};
 pub use distribution::Distribution;
 
-const FEATURES: In<Features> = In::each(0, "features").many();
-const TARGETS: In<Targets> = In::each(1, "targets");
+ports! {
+    FEATURES: In<Features> = each("features").many();
+    TARGETS: In<Targets> = each("targets");
+}
 
 /// Settings of [`Reprojection`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -51,7 +53,7 @@ impl Node for Reprojection {
     type Settings = ReprojectionSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&FEATURES).input(&TARGETS)
+        declared_ports()
     }
 
     fn new(settings: ReprojectionSettings, setup: &Setup) -> Result<Self, ConfigError> {

@@ -27,6 +27,7 @@ pub enum MotionModel {
 /// What happens to a frame captured before the filter's time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(extend("x-formerly" = { "refilter": "out_of_sequence" }))]
 pub enum LateRule {
     /// It is discarded. With clocks that disagree this starves cameras [Davis 2002, Figure 35].
     Discard,
@@ -98,32 +99,40 @@ pub struct IntegratorSettings {
     /// Lines of sight this close to a point meet there. Covers the motion between unsynchronised frames as well, and so limits
     /// the speed of a target at its initiation [mm].
     #[schemars(range(min = 0.001, max = 1000000.0))]
+    #[schemars(extend("x-formerly" = "birth_tolerance_mm"))]
     pub initiation_tolerance_mm: f64,
     /// Different cameras whose lines of sight must meet where a target is initiated. The paper used 2; with several lights, two
     /// lines of different lights meet by accident many times a second, three rarely [–].
     #[schemars(range(min = 2, max = 1000))]
+    #[schemars(extend("x-formerly" = "birth_cameras"))]
     pub initiation_cameras: u32,
     /// And this part of the cameras whose field of view contains the point and that sent a frame within `stale_after_ms`.
     /// Keeps accidents out where many cameras look on; hidden and fast lights need a low value [–].
     #[schemars(range(min = 0.0, max = 1.0))]
+    #[schemars(extend("x-formerly" = "birth_share"))]
     pub initiation_share: f64,
     /// A target is given out at its initiation when this part of those cameras agrees; otherwise once three more frames have seen it,
     /// and `initiation_share` of all that show its place. 0: always at once, as in the paper [–].
     #[schemars(range(min = 0.0, max = 1.0))]
+    #[schemars(extend("x-formerly" = "birth_sure_share"))]
     pub initiation_sure_share: f64,
     /// Two lines of sight fix a point only at this angle or more: below, the depth is a guess, and cameras side by side
     /// are no confirmation of one another [deg].
     #[schemars(range(min = 0.01, max = 90.0))]
+    #[schemars(extend("x-formerly" = "birth_angle_deg"))]
     pub initiation_angle_deg: f64,
     /// Speed to be expected at initiation, each axis, standard deviation [m/s].
     #[schemars(range(min = 0.001, max = 10000.0))]
+    #[schemars(extend("x-formerly" = "birth_speed_m_s"))]
     pub initiation_speed_m_s: f64,
     /// A frame with more unmatched features than this is noise, and initiates nothing [–].
     #[schemars(range(min = 1, max = 1000))]
+    #[schemars(extend("x-formerly" = "birth_features_max"))]
     pub initiation_features_max: u32,
     /// For this long after its initiation it is counted how many of the frames that show its place see a target; it is taken back
     /// when they are less than half of `initiation_share` [ms].
     #[schemars(range(min = 0.0, max = 10000.0))]
+    #[schemars(extend("x-formerly" = "probation_ms"))]
     pub tentative_ms: f64,
     /// Unmatched features older than this do not take part in an initiation [ms].
     #[schemars(range(min = 0.0, max = 10000.0))]
@@ -147,6 +156,7 @@ pub struct IntegratorSettings {
     /// How far an unmatched feature may be from where the one of that camera's frame before was expected, to be the same one: its motion
     /// lets fast targets be initiated. 0: only slow ones are, as in the paper [px].
     #[schemars(range(min = 0.0, max = 1000.0))]
+    #[schemars(extend("x-formerly" = "birth_motion_px"))]
     pub initiation_motion_px: f64,
     /// For how long a lost target is remembered: one that is initiated where it can have gone, with the same distances to the others
     /// around, takes its identity up again. 0: never, as in the paper [ms].

@@ -25,11 +25,13 @@ use registration::register;
 pub use settings::{IntegratorSettings, Views};
 use track_store::TrackStore;
 
-const FEATURES: In<Features> = In::synced(0, "features", 4).many();
-const POSES: In<HeadPose> = In::each(1, "poses").many().optional();
-const FILLED: In<Marks> = In::latest(2, "filled").optional();
-const MARKS: Out<Marks> = Out::new(0, "marks");
-const GUIDE: Out<MarkGuide> = Out::new(1, "guide");
+ports! {
+    FEATURES: In<Features> = synced("features", 4).many();
+    POSES: In<HeadPose> = each("poses").many().optional();
+    FILLED: In<Marks> = latest("filled").optional();
+    MARKS: Out<Marks> = "marks";
+    GUIDE: Out<MarkGuide> = "guide";
+}
 
 /// With fewer marks than this the surface is looked for as if nothing were known.
 const LEAST_TO_GO_ON: usize = 6;
@@ -93,7 +95,7 @@ impl Node for Integrator {
     type Settings = IntegratorSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&FEATURES).input(&POSES).input(&FILLED).output(&MARKS).output(&GUIDE)
+        declared_ports()
     }
 
     fn new(settings: IntegratorSettings, setup: &Setup) -> Result<Self, ConfigError> {

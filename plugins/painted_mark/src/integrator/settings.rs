@@ -42,9 +42,11 @@ pub struct IntegratorSettings {
     pub start_px: f64,
     /// Cameras that have to agree on a mark that nobody named, at least; 2 where there are no more [–].
     #[schemars(range(min = 2, max = 16))]
+    #[schemars(extend("x-formerly" = "birth_views"))]
     pub initiation_views: u32,
     /// Pictures in a row in which they have to, before the mark counts [–].
     #[schemars(range(min = 1, max = 1000))]
+    #[schemars(extend("x-formerly" = "birth_frames"))]
     pub initiation_frames: u32,
     /// Marks lie at least this far apart [mm].
     #[schemars(range(min = 0.5, max = 1000.0))]

@@ -19,10 +19,12 @@ use nalgebra::{Matrix3, Matrix6, Point3, Vector3};
 use capture::{Capture, Rigid};
 pub use settings::{Kind, ShapeSettings};
 
-const MARKS_IN: In<Marks> = In::each(0, "marks");
-const SPACE: In<ScaleSpace> = In::latest(1, "space").many().optional();
-const MARKS: Out<Marks> = Out::new(0, "marks");
-const TARGETS: Out<Targets> = Out::new(1, "targets");
+ports! {
+    MARKS_IN: In<Marks> = each("marks");
+    SPACE: In<ScaleSpace> = latest("space").many().optional();
+    MARKS: Out<Marks> = "marks";
+    TARGETS: Out<Targets> = "targets";
+}
 
 /// Variance of a velocity about which nothing is known [m²/s²].
 const UNKNOWN_VELOCITY: f64 = 1e6;
@@ -75,7 +77,7 @@ impl Node for Shape {
     type Settings = ShapeSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&MARKS_IN).input(&SPACE).output(&MARKS).output(&TARGETS)
+        declared_ports()
     }
 
     fn new(settings: ShapeSettings, setup: &Setup) -> Result<Self, ConfigError> {

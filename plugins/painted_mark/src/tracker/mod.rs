@@ -15,9 +15,11 @@ pub use corrections::{Correction, read as read_corrections};
 pub use mark_tracker::MarkTracker;
 pub use settings::TrackerSettings;
 
-const IMAGE: In<Image> = In::each(0, "image");
-const GUIDE: In<MarkGuide> = In::latest(1, "guide").optional();
-const FEATURES: Out<Features> = Out::new(0, "features");
+ports! {
+    IMAGE: In<Image> = each("image");
+    GUIDE: In<MarkGuide> = latest("guide").optional();
+    FEATURES: Out<Features> = "features";
+}
 
 /// Pictures in, painted marks out [Davis 2002 §5.1]: with a label those whose names are known, chosen by hand or given by the guide, without one the
 /// dots whose names are not. What is in doubt is left out.
@@ -36,7 +38,7 @@ impl Node for TrackerNode {
     type Settings = TrackerSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&IMAGE).input(&GUIDE).output(&FEATURES)
+        declared_ports()
     }
 
     fn new(settings: TrackerSettings, setup: &Setup) -> Result<Self, ConfigError> {

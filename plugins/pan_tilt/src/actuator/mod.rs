@@ -21,9 +21,11 @@ use link::{Device, Simulated};
 pub use settings::{ActuatorSettings, Model};
 use units::Scale;
 
-const COMMANDS: In<HeadCommand> = In::each(0, "commands").optional();
-const LINE: In<Line> = In::latest(1, "line").optional();
-const REPORT: Out<HeadReport> = Out::new(0, "report");
+ports! {
+    COMMANDS: In<HeadCommand> = each("commands").optional();
+    LINE: In<Line> = latest("line").optional();
+    REPORT: Out<HeadReport> = "report";
+}
 
 /// Reports hold what happened in so long a time, so that who samples them misses nothing.
 const REPORTED: Interval = Interval(1_000_000_000);
@@ -79,7 +81,7 @@ impl Node for Actuator {
     type Settings = ActuatorSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&COMMANDS).input(&LINE).output(&REPORT)
+        declared_ports()
     }
 
     fn new(mut settings: ActuatorSettings, setup: &Setup) -> Result<Self, ConfigError> {

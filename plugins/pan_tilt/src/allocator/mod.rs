@@ -11,9 +11,11 @@ pub use settings::AllocatorSettings;
 use foveate::estimation::allocation::MAX_HEADS;
 use foveate::prelude::*;
 
-const TARGETS: In<Targets> = In::each(0, "targets");
-const REPORTS: In<HeadReport> = In::latest(1, "reports").many().optional();
-const ASSIGNMENT: Out<Assignment> = Out::new(0, "assignment");
+ports! {
+    TARGETS: In<Targets> = each("targets");
+    REPORTS: In<HeadReport> = latest("reports").many().optional();
+    ASSIGNMENT: Out<Assignment> = "assignment";
+}
 
 /// Targets in, which head follows which of them out. Two heads or more for each target that look at it from well apart, as long as there are
 /// enough; which ones changes only where that gains something for a while, and one after another.
@@ -30,7 +32,7 @@ impl Node for AllocatorNode {
     type Settings = AllocatorSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&TARGETS).input(&REPORTS).output(&ASSIGNMENT)
+        declared_ports()
     }
 
     fn new(settings: AllocatorSettings, setup: &Setup) -> Result<Self, ConfigError> {

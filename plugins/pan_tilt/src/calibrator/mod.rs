@@ -22,9 +22,11 @@ use foveate::scene::Calibration;
 
 pub use settings::{CalibratorSettings, Carrier, Units};
 
-const TARGETS: In<Targets> = In::each(0, "targets");
-const FEATURES: In<Features> = In::each(1, "features").many();
-const REPORT: In<HeadReport> = In::each(2, "report").many();
+ports! {
+    TARGETS: In<Targets> = each("targets");
+    FEATURES: In<Features> = each("features").many();
+    REPORT: In<HeadReport> = each("report").many();
+}
 
 /// Samples of the light closer than this say nothing new [s].
 const LIGHT_STEP_S: f64 = 0.008;
@@ -66,7 +68,7 @@ impl Node for Calibrator {
     type Settings = CalibratorSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&TARGETS).input(&FEATURES).input(&REPORT)
+        declared_ports()
     }
 
     fn new(settings: CalibratorSettings, setup: &Setup) -> Result<Self, ConfigError> {
@@ -190,7 +192,7 @@ impl Calibrator {
 
     fn tell_gathered(&self, name: &str, gathered: &Gathered, several: u64, report: &mut Report) {
         let figures = [
-            ("looks", gathered.camera_frames as f64),
+            ("camera_frames", gathered.camera_frames as f64),
             ("several_lights", several as f64),
             ("moving", gathered.moving as f64),
             ("without_light", gathered.without_light as f64),

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 /// How the target is extrapolated to the moment at which the head will obey.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(extend("x-formerly" = { "learned": "linear", "contest": "weighted" }))]
 pub enum PredictorKind {
     /// Not at all.
     None,
@@ -17,9 +18,9 @@ pub enum PredictorKind {
     Acceleration,
     /// Interacting models: now at constant velocity, now not.
     Interacting,
-    /// As it went on after movements like its last ones.
+    /// Linear prediction: a combination of recent displacements, fitted to what followed them [Prony].
     Linear,
-    /// All of these, weighted by what has foretold best of late.
+    /// All of these, weighted by their recent prediction errors.
     #[default]
     Weighted,
 }

@@ -17,9 +17,11 @@ use foveate::prelude::*;
 
 pub use settings::SweepSettings;
 
-const FEATURES: In<Features> = In::each(0, "features");
-const REPORT: In<HeadReport> = In::latest(1, "report").optional();
-const COMMANDS: Out<HeadCommand> = Out::new(0, "commands");
+ports! {
+    FEATURES: In<Features> = each("features");
+    REPORT: In<HeadReport> = latest("report").optional();
+    COMMANDS: Out<HeadCommand> = "commands";
+}
 
 /// A head on its way over settings; each picture of its camera is a turn.
 pub struct SweepNode {
@@ -55,7 +57,7 @@ impl Node for SweepNode {
     type Settings = SweepSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&FEATURES).input(&REPORT).output(&COMMANDS)
+        declared_ports()
     }
 
     fn new(settings: SweepSettings, setup: &Setup) -> Result<Self, ConfigError> {

@@ -28,6 +28,7 @@ pub struct SweepSettings {
     pub step_px: f64,
     /// So many observations are enough at a setting … [–]
     #[schemars(range(min = 1, max = 100000))]
+    #[schemars(extend("x-formerly" = "sightings"))]
     pub observations: u32,
     /// … when they lie in so many ninths of the picture [–]
     #[schemars(range(min = 1, max = 9))]

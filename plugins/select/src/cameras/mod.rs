@@ -10,8 +10,10 @@ pub use settings::CamerasSettings;
 
 use foveate::prelude::*;
 
-const TARGETS: In<Targets> = In::each(0, "targets");
-const CHOICE: Out<CameraChoice> = Out::new(0, "choice");
+ports! {
+    TARGETS: In<Targets> = each("targets");
+    CHOICE: Out<CameraChoice> = "choice";
+}
 
 /// Targets in, the cameras that see them best together out: in view and not at the rim, large, from well apart, not hidden; a few for each
 /// target, and as few as possible in all. `select.gate` lets their pictures through.
@@ -28,7 +30,7 @@ impl Node for CamerasNode {
     type Settings = CamerasSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&TARGETS).output(&CHOICE)
+        declared_ports()
     }
 
     fn new(settings: CamerasSettings, setup: &Setup) -> Result<Self, ConfigError> {

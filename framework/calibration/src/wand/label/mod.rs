@@ -62,7 +62,7 @@ pub struct Labelled {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LabelError {
     /// Lists of different lengths.
-    #[error("{camera_frames} looks and {frames} frames of looks, expected as many of each")]
+    #[error("{camera_frames} camera frames and {frames} frame numbers, expected as many of each")]
     LengthsDiffer {
         /// Looks.
         camera_frames: usize,
@@ -70,7 +70,7 @@ pub enum LabelError {
         frames: usize,
     },
     /// A look by nobody.
-    #[error("look {camera_frame} is of camera {camera}, expected less than {cameras}")]
+    #[error("camera frame {camera_frame} is of camera {camera}, expected less than {cameras}")]
     NoSuchCamera {
         /// Which look.
         camera_frame: usize,

@@ -4,6 +4,9 @@
 
 use std::collections::BTreeMap;
 
+use foveate_plot::svg::Rect;
+use foveate_plot::text::text_width;
+
 use super::order::{Join, Slot, arrange};
 use super::{Link, Sketch, Step};
 
@@ -24,15 +27,6 @@ const CHANNEL: f64 = 18.0;
 /// Bends that are drawn: a graph with more has its long edges drawn straight.
 const MOST_BENDS: usize = 20_000;
 
-/// A rectangle.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Rect {
-    pub x: f64,
-    pub y: f64,
-    pub width: f64,
-    pub height: f64,
-}
-
 /// The way of a link.
 #[derive(Debug, Clone)]
 pub(super) enum Way {
@@ -52,11 +46,6 @@ pub(super) struct Layout {
     pub ways: Vec<Way>,
     pub width: f64,
     pub height: f64,
-}
-
-/// Width of a text in a proportional font.
-pub(super) fn text_width(text: &str, size: f64) -> f64 {
-    text.chars().count() as f64 * size * 0.58
 }
 
 /// Places a sketch below `top`.
@@ -99,7 +88,7 @@ pub(super) fn place(sketch: &Sketch<'_>, top: f64) -> Layout {
     for step in sketch.walk() {
         match step {
             Step::Into(scale) => {
-                layout.frames[scale].y = y;
+                layout.frames[scale].top = y;
                 y += HEADER;
                 lane_top[scale] = y;
                 lane_height[scale] = lanes[scale].height;
@@ -108,7 +97,7 @@ pub(super) fn place(sketch: &Sketch<'_>, top: f64) -> Layout {
                     let x = column_x[columns[node]] + (column_width[columns[node]] - widths[node]) / 2.0;
                     let centre = y + lane.slots[slot].y;
                     layout.boxes[node] =
-                        Rect { x, y: centre - BOX_HEIGHT / 2.0, width: widths[node], height: BOX_HEIGHT };
+                        Rect { left: x, top: centre - BOX_HEIGHT / 2.0, width: widths[node], height: BOX_HEIGHT };
                 }
                 let backward = lane.n_backward as f64;
                 y += lane.height + if lane.n_backward > 0 { 6.0 + CHANNEL * backward } else { 0.0 };
@@ -116,13 +105,13 @@ pub(super) fn place(sketch: &Sketch<'_>, top: f64) -> Layout {
             }
             Step::OutOf(scale) => {
                 let frame = layout.frames[scale];
-                layout.frames[scale].height = y - frame.y;
+                layout.frames[scale].height = y - frame.top;
                 y += PADDING;
             }
         }
     }
     frame_widths(sketch, &mut layout);
-    let right = layout.frames.iter().map(|it| it.x + it.width).fold(0.0, f64::max);
+    let right = layout.frames.iter().map(Rect::right).fold(0.0, f64::max);
     layout.width = right + 24.0;
     layout.height = y;
     layout.ways = ways(sketch, &layout, &lanes, &lane_top, &lane_height, &columns, &column_x, &column_width);
@@ -202,7 +191,7 @@ fn frame_widths(sketch: &Sketch<'_>, layout: &mut Layout) {
         let place = layout.boxes[node];
         let edge = &mut edges[part.scale];
         // Room for the labels of outputs and the turns of backward edges.
-        *edge = (edge.0.min(place.x - 30.0), edge.1.max(place.x + place.width + 30.0));
+        *edge = (edge.0.min(place.left - 30.0), edge.1.max(place.right() + 30.0));
     }
     for (scale, frame) in sketch.scales.iter().enumerate().rev() {
         let (mut left, mut right) = edges[scale];
@@ -212,7 +201,7 @@ fn frame_widths(sketch: &Sketch<'_>, layout: &mut Layout) {
         let name = text_width(frame.name, 15.0) + text_width(&frame.about, 12.0) + 50.0;
         right = right.max(left + name);
         edges[scale] = (left, right);
-        layout.frames[scale].x = left;
+        layout.frames[scale].left = left;
         layout.frames[scale].width = right - left;
         if let Some(parent) = frame.parent {
             let edge = &mut edges[parent];
@@ -237,7 +226,7 @@ fn ways(
         match bend {
             _ if link.from >= link.to => f64::INFINITY,
             Some(&slot) => lane_top[lane] + lanes[lane].slots[slot].y,
-            None => layout.boxes[node].y + number as f64 * 1e-6,
+            None => layout.boxes[node].top + number as f64 * 1e-6,
         }
     };
     let bends = |link: &Link<'_>, number: usize| lanes[sketch.nodes[link.from].scale].bends.get(&number);
@@ -255,10 +244,10 @@ fn ways(
     for (number, link) in sketch.links.iter().enumerate() {
         let (from_box, to_box) = (layout.boxes[link.from], layout.boxes[link.to]);
         let at = |place: &Rect, share: &BTreeMap<(usize, usize), f64>, key| {
-            place.y + place.height * share.get(&key).copied().unwrap_or(0.5)
+            place.top + place.height * share.get(&key).copied().unwrap_or(0.5)
         };
-        let from = (from_box.x + from_box.width, at(&from_box, &outlets, (link.from, link.output)));
-        let to = (to_box.x, at(&to_box, &inlets, (link.to, link.input)));
+        let from = (from_box.right(), at(&from_box, &outlets, (link.from, link.output)));
+        let to = (to_box.left, at(&to_box, &inlets, (link.to, link.input)));
         let scale = sketch.nodes[link.from].scale;
         if link.from >= link.to {
             used[scale] += 1;

@@ -1,9 +1,12 @@
 //! The drawing itself.
 
 use std::collections::BTreeSet;
-use std::fmt::Write;
 
-use super::layout::{Layout, Rect, Way, place, text_width};
+use foveate_plot::colours::{PAPER, Theme};
+use foveate_plot::svg::{Anchor, Font, Pen, Rect, Step, Svg};
+use foveate_plot::text::text_width;
+
+use super::layout::{Layout, Way, place};
 use super::{Sketch, colours};
 
 /// Room above the scales, for the title.
@@ -13,51 +16,35 @@ const LEGEND: f64 = 40.0;
 /// Radius of the turns of backward edges.
 const TURN: f64 = 8.0;
 
-const STYLE: &str = "text{font-family:system-ui,-apple-system,'Segoe UI',Roboto,'DejaVu Sans',sans-serif;fill:#1b2733}\
-.title{font-size:18px;font-weight:600}.small{font-size:12px;font-weight:400;fill:#5a6b7b}.scale{font-size:15px;font-weight:600}\
-.name{font-size:13px;font-weight:600}.type{font-size:11px;fill:#41505e}.count{font-size:11px;font-weight:600;fill:#fff}\
-.message{font-size:10.5px;fill:#41505e;paint-order:stroke;stroke:#fff;stroke-width:3px;stroke-linejoin:round}\
-.back{fill:#8a5a00;text-anchor:middle}.edge{fill:none;stroke:#5a6b7b;stroke-width:1.4}.feedback{stroke-dasharray:5 4;stroke:#8a5a00}\
-.frame{fill:#f7f9fb;stroke:#c3ced8}.inner{fill:#fff}";
+const INK: &str = "#1b2733";
+const SOFT: &str = "#41505e";
+const EDGE: Pen<'static> = Pen::new("#5a6b7b", 1.4);
+const FEEDBACK: Pen<'static> = Pen::new("#8a5a00", 1.4).dashed("5 4");
+const THEME: Theme = Theme { ink: INK, muted: "#5a6b7b", ..PAPER };
+const SMALL: Font<'static> = Font::new(12.0).coloured(THEME.muted);
 
 /// An SVG document of a sketch.
 pub(super) fn draw(sketch: &Sketch<'_>) -> String {
     let layout = place(sketch, TITLE);
     let width = layout.width.max(title_width(sketch)).max(legend_width(sketch));
-    let height = layout.height + LEGEND;
-    let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{height:.0}\" \
-         viewBox=\"0 0 {width:.0} {height:.0}\" role=\"img\">\n<title>{}</title>\n<style>{STYLE}</style>\n\
-         <defs><marker id=\"tip\" viewBox=\"0 0 8 8\" refX=\"7.2\" refY=\"4\" markerWidth=\"7\" markerHeight=\"7\" \
-         orient=\"auto-start-reverse\"><path d=\"M0 0.6 8 4 0 7.4z\" fill=\"#5a6b7b\"/></marker>\
-         <marker id=\"back\" viewBox=\"0 0 8 8\" refX=\"7.2\" refY=\"4\" markerWidth=\"7\" markerHeight=\"7\" \
-         orient=\"auto-start-reverse\"><path d=\"M0 0.6 8 4 0 7.4z\" fill=\"#8a5a00\"/></marker></defs>\n\
-         <rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n",
-        escaped(sketch.title)
-    );
-    let _ = writeln!(svg, "<text x=\"24\" y=\"30\" class=\"title\">{}</text>", escaped(sketch.title));
-    let _ = writeln!(svg, "<text x=\"24\" y=\"49\" class=\"small\">{}</text>", counts(sketch));
+    let mut svg = Svg::bare(width, layout.height + LEGEND, sketch.title, THEME);
+    svg.text([24.0, 30.0], Anchor::Start, Font::new(18.0).bold(), sketch.title);
+    svg.text([24.0, 49.0], Anchor::Start, SMALL, &counts(sketch));
     for (index, frame) in sketch.scales.iter().enumerate() {
-        let Rect { x, y, width, height } = layout.frames[index];
-        let class = if depth_is_odd(sketch, index) { "frame inner" } else { "frame" };
-        let _ = writeln!(
-            svg,
-            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" rx=\"10\" class=\"{class}\"/>\
-             <text x=\"{:.1}\" y=\"{:.1}\" class=\"scale\">{}<tspan class=\"small\" dx=\"10\">{}</tspan></text>",
-            x + 14.0,
-            y + 24.0,
-            escaped(frame.name),
-            escaped(&frame.about)
-        );
+        let rect = layout.frames[index];
+        let fill = if depth_is_odd(sketch, index) { "#ffffff" } else { "#f7f9fb" };
+        svg.rounded(rect, 10.0, fill, Some(Pen::new("#c3ced8", 1.0)));
+        let (at, name) = ([rect.left + 14.0, rect.top + 24.0], Font::new(15.0).bold());
+        svg.text(at, Anchor::Start, name, frame.name);
+        svg.text([at[0] + text_width(frame.name, name.size) + 12.0, at[1]], Anchor::Start, SMALL, &frame.about);
     }
     draw_links(&mut svg, sketch, &layout);
     for (index, part) in sketch.nodes.iter().enumerate() {
-        draw_box(&mut svg, part, layout.boxes[index]);
+        svg.with_hint(&format!("{}: {}", part.name, part.role.name()), |svg| draw_box(svg, part, layout.boxes[index]));
     }
     draw_messages(&mut svg, sketch, &layout);
     draw_legend(&mut svg, sketch, layout.height + 14.0);
-    svg.push_str("</svg>\n");
-    svg
+    svg.finish()
 }
 
 fn counts(sketch: &Sketch<'_>) -> String {
@@ -85,118 +72,82 @@ fn depth_is_odd(sketch: &Sketch<'_>, scale: usize) -> bool {
     odd
 }
 
-fn draw_box(svg: &mut String, part: &super::Part<'_>, place: Rect) {
+fn draw_box(svg: &mut Svg, part: &super::Part<'_>, place: Rect) {
     let (fill, stroke) = colours(part.role);
-    let Rect { x, y, width, height } = place;
-    let _ = write!(
-        svg,
-        "<g><title>{}: {}</title><rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" rx=\"6\" \
-         fill=\"{fill}\" stroke=\"{stroke}\" stroke-width=\"1.3\"/>",
-        escaped(part.name),
-        part.role.name()
-    );
+    svg.rounded(place, 6.0, fill, Some(Pen::new(stroke, 1.3)));
     if part.count > 1 {
         let count = format!("×{}", part.count);
-        let pill = text_width(&count, 11.0) + 10.0;
-        let _ = write!(
-            svg,
-            "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{pill:.1}\" height=\"16\" rx=\"8\" fill=\"{stroke}\"/>\
-             <text x=\"{:.1}\" y=\"{:.1}\" class=\"count\" text-anchor=\"middle\">{count}</text>",
-            x + width - pill - 7.0,
-            y + 6.0,
-            x + width - pill / 2.0 - 7.0,
-            y + 18.0
-        );
+        let width = text_width(&count, 11.0) + 10.0;
+        let pill = Rect { left: place.right() - width - 7.0, top: place.top + 6.0, width, height: 16.0 };
+        svg.rounded(pill, 8.0, stroke, None);
+        let font = Font::new(11.0).bold().coloured("#ffffff");
+        svg.text([pill.middle()[0], pill.top + 12.0], Anchor::Middle, font, &count);
     }
-    let _ = writeln!(
-        svg,
-        "<text x=\"{:.1}\" y=\"{:.1}\" class=\"name\">{}</text><text x=\"{:.1}\" y=\"{:.1}\" class=\"type\">{}</text></g>",
-        x + 12.0,
-        y + 19.0,
-        escaped(part.name),
-        x + 12.0,
-        y + 35.0,
-        escaped(part.type_name)
-    );
+    let left = place.left + 12.0;
+    svg.text([left, place.top + 19.0], Anchor::Start, Font::new(13.0).bold(), part.name);
+    svg.text([left, place.top + 35.0], Anchor::Start, Font::new(11.0).coloured(SOFT), part.type_name);
 }
 
-fn draw_links(svg: &mut String, sketch: &Sketch<'_>, layout: &Layout) {
+fn draw_links(svg: &mut Svg, sketch: &Sketch<'_>, layout: &Layout) {
     for (link, way) in sketch.links.iter().zip(&layout.ways) {
-        let (class, tip) = if link.feedback { ("edge feedback", "back") } else { ("edge", "tip") };
-        let _ = writeln!(
-            svg,
-            "<path d=\"{}\" class=\"{class}\" marker-end=\"url(#{tip})\"><title>{}</title></path>",
-            path(way),
-            escaped(&link.about)
-        );
+        let pen = if link.feedback { FEEDBACK } else { EDGE };
+        let (from, steps, to) = path(way);
+        svg.with_hint(&link.about, |svg| {
+            svg.curve(from, &steps, pen);
+            svg.arrow_head(to, pen.colour);
+        });
     }
 }
 
-fn path(way: &Way) -> String {
-    let mut path = String::new();
+/// Where the line of a way begins, its steps, and where it ends; every way ends to the right.
+fn path(way: &Way) -> ([f64; 2], Vec<Step>, [f64; 2]) {
     match way {
         Way::Forward(points) => {
-            let mut before: Option<(f64, f64)> = None;
-            for &(x, y) in points {
-                match before {
-                    None => {
-                        let _ = write!(path, "M{x:.1} {y:.1}");
-                    }
-                    Some((_, y0)) if (y - y0).abs() < 0.05 => {
-                        let _ = write!(path, "L{x:.1} {y:.1}");
-                    }
-                    Some((x0, y0)) => {
-                        let middle = (x0 + x) / 2.0;
-                        let _ = write!(path, "C{middle:.1} {y0:.1} {middle:.1} {y:.1} {x:.1} {y:.1}");
-                    }
-                }
-                before = Some((x, y));
-            }
+            let point = |it: &(f64, f64)| [it.0, it.1];
+            let [from, to] = [points.first(), points.last()].map(|it| it.map_or([0.0; 2], point));
+            let step = |pair: &[(f64, f64)]| {
+                let [[x0, y0], [x, y]] = [point(&pair[0]), point(&pair[1])];
+                let middle = (x0 + x) / 2.0;
+                let is_level = (y - y0).abs() < 0.05;
+                if is_level { Step::To([x, y]) } else { Step::Cubic([middle, y0], [middle, y], [x, y]) }
+            };
+            (from, points.windows(2).map(step).collect(), to)
         }
         Way::Around { from, level, to } => {
             let (right, left) = (from.0 + 20.0, to.0 - 20.0);
             let (down, up) = ((level - from.1).signum() * TURN, (to.1 - level).signum() * TURN);
-            let _ = write!(
-                path,
-                "M{:.1} {:.1}L{:.1} {:.1}Q{right:.1} {:.1} {right:.1} {:.1}L{right:.1} {:.1}Q{right:.1} {level:.1} {:.1} {level:.1}\
-                 L{:.1} {level:.1}Q{left:.1} {level:.1} {left:.1} {:.1}L{left:.1} {:.1}Q{left:.1} {:.1} {:.1} {:.1}L{:.1} {:.1}",
-                from.0,
-                from.1,
-                right - TURN,
-                from.1,
-                from.1,
-                from.1 + down,
-                level - down,
-                right - TURN,
-                left + TURN,
-                level + up,
-                to.1 - up,
-                to.1,
-                left + TURN,
-                to.1,
-                to.0,
-                to.1
-            );
+            let steps = vec![
+                Step::To([right - TURN, from.1]),
+                Step::Quadratic([right, from.1], [right, from.1 + down]),
+                Step::To([right, level - down]),
+                Step::Quadratic([right, *level], [right - TURN, *level]),
+                Step::To([left + TURN, *level]),
+                Step::Quadratic([left, *level], [left, level + up]),
+                Step::To([left, to.1 - up]),
+                Step::Quadratic([left, to.1], [left + TURN, to.1]),
+                Step::To([to.0, to.1]),
+            ];
+            ([from.0, from.1], steps, [to.0, to.1])
         }
     }
-    path
 }
 
 /// The message of each output: beside it, or on the way back.
-fn draw_messages(svg: &mut String, sketch: &Sketch<'_>, layout: &Layout) {
+fn draw_messages(svg: &mut Svg, sketch: &Sketch<'_>, layout: &Layout) {
+    let font = Font::new(10.5).coloured(SOFT).with_halo();
     let mut drawn = BTreeSet::new();
     for (link, way) in sketch.links.iter().zip(&layout.ways) {
-        let (x, y, class) = match way {
-            Way::Forward(points) => match points.first() {
-                Some(&(x, y)) => (x + 5.0, y - 4.0, "message"),
-                None => continue,
-            },
-            Way::Around { from, level, to } => ((from.0 + to.0) / 2.0, level - 4.0, "message back"),
-        };
-        let is_back = matches!(way, Way::Around { .. });
-        if is_back || drawn.insert((link.from, link.output)) {
-            let message = escaped(&link.label);
-            let _ = writeln!(svg, "<text x=\"{x:.1}\" y=\"{y:.1}\" class=\"{class}\">{message}</text>");
+        match way {
+            Way::Forward(points) => {
+                let Some(&(x, y)) = points.first() else { continue };
+                if drawn.insert((link.from, link.output)) {
+                    svg.text([x + 5.0, y - 4.0], Anchor::Start, font, &link.label);
+                }
+            }
+            Way::Around { from, level, to } => {
+                let at = [(from.0 + to.0) / 2.0, level - 4.0];
+                svg.text(at, Anchor::Middle, font.coloured(FEEDBACK.colour), &link.label);
+            }
         }
     }
 }
@@ -205,43 +156,18 @@ fn legend_width(sketch: &Sketch<'_>) -> f64 {
     48.0 + sketch.roles().map(|it| text_width(it.name(), 12.0) + 34.0).sum::<f64>() + 130.0
 }
 
-fn draw_legend(svg: &mut String, sketch: &Sketch<'_>, y: f64) {
+fn draw_legend(svg: &mut Svg, sketch: &Sketch<'_>, y: f64) {
     let mut x = 24.0;
     for role in sketch.roles() {
         let (fill, stroke) = colours(role);
-        let _ = writeln!(
-            svg,
-            "<rect x=\"{x:.1}\" y=\"{:.1}\" width=\"12\" height=\"12\" rx=\"3\" fill=\"{fill}\" stroke=\"{stroke}\"/>\
-             <text x=\"{:.1}\" y=\"{:.1}\" class=\"small\">{}</text>",
-            y - 10.0,
-            x + 18.0,
-            y,
-            role.name()
-        );
+        let swatch = Rect { left: x, top: y - 10.0, width: 12.0, height: 12.0 };
+        svg.rounded(swatch, 3.0, fill, Some(Pen::new(stroke, 1.0)));
+        svg.text([x + 18.0, y], Anchor::Start, SMALL, role.name());
         x += text_width(role.name(), 12.0) + 34.0;
     }
     if sketch.links.iter().any(|it| it.feedback) {
-        let _ = writeln!(
-            svg,
-            "<path d=\"M{x:.1} {:.1}h28\" class=\"edge feedback\" marker-end=\"url(#back)\"/>\
-             <text x=\"{:.1}\" y=\"{y:.1}\" class=\"small\">feedback</text>",
-            y - 4.0,
-            x + 35.0
-        );
+        svg.line([x, y - 4.0], [x + 28.0, y - 4.0], FEEDBACK);
+        svg.arrow_head([x + 28.0, y - 4.0], FEEDBACK.colour);
+        svg.text([x + 35.0, y], Anchor::Start, SMALL, "feedback");
     }
-}
-
-/// As it may stand in XML; what XML cannot hold is left out.
-fn escaped(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for letter in text.chars().filter(|it| !it.is_control() && !matches!(it, '\u{fffe}' | '\u{ffff}')) {
-        match letter {
-            '&' => escaped.push_str("&amp;"),
-            '<' => escaped.push_str("&lt;"),
-            '>' => escaped.push_str("&gt;"),
-            '"' => escaped.push_str("&quot;"),
-            other => escaped.push(other),
-        }
-    }
-    escaped
 }

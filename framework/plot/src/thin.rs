@@ -1,10 +1,10 @@
 //! Lines with no more points than can be seen.
 
-use super::axes::Range;
-use super::svg::Point;
+use crate::axes::Range;
+use crate::svg::{Point, Rect};
 
-/// Most points of all lines in a figure: about 600 kB.
-pub const FIGURE_POINTS: usize = 60_000;
+/// Most points of all lines in a frame: about 200 kB.
+pub const CHART_POINTS: usize = 20_000;
 
 /// Drops points that lie closer than `tolerance` [px] to the last kept one; both ends stay.
 fn spaced(points: &[Point], tolerance: f64) -> Vec<Point> {
@@ -46,6 +46,28 @@ pub fn thin_paths(lines: &mut [Vec<Point>], limit: usize) {
 /// Thins lines that run to the right, together, to about `limit` points.
 pub fn thin_courses(lines: &mut [Vec<Point>], limit: usize) {
     thin(lines, limit, 0.5, columns);
+}
+
+/// Of dots that lie within half a pixel of one another in `rect` the first; none outside it.
+pub fn thin_dots(dots: impl IntoIterator<Item = Point>, rect: Rect) -> Vec<Point> {
+    let [columns, rows] = [rect.width, rect.height].map(|it| (2.0 * it).clamp(1.0, 10_000.0) as usize);
+    let mut taken = vec![false; columns * rows];
+    let mut is_free = |[x, y]: &Point| {
+        let part = [(x - rect.left) / rect.width, (y - rect.top) / rect.height];
+        if !part.iter().all(|it| (0.0..=1.0).contains(it)) {
+            return false;
+        }
+        let cell = [(part[0] * columns as f64) as usize, (part[1] * rows as f64) as usize];
+        !std::mem::replace(&mut taken[cell[1].min(rows - 1) * columns + cell[0].min(columns - 1)], true)
+    };
+    dots.into_iter().filter(|it| is_free(it)).collect()
+}
+
+/// At most `most` of the items, evenly spaced from the first on.
+pub fn evenly<T>(items: &[T], most: usize) -> impl Iterator<Item = &T> {
+    let n = items.len();
+    let kept = n.min(most);
+    (0..kept).map(move |it| &items[it * n / kept.max(1)])
 }
 
 fn thin(lines: &mut [Vec<Point>], limit: usize, start: f64, by: impl Fn(&[Point], f64) -> Vec<Point>) {
@@ -98,6 +120,23 @@ mod tests {
         let kept = spaced(&points, 2.0);
         assert!(kept.len() < 300);
         assert_eq!((kept.first(), kept.last()), (points.first(), points.last()));
+    }
+
+    #[test]
+    fn dots_that_cannot_be_told_apart_are_one_and_those_outside_none() {
+        let rect = Rect { left: 10.0, top: 20.0, width: 100.0, height: 50.0 };
+        let many = (0..100_000_u32).map(|it| [10.0 + f64::from(it % 1009) * 0.1, 20.0 + f64::from(it % 997) * 0.06]);
+        let kept = thin_dots(many.chain([[f64::NAN, 30.0], [30.0, f64::INFINITY], [500.0, 30.0]]), rect);
+        assert!((10_000..=20_000).contains(&kept.len()), "{}", kept.len());
+        assert!(kept.iter().all(|[x, y]| (10.0..=110.0).contains(x) && (20.0..=70.0).contains(y)));
+        assert_eq!(thin_dots([[10.0, 20.0], [110.0, 70.0]], rect).len(), 2);
+        assert!(thin_dots([[1.0, 1.0]], Rect::default()).is_empty());
+    }
+
+    #[test]
+    fn even_choices_begin_with_the_first_and_hold_all_of_few() {
+        assert_eq!(evenly(&[1, 2, 3, 4, 5, 6], 3).collect::<Vec<_>>(), [&1, &3, &5]);
+        assert_eq!(evenly(&[1, 2], 7).count() + evenly::<u8>(&[], 7).count() + evenly(&[1], 0).count(), 2);
     }
 
     #[test]

@@ -1,34 +1,46 @@
-//! Marks on a copy of a camera's picture.
-
-use foveate::prelude::*;
+//! Marks on a copy of a picture, and the picture as PNG.
 
 /// A picture to draw on: RGB, enlarged.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Canvas {
-    pub(crate) width: u32,
-    pub(crate) height: u32,
-    /// Three bytes a pixel.
-    pub(crate) pixels: Vec<u8>,
+pub struct Canvas {
+    /// [px]
+    pub width: u32,
+    /// [px]
+    pub height: u32,
+    /// Three bytes a pixel, row by row.
+    pub pixels: Vec<u8>,
     zoom: u32,
 }
-
 impl Canvas {
-    /// A copy of `image` in which each pixel is `zoom` × `zoom` pixels, and gray levels are multiplied by `gain`.
-    pub(crate) fn of(image: &Image, zoom: u32, gain: f64) -> Self {
-        let (width, height) = (image.width * zoom, image.height * zoom);
-        let mut pixels = Vec::with_capacity(width as usize * height as usize * 3);
-        let channels = image.format.channels();
+    /// A copy of a picture of that width [px] and so many bytes a pixel (1: gray, 3: RGB), in which each pixel is `zoom` × `zoom`
+    /// pixels, and levels are multiplied by `gain`. A last row that is not whole is left out.
+    pub fn of(pixels: &[u8], width: u32, channels: usize, zoom: u32, gain: f64) -> Self {
+        let row_length = (width as usize * channels).max(1);
+        let height = (pixels.len() / row_length) as u32;
+        let mut copy = Vec::with_capacity(pixels.len() * 3 / channels.max(1) * (zoom * zoom) as usize);
         let lifted: Vec<u8> = (0..=255_u8).map(|it| (f64::from(it) * gain).round().min(255.0) as u8).collect();
-        for row in image.pixels.chunks_exact((image.width as usize * channels).max(1)) {
-            let start = pixels.len();
-            for pixel in row.chunks_exact(channels) {
+        for row in pixels.chunks_exact(row_length) {
+            let start = copy.len();
+            for pixel in row.chunks_exact(channels.max(1)) {
                 let of = |channel: usize| lifted[usize::from(pixel[channel.min(channels - 1)])];
-                (0..zoom).for_each(|_| pixels.extend([of(0), of(1), of(2)]));
+                (0..zoom).for_each(|_| copy.extend([of(0), of(1), of(2)]));
             }
-            let line = start..pixels.len();
-            (1..zoom).for_each(|_| pixels.extend_from_within(line.clone()));
+            let line = start..copy.len();
+            (1..zoom).for_each(|_| copy.extend_from_within(line.clone()));
         }
-        Self { width, height, pixels, zoom }
+        Self { width: width * zoom, height: height * zoom, pixels: copy, zoom }
+    }
+
+    /// The picture as a PNG file; or why there is none.
+    pub fn png(&self) -> Result<Vec<u8>, String> {
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, self.width, self.height);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_compression(png::Compression::Fast);
+        encoder.set_filter(png::Filter::Adaptive);
+        let written = encoder.write_header().and_then(|mut it| it.write_image_data(&self.pixels));
+        written.map(|()| bytes).map_err(|error| error.to_string())
     }
 
     /// Where the point (x, y) of the camera's picture, (0, 0) the centre of its first pixel, lies on this canvas.
@@ -39,7 +51,7 @@ impl Canvas {
 
     /// A ring around (x, y) of the camera's picture: `radius` in its pixels, one and a half pixels of the canvas wide, with
     /// soft edges.
-    pub(crate) fn ring(&mut self, x: f64, y: f64, radius: f64, colour: [u8; 3]) {
+    pub fn ring(&mut self, x: f64, y: f64, radius: f64, colour: [u8; 3]) {
         const HALF_WIDTH: f64 = 0.75;
         let (cx, cy) = self.place(x, y);
         let radius = radius * f64::from(self.zoom);
@@ -70,16 +82,9 @@ impl Canvas {
 mod tests {
     use super::*;
 
-    fn gray(width: u32, height: u32, level: u8) -> Image {
-        let pixels = vec![level; (width * height) as usize];
-        Image { width, height, pixels, ..Image::default() }
-    }
-
     #[test]
     fn enlarged_pixels_keep_their_places_and_are_lifted() {
-        let mut image = gray(3, 2, 10);
-        image.pixels[4] = 90;
-        let canvas = Canvas::of(&image, 2, 3.0);
+        let canvas = Canvas::of(&[10, 10, 10, 10, 90, 10], 3, 1, 2, 3.0);
         assert_eq!((canvas.width, canvas.height, canvas.pixels.len()), (6, 4, 72));
         for row in 0..4 {
             for column in 0..6 {
@@ -92,7 +97,7 @@ mod tests {
     #[test]
     fn ring_lies_around_its_point_and_leaves_the_middle_free() {
         for zoom in [1, 3] {
-            let mut canvas = Canvas::of(&gray(21, 21, 0), zoom, 1.0);
+            let mut canvas = Canvas::of(&[0; 21 * 21], 21, 1, zoom, 1.0);
             canvas.ring(10.0, 10.0, 6.0, [255, 0, 255]);
             let (mut sum, mut moment) = (0.0, (0.0, 0.0));
             for (index, pixel) in canvas.pixels.chunks(3).enumerate() {
@@ -111,10 +116,22 @@ mod tests {
 
     #[test]
     fn rings_at_and_beyond_the_edge_are_cut_off() {
-        let mut canvas = Canvas::of(&gray(8, 8, 0), 1, 1.0);
+        let mut canvas = Canvas::of(&[0; 8 * 8], 8, 1, 1, 1.0);
         for (x, y) in [(-3.0, 4.0), (7.5, 7.5), (-500.0, 0.0), (0.0, 1e9)] {
             canvas.ring(x, y, 5.0, [255; 3]);
         }
         assert_eq!(canvas.pixels.len(), 8 * 8 * 3);
+    }
+
+    #[test]
+    fn png_holds_the_pixels_and_colours_stay() {
+        let canvas = Canvas::of(&[1, 2, 3, 40, 50, 60], 2, 3, 1, 2.0);
+        assert_eq!(canvas.pixels, [2, 4, 6, 80, 100, 120]);
+        let bytes = canvas.png().unwrap();
+        let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
+        let mut pixels = vec![0; 6];
+        reader.next_frame(&mut pixels).unwrap();
+        assert_eq!(pixels, canvas.pixels);
+        assert!(Canvas::of(&[], 0, 1, 1, 1.0).png().is_err(), "a picture without pixels");
     }
 }

@@ -1,44 +1,30 @@
-//! Figures as a paper would show them, written as SVG: a few kinds of marks, axes with round numbers, legends.
+//! What the figures of `export.pictures` show: paths in space, positions and cameras over time.
 //!
-//! A figure of one's own: a [`svg::Svg`], in it an [`axes::Panel`], whose `place` takes values to the figure's pixels.
-//!
-//! ```
-//! use foveate_export::plot::axes::{Labels, Panel, Range};
-//! use foveate_export::plot::svg::{Pen, Rect, Svg};
-//!
-//! let mut svg = Svg::new(400.0, 300.0, "a parabola");
-//! let rect = Rect { left: 70.0, top: 40.0, width: 310.0, height: 210.0 };
-//! let panel = Panel { rect, x: Range { min: -1.0, max: 1.0 }, y: Range { min: 0.0, max: 1.0 } };
-//! panel.background(&mut svg, Labels::new(Some("x [m]"), "y [m²]"));
-//! let curve = (-20..=20).map(|it| f64::from(it) / 20.0).map(|x| panel.place(x, x * x));
-//! svg.lines(&[curve.collect()], Pen::new("#0072b2", 1.5));
-//! panel.frame(&mut svg);
-//! assert!(svg.finish().starts_with("<svg"));
-//! ```
-//!
-//! | module | what it gives |
+//! | module | what it draws |
 //! |---|---|
-//! | [`svg`] | the marks |
-//! | [`axes`] | ranges, ticks, frames |
-//! | [`thin`] | lines with no more points than can be seen |
-//! | [`legend`] | colours and keys |
 //! | `space` | paths from above and from the side, to scale |
 //! | `time` | position over time |
 //! | `cameras` | cameras over time |
 
-pub mod axes;
 pub(crate) mod cameras;
-pub mod legend;
 pub(crate) mod space;
-pub mod svg;
-pub mod thin;
 pub(crate) mod time;
 
 use foveate::geometry::Camera;
+use foveate::plot::colours::{COLOURS, OTHERS, PAPER, REFERENCE};
+use foveate::plot::svg::Pen;
 use foveate::prelude::TargetId;
 
 use crate::track_history::{History, Track};
-use legend::{COLOURS, OTHERS};
+
+/// Of what is no target.
+pub(crate) const INK: &str = PAPER.ink;
+/// Truth, behind all else.
+pub(crate) const TRUTH: Pen<'static> = Pen::new(REFERENCE, 2.6);
+/// Width of a measured stretch [px].
+pub(crate) const MEASURED: f64 = 1.4;
+/// Dashes of a predicted stretch.
+pub(crate) const PREDICTED: &str = "3 2.4";
 
 /// All that the figures show.
 pub(crate) struct Subject<'a> {

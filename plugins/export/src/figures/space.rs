@@ -1,13 +1,17 @@
 //! Paths in space, to scale: from above, and from two sides.
 
 use foveate::geometry::Camera;
+use foveate::plot::axes::{Labels, Panel, Range};
+use foveate::plot::colours::OTHERS;
+use foveate::plot::legend::{Key, LEGEND_WIDTH, LINE_HEIGHT, Legend};
+use foveate::plot::names::Names;
+use foveate::plot::svg::{Pen, Point, Rect, Svg, TITLE};
+use foveate::plot::text::text_width;
+use foveate::plot::thin::{CHART_POINTS, thin_paths};
+use foveate::plot::ticks::round_step;
 use nalgebra::Point2;
 
-use super::axes::{Labels, Panel, Range, round_step};
-use super::legend::{Key, LEGEND_WIDTH, Legend, MEASURED, PREDICTED, TRUTH};
-use super::svg::{Anchor, INK, Pen, Point, Rect, SMALL, Svg, TITLE, text_width};
-use super::thin::{FIGURE_POINTS, thin_paths};
-use super::{Coloured, Subject};
+use super::{Coloured, INK, MEASURED, PREDICTED, Subject, TRUTH};
 use crate::track_history::{Sample, Track};
 
 const LEFT: f64 = 76.0;
@@ -37,7 +41,7 @@ fn draw(subject: &Subject<'_>, title: &str, views: &[[usize; 2]]) -> String {
     let (panels, scale) = arrange(views, &ranges);
     let right = panels.iter().map(|it| it.rect.right()).fold(0.0, f64::max);
     let bottom = panels.iter().map(|it| it.rect.bottom()).fold(0.0, f64::max);
-    let height = (bottom + BELOW).max(TOP + Legend::height(subject, 9));
+    let height = (bottom + BELOW).max(TOP + LINE_HEIGHT * (subject.tracks.len() + 12) as f64);
     let title = match subject.unit {
         "m" => title.to_owned(),
         unit => format!("{title} [{unit} of the calibration]"),
@@ -45,7 +49,7 @@ fn draw(subject: &Subject<'_>, title: &str, views: &[[usize; 2]]) -> String {
     let width = (right + LEGEND_WIDTH + 20.0).max(text_width(&title, TITLE) + 32.0);
     let mut svg = Svg::new(width, height, &title);
     for (axes, panel) in views.iter().zip(&panels) {
-        view(&mut svg, subject, *axes, panel, (reach, FIGURE_POINTS / 2 / views.len()));
+        view(&mut svg, subject, *axes, panel, (reach, CHART_POINTS / views.len()));
     }
     legend(&mut svg, subject, scale, [right + 20.0, TOP]);
     svg.finish()
@@ -64,12 +68,9 @@ fn arrange(views: &[[usize; 2]], ranges: &[Range; 3]) -> (Vec<Panel>, f64) {
     let mut panels = Vec::new();
     for &[across, up] in views {
         let [width, height] = [across, up].map(|axis| (length(axis) * scale).max(NARROWEST));
-        let fit = |range: Range, pixels: f64| {
-            let (middle, half) = ((range.min + range.max) / 2.0, pixels / scale / 2.0);
-            Range { min: middle - half, max: middle + half }
-        };
+        let fit = |range: Range, pixels: f64| range.around_middle(pixels / scale);
         let rect = Rect { left: corner[0], top: corner[1], width, height };
-        panels.push(Panel { rect, x: fit(ranges[across], width), y: fit(ranges[up], height) });
+        panels.push(Panel::new(rect, fit(ranges[across], width), fit(ranges[up], height)));
         if below >= beside {
             corner[1] = rect.bottom() + BELOW;
         } else {
@@ -100,7 +101,7 @@ fn range(subject: &Subject<'_>, axis: usize, reach: f64) -> Range {
 fn view(svg: &mut Svg, subject: &Subject<'_>, [across, up]: [usize; 2], panel: &Panel, (reach, limit): (f64, usize)) {
     let label = |axis: usize| format!("{} [{}]", AXES[axis], subject.unit);
     // Both axes have the same scale, and so the same distance of ticks.
-    let step = Some(round_step(42.0 / panel.rect.width * panel.x.length()));
+    let step = Some(round_step(42.0 / panel.rect.width * panel.x.range.length()));
     panel.background(svg, Labels { steps: [step; 2], ..Labels::new(Some(&label(across)), &label(up)) });
     let place = |position: [f64; 3]| panel.place(position[across], position[up]);
     svg.within(panel.rect, |svg| {
@@ -119,7 +120,14 @@ fn view(svg: &mut Svg, subject: &Subject<'_>, [across, up]: [usize; 2], panel: &
             .collect();
         thin_paths(&mut truth, limit);
         svg.lines(&truth, TRUTH);
-        paths(svg, subject, limit, place);
+        let all = tracks(subject, |it| place(it.position.map(f64::from)));
+        let n_points = |lines: &[Vec<Point>]| lines.iter().map(Vec::len).sum::<usize>();
+        let n_all = all.iter().map(|it| n_points(&it.2)).sum::<usize>().max(1);
+        for (_, pen, mut lines) in all {
+            let share = n_points(&lines) as f64 / n_all as f64;
+            thin_paths(&mut lines, (limit as f64 * share) as usize + 500);
+            svg.lines(&lines, pen);
+        }
         for it in &subject.tracks {
             ends(svg, it, place);
         }
@@ -128,36 +136,27 @@ fn view(svg: &mut Svg, subject: &Subject<'_>, [across, up]: [usize; 2], panel: &
     panel.frame(svg);
 }
 
-fn paths(svg: &mut Svg, subject: &Subject<'_>, limit: usize, place: impl Fn([f64; 3]) -> Point) {
-    let (mut lines, pens) = tracks(subject, |it| place(it.position.map(f64::from)));
-    thin_paths(&mut lines, limit);
-    draw_tracks(svg, &lines, &pens);
-}
-
-/// Each target's line, measured and predicted stretches apart, and for each the pen that it is drawn with.
-pub(crate) fn tracks<'a>(subject: &Subject<'a>, place: impl Fn(&Sample) -> Point) -> (Vec<Vec<Point>>, Vec<Pen<'a>>) {
-    let stretches =
-        subject.all().flat_map(|it| stretches(it.track).map(move |(measured, stretch)| (it.colour, measured, stretch)));
-    stretches
-        .map(|(colour, measured, stretch)| {
+/// The measured stretches, and then the predicted ones, of each target with a colour, and before them of all others together: what the
+/// legend says, the pen, and the lines.
+pub(crate) fn tracks<'a>(
+    subject: &Subject<'a>,
+    place: impl Fn(&Sample) -> Point,
+) -> Vec<(String, Pen<'a>, Vec<Vec<Point>>)> {
+    let others = (format!("{} shorter tracks", subject.others.len()), OTHERS, subject.others.as_slice());
+    let own = subject.tracks.chunks(1).map(|it| (format!("target {}", it[0].id.0), it[0].colour, it));
+    let mut all = Vec::new();
+    for (name, colour, tracks) in std::iter::once(others).filter(|it| !it.2.is_empty()).chain(own) {
+        for is_measured in [true, false] {
+            let of_kind = tracks.iter().flat_map(|it| stretches(it.track)).filter(|it| it.0 == is_measured);
+            let lines = of_kind.map(|(_, stretch)| stretch.iter().map(&place).collect()).collect();
             let pen = Pen::new(colour, MEASURED);
-            (stretch.iter().map(&place).collect::<Vec<_>>(), if measured { pen } else { pen.dashed(PREDICTED) })
-        })
-        .unzip()
-}
-
-/// Draws lines, those of one pen as one mark.
-pub(crate) fn draw_tracks(svg: &mut Svg, lines: &[Vec<Point>], pens: &[Pen<'_>]) {
-    let mut order: Vec<Pen<'_>> = Vec::new();
-    for pen in pens {
-        if !order.contains(pen) {
-            order.push(*pen);
+            all.push(match is_measured {
+                true => (name.clone(), pen, lines),
+                false => (String::new(), pen.dashed(PREDICTED), lines),
+            });
         }
     }
-    for pen in order {
-        let of_pen: Vec<Vec<Point>> = lines.iter().zip(pens).filter(|it| *it.1 == pen).map(|it| it.0.clone()).collect();
-        svg.lines(&of_pen, pen);
-    }
+    all
 }
 
 /// Runs of samples that are all measured or all predicted, each beginning with the last sample of the one before, so that no
@@ -203,46 +202,39 @@ fn draw_camera(svg: &mut Svg, (centre, far): &(Point, Vec<Point>)) {
 /// Names beside the cameras where there is room; a name that would cover a camera or another name is left out.
 fn camera_names(svg: &mut Svg, subject: &Subject<'_>, panel: &Panel, reach: f64, place: impl Fn([f64; 3]) -> Point) {
     let outlines: Vec<_> = subject.cameras.iter().map(|(_, camera)| outline(camera, reach, &place)).collect();
-    let mut taken: Vec<Rect> = Vec::new();
+    let mut names = Names::within(panel.rect);
     for (centre, far) in &outlines {
-        let around = |[x, y]: Point| Rect { left: x - 4.0, top: y - 4.0, width: 8.0, height: 8.0 };
-        let between = |a: Point, b: Point, part: f64| [a[0] + (b[0] - a[0]) * part, a[1] + (b[1] - a[1]) * part];
-        taken.push(around(*centre));
+        names.keep_off(*centre);
         for (index, corner) in far.iter().enumerate() {
-            let next = far[(index + 1) % far.len()];
-            taken.extend([0.33, 0.67, 1.0].map(|part| around(between(*centre, *corner, part))));
-            taken.extend([0.25, 0.5, 0.75].map(|part| around(between(*corner, next, part))));
+            names.keep_off_line(*centre, *corner);
+            names.keep_off_line(*corner, far[(index + 1) % far.len()]);
         }
     }
-    for ((name, _), ([x, y], _)) in subject.cameras.iter().zip(outlines) {
-        let (width, height) = (text_width(name, SMALL), SMALL);
-        let rects = [9.0, 16.0, 26.0, 40.0].into_iter().flat_map(|away| {
-            let (right, left, centred) = (x + away, x - away - width, x - width / 2.0);
-            let (above, beside, below) = (y - away, y + height * 0.35, y + away + height * 0.75);
-            let (up, down) = (y - away * 0.7, y + away * 0.7 + height * 0.7);
-            [(centred, above), (centred, below), (right, beside), (left, beside)].into_iter().chain([
-                (right, up),
-                (left, up),
-                (right, down),
-                (left, down),
-            ])
-        });
-        let free = rects
-            .map(|(left, base)| Rect { left, top: base - height, width, height: height * 1.25 })
-            .find(|it| panel.rect.holds(it) && taken.iter().all(|other| !it.overlaps(other)));
-        if let Some(rect) = free {
-            svg.text([rect.left + width / 2.0, rect.top + height], Anchor::Middle, SMALL, name);
-            taken.push(rect);
-        }
+    for ((name, _), (centre, _)) in subject.cameras.iter().zip(outlines) {
+        names.write(svg, centre, name);
     }
 }
 
 fn legend(svg: &mut Svg, subject: &Subject<'_>, scale: f64, at: Point) {
     let mut legend = Legend::at(at);
-    legend.tracks(svg, subject);
-    legend.line_styles(svg);
-    legend.entry(svg, Key::Dot { fill: "white" }, "begins");
-    legend.entry(svg, Key::Dot { fill: INK }, "ends");
+    for it in &subject.tracks {
+        legend.entry(svg, Key::Line(Pen::new(it.colour, 2.2)), &format!("target {}", it.id.0));
+    }
+    let n_others = subject.others.len() as u64;
+    if n_others > 0 {
+        legend.entry(svg, Key::Line(Pen::new(OTHERS, 1.4)), &format!("{n_others} shorter tracks"));
+    }
+    if subject.n_left_out > 0 {
+        legend.words(svg, &format!("{} short ones left out", subject.n_left_out));
+    }
+    if !subject.truth.is_empty() {
+        legend.entry(svg, Key::Line(TRUTH), "truth");
+    }
+    legend.skip();
+    legend.entry(svg, Key::Line(Pen::new(INK, MEASURED)), "measured");
+    legend.entry(svg, Key::Line(Pen::new(INK, MEASURED).dashed(PREDICTED)), "predicted");
+    legend.entry(svg, Key::Dot { fill: svg.theme().paper, edge: INK }, "begins");
+    legend.entry(svg, Key::Dot { fill: INK, edge: INK }, "ends");
     if !subject.cameras.is_empty() {
         legend.entry(svg, Key::Camera, "camera and its view");
     }

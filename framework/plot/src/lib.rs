@@ -1,0 +1,45 @@
+//! Every figure that is drawn: axes, lines, dots, histograms, maps, legends as SVG, marks on pictures as PNG.
+//!
+//! Pure functions: values in, text out, the same bytes each time; no number that is none ever reaches a file. Mostly a [`Figure`] of
+//! [`Chart`]s says all; what is no chart is drawn mark by mark with an [`svg::Svg`] and an [`axes::Panel`], whose `place` takes values to
+//! the figure's pixels.
+//!
+//! ```
+//! use foveate_plot::{Axis, Chart, Figure, Series, COLOURS};
+//!
+//! let curve = (-20..=20).map(|it| f64::from(it) / 20.0).map(|x| [x, x * x]).collect();
+//! let chart = Chart::new("", [310.0, 210.0], Axis::new("x [m]"), Axis::new("y [m²]"))
+//!     .with(Series::line("measured", COLOURS[0], curve));
+//! let figure = Figure { title: "A parabola".to_owned(), n_columns: 1, charts: vec![chart] };
+//! assert!(figure.svg().starts_with("<svg"));
+//! ```
+//!
+//! | module | what it gives |
+//! |---|---|
+//! | [`chart`] | series in frames, in a grid, with a legend |
+//! | [`svg`] | the marks |
+//! | [`axes`] | ranges and frames with axes |
+//! | [`ticks`] | round numbers along axes |
+//! | [`legend`] | what colours and signs mean |
+//! | [`names`] | names beside points, where there is room |
+//! | [`view`] | space in parallel projection |
+//! | [`thin`] | lines and dots with no more points than can be seen |
+//! | [`colours`] | colours that most eyes tell apart, shades, themes |
+//! | [`text`] | escaped texts, numbers in words |
+//! | `canvas` | marks on pictures, PNG (feature `png`) |
+
+pub mod axes;
+#[cfg(feature = "png")]
+pub mod canvas;
+pub mod chart;
+pub mod colours;
+pub mod legend;
+pub mod names;
+pub mod svg;
+pub mod text;
+pub mod thin;
+pub mod ticks;
+pub mod view;
+
+pub use chart::{Axis, Chart, Figure, Marks, Series, nothing};
+pub use colours::COLOURS;
