@@ -85,7 +85,7 @@ fn rig() -> String {
         .replace(start, &format!("start_s = {SCORED_S:?}"))
         .replace(
             "in = { features = \"lights.features\" }",
-            "in = { features = \"lights.features\" }\nacceleration_m_s2 = 60\nbirth_tolerance_mm = 300\nseparation_mm = 300",
+            "in = { features = \"lights.features\" }\nacceleration_m_s2 = 60\ninitiation_tolerance_mm = 300\nseparation_mm = 300",
         )
         .replace("duration_s = 35", "duration_s = 12")
         .replace("radius_m = 0.25", "radius_m = 2.0")

@@ -126,8 +126,8 @@ fn run<const C: usize>(
     }
     let start = State { cameras: cameras.to_vec(), boards: boards.to_vec() };
     let RigidOptions { max_iterations, relative_gain, .. } = *options;
-    let options = DriverOptions { max_iterations, relative_gain, ..DriverOptions::default() };
-    let found = solve_grouped(&Sought::<C> { layout: &layout }, start, options.loss, &options).ok()?;
+    let driver = DriverOptions { max_iterations, relative_gain, ..DriverOptions::default() };
+    let found = solve_grouped(&Sought::<C> { layout: &layout }, start, options.loss, &driver).ok()?;
     let State { cameras, boards } = &found.parameters;
     let residuals =
         seen.iter().map(|it| Some(cameras[it.camera].project(&(boards[it.board] * it.place))? - it.pixel)).collect();

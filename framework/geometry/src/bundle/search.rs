@@ -93,8 +93,8 @@ pub(super) fn run<const C: usize, const TIMED: bool>(
     }
     let mut search = Search::<C, TIMED>::new(&layout, State { cameras, clocks, points }, options.loss);
     let BundleOptions { max_iterations, relative_gain, .. } = *options;
-    let options = DriverOptions { damping: DAMPING, max_iterations, relative_gain, ..DriverOptions::default() };
-    let Ok((outcome, costs)) = minimise_with_costs(&mut search, &options) else {
+    let driver = DriverOptions { damping: DAMPING, max_iterations, relative_gain, ..DriverOptions::default() };
+    let Ok((outcome, costs)) = minimise_with_costs(&mut search, &driver) else {
         return Err(BundleError::NothingShared { observations: observations.len() });
     };
     let Search { mut reduced, here, at, .. } = search;

@@ -7,7 +7,7 @@
 //! another and solving anew (jackknife).
 
 use foveate::estimation::Loss;
-use foveate::estimation::least_squares::{self, ConsensusOptions, Equations};
+use foveate::estimation::least_squares::{self, Equations, Options};
 use nalgebra::{DVector, RowVector2, RowVector4, Vector1, Vector3};
 
 use super::bearings::{Bearings, miss};
@@ -269,8 +269,7 @@ impl<'a> Problem<'a> {
             let scale = (1.5 * median).max(1e-6);
             let scaled = Scaled { problem: self, left_out, scale };
             let loss = Loss::Cauchy { scale: 1.0 };
-            let options =
-                ConsensusOptions { loss, max_iterations: 40, relative_gain: 1e-9, ..ConsensusOptions::default() };
+            let options = Options { loss, max_iterations: 40, relative_gain: 1e-9, ..Options::default() };
             let Ok(found) = least_squares::solve(&scaled, unknowns.clone(), &options) else { break };
             unknowns = found.parameters;
         }
