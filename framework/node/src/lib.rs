@@ -9,6 +9,7 @@
 //! | [`scale`] | the scales at run time: who carries a scale's space, and where it is |
 //! | [`setting_docs`] | the settings of a node type for people |
 
+pub mod detector;
 pub mod error;
 pub mod guard;
 pub mod io;

@@ -5,6 +5,7 @@ use foveate::imaging::{
     fill_polygon, plane, shrink,
 };
 use foveate::messages::{Feature, Features, Image, PixelFormat, Window};
+use foveate::node::detector::Outcome;
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use crate::settings::{BlobSettings, ReportedPoint};
@@ -44,17 +45,6 @@ pub struct GrayPicture {
     pub size: [u32; 2],
     /// Row by row.
     pub pixels: Vec<u8>,
-}
-
-/// What a picture was worth.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Outcome {
-    /// Searched.
-    Searched,
-    /// The background is still being learnt.
-    Learning,
-    /// So much is foreground that the background does not fit any more.
-    Flooded,
 }
 
 /// Why a picture could not be searched.

@@ -3,10 +3,11 @@
 use std::path::Path;
 
 use foveate::geometry::Camera;
+use foveate::node::detector::{DetectorPorts, DetectorShell};
 use foveate::prelude::*;
 use nalgebra::{Point2, Vector2, Vector3};
 
-use crate::blob_detector::{BlobDetector, GrayPicture, Outcome};
+use crate::blob_detector::{BlobDetector, GrayPicture};
 use crate::settings::BlobSettings;
 
 ports! {
@@ -15,26 +16,15 @@ ports! {
     FEATURES: Out<Features> = "features";
 }
 
+const PORTS: DetectorPorts = DetectorPorts { image: &IMAGE, predicted: &PREDICTED, features: &FEATURES };
+
 /// Pictures in, blobs out, each with a point and its covariance; the camera's, in scan order.
 ///
 /// Nothing seen, or the background not learnt yet: an empty list. A picture of the wrong size or a broken one, and one of which
 /// so much is foreground that the background cannot be right, is a gap on the output; the detector goes on with the next.
 pub struct Detector {
     blob_detector: BlobDetector,
-    camera: Option<CameraId>,
-    camera_name: String,
-    model: Option<Camera>,
-    pool: Pool<Features>,
-    tally: Tally,
-}
-
-#[derive(Default)]
-struct Tally {
-    searched: u64,
-    learning: u64,
-    flooded: u64,
-    refused: u64,
-    features: u64,
+    shell: DetectorShell,
 }
 
 impl Node for Detector {
@@ -49,69 +39,26 @@ impl Node for Detector {
 
     fn new(settings: BlobSettings, setup: &Setup) -> Result<Self, ConfigError> {
         settings.check()?;
-        let model = setup.camera_model().cloned();
-        let size = model.as_ref().map(|it| it.image_size);
+        let size = setup.camera_model().map(|it| it.image_size);
         let background = match settings.background.as_str() {
             "" => None,
             text => Some(read_background(&setup.path("background", text)?, size)?),
         };
-        Ok(Self {
-            blob_detector: BlobDetector::new(settings, size, background).map_err(ConfigError::node)?,
-            camera: setup.camera,
-            camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
-            model,
-            pool: Pool::default(),
-            tally: Tally::default(),
-        })
+        let blob_detector = BlobDetector::new(settings, size, background).map_err(ConfigError::node)?;
+        Ok(Self { blob_detector, shell: DetectorShell::new(setup) })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
-        let Some(image) = io.take(&IMAGE) else { return Ok(()) };
-        let mut features = self.pool.take(Features::default);
-        features.camera = self.camera.unwrap_or(image.value.camera);
-        let expected = io.latest(&PREDICTED);
-        let model = self.model.as_ref();
-        let predicted = expected.iter().flat_map(|targets| {
-            let later = image.time() - targets.value.time;
-            targets.value.list.iter().filter_map(move |target| model?.project(&target.position_after(later)))
+        let Self { blob_detector, shell } = self;
+        let flooded = "too much of the picture differs from the learnt background";
+        shell.process(io, &PORTS, flooded, |image, predicted, model, features| {
+            blob_detector.find(image, predicted, |pixel| up_at(model, pixel), features)
         });
-        match self.blob_detector.find(&image.value, predicted, |pixel| up_at(model, pixel), &mut features) {
-            Ok(outcome) => {
-                *match outcome {
-                    Outcome::Searched => &mut self.tally.searched,
-                    Outcome::Learning => &mut self.tally.learning,
-                    Outcome::Flooded => &mut self.tally.flooded,
-                } += 1;
-                self.tally.features += features.list.len() as u64;
-                let features = self.pool.share(features);
-                if outcome == Outcome::Flooded {
-                    io.gap(&FEATURES, image.time(), "too much of the picture differs from the learnt background");
-                } else {
-                    io.emit(&FEATURES, image.stamp, features);
-                }
-            }
-            Err(refusal) => {
-                self.tally.refused += 1;
-                io.gap(&FEATURES, image.time(), refusal);
-            }
-        }
         Ok(())
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        let Tally { searched, learning, flooded, refused, features } = self.tally;
-        for (what, count) in [
-            ("pictures_searched", searched),
-            ("pictures_learning", learning),
-            ("pictures_flooded", flooded),
-            ("pictures_refused", refused),
-            ("features", features),
-        ] {
-            // What went well is worth a line a camera, what did not happen is not.
-            if count > 0 || what == "features" {
-                report.figure(format!("detector.{what}.{}", self.camera_name), count as f64);
-            }
-        }
+        self.shell.report(report);
         Ok(())
     }
 }

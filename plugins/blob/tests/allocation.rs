@@ -1,7 +1,8 @@
 //! The steady state of the blob detector allocates nothing.
 
 use foveate::messages::{Features, Image, PixelFormat};
-use foveate_blob::blob_detector::{BlobDetector, Outcome};
+use foveate::node::detector::Outcome;
+use foveate_blob::blob_detector::BlobDetector;
 use foveate_blob::{BlobSettings, ReportedPoint};
 use foveate_testkit::allocation::{self, Counting};
 use nalgebra::{Point2, Vector2};

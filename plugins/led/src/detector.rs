@@ -1,17 +1,19 @@
 //! `led.detector`: finds bright lights in the pictures of one camera [Davis 2002 §3.3].
 
-use foveate::geometry::Camera;
+use foveate::node::detector::{DetectorPorts, DetectorShell};
 use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::led_detector::{LedDetector, Outcome};
+use crate::led_detector::LedDetector;
 
 ports! {
     IMAGE: In<Image> = each("image");
     PREDICTED: In<Targets> = latest("predicted").optional();
     FEATURES: Out<Features> = "features";
 }
+
+const PORTS: DetectorPorts = DetectorPorts { image: &IMAGE, predicted: &PREDICTED, features: &FEATURES };
 
 /// Settings of [`Detector`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -159,20 +161,7 @@ pub enum WhileLearning {
 /// which so much is lit that hardly any of it can be a light, is a gap on the output; the detector goes on with the next.
 pub struct Detector {
     led_detector: LedDetector,
-    camera: Option<CameraId>,
-    camera_name: String,
-    model: Option<Camera>,
-    pool: Pool<Features>,
-    tally: Tally,
-}
-
-#[derive(Default)]
-struct Tally {
-    searched: u64,
-    learning: u64,
-    flooded: u64,
-    refused: u64,
-    features: u64,
+    shell: DetectorShell,
 }
 
 impl Node for Detector {
@@ -187,71 +176,23 @@ impl Node for Detector {
 
     fn new(settings: DetectorSettings, setup: &Setup) -> Result<Self, ConfigError> {
         settings.check()?;
-        let model = setup.camera_model().cloned();
-        let size = model.as_ref().map(|it| it.image_size);
+        let size = setup.camera_model().map(|it| it.image_size);
         let phase = setup.random.clone().next_u64();
         let led_detector = LedDetector::new(settings, size, phase).map_err(ConfigError::node)?;
-        Ok(Self {
-            led_detector,
-            camera: setup.camera,
-            camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
-            model,
-            pool: Pool::default(),
-            tally: Tally::default(),
-        })
+        Ok(Self { led_detector, shell: DetectorShell::new(setup) })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
-        let Some(image) = io.take(&IMAGE) else { return Ok(()) };
-        let mut features = self.pool.take(Features::default);
-        features.camera = self.camera.unwrap_or(image.value.camera);
-        let expected = io.latest(&PREDICTED);
-        let model = self.model.as_ref();
-        let predicted = expected.iter().flat_map(|targets| {
-            let later = image.time() - targets.value.time;
-            targets.value.list.iter().filter_map(move |target| model?.project(&target.position_after(later)))
+        let Self { led_detector, shell } = self;
+        let flooded = "too much of the picture is lit: the background is being learnt again";
+        shell.process(io, &PORTS, flooded, |image, predicted, _, features| {
+            led_detector.find(image, predicted, features)
         });
-        match self.led_detector.find(&image.value, predicted, &mut features) {
-            Ok(outcome) => {
-                *match outcome {
-                    Outcome::Searched => &mut self.tally.searched,
-                    Outcome::Learning => &mut self.tally.learning,
-                    Outcome::Flooded => &mut self.tally.flooded,
-                } += 1;
-                self.tally.features += features.list.len() as u64;
-                let features = self.pool.share(features);
-                if outcome == Outcome::Flooded {
-                    io.gap(
-                        &FEATURES,
-                        image.time(),
-                        "too much of the picture is lit: the background is being learnt again",
-                    );
-                } else {
-                    io.emit(&FEATURES, image.stamp, features);
-                }
-            }
-            Err(refusal) => {
-                self.tally.refused += 1;
-                io.gap(&FEATURES, image.time(), refusal);
-            }
-        }
         Ok(())
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        let Tally { searched, learning, flooded, refused, features } = self.tally;
-        for (what, count) in [
-            ("pictures_searched", searched),
-            ("pictures_learning", learning),
-            ("pictures_flooded", flooded),
-            ("pictures_refused", refused),
-            ("features", features),
-        ] {
-            // What went well is worth a line a camera, what did not happen is not.
-            if count > 0 || what == "features" {
-                report.figure(format!("detector.{what}.{}", self.camera_name), count as f64);
-            }
-        }
+        self.shell.report(report);
         Ok(())
     }
 }

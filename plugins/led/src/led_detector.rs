@@ -12,6 +12,7 @@ use foveate::imaging::{
     SpotLimits, Statistic, ThresholdMap, Verdict, Window, fill_polygon, plane,
 };
 use foveate::messages::{self, Feature, Features, Image, PixelFormat};
+use foveate::node::detector::Outcome;
 use nalgebra::{Point2, Vector2};
 
 use crate::detector::{CentroidKind, ColourPlane, DetectorSettings, Search, WhileLearning};
@@ -59,17 +60,6 @@ struct OfSize {
 struct Moving {
     centre: Point2<f64>,
     step: Vector2<f64>,
-}
-
-/// What a picture was worth.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Outcome {
-    /// Searched.
-    Searched,
-    /// The background is still being learnt.
-    Learning,
-    /// So much is lit that most of it is no light: the room has changed, and is being learnt again.
-    Flooded,
 }
 
 /// Why a picture could not be searched.

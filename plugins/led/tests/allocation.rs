@@ -1,8 +1,9 @@
 //! The steady state of the tracker and of the detector allocates nothing.
 
 use foveate::messages::{Features, Image, PixelFormat, Targets};
+use foveate::node::detector::Outcome;
 use foveate_led::detector::DetectorSettings;
-use foveate_led::led_detector::{LedDetector, Outcome};
+use foveate_led::led_detector::LedDetector;
 use foveate_led::tracker::{IntegratorSettings, Tracker};
 use foveate_testkit::allocation::{self, Counting};
 use foveate_testkit::lab::{Lab, person};
