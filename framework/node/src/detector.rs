@@ -118,3 +118,61 @@ impl DetectorShell {
         }
     }
 }
+
+/// Successive pictures of a new size after which that size is believed, where no calibration states one.
+const SIZE_PATIENCE: u32 = 10;
+
+/// The size of a camera's pictures: as calibrated, or that of its first ones, until others come for long enough.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PictureSize {
+    calibrated: Option<[u32; 2]>,
+    /// A size that came instead of the expected one, and how often in a row.
+    other: ([u32; 2], u32),
+}
+
+impl PictureSize {
+    /// Columns, rows as the calibration states them, if it does [px].
+    pub fn new(calibrated: Option<[u32; 2]>) -> Self {
+        Self { calibrated, other: ([0; 2], 0) }
+    }
+
+    /// As the calibration states it [px].
+    pub fn calibrated(&self) -> Option<[u32; 2]> {
+        self.calibrated
+    }
+
+    /// A whole picture of `size` has come where those before it had `present`, if there were any.
+    ///
+    /// # Errors
+    /// The size that was expected, where this one is not believed.
+    pub fn check(&mut self, size: [u32; 2], present: Option<[u32; 2]>) -> Result<(), [u32; 2]> {
+        if let Some(expected) = self.calibrated.or(present).filter(|it| *it != size) {
+            let times = if self.other.0 == size { self.other.1 + 1 } else { 1 };
+            self.other = (size, times);
+            if self.calibrated.is_some() || times < SIZE_PATIENCE || size.contains(&0) {
+                return Err(expected);
+            }
+        }
+        self.other.1 = 0;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn another_size_is_believed_after_a_while_unless_the_calibration_knows_better() {
+        let (a, b) = ([640, 480], [320, 240]);
+        let mut size = PictureSize::new(None);
+        assert_eq!(size.check(a, None), Ok(()));
+        (1..SIZE_PATIENCE).for_each(|_| assert_eq!(size.check(b, Some(a)), Err(a)));
+        assert_eq!(size.check(a, Some(a)), Ok(()), "which begins the count anew");
+        (1..SIZE_PATIENCE).for_each(|_| assert_eq!(size.check(b, Some(a)), Err(a)));
+        assert_eq!(size.check(b, Some(a)), Ok(()));
+        (0..3 * SIZE_PATIENCE).for_each(|_| assert_eq!(size.check([0, 240], Some(b)), Err(b)));
+        let mut known = PictureSize::new(Some(a));
+        (0..3 * SIZE_PATIENCE).for_each(|_| assert_eq!(known.check(b, None), Err(a)));
+    }
+}

@@ -5,24 +5,19 @@ use foveate::imaging::{
     fill_polygon, plane, shrink,
 };
 use foveate::messages::{Feature, Features, Image, PixelFormat, Window};
-use foveate::node::detector::Outcome;
+use foveate::node::detector::{Outcome, PictureSize};
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use crate::settings::{BlobSettings, ReportedPoint};
-
-/// Successive pictures of a new size after which that size is believed, where no calibration states one.
-const SIZE_PATIENCE: u32 = 10;
 
 /// The detector of one camera.
 pub struct BlobDetector {
     settings: BlobSettings,
     limits: BlobLimits,
-    /// As the calibration states it [px].
-    calibrated_size: Option<[u32; 2]>,
+    /// Of the camera's pictures.
+    size: PictureSize,
     background: Option<GrayPicture>,
     of_size: Option<OfSize>,
-    /// A size that came instead of the expected one, and how often in a row.
-    other_size: ([u32; 2], u32),
     finder: BlobFinder,
     blobs: Vec<Blob>,
     expected: Vec<Point2<f64>>,
@@ -112,10 +107,9 @@ impl BlobDetector {
         Ok(Self {
             settings,
             limits,
-            calibrated_size,
+            size: PictureSize::new(calibrated_size),
             background,
             of_size: None,
-            other_size: ([0, 0], 0),
             finder: BlobFinder::default(),
             blobs: Vec::new(),
             expected: Vec::with_capacity(64),
@@ -194,7 +188,7 @@ impl BlobDetector {
         if part == Window::default() {
             return self.fit_size(size);
         }
-        if self.calibrated_size.is_some_and(|whole| !part.fits(size, whole)) {
+        if self.size.calibrated().is_some_and(|whole| !part.fits(size, whole)) {
             return Err(Refusal::OtherPart { found: part, learnt: None });
         }
         match &self.of_size {
@@ -209,17 +203,10 @@ impl BlobDetector {
 
     /// The same of whole pictures.
     fn fit_size(&mut self, size: [u32; 2]) -> Result<(), Refusal> {
-        let expected = self.calibrated_size.or(self.of_size.as_ref().map(|it| it.size));
-        if let Some(expected) = expected.filter(|it| *it != size) {
-            let times = if self.other_size.0 == size { self.other_size.1 + 1 } else { 1 };
-            self.other_size = (size, times);
-            if self.calibrated_size.is_some() || times < SIZE_PATIENCE || size.contains(&0) {
-                return Err(Refusal::WrongSize { expected, found: size });
-            }
-            self.of_size = None;
-        }
-        self.other_size.1 = 0;
-        if self.of_size.is_none() {
+        let present = self.of_size.as_ref().map(|it| it.size);
+        let wrong = |expected| Refusal::WrongSize { expected, found: size };
+        self.size.check(size, present).map_err(wrong)?;
+        if present != Some(size) {
             self.of_size = Some(self.prepare(size, Window::default()).map_err(Refusal::Broken)?);
         }
         Ok(())

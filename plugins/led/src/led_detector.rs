@@ -12,13 +12,10 @@ use foveate::imaging::{
     SpotLimits, Statistic, ThresholdMap, Verdict, Window, fill_polygon, plane,
 };
 use foveate::messages::{self, Feature, Features, Image, PixelFormat};
-use foveate::node::detector::Outcome;
+use foveate::node::detector::{Outcome, PictureSize};
 use nalgebra::{Point2, Vector2};
 
 use crate::detector::{CentroidKind, ColourPlane, DetectorSettings, Search, WhileLearning};
-
-/// Successive pictures of a new size after which that size is believed, where no calibration states one.
-const SIZE_PATIENCE: u32 = 10;
 
 /// Windows of one picture, at most.
 const WINDOWS_MAX: usize = 512;
@@ -26,15 +23,13 @@ const WINDOWS_MAX: usize = 512;
 /// The detector of one camera.
 pub struct LedDetector {
     settings: DetectorSettings,
-    /// As the calibration states it [px].
-    calibrated_size: Option<[u32; 2]>,
+    /// Of the camera's pictures.
+    size: PictureSize,
     /// Where the jittered grid starts.
     phase: u64,
     finder: SpotFinder,
     limits: SpotLimits,
     of_size: Option<OfSize>,
-    /// A size that came instead of the expected one, and how often in a row.
-    other_size: ([u32; 2], u32),
     n_pictures: u64,
     plane: Vec<u8>,
     spots: Vec<Spot>,
@@ -150,12 +145,11 @@ impl LedDetector {
         })?;
         Ok(Self {
             settings,
-            calibrated_size,
+            size: PictureSize::new(calibrated_size),
             phase: phase % 1024,
             finder,
             limits,
             of_size: None,
-            other_size: ([0, 0], 0),
             n_pictures: 0,
             plane: Vec::new(),
             spots: Vec::new(),
@@ -259,7 +253,7 @@ impl LedDetector {
         if part == messages::Window::default() {
             return self.fit_size(size);
         }
-        if let Some(whole) = self.calibrated_size.filter(|it| !part.fits(size, *it)) {
+        if let Some(whole) = self.size.calibrated().filter(|it| !part.fits(size, *it)) {
             return Err(Refusal::Outside { whole, size, part });
         }
         match &mut self.of_size {
@@ -272,17 +266,10 @@ impl LedDetector {
 
     /// The same of whole pictures.
     fn fit_size(&mut self, size: [u32; 2]) -> Result<(), Refusal> {
-        let expected = self.calibrated_size.or(self.of_size.as_ref().map(|it| it.size));
-        if let Some(expected) = expected.filter(|it| *it != size) {
-            let times = if self.other_size.0 == size { self.other_size.1 + 1 } else { 1 };
-            self.other_size = (size, times);
-            if self.calibrated_size.is_some() || times < SIZE_PATIENCE || size.contains(&0) {
-                return Err(Refusal::WrongSize { expected, found: size });
-            }
-            self.of_size = None;
-        }
-        self.other_size.1 = 0;
-        if self.of_size.is_none() {
+        let present = self.of_size.as_ref().map(|it| it.size);
+        let wrong = |expected| Refusal::WrongSize { expected, found: size };
+        self.size.check(size, present).map_err(wrong)?;
+        if present != Some(size) {
             self.of_size = Some(self.prepare(size, messages::Window::default()).map_err(Refusal::Broken)?);
             self.before.clear();
         }
