@@ -21,6 +21,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     // Skeletons are part of the scene; two motions are aligned and assigned.
     ("motion", &["estimation", "geometry", "messages", "scene"]),
     ("node", &["estimation", "geometry", "messages", "scene"]),
+    // What crosses between a program and a library is what nodes are made of.
+    ("plugin", &["messages", "node"]),
     ("rig", &["diagnostics", "estimation", "messages", "node", "scene"]),
     ("engine", &["estimation", "messages", "node", "rig"]),
     ("sim", &["estimation", "geometry", "messages", "node", "scene"]),
@@ -38,6 +40,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "messages",
             "motion",
             "node",
+            "plugin",
             "rig",
             "scene",
             "time",
@@ -69,6 +72,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "node",
             "painted-mark",
             "pan-tilt",
+            "plugin",
             "rig",
             "scene",
             "select",

@@ -6,17 +6,21 @@ use std::sync::Arc;
 
 use foveate_messages::{Message, Quality, SourceId, Stamp, Stamped, Time};
 
+use crate::guard::guarded;
 use crate::port::{In, Out};
 
 /// A message with its type erased.
 pub trait Payload: Any + Send + Sync {
     /// [`Message::quality`].
-    fn quality(&self) -> Quality;
+    ///
+    /// # Errors
+    /// The words of its panic, which is caught where the message's type comes from: it may be a library, whose panics nobody else can catch.
+    fn quality(&self) -> Result<Quality, String>;
 }
 
 impl<T: Message> Payload for T {
-    fn quality(&self) -> Quality {
-        Message::quality(self)
+    fn quality(&self) -> Result<Quality, String> {
+        guarded(|| Message::quality(self))
     }
 }
 
@@ -30,7 +34,7 @@ pub struct Packet {
 }
 
 impl Packet {
-    fn into_typed<T: Message>(self, port: &str) -> Stamped<Arc<T>> {
+    pub(crate) fn into_typed<T: Message>(self, port: &str) -> Stamped<Arc<T>> {
         let any: Arc<dyn Any + Send + Sync> = self.payload;
         match any.downcast::<T>() {
             Ok(value) => Stamped { stamp: self.stamp, value },

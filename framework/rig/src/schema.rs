@@ -10,6 +10,7 @@ use serde_json::{Map, Value as Json, json};
 use super::node_text::{LONGEST_COST_MS, ON_ERROR, WHEN_FULL};
 use super::targets;
 use crate::graph::{Queue, SINK_CAPACITY};
+use foveate_node::Origin;
 use foveate_node::node::{Node, Role};
 use foveate_node::port::{InputPolicy, InputSpec};
 use foveate_node::registry::{NodeType, Registry};
@@ -31,6 +32,18 @@ pub fn schema(registry: &Registry) -> Json {
         "type": "object",
         "properties": {
             "rig": head(),
+            "plugins": {
+                "description": "Node types that are not part of the program.",
+                "type": "object",
+                "properties": {
+                    "libraries": {
+                        "description": "Shared libraries that `foveate plugin build` made, by path; their node types can be used in this rig.",
+                        "type": "array",
+                        "items": { "type": "string" }
+                    }
+                },
+                "additionalProperties": false
+            },
             "scale": {
                 "description": "The scales by name. One without a parent has the world as its space.",
                 "type": "object",
@@ -136,7 +149,7 @@ fn scale() -> Json {
 
 fn node(registry: &Registry) -> Json {
     let names: Vec<&str> = written(registry).map(|it| it.name).collect();
-    let summaries: Vec<String> = written(registry).map(|it| format!("{}: {}", it.role.name(), it.summary)).collect();
+    let summaries: Vec<String> = written(registry).map(|it| format!("{}: {}", it.role.name(), summary(it))).collect();
     let branches: Vec<Json> = written(registry)
         .map(|it| {
             json!({
@@ -292,6 +305,14 @@ fn require() -> Json {
     })
 }
 
+/// What a node type does, and the library that it comes from.
+fn summary(node_type: &NodeType) -> String {
+    match &node_type.origin {
+        Origin::Library(path) => format!("{} (from {})", node_type.summary, path.display()),
+        Origin::Linked(_) => node_type.summary.to_owned(),
+    }
+}
+
 /// The settings of a node type beside the reserved keys; its own definitions move to the rig's.
 fn add_node_type(node_type: &NodeType, definitions: &mut Map<String, Json>) {
     let mut schema = node_type.schema.as_value().clone();
@@ -317,7 +338,7 @@ fn add_node_type(node_type: &NodeType, definitions: &mut Map<String, Json>) {
     // Alternatives hold properties that `additionalProperties` would not see.
     let has_parts = ["allOf", "anyOf", "oneOf"].iter().any(|it| schema.contains_key(*it));
     schema.remove("additionalProperties");
-    schema.insert("description".to_owned(), json!(node_type.summary));
+    schema.insert("description".to_owned(), json!(summary(node_type)));
     schema.insert("properties".to_owned(), Json::Object(properties));
     schema.insert("required".to_owned(), Json::Array(needed));
     schema.insert(if has_parts { "unevaluatedProperties" } else { "additionalProperties" }.to_owned(), json!(false));
