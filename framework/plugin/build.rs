@@ -5,29 +5,17 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// The rooms whose types cross between a program and a library.
-const CROSSING: [&str; 8] = ["time", "messages", "estimation", "geometry", "diagnostics", "scene", "node", "plugin"];
+#[path = "src/sources.rs"]
+mod sources;
 
 fn main() {
-    let mut sources = Vec::new();
-    for room in CROSSING {
-        for part in ["src", "Cargo.toml"] {
-            let path = Path::new("..").join(room).join(part);
-            println!("cargo::rerun-if-changed={}", path.display());
-            gather(&path, &mut sources);
+    let framework = Path::new("..");
+    for room in sources::CROSSING {
+        for part in sources::PARTS {
+            println!("cargo::rerun-if-changed={}", framework.join(room).join(part).display());
         }
     }
-    sources.sort();
-    let hash = sources.iter().fold(0xcbf2_9ce4_8422_2325, |hash, path| {
-        let text = fs::read(path).unwrap_or_default();
-        let named = path.to_string_lossy();
-        named
-            .bytes()
-            .chain([0])
-            .chain(text)
-            .fold(hash, |hash: u64, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
-    });
-    tell("SOURCES", &format!("{hash:016x}"));
+    tell("SOURCES", &sources::hash(framework));
 
     let rustc = var("RUSTC").ok().and_then(|it| Command::new(it).arg("-vV").output().ok());
     let rustc = rustc.map(|it| String::from_utf8_lossy(&it.stdout).into_owned()).unwrap_or_default();
@@ -55,13 +43,4 @@ fn main() {
 
 fn tell(name: &str, value: &str) {
     println!("cargo::rustc-env=FOVEATE_BUILD_{name}={}", value.replace('\n', " "));
-}
-
-fn gather(path: &Path, found: &mut Vec<PathBuf>) {
-    if path.is_file() {
-        return found.push(path.to_owned());
-    }
-    for entry in fs::read_dir(path).into_iter().flatten().flatten() {
-        gather(&entry.path(), found);
-    }
 }

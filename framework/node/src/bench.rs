@@ -1,5 +1,7 @@
 //! A bench for one node: stamped messages in, what it gives out; no rig, no engine.
 
+use std::any::Any;
+use std::fmt::Write;
 use std::sync::Arc;
 
 use foveate_messages::{Interval, Message, SourceId, Stamp, Stamped, Time};
@@ -156,6 +158,15 @@ impl<N: Node> NodeBench<N> {
         Ok(n_activations)
     }
 
+    /// Gives a source its turn at `time`, whether it is due or not.
+    ///
+    /// # Errors
+    /// As [`NodeBench::feed`].
+    pub fn turn(&mut self, time: Time) -> Result<(), NodeError> {
+        self.now = self.now.max(time);
+        self.activate(Delivery::default())
+    }
+
     /// What the node gave out at `port` since this was last asked, in order.
     ///
     /// # Panics
@@ -173,6 +184,30 @@ impl<N: Node> NodeBench<N> {
         self.outbox.gaps = others;
         let mine: Vec<(usize, Gap)> = mine;
         mine.into_iter().map(|it| it.1).collect()
+    }
+
+    /// All that the node gave out and declared missing since this was last asked, as text: to hold one run against another.
+    ///
+    /// # Errors
+    /// A message that cannot be written, and the words of a panic.
+    pub fn transcript(&mut self) -> Result<String, NodeError> {
+        let mut text = String::new();
+        for (port, packet) in self.outbox.packets.drain(..) {
+            let port = &self.ports.outputs[port];
+            let any: &dyn Any = &*packet.payload;
+            let written = guarded(|| port.message.wire.codec().and_then(|it| it.view(any)).map(serde_json::to_string));
+            let written = match written.map_err(NodeError::program)? {
+                Some(written) => written.map_err(NodeError::program)?,
+                None => "stays in this process".to_owned(),
+            };
+            let bulk = packet.payload.bulk().map_err(NodeError::program)?;
+            let Stamp { time, source, sequence } = packet.stamp;
+            let _ = writeln!(text, "{} {} {} {sequence} {written} {bulk:?}", port.name, time.0, source.0);
+        }
+        for (port, gap) in self.outbox.gaps.drain(..) {
+            let _ = writeln!(text, "{} {} missing: {}", self.ports.outputs[port].name, gap.time.0, gap.reason);
+        }
+        Ok(text)
     }
 
     /// Lets the node finish, and gives its report.

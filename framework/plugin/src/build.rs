@@ -13,7 +13,7 @@ use std::process::Command;
 
 use toml::{Table, Value};
 
-use crate::open;
+use crate::{open, sources};
 
 /// Where the workspaces are made, under the program's target folder.
 const FOLDER: &str = "plugins";
@@ -89,6 +89,12 @@ impl Program {
 /// One or more sentences for the person.
 pub fn library(program: &Program, folder: &Path, out: &Path, show: &mut dyn FnMut(&str)) -> Result<Built, String> {
     let workspace = program.manifest()?;
+    if sources::hash(&program.checkout.join("framework")) != env!("FOVEATE_BUILD_SOURCES") {
+        return Err(format!(
+            "the checkout {} has changed since this program was built, so that a library of it would not fit: build the program again",
+            program.checkout.display()
+        ));
+    }
     let folder =
         folder.canonicalize().map_err(|error| format!("the folder `{}` cannot be read: {error}", folder.display()))?;
     let manifest_path = folder.join("Cargo.toml");

@@ -18,6 +18,7 @@ pub mod open;
 #[cfg(target_os = "linux")]
 pub mod process;
 pub mod scaffold;
+mod sources;
 
 #[doc(hidden)]
 pub use foveate_node as node;
