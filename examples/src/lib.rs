@@ -1,4 +1,4 @@
-//! Small parts to copy from; `docs/add-a-node.md` walks through them.
+//! Small parts to copy from; `docs/write-a-plugin.md` walks through them.
 //!
 //! | node | what it does |
 //! |---|---|
@@ -6,10 +6,8 @@
 
 mod speed_limit;
 
-use foveate::prelude::Registry;
 pub use speed_limit::{SpeedLimit, SpeedLimitSettings};
 
-/// Makes the nodes of this crate known.
-pub fn register(registry: &mut Registry) {
-    registry.add::<SpeedLimit>();
+foveate::plugin! {
+    "example.speed_limit" => SpeedLimit,
 }

@@ -62,8 +62,29 @@ impl Node for SpeedLimit {
 #[cfg(test)]
 mod tests {
     use foveate_testkit::check_node;
+    use nalgebra::{Matrix6, Point3, Vector3};
 
     use super::*;
+
+    fn target(speed: f64) -> Target {
+        Target {
+            id: TargetId(1),
+            position: Point3::origin(),
+            velocity: Vector3::x() * speed,
+            covariance: Matrix6::identity(),
+            cameras: CameraSet::default(),
+            provenance: Provenance::Measured,
+        }
+    }
+
+    #[test]
+    fn only_what_is_too_fast_is_dropped() {
+        let mut bench = NodeBench::<SpeedLimit>::new(SpeedLimitSettings { max_speed: 8.0 }).unwrap();
+        let given = Targets { time: Time::from_s(0.1), list: vec![target(7.9), target(8.1)] };
+        bench.feed(&TARGETS, Time::from_s(0.1), given).unwrap();
+        assert_eq!(bench.outputs(&CREDIBLE)[0].value.list, [target(7.9)]);
+        assert_eq!(bench.finish().unwrap().figures["speed_limit.dropped"], 1.0);
+    }
 
     #[test]
     fn settings_survive_a_round_trip_and_refuse_what_they_do_not_know() {

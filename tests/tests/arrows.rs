@@ -22,6 +22,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     // Skeletons are part of the scene; two motions are aligned and assigned.
     ("motion", &["estimation", "geometry", "messages", "scene"]),
     ("node", &["estimation", "geometry", "messages", "scene"]),
+    // What crosses between a program and a library is what nodes are made of.
+    ("plugin", &["messages", "node"]),
     ("rig", &["diagnostics", "estimation", "messages", "node", "plot", "scene"]),
     ("engine", &["estimation", "messages", "node", "rig"]),
     ("sim", &["estimation", "geometry", "messages", "node", "plot", "scene"]),
@@ -40,6 +42,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "motion",
             "node",
             "plot",
+            "plugin",
             "rig",
             "scene",
             "time",
@@ -71,6 +74,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "node",
             "painted-mark",
             "pan-tilt",
+            "plugin",
             "rig",
             "scene",
             "select",

@@ -8,17 +8,20 @@ mod graph;
 mod motion_files;
 mod new;
 mod nodes;
+mod plugin;
 mod run;
 mod sim;
 
 use std::path::{Path, PathBuf};
 
 use clap::{CommandFactory, Parser, Subcommand, ValueEnum};
+use foveate_node::Registry;
+use foveate_plugin::open::open_search_path;
 use foveate_rig::graph::Graph;
 use foveate_rig::{self as rig, Overrides};
 
+use crate::exit;
 use crate::output::{say, wants_color};
-use crate::{exit, registry};
 
 /// Recover motion at mixed scales: a rig in TOML in, targets in 3D out.
 ///
@@ -57,6 +60,9 @@ enum Command {
     Nodes {
         /// A node type, as led.detector
         node_type: Option<String>,
+        /// With those of the libraries that this rig names
+        #[arg(long, value_name = "RIG", value_hint = clap::ValueHint::FilePath)]
+        rig: Option<PathBuf>,
     },
     /// List the cameras of this machine: layouts, sizes, rates, controls
     Devices,
@@ -82,8 +88,17 @@ enum Command {
         #[command(subcommand)]
         what: NewWhat,
     },
+    /// Make a shared library of nodes that this program can open
+    Plugin {
+        #[command(subcommand)]
+        what: PluginWhat,
+    },
     /// Print the JSON Schema of rigs, for editors
-    Schema,
+    Schema {
+        /// With the node types of the libraries that this rig names
+        #[arg(long, value_name = "RIG", value_hint = clap::ValueHint::FilePath)]
+        rig: Option<PathBuf>,
+    },
     /// Print the completion script of a shell
     Completions {
         /// The shell
@@ -132,6 +147,14 @@ enum PictureFormat {
 
 #[derive(Debug, Subcommand)]
 enum NewWhat {
+    /// A crate of one node with its tests and a rig that uses it, in a folder NAME
+    Plugin {
+        /// Name of the crate: small letters, digits and `_`
+        name: String,
+        /// What the node is for
+        #[arg(long, value_enum, default_value_t = PluginRole::Detector)]
+        role: PluginRole,
+    },
     /// A rig with the simulated lab in it, and its calibration: NAME.toml, NAME.calibration.toml
     Rig {
         /// Name of the rig: small letters, digits, `_` and `-`
@@ -145,26 +168,62 @@ enum NewWhat {
     },
 }
 
+/// What the node of a new plugin is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum PluginRole {
+    /// Pictures in, points in them out
+    Detector,
+    /// Targets in, better ones out
+    Filter,
+    /// Targets in, where to look out
+    Selector,
+}
+
+#[derive(Debug, Subcommand)]
+enum PluginWhat {
+    /// Build a crate of nodes as a shared library beside its Cargo.toml, so that it fits this program
+    Build {
+        /// The folder of the crate
+        #[arg(value_hint = clap::ValueHint::DirPath)]
+        folder: PathBuf,
+        /// Where to put the library [default: the folder of the crate]
+        #[arg(long, value_name = "DIR", value_hint = clap::ValueHint::DirPath)]
+        out: Option<PathBuf>,
+    },
+}
+
 impl Cli {
-    /// Does what was asked; gives the exit code.
-    pub fn run(self) -> u8 {
+    /// Does what was asked with the node types of `registry` and of the libraries on the search path; gives the exit code.
+    pub fn run(self, mut registry: Registry) -> u8 {
+        for (path, error) in open_search_path(&mut registry) {
+            eprintln!("warning: the library `{}` cannot be used: {error}", path.display());
+        }
+        let registry = &registry;
         match self.command {
-            Command::Run(args) => run::run(&args),
-            Command::Calibrate(args) => calibrate::run(&args),
-            Command::Check { rig } => check::run(&rig),
+            Command::Run(args) => run::run(&args, registry),
+            Command::Calibrate(args) => calibrate::run(&args, registry),
+            Command::Check { rig } => check::run(&rig, registry),
             Command::Convert(args) => convert::run(&args),
             Command::Compare(args) => compare::run(&args),
-            Command::Nodes { node_type } => nodes::run(node_type.as_deref()),
+            Command::Nodes { node_type, rig } => match with_libraries(registry, rig.as_deref()) {
+                Ok(registry) => nodes::run(node_type.as_deref(), &registry),
+                Err(code) => code,
+            },
+            Command::Plugin { what: PluginWhat::Build { folder, out } } => plugin::build(&folder, out.as_deref()),
             Command::Devices => devices(),
-            Command::Graph { rig, format, output } => graph::run(&rig, format, output),
+            Command::Graph { rig, format, output } => graph::run(&rig, registry, format, output),
             Command::Sim { what } => sim::run(&what),
+            Command::New { what: NewWhat::Plugin { name, role } } => plugin::new(&name, role),
             Command::New { what: NewWhat::Rig { name, cameras, hall } } => {
                 new::rig(&name, cameras.map(|it| (it, hall)))
             }
-            Command::Schema => {
-                say(&format!("{:#}\n", rig::schema(&registry())));
-                exit::DONE
-            }
+            Command::Schema { rig } => match with_libraries(registry, rig.as_deref()) {
+                Ok(registry) => {
+                    say(&format!("{:#}\n", rig::schema(&registry)));
+                    exit::DONE
+                }
+                Err(code) => code,
+            },
             Command::Completions { shell } => {
                 let mut script = Vec::new();
                 clap_complete::generate(shell, &mut Self::command(), "foveate", &mut script);
@@ -187,8 +246,8 @@ fn devices() -> u8 {
 }
 
 /// Loads a rig and prints its warnings, or prints all its faults.
-fn load(path: &Path, overrides: &Overrides) -> Result<Graph, u8> {
-    let graph = load_quietly(path, overrides)?;
+fn load(path: &Path, registry: &Registry, overrides: &Overrides) -> Result<Graph, u8> {
+    let graph = load_quietly(path, registry, overrides)?;
     if !graph.warnings.list.is_empty() {
         eprint!("{}", graph.warnings.render(wants_color()));
     }
@@ -196,8 +255,17 @@ fn load(path: &Path, overrides: &Overrides) -> Result<Graph, u8> {
 }
 
 /// Loads a rig, or prints all its faults.
-fn load_quietly(path: &Path, overrides: &Overrides) -> Result<Graph, u8> {
-    rig::load_file(path, &registry(), overrides).map_err(|faults| {
+fn load_quietly(path: &Path, registry: &Registry, overrides: &Overrides) -> Result<Graph, u8> {
+    rig::load_file(path, registry, overrides).map_err(|faults| {
+        eprint!("{}", faults.render(wants_color()));
+        exit::INPUT
+    })
+}
+
+/// `registry` with the node types of the libraries that a rig names.
+fn with_libraries(registry: &Registry, rig: Option<&Path>) -> Result<Registry, u8> {
+    let Some(rig) = rig else { return Ok(registry.clone()) };
+    rig::with_libraries(rig, registry).map_err(|faults| {
         eprint!("{}", faults.render(wants_color()));
         exit::INPUT
     })

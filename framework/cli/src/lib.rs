@@ -17,11 +17,17 @@ pub mod output;
 pub mod progress;
 pub mod results;
 
+use std::panic;
+use std::process::ExitCode;
+
+use clap::Parser;
 use foveate_node::Registry;
 
-/// Every node type that this program is built with: each plugin is named here once.
+/// The node types of the built-in plugins: each plugin is named here once.
 pub fn registry() -> Registry {
     let mut registry = Registry::new();
+    #[cfg(target_os = "linux")]
+    foveate_plugin::process::register(&mut registry);
     foveate_sim::register(&mut registry);
     foveate_capture::register(&mut registry);
     foveate_led::register(&mut registry);
@@ -32,6 +38,37 @@ pub fn registry() -> Registry {
     foveate_painted_mark::register(&mut registry);
     foveate_export::register(&mut registry);
     registry
+}
+
+/// The whole `foveate` program with the node types of `registry`: reads the command line, does what it asks, gives the exit code.
+///
+/// So an author's own program has all commands for nodes that are linked into it:
+///
+/// ```no_run
+/// fn main() -> std::process::ExitCode {
+///     let mut registry = foveate_cli::registry();
+///     // my_plugin::register(&mut registry);
+///     foveate_cli::run(registry)
+/// }
+/// ```
+pub fn run(mut registry: Registry) -> ExitCode {
+    // A panic inside a node is caught, reported with the node's name and dealt with as the rig says; the default hook
+    // would print it a second time in the middle of the progress line.
+    panic::set_hook(Box::new(|_| {}));
+    registry.open_libraries_with(foveate_plugin::open::open);
+    let cli = commands::Cli::parse();
+    match panic::catch_unwind(panic::AssertUnwindSafe(|| cli.run(registry))) {
+        Ok(exit::DONE) if output::failed() => ExitCode::from(exit::INPUT),
+        Ok(code) => ExitCode::from(code),
+        Err(payload) => {
+            let text = payload.downcast_ref::<&str>().copied();
+            let text = text.or_else(|| payload.downcast_ref::<String>().map(String::as_str)).unwrap_or("no text");
+            output::tell(format_args!(
+                "error: foveate itself failed: {text}\nThis is a defect of the program, not of your rig; please report it with the rig file.\n"
+            ));
+            ExitCode::from(exit::PROGRAM)
+        }
+    }
 }
 
 /// Exit codes, as documented in `foveate --help`.

@@ -4,7 +4,6 @@
 //! shortcoming of the data at one named edge.
 
 use foveate_messages::{Interval, Quality, SourceId, Stamp, Time};
-use foveate_node::guard::guarded;
 
 use crate::Gate;
 use foveate_rig::graph::Requirement;
@@ -109,7 +108,7 @@ impl Ledger {
 
     /// Enters one message that is delivered at session time `now`, as soon as it arrives.
     #[inline]
-    pub fn deliver(&mut self, stamp: Stamp, now: Time, quality: impl FnOnce() -> Quality) {
+    pub fn deliver(&mut self, stamp: Stamp, now: Time, quality: impl FnOnce() -> Result<Quality, String>) {
         self.arrive(stamp);
         self.take(stamp, now, quality);
     }
@@ -146,12 +145,12 @@ impl Ledger {
 
     /// Enters that the node has taken a message at session time `now`.
     #[inline]
-    pub(crate) fn take(&mut self, stamp: Stamp, now: Time, quality: impl FnOnce() -> Quality) {
+    pub(crate) fn take(&mut self, stamp: Stamp, now: Time, quality: impl FnOnce() -> Result<Quality, String>) {
         self.age.record((now - stamp.time).0.max(0) as u64);
         self.first.get_or_insert(now);
         self.last = now;
         if self.delivered < QUALITY_STRIDE || self.delivered.is_multiple_of(QUALITY_STRIDE) {
-            self.quality = guarded(quality).unwrap_or_else(|said| {
+            self.quality = quality().unwrap_or_else(|said| {
                 self.quality_fault.get_or_insert(said.into());
                 Quality::default()
             });
@@ -267,7 +266,7 @@ mod tests {
     fn ledger_of(deliveries: &[(u64, i64, i64)]) -> Ledger {
         let mut ledger = Ledger::default();
         for &(sequence, captured_ms, delivered_ms) in deliveries {
-            ledger.deliver(stamp(sequence, captured_ms), Time(delivered_ms * 1_000_000), Quality::default);
+            ledger.deliver(stamp(sequence, captured_ms), Time(delivered_ms * 1_000_000), || Ok(Quality::default()));
         }
         ledger
     }
@@ -303,7 +302,7 @@ mod tests {
     fn declared_gap_is_counted_once() {
         let mut ledger = ledger_of(&[(0, 0, 0)]);
         ledger.declare_gap(SourceId(3));
-        ledger.deliver(stamp(2, 20), Time(20_000_000), Quality::default);
+        ledger.deliver(stamp(2, 20), Time(20_000_000), || Ok(Quality::default()));
         assert_eq!(ledger.gaps, 1);
     }
 
@@ -333,7 +332,7 @@ mod tests {
         assert_eq!(ledger.unmet(&Requirement::default()), ["nothing was delivered: its scale was suspended"]);
         for sequence in 1..5_u64 {
             let (at, now) = (stamp(sequence, sequence as i64 * 10), Time(sequence as i64 * 10_000_000));
-            if sequence < 3 { ledger.suspend(at, now) } else { ledger.deliver(at, now, Quality::default) }
+            if sequence < 3 { ledger.suspend(at, now) } else { ledger.deliver(at, now, || Ok(Quality::default())) }
         }
         assert_eq!((ledger.delivered, ledger.suspended, ledger.gaps), (2, 3, 0));
         assert_eq!((ledger.rate_hz(), ledger.loss()), (Some(100.0), 0.0));

@@ -159,6 +159,16 @@ fn view_edges(graph: &Graph, stage: &Stage, views: &mut [EdgeView]) {
     }
 }
 
+/// Adds to the failures of nodes out of libraries which library that was.
+fn name_libraries(graph: &Graph, faults: &mut [FaultRecord]) {
+    for instance in &graph.instances {
+        let library = instance.library_in_words();
+        if !library.is_empty() {
+            faults.iter_mut().filter(|it| it.instance == instance.path).for_each(|it| it.message.push_str(&library));
+        }
+    }
+}
+
 /// Finishes all nodes and gathers what the run leaves behind.
 /// Part of the messages of an edge that may be dropped without a word.
 const QUIET_DROPS: f64 = 0.01;
@@ -196,6 +206,7 @@ fn conclude(graph: &Graph, mut stage: Stage, ended: Time, wall: Duration, interr
         sentences.map(move |what| Unmet { edge: edge.name.clone(), what, must: promise.must })
     });
     let unmet = unmet.collect();
-    let (faults, gaps) = stage.faults.into_records();
+    let (mut faults, gaps) = stage.faults.into_records();
+    name_libraries(graph, &mut faults);
     Outcome { report, ledgers, unmet, faults, gaps, suspensions, ended, wall, interrupted }
 }

@@ -92,7 +92,11 @@ impl Slot {
                 return Err(NodeError::input(format_args!("{}: {}", instance.path, in_words(&refusal))));
             }
             Err(said) => {
-                return Err(NodeError::program(format_args!("{}: while it was made, it {said}", instance.path)));
+                return Err(NodeError::program(format_args!(
+                    "{}: while it was made, it {said}{}",
+                    instance.path,
+                    instance.library_in_words()
+                )));
             }
         };
         let ports = &instance.node_type.ports;

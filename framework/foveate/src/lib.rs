@@ -10,6 +10,8 @@ pub use foveate_messages as messages;
 pub use foveate_motion as motion;
 pub use foveate_node as node;
 pub use foveate_plot as plot;
+pub use foveate_plugin as plugin;
+pub use foveate_plugin::{export_library, plugin};
 pub use foveate_rig as rig;
 pub use foveate_scene as scene;
 pub use foveate_time as time;
@@ -22,8 +24,8 @@ pub mod prelude {
         SubRegion, Target, TargetId, Targets,
     };
     pub use foveate_node::{
-        ConfigError, Due, In, Interval, Io, Message, Node, NodeError, Out, Plan, Pool, Ports, Purpose, Registry,
-        Report, Role, Setup, Stamp, Stamped, Time, ports,
+        ConfigError, Due, In, Interval, Io, Message, Node, NodeBench, NodeError, Out, Plan, Pool, Ports, Purpose,
+        Registry, Report, Role, Setup, Stamp, Stamped, Time, ports,
     };
     pub use foveate_scene::CalibratedHead;
 }

@@ -2,7 +2,7 @@
 
 use std::any::Any;
 use std::cell::{Cell, RefCell};
-use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind, set_hook, take_hook};
 use std::sync::Once;
 
 thread_local! {
@@ -23,6 +23,10 @@ pub fn guarded<R>(work: impl FnOnce() -> R) -> Result<R, String> {
     let result = catch_unwind(AssertUnwindSafe(work));
     DEPTH.set(DEPTH.get() - 1);
     result.map_err(|payload| {
+        let payload = match payload.downcast::<Caught>() {
+            Ok(caught) => return caught.0,
+            Err(payload) => payload,
+        };
         let text = in_words(&*payload).to_owned();
         // A payload may panic when it is dropped.
         let _ = catch_unwind(AssertUnwindSafe(|| drop(payload)));
@@ -32,6 +36,15 @@ pub fn guarded<R>(work: impl FnOnce() -> R) -> Result<R, String> {
         }
     })
 }
+
+/// Goes on with a panic that was caught elsewhere, such as in a library whose panics this program cannot catch: the guard around gives `said`,
+/// the words that the first guard gave.
+pub fn go_on(said: String) -> ! {
+    resume_unwind(Box::new(Caught(said)))
+}
+
+/// The words of a panic that another guard caught.
+struct Caught(String);
 
 fn in_words(payload: &(dyn Any + Send)) -> &str {
     let text = payload.downcast_ref::<&str>().copied();
@@ -62,6 +75,12 @@ mod tests {
         let told = guarded(|| panic!("no hands: {}", 3)).unwrap_err();
         assert_eq!(told, format!("panicked at {}:{line}: no hands: 3", file!()));
         assert_eq!(guarded(|| 5), Ok(5));
+    }
+
+    #[test]
+    fn a_panic_that_was_caught_before_keeps_its_words() {
+        let first = guarded(|| panic!("no feet")).unwrap_err();
+        assert_eq!(guarded(|| go_on(first.clone())), Err::<(), _>(first));
     }
 
     #[test]

@@ -6,17 +6,32 @@ use std::sync::Arc;
 
 use foveate_messages::{Message, Quality, SourceId, Stamp, Stamped, Time};
 
+use crate::guard::guarded;
 use crate::port::{In, Out};
+
+/// Messages that a node may give out in one activation: one that goes on without an end is stopped before it has used up the memory.
+pub const MOST_MESSAGES: usize = 1 << 20;
 
 /// A message with its type erased.
 pub trait Payload: Any + Send + Sync {
     /// [`Message::quality`].
-    fn quality(&self) -> Quality;
+    ///
+    /// # Errors
+    /// The words of its panic, which is caught where the message's type comes from: it may be a library, whose panics nobody else can catch.
+    fn quality(&self) -> Result<Quality, String>;
+    /// [`Message::bulk`].
+    ///
+    /// # Errors
+    /// The words of its panic, as above.
+    fn bulk(&self) -> Result<&[u8], String>;
 }
 
 impl<T: Message> Payload for T {
-    fn quality(&self) -> Quality {
-        Message::quality(self)
+    fn quality(&self) -> Result<Quality, String> {
+        guarded(|| Message::quality(self))
+    }
+    fn bulk(&self) -> Result<&[u8], String> {
+        guarded(|| Message::bulk(self))
     }
 }
 
@@ -30,7 +45,7 @@ pub struct Packet {
 }
 
 impl Packet {
-    fn into_typed<T: Message>(self, port: &str) -> Stamped<Arc<T>> {
+    pub(crate) fn into_typed<T: Message>(self, port: &str) -> Stamped<Arc<T>> {
         let any: Arc<dyn Any + Send + Sync> = self.payload;
         match any.downcast::<T>() {
             Ok(value) => Stamped { stamp: self.stamp, value },
@@ -142,9 +157,11 @@ impl Io<'_> {
     /// Gives out `value` under the stamp of what it was made from.
     ///
     /// # Panics
-    /// When the node's `ports` do not declare `port`: a mistake in its source.
+    /// When the node's `ports` do not declare `port`, or it gave out [`MOST_MESSAGES`] already: a mistake in its source.
     pub fn emit<T: Message>(&mut self, port: &Out<T>, stamp: Stamp, value: impl Into<Arc<T>>) {
         self.check(port);
+        let n_given = self.outbox.packets.len();
+        assert!(n_given < MOST_MESSAGES, "gave out more than {MOST_MESSAGES} messages in one activation");
         self.outbox.packets.push((port.index, Packet { stamp, payload: value.into() }));
     }
 
@@ -168,6 +185,8 @@ impl Io<'_> {
     /// Takes up one sequence number.
     pub fn gap<T: Message>(&mut self, port: &Out<T>, time: Time, reason: impl Display) {
         self.check(port);
+        let n_given = self.outbox.gaps.len();
+        assert!(n_given < MOST_MESSAGES, "declared more than {MOST_MESSAGES} gaps in one activation");
         self.sequences[port.index] += 1;
         self.outbox.gaps.push((port.index, Gap { time, reason: reason.to_string() }));
     }

@@ -5,14 +5,18 @@
 //! | [`node`], [`port`], [`io`] | what an author writes: a type with ports, settings and `process` |
 //! | [`setup`], [`report`], [`error`] | what a node is given when it is made, what it leaves behind, what it may complain about |
 //! | [`guard`] | what stands around every call of foreign code |
+//! | [`bench`] | runs one node without a rig, for tests |
 //! | [`registry`] | the node types that a program knows, erased |
+//! | [`library`] | where node types come from, and libraries of them that a program opens while it runs |
 //! | [`scale`] | the scales at run time: who carries a scale's space, and where it is |
 //! | [`setting_docs`] | the settings of a node type for people |
 
+pub mod bench;
 pub mod detector;
 pub mod error;
 pub mod guard;
 pub mod io;
+pub mod library;
 pub mod line;
 pub mod node;
 pub mod pool;
@@ -23,9 +27,11 @@ pub mod scale;
 pub mod setting_docs;
 pub mod setup;
 
+pub use bench::NodeBench;
 pub use error::{ConfigError, NodeError};
 pub use foveate_messages::{Interval, Message, SourceId, Stamp, Stamped, Time};
 pub use io::Io;
+pub use library::{LibraryError, Origin};
 pub use line::{Device, Line};
 pub use node::{Due, Node, Plan, Role};
 pub use pool::Pool;

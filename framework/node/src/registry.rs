@@ -1,6 +1,6 @@
 //! The node types that a program knows.
 
-use std::any::Any;
+use std::any::{Any, type_name};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -8,6 +8,7 @@ use schemars::Schema;
 
 use crate::error::{ConfigError, NodeError};
 use crate::io::Io;
+use crate::library::{OpenLibrary, Origin};
 use crate::node::{Due, Node, Plan, Role};
 use crate::port::Ports;
 use crate::report::Report;
@@ -15,8 +16,10 @@ use crate::scale::ScaleAnchor;
 use crate::setup::Setup;
 
 /// The node types that a program knows, by name.
+#[derive(Clone)]
 pub struct Registry {
-    types: BTreeMap<&'static str, Arc<NodeType>>,
+    pub(crate) types: BTreeMap<&'static str, Arc<NodeType>>,
+    pub(crate) open: Option<OpenLibrary>,
 }
 
 /// One node type, erased.
@@ -31,7 +34,10 @@ pub struct NodeType {
     pub ports: Ports,
     /// JSON Schema of the settings (an object); names, units in brackets, ranges and defaults are read from it.
     pub schema: Schema,
-    decode: Box<Decode>,
+    /// Where it comes from.
+    pub origin: Origin,
+    /// Reads its settings: see [`NodeType::decode`].
+    pub decoder: Box<Decode>,
 }
 
 impl NodeType {
@@ -40,12 +46,13 @@ impl NodeType {
     /// # Errors
     /// What cannot be read, with the dotted path of the setting.
     pub fn decode(&self, given: &mut dyn erased_serde::Deserializer<'_>) -> Result<Box<dyn Settings>, ConfigError> {
-        (self.decode)(given)
+        (self.decoder)(given)
     }
 }
 
 /// Reads the settings of a node type.
-type Decode = dyn Fn(&mut dyn erased_serde::Deserializer<'_>) -> Result<Box<dyn Settings>, ConfigError> + Send + Sync;
+pub type Decode =
+    dyn Fn(&mut dyn erased_serde::Deserializer<'_>) -> Result<Box<dyn Settings>, ConfigError> + Send + Sync;
 
 /// Makes a node out of its settings.
 type Make<N> = dyn Fn(<N as Node>::Settings, &Setup) -> Result<N, ConfigError> + Send + Sync;
@@ -140,7 +147,7 @@ fn decode<N: Node>(
 impl Registry {
     /// Knows what every rig may need: `scale.anchor`.
     pub fn new() -> Self {
-        let mut registry = Self { types: BTreeMap::new() };
+        let mut registry = Self { types: BTreeMap::new(), open: None };
         registry.add::<ScaleAnchor>();
         registry
     }
@@ -172,7 +179,8 @@ impl Registry {
                 summary: N::SUMMARY,
                 ports: N::ports(),
                 schema: schemars::schema_for!(N::Settings),
-                decode: Box::new(move |given| decode::<N>(given, &make)),
+                origin: Origin::Linked(type_name::<N>().split("::").next().unwrap_or_default()),
+                decoder: Box::new(move |given| decode::<N>(given, &make)),
             }),
         );
         assert!(taken.is_none(), "two node types are named `{}`", N::TYPE);

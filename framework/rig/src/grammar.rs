@@ -224,6 +224,18 @@ pub(super) mod rig {
     pub const ALL: [&Key; 6] = [&NAME, &FOLDER, &CALIBRATION, &SEED, &DURATION_S, &REPORT_SPEED];
 }
 
+/// `[plugins]`.
+pub(super) mod plugins {
+    use super::*;
+
+    pub const LIBRARIES: Key = Key::new(
+        "libraries",
+        Kind::Other,
+        "Shared libraries that `foveate plugin build` made, by path; their node types can be used in this rig.",
+    );
+    pub const ALL: [&Key; 1] = [&LIBRARIES];
+}
+
 /// `[scale.NAME]`.
 pub(super) mod scale {
     use super::*;

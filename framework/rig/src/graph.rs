@@ -11,6 +11,7 @@ use foveate_scene::AnchorRule;
 use foveate_scene::calibration::Calibration;
 
 use foveate_diagnostics::Diagnostics;
+use foveate_node::Origin;
 use foveate_node::port::InputPolicy;
 use foveate_node::registry::{NodeType, Settings};
 use foveate_node::scale::{ScalePlace, ScaleTree};
@@ -84,6 +85,16 @@ pub struct Instance {
     pub takes: Vec<InputPolicy>,
     /// What each of its turns costs on the logical clock.
     pub cost: Cost,
+}
+
+impl Instance {
+    /// " (`star.finder` of LIBRARY)" where its type comes from a library, and nothing otherwise: for sentences about its failures.
+    pub fn library_in_words(&self) -> String {
+        match &self.node_type.origin {
+            Origin::Library(path) => format!(" (`{}` of {})", self.node_type.name, path.display()),
+            Origin::Linked(_) => String::new(),
+        }
+    }
 }
 
 /// How long a turn of a node keeps it busy in a run that is not live; there, where a turn takes no time by itself, this

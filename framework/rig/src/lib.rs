@@ -5,6 +5,7 @@
 //! | step | file |
 //! |---|---|
 //! | text → tables with the place of every word | `read`, `node_text`, `value` |
+//! | libraries of nodes opened | `libraries` |
 //! | scales in order, and which targets carry them | `scales`, `targets` |
 //! | each node alone: type, settings against their schema, cameras, made once on trial | `nodes`, `settings`, `expected` |
 //! | references looked up, messages, spaces and cameras compared, edges | `lookup`, `reference`, `wire`, `anchors` |
@@ -17,6 +18,7 @@ mod expected;
 mod finish;
 mod grammar;
 pub mod graph;
+mod libraries;
 mod lookup;
 mod node_text;
 mod nodes;
@@ -110,6 +112,28 @@ pub fn calibration_path(path: &Path) -> Result<Option<PathBuf>, Diagnostics> {
     if faults.n_errors() == 0 { Ok(found) } else { Err(faults) }
 }
 
+/// `registry` with the node types of the libraries that the rig at `path` names.
+///
+/// # Errors
+/// When the rig cannot be read, or a library of it cannot be used.
+pub fn with_libraries(path: &Path, registry: &Registry) -> Result<Registry, Diagnostics> {
+    let text = read_text(path)?;
+    let mut findings = Findings::default();
+    let mut of_libraries = Findings::default();
+    let grown = parse(&text, &mut findings).map(|document| {
+        // What is wrong with the rest of the rig does not matter here.
+        let rig = read::read(document, &text, &mut Findings::default());
+        let file_dir = path.parent().filter(|it| !it.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let rig_dir = folder(&rig, file_dir, &mut of_libraries);
+        libraries::open(registry, &rig.libraries, &rig_dir, &mut of_libraries).0.into_owned()
+    });
+    findings.append(of_libraries);
+    match grown {
+        Some(grown) if !findings.any_error() => Ok(grown),
+        _ => Err(findings.into_diagnostics(&text, path)),
+    }
+}
+
 fn check(
     text: &str,
     path: &Path,
@@ -126,6 +150,7 @@ fn check(
     let mut rig = read::read(document, text, findings);
     let file_dir = path.parent().filter(|it| !it.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let rig_dir = folder(&rig, file_dir, findings);
+    let (registry, has_all_libraries) = libraries::open(registry, &rig.libraries, &rig_dir, findings);
     let given = overrides.calibration.clone();
     let calibration = given.or_else(|| calibration(&rig, &rig_dir, findings));
     // Before any node is tried out, which may ask for a picture's memory.
@@ -142,7 +167,8 @@ fn check(
     }
     let (scales, nodes) = scales::arrange(std::mem::take(&mut rig.scales), findings);
     let surroundings = Surroundings {
-        registry,
+        registry: &registry,
+        has_all_libraries,
         calibration: calibration.clone(),
         names_calibration: rig.calibration.is_some() || overrides.calibration.is_some(),
         rig_dir: &rig_dir,

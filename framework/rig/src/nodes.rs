@@ -16,6 +16,7 @@ use super::settings;
 use crate::graph::{SINK_CAPACITY, scale_id};
 use foveate_diagnostics::Findings;
 use foveate_diagnostics::names::{did_you_mean, likely, listed, shown, there_is};
+use foveate_node::ConfigError;
 use foveate_node::guard::guarded;
 use foveate_node::node::{Plan, Role};
 use foveate_node::registry::{NodeType, Registry, Settings};
@@ -47,6 +48,8 @@ impl NodeDraft<'_> {
 /// The rig around a node.
 pub(super) struct Surroundings<'r> {
     pub registry: &'r Registry,
+    /// Whether every library of nodes that the rig names could be used; where not, that has been reported.
+    pub has_all_libraries: bool,
     /// `None` when it could not be read, which has been reported.
     pub calibration: Option<Arc<Calibration>>,
     /// Whether the rig names a calibration.
@@ -75,7 +78,15 @@ impl Surroundings<'_> {
         }
         let given = std::mem::take(&mut text.settings);
         let settings = node_type.as_ref().and_then(|it| decode(it, &text, &given, findings));
-        let plan = settings.as_ref().map(|it| it.plan()).unwrap_or_default();
+        let plan = settings.as_ref().and_then(|it| match guarded(|| it.plan()) {
+            Ok(plan) => Some(plan),
+            Err(said) => {
+                let title = format!("`{}` cannot say what it will do", text.name.get_ref());
+                findings.error(text.header.clone(), title, format_args!("the node {said}: a mistake in its program"));
+                None
+            }
+        });
+        let plan = plan.unwrap_or_default();
         if let (Some(settings), Some(cameras), true) = (&settings, &cameras, scale.scale.sound) {
             self.try_out(&text, scale, &given, settings, cameras, findings);
         }
@@ -93,7 +104,8 @@ impl Surroundings<'_> {
             return None;
         };
         let found = self.registry.get(name.get_ref());
-        if found.is_none() {
+        // One that is not known may stand in a library that was refused.
+        if found.is_none() && self.has_all_libraries {
             let known = written(self.registry).map(|it| it.name).collect::<Vec<_>>();
             findings
                 .error(
@@ -245,7 +257,9 @@ fn decode(
     }
     let whole = toml::Spanned::new(0..0, toml::de::DeValue::Table(given.clone()));
     let mut format = <dyn erased_serde::Deserializer<'_>>::erase(toml::de::ValueDeserializer::from(whole));
-    match node_type.decode(&mut format) {
+    let decoded = guarded(|| node_type.decode(&mut format))
+        .unwrap_or_else(|said| Err(ConfigError::node(format_args!("the node {said}: a mistake in its program"))));
+    match decoded {
         Ok(settings) => Some(Arc::from(settings)),
         Err(error) => {
             let place = error.setting.and_then(|it| settings::place_of(given, &it));

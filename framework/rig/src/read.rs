@@ -4,6 +4,7 @@ use toml::Spanned;
 use toml::de::DeTable;
 
 use super::grammar::{rig as head, scale};
+use super::libraries;
 use super::node_text::NodeText;
 use super::targets::{self, NamedTarget};
 use foveate_diagnostics::names::{is_plain, shown};
@@ -23,6 +24,8 @@ pub(super) struct RigText<'t> {
     pub seed: u64,
     pub duration_s: Option<f64>,
     pub report_speed: bool,
+    /// `[plugins] libraries`.
+    pub libraries: Vec<Spanned<String>>,
     /// In the order of the text.
     pub scales: Vec<ScaleText<'t>>,
 }
@@ -48,6 +51,9 @@ pub(super) struct ScaleText<'t> {
 pub(super) fn read<'t>(document: DeTable<'t>, text: &str, findings: &mut Findings) -> RigText<'t> {
     let mut top = Keys::new(document, 0..0);
     let mut rig = read_rig(&mut top, text, findings);
+    if let Some((key, value)) = top.take_entry("plugins") {
+        rig.libraries = libraries::read(&key, value, text, findings);
+    }
     if let Some((key, value)) = top.take_entry("scale") {
         let scales = findings.table(&key, value, text, "tables `[scale.NAME]`");
         for (name, value) in scales.map(|mut it| it.take_rest()).unwrap_or_default() {
@@ -72,6 +78,7 @@ fn read_rig<'t>(top: &mut Keys<'t>, text: &str, findings: &mut Findings) -> RigT
         seed: 1,
         duration_s: None,
         report_speed: false,
+        libraries: Vec::new(),
         scales: Vec::new(),
     };
     let Some((key, value)) = top.take_entry("rig") else {

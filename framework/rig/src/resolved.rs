@@ -19,6 +19,7 @@ use super::scales::{Parent, ScaleDraft, anchored_to};
 use super::targets;
 use crate::graph::{Cost, Queue};
 use foveate_diagnostics::names::is_plain;
+use foveate_node::Origin;
 use foveate_node::port::InputPolicy;
 
 /// What of the rig's own table the graph keeps.
@@ -47,6 +48,12 @@ pub(super) fn write(head: &Head<'_>, names: &Names<'_, '_>) -> Result<String, (u
         line(&mut text, grammar::rig::DURATION_S.name, &Value::from(duration_s));
     }
     line(&mut text, grammar::rig::REPORT_SPEED.name, &Value::from(head.rig.report_speed));
+    let libraries: BTreeSet<&Path> = names.nodes.iter().filter_map(library).collect();
+    if !libraries.is_empty() {
+        let libraries: Vec<String> = libraries.into_iter().map(|it| it.to_string_lossy().into_owned()).collect();
+        let _ = writeln!(text, "\n[plugins]");
+        line(&mut text, grammar::plugins::LIBRARIES.name, &Value::from(libraries));
+    }
     let anchored = anchored_to(names.scales);
     let mut nodes = names.nodes.iter().enumerate().peekable();
     for (index, scale) in names.scales.iter().enumerate() {
@@ -59,6 +66,14 @@ pub(super) fn write(head: &Head<'_>, names: &Names<'_, '_>) -> Result<String, (u
         }
     }
     Ok(text)
+}
+
+/// The library that a node's type comes from.
+fn library<'n>(node: &'n NodeDraft<'_>) -> Option<&'n Path> {
+    match &node.node_type.as_ref()?.origin {
+        Origin::Library(path) => Some(path),
+        Origin::Linked(_) => None,
+    }
 }
 
 fn line(text: &mut String, key: &str, value: &Value) {

@@ -10,6 +10,7 @@ use serde_json::{Map, Value as Json, json};
 use super::grammar::{self, table};
 use super::targets;
 use crate::graph::SINK_CAPACITY;
+use foveate_node::Origin;
 use foveate_node::node::{Node, Role};
 use foveate_node::port::{InputPolicy, InputSpec};
 use foveate_node::registry::{NodeType, Registry};
@@ -31,6 +32,7 @@ pub fn schema(registry: &Registry) -> Json {
         "type": "object",
         "properties": {
             "rig": head(),
+            "plugins": plugins(),
             "scale": {
                 "description": "The scales by name. One without a parent has the world as its space.",
                 "type": "object",
@@ -62,6 +64,14 @@ fn head() -> Json {
     table("What concerns the rig as a whole.", &grammar::rig::ALL, &[&grammar::rig::NAME])
 }
 
+fn plugins() -> Json {
+    use grammar::plugins::{ALL, LIBRARIES};
+    let mut schema = table("Node types that are not part of the program.", &ALL, &[]);
+    let paths = json!({ "type": "array", "items": { "type": "string" } });
+    extend(&mut schema["properties"][LIBRARIES.name], paths);
+    schema
+}
+
 fn scale() -> Json {
     use grammar::scale::{ALL, NODE, TARGET, VOLUME_M};
     let mut schema = table("A graph of nodes with a space of its own.", &ALL, &[]);
@@ -89,7 +99,7 @@ fn extend(schema: &mut Json, more: Json) {
 
 fn node(registry: &Registry) -> Json {
     let names: Vec<&str> = written(registry).map(|it| it.name).collect();
-    let summaries: Vec<String> = written(registry).map(|it| format!("{}: {}", it.role.name(), it.summary)).collect();
+    let summaries: Vec<String> = written(registry).map(|it| format!("{}: {}", it.role.name(), summary(it))).collect();
     let branches: Vec<Json> = written(registry)
         .map(|it| {
             json!({
@@ -184,6 +194,14 @@ fn require() -> Json {
     table("Measured, shown, reported.", &grammar::requirement::ALL, &[])
 }
 
+/// What a node type does, and the library that it comes from.
+fn summary(node_type: &NodeType) -> String {
+    match &node_type.origin {
+        Origin::Library(path) => format!("{} (from {})", node_type.summary, path.display()),
+        Origin::Linked(_) => node_type.summary.to_owned(),
+    }
+}
+
 /// The settings of a node type beside the reserved keys; its own definitions move to the rig's.
 fn add_node_type(node_type: &NodeType, definitions: &mut Map<String, Json>) {
     let mut schema = node_type.schema.as_value().clone();
@@ -209,7 +227,7 @@ fn add_node_type(node_type: &NodeType, definitions: &mut Map<String, Json>) {
     // Alternatives hold properties that `additionalProperties` would not see.
     let has_parts = ["allOf", "anyOf", "oneOf"].iter().any(|it| schema.contains_key(*it));
     schema.remove("additionalProperties");
-    schema.insert("description".to_owned(), json!(node_type.summary));
+    schema.insert("description".to_owned(), json!(summary(node_type)));
     schema.insert("properties".to_owned(), Json::Object(properties));
     schema.insert("required".to_owned(), Json::Array(needed));
     schema.insert(if has_parts { "unevaluatedProperties" } else { "additionalProperties" }.to_owned(), json!(false));

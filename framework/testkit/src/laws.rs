@@ -1,7 +1,7 @@
 //! Checks that hold for every camera model, derivative and node: one call each.
 
 use foveate_geometry::Camera;
-use foveate_node::{Node, Registry};
+use foveate_node::{Interval, Node, NodeBench, NodeError, Registry, Setup, Time};
 use nalgebra::{DMatrix, DVector, Point2};
 use serde_json::Value;
 
@@ -110,6 +110,53 @@ pub fn check_node<N: Node>(settings: &str) {
     }
 }
 
+/// Checks what every node type promises of its runs, with `settings` in `setup`. `feed` gives it what it is to work on at one moment (a message at each
+/// port, or a source's turn); it is called for moments a sixtieth of a second apart.
+/// - the same messages give the same bytes again: no clock, no randomness but its own;
+/// - two nodes that take turns give what each would give alone: no shared state;
+/// - a node that was suspended for a minute works on.
+///
+/// # Panics
+/// When one of these does not hold, or `feed` fails.
+#[track_caller]
+pub fn check_runs<N: Node>(
+    settings: &N::Settings,
+    setup: &Setup,
+    feed: impl Fn(&mut NodeBench<N>, Time) -> Result<(), NodeError>,
+) {
+    const STEPS: i64 = 30;
+    let new =
+        || NodeBench::<N>::with_setup(settings.clone(), setup).unwrap_or_else(|error| panic!("`{}`: {error}", N::TYPE));
+    let step = |bench: &mut NodeBench<N>, at: i64, after: Interval| {
+        let time = Time(at * 1_000_000_000 / 60) + after;
+        feed(bench, time).unwrap_or_else(|error| panic!("`{}` at {time}: {error}", N::TYPE));
+    };
+    let told = |mut bench: NodeBench<N>| {
+        let text = bench.transcript().unwrap_or_else(|error| panic!("`{}`: {error}", N::TYPE));
+        let report = bench.finish().unwrap_or_else(|error| panic!("`{}` while finishing: {error}", N::TYPE));
+        (text, format!("{:?}", report.figures))
+    };
+    let alone = || {
+        let mut bench = new();
+        (0..STEPS).for_each(|at| step(&mut bench, at, Interval(0)));
+        told(bench)
+    };
+    let first = alone();
+    assert!(!first.0.is_empty() || N::ports().outputs.is_empty(), "`{}` gave nothing out at all", N::TYPE);
+    assert_eq!(alone(), first, "`{}` gives something else the second time", N::TYPE);
+    let mut both = [new(), new()];
+    for at in 0..STEPS {
+        both.iter_mut().for_each(|it| step(it, at, Interval(0)));
+    }
+    for bench in both {
+        assert_eq!(told(bench), first, "`{}` gives something else beside another one of its kind", N::TYPE);
+    }
+    let mut suspended = new();
+    (0..STEPS / 2).for_each(|at| step(&mut suspended, at, Interval(0)));
+    (STEPS / 2..STEPS).for_each(|at| step(&mut suspended, at, Interval::from_s(60.0)));
+    told(suspended);
+}
+
 /// Each property of an object schema has a description with a unit at its end, and a default unless required.
 #[track_caller]
 fn check_schema(node: &str, schema: &Value) {
@@ -152,6 +199,12 @@ fn tables(table: &toml::Table) -> Vec<Vec<String>> {
 #[cfg(test)]
 mod tests {
     use std::panic::catch_unwind;
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    use foveate_messages::Targets;
+    use foveate_node::{ConfigError, Due, Io, Out, Ports, Role};
+    use schemars::JsonSchema;
+    use serde::{Deserialize, Serialize};
 
     use super::*;
     use crate::scene::camera_ring;
@@ -178,6 +231,55 @@ mod tests {
         assert!(ends_in_unit("How bright [gray level, 0..=255]."));
         assert!(ends_in_unit("A share [–]"));
         assert!(!ends_in_unit("How [bright] it is") && !ends_in_unit("Nothing []") && !ends_in_unit(""));
+    }
+
+    const OUT: Out<Targets> = Out::new(0, "targets");
+    static CALLS: AtomicU64 = AtomicU64::new(0);
+
+    /// What a node must not do, one thing each.
+    #[derive(Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+    enum Vice {
+        None,
+        SharedState,
+        LongPause,
+    }
+
+    struct Vicious(Vice, Time);
+
+    impl Node for Vicious {
+        const TYPE: &'static str = "testkit.vicious";
+        const ROLE: Role = Role::Source;
+        const SUMMARY: &'static str = "Does what a node must not";
+        type Settings = Vice;
+        fn ports() -> Ports {
+            Ports::new().output(&OUT)
+        }
+        fn new(vice: Vice, _setup: &Setup) -> Result<Self, ConfigError> {
+            Ok(Self(vice, Time::ZERO))
+        }
+        fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+            let shared = if self.0 == Vice::SharedState { CALLS.fetch_add(1, Ordering::Relaxed) as i64 } else { 0 };
+            assert!(self.0 != Vice::LongPause || io.now() - self.1 < Interval::from_s(1.0), "what a long pause");
+            self.1 = io.now();
+            io.emit_at(&OUT, io.now(), Targets { time: Time(shared), list: Vec::new() });
+            Ok(())
+        }
+        fn due(&mut self) -> Due {
+            Due::At(self.1 + Interval(1))
+        }
+    }
+
+    #[test]
+    fn shared_state_and_a_node_that_does_not_stand_a_pause_are_found() {
+        let check = |vice: Vice| {
+            catch_unwind(|| {
+                check_runs::<Vicious>(&vice, &Setup::for_tests(), |bench, time| bench.turn(time));
+            })
+        };
+        assert!(check(Vice::None).is_ok());
+        let words = |vice: Vice| check(vice).unwrap_err().downcast_ref::<String>().cloned().unwrap_or_default();
+        assert!(words(Vice::SharedState).contains("something else the second time"));
+        assert!(words(Vice::LongPause).contains("what a long pause"));
     }
 
     #[test]

@@ -20,8 +20,8 @@ use foveate_scene::{Draft, WorkingVolume};
 use super::boards::{self, BoardWishes};
 use super::guide::Guide;
 use super::recorder::{self, Gathered, Shared};
+use crate::interrupt;
 use crate::output::wants_color;
-use crate::{interrupt, registry};
 
 /// The node that is added to the rig.
 const RECORDER: &str = "calibrate_recorder";
@@ -98,6 +98,7 @@ pub fn draft(rig: &Path) -> Result<(PathBuf, Draft), String> {
 /// Sentences for the person, with all faults of the rig.
 pub fn capture(
     rig_path: &Path,
+    registry: &Registry,
     draft: &Draft,
     cameras: Vec<CameraGuess>,
     folder: &Path,
@@ -112,7 +113,7 @@ pub fn capture(
     let used = |index: &usize| numbers.get(*index).copied().flatten().is_some();
     let shared: Shared =
         Arc::new(Mutex::new(Gathered { camera_frames: Vec::new(), coverage, numbers: numbers.clone() }));
-    let mut registry = registry();
+    let mut registry = registry.clone();
     recorder::register(&mut registry, &shared);
     let Detectors { graph, board, labels } = detectors(rig_path, draft, &registry, wishes)?;
     check(&graph)?;

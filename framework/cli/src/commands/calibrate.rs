@@ -17,6 +17,7 @@ use foveate_calibration::solved::{FixedFreedoms, ObservationRole, Solved, Solved
 use foveate_calibration::wand::{self, RefineOptions, Wand, WandObservation, WandSample};
 use foveate_capture::labels::mirrored_pairs;
 use foveate_geometry::CameraStatus;
+use foveate_node::Registry;
 use foveate_rig::graph::Graph;
 use foveate_scene::{Calibration, Draft, LengthUnit};
 
@@ -168,8 +169,8 @@ fn length_mm(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| format!("found {text}, expected the length of the wand, a number above 0, to 100000 [mm]"))
 }
 
-pub(super) fn run(args: &CalibrateArgs) -> u8 {
-    let code = match calibrate(args) {
+pub(super) fn run(args: &CalibrateArgs, registry: &Registry) -> u8 {
+    let code = match calibrate(args, registry) {
         Ok(code) => code,
         Err(sentences) => {
             eprintln!("{}", sentences.trim_end());
@@ -179,7 +180,7 @@ pub(super) fn run(args: &CalibrateArgs) -> u8 {
     interrupt::caught().map_or(code, |it| it.code)
 }
 
-fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
+fn calibrate(args: &CalibrateArgs, registry: &Registry) -> Result<u8, String> {
     let givens = wishes(args).givens().map_err(|fault| format!("error: {fault}"))?;
     let (path, draft) = capture::draft(&args.rig)?;
     if args.write {
@@ -216,7 +217,7 @@ fn calibrate(args: &CalibrateArgs) -> Result<u8, String> {
         let lights = if args.wand_mm.is_some() { Some(2) } else { Some(1).filter(|_| !has_labels) };
         check_places(lights, graph.duration.map(|it| it.as_s()))
     };
-    let captured = capture::capture(&args.rig, &draft, plan.cameras.clone(), &folder, &how, &check_graph)?;
+    let captured = capture::capture(&args.rig, registry, &draft, plan.cameras.clone(), &folder, &how, &check_graph)?;
     captured.ended_early.iter().for_each(|it| eprintln!("{it}"));
     let remarks = captured.outcome.report.remarks.iter().map(|it| format!("note: {it}"));
     remarks.chain(lost(&captured.outcome, "")).for_each(|it| eprintln!("{}", harmless(&it)));

@@ -2,14 +2,15 @@
 
 use std::path::Path;
 
+use foveate_node::Registry;
 use foveate_rig::Overrides;
 
 use super::load;
 use crate::exit;
 use crate::output::say;
 
-pub(super) fn run(rig: &Path) -> u8 {
-    match load(rig, &Overrides::default()) {
+pub(super) fn run(rig: &Path, registry: &Registry) -> u8 {
+    match load(rig, registry, &Overrides::default()) {
         Ok(graph) => {
             let (nodes, edges) = (graph.instances.len(), graph.edges.len());
             let cameras = graph.calibration.cameras.len();

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use foveate_node::Registry;
 use foveate_rig::Overrides;
 
 use super::{PictureFormat, complain, load};
@@ -9,8 +10,8 @@ use crate::exit;
 use crate::output::say;
 use crate::results::write_whole;
 
-pub(super) fn run(rig: &Path, format: PictureFormat, output: Option<PathBuf>) -> u8 {
-    let graph = match load(rig, &Overrides::default()) {
+pub(super) fn run(rig: &Path, registry: &Registry, format: PictureFormat, output: Option<PathBuf>) -> u8 {
+    let graph = match load(rig, registry, &Overrides::default()) {
         Ok(graph) => graph,
         Err(code) => return code,
     };

@@ -6,17 +6,22 @@ use foveate_diagnostics::names::likely;
 use foveate_node::port::InputSpec;
 use foveate_node::registry::NodeType;
 use foveate_node::setting_docs::{SettingDoc, setting_docs};
+use foveate_node::{Origin, Registry};
 
+use crate::exit;
 use crate::output::say;
-use crate::{exit, registry};
 
-pub(super) fn run(node_type: Option<&str>) -> u8 {
-    let registry = registry();
+pub(super) fn run(node_type: Option<&str>, registry: &Registry) -> u8 {
     let Some(name) = node_type else {
         let width = registry.iter().map(|it| it.name.len()).max().unwrap_or(0);
         let mut text = String::new();
         for it in registry.iter() {
             let _ = writeln!(text, "{:width$}  {:<20}  {}", it.name, it.role.name(), it.summary);
+        }
+        for library in registry.libraries() {
+            let mine = registry.iter().filter(|it| it.origin == Origin::Library(library.to_owned()));
+            let names: Vec<&str> = mine.map(|it| it.name).collect();
+            let _ = writeln!(text, "\n{} from the library {}", names.join(", "), library.display());
         }
         text += "\n`foveate nodes TYPE` shows the ports and settings of one.\n";
         say(&text);
@@ -39,6 +44,10 @@ pub(super) fn run(node_type: Option<&str>) -> u8 {
 /// One node type for people.
 fn describe(node_type: &NodeType) -> String {
     let mut text = format!("{} — {}\n{}\n", node_type.name, node_type.role.name(), node_type.summary);
+    let _ = match &node_type.origin {
+        Origin::Library(path) => writeln!(text, "From the library {}", path.display()),
+        linked @ Origin::Linked(_) => writeln!(text, "Built in, from {linked}"),
+    };
     if !node_type.ports.inputs.is_empty() {
         text += "\nInputs\n";
         for it in &node_type.ports.inputs {

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use foveate_engine::{self as engine, Options, Outcome, Progress};
+use foveate_node::Registry;
 use foveate_rig::Overrides;
 use foveate_rig::graph::Graph;
 
@@ -13,10 +14,10 @@ use crate::output::say;
 use crate::progress::Line;
 use crate::{exit, interrupt, results};
 
-pub(super) fn run(args: &RunArgs) -> u8 {
+pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
     let overrides = Overrides { seed: args.seed, duration_s: args.duration, ..Overrides::default() };
     let load = if args.quiet { load_quietly } else { load };
-    let graph = match load(&args.rig, &overrides) {
+    let graph = match load(&args.rig, registry, &overrides) {
         Ok(graph) => Arc::new(graph),
         Err(code) => return code,
     };

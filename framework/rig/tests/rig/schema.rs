@@ -61,6 +61,7 @@ fn what_the_schema_describes_is_what_the_loader_reads() {
     let detector = "/$defs/node:test.detector/properties";
     let tables = [
         ("[rig]\n", "/properties/rig".to_owned()),
+        ("[plugins]\n", "/properties/plugins".to_owned()),
         ("[scale.room]\n", "/$defs/scale".to_owned()),
         ("[scale.room.target.head]\n", "/$defs/scale/properties/target/additionalProperties".to_owned()),
         ("[scale.room.node.leds.require.image]\n", "/$defs/require".to_owned()),
@@ -80,5 +81,5 @@ fn what_the_schema_describes_is_what_the_loader_reads() {
         let faults = bad(&format!("{header}nothing_reads_this = 1\n"));
         assert!(faults.list.iter().any(|it| it.title.contains("unknown key")), "{header}: {faults}");
     }
-    assert!(n_keys >= 28, "{n_keys} keys");
+    assert!(n_keys >= 29, "{n_keys} keys");
 }

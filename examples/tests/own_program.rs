@@ -1,0 +1,48 @@
+//! A program of one's own with all commands of `foveate` for the nodes that are linked into it.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+/// Exit code and what was said.
+fn own_program(folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_own_program")).args(arguments).current_dir(folder).output().unwrap();
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+    (output.status.code(), text(output.stdout) + &text(output.stderr))
+}
+
+/// The simulated lab with the node of this crate before its table and its score.
+fn rig(folder: &Path, setting: &str) {
+    let graphs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs");
+    let lab = fs::read_to_string(graphs.join("room.toml")).unwrap();
+    let lab =
+        lab.replace("in = { targets = \"targets.targets\", truth", "in = { targets = \"credible.targets\", truth");
+    let node = "\n[scale.room.node.credible]\ntype = \"example.speed_limit\"\nin = { targets = \"targets.targets\" }\n";
+    fs::write(folder.join("room.toml"), format!("{lab}{node}{setting}\n")).unwrap();
+    fs::copy(graphs.join("room.calibration.toml"), folder.join("room.calibration.toml")).unwrap();
+}
+
+#[test]
+fn every_command_knows_the_node_that_is_linked_in() {
+    let folder = tempfile::tempdir().unwrap();
+    let (code, said) = own_program(folder.path(), &["nodes", "example.speed_limit"]);
+    assert!(
+        code == Some(0) && said.contains("Built in, from foveate-examples") && said.contains("max_speed"),
+        "{said}"
+    );
+    let (_, schema) = own_program(folder.path(), &["schema"]);
+    assert!(schema.contains("example.speed_limit") && schema.contains("led.detector"));
+
+    rig(folder.path(), "max_speed = 8");
+    let (code, said) = own_program(folder.path(), &["check", "room.toml"]);
+    assert_eq!(code, Some(0), "{said}");
+    let (code, said) =
+        own_program(folder.path(), &["run", "room.toml", "--duration", "0.5", "--quiet", "--out", "out"]);
+    assert_eq!(code, Some(0), "{said}");
+    let summary = fs::read_to_string(folder.path().join("out/summary.json")).unwrap();
+    assert!(summary.contains("speed_limit.dropped"), "{summary}");
+
+    rig(folder.path(), "max_speed = -8");
+    let (code, said) = own_program(folder.path(), &["check", "room.toml"]);
+    assert!(code == Some(2) && said.contains("`max_speed` is out of range") && said.contains("[m/s]"), "{said}");
+}

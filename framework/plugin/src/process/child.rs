@@ -1,0 +1,211 @@
+//! A child process: frames on its standard input and output, each within a deadline; the end of what it writes on standard error is kept.
+
+use std::collections::VecDeque;
+use std::io::{ErrorKind, Read, Write};
+use std::os::fd::AsFd;
+use std::path::{Path, PathBuf};
+use std::process::{ChildStderr, ChildStdin, ChildStdout, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use foveate_node::{ConfigError, NodeError};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
+use serde_json::Value;
+
+/// Longest frame that is read [bytes].
+pub const LONGEST_FRAME: usize = 64 << 20;
+/// How much of its standard error is kept [bytes].
+const KEPT: usize = 2000;
+/// How long a process that closed its output has to end [ms].
+const TO_END_MS: f64 = 200.0;
+
+/// The program that `command` starts, so that one that is missing is found before a run.
+pub(super) fn find(command: &[String], dir: &Path) -> Result<PathBuf, ConfigError> {
+    let Some(program) = command.first().filter(|it| !it.is_empty()) else {
+        return Err(ConfigError::at("command", "found nothing, expected a program and its arguments"));
+    };
+    let path = Path::new(program);
+    if path.components().count() > 1 {
+        let path = dir.join(path);
+        return match path.is_file() {
+            true => Ok(path.canonicalize().unwrap_or(path)),
+            false => {
+                Err(ConfigError::at("command", format_args!("found no file `{}`, expected a program", path.display())))
+            }
+        };
+    }
+    let folders = std::env::var_os("PATH").unwrap_or_default();
+    let found = std::env::split_paths(&folders).map(|it| it.join(path)).find(|it| it.is_file());
+    found.ok_or_else(|| ConfigError::at("command", format_args!("found no program `{program}` on the PATH")))
+}
+
+/// A process that answers frames.
+pub(super) struct Child {
+    child: std::process::Child,
+    program: String,
+    input: ChildStdin,
+    output: ChildStdout,
+    errors: Option<ChildStderr>,
+    said: VecDeque<u8>,
+}
+
+impl Child {
+    pub fn start(command: &[String], dir: &Path) -> Result<Self, NodeError> {
+        let program = find(command, dir).map_err(|error| NodeError::input(error.message))?;
+        let name = command.join(" ");
+        let failed =
+            |error: &dyn std::fmt::Display| NodeError::input(format_args!("`{name}` cannot be started: {error}"));
+        let mut child = Command::new(program);
+        child.args(&command[1..]).current_dir(dir).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = child.spawn().map_err(|error| failed(&error))?;
+        let (Some(input), Some(output), errors) = (child.stdin.take(), child.stdout.take(), child.stderr.take()) else {
+            return Err(failed(&"it has no standard input and output"));
+        };
+        let it = Self { child, program: name.clone(), input, output, errors, said: VecDeque::new() };
+        // A process that does not read must not hold up who writes.
+        let flags = fcntl_getfl(&it.input).map_err(|error| failed(&error))?;
+        fcntl_setfl(&it.input, flags | OFlags::NONBLOCK).map_err(|error| failed(&error))?;
+        Ok(it)
+    }
+
+    /// Sends a frame and gives the one that answers it. `text` is a buffer to be used again.
+    ///
+    /// # Errors
+    /// What the process did instead: ended, took too long, or sent what is no frame.
+    pub fn ask(&mut self, text: &mut Vec<u8>, frame: &Value, deadline_ms: f64) -> Result<Value, String> {
+        let until = Instant::now() + Duration::from_secs_f64(deadline_ms / 1e3);
+        let late = |doing: &str| format!("{doing} within {deadline_ms} ms");
+        text.clear();
+        text.extend([0; 4]);
+        serde_json::to_writer(&mut *text, frame).map_err(|error| error.to_string())?;
+        let length = u32::try_from(text.len() - 4).map_err(|_| "was sent more than a frame holds".to_owned())?;
+        text[..4].copy_from_slice(&length.to_le_bytes());
+        self.send(text, until, &late("did not read what it was sent"))?;
+        let no_answer = late("did not answer");
+        let mut length = [0; 4];
+        self.receive(&mut length, until, &no_answer)?;
+        let length = u32::from_le_bytes(length) as usize;
+        if length > LONGEST_FRAME {
+            return Err(format!(
+                "sent a frame of {length} bytes, expected at most {LONGEST_FRAME} (does it print on standard output?)"
+            ));
+        }
+        text.clear();
+        // Grows with what comes, and not with what is announced.
+        while text.len() < length {
+            let start = text.len();
+            text.resize(length.min(start + (1 << 20)), 0);
+            self.receive(&mut text[start..], until, &no_answer)?;
+        }
+        serde_json::from_slice(text).map_err(|error| format!("sent a frame that is no JSON: {error}"))
+    }
+
+    fn send(&mut self, mut bytes: &[u8], until: Instant, late: &str) -> Result<(), String> {
+        while !bytes.is_empty() {
+            match self.input.write(bytes) {
+                Ok(n) => bytes = &bytes[n..],
+                Err(error) if error.kind() == ErrorKind::WouldBlock => self.wait(true, until, late)?,
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(_) => return Err(self.ended()),
+            }
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self, mut space: &mut [u8], until: Instant, late: &str) -> Result<(), String> {
+        while !space.is_empty() {
+            self.wait(false, until, late)?;
+            match self.output.read(space) {
+                Ok(0) => return Err(self.ended()),
+                Ok(n) => space = &mut space[n..],
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) => return Err(format!("cannot be read from: {error}")),
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits until the process reads (`to_write`) or has written, and takes up what it says meanwhile.
+    fn wait(&mut self, to_write: bool, until: Instant, late: &str) -> Result<(), String> {
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            let left = Timespec { tv_sec: left.as_secs() as i64, tv_nsec: i64::from(left.subsec_nanos()) };
+            let pipe = match to_write {
+                true => PollFd::new(&self.input, PollFlags::OUT),
+                false => PollFd::new(&self.output, PollFlags::IN),
+            };
+            let mut ends = vec![pipe];
+            ends.extend(self.errors.as_ref().map(|it| PollFd::new(it, PollFlags::IN)));
+            match poll(&mut ends, Some(&left)) {
+                Ok(0) => return Err(late.to_owned()),
+                Ok(_) => {}
+                Err(rustix::io::Errno::INTR) => continue,
+                Err(error) => return Err(format!("cannot be waited for: {error}")),
+            }
+            let is_ready = !ends[0].revents().is_empty();
+            let has_said = ends.get(1).is_some_and(|it| !it.revents().is_empty());
+            if has_said {
+                self.listen();
+            }
+            if is_ready {
+                return Ok(());
+            }
+            if Instant::now() >= until {
+                return Err(late.to_owned());
+            }
+        }
+    }
+
+    /// Takes up what stands on standard error, one piece.
+    fn listen(&mut self) {
+        let mut piece = [0; 4096];
+        match self.errors.as_mut().map(|it| it.read(&mut piece)) {
+            Some(Ok(n)) if n > 0 => {
+                self.said.extend(&piece[..n]);
+                let over = self.said.len().saturating_sub(KEPT);
+                self.said.drain(..over);
+            }
+            _ => self.errors = None,
+        }
+    }
+
+    /// The process is gone: how it ended.
+    fn ended(&mut self) -> String {
+        let until = Instant::now() + Duration::from_secs_f64(TO_END_MS / 1e3);
+        loop {
+            match self.child.try_wait() {
+                Ok(Some(status)) => return format!("ended ({status})"),
+                Ok(None) if Instant::now() < until => std::thread::sleep(Duration::from_millis(1)),
+                Ok(None) | Err(_) => return "closed its standard output".to_owned(),
+            }
+        }
+    }
+
+    /// The failure that `what` is, with the last that the process said.
+    pub fn failure(&mut self, what: &str) -> NodeError {
+        let _ = self.child.kill();
+        let until = Instant::now() + Duration::from_secs_f64(TO_END_MS / 1e3);
+        while let Some(errors) = &self.errors
+            && Instant::now() < until
+        {
+            let mut ends = [PollFd::from_borrowed_fd(errors.as_fd(), PollFlags::IN)];
+            let at_once = Timespec { tv_sec: 0, tv_nsec: 10_000_000 };
+            match poll(&mut ends, Some(&at_once)) {
+                Ok(n) if n > 0 => self.listen(),
+                _ => break,
+            }
+        }
+        let said = String::from_utf8_lossy(self.said.make_contiguous()).trim().to_owned();
+        let lines: Vec<&str> = said.lines().rev().filter(|it| !it.trim().is_empty()).take(3).collect();
+        let said: String = lines.into_iter().rev().collect::<Vec<_>>().join(" | ");
+        let said = if said.is_empty() { said } else { format!("; it said: {said}") };
+        NodeError::input(format_args!("the process `{}` {what}{said}", self.program))
+    }
+}
+
+impl Drop for Child {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
