@@ -58,7 +58,7 @@ pub(crate) enum Route {
     /// The consumer runs on another stage of the same logical clock: what travels is gathered in [`Stage::outgoing`](crate::stage::Stage).
     Beyond(usize),
     /// Not to a node: an anchor tells the gates where its scale is.
-    OnOutcome(usize),
+    Gate(usize),
     /// Across threads.
     Remote {
         edge: usize,
@@ -112,7 +112,7 @@ impl Slot {
         }
         if is_anchor(instance) {
             // First, so that what follows the space finds the gate open.
-            routes.iter_mut().for_each(|it| it.insert(0, Route::OnOutcome(instance.scale)));
+            routes.iter_mut().for_each(|it| it.insert(0, Route::Gate(instance.scale)));
         }
         let inboxes = ports
             .inputs

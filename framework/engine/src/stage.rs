@@ -190,7 +190,7 @@ impl Stage {
                         *route = Route::Here(edge);
                     }
                     Route::Beyond(edge) => *route = Route::Here(edge),
-                    Route::Here(_) | Route::OnOutcome(_) => {}
+                    Route::Here(_) | Route::Gate(_) => {}
                 }
             }
             *place = Some(slot);

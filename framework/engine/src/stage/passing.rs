@@ -142,7 +142,7 @@ impl Stage {
             for route in &routes[port] {
                 let edge = match route {
                     Route::Here(edge) | Route::Remote { edge, .. } => *edge,
-                    Route::OnOutcome(_) => continue,
+                    Route::Gate(_) => continue,
                     Route::Beyond(edge) => {
                         self.outgoing.push(Outgoing::Gap(*edge, SourceId(index as u32)));
                         continue;
@@ -209,7 +209,7 @@ impl Stage {
                 self.outgoing.push(Outgoing::Message(*edge, packet));
                 return Ok(());
             }
-            Route::OnOutcome(scale) => {
+            Route::Gate(scale) => {
                 self.gates.hear(*scale, &packet);
                 return Ok(());
             }
