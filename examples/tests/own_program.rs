@@ -46,3 +46,46 @@ fn every_command_knows_the_node_that_is_linked_in() {
     let (code, said) = own_program(folder.path(), &["check", "room.toml"]);
     assert!(code == Some(2) && said.contains("`max_speed` is out of range") && said.contains("[m/s]"), "{said}");
 }
+
+/// The rig of a new plugin with its detector in another form.
+fn spots(folder: &Path, name: &str, node: &str) -> Vec<Vec<f64>> {
+    let rig = fs::read_to_string(folder.join("star_finder/star_finder.toml")).unwrap();
+    let rig = rig.replace("type = \"star_finder.detector\"", node);
+    let rig = if node.contains("process") { rig.replace("threshold = 60\n", "") } else { rig };
+    fs::write(folder.join(format!("star_finder/{name}.toml")), rig).unwrap();
+    let (code, said) = own_program(
+        folder,
+        &["run", &format!("star_finder/{name}.toml"), "--duration", "0.5", "--quiet", "--out", name],
+    );
+    assert_eq!(code, Some(0), "{said}");
+    let table = fs::read_to_string(folder.join(name).join("targets.csv")).unwrap();
+    let numbers = table.lines().skip(1).map(|line| line.split(',').filter_map(|it| it.parse().ok()).collect());
+    let numbers: Vec<Vec<f64>> = numbers.collect();
+    assert!(numbers.len() > 50, "{table}");
+    numbers
+}
+
+#[test]
+fn one_node_gives_the_same_linked_in_and_as_a_library_and_in_python() {
+    let folder = tempfile::tempdir().unwrap();
+    for arguments in [&["new", "plugin", "star_finder"][..], &["plugin", "build", "star_finder"]] {
+        let (code, said) = own_program(folder.path(), arguments);
+        assert_eq!(code, Some(0), "{said}");
+    }
+    let library = spots(folder.path(), "library", "type = \"star_finder.detector\"");
+    let linked = spots(folder.path(), "linked", "type = \"my_plugin.detector\"");
+    assert_eq!(linked, library);
+    let text = |name: &str| fs::read(folder.path().join(name).join("targets.csv")).unwrap();
+    assert_eq!(text("linked"), text("library"), "the same bytes");
+    let Ok(python) = std::env::var("FOVEATE_PEER_PYTHON") else {
+        return println!("skipped: FOVEATE_PEER_PYTHON names no Python with numpy");
+    };
+    let scripts = Path::new(env!("CARGO_MANIFEST_DIR")).join("python");
+    let process =
+        format!("type = \"process.detector\"\ncommand = [{python:?}, {:?}, \"60\"]", scripts.join("spots.py"));
+    let process = spots(folder.path(), "process", &process);
+    assert_eq!(process.len(), library.len());
+    for (a, b) in process.iter().flatten().zip(library.iter().flatten()) {
+        assert!((a - b).abs() <= 1e-9 * (1.0 + b.abs()), "{a} {b}");
+    }
+}

@@ -1,6 +1,6 @@
 //! What the build of this crate has to know of itself: compiler, target features, profile, sources, and where it happens.
 
-use std::env::var;
+use std::env::{var, vars};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -36,6 +36,11 @@ fn main() {
     tell("TARGET_DIR", &above(if triple { 5 } else { 4 }).to_string_lossy());
     tell("TRIPLE", &if triple { of("TARGET") } else { String::new() });
     tell("RUSTFLAGS", &of("CARGO_ENCODED_RUSTFLAGS"));
+    // What changes a profile from outside changes the identity of every crate.
+    println!("cargo::rerun-if-env-changed=CARGO_INCREMENTAL");
+    let changes = vars().filter(|it| it.0 == "CARGO_INCREMENTAL" || it.0.starts_with("CARGO_PROFILE_"));
+    let changes: Vec<String> = changes.map(|(key, value)| format!("{key}={value}")).collect();
+    tell("CHANGES", &changes.join("\x1f"));
     // The real place, and not that of a link to it.
     let here = fs::canonicalize(of("CARGO_MANIFEST_DIR")).unwrap_or_default();
     tell("CHECKOUT", &here.ancestors().nth(2).unwrap_or(Path::new("")).to_string_lossy());

@@ -29,6 +29,8 @@ pub struct Program {
     pub profile: String,
     /// The target, where one was named.
     pub triple: Option<String>,
+    /// Environment variables that changed its profile, with their values: they change the identity of every crate.
+    pub changes: Vec<(String, String)>,
     /// Flags for the compiler, each by itself.
     pub rustflags: Vec<String>,
     /// The package that makes the program.
@@ -54,12 +56,14 @@ impl Program {
             "debug" => "dev",
             name => name,
         };
+        let changes = env!("FOVEATE_BUILD_CHANGES").split('\x1f').filter_map(|it| it.split_once('='));
         let flags = env!("FOVEATE_BUILD_RUSTFLAGS").split('\x1f').filter(|it| !it.is_empty());
         Self {
             checkout: env!("FOVEATE_BUILD_CHECKOUT").into(),
             target_dir: env!("FOVEATE_BUILD_TARGET_DIR").into(),
             profile: profile.to_owned(),
             triple: Some(env!("FOVEATE_BUILD_TRIPLE").to_owned()).filter(|it| !it.is_empty()),
+            changes: changes.map(|(key, value)| (key.to_owned(), value.to_owned())).collect(),
             rustflags: flags.map(str::to_owned).collect(),
             package: package.to_owned(),
             features: features.into_iter().map(str::to_owned).collect(),
@@ -313,6 +317,14 @@ impl Overlay {
     fn command(&self, program: &Program, arguments: &[&str]) -> Command {
         let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
         cargo.args(arguments).current_dir(&self.root).env("CARGO_TARGET_DIR", &program.target_dir);
+        let changes = std::env::vars_os().filter(|it| {
+            let key = it.0.to_string_lossy();
+            key == "CARGO_INCREMENTAL" || key.starts_with("CARGO_PROFILE_")
+        });
+        changes.for_each(|it| {
+            cargo.env_remove(it.0);
+        });
+        cargo.envs(program.changes.iter().map(|it| (&it.0, &it.1)));
         cargo.env_remove("RUSTFLAGS").env("CARGO_ENCODED_RUSTFLAGS", program.rustflags.join("\x1f"));
         cargo
     }
