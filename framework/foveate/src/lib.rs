@@ -22,8 +22,8 @@ pub mod prelude {
         SubRegion, Target, TargetId, Targets,
     };
     pub use foveate_node::{
-        ConfigError, Due, In, Interval, Io, Message, Node, NodeError, Out, Plan, Pool, Ports, Purpose, Registry,
-        Report, Role, Setup, Stamp, Stamped, Time, ports,
+        ConfigError, Due, Figures, In, Interval, Io, Message, Node, NodeError, Out, Plan, Pool, Ports, Purpose,
+        Registry, Report, Role, Setup, Stamp, Stamped, Time, figures, ports,
     };
     pub use foveate_scene::CalibratedHead;
 }

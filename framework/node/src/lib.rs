@@ -3,6 +3,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`node`], [`port`], [`io`] | what an author writes: a type with ports, settings and `process` |
+//! | [`figure`] | the figures that a type declares: name, unit, what is better, one line |
 //! | [`setup`], [`report`], [`error`] | what a node is given when it is made, what it leaves behind, what it may complain about |
 //! | [`guard`] | what stands around every call of foreign code |
 //! | [`registry`] | the node types that a program knows, erased |
@@ -10,6 +11,7 @@
 //! | [`setting_docs`] | the settings of a node type for people |
 
 pub mod error;
+pub mod figure;
 pub mod guard;
 pub mod io;
 pub mod line;
@@ -23,6 +25,7 @@ pub mod setting_docs;
 pub mod setup;
 
 pub use error::{ConfigError, NodeError};
+pub use figure::Figures;
 pub use foveate_messages::{Interval, Message, SourceId, Stamp, Stamped, Time};
 pub use io::Io;
 pub use line::{Device, Line};
