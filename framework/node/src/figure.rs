@@ -227,6 +227,10 @@ mod tests {
         FigureSpec { name, unit, better: Better::Low, line: "What is counted" }
     }
 
+    fn all<const N: usize>(specs: [FigureSpec; N]) -> Figures {
+        Box::leak(Box::new(specs))
+    }
+
     #[track_caller]
     fn declares(name: &'static str, yes: &[&str], no: &[&str]) {
         for figure in yes {
@@ -277,13 +281,13 @@ mod tests {
             ("latency_ms.mean", "s", "says `ms`"),
         ];
         for &(name, unit, word) in cases {
-            let list: Figures = Box::leak(Box::new([spec(name, unit)]));
+            let list = all([spec(name, unit)]);
             let fault = check(list).expect_err(name);
             assert!(fault.contains(word) && fault.contains(name), "`{name}` [{unit}]: {fault}");
         }
-        let silent: Figures = &[FigureSpec { line: " ", ..spec("a", "mm") }];
+        let silent = all([FigureSpec { line: " ", ..spec("a", "mm") }]);
         assert!(check(silent).is_err_and(|it| it.contains("one line")));
-        let long: Figures = &[FigureSpec { line: "a\nb", ..spec("a", "mm") }];
+        let long = all([FigureSpec { line: "a\nb", ..spec("a", "mm") }]);
         assert!(check(long).is_err_and(|it| it.contains("one line")));
     }
 
@@ -292,7 +296,7 @@ mod tests {
         #[track_caller]
         fn twice(a: &'static str, b: &'static str) {
             for (a, b) in [(a, b), (b, a)] {
-                let list: Figures = Box::leak(Box::new([spec(a, "count"), spec(b, "count")]));
+                let list = all([spec(a, "count"), spec(b, "count")]);
                 assert!(check(list).is_err_and(|it| it.contains(a) && it.contains(b)), "{a} and {b}");
             }
         }
@@ -302,15 +306,15 @@ mod tests {
         twice("e.{median,p95}", "e.p95");
         twice("(*.)missed", "missed");
         twice("(*.)missed", "whole.missed");
-        let apart: Figures = &[
+        let apart = all([
             spec("marks.frames", "count"),
             spec("marks.pose.*", "count"),
             spec("e(.*)", "count"),
             spec("e.{b,c}.d.*", "count"),
-        ];
+        ]);
         assert!(check(apart).is_err(), "`e.*` declares `e.b.d.*`");
         assert_eq!(check(&apart[..3]), Ok(()));
-        let labelled: Figures = &[spec("(*.)marks.frames", "count"), spec("(*.)marks.pose.*", "count")];
+        let labelled = all([spec("(*.)marks.frames", "count"), spec("(*.)marks.pose.*", "count")]);
         assert_eq!(check(labelled), Ok(()), "a camera called `marks.frames` makes no two of them one");
     }
 
