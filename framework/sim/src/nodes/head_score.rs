@@ -66,14 +66,7 @@ impl Default for HeadScoreSettings {
 /// For each picture of a camera on a simulated head: how far the target truly is from its middle, and by how much the pose that was stated for it
 /// is off.
 ///
-/// | figure | meaning |
-/// |---|---|
-/// | `off_centre_px.mean`, `.median`, `.p95` | distance of the true target from the middle of the image, over the pictures of the cameras `of` |
-/// | `in_view` | share of these pictures that have it within their borders |
-/// | `head_pose_px.median`, `.p95` | distance of where the stated pose sees the target from where it truly is, in pictures that have it |
-/// | `head_pose_deg.rms` | angle between the stated and the true line of sight |
-/// | `head_pose_sigmas.rms` | the error of pan and tilt in the standard deviations that were stated; 1: they are as large as stated |
-/// | the same with `[CAMERA]` | of each camera by itself |
+/// What it reports: the figures declared for `sim.head_score`.
 pub struct HeadScore {
     settings: HeadScoreSettings,
     calibration: Arc<Calibration>,

@@ -30,7 +30,7 @@ ports! {
 }
 
 figures! {
-    "pair_distance_mm.{median,p95,max}([compared])": mm, low, "Deviation of the distance of two marks from its mean, over the 60 pairs, 15 to 80 mm apart, whose true distance changes least";
+    "pair_distance_mm.{median,p95,max}([compared])": mm, low, "Deviation of the distance of two marks from its mean, over the 60 pairs, 15 to 80 mm apart, whose true distance changes least [Davis 2002 Fig. 64]; with [compared] of the marks that come in there";
     "pair_error_mm.{median,p95,max}([compared])": mm, low, "Error of the distance of two measured marks 15 to 80 mm apart; pairs seen together in less than a fifth of the frames are left out";
     "mark_identity_errors([compared])": count, low, "Measured samples more than 4 mm off their own true mark and closer to another one";
     "marks_extra([compared])": count, low, "Labels that are no true mark at all";
@@ -74,17 +74,7 @@ impl Default for MarkScoreSettings {
 
 /// Compares marks with those truly painted on somebody in a simulated world. Which true mark a label stands for is found out by where it mostly is.
 ///
-/// | figure | meaning |
-/// |---|---|
-/// | `pair_distance_mm.median`, `.p95`, `.max` | by how much the distance of two marks deviates from its mean over the session, over the 60 pairs whose true distance changes least [Davis 2002 Fig. 64] |
-/// | `pair_error_mm.…` | by how much the distance of any two marks 15 to 80 mm apart is off the true one |
-/// | the same with `[compared]` | of the marks that come in at `compared`, under the same labels |
-/// | `mark_identity_errors`, `marks_extra` | samples of a mark that lie on another; labels that are no mark at all |
-/// | `filled_mm.median`, `.p95`, `filled_sigmas.rms` | distance of filled marks from the truth, in the space of the face; in stated standard deviations |
-/// | `face_mm.…`, `face_world_mm.…` | distance of all marks from the truth, in the space of the face and in the world |
-/// | `frames_with_all_marks`, `frames_with_all_measured` | shares of the frames |
-/// | `marks_false_positives`, `…per_10000` | marks reported in pictures that are not where they were reported |
-/// | `mark_px.median`, `.p95` | distance of the others from the truth |
+/// What it reports: the figures declared for `sim.mark_score`.
 pub struct MarkScore {
     settings: MarkScoreSettings,
     calibration: Arc<Calibration>,

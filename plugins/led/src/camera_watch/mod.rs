@@ -34,8 +34,8 @@ figures! {
     "camera_watch.observations": count, high, "Observations that could be compared with the lines of sight of others, over all cameras";
     "camera_watch.bumped_at_s.*": s, neither, "Session time since which the camera is turned, at its first bump";
     "camera_watch.told_at_s.*": s, neither, "Session time at which that was certain";
-    "camera_watch.turn_mrad.*": mrad, low, "By how much the camera was turned, at its first bump";
-    "camera_watch.shift_px.*": px, low, "How far lights moved in its picture by that, root mean square";
+    "camera_watch.turn_mrad.*": mrad, neither, "By how much the camera was turned, at its first bump";
+    "camera_watch.shift_px.*": px, neither, "How far lights moved in its picture by that, root mean square";
 }
 
 /// Settings of [`CameraWatch`].
