@@ -9,6 +9,10 @@ ports! {
     CREDIBLE: Out<Targets> = "targets";
 }
 
+figures! {
+    "speed_limit.dropped": count, neither, "Targets that were faster than max_speed, over all messages";
+}
+
 /// Settings of [`SpeedLimit`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
@@ -34,6 +38,7 @@ impl Node for SpeedLimit {
     const TYPE: &'static str = "example.speed_limit";
     const ROLE: Role = Role::ModelFilter;
     const SUMMARY: &'static str = "Drops targets that are faster than anything in the room can be";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = SpeedLimitSettings;
 
     fn ports() -> Ports {

@@ -7,11 +7,25 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use foveate_engine::Outcome;
+use foveate_node::figure::find;
 use foveate_rig::graph::Graph;
 use serde_json::{Map, Value, json};
 
 pub use self::folder::{ResultsFolder, abandon, make_folder};
 use crate::interrupt;
+
+foveate_node::figures! {
+    pub const OF_THE_RUN;
+    "session_s": s, neither, "Session time at the end of the run";
+    "messages.delivered": count, neither, "Messages delivered, over all edges";
+    "messages.dropped": count, low, "Messages dropped since what they went to did not keep up, over all edges";
+    "messages.suspended": count, neither, "Messages that a scale without its target did not get, over all edges";
+    "messages.late": count, low, "Messages captured before one that was delivered earlier, over all edges";
+    "gaps": count, low, "Messages that nodes declared missing";
+    "faults": count, low, "Failures of nodes";
+    "requirements_unmet": count, low, "Requirements that were not met, one for each edge and promise";
+    "real_time_factor": ratio, high, "With report_speed: session time over wall time";
+}
 
 /// What is written before anything runs.
 pub const BEFORE_THE_RUN: [&str; 2] = ["rig.resolved.toml", "graph.svg"];
@@ -41,8 +55,8 @@ pub fn write_outcome(folder: &Path, graph: &Graph, outcome: &Outcome) -> Result<
     if complaints.is_empty() { Ok(()) } else { Err(complaints) }
 }
 
-/// Figures under dotted names: the nodes' own, and what the ledgers add up to. The same bytes for the same run, but for `real_time_factor` where
-/// the rig asks for it with `report_speed`.
+/// Figures under dotted names: the nodes' own, and what the ledgers add up to; `figures_about` says of each its unit and what is better. The same bytes
+/// for the same run, but for `real_time_factor` where the rig asks for it with `report_speed`.
 pub fn summary(outcome: &Outcome, report_speed: bool) -> String {
     let mut figures: Map<String, Value> = Map::new();
     let sum = |of: fn(&foveate_engine::ledger::Ledger) -> u64| outcome.ledgers.iter().map(of).sum::<u64>();
@@ -64,7 +78,20 @@ pub fn summary(outcome: &Outcome, report_speed: bool) -> String {
     }
     let mut sorted: Vec<_> = interrupt::told(figures, outcome.interrupted).into_iter().collect();
     sorted.sort_by(|a, b| a.0.cmp(&b.0));
-    pretty(&Value::Object(sorted.into_iter().collect()))
+    let about = about(outcome, sorted.iter().map(|it| it.0.as_str()));
+    let text = format!("{:#}", Value::Object(sorted.into_iter().collect()));
+    let head = text.strip_suffix("\n}").unwrap_or(&text);
+    format!("{head},\n  \"figures_about\": {{{about}\n  }}\n}}\n")
+}
+
+/// One line for each of the figures that was declared.
+fn about<'a>(outcome: &Outcome, names: impl Iterator<Item = &'a str>) -> String {
+    let line = |name: &str| {
+        let spec = outcome.report.about.get(name).copied().or_else(|| find(OF_THE_RUN, name))?;
+        let (name, unit) = (Value::from(name), Value::from(spec.unit));
+        Some(format!("\n    {name}: {{ \"unit\": {unit}, \"better\": \"{}\" }}", spec.better.name()))
+    };
+    names.filter_map(line).collect::<Vec<_>>().join(",")
 }
 
 /// A JSON number; whole ones without a point, what is not finite as `null`.

@@ -31,6 +31,12 @@ use foveate_node::report::Report;
 use foveate_rig::graph::Graph;
 use stage::Stage;
 
+foveate_node::figures! {
+    pub const OF_SCALES;
+    "scale.suspensions.*": count, low, "Times that the scale of that name had lost its target, or had not found it yet";
+    "scale.suspended_s.*": s, low, "Session time in which the scale of that name was without its target";
+}
+
 /// How often a run is shown.
 const PROGRESS_PERIOD: Duration = Duration::from_millis(200);
 
@@ -195,8 +201,8 @@ fn conclude(graph: &Graph, mut stage: Stage, ended: Time, wall: Duration, interr
     stage.finish(ended, &mut report);
     let suspensions = stage.gates.conclude(ended);
     for it in &suspensions {
-        report.figure(format!("scale.suspensions.{}", it.scale), it.count as f64);
-        report.figure(format!("scale.suspended_s.{}", it.scale), it.time.as_s());
+        report.declared_figure(OF_SCALES, format!("scale.suspensions.{}", it.scale), it.count as f64);
+        report.declared_figure(OF_SCALES, format!("scale.suspended_s.{}", it.scale), it.time.as_s());
     }
     let ledgers: Vec<Ledger> = stage.ends.into_iter().map(|end| end.map(|it| it.ledger).unwrap_or_default()).collect();
     remark_drops(graph, &ledgers, &mut report);

@@ -284,7 +284,14 @@ impl Stage {
             let mut own = Report::default();
             let result = guarded(|| node.finish(&mut own));
             let path = &self.graph.instances[index].path;
-            report.absorb(path, own);
+            let node_type = &self.graph.instances[index].node_type;
+            let undeclared = report.absorb(path, node_type.figures, own);
+            if !undeclared.is_empty() {
+                let (names, name) = (undeclared.join("`, `"), node_type.name);
+                report.remark(format!(
+                    "{path} reports `{names}`, which its type `{name}` does not declare: unit and meaning are not known"
+                ));
+            }
             match result {
                 Ok(Ok(())) => {}
                 Ok(Err(error)) => self.faults.failure(path, now, &error, "while finishing"),

@@ -24,8 +24,8 @@ pub mod prelude {
         SubRegion, Target, TargetId, Targets,
     };
     pub use foveate_node::{
-        ConfigError, Due, In, Interval, Io, Message, Node, NodeBench, NodeError, Out, Plan, Pool, Ports, Purpose,
-        Registry, Report, Role, Setup, Stamp, Stamped, Time, ports,
+        ConfigError, Due, Figures, In, Interval, Io, Message, Node, NodeBench, NodeError, Out, Plan, Pool, Ports,
+        Purpose, Registry, Report, Role, Setup, Stamp, Stamped, Time, figures, ports,
     };
     pub use foveate_scene::CalibratedHead;
 }

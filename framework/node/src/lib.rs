@@ -3,6 +3,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`node`], [`port`], [`io`] | what an author writes: a type with ports, settings and `process` |
+//! | [`figure`] | the figures that a type declares: name, unit, what is better, one line |
 //! | [`setup`], [`report`], [`error`] | what a node is given when it is made, what it leaves behind, what it may complain about |
 //! | [`guard`] | what stands around every call of foreign code |
 //! | [`bench`] | runs one node without a rig, for tests |
@@ -14,6 +15,7 @@
 pub mod bench;
 pub mod detector;
 pub mod error;
+pub mod figure;
 pub mod guard;
 pub mod io;
 pub mod library;
@@ -29,6 +31,7 @@ pub mod setup;
 
 pub use bench::NodeBench;
 pub use error::{ConfigError, NodeError};
+pub use figure::Figures;
 pub use foveate_messages::{Interval, Message, SourceId, Stamp, Stamped, Time};
 pub use io::Io;
 pub use library::{LibraryError, Origin};

@@ -5,6 +5,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::error::{ConfigError, NodeError};
+use crate::figure::Figures;
 use crate::io::Io;
 use crate::port::Ports;
 use crate::report::Report;
@@ -78,6 +79,8 @@ pub trait Node: Send + Sized + 'static {
     const SUMMARY: &'static str;
     /// A device, whatever its settings: see [`Node::is_live`].
     const LIVE: bool = false;
+    /// The figures that it may report, as [`figures!`](crate::figures) declares them; any other is kept, and remarked on.
+    const FIGURES: Figures = &[];
     /// Settings: plain data; each field's documentation ends in its unit in brackets, ranges stand in `#[schemars(range)]`,
     /// defaults in `#[serde(default)]`. `#[serde(deny_unknown_fields)]` is required.
     type Settings: Serialize + DeserializeOwned + JsonSchema + Clone + Send + Sync + 'static;

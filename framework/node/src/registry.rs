@@ -7,6 +7,7 @@ use std::sync::Arc;
 use schemars::Schema;
 
 use crate::error::{ConfigError, NodeError};
+use crate::figure::{self, Figures};
 use crate::io::Io;
 use crate::library::{OpenLibrary, Origin};
 use crate::node::{Due, Node, Plan, Role};
@@ -32,6 +33,8 @@ pub struct NodeType {
     pub summary: &'static str,
     /// [`Node::ports`].
     pub ports: Ports,
+    /// [`Node::FIGURES`].
+    pub figures: Figures,
     /// JSON Schema of the settings (an object); names, units in brackets, ranges and defaults are read from it.
     pub schema: Schema,
     /// Where it comes from.
@@ -155,7 +158,7 @@ impl Registry {
     /// Makes node type `N` known.
     ///
     /// # Panics
-    /// When the name is taken or is not `plugin.node`: a mistake in the program's source.
+    /// When the name is taken or is not `plugin.node`, or a figure is declared twice or wrongly ([`figure::check`]): a mistake in the program's source.
     pub fn add<N: Node>(&mut self) {
         self.add_made::<N>(N::new);
     }
@@ -170,6 +173,9 @@ impl Registry {
         make: impl Fn(N::Settings, &Setup) -> Result<N, ConfigError> + Send + Sync + 'static,
     ) {
         assert!(N::TYPE.split('.').count() == 2, "a node type is named `plugin.node`, not `{}`", N::TYPE);
+        if let Err(fault) = figure::check(N::FIGURES) {
+            panic!("{}: {fault}", N::TYPE);
+        }
         let make: Arc<Make<N>> = Arc::new(make);
         let taken = self.types.insert(
             N::TYPE,
@@ -178,6 +184,7 @@ impl Registry {
                 role: N::ROLE,
                 summary: N::SUMMARY,
                 ports: N::ports(),
+                figures: N::FIGURES,
                 schema: schemars::schema_for!(N::Settings),
                 origin: Origin::Linked(type_name::<N>().split("::").next().unwrap_or_default()),
                 decoder: Box::new(move |given| decode::<N>(given, &make)),
@@ -194,5 +201,75 @@ impl Registry {
     /// All types by name.
     pub fn iter(&self) -> impl Iterator<Item = &Arc<NodeType>> {
         self.types.values()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::figures;
+
+    macro_rules! node {
+        ($node:ident, $name:literal, $figures:expr) => {
+            struct $node;
+
+            impl Node for $node {
+                const TYPE: &'static str = $name;
+                const ROLE: Role = Role::Sink;
+                const SUMMARY: &'static str = "For tests";
+                const FIGURES: Figures = $figures;
+                type Settings = BTreeMap<String, f64>;
+
+                fn ports() -> Ports {
+                    Ports::new()
+                }
+
+                fn new(_settings: Self::Settings, _setup: &Setup) -> Result<Self, ConfigError> {
+                    Ok(Self)
+                }
+
+                fn process(&mut self, _io: &mut Io<'_>) -> Result<(), NodeError> {
+                    Ok(())
+                }
+            }
+        };
+    }
+
+    figures! {
+        const GOOD;
+        "error_mm.{median,p95}": mm, low, "Distance from the truth, over all targets";
+        "speed": "m/s", neither, "Mean speed, over all targets";
+    }
+    figures! {
+        const TWICE;
+        "samples.*": count, neither, "Samples of a camera";
+        "samples.all": count, neither, "Samples of all cameras";
+    }
+    figures! {
+        const OTHER_UNIT;
+        "error_mm": m, low, "Distance from the truth";
+    }
+    node!(Good, "test.good", GOOD);
+    node!(Twice, "test.twice", TWICE);
+    node!(OtherUnit, "test.other_unit", OTHER_UNIT);
+
+    #[test]
+    fn type_carries_its_figures() {
+        let mut registry = Registry::new();
+        registry.add::<Good>();
+        assert_eq!(registry.get("test.good").unwrap().figures, GOOD);
+        assert_eq!((GOOD[1].unit, GOOD[1].better.name()), ("m/s", "neither"));
+    }
+
+    #[test]
+    #[should_panic(expected = "test.twice: figure `samples.all` is declared by `samples.*` already")]
+    fn figure_that_is_declared_twice_is_refused() {
+        Registry::new().add::<Twice>();
+    }
+
+    #[test]
+    #[should_panic(expected = "test.other_unit: figure `error_mm`: its name says `mm` and its unit is `m`")]
+    fn malformed_figure_is_refused() {
+        Registry::new().add::<OtherUnit>();
     }
 }

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use crate::figure::{self, FigureSpec, Figures};
+
 /// Collects the figures and files of one run.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Report {
@@ -10,6 +12,8 @@ pub struct Report {
     pub figures: BTreeMap<String, f64>,
     /// By figure: the full name of the node that gave it, in the report of a whole run; figures of the run itself have none.
     pub origins: BTreeMap<String, String>,
+    /// By figure: how it was declared, in the report of a whole run; figures that were not declared are missing.
+    pub about: BTreeMap<String, &'static FigureSpec>,
     /// Files and pictures written, relative to the results folder where they lie in it.
     pub files: Vec<PathBuf>,
     /// Sentences for the person who ran it.
@@ -22,15 +26,34 @@ impl Report {
         self.figures.insert(name.into(), value);
     }
 
-    /// Takes over the report of node `instance`. A figure whose name is taken already is kept as `name[instance]`.
-    pub fn absorb(&mut self, instance: &str, other: Report) {
+    /// Sets a figure of those `declared`; see [`Report::figure`].
+    pub fn declared_figure(&mut self, declared: Figures, name: impl Into<String>, value: f64) {
+        let name = name.into();
+        if let Some(spec) = figure::find(declared, &name) {
+            self.about.insert(name.clone(), spec);
+        }
+        self.figure(name, value);
+    }
+
+    /// Takes over the report of node `instance`, whose type declares `declared`; the names of the figures that are not among these. A figure whose name is
+    /// taken already is kept as `name[instance]`.
+    pub fn absorb(&mut self, instance: &str, declared: Figures, other: Report) -> Vec<String> {
+        let mut undeclared = Vec::new();
         for (name, value) in other.figures {
+            let spec = figure::find(declared, &name);
+            if spec.is_none() {
+                undeclared.push(name.clone());
+            }
             let name = if self.figures.contains_key(&name) { format!("{name}[{instance}]") } else { name };
             self.origins.insert(name.clone(), instance.to_owned());
+            if let Some(spec) = spec {
+                self.about.insert(name.clone(), spec);
+            }
             self.figures.insert(name, value);
         }
         self.files.extend(other.files);
         other.remarks.into_iter().for_each(|it| self.remark(it));
+        undeclared
     }
 
     /// Notes a file that was written.

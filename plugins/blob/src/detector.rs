@@ -18,6 +18,14 @@ ports! {
 
 const PORTS: DetectorPorts = DetectorPorts { image: &IMAGE, predicted: &PREDICTED, features: &FEATURES };
 
+figures! {
+    "detector.features.*": count, neither, "Blobs found, over all pictures of the camera";
+    "detector.pictures_searched.*": count, neither, "Pictures that were searched; those below are left out";
+    "detector.pictures_learning.*": count, neither, "Pictures that only served to learn the background";
+    "detector.pictures_flooded.*": count, low, "Pictures that differed too much from the background to be searched";
+    "detector.pictures_refused.*": count, low, "Pictures that could not be read: wrong size, part, colour or pixels";
+}
+
 /// Pictures in, blobs out, each with a point and its covariance; the camera's, in scan order.
 ///
 /// Nothing seen, or the background not learnt yet: an empty list. A picture of the wrong size or a broken one, and one of which
@@ -31,6 +39,7 @@ impl Node for Detector {
     const TYPE: &'static str = "blob.detector";
     const ROLE: Role = Role::Detector;
     const SUMMARY: &'static str = "Finds what moves before a learnt background in the pictures of one camera";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = BlobSettings;
 
     fn ports() -> Ports {

@@ -12,6 +12,12 @@ ports! {
     FEATURES: Out<Features> = "features";
 }
 
+figures! {
+    "detector.boards.*": count, high, "Pictures of the camera in which the board was found";
+    "detector.pictures_searched.*": count, neither, "Pictures of the camera that were searched for the board";
+    "detector.pictures_refused.*": count, low, "Pictures of the camera that could not be read: wrong size or pixels";
+}
+
 /// Pictures without the board in which another one is looked for: that takes as long again.
 const MAX_PROBED: u64 = 5;
 
@@ -52,6 +58,7 @@ impl Node for Detector {
     const TYPE: &'static str = "board.detector";
     const ROLE: Role = Role::Detector;
     const SUMMARY: &'static str = "Finds the corners of a chessboard in the pictures of one camera";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = BoardSettings;
 
     fn ports() -> Ports {

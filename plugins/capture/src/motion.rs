@@ -21,6 +21,15 @@ ports! {
     MARKS: Out<Marks> = "marks";
 }
 
+figures! {
+    "motion.frames": count, neither, "Frames in the file";
+    "motion.frames_given": count, neither, "Frames given out; those before the start of the session are left out";
+    "motion.targets": count, neither, "Points of the file that are targets";
+    "motion.marks": count, neither, "Points of the file that are marks";
+    "motion.gaps_filled": count, neither, "With fill_ms: gaps of single points that were filled";
+    "motion.gaps_too_long": count, low, "With fill_ms: gaps longer than that, left open";
+}
+
 /// Which axis of the file is up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -200,6 +209,7 @@ impl Node for CaptureMotion {
     const TYPE: &'static str = "capture.motion";
     const ROLE: Role = Role::Source;
     const SUMMARY: &'static str = "Reads targets and marks from a motion file: C3D, TRC, BVH, our own tables, NPZ";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CaptureMotionSettings;
 
     fn ports() -> Ports {

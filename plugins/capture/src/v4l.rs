@@ -38,6 +38,18 @@ ports! {
     IMAGE: Out<Image> = "image";
 }
 
+figures! {
+    "v4l.frames.*": count, neither, "Pictures of the camera given out";
+    "v4l.gaps.*": count, low, "Frames that are missing, for whatever reason";
+    "v4l.lost_by_driver.*": count, low, "Frames that the driver numbered and did not give";
+    "v4l.unusable.*": count, low, "Pictures that were damaged, short or could not be decoded";
+    "v4l.restarts.*": count, low, "Starts of the stream after the first";
+    "v4l.reopenings.*": count, low, "Openings of the camera after the first";
+    "v4l.rate_hz.*": Hz, neither, "Pictures a second between the first and the last, by their stamps";
+    "v4l.latency_ms.{mean,max}.*": ms, low, "From the stamp of a picture to its arrival, over pictures given out";
+    "v4l.drift_ppm.*": ppm, neither, "Trend of that: by how much the clock of the stamps runs slower than this machine's";
+}
+
 /// Why there are no cameras in a program that was built without them.
 #[cfg(not(all(feature = "hardware", target_os = "linux")))]
 const NOT_BUILT_IN: &str = "this program is built without cameras; on Linux, with libclang installed, \
@@ -187,6 +199,7 @@ impl Node for V4l {
     const ROLE: Role = Role::Source;
     const SUMMARY: &'static str = "Reads a camera of this machine (Video4Linux)";
     const LIVE: bool = true;
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = V4lSettings;
 
     fn ports() -> Ports {

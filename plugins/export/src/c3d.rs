@@ -261,11 +261,17 @@ impl ExportC3d {
     }
 }
 
+figures! {
+    "c3d.points": count, neither, "Targets and marks in the file";
+    "c3d.frames": count, neither, "Frames in the file, those without any point included";
+}
+
 impl Node for ExportC3d {
     const TYPE: &'static str = "export.c3d";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str =
         "Writes targets and marks as C3D: millimetres, residuals, camera masks, missing points, events";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportC3dSettings;
 
     fn ports() -> Ports {

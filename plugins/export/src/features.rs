@@ -18,6 +18,12 @@ ports! {
     FEATURES: In<Features> = each("features").many();
 }
 
+figures! {
+    "features": count, neither, "Features written";
+    "features.pictures": count, neither, "Messages of features that came, empty ones included";
+    "features.cameras": count, neither, "Cameras that features came of";
+}
+
 const HEADER: &str = "time_s,camera,x_px,y_px,sigma_px,area_px,peak,cxx_px2,cxy_px2,cyy_px2,label";
 
 /// The least that six decimals can say [px]; a reader refuses 0.
@@ -90,6 +96,7 @@ impl Node for ExportFeatures {
     const TYPE: &'static str = "export.features";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str = "Writes 2D detections into a CSV table that capture.detections reads";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportFeaturesSettings;
 
     fn ports() -> Ports {

@@ -21,6 +21,12 @@ ports! {
     MARKS: In<Marks> = each("marks");
 }
 
+figures! {
+    "marks": count, neither, "Different marks written";
+    "marks.samples": count, neither, "Rows written: a mark at a time each";
+    "marks.samples_filled": count, neither, "Of these, marks that a model filled in";
+}
+
 const HEADER: &str = "time_s,mark,x_m,y_m,z_m,cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2,cameras,provenance,\
      world_x_m,world_y_m,world_z_m,world_cxx_m2,world_cxy_m2,world_cxz_m2,world_cyy_m2,world_cyz_m2,world_czz_m2";
 
@@ -81,6 +87,7 @@ impl Node for ExportMarks {
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str =
         "Writes painted marks into a CSV table: in the head's space and in the world, covariance, cameras, how";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportMarksSettings;
 
     fn ports() -> Ports {

@@ -114,11 +114,17 @@ fn covariances(columns: &[Column], n_frames: usize) -> Vec<f32> {
     Table::dense(columns, n_frames, [f32::NAN; 9], covariance).into_iter().flatten().collect()
 }
 
+figures! {
+    "npy.points": count, neither, "Targets and marks in the file";
+    "npy.frames": count, neither, "Frames in the file, those without any point included";
+}
+
 impl Node for ExportNpy {
     const TYPE: &'static str = "export.npy";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str =
         "Writes targets and marks as NumPy arrays: times, positions, covariances, cameras, how";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportNpySettings;
 
     fn ports() -> Ports {

@@ -25,6 +25,15 @@ ports! {
     SPACES: In<ScaleSpace> = latest("spaces").many().optional();
 }
 
+figures! {
+    "targets": count, neither, "Different targets written";
+    "samples": count, neither, "Rows written: a target at a time each";
+    "samples_predicted": count, low, "Of these, targets that were extrapolated";
+    "samples_filled": count, neither, "Of these, targets that a model filled in";
+    "path_length_m": m, neither, "Length of the ways of all targets, row by row; none where the calibration's unit is not known in metres";
+    "duration_s": s, neither, "From the earliest to the latest row";
+}
+
 const HEADER: &str = "time_s,target,x_m,y_m,z_m,cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2,cameras,provenance";
 
 /// What is added to [`HEADER`] where the scale's space moves and its anchors are connected.
@@ -178,6 +187,7 @@ impl Node for ExportTargets {
     const TYPE: &'static str = "export.targets";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str = "Writes targets into a CSV table: time, position, covariance, cameras, how";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportTargetsSettings;
 
     fn ports() -> Ports {

@@ -154,10 +154,16 @@ impl ExportTrc {
     }
 }
 
+figures! {
+    "trc.points": count, neither, "Targets and marks in the file";
+    "trc.frames": count, neither, "Frames in the file, those without any point included";
+}
+
 impl Node for ExportTrc {
     const TYPE: &'static str = "export.trc";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str = "Writes targets and marks as TRC for OpenSim: millimetres, missing points left empty";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportTrcSettings;
 
     fn ports() -> Ports {

@@ -15,6 +15,14 @@ ports! {
 
 const PORTS: DetectorPorts = DetectorPorts { image: &IMAGE, predicted: &PREDICTED, features: &FEATURES };
 
+figures! {
+    "detector.features.*": count, neither, "Lights found, over all pictures of the camera";
+    "detector.pictures_searched.*": count, neither, "Pictures that were searched; those below are left out";
+    "detector.pictures_learning.*": count, neither, "Pictures that only served to learn the background";
+    "detector.pictures_flooded.*": count, low, "Pictures that differed too much from the background to be searched";
+    "detector.pictures_refused.*": count, low, "Pictures that could not be read: wrong size, part, colour or pixels";
+}
+
 /// Settings of [`Detector`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -168,6 +176,7 @@ impl Node for Detector {
     const TYPE: &'static str = "led.detector";
     const ROLE: Role = Role::Detector;
     const SUMMARY: &'static str = "Finds bright lights in the pictures of one camera, each with a sub-pixel centre";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = DetectorSettings;
 
     fn ports() -> Ports {

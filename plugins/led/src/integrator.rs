@@ -29,6 +29,32 @@ ports! {
     PREDICTED: Out<Targets> = "predicted";
 }
 
+figures! {
+    "integrator.initiations": count, neither, "Targets that began, those that were taken back later included";
+    "integrator.identities_regained": count, neither, "Those of them that took up the identity of a lost one, and unseen targets that were found again";
+    "integrator.deaths_unseen": count, low, "Targets that ended since no camera saw them";
+    "integrator.deaths_single_view": count, low, "Targets that ended since only one camera saw them";
+    "integrator.deaths_outside_volume": count, neither, "Targets that ended since they left the working volume";
+    "integrator.deaths_unconfirmed": count, low, "Tentative targets that too few cameras confirmed: accidents of lines of sight";
+    "integrator.deaths_duplicate": count, low, "Targets that ended since they followed the light of an older one";
+    "integrator.targets_at_end": count, neither, "Targets that lived when the run ended";
+    "integrator.ambiguities": count, neither, "Frames that left several answers open, which were kept; with association = hypotheses";
+    "integrator.observations_used": count, neither, "Features that were taken as the observation of a target";
+    "integrator.observations_unmatched": count, low, "Features that belonged to no target when they came; those that began one are among them";
+    "integrator.observations_unusable": count, low, "Features without finite numbers, or with a covariance that is none";
+    "integrator.observations_late": count, low, "Features in late or repeated frames, which were not used";
+    "integrator.frames_applied": count, neither, "Camera frames that were used";
+    "integrator.frames_applied_late(.*)": count, low, "Camera frames from before the filter's time that were used all the same; by camera where there are any";
+    "integrator.frames_late(.*)": count, low, "Camera frames that came too long after newer ones and were not used; by camera where there are any";
+    "integrator.frames_repeated(.*)": count, low, "Camera frames no newer than the camera's last one, not used; by camera where there are any";
+    "integrator.frames_from_the_future": count, low, "Camera frames stamped so far after they came that the clock must be wrong; not used";
+    "integrator.frames_of_unknown_cameras": count, low, "Camera frames of cameras that are not in the calibration; not used";
+    "integrator.innovations_normalised_squared(.*)": ratio, neither, "Squared innovations over their covariance, mean; 1 is ideal, far above it calibration, clock or model are wrong; by camera where it is too large";
+    "integrator.clock_offset_ms.*": ms, neither, "With clocks: how far that clock is ahead of the mean of all cameras' clocks, at its last frame";
+    "integrator.clock_offset_sigma_ms.*": ms, low, "Standard deviation of that";
+    "integrator.clock_drift_ppm.*": ppm, neither, "With clocks: by how much that clock runs faster than the mean of all";
+}
+
 /// One Kalman filter a target, each observation applied alone, at its own time and with its own camera.
 ///
 /// After each camera frame it gives out all live targets as of that frame's time, on both ports the same value: `predicted`
@@ -60,6 +86,7 @@ impl Node for Integrator {
     const TYPE: &'static str = "led.integrator";
     const ROLE: Role = Role::Integrator;
     const SUMMARY: &'static str = "Joins the lights that cameras see, each in its own time, into targets in space";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = IntegratorSettings;
 
     fn ports() -> Ports {

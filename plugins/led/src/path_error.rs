@@ -12,6 +12,14 @@ ports! {
     TARGETS: In<Targets> = each("targets");
 }
 
+figures! {
+    "*.{median,p90,max}": m, low, "Distance of a row of the measured path from the nearest target of its time, over rows that have one; `figure` before it";
+    "*.coverage": share, high, "Rows with a target within covered_m, of all rows";
+    "*.with_target": share, high, "Rows with any target at all, of all rows";
+    "*.targets_mean": count, neither, "Targets at a row, mean over all rows: the nearest of many is close by accident";
+    "*.rows": count, neither, "Rows of the path between from_s and until_s";
+}
+
 /// Longer files are no paths [rows].
 const MAX_ROWS: usize = 10_000_000;
 
@@ -97,6 +105,7 @@ impl Node for PathError {
     const TYPE: &'static str = "led.path_error";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str = "Compares recovered targets with a measured path from a file, in metres";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = PathErrorSettings;
 
     fn ports() -> Ports {

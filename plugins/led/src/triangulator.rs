@@ -18,6 +18,13 @@ ports! {
     TARGETS: Out<Targets> = "targets";
 }
 
+figures! {
+    "triangulator.sets": count, neither, "Sets of synchronised frames";
+    "triangulator.targets": count, neither, "Targets given out, over all sets";
+    "triangulator.identities": count, neither, "Identities that targets were given";
+    "triangulator.outliers_rejected": count, low, "Lines of sight left out since they were more than outlier_px off";
+}
+
 /// Settings of [`TriangulatorNode`]; lengths as for the integrator.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -237,6 +244,7 @@ impl Node for TriangulatorNode {
     const ROLE: Role = Role::Integrator;
     const SUMMARY: &'static str =
         "Meets the lines of sight of synchronised cameras, without a motion model: for comparison";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TriangulatorSettings;
 
     fn ports() -> Ports {

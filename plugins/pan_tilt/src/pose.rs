@@ -19,6 +19,13 @@ ports! {
     POSE: Out<HeadPose> = "pose";
 }
 
+figures! {
+    "heads.*.pose_latency_ms": ms, neither, "From a command to the first movement of that head, as estimated at the end";
+    "heads.*.pose_latency_sigma_ms": ms, low, "Standard deviation of that";
+    "heads.*.sighted": share, high, "Pictures in which the target told where the head stood, of those with a pose";
+    "heads.*.pictures_without_pose": count, low, "Pictures before the head had answered where it stands";
+}
+
 /// A feature is the target's within this many standard deviations of where it is expected …
 const GATE_SIGMAS: f64 = 4.0;
 /// … if no other one is within this many.
@@ -94,6 +101,7 @@ impl Node for Pose {
     const ROLE: Role = Role::ModelFilter;
     const SUMMARY: &'static str =
         "Where a camera on a head stood at each picture: from commands, answers and the head's latency";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = PoseSettings;
 
     fn ports() -> Ports {

@@ -16,6 +16,14 @@ ports! {
     REGION: Out<SubRegion> = "region";
 }
 
+figures! {
+    "heads.*.commands": count, neither, "Commands given to that head";
+    "heads.*.out_of_reach": count, low, "Of these, commands for a target beyond the head's limits: it goes to them";
+    "heads.*.target_changes": count, low, "Changes from one target to another; the first one is left out";
+    "heads.*.latency_ms": ms, neither, "From a command on the line to the first movement, as estimated at the end";
+    "heads.*.latency_sigma_ms": ms, low, "Standard deviation of that";
+}
+
 /// Which target, and how its head is led to it: see [`HeadController`]. Where the target is of a scale that itself moves, `spaces` takes the anchors of
 /// that scale and of those around it: heads stand in the world.
 pub struct Selector {
@@ -43,6 +51,7 @@ impl Node for Selector {
     const TYPE: &'static str = "pan_tilt.selector";
     const ROLE: Role = Role::Selector;
     const SUMMARY: &'static str = "Keeps a pan-tilt head on a target: predicts it, aims, and leads the head";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ControlSettings;
 
     fn ports() -> Ports {

@@ -18,6 +18,14 @@ ports! {
     REGION: Out<SubRegion> = "region";
 }
 
+figures! {
+    "crop.pictures.*": count, high, "Pictures of the camera that a part was cut out of";
+    "crop.lost.*": count, low, "Pictures without: there was no target";
+    "crop.out_of_view.*": count, low, "Pictures without: the target was out of the picture";
+    "crop.refused.*": count, low, "Pictures that could not be read";
+    "crop.pixels_kept.*": share, low, "Pixels given out, of the part and of the whole made smaller, over the pixels that came in";
+}
+
 /// Settings of [`Crop`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -76,6 +84,7 @@ impl Node for Crop {
     const TYPE: &'static str = "select.crop";
     const ROLE: Role = Role::Selector;
     const SUMMARY: &'static str = "Follows a target with a part of each picture, and gives the whole made smaller";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CropSettings;
 
     fn ports() -> Ports {

@@ -12,6 +12,12 @@ ports! {
     FEATURES_OUT: Out<Features> = "features";
 }
 
+figures! {
+    "gate.passed.*": count, neither, "Pictures or features that passed while the camera was chosen, or none was yet";
+    "gate.looks.*": count, neither, "Those that passed as a look while it was not";
+    "gate.left_out.*": count, neither, "Those that were left out";
+}
+
 /// Settings of [`Gate`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -54,6 +60,7 @@ impl Node for Gate {
     const ROLE: Role = Role::Selector;
     const SUMMARY: &'static str =
         "Lets through what a camera gives while it is among the chosen ones, and a look now and then";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = GateSettings;
 
     fn ports() -> Ports {

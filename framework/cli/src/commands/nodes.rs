@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use foveate_diagnostics::names::likely;
+use foveate_node::figure::{Better, FigureSpec};
 use foveate_node::port::InputSpec;
 use foveate_node::registry::NodeType;
 use foveate_node::setting_docs::{SettingDoc, setting_docs};
@@ -23,7 +24,7 @@ pub(super) fn run(node_type: Option<&str>, registry: &Registry) -> u8 {
             let names: Vec<&str> = mine.map(|it| it.name).collect();
             let _ = writeln!(text, "\n{} from the library {}", names.join(", "), library.display());
         }
-        text += "\n`foveate nodes TYPE` shows the ports and settings of one.\n";
+        text += "\n`foveate nodes TYPE` shows the ports, settings and figures of one.\n";
         say(&text);
         return exit::DONE;
     };
@@ -67,6 +68,10 @@ fn describe(node_type: &NodeType) -> String {
     for it in &settings {
         text += &setting(it);
     }
+    if !node_type.figures.is_empty() {
+        text += "\nFigures\n";
+        node_type.figures.iter().for_each(|it| text += &figure(it));
+    }
     text
 }
 
@@ -93,6 +98,19 @@ fn setting(it: &SettingDoc) -> String {
     text
 }
 
+fn figure(it: &FigureSpec) -> String {
+    let better = match it.better {
+        Better::Low => ", low is better",
+        Better::High => ", high is better",
+        Better::Neither => "",
+    };
+    let mut text = format!("  {}  ({}{better})\n", it.name, it.unit);
+    for line in wrap(it.line, 96) {
+        let _ = writeln!(text, "      {line}");
+    }
+    text
+}
+
 fn wrap(text: &str, width: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {
@@ -110,4 +128,23 @@ fn wrap(text: &str, width: usize) -> Vec<String> {
         }
     }
     lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_of_a_type_are_listed_with_unit_direction_and_line() {
+        let registry = registry();
+        let said = describe(registry.get("led.path_error").unwrap());
+        assert!(
+            said.contains("\nFigures\n  *.{median,p90,max}  (m, low is better)\n      Distance of a row"),
+            "{said}"
+        );
+        assert!(said.contains("  *.coverage  (share, high is better)\n"), "{said}");
+        assert!(said.contains("  *.rows  (count)\n"), "{said}");
+        let silent = describe(registry.get("export.overlay").unwrap());
+        assert!(!silent.contains("Figures"), "{silent}");
+    }
 }

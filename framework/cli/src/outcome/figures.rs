@@ -30,6 +30,8 @@ struct Quantity<'a> {
     name: &'a str,
     /// Name of the statistic, empty for a number by itself, and value.
     values: Vec<(&'a str, f64)>,
+    /// Where the name does not say it.
+    unit: Option<&'static str>,
     rank: Rank,
 }
 
@@ -62,7 +64,8 @@ pub(super) fn table(graph: &Graph, outcome: &Outcome) -> (Vec<String>, usize) {
             Some(quantity) => quantity.values.push((statistic, *value)),
             None => {
                 let rank = rank(node.map_or("", |it| it.node_type.name), stem);
-                quantities.push(Quantity { name: stem, values: vec![(statistic, *value)], rank });
+                let unit = report.about.get(name).and_then(|it| it.unit_beside(name));
+                quantities.push(Quantity { name: stem, values: vec![(statistic, *value)], unit, rank });
             }
         }
     }
@@ -78,7 +81,10 @@ pub(super) fn table(graph: &Graph, outcome: &Outcome) -> (Vec<String>, usize) {
         let (measured, empty): (Vec<_>, Vec<_>) =
             quantities.iter().partition(|it| it.values.iter().any(|it| it.1.is_finite()));
         let width = measured.iter().take(share).map(|it| it.name.len()).max().unwrap_or(0);
-        lines.extend(measured.iter().take(share).map(|it| format!("  {:width$}  {}", it.name, numbers(&it.values))));
+        lines.extend(measured.iter().take(share).map(|it| {
+            let unit = it.unit.map_or(String::new(), |unit| format!(" {unit}"));
+            format!("  {:width$}  {}{unit}", it.name, numbers(&it.values))
+        }));
         n_left_out += measured.iter().skip(share).map(|it| it.values.len()).sum::<usize>();
         let names: Vec<&str> = empty.iter().map(|it| it.name).collect();
         if !names.is_empty() {

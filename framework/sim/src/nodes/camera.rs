@@ -3,9 +3,9 @@
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Image};
-use foveate_node::{ConfigError, Due, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, ports};
+use foveate_node::{ConfigError, Due, Figures, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, ports};
 
-use super::fields::Fields;
+use super::fields::{CLOCK_FIGURES, Fields};
 use crate::bump::Pending;
 use crate::camera::{CameraSettings, Renderer};
 use crate::head::HeadMotion;
@@ -37,6 +37,7 @@ impl Node for SimCamera {
     const TYPE: &'static str = "sim.camera";
     const ROLE: Role = Role::Source;
     const SUMMARY: &'static str = "A camera in a simulated world: fields with LEDs, clutter, noise, in its own time";
+    const FIGURES: Figures = CLOCK_FIGURES;
     type Settings = CameraSettings;
 
     fn ports() -> Ports {

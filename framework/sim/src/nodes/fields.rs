@@ -1,9 +1,16 @@
 //! What all simulated cameras do around a field: late, lost and failed ones become gaps, and their clocks are reported.
 
 use foveate_messages::Message;
-use foveate_node::{Due, Io, Out, Report, Time};
+use foveate_node::{Due, Io, Out, Report, Time, figures};
 
 use crate::timing::{Arrival, DeliveryOutcome, Timing};
+
+figures! {
+    pub(super) const CLOCK_FIGURES;
+    "camera.clock_offset_ms.*": ms, neither, "Truth: how far the camera's clock is ahead of the session, at its last field; none of a clock that is right";
+    "camera.clock_offset_start_ms.*": ms, neither, "Truth: the same at the start of the session";
+    "camera.clock_drift_ppm.*": ppm, neither, "Truth: by how much the camera's clock runs faster than the session's";
+}
 
 /// A camera whose delivery is this late gives up on the fields that it could not make [s].
 const PATIENCE_S: f64 = 0.1;

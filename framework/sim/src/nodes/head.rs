@@ -1,6 +1,8 @@
 //! A simulated pan-tilt head as a source: the line to it, and its motion.
 
-use foveate_node::{ConfigError, Due, Io, Line, Node, NodeError, Ports, Report, Role, Setup, Time, ports};
+use foveate_node::{
+    ConfigError, Due, Figures, Io, Line, Node, NodeError, Ports, Report, Role, Setup, Time, figures, ports,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -9,6 +11,10 @@ use crate::head::{Axes, AxesSettings, HeadMotion, HeadSettings, LineFaults, Line
 ports! {
     LINE: Out<Line> = "line";
     MOTION: Out<HeadMotion> = "motion";
+}
+
+figures! {
+    "sim_head.buffer_full.*": count, low, "Messages that the simulated head refused since its buffer was full";
 }
 
 /// How a head is reached.
@@ -75,6 +81,7 @@ impl Node for SimHead {
     const TYPE: &'static str = "sim.head";
     const ROLE: Role = Role::Source;
     const SUMMARY: &'static str = "A simulated pan-tilt head: mechanics, VISCA, its line, and faults on demand";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = SimHeadSettings;
 
     fn ports() -> Ports {

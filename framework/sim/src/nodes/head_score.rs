@@ -9,7 +9,9 @@ use std::sync::Arc;
 use foveate_estimation::statistics;
 use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Features, HeadPose, TargetId};
-use foveate_node::{ConfigError, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Time, ports};
+use foveate_node::{
+    ConfigError, Figures, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Time, figures, ports,
+};
 use foveate_scene::calibration::Calibration;
 use foveate_scene::selection::matches;
 use nalgebra::{Point2, Point3, Vector2};
@@ -26,6 +28,15 @@ ports! {
     MOTION: In<HeadMotion> = latest("motion").many();
     FEATURES: In<Features> = each("features").many();
     POSE: In<HeadPose> = each("pose").many().optional();
+}
+
+figures! {
+    "off_centre_px.{mean,median,p95}([*])": px, low, "Distance of the true target from the middle of the image, over the pictures of the cameras `of`; with [CAMERA] of that one";
+    "in_view([*])": share, high, "Those of these pictures that have the target within their borders";
+    "pictures([*])": count, neither, "Pictures that were scored, since start_s";
+    "head_pose_px.{median,p95}([*])": px, low, "Distance of where the stated pose sees the target from where it truly is, in pictures that have it";
+    "head_pose_deg.rms([*])": deg, low, "Angle between the stated and the true line of sight, over all stated poses";
+    "head_pose_sigmas.rms([*])": sigmas, neither, "Error of pan and tilt in their stated standard deviations; 1: as large as stated";
 }
 
 const TRACK_FILE: &str = "heads.csv";
@@ -55,14 +66,7 @@ impl Default for HeadScoreSettings {
 /// For each picture of a camera on a simulated head: how far the target truly is from its middle, and by how much the pose that was stated for it
 /// is off.
 ///
-/// | figure | meaning |
-/// |---|---|
-/// | `off_centre_px.mean`, `.median`, `.p95` | distance of the true target from the middle of the image, over the pictures of the cameras `of` |
-/// | `in_view` | share of these pictures that have it within their borders |
-/// | `head_pose_px.median`, `.p95` | distance of where the stated pose sees the target from where it truly is, in pictures that have it |
-/// | `head_pose_deg.rms` | angle between the stated and the true line of sight |
-/// | `head_pose_sigmas.rms` | the error of pan and tilt in the standard deviations that were stated; 1: they are as large as stated |
-/// | the same with `[CAMERA]` | of each camera by itself |
+/// What it reports: the figures declared for `sim.head_score`.
 pub struct HeadScore {
     settings: HeadScoreSettings,
     calibration: Arc<Calibration>,
@@ -76,6 +80,7 @@ impl Node for HeadScore {
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str =
         "How far a target is from the middle of the pictures of simulated heads, and how well their poses are known";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = HeadScoreSettings;
 
     fn ports() -> Ports {

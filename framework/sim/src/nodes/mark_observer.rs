@@ -5,12 +5,14 @@ use std::collections::BTreeMap;
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Feature, Features, MarkGuide};
-use foveate_node::{ConfigError, Due, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, Time, ports};
+use foveate_node::{
+    ConfigError, Due, Figures, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, Time, ports,
+};
 use nalgebra::{Matrix2, Point2, Vector2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::fields::Fields;
+use super::fields::{CLOCK_FIGURES, Fields};
 use crate::chance::stream;
 use crate::head::HeadMotion;
 use crate::painted::Painted;
@@ -75,6 +77,7 @@ impl Node for SimMarkObserver {
     const TYPE: &'static str = "sim.mark_observer";
     const ROLE: Role = Role::Source;
     const SUMMARY: &'static str = "An ideal tracker of painted marks in a simulated world, without pictures";
+    const FIGURES: Figures = CLOCK_FIGURES;
     type Settings = MarkObserverSettings;
 
     fn ports() -> Ports {

@@ -8,7 +8,9 @@ use std::sync::Arc;
 use foveate_estimation::statistics::percentile;
 use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Features, Marks};
-use foveate_node::{ConfigError, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Time, ports};
+use foveate_node::{
+    ConfigError, Figures, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Time, figures, ports,
+};
 use foveate_scene::calibration::Calibration;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -25,6 +27,26 @@ ports! {
     MARKS: In<Marks> = each("marks");
     SHAPE: In<Marks> = each("shape").optional();
     COMPARED: In<Marks> = each("compared").optional();
+}
+
+figures! {
+    "pair_distance_mm.{median,p95,max}([compared])": mm, low, "Deviation of the distance of two marks from its mean, over the 60 pairs, 15 to 80 mm apart, whose true distance changes least [Davis 2002 Fig. 64]; with [compared] of the marks that come in there";
+    "pair_error_mm.{median,p95,max}([compared])": mm, low, "Error of the distance of two measured marks 15 to 80 mm apart; pairs seen together in less than a fifth of the frames are left out";
+    "mark_identity_errors([compared])": count, low, "Measured samples more than 4 mm off their own true mark and closer to another one";
+    "marks_extra([compared])": count, low, "Labels that are no true mark at all";
+    "marks_measured([compared])": count, neither, "Measured samples of labels that are a true mark, over all frames";
+    "face_mm.{median,p95}": mm, low, "Distance of all marks, measured and filled, from the truth, once the rigid motion of the frame is taken off";
+    "face_world_mm.{median,p95}": mm, low, "Distance of all marks, measured and filled, from the truth, in the world";
+    "filled_mm.{median,p95}": mm, low, "Distance of filled marks from the truth, once the rigid motion of the frame is taken off";
+    "filled_sigmas.rms": sigmas, neither, "Error of filled marks in their stated standard deviations; 1: as large as stated";
+    "filled": count, neither, "Filled samples that were compared, over all frames";
+    "frames_with_all_marks": share, high, "Frames with every true mark, measured or filled";
+    "frames_with_all_measured": share, high, "Frames with every true mark measured";
+    "frames_out_of_distribution": share, low, "Frames whose out-of-distribution score is above 0.5";
+    "marks_found": count, neither, "Marks that pictures reported under the label of a true mark";
+    "marks_false_positives": count, low, "Of these, those farther than wrong_px from where their mark truly is";
+    "marks_false_positives.per_10000": ratio, low, "The same for 10000 marks found";
+    "mark_px.{median,p95}": px, low, "Distance of the other marks found from where they truly are";
 }
 
 const TABLE_FILE: &str = "face_score.csv";
@@ -52,17 +74,7 @@ impl Default for MarkScoreSettings {
 
 /// Compares marks with those truly painted on somebody in a simulated world. Which true mark a label stands for is found out by where it mostly is.
 ///
-/// | figure | meaning |
-/// |---|---|
-/// | `pair_distance_mm.median`, `.p95`, `.max` | by how much the distance of two marks deviates from its mean over the session, over the 60 pairs whose true distance changes least [Davis 2002 Fig. 64] |
-/// | `pair_error_mm.…` | by how much the distance of any two marks 15 to 80 mm apart is off the true one |
-/// | the same with `[compared]` | of the marks that come in at `compared`, under the same labels |
-/// | `mark_identity_errors`, `marks_extra` | samples of a mark that lie on another; labels that are no mark at all |
-/// | `filled_mm.median`, `.p95`, `filled_sigmas.rms` | distance of filled marks from the truth, in the space of the face; in stated standard deviations |
-/// | `face_mm.…`, `face_world_mm.…` | distance of all marks from the truth, in the space of the face and in the world |
-/// | `frames_with_all_marks`, `frames_with_all_measured` | shares of the frames |
-/// | `marks_false_positives`, `…per_10000` | marks reported in pictures that are not where they were reported |
-/// | `mark_px.median`, `.p95` | distance of the others from the truth |
+/// What it reports: the figures declared for `sim.mark_score`.
 pub struct MarkScore {
     settings: MarkScoreSettings,
     calibration: Arc<Calibration>,
@@ -81,6 +93,7 @@ impl Node for MarkScore {
     const TYPE: &'static str = "sim.mark_score";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str = "Compares painted marks with the truth: distances, identities, what was filled in";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = MarkScoreSettings;
 
     fn ports() -> Ports {

@@ -2,9 +2,9 @@
 
 use foveate_geometry::Camera;
 use foveate_messages::Features;
-use foveate_node::{ConfigError, Due, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, ports};
+use foveate_node::{ConfigError, Due, Figures, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, ports};
 
-use super::fields::Fields;
+use super::fields::{CLOCK_FIGURES, Fields};
 use crate::bump::Pending;
 use crate::head::HeadMotion;
 use crate::observer::{Observer, ObserverSettings};
@@ -34,6 +34,7 @@ impl Node for SimObserver {
     const ROLE: Role = Role::Source;
     const SUMMARY: &'static str =
         "An ideal detector in a simulated world: features with noise, misses and clutter, no pictures";
+    const FIGURES: Figures = CLOCK_FIGURES;
     type Settings = ObserverSettings;
 
     fn ports() -> Ports {

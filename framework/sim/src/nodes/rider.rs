@@ -1,12 +1,14 @@
 //! An ideal detector on a rig that rides with somebody: the cameras of a scale whose space moves.
 
 use foveate_messages::{Features, TargetId, Targets};
-use foveate_node::{ConfigError, Due, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, Time, ports};
+use foveate_node::{
+    ConfigError, Due, Figures, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, Time, ports,
+};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::fields::Fields;
+use super::fields::{CLOCK_FIGURES, Fields};
 use crate::observer::{Observer, ObserverSettings};
 use crate::person::N_LEDS;
 use crate::timing::{Arrival, Timing, TimingSettings};
@@ -106,6 +108,7 @@ impl Node for SimRider {
     const ROLE: Role = Role::Source;
     const SUMMARY: &'static str =
         "An ideal detector on a rig of cameras that one light of a simulated person carries about";
+    const FIGURES: Figures = CLOCK_FIGURES;
     type Settings = RiderSettings;
 
     fn ports() -> Ports {

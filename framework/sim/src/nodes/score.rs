@@ -5,7 +5,7 @@ use std::io::{BufWriter, Write};
 use std::path::PathBuf;
 
 use foveate_messages::Targets;
-use foveate_node::{ConfigError, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, ports};
+use foveate_node::{ConfigError, Figures, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, figures, ports};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -14,6 +14,24 @@ use crate::score::Scorer;
 ports! {
     TRUTH: In<Targets> = each("truth");
     TARGETS: In<Targets> = each("targets");
+}
+
+figures! {
+    "(*.)error_mm.{median,p95,rms}": mm, low, "Distance of a target from its true light at the same time, over all pairs within gate_mm and the volume";
+    "(*.)gospa_mm.mean": mm, low, "GOSPA (p = 2, α = 2, cut-off gate_mm), mean over messages: errors, misses and false targets in one number";
+    "(*.)completeness": share, high, "Samples of the truth after which, before the next one, their light was matched; in the volume";
+    "(*.)missed": share, low, "True lights in the volume without a target, over all scored messages";
+    "(*.)false_targets": count, low, "Targets farther than gate_mm from any true light, mean over scored messages";
+    "(*.)duplicates": count, low, "Targets left over though a true light is within gate_mm, mean over scored messages";
+    "(*.)id_switches": count, low, "Times that a light was matched to an identity that another light had last";
+    "(*.)reinitialisations": count, low, "Times that a light was matched to a new identity after it had had another one";
+    "(*.)identities_per_target": ratio, low, "Identities over true lights; 1 is ideal, and lights that were never found lower it";
+    "(*.)time_to_initiation_ms.median": ms, low, "From the first truth of a light in the volume to its first target; lights never found are left out";
+    "(*.)targets_unborn": count, low, "True lights that were never matched, though in the volume at some time";
+    "(*.)targets_true": count, neither, "True lights that were in the volume at some time since start_s";
+    "(*.)identities": count, neither, "Identities of targets that were ever matched to a light";
+    "(*.)scored_messages": count, neither, "Messages of targets that were compared with the truth; none before start_s";
+    "(*.)unscored_messages": count, low, "Messages since start_s whose time the truth did not cover, or that waited for it too long";
 }
 
 /// Name of the file with the truth in the folder for results.
@@ -52,6 +70,7 @@ impl Node for Score {
     const TYPE: &'static str = "sim.score";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str = "Compares recovered targets with the truth of the simulated lab";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ScoreSettings;
 
     fn ports() -> Ports {

@@ -34,21 +34,7 @@ const MAX_WAITING: usize = 20_000;
 
 /// Gathers figures from truth and recovered targets, which may come in any order of delivery.
 ///
-/// | figure | meaning |
-/// |---|---|
-/// | `error_mm.median`, `.p95`, `.rms` | distance of matched targets from the truth |
-/// | `gospa_mm.mean` | GOSPA with p = 2, α = 2 and the gate as cut-off, mean over messages: the root of the sum of squared distances and of half a squared gate for each missed or false target |
-/// | `targets_true` | targets that there are, in the volume at some time |
-/// | `identities`, `identities_per_target` | recovered identities that were ever matched, and those for each true target |
-/// | `id_switches` | a true target was matched to an identity that had been another's |
-/// | `reinitialisations` | a true target was matched to an identity new to it and to all |
-/// | `false_targets` | recovered targets with no true one within the gate, mean over messages |
-/// | `duplicates` | recovered targets that are left over though a true one is within the gate, mean over messages |
-/// | `missed` | share of true targets without a match, over messages |
-/// | `completeness` | share of the truth's samples after which, before the next one, the target was matched |
-/// | `time_to_initiation_ms.median` | from the first truth of a target to its first match |
-/// | `targets_unborn` | true targets never matched |
-/// | `scored_messages`, `unscored_messages` | recovered messages compared, and those whose time the truth did not cover |
+/// What it reports: the figures declared for `sim.score`.
 pub struct Scorer {
     gate: f64,
     start_s: f64,

@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use foveate_node::{ConfigError, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Stamp, Time, ports};
+use foveate_node::{
+    ConfigError, Figures, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Stamp, Time, figures, ports,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -44,6 +46,10 @@ ports! {
     NUMBERS: In<Number> = each("numbers").many();
 }
 
+figures! {
+    "collected": count, neither, "Numbers that came in";
+}
+
 /// Keeps all it gets for [`collected`].
 pub struct Collect {
     into: String,
@@ -54,6 +60,7 @@ impl Node for Collect {
     const TYPE: &'static str = "testkit.collect";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str = "Keeps numbers where a test can look at them.";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CollectSettings;
 
     fn ports() -> Ports {

@@ -1,6 +1,8 @@
 //! Counts: 0, 1, 2, … at a rate.
 
-use foveate_node::{ConfigError, Due, Interval, Io, Node, NodeError, Plan, Ports, Report, Role, Setup, Time, ports};
+use foveate_node::{
+    ConfigError, Due, Figures, Interval, Io, Node, NodeError, Plan, Ports, Report, Role, Setup, Time, figures, ports,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -35,6 +37,10 @@ ports! {
     NUMBERS: Out<Number> = "numbers";
 }
 
+figures! {
+    "counted": count, neither, "Numbers given out or declared as a gap";
+}
+
 /// Gives `k` at capture time `phase + k / rate`, delivered after the latency.
 pub struct Counter {
     settings: CounterSettings,
@@ -51,6 +57,7 @@ impl Node for Counter {
     const TYPE: &'static str = "testkit.counter";
     const ROLE: Role = Role::Source;
     const SUMMARY: &'static str = "Counts at a rate.";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CounterSettings;
 
     fn ports() -> Ports {

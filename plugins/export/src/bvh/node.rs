@@ -215,10 +215,17 @@ fn called(targets: &[u32; 8]) -> impl Fn(usize) -> String + use<> {
     move |site| format!("`joints.{}` = {}", SITES[site], targets[site])
 }
 
+figures! {
+    "bvh.frames": count, neither, "Frames of the body that were made; 0: no file is written";
+    "bvh.frames_held": count, low, "Of these, frames in which joints hold a pose since they are not seen";
+    "bvh.start_s": s, neither, "Session time of the first frame";
+}
+
 impl Node for ExportBvh {
     const TYPE: &'static str = "export.bvh";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str = "Writes the body that eight targets sit on as a skeleton that moves (BVH)";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportBvhSettings;
 
     fn ports() -> Ports {

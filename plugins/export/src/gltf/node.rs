@@ -67,10 +67,16 @@ pub struct ExportGltf {
     calibration: Arc<Calibration>,
 }
 
+figures! {
+    "gltf.points": count, neither, "Targets and marks in the file";
+    "gltf.frames": count, neither, "Frames in the file, those without any point included";
+}
+
 impl Node for ExportGltf {
     const TYPE: &'static str = "export.gltf";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str = "Writes targets, a mesh over the marks and cameras as an animated glTF scene (GLB)";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportGltfSettings;
 
     fn ports() -> Ports {

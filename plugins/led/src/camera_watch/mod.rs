@@ -28,6 +28,16 @@ ports! {
     TARGETS: In<Targets> = each("targets");
 }
 
+figures! {
+    "camera_watch.bumped": count, low, "Times that one camera was found to be turned";
+    "camera_watch.undecided": count, low, "Times that one of several cameras was turned, and it is not known which";
+    "camera_watch.observations": count, high, "Observations that could be compared with the lines of sight of others, over all cameras";
+    "camera_watch.bumped_at_s.*": s, neither, "Session time since which the camera is turned, at its first bump";
+    "camera_watch.told_at_s.*": s, neither, "Session time at which that was certain";
+    "camera_watch.turn_mrad.*": mrad, neither, "By how much the camera was turned, at its first bump";
+    "camera_watch.shift_px.*": px, neither, "How far lights moved in its picture by that, root mean square";
+}
+
 /// Settings of [`CameraWatch`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -112,6 +122,7 @@ impl Node for CameraWatch {
     const TYPE: &'static str = "led.camera_watch";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str = "Tells when a camera was bumped, and by how much, from ordinary tracking";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CameraWatchSettings;
 
     fn ports() -> Ports {

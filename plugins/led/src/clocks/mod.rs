@@ -25,6 +25,19 @@ ports! {
     FEATURES: In<Features> = each("features").many();
 }
 
+figures! {
+    "clocks.pairs": count, high, "Pairs of cameras whose clocks were tied to each other; those that contradict the others are left out";
+    "clocks.pairs_contradicting": count, low, "Pairs that contradicted the others and were left out";
+    "clocks.miss_mrad.median": mrad, low, "Angle by which lines of sight of two cameras miss one another under the clocks found";
+    "clocks.pictures_with_several": count, low, "Pictures with more than one point, which do not say which one the target is; not used";
+    "clocks.offset_s.*": s, neither, "What the camera's clock shows when the reference's shows 0";
+    "clocks.rate.*": ratio, neither, "How fast the camera's clock runs against the reference's";
+    "clocks.sigma_ms.*": ms, low, "Standard deviation of the offset";
+    "clocks.sigma_rate.*": ratio, low, "Standard deviation of the rate";
+    "clocks.error_ms.*": ms, neither, "With truth: error of the camera's clock in the middle of its bearings, signed; 0 is ideal";
+    "clocks.error_max_ms(.*)": ms, low, "With truth: largest error at the first and last bearing, of a camera, and of all";
+}
+
 /// Of one camera: an hour at 280 Hz. More are left out and counted.
 const MAX_BEARINGS: usize = 1_000_000;
 
@@ -103,6 +116,7 @@ impl Node for ClocksNode {
     const TYPE: &'static str = "led.clocks";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str = "Finds offset and rate of each camera's clock from the path of one target";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ClocksSettings;
 
     fn ports() -> Ports {

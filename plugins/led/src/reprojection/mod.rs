@@ -15,6 +15,16 @@ ports! {
     TARGETS: In<Targets> = each("targets");
 }
 
+figures! {
+    "reprojection_px.{median,p90,max}": px, low, "Distance of a feature from the projection of its target as given out, over frames that min_cameras agree on; features farther than gate_px are left out";
+    "reprojection_px.count": count, neither, "Features that these are taken over";
+    "reprojection_px.median.*": px, low, "Median of that distance over the features of one camera";
+    "frames_recovered": count, high, "Capture times with a measured target that min_cameras agree with";
+    "frames_seen": count, neither, "Capture times with any feature at all";
+    "outliers_rejected": count, low, "Features of recovered frames that agree with no recovered target";
+    "reprojection.messages_late": count, low, "Messages that came after their frame was settled; not used";
+}
+
 /// Settings of [`Reprojection`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -50,6 +60,7 @@ impl Node for Reprojection {
     const TYPE: &'static str = "led.reprojection";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str = "Compares recovered targets with what the cameras saw at the same time, in pixels";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ReprojectionSettings;
 
     fn ports() -> Ports {

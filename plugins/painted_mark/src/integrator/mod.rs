@@ -33,6 +33,19 @@ ports! {
     GUIDE: Out<MarkGuide> = "guide";
 }
 
+figures! {
+    "(*.)marks.measured.mean": count, high, "Marks in a frame, mean over all frames";
+    "(*.)marks.views.mean": count, high, "Cameras that a mark was measured by, mean over all measured marks";
+    "(*.)marks.frames": count, neither, "Moments at which cameras reported";
+    "(*.)marks.frames_without": count, low, "Of these, moments at which no mark was recovered";
+    "(*.)marks.known": count, neither, "Marks that are confirmed when the run ends";
+    "(*.)marks.disputed": count, low, "Observations that contradicted those of the other cameras; not used";
+    "(*.)marks.searches": count, low, "Times that the surface was found without a prior";
+    "(*.)marks.pair_changes": count, low, "With views = best_pair: changes of the pair of cameras";
+    "(*.)marks.pictures_without_pose": count, low, "Pictures of cameras on heads for which no pose came; not used";
+    "(*.)marks.pose_error_mrad.*": mrad, low, "With pose_errors: root mean square turn by which the stated pose of that camera was off";
+}
+
 /// With fewer marks than this the surface is looked for as if nothing were known.
 const LEAST_TO_GO_ON: usize = 6;
 /// Tolerances of a search: tighter once the errors of the poses are known from a first one [px].
@@ -92,6 +105,7 @@ impl Node for Integrator {
     const TYPE: &'static str = "painted_mark.integrator";
     const ROLE: Role = Role::Integrator;
     const SUMMARY: &'static str = "Painted marks in space, from all cameras at once or the best pair; names marks";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = IntegratorSettings;
 
     fn ports() -> Ports {

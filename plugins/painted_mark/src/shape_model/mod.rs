@@ -26,6 +26,20 @@ ports! {
     TARGETS: Out<Targets> = "targets";
 }
 
+figures! {
+    "shape.frames": count, neither, "Frames of marks that came in";
+    "shape.frames_without_fit": count, low, "Of these, frames whose marks fixed no pose";
+    "shape.acquired_from_frames": count, neither, "Frames of this run that the model was made from";
+    "shape.marks": count, neither, "Marks of the model";
+    "shape.fitted_frames": count, neither, "Frames that the model was fitted to; those before it was there are left out";
+    "shape.all_marks_measured": share, high, "Fitted frames in which no mark had to be filled";
+    "shape.filled": count, neither, "Marks filled by the model, over all fitted frames";
+    "shape.contradicting": count, low, "Measured marks that contradicted all others and were filled, over all fitted frames";
+    "shape.frames_out_of_distribution": count, low, "Fitted frames whose out-of-distribution score is 1 or more";
+    "shape.fit_rms_mm.{median,p95}": mm, low, "Root mean square distance of the measured marks of a frame from the fitted model, over fitted frames";
+    "shape.filled_sigma_mm.median": mm, low, "Stated standard deviation of filled marks, of one axis";
+}
+
 /// Variance of a velocity about which nothing is known [m²/s²].
 const UNKNOWN_VELOCITY: f64 = 1e6;
 
@@ -74,6 +88,7 @@ impl Node for Shape {
     const TYPE: &'static str = "painted_mark.shape_model";
     const ROLE: Role = Role::ModelFilter;
     const SUMMARY: &'static str = "Fits a model of a face or knee to marks: pose and shape, hidden marks filled";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ShapeSettings;
 
     fn ports() -> Ports {

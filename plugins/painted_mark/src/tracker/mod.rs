@@ -21,6 +21,23 @@ ports! {
     FEATURES: Out<Features> = "features";
 }
 
+figures! {
+    "tracker.pictures.*": count, neither, "Pictures of the camera that were searched";
+    "tracker.named.mean.*": count, high, "Marks with a name in a picture, mean over all pictures";
+    "tracker.unnamed.mean.*": count, neither, "Dots without a name in a picture, mean over all pictures";
+    "tracker.track_frames.median.*": frames, high, "Pictures from the naming of a mark to its loss, or to the end of the run";
+    "tracker.losses.*": count, low, "Marks with a name that were not found again within patience_frames";
+    "tracker.regained.*": count, neither, "Marks with a name that were found again after they had not been found";
+    "tracker.namings.*": count, neither, "Dots that were named by the guide";
+    "tracker.disputed.*": count, low, "Names taken back since other cameras contradicted them";
+    "tracker.searches.*": count, neither, "Searches of a whole picture for new dots";
+    "tracker.corrected.*": count, neither, "Corrections by hand that were carried out";
+    "tracker.corrections_missed.*": count, low, "Corrections by hand for pictures that never came";
+    "tracker.restarts.*": count, low, "Times that all tracks ended since the size of the picture changed";
+    "tracker.pictures_blurred.*": count, low, "Pictures in which most marks were not found at once, as in motion blur; not used";
+    "tracker.pictures_refused.*": count, low, "Pictures that could not be read";
+}
+
 /// Pictures in, painted marks out [Davis 2002 §5.1]: with a label those whose names are known, chosen by hand or given by the guide, without one the
 /// dots whose names are not. What is in doubt is left out.
 pub struct TrackerNode {
@@ -35,6 +52,7 @@ impl Node for TrackerNode {
     const ROLE: Role = Role::Detector;
     const SUMMARY: &'static str =
         "Follows painted marks in the pictures of one camera, chosen by hand or found by themselves";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TrackerSettings;
 
     fn ports() -> Ports {

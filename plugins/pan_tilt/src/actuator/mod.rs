@@ -27,6 +27,19 @@ ports! {
     REPORT: Out<HeadReport> = "report";
 }
 
+figures! {
+    "heads.*.sent": count, neither, "Command packets sent to that head, those sent again included";
+    "heads.*.replaced": count, neither, "Commands that a newer one replaced before they were sent";
+    "heads.*.unanswered": count, low, "Messages without an answer in time";
+    "heads.*.buffer_full": count, low, "Messages that the head had no room for";
+    "heads.*.corrected": count, low, "Commands given again since the head stood elsewhere";
+    "heads.*.failed": count, low, "Commands that the head or its line failed to carry out";
+    "heads.*.stray_packets": count, low, "Replies and datagrams that fit no message";
+    "heads.*.garbage_bytes": bytes, low, "Bytes that belonged to no packet";
+    "heads.*.lost": count, low, "Times that the head stopped answering";
+    "heads.*.away_s": s, low, "Session time in which the head did not answer";
+}
+
 /// Reports hold what happened in so long a time, so that who samples them misses nothing.
 const REPORTED: Interval = Interval(1_000_000_000);
 /// How often a zoom is asked for that the settings leave alone [ms].
@@ -78,6 +91,7 @@ impl Node for Actuator {
     const TYPE: &'static str = "pan_tilt.head";
     const ROLE: Role = Role::Actuator;
     const SUMMARY: &'static str = "Drives a pan-tilt head that speaks VISCA, and reports where it looks";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ActuatorSettings;
 
     fn ports() -> Ports {

@@ -17,6 +17,13 @@ ports! {
     ASSIGNMENT: Out<Assignment> = "assignment";
 }
 
+figures! {
+    "allocator.assignments": count, neither, "Assignments of heads to targets that were given out";
+    "allocator.switches": count, low, "Heads that were given another target than their last one";
+    "allocator.forced_switches": count, low, "Of these, heads that left their target with fewer than two";
+    "allocator.seen_by_two": share, high, "Targets that two heads or more had arrived at, of all targets of all assignments";
+}
+
 /// Targets in, which head follows which of them out. Two heads or more for each target that look at it from well apart, as long as there are
 /// enough; which ones changes only where that gains something for a while, and one after another.
 ///
@@ -29,6 +36,7 @@ impl Node for AllocatorNode {
     const TYPE: &'static str = "pan_tilt.allocator";
     const ROLE: Role = Role::Selector;
     const SUMMARY: &'static str = "Gives each of several targets the pan-tilt heads that look at it best together";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = AllocatorSettings;
 
     fn ports() -> Ports {

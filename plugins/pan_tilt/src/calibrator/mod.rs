@@ -28,6 +28,27 @@ ports! {
     REPORT: In<HeadReport> = each("report").many();
 }
 
+figures! {
+    "head_calibration.heads": count, high, "Heads that were calibrated";
+    "head_calibration.light_samples": count, neither, "Times at which one light, and one only, was measured in the room";
+    "head_calibration.*.camera_frames": count, neither, "Pictures of that head's camera with one light";
+    "head_calibration.*.several_lights": count, low, "Pictures with more than one light; not used";
+    "head_calibration.*.moving": count, low, "Pictures with one light while the head moved or had not settled; not used";
+    "head_calibration.*.without_light": count, low, "Pictures with one light at times of which the room does not know where it was; not used";
+    "head_calibration.*.observations": count, high, "Pictures that the calibration is made from";
+    "head_calibration.*.settings": count, high, "Different settings of pan and tilt among them";
+    "head_calibration.*.{home,aligned,free}_px.median": px, low, "Error of the model with the home position alone, with aligned and with free axes, over all observations";
+    "head_calibration.*.{home,aligned,free}_px.rms": px, low, "The same over the observations that the last model takes for right";
+    "head_calibration.*.holdout_px.{median,rms}": px, low, "Error at settings that were held out of the fit";
+    "head_calibration.*.wrong": count, low, "Observations that were taken for gross errors and left out";
+    "head_calibration.*.noise_factor": ratio, neither, "Right errors over their stated standard deviations; near 1: as large as stated";
+    "head_calibration.*.{pan,tilt}_direction_sigma_deg": deg, low, "Standard deviation of the direction of the axis";
+    "head_calibration.*.{pan,tilt}_place_sigma_mm": mm, low, "Standard deviation of the place of the axis";
+    "head_calibration.*.camera_sigma_mm": mm, low, "Standard deviation of the camera's centre, along its worst direction";
+    "head_calibration.*.{pan,tilt}_unit_sigma": ratio, low, "Standard deviation of the device's unit of angle over that unit";
+    "head_calibration.*.{pan,tilt}_range_deg": deg, high, "From the smallest to the largest setting among the observations";
+}
+
 /// Samples of the light closer than this say nothing new [s].
 const LIGHT_STEP_S: f64 = 0.008;
 /// What is kept of one kind; more than two hours of pictures.
@@ -65,6 +86,7 @@ impl Node for Calibrator {
     const TYPE: &'static str = "pan_tilt.calibrator";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str = "Finds the axes of pan-tilt heads from a tracked light that their cameras see";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CalibratorSettings;
 
     fn ports() -> Ports {

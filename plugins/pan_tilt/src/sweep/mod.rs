@@ -23,6 +23,14 @@ ports! {
     COMMANDS: Out<HeadCommand> = "commands";
 }
 
+figures! {
+    "sweep.*.settings": count, neither, "Settings of that head to be visited; those beyond its limits are left out";
+    "sweep.*.visited": count, high, "Settings that are behind it";
+    "sweep.*.reached": count, high, "Settings that the head said it stood at";
+    "sweep.*.filled": count, high, "Settings with enough observations of the light";
+    "sweep.*.observations": count, high, "Observations of the light, over all settings";
+}
+
 /// A head on its way over settings; each picture of its camera is a turn.
 pub struct SweepNode {
     sweep: Sweep,
@@ -54,6 +62,7 @@ impl Node for SweepNode {
     const TYPE: &'static str = "pan_tilt.sweep";
     const ROLE: Role = Role::Selector;
     const SUMMARY: &'static str = "Drives a head over settings for its calibration, and says where the light is wanted";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = SweepSettings;
 
     fn ports() -> Ports {

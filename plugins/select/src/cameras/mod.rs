@@ -15,6 +15,13 @@ ports! {
     CHOICE: Out<CameraChoice> = "choice";
 }
 
+figures! {
+    "select.choices": count, neither, "Choices made";
+    "select.changes": count, low, "Cameras that a choice had and the one before had not; without targets not counted";
+    "select.cameras.mean": count, low, "Cameras chosen, mean over all choices";
+    "select.targets_seen_by_fewer_than_two": share, low, "Targets that fewer than two cameras can see, of all targets of all choices";
+}
+
 /// Targets in, the cameras that see them best together out: in view and not at the rim, large, from well apart, not hidden; a few for each
 /// target, and as few as possible in all. `select.gate` lets their pictures through.
 ///
@@ -27,6 +34,7 @@ impl Node for CamerasNode {
     const TYPE: &'static str = "select.cameras";
     const ROLE: Role = Role::Selector;
     const SUMMARY: &'static str = "Says which of many fixed cameras see the targets best together";
+    const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CamerasSettings;
 
     fn ports() -> Ports {
