@@ -10,7 +10,7 @@ use foveate_node::guard::guarded;
 use foveate_node::node::Plan;
 use foveate_node::port::Ports;
 use foveate_node::registry::ErasedNode;
-use foveate_node::{ConfigError, Due, Io, Node, NodeError, Report, Role, Setup};
+use foveate_node::{ConfigError, Due, Figures, Io, Node, NodeError, Report, Role, Setup};
 use schemars::Schema;
 
 /// Something that may panic, with the panic caught.
@@ -36,6 +36,8 @@ pub struct Described {
     pub summary: &'static str,
     /// [`Node::ports`].
     pub ports: Ports,
+    /// [`Node::FIGURES`].
+    pub figures: Figures,
     /// Of the settings.
     pub schema: Schema,
 }
@@ -44,7 +46,7 @@ impl Described {
     /// Of node type `N`.
     pub fn of<N: Node>() -> Self {
         let schema = schemars::schema_for!(N::Settings);
-        Self { name: N::TYPE, role: N::ROLE, summary: N::SUMMARY, ports: N::ports(), schema }
+        Self { name: N::TYPE, role: N::ROLE, summary: N::SUMMARY, ports: N::ports(), figures: N::FIGURES, schema }
     }
 }
 

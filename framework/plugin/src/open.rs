@@ -130,6 +130,7 @@ fn node_type(it: Described, parse: Parse, path: &Path) -> NodeType {
         role: it.role,
         summary: it.summary,
         ports: it.ports,
+        figures: it.figures,
         schema: it.schema,
         origin: Origin::Library(path.to_owned()),
         decoder: Box::new(move |given| decode(name, parse, given)),

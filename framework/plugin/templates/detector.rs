@@ -13,6 +13,10 @@ ports! {
     FEATURES: Out<Features> = "features";
 }
 
+figures! {
+    "my_plugin.found": count, neither, "Features found, over all pictures of all cameras";
+}
+
 /// Settings of [`MyNode`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
@@ -39,6 +43,7 @@ impl Node for MyNode {
     const ROLE: Role = Role::Detector;
     const SUMMARY: &'static str = "Finds bright spots in the pictures of one camera";
     type Settings = MyNodeSettings;
+    const FIGURES: Figures = DECLARED_FIGURES;
 
     fn ports() -> Ports {
         declared_ports()

@@ -9,6 +9,10 @@ ports! {
     CREDIBLE: Out<Targets> = "targets";
 }
 
+figures! {
+    "my_plugin.dropped": count, neither, "Targets that were dropped, over all messages";
+}
+
 /// Settings of [`MyNode`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
@@ -35,6 +39,7 @@ impl Node for MyNode {
     const ROLE: Role = Role::ModelFilter;
     const SUMMARY: &'static str = "Drops targets that are faster than anything in the room can be";
     type Settings = MyNodeSettings;
+    const FIGURES: Figures = DECLARED_FIGURES;
 
     fn ports() -> Ports {
         declared_ports()
