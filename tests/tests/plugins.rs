@@ -166,9 +166,9 @@ fn fake(folder: &Path, name: &str, flags: &[&str], text: Option<&str>) -> PathBu
     };
     let library = folder.join(format!("lib{name}.so"));
     let rustc = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
-    let output =
-        Command::new(rustc).args(["--edition", "2024", "--crate-type", "cdylib", "-o"]).arg(&library).arg(&source);
-    let output = output.args(flags).output().unwrap();
+    let mut compiler = Command::new(rustc);
+    compiler.args(["--edition", "2024", "--crate-type", "cdylib", "-o"]).arg(&library).arg(&source).args(flags);
+    let output = compiler.output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     library
 }

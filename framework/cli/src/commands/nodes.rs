@@ -136,7 +136,7 @@ mod tests {
 
     #[test]
     fn figures_of_a_type_are_listed_with_unit_direction_and_line() {
-        let registry = registry();
+        let registry = crate::registry();
         let said = describe(registry.get("led.path_error").unwrap());
         assert!(
             said.contains("\nFigures\n  *.{median,p90,max}  (m, low is better)\n      Distance of a row"),
