@@ -75,7 +75,7 @@ fn a_new_plugin_is_built_and_runs_and_says_where_it_comes_from() {
     // The resolved rig names the library, with all settings, and runs again to the same bytes.
     let resolved = read(folder.join("stars/rig.resolved.toml"));
     assert!(
-        resolved.contains(&format!("libraries = [\"{library}\"]")) && resolved.contains("threshold = 60"),
+        resolved.contains(&format!("libraries = [\"{library}\"]")) && resolved.contains("threshold = 120"),
         "{resolved}"
     );
     content(folder, &["run", "stars/rig.resolved.toml", "--quiet", "--out", "again"]);

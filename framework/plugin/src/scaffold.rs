@@ -66,7 +66,7 @@ impl NewRole {
 type = "my_plugin.detector"
 each = "wide-*"
 in = { image = "video.image" }
-threshold = 60
+threshold = 120
 
 [scale.room.node.targets]
 type = "led.integrator"
