@@ -7,7 +7,7 @@ how far each is above the threshold. Run by a rig:
     type = "process.detector"
     each = "wide-*"
     in = { image = "video.image" }
-    command = ["python3", "spots.py", "60"]
+    command = ["python3", "spots.py", "120"]
 """
 
 import sys
@@ -16,7 +16,7 @@ import numpy as np
 from foveate_node import Gap, feature, run
 from numpy.lib.stride_tricks import sliding_window_view
 
-THRESHOLD = int(sys.argv[1]) if len(sys.argv) > 1 else 60
+THRESHOLD = int(sys.argv[1]) if len(sys.argv) > 1 else 120
 ACROSS = np.tile(np.arange(-2, 3), 5)
 DOWN = np.repeat(np.arange(-2, 3), 5)
 

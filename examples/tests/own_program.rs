@@ -51,11 +51,11 @@ fn every_command_knows_the_node_that_is_linked_in() {
 fn spots(folder: &Path, name: &str, node: &str) -> Vec<Vec<f64>> {
     let rig = fs::read_to_string(folder.join("star_finder/star_finder.toml")).unwrap();
     let rig = rig.replace("type = \"star_finder.detector\"", node);
-    let rig = if node.contains("process") { rig.replace("threshold = 60\n", "") } else { rig };
+    let rig = if node.contains("process") { rig.replace("threshold = 120\n", "") } else { rig };
     fs::write(folder.join(format!("star_finder/{name}.toml")), rig).unwrap();
     let (code, said) = own_program(
         folder,
-        &["run", &format!("star_finder/{name}.toml"), "--duration", "0.5", "--quiet", "--out", name],
+        &["run", &format!("star_finder/{name}.toml"), "--duration", "1.5", "--quiet", "--out", name],
     );
     assert_eq!(code, Some(0), "{said}");
     let table = fs::read_to_string(folder.join(name).join("targets.csv")).unwrap();
@@ -82,7 +82,7 @@ fn one_node_gives_the_same_linked_in_and_as_a_library_and_in_python() {
     };
     let scripts = Path::new(env!("CARGO_MANIFEST_DIR")).join("python");
     let process =
-        format!("type = \"process.detector\"\ncommand = [{python:?}, {:?}, \"60\"]", scripts.join("spots.py"));
+        format!("type = \"process.detector\"\ncommand = [{python:?}, {:?}, \"120\"]", scripts.join("spots.py"));
     let process = spots(folder.path(), "process", &process);
     assert_eq!(process.len(), library.len());
     for (a, b) in process.iter().flatten().zip(library.iter().flatten()) {

@@ -75,7 +75,7 @@ fn a_new_plugin_is_built_and_runs_and_says_where_it_comes_from() {
     // The resolved rig names the library, with all settings, and runs again to the same bytes.
     let resolved = read(folder.join("stars/rig.resolved.toml"));
     assert!(
-        resolved.contains(&format!("libraries = [\"{library}\"]")) && resolved.contains("threshold = 60"),
+        resolved.contains(&format!("libraries = [\"{library}\"]")) && resolved.contains("threshold = 120"),
         "{resolved}"
     );
     content(folder, &["run", "stars/rig.resolved.toml", "--quiet", "--out", "again"]);
@@ -132,7 +132,8 @@ fn a_bad_node_of_a_library_is_named_with_its_panic_and_the_rest_goes_on() {
     check("what = \"nuthing\"", &["nothing"]);
     check("what = \"check\"", &["panicked at", "bad.rs", "bad at its making"]);
     check("what = \"plan\"", &["panicked at", "bad at its plan"]);
-    for (what, words) in [("process", "bad at its work"), ("finish", "bad at its end"), ("drop", "bad at its drop")] {
+    check("what = \"drop\"", &["panicked at", "bad at its drop"]);
+    for (what, words) in [("process", "bad at its work"), ("finish", "bad at its end")] {
         for on_error in ["stop", "skip", "restart"] {
             let (code, said) = with_node(&library, &format!("what = \"{what}\"\non_error = \"{on_error}\""), &RUN);
             assert_eq!(code, 70, "{said}");
@@ -142,7 +143,7 @@ fn a_bad_node_of_a_library_is_named_with_its_panic_and_the_rest_goes_on() {
         }
     }
     let (code, said) = with_node(&library, "what = \"new\"", &RUN);
-    assert!(code == 70 && said.contains("bad at its making"), "{code} {said}");
+    assert!(code == 2 && said.contains("bad at its making") && said.contains("libbad.so"), "{code} {said}");
     let (code, said) = with_node(&library, "", &RUN);
     assert_eq!(code, 0, "one that does no harm: {said}");
 }
@@ -166,9 +167,9 @@ fn fake(folder: &Path, name: &str, flags: &[&str], text: Option<&str>) -> PathBu
     };
     let library = folder.join(format!("lib{name}.so"));
     let rustc = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
-    let mut compiler = Command::new(rustc);
-    compiler.args(["--edition", "2024", "--crate-type", "cdylib", "-o"]).arg(&library).arg(&source).args(flags);
-    let output = compiler.output().unwrap();
+    let mut command = Command::new(rustc);
+    command.args(["--edition", "2024", "--crate-type", "cdylib", "-o"]).arg(&library).arg(&source).args(flags);
+    let output = command.output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     library
 }
@@ -204,7 +205,7 @@ fn a_library_that_does_not_fit_is_refused_with_all_that_differs() {
     let empty = fake(folder.path(), "nothing", &[], Some("//! Nothing."));
     refused(empty, &["found no symbol `foveate_plugin_descriptor`"]);
     let needy = "unsafe extern \"C\" { fn no_such_function_anywhere(); }\n#[unsafe(no_mangle)] pub extern \"C\" fn a() { unsafe { no_such_function_anywhere() } }";
-    refused(fake(folder.path(), "needy", &[], Some(needy)), &["no_such_function_anywhere"]);
+    refused(fake(folder.path(), "needy", &[], Some(needy)), &["can be opened", "undefined"]);
     let text = folder.path().join("libtext.so");
     fs::write(&text, "this is a text").unwrap();
     refused(text, &["no library that can be opened"]);
@@ -250,7 +251,7 @@ fn what_is_no_plugin_is_not_built() {
     fs::write(folder.join("greedy/Cargo.toml"), manifest).unwrap();
     let (code, _, complaint) = foveate(folder, &["plugin", "build", "greedy"]);
     assert!(
-        code == 2 && complaint.contains("serde_json: the program has 1.") && complaint.contains("arbitrary_precision"),
+        code == 2 && complaint.contains("serde_json: the program has v1.") && complaint.contains("arbitrary_precision"),
         "{complaint}"
     );
 }

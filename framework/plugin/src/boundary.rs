@@ -67,16 +67,19 @@ pub trait Spec: Send + Sync {
     fn as_any(&self) -> &dyn Any;
 }
 
+/// Lists the node types of a library.
+type Describe = fn() -> Vec<Described>;
+
 /// Reads settings inside a library.
 pub type Parse = fn(&str) -> Caught<Result<Box<dyn LibrarySettings>, ConfigError>>;
 
 /// What a program gets of a library that fits.
 pub struct Contents {
     name: &'static str,
-    describe: fn() -> Vec<Described>,
+    describe: Describe,
     parse: Parse,
     /// Calls `describe` inside the library.
-    guarded: fn(fn() -> Vec<Described>) -> Caught<Vec<Described>>,
+    guarded: fn(Describe) -> Caught<Vec<Described>>,
 }
 
 impl Contents {

@@ -66,7 +66,7 @@ impl NewRole {
 type = "my_plugin.detector"
 each = "wide-*"
 in = { image = "video.image" }
-threshold = 60
+threshold = 120
 
 [scale.room.node.targets]
 type = "led.integrator"
@@ -101,7 +101,7 @@ radius = 0.25
         let own = self.template().nodes;
         match self {
             NewRole::Detector => format!("{own}{}", SCORE.replace("OUTPUT", "targets.targets")),
-            NewRole::Filter => format!("{BUILT_IN}{own}{}", SCORE.replace("OUTPUT", "credible.credible")),
+            NewRole::Filter => format!("{BUILT_IN}{own}{}", SCORE.replace("OUTPUT", "credible.targets")),
             NewRole::Selector => {
                 let table = SCORE.split_once("\n\n").map_or("", |it| it.1);
                 format!("{BUILT_IN}{own}\n{}", table.replace("OUTPUT", "highest.chosen"))

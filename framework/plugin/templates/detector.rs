@@ -27,7 +27,7 @@ pub struct MyNodeSettings {
 
 impl Default for MyNodeSettings {
     fn default() -> Self {
-        Self { threshold: 60 }
+        Self { threshold: 120 }
     }
 }
 

@@ -28,7 +28,8 @@ pub(super) fn find(command: &[String], dir: &Path) -> Result<PathBuf, ConfigErro
     if path.components().count() > 1 {
         let path = dir.join(path);
         return match path.is_file() {
-            true => Ok(path.canonicalize().unwrap_or(path)),
+            // Not where a link leads: the name that a program is started by may matter to it, as to a Python of a virtual environment.
+            true => Ok(std::path::absolute(&path).unwrap_or(path)),
             false => {
                 Err(ConfigError::at("command", format_args!("found no file `{}`, expected a program", path.display())))
             }

@@ -46,7 +46,7 @@ pub fn register(registry: &mut Registry) {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ProcessSettings {
-    /// The program and its arguments, started in the folder of the rig: `["python3", "spots.py", "--threshold", "60"]` [–].
+    /// The program and its arguments, started in the folder of the rig: `["python3", "spots.py", "120"]` [–].
     #[schemars(length(min = 1))]
     pub command: Vec<String>,
     /// Longest time for an answer to one message; after that the process is ended [ms].
