@@ -2,16 +2,13 @@
 //!
 //! | node | what it does |
 //! |---|---|
-//! | `example.speed_limit` | drops targets that are faster than anything in the room can be |
+//! | `example.speed_limit` | drops targets that are faster than anything in the room can be; `--role filter` writes it |
 //! | `my_plugin.detector` | what `foveate new plugin` writes: finds bright spots in pictures |
-//! | `my_plugin.filter` | with `--role filter`: drops targets that are too fast |
 //! | `my_plugin.selector` | with `--role selector`: looks at the highest target |
 
 // The very files that `foveate new plugin` copies, so that they are compiled and tested with everything else.
 #[path = "../../framework/plugin/templates/detector.rs"]
 pub mod detector;
-#[path = "../../framework/plugin/templates/filter.rs"]
-pub mod filter;
 #[path = "../../framework/plugin/templates/selector.rs"]
 pub mod selector;
 mod speed_limit;
@@ -21,6 +18,5 @@ pub use speed_limit::{SpeedLimit, SpeedLimitSettings};
 foveate::plugin! {
     "example.speed_limit" => SpeedLimit,
     "my_plugin.detector" => detector::MyNode,
-    "my_plugin.filter" => filter::MyNode,
     "my_plugin.selector" => selector::MyNode,
 }

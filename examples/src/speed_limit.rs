@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn settings_survive_a_round_trip_and_refuse_what_they_do_not_know() {
+    fn the_node_keeps_what_every_node_promises() {
         check_node::<SpeedLimit>("max_speed = 3.0");
     }
 }

@@ -120,7 +120,7 @@ impl<N: Node> NodeBench<N> {
             self.latest[index][place] = Some(packet);
             return Ok(());
         }
-        self.activate(Delivery { port: index, packets: vec![packet] })
+        self.deliver(Delivery { port: index, packets: vec![packet] })
     }
 
     /// Gives in a set of messages that were captured at `time`, one of each source, at a port that joins sources.
@@ -138,7 +138,7 @@ impl<N: Node> NodeBench<N> {
             packets.push(Packet { stamp, payload: Arc::new(value) });
         }
         self.now = self.now.max(time);
-        self.activate(Delivery { port: index, packets })
+        self.deliver(Delivery { port: index, packets })
     }
 
     /// Lets a source give what is due, up to `until`; gives how often it was asked.
@@ -152,19 +152,19 @@ impl<N: Node> NodeBench<N> {
                 break;
             }
             self.now = self.now.max(time);
-            self.activate(Delivery::default())?;
+            self.deliver(Delivery::default())?;
             n_activations += 1;
         }
         Ok(n_activations)
     }
 
-    /// Gives a source its turn at `time`, whether it is due or not.
+    /// Activates a source at `time`, whether it is due or not.
     ///
     /// # Errors
     /// As [`NodeBench::feed`].
-    pub fn turn(&mut self, time: Time) -> Result<(), NodeError> {
+    pub fn activate(&mut self, time: Time) -> Result<(), NodeError> {
         self.now = self.now.max(time);
-        self.activate(Delivery::default())
+        self.deliver(Delivery::default())
     }
 
     /// What the node gave out at `port` since this was last asked, in order.
@@ -238,7 +238,7 @@ impl<N: Node> NodeBench<N> {
         Stamp { time, source, sequence }
     }
 
-    fn activate(&mut self, mut delivery: Delivery) -> Result<(), NodeError> {
+    fn deliver(&mut self, mut delivery: Delivery) -> Result<(), NodeError> {
         let (node, outbox) = (&mut self.node, &mut self.outbox);
         let mut io = Io::new(self.now, ITSELF, &mut delivery, &self.latest, outbox, &mut self.sequences);
         guarded(|| node.process(&mut io)).unwrap_or_else(|said| Err(NodeError::program(said)))

@@ -1,4 +1,4 @@
-//! A node's view of one turn: what arrived, what is known, what it gives out.
+//! A node's view of one activation: what arrived, what is known, what it gives out.
 
 use std::any::Any;
 use std::fmt::Display;
@@ -68,7 +68,7 @@ impl Packet {
     }
 }
 
-/// What one turn is about: the port that triggered it and what it holds.
+/// What one activation is about: the port that triggered it and what it holds.
 #[derive(Default)]
 pub struct Delivery {
     /// The input port, by its number.
@@ -77,7 +77,7 @@ pub struct Delivery {
     pub packets: Vec<Packet>,
 }
 
-/// What a node gave out in one turn.
+/// What a node gave out in one activation.
 #[derive(Default)]
 pub struct Outbox {
     /// Messages, each with its output port.
@@ -95,7 +95,7 @@ pub struct Gap {
     pub reason: String,
 }
 
-/// A node's view of one turn.
+/// A node's view of one activation.
 pub struct Io<'a> {
     now: Time,
     delivery: &'a mut Delivery,
@@ -106,7 +106,7 @@ pub struct Io<'a> {
 }
 
 impl<'a> Io<'a> {
-    /// For who runs nodes: the turn of node `source` at `now` about `delivery`. `latest` holds, by input port and connected source, the newest
+    /// For who runs nodes: the activation of node `source` at `now` about `delivery`. `latest` holds, by input port and connected source, the newest
     /// message so far; `sequences`, by output port, how many messages were numbered there.
     pub fn new(
         now: Time,
@@ -121,12 +121,12 @@ impl<'a> Io<'a> {
 }
 
 impl Io<'_> {
-    /// The session clock at this turn: the time of delivery, not of capture.
+    /// The session clock at this activation: the time of delivery, not of capture.
     pub fn now(&self) -> Time {
         self.now
     }
 
-    /// The message that triggered this turn, if it came in at `port` (an `each` or `newest of each` port).
+    /// The message that triggered this activation, if it came in at `port` (an `each` or `newest of each` port).
     pub fn take<T: Message>(&mut self, port: &In<T>) -> Option<Stamped<Arc<T>>> {
         if self.delivery.port != port.index {
             return None;
@@ -134,7 +134,7 @@ impl Io<'_> {
         self.delivery.packets.pop().map(|packet| packet.into_typed(port.name))
     }
 
-    /// The set that triggered this turn, if it was joined at `port` (a `synced` port): at most one message a source, in
+    /// The set that triggered this activation, if it was joined at `port` (a `synced` port): at most one message a source, in
     /// the order of the sources.
     pub fn take_set<'s, T: Message>(&'s mut self, port: &In<T>) -> impl Iterator<Item = Stamped<Arc<T>>> + 's {
         let name = port.name;

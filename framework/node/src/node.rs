@@ -95,13 +95,13 @@ pub trait Node: Send + Sized + 'static {
     /// A setting, or something the setup lacks, with what was found and expected.
     fn new(settings: Self::Settings, setup: &Setup) -> Result<Self, ConfigError>;
 
-    /// One turn: a message has arrived at a triggering port, or the source is due.
+    /// One activation: a message has arrived at a triggering port, or the source is due.
     ///
     /// # Errors
     /// When this message cannot be worked on; what happens then is the rig's `on_error`. "Nothing seen" is an answer, not an error.
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError>;
 
-    /// Sources: when to be asked next. A source that needs time to get ready asks for a turn at [`Time::ZERO`]: a live run gives it before its
+    /// Sources: when to be asked next. A source that needs time to get ready asks for an activation at [`Time::ZERO`]: a live run gives it before its
     /// clock starts.
     fn due(&mut self) -> Due {
         Due::Never

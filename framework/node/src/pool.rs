@@ -20,7 +20,7 @@ impl<T> Default for Pool<T> {
 }
 
 impl<T> Pool<T> {
-    /// A value of an earlier turn with whatever is still in it, or `make()`.
+    /// A value of an earlier activation with whatever is still in it, or `make()`.
     pub fn take(&mut self, make: impl FnOnce() -> T) -> Fresh<T> {
         match self.lent.iter_mut().position(|it| Arc::get_mut(it).is_some()) {
             Some(free) => Fresh(self.lent.swap_remove(free)),

@@ -75,7 +75,7 @@ in = { features = "spots.features" }
             },
             NewRole::Filter => Template {
                 role: "filter",
-                code: include_str!("../templates/filter.rs"),
+                code: include_str!("../../../examples/src/speed_limit.rs"),
                 summary: "drops targets that are too fast",
                 nodes: r#"[scale.room.node.credible]
 type = "my_plugin.filter"
@@ -124,7 +124,9 @@ pub fn plugin(program: &Program, parent: &Path, name: &str, role: NewRole) -> Re
     let template = role.template();
     let library = format!("{}{name}{}", std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX);
     let named = |text: &str| {
-        text.replace("MY_SUMMARY", template.summary)
+        let text = text.replace("example.speed_limit", "my_plugin.filter").replace("speed_limit.", "my_plugin.");
+        text.replace("SpeedLimit", "MyNode")
+            .replace("MY_SUMMARY", template.summary)
             .replace("my_role", template.role)
             .replace("my_plugin", name)
             .replace("MyNode", &camel_case(name))
@@ -226,8 +228,18 @@ mod tests {
             assert_eq!(files.len(), 7);
             for file in files.iter().filter(|it| !it.ends_with("Cargo.lock")) {
                 let text = fs::read_to_string(folder.path().join(file)).unwrap();
-                let left =
-                    ["my_plugin", "MyNode", "my_role", "MY_SUMMARY", "CHECKOUT", "NALGEBRA", "OUTPUT", "LIBRARY"];
+                let left = [
+                    "my_plugin",
+                    "MyNode",
+                    "speed_limit",
+                    "SpeedLimit",
+                    "my_role",
+                    "MY_SUMMARY",
+                    "CHECKOUT",
+                    "NALGEBRA",
+                    "OUTPUT",
+                    "LIBRARY",
+                ];
                 left.iter().for_each(|it| assert!(!text.contains(it), "{file} holds {it}"));
                 if file.ends_with(".toml") {
                     text.parse::<Table>().unwrap();

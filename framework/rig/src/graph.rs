@@ -83,7 +83,7 @@ pub struct Instance {
     pub on_error: OnError,
     /// By input port: how it takes data, as the port itself says or as the rig chose.
     pub takes: Vec<InputPolicy>,
-    /// What each of its turns costs on the logical clock.
+    /// What each of its activations costs on the logical clock.
     pub cost: Cost,
 }
 
@@ -97,13 +97,13 @@ impl Instance {
     }
 }
 
-/// How long a turn of a node keeps it busy in a run that is not live; there, where a turn takes no time by itself, this
+/// How long an activation of a node keeps it busy in a run that is not live; there, where an activation takes no time by itself, this
 /// shows what becomes of the data under load. A live run takes the time it takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Cost {
-    /// For each turn.
+    /// For each activation.
     pub time: Interval,
-    /// Each turn takes up to this much more or less, uniformly (seeded); at most `time`.
+    /// Each activation takes up to this much more or less, uniformly (seeded); at most `time`.
     pub jitter: Interval,
 }
 

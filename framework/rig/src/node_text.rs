@@ -145,7 +145,7 @@ fn read_cost(keys: &mut Keys<'_>, findings: &mut Findings) -> (Cost, Option<Span
     let place = time.filter(|it| it.0 > 0.0).map(|it| it.1);
     if let Some((jitter_ms, span)) = jitter.as_ref().filter(|it| it.0 > time_ms) {
         let label = format!("found {jitter_ms} ms, expected at most `cost_ms`, which is {time_ms} ms");
-        findings.error(span.clone(), "a turn cannot take less than no time", label);
+        findings.error(span.clone(), "an activation cannot take less than no time", label);
     }
     let jitter_ms = jitter.map_or(0.0, |it| it.0);
     (Cost { time: Interval::from_ms(time_ms), jitter: Interval::from_ms(jitter_ms) }, place)

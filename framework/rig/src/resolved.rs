@@ -133,7 +133,7 @@ fn write_node(text: &mut String, names: &Names<'_, '_>, node: &NodeDraft<'_>) ->
     }
     let on_error = ON_ERROR.iter().find(|it| it.1 == node.text.on_error).map_or("stop", |it| it.0);
     line(text, grammar::node::ON_ERROR_KEY.name, &Value::from(on_error));
-    // Nothing where turns cost nothing: the rig may be one for cameras and motors.
+    // Nothing where activations cost nothing: the rig may be one for cameras and motors.
     if node.text.cost != Cost::default() {
         line(text, grammar::node::COST_MS.name, &in_ms(node.text.cost.time));
         line(text, grammar::node::COST_JITTER_MS.name, &in_ms(node.text.cost.jitter));

@@ -273,7 +273,7 @@ mod tests {
     fn shared_state_and_a_node_that_does_not_stand_a_pause_are_found() {
         let check = |vice: Vice| {
             catch_unwind(|| {
-                check_runs::<Vicious>(&vice, &Setup::for_tests(), |bench, time| bench.turn(time));
+                check_runs::<Vicious>(&vice, &Setup::for_tests(), |bench, time| bench.activate(time));
             })
         };
         assert!(check(Vice::None).is_ok());

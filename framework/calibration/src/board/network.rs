@@ -27,7 +27,7 @@ const CONTRADICTION: f64 = 3.5;
 
 /// Finds optics, as far as they are free, and poses of all cameras that see `board`, together or in a chain.
 ///
-/// Spots carry the number of their mark as `label`; how often a spot is unusable, and each camera's fate, is said in the result. One
+/// Spots carry the number of their mark as `label`; how often a spot is unusable, and what became of each camera, is said in the result. One
 /// camera alone is an answer too: its optics, and its pose to the board.
 ///
 /// # Errors

@@ -89,7 +89,7 @@ struct Examined {
 pub(super) fn candidates(network: &Room<'_>, is_mirrored: bool) -> Vec<Candidate> {
     let known = &network.solved.culprits;
     let mut found: Vec<Candidate> = known.iter().map(|it| culprit(network, it)).collect();
-    // Cameras that are hardly known bear no witness against each other.
+    // Cameras that are hardly known are not compared with each other.
     let is_held = network.calibrated().all(|it| camera::camera(network, it).judgement.level < Level::Redo);
     if !is_mirrored && is_held {
         let is_known = |camera: usize| known.iter().any(|it| it.camera == camera);
@@ -251,7 +251,7 @@ impl<'a> Rest<'a> {
             }));
         }
         let mut freedoms = vec![Freedom::NONE; self.cameras.len()];
-        // Optics that were found with this camera stay: without it the rest may know them too little to bear witness.
+        // Optics that were found with this camera stay: without it the rest may know them too little to be compared with.
         for &it in &staying {
             freedoms[it] = Freedom::POSE;
         }

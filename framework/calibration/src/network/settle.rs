@@ -18,7 +18,7 @@ use crate::stretches::stretches;
 /// No detector is better than that, standard deviation [px].
 const LEAST_SIGMA_PX: f64 = 0.005;
 
-/// Cameras bear witness whose turn is known to so much, the root of the sum over the axes [rad], and whose focal length to such a part [–].
+/// Cameras are compared with others when their rotation is known to so much, the root of the sum over the axes [rad], and whose focal length to such a part [–].
 const HELD_TURN: f64 = 0.03;
 const HELD_FOCAL: f64 = 0.03;
 
@@ -105,7 +105,7 @@ impl<'a> Room<'a> {
         self.covariance[camera].as_ref().map(|it| it.optics)
     }
 
-    /// Whether all cameras are known well enough to bear witness: how they are turned, and their focal lengths.
+    /// Whether all cameras are known well enough to be compared with others: how they are turned, and their focal lengths.
     pub fn is_held(&self) -> bool {
         self.is_known_to(HELD_TURN, HELD_FOCAL)
     }

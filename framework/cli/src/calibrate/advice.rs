@@ -3,7 +3,7 @@
 use foveate_calibration::cause::Cause;
 use foveate_calibration::checks::{Candidate, Level};
 
-/// What of the command line bears on what can be suggested.
+/// What of the command line decides what can be suggested.
 #[derive(Debug, Clone, Default)]
 pub struct Asked {
     /// The rig as it was named.

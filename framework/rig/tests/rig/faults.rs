@@ -563,7 +563,7 @@ fn cost_of_a_turn_is_a_time_and_sources_have_none() {
         "cost_ms = 1\ncost_jitter_ms = 2",
         "17:18",
         "2",
-        &["a turn cannot take less than no time", "found 2 ms, expected at most `cost_ms`, which is 1 ms"],
+        &["an activation cannot take less than no time", "found 2 ms, expected at most `cost_ms`, which is 1 ms"],
     );
     let source = "type = \"test.camera\"\ncost_ms = 1";
     one("type = \"test.camera\"", source, "10:11", "1", &["`video` is a source", "found a cost, expected none"]);

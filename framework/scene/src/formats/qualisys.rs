@@ -9,7 +9,7 @@
 //! | `x`, `y`, `z` | mm | the camera's centre [m] |
 //!
 //! Pose2Sim's own conversion divides the distortion by 64 as well, which the coefficients, being those of normalised coordinates,
-//! do not bear: files that it made of a Qualisys calibration hold a lens 64 times too weak. The makers do not say where in a
+//! do not confirm: files that it made of a Qualisys calibration hold a lens 64 times too weak. The makers do not say where in a
 //! pixel (0, 0) is; as Pose2Sim does, it is taken for the centre.
 
 use std::fmt::Write as _;

@@ -1,7 +1,7 @@
 //! A head from recordings: the neutral mesh and the expressions of the ICT Face Model Light [Li et al. 2020], moved by recorded curves of an
 //! ARKit face capture. Files are those of `s13_ict_facekit_min` and `s20_arkit_curves` in the folder of recordings.
 //!
-//! The mesh is made coarser ([`super::coarser`]), lies in metres and in the head's space, and bears its own texture places; eyes are caps of
+//! The mesh is made coarser ([`super::coarser`]), lies in metres and in the head's space, and has texture coordinates of its own; eyes are caps of
 //! spheres, the mouth has its socket and a row of teeth.
 
 use std::f64::consts::TAU;

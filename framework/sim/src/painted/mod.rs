@@ -96,7 +96,7 @@ impl RecordedHead {
 pub struct FaceSettings {
     /// Which part of the body is painted [–].
     pub part: PartKind,
-    /// How many marks are painted on it, 12 mm or more apart; a knee bears 45 at most [–].
+    /// How many marks are painted on it, 12 mm or more apart; a knee has room for 45 [–].
     #[schemars(range(min = 1, max = 76))]
     pub marks: usize,
     /// How large they are, about [mm].

@@ -57,7 +57,7 @@ const FACE: [[f64; 2]; 43] = [
     [54.0, 46.0],
 ];
 
-/// The most marks that a face can bear.
+/// The most marks that a face has room for.
 pub(crate) const MOST: usize = 76;
 
 /// Spots of the first `n` marks; `place` takes y and z of the built-in head to those of the surface [mm].

@@ -377,7 +377,7 @@ impl Watch {
             let large = it.turn.norm() > options.least && it.shift_px > options.least_px;
             it.sigmas > options.sigmas && it.bins >= LASTING && large
         };
-        // Half as certain will do for what speaks against an accusation.
+        // Half as certain will do for what speaks against a diagnosis.
         let is_change = |it: &Change| it.sigmas > 0.5 * options.sigmas && it.turn.norm() > options.least;
         let changed: Vec<usize> = changes.iter().filter(|it| is_change(&it.1)).map(|it| it.0).collect();
         changes.retain(|it| is_told(&it.1));

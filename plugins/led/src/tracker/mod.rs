@@ -168,7 +168,7 @@ impl Tracker {
         self.merge(now);
         if self.newest[camera].is_none_or(|newest| stamp > newest) {
             self.newest[camera] = Some(stamp);
-            self.give_initiation(time, now, features);
+            self.initiate_from(time, now, features);
         }
         if self.settings.remember_ms > 0.0 {
             self.memory.look(&mut self.tracks, now);
@@ -446,7 +446,7 @@ impl Tracker {
     }
 
     /// Keeps what no target explains, and begins targets where that meets what other cameras left.
-    fn give_initiation(&mut self, time: Time, now: Time, features: &Features) {
+    fn initiate_from(&mut self, time: Time, now: Time, features: &Features) {
         let camera = features.camera;
         let model = &self.cameras[usize::from(camera.0)];
         let unmatched = self.association.unmatched();
@@ -456,14 +456,14 @@ impl Tracker {
             self.initiation.forget(camera);
             return;
         }
-        self.bear(camera, time, now, false);
+        self.initiate(camera, time, now, false);
         if self.settings.initiation_motion_px > 0.0 {
-            self.bear(camera, time, now, true);
+            self.initiate(camera, time, now, true);
         }
     }
 
     /// Begins targets where lines that `camera` left meet others; of fast lights where they are `moving`.
-    fn bear(&mut self, camera: CameraId, time: Time, now: Time, moving: bool) {
+    fn initiate(&mut self, camera: CameraId, time: Time, now: Time, moving: bool) {
         if self.initiation.n_unmatched(camera) == 0 {
             return;
         }

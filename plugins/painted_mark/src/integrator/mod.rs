@@ -378,7 +378,7 @@ impl Integrator {
             .unzip();
         if labels.len() < LEAST_TO_GO_ON {
             self.track_store.marks.retain(|_, it| it.is_believed);
-            points.into_iter().for_each(|it| self.bear(it));
+            points.into_iter().for_each(|it| self.initiate(it));
         } else {
             let pairs = recognise(&points, &believed)?;
             let measured = pairs.iter().map(|(mark, point)| (labels[*mark], points[*point])).collect();
@@ -408,14 +408,15 @@ impl Integrator {
         let options = MatchOptions { ball: (middle(&seen), self.radius), tolerance, views: n_views };
         for found in match_dots(&views, &options) {
             if !self.track_store.moved_to(&found.position, MOST_OFF) {
-                self.bear(found.position);
+                self.initiate(found.position);
             }
         }
     }
 
-    fn bear(&mut self, position: Point3<f64>) {
+    /// Begins a mark where none is near.
+    fn initiate(&mut self, position: Point3<f64>) {
         if self.track_store.nearest(&position) > self.settings.spacing_mm * 1e-3 {
-            self.track_store.initiated(position);
+            self.track_store.initiate(position);
         }
     }
 

@@ -43,7 +43,7 @@ impl TrackStore {
     }
 
     /// A mark that the cameras agree on.
-    pub fn initiated(&mut self, position: Point3<f64>) {
+    pub fn initiate(&mut self, position: Point3<f64>) {
         let known = Known { position, is_seen: false, seen: 0, unseen: 0, is_believed: false };
         self.marks.insert(self.next_label, known);
         self.next_label += 1;
@@ -198,14 +198,14 @@ mod tests {
     #[test]
     fn a_mark_is_believed_after_some_frames_and_forgotten_before_that_when_it_does_not_come_again() {
         let mut track_store = TrackStore::default();
-        track_store.initiated(Point3::new(0.0, 0.0, 1.0));
-        track_store.initiated(Point3::new(0.1, 0.0, 1.0));
+        track_store.initiate(Point3::new(0.0, 0.0, 1.0));
+        track_store.initiate(Point3::new(0.1, 0.0, 1.0));
         let seen: BTreeMap<u32, Point3<f64>> = [(0, Point3::new(0.0, 0.0, 1.0))].into();
         (0..3).for_each(|_| track_store.update(&seen, None, 3));
         assert!(track_store.marks[&0].is_believed && !track_store.marks[&1].is_believed);
         (0..PATIENCE).for_each(|_| track_store.update(&BTreeMap::new(), None, 3));
         assert_eq!(track_store.marks.keys().copied().collect::<Vec<_>>(), [0]);
-        track_store.initiated(Point3::origin());
+        track_store.initiate(Point3::origin());
         assert!(track_store.marks.contains_key(&2), "labels are not given out again");
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Of two lights in each of two pictures, either the first ones belong together or the first and the second. Pairs of cameras are
 //! oriented on both readings of every frame at once: half of these pairs of pixels is right, which a search by random
-//! quintuples bears. Epipolar lines then tell the readings apart, frame by frame, unless the wand lies along them. The cameras of a
+//! quintuples carries. Epipolar lines then tell the readings apart, frame by frame, unless the wand lies along them. The cameras of a
 //! frame are joined by their clearest readings first; a camera that no clear reading joins goes without labels there. Pictures with
 //! one light or with clutter are read last, by the lines of the cameras that are clear. From frame to frame the ends
 //! keep their labels by moving little.
