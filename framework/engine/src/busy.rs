@@ -1,4 +1,4 @@
-//! What a activation of a node costs on the logical clock, where a activation takes no time by itself.
+//! What an activation of a node costs on the logical clock, where an activation takes no time by itself.
 
 use std::mem::swap;
 
@@ -27,7 +27,7 @@ impl Work {
         self.is_busy
     }
 
-    /// A activation began at `now`: takes what it gave out of `outbox`, and says when it is done.
+    /// An activation began at `now`: takes what it gave out of `outbox`, and says when it is done.
     pub(crate) fn begin(&mut self, now: Time, outbox: &mut Outbox) -> Time {
         let Cost { time, jitter } = self.cost;
         let more = if jitter == Interval(0) {

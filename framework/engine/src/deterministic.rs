@@ -2,25 +2,40 @@
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
+use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use crossbeam::channel::{RecvTimeoutError, Sender, unbounded};
 use foveate_messages::{Interval, Time};
 
-use super::lanes::{Helpers, Lanes, Left};
-use super::stage::{Alone, Costs, Stage};
+use super::helpers::{Helpers, Kind};
+use super::lanes::{Lanes, Left, lock, try_lock};
+use super::stage::{Alone, Costs, Outgoing, Stage};
+use super::watch::{Watch, left_behind, patience};
 use super::{EdgeView, Options, Outcome, PROGRESS_PERIOD, Progress, conclude, view_edges};
 use foveate_node::error::NodeError;
 use foveate_node::guard::guarded;
 use foveate_node::node::Due;
 use foveate_rig::graph::Graph;
 
-/// The wall clock is looked at once in so many activations of sources.
-const ACTIVATIONS_PER_CLOCK_READ: u64 = 16;
+/// The wall clock is looked at once in so many events.
+const EVENTS_PER_CLOCK_READ: u64 = 16;
 /// Longest sleep of a paced run: bounds how late it sees that it is to be stopped.
 const LONGEST_PAUSE: Duration = Duration::from_millis(50);
 /// Pause before a source that has nothing yet is asked again.
 const WAITING_PAUSE: Duration = Duration::from_millis(1);
+
+/// What the thread that runs the graph shares with the one that looks on.
+struct Shared {
+    /// All nodes that no lane has. Locked while they work.
+    main: Mutex<Stage>,
+    lanes: Arc<Lanes>,
+    /// Session time [ns].
+    now: AtomicI64,
+    /// A thread is lost: the run ends without what it holds.
+    is_abandoned: Arc<AtomicBool>,
+}
 
 pub(super) fn run(
     graph: Arc<Graph>,
@@ -29,96 +44,189 @@ pub(super) fn run(
 ) -> Result<Outcome, NodeError> {
     let started = Instant::now();
     let mut main = Stage::build(Arc::clone(&graph), options.out_dir.clone(), Costs::Simulated)?;
-    let lanes = Lanes::take_from(&mut main, &graph);
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let until = Mutex::new(Time::ZERO);
-    let mut helpers = Helpers::new(options.workers.unwrap_or(cores).max(1), &until);
-    let ended = std::thread::scope(|scope| {
-        for _ in 0..helpers.count() {
-            let (work, lanes, graph) = (helpers.work(), &lanes, &*graph);
-            scope.spawn(move || work(lanes, graph));
-        }
-        let mut events = Events::new(&graph, options, &mut main, &lanes, started);
-        let ended = guarded(|| events.run(&mut helpers, observe));
-        helpers.end();
+    let lanes = Arc::new(Lanes::take_from(&mut main, &graph));
+    let mut whole = main.empty_like();
+    let mut watched: Vec<Watch> = lanes.at().iter().chain([&main.at]).map(|it| Watch::new(Arc::clone(it))).collect();
+    let shared =
+        Arc::new(Shared { main: Mutex::new(main), lanes, now: AtomicI64::new(0), is_abandoned: Arc::default() });
+    let (sender, progress) = unbounded();
+    let mut events = Events::new(Arc::clone(&graph), options.clone(), Arc::clone(&shared), sender, started);
+    // Not scoped: a thread that never comes back must not keep the run.
+    let conductor = std::thread::spawn(move || {
+        let ended = guarded(|| events.run());
+        events.helpers.end();
         ended
     });
-    let mut said = lanes.give_back(&mut main);
-    // What was recovered is saved all the same.
-    let (now, interrupted) = ended.unwrap_or_else(|it| {
-        said.push(it);
-        (main.latest(), false)
-    });
-    for said in said {
-        main.faults.failure("engine", now, &NodeError::program(said), "the round ended");
+    let mut given_up: Option<Instant> = None;
+    loop {
+        match progress.recv_timeout(PROGRESS_PERIOD / 4) {
+            Ok(it) => observe(&it),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => break,
+        }
+        let longest = patience(options.patience, options.must_stop());
+        for watch in &mut watched {
+            let Some(index) = watch.stuck(longest) else { continue };
+            let now = Time(shared.now.load(Ordering::Relaxed));
+            whole.faults.failure(&graph.instances[index].path, now, &left_behind(longest), "left behind");
+            shared.is_abandoned.store(true, Ordering::Relaxed);
+            given_up = given_up.or(Some(Instant::now()));
+        }
+        // The others come back from what they are at, or are found to be lost as well.
+        if given_up.is_some_and(|it| it.elapsed() > longest + PROGRESS_PERIOD) {
+            break;
+        }
     }
-    Ok(conclude(&graph, main, now, started.elapsed(), interrupted))
+    let mut said = Vec::new();
+    let (mut now, mut is_interrupted) = (Time(shared.now.load(Ordering::Relaxed)), options.must_stop());
+    if conductor.is_finished() || given_up.is_none() {
+        match conductor.join() {
+            Ok(Ok(ended)) => (now, is_interrupted) = ended,
+            Ok(Err(it)) => said.push(it),
+            Err(_) => said.push("a worker died".to_owned()),
+        }
+    }
+    // What was recovered is saved all the same.
+    if let Some(mut main) = try_lock(&shared.main) {
+        whole.absorb(&mut main);
+    }
+    said.extend(shared.lanes.give_back(&mut whole));
+    for said in said {
+        whole.faults.failure("engine", now, &NodeError::program(said), "the run ended");
+    }
+    Ok(conclude(&graph, whole, now, started.elapsed(), is_interrupted))
+}
+
+/// A round of lanes that are ahead.
+struct Round {
+    from: Time,
+    busy: Vec<(Duration, usize)>,
 }
 
 /// What happens next, on the one logical clock.
-struct Events<'r> {
-    graph: &'r Graph,
-    options: &'r Options,
-    main: &'r mut Stage,
-    lanes: &'r Lanes,
+struct Events {
+    graph: Arc<Graph>,
+    options: Options,
+    shared: Arc<Shared>,
+    progress: Sender<Progress>,
+    helpers: Helpers,
     started: Instant,
     now: Time,
     /// Sources by (due time, schedule order): ties are broken by the rig, not by chance.
     sources: BinaryHeap<Reverse<(Time, usize)>>,
+    /// Those of lanes that may be ahead.
+    ahead: BinaryHeap<Reverse<(Time, usize)>>,
     /// Sources that have nothing yet.
     waiting: Vec<usize>,
     /// What left lanes that are ahead, in the order of time.
     left: VecDeque<Left>,
+    under_way: Option<Round>,
+    /// Lanes have been ahead before.
+    is_begun: bool,
+    views: Vec<EdgeView>,
 }
 
-impl<'r> Events<'r> {
+impl Events {
     fn new(
-        graph: &'r Graph,
-        options: &'r Options,
-        main: &'r mut Stage,
-        lanes: &'r Lanes,
+        graph: Arc<Graph>,
+        options: Options,
+        shared: Arc<Shared>,
+        progress: Sender<Progress>,
         started: Instant,
-    ) -> Events<'r> {
-        let (sources, waiting, left) = (BinaryHeap::new(), Vec::new(), VecDeque::new());
-        Events { graph, options, main, lanes, started, now: Time::ZERO, sources, waiting, left }
+    ) -> Events {
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let n_threads = options.workers.unwrap_or(cores).max(1);
+        Events {
+            helpers: Helpers::new(n_threads, &shared.lanes, &shared.is_abandoned),
+            views: vec![EdgeView::default(); graph.edges.len()],
+            graph,
+            options,
+            shared,
+            progress,
+            started,
+            now: Time::ZERO,
+            sources: BinaryHeap::new(),
+            ahead: BinaryHeap::new(),
+            waiting: Vec::new(),
+            left: VecDeque::new(),
+            under_way: None,
+            is_begun: false,
+        }
     }
 
     /// Until no source gives anything any more; gives the time at the end and whether the run was stopped.
-    fn run(&mut self, helpers: &mut Helpers<'_>, observe: &mut dyn FnMut(&Progress)) -> (Time, bool) {
+    fn run(&mut self) -> (Time, bool) {
         (0..self.graph.instances.len()).for_each(|it| self.ask(it));
         let mut last_shown = self.started;
-        let mut activations = 0_u64;
-        while !self.options.must_stop() {
-            if !self.next(helpers) {
+        let mut n_events = 0_u64;
+        while !self.options.must_stop() && !self.is_abandoned() {
+            if !self.next() {
                 return (self.now, false);
             }
-            activations += 1;
-            if activations.is_multiple_of(ACTIVATIONS_PER_CLOCK_READ) && last_shown.elapsed() >= PROGRESS_PERIOD {
+            n_events += 1;
+            if n_events.is_multiple_of(EVENTS_PER_CLOCK_READ) && last_shown.elapsed() >= PROGRESS_PERIOD {
                 last_shown = Instant::now();
-                let mut edges = vec![EdgeView::default(); self.graph.edges.len()];
-                view_edges(self.graph, self.main, &mut edges);
-                self.lanes.each(|stage| view_edges(self.graph, stage, &mut edges));
-                observe(&Progress { now: self.now, wall: self.started.elapsed(), edges });
+                self.show();
             }
         }
         // What lanes have seen already is not lost.
-        while let Some((time, _, it)) = self.left.pop_front() {
-            self.now = self.now.max(time);
-            self.lanes.deliver(self.graph, it, self.now, self.main);
+        self.end_round();
+        while !self.is_abandoned()
+            && let Some((time, _, it)) = self.left.pop_front()
+        {
+            self.go_on_to(self.now.max(time));
+            self.deliver(it);
         }
-        (self.now, true)
+        (self.now, self.options.must_stop())
+    }
+
+    fn is_abandoned(&self) -> bool {
+        self.shared.is_abandoned.load(Ordering::Relaxed)
+    }
+
+    fn go_on_to(&mut self, time: Time) {
+        self.now = time;
+        self.shared.now.store(time.0, Ordering::Relaxed);
+    }
+
+    /// Lets the nodes work that no lane has, at the present time.
+    fn on_main(&self, work: impl FnOnce(&mut Stage)) {
+        self.shared.lanes.on_main(&self.shared.main, self.now, work);
+    }
+
+    fn deliver(&self, it: Outgoing) {
+        self.shared.lanes.deliver(it, self.now, &self.shared.main);
+    }
+
+    fn show(&mut self) {
+        let (graph, views) = (&self.graph, &mut self.views);
+        view_edges(graph, &lock(&self.shared.main), views);
+        self.shared.lanes.each(|stage| view_edges(graph, stage, views));
+        let progress = Progress { now: self.now, wall: self.started.elapsed(), edges: self.views.clone() };
+        let _ = self.progress.send(progress); // nobody looks on any more: the run was given up
     }
 
     /// The next event; `false` after the last one.
-    fn next(&mut self, helpers: &mut Helpers<'_>) -> bool {
+    fn next(&mut self) -> bool {
         let due = self.sources.peek().map(|&Reverse((due, index))| (self.now.max(due), index));
         let left = self.left.front().map(|it| (it.0.max(self.now), it.1));
         let first = [due, left].into_iter().flatten().min();
         // A node that is done at the very moment at which a message comes is free for it.
-        if let Some((done, _)) = self.main.next_done().filter(|it| first.is_none_or(|(time, _)| it.0 <= time)) {
-            self.now = done;
-            self.main.end_work(&mut Alone);
-            self.lanes.take_in(self.graph, self.main, self.now);
+        let done = lock(&self.shared.main).next_done().map(|it| it.0);
+        let done = done.filter(|it| first.is_none_or(|(time, _)| *it <= time));
+        let next = done.or(first.map(|it| it.0));
+        if let Some(round) = &self.under_way {
+            if next.is_none_or(|it| it >= round.from) {
+                self.end_round();
+                return true;
+            }
+        } else if let Some(from) = self.round_from(first, done, next) {
+            self.begin_round(from);
+            return true;
+        }
+        if let Some(done) = done {
+            self.go_on_to(done);
+            self.on_main(|main| main.end_work(&mut Alone));
             return true;
         }
         let Some((time, index)) = first else {
@@ -133,8 +241,8 @@ impl<'r> Events<'r> {
         if left.is_some_and(|left| due.is_none_or(|due| left <= due)) {
             self.wait_until(time);
             if let Some((_, _, it)) = self.left.pop_front() {
-                self.now = time;
-                self.lanes.deliver(self.graph, it, time, self.main);
+                self.go_on_to(time);
+                self.deliver(it);
             }
             return true;
         }
@@ -142,64 +250,106 @@ impl<'r> Events<'r> {
         if self.graph.is_over(due) {
             return true;
         }
-        if !self.lanes.may_be_ahead(index) {
-            self.wait_until(time);
-            self.now = time;
-        }
-        if self.lanes.has(index) {
-            self.round(time, index, helpers);
+        self.wait_until(time);
+        self.go_on_to(time);
+        if self.shared.lanes.has(index) {
+            self.moment(index);
         } else {
-            self.main.activate_source(index, time, &mut Alone);
-            self.lanes.take_in(self.graph, self.main, time);
+            self.on_main(|main| main.activate_source(index, time, &mut Alone));
             self.ask(index);
         }
         true
     }
 
-    /// A round of lanes that begins with source `first` at `time`: of all lanes that may be ahead, as long as they may; otherwise of those whose sources
-    /// are due at this moment.
-    fn round(&mut self, time: Time, first: usize, helpers: &mut Helpers<'_>) {
-        let is_ahead = self.lanes.may_be_ahead(first);
-        let until = time + if is_ahead { self.lanes.shortest_lookahead() } else { Interval(1) };
-        let mut sources = vec![(time, first)];
-        let mut others = Vec::new();
-        while let Some(&Reverse((due, index))) = self.sources.peek()
+    /// When the next round of lanes that are ahead begins, if it is to begin now: when nothing else comes before, or when the rest is within its length of it
+    /// (then what the rest gives is visible after its end only). `next`: when the rest goes on.
+    fn round_from(&self, first: Option<(Time, usize)>, done: Option<Time>, next: Option<Time>) -> Option<Time> {
+        let &Reverse((due, index)) = self.ahead.peek()?;
+        let from = self.now.max(due);
+        let lanes = &self.shared.lanes;
+        let is_next = first.is_none_or(|it| (from, index) < it) && done.is_none_or(|it| from < it);
+        let is_near = self.is_begun && lanes.may_overlap() && next.is_some_and(|it| from <= it + lanes.round());
+        (is_next || is_near).then_some(from)
+    }
+
+    fn begin_round(&mut self, from: Time) {
+        let until = from + self.shared.lanes.round();
+        let mut sources = Vec::new();
+        while let Some(&Reverse((due, index))) = self.ahead.peek()
             && due < until
         {
-            let is_like = self.lanes.has(index) && self.lanes.may_be_ahead(index) == is_ahead;
-            if !is_like && !is_ahead {
-                break;
-            }
-            self.sources.pop();
-            match is_like && !self.graph.is_over(due) {
-                true => sources.push((due.max(time), index)),
-                false => others.push(Reverse((due, index))),
+            self.ahead.pop();
+            if !self.graph.is_over(due) {
+                sources.push((due.max(from), index));
             }
         }
-        self.sources.extend(others);
-        let mut left = Vec::new();
-        for (index, due) in self.lanes.round(self.graph, &sources, until, helpers, &mut left) {
-            self.enqueue(index, due);
-        }
-        if is_ahead {
-            // What is there already is earlier: it left an earlier round.
-            self.left.extend(left);
-            return;
-        }
-        for (_, _, it) in left {
-            self.lanes.deliver(self.graph, it, time, self.main);
+        if !sources.is_empty() {
+            let busy = self.shared.lanes.begin(&sources, until);
+            self.helpers.begin(Kind::Ahead, &busy, until);
+            self.under_way = Some(Round { from, busy });
+            self.is_begun = true;
         }
     }
 
-    /// Asks a source when it wants its next activation.
+    /// Waits for the round of lanes that are ahead that is under way, and takes what left it.
+    fn end_round(&mut self) {
+        let Some(round) = self.under_way.take() else { return };
+        if !self.helpers.join(Kind::Ahead) {
+            return;
+        }
+        let mut left = Vec::new();
+        for (index, due) in self.shared.lanes.end(&round.busy, &mut left) {
+            self.enqueue(index, due);
+        }
+        // What is there already is earlier: it left an earlier round.
+        self.left.extend(left);
+    }
+
+    /// A round of the lanes without lookahead whose sources are due at this moment; `first` is one of them.
+    fn moment(&mut self, first: usize) {
+        let (now, until) = (self.now, self.now + Interval(1));
+        let mut sources = vec![(now, first)];
+        while let Some(&Reverse((due, index))) = self.sources.peek()
+            && due < until
+            && self.shared.lanes.has(index)
+        {
+            self.sources.pop();
+            if !self.graph.is_over(due) {
+                sources.push((due.max(now), index));
+            }
+        }
+        let lanes = Arc::clone(&self.shared.lanes);
+        let busy = lanes.begin_moment(&sources);
+        self.helpers.begin(Kind::Moment, &busy, until);
+        if !self.helpers.join(Kind::Moment) {
+            return;
+        }
+        let mut left = Vec::new();
+        for (index, due) in lanes.end_moment(&busy, &mut left) {
+            self.enqueue(index, due);
+        }
+        for (_, _, it) in left {
+            self.deliver(it);
+        }
+    }
+
+    /// Asks a source when it wants to be activated next.
     fn ask(&mut self, index: usize) {
-        let lanes = self.lanes;
-        let due = if lanes.has(index) { lanes.due(index, self.now) } else { self.main.due(index, self.now) };
+        let lanes = &self.shared.lanes;
+        let due = if lanes.has(index) {
+            lanes.due(index, self.now)
+        } else {
+            let mut main = lock(&self.shared.main);
+            let due = main.due(index, self.now);
+            main.rest();
+            due
+        };
         self.enqueue(index, due);
     }
 
     fn enqueue(&mut self, index: usize, due: Due) {
         match due {
+            Due::At(time) if self.shared.lanes.may_be_ahead(index) => self.ahead.push(Reverse((time, index))),
             Due::At(time) => self.sources.push(Reverse((time, index))),
             Due::Waiting => self.waiting.push(index),
             Due::Never => {}

@@ -7,12 +7,14 @@ mod busy;
 mod deterministic;
 mod faults;
 mod gates;
+mod helpers;
 mod inbox;
 mod lanes;
 pub mod ledger;
 mod live;
 mod slot;
 mod stage;
+mod watch;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -52,7 +54,7 @@ pub struct Options {
     pub workers: Option<usize>,
     /// A run that is not live lets nothing happen before its time on the wall clock, counted from the start of the run.
     pub paced: bool,
-    /// A live run gives a node up that does not come back from an activation for so long once the run should end; `None`: ten seconds. While
+    /// A run gives a node up that does not come back from an activation for so long once the run should end; `None`: ten seconds. While
     /// the run goes on it waits six times as long.
     pub patience: Option<Duration>,
 }
@@ -175,7 +177,6 @@ fn name_libraries(graph: &Graph, faults: &mut [FaultRecord]) {
     }
 }
 
-/// Finishes all nodes and gathers what the run leaves behind.
 /// Part of the messages of an edge that may be dropped without a word.
 const QUIET_DROPS: f64 = 0.01;
 
@@ -195,6 +196,7 @@ fn remark_drops(graph: &Graph, ledgers: &[Ledger], report: &mut Report) {
     }
 }
 
+/// Finishes all nodes and gathers what the run leaves behind.
 fn conclude(graph: &Graph, mut stage: Stage, ended: Time, wall: Duration, interrupted: bool) -> Outcome {
     let mut report = Report::default();
     stage.flush(ended);

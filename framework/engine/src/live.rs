@@ -1,11 +1,11 @@
 //! Worker threads on the wall clock. A camera's nodes share a worker; what joins cameras has one of its own.
 //!
 //! The run is over when no source will give any more and no message is on its way: every message on a queue between
-//! threads is counted before it is sent and until all that it caused has been sent in activation.
+//! threads is counted before it is sent and until all that it caused has been sent in turn.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -14,6 +14,7 @@ use foveate_messages::{Interval, Time};
 
 use super::slot::Route;
 use super::stage::{Costs, Remote, Stage};
+use super::watch::{Watch, left_behind, patience};
 use super::{EdgeView, Options, Outcome, PROGRESS_PERIOD, Progress, conclude, view_edges};
 use foveate_node::error::NodeError;
 use foveate_node::guard::guarded;
@@ -25,10 +26,6 @@ use foveate_rig::graph::{Graph, Instance};
 const LONGEST_SLEEP: Duration = Duration::from_millis(20);
 /// Pause before a node that met a full queue whose policy is to wait tries again.
 const FULL_PAUSE: Duration = Duration::from_micros(50);
-/// A node that does not come back from an activation in this time once the run should end is given up, and its thread with it; before that it
-/// is in so many times as much.
-const PATIENCE: Duration = Duration::from_secs(10);
-const PATIENCE_MEANWHILE: u32 = 6;
 /// How long a worker that is busy looks out for the next message before it sleeps. At 60 messages a second that is 1.5 % of a core.
 const LOOKOUT: Duration = Duration::from_micros(250);
 /// Looks between two looks at the clock.
@@ -212,25 +209,20 @@ pub(super) fn run(
     let mut watched: Vec<Watch> = workers.iter().map(|it| Watch::new(Arc::clone(&it.stage.at))).collect();
     // Not scoped: a thread that never comes back must not keep the run.
     let threads: Vec<_> = workers.into_iter().map(|worker| std::thread::spawn(move || worker.work())).collect();
-    while threads.iter().zip(&watched).any(|it| !it.0.is_finished() && !it.1.is_lost) {
+    while threads.iter().zip(&watched).any(|it| !it.0.is_finished() && !it.1.is_lost()) {
         std::thread::sleep(if shared.is_over() { Duration::from_millis(1) } else { PROGRESS_PERIOD / 4 });
         let edges = shared.views.lock().unwrap_or_else(PoisonError::into_inner).clone();
         observe(&Progress { now: shared.now(), wall: began.elapsed(), edges });
-        let patience = options.patience.unwrap_or(PATIENCE);
-        let longest = if shared.is_ending() { patience } else { patience * PATIENCE_MEANWHILE };
+        let longest = patience(options.patience, shared.is_ending());
         for (watch, _) in watched.iter_mut().zip(&threads).filter(|it| !it.1.is_finished()) {
             let Some(index) = watch.stuck(longest) else { continue };
-            let error = NodeError::program(format_args!(
-                "has not come back from an activation for {:.1} s: the run ends without it and the nodes that share its thread",
-                longest.as_secs_f64()
-            ));
-            whole.faults.failure(&graph.instances[index].path, shared.now(), &error, "left behind");
+            whole.faults.failure(&graph.instances[index].path, shared.now(), &left_behind(longest), "left behind");
             shared.is_abandoned.store(true, Ordering::SeqCst);
             shared.wake_all();
         }
     }
     let ended = shared.now();
-    for (thread, _) in threads.into_iter().zip(&watched).filter(|it| !it.1.is_lost) {
+    for (thread, _) in threads.into_iter().zip(&watched).filter(|it| !it.1.is_lost()) {
         match thread.join() {
             Ok((mut stage, said)) => {
                 whole.absorb(&mut stage);
@@ -245,43 +237,15 @@ pub(super) fn run(
     let mut outcome = conclude(&graph, whole, ended, began.elapsed(), interrupted);
     if let Some(costly) = graph.instances.iter().find(|it| it.cost.time > Interval(0)) {
         outcome.report.remark(format!(
-            "`cost_ms` (of `{}`) is ignored in a live run: a activation takes the time it takes",
+            "`cost_ms` (of `{}`) is ignored in a live run: an activation takes the time it takes",
             costly.path
         ));
     }
     Ok(outcome)
 }
 
-/// Looks from outside whether a worker comes back from its activations.
-struct Watch {
-    at: Arc<AtomicU64>,
-    last: u64,
-    since: Instant,
-    is_lost: bool,
-}
-
-impl Watch {
-    fn new(at: Arc<AtomicU64>) -> Watch {
-        Watch { at, last: 0, since: Instant::now(), is_lost: false }
-    }
-
-    /// The node in whose activation the worker has been for `longest`; told once.
-    fn stuck(&mut self, longest: Duration) -> Option<usize> {
-        let at = self.at.load(Ordering::Relaxed);
-        if at == 0 || at != self.last {
-            (self.last, self.since) = (at, Instant::now());
-            return None;
-        }
-        if self.is_lost || self.since.elapsed() < longest {
-            return None;
-        }
-        self.is_lost = true;
-        Some((at & u64::from(u32::MAX)) as usize)
-    }
-}
-
 /// Nodes of one camera share a worker; what joins cameras has one for each scale, and sinks, which wait for disks, have one of their own. Where
-/// there are fewer workers, they take activations.
+/// there are fewer workers, they are dealt out in turn.
 fn assign_workers(graph: &Graph, n_workers: usize) -> Vec<usize> {
     let mut shared: Vec<(bool, usize)> = graph.instances.iter().filter(|it| it.camera.is_none()).map(group).collect();
     shared.sort_unstable();

@@ -146,6 +146,8 @@ impl Stage {
     pub(crate) fn due(&mut self, index: usize, now: Time) -> Due {
         let Some(slot) = &mut self.slots[index] else { return Due::Never };
         let Some(node) = &mut slot.node else { return slot.restart_at.map_or(Due::Never, Due::At) };
+        self.n_activations += 1;
+        self.at.store((self.n_activations << 32) | index as u64, Ordering::Relaxed);
         match guarded(|| node.due()) {
             Ok(due) => due,
             Err(said) => {
@@ -167,11 +169,6 @@ impl Stage {
         }
         self.activate(index, now, remote);
         self.run_ready(now, remote);
-    }
-
-    /// Capture time of what the last activation was about.
-    pub(crate) fn latest(&self) -> Time {
-        self.seen
     }
 
     /// Nothing is at work.
@@ -355,7 +352,7 @@ impl Stage {
         self.started.map_or(logical, |it| Time(it.elapsed().as_nanos() as i64))
     }
 
-    /// One activation of node `index` with `self.delivery`, then its messages on their way. As long as a activation gives one message to
+    /// One activation of node `index` with `self.delivery`, then its messages on their way. As long as an activation gives one message to
     /// one node of this worker and nothing else waits, the activation of that node follows at once.
     fn activate(&mut self, index: usize, now: Time, remote: &mut dyn Remote) {
         let (mut at, mut now) = (index, now);

@@ -4,7 +4,7 @@
 //! `FOVEATE_SOAK_MESSAGES=1000000 cargo test --release -p foveate-engine --test soak` sends a million messages.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -18,12 +18,13 @@ use foveate_rig::{self as rig, Overrides};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 struct Token(bool);
 
 impl Message for Token {
     const NAME: &'static str = "token";
     const SPACE: Space = Space::NONE;
-    const WIRE: Wire = Wire::Local;
+    const WIRE: Wire = Wire::portable::<Self>();
     fn quality(&self) -> Quality {
         assert!(!self.0, "no quality");
         Quality::default()
@@ -302,46 +303,107 @@ fn two_threads_that_wait_for_each_other_go_on() {
     assert!(outcome.ledgers.iter().all(|it| it.delivered == 2000 && it.dropped == 0), "{:?}", outcome.ledgers);
 }
 
-#[test]
-fn a_node_that_never_comes_back_is_left_behind_and_named() {
-    const NEVER: In<Token> = In::each(0, "tokens");
-    struct Stuck;
-    #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
-    #[serde(deny_unknown_fields)]
-    struct NoSettings {}
-    impl Node for Stuck {
-        const TYPE: &'static str = "test.stuck";
-        const ROLE: Role = Role::Sink;
-        const SUMMARY: &'static str = "Never comes back.";
-        type Settings = NoSettings;
-        fn ports() -> Ports {
-            Ports::new().input(&NEVER)
-        }
-        fn new(_: NoSettings, _: &Setup) -> Result<Self, ConfigError> {
-            Ok(Self)
-        }
-        fn process(&mut self, _: &mut Io<'_>) -> Result<(), NodeError> {
-            loop {
-                std::thread::park();
-            }
+const NEVER: In<Token> = In::each(0, "tokens");
+
+#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct NoSettings {}
+
+/// Never comes back; a sink, or a filter.
+struct Stuck<const IS_SINK: bool>;
+
+impl<const IS_SINK: bool> Node for Stuck<IS_SINK> {
+    const TYPE: &'static str = if IS_SINK { "test.stuck_sink" } else { "test.stuck" };
+    const ROLE: Role = if IS_SINK { Role::Sink } else { Role::ModelFilter };
+    const SUMMARY: &'static str = "Never comes back.";
+    type Settings = NoSettings;
+    fn ports() -> Ports {
+        Ports::new().input(&NEVER)
+    }
+    fn new(_: NoSettings, _: &Setup) -> Result<Self, ConfigError> {
+        Ok(Self)
+    }
+    fn process(&mut self, _: &mut Io<'_>) -> Result<(), NodeError> {
+        loop {
+            std::thread::park();
         }
     }
+}
+
+/// Counts tokens, and says how many there were when it finishes.
+struct Counts(u64);
+
+impl Node for Counts {
+    const TYPE: &'static str = "test.counts";
+    const ROLE: Role = Role::Sink;
+    const SUMMARY: &'static str = "Counts.";
+    type Settings = NoSettings;
+    fn ports() -> Ports {
+        Ports::new().input(&NEVER)
+    }
+    fn new(_: NoSettings, _: &Setup) -> Result<Self, ConfigError> {
+        Ok(Self(0))
+    }
+    fn process(&mut self, _: &mut Io<'_>) -> Result<(), NodeError> {
+        self.0 += 1;
+        Ok(())
+    }
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        report.figure("counts", self.0 as f64);
+        Ok(())
+    }
+}
+
+/// Runs `a`, a source, and what the rig hangs behind it; the one failure names `culprit`.
+#[track_caller]
+fn run_stuck(nodes: &str, is_live: bool, workers: usize, culprit: &str) -> Outcome {
     let mut registry = Registry::new();
     registry.add::<Hostile>();
-    registry.add::<Stuck>();
-    let text = "[rig]\nname = \"stuck\"\n[scale.room]\n\
-                [scale.room.node.a]\ntype = \"test.hostile\"\nrun = \"stuck\"\ncount = 100\n\
-                [scale.room.node.b]\ntype = \"test.hostile\"\nrun = \"stuck\"\nin.tokens = \"a.tokens\"\n\
-                [scale.room.node.c]\ntype = \"test.stuck\"\nin.tokens = \"a.tokens\"\n";
-    let graph = match rig::load(text, Path::new("stuck.toml"), &registry, &Overrides::default()) {
+    registry.add::<Stuck<true>>();
+    registry.add::<Stuck<false>>();
+    registry.add::<Counts>();
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("cameras.toml"), foveate_testkit::scene::ring_calibration(4).to_toml()).unwrap();
+    // Sources remember by run what they gave.
+    static RUNS: AtomicUsize = AtomicUsize::new(0);
+    let nodes = nodes.replace("RUN", &format!("stuck {}", RUNS.fetch_add(1, Ordering::Relaxed)));
+    let text = format!("[rig]\nname = \"stuck\"\ncalibration = \"cameras.toml\"\n[scale.room]\n{nodes}");
+    let graph = match rig::load(&text, &folder.path().join("stuck.toml"), &registry, &Overrides::default()) {
         Ok(graph) => Arc::new(graph),
         Err(found) => panic!("{}", found.render(false)),
     };
-    let options = Options { patience: Some(Duration::from_millis(200)), workers: Some(3), ..Options::default() };
-    let outcome = engine::live(graph, &options, &mut |_| {}).unwrap();
+    let options = Options { patience: Some(Duration::from_millis(100)), workers: Some(workers), ..Options::default() };
+    let engine = if is_live { engine::live } else { engine::deterministic };
+    let outcome = engine(graph, &options, &mut |_| {}).unwrap();
     assert_eq!(outcome.faults.len(), 1, "{:#?}", outcome.faults);
-    assert_eq!((outcome.faults[0].instance.as_str(), outcome.faults[0].action), ("room.c", "left behind"));
+    assert_eq!((outcome.faults[0].instance.as_str(), outcome.faults[0].action), (culprit, "left behind"));
+    outcome
+}
+
+#[test]
+fn a_node_that_never_comes_back_is_left_behind_and_named() {
+    let source = "[scale.room.node.a]\ntype = \"test.hostile\"\nrun = \"RUN\"\ncount = 100\n";
+    let behind = |name: &str, kind: &str| {
+        format!("[scale.room.node.{name}]\ntype = \"test.{kind}\"\nin.tokens = \"a.tokens\"\n")
+    };
+    let relay = behind("b", "hostile") + "run = \"RUN\"\n";
+    let outcome = run_stuck(&format!("{source}{relay}{}", behind("c", "stuck_sink")), true, 3, "room.c");
     assert_eq!(outcome.ledgers[0].delivered, 100, "what runs beside it is not lost");
+    for workers in [1, 2] {
+        // The sink first, so that it has its token before the other is stuck.
+        let rig = format!("{source}{}{}", behind("b", "stuck"), behind("d", "counts"));
+        let outcome = run_stuck(&rig, false, workers, "room.b");
+        assert!(outcome.report.figures.values().all(|it| *it <= 1.0) && outcome.report.figures.contains_key("counts"));
+        let rig = format!("{source}{relay}{}", behind("c", "stuck_sink"));
+        let outcome = run_stuck(&rig, false, workers, "room.c");
+        assert_eq!(outcome.ledgers[0].delivered, 1, "what runs beside it is not lost");
+        // On a camera's lane.
+        let each = "each = \"ring-*\"\n";
+        let stuck = behind("b", "stuck") + "each = \"ring-1\"\n";
+        let lanes = format!("{source}{each}{}{each}{stuck}", behind("d", "counts"));
+        let outcome = run_stuck(&lanes, false, workers, "room.b[ring-1]");
+        assert!(outcome.report.figures.contains_key("counts"), "{:?}", outcome.report.figures);
+    }
 }
 
 #[test]

@@ -1,0 +1,64 @@
+//! Looks from outside whether a thread comes back from the activations of its nodes: a thread cannot be ended, but it can be left behind.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use foveate_node::error::NodeError;
+
+/// A node that does not come back from an activation in this time once the run should end is given up, and its thread with it; before that it
+/// is in so many times as much.
+const PATIENCE: Duration = Duration::from_secs(10);
+const PATIENCE_MEANWHILE: u32 = 6;
+/// Time between two looks counts as this much at most: a program that was held stands still with all its nodes.
+const LONGEST_STEP: Duration = Duration::from_secs(1);
+
+/// One stage as it is seen from outside.
+pub(crate) struct Watch {
+    at: Arc<AtomicU64>,
+    last: u64,
+    looked: Instant,
+    held: Duration,
+    is_lost: bool,
+}
+
+impl Watch {
+    /// Of the stage with this [`at`](crate::stage::Stage::at).
+    pub(crate) fn new(at: Arc<AtomicU64>) -> Watch {
+        Watch { at, last: 0, looked: Instant::now(), held: Duration::ZERO, is_lost: false }
+    }
+
+    /// Whether the stage was given up.
+    pub(crate) fn is_lost(&self) -> bool {
+        self.is_lost
+    }
+
+    /// The node in whose activation the stage has been for `longest`; told once.
+    pub(crate) fn stuck(&mut self, longest: Duration) -> Option<usize> {
+        let at = self.at.load(Ordering::Relaxed);
+        let step = std::mem::replace(&mut self.looked, Instant::now()).elapsed().min(LONGEST_STEP);
+        if at == 0 || at != self.last {
+            (self.last, self.held) = (at, Duration::ZERO);
+            return None;
+        }
+        self.held += step;
+        if self.is_lost || self.held < longest {
+            return None;
+        }
+        self.is_lost = true;
+        Some((at & u64::from(u32::MAX)) as usize)
+    }
+}
+
+/// How long a node may stay in one activation; `asked`: what the caller of the run allows once the run is to end.
+pub(crate) fn patience(asked: Option<Duration>, is_ending: bool) -> Duration {
+    asked.unwrap_or(PATIENCE) * if is_ending { 1 } else { PATIENCE_MEANWHILE }
+}
+
+/// What is said of a node that was left behind after `longest`.
+pub(crate) fn left_behind(longest: Duration) -> NodeError {
+    NodeError::program(format_args!(
+        "has not come back from an activation for {:.1} s: the run ends without it and the nodes that share its thread",
+        longest.as_secs_f64()
+    ))
+}
