@@ -7,6 +7,7 @@ use serde_json::Value;
 
 /// Room → the rooms that it knows. Development dependencies do not count.
 const ARROWS: &[(&str, &[&str])] = &[
+    ("laws", &[]),
     ("estimation", &[]),
     // Bundle adjustment and searches by random samples are robust least squares of cameras.
     ("geometry", &["estimation"]),
@@ -27,7 +28,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("rig", &["diagnostics", "estimation", "messages", "node", "plot", "scene"]),
     ("engine", &["estimation", "messages", "node", "rig"]),
     ("sim", &["estimation", "geometry", "messages", "node", "plot", "scene"]),
-    ("testkit", &["estimation", "geometry", "messages", "node", "scene"]),
+    ("testkit", &["estimation", "geometry", "laws", "messages", "node", "scene"]),
     // Nodes that calibrate what moves while a rig runs, such as heads.
     (
         "foveate",

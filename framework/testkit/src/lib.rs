@@ -21,6 +21,7 @@ pub mod nodes;
 pub mod scene;
 
 pub use data::{data_dir, data_dir_or_skip};
-pub use laws::{check_camera_model, check_jacobian, check_node, check_runs};
+pub use foveate_laws::check_jacobian;
+pub use laws::{check_camera_model, check_node, check_runs};
 pub use nodes::register;
 pub use scene::{camera_ring, render_spot};

@@ -239,7 +239,8 @@ impl PanTiltHead {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use nalgebra::{Vector2, Vector4};
+    use foveate_laws::check_jacobian;
+    use nalgebra::{DMatrix, Vector4};
     use proptest::prelude::*;
 
     use super::*;
@@ -276,16 +277,12 @@ pub(super) mod tests {
             prop_assert!((found.pixel - camera.project(&point).unwrap()).norm() < 1e-8);
             let by_point = camera.project_with_jacobian(&point).unwrap().1;
             prop_assert!((found.by_point - by_point).norm() < 1e-7 * by_point.norm());
-            let step = 1e-5;
-            for (column, [pan_step, tilt_step]) in [[step, 0.0], [0.0, step]].into_iter().enumerate() {
-                let at = |sign: f64| {
-                    let setting = Setting::new(pan + sign * pan_step, tilt + sign * tilt_step);
-                    head.camera_at(&setting).project(&point).unwrap()
-                };
-                let difference: Vector2<f64> = (at(1.0) - at(-1.0)) / (2.0 * step);
-                let error = (difference - found.by_angles.column(column)).norm();
-                prop_assert!(error < 1e-4 * (1.0 + difference.norm()), "{error}");
-            }
+            let project = |it: &[f64]| {
+                let camera = head.camera_at(&Setting::new(it[0], it[1]));
+                camera.project(&point).unwrap().coords.as_slice().to_vec()
+            };
+            let by_angles = DMatrix::from_fn(2, 2, |row, column| found.by_angles[(row, column)]);
+            check_jacobian(project, &by_angles, &[pan, tilt], 1e-4);
         }
 
         #[test]
