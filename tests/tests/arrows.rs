@@ -75,6 +75,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "node",
             "painted-mark",
             "pan-tilt",
+            "plot",
             "plugin",
             "rig",
             "scene",

@@ -4,6 +4,7 @@ mod calibrate;
 mod check;
 mod compare;
 mod convert;
+mod eval;
 mod graph;
 mod motion_files;
 mod new;
@@ -46,6 +47,8 @@ enum Command {
     Run(RunArgs),
     /// Calibrate a rig's cameras from one waved light or a board, with guidance and a verdict
     Calibrate(Box<calibrate::CalibrateArgs>),
+    /// Run a rig with many seeds and say of each figure the median, the worst and what failed
+    Eval(eval::EvalArgs),
     /// Find every fault of a rig before anything runs
     Check {
         /// The rig (TOML)
@@ -202,6 +205,7 @@ impl Cli {
         match self.command {
             Command::Run(args) => run::run(&args, registry),
             Command::Calibrate(args) => calibrate::run(&args, registry),
+            Command::Eval(args) => eval::run(&args, registry),
             Command::Check { rig } => check::run(&rig, registry),
             Command::Convert(args) => convert::run(&args),
             Command::Compare(args) => compare::run(&args),

@@ -11,6 +11,7 @@ macro_rules! eprint {
 
 pub mod calibrate;
 pub mod commands;
+pub mod evaluation;
 mod interrupt;
 pub mod outcome;
 pub mod output;

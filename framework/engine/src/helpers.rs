@@ -91,27 +91,25 @@ impl Helpers {
 
     /// Waits until the round of this kind is done, and works on it meanwhile; `false`: the run was given up before.
     pub(crate) fn join(&mut self, kind: Kind) -> bool {
-        while self.open[kind as usize] > 0 {
+        loop {
             while let Ok(done) = self.done.try_recv() {
                 self.open[done as usize] -= 1;
             }
-            let own = self.jobs[kind as usize].1.try_recv().ok();
-            // Others are at the rest: their time is used for what comes next.
-            let own = own
-                .or_else(|| self.jobs[Kind::Ahead as usize].1.try_recv().ok().filter(|_| self.open[kind as usize] > 0));
-            if let Some(job) = own {
-                self.lanes.run(job.bundle, job.until);
-                self.open[job.kind as usize] -= 1;
-            } else if self.open[kind as usize] > 0
-                && let Ok(done) = self.done.recv_timeout(LOOK)
-            {
-                self.open[done as usize] -= 1;
+            if self.open[kind as usize] == 0 {
+                return true;
             }
             if self.is_abandoned.load(Ordering::Relaxed) {
                 return false;
             }
+            // Where others are at the rest, the time is used for what comes next.
+            let next = [kind, Kind::Ahead].into_iter().find_map(|it| self.jobs[it as usize].1.try_recv().ok());
+            if let Some(job) = next {
+                self.lanes.run(job.bundle, job.until);
+                self.open[job.kind as usize] -= 1;
+            } else if let Ok(done) = self.done.recv_timeout(LOOK) {
+                self.open[done as usize] -= 1;
+            }
         }
-        true
     }
 
     /// Sends all threads home; waits for them unless the run was given up.

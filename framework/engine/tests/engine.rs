@@ -259,6 +259,37 @@ fn cameras_on_any_number_of_threads_give_the_same() {
 }
 
 #[test]
+fn cameras_that_are_ahead_and_others_mix_on_any_number_of_threads() {
+    let rig = |shelf: &str| {
+        let lanes = |name: &str, cameras: &str, tells_rate: bool, rate_hz: f64| {
+            format!(
+                "[scale.room.node.{name}]\ntype = \"testkit.counter\"\neach = {cameras}\ncount = 150\nrate_hz = {rate_hz}\ntells_rate = {tells_rate}\n\
+                 [scale.room.node.{name}_slow]\ntype = \"testkit.slow\"\neach = {cameras}\nbusy_ms = 0.3\nin = {{ numbers = \"{name}.numbers\" }}\n\
+                 [scale.room.node.{name}_relay]\ntype = \"testkit.relay\"\neach = {cameras}\nin = {{ numbers = \"{name}_slow.numbers\", feedback = \"n.numbers\" }}\n"
+            )
+        };
+        let ahead = lanes("ahead", "[\"ring-1\", \"ring-2\"]", true, 103.0);
+        let others = lanes("others", "[\"ring-3\", \"ring-4\"]", false, 331.0);
+        format!(
+            "{ahead}{others}\
+             [scale.room.node.n]\ntype = \"testkit.newest\"\nin = {{ numbers = [\"ahead_relay.numbers\", \"others_relay.numbers\"] }}\n\
+             [scale.room.node.c]\ntype = \"testkit.collect\"\ninto = \"{shelf}\"\nin = {{ numbers = \"n.numbers\" }}\n"
+        )
+    };
+    let run = |workers: usize| {
+        let shelf = format!("mixed {workers}");
+        let options = Options { workers: Some(workers), ..Options::default() };
+        let outcome = engine::deterministic(graph_with_cameras(&rig(&shelf)), &options, &mut |_| {}).unwrap();
+        (collected(&shelf), outcome.ledgers)
+    };
+    let one = run(1);
+    assert_eq!(one.0.len(), 600);
+    for workers in [2, 3, 8] {
+        assert_eq!(one, run(workers), "{workers} threads");
+    }
+}
+
+#[test]
 fn what_comes_back_to_a_camera_is_seen_from_the_next_round_on() {
     // Two cameras at the same moments: what the first one causes is not there for the second one before the next moment.
     let text = "[scale.room.node.a]\ntype = \"testkit.counter\"\neach = [\"ring-1\", \"ring-2\"]\ncount = 4\n\

@@ -25,11 +25,13 @@ pub struct CounterSettings {
     pub latency_ms: f64,
     /// The number whose place is reported as a gap, negative for none [–].
     pub gap_at: i64,
+    /// Whether its rate is known beforehand [–].
+    pub tells_rate: bool,
 }
 
 impl Default for CounterSettings {
     fn default() -> Self {
-        Self { count: 10, rate_hz: 100.0, phase_ms: 0.0, latency_ms: 0.0, gap_at: -1 }
+        Self { count: 10, rate_hz: 100.0, phase_ms: 0.0, latency_ms: 0.0, gap_at: -1, tells_rate: true }
     }
 }
 
@@ -95,6 +97,6 @@ impl Node for Counter {
     }
 
     fn plan(settings: &CounterSettings) -> Plan {
-        Plan { rate_hz: Some(settings.rate_hz), latency_s: settings.latency_ms * 1e-3 }
+        Plan { rate_hz: settings.tells_rate.then_some(settings.rate_hz), latency_s: settings.latency_ms * 1e-3 }
     }
 }
