@@ -27,8 +27,12 @@ fn graph(nodes: &str) -> Arc<Graph> {
 
 /// A rig out of node tables, with cameras `ring-1` … `ring-4`.
 fn graph_with_cameras(nodes: &str) -> Arc<Graph> {
+    graph_with_ring(4, nodes)
+}
+
+fn graph_with_ring(n: usize, nodes: &str) -> Arc<Graph> {
     let folder = tempfile::tempdir().unwrap();
-    let calibration = foveate_testkit::scene::ring_calibration(4);
+    let calibration = foveate_testkit::scene::ring_calibration(n);
     std::fs::write(folder.path().join("cameras.toml"), calibration.to_toml()).unwrap();
     let text = format!("[rig]\nname = \"test\"\ncalibration = \"cameras.toml\"\n[scale.room]\n{nodes}");
     load(&text, &folder.path().join("test.toml"))
@@ -261,29 +265,31 @@ fn cameras_on_any_number_of_threads_give_the_same() {
 #[test]
 fn cameras_that_are_ahead_and_others_mix_on_any_number_of_threads() {
     let rig = |shelf: &str| {
-        let lanes = |name: &str, cameras: &str, tells_rate: bool, rate_hz: f64| {
+        let lanes = |name: &str, cameras: &str, tells_rate: bool, rate_hz: f64, busy_ms: f64| {
             format!(
                 "[scale.room.node.{name}]\ntype = \"testkit.counter\"\neach = {cameras}\ncount = 150\nrate_hz = {rate_hz}\ntells_rate = {tells_rate}\n\
-                 [scale.room.node.{name}_slow]\ntype = \"testkit.slow\"\neach = {cameras}\nbusy_ms = 0.3\nin = {{ numbers = \"{name}.numbers\" }}\n\
+                 [scale.room.node.{name}_slow]\ntype = \"testkit.slow\"\neach = {cameras}\nbusy_ms = {busy_ms}\nin = {{ numbers = \"{name}.numbers\" }}\n\
                  [scale.room.node.{name}_relay]\ntype = \"testkit.relay\"\neach = {cameras}\nin = {{ numbers = \"{name}_slow.numbers\", feedback = \"n.numbers\" }}\n"
             )
         };
-        let ahead = lanes("ahead", "[\"ring-1\", \"ring-2\"]", true, 103.0);
-        let others = lanes("others", "[\"ring-3\", \"ring-4\"]", false, 331.0);
+        let ahead = lanes("ahead", "[\"ring-*\", \"!ring-3\", \"!ring-4\"]", true, 103.0, 0.2);
+        // One of them takes longer: the thread that has it finds the other one done when it comes back.
+        let long = lanes("long", "\"ring-3\"", false, 331.0, 0.9);
+        let short = lanes("short", "\"ring-4\"", false, 331.0, 0.2);
         format!(
-            "{ahead}{others}\
-             [scale.room.node.n]\ntype = \"testkit.newest\"\nin = {{ numbers = [\"ahead_relay.numbers\", \"others_relay.numbers\"] }}\n\
+            "{ahead}{long}{short}\
+             [scale.room.node.n]\ntype = \"testkit.newest\"\nin = {{ numbers = [\"ahead_relay.numbers\", \"long_relay.numbers\", \"short_relay.numbers\"] }}\n\
              [scale.room.node.c]\ntype = \"testkit.collect\"\ninto = \"{shelf}\"\nin = {{ numbers = \"n.numbers\" }}\n"
         )
     };
     let run = |workers: usize| {
         let shelf = format!("mixed {workers}");
         let options = Options { workers: Some(workers), ..Options::default() };
-        let outcome = engine::deterministic(graph_with_cameras(&rig(&shelf)), &options, &mut |_| {}).unwrap();
+        let outcome = engine::deterministic(graph_with_ring(12, &rig(&shelf)), &options, &mut |_| {}).unwrap();
         (collected(&shelf), outcome.ledgers)
     };
     let one = run(1);
-    assert_eq!(one.0.len(), 600);
+    assert_eq!(one.0.len(), 12 * 150);
     for workers in [2, 3, 8] {
         assert_eq!(one, run(workers), "{workers} threads");
     }
