@@ -11,6 +11,9 @@ use serde_json::{Value, json};
 
 use crate::results::number;
 
+/// A figure that is not the seed's.
+const SPEED: &str = "real_time_factor";
+
 /// What became of one seed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SeedRun {
@@ -31,6 +34,8 @@ impl SeedRun {
     pub fn read(seed: u64, code: Option<u8>, said: &str, summary: Option<&str>) -> Self {
         let summary: Value = summary.and_then(|it| serde_json::from_str(it).ok()).unwrap_or_default();
         let values = summary.as_object().into_iter().flatten();
+        // The speed is that of the machine, which runs several seeds at a time.
+        let values = values.filter(|it| it.0 != SPEED);
         let figures = values.filter_map(|(name, value)| Some((name.clone(), value.as_f64()?))).collect();
         let about = summary["figures_about"].as_object().into_iter().flatten().map(|(name, about)| {
             let better = [Better::Low, Better::High].into_iter().find(|it| about["better"] == it.name());
@@ -109,8 +114,9 @@ impl std::str::FromStr for Bound {
         let parts = text.split_once("<=").map(|it| (it, true)).or_else(|| text.split_once(">=").map(|it| (it, false)));
         let ((name, limit), is_upper) = parts.ok_or_else(expected)?;
         let limit: f64 = limit.trim().parse().ok().filter(|it: &f64| it.is_finite()).ok_or_else(expected)?;
+        let name = name.trim_start();
+        let (name, is_of_median) = name.strip_prefix("median ").map_or((name, false), |it| (it, true));
         let name = name.trim();
-        let (name, is_of_median) = name.strip_prefix("median ").map_or((name, false), |it| (it.trim(), true));
         if name.is_empty() {
             return Err(expected());
         }
@@ -250,8 +256,9 @@ impl Evaluation {
             let [low, high] = spread.ends();
             let (worst, best) = if spread.better == Better::High { (low, high) } else { (high, low) };
             let missing = if spread.missing.is_empty() { String::new() } else { spread.missing.len().to_string() };
-            let [median, worst_value, best] = [spread.median(), worst.1, best.1].map(short);
-            cells.push([name, median, worst_value, worst.0.to_string(), best, spread.unit, missing]);
+            let [median, worst_value, best_value] = [spread.median(), worst.1, best.1].map(short);
+            let seed = if worst.1 == best.1 { String::new() } else { worst.0.to_string() };
+            cells.push([name, median, worst_value, seed, best_value, spread.unit, missing]);
         }
         let widths: Vec<usize> =
             (0..7).map(|column| cells.iter().map(|it| it[column].chars().count()).max().unwrap_or(0)).collect();
@@ -280,12 +287,13 @@ impl Evaluation {
         }
         let charts = figures.iter().map(|(name, spread)| {
             let unit = if spread.unit.is_empty() { "–" } else { &spread.unit };
-            let dots = (0..).zip(&spread.values).map(|(i, it)| [it.1, f64::from(i) + 0.5]).collect();
+            let dots = spread.values.iter().enumerate().map(|(i, it)| [it.1, Axis::row(i)]).collect();
             let (middle, top) = (spread.median(), spread.values.len() as f64);
+            let rows = spread.values.iter().map(|_| String::new());
             let x = Axis::new(format!("{} is better [{unit}]", spread.better.name()));
-            Chart::new(*name, [250.0, 70.0], x, Axis::new("").over(0.0, top).hidden())
+            Chart::new(*name, [250.0, 70.0], x, Axis::of_rows(rows))
                 .with(Series::line("median", COLOURS[1], vec![[middle, 0.0], [middle, top]]))
-                .with(Series::dots("a seed", COLOURS[0], dots))
+                .with(Series::dots("one seed", COLOURS[0], dots))
         });
         Figure { title, n_columns: 3, charts: charts.collect() }.svg()
     }
@@ -318,7 +326,7 @@ mod tests {
     fn run(seed: u64, error: Option<f64>, found: f64) -> SeedRun {
         let error = error.map_or("null".to_owned(), |it| it.to_string());
         let summary = format!(
-            "{{ \"error_mm\": {error}, \"found.wide-1\": {found}, \"n\": 3, \"interrupted\": false, \"figures_about\": {{ \
+            "{{ \"error_mm\": {error}, \"real_time_factor\": 0.7, \"found.wide-1\": {found}, \"n\": 3, \"interrupted\": false, \"figures_about\": {{ \
              \"error_mm\": {{ \"unit\": \"mm\", \"better\": \"low\" }}, \"found.wide-1\": {{ \"unit\": \"share\", \"better\": \"high\" }} }} }}"
         );
         SeedRun::read(seed, Some(0), "", Some(&summary))
@@ -343,6 +351,7 @@ mod tests {
         let found = &figures["found.wide-1"];
         assert_eq!((found.median(), found.worst()), (0.7, Some((1, 0.5))));
         assert_eq!(figures["n"].worst(), None);
+        assert!(!figures.contains_key(SPEED));
         assert_eq!(evaluation.failed().map(|it| it.seed).collect::<Vec<_>>(), [4]);
         let json: Value = serde_json::from_str(&evaluation.json(Some(2.0), &[])).unwrap();
         assert_eq!(json["figures"]["error_mm"]["worst"], json!({ "value": 3, "seed": 1 }));

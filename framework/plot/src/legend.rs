@@ -93,7 +93,8 @@ impl Legend {
                 svg.circle([left + 4.0, middle], 2.0, ink, Pen::new(ink, 0.5));
             }
         }
-        let text = fitted(text, SMALL, self.width - KEY);
+        // A width out of `width_of` may be short by a rounding.
+        let text = fitted(text, SMALL, self.width - KEY + 1e-6);
         svg.text([left + KEY, middle + 4.0], Anchor::Start, SMALL, &text);
         self.next += LINE_HEIGHT;
     }
