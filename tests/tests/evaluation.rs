@@ -1,0 +1,86 @@
+//! `foveate eval` as people use it: many seeds, promises, seeds that fail.
+
+mod the_program;
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+
+use self::the_program::foveate;
+
+/// A hall of lights without pictures, which runs in no time.
+fn hall() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    assert_eq!(foveate(folder.path(), &["new", "rig", "hall", "--cameras", "6"]).0, 0);
+    folder
+}
+
+fn read(folder: &Path, name: &str) -> String {
+    fs::read_to_string(folder.join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
+
+#[test]
+fn seeds_differ_and_the_same_seeds_give_the_same() {
+    let folder = hall();
+    let eval = |out: &str, jobs: &str| {
+        let arguments =
+            ["eval", "hall.toml", "--seeds", "3", "--first-seed", "7", "--duration", "2", "--jobs", jobs, "--out", out];
+        let (code, said, complaint) = foveate(folder.path(), &arguments);
+        assert_eq!(code, 0, "{said}{complaint}");
+        said
+    };
+    let said = eval("one", "1");
+    eval("two", "3");
+    for name in ["eval.json", "eval.csv", "eval.svg"] {
+        assert_eq!(read(folder.path(), &format!("one/{name}")), read(folder.path(), &format!("two/{name}")), "{name}");
+    }
+    let json: Value = serde_json::from_str(&read(folder.path(), "one/eval.json")).unwrap();
+    assert_eq!((&json["seeds"], &json["failed"]), (&serde_json::json!([7, 8, 9]), &serde_json::json!([])));
+    let error = &json["figures"]["error_mm.rms"];
+    let values: Vec<f64> = error["values"].as_array().unwrap().iter().map(|it| it.as_f64().unwrap()).collect();
+    let worst = values.iter().copied().fold(0.0, f64::max);
+    assert!(values[0] != values[1] && error["worst"]["value"].as_f64() == Some(worst), "{error}");
+    assert!(said.contains("error_mm.rms") && said.contains("3 of 3 seeds"), "{said}");
+    // Of each seed what a person asks for next stays, and no more.
+    let mut kept: Vec<String> = fs::read_dir(folder.path().join("one/seed-8"))
+        .unwrap()
+        .map(|it| it.unwrap().file_name().into_string().unwrap())
+        .collect();
+    kept.sort();
+    assert_eq!(kept, ["events.csv", "ledger.csv", "summary.json", "timing.json"]);
+    // A single run with that seed gives the same figure.
+    let run = ["run", "hall.toml", "--seed", "8", "--duration", "2", "--quiet", "--out", "alone"];
+    assert_eq!(foveate(folder.path(), &run).0, 0);
+    let alone: Value = serde_json::from_str(&read(folder.path(), "alone/summary.json")).unwrap();
+    assert_eq!(alone["error_mm.rms"].as_f64(), Some(values[1]));
+}
+
+#[test]
+fn promises_that_do_not_hold_and_seeds_that_fail_are_told() {
+    let folder = hall();
+    let eval = |rig: &str, more: &[&str]| {
+        let arguments = [&["eval", rig, "--seeds", "2", "--duration", "2", "--out", "eval", "--quiet"], more].concat();
+        let (code, _, complaint) = foveate(folder.path(), &arguments);
+        (code, complaint)
+    };
+    assert_eq!(eval("hall.toml", &["--bound", "error_mm.rms<=1000"]).0, 0);
+    let (code, complaint) = eval("hall.toml", &["--bound", "error_mm.rms>=1000", "--bound", "median eror_mm.rms<=9"]);
+    assert_eq!(code, 3, "{complaint}");
+    assert!(complaint.contains("error_mm.rms >= 1000: found") && complaint.contains("did you mean"), "{complaint}");
+    let (code, complaint) = eval("hall.toml", &["--bound", "error_mm.rms=3"]);
+    assert!(code == 2 && complaint.contains("expected `FIGURE<=NUMBER`"), "{complaint}");
+
+    let broken = read(folder.path(), "hall.toml").replace("noise_px = 0.1", "noise_px = -0.1");
+    fs::write(folder.path().join("broken.toml"), broken).unwrap();
+    let (code, complaint) = eval("broken.toml", &[]);
+    assert!(code == 2 && complaint.contains("noise_px") && !complaint.contains("seed"), "told once: {complaint}");
+
+    let process = "\n[scale.room.node.gone]\ntype = \"process.filter\"\ncommand = [\"false\"]\nin = { targets = \"targets.targets\" }\n";
+    fs::write(folder.path().join("gone.toml"), read(folder.path(), "hall.toml") + process).unwrap();
+    let (code, complaint) = eval("gone.toml", &[]);
+    assert_eq!(code, 2, "{complaint}");
+    assert!(complaint.contains("seed 1001 failed") && complaint.contains("room.gone"), "{complaint}");
+    let json: Value = serde_json::from_str(&read(folder.path(), "eval/eval.json")).unwrap();
+    assert_eq!((json["failed"].as_array().unwrap().len(), json["seeds"].as_array().unwrap().len()), (2, 0));
+}
