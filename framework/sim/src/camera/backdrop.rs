@@ -140,8 +140,8 @@ fn nearest_monitor(
     depth: f64,
     world: &World,
 ) -> Option<(usize, Option<usize>)> {
-    let hits = world.monitors().iter().enumerate();
-    hits.filter_map(|(i, monitor)| Some((i, monitor.hit(origin, direction)?)))
+    let hits = world.monitors().iter().zip(world.monitor_normals()).enumerate();
+    hits.filter_map(|(i, (monitor, normal))| Some((i, monitor.hit_with(normal, origin, direction)?)))
         .filter(|(_, (_, at))| *at < depth)
         .min_by(|a, b| a.1.1.total_cmp(&b.1.1))
         .map(|(monitor, (pane, _))| (monitor, pane))
