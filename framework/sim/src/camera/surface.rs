@@ -7,34 +7,15 @@ use std::sync::Arc;
 
 use foveate_geometry::{Camera, Intrinsics};
 use nalgebra::{Vector2, Vector3};
-use wide::f32x4;
 
 use super::STEPS;
-use super::triangles::{Canvas, Corner, LANES};
+use super::triangles::{Area, Canvas, Corner, LANES, Pixel};
 use crate::painted::{Part, Skin, key_light};
 
 /// Nothing is drawn of a surface that comes nearer to the camera than this [m].
 const NEAREST_M: f64 = 0.15;
 /// How bright the shine on skin is at its brightest, relative to a white surface that faces the light.
 const SHINE: f32 = 0.13;
-
-/// Pixels: from column and row, to column and row, the latter not included.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Area {
-    from: [usize; 2],
-    to: [usize; 2],
-}
-
-impl Area {
-    /// The smallest that holds both.
-    fn with(self, other: Area) -> Area {
-        let [from, to] = [[self.from, other.from], [self.to, other.to]];
-        Area {
-            from: [0, 1].map(|axis| from[0][axis].min(from[1][axis])),
-            to: [0, 1].map(|axis| to[0][axis].max(to[1][axis])),
-        }
-    }
-}
 
 /// The camera and the surface at one moment of the exposure.
 pub(super) struct View {
@@ -48,9 +29,8 @@ pub(super) struct View {
 #[derive(Default)]
 pub(super) struct Surfaces {
     corners: Vec<Corner>,
-    /// Infinite but while moments are drawn.
-    depths: Vec<f32x4>,
-    lights: Vec<f32x4>,
+    /// Of the area that is drawn; empty but while moments are drawn.
+    pixels: Vec<Pixel>,
     /// Of all moments so far: light [steps], and how many of them saw the surface.
     sums: Vec<(f32, f32)>,
     area: Option<Area>,
@@ -60,8 +40,6 @@ impl Surfaces {
     /// Draws all `views` of `n_pixels` each. `white` [gray level] is what a white surface shows that faces the light.
     pub fn draw(&mut self, n_pixels: usize, part: &Part, white: f64, views: &[View]) {
         self.area = None;
-        self.depths.resize(n_pixels, f32x4::splat(f32::INFINITY));
-        self.lights.resize(n_pixels, f32x4::default());
         self.sums.resize(n_pixels, (0.0, 0.0));
         for views in views.chunks(LANES) {
             let Some(area) = self.draw_together(part, white, views) else { continue };
@@ -80,8 +58,11 @@ impl Surfaces {
                 None => self.corners.iter_mut().for_each(|it| (it.x[lane], it.y[lane]) = (0.0, 0.0)),
             }
         }
-        let (area, size) = (area?, views[0].camera.image_size.map(|it| it as usize));
-        let mut canvas = Canvas { size, depths: &mut self.depths, lights: &mut self.lights };
+        let area = area?;
+        if self.pixels.len() < area.n_pixels() {
+            self.pixels.resize(area.n_pixels(), Pixel::EMPTY);
+        }
+        let mut canvas = Canvas { area, pixels: &mut self.pixels };
         let texture = part.texture();
         part.surface.triangles.iter().for_each(|it| canvas.draw(&self.corners, it, texture));
         Some(area)
@@ -89,17 +70,15 @@ impl Surfaces {
 
     /// Adds what the moments show to the sums, in their order, and makes room for the next ones.
     fn sum_up(&mut self, area: Area, width: usize) {
-        let far = f32x4::splat(f32::INFINITY);
         for row in area.from[1]..area.to[1] {
-            let span = row * width + area.from[0]..row * width + area.to[0];
-            let drawn = self.depths[span.clone()].iter_mut().zip(&self.lights[span.clone()]);
-            for ((light, count), (depth, seen)) in self.sums[span].iter_mut().zip(drawn) {
-                let is_seen = depth.simd_lt(far);
+            let sums = &mut self.sums[row * width..][area.from[0]..area.to[0]];
+            for ((light, count), pixel) in sums.iter_mut().zip(&mut self.pixels[area.row(row)]) {
+                let is_seen = pixel.depth.simd_lt(Pixel::EMPTY.depth);
                 let moments = is_seen.to_bitmask();
                 if moments != 0 {
-                    *light = (is_seen & *seen).to_array().iter().fold(*light, |sum, it| sum + it);
+                    *light = (is_seen & pixel.light).to_array().iter().fold(*light, |sum, it| sum + it);
                     *count += moments.count_ones() as f32;
-                    *depth = far;
+                    *pixel = Pixel::EMPTY;
                 }
             }
         }
@@ -260,11 +239,9 @@ mod tests {
             world.at(time, &mut moment);
             let part = world.painted_part(time).unwrap();
             let skin = part.skin(time, &moment.poses[0]);
-            surfaces.depths.resize(640 * 480, f32x4::default());
-            surfaces.depths.fill(f32x4::splat(f32::INFINITY));
-            surfaces.lights.resize(640 * 480, f32x4::default());
+            surfaces.pixels.fill(Pixel::EMPTY);
             let view = View { camera: camera.clone(), skin, shift: shift(0, 1) };
-            surfaces.draw_together(part, 200.0, &[view]);
+            let area = surfaces.draw_together(part, 200.0, &[view]).unwrap();
             for (mark, (position, normal)) in painted.marks.iter().zip(&painted.normals).enumerate() {
                 let to_eye = (camera.centre() - position).normalize();
                 // At the very edge a pixel decides.
@@ -273,8 +250,10 @@ mod tests {
                 }
                 let pixel = camera.project(position).unwrap();
                 let depth = (camera.camera_from_world * position).z as f32;
-                let [drawn, nothing @ ..] =
-                    surfaces.depths[pixel.y.round() as usize * 640 + pixel.x.round() as usize].to_array();
+                let [column, row] = [pixel.x, pixel.y].map(|it| it.round() as usize);
+                let drawn = surfaces.pixels[area.row(row)][column - area.from[0]];
+                // Of four moments at once, the first is the only one here.
+                let [drawn, nothing @ ..] = drawn.depth.to_array();
                 assert_eq!(nothing, [f32::INFINITY; 3]);
                 let is_seen = painted.sees(&camera.centre(), mark);
                 // Where something lies hardly before the mark, or it lies on the outline, half a pixel aside may be another thing.

@@ -24,14 +24,58 @@ pub(super) struct Corner {
     pub shine: [f32; LANES],
 }
 
+/// What a pixel shows at each moment: depth and light lie next to each other, for both are asked for at once.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pixel {
+    /// [m]; infinite where nothing was drawn.
+    pub depth: f32x4,
+    /// [steps]
+    pub light: f32x4,
+}
+
+impl Pixel {
+    /// Nothing was drawn.
+    pub const EMPTY: Pixel = Pixel { depth: f32x4::new([f32::INFINITY; LANES]), light: f32x4::new([0.0; LANES]) };
+}
+
+/// Pixels: from column and row, to column and row, the latter not included.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Area {
+    pub from: [usize; 2],
+    pub to: [usize; 2],
+}
+
+impl Area {
+    /// The smallest that holds both.
+    pub fn with(self, other: Area) -> Area {
+        Area {
+            from: [0, 1].map(|axis| self.from[axis].min(other.from[axis])),
+            to: [0, 1].map(|axis| self.to[axis].max(other.to[axis])),
+        }
+    }
+
+    /// From row to row of a [`Canvas`] [px]: an odd number of lines of a cache, which is two pixels long, so that rows do not drive each other out.
+    fn stride(&self) -> usize {
+        ((self.to[0] - self.from[0]).div_ceil(2) | 1) * 2
+    }
+
+    /// How many pixels a [`Canvas`] has.
+    pub fn n_pixels(&self) -> usize {
+        self.stride() * (self.to[1] - self.from[1])
+    }
+
+    /// Where a row of the picture lies in a [`Canvas`].
+    pub fn row(&self, row: usize) -> std::ops::Range<usize> {
+        let start = (row - self.from[1]) * self.stride();
+        start..start + self.to[0] - self.from[0]
+    }
+}
+
 /// What is drawn on.
 pub(super) struct Canvas<'s> {
-    /// Columns, rows [px].
-    pub size: [usize; 2],
-    /// Of each pixel at each moment, [m]; infinite where nothing was drawn.
-    pub depths: &'s mut [f32x4],
-    /// [steps]
-    pub lights: &'s mut [f32x4],
+    /// The part of the picture that it is.
+    pub area: Area,
+    pub pixels: &'s mut [Pixel],
 }
 
 /// A triangle reaches this far beyond its edges [px], so that no gaps are left between two of them.
@@ -55,13 +99,13 @@ impl Canvas<'_> {
             return;
         }
         let (zero, one, overlap) = (f32x4::splat(0.0), f32x4::splat(1.0), f32x4::splat(OVERLAP));
-        let bound = |a: f32x4, b: f32x4, c: f32x4, size: usize| {
-            let from = ceiling(a.fast_min(b).fast_min(c) - overlap).fast_max(zero);
-            let to = (floored(a.fast_max(b).fast_max(c) + overlap) + one).fast_min(f32x4::splat(size as f32));
+        let bound = |a: f32x4, b: f32x4, c: f32x4, axis: usize| {
+            let [first, end] = [self.area.from, self.area.to].map(|it| f32x4::splat(it[axis] as f32));
+            let from = ceiling(a.fast_min(b).fast_min(c) - overlap).fast_max(first);
+            let to = (floored(a.fast_max(b).fast_max(c) + overlap) + one).fast_min(end);
             (from, to)
         };
-        let (left, right) = bound(ax, bx, cx, self.size[0]);
-        let (top, bottom) = bound(ay, by, cy, self.size[1]);
+        let ((left, right), (top, bottom)) = (bound(ax, bx, cx, 0), bound(ay, by, cy, 1));
         let is_drawn = faces & left.simd_lt(right) & top.simd_lt(bottom);
         let Some(rows) = span(is_drawn, top, bottom) else { return };
 
@@ -115,14 +159,16 @@ impl Canvas<'_> {
             });
             let start = is_drawn.select(start, f32x4::splat(f32::INFINITY));
             let mut column = f32x4::splat(columns.start as f32);
-            let pixels = row * self.size[0] + columns.start..row * self.size[0] + columns.end;
-            let depths = &mut self.depths[pixels.clone()];
-            for (depth, light) in depths.iter_mut().zip(&mut self.lights[pixels]) {
+            let [from, to] = [columns.start, columns.end].map(|it| it - self.area.from[0]);
+            for pixel in &mut self.pixels[self.area.row(row)][from..to] {
                 let has_begun = column.simd_ge(start);
-                let is_nearer = has_begun & column.simd_lt(stop) & now[0].simd_lt(*depth);
+                let is_nearer = has_begun & column.simd_lt(stop) & now[0].simd_lt(pixel.depth);
                 if is_nearer.to_bitmask() != 0 {
-                    *depth = is_nearer.select(now[0], *depth);
-                    *light = is_nearer.select(now[1] * texture.at(place) + now[2], *light);
+                    let light = now[1] * texture.at(place) + now[2];
+                    *pixel = Pixel {
+                        depth: is_nearer.select(now[0], pixel.depth),
+                        light: is_nearer.select(light, pixel.light),
+                    };
                 }
                 now = std::array::from_fn(|i| now[i] + (across[i] & has_begun));
                 place = [place[0] + texel_across[0], place[1] + texel_across[1]];
@@ -163,4 +209,162 @@ fn floored(x: f32x4) -> f32x4 {
 #[inline]
 fn texel_steps(texels: f32x4) -> i32x4 {
     (texels * f32x4::splat(65_536.0)).fast_trunc_int()
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_estimation::random::Random;
+
+    use super::*;
+    use crate::painted::Material;
+
+    const AREA: Area = Area { from: [3, 2], to: [44, 33] };
+    const SIDE: usize = 64;
+
+    /// A triangle of one moment as it is drawn by the book: each pixel whose three weights are not below 0, by a hair.
+    fn draw_plainly(
+        corners: &[Corner],
+        triangle: &Triangle,
+        texture: &Texture,
+        lane: usize,
+        drawn: &mut [(f64, f64)],
+        doubtful: &mut [bool],
+    ) {
+        let [a, b, c] = triangle.corners.map(|it| {
+            let corner = &corners[it as usize];
+            [corner.x, corner.y, corner.depth, corner.light, corner.shine].map(|it| f64::from(it[lane]))
+        });
+        let doubled = (c[0] - a[0]) * (b[1] - a[1]) - (b[0] - a[0]) * (c[1] - a[1]);
+        for (i, (drawn, doubtful)) in drawn.iter_mut().zip(doubtful).enumerate() {
+            let (x, y) = ((AREA.from[0] + i % width()) as f64, (AREA.from[1] + i / width()) as f64);
+            let of_b = ((c[0] - a[0]) * (y - a[1]) - (x - a[0]) * (c[1] - a[1])) / doubled;
+            let of_c = ((x - a[0]) * (b[1] - a[1]) - (b[0] - a[0]) * (y - a[1])) / doubled;
+            let weights = [1.0 - of_b - of_c, of_b, of_c];
+            let mixed = |values: [f64; 3]| weights.iter().zip(values).map(|(weight, it)| weight * it).sum::<f64>();
+            // So near to an edge [px], or between front and back of a sliver, rounding decides.
+            let least = weights.iter().copied().fold(f64::INFINITY, f64::min);
+            *doubtful |= doubled.abs() < 1e-3 || least.abs() * doubled.abs() < 0.2;
+            let depth = mixed([a[2], b[2], c[2]]);
+            if doubled > 0.0 && least >= 0.0 {
+                *doubtful |= (depth - drawn.0).abs() < 1e-4;
+                if depth < drawn.0 {
+                    let place = [0, 1].map(|axis| {
+                        let texels = triangle.texels.map(|it| f64::from(it[axis]));
+                        i32x4::splat((mixed(texels) * 65_536.0) as i32)
+                    });
+                    let albedo = f64::from(texture.at(place).to_array()[0]);
+                    *drawn = (depth, mixed([a[3], b[3], c[3]]) * albedo + mixed([a[4], b[4], c[4]]));
+                }
+            }
+        }
+    }
+
+    fn width() -> usize {
+        AREA.to[0] - AREA.from[0]
+    }
+
+    /// Random triangles: small and large ones, ones that reach out of the picture, slivers, ones on whole pixels, points.
+    fn drawn(random: &mut Random) -> (Vec<Corner>, Vec<Triangle>) {
+        let (mut corners, mut triangles) = (Vec::new(), Vec::new());
+        for number in 0..40_u32 {
+            let middle = [random.uniform_in(-5.0, 55.0), random.uniform_in(-5.0, 45.0)];
+            let reach = [1.5, 4.0, 30.0][number as usize % 3];
+            for _ in 0..3 {
+                let mut corner = Corner::default();
+                let mut place = middle.map(|it| it + reach * random.uniform_in(-1.0, 1.0));
+                match number % 10 {
+                    3 => place = place.map(f64::round),
+                    5 => place[1] = middle[1],
+                    7 => place = middle,
+                    _ => (),
+                }
+                let depth = random.uniform_in(1.0, 3.0);
+                for lane in 0..LANES {
+                    let moved = if number % 10 == 3 { 0.0 } else { 0.3 * lane as f64 };
+                    corner.x[lane] = (place[0] + moved) as f32;
+                    corner.y[lane] = (place[1] - 0.5 * moved) as f32;
+                    corner.depth[lane] = (depth + 0.01 * lane as f64) as f32;
+                    corner.light[lane] = random.uniform_in(0.0, 9000.0) as f32;
+                    corner.shine[lane] = random.uniform_in(0.0, 900.0) as f32;
+                }
+                corners.push(corner);
+            }
+            let texels = [(); 3].map(|()| [(); 2].map(|()| random.uniform_in(1.0, SIDE as f64 - 3.0) as f32));
+            triangles.push(Triangle { corners: [0, 1, 2].map(|it| 3 * number + it), texels, material: Material::Skin });
+        }
+        (corners, triangles)
+    }
+
+    fn pixels(corners: &[Corner], triangles: &[Triangle], texture: &Texture) -> Vec<Pixel> {
+        let mut pixels = vec![Pixel::EMPTY; AREA.n_pixels()];
+        let mut canvas = Canvas { area: AREA, pixels: &mut pixels };
+        triangles.iter().for_each(|it| canvas.draw(corners, it, texture));
+        (AREA.from[1]..AREA.to[1]).flat_map(|row| pixels[AREA.row(row)].to_vec()).collect()
+    }
+
+    #[test]
+    fn each_moment_shows_its_own_triangles_and_the_nearest_of_them() {
+        let mut random = Random::new(12);
+        // Smooth: a place that is a hair aside is nearly as bright.
+        let texture = Texture::new(SIDE, (0..SIDE * SIDE).map(|i| (60 + 2 * (i % SIDE) + i / SIDE) as u8).collect());
+        let (mut n_compared, mut n_seen) = (0, 0);
+        for _ in 0..30 {
+            let (corners, triangles) = drawn(&mut random);
+            let found = pixels(&corners, &triangles, &texture);
+            for lane in 0..LANES {
+                let mut expected = vec![(f64::INFINITY, 0.0); found.len()];
+                let mut doubtful = vec![false; found.len()];
+                for triangle in &triangles {
+                    draw_plainly(&corners, triangle, &texture, lane, &mut expected, &mut doubtful);
+                }
+                for ((pixel, (depth, light)), _) in found.iter().zip(&expected).zip(&doubtful).filter(|it| !it.1) {
+                    let [found_depth, found_light] =
+                        [pixel.depth, pixel.light].map(|it| f64::from(it.to_array()[lane]));
+                    assert_eq!(found_depth.is_finite(), depth.is_finite());
+                    n_compared += 1;
+                    if depth.is_finite() {
+                        n_seen += 1;
+                        let off = [found_depth - depth, found_light - light].map(f64::abs);
+                        assert!(off[0] < 2e-3 && off[1] < 30.0, "{found_depth} {depth}, {found_light} {light}");
+                    }
+                }
+            }
+        }
+        assert!(n_compared > 40_000 && n_seen > 10_000, "{n_seen} of {n_compared}");
+    }
+
+    #[test]
+    fn a_moment_looks_the_same_whatever_the_others_show() {
+        let mut random = Random::new(5);
+        let texture = Texture::new(SIDE, (0..SIDE * SIDE).map(|_| random.below(256) as u8).collect());
+        for _ in 0..20 {
+            let (corners, triangles) = drawn(&mut random);
+            let together = pixels(&corners, &triangles, &texture);
+            for lane in 0..LANES {
+                let alone: Vec<Corner> = corners
+                    .iter()
+                    .map(|it| {
+                        let mut corner = Corner::default();
+                        (corner.x[0], corner.y[0], corner.depth[0]) = (it.x[lane], it.y[lane], it.depth[lane]);
+                        (corner.light[0], corner.shine[0]) = (it.light[lane], it.shine[lane]);
+                        corner
+                    })
+                    .collect();
+                for (alone, together) in pixels(&alone, &triangles, &texture).iter().zip(&together) {
+                    let of = |pixel: &Pixel, lane: usize| [pixel.depth, pixel.light].map(|it| it.to_array()[lane]);
+                    assert_eq!(of(alone, 0), of(together, lane));
+                    assert!((1..LANES).all(|it| of(alone, it) == [f32::INFINITY, 0.0]));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn rows_of_a_canvas_lie_apart_in_a_cache() {
+        for width in 1..70 {
+            let area = Area { from: [5, 7], to: [5 + width, 11] };
+            assert!(area.row(7) == (0..width) && area.row(10).end <= area.n_pixels());
+            assert_eq!((area.row(8).start - area.row(7).start) % 4, 2, "width {width}");
+        }
+    }
 }

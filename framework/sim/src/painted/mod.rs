@@ -30,8 +30,8 @@ use serde::{Deserialize, Serialize};
 use crate::person::{BodyPart, Pose};
 use drive::Drive;
 pub(crate) use places::MOST as MOST_MARKS;
-use surface::{Material, Spot};
-pub(crate) use surface::{Surface, Triangle};
+use surface::Spot;
+pub(crate) use surface::{Material, Surface, Triangle};
 pub(crate) use texture::Texture;
 
 /// Skins that are kept, so that cameras that look at the same moments share them.

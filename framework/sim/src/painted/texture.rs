@@ -16,19 +16,17 @@ const SOFT_MM: f64 = 0.35;
 /// How bright paint is [–].
 const PAINT: f32 = 0.05;
 
-/// Shades, 0 to 255 for albedos from 0 to 1.
+/// Shades, 0 to 255 for albedos from 0 to 1, in rows.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Texture {
     width: usize,
-    /// Each texel and the one below it, in rows, without the last row: what lies around a place is found in one go.
-    pairs: Vec<[u8; 2]>,
+    shades: Vec<u8>,
 }
 
 impl Texture {
     /// Of rows of `width` shades.
-    fn new(width: usize, shades: &[u8]) -> Self {
-        let below = shades.get(width..).unwrap_or_default();
-        Self { width, pairs: shades.iter().zip(below).map(|(here, below)| [*here, *below]).collect() }
+    pub fn new(width: usize, shades: Vec<u8>) -> Self {
+        Self { width, shades }
     }
 
     /// The albedos at four columns and four rows, in 65,536ths of a texel [–]; 0 outside.
@@ -38,16 +36,15 @@ impl Texture {
         let around = i32x4::from(std::array::from_fn::<i32, 4, _>(|lane| {
             // What is left of the first column or above the first row wraps around to far beyond the end.
             let first = (row[lane] as usize).wrapping_mul(self.width).wrapping_add(column[lane] as usize);
-            match self.pairs.get(first..).and_then(|it| it.first_chunk()) {
-                Some([[a, c], [b, d]]) => i32::from_le_bytes([*a, *c, *b, *d]),
-                None => 0,
-            }
+            let end = first.checked_add(self.width + 2);
+            let Some(texels) = end.and_then(|end| self.shades.get(first..end)) else { return 0 };
+            i32::from_le_bytes([texels[0], texels[1], texels[self.width], texels[self.width + 1]])
         }));
         // Whole numbers below 2²⁴: exact.
         let number = |it: i32x4| f32x4::from_i32x4(it);
         let byte = |shift: u32| number((around >> shift) & i32x4::splat(0xFF));
         let [x, y] = [columns, rows].map(|it| number((it >> 4_u32) & i32x4::splat(0xFFF))); // in 4,096ths
-        let (a, c, b, d) = (byte(0), byte(8), byte(16), byte(24));
+        let (a, b, c, d) = (byte(0), byte(8), byte(16), byte(24));
         let above = a * f32x4::splat(4096.0) + (b - a) * x;
         let below = c * f32x4::splat(4096.0) + (d - c) * x;
         (above + (below - above) * (y * f32x4::splat(1.0 / 4096.0))) * f32x4::splat(1.0 / (4096.0 * 255.0))
@@ -110,7 +107,7 @@ pub(super) fn paint(
         });
         work();
     });
-    Texture::new(width, &shades)
+    Texture::new(width, shades)
 }
 
 /// Which texels of a triangle are painted.
@@ -262,4 +259,89 @@ pub(super) fn freckles(p: &Point3<f64>, size: f64, share: f32, radius: f64, seed
     };
     let distance = Vector3::new(inside(0), inside(1), inside(2)).norm();
     (1.0 - (distance / radius).powi(2)).max(0.0) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_estimation::random::Random;
+
+    use super::*;
+
+    #[test]
+    fn albedos_lie_between_those_of_the_four_texels_around() {
+        let mut random = Random::new(3);
+        let (width, height) = (37, 23);
+        let shades: Vec<u8> = (0..width * height).map(|_| random.below(256) as u8).collect();
+        let texture = Texture::new(width, shades.clone());
+        for _ in 0..5000 {
+            let places = [(); 4].map(|()| {
+                [width, height].map(|side| random.uniform_in(0.0, side as f64 - 1.001)).map(|it| (it * 65_536.0) as i32)
+            });
+            let found = texture.at([0, 1].map(|axis| i32x4::from(places.map(|it| it[axis])))).to_array();
+            for ([column, row], found) in places.into_iter().zip(found) {
+                let [x, y] = [column, row].map(|it| f64::from(it & 0xFFFF) / 65_536.0);
+                let first = (row >> 16) as usize * width + (column >> 16) as usize;
+                let [a, b, c, d] = [0, 1, width, width + 1].map(|it| f64::from(shades[first + it]) / 255.0);
+                let expected = (a * (1.0 - x) + b * x) * (1.0 - y) + (c * (1.0 - x) + d * x) * y;
+                assert!((f64::from(found) - expected).abs() < 1e-3, "{found} {expected} at {column}, {row}");
+            }
+        }
+        // Outside there is nothing, wherever that is.
+        let far = |it: i32| texture.at([i32x4::splat(0), i32x4::splat(it)]).to_array();
+        assert_eq!([i32::MIN, -65_536, 23 << 16, i32::MAX].map(far), [[0.0; 4]; 4]);
+        assert_eq!(Texture::default().at([i32x4::splat(0); 2]).to_array(), [0.0; 4]);
+    }
+
+    #[test]
+    fn noise_is_that_of_the_lattice_and_stays_within_one() {
+        let mut random = Random::new(9);
+        for _ in 0..5000 {
+            let p = Point3::from([(); 3].map(|()| random.uniform_in(-0.2, 0.2)));
+            let size = [(); 3].map(|()| random.uniform_in(0.5e-3, 20e-3));
+            let found = noise(&p, size, 77);
+            let at = [0, 1, 2].map(|i| p[i] / size[i]);
+            let mut expected = 0.0;
+            for corner in 0..8 {
+                let side = [0, 1, 2].map(|i| corner >> i & 1);
+                let cell = [0, 1, 2].map(|i| at[i].floor() as i32 + side[i]);
+                let weight = |i: usize| {
+                    let t = at[i] - at[i].floor();
+                    let smooth = t * t * (3.0 - 2.0 * t);
+                    if side[i] == 1 { smooth } else { 1.0 - smooth }
+                };
+                expected += f64::from(hash(cell, 77)) * weight(0) * weight(1) * weight(2);
+            }
+            assert!((f64::from(found) - expected).abs() < 1e-5 && found.abs() <= 1.0, "{found} {expected} at {p}");
+        }
+    }
+
+    #[test]
+    fn every_triangle_is_painted_itself_and_a_texel_beyond() {
+        let corner = |x: f64, y: f64| Point3::new(x, y, 0.0);
+        // Two triangles that meet along a diagonal; texels are millimetres.
+        let rest = vec![corner(10.0, 10.0), corner(40.0, 10.0), corner(10.0, 40.0), corner(40.0, 40.0)];
+        let triangle = |corners: [u32; 3], material| {
+            let texels = corners.map(|it| [rest[it as usize].x as f32, rest[it as usize].y as f32]);
+            Triangle { corners, texels, material }
+        };
+        let triangles = vec![triangle([0, 1, 2], Material::Eye), triangle([1, 3, 2], Material::Mouth)];
+        let (follow, openness) = (vec![0.0; 4], vec![1.0; 4]);
+        let surface = Surface { rest, triangles, modes: Vec::new(), follow, openness };
+        let albedo = |_: &Point3<f64>, material| if material == Material::Eye { 0.2 } else { 0.8 };
+        let texture = super::paint(&surface, [60, 70], &Paint { dots: Vec::new() }, albedo);
+        let [eye, mouth] = [0.2_f32, 0.8].map(|it| (it * 254.0) as u8 + 1);
+        for (i, &shade) in texture.shades.iter().enumerate() {
+            let (x, y) = (i % 60, i / 60);
+            let is_inside = (10..=40).contains(&x) && (10..=40).contains(&y);
+            let outside = [x, y].map(|it| 10_usize.saturating_sub(it) + it.saturating_sub(40));
+            match x + y {
+                // On the diagonal the latter one wins.
+                50.. if is_inside => assert_eq!(shade, mouth, "{x} {y}"),
+                _ if is_inside => assert_eq!(shade, eye, "{x} {y}"),
+                _ if outside.iter().sum::<usize>() == 1 => assert!(shade == eye || shade == mouth, "{x} {y}"),
+                _ if outside.iter().any(|it| *it > 1) => assert_eq!(shade, 0, "{x} {y}"),
+                _ => (),
+            }
+        }
+    }
 }
