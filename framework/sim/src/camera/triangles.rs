@@ -243,10 +243,15 @@ mod tests {
             let mixed = |values: [f64; 3]| weights.iter().zip(values).map(|(weight, it)| weight * it).sum::<f64>();
             // So near to an edge [px], or between front and back of a sliver, rounding decides.
             let least = weights.iter().copied().fold(f64::INFINITY, f64::min);
-            *doubtful |= doubled.abs() < 1e-3 || least.abs() * doubled.abs() < 0.2;
+            let is_near = [x, y].into_iter().enumerate().all(|(axis, at)| {
+                let of = [a, b, c].map(|it| it[axis]);
+                let [low, high] = [f64::min, f64::max].map(|pick| pick(pick(of[0], of[1]), of[2]));
+                (low - 1.0..high + 1.0).contains(&at)
+            });
+            *doubtful |= is_near && (doubled.abs() < 1e-3 || least.abs() * doubled.abs() < 0.2);
             let depth = mixed([a[2], b[2], c[2]]);
             if doubled > 0.0 && least >= 0.0 {
-                *doubtful |= (depth - drawn.0).abs() < 1e-4;
+                *doubtful |= (depth - drawn.0).abs() < 2e-3;
                 if depth < drawn.0 {
                     let place = [0, 1].map(|axis| {
                         let texels = triangle.texels.map(|it| f64::from(it[axis]));
