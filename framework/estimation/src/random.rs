@@ -13,6 +13,7 @@ pub struct Random {
 
 impl Random {
     /// The stream of `seed`; any seed is as good as any other.
+    #[inline]
     pub fn new(seed: u64) -> Random {
         let mut counter = seed;
         Random { seed, state: [(); 4].map(|()| split_mix(&mut counter)), spare_normal: None }

@@ -52,6 +52,8 @@ pub struct DotFinder {
     sums: Vec<u16>,
     below: Vec<u16>,
     rows: [Vec<u16>; 3],
+    /// From the middle of a dot to the samples of its surroundings [px].
+    around: [[f64; 2]; N_RING],
 }
 
 /// No centre is known better than this: dots are painted by hand [px].
@@ -68,7 +70,14 @@ impl DotFinder {
         ImagingError::unless((0.02..=1.0).contains(&min_contrast), "min_contrast", "0.02 to 1", min_contrast)?;
         ImagingError::unless((0.0..=255.0).contains(&min_depth), "min_depth", "0 to 255", min_depth)?;
         ImagingError::unless((1.0..=100.0).contains(&max_elongation), "max_elongation", "1 to 100", max_elongation)?;
-        Ok(Self { limits, sums: Vec::new(), below: Vec::new(), rows: Default::default() })
+        let mut this =
+            Self { limits, sums: Vec::new(), below: Vec::new(), rows: Default::default(), around: [[0.0; 2]; N_RING] };
+        let ring = this.ring();
+        for (k, place) in this.around.iter_mut().enumerate() {
+            let (sin, cos) = (std::f64::consts::TAU * k as f64 / N_RING as f64).sin_cos();
+            *place = [ring * cos, ring * sin];
+        }
+        Ok(this)
     }
 
     /// What counts as a dot.
@@ -171,14 +180,14 @@ impl DotFinder {
             p.x >= margin && p.y >= margin && p.x <= width - 1.0 - margin && p.y <= height - 1.0 - margin
         };
         let mut centre = seed;
-        let mut last = f64::INFINITY;
+        let (mut last, mut pixels) = (f64::INFINITY, Vec::with_capacity(128));
         for _ in 0..8 {
             // Written so that NaN is refused.
             if !(is_inside(&centre) && (centre - seed).norm() <= reach_px) {
                 return None;
             }
-            let surface = Surface::around(view, &centre, ring)?;
-            let moments = Moments::of(view, &centre, disc, &surface);
+            let surface = Surface::around(view, &centre, &self.around)?;
+            let moments = Moments::of(view, &centre, disc, &surface, &mut pixels);
             if moments.weight <= 0.0 {
                 return None;
             }
@@ -222,18 +231,18 @@ struct Surface {
 
 impl Surface {
     /// Fitted to a ring. `None` where that is black.
-    fn around(view: &ImageView<'_>, about: &Point2<f64>, ring: f64) -> Option<Self> {
-        let mut levels = [0.0; N_RING];
+    fn around(view: &ImageView<'_>, about: &Point2<f64>, ring: &[[f64; 2]; N_RING]) -> Option<Self> {
+        let mut grays = [0_u8; N_RING];
         let mut offsets = [Vector2::zeros(); N_RING];
-        for (k, (level, offset)) in levels.iter_mut().zip(&mut offsets).enumerate() {
-            let (sin, cos) = (std::f64::consts::TAU * k as f64 / N_RING as f64).sin_cos();
+        for ((gray, offset), place) in grays.iter_mut().zip(&mut offsets).zip(ring) {
             // Whole pixels: their noise is that of the picture.
-            let (x, y) = ((about.x + ring * cos).round(), (about.y + ring * sin).round());
-            *offset = Vector2::new(x - about.x, y - about.y);
-            *level = f64::from(view.get(x as usize, y as usize)?);
+            let (x, y) = (nearest(about.x + place[0]), nearest(about.y + place[1]));
+            *offset = Vector2::new(x as f64 - about.x, y as f64 - about.y);
+            *gray = view.get(x, y)?;
         }
-        let mut sorted = levels;
-        sorted.sort_unstable_by(f64::total_cmp);
+        let levels = grays.map(f64::from);
+        grays.sort_unstable();
+        let sorted = grays.map(f64::from);
         // Neighbours on the ring are dark: what is far below its upper half is not the surface.
         let (upper, middle) = (sorted[3 * N_RING / 4], sorted[N_RING / 2]);
         let mut plane = Vector3::new(upper.min(middle + 6.0), 0.0, 0.0);
@@ -266,6 +275,23 @@ impl Surface {
     }
 }
 
+/// ⌊x + ½⌋ of a number from 0, as [`f64::round`] has it.
+#[inline]
+fn nearest(x: f64) -> usize {
+    let whole = x as usize;
+    whole + usize::from(x - whole as f64 >= 0.5)
+}
+
+/// A pixel of a disc.
+struct DiscPixel {
+    /// From the middle of the disc [px].
+    offset: Vector2<f64>,
+    /// How much of it counts, up to 1.
+    part: f64,
+    /// 1 − its level over the surface's [–].
+    dark: f64,
+}
+
 /// Sums over a disc, about its middle.
 struct Moments {
     weight: f64,
@@ -278,7 +304,14 @@ struct Moments {
 }
 
 impl Moments {
-    fn of(view: &ImageView<'_>, centre: &Point2<f64>, disc: f64, surface: &Surface) -> Self {
+    /// `pixels` is emptied first.
+    fn of(
+        view: &ImageView<'_>,
+        centre: &Point2<f64>,
+        disc: f64,
+        surface: &Surface,
+        pixels: &mut Vec<DiscPixel>,
+    ) -> Self {
         let mut moments = Self {
             weight: 0.0,
             first: Vector2::zeros(),
@@ -288,36 +321,34 @@ impl Moments {
             area: 0,
         };
         let range = |at: f64| (at - disc - 1.0).ceil().max(0.0) as usize..=(at + disc + 1.0).floor().max(0.0) as usize;
-        let darkness = |x: usize, y: usize| {
-            let place = Point2::new(x as f64, y as f64);
-            let level = view.get(x, y).map_or(0.0, f64::from);
-            (place - centre, 1.0 - level / surface.at(&place))
-        };
+        pixels.clear();
         for y in range(centre.y) {
             for x in range(centre.x) {
-                let (offset, dark) = darkness(x, y);
-                if offset.norm() <= 0.7 * disc {
+                let place = Point2::new(x as f64, y as f64);
+                let offset = place - centre;
+                let away = offset.norm();
+                let part = (disc + 0.5 - away).clamp(0.0, 1.0);
+                if part == 0.0 {
+                    continue;
+                }
+                let level = view.get(x, y).map_or(0.0, f64::from);
+                let dark = 1.0 - level / surface.at(&place);
+                if away <= 0.7 * disc {
                     moments.darkest = moments.darkest.max(dark);
                 }
+                pixels.push(DiscPixel { offset, part, dark });
             }
         }
         // What is hardly dark is noise, and would pull the centre to the middle of the disc.
         let foot = (2.0 * surface.noise / surface.at(centre)).min(0.3 * moments.darkest);
-        for y in range(centre.y) {
-            for x in range(centre.x) {
-                let (offset, dark) = darkness(x, y);
-                let part = (disc + 0.5 - offset.norm()).clamp(0.0, 1.0);
-                if part == 0.0 || dark <= foot {
-                    continue;
-                }
-                let weight = part * (dark - foot);
-                moments.weight += weight;
-                moments.first += offset * weight;
-                moments.second += offset * offset.transpose() * weight;
-                moments.noise += offset * offset.transpose() * (part * part);
-                if 2.0 * dark > moments.darkest {
-                    moments.area += 1;
-                }
+        for &DiscPixel { offset, part, dark } in pixels.iter().filter(|it| it.dark > foot) {
+            let weight = part * (dark - foot);
+            moments.weight += weight;
+            moments.first += offset * weight;
+            moments.second += offset * offset.transpose() * weight;
+            moments.noise += offset * offset.transpose() * (part * part);
+            if 2.0 * dark > moments.darkest {
+                moments.area += 1;
             }
         }
         moments

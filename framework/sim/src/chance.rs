@@ -3,6 +3,7 @@
 use foveate_estimation::random::Random;
 
 /// The stream of event number `index` of the timeline `what`, under `seed`.
+#[inline]
 pub(crate) fn stream(seed: u64, what: u64, index: i64) -> Random {
     let mut timeline = Random::new(seed ^ what.wrapping_mul(0x9e37_79b9_7f4a_7c15));
     Random::new(timeline.next_u64() ^ index as u64)

@@ -22,6 +22,7 @@ pub mod nodes;
 pub mod observer;
 pub mod painted;
 pub mod person;
+mod rounding;
 pub mod score;
 pub mod timing;
 pub mod world;

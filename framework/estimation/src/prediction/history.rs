@@ -9,6 +9,9 @@ const STEP_S: f64 = 1.0 / 60.0;
 /// As many are kept: twelve seconds.
 const KEPT: usize = 720;
 
+/// Samples on either side of the one that is expected that are looked at first.
+const LOOK_AROUND: usize = 3;
+
 /// The point at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sample {
@@ -47,13 +50,29 @@ impl History {
         self.kept.front().map(|it| it.time_s)
     }
 
+    /// How many samples are kept of times up to `time_s`.
+    fn count_until(&self, time_s: f64) -> usize {
+        let is_until = |it: &Sample| it.time_s <= time_s;
+        let (Some(first), Some(last)) = (self.kept.front(), self.kept.back()) else { return 0 };
+        // Samples lie about evenly in time: most times a look around the place where it should be is enough.
+        let n = self.kept.len();
+        let share = (time_s - first.time_s) / (last.time_s - first.time_s);
+        let guess = ((share * (n - 1) as f64) as usize).min(n); // 0 for NaN
+        let (low, high) = (guess.saturating_sub(LOOK_AROUND), (guess + LOOK_AROUND).min(n));
+        let is_there = (low == 0 || is_until(&self.kept[low - 1])) && (high == n || !is_until(&self.kept[high]));
+        match is_there {
+            true => low + self.kept.range(low..high).take_while(|it| is_until(it)).count(),
+            false => self.kept.partition_point(is_until),
+        }
+    }
+
     /// Where the point was, between two samples on the cubic that has their positions and velocities; `None` before the first.
     pub fn at(&self, time_s: f64) -> Option<Point3<f64>> {
         let newest = self.newest.as_ref()?;
         if time_s >= newest.time_s {
             return (time_s == newest.time_s).then_some(newest.position);
         }
-        let place = self.kept.partition_point(|it| it.time_s <= time_s);
+        let place = self.count_until(time_s);
         let before = self.kept.get(place.checked_sub(1)?)?;
         let after = self.kept.get(place).unwrap_or(newest);
         let gap = after.time_s - before.time_s;
@@ -72,11 +91,38 @@ impl History {
     /// How fast it was, in a straight line between the samples; `None` before the first.
     pub fn velocity_at(&self, time_s: f64) -> Option<Vector3<f64>> {
         let newest = self.newest.as_ref()?;
-        let place = self.kept.partition_point(|it| it.time_s <= time_s);
+        let place = self.count_until(time_s);
         let before = self.kept.get(place.checked_sub(1)?)?;
         let after = self.kept.get(place).unwrap_or(newest);
         let gap = after.time_s - before.time_s;
         let part = if gap > 0.0 { ((time_s - before.time_s) / gap).clamp(0.0, 1.0) } else { 0.0 };
         Some(before.velocity + (after.velocity - before.velocity) * part)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+
+    #[test]
+    fn samples_are_counted_however_they_lie_in_time() {
+        let mut random = Random::new(6);
+        for jitter in [0.0, 0.3, 1.0] {
+            for n in [0, 1, 2, 3, 700, 2000] {
+                let (mut history, mut time_s) = (History::default(), 100.0);
+                for _ in 0..n {
+                    let stays_away = if random.uniform() < 0.1 * jitter { 0.4 } else { 0.0 };
+                    time_s += STEP_S * (1.0 + jitter * random.uniform()) + stays_away;
+                    history.push(time_s, Point3::origin(), Vector3::zeros());
+                }
+                let times: Vec<f64> = history.kept.iter().map(|it| it.time_s).collect();
+                let drawn: Vec<f64> = (0..3000).map(|_| random.uniform_in(99.0, time_s + 1.0)).collect();
+                for time_s in times.iter().chain(&drawn).chain(&[f64::NAN, f64::INFINITY, f64::NEG_INFINITY]) {
+                    let expected = times.iter().filter(|it| *it <= time_s).count();
+                    assert_eq!(history.count_until(*time_s), expected, "{time_s} among {n} of jitter {jitter}");
+                }
+            }
+        }
     }
 }

@@ -140,3 +140,13 @@ fn limits_out_of_range_are_named() {
         assert!(named(limits).is_some_and(|it| it.contains(name)), "{name}");
     }
 }
+
+#[test]
+fn the_nearest_pixel_is_that_of_round() {
+    for half in 0..3000 {
+        let exact = f64::from(half) / 2.0;
+        for x in [exact, exact.next_up(), exact.next_down().max(0.0), exact + 0.3] {
+            assert_eq!(nearest(x), x.round() as usize, "{x}");
+        }
+    }
+}

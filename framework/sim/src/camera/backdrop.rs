@@ -3,6 +3,7 @@
 use foveate_geometry::Camera;
 use foveate_messages::Time;
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
+use wide::{f32x8, i16x8};
 
 use super::spot::Spot;
 use super::{CameraSettings, STEPS, steps};
@@ -107,9 +108,10 @@ impl MovingBackdrop {
             for (cell, pixels) in pixels.chunks_mut(GRID).enumerate() {
                 let (left, right) = (at(cell), at(cell + 1));
                 let step = (right - left) / GRID as f32;
-                for (place, pixel) in pixels.iter_mut().enumerate() {
-                    *pixel = (left + step * place as f32) as i16; // `as` saturates
-                }
+                let lights =
+                    f32x8::splat(left) + f32x8::splat(step) * f32x8::new([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
+                let lights = i16x8::from_i32x8_saturate(lights.fast_trunc_int()).to_array();
+                pixels.copy_from_slice(&lights[..pixels.len()]);
             }
         }
         add_bright_spots(camera, world, settings, canvas);
@@ -140,8 +142,8 @@ fn nearest_monitor(
     depth: f64,
     world: &World,
 ) -> Option<(usize, Option<usize>)> {
-    let hits = world.monitors().iter().enumerate();
-    hits.filter_map(|(i, monitor)| Some((i, monitor.hit(origin, direction)?)))
+    let hits = world.monitors().iter().zip(world.monitor_normals()).enumerate();
+    hits.filter_map(|(i, (monitor, normal))| Some((i, monitor.hit_with(normal, origin, direction)?)))
         .filter(|(_, (_, at))| *at < depth)
         .min_by(|a, b| a.1.1.total_cmp(&b.1.1))
         .map(|(monitor, (pane, _))| (monitor, pane))

@@ -12,6 +12,7 @@ mod noise;
 mod silhouette;
 mod spot;
 mod surface;
+mod triangles;
 
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
@@ -22,13 +23,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::bump::BumpSettings;
 use crate::head::HeadMotion;
+use crate::rounding::rounded;
 use crate::timing::TimingSettings;
 use crate::world::{Light, Mirror, Moment, REFERENCE_DISTANCE_M, World};
 use backdrop::{Backdrop, MovingBackdrop};
 use noise::Noise;
 use silhouette::{Instead, Silhouettes};
 use spot::Spot;
-use surface::Surfaces;
+use surface::{Surfaces, View};
 
 /// Steps of a gray level in the sums.
 const STEPS: f64 = 64.0;
@@ -200,17 +202,16 @@ impl Renderer {
             return;
         };
         let mut draw = |canvas: &mut [i16]| {
-            surfaces.begin(canvas.len());
-            let mut then = Moment::default();
+            let (mut views, mut then) = (Vec::new(), Moment::default());
             for (number, (_, moment)) in (0..).zip(moments.clone()) {
                 world.at(moment, &mut then);
                 // Who is there in the middle of the exposure may not have come in at its start.
                 if let (Some(part), Some(pose)) = (world.painted_part(moment), then.poses.first()) {
-                    let white = part.light * room_light * gain;
-                    let skin = part.skin(moment, pose);
-                    surfaces.add(&camera_at(moment), part, &skin, white, [number, n_moments]);
+                    let (camera, skin) = (camera_at(moment), part.skin(moment, pose));
+                    views.push(View { camera, skin, shift: surface::shift(number, n_moments) });
                 }
             }
+            surfaces.draw(canvas.len(), part, part.light * room_light * gain, &views);
             surfaces.finish(image_size[0] as usize, n_moments, black_level, canvas);
         };
         let instead = Instead { beside: &|number, body| part.beside(number, body), distance, draw: &mut draw };
@@ -303,8 +304,9 @@ fn coarse_levels(bits: u32) -> Option<[u8; 256]> {
 }
 
 /// A gray level in steps, saturating.
+#[inline]
 fn steps(gray: f64) -> i16 {
-    (gray * STEPS).round() as i16 // `as` saturates
+    rounded(gray * STEPS).clamp(i16::MIN.into(), i16::MAX.into()) as i16
 }
 
 #[cfg(test)]

@@ -108,7 +108,11 @@ fn draw_part(camera: &Camera, eye: &Point3<f64>, part: &BodyPart, light: f64, bl
     for row in top as usize..=bottom as usize {
         let (mut left, mut right) = (f64::INFINITY, f64::NEG_INFINITY);
         for Ellipse { centre, half } in ellipses.iter() {
-            let rise = (row as f64 - centre[1]) / half[1];
+            let up = row as f64 - centre[1];
+            if up.abs() >= half[1] {
+                continue;
+            }
+            let rise = up / half[1];
             let reach = half[0] * (1.0 - rise * rise).max(0.0).sqrt();
             if reach > 0.0 {
                 left = left.min(centre[0] - reach);

@@ -3,84 +3,83 @@
 //! Each moment is drawn with its own small shift within the pixel, so that the mean of all has smooth edges and the smear of what moved,
 //! the camera included.
 
+use std::sync::Arc;
+
 use foveate_geometry::{Camera, Intrinsics};
 use nalgebra::{Vector2, Vector3};
 
 use super::STEPS;
-use crate::painted::{Part, Skin, Texture, key_light};
+use super::triangles::{Area, Canvas, Corner, LANES, Pixel};
+use crate::painted::{Part, Skin, key_light};
 
 /// Nothing is drawn of a surface that comes nearer to the camera than this [m].
 const NEAREST_M: f64 = 0.15;
 /// How bright the shine on skin is at its brightest, relative to a white surface that faces the light.
 const SHINE: f32 = 0.13;
 
-/// A vertex as it is drawn.
-#[derive(Debug, Clone, Copy, Default)]
-struct Corner {
-    x: f32,
-    y: f32,
-    /// [m]
-    depth: f32,
-    /// What the surface throws back to all sides, for an albedo of 1 [steps].
-    light: f32,
-    /// What it throws back as a mirror does [steps].
-    shine: f32,
-}
-
-/// Pixels: from column and row, to column and row, the latter not included.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Area {
-    from: [usize; 2],
-    to: [usize; 2],
+/// The camera and the surface at one moment of the exposure.
+pub(super) struct View {
+    pub camera: Camera,
+    pub skin: Arc<Skin>,
+    /// By how much it is drawn aside: see [`shift`] [px].
+    pub shift: [f64; 2],
 }
 
 /// Draws a surface; keeps its memory from field to field.
 #[derive(Default)]
 pub(super) struct Surfaces {
     corners: Vec<Corner>,
-    depths: Vec<f32>,
-    lights: Vec<f32>,
+    /// Of the area that is drawn; empty but while moments are drawn.
+    pixels: Vec<Pixel>,
     /// Of all moments so far: light [steps], and how many of them saw the surface.
     sums: Vec<(f32, f32)>,
     area: Option<Area>,
 }
 
 impl Surfaces {
-    /// Forgets the moments drawn so far; `n_pixels` of the image.
-    pub fn begin(&mut self, n_pixels: usize) {
+    /// Draws all `views` of `n_pixels` each. `white` [gray level] is what a white surface shows that faces the light.
+    pub fn draw(&mut self, n_pixels: usize, part: &Part, white: f64, views: &[View]) {
         self.area = None;
-        self.depths.resize(n_pixels, f32::INFINITY);
-        self.lights.resize(n_pixels, 0.0);
         self.sums.resize(n_pixels, (0.0, 0.0));
+        for views in views.chunks(LANES) {
+            let Some(area) = self.draw_together(part, white, views) else { continue };
+            self.sum_up(area, views[0].camera.image_size[0] as usize);
+            self.area = Some(self.area.map_or(area, |it| it.with(area)));
+        }
     }
 
-    /// Draws the surface as `camera` sees it at moment number `moment` of `n_moments`. `white` [gray level] is what a white surface shows
-    /// that faces the light.
-    pub fn add(&mut self, camera: &Camera, part: &Part, skin: &Skin, white: f64, [moment, n_moments]: [u32; 2]) {
-        let shift = shift(moment, n_moments);
-        let Some(area) = self.project(camera, skin, (white * STEPS) as f32, shift) else { return };
-        let width = camera.image_size[0] as usize;
-        for row in area.from[1]..area.to[1] {
-            self.depths[row * width..][area.from[0]..area.to[0]].fill(f32::INFINITY);
+    /// Draws up to four moments, and says which pixels they take up, if any.
+    fn draw_together(&mut self, part: &Part, white: f64, views: &[View]) -> Option<Area> {
+        let mut area: Option<Area> = None;
+        self.corners.resize(part.surface.rest.len(), Corner::default());
+        for lane in 0..LANES {
+            match views.get(lane).and_then(|view| self.project(view, (white * STEPS) as f32, lane)) {
+                Some(of_lane) => area = Some(area.map_or(of_lane, |it| it.with(of_lane))),
+                None => self.corners.iter_mut().for_each(|it| (it.x[lane], it.y[lane]) = (0.0, 0.0)),
+            }
         }
+        let area = area?;
+        if self.pixels.len() < area.n_pixels() {
+            self.pixels.resize(area.n_pixels(), Pixel::EMPTY);
+        }
+        let mut canvas = Canvas { area, pixels: &mut self.pixels };
         let texture = part.texture();
-        for triangle in &part.surface.triangles {
-            let corners = triangle.corners.map(|it| self.corners[it as usize]);
-            let mut canvas = Canvas { width, area, depths: &mut self.depths, lights: &mut self.lights };
-            canvas.draw(corners, &triangle.texels, texture);
-        }
-        let within = self.area.get_or_insert(area);
-        for axis in 0..2 {
-            within.from[axis] = within.from[axis].min(area.from[axis]);
-            within.to[axis] = within.to[axis].max(area.to[axis]);
-        }
+        part.surface.triangles.iter().for_each(|it| canvas.draw(&self.corners, it, texture));
+        Some(area)
+    }
+
+    /// Adds what the moments show to the sums, in their order, and makes room for the next ones.
+    fn sum_up(&mut self, area: Area, width: usize) {
         for row in area.from[1]..area.to[1] {
-            let span = row * width + area.from[0]..row * width + area.to[0];
-            let drawn = self.depths[span.clone()].iter().zip(&self.lights[span.clone()]);
-            for ((light, count), (depth, seen)) in self.sums[span].iter_mut().zip(drawn) {
-                let is_seen = if *depth < f32::INFINITY { 1.0 } else { 0.0 };
-                *light += is_seen * seen;
-                *count += is_seen;
+            let sums = &mut self.sums[row * width..][area.from[0]..area.to[0]];
+            for ((light, count), pixel) in sums.iter_mut().zip(&mut self.pixels[area.row(row)]) {
+                let is_seen = pixel.depth.simd_lt(Pixel::EMPTY.depth);
+                let moments = is_seen.to_bitmask();
+                if moments != 0 {
+                    *light = (is_seen & pixel.light).to_array().iter().fold(*light, |sum, it| sum + it);
+                    *count += moments.count_ones() as f32;
+                    *pixel = Pixel::EMPTY;
+                }
             }
         }
     }
@@ -101,8 +100,9 @@ impl Surfaces {
         }
     }
 
-    /// Fills the corners; the pixels that they take up, or `None` where nothing is seen.
-    fn project(&mut self, camera: &Camera, skin: &Skin, white: f32, shift: [f64; 2]) -> Option<Area> {
+    /// Fills in where the corners are at a moment; the pixels that they take up, or `None` where nothing is seen.
+    fn project(&mut self, view: &View, white: f32, lane: usize) -> Option<Area> {
+        let View { camera, skin, shift } = view;
         let rotation = camera.camera_from_world.rotation.to_rotation_matrix();
         let translation = camera.camera_from_world.translation.vector;
         let eye = camera.centre();
@@ -112,8 +112,8 @@ impl Surfaces {
         let Intrinsics { focal, principal, skew } = camera.intrinsics;
         let is_ideal = camera.distortion == Default::default();
         let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
-        self.corners.clear();
-        for ((vertex, normal), light) in skin.vertices.iter().zip(&skin.normals).zip(&skin.light) {
+        let vertices = skin.vertices.iter().zip(&skin.normals).zip(&skin.light);
+        for (corner, ((vertex, normal), light)) in self.corners.iter_mut().zip(vertices) {
             let seen = rotation * vertex.coords + translation;
             if seen.z < NEAREST_M {
                 return None;
@@ -125,7 +125,8 @@ impl Surfaces {
             let mirrored = normal.dot(&half_way).max(0.0);
             let (square, fourth) = (mirrored * mirrored, mirrored.powi(4));
             let shine = SHINE * fourth * fourth * fourth * square * light.min(1.0);
-            self.corners.push(Corner { x, y, depth: seen.z as f32, light: light * white, shine: shine * white });
+            (corner.x[lane], corner.y[lane], corner.depth[lane]) = (x, y, seen.z as f32);
+            (corner.light[lane], corner.shine[lane]) = (light * white, shine * white);
             low = [low[0].min(x), low[1].min(y)];
             high = [high[0].max(x), high[1].max(y)];
         }
@@ -137,117 +138,11 @@ impl Surfaces {
 
 /// By how much moment number `moment` is shifted within the pixel [px]: evenly spread, 0 on average. Along rows, where most things move, moments
 /// go from one side of the pixel to the other in their order: so they lie evenly along a smear, too.
-fn shift(moment: u32, n_moments: u32) -> [f64; 2] {
+pub(super) fn shift(moment: u32, n_moments: u32) -> [f64; 2] {
     let n = f64::from(n_moments);
     let golden = |moment: u32| (0.5 + 0.618_033_988_749_894_9 * f64::from(moment)).fract();
     let mean = (0..n_moments).map(golden).sum::<f64>() / n;
     [(f64::from(moment) + 0.5) / n - 0.5, 0.8 * (golden(moment) - mean)]
-}
-
-struct Canvas<'s> {
-    width: usize,
-    area: Area,
-    depths: &'s mut [f32],
-    lights: &'s mut [f32],
-}
-
-/// What changes linearly over a triangle: depth, light, shine.
-type Values = [f32; 3];
-
-/// A triangle reaches this far beyond its edges [px], so that no gaps are left between two of them.
-const OVERLAP: f32 = 1e-3;
-
-impl Canvas<'_> {
-    /// Draws a triangle that faces the camera.
-    #[inline]
-    fn draw(&mut self, [a, b, c]: [Corner; 3], texels: &[[f32; 2]; 3], texture: &Texture) {
-        let (abx, aby, acx, acy) = (b.x - a.x, b.y - a.y, c.x - a.x, c.y - a.y);
-        // Rows run downwards: seen from outside corners run clockwise here.
-        let doubled = acx * aby - abx * acy;
-        if doubled <= 1e-6 {
-            return;
-        }
-        let bound = |a: f32, b: f32, c: f32, axis: usize| {
-            let from = (ceiling(a.min(b).min(c) - OVERLAP).max(0) as usize).max(self.area.from[axis]);
-            let to = ((floored(a.max(b).max(c) + OVERLAP) + 1).max(0) as usize).min(self.area.to[axis]);
-            (from, to)
-        };
-        let ((left, right), (top, bottom)) = (bound(a.x, b.x, c.x, 0), bound(a.y, b.y, c.y, 1));
-        if left >= right || top >= bottom {
-            return;
-        }
-        let per = 1.0 / doubled;
-        // Weights of b and c: linear in column and row.
-        let (b_dx, b_dy) = (-acy * per, acx * per);
-        let (c_dx, c_dy) = (aby * per, -abx * per);
-        let values = |corner: Corner| [corner.depth, corner.light, corner.shine];
-        let (at_a, at_b, at_c) = (values(a), values(b), values(c));
-        let (to_b, to_c): (Values, Values) =
-            (std::array::from_fn(|i| at_b[i] - at_a[i]), std::array::from_fn(|i| at_c[i] - at_a[i]));
-        let across: Values = std::array::from_fn(|i| to_b[i] * b_dx + to_c[i] * c_dx);
-        // Places in the texture, in steps of a texel.
-        let texel = |axis: usize, of_b: f32, of_c: f32| {
-            (texels[1][axis] - texels[0][axis]) * of_b + (texels[2][axis] - texels[0][axis]) * of_c
-        };
-        let texel_across = [0, 1].map(|axis| texel_steps(texel(axis, b_dx, c_dx)));
-        // Where a weight that changes by `dx` in a column is 0: a reciprocal for each of the three.
-        let slopes = [b_dx, c_dx, -(b_dx + c_dx)];
-        let reciprocals = slopes.map(|it| if it == 0.0 { 0.0 } else { -1.0 / it });
-        for row in top..bottom {
-            let (dx, dy) = (left as f32 - a.x, row as f32 - a.y);
-            let of_b = b_dx * dx + b_dy * dy;
-            let of_c = c_dx * dx + c_dy * dy;
-            let weights = [of_b, of_c, 1.0 - of_b - of_c];
-            let (mut first, mut end) = (0.0_f32, (right - left) as f32 - 1.0);
-            for i in 0..3 {
-                let zero = weights[i] * reciprocals[i];
-                if slopes[i] > 0.0 {
-                    first = first.max(zero - OVERLAP);
-                } else if slopes[i] < 0.0 {
-                    end = end.min(zero + OVERLAP);
-                }
-            }
-            let (first, end) = (ceiling(first), floored(end) + 1);
-            if first >= end {
-                continue;
-            }
-            let skipped = first as f32;
-            let (of_b, of_c) = (of_b + b_dx * skipped, of_c + c_dx * skipped);
-            let mut now: Values = std::array::from_fn(|i| at_a[i] + to_b[i] * of_b + to_c[i] * of_c);
-            let mut place = [0, 1].map(|axis| texel_steps(texels[0][axis] + texel(axis, of_b, of_c)));
-            let start = row * self.width + left;
-            let pixels = start + first as usize..start + end as usize;
-            let depths = &mut self.depths[pixels.clone()];
-            for (depth, light) in depths.iter_mut().zip(&mut self.lights[pixels]) {
-                if now[0] < *depth {
-                    *depth = now[0];
-                    *light = now[1] * texture.at(place) + now[2];
-                }
-                now = [now[0] + across[0], now[1] + across[1], now[2] + across[2]];
-                place = [place[0].wrapping_add(texel_across[0]), place[1].wrapping_add(texel_across[1])];
-            }
-        }
-    }
-}
-
-/// ⌈x⌉, for numbers that fit.
-#[inline]
-fn ceiling(x: f32) -> i32 {
-    let whole = x as i32;
-    whole + i32::from((whole as f32) < x)
-}
-
-/// ⌊x⌋, for numbers that fit.
-#[inline]
-fn floored(x: f32) -> i32 {
-    let whole = x as i32;
-    whole - i32::from((whole as f32) > x)
-}
-
-/// A place in a texture in 65,536ths of a texel.
-#[inline]
-fn texel_steps(texels: f32) -> i32 {
-    (texels * 65_536.0) as i32
 }
 
 #[cfg(test)]
@@ -344,8 +239,9 @@ mod tests {
             world.at(time, &mut moment);
             let part = world.painted_part(time).unwrap();
             let skin = part.skin(time, &moment.poses[0]);
-            surfaces.begin(640 * 480);
-            surfaces.add(&camera, part, &skin, 200.0, [0, 1]);
+            surfaces.pixels.fill(Pixel::EMPTY);
+            let view = View { camera: camera.clone(), skin, shift: shift(0, 1) };
+            let area = surfaces.draw_together(part, 200.0, &[view]).unwrap();
             for (mark, (position, normal)) in painted.marks.iter().zip(&painted.normals).enumerate() {
                 let to_eye = (camera.centre() - position).normalize();
                 // At the very edge a pixel decides.
@@ -354,7 +250,11 @@ mod tests {
                 }
                 let pixel = camera.project(position).unwrap();
                 let depth = (camera.camera_from_world * position).z as f32;
-                let drawn = surfaces.depths[pixel.y.round() as usize * 640 + pixel.x.round() as usize];
+                let [column, row] = [pixel.x, pixel.y].map(|it| it.round() as usize);
+                let drawn = surfaces.pixels[area.row(row)][column - area.from[0]];
+                // Of four moments at once, the first is the only one here.
+                let [drawn, nothing @ ..] = drawn.depth.to_array();
+                assert_eq!(nothing, [f32::INFINITY; 3]);
                 let is_seen = painted.sees(&camera.centre(), mark);
                 // Where something lies hardly before the mark, or it lies on the outline, half a pixel aside may be another thing.
                 let before = depth - drawn;

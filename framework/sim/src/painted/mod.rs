@@ -30,8 +30,8 @@ use serde::{Deserialize, Serialize};
 use crate::person::{BodyPart, Pose};
 use drive::Drive;
 pub(crate) use places::MOST as MOST_MARKS;
-pub(crate) use surface::Surface;
-use surface::{Material, Spot};
+use surface::Spot;
+pub(crate) use surface::{Material, Surface, Triangle};
 pub(crate) use texture::Texture;
 
 /// Skins that are kept, so that cameras that look at the same moments share them.
@@ -175,7 +175,8 @@ impl Albedo {
             (Albedo::BuiltIn(features), Material::Skin) => features.albedo(&(p * 1e3)),
             (Albedo::Recorded(features), Material::Skin) => {
                 let skin = features.albedo(&ict::as_built_in(p));
-                skin + (features.cloth(p) - skin) * ict::cloth(p)
+                let covered = ict::cloth(p);
+                if covered == 0.0 { skin } else { skin + (features.cloth(p) - skin) * covered }
             }
         }
     }

@@ -5,6 +5,9 @@ use nalgebra::Point3;
 use super::head::{HALF_MOUTH, HALF_SLIT, SLIT, smooth};
 use super::texture::{freckles, noise};
 
+/// How far the hair line wavers to both sides [mm].
+const RAGGED_MM: f64 = 3.5;
+
 /// Where the features lie, in the units and the space of the built-in head [mm].
 pub(super) struct Features {
     pub seed: u32,
@@ -28,7 +31,10 @@ impl Features {
         // Stubble.
         let beard =
             near([side * 0.8, p.z], [0.0, -88.0], [34.0, 24.0]) + 0.8 * near([side, p.z], [0.0, -46.0], [17.0, 5.0]);
-        skin -= beard.min(1.0) * (0.06 + 0.055 * grain(1.2, 15)) * smooth((p.x + 5.0) / 30.0) as f32;
+        let chin = smooth((p.x + 5.0) / 30.0) as f32;
+        if chin > 0.0 {
+            skin -= beard.min(1.0) * (0.06 + 0.055 * grain(1.2, 15)) * chin;
+        }
         skin *= 1.0 - 0.22 * freckles(&at, 7e-3, 0.35, 0.75e-3, self.seed ^ 21);
         // A few lines across the forehead, and beside the mouth.
         skin -= 0.03 * crease(p.z - 47.0 - 0.002 * side * side, 0.8) * ahead * smooth((58.0 - side) / 20.0) as f32;
@@ -57,8 +63,11 @@ impl Features {
         let up = p.z - SLIT;
         let inside = if up > 0.0 { smooth((upper - up) / 1.6 + 0.5) } else { smooth((lower + up) / 1.6 + 0.5) };
         let is_lip = if along > 0.0 { inside as f32 * ahead } else { 0.0 };
-        let lines = noise(&(p * 1e-3), [8e-3, 1.1e-3, 8e-3], self.seed ^ 31);
-        let mut seen = skin + (0.40 + 0.035 * lines - skin) * is_lip;
+        let mut seen = skin;
+        if is_lip > 0.0 {
+            let lines = noise(&(p * 1e-3), [8e-3, 1.1e-3, 8e-3], self.seed ^ 31);
+            seen += (0.40 + 0.035 * lines - skin) * is_lip;
+        }
         if self.is_built_in && side < HALF_MOUTH {
             let parting = smooth((HALF_SLIT * 0.95 - up.abs()) / 0.25) as f32 * ahead;
             seen += (0.035 - seen) * parting;
@@ -99,16 +108,18 @@ impl Features {
         }
         let middle = 24.5 + 9.0 * (along * 2.6).sin() - 4.5 * along;
         let half = 4.6 - 3.0 * along;
-        let strands = noise(&(p * 1e-3), [3e-3, 0.8e-3, 2.4e-3], self.seed ^ 51);
         let thick =
             smooth((half - (p.z - middle).abs()) / 2.4 + 0.4) * smooth(along * 9.0) * smooth((1.0 - along) * 5.0);
+        if thick == 0.0 {
+            return skin;
+        }
+        let strands = noise(&(p * 1e-3), [3e-3, 0.8e-3, 2.4e-3], self.seed ^ 51);
         let share = (thick as f32 * (0.8 + 0.35 * strands)).clamp(0.0, 1.0) * ahead;
         skin + (0.17 - skin) * share
     }
 
     fn hair(&self, p: &Point3<f64>, side: f64, skin: f32) -> f32 {
         let at = p * 1e-3;
-        let ragged = 3.5 * f64::from(noise(&at, [5e-3, 2.2e-3, 5e-3], self.seed ^ 61));
         // The hair line by how far ahead a point lies.
         let line = if p.x > 40.0 {
             62.0 + (p.x - 40.0) * 0.55 - 0.10 * (side - 30.0).max(0.0)
@@ -123,9 +134,16 @@ impl Features {
         };
         let high = if self.is_built_in || p.x < 30.0 { 0.0 } else { 6.0 };
         let line = line.max(-84.0) + high;
+        if p.z - line < -RAGGED_MM - 0.1 {
+            return skin;
+        }
+        let ragged = RAGGED_MM * f64::from(noise(&at, [5e-3, 2.2e-3, 5e-3], self.seed ^ 61));
         // Ears stand out from it.
         let bare = smooth((side - 74.0) / 3.0) * smooth((34.0 - p.z) / 6.0);
         let cover = smooth((p.z - line + ragged) / 7.0) * (1.0 - bare);
+        if cover == 0.0 {
+            return skin;
+        }
         let strands =
             noise(&at, [1.4e-3, 1.1e-3, 9e-3], self.seed ^ 62) + 0.6 * noise(&at, [4e-3, 4e-3, 16e-3], self.seed ^ 63);
         let hair = 0.125 + 0.055 * strands;

@@ -76,12 +76,21 @@ impl Monitor {
     /// What a ray meets (a pane, or `None` for the dark frame around them), and how far along the ray that is [lengths of
     /// `direction`]. `None` when the ray misses or comes from behind.
     pub fn hit(&self, origin: &Point3<f64>, direction: &Vector3<f64>) -> Option<(Option<usize>, f64)> {
-        let normal = self.normal();
-        let towards = direction.dot(&normal);
+        self.hit_with(&self.normal(), origin, direction)
+    }
+
+    /// As [`Self::hit`] for who knows the [`Self::normal`].
+    pub(crate) fn hit_with(
+        &self,
+        normal: &Vector3<f64>,
+        origin: &Point3<f64>,
+        direction: &Vector3<f64>,
+    ) -> Option<(Option<usize>, f64)> {
+        let towards = direction.dot(normal);
         if towards >= 0.0 {
             return None;
         }
-        let depth = (self.centre - origin).dot(&normal) / towards;
+        let depth = (self.centre - origin).dot(normal) / towards;
         let on_screen = origin + direction * depth - self.centre;
         let across = on_screen.dot(&self.half_right) / self.half_right.norm_squared();
         let up = on_screen.dot(&self.half_up) / self.half_up.norm_squared();

@@ -4,6 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::chance::stream;
 use crate::lab::ROOM_M;
+use crate::rounding::floored;
 
 /// Height of the desks [m].
 pub(super) const DESK_HEIGHT_M: f64 = 0.74;
@@ -142,8 +143,9 @@ fn openness(point: &Point3<f64>) -> f64 {
 }
 
 /// Between −1 and 1, constant over cubes of `size` [m]; the same at each call.
+#[inline]
 fn grain(point: &Point3<f64>, size: f64) -> f64 {
-    let cell = point.coords.map(|it| (it / size).floor() as i64);
+    let cell = point.coords.map(|it| floored(it / size));
     let index = cell.x.wrapping_mul(73_856_093) ^ cell.y.wrapping_mul(19_349_663) ^ cell.z.wrapping_mul(83_492_791);
     stream(17, (size * 1000.0) as u64, index).uniform_in(-1.0, 1.0)
 }

@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 use foveate_estimation::random::Random;
 use foveate_messages::{CameraId, Message, Provenance, Space, Target, TargetId, Targets, Time, Wire};
-use nalgebra::{Matrix6, Point3};
+use nalgebra::{Matrix6, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -190,6 +190,8 @@ struct Scene {
     people: Vec<Person>,
     spots: Vec<BrightSpot>,
     monitors: Vec<Monitor>,
+    /// Of each monitor: asked for along every line of sight.
+    monitor_normals: Vec<Vector3<f64>>,
     single: Option<Single>,
     face: Option<Arc<Part>>,
     seed: u64,
@@ -296,12 +298,14 @@ impl World {
             let mut ahead = random.fork("bodies");
             people = people.into_iter().map(|it| it.recorded(Arc::clone(&body), &mut ahead)).collect();
         }
+        let monitors = clutter::monitors(settings.monitors, &mut random.fork("monitors"));
         let scene = Scene {
             single,
             face,
             people,
             spots: clutter::bright_spots(settings.bright_spots, &mut random.fork("spots")),
-            monitors: clutter::monitors(settings.monitors, &mut random.fork("monitors")),
+            monitor_normals: monitors.iter().map(Monitor::normal).collect(),
+            monitors,
             seed: random.fork("events").next_u64(),
             settings,
         };
@@ -418,6 +422,11 @@ impl World {
     /// The monitors; [`Self::pane_brightness`] tells how bright they are.
     pub fn monitors(&self) -> &[Monitor] {
         &self.0.monitors
+    }
+
+    /// Where each of the monitors points, of length 1.
+    pub(crate) fn monitor_normals(&self) -> &[Vector3<f64>] {
+        &self.0.monitor_normals
     }
 
     /// How bright a pane of a monitor (both counted from 0) is at `time` [gray level].
