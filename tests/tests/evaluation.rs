@@ -60,11 +60,13 @@ fn seeds_differ_and_the_same_seeds_give_the_same() {
 fn promises_that_do_not_hold_and_seeds_that_fail_are_told() {
     let folder = hall();
     let eval = |rig: &str, more: &[&str]| {
-        let arguments = [&["eval", rig, "--seeds", "2", "--duration", "2", "--out", "eval", "--quiet"], more].concat();
+        let _ = fs::remove_dir_all(folder.path().join("eval")); // none before the first time
+        let arguments = [&["eval", rig, "--seeds", "2", "--duration", "4", "--out", "eval", "--quiet"], more].concat();
         let (code, _, complaint) = foveate(folder.path(), &arguments);
         (code, complaint)
     };
-    assert_eq!(eval("hall.toml", &["--bound", "error_mm.rms<=1000"]).0, 0);
+    let (code, complaint) = eval("hall.toml", &["--bound", "error_mm.rms<=1000"]);
+    assert_eq!(code, 0, "{complaint}");
     let (code, complaint) = eval("hall.toml", &["--bound", "error_mm.rms>=1000", "--bound", "median eror_mm.rms<=9"]);
     assert_eq!(code, 3, "{complaint}");
     assert!(complaint.contains("error_mm.rms >= 1000: found") && complaint.contains("did you mean"), "{complaint}");
@@ -83,4 +85,7 @@ fn promises_that_do_not_hold_and_seeds_that_fail_are_told() {
     assert!(complaint.contains("seed 1001 failed") && complaint.contains("room.gone"), "{complaint}");
     let json: Value = serde_json::from_str(&read(folder.path(), "eval/eval.json")).unwrap();
     assert_eq!((json["failed"].as_array().unwrap().len(), json["seeds"].as_array().unwrap().len()), (2, 0));
+    let again = ["eval", "hall.toml", "--seeds", "1", "--out", "eval"];
+    let (code, _, complaint) = foveate(folder.path(), &again);
+    assert!(code == 2 && complaint.contains("holds an evaluation already"), "{complaint}");
 }

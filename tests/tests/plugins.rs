@@ -60,7 +60,7 @@ fn a_new_plugin_is_built_and_runs_and_says_where_it_comes_from() {
     content(folder, &["run", "star_finder/star_finder.toml", "--duration", "1.5", "--quiet", "--out", "stars"]);
     let summary: Value = serde_json::from_str(&read(folder.join("stars/summary.json"))).unwrap();
     let figure = |name: &str| summary["figures"][name]["value"].as_f64().or(summary[name].as_f64()).unwrap_or(f64::NAN);
-    assert!(figure("star_finder.found") > 100.0, "{summary:#}");
+    assert!(figure("star_finder.found.wide-1") > 100.0, "{summary:#}");
     assert!(figure("error_mm.median") < 10.0, "{summary:#}");
 
     let library = folder.join("star_finder/libstar_finder.so").canonicalize().unwrap();

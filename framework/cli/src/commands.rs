@@ -217,7 +217,7 @@ impl Cli {
             Command::Devices => devices(),
             Command::Graph { rig, format, output } => graph::run(&rig, registry, format, output),
             Command::Sim { what } => sim::run(&what),
-            Command::New { what: NewWhat::Plugin { name, role } } => plugin::new(&name, role),
+            Command::New { what: NewWhat::Plugin { name, role } } => plugin::new(&name, role, registry),
             Command::New { what: NewWhat::Rig { name, cameras, hall } } => {
                 new::rig(&name, cameras.map(|it| (it, hall)))
             }

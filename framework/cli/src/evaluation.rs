@@ -23,6 +23,8 @@ pub struct SeedRun {
     pub code: Option<u8>,
     /// What the run said on standard error, on one line; empty where all went well.
     pub said: String,
+    /// Whether the run came to its end, with or without failures of nodes.
+    pub is_whole: bool,
     /// Its figures by name; a figure without a value is left out.
     pub figures: BTreeMap<String, f64>,
     /// By figure: unit, and which way is better.
@@ -43,12 +45,13 @@ impl SeedRun {
             (name.clone(), (unit, better.unwrap_or(Better::Neither)))
         });
         let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
-        Self { seed, code, said, about: about.collect(), figures }
+        let is_whole = summary["session_s"].is_number() && summary["interrupted"] != true;
+        Self { seed, code, said, is_whole, about: about.collect(), figures }
     }
 
-    /// Whether the run came to its end; one in which a requirement was not met did.
-    pub fn is_whole(&self) -> bool {
-        matches!(self.code, Some(crate::exit::DONE | crate::exit::UNMET)) && !self.figures.is_empty()
+    /// Whether nothing failed; a requirement that was not met is no failure.
+    pub fn is_sound(&self) -> bool {
+        self.is_whole && matches!(self.code, Some(crate::exit::DONE | crate::exit::UNMET))
     }
 }
 
@@ -117,7 +120,7 @@ impl std::str::FromStr for Bound {
         let name = name.trim_start();
         let (name, is_of_median) = name.strip_prefix("median ").map_or((name, false), |it| (it, true));
         let name = name.trim();
-        if name.is_empty() {
+        if name.is_empty() || name.contains(char::is_whitespace) {
             return Err(expected());
         }
         Ok(Self { name: name.to_owned(), is_of_median, is_upper, limit })
@@ -138,13 +141,15 @@ pub struct Evaluation {
     pub rig: String,
     /// In the order of the seeds.
     pub runs: Vec<SeedRun>,
+    /// Whether a signal came before all seeds had their runs.
+    pub interrupted: bool,
 }
 
 impl Evaluation {
     /// By name: each figure that any whole run has.
     pub fn figures(&self) -> BTreeMap<&str, Spread> {
         let mut figures: BTreeMap<&str, Spread> = BTreeMap::new();
-        let whole = || self.runs.iter().filter(|it| it.is_whole());
+        let whole = || self.runs.iter().filter(|it| it.is_whole);
         for run in whole() {
             for (name, value) in &run.figures {
                 let spread = figures.entry(name).or_insert_with(|| {
@@ -162,7 +167,12 @@ impl Evaluation {
 
     /// Runs that did not come to their end.
     pub fn failed(&self) -> impl Iterator<Item = &SeedRun> {
-        self.runs.iter().filter(|it| !it.is_whole())
+        self.runs.iter().filter(|it| !it.is_whole)
+    }
+
+    /// Runs in which something failed, whether they came to their end or not.
+    pub fn unsound(&self) -> impl Iterator<Item = &SeedRun> {
+        self.runs.iter().filter(|it| !it.is_sound())
     }
 
     /// What is wrong with each bound that does not hold; a seed whose run failed, or has no such figure, does not keep a promise.
@@ -212,13 +222,15 @@ impl Evaluation {
             });
             (name.to_owned(), about)
         });
-        let failed: Vec<Value> =
-            self.failed().map(|it| json!({ "seed": it.seed, "exit_code": it.code, "said": it.said })).collect();
-        let whole: Vec<u64> = self.runs.iter().filter(|it| it.is_whole()).map(|it| it.seed).collect();
+        let told = |it: &SeedRun| json!({ "seed": it.seed, "exit_code": it.code, "said": it.said });
+        let failed: Vec<Value> = self.failed().map(told).collect();
+        let faulty: Vec<Value> = self.unsound().filter(|it| it.is_whole).map(told).collect();
+        let whole: Vec<u64> = self.runs.iter().filter(|it| it.is_whole).map(|it| it.seed).collect();
         let unmet: Vec<u64> =
             self.runs.iter().filter(|it| it.code == Some(crate::exit::UNMET)).map(|it| it.seed).collect();
         let text = json!({
-            "rig": self.rig, "duration_s": duration_s, "seeds": whole, "failed": failed, "requirements_unmet": unmet,
+            "rig": self.rig, "duration_s": duration_s, "seeds": whole, "failed": failed,
+            "with_failures_of_nodes": faulty, "requirements_unmet": unmet, "interrupted": self.interrupted,
             "bounds": bounds.iter().map(ToString::to_string).collect::<Vec<_>>(), "bounds_broken": self.broken(bounds),
             "figures": figures.collect::<serde_json::Map<_, _>>(),
         });
@@ -263,6 +275,7 @@ impl Evaluation {
         let widths: Vec<usize> =
             (0..7).map(|column| cells.iter().map(|it| it[column].chars().count()).max().unwrap_or(0)).collect();
         let mut text = String::new();
+        let n_hidden = self.figures().values().filter(|it| it.better == Better::Neither).count();
         for row in cells {
             let mut line = String::new();
             for (column, (cell, width)) in row.iter().zip(&widths).enumerate() {
@@ -274,12 +287,15 @@ impl Evaluation {
             text += line.trim_end();
             text.push('\n');
         }
+        if n_hidden > 0 && !all {
+            let _ = writeln!(text, "… and {n_hidden} figures of which neither way is better (--all, eval.json)");
+        }
         text
     }
 
     /// `eval.svg`: a frame for each figure that differs between seeds and of which one way is better; a dot for each seed, a line at the median.
     pub fn picture(&self) -> String {
-        let title = format!("{}: {} seeds", self.rig, self.runs.iter().filter(|it| it.is_whole()).count());
+        let title = format!("{}: {} seeds", self.rig, self.runs.iter().filter(|it| it.is_whole).count());
         let figures: Vec<(&str, Spread)> =
             self.figures().into_iter().filter(|(_, it)| it.better != Better::Neither && it.varies()).collect();
         if figures.is_empty() {
@@ -326,7 +342,7 @@ mod tests {
     fn run(seed: u64, error: Option<f64>, found: f64) -> SeedRun {
         let error = error.map_or("null".to_owned(), |it| it.to_string());
         let summary = format!(
-            "{{ \"error_mm\": {error}, \"real_time_factor\": 0.7, \"found.wide-1\": {found}, \"n\": 3, \"interrupted\": false, \"figures_about\": {{ \
+            "{{ \"session_s\": 2, \"error_mm\": {error}, \"real_time_factor\": 0.7, \"found.wide-1\": {found}, \"n\": 3, \"interrupted\": false, \"figures_about\": {{ \
              \"error_mm\": {{ \"unit\": \"mm\", \"better\": \"low\" }}, \"found.wide-1\": {{ \"unit\": \"share\", \"better\": \"high\" }} }} }}"
         );
         SeedRun::read(seed, Some(0), "", Some(&summary))
@@ -335,7 +351,7 @@ mod tests {
     fn evaluation() -> Evaluation {
         let failed = SeedRun::read(4, Some(2), "error: gone\nwide-1 is away", None);
         let runs = vec![run(1, Some(3.0), 0.5), run(2, Some(1.0), 0.9), run(3, None, 0.7), failed];
-        Evaluation { rig: "room".to_owned(), runs }
+        Evaluation { rig: "room".to_owned(), runs, interrupted: false }
     }
 
     fn bound(text: &str) -> Bound {
@@ -374,7 +390,7 @@ mod tests {
         evaluation.runs.truncate(2);
         assert_eq!(broken(&evaluation, "error_mm<=3"), Vec::<String>::new());
         assert_eq!(broken(&evaluation, "found.wide-1>=0.6"), ["found.wide-1 >= 0.6: found 0.5 for seed 1"]);
-        for text in ["error_mm", "error_mm<2", "<=2", "error_mm<=two", "error_mm<=NaN", "median <=1"] {
+        for text in ["error_mm", "error_mm<2", "<=2", "error_mm<=two", "error_mm<=NaN", "median <=1", "medain n<=1"] {
             assert!(text.parse::<Bound>().is_err(), "{text}");
         }
     }

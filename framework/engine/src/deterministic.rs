@@ -26,6 +26,9 @@ const LONGEST_PAUSE: Duration = Duration::from_millis(50);
 /// Pause before a source that has nothing yet is asked again.
 const WAITING_PAUSE: Duration = Duration::from_millis(1);
 
+/// How long a run that was given up waits for what else is at work.
+const GRACE: Duration = Duration::from_secs(2);
+
 /// What the thread that runs the graph shares with the one that looks on.
 struct Shared {
     /// All nodes that no lane has. Locked while they work.
@@ -73,7 +76,7 @@ pub(super) fn run(
             given_up = given_up.or(Some(Instant::now()));
         }
         // The others come back from what they are at, or are found to be lost as well.
-        if given_up.is_some_and(|it| it.elapsed() > longest + PROGRESS_PERIOD) {
+        if given_up.is_some_and(|it| it.elapsed() > longest.min(GRACE)) {
             break;
         }
     }

@@ -1,5 +1,6 @@
 //! The nodes that one worker runs: a message is carried through all of them before the next one is looked at.
 
+mod finisher;
 mod passing;
 mod recovery;
 
@@ -12,6 +13,7 @@ use std::time::Instant;
 
 use foveate_messages::{SourceId, Time};
 
+use self::finisher::{FINISH_PATIENCE, Finisher, Job};
 use crate::faults::FaultLog;
 use crate::gates::Gates;
 use crate::inbox::{DeliveryOutcome, Inbox};
@@ -274,12 +276,17 @@ impl Stage {
         }
     }
 
-    /// Lets every node finish, in schedule order; failures are logged, the others still finish.
+    /// Lets every node finish, in schedule order; failures are logged, the others still finish. One that does not come back is left behind.
     pub(crate) fn finish(&mut self, now: Time, report: &mut Report) {
+        let mut finisher = Finisher::new(FINISH_PATIENCE);
         for index in 0..self.slots.len() {
-            let Some(node) = self.slots[index].as_mut().and_then(|slot| slot.node.as_mut()) else { continue };
-            let mut own = Report::default();
-            let result = guarded(|| node.finish(&mut own));
+            let Some(slot) = &mut self.slots[index] else { continue };
+            let Some(node) = slot.node.take() else { continue };
+            let Some((node, own, result)) = finisher.run(node, Job::Finish) else {
+                self.left_behind(index, now, "while finishing");
+                continue;
+            };
+            slot.node = node;
             let path = &self.graph.instances[index].path;
             let node_type = &self.graph.instances[index].node_type;
             let undeclared = report.absorb(path, node_type.figures, own);
@@ -296,9 +303,14 @@ impl Stage {
             }
         }
         for index in 0..self.slots.len() {
-            if let Some(Err(said)) = self.slots[index].as_mut().map(Slot::drop_node) {
-                let path = &self.graph.instances[index].path;
-                self.faults.failure(path, now, &NodeError::program(said), "while it was let go");
+            let Some(node) = self.slots[index].as_mut().and_then(|it| it.node.take()) else { continue };
+            match finisher.run(node, Job::Drop) {
+                Some((_, _, Err(said))) => {
+                    let path = &self.graph.instances[index].path;
+                    self.faults.failure(path, now, &NodeError::program(said), "while it was let go");
+                }
+                Some(_) => {}
+                None => self.left_behind(index, now, "while it was let go"),
             }
         }
         for (edge, end) in self.graph.edges.iter().zip(&mut self.ends) {
@@ -307,6 +319,13 @@ impl Stage {
                 self.faults.failure(&self.graph.instances[edge.from.0].path, now, &error, "left out");
             }
         }
+    }
+
+    fn left_behind(&mut self, index: usize, now: Time, when: &'static str) {
+        let seconds = FINISH_PATIENCE.as_secs_f64();
+        let error =
+            NodeError::program(format_args!("has not come back for {seconds:.0} s: the others finish without it"));
+        self.faults.failure(&self.graph.instances[index].path, now, &error, when);
     }
 
     /// Puts what the next activation of `index` is about into `self.delivery`, and notes whether it may have another one after that.

@@ -36,13 +36,17 @@ impl Report {
     }
 
     /// Takes over the report of node `instance`, whose type declares `declared`; the names of the figures that are not among these. A figure whose name is
-    /// taken already is kept as `name[instance]`.
+    /// taken already is kept as `name[instance]`; one that was declared takes its name from one that was not.
     pub fn absorb(&mut self, instance: &str, declared: Figures, other: Report) -> Vec<String> {
         let mut undeclared = Vec::new();
         for (name, value) in other.figures {
             let spec = figure::find(declared, &name);
             if spec.is_none() {
                 undeclared.push(name.clone());
+            }
+            // A name belongs to who declared it: one that did not is set apart, whoever came first.
+            if spec.is_some() && self.figures.contains_key(&name) && !self.about.contains_key(&name) {
+                self.set_apart(&name);
             }
             let name = if self.figures.contains_key(&name) { format!("{name}[{instance}]") } else { name };
             self.origins.insert(name.clone(), instance.to_owned());
@@ -56,6 +60,15 @@ impl Report {
         undeclared
     }
 
+    /// Puts the figure `name`, which its node did not declare, under the name of that node's instance.
+    fn set_apart(&mut self, name: &str) {
+        let (Some(value), Some(origin)) = (self.figures.remove(name), self.origins.remove(name)) else { return };
+        self.remark(format!("{origin} reports `{name}`, which another node declares: it is `{name}[{origin}]`"));
+        let apart = format!("{name}[{origin}]");
+        self.origins.insert(apart.clone(), origin);
+        self.figures.insert(apart, value);
+    }
+
     /// Notes a file that was written.
     pub fn file(&mut self, path: impl Into<PathBuf>) {
         self.files.push(path.into());
@@ -66,6 +79,37 @@ impl Report {
         let text = text.into();
         if !self.remarks.contains(&text) {
             self.remarks.push(text);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    crate::figures! {
+        const DECLARED;
+        "error_mm": mm, low, "The error";
+    }
+
+    #[test]
+    fn a_name_belongs_to_who_declared_it_whoever_came_first() {
+        let given = |value: f64| {
+            let mut report = Report::default();
+            report.figure("error_mm", value);
+            report
+        };
+        for is_declared_first in [true, false] {
+            let mut whole = Report::default();
+            let mut nodes = [("room.score", DECLARED, 2.0), ("room.liar", &[][..], 0.0)];
+            if !is_declared_first {
+                nodes.reverse();
+            }
+            for (instance, declared, value) in nodes {
+                whole.absorb(instance, declared, given(value));
+            }
+            assert_eq!((whole.figures["error_mm"], whole.figures["error_mm[room.liar]"]), (2.0, 0.0));
+            assert_eq!((whole.origins["error_mm"].as_str(), whole.about.len()), ("room.score", 1));
         }
     }
 }

@@ -19,6 +19,7 @@ pub mod open;
 pub mod process;
 pub mod scaffold;
 mod sources;
+mod whole;
 
 #[doc(hidden)]
 pub use foveate_node as node;

@@ -73,6 +73,7 @@ fn load(path: &Path) -> Result<Vec<Arc<NodeType>>, LibraryError> {
     let no_library = |error: libloading::Error| {
         LibraryError::new(format_args!("this is no library that can be opened: {}", cause(&error)))
     };
+    crate::whole::check(path)?;
     // SAFETY: opening runs what the library has for its start, which nobody can look at before; naming it is asking for that.
     let library = unsafe { open_now(path) }.map_err(no_library)?;
     // Never closed, even when it is refused: its start may have left something behind.

@@ -195,7 +195,7 @@ fn check_name(name: &str) -> Result<(), String> {
     if !name.starts_with(|c: char| c.is_ascii_lowercase()) || !name.chars().all(is_fine) || name.ends_with('_') {
         return Err(format!("found the name `{name}`, expected small letters, digits and `_`, a letter first"));
     }
-    if TAKEN.contains(&name) {
+    if TAKEN.contains(&name) || name.starts_with("foveate") {
         return Err(format!("found the name `{name}`, which is taken, expected another one"));
     }
     Ok(())
@@ -213,7 +213,19 @@ mod tests {
 
     #[test]
     fn names_that_cannot_be_a_crate_s_are_refused() {
-        for name in ["", "Star", "9star", "star-finder", "star finder", "../star", "star_", "serde", "fn", "störn"] {
+        for name in [
+            "",
+            "Star",
+            "9star",
+            "star-finder",
+            "star finder",
+            "../star",
+            "star_",
+            "serde",
+            "fn",
+            "foveate_led",
+            "störn",
+        ] {
             assert!(check_name(name).is_err(), "{name}");
         }
         assert_eq!(check_name("star_finder2"), Ok(()));

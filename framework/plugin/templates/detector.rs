@@ -14,7 +14,7 @@ ports! {
 }
 
 figures! {
-    "my_plugin.found": count, neither, "Features found, over all pictures of all cameras";
+    "my_plugin.found.*": count, neither, "Features found, over all pictures of the camera";
 }
 
 /// Settings of [`MyNode`].
@@ -35,6 +35,7 @@ impl Default for MyNodeSettings {
 pub struct MyNode {
     threshold: u8,
     pool: Pool<Features>,
+    camera: String,
     found: u64,
 }
 
@@ -49,8 +50,9 @@ impl Node for MyNode {
         declared_ports()
     }
 
-    fn new(settings: MyNodeSettings, _setup: &Setup) -> Result<Self, ConfigError> {
-        Ok(Self { threshold: settings.threshold, pool: Pool::default(), found: 0 })
+    fn new(settings: MyNodeSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        let camera = setup.camera_name().unwrap_or("all").to_owned();
+        Ok(Self { threshold: settings.threshold, pool: Pool::default(), camera, found: 0 })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -73,7 +75,7 @@ impl Node for MyNode {
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        report.figure("my_plugin.found", self.found as f64);
+        report.figure(format!("my_plugin.found.{}", self.camera), self.found as f64);
         Ok(())
     }
 }

@@ -31,12 +31,12 @@ pub struct EvalArgs {
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..=10_000))]
     seeds: u16,
     /// The first of them; far from those that people try while they tune
-    #[arg(long, value_name = "SEED", default_value_t = 1001)]
+    #[arg(long, value_name = "SEED", default_value_t = 1001, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     first_seed: u64,
     /// End each session after so many seconds of its own time, in place of the rig's `duration_s`
     #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
     duration: Option<f64>,
-    /// Folder for eval.json, eval.csv, eval.svg and the seeds' summaries [default: results/RIG-eval-N, the first free N]
+    /// Folder for eval.json, eval.csv, eval.svg and the seeds' summaries, without an evaluation in it [default: results/RIG-eval-N, the first free N]
     #[arg(long, value_name = "DIR", value_hint = clap::ValueHint::DirPath)]
     out: Option<PathBuf>,
     /// Seeds at a time [default: one for each core]
@@ -81,13 +81,20 @@ pub(super) fn run(args: &EvalArgs, registry: &Registry) -> u8 {
         Ok(folder) => folder,
         Err(sentence) => return complain(&sentence),
     };
+    if folder.join("eval.json").exists() {
+        let folder = folder.display();
+        return complain(&format!(
+            "`{folder}` holds an evaluation already; expected a folder of its own: name another one with --out"
+        ));
+    }
     let cameras: Vec<String> = graph.calibration.cameras.iter().map(|it| it.name.clone()).collect();
-    let seeds: Vec<u64> = (0..u64::from(args.seeds)).map(|it| args.first_seed.wrapping_add(it)).collect();
+    let seeds: Vec<u64> = (0..u64::from(args.seeds)).map(|it| args.first_seed + it).collect();
     let runs = run_all(args, &program, &folder, &seeds, &stop);
     if runs.is_empty() {
         return interrupt::caught().map_or(exit::INPUT, |it| it.code);
     }
-    let evaluation = Evaluation { rig: graph.name.clone(), runs };
+    let interrupted = runs.len() < seeds.len();
+    let evaluation = Evaluation { rig: graph.name.clone(), runs, interrupted };
     let files = [
         ("eval.json", evaluation.json(args.duration.or(graph.duration.map(|it| it.as_s())), &args.bound)),
         ("eval.csv", evaluation.csv()),
@@ -106,10 +113,11 @@ fn conclude(args: &EvalArgs, evaluation: &Evaluation, cameras: &[String], folder
     }
     lost.iter().for_each(|it| eprintln!("error: {it}"));
     let mut code = if lost.is_empty() { exit::DONE } else { exit::INPUT };
-    for it in evaluation.failed() {
+    for it in evaluation.unsound() {
         let how = it.code.map_or("a signal ended it".to_owned(), |it| format!("exit code {it}"));
         let said: String = it.said.chars().take(MOST_SAID).collect();
-        eprintln!("seed {} failed ({how}): {said}", it.seed);
+        let what = if it.is_whole { "came to its end with failures" } else { "failed" };
+        eprintln!("seed {} {what} ({how}): {said}", it.seed);
         code = code.max(it.code.unwrap_or(exit::PROGRAM));
     }
     for it in evaluation.broken(&args.bound) {
@@ -139,7 +147,8 @@ fn run_all(args: &EvalArgs, program: &Path, folder: &Path, seeds: &[u64], stop: 
                 return;
             }
             let run = run_one(args, program, folder, seed);
-            if stop.load(Ordering::Relaxed) {
+            // What the signal ended says nothing of the seed.
+            if stop.load(Ordering::Relaxed) && !run.is_whole {
                 return;
             }
             let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
@@ -160,7 +169,7 @@ fn run_all(args: &EvalArgs, program: &Path, folder: &Path, seeds: &[u64], stop: 
 
 /// One line on standard error, rewritten on a terminal.
 fn show(done: &[SeedRun], n: usize, began: Instant) {
-    let (n_done, failed) = (done.len(), done.iter().filter(|it| !it.is_whole()).count());
+    let (n_done, failed) = (done.len(), done.iter().filter(|it| !it.is_whole).count());
     let left_s = began.elapsed().as_secs_f64() / n_done as f64 * (n - n_done) as f64;
     let failed = if failed > 0 { format!(", {failed} failed") } else { String::new() };
     let words = format!("{n_done} of {n} seeds{failed}, about {}:{:02} left", left_s as u64 / 60, left_s as u64 % 60);

@@ -5,6 +5,8 @@ use std::path::Path;
 use foveate_plugin::build::{self, Program};
 use foveate_plugin::scaffold::{self, NewRole};
 
+use foveate_node::Registry;
+
 use super::{PluginRole, complain};
 use crate::exit;
 use crate::output::say;
@@ -16,7 +18,14 @@ fn program() -> Program {
 }
 
 /// `foveate new plugin`
-pub(super) fn new(name: &str, role: PluginRole) -> u8 {
+pub(super) fn new(name: &str, role: PluginRole, registry: &Registry) -> u8 {
+    let prefix = format!("{name}.");
+    if let Some(taken) = registry.iter().find(|it| it.name.starts_with(&prefix)) {
+        return complain(&format!(
+            "found the name `{name}`, which the node type `{}` has, expected another one",
+            taken.name
+        ));
+    }
     let role = match role {
         PluginRole::Detector => NewRole::Detector,
         PluginRole::Filter => NewRole::Filter,
@@ -25,7 +34,7 @@ pub(super) fn new(name: &str, role: PluginRole) -> u8 {
     match scaffold::plugin(&program(), Path::new("."), name, role) {
         Ok(files) => {
             say(&format!(
-                "{}\n\nNext:\n  foveate plugin build {name}\n  foveate run {name}/{name}.toml\n  cargo test --manifest-path {name}/Cargo.toml\n\n\
+                "{}\n\nNext:\n  foveate plugin build {name}\n  foveate run {name}/{name}.toml\n  cargo test --manifest-path {name}/Cargo.toml   (the first time it compiles the framework: minutes)\n\n\
                  docs/write-a-plugin.md goes through it line by line.\n",
                 files.join("\n")
             ));

@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::io::{ErrorKind, Read, Write};
 use std::os::fd::AsFd;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{ChildStderr, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -10,6 +11,7 @@ use std::time::{Duration, Instant};
 use foveate_node::{ConfigError, NodeError};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
+use rustix::process::{Pid, Signal, kill_process_group};
 use serde_json::Value;
 
 /// Longest frame that is read [bytes].
@@ -58,6 +60,8 @@ impl Child {
             |error: &dyn std::fmt::Display| NodeError::input(format_args!("`{name}` cannot be started: {error}"));
         let mut child = Command::new(program);
         child.args(&command[1..]).current_dir(dir).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        // A group of its own: what the program starts in its turn ends with it.
+        child.process_group(0);
         let mut child = child.spawn().map_err(|error| failed(&error))?;
         let (Some(input), Some(output), errors) = (child.stdin.take(), child.stdout.take(), child.stderr.take()) else {
             return Err(failed(&"it has no standard input and output"));
@@ -81,6 +85,9 @@ impl Child {
         serde_json::to_writer(&mut *text, frame).map_err(|error| error.to_string())?;
         let length = u32::try_from(text.len() - 4).map_err(|_| "was sent more than a frame holds".to_owned())?;
         text[..4].copy_from_slice(&length.to_le_bytes());
+        if self.has_spoken()? {
+            return Err("sent more than one answer, or one that was not asked for".to_owned());
+        }
         self.send(text, until, &late("did not read what it was sent"))?;
         let no_answer = late("did not answer");
         let mut length = [0; 4];
@@ -99,6 +106,25 @@ impl Child {
             self.receive(&mut text[start..], until, &no_answer)?;
         }
         serde_json::from_slice(text).map_err(|error| format!("sent a frame that is no JSON: {error}"))
+    }
+
+    /// Whether there is something to be read that answers nothing; who has closed its output, has ended.
+    fn has_spoken(&mut self) -> Result<bool, String> {
+        let mut ends = [PollFd::new(&self.output, PollFlags::IN)];
+        let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
+        match poll(&mut ends, Some(&at_once)) {
+            Ok(n) if n > 0 && ends[0].revents().contains(PollFlags::IN) => Ok(true),
+            Ok(n) if n > 0 => Err(self.ended()),
+            _ => Ok(false),
+        }
+    }
+
+    /// Ends the process and all that it started.
+    fn kill(&mut self) {
+        if let Some(group) = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw) {
+            let _ = kill_process_group(group, Signal::KILL); // nobody is left: it has ended by itself
+        }
+        let _ = self.child.kill();
     }
 
     fn send(&mut self, mut bytes: &[u8], until: Instant, late: &str) -> Result<(), String> {
@@ -184,7 +210,7 @@ impl Child {
 
     /// The failure that `what` is, with the last that the process said.
     pub fn failure(&mut self, what: &str) -> NodeError {
-        let _ = self.child.kill();
+        self.kill();
         let until = Instant::now() + Duration::from_secs_f64(TO_END_MS / 1e3);
         while let Some(errors) = &self.errors
             && Instant::now() < until
@@ -206,7 +232,7 @@ impl Child {
 
 impl Drop for Child {
     fn drop(&mut self) {
-        let _ = self.child.kill();
+        self.kill();
         let _ = self.child.wait();
     }
 }

@@ -24,7 +24,7 @@
 mod child;
 mod shared;
 
-use foveate_messages::{Features, Image, Message, Targets, Wire};
+use foveate_messages::{CameraId, Feature, Features, Image, Message, Targets, Wire};
 use foveate_node::port::MessageType;
 use foveate_node::{ConfigError, In, Io, Node, NodeError, Out, Ports, Purpose, Registry, Role, Setup, Stamped};
 use schemars::JsonSchema;
@@ -181,8 +181,12 @@ impl Process {
         name: &str,
         stamp: foveate_node::Stamp,
         answer: &Value,
+        fault: impl Fn(&T) -> Option<String>,
     ) -> Result<(), NodeError> {
-        let given = self.read_all::<T>(name, answer);
+        let given = self.read_all::<T>(name, answer).and_then(|it| match it.iter().find_map(fault) {
+            Some(fault) => Err(NodeError::input(format_args!("the process gave {fault}"))),
+            None => Ok(it),
+        });
         let messages = given.inspect_err(|_| self.child = None)?;
         messages.into_iter().for_each(|it| io.emit(port, stamp, it));
         for gap in answer.get("gaps").and_then(Value::as_array).into_iter().flatten() {
@@ -194,6 +198,9 @@ impl Process {
 
     fn read_all<T: Message>(&self, port: &str, answer: &Value) -> Result<Vec<T>, NodeError> {
         let lied = |what: &str| NodeError::input(format_args!("the process gave {what}"));
+        if !answer.is_object() {
+            return Err(lied(&format!("the answer {}, expected an object with `emit`", words(answer))));
+        }
         let list = match answer.get("emit") {
             None => return Ok(Vec::new()),
             Some(list) => list.as_array().ok_or_else(|| lied("an `emit` that is no list"))?,
@@ -222,6 +229,23 @@ impl Process {
         });
         messages.collect()
     }
+}
+
+/// What is wrong with points that are to be those of a picture of `camera`.
+fn fault_of(features: &Features, camera: CameraId) -> Option<String> {
+    if features.camera != camera {
+        return Some(format!("points of camera {}, expected those of camera {}", features.camera.0, camera.0));
+    }
+    let is_sound = |it: &Feature| {
+        let [a, b, c] = [it.covariance[(0, 0)], it.covariance[(0, 1)], it.covariance[(1, 1)]];
+        it.centre.iter().all(|it| it.is_finite()) && a > 0.0 && c > 0.0 && a * c - b * b > 0.0 && (a + c).is_finite()
+    };
+    let odd = features.list.iter().find(|it| !is_sound(it))?;
+    Some(format!(
+        "a point at {:?} with the covariance {:?}, expected finite pixels and a covariance that is positive definite",
+        odd.centre.coords.as_slice(),
+        odd.covariance.as_slice()
+    ))
 }
 
 /// Messages in one answer, at most.
@@ -287,7 +311,8 @@ impl Node for Detector {
         }
         let sent = Stamped { stamp: image.stamp, value: written(&*image.value)? };
         let answer = self.0.ask(io, "image", &sent, Value::Object(latest))?;
-        self.0.give(io, &FEATURES, "features", image.stamp, &answer)
+        let camera = image.value.camera;
+        self.0.give(io, &FEATURES, "features", image.stamp, &answer, |it: &Features| fault_of(it, camera))
     }
 }
 
@@ -312,7 +337,7 @@ impl Node for Filter {
         let Some(targets) = io.take(&TARGETS_IN) else { return Ok(()) };
         let sent = Stamped { stamp: targets.stamp, value: written(&*targets.value)? };
         let answer = self.0.ask(io, "targets", &sent, json!({}))?;
-        self.0.give(io, &TARGETS_OUT, "targets", targets.stamp, &answer)
+        self.0.give(io, &TARGETS_OUT, "targets", targets.stamp, &answer, |_| None)
     }
 }
 
@@ -337,6 +362,6 @@ impl Node for Pictures {
         let Some(image) = io.take(&IMAGE) else { return Ok(()) };
         let sent = Stamped { stamp: image.stamp, value: written(&*image.value)? };
         let answer = self.0.ask(io, "image", &sent, json!({}))?;
-        self.0.give(io, &IMAGE_OUT, "image", image.stamp, &answer)
+        self.0.give(io, &IMAGE_OUT, "image", image.stamp, &answer, |_| None)
     }
 }
