@@ -22,10 +22,13 @@ type Node = Box<dyn ErasedNode>;
 /// The node, if it is still there, what it reports, and whether it failed; the outer error is what a panic said.
 type Done = (Option<Node>, Report, Result<Result<(), NodeError>, String>);
 
+/// Where jobs go, and where they come back.
+type Thread = (Sender<(Node, Job)>, Receiver<Done>);
+
 /// A thread that ends nodes, one after the other; another one in its place where a node keeps it.
 pub(super) struct Finisher {
     patience: Duration,
-    thread: Option<(Sender<(Node, Job)>, Receiver<Done>)>,
+    thread: Option<Thread>,
 }
 
 impl Finisher {
@@ -44,7 +47,7 @@ impl Finisher {
     }
 }
 
-fn start() -> (Sender<(Node, Job)>, Receiver<Done>) {
+fn start() -> Thread {
     let ((jobs, asked), (done, given)) = (bounded::<(Node, Job)>(1), bounded::<Done>(1));
     std::thread::spawn(move || {
         for (mut node, job) in asked {
