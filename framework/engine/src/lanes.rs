@@ -4,11 +4,12 @@
 //! sampled there. A *round* activates sources of lanes, each followed by all that it triggers in its lane; lanes do not see each other
 //! meanwhile, so that it does not matter which thread runs which. What leaves the lanes is then delivered in the order of time and of the rig.
 //!
-//! What comes into a lane from elsewhere has a delay, the period of the lane's sources. That is the lane's *lookahead*: what it will sample in a period
+//! A feedback edge into a lane has a delay, the period of the lane's sources. That is the lane's *lookahead*: what it will sample in a period
 //! from now has been given out already, so that it may be ahead of the rest by so much. A lane that shares a device with other nodes (a
 //! handle, such as the line of a head), or whose rate is not known, has no lookahead: its rounds are single moments. This is conservative
 //! simulation of discrete events, where the lookahead gives the time-stamp bounds of a lane's inputs. A round of lanes that are ahead lasts for half of the
-//! shortest lookahead: so the next one can be under way while the rest works on what the last one gave.
+//! shortest lookahead: so the next one can be under way while the rest works on what the last one gave. Where something comes into a lane from elsewhere without a delay, or
+//! a gate may close before it, a round lasts for all of it, and the rest waits.
 //!
 //! Sinks that no camera has stand apart from the rest too: when another node never comes back, what they hold can still be saved.
 
@@ -22,7 +23,7 @@ use foveate_messages::{Interval, Time};
 use foveate_node::guard::guarded;
 use foveate_node::node::{Due, Role};
 use foveate_node::port::InputPolicy;
-use foveate_rig::graph::{Cost, Graph};
+use foveate_rig::graph::{Cost, Edge, Graph};
 
 use crate::helpers::WORTH_SHARING;
 use crate::slot::Route;
@@ -146,10 +147,16 @@ impl Lanes {
         let is_any_gated =
             seen.any(|it| it) || graph.edges.iter().any(|edge| lookahead[edge.to.0].0 > 0 && is_gated(edge.from.0));
         let shortest = lookahead.iter().copied().filter(|it| it.0 > 0).min().unwrap_or(Interval(0));
+        let comes_in = |edge: &Edge| {
+            lookahead[edge.to.0].0 > 0 && camera_of[edge.from.0] != camera_of[edge.to.0] && !is_handle(graph, edge.from)
+        };
         let delay = graph.edges.iter().map(|edge| {
-            let is_within = camera_of[edge.from.0] == camera_of[edge.to.0];
-            if is_within || is_handle(graph, edge.from) { Interval(0) } else { lookahead[edge.to.0] }
+            let is_delayed = comes_in(edge) && edge.feedback;
+            if is_delayed { lookahead[edge.to.0] } else { Interval(0) }
         });
+        // What comes in without a delay is seen from the next round on: it should not have to wait for one that is under way.
+        let is_any_prompt = graph.edges.iter().any(|edge| comes_in(edge) && !edge.feedback);
+        let may_overlap = shortest.0 > 1 && !is_any_gated && !is_any_prompt;
         Lanes {
             graph: Arc::clone(graph),
             at: stages.iter().map(|it| Arc::clone(&it.at)).collect(),
@@ -158,8 +165,8 @@ impl Lanes {
             bundles: stages.into_iter().map(Bundle::new).map(Mutex::new).collect(),
             bundle_of,
             lookahead,
-            round: Interval((shortest.0 / 2).max(1)),
-            may_overlap: shortest.0 > 1 && !is_any_gated,
+            round: if may_overlap { Interval(shortest.0 / 2) } else { shortest },
+            may_overlap,
             under_way: AtomicI64::new(NONE),
         }
     }
