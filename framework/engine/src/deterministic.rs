@@ -271,7 +271,7 @@ impl Events {
         let from = self.now.max(due);
         let lanes = &self.shared.lanes;
         let is_next = first.is_none_or(|it| (from, index) < it) && done.is_none_or(|it| from < it);
-        let is_near = self.is_begun && lanes.may_overlap() && next.is_some_and(|it| from <= it + lanes.round());
+        let is_near = self.is_begun && next.is_some_and(|it| from <= it + lanes.round());
         (is_next || is_near).then_some(from)
     }
 

@@ -63,6 +63,16 @@ impl Gate {
         self.0.load(Ordering::Relaxed)
     }
 
+    /// One that stands as this one does now, and turns by itself.
+    pub(crate) fn apart(&self) -> Gate {
+        Gate(Arc::new(AtomicU64::new(self.activations())))
+    }
+
+    /// Lets it stand as it does after that many turns.
+    pub(crate) fn turn_to(&self, activations: u64) {
+        self.0.store(activations, Ordering::Relaxed);
+    }
+
     fn activation(&self) {
         self.0.fetch_add(1, Ordering::Relaxed);
     }

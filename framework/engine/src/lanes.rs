@@ -4,12 +4,13 @@
 //! sampled there. A *round* activates sources of lanes, each followed by all that it triggers in its lane; lanes do not see each other
 //! meanwhile, so that it does not matter which thread runs which. What leaves the lanes is then delivered in the order of time and of the rig.
 //!
-//! A feedback edge into a lane has a delay, the period of the lane's sources. That is the lane's *lookahead*: what it will sample in a period
-//! from now has been given out already, so that it may be ahead of the rest by so much. A lane that shares a device with other nodes (a
-//! handle, such as the line of a head), or whose rate is not known, has no lookahead: its rounds are single moments. This is conservative
-//! simulation of discrete events, where the lookahead gives the time-stamp bounds of a lane's inputs. A round of lanes that are ahead lasts for half of the
-//! shortest lookahead: so the next one can be under way while the rest works on what the last one gave. Where something comes into a lane from elsewhere without a delay, or
-//! a gate may close before it, a round lasts for all of it, and the rest waits.
+//! A feedback edge into a lane has a delay: the rig's `delay_ms`, or the period of the lane's sources. The shortest delay of all that comes into a lane, and its
+//! period, are the lane's *lookahead*: what it will sample so much later has been given out already, so that it may be ahead of the rest by so much. A lane that shares a device with
+//! other nodes (a handle, such as the line of a head) may be ahead by no more than it takes that device to react ([`Plan::reacts_after_s`](foveate_node::Plan)). A node
+//! that samples what comes from elsewhere without a delay stays behind with the rest, and with it what it triggers. Gates turn for a lane when its lookahead is over. A lane whose rate is not known, or whose
+//! source itself samples without a delay, has no lookahead: its rounds are single moments. This is conservative simulation of discrete events, where the
+//! lookahead gives the time-stamp bounds of a lane's inputs. A round of lanes that are ahead lasts for half of the shortest lookahead, so that the next one can be under way
+//! while the rest works on what the last one gave.
 //!
 //! Sinks that no camera has stand apart from the rest too: when another node never comes back, what they hold can still be saved.
 
@@ -25,6 +26,7 @@ use foveate_node::node::{Due, Role};
 use foveate_node::port::InputPolicy;
 use foveate_rig::graph::{Cost, Edge, Graph};
 
+use crate::gates::Gate;
 use crate::helpers::WORTH_SHARING;
 use crate::slot::Route;
 use crate::stage::{Alone, Outgoing, Stage};
@@ -33,20 +35,32 @@ use crate::stage::{Alone, Outgoing, Stage};
 const MOST_STAGES: usize = 32;
 /// Activations of one stage in a round, at most.
 const MOST_ACTIVATIONS: usize = 10_000;
+/// What reacts later than this never does [s].
+const LONG_S: f64 = 1e9;
 /// No round is under way.
 const NONE: i64 = i64::MIN;
 
 /// What leaves a lane: when, by which source it was caused, and what.
 pub(crate) type Left = (Time, usize, Outgoing);
 
-/// What comes in along delayed edges, by when it becomes visible.
-type Incoming = Mutex<VecDeque<(Time, Outgoing)>>;
+/// What comes in later than it is given out, by when it becomes visible.
+type Incoming = Mutex<VecDeque<(Time, Arriving)>>;
+
+/// What comes in so.
+enum Arriving {
+    /// Along an edge.
+    Data(Outgoing),
+    /// The gate of a scale has been turned so often.
+    Turned(usize, u64),
+}
 
 /// Some cameras' lanes, or the sinks.
 struct Bundle {
     stage: Stage,
     /// The sources that are activated in this round.
     sources: BinaryHeap<Reverse<(Time, usize)>>,
+    /// By scale: of lanes that are ahead, the gate as they see it.
+    gates: Vec<Option<Gate>>,
     left: Vec<Left>,
     /// Sources that have been activated, and when they want to be next.
     due: Vec<(usize, Due)>,
@@ -87,7 +101,32 @@ impl Bundle {
         let mut incoming = lock(incoming);
         let n_visible = incoming.partition_point(|it| it.0 <= now);
         for (visible, it) in incoming.drain(..n_visible) {
-            self.stage.take_in(it, visible);
+            match it {
+                Arriving::Data(it) => self.stage.take_in(it, visible),
+                Arriving::Turned(scale, activations) => {
+                    if let Some(gate) = &self.gates[scale] {
+                        gate.turn_to(activations);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Looks at gates of its own from now on.
+    fn keep_gates(&mut self, graph: &Graph) {
+        let gates = Arc::clone(&self.stage.gates);
+        self.gates = (0..graph.scales.len()).map(|it| gates.of_scale(it).map(|it| it.apart())).collect();
+        for (index, slot) in self.stage.slots.iter_mut().enumerate() {
+            if let Some(gate) = slot.as_mut().and_then(|it| it.gate.as_mut())
+                && let Some(own) = &self.gates[graph.instances[index].scale]
+            {
+                *gate = own.clone();
+            }
+        }
+        for (edge, end) in self.stage.ends.iter_mut().enumerate() {
+            if let (Some(end), Some(own)) = (end, &self.gates[graph.instances[graph.edges[edge].from.0].scale]) {
+                end.ledger.look_at(own);
+            }
         }
     }
 }
@@ -96,8 +135,12 @@ impl Bundle {
 pub(crate) struct Lanes {
     graph: Arc<Graph>,
     bundles: Vec<Mutex<Bundle>>,
-    /// By bundle.
+    /// By bundle, and of all nodes that no lane has.
     incoming: Vec<Incoming>,
+    /// Bundles of lanes that may be ahead.
+    ahead: Vec<usize>,
+    /// Scales whose gates may turn, and how often they have, as lanes that are ahead have been told.
+    turned: Mutex<Vec<(usize, Gate, u64)>>,
     /// By bundle: what it is at, for who looks on.
     at: Vec<Arc<AtomicU64>>,
     /// By instance: the stage of its lane.
@@ -106,10 +149,8 @@ pub(crate) struct Lanes {
     lookahead: Vec<Interval>,
     /// By edge: its delay.
     delay: Vec<Interval>,
-    /// How long a round of lanes that are ahead lasts.
+    /// How long a round of lanes that are ahead lasts: half of the shortest lookahead.
     round: Interval,
-    /// Whether such a round may be under way while the rest works on what is before it.
-    may_overlap: bool,
     /// Until when the round of lanes that are ahead lasts that is under way.
     under_way: AtomicI64,
 }
@@ -117,8 +158,7 @@ pub(crate) struct Lanes {
 impl Lanes {
     /// Takes all lanes out of `whole`, and the sinks.
     pub(crate) fn take_from(whole: &mut Stage, graph: &Arc<Graph>) -> Lanes {
-        let camera_of = lanes(graph);
-        let lookahead = lookaheads(graph, &camera_of);
+        let (camera_of, lookahead) = lanes(graph);
         let (bundle_of, n_bundles) = deal_out(graph, &camera_of, &lookahead);
         let mut stages: Vec<Stage> = (0..n_bundles).map(|_| whole.empty_like()).collect();
         for slot in whole.slots.iter_mut().flatten() {
@@ -126,7 +166,10 @@ impl Lanes {
                 let Route::Here(edge) = *route else { continue };
                 let (from, to) = (graph.edges[edge].from.0, graph.edges[edge].to.0);
                 // Also between two lanes on one stage: what they see must not depend on how they were dealt out.
-                if camera_of[from] != camera_of[to] || bundle_of[from] != bundle_of[to] {
+                if camera_of[from] != camera_of[to]
+                    || bundle_of[from] != bundle_of[to]
+                    || is_delayed(&graph.edges[edge])
+                {
                     *route = Route::Beyond(edge);
                 }
             }
@@ -141,32 +184,34 @@ impl Lanes {
                 stages[bundle].ends[edge] = whole.ends[edge].take();
             }
         }
-        // A gate that turns would be seen by a round under way as chance has it.
-        let is_gated = |index: usize| whole.gates.of_scale(graph.instances[index].scale).is_some();
-        let mut seen = (0..graph.instances.len()).filter(|&it| lookahead[it].0 > 0).map(is_gated);
-        let is_any_gated =
-            seen.any(|it| it) || graph.edges.iter().any(|edge| lookahead[edge.to.0].0 > 0 && is_gated(edge.from.0));
         let shortest = lookahead.iter().copied().filter(|it| it.0 > 0).min().unwrap_or(Interval(0));
-        let comes_in = |edge: &Edge| {
-            lookahead[edge.to.0].0 > 0 && camera_of[edge.from.0] != camera_of[edge.to.0] && !is_handle(graph, edge.from)
-        };
-        let delay = graph.edges.iter().map(|edge| {
-            let is_delayed = comes_in(edge) && edge.feedback;
-            if is_delayed { lookahead[edge.to.0] } else { Interval(0) }
+        let delay = graph.edges.iter().map(|edge| match edge.delay {
+            Some(delay) => delay,
+            None if lookahead[edge.to.0].0 > 0 && comes_in(graph, edge, &camera_of) && edge.feedback => {
+                camera_of[edge.to.0].map_or(Interval(0), |it| period(graph, &camera_of, it))
+            }
+            None => Interval(0),
         });
-        // What comes in without a delay is seen from the next round on: it should not have to wait for one that is under way.
-        let is_any_prompt = graph.edges.iter().any(|edge| comes_in(edge) && !edge.feedback);
-        let may_overlap = shortest.0 > 1 && !is_any_gated && !is_any_prompt;
+        let delay = delay.collect();
+        let mut bundles: Vec<Bundle> = stages.into_iter().map(Bundle::new).collect();
+        let mut ahead: Vec<usize> =
+            (0..bundle_of.len()).filter(|&it| lookahead[it].0 > 0).filter_map(|it| bundle_of[it]).collect();
+        ahead.sort_unstable();
+        ahead.dedup();
+        ahead.iter().for_each(|&it| bundles[it].keep_gates(graph));
+        let gates = (0..graph.scales.len()).filter_map(|it| Some((it, whole.gates.of_scale(it)?)));
+        let turned = gates.map(|(scale, gate)| (scale, gate.clone(), gate.activations())).collect();
         Lanes {
             graph: Arc::clone(graph),
-            at: stages.iter().map(|it| Arc::clone(&it.at)).collect(),
-            incoming: stages.iter().map(|_| Mutex::default()).collect(),
-            delay: delay.collect(),
-            bundles: stages.into_iter().map(Bundle::new).map(Mutex::new).collect(),
+            at: bundles.iter().map(|it| Arc::clone(&it.stage.at)).collect(),
+            incoming: (0..=n_bundles).map(|_| Mutex::default()).collect(),
+            ahead,
+            turned: Mutex::new(turned),
+            delay,
+            bundles: bundles.into_iter().map(Mutex::new).collect(),
             bundle_of,
             lookahead,
-            round: if may_overlap { Interval(shortest.0 / 2) } else { shortest },
-            may_overlap,
+            round: Interval((shortest.0 / 2).max(1)),
             under_way: AtomicI64::new(NONE),
         }
     }
@@ -181,14 +226,9 @@ impl Lanes {
         self.lookahead[index].0 > 0
     }
 
-    /// How long a round of lanes that are ahead lasts.
+    /// How long a round of lanes that are ahead lasts; it may be under way while the rest works on what is up to so much before it.
     pub(crate) fn round(&self) -> Interval {
         self.round
-    }
-
-    /// Whether such a round may be under way while the rest works on what is up to its length before it.
-    pub(crate) fn may_overlap(&self) -> bool {
-        self.may_overlap
     }
 
     /// What each stage is at, for who looks on.
@@ -211,9 +251,7 @@ impl Lanes {
     pub(crate) fn deliver(&self, outgoing: Outgoing, now: Time, main: &Mutex<Stage>) {
         let (Outgoing::Message(edge, _) | Outgoing::Gap(edge, _)) = &outgoing;
         let consumer = self.graph.edges[*edge].to.0;
-        let Some(bundle) = self.bundle_of[consumer] else {
-            return self.on_main(main, now, |main| main.take_in(outgoing, now));
-        };
+        let bundle = self.bundle_of[consumer];
         let until = Time(self.under_way.load(Ordering::Relaxed));
         let is_under_way = self.may_be_ahead(consumer) && until.0 != NONE;
         let visible = match self.delay[*edge] {
@@ -221,25 +259,57 @@ impl Lanes {
             delay => now + delay,
         };
         if visible > now {
-            let mut incoming = lock(&self.incoming[bundle]);
-            let place = incoming.partition_point(|it| it.0 <= visible);
-            incoming.insert(place, (visible, outgoing));
-            return;
+            return self.keep(bundle.unwrap_or(self.bundles.len()), visible, Arriving::Data(outgoing));
         }
+        let Some(bundle) = bundle else {
+            return self.on_main(main, now, |main| main.take_in(outgoing, now));
+        };
         let mut bundle = lock(&self.bundles[bundle]);
         bundle.stage.take_in(outgoing, now);
         bundle.stage.rest();
+    }
+
+    /// Keeps what comes into a bundle, or to the nodes that no lane has, until it is visible.
+    fn keep(&self, bundle: usize, visible: Time, it: Arriving) {
+        let mut incoming = lock(&self.incoming[bundle]);
+        let place = incoming.partition_point(|it| it.0 <= visible);
+        incoming.insert(place, (visible, it));
+    }
+
+    /// Tells lanes that are ahead of gates that have been turned.
+    fn tell_of_gates(&self, now: Time) {
+        for (scale, gate, told) in lock(&self.turned).iter_mut() {
+            let activations = gate.activations();
+            if std::mem::replace(told, activations) == activations {
+                continue;
+            }
+            let visible = now + Interval(2 * self.round.0);
+            self.ahead.iter().for_each(|&it| self.keep(it, visible, Arriving::Turned(*scale, activations)));
+        }
     }
 
     /// Lets `main` work, and delivers what it gave out.
     pub(crate) fn on_main(&self, main: &Mutex<Stage>, now: Time, work: impl FnOnce(&mut Stage)) {
         let outgoing = {
             let mut main = lock(main);
+            self.take_in_delayed(&mut main, now);
             work(&mut main);
             main.rest();
             std::mem::take(&mut main.outgoing)
         };
+        self.tell_of_gates(now);
         outgoing.into_iter().for_each(|it| self.deliver(it, now, main));
+    }
+
+    /// Delivers what has become visible by `now` to nodes that no lane has.
+    fn take_in_delayed(&self, main: &mut Stage, now: Time) {
+        let mut incoming = lock(&self.incoming[self.bundles.len()]);
+        let n_visible = incoming.partition_point(|it| it.0 <= now);
+        for (visible, it) in incoming.drain(..n_visible) {
+            if let Arriving::Data(it) = it {
+                main.take_in(it, visible);
+            }
+        }
     }
 
     /// Gets ready for a round: each of `sources` is activated when it is due and as often as it is before the end of the round. Gives the bundles that have a
@@ -297,6 +367,7 @@ impl Lanes {
     /// itself.
     pub(crate) fn give_back(&self, whole: &mut Stage) -> Vec<String> {
         let mut said = Vec::new();
+        self.take_in_delayed(whole, Time(i64::MAX));
         for (bundle, incoming) in self.bundles.iter().zip(&self.incoming) {
             let Some(mut bundle) = try_lock(bundle) else { continue };
             bundle.take_in(incoming, Time(i64::MAX));
@@ -312,6 +383,7 @@ impl Bundle {
         Bundle {
             stage,
             sources: BinaryHeap::new(),
+            gates: Vec::new(),
             left: Vec::new(),
             due: Vec::new(),
             typical: WORTH_SHARING,
@@ -360,51 +432,114 @@ fn deal_out(graph: &Graph, camera_of: &[Option<u16>], lookahead: &[Interval]) ->
     (bundle_of, n_bundles)
 }
 
-/// Whether an instance is a sink on which nothing depends, and which depends on no handle.
+/// Whether the rig says that what goes along an edge is seen later.
+fn is_delayed(edge: &Edge) -> bool {
+    edge.delay.is_some_and(|it| it.0 > 0)
+}
+
+/// Whether an edge leads into a lane from elsewhere; handles aside.
+fn comes_in(graph: &Graph, edge: &Edge, camera_of: &[Option<u16>]) -> bool {
+    camera_of[edge.to.0].is_some() && camera_of[edge.from.0] != camera_of[edge.to.0] && !is_handle(graph, edge.from)
+}
+
+/// Whether an instance is a sink on which nothing depends, and which depends on no handle and on nothing that is seen later.
 fn is_apart(graph: &Graph, index: usize) -> bool {
     let instance = &graph.instances[index];
     instance.node_type.role == Role::Sink
         && instance.cost == Cost::default()
-        && graph.edges.iter().all(|it| it.from.0 != index && (it.to.0 != index || !is_handle(graph, it.from)))
+        && graph
+            .edges
+            .iter()
+            .all(|it| it.from.0 != index && (it.to.0 != index || !(is_handle(graph, it.from) || is_delayed(it))))
 }
 
-/// By instance: the camera whose lane it belongs to.
-fn lanes(graph: &Graph) -> Vec<Option<u16>> {
-    let mut lanes: Vec<Option<u16>> =
+/// By instance: the camera whose lane it belongs to, and the lookahead of that lane, 0 without one.
+fn lanes(graph: &Graph) -> (Vec<Option<u16>>, Vec<Interval>) {
+    let mut camera_of: Vec<Option<u16>> =
         graph.instances.iter().map(|it| it.camera.filter(|_| it.cost == Cost::default()).map(|it| it.0)).collect();
+    shrink(graph, &mut camera_of);
+    loop {
+        let lookahead = lookaheads(graph, &camera_of);
+        let prompt: Vec<usize> =
+            graph.edges.iter().filter(|it| is_prompt(graph, it, &camera_of)).map(|it| it.to.0).collect();
+        let stays_behind = prompt.into_iter().filter(|&it| lookahead[it].0 > 0).collect::<Vec<_>>();
+        if stays_behind.is_empty() {
+            return (camera_of, lookahead);
+        }
+        stays_behind.into_iter().for_each(|it| camera_of[it] = None);
+        shrink(graph, &mut camera_of);
+    }
+}
+
+/// Takes out of lanes what is triggered from elsewhere.
+fn shrink(graph: &Graph, camera_of: &mut [Option<u16>]) {
     let mut shrinks = true;
     while shrinks {
         shrinks = false;
         for edge in &graph.edges {
-            let (from, (to, port)) = (edge.from.0, edge.to);
-            let triggers = graph.instances[to].takes[port] != InputPolicy::Latest;
-            if triggers && lanes[to].is_some() && lanes[from] != lanes[to] {
-                lanes[to] = None;
+            let (from, to) = (edge.from.0, edge.to.0);
+            if triggers(graph, edge) && camera_of[to].is_some() && camera_of[from] != camera_of[to] {
+                camera_of[to] = None;
                 shrinks = true;
             }
         }
     }
-    lanes
 }
 
-/// By instance: the period of the sources of its lane, where the lane may be ahead of others by so much.
+fn triggers(graph: &Graph, edge: &Edge) -> bool {
+    graph.instances[edge.to.0].takes[edge.to.1] != InputPolicy::Latest
+}
+
+/// Whether what comes into a lane along an edge is to be seen at once.
+fn is_prompt(graph: &Graph, edge: &Edge, camera_of: &[Option<u16>]) -> bool {
+    let is_later = edge.delay.map_or(edge.feedback, |it| it.0 > 0);
+    comes_in(graph, edge, camera_of) && !triggers(graph, edge) && !is_later
+}
+
+/// By instance: by how much its lane may be ahead of others.
 fn lookaheads(graph: &Graph, camera_of: &[Option<u16>]) -> Vec<Interval> {
-    let of_camera = |camera: u16| {
-        let own = |index: usize| camera_of[index] == Some(camera);
-        let mut shortest = None;
-        for (index, instance) in graph.instances.iter().enumerate().filter(|it| own(it.0)) {
-            if graph.edges.iter().any(|it| it.to.0 == index && instance.takes[it.to.1] != InputPolicy::Latest) {
-                continue;
-            }
-            // What gives no stream, such as a head that is there, has no rate and does not matter.
-            let Some(rate_hz) = instance.settings.plan().rate_hz else { continue };
-            let period = Interval::from_s(1.0 / rate_hz);
-            shortest = Some(shortest.map_or(period, |it: Interval| it.min(period)));
-        }
-        let shares = graph.edges.iter().any(|edge| own(edge.from.0) && !own(edge.to.0) && is_handle(graph, edge.from));
-        shortest.filter(|it| it.0 > 0 && !shares).unwrap_or(Interval(0))
-    };
     let mut known = BTreeMap::new();
-    let of = |camera: Option<u16>| camera.map_or(Interval(0), |it| *known.entry(it).or_insert_with(|| of_camera(it)));
+    let of = |camera: Option<u16>| {
+        camera.map_or(Interval(0), |it| *known.entry(it).or_insert_with(|| lookahead(graph, camera_of, it)))
+    };
     camera_of.iter().copied().map(of).collect()
+}
+
+fn lookahead(graph: &Graph, camera_of: &[Option<u16>], camera: u16) -> Interval {
+    let own = |index: usize| camera_of[index] == Some(camera);
+    let is_source = |index: usize| !graph.edges.iter().any(|it| it.to.0 == index && triggers(graph, it));
+    let mut shortest = period(graph, camera_of, camera);
+    for edge in &graph.edges {
+        let (from, to) = (edge.from.0, edge.to.0);
+        let bound = if own(from) != own(to) && is_handle(graph, edge.from) {
+            let reacts_after_s = graph.instances[from].settings.plan().reacts_after_s;
+            // What reacts never, or in years, bounds nothing.
+            if reacts_after_s < LONG_S { Interval::from_s(reacts_after_s) } else { continue }
+        } else if own(to)
+            && let Some(delay) = edge.delay
+        {
+            delay
+        } else if own(to) && is_source(to) && is_prompt(graph, edge, camera_of) {
+            Interval(0)
+        } else {
+            continue;
+        };
+        shortest = Interval(shortest.0.min(bound.0.max(0)));
+    }
+    shortest
+}
+
+/// The shortest period of a camera's sources; 0 if none is known.
+fn period(graph: &Graph, camera_of: &[Option<u16>], camera: u16) -> Interval {
+    let mut shortest = None;
+    for (index, instance) in graph.instances.iter().enumerate().filter(|it| camera_of[it.0] == Some(camera)) {
+        if graph.edges.iter().any(|it| it.to.0 == index && triggers(graph, it)) {
+            continue;
+        }
+        // What gives no stream, such as a head that is there, has no rate and does not matter.
+        let Some(rate_hz) = instance.settings.plan().rate_hz else { continue };
+        let period = Interval::from_s(1.0 / rate_hz);
+        shortest = Some(shortest.map_or(period, |it: Interval| it.min(period)));
+    }
+    shortest.unwrap_or(Interval(0))
 }

@@ -106,6 +106,13 @@ impl Ledger {
         Ledger { gate: gate.map(|it| Box::new((it, 0))), ..Ledger::default() }
     }
 
+    /// Looks at `gate` from now on, if it looks at any.
+    pub(crate) fn look_at(&mut self, gate: &Gate) {
+        if let Some(own) = &mut self.gate {
+            own.0 = gate.clone();
+        }
+    }
+
     /// Enters one message that is delivered at session time `now`, as soon as it arrives.
     #[inline]
     pub fn deliver(&mut self, stamp: Stamp, now: Time, quality: impl FnOnce() -> Result<Quality, String>) {

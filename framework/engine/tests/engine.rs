@@ -308,6 +308,31 @@ fn what_comes_back_to_a_camera_is_seen_from_the_next_round_on() {
 }
 
 #[test]
+fn what_a_delayed_edge_carries_is_seen_when_the_delay_is_over() {
+    let given = |cameras: &str, delay_ms: &str, workers: usize| {
+        let shelf = format!("delayed {cameras} {delay_ms} {workers}").replace('"', "");
+        let text = format!(
+            "[scale.room.node.a]\ntype = \"testkit.counter\"\n{cameras}\ncount = 7\n\
+             [scale.room.node.b]\ntype = \"testkit.relay\"\n{cameras}\nin = {{ numbers = \"a.numbers\", feedback = {{ from = \"n.numbers\"{delay_ms} }} }}\n\
+             [scale.room.node.n]\ntype = \"testkit.newest\"\nin = {{ numbers = \"b.numbers\" }}\n\
+             [scale.room.node.c]\ntype = \"testkit.collect\"\ninto = \"{shelf}\"\nin = {{ numbers = \"n.numbers\" }}\n"
+        );
+        let options = Options { workers: Some(workers), ..Options::default() };
+        engine::deterministic(graph_with_cameras(&text), &options, &mut |_| {}).unwrap();
+        numbers(&collected(&shelf))
+    };
+    for workers in [1, 2] {
+        // On a camera's lane, and among the nodes that no lane has.
+        for cameras in ["camera = \"ring-1\"", ""] {
+            // Every 10 ms k + what was given 25 ms ago or earlier: three steps before.
+            assert_eq!(given(cameras, ", delay_ms = 25", workers), [0, 1, 2, 3, 5, 7, 9], "{cameras}");
+            assert_eq!(given(cameras, ", delay_ms = 0", workers), [0, 1, 3, 6, 10, 15, 21], "{cameras}");
+            assert_eq!(given(cameras, "", workers), [0, 1, 3, 6, 10, 15, 21], "{cameras}");
+        }
+    }
+}
+
+#[test]
 fn paced_run_takes_its_time_and_gives_the_same() {
     let rig = |shelf: &str| graph(&chain("count = 21\nrate_hz = 100", "type = \"testkit.relay\"", shelf));
     let plain = engine::deterministic(rig("plain"), &Options::default(), &mut |_| {}).unwrap();

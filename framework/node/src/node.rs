@@ -64,6 +64,9 @@ pub struct Plan {
     pub rate_hz: Option<f64>,
     /// Least age that the node adds to what passes through it [s].
     pub latency_s: f64,
+    /// Of a node that gives handles in this process ([`Wire::Local`](crate::Wire::Local)): what one holder does to what they lead to is seen by the others
+    /// so much later at the earliest [s]; infinite where they can only look at it. Lanes of cameras that share them may be ahead of each other by so much.
+    pub reacts_after_s: f64,
 }
 
 /// A component with typed ports.

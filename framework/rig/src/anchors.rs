@@ -69,6 +69,7 @@ pub(super) fn implied<'t>(
         queue: Queue::default(),
         has_capacity: false,
         tolerance: None,
+        delay: None,
         policy: None,
     };
     Some(NodeText {

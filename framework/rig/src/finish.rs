@@ -176,6 +176,7 @@ impl Finish<'_, '_> {
             to: (to, edge.to.1),
             name: format!("{}.{output} -> {}.{port}", instances[from].path, instances[to].path),
             feedback: from >= to,
+            delay: input.and_then(|it| it.delay.as_ref()).map(|it| it.0),
             queue: input.map_or_else(Queue::default, |it| it.queue),
             require: require.map(|it| it.requirement).filter(promised),
         }

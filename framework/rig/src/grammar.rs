@@ -374,6 +374,8 @@ pub(super) mod connection {
     const MOST_QUEUED: i64 = 1_000_000;
     /// Capture times of one set lie at most so far apart [ms].
     const MOST_TOLERANCE_MS: f64 = 60_000.0;
+    /// Longest delay of an edge [ms].
+    const MOST_DELAY_MS: f64 = 60_000.0;
 
     pub const FROM: Key = Key::new("from", Kind::Other, "NODE.OUTPUT, SCALE.NODE.OUTPUT or NODE[CAMERA].OUTPUT");
     pub const CAPACITY: Key = Key::new("capacity", Kind::Whole(1, MOST_QUEUED), "Messages that may wait.")
@@ -390,6 +392,12 @@ pub(super) mod connection {
         "policy",
         Kind::Word(&POLICY_WORDS),
         "Which of the waiting messages it takes when its node is free; the others are dropped and counted.",
+    );
+    pub const DELAY_MS: Key = Key::new(
+        "delay_ms",
+        Kind::Number(Range::Within(0.0, MOST_DELAY_MS), "ms"),
+        "How much later what comes this way is seen, in runs that are not live [ms]. Left out: a camera's nodes that are ahead of the rest see what is fed \
+         back to them one period of the camera later, everything else at once.",
     );
     pub const TOLERANCE_MS: Key = Key::new(
         "tolerance_ms",

@@ -130,6 +130,8 @@ pub struct Edge {
     pub name: String,
     /// Closes a cycle.
     pub feedback: bool,
+    /// How much later what goes along it is seen in a run that is not live, where the rig says so.
+    pub delay: Option<Interval>,
     /// What happens when the consumer is behind.
     pub queue: Queue,
     /// What the edge promises.

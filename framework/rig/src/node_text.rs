@@ -52,6 +52,8 @@ pub(super) struct InputText {
     pub has_capacity: bool,
     /// Of a port that joins sources: how far their capture times may lie apart, and where that stands.
     pub tolerance: Option<(Interval, Span)>,
+    /// Of a port that is sampled: how much later what comes is seen, and where that stands.
+    pub delay: Option<(Interval, Span)>,
     /// How the port is to take data, and where that stands.
     pub policy: Option<(InputPolicy, Span)>,
 }
@@ -153,7 +155,7 @@ fn read_cost(keys: &mut Keys<'_>, findings: &mut Findings) -> (Cost, Option<Span
 
 fn read_input(port: Spanned<String>, value: Value<'_>, text: &str, findings: &mut Findings) -> InputText {
     let mut queue = Queue::default();
-    let (mut policy, mut tolerance, mut has_capacity) = (None, None, false);
+    let (mut policy, mut tolerance, mut delay, mut has_capacity) = (None, None, None, false);
     let from = match value.get_ref() {
         DeValue::Table(_) => match findings.table(&port, value, text, "") {
             Some(mut keys) => {
@@ -166,6 +168,8 @@ fn read_input(port: Spanned<String>, value: Value<'_>, text: &str, findings: &mu
                 policy = connection::POLICY.word(&InputPolicy::CHOICES, &mut keys, findings);
                 let stated = connection::TOLERANCE_MS.number(&mut keys, findings);
                 tolerance = stated.map(|(ms, place)| (Interval::from_ms(ms), place));
+                let stated = connection::DELAY_MS.number(&mut keys, findings);
+                delay = stated.map(|(ms, place)| (Interval::from_ms(ms), place));
                 let from = keys.take(connection::FROM.name);
                 if from.is_none() {
                     let title = format!("port `{}` names no source", port.get_ref());
@@ -178,7 +182,7 @@ fn read_input(port: Spanned<String>, value: Value<'_>, text: &str, findings: &mu
         },
         _ => Some(read_sources(&port, value, findings)),
     };
-    InputText { port, from: from.unwrap_or_default(), queue, has_capacity, tolerance, policy }
+    InputText { port, from: from.unwrap_or_default(), queue, has_capacity, tolerance, delay, policy }
 }
 
 fn read_sources(port: &Spanned<String>, value: Value<'_>, findings: &mut Findings) -> Vec<Spanned<String>> {

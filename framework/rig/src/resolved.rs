@@ -153,13 +153,14 @@ fn write_node(text: &mut String, names: &Names<'_, '_>, node: &NodeDraft<'_>) ->
             (None, Some(InputPolicy::Synced(own))) => Some(own),
             (None, _) => None,
         };
-        use grammar::connection::{CAPACITY, FROM, POLICY, TOLERANCE_MS, WHEN_FULL_KEY};
+        use grammar::connection::{CAPACITY, DELAY_MS, FROM, POLICY, TOLERANCE_MS, WHEN_FULL_KEY};
         let keys = [
             (FROM, Some(from)),
             (CAPACITY, Some(Value::from(capacity as i64))),
             (WHEN_FULL_KEY, Some(Value::from(when_full))),
             (POLICY, policy.map(Value::from)),
             (TOLERANCE_MS, tolerance.map(in_ms)),
+            (DELAY_MS, input.delay.as_ref().map(|it| in_ms(it.0))),
         ];
         let _ = writeln!(text, "in.{} = {}", quoted_key(input.port.get_ref()), inline(&keys));
     }

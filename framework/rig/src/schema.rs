@@ -158,7 +158,7 @@ fn reserved(node_type: &NodeType) -> Map<String, Json> {
 
 /// A text, a list of texts, or a table: each keyword speaks of one kind of value only.
 fn connection(port: &InputSpec, role: Role) -> Json {
-    use grammar::connection::{CAPACITY, FROM, POLICY, TOLERANCE_MS, WHEN_FULL_KEY};
+    use grammar::connection::{CAPACITY, DELAY_MS, FROM, POLICY, TOLERANCE_MS, WHEN_FULL_KEY};
     let policy = port.policy.in_words();
     let count = if port.many { "any number of sources" } else { "one source" };
     let pattern = "^[^.\\[\\]]+(\\.[^.\\[\\]]+)?(\\[.+\\])?\\.[^.\\[\\]]+$";
@@ -167,6 +167,7 @@ fn connection(port: &InputSpec, role: Role) -> Json {
     let joins = if let InputPolicy::Synced(own) = port.policy { Some(own) } else { None };
     keys.extend(joins.map(|_| &TOLERANCE_MS));
     keys.extend(port.policy.choice().map(|_| &POLICY));
+    keys.extend((port.policy == InputPolicy::Latest).then_some(&DELAY_MS));
     let description = format!("Takes `{}` from {count}: {policy}. {}.", port.message.name, FROM.doc);
     let mut schema = table(&description, &keys, &[&FROM]);
     let forms = json!({ "type": ["string", "array"], "pattern": pattern, "items": source, "minItems": 1 });

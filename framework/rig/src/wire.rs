@@ -185,6 +185,11 @@ impl<'a> Consumer<'_, 'a, '_> {
             let label = format!("found `tolerance_ms`, expected nothing: {}", port.policy.in_words());
             findings.error(place.clone(), title, label);
         }
+        if let (Some((_, place)), false) = (&input.delay, port.policy == InputPolicy::Latest) {
+            let title = format!("what comes into input `{}` of `{}` cannot be delayed", port.name, self.node.name());
+            let label = format!("found `delay_ms`, expected nothing: {}", port.policy.in_words());
+            findings.error(place.clone(), title, label).help("only inputs that are sampled see things later");
+        }
         if let (Some((_, place)), None) = (&input.policy, port.policy.choice()) {
             let title = format!("how input `{}` of `{}` takes data cannot be chosen", port.name, self.node.name());
             let label = format!("found `policy`, expected nothing: {}", port.policy.in_words());

@@ -262,7 +262,7 @@ impl Node for Detections {
     }
 
     fn plan(settings: &DetectionsSettings) -> Plan {
-        Plan { rate_hz: None, latency_s: settings.latency_ms * 1e-3 }
+        Plan { latency_s: settings.latency_ms * 1e-3, ..Plan::default() }
     }
 }
 

@@ -201,7 +201,7 @@ impl Node for Images {
     }
 
     fn plan(settings: &ImagesSettings) -> Plan {
-        Plan { rate_hz: Some(settings.rate_hz), latency_s: settings.latency_ms * 1e-3 }
+        Plan { rate_hz: Some(settings.rate_hz), latency_s: settings.latency_ms * 1e-3, ..Plan::default() }
     }
 }
 

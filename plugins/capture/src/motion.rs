@@ -339,7 +339,7 @@ impl Node for CaptureMotion {
     }
 
     fn plan(settings: &CaptureMotionSettings) -> Plan {
-        Plan { rate_hz: None, latency_s: settings.latency_ms * 1e-3 }
+        Plan { latency_s: settings.latency_ms * 1e-3, ..Plan::default() }
     }
 }
 

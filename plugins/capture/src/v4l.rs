@@ -266,7 +266,7 @@ impl Node for V4l {
     }
 
     fn plan(settings: &V4lSettings) -> Plan {
-        Plan { rate_hz: settings.rate_hz, latency_s: 0.0 }
+        Plan { rate_hz: settings.rate_hz, ..Plan::default() }
     }
 }
 

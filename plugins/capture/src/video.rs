@@ -351,7 +351,8 @@ impl Node for Video {
     }
 
     fn plan(settings: &VideoSettings) -> Plan {
-        Plan { rate_hz: (settings.rate_hz > 0.0).then_some(settings.rate_hz), latency_s: settings.latency_ms * 1e-3 }
+        let rate_hz = (settings.rate_hz > 0.0).then_some(settings.rate_hz);
+        Plan { rate_hz, latency_s: settings.latency_ms * 1e-3, ..Plan::default() }
     }
 }
 

@@ -127,8 +127,9 @@ fn conclude(args: &EvalArgs, evaluation: &Evaluation, cameras: &[String], folder
     if !args.quiet {
         let whole = evaluation.runs.len() - evaluation.failed().count();
         say(&format!(
-            "\n{whole} of {} seeds; eval.json, eval.csv and eval.svg are in {}\n",
+            "\n{whole} of {} seeds{}; eval.json, eval.csv and eval.svg are in {}\n",
             args.seeds,
+            if evaluation.interrupted { " before it was interrupted" } else { "" },
             folder.display()
         ));
     }

@@ -546,6 +546,16 @@ fn way_to_take_data_is_one_of_four_and_only_where_there_is_a_choice() {
 }
 
 #[test]
+fn only_what_is_sampled_is_delayed() {
+    features(
+        "{ features = { from = \"leds.features\", delay_ms = 5 } }",
+        56,
+        "5",
+        &["what comes into input `features` of `targets` cannot be delayed", "found `delay_ms`, expected nothing"],
+    );
+}
+
+#[test]
 fn renamed_key_of_a_connection_is_refused_with_its_new_name() {
     features(
         "{ features = { from = \"leds.features\", take = \"newest\" } }",

@@ -71,7 +71,7 @@ impl Default for CameraSettings {
 }
 
 fn camera_plan(settings: &CameraSettings) -> Plan {
-    Plan { rate_hz: Some(settings.rate_hz), latency_s: settings.latency_ms * 1e-3 }
+    Plan { rate_hz: Some(settings.rate_hz), latency_s: settings.latency_ms * 1e-3, ..Plan::default() }
 }
 
 fn camera_check(settings: &CameraSettings, setup: &Setup) -> Result<(), ConfigError> {
@@ -185,7 +185,7 @@ part!(
         .input(&In::<Hints>::latest(1, "hints").optional())
         .output(&Out::<Features>::new(0, "features")),
     |settings, _| ConfigError::unless_in("min_area", settings.min_area, 1..=settings.max_area),
-    |_| Plan { rate_hz: None, latency_s: 0.002 }
+    |_| Plan { latency_s: 0.002, ..Plan::default() }
 );
 
 part!(

@@ -6,7 +6,7 @@ use super::device::{
     BUFFER_FULL, CANCELLED, Execution, FOCUS_ENDS, Head, NO_SOCKET, NOT_EXECUTABLE, PRESETS, Power, Preset, SYNTAX,
     Tag, ZOOM_END,
 };
-use super::mechanics::Goal;
+use super::mechanics::{Goal, ZoomGoal};
 use super::words::{Memory, Order};
 
 impl Head {
@@ -116,14 +116,18 @@ impl Head {
                 self.limits[0][end] = sign * self.settings.pan.reach_units;
                 self.limits[1][end] = sign * self.settings.tilt.reach_units;
             }
-            Order::ZoomTo(units) => self.zoom.go(f64::from(units)),
-            Order::ZoomDrive(0) => self.zoom.stop(),
-            Order::ZoomDrive(way) => self.zoom.go(if way > 0 { f64::from(ZOOM_END) } else { 0.0 }),
+            Order::ZoomTo(units) => self.zoom.order(self.felt(), ZoomGoal::At(f64::from(units))),
+            Order::ZoomDrive(0) => self.zoom.order(self.felt(), ZoomGoal::Stop),
+            Order::ZoomDrive(way) => {
+                self.zoom.order(self.felt(), ZoomGoal::At(if way > 0 { f64::from(ZOOM_END) } else { 0.0 }));
+            }
             Order::FocusAuto(auto) => self.focus_auto = auto,
             Order::FocusToggle => self.focus_auto = !self.focus_auto,
-            Order::FocusTo(units) => self.focus.go(f64::from(units)),
-            Order::FocusDrive(0) => self.focus.stop(),
-            Order::FocusDrive(way) => self.focus.go(f64::from(FOCUS_ENDS[usize::from(way > 0)])),
+            Order::FocusTo(units) => self.focus.order(self.felt(), ZoomGoal::At(f64::from(units))),
+            Order::FocusDrive(0) => self.focus.order(self.felt(), ZoomGoal::Stop),
+            Order::FocusDrive(way) => {
+                self.focus.order(self.felt(), ZoomGoal::At(f64::from(FOCUS_ENDS[usize::from(way > 0)])));
+            }
             Order::Memory(what, number) => self.remember(earliest, what, number),
             Order::Picture(change) => self.picture.apply(change),
             Order::Power(true) if self.power == Power::Off => self.switch_on(),
@@ -154,8 +158,8 @@ impl Head {
                 self.recalled = number;
                 let fastest = [self.settings.pan.speeds, self.settings.tilt.speeds];
                 self.go(earliest, fastest, preset.pan_tilt.map(Some));
-                self.zoom.go(f64::from(preset.zoom));
-                self.focus.go(f64::from(preset.focus));
+                self.zoom.order(self.felt(), ZoomGoal::At(f64::from(preset.zoom)));
+                self.focus.order(self.felt(), ZoomGoal::At(f64::from(preset.focus)));
                 (self.focus_auto, self.picture) = (preset.focus_auto, preset.picture);
             }
         }
@@ -163,7 +167,7 @@ impl Head {
 
     /// Sends both motors somewhere; `None`: comes to rest.
     pub(super) fn go(&mut self, earliest: Time, speed: [u8; 2], position: [Option<i32>; 2]) {
-        let start = earliest.max(self.last_start).max(self.now);
+        let start = earliest.max(self.last_start).max(self.felt());
         self.last_start = start;
         for (index, axis) in [&mut self.pan, &mut self.tilt].into_iter().enumerate() {
             let [low, high] = self.limits[index];
@@ -207,12 +211,12 @@ impl Head {
             Some(execution) => {
                 if execution.is_running {
                     match execution.order {
-                        Order::ZoomTo(_) => self.zoom.stop(),
-                        Order::FocusTo(_) => self.focus.stop(),
+                        Order::ZoomTo(_) => self.zoom.order(self.felt(), ZoomGoal::Stop),
+                        Order::FocusTo(_) => self.focus.order(self.felt(), ZoomGoal::Stop),
                         Order::Memory(Memory::Recall, _) => {
                             self.halt();
-                            self.zoom.stop();
-                            self.focus.stop();
+                            self.zoom.order(self.felt(), ZoomGoal::Stop);
+                            self.focus.order(self.felt(), ZoomGoal::Stop);
                         }
                         order if is_move(order) => self.halt(),
                         _ => {}

@@ -12,7 +12,7 @@ use foveate_estimation::random::Random;
 use foveate_messages::{Interval, Time};
 use foveate_node::ConfigError;
 
-use super::mechanics::{Axis, Goal, TICK, Zoom};
+use super::mechanics::{Axis, Goal, TICK, Zoom, ZoomGoal};
 use super::picture::Picture;
 use super::settings::HeadSettings;
 use super::track::Track;
@@ -273,8 +273,8 @@ impl Head {
         }
         self.pan.step(self.now);
         self.tilt.step(self.now);
-        self.zoom.step();
-        self.focus.step();
+        self.zoom.step(self.now);
+        self.focus.step(self.now);
         self.track.push([self.pan.angle_rad(), self.tilt.angle_rad(), self.zoom.position()]);
         self.complete();
     }
@@ -335,7 +335,7 @@ impl Head {
 
     fn forget(&mut self) {
         self.sockets = [None, None];
-        self.zoom.stop();
+        self.zoom.order(self.felt(), ZoomGoal::Stop);
         // While it gets ready the motors find their middle, whoever talks to it.
         if !matches!(self.power, Power::OnFrom(_)) {
             self.halt();
@@ -344,11 +344,17 @@ impl Head {
 
     /// Motors come to rest where they are.
     pub(super) fn halt(&mut self) {
+        let felt = self.felt();
         for axis in [&mut self.pan, &mut self.tilt] {
-            axis.forget();
-            axis.order(self.now, Goal::Stop);
+            axis.forget(felt);
+            axis.order(felt, Goal::Stop);
         }
-        self.last_start = self.now;
+        self.last_start = felt;
+    }
+
+    /// From when motors and zoom feel what is decided now.
+    pub(super) fn felt(&self) -> Time {
+        self.now + Interval::from_ms(self.settings.reaction_ms)
     }
 
     pub(super) fn refuse(&mut self, tag: Tag, socket: u8, why: u8) {

@@ -69,9 +69,9 @@ impl Axis {
         self.waiting.push_back((at, goal));
     }
 
-    /// Forgets moves that have not begun.
-    pub(super) fn forget(&mut self) {
-        self.waiting.clear();
+    /// Forgets moves that have not begun by `felt`.
+    pub(super) fn forget(&mut self, felt: Time) {
+        self.waiting.retain(|it| it.0 < felt);
     }
 
     /// Speed number `code`, from 1 [units/s].
@@ -152,29 +152,45 @@ pub(super) struct Zoom {
     position: f64,
     goal: f64,
     units_per_s: f64,
+    waiting: VecDeque<(Time, ZoomGoal)>,
+}
+
+/// What a zoom is told.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum ZoomGoal {
+    /// Go there [units].
+    At(f64),
+    /// Stay where it then is.
+    Stop,
 }
 
 impl Zoom {
     /// At the near end of `ends`, of which the way to the far one takes `travel_ms`.
     pub(super) fn new(ends: [f64; 2], travel_ms: f64) -> Zoom {
-        Zoom { position: ends[0], goal: ends[0], units_per_s: (ends[1] - ends[0]) / travel_ms * 1e3 }
+        let units_per_s = (ends[1] - ends[0]) / travel_ms * 1e3;
+        Zoom { position: ends[0], goal: ends[0], units_per_s, waiting: VecDeque::new() }
     }
 
-    pub(super) fn go(&mut self, goal: f64) {
-        self.goal = goal;
+    /// From `at` on this is the goal; what it is told comes in the order of its times.
+    pub(super) fn order(&mut self, at: Time, goal: ZoomGoal) {
+        self.waiting.push_back((at, goal));
     }
 
-    pub(super) fn stop(&mut self) {
-        self.goal = self.position.round();
-    }
-
-    pub(super) fn step(&mut self) {
+    /// One tick, which ends at `now`.
+    pub(super) fn step(&mut self, now: Time) {
+        while self.waiting.front().is_some_and(|it| it.0 <= now) {
+            match self.waiting.pop_front() {
+                Some((_, ZoomGoal::At(units))) => self.goal = units,
+                Some((_, ZoomGoal::Stop)) => self.goal = self.position.round(),
+                None => {}
+            }
+        }
         let most = self.units_per_s * TICK_S;
         self.position += (self.goal - self.position).clamp(-most, most);
     }
 
     pub(super) fn is_done(&self) -> bool {
-        self.position == self.goal
+        self.position == self.goal && self.waiting.is_empty()
     }
 
     /// Where it stands, between whole units too [units].

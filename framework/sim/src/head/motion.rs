@@ -1,7 +1,8 @@
 //! A simulated head in a rig: a line for its driver, and where the camera on it stands.
 //!
-//! Line and motion are two handles to one head on the logical clock of the run. Whoever asks first at some time lets the head live until
-//! then; since what a driver writes reaches the head after it was written, the answers do not depend on who asked first.
+//! Line and motion are two handles to one head on the logical clock of the run. Only the driver's line lets the head live on; who asks for its motion at a
+//! later time looks at a copy that has lived until then. What a driver writes moves nothing before the head's reaction time is over, so that up to this long
+//! after the last write the copy moves as the head will: pictures may be drawn so far ahead of the driver, on another thread, with the same bytes.
 
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -223,10 +224,44 @@ impl NetworkSettings {
     }
 }
 
+/// A head, and how it will move as long as nothing else is written.
+struct Foreseen {
+    head: LineHead,
+    /// A copy that has lived longer, unless something was written since it was made.
+    ahead: Option<LineHead>,
+}
+
+impl Foreseen {
+    /// Where it looks and how it is zoomed, see [`Head::looked`].
+    fn looked(&mut self, time: Time) -> [f64; 3] {
+        if time <= self.head.now {
+            return self.head.head().looked(time);
+        }
+        let ahead = self.ahead.get_or_insert_with(|| self.head.clone());
+        ahead.advance(time);
+        ahead.head().looked(time)
+    }
+}
+
+impl Device for Foreseen {
+    fn write(&mut self, now: Time, bytes: &[u8]) {
+        self.ahead = None;
+        self.head.write(now, bytes);
+    }
+
+    fn read(&mut self, now: Time, bytes: &mut Vec<u8>) {
+        self.head.read(now, bytes);
+    }
+
+    fn has_datagrams(&self) -> bool {
+        self.head.has_datagrams()
+    }
+}
+
 /// Where the camera on a simulated head stands, at any time that has passed; cloning it is cheap.
 #[derive(Clone)]
 pub struct HeadMotion {
-    head: Arc<Mutex<LineHead>>,
+    head: Arc<Mutex<Foreseen>>,
     mechanics: Arc<PanTiltHead>,
     camera: CameraId,
 }
@@ -234,7 +269,11 @@ pub struct HeadMotion {
 impl HeadMotion {
     /// The motion of `head`, which carries `camera` and whose axes, and optics where it zooms, are really those of `mechanics`.
     pub fn new(camera: CameraId, head: LineHead, mechanics: PanTiltHead) -> HeadMotion {
-        HeadMotion { head: Arc::new(Mutex::new(head)), mechanics: Arc::new(mechanics), camera }
+        HeadMotion {
+            head: Arc::new(Mutex::new(Foreseen { head, ahead: None })),
+            mechanics: Arc::new(mechanics),
+            camera,
+        }
     }
 
     /// The camera on the head.
@@ -252,12 +291,16 @@ impl HeadMotion {
         &self.mechanics
     }
 
-    /// The head, to look at.
-    pub fn head(&self) -> MutexGuard<'_, LineHead> {
+    /// Commands so far that found the head's buffer full.
+    pub fn n_refused_full(&self) -> u64 {
+        self.head().head.head().n_refused_full()
+    }
+
+    fn head(&self) -> MutexGuard<'_, Foreseen> {
         self.head.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Pan and tilt, vibration and all, at `time` [rad]: a time that has passed in the run, and not more than
+    /// Pan and tilt, vibration and all, at `time` [rad]: not later than the head's reaction time after what its driver has come to, and not more than
     /// [`REMEMBERED_S`](super::REMEMBERED_S) ago.
     pub fn angles_at(&self, time: Time) -> [f64; 2] {
         let [pan, tilt, _] = self.looked(time);
@@ -283,9 +326,7 @@ impl HeadMotion {
     }
 
     fn looked(&self, time: Time) -> [f64; 3] {
-        let mut head = self.head();
-        head.advance(time);
-        head.head().looked(time)
+        self.head().looked(time)
     }
 }
 
@@ -332,11 +373,13 @@ mod tests {
         let heard = |head: LineHead, others_ask: bool| {
             let motion = motion(head);
             let (line, mut heard, mut angles) = (motion.line(), Vec::new(), Vec::new());
+            let (reaction, mut foreseen) = (Interval::from_ms(HeadSettings::default().reaction_ms), Vec::new());
             for step in 0..1500 {
                 let now = ms(f64::from(step) + 0.3);
                 if others_ask {
                     motion.angles_at(now - Interval(150_000));
                     motion.angles_at(now);
+                    foreseen.push((now + reaction, motion.angles_at(now + reaction)));
                 }
                 if step % 40 == 0 {
                     let header = [0x01, 0x00, 0, 15, 0, 0, 0, (step / 40) as u8];
@@ -350,6 +393,8 @@ mod tests {
                     angles.push(motion.angles_at(now - Interval(7_654_321)));
                 }
             }
+            let is_as_foreseen = |it: &(Time, [f64; 2])| motion.angles_at(it.0) == it.1;
+            assert!(foreseen.iter().filter(|it| it.0 < ms(1500.0)).all(is_as_foreseen));
             (heard, angles)
         };
         assert_eq!(heard(serial(LineFaults::default()), false), heard(serial(LineFaults::default()), true));

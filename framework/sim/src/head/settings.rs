@@ -27,6 +27,10 @@ pub struct HeadSettings {
     /// What comes on top, drawn evenly from 0 to this for each move; moves keep their order [ms].
     #[schemars(range(min = 0.0, max = 10_000.0))]
     pub latency_jitter_ms: f64,
+    /// From when a message is looked at until motors and zoom feel anything of it, a stop too, at least; no manual says. Two fields: one to look at it, one
+    /// for the motors' own control. Pictures from this head are drawn ahead of the rest of the rig by at most so much, so that 0 makes a run slower [ms].
+    #[schemars(range(min = 0.0, max = 10_000.0))]
+    pub reaction_ms: f64,
     /// One message is looked at in each of these: a field of NTSC [ms].
     #[schemars(range(min = 1.0, max = 1000.0))]
     pub field_ms: f64,
@@ -165,6 +169,7 @@ impl Default for HeadSettings {
             vibration_damping: 0.15,
             latency_ms: 250.0,
             latency_jitter_ms: 20.0,
+            reaction_ms: 2000.0 / 59.94,
             field_ms: 1000.0 / 59.94,
             take_up_ms: 20.0,
             supersedes: true,
@@ -211,6 +216,7 @@ impl HeadSettings {
         ConfigError::unless_in("vibration_damping", self.vibration_damping, 0.01..=1.0)?;
         ConfigError::unless_in("latency_ms", self.latency_ms, 0.0..=10_000.0)?;
         ConfigError::unless_in("latency_jitter_ms", self.latency_jitter_ms, 0.0..=10_000.0)?;
+        ConfigError::unless_in("reaction_ms", self.reaction_ms, 0.0..=10_000.0)?;
         ConfigError::unless_in("field_ms", self.field_ms, 1.0..=1000.0)?;
         ConfigError::unless_in("take_up_ms", self.take_up_ms, 0.0..=10_000.0)?;
         ConfigError::unless_in("zoom_travel_ms", self.zoom_travel_ms, 1.0..=60_000.0)?;

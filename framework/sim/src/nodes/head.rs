@@ -1,7 +1,7 @@
 //! A simulated pan-tilt head as a source: the line to it, and its motion.
 
 use foveate_node::{
-    ConfigError, Due, Figures, Io, Line, Node, NodeError, Ports, Report, Role, Setup, Time, figures, ports,
+    ConfigError, Due, Figures, Io, Line, Node, NodeError, Plan, Ports, Report, Role, Setup, Time, figures, ports,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -136,9 +136,12 @@ impl Node for SimHead {
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        let n_refused = self.motion.head().head().n_refused_full();
-        report.figure(format!("sim_head.buffer_full.{}", self.name), n_refused as f64);
+        report.figure(format!("sim_head.buffer_full.{}", self.name), self.motion.n_refused_full() as f64);
         Ok(())
+    }
+
+    fn plan(settings: &SimHeadSettings) -> Plan {
+        Plan { reacts_after_s: settings.head.reaction_ms * 1e-3, ..Plan::default() }
     }
 }
 

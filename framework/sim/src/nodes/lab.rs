@@ -154,7 +154,8 @@ impl Node for Lab {
     }
 
     fn plan(settings: &SceneSettings) -> Plan {
-        Plan { rate_hz: Some(settings.truth_hz), latency_s: 0.0 }
+        // The world is as it is: nobody changes it.
+        Plan { rate_hz: Some(settings.truth_hz), reacts_after_s: f64::INFINITY, ..Plan::default() }
     }
 }
 

@@ -81,7 +81,7 @@ impl Default for TimingSettings {
 impl TimingSettings {
     /// What is known of the camera before it runs.
     pub(crate) fn plan(&self) -> Plan {
-        Plan { rate_hz: Some(self.rate_hz), latency_s: self.latency_ms * 1e-3 }
+        Plan { rate_hz: Some(self.rate_hz), latency_s: self.latency_ms * 1e-3, ..Plan::default() }
     }
 
     /// Refuses what is out of range or contradicts itself.

@@ -97,6 +97,10 @@ impl Node for Counter {
     }
 
     fn plan(settings: &CounterSettings) -> Plan {
-        Plan { rate_hz: settings.tells_rate.then_some(settings.rate_hz), latency_s: settings.latency_ms * 1e-3 }
+        Plan {
+            rate_hz: settings.tells_rate.then_some(settings.rate_hz),
+            latency_s: settings.latency_ms * 1e-3,
+            ..Plan::default()
+        }
     }
 }
