@@ -3,7 +3,7 @@
 use foveate_geometry::pan_tilt::{AxisUnits, HeadCalibration};
 use foveate_scene::{Calibration, CameraUncertainty, Head};
 
-/// Puts the head of `camera` and its pose at rest in place of what `calibration` says of them; limits, zoom and optics stay. `angles_in` says what
+/// Puts the head of `camera` and its pose at rest in place of what `calibration` says of them; limits and zoom stay. `angles_in` says what
 /// the device's numbers mean of which the observations had the angles.
 ///
 /// `None` when there is no such camera.
@@ -14,10 +14,15 @@ pub fn calibrated_head(
     angles_in: [AxisUnits; 2],
 ) -> Option<()> {
     let index = calibration.index_of(camera)?;
-    calibration.cameras[index].camera.camera_from_world = found.head.at_rest.camera_from_world;
+    let at_rest = &mut calibration.cameras[index].camera;
+    (at_rest.camera_from_world, at_rest.intrinsics) =
+        (found.head.at_rest.camera_from_world, found.head.at_rest.intrinsics);
     let pose = found.covariance.pose();
     let known = calibration.uncertainties.entry(camera.to_owned()).or_default();
     *known = CameraUncertainty { pose_covariance: Some((pose + pose.transpose()) / 2.0), ..*known };
+    if found.focal_sigma > 0.0 {
+        known.focal_sigma_px = Some(found.head.at_rest.intrinsics.focal.map(|it| it * found.focal_sigma));
+    }
     let older = calibration.heads.0.get(camera);
     // An angle as reported is (units − at rest) · rad per unit; that times the angle of an angle is the angle of the axis.
     let units = [0, 1].map(|axis| AxisUnits {

@@ -29,7 +29,7 @@ pub use aim::{Aim, Obstacle, Unreachable, aim, aim_at_sphere};
 pub use axis::Axis;
 pub use calibration::{
     AxesRule, AxisSigma, HeadCalibration, HeadCalibrationError, HeadCovariance, HeadObservation, HeadOptions, Holdout,
-    UnitsRule, calibrate_head, refine_head,
+    OpticsRule, UnitsRule, calibrate_head, refine_head,
 };
 pub use head::{AxisUnits, HeadError, HeadProjection, Limits, PanTiltHead, Setting, Stacking};
 pub use zoom::{ZoomChoice, ZoomError, ZoomStop, ZoomTable};

@@ -20,7 +20,7 @@ use foveate::geometry::pan_tilt::AxisUnits;
 use foveate::prelude::*;
 use foveate::scene::Calibration;
 
-pub use settings::{CalibratorSettings, Carrier, Units};
+pub use settings::{CalibratorSettings, Carrier, Optics, Units};
 
 ports! {
     TARGETS: In<Targets> = each("targets");
@@ -46,6 +46,8 @@ figures! {
     "head_calibration.*.{pan,tilt}_place_sigma_mm": mm, low, "Standard deviation of the place of the axis";
     "head_calibration.*.camera_sigma_mm": mm, low, "Standard deviation of the camera's centre, along its worst direction";
     "head_calibration.*.{pan,tilt}_unit_sigma": ratio, low, "Standard deviation of the device's unit of angle over that unit";
+    "head_calibration.*.focal_px": px, neither, "Focal length along rows, where it was found";
+    "head_calibration.*.focal_sigma": ratio, low, "Standard deviation of the focal length over it, where it was found";
     "head_calibration.*.{pan,tilt}_range_deg": deg, high, "From the smallest to the largest setting among the observations";
 }
 
@@ -300,6 +302,10 @@ fn tell_found(name: &str, comparison: &Comparison, report: &mut Report) {
     figure("camera_sigma_mm", 1e3 * centre);
     for (axis, sigma) in ["pan", "tilt"].into_iter().zip(found.covariance.units()) {
         figure(&format!("{axis}_unit_sigma"), sigma);
+    }
+    if found.focal_sigma > 0.0 {
+        figure("focal_px", found.head.at_rest.intrinsics.focal[0]);
+        figure("focal_sigma", found.focal_sigma);
     }
     for (axis, range) in ["pan", "tilt"].into_iter().zip(found.ranges) {
         figure(&format!("{axis}_range_deg"), range.to_degrees());

@@ -1,7 +1,7 @@
 //! What counts when a head is calibrated, and how well it must be held.
 
 use foveate::calibration::head::GatherOptions;
-use foveate::geometry::pan_tilt::{AxisUnits, HeadOptions, Limits, Stacking, UnitsRule};
+use foveate::geometry::pan_tilt::{AxisUnits, HeadOptions, Limits, OpticsRule, Stacking, UnitsRule};
 use foveate::prelude::ConfigError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -14,6 +14,16 @@ pub enum Units {
     Known,
     /// It is found, starting there.
     Estimated,
+}
+
+/// What is taken for known of the optics of cameras on heads.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Optics {
+    /// All that the calibration says.
+    Known,
+    /// All but the focal length, which is found.
+    Focal,
 }
 
 /// Which axis carries the other.
@@ -36,6 +46,8 @@ pub struct CalibratorSettings {
     /// to be found. It must be what `pan_tilt.head` reckons with (its `model` or `profile`): angles come from there, and another number here only
     /// scales the units that are written. Each -100000 to 100000, not 0 [units/°]
     pub units_per_deg: Option<[f64; 2]>,
+    /// Whether the optics of the cameras on heads are taken for known, or their focal length is found too [–]
+    pub optics: Optics,
     /// Which axis carries the other [–]
     pub stacking: Carrier,
     /// Reports of the head this close are of one place [°]
@@ -79,6 +91,7 @@ impl Default for CalibratorSettings {
         Self {
             units: Units::Known,
             units_per_deg: None,
+            optics: Optics::Known,
             stacking: Carrier::TiltOnPan,
             tolerance_deg: 0.1,
             settle_ms: 500.0,
@@ -140,6 +153,10 @@ impl CalibratorSettings {
         };
         HeadOptions {
             units: [units; 2],
+            optics: match self.optics {
+                Optics::Known => OpticsRule::Known,
+                Optics::Focal => OpticsRule::Focal,
+            },
             stacking: match self.stacking {
                 Carrier::TiltOnPan => Stacking::TiltOnPan,
                 Carrier::PanOnTilt => Stacking::PanOnTilt,

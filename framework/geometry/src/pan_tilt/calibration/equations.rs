@@ -5,7 +5,8 @@
 //! | 0–5 | turn and shift of the camera at rest in its own space: exp(δ) T | rad, m |
 //! | 6–9, 10–13 | [`super::super::Axis::moved`] of pan and tilt | rad, m |
 //! | 14, 15 | logarithm of the angle of a unit, of pan and tilt | – |
-//! | 16 + 2 k, 17 + 2 k | correction of pan and tilt of setting k | rad |
+//! | 16 | logarithm of the focal lengths | – |
+//! | 17 + 2 k, 18 + 2 k | correction of pan and tilt of setting k | rad |
 //!
 //! With z = x − a, a turn R about an axis (a, u) takes x to a + R z. When the axis turns by ω and moves by β, that moves by
 //! −[R z]× ω + R [z]× ω + (1 − R) β, and when the angle grows, by u × R z.
@@ -17,13 +18,19 @@ use nalgebra::{
     Vector3,
 };
 
-use super::{AxesRule, Prepared, UnitsRule};
-use crate::camera::Camera;
+use super::{AxesRule, OpticsRule, Prepared, UnitsRule};
+use crate::camera::{Camera, Intrinsics};
 use crate::pan_tilt::axis::Axis;
 use crate::pan_tilt::head::{PanTiltHead, Setting};
 
-/// Unknowns without corrections of settings.
+/// Unknowns of the head: without its camera's optics and corrections of settings.
 pub(super) const SHARED: usize = 16;
+/// Place of the focal lengths among the unknowns.
+pub(super) const FOCAL: usize = SHARED;
+/// Unknowns without corrections of settings.
+const COMMON: usize = SHARED + 1;
+/// Standard deviations that are more times too large than this are those of a search that is far off.
+const COARSE: f64 = 4.0;
 /// Error of what is not in front of the camera, in standard deviations.
 const UNSEEN: f64 = 1e3;
 
@@ -41,6 +48,8 @@ pub(super) struct Used {
 pub(super) struct Parameters {
     pub head: PanTiltHead,
     pub rad_per_unit: [f64; 2],
+    /// Focal lengths over those that were given.
+    pub focal: f64,
     /// By setting, none at first [rad].
     pub corrections: Vec<[f64; 2]>,
 }
@@ -56,6 +65,8 @@ impl Parameters {
 pub(super) struct Linear {
     pub pixel: Point2<f64>,
     pub by_shared: SMatrix<f64, 2, SHARED>,
+    /// By the logarithm of the focal lengths.
+    pub by_focal: Vector2<f64>,
     pub by_angles: Matrix2<f64>,
     pub by_point: Matrix2x3<f64>,
 }
@@ -90,7 +101,11 @@ pub(super) fn linear(
     by_shared.set_column(15, &(of_tilt.1 * scaled_units[1]));
     let by_angles = Matrix2::from_columns(&[of_pan.1, of_tilt.1]);
     let by_point = by_rest * rest.rotation.to_rotation_matrix().matrix();
-    Some(Linear { pixel, by_shared, by_angles, by_point })
+    let Intrinsics { focal, principal, skew } = optics.intrinsics;
+    let down = pixel.y - principal[1];
+    // The skew does not grow with the focal lengths.
+    let by_focal = Vector2::new(pixel.x - principal[0] - skew * down / focal[1], down);
+    Some(Linear { pixel, by_shared, by_focal, by_angles, by_point })
 }
 
 /// Derivatives by the four numbers of an axis that turned `before` into `after`, and by its angle, of what depends on `after` by `by_after`.
@@ -132,7 +147,7 @@ impl<'a> Fit<'a> {
         if sigma > 0.0 {
             // A setting with one observation alone: its correction is noise of that pixel, and need not be an unknown.
             for (setting, _) in counts.iter().enumerate().filter(|it| *it.1 > 1) {
-                corrected[setting] = Some(SHARED + 2 * n_corrected);
+                corrected[setting] = Some(COMMON + 2 * n_corrected);
                 n_corrected += 1;
             }
         }
@@ -159,7 +174,7 @@ impl<'a> Fit<'a> {
         for (correction, _) in start.corrections.iter_mut().zip(&self.corrected).filter(|it| it.1.is_none()) {
             *correction = [0.0; 2];
         }
-        let held = self.prepared.held();
+        let held = self.prepared.held(self.factor);
         let options = Options { loss, held, max_iterations: 100, relative_gain: 1e-10 };
         least_squares::solve(self, start, &options).ok()
     }
@@ -179,7 +194,7 @@ impl Problem for Fit<'_> {
     type Parameters = Parameters;
 
     fn dimension(&self) -> usize {
-        SHARED + 2 * self.n_corrected
+        COMMON + 2 * self.n_corrected
     }
 
     fn moved(&self, from: &Parameters, step: &DVector<f64>) -> Parameters {
@@ -195,6 +210,7 @@ impl Problem for Fit<'_> {
         for axis in 0..2 {
             moved.rad_per_unit[axis] *= step[14 + axis].exp();
         }
+        moved.focal *= step[FOCAL].exp();
         for (correction, place) in moved.corrections.iter_mut().zip(&self.corrected) {
             if let Some(place) = place {
                 correction[0] += step[*place];
@@ -205,7 +221,7 @@ impl Problem for Fit<'_> {
     }
 
     fn linearise(&self, at: &Parameters, equations: &mut Equations) -> Option<()> {
-        let shared: [usize; SHARED] = std::array::from_fn(|it| it);
+        let common: [usize; COMMON] = std::array::from_fn(|it| it);
         for &index in self.chosen {
             let setting = self.prepared.used[index].setting;
             let Some(linear) = self.prepared.linear(at, index) else {
@@ -215,16 +231,18 @@ impl Problem for Fit<'_> {
             };
             let whiten = self.whiten[index];
             let error = whiten * (linear.pixel - self.prepared.observations[index].pixel);
-            let by_shared = whiten * linear.by_shared;
+            let mut by_common = SMatrix::<f64, 2, COMMON>::zeros();
+            by_common.fixed_columns_mut::<SHARED>(0).copy_from(&(whiten * linear.by_shared));
+            by_common.set_column(FOCAL, &(whiten * linear.by_focal));
             match self.corrected[setting] {
-                None => equations.add(&shared, &error, &by_shared),
+                None => equations.add(&common, &error, &by_common),
                 Some(place) => {
-                    let mut columns = [0; SHARED + 2];
-                    columns[..SHARED].copy_from_slice(&shared);
-                    (columns[SHARED], columns[SHARED + 1]) = (place, place + 1);
-                    let mut jacobian = SMatrix::<f64, 2, { SHARED + 2 }>::zeros();
-                    jacobian.fixed_columns_mut::<SHARED>(0).copy_from(&by_shared);
-                    jacobian.fixed_columns_mut::<2>(SHARED).copy_from(&(whiten * linear.by_angles));
+                    let mut columns = [0; COMMON + 2];
+                    columns[..COMMON].copy_from_slice(&common);
+                    (columns[COMMON], columns[COMMON + 1]) = (place, place + 1);
+                    let mut jacobian = SMatrix::<f64, 2, { COMMON + 2 }>::zeros();
+                    jacobian.fixed_columns_mut::<COMMON>(0).copy_from(&by_common);
+                    jacobian.fixed_columns_mut::<2>(COMMON).copy_from(&(whiten * linear.by_angles));
                     equations.add(&columns, &error, &jacobian);
                 }
             }
@@ -244,24 +262,36 @@ impl Prepared<'_> {
     pub(super) fn linear(&self, at: &Parameters, index: usize) -> Option<Linear> {
         let used = &self.used[index];
         let scaled = [0, 1].map(|axis| used.units[axis] * at.rad_per_unit[axis]);
-        linear(&self.optics, &at.head, scaled, at.angles(used), &self.observations[index].point_in_world)
+        linear(&self.optics_at(at), &at.head, scaled, at.angles(used), &self.observations[index].point_in_world)
     }
 
     /// Seen − measured [px].
     pub(super) fn error(&self, at: &Parameters, index: usize) -> Option<Vector2<f64>> {
         let [pan, tilt] = at.angles(&self.used[index]);
         let at_rest = at.head.at_rest.camera_from_world * self.observations[index].point_in_world;
-        let seen = self.optics.project(&(at.head.camera_from_rest(&Setting::new(pan, tilt)) * at_rest))?;
+        let seen = self.optics_at(at).project(&(at.head.camera_from_rest(&Setting::new(pan, tilt)) * at_rest))?;
         Some(seen - self.observations[index].pixel)
     }
 
-    /// Unknowns that stay, by the rules.
-    fn held(&self) -> Vec<usize> {
+    /// The camera at the origin, with the focal lengths that are tried.
+    pub(super) fn optics_at(&self, at: &Parameters) -> Camera {
+        let mut optics = self.optics.clone();
+        optics.intrinsics.focal = optics.intrinsics.focal.map(|it| it * at.focal);
+        optics
+    }
+
+    /// Unknowns that stay, by the rules; while standard deviations are many times too large, also those of which something is known: far from the answer they
+    /// would make good what the pose is off.
+    fn held(&self, factor: f64) -> Vec<usize> {
+        let is_coarse = factor > COARSE;
         let mut held = if self.options.axes == AxesRule::Aligned { (6..14).collect() } else { Vec::new() };
         for (axis, units) in self.options.units.iter().enumerate() {
-            if matches!(units, UnitsRule::Known(_)) {
+            if matches!(units, UnitsRule::Known(_)) || (is_coarse && matches!(units, UnitsRule::Near(_))) {
                 held.push(14 + axis);
             }
+        }
+        if is_coarse || self.options.optics == OpticsRule::Known {
+            held.push(FOCAL);
         }
         held
     }

@@ -5,7 +5,7 @@
 //! finds the right observations among wrong ones; the answer is least squares on the right ones, so that its covariance is that of the
 //! answer. With [`Loss::Squared`] all observations count, as in the paper.
 //!
-//! What is free: the pose of the camera at rest (6), each axis (4), and by rule what an angle is in the device's units (1 each). Where a device
+//! What is free: the pose of the camera at rest (6), each axis (4), and by rule what an angle is in the device's units (1 each) and the focal lengths (1). Where a device
 //! counts from is not: to count from elsewhere is to call another pose the one at rest. Nor is the place of an axis' point along it.
 //! Stacking is not found but given ([`HeadOptions::stacking`]): settings that change one angle at a time fit either.
 
@@ -27,7 +27,7 @@ use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3};
 
 use self::equations::{Fit, Parameters, Used};
 pub use self::error::HeadCalibrationError;
-pub use self::options::{AxesRule, HeadOptions, UnitsRule};
+pub use self::options::{AxesRule, HeadOptions, OpticsRule, UnitsRule};
 pub use self::outcome::{AxisSigma, HeadCalibration, HeadCovariance, Holdout};
 use super::head::{AxisUnits, PanTiltHead};
 use crate::camera::Camera;
@@ -49,7 +49,7 @@ pub struct HeadObservation {
     pub sigma_px: f64,
 }
 
-/// Fewer right observations than this leave no surplus worth the name: 16 unknowns, two numbers each.
+/// Fewer right observations than this leave no surplus worth the name: up to 17 unknowns, two numbers each.
 const LEAST_OBSERVATIONS: usize = 12;
 /// Across over along the line, at least.
 const ON_A_LINE: f64 = 0.01;
@@ -61,9 +61,10 @@ const UNIT_RATIO: f64 = 1.5;
 const GATE: f64 = 3.717;
 /// Median length of a pair of standard normal numbers.
 const MEDIAN_OF_TWO: f64 = 1.177_410_022_515_474_7;
-/// Standard deviations are taken this many times too large at first, so that a start that is degrees off is not taken for wrong
-/// observations; then, in turn, less.
-const STAGES: [f64; 4] = [64.0, 16.0, 4.0, 1.0];
+/// A start may be this far off [rad]: standard deviations are taken so much too large at first that this is no wrong observation.
+const START_OFF: f64 = 0.03;
+/// Then, in turn, so many times less.
+const STAGE: f64 = 4.0;
 
 /// Calibrates a head without a start. `optics` says what the camera's intrinsics, distortion and image size are; its pose has no effect.
 ///
@@ -190,7 +191,7 @@ impl<'a> Prepared<'a> {
     }
 
     fn parameters(&self, head: PanTiltHead, rad_per_unit: [f64; 2]) -> Parameters {
-        Parameters { head, rad_per_unit, corrections: Vec::new() }
+        Parameters { head, rad_per_unit, focal: 1.0, corrections: Vec::new() }
     }
 
     /// Between the smallest and the largest number of each axis, in the device's units.
@@ -249,13 +250,22 @@ impl<'a> Prepared<'a> {
             return Some((*found.costs.last()?, found.parameters));
         }
         let mut cost = f64::INFINITY;
-        for factor in STAGES {
+        for factor in self.stages() {
             let factor = factor * self.noise_factor(&here, factor == 1.0);
             let found = Fit::new(self, &all, &here, factor).solve(here, self.options.loss)?;
             cost = found.costs.last()? * factor * factor;
             here = found.parameters;
         }
         Some((cost, here))
+    }
+
+    /// How many times too large standard deviations are taken, in turn: a narrow view makes many pixels of what the start is off.
+    fn stages(&self) -> Vec<f64> {
+        let sigmas: Vec<f64> = self.observations.iter().map(|it| it.sigma_px).collect();
+        let sigma_px = foveate_estimation::statistics::median(&sigmas).unwrap_or(1.0);
+        let most = (START_OFF * self.optics.intrinsics.focal[0] / sigma_px).max(1.0);
+        let n = most.log(STAGE).ceil().min(12.0) as i32;
+        (0..=n).rev().map(|it| STAGE.powi(it)).collect()
     }
 
     /// By how much the errors exceed their standard deviations, from their median; at least 1, and 1 unless `wanted`.

@@ -19,6 +19,15 @@ pub enum UnitsRule {
     },
 }
 
+/// What is known of the camera's optics.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OpticsRule {
+    /// All of them.
+    Known,
+    /// All but the focal lengths, of which the ratio is known.
+    Focal,
+}
+
 /// Which model is fitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AxesRule {
@@ -35,6 +44,8 @@ pub struct HeadOptions {
     pub units: [UnitsRule; 2],
     /// Which model.
     pub axes: AxesRule,
+    /// Whether the focal lengths are found too.
+    pub optics: OpticsRule,
     /// Which axis carries the other.
     pub stacking: Stacking,
     /// Limits that the head found is given; of no effect on the search.
@@ -57,11 +68,12 @@ pub struct HeadOptions {
 }
 
 impl Default for HeadOptions {
-    /// Settings in rad, axes free, Cauchy's loss, exact settings, ranges of 10° and 5°, directions to 1°, places to 50 mm, five parts.
+    /// Settings in rad, optics known, axes free, Cauchy's loss, exact settings, ranges of 10° and 5°, directions to 1°, places to 50 mm, five parts.
     fn default() -> Self {
         Self {
             units: [UnitsRule::Known(AxisUnits::RADIANS); 2],
             axes: AxesRule::Free,
+            optics: OpticsRule::Known,
             stacking: Stacking::default(),
             limits: Limits::WIDE,
             loss: Loss::CAUCHY,

@@ -3,7 +3,7 @@
 use foveate_estimation::{Loss, statistics};
 use nalgebra::{DMatrix, Matrix2, Matrix3, Matrix4, Matrix6, Point3, SMatrix, Vector2};
 
-use super::equations::{Fit, Parameters, SHARED, linear};
+use super::equations::{FOCAL, Fit, Parameters, SHARED, linear};
 use super::{GATE, HeadCalibrationError, LEAST_OBSERVATIONS, PARALLEL, Prepared};
 use crate::camera::Camera;
 use crate::pan_tilt::head::{AxisUnits, PanTiltHead};
@@ -11,12 +11,14 @@ use crate::pan_tilt::head::{AxisUnits, PanTiltHead};
 /// What a calibration found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeadCalibration {
-    /// The head, with the limits of the rules.
+    /// The head, with the limits of the rules, and its camera, with the focal lengths that were found if they were.
     pub head: PanTiltHead,
     /// What the device's numbers of pan and tilt mean.
     pub units: [AxisUnits; 2],
     /// How well all that is known.
     pub covariance: HeadCovariance,
+    /// Standard deviation of the focal lengths, relative to them; 0 where they were given [–].
+    pub focal_sigma: f64,
     /// By observation: seen − measured, with the corrections of settings if there are any; `None` where the camera does not see the target [px].
     pub residuals: Vec<Option<Vector2<f64>>>,
     /// By observation: whether it is a right one and counts.
@@ -134,7 +136,7 @@ fn to_own_space(head: &PanTiltHead) -> SMatrix<f64, SHARED, SHARED> {
     adjoint
 }
 
-const NAMES: [&str; SHARED] = [
+const NAMES: [&str; SHARED + 1] = [
     "the turn of the camera about its x",
     "the turn of the camera about its y",
     "the turn of the camera about its z",
@@ -151,6 +153,7 @@ const NAMES: [&str; SHARED] = [
     "the place of the tilt axis",
     "the unit of pan",
     "the unit of tilt",
+    "the focal length",
 ];
 
 impl Prepared<'_> {
@@ -180,8 +183,10 @@ impl Prepared<'_> {
         let Some(solution) = solution else { unreachable!("the loop ran") };
         let ranges = self.check_ranges(&here, &right)?;
         let widened = solution.variance_factor.max(1.0);
-        let whole = match &solution.covariance {
-            Ok(covariance) => shared_part(covariance) * widened,
+        let (whole, focal_sigma) = match &solution.covariance {
+            Ok(covariance) => {
+                (shared_part(covariance) * widened, (covariance[(FOCAL, FOCAL)] * widened).max(0.0).sqrt())
+            }
             Err(open) => {
                 let mut parameters: Vec<&str> =
                     open.parameters.iter().filter_map(|it| NAMES.get(*it).copied()).collect();
@@ -198,6 +203,7 @@ impl Prepared<'_> {
         Ok(HeadCalibration {
             units: [0, 1].map(|axis| AxisUnits { rad_per_unit: here.rad_per_unit[axis], at_rest: self.at_rest[axis] }),
             covariance,
+            focal_sigma,
             rms_px: (squares.iter().sum::<f64>() / squares.len() as f64).sqrt(),
             median_px: statistics::median(&lengths).unwrap_or(f64::INFINITY),
             noise_factor: solution.variance_factor.max(0.0).sqrt(),
@@ -206,8 +212,14 @@ impl Prepared<'_> {
             converged: solution.converged(),
             residuals,
             right,
-            head: here.head,
+            head: self.with_optics(here),
         })
+    }
+
+    fn with_optics(&self, found: Parameters) -> PanTiltHead {
+        let Camera { intrinsics, .. } = self.optics_at(&found);
+        let at_rest = Camera { intrinsics, ..found.head.at_rest };
+        PanTiltHead { at_rest, ..found.head }
     }
 
     /// By observation: whether its error is one that right observations have; all are right under the plain square. A target right before the lens may
