@@ -294,7 +294,8 @@ fn simulated_cameras_need_poses_to_see_from() {
     fs::copy(root().join("graphs/wave.toml"), folder.path().join("wave.toml")).unwrap();
     let bare: String = (1..=18).map(|it| format!("[camera.wide-{it}]\nimage_size_px = [640, 240]\n")).collect();
     let text = format!("[calibration]\nlength_unit = \"unknown\"\n{bare}");
-    fs::write(folder.path().join("room.calibration.toml"), text).unwrap();
+    fs::write(folder.path().join("face_body.calibration.toml"), text).unwrap();
+    fs::copy(root().join("graphs/lab.plan.toml"), folder.path().join("lab.plan.toml")).unwrap();
     let (code, _, complaint) = foveate(folder.path(), &["calibrate", "wave.toml", "--from-nothing", "--quiet"]);
     assert!(code == 2 && complaint.contains("sim.") && complaint.contains("wide-1 has no pose"), "{complaint}");
     assert!(complaint.contains("pixel_aspect"), "such pictures may be fields: {complaint}");

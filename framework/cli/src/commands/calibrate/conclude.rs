@@ -11,7 +11,7 @@ use foveate_calibration::quality::quality;
 use foveate_calibration::recording::Recording;
 use foveate_calibration::report::{self, Grade, ReportInput};
 use foveate_geometry::Camera;
-use foveate_scene::{Calibration, Draft, Head, NamedCamera};
+use foveate_scene::{Calibration, Draft, Head, NamedCamera, natural_order};
 use serde_json::{Map, Value};
 
 use super::{CalibrateArgs, INLIER_PX, Optics};
@@ -76,7 +76,11 @@ pub(super) fn conclude(
         note: format!("calibrated with {}", args.rig.display()),
     };
     let mut calibration = room.solved.to_calibration(origin).map_err(|error| format!("error: {error}"))?;
-    let carried = more.older.as_ref().map(|older| carry_over(&mut calibration, older, more.is_adjusted));
+    let carried = more.older.as_ref().map(|older| {
+        // Left out on purpose, in a room whose origin, axes and scale were told: they stand where they stood.
+        let is_left_out = args.cameras.is_some() && (args.floor_stops || !args.l_frame.is_empty());
+        carry_over(&mut calibration, older, more.is_adjusted || is_left_out)
+    });
     let carried = carried.unwrap_or_default();
     let text = calibration.to_toml();
     let write =
@@ -257,20 +261,22 @@ pub(super) fn check_writable(older: &Path) -> Result<(), String> {
 }
 
 /// Clocks that were not estimated stay as they were, as do the frame rates of those that were, the heads, and where the older calibration was
-/// adjusted, cameras that were not found. Names of these, and of what is lost.
-fn carry_over(calibration: &mut Calibration, older: &Calibration, is_adjusted: bool) -> CarriedOver {
+/// adjusted, or its room is told anew, cameras that were not found. Names of these, and of what is lost.
+fn carry_over(calibration: &mut Calibration, older: &Calibration, is_same_room: bool) -> CarriedOver {
     let missing = older.cameras.iter().filter(|it| calibration.camera(&it.name).is_none());
     let missing: Vec<NamedCamera> = missing.cloned().collect();
     let names = missing.iter().map(|it| it.name.clone()).collect();
-    let mut carried = match is_adjusted {
+    let mut carried = match is_same_room {
         true => CarriedOver { kept: names, lost: Vec::new() },
         false => CarriedOver { kept: Vec::new(), lost: names },
     };
-    for camera in missing.into_iter().filter(|_| is_adjusted) {
+    for camera in missing.into_iter().filter(|_| is_same_room) {
         let uncertainty = older.uncertainties.get(&camera.name).cloned();
         calibration.uncertainties.extend(uncertainty.map(|it| (camera.name.clone(), it)));
         calibration.cameras.push(camera);
     }
+    // Cameras are looked up by name in their order.
+    calibration.cameras.sort_by(|a, b| natural_order(&a.name, &b.name));
     for (name, clock) in &older.clocks.0 {
         if calibration.camera(name).is_some() {
             let kept = calibration.clocks.0.entry(name.clone()).or_insert_with(|| *clock);

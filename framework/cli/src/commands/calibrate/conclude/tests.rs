@@ -75,3 +75,24 @@ fn suggested_commands_are_taken_whatever_was_asked() {
     assert!(suggested > 1000, "{suggested}");
     assert_eq!(quoted("my rig's.toml"), "'my rig'\\''s.toml'");
 }
+
+#[test]
+fn cameras_that_are_kept_are_found_by_their_names_and_so_are_the_others() {
+    let section = |name: &str| {
+        format!(
+            "[camera.{name}]\nimage_size_px = [640, 480]\nfocal_px = [600.0, 600.0]\nprincipal_point_px = [320.0, 240.0]\n\
+             position_m = [0.0, 0.0, 1.0]\ncamera_from_world_wxyz = [1.0, 0.0, 0.0, 0.0]\n\n"
+        )
+    };
+    let read = |names: &[&str]| {
+        let text: String = names.iter().map(|it| section(it)).collect();
+        Calibration::from_toml(&text, Path::new("lab.toml")).unwrap()
+    };
+    let older = read(&["ptz-1", "ptz-2", "wide-1", "wide-2", "wide-10"]);
+    let mut newer = read(&["wide-1", "wide-2", "wide-10"]);
+    let carried = carry_over(&mut newer, &older, true);
+    assert_eq!((carried.kept, carried.lost.len()), (vec!["ptz-1".to_owned(), "ptz-2".to_owned()], 0));
+    assert!(older.cameras.iter().all(|it| newer.camera(&it.name) == Some(&it.camera)));
+    let carried = carry_over(&mut read(&["wide-1"]), &older, false);
+    assert_eq!((carried.kept.len(), carried.lost.len()), (0, 4));
+}
