@@ -86,7 +86,7 @@ fn look_from_head(
     for frame in 0..60 {
         let start = Instant::now();
         let capture = Time::from_s(seconds + frame as f64 / 60.0);
-        renderer.render_on(&motion, camera, world, capture, frame, &mut image);
+        renderer.render_on(&motion, &camera.into(), world, capture, frame, &mut image);
         best = best.min(start.elapsed().as_secs_f64());
         if frame == 2 {
             save_square(&image, &folder.join("on-a-head-moving.png"))?;

@@ -6,6 +6,8 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::truth::TrueCamera;
+
 /// Which camera is knocked, when, and by how much it is turned after that, about its own axes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -54,20 +56,25 @@ impl BumpSettings {
     }
 }
 
-/// The camera after a bump that is still to come.
+/// A bump that is still to come.
 #[derive(Debug, Clone)]
 pub(crate) struct Pending {
     pub at: Time,
-    pub camera: Camera,
+    bump: BumpSettings,
 }
 
 impl Pending {
     /// `None` when it is another camera that is knocked, or none.
-    pub(crate) fn of(bump: Option<&BumpSettings>, setup: &Setup, camera: &Camera) -> Result<Option<Self>, ConfigError> {
+    pub(crate) fn of(bump: Option<&BumpSettings>, setup: &Setup) -> Result<Option<Self>, ConfigError> {
         let Some(bump) = bump else { return Ok(None) };
         bump.check(setup)?;
         let is_it = setup.camera_name() == Some(bump.camera.as_str());
-        Ok(is_it.then(|| Self { at: Time::from_s(bump.at_s), camera: bump.turned(camera) }))
+        Ok(is_it.then(|| Self { at: Time::from_s(bump.at_s), bump: bump.clone() }))
+    }
+
+    /// The camera after it.
+    pub(crate) fn knocked(&self, camera: &TrueCamera) -> TrueCamera {
+        camera.standing(self.bump.turned(camera).camera_from_world)
     }
 }
 

@@ -5,6 +5,7 @@
 //! | [`lab`] | the room and its eighteen wide cameras |
 //! | [`person`] | somebody who walks about with eight LEDs: a pure function of time |
 //! | [`painted`] | the actor's painted face: how it deforms, where its marks are, how it looks |
+//! | [`truth`] | cameras, lenses and heads as they truly are, apart from what calibrations say |
 //! | [`world`] | people and clutter together, as a message |
 //! | [`camera`] | from the world to the pixels of one field |
 //! | [`observer`] | from the world to features, without a picture |
@@ -25,6 +26,7 @@ pub mod person;
 mod rounding;
 pub mod score;
 pub mod timing;
+pub mod truth;
 pub mod world;
 
 use foveate_node::Registry;

@@ -1,12 +1,12 @@
 //! What stands still behind the people: the room, its bright spots, and the screens that change.
 
-use foveate_geometry::Camera;
 use foveate_messages::Time;
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use wide::{f32x8, i16x8};
 
 use super::spot::Spot;
 use super::{CameraSettings, STEPS, steps};
+use crate::truth::TrueCamera;
 use crate::world::{PANES, World, room_light};
 
 /// Lines of sight are computed on a grid of this spacing [px] and interpolated: a tenth of a second saved a camera.
@@ -28,7 +28,7 @@ pub(super) struct Backdrop {
 }
 
 impl Backdrop {
-    pub fn new(camera: &Camera, world: &World, settings: &CameraSettings) -> Self {
+    pub fn new(camera: &TrueCamera, world: &World, settings: &CameraSettings) -> Self {
         let [width, height] = camera.image_size.map(|it| it as usize);
         let view_grid = ViewGrid::new(camera);
         let origin = camera.centre();
@@ -76,15 +76,22 @@ impl Backdrop {
 #[derive(Default)]
 pub(super) struct MovingBackdrop {
     /// Of a camera with these optics in the middle of the world.
-    view_grid: Option<(Camera, ViewGrid)>,
+    view_grid: Option<(TrueCamera, ViewGrid)>,
     /// At the grid's places [steps].
     lights: Vec<f32>,
 }
 
 impl MovingBackdrop {
     /// Overwrites `canvas` with the view of `camera` at `time`, nobody in it.
-    pub fn draw(&mut self, camera: &Camera, world: &World, settings: &CameraSettings, time: Time, canvas: &mut [i16]) {
-        let in_the_middle = Camera { camera_from_world: Isometry3::identity(), ..camera.clone() };
+    pub fn draw(
+        &mut self,
+        camera: &TrueCamera,
+        world: &World,
+        settings: &CameraSettings,
+        time: Time,
+        canvas: &mut [i16],
+    ) {
+        let in_the_middle = camera.standing(Isometry3::identity());
         let (_, view_grid) = match self.view_grid.take().filter(|it| it.0 == in_the_middle) {
             Some(known) => self.view_grid.insert(known),
             None => {
@@ -149,7 +156,7 @@ fn nearest_monitor(
         .map(|(monitor, (pane, _))| (monitor, pane))
 }
 
-fn add_bright_spots(camera: &Camera, world: &World, settings: &CameraSettings, canvas: &mut [i16]) {
+fn add_bright_spots(camera: &TrueCamera, world: &World, settings: &CameraSettings, canvas: &mut [i16]) {
     let origin = camera.centre();
     for spot in world.bright_spots() {
         if let Some(pixel) = camera.project(&spot.position) {
@@ -168,7 +175,7 @@ struct ViewGrid {
 }
 
 impl ViewGrid {
-    fn new(camera: &Camera) -> Self {
+    fn new(camera: &TrueCamera) -> Self {
         let [width, height] = camera.image_size.map(|it| it as usize);
         let (columns, rows) = (width / GRID + 2, height / GRID + 2);
         let axis = camera.camera_from_world.rotation.inverse() * Vector3::z();
@@ -196,7 +203,7 @@ mod tests {
     #[test]
     fn interpolated_lines_of_sight_are_good_to_a_twentieth_of_a_pixel() {
         for (name, camera) in wide_cameras() {
-            let view_grid = ViewGrid::new(&camera);
+            let view_grid = ViewGrid::new(&TrueCamera::from(&camera));
             for (column, row) in [(3, 3), (4, 4), (637, 236), (333, 117), (5, 237)] {
                 let point = camera.centre() + view_grid.direction(column, row);
                 let pixel = camera.project(&point).unwrap();

@@ -15,7 +15,6 @@ mod surface;
 mod triangles;
 
 use foveate_estimation::random::Random;
-use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Image, Interval, PixelFormat, Time};
 use nalgebra::{Point2, Point3};
 use schemars::JsonSchema;
@@ -25,6 +24,7 @@ use crate::bump::BumpSettings;
 use crate::head::HeadMotion;
 use crate::rounding::rounded;
 use crate::timing::TimingSettings;
+use crate::truth::TrueCamera;
 use crate::world::{Light, Mirror, Moment, REFERENCE_DISTANCE_M, World};
 use backdrop::{Backdrop, MovingBackdrop};
 use noise::Noise;
@@ -101,7 +101,7 @@ impl Default for CameraSettings {
 
 /// Renders the fields of one camera.
 pub struct Renderer {
-    camera: Camera,
+    camera: TrueCamera,
     centre: Point3<f64>,
     id: CameraId,
     settings: CameraSettings,
@@ -119,17 +119,25 @@ pub struct Renderer {
 
 impl Renderer {
     /// Gets ready: renders what does not change. `random` is the camera's own.
-    pub fn new(camera: &Camera, id: CameraId, world: &World, settings: &CameraSettings, random: &Random) -> Self {
-        let backdrop = Some(Backdrop::new(camera, world, settings));
+    pub fn new(
+        camera: impl Into<TrueCamera>,
+        id: CameraId,
+        world: &World,
+        settings: &CameraSettings,
+        random: &Random,
+    ) -> Self {
+        let camera = camera.into();
+        let backdrop = Some(Backdrop::new(&camera, world, settings));
         Self { backdrop, ..Self::on_head(camera, id, settings, random) }
     }
 
     /// For a camera on a head, of which nothing stays the same: see [`Self::render_on`].
-    pub fn on_head(camera: &Camera, id: CameraId, settings: &CameraSettings, random: &Random) -> Self {
+    pub fn on_head(camera: impl Into<TrueCamera>, id: CameraId, settings: &CameraSettings, random: &Random) -> Self {
+        let camera = camera.into();
         let [width, height] = camera.image_size.map(|it| it as usize);
         Self {
-            camera: camera.clone(),
             centre: camera.centre(),
+            camera,
             id,
             settings: settings.clone(),
             backdrop: None,
@@ -161,7 +169,7 @@ impl Renderer {
     pub fn render_on(
         &mut self,
         motion: &HeadMotion,
-        at_rest: &Camera,
+        at_rest: &TrueCamera,
         world: &World,
         capture: Time,
         frame: u64,
@@ -177,14 +185,14 @@ impl Renderer {
         self.finish(world, capture, frame, image);
     }
 
-    fn stand(&mut self, camera: Camera) {
+    fn stand(&mut self, camera: TrueCamera) {
         self.centre = camera.centre();
         self.camera = camera;
     }
 
     /// Draws those who are there at `capture`, and the actor's face, if it is large enough to be seen, over all of the exposure, in which the
     /// camera stands as `camera_at` says.
-    fn draw_people(&mut self, world: &World, capture: Time, camera_at: &dyn Fn(Time) -> Camera) {
+    fn draw_people(&mut self, world: &World, capture: Time, camera_at: &dyn Fn(Time) -> TrueCamera) {
         world.at(capture, &mut self.moment);
         let CameraSettings { room_light, gain, black_level, .. } = self.settings;
         let cloth_light = 60.0 * room_light * gain;
@@ -285,7 +293,7 @@ impl Renderer {
 
 /// Renders a single field; to render many, keep a [`Renderer`].
 pub fn render(
-    camera: &Camera,
+    camera: impl Into<TrueCamera>,
     id: CameraId,
     world: &World,
     settings: &CameraSettings,
@@ -311,6 +319,8 @@ fn steps(gray: f64) -> i16 {
 
 #[cfg(test)]
 mod tests {
+    use foveate_geometry::Camera;
+
     use super::*;
     use crate::lab::wide_cameras;
     use crate::world::SceneSettings;
@@ -495,7 +505,7 @@ mod tests {
     fn field_on(motion: &HeadMotion, world: &World, settings: &CameraSettings, time_s: f64) -> Image {
         let mut image = Image::default();
         let mut renderer = Renderer::on_head(&camera(0), CameraId(0), settings, &Random::new(2));
-        renderer.render_on(motion, &camera(0), world, Time::from_s(time_s), 0, &mut image);
+        renderer.render_on(motion, &TrueCamera::from(&camera(0)), world, Time::from_s(time_s), 0, &mut image);
         image
     }
 

@@ -3,7 +3,7 @@
 //! A capsule's image is taken as the hull of the images of spheres along it, each an ellipse with the aspect of the pixels; that
 //! is exact for a pinhole at the axis and good to a few percent of the radius at the edge, which no detector minds.
 
-use foveate_geometry::Camera;
+use crate::truth::TrueCamera;
 use nalgebra::Point3;
 
 use super::steps;
@@ -38,7 +38,7 @@ impl Silhouettes {
     /// Draws all body parts, far ones first. `light` [gray level] is what a white cloth would show.
     pub fn draw(
         &mut self,
-        camera: &Camera,
+        camera: &TrueCamera,
         moment: &Moment,
         light: f64,
         black_level: f64,
@@ -77,7 +77,14 @@ struct Ellipse {
     half: [f64; 2],
 }
 
-fn draw_part(camera: &Camera, eye: &Point3<f64>, part: &BodyPart, light: f64, black_level: f64, canvas: &mut [i16]) {
+fn draw_part(
+    camera: &TrueCamera,
+    eye: &Point3<f64>,
+    part: &BodyPart,
+    light: f64,
+    black_level: f64,
+    canvas: &mut [i16],
+) {
     let [width, height] = camera.image_size.map(f64::from);
     // Close up, few spheres would look like beads.
     let distance = (nalgebra::center(&part.ends[0], &part.ends[1]) - eye).norm();
@@ -146,7 +153,7 @@ mod tests {
         for (name, camera) in wide_cameras() {
             let eye = camera.centre();
             let mut canvas = vec![i16::MAX; 640 * 240];
-            draw_part(&camera, &eye, &part, 60.0, 10.0, &mut canvas);
+            draw_part(&TrueCamera::from(&camera), &eye, &part, 60.0, 10.0, &mut canvas);
             for i in 0..=10 {
                 let on_axis = part.ends[0] + (part.ends[1] - part.ends[0]) * (f64::from(i) / 10.0);
                 let Some(pixel) = camera.sees(&on_axis) else { continue };

@@ -5,12 +5,13 @@
 
 use std::sync::Arc;
 
-use foveate_geometry::{Camera, Intrinsics};
+use foveate_geometry::Intrinsics;
 use nalgebra::{Vector2, Vector3};
 
 use super::STEPS;
 use super::triangles::{Area, Canvas, Corner, LANES, Pixel};
 use crate::painted::{Part, Skin, key_light};
+use crate::truth::TrueCamera;
 
 /// Nothing is drawn of a surface that comes nearer to the camera than this [m].
 const NEAREST_M: f64 = 0.15;
@@ -19,7 +20,7 @@ const SHINE: f32 = 0.13;
 
 /// The camera and the surface at one moment of the exposure.
 pub(super) struct View {
-    pub camera: Camera,
+    pub camera: TrueCamera,
     pub skin: Arc<Skin>,
     /// By how much it is drawn aside: see [`shift`] [px].
     pub shift: [f64; 2],
@@ -110,7 +111,7 @@ impl Surfaces {
         // Everything is far away against its own size: one direction to the camera for all.
         let half_way: Vector3<f32> = (to_eye + key_light()).normalize();
         let Intrinsics { focal, principal, skew } = camera.intrinsics;
-        let is_ideal = camera.distortion == Default::default();
+        let is_ideal = camera.is_ideal();
         let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
         let vertices = skin.vertices.iter().zip(&skin.normals).zip(&skin.light);
         for (corner, ((vertex, normal), light)) in self.corners.iter_mut().zip(vertices) {
@@ -119,7 +120,7 @@ impl Surfaces {
                 return None;
             }
             let ideal = Vector2::new(seen.x, seen.y) / seen.z;
-            let place = if is_ideal { ideal } else { camera.distortion.distort(&ideal)? };
+            let place = if is_ideal { ideal } else { camera.distort(&ideal)? };
             let x = (focal[0] * place.x + skew * place.y + principal[0] + shift[0]) as f32;
             let y = (focal[1] * place.y + principal[1] + shift[1]) as f32;
             let mirrored = normal.dot(&half_way).max(0.0);
@@ -148,6 +149,7 @@ pub(super) fn shift(moment: u32, n_moments: u32) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use foveate_estimation::random::Random;
+    use foveate_geometry::Camera;
     use foveate_messages::{CameraId, Image, Time};
     use nalgebra::Point3;
 
@@ -240,7 +242,7 @@ mod tests {
             let part = world.painted_part(time).unwrap();
             let skin = part.skin(time, &moment.poses[0]);
             surfaces.pixels.fill(Pixel::EMPTY);
-            let view = View { camera: camera.clone(), skin, shift: shift(0, 1) };
+            let view = View { camera: TrueCamera::from(&camera), skin, shift: shift(0, 1) };
             let area = surfaces.draw_together(part, 200.0, &[view]).unwrap();
             for (mark, (position, normal)) in painted.marks.iter().zip(&painted.normals).enumerate() {
                 let to_eye = (camera.centre() - position).normalize();

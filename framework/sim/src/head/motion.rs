@@ -8,8 +8,7 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use foveate_estimation::random::Random;
-use foveate_geometry::Camera;
-use foveate_geometry::pan_tilt::{PanTiltHead, Setting};
+use foveate_geometry::pan_tilt::PanTiltHead;
 use foveate_messages::{CameraId, Interval, Message, Space, Time, Wire};
 use foveate_node::{ConfigError, Device, Line};
 
@@ -18,6 +17,7 @@ use super::device::Head;
 use super::line::SerialHead;
 use super::mechanics::TICK;
 use super::settings::{HeadSettings, LineSettings, NetworkSettings};
+use crate::truth::TrueCamera;
 
 /// What happens to a line, and when.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -314,15 +314,8 @@ impl HeadMotion {
 
     /// `at_rest` as it stands at `time`, turned by the head, with the optics of the head's zoom where that is known. Times as for
     /// [`Self::angles_at`].
-    pub fn camera_at(&self, at_rest: &Camera, time: Time) -> Camera {
-        let [pan, tilt, zoom] = self.looked(time);
-        let mut camera = at_rest.clone();
-        camera.camera_from_world =
-            self.mechanics.camera_from_rest(&Setting::new(pan, tilt)) * at_rest.camera_from_world;
-        if let Some(table) = &self.mechanics.zoom {
-            (camera.intrinsics, camera.distortion) = table.optics_at(zoom);
-        }
-        camera
+    pub fn camera_at(&self, at_rest: &TrueCamera, time: Time) -> TrueCamera {
+        at_rest.turned(&self.mechanics, self.looked(time))
     }
 
     fn looked(&self, time: Time) -> [f64; 3] {
@@ -338,8 +331,8 @@ impl Message for HeadMotion {
 
 #[cfg(test)]
 mod tests {
-    use foveate_geometry::Intrinsics;
     use foveate_geometry::pan_tilt::{ZoomStop, ZoomTable};
+    use foveate_geometry::{Camera, Intrinsics};
     use nalgebra::Point3;
 
     use super::super::{Axes, AxesSettings};
@@ -412,7 +405,7 @@ mod tests {
         let mut mechanics = Axes::new(&AxesSettings::default()).carrying(&camera());
         mechanics.zoom = ZoomTable::new(vec![stop(0.0, 700.0), stop(1023.0, 7000.0)]).ok();
         let motion = HeadMotion::new(CameraId(0), serial(LineFaults::default()), mechanics);
-        let focal = |time: Time| motion.camera_at(&camera(), time).intrinsics.focal[0];
+        let focal = |time: Time| motion.camera_at(&TrueCamera::from(&camera()), time).intrinsics.focal[0];
         assert!((focal(ms(1.0)) - 700.0).abs() < 1e-9);
         motion.line().device().write(ms(1.0), &[0x81, 0x01, 0x04, 0x47, 0, 3, 15, 15, 0xFF]);
         // 2.5 s from end to end.

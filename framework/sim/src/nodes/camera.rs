@@ -10,6 +10,7 @@ use crate::bump::Pending;
 use crate::camera::{CameraSettings, Renderer};
 use crate::head::HeadMotion;
 use crate::timing::{Arrival, Timing};
+use crate::truth::TrueCamera;
 use crate::world::World;
 
 ports! {
@@ -23,14 +24,23 @@ ports! {
 /// [`Timing`]. Its pixels depend on the rig's seed, the camera and k alone.
 pub struct SimCamera {
     settings: CameraSettings,
-    camera: Camera,
+    /// Its name in the calibration, and how that has it.
+    name: Option<String>,
+    calibrated: Camera,
     id: CameraId,
     random: Random,
     fields: Fields,
-    scene: Option<(World, Renderer)>,
-    /// How it stands after the bump that is still to come.
+    scene: Option<Scene>,
     bump: Option<Pending>,
     pool: Pool<Image>,
+}
+
+/// What it looks at, and as what.
+struct Scene {
+    world: World,
+    /// On a head: with both angles zero.
+    camera: TrueCamera,
+    renderer: Renderer,
 }
 
 impl Node for SimCamera {
@@ -52,8 +62,9 @@ impl Node for SimCamera {
             ));
         };
         Ok(Self {
-            bump: Pending::of(settings.bump.as_ref(), setup, camera)?,
-            camera: camera.clone(),
+            bump: Pending::of(settings.bump.as_ref(), setup)?,
+            name: setup.camera_name().map(str::to_owned),
+            calibrated: camera.clone(),
             id,
             random: setup.random.clone(),
             fields: Fields::new(
@@ -70,28 +81,25 @@ impl Node for SimCamera {
         if self.scene.is_none()
             && let Some(world) = io.latest(&WORLD).map(|it| it.value.clone())
         {
-            let is_on_head = io.latest(&HEAD).is_some();
-            let renderer = self.renderer(&world, is_on_head);
-            self.scene = Some((world, renderer));
+            let camera = world.camera(self.name.as_deref(), &self.calibrated);
+            self.scene = Some(self.scene(world, camera, io.latest(&HEAD).is_some()));
         }
         let Some(Arrival { frame, capture, stamp, .. }) = self.fields.next(io, &IMAGE) else {
             return Ok(());
         };
-        if let Some(bump) = self.bump.take_if(|it| capture >= it.at) {
-            self.camera = bump.camera;
-            if let Some((world, _)) = self.scene.take() {
-                let renderer = self.renderer(&world, io.latest(&HEAD).is_some());
-                self.scene = Some((world, renderer));
-            }
+        if self.bump.as_ref().is_some_and(|it| capture >= it.at)
+            && let Some((bump, Scene { world, camera, .. })) = self.bump.take().zip(self.scene.take())
+        {
+            self.scene = Some(self.scene(world, bump.knocked(&camera), io.latest(&HEAD).is_some()));
         }
-        let Some((world, renderer)) = &mut self.scene else {
+        let Some(Scene { world, camera, renderer }) = &mut self.scene else {
             Fields::without_world(io, &IMAGE, stamp);
             return Ok(());
         };
         let mut image = self.pool.take(Image::default);
         match io.latest(&HEAD) {
             None => renderer.render(world, capture, frame, &mut image),
-            Some(motion) => renderer.render_on(motion.value, &self.camera, world, capture, frame, &mut image),
+            Some(motion) => renderer.render_on(motion.value, camera, world, capture, frame, &mut image),
         }
         io.emit_numbered(&IMAGE, stamp, frame, self.pool.share(image));
         Ok(())
@@ -112,12 +120,13 @@ impl Node for SimCamera {
 }
 
 impl SimCamera {
-    fn renderer(&self, world: &World, is_on_head: bool) -> Renderer {
-        if is_on_head {
-            Renderer::on_head(&self.camera, self.id, &self.settings, &self.random)
+    fn scene(&self, world: World, camera: TrueCamera, is_on_head: bool) -> Scene {
+        let renderer = if is_on_head {
+            Renderer::on_head(&camera, self.id, &self.settings, &self.random)
         } else {
-            Renderer::new(&self.camera, self.id, world, &self.settings, &self.random)
-        }
+            Renderer::new(&camera, self.id, &world, &self.settings, &self.random)
+        };
+        Scene { world, camera, renderer }
     }
 }
 

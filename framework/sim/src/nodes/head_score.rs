@@ -21,6 +21,7 @@ use serde::{Deserialize, Serialize};
 use crate::head::HeadMotion;
 use crate::score::follow_picture::{self, Track};
 use crate::score::warmup::Warmup;
+use crate::truth::TrueCamera;
 use crate::world::World;
 
 ports! {
@@ -157,21 +158,35 @@ impl Node for HeadScore {
 
 impl HeadScore {
     /// Where the target truly is at `time`, and the camera as it truly stands; `None` before the start, or where one of the two is not there.
-    fn truth(&self, io: &Io<'_>, camera: CameraId, time: Time) -> Option<(Point3<f64>, Camera)> {
+    fn truth(&self, io: &Io<'_>, camera: CameraId, time: Time) -> Option<(Point3<f64>, TrueCamera)> {
         if time.as_s() < self.settings.start_s {
             return None;
         }
         let target = TargetId(self.settings.target);
         let truth = io.latest(&WORLD)?.value.truth(time);
         let position = truth.list.iter().find(|it| it.id == target)?.position;
-        let at_rest = &self.calibration.cameras.get(usize::from(camera.0))?.camera;
+        let calibrated = self.calibration.cameras.get(usize::from(camera.0))?;
+        let at_rest = io.latest(&WORLD)?.value.camera(Some(&calibrated.name), &calibrated.camera);
         let mut motions = io.latest_of_each(&MOTION).map(|it| it.value);
-        Some((position, motions.find(|it| it.camera() == camera)?.camera_at(at_rest, time)))
+        Some((position, motions.find(|it| it.camera() == camera)?.camera_at(&at_rest, time)))
+    }
+
+    /// The camera with the optics that the rig takes it to have.
+    fn optics(&self, stated: &HeadPose) -> Option<Camera> {
+        let named = self.calibration.cameras.get(usize::from(stated.camera.0))?;
+        let mut camera = named.camera.clone();
+        if let (Some(zoom), Some(head)) = (stated.zoom, self.calibration.head(&named.name))
+            && let Some(table) = &head.model.zoom
+        {
+            (camera.intrinsics, camera.distortion) = table.optics_at(zoom);
+        }
+        Some(camera)
     }
 
     fn compare(&mut self, stated: &HeadPose, io: &Io<'_>) -> Result<(), NodeError> {
         let Some((target, truth)) = self.truth(io, stated.camera, stated.time) else { return Ok(()) };
-        let seen_by = Camera { camera_from_world: stated.camera_from_world, ..truth.clone() };
+        let Some(mut seen_by) = self.optics(stated) else { return Ok(()) };
+        seen_by.camera_from_world = stated.camera_from_world;
         let forward = |camera: &Camera| camera.camera_from_world.inverse() * nalgebra::Vector3::z();
         let pixels = truth.sees(&target).and_then(|it| Some((seen_by.project(&target)? - it).norm()));
         let angles = io
@@ -193,7 +208,7 @@ impl HeadScore {
 }
 
 /// Distance from the middle of the image; where the lens model has no answer, by the angle from the axis [px].
-fn off_centre(camera: &Camera, target: &Point3<f64>) -> Vector2<f64> {
+fn off_centre(camera: &TrueCamera, target: &Point3<f64>) -> Vector2<f64> {
     let [width, height] = camera.image_size.map(f64::from);
     let middle = Point2::new(0.5 * (width - 1.0), 0.5 * (height - 1.0));
     if let Some(pixel) = camera.project(target) {
@@ -256,7 +271,7 @@ mod tests {
     #[test]
     fn off_centre_is_in_pixels_and_grows_behind_the_camera() {
         let camera = Camera::look_at(Point3::origin(), Point3::new(0.0, 5.0, 0.0), [640, 480], 700.0);
-        let off = |x: f64, y: f64| off_centre(&camera, &Point3::new(x, y, 0.0));
+        let off = |x: f64, y: f64| off_centre(&TrueCamera::from(&camera), &Point3::new(x, y, 0.0));
         assert!(off(0.0, 3.0).norm() < 1e-9);
         assert!((off(0.3, 3.0).x - 70.0).abs() < 1e-9);
         assert!(off(0.1, -3.0).norm() > 2000.0);

@@ -1,11 +1,14 @@
 //! The simulated lab as a source: the world once, and the truth about its targets again and again.
 
+use std::path::PathBuf;
+
 use foveate_messages::Targets;
 use foveate_node::{ConfigError, Due, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, Time, ports};
 use foveate_scene::skeleton::SkeletonMotion;
 
 use crate::painted::{FaceSettings, FaceSource, PartKind, RecordedHead};
 use crate::person::RecordedBody;
+use crate::truth::Truth;
 use crate::world::{
     BodySettings, BodySource, LightPath, MAX_MONITORS, Recordings, SceneSettings, SwingSettings, WalkKind, World,
 };
@@ -14,6 +17,9 @@ ports! {
     WORLD: Out<World> = "world";
     TRUTH: Out<Targets> = "truth";
 }
+
+/// The true cameras, for people to compare with.
+const TRUTH_FILE: &str = "truth.calibration.toml";
 
 /// More people would tread on each other's heels.
 const MOST_ON_A_ROUND: usize = 4;
@@ -25,6 +31,8 @@ pub struct Lab {
     world: World,
     /// What is to be said of where face and bodies come from.
     remarks: Vec<String>,
+    /// What the true cameras are, and where that is written.
+    cameras: Option<(String, PathBuf)>,
     truth_hz: f64,
     next: u64,
     pool: Pool<Targets>,
@@ -64,6 +72,7 @@ impl Node for Lab {
             waved_light,
             ref swing,
             ref light_path,
+            ref truth,
         } = settings;
         ConfigError::unless_in("people", people, 0..=32)?;
         for extent in walk_area_m {
@@ -127,9 +136,16 @@ impl Node for Lab {
         let light_path = light_path.as_ref().map(|file| read_path(file, setup)).transpose()?;
         let (head, of_head) = settings.face.as_ref().map_or(Ok((None, None)), |it| read_head(it, setup))?;
         let (body, of_body) = body.as_ref().map_or(Ok((None, None)), |it| read_body(it, setup))?;
-        let world = World::with_recordings(settings, Recordings { light_path, head, body }, &setup.random);
+        let truth = truth.as_ref().map(|it| Truth::draw(it, setup)).transpose()?;
+        let mut cameras = None;
+        if let (Some(truth), Some(folder)) = (&truth, &setup.out_dir) {
+            setup.claim_file(Some("truth"), TRUTH_FILE)?;
+            cameras = Some((truth.stated().to_owned(), folder.clone()));
+        }
+        let recordings = Recordings { light_path, head, body, truth };
+        let world = World::with_recordings(settings, recordings, &setup.random);
         let remarks = of_head.into_iter().chain(of_body).collect();
-        Ok(Self { world, remarks, truth_hz, next: 0, pool: Pool::default() })
+        Ok(Self { world, remarks, cameras, truth_hz, next: 0, pool: Pool::default() })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -150,6 +166,14 @@ impl Node for Lab {
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         self.remarks.iter().for_each(|it| report.remark(it));
+        let Some((cameras, folder)) = &self.cameras else { return Ok(()) };
+        std::fs::write(folder.join(TRUTH_FILE), cameras).map_err(|error| {
+            NodeError::input(format_args!(
+                "{}: `{TRUTH_FILE}` could not be saved ({error}), expected a folder that can be written",
+                folder.display()
+            ))
+        })?;
+        report.file(TRUTH_FILE);
         Ok(())
     }
 

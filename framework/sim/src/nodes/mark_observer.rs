@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use foveate_estimation::random::Random;
-use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Feature, Features, MarkGuide};
 use foveate_node::{
     ConfigError, Due, Figures, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, Time, ports,
@@ -17,6 +16,7 @@ use crate::chance::stream;
 use crate::head::HeadMotion;
 use crate::painted::Painted;
 use crate::timing::{Arrival, Timing, TimingSettings};
+use crate::truth::TrueCamera;
 use crate::world::World;
 
 ports! {
@@ -59,7 +59,9 @@ impl Default for MarkObserverSettings {
 /// never forgets the name that a guide gave one.
 pub struct SimMarkObserver {
     settings: MarkObserverSettings,
-    camera: Camera,
+    /// Its name in the calibration.
+    name: Option<String>,
+    camera: TrueCamera,
     id: CameraId,
     fields: Fields,
     seed: u64,
@@ -95,7 +97,8 @@ impl Node for SimMarkObserver {
             ));
         };
         Ok(Self {
-            camera: camera.clone(),
+            name: setup.camera_name().map(str::to_owned),
+            camera: TrueCamera::from(camera),
             id,
             fields: Fields::new(Timing::new(&settings.timing, 0.0, &setup.random), setup.camera_name()),
             seed: setup.random.fork("marks").next_u64(),
@@ -109,8 +112,11 @@ impl Node for SimMarkObserver {
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
-        if self.world.is_none() {
-            self.world = io.latest(&WORLD).map(|it| it.value.clone());
+        if self.world.is_none()
+            && let Some(world) = io.latest(&WORLD).map(|it| it.value)
+        {
+            self.camera = world.camera(self.name.as_deref(), &self.camera);
+            self.world = Some(world.clone());
         }
         let Some(Arrival { frame, capture, stamp, .. }) = self.fields.next(io, &FEATURES) else {
             return Ok(());
@@ -179,7 +185,7 @@ impl SimMarkObserver {
     fn look(
         &self,
         painted: &Painted,
-        camera: &Camera,
+        camera: &TrueCamera,
         time: Time,
         features: &mut Features,
     ) -> Vec<Option<Point2<f64>>> {
@@ -217,6 +223,7 @@ fn noise(random: &mut Random, sigma: f64) -> Vector2<f64> {
 mod tests {
     use std::sync::Arc;
 
+    use foveate_geometry::Camera;
     use foveate_messages::GuidedMark;
     use foveate_testkit::check_node;
     use nalgebra::Point3;
@@ -281,7 +288,7 @@ mod tests {
         let count = |y: f64| {
             let camera = Camera::look_at(middle + nalgebra::Vector3::new(0.0, y, 0.1), middle, [640, 480], 2600.0);
             let mut features = Features::default();
-            let places = observer.look(&painted, &camera, time, &mut features);
+            let places = observer.look(&painted, &TrueCamera::from(&camera), time, &mut features);
             assert!(features.list.len() <= places.iter().flatten().count());
             features.list.len()
         };

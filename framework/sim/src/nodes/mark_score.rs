@@ -6,7 +6,6 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use foveate_estimation::statistics::percentile;
-use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Features, Marks};
 use foveate_node::{
     ConfigError, Figures, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Time, figures, ports,
@@ -18,6 +17,7 @@ use serde::{Deserialize, Serialize};
 use crate::head::HeadMotion;
 use crate::score::marks::{MarkObservationTrack, MarkTrack, Names, ReportedMark};
 use crate::score::warmup::Warmup;
+use crate::truth::TrueCamera;
 use crate::world::World;
 
 ports! {
@@ -197,10 +197,14 @@ impl Node for MarkScore {
 
 impl MarkScore {
     /// A camera as it truly stands.
-    fn camera(&self, io: &Io<'_>, id: CameraId, time: Time) -> Option<Camera> {
-        let calibrated = &self.calibration.cameras.get(usize::from(id.0))?.camera;
+    fn camera(&self, io: &Io<'_>, id: CameraId, time: Time) -> Option<TrueCamera> {
+        let calibrated = self.calibration.cameras.get(usize::from(id.0))?;
+        let at_rest = io.latest(&WORLD)?.value.camera(Some(&calibrated.name), &calibrated.camera);
         let motion = io.latest_of_each(&MOTION).map(|it| it.value).find(|it| it.camera() == id);
-        Some(motion.map_or_else(|| calibrated.clone(), |it| it.camera_at(calibrated, time)))
+        Some(match motion {
+            Some(motion) => motion.camera_at(&at_rest, time),
+            None => at_rest,
+        })
     }
 
     fn report_observations(&self, names: &Names, report: &mut Report) {

@@ -1,6 +1,5 @@
 //! An ideal detector as a source: features without pictures, for set-ups too large to render.
 
-use foveate_geometry::Camera;
 use foveate_messages::Features;
 use foveate_node::{ConfigError, Due, Figures, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, ports};
 
@@ -9,6 +8,7 @@ use crate::bump::Pending;
 use crate::head::HeadMotion;
 use crate::observer::{Observer, ObserverSettings};
 use crate::timing::{Arrival, Timing};
+use crate::truth::TrueCamera;
 use crate::world::World;
 
 ports! {
@@ -20,9 +20,10 @@ ports! {
 /// A camera and its detector in one. With `head` connected it stands on that head, the calibration's camera being the camera at rest. Clock, delays and failures are those of `sim.camera`; what is seen is [`Observer`]'s.
 pub struct SimObserver {
     observer: Observer,
+    /// Its name in the calibration.
+    name: Option<String>,
     /// The camera; on a head, with both angles zero.
-    camera: Camera,
-    /// How it stands after the bump that is still to come.
+    camera: TrueCamera,
     bump: Option<Pending>,
     fields: Fields,
     world: Option<World>,
@@ -49,8 +50,9 @@ impl Node for SimObserver {
             ));
         };
         Ok(Self {
-            bump: Pending::of(settings.bump.as_ref(), setup, camera)?,
-            camera: camera.clone(),
+            bump: Pending::of(settings.bump.as_ref(), setup)?,
+            name: setup.camera_name().map(str::to_owned),
+            camera: TrueCamera::from(camera),
             observer: Observer::new(camera, id, &settings, &setup.random),
             fields: Fields::new(Timing::new(&settings.timing, 0.0, &setup.random), setup.camera_name()),
             world: None,
@@ -59,15 +61,19 @@ impl Node for SimObserver {
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
-        if self.world.is_none() {
-            self.world = io.latest(&WORLD).map(|it| it.value.clone());
+        if self.world.is_none()
+            && let Some(world) = io.latest(&WORLD).map(|it| it.value)
+        {
+            self.camera = world.camera(self.name.as_deref(), &self.camera);
+            self.observer.stand(&self.camera);
+            self.world = Some(world.clone());
         }
         let Some(Arrival { frame, capture, stamp, .. }) = self.fields.next(io, &FEATURES) else {
             return Ok(());
         };
         if let Some(bump) = self.bump.take_if(|it| capture >= it.at) {
-            self.observer.stand(&bump.camera);
-            self.camera = bump.camera;
+            self.camera = bump.knocked(&self.camera);
+            self.observer.stand(&self.camera);
         }
         if let Some(motion) = io.latest(&HEAD) {
             self.observer.stand(&motion.value.camera_at(&self.camera, capture));

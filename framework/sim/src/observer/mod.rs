@@ -10,13 +10,13 @@
 mod settings;
 
 use foveate_estimation::random::Random;
-use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Feature, Features, TargetId, Time};
 use nalgebra::{Matrix2, Point2, Point3, Vector2};
 
 pub use settings::ObserverSettings;
 
 use crate::chance::stream;
+use crate::truth::TrueCamera;
 use crate::world::{Light, Moment, World};
 
 /// Number of the time line of fields; those of hidden lights have 1 and up.
@@ -25,7 +25,7 @@ const FIELDS: u64 = 0;
 /// The ideal detector of one camera; keeps its memory from field to field.
 #[derive(Debug, Clone)]
 pub struct Observer {
-    camera: Camera,
+    camera: TrueCamera,
     id: CameraId,
     settings: ObserverSettings,
     centre: Point3<f64>,
@@ -73,7 +73,8 @@ impl Spot {
 impl Observer {
     /// Number `id` of the cameras; `random` is the camera's own. Settings out of range are taken as they are, and their
     /// [`timing`](ObserverSettings::timing) is left to [`Timing`](crate::timing::Timing).
-    pub fn new(camera: &Camera, id: CameraId, settings: &ObserverSettings, random: &Random) -> Self {
+    pub fn new(camera: impl Into<TrueCamera>, id: CameraId, settings: &ObserverSettings, random: &Random) -> Self {
+        let camera = camera.into();
         let [across, down] = camera.intrinsics.focal;
         Self {
             id,
@@ -83,12 +84,12 @@ impl Observer {
             seed: random.fork("features").next_u64(),
             moment: Moment::default(),
             spots: Vec::new(),
-            camera: camera.clone(),
+            camera,
         }
     }
 
     /// From now on this is the camera.
-    pub fn stand(&mut self, camera: &Camera) {
+    pub fn stand(&mut self, camera: &TrueCamera) {
         let [across, down] = camera.intrinsics.focal;
         (self.centre, self.aspect) = (camera.centre(), down / across);
         self.camera.clone_from(camera);

@@ -14,6 +14,7 @@ mod waved;
 use std::sync::Arc;
 
 use foveate_estimation::random::Random;
+use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Message, Provenance, Space, Target, TargetId, Targets, Time, Wire};
 use nalgebra::{Matrix6, Point3, Vector3};
 use schemars::JsonSchema;
@@ -27,6 +28,7 @@ pub use single::{LightPath, SwingSettings};
 
 use crate::painted::{FaceSettings, Painted, Part, PartKind, RecordedHead};
 use crate::person::{Braid, COME_S, Led, N_LEDS, Person, Pose, RecordedBody};
+use crate::truth::{TrueCamera, Truth, TruthSettings};
 
 /// At this distance [m] a LED seen along its normal has the brightness [`SceneSettings::led_peak`].
 pub const REFERENCE_DISTANCE_M: f64 = 3.0;
@@ -138,6 +140,8 @@ pub struct SceneSettings {
     /// In place of people, one light that shines to all sides goes along the path of a file, from `people_enter_s` on: `time_s,x_m,y_m,z_m`,
     /// a heading and a row for each time. `${NAME}` is an environment variable; a relative path starts at the rig's folder [–]
     pub light_path: Option<String>,
+    /// The true cameras and heads, apart from what the rig's calibration says of them. Left out: the calibration is the truth [–]
+    pub truth: Option<TruthSettings>,
 }
 
 impl Default for SceneSettings {
@@ -165,6 +169,7 @@ impl Default for SceneSettings {
             waved_light: false,
             swing: None,
             light_path: None,
+            truth: None,
         }
     }
 }
@@ -178,6 +183,8 @@ pub struct Recordings {
     pub head: Option<RecordedHead>,
     /// Of [`SceneSettings::body`].
     pub body: Option<RecordedBody>,
+    /// Of [`SceneSettings::truth`].
+    pub truth: Option<Truth>,
 }
 
 /// A handle to the simulated world; cloning it is cheap.
@@ -194,6 +201,7 @@ struct Scene {
     monitor_normals: Vec<Vector3<f64>>,
     single: Option<Single>,
     face: Option<Arc<Part>>,
+    truth: Option<Truth>,
     seed: u64,
 }
 
@@ -281,7 +289,7 @@ impl World {
 
     /// As [`Self::new`], with what files hold.
     pub fn with_recordings(settings: SceneSettings, recordings: Recordings, random: &Random) -> Self {
-        let Recordings { light_path, head, body } = recordings;
+        let Recordings { light_path, head, body, truth } = recordings;
         let single = match (light_path, &settings.swing) {
             (Some(path), _) => Some(Single::Path(path)),
             (None, Some(swing)) => Some(Single::Swung(swing.clone())),
@@ -306,6 +314,7 @@ impl World {
             spots: clutter::bright_spots(settings.bright_spots, &mut random.fork("spots")),
             monitor_normals: monitors.iter().map(Monitor::normal).collect(),
             monitors,
+            truth,
             seed: random.fork("events").next_u64(),
             settings,
         };
@@ -315,6 +324,12 @@ impl World {
     /// What it was made of.
     pub fn settings(&self) -> &SceneSettings {
         &self.0.settings
+    }
+
+    /// The camera of this name as it truly is, which a calibration says is like `calibrated`.
+    pub(crate) fn camera(&self, name: Option<&str>, calibrated: &Camera) -> TrueCamera {
+        let known = self.0.truth.as_ref().zip(name).and_then(|(truth, name)| truth.camera(name));
+        known.cloned().unwrap_or_else(|| TrueCamera::from(calibrated))
     }
 
     /// How many targets there are once all people have come in.
