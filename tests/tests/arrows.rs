@@ -18,16 +18,16 @@ const ARROWS: &[(&str, &[&str])] = &[
     // Patterns of camera names say what was probably meant; foreign lenses are fitted; names stand in the XML of other programs, escaped as in figures.
     ("scene", &["diagnostics", "estimation", "geometry", "plot"]),
     // A room beside the nodes: calibrating is no node's work, and the program that does it knows both.
-    ("calibration", &["estimation", "geometry", "plot", "scene"]),
+    ("calibration", &["diagnostics", "estimation", "geometry", "plot", "scene"]),
     ("messages", &["time"]),
-    // Skeletons are part of the scene; two motions are aligned and assigned.
-    ("motion", &["estimation", "geometry", "messages", "scene"]),
+    // Skeletons are part of the scene; two motions are aligned and assigned. Every table of text is parted into its fields by `diagnostics::fields`.
+    ("motion", &["diagnostics", "estimation", "geometry", "messages", "scene"]),
     ("node", &["estimation", "geometry", "messages", "scene"]),
     // What crosses between a program and a library is what nodes are made of.
     ("plugin", &["messages", "node"]),
     ("rig", &["diagnostics", "estimation", "messages", "node", "plot", "scene"]),
     ("engine", &["estimation", "messages", "node", "rig"]),
-    ("sim", &["estimation", "geometry", "messages", "node", "plot", "scene"]),
+    ("sim", &["diagnostics", "estimation", "geometry", "messages", "node", "plot", "scene"]),
     ("testkit", &["estimation", "geometry", "laws", "messages", "node", "scene"]),
     // Nodes that calibrate what moves while a rig runs, such as heads.
     (

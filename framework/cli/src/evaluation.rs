@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
+use foveate_diagnostics::fields::field;
 use foveate_diagnostics::names::likely;
 use foveate_estimation::statistics::median;
 use foveate_node::figure::Better;
@@ -241,8 +242,7 @@ impl Evaluation {
     pub fn csv(&self) -> String {
         let mut text = "figure,unit,better,seed,value\n".to_owned();
         for (name, spread) in self.figures() {
-            let name =
-                if name.contains([',', '"']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name.to_owned() };
+            let name = field(name);
             for (seed, value) in &spread.values {
                 let _ = writeln!(text, "{name},{},{},{seed},{value}", spread.unit, spread.better.name());
             }

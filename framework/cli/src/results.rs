@@ -6,6 +6,7 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use foveate_diagnostics::fields::quoted;
 use foveate_engine::Outcome;
 use foveate_node::figure::find;
 use foveate_rig::graph::Graph;
@@ -134,7 +135,6 @@ fn ledger(graph: &Graph, outcome: &Outcome) -> String {
 
 /// One line for each kind of failure and gap, for each time that a scale was suspended or resumed, and for each requirement that was not met.
 fn events(outcome: &Outcome) -> String {
-    let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\"").replace(['\n', '\r'], " "));
     let mut text = "what,where,first_time_s,count,action,message\n".to_owned();
     for it in &outcome.faults {
         text += &format!(

@@ -1,125 +1,16 @@
 //! Threads that share the rounds of lanes with the one that runs the graph.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
-use std::time::Duration;
-
-use crossbeam::channel::{Receiver, Sender, select, unbounded};
 use foveate_messages::Time;
 
 use crate::lanes::Lanes;
+pub(crate) use crate::rounds::{Kind, WORTH_SHARING};
+use crate::rounds::{Rounds, Work};
 
-/// A round that takes less is not worth waking threads for.
-pub(crate) const WORTH_SHARING: Duration = Duration::from_micros(150);
-/// How often one that waits for others looks whether the run was given up.
-const LOOK: Duration = Duration::from_millis(50);
+/// The threads, and which bundles of lanes they are at.
+pub(crate) type Helpers = Rounds<Lanes>;
 
-/// Which rounds there are; the first kind goes first.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Kind {
-    /// Of one moment: everything else waits for it.
-    Moment = 0,
-    /// Of lanes that are ahead of the rest.
-    Ahead = 1,
-}
-
-/// The part that one bundle of lanes has in a round.
-struct Job {
-    bundle: usize,
-    /// Sources that are due before this are activated.
-    until: Time,
-    kind: Kind,
-}
-
-type Queue = (Sender<Job>, Receiver<Job>);
-
-/// The threads, and what they are at.
-pub(crate) struct Helpers {
-    lanes: Arc<Lanes>,
-    threads: Vec<JoinHandle<()>>,
-    /// By kind.
-    jobs: [Queue; 2],
-    done: Receiver<Kind>,
-    /// By kind: jobs that were begun and are not known to be done.
-    open: [usize; 2],
-    is_abandoned: Arc<AtomicBool>,
-}
-
-impl Helpers {
-    /// `n_threads` in all, with the one that calls.
-    pub(crate) fn new(n_threads: usize, lanes: &Arc<Lanes>, is_abandoned: &Arc<AtomicBool>) -> Helpers {
-        let (jobs, (done, finished)) = ([unbounded(), unbounded()], unbounded());
-        let threads = (1..n_threads).map(|_| {
-            let (lanes, [moment, ahead], done) =
-                (Arc::clone(lanes), jobs.each_ref().map(|it: &Queue| it.1.clone()), done.clone());
-            std::thread::spawn(move || {
-                loop {
-                    let job =
-                        moment.try_recv().or_else(|_| select! { recv(moment) -> it => it, recv(ahead) -> it => it });
-                    let Ok(job) = job else { return };
-                    lanes.run(job.bundle, job.until);
-                    let _ = done.send(job.kind); // nobody listens any more: the run is over
-                }
-            })
-        });
-        let threads = threads.collect();
-        Helpers {
-            lanes: Arc::clone(lanes),
-            threads,
-            jobs,
-            done: finished,
-            open: [0; 2],
-            is_abandoned: Arc::clone(is_abandoned),
-        }
-    }
-
-    /// Begins a round until `until` of the bundles `busy`, each with the time that it takes of late.
-    pub(crate) fn begin(&mut self, kind: Kind, busy: &[(Duration, usize)], until: Time) {
-        let expected: Duration = busy.iter().map(|it| it.0).sum();
-        let is_shared =
-            !self.threads.is_empty() && expected >= WORTH_SHARING && (kind == Kind::Ahead || busy.len() > 1);
-        for &(_, bundle) in busy {
-            if is_shared {
-                self.open[kind as usize] += 1;
-                let _ = self.jobs[kind as usize].0.send(Job { bundle, until, kind }); // its receiver is ours
-            } else {
-                self.lanes.run(bundle, until);
-            }
-        }
-    }
-
-    /// Waits until the round of this kind is done, and works on it meanwhile; `false`: the run was given up before.
-    pub(crate) fn join(&mut self, kind: Kind) -> bool {
-        loop {
-            while let Ok(done) = self.done.try_recv() {
-                self.open[done as usize] -= 1;
-            }
-            if self.open[kind as usize] == 0 {
-                return true;
-            }
-            if self.is_abandoned.load(Ordering::Relaxed) {
-                return false;
-            }
-            // Where others are at the rest, the time is used for what comes next.
-            let next = [kind, Kind::Ahead].into_iter().find_map(|it| self.jobs[it as usize].1.try_recv().ok());
-            if let Some(job) = next {
-                self.lanes.run(job.bundle, job.until);
-                self.open[job.kind as usize] -= 1;
-            } else if let Ok(done) = self.done.recv_timeout(LOOK) {
-                self.open[done as usize] -= 1;
-            }
-        }
-    }
-
-    /// Sends all threads home; waits for them unless the run was given up.
-    pub(crate) fn end(self) {
-        let Helpers { threads, jobs, is_abandoned, .. } = self;
-        drop(jobs);
-        if !is_abandoned.load(Ordering::Relaxed) {
-            threads.into_iter().for_each(|it| {
-                let _ = it.join(); // what panics in a lane is caught there
-            });
-        }
+impl Work for Lanes {
+    fn run(&self, bundle: usize, until: Time) {
+        Lanes::run(self, bundle, until);
     }
 }

@@ -12,6 +12,8 @@ mod inbox;
 mod lanes;
 pub mod ledger;
 mod live;
+mod primitives;
+mod rounds;
 mod slot;
 mod stage;
 mod watch;

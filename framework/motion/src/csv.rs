@@ -1,4 +1,4 @@
-//! Numbers and text as fields of CSV files, the same bytes for the same values.
+//! Numbers as fields of CSV files, the same bytes for the same values.
 
 use std::fmt::Write;
 
@@ -25,14 +25,6 @@ pub fn scientific(text: &mut String, value: f64) {
     }
 }
 
-/// A text field, in quotes where it must be.
-pub fn field(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) || text.starts_with('#') {
-        return format!("\"{}\"", text.replace('"', "\"\"").replace(['\n', '\r'], " "));
-    }
-    text.to_owned()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -51,11 +43,5 @@ mod tests {
         assert_eq!(form(12_345.678_9), both("12345.679", "1.234568e+04"));
         assert_eq!(form(-1e-120), both("0.000", "-1.000000e-120"));
         assert_eq!(form(f64::NAN), both("NaN", "NaN"));
-    }
-
-    #[test]
-    fn text_stays_inside_its_field() {
-        assert_eq!(field("wide-1"), "wide-1");
-        assert_eq!(field("a,\"b\""), "\"a,\"\"b\"\"\"");
     }
 }

@@ -5,7 +5,7 @@
 //! | [`bvh`] | skeletons that move |
 //! | [`c3d`] | points, analog channels and events of motion capture laboratories |
 //! | [`compare`] | how far apart two motions are |
-//! | [`csv`] | fields of our own tables |
+//! | [`csv`] | numbers of our own tables |
 //! | [`fill`] | gaps crossed |
 //! | [`forms`] | files of any form, by their content, as a [`Motion`], and a [`Motion`] as a file |
 //! | [`motion`] | [`Motion`]: points over time, whatever they come from |

@@ -11,7 +11,7 @@
 //! | `peak` | its brightest pixel, 0 to 255; may be left out | gray level |
 //! | `label` | which mark it is, a whole number or a name; empty or left out: not known | – |
 //!
-//! Columns in any order, others are passed over; lines that begin with `#` are comments; fields hold no commas.
+//! Columns in any order, others are passed over; lines that begin with `#` are comments; a field that holds commas stands in quotes.
 //!
 //! A file without such a header can be read where the rig names its columns: then blanks or commas separate the fields, lines
 //! before the first that begins with a number are passed over, `frame` (the number of the picture) may stand for `time_s`, and
@@ -22,6 +22,7 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
+use foveate::diagnostics::fields::{Fields, Splitter};
 use foveate::prelude::*;
 use nalgebra::{Matrix2, Point2};
 
@@ -109,7 +110,8 @@ struct Columns {
 impl Columns {
     /// Those of a file with a header.
     fn of(header: &str) -> Result<(Self, Vec<String>), String> {
-        let names: Vec<&str> = header.split(',').map(unquoted).collect();
+        let mut splitter = Splitter::new(',');
+        let names: Vec<&str> = splitter.split(header).iter().collect();
         Self::named(&names, header, None)
     }
 
@@ -206,6 +208,7 @@ impl Table {
         let mut rows: Vec<Row> = Vec::new();
         let mut has_own_rows = false;
         let mut bytes = Vec::new();
+        let (mut splitter, mut parted) = (Splitter::new(','), Fields::default());
         for number in 1_u64.. {
             bytes.clear();
             let length = Read::take(&mut reader, LINE_LIMIT)
@@ -234,14 +237,18 @@ impl Table {
                 table.unknown_columns = unknown;
                 continue;
             };
-            let fields: Vec<&str> =
-                if stated { fields_of(line).collect() } else { line.split(',').map(unquoted).collect() };
-            before_rows = before_rows && fields.first().is_none_or(|it| it.parse::<f64>().is_err());
+            let fields = if stated {
+                parted.set(fields_of(line));
+                &parted
+            } else {
+                splitter.split(line)
+            };
+            before_rows = before_rows && fields.text(0).parse::<f64>().is_err();
             if before_rows {
                 continue;
             }
             if let Some(place) = columns.camera {
-                let camera = field(&fields, place);
+                let camera = fields.text(place);
                 if camera != wanted.name {
                     if cameras.len() < 64 {
                         cameras.insert(camera.to_owned());
@@ -254,7 +261,7 @@ impl Table {
                 }
             }
             has_own_rows = true;
-            match Row::of(&fields, columns, wanted) {
+            match Row::of(fields, columns, wanted) {
                 Ok(row) => rows.push(row.at(number)),
                 Err(Unreadable { time, fault }) => {
                     let fault = format!("{} {number}: {fault}", wanted.row);
@@ -322,12 +329,12 @@ impl Row {
         Self { line, ..self }
     }
 
-    fn of(fields: &[&str], columns: Columns, wanted: &Wanted<'_>) -> Result<Self, Unreadable> {
+    fn of(fields: &Fields, columns: Columns, wanted: &Wanted<'_>) -> Result<Self, Unreadable> {
         let seconds = number(fields, columns.time, "time_s").map_err(|fault| Unreadable { time: None, fault })?;
         let Some(seconds) = seconds.map(|it| it / columns.per_second).filter(|it| it.abs() <= TIME_LIMIT_S) else {
             return Err(Unreadable {
                 time: None,
-                fault: format!("time_s is {}, expected seconds", field(fields, columns.time)),
+                fault: format!("time_s is {}, expected seconds", fields.text(columns.time)),
             });
         };
         let time = Time::from_s(seconds);
@@ -335,7 +342,7 @@ impl Row {
         Ok(Self { time, point: Ok(point), line: 0 })
     }
 
-    fn point(fields: &[&str], columns: Columns, wanted: &Wanted<'_>) -> Result<Option<Feature>, String> {
+    fn point(fields: &Fields, columns: Columns, wanted: &Wanted<'_>) -> Result<Option<Feature>, String> {
         let (x, y) = match (number(fields, columns.x, "x_px")?, number(fields, columns.y, "y_px")?) {
             (Some(0.0), Some(0.0)) if wanted.nothing_at_zero => return Ok(None),
             (Some(x), Some(y)) => (x - wanted.origin, y - wanted.origin),
@@ -359,7 +366,7 @@ impl Row {
         if !(0.0..=255.0).contains(&peak) {
             return Err(format!("peak is {peak}, expected 0 to 255"));
         }
-        let text = columns.label.map_or("", |it| field(fields, it));
+        let text = columns.label.map_or("", |it| fields.text(it));
         let named = wanted.names.binary_search_by(|it| it.as_str().cmp(text)).ok();
         let label = match named {
             Some(place) => Some(place as f64),
@@ -379,7 +386,7 @@ impl Row {
 }
 
 /// From the columns of the covariance, else from `sigma_px`, else from `sigma` [px].
-fn covariance(fields: &[&str], columns: Columns, sigma: f64) -> Result<Matrix2<f64>, String> {
+fn covariance(fields: &Fields, columns: Columns, sigma: f64) -> Result<Matrix2<f64>, String> {
     if let Some(places) = columns.covariance {
         let [xx, xy, yy] = [0, 1, 2].map(|it| number(fields, places[it], COVARIANCE[it]));
         if let (Some(xx), Some(xy), Some(yy)) = (xx?, xy?, yy?) {
@@ -396,13 +403,9 @@ fn covariance(fields: &[&str], columns: Columns, sigma: f64) -> Result<Matrix2<f
     Err(format!("sigma_px is {sigma}, expected more than 0"))
 }
 
-fn field<'f>(fields: &[&'f str], column: usize) -> &'f str {
-    fields.get(column).copied().unwrap_or_default()
-}
-
 /// A finite number; `None` where the field is empty or the row is short.
-fn number(fields: &[&str], column: usize, name: &str) -> Result<Option<f64>, String> {
-    let text = field(fields, column);
+fn number(fields: &Fields, column: usize, name: &str) -> Result<Option<f64>, String> {
+    let text = fields.text(column);
     if text.is_empty() {
         return Ok(None);
     }
@@ -415,11 +418,6 @@ fn number(fields: &[&str], column: usize, name: &str) -> Result<Option<f64>, Str
 /// The fields of a line without a header's rules.
 fn fields_of(line: &str) -> impl Iterator<Item = &str> {
     line.split(|it: char| it == ',' || it.is_whitespace()).filter(|it| !it.is_empty())
-}
-
-fn unquoted(field: &str) -> &str {
-    let field = field.trim();
-    field.strip_prefix('"').and_then(|it| it.strip_suffix('"')).unwrap_or(field)
 }
 
 #[cfg(test)]
@@ -533,6 +531,24 @@ mod tests {
         let refused = |wanted: &Wanted<'_>| Table::parse(text.as_bytes(), wanted).map(|_| ()).unwrap_err();
         assert!(refused(&Wanted { frame_rate: None, ..stated.clone() }).contains("frame_rate_hz"));
         assert!(refused(&Wanted { columns: Some("frame x y"), ..stated }).contains("lacks `x_px`"));
+    }
+
+    #[test]
+    fn fields_in_quotes_hold_commas() {
+        let text = "\u{feff}\"time_s\",\"note, long\",camera,x_px, \"y_px\"\r\n0,\"at 12:00, sunny\",b,1,2\r\n1,\"at 12,b,1,2\r\n2,,b,3,4\r\n";
+        let table = parse(text).unwrap();
+        let centres: Vec<Point2<f64>> =
+            table.frames.iter().flat_map(|it| it.features.list.iter().map(|it| it.centre)).collect();
+        assert_eq!(centres, [Point2::new(1.0, 2.0), Point2::new(3.0, 4.0)]);
+        assert_eq!(table.unknown_columns, ["note, long"]);
+        // A quote that is not closed makes a short row, and no more than that.
+        let only = parse(&text.replace("0,\"at 12:00, sunny\",b,1,2\r\n", "")).unwrap();
+        assert_eq!((only.faults.count(), only.frames.len()), (1, 1));
+        let sentence = only.faults.sentence("faults").unwrap();
+        assert!(sentence.contains("line 2: 2 fields, and `camera` is field 3"), "{sentence}");
+        let named = Wanted { name: "b, left", ..wanted() };
+        let own = Table::parse(&b"time_s,camera,x_px,y_px\n0,\"b, left\",1,2\n"[..], &named).unwrap();
+        assert_eq!(own.frames.len(), 1);
     }
 
     #[test]

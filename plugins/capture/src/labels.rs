@@ -11,6 +11,8 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use foveate::diagnostics::fields::{Fields, Splitter};
+
 /// Larger files are no tables of points [bytes].
 const LARGEST: u64 = 2 << 30;
 const HDF5: &[u8] = b"\x89HDF";
@@ -49,10 +51,11 @@ pub(crate) fn read(path: &Path) -> Result<(Kind, String), String> {
 
 fn kind_of(text: &str) -> Kind {
     let first = text.trim_start_matches('\u{feff}').lines().next().unwrap_or_default();
-    let mut names = first.split(',').map(unquoted);
-    if names.next() == Some("scorer") {
+    let mut splitter = Splitter::new(',');
+    let names = splitter.split(first);
+    if names.text(0) == "scorer" {
         Kind::DeepLabCut
-    } else if first.split(',').map(unquoted).any(|it| it == "frame_idx") {
+    } else if names.iter().any(|it| it == "frame_idx") {
         Kind::Sleap
     } else {
         Kind::Plain
@@ -81,10 +84,17 @@ pub(crate) fn names_in(path: &Path) -> Result<BTreeSet<String>, String> {
 fn plain_names(text: &str) -> BTreeSet<String> {
     let mut lines =
         text.trim_start_matches('\u{feff}').lines().filter(|it| !it.trim().is_empty() && !it.starts_with('#'));
-    let header = lines.next().unwrap_or_default();
-    let Some(place) = header.split(',').map(unquoted).position(|it| it == "label") else { return BTreeSet::new() };
-    let labels = lines.filter_map(|it| it.split(',').nth(place).map(unquoted));
-    labels.filter(|it| !it.is_empty() && it.parse::<f64>().is_err()).map(str::to_owned).collect()
+    let mut splitter = Splitter::new(',');
+    let header = splitter.split(lines.next().unwrap_or_default());
+    let Some(place) = header.iter().position(|it| it == "label") else { return BTreeSet::new() };
+    let mut names = BTreeSet::new();
+    for line in lines {
+        let name = splitter.split(line).text(place);
+        if !name.is_empty() && name.parse::<f64>().is_err() && !names.contains(name) {
+            names.insert(name.to_owned());
+        }
+    }
+    names
 }
 
 /// The rows of a table of a known kind as lines of frame, x, y and number of the name; those less likely than `least` left out. Frames
@@ -158,17 +168,17 @@ impl Wide {
 
     fn read(
         points: Vec<Point>,
-        lines: &[(usize, Vec<&str>)],
-        frame_of: impl Fn(&[&str]) -> Option<u64>,
+        lines: &[(usize, Fields)],
+        frame_of: impl Fn(&Fields) -> Option<u64>,
         track: Option<usize>,
     ) -> Result<Wide, String> {
         let mut rows = Vec::with_capacity(lines.len());
         for (line, fields) in lines {
             let frame = frame_of(fields).ok_or_else(|| {
-                format!("line {line}: found `{:.40}`, expected the number of a picture", fields.first().unwrap_or(&""))
+                format!("line {line}: found `{:.40}`, expected the number of a picture", fields.text(0))
             })?;
             let number = |column: usize| -> Result<f64, String> {
-                match fields.get(column).copied().unwrap_or_default() {
+                match fields.text(column) {
                     "" | "nan" | "NaN" => Ok(f64::NAN),
                     text => text.parse().map_err(|_| format!("line {line}: found `{text:.40}`, expected a number")),
                 }
@@ -180,23 +190,23 @@ impl Wide {
                 Ok((found[0].is_finite() && found[1].is_finite()).then_some([found[0], found[1], likelihood]))
             };
             let values = points.iter().map(value).collect::<Result<_, _>>()?;
-            let track = track.and_then(|it| fields.get(it)).copied().unwrap_or_default().to_owned();
+            let track = track.map_or("", |it| fields.text(it)).to_owned();
             rows.push(WideRow { frame, track, values });
         }
         Ok(Wide { points, rows })
     }
 }
 
-fn lines_of(text: &str) -> Vec<(usize, Vec<&str>)> {
-    let text = text.trim_start_matches('\u{feff}');
-    let lines = text.lines().enumerate().filter(|it| !it.1.trim().is_empty());
-    lines.map(|(index, it)| (index + 1, it.split(',').map(unquoted).collect())).collect()
+fn lines_of(text: &str) -> Vec<(usize, Fields)> {
+    let mut splitter = Splitter::new(',');
+    let lines = text.trim_start_matches('\u{feff}').lines().enumerate().filter(|it| !it.1.trim().is_empty());
+    lines.map(|(index, it)| (index + 1, splitter.split(it).clone())).collect()
 }
 
 /// Rows of scorer, perhaps individuals, bodyparts and coords; then one row a picture, whose name or number comes first.
 fn deeplabcut(text: &str) -> Result<Wide, String> {
     let lines = lines_of(text);
-    let header = |name: &str| lines.iter().take(4).find(|it| it.1.first() == Some(&name)).map(|it| &it.1);
+    let header = |name: &str| lines.iter().take(4).map(|it| &it.1).find(|it| it.text(0) == name);
     let lacks = |name: &str| {
         format!(
             "this is DeepLabCut's by its first line, `scorer`, and lacks the line `{name}`, expected it among the first four"
@@ -207,11 +217,14 @@ fn deeplabcut(text: &str) -> Result<Wide, String> {
     let individuals = header("individuals");
     let mut points: Vec<Point> = Vec::new();
     for (column, coordinate) in coords.iter().enumerate() {
-        let individual = individuals.and_then(|it| it.get(column)).copied().unwrap_or_default();
-        let Some(part) = parts.get(column).filter(|it| !it.is_empty()) else { continue };
+        let individual = individuals.map_or("", |it| it.text(column));
+        let part = parts.text(column);
+        if part.is_empty() {
+            continue;
+        }
         let name = joined(individual, part);
         let find = |points: &mut Vec<Point>| points.iter().position(|it| it.name == name);
-        match *coordinate {
+        match coordinate {
             "x" => points.push(Point { name, x: column, y: column + 1, likelihood: None }),
             "y" => {
                 if let Some(at) = find(&mut points) {
@@ -232,7 +245,10 @@ fn deeplabcut(text: &str) -> Result<Wide, String> {
     let n_header = if individuals.is_some() { 4 } else { 3 };
     // Marks by hand go by the name of a picture, perhaps in folders.
     let n_index = points.iter().map(|it| it.x).min().unwrap_or(1);
-    let frame_of = |fields: &[&str]| number_in(fields.get(n_index.saturating_sub(1)).or(fields.first())?);
+    let frame_of = |fields: &Fields| {
+        let place = n_index.saturating_sub(1);
+        number_in(fields.text(if place < fields.len() { place } else { 0 }))
+    };
     Wide::read(points, lines.get(n_header..).unwrap_or_default(), frame_of, None)
 }
 
@@ -240,7 +256,7 @@ fn deeplabcut(text: &str) -> Result<Wide, String> {
 fn sleap(text: &str) -> Result<Wide, String> {
     let lines = lines_of(text);
     let Some(((_, header), rows)) = lines.split_first() else { return Err("is empty".to_owned()) };
-    let place = |name: &str| header.iter().position(|it| *it == name);
+    let place = |name: &str| header.iter().position(|it| it == name);
     let points: Vec<Point> = header
         .iter()
         .enumerate()
@@ -254,7 +270,7 @@ fn sleap(text: &str) -> Result<Wide, String> {
         return Err("this is SLEAP's by its column `frame_idx`, and has no columns NODE.x and NODE.y".to_owned());
     }
     let frame = place("frame_idx").unwrap_or_default();
-    let frame_of = |fields: &[&str]| fields.get(frame)?.parse::<f64>().ok().filter(|it| *it >= 0.0).map(|it| it as u64);
+    let frame_of = |fields: &Fields| fields.text(frame).parse::<f64>().ok().filter(|it| *it >= 0.0).map(|it| it as u64);
     Wide::read(points, rows, frame_of, place("track"))
 }
 
@@ -269,11 +285,6 @@ fn number_in(name: &str) -> Option<u64> {
         .rfind(|it: char| !it.is_ascii_digit())
         .map_or(0, |it| it + stem[it..].chars().next().map_or(1, char::len_utf8));
     stem[start..end].parse().ok()
-}
-
-fn unquoted(field: &str) -> &str {
-    let field = field.trim();
-    field.strip_prefix('"').and_then(|it| it.strip_suffix('"')).unwrap_or(field)
 }
 
 /// Pairs of names that differ in their side only: `left_knee` and `right_knee`, `LKnee` and `RKnee`, `knee_l` and `knee_r`, by number.
@@ -359,7 +370,29 @@ mod tests {
     }
 
     #[test]
+    fn names_in_quotes_hold_commas() {
+        let table = DEEPLABCUT.replace("left ear", "\"ear, left\"").replace('\n', "\r\n");
+        assert_eq!(rows(&table, &["ear, left", "tail"]).unwrap().unwrap(), "0 10.5 20 1\n1 11 21 1\n2 0 0 0\n");
+        let table = SLEAP.replace("left_ear.x,left_ear.y,left_ear.score", "\"a, b.x\",\"a, b.y\",\"a, b.score\"");
+        assert_eq!(rows(&table, &["a, b", "nose"]).unwrap().unwrap(), "3 10 20 1\n3 30 40 0\n4 0 0 0\n");
+        let ours = "\u{feff}time_s,camera,\"x, y\",label\r\n0,a,1,\"knee, left\"\r\n";
+        assert_eq!(rows(ours, &["knee, left"]).unwrap(), None);
+    }
+
+    #[test]
     fn what_is_missing_is_named() {
+        assert!(
+            rows("scorer,a,a\nbodyparts,t,t\ncoords,x,y\n0,1,2\n1,\"2\n", &["t"])
+                .unwrap()
+                .unwrap()
+                .ends_with("1 0 0 0\n"),
+            "a short row"
+        );
+        assert!(
+            rows("scorer,a,a\nbodyparts,t,t\ncoords,x,y\n0,1,2\n1,\"2,3\n", &["t"])
+                .unwrap_err()
+                .contains("line 5: found `2,3`")
+        );
         assert!(rows("scorer,a\nx,b\n", &[]).unwrap_err().contains("lacks the line `bodyparts`"));
         assert!(rows("scorer,a\nbodyparts,t\ncoords,q\n", &[]).unwrap_err().contains("no column `x`"));
         assert!(rows("frame_idx,a\n1,2\n", &[]).unwrap_err().contains("no columns NODE.x"));

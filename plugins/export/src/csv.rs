@@ -1,6 +1,7 @@
 //! Names in CSV files and of files, the same bytes for the same values.
 
-pub(crate) use foveate::motion::csv::{field, fixed, scientific};
+pub(crate) use foveate::diagnostics::fields::field;
+pub(crate) use foveate::motion::csv::{fixed, scientific};
 use foveate::prelude::*;
 
 /// The names of all cameras of a setup as they stand in files; `+` joins them, so it becomes `_` within one.

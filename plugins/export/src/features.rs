@@ -108,7 +108,7 @@ impl Node for ExportFeatures {
         setup.claim_file(Some("file"), &settings.file)?;
         Ok(Self {
             file: RowFile::new(setup, &settings.file, HEADER),
-            cameras: setup.calibration.cameras.iter().map(|it| field(&it.name)).collect(),
+            cameras: setup.calibration.cameras.iter().map(|it| field(&it.name).into_owned()).collect(),
             text: String::new(),
             pictures: 0,
             points: 0,

@@ -11,6 +11,7 @@
 //! Commas, semicolons, tabs or blanks part the fields. Lines that begin with `#`, `%` or `//` are comments; a comment right before the first row
 //! that names its columns is the header, as in the `.pos` files of RTKLIB.
 
+use foveate_diagnostics::fields::Splitter;
 use nalgebra::{Matrix3, Point3, Vector3};
 
 /// WGS 84: semi-major axis [m] and flattening.
@@ -101,10 +102,11 @@ pub fn parse(text: &str, options: &TableOptions) -> Result<PathTable, TableError
     let text = text.trim_start_matches('\u{feff}');
     let mut header: Option<(usize, Vec<String>)> = None;
     let mut rows: Vec<(usize, Vec<String>)> = Vec::new();
+    let mut splitters = SEPARATORS.map(Splitter::new);
     for (index, line) in text.lines().enumerate() {
         let trimmed = line.trim();
         let comment = ["#", "%", "//"].iter().find_map(|it| trimmed.strip_prefix(it));
-        let fields = fields(comment.unwrap_or(trimmed));
+        let fields = fields(comment.unwrap_or(trimmed), &mut splitters);
         match comment {
             Some(_) if rows.is_empty() && columns_of(&fields, options).is_ok() => header = Some((index + 1, fields)),
             Some(_) => {}
@@ -206,17 +208,16 @@ impl Columns {
     }
 }
 
-/// Between commas, semicolons or tabs; without any, between blanks. With semicolons a comma is that of a decimal number.
-fn fields(line: &str) -> Vec<String> {
-    let parted = |by: char| line.split(by).map(|it| it.trim().trim_matches('"').to_owned());
-    if line.contains(';') {
-        parted(';').map(|it| it.replace(',', ".")).collect()
-    } else if line.contains(',') {
-        parted(',').collect()
-    } else if line.trim().contains('\t') {
-        parted('\t').collect()
-    } else {
-        line.split_whitespace().map(str::to_owned).collect()
+/// The first of these that stands outside of quotes parts the fields of a line; without any, blanks do. With semicolons a comma is that of a decimal number.
+const SEPARATORS: [char; 3] = [';', ',', '\t'];
+
+fn fields(line: &str, splitters: &mut [Splitter; 3]) -> Vec<String> {
+    let outside_of_quotes = line.trim().split('"').step_by(2);
+    let parts = |by: char| outside_of_quotes.clone().any(|it| it.contains(by));
+    match SEPARATORS.into_iter().position(parts) {
+        Some(0) => splitters[0].split(line).iter().map(|it| it.replace(',', ".")).collect(),
+        Some(place) => splitters[place].split(line).iter().map(str::to_owned).collect(),
+        None => line.split_whitespace().map(str::to_owned).collect(),
     }
 }
 
@@ -420,6 +421,8 @@ mod tests {
         ] {
             assert_eq!(read(text).rows, expected, "{text}");
         }
+        let quoted = "\"time\",\"x\",y,z,\"note; or, more\"\n1,2,\"3\",4,\"a, b\"\n1.5, \"2.5\",3.5,4.5,\"c; d\"\n";
+        assert_eq!(read(quoted).rows, expected);
         assert!(read("time,x,y,z,q\n1,2,3,4,5\n").notes[0].contains("passed over: q"));
         let in_mm = parse("1,2,3\n4,5,6\n", &TableOptions { rate_hz: Some(4.0), metres_per_unit: 1e-3 }).unwrap();
         assert_eq!(in_mm.rows[1], (0.25, Point3::new(4e-3, 5e-3, 6e-3)));

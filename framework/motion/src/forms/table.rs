@@ -6,11 +6,12 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
+use foveate_diagnostics::fields::{Fields, Splitter, field};
 use foveate_messages::{CameraId, Provenance};
 use nalgebra::Point3;
 
 use super::{Keeps, MotionError, Written, lost};
-use crate::csv::{field, fixed, scientific};
+use crate::csv::{fixed, scientific};
 use crate::last_row::Shapes;
 use crate::motion::{Motion, Sample, Up, rate_of};
 
@@ -29,8 +30,10 @@ const MOST_ABSENT: usize = 1 << 20;
 pub(super) fn is_table(text: &[u8]) -> bool {
     let line = text.split(|it| matches!(it, b'\n' | b'\r')).find(|it| !it.is_empty() && it[0] != b'#').unwrap_or(&[]);
     let Ok(line) = std::str::from_utf8(&line[..line.len().min(4096)]) else { return false };
-    let names: Vec<&str> = line.split(',').map(|it| it.trim().trim_matches('"')).collect();
-    names.contains(&"time_s") && (names.contains(&"target") || names.contains(&"mark"))
+    let mut splitter = Splitter::new(',');
+    let names = splitter.split(line);
+    let has = |name: &str| names.iter().any(|it| it == name);
+    has("time_s") && (has("target") || has("mark"))
 }
 
 /// What keeps a text from being such a table though its header shows most of the columns: what separates them, or which are missing.
@@ -38,8 +41,9 @@ pub(super) fn nearly(text: &[u8]) -> Option<String> {
     let mut lines = text.split(|it| matches!(it, b'\n' | b'\r')).zip(1_usize..);
     let (line, number) = lines.find(|it| !it.0.trim_ascii().is_empty() && it.0[0] != b'#')?;
     let line = std::str::from_utf8(line.get(..4096).unwrap_or(line)).ok()?;
-    let columns = |separator: char| -> Vec<&str> {
-        let names = line.split(separator).map(|it| it.trim().trim_matches('"'));
+    let columns = |separator: char| -> Vec<String> {
+        let mut splitter = Splitter::new(separator);
+        let names = splitter.split(line).iter().map(str::to_owned);
         if separator == ' ' { names.filter(|it| !it.is_empty()).collect() } else { names.collect() }
     };
     let known = |name: &str| {
@@ -49,7 +53,7 @@ pub(super) fn nearly(text: &[u8]) -> Option<String> {
             || AXES.contains(&name)
             || COVARIANCE.contains(&name)
     };
-    let n_known = |it: &Vec<&str>| it.iter().filter(|it| known(it)).count();
+    let n_known = |it: &Vec<String>| it.iter().filter(|it| known(it)).count();
     // The first of those with most columns that are known.
     let mut best = (columns(','), "");
     for (separator, called) in [(';', "semicolons"), ('\t', "tabs"), ('|', "`|`"), (' ', "blanks")] {
@@ -65,15 +69,16 @@ pub(super) fn nearly(text: &[u8]) -> Option<String> {
     if !separator.is_empty() {
         return Some(format!("line {number}: found columns with {separator} between them, expected commas"));
     }
+    let has = |name: &str| names.iter().any(|it| it == name);
     let mut missing: Vec<&str> = Vec::new();
-    if !names.contains(&"time_s") {
+    if !has("time_s") {
         missing.push("`time_s`");
     }
-    if !names.contains(&"target") && !names.contains(&"mark") {
+    if !has("target") && !has("mark") {
         missing.push("`target` or `mark`");
     }
     let strange: Vec<String> =
-        names.iter().filter(|it| !known(it) && **it != "name").map(|it| format!("`{it}`")).collect();
+        names.iter().filter(|it| !known(it) && *it != "name").map(|it| format!("`{it}`")).collect();
     let in_place = if strange.is_empty() { String::new() } else { format!(", and {} instead", strange.join(", ")) };
     let columns = if missing.len() == 1 { "column" } else { "columns" };
     Some(format!(
@@ -99,7 +104,7 @@ struct Columns {
 }
 
 impl Columns {
-    fn of(names: &[String]) -> Result<Self, String> {
+    fn of(names: &Fields) -> Result<Self, String> {
         let place = |wanted: &str| names.iter().position(|it| it == wanted);
         let needed = |wanted: &str| place(wanted).ok_or_else(|| format!("no column `{wanted}`"));
         let kind = if place("target").is_some() { "target" } else { "mark" };
@@ -122,49 +127,6 @@ impl Columns {
     }
 }
 
-/// The fields of a line; quotes as in CSV.
-fn fields(line: &str) -> Vec<String> {
-    let mut all = Vec::new();
-    let mut rest = line;
-    loop {
-        let trimmed = rest.trim_start();
-        if let Some(quoted) = trimmed.strip_prefix('"') {
-            let mut text = String::new();
-            let mut letters = quoted.char_indices().peekable();
-            let mut end = quoted.len();
-            while let Some((place, letter)) = letters.next() {
-                match letter {
-                    '"' if letters.peek().is_some_and(|it| it.1 == '"') => {
-                        text.push('"');
-                        letters.next();
-                    }
-                    '"' => {
-                        end = place + 1;
-                        break;
-                    }
-                    _ => text.push(letter),
-                }
-            }
-            all.push(text);
-            match quoted[end..].split_once(',') {
-                Some((_, more)) => rest = more,
-                None => return all,
-            }
-        } else {
-            match rest.split_once(',') {
-                Some((text, more)) => {
-                    all.push(text.trim().to_owned());
-                    rest = more;
-                }
-                None => {
-                    all.push(rest.trim().to_owned());
-                    return all;
-                }
-            }
-        }
-    }
-}
-
 /// What the rows add up to.
 #[derive(Default)]
 struct Table {
@@ -177,8 +139,8 @@ struct Table {
 }
 
 impl Table {
-    fn add(&mut self, columns: &Columns, fields: &[String]) -> Result<(), String> {
-        let text = |place: usize| fields.get(place).map_or("", String::as_str);
+    fn add(&mut self, columns: &Columns, fields: &Fields) -> Result<(), String> {
+        let text = |place: usize| fields.text(place);
         let number = |place: usize, what: &str| match text(place).parse::<f64>() {
             Ok(number) if number.is_finite() => Ok(number),
             _ => Err(format!(
@@ -246,20 +208,19 @@ struct Before {
 }
 
 impl Before {
-    fn add(&mut self, row: &[String], n_columns: usize) {
+    fn add(&mut self, row: &Fields, n_columns: usize) {
         self.is_short |= row.len() < n_columns;
-        if let Some(last) = row.last() {
-            self.shapes.add(last);
-        }
+        self.shapes.add(row.text(row.len() - 1));
     }
 
     /// By the digits of a number, a word that is known, or the name that the point had before.
-    fn tell_whole(&self, row: &[String], columns: &Columns, names: &BTreeMap<u64, String>) -> bool {
-        let Some((last, place)) = row.last().zip(row.len().checked_sub(1)) else { return false };
-        let named = || names.get(&row.get(columns.point)?.parse().ok()?);
+    fn tell_whole(&self, row: &Fields, columns: &Columns, names: &BTreeMap<u64, String>) -> bool {
+        let place = row.len() - 1;
+        let last = row.text(place);
+        let named = || names.get(&row.text(columns.point).parse().ok()?);
         match Some(place) {
-            it if it == columns.provenance => PROVENANCES.contains(&last.as_str()),
-            it if it == columns.name => named() == Some(last),
+            it if it == columns.provenance => PROVENANCES.contains(&last),
+            it if it == columns.name => named().is_some_and(|it| it == last),
             _ => self.shapes.tell_whole(last),
         }
     }
@@ -275,24 +236,26 @@ pub(super) fn read(text: &str) -> Result<(Motion, Vec<String>), MotionError> {
     let at = |line: usize, what: String| MotionError(format!("line {line}: {what}"));
     let Some((line, header)) = lines.next() else { return Err(at(1, "found the end, expected a header".to_owned())) };
     let expected = "expected `time_s`, `target` or `mark`, `x_m`, `y_m`, `z_m`";
-    let columns = Columns::of(&fields(header)).map_err(|it| at(line, format!("found {it}, {expected}")))?;
+    let mut splitter = Splitter::new(',');
+    let names = splitter.split(header);
+    let columns = Columns::of(names).map_err(|it| at(line, format!("found {it}, {expected}")))?;
+    let n_columns = names.len();
     let mut table = Table::default();
     let mut remarks = Vec::new();
-    let n_columns = fields(header).len();
     let mut before = Before::default();
     let mut lines = lines.peekable();
     while let Some((line, text)) = lines.next() {
-        let row = fields(text);
+        let row = splitter.split(text);
         if lines.peek().is_none() {
             let is_short = row.len() < n_columns && !before.is_short;
-            if is_short || !(has_end || before.tell_whole(&row, &columns, &table.names)) {
+            if is_short || !(has_end || before.tell_whole(row, &columns, &table.names)) {
                 let found = if is_short { "fewer fields than the others have" } else { "no end of line" };
                 remarks.push(format!("line {line}: found {found}; the row may be cut, and is left out"));
                 break;
             }
         }
-        table.add(&columns, &row).map_err(|it| at(line, it))?;
-        before.add(&row, n_columns);
+        table.add(&columns, row).map_err(|it| at(line, it))?;
+        before.add(row, n_columns);
     }
     if table.n_without_place > 0 {
         remarks.push(format!("{} rows have no place in the world, and are passed over", table.n_without_place));

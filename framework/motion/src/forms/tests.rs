@@ -140,6 +140,9 @@ fn names_times_and_marks_survive_our_tables() {
         back.get(0, 1).map(|it| it.position.map(|it| (it * 1e6).round())),
         named.get(0, 0).map(|it| it.position.map(|it| (it * 1e6).round()))
     );
+    let quoted = "\"time_s\", \"name\" ,target,x_m,y_m,z_m,\"a, b\"\r\n0,\"knee, left\",1,1,2,3.5,x\r\n";
+    let quoted = read(quoted.as_bytes(), &AS_IT_SAYS).unwrap().motion;
+    assert_eq!((quoted.labels[0].as_str(), quoted.samples.len()), ("knee, left", 1));
     // Times of two cameras that are not synchronised: no rate, and each point missing between its own.
     let text = "\u{feff}target,time_s,y_m,x_m,z_m,provenance\r\n3,0.0,2,1,3,filled\r\n\r\n1,0.013,0,0,0,\r\n3,0.02,2,1,3.5,predicted\r\n";
     let odd = read(text.as_bytes(), &AS_IT_SAYS).unwrap().motion;
@@ -164,6 +167,10 @@ fn broken_tables_are_named_by_their_line() {
     assert!(complaint(&table("1,1,0,0,nan,")).contains("found `nan` for z_m"));
     assert!(complaint(&table("1,1,0,0,0,guessed")).contains("`guessed`"));
     assert!(complaint(&table("1e99,1,0,0,0,")).contains("found the time"));
+    assert!(
+        complaint(&table("1,1,0,0\n2,1,0,0,0,")).starts_with("line 3: found `` for z_m"),
+        "a row that is too short"
+    );
     // Each time another point: as many places as rows times points.
     let apart: String = (0..9_000).map(|it| format!("{it},{it},0,0,0,\n")).collect();
     assert!(

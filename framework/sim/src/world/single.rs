@@ -1,5 +1,6 @@
 //! One light by itself, in place of people: waved by hand, swung from side to side, or on a path from a file.
 
+use foveate_diagnostics::fields::Splitter;
 use foveate_node::ConfigError;
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
@@ -83,8 +84,10 @@ impl LightPath {
     /// The line, what it holds and what was expected.
     pub fn parse(text: &str) -> Result<LightPath, String> {
         let mut rows: Vec<(f64, Point3<f64>)> = Vec::new();
-        for (number, line) in (1..).zip(text.lines()).filter(|it| !it.1.trim().is_empty()) {
-            let fields: Vec<Option<f64>> = line.split(',').map(|it| it.trim().parse().ok()).collect();
+        let mut splitter = Splitter::new(',');
+        let lines = (1..).zip(text.trim_start_matches('\u{feff}').lines());
+        for (number, line) in lines.filter(|it| !it.1.trim().is_empty()) {
+            let fields: Vec<Option<f64>> = splitter.split(line).iter().map(|it| it.parse().ok()).collect();
             match fields.as_slice() {
                 [Some(time), Some(x), Some(y), Some(z)] if [time, x, y, z].iter().all(|it| it.is_finite()) => {
                     if let Some((last, _)) = rows.last().filter(|it| it.0 >= *time) {
@@ -183,6 +186,11 @@ mod tests {
         let refused = |text: &str| LightPath::parse(text).unwrap_err();
         assert!(refused("time_s,x_m,y_m,z_m\n0,0,0,1\n0,1,1,1").contains("line 3: found time 0 after 0"));
         assert!(refused("0,0,0,1\n1,2,3").contains("line 2: found `1,2,3`"));
+        assert!(
+            refused("0,0,0,1\n1,\"2,5\",0,1").contains("line 2: found `1,\"2,5\",0,1`"),
+            "a comma inside of quotes"
+        );
+        assert!(LightPath::parse("\u{feff}\"time, s\",x_m,y_m,z_m\r\n\"0\", \"0\",0,1\r\n1,0,0,1\r\n").is_ok());
         assert!(refused("0,0,0,NaN\n1,2,3,4").contains("found 1 rows"));
         assert!(refused("").contains("found 0 rows"));
     }

@@ -3,6 +3,7 @@
 //! A table with the heading `camera,mark,frame,u_px,v_px`. `frame` is the sequence number of the picture; a row without a place says that the mark is not visible
 //! from there on, until it is found again.
 
+use foveate::diagnostics::fields::Splitter;
 use nalgebra::Point2;
 
 /// One row for this camera.
@@ -26,26 +27,28 @@ const HEADING: [&str; 5] = ["camera", "mark", "frame", "u_px", "v_px"];
 pub fn read(text: &str, camera: Option<&str>, known: impl Fn(&str) -> bool) -> Result<Vec<Correction>, String> {
     let mut rows: Vec<(Correction, usize)> = Vec::new();
     let mut has_heading = false;
+    let mut splitter = Splitter::new(',');
     for (line, text) in (1..).zip(text.trim_start_matches('\u{feff}').lines()) {
         let text = text.trim();
         if text.is_empty() || text.starts_with('#') {
             continue;
         }
-        let fields: Vec<&str> = text.split(',').map(str::trim).collect();
+        let fields = splitter.split(text);
         if !has_heading {
-            if fields != HEADING {
+            if !fields.iter().eq(HEADING) {
                 return Err(format!("line {line}: found `{text}`, expected the heading `{}`", HEADING.join(",")));
             }
             has_heading = true;
             continue;
         }
-        let [name, mark, frame, u, v] = fields[..] else {
+        if fields.len() != HEADING.len() {
             return Err(format!(
                 "line {line}: found {} fields, expected the 5 of `{}`",
                 fields.len(),
                 HEADING.join(",")
             ));
-        };
+        }
+        let [name, mark, frame, u, v] = [0, 1, 2, 3, 4].map(|it| fields.text(it));
         let whole = |what: &str, text: &str| -> Result<u64, String> {
             text.parse().map_err(|_| format!("line {line}: found `{text}` as {what}, expected a whole number"))
         };
@@ -104,10 +107,18 @@ mod tests {
     }
 
     #[test]
+    fn names_in_quotes_hold_commas() {
+        let text = "camera,mark,\"frame\",u_px,v_px\r\n\"ptz-1, left\", \"7\",12,1,2\r\n";
+        let found = read(text, Some("ptz-1, left"), |_| false).unwrap();
+        assert_eq!(found, [Correction { frame: 12, mark: 7, pixel: Some(Point2::new(1.0, 2.0)) }]);
+    }
+
+    #[test]
     fn what_is_wrong_is_named_with_its_line() {
         let after = |row: &str| rows(&format!("camera,mark,frame,u_px,v_px\n{row}\n")).unwrap_err();
         for (row, part) in [
             ("ptz-1,1,0,2", "4 fields"),
+            ("\"ptz-1,1\",0,2", "3 fields"),
             ("ptz-1,x,0,2,3", "`x` as mark"),
             ("ptz-1,1,-1,2,3", "`-1` as frame"),
             ("ptz-1,5000000000,0,2,3", "5000000000"),
