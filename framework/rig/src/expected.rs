@@ -171,6 +171,13 @@ mod tests {
             "a number above 0 [s]"
         );
         assert_eq!(said(json!({"enum": ["a", "b"]})), "\"a\" or \"b\"");
+        let text = |least: Json, most: Json| said(json!({"type": "string", "minLength": least, "maxLength": most}));
+        assert_eq!(text(json!(1), Json::Null), "a text that is not empty");
+        assert_eq!(text(json!(3), json!(3)), "a text of 3 characters");
+        assert_eq!(text(json!(2), Json::Null), "a text of at least 2 characters");
+        assert_eq!(text(Json::Null, json!(9)), "a text of at most 9 characters");
+        assert_eq!(text(json!(1), json!(9)), "a text of 1 to 9 characters");
+        assert_eq!(text(Json::Null, Json::Null), "a text");
         let pair = json!({"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2});
         assert_eq!(said(pair), "a list of 2 items, each a number");
     }

@@ -379,3 +379,15 @@ fn lay_out(
     };
     (layout, left_out)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_in_one_place_have_the_size_of_the_unit() {
+        let place = Point3::new(1.0, 2.0, 3.0);
+        let scale = Scale::of(&[place; 4]);
+        assert_eq!((scale.centroid, scale.size), (place.coords, 1.0));
+    }
+}

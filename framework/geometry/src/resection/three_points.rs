@@ -153,6 +153,22 @@ mod tests {
     use super::*;
 
     #[test]
+    fn depths_that_are_a_percent_off_are_polished_to_the_last_digits() {
+        let corners = [Point3::new(0.3, -0.2, 2.0), Point3::new(-0.5, 0.4, 2.6), Point3::new(0.6, 0.5, 3.1)];
+        let along = |it: usize| corners[it].coords.normalize();
+        let sides = [(1, 2), (0, 2), (0, 1)];
+        let squares = sides.map(|(i, j)| (corners[i] - corners[j]).norm_squared());
+        let cosines = sides.map(|(i, j)| along(i).dot(&along(j)));
+        let depths = corners.map(|it| it.coords.norm());
+        let start = [depths[0] * 1.01, depths[1] * 0.99, depths[2] * 1.005];
+        let found = polished_depths(start, squares, cosines).unwrap();
+        assert!(
+            found.iter().zip(depths).all(|(found, depth)| (found - depth).abs() < 1e-12),
+            "{found:?} for {depths:?}"
+        );
+    }
+
+    #[test]
     fn all_poses_found_fit_and_the_true_one_is_among_them() {
         const TRIANGLES: usize = 20_000;
         let mut random = Random::new(1);
