@@ -13,7 +13,7 @@ use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
 use foveate_geometry::pan_tilt::{Axis, PanTiltHead};
 use foveate_node::{ConfigError, Setup};
-use foveate_scene::Calibration;
+use foveate_scene::{Calibration, LengthUnit};
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -123,8 +123,15 @@ impl Truth {
     /// Settings out of their ranges; a plan that cannot be read, or that lacks a camera of the rig's calibration.
     pub fn draw(settings: &TruthSettings, setup: &Setup) -> Result<Truth, ConfigError> {
         settings.check()?;
+        if settings.plan.is_empty() {
+            return Err(ConfigError::at("truth.plan", "found nothing, expected the file with the cameras as planned"));
+        }
         let path = setup.path("truth.plan", &settings.plan)?;
         let plan = Calibration::load(&path).map_err(|error| ConfigError::at("truth.plan", error.to_string()))?;
+        if plan.length_unit != LengthUnit::Metre {
+            let message = format!("{}: found an unknown unit of length, expected metres", path.display());
+            return Err(ConfigError::at("truth.plan", message));
+        }
         for camera in &setup.calibration.cameras {
             if plan.camera(&camera.name).is_none() {
                 let message = format!(
@@ -237,6 +244,26 @@ fn axes(planned: &PanTiltHead, settings: &TruthSettings, errors: &mut Errors) ->
 mod tests {
     use super::*;
     use crate::lab::lab_calibration;
+
+    #[test]
+    fn plans_that_do_not_do_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let plan = lab_calibration().to_toml();
+        let refusal = |text: &str, file: &str| {
+            std::fs::write(folder.path().join("plan.toml"), text).unwrap();
+            let mut setup = Setup::for_tests();
+            setup.rig_dir = folder.path().to_owned();
+            setup.calibration = std::sync::Arc::new(lab_calibration());
+            let settings = TruthSettings { plan: file.to_owned(), ..TruthSettings::default() };
+            Truth::draw(&settings, &setup).err().map(|it| it.message)
+        };
+        assert_eq!(refusal(&plan, "plan.toml"), None);
+        let says = |text: &str, file: &str, what: &str| refusal(text, file).is_some_and(|it| it.contains(what));
+        assert!(says(&plan, "", "expected the file"));
+        assert!(says(&plan, "other.toml", "cannot be read"));
+        assert!(says(&plan.replace("camera.wide-3]", "camera.tall-3]"), "plan.toml", "found no camera `wide-3`"));
+        assert!(says(&plan.replace("\"m\"", "\"unknown\""), "plan.toml", "expected metres"));
+    }
 
     #[test]
     fn worlds_differ_by_their_seed_alone_and_as_much_as_is_said() {
