@@ -86,6 +86,7 @@ fn cameras_that_are_kept_are_found_by_their_names_and_so_are_the_others() {
     };
     let read = |names: &[&str]| {
         let text: String = names.iter().map(|it| section(it)).collect();
+        let text = format!("[calibration]\nlength_unit = \"m\"\n\n{text}");
         Calibration::from_toml(&text, Path::new("lab.toml")).unwrap()
     };
     let older = read(&["ptz-1", "ptz-2", "wide-1", "wide-2", "wide-10"]);
