@@ -254,10 +254,8 @@ impl Lanes {
         let bundle = self.bundle_of[consumer];
         let until = Time(self.under_way.load(Ordering::Relaxed));
         let is_under_way = self.may_be_ahead(consumer) && until.0 != NONE;
-        let visible = match self.delay[*edge] {
-            Interval(0) if is_under_way => until,
-            delay => now + delay,
-        };
+        // Only handles come in with less than the lookahead.
+        let visible = (now + self.delay[*edge]).max(if is_under_way { until } else { now });
         if visible > now {
             return self.keep(bundle.unwrap_or(self.bundles.len()), visible, Arriving::Data(outgoing));
         }
@@ -514,7 +512,10 @@ fn lookahead(graph: &Graph, camera_of: &[Option<u16>], camera: u16) -> Interval 
         let bound = if own(from) != own(to) && is_handle(graph, edge.from) {
             let reacts_after_s = graph.instances[from].settings.plan().reacts_after_s;
             // What reacts never, or in years, bounds nothing.
-            if reacts_after_s < LONG_S { Interval::from_s(reacts_after_s) } else { continue }
+            if reacts_after_s >= LONG_S {
+                continue;
+            }
+            Interval::from_s(reacts_after_s)
         } else if own(to)
             && let Some(delay) = edge.delay
         {
