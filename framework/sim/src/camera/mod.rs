@@ -8,7 +8,9 @@
 //! arithmetic; 512 gray levels is as bright as it gets before saturation at 255 anyway.
 
 mod backdrop;
+mod lights;
 mod noise;
+mod sensor;
 mod silhouette;
 mod spot;
 mod surface;
@@ -16,7 +18,7 @@ mod triangles;
 
 use foveate_estimation::random::Random;
 use foveate_messages::{CameraId, Image, Interval, PixelFormat, Time};
-use nalgebra::{Point2, Point3};
+use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -25,9 +27,11 @@ use crate::head::HeadMotion;
 use crate::rounding::rounded;
 use crate::timing::TimingSettings;
 use crate::truth::TrueCamera;
-use crate::world::{Light, Mirror, Moment, REFERENCE_DISTANCE_M, World};
+use crate::world::{Moment, World};
 use backdrop::{Backdrop, MovingBackdrop};
 use noise::Noise;
+use sensor::Sensor;
+pub use sensor::SensorSettings;
 use silhouette::{Instead, Silhouettes};
 use spot::Spot;
 use surface::{Surfaces, View};
@@ -77,6 +81,8 @@ pub struct CameraSettings {
     /// Resolution of the digitiser: 8 gives 256 gray levels [bit].
     #[schemars(range(min = 1, max = 8))]
     pub bits: u32,
+    /// Faults of a real lens, a real sensor and real lamps, `{}` for those of an industrial camera. Left out: none [–].
+    pub sensor: Option<SensorSettings>,
     /// A camera that is knocked at some time and stays turned. Left out: none is [–].
     pub bump: Option<BumpSettings>,
 }
@@ -94,6 +100,7 @@ impl Default for CameraSettings {
             bloom: 0.0,
             noise_sigma: 2.0,
             bits: 8,
+            sensor: None,
             bump: None,
         }
     }
@@ -111,6 +118,7 @@ pub struct Renderer {
     silhouettes: Silhouettes,
     surfaces: Surfaces,
     noise: Noise,
+    sensor: Option<Sensor>,
     canvas: Vec<i16>,
     /// What each 8-bit value becomes, where the digitiser has fewer bits.
     coarse: Option<[u8; 256]>,
@@ -134,7 +142,8 @@ impl Renderer {
     /// For a camera on a head, of which nothing stays the same: see [`Self::render_on`].
     pub fn on_head(camera: impl Into<TrueCamera>, id: CameraId, settings: &CameraSettings, random: &Random) -> Self {
         let camera = camera.into();
-        let [width, height] = camera.image_size.map(|it| it as usize);
+        let camera_size = camera.image_size;
+        let [width, height] = camera_size.map(|it| it as usize);
         Self {
             centre: camera.centre(),
             camera,
@@ -145,6 +154,10 @@ impl Renderer {
             silhouettes: Silhouettes::default(),
             surfaces: Surfaces::default(),
             noise: Noise::new(width, settings.noise_sigma, &random.fork("noise")),
+            sensor: settings.sensor.as_ref().map(|sensor| {
+                let [black_level, noise_sigma] = [settings.black_level, settings.noise_sigma];
+                Sensor::new(sensor, camera_size, [black_level, noise_sigma], &random.fork("sensor"))
+            }),
             canvas: vec![0; width * height],
             coarse: coarse_levels(settings.bits),
             moment: Moment::default(),
@@ -158,9 +171,7 @@ impl Renderer {
         backdrop.draw(world, capture, &mut self.canvas);
         let camera = self.camera.clone();
         self.draw_people(world, capture, &|_| camera.clone());
-        for (share, moment) in self.moments(capture, self.settings.blur_samples.max(1)) {
-            self.draw_leds(world, moment, share);
-        }
+        self.draw_lights(world, capture, None);
         self.finish(world, capture, frame, image);
     }
 
@@ -178,10 +189,7 @@ impl Renderer {
         self.stand(motion.camera_at(at_rest, capture));
         self.moving_backdrop.draw(&self.camera, world, &self.settings, capture, &mut self.canvas);
         self.draw_people(world, capture, &|moment| motion.camera_at(at_rest, moment));
-        for (share, moment) in self.moments(capture, self.settings.blur_samples.max(1)) {
-            self.stand(motion.camera_at(at_rest, moment));
-            self.draw_leds(world, moment, share);
-        }
+        self.draw_lights(world, capture, Some((motion, at_rest)));
         self.finish(world, capture, frame, image);
     }
 
@@ -235,29 +243,6 @@ impl Renderer {
         })
     }
 
-    /// Draws the LEDs as they are at `moment`, with this share of their light.
-    fn draw_leds(&mut self, world: &World, moment: Time, share: f64) {
-        let led_peak = world.settings().led_peak * self.settings.gain * share;
-        world.at(moment, &mut self.moment);
-        for light in self.moment.lights_towards(&self.centre, led_peak) {
-            if let Some(pixel) = self.camera.project(&light.position)
-                && !self.moment.occluded(&self.centre, &light.position)
-            {
-                self.glow(&light, pixel).for_each(|spot| spot.add_to(&mut self.canvas, self.camera.image_size));
-            }
-        }
-        let reflectance = world.settings().reflections;
-        if reflectance > 0.0 {
-            for mirror in [Mirror::FLOOR, Mirror::DISPLAY] {
-                for light in self.moment.reflections_seen_from(&self.centre, &mirror, led_peak, reflectance) {
-                    if let Some(pixel) = self.camera.project(&light.position) {
-                        self.glow(&light, pixel).for_each(|it| it.add_to(&mut self.canvas, self.camera.image_size));
-                    }
-                }
-            }
-        }
-    }
-
     /// Glints, noise, rounding.
     fn finish(&mut self, world: &World, capture: Time, frame: u64, image: &mut Image) {
         let [width, height] = self.camera.image_size;
@@ -269,19 +254,13 @@ impl Renderer {
         image.camera = self.id;
         (image.width, image.height, image.format) = (width, height, PixelFormat::Gray8);
         image.pixels.resize(width as usize * height as usize, 0);
-        self.noise.digitise(&self.canvas, width as usize, frame, &mut image.pixels);
+        match &self.sensor {
+            Some(sensor) => sensor.digitise(&self.canvas, frame, &mut image.pixels),
+            None => self.noise.digitise(&self.canvas, width as usize, frame, &mut image.pixels),
+        }
         if let Some(levels) = &self.coarse {
             image.pixels.iter_mut().for_each(|it| *it = levels[usize::from(*it)]);
         }
-    }
-
-    /// A light's spot, and its halo if the lens makes one.
-    fn glow(&self, light: &Light, pixel: Point2<f64>) -> impl Iterator<Item = Spot> + use<> {
-        let distance = (light.position - self.centre).norm();
-        let peak = light.brightness * (REFERENCE_DISTANCE_M / distance).powi(2);
-        let (centre, sigma) = ([pixel.x, pixel.y], self.sigmas());
-        let halo = Spot { centre, sigma: sigma.map(|it| it * HALO_WIDTH), peak: peak * self.settings.bloom };
-        [Spot { centre, sigma, peak }].into_iter().chain((self.settings.bloom > 0.0).then_some(halo))
     }
 
     /// Standard deviations of a LED's spot along rows and columns [px]: round on the sensor.
@@ -323,7 +302,7 @@ mod tests {
 
     use super::*;
     use crate::lab::wide_cameras;
-    use crate::world::SceneSettings;
+    use crate::world::{Mirror, SceneSettings};
 
     const SIZE: usize = 640 * 240;
 

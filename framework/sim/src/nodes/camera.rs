@@ -7,7 +7,7 @@ use foveate_node::{ConfigError, Due, Figures, Io, Node, NodeError, Plan, Pool, P
 
 use super::fields::{CLOCK_FIGURES, Fields};
 use crate::bump::Pending;
-use crate::camera::{CameraSettings, Renderer};
+use crate::camera::{CameraSettings, Renderer, SensorSettings};
 use crate::head::HeadMotion;
 use crate::timing::{Arrival, Timing};
 use crate::truth::TrueCamera;
@@ -141,18 +141,22 @@ fn check(settings: &CameraSettings) -> Result<(), ConfigError> {
     ConfigError::unless_in("bloom", settings.bloom, 0.0..=0.5)?;
     ConfigError::unless_in("noise_sigma", settings.noise_sigma, 0.0..=20.0)?;
     ConfigError::unless_in("bits", settings.bits, 1..=8)?;
+    settings.sensor.as_ref().map_or(Ok(()), SensorSettings::check)?;
     let (exposure, latency) = (settings.exposure_ms, settings.timing.latency_ms);
-    if exposure > 1000.0 / settings.timing.rate_hz {
-        let period = 1000.0 / settings.timing.rate_hz;
-        return Err(ConfigError::at(
-            "exposure_ms",
-            format_args!("found {exposure}, expected at most {period:.2}, the time between two fields"),
-        ));
+    let (readout, period) =
+        (settings.sensor.as_ref().map_or(0.0, |it| it.readout_ms), 1000.0 / settings.timing.rate_hz);
+    for (name, value) in [("exposure_ms", exposure), ("sensor.readout_ms", readout)] {
+        if value > period {
+            let message = format!("found {value}, expected at most {period:.2}, the time between two fields");
+            return Err(ConfigError::at(name, message));
+        }
     }
-    if latency < exposure / 2.0 {
+    let gathered = 0.5 * (exposure + readout);
+    if latency < gathered {
+        let of = if readout > 0.0 { "half of `exposure_ms` and `sensor.readout_ms`" } else { "half of `exposure_ms`" };
         return Err(ConfigError::at(
             "latency_ms",
-            format_args!("found {latency}, expected at least {}: light is gathered until then", exposure / 2.0),
+            format_args!("found {latency}, expected at least {gathered}, {of}: light is gathered until then"),
         ));
     }
     Ok(())
@@ -188,6 +192,7 @@ mod tests {
     fn node_keeps_the_law() {
         check_node::<SimCamera>("");
         check_node::<SimCamera>("synchronised = true\nbits = 6");
+        check_node::<SimCamera>("sensor = { readout_ms = 6, flicker = 0.3 }");
         check_node::<SimCamera>("clock_offset_spread_ms = 8\nfails_at_s = 3\nhiccup_hz = 1");
     }
 
@@ -197,6 +202,15 @@ mod tests {
         assert_eq!(refusal(|it| it.exposure_ms = 20.0), "exposure_ms");
         assert_eq!(refusal(|it| it.timing.latency_ms = 1.9), "latency_ms");
         assert_eq!(refusal(|it| it.noise_sigma = f64::NAN), "noise_sigma");
+        assert_eq!(
+            refusal(|it| it.sensor = Some(SensorSettings { flicker: 2.0, ..Default::default() })),
+            "sensor.flicker"
+        );
+        fn rolling(readout_ms: f64) -> Option<SensorSettings> {
+            Some(SensorSettings { readout_ms, ..SensorSettings::default() })
+        }
+        assert_eq!(refusal(|it| it.sensor = rolling(50.0)), "sensor.readout_ms");
+        assert_eq!(refusal(|it| (it.exposure_ms, it.sensor) = (8.0, rolling(16.0))), "latency_ms");
         assert_eq!(refusal(|it| it.timing.latency_jitter_ms = -1.0), "latency_jitter_ms");
         fn bump(camera: &str, at_s: f64) -> Option<BumpSettings> {
             let camera = camera.to_owned();
