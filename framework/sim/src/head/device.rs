@@ -128,7 +128,6 @@ impl Head {
         let phase = random.uniform();
         Ok(Head {
             next_field: Time::from_s(phase * settings.field_ms * 1e-3),
-            random,
             now: Time::ZERO,
             address: 1,
             is_address_fixed: false,
@@ -138,8 +137,8 @@ impl Head {
             sockets: [None, None],
             n_refused_full: 0,
             power: Power::On,
-            pan: Axis::new(settings.pan.axis(), settings),
-            tilt: Axis::new(settings.tilt.axis(), settings),
+            pan: Axis::new(settings.pan.axis(), settings, &random.fork("pan")),
+            tilt: Axis::new(settings.tilt.axis(), settings, &random.fork("tilt")),
             track: Track::default(),
             zoom: Zoom::new([0.0, f64::from(ZOOM_END)], settings.zoom_travel_ms),
             limits: [settings.pan.axis(), settings.tilt.axis()].map(|it| [-it.reach_units, it.reach_units]),
@@ -149,6 +148,7 @@ impl Head {
             picture: Picture::default(),
             memory: Default::default(),
             recalled: 0,
+            random,
             settings: settings.clone(),
         })
     }

@@ -10,16 +10,21 @@
 //! | `load`, `y`  | where the camera really looks    | units    |
 //!
 //! ÿ = −ω² (y − q) − 2 ζ ω (ẏ − v), stepped every millisecond.
+//!
+//! The motor is either ideal: it speeds up and brakes with the acceleration that is stated and stands at whole units; or it is one of [`MotorSettings`], see
+//! `drive`, and then q is where its gear stands, which has play.
 
 use std::collections::VecDeque;
 
+use foveate_estimation::random::Random;
 use foveate_messages::{Interval, Time};
 
+use super::drive::Drive;
 use super::settings::{AxisSettings, HeadSettings};
 
 /// The step in which all mechanics go [ns].
 pub(super) const TICK: Interval = Interval(1_000_000);
-const TICK_S: f64 = 1e-3;
+pub(super) const TICK_S: f64 = 1e-3;
 /// This near to its goal a motor is there [units].
 const THERE: f64 = 0.01;
 
@@ -46,12 +51,15 @@ pub struct Axis {
     speed: f64,
     load: f64,
     load_speed: f64,
+    /// `None`: an ideal motor.
+    drive: Option<Drive>,
 }
 
 impl Axis {
-    /// One of the axes of a head.
-    pub(super) fn new(settings: AxisSettings, head: &HeadSettings) -> Axis {
+    /// One of the axes of a head; `random` is its own.
+    pub(super) fn new(settings: AxisSettings, head: &HeadSettings, random: &Random) -> Axis {
         Axis {
+            drive: head.motor.as_ref().map(|motor| Drive::new(motor, &settings, head.acceleration_deg_per_s2, random)),
             settings,
             acceleration: head.acceleration_deg_per_s2 * settings.units_per_deg,
             swing: [head.vibration_hz * std::f64::consts::TAU, head.vibration_damping],
@@ -87,6 +95,19 @@ impl Axis {
                 self.goal = goal;
             }
         }
+        match &mut self.drive {
+            Some(drive) => (self.motor, self.speed) = drive.step(self.motor, self.speed, self.goal),
+            None => self.step_ideal(),
+        }
+        let reach = f64::from(self.settings.reach_units);
+        if self.motor.abs() > reach {
+            (self.motor, self.speed) = (self.motor.clamp(-reach, reach), 0.0);
+        }
+        let [stands, speed] = self.drive.as_ref().map_or([self.motor.round(), self.speed], Drive::gear);
+        self.swing(stands, speed);
+    }
+
+    fn step_ideal(&mut self) {
         let acceleration = self.acceleration;
         let (way, limit) = match self.goal {
             Goal::Stop => (0.0, 0.0),
@@ -103,21 +124,17 @@ impl Axis {
             }
             _ => self.motor += self.speed * TICK_S,
         }
-        let reach = f64::from(self.settings.reach_units);
-        if self.motor.abs() > reach {
-            (self.motor, self.speed) = (self.motor.clamp(-reach, reach), 0.0);
-        }
-        self.swing();
     }
 
-    fn swing(&mut self) {
+    /// On what stands here and moves at this speed [units, units/s].
+    fn swing(&mut self, stands: f64, speed: f64) {
         let [omega, damping] = self.swing;
         if omega == 0.0 {
-            (self.load, self.load_speed) = (self.motor.round(), self.speed);
+            (self.load, self.load_speed) = (stands, speed);
             return;
         }
-        let drag = 2.0 * damping * omega * (self.load_speed - self.speed);
-        self.load_speed -= (omega * omega * (self.load - self.motor.round()) + drag) * TICK_S;
+        let drag = 2.0 * damping * omega * (self.load_speed - speed);
+        self.load_speed -= (omega * omega * (self.load - stands) + drag) * TICK_S;
         self.load += self.load_speed * TICK_S;
     }
 
@@ -125,7 +142,7 @@ impl Axis {
     pub(super) fn is_done(&self) -> bool {
         let is_there = match self.goal {
             Goal::Stop => true,
-            Goal::At { units, .. } => self.motor == units,
+            Goal::At { units, .. } => self.motor_units() == units.round() as i32,
         };
         is_there && self.speed == 0.0 && self.waiting.is_empty()
     }
@@ -137,7 +154,8 @@ impl Axis {
 
     /// Where the camera looks, vibration and all [rad].
     pub fn angle_rad(&self) -> f64 {
-        (self.load / self.settings.units_per_deg).to_radians()
+        let wandered = self.drive.as_ref().map_or(0.0, Drive::zero_units);
+        ((self.load + wandered) / self.settings.units_per_deg).to_radians()
     }
 
     /// How fast the motor turns [rad/s].
@@ -206,11 +224,12 @@ impl Zoom {
 
 #[cfg(test)]
 mod tests {
+    use super::super::settings::MotorSettings;
     use super::*;
 
     /// Position of motor and camera [units] and speed [units/s] at every millisecond of one move of the pan axis.
     fn moved(goal: Goal, ticks: i64, settings: &HeadSettings) -> (Axis, Vec<[f64; 3]>) {
-        let mut axis = Axis::new(settings.pan.axis(), settings);
+        let mut axis = Axis::new(settings.pan.axis(), settings, &Random::new(1));
         axis.order(Time(TICK.0), goal);
         let path = (1..=ticks).map(|tick| {
             axis.step(Time(tick * TICK.0));
@@ -267,5 +286,72 @@ mod tests {
         // 80°/s at 400°/s²: 8°.
         assert!((axis.motor - before - 8.0 * 8.8).abs() < 1.0, "{}", axis.motor - before);
         assert!(axis.is_done());
+    }
+
+    /// With these motors and nothing that swings.
+    fn driven(motor: MotorSettings) -> HeadSettings {
+        HeadSettings { vibration_hz: 0.0, motor: Some(motor), ..HeadSettings::default() }
+    }
+
+    const EXACT: MotorSettings = MotorSettings {
+        rise_ms: 40.0,
+        position_gain_per_s: 12.0,
+        friction: 0.08,
+        viscous: 0.1,
+        backlash_deg: 0.0,
+        zero_drift_deg: 0.0,
+        zero_drift_s: 120.0,
+    };
+
+    #[test]
+    fn a_driven_axis_arrives_later_than_an_ideal_one_and_its_acceleration_never_jumps() {
+        for (goal, speed) in [(792.0, 704.0), (-88.0, 200.0), (9.0, 704.0), (1.0, 30.0)] {
+            let (axis, path) = moved(Goal::At { units: goal, speed }, 3000, &driven(EXACT));
+            assert!(axis.is_done() && axis.motor_units() == goal as i32, "{goal}: {} units", axis.motor);
+            let (_, ideal) = moved(Goal::At { units: goal, speed }, 3000, &HeadSettings::default());
+            let arrived = |path: &[[f64; 3]]| path.iter().position(|it| (it[0] - goal).abs() < 0.5).unwrap();
+            assert!(arrived(&path) > arrived(&ideal), "{goal}: after {} and {} ms", arrived(&path), arrived(&ideal));
+            let overshoot = path.iter().map(|it| it[0] * goal.signum()).fold(0.0, f64::max) - goal.abs();
+            assert!(overshoot < 0.06 * goal.abs() + 0.5, "{goal}: {overshoot} units too far");
+            let most = 400.0 * 8.8 * 1e-3;
+            let changes: Vec<f64> = path.windows(2).map(|it| it[1][2] - it[0][2]).collect();
+            // Rubbing begins and ends at once, all else rises in 40 ms.
+            let rubs = 0.12 * 2.0 * most;
+            assert!(changes.windows(2).all(|it| (it[1] - it[0]).abs() < most / 40.0 + rubs + 1e-9), "{goal}");
+            assert!(changes.iter().all(|it| it.abs() <= 1.2 * most), "{goal}");
+            assert!(path.iter().all(|it| it[2].abs() <= 1.1 * speed), "{goal}");
+        }
+    }
+
+    #[test]
+    fn play_leaves_the_camera_behind_by_half_of_it_on_either_side() {
+        let settings = driven(MotorSettings { backlash_deg: 1.0, ..EXACT });
+        let mut axis = Axis::new(settings.pan.axis(), &settings, &Random::new(1));
+        let mut stands = |units: f64, from_ms: i64| {
+            axis.order(Time(from_ms * TICK.0), Goal::At { units, speed: 200.0 });
+            (from_ms..from_ms + 3000).for_each(|tick| axis.step(Time(tick * TICK.0)));
+            assert!(axis.is_done());
+            axis.load - axis.motor
+        };
+        // A degree is 8.8 units.
+        assert!((stands(100.0, 1) + 4.4).abs() < 1e-9);
+        assert!((stands(50.0, 5000) - 4.4).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_zero_wanders_slowly_and_as_far_as_is_said() {
+        let settings = driven(MotorSettings { zero_drift_deg: 0.2, zero_drift_s: 2.0, ..EXACT });
+        let mut axis = Axis::new(settings.pan.axis(), &settings, &Random::new(4));
+        let angles: Vec<f64> = (1..400_000)
+            .map(|tick| {
+                axis.step(Time(tick * TICK.0));
+                axis.angle_rad().to_degrees()
+            })
+            .collect();
+        assert_eq!(axis.motor_units(), 0, "the counter does not know");
+        let sigma = (angles.iter().map(|it| it * it).sum::<f64>() / angles.len() as f64).sqrt();
+        assert!((0.15..0.25).contains(&sigma), "{sigma}");
+        let in_100_ms = angles.windows(101).map(|it| (it[100] - it[0]).abs()).fold(0.0, f64::max);
+        assert!((0.1..0.4).contains(&in_100_ms), "{in_100_ms}");
     }
 }

@@ -7,6 +7,7 @@
 //! |---|---|
 //! | [`settings`] | what the head is like, with the figures of the EVI-D30 |
 //! | [`mechanics`] | motors with latency, limited acceleration and steps, and what vibrates on them |
+//! | `drive` | motors that are not ideal: limited jerk, friction, play, a zero that wanders |
 //! | `words` | the bytes of packets, read and written |
 //! | [`device`] | the program inside the head: messages in, answers out |
 //! | `commands` | what becomes of commands: sockets, acknowledgements, completions |
@@ -24,6 +25,7 @@ pub mod axes;
 mod commands;
 pub mod datagrams;
 pub mod device;
+mod drive;
 pub mod line;
 pub mod mechanics;
 pub mod motion;
@@ -40,5 +42,7 @@ pub use datagrams::NetworkHead;
 pub use device::{Head, Tag};
 pub use line::SerialHead;
 pub use motion::{HeadMotion, LineFaults, LineHead};
-pub use settings::{AxesSettings, HeadSettings, LineSettings, NetworkSettings, PanSettings, TiltSettings};
+pub use settings::{
+    AxesSettings, HeadSettings, LineSettings, MotorSettings, NetworkSettings, PanSettings, TiltSettings,
+};
 pub use track::REMEMBERED_S;

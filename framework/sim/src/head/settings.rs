@@ -21,6 +21,8 @@ pub struct HeadSettings {
     /// How soon that dies away, as a part of the critical damping [–].
     #[schemars(range(min = 0.01, max = 1.0))]
     pub vibration_damping: f64,
+    /// What drives the axes. Left out: motors that follow their orders exactly, within speed and acceleration [–].
+    pub motor: Option<MotorSettings>,
     /// From the acknowledgement of a move to its first step, at least: [Davis 2002 §4.4] found 250 ms and more [ms].
     #[schemars(range(min = 0.0, max = 10_000.0))]
     pub latency_ms: f64,
@@ -46,6 +48,49 @@ pub struct HeadSettings {
     /// From "power on" to the first command that is executed; no manual says for the EVI-D30 [ms].
     #[schemars(range(min = 0.0, max = 60_000.0))]
     pub power_on_ms: f64,
+}
+
+/// Motors that are not ideal: a current that takes time to rise, friction, a gear with play, a counter whose zero wanders.
+///
+/// No manual gives such figures for the EVI-D30; the defaults are those of a small geared DC motor.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct MotorSettings {
+    /// In which time the torque rises from none to that of `acceleration_deg_per_s2`, so that the jerk is limited [ms].
+    #[schemars(range(min = 1.0, max = 1000.0))]
+    pub rise_ms: f64,
+    /// How quickly the control of its position makes up for what is missing: speed wanted over way left [1/s].
+    #[schemars(range(min = 1.0, max = 100.0))]
+    pub position_gain_per_s: f64,
+    /// Friction of what slides, as a part of the greatest torque; what stands holds half as much again [–].
+    #[schemars(range(min = 0.0, max = 0.5))]
+    pub friction: f64,
+    /// Friction that grows with the speed: at the greatest speed, as a part of the greatest torque [–].
+    #[schemars(range(min = 0.0, max = 0.5))]
+    pub viscous: f64,
+    /// Play between the motor, which is counted, and the camera, from end to end [°].
+    #[schemars(range(min = 0.0, max = 5.0))]
+    pub backlash_deg: f64,
+    /// How far the counter's zero wanders from where it was, standard deviation [°].
+    #[schemars(range(min = 0.0, max = 5.0))]
+    pub zero_drift_deg: f64,
+    /// In about which time it does so [s].
+    #[schemars(range(min = 1.0, max = 100_000.0))]
+    pub zero_drift_s: f64,
+}
+
+impl Default for MotorSettings {
+    fn default() -> Self {
+        Self {
+            rise_ms: 40.0,
+            position_gain_per_s: 12.0,
+            friction: 0.08,
+            viscous: 0.1,
+            backlash_deg: 0.04,
+            zero_drift_deg: 0.03,
+            zero_drift_s: 120.0,
+        }
+    }
 }
 
 /// One axis: how it counts, how far and how fast it goes. A type for each, since each has its own defaults.
@@ -167,6 +212,7 @@ impl Default for HeadSettings {
             acceleration_deg_per_s2: 400.0,
             vibration_hz: 8.0,
             vibration_damping: 0.15,
+            motor: None,
             latency_ms: 250.0,
             latency_jitter_ms: 20.0,
             reaction_ms: 2000.0 / 59.94,
@@ -214,6 +260,7 @@ impl HeadSettings {
         ConfigError::unless_in("acceleration_deg_per_s2", self.acceleration_deg_per_s2, 1.0..=100_000.0)?;
         ConfigError::unless_in("vibration_hz", self.vibration_hz, 0.0..=100.0)?;
         ConfigError::unless_in("vibration_damping", self.vibration_damping, 0.01..=1.0)?;
+        self.motor.as_ref().map_or(Ok(()), MotorSettings::check)?;
         ConfigError::unless_in("latency_ms", self.latency_ms, 0.0..=10_000.0)?;
         ConfigError::unless_in("latency_jitter_ms", self.latency_jitter_ms, 0.0..=10_000.0)?;
         ConfigError::unless_in("reaction_ms", self.reaction_ms, 0.0..=10_000.0)?;
@@ -221,6 +268,18 @@ impl HeadSettings {
         ConfigError::unless_in("take_up_ms", self.take_up_ms, 0.0..=10_000.0)?;
         ConfigError::unless_in("zoom_travel_ms", self.zoom_travel_ms, 1.0..=60_000.0)?;
         ConfigError::unless_in("power_on_ms", self.power_on_ms, 0.0..=60_000.0)
+    }
+}
+
+impl MotorSettings {
+    fn check(&self) -> Result<(), ConfigError> {
+        ConfigError::unless_in("motor.rise_ms", self.rise_ms, 1.0..=1000.0)?;
+        ConfigError::unless_in("motor.position_gain_per_s", self.position_gain_per_s, 1.0..=100.0)?;
+        ConfigError::unless_in("motor.friction", self.friction, 0.0..=0.5)?;
+        ConfigError::unless_in("motor.viscous", self.viscous, 0.0..=0.5)?;
+        ConfigError::unless_in("motor.backlash_deg", self.backlash_deg, 0.0..=5.0)?;
+        ConfigError::unless_in("motor.zero_drift_deg", self.zero_drift_deg, 0.0..=5.0)?;
+        ConfigError::unless_in("motor.zero_drift_s", self.zero_drift_s, 1.0..=100_000.0)
     }
 }
 
