@@ -122,11 +122,18 @@ impl SkeletonMotion {
             return words.fault(&format!("a frame time of {frame_s}"), "seconds above 0");
         }
         let mut values = Vec::new();
+        // Where numbers are too many or too few is told at the end of the file: more helpful is the first line in which a frame ends before the line does.
+        let mut ragged: Option<usize> = None;
+        let hint = |ragged: Option<usize>| {
+            ragged.map_or(String::new(), |it| format!("; line {it} is the first that does not hold whole frames"))
+        };
         for frame in 0..n_frames {
+            words.more();
+            let begins = words.line;
             for number in 0..n_channels {
                 let what = || format!("number {} of {n_channels} of frame {} of {n_frames}", number + 1, frame + 1);
                 if !words.more() {
-                    return words.fault("the end", &what());
+                    return words.fault("the end", &(what() + &hint(ragged)));
                 }
                 let word = words.next("a number")?;
                 match word.parse::<f64>() {
@@ -134,10 +141,13 @@ impl SkeletonMotion {
                     _ => return words.fault(&format!("`{word}`"), &what()),
                 }
             }
+            if !words.rest.is_empty() && ragged.is_none() {
+                ragged = Some(begins);
+            }
         }
         if words.more() {
             let word = words.next("the end")?;
-            return words.fault(&format!("`{word}`"), &format!("the end behind {n_frames} frames"));
+            return words.fault(&format!("`{word}`"), &format!("the end behind {n_frames} frames{}", hint(ragged)));
         }
         Ok(Self { joints, frame_s, values })
     }

@@ -135,6 +135,10 @@ fn broken_files_are_named_by_line() {
     check_broken("Frames: 2", "Frames: 99999999999", 19, "frame 3 of 99999999999");
     check_broken(".0083333", "0", 17, "seconds above 0");
     check_broken("90 0 90", "90 x 90", 19, "number 6 of 9 of frame 2");
+    // Where numbers are missing or too many shows at the end, and is named where it is.
+    let rows = "0 10 0 0 0 0 0 0 0\n0 10";
+    check_broken(rows, "0 10 0 0 0 0 0 0\n0 10", 19, "line 18 is the first that does not hold whole frames");
+    check_broken(rows, "0 10 0 0 0 0 0 0 0 0\n0 10", 19, "line 18 is the first that does not hold whole frames");
     assert!(SkeletonMotion::from_bvh("").unwrap_err().to_string().contains("the end"));
     let second = "    End Site\n    {\n      OFFSET 0 2 0\n    }\n";
     check_broken(second, &second.repeat(2), 16, "a second `End Site`");

@@ -1,16 +1,17 @@
 //! The simulated lab as a source: the world once, and the truth about its targets again and again.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use foveate_messages::Targets;
 use foveate_node::{ConfigError, Due, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, Time, ports};
 use foveate_scene::skeleton::SkeletonMotion;
 
 use crate::painted::{FaceSettings, FaceSource, PartKind, RecordedHead};
-use crate::person::RecordedBody;
+use crate::person::{RecordedBody, WholeBody};
 use crate::truth::Truth;
 use crate::world::{
-    BodySettings, BodySource, LightPath, MAX_MONITORS, Recordings, SceneSettings, SwingSettings, WalkKind, World,
+    Body, BodyMotion, BodySource, LightPath, MAX_MONITORS, Recordings, SceneSettings, SwingSettings, WalkKind, World,
 };
 
 ports! {
@@ -118,6 +119,13 @@ impl Node for Lab {
             }
         }
         swing.as_ref().map_or(Ok(()), SwingSettings::check)?;
+        if let Some(body) = body {
+            ConfigError::unless_in("body.unit_m", body.unit_m, 0.0..=1000.0)?;
+            if body.motion == BodyMotion::Whole && walk != WalkKind::Round {
+                let message = "found `whole`, whose people go their own ways, expected `limbs` with this `walk`";
+                return Err(ConfigError::at("body.motion", message));
+            }
+        }
         if walk == WalkKind::Round && people > MOST_ON_A_ROUND {
             let message = format!("found {people}, expected at most {MOST_ON_A_ROUND}, or `walk = \"crowd\"`");
             return Err(ConfigError::at("people", message));
@@ -135,14 +143,14 @@ impl Node for Lab {
         }
         let light_path = light_path.as_ref().map(|file| read_path(file, setup)).transpose()?;
         let (head, of_head) = settings.face.as_ref().map_or(Ok((None, None)), |it| read_head(it, setup))?;
-        let (body, of_body) = body.as_ref().map_or(Ok((None, None)), |it| read_body(it, setup))?;
+        let (bodies, of_body) = read_bodies(&settings, setup)?;
         let truth = truth.as_ref().map(|it| Truth::draw(it, setup)).transpose()?;
         let mut cameras = None;
         if let (Some(truth), Some(folder)) = (&truth, &setup.out_dir) {
             setup.claim_file(Some("truth"), TRUTH_FILE)?;
             cameras = Some((truth.stated().to_owned(), folder.clone()));
         }
-        let recordings = Recordings { light_path, head, body, truth };
+        let recordings = Recordings { light_path, head, bodies, truth };
         let world = World::with_recordings(settings, recordings, &setup.random);
         let remarks = of_head.into_iter().chain(of_body).collect();
         Ok(Self { world, remarks, cameras, truth_hz, next: 0, pool: Pool::default() })
@@ -212,28 +220,48 @@ fn read_path(file: &str, setup: &Setup) -> Result<LightPath, ConfigError> {
     LightPath::parse(&text).map_err(fault)
 }
 
-/// The body of a recording, `None` for the built-in one, and what is to be said of it.
-fn read_body(body: &BodySettings, setup: &Setup) -> Result<(Option<RecordedBody>, Option<String>), ConfigError> {
+/// The bodies of recordings, none for the built-in one, and what is to be said of them.
+fn read_bodies(scene: &SceneSettings, setup: &Setup) -> Result<(Vec<Body>, Option<String>), ConfigError> {
     const BUILT_IN: &str = "the people's bodies have the built-in walk";
-    if body.source == BodySource::BuiltIn {
-        return Ok((None, None));
-    }
-    let is_needed = body.source == BodySource::Bvh;
-    let path = match setup.path("body.file", &body.file) {
-        Ok(path) => path,
-        Err(error) if is_needed => return Err(error),
-        Err(error) => return Ok((None, Some(format!("{BUILT_IN}: {}", error.message)))),
+    let Some(body) = scene.body.as_ref().filter(|it| it.source != BodySource::BuiltIn) else {
+        return Ok((Vec::new(), None));
     };
-    if !is_needed && !path.exists() {
-        return Ok((None, Some(format!("{BUILT_IN}: there is no {}", path.display()))));
+    let is_needed = body.source == BodySource::Bvh;
+    let (setting, files) = match (body.file.is_empty(), body.files.is_empty()) {
+        (false, true) => ("body.file", std::slice::from_ref(&body.file)),
+        (true, false) => ("body.files", body.files.as_slice()),
+        (true, true) => {
+            return Err(ConfigError::at("body.file", "found neither `file` nor `files`, expected one of them"));
+        }
+        (false, false) => return Err(ConfigError::at("body.files", "found beside `file`, expected one of them")),
+    };
+    let (mut bodies, mut said) = (Vec::new(), Vec::new());
+    for file in files {
+        let path = match setup.path(setting, file) {
+            Ok(path) => path,
+            Err(error) if is_needed => return Err(error),
+            Err(error) => return Ok((Vec::new(), Some(format!("{BUILT_IN}: {}", error.message)))),
+        };
+        if !is_needed && !path.exists() {
+            return Ok((Vec::new(), Some(format!("{BUILT_IN}: there is no {}", path.display()))));
+        }
+        let fault = |message: String| ConfigError::at(setting, format!("{}: {message}", path.display()));
+        let text = std::fs::read_to_string(&path).map_err(|error| fault(format!("{error}, expected a BVH file")))?;
+        let motion = SkeletonMotion::from_bvh(&text).map_err(|error| fault(error.to_string()))?;
+        let mut words = path.display().to_string();
+        bodies.push(match body.motion {
+            BodyMotion::Limbs => Body::Limbs(Arc::new(RecordedBody::new(&motion).map_err(fault)?)),
+            BodyMotion::Whole => {
+                let unit_m = Some(body.unit_m).filter(|it| *it > 0.0);
+                let whole = WholeBody::new(&motion, unit_m, scene.part_of_area_m()).map_err(fault)?;
+                let guess = if whole.is_of_unknown_size() { " since no unit in use makes a person of it" } else { "" };
+                words += &format!(" ({:.2} m tall{guess})", whole.stature_m());
+                Body::Whole(Arc::new(whole))
+            }
+        });
+        said.push(words);
     }
-    let fault = |message: String| ConfigError::at("body.file", format!("{}: {message}", path.display()));
-    let text = std::fs::read_to_string(&path).map_err(|error| fault(format!("{error}, expected a BVH file")))?;
-    let motion = SkeletonMotion::from_bvh(&text).map_err(|error| fault(error.to_string()))?;
-    Ok((
-        Some(RecordedBody::new(&motion).map_err(fault)?),
-        Some(format!("the people's bodies move as in {}", path.display())),
-    ))
+    Ok((bodies, Some(format!("the people's bodies move as in {}", said.join(", ")))))
 }
 
 impl Lab {
@@ -247,6 +275,7 @@ mod tests {
     use foveate_testkit::check_node;
 
     use super::*;
+    use crate::world::BodySettings;
 
     #[test]
     fn node_keeps_the_law() {
@@ -276,7 +305,7 @@ mod tests {
 
     #[test]
     fn body_without_its_file_is_the_built_in_one_and_says_so() {
-        let body = |source| Some(BodySettings { file: "no_such.bvh".to_owned(), source });
+        let body = |source| Some(BodySettings { file: "no_such.bvh".to_owned(), source, ..BodySettings::default() });
         let lab =
             |source| Lab::new(SceneSettings { body: body(source), ..SceneSettings::default() }, &Setup::for_tests());
         let mut report = Report::default();
@@ -293,7 +322,7 @@ mod tests {
     fn recorded_body_has_another_gait_at_the_same_place() {
         let file = "${FOVEATE_DATA}/s18_bvh/131_03.bvh".to_owned();
         let settings =
-            SceneSettings { body: Some(BodySettings { file, source: BodySource::Auto }), ..SceneSettings::default() };
+            SceneSettings { body: Some(BodySettings { file, ..BodySettings::default() }), ..SceneSettings::default() };
         let lab = Lab::new(settings.clone(), &Setup::for_tests()).ok().unwrap();
         if lab.remarks.iter().any(|it| it.contains("built-in")) {
             return println!("skipped: recorded_body_has_another_gait_at_the_same_place needs FOVEATE_DATA");
@@ -308,6 +337,35 @@ mod tests {
             wrists = wrists.max(away(6));
         }
         assert!(wrists > 0.3, "the wrists move alike to {wrists} m");
+    }
+
+    #[test]
+    fn people_of_recordings_have_their_own_sizes_and_keep_to_their_parts_of_the_area() {
+        let files = ["s18_bvh/131_03.bvh", "s22_bvh_people/fair1_zombie.bvh"]
+            .map(|it| format!("${{FOVEATE_DATA}}/{it}"))
+            .to_vec();
+        let body = BodySettings { files, motion: BodyMotion::Whole, ..BodySettings::default() };
+        let settings =
+            SceneSettings { people: 2, walk_area_m: [3.0, 6.0], body: Some(body), ..SceneSettings::default() };
+        let lab = Lab::new(settings, &Setup::for_tests()).ok().unwrap();
+        if lab.remarks.iter().any(|it| it.contains("built-in")) {
+            return println!(
+                "skipped: people_of_recordings_have_their_own_sizes_and_keep_to_their_parts_of_the_area needs FOVEATE_DATA"
+            );
+        }
+        assert!(
+            lab.remarks[0].contains("131_03.bvh (1.") && lab.remarks[0].contains("since no unit"),
+            "{:?}",
+            lab.remarks
+        );
+        let mut moment = crate::world::Moment::default();
+        for step in 0..600 {
+            lab.world.at(Time::from_s(1.0 + 0.05 * f64::from(step)), &mut moment);
+            for (pose, y) in moment.poses.iter().zip([-1.5, 1.5]) {
+                let away = [pose.middle.x.abs(), (pose.middle.y - y).abs()];
+                assert!(away[0] <= 1.5 && away[1] <= 1.25, "{} m, of the one about y = {y} m", pose.middle);
+            }
+        }
     }
 
     #[test]
@@ -346,6 +404,20 @@ mod tests {
         };
         assert_eq!(refused(knee), "face.part");
         assert_eq!(refused(|it| (it.people, it.light_path) = (0, Some("no such file".to_owned()))), "light_path");
+        let body = |body: BodySettings| Some(BodySettings { source: BodySource::Bvh, ..body });
+        let of_body = |body: Option<BodySettings>, walk: WalkKind| {
+            let settings = SceneSettings { body, walk, ..SceneSettings::default() };
+            Lab::new(settings, &Setup::for_tests()).err().and_then(|it| it.setting).unwrap()
+        };
+        let [none, both] = [
+            BodySettings::default(),
+            BodySettings { file: "a".into(), files: vec!["b".into()], ..BodySettings::default() },
+        ];
+        let whole = BodySettings { file: "a".into(), motion: BodyMotion::Whole, ..BodySettings::default() };
+        assert_eq!(of_body(body(none), WalkKind::Round), "body.file");
+        assert_eq!(of_body(body(both), WalkKind::Round), "body.files");
+        assert_eq!(of_body(body(whole.clone()), WalkKind::Stage), "body.motion");
+        assert_eq!(of_body(body(BodySettings { unit_m: -1.0, ..whole }), WalkKind::Round), "body.unit_m");
         let mut settings = SceneSettings { people: 0, swing: swung(0.1), ..SceneSettings::default() };
         assert!(
             Lab::new(settings.clone(), &Setup::for_tests())

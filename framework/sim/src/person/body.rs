@@ -24,7 +24,7 @@ const SHOULDERS: f64 = 1.44;
 const HALF_SHOULDERS: f64 = 0.18;
 const HEAD: f64 = 1.65;
 /// From the joint about which the head nods up to its middle [m].
-const HEAD_JOINT: f64 = 0.06;
+pub(super) const HEAD_JOINT: f64 = 0.06;
 pub(super) const HIPS: f64 = 0.90;
 const HALF_HIPS: f64 = 0.09;
 const UPPER_ARM: f64 = 0.29;
@@ -34,11 +34,11 @@ pub(super) const SHANK: f64 = 0.42;
 /// Of the ankle over the floor [m].
 pub(super) const FOOT: f64 = 0.06;
 
-const HEAD_RADIUS: f64 = 0.105;
-const TORSO_RADIUS: f64 = 0.125;
-const SHOULDER_RADIUS: f64 = 0.06;
-const UPPER_ARM_RADIUS: f64 = 0.045;
-const FOREARM_RADIUS: f64 = 0.035;
+pub(super) const HEAD_RADIUS: f64 = 0.105;
+pub(super) const TORSO_RADIUS: f64 = 0.125;
+pub(super) const SHOULDER_RADIUS: f64 = 0.06;
+pub(super) const UPPER_ARM_RADIUS: f64 = 0.045;
+pub(super) const FOREARM_RADIUS: f64 = 0.035;
 
 /// A light on the body.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -145,7 +145,7 @@ impl Frame {
 }
 
 /// A LED on the skin of a part of `radius` around `axis_point`, on the side of `normal` (any length).
-fn led_on(axis_point: Point3<f64>, radius: f64, normal: Vector3<f64>) -> Led {
+pub(super) fn led_on(axis_point: Point3<f64>, radius: f64, normal: Vector3<f64>) -> Led {
     // Along a limb there is no side to be on; that side is then up.
     let normal = normal.try_normalize(1e-9).unwrap_or(Vector3::z());
     Led { position: axis_point + normal * (radius + LED_HEIGHT), normal }
@@ -204,14 +204,19 @@ pub(super) fn pose(place: &Place, posture: &Posture) -> Pose {
             led_on(wrist, FOREARM_RADIUS, across(&fore, outward + chest.forward * 0.2 + Vector3::z() * 0.4));
     }
     let middle = body.origin.xy();
+    let reach = reach_of(&parts, middle);
+    let rotation = UnitQuaternion::from_rotation_matrix(&axes);
+    let head = Isometry3::from_parts(Translation3::from(head_centre), rotation);
+    Pose { leds, parts, head, forward, middle, reach }
+}
+
+/// How far the parts reach from the upright line through `middle` [m].
+pub(super) fn reach_of(parts: &[BodyPart; N_PARTS], middle: Point2<f64>) -> f64 {
     let farthest = |part: &BodyPart| {
         let [a, b] = part.ends.map(|end| (end.xy() - middle).norm_squared());
         a.max(b).sqrt() + part.radius
     };
-    let reach = parts.iter().map(farthest).fold(0.0, f64::max);
-    let rotation = UnitQuaternion::from_rotation_matrix(&axes);
-    let head = Isometry3::from_parts(Translation3::from(head_centre), rotation);
-    Pose { leds, parts, head, forward, middle, reach }
+    parts.iter().map(farthest).fold(0.0, f64::max)
 }
 
 /// The least squared distance between two segments [m²]; the second may be a point.

@@ -5,17 +5,23 @@
 
 mod body;
 mod braid;
+mod course;
+mod figure;
 mod gait;
+mod joints;
 mod posture;
 mod recorded;
 mod stage;
+#[cfg(test)]
+mod sticks;
 mod visit;
 mod walk;
+mod whole;
 
 use std::sync::Arc;
 
 use foveate_estimation::random::Random;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, Vector2, Vector3};
 
 pub use body::{BodyPart, Led, N_PARTS, Pose};
 pub(crate) use braid::Braid;
@@ -25,6 +31,7 @@ pub use recorded::RecordedBody;
 pub use stage::COME_S;
 use stage::Stage;
 use walk::Walk;
+pub use whole::WholeBody;
 
 /// How many LEDs a person wears.
 pub const N_LEDS: usize = 8;
@@ -50,6 +57,17 @@ pub struct Person {
 enum Way {
     Walk(Box<Walk>),
     Stage(Stage),
+    Recorded(Recorded),
+}
+
+/// Goes where a recording goes.
+#[derive(Debug, Clone, PartialEq)]
+struct Recorded {
+    body: Arc<WholeBody>,
+    /// When to begin and which way to face.
+    ahead: [f64; 2],
+    /// Of the area that it goes about in [m].
+    centre: Vector2<f64>,
 }
 
 impl Person {
@@ -90,6 +108,13 @@ impl Person {
         Self { way: Way::Stage(stage), gait: Gait::without_gestures(speed, &mut random.fork("gait 0")), recorded: None }
     }
 
+    /// Somebody who does what a recording did, about `centre` [m]; `random` decides when to begin and which way to face.
+    pub fn whole(body: Arc<WholeBody>, centre: Vector2<f64>, random: &mut Random) -> Self {
+        let ahead = WholeBody::ahead(random);
+        let way = Way::Recorded(Recorded { body, ahead, centre });
+        Self { way, gait: Gait::without_gestures(1.0, random), recorded: None }
+    }
+
     /// The same person with the body of a recording.
     pub fn recorded(mut self, body: Arc<RecordedBody>, random: &mut Random) -> Self {
         self.recorded = Some((body, RecordedBody::phase(random)));
@@ -100,7 +125,7 @@ impl Person {
     pub fn visit(&self, time_s: f64) -> Option<u32> {
         match &self.way {
             Way::Walk(walk) => walk.visit(time_s),
-            Way::Stage(_) => Some(0),
+            Way::Stage(_) | Way::Recorded(_) => Some(0),
         }
     }
 
@@ -119,6 +144,7 @@ impl Person {
                 // Who stands does what the stage asks for; the head always does.
                 (place, recorded(place.way).map_or(posture, |it| posture.towards(&it, vigour)))
             }
+            Way::Recorded(Recorded { body, ahead, centre }) => return body.pose(time_s, *ahead, *centre),
         };
         body::pose(&place, &posture)
     }
@@ -150,6 +176,7 @@ mod tests {
         match &person.way {
             Way::Walk(walk) => walk.at(time_s),
             Way::Stage(stage) => stage.at(&person.gait, time_s).0,
+            Way::Recorded(_) => panic!("a recording has no walk"),
         }
     }
 

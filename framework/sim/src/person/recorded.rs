@@ -17,6 +17,7 @@ use foveate_scene::skeleton::{SkeletonMotion, z_up_from_y_up};
 use nalgebra::{SVector, Vector3};
 
 use super::body::{FOOT, HIPS, SHANK, THIGH};
+use super::joints::{HEAD, find_joints};
 use super::posture::Posture;
 
 /// How often the recording is read [Hz].
@@ -50,23 +51,6 @@ pub struct RecordedBody {
     stride: Option<f64>,
 }
 
-/// The joints that are asked for, each by the names that it goes by.
-const JOINTS: [&[&str]; 13] = [
-    &["LeftHip", "LeftUpLeg"],
-    &["RightHip", "RightUpLeg"],
-    &["LeftKnee", "LeftLeg"],
-    &["RightKnee", "RightLeg"],
-    &["LeftAnkle", "LeftFoot"],
-    &["RightAnkle", "RightFoot"],
-    &["LeftShoulder", "LeftArm"],
-    &["RightShoulder", "RightArm"],
-    &["LeftElbow", "LeftForeArm"],
-    &["RightElbow", "RightForeArm"],
-    &["LeftWrist", "LeftHand"],
-    &["RightWrist", "RightHand"],
-    &["Head"],
-];
-
 impl RecordedBody {
     /// Of a BVH recording with y up, whose skeleton looks along z where no joint is turned. Its unit of length does not matter.
     ///
@@ -86,7 +70,7 @@ impl RecordedBody {
             let Some(poses) = motion.poses(frame, 1.0) else { break };
             let up = z_up_from_y_up();
             let places = joints.map(|it| up * poses[it].translation.vector);
-            let turns = poses[joints[12]].rotation;
+            let turns = poses[joints[HEAD]].rotation;
             let head = [Vector3::z(), Vector3::x()].map(|it| up * (turns * it));
             moments.push(moment(&places, head).ok_or_else(|| {
                 format!("found hips or shoulders one above the other in frame {}, expected an upright body", frame + 1)
@@ -152,17 +136,6 @@ impl RecordedBody {
     pub(super) fn phase(random: &mut Random) -> f64 {
         random.uniform_in(0.0, TAU) / TAU
     }
-}
-
-fn find_joints(motion: &SkeletonMotion) -> Result<[usize; 13], String> {
-    let mut found = [0; 13];
-    for (index, names) in found.iter_mut().zip(JOINTS) {
-        *index = names.iter().find_map(|it| motion.joint(it)).ok_or_else(|| {
-            let all: Vec<&str> = motion.joints.iter().map(|it| it.name.as_str()).take(12).collect();
-            format!("found the joints {}, …, expected one named `{}`", all.join(", "), names.join("` or `"))
-        })?;
-    }
-    Ok(found)
 }
 
 /// The body in one frame of the recording.
@@ -243,35 +216,15 @@ fn smooth(x: f64) -> f64 {
 mod tests {
     use std::path::PathBuf;
 
-    use foveate_scene::skeleton::{Axis, Channel, Joint};
-
     use super::super::gait::Gait;
+    use super::super::sticks::{Limbs, skeleton};
     use super::*;
 
     /// A skeleton of sticks that does what the built-in gait does, at `speed` [m/s] and 100 Hz.
     fn walker(duration_s: f64, speed: f64) -> SkeletonMotion {
-        use Axis::{X, Y, Z};
-        let joint = |name: &str, parent: Option<usize>, offset: [f64; 3]| Joint {
-            name: name.to_owned(),
-            parent,
-            offset: offset.into(),
-            channels: [Z, Y, X].map(Channel::Rotation).to_vec(),
-            end: None,
-        };
-        let mut joints = vec![joint("Hips", None, [0.0; 3]), joint("Chest", Some(0), [0.0, 40.0, 0.0])];
-        joints[0].channels.splice(0..0, [X, Y, Z].map(Channel::Position));
-        joints.push(joint("Head", Some(1), [0.0, 20.0, 0.0]));
-        for (side, out) in [("Left", 1.0), ("Right", -1.0)] {
-            for (parent, at, names) in [
-                (0, [out * 9.0, 0.0, 0.0], ["Hip", "Knee", "Ankle"]),
-                (1, [out * 18.0, 15.0, 0.0], ["Shoulder", "Elbow", "Wrist"]),
-            ] {
-                let n = joints.len();
-                joints.push(joint(&format!("{side}{}", names[0]), Some(parent), at));
-                joints.push(joint(&format!("{side}{}", names[1]), Some(n), [0.0, -42.0, 0.0]));
-                joints.push(joint(&format!("{side}{}", names[2]), Some(n + 1), [0.0, -42.0, 0.0]));
-            }
-        }
+        let legs = Limbs { names: ["Hip", "Knee", "Ankle"], at: [9.0, 0.0, 0.0], lengths: [42.0; 2] };
+        let arms = Limbs { names: ["Shoulder", "Elbow", "Wrist"], at: [18.0, 15.0, 0.0], lengths: [42.0; 2] };
+        let joints = skeleton(("Chest", 40.0), 20.0, &legs, &arms);
         let gait = Gait::without_gestures(speed, &mut Random::new(4));
         let mut values = Vec::new();
         for frame in 0..(duration_s * 100.0) as usize {
@@ -364,8 +317,8 @@ mod tests {
         let refused = |motion: &SkeletonMotion| RecordedBody::new(motion).unwrap_err();
         assert!(refused(&walker(2.0, 1.0)).contains("found 2.00 s of motion, expected 2.67 s or more"));
         let mut other = walker(4.0, 1.0);
-        other.joints[3].name = "Bip01 L Thigh".to_owned();
-        assert!(refused(&other).contains("expected one named `LeftHip` or `LeftUpLeg`"), "{}", refused(&other));
+        other.joints[3].name = "Left Lever".to_owned();
+        assert!(refused(&other).contains("expected one named `LeftUpLeg` or `LeftUpperLeg`"), "{}", refused(&other));
         let mut lying = walker(4.0, 1.0);
         let n_channels = lying.n_channels();
         lying.values.chunks_mut(n_channels).for_each(|it| it[3] = 90.0);

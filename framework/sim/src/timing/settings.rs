@@ -14,7 +14,7 @@ pub struct TimingSettings {
     pub rate_hz: f64,
     /// All cameras look at the same moments; otherwise each has an offset of its own within the period, drawn once [–].
     pub synchronised: bool,
-    /// From the middle of the exposure to the delivery of the field, at least; no less than half the exposure [ms].
+    /// From the middle of the exposure to the delivery of the field, at least; no less than half the exposure and half the readout of a rolling shutter [ms].
     #[schemars(range(min = 0.0, max = 10_000.0))]
     pub latency_ms: f64,
     /// What comes on top, mean: drawn for each field, exponentially distributed, so that fields may overtake each other [ms].

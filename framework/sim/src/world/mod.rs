@@ -5,6 +5,7 @@
 //!
 //! Brightness is in gray levels of a camera with gain 1.
 
+mod bodies;
 mod clutter;
 mod furniture;
 mod mirror;
@@ -20,6 +21,7 @@ use nalgebra::{Matrix6, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use bodies::{Body, BodyMotion, BodySettings, BodySource};
 pub use clutter::{BrightSpot, Glint, MAX_MONITORS, Monitor, PANES};
 pub use furniture::{Surface, room_light};
 pub use mirror::Mirror;
@@ -27,7 +29,7 @@ use single::Single;
 pub use single::{LightPath, SwingSettings};
 
 use crate::painted::{FaceSettings, Painted, Part, PartKind, RecordedHead};
-use crate::person::{Braid, COME_S, Led, N_LEDS, Person, Pose, RecordedBody};
+use crate::person::{Braid, COME_S, Led, N_LEDS, Person, Pose};
 use crate::truth::{TrueCamera, Truth, TruthSettings};
 
 /// At this distance [m] a LED seen along its normal has the brightness [`SceneSettings::led_peak`].
@@ -44,31 +46,6 @@ pub enum WalkKind {
     Crowd,
     /// One actor, who comes in, stands for `stand_s` facing +Y, and then walks to and fro along X, the face towards +Y nearly always.
     Stage,
-}
-
-/// Whose movements a body has.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum BodySource {
-    /// Those of the file where it is, those that are built in otherwise: the report says which.
-    #[default]
-    Auto,
-    /// A walk that is built in.
-    BuiltIn,
-    /// Those of the file, and no run without it.
-    Bvh,
-}
-
-/// What bends the bodies of the people.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct BodySettings {
-    /// A BVH recording with y up, of two seconds and two thirds or more, that is repeated without a jump; place and heading stay those of `walk`. `${NAME}` is an
-    /// environment variable; a relative path starts at the rig's folder [–]
-    pub file: String,
-    /// `auto`: the file where it is, the built-in walk otherwise; `built_in`; `bvh`: the file, and no run without it [–]
-    #[serde(default)]
-    pub source: BodySource,
 }
 
 /// What is in the room.
@@ -181,8 +158,8 @@ pub struct Recordings {
     pub light_path: Option<LightPath>,
     /// Of [`SceneSettings::face`].
     pub head: Option<RecordedHead>,
-    /// Of [`SceneSettings::body`].
-    pub body: Option<RecordedBody>,
+    /// Of [`SceneSettings::body`]: the people take them in turn.
+    pub bodies: Vec<Body>,
     /// Of [`SceneSettings::truth`].
     pub truth: Option<Truth>,
 }
@@ -289,7 +266,7 @@ impl World {
 
     /// As [`Self::new`], with what files hold.
     pub fn with_recordings(settings: SceneSettings, recordings: Recordings, random: &Random) -> Self {
-        let Recordings { light_path, head, body, truth } = recordings;
+        let Recordings { light_path, head, bodies, truth } = recordings;
         let single = match (light_path, &settings.swing) {
             (Some(path), _) => Some(Single::Path(path)),
             (None, Some(swing)) => Some(Single::Swung(swing.clone())),
@@ -302,9 +279,13 @@ impl World {
             Arc::new(Part::new(face, head, start_s, settings.stand_s, &random.fork("face")))
         });
         let mut people = people(&settings, &random.fork("people"));
-        if let Some(body) = body.map(Arc::new) {
-            let mut ahead = random.fork("bodies");
-            people = people.into_iter().map(|it| it.recorded(Arc::clone(&body), &mut ahead)).collect();
+        let mut ahead = random.fork("bodies");
+        let as_recorded = |(index, (person, body)): (usize, (Person, &Body))| match body {
+            Body::Limbs(body) => person.recorded(Arc::clone(body), &mut ahead),
+            Body::Whole(body) => Person::whole(Arc::clone(body), settings.place_of(index), &mut ahead),
+        };
+        if !bodies.is_empty() {
+            people = people.into_iter().zip(bodies.iter().cycle()).enumerate().map(as_recorded).collect();
         }
         let monitors = clutter::monitors(settings.monitors, &mut random.fork("monitors"));
         let scene = Scene {
