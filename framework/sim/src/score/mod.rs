@@ -12,6 +12,7 @@ mod distances;
 pub(crate) mod follow_picture;
 pub mod marks;
 mod pairs;
+mod together;
 mod truth;
 pub(crate) mod warmup;
 
@@ -26,6 +27,7 @@ use nalgebra::Point3;
 
 use distances::Distances;
 use pairs::{Groups, Pair, Pairs};
+use together::Together;
 use truth::{Interpolated, TruthTrack};
 use warmup::Warmup;
 
@@ -55,6 +57,9 @@ pub struct Scorer {
     duplicates: u64,
     pairs: u64,
     pairs_possible: u64,
+    /// Recovered targets that count: those that were not matched to somebody outside the volume.
+    found: u64,
+    together: Together,
     /// Sum over messages [m].
     gospa: f64,
     /// Memory that is used again from message to message.
@@ -115,6 +120,8 @@ impl Scorer {
             duplicates: 0,
             pairs: 0,
             pairs_possible: 0,
+            found: 0,
+            together: Together::default(),
             gospa: 0.0,
             scratch: Scratch {
                 here: Vec::new(),
@@ -252,7 +259,14 @@ impl Scorer {
             }
             self.identify(truth.id, targets.list[column].id, time_s);
         }
+        for pair in self.scratch.pairs.list() {
+            let truth = &here[pair.row];
+            if is_in(self.volume, &truth.position) {
+                self.together.add(truth.id, targets.list[pair.column].id);
+            }
+        }
         self.scratch.here = here;
+        self.found += self.scratch.outside.iter().filter(|it| !**it).count() as u64;
         let n_far = self.scratch.pairs.n_far() as u64;
         self.messages += 1;
         self.false_targets += n_far;
@@ -307,6 +321,14 @@ impl Scorer {
         report.figure("error_mm.p95", self.distances.percentile(95.0) * 1e3);
         report.figure("error_mm.rms", self.distances.rms() * 1e3);
         report.figure("gospa_mm.mean", self.gospa / self.messages as f64 * 1e3);
+        let wrong = self.pairs_possible - self.pairs
+            + self.false_targets
+            + self.duplicates
+            + self.id_switches
+            + self.reinitialisations;
+        report.figure("mota", 1.0 - share(wrong, self.pairs_possible));
+        let together = self.together.at_most();
+        report.figure("idf1", share(2 * together, self.pairs_possible + self.found));
         report.figure("targets_true", n_true as f64);
         report.figure("identities", self.owners.len() as f64);
         report.figure("identities_per_target", share(self.owners.len() as u64, n_true));
@@ -411,6 +433,8 @@ mod tests {
             ("targets_unborn", 0.0),
             ("scored_messages", 286.0),
             ("unscored_messages", 0.0),
+            ("mota", 1.0),
+            ("idf1", 1.0),
         ] {
             assert_eq!(found[name], value, "{name}");
         }
@@ -451,6 +475,24 @@ mod tests {
         let found = figures(|time, [a, b]| vec![at(if time < 1.0 { 1 } else { 3 }, a), at(2, b)]);
         assert_eq!((found["id_switches"], found["reinitialisations"], found["identities"]), (0.0, 1.0, 3.0));
         assert_eq!(found["identities_per_target"], 1.5);
+        // 286 messages, 572 true places, one new identity; one identity of the two of the first light serves for half of its places.
+        assert!((found["mota"] - (1.0 - 1.0 / 572.0)).abs() < 1e-12, "{found:?}");
+        assert!((found["idf1"] - 0.75).abs() < 2e-3, "{found:?}");
+    }
+
+    #[test]
+    fn identities_that_are_exchanged_half_way_are_right_half_of_the_time() {
+        let found =
+            figures(|time, [a, b]| if time < 1.0 { vec![at(1, a), at(2, b)] } else { vec![at(2, a), at(1, b)] });
+        assert!((found["mota"] - (1.0 - 2.0 / 572.0)).abs() < 1e-12, "{found:?}");
+        assert!((found["idf1"] - 0.5).abs() < 2e-3, "{found:?}");
+    }
+
+    #[test]
+    fn half_of_the_truth_found_and_one_false_target_each_time_is_no_accuracy_at_all() {
+        let found = figures(|_, [a, _]| vec![at(1, a), at(2, Point3::new(9.0, 9.0, 9.0))]);
+        assert!(found["mota"].abs() < 1e-12, "{found:?}");
+        assert!((found["idf1"] - 0.5).abs() < 1e-12, "{found:?}");
     }
 
     #[test]
