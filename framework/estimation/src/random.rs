@@ -116,6 +116,15 @@ mod tests {
         );
     }
 
+    /// The hash of a name is FNV-1a: of "foobar" 85944171f73967e8 (Fowler, Noll, Vo, test vectors of the 64-bit function).
+    #[test]
+    fn the_stream_of_a_name_stays_the_same() {
+        let mut mixed = 5;
+        let mut counter = split_mix(&mut mixed) ^ 0x8594_4171_f739_67e8;
+        assert_eq!(Random::new(5).fork("foobar"), Random::new(split_mix(&mut counter)));
+        assert_ne!(Random::new(5).fork("foobar"), Random::new(5).fork("foobas"));
+    }
+
     /// The first four raw moments of `n` draws.
     fn moments(n: usize, mut draw: impl FnMut() -> f64) -> [f64; 4] {
         let mut sums = [0.0; 4];

@@ -83,7 +83,10 @@ fn the_search_loses_little_against_the_optimum() {
         check(&problem, &found);
         losses.push(1.0 - found.total / best.total);
         missed += usize::from(found.total < best.total - 1e-9);
+        let kept = search(&problem, &best.target_of);
+        assert!((kept.total - best.total).abs() < 1e-9, "from {} to {}", best.total, kept.total);
     }
+    assert!(missed > 0, "then nothing says whether a better present allocation is kept");
     let worst = losses.iter().copied().fold(0.0, f64::max);
     let mean = losses.iter().sum::<f64>() / losses.len() as f64;
     println!(

@@ -451,6 +451,18 @@ fn noise_grows_fast_where_it_is_too_low_and_shrinks_slowly_where_it_is_too_high(
     assert!((0.4..2.5).contains(&right), "{right}");
 }
 
+/// d ln s / dt = k/τ · ln r after one observation of the largest square: r = (16 · 2 + 4) / (2 + 4) over 1 + √(2/6), k = 4.
+#[test]
+fn the_rate_of_adapted_noise_goes_with_time_over_the_time_constant() {
+    let log_rate = 4.0 * (6.0 / (1.0 + (1.0_f64 / 3.0).sqrt())).ln();
+    for (time_constant_s, dt_s, step) in [(0.25, 0.05, 0.2), (2.5, 0.5, 0.2), (0.25, 0.01, 0.04), (0.1, 0.17, 1.0)] {
+        let mut adapted = AdaptiveNoise::bounded(time_constant_s, 1.0, 1e6);
+        adapted.observe(1e9, 2, dt_s);
+        let found = adapted.scale().ln();
+        assert!((found - step * log_rate).abs() < 1e-9, "{dt_s} s of {time_constant_s} s: {found}");
+    }
+}
+
 #[test]
 fn adapted_noise_stays_within_its_bounds_whatever_comes() {
     let mut adapted = AdaptiveNoise::bounded(0.1, 0.5, 8.0);

@@ -13,8 +13,9 @@
 //! w is the mean of a Bayesian linear regression: before anything is known, the paper's w = (L/Δ, 0, …, 0); rows of the last seconds count less
 //! the older they are. A point that has hardly moved teaches nothing, and its prediction stays the paper's.
 
-use nalgebra::{Point3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, Point3, SMatrix, SVector, Vector3};
 
+use super::across;
 use super::history::History;
 
 type Weights = SVector<f64, TAPS>;
@@ -33,11 +34,12 @@ const FREEDOM: f64 = 1.0;
 const LEAST_MISS_M: f64 = 0.004;
 
 /// Where the point will be; there is a newest sample.
-pub(super) fn predict(history: &History, horizon_s: f64, memory_s: f64) -> Point3<f64> {
+pub(super) fn predict(history: &History, horizon_s: f64, memory_s: f64, eye: Option<&Point3<f64>>) -> Point3<f64> {
     let Some(last) = history.last() else { return Point3::origin() };
     let Some(now) = displacements(history, last.time_s) else { return last.position + last.velocity * horizon_s };
     let prior = Weights::from_fn(|row, _| if row == 0 { horizon_s / TAP_S } else { 0.0 });
-    let weights = fit(history, last.time_s, horizon_s, memory_s, &prior);
+    let across = across(eye, &last.position);
+    let weights = fit(history, last.time_s, [horizon_s, memory_s], &prior, &across);
     last.position + now * weights
 }
 
@@ -54,7 +56,13 @@ fn displacements(history: &History, time_s: f64) -> Option<SMatrix<f64, 3, TAPS>
     Some(SMatrix::from_columns(&columns))
 }
 
-fn fit(history: &History, now_s: f64, horizon_s: f64, memory_s: f64, prior: &Weights) -> Weights {
+fn fit(
+    history: &History,
+    now_s: f64,
+    [horizon_s, memory_s]: [f64; 2],
+    prior: &Weights,
+    across: &Matrix3<f64>,
+) -> Weights {
     let (mut gram, mut moment, mut square) = (SMatrix::<f64, TAPS, TAPS>::zeros(), Weights::zeros(), 0.0);
     let mut rows = 0.0;
     let oldest = history.first_s().unwrap_or(now_s).max(now_s - horizon_s - 3.0 * memory_s);
@@ -67,11 +75,12 @@ fn fit(history: &History, now_s: f64, horizon_s: f64, memory_s: f64, prior: &Wei
         };
         let weight = ((time_s - now_s + horizon_s) / memory_s).exp();
         // The paper's prediction is taken off: what is fitted is by how much the weights differ from it.
-        let missed = (y - x) - d * prior;
+        let missed = across * ((y - x) - d * prior);
+        let d = across * d;
         gram += d.transpose() * d * weight;
         moment += d.transpose() * missed * weight;
         square += missed.norm_squared() * weight;
-        rows += 3.0 * weight;
+        rows += across.trace() * weight;
         time_s -= ROW_S;
     }
     if rows < 3.0 {

@@ -7,10 +7,13 @@
 //! |---|---|
 //! | [`Way::Still`] | x(t) |
 //! | [`Way::Velocity`] | x(t) + L v(t), the paper's |
+//! | [`Way::Damped`] | x(t) + τ (1 − exp(−L/τ)) v(t): a speed that fades, as that of hands and of those who look for something does |
 //! | [`Way::Acceleration`] | a filter of nearly constant acceleration |
 //! | [`Way::Interacting`] | interacting models of constant velocity and constant acceleration |
 //! | [`Way::Linear`] | a combination of recent displacements, fitted to what followed them in the last seconds: `linear` |
-//! | [`Way::Weighted`] | all of them, weighted by how well each one foretold what has happened since: `weighting` |
+//! | [`Way::Weighted`] | all of them but that of constant acceleration, weighted by how well each one foretold what has happened since: `weighting` |
+//!
+//! Acceleration by itself is no member of the mixture: where it fails it fails by the square of the horizon, and the interacting models have it where it holds.
 //!
 //! Whatever the way, the stated uncertainty is that of the predictions made over the same horizon in the last seconds.
 
@@ -23,7 +26,7 @@ mod weighting;
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use self::history::History;
-use self::weighting::PredictorWeighting;
+use self::weighting::{PredictorWeighting, WAYS};
 use crate::motion::{AdaptiveNoise, Filter, Interacting, Mode, Model};
 
 /// How a point is extrapolated.
@@ -33,6 +36,8 @@ pub enum Way {
     Still,
     /// It keeps its velocity [Davis 2002 §4.4].
     Velocity,
+    /// Its velocity fades.
+    Damped,
     /// It keeps its acceleration, as a filter finds it.
     Acceleration,
     /// Now this, now that.
@@ -43,8 +48,10 @@ pub enum Way {
     Weighted,
 }
 
-/// The ways that compete, in the order in which they are kept.
-const COMPETITORS: [Way; 5] = [Way::Still, Way::Velocity, Way::Acceleration, Way::Interacting, Way::Linear];
+/// The ways that are scored, in the order in which they are kept: all but the last compete.
+const SCORED: [Way; WAYS] = [Way::Still, Way::Velocity, Way::Damped, Way::Interacting, Way::Linear, Way::Acceleration];
+/// Time constant of a velocity that fades: that of a reach of a hand, half a second long, about half-way [s].
+const FADES_S: f64 = 0.25;
 
 /// How much a point that is followed jerks, for the filters.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,12 +64,15 @@ pub struct PredictorOptions {
     pub acceleration_sigma: f64,
     /// For how long what was learnt and how well it did counts, as a time constant [s].
     pub memory_s: f64,
+    /// From where the point is looked at: then what matters, and is learnt from, is what is missed across that line of sight, and not along it, where cameras
+    /// are worst. `None`: all directions alike [m].
+    pub eye: Option<Point3<f64>>,
 }
 
 impl Default for PredictorOptions {
     /// Weighted, for people: jerks of 20 m²/s⁵, accelerations of 4 m/s², a memory of 2 s.
     fn default() -> Self {
-        Self { way: Way::Weighted, jerk_density: 20.0, acceleration_sigma: 4.0, memory_s: 2.0 }
+        Self { way: Way::Weighted, jerk_density: 20.0, acceleration_sigma: 4.0, memory_s: 2.0, eye: None }
     }
 }
 
@@ -91,6 +101,12 @@ pub struct Predictor {
     horizon_s: f64,
 }
 
+/// Takes from a difference of two points at about `place` what an eye does not see: the part along its line of sight.
+fn across(eye: Option<&Point3<f64>>, place: &Point3<f64>) -> Matrix3<f64> {
+    let sight = eye.and_then(|eye| (place - eye).try_normalize(1e-9));
+    sight.map_or_else(Matrix3::identity, |it| Matrix3::identity() - it * it.transpose())
+}
+
 /// For how long innovations count for the noise of the filters, as a time constant [s].
 const NOISE_MEMORY_S: f64 = 0.5;
 /// A point that was away for longer is another motion [s].
@@ -99,7 +115,7 @@ const LONGEST_GAP_S: f64 = 0.5;
 impl Predictor {
     /// Of a point that has not been seen yet.
     pub fn new(options: PredictorOptions) -> Predictor {
-        let weighting = PredictorWeighting::new(options.memory_s);
+        let weighting = PredictorWeighting::new(options.memory_s, options.eye);
         let noise = [AdaptiveNoise::bounded(NOISE_MEMORY_S, 0.1, 1e5); 2];
         Predictor {
             options,
@@ -155,7 +171,7 @@ impl Predictor {
         if self.history.push(time_s, position, velocity) {
             self.weighting.score(time_s, &self.history);
             let horizon = self.horizon_s;
-            let foretold = COMPETITORS.map(|way| self.by(way, horizon));
+            let foretold = SCORED.map(|way| self.by(way, horizon));
             self.weighting.foretell(time_s, horizon, foretold);
         }
     }
@@ -170,10 +186,10 @@ impl Predictor {
         }
         self.horizon_s = horizon;
         let foretold = match self.options.way {
-            Way::Weighted => self.weighting.weigh(&COMPETITORS.map(|way| self.by(way, horizon))),
+            Way::Weighted => self.weighting.weigh(&SCORED.map(|way| self.by(way, horizon))),
             way => self.by(way, horizon),
         };
-        let way = COMPETITORS.iter().position(|it| *it == self.options.way);
+        let way = SCORED.iter().position(|it| *it == self.options.way);
         let variance = self.weighting.variance(way, horizon);
         Some(Prediction { position: foretold, covariance: Matrix3::identity() * variance })
     }
@@ -186,9 +202,12 @@ impl Predictor {
         match way {
             Way::Still => last.position,
             Way::Velocity => last.position + self.stated_velocity * horizon_s,
+            Way::Damped => last.position + self.stated_velocity * (FADES_S * (1.0 - (-horizon_s / FADES_S).exp())),
             Way::Acceleration => by_filter(0),
             Way::Interacting => by_filter(1),
-            Way::Linear | Way::Weighted => linear::predict(&self.history, horizon_s, self.options.memory_s),
+            Way::Linear | Way::Weighted => {
+                linear::predict(&self.history, horizon_s, self.options.memory_s, self.options.eye.as_ref())
+            }
         }
     }
 

@@ -8,11 +8,17 @@ use std::collections::VecDeque;
 
 use nalgebra::{Point3, Vector3};
 
+use super::across;
 use super::history::History;
 
-const WAYS: usize = 5;
-/// Of weights by mean squared misses [–].
-const SHARPNESS: i32 = 3;
+/// How many are scored.
+pub(super) const WAYS: usize = 6;
+/// The first so many of them compete.
+const COMPETITORS: usize = 5;
+/// Of weights by mean squared misses [–]. Higher, and the lead of a few misses decides; lower, and the worst are not silenced.
+const SHARPNESS: i32 = 2;
+/// Weights forget this much faster than the stated uncertainty: who leads changes with what the point does, within half a second [–].
+const QUICKER: f64 = 4.0;
 /// A miss over the square of the horizon that nobody minds, standard deviation [m/s²].
 const TRIFLE_M_S2: f64 = 0.003;
 /// What each way is taken to miss by, over the square of the horizon, before the first miss is measured [m/s²].
@@ -32,21 +38,47 @@ struct Foretold {
 #[derive(Debug, Clone)]
 pub(super) struct PredictorWeighting {
     memory_s: f64,
+    eye: Option<Point3<f64>>,
     waiting: VecDeque<Foretold>,
-    /// Discounted sums of squared misses, an axis each, over the horizon squared squared [m²/s⁴]; the last of them is of the mixture.
-    squares: [f64; WAYS + 1],
-    count: f64,
+    /// Of the ways, by which they are weighted.
+    recent: Misses<WAYS>,
+    /// Of the ways and last of the mixture, for the uncertainty that is stated.
+    lasting: Misses<{ WAYS + 1 }>,
     last_s: f64,
 }
 
+/// Discounted sums of squared misses, an axis each, over the horizon squared squared [m²/s⁴].
+#[derive(Debug, Clone)]
+struct Misses<const N: usize> {
+    squares: [f64; N],
+    count: f64,
+}
+
+impl<const N: usize> Misses<N> {
+    fn beforehand() -> Misses<N> {
+        Misses { squares: [BEFOREHAND * BEFOREHAND_M_S2.powi(2); N], count: BEFOREHAND }
+    }
+
+    fn add(&mut self, kept: f64, missed: impl Iterator<Item = f64>) {
+        for (square, missed) in self.squares.iter_mut().zip(missed) {
+            *square = kept * *square + missed;
+        }
+        self.count = kept * self.count + 1.0;
+    }
+
+    fn mean(&self, index: usize) -> f64 {
+        self.squares[index] / self.count
+    }
+}
+
 impl PredictorWeighting {
-    pub fn new(memory_s: f64) -> PredictorWeighting {
-        let square = BEFOREHAND * BEFOREHAND_M_S2.powi(2);
+    pub fn new(memory_s: f64, eye: Option<Point3<f64>>) -> PredictorWeighting {
         PredictorWeighting {
             memory_s,
+            eye,
             waiting: VecDeque::new(),
-            squares: [square; WAYS + 1],
-            count: BEFOREHAND,
+            recent: Misses::beforehand(),
+            lasting: Misses::beforehand(),
             last_s: 0.0,
         }
     }
@@ -62,23 +94,22 @@ impl PredictorWeighting {
         while self.waiting.front().is_some_and(|it| it.time_s <= now_s) {
             let Some(foretold) = self.waiting.pop_front() else { break };
             let Some(happened) = history.at(foretold.time_s) else { continue };
-            let kept = (-(foretold.made_s - self.last_s).max(0.0) / self.memory_s).exp();
+            let passed = (foretold.made_s - self.last_s).max(0.0) / self.memory_s;
             self.last_s = foretold.made_s;
             let scale = foretold.horizon_s.powi(4).max(1e-8);
-            let all = foretold.by.iter().chain([&foretold.mixed]);
-            for (square, point) in self.squares.iter_mut().zip(all) {
-                *square = kept * *square + (point - happened).norm_squared() / 3.0 / scale;
-            }
-            self.count = kept * self.count + 1.0;
+            let across = across(self.eye.as_ref(), &happened);
+            let axes = across.trace();
+            let missed = |point: &Point3<f64>| (across * (point - happened)).norm_squared() / axes / scale;
+            self.recent.add((-passed * QUICKER).exp(), foretold.by.iter().map(missed));
+            self.lasting.add((-passed).exp(), foretold.by.iter().chain([&foretold.mixed]).map(missed));
         }
     }
 
-    /// Of each way, summing to 1.
+    /// Of each way, summing to 1: those that do not compete have 0.
     fn weights(&self) -> [f64; WAYS] {
         let mut weights = [0.0; WAYS];
-        for (weight, square) in weights.iter_mut().zip(&self.squares) {
-            let mean = square / self.count + TRIFLE_M_S2.powi(2);
-            *weight = mean.recip().powi(SHARPNESS);
+        for (index, weight) in weights.iter_mut().enumerate().take(COMPETITORS) {
+            *weight = (self.recent.mean(index) + TRIFLE_M_S2.powi(2)).recip().powi(SHARPNESS);
         }
         let sum: f64 = weights.iter().sum();
         weights.map(|it| it / sum)
@@ -93,6 +124,6 @@ impl PredictorWeighting {
 
     /// Of one axis, of a way or of the mixture, over a horizon [m²].
     pub fn variance(&self, way: Option<usize>, horizon_s: f64) -> f64 {
-        self.squares[way.unwrap_or(WAYS)] / self.count * horizon_s.powi(4)
+        self.lasting.mean(way.unwrap_or(WAYS)) * horizon_s.powi(4)
     }
 }
