@@ -7,12 +7,14 @@
 //!
 //! An answer pulls all of them a little towards it, so that what no order explains (a hand, a lost order, a limit) does not stay.
 
+mod follow;
 mod motor;
 #[cfg(test)]
 mod tests;
 
 use std::collections::VecDeque;
 
+pub use self::follow::{Ability, follow};
 use self::motor::Motor;
 pub use self::motor::Order;
 

@@ -90,6 +90,15 @@ fn an_order_on_its_way_is_foreseen_and_the_past_is_remembered() {
     actuator.answer(0.0, 0.0, [0.0; 2]);
     actuator.order(0.1, [Order::Go { goal: 0.5, speed: 1.0 }, Order::Turn(0.0)]);
     assert_eq!(actuator.at(0.25).unwrap().angles, [0.0; 2]);
+    // While it accelerates, right after steps of the simulation: what is foreseen is what is remembered where no answer came. A step more or less and a line
+    // from there is 1.6e-4 rad off, at 10 rad/s².
+    let times = [0.3201, 0.3601, 0.4001, 0.4401];
+    let foreseen = times.map(|it| actuator.at(it).unwrap().angles[0]);
+    actuator.at(1.0);
+    for (time_s, foreseen) in times.into_iter().zip(foreseen) {
+        let remembered = actuator.at(time_s).unwrap().angles[0];
+        assert!((foreseen - remembered).abs() < 2e-5, "{time_s} s: {foreseen} and {remembered} rad");
+    }
     let later = actuator.at(1.5).unwrap();
     assert!((later.angles[0] - 0.5).abs() < 1e-3 && later.angles[1] == 0.0);
     assert!(actuator.at(0.6).is_some_and(|it| it.angles[0] > 0.1 && it.angles[0] < 0.5));

@@ -7,18 +7,15 @@
 //! | where the head will be by then, and how late it obeys | [`ActuatorEstimator`] |
 //! | how fast and how far it is told to go | [`HeadController::command`] |
 //!
-//! A command given at t takes effect at T = t + latency. With q and v the angle and rate that the head will have at T by the commands it
-//! was given, and θ(T) the angle wanted then, a head in pursuit is told to turn at
-//!
-//! v = θ'(T) + (θ(T) − q(T)) / settle,
-//!
-//! to a goal that lies v²/2a, what it needs to brake, beyond where it should be when the next command takes effect.
+//! A command given at t takes effect at T = t + latency. Where the head will be at T, and how fast it will turn, follows from the commands it was given; where it
+//! should be at T and at the moments at which the next commands take effect, from the predictor. Of the commands that the head knows the one is given after
+//! which a model of it is nearest to these: [`follow`](fn@follow).
 
 mod settings;
 #[cfg(test)]
 mod tests;
 
-use foveate::estimation::actuator::Order;
+use foveate::estimation::actuator::{Ability, Order, follow};
 use foveate::estimation::{ActuatorEstimator, Predictor};
 use foveate::geometry::pan_tilt::{Aim, PanTiltHead, Setting, Unreachable, aim, aim_at_sphere};
 use foveate::prelude::{HeadEvent, HeadOrder, HeadReport, Target, Time};
@@ -28,6 +25,9 @@ pub use self::settings::{Control, ControlSettings, LatencyFrom, PredictorKind};
 
 /// A change of the zoom by less than this part of its range is not worth a command [–].
 const ZOOM_BAND: f64 = 0.01;
+
+/// For how many commands' time the head is led ahead: it speeds up and brakes in about that time.
+const AHEAD: usize = 3;
 
 /// What a head should do now.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,7 +61,7 @@ impl HeadController {
     pub fn new(settings: ControlSettings, head: PanTiltHead, radius: f64) -> HeadController {
         let rest = head.limits.clamp(&Setting::default());
         HeadController {
-            predictor: Predictor::new(settings.predictor_options()),
+            predictor: Predictor::new(settings.predictor_options(head.at_rest.centre())),
             actuator: ActuatorEstimator::new(settings.actuator_options(), 0.0, [rest.pan, rest.tilt]),
             wanted: rest,
             damped: None,
@@ -114,7 +114,7 @@ impl HeadController {
         };
         match self.settings.control {
             Control::Step => self.step(now, obeys_s),
-            Control::Pursuit => self.pursue(now, obeys_s),
+            Control::Predictive => self.predictive(now, obeys_s),
         }
     }
 
@@ -135,36 +135,37 @@ impl HeadController {
         Some(self.lead(now, goal, speeds, wanted, reachable))
     }
 
-    fn pursue(&mut self, now: Time, obeys_s: f64) -> Option<Lead> {
-        let ControlSettings { settle_ms, still_deg_per_s, dead_band_deg, max_speed_deg_per_s, .. } = self.settings;
+    /// Model predictive: the order after which the head, as it is estimated to be when it obeys, is nearest to the target over the next orders' time.
+    fn predictive(&mut self, now: Time, obeys_s: f64) -> Option<Lead> {
+        let ControlSettings { still_deg_per_s, dead_band_deg, max_speed_deg_per_s, speeds, .. } = self.settings;
         let period_s = 1.0 / self.settings.rate_hz;
+        let mut path = [[0.0; 2]; AHEAD + 1];
+        // The nearest last: the predictor learns over the horizon that was asked for last.
+        for number in (1..=AHEAD).rev() {
+            let (next, _) = self.wanted_at(obeys_s + period_s * number as f64)?;
+            path[number] = [next.setting.pan, next.setting.tilt];
+        }
         let (wanted, reachable) = self.wanted_at(obeys_s)?;
-        let (next, _) = self.wanted_at(obeys_s + period_s)?;
+        path[0] = [wanted.setting.pan, wanted.setting.tilt];
         self.wanted = wanted.setting;
         let head = self.actuator.at(obeys_s)?;
-        let (here, there) = ([wanted.setting.pan, wanted.setting.tilt], [next.setting.pan, next.setting.tilt]);
-        let rates = [0, 1].map(|it| (there[it] - here[it]) / period_s);
+        let rates = [0, 1].map(|it| (path[1][it] - path[0][it]) / period_s);
         let pace = rates[0].hypot(rates[1]);
         let still = still_deg_per_s.to_radians();
-        let there = if pace < still { self.damp(now, there, pace) } else { self.undamped(now, there) };
-        let missing = [0, 1].map(|it| here[it] - head.angles[it]);
+        let there = if pace < still { self.damp(now, path[1], pace) } else { self.undamped(now, path[1]) };
         let is_still = pace < still && head.rates.iter().all(|it| it.abs() < still) && !self.zooms(&wanted);
         if is_still && self.commanded.is_some_and(|it| is_near(&there, &it.1, dead_band_deg.to_radians())) {
             return None;
         }
         let acceleration = self.actuator.acceleration();
-        let (mut goal, mut speeds) = ([0.0; 2], [0.0; 2]);
-        for axis in [0, 1] {
-            let most = max_speed_deg_per_s[axis].to_radians();
-            let rate = (rates[axis] + missing[axis] / (settle_ms * 1e-3)).clamp(-most, most);
-            // Half as much again as it takes to brake: the next command may be late.
-            let braking = if pace < still { 0.0 } else { 0.75 * rate * rate / acceleration };
-            goal[axis] = there[axis] + braking.copysign(rate);
-            // The goal may lie behind the way that the rate points: then it is nearly reached, and the rest is made slowly.
-            let way = goal[axis] - head.angles[axis];
-            speeds[axis] = if way * rate > 0.0 { rate.abs() } else { way.abs() / period_s }.min(most);
-        }
-        Some(self.lead(now, goal, speeds, wanted, reachable))
+        let orders = [0, 1].map(|axis| {
+            let most_speed = max_speed_deg_per_s[axis].to_radians();
+            let ability = Ability { acceleration, most_speed, speeds: speeds[axis] };
+            follow([head.angles[axis], head.rates[axis]], &ability, &path.map(|it| it[axis]), period_s)
+        });
+        // What hardly moves is gone to, smoothed, and not past.
+        let goals = if pace < still { there } else { orders.map(|it| it[0]) };
+        Some(self.lead(now, goals, orders.map(|it| it[1]), wanted, reachable))
     }
 
     fn lead(&mut self, now: Time, goal: [f64; 2], speeds: [f64; 2], wanted: Aim, reachable: bool) -> Lead {

@@ -2,6 +2,7 @@
 
 use foveate::estimation::{ActuatorOptions, PredictorOptions, Way};
 use foveate::prelude::ConfigError;
+use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -14,13 +15,15 @@ pub enum PredictorKind {
     None,
     /// With its velocity [Davis 2002 §4.4].
     Velocity,
+    /// With a velocity that fades within a quarter of a second.
+    Damped,
     /// With its acceleration.
     Acceleration,
     /// Interacting models: now at constant velocity, now not.
     Interacting,
     /// Linear prediction: a combination of recent displacements, fitted to what followed them [Prony].
     Linear,
-    /// All of these, weighted by their recent prediction errors.
+    /// All of these but that with its acceleration, weighted by their recent prediction errors.
     #[default]
     Weighted,
 }
@@ -39,12 +42,14 @@ pub enum LatencyFrom {
 /// How the head is led.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(extend("x-formerly" = { "pursuit": "predictive" }))]
 pub enum Control {
     /// To where the target will be, with a speed in proportion to the way that is left [Davis 2002 §4.3].
     Step,
-    /// Along with the target: with its speed, to a place so far ahead that the head does not brake before the next command.
+    /// Along with the target: of all commands that the head knows, the one after which a model of its motors stays nearest to where the target is foretold to be
+    /// (model predictive control).
     #[default]
-    Pursuit,
+    Predictive,
 }
 
 /// Settings of [`Selector`](crate::selector::Selector).
@@ -65,7 +70,7 @@ pub struct ControlSettings {
     /// Commands a second at most: on a line of 9600 baud a head takes about 19, and more than 30 fill its queue [Hz].
     #[schemars(range(min = 1.0, max = 120.0))]
     pub rate_hz: f64,
-    /// In what time what is missing is made up for: shorter is nearer to the target and shakes more [ms].
+    /// With `control = "step"`: in what time what is missing is made up for: shorter is nearer to the target and shakes more [ms].
     #[schemars(range(min = 10.0, max = 5000.0))]
     pub settle_ms: f64,
     /// The direction of the target is smoothed with this time constant while it hardly moves, and less the faster it does [ms].
@@ -80,6 +85,9 @@ pub struct ControlSettings {
     /// The fastest that the head turns: pan and tilt [°/s].
     #[schemars(inner(range(min = 0.1, max = 1000.0)))]
     pub max_speed_deg_per_s: [f64; 2],
+    /// How many speeds it has, even parts of the fastest: pan and tilt, each 1 to 1000. Those of the EVI-D30 [–].
+    #[schemars(inner(range(min = 1, max = 1000)))]
+    pub speeds: [u32; 2],
     /// How fast the head speeds up and brakes, roughly; the following finds out [°/s²].
     #[schemars(range(min = 10.0, max = 10_000.0))]
     pub acceleration_deg_per_s2: f64,
@@ -101,13 +109,14 @@ impl Default for ControlSettings {
             predictor: PredictorKind::Weighted,
             latency: LatencyFrom::Measured,
             latency_ms: 300.0,
-            control: Control::Pursuit,
+            control: Control::Predictive,
             rate_hz: 20.0,
             settle_ms: 100.0,
             damping_ms: 100.0,
             dead_band_deg: 0.12,
             still_deg_per_s: 2.0,
             max_speed_deg_per_s: [80.0, 50.0],
+            speeds: [24, 20],
             acceleration_deg_per_s2: 400.0,
             lost_ms: 500.0,
             radius_m: 0.0,
@@ -131,22 +140,26 @@ impl ControlSettings {
         for speed in self.max_speed_deg_per_s {
             ConfigError::unless_in("max_speed_deg_per_s", speed, 0.1..=1000.0)?;
         }
+        for speeds in self.speeds {
+            ConfigError::unless_in("speeds", speeds, 1..=1000)?;
+        }
         ConfigError::unless_in("acceleration_deg_per_s2", self.acceleration_deg_per_s2, 10.0..=10_000.0)?;
         ConfigError::unless_in("lost_ms", self.lost_ms, 10.0..=60_000.0)?;
         ConfigError::unless_in("radius_m", self.radius_m, 0.0..=1000.0)?;
         ConfigError::unless_in("fill", self.fill, 0.0..=1.0)
     }
 
-    pub(super) fn predictor_options(&self) -> PredictorOptions {
+    pub(super) fn predictor_options(&self, eye: Point3<f64>) -> PredictorOptions {
         let way = match self.predictor {
             PredictorKind::None => Way::Still,
             PredictorKind::Velocity => Way::Velocity,
+            PredictorKind::Damped => Way::Damped,
             PredictorKind::Acceleration => Way::Acceleration,
             PredictorKind::Interacting => Way::Interacting,
             PredictorKind::Linear => Way::Linear,
             PredictorKind::Weighted => Way::Weighted,
         };
-        PredictorOptions { way, ..PredictorOptions::default() }
+        PredictorOptions { way, eye: Some(eye), ..PredictorOptions::default() }
     }
 
     pub(super) fn actuator_options(&self) -> ActuatorOptions {
