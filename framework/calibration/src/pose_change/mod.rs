@@ -92,6 +92,11 @@ const LIKELY: f64 = 0.4;
 const LEAST_SHIFT_PX: f64 = 1.0;
 /// … and so many times what observations are off with both, in the median [–].
 const SHIFT_RATIO: f64 = 4.0;
+/// Before and after the camera has seen points in so many places [–]: a pose has six freedoms, and a light that is held still for a while is one place, to which any
+/// disturbance of some seconds fits a pose of its own.
+const LEAST_PLACES: usize = 8;
+/// So far apart in the picture, as a part of its width [–].
+const PLACES_APART: f64 = 0.03;
 /// With both poses every camera fits so large a part of its observations; where another does not, something else is wrong [–].
 const ALL_FIT: f64 = 0.8;
 
@@ -212,7 +217,11 @@ impl Looked<'_> {
         let all_fit = (0..slots.len()).all(|slot| share(found, slot) >= ALL_FIT);
         let is_seen = shift_px > LEAST_SHIFT_PX && shift_px > SHIFT_RATIO * left_px;
         let is_gain = plain.cost - found.cost > self.needed(plain);
-        if !(is_gain && is_seen && all_fit && self.is_no_lens(plain, found, second.slot, sigma_px)) {
+        let is_told = self
+            .n_places(second.slot, second.at_s, f64::from(before.image_size[0]))
+            .iter()
+            .all(|it| *it >= LEAST_PLACES);
+        if !(is_told && is_gain && is_seen && all_fit && self.is_no_lens(plain, found, second.slot, sigma_px)) {
             return None;
         }
         Some(PoseChange {
@@ -223,6 +232,21 @@ impl Looked<'_> {
             distance: (before.centre() - after.centre()).norm(),
             shares: [share(plain, second.slot), share(found, second.slot)],
         })
+    }
+
+    /// In how many places of its picture a camera has seen points before and after `at_s`, no more than are enough.
+    fn n_places(&self, slot: usize, at_s: f64, width_px: f64) -> [usize; 2] {
+        let mut places: [Vec<Point2<f64>>; 2] = Default::default();
+        for track in &self.system.tracks {
+            let places = &mut places[usize::from(track.time_s >= at_s)];
+            let apart = PLACES_APART * width_px;
+            for seen in track.seen.iter().filter(|it| it.slot == slot) {
+                if places.len() < LEAST_PLACES && places.iter().all(|it| (it - seen.pixel).norm() > apart) {
+                    places.push(seen.pixel);
+                }
+            }
+        }
+        places.map(|it| it.len())
     }
 
     /// Whether the second pose gains as much with the camera's lens free as well: a lens that is not as stated asks for another pose too.

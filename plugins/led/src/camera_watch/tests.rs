@@ -169,6 +169,32 @@ fn a_second_bump_of_the_same_camera_is_told_too() {
 }
 
 #[test]
+fn cameras_are_named_unless_most_contradict_each_other() {
+    let sentence = |of: usize, cameras: usize| {
+        let watch = Watch::new(CameraWatchSettings::default().options(), camera_ring(of));
+        let names = (0..of).map(|it| format!("c{it}")).collect();
+        let bump = Bump {
+            cameras: (0..cameras).collect(),
+            at: Time::from_s(3.0),
+            told_at: Time::from_s(4.0),
+            turn: Vector3::new(0.003, -0.004, 0.0),
+            shift_px: 2.5,
+            sigmas: 9.0,
+        };
+        CameraWatch { watch, names, out: None, file: String::new() }.sentence(&bump)
+    };
+    let one = sentence(6, 1);
+    assert!(one.contains("c0 was bumped at 3.0 s: 5.0 mrad (pan +4.0, tilt -3.0, roll -0.0), 2.5 px"), "{one}");
+    for (of, cameras) in [(6, 2), (4, 3), (8, 4)] {
+        let some = sentence(of, cameras);
+        assert!(some.starts_with("one of c0, c1") && some.contains("3.0 s"), "{of}: {some}");
+    }
+    for (of, cameras) in [(7, 4), (4, 4)] {
+        assert!(sentence(of, cameras).starts_with("since 3.0 s most cameras contradict each other"), "{of}, {cameras}");
+    }
+}
+
+#[test]
 fn node_keeps_its_promises() {
     check_node::<CameraWatch>("");
     check_node::<CameraWatch>("bin_s = 1\nbins = 2\nsigmas = 6");
