@@ -89,8 +89,8 @@ struct Columns {
     /// Column of the time and the length of its unit [s].
     time: Option<(usize, f64)>,
     places: Places,
-    /// Columns in all, if a header says so.
-    count: Option<usize>,
+    /// Columns in all, as the header or the first row has them.
+    count: usize,
     passed_over: Vec<String>,
 }
 
@@ -130,9 +130,13 @@ pub fn parse(text: &str, options: &TableOptions) -> Result<PathTable, TableError
     let (mut without_numbers, mut geodetic) = (0, Vec::new());
     for (number, (line, fields)) in rows.iter().enumerate() {
         let fields = joined_date(fields, columns.count);
-        if let Some(count) = columns.count.filter(|it| fields.len() < *it && fields.len() <= columns.last()) {
+        if !has_each_column(&fields, columns.count) {
             let found = format!("{} fields", fields.len());
-            return Err(TableError { line: Some(*line), found, expected: format!("{count}, as the header has names") });
+            let expected = match &header {
+                Some((line, _)) => format!("{}, as line {line} names columns", columns.count),
+                None => format!("{}, as line {} has", columns.count, rows[0].0),
+            };
+            return Err(TableError { line: Some(*line), found, expected });
         }
         let number_at = |column: usize| -> Result<f64, TableError> {
             let field = fields.get(column).map_or("", String::as_str);
@@ -197,15 +201,9 @@ pub fn parse(text: &str, options: &TableOptions) -> Result<PathTable, TableError
     Ok(table)
 }
 
-impl Columns {
-    /// The last column that is needed.
-    fn last(&self) -> usize {
-        let places = match self.places {
-            Places::Cartesian(of) => of.map(|it| it.0),
-            Places::Geodetic(of) => of,
-        };
-        places.into_iter().chain(self.time.map(|it| it.0)).max().unwrap_or(0)
-    }
+/// Whether no field is missing (which one, cannot be known) and none is over. Separators behind the last field, as some programs write them, hold nothing.
+fn has_each_column(fields: &[String], count: usize) -> bool {
+    fields.len() >= count && fields[count..].iter().all(String::is_empty)
 }
 
 /// The first of these that stands outside of quotes parts the fields of a line; without any, blanks do. With semicolons a comma is that of a decimal number.
@@ -281,7 +279,8 @@ fn columns_of(names: &[String], options: &TableOptions) -> Result<Columns, Table
             return Err(TableError { line: None, found: format!("the columns {}", all()), expected });
         }
     };
-    let mut columns = Columns { time, places, count: Some(names.len()), passed_over: Vec::new() };
+    let count = names.iter().rposition(|it| !it.is_empty()).map_or(0, |last| last + 1);
+    let mut columns = Columns { time, places, count, passed_over: Vec::new() };
     let used: Vec<usize> = match places {
         Places::Cartesian(of) => of.iter().map(|it| it.0).chain(time.map(|it| it.0)).collect(),
         Places::Geodetic(of) => of.into_iter().chain(time.map(|it| it.0)).collect(),
@@ -295,7 +294,7 @@ fn columns_of(names: &[String], options: &TableOptions) -> Result<Columns, Table
 fn in_order(count: usize, options: &TableOptions) -> Result<Columns, TableError> {
     let unit = options.metres_per_unit;
     let of = |first: usize| Places::Cartesian([(first, unit), (first + 1, unit), (first + 2, unit)]);
-    let columns = |time: Option<(usize, f64)>, places| Columns { time, places, count: None, passed_over: Vec::new() };
+    let columns = |time: Option<(usize, f64)>, places| Columns { time, places, count, passed_over: Vec::new() };
     match (count, options.rate_hz) {
         (4, None) => Ok(columns(Some((0, 1.0)), of(1))),
         (3, Some(_)) => Ok(columns(None, of(0))),
@@ -318,10 +317,9 @@ fn in_order(count: usize, options: &TableOptions) -> Result<Columns, TableError>
 }
 
 /// A date and a time of day that blanks part are one field.
-fn joined_date(fields: &[String], count: Option<usize>) -> Vec<String> {
-    let is_split = count.is_some_and(|it| fields.len() == it + 1)
-        && fields.len() > 1
-        && clock_time(&format!("{} {}", fields[0], fields[1])).is_some();
+fn joined_date(fields: &[String], count: usize) -> Vec<String> {
+    let is_split =
+        fields.len() == count + 1 && fields.len() > 1 && clock_time(&format!("{} {}", fields[0], fields[1])).is_some();
     if !is_split {
         return fields.to_vec();
     }
@@ -436,6 +434,14 @@ mod tests {
     }
 
     #[test]
+    fn separators_behind_the_last_field_hold_nothing() {
+        let expected = vec![(1.0, Point3::new(2.0, 3.0, 4.0)), (1.5, Point3::new(2.5, 3.5, 4.5))];
+        for text in ["time,x,y,z\n1,2,3,4,\n1.5,2.5,3.5,4.5,,\n", "time,x,y,z,\n1,2,3,4\n1.5,2.5,3.5,4.5,\n"] {
+            assert_eq!(read(text).rows, expected, "{text}");
+        }
+    }
+
+    #[test]
     fn clocks_and_dates_are_seconds() {
         let table = read("time,x,y,z\n00:01:40.5,0,0,0\n2000-01-01T00:00:01Z,0,0,0\n1970-01-02 00:00:00,0,0,0\n");
         assert_eq!(table.rows.iter().map(|it| it.0).collect::<Vec<_>>(), [100.5, 946_684_801.0, 86_400.0]);
@@ -470,7 +476,13 @@ mod tests {
             ("1,2,3\n", None, "line 1: found three columns without names, expected --path-rate"),
             ("1,2,3,4\n", Some(5.0), "four columns without names, and --path-rate"),
             ("1,2,3,4,5\n", None, "5 columns without names"),
-            ("time,x,y,z\n1,2,3,4\n2,2,3\n", None, "line 3: found 3 fields, expected 4"),
+            ("time,x,y,z\n1,2,3,4\n2,2,3\n", None, "line 3: found 3 fields, expected 4, as line 1 names columns"),
+            ("time,x,y,z\n1,2,3,4\n2,2,3,4,5\n", None, "line 3: found 5 fields, expected 4, as line 1 names columns"),
+            ("time,x,y,z,q\n1,2,3,4,5\n\n2,2,3,4\n", None, "line 4: found 4 fields, expected 5"),
+            ("# of a station\n1 2 3 4\n2 2 3\n", None, "line 3: found 3 fields, expected 4, as line 2 has"),
+            ("1 2 3 4\n2 2 3 4 5\n", None, "line 2: found 5 fields, expected 4, as line 1 has"),
+            ("1,2,3\n1,2\n", Some(5.0), "line 2: found 2 fields, expected 3, as line 1 has"),
+            ("% GPST x y z\n2026/03/14 10:00:00 1 2 3\n2026/03/14 10:00:01 1 2\n", None, "line 3: found `2026/03/14`"),
             ("time,x,y,z\n1,2,3,4\n2,two,3,4\n", None, "line 3: found `two`, expected a number"),
             ("time_h,x_au,y,z\n1,2,3,4\n", None, "line 1"),
             ("time,lat,lon,h\n1,95,3,4\n", None, "latitude 95"),
