@@ -101,6 +101,15 @@ struct Observations {
     list: Vec<JointObservation>,
 }
 
+impl Observations {
+    /// By label, how many cameras see it.
+    fn seen_by(&self) -> BTreeMap<u32, usize> {
+        let mut counts = BTreeMap::new();
+        self.list.iter().for_each(|it| *counts.entry(self.labels[it.point]).or_default() += 1);
+        counts
+    }
+}
+
 impl Node for Integrator {
     const TYPE: &'static str = "painted_mark.integrator";
     const ROLE: Role = Role::Integrator;
@@ -212,13 +221,18 @@ impl Integrator {
                 self.track_store.named(*label, *position);
             }
         }
-        self.track_store.update(&measured, filled, self.settings.initiation_frames);
+        let weak = self.weak(&observations, self.initiation_views(frame));
+        self.track_store.update(&measured, &weak, filled, self.settings.initiation_frames);
+        let mut doubted = BTreeSet::new();
         let cameras = if measured.len() < LEAST_TO_GO_ON {
             self.look_for_surface(frame).unwrap_or(cameras)
         } else {
-            self.look_for_new(frame, &cameras);
+            doubted = self.look_for_new(frame, &cameras, &weak);
             cameras
         };
+        let seen_twice = observations.seen_by().into_iter().filter(|it| it.1 > 1);
+        let agreed = |label: u32| measured.contains_key(&label) && !doubted.contains(&label);
+        self.track_store.judge(seen_twice.map(|it| (it.0, agreed(it.0))));
         let guide = self.guide(frame, &cameras, &disputed);
         let marks = solved.and_then(|joint| self.marks(frame, &observations, joint));
         match &marks {
@@ -231,6 +245,13 @@ impl Integrator {
         (marks, guide)
     }
 
+    /// Labels given here that fewer than `n_views` cameras see.
+    fn weak(&self, observations: &Observations, n_views: usize) -> BTreeSet<u32> {
+        let few =
+            observations.seen_by().into_iter().filter(|(label, n)| *n < n_views && self.track_store.is_own(*label));
+        few.map(|it| it.0).collect()
+    }
+
     fn observations(&self, frame: &Frame) -> Observations {
         let mut observations = Observations { labels: Vec::new(), list: Vec::new() };
         let mut places = BTreeMap::new();
@@ -238,6 +259,9 @@ impl Integrator {
             let mut here = BTreeSet::new();
             for feature in &view.features.list {
                 let Some(label) = feature.label.filter(|it| here.insert(*it)) else { continue };
+                if self.track_store.retired.contains(&label) {
+                    continue;
+                }
                 let point = *places.entry(label).or_insert_with(|| {
                     observations.labels.push(label);
                     observations.labels.len() - 1
@@ -382,35 +406,60 @@ impl Integrator {
         } else {
             let pairs = recognise(&points, &believed)?;
             let measured = pairs.iter().map(|(mark, point)| (labels[*mark], points[*point])).collect();
-            self.track_store.update(&measured, None, self.settings.initiation_frames);
+            self.track_store.update(&measured, &BTreeSet::new(), None, self.settings.initiation_frames);
         }
         Some(views.into_iter().map(|it| it.camera).collect())
     }
 
-    /// Dots that are no known mark become marks where enough cameras agree.
-    fn look_for_new(&mut self, frame: &Frame, cameras: &[Camera]) {
-        let places = |camera: &Camera| -> Vec<Point2<f64>> {
-            self.track_store.marks.values().filter_map(|it| camera.project(&it.position)).collect()
-        };
-        let view = |(view, camera): (&View, &Camera)| {
-            let known = places(camera);
-            let dots = Self::dots(view, |dot| known.iter().all(|it| (it - dot).norm() > NEAR_KNOWN_PX));
-            DotView { camera: camera.clone(), dots }
-        };
-        let views: Vec<DotView> = frame.views.iter().zip(cameras).map(view).collect();
+    /// Dots that are no known mark become marks where enough cameras agree. Those of `weak` marks are tried as well: the weak marks that are doubted since one of
+    /// their dots fits another mark, or enough dots of other cameras elsewhere. Two cameras side by side see any two dots at one height as a place.
+    fn look_for_new(&mut self, frame: &Frame, cameras: &[Camera], weak: &BTreeSet<u32>) -> BTreeSet<u32> {
+        let mut doubted = BTreeSet::new();
+        let mut owners: Vec<Vec<Option<u32>>> = Vec::new();
+        let mut views: Vec<DotView> = Vec::new();
+        let tolerance = NARROWING_PX[NARROWING_PX.len() - 1];
+        for (view, camera) in frame.views.iter().zip(cameras) {
+            let known = self.track_store.marks.iter().filter(|it| !weak.contains(it.0));
+            let known: Vec<Point2<f64>> = known.filter_map(|it| camera.project(&it.1.position)).collect();
+            let clear_of = |dot: &Point2<f64>, most: f64| known.iter().all(|it| (it - dot).norm() > most);
+            let (mut here, mut dots) = (Vec::new(), Vec::new());
+            for Feature { label, centre, .. } in &view.features.list {
+                match label {
+                    Some(label) if !weak.contains(label) => continue,
+                    Some(label) if !clear_of(centre, tolerance) => {
+                        doubted.insert(*label);
+                    }
+                    None if !clear_of(centre, NEAR_KNOWN_PX) => continue,
+                    _ => {
+                        here.push(*label);
+                        dots.push(*centre);
+                    }
+                }
+            }
+            owners.push(here);
+            views.push(DotView { camera: camera.clone(), dots });
+        }
         let n_views = self.initiation_views(frame);
         if views.iter().filter(|it| !it.dots.is_empty()).count() < n_views {
-            return;
+            return doubted;
         }
         let seen: Vec<Point3<f64>> =
             self.track_store.marks.values().filter(|it| it.is_seen).map(|it| it.position).collect();
-        let tolerance = NARROWING_PX[NARROWING_PX.len() - 1];
         let options = MatchOptions { ball: (middle(&seen), self.radius), tolerance, views: n_views };
         for found in match_dots(&views, &options) {
-            if !self.track_store.moved_to(&found.position, MOST_OFF) {
-                self.initiate(found.position);
+            let owned: BTreeSet<u32> = found.dots.iter().filter_map(|(view, dot)| owners[*view][*dot]).collect();
+            let is_there = |label: &u32| {
+                self.track_store.marks.get(label).is_some_and(|it| (it.position - found.position).norm() < MOST_OFF)
+            };
+            if owned.is_empty() {
+                if !self.track_store.moved_to(&found.position, MOST_OFF) {
+                    self.initiate(found.position);
+                }
+            } else if !owned.iter().any(is_there) {
+                doubted.extend(owned);
             }
         }
+        doubted
     }
 
     /// Begins a mark where none is near.
@@ -428,7 +477,11 @@ impl Integrator {
                 let covariance = by_point * by_point.transpose() * sigma.powi(2);
                 Some(GuidedMark { label: *label, pixel, covariance, disputed: disputed.contains(&(view.id, *label)) })
             });
-            (view.id, guided.collect())
+            let void = view.features.list.iter().filter_map(|it| {
+                let label = it.label.filter(|label| self.track_store.retired.contains(label))?;
+                Some(GuidedMark { label, pixel: it.centre, covariance: it.covariance, disputed: true })
+            });
+            (view.id, guided.chain(void).collect())
         };
         MarkGuide { time: frame.time, cameras: frame.views.iter().zip(cameras).map(of).collect() }
     }

@@ -191,6 +191,57 @@ fn a_camera_that_follows_something_else_is_told_so_and_does_no_harm() {
 }
 
 #[test]
+fn two_marks_taken_for_one_by_two_cameras_side_by_side_are_told_apart_again() {
+    let truth = marks_on_a_face();
+    let mut scene = Scene::new(0.02 * DEGREE);
+    scene.sigma = 0.02;
+    let cameras = scene.cameras.clone();
+    let ray = |view: usize, mark: usize| cameras[view].ray(&cameras[view].project(&truth[mark]).unwrap()).unwrap();
+    let seen_at = |view: usize, mark: usize, place: &Point3<f64>| {
+        (cameras[view].project(&truth[mark]).unwrap() - cameras[view].project(place).unwrap()).norm()
+    };
+    // Marks a of camera 2 and b of camera 3 whose lines of sight meet behind the face.
+    let pairs = (0..truth.len()).flat_map(|a| (0..truth.len()).map(move |b| (a, b))).filter(|it| it.0 != it.1);
+    let meeting = |(a, b): (usize, usize)| {
+        let place = foveate::geometry::triangulate_rays(&[ray(2, a), ray(3, b)])?;
+        let miss = seen_at(2, a, &place).max(seen_at(3, b, &place));
+        (miss < 0.05 && (place - truth[a]).norm() > 0.03 && (place - truth[b]).norm() < 0.2).then_some((a, b, place))
+    };
+    let (a, b, ghost) = pairs.filter_map(meeting).next().unwrap();
+    let exact = |view: usize, pixel: &Point2<f64>| {
+        let of = |mark: &usize| (cameras[view].project(&truth[*mark]).unwrap() - pixel).norm();
+        (0..truth.len()).min_by(|one, other| of(one).total_cmp(&of(other))).unwrap()
+    };
+    for others_know in [true, false] {
+        let mut integrator = integrator(IntegratorSettings::default());
+        let first = scene.frame(
+            &truth,
+            |_, mark| others_know || (mark != a && mark != b),
+            |view, pixel| Some(exact(view, pixel) as u32),
+        );
+        integrator.integrate(&first, None);
+        integrator.track_store.initiate(ghost);
+        let (label, mark) = integrator.track_store.marks.iter_mut().last().unwrap();
+        // A third camera seemed to agree for a while.
+        mark.is_believed = true;
+        let label = *label;
+        let mut guide = MarkGuide::default();
+        for _ in 0..60 {
+            let name = |view: usize, pixel: &Point2<f64>| match (view, exact(view, pixel)) {
+                (2, it) if it == a => Some(label),
+                (3, it) if it == b => Some(label),
+                (_, it) if it == a || it == b => named(&guide, view, pixel).filter(|it| *it != label),
+                (_, it) => Some(it as u32),
+            };
+            let frame = scene.frame(&truth, |_, _| true, name);
+            guide = integrator.integrate(&frame, None).1;
+        }
+        assert!(integrator.track_store.retired.contains(&label), "others know the marks: {others_know}");
+        assert!(guide.of(CameraId(2)).iter().any(|it| it.label == label && it.disputed));
+    }
+}
+
+#[test]
 fn marks_that_all_cameras_lost_get_their_names_again_somewhere_else() {
     let truth = marks_on_a_face();
     let mut scene = Scene::new(0.03 * DEGREE);

@@ -1,6 +1,6 @@
 //! What is known of each mark: where it was, whether it is believed yet.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use foveate::geometry::{AlignmentOptions, align};
 use foveate::prelude::*;
@@ -8,6 +8,9 @@ use nalgebra::{Isometry3, Point3};
 
 /// A mark that is not believed yet is forgotten after so many frames without being seen.
 const PATIENCE: u32 = 15;
+/// A mark that nobody named from outside is none once its cameras contradicted one another in so many frames more than they agreed in: half a second at the
+/// 60 Hz of heads.
+const MOST_CONTRADICTIONS: u32 = 30;
 /// Marks by whose motion an unseen one is extrapolated: its nearest so many.
 const NEIGHBOURS: usize = 10;
 /// Fewer marks than this do not say how the surface moved.
@@ -25,12 +28,25 @@ pub(super) struct Known {
     /// Frames since it was measured.
     unseen: u32,
     pub is_believed: bool,
+    /// Frames in which two cameras or more saw it, not in one place, over those in which they agreed.
+    contradictions: u32,
+    /// Whether it was named from outside.
+    is_given: bool,
+}
+
+impl Known {
+    /// Nobody has seen it under a name.
+    fn at(position: Point3<f64>) -> Known {
+        Known { position, is_seen: false, seen: 0, unseen: 0, is_believed: false, contradictions: 0, is_given: false }
+    }
 }
 
 /// All marks by label.
 #[derive(Default)]
 pub(super) struct TrackStore {
     pub marks: BTreeMap<u32, Known>,
+    /// Labels that are not given out again: of what was taken for a mark and is none, or was not seen again before it counted.
+    pub retired: BTreeSet<u32>,
     next_label: u32,
 }
 
@@ -38,20 +54,37 @@ impl TrackStore {
     /// A mark that somebody named.
     pub fn named(&mut self, label: u32, position: Point3<f64>) {
         self.next_label = self.next_label.max(label + 1);
-        let known = Known { position, is_seen: true, seen: 1, unseen: 0, is_believed: true };
+        let known = Known { is_seen: true, seen: 1, is_believed: true, is_given: true, ..Known::at(position) };
         self.marks.insert(label, known);
     }
 
     /// A mark that the cameras agree on.
     pub fn initiate(&mut self, position: Point3<f64>) {
-        let known = Known { position, is_seen: false, seen: 0, unseen: 0, is_believed: false };
-        self.marks.insert(self.next_label, known);
+        self.marks.insert(self.next_label, Known::at(position));
         self.next_label += 1;
     }
 
+    /// Takes in which marks two cameras or more saw under their names, and whether all agreed that it was one mark; retires those that are contradicted too often.
+    pub fn judge(&mut self, agreed: impl Iterator<Item = (u32, bool)>) {
+        for (label, agreed) in agreed {
+            let Some(mark) = self.marks.get_mut(&label).filter(|it| !it.is_given) else { continue };
+            mark.contradictions = if agreed { mark.contradictions.saturating_sub(1) } else { mark.contradictions + 1 };
+            if mark.contradictions > MOST_CONTRADICTIONS {
+                self.marks.remove(&label);
+                self.retired.insert(label);
+            }
+        }
+    }
+
     /// Takes in the marks of one frame and carries on the others: by `filled`, where all marks should be in a space of their own, or else by where all were.
-    /// Marks that were not believed and are not seen again are forgotten.
-    pub fn update(&mut self, measured: &BTreeMap<u32, Point3<f64>>, filled: Option<&Marks>, initiation_frames: u32) {
+    /// Marks that are not believed yet are forgotten where too few cameras see them again: those of `weak` are seen by too few.
+    pub fn update(
+        &mut self,
+        measured: &BTreeMap<u32, Point3<f64>>,
+        weak: &BTreeSet<u32>,
+        filled: Option<&Marks>,
+        initiation_frames: u32,
+    ) {
         let known = |label: u32| self.marks.get(&label).map(|it| it.position);
         // Where a mark that was not measured is, in a space in which the measured ones are known too.
         let reference = |label: u32| filled.and_then(|it| Some(it.get(label)?.position));
@@ -78,15 +111,22 @@ impl TrackStore {
             let position = measured.get(label);
             mark.is_seen = position.is_some();
             match position {
-                Some(position) => {
+                Some(position) if mark.is_believed || !weak.contains(label) => {
                     (mark.position, mark.unseen) = (*position, 0);
                     mark.seen += 1;
                     mark.is_believed |= mark.seen >= initiation_frames;
                 }
+                Some(position) => (mark.position, mark.unseen) = (*position, mark.unseen + 1),
                 None => mark.unseen += 1,
             }
         }
-        self.marks.retain(|_, mark| mark.is_believed || mark.unseen < PATIENCE);
+        let gone = self.marks.extract_if(.., |_, mark| !mark.is_believed && mark.unseen >= PATIENCE);
+        self.retired.extend(gone.map(|it| it.0));
+    }
+
+    /// Whether the label was given here, not from outside.
+    pub fn is_own(&self, label: u32) -> bool {
+        self.marks.get(&label).is_some_and(|it| !it.is_given)
     }
 
     /// Takes `position`, where the cameras agree on a mark that has no name, for the one hidden mark that should be within `reach` of it [m]. Whether there is such a one; where
@@ -147,7 +187,7 @@ mod tests {
             .filter(|(_, label)| !hidden.contains(label))
             .map(|(it, label)| (label, motion * it))
             .collect();
-        track_store.update(&measured, None, 1);
+        track_store.update(&measured, &BTreeSet::new(), None, 1);
         for label in hidden {
             let mark = &track_store.marks[&label];
             let off = (mark.position - motion * marks[label as usize]).norm();
@@ -176,7 +216,7 @@ mod tests {
         let motion = Isometry3::new(Vector3::new(0.03, 0.01, -0.02), Vector3::new(0.1, 0.2, -0.1));
         let expected = motion * list[20].position;
         let measured = marks.iter().zip(0..).filter(|it| it.1 != 20).map(|(it, label)| (label, motion * it)).collect();
-        track_store.update(&measured, Some(&Marks { list, ..Marks::default() }), 1);
+        track_store.update(&measured, &BTreeSet::new(), Some(&Marks { list, ..Marks::default() }), 1);
         assert!((track_store.marks[&20].position - expected).norm() < 1e-6);
     }
 
@@ -186,7 +226,7 @@ mod tests {
         let at = |x: f64| Point3::new(x, 0.0, 1.0);
         [0.0, 0.1, 0.112].iter().zip(0..).for_each(|(x, label)| track_store.named(label, at(*x)));
         assert!(!track_store.moved_to(&at(0.005), 0.009), "nobody is hidden");
-        track_store.update(&BTreeMap::new(), None, 1);
+        track_store.update(&BTreeMap::new(), &BTreeSet::new(), None, 1);
         assert!(track_store.moved_to(&at(0.005), 0.009) && track_store.marks[&0].position == at(0.005));
         assert!(
             track_store.moved_to(&at(0.106), 0.009) && track_store.marks[&1].position == at(0.1),
@@ -201,11 +241,33 @@ mod tests {
         track_store.initiate(Point3::new(0.0, 0.0, 1.0));
         track_store.initiate(Point3::new(0.1, 0.0, 1.0));
         let seen: BTreeMap<u32, Point3<f64>> = [(0, Point3::new(0.0, 0.0, 1.0))].into();
-        (0..3).for_each(|_| track_store.update(&seen, None, 3));
+        (0..3).for_each(|_| track_store.update(&seen, &BTreeSet::new(), None, 3));
         assert!(track_store.marks[&0].is_believed && !track_store.marks[&1].is_believed);
-        (0..PATIENCE).for_each(|_| track_store.update(&BTreeMap::new(), None, 3));
+        (0..PATIENCE).for_each(|_| track_store.update(&BTreeMap::new(), &BTreeSet::new(), None, 3));
         assert_eq!(track_store.marks.keys().copied().collect::<Vec<_>>(), [0]);
         track_store.initiate(Point3::origin());
         assert!(track_store.marks.contains_key(&2), "labels are not given out again");
+        // Two cameras go on seeing it, where three would have to.
+        let seen: BTreeMap<u32, Point3<f64>> = [(2, Point3::origin())].into();
+        (0..PATIENCE).for_each(|_| track_store.update(&seen, &[2].into(), None, 3));
+        assert_eq!(track_store.retired, [1, 2].into());
+    }
+
+    #[test]
+    fn what_is_contradicted_more_often_than_not_is_no_mark_unless_somebody_said_so() {
+        let mut track_store = TrackStore::default();
+        track_store.named(0, Point3::origin());
+        (1..4).for_each(|it| track_store.initiate(Point3::new(f64::from(it), 0.0, 0.0)));
+        for frame in 0..3 * (MOST_CONTRADICTIONS - 1) {
+            // Mark 1 in two frames of three, mark 2 in every other one, mark 3 in the first so many.
+            track_store.judge([(0, false), (1, frame % 3 == 2), (2, frame % 2 == 1)].into_iter());
+            if frame < MOST_CONTRADICTIONS {
+                track_store.judge([(3, false)].into_iter());
+            }
+        }
+        assert!(track_store.retired.is_empty());
+        (0..2).for_each(|_| track_store.judge([(1, false), (3, false)].into_iter()));
+        assert_eq!(track_store.retired, [1, 3].into());
+        assert_eq!(track_store.marks.keys().copied().collect::<Vec<_>>(), [0, 2]);
     }
 }
