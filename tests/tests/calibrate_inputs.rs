@@ -150,6 +150,12 @@ fn what_cannot_be_is_found_before_anything_is_captured() {
     lab.write("bare.csv", "0 0 0\n1 0 0\n");
     lab.refuses(&["--path", "line.csv"], &["line.csv", "lies on a line"]);
     lab.refuses(&["--path", "bare.csv"], &["three columns without names", "--path-rate"]);
+    let whole = path_of(0);
+    let fourth = whole.lines().nth(3).unwrap();
+    lab.write("short.csv", &whole.replace(fourth, fourth.rsplit_once(',').unwrap().0));
+    lab.write("long.csv", &whole.replace(fourth, &format!("{fourth},0.5")));
+    lab.refuses(&["--path", "short.csv"], &["short.csv: line 4: found 3 fields, expected 4, as line 1 names columns"]);
+    lab.refuses(&["--path", "long.csv"], &["long.csv: line 4: found 5 fields, expected 4, as line 1 names columns"]);
     lab.refuses(&["--path", "gone.csv"], &["gone.csv", "cannot be read"]);
     lab.refuses(&["--path", "line.csv", "--wand-mm", "400"], &["cannot be used with"]);
     lab.refuses(&["--distance", "c1:cc2=3m"], &["--distance", "there is no camera cc2", "did you mean c2?"]);

@@ -89,3 +89,16 @@ fn promises_that_do_not_hold_and_seeds_that_fail_are_told() {
     let (code, _, complaint) = foveate(folder.path(), &again);
     assert!(code == 2 && complaint.contains("holds an evaluation already"), "{complaint}");
 }
+
+#[test]
+fn what_all_runs_noted_is_told_once() {
+    let folder = hall();
+    let hall = read(folder.path(), "hall.toml");
+    let with_body = hall.replacen("type = \"sim.lab\"", "type = \"sim.lab\"\nbody = { file = \"no_such.bvh\" }", 1);
+    assert_ne!(hall, with_body);
+    fs::write(folder.path().join("body.toml"), with_body).unwrap();
+    let arguments = ["eval", "body.toml", "--seeds", "2", "--duration", "1", "--out", "noted"];
+    let (code, said, complaint) = foveate(folder.path(), &arguments);
+    assert_eq!(code, 0, "{said}{complaint}");
+    assert_eq!(complaint.matches("note: the people's bodies have the built-in walk").count(), 1, "{complaint}");
+}

@@ -162,6 +162,20 @@ mod tests {
     }
 
     #[test]
+    fn parts_are_refused_only_where_nothing_but_whole_numbers_will_do() {
+        for (kind, holds_half) in [
+            (json!("integer"), false),
+            (json!(["integer", "null"]), false),
+            (json!("number"), true),
+            (json!(["integer", "number"]), true),
+            (Json::Null, true),
+        ] {
+            let range = bounds(&json!({"type": kind, "minimum": 1}));
+            assert_eq!((range.holds(1.5), range.holds(2.0), range.holds(0.0)), (holds_half, true, false), "{kind}");
+        }
+    }
+
+    #[test]
     fn ranges_read_like_sentences() {
         let said = |schema: Json| expectation(&Json::Null, &schema);
         assert_eq!(said(json!({"type": "integer", "format": "uint8"})), "a whole number from 0 to 255");

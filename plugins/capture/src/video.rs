@@ -530,6 +530,10 @@ mod tests {
 
     #[test]
     fn missing_ffmpeg_says_how_to_get_it() {
+        // What is looked for first is there.
+        if !make("a missing ffmpeg", "-version") {
+            return;
+        }
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.mp4");
         std::fs::write(&path, "x").unwrap();
@@ -546,6 +550,10 @@ mod tests {
 
     #[test]
     fn nothing_is_started_to_check() {
+        // What is looked for first is there.
+        if !make("the check of a video", "-version") {
+            return;
+        }
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.mp4");
         std::fs::write(&path, "x").unwrap();

@@ -1,5 +1,7 @@
 //! `foveate eval`: a rig over many seeds, each in a program of its own, so that one that fails takes no other with it.
 
+use std::cmp::Reverse;
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -8,6 +10,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
+use foveate_diagnostics::fields::Splitter;
 use foveate_node::Registry;
 use foveate_rig::Overrides;
 
@@ -18,6 +21,8 @@ use crate::{exit, interrupt, results};
 
 /// What stays of each seed's results.
 const KEPT: [&str; 4] = ["summary.json", "timing.json", "ledger.csv", "events.csv"];
+/// Notes of the runs that are shown.
+const MOST_NOTES: usize = 6;
 /// Words of a failed seed that are shown.
 const MOST_SAID: usize = 200;
 
@@ -120,6 +125,9 @@ fn conclude(args: &EvalArgs, evaluation: &Evaluation, cameras: &[String], folder
         eprintln!("seed {} {what} ({how}): {said}", it.seed);
         code = code.max(it.code.unwrap_or(exit::PROGRAM));
     }
+    if !args.quiet {
+        notes(evaluation, folder).iter().for_each(|it| eprintln!("{it}"));
+    }
     for it in evaluation.broken(&args.bound) {
         eprintln!("not met: {it}");
         code = code.max(exit::UNMET);
@@ -134,6 +142,36 @@ fn conclude(args: &EvalArgs, evaluation: &Evaluation, cameras: &[String], folder
         ));
     }
     interrupt::caught().map_or(code, |it| it.code)
+}
+
+/// What runs said at their end (that a recording was not there, say), each sentence once, those first that most of them said.
+fn notes(evaluation: &Evaluation, folder: &Path) -> Vec<String> {
+    let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+    let mut splitter = Splitter::new(',');
+    for run in &evaluation.runs {
+        let Ok(text) = fs::read_to_string(folder.join(format!("seed-{}", run.seed)).join("events.csv")) else {
+            continue;
+        };
+        for line in text.lines().filter(|it| it.starts_with("note,")) {
+            *counts.entry(splitter.split(line).text(5).to_owned()).or_insert(0) += 1;
+        }
+    }
+    let mut all: Vec<(String, usize)> = counts.into_iter().collect();
+    all.sort_by_key(|it| Reverse(it.1));
+    let left_out = all.len().saturating_sub(MOST_NOTES);
+    all.truncate(MOST_NOTES);
+    let (n, mut said) = (evaluation.runs.len(), Vec::new());
+    for (sentence, count) in all {
+        said.push(if count == n {
+            format!("note: {sentence}")
+        } else {
+            format!("note ({count} of {n} seeds): {sentence}")
+        });
+    }
+    if left_out > 0 {
+        said.push(format!("… and {left_out} more notes in the seeds' events.csv"));
+    }
+    said
 }
 
 /// Runs all seeds, some at a time; gives them in their order. Where a signal came, those that had ended by themselves.

@@ -162,3 +162,18 @@ fn points_behind_the_camera_are_never_right() {
     assert!(centre_error(&found).norm() < 1e-5);
     assert_eq!(found.right.iter().filter(|it| **it).count(), 32);
 }
+
+#[test]
+fn a_pose_that_looks_away_costs_more_than_one_that_misses_by_dozens_of_limits() {
+    let options = ResectionOptions::default();
+    let (points, pixels) = scene([10.0, 10.0, 5.0], 40, 0.0, &mut Draw(8));
+    let missed: Vec<Point2<f64>> = pixels.iter().map(|it| it + Vector2::new(40.0 * options.inlier_px, 0.0)).collect();
+    let cost = |pixels: &[Point2<f64>], turn: f64| {
+        let camera = camera();
+        let problem = Problem::new(&camera, &points, pixels, &options).unwrap();
+        let turned = Isometry3::rotation(Vector3::y() * turn) * camera.camera_from_world;
+        problem.normal(&(turned * nalgebra::Translation3::from(problem.centroid))).cost
+    };
+    let [right, misses, away] = [cost(&pixels, 0.0), cost(&missed, 0.0), cost(&pixels, std::f64::consts::PI)];
+    assert!(right < 1e-9 && misses > 1.0 && away > misses && away.is_finite(), "{right} {misses} {away}");
+}
