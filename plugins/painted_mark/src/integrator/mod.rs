@@ -56,6 +56,9 @@ const MATCHED: f64 = 0.5;
 const AGREEING: f64 = 0.3;
 /// Where a mark that is not seen should be is known about so well [m].
 const CARRIED_SIGMA: f64 = 0.002;
+/// What one camera alone takes for a hidden mark is something else farther than this from where the mark should be: the contour of a nose that the mark is behind
+/// [standard deviations].
+const LONE_SIGMAS: f64 = 1.5;
 /// Dots closer to where a known mark should be may be that mark [px].
 const NEAR_KNOWN_PX: f64 = 6.0;
 /// A hidden mark comes out again at most this far from where it should be [m]: less than marks are apart.
@@ -233,7 +236,7 @@ impl Integrator {
         let seen_twice = observations.seen_by().into_iter().filter(|it| it.1 > 1);
         let agreed = |label: u32| measured.contains_key(&label) && !doubted.contains(&label);
         self.track_store.judge(seen_twice.map(|it| (it.0, agreed(it.0))));
-        let guide = self.guide(frame, &cameras, &disputed);
+        let guide = self.guide(frame, &cameras, &disputed, &observations.seen_by());
         let marks = solved.and_then(|joint| self.marks(frame, &observations, joint));
         match &marks {
             Some(marks) => {
@@ -469,13 +472,27 @@ impl Integrator {
         }
     }
 
-    fn guide(&self, frame: &Frame, cameras: &[Camera], disputed: &BTreeSet<(CameraId, u32)>) -> MarkGuide {
+    fn guide(
+        &self,
+        frame: &Frame,
+        cameras: &[Camera],
+        disputed: &BTreeSet<(CameraId, u32)>,
+        seen_by: &BTreeMap<u32, usize>,
+    ) -> MarkGuide {
         let of = |(view, camera): (&View, &Camera)| {
+            let is_lone = |label: u32| seen_by.get(&label) == Some(&1);
+            let lone = view.features.list.iter().filter_map(|it| Some((it.label?, it.centre)));
+            let lone: BTreeMap<u32, Point2<f64>> = lone.filter(|it| is_lone(it.0)).collect();
             let guided = self.track_store.marks.iter().filter_map(|(label, mark)| {
                 let (pixel, by_point) = camera.project_with_jacobian(&mark.position)?;
                 let sigma = if mark.is_seen { self.settings.translation_floor_mm * 1e-3 } else { CARRIED_SIGMA };
                 let covariance = by_point * by_point.transpose() * sigma.powi(2);
-                Some(GuidedMark { label: *label, pixel, covariance, disputed: disputed.contains(&(view.id, *label)) })
+                let is_beside = lone.get(label).is_some_and(|seen| {
+                    let off = seen - pixel;
+                    covariance.cholesky().is_some_and(|it| it.solve(&off).dot(&off) > LONE_SIGMAS.powi(2))
+                });
+                let disputed = is_beside || disputed.contains(&(view.id, *label));
+                Some(GuidedMark { label: *label, pixel, covariance, disputed })
             });
             let void = view.features.list.iter().filter_map(|it| {
                 let label = it.label.filter(|label| self.track_store.retired.contains(label))?;

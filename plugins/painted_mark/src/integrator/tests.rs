@@ -242,6 +242,33 @@ fn two_marks_taken_for_one_by_two_cameras_side_by_side_are_told_apart_again() {
 }
 
 #[test]
+fn what_one_camera_alone_takes_for_a_hidden_mark_has_to_be_near_it() {
+    let truth = marks_on_a_face();
+    let mut scene = Scene::new(0.02 * DEGREE);
+    let mut integrator = integrator(IntegratorSettings::default());
+    let cameras = scene.cameras.clone();
+    let exact = |view: usize, pixel: &Point2<f64>| {
+        let of = |mark: &usize| (cameras[view].project(&truth[*mark]).unwrap() - pixel).norm();
+        (0..truth.len()).min_by(|one, other| of(one).total_cmp(&of(other))).map(|it| it as u32)
+    };
+    let disputed = |guide: &MarkGuide| {
+        let of = |(id, list): &(CameraId, Vec<GuidedMark>)| -> Vec<_> {
+            list.iter().filter(|it| it.disputed).map(|it| (*id, it.label)).collect()
+        };
+        guide.cameras.iter().flat_map(of).collect::<Vec<_>>()
+    };
+    let all = scene.frame(&truth, |_, _| true, exact);
+    assert_eq!(disputed(&integrator.integrate(&all, None).1), []);
+    for (beside, expected) in [(0.0, vec![]), (1.5, vec![]), (5.0, vec![(CameraId(1), 30)])] {
+        // Camera 1 alone still sees mark 30.
+        let mut frame = scene.frame(&truth, |view, mark| mark != 30 || view == 1, exact);
+        let features = Arc::make_mut(&mut frame.views[1].features);
+        features.list.iter_mut().find(|it| it.label == Some(30)).unwrap().centre.x += beside;
+        assert_eq!(disputed(&integrator.integrate(&frame, None).1), expected, "{beside} px beside it");
+    }
+}
+
+#[test]
 fn marks_that_all_cameras_lost_get_their_names_again_somewhere_else() {
     let truth = marks_on_a_face();
     let mut scene = Scene::new(0.03 * DEGREE);

@@ -120,8 +120,10 @@ impl TrackStore {
                 None => mark.unseen += 1,
             }
         }
-        let gone = self.marks.extract_if(.., |_, mark| !mark.is_believed && mark.unseen >= PATIENCE);
-        self.retired.extend(gone.map(|it| it.0));
+        self.marks.retain(|label, mark| {
+            let stays = mark.is_believed || mark.unseen < PATIENCE;
+            stays || !self.retired.insert(*label)
+        });
     }
 
     /// Whether the label was given here, not from outside.
