@@ -102,3 +102,77 @@ fn what_all_runs_noted_is_told_once() {
     assert_eq!(code, 0, "{said}{complaint}");
     assert_eq!(complaint.matches("note: the people's bodies have the built-in walk").count(), 1, "{complaint}");
 }
+
+/// A rig that waves a light in the hall.
+const WAVE: &str = r#"
+[rig]
+name = "wave"
+calibration = "hall.calibration.toml"
+duration_s = 30
+
+[scale.room]
+volume_m = { min = [-4.5, -3.0, -0.1], max = [4.5, 3.0, 2.2] }
+
+[scale.room.node.lab]
+type = "sim.lab"
+people = 0
+waved_light = true
+truth = { plan = "lab.plan.toml" }
+
+[scale.room.node.lights]
+type = "sim.observer"
+each = "wide-*"
+in = { world = "lab.world" }
+noise_px = 0.1
+
+[scale.room.node.targets]
+type = "led.integrator"
+in = { features = "lights.features" }
+"#;
+
+#[test]
+fn each_seed_can_be_a_laboratory_of_its_own_that_is_calibrated_first() {
+    let folder = hall();
+    let path = folder.path();
+    fs::copy(path.join("hall.calibration.toml"), path.join("lab.plan.toml")).unwrap();
+    let plain = read(path, "hall.toml");
+    let rig = plain.replace("people = 4\n", "people = 4\ntruth = { plan = \"lab.plan.toml\" }\n");
+    assert_ne!(rig, plain);
+    fs::write(path.join("hall.toml"), &rig).unwrap();
+    fs::write(path.join("plain.toml"), &plain).unwrap();
+    fs::write(path.join("wave.toml"), WAVE).unwrap();
+    let eval = |rig: &str, out: &str, commands: &[&str]| {
+        let mut arguments = vec!["eval", rig, "--seeds", "2", "--first-seed", "31", "--duration", "8", "--out", out];
+        commands.iter().for_each(|it| arguments.extend(["--calibrate", it]));
+        foveate(path, &arguments)
+    };
+    let figure = |out: &str, name: &str| -> Vec<f64> {
+        let json: Value = serde_json::from_str(&read(path, &format!("{out}/eval.json"))).unwrap();
+        let values = json["figures"][name]["values"].as_array();
+        values.into_iter().flatten().map(|it| it.as_f64().unwrap()).collect()
+    };
+    let wave = "calibrate wave.toml --from-nothing --optics all --floor-stops --distance '@1:@2=1m' --write";
+    let (code, _, complaint) = eval("hall.toml", "calibrated", &[wave]);
+    assert_eq!(code, 0, "{complaint}");
+    // The same seeds with what is known beforehand for a calibration, in one laboratory that is not as planned.
+    assert_eq!(eval("hall.toml", "planned", &[]).0, 0);
+    let [calibrated, planned] = ["calibrated", "planned"].map(|it| figure(it, "completeness"));
+    println!("completeness {calibrated:?}, by the plan {planned:?}; {:?} mm", figure("calibrated", "error_mm.rms"));
+    assert!(calibrated.len() == 2 && calibrated.iter().all(|it| *it > 0.85));
+    assert!(planned.iter().all(|it| *it < 0.7));
+    assert!(figure("calibrated", "calibrated_s").iter().all(|it| *it > 0.1));
+    // What was found is kept; what was tried leaves nothing behind but results.
+    assert_eq!(eval("hall.toml", "again", &[wave]).0, 0);
+    assert_eq!(read(path, "calibrated/eval.json"), read(path, "again/eval.json"));
+    assert!(!path.join("calibrated/world-31").exists());
+    assert_eq!(read(path, "hall.toml"), rig);
+
+    let refused = |rig: &str, out: &str, command: &str, expected: &str| {
+        let (code, _, complaint) = eval(rig, out, &[command]);
+        assert!(code == 2 && complaint.contains(expected), "{complaint}");
+    };
+    refused("hall.toml", "a", "rm -r .", "expected a command `calibrate RIG …` or `run RIG …`");
+    refused("hall.toml", "b", "run 'wave.toml", "opens a quote and never closes it");
+    refused("hall.toml", "c", "calibrate absent.toml", "`calibrate absent.toml` failed (exit code 2)");
+    refused("plain.toml", "d", wave, "expects to draw another laboratory");
+}

@@ -1,5 +1,7 @@
 //! `foveate eval`: a rig over many seeds, each in a program of its own, so that one that fails takes no other with it.
 
+mod world;
+
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::fs;
@@ -12,8 +14,10 @@ use std::time::Instant;
 
 use foveate_diagnostics::fields::Splitter;
 use foveate_node::Registry;
+use foveate_node::figure::Better;
 use foveate_rig::Overrides;
 
+use self::world::Recipe;
 use super::{complain, load, seconds};
 use crate::evaluation::{Bound, Evaluation, SeedRun};
 use crate::output::say;
@@ -25,6 +29,9 @@ const KEPT: [&str; 4] = ["summary.json", "timing.json", "ledger.csv", "events.cs
 const MOST_NOTES: usize = 6;
 /// Words of a failed seed that are shown.
 const MOST_SAID: usize = 200;
+
+/// Wall time of finding the calibration of a seed's laboratory, when that was done [s].
+const CALIBRATED: &str = "calibrated_s";
 
 /// `foveate eval`
 #[derive(Debug, clap::Args)]
@@ -51,6 +58,10 @@ pub struct EvalArgs {
     /// one does not hold. May be given several times
     #[arg(long, value_name = "PROMISE")]
     bound: Vec<Bound>,
+    /// Let each seed be a laboratory of its own: its truth is drawn by that seed in a copy of the rig's folder, and commands of this program, run there first, find
+    /// the calibration that the rig then reads: `calibrate RIG …` or `run RIG …`. May be given several times; what was found is kept in results/worlds
+    #[arg(long, value_name = "COMMAND")]
+    calibrate: Vec<String>,
     /// Keep all files of each seed's results, and not only summary, timing, ledger and events
     #[arg(long)]
     keep: bool,
@@ -78,6 +89,13 @@ pub(super) fn run(args: &EvalArgs, registry: &Registry) -> u8 {
         Ok(program) => program,
         Err(error) => return complain(&format!("this program cannot be found again: {error}")),
     };
+    let recipe = match args.calibrate.is_empty() {
+        true => None,
+        false => match Recipe::new(&program, &args.rig, &args.calibrate) {
+            Ok(recipe) => Some(recipe),
+            Err(sentence) => return complain(&sentence),
+        },
+    };
     let stop = Arc::new(AtomicBool::new(false));
     if let Err(sentence) = interrupt::stops(&stop) {
         return complain(&sentence);
@@ -94,7 +112,8 @@ pub(super) fn run(args: &EvalArgs, registry: &Registry) -> u8 {
     }
     let cameras: Vec<String> = graph.calibration.cameras.iter().map(|it| it.name.clone()).collect();
     let seeds: Vec<u64> = (0..u64::from(args.seeds)).map(|it| args.first_seed + it).collect();
-    let runs = run_all(args, &program, &folder, &seeds, &stop);
+    let trial = Trial { args, program: &program, recipe: recipe.as_ref(), folder: &folder };
+    let runs = run_all(&trial, &seeds, &stop);
     if runs.is_empty() {
         return interrupt::caught().map_or(exit::INPUT, |it| it.code);
     }
@@ -174,8 +193,18 @@ fn notes(evaluation: &Evaluation, folder: &Path) -> Vec<String> {
     said
 }
 
+/// What is done with each seed.
+struct Trial<'a> {
+    args: &'a EvalArgs,
+    program: &'a Path,
+    /// Where each seed is a laboratory of its own.
+    recipe: Option<&'a Recipe>,
+    folder: &'a Path,
+}
+
 /// Runs all seeds, some at a time; gives them in their order. Where a signal came, those that had ended by themselves.
-fn run_all(args: &EvalArgs, program: &Path, folder: &Path, seeds: &[u64], stop: &AtomicBool) -> Vec<SeedRun> {
+fn run_all(trial: &Trial<'_>, seeds: &[u64], stop: &AtomicBool) -> Vec<SeedRun> {
+    let args = trial.args;
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let n_jobs = args.jobs.map_or(cores, usize::from).min(seeds.len());
     let (next, began) = (AtomicUsize::new(0), Instant::now());
@@ -185,7 +214,7 @@ fn run_all(args: &EvalArgs, program: &Path, folder: &Path, seeds: &[u64], stop: 
             if stop.load(Ordering::Relaxed) {
                 return;
             }
-            let run = run_one(args, program, folder, seed);
+            let run = run_one(trial, seed);
             // What the signal ended says nothing of the seed.
             if stop.load(Ordering::Relaxed) && !run.is_whole {
                 return;
@@ -219,13 +248,25 @@ fn show(done: &[SeedRun], n: usize, began: Instant) {
     }
 }
 
-fn run_one(args: &EvalArgs, program: &Path, folder: &Path, seed: u64) -> SeedRun {
+fn run_one(trial: &Trial<'_>, seed: u64) -> SeedRun {
+    let Trial { args, program, recipe, folder } = *trial;
     let target = folder.join(format!("seed-{seed}"));
     let partial = folder.join(format!("seed-{seed}.partial"));
     // What a run left behind that was killed.
     drop(fs::remove_dir_all(&partial));
+    let world = match recipe.map(|it| it.world(seed, &folder.join(format!("world-{seed}")))) {
+        Some(Err(sentence)) => return SeedRun::read(seed, Some(exit::INPUT), &sentence, None),
+        Some(Ok(world)) => Some(world),
+        None => None,
+    };
     let mut command = Command::new(program);
-    command.arg("run").arg(&args.rig).args(["--quiet", "--workers", "1", "--seed", &seed.to_string()]);
+    command.arg("run").arg(world.as_ref().map_or(&args.rig, |it| &it.rig)).args([
+        "--quiet",
+        "--workers",
+        "1",
+        "--seed",
+        &seed.to_string(),
+    ]);
     command.arg("--out").arg(&partial).stdin(Stdio::null());
     if let Some(duration) = args.duration {
         command.args(["--duration", &duration.to_string()]);
@@ -237,6 +278,13 @@ fn run_one(args: &EvalArgs, program: &Path, folder: &Path, seed: u64) -> SeedRun
     let code = output.status.code().and_then(|it| u8::try_from(it).ok());
     let summary = fs::read_to_string(partial.join("summary.json")).ok();
     let mut run = SeedRun::read(seed, code, &String::from_utf8_lossy(&output.stderr), summary.as_deref());
+    if let Some(world) = world {
+        run.figures.insert(CALIBRATED.to_owned(), world.calibrated_s);
+        run.about.insert(CALIBRATED.to_owned(), ("s".to_owned(), Better::Neither));
+        if run.is_whole && !args.keep {
+            drop(fs::remove_dir_all(folder.join(format!("world-{seed}"))));
+        }
+    }
     if let Err(error) = put_away(&partial, &target, args.keep) {
         run.said += &format!(" its results cannot be put into `{}`: {error}", target.display());
     }
