@@ -21,6 +21,7 @@ figures! {
     "(*.)gospa_mm.mean": mm, low, "GOSPA (p = 2, α = 2, cut-off gate_mm), mean over messages: errors, misses and false targets in one number";
     "(*.)mota": ratio, high, "MOTA (CLEAR MOT): 1 less missed lights, false and double targets and changes of identity, over true lights; may fall below 0";
     "(*.)idf1": share, high, "IDF1: targets whose identity is that of their light, each light and each identity having one partner for the whole run; harmonic mean of precision and recall";
+    "(*.)hota": share, high, "HOTA: geometric mean of how many lights are found and of how long the identities of those that are found last; mean over 19 distances within gate_mm";
     "(*.)completeness": share, high, "Samples of the truth after which, before the next one, their light was matched; in the volume";
     "(*.)missed": share, low, "True lights in the volume without a target, over all scored messages";
     "(*.)false_targets": count, low, "Targets farther than gate_mm from any true light, mean over scored messages";

@@ -10,6 +10,7 @@
 
 mod distances;
 pub(crate) mod follow_picture;
+mod higher_order;
 pub mod marks;
 mod pairs;
 mod together;
@@ -26,6 +27,7 @@ use foveate_node::Report;
 use nalgebra::Point3;
 
 use distances::Distances;
+use higher_order::HigherOrder;
 use pairs::{Groups, Pair, Pairs};
 use together::Together;
 use truth::{Interpolated, TruthTrack};
@@ -60,6 +62,7 @@ pub struct Scorer {
     /// Recovered targets that count: those that were not matched to somebody outside the volume.
     found: u64,
     together: Together,
+    higher_order: HigherOrder,
     /// Sum over messages [m].
     gospa: f64,
     /// Memory that is used again from message to message.
@@ -122,6 +125,7 @@ impl Scorer {
             pairs_possible: 0,
             found: 0,
             together: Together::default(),
+            higher_order: HigherOrder::default(),
             gospa: 0.0,
             scratch: Scratch {
                 here: Vec::new(),
@@ -249,12 +253,18 @@ impl Scorer {
         for (row, truth) in here.iter().enumerate() {
             let inside = is_in(self.volume, &truth.position);
             self.pairs_possible += u64::from(inside);
+            if inside {
+                self.higher_order.is_true(truth.id);
+            }
             let Some(column) = self.scratch.matched[row] else { continue };
             n_matched += 1;
             self.scratch.outside[column] = !inside;
             if inside {
                 self.pairs += 1;
-                self.distances.add((truth.position - targets.list[column].position).norm());
+                let target = &targets.list[column];
+                let distance = (truth.position - target.position).norm();
+                self.distances.add(distance);
+                self.higher_order.matched(truth.id, target.id, distance, self.gate);
                 self.truth.cover(truth);
             }
             self.identify(truth.id, targets.list[column].id, time_s);
@@ -266,7 +276,10 @@ impl Scorer {
             }
         }
         self.scratch.here = here;
-        self.found += self.scratch.outside.iter().filter(|it| !**it).count() as u64;
+        for (target, _) in targets.list.iter().zip(&self.scratch.outside).filter(|it| !*it.1) {
+            self.found += 1;
+            self.higher_order.is_found(target.id);
+        }
         let n_far = self.scratch.pairs.n_far() as u64;
         self.messages += 1;
         self.false_targets += n_far;
@@ -329,6 +342,7 @@ impl Scorer {
         report.figure("mota", 1.0 - share(wrong, self.pairs_possible));
         let together = self.together.at_most();
         report.figure("idf1", share(2 * together, self.pairs_possible + self.found));
+        report.figure("hota", self.higher_order.hota().unwrap_or(f64::NAN));
         report.figure("targets_true", n_true as f64);
         report.figure("identities", self.owners.len() as f64);
         report.figure("identities_per_target", share(self.owners.len() as u64, n_true));
@@ -435,6 +449,7 @@ mod tests {
             ("unscored_messages", 0.0),
             ("mota", 1.0),
             ("idf1", 1.0),
+            ("hota", 1.0),
         ] {
             assert_eq!(found[name], value, "{name}");
         }
@@ -486,6 +501,8 @@ mod tests {
             figures(|time, [a, b]| if time < 1.0 { vec![at(1, a), at(2, b)] } else { vec![at(2, a), at(1, b)] });
         assert!((found["mota"] - (1.0 - 2.0 / 572.0)).abs() < 1e-12, "{found:?}");
         assert!((found["idf1"] - 0.5).abs() < 2e-3, "{found:?}");
+        // All are found; each match is with an identity that shares half of its own and of the light's messages: 143 / (286 + 286 - 143) = 1/3.
+        assert!((found["hota"] - (1.0_f64 / 3.0).sqrt()).abs() < 2e-3, "{found:?}");
     }
 
     #[test]
@@ -493,6 +510,15 @@ mod tests {
         let found = figures(|_, [a, _]| vec![at(1, a), at(2, Point3::new(9.0, 9.0, 9.0))]);
         assert!(found["mota"].abs() < 1e-12, "{found:?}");
         assert!((found["idf1"] - 0.5).abs() < 1e-12, "{found:?}");
+        // A third of all that is true or found is a match; what matches lasts.
+        assert!((found["hota"] - (1.0_f64 / 3.0).sqrt()).abs() < 1e-9, "{found:?}");
+    }
+
+    #[test]
+    fn a_match_counts_at_the_levels_that_its_distance_reaches() {
+        // 40 mm of a gate of 100 mm: a similarity of 0.6, which reaches 12 of 19 levels.
+        let found = figures(|_, [a, b]| vec![at(1, a + Vector3::z() * 0.04), at(2, b + Vector3::z() * 0.04)]);
+        assert!((found["hota"] - 12.0 / 19.0).abs() < 1e-9, "{found:?}");
     }
 
     #[test]
