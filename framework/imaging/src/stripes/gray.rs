@@ -10,7 +10,7 @@
 //!   these is below half of white − black (= D + G) is left out.
 //! - White − black too small is shadow, a dark surface or somewhere that the projector does not reach. A saturated pixel has pictures that do not differ.
 
-use super::code::{Axis, Inverse, Shown, StripeCode};
+use super::code::{Axis, Shown, StripeCode};
 use crate::{ImageView, ImagingError};
 
 /// In [`Decoded::stripes`]: no stripe.
@@ -378,7 +378,7 @@ impl Pixels<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::code::{Group, StripeCode};
+    use super::super::code::{Group, Inverse, StripeCode};
     use super::super::scene::{Scene, wall};
     use super::*;
 

@@ -16,7 +16,7 @@
 //! high frequency illumination", SIGGRAPH 2006.
 
 pub mod code;
-// pub mod edges;
+pub mod edges;
 // pub mod examine;
 pub mod gray;
 pub mod pattern;
@@ -25,6 +25,6 @@ pub mod pattern;
 mod scene;
 
 pub use code::{Axis, Group, Inverse, Shown, StripeCode};
-// pub use edges::{Coordinates, EdgeOptions};
+pub use edges::{Coordinates, EdgeOptions};
 // pub use examine::{Examination, SetFault, examine};
 pub use gray::{DecodeOptions, Decoded, decode};
