@@ -179,12 +179,7 @@ struct Block {
 }
 
 impl<'a> Plan<'a> {
-    fn new(
-        code: &StripeCode,
-        pictures: &[ImageView<'a>],
-        axes: &[Axis],
-        options: &'a DecodeOptions,
-    ) -> Plan<'a> {
+    fn new(code: &StripeCode, pictures: &[ImageView<'a>], axes: &[Axis], options: &'a DecodeOptions) -> Plan<'a> {
         let shown = code.pictures();
         let of = |what: Shown| shown.iter().position(|it| *it == what).map(|it| pictures[it].pixels());
         let axis = |axis: Axis| {
@@ -461,7 +456,9 @@ mod tests {
         assert_eq!(judged(&scene, &code, &decoded, Axis::Columns).1, 0);
         // Without that rule some of it comes out wrong or right by chance.
         let lenient = DecodeOptions { min_direct: 0.0, min_share: 0.0, min_difference: 1, ..DecodeOptions::default() };
-        assert!(run(&scene, &code, &lenient).stripes[0].iter().enumerate().any(|(at, it)| at % 160 < 40 && *it != NONE));
+        assert!(
+            run(&scene, &code, &lenient).stripes[0].iter().enumerate().any(|(at, it)| at % 160 < 40 && *it != NONE)
+        );
     }
 
     #[test]

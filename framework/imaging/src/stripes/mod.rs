@@ -17,7 +17,7 @@
 
 pub mod code;
 pub mod edges;
-// pub mod examine;
+pub mod examine;
 pub mod gray;
 pub mod pattern;
 // pub mod phase;
@@ -26,5 +26,5 @@ mod scene;
 
 pub use code::{Axis, Group, Inverse, Shown, StripeCode};
 pub use edges::{Coordinates, EdgeOptions};
-// pub use examine::{Examination, SetFault, examine};
+pub use examine::{Examination, SetFault, examine};
 pub use gray::{DecodeOptions, Decoded, decode};

@@ -68,7 +68,8 @@ impl Scene {
             let [u, v] = (self.projector)(x, y);
             let (column, row) = ((u + 0.5).floor(), (v + 0.5).floor());
             let inside = column >= 0.0 && row >= 0.0 && column < columns as f64 && row < rows as f64;
-            let direct = if inside && !(self.shadow)(x, y) { blurred[row as usize * columns + column as usize] } else { 0.0 };
+            let direct =
+                if inside && !(self.shadow)(x, y) { blurred[row as usize * columns + column as usize] } else { 0.0 };
             self.ambient * albedo + self.gain * albedo * (direct + (self.global)(x, y) * mean)
         };
         let [width, height] = self.size;
