@@ -13,6 +13,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 ports! {
+    pub(crate) fn declared_ports;
     WHITE: In<Image> = each("white");
     MAP: In<ProjectorMap> = each("map");
     FEATURES: Out<Features> = "features";

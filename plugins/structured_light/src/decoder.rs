@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use crate::pattern::{PatternSettings, calibrated_size};
 
 ports! {
+    pub(crate) fn declared_ports;
     PICTURES: In<PatternPictures> = each("pictures");
     MAP: Out<ProjectorMap> = "map";
     WHITE: Out<Image> = "white";

@@ -23,6 +23,7 @@ ports! {
 figures! {
     "cloud.points.*": count, neither, "Points, over all maps of the camera";
     "cloud.misfits.*": count, low, "Pixels of the camera whose projector column and row do not belong to one point, left out";
+    "cloud.vague.*": count, low, "Pixels of the camera whose depth would be known less well than `max_sigma`, left out";
     "cloud.alone.*": count, low, "Points of the camera with too few neighbours on the same surface, left out";
     "cloud.sigma_mm.*": mm, low, "Mean standard deviation of the points of the camera, over the three axes";
 }
@@ -36,6 +37,9 @@ pub struct TriangulatorSettings {
     /// How far column and row may be from those of one point on the camera's ray; farther: the pixel is left out [px]
     #[schemars(range(min = 0.01, max = 1000.0))]
     pub max_misfit_px: f64,
+    /// Standard deviation of a point along the camera's ray over its distance, at most; more: the pixel is left out [–]
+    #[schemars(range(min = 0.000001, max = 1.0))]
+    pub max_sigma: f64,
     /// Pixels around a point, to either side, that say its normal and whether it is on a surface [px]
     #[schemars(range(min = 1, max = 10))]
     pub reach: usize,
@@ -55,6 +59,7 @@ impl Default for TriangulatorSettings {
         Self {
             projector: "projector".to_owned(),
             max_misfit_px: 2.0,
+            max_sigma: 5e-4,
             reach: 2,
             min_confidence: 0.25,
             step: 0.01,
@@ -76,6 +81,7 @@ pub struct Triangulator {
     has_white: bool,
     points: u64,
     misfits: u64,
+    vague: u64,
     alone: u64,
     sigmas: f64,
 }
@@ -93,6 +99,7 @@ impl Node for Triangulator {
 
     fn new(settings: TriangulatorSettings, setup: &Setup) -> Result<Self, ConfigError> {
         ConfigError::unless_in("max_misfit_px", settings.max_misfit_px, 0.01..=1000.0)?;
+        ConfigError::unless_in("max_sigma", settings.max_sigma, 1e-6..=1.0)?;
         ConfigError::unless_in("reach", settings.reach, 1..=10)?;
         ConfigError::unless_in("min_confidence", settings.min_confidence, 0.0..=1.0)?;
         ConfigError::unless_in("step", settings.step, 1e-4..=1.0)?;
@@ -114,6 +121,7 @@ impl Node for Triangulator {
             white: VecDeque::new(),
             points: 0,
             misfits: 0,
+            vague: 0,
             alone: 0,
             sigmas: 0.0,
         })
@@ -142,6 +150,7 @@ impl Node for Triangulator {
         let name = &self.camera_name;
         report.figure(format!("cloud.points.{name}"), self.points as f64);
         report.figure(format!("cloud.misfits.{name}"), self.misfits as f64);
+        report.figure(format!("cloud.vague.{name}"), self.vague as f64);
         report.figure(format!("cloud.alone.{name}"), self.alone as f64);
         report.figure(format!("cloud.sigma_mm.{name}"), 1e3 * self.sigmas / self.points as f64);
         Ok(())
@@ -169,6 +178,8 @@ impl Triangulator {
                 let Some(point) = triangulate(&self.camera, &self.projector, &pixel, &sample) else { continue };
                 if point.misfit > self.settings.max_misfit_px {
                     self.misfits += 1;
+                } else if point.sigma > self.settings.max_sigma * point.depth {
+                    self.vague += 1;
                 } else {
                     found[y * width + x] = Some(point);
                 }
