@@ -12,7 +12,7 @@ use std::sync::Arc;
 use foveate::calibration::board::{Board, BoardOptions, BoardSolution, calibrate};
 use foveate::calibration::network::Origin;
 use foveate::calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
-use foveate::calibration::solved::ObservationRole;
+use foveate::calibration::solved::{ObservationRole, SolvedObservation};
 use foveate::estimation::statistics::{median, percentile};
 use foveate::geometry::{Camera, CameraStatus, Distortion, Freedom, Intrinsics, ResectionOptions, refine_pose};
 use foveate::prelude::*;
@@ -32,14 +32,15 @@ ports! {
 }
 
 figures! {
-    "projector.rms_px": px, low, "Root mean square distance of the projector's corners from where the calibration has them, over those in use";
+    "projector.rms_px": px, low, "Root mean square distance of the projector's corners from where the calibration has them, over all sets, those that it rejects among them";
     "projector.held_out_px.rms": px, low, "Root mean square distance of the projector's corners from where they are foretold in a set by a calibration without that set, the board being placed by camera and projector, over all sets in turn";
     "projector.held_out_px.worst": px, low, "The largest of these by set";
     "projector.transfer_px.rms": px, low, "The same, the board being placed by the camera alone";
     "projector.sets": count, high, "Sets in which camera and projector saw the board";
-    "camera.rms_px": px, low, "Root mean square distance of the camera's corners from where the calibration has them, over those in use";
+    "camera.rms_px": px, low, "Root mean square distance of the camera's corners from where the calibration has them, over all sets, those that it rejects among them";
     "camera.held_out_px.rms": px, low, "As of the projector, for the camera's corners";
-    "both.rms_px": px, low, "Root mean square distance of the corners of camera and projector from where the calibration has them, over those in use";
+    "corners.rejected": count, low, "Corners of camera and projector that the calibration was not made from, since they are too far from where it has them";
+    "both.rms_px": px, low, "Root mean square distance of the corners of camera and projector from where the calibration has them, over all sets, those that it rejects among them";
     "depth_mm.{median,p95}": mm, low, "Distance along the camera's rays between points on the board and the board as the calibration has it, over all sets";
     "flatness_mm.{median,worst}": mm, low, "Root mean square distance of the points of a set on the board from the plane that fits them best, over sets; a board that is bent counts in full";
     "coverage": share, high, "Camera pixels between the board's corners that have a point, over all of these, in all sets";
@@ -116,7 +117,11 @@ impl Node for Calibrator {
         })?;
         let projector = setup.calibration.index_of(&settings.projector).ok_or_else(|| {
             let names: Vec<&str> = setup.calibration.cameras.iter().map(|it| it.name.as_str()).collect();
-            let message = format!("found no camera `{}` in the calibration, expected one of: {}", settings.projector, names.join(", "));
+            let message = format!(
+                "found no camera `{}` in the calibration, expected one of: {}",
+                settings.projector,
+                names.join(", ")
+            );
             ConfigError::at("projector", message)
         })?;
         setup.claim_named_file("file", &settings.file)?;
@@ -206,8 +211,7 @@ struct Foretold {
 impl Calibrator {
     fn guess(&self, which: usize, n_sets: usize) -> CameraGuess {
         let image_size = self.sizes[which];
-        let intrinsics =
-            Intrinsics { focal: guessed_focal(image_size, 1.0), principal: middle(image_size), skew: 0.0 };
+        let intrinsics = Intrinsics { focal: guessed_focal(image_size, 1.0), principal: middle(image_size), skew: 0.0 };
         let camera = Camera {
             image_size,
             intrinsics,
@@ -236,7 +240,10 @@ impl Calibrator {
             let time_s = time.as_s();
             [0, 1].map(|camera| CameraFrame { camera, time_s, spots: set.features[camera].iter().map(spot).collect() })
         });
-        Recording { cameras: vec![self.guess(0, n_sets), self.guess(1, n_sets)], camera_frames: camera_frames.collect() }
+        Recording {
+            cameras: vec![self.guess(0, n_sets), self.guess(1, n_sets)],
+            camera_frames: camera_frames.collect(),
+        }
     }
 
     fn solve(&self, without: Option<Time>) -> Result<BoardSolution, String> {
@@ -268,11 +275,17 @@ impl Calibrator {
     }
 
     fn residuals(&mut self, solution: &BoardSolution, report: &mut Report) {
-        let used = || solution.solved.observations.iter().filter(|it| it.role == ObservationRole::Used);
-        let errors = |which: Option<usize>| -> Vec<f64> {
-            let of = used().filter(|it| which.is_none_or(|which| it.camera == which));
-            of.filter_map(|it| Some(it.residual?.norm())).collect()
+        // Those that were rejected count too.
+        let off = |it: &SolvedObservation| {
+            let point = &solution.solved.points[it.point?];
+            Some((solution.solved.cameras[it.camera].camera.project(&point.position)? - it.pixel).norm())
         };
+        let errors = |which: Option<usize>| -> Vec<f64> {
+            let all = solution.solved.observations.iter();
+            all.filter(|it| which.is_none_or(|which| it.camera == which)).filter_map(off).collect()
+        };
+        let rejected = solution.solved.observations.iter().filter(|it| it.role == ObservationRole::Rejected).count();
+        report.figure("corners.rejected", rejected as f64);
         report.figure("camera.rms_px", rms(&errors(Some(0))));
         report.figure("projector.rms_px", rms(&errors(Some(1))));
         report.figure("both.rms_px", rms(&errors(None)));
@@ -392,7 +405,8 @@ impl Calibrator {
         let calibration: Calibration = solution.solved.to_calibration(origin).map_err(|fault| fault.to_string())?;
         let Some(folder) = &self.out_dir else { return Ok(()) };
         let path = folder.join(&self.settings.file);
-        std::fs::write(&path, calibration.to_toml()).map_err(|error| format!("`{}` cannot be written: {error}", path.display()))?;
+        std::fs::write(&path, calibration.to_toml())
+            .map_err(|error| format!("`{}` cannot be written: {error}", path.display()))?;
         report.file(&self.settings.file);
         Ok(())
     }

@@ -179,7 +179,9 @@ impl Decoder {
             if let Some(size) = self.projector_size.filter(|it| *it != code.projector) {
                 let [found, expected] = [code.projector, size].map(|[columns, rows]| format!("{columns} x {rows} px"));
                 let name = &self.settings.projector;
-                return Err(format!("the patterns are for a projector of {found}, expected {expected} as `{name}` in the calibration"));
+                return Err(format!(
+                    "the patterns are for a projector of {found}, expected {expected} as `{name}` in the calibration"
+                ));
             }
             return Ok(code);
         }
@@ -231,7 +233,9 @@ impl Decoder {
             ..ProjectorMap::default()
         };
         map.samples.reserve_exact(16 * white.len());
-        let of = |list: &[Vec<f32>; 2], at: usize| Axis::BOTH.map(|it| list[it.index()].get(at).copied().unwrap_or(f32::NAN));
+        let of = |list: &[Vec<f32>; 2], at: usize| {
+            Axis::BOTH.map(|it| list[it.index()].get(at).copied().unwrap_or(f32::NAN))
+        };
         for at in 0..white.len() {
             let (coordinate, sigma) = (of(&coordinates.values, at), of(&coordinates.sigmas, at));
             map.push(ProjectorSample { coordinate, sigma });
@@ -244,7 +248,12 @@ impl Decoder {
     fn coordinates(&self, code: &StripeCode, views: &[ImageView<'_>]) -> Result<Coordinates, String> {
         let (noise, threads) = (self.settings.noise, self.settings.threads);
         let found = match code.steps {
-            0 => edges::coordinates(code, views, &self.decoded, &EdgeOptions { noise, threads, ..EdgeOptions::default() }),
+            0 => edges::coordinates(
+                code,
+                views,
+                &self.decoded,
+                &EdgeOptions { noise, threads, ..EdgeOptions::default() },
+            ),
             _ => phase::coordinates(code, views, &self.decoded, &PhaseOptions { noise, ..PhaseOptions::default() }),
         };
         found.map_err(|fault| fault.to_string())

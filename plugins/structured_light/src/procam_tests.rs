@@ -29,13 +29,21 @@ camera_from_world_wxyz = [1.0, 0.0, 0.0, 0.0]
 
 #[test]
 fn a_real_projector_is_calibrated_from_three_poses_of_a_board() {
-    let Some(folder) = foveate_testkit::data_dir_or_skip("projector calibration", "s11_procam_graycode") else { return };
+    let Some(folder) = foveate_testkit::data_dir_or_skip("projector calibration", "s11_procam_graycode") else {
+        return;
+    };
     let calibration = Calibration::from_toml(CAMERAS, std::path::Path::new("procam.toml")).unwrap();
     let setup = Setup { camera: Some(CameraId(0)), calibration: Arc::new(calibration), ..Setup::for_tests() };
     let mut decode = NodeBench::<Decoder>::with_setup(DecoderSettings::default(), &setup).unwrap();
     let board = CornersSettings { columns: 9, rows: 7, square_mm: 75.0, projector: "projector".into(), reach: 0.5 };
     let mut find = NodeBench::<Corners>::with_setup(board, &setup).unwrap();
-    let settings = CalibratorSettings { columns: 9, rows: 7, square_mm: 75.0, projector: "projector".into(), file: "c.toml".into() };
+    let settings = CalibratorSettings {
+        columns: 9,
+        rows: 7,
+        square_mm: 75.0,
+        projector: "projector".into(),
+        file: "c.toml".into(),
+    };
     let mut solve = NodeBench::<Calibrator>::with_setup(settings, &setup).unwrap();
     for (at, files) in pictures::sets(&folder.join("capture_*"), "*").unwrap().iter().enumerate() {
         let (time, set) = (Time::from_s(at as f64), pictures::read(files).unwrap().set);

@@ -89,7 +89,8 @@ pub struct Triangulator {
 impl Node for Triangulator {
     const TYPE: &'static str = "structured_light.triangulator";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str = "Makes a point cloud with covariances and normals of where the projector lights what a camera sees";
+    const SUMMARY: &'static str =
+        "Makes a point cloud with covariances and normals of where the projector lights what a camera sees";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TriangulatorSettings;
 
@@ -109,7 +110,11 @@ impl Node for Triangulator {
         })?;
         let projector = setup.calibration.camera(&settings.projector).cloned().ok_or_else(|| {
             let names: Vec<&str> = setup.calibration.cameras.iter().map(|it| it.name.as_str()).collect();
-            let message = format!("found no camera `{}` in the calibration, expected one of: {}", settings.projector, names.join(", "));
+            let message = format!(
+                "found no camera `{}` in the calibration, expected one of: {}",
+                settings.projector,
+                names.join(", ")
+            );
             ConfigError::at("projector", message)
         })?;
         Ok(Self {
@@ -159,7 +164,8 @@ impl Node for Triangulator {
 
 impl Triangulator {
     fn unfit(&self, map: &ProjectorMap) -> Option<String> {
-        let sizes = [([map.width, map.height], self.camera.image_size), (map.projector_size, self.projector.image_size)];
+        let sizes =
+            [([map.width, map.height], self.camera.image_size), (map.projector_size, self.projector.image_size)];
         let whose = ["the camera's pictures are", "the projector is"];
         let fault = |((found, expected), whose): (([u32; 2], [u32; 2]), &str)| {
             let [[a, b], [c, d]] = [found, expected];
