@@ -41,6 +41,7 @@ figures! {
     "camera.held_out_px.rms": px, low, "As of the projector, for the camera's corners";
     "corners.rejected": count, low, "Corners of camera and projector that the calibration was not made from, since they are too far from where it has them";
     "both.rms_px": px, low, "Root mean square distance of the corners of camera and projector from where the calibration has them, over all sets, those that it rejects among them";
+    "both.used_px.rms": px, low, "The same without those that it rejects";
     "depth_mm.{median,p95}": mm, low, "Distance along the camera's rays between points on the board and the board as the calibration has it, over all sets";
     "flatness_mm.{median,worst}": mm, low, "Root mean square distance of the points of a set on the board from the plane that fits them best, over sets; a board that is bent counts in full";
     "coverage": share, high, "Camera pixels between the board's corners that have a point, over all of these, in all sets";
@@ -286,6 +287,8 @@ impl Calibrator {
         };
         let rejected = solution.solved.observations.iter().filter(|it| it.role == ObservationRole::Rejected).count();
         report.figure("corners.rejected", rejected as f64);
+        let used = solution.solved.observations.iter().filter(|it| it.role == ObservationRole::Used);
+        report.figure("both.used_px.rms", rms(&used.filter_map(off).collect::<Vec<f64>>()));
         report.figure("camera.rms_px", rms(&errors(Some(0))));
         report.figure("projector.rms_px", rms(&errors(Some(1))));
         report.figure("both.rms_px", rms(&errors(None)));

@@ -58,15 +58,15 @@ fn a_real_projector_is_calibrated_from_three_poses_of_a_board() {
         }
     }
     let report = decode.finish().unwrap();
-    println!("{:#?} {:?}", report.figures, report.remarks);
     assert_eq!(report.remarks, Vec::<String>::new());
     assert!(report.figures["decoder.known_share.camera"] > 0.6);
     let report = solve.finish().unwrap();
-    println!("{:#?} {:#?}", report.figures, report.remarks);
     let figure = |name: &str| report.figures[name];
-    assert!(figure("both.rms_px") < 0.31, "{}", figure("both.rms_px"));
+    // The board is bent by 2 mm at one corner of one set: what lies off the plane is rejected there.
+    assert!(figure("both.used_px.rms") < 0.2, "{}", figure("both.used_px.rms"));
+    assert!(figure("both.rms_px") < 0.45, "{}", figure("both.rms_px"));
     assert!(figure("projector.held_out_px.rms") < 0.45, "{}", figure("projector.held_out_px.rms"));
-    assert!(figure("flatness_mm.median") < 0.6, "{}", figure("flatness_mm.median"));
+    assert!(figure("flatness_mm.worst") < 0.65, "{}", figure("flatness_mm.worst"));
     // Its black squares send back fewer gray levels than the camera's noise needs.
     assert!(figure("coverage") > 0.5, "{}", figure("coverage"));
 }

@@ -176,7 +176,7 @@ impl Triangulator {
 
     fn cloud(&mut self, map: &ProjectorMap, time: Time, white: Option<&Image>) -> PointCloud {
         let (width, height) = (map.width as usize, map.height as usize);
-        let mut found: Vec<Option<OnRay>> = vec![None; width * height];
+        let mut found = vec![Seen::NONE; width * height];
         for y in 0..height {
             for x in 0..width {
                 let sample = map.get(x, y);
@@ -187,7 +187,7 @@ impl Triangulator {
                 } else if point.sigma > self.settings.max_sigma * point.depth {
                     self.vague += 1;
                 } else {
-                    found[y * width + x] = Some(point);
+                    found[y * width + x] = Seen::new(&self.camera, &point);
                 }
             }
         }
@@ -201,9 +201,14 @@ impl Triangulator {
         let angle_sigma = self.settings.camera_sigma_px / self.camera.intrinsics.focal[0];
         let grid = Grid { found: &found, width, height, camera: &self.camera, settings: &self.settings };
         for (at, point) in found.iter().enumerate() {
-            let Some(point) = point else { continue };
+            if point.depth.is_nan() {
+                continue;
+            }
             let (x, y) = (at % width, at / width);
+            let Some(ray) = self.camera.ray(&Point2::new(x as f64, y as f64)) else { continue };
+            let (depth, sigma) = (f64::from(point.depth), f64::from(point.sigma));
             let Around { normal, confidence } = grid.around(x, y, point);
+            let point = OnRay { ray, depth, sigma, misfit: 0.0 };
             if confidence < self.settings.min_confidence {
                 self.alone += 1;
                 continue;
@@ -232,9 +237,29 @@ fn colour(image: &Image, at: usize) -> [u8; 3] {
     }
 }
 
+/// What is kept of a point until its neighbours are known; NaN where there is none.
+#[derive(Clone, Copy)]
+struct Seen {
+    /// Along the ray [m].
+    depth: f32,
+    /// Of that [m].
+    sigma: f32,
+    /// Over the depth along the camera's axis [1/m].
+    inverse_z: f32,
+}
+
+impl Seen {
+    const NONE: Seen = Seen { depth: f32::NAN, sigma: f32::NAN, inverse_z: f32::NAN };
+
+    fn new(camera: &Camera, point: &OnRay) -> Seen {
+        let z = (camera.camera_from_world * point.point()).z;
+        Seen { depth: point.depth as f32, sigma: point.sigma as f32, inverse_z: z.recip() as f32 }
+    }
+}
+
 /// The points of a camera's pixels.
 struct Grid<'a> {
-    found: &'a [Option<OnRay>],
+    found: &'a [Seen],
     width: usize,
     height: usize,
     camera: &'a Camera,
@@ -249,26 +274,24 @@ struct Around {
 }
 
 impl Grid<'_> {
-    fn around(&self, x: usize, y: usize, point: &OnRay) -> Around {
+    fn around(&self, x: usize, y: usize, point: &Seen) -> Around {
         let reach = self.settings.reach;
-        let depth_z = |it: &OnRay| (self.camera.camera_from_world * it.point()).z;
-        let inverse = depth_z(point).recip();
         let mut samples: Vec<[f64; 3]> = Vec::with_capacity((2 * reach + 1).pow(2));
         let mut beside = 0;
         for row in y.saturating_sub(reach)..(y + reach + 1).min(self.height) {
             for column in x.saturating_sub(reach)..(x + reach + 1).min(self.width) {
-                let Some(other) = &self.found[row * self.width + column] else { continue };
+                let other = &self.found[row * self.width + column];
                 let noise = 3.0 * point.sigma.hypot(other.sigma);
-                let away = (row.abs_diff(y)).max(column.abs_diff(x)) as f64;
-                if (other.depth - point.depth).abs() <= noise + self.settings.step * point.depth * away {
+                let away = (row.abs_diff(y)).max(column.abs_diff(x)) as f32;
+                if (other.depth - point.depth).abs() <= noise + self.settings.step as f32 * point.depth * away {
                     let offset = [column as f64 - x as f64, row as f64 - y as f64];
-                    samples.push([offset[0], offset[1], depth_z(other).recip() - inverse]);
+                    samples.push([offset[0], offset[1], f64::from(other.inverse_z - point.inverse_z)]);
                     beside += usize::from(away > 0.0);
                 }
             }
         }
         let confidence = beside as f64 / ((2 * reach + 1).pow(2) - 1) as f64;
-        let normal = self.normal(x, y, inverse, &samples).unwrap_or_else(Vector3::zeros);
+        let normal = self.normal(x, y, f64::from(point.inverse_z), &samples).unwrap_or_else(Vector3::zeros);
         Around { normal, confidence }
     }
 
