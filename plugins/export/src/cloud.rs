@@ -116,8 +116,7 @@ impl ExportCloud {
         let again = self.names.entry(stem.clone()).or_default();
         *again += 1;
         let stem = if *again == 1 { stem } else { format!("{stem}_{again}") };
-        let mut put =
-            |name: String, bytes: &[u8]| WholeFile { name, ..self.file.clone() }.write(bytes, &mut self.report);
+        let mut put = |name: String, bytes: &[u8]| self.file.named(name).write(bytes, &mut self.report);
         if self.settings.ply {
             put(format!("{stem}.ply"), &ply(cloud))?;
         }
