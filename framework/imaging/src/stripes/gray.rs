@@ -107,7 +107,7 @@ pub fn decode_into(
     let threads = options.threads.min(n.div_ceil(BLOCK)).max(1);
     let share = n.div_ceil(threads).div_ceil(BLOCK).max(1) * BLOCK;
     let [columns, rows] = &mut decoded.stripes;
-    let mut parts: Vec<(usize, &mut [u8], [&mut [u16]; 2])> = Vec::new();
+    let mut parts: Vec<Part<'_>> = Vec::new();
     let (mut columns, mut rows) = (columns.chunks_mut(share), rows.chunks_mut(share));
     for (part, contrast) in decoded.contrast.chunks_mut(share).enumerate() {
         let stripes = [columns.next().unwrap_or_default(), rows.next().unwrap_or_default()];
@@ -126,6 +126,9 @@ pub fn decode_into(
     });
     Ok(())
 }
+
+/// Some of the pixels: the first one, their contrasts, their stripes by axis.
+type Part<'a> = (usize, &'a mut [u8], [&'a mut [u16]; 2]);
 
 /// The size that all pictures of a set have.
 ///
