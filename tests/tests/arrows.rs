@@ -57,6 +57,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("painted-mark", &["foveate"]),
     ("pan-tilt", &["foveate"]),
     ("select", &["foveate"]),
+    ("structured-light", &["foveate"]),
     (
         "cli",
         &[
@@ -81,6 +82,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "scene",
             "select",
             "sim",
+            "structured-light",
         ],
     ),
     ("tests", &[]),
