@@ -19,9 +19,9 @@ pub use foveate_time as time;
 /// What nearly every node file needs.
 pub mod prelude {
     pub use foveate_messages::{
-        Assignment, CameraChoice, CameraId, CameraSet, Feature, Features, HeadCommand, HeadEvent, HeadLink, HeadOrder,
-        HeadPose, HeadPosition, HeadReport, Image, Mark, MarkGuide, Marks, PixelFormat, Provenance, ScaleSpace,
-        SubRegion, Target, TargetId, Targets,
+        Assignment, CameraChoice, CameraId, CameraSet, CloudPoint, Feature, Features, HeadCommand, HeadEvent, HeadLink,
+        HeadOrder, HeadPose, HeadPosition, HeadReport, Image, Mark, MarkGuide, Marks, PatternPictures, PixelFormat,
+        PointCloud, ProjectorMap, ProjectorSample, Provenance, ScaleSpace, SubRegion, Target, TargetId, Targets,
     };
     pub use foveate_node::{
         ConfigError, Due, Figures, In, Interval, Io, Message, Node, NodeBench, NodeError, Out, Plan, Pool, Ports,

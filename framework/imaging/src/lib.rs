@@ -29,6 +29,7 @@ pub mod pyramid;
 pub mod shrink;
 pub mod spots;
 pub mod stabilise;
+pub mod stripes;
 mod thresholds;
 pub mod view;
 

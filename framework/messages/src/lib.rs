@@ -14,13 +14,18 @@
 //! | [`HeadPose`] | where its camera stood at one moment | – |
 //! | [`Marks`] | painted marks of one surface at one time | metres in a space of their own, whose place in the outermost scale they say |
 //! | [`MarkGuide`] | where each camera should see each mark | pixels, camera by camera |
+//! | [`PatternPictures`] | the pictures of one set of projected patterns | pixels of that camera |
+//! | [`ProjectorMap`] | where in the projector each pixel is lit from | pixels of that camera, and of the projector |
+//! | [`PointCloud`] | points of surfaces, each with covariance and normal | metres in the outermost scale |
 
 mod camera_set;
+mod cloud;
 mod features;
 mod head;
 mod image;
 mod marks;
 mod schema;
+mod stripes;
 mod sub_region;
 mod targets;
 mod wire;
@@ -28,11 +33,13 @@ mod wire;
 use std::any::Any;
 
 pub use camera_set::{CameraChoice, CameraId, CameraSet};
+pub use cloud::{CloudPoint, PointCloud};
 pub use features::{Feature, Features};
 pub use foveate_time::{Interval, SourceId, Stamp, Stamped, Time};
 pub use head::{HeadCommand, HeadEvent, HeadLink, HeadOrder, HeadPose, HeadPosition, HeadReport};
 pub use image::{Image, PixelFormat, Window};
 pub use marks::{GuidedMark, Mark, MarkGuide, Marks, ShapeFit};
+pub use stripes::{PatternPictures, ProjectorMap, ProjectorSample};
 pub use sub_region::{Assignment, ScaleId, ScaleSpace, SubRegion};
 pub use targets::{Provenance, Target, TargetId, Targets};
 pub use wire::{Codec, Wire};

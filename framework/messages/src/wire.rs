@@ -249,6 +249,15 @@ mod tests {
         let pixels = (0..12).collect();
         let image = Image { camera: CameraId(1), width: 4, height: 3, pixels, ..Image::default() };
         there_and_back(&image);
+        let names = vec!["00.png".to_owned()];
+        let pixels = (0..6).collect();
+        there_and_back(&PatternPictures { width: 3, height: 2, names, pixels, ..PatternPictures::default() });
+        let mut map = ProjectorMap { width: 1, height: 1, projector_size: [1024, 768], ..ProjectorMap::default() };
+        map.push(ProjectorSample { coordinate: [1.5, 2.5], sigma: [0.25, 0.5] });
+        there_and_back(&map);
+        let cloud =
+            PointCloud { name: "pose".to_owned(), camera_size: [4, 3], points: vec![7; 60], ..PointCloud::default() };
+        there_and_back(&cloud);
         let text = serde_json::to_string(Image::WIRE.codec().unwrap().view(&image).unwrap()).unwrap();
         assert!(!text.contains("pixels"), "bulk data goes beside the rest: {text}");
     }

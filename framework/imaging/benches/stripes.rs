@@ -1,0 +1,57 @@
+//! Decoding of a Gray code, 42 pictures of 1280 × 1024: the time of a set, and the time of reading its pictures once.
+//!
+//! `cargo bench -p foveate-imaging --bench stripes`. Its peer: `peer_stripes.py` beside it.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use foveate_imaging::ImageView;
+use foveate_imaging::stripes::{Axis, DecodeOptions, Shown, StripeCode, decode, gray, pattern};
+
+const WIDTH: usize = 1280;
+const HEIGHT: usize = 1024;
+
+fn main() {
+    let code = StripeCode::gray([1024, 768]);
+    let mut noise = 1_u32;
+    let mut seen = |shown: &Shown| -> Vec<u8> {
+        let projected = pattern::picture(&code, *shown, 1.0);
+        let pixel = |at: usize| {
+            let (x, y) = (at % WIDTH, at / WIDTH);
+            noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let lit = projected[(y * 3 / 4) * 1024 + x * 4 / 5];
+            20 + (u32::from(lit) * (60 + (x as u32 / 40) % 120) / 255) as u8 + (noise >> 30) as u8
+        };
+        (0..WIDTH * HEIGHT).map(pixel).collect()
+    };
+    let pictures: Vec<Vec<u8>> = code.pictures().iter().map(&mut seen).collect();
+    let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, WIDTH, HEIGHT).unwrap()).collect();
+    let read = || -> u64 {
+        let words = pictures.iter().flat_map(|it| it.chunks_exact(8));
+        words.map(|it| u64::from_le_bytes(it.try_into().unwrap())).fold(0, u64::wrapping_add)
+    };
+    println!("reading 42 pictures once: {:.2} ms", median(|| drop(black_box(read()))));
+    for threads in [1, 2] {
+        let options = DecodeOptions { threads, ..DecodeOptions::default() };
+        let mut decoded = gray::Decoded::default();
+        let run = || gray::decode_into(&code, &views, &Axis::BOTH, &options, black_box(&mut decoded)).unwrap();
+        println!("decoding, {threads} thread(s): {:.2} ms", median(run));
+    }
+    let decoded = decode(&code, &views, &Axis::BOTH, &DecodeOptions::default()).unwrap();
+    let found = decoded.stripes[0].iter().filter(|it| **it != u16::MAX).count();
+    println!("pixels with a column: {:.1} %", 100.0 * found as f64 / (WIDTH * HEIGHT) as f64);
+}
+
+/// Median of 31 runs after three [ms].
+fn median(mut run: impl FnMut()) -> f64 {
+    (0..3).for_each(|_| run());
+    let mut times: Vec<f64> = (0..31)
+        .map(|_| {
+            let start = Instant::now();
+            run();
+            start.elapsed().as_secs_f64() * 1e3
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    times[15]
+}

@@ -1,0 +1,291 @@
+//! Which pictures make a code, and in which order a set of pictures holds them.
+
+use crate::ImagingError;
+
+/// Projectors are at most so large, each way [px]: stripes are numbered with 16 bits, and one number says that there is none.
+pub const MAX_SIDE: u32 = 32_768;
+/// Steps of a phase shift, at most [–].
+pub const MAX_STEPS: u32 = 32;
+
+/// Which coordinate of the projector a picture tells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Axis {
+    /// The column: stripes stand upright in the projector's picture.
+    Columns,
+    /// The row: stripes lie.
+    Rows,
+}
+
+impl Axis {
+    /// Both.
+    pub const BOTH: [Axis; 2] = [Axis::Columns, Axis::Rows];
+
+    /// 0 for columns, 1 for rows.
+    pub fn index(self) -> usize {
+        match self {
+            Axis::Columns => 0,
+            Axis::Rows => 1,
+        }
+    }
+
+    /// For people.
+    pub fn in_words(self) -> &'static str {
+        match self {
+            Axis::Columns => "columns",
+            Axis::Rows => "rows",
+        }
+    }
+}
+
+/// What a picture shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Shown {
+    /// All projector pixels lit.
+    White,
+    /// None lit.
+    Black,
+    /// One bit of the Gray code of each stripe.
+    Bit {
+        /// Of which coordinate.
+        axis: Axis,
+        /// Which bit: 0 is the coarsest, of which half the code's range is lit.
+        plane: u32,
+        /// Lit where the bit is 0.
+        inverse: bool,
+    },
+    /// One step of a sine wave along an axis.
+    Phase {
+        /// Of which coordinate.
+        axis: Axis,
+        /// Step `k` of `n` is ahead by k/n of a period.
+        step: u32,
+    },
+}
+
+impl std::fmt::Display for Shown {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Shown::White => f.write_str("white"),
+            Shown::Black => f.write_str("black"),
+            Shown::Bit { axis, plane, inverse } => {
+                let inverse = if *inverse { ", inverse" } else { "" };
+                write!(f, "bit {plane} of the {}{inverse}", axis.in_words())
+            }
+            Shown::Phase { axis, step } => write!(f, "phase step {step} of the {}", axis.in_words()),
+        }
+    }
+}
+
+/// Pictures that follow one another in a set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Group {
+    /// The white picture.
+    White,
+    /// The black picture.
+    Black,
+    /// The bits of one axis, then its phase steps.
+    Stripes(Axis),
+}
+
+/// How the inverse pictures stand in a set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Inverse {
+    /// Each right after its bit.
+    #[default]
+    After,
+    /// Each right before its bit.
+    Before,
+    /// All bits of an axis, then all their inverses.
+    Apart,
+    /// There are none: a pixel is lit where it is brighter than the mean of white and black.
+    None,
+}
+
+/// A code and its order in a set of pictures.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StripeCode {
+    /// Columns and rows of the projector [px].
+    pub projector: [u32; 2],
+    /// Bits by axis; 0 where an axis has no Gray code.
+    pub bits: [u32; 2],
+    /// Added to the projector's column and row before they are coded [px].
+    pub offset: [u32; 2],
+    /// Projector pixels to a stripe of the finest bit's code: 1, 2, 4, … [px].
+    pub stripe: [u32; 2],
+    /// What follows what.
+    pub order: Vec<Group>,
+    /// Where inverse pictures stand.
+    pub inverse: Inverse,
+    /// Whether the finest bit of an axis comes first.
+    pub fine_first: bool,
+    /// Steps of the phase shift; 0: none.
+    pub steps: u32,
+    /// Its period [px].
+    pub period: u32,
+}
+
+/// Bits that `n` numbers need.
+fn bits_for(n: u32) -> u32 {
+    n.saturating_sub(1).checked_ilog2().map_or(0, |it| it + 1).max(1)
+}
+
+impl StripeCode {
+    /// Gray code of columns, then rows, each bit followed by its inverse, then white and black: OpenCV's order.
+    pub fn gray(projector: [u32; 2]) -> StripeCode {
+        StripeCode {
+            projector,
+            bits: projector.map(bits_for),
+            offset: [0, 0],
+            stripe: [1, 1],
+            order: vec![Group::Stripes(Axis::Columns), Group::Stripes(Axis::Rows), Group::White, Group::Black],
+            inverse: Inverse::After,
+            fine_first: false,
+            steps: 0,
+            period: 0,
+        }
+    }
+
+    /// Phase shift of `steps` steps and a period of `period` px, on a Gray code whose stripes are half a period wide.
+    pub fn phase(projector: [u32; 2], steps: u32, period: u32) -> StripeCode {
+        let stripe = (period / 2).max(1).next_power_of_two();
+        let bits = projector.map(|it| bits_for(it.div_ceil(stripe)));
+        StripeCode { bits, stripe: [stripe, stripe], steps, period: 2 * stripe, ..StripeCode::gray(projector) }
+    }
+
+    /// The same with `bits` pictures for each axis rather than as many as its columns and rows need: fewer leave the finest out.
+    ///
+    /// With `centred`, the code's middle is the projector's rather than its beginning.
+    pub fn with_bits(mut self, bits: [Option<u32>; 2], centred: bool) -> StripeCode {
+        for axis in 0..2 {
+            let needed = bits_for(self.projector[axis]);
+            let range = bits[axis].unwrap_or(needed).max(needed).min(16);
+            if let Some(it) = bits[axis] {
+                self.bits[axis] = it;
+                self.stripe[axis] = 1 << (range - it.min(range));
+            }
+            if centred {
+                self.offset[axis] = ((1 << range) - self.projector[axis]) / 2;
+            }
+        }
+        self
+    }
+
+    /// # Errors
+    /// What cannot be, with what was expected.
+    pub fn check(&self) -> Result<(), ImagingError> {
+        let sides = "1 to 32768 columns and rows";
+        for side in self.projector {
+            ImagingError::unless((1..=MAX_SIDE).contains(&side), "projector", sides, f64::from(side))?;
+        }
+        for axis in Axis::BOTH {
+            let at = axis.index();
+            if !self.order.contains(&Group::Stripes(axis)) {
+                continue;
+            }
+            let bits = f64::from(self.bits[at]);
+            ImagingError::unless((1..=16).contains(&self.bits[at]), "bits", "1 to 16 for each axis", bits)?;
+            let reach = (1_u64 << self.bits[at]) * u64::from(self.stripe[at]);
+            let needed = u64::from(self.projector[at]) + u64::from(self.offset[at]);
+            let expected = "enough bits to number all columns (rows) of the projector";
+            ImagingError::unless(reach >= needed, "bits", expected, bits)?;
+        }
+        let any = self.order.iter().any(|it| matches!(it, Group::Stripes(_)));
+        ImagingError::unless(any, "order", "columns, rows or both", 0.0)?;
+        for (at, group) in self.order.iter().enumerate() {
+            let again = self.order[..at].contains(group);
+            ImagingError::unless(!again, "order", "each group of pictures once", at as f64)?;
+        }
+        if self.inverse == Inverse::None {
+            let both = [Group::White, Group::Black].iter().all(|it| self.order.contains(it));
+            ImagingError::unless(both, "order", "white and black where there are no inverse pictures", 0.0)?;
+        }
+        if self.steps > 0 {
+            let steps = f64::from(self.steps);
+            ImagingError::unless((3..=MAX_STEPS).contains(&self.steps), "steps", "3 to 32", steps)?;
+            let fits = self.period == 2 * self.stripe[0] && self.period == 2 * self.stripe[1];
+            let expected = "twice the width of the stripes of the Gray code below it";
+            ImagingError::unless(fits && self.period >= 4, "period", expected, f64::from(self.period))?;
+        }
+        Ok(())
+    }
+
+    /// Whether the set tells this coordinate.
+    pub fn has(&self, axis: Axis) -> bool {
+        self.order.contains(&Group::Stripes(axis))
+    }
+
+    /// What each picture of a set shows, in order.
+    pub fn pictures(&self) -> Vec<Shown> {
+        self.order.iter().flat_map(|group| self.group(*group)).collect()
+    }
+
+    fn group(&self, group: Group) -> Vec<Shown> {
+        let axis = match group {
+            Group::White => return vec![Shown::White],
+            Group::Black => return vec![Shown::Black],
+            Group::Stripes(axis) => axis,
+        };
+        let mut planes: Vec<u32> = (0..self.bits[axis.index()]).collect();
+        if self.fine_first {
+            planes.reverse();
+        }
+        let bit = |inverse: bool| move |plane: &u32| Shown::Bit { axis, plane: *plane, inverse };
+        let pair = |first: bool| planes.iter().flat_map(move |it| [bit(first)(it), bit(!first)(it)]);
+        let mut list: Vec<Shown> = match self.inverse {
+            Inverse::After => pair(false).collect(),
+            Inverse::Before => pair(true).collect(),
+            Inverse::Apart => planes.iter().map(bit(false)).chain(planes.iter().map(bit(true))).collect(),
+            Inverse::None => planes.iter().map(bit(false)).collect(),
+        };
+        list.extend((0..self.steps).map(|step| Shown::Phase { axis, step }));
+        list
+    }
+
+    /// The place of a picture in a set.
+    pub fn place(&self, shown: Shown) -> Option<usize> {
+        self.pictures().iter().position(|it| *it == shown)
+    }
+}
+
+/// The Gray code of a number.
+pub fn gray_of(number: u32) -> u32 {
+    number ^ (number >> 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn opencv_order_has_42_pictures_for_1024_by_768() {
+        let pictures = StripeCode::gray([1024, 768]).pictures();
+        assert_eq!(pictures.len(), 42);
+        assert_eq!(pictures[0], Shown::Bit { axis: Axis::Columns, plane: 0, inverse: false });
+        assert_eq!(pictures[21], Shown::Bit { axis: Axis::Rows, plane: 0, inverse: true });
+        assert_eq!(pictures[40..], [Shown::White, Shown::Black]);
+    }
+
+    #[test]
+    fn bits_and_offsets_of_projectors_that_are_no_power_of_two() {
+        assert_eq!(StripeCode::gray([1280, 800]).bits, [11, 10]);
+        assert_eq!([1, 2, 3, 4, 5, 1024, 1025].map(bits_for), [1, 1, 2, 2, 3, 10, 11]);
+        let centred = StripeCode::gray([1280, 800]).with_bits([None, None], true);
+        assert_eq!(centred.offset, [384, 112]);
+        let coarse = StripeCode::gray([1024, 768]).with_bits([Some(8), None], false);
+        assert_eq!((coarse.bits, coarse.stripe), ([8, 10], [4, 1]));
+        assert!(coarse.check().is_ok());
+    }
+
+    #[test]
+    fn codes_that_cannot_be_are_refused() {
+        let good = StripeCode::gray([1024, 768]);
+        let fault = |code: StripeCode| code.check().unwrap_err().to_string();
+        assert!(fault(StripeCode { bits: [9, 10], ..good.clone() }).contains("number all columns"));
+        assert!(fault(StripeCode { projector: [0, 768], ..good.clone() }).contains("projector is 0"));
+        let order = vec![Group::Stripes(Axis::Columns)];
+        assert!(fault(StripeCode { order, inverse: Inverse::None, ..good.clone() }).contains("white and black"));
+        assert!(fault(StripeCode { order: vec![Group::White], ..good.clone() }).contains("columns, rows"));
+        assert!(fault(StripeCode { steps: 2, period: 2, ..good }).contains("steps is 2"));
+        assert!(StripeCode::phase([1024, 768], 4, 16).check().is_ok());
+    }
+}

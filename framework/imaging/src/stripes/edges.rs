@@ -1,0 +1,429 @@
+//! Boundaries of stripes between camera pixels, and the projector coordinate of each camera pixel from them.
+//!
+//! 1. Two neighbouring camera pixels of neighbouring stripes have a boundary between them. It belongs to one bit of the Gray code, whose
+//!    picture is brighter than its inverse on one side and darker on the other: the boundary is where the difference, over white − black, passes through zero
+//!    between the two. The projector coordinate of a boundary is known exactly.
+//! 2. The projector coordinate of a pixel is that of a plane through the boundaries around it, u = a + b x + c y, with what lies off that plane left out.
+//!    Its standard deviation follows from how far off the others are.
+//! 3. A pixel whose plane is not in the stripe that it was decoded to, or does not fit, lies at a discontinuity and is left out.
+
+use super::code::{Axis, Shown, StripeCode};
+use super::gray::{Decoded, NONE, same_size};
+use crate::{ImageView, ImagingError};
+
+/// How coordinates are made from boundaries.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EdgeOptions {
+    /// How far around a pixel boundaries are taken from; 0: one and a half stripes, at least 2 [px].
+    pub reach: usize,
+    /// Of a camera's gray levels, standard deviation, for how boundaries weigh [gray levels].
+    pub noise: f64,
+    /// A pixel whose boundaries lie farther off their plane than this, root mean square, is left out [projector px].
+    pub max_rms: f64,
+    /// Threads.
+    pub threads: usize,
+}
+
+impl Default for EdgeOptions {
+    fn default() -> Self {
+        Self { reach: 0, noise: 1.5, max_rms: 0.3, threads: 1 }
+    }
+}
+
+/// The projector coordinates of camera pixels.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Coordinates {
+    /// Columns and rows of the camera's pictures [px].
+    pub size: [usize; 2],
+    /// By axis, row by row: projector column (row), NaN where there is none; empty for an axis that was not decoded [px].
+    pub values: [Vec<f32>; 2],
+    /// Their standard deviations, NaN where there is none [px].
+    pub sigmas: [Vec<f32>; 2],
+}
+
+/// A boundary of two stripes in the camera's picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Boundary {
+    /// Where it passes between two pixels, one of its coordinates being a whole number [px].
+    pub x: f32,
+    /// As above.
+    pub y: f32,
+    /// Projector column (row) of the boundary [px].
+    pub at: f32,
+    /// Standard deviation along the line of the two pixels [px].
+    pub sigma: f32,
+}
+
+/// No boundary is taken to be placed better than this, however strong: what is between two pixels is not quite a straight line [px].
+const BEST_SIGMA: f64 = 0.05;
+/// Boundaries farther off their plane than so many standard deviations are left out.
+const OUTLIER: f64 = 3.0;
+/// And never those nearer than this [projector px].
+const NEAR: f64 = 0.2;
+/// Boundaries that make a plane.
+const MIN_BOUNDARIES: usize = 4;
+/// How far a plane may be outside the stripe that its pixel was decoded to [projector px].
+const OUTSIDE: f64 = 0.4;
+/// A coordinate known less well than this is none [projector px].
+const MAX_SIGMA: f64 = 0.5;
+
+/// All boundaries of the stripes of `axis`, row by row, in a row ascending by `x`; with, by row, where it begins, and the end.
+///
+/// # Errors
+/// A set of pictures that is not as `code` says.
+pub fn boundaries(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    decoded: &Decoded,
+    axis: Axis,
+    noise: f64,
+) -> Result<(Vec<Boundary>, Vec<usize>), ImagingError> {
+    same_size(code, pictures)?;
+    let ([width, height], index) = (decoded.size, axis.index());
+    let stripes = &decoded.stripes[index];
+    let (shown, bits) = (code.pictures(), code.bits[index]);
+    let picture = |what: Shown| shown.iter().position(|it| *it == what).map(|it| pictures[it].pixels());
+    // By plane: the picture and its inverse, or twice the picture less white and black.
+    let pairs: Vec<Option<(&[u8], Option<&[u8]>)>> = (0..bits)
+        .map(|plane| {
+            let lit = picture(Shown::Bit { axis, plane, inverse: false })?;
+            Some((lit, picture(Shown::Bit { axis, plane, inverse: true })))
+        })
+        .collect();
+    let (white, black) = (picture(Shown::White), picture(Shown::Black));
+    let (stripe_width, offset) = (code.stripe[index], code.offset[index]);
+    let first = offset / stripe_width;
+    let difference = |plane: usize, at: usize| -> f64 {
+        let Some((lit, unlit)) = pairs[plane] else { return f64::NAN };
+        let lit = f64::from(lit[at]);
+        let difference = match (unlit, white, black) {
+            (Some(unlit), ..) => lit - f64::from(unlit[at]),
+            (None, Some(white), Some(black)) => 2.0 * lit - f64::from(white[at]) - f64::from(black[at]),
+            (None, ..) => f64::NAN,
+        };
+        difference / f64::from(decoded.contrast[at].max(1))
+    };
+    let (mut list, mut starts) = (Vec::new(), Vec::with_capacity(height + 1));
+    let between = |from: usize, to: usize, down: bool, list: &mut Vec<Boundary>| {
+        let (a, b) = (stripes[from], stripes[to]);
+        // Two boundaries between two pixels are of different bits, and each can be placed; more cannot be told from a step.
+        if a == b || a == NONE || b == NONE || a.abs_diff(b) > 2 {
+            return;
+        }
+        for number in a.min(b) + 1..=a.max(b) {
+            let number = u32::from(number) + first;
+            let Some(plane) = bits.checked_sub(1 + number.trailing_zeros()) else { continue };
+            let (before, after) = (difference(plane as usize, from), difference(plane as usize, to));
+            let part = before / (before - after);
+            if !(0.0..=1.0).contains(&part) {
+                continue;
+            }
+            let weakest = f64::from(decoded.contrast[from].min(decoded.contrast[to]).max(1));
+            let along = noise * std::f64::consts::SQRT_2 / weakest * part.hypot(1.0 - part) / (before - after).abs();
+            let (x, y) = ((from % width) as f64, (from / width) as f64);
+            let (x, y) = if down { (x, y + part) } else { (x + part, y) };
+            let at = f64::from(number * stripe_width) - 0.5 - f64::from(offset);
+            list.push(Boundary { x: x as f32, y: y as f32, at: at as f32, sigma: along.hypot(BEST_SIGMA) as f32 });
+        }
+    };
+    for y in 0..height {
+        starts.push(list.len());
+        for x in 0..width {
+            let at = y * width + x;
+            if x + 1 < width {
+                between(at, at + 1, false, &mut list);
+            }
+            if y + 1 < height {
+                between(at, at + width, true, &mut list);
+            }
+        }
+        let row = *starts.last().unwrap_or(&0);
+        list[row..].sort_by(|a, b| a.x.total_cmp(&b.x));
+    }
+    starts.push(list.len());
+    Ok((list, starts))
+}
+
+/// The projector coordinate of each camera pixel from the boundaries around it.
+///
+/// # Errors
+/// A set of pictures that is not as `code` says.
+pub fn coordinates(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    decoded: &Decoded,
+    options: &EdgeOptions,
+) -> Result<Coordinates, ImagingError> {
+    let mut found = Coordinates { size: decoded.size, ..Coordinates::default() };
+    let ([width, height], n) = (decoded.size, decoded.size[0] * decoded.size[1]);
+    for axis in Axis::BOTH {
+        let index = axis.index();
+        if decoded.stripes[index].len() != n || n == 0 {
+            continue;
+        }
+        let (list, starts) = boundaries(code, pictures, decoded, axis, options.noise)?;
+        let lit = decoded.stripes[index].iter().filter(|it| **it != NONE).count();
+        let reach = match options.reach {
+            0 => ((1.5 * lit as f64 / list.len().max(1) as f64).ceil() as usize).clamp(2, 24),
+            it => it,
+        };
+        let field = Field { list: &list, starts: &starts, decoded, index, code, reach, max_rms: options.max_rms };
+        let (mut values, mut sigmas) = (vec![f32::NAN; n], vec![f32::NAN; n]);
+        let rows = height.div_ceil(options.threads.max(1)).max(1);
+        std::thread::scope(|scope| {
+            let parts = values.chunks_mut(rows * width).zip(sigmas.chunks_mut(rows * width));
+            for (part, (values, sigmas)) in parts.enumerate() {
+                let field = &field;
+                let mut run = move || field.fill(part * rows, values, sigmas);
+                if rows == height {
+                    run();
+                } else {
+                    scope.spawn(run);
+                }
+            }
+        });
+        (found.values[index], found.sigmas[index]) = (values, sigmas);
+    }
+    Ok(found)
+}
+
+/// Boundaries of one axis.
+struct Field<'a> {
+    list: &'a [Boundary],
+    starts: &'a [usize],
+    decoded: &'a Decoded,
+    index: usize,
+    code: &'a StripeCode,
+    reach: usize,
+    max_rms: f64,
+}
+
+/// A boundary seen from a pixel.
+#[derive(Clone, Copy)]
+struct Near {
+    x: f64,
+    y: f64,
+    u: f64,
+    weight: f64,
+}
+
+impl Field<'_> {
+    /// Fills some rows from `first` on.
+    fn fill(&self, first: usize, values: &mut [f32], sigmas: &mut [f32]) {
+        let [width, height] = self.decoded.size;
+        let stripes = &self.decoded.stripes[self.index];
+        let (stripe_width, offset) = (self.code.stripe[self.index], self.code.offset[self.index]);
+        let middle = f64::from(stripe_width - 1) / 2.0 - f64::from(offset % stripe_width);
+        let reach = self.reach as f32;
+        let mut near: Vec<Near> = Vec::new();
+        let mut begins: Vec<usize> = Vec::new();
+        for (row, (values, sigmas)) in values.chunks_mut(width).zip(sigmas.chunks_mut(width)).enumerate() {
+            let y = first + row;
+            let rows = y.saturating_sub(self.reach)..(y + self.reach + 1).min(height);
+            begins.clear();
+            begins.extend(rows.clone().map(|it| self.starts[it]));
+            for x in 0..width {
+                let stripe = stripes[y * width + x];
+                if stripe == NONE {
+                    continue;
+                }
+                let centre = f64::from(stripe) * f64::from(stripe_width) + middle;
+                near.clear();
+                for (begin, row) in begins.iter_mut().zip(rows.clone()) {
+                    let end = self.starts[row + 1];
+                    while *begin < end && self.list[*begin].x < x as f32 - reach {
+                        *begin += 1;
+                    }
+                    for it in self.list[*begin..end].iter().take_while(|it| it.x <= x as f32 + reach) {
+                        let u = f64::from(it.at) - centre;
+                        near.push(Near {
+                            x: f64::from(it.x) - x as f64,
+                            y: f64::from(it.y) - y as f64,
+                            u,
+                            weight: 1.0 / f64::from(it.sigma * it.sigma),
+                        });
+                    }
+                }
+                let half = f64::from(stripe_width) / 2.0;
+                if let Some((value, sigma)) = plane(&mut near, half, self.max_rms) {
+                    values[x] = (centre + value) as f32;
+                    sigmas[x] = sigma as f32;
+                }
+            }
+        }
+    }
+}
+
+/// Value and standard deviation in the middle of a plane through boundaries; `None` where they make no plane, or one that is more than [`OUTSIDE`]
+/// beyond `half` a stripe.
+fn plane(near: &mut Vec<Near>, half: f64, max_rms: f64) -> Option<(f64, f64)> {
+    // Boundaries of another surface are far off at first: the median says what is usual here.
+    for round in 0..4 {
+        // Points of one boundary alone do not tell the slope across it.
+        if near.len() < MIN_BOUNDARIES || near.iter().all(|it| it.u == near[0].u) {
+            return None;
+        }
+        let Plane { at, slope, variance } = Plane::fit(near)?;
+        let residual = |it: &Near| it.u - at - slope[0] * it.x - slope[1] * it.y;
+        let steep = slope[0].hypot(slope[1]);
+        let n = near.len() as f64;
+        let rms = (near.iter().map(|it| residual(it).powi(2)).sum::<f64>() / (n - 3.0).max(1.0)).sqrt();
+        let limit = (OUTLIER * rms.min(max_rms)).max(NEAR * steep.max(1.0).min(2.0 * half));
+        let before = near.len();
+        if round < 3 {
+            near.retain(|it| residual(it).abs() <= limit);
+        }
+        if near.len() == before {
+            // Boundaries err by their share of the slope; what they are off beyond that counts too.
+            let claimed = steep * steep;
+            let factor = {
+                let sum: f64 = near.iter().map(|it| residual(it).powi(2) * it.weight).sum();
+                (sum / (n - 3.0).max(1.0)).max(claimed)
+            };
+            // What is between pixels is no straight line, and not for one boundary alone: that part does not average out.
+            let sigma = (variance * factor).sqrt().hypot(BEST_SIGMA * steep);
+            let good =
+                at.abs() <= half + OUTSIDE && rms <= max_rms * (2.0 * half).max(1.0) && sigma <= MAX_SIGMA * 2.0 * half;
+            return (good && sigma.is_finite()).then_some((at, sigma));
+        }
+    }
+    None
+}
+
+struct Plane {
+    at: f64,
+    slope: [f64; 2],
+    /// Of `at`, for weights that are inverse variances.
+    variance: f64,
+}
+
+impl Plane {
+    fn fit(near: &[Near]) -> Option<Plane> {
+        let (mut s, mut sx, mut sy, mut sxx, mut sxy, mut syy) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let (mut su, mut sxu, mut syu) = (0.0, 0.0, 0.0);
+        for Near { x, y, u, weight } in near {
+            let (wx, wy) = (weight * x, weight * y);
+            s += weight;
+            sx += wx;
+            sy += wy;
+            sxx += wx * x;
+            sxy += wx * y;
+            syy += wy * y;
+            su += weight * u;
+            sxu += wx * u;
+            syu += wy * u;
+        }
+        let (a, b, c) = (sxx * syy - sxy * sxy, sxy * sy - sx * syy, sx * sxy - sxx * sy);
+        let determinant = s * a + sx * b + sy * c;
+        if determinant.is_nan() || determinant <= 1e-9 * s * sxx * syy || determinant <= 0.0 {
+            return None;
+        }
+        let (d, e, f) = (s * syy - sy * sy, sx * sy - s * sxy, s * sxx - sx * sx);
+        Some(Plane {
+            at: (a * su + b * sxu + c * syu) / determinant,
+            slope: [(b * su + d * sxu + e * syu) / determinant, (c * su + e * sxu + f * syu) / determinant],
+            variance: a / determinant,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::code::{Axis, StripeCode};
+    use super::super::gray::{DecodeOptions, decode};
+    use super::super::scene::{Scene, wall};
+    use super::*;
+
+    struct Judged {
+        share: f64,
+        rms: f64,
+        worst: f64,
+        /// Root mean square of errors over their standard deviations.
+        normalised: f64,
+    }
+
+    /// The least over the pixel's area, which may lie on both sides of a step.
+    fn error(scene: &Scene, at: usize, index: usize, value: f64) -> f64 {
+        let (x, y) = ((at % scene.size[0]) as f64, (at / scene.size[0]) as f64);
+        let off = |dx: f64| value - (scene.projector)(x + dx, y)[index];
+        if off(-0.5).abs().max(off(0.5).abs()) < 2.0 {
+            off(0.0)
+        } else {
+            [off(-0.5), off(0.5)].into_iter().min_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap()
+        }
+    }
+
+    fn judge(scene: &Scene, code: &StripeCode, axis: Axis) -> Judged {
+        let pictures = scene.pictures(code);
+        let [width, height] = scene.size;
+        let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, width, height).unwrap()).collect();
+        let decoded = decode(code, &views, &Axis::BOTH, &DecodeOptions::default()).unwrap();
+        let found = coordinates(code, &views, &decoded, &EdgeOptions { threads: 2, ..EdgeOptions::default() }).unwrap();
+        let index = axis.index();
+        let mut errors: Vec<(f64, f64)> = Vec::new();
+        for (at, (value, sigma)) in found.values[index].iter().zip(&found.sigmas[index]).enumerate() {
+            if value.is_finite() {
+                errors.push((error(scene, at, index, f64::from(*value)), f64::from(*sigma)));
+            }
+        }
+        let n = errors.len() as f64;
+        Judged {
+            share: n / (width * height) as f64,
+            rms: (errors.iter().map(|it| it.0 * it.0).sum::<f64>() / n).sqrt(),
+            worst: errors.iter().map(|it| it.0.abs()).fold(0.0, f64::max),
+            normalised: (errors.iter().map(|it| (it.0 / it.1).powi(2)).sum::<f64>() / n).sqrt(),
+        }
+    }
+
+    #[track_caller]
+    fn check(make: impl Fn(u64) -> Scene, code: &StripeCode, share: f64, rms: f64, worst: f64) {
+        for seed in 1..=4 {
+            for axis in Axis::BOTH {
+                let it = judge(&make(seed), code, axis);
+                assert!(it.share >= share, "{axis:?}, seed {seed}: {} of the pixels", it.share);
+                assert!(it.rms <= rms && it.worst <= worst, "{axis:?}, seed {seed}: rms {} worst {}", it.rms, it.worst);
+                assert!((0.1..1.8).contains(&it.normalised), "{axis:?}, seed {seed}: {} sigma", it.normalised);
+            }
+        }
+    }
+
+    #[test]
+    fn coordinates_are_known_to_a_part_of_a_projector_pixel() {
+        // The middles of stripes would be 0.29 px off.
+        check(wall, &StripeCode::gray([160, 120]), 0.95, 0.04, 0.8);
+    }
+
+    #[test]
+    fn a_gamma_and_blur_do_not_move_boundaries() {
+        check(|seed| Scene { gamma: 2.2, defocus: 0.8, ..wall(seed) }, &StripeCode::gray([160, 120]), 0.95, 0.04, 0.8);
+    }
+
+    #[test]
+    fn coarse_stripes_are_placed_by_their_edges_too() {
+        let far = |x: f64, y: f64| [20.0 + 0.193 * x, 14.0 + 0.21 * y];
+        check(
+            |seed| Scene { projector: far, shadow: |_, _| false, ..wall(seed) },
+            &StripeCode::gray([160, 120]),
+            0.9,
+            0.04,
+            0.3,
+        );
+    }
+
+    #[test]
+    fn nothing_is_made_up_across_a_step() {
+        let scene = wall(5);
+        let pictures = scene.pictures(&StripeCode::gray([160, 120]));
+        let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+        let code = StripeCode::gray([160, 120]);
+        let decoded = decode(&code, &views, &Axis::BOTH, &DecodeOptions::default()).unwrap();
+        let found = coordinates(&code, &views, &decoded, &EdgeOptions::default()).unwrap();
+        for y in 0..120 {
+            for x in 84..94 {
+                let value = f64::from(found.values[0][y * 160 + x]);
+                let off = error(&scene, y * 160 + x, 0, value);
+                assert!(value.is_nan() || off.abs() < 0.8, "({x}, {y}): {value} is off by {off}");
+            }
+        }
+    }
+}

@@ -1,0 +1,30 @@
+//! Structured light: stripes that a projector shows, and where in the projector each pixel of a camera is lit from.
+//!
+//! | module | what it is |
+//! |---|---|
+//! | [`code`] | which pictures make a code, in which order: Gray code with inverse pictures or with a threshold, phase shift on top of it |
+//! | [`pattern`] | the pictures that a projector shows |
+//! | [`gray`] | camera pixel → stripe, or none where the pictures do not say it for certain |
+//! | [`edges`] | boundaries of stripes between camera pixels, and the projector coordinate of each camera pixel from them |
+//! | [`phase`] | the projector coordinate of each camera pixel from shifted sine waves |
+//! | [`examine`] | what is wrong with a set of pictures: missing, doubled, swapped, inverted, too bright, too dark |
+//!
+//! Projector coordinates: (0, 0) is the centre of the projector's top-left pixel; column `c` reaches from `c − ½` to `c + ½`.
+//!
+//! Source: J. Posdamer, M. Altschuler, "Surface measurement by space-encoded projected beam systems", CGIP 18(1), 1982, with the Gray code of
+//! S. Inokuchi et al., 1984; direct and global light: S. Nayar et al., "Fast separation of direct and global components of a scene using
+//! high frequency illumination", SIGGRAPH 2006.
+
+pub mod code;
+pub mod edges;
+pub mod examine;
+pub mod gray;
+pub mod pattern;
+// pub mod phase;
+#[cfg(test)]
+mod scene;
+
+pub use code::{Axis, Group, Inverse, Shown, StripeCode};
+pub use edges::{Coordinates, EdgeOptions};
+pub use examine::{Examination, SetFault, examine};
+pub use gray::{DecodeOptions, Decoded, decode};

@@ -1,0 +1,108 @@
+//! Pictures of a scene for tests, by another model than that of what is tested: light is integrated over each camera pixel on a surface with
+//! texture, the projector has a gamma and is out of focus, the camera has noise and eight bits.
+
+use foveate_estimation::random::Random;
+
+use super::code::StripeCode;
+use super::pattern::picture;
+
+/// What the camera looks at.
+#[derive(Debug, Clone)]
+pub(super) struct Scene {
+    pub size: [usize; 2],
+    /// Projector coordinate of a place in the picture.
+    pub projector: fn(f64, f64) -> [f64; 2],
+    /// Part of the projector's light that comes back [–].
+    pub albedo: fn(f64, f64) -> f64,
+    /// Whether the projector's light does not reach a place.
+    pub shadow: fn(f64, f64) -> bool,
+    /// Light of all of the projector's picture that reaches a place over other surfaces, over its direct light at albedo 1 [–].
+    pub global: fn(f64, f64) -> f64,
+    /// Of the projector's picture, standard deviation [projector px].
+    pub defocus: f64,
+    /// Of the camera [gray levels].
+    pub noise: f64,
+    /// Light of the room and of the projector's black [gray levels].
+    pub ambient: f64,
+    /// Of the projector's light on white [gray levels].
+    pub gain: f64,
+    /// The camera's response: gray = 255 (light / 255)^(1 / gamma) [–].
+    pub gamma: f64,
+    pub seed: u64,
+}
+
+/// A slanted wall with a step in it, a texture, a shadow beside the step.
+pub(super) fn wall(seed: u64) -> Scene {
+    Scene {
+        size: [160, 120],
+        projector: |x, y| {
+            let step = if x > 90.0 { 17.0 } else { 0.0 };
+            [20.0 + 0.61 * x + 0.04 * y + step, 12.0 + 0.58 * y - 0.03 * x]
+        },
+        albedo: |x, y| 0.35 + 0.3 * ((x / 7.0).sin() * (y / 9.0).cos() + 1.0),
+        shadow: |x, _| (86.0..=90.0).contains(&x),
+        global: |_, _| 0.03,
+        defocus: 0.45,
+        noise: 1.0,
+        ambient: 14.0,
+        gain: 180.0,
+        gamma: 1.0,
+        seed,
+    }
+}
+
+impl Scene {
+    /// All pictures of a set.
+    pub(super) fn pictures(&self, code: &StripeCode) -> Vec<Vec<u8>> {
+        let shown = code.pictures();
+        shown.iter().enumerate().map(|(at, it)| self.seen(code, &picture(code, *it, 1.0), at as u64)).collect()
+    }
+
+    fn seen(&self, code: &StripeCode, shown: &[u8], number: u64) -> Vec<u8> {
+        let mut chance = Random::new(self.seed.wrapping_mul(1000) + number);
+        let [columns, rows] = code.projector.map(|it| it as usize);
+        let blurred = blurred(shown, columns, rows, self.defocus);
+        let mean = shown.iter().map(|it| f64::from(*it)).sum::<f64>() / (255.0 * shown.len() as f64);
+        let light = |x: f64, y: f64| {
+            let albedo = (self.albedo)(x, y);
+            let [u, v] = (self.projector)(x, y);
+            let (column, row) = ((u + 0.5).floor(), (v + 0.5).floor());
+            let inside = column >= 0.0 && row >= 0.0 && column < columns as f64 && row < rows as f64;
+            let direct =
+                if inside && !(self.shadow)(x, y) { blurred[row as usize * columns + column as usize] } else { 0.0 };
+            self.ambient * albedo + self.gain * albedo * (direct + (self.global)(x, y) * mean)
+        };
+        let [width, height] = self.size;
+        let mut pixels = Vec::with_capacity(width * height);
+        for y in 0..height {
+            for x in 0..width {
+                let mut sum = 0.0;
+                const SAMPLES: usize = 5;
+                for sample in 0..SAMPLES * SAMPLES {
+                    let offset = |it: usize| (it as f64 + 0.5) / SAMPLES as f64 - 0.5;
+                    sum += light(x as f64 + offset(sample % SAMPLES), y as f64 + offset(sample / SAMPLES));
+                }
+                let light = (sum / (SAMPLES * SAMPLES) as f64).min(255.0);
+                let gray = 255.0 * (light / 255.0).powf(1.0 / self.gamma) + self.noise * chance.normal();
+                pixels.push(gray.round().clamp(0.0, 255.0) as u8);
+            }
+        }
+        pixels
+    }
+}
+
+/// A projector's picture out of focus, 0 to 1; each of its pixels is an even square.
+fn blurred(shown: &[u8], columns: usize, rows: usize, sigma: f64) -> Vec<f64> {
+    let kernel: Vec<f64> = (-3..=3).map(|it| (-0.5 * (f64::from(it) / sigma.max(0.05)).powi(2)).exp()).collect();
+    let sum: f64 = kernel.iter().sum();
+    let along = |from: &[f64], step: usize, n: usize, at: usize, place: usize| -> f64 {
+        let tap = |(k, weight): (usize, &f64)| {
+            let other = (place + k).saturating_sub(3).min(n - 1);
+            weight / sum * from[at + other * step - place * step]
+        };
+        kernel.iter().enumerate().map(tap).sum()
+    };
+    let start: Vec<f64> = shown.iter().map(|it| f64::from(*it) / 255.0).collect();
+    let across: Vec<f64> = (0..start.len()).map(|at| along(&start, 1, columns, at, at % columns)).collect();
+    (0..start.len()).map(|at| along(&across, columns, rows, at, at / columns)).collect()
+}
