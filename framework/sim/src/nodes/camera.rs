@@ -9,6 +9,7 @@ use super::fields::{CLOCK_FIGURES, Fields};
 use crate::bump::Pending;
 use crate::camera::{CameraSettings, Renderer, SensorSettings};
 use crate::head::HeadMotion;
+use crate::projector::Projection;
 use crate::timing::{Arrival, Timing};
 use crate::truth::TrueCamera;
 use crate::world::World;
@@ -16,10 +17,11 @@ use crate::world::World;
 ports! {
     WORLD: In<World> = latest("world");
     HEAD: In<HeadMotion> = latest("head").optional();
+    LIGHT: In<Projection> = latest("light").optional();
     IMAGE: Out<Image> = "image";
 }
 
-/// With `head` connected it stands on that head: the calibration's camera is the camera at rest, and field k shows the world as the turned
+/// With `light` connected, the surfaces whose shape is looked for are seen in that projector's light, too. With `head` connected it stands on that head: the calibration's camera is the camera at rest, and field k shows the world as the turned
 /// camera sees it, its LEDs smeared by the head's motion too. Field k is exposed around its capture time, stamped with what the camera's clock then shows, and delivered later: see
 /// [`Timing`]. Its pixels depend on the rig's seed, the camera and k alone.
 pub struct SimCamera {
@@ -82,7 +84,8 @@ impl Node for SimCamera {
             && let Some(world) = io.latest(&WORLD).map(|it| it.value.clone())
         {
             let camera = world.camera(self.name.as_deref(), &self.calibrated);
-            self.scene = Some(self.scene(world, camera, io.latest(&HEAD).is_some()));
+            let light = io.latest(&LIGHT).map(|it| it.value);
+            self.scene = Some(self.scene(world, camera, io.latest(&HEAD).is_some(), light));
         }
         let Some(Arrival { frame, capture, stamp, .. }) = self.fields.next(io, &IMAGE) else {
             return Ok(());
@@ -90,7 +93,8 @@ impl Node for SimCamera {
         if self.bump.as_ref().is_some_and(|it| capture >= it.at)
             && let Some((bump, Scene { world, camera, .. })) = self.bump.take().zip(self.scene.take())
         {
-            self.scene = Some(self.scene(world, bump.knocked(&camera), io.latest(&HEAD).is_some()));
+            let light = io.latest(&LIGHT).map(|it| it.value);
+            self.scene = Some(self.scene(world, bump.knocked(&camera), io.latest(&HEAD).is_some(), light));
         }
         let Some(Scene { world, camera, renderer }) = &mut self.scene else {
             Fields::without_world(io, &IMAGE, stamp);
@@ -120,12 +124,15 @@ impl Node for SimCamera {
 }
 
 impl SimCamera {
-    fn scene(&self, world: World, camera: TrueCamera, is_on_head: bool) -> Scene {
-        let renderer = if is_on_head {
+    fn scene(&self, world: World, camera: TrueCamera, is_on_head: bool, light: Option<&Projection>) -> Scene {
+        let mut renderer = if is_on_head {
             Renderer::on_head(&camera, self.id, &self.settings, &self.random)
         } else {
             Renderer::new(&camera, self.id, &world, &self.settings, &self.random)
         };
+        if let Some(light) = light {
+            renderer.light_with(light, &world);
+        }
         Scene { world, camera, renderer }
     }
 }
