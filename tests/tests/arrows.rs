@@ -58,6 +58,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("painted-mark", &["foveate"]),
     ("pan-tilt", &["foveate"]),
     ("select", &["foveate"]),
+    ("structured-light", &["foveate"]),
     (
         "cli",
         &[
@@ -82,6 +83,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "scene",
             "select",
             "sim",
+            "structured-light",
         ],
     ),
     ("tests", &[]),

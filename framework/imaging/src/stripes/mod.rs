@@ -20,7 +20,7 @@ pub mod edges;
 pub mod examine;
 pub mod gray;
 pub mod pattern;
-// pub mod phase;
+pub mod phase;
 #[cfg(test)]
 mod scene;
 

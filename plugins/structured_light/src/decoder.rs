@@ -1,0 +1,260 @@
+//! `structured_light.decoder`: where in the projector each camera pixel is lit from.
+//!
+//! 1. The set is examined: what is wrong with it is said with the names of its pictures, and an axis that it spoils is left out.
+//! 2. Stripes are decoded; then coordinates come from the boundaries between them, or from the phase.
+
+use foveate::imaging::ImageView;
+use foveate::imaging::stripes::code::{Axis, Shown, StripeCode};
+use foveate::imaging::stripes::gray::{DecodeOptions, Decoded, decode_into};
+use foveate::imaging::stripes::phase::PhaseOptions;
+use foveate::imaging::stripes::{Coordinates, EdgeOptions, edges, examine, phase};
+use foveate::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::pattern::{PatternSettings, calibrated_size};
+
+ports! {
+    PICTURES: In<PatternPictures> = each("pictures");
+    MAP: Out<ProjectorMap> = "map";
+    WHITE: Out<Image> = "white";
+}
+
+figures! {
+    "decoder.sets.*": count, high, "Sets of pictures of the camera of which at least one axis was decoded";
+    "decoder.sets_refused.*": count, low, "Sets of pictures of the camera of which nothing could be decoded";
+    "decoder.faults.*": count, low, "What was wrong with sets of pictures of the camera, each named in a remark";
+    "decoder.known_share.*": share, high, "Pixels of the camera with a projector coordinate over those that the projector lights, over all sets that were decoded";
+}
+
+/// Settings of [`Decoder`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct DecoderSettings {
+    /// The projector's name in the calibration, for its size [–]
+    pub projector: String,
+    /// The patterns, where no `patterns.toml` lies beside the pictures [–]
+    pub pattern: PatternSettings,
+    /// Whether `pattern` holds even where a `patterns.toml` lies beside the pictures [–]
+    pub ignore_manifest: bool,
+    /// White − black, at least: less is shadow, or not reached by the projector [gray level]
+    #[schemars(range(min = 1, max = 254))]
+    pub min_contrast: u8,
+    /// Difference of a picture and its inverse, at least: three standard deviations of a camera with noise of one gray level, and rounding [gray level]
+    #[schemars(range(min = 1, max = 127))]
+    pub min_difference: u8,
+    /// Direct light over all light that the projector brings to a pixel, at least; below a half other surfaces may have turned a bit [–]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub min_direct: f64,
+    /// Noise of the camera, standard deviation [gray level]
+    #[schemars(range(min = 0.05, max = 50.0))]
+    pub noise: f64,
+    /// Worker threads for one set [–]
+    #[schemars(range(min = 1, max = 64))]
+    pub threads: usize,
+}
+
+impl Default for DecoderSettings {
+    fn default() -> Self {
+        let (decode, edges) = (DecodeOptions::default(), EdgeOptions::default());
+        Self {
+            projector: "projector".to_owned(),
+            pattern: PatternSettings::default(),
+            ignore_manifest: false,
+            min_contrast: decode.min_contrast,
+            min_difference: decode.min_difference,
+            min_direct: decode.min_direct,
+            noise: edges.noise,
+            threads: 2,
+        }
+    }
+}
+
+/// Sets of pictures in, projector coordinates of camera pixels out, with the white picture of the set before them.
+pub struct Decoder {
+    settings: DecoderSettings,
+    camera_name: String,
+    camera_size: Option<[u32; 2]>,
+    projector_size: Option<[u32; 2]>,
+    /// From the settings; none where only a manifest says it.
+    code: Option<StripeCode>,
+    decoded: Decoded,
+    sets: u64,
+    refused: u64,
+    faults: Vec<String>,
+    known: u64,
+    lit: u64,
+}
+
+/// What is decoded of a set.
+struct Map {
+    map: ProjectorMap,
+    white: Vec<u8>,
+    lit: u64,
+    faults: Vec<String>,
+}
+
+impl Node for Decoder {
+    const TYPE: &'static str = "structured_light.decoder";
+    const ROLE: Role = Role::Detector;
+    const SUMMARY: &'static str = "Finds where in the projector each pixel of a camera is lit from";
+    const FIGURES: Figures = DECLARED_FIGURES;
+    type Settings = DecoderSettings;
+
+    fn ports() -> Ports {
+        declared_ports()
+    }
+
+    fn new(settings: DecoderSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        ConfigError::unless_in("min_contrast", settings.min_contrast, 1..=254)?;
+        ConfigError::unless_in("min_difference", settings.min_difference, 1..=127)?;
+        ConfigError::unless_in("min_direct", settings.min_direct, 0.0..=1.0)?;
+        ConfigError::unless_in("noise", settings.noise, 0.05..=50.0)?;
+        ConfigError::unless_in("threads", settings.threads, 1..=64)?;
+        let projector_size = calibrated_size(setup, &settings.projector);
+        let code = match settings.pattern.stripe_code(projector_size) {
+            Ok(code) => Some(code),
+            Err(fault) if fault.setting.as_deref() == Some("projector_px") => None,
+            Err(fault) => {
+                let setting = fault.setting.as_deref().map(|it| format!("pattern.{it}"));
+                return Err(ConfigError { setting, ..fault });
+            }
+        };
+        Ok(Self {
+            camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
+            camera_size: setup.camera_model().map(|it| it.image_size),
+            settings,
+            projector_size,
+            code,
+            decoded: Decoded::default(),
+            sets: 0,
+            refused: 0,
+            faults: Vec::new(),
+            known: 0,
+            lit: 0,
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let Some(set) = io.take(&PICTURES) else { return Ok(()) };
+        match self.decode(&set.value) {
+            Ok(Map { map, white, lit, faults }) => {
+                self.sets += 1;
+                self.known += u64::from(map.n_known);
+                self.lit += lit;
+                self.faults.extend(faults);
+                let (width, height, camera) = (map.width, map.height, map.camera);
+                let white = Image { camera, width, height, pixels: white, ..Image::default() };
+                io.emit(&WHITE, set.stamp, white);
+                io.emit(&MAP, set.stamp, map);
+            }
+            Err(faults) => {
+                self.refused += 1;
+                let reason = format!("{}: {}", set.value.name, faults.join("; "));
+                self.faults.extend(faults);
+                io.gap(&MAP, set.time(), reason);
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let name = &self.camera_name;
+        report.figure(format!("decoder.sets.{name}"), self.sets as f64);
+        report.figure(format!("decoder.sets_refused.{name}"), self.refused as f64);
+        report.figure(format!("decoder.faults.{name}"), self.faults.len() as f64);
+        report.figure(format!("decoder.known_share.{name}"), self.known as f64 / self.lit as f64);
+        self.faults.iter().for_each(|it| report.remark(it.clone()));
+        Ok(())
+    }
+}
+
+impl Decoder {
+    fn code_of(&self, set: &PatternPictures) -> Result<StripeCode, String> {
+        if !set.manifest.is_empty() && !self.settings.ignore_manifest {
+            let manifest = PatternSettings::read(&set.manifest);
+            let code = manifest.and_then(|it| it.stripe_code(self.projector_size).map_err(|fault| fault.message));
+            let code = code.map_err(|fault| format!("{}/{}: {fault}", set.name, crate::pattern::MANIFEST))?;
+            if let Some(size) = self.projector_size.filter(|it| *it != code.projector) {
+                let [found, expected] = [code.projector, size].map(|[columns, rows]| format!("{columns} x {rows} px"));
+                let name = &self.settings.projector;
+                return Err(format!("the patterns are for a projector of {found}, expected {expected} as `{name}` in the calibration"));
+            }
+            return Ok(code);
+        }
+        self.code.clone().ok_or_else(|| {
+            let name = &self.settings.projector;
+            format!("nothing says the size of the projector: expected `pattern.projector_px`, or `{name}` in the calibration")
+        })
+    }
+
+    fn decode(&mut self, set: &PatternPictures) -> Result<Map, Vec<String>> {
+        let one = |fault: String| vec![fault];
+        let code = self.code_of(set).map_err(one)?;
+        let (width, height) = (set.width as usize, set.height as usize);
+        if let Some([columns, rows]) = self.camera_size.filter(|it| *it != [set.width, set.height]) {
+            let fault = format!("pictures of `{}` are {width} x {height} px, expected {columns} x {rows} px", set.name);
+            return Err(one(fault));
+        }
+        let views: Vec<ImageView<'_>> = (0..set.names.len())
+            .map(|it| ImageView::new(set.picture(it).unwrap_or_default(), width, height))
+            .collect::<Result<_, _>>()
+            .map_err(|fault| one(fault.to_string()))?;
+        let found = examine(&code, &views, self.settings.min_contrast);
+        let name = |it: usize| set.names.get(it).map_or_else(|| format!("picture {it}"), |it| format!("`{it}`"));
+        let faults: Vec<String> =
+            found.faults.iter().map(|it| format!("{}: {}", set.name, it.describe(&code, &name))).collect();
+        let axes = found.usable(&code);
+        if axes.is_empty() {
+            return Err(faults);
+        }
+        let options = DecodeOptions {
+            min_contrast: self.settings.min_contrast,
+            min_difference: self.settings.min_difference,
+            min_direct: self.settings.min_direct,
+            threads: self.settings.threads,
+            ..DecodeOptions::default()
+        };
+        decode_into(&code, &views, &axes, &options, &mut self.decoded).map_err(|fault| one(fault.to_string()))?;
+        let coordinates = self.coordinates(&code, &views).map_err(one)?;
+        let white = match code.place(Shown::White) {
+            Some(it) => views[it].pixels().to_vec(),
+            None => brightest(&views),
+        };
+        let mut map = ProjectorMap {
+            camera: set.camera,
+            name: set.name.clone(),
+            projector_size: code.projector,
+            width: set.width,
+            height: set.height,
+            ..ProjectorMap::default()
+        };
+        map.samples.reserve_exact(16 * white.len());
+        let of = |list: &[Vec<f32>; 2], at: usize| Axis::BOTH.map(|it| list[it.index()].get(at).copied().unwrap_or(f32::NAN));
+        for at in 0..white.len() {
+            let (coordinate, sigma) = (of(&coordinates.values, at), of(&coordinates.sigmas, at));
+            map.push(ProjectorSample { coordinate, sigma });
+        }
+        let least = self.settings.min_contrast;
+        let lit = self.decoded.contrast.iter().filter(|it| **it >= least).count() as u64;
+        Ok(Map { map, white, lit, faults })
+    }
+
+    fn coordinates(&self, code: &StripeCode, views: &[ImageView<'_>]) -> Result<Coordinates, String> {
+        let (noise, threads) = (self.settings.noise, self.settings.threads);
+        let found = match code.steps {
+            0 => edges::coordinates(code, views, &self.decoded, &EdgeOptions { noise, threads, ..EdgeOptions::default() }),
+            _ => phase::coordinates(code, views, &self.decoded, &PhaseOptions { noise, ..PhaseOptions::default() }),
+        };
+        found.map_err(|fault| fault.to_string())
+    }
+}
+
+/// By pixel the brightest of all pictures.
+fn brightest(views: &[ImageView<'_>]) -> Vec<u8> {
+    let mut all = views.first().map(|it| it.pixels().to_vec()).unwrap_or_default();
+    for view in views {
+        all.iter_mut().zip(view.pixels()).for_each(|(to, it)| *to = (*to).max(*it));
+    }
+    all
+}

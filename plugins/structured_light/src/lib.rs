@@ -1,0 +1,34 @@
+//! Structured light: a camera sees a surface on which a projector shows patterns of stripes.
+//!
+//! | node | what it does |
+//! |---|---|
+//! | [`structured_light.pictures`](pictures::Pictures) | reads sets of pictures, a folder each |
+//! | [`structured_light.decoder`](decoder::Decoder) | finds where in the projector each camera pixel is lit from |
+//! | [`structured_light.corners`](corners::Corners) | finds the corners of a chessboard in camera and projector |
+//! | [`structured_light.calibrator`](calibrator::Calibrator) | calibrates camera and projector together from these, and tests each set by the others |
+//! | [`structured_light.triangulator`](triangulator::Triangulator) | makes a point cloud with covariances and normals |
+//!
+//! In a calibration the projector is a camera like any other: light runs the other way along the same rays.
+
+pub mod calibrator;
+pub mod corners;
+pub mod decoder;
+pub mod pair;
+pub mod pattern;
+pub mod pictures;
+pub mod triangulator;
+#[cfg(test)]
+mod procam_tests;
+
+pub use pattern::PatternSettings;
+
+use foveate::prelude::Registry;
+
+/// Makes the nodes of this plugin known.
+pub fn register(registry: &mut Registry) {
+    registry.add::<pictures::Pictures>();
+    registry.add::<decoder::Decoder>();
+    registry.add::<corners::Corners>();
+    registry.add::<calibrator::Calibrator>();
+    registry.add::<triangulator::Triangulator>();
+}

@@ -1,0 +1,184 @@
+//! Which patterns were shown, in which order: settings of nodes, and the file `patterns.toml` that `foveate patterns` writes beside its pictures.
+
+use foveate::imaging::stripes::code::{Axis, Group, Inverse, StripeCode};
+use foveate::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// The name of the file beside pictures that says which patterns they show.
+pub const MANIFEST: &str = "patterns.toml";
+
+/// The code that patterns carry.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Code {
+    /// Gray code down to single projector pixels.
+    #[default]
+    Gray,
+    /// A phase shift on top of a Gray code whose stripes are half a period wide.
+    Phase,
+}
+
+/// Where the inverse picture of a bit stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum InversePictures {
+    /// Right after it.
+    #[default]
+    After,
+    /// Right before it.
+    Before,
+    /// After all bits of its axis.
+    Apart,
+    /// There are none: the mean of white and black is the threshold.
+    None,
+}
+
+/// Patterns and their order.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct PatternSettings {
+    /// Columns and rows of the projector; 0, 0: those of the projector in the calibration [px]
+    pub projector_px: [u32; 2],
+    /// What the patterns carry: `gray` or `phase` [–]
+    pub code: Code,
+    /// What follows what, each at most once: `columns` (the bits that tell the column), `rows`, `white`, `black` [–]
+    pub order: String,
+    /// Where the inverse of a bit stands: `after` it, `before` it, `apart` (after all bits of its axis), `none` [–]
+    pub inverse: InversePictures,
+    /// Whether the finest stripes of an axis come first [–]
+    pub fine_first: bool,
+    /// Whether the middle of the code is the middle of the projector, rather than its beginning the first column (row); of effect where these are no power of two [–]
+    pub centred: bool,
+    /// Bits of columns and of rows; 0: as many as number them all. Fewer leave the finest out [–]
+    pub bits: [u32; 2],
+    /// Steps of a phase shift [–]
+    #[schemars(range(min = 3, max = 32))]
+    pub steps: u32,
+    /// Period of a phase shift: a power of two, at least 4 [px]
+    #[schemars(range(min = 4, max = 1024))]
+    pub period_px: u32,
+}
+
+impl Default for PatternSettings {
+    /// As OpenCV's `GrayCodePattern` and most programs that use it.
+    fn default() -> Self {
+        Self {
+            projector_px: [0, 0],
+            code: Code::Gray,
+            order: "columns rows white black".to_owned(),
+            inverse: InversePictures::After,
+            fine_first: false,
+            centred: false,
+            bits: [0, 0],
+            steps: 4,
+            period_px: 16,
+        }
+    }
+}
+
+impl PatternSettings {
+    /// What the text of a `patterns.toml` says.
+    ///
+    /// # Errors
+    /// What is wrong with it, with its place.
+    pub fn read(text: &str) -> Result<PatternSettings, String> {
+        let settings: PatternSettings = toml::from_str(text).map_err(|fault| fault.to_string())?;
+        settings.stripe_code(None).map_err(|fault| fault.message)?;
+        Ok(settings)
+    }
+
+    /// The code, for the projector of `calibrated` columns and rows where the settings do not say them.
+    ///
+    /// # Errors
+    /// Names the setting, what was found and what is expected.
+    pub fn stripe_code(&self, calibrated: Option<[u32; 2]>) -> Result<StripeCode, ConfigError> {
+        let size = match (self.projector_px, calibrated) {
+            ([0, 0], Some(size)) => size,
+            ([0, 0], None) => {
+                let message = "found no size of the projector, expected its columns and rows, or a projector in the calibration";
+                return Err(ConfigError::at("projector_px", message));
+            }
+            (size, _) => size,
+        };
+        let named = |word: &str| match word {
+            "columns" => Ok(Group::Stripes(Axis::Columns)),
+            "rows" => Ok(Group::Stripes(Axis::Rows)),
+            "white" => Ok(Group::White),
+            "black" => Ok(Group::Black),
+            other => {
+                let message = format!("found `{other}`, expected words out of columns, rows, white, black");
+                Err(ConfigError::at("order", message))
+            }
+        };
+        let order: Vec<Group> = self.order.split_whitespace().map(named).collect::<Result<_, _>>()?;
+        let inverse = match self.inverse {
+            InversePictures::After => Inverse::After,
+            InversePictures::Before => Inverse::Before,
+            InversePictures::Apart => Inverse::Apart,
+            InversePictures::None => Inverse::None,
+        };
+        let code = match self.code {
+            Code::Gray => {
+                let bits = self.bits.map(|it| Some(it).filter(|it| *it > 0));
+                StripeCode::gray(size).with_bits(bits, self.centred)
+            }
+            Code::Phase => {
+                if !self.period_px.is_power_of_two() || self.period_px < 4 {
+                    let message = format!("found {}, expected a power of two, at least 4", self.period_px);
+                    return Err(ConfigError::at("period_px", message));
+                }
+                if self.centred || self.bits != [0, 0] {
+                    let message = "found a phase shift with `centred` or `bits`, expected neither: its Gray code follows from the period";
+                    return Err(ConfigError::at("code", message));
+                }
+                StripeCode::phase(size, self.steps, self.period_px)
+            }
+        };
+        let code = StripeCode { order, inverse, fine_first: self.fine_first, ..code };
+        code.check().map_err(|fault| ConfigError::at("order", fault))?;
+        Ok(code)
+    }
+}
+
+/// The size of the projector called `name` in the calibration of `setup`.
+pub(crate) fn calibrated_size(setup: &Setup, name: &str) -> Option<[u32; 2]> {
+    setup.calibration.camera(name).map(|it| it.image_size)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refused(settings: PatternSettings) -> (Option<String>, String) {
+        let fault = settings.stripe_code(None).unwrap_err();
+        (fault.setting, fault.message)
+    }
+
+    #[test]
+    fn settings_of_several_programs_make_their_codes() {
+        let opencv = PatternSettings::default().stripe_code(Some([1024, 768])).unwrap();
+        assert_eq!(opencv, StripeCode::gray([1024, 768]));
+        let other = PatternSettings {
+            projector_px: [1280, 800],
+            order: "white black columns rows".to_owned(),
+            centred: true,
+            ..PatternSettings::default()
+        };
+        let code = other.stripe_code(None).unwrap();
+        assert_eq!((code.bits, code.offset, code.pictures().len()), ([11, 10], [384, 112], 44));
+        let back = PatternSettings::read(&toml::to_string(&other).unwrap()).unwrap();
+        assert_eq!(back, other);
+    }
+
+    #[test]
+    fn what_cannot_be_is_named() {
+        let good = PatternSettings { projector_px: [64, 48], ..PatternSettings::default() };
+        assert_eq!(refused(PatternSettings::default()).0.as_deref(), Some("projector_px"));
+        assert!(refused(PatternSettings { order: "columns grey".into(), ..good.clone() }).1.contains("found `grey`"));
+        assert!(refused(PatternSettings { order: "columns columns".into(), ..good.clone() }).1.contains("once"));
+        let period = PatternSettings { code: Code::Phase, period_px: 12, ..good.clone() };
+        assert_eq!(refused(period).0.as_deref(), Some("period_px"));
+        assert!(PatternSettings::read("projektor_px = [4, 4]").unwrap_err().contains("projektor_px"));
+    }
+}

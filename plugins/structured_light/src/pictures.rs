@@ -1,0 +1,306 @@
+//! `structured_light.pictures`: sets of pictures of patterns, a folder each.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use foveate::prelude::*;
+use foveate::scene::natural_order;
+use foveate::scene::selection::matches;
+use image::{ImageReader, Limits};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::pattern::MANIFEST;
+
+ports! {
+    PICTURES: Out<PatternPictures> = "pictures";
+}
+
+figures! {
+    "pictures.sets.*": count, high, "Sets of pictures that were read, in a folder of the camera each";
+    "pictures.unreadable.*": count, low, "Pictures of these sets that could not be read, or not at the size of the others; each counts as black";
+}
+
+/// Settings of [`Pictures`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PicturesSettings {
+    /// A folder of pictures (PNG, JPEG) in the order of their names, numbers in them counting as numbers; or a folder of such folders, or several by `*` and `?` in its last part, as in
+    /// `scans/pose_*`; `{camera}` is the camera's name, `${NAME}` an environment variable [–]
+    pub path: String,
+    /// Which files of a folder are pictures of the set, by `*` and `?` [–]
+    #[serde(default = "default_files")]
+    pub files: String,
+    /// Sets a second, by which they get times: the first at 0 [Hz]
+    #[serde(default = "default_rate")]
+    #[schemars(range(min = 0.001, max = 1000.0))]
+    pub rate_hz: f64,
+}
+
+fn default_files() -> String {
+    "*".to_owned()
+}
+
+fn default_rate() -> f64 {
+    1.0
+}
+
+/// Endings of files that are pictures.
+const ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
+/// Pictures in a set, at most: a folder of something else is told before it fills the memory.
+const MAX_PICTURES: usize = 400;
+/// Most memory that a decoder may take [bytes].
+const MEMORY_LIMIT: u64 = 1 << 30;
+
+/// Sets of pictures out, one for each folder.
+pub struct Pictures {
+    camera: CameraId,
+    camera_name: String,
+    rate_hz: f64,
+    sets: Vec<Vec<PathBuf>>,
+    next: usize,
+    unreadable: Vec<String>,
+}
+
+impl Node for Pictures {
+    const TYPE: &'static str = "structured_light.pictures";
+    const ROLE: Role = Role::Source;
+    const SUMMARY: &'static str = "Reads sets of pictures of projected patterns, a folder each";
+    const FIGURES: Figures = DECLARED_FIGURES;
+    type Settings = PicturesSettings;
+
+    fn ports() -> Ports {
+        declared_ports()
+    }
+
+    fn new(settings: PicturesSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        ConfigError::unless_in("rate_hz", settings.rate_hz, 0.001..=1000.0)?;
+        let camera = setup.camera.ok_or_else(|| {
+            ConfigError::node(format_args!("`{}` serves one camera: say which with `camera = \"name\"`", Self::TYPE))
+        })?;
+        let path = setup.path("path", &settings.path)?;
+        let sets = sets(&path, &settings.files).map_err(|fault| ConfigError::at("path", fault))?;
+        let camera_name = setup.camera_name().unwrap_or(&setup.instance).to_owned();
+        Ok(Self { camera, camera_name, rate_hz: settings.rate_hz, sets, next: 0, unreadable: Vec::new() })
+    }
+
+    fn due(&mut self) -> Due {
+        if self.next < self.sets.len() { Due::At(self.time()) } else { Due::Never }
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let time = self.time();
+        let Some(files) = self.sets.get(self.next) else { return Ok(()) };
+        self.next += 1;
+        match read(files) {
+            Ok(Read { mut set, faults }) => {
+                set.camera = self.camera;
+                self.unreadable.extend(faults);
+                io.emit_at(&PICTURES, time, set);
+            }
+            Err(reason) => {
+                self.unreadable.push(reason.clone());
+                io.gap(&PICTURES, time, reason);
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        report.figure(format!("pictures.sets.{}", self.camera_name), self.next as f64);
+        report.figure(format!("pictures.unreadable.{}", self.camera_name), self.unreadable.len() as f64);
+        self.unreadable.iter().for_each(|it| report.remark(it.clone()));
+        Ok(())
+    }
+
+    fn plan(settings: &PicturesSettings) -> Plan {
+        Plan { rate_hz: Some(settings.rate_hz), ..Plan::default() }
+    }
+}
+
+impl Pictures {
+    fn time(&self) -> Time {
+        Time::from_s(self.next as f64 / self.rate_hz)
+    }
+}
+
+/// The files of each set.
+pub(crate) fn sets(path: &Path, files: &str) -> Result<Vec<Vec<PathBuf>>, String> {
+    let last = path.file_name().map(|it| it.to_string_lossy().into_owned()).unwrap_or_default();
+    let folders = if last.contains(['*', '?']) && !path.exists() {
+        let parent = path.parent().unwrap_or(Path::new(""));
+        folders_in(parent)?.into_iter().filter(|it| matches(&last, &name_of(it))).collect()
+    } else {
+        let own = pictures_in(path, files)?;
+        if !own.is_empty() {
+            return check_count(path, vec![own]);
+        }
+        folders_in(path)?
+    };
+    let all: Vec<Vec<PathBuf>> = folders.iter().map(|it| pictures_in(it, files)).collect::<Result<_, _>>()?;
+    check_count(path, all.into_iter().filter(|it| !it.is_empty()).collect())
+}
+
+fn check_count(path: &Path, sets: Vec<Vec<PathBuf>>) -> Result<Vec<Vec<PathBuf>>, String> {
+    let shown = path.display();
+    if sets.is_empty() {
+        return Err(format!("found no pictures in `{shown}`, expected PNG or JPEG files, or folders of them"));
+    }
+    match sets.iter().map(Vec::len).find(|it| *it > MAX_PICTURES) {
+        Some(n) => Err(format!("found {n} pictures in a folder of `{shown}`, expected at most {MAX_PICTURES} in a set")),
+        None => Ok(sets),
+    }
+}
+
+fn entries(folder: &Path) -> Result<Vec<PathBuf>, String> {
+    let list = fs::read_dir(folder).map_err(|error| format!("cannot read `{}`: {error}", folder.display()))?;
+    let mut paths: Vec<PathBuf> = list.filter_map(|it| Some(it.ok()?.path())).collect();
+    paths.sort_by(|a, b| natural_order(&name_of(a), &name_of(b)));
+    Ok(paths)
+}
+
+fn folders_in(folder: &Path) -> Result<Vec<PathBuf>, String> {
+    Ok(entries(folder)?.into_iter().filter(|it| it.is_dir()).collect())
+}
+
+fn pictures_in(folder: &Path, files: &str) -> Result<Vec<PathBuf>, String> {
+    let is_picture = |it: &PathBuf| {
+        let ending = it.extension().map(|it| it.to_string_lossy().to_lowercase()).unwrap_or_default();
+        ENDINGS.contains(&ending.as_str()) && matches(files, &name_of(it)) && it.is_file()
+    };
+    Ok(entries(folder)?.into_iter().filter(is_picture).collect())
+}
+
+fn name_of(path: &Path) -> String {
+    path.file_name().map(|it| it.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+/// A set, and what could not be read of it.
+pub(crate) struct Read {
+    pub(crate) set: PatternPictures,
+    pub(crate) faults: Vec<String>,
+}
+
+/// Reads a set, as many pictures at once as the machine has cores. A picture that cannot be read is black, so that the others keep their places.
+pub(crate) fn read(files: &[PathBuf]) -> Result<Read, String> {
+    let gray: Vec<Mutex<Option<Result<Gray, String>>>> = files.iter().map(|_| Mutex::new(None)).collect();
+    let next = AtomicUsize::new(0);
+    let work = || {
+        while let Some(at) = Some(next.fetch_add(1, Ordering::Relaxed)).filter(|it| *it < files.len()) {
+            *gray[at].lock().unwrap_or_else(PoisonError::into_inner) = Some(decode(&files[at]));
+        }
+    };
+    std::thread::scope(|scope| {
+        let helpers = std::thread::available_parallelism().map_or(1, |it| it.get()).min(files.len());
+        (1..helpers).for_each(|_| drop(scope.spawn(work)));
+        work();
+    });
+    let read = gray.into_iter().map(|it| it.into_inner().unwrap_or_else(PoisonError::into_inner));
+    let read: Vec<Result<Gray, String>> = read.map(|it| it.unwrap_or_else(|| Err("was not read".to_owned()))).collect();
+    let folder = files.first().and_then(|it| it.parent()).unwrap_or(Path::new(""));
+    // The size that most have: the first may be the one that is wrong.
+    let count = |size: [u32; 2]| read.iter().flatten().filter(|it| it.size == size).count();
+    let size = read.iter().flatten().map(|it| it.size).max_by_key(|it| count(*it));
+    let Some(size) = size else {
+        return Err(format!("no picture in `{}` can be read", folder.display()));
+    };
+    let mut set = PatternPictures {
+        name: name_of(folder),
+        width: size[0],
+        height: size[1],
+        manifest: fs::read_to_string(folder.join(MANIFEST)).unwrap_or_default(),
+        ..PatternPictures::default()
+    };
+    let n = size[0] as usize * size[1] as usize;
+    let mut faults = Vec::new();
+    for (path, one) in files.iter().zip(read) {
+        set.names.push(format!("{}/{}", set.name, name_of(path)));
+        let fault = match one {
+            Ok(gray) if gray.size == size => {
+                set.pixels.extend(gray.pixels);
+                continue;
+            }
+            Ok(Gray { size: [columns, rows], .. }) => {
+                format!("is {columns} x {rows} px, expected {} x {} px as the others", size[0], size[1])
+            }
+            Err(fault) => fault,
+        };
+        set.pixels.resize(set.pixels.len() + n, 0);
+        faults.push(format!("`{}` {fault}", path.display()));
+    }
+    Ok(Read { set, faults })
+}
+
+struct Gray {
+    size: [u32; 2],
+    pixels: Vec<u8>,
+}
+
+/// A picture as one byte a pixel; colours as their luma, 16 bits as the upper eight.
+fn decode(path: &Path) -> Result<Gray, String> {
+    let mut reader = ImageReader::open(path).map_err(|error| format!("cannot be opened: {error}"))?;
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(MEMORY_LIMIT);
+    reader.limits(limits);
+    let picture = reader.with_guessed_format().map_err(|error| format!("cannot be read: {error}"))?;
+    let picture = picture.decode().map_err(|error| format!("cannot be decoded: {error}"))?;
+    let gray = picture.into_luma8();
+    Ok(Gray { size: [gray.width(), gray.height()], pixels: gray.into_raw() })
+}
+
+#[cfg(test)]
+mod tests {
+    use image::{GrayImage, Luma};
+
+    use super::*;
+
+    fn write(path: &Path, columns: u32, level: u8) {
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        GrayImage::from_pixel(columns, 2, Luma([level])).save(path).unwrap();
+    }
+
+    #[test]
+    fn node_keeps_its_promises() {
+        foveate_testkit::check_node::<Pictures>("path = \"scans/pose_*\"\nrate_hz = 2.0");
+    }
+
+    #[test]
+    fn folders_and_their_pictures_come_in_the_order_of_their_numbers() {
+        let folder = tempfile::tempdir().unwrap();
+        for (pose, picture) in [(10, 2), (10, 11), (9, 1), (10, 1)] {
+            write(&folder.path().join(format!("pose_{pose}/{picture}.png")), 3, picture);
+        }
+        fs::write(folder.path().join("pose_10/notes.txt"), "none").unwrap();
+        for path in [folder.path().to_owned(), folder.path().join("pose_*")] {
+            let found = sets(&path, "*").unwrap();
+            assert_eq!(found.iter().map(Vec::len).collect::<Vec<_>>(), [1, 3]);
+            let set = read(&found[1]).unwrap().set;
+            assert_eq!(set.names, ["pose_10/1.png", "pose_10/2.png", "pose_10/11.png"]);
+            assert_eq!((set.width, set.height, set.picture(2)), (3, 2, Some(&[11; 6][..])));
+        }
+        assert_eq!(sets(&folder.path().join("pose_9"), "*").unwrap().len(), 1);
+        let few = sets(&folder.path().join("pose_10"), "1*.png").unwrap();
+        assert_eq!(few[0].len(), 2);
+    }
+
+    #[test]
+    fn a_picture_that_cannot_be_read_is_named_and_the_others_keep_their_places() {
+        let folder = tempfile::tempdir().unwrap();
+        (0..4).for_each(|it| write(&folder.path().join(format!("{it}.png")), if it == 0 { 5 } else { 3 }, 7));
+        fs::write(folder.path().join("2.png"), "no picture").unwrap();
+        let found = sets(folder.path(), "*").unwrap();
+        let Read { set, faults } = read(&found[0]).unwrap();
+        assert!(faults[0].contains("0.png` is 5 x 2 px, expected 3 x 2 px"), "{faults:?}");
+        assert!(faults[1].contains("2.png` cannot be"), "{faults:?}");
+        assert_eq!((faults.len(), set.picture(2), set.picture(3)), (2, Some(&[0; 6][..]), Some(&[7; 6][..])));
+    }
+
+    #[test]
+    fn folders_without_pictures_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(sets(folder.path(), "*").unwrap_err().contains("found no pictures"));
+        assert!(sets(&folder.path().join("gone"), "*").unwrap_err().contains("cannot read"));
+    }
+}

@@ -1,0 +1,362 @@
+//! `structured_light.triangulator`: projector maps in, point clouds out.
+//!
+//! A plane is linear in pixels when written as inverse depth, 1/z = a + b x + c y: that is how a point's neighbours say its normal, and which of them lie on the
+//! same surface. A point of which too few do is left out.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use foveate::geometry::Camera;
+use foveate::prelude::*;
+use nalgebra::{Matrix3, Point2, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::pair::{OnRay, triangulate};
+
+ports! {
+    MAP: In<ProjectorMap> = each("map");
+    WHITE: In<Image> = each("white").optional();
+    CLOUD: Out<PointCloud> = "cloud";
+}
+
+figures! {
+    "cloud.points.*": count, neither, "Points, over all maps of the camera";
+    "cloud.misfits.*": count, low, "Pixels of the camera whose projector column and row do not belong to one point, left out";
+    "cloud.alone.*": count, low, "Points of the camera with too few neighbours on the same surface, left out";
+    "cloud.sigma_mm.*": mm, low, "Mean standard deviation of the points of the camera, over the three axes";
+}
+
+/// Settings of [`Triangulator`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct TriangulatorSettings {
+    /// The projector's name in the calibration [–]
+    pub projector: String,
+    /// How far column and row may be from those of one point on the camera's ray; farther: the pixel is left out [px]
+    #[schemars(range(min = 0.01, max = 1000.0))]
+    pub max_misfit_px: f64,
+    /// Pixels around a point, to either side, that say its normal and whether it is on a surface [px]
+    #[schemars(range(min = 1, max = 10))]
+    pub reach: usize,
+    /// Part of these pixels that must be on the same surface for a point to be kept [–]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub min_confidence: f64,
+    /// Neighbours whose depths differ by a larger part, beyond what noise explains, are on another surface: 0.01 at a slope of 80° a pixel of a thousandth of the distance [–]
+    #[schemars(range(min = 0.0001, max = 1.0))]
+    pub step: f64,
+    /// How well the direction of a camera pixel is known, standard deviation: that of a good calibration [px]
+    #[schemars(range(min = 0.0, max = 10.0))]
+    pub camera_sigma_px: f64,
+}
+
+impl Default for TriangulatorSettings {
+    fn default() -> Self {
+        Self {
+            projector: "projector".to_owned(),
+            max_misfit_px: 2.0,
+            reach: 2,
+            min_confidence: 0.25,
+            step: 0.01,
+            camera_sigma_px: 0.1,
+        }
+    }
+}
+
+/// White pictures that wait for their map.
+const HELD: usize = 4;
+
+/// Projector maps in, point clouds out.
+pub struct Triangulator {
+    settings: TriangulatorSettings,
+    camera_name: String,
+    camera: Camera,
+    projector: Camera,
+    white: VecDeque<(Time, Arc<Image>)>,
+    has_white: bool,
+    points: u64,
+    misfits: u64,
+    alone: u64,
+    sigmas: f64,
+}
+
+impl Node for Triangulator {
+    const TYPE: &'static str = "structured_light.triangulator";
+    const ROLE: Role = Role::Integrator;
+    const SUMMARY: &'static str = "Makes a point cloud with covariances and normals of where the projector lights what a camera sees";
+    const FIGURES: Figures = DECLARED_FIGURES;
+    type Settings = TriangulatorSettings;
+
+    fn ports() -> Ports {
+        declared_ports()
+    }
+
+    fn new(settings: TriangulatorSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        ConfigError::unless_in("max_misfit_px", settings.max_misfit_px, 0.01..=1000.0)?;
+        ConfigError::unless_in("reach", settings.reach, 1..=10)?;
+        ConfigError::unless_in("min_confidence", settings.min_confidence, 0.0..=1.0)?;
+        ConfigError::unless_in("step", settings.step, 1e-4..=1.0)?;
+        ConfigError::unless_in("camera_sigma_px", settings.camera_sigma_px, 0.0..=10.0)?;
+        let camera = setup.camera_model().cloned().ok_or_else(|| {
+            ConfigError::node(format_args!("`{}` serves one camera: say which with `camera = \"name\"`", Self::TYPE))
+        })?;
+        let projector = setup.calibration.camera(&settings.projector).cloned().ok_or_else(|| {
+            let names: Vec<&str> = setup.calibration.cameras.iter().map(|it| it.name.as_str()).collect();
+            let message = format!("found no camera `{}` in the calibration, expected one of: {}", settings.projector, names.join(", "));
+            ConfigError::at("projector", message)
+        })?;
+        Ok(Self {
+            camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
+            has_white: setup.is_connected(&WHITE),
+            settings,
+            camera,
+            projector,
+            white: VecDeque::new(),
+            points: 0,
+            misfits: 0,
+            alone: 0,
+            sigmas: 0.0,
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        while let Some(white) = io.take(&WHITE) {
+            self.white.push_back((white.time(), white.value));
+            if self.white.len() > HELD {
+                self.white.pop_front();
+            }
+        }
+        while let Some(map) = io.take(&MAP) {
+            let white = self.white.iter().find(|it| it.0 == map.time()).map(|it| Arc::clone(&it.1));
+            if let Some(fault) = self.unfit(&map.value) {
+                io.gap(&CLOUD, map.time(), fault);
+                continue;
+            }
+            let cloud = self.cloud(&map.value, map.time(), white.as_deref().filter(|_| self.has_white));
+            io.emit(&CLOUD, map.stamp, cloud);
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let name = &self.camera_name;
+        report.figure(format!("cloud.points.{name}"), self.points as f64);
+        report.figure(format!("cloud.misfits.{name}"), self.misfits as f64);
+        report.figure(format!("cloud.alone.{name}"), self.alone as f64);
+        report.figure(format!("cloud.sigma_mm.{name}"), 1e3 * self.sigmas / self.points as f64);
+        Ok(())
+    }
+}
+
+impl Triangulator {
+    fn unfit(&self, map: &ProjectorMap) -> Option<String> {
+        let sizes = [([map.width, map.height], self.camera.image_size), (map.projector_size, self.projector.image_size)];
+        let whose = ["the camera's pictures are", "the projector is"];
+        let fault = |((found, expected), whose): (([u32; 2], [u32; 2]), &str)| {
+            let [[a, b], [c, d]] = [found, expected];
+            (found != expected).then(|| format!("{whose} {a} x {b} px, expected {c} x {d} px as in the calibration"))
+        };
+        sizes.into_iter().zip(whose).find_map(fault)
+    }
+
+    fn cloud(&mut self, map: &ProjectorMap, time: Time, white: Option<&Image>) -> PointCloud {
+        let (width, height) = (map.width as usize, map.height as usize);
+        let mut found: Vec<Option<OnRay>> = vec![None; width * height];
+        for y in 0..height {
+            for x in 0..width {
+                let sample = map.get(x, y);
+                let pixel = Point2::new(x as f64, y as f64);
+                let Some(point) = triangulate(&self.camera, &self.projector, &pixel, &sample) else { continue };
+                if point.misfit > self.settings.max_misfit_px {
+                    self.misfits += 1;
+                } else {
+                    found[y * width + x] = Some(point);
+                }
+            }
+        }
+        let mut cloud = PointCloud {
+            time,
+            camera: map.camera,
+            name: map.name.clone(),
+            camera_size: [map.width, map.height],
+            ..PointCloud::default()
+        };
+        let angle_sigma = self.settings.camera_sigma_px / self.camera.intrinsics.focal[0];
+        let grid = Grid { found: &found, width, height, camera: &self.camera, settings: &self.settings };
+        for (at, point) in found.iter().enumerate() {
+            let Some(point) = point else { continue };
+            let (x, y) = (at % width, at / width);
+            let Around { normal, confidence } = grid.around(x, y, point);
+            if confidence < self.settings.min_confidence {
+                self.alone += 1;
+                continue;
+            }
+            let covariance: Matrix3<f64> = point.covariance(angle_sigma);
+            let one = CloudPoint {
+                position: point.point().cast(),
+                covariance: covariance.cast(),
+                normal: normal.cast(),
+                confidence: confidence as f32,
+                pixel: [x as u16, y as u16],
+                colour: white.map_or([255; 3], |it| colour(it, at)),
+            };
+            self.sigmas += f64::from(one.sigma());
+            self.points += 1;
+            cloud.push(&one);
+        }
+        cloud
+    }
+}
+
+fn colour(image: &Image, at: usize) -> [u8; 3] {
+    match image.format {
+        PixelFormat::Gray8 => [image.pixels.get(at).copied().unwrap_or(0); 3],
+        PixelFormat::Rgb8 => [0, 1, 2].map(|it| image.pixels.get(3 * at + it).copied().unwrap_or(0)),
+    }
+}
+
+/// The points of a camera's pixels.
+struct Grid<'a> {
+    found: &'a [Option<OnRay>],
+    width: usize,
+    height: usize,
+    camera: &'a Camera,
+    settings: &'a TriangulatorSettings,
+}
+
+/// What its neighbours say of a point.
+struct Around {
+    /// In the world, towards the camera; zero where they do not tell it.
+    normal: Vector3<f64>,
+    confidence: f64,
+}
+
+impl Grid<'_> {
+    fn around(&self, x: usize, y: usize, point: &OnRay) -> Around {
+        let reach = self.settings.reach;
+        let depth_z = |it: &OnRay| (self.camera.camera_from_world * it.point()).z;
+        let inverse = depth_z(point).recip();
+        let mut samples: Vec<[f64; 3]> = Vec::with_capacity((2 * reach + 1).pow(2));
+        let mut beside = 0;
+        for row in y.saturating_sub(reach)..(y + reach + 1).min(self.height) {
+            for column in x.saturating_sub(reach)..(x + reach + 1).min(self.width) {
+                let Some(other) = &self.found[row * self.width + column] else { continue };
+                let noise = 3.0 * point.sigma.hypot(other.sigma);
+                let away = (row.abs_diff(y)).max(column.abs_diff(x)) as f64;
+                if (other.depth - point.depth).abs() <= noise + self.settings.step * point.depth * away {
+                    let offset = [column as f64 - x as f64, row as f64 - y as f64];
+                    samples.push([offset[0], offset[1], depth_z(other).recip() - inverse]);
+                    beside += usize::from(away > 0.0);
+                }
+            }
+        }
+        let confidence = beside as f64 / ((2 * reach + 1).pow(2) - 1) as f64;
+        let normal = self.normal(x, y, inverse, &samples).unwrap_or_else(Vector3::zeros);
+        Around { normal, confidence }
+    }
+
+    /// From offsets in pixels and in inverse depth.
+    fn normal(&self, x: usize, y: usize, inverse: f64, samples: &[[f64; 3]]) -> Option<Vector3<f64>> {
+        let (mut normal, mut side) = (Matrix3::zeros(), Vector3::zeros());
+        for [dx, dy, off] in samples {
+            let row = Vector3::new(1.0, *dx, *dy);
+            normal += row * row.transpose();
+            side += row * *off;
+        }
+        let fit = normal.try_inverse()? * side;
+        let ideal = self.camera.normalise(&Point2::new(x as f64, y as f64))?;
+        let [fx, fy] = self.camera.intrinsics.focal;
+        // n·(x, y, 1) / d = 1/z on the plane n·p = d; n points away from the camera.
+        let (a, b, c) = (inverse + fit[0], fit[1] * fx, fit[2] * fy);
+        let away = Vector3::new(b, c, a - b * ideal.x - c * ideal.y);
+        let towards = -(self.camera.camera_from_world.rotation.inverse() * away);
+        (samples.len() >= 4).then(|| towards.try_normalize(1e-12)).flatten()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use foveate::scene::{Calibration, LengthUnit, NamedCamera};
+    use nalgebra::Point3;
+
+    use super::*;
+    use crate::pair::tests::rig;
+
+    fn setup() -> Setup {
+        let (camera, projector) = rig();
+        let named = |name: &str, camera: Camera| NamedCamera { name: name.to_owned(), camera };
+        let cameras = vec![named("camera", camera), named("projector", projector)];
+        let calibration = Calibration::new(cameras, LengthUnit::Metre, String::new()).unwrap();
+        Setup { camera: Some(CameraId(0)), calibration: Arc::new(calibration), ..Setup::for_tests() }
+    }
+
+    /// A slanted wall with a box before it, as the projector lights it.
+    fn truth(x: f64, y: f64) -> (Point3<f64>, Vector3<f64>) {
+        let (camera, _) = rig();
+        let ray = camera.ray(&Point2::new(x, y)).unwrap();
+        let (normal, offset) = match (250.0..330.0).contains(&x) && (180.0..260.0).contains(&y) {
+            true => (Vector3::new(0.0, 0.1, -1.0).normalize(), -1.4),
+            false => (Vector3::new(0.4, -0.1, -1.0).normalize(), -1.8),
+        };
+        let depth = offset / normal.dot(&ray.direction.into_inner());
+        (ray.at(depth), normal)
+    }
+
+    fn map(noise: f64) -> ProjectorMap {
+        let (_, projector) = rig();
+        let mut random = foveate::estimation::random::Random::new(5);
+        let mut map = ProjectorMap { projector_size: [1024, 768], width: 640, height: 480, ..ProjectorMap::default() };
+        for at in 0..640 * 480 {
+            let lit = projector.project(&truth((at % 640) as f64, (at / 640) as f64).0).unwrap();
+            let one = |it: f64, random: &mut foveate::estimation::random::Random| (it + noise * random.normal()) as f32;
+            let coordinate = [one(lit.x, &mut random), one(lit.y, &mut random)];
+            map.push(ProjectorSample { coordinate, sigma: [noise as f32; 2] });
+        }
+        map
+    }
+
+    #[test]
+    fn node_keeps_its_promises() {
+        foveate_testkit::check_node::<Triangulator>("max_misfit_px = 3.0");
+    }
+
+    #[test]
+    fn a_wall_and_a_box_come_back_with_normals_and_errors_as_large_as_stated() {
+        let mut node = Triangulator::new(TriangulatorSettings::default(), &setup()).unwrap();
+        let cloud = node.cloud(&map(0.05), Time::ZERO, None);
+        assert!(cloud.len() > 290_000, "{}", cloud.len());
+        let (mut errors, mut turned, mut squares) = (Vec::new(), Vec::new(), 0.0);
+        for point in cloud.iter().step_by(7) {
+            let (place, normal) = truth(f64::from(point.pixel[0]), f64::from(point.pixel[1]));
+            let error = (point.position.cast::<f64>() - place).norm();
+            errors.push(error);
+            squares += error * error / f64::from(point.covariance.trace());
+            turned.push(normal.angle(&point.normal.cast()).to_degrees());
+        }
+        let median = |list: &mut Vec<f64>| {
+            list.sort_by(f64::total_cmp);
+            list[list.len() / 2]
+        };
+        let normalised = (squares / errors.len() as f64).sqrt();
+        let (error, angle) = (median(&mut errors), median(&mut turned));
+        assert!(error < 3e-4 && angle < 8.0, "{error} m, {angle} degrees");
+        assert!((0.7..1.2).contains(&normalised), "{normalised}");
+    }
+
+    #[test]
+    fn points_alone_and_maps_of_other_sizes_are_left_out() {
+        let mut node = Triangulator::new(TriangulatorSettings::default(), &setup()).unwrap();
+        let whole = map(0.02);
+        let mut few = ProjectorMap { samples: Vec::new(), ..whole.clone() };
+        for at in 0..640 * 480 {
+            let keep = at % 7 == 0 && at / 640 % 7 == 0;
+            few.push(if keep { whole.get(at % 640, at / 640) } else { ProjectorSample::NONE });
+        }
+        assert_eq!(node.cloud(&few, Time::ZERO, None).len(), 0);
+        assert!(node.alone > 5000);
+        let other = ProjectorMap { projector_size: [800, 600], ..whole };
+        assert!(node.unfit(&other).unwrap().contains("the projector is 800 x 600 px, expected 1024 x 768 px"));
+    }
+}
