@@ -1,7 +1,9 @@
 //! A bust: a head that does not deform, on a stand or moved to and fro by hand, with a light above it for the large scale to track.
 
+use std::collections::VecDeque;
+use std::f64::consts::PI;
 use std::fmt;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use foveate_estimation::random::Random;
 use foveate_node::ConfigError;
@@ -35,6 +37,9 @@ pub struct BustSettings {
     /// Along which direction over the floor, from X towards Y [°].
     #[schemars(range(min = -360.0, max = 360.0))]
     pub direction_deg: f64,
+    /// How long it rests wherever it turns [s].
+    #[schemars(range(min = 0.0, max = 1e6))]
+    pub rests_s: f64,
     /// From when on it is moved [s].
     #[schemars(range(min = 0.0, max = 1e6))]
     pub moves_from_s: f64,
@@ -54,6 +59,7 @@ impl Default for BustSettings {
             speed_m_s: 0.0,
             reach_m: 0.3,
             direction_deg: 0.0,
+            rests_s: 0.0,
             moves_from_s: 0.0,
             light: 260.0,
             light_m: Some([0.0, 0.0, 0.16]),
@@ -72,6 +78,7 @@ impl BustSettings {
         ConfigError::unless_in("bust.speed_m_s", self.speed_m_s, 0.0..=5.0)?;
         ConfigError::unless_in("bust.reach_m", self.reach_m, 1e-3..=10.0)?;
         ConfigError::unless_in("bust.direction_deg", self.direction_deg, -360.0..=360.0)?;
+        ConfigError::unless_in("bust.rests_s", self.rests_s, 0.0..=1e6)?;
         ConfigError::unless_in("bust.moves_from_s", self.moves_from_s, 0.0..=1e6)?;
         ConfigError::unless_in("bust.light", self.light, 0.0..=500.0)?;
         self.light_m.iter().flatten().try_for_each(|it| ConfigError::unless_in("bust.light_m", *it, -1.0..=1.0))
@@ -81,22 +88,33 @@ impl BustSettings {
         self.light_m.is_some()
     }
 
-    fn is_at_rest(&self, time_s: f64) -> bool {
-        self.speed_m_s == 0.0 || time_s <= self.moves_from_s
+    /// How far it is to the side at `time_s` [m].
+    fn side(&self, time_s: f64) -> f64 {
+        let mut since_s = time_s - self.moves_from_s;
+        if self.speed_m_s == 0.0 || since_s <= 0.0 {
+            return 0.0;
+        }
+        // asin(k sin φ) goes from one end to the other nearly evenly; in the middle with the slope k.
+        let steep = STRAIGHT.asin();
+        let lasts_s = |way: f64| way.abs() * PI * STRAIGHT / (2.0 * steep * self.speed_m_s);
+        let along = |share: f64| 0.5 + (STRAIGHT * (PI * (share - 0.5)).sin()).asin() / (2.0 * steep);
+        let first_s = lasts_s(self.reach_m);
+        if since_s < first_s {
+            return self.reach_m * along(since_s / first_s);
+        }
+        since_s -= first_s;
+        let way_s = lasts_s(2.0 * self.reach_m);
+        let turns = (since_s / (self.rests_s + way_s)).floor();
+        let share = ((since_s - turns * (self.rests_s + way_s) - self.rests_s) / way_s).max(0.0);
+        let sign = if turns.rem_euclid(2.0) == 0.0 { 1.0 } else { -1.0 };
+        sign * self.reach_m * (1.0 - 2.0 * along(share))
     }
 
     /// Where it stands at `time_s`.
     fn world_from_bust(&self, time_s: f64) -> Isometry3<f64> {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.facing_deg.to_radians());
-        let mut place = Vector3::from(self.position_m);
-        if !self.is_at_rest(time_s) {
-            // asin(k sin φ) goes up and down nearly evenly; at φ = 0 with the slope k.
-            let most = STRAIGHT.asin();
-            let omega = self.speed_m_s * most / (STRAIGHT * self.reach_m);
-            let side = self.reach_m * (STRAIGHT * (omega * (time_s - self.moves_from_s)).sin()).asin() / most;
-            let (sin, cos) = self.direction_deg.to_radians().sin_cos();
-            place += Vector3::new(cos, sin, 0.0) * side;
-        }
+        let (sin, cos) = self.direction_deg.to_radians().sin_cos();
+        let place = Vector3::from(self.position_m) + Vector3::new(cos, sin, 0.0) * self.side(time_s);
         Isometry3::from_parts(Translation3::from(place), turn)
     }
 
@@ -106,12 +124,14 @@ impl BustSettings {
     }
 }
 
+/// Surfaces that are kept: those of moments that several ask for.
+const KEPT: usize = 16;
+
 /// The bust of a world.
 pub(super) struct Bust {
     settings: BustSettings,
     part: Part,
-    /// As it is while nobody moves it.
-    at_rest: OnceLock<Arc<Skin>>,
+    recent: Mutex<VecDeque<Arc<Skin>>>,
 }
 
 impl Bust {
@@ -123,7 +143,7 @@ impl Bust {
             ..FaceSettings::default()
         };
         let part = Part::new(&face, None, 0.0, 0.0, random);
-        Bust { settings: settings.clone(), part, at_rest: OnceLock::new() }
+        Bust { settings: settings.clone(), part, recent: Mutex::default() }
     }
 
     pub fn part(&self) -> &Part {
@@ -132,8 +152,16 @@ impl Bust {
 
     /// Its surface at `time_s`; the very same while it is at rest.
     pub fn skin(&self, time_s: f64) -> Arc<Skin> {
-        let skin = || Arc::new(self.part.skin_at_rest(self.settings.world_from_bust(time_s)));
-        if self.settings.is_at_rest(time_s) { Arc::clone(self.at_rest.get_or_init(skin)) } else { skin() }
+        let stands = self.settings.world_from_bust(time_s);
+        let recent = || self.recent.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = recent().iter().find(|it| it.world_from_part == stands) {
+            return Arc::clone(known);
+        }
+        let skin = Arc::new(self.part.skin_at_rest(stands));
+        let mut recent = recent();
+        recent.truncate(KEPT - 1);
+        recent.push_front(Arc::clone(&skin));
+        skin
     }
 }
 
@@ -158,6 +186,13 @@ mod tests {
         assert!(near > 0.5 && speeds.iter().all(|it| *it < 0.26), "{near}");
         let most = steps.iter().map(|it| it.x.abs()).fold(0.0, f64::max);
         assert!((0.29..0.3001).contains(&most), "{most}");
+        let resting = BustSettings { rests_s: 1.5, ..bust.clone() };
+        let sides: Vec<f64> = (0..4000).map(|it| resting.side(f64::from(it) * 0.01)).collect();
+        let still = sides.windows(2).filter(|it| it[0] == it[1] && (it[0].abs() - 0.3).abs() < 1e-9).count();
+        // Rests of 150 steps, at either end in turn, with ways of about 3.9 s between them.
+        assert!((1050..=1200).contains(&still), "{still}");
+        assert!(sides.windows(2).all(|it| (it[1] - it[0]).abs() < 0.0026));
+        assert!(sides.iter().any(|it| *it < -0.29) && sides.iter().any(|it| *it > 0.29));
     }
 
     #[test]
