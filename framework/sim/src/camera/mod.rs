@@ -179,6 +179,11 @@ impl Renderer {
         self.beam = Some(Beam::new(projection, world));
     }
 
+    /// Whether [`Self::light_with`] was called.
+    pub fn is_lit(&self) -> bool {
+        self.beam.is_some()
+    }
+
     /// Renders field number `frame`, exposed around `capture`, into `image`, whose memory is used again. The same numbers
     /// give the same field of the same world, whatever was rendered before.
     pub fn render(&mut self, world: &World, capture: Time, frame: u64, image: &mut Image) {

@@ -84,8 +84,7 @@ impl Node for SimCamera {
             && let Some(world) = io.latest(&WORLD).map(|it| it.value.clone())
         {
             let camera = world.camera(self.name.as_deref(), &self.calibrated);
-            let light = io.latest(&LIGHT).map(|it| it.value);
-            self.scene = Some(self.scene(world, camera, io.latest(&HEAD).is_some(), light));
+            self.scene = Some(self.scene(world, camera, io.latest(&HEAD).is_some()));
         }
         let Some(Arrival { frame, capture, stamp, .. }) = self.fields.next(io, &IMAGE) else {
             return Ok(());
@@ -93,13 +92,17 @@ impl Node for SimCamera {
         if self.bump.as_ref().is_some_and(|it| capture >= it.at)
             && let Some((bump, Scene { world, camera, .. })) = self.bump.take().zip(self.scene.take())
         {
-            let light = io.latest(&LIGHT).map(|it| it.value);
-            self.scene = Some(self.scene(world, bump.knocked(&camera), io.latest(&HEAD).is_some(), light));
+            self.scene = Some(self.scene(world, bump.knocked(&camera), io.latest(&HEAD).is_some()));
         }
         let Some(Scene { world, camera, renderer }) = &mut self.scene else {
             Fields::without_world(io, &IMAGE, stamp);
             return Ok(());
         };
+        if !renderer.is_lit()
+            && let Some(light) = io.latest(&LIGHT)
+        {
+            renderer.light_with(light.value, world);
+        }
         let mut image = self.pool.take(Image::default);
         match io.latest(&HEAD) {
             None => renderer.render(world, capture, frame, &mut image),
@@ -124,15 +127,12 @@ impl Node for SimCamera {
 }
 
 impl SimCamera {
-    fn scene(&self, world: World, camera: TrueCamera, is_on_head: bool, light: Option<&Projection>) -> Scene {
-        let mut renderer = if is_on_head {
+    fn scene(&self, world: World, camera: TrueCamera, is_on_head: bool) -> Scene {
+        let renderer = if is_on_head {
             Renderer::on_head(&camera, self.id, &self.settings, &self.random)
         } else {
             Renderer::new(&camera, self.id, &world, &self.settings, &self.random)
         };
-        if let Some(light) = light {
-            renderer.light_with(light, &world);
-        }
         Scene { world, camera, renderer }
     }
 }
