@@ -136,7 +136,7 @@ fn shaded(cloud: &PointCloud) -> Vec<u8> {
     let sum: Vector3<f32> = cloud.iter().map(|it| it.normal).sum();
     let ahead = sum.try_normalize(1e-6).unwrap_or_else(Vector3::y);
     let left = ahead.cross(&Vector3::z()).try_normalize(1e-6).unwrap_or_else(Vector3::x);
-    let lamp = (ahead + left * 0.9 + Vector3::z() * 0.7).normalize();
+    let lamp = (ahead + left * 0.6 + Vector3::z() * 0.6).normalize();
     for point in cloud.iter() {
         let [x, y] = point.pixel.map(usize::from);
         let Some(pixel) = (x < width && y < height).then(|| &mut pixels[3 * (y * width + x)..][..3]) else { continue };
@@ -190,8 +190,8 @@ mod tests {
         let pixels = shaded(&ball());
         let at = |column: usize, row: usize| pixels[3 * (row * 41 + column)];
         assert!(at(12, 14) > 225, "{}", at(12, 14));
-        assert!(at(12, 14) > at(28, 14) + 60 && at(12, 14) > at(12, 28) + 30);
-        assert!(at(30, 32) < 80 && pixels[..3] == NOTHING);
+        assert!(at(12, 14) > at(30, 14) + 60 && at(12, 14) > at(12, 30) + 60);
+        assert!(at(32, 34) < 80 && pixels[..3] == NOTHING);
     }
 
     #[test]

@@ -14,7 +14,7 @@ use crate::truth::TrueCamera;
 pub(crate) struct CloudTrack {
     /// Of points that were seen on the surface, how much farther away they are than it [m].
     pub errors: Vec<f64>,
-    /// Points of which the camera's line of sight does not meet the surface at all.
+    /// Points of pixels that do not see the surface at all, and have no neighbour that does.
     pub n_beside: usize,
     /// Pixels that see a part of the surface which the projector lights; those of them near a point.
     pub n_visible: usize,
@@ -58,6 +58,13 @@ impl Near {
     }
 }
 
+/// The triangle that a pixel sees. A pixel is an area: where its middle just misses the surface, that of a neighbour.
+fn seen_at(hits: &FirstHits, pixel: [u16; 2]) -> Option<usize> {
+    let [column, row] = pixel.map(usize::from);
+    let beside = [(1, 1), (0, 1), (2, 1), (1, 0), (1, 2)];
+    beside.into_iter().find_map(|(x, y)| hits.triangle((column + x).checked_sub(1)?, (row + y).checked_sub(1)?))
+}
+
 impl CloudTrack {
     /// Compares a cloud with the surface as the camera truly saw it. `near_px` is how near to a point the surface counts as covered, in the projector's picture.
     pub fn add(
@@ -83,9 +90,7 @@ impl CloudTrack {
             if let Some(at) = beam.optics().project(&place).filter(|it| beam.optics().has_pixel(it)) {
                 near.add([at.x as f32, at.y as f32]);
             }
-            let [column, row] = point.pixel.map(usize::from);
-            let seen = camera.ray(&Point2::from(pixel)).zip(hits.triangle(column, row));
-            let Some((ray, number)) = seen else {
+            let Some((ray, number)) = camera.ray(&Point2::from(pixel)).zip(seen_at(&hits, point.pixel)) else {
                 self.n_beside += 1;
                 continue;
             };
