@@ -9,6 +9,7 @@ mod graph;
 mod motion_files;
 mod new;
 mod nodes;
+mod patterns;
 mod plugin;
 mod run;
 mod sim;
@@ -81,6 +82,8 @@ enum Command {
         #[arg(long, short, value_hint = clap::ValueHint::FilePath)]
         output: Option<PathBuf>,
     },
+    /// Write the pictures that a projector shows for structured light
+    Patterns(patterns::PatternsArgs),
     /// Start a simulated device that other programs can talk to
     Sim {
         #[command(subcommand)]
@@ -215,6 +218,7 @@ impl Cli {
             },
             Command::Plugin { what: PluginWhat::Build { folder, out } } => plugin::build(&folder, out.as_deref()),
             Command::Devices => devices(),
+            Command::Patterns(args) => patterns::run(&args),
             Command::Graph { rig, format, output } => graph::run(&rig, registry, format, output),
             Command::Sim { what } => sim::run(&what),
             Command::New { what: NewWhat::Plugin { name, role } } => plugin::new(&name, role, registry),

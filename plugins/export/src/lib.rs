@@ -12,7 +12,7 @@
 //! | [`export.mark_pictures`](mark_pictures::ExportMarkPictures) | the way of a painted surface, distances between its marks, what was filled in, as SVG |
 //! | [`export.gltf`](gltf::ExportGltf) | `motion.glb`: targets, a mesh over the marks and cameras as an animated scene |
 //! | [`export.bvh`](bvh::ExportBvh) | `motion.bvh`: the body that eight targets sit on, as a skeleton that moves |
-//! | [`export.relief`](relief::ExportRelief) | point clouds as pictures of the shaded surface, as PNG |
+//! | [`export.cloud`](cloud::ExportCloud) | point clouds as PLY, and as range and shaded pictures of their camera |
 //! | [`export.overlay`](overlay::ExportOverlay) | some pictures of a camera with the points ringed that were found in them, as PNG |
 //!
 //! Tables, C3D and TRC reach the disk while the run goes on, and are whole at any time. A disk that is full or a folder that cannot be written to loses nothing: rows
@@ -20,6 +20,7 @@
 
 pub mod bvh;
 pub mod c3d;
+pub mod cloud;
 mod csv;
 pub mod features;
 mod figures;
@@ -33,7 +34,6 @@ pub mod marks;
 pub mod npz;
 pub mod overlay;
 pub mod pictures;
-pub mod relief;
 mod row_file;
 mod target_rows;
 pub mod targets;
@@ -49,7 +49,6 @@ pub fn register(registry: &mut Registry) {
     registry.add::<targets::ExportTargets>();
     registry.add::<features::ExportFeatures>();
     registry.add::<pictures::ExportPictures>();
-    registry.add::<relief::ExportRelief>();
     registry.add::<overlay::ExportOverlay>();
     registry.add::<mark_pictures::ExportMarkPictures>();
     registry.add::<marks::ExportMarks>();
@@ -58,4 +57,5 @@ pub fn register(registry: &mut Registry) {
     registry.add::<npz::ExportNpy>();
     registry.add::<gltf::ExportGltf>();
     registry.add::<bvh::ExportBvh>();
+    registry.add::<cloud::ExportCloud>();
 }

@@ -31,6 +31,11 @@ impl WholeFile {
         }
     }
 
+    /// Another file of the same folder.
+    pub(crate) fn named(&self, name: String) -> Self {
+        Self { name, ..self.clone() }
+    }
+
     /// Whether anything is to be written.
     pub(crate) fn is_wanted(&self) -> bool {
         self.folder.is_some()

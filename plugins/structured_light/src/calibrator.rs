@@ -12,7 +12,7 @@ use std::sync::Arc;
 use foveate::calibration::board::{Board, BoardOptions, BoardSolution, calibrate};
 use foveate::calibration::network::Origin;
 use foveate::calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
-use foveate::calibration::solved::ObservationRole;
+use foveate::calibration::solved::{ObservationRole, SolvedObservation};
 use foveate::estimation::statistics::{median, percentile};
 use foveate::geometry::{Camera, CameraStatus, Distortion, Freedom, Intrinsics, ResectionOptions, refine_pose};
 use foveate::prelude::*;
@@ -22,24 +22,28 @@ use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::pair::triangulate;
+use crate::pair::{OnRay, triangulate};
+use crate::triangulator::TriangulatorSettings;
 
 ports! {
+    pub(crate) fn declared_ports;
     FEATURES: In<Features> = each("features");
     MAP: In<ProjectorMap> = each("map").optional();
 }
 
 figures! {
-    "projector.rms_px": px, low, "Root mean square distance of the projector's corners from where the calibration has them, over those in use";
+    "projector.rms_px": px, low, "Root mean square distance of the projector's corners from where the calibration has them, over all sets, those that it rejects among them";
     "projector.held_out_px.rms": px, low, "Root mean square distance of the projector's corners from where they are foretold in a set by a calibration without that set, the board being placed by camera and projector, over all sets in turn";
     "projector.held_out_px.worst": px, low, "The largest of these by set";
     "projector.transfer_px.rms": px, low, "The same, the board being placed by the camera alone";
     "projector.sets": count, high, "Sets in which camera and projector saw the board";
-    "camera.rms_px": px, low, "Root mean square distance of the camera's corners from where the calibration has them, over those in use";
+    "camera.rms_px": px, low, "Root mean square distance of the camera's corners from where the calibration has them, over all sets, those that it rejects among them";
     "camera.held_out_px.rms": px, low, "As of the projector, for the camera's corners";
-    "both.rms_px": px, low, "Root mean square distance of the corners of camera and projector from where the calibration has them, over those in use";
+    "corners.rejected": count, low, "Corners of camera and projector that the calibration was not made from, since they are too far from where it has them";
+    "both.rms_px": px, low, "Root mean square distance of the corners of camera and projector from where the calibration has them, over all sets, those that it rejects among them";
+    "both.used_px.rms": px, low, "The same without those that it rejects";
     "depth_mm.{median,p95}": mm, low, "Distance along the camera's rays between points on the board and the board as the calibration has it, over all sets";
-    "flatness_mm.rms": mm, low, "Root mean square distance of points on the board from the plane that fits them best, of the set where it is largest";
+    "flatness_mm.{median,worst}": mm, low, "Root mean square distance of the points of a set on the board from the plane that fits them best, over sets; a board that is bent counts in full";
     "coverage": share, high, "Camera pixels between the board's corners that have a point, over all of these, in all sets";
 }
 
@@ -114,7 +118,11 @@ impl Node for Calibrator {
         })?;
         let projector = setup.calibration.index_of(&settings.projector).ok_or_else(|| {
             let names: Vec<&str> = setup.calibration.cameras.iter().map(|it| it.name.as_str()).collect();
-            let message = format!("found no camera `{}` in the calibration, expected one of: {}", settings.projector, names.join(", "));
+            let message = format!(
+                "found no camera `{}` in the calibration, expected one of: {}",
+                settings.projector,
+                names.join(", ")
+            );
             ConfigError::at("projector", message)
         })?;
         setup.claim_named_file("file", &settings.file)?;
@@ -202,21 +210,26 @@ struct Foretold {
 }
 
 impl Calibrator {
-    fn guess(&self, which: usize) -> CameraGuess {
+    fn guess(&self, which: usize, n_sets: usize) -> CameraGuess {
         let image_size = self.sizes[which];
-        let intrinsics =
-            Intrinsics { focal: guessed_focal(image_size, 1.0), principal: middle(image_size), skew: 0.0 };
+        let intrinsics = Intrinsics { focal: guessed_focal(image_size, 1.0), principal: middle(image_size), skew: 0.0 };
         let camera = Camera {
             image_size,
             intrinsics,
             distortion: Distortion::default(),
             camera_from_world: Isometry3::identity(),
         };
-        let free = Freedom { focal: true, aspect: true, principal: true, k1: true, k2: true, decentering: true, ..Freedom::POSE };
+        // Two views of a plane hold four numbers of a camera: its focal length and principal point, and no lens.
+        let few = Freedom { focal: true, principal: true, ..Freedom::POSE };
+        let free = match n_sets < 3 {
+            true => few,
+            false => Freedom { aspect: true, k1: true, k2: true, decentering: true, ..few },
+        };
         CameraGuess { name: self.names[which].clone(), camera, free }
     }
 
     fn recording(&self, without: Option<Time>) -> Recording {
+        let n_sets = self.sets.len() - usize::from(without.is_some());
         let spot = |it: &Feature| Spot {
             pixel: it.centre,
             sigma_px: (it.covariance.trace() / 2.0).max(1e-6).sqrt(),
@@ -228,7 +241,10 @@ impl Calibrator {
             let time_s = time.as_s();
             [0, 1].map(|camera| CameraFrame { camera, time_s, spots: set.features[camera].iter().map(spot).collect() })
         });
-        Recording { cameras: vec![self.guess(0), self.guess(1)], camera_frames: camera_frames.collect() }
+        Recording {
+            cameras: vec![self.guess(0, n_sets), self.guess(1, n_sets)],
+            camera_frames: camera_frames.collect(),
+        }
     }
 
     fn solve(&self, without: Option<Time>) -> Result<BoardSolution, String> {
@@ -260,11 +276,19 @@ impl Calibrator {
     }
 
     fn residuals(&mut self, solution: &BoardSolution, report: &mut Report) {
-        let used = || solution.solved.observations.iter().filter(|it| it.role == ObservationRole::Used);
-        let errors = |which: Option<usize>| -> Vec<f64> {
-            let of = used().filter(|it| which.is_none_or(|which| it.camera == which));
-            of.filter_map(|it| Some(it.residual?.norm())).collect()
+        // Those that were rejected count too.
+        let off = |it: &SolvedObservation| {
+            let point = &solution.solved.points[it.point?];
+            Some((solution.solved.cameras[it.camera].camera.project(&point.position)? - it.pixel).norm())
         };
+        let errors = |which: Option<usize>| -> Vec<f64> {
+            let all = solution.solved.observations.iter();
+            all.filter(|it| which.is_none_or(|which| it.camera == which)).filter_map(off).collect()
+        };
+        let rejected = solution.solved.observations.iter().filter(|it| it.role == ObservationRole::Rejected).count();
+        report.figure("corners.rejected", rejected as f64);
+        let used = solution.solved.observations.iter().filter(|it| it.role == ObservationRole::Used);
+        report.figure("both.used_px.rms", rms(&used.filter_map(off).collect::<Vec<f64>>()));
         report.figure("camera.rms_px", rms(&errors(Some(0))));
         report.figure("projector.rms_px", rms(&errors(Some(1))));
         report.figure("both.rms_px", rms(&errors(None)));
@@ -345,7 +369,9 @@ impl Calibrator {
     /// Points on the board against its plane.
     fn surfaces(&self, solution: &BoardSolution, report: &mut Report) {
         let [camera, projector] = [0, 1].map(|it| &solution.solved.cameras[it].camera);
-        let (mut off_plane, mut worst, mut pixels, mut known) = (Vec::new(), f64::NAN, 0, 0);
+        let (mut off_plane, mut by_set, mut pixels, mut known) = (Vec::new(), Vec::new(), 0, 0);
+        let kept = TriangulatorSettings::default();
+        let is_good = |it: &OnRay| it.misfit <= kept.max_misfit_px && it.sigma <= kept.max_sigma * it.depth;
         for (time, set) in &self.sets {
             let near = |it: &&foveate::calibration::board::BoardPose| (it.time_s - time.as_s()).abs() < 1e-3;
             let Some(pose) = solution.boards.iter().find(near) else { continue };
@@ -353,7 +379,7 @@ impl Calibrator {
             let origin = pose.world_from_board * Point3::origin();
             let mut points: Vec<Point3<f64>> = Vec::new();
             for (pixel, sample) in &set.on_board {
-                let Some(found) = triangulate(camera, projector, pixel, sample) else { continue };
+                let Some(found) = triangulate(camera, projector, pixel, sample).filter(is_good) else { continue };
                 let along = found.ray.direction.dot(&normal);
                 let depth = (origin - found.ray.origin).dot(&normal) / along;
                 off_plane.push(1e3 * (found.depth - depth).abs());
@@ -361,14 +387,15 @@ impl Calibrator {
             }
             pixels += set.board_pixels;
             known += points.len();
-            worst = worst.max(1e3 * flatness(&points));
+            by_set.push(1e3 * flatness(&points));
         }
         if pixels == 0 {
             return;
         }
         report.figure("depth_mm.median", median(&off_plane).unwrap_or(f64::NAN));
         report.figure("depth_mm.p95", percentile(&off_plane, 95.0).unwrap_or(f64::NAN));
-        report.figure("flatness_mm.rms", worst);
+        report.figure("flatness_mm.median", median(&by_set).unwrap_or(f64::NAN));
+        report.figure("flatness_mm.worst", by_set.iter().copied().fold(f64::NAN, f64::max));
         report.figure("coverage", known as f64 / pixels as f64);
     }
 
@@ -381,7 +408,8 @@ impl Calibrator {
         let calibration: Calibration = solution.solved.to_calibration(origin).map_err(|fault| fault.to_string())?;
         let Some(folder) = &self.out_dir else { return Ok(()) };
         let path = folder.join(&self.settings.file);
-        std::fs::write(&path, calibration.to_toml()).map_err(|error| format!("`{}` cannot be written: {error}", path.display()))?;
+        std::fs::write(&path, calibration.to_toml())
+            .map_err(|error| format!("`{}` cannot be written: {error}", path.display()))?;
         report.file(&self.settings.file);
         Ok(())
     }

@@ -13,6 +13,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 ports! {
+    pub(crate) fn declared_ports;
     WHITE: In<Image> = each("white");
     MAP: In<ProjectorMap> = each("map");
     FEATURES: Out<Features> = "features";
@@ -83,7 +84,11 @@ impl Node for Corners {
         ConfigError::unless_in("reach", settings.reach, 0.1..=2.0)?;
         let projector = setup.calibration.index_of(&settings.projector).ok_or_else(|| {
             let names: Vec<&str> = setup.calibration.cameras.iter().map(|it| it.name.as_str()).collect();
-            let message = format!("found no camera `{}` in the calibration, expected one of: {}", settings.projector, names.join(", "));
+            let message = format!(
+                "found no camera `{}` in the calibration, expected one of: {}",
+                settings.projector,
+                names.join(", ")
+            );
             ConfigError::at("projector", message)
         })?;
         Ok(Self {
@@ -183,7 +188,9 @@ fn at_corner(map: &ProjectorMap, corner: &Corner, reach: f64) -> Option<(Point2<
         let mut normal = SMatrix::<f64, 8, 8>::zeros();
         let mut side = SVector::<f64, 8>::zeros();
         for [x, y, u, v] in &samples {
-            for (row, seen) in [([1.0, *x, *y, 0.0, 0.0, 0.0, -u * x, -u * y], u), ([0.0, 0.0, 0.0, 1.0, *x, *y, -v * x, -v * y], v)] {
+            for (row, seen) in
+                [([1.0, *x, *y, 0.0, 0.0, 0.0, -u * x, -u * y], u), ([0.0, 0.0, 0.0, 1.0, *x, *y, -v * x, -v * y], v)]
+            {
                 let row = SVector::<f64, 8>::from(row);
                 normal += row * row.transpose();
                 side += row * *seen;

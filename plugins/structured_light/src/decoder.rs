@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use crate::pattern::{PatternSettings, calibrated_size};
 
 ports! {
+    pub(crate) fn declared_ports;
     PICTURES: In<PatternPictures> = each("pictures");
     MAP: Out<ProjectorMap> = "map";
     WHITE: Out<Image> = "white";
@@ -178,7 +179,9 @@ impl Decoder {
             if let Some(size) = self.projector_size.filter(|it| *it != code.projector) {
                 let [found, expected] = [code.projector, size].map(|[columns, rows]| format!("{columns} x {rows} px"));
                 let name = &self.settings.projector;
-                return Err(format!("the patterns are for a projector of {found}, expected {expected} as `{name}` in the calibration"));
+                return Err(format!(
+                    "the patterns are for a projector of {found}, expected {expected} as `{name}` in the calibration"
+                ));
             }
             return Ok(code);
         }
@@ -230,7 +233,9 @@ impl Decoder {
             ..ProjectorMap::default()
         };
         map.samples.reserve_exact(16 * white.len());
-        let of = |list: &[Vec<f32>; 2], at: usize| Axis::BOTH.map(|it| list[it.index()].get(at).copied().unwrap_or(f32::NAN));
+        let of = |list: &[Vec<f32>; 2], at: usize| {
+            Axis::BOTH.map(|it| list[it.index()].get(at).copied().unwrap_or(f32::NAN))
+        };
         for at in 0..white.len() {
             let (coordinate, sigma) = (of(&coordinates.values, at), of(&coordinates.sigmas, at));
             map.push(ProjectorSample { coordinate, sigma });
@@ -243,7 +248,12 @@ impl Decoder {
     fn coordinates(&self, code: &StripeCode, views: &[ImageView<'_>]) -> Result<Coordinates, String> {
         let (noise, threads) = (self.settings.noise, self.settings.threads);
         let found = match code.steps {
-            0 => edges::coordinates(code, views, &self.decoded, &EdgeOptions { noise, threads, ..EdgeOptions::default() }),
+            0 => edges::coordinates(
+                code,
+                views,
+                &self.decoded,
+                &EdgeOptions { noise, threads, ..EdgeOptions::default() },
+            ),
             _ => phase::coordinates(code, views, &self.decoded, &PhaseOptions { noise, ..PhaseOptions::default() }),
         };
         found.map_err(|fault| fault.to_string())
@@ -257,4 +267,65 @@ fn brightest(views: &[ImageView<'_>]) -> Vec<u8> {
         all.iter_mut().zip(view.pixels()).for_each(|(to, it)| *to = (*to).max(*it));
     }
     all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A set whose camera sees each pixel of a small projector as one of its own, in gray levels 20 to 220.
+    fn set(code: &StripeCode) -> PatternPictures {
+        let [width, height] = code.projector;
+        let seen = |it: &Shown| foveate::imaging::stripes::pattern::picture(code, *it, 1.0);
+        let pixels: Vec<u8> =
+            code.pictures().iter().flat_map(seen).map(|it| 20 + (u16::from(it) * 200 / 255) as u8).collect();
+        let names = (0..code.pictures().len()).map(|it| format!("{it:02}.png")).collect();
+        PatternPictures { name: "scan".into(), width, height, names, pixels, ..PatternPictures::default() }
+    }
+
+    fn settings() -> DecoderSettings {
+        let pattern = PatternSettings { projector_px: [64, 48], ..PatternSettings::default() };
+        DecoderSettings { pattern, min_direct: 0.0, ..DecoderSettings::default() }
+    }
+
+    /// The map, if there is one, and what was said.
+    fn run(set: PatternPictures) -> (Option<std::sync::Arc<ProjectorMap>>, String) {
+        let mut bench = NodeBench::<Decoder>::new(settings()).unwrap();
+        bench.feed(&PICTURES, Time::ZERO, set).unwrap();
+        let map = bench.outputs(&MAP).pop().map(|it| it.value);
+        (map, bench.finish().unwrap().remarks.join("; "))
+    }
+
+    #[test]
+    fn node_keeps_its_promises() {
+        foveate_testkit::check_node::<Decoder>("pattern.projector_px = [64, 48]\nmin_contrast = 20");
+    }
+
+    #[test]
+    fn rows_that_are_spoilt_leave_columns() {
+        let code = StripeCode::gray([64, 48]);
+        let mut set = set(&code);
+        let n = 64 * 48;
+        // The inverse of a bit of the rows was not shown.
+        let (bit, inverse) = (16, 17);
+        let again = set.pixels[bit * n..(bit + 1) * n].to_vec();
+        set.pixels[inverse * n..(inverse + 1) * n].copy_from_slice(&again);
+        let (map, said) = run(set);
+        let [u, v] = map.unwrap().get(30, 20).coordinate;
+        assert!((u - 30.0).abs() < 0.1 && v.is_nan(), "{u} {v}");
+        assert!(said.contains("`17.png` shows the same stripes as `16.png`"), "{said}");
+    }
+
+    #[test]
+    fn a_set_that_is_none_gives_no_map_and_says_why() {
+        let code = StripeCode::gray([64, 48]);
+        let mut short = set(&code);
+        short.names.pop();
+        short.pixels.truncate(short.names.len() * 64 * 48);
+        let (map, said) = run(short);
+        assert!(map.is_none() && said.contains("found 25 pictures, expected 26"), "{said}");
+        let manifest = "projector_px = [32, 32]\nodrer = \"columns\"".to_owned();
+        let (map, said) = run(PatternPictures { manifest, ..set(&code) });
+        assert!(map.is_none() && said.contains("odrer"), "{said}");
+    }
 }

@@ -15,12 +15,13 @@ pub mod calibrator;
 pub mod collector;
 pub mod corners;
 pub mod decoder;
+pub mod files;
 pub mod pair;
 pub mod pattern;
 pub mod pictures;
-pub mod triangulator;
 #[cfg(test)]
 mod procam_tests;
+pub mod triangulator;
 
 pub use pattern::PatternSettings;
 

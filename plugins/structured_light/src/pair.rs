@@ -38,7 +38,12 @@ impl OnRay {
 const STEPS: usize = 6;
 
 /// The point that `pixel` of the camera sees and `sample` says the projector lights; `None` where no coordinate is known, or none in front of both fits.
-pub fn triangulate(camera: &Camera, projector: &Camera, pixel: &Point2<f64>, sample: &ProjectorSample) -> Option<OnRay> {
+pub fn triangulate(
+    camera: &Camera,
+    projector: &Camera,
+    pixel: &Point2<f64>,
+    sample: &ProjectorSample,
+) -> Option<OnRay> {
     let ray = camera.ray(pixel)?;
     let seen = sample.coordinate.map(f64::from);
     let weights = [0, 1].map(|it| {
@@ -61,7 +66,12 @@ pub fn triangulate(camera: &Camera, projector: &Camera, pixel: &Point2<f64>, sam
         }
         if change.abs() < 1e-9 * depth || step == STEPS {
             let sigma = information.sqrt().recip();
-            return (depth > 0.0 && sigma.is_finite()).then_some(OnRay { ray, depth, sigma, misfit: off[0].hypot(off[1]) });
+            return (depth > 0.0 && sigma.is_finite()).then_some(OnRay {
+                ray,
+                depth,
+                sigma,
+                misfit: off[0].hypot(off[1]),
+            });
         }
         depth -= change;
     }

@@ -96,7 +96,8 @@ impl PatternSettings {
         let size = match (self.projector_px, calibrated) {
             ([0, 0], Some(size)) => size,
             ([0, 0], None) => {
-                let message = "found no size of the projector, expected its columns and rows, or a projector in the calibration";
+                let message =
+                    "found no size of the projector, expected its columns and rows, or a projector in the calibration";
                 return Err(ConfigError::at("projector_px", message));
             }
             (size, _) => size,

@@ -149,7 +149,9 @@ fn check_count(path: &Path, sets: Vec<Vec<PathBuf>>) -> Result<Vec<Vec<PathBuf>>
         return Err(format!("found no pictures in `{shown}`, expected PNG or JPEG files, or folders of them"));
     }
     match sets.iter().map(Vec::len).find(|it| *it > MAX_PICTURES) {
-        Some(n) => Err(format!("found {n} pictures in a folder of `{shown}`, expected at most {MAX_PICTURES} in a set")),
+        Some(n) => {
+            Err(format!("found {n} pictures in a folder of `{shown}`, expected at most {MAX_PICTURES} in a set"))
+        }
         None => Ok(sets),
     }
 }

@@ -24,6 +24,7 @@ ports! {
 figures! {
     "cloud.points.*": count, neither, "Points, over all maps of the camera";
     "cloud.misfits.*": count, low, "Pixels of the camera whose projector column and row do not belong to one point, left out";
+    "cloud.vague.*": count, low, "Pixels of the camera whose depth would be known less well than `max_sigma`, left out";
     "cloud.alone.*": count, low, "Points of the camera with too few neighbours on the same surface, left out";
     "cloud.sigma_mm.*": mm, low, "Mean standard deviation of the points of the camera, over the three axes";
 }
@@ -37,6 +38,9 @@ pub struct TriangulatorSettings {
     /// How far column and row may be from those of one point on the camera's ray; farther: the pixel is left out [px]
     #[schemars(range(min = 0.01, max = 1000.0))]
     pub max_misfit_px: f64,
+    /// Standard deviation of a point along the camera's ray over its distance, at most; more: the pixel is left out [–]
+    #[schemars(range(min = 0.000001, max = 1.0))]
+    pub max_sigma: f64,
     /// Pixels around a point, to either side, that say its normal and whether it is on a surface [px]
     #[schemars(range(min = 1, max = 10))]
     pub reach: usize,
@@ -56,6 +60,7 @@ impl Default for TriangulatorSettings {
         Self {
             projector: "projector".to_owned(),
             max_misfit_px: 2.0,
+            max_sigma: 5e-4,
             reach: 2,
             min_confidence: 0.25,
             step: 0.01,
@@ -84,6 +89,7 @@ pub struct Triangulator {
     has_pose: bool,
     points: u64,
     misfits: u64,
+    vague: u64,
     alone: u64,
     sigmas: f64,
 }
@@ -91,7 +97,8 @@ pub struct Triangulator {
 impl Node for Triangulator {
     const TYPE: &'static str = "structured_light.triangulator";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str = "Makes a point cloud with covariances and normals of where the projector lights what a camera sees";
+    const SUMMARY: &'static str =
+        "Makes a point cloud with covariances and normals of where the projector lights what a camera sees";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TriangulatorSettings;
 
@@ -101,6 +108,7 @@ impl Node for Triangulator {
 
     fn new(settings: TriangulatorSettings, setup: &Setup) -> Result<Self, ConfigError> {
         ConfigError::unless_in("max_misfit_px", settings.max_misfit_px, 0.01..=1000.0)?;
+        ConfigError::unless_in("max_sigma", settings.max_sigma, 1e-6..=1.0)?;
         ConfigError::unless_in("reach", settings.reach, 1..=10)?;
         ConfigError::unless_in("min_confidence", settings.min_confidence, 0.0..=1.0)?;
         ConfigError::unless_in("step", settings.step, 1e-4..=1.0)?;
@@ -110,7 +118,11 @@ impl Node for Triangulator {
         })?;
         let projector = setup.calibration.camera(&settings.projector).cloned().ok_or_else(|| {
             let names: Vec<&str> = setup.calibration.cameras.iter().map(|it| it.name.as_str()).collect();
-            let message = format!("found no camera `{}` in the calibration, expected one of: {}", settings.projector, names.join(", "));
+            let message = format!(
+                "found no camera `{}` in the calibration, expected one of: {}",
+                settings.projector,
+                names.join(", ")
+            );
             ConfigError::at("projector", message)
         })?;
         Ok(Self {
@@ -124,6 +136,7 @@ impl Node for Triangulator {
             white: VecDeque::new(),
             points: 0,
             misfits: 0,
+            vague: 0,
             alone: 0,
             sigmas: 0.0,
         })
@@ -168,6 +181,7 @@ impl Node for Triangulator {
         let name = &self.camera_name;
         report.figure(format!("cloud.points.{name}"), self.points as f64);
         report.figure(format!("cloud.misfits.{name}"), self.misfits as f64);
+        report.figure(format!("cloud.vague.{name}"), self.vague as f64);
         report.figure(format!("cloud.alone.{name}"), self.alone as f64);
         report.figure(format!("cloud.sigma_mm.{name}"), 1e3 * self.sigmas / self.points as f64);
         Ok(())
@@ -176,7 +190,8 @@ impl Node for Triangulator {
 
 impl Triangulator {
     fn unfit(&self, map: &ProjectorMap) -> Option<String> {
-        let sizes = [([map.width, map.height], self.camera.image_size), (map.projector_size, self.projector.image_size)];
+        let sizes =
+            [([map.width, map.height], self.camera.image_size), (map.projector_size, self.projector.image_size)];
         let whose = ["the camera's pictures are", "the projector is"];
         let fault = |((found, expected), whose): (([u32; 2], [u32; 2]), &str)| {
             let [[a, b], [c, d]] = [found, expected];
@@ -187,7 +202,7 @@ impl Triangulator {
 
     fn cloud(&mut self, map: &ProjectorMap, time: Time, white: Option<&Image>, pose: Option<&HeadPose>) -> PointCloud {
         let (width, height) = (map.width as usize, map.height as usize);
-        let mut found: Vec<Option<OnRay>> = vec![None; width * height];
+        let mut found = vec![Seen::NONE; width * height];
         for y in 0..height {
             for x in 0..width {
                 let sample = map.get(x, y);
@@ -195,8 +210,10 @@ impl Triangulator {
                 let Some(point) = triangulate(&self.camera, &self.projector, &pixel, &sample) else { continue };
                 if point.misfit > self.settings.max_misfit_px {
                     self.misfits += 1;
+                } else if point.sigma > self.settings.max_sigma * point.depth {
+                    self.vague += 1;
                 } else {
-                    found[y * width + x] = Some(point);
+                    found[y * width + x] = Seen::new(&self.camera, &point);
                 }
             }
         }
@@ -211,9 +228,14 @@ impl Triangulator {
         let of_pose = pose.map_or_else(Matrix3::zeros, |it| self.by_pose(map, &found, it));
         let grid = Grid { found: &found, width, height, camera: &self.camera, settings: &self.settings };
         for (at, point) in found.iter().enumerate() {
-            let Some(point) = point else { continue };
+            if point.depth.is_nan() {
+                continue;
+            }
             let (x, y) = (at % width, at / width);
+            let Some(ray) = self.camera.ray(&Point2::new(x as f64, y as f64)) else { continue };
+            let (depth, sigma) = (f64::from(point.depth), f64::from(point.sigma));
             let Around { normal, confidence } = grid.around(x, y, point);
+            let point = OnRay { ray, depth, sigma, misfit: 0.0 };
             if confidence < self.settings.min_confidence {
                 self.alone += 1;
                 continue;
@@ -265,9 +287,29 @@ fn colour(image: &Image, at: usize) -> [u8; 3] {
     }
 }
 
+/// What is kept of a point until its neighbours are known; NaN where there is none.
+#[derive(Clone, Copy)]
+struct Seen {
+    /// Along the ray [m].
+    depth: f32,
+    /// Of that [m].
+    sigma: f32,
+    /// Over the depth along the camera's axis [1/m].
+    inverse_z: f32,
+}
+
+impl Seen {
+    const NONE: Seen = Seen { depth: f32::NAN, sigma: f32::NAN, inverse_z: f32::NAN };
+
+    fn new(camera: &Camera, point: &OnRay) -> Seen {
+        let z = (camera.camera_from_world * point.point()).z;
+        Seen { depth: point.depth as f32, sigma: point.sigma as f32, inverse_z: z.recip() as f32 }
+    }
+}
+
 /// The points of a camera's pixels.
 struct Grid<'a> {
-    found: &'a [Option<OnRay>],
+    found: &'a [Seen],
     width: usize,
     height: usize,
     camera: &'a Camera,
@@ -282,26 +324,24 @@ struct Around {
 }
 
 impl Grid<'_> {
-    fn around(&self, x: usize, y: usize, point: &OnRay) -> Around {
+    fn around(&self, x: usize, y: usize, point: &Seen) -> Around {
         let reach = self.settings.reach;
-        let depth_z = |it: &OnRay| (self.camera.camera_from_world * it.point()).z;
-        let inverse = depth_z(point).recip();
         let mut samples: Vec<[f64; 3]> = Vec::with_capacity((2 * reach + 1).pow(2));
         let mut beside = 0;
         for row in y.saturating_sub(reach)..(y + reach + 1).min(self.height) {
             for column in x.saturating_sub(reach)..(x + reach + 1).min(self.width) {
-                let Some(other) = &self.found[row * self.width + column] else { continue };
+                let other = &self.found[row * self.width + column];
                 let noise = 3.0 * point.sigma.hypot(other.sigma);
-                let away = (row.abs_diff(y)).max(column.abs_diff(x)) as f64;
-                if (other.depth - point.depth).abs() <= noise + self.settings.step * point.depth * away {
+                let away = (row.abs_diff(y)).max(column.abs_diff(x)) as f32;
+                if (other.depth - point.depth).abs() <= noise + self.settings.step as f32 * point.depth * away {
                     let offset = [column as f64 - x as f64, row as f64 - y as f64];
-                    samples.push([offset[0], offset[1], depth_z(other).recip() - inverse]);
+                    samples.push([offset[0], offset[1], f64::from(other.inverse_z - point.inverse_z)]);
                     beside += usize::from(away > 0.0);
                 }
             }
         }
         let confidence = beside as f64 / ((2 * reach + 1).pow(2) - 1) as f64;
-        let normal = self.normal(x, y, inverse, &samples).unwrap_or_else(Vector3::zeros);
+        let normal = self.normal(x, y, f64::from(point.inverse_z), &samples).unwrap_or_else(Vector3::zeros);
         Around { normal, confidence }
     }
 

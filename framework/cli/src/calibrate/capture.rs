@@ -6,7 +6,6 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use foveate_board::BoardSettings;
-use foveate_board::detector::Detector;
 use foveate_calibration::board::Board;
 use foveate_calibration::coverage::{Coverage, CoverageOptions};
 use foveate_calibration::recording::{CameraGuess, Recording};
@@ -16,6 +15,7 @@ use foveate_node::{Node, Registry, Role};
 use foveate_rig::graph::{Graph, Instance};
 use foveate_rig::{self as rig, Overrides};
 use foveate_scene::{Draft, WorkingVolume};
+use foveate_structured_light::corners::CornersSettings;
 
 use super::boards::{self, BoardWishes};
 use super::guide::Guide;
@@ -172,9 +172,12 @@ fn detectors(path: &Path, draft: &Draft, registry: &Registry, wishes: &Wishes) -
          \n[scale.{scale}.node.{TABLE}]\ntype = \"export.features\"\nin = {{ features = \"{node}.{port}\" }}\nfile = \"{OBSERVATIONS}\"\n"
     );
     let graph = rig::load(&format!("{text}{addition}"), path, registry, &overrides).map_err(faults)?;
-    let is_board = |it: &&Instance| it.node_type.name == Detector::TYPE && it.node == node;
-    let settings = graph.instances.iter().find(is_board).map(|it| it.settings.as_any());
+    let settings = graph.instances.iter().find(|it| it.node == node).map(|it| it.settings.as_any());
     let board = settings.and_then(|it| it.downcast_ref().cloned());
+    let board = board.or_else(|| {
+        let corners: &CornersSettings = settings?.downcast_ref()?;
+        Some(BoardSettings { columns: corners.columns, rows: corners.rows, square_mm: corners.square_mm })
+    });
     let is_table = |it: &&Instance| it.node_type.name == Detections::TYPE && it.node == node;
     let settings = graph.instances.iter().find(is_table).map(|it| it.settings.as_any());
     let settings: Option<&DetectionsSettings> = settings.and_then(|it| it.downcast_ref());

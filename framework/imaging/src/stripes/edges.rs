@@ -56,6 +56,8 @@ pub struct Boundary {
 
 /// No boundary is taken to be placed better than this, however strong: what is between two pixels is not quite a straight line [px].
 const BEST_SIGMA: f64 = 0.05;
+/// Two pixels between which a boundary is placed differ in white − black by no more than this: on an edge of the surface's own colour they differ by more [–].
+const MAX_RATIO: f64 = 1.5;
 /// Boundaries farther off their plane than so many standard deviations are left out.
 const OUTLIER: f64 = 3.0;
 /// And never those nearer than this [projector px].
@@ -106,6 +108,11 @@ pub fn boundaries(
     let (mut list, mut starts) = (Vec::new(), Vec::with_capacity(height + 1));
     let between = |from: usize, to: usize, down: bool, list: &mut Vec<Boundary>| {
         let (a, b) = (stripes[from], stripes[to]);
+        // Where bright meets dark each pixel is a mixture of both, and the boundary is not where the line says.
+        let (contrast, other) = (decoded.contrast[from], decoded.contrast[to]);
+        if f64::from(contrast.max(other)) > MAX_RATIO * f64::from(contrast.min(other)) {
+            return;
+        }
         // Two boundaries between two pixels are of different bits, and each can be placed; more cannot be told from a step.
         if a == b || a == NONE || b == NONE || a.abs_diff(b) > 2 {
             return;

@@ -107,9 +107,10 @@ impl<'a> Wave<'a> {
             sine += level * s * 2.0 / n;
         }
         let amplitude = cosine.hypot(sine);
-        let misfit = steps.iter().zip(&self.turns).map(|(step, [c, s])| {
-            (f64::from(step[at]) - mean - cosine * c - sine * s).powi(2)
-        });
+        let misfit = steps
+            .iter()
+            .zip(&self.turns)
+            .map(|(step, [c, s])| (f64::from(step[at]) - mean - cosine * c - sine * s).powi(2));
         let misfit = (misfit.sum::<f64>() / n).sqrt();
         let allowed = (3.0 * self.options.noise).max(self.options.max_misfit * amplitude);
         if amplitude < self.options.min_amplitude || misfit > allowed {

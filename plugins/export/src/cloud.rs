@@ -1,0 +1,234 @@
+//! `export.cloud`: point clouds as PLY, and as range and shaded pictures in the pixels of the camera that saw them.
+//!
+//! | file | what |
+//! |---|---|
+//! | `CAMERA_SET.ply` | binary, little endian: x, y, z [m], nx, ny, nz, red, green, blue, confidence, sigma [m] of each point |
+//! | `CAMERA_SET_range.png` | 16 bits a pixel: depth along the camera's axis in units of `range_unit_mm`; 0 where there is no point |
+//! | `CAMERA_SET_shaded.png` | 8 bits a pixel: the surface lit from the upper left of the camera; 0 where there is no point |
+//!
+//! Source: G. Turk, "The PLY polygon file format", 1994.
+
+use std::collections::BTreeMap;
+
+use foveate::prelude::*;
+use foveate::scene::Calibration;
+use nalgebra::Vector3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::csv::file_part;
+use crate::whole_file::WholeFile;
+
+ports! {
+    CLOUD: In<PointCloud> = each("cloud").many();
+}
+
+figures! {
+    "export.clouds": count, neither, "Point clouds that were written";
+}
+
+/// Settings of [`ExportCloud`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ExportCloudSettings {
+    /// Whether PLY files are written [–]
+    pub ply: bool,
+    /// Whether range and shaded pictures are written [–]
+    pub pictures: bool,
+    /// What one gray level of a range picture stands for: at 0.1, 16 bits reach 6.5 m [mm]
+    #[schemars(range(min = 0.0001, max = 1000.0))]
+    pub range_unit_mm: f64,
+    /// Clouds that are written, at most [–]
+    #[schemars(range(min = 1, max = 100000))]
+    pub max_clouds: u64,
+}
+
+impl Default for ExportCloudSettings {
+    fn default() -> Self {
+        Self { ply: true, pictures: true, range_unit_mm: 0.1, max_clouds: 1000 }
+    }
+}
+
+/// Point clouds in, files out.
+pub struct ExportCloud {
+    settings: ExportCloudSettings,
+    calibration: std::sync::Arc<Calibration>,
+    file: WholeFile,
+    names: BTreeMap<String, u64>,
+    written: u64,
+    left_out: u64,
+    report: Report,
+}
+
+impl Node for ExportCloud {
+    const TYPE: &'static str = "export.cloud";
+    const ROLE: Role = Role::Sink;
+    const SUMMARY: &'static str = "Writes point clouds as PLY, and as range and shaded pictures";
+    const FIGURES: Figures = DECLARED_FIGURES;
+    type Settings = ExportCloudSettings;
+
+    fn ports() -> Ports {
+        declared_ports()
+    }
+
+    fn new(settings: ExportCloudSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        ConfigError::unless_in("range_unit_mm", settings.range_unit_mm, 1e-4..=1000.0)?;
+        ConfigError::unless_in("max_clouds", settings.max_clouds, 1..=100_000)?;
+        setup.claim_file(None, "*.ply")?;
+        Ok(Self {
+            settings,
+            calibration: setup.calibration.clone(),
+            file: WholeFile::new(setup, "cloud.ply"),
+            names: BTreeMap::new(),
+            written: 0,
+            left_out: 0,
+            report: Report::default(),
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        while let Some(cloud) = io.take(&CLOUD) {
+            if self.written >= self.settings.max_clouds || !self.file.is_wanted() {
+                self.left_out += 1;
+                continue;
+            }
+            self.written += 1;
+            self.write(&cloud.value)?;
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        report.files.append(&mut self.report.files);
+        report.figure("export.clouds", self.written as f64);
+        if self.left_out > 0 && self.file.is_wanted() {
+            report.remark(format!("{} point clouds beyond `max_clouds` were not written", self.left_out));
+        }
+        Ok(())
+    }
+}
+
+impl ExportCloud {
+    fn write(&mut self, cloud: &PointCloud) -> Result<(), NodeError> {
+        let camera = self.calibration.cameras.get(usize::from(cloud.camera.0));
+        let camera_name = camera.map_or_else(|| cloud.camera.0.to_string(), |it| it.name.clone());
+        let stem = file_part(&format!("{camera_name}_{}", cloud.name));
+        let again = self.names.entry(stem.clone()).or_default();
+        *again += 1;
+        let stem = if *again == 1 { stem } else { format!("{stem}_{again}") };
+        let mut put = |name: String, bytes: &[u8]| self.file.named(name).write(bytes, &mut self.report);
+        if self.settings.ply {
+            put(format!("{stem}.ply"), &ply(cloud))?;
+        }
+        if let Some(camera) = camera.filter(|_| self.settings.pictures) {
+            let camera_from_world = camera.camera.camera_from_world;
+            let [columns, rows] = cloud.camera_size;
+            let n = columns as usize * rows as usize;
+            let (mut range, mut shaded) = (vec![0_u16; n], vec![0_u8; n]);
+            let light = Vector3::new(-0.5, -0.6, -1.0).normalize();
+            for point in cloud.iter() {
+                let at = usize::from(point.pixel[1]) * columns as usize + usize::from(point.pixel[0]);
+                let (Some(range), Some(shaded)) = (range.get_mut(at), shaded.get_mut(at)) else { continue };
+                let depth_mm = 1e3 * (camera_from_world * point.position.cast::<f64>()).z;
+                *range = (depth_mm / self.settings.range_unit_mm).round().clamp(0.0, 65_535.0) as u16;
+                let normal = camera_from_world.rotation * point.normal.cast::<f64>();
+                *shaded = (20.0 + 235.0 * normal.dot(&light).max(0.0)) as u8;
+            }
+            let range: Vec<u8> = range.iter().flat_map(|it| it.to_be_bytes()).collect();
+            let encoded = |bits, pixels: &[u8]| png_gray(columns, rows, bits, pixels).map_err(NodeError::input);
+            put(format!("{stem}_range.png"), &encoded(png::BitDepth::Sixteen, &range)?)?;
+            put(format!("{stem}_shaded.png"), &encoded(png::BitDepth::Eight, &shaded)?)?;
+        }
+        Ok(())
+    }
+}
+
+fn png_gray(columns: u32, rows: u32, bits: png::BitDepth, pixels: &[u8]) -> Result<Vec<u8>, png::EncodingError> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, columns, rows);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.set_depth(bits);
+    encoder.write_header()?.write_image_data(pixels)?;
+    Ok(bytes)
+}
+
+/// A cloud as a binary PLY file.
+pub fn ply(cloud: &PointCloud) -> Vec<u8> {
+    let mut header = format!(
+        "ply\nformat binary_little_endian 1.0\ncomment metres, {}\nelement vertex {}\n",
+        cloud.name.replace(['\n', '\r'], " "),
+        cloud.len()
+    );
+    for property in ["x", "y", "z", "nx", "ny", "nz"] {
+        header += &format!("property float {property}\n");
+    }
+    for property in ["red", "green", "blue"] {
+        header += &format!("property uchar {property}\n");
+    }
+    header += "property float confidence\nproperty float sigma\nend_header\n";
+    let mut bytes = header.into_bytes();
+    for point in cloud.iter() {
+        let (p, n) = (point.position, point.normal);
+        bytes.extend([p.x, p.y, p.z, n.x, n.y, n.z].iter().flat_map(|it| it.to_le_bytes()));
+        bytes.extend(point.colour);
+        bytes.extend([point.confidence, point.sigma()].iter().flat_map(|it| it.to_le_bytes()));
+    }
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix3, Point3};
+
+    use super::*;
+
+    fn cloud() -> PointCloud {
+        let mut cloud = PointCloud { name: "pose 1".into(), camera_size: [4, 3], ..PointCloud::default() };
+        for x in 0..3_u16 {
+            cloud.push(&CloudPoint {
+                position: Point3::new(f32::from(x), 0.5, 2.0),
+                covariance: Matrix3::identity() * 1e-6,
+                normal: -Vector3::z(),
+                confidence: 0.5,
+                pixel: [x, 1],
+                colour: [10, 20, 30],
+            });
+        }
+        cloud
+    }
+
+    #[test]
+    fn node_keeps_its_promises() {
+        foveate_testkit::check_node::<ExportCloud>("range_unit_mm = 0.5");
+    }
+
+    #[test]
+    fn a_ply_file_has_a_record_of_35_bytes_for_each_point() {
+        let bytes = ply(&cloud());
+        let end = b"end_header\n";
+        let start = bytes.windows(end.len()).position(|it| it == end).unwrap() + end.len();
+        let header = String::from_utf8(bytes[..start].to_vec()).unwrap();
+        assert!(header.contains("element vertex 3\n") && header.contains("property uchar blue\n"), "{header}");
+        let records: Vec<&[u8]> = bytes[start..].chunks(35).collect();
+        assert_eq!((records.len(), records[2].len()), (3, 35));
+        assert_eq!(records[2][..4], 2.0_f32.to_le_bytes());
+        assert_eq!(records[2][24..27], [10, 20, 30]);
+        assert_eq!(records[2][31..], 1e-3_f32.to_le_bytes());
+    }
+
+    #[test]
+    fn a_cloud_of_a_run_becomes_a_ply_file_and_two_pictures() {
+        let folder = tempfile::tempdir().unwrap();
+        let calibration = foveate_testkit::scene::ring_calibration(4);
+        let out_dir = Some(folder.path().to_owned());
+        let setup = Setup { calibration: std::sync::Arc::new(calibration), out_dir, ..Setup::for_tests() };
+        let mut bench = NodeBench::<ExportCloud>::with_setup(ExportCloudSettings::default(), &setup).unwrap();
+        bench.feed(&CLOUD, Time::ZERO, cloud()).unwrap();
+        bench.feed(&CLOUD, Time::from_s(1.0), cloud()).unwrap();
+        let report = bench.finish().unwrap();
+        assert_eq!((report.files.len(), report.figures["export.clouds"]), (6, 2.0));
+        let range = report.files.iter().find(|it| it.to_string_lossy().contains("range")).unwrap();
+        let picture = image::open(folder.path().join(range)).unwrap();
+        assert_eq!((picture.width(), picture.height(), picture.color()), (4, 3, image::ColorType::L16));
+    }
+}
