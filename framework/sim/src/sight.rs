@@ -187,7 +187,8 @@ mod tests {
             let found = found.map_or(f64::INFINITY, |it| facets[it].depth(&ray.origin, &along));
             n_seen += i32::from(expected.is_finite());
             // At the very rim a hair decides.
-            n_wrong += i32::from(found != expected && (found - expected).abs().partial_cmp(&1e-6).is_none_or(|it| it.is_gt()));
+            n_wrong +=
+                i32::from(found != expected && (found - expected).abs().partial_cmp(&1e-6).is_none_or(|it| it.is_gt()));
         }
         assert!(n_seen > 100 && n_wrong <= 1, "{n_wrong} of {n_seen}");
     }

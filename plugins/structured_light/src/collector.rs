@@ -102,7 +102,8 @@ pub struct Collector {
 impl Node for Collector {
     const TYPE: &'static str = "structured_light.collector";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str = "Gathers the pictures of a set of projected patterns, and refuses sets in which something moved";
+    const SUMMARY: &'static str =
+        "Gathers the pictures of a set of projected patterns, and refuses sets in which something moved";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CollectorSettings;
 
@@ -183,10 +184,10 @@ impl Set {
 
 impl Collector {
     fn expect(&mut self, shown: &Arc<PatternShown>) {
-        let set = self.sets.entry(shown.set).or_insert_with(|| Set {
-            first: Arc::clone(shown),
-            slots: (0..shown.count).map(|_| None).collect(),
-        });
+        let set = self
+            .sets
+            .entry(shown.set)
+            .or_insert_with(|| Set { first: Arc::clone(shown), slots: (0..shown.count).map(|_| None).collect() });
         let middle = shown.from + Interval::from_ms(self.settings.latency_ms) + Interval(shown.lasts.0 / 2);
         if let Some(slot) = set.slots.get_mut(shown.index as usize) {
             *slot = Some(Slot { name: shown.name.clone(), middle, lasts: shown.lasts, picture: None });
@@ -218,7 +219,8 @@ impl Collector {
         if !missing.is_empty() {
             self.incomplete += 1;
             let n = missing.len();
-            let listed = if n > 3 { format!("{} and {} more", missing[..3].join(", "), n - 3) } else { missing.join(", ") };
+            let listed =
+                if n > 3 { format!("{} and {} more", missing[..3].join(", "), n - 3) } else { missing.join(", ") };
             let all = set.slots.len();
             let fault = format!("{name}: found no picture of {listed}, expected one of each of the {all} patterns");
             self.refuse(io, time, fault);
@@ -230,14 +232,18 @@ impl Collector {
         if let Some(turn_px) = self.turn_px(first, last).filter(|it| *it > self.settings.max_turn_px) {
             self.moved += 1;
             let most = self.settings.max_turn_px;
-            let fault = format!("{name}: the camera's head turned by {turn_px:.1} px during the set, expected at most {most} px");
+            let fault = format!(
+                "{name}: the camera's head turned by {turn_px:.1} px during the set, expected at most {most} px"
+            );
             self.refuse(io, time, fault);
             return;
         }
         let image = &pictures[0].1;
         let (width, height) = (image.width, image.height);
         if pictures.iter().any(|(_, it)| [it.width, it.height] != [width, height] || it.format != PixelFormat::Gray8) {
-            let fault = format!("{name}: found pictures of several sizes or of colours, expected gray ones of {width} x {height} px");
+            let fault = format!(
+                "{name}: found pictures of several sizes or of colours, expected gray ones of {width} x {height} px"
+            );
             self.refuse(io, time, fault);
             return;
         }
@@ -252,7 +258,8 @@ impl Collector {
             manifest: set.first.manifest.clone(),
             pixels,
         };
-        let code = PatternSettings::read(&all.manifest).and_then(|it| it.stripe_code(None).map_err(|fault| fault.message));
+        let code =
+            PatternSettings::read(&all.manifest).and_then(|it| it.stripe_code(None).map_err(|fault| fault.message));
         let code = match code {
             Ok(code) if code.pictures().len() == all.names.len() => code,
             Ok(code) => {
@@ -272,7 +279,9 @@ impl Collector {
         if share > self.settings.max_moved {
             self.moved += 1;
             let (found, most) = (100.0 * share, 100.0 * self.settings.max_moved);
-            let fault = format!("{name}: something moved in {found:.0} % of what the projector lights, expected at most {most:.0} % during a static code");
+            let fault = format!(
+                "{name}: something moved in {found:.0} % of what the projector lights, expected at most {most:.0} % during a static code"
+            );
             self.refuse(io, time, fault);
             return;
         }
@@ -289,7 +298,8 @@ impl Collector {
 
     /// How far the head turned the picture between two times; `None` without poses of that time.
     fn turn_px(&self, first: Time, last: Time) -> Option<f64> {
-        let there: Vec<[f64; 2]> = self.angles.iter().filter(|it| (first..=last).contains(&it.0)).map(|it| it.1).collect();
+        let there: Vec<[f64; 2]> =
+            self.angles.iter().filter(|it| (first..=last).contains(&it.0)).map(|it| it.1).collect();
         let span = |axis: usize| {
             let of = there.iter().map(|it| it[axis]);
             of.clone().fold(f64::NEG_INFINITY, f64::max) - of.fold(f64::INFINITY, f64::min)
@@ -357,7 +367,8 @@ impl Blocks {
                     compare(&sum);
                 }
             }
-            let steps: Vec<usize> = (0..code.steps).filter_map(|step| code.place(Shown::Phase { axis, step })).collect();
+            let steps: Vec<usize> =
+                (0..code.steps).filter_map(|step| code.place(Shown::Phase { axis, step })).collect();
             if steps.is_empty() {
                 continue;
             }
@@ -391,5 +402,129 @@ impl Blocks {
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate::imaging::stripes::pattern::picture;
+    use foveate_testkit::check_node;
+
+    use super::*;
+
+    const SIZE: [u32; 2] = [128, 96];
+    const MANIFEST: &str =
+        "projector_px = [128, 96]\ncode = \"phase\"\norder = \"white black columns\"\nperiod_px = 16\n";
+
+    fn code() -> StripeCode {
+        PatternSettings::read(MANIFEST).unwrap().stripe_code(None).unwrap()
+    }
+
+    /// Surfaces of many shades, of which those for which `moves` holds have come `off` px to the right, with noise of one gray level.
+    fn seen(
+        shown: Shown,
+        off: f64,
+        moves: impl Fn(usize, usize) -> bool,
+        random: &mut foveate::estimation::random::Random,
+    ) -> Image {
+        let light = picture(&code(), shown, 1.0);
+        let pixels = (0..SIZE[1] as usize).flat_map(|y| (0..SIZE[0] as usize).map(move |x| (x, y))).map(|(x, y)| {
+            let at = x as f64 - if moves(x, y) { off } else { 0.0 };
+            let albedo = 0.55 + 0.25 * (at * 0.21 + y as f64 * 0.13).sin();
+            let gray = 14.0 + albedo * f64::from(light[y * SIZE[0] as usize + x]) * 0.7 + random.normal();
+            gray.round().clamp(0.0, 255.0) as u8
+        });
+        Image { width: SIZE[0], height: SIZE[1], pixels: pixels.collect(), ..Image::default() }
+    }
+
+    struct Outcome {
+        sets: Vec<Arc<PatternPictures>>,
+        gaps: Vec<String>,
+        report: Report,
+    }
+
+    /// One set, and a picture after it. `speed` is in pixels a picture; picture `lost` never comes; captures are `late_ms` after the middle of their pattern.
+    fn collect(speed: f64, moves: impl Fn(usize, usize) -> bool + Copy, lost: Option<usize>, late_ms: f64) -> Outcome {
+        let mut bench = NodeBench::<Collector>::new(CollectorSettings::default()).unwrap();
+        let mut random = foveate::estimation::random::Random::new(3);
+        let pictures = code().pictures();
+        for (index, shown) in pictures.iter().enumerate() {
+            let from = Time::from_s(1.0 + 0.02 * index as f64);
+            let told = PatternShown {
+                index: index as u32,
+                count: pictures.len() as u32,
+                name: shown.to_string(),
+                from,
+                lasts: Interval::from_ms(20.0),
+                manifest: MANIFEST.to_owned(),
+                ..PatternShown::default()
+            };
+            bench.feed(&SHOWN, from, told).unwrap();
+        }
+        for (index, shown) in pictures.iter().chain([&Shown::Black]).enumerate() {
+            let capture = Time::from_s(1.0 + 0.02 * index as f64) + Interval::from_ms(40.0 + late_ms);
+            let image = seen(*shown, speed * index as f64, moves, &mut random);
+            if lost != Some(index) {
+                bench.feed(&IMAGE, capture, image).unwrap();
+            }
+        }
+        let gaps = bench.gaps(&PICTURES).into_iter().map(|it| it.reason).collect();
+        let sets = bench.outputs(&PICTURES).into_iter().map(|it| it.value).collect();
+        Outcome { sets, gaps, report: bench.finish().unwrap() }
+    }
+
+    #[test]
+    fn node_keeps_the_law() {
+        check_node::<Collector>("");
+        check_node::<Collector>("latency_ms = 16\nmax_moved = 0.1");
+    }
+
+    #[test]
+    fn a_set_at_rest_is_passed_on_whole_and_in_order() {
+        for late_ms in [-7.0, 0.0, 7.0] {
+            let found = collect(0.0, |_, _| true, None, late_ms);
+            let names: Vec<String> = code().pictures().iter().map(ToString::to_string).collect();
+            assert!(found.sets.len() == 1 && found.gaps.is_empty(), "{:?}", found.gaps);
+            let set = &found.sets[0];
+            assert!(set.names == names && set.manifest == MANIFEST && set.pixels.len() == 128 * 96 * names.len());
+            let mean =
+                |index: usize| set.picture(index).unwrap().iter().map(|it| u64::from(*it)).sum::<u64>() / (128 * 96);
+            assert!(mean(0) > 90 && mean(1) < 20, "white, then black: {} {}", mean(0), mean(1));
+            assert_eq!(found.report.figures["collector.moved_share.test.node"], 0.0);
+        }
+    }
+
+    #[test]
+    fn pictures_that_no_exposure_fits_are_missing_and_named() {
+        let found = collect(0.0, |_, _| true, Some(4), 0.0);
+        assert!(found.sets.is_empty());
+        assert!(
+            found.gaps[0].contains("found no picture of `bit 1 of the columns`, expected one of each"),
+            "{:?}",
+            found.gaps
+        );
+        // An exposure that reaches into the next pattern shows a mixture.
+        let late = collect(0.0, |_, _| true, None, 9.0);
+        assert!(late.sets.is_empty() && late.gaps[0].contains("and 1"), "{:?}", late.gaps);
+    }
+
+    #[test]
+    fn what_moves_is_refused_and_a_part_that_moves_is_left_out() {
+        let found = collect(1.0, |_, _| true, None, 0.0);
+        assert!(found.sets.is_empty() && found.gaps[0].contains("something moved in"), "{:?}", found.gaps);
+        assert_eq!(found.report.figures["collector.sets_moved.test.node"], 1.0);
+        // One block of 48.
+        let part = collect(1.0, |x, y| (32..48).contains(&x) && (16..32).contains(&y), None, 0.0);
+        assert_eq!(part.sets.len(), 1, "{:?}", part.gaps);
+        let white = part.sets[0].picture(0).unwrap();
+        let is_black = |x: usize, y: usize| white[y * 128 + x] == 0;
+        assert!(is_black(32, 16) && is_black(47, 31) && !is_black(31, 16) && !is_black(48, 20) && !is_black(40, 32));
+    }
+
+    #[test]
+    fn settings_out_of_range_are_refused() {
+        let settings = CollectorSettings { max_moved: 1.5, ..CollectorSettings::default() };
+        let refused = Collector::new(settings, &Setup::for_tests()).err().and_then(|it| it.setting);
+        assert_eq!(refused.as_deref(), Some("max_moved"));
     }
 }

@@ -160,7 +160,11 @@ impl Node for Triangulator {
             match &pose {
                 Some(pose) => self.camera.camera_from_world = pose.camera_from_world,
                 None if self.has_pose => {
-                    io.gap(&CLOUD, map.time(), "found no pose of the camera's head at the time of the map, expected one");
+                    io.gap(
+                        &CLOUD,
+                        map.time(),
+                        "found no pose of the camera's head at the time of the map, expected one",
+                    );
                     continue;
                 }
                 None => {}
@@ -257,8 +261,8 @@ impl Triangulator {
     }
 
     /// The covariance that the camera's pose gives to the points of a map, that in the middle of all points standing for all [m²].
-    fn by_pose(&self, map: &ProjectorMap, found: &[Option<OnRay>], pose: &HeadPose) -> Matrix3<f64> {
-        let places: Vec<usize> = (0..found.len()).filter(|it| found[*it].is_some()).collect();
+    fn by_pose(&self, map: &ProjectorMap, found: &[Seen], pose: &HeadPose) -> Matrix3<f64> {
+        let places: Vec<usize> = (0..found.len()).filter(|it| found[*it].depth.is_finite()).collect();
         let Some(&middle) = places.get(places.len() / 2) else { return Matrix3::zeros() };
         let (x, y) = (middle % map.width as usize, middle / map.width as usize);
         let (pixel, sample) = (Point2::new(x as f64, y as f64), map.get(x, y));

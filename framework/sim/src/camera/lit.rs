@@ -71,7 +71,8 @@ impl LitSurface {
         let width = middle.camera.image_size[0] as usize;
         let n = views.len() as f32;
         let (white, gain, black) = (white as f32, gain as f32, black_level as f32);
-        let profiles: Vec<_> = shown.iter().map(|it| it.and_then(|it| Some(beam.as_ref()?.projection().profile(it)))).collect();
+        let profiles: Vec<_> =
+            shown.iter().map(|it| it.and_then(|it| Some(beam.as_ref()?.projection().profile(it)))).collect();
         let dark = beam.as_ref().map_or(0.0, |it| it.projection().black());
         let [columns, rows] = &self.area;
         for (row, seen) in rows.clone().zip(self.seen.chunks_exact(columns.len().max(1))) {
@@ -156,9 +157,9 @@ impl LitSurface {
     fn places(&self, views: &[View]) -> Vec<Option<Vec<[f32; 3]>>> {
         let mut places: Vec<Option<Vec<[f32; 3]>>> = Vec::with_capacity(views.len());
         for (number, view) in views.iter().enumerate() {
-            let before = number.checked_sub(1).filter(|it| {
-                Arc::ptr_eq(&views[*it].skin, &view.skin) && views[*it].camera == view.camera
-            });
+            let before = number
+                .checked_sub(1)
+                .filter(|it| Arc::ptr_eq(&views[*it].skin, &view.skin) && views[*it].camera == view.camera);
             places.push(match before {
                 Some(before) => places[before].clone(),
                 None => imaged(&view.camera, &view.skin),
@@ -177,7 +178,9 @@ impl LitSurface {
         let at = places.map(|[column, row]| {
             let ray = optics.ray(&nalgebra::Point2::new(column, row));
             // Where a lens has no inverse nothing is seen: a line to the side meets nothing.
-            ray.map_or([f32::NAN; 2], |it| [(it.direction.x / it.direction.z) as f32, (it.direction.y / it.direction.z) as f32])
+            ray.map_or([f32::NAN; 2], |it| {
+                [(it.direction.x / it.direction.z) as f32, (it.direction.y / it.direction.z) as f32]
+            })
         });
         self.lines = Some(Lines { at: at.collect(), optics });
     }
@@ -227,7 +230,8 @@ mod tests {
 
     fn world(speed_m_s: f64) -> World {
         let bust = BustSettings { speed_m_s, light_m: None, ..BustSettings::default() };
-        let clutter = SceneSettings { people: 0, bright_spots: 0, monitors: 0, glints_hz: 0.0, ..SceneSettings::default() };
+        let clutter =
+            SceneSettings { people: 0, bright_spots: 0, monitors: 0, glints_hz: 0.0, ..SceneSettings::default() };
         World::new(SceneSettings { bust: Some(bust), ..clutter }, &Random::new(3))
     }
 
@@ -365,7 +369,9 @@ mod tests {
             let forehead = camera().project(&Point3::new(0.0, 0.09, 1.545)).unwrap();
             let near = |image: &Image| {
                 let pixels = (-3..=3).flat_map(|dy| (-3..=3).map(move |dx| (dx, dy)));
-                let at = |(dx, dy): (i32, i32)| (forehead.y as i32 + dy) as usize * SIZE[0] as usize + (forehead.x as i32 + dx) as usize;
+                let at = |(dx, dy): (i32, i32)| {
+                    (forehead.y as i32 + dy) as usize * SIZE[0] as usize + (forehead.x as i32 + dx) as usize
+                };
                 pixels.map(|it| f64::from(image.pixels[at(it)])).sum::<f64>() / 49.0
             };
             near(&white) - near(&black)

@@ -274,13 +274,7 @@ impl Renderer {
     }
 
     /// Draws the bust, or the painted face, in the light of the room and of a projector.
-    fn draw_shape(
-        &mut self,
-        world: &World,
-        capture: Time,
-        camera_at: &dyn Fn(Time) -> TrueCamera,
-        canvas: &mut [i16],
-    ) {
+    fn draw_shape(&mut self, world: &World, capture: Time, camera_at: &dyn Fn(Time) -> TrueCamera, canvas: &mut [i16]) {
         let CameraSettings { room_light, gain, black_level, .. } = self.settings;
         let moments: Vec<Time> = self.moments(capture, LIT_MOMENTS).map(|it| it.1).collect();
         let shape = |(number, moment): (u32, &Time)| {

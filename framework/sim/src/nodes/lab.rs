@@ -11,7 +11,8 @@ use crate::painted::{FaceSettings, FaceSource, PartKind, RecordedHead};
 use crate::person::{RecordedBody, WholeBody};
 use crate::truth::Truth;
 use crate::world::{
-    Body, BodyMotion, BodySource, BustSettings, LightPath, MAX_MONITORS, Recordings, SceneSettings, SwingSettings, WalkKind, World,
+    Body, BodyMotion, BodySource, BustSettings, LightPath, MAX_MONITORS, Recordings, SceneSettings, SwingSettings,
+    WalkKind, World,
 };
 
 ports! {

@@ -110,7 +110,8 @@ impl Beam {
         let free = self.reached(at, depth as f32);
         let white = settings.light * facing.max(0.0) / square * f64::from(free);
         // A disc's standard deviation along an axis is a quarter of its diameter.
-        let disc = settings.aperture_mm * 1e-3 * self.optics.intrinsics.focal[0] * (1.0 / depth - 1.0 / settings.focus_m);
+        let disc =
+            settings.aperture_mm * 1e-3 * self.optics.intrinsics.focal[0] * (1.0 / depth - 1.0 / settings.focus_m);
         let sigma = settings.blur_px.hypot(0.25 * disc);
         Some(Lit { at, level: profile::level(sigma as f32), white: white as f32, free })
     }

@@ -118,7 +118,8 @@ mod tests {
             let light: Vec<f64> = (8..40).map(|it| f64::from(profile.at([5.0, it as f32], 0.0))).collect();
             let power = |cycles: f64| {
                 let turn = |i: usize| std::f64::consts::TAU * cycles * i as f64 / 32.0;
-                let sum = |part: fn(f64) -> f64| light.iter().enumerate().map(|(i, it)| it * part(turn(i))).sum::<f64>();
+                let sum =
+                    |part: fn(f64) -> f64| light.iter().enumerate().map(|(i, it)| it * part(turn(i))).sum::<f64>();
                 sum(f64::cos).hypot(sum(f64::sin))
             };
             power(4.0) / power(2.0)

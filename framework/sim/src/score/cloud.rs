@@ -4,9 +4,9 @@ use foveate_messages::PointCloud;
 use nalgebra::{Point2, Point3, Vector3};
 
 use crate::painted::Part;
+use crate::painted::Skin;
 use crate::projector::Beam;
 use crate::sight::{Facet, FirstHits, imaged};
-use crate::painted::Skin;
 use crate::truth::TrueCamera;
 
 /// What clouds so far are like.

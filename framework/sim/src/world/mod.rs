@@ -22,12 +22,12 @@ use nalgebra::{Matrix6, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use bust::BustSettings;
 pub use bodies::{Body, BodyMotion, BodySettings, BodySource};
+use bust::Bust;
+pub use bust::BustSettings;
 pub use clutter::{BrightSpot, Glint, MAX_MONITORS, Monitor, PANES};
 pub use furniture::{Surface, room_light};
 pub use mirror::Mirror;
-use bust::Bust;
 use single::Single;
 pub use single::{LightPath, SwingSettings};
 
