@@ -27,7 +27,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("plugin", &["messages", "node"]),
     ("rig", &["diagnostics", "estimation", "messages", "node", "plot", "scene"]),
     ("engine", &["estimation", "messages", "node", "rig"]),
-    ("sim", &["diagnostics", "estimation", "geometry", "messages", "node", "plot", "scene"]),
+    // A simulated projector shows the patterns that a real one would.
+    ("sim", &["diagnostics", "estimation", "geometry", "imaging", "messages", "node", "plot", "scene"]),
     ("testkit", &["estimation", "geometry", "laws", "messages", "node", "scene"]),
     // Nodes that calibrate what moves while a rig runs, such as heads.
     (

@@ -20,7 +20,7 @@ pub use foveate_time as time;
 pub mod prelude {
     pub use foveate_messages::{
         Assignment, CameraChoice, CameraId, CameraSet, CloudPoint, Feature, Features, HeadCommand, HeadEvent, HeadLink,
-        HeadOrder, HeadPose, HeadPosition, HeadReport, Image, Mark, MarkGuide, Marks, PatternPictures, PixelFormat,
+        HeadOrder, HeadPose, HeadPosition, HeadReport, Image, Mark, MarkGuide, Marks, PatternPictures, PatternShown, PixelFormat,
         PointCloud, ProjectorMap, ProjectorSample, Provenance, ScaleSpace, SubRegion, Target, TargetId, Targets,
     };
     pub use foveate_node::{

@@ -15,6 +15,7 @@
 //! | [`Marks`] | painted marks of one surface at one time | metres in a space of their own, whose place in the outermost scale they say |
 //! | [`MarkGuide`] | where each camera should see each mark | pixels, camera by camera |
 //! | [`PatternPictures`] | the pictures of one set of projected patterns | pixels of that camera |
+//! | [`PatternShown`] | what a projector was told to show, and when | – |
 //! | [`ProjectorMap`] | where in the projector each pixel is lit from | pixels of that camera, and of the projector |
 //! | [`PointCloud`] | points of surfaces, each with covariance and normal | metres in the outermost scale |
 
@@ -25,6 +26,7 @@ mod head;
 mod image;
 mod marks;
 mod schema;
+mod shown;
 mod stripes;
 mod sub_region;
 mod targets;
@@ -39,6 +41,7 @@ pub use foveate_time::{Interval, SourceId, Stamp, Stamped, Time};
 pub use head::{HeadCommand, HeadEvent, HeadLink, HeadOrder, HeadPose, HeadPosition, HeadReport};
 pub use image::{Image, PixelFormat, Window};
 pub use marks::{GuidedMark, Mark, MarkGuide, Marks, ShapeFit};
+pub use shown::PatternShown;
 pub use stripes::{PatternPictures, ProjectorMap, ProjectorSample};
 pub use sub_region::{Assignment, ScaleId, ScaleSpace, SubRegion};
 pub use targets::{Provenance, Target, TargetId, Targets};

@@ -258,6 +258,13 @@ mod tests {
         let cloud =
             PointCloud { name: "pose".to_owned(), camera_size: [4, 3], points: vec![7; 60], ..PointCloud::default() };
         there_and_back(&cloud);
+        there_and_back(&PatternShown {
+            set: 3,
+            index: 1,
+            count: 24,
+            name: "white".to_owned(),
+            ..PatternShown::default()
+        });
         let text = serde_json::to_string(Image::WIRE.codec().unwrap().view(&image).unwrap()).unwrap();
         assert!(!text.contains("pixels"), "bulk data goes beside the rest: {text}");
     }

@@ -8,11 +8,12 @@
 //! | [`truth`] | cameras, lenses and heads as they truly are, apart from what calibrations say |
 //! | [`world`] | people and clutter together, as a message |
 //! | [`camera`] | from the world to the pixels of one field |
+//! | [`projector`] | a projector: what it shows when, and where its light falls |
 //! | [`observer`] | from the world to features, without a picture |
 //! | [`timing`] | a camera's clock, the way of its data, its failures |
 //! | [`head`] | a pan-tilt head with mechanics and a line, byte by byte |
 //! | [`score`] | recovered targets against the truth |
-//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.rider`, `sim.head`, `sim.score`, `sim.head_score`, `sim.mark_observer`, `sim.mark_score` |
+//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.rider`, `sim.head`, `sim.score`, `sim.head_score`, `sim.mark_observer`, `sim.mark_score`, `sim.projector`, `sim.cloud_score` |
 
 pub mod bump;
 pub mod camera;
@@ -23,8 +24,10 @@ pub mod nodes;
 pub mod observer;
 pub mod painted;
 pub mod person;
+pub mod projector;
 mod rounding;
 pub mod score;
+mod sight;
 pub mod timing;
 pub mod truth;
 pub mod world;
@@ -42,4 +45,6 @@ pub fn register(registry: &mut Registry) {
     registry.add::<nodes::head_score::HeadScore>();
     registry.add::<nodes::mark_observer::SimMarkObserver>();
     registry.add::<nodes::mark_score::MarkScore>();
+    registry.add::<nodes::projector::SimProjector>();
+    registry.add::<nodes::cloud_score::CloudScore>();
 }

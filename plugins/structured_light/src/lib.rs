@@ -3,6 +3,7 @@
 //! | node | what it does |
 //! |---|---|
 //! | [`structured_light.pictures`](pictures::Pictures) | reads sets of pictures, a folder each |
+//! | [`structured_light.collector`](collector::Collector) | gathers the pictures of a set out of a camera's and of what a projector was told to show |
 //! | [`structured_light.decoder`](decoder::Decoder) | finds where in the projector each camera pixel is lit from |
 //! | [`structured_light.corners`](corners::Corners) | finds the corners of a chessboard in camera and projector |
 //! | [`structured_light.calibrator`](calibrator::Calibrator) | calibrates camera and projector together from these, and tests each set by the others |
@@ -11,6 +12,7 @@
 //! In a calibration the projector is a camera like any other: light runs the other way along the same rays.
 
 pub mod calibrator;
+pub mod collector;
 pub mod corners;
 pub mod decoder;
 pub mod files;
@@ -28,6 +30,7 @@ use foveate::prelude::Registry;
 /// Makes the nodes of this plugin known.
 pub fn register(registry: &mut Registry) {
     registry.add::<pictures::Pictures>();
+    registry.add::<collector::Collector>();
     registry.add::<decoder::Decoder>();
     registry.add::<corners::Corners>();
     registry.add::<calibrator::Calibrator>();

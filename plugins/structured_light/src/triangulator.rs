@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use foveate::geometry::Camera;
 use foveate::prelude::*;
-use nalgebra::{Matrix3, Point2, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point2, SMatrix, Translation3, UnitQuaternion, Vector3, Vector6};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -17,6 +17,7 @@ use crate::pair::{OnRay, triangulate};
 ports! {
     MAP: In<ProjectorMap> = each("map");
     WHITE: In<Image> = each("white").optional();
+    POSE: In<HeadPose> = each("pose").optional();
     CLOUD: Out<PointCloud> = "cloud";
 }
 
@@ -70,8 +71,13 @@ impl Default for TriangulatorSettings {
 
 /// White pictures that wait for their map.
 const HELD: usize = 4;
+/// Poses of a head that wait for their map: as many as a set may have pictures, and again.
+const HELD_POSES: usize = 256;
+/// Step of derivatives with respect to a pose [rad, m].
+const POSE_STEP: f64 = 1e-6;
 
-/// Projector maps in, point clouds out.
+/// Projector maps in, point clouds out. With `pose` connected the camera stands on a head: as it stood at the time of the map, with the covariance that this pose has, which
+/// all points of a cloud share.
 pub struct Triangulator {
     settings: TriangulatorSettings,
     camera_name: String,
@@ -79,6 +85,8 @@ pub struct Triangulator {
     projector: Camera,
     white: VecDeque<(Time, Arc<Image>)>,
     has_white: bool,
+    poses: VecDeque<Arc<HeadPose>>,
+    has_pose: bool,
     points: u64,
     misfits: u64,
     vague: u64,
@@ -120,6 +128,8 @@ impl Node for Triangulator {
         Ok(Self {
             camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
             has_white: setup.is_connected(&WHITE),
+            poses: VecDeque::new(),
+            has_pose: setup.is_connected(&POSE),
             settings,
             camera,
             projector,
@@ -139,13 +149,33 @@ impl Node for Triangulator {
                 self.white.pop_front();
             }
         }
+        while let Some(pose) = io.take(&POSE) {
+            self.poses.push_back(pose.value);
+            if self.poses.len() > HELD_POSES {
+                self.poses.pop_front();
+            }
+        }
         while let Some(map) = io.take(&MAP) {
+            let pose = self.poses.iter().find(|it| it.time == map.time()).cloned();
+            match &pose {
+                Some(pose) => self.camera.camera_from_world = pose.camera_from_world,
+                None if self.has_pose => {
+                    io.gap(
+                        &CLOUD,
+                        map.time(),
+                        "found no pose of the camera's head at the time of the map, expected one",
+                    );
+                    continue;
+                }
+                None => {}
+            }
             let white = self.white.iter().find(|it| it.0 == map.time()).map(|it| Arc::clone(&it.1));
             if let Some(fault) = self.unfit(&map.value) {
                 io.gap(&CLOUD, map.time(), fault);
                 continue;
             }
-            let cloud = self.cloud(&map.value, map.time(), white.as_deref().filter(|_| self.has_white));
+            let white = white.as_deref().filter(|_| self.has_white);
+            let cloud = self.cloud(&map.value, map.time(), white, pose.as_deref());
             io.emit(&CLOUD, map.stamp, cloud);
         }
         Ok(())
@@ -174,7 +204,7 @@ impl Triangulator {
         sizes.into_iter().zip(whose).find_map(fault)
     }
 
-    fn cloud(&mut self, map: &ProjectorMap, time: Time, white: Option<&Image>) -> PointCloud {
+    fn cloud(&mut self, map: &ProjectorMap, time: Time, white: Option<&Image>, pose: Option<&HeadPose>) -> PointCloud {
         let (width, height) = (map.width as usize, map.height as usize);
         let mut found = vec![Seen::NONE; width * height];
         for y in 0..height {
@@ -199,6 +229,7 @@ impl Triangulator {
             ..PointCloud::default()
         };
         let angle_sigma = self.settings.camera_sigma_px / self.camera.intrinsics.focal[0];
+        let of_pose = pose.map_or_else(Matrix3::zeros, |it| self.by_pose(map, &found, it));
         let grid = Grid { found: &found, width, height, camera: &self.camera, settings: &self.settings };
         for (at, point) in found.iter().enumerate() {
             if point.depth.is_nan() {
@@ -213,7 +244,7 @@ impl Triangulator {
                 self.alone += 1;
                 continue;
             }
-            let covariance: Matrix3<f64> = point.covariance(angle_sigma);
+            let covariance: Matrix3<f64> = point.covariance(angle_sigma) + of_pose;
             let one = CloudPoint {
                 position: point.point().cast(),
                 covariance: covariance.cast(),
@@ -227,6 +258,29 @@ impl Triangulator {
             cloud.push(&one);
         }
         cloud
+    }
+
+    /// The covariance that the camera's pose gives to the points of a map, that in the middle of all points standing for all [m²].
+    fn by_pose(&self, map: &ProjectorMap, found: &[Seen], pose: &HeadPose) -> Matrix3<f64> {
+        let places: Vec<usize> = (0..found.len()).filter(|it| found[*it].depth.is_finite()).collect();
+        let Some(&middle) = places.get(places.len() / 2) else { return Matrix3::zeros() };
+        let (x, y) = (middle % map.width as usize, middle / map.width as usize);
+        let (pixel, sample) = (Point2::new(x as f64, y as f64), map.get(x, y));
+        let moved = |axis: usize, step: f64| {
+            let mut off = Vector6::zeros();
+            off[axis] = step;
+            let turn = UnitQuaternion::from_scaled_axis(off.fixed_rows::<3>(0).into_owned());
+            let off = Isometry3::from_parts(Translation3::from(off.fixed_rows::<3>(3).into_owned()), turn);
+            let camera = Camera { camera_from_world: pose.camera_from_world * off, ..self.camera.clone() };
+            triangulate(&camera, &self.projector, &pixel, &sample).map(|it| it.point())
+        };
+        let mut slopes = SMatrix::<f64, 3, 6>::zeros();
+        for axis in 0..6 {
+            if let (Some(ahead), Some(behind)) = (moved(axis, POSE_STEP), moved(axis, -POSE_STEP)) {
+                slopes.set_column(axis, &((ahead - behind) / (2.0 * POSE_STEP)));
+            }
+        }
+        slopes * pose.covariance * slopes.transpose()
     }
 }
 
@@ -365,7 +419,7 @@ mod tests {
     #[test]
     fn a_wall_and_a_box_come_back_with_normals_and_errors_as_large_as_stated() {
         let mut node = Triangulator::new(TriangulatorSettings::default(), &setup()).unwrap();
-        let cloud = node.cloud(&map(0.05), Time::ZERO, None);
+        let cloud = node.cloud(&map(0.05), Time::ZERO, None, None);
         assert!(cloud.len() > 290_000, "{}", cloud.len());
         let (mut errors, mut turned, mut squares) = (Vec::new(), Vec::new(), 0.0);
         for point in cloud.iter().step_by(7) {
@@ -394,7 +448,7 @@ mod tests {
             let keep = at % 7 == 0 && at / 640 % 7 == 0;
             few.push(if keep { whole.get(at % 640, at / 640) } else { ProjectorSample::NONE });
         }
-        assert_eq!(node.cloud(&few, Time::ZERO, None).len(), 0);
+        assert_eq!(node.cloud(&few, Time::ZERO, None, None).len(), 0);
         assert!(node.alone > 5000);
         let other = ProjectorMap { projector_size: [800, 600], ..whole };
         assert!(node.unfit(&other).unwrap().contains("the projector is 800 x 600 px, expected 1024 x 768 px"));

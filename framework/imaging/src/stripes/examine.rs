@@ -239,7 +239,7 @@ const SATURATED: u8 = 254;
 /// What noise takes off the darkest of many saturated pictures [gray levels].
 const NOISE: u8 = 8;
 /// Part of the picture that the projector has to light at least [–].
-const MIN_LIT: f64 = 0.01;
+const MIN_LIT: f64 = 0.001;
 
 /// Holds a set of pictures against what `code` promises; a pixel is lit where white − black is at least `min_contrast`.
 pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], min_contrast: u8) -> Examination {

@@ -9,6 +9,7 @@
 
 mod backdrop;
 mod lights;
+mod lit;
 mod noise;
 mod sensor;
 mod silhouette;
@@ -24,11 +25,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::bump::BumpSettings;
 use crate::head::HeadMotion;
+use crate::projector::{Beam, Projection};
 use crate::rounding::rounded;
 use crate::timing::TimingSettings;
 use crate::truth::TrueCamera;
 use crate::world::{Moment, World};
 use backdrop::{Backdrop, MovingBackdrop};
+use lit::LitSurface;
 use noise::Noise;
 use sensor::Sensor;
 pub use sensor::SensorSettings;
@@ -46,6 +49,8 @@ const HALO_WIDTH: f64 = 6.0;
 const SEEN_FROM_PX_M: f64 = 250.0;
 /// A painted face is drawn at least this often in each exposure: that makes its edges smooth.
 const LEAST_FACE_MOMENTS: u32 = 4;
+/// A surface in a projector's light is drawn at so many moments of each exposure.
+const LIT_MOMENTS: u32 = 4;
 
 /// When a camera looks, and how it turns light into pixels.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -117,6 +122,9 @@ pub struct Renderer {
     moving_backdrop: MovingBackdrop,
     silhouettes: Silhouettes,
     surfaces: Surfaces,
+    lit: LitSurface,
+    /// Of a projector, where one is there.
+    beam: Option<Beam>,
     noise: Noise,
     sensor: Option<Sensor>,
     canvas: Vec<i16>,
@@ -153,6 +161,8 @@ impl Renderer {
             moving_backdrop: MovingBackdrop::default(),
             silhouettes: Silhouettes::default(),
             surfaces: Surfaces::default(),
+            lit: LitSurface::default(),
+            beam: None,
             noise: Noise::new(width, settings.noise_sigma, &random.fork("noise")),
             sensor: settings.sensor.as_ref().map(|sensor| {
                 let [black_level, noise_sigma] = [settings.black_level, settings.noise_sigma];
@@ -162,6 +172,16 @@ impl Renderer {
             coarse: coarse_levels(settings.bits),
             moment: Moment::default(),
         }
+    }
+
+    /// From now on the surfaces whose shape is looked for, a bust or a painted face, are seen in the light of this projector, too; nothing else is.
+    pub fn light_with(&mut self, projection: &Projection, world: &World) {
+        self.beam = Some(Beam::new(projection, world));
+    }
+
+    /// Whether [`Self::light_with`] was called.
+    pub fn is_lit(&self) -> bool {
+        self.beam.is_some()
     }
 
     /// Renders field number `frame`, exposed around `capture`, into `image`, whose memory is used again. The same numbers
@@ -203,6 +223,12 @@ impl Renderer {
     fn draw_people(&mut self, world: &World, capture: Time, camera_at: &dyn Fn(Time) -> TrueCamera) {
         world.at(capture, &mut self.moment);
         let CameraSettings { room_light, gain, black_level, .. } = self.settings;
+        if world.has_bust() {
+            let mut canvas = std::mem::take(&mut self.canvas);
+            self.draw_shape(world, capture, camera_at, &mut canvas);
+            self.canvas = canvas;
+            return;
+        }
         let cloth_light = 60.0 * room_light * gain;
         let n_moments = self.settings.blur_samples.max(LEAST_FACE_MOMENTS);
         let moments = self.moments(capture, n_moments);
@@ -212,6 +238,19 @@ impl Renderer {
             let is_large = self.camera.intrinsics.focal[0] / distance > SEEN_FROM_PX_M;
             is_large.then_some((part, distance * distance))
         });
+        if self.beam.is_some() && face.is_some() {
+            let distance = face.map_or(0.0, |it| it.1);
+            let mut behind = std::mem::take(&mut self.canvas);
+            let mut silhouettes = std::mem::take(&mut self.silhouettes);
+            let (camera, moment) = (self.camera.clone(), std::mem::take(&mut self.moment));
+            let mut draw = |canvas: &mut [i16]| self.draw_shape(world, capture, camera_at, canvas);
+            if let Some((part, _)) = face {
+                let instead = Instead { beside: &|number, body| part.beside(number, body), distance, draw: &mut draw };
+                silhouettes.draw(&camera, &moment, cloth_light, black_level, Some(instead), &mut behind);
+            }
+            (self.canvas, self.silhouettes, self.moment) = (behind, silhouettes, moment);
+            return;
+        }
         let (surfaces, image_size) = (&mut self.surfaces, self.camera.image_size);
         let Some((part, distance)) = face else {
             self.silhouettes.draw(&self.camera, &self.moment, cloth_light, black_level, None, &mut self.canvas);
@@ -232,6 +271,25 @@ impl Renderer {
         };
         let instead = Instead { beside: &|number, body| part.beside(number, body), distance, draw: &mut draw };
         self.silhouettes.draw(&self.camera, &self.moment, cloth_light, black_level, Some(instead), &mut self.canvas);
+    }
+
+    /// Draws the bust, or the painted face, in the light of the room and of a projector.
+    fn draw_shape(&mut self, world: &World, capture: Time, camera_at: &dyn Fn(Time) -> TrueCamera, canvas: &mut [i16]) {
+        let CameraSettings { room_light, gain, black_level, .. } = self.settings;
+        let moments: Vec<Time> = self.moments(capture, LIT_MOMENTS).map(|it| it.1).collect();
+        let shape = |(number, moment): (u32, &Time)| {
+            let (part, skin) = world.shape(*moment)?;
+            Some((part, View { camera: camera_at(*moment), skin, shift: surface::shift(number, LIT_MOMENTS) }))
+        };
+        let Some(shapes) = (0..).zip(&moments).map(shape).collect::<Option<Vec<_>>>() else { return };
+        let (parts, views): (Vec<_>, Vec<View>) = shapes.into_iter().unzip();
+        let Some(part) = parts.first() else { return };
+        let shown: Vec<Option<usize>> = match &self.beam {
+            Some(beam) => moments.iter().map(|it| beam.projection().shows(*it)).collect(),
+            None => Vec::new(),
+        };
+        let beam = self.beam.as_mut().map(|it| (it, shown.as_slice()));
+        self.lit.draw(part, &views, beam, [part.light * room_light * gain, gain, black_level], canvas);
     }
 
     /// This many moments of the exposure around `capture`, each with its share of the light.

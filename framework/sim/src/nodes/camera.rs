@@ -9,6 +9,7 @@ use super::fields::{CLOCK_FIGURES, Fields};
 use crate::bump::Pending;
 use crate::camera::{CameraSettings, Renderer, SensorSettings};
 use crate::head::HeadMotion;
+use crate::projector::Projection;
 use crate::timing::{Arrival, Timing};
 use crate::truth::TrueCamera;
 use crate::world::World;
@@ -16,10 +17,11 @@ use crate::world::World;
 ports! {
     WORLD: In<World> = latest("world");
     HEAD: In<HeadMotion> = latest("head").optional();
+    LIGHT: In<Projection> = latest("light").optional();
     IMAGE: Out<Image> = "image";
 }
 
-/// With `head` connected it stands on that head: the calibration's camera is the camera at rest, and field k shows the world as the turned
+/// With `light` connected, the surfaces whose shape is looked for are seen in that projector's light, too. With `head` connected it stands on that head: the calibration's camera is the camera at rest, and field k shows the world as the turned
 /// camera sees it, its LEDs smeared by the head's motion too. Field k is exposed around its capture time, stamped with what the camera's clock then shows, and delivered later: see
 /// [`Timing`]. Its pixels depend on the rig's seed, the camera and k alone.
 pub struct SimCamera {
@@ -96,6 +98,11 @@ impl Node for SimCamera {
             Fields::without_world(io, &IMAGE, stamp);
             return Ok(());
         };
+        if !renderer.is_lit()
+            && let Some(light) = io.latest(&LIGHT)
+        {
+            renderer.light_with(light.value, world);
+        }
         let mut image = self.pool.take(Image::default);
         match io.latest(&HEAD) {
             None => renderer.render(world, capture, frame, &mut image),

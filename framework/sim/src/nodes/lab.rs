@@ -11,7 +11,8 @@ use crate::painted::{FaceSettings, FaceSource, PartKind, RecordedHead};
 use crate::person::{RecordedBody, WholeBody};
 use crate::truth::Truth;
 use crate::world::{
-    Body, BodyMotion, BodySource, LightPath, MAX_MONITORS, Recordings, SceneSettings, SwingSettings, WalkKind, World,
+    Body, BodyMotion, BodySource, BustSettings, LightPath, MAX_MONITORS, Recordings, SceneSettings, SwingSettings,
+    WalkKind, World,
 };
 
 ports! {
@@ -73,6 +74,7 @@ impl Node for Lab {
             waved_light,
             ref swing,
             ref light_path,
+            ref bust,
             ref truth,
         } = settings;
         ConfigError::unless_in("people", people, 0..=32)?;
@@ -104,7 +106,12 @@ impl Node for Lab {
                 return Err(ConfigError::at("face", "found with no people, expected `people = 1` or more beside it"));
             }
         }
-        let singles = [("waved_light", waved_light), ("swing", swing.is_some()), ("light_path", light_path.is_some())];
+        let singles = [
+            ("waved_light", waved_light),
+            ("swing", swing.is_some()),
+            ("light_path", light_path.is_some()),
+            ("bust", bust.is_some()),
+        ];
         let mut singles = singles.into_iter().filter(|it| it.1).map(|it| it.0);
         if let Some(first) = singles.next() {
             if people > 0 {
@@ -114,11 +121,12 @@ impl Node for Lab {
             if let Some(second) = singles.next() {
                 return Err(ConfigError::at(
                     second,
-                    format!("found beside `{first}`, expected one light by itself at most"),
+                    format!("found beside `{first}`, expected one light by itself, or one bust, at most"),
                 ));
             }
         }
         swing.as_ref().map_or(Ok(()), SwingSettings::check)?;
+        bust.as_ref().map_or(Ok(()), BustSettings::check)?;
         if let Some(body) = body {
             ConfigError::unless_in("body.unit_m", body.unit_m, 0.0..=1000.0)?;
             if body.motion == BodyMotion::Whole && walk != WalkKind::Round {
@@ -283,6 +291,7 @@ mod tests {
         check_node::<Lab>("people = 3\nglints_hz = 1.5");
         check_node::<Lab>("people = 0\nwaved_light = true");
         check_node::<Lab>("people = 0\nswing = { amplitude_m = 0.3 }");
+        check_node::<Lab>("people = 0\nbust = { speed_m_s = 0.05 }");
         check_node::<Lab>("walk = \"stage\"\nstand_s = 3");
         check_node::<Lab>("face = { marks = 40, source = \"built_in\" }");
         check_node::<Lab>("walk = \"stage\"\nface = { part = \"knee\" }");

@@ -1,6 +1,7 @@
 //! The nodes of this room, one file each.
 
 pub mod camera;
+pub mod cloud_score;
 mod fields;
 pub mod head;
 pub mod head_score;
@@ -8,5 +9,6 @@ pub mod lab;
 pub mod mark_observer;
 pub mod mark_score;
 pub mod observer;
+pub mod projector;
 pub mod rider;
 pub mod score;

@@ -299,7 +299,16 @@ impl Part {
                 knee::frames(pose)
             }
         };
-        let vertices = self.surface.deform(&weights, &world_from_part, &world_from_next);
+        self.skin_of(&weights, world_from_part, &world_from_next)
+    }
+
+    /// The surface as it is at rest, carried as a whole.
+    pub fn skin_at_rest(&self, world_from_part: Isometry3<f64>) -> Skin {
+        self.skin_of(&[], world_from_part, &world_from_part)
+    }
+
+    fn skin_of(&self, weights: &[f64], world_from_part: Isometry3<f64>, world_from_next: &Isometry3<f64>) -> Skin {
+        let vertices = self.surface.deform(weights, &world_from_part, world_from_next);
         let normals = self.surface.normals(&vertices);
         let key = key_light();
         let fill = Vector3::new(0.75, 0.6, 0.1).normalize();

@@ -6,6 +6,7 @@
 //! Brightness is in gray levels of a camera with gain 1.
 
 mod bodies;
+mod bust;
 mod clutter;
 mod furniture;
 mod mirror;
@@ -22,13 +23,15 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use bodies::{Body, BodyMotion, BodySettings, BodySource};
+use bust::Bust;
+pub use bust::BustSettings;
 pub use clutter::{BrightSpot, Glint, MAX_MONITORS, Monitor, PANES};
 pub use furniture::{Surface, room_light};
 pub use mirror::Mirror;
 use single::Single;
 pub use single::{LightPath, SwingSettings};
 
-use crate::painted::{FaceSettings, Painted, Part, PartKind, RecordedHead};
+use crate::painted::{FaceSettings, Painted, Part, PartKind, RecordedHead, Skin};
 use crate::person::{Braid, COME_S, Led, N_LEDS, Person, Pose};
 use crate::truth::{TrueCamera, Truth, TruthSettings};
 
@@ -117,6 +120,8 @@ pub struct SceneSettings {
     /// In place of people, one light that shines to all sides goes along the path of a file, from `people_enter_s` on: `time_s,x_m,y_m,z_m`,
     /// a heading and a row for each time. `${NAME}` is an environment variable; a relative path starts at the rig's folder [–]
     pub light_path: Option<String>,
+    /// In place of people, a bust on a stand, or moved to and fro by hand, with a light above it. Left out: there is none [–]
+    pub bust: Option<BustSettings>,
     /// The true cameras and heads, apart from what the rig's calibration says of them. Left out: the calibration is the truth [–]
     pub truth: Option<TruthSettings>,
 }
@@ -146,6 +151,7 @@ impl Default for SceneSettings {
             waved_light: false,
             swing: None,
             light_path: None,
+            bust: None,
             truth: None,
         }
     }
@@ -178,6 +184,7 @@ struct Scene {
     monitor_normals: Vec<Vector3<f64>>,
     single: Option<Single>,
     face: Option<Arc<Part>>,
+    bust: Option<Bust>,
     truth: Option<Truth>,
     seed: u64,
 }
@@ -270,7 +277,10 @@ impl World {
         let single = match (light_path, &settings.swing) {
             (Some(path), _) => Some(Single::Path(path)),
             (None, Some(swing)) => Some(Single::Swung(swing.clone())),
-            (None, None) => settings.waved_light.then_some(Single::Waved(settings.walk_area_m)),
+            (None, None) => match &settings.bust {
+                Some(bust) => bust.has_light().then(|| Single::OnBust(bust.clone(), settings.people_enter_s)),
+                None => settings.waved_light.then_some(Single::Waved(settings.walk_area_m)),
+            },
         };
         // The face shows its range while the actor stands; elsewhere from the first moment on, for as long.
         let comes_s = if settings.walk == WalkKind::Stage { COME_S } else { 0.0 };
@@ -291,6 +301,7 @@ impl World {
         let scene = Scene {
             single,
             face,
+            bust: settings.bust.as_ref().map(|it| Bust::new(it, &random.fork("bust"))),
             people,
             spots: clutter::bright_spots(settings.bright_spots, &mut random.fork("spots")),
             monitor_normals: monitors.iter().map(Monitor::normal).collect(),
@@ -404,6 +415,21 @@ impl World {
     pub(crate) fn painted_part(&self, time: Time) -> Option<&Part> {
         let face = self.0.face.as_ref()?;
         self.people_at(time).next().filter(|it| self.is_actor(it.1)).map(|_| &**face)
+    }
+
+    /// The surfaces of which a projector's light shows the shape, as they are at `time`: a bust, or the painted part of the actor.
+    pub(crate) fn shape(&self, time: Time) -> Option<(&Part, Arc<Skin>)> {
+        if let Some(bust) = &self.0.bust {
+            return Some((bust.part(), bust.skin(time.as_s())));
+        }
+        let face = self.0.face.as_deref()?;
+        let (_, actor) = self.people_at(time).next().filter(|it| self.is_actor(it.1))?;
+        Some((face, face.skin(time, &actor.pose(time.as_s()))))
+    }
+
+    /// Whether there is a bust.
+    pub(crate) fn has_bust(&self) -> bool {
+        self.0.bust.is_some()
     }
 
     fn is_actor(&self, person: &Person) -> bool {

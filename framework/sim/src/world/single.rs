@@ -6,6 +6,7 @@ use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::bust::BustSettings;
 use super::waved;
 
 /// Step of derivatives [s].
@@ -138,6 +139,8 @@ pub(super) enum Single {
     Waved([f64; 2]),
     Swung(SwingSettings),
     Path(LightPath),
+    /// On a bust that is there from the session's start on, taken up so much later [s].
+    OnBust(BustSettings, f64),
 }
 
 impl Single {
@@ -147,6 +150,7 @@ impl Single {
             Single::Waved(area_m) => waved::position(time_s, *area_m),
             Single::Swung(swing) => swing.position(time_s),
             Single::Path(path) => path.position(time_s),
+            Single::OnBust(bust, since_s) => bust.light(since_s + time_s),
         }
     }
 
