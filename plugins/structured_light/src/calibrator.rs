@@ -23,6 +23,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::pair::{OnRay, triangulate};
+use crate::pattern::projector_of;
 use crate::triangulator::TriangulatorSettings;
 
 ports! {
@@ -61,15 +62,11 @@ pub struct CalibratorSettings {
     #[schemars(range(min = 0.1, max = 10000.0))]
     pub square_mm: f64,
     /// The projector's name in the calibration [–]
-    #[serde(default = "default_projector")]
+    #[serde(default = "crate::pattern::default_projector")]
     pub projector: String,
     /// Name of the calibration that is written into the results folder [–]
     #[serde(default = "default_file")]
     pub file: String,
-}
-
-fn default_projector() -> String {
-    "projector".to_owned()
 }
 
 fn default_file() -> String {
@@ -116,15 +113,7 @@ impl Node for Calibrator {
         let camera = setup.camera.ok_or_else(|| {
             ConfigError::node(format_args!("`{}` serves one camera: say which with `camera = \"name\"`", Self::TYPE))
         })?;
-        let projector = setup.calibration.index_of(&settings.projector).ok_or_else(|| {
-            let names: Vec<&str> = setup.calibration.cameras.iter().map(|it| it.name.as_str()).collect();
-            let message = format!(
-                "found no camera `{}` in the calibration, expected one of: {}",
-                settings.projector,
-                names.join(", ")
-            );
-            ConfigError::at("projector", message)
-        })?;
+        let projector = projector_of(setup, &settings.projector)?;
         setup.claim_named_file("file", &settings.file)?;
         let ids = [camera, CameraId(projector as u16)];
         let of = |it: CameraId| &setup.calibration.cameras[usize::from(it.0)];

@@ -12,6 +12,8 @@ use nalgebra::{Matrix2, Point2, SMatrix, SVector};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::pattern::projector_of;
+
 ports! {
     pub(crate) fn declared_ports;
     WHITE: In<Image> = each("white");
@@ -39,16 +41,12 @@ pub struct CornersSettings {
     #[schemars(range(min = 0.1, max = 10000.0))]
     pub square_mm: f64,
     /// The projector's name in the calibration [–]
-    #[serde(default = "default_projector")]
+    #[serde(default = "crate::pattern::default_projector")]
     pub projector: String,
     /// How far around a corner the camera's pixels count, in sides of its squares [–]
     #[serde(default = "default_reach")]
     #[schemars(range(min = 0.1, max = 2.0))]
     pub reach: f64,
-}
-
-fn default_projector() -> String {
-    "projector".to_owned()
 }
 
 fn default_reach() -> f64 {
@@ -82,15 +80,7 @@ impl Node for Corners {
         ConfigError::unless_in("rows", settings.rows, 3..=100)?;
         ConfigError::unless_in("square_mm", settings.square_mm, 0.1..=10_000.0)?;
         ConfigError::unless_in("reach", settings.reach, 0.1..=2.0)?;
-        let projector = setup.calibration.index_of(&settings.projector).ok_or_else(|| {
-            let names: Vec<&str> = setup.calibration.cameras.iter().map(|it| it.name.as_str()).collect();
-            let message = format!(
-                "found no camera `{}` in the calibration, expected one of: {}",
-                settings.projector,
-                names.join(", ")
-            );
-            ConfigError::at("projector", message)
-        })?;
+        let projector = projector_of(setup, &settings.projector)?;
         Ok(Self {
             camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
             projector: CameraId(projector as u16),

@@ -1,6 +1,6 @@
 //! Which patterns were shown, in which order: settings of nodes, and the file `patterns.toml` that `foveate patterns` writes beside its pictures.
 
-use foveate::imaging::stripes::code::{Axis, Group, Inverse, StripeCode};
+use foveate::imaging::stripes::code::{Group, Inverse, StripeCode};
 use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -102,17 +102,7 @@ impl PatternSettings {
             }
             (size, _) => size,
         };
-        let named = |word: &str| match word {
-            "columns" => Ok(Group::Stripes(Axis::Columns)),
-            "rows" => Ok(Group::Stripes(Axis::Rows)),
-            "white" => Ok(Group::White),
-            "black" => Ok(Group::Black),
-            other => {
-                let message = format!("found `{other}`, expected words out of columns, rows, white, black");
-                Err(ConfigError::at("order", message))
-            }
-        };
-        let order: Vec<Group> = self.order.split_whitespace().map(named).collect::<Result<_, _>>()?;
+        let order = Group::order(&self.order).map_err(|it| ConfigError::at("order", it))?;
         let inverse = match self.inverse {
             InversePictures::After => Inverse::After,
             InversePictures::Before => Inverse::Before,
@@ -140,6 +130,23 @@ impl PatternSettings {
         code.check().map_err(|fault| ConfigError::at("order", fault))?;
         Ok(code)
     }
+}
+
+/// The projector's name in calibrations, unless told otherwise.
+pub(crate) fn default_projector() -> String {
+    "projector".to_owned()
+}
+
+/// Which camera of the calibration of `setup` the projector called `name` is.
+///
+/// # Errors
+/// The setting `projector`, where there is none of that name.
+pub(crate) fn projector_of(setup: &Setup, name: &str) -> Result<usize, ConfigError> {
+    setup.calibration.index_of(name).ok_or_else(|| {
+        let names: Vec<&str> = setup.calibration.cameras.iter().map(|it| it.name.as_str()).collect();
+        let message = format!("found no camera `{name}` in the calibration, expected one of: {}", names.join(", "));
+        ConfigError::at("projector", message)
+    })
 }
 
 /// The size of the projector called `name` in the calibration of `setup`.

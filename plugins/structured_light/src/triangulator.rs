@@ -13,6 +13,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::pair::{OnRay, triangulate};
+use crate::pattern::projector_of;
 
 ports! {
     MAP: In<ProjectorMap> = each("map");
@@ -116,15 +117,7 @@ impl Node for Triangulator {
         let camera = setup.camera_model().cloned().ok_or_else(|| {
             ConfigError::node(format_args!("`{}` serves one camera: say which with `camera = \"name\"`", Self::TYPE))
         })?;
-        let projector = setup.calibration.camera(&settings.projector).cloned().ok_or_else(|| {
-            let names: Vec<&str> = setup.calibration.cameras.iter().map(|it| it.name.as_str()).collect();
-            let message = format!(
-                "found no camera `{}` in the calibration, expected one of: {}",
-                settings.projector,
-                names.join(", ")
-            );
-            ConfigError::at("projector", message)
-        })?;
+        let projector = setup.calibration.cameras[projector_of(setup, &settings.projector)?].camera.clone();
         Ok(Self {
             camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
             has_white: setup.is_connected(&WHITE),

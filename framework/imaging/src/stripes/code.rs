@@ -87,6 +87,24 @@ pub enum Group {
     Stripes(Axis),
 }
 
+impl Group {
+    /// The order of a set in words: `columns`, `rows`, `white`, `black`.
+    ///
+    /// # Errors
+    ///
+    /// A sentence about a word that is none of these.
+    pub fn order(words: &str) -> Result<Vec<Group>, String> {
+        let named = |word: &str| match word {
+            "columns" => Ok(Group::Stripes(Axis::Columns)),
+            "rows" => Ok(Group::Stripes(Axis::Rows)),
+            "white" => Ok(Group::White),
+            "black" => Ok(Group::Black),
+            other => Err(format!("found `{other}`, expected words out of columns, rows, white, black")),
+        };
+        words.split_whitespace().map(named).collect()
+    }
+}
+
 /// How the inverse pictures stand in a set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Inverse {

@@ -14,7 +14,7 @@ use std::sync::{Arc, OnceLock};
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
 use foveate_imaging::stripes::code::{Group, Inverse};
-use foveate_imaging::stripes::{Axis, Shown, StripeCode};
+use foveate_imaging::stripes::{Shown, StripeCode};
 use foveate_messages::{CameraId, Interval, Message, Space, Time, Wire};
 use foveate_node::ConfigError;
 use schemars::JsonSchema;
@@ -118,17 +118,7 @@ impl ProjectorSettings {
     /// # Errors
     /// The setting, what was found and what is expected.
     pub fn stripe_code(&self, size: [u32; 2]) -> Result<StripeCode, ConfigError> {
-        let named = |word: &str| match word {
-            "columns" => Ok(Group::Stripes(Axis::Columns)),
-            "rows" => Ok(Group::Stripes(Axis::Rows)),
-            "white" => Ok(Group::White),
-            "black" => Ok(Group::Black),
-            other => {
-                let message = format!("found `{other}`, expected words out of columns, rows, white, black");
-                Err(ConfigError::at("order", message))
-            }
-        };
-        let order: Vec<Group> = self.order.split_whitespace().map(named).collect::<Result<_, _>>()?;
+        let order = Group::order(&self.order).map_err(|it| ConfigError::at("order", it))?;
         let code = match self.code {
             PatternCode::Gray => StripeCode::gray(size),
             PatternCode::Phase if self.period_px.is_power_of_two() && self.period_px >= 4 => {
