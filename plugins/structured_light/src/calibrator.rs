@@ -203,6 +203,9 @@ fn is_inside(outline: &[Point2<f64>], point: &Point2<f64>) -> bool {
     inside
 }
 
+/// Places of corners on the board [m], and where they were seen [px].
+type Marks = (Vec<Point3<f64>>, Vec<Point2<f64>>);
+
 /// What a calibration explains of a set.
 struct Foretold {
     /// Seen − foretold, of camera and projector [px].
@@ -334,7 +337,7 @@ impl Calibrator {
 
     /// Places the board by what the camera saw, or both did, and says how far off everything is.
     fn foretell(&self, cameras: &[Camera; 2], set: &Set, by_both: bool) -> Option<Foretold> {
-        let marks = |which: usize| -> (Vec<Point3<f64>>, Vec<Point2<f64>>) {
+        let marks = |which: usize| -> Marks {
             let list = set.features[which].iter();
             list.filter_map(|it| Some((self.board.place(it.label?)?, it.centre))).unzip()
         };
@@ -435,11 +438,7 @@ fn flatness(points: &[Point3<f64>]) -> f64 {
 const STEPS: usize = 20;
 
 /// The pose of a board under which what both cameras saw is nearest.
-fn adjust_pose(
-    cameras: &[Camera; 2],
-    seen: &[(Vec<Point3<f64>>, Vec<Point2<f64>>); 2],
-    start: Isometry3<f64>,
-) -> Option<Isometry3<f64>> {
+fn adjust_pose(cameras: &[Camera; 2], seen: &[Marks; 2], start: Isometry3<f64>) -> Option<Isometry3<f64>> {
     let mut pose = start;
     for _ in 0..STEPS {
         let (mut normal, mut side) = (nalgebra::Matrix6::zeros(), nalgebra::Vector6::zeros());

@@ -156,10 +156,10 @@ impl StripeCode {
     ///
     /// With `centred`, the code's middle is the projector's rather than its beginning.
     pub fn with_bits(mut self, bits: [Option<u32>; 2], centred: bool) -> StripeCode {
-        for axis in 0..2 {
+        for (axis, bits) in bits.into_iter().enumerate() {
             let needed = bits_for(self.projector[axis]);
-            let range = bits[axis].unwrap_or(needed).max(needed).min(16);
-            if let Some(it) = bits[axis] {
+            let range = bits.unwrap_or(needed).max(needed).min(16);
+            if let Some(it) = bits {
                 self.bits[axis] = it;
                 self.stripe[axis] = 1 << (range - it.min(range));
             }

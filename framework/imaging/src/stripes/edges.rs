@@ -69,6 +69,9 @@ const OUTSIDE: f64 = 0.4;
 /// A coordinate known less well than this is none [projector px].
 const MAX_SIGMA: f64 = 0.5;
 
+/// The picture of a bit and its inverse.
+type Pair<'a> = (&'a [u8], Option<&'a [u8]>);
+
 /// All boundaries of the stripes of `axis`, row by row, in a row ascending by `x`; with, by row, where it begins, and the end.
 ///
 /// # Errors
@@ -86,7 +89,7 @@ pub fn boundaries(
     let (shown, bits) = (code.pictures(), code.bits[index]);
     let picture = |what: Shown| shown.iter().position(|it| *it == what).map(|it| pictures[it].pixels());
     // By plane: the picture and its inverse, or twice the picture less white and black.
-    let pairs: Vec<Option<(&[u8], Option<&[u8]>)>> = (0..bits)
+    let pairs: Vec<Option<Pair<'_>>> = (0..bits)
         .map(|plane| {
             let lit = picture(Shown::Bit { axis, plane, inverse: false })?;
             Some((lit, picture(Shown::Bit { axis, plane, inverse: true })))

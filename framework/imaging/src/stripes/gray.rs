@@ -107,7 +107,7 @@ pub fn decode_into(
     let threads = options.threads.min(n.div_ceil(BLOCK)).max(1);
     let share = n.div_ceil(threads).div_ceil(BLOCK).max(1) * BLOCK;
     let [columns, rows] = &mut decoded.stripes;
-    let mut parts: Vec<(usize, &mut [u8], [&mut [u16]; 2])> = Vec::new();
+    let mut parts: Vec<Part<'_>> = Vec::new();
     let (mut columns, mut rows) = (columns.chunks_mut(share), rows.chunks_mut(share));
     for (part, contrast) in decoded.contrast.chunks_mut(share).enumerate() {
         let stripes = [columns.next().unwrap_or_default(), rows.next().unwrap_or_default()];
@@ -126,6 +126,9 @@ pub fn decode_into(
     });
     Ok(())
 }
+
+/// Some of the pixels: the first one, their contrasts, their stripes by axis.
+type Part<'a> = (usize, &'a mut [u8], [&'a mut [u16]; 2]);
 
 /// The size that all pictures of a set have.
 ///
@@ -433,6 +436,33 @@ mod tests {
     #[test]
     fn a_camera_with_a_gamma_sees_the_same_stripes() {
         check(|seed| Scene { gamma: 2.2, ..wall(seed) }, &StripeCode::gray([160, 120]), 0.93, 0);
+    }
+
+    /// The stripe of one pixel lit by `column` whose bit `plane` is not certain.
+    fn with_open_bit(column: u32, plane: u32) -> u16 {
+        let code = StripeCode {
+            order: vec![Group::Stripes(Axis::Columns), Group::White, Group::Black],
+            ..StripeCode::gray([256, 1])
+        };
+        let level = |shown: &Shown| match shown {
+            Shown::Bit { plane: open, .. } if *open == plane => 100,
+            it => super::super::pattern::picture(&code, *it, 1.0)[column as usize] / 2 + 40,
+        };
+        let pictures: Vec<[u8; 1]> = code.pictures().iter().map(|it| [level(it)]).collect();
+        let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 1, 1).unwrap()).collect();
+        decode(&code, &views, &[Axis::Columns], &DecodeOptions::default()).unwrap().stripes[0][0]
+    }
+
+    #[test]
+    fn one_bit_that_is_not_certain_is_allowed_between_two_neighbours_alone() {
+        // Between 63 and 64 bit 1 of 8 changes, between 127 and 128 bit 0.
+        for (column, plane) in [(63, 1), (64, 1), (127, 0), (128, 0), (40, 4), (39, 4), (17, 7)] {
+            let found = with_open_bit(column, plane);
+            assert!(u32::from(found).abs_diff(column) <= 1, "{found} for {column}");
+        }
+        for (column, plane) in [(63, 0), (64, 2), (70, 1), (0, 1), (255, 3), (40, 5)] {
+            assert_eq!(with_open_bit(column, plane), NONE, "column {column}, bit {plane}");
+        }
     }
 
     #[test]
