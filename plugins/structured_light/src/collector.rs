@@ -513,6 +513,9 @@ mod tests {
         let found = collect(1.0, |_, _| true, None, 0.0);
         assert!(found.sets.is_empty() && found.gaps[0].contains("something moved in"), "{:?}", found.gaps);
         assert_eq!(found.report.figures["collector.sets_moved.test.node"], 1.0);
+        // Two pixels from the first to the last picture.
+        let slow = collect(0.1, |_, _| true, None, 0.0);
+        assert!(slow.sets.is_empty() && slow.gaps[0].contains("something moved in"), "{:?}", slow.gaps);
         // One block of 48.
         let part = collect(1.0, |x, y| (32..48).contains(&x) && (16..32).contains(&y), None, 0.0);
         assert_eq!(part.sets.len(), 1, "{:?}", part.gaps);

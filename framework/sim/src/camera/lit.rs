@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Rotation3, Vector3};
 use wide::i32x4;
 
 use super::STEPS;
@@ -124,32 +124,31 @@ impl LitSurface {
                 Some(known) => facets.insert(known),
                 None => facets.insert((Arc::clone(&view.skin), Facet::all(triangles, &view.skin.vertices))),
             };
-            let eye = view.camera.centre();
-            let turn = view.camera.camera_from_world.rotation.inverse().to_rotation_matrix();
-            for (row, seen) in rows.clone().zip(self.seen.chunks_exact_mut(columns.len().max(1))) {
-                for (column, seen) in columns.clone().zip(seen) {
-                    let Some(number) = self.hits.triangle(column, row) else { continue };
-                    let (triangle, facet) = (&triangles[number], &facets[number]);
-                    let [x, y] = lines.at_shifted(column, row, width, view.shift);
-                    let along = turn * Vector3::new(x, y, 1.0);
-                    let point = eye + along * facet.depth(&eye, &along);
-                    let weights = facet.weights(&point);
-                    let skin = &view.skin;
-                    let mut normal = Vector3::<f64>::zeros();
-                    let mut room = 0.0;
-                    for (corner, weight) in triangle.corners.into_iter().zip(weights) {
-                        normal += skin.normals[corner as usize].cast::<f64>() * weight;
-                        room += f64::from(skin.light[corner as usize]) * weight;
-                    }
-                    let albedo = albedo(part, triangle.texels, weights);
-                    seen.n_seen += 1;
-                    seen.room[lane] = albedo * room as f32;
-                    let lit = beam.and_then(|it| it.at(&point, triangle.corners, weights, &normal.normalize()));
-                    if let Some(lit) = lit {
-                        (seen.at[lane], seen.level[lane], seen.direct[lane]) = (lit.at, lit.level, albedo * lit.white);
-                    }
+            let sight = Sight {
+                lane,
+                view,
+                part,
+                facets,
+                hits: &self.hits,
+                lines,
+                beam,
+                eye: view.camera.centre(),
+                turn: view.camera.camera_from_world.rotation.inverse().to_rotation_matrix(),
+            };
+            // Rows are dealt out to all cores; each is the same whoever looks.
+            let n_threads = std::thread::available_parallelism().map_or(1, usize::from).min(rows.len().max(1));
+            let per_thread = rows.len().div_ceil(n_threads).max(1);
+            let wide = columns.len().max(1);
+            std::thread::scope(|scope| {
+                for (share, seen) in self.seen.chunks_mut(wide * per_thread).enumerate() {
+                    let (sight, columns, first) = (&sight, columns.clone(), rows.start + share * per_thread);
+                    scope.spawn(move || {
+                        for (row, seen) in (first..).zip(seen.chunks_exact_mut(wide)) {
+                            columns.clone().zip(seen).for_each(|(column, seen)| sight.see(column, row, width, seen));
+                        }
+                    });
                 }
-            }
+            });
         }
     }
 
@@ -183,6 +182,46 @@ impl LitSurface {
             })
         });
         self.lines = Some(Lines { at: at.collect(), optics });
+    }
+}
+
+/// What one moment is worked out from.
+struct Sight<'a> {
+    lane: usize,
+    view: &'a View,
+    part: &'a Part,
+    facets: &'a [Facet],
+    hits: &'a FirstHits,
+    lines: &'a Lines,
+    beam: Option<&'a Beam>,
+    eye: Point3<f64>,
+    turn: Rotation3<f64>,
+}
+
+impl Sight<'_> {
+    /// Adds what a pixel sees at this moment.
+    fn see(&self, column: usize, row: usize, width: usize, seen: &mut Seen) {
+        let Some(number) = self.hits.triangle(column, row) else { return };
+        let (triangle, facet) = (&self.part.surface.triangles[number], &self.facets[number]);
+        let [x, y] = self.lines.at_shifted(column, row, width, self.view.shift);
+        let along = self.turn * Vector3::new(x, y, 1.0);
+        let point = self.eye + along * facet.depth(&self.eye, &along);
+        let weights = facet.weights(&point);
+        let skin = &self.view.skin;
+        let mut normal = Vector3::<f64>::zeros();
+        let mut room = 0.0;
+        for (corner, weight) in triangle.corners.into_iter().zip(weights) {
+            normal += skin.normals[corner as usize].cast::<f64>() * weight;
+            room += f64::from(skin.light[corner as usize]) * weight;
+        }
+        let albedo = albedo(self.part, triangle.texels, weights);
+        seen.n_seen += 1;
+        seen.room[self.lane] = albedo * room as f32;
+        let lit = self.beam.and_then(|it| it.at(&point, triangle.corners, weights, &normal.normalize()));
+        if let Some(lit) = lit {
+            let lane = self.lane;
+            (seen.at[lane], seen.level[lane], seen.direct[lane]) = (lit.at, lit.level, albedo * lit.white);
+        }
     }
 }
 

@@ -99,7 +99,7 @@ impl Default for ProjectorSettings {
             assumed_gamma: 2.2,
             gamma: 2.2,
             contrast: 500.0,
-            light: 2600.0,
+            light: 2300.0,
             focus_m: 2.5,
             aperture_mm: 8.0,
             blur_px: 0.4,

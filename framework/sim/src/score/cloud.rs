@@ -127,3 +127,80 @@ impl CloudTrack {
         self.errors.len() + self.n_beside
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use foveate_estimation::random::Random;
+    use foveate_geometry::Camera;
+    use foveate_messages::{CameraId, CloudPoint, Time};
+    use nalgebra::Matrix3;
+
+    use super::*;
+    use crate::projector::{Projection, ProjectorSettings};
+    use crate::world::{BustSettings, SceneSettings, World};
+
+    fn camera() -> Camera {
+        Camera::look_at([-0.7, 2.9, 1.7].into(), [0.0, 0.0, 1.5].into(), [160, 120], 1450.0)
+    }
+
+    /// A cloud of every `step`-th pixel that sees the bust, each point `off` metres behind it; then points beside the bust.
+    fn track(step: usize, off: f64, n_beside: usize) -> CloudTrack {
+        let settings = SceneSettings { people: 0, bust: Some(BustSettings::default()), ..SceneSettings::default() };
+        let world = World::new(settings, &Random::new(3));
+        let projector = Camera::look_at([1.0, 2.2, 1.9].into(), [0.0, 0.0, 1.5].into(), [512, 384], 1300.0);
+        let projection =
+            Projection::new("projector", CameraId(1), &projector, &ProjectorSettings::default(), &Random::new(4))
+                .unwrap();
+        let (part, skin) = world.shape(Time::ZERO).unwrap();
+        let camera = TrueCamera::from(&camera());
+        let mut hits = FirstHits::default();
+        hits.draw(&imaged(&camera, &skin).unwrap(), &part.surface.triangles, [0.0; 2], camera.image_size);
+        let facets = Facet::all(&part.surface.triangles, &skin.vertices);
+        let mut cloud = PointCloud::default();
+        let mut push = |column: usize, row: usize, depth: f64| {
+            let ray = camera.ray(&Point2::new(column as f64, row as f64)).unwrap();
+            cloud.push(&CloudPoint {
+                position: ray.at(depth).cast(),
+                covariance: Matrix3::identity(),
+                normal: Vector3::y(),
+                confidence: 1.0,
+                pixel: [column as u16, row as u16],
+                colour: [200; 3],
+            });
+        };
+        for (column, row) in (0..120).step_by(step).flat_map(|row| (0..160).step_by(step).map(move |it| (it, row))) {
+            if let Some(number) = hits.triangle(column, row) {
+                let ray = camera.ray(&Point2::new(column as f64, row as f64)).unwrap();
+                push(column, row, facets[number].depth(&ray.origin, &ray.direction) + off);
+            }
+        }
+        (0..n_beside).for_each(|it| push(it, 0, 3.0));
+        let mut found = CloudTrack::default();
+        found.add(&cloud, &camera, (part, &skin), &mut Beam::new(&projection, &world), 2.0);
+        found
+    }
+
+    #[test]
+    fn points_behind_the_surface_are_as_far_off_as_they_are_and_wrong_beyond_the_limit() {
+        for off in [0.0, 3e-4, -2e-3, 8e-3] {
+            let track = track(2, off, 0);
+            assert!(track.errors.len() > 1000 && track.n_beside == 0);
+            assert!(track.errors.iter().all(|it| (it - off).abs() < 1e-6), "{off}");
+            assert_eq!(track.n_wrong(5e-3), if off > 5e-3 { track.n_points() } else { 0 });
+        }
+        let beside = track(4, 0.0, 7);
+        assert!(beside.n_beside == 7 && beside.n_wrong(5e-3) == 7);
+    }
+
+    #[test]
+    fn the_surface_is_covered_where_points_are_near_in_the_projectors_picture() {
+        // A camera pixel is about 0.9 pixels of the projector.
+        let [dense, sparse] = [1, 10].map(|it| {
+            let track = track(it, 0.0, 0);
+            (track.n_covered as f64 / track.n_visible as f64, track.n_visible)
+        });
+        assert!(dense.0 > 0.999 && dense.1 > 4000, "{dense:?}");
+        // Discs of 2 px around points 9 px apart.
+        assert!((0.1..0.3).contains(&sparse.0) && sparse.1 == dense.1, "{sparse:?}");
+    }
+}
