@@ -81,11 +81,15 @@ impl LitSurface {
                     continue;
                 }
                 let mut light = f32::from(seen.n_seen) * black;
-                for lane in 0..views.len() {
-                    light += seen.room[lane] * white;
+                for (lane, room) in seen.room.iter().enumerate().take(views.len()) {
+                    light += room * white;
                     let direct = seen.direct[lane];
                     if direct > 0.0 {
-                        let share = profiles[lane].map_or(dark, |it| it.at(seen.at[lane], seen.level[lane]));
+                        let share = profiles
+                            .get(lane)
+                            .copied()
+                            .flatten()
+                            .map_or(dark, |it| it.at(seen.at[lane], seen.level[lane]));
                         light += direct * gain * share;
                     }
                 }
