@@ -71,8 +71,11 @@ impl LitSurface {
         let width = middle.camera.image_size[0] as usize;
         let n = views.len() as f32;
         let (white, gain, black) = (white as f32, gain as f32, black_level as f32);
-        let profiles: Vec<_> =
-            shown.iter().map(|it| it.and_then(|it| Some(beam.as_ref()?.projection().profile(it)))).collect();
+        // Of moments that are not there nothing is seen.
+        let profiles: [_; LANES] = std::array::from_fn(|lane| {
+            let shown = shown.get(lane).copied().flatten()?;
+            Some(beam.as_ref()?.projection().profile(shown))
+        });
         let dark = beam.as_ref().map_or(0.0, |it| it.projection().black());
         let [columns, rows] = &self.area;
         for (row, seen) in rows.clone().zip(self.seen.chunks_exact(columns.len().max(1))) {
@@ -81,15 +84,11 @@ impl LitSurface {
                     continue;
                 }
                 let mut light = f32::from(seen.n_seen) * black;
-                for (lane, room) in seen.room.iter().enumerate().take(views.len()) {
-                    light += room * white;
+                for (lane, profile) in profiles.iter().enumerate() {
+                    light += seen.room[lane] * white;
                     let direct = seen.direct[lane];
                     if direct > 0.0 {
-                        let share = profiles
-                            .get(lane)
-                            .copied()
-                            .flatten()
-                            .map_or(dark, |it| it.at(seen.at[lane], seen.level[lane]));
+                        let share = profile.map_or(dark, |it| it.at(seen.at[lane], seen.level[lane]));
                         light += direct * gain * share;
                     }
                 }
