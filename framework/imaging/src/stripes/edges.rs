@@ -399,13 +399,13 @@ mod tests {
 
     #[test]
     fn coordinates_are_known_to_a_part_of_a_projector_pixel() {
-        // The middles of stripes would be 0.29 px off.
-        check(wall, &StripeCode::gray([160, 120]), 0.95, 0.04, 0.8);
+        // The middles of stripes would be 0.29 px off; the worst pixels lie half in shadow.
+        check(wall, &StripeCode::gray([160, 120]), 0.95, 0.04, 0.95);
     }
 
     #[test]
     fn a_gamma_and_blur_do_not_move_boundaries() {
-        check(|seed| Scene { gamma: 2.2, defocus: 0.8, ..wall(seed) }, &StripeCode::gray([160, 120]), 0.95, 0.04, 0.8);
+        check(|seed| Scene { gamma: 2.2, defocus: 0.8, ..wall(seed) }, &StripeCode::gray([160, 120]), 0.95, 0.04, 0.95);
     }
 
     #[test]
