@@ -85,6 +85,8 @@ pub struct Triangulator {
     camera: Camera,
     projector: Camera,
     white: VecDeque<(Time, Arc<Image>)>,
+    /// Those that wait for their white pictures.
+    maps: VecDeque<Stamped<Arc<ProjectorMap>>>,
     has_white: bool,
     poses: VecDeque<Arc<HeadPose>>,
     has_pose: bool,
@@ -127,6 +129,7 @@ impl Node for Triangulator {
             camera,
             projector,
             white: VecDeque::new(),
+            maps: VecDeque::new(),
             points: 0,
             misfits: 0,
             vague: 0,
@@ -149,6 +152,13 @@ impl Node for Triangulator {
             }
         }
         while let Some(map) = io.take(&MAP) {
+            self.maps.push_back(map);
+        }
+        // The white picture of a map may come after it.
+        let is_whole =
+            |it: &Self, map: &Stamped<Arc<ProjectorMap>>| !it.has_white || it.white.iter().any(|it| it.0 == map.time());
+        while self.maps.len() > HELD || self.maps.front().is_some_and(|map| is_whole(self, map)) {
+            let Some(map) = self.maps.pop_front() else { break };
             let pose = self.poses.iter().find(|it| it.time == map.time()).cloned();
             match &pose {
                 Some(pose) => self.camera.camera_from_world = pose.camera_from_world,
@@ -168,7 +178,14 @@ impl Node for Triangulator {
                 continue;
             }
             let white = white.as_deref().filter(|_| self.has_white);
+            let misfits = self.misfits;
             let cloud = self.cloud(&map.value, map.time(), white, pose.as_deref());
+            let (misfits, points) = (self.misfits - misfits, cloud.len() as u64);
+            if misfits > points {
+                self.points -= points;
+                io.gap(&CLOUD, map.time(), misfit(&map.value.name, misfits, points));
+                continue;
+            }
             io.emit(&CLOUD, map.stamp, cloud);
         }
         Ok(())
@@ -275,6 +292,14 @@ impl Triangulator {
         }
         slopes * pose.covariance * slopes.transpose()
     }
+}
+
+/// What a set with more misfits than points is told: these points are accidents.
+fn misfit(name: &str, misfits: u64, points: u64) -> String {
+    format!(
+        "{name}: at {misfits} pixels column and row of the projector do not belong to one point, at {points} they do; expected most to: is the order of the pictures, is \
+         `centred`, are the calibrations of camera and projector those of this set?"
+    )
 }
 
 fn colour(image: &Image, at: usize) -> [u8; 3] {
@@ -445,5 +470,33 @@ mod tests {
         assert!(node.alone > 5000);
         let other = ProjectorMap { projector_size: [800, 600], ..whole };
         assert!(node.unfit(&other).unwrap().contains("the projector is 800 x 600 px, expected 1024 x 768 px"));
+    }
+
+    #[test]
+    fn points_have_the_gray_levels_of_the_white_picture_even_where_it_comes_after_the_map() {
+        let setup = Setup { connected: vec!["map".to_owned(), "white".to_owned()], ..setup() };
+        let mut bench = NodeBench::<Triangulator>::with_setup(TriangulatorSettings::default(), &setup).unwrap();
+        let white = Image { width: 640, height: 480, pixels: vec![77; 640 * 480].into(), ..Image::default() };
+        bench.feed(&MAP, Time::ZERO, map(0.05)).unwrap();
+        bench.feed(&WHITE, Time::ZERO, white).unwrap();
+        let clouds = bench.outputs(&CLOUD);
+        assert_eq!(clouds.len(), 1);
+        assert_eq!(clouds[0].value.iter().next().unwrap().colour, [77; 3]);
+    }
+
+    #[test]
+    fn a_map_that_mostly_does_not_fit_makes_no_cloud() {
+        let mut bench = NodeBench::<Triangulator>::with_setup(TriangulatorSettings::default(), &setup()).unwrap();
+        let whole = map(0.05);
+        let mut mirrored = ProjectorMap { samples: Vec::new(), ..whole.clone() };
+        for at in 0..640 * 480 {
+            mirrored.push(whole.get(639 - at % 640, at / 640));
+        }
+        let white = Image { width: 640, height: 480, pixels: vec![77; 640 * 480].into(), ..Image::default() };
+        bench.feed(&WHITE, Time::ZERO, white).unwrap();
+        bench.feed(&MAP, Time::ZERO, mirrored).unwrap();
+        assert_eq!(bench.outputs(&CLOUD).len(), 0);
+        let gaps = bench.gaps(&CLOUD);
+        assert!(gaps[0].reason.contains("do not belong to one point"), "{gaps:?}");
     }
 }
