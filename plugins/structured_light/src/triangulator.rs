@@ -476,7 +476,7 @@ mod tests {
     fn points_have_the_gray_levels_of_the_white_picture_even_where_it_comes_after_the_map() {
         let setup = Setup { connected: vec!["map".to_owned(), "white".to_owned()], ..setup() };
         let mut bench = NodeBench::<Triangulator>::with_setup(TriangulatorSettings::default(), &setup).unwrap();
-        let white = Image { width: 640, height: 480, pixels: vec![77; 640 * 480].into(), ..Image::default() };
+        let white = Image { width: 640, height: 480, pixels: vec![77; 640 * 480], ..Image::default() };
         bench.feed(&MAP, Time::ZERO, map(0.05)).unwrap();
         bench.feed(&WHITE, Time::ZERO, white).unwrap();
         let clouds = bench.outputs(&CLOUD);
@@ -492,7 +492,7 @@ mod tests {
         for at in 0..640 * 480 {
             mirrored.push(whole.get(639 - at % 640, at / 640));
         }
-        let white = Image { width: 640, height: 480, pixels: vec![77; 640 * 480].into(), ..Image::default() };
+        let white = Image { width: 640, height: 480, pixels: vec![77; 640 * 480], ..Image::default() };
         bench.feed(&WHITE, Time::ZERO, white).unwrap();
         bench.feed(&MAP, Time::ZERO, mirrored).unwrap();
         assert_eq!(bench.outputs(&CLOUD).len(), 0);
