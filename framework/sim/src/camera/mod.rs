@@ -34,7 +34,7 @@ use backdrop::{Backdrop, MovingBackdrop};
 use lit::LitSurface;
 use noise::Noise;
 use sensor::Sensor;
-pub use sensor::SensorSettings;
+pub use sensor::{SensorSettings, field_of};
 use silhouette::{Instead, Silhouettes};
 use spot::Spot;
 use surface::{Surfaces, View};
@@ -318,6 +318,9 @@ impl Renderer {
         }
         if let Some(levels) = &self.coarse {
             image.pixels.iter_mut().for_each(|it| *it = levels[usize::from(*it)]);
+        }
+        if let Some(sensor) = &self.sensor {
+            sensor.pack(&mut image.pixels);
         }
     }
 

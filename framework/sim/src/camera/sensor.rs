@@ -9,12 +9,16 @@
 //! | gain of each camera, gain of each pixel | drawn once, with the camera's own seed |
 //! | shot noise | as many electrons as there are, normally distributed: variance in proportion to the light |
 //! | dark pattern | an offset of each pixel and of each column, drawn once |
+//! | interlaced fields | a camera for each half of the lines: [`field_of`] |
+//! | pictures that are packed as JPEG (MJPG) | [`packed`] |
 //!
 //! Source of the model of a pixel: EMVA Standard 1288, release 4.0, sections 2 and 3 (linear model, temporal noise, spatial nonuniformity).
 
 use foveate_estimation::random::Random;
 use foveate_messages::Time;
 use foveate_node::ConfigError;
+use image::codecs::jpeg::JpegEncoder;
+use image::{ExtendedColorType, ImageFormat};
 use nalgebra::Point2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -23,6 +27,7 @@ use wide::{f32x8, i16x8, i32x8};
 use super::STEPS;
 use super::spot::Spot;
 use crate::chance::stream;
+use crate::truth::TrueCamera;
 
 const TABLE_SIZE: usize = 1 << 14;
 /// Pixels at a time.
@@ -65,6 +70,12 @@ pub struct SensorSettings {
     /// and painted skin are drawn as they are at the middle row's time. 0: all rows at once [ms].
     #[schemars(range(min = 0.0, max = 100.0))]
     pub readout_ms: f64,
+    /// Whether the lines of every other field lie between those of the one before, as with television's cameras. A rig is not told: its camera has the
+    /// lines of one field, in the middle between the two, so that lights go up and down by a quarter of a line [–].
+    pub interlaced: bool,
+    /// Quality with which each picture is packed as JPEG, as webcams do (MJPG): blocks and edges that ring; 0: not packed [–].
+    #[schemars(range(max = 100))]
+    pub jpeg_quality: u8,
 }
 
 impl Default for SensorSettings {
@@ -81,6 +92,8 @@ impl Default for SensorSettings {
             flicker_hz: 100.0,
             flicker: 0.15,
             readout_ms: 0.0,
+            interlaced: false,
+            jpeg_quality: 0,
         }
     }
 }
@@ -97,7 +110,8 @@ impl SensorSettings {
         ConfigError::unless_in("sensor.coma_px", self.coma_px, 0.0..=10.0)?;
         ConfigError::unless_in("sensor.flicker_hz", self.flicker_hz, 1.0..=1000.0)?;
         ConfigError::unless_in("sensor.flicker", self.flicker, 0.0..=1.0)?;
-        ConfigError::unless_in("sensor.readout_ms", self.readout_ms, 0.0..=100.0)
+        ConfigError::unless_in("sensor.readout_ms", self.readout_ms, 0.0..=100.0)?;
+        ConfigError::unless_in("sensor.jpeg_quality", self.jpeg_quality, 0..=100)
     }
 }
 
@@ -223,10 +237,37 @@ impl Sensor {
         }
     }
 
+    /// What is left of a picture when it was packed for the way to the host.
+    pub fn pack(&self, bytes: &mut [u8]) {
+        if self.settings.jpeg_quality > 0 {
+            packed(bytes, self.size, self.settings.jpeg_quality);
+        }
+    }
+
     /// Rolling shutter, if there is one [ms].
     pub fn readout_ms(&self) -> Option<f64> {
         (self.settings.readout_ms > 0.0).then_some(self.settings.readout_ms)
     }
+}
+
+/// The camera that takes field `frame` of an interlaced one, whose mean is `camera`: even fields have the upper lines.
+pub fn field_of(camera: &TrueCamera, frame: u64) -> TrueCamera {
+    camera.shifted_down(if frame.is_multiple_of(2) { 0.25 } else { -0.25 })
+}
+
+/// Gray levels of a picture of `size` as they come out of a JPEG of this quality.
+fn packed(bytes: &mut [u8], [width, height]: [usize; 2], quality: u8) {
+    let mut file = Vec::with_capacity(bytes.len() / 4);
+    let encoded = JpegEncoder::new_with_quality(&mut file, quality).encode(
+        bytes,
+        width as u32,
+        height as u32,
+        ExtendedColorType::L8,
+    );
+    encoded.expect("a picture with as many bytes as pixels can be packed in memory, up to 65535 pixels a side");
+    let picture =
+        image::load_from_memory_with_format(&file, ImageFormat::Jpeg).expect("what was packed just now can be read");
+    bytes.copy_from_slice(&picture.into_luma8());
 }
 
 /// Eight values, or as many as are left and zeros.
@@ -288,6 +329,8 @@ mod tests {
         flicker_hz: 100.0,
         flicker: 0.0,
         readout_ms: 0.0,
+        interlaced: false,
+        jpeg_quality: 0,
     };
 
     fn fields(settings: &SensorSettings, level: f64, noise: f64, count: u64) -> Vec<Vec<f64>> {
@@ -390,5 +433,37 @@ mod tests {
         let still = rolled(&first, &first, 241).unwrap();
         assert_eq!(still, first);
         assert_eq!(rolled(&first, &Point2::new(10.0, 400.0), 241), None, "faster than the rows are read");
+    }
+
+    #[test]
+    fn packing_keeps_a_spot_where_it_is_and_rings_about_it() {
+        let [width, height] = SIZE.map(|it| it as usize);
+        let spot = |x: usize, y: usize| {
+            let off = (x as f64 - 30.3).powi(2) + (y as f64 - 20.6).powi(2);
+            (12.0 + 200.0 * (-off / (2.0 * 1.5f64.powi(2))).exp()).round() as u8
+        };
+        let clean: Vec<u8> = (0..height).flat_map(|y| (0..width).map(move |x| spot(x, y))).collect();
+        let off = |quality: u8| {
+            let mut bytes = clean.clone();
+            packed(&mut bytes, [width, height], quality);
+            let differences: f64 = clean.iter().zip(&bytes).map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2)).sum();
+            let light = |it: usize| (f64::from(bytes[it]) - 40.0).max(0.0);
+            let sum: f64 = (0..bytes.len()).map(light).sum();
+            let x: f64 = (0..bytes.len()).map(|it| light(it) * (it % width) as f64).sum();
+            ((differences / bytes.len() as f64).sqrt(), (x / sum - 30.3).abs())
+        };
+        let ((fine, fine_x), (rough, rough_x)) = (off(95), off(30));
+        assert!(fine < 1.5 && rough > 2.0 * fine && rough < 8.0, "{fine} {rough} gray levels");
+        assert!(fine_x < 0.05 && rough_x < 0.3, "{fine_x} {rough_x} px");
+    }
+
+    #[test]
+    fn fields_of_an_interlaced_camera_lie_half_a_line_apart_about_the_calibrated_one() {
+        let camera = TrueCamera::from(&crate::lab::lab_calibration().cameras[0].camera);
+        let ahead = camera.ray(&Point2::new(100.0, 50.0)).unwrap();
+        let point = ahead.origin + ahead.direction.into_inner() * 3.0;
+        let row = |camera: TrueCamera| camera.project(&point).unwrap().y;
+        let rows = [0, 1, 2, 7].map(|frame| row(field_of(&camera, frame)) - 50.0);
+        assert!(rows.iter().zip([0.25, -0.25, 0.25, -0.25]).all(|(a, b)| (a - b).abs() < 1e-6), "{rows:?}");
     }
 }

@@ -7,7 +7,7 @@ use foveate_node::{ConfigError, Due, Figures, Io, Node, NodeError, Plan, Pool, P
 
 use super::fields::{CLOCK_FIGURES, Fields};
 use crate::bump::Pending;
-use crate::camera::{CameraSettings, Renderer, SensorSettings};
+use crate::camera::{CameraSettings, Renderer, SensorSettings, field_of};
 use crate::head::HeadMotion;
 use crate::projector::Projection;
 use crate::timing::{Arrival, Timing};
@@ -42,7 +42,8 @@ struct Scene {
     world: World,
     /// On a head: with both angles zero.
     camera: TrueCamera,
-    renderer: Renderer,
+    /// One for all fields, or one for the even and one for the odd ones of an interlaced camera, each with a camera of its own.
+    renderers: Vec<(TrueCamera, Renderer)>,
 }
 
 impl Node for SimCamera {
@@ -94,10 +95,12 @@ impl Node for SimCamera {
         {
             self.scene = Some(self.scene(world, bump.knocked(&camera), io.latest(&HEAD).is_some()));
         }
-        let Some(Scene { world, camera, renderer }) = &mut self.scene else {
+        let Some(Scene { world, renderers, .. }) = &mut self.scene else {
             Fields::without_world(io, &IMAGE, stamp);
             return Ok(());
         };
+        let kind = frame as usize % renderers.len();
+        let (camera, renderer) = &mut renderers[kind];
         if !renderer.is_lit()
             && let Some(light) = io.latest(&LIGHT)
         {
@@ -128,12 +131,21 @@ impl Node for SimCamera {
 
 impl SimCamera {
     fn scene(&self, world: World, camera: TrueCamera, is_on_head: bool) -> Scene {
-        let renderer = if is_on_head {
-            Renderer::on_head(&camera, self.id, &self.settings, &self.random)
-        } else {
-            Renderer::new(&camera, self.id, &world, &self.settings, &self.random)
+        let renderer = |camera: TrueCamera| {
+            let renderer = if is_on_head {
+                Renderer::on_head(&camera, self.id, &self.settings, &self.random)
+            } else {
+                Renderer::new(&camera, self.id, &world, &self.settings, &self.random)
+            };
+            (camera, renderer)
         };
-        Scene { world, camera, renderer }
+        let is_interlaced = self.settings.sensor.as_ref().is_some_and(|it| it.interlaced);
+        let renderers = if is_interlaced {
+            [0, 1].map(|frame| renderer(field_of(&camera, frame))).into()
+        } else {
+            vec![renderer(camera.clone())]
+        };
+        Scene { world, camera, renderers }
     }
 }
 
@@ -200,6 +212,7 @@ mod tests {
         check_node::<SimCamera>("");
         check_node::<SimCamera>("synchronised = true\nbits = 6");
         check_node::<SimCamera>("sensor = { readout_ms = 6, flicker = 0.3 }");
+        check_node::<SimCamera>("sensor = { interlaced = true, jpeg_quality = 80 }");
         check_node::<SimCamera>("clock_offset_spread_ms = 8\nfails_at_s = 3\nhiccup_hz = 1");
     }
 

@@ -45,6 +45,13 @@ impl TrueCamera {
         TrueCamera { plain, lens: Some(lens), head: head.map(Arc::new) }
     }
 
+    /// The same camera with its picture `rows` further down [px].
+    pub(crate) fn shifted_down(&self, rows: f64) -> TrueCamera {
+        let mut camera = self.clone();
+        camera.plain.intrinsics.principal[1] += rows;
+        camera
+    }
+
     /// The camera without what its lens does beyond the calibrations' model.
     pub fn plain(&self) -> &Camera {
         &self.plain
