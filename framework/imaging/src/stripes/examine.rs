@@ -58,6 +58,8 @@ impl Examination {
 /// Pixels that are looked at, and those that are where something is wrong.
 const SAMPLES: usize = 40_000;
 const MANY_SAMPLES: usize = 160_000;
+/// Pixels are neighbours over so many: between stripes that are out of focus lie some that are neither lit nor dark [px].
+const REACH: usize = 3;
 /// Changes of a bit that say something.
 const MIN_CHANGES: usize = 30;
 /// A rule is broken in more than this part of the pixels [–].
@@ -132,7 +134,7 @@ pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], 
         if faults.is_empty() {
             return found;
         }
-        let samples = sampled(first.size(), MANY_SAMPLES);
+        let samples = lattice(first.size(), MANY_SAMPLES);
         let many = lit_of(&samples, &wild.ranges(pictures, &samples), least);
         match (Set { lit: &many, ..set }).explained() {
             Some((explained, places)) => {
@@ -144,7 +146,7 @@ pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], 
         }
         return found;
     }
-    let samples = sampled(first.size(), MANY_SAMPLES);
+    let samples = lattice(first.size(), MANY_SAMPLES);
     let many = lit_of(&samples, &wild.ranges(pictures, &samples), least);
     let count = |unpaired, is_explained| SetFault::Count {
         found: pictures.len(),
@@ -172,6 +174,14 @@ fn sampled((width, height): (usize, usize), n: usize) -> Vec<usize> {
     let step = (2 * width * height).div_ceil(n).clamp(2, height.max(2));
     let rows = (0..height).filter(|y| y % step < 2);
     rows.flat_map(|y| y * width..(y + 1) * width).collect()
+}
+
+/// Pixels of some whole rows and columns: every boundary between stripes crosses some of them, whichever way it runs.
+fn lattice((width, height): (usize, usize), n: usize) -> Vec<usize> {
+    let step = (2 * width * height).div_ceil(n).max(1);
+    let row =
+        |y: usize| (0..width).filter(move |x| y % step == step / 2 || x % step == step / 2).map(move |x| y * width + x);
+    (0..height).flat_map(row).collect()
 }
 
 fn lit_of(samples: &[usize], ranges: &[(u8, u8)], least: f64) -> Vec<(usize, u8, u8)> {
@@ -481,10 +491,11 @@ impl Set<'_> {
         let signs = (0..self.pictures.len()).map(|picture| self.lit.iter().map(|it| sign(picture, it)).collect());
         let mut neighbours = Vec::new();
         for (index, (at, ..)) in self.lit.iter().enumerate() {
-            let right = self.lit.get(index + 1).filter(|it| it.0 == at + 1 && it.0 % self.width != 0);
-            neighbours.extend(right.map(|_| [index as u32, index as u32 + 1]));
-            let below = self.lit.binary_search_by_key(&(at + self.width), |it| it.0).ok();
-            neighbours.extend(below.map(|it| [index as u32, it as u32]));
+            let to_the_right = (1..=REACH).filter(|it| at % self.width + it < self.width);
+            let below = (1..=REACH).map(|it| it * self.width);
+            let places =
+                to_the_right.chain(below).filter_map(|it| self.lit.binary_search_by_key(&(at + it), |it| it.0).ok());
+            neighbours.extend(places.map(|it| [index as u32, it as u32]));
         }
         Samples { signs: signs.collect(), neighbours }
     }
