@@ -117,9 +117,9 @@ impl Seens<'_> {
         let mut inverted: Vec<(Axis, u32)> = Vec::new();
         for a in 0..n {
             let is_wrong = |it: usize| order[it] == it && self.fit(it, it) == Fit::No;
-            let fits = |b: &usize| match (self.fit(a, *b), self.fit(*b, a)) {
-                (Fit::No, _) | (_, Fit::No) | (Fit::Maybe, Fit::Maybe) => false,
-                _ => true,
+            let fits = |b: &usize| {
+                let both = [self.fit(a, *b), self.fit(*b, a)];
+                !both.contains(&Fit::No) && both.contains(&Fit::Yes)
             };
             let Some(b) = (a + 1..n).filter(|it| is_wrong(a) && is_wrong(*it)).find(fits) else { continue };
             order.swap(a, b);

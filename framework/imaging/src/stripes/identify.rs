@@ -79,6 +79,9 @@ const MIN_RARER: f64 = 8.0;
 /// A bit has one value where the other is rarer than this part of what chance makes it [–].
 const ONE_VALUE: f64 = 0.4;
 
+/// A bit changes clearly less often than another below this part of its changes [–].
+const FEWER: f64 = 0.7;
+
 /// What each picture shows; `homes` says what the places may be at which each stands, `None` for pictures not to be looked at.
 pub(super) fn identify(code: &StripeCode, samples: &Samples, homes: &[Option<Vec<Shown>>]) -> Vec<Seen> {
     let mut seen = vec![Seen::Unknown; samples.signs.len()];
@@ -181,15 +184,23 @@ pub(super) fn bit_of(shown: &Shown) -> Option<(Axis, u32)> {
     }
 }
 
+/// The coarsest bit of an axis that stands where its members do.
+fn home(class: &Class, axis: Axis) -> Option<u32> {
+    class.homes.iter().filter(|it| it.0 == axis).map(|it| it.1).min()
+}
+
 struct Relations {
     /// Where the first changes: the value that the second has there, if it has one.
     value: Vec<Vec<Option<bool>>>,
+    /// How often each changes.
+    changes: Vec<usize>,
 }
 
 impl Relations {
     fn of(classes: &[Class], neighbours: &[[u32; 2]]) -> Relations {
         let n = classes.len();
         let mut counts = vec![vec![[0_usize; 2]; n]; n];
+        let mut changes = vec![0; n];
         let mut changed: Vec<usize> = Vec::new();
         for [a, b] in neighbours {
             let pair = |it: usize| [classes[it].signs[*a as usize], classes[it].signs[*b as usize]];
@@ -199,11 +210,9 @@ impl Relations {
             if !(1..=2).contains(&changed.len()) {
                 continue;
             }
-            for other in 0..n {
-                let [here, there] = pair(other);
-                if here * there > 0 {
-                    changed.iter().for_each(|it| counts[*it][other][usize::from(here > 0)] += 1);
-                }
+            changed.iter().for_each(|it| changes[*it] += 1);
+            for (other, [here, _]) in (0..n).map(pair).enumerate().filter(|(_, [here, there])| here * there > 0) {
+                changed.iter().for_each(|it| counts[*it][other][usize::from(here > 0)] += 1);
             }
         }
         let value = |a: usize, b: usize| -> Option<bool> {
@@ -212,12 +221,25 @@ impl Relations {
             let says = a != b && zeros + ones >= MIN_CHANGES && by_chance >= MIN_RARER;
             (says && (zeros.min(ones) as f64) < ONE_VALUE * by_chance).then_some(ones > zeros)
         };
-        Relations { value: (0..n).map(|a| (0..n).map(|b| value(a, b)).collect()).collect() }
+        Relations { value: (0..n).map(|a| (0..n).map(|b| value(a, b)).collect()).collect(), changes }
     }
 
     /// Whether a bit is coarser than another of its axis.
     fn is_coarser(&self, a: usize, b: usize) -> bool {
         self.value[a][b].is_some() && self.value[b][a].is_none()
+    }
+
+    /// The same, where each has one value where the other changes, as bits have that change once in the picture: the coarser one changes less often, else its place says it.
+    fn comes_before(&self, classes: &[Class], axis: Axis, a: usize, b: usize) -> bool {
+        if self.value[a][b].is_none() || self.value[b][a].is_none() {
+            return self.is_coarser(a, b);
+        }
+        let [of_a, of_b] = [a, b].map(|it| self.changes[it] as f64);
+        if of_a < FEWER * of_b || of_b < FEWER * of_a {
+            of_a < of_b
+        } else {
+            home(&classes[a], axis) < home(&classes[b], axis)
+        }
     }
 
     /// The classes of an axis, each with its bit.
@@ -241,12 +263,11 @@ impl Relations {
         let mut list: Vec<usize> = (0..classes.len()).filter(is_of_axis).collect();
         let of_axis = list.clone();
         let rank = |class: usize| {
-            let one =
-                |other: &usize| i64::from(self.is_coarser(*other, class)) - i64::from(self.is_coarser(class, *other));
+            let before = |a: usize, b: usize| i64::from(self.comes_before(classes, axis, a, b));
+            let one = |other: &usize| before(*other, class) - before(class, *other);
             of_axis.iter().map(one).sum::<i64>()
         };
-        let home = |class: usize| classes[class].homes.iter().filter(|it| it.0 == axis).map(|it| it.1).min();
-        list.sort_by_key(|it| (rank(*it), home(*it)));
+        list.sort_by_key(|it| (rank(*it), home(&classes[*it], axis)));
         if list.len() > n_planes {
             return Vec::new();
         }
