@@ -94,6 +94,9 @@ fn decoded(set: PatternPictures) -> (String, [f64; 2]) {
     (said, [known(0), known(1)])
 }
 
+/// What is done to the pictures of a set and their names.
+type Change = dyn Fn(&mut Vec<Vec<u8>>, &mut Vec<String>);
+
 #[test]
 fn faults_of_a_real_set_are_named_and_accuse_no_other() {
     let Some(folder) = foveate_testkit::data_dir_or_skip("faults of a real set", "s11_procam_graycode") else { return };
@@ -102,7 +105,7 @@ fn faults_of_a_real_set_are_named_and_accuse_no_other() {
     let (said, all) = decoded(whole.clone());
     assert!(said.is_empty() && all[0] > 0.3 && all[1] > 0.3, "{said} {all:?}");
     // With `columns` and `rows`: whether these are still decoded.
-    let check = |change: &dyn Fn(&mut Vec<Vec<u8>>, &mut Vec<String>), expected: &[&str], columns: bool, rows: bool| {
+    let check = |change: &Change, expected: &[&str], columns: bool, rows: bool| {
         let mut pictures: Vec<Vec<u8>> = whole.pixels.chunks_exact(n).map(<[u8]>::to_vec).collect();
         let mut names = whole.names.clone();
         change(&mut pictures, &mut names);
