@@ -22,6 +22,7 @@ pub mod chessboard;
 pub mod dots;
 mod error;
 pub mod foreground;
+pub mod jpeg;
 pub mod lucas_kanade;
 pub mod mask;
 pub mod plane;

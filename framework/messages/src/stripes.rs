@@ -18,6 +18,9 @@ pub struct PatternPictures {
     pub height: u32,
     /// What each picture is called, in the order of the set.
     pub names: Vec<String>,
+    /// Places of pictures that could not be read, ascending; their pixels are 0.
+    #[serde(default)]
+    pub unreadable: Vec<u32>,
     /// The text of a file beside them that says which patterns they show; empty without one.
     pub manifest: String,
     /// The pictures one after the other, each `width × height` bytes, row by row.

@@ -1,9 +1,7 @@
 //! One picture file into an [`Image`], or a sentence about what is wrong with it.
 //!
 //! Decoders forgive much: a JPEG that was cut off comes out gray from there on, with no complaint. So a JPEG's own
-//! structure is walked first (T.81, annex B: segments with a length, then entropy-coded data in which 0xFF is always
-//! followed by 0x00 or a restart marker), and one without its end marker is refused. Damage that leaves this structure intact is
-//! not noticed: JPEG has no check sums.
+//! structure is walked first ([`foveate::imaging::jpeg`]), and one without its end marker is refused.
 
 use std::fs::File;
 use std::io::{Cursor, Read};
@@ -75,7 +73,7 @@ impl Decoder {
             _ => return Err(format!("is neither JPEG nor PNG: it begins with {}", first_bytes(bytes))),
         };
         if kind == ImageFormat::Jpeg {
-            jpeg_is_whole(bytes)?;
+            foveate::imaging::jpeg::check_whole(bytes)?;
         }
         let broken = |error: image::ImageError| {
             format!("is a broken {}: {error}", if kind == ImageFormat::Jpeg { "JPEG" } else { "PNG" })
@@ -140,33 +138,6 @@ fn convert(stored: &[u8], kind: ColorType, format: Format, pixels: &mut Vec<u8>)
 /// Rec. 601 luma, the Y of JPEG, in 1/256.
 pub(crate) fn luma(red: u8, green: u8, blue: u8) -> u8 {
     ((77 * u32::from(red) + 150 * u32::from(green) + 29 * u32::from(blue) + 128) >> 8) as u8
-}
-
-/// Whether a JPEG reaches its end marker.
-fn jpeg_is_whole(bytes: &[u8]) -> Result<(), String> {
-    let cut_off = || format!("is a truncated JPEG: {} bytes, and no end marker", bytes.len());
-    let mut at = 2;
-    let mut in_scan = false;
-    loop {
-        let Some(offset) = bytes.get(at..).and_then(|rest| rest.iter().position(|&it| it == 0xff)) else {
-            return Err(cut_off());
-        };
-        if !in_scan && offset > 0 {
-            return Err(format!("is a broken JPEG: no marker at byte {at}"));
-        }
-        at += offset;
-        match bytes.get(at + 1) {
-            None => return Err(cut_off()),
-            Some(0xff) => at += 1,
-            Some(0x00 | 0x01 | 0xd0..=0xd7) => at += 2,
-            Some(0xd9) => return Ok(()),
-            Some(&marker) => {
-                let Some(&[high, low]) = bytes.get(at + 2..at + 4) else { return Err(cut_off()) };
-                at += 2 + usize::from(u16::from_be_bytes([high, low]));
-                in_scan = marker == 0xda;
-            }
-        }
-    }
 }
 
 fn first_bytes(bytes: &[u8]) -> String {

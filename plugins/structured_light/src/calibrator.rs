@@ -242,9 +242,18 @@ impl Calibrator {
     fn solve(&self, without: Option<Time>) -> Result<BoardSolution, String> {
         let n_sets = self.sets.len() - usize::from(without.is_some());
         let options = BoardOptions { hold_out_every: 0, min_views: n_sets.clamp(2, 3), ..BoardOptions::default() };
-        let solution = calibrate(&self.recording(without), &self.board, &options).map_err(|fault| fault.to_string())?;
-        match solution.solved.cameras.iter().find(|it| it.status != CameraStatus::Calibrated) {
-            Some(camera) => Err(format!("`{}` cannot be calibrated: {:?}", camera.name, camera.status)),
+        let solution = calibrate(&self.recording(without), &self.board, &options).map_err(|fault| {
+            match self.guessed_angles() {
+                Some(cause) => cause,
+                None => fault.to_string(),
+            }
+        })?;
+        let bad = solution.solved.cameras.iter().zip(&solution.optics);
+        match bad.into_iter().find(|(camera, _)| camera.status != CameraStatus::Calibrated) {
+            Some((camera, optics)) => {
+                let why = optics.refused.first().map_or_else(|| camera.status.to_string(), ToString::to_string);
+                Err(format!("`{}` cannot be calibrated from {n_sets} sets of the board: {why}", camera.name))
+            }
             None => Ok(solution),
         }
     }
@@ -256,13 +265,22 @@ impl Calibrator {
         report.figure("projector.sets", self.sets.len() as f64);
         if self.sets.len() < 2 {
             return Err(format!(
-                "camera and projector saw the board in {} of {n_all} sets, expected at least 3 for a calibration",
+                "camera and projector saw the board in {} of the {n_all} sets that were decoded, expected at least 3 for a calibration, the board tilted in different ways",
                 self.sets.len()
             ));
         }
         let solution = self.solve(None)?;
         self.residuals(&solution, report);
-        self.hold_out(report);
+        let normals: Vec<Vector3<f64>> = solution.boards.iter().map(|it| it.world_from_board * Vector3::z()).collect();
+        self.remarks.extend(one_angle(&normals));
+        if self.sets.len() < 3 {
+            self.remarks.push(format!(
+                "{} sets hold focal length and principal point at best, no lens, and none can be held out: expected at least 3",
+                self.sets.len()
+            ));
+        } else {
+            self.hold_out(report);
+        }
         self.surfaces(&solution, report);
         self.write(&solution, report)
     }
@@ -284,10 +302,10 @@ impl Calibrator {
         report.figure("camera.rms_px", rms(&errors(Some(0))));
         report.figure("projector.rms_px", rms(&errors(Some(1))));
         report.figure("both.rms_px", rms(&errors(None)));
-        for fit in &solution.optics {
+        for (fit, camera) in solution.optics.iter().zip(&solution.solved.cameras) {
             let names: Vec<String> = fit.refused.iter().map(|it| format!("{} ({})", it.what, it.why)).collect();
             if !names.is_empty() {
-                let name = &solution.solved.cameras[usize::from(fit.camera.image_size == self.sizes[1])].name;
+                let name = &camera.name;
                 self.remarks.push(format!("optics of `{name}` that stay as guessed: {}", names.join("; ")));
             }
         }
@@ -345,6 +363,17 @@ impl Calibrator {
             places.iter().zip(pixels).filter_map(off).collect()
         });
         Some(Foretold { errors })
+    }
+
+    /// What is to be said where the boards, placed by the guessed camera, have nearly one direction.
+    fn guessed_angles(&self) -> Option<String> {
+        let camera = self.guess(0, self.sets.len()).camera;
+        let normal = |set: &Set| {
+            let marks = set.features[0].iter().filter_map(|it| Some((self.board.place(it.label?)?, it.centre)));
+            let (places, pixels): Marks = marks.unzip();
+            Some(self.solved_pose(&camera, &places, &pixels)? * Vector3::z())
+        };
+        one_angle(&self.sets.values().filter_map(normal).collect::<Vec<_>>())
     }
 
     /// `world_from_board` by one camera: of the poses that a start from the front leads to, the best.
@@ -407,6 +436,21 @@ impl Calibrator {
     }
 }
 
+/// Boards whose directions differ by less are as good as parallel: focal length and distance are then told apart by perspective alone [rad].
+const ONE_ANGLE: f64 = 0.17;
+
+/// What is to be said where all poses of the board, whose normals these are, have nearly one direction.
+fn one_angle(normals: &[Vector3<f64>]) -> Option<String> {
+    let angle = |a: &Vector3<f64>| normals.iter().map(|b| a.angle(b)).fold(0.0, f64::max);
+    let most = normals.iter().map(angle).fold(0.0, f64::max);
+    (normals.len() > 1 && most < ONE_ANGLE).then(|| {
+        format!(
+            "the board was seen at one angle only, within {:.0} degrees: focal lengths, and with them depth, are not held; expected poses that are tilted in different ways, by 20 degrees or more",
+            most.to_degrees()
+        )
+    })
+}
+
 fn rms(errors: &[f64]) -> f64 {
     (errors.iter().map(|it| it * it).sum::<f64>() / errors.len() as f64).sqrt()
 }
@@ -451,4 +495,82 @@ fn adjust_pose(cameras: &[Camera; 2], seen: &[Marks; 2], start: Isometry3<f64>) 
         }
     }
     Some(pose)
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate::estimation::random::Random;
+    use nalgebra::{Translation3, UnitQuaternion};
+
+    use super::*;
+    use crate::pair::tests::rig;
+
+    /// What is told of a camera and a projector that saw a board turned about x and y by these angles, with corners 0.1 px off.
+    fn told(turns: &[[f64; 2]]) -> (Result<Report, String>, Vec<String>) {
+        let (camera, projector) = rig();
+        let named = [("camera", camera), ("projector", projector)];
+        let cameras = named.map(|(name, camera)| foveate::scene::NamedCamera { name: name.to_owned(), camera });
+        let calibration = Calibration::new(cameras.to_vec(), foveate::scene::LengthUnit::Metre, String::new()).unwrap();
+        let setup = Setup { camera: Some(CameraId(0)), calibration: Arc::new(calibration), ..Setup::for_tests() };
+        let settings = CalibratorSettings {
+            columns: 9,
+            rows: 7,
+            square_mm: 50.0,
+            projector: "projector".into(),
+            file: "c.toml".into(),
+        };
+        let mut bench = NodeBench::<Calibrator>::with_setup(settings, &setup).unwrap();
+        let mut random = Random::new(7);
+        for (at, [x, y]) in turns.iter().enumerate() {
+            let turn = UnitQuaternion::from_euler_angles(*x, *y, 0.1 * at as f64);
+            let pose = Isometry3::from_parts(Translation3::new(-0.15, -0.1, 1.6 + 0.1 * at as f64), turn);
+            for (number, named) in cameras.iter().enumerate() {
+                let corner = |label: u32| {
+                    let place = Point3::new(0.05 * f64::from(label % 9), 0.05 * f64::from(label / 9), 0.0);
+                    let at = named.camera.project(&(pose * place)).unwrap();
+                    let centre = at + nalgebra::Vector2::new(random.normal(), random.normal()) * 0.1;
+                    let covariance = nalgebra::Matrix2::identity() * 0.01;
+                    Feature { centre, covariance, area: 0, peak: 0, label: Some(label) }
+                };
+                let list = (0..63).map(corner).collect();
+                let features = Features { camera: CameraId(number as u16), list };
+                bench.feed(&FEATURES, Time::from_s(at as f64), features).unwrap();
+            }
+        }
+        let result = bench.finish().map_err(|it| it.to_string());
+        let remarks = result.as_ref().map(|it| it.remarks.clone()).unwrap_or_default();
+        (result, remarks)
+    }
+
+    #[test]
+    fn three_poses_tilted_in_different_ways_are_enough() {
+        let (report, remarks) = told(&[[0.5, 0.1], [-0.4, 0.3], [0.1, -0.5], [0.3, 0.4]]);
+        let figures = report.unwrap().figures;
+        assert!(figures["projector.rms_px"] < 0.2 && figures["projector.held_out_px.rms"] < 0.5, "{figures:?}");
+        assert!(!remarks.iter().any(|it| it.contains("one angle")), "{remarks:?}");
+    }
+
+    #[test]
+    fn too_few_poses_are_told_as_such() {
+        for turns in [&[][..], &[[0.5, 0.1]]] {
+            let fault = told(turns).0.unwrap_err();
+            let n = turns.len();
+            assert!(
+                fault.contains(&format!("in {n} of the {n} sets that were decoded, expected at least 3")),
+                "{fault}"
+            );
+        }
+        let (report, remarks) = told(&[[0.5, 0.1], [-0.4, 0.3]]);
+        assert!(remarks.iter().any(|it| it.contains("none can be held out")), "{report:?} {remarks:?}");
+    }
+
+    #[test]
+    fn a_board_at_one_angle_holds_no_focal_length_and_it_is_said() {
+        let (flat, remarks) = told(&[[0.0, 0.02], [0.01, 0.0], [0.0, 0.0], [0.02, 0.01]]);
+        let words = flat.err().into_iter().chain(remarks).collect::<Vec<_>>().join("; ");
+        assert!(words.contains("at one angle only"), "{words}");
+        let (tilted, remarks) = told(&[[0.5, 0.0], [0.51, 0.01], [0.5, 0.01], [0.49, 0.0]]);
+        let words = tilted.err().into_iter().chain(remarks).collect::<Vec<_>>().join("; ");
+        assert!(words.contains("at one angle only"), "{words}");
+    }
 }

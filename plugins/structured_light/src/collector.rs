@@ -6,12 +6,15 @@
 //!    mean of a phase shift's steps; where they are not, something has moved between these pictures. Blocks of the picture where it has are made black, so that nothing
 //!    is decoded there; a set with many of them is not passed on.
 //!
-//! Motion is looked for in means of 4 × 4 px, which hide the noise of single pixels, root mean square over blocks of 16 × 16 px.
+//! Motion is looked for in means of 4 × 4 px, which hide the noise of single pixels, root mean square over blocks of 16 × 16 px. What noise is left in these is known from
+//! the pictures themselves ([`foveate::imaging::stripes::noise`]) and no motion.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
+use foveate::imaging::ImageView;
 use foveate::imaging::stripes::code::{Axis, Shown, StripeCode};
+use foveate::imaging::stripes::noise::noise;
 use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -40,6 +43,9 @@ const LIT: f32 = 16.0;
 const SATURATED: u8 = 250;
 /// A block counts with at least this many means.
 const LEAST_BINS: usize = 6;
+/// Bit + inverse − white − black of noise σ has a variance of 4 σ² / 16 in means of 4 × 4 px. Over a block of 16 of them its mean square is 3 times that once in 10⁵ blocks (χ²), over
+/// one of 6 of them 5 times.
+const NOISE_SQUARE: f32 = 5.0 * 4.0 / 16.0;
 /// Pictures that wait for the pattern that they show.
 const HELD: usize = 32;
 
@@ -53,7 +59,7 @@ pub struct CollectorSettings {
     /// The camera's exposure: all of it must lie in the time in which the pattern is shown [ms]
     #[schemars(range(min = 0.0, max = 100.0))]
     pub exposure_ms: f64,
-    /// Something has moved in a block where bit + inverse − white − black is larger, root mean square of the means of 4 × 4 px; noise of σ gray levels makes it σ / 2 [gray level]
+    /// Something has moved in a block where bit + inverse − white − black is larger, root mean square of the means of 4 × 4 px, beyond what the noise of the pictures makes of it [gray level]
     #[schemars(range(min = 0.1, max = 255.0))]
     pub max_change: f64,
     /// Part of the lit blocks in which something may have moved; with more, the set is not passed on [–]
@@ -255,6 +261,7 @@ impl Collector {
             width,
             height,
             names,
+            unreadable: Vec::new(),
             manifest: set.first.manifest.clone(),
             pixels,
         };
@@ -384,9 +391,14 @@ impl Blocks {
                 compare(&sum);
             }
         }
+        let sigma = [white_at, black_at].map(|it| {
+            let view = ImageView::new(set.picture(it).unwrap_or_default(), width, height);
+            view.map_or(0.0, |it| noise(&it) as f32)
+        });
+        let by_noise = NOISE_SQUARE * sigma[0].max(sigma[1]).powi(2);
         for (block, worst) in worst.into_iter().enumerate().filter(|it| it.1 > 0.0) {
             found.n_lit += 1;
-            if worst > max_change * max_change {
+            if worst > max_change * max_change + by_noise {
                 found.moved.push([block % across, block / across].map(|it| it * BINS * BIN));
             }
         }
@@ -420,8 +432,9 @@ mod tests {
         PatternSettings::read(MANIFEST).unwrap().stripe_code(None).unwrap()
     }
 
-    /// Surfaces of many shades, of which those for which `moves` holds have come `off` px to the right, with noise of one gray level.
+    /// Surfaces of many shades, of which those for which `moves` holds have come `off` px to the right, with noise of `sigma` gray levels.
     fn seen(
+        sigma: f64,
         shown: Shown,
         off: f64,
         moves: impl Fn(usize, usize) -> bool,
@@ -431,7 +444,7 @@ mod tests {
         let pixels = (0..SIZE[1] as usize).flat_map(|y| (0..SIZE[0] as usize).map(move |x| (x, y))).map(|(x, y)| {
             let at = x as f64 - if moves(x, y) { off } else { 0.0 };
             let albedo = 0.55 + 0.25 * (at * 0.21 + y as f64 * 0.13).sin();
-            let gray = 14.0 + albedo * f64::from(light[y * SIZE[0] as usize + x]) * 0.7 + random.normal();
+            let gray = 14.0 + albedo * f64::from(light[y * SIZE[0] as usize + x]) * 0.7 + sigma * random.normal();
             gray.round().clamp(0.0, 255.0) as u8
         });
         Image { width: SIZE[0], height: SIZE[1], pixels: pixels.collect(), ..Image::default() }
@@ -445,6 +458,16 @@ mod tests {
 
     /// One set, and a picture after it. `speed` is in pixels a picture; picture `lost` never comes; captures are `late_ms` after the middle of their pattern.
     fn collect(speed: f64, moves: impl Fn(usize, usize) -> bool + Copy, lost: Option<usize>, late_ms: f64) -> Outcome {
+        collect_noisy(1.0, speed, moves, lost, late_ms)
+    }
+
+    fn collect_noisy(
+        sigma: f64,
+        speed: f64,
+        moves: impl Fn(usize, usize) -> bool + Copy,
+        lost: Option<usize>,
+        late_ms: f64,
+    ) -> Outcome {
         let mut bench = NodeBench::<Collector>::new(CollectorSettings::default()).unwrap();
         let mut random = foveate::estimation::random::Random::new(3);
         let pictures = code().pictures();
@@ -463,7 +486,7 @@ mod tests {
         }
         for (index, shown) in pictures.iter().chain([&Shown::Black]).enumerate() {
             let capture = Time::from_s(1.0 + 0.02 * index as f64) + Interval::from_ms(40.0 + late_ms);
-            let image = seen(*shown, speed * index as f64, moves, &mut random);
+            let image = seen(sigma, *shown, speed * index as f64, moves, &mut random);
             if lost != Some(index) {
                 bench.feed(&IMAGE, capture, image).unwrap();
             }
@@ -522,6 +545,17 @@ mod tests {
         let white = part.sets[0].picture(0).unwrap();
         let is_black = |x: usize, y: usize| white[y * 128 + x] == 0;
         assert!(is_black(32, 16) && is_black(47, 31) && !is_black(31, 16) && !is_black(48, 20) && !is_black(40, 32));
+    }
+
+    #[test]
+    fn noise_is_no_motion_and_motion_is_seen_under_noise() {
+        for sigma in [4.0, 8.0, 12.0] {
+            let rest = collect_noisy(sigma, 0.0, |_, _| true, None, 0.0);
+            assert_eq!(rest.sets.len(), 1, "{sigma}: {:?}", rest.gaps);
+            assert_eq!(rest.report.figures["collector.moved_share.test.node"], 0.0, "{sigma}");
+            let moved = collect_noisy(sigma, 1.0, |_, _| true, None, 0.0);
+            assert!(moved.sets.is_empty(), "{sigma}");
+        }
     }
 
     #[test]

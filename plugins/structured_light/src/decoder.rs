@@ -12,7 +12,7 @@ use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::pattern::{PatternSettings, calibrated_size};
+use crate::pattern::{PatternSettings, calibrated_size, projector_of};
 
 ports! {
     pub(crate) fn declared_ports;
@@ -47,7 +47,7 @@ pub struct DecoderSettings {
     /// Direct light over all light that the projector brings to a pixel, at least; below a half other surfaces may have turned a bit [–]
     #[schemars(range(min = 0.0, max = 1.0))]
     pub min_direct: f64,
-    /// Noise of the camera, standard deviation [gray level]
+    /// Noise of the camera, standard deviation, at least: more, where the pictures themselves show more [gray level]
     #[schemars(range(min = 0.05, max = 50.0))]
     pub noise: f64,
     /// Worker threads for one set [–]
@@ -83,6 +83,7 @@ pub struct Decoder {
     sets: u64,
     refused: u64,
     faults: Vec<String>,
+    remarks: Vec<String>,
     known: u64,
     lit: u64,
 }
@@ -113,9 +114,14 @@ impl Node for Decoder {
         ConfigError::unless_in("noise", settings.noise, 0.05..=50.0)?;
         ConfigError::unless_in("threads", settings.threads, 1..=64)?;
         let projector_size = calibrated_size(setup, &settings.projector);
+        let is_named = settings.projector != crate::pattern::default_projector();
+        if is_named && projector_size.is_none() && !setup.calibration.cameras.is_empty() {
+            projector_of(setup, &settings.projector)?;
+        }
+        let says_size = settings.pattern.projector_px != [0, 0];
         let code = match settings.pattern.stripe_code(projector_size) {
             Ok(code) => Some(code),
-            Err(fault) if fault.setting.as_deref() == Some("projector_px") => None,
+            Err(fault) if fault.setting.as_deref() == Some("projector_px") && !says_size => None,
             Err(fault) => {
                 let setting = fault.setting.as_deref().map(|it| format!("pattern.{it}"));
                 return Err(ConfigError { setting, ..fault });
@@ -131,6 +137,7 @@ impl Node for Decoder {
             sets: 0,
             refused: 0,
             faults: Vec::new(),
+            remarks: Vec::new(),
             known: 0,
             lit: 0,
         })
@@ -143,7 +150,7 @@ impl Node for Decoder {
                 self.sets += 1;
                 self.known += u64::from(map.n_known);
                 self.lit += lit;
-                self.faults.extend(faults);
+                self.faults.extend(faults.into_iter().map(|it| of_set(&set.value, it)));
                 let (width, height, camera) = (map.width, map.height, map.camera);
                 let white = Image { camera, width, height, pixels: white, ..Image::default() };
                 io.emit(&WHITE, set.stamp, white);
@@ -151,9 +158,9 @@ impl Node for Decoder {
             }
             Err(faults) => {
                 self.refused += 1;
-                let reason = format!("{}: {}", set.value.name, faults.join("; "));
+                let faults: Vec<String> = faults.into_iter().map(|it| of_set(&set.value, it)).collect();
+                io.gap(&MAP, set.time(), faults.join("; "));
                 self.faults.extend(faults);
-                io.gap(&MAP, set.time(), reason);
             }
         }
         Ok(())
@@ -165,17 +172,36 @@ impl Node for Decoder {
         report.figure(format!("decoder.sets_refused.{name}"), self.refused as f64);
         report.figure(format!("decoder.faults.{name}"), self.faults.len() as f64);
         report.figure(format!("decoder.known_share.{name}"), self.known as f64 / self.lit as f64);
-        self.faults.iter().for_each(|it| report.remark(it.clone()));
+        self.faults.iter().chain(&self.remarks).for_each(|it| report.remark(it.clone()));
+        if self.sets == 0 && self.refused > 0 {
+            let first = self.faults.first().map(String::as_str).unwrap_or_default();
+            let n = self.refused;
+            return Err(NodeError::input(format!("none of {n} sets of pictures could be decoded: {first}")));
+        }
         Ok(())
     }
 }
 
 impl Decoder {
-    fn code_of(&self, set: &PatternPictures) -> Result<StripeCode, String> {
+    fn code_of(&mut self, set: &PatternPictures) -> Result<StripeCode, String> {
         if !set.manifest.is_empty() && !self.settings.ignore_manifest {
             let manifest = PatternSettings::read(&set.manifest);
-            let code = manifest.and_then(|it| it.stripe_code(self.projector_size).map_err(|fault| fault.message));
-            let code = code.map_err(|fault| format!("{}/{}: {fault}", set.name, crate::pattern::MANIFEST))?;
+            if let Ok(manifest) = &manifest
+                && self.settings.pattern != PatternSettings::default()
+            {
+                let differences = manifest.differences(&self.settings.pattern);
+                let remark = format!(
+                    "`{}/{}` holds, which says otherwise than `pattern`: {}; `ignore_manifest` takes the settings",
+                    set.name,
+                    crate::pattern::MANIFEST,
+                    differences.join(", ")
+                );
+                if !differences.is_empty() && self.remarks.is_empty() {
+                    self.remarks.push(remark);
+                }
+            }
+            let code = manifest.and_then(|it| it.stripe_code(None).map_err(|fault| fault.message));
+            let code = code.map_err(|fault| format!("`{}/{}`: {fault}", set.name, crate::pattern::MANIFEST))?;
             if let Some(size) = self.projector_size.filter(|it| *it != code.projector) {
                 let [found, expected] = [code.projector, size].map(|[columns, rows]| format!("{columns} x {rows} px"));
                 let name = &self.settings.projector;
@@ -196,30 +222,37 @@ impl Decoder {
         let code = self.code_of(set).map_err(one)?;
         let (width, height) = (set.width as usize, set.height as usize);
         if let Some([columns, rows]) = self.camera_size.filter(|it| *it != [set.width, set.height]) {
-            let fault = format!("pictures of `{}` are {width} x {height} px, expected {columns} x {rows} px", set.name);
+            let fault = format!(
+                "the pictures are {width} x {height} px, expected {columns} x {rows} px as the camera in the calibration"
+            );
             return Err(one(fault));
         }
         let views: Vec<ImageView<'_>> = (0..set.names.len())
             .map(|it| ImageView::new(set.picture(it).unwrap_or_default(), width, height))
             .collect::<Result<_, _>>()
             .map_err(|fault| one(fault.to_string()))?;
-        let found = examine(&code, &views, self.settings.min_contrast);
+        let unreadable: Vec<usize> = set.unreadable.iter().map(|it| *it as usize).collect();
+        let found = examine(&code, &views, &unreadable, self.settings.min_contrast);
         let name = |it: usize| set.names.get(it).map_or_else(|| format!("picture {it}"), |it| format!("`{it}`"));
-        let faults: Vec<String> =
-            found.faults.iter().map(|it| format!("{}: {}", set.name, it.describe(&code, &name))).collect();
+        let faults: Vec<String> = found.faults.iter().map(|it| it.describe(&code, &name)).collect();
         let axes = found.usable(&code);
         if axes.is_empty() {
             return Err(faults);
         }
+        let (code, pictures) = found.decodable(&code);
+        let views: Vec<ImageView<'_>> = pictures.into_iter().map(|it| views[it]).collect();
+        let noise = self.settings.noise.max(found.noise);
+        // Three standard deviations of a difference of two pixels.
+        let by_noise = (3.0 * std::f64::consts::SQRT_2 * found.noise + 0.5).min(127.0) as u8;
         let options = DecodeOptions {
-            min_contrast: self.settings.min_contrast,
-            min_difference: self.settings.min_difference,
+            min_contrast: self.settings.min_contrast.max(by_noise),
+            min_difference: self.settings.min_difference.max(by_noise),
             min_direct: self.settings.min_direct,
             threads: self.settings.threads,
             ..DecodeOptions::default()
         };
         decode_into(&code, &views, &axes, &options, &mut self.decoded).map_err(|fault| one(fault.to_string()))?;
-        let coordinates = self.coordinates(&code, &views).map_err(one)?;
+        let coordinates = self.coordinates(&code, &views, noise).map_err(one)?;
         let white = match code.place(Shown::White) {
             Some(it) => views[it].pixels().to_vec(),
             None => brightest(&views),
@@ -245,8 +278,8 @@ impl Decoder {
         Ok(Map { map, white, lit, faults })
     }
 
-    fn coordinates(&self, code: &StripeCode, views: &[ImageView<'_>]) -> Result<Coordinates, String> {
-        let (noise, threads) = (self.settings.noise, self.settings.threads);
+    fn coordinates(&self, code: &StripeCode, views: &[ImageView<'_>], noise: f64) -> Result<Coordinates, String> {
+        let threads = self.settings.threads;
         let found = match code.steps {
             0 => edges::coordinates(
                 code,
@@ -258,6 +291,12 @@ impl Decoder {
         };
         found.map_err(|fault| fault.to_string())
     }
+}
+
+/// What is said of a set, with its name before it unless it names the set's pictures or files anyway.
+fn of_set(set: &PatternPictures, fault: String) -> String {
+    let prefix = format!("`{}/", set.name);
+    if fault.contains(&prefix) { fault } else { format!("{}: {fault}", set.name) }
 }
 
 /// By pixel the brightest of all pictures.
@@ -293,7 +332,10 @@ mod tests {
         let mut bench = NodeBench::<Decoder>::new(settings()).unwrap();
         bench.feed(&PICTURES, Time::ZERO, set).unwrap();
         let map = bench.outputs(&MAP).pop().map(|it| it.value);
-        (map, bench.finish().unwrap().remarks.join("; "))
+        // Of a single set that is refused, all are.
+        let said = bench.finish().map_or_else(|fault| fault.to_string(), |report| report.remarks.join("; "));
+        assert_eq!(map.is_none(), said.contains("none of 1 sets of pictures could be decoded"), "{said}");
+        (map, said)
     }
 
     #[test]
@@ -317,13 +359,27 @@ mod tests {
     }
 
     #[test]
+    fn a_set_without_black_is_decoded_by_its_bits() {
+        let mut short = set(&StripeCode::gray([64, 48]));
+        short.names.pop();
+        short.pixels.truncate(25 * 64 * 48);
+        let (map, said) = run(short);
+        let [u, v] = map.unwrap().get(30, 20).coordinate;
+        assert!((u - 30.0).abs() < 0.1 && (v - 20.0).abs() < 0.1, "{u} {v}");
+        assert!(said.contains("no picture shows black, expected after `24.png`"), "{said}");
+    }
+
+    #[test]
     fn a_set_that_is_none_gives_no_map_and_says_why() {
         let code = StripeCode::gray([64, 48]);
         let mut short = set(&code);
-        short.names.pop();
-        short.pixels.truncate(short.names.len() * 64 * 48);
+        // One of the columns, one of the rows.
+        for missing in [15, 3] {
+            short.names.remove(missing);
+            short.pixels.drain(missing * 64 * 48..(missing + 1) * 64 * 48);
+        }
         let (map, said) = run(short);
-        assert!(map.is_none() && said.contains("found 25 pictures, expected 26"), "{said}");
+        assert!(map.is_none() && said.contains("found 24 pictures, expected 26"), "{said}");
         let manifest = "projector_px = [32, 32]\nodrer = \"columns\"".to_owned();
         let (map, said) = run(PatternPictures { manifest, ..set(&code) });
         assert!(map.is_none() && said.contains("odrer"), "{said}");

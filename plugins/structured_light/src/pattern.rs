@@ -1,5 +1,6 @@
 //! Which patterns were shown, in which order: settings of nodes, and the file `patterns.toml` that `foveate patterns` writes beside its pictures.
 
+use foveate::imaging::ImagingError;
 use foveate::imaging::stripes::code::{Group, Inverse, StripeCode};
 use foveate::prelude::*;
 use schemars::JsonSchema;
@@ -94,6 +95,13 @@ impl PatternSettings {
     /// Names the setting, what was found and what is expected.
     pub fn stripe_code(&self, calibrated: Option<[u32; 2]>) -> Result<StripeCode, ConfigError> {
         let size = match (self.projector_px, calibrated) {
+            ([columns, rows], Some(calibrated)) if ![[0, 0], calibrated].contains(&[columns, rows]) => {
+                let [width, height] = calibrated;
+                let message = format!(
+                    "found {columns} x {rows} px, expected {width} x {height} px as the projector in the calibration"
+                );
+                return Err(ConfigError::at("projector_px", message));
+            }
             ([0, 0], Some(size)) => size,
             ([0, 0], None) => {
                 let message =
@@ -126,9 +134,44 @@ impl PatternSettings {
                 StripeCode::phase(size, self.steps, self.period_px)
             }
         };
+        self.check_order(&order)?;
         let code = StripeCode { order, inverse, fine_first: self.fine_first, ..code };
-        code.check().map_err(|fault| ConfigError::at("order", fault))?;
+        code.check().map_err(|fault| {
+            let setting = match &fault {
+                ImagingError::Setting { name: "projector", .. } => "projector_px",
+                ImagingError::Setting { name: "period", .. } => "period_px",
+                ImagingError::Setting { name, .. } => name,
+                _ => "order",
+            };
+            ConfigError::at(setting, fault)
+        })?;
         Ok(code)
+    }
+
+    fn check_order(&self, order: &[Group]) -> Result<(), ConfigError> {
+        let found = &self.order;
+        let fault = |expected: &str| Err(ConfigError::at("order", format!("found \"{found}\", expected {expected}")));
+        if !order.iter().any(|it| matches!(it, Group::Stripes(_))) {
+            return fault("`columns`, `rows` or both among its words");
+        }
+        if order.iter().enumerate().any(|(at, it)| order[..at].contains(it)) {
+            return fault("each word at most once");
+        }
+        let has_both = [Group::White, Group::Black].iter().all(|it| order.contains(it));
+        if self.inverse == InversePictures::None && !has_both {
+            return fault("`white` and `black` among its words: without inverse pictures they are the threshold");
+        }
+        Ok(())
+    }
+
+    /// What differs from `other`, a setting each, as they are written.
+    pub(crate) fn differences(&self, other: &PatternSettings) -> Vec<String> {
+        let tables = [self, other].map(|it| toml::Table::try_from(it).unwrap_or_default());
+        let one = |(key, value): (&String, &toml::Value)| {
+            let theirs = tables[1].get(key).filter(|it| *it != value)?;
+            Some(format!("{key} = {value} rather than {theirs}"))
+        };
+        tables[0].iter().filter_map(one).collect()
     }
 }
 
@@ -187,6 +230,17 @@ mod tests {
         assert!(refused(PatternSettings { order: "columns columns".into(), ..good.clone() }).1.contains("once"));
         let period = PatternSettings { code: Code::Phase, period_px: 12, ..good.clone() };
         assert_eq!(refused(period).0.as_deref(), Some("period_px"));
+        let one = |order: &str, inverse| PatternSettings { order: order.into(), inverse, ..good.clone() };
+        let fault = refused(one("white black", InversePictures::After)).1;
+        assert!(fault.contains("found \"white black\", expected `columns`"), "{fault}");
+        assert!(refused(one("columns white", InversePictures::None)).1.contains("expected `white` and `black`"));
+        let bits = PatternSettings { bits: [20, 8], ..good.clone() };
+        assert_eq!(refused(bits).0.as_deref(), Some("bits"));
+        let steps = PatternSettings { code: Code::Phase, steps: 2, ..good.clone() };
+        assert_eq!(refused(steps).0.as_deref(), Some("steps"));
+        let other = good.stripe_code(Some([64, 50])).unwrap_err();
+        assert!(other.message.contains("found 64 x 48 px, expected 64 x 50 px"), "{}", other.message);
+        assert_eq!(good.differences(&one("rows columns", InversePictures::After)).len(), 1);
         assert!(PatternSettings::read("projektor_px = [4, 4]").unwrap_err().contains("projektor_px"));
     }
 }

@@ -1,18 +1,22 @@
 //! `structured_light.pictures`: sets of pictures of patterns, a folder each.
 
+use std::collections::BTreeMap;
 use std::fs;
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
+use foveate::imaging::jpeg;
 use foveate::prelude::*;
 use foveate::scene::natural_order;
 use foveate::scene::selection::matches;
-use image::{ImageReader, Limits};
+use image::metadata::Orientation;
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::pattern::MANIFEST;
+use crate::pattern::{MANIFEST, PatternSettings};
 
 ports! {
     PICTURES: Out<PatternPictures> = "pictures";
@@ -62,6 +66,7 @@ pub struct Pictures {
     sets: Vec<Vec<PathBuf>>,
     next: usize,
     unreadable: Vec<String>,
+    notes: Vec<String>,
 }
 
 impl Node for Pictures {
@@ -82,8 +87,17 @@ impl Node for Pictures {
         })?;
         let path = setup.path("path", &settings.path)?;
         let sets = sets(&path, &settings.files).map_err(|fault| ConfigError::at("path", fault))?;
+        check_manifests(&sets, setup)?;
         let camera_name = setup.camera_name().unwrap_or(&setup.instance).to_owned();
-        Ok(Self { camera, camera_name, rate_hz: settings.rate_hz, sets, next: 0, unreadable: Vec::new() })
+        Ok(Self {
+            camera,
+            camera_name,
+            rate_hz: settings.rate_hz,
+            sets,
+            next: 0,
+            unreadable: Vec::new(),
+            notes: Vec::new(),
+        })
     }
 
     fn due(&mut self) -> Due {
@@ -95,9 +109,10 @@ impl Node for Pictures {
         let Some(files) = self.sets.get(self.next) else { return Ok(()) };
         self.next += 1;
         match read(files) {
-            Ok(Read { mut set, faults }) => {
+            Ok(Read { mut set, faults, notes }) => {
                 set.camera = self.camera;
                 self.unreadable.extend(faults);
+                self.notes.extend(notes);
                 io.emit_at(&PICTURES, time, set);
             }
             Err(reason) => {
@@ -111,7 +126,7 @@ impl Node for Pictures {
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         report.figure(format!("pictures.sets.{}", self.camera_name), self.next as f64);
         report.figure(format!("pictures.unreadable.{}", self.camera_name), self.unreadable.len() as f64);
-        self.unreadable.iter().for_each(|it| report.remark(it.clone()));
+        self.unreadable.iter().chain(&self.notes).for_each(|it| report.remark(it.clone()));
         Ok(())
     }
 
@@ -179,10 +194,42 @@ fn name_of(path: &Path) -> String {
     path.file_name().map(|it| it.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-/// A set, and what could not be read of it.
+/// What the files beside pictures say of their patterns, where no set could be decoded by them.
+fn check_manifests(sets: &[Vec<PathBuf>], setup: &Setup) -> Result<(), ConfigError> {
+    let cameras = &setup.calibration.cameras;
+    let fault_of = |set: &Vec<PathBuf>| -> Option<String> {
+        let file = set.first()?.parent()?.join(MANIFEST);
+        let text = fs::read_to_string(&file).ok()?;
+        let size = match PatternSettings::read(&text) {
+            Ok(settings) => settings.projector_px,
+            Err(fault) => return Some(format!("`{}`: {}", shown(&file), fault.trim_end())),
+        };
+        let [columns, rows] = size;
+        let is_there = cameras.len() < 2 || cameras.iter().any(|it| it.camera.image_size == size);
+        (!is_there).then(|| {
+            let sizes: Vec<String> = cameras
+                .iter()
+                .map(|it| format!("`{}` {} x {} px", it.name, it.camera.image_size[0], it.camera.image_size[1]))
+                .collect();
+            format!(
+                "`{}` is for a projector of {columns} x {rows} px, expected the size of one in the calibration: {}",
+                shown(&file),
+                sizes.join(", ")
+            )
+        })
+    };
+    let faults: Vec<String> = sets.iter().filter_map(fault_of).collect();
+    match faults.first() {
+        Some(first) if faults.len() == sets.len() => Err(ConfigError::at("path", first)),
+        _ => Ok(()),
+    }
+}
+
+/// A set, what could not be read of it, and what is to be known of the rest.
 pub(crate) struct Read {
     pub(crate) set: PatternPictures,
     pub(crate) faults: Vec<String>,
+    pub(crate) notes: Vec<String>,
 }
 
 /// Reads a set, as many pictures at once as the machine has cores. A picture that cannot be read is black, so that the others keep their places.
@@ -206,10 +253,14 @@ pub(crate) fn read(files: &[PathBuf]) -> Result<Read, String> {
     let count = |size: [u32; 2]| read.iter().flatten().filter(|it| it.size == size).count();
     let size = read.iter().flatten().map(|it| it.size).max_by_key(|it| count(*it));
     let Some(size) = size else {
-        return Err(format!("no picture in `{}` can be read", folder.display()));
+        let first = read.iter().find_map(|it| it.as_ref().err().cloned()).unwrap_or_default();
+        let file = files.first().map(|it| shown(it)).unwrap_or_default();
+        return Err(format!("no picture in `{}` can be read: `{file}` {first}", shown(folder)));
     };
+    let notes = notes(files, &read);
+    let shift = used_bits(&read).saturating_sub(8);
     let mut set = PatternPictures {
-        name: name_of(folder),
+        name: harmless(&name_of(folder)),
         width: size[0],
         height: size[1],
         manifest: fs::read_to_string(folder.join(MANIFEST)).unwrap_or_default(),
@@ -218,10 +269,14 @@ pub(crate) fn read(files: &[PathBuf]) -> Result<Read, String> {
     let n = size[0] as usize * size[1] as usize;
     let mut faults = Vec::new();
     for (path, one) in files.iter().zip(read) {
-        set.names.push(format!("{}/{}", set.name, name_of(path)));
+        let place = set.names.len() as u32;
+        set.names.push(format!("{}/{}", set.name, harmless(&name_of(path))));
         let fault = match one {
             Ok(gray) if gray.size == size => {
-                set.pixels.extend(gray.pixels);
+                match gray.levels {
+                    Levels::Eight(it) => set.pixels.extend(it),
+                    Levels::Sixteen(it) => set.pixels.extend(it.iter().map(|it| (it >> shift) as u8)),
+                }
                 continue;
             }
             Ok(Gray { size: [columns, rows], .. }) => {
@@ -230,26 +285,112 @@ pub(crate) fn read(files: &[PathBuf]) -> Result<Read, String> {
             Err(fault) => fault,
         };
         set.pixels.resize(set.pixels.len() + n, 0);
-        faults.push(format!("`{}` {fault}", path.display()));
+        set.unreadable.push(place);
+        faults.push(format!("`{}` {fault}", shown(path)));
     }
-    Ok(Read { set, faults })
+    Ok(Read { set, faults, notes })
+}
+
+/// Bits that pictures of 16 use: cameras with 10 or 12 leave the upper ones empty. They are the same for all pictures of a set.
+fn used_bits(read: &[Result<Gray, String>]) -> u32 {
+    let largest = |it: &Gray| match &it.levels {
+        Levels::Eight(_) => 0,
+        Levels::Sixteen(levels) => levels.iter().copied().max().unwrap_or(0),
+    };
+    let largest = read.iter().flatten().map(largest).max().unwrap_or(0);
+    (u16::BITS - largest.leading_zeros()).max(8)
+}
+
+/// What is to be known of pictures that can be read, a sentence for each kind of it.
+fn notes(files: &[PathBuf], read: &[Result<Gray, String>]) -> Vec<String> {
+    let both = || files.iter().zip(read).filter_map(|(file, gray)| Some((file, gray.as_ref().ok()?)));
+    let mut kinds: BTreeMap<Note, (String, usize)> = BTreeMap::new();
+    for (file, gray) in both() {
+        for note in &gray.notes {
+            kinds.entry(*note).or_insert_with(|| (shown(file), 0)).1 += 1;
+        }
+    }
+    let n = both().count();
+    let say = |(note, (first, count)): (Note, (String, usize))| {
+        let who = match count {
+            1 => format!("`{first}`"),
+            _ => format!("{count} of {n} pictures, `{first}` the first,"),
+        };
+        let (has, says) = if count == 1 { ("has", "says") } else { ("have", "say") };
+        match note {
+            Note::Wide => {
+                let bits = used_bits(read);
+                let mixed = if count == n { "" } else { ", others 8" };
+                format!("{who} {has} 16 bits a channel{mixed}; {bits} are used, of which the upper 8 are taken")
+            }
+            Note::Alpha => format!("{who} {has} transparent pixels, which are taken as if they were not"),
+            Note::Turned => format!(
+                "{who} {says} by EXIF that they are to be turned, which is not done: pixels stay as the camera gave them, as in its calibration"
+            ),
+        }
+    };
+    kinds.into_iter().map(say).collect()
+}
+
+/// A path for people: what is in a name must not steer a terminal.
+fn shown(path: &Path) -> String {
+    harmless(&path.display().to_string())
+}
+
+fn harmless(words: &str) -> String {
+    words.chars().map(|it| if it.is_control() { '\u{fffd}' } else { it }).collect()
 }
 
 struct Gray {
     size: [u32; 2],
-    pixels: Vec<u8>,
+    levels: Levels,
+    notes: Vec<Note>,
 }
 
-/// A picture as one byte a pixel; colours as their luma, 16 bits as the upper eight.
+enum Levels {
+    Eight(Vec<u8>),
+    Sixteen(Vec<u16>),
+}
+
+/// What is to be known of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Note {
+    Wide,
+    Alpha,
+    Turned,
+}
+
+/// A picture as one number a pixel; colours as their luma.
 fn decode(path: &Path) -> Result<Gray, String> {
-    let mut reader = ImageReader::open(path).map_err(|error| format!("cannot be opened: {error}"))?;
+    let bytes = fs::read(path).map_err(|error| format!("cannot be read: {error}"))?;
+    if bytes.is_empty() {
+        return Err("cannot be decoded: it is empty (0 bytes)".to_owned());
+    }
+    let kind = match image::guess_format(&bytes) {
+        Ok(kind @ (ImageFormat::Jpeg | ImageFormat::Png)) => kind,
+        _ => return Err("cannot be decoded: it is neither JPEG nor PNG".to_owned()),
+    };
+    if kind == ImageFormat::Jpeg {
+        jpeg::check_whole(&bytes)?;
+    }
     let mut limits = Limits::default();
     limits.max_alloc = Some(MEMORY_LIMIT);
+    let mut reader = ImageReader::with_format(Cursor::new(&bytes), kind);
     reader.limits(limits);
-    let picture = reader.with_guessed_format().map_err(|error| format!("cannot be read: {error}"))?;
-    let picture = picture.decode().map_err(|error| format!("cannot be decoded: {error}"))?;
-    let gray = picture.into_luma8();
-    Ok(Gray { size: [gray.width(), gray.height()], pixels: gray.into_raw() })
+    let broken = |error: image::ImageError| format!("cannot be decoded: {error}");
+    let mut decoder = reader.into_decoder().map_err(broken)?;
+    let is_turned = decoder.orientation().is_ok_and(|it| it != Orientation::NoTransforms);
+    let picture = DynamicImage::from_decoder(decoder).map_err(broken)?;
+    let color = picture.color();
+    let has_alpha = color.has_alpha() && picture.to_rgba8().pixels().any(|it| it[3] != u8::MAX);
+    let is_wide = color.bytes_per_pixel() / color.channel_count() > 1;
+    let notes = [(is_wide, Note::Wide), (has_alpha, Note::Alpha), (is_turned, Note::Turned)];
+    let size = [picture.width(), picture.height()];
+    let levels = match is_wide {
+        true => Levels::Sixteen(picture.into_luma16().into_raw()),
+        false => Levels::Eight(picture.into_luma8().into_raw()),
+    };
+    Ok(Gray { size, levels, notes: notes.into_iter().filter(|it| it.0).map(|it| it.1).collect() })
 }
 
 #[cfg(test)]
@@ -293,10 +434,43 @@ mod tests {
         (0..4).for_each(|it| write(&folder.path().join(format!("{it}.png")), if it == 0 { 5 } else { 3 }, 7));
         fs::write(folder.path().join("2.png"), "no picture").unwrap();
         let found = sets(folder.path(), "*").unwrap();
-        let Read { set, faults } = read(&found[0]).unwrap();
+        let Read { set, faults, .. } = read(&found[0]).unwrap();
+        assert_eq!(set.unreadable, [0, 2]);
         assert!(faults[0].contains("0.png` is 5 x 2 px, expected 3 x 2 px"), "{faults:?}");
         assert!(faults[1].contains("2.png` cannot be"), "{faults:?}");
         assert_eq!((faults.len(), set.picture(2), set.picture(3)), (2, Some(&[0; 6][..]), Some(&[7; 6][..])));
+    }
+
+    #[test]
+    fn a_jpeg_that_was_cut_off_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["1.jpg", "2.jpg"] {
+            GrayImage::from_fn(64, 48, |x, y| Luma([(x * y * 37) as u8])).save(folder.path().join(name)).unwrap();
+        }
+        let whole = fs::read(folder.path().join("2.jpg")).unwrap();
+        fs::write(folder.path().join("2.jpg"), &whole[..whole.len() * 3 / 4]).unwrap();
+        let Read { set, faults, .. } = read(&sets(folder.path(), "*").unwrap()[0]).unwrap();
+        assert_eq!(set.unreadable, [1]);
+        assert!(faults[0].contains("2.jpg` is a truncated JPEG"), "{faults:?}");
+    }
+
+    #[test]
+    fn pictures_of_other_kinds_are_taken_and_told() {
+        type Wide = image::ImageBuffer<Luma<u16>, Vec<u16>>;
+        let folder = tempfile::tempdir().unwrap();
+        // Twelve bits in sixteen.
+        for (at, level) in [(0, 4095_u16), (1, 2048)] {
+            Wide::from_pixel(4, 2, Luma([level])).save(folder.path().join(format!("{at}.png"))).unwrap();
+        }
+        let clear = image::Rgba([90, 90, 90, 0]);
+        image::RgbaImage::from_pixel(4, 2, clear).save(folder.path().join("2.png")).unwrap();
+        image::RgbImage::from_pixel(4, 2, image::Rgb([7, 7, 7])).save(folder.path().join("3\u{1b}.png")).unwrap();
+        let Read { set, faults, notes } = read(&sets(folder.path(), "*").unwrap()[0]).unwrap();
+        let levels: Vec<u8> = (0..4).map(|it| set.picture(it).unwrap()[0]).collect();
+        assert_eq!((levels, faults), (vec![255, 128, 90, 7], Vec::<String>::new()));
+        assert!(notes[0].contains("have 16 bits a channel, others 8; 12 are used"), "{notes:?}");
+        assert!(notes[1].contains("2.png` has transparent pixels"), "{notes:?}");
+        assert!(set.names[3].ends_with("/3\u{fffd}.png"), "{:?}", set.names);
     }
 
     #[test]

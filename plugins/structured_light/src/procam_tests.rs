@@ -70,3 +70,89 @@ fn a_real_projector_is_calibrated_from_three_poses_of_a_board() {
     // Its black squares send back fewer gray levels than the camera's noise needs.
     assert!(figure("coverage") > 0.5, "{}", figure("coverage"));
 }
+
+/// The first real set.
+fn real_set(folder: &std::path::Path) -> PatternPictures {
+    pictures::read(&pictures::sets(&folder.join("capture_0"), "*").unwrap()[0]).unwrap().set
+}
+
+/// What is said of a set, and the share of the pixels of it whose column and whose row are known.
+fn decoded(set: PatternPictures) -> (String, [f64; 2]) {
+    let pattern = crate::PatternSettings { projector_px: [1024, 768], ..crate::PatternSettings::default() };
+    let settings = DecoderSettings { pattern, ..DecoderSettings::default() };
+    let mut bench = NodeBench::<Decoder>::new(settings).unwrap();
+    bench.feed(&decoder::PICTURES, Time::ZERO, set).unwrap();
+    let map = bench.outputs(&decoder::MAP).pop().map(|it| it.value);
+    let said = bench.finish().map_or_else(|fault| fault.to_string(), |report| report.remarks.join("; "));
+    let known = |axis: usize| {
+        map.as_ref().map_or(0.0, |map| {
+            let pixels = (0..map.height as usize).flat_map(|y| (0..map.width as usize).map(move |x| (x, y)));
+            let n = pixels.filter(|(x, y)| map.get(*x, *y).coordinate[axis].is_finite()).count();
+            n as f64 / f64::from(map.width * map.height)
+        })
+    };
+    (said, [known(0), known(1)])
+}
+
+/// What is done to the pictures of a set and their names.
+type Change = dyn Fn(&mut Vec<Vec<u8>>, &mut Vec<String>);
+
+#[test]
+fn faults_of_a_real_set_are_named_and_accuse_no_other() {
+    let Some(folder) = foveate_testkit::data_dir_or_skip("faults of a real set", "s11_procam_graycode") else { return };
+    let whole = real_set(&folder);
+    let n = (whole.width * whole.height) as usize;
+    let (said, all) = decoded(whole.clone());
+    assert!(said.is_empty() && all[0] > 0.3 && all[1] > 0.3, "{said} {all:?}");
+    // With `columns` and `rows`: whether these are still decoded.
+    let check = |change: &Change, expected: &[&str], columns: bool, rows: bool| {
+        let mut pictures: Vec<Vec<u8>> = whole.pixels.chunks_exact(n).map(<[u8]>::to_vec).collect();
+        let mut names = whole.names.clone();
+        change(&mut pictures, &mut names);
+        let (said, known) = decoded(PatternPictures { pixels: pictures.concat(), names, ..whole.clone() });
+        assert!(expected.iter().all(|it| said.contains(it)), "{said} lacks one of {expected:?}");
+        assert_eq!(said.matches("; ").count() + 1, expected.len(), "{said} says more than {expected:?}");
+        let is_kept = |axis: usize| known[axis] > 0.8 * all[axis];
+        assert_eq!([is_kept(0), is_kept(1)], [columns, rows], "{expected:?}: {known:?} of {all:?}");
+    };
+    let negative =
+        |at: usize| move |it: &mut Vec<Vec<u8>>, _: &mut Vec<String>| it[at].iter_mut().for_each(|it| *it = 255 - *it);
+    check(&negative(6), &["graycode_06.jpg` is a negative, expected bit 3 of the columns"], false, true);
+    check(&negative(39), &["graycode_39.jpg` is a negative, expected bit 9 of the rows, inverse"], true, false);
+    let drop = |at: usize| {
+        move |it: &mut Vec<Vec<u8>>, names: &mut Vec<String>| {
+            it.remove(at);
+            names.remove(at);
+        }
+    };
+    check(&drop(9), &["found 41 pictures", "no picture shows bit 4 of the columns, inverse"], false, true);
+    check(&drop(38), &["found 41 pictures", "no picture shows bit 9 of the rows, expected after"], true, false);
+    check(&drop(40), &["found 41 pictures", "no picture shows white"], true, true);
+    let swap = |a: usize, b: usize| move |it: &mut Vec<Vec<u8>>, _: &mut Vec<String>| it.swap(a, b);
+    check(
+        &swap(5, 12),
+        &["graycode_05.jpg` and `capture_0/graycode_12.jpg` stand in each other's places"],
+        false,
+        true,
+    );
+    check(&swap(22, 23), &["of the rows: picture and inverse are exchanged"], true, false);
+    let double = |it: &mut Vec<Vec<u8>>, _: &mut Vec<String>| it[15] = it[14].clone();
+    check(
+        &double,
+        &["graycode_15.jpg` shows the same stripes as `capture_0/graycode_14.jpg`, expected bit 7"],
+        false,
+        true,
+    );
+    let dark = |it: &mut Vec<Vec<u8>>, _: &mut Vec<String>| it[8].iter_mut().for_each(|it| *it /= 2);
+    check(&dark, &["graycode_08.jpg` is 0."], false, true);
+}
+
+#[test]
+fn noise_is_no_fault_of_a_real_set() {
+    let Some(folder) = foveate_testkit::data_dir_or_skip("a noisy real set", "s11_procam_graycode") else { return };
+    let mut set = real_set(&folder);
+    let mut random = foveate::estimation::random::Random::new(5);
+    set.pixels.iter_mut().for_each(|it| *it = (f64::from(*it) + 8.0 * random.normal()).round().clamp(0.0, 255.0) as u8);
+    let (said, known) = decoded(set);
+    assert!(said.is_empty() && known[0] > 0.1, "{said} {known:?}");
+}

@@ -181,7 +181,7 @@ fn in_older_world(solved: Solved, recording: &Recording, older: FixedFreedoms) -
 
 /// What is said of a waved light, of a board.
 pub fn of_board(text: &str) -> String {
-    const WORDS: [(&str, &str); 8] = [
+    const WORDS: [(&str, &str); 14] = [
         ("the light", "the board"),
         ("The light", "The board"),
         ("a smoothly moving light", "a smoothly moving board"),
@@ -193,6 +193,12 @@ pub fn of_board(text: &str) -> String {
             "nothing tells its focal length: too little depth, or a flat path",
             "its views of the board do not tell its focal length",
         ),
+        (": wave it ", ": hold it "),
+        (": wave longer", ": hold it longer"),
+        (": wave ", ": hold the board "),
+        (", wave it ", ", hold it "),
+        (", wave ", ", hold the board "),
+        (" and wave ", " and hold the board "),
     ];
     WORDS.iter().fold(text.to_owned(), |text, (from, to)| text.replace(from, to))
 }

@@ -47,6 +47,9 @@ struct CalibrationOptions {
     /// Columns and rows of the images, for forms that do not hold them [px]
     #[arg(long, value_name = "W,H", value_parser = image_size)]
     image_size: Option<[u32; 2]>,
+    /// Columns and rows of the projector, for forms with a camera and a projector that do not hold them [px]
+    #[arg(long, value_name = "W,H", value_parser = image_size)]
+    projector_size: Option<[u32; 2]>,
     /// Pixels of DLT coefficients in IN count from the top left, as MATLAB does, not from the bottom left, as easyWand does
     #[arg(long)]
     dlt_top_left: bool,
@@ -90,6 +93,7 @@ impl CalibrationOptions {
     fn first_used(&self) -> Option<&'static str> {
         let used = [
             (self.image_size.is_some(), "--image-size"),
+            (self.projector_size.is_some(), "--projector-size"),
             (self.dlt_top_left, "--dlt-top-left"),
             (self.lenses, "--lenses"),
         ];

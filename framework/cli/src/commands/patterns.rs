@@ -29,15 +29,15 @@ pub struct PatternsArgs {
     /// The code's middle is the projector's; of effect where columns or rows are no power of two
     #[arg(long)]
     centred: bool,
-    /// Steps of a phase shift
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(3..=32))]
-    steps: u32,
-    /// Period of a phase shift, a power of two [px]
-    #[arg(long, value_name = "PX", default_value_t = 16, value_parser = clap::value_parser!(u32).range(4..=1024))]
-    period: u32,
-    /// Gamma of the projector, so that sine waves are sine waves in light; stripes are either lit or not
-    #[arg(long, default_value_t = 1.0, value_parser = gamma)]
-    gamma: f64,
+    /// Steps of a phase shift [default: 4]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(3..=32))]
+    steps: Option<u32>,
+    /// Period of a phase shift, a power of two [default: 16] [px]
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(4..=1024))]
+    period: Option<u32>,
+    /// Gamma of the projector, so that sine waves of a phase shift are sine waves in light [default: 1]
+    #[arg(long, value_parser = gamma)]
+    gamma: Option<f64>,
     /// Folder for the pictures and `patterns.toml`
     #[arg(long, value_name = "DIR", value_hint = clap::ValueHint::DirPath)]
     out: PathBuf,
@@ -64,18 +64,47 @@ fn gamma(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| format!("found {text}, expected a number from 0.2 to 5"))
 }
 
+/// An option that says nothing about the pictures asked for.
+fn without_effect(args: &PatternsArgs) -> Option<String> {
+    let of_phase =
+        [("--steps", args.steps.is_some()), ("--period", args.period.is_some()), ("--gamma", args.gamma.is_some())];
+    let idle = of_phase.iter().find(|it| it.1 && args.code == CodeKind::Gray);
+    let idle = idle.map(|(name, _)| format!("found `{name}` with `--code gray`, expected it with `--code phase` only"));
+    let [columns, rows] = args.size;
+    let is_whole = args.centred && args.size.iter().all(|it| it.is_power_of_two());
+    idle.or_else(|| {
+        is_whole.then(|| {
+            format!("found `--centred` with {columns} x {rows}, expected columns or rows that are no power of two")
+        })
+    })
+}
+
 pub(super) fn run(args: &PatternsArgs) -> u8 {
+    if let Some(fault) = without_effect(args) {
+        return complain(&fault);
+    }
+    let usual = PatternSettings::default();
     let settings = PatternSettings {
         projector_px: args.size,
         code: if args.code == CodeKind::Gray { Code::Gray } else { Code::Phase },
         order: args.order.clone(),
         inverse: if args.no_inverse { InversePictures::None } else { InversePictures::After },
         centred: args.centred,
-        steps: args.steps,
-        period_px: args.period,
-        ..PatternSettings::default()
+        steps: args.steps.unwrap_or(usual.steps),
+        period_px: args.period.unwrap_or(usual.period_px),
+        ..usual
     };
-    match write_patterns(&settings, args.gamma, &args.out) {
+    if let Err(fault) = settings.stripe_code(None) {
+        let option = match fault.setting.as_deref() {
+            Some("period_px") => "--period",
+            Some("steps") => "--steps",
+            Some("code") => "--code",
+            Some("projector_px") => "--size",
+            _ => "--order",
+        };
+        return complain(&format!("`{option}`: {}", fault.message));
+    }
+    match write_patterns(&settings, args.gamma.unwrap_or(1.0), &args.out) {
         Ok(names) => {
             let pictures = names.len() - 1;
             say(&format!("{pictures} pictures and patterns.toml in {}\n", args.out.display()));
@@ -88,6 +117,25 @@ pub(super) fn run(args: &PatternsArgs) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn options_without_effect_are_refused() {
+        use clap::Parser;
+        #[derive(clap::Parser)]
+        struct Line {
+            #[command(flatten)]
+            args: PatternsArgs,
+        }
+        let fault = |words: &str| {
+            let words = format!("patterns --out x {words}");
+            without_effect(&Line::try_parse_from(words.split_whitespace()).unwrap().args)
+        };
+        assert!(fault("--size 64x48 --steps 8").unwrap().contains("`--steps` with `--code gray`"));
+        assert!(fault("--size 64x48 --gamma 2").unwrap().contains("`--gamma`"));
+        assert!(fault("--size 64x64 --centred").unwrap().contains("64 x 64"));
+        assert_eq!(fault("--size 64x48 --centred"), None);
+        assert_eq!(fault("--size 64x48 --code phase --steps 8 --gamma 2"), None);
+    }
 
     #[test]
     fn sizes_are_read() {

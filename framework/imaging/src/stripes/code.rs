@@ -62,6 +62,16 @@ pub enum Shown {
     },
 }
 
+impl Shown {
+    /// The axis whose stripes it shows.
+    pub fn axis(&self) -> Option<Axis> {
+        match self {
+            Shown::Bit { axis, .. } | Shown::Phase { axis, .. } => Some(*axis),
+            Shown::White | Shown::Black => None,
+        }
+    }
+}
+
 impl std::fmt::Display for Shown {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
@@ -257,6 +267,23 @@ impl StripeCode {
         };
         list.extend((0..self.steps).map(|step| Shown::Phase { axis, step }));
         list
+    }
+
+    /// Its order as the settings of nodes say it.
+    pub fn order_in_words(&self) -> String {
+        let group = |it: &Group| match it {
+            Group::White => "white",
+            Group::Black => "black",
+            Group::Stripes(axis) => axis.in_words(),
+        };
+        let order: Vec<&str> = self.order.iter().map(group).collect();
+        let inverse = match self.inverse {
+            Inverse::After => "after",
+            Inverse::Before => "before",
+            Inverse::Apart => "apart",
+            Inverse::None => "none",
+        };
+        format!("order = \"{}\", inverse = \"{inverse}\", fine_first = {}", order.join(" "), self.fine_first)
     }
 
     /// The place of a picture in a set.

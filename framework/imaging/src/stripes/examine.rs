@@ -5,231 +5,61 @@
 //! pictures are exchanged breaks the last rule in one way, one that stands in another's place breaks it otherwise, and so does a frame that the
 //! projector dropped. The coarsest bit alone can be exchanged unseen, unless columns come out that the projector does not have.
 
-use super::code::{Axis, Shown, StripeCode};
+use super::code::{Axis, Group, Inverse, Shown, StripeCode};
+use super::explain;
+use super::faults::SetFault;
+use super::identify::Samples;
 use crate::ImageView;
-
-/// Something that is wrong with a set of pictures. Pictures are numbered in their order, from 0.
-#[derive(Debug, Clone, PartialEq)]
-pub enum SetFault {
-    /// Another number of pictures than the code has.
-    Count {
-        /// How many there are.
-        found: usize,
-        /// How many the code has.
-        expected: usize,
-        /// The first one that is not the inverse that stands before or after it.
-        unpaired: Option<usize>,
-    },
-    /// A picture of another size than the first.
-    Size {
-        /// Which.
-        picture: usize,
-        /// Its columns and rows [px].
-        found: (usize, usize),
-        /// Those of the first [px].
-        expected: (usize, usize),
-    },
-    /// Two pictures show the same stripes.
-    Doubled {
-        /// The later one.
-        picture: usize,
-        /// The earlier one.
-        same_as: usize,
-    },
-    /// White is darker than black.
-    WhiteIsBlack {
-        /// The white picture.
-        white: usize,
-        /// The black one.
-        black: usize,
-    },
-    /// White is not the brightest picture, or black not the darkest.
-    NotWhite {
-        /// Which.
-        picture: usize,
-        /// What it should show.
-        shown: Shown,
-        /// Part of the pixels in which another picture is clearly brighter (darker) [–].
-        share: f64,
-    },
-    /// A picture and its inverse do not make white and black together.
-    NotInverse {
-        /// The bit.
-        shown: Shown,
-        /// Its picture and the inverse.
-        pictures: [usize; 2],
-        /// Part of the pixels in which they do not [–].
-        share: f64,
-    },
-    /// Bits whose picture and inverse are exchanged.
-    Inverted {
-        /// Which axis.
-        axis: Axis,
-        /// Which bits.
-        planes: Vec<u32>,
-        /// Whether that is all that can be told.
-        all: bool,
-    },
-    /// Bits that do not fit those before them.
-    OutOfPlace {
-        /// Which axis.
-        axis: Axis,
-        /// Which bits.
-        planes: Vec<u32>,
-    },
-    /// Columns (rows) that the projector does not have.
-    OutOfRange {
-        /// Which axis.
-        axis: Axis,
-        /// Part of the pixels that show one [–].
-        share: f64,
-        /// How many the projector has [px].
-        side: u32,
-    },
-    /// The projector hardly lights anything.
-    TooDark {
-        /// Part of the pixels that it lights [–].
-        lit: f64,
-        /// The 95th percentile of white − black [gray levels].
-        contrast: u8,
-        /// What is needed [gray levels].
-        needed: u8,
-    },
-    /// Most of what the projector lights is saturated.
-    TooBright {
-        /// Part of the lit pixels that are [–].
-        saturated: f64,
-    },
-}
-
-impl SetFault {
-    /// The axis that cannot be decoded, where it is one alone.
-    pub fn axis(&self) -> Option<Axis> {
-        match self {
-            SetFault::NotInverse { shown: Shown::Bit { axis, .. }, .. }
-            | SetFault::Inverted { axis, .. }
-            | SetFault::OutOfPlace { axis, .. }
-            | SetFault::OutOfRange { axis, .. } => Some(*axis),
-            _ => None,
-        }
-    }
-
-    /// Whether what can be decoded is sound all the same.
-    pub fn is_remark(&self) -> bool {
-        matches!(self, SetFault::Doubled { .. } | SetFault::TooBright { .. })
-    }
-
-    /// For people; `name` says how a picture is called.
-    pub fn describe(&self, code: &StripeCode, name: &dyn Fn(usize) -> String) -> String {
-        let bits = |axis: &Axis, planes: &[u32]| {
-            let one = |plane: &u32| {
-                let place = |inverse| code.place(Shown::Bit { axis: *axis, plane: *plane, inverse });
-                let names: Vec<String> = [false, true].into_iter().filter_map(place).map(name).collect();
-                format!("bit {plane} ({})", names.join(", "))
-            };
-            planes.iter().map(one).collect::<Vec<_>>().join(", ")
-        };
-        match self {
-            SetFault::Count { found, expected, unpaired } => {
-                let [columns, rows] = code.projector;
-                let start = format!("found {found} pictures, expected {expected} of this code for {columns} x {rows}");
-                match unpaired {
-                    Some(at) => format!(
-                        "{start}; {} is the first that is not the inverse of its neighbour: a picture is missing or doubled there",
-                        name(*at)
-                    ),
-                    None => start,
-                }
-            }
-            SetFault::Size { picture, found, expected } => {
-                format!(
-                    "{} is {} x {} px, expected {} x {} px as the first",
-                    name(*picture),
-                    found.0,
-                    found.1,
-                    expected.0,
-                    expected.1
-                )
-            }
-            SetFault::Doubled { picture, same_as } => {
-                format!(
-                    "{} shows the same stripes as {}, expected other ones: a frame was taken twice",
-                    name(*picture),
-                    name(*same_as)
-                )
-            }
-            SetFault::WhiteIsBlack { white, black } => {
-                format!(
-                    "{} is darker than {}, expected white and black: are they exchanged?",
-                    name(*white),
-                    name(*black)
-                )
-            }
-            SetFault::NotWhite { picture, shown, share } => {
-                let than = if *shown == Shown::White { "brightest" } else { "darkest" };
-                format!(
-                    "{} is not the {than} picture in {:.0} % of the pixels, expected the {shown} one",
-                    name(*picture),
-                    100.0 * share
-                )
-            }
-            SetFault::NotInverse { shown, pictures: [a, b], share } => format!(
-                "{} and {} do not make white together in {:.0} % of the pixels, expected {shown} and its inverse",
-                name(*a),
-                name(*b),
-                100.0 * share
-            ),
-            SetFault::Inverted { axis, planes, all } => {
-                let which = bits(axis, planes);
-                let help = if *all { ": do inverse pictures come first?" } else { "" };
-                format!("{} of the {}: picture and inverse are exchanged{help}", which, axis.in_words())
-            }
-            SetFault::OutOfPlace { axis, planes } => {
-                format!(
-                    "{} of the {} fit no Gray code where they stand: pictures out of order, or a frame that was dropped",
-                    bits(axis, planes),
-                    axis.in_words()
-                )
-            }
-            SetFault::OutOfRange { axis, share, side } => format!(
-                "{:.0} % of the pixels show {} beyond the projector's {side}: another projector, offset or order, or the coarsest bit inverted",
-                100.0 * share,
-                axis.in_words()
-            ),
-            SetFault::TooDark { lit, contrast, needed } => format!(
-                "the projector lights {:.1} % of the pixels, white - black being {contrast} gray levels at most, expected {needed} at least: too dark",
-                100.0 * lit
-            ),
-            SetFault::TooBright { saturated } => {
-                format!(
-                    "{:.0} % of the lit pixels are saturated, expected less than half: too bright",
-                    100.0 * saturated
-                )
-            }
-        }
-    }
-}
 
 /// What was found about a set.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Examination {
-    /// All of it.
+    /// All that is wrong.
     pub faults: Vec<SetFault>,
     /// Part of the pixels that the projector lights [–].
     pub lit: f64,
+    /// Noise of a pixel, standard deviation [gray levels].
+    pub noise: f64,
+    /// By place in the set the picture that shows what belongs there.
+    places: Vec<Option<usize>>,
 }
 
 impl Examination {
     /// The axes that can be decoded.
     pub fn usable(&self, code: &StripeCode) -> Vec<Axis> {
-        let is_spoilt =
-            |axis: Axis| self.faults.iter().any(|it| !it.is_remark() && it.axis().is_none_or(|other| other == axis));
+        let shown = code.pictures();
+        let is_there = |what: Shown| shown.iter().zip(&self.places).any(|it| *it.0 == what && it.1.is_some());
+        let is_lacking = |axis: Axis| {
+            shown.iter().zip(&self.places).any(|(shown, picture)| picture.is_none() && shown.axis() == Some(axis))
+        };
+        // Without inverse pictures, white and black are the threshold.
+        let needs_both = code.inverse == Inverse::None && !(is_there(Shown::White) && is_there(Shown::Black));
+        let is_spoilt = |axis: Axis| needs_both || is_lacking(axis) || self.faults.iter().any(|it| it.spoils(axis));
         Axis::BOTH.into_iter().filter(|it| code.has(*it) && !is_spoilt(*it)).collect()
+    }
+
+    /// The code without white or black where these are not there, and for each of its places a picture: what [`super::decode()`] takes for the axes that can be decoded.
+    pub fn decodable(&self, code: &StripeCode) -> (StripeCode, Vec<usize>) {
+        let shown = code.pictures();
+        let is_kept = |it: &Group| match it {
+            Group::Stripes(_) => true,
+            Group::White | Group::Black => {
+                let what = if *it == Group::White { Shown::White } else { Shown::Black };
+                shown.iter().zip(&self.places).any(|it| *it.0 == what && it.1.is_some())
+            }
+        };
+        let left = StripeCode { order: code.order.iter().copied().filter(is_kept).collect(), ..code.clone() };
+        let picture = |what: &Shown| shown.iter().position(|it| it == what).and_then(|it| self.places[it]);
+        let pictures = left.pictures().iter().map(|it| picture(it).unwrap_or(0)).collect();
+        (left, pictures)
     }
 }
 
-/// Pixels that are looked at.
+/// Pixels that are looked at, and those that are where something is wrong.
 const SAMPLES: usize = 40_000;
+const MANY_SAMPLES: usize = 160_000;
+/// Pixels are neighbours over so many: between stripes that are out of focus lie some that are neither lit nor dark [px].
+const REACH: usize = 3;
 /// Changes of a bit that say something.
 const MIN_CHANGES: usize = 30;
 /// A rule is broken in more than this part of the pixels [–].
@@ -240,73 +70,149 @@ const SATURATED: u8 = 254;
 const NOISE: u8 = 8;
 /// Part of the picture that the projector has to light at least [–].
 const MIN_LIT: f64 = 0.001;
+/// Pictures that may be brighter or darker than they should be without changing what is taken for bright and dark.
+const WILD: usize = 2;
+/// What noise makes of bright − dark where nothing is lit, over its standard deviation: third highest of some forty values less third lowest, and as much again.
+const NOISE_RANGE: f64 = 5.0;
+/// What noise makes of the sum of two pictures, over the standard deviation of one: two of the sum's.
+const NOISE_SUM: f64 = 2.83;
+/// A picture has another exposure where it is brighter or darker by this part, alike to within that [–].
+const OTHER_EXPOSURE: f64 = 0.15;
+const ALIKE: f64 = 0.35;
 
-/// Holds a set of pictures against what `code` promises; a pixel is lit where white − black is at least `min_contrast`.
-pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], min_contrast: u8) -> Examination {
-    let mut found = Examination::default();
+/// Holds a set of pictures against what `code` promises; a pixel is lit where white − black is at least `min_contrast`, and more than noise. The pictures `absent` could not be
+/// read: whatever stands in their places is not looked at.
+pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], min_contrast: u8) -> Examination {
     let shown = code.pictures();
-    if let Some(at) = pictures.iter().position(|it| it.size() != pictures[0].size()) {
-        let (size, expected) = (pictures[at].size(), pictures[0].size());
-        found.faults.push(SetFault::Size { picture: at, found: size, expected });
+    let mut found = Examination { places: vec![None; shown.len()], ..Examination::default() };
+    let present: Vec<usize> = (0..pictures.len()).filter(|it| !absent.contains(it)).collect();
+    let sound = |picture: usize| pictures[picture].size();
+    let Some(first) = present.first().map(|it| &pictures[*it]).filter(|it| !it.pixels().is_empty()) else {
+        let (found_pictures, expected) = (present.len(), shown.len());
+        found.faults.push(SetFault::Count { found: found_pictures, expected, unpaired: None, is_explained: false });
+        return found;
+    };
+    if let Some(at) = present.iter().copied().find(|it| sound(*it) != first.size()) {
+        found.faults.push(SetFault::Size { picture: at, found: sound(at), expected: first.size() });
         return found;
     }
-    let Some(first) = pictures.first().filter(|it| !it.pixels().is_empty()) else {
-        found.faults.push(SetFault::Count { found: 0, expected: shown.len(), unpaired: None });
-        return found;
-    };
-    let (width, height) = first.size();
-    // Two rows at a time, so that neighbours are there.
-    let step = (2 * width * height).div_ceil(SAMPLES).clamp(2, height.max(2));
-    let rows = (0..height).filter(|y| y % step < 2);
-    let samples: Vec<usize> = rows.flat_map(|y| y * width..(y + 1) * width).collect();
-    let range = |at: usize| {
-        let levels = || pictures.iter().map(|it| it.pixels()[at]);
-        (levels().min().unwrap_or(0), levels().max().unwrap_or(0))
-    };
-    let ranges: Vec<(u8, u8)> = samples.iter().map(|it| range(*it)).collect();
-    let lit: Vec<(usize, u8, u8)> = samples
-        .iter()
-        .zip(&ranges)
-        .filter(|(_, (low, high))| high - low >= min_contrast.max(1))
-        .map(|(at, (low, high))| (*at, *low, *high))
-        .collect();
+    // The noise of the least noisy half: stripes as fine as pixels look like noise.
+    let mut noises: Vec<f64> = present.iter().map(|it| super::noise::noise(&pictures[*it])).collect();
+    noises.sort_by(f64::total_cmp);
+    found.noise = noises[noises.len() / 4];
+    let samples = sampled(first.size(), SAMPLES);
+    let wild = Wild::of(code, &present);
+    let ranges: Vec<(u8, u8)> = wild.ranges(pictures, &samples);
+    let least = (NOISE_RANGE * found.noise).max(f64::from(min_contrast.max(1)));
+    let lit = lit_of(&samples, &ranges, least);
     found.lit = lit.len() as f64 / samples.len() as f64;
     if found.lit < MIN_LIT {
         let mut contrasts: Vec<u8> = ranges.iter().map(|(low, high)| high - low).collect();
         contrasts.sort_unstable();
         let contrast = contrasts[contrasts.len() * 95 / 100];
         let saturated = ranges.iter().filter(|it| it.0 >= SATURATED - NOISE).count() as f64 / ranges.len() as f64;
-        found.faults.push(match saturated > 0.5 {
-            true => SetFault::TooBright { saturated },
-            false => SetFault::TooDark { lit: found.lit, contrast, needed: min_contrast },
-        });
-        // Nothing can be decoded, whichever it is.
         if saturated > 0.5 {
-            found.faults.push(SetFault::TooDark { lit: found.lit, contrast, needed: min_contrast });
+            found.faults.push(SetFault::TooBright { saturated });
+        }
+        // Nothing can be decoded, whichever it is.
+        found.faults.push(SetFault::TooDark { lit: found.lit, contrast, needed: least.round().min(255.0) as u8 });
+        return found;
+    }
+    let width = first.size().0;
+    let mut set = Set { code, pictures, shown: &shown, lit: &lit, width, noise: found.noise, skipped: absent.to_vec() };
+    if pictures.len() == shown.len() {
+        let saturated = lit.iter().filter(|it| it.2 >= SATURATED).count() as f64 / lit.len() as f64;
+        if saturated > 0.5 {
+            found.faults.push(SetFault::TooBright { saturated });
+        }
+        found.faults.extend(absent.iter().map(|it| SetFault::Unreadable { picture: *it, shown: shown[*it] }));
+        found.places = (0..shown.len()).map(|it| Some(it).filter(|it| !absent.contains(it))).collect();
+        let odd = set.odd();
+        set.skipped.extend(odd.iter().map(|it| it.0));
+        found.faults.extend(odd.into_iter().map(|it| it.1));
+        let faults = set.broken_rules();
+        if faults.is_empty() {
+            return found;
+        }
+        let samples = lattice(first.size(), MANY_SAMPLES);
+        let many = lit_of(&samples, &wild.ranges(pictures, &samples), least);
+        match (Set { lit: &many, ..set }).explained() {
+            Some((explained, places)) => {
+                found.faults.extend(explained);
+                let keep = |(old, new): (&Option<usize>, Option<usize>)| new.or(*old);
+                found.places = found.places.iter().zip(places).map(keep).collect();
+            }
+            None => found.faults.extend(faults),
         }
         return found;
     }
-    let set = Set { code, pictures, shown: &shown, lit: &lit, width };
-    if pictures.len() != shown.len() {
-        let unpaired = set.first_unpaired();
-        found.faults.push(SetFault::Count { found: pictures.len(), expected: shown.len(), unpaired });
-        found.faults.extend(set.doubled());
-        return found;
-    }
-    let saturated = lit.iter().filter(|it| it.2 >= SATURATED).count() as f64 / lit.len() as f64;
-    if saturated > 0.5 {
-        found.faults.push(SetFault::TooBright { saturated });
-    }
-    found.faults.extend(set.white_and_black());
-    found.faults.extend(set.doubled());
-    for axis in Axis::BOTH.into_iter().filter(|it| code.has(*it)) {
-        let inverses = set.inverses(axis);
-        if inverses.is_empty() {
-            found.faults.extend(set.order(axis));
+    let samples = lattice(first.size(), MANY_SAMPLES);
+    let many = lit_of(&samples, &wild.ranges(pictures, &samples), least);
+    let count = |unpaired, is_explained| SetFault::Count {
+        found: pictures.len(),
+        expected: shown.len(),
+        unpaired,
+        is_explained,
+    };
+    let all = Set { lit: &many, skipped: set.skipped.clone(), ..set };
+    match all.explained() {
+        Some((explained, places)) => {
+            found.faults.push(count(None, true));
+            found.faults.extend(explained);
+            found.places = places;
         }
-        found.faults.extend(inverses);
+        None => {
+            found.faults.push(count(set.first_unpaired(), false));
+            found.faults.extend(set.doubled());
+        }
     }
     found
+}
+
+/// Some of the pixels, two rows at a time, so that neighbours are there.
+fn sampled((width, height): (usize, usize), n: usize) -> Vec<usize> {
+    let step = (2 * width * height).div_ceil(n).clamp(2, height.max(2));
+    let rows = (0..height).filter(|y| y % step < 2);
+    rows.flat_map(|y| y * width..(y + 1) * width).collect()
+}
+
+/// Pixels of some whole rows and columns: every boundary between stripes crosses some of them, whichever way it runs.
+fn lattice((width, height): (usize, usize), n: usize) -> Vec<usize> {
+    let step = (2 * width * height).div_ceil(n).max(1);
+    let row =
+        |y: usize| (0..width).filter(move |x| y % step == step / 2 || x % step == step / 2).map(move |x| y * width + x);
+    (0..height).flat_map(row).collect()
+}
+
+fn lit_of(samples: &[usize], ranges: &[(u8, u8)], least: f64) -> Vec<(usize, u8, u8)> {
+    let both = samples.iter().zip(ranges).filter(|(_, (low, high))| f64::from(high - low) >= least);
+    both.map(|(at, (low, high))| (*at, *low, *high)).collect()
+}
+
+/// Bright and dark of pixels, whatever a few wild pictures show.
+struct Wild<'a> {
+    present: &'a [usize],
+    n: usize,
+}
+
+impl<'a> Wild<'a> {
+    fn of(code: &StripeCode, present: &'a [usize]) -> Wild<'a> {
+        // Of a bit and its inverse one is bright; without inverse pictures a pixel may be bright in white and one bit alone.
+        let n_pairs: u32 = Axis::BOTH.into_iter().filter(|it| code.has(*it)).map(|it| code.bits[it.index()]).sum();
+        let n = if code.inverse == Inverse::None { 1 } else { WILD.min(n_pairs as usize / 2) };
+        Wild { present, n: n.min(present.len().saturating_sub(1) / 2) }
+    }
+
+    fn ranges(&self, pictures: &[ImageView<'_>], samples: &[usize]) -> Vec<(u8, u8)> {
+        let mut levels: Vec<u8> = Vec::new();
+        let one = |at: &usize| {
+            levels.clear();
+            levels.extend(self.present.iter().map(|it| pictures[*it].pixels()[*at]));
+            levels.sort_unstable();
+            (levels[self.n], levels[levels.len() - 1 - self.n])
+        };
+        samples.iter().map(one).collect()
+    }
 }
 
 struct Set<'a> {
@@ -316,6 +222,9 @@ struct Set<'a> {
     /// Pixels that the projector lights, each with its darkest and brightest level.
     lit: &'a [(usize, u8, u8)],
     width: usize,
+    noise: f64,
+    /// Pictures that say nothing.
+    skipped: Vec<usize>,
 }
 
 impl Set<'_> {
@@ -327,12 +236,94 @@ impl Set<'_> {
         self.lit.iter().filter(|it| holds(it)).count() as f64 / self.lit.len().max(1) as f64
     }
 
+    fn margin(&self, low: u8, high: u8) -> f64 {
+        (0.35 * f64::from(high - low)).max(8.0).max(NOISE_SUM * self.noise)
+    }
+
+    fn place(&self, what: Shown) -> Option<usize> {
+        self.shown.iter().position(|it| *it == what).filter(|it| !self.skipped.contains(it))
+    }
+
     /// Part of the pixels in which two pictures do not make white and black together.
     fn not_inverse(&self, a: usize, b: usize) -> f64 {
         self.share(|&(at, low, high)| {
             let off = self.level(a, at) + self.level(b, at) - f64::from(low) - f64::from(high);
-            off.abs() > (0.35 * f64::from(high - low)).max(8.0)
+            off.abs() > self.margin(low, high)
         })
+    }
+
+    /// Pictures whose gray levels are those of a negative or of another exposure, in a set with all its pictures.
+    fn odd(&self) -> Vec<(usize, SetFault)> {
+        let inside = |level: f64, low: u8, high: u8| {
+            (f64::from(low) - self.margin(low, high)..=f64::from(high) + self.margin(low, high)).contains(&level)
+        };
+        let mut found = Vec::new();
+        for (picture, shown) in self.shown.iter().enumerate().filter(|it| !self.skipped.contains(&it.0)) {
+            let outside = self.share(|&(at, low, high)| !inside(self.level(picture, at), low, high));
+            let negative = self.share(|&(at, low, high)| !inside(255.0 - self.level(picture, at), low, high));
+            let is_negative = outside > BROKEN && negative < 0.5 * BROKEN;
+            if is_negative || *shown == Shown::White && self.likeness(picture) < -0.5 {
+                found.push((picture, SetFault::Negative { picture, shown: *shown }));
+                continue;
+            }
+            if let Some(factor) = self.exposure(picture, *shown) {
+                found.push((picture, SetFault::Exposed { picture, shown: *shown, factor }));
+            }
+        }
+        found
+    }
+
+    /// Correlation of a picture with the brightest that pixels are; 0 where they are all alike.
+    fn likeness(&self, picture: usize) -> f64 {
+        let n = self.lit.len() as f64;
+        let pair = |it: &(usize, u8, u8)| [self.level(picture, it.0), f64::from(it.2)];
+        let [a, b] = self.lit.iter().map(pair).fold([0.0; 2], |sum, it| [sum[0] + it[0] / n, sum[1] + it[1] / n]);
+        let (mut aa, mut ab, mut bb) = (0.0, 0.0, 0.0);
+        for [x, y] in self.lit.iter().map(pair) {
+            (aa, ab, bb) = (aa + (x - a) * (x - a), ab + (x - a) * (y - b), bb + (y - b) * (y - b));
+        }
+        if aa.min(bb) < 4.0 * n { 0.0 } else { ab / (aa * bb).sqrt() }
+    }
+
+    /// How many times too bright a picture is, where it is so everywhere alike.
+    fn exposure(&self, picture: usize, shown: Shown) -> Option<f64> {
+        let other = match shown {
+            Shown::Bit { axis, plane, inverse } => Some(self.place(Shown::Bit { axis, plane, inverse: !inverse })?),
+            Shown::White => None,
+            Shown::Black | Shown::Phase { .. } => return None,
+        };
+        // Where its inverse is dark, it is bright.
+        let is_bright = |it: &&(usize, u8, u8)| {
+            other.is_none_or(|other| 2.0 * self.level(other, it.0) < f64::from(it.1) + f64::from(it.2))
+                && it.2 < SATURATED
+        };
+        let mut ratios: Vec<f64> =
+            self.lit.iter().filter(is_bright).map(|it| self.level(picture, it.0) / f64::from(it.2)).collect();
+        if ratios.len() < self.lit.len() / 10 {
+            return None;
+        }
+        ratios.sort_by(f64::total_cmp);
+        let at = |share: f64| ratios[(share * (ratios.len() - 1) as f64) as usize];
+        let (factor, spread) = (at(0.5), at(0.85) - at(0.15));
+        let is_off = match other {
+            Some(other) => self.not_inverse(picture, other) > BROKEN,
+            None => true,
+        };
+        (is_off && (factor - 1.0).abs() > OTHER_EXPOSURE && factor > 0.1 && spread < ALIKE * factor).then_some(factor)
+    }
+
+    /// What is broken of what the code promises, in a set with all its pictures.
+    fn broken_rules(&self) -> Vec<SetFault> {
+        let mut faults = self.white_and_black();
+        faults.extend(self.doubled());
+        for axis in Axis::BOTH.into_iter().filter(|it| self.code.has(*it)) {
+            let inverses = self.inverses(axis);
+            if inverses.is_empty() {
+                faults.extend(self.order(axis));
+            }
+            faults.extend(inverses);
+        }
+        faults
     }
 
     /// The first picture that is not the inverse of the one it would be paired with.
@@ -357,22 +348,20 @@ impl Set<'_> {
     }
 
     fn white_and_black(&self) -> Vec<SetFault> {
-        let place = |what: Shown| self.shown.iter().position(|it| *it == what);
         let mean = |picture: usize| self.lit.iter().map(|it| self.level(picture, it.0)).sum::<f64>();
-        let (white, black) = (place(Shown::White), place(Shown::Black));
+        let (white, black) = (self.place(Shown::White), self.place(Shown::Black));
         if let (Some(white), Some(black)) = (white, black)
             && mean(white) < mean(black)
         {
             return vec![SetFault::WhiteIsBlack { white, black }];
         }
-        let margin = |low: u8, high: u8| (0.35 * f64::from(high - low)).max(8.0);
         let checks = [(white, Shown::White), (black, Shown::Black)];
         let one = |(picture, shown): (Option<usize>, Shown)| {
             let picture = picture?;
             let share = self.share(|&(at, low, high)| {
                 let level = self.level(picture, at);
                 let off = if shown == Shown::White { f64::from(high) - level } else { level - f64::from(low) };
-                off > margin(low, high)
+                off > self.margin(low, high)
             });
             (share > BROKEN).then_some(SetFault::NotWhite { picture, shown, share })
         };
@@ -392,12 +381,17 @@ impl Set<'_> {
             (0.1..0.9).contains(&lit)
         };
         let mut faults = Vec::new();
-        for b in 1..signs.len() {
-            let like = (0..b).find(|a| {
+        let is_kept = |it: &usize| !self.skipped.contains(it);
+        for b in (1..signs.len()).filter(is_kept) {
+            let like = (0..b).filter(is_kept).find(|a| {
                 let differ = signs[*a].iter().zip(&signs[b]).filter(|(a, b)| a != b).count();
                 has_stripes(&signs[b]) && (differ as f64) < 0.03 * some.len() as f64
             });
-            faults.extend(like.map(|same_as| SetFault::Doubled { picture: b, same_as }));
+            faults.extend(like.map(|same_as| SetFault::Doubled {
+                picture: b,
+                same_as,
+                expected: self.shown.get(b).copied().filter(|_| self.shown.len() == self.pictures.len()),
+            }));
         }
         faults
     }
@@ -406,8 +400,7 @@ impl Set<'_> {
         let one = |plane: u32| {
             let shown = Shown::Bit { axis, plane, inverse: false };
             let inverse = Shown::Bit { axis, plane, inverse: true };
-            let place = |what: Shown| self.shown.iter().position(|it| *it == what);
-            let pictures = [place(shown)?, place(inverse)?];
+            let pictures = [self.place(shown)?, self.place(inverse)?];
             let share = self.not_inverse(pictures[0], pictures[1]);
             (share > BROKEN).then_some(SetFault::NotInverse { shown, pictures, share })
         };
@@ -417,22 +410,23 @@ impl Set<'_> {
     /// What the changes of coarser bits say about finer ones, and stripes that cannot be.
     fn order(&self, axis: Axis) -> Vec<SetFault> {
         let bits = self.code.bits[axis.index()] as usize;
-        let place = |plane: usize, inverse: bool| {
-            let what = Shown::Bit { axis, plane: plane as u32, inverse };
-            self.shown.iter().position(|it| *it == what)
-        };
-        let places: Vec<Option<(usize, Option<usize>)>> =
-            (0..bits).map(|it| Some((place(it, false)?, place(it, true)))).collect();
+        let place = |plane: usize, inverse: bool| self.place(Shown::Bit { axis, plane: plane as u32, inverse });
+        let places: Vec<[Option<usize>; 2]> = (0..bits).map(|it| [place(it, false), place(it, true)]).collect();
         // By pixel: the bits, and those that are certain.
         let read = |&(at, low, high): &(usize, u8, u8)| {
             let (mut ones, mut certain) = (0_u32, 0_u32);
             for (plane, place) in places.iter().enumerate() {
-                let Some((lit, unlit)) = *place else { continue };
                 let sum = f64::from(low) + f64::from(high);
-                let other = unlit.map_or(sum - self.level(lit, at), |it| self.level(it, at));
-                let difference = self.level(lit, at) - other;
+                let level = |it: usize| place[it].map(|it| self.level(it, at));
+                let (lit, unlit) = match (level(0), level(1)) {
+                    (None, None) => continue,
+                    (lit, unlit) => (lit.or(unlit.map(|it| sum - it)), unlit.or(lit.map(|it| sum - it))),
+                };
+                let difference = lit.unwrap_or(0.0) - unlit.unwrap_or(0.0);
                 ones |= u32::from(difference > 0.0) << plane;
-                certain |= u32::from(difference.abs() >= (0.25 * f64::from(high - low)).max(5.0)) << plane;
+                certain |=
+                    u32::from(difference.abs() >= (0.25 * f64::from(high - low)).max(5.0).max(NOISE_SUM * self.noise))
+                        << plane;
             }
             (at, ones, certain)
         };
@@ -483,6 +477,29 @@ impl Set<'_> {
         faults
     }
 
+    /// What is wrong in terms of which picture shows what, and the picture for each place; `None` where pictures do not tell.
+    fn explained(&self) -> Option<(Vec<SetFault>, Vec<Option<usize>>)> {
+        explain::explain(self.code, self.pictures.len(), &self.skipped, &self.signs())
+    }
+
+    fn signs(&self) -> Samples {
+        let sign = |picture: usize, &(at, low, high): &(usize, u8, u8)| -> i8 {
+            let off = 2.0 * self.level(picture, at) - f64::from(low) - f64::from(high);
+            let certain = off.abs() >= (0.3 * f64::from(high - low)).max(NOISE_SUM * self.noise);
+            if certain { off.signum() as i8 } else { 0 }
+        };
+        let signs = (0..self.pictures.len()).map(|picture| self.lit.iter().map(|it| sign(picture, it)).collect());
+        let mut neighbours = Vec::new();
+        for (index, (at, ..)) in self.lit.iter().enumerate() {
+            let to_the_right = (1..=REACH).filter(|it| at % self.width + it < self.width);
+            let below = (1..=REACH).map(|it| it * self.width);
+            let places =
+                to_the_right.chain(below).filter_map(|it| self.lit.binary_search_by_key(&(at + it), |it| it.0).ok());
+            neighbours.extend(places.map(|it| [index as u32, it as u32]));
+        }
+        Samples { signs: signs.collect(), neighbours }
+    }
+
     fn range(&self, axis: Axis, bits: usize, pixels: &[(usize, u32, u32)]) -> Option<SetFault> {
         let index = axis.index();
         let width = self.code.stripe[index];
@@ -522,7 +539,7 @@ mod tests {
 
     fn examined(code: &StripeCode, pictures: &[Vec<u8>]) -> Examination {
         let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
-        examine(code, &views, MIN_CONTRAST)
+        examine(code, &views, &[], MIN_CONTRAST)
     }
 
     /// The faults of the wall's pictures after `change`, in words, and the axes that are left.
@@ -556,19 +573,76 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_picture_is_named() {
+    fn a_missing_picture_is_named_and_the_other_axis_kept() {
         check(
             |it| drop(it.remove(7)),
-            &["found 31 pictures, expected 32 of this code for 160 x 120; `6.png` is the first"],
-            &[],
+            &[
+                "found 31 pictures, expected 32 of this code for 160 x 120",
+                "no picture shows bit 3 of the columns, inverse, expected after `6.png`",
+            ],
+            &[Axis::Rows],
         );
+        // The coarsest bit of the rows, then white: there is light enough to tell without it.
+        check(|it| drop(it.remove(16)), &["found 31", "no picture shows bit 0 of the rows"], &[Axis::Columns]);
+        check(|it| drop(it.remove(30)), &["found 31", "no picture shows white, expected after `29.png`"], &Axis::BOTH);
+    }
+
+    #[test]
+    fn every_missing_picture_is_named() {
+        for seed in 1..=1 {
+            let all = wall(seed).pictures(&code());
+            for missing in 0..32 {
+                let mut pictures = all.clone();
+                pictures.remove(missing);
+                let faults = examined(&code(), &pictures).faults;
+                let shown = code().pictures()[missing];
+                // Nothing tells the coarsest bit from its inverse.
+                let is_it = |it: &SetFault| match it {
+                    SetFault::Missing { shown: it, or_inverse, .. } => {
+                        *it == shown
+                            || *or_inverse
+                                && matches!(it, Shown::Bit { axis, plane: 0, .. } if Some(*axis) == shown.axis())
+                    }
+                    _ => false,
+                };
+                assert!(faults.len() == 2 && faults.iter().any(is_it), "seed {seed}, {shown}: {faults:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_picture_too_many_is_named_and_nothing_lost() {
+        let double = |it: &mut Vec<Vec<u8>>| {
+            let again = it[9].clone();
+            it.insert(9, again);
+        };
+        check(double, &["found 33 pictures", "shows bit 4 of the columns, inverse once more"], &Axis::BOTH);
     }
 
     #[test]
     fn a_doubled_picture_is_named_and_the_other_axis_kept() {
         check(
             |it| it[9] = it[8].clone(),
-            &["`9.png` shows the same stripes as `8.png`", "`8.png` and `9.png` do not make white together"],
+            &["`9.png` shows the same stripes as `8.png`, expected bit 4 of the columns, inverse"],
+            &[Axis::Rows],
+        );
+    }
+
+    #[test]
+    fn a_negative_is_named_and_accuses_no_other() {
+        for negative in [0, 5, 14, 17, 28] {
+            let axis = if negative < 16 { Axis::Rows } else { Axis::Columns };
+            let name = format!("`{negative}.png` is a negative, expected bit {}", negative % 16 / 2);
+            check(|it| it[negative].iter_mut().for_each(|it| *it = 255 - *it), &[&name], &[axis]);
+        }
+        check(|it| it[30].iter_mut().for_each(|it| *it = 255 - *it), &["`30.png` is a negative, expected white"], &[]);
+    }
+
+    #[test]
+    fn a_picture_of_another_exposure_is_named() {
+        check(
+            |it| it[6].iter_mut().for_each(|it| *it = (f64::from(*it) * 0.45).round() as u8),
+            &["`6.png` is 0.4"],
             &[Axis::Rows],
         );
     }
@@ -579,33 +653,62 @@ mod tests {
     }
 
     #[test]
-    fn inverse_first_is_told() {
+    fn another_order_is_recognised() {
         let swap_all = |it: &mut Vec<Vec<u8>>| (0..15).for_each(|pair| it.swap(2 * pair, 2 * pair + 1));
-        check(swap_all, &["do inverse pictures come first?", "do inverse pictures come first?"], &[]);
+        check(swap_all, &["they fit order = \"columns rows white black\", inverse = \"before\""], &[]);
+        check(|it| it.rotate_right(2), &["they fit order = \"white black columns rows\", inverse = \"after\""], &[]);
     }
 
     #[test]
-    fn bits_in_another_order_are_named() {
-        let exchange = |it: &mut Vec<Vec<u8>>| {
-            it.swap(4, 10);
-            it.swap(5, 11);
+    fn bits_in_each_others_places_are_named_and_no_third() {
+        let exchange = |a: usize, b: usize| {
+            move |it: &mut Vec<Vec<u8>>| {
+                it.swap(a, b);
+                it.swap(a + 1, b + 1);
+            }
         };
-        check(exchange, &["of the columns fit no Gray code where they stand"], &[Axis::Rows]);
+        let expected = ["`4.png` and `10.png` stand in each other's places", "`5.png` and `11.png`"];
+        check(exchange(4, 10), &expected, &[Axis::Rows]);
+        check(exchange(6, 8), &["`6.png` and `8.png`", "`7.png` and `9.png`"], &[Axis::Rows]);
+        check(exchange(6, 22), &["`6.png` and `22.png`", "`7.png` and `23.png`"], &[]);
+        check(|it| it.swap(3, 12), &["`3.png` and `12.png` stand in each other's places"], &[Axis::Rows]);
+        check(|it| it.swap(20, 30), &["`20.png` and `30.png` stand in each other's places"], &[]);
     }
 
     #[test]
-    fn a_dropped_frame_is_named() {
+    fn a_dropped_frame_is_named_and_pictures_are_known_where_they_stand() {
         // From picture 11 on, each is the one before.
         let drop_frame = |it: &mut Vec<Vec<u8>>| {
             let again = it[10].clone();
             it.insert(11, again);
             it.pop();
         };
-        let mut pictures = wall(1).pictures(&code());
-        drop_frame(&mut pictures);
-        let found = examined(&code(), &pictures);
-        assert!(found.faults.contains(&SetFault::Doubled { picture: 11, same_as: 10 }), "{:?}", found.faults);
-        assert_eq!(found.usable(&code()), []);
+        check(drop_frame, &["shows bit 5 of the columns once more", "no picture shows black"], &Axis::BOTH);
+    }
+
+    #[test]
+    fn noise_is_no_fault() {
+        for seed in 1..=3 {
+            let noisy = Scene { noise: 8.0, ..wall(seed) };
+            let found = examined(&code(), &noisy.pictures(&code()));
+            assert_eq!(found.faults, [], "seed {seed}");
+            assert!((6.0..9.5).contains(&found.noise), "{}", found.noise);
+        }
+    }
+
+    #[test]
+    fn pictures_that_could_not_be_read_accuse_no_other() {
+        for (absent, usable) in [(5, vec![Axis::Rows]), (30, Axis::BOTH.to_vec())] {
+            let mut pictures = wall(1).pictures(&code());
+            pictures[absent].fill(0);
+            let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+            let found = examine(&code(), &views, &[absent], MIN_CONTRAST);
+            let shown = code().pictures()[absent];
+            assert_eq!(found.faults, [SetFault::Unreadable { picture: absent, shown }]);
+            assert_eq!(found.usable(&code()), usable);
+            let (left, pictures) = found.decodable(&code());
+            assert_eq!(left.pictures().len(), pictures.len());
+        }
     }
 
     #[test]
@@ -618,7 +721,7 @@ mod tests {
         let pictures = wall(1).pictures(&code());
         let mut views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
         views[3] = ImageView::new(&pictures[3], 120, 160).unwrap();
-        let found = examine(&code(), &views, MIN_CONTRAST);
+        let found = examine(&code(), &views, &[], MIN_CONTRAST);
         assert_eq!(found.faults, [SetFault::Size { picture: 3, found: (120, 160), expected: (160, 120) }]);
     }
 

@@ -8,6 +8,8 @@
 //! | [`edges`] | boundaries of stripes between camera pixels, and the projector coordinate of each camera pixel from them |
 //! | [`phase`] | the projector coordinate of each camera pixel from shifted sine waves |
 //! | [`examine`] | what is wrong with a set of pictures: missing, doubled, swapped, inverted, too bright, too dark |
+//! | [`faults`] | how that is said |
+//! | [`noise`] | how noisy a picture is |
 //!
 //! Projector coordinates: (0, 0) is the centre of the projector's top-left pixel; column `c` reaches from `c − ½` to `c + ½`.
 //!
@@ -18,7 +20,11 @@
 pub mod code;
 pub mod edges;
 pub mod examine;
+mod explain;
+pub mod faults;
 pub mod gray;
+mod identify;
+pub mod noise;
 pub mod pattern;
 pub mod phase;
 #[cfg(test)]
@@ -26,5 +32,6 @@ mod scene;
 
 pub use code::{Axis, Group, Inverse, Shown, StripeCode};
 pub use edges::{Coordinates, EdgeOptions};
-pub use examine::{Examination, SetFault, examine};
+pub use examine::{Examination, examine};
+pub use faults::SetFault;
 pub use gray::{DecodeOptions, Decoded, decode};

@@ -8,6 +8,7 @@
 //! | [`Format::Caliscope`] | a file | the same | +Z, Y down | rotation matrix or axis times angle, translation | m | k₁ k₂ p₁ p₂ k₃ |
 //! | [`Format::OpenCv`] | a file a camera, or a folder of them | the same | +Z, Y down | `R` (3 × 3 or axis times angle) and `T` | not said | k₁ k₂ p₁ p₂ k₃; further ones must be 0 |
 //! | [`Format::OpenCvStereo`] | a file | the same | +Z, Y down | camera 1 is the world; `R`, `T` take it to camera 2 | not said | the same |
+//! | the same, of a camera and a projector (`cam_K`, `proj_K` …) | a file | the same | +Z, Y down | the camera is the world; `R`, `T` take it to the projector | not said | the same |
 //! | [`Format::MultiCamSelfCal`] | a folder | (1, 1) | +Z, Y down | P = K \[R t\] | not said | k₁ k₂ p₁ p₂ |
 //! | [`Format::Qualisys`] | a file | (0, 0), in 1/64 px | −Z, Y up | rows r₁ r₂ r₃ are the camera's axes; centre | mm | k₁ k₂ k₃ p₁ p₂ |
 //! | [`Format::Dlt`] | a file | (1, 1) at the bottom left (easyWand, DLTdv) or the top left ([`DltOrigin`]) | – | 11 coefficients | not said | none |
@@ -74,6 +75,8 @@ pub enum DltOrigin {
 pub struct ImportOptions {
     /// Columns, rows [px], for formats that hold no image size.
     pub image_size: Option<[u32; 2]>,
+    /// Columns, rows of a projector beside a camera [px].
+    pub projector_size: Option<[u32; 2]>,
     /// How long a unit of the file is [m]; only for files that do not say themselves.
     pub metres_per_unit: Option<f64>,
     /// For DLT coefficients.

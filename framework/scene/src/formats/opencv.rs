@@ -10,6 +10,10 @@
 //! | translation | `T`, `Translation`, `tvec` … | `T` |
 //! | image | `image_width` and `image_height`, or `image_size`, `imageSize` | the same |
 //!
+//! A camera and a projector are a pair, too: `cam_K`, `cam_kc`, `proj_K`, `proj_kc`, `R`, `T` of Brown University's scanner (Moreno and Taubin) and what is
+//! written after it, `cam_int`, `cam_dist`, `proj_int`, `proj_dist`, `rotation`, `translation` of others; any of the names above with `cam_` and `proj_` before them.
+//! They become `camera` and `projector`. Sizes are seldom there: [`ImportOptions::image_size`] and [`ImportOptions::projector_size`] say them.
+//!
 //! Where a pair's `R` and `T` are missing, as in the sample's `intrinsics.yml`, they are looked for in `extrinsics` beside it.
 //! Our own exports add `camera_name` and `length_unit`, which other readers pass over.
 
@@ -26,8 +30,9 @@ use crate::calibration::{
     Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, NamedCamera, quoted, read_text, sort_by_place,
 };
 
-const MATRIX: [&str; 7] = ["camera_matrix", "CameraMatrix", "cameraMatrix", "Camera_Matrix", "K", "M", "intrinsic"];
-const LENS: [&str; 9] = [
+const MATRIX: [&str; 8] =
+    ["camera_matrix", "CameraMatrix", "cameraMatrix", "Camera_Matrix", "K", "M", "intrinsic", "int"];
+const LENS: [&str; 11] = [
     "distortion_coefficients",
     "DistortionCoeffs",
     "distCoeffs",
@@ -37,7 +42,11 @@ const LENS: [&str; 9] = [
     "dist_coeff",
     "distortion",
     "D",
+    "kc",
+    "dist",
 ];
+/// What stands before the names of a camera and a projector.
+const CAMERA_AND_PROJECTOR: [&str; 2] = ["cam", "proj"];
 const TURN: [&str; 6] = ["R", "Rotation", "rotation", "rotation_matrix", "rvec", "rotationMatrix"];
 const SHIFT: [&str; 6] = ["T", "Translation", "translation", "translation_vector", "tvec", "translationVector"];
 const SIZE: [&str; 4] = ["image_size", "imageSize", "ImageSize", "size"];
@@ -113,8 +122,13 @@ pub(crate) fn load(path: &Path, storage: Storage, options: &ImportOptions) -> Re
         _ => LengthUnit::Unknown,
     };
     let mut reader = Reader { path, storage: &storage, options, camera: None, faults: Vec::new() };
-    let is_pair = reader.entry(&MATRIX, "1").is_some();
-    let cameras = if is_pair { reader.pair() } else { reader.single().map(|it| vec![it]) };
+    let has = |suffix: &str| reader.entry(&MATRIX, suffix).is_some();
+    let (is_pair, is_projector) = (has("1"), has("cam") && has("proj"));
+    let cameras = match (is_projector, is_pair) {
+        (true, _) => reader.pair(CAMERA_AND_PROJECTOR, ["camera", "projector"]),
+        (_, true) => reader.pair(["1", "2"], ["cam1", "cam2"]),
+        _ => reader.single().map(|it| vec![it]),
+    };
     let mut faults = reader.faults;
     match cameras {
         Some(cameras) if faults.is_empty() => {
@@ -152,6 +166,10 @@ impl<'a> Reader<'a> {
             let names: Vec<String> = names.iter().map(|it| format!("{it}{joint}{suffix}")).collect();
             self.storage.get(&names.iter().map(String::as_str).collect::<Vec<_>>())
         };
+        if CAMERA_AND_PROJECTOR.contains(&suffix) {
+            let names: Vec<String> = names.iter().map(|it| format!("{suffix}_{it}")).collect();
+            return self.storage.get(&names.iter().map(String::as_str).collect::<Vec<_>>());
+        }
         with("").or_else(|| with("_"))
     }
 
@@ -176,12 +194,12 @@ impl<'a> Reader<'a> {
         Some(NamedCamera { name, camera: Camera { camera_from_world: pose?, ..camera? } })
     }
 
-    fn pair(&mut self) -> Option<Vec<NamedCamera>> {
+    fn pair(&mut self, suffixes: [&str; 2], names: [&str; 2]) -> Option<Vec<NamedCamera>> {
         let (mut cameras, beside) = (Vec::new(), self.beside());
-        for suffix in ["1", "2"] {
-            self.camera = Some(format!("cam{suffix}"));
+        for (suffix, name) in suffixes.into_iter().zip(names) {
+            self.camera = Some(name.to_owned());
             let camera = self.lens(suffix);
-            cameras.extend(camera.map(|camera| NamedCamera { name: format!("cam{suffix}"), camera }));
+            cameras.extend(camera.map(|camera| NamedCamera { name: name.to_owned(), camera }));
         }
         let of = |names: &[&str]| self.entry(names, "").or_else(|| beside.as_ref()?.get(names));
         let pose = match (of(&TURN), of(&SHIFT)) {
@@ -251,8 +269,10 @@ impl<'a> Reader<'a> {
         let expected = "columns and rows, whole numbers from 1 to 65535";
         let whole =
             |text: &str| text.parse::<f64>().ok().filter(|it| it.fract() == 0.0 && (1.0..=65535.0).contains(it));
-        let both = self.storage.get(&["image_width"]).zip(self.storage.get(&["image_height"]));
-        let listed = self.entry(&SIZE, suffix).or_else(|| self.entry(&SIZE, ""));
+        let is_projector = suffix == CAMERA_AND_PROJECTOR[1];
+        let both =
+            self.storage.get(&["image_width"]).zip(self.storage.get(&["image_height"])).filter(|_| !is_projector);
+        let listed = self.entry(&SIZE, suffix).or_else(|| self.entry(&SIZE, "").filter(|_| !is_projector));
         let (entry, texts) = match (both, listed.map(|it| (it, &it.value))) {
             (Some((width, height)), _) => match (&width.value, &height.value) {
                 (Value::Scalar(width_px), Value::Scalar(height_px)) => (width, vec![width_px, height_px]),
@@ -263,8 +283,12 @@ impl<'a> Reader<'a> {
             }
             (None, Some((entry, _))) => return self.report(Some(entry), "a size that is no list".into(), expected),
             (None, None) => {
-                let given = self.options.image_size;
+                let given = if is_projector { self.options.projector_size } else { self.options.image_size };
                 return given.or_else(|| {
+                    if is_projector {
+                        let found = "no size of the projector (proj_size)".into();
+                        return self.report(None, found, "one; `foveate convert --projector-size W,H` says it");
+                    }
                     self.report(
                         None,
                         "no image size (image_width, image_height or image_size)".into(),

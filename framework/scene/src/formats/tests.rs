@@ -2,6 +2,7 @@
 
 mod malformed;
 mod opencv5;
+mod procam;
 mod real;
 
 use std::fs;

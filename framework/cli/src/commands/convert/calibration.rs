@@ -13,6 +13,7 @@ use crate::output::{say, tell};
 pub(super) fn run(args: &ConvertArgs) -> u8 {
     let options = ImportOptions {
         image_size: args.calibration.image_size,
+        projector_size: args.calibration.projector_size,
         metres_per_unit: args.metres_per_unit,
         dlt_origin: if args.calibration.dlt_top_left { DltOrigin::TopLeft } else { DltOrigin::BottomLeft },
         lenses_at_origin: args.calibration.lenses,

@@ -1,0 +1,334 @@
+//! What can be wrong with a set of pictures, and how it is said.
+
+use std::fmt;
+
+use super::code::{Axis, Shown, StripeCode};
+
+/// Something that is wrong with a set of pictures. Pictures are numbered in their order, from 0.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SetFault {
+    /// Another number of pictures than the code has.
+    Count {
+        /// How many there are.
+        found: usize,
+        /// How many the code has.
+        expected: usize,
+        /// The first one that is not the inverse that stands before or after it, where nothing else is known.
+        unpaired: Option<usize>,
+        /// Whether it is known which are missing or too many: each is a fault of its own.
+        is_explained: bool,
+    },
+    /// A picture could not be read.
+    Unreadable {
+        /// Which.
+        picture: usize,
+        /// What it should show.
+        shown: Shown,
+    },
+    /// No picture shows this.
+    Missing {
+        /// What.
+        shown: Shown,
+        /// The picture after which it should stand; `None` at the beginning.
+        after: Option<usize>,
+        /// Whether it may be its inverse instead.
+        or_inverse: bool,
+    },
+    /// A picture for which there is no place.
+    Extra {
+        /// Which.
+        picture: usize,
+        /// What it shows, where that is known.
+        shown: Option<Shown>,
+    },
+    /// A picture shows something else than it should.
+    Shows {
+        /// Which.
+        picture: usize,
+        /// What it shows.
+        found: Found,
+        /// What it should show.
+        expected: Shown,
+    },
+    /// Two pictures stand in each other's places.
+    Exchanged {
+        /// Which.
+        pictures: [usize; 2],
+        /// What they should show.
+        expected: [Shown; 2],
+    },
+    /// The set has another order.
+    OtherOrder {
+        /// A code of that order.
+        code: Box<StripeCode>,
+    },
+    /// A picture is a negative: dark where it should be bright, by all gray levels.
+    Negative {
+        /// Which.
+        picture: usize,
+        /// What it should show.
+        shown: Shown,
+    },
+    /// A picture is brighter or darker than the others all over.
+    Exposed {
+        /// Which.
+        picture: usize,
+        /// What it should show.
+        shown: Shown,
+        /// How many times as bright [–].
+        factor: f64,
+    },
+    /// A picture of another size than the first.
+    Size {
+        /// Which.
+        picture: usize,
+        /// Its columns and rows [px].
+        found: (usize, usize),
+        /// Those of the first [px].
+        expected: (usize, usize),
+    },
+    /// Two pictures show the same stripes.
+    Doubled {
+        /// The later one.
+        picture: usize,
+        /// The earlier one.
+        same_as: usize,
+        /// What it should show.
+        expected: Option<Shown>,
+    },
+    /// White is darker than black.
+    WhiteIsBlack {
+        /// The white picture.
+        white: usize,
+        /// The black one.
+        black: usize,
+    },
+    /// White is not the brightest picture, or black not the darkest.
+    NotWhite {
+        /// Which.
+        picture: usize,
+        /// What it should show.
+        shown: Shown,
+        /// Part of the pixels in which another picture is clearly brighter (darker) [–].
+        share: f64,
+    },
+    /// A picture and its inverse do not make white and black together.
+    NotInverse {
+        /// The bit.
+        shown: Shown,
+        /// Its picture and the inverse.
+        pictures: [usize; 2],
+        /// Part of the pixels in which they do not [–].
+        share: f64,
+    },
+    /// Bits whose picture and inverse are exchanged.
+    Inverted {
+        /// Which axis.
+        axis: Axis,
+        /// Which bits.
+        planes: Vec<u32>,
+        /// Whether that is all that can be told.
+        all: bool,
+    },
+    /// Bits that do not fit those before them.
+    OutOfPlace {
+        /// Which axis.
+        axis: Axis,
+        /// Which bits.
+        planes: Vec<u32>,
+    },
+    /// Columns (rows) that the projector does not have.
+    OutOfRange {
+        /// Which axis.
+        axis: Axis,
+        /// Part of the pixels that show one [–].
+        share: f64,
+        /// How many the projector has [px].
+        side: u32,
+    },
+    /// The projector hardly lights anything.
+    TooDark {
+        /// Part of the pixels that it lights [–].
+        lit: f64,
+        /// The 95th percentile of white − black [gray levels].
+        contrast: u8,
+        /// What is needed [gray levels].
+        needed: u8,
+    },
+    /// Most of what the projector lights is saturated.
+    TooBright {
+        /// Part of the lit pixels that are [–].
+        saturated: f64,
+    },
+}
+
+/// What a picture was found to show.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Found {
+    /// A bit or its inverse, white or black.
+    Shown(Shown),
+    /// A bit or its inverse.
+    Bit(Axis, u32),
+}
+
+impl fmt::Display for Found {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Found::Shown(shown) => shown.fmt(f),
+            Found::Bit(axis, plane) => write!(f, "bit {plane} of the {}", axis.in_words()),
+        }
+    }
+}
+
+impl SetFault {
+    /// Whether this axis cannot be decoded because of it.
+    pub fn spoils(&self, axis: Axis) -> bool {
+        let is_of = |shown: &Shown| match shown {
+            Shown::Bit { axis: of, .. } | Shown::Phase { axis: of, .. } => *of == axis,
+            Shown::White | Shown::Black => false,
+        };
+        match self {
+            SetFault::Count { is_explained, .. } => !is_explained,
+            SetFault::Missing { shown, .. } | SetFault::Unreadable { shown, .. } => is_of(shown),
+            SetFault::Shows { expected: shown, .. }
+            | SetFault::Negative { shown, .. }
+            | SetFault::Exposed { shown, .. } => is_of(shown) || matches!(shown, Shown::White | Shown::Black),
+            SetFault::Exchanged { expected, .. } => {
+                expected.iter().any(is_of) || !expected.iter().all(|it| matches!(it, Shown::Bit { .. }))
+            }
+            SetFault::Doubled { expected, .. } => expected.as_ref().is_some_and(is_of),
+            SetFault::Extra { .. } | SetFault::TooBright { .. } => false,
+            SetFault::NotInverse { shown, .. } => is_of(shown),
+            SetFault::Inverted { axis: of, .. }
+            | SetFault::OutOfPlace { axis: of, .. }
+            | SetFault::OutOfRange { axis: of, .. } => *of == axis,
+            SetFault::Size { .. }
+            | SetFault::WhiteIsBlack { .. }
+            | SetFault::NotWhite { .. }
+            | SetFault::OtherOrder { .. }
+            | SetFault::TooDark { .. } => true,
+        }
+    }
+
+    /// For people; `name` says how a picture is called.
+    pub fn describe(&self, code: &StripeCode, name: &dyn Fn(usize) -> String) -> String {
+        let bits = |axis: &Axis, planes: &[u32]| {
+            let one = |plane: &u32| {
+                let place = |inverse| code.place(Shown::Bit { axis: *axis, plane: *plane, inverse });
+                let names: Vec<String> = [false, true].into_iter().filter_map(place).map(name).collect();
+                format!("bit {plane} ({})", names.join(", "))
+            };
+            planes.iter().map(one).collect::<Vec<_>>().join(", ")
+        };
+        match self {
+            SetFault::Count { found, expected, unpaired, .. } => {
+                let [columns, rows] = code.projector;
+                let start = format!("found {found} pictures, expected {expected} of this code for {columns} x {rows}");
+                match unpaired {
+                    Some(at) => format!(
+                        "{start}; {} is the first that is not the inverse of its neighbour: a picture is missing or doubled there",
+                        name(*at)
+                    ),
+                    None => start,
+                }
+            }
+            SetFault::Size { picture, found, expected } => {
+                format!(
+                    "{} is {} x {} px, expected {} x {} px as the first",
+                    name(*picture),
+                    found.0,
+                    found.1,
+                    expected.0,
+                    expected.1
+                )
+            }
+            SetFault::Unreadable { picture, shown } => {
+                format!("{} could not be read, expected {shown}", name(*picture))
+            }
+            SetFault::Missing { shown, after, or_inverse } => {
+                let place = after.map_or("at the beginning".to_owned(), |it| format!("after {}", name(it)));
+                let or = if *or_inverse { " or no other its inverse" } else { "" };
+                format!("no picture shows {shown}{or}, expected {place}: a picture is missing")
+            }
+            SetFault::Extra { picture, shown } => {
+                let what = shown.map_or(String::new(), |it| format!(" shows {it} once more and"));
+                format!("{}{what} has no place in the set: a picture too many, or a frame taken twice", name(*picture))
+            }
+            SetFault::Shows { picture, found, expected } => {
+                format!("{} shows {found}, expected {expected}", name(*picture))
+            }
+            SetFault::Exchanged { pictures: [a, b], expected: [of_a, of_b] } => {
+                format!("{} and {} stand in each other's places, expected {of_a} and {of_b}", name(*a), name(*b))
+            }
+            SetFault::OtherOrder { code } => {
+                format!(
+                    "the pictures stand in another order, expected that of the settings; they fit {}",
+                    code.order_in_words()
+                )
+            }
+            SetFault::Negative { picture, shown } => {
+                format!("{} is a negative, expected {shown} as bright as the other pictures have it", name(*picture))
+            }
+            SetFault::Exposed { picture, shown, factor } => format!(
+                "{} is {factor:.2} times as bright as the other pictures, expected {shown} with their exposure",
+                name(*picture)
+            ),
+            SetFault::Doubled { picture, same_as, expected } => {
+                let expected = expected.map_or("other ones".to_owned(), |it| it.to_string());
+                format!(
+                    "{} shows the same stripes as {}, expected {expected}: a frame was taken twice",
+                    name(*picture),
+                    name(*same_as)
+                )
+            }
+            SetFault::WhiteIsBlack { white, black } => {
+                format!(
+                    "{} is darker than {}, expected white and black: are they exchanged?",
+                    name(*white),
+                    name(*black)
+                )
+            }
+            SetFault::NotWhite { picture, shown, share } => {
+                let than = if *shown == Shown::White { "brightest" } else { "darkest" };
+                format!(
+                    "{} is not the {than} picture in {:.0} % of the pixels, expected the {shown} one",
+                    name(*picture),
+                    100.0 * share
+                )
+            }
+            SetFault::NotInverse { shown, pictures: [a, b], share } => format!(
+                "{} and {} do not make white together in {:.0} % of the pixels, expected {shown} and its inverse",
+                name(*a),
+                name(*b),
+                100.0 * share
+            ),
+            SetFault::Inverted { axis, planes, all } => {
+                let which = bits(axis, planes);
+                let help = if *all { ": do inverse pictures come first?" } else { "" };
+                format!("{} of the {}: picture and inverse are exchanged{help}", which, axis.in_words())
+            }
+            SetFault::OutOfPlace { axis, planes } => {
+                format!(
+                    "{} of the {} fit no Gray code where they stand: pictures out of order, or a frame that was dropped",
+                    bits(axis, planes),
+                    axis.in_words()
+                )
+            }
+            SetFault::OutOfRange { axis, share, side } => format!(
+                "{:.0} % of the pixels show {} beyond the projector's {side}: another projector, offset or order, or the coarsest bit inverted",
+                100.0 * share,
+                axis.in_words()
+            ),
+            SetFault::TooDark { lit, contrast, needed } => format!(
+                "the projector lights {:.1} % of the pixels, white - black being {contrast} gray levels at most, expected {needed} at least: too dark",
+                100.0 * lit
+            ),
+            SetFault::TooBright { saturated } => {
+                format!(
+                    "{:.0} % of the lit pixels are saturated, expected less than half: too bright",
+                    100.0 * saturated
+                )
+            }
+        }
+    }
+}

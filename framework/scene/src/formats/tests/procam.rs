@@ -1,0 +1,57 @@
+//! A camera and a projector in one file, as scanners write them.
+
+use super::*;
+
+/// In the names of Brown University's scanner, lengths in millimetres.
+const BROWN: &str = "%YAML:1.0\n---\n\
+cam_K: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 2400., 0., 640., 0., 2410., 500., 0., 0., 1. ]\n\
+cam_kc: !!opencv-matrix\n   rows: 1\n   cols: 5\n   dt: d\n   data: [ -0.1, 0.2, 1e-3, -2e-3, 0. ]\n\
+proj_K: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 2000., 0., 511., 0., 2005., 760., 0., 0., 1. ]\n\
+proj_kc: !!opencv-matrix\n   rows: 1\n   cols: 5\n   dt: d\n   data: [ 0.01, 0., 0., 0., 0. ]\n\
+R: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 1., 0., 0., 0., 0.8, -0.6, 0., 0.6, 0.8 ]\n\
+T: !!opencv-matrix\n   rows: 3\n   cols: 1\n   dt: d\n   data: [ 100., -20., 30. ]\n\
+cam_error: 0.2\nproj_error: 0.3\nstereo_error: 0.4\n";
+
+fn load(text: &str, options: &ImportOptions) -> Result<Calibration, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("calibration.yml");
+    fs::write(&path, text).unwrap();
+    Calibration::load_with(&path, options).map_err(|error| error.to_string())
+}
+
+fn sizes() -> ImportOptions {
+    ImportOptions {
+        image_size: Some([1280, 1024]),
+        projector_size: Some([1024, 768]),
+        metres_per_unit: Some(1e-3),
+        ..ImportOptions::default()
+    }
+}
+
+#[test]
+fn a_camera_and_its_projector_are_read_under_their_names() {
+    let read = load(BROWN, &sizes()).unwrap();
+    let (camera, projector) = (read.camera("camera").unwrap(), read.camera("projector").unwrap());
+    assert_eq!((camera.image_size, projector.image_size), ([1280, 1024], [1024, 768]));
+    assert_eq!((camera.intrinsics.focal, projector.intrinsics.principal), ([2400.0, 2410.0], [511.0, 760.0]));
+    assert_eq!((camera.distortion.p2, projector.distortion.k1), (-2e-3, 0.01));
+    assert_eq!(camera.camera_from_world, nalgebra::Isometry3::identity());
+    // x' = R x + T: what the projector has of a point that the camera has at (0, 0, 1 m).
+    let place = projector.camera_from_world * nalgebra::Point3::new(0.0, 0.0, 1.0);
+    assert!((place.coords - Vector3::new(0.1, -0.62, 0.83)).norm() < 1e-9, "{place}");
+    let other = [("cam_K", "cam_int"), ("cam_kc", "cam_dist"), ("proj_K", "proj_int"), ("proj_kc", "proj_dist")];
+    let text = other.iter().fold(BROWN.to_owned(), |text, (from, to)| text.replace(from, to));
+    let text = text.replace("\nR:", "\nrotation:").replace("\nT:", "\ntranslation:");
+    assert_eq!(load(&text, &sizes()).unwrap().camera("projector"), Some(projector));
+}
+
+#[test]
+fn what_is_not_said_of_a_projector_is_asked_for() {
+    let fault = load(BROWN, &ImportOptions { projector_size: None, ..sizes() }).unwrap_err();
+    assert!(fault.contains("no size of the projector") && fault.contains("--projector-size"), "{fault}");
+    let said = format!("{BROWN}proj_size: [ 800, 600 ]\n");
+    let read = load(&said, &ImportOptions { projector_size: None, ..sizes() }).unwrap();
+    assert_eq!(read.camera("projector").unwrap().image_size, [800, 600]);
+    let fault = load(&BROWN.replace("\nT:", "\nQ:"), &sizes()).unwrap_err();
+    assert!(fault.contains("without R and T"), "{fault}");
+}
