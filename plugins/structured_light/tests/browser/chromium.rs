@@ -21,8 +21,8 @@ pub struct Chromium {
 }
 
 impl Chromium {
-    /// A browser, or why there is none.
-    pub fn start() -> Result<Chromium, String> {
+    /// A browser on a screen of which `ratio` pixels make one of CSS, or why there is none.
+    pub fn start(ratio: u32) -> Result<Chromium, String> {
         let runs = |name: &&str| Command::new(name).arg("--version").stdout(Stdio::null()).status().is_ok();
         let own = std::env::var("FOVEATE_CHROMIUM").ok();
         let name = own.as_deref().or_else(|| NAMES.iter().find(|it| runs(it)).copied());
@@ -30,16 +30,18 @@ impl Chromium {
             name.ok_or_else(|| format!("found none of {} (FOVEATE_CHROMIUM names another)", NAMES.join(", ")))?;
         let profile = tempfile::tempdir().map_err(|error| error.to_string())?;
         let data = format!("--user-data-dir={}", profile.path().display());
+        let ratio = format!("--force-device-scale-factor={ratio}");
         let fixed = [
             "--headless=new",
             "--no-sandbox",
             "--no-first-run",
+            "--disable-backgrounding-occluded-windows",
             "--remote-debugging-port=0",
             "--enable-unsafe-swiftshader",
             "--force-color-profile=srgb",
         ];
         let mut command = Command::new(name);
-        command.args(fixed).arg(data).arg("about:blank").stdout(Stdio::null()).stderr(Stdio::piped());
+        command.args(fixed).args([data.as_str(), &ratio, "about:blank"]).stdout(Stdio::null()).stderr(Stdio::piped());
         let mut child = command.spawn().map_err(|error| format!("`{name}` does not start: {error}"))?;
         let stderr = child.stderr.take().ok_or("no standard error")?;
         let (tell, told) = mpsc::channel();
@@ -64,7 +66,8 @@ impl Chromium {
     /// A new tab.
     pub fn tab(&self) -> Tab {
         let mut tab = Tab::connect(&self.address, "");
-        let target = tab.call("Target.createTarget", json!({ "url": "about:blank" }))["targetId"].clone();
+        let target =
+            tab.call("Target.createTarget", json!({ "url": "about:blank", "newWindow": true }))["targetId"].clone();
         tab.attach(target.as_str().unwrap());
         tab
     }
@@ -124,10 +127,10 @@ impl Tab {
         }
     }
 
-    /// Makes the window so large, in the pixels of a screen of which `ratio` make one of CSS.
-    pub fn resize(&mut self, [width, height]: [u32; 2], ratio: u32) {
-        let size =
-            json!({ "width": width / ratio, "height": height / ratio, "deviceScaleFactor": ratio, "mobile": false });
+    /// Makes the window so large [px of CSS].
+    pub fn resize(&mut self, [width, height]: [u32; 2]) {
+        // Without a factor of its own: the screen's stays.
+        let size = json!({ "width": width, "height": height, "deviceScaleFactor": 0, "mobile": false });
         self.call("Emulation.setDeviceMetricsOverride", size);
     }
 

@@ -177,8 +177,8 @@ fn keep_shot(name: &str, png: &[u8]) {
     }
 }
 
-fn browser() -> Option<Chromium> {
-    match Chromium::start() {
+fn browser(ratio: u32) -> Option<Chromium> {
+    match Chromium::start(ratio) {
         Ok(browser) => Some(browser),
         Err(why) => {
             println!("skipped: no browser: {why}");
@@ -190,9 +190,9 @@ fn browser() -> Option<Chromium> {
 /// With a camera that takes pictures of the screen, on a screen of two pixels to one of CSS: whole sets of pictures, each pixel that of the pattern.
 #[test]
 fn with_a_camera_every_pattern_is_shown_pixel_for_pixel() {
-    let Some(browser) = browser() else { return };
+    let Some(browser) = browser(2) else { return };
     let mut tab = browser.tab();
-    tab.resize([300, 100], 1);
+    tab.resize([150, 50]);
     let (give, shots) = channel();
     let rig = format!(
         "[rig]\nname = \"page\"\n[scale.room.node]\n\
@@ -208,7 +208,7 @@ fn with_a_camera_every_pattern_is_shown_pixel_for_pixel() {
     tab.wait_for("document.body.innerText.includes('300 x 100 px, the projector 320 x 200')");
     keep_shot("wrong_size.png", &tab.screenshot());
     let mut eye = browser.again(&tab);
-    tab.resize(SIZE, 2);
+    tab.resize(SIZE.map(|it| it / 2));
     tab.wait_for("document.body.classList.contains('shows')");
     let camera = std::thread::spawn(move || {
         loop {
@@ -249,23 +249,24 @@ fn with_a_camera_every_pattern_is_shown_pixel_for_pixel() {
 /// At a rate: all pictures in order, about as far apart as they should be; closed in the middle and opened again.
 #[test]
 fn at_a_rate_patterns_follow_one_another_and_a_page_that_is_closed_is_named() {
-    let Some(browser) = browser() else { return };
+    let Some(browser) = browser(1) else { return };
     let mut tab = browser.tab();
-    tab.resize(SIZE, 1);
+    tab.resize(SIZE);
     let rig = format!(
         "[rig]\nname = \"page\"\n[scale.room.node]\n\
-         projector = {{ type = \"structured_light.projector\", rate_hz = 4, sets = 1, pattern = {{ projector_px = {SIZE:?}, order = \"columns\" }} }}\n\
+         projector = {{ type = \"structured_light.projector\", rate_hz = 3, sets = 1, pattern = {{ projector_px = {SIZE:?}, order = \"columns\" }} }}\n\
          keep = {{ type = \"test.keep\", in = {{ shown = \"projector.shown\" }} }}\n"
     );
     let running = run(&rig, None);
-    tab.open(&running.address);
-    running.wait(&mut tab, |it| it.shown.len() >= 3);
-    keep_shot("at_a_rate.png", &tab.screenshot());
     let mut other = browser.tab();
-    other.resize(SIZE, 1);
+    other.resize([200, 100]);
     other.open(&running.address);
+    other.wait_for("document.body.innerText.includes('200 x 100 px, the projector')");
+    tab.open(&running.address);
+    running.wait(&mut tab, |it| it.shown.len() >= 2);
+    keep_shot("at_a_rate.png", &tab.screenshot());
+    other.resize(SIZE);
     other.wait_for("document.body.innerText.includes('Another window shows the patterns')");
-    keep_shot("another_window.png", &other.screenshot());
     tab.open("about:blank");
     let n = 18;
     running.wait(&mut other, |it| it.shown.iter().filter(|it| it.set == 1).count() >= n - 1);
@@ -281,24 +282,20 @@ fn at_a_rate_patterns_follow_one_another_and_a_page_that_is_closed_is_named() {
     assert_eq!(second.len() + n_gaps as usize, n + 1, "what the page dropped is told, and the set that was given up");
     let whole = (second[second.len() - 1].from - second[0].from).as_s();
     let steps = f64::from(second[second.len() - 1].index - second[0].index);
-    assert!((0.24..0.4).contains(&(whole / steps)), "{} s a picture", whole / steps);
-    assert!(
-        outcome.report.remarks.iter().any(|it| it.contains("set 0: the page was closed")),
-        "{:?}",
-        outcome.report.remarks
-    );
+    assert!((0.32..0.5).contains(&(whole / steps)), "{} s a picture", whole / steps);
+    assert!(outcome.report.remarks.iter().any(|it| it.contains("set 0: the page")), "{:?}", outcome.report.remarks);
     println!("{} s a picture; {:?}", whole / steps, outcome.report.figures);
 }
 
 /// At a key: as fast as somebody presses it.
 #[test]
 fn a_key_on_the_page_shows_the_next_pattern() {
-    let Some(browser) = browser() else { return };
+    let Some(browser) = browser(1) else { return };
     let mut tab = browser.tab();
-    tab.resize(SIZE, 1);
+    tab.resize(SIZE);
     let rig = format!(
         "[rig]\nname = \"page\"\n[scale.room.node]\n\
-         projector = {{ type = \"structured_light.projector\", advance = \"key\", sets = 1, pattern = {{ projector_px = {SIZE:?}, order = \"white black\" }} }}\n\
+         projector = {{ type = \"structured_light.projector\", advance = \"key\", sets = 1, pattern = {{ projector_px = {SIZE:?}, order = \"white black columns\", bits = [1, 0] }} }}\n\
          keep = {{ type = \"test.keep\", in = {{ shown = \"projector.shown\" }} }}\n"
     );
     let running = run(&rig, None);
@@ -314,6 +311,15 @@ fn a_key_on_the_page_shows_the_next_pattern() {
     std::thread::sleep(Duration::from_millis(500));
     tab.press(" ");
     running.wait(&mut tab, |it| it.shown.len() == 2);
+    let code =
+        PatternSettings::read(&running.kept.lock().unwrap().shown[0].manifest).unwrap().stripe_code(None).unwrap();
+    assert!(gray(&tab.screenshot()).pixels == picture(&code, code.pictures()[2], 1.0));
+    std::thread::sleep(Duration::from_millis(500));
+    tab.press("Enter");
+    running.wait(&mut tab, |it| it.shown.len() == 3);
+    std::thread::sleep(Duration::from_millis(500));
+    tab.press("ArrowRight");
+    running.wait(&mut tab, |it| it.shown.len() == 4);
     let shown = running.kept.lock().unwrap().shown.clone();
     assert!(shown.iter().all(|it| it.lasts > Interval::from_ms(300.0)), "{shown:?}");
     assert_eq!(running.thread.join().unwrap().report.figures["projector.sets.room.projector"], 1.0);
