@@ -89,15 +89,12 @@ impl Pages {
         Pages(Some(server))
     }
 
-    /// [`PageServer::open`].
+    /// [`PageServer::open`]; `None` where the run has no server: its nodes do what they can without.
     ///
     /// # Errors
-    /// As there, and that this run has no server.
-    pub fn open(&self, instance: &str, page: Page) -> Result<Box<dyn PageLink>, String> {
-        match &self.0 {
-            Some(server) => server.open(instance, page),
-            None => Err("found no web server, expected one: only `foveate run` serves pages".to_owned()),
-        }
+    /// As there.
+    pub fn open(&self, instance: &str, page: Page) -> Result<Option<Box<dyn PageLink>>, String> {
+        self.0.as_ref().map(|it| it.open(instance, page)).transpose()
     }
 }
 

@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 
 use self::stage::{Stage, Step};
 use self::words::ToPage;
-use crate::pattern::PatternSettings;
+use crate::pattern::{PatternSettings, calibrated_size, default_projector};
 
 ports! {
     IMAGE: In<Image> = latest("image").optional();
@@ -59,6 +59,8 @@ pub enum Advance {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ProjectorSettings {
+    /// Its name in the calibration, where it stands like a camera; without it `pattern.projector_px` says its size [–]
+    pub projector: String,
     /// The patterns [–]
     pub pattern: PatternSettings,
     /// The projector's gamma, so that sine waves are sine waves in light; stripes are either lit or not [–]
@@ -86,6 +88,7 @@ pub struct ProjectorSettings {
 impl Default for ProjectorSettings {
     fn default() -> Self {
         Self {
+            projector: default_projector(),
             pattern: PatternSettings::default(),
             gamma: 1.0,
             advance: Advance::default(),
@@ -112,7 +115,7 @@ impl ProjectorSettings {
 /// A projector as a second screen.
 pub struct Projector {
     name: String,
-    /// None where the node is only being checked.
+    /// None where the node is only being checked, or the run serves no pages.
     link: Option<Box<dyn PageLink>>,
     stage: Stage,
     /// Session time less the server's clock [ns]: the largest seen, since a session time is read a little before it is compared.
@@ -145,7 +148,7 @@ impl Node for Projector {
             };
             return Err(ConfigError::at("advance", message));
         }
-        let calibrated = setup.camera_model().map(|it| it.image_size);
+        let calibrated = calibrated_size(setup, &settings.projector);
         let of_pattern = |fault: ConfigError| {
             let setting = fault.setting.map(|it| format!("pattern.{it}"));
             ConfigError { setting, ..fault }
@@ -168,20 +171,15 @@ impl Node for Projector {
                 Some(PageFile { content_type: "application/octet-stream", bytes: picture(&code, *shown, gamma) })
             };
             let page = Page { html: HTML, files: Arc::new(files) };
-            link = Some(setup.pages.open(&setup.instance, page).map_err(ConfigError::node)?);
+            link = setup.pages.open(&setup.instance, page).map_err(ConfigError::node)?;
         }
-        let stage = Stage::new(settings, setup.camera.unwrap_or_default(), names, manifest);
+        let name = settings.projector.clone();
+        let id = setup.calibration.index_of(&name).map_or(CameraId::default(), |it| CameraId(it as u16));
+        let stage = Stage::new(settings, id, names, manifest);
         if let Some(link) = &mut link {
             link.greet(&ToPage::Projector { size, count: stage.count() }.text());
         }
-        Ok(Self {
-            name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
-            link,
-            stage,
-            session_from_host: None,
-            pending: None,
-            now: Time::ZERO,
-        })
+        Ok(Self { name, link, stage, session_from_host: None, pending: None, now: Time::ZERO })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -223,13 +221,15 @@ impl Node for Projector {
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        let Some(link) = &mut self.link else { return Ok(()) };
-        let over = ToPage::Over("The run is over.".to_owned()).text();
-        link.greet(&over);
-        for client in self.stage.clients() {
-            link.send(client, &over);
+        if let Some(link) = &mut self.link {
+            let over = ToPage::Over("The run is over.".to_owned()).text();
+            link.greet(&over);
+            for client in self.stage.clients() {
+                link.send(client, &over);
+            }
         }
-        self.stage.report(&self.name, &link.address(), report);
+        let address = self.link.as_ref().map(|it| it.address());
+        self.stage.report(&self.name, address.as_deref(), report);
         Ok(())
     }
 

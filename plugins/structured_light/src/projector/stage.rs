@@ -210,9 +210,9 @@ impl Stage {
         let from = at + sigma + Interval::from_ms(when.slip_ms);
         let is_told = self.settings.advance == Advance::Rate;
         if is_told {
-            // The page counts frames: it shows none shorter than by one.
-            let until = at + Interval::from_ms(1e3 / self.settings.rate_hz - when.refresh_ms) - sigma;
-            self.tell(index, from, until, steps);
+            // The page shows the next one in the frame that is nearest to its time; where two are as near, in the earlier one.
+            let frames = (1e3 / self.settings.rate_hz / when.refresh_ms - 0.51).ceil().max(1.0);
+            self.tell(index, from, at + Interval::from_ms(frames * when.refresh_ms) - sigma, steps);
         }
         self.current = Some(Current { index, from, is_told });
     }
@@ -326,13 +326,18 @@ impl Stage {
         }
     }
 
-    pub(super) fn report(&self, name: &str, address: &str, report: &mut Report) {
+    /// The figures of the projector called `name`; without the `address` of a page nothing could be shown.
+    pub(super) fn report(&self, name: &str, address: Option<&str>, report: &mut Report) {
         report.figure(format!("projector.sets.{name}"), self.n_sets as f64);
         report.figure(format!("projector.pictures.{name}"), self.n_pictures as f64);
         report.figure(format!("projector.sets_broken.{name}"), self.n_broken as f64);
         report.figure(format!("projector.frames_dropped.{name}"), self.n_slips as f64);
         report.figure(format!("projector.clock_ms.max.{name}"), self.worst_clock_ms);
         self.remarks.iter().for_each(|it| report.remark(format!("{name}: {it}")));
+        let Some(address) = address else {
+            report.remark(format!("{name}: no pattern was shown: this run serves no pages, `foveate run` does"));
+            return;
+        };
         if self.n_pictures == 0 {
             let why = match &self.last_unfit {
                 Some(why) => format!("the page said: {why}"),

@@ -85,7 +85,7 @@ impl When {
         // A year, and a minute: longer than any run, and any frame.
         let fits = |it: f64, most: f64| (0.0..=most).contains(&it);
         let all = [self.sigma_ms, self.slip_ms, self.refresh_ms];
-        if fits(self.at, 3.2e10) && all.iter().all(|it| fits(*it, 60e3)) {
+        if self.refresh_ms > 0.0 && fits(self.at, 3.2e10) && all.iter().all(|it| fits(*it, 60e3)) {
             Ok(())
         } else {
             Err(format!("found {self:?}, expected times from 0, less than a minute but for `at`"))
