@@ -23,6 +23,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     // Skeletons are part of the scene; two motions are aligned and assigned. Every table of text is parted into its fields by `diagnostics::fields`.
     ("motion", &["diagnostics", "estimation", "geometry", "messages", "scene"]),
     ("node", &["estimation", "geometry", "messages", "scene"]),
+    // Pages of nodes: what a node sees of the server stands in `node`.
+    ("web", &["node"]),
     // What crosses between a program and a library is what nodes are made of.
     ("plugin", &["messages", "node"]),
     ("rig", &["diagnostics", "estimation", "messages", "node", "plot", "scene"]),
@@ -84,6 +86,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "select",
             "sim",
             "structured-light",
+            "web",
         ],
     ),
     ("tests", &[]),

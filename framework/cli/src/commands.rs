@@ -21,6 +21,7 @@ use foveate_node::Registry;
 use foveate_plugin::open::open_search_path;
 use foveate_rig::graph::Graph;
 use foveate_rig::{self as rig, Overrides};
+use foveate_web::Listen;
 
 use crate::exit;
 use crate::output::{say, wants_color};
@@ -137,6 +138,13 @@ pub struct RunArgs {
     /// Worker threads [default: one for each core, and in a live run one more]; without `--live` the results are the same with any number
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     workers: Option<u16>,
+    /// Where pages are served, for rigs that have any: a port of this machine, or an address at which other computers find them too, with the token that is printed then
+    /// [default: 127.0.0.1, port 8017 or the next one that is free]
+    #[arg(long, value_name = "[HOST:]PORT")]
+    listen: Option<Listen>,
+    /// Go on serving pages after the end of the run, until Ctrl-C
+    #[arg(long)]
+    stay: bool,
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,

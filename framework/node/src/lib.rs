@@ -9,6 +9,7 @@
 //! | [`bench`] | runs one node without a rig, for tests |
 //! | [`registry`] | the node types that a program knows, erased |
 //! | [`library`] | where node types come from, and libraries of them that a program opens while it runs |
+//! | [`page`] | pages in a browser: what a node puts up, and how it talks to it |
 //! | [`scale`] | the scales at run time: who carries a scale's space, and where it is |
 //! | [`setting_docs`] | the settings of a node type for people |
 
@@ -21,6 +22,7 @@ pub mod io;
 pub mod library;
 pub mod line;
 pub mod node;
+pub mod page;
 pub mod pool;
 pub mod port;
 pub mod registry;
@@ -37,6 +39,7 @@ pub use io::Io;
 pub use library::{LibraryError, Origin};
 pub use line::{Device, Line};
 pub use node::{Due, Node, Plan, Role};
+pub use page::{Page, PageLink, Pages};
 pub use pool::Pool;
 pub use port::{In, Out, Ports};
 pub use registry::Registry;

@@ -13,6 +13,7 @@ use foveate_scene::clocks::Clocks;
 use foveate_scene::heads::{CalibratedHead, Heads};
 
 use crate::error::ConfigError;
+use crate::page::Pages;
 use crate::port::In;
 use crate::scale::ScaleTree;
 use foveate_scene::selection::matches;
@@ -60,6 +61,8 @@ pub struct Setup {
     pub purpose: Purpose,
     /// Who writes which file of the results; shared by all nodes of a rig.
     pub claims: Claims,
+    /// What serves pages to browsers while the rig runs.
+    pub pages: Pages,
 }
 
 /// Who writes which file of the results.
@@ -95,6 +98,7 @@ impl Setup {
             out_dir: None,
             purpose: Purpose::Run,
             claims: Claims::default(),
+            pages: Pages::default(),
         }
     }
 

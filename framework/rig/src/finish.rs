@@ -20,6 +20,7 @@ use crate::graph::{Edge, Graph, Instance, Queue, Requirement, Scale};
 use foveate_diagnostics::names::listed;
 use foveate_diagnostics::{Diagnostics, Findings};
 use foveate_node::node::Role;
+use foveate_node::page::Pages;
 use foveate_node::port::InputPolicy;
 use foveate_node::setup::Claims;
 
@@ -138,6 +139,7 @@ impl Finish<'_, '_> {
             report_speed: self.rig.report_speed,
             rig_dir: self.rig_dir.clone(),
             claims: Claims::default(),
+            pages: Pages::default(),
             calibration: Arc::clone(self.calibration.as_ref()?),
             scales,
             places: places(self.scales),

@@ -12,6 +12,7 @@ use foveate_scene::calibration::Calibration;
 
 use foveate_diagnostics::Diagnostics;
 use foveate_node::Origin;
+use foveate_node::page::Pages;
 use foveate_node::port::InputPolicy;
 use foveate_node::registry::{NodeType, Settings};
 use foveate_node::scale::{ScalePlace, ScaleTree};
@@ -43,6 +44,8 @@ pub struct Graph {
     pub resolved: String,
     /// Who writes which file of the results.
     pub claims: Claims,
+    /// What serves pages to browsers while this graph runs; a graph has none unless whoever runs it gives it one.
+    pub pages: Pages,
     /// What is probably not as meant.
     pub warnings: Diagnostics,
 }
@@ -210,6 +213,7 @@ impl Graph {
             out_dir,
             purpose,
             claims: self.claims.clone(),
+            pages: self.pages.clone(),
         }
     }
 
@@ -256,6 +260,7 @@ impl Graph {
             instances,
             resolved: self.resolved.clone(),
             claims: self.claims.clone(),
+            pages: self.pages.clone(),
             warnings: Diagnostics::default(),
         }
     }

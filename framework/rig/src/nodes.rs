@@ -19,6 +19,7 @@ use foveate_diagnostics::names::{did_you_mean, likely, listed, shown, there_is};
 use foveate_node::ConfigError;
 use foveate_node::guard::guarded;
 use foveate_node::node::{Plan, Role};
+use foveate_node::page::Pages;
 use foveate_node::registry::{NodeType, Registry, Settings};
 use foveate_node::scale::{ScalePlace, ScaleTree};
 use foveate_node::setup::{Claims, Purpose, Setup};
@@ -204,6 +205,7 @@ impl Surroundings<'_> {
                 out_dir: None,
                 purpose: Purpose::Check,
                 claims: self.claims.clone(),
+                pages: Pages::default(),
             };
             let (setting, message) = match guarded(|| settings.build(&setup).map(drop)) {
                 Ok(Ok(())) => continue,

@@ -48,6 +48,8 @@ const LEAST_BINS: usize = 6;
 const NOISE_SQUARE: f32 = 5.0 * 4.0 / 16.0;
 /// Pictures that wait for the pattern that they show.
 const HELD: usize = 32;
+/// From one pattern to the next at most, where the projector waits for pictures of the camera.
+const LONGEST_WAIT: Interval = Interval(5_000_000_000);
 
 /// Settings of [`Collector`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -156,7 +158,8 @@ impl Node for Collector {
             self.held.push_back((image.stamp, Arc::clone(&image.value)));
             self.sort_in(image.stamp, &image.value);
             // A picture of a later time ends what should have come before it.
-            while let Some((&number, _)) = self.sets.iter().next().filter(|it| it.1.is_over(time)) {
+            while let Some((&number, _)) = self.sets.iter().next().filter(|it| it.1.is_over(time, self.sets.len() > 1))
+            {
                 let Some(set) = self.sets.remove(&number) else { break };
                 self.conclude(io, number, set);
             }
@@ -177,14 +180,16 @@ impl Node for Collector {
 }
 
 impl Set {
-    /// Whether a picture of `time` comes after all of its patterns, or all have theirs.
-    fn is_over(&self, time: Time) -> bool {
+    /// Whether a picture of `time` comes after all of its patterns, or all have theirs; `has_next`: the set after it has begun.
+    fn is_over(&self, time: Time, has_next: bool) -> bool {
         let is_told = self.slots.iter().all(Option::is_some);
         let mut slots = self.slots.iter().flatten();
         let is_past = |it: &Slot| time > it.middle + Interval(it.lasts.0 / 2);
         let last = self.first.from + Interval(self.first.lasts.0 * i64::from(self.first.count + 1));
-        // Patterns that were never told of end with the time that they would have taken, and as long again.
-        slots.all(is_past) && (is_told || time > last + Interval(self.first.lasts.0 * i64::from(self.first.count)))
+        // Patterns that were never told of end with the time that they would have taken, and as long again, but a projector may also wait for the camera.
+        let newest = self.slots.iter().flatten().map(|it| it.middle).max().unwrap_or(last);
+        let patience = (last + Interval(self.first.lasts.0 * i64::from(self.first.count))).max(newest + LONGEST_WAIT);
+        slots.all(is_past) && (is_told || has_next || time > patience)
     }
 }
 

@@ -3,6 +3,7 @@
 //! | node | what it does |
 //! |---|---|
 //! | [`structured_light.pictures`](pictures::Pictures) | reads sets of pictures, a folder each |
+//! | [`structured_light.projector`](projector::Projector) | shows the patterns on a projector, full screen in a browser, and says when |
 //! | [`structured_light.collector`](collector::Collector) | gathers the pictures of a set out of a camera's and of what a projector was told to show |
 //! | [`structured_light.decoder`](decoder::Decoder) | finds where in the projector each camera pixel is lit from |
 //! | [`structured_light.corners`](corners::Corners) | finds the corners of a chessboard in camera and projector |
@@ -21,6 +22,7 @@ pub mod pattern;
 pub mod pictures;
 #[cfg(test)]
 mod procam_tests;
+pub mod projector;
 pub mod triangulator;
 
 pub use pattern::PatternSettings;
@@ -30,6 +32,7 @@ use foveate::prelude::Registry;
 /// Makes the nodes of this plugin known.
 pub fn register(registry: &mut Registry) {
     registry.add::<pictures::Pictures>();
+    registry.add::<projector::Projector>();
     registry.add::<collector::Collector>();
     registry.add::<decoder::Decoder>();
     registry.add::<corners::Corners>();

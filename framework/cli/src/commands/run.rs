@@ -2,11 +2,14 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use foveate_engine::{self as engine, Options, Outcome, Progress};
-use foveate_node::Registry;
+use foveate_node::{Pages, Registry};
 use foveate_rig::Overrides;
 use foveate_rig::graph::Graph;
+use foveate_web::Server;
 
 use super::{RunArgs, complain, load, load_quietly};
 use crate::outcome::{describe, exit_code, failures};
@@ -17,10 +20,13 @@ use crate::{exit, interrupt, results};
 pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
     let overrides = Overrides { seed: args.seed, duration_s: args.duration, ..Overrides::default() };
     let load = if args.quiet { load_quietly } else { load };
-    let graph = match load(&args.rig, registry, &overrides) {
-        Ok(graph) => Arc::new(graph),
+    let mut graph = match load(&args.rig, registry, &overrides) {
+        Ok(graph) => graph,
         Err(code) => return code,
     };
+    let server = Arc::new(server(args));
+    graph.pages = Pages::served_by(Arc::<Server>::clone(&server));
+    let graph = Arc::new(graph);
     let options = Options { workers: args.workers.map(usize::from), paced: args.paced, ..Options::default() };
     if let Err(sentence) = interrupt::stops(&options.stop) {
         return complain(&sentence);
@@ -32,12 +38,46 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
     if let Err(sentence) = results::write_rig(&folder, &graph) {
         return complain(&sentence);
     }
+    let stop = Arc::clone(&options.stop);
     match run_into(args, &graph, &Options { out_dir: Some(folder.to_path_buf()), ..options }) {
-        Ok(outcome) => conclude(args, &graph, &outcome, &folder),
+        Ok(mut outcome) => {
+            server.counts().in_words().into_iter().for_each(|it| outcome.report.remark(it));
+            let code = conclude(args, &graph, &outcome, &folder);
+            if args.stay && !outcome.interrupted {
+                stay(args, &server, &stop);
+            }
+            server.end();
+            code
+        }
         Err(sentence) => {
             folder.take_back(&results::BEFORE_THE_RUN);
             complain(&sentence)
         }
+    }
+}
+
+/// The server of pages, which listens only where a rig has some.
+fn server(args: &RunArgs) -> Server {
+    let is_quiet = args.quiet;
+    Server::new(args.listen.clone().unwrap_or_default(), move |instance, address| {
+        // A token is known from nowhere else.
+        if !is_quiet || address.contains("?token=") {
+            eprintln!("page of {instance}: {address}");
+        }
+    })
+}
+
+/// Waits for the signal that ends the program, if there is anything to serve.
+fn stay(args: &RunArgs, server: &Server, stop: &AtomicBool) {
+    if !server.is_serving() {
+        eprintln!("note: no node of this rig has a page, so there is nothing to stay for");
+        return;
+    }
+    if !args.quiet {
+        eprintln!("pages are still served; Ctrl-C ends");
+    }
+    while !stop.load(Ordering::Relaxed) {
+        std::thread::sleep(Duration::from_millis(50));
     }
 }
 
