@@ -67,9 +67,11 @@ pub struct Mesh {
     pub covariance: Matrix6<f64>,
     /// Mean standard deviation of the vertices along their normals [m]; 0 without any.
     pub mean_sigma: f64,
-    n_vertices: u32,
+    /// How many vertices there are.
+    pub n_vertices: u32,
+    /// [`MeshVertex::BYTES`] bytes a vertex, then three 32-bit numbers of vertices a triangle.
     #[serde(skip)]
-    bytes: Vec<u8>,
+    pub bytes: Vec<u8>,
 }
 
 impl Mesh {

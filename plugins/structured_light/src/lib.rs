@@ -8,6 +8,7 @@
 //! | [`structured_light.corners`](corners::Corners) | finds the corners of a chessboard in camera and projector |
 //! | [`structured_light.calibrator`](calibrator::Calibrator) | calibrates camera and projector together from these, and tests each set by the others |
 //! | [`structured_light.triangulator`](triangulator::Triangulator) | makes a point cloud with covariances and normals |
+//! | [`structured_light.surface`](surface::JoinedSurface) | registers clouds of a thing that may move, and fuses them into one surface |
 //!
 //! In a calibration the projector is a camera like any other: light runs the other way along the same rays.
 
@@ -21,6 +22,7 @@ pub mod pattern;
 pub mod pictures;
 #[cfg(test)]
 mod procam_tests;
+pub mod surface;
 pub mod triangulator;
 
 pub use pattern::PatternSettings;
@@ -35,4 +37,5 @@ pub fn register(registry: &mut Registry) {
     registry.add::<corners::Corners>();
     registry.add::<calibrator::Calibrator>();
     registry.add::<triangulator::Triangulator>();
+    registry.add::<surface::JoinedSurface>();
 }

@@ -72,6 +72,8 @@ pub struct Registration {
     pub n_steps: usize,
     /// Root mean square motion of the points by an error of one standard deviation of the pose [m].
     pub sigma: f64,
+    /// How far the cloud's origin was moved from the start [m].
+    pub moved: f64,
 }
 
 /// Why there is no pose.
@@ -190,6 +192,7 @@ pub fn register(
         misfit: solved.misfit,
         n_steps,
         sigma: solved.sigma,
+        moved: (fit.pose.translation.vector - start.translation.vector).norm(),
     })
 }
 
