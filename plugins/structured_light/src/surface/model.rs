@@ -199,14 +199,10 @@ impl Model {
         // About the middle of the points, a turn moves them no farther than it must.
         let sum: Vector3<f64> = piece.points.iter().map(|it| it.0.position.coords).sum();
         let middle = Translation3::from(sum / piece.points.len() as f64);
-        let points: Vec<SurfacePoint> = piece
-            .points
-            .iter()
-            .map(|it| SurfacePoint { position: it.0.position - middle.vector, ..it.0 })
-            .collect();
+        let points: Vec<SurfacePoint> =
+            piece.points.iter().map(|it| SurfacePoint { position: it.0.position - middle.vector, ..it.0 }).collect();
         let [shift, turn] = self.options.start_sigmas.map(|it| it * it);
-        let start_covariance = covariance
-            + Matrix6::from_diagonal(&[turn, turn, turn, shift, shift, shift].into());
+        let start_covariance = covariance + Matrix6::from_diagonal(&[turn, turn, turn, shift, shift, shift].into());
         let start = grown.surface_from_cloud * middle;
         let options = &self.options.registration;
         let found = register(&points, &grown.patches, &start, &start_covariance, options);
@@ -248,8 +244,13 @@ fn spacing(piece: &Piece) -> f64 {
         let off = |other: &(SurfacePoint, [u8; 3])| (other.0.position - it.0.position).norm_squared();
         piece.points.iter().map(off).filter(|it| *it > 0.0).fold(f64::INFINITY, f64::min).sqrt()
     };
-    let mut distances: Vec<f64> =
-        piece.points.iter().step_by(piece.points.len().div_ceil(ASKED)).map(nearest).filter(|it| it.is_finite()).collect();
+    let mut distances: Vec<f64> = piece
+        .points
+        .iter()
+        .step_by(piece.points.len().div_ceil(ASKED))
+        .map(nearest)
+        .filter(|it| it.is_finite())
+        .collect();
     distances.sort_by(f64::total_cmp);
     distances.get(distances.len() / 2).map_or(1e-3, |it| it.max(1e-6))
 }

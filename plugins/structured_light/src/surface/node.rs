@@ -266,7 +266,10 @@ impl JoinedSurface {
             (Some(viewpoint), _) => viewpoint.camera_from_space,
             (None, Some(camera)) => camera.camera.camera_from_world,
             (None, None) => {
-                return Err(format!("{}: found no place of its camera, expected one with the cloud or in the calibration", cloud.name));
+                return Err(format!(
+                    "{}: found no place of its camera, expected one with the cloud or in the calibration",
+                    cloud.name
+                ));
             }
         };
         Ok(Placed { world_from_scale: pose.transform, covariance: pose.covariance, camera_from_world })
