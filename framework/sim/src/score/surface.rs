@@ -83,11 +83,6 @@ impl SurfaceTrack {
         }
     }
 
-    /// Clouds so far.
-    pub fn n_clouds(&self) -> usize {
-        self.poses.len()
-    }
-
     /// By cloud after the first: how far its middle lies from where the first one has it on the thing [m], and the squared error of the pose over its covariance, 1 on average for honest ones.
     pub fn drifts(&self) -> Vec<(f64, f64)> {
         let Some((first, others)) = self.poses.split_first() else { return Vec::new() };

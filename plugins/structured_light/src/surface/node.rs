@@ -1,10 +1,11 @@
 //! The node: clouds in the world in, clouds in the target's space and the surface out.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use foveate::estimation::statistics::median;
 use foveate::geometry::surface::{MeshOptions, RegistrationOptions, SurfacePoint};
+use foveate::messages::ScaleId;
 use foveate::node::scale::Spaces;
 use foveate::prelude::*;
 use foveate::scene::Calibration;
@@ -15,6 +16,7 @@ use serde::{Deserialize, Serialize};
 use super::model::{Joined, Model, ModelOptions, Piece};
 
 ports! {
+    pub(super) fn declared_ports;
     CLOUD: In<PointCloud> = each("cloud").many();
     SPACES: In<ScaleSpace> = each("spaces").many().optional();
     SURFACE: Out<Mesh> = "surface";
@@ -105,6 +107,9 @@ impl Default for SurfaceSettings {
 /// A surface whose first cloud fits none of so many after it is begun anew.
 const DOUBTS: u32 = 4;
 
+/// At least so long between two poses of a space that are kept [ms].
+const POSES_MS: f64 = 8.0;
+
 /// Clouds of one thing in, its surface out. With `spaces` connected to the anchor of the node's scale, that target's motion is where registration starts; otherwise
 /// the scale's space stands still, and each cloud is looked for where the last one lay.
 pub struct JoinedSurface {
@@ -115,6 +120,7 @@ pub struct JoinedSurface {
     model: Model,
     /// Gathered, with the poses of the scale's space in the world.
     waiting: VecDeque<(Stamped<Arc<PointCloud>>, Placed)>,
+    learnt: BTreeMap<ScaleId, Time>,
     n_joined: u64,
     n_refused: u64,
     n_in_a_row: u32,
@@ -188,6 +194,7 @@ impl Node for JoinedSurface {
             spaces,
             model,
             waiting: VecDeque::new(),
+            learnt: BTreeMap::new(),
             n_joined: 0,
             n_refused: 0,
             n_in_a_row: 0,
@@ -204,7 +211,7 @@ impl Node for JoinedSurface {
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         while let Some(space) = io.take(&SPACES) {
-            self.spaces.learn(&space.value);
+            self.learn(&space.value);
         }
         while let Some(cloud) = io.take(&CLOUD) {
             match self.placed(&cloud.value) {
@@ -257,6 +264,15 @@ impl Node for JoinedSurface {
 }
 
 impl JoinedSurface {
+    /// Poses of spaces are kept by number, and asynchronous cameras make many: some of them reach as far back as clouds come late.
+    fn learn(&mut self, space: &ScaleSpace) {
+        let is_soon = self.learnt.get(&space.scale).is_some_and(|it| (space.time - *it) < Interval::from_ms(POSES_MS));
+        if space.target.is_none() || !is_soon {
+            self.learnt.insert(space.scale, space.time);
+            self.spaces.learn(space);
+        }
+    }
+
     /// Where the scale's space and the camera were.
     fn placed(&self, cloud: &PointCloud) -> Result<Placed, String> {
         let pose = self.spaces.world_from_own(cloud.time);
