@@ -2,9 +2,10 @@
 //!
 //! A cloud is registered to all that came before, not to the last one: errors of poses do not add up along a chain. What does not fit is refused and changes nothing.
 
+use foveate::estimation::statistics::{SIGMA_PER_MAD, median};
 use foveate::geometry::surface::{
     DistanceField, FieldOptions, Fused, MeshOptions, Patches, Registration, RegistrationError, RegistrationOptions,
-    SurfacePoint, TriangleMesh, find_normals, register,
+    Surface, SurfacePoint, TriangleMesh, find_normals, register,
 };
 use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Translation3, Vector3};
 
@@ -143,7 +144,11 @@ impl Model {
         let voxel_m = self.grown.as_ref().map_or_else(|| self.first_voxel_m(&piece), |it| it.voxel_m);
         let mut points: Vec<SurfacePoint> = piece.points.iter().map(|it| it.0).collect();
         let n_without_normal = find_normals(&mut points, NORMAL_RADIUS * voxel_m, &piece.viewpoint);
-        piece.points.iter_mut().zip(points).for_each(|(to, from)| to.0 = from);
+        // What a whole cloud shares, such as the error of its camera's pose, is for registration to find, and does not become less with more points.
+        let scatter = scatter(&points, CELL * voxel_m);
+        for (to, from) in piece.points.iter_mut().zip(points) {
+            to.0 = SurfacePoint { covariance: from.covariance * (scatter * scatter), ..from };
+        }
 
         let (registration, covariance) = match &self.grown {
             Some(grown) => {
@@ -233,6 +238,30 @@ fn adjoint(pose: &Isometry3<f64>) -> Matrix6<f64> {
     whole.fixed_view_mut::<3, 3>(3, 3).copy_from(&turn);
     whole.fixed_view_mut::<3, 3>(3, 0).copy_from(&(pose.translation.vector.cross_matrix() * turn));
     whole
+}
+
+/// Points that say how much a cloud scatters.
+const SCATTERING: usize = 5000;
+/// They stand in cells whose mean knows its place so much better than they do, as variances; and so many there must be.
+const KNOWN_BETTER: f64 = 0.4;
+const MIN_SCATTERING: usize = 50;
+
+/// By how much points scatter about the mean plane of their own cell, over what their sigmas say; 1 where they scatter as much or more, or too few are there to tell.
+fn scatter(points: &[SurfacePoint], cell_m: f64) -> f64 {
+    let mut own = Patches::new(cell_m, 1, usize::MAX);
+    points.iter().for_each(|it| {
+        own.add(it);
+    });
+    let share = |it: &SurfacePoint| {
+        let found = own.nearest(0, &it.position)?;
+        let variance = found.normal.dot(&(it.covariance * found.normal));
+        // The point is part of the mean: Var(x − mean) = Var(x) − Var(mean).
+        let is_known = found.variance < KNOWN_BETTER * variance;
+        is_known.then(|| (found.normal.dot(&(it.position - found.position))).abs() / (variance - found.variance).sqrt())
+    };
+    let shares: Vec<f64> = points.iter().step_by(points.len().div_ceil(SCATTERING).max(1)).filter_map(share).collect();
+    let scatter = median(&shares).filter(|_| shares.len() >= MIN_SCATTERING).map(|it| SIGMA_PER_MAD * it);
+    scatter.map_or(1.0, |it| it.clamp(1e-3, 1.0))
 }
 
 /// Points that say how far neighbours are apart.

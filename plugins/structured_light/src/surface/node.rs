@@ -36,7 +36,7 @@ figures! {
     "surface.correction_mm": mm, neither, "How far registration moved the middle of a cloud from where the last one and the target's place had it, median over clouds";
     "surface.pose_sigma_mm": mm, low, "Root mean square error of a cloud's points by that of its pose, as stated by registration, median over clouds";
     "surface.misfit": ratio, low, "Residuals of registered points over what their sigmas say, median over clouds: above 1, the clouds disagree by more than noise";
-    "surface.memory_mb": mb, low, "What voxels and patches take";
+    "surface.memory_bytes": bytes, low, "What voxels and patches take";
 }
 
 /// Settings of [`JoinedSurface`].
@@ -243,7 +243,7 @@ impl Node for JoinedSurface {
         report.figure("surface.points_left_out", self.n_left_out as f64);
         report.figure("surface.restarts", self.n_restarts as f64);
         report.figure("surface.voxel_mm", 1e3 * self.model.voxel_m());
-        report.figure("surface.memory_mb", 1e-6 * self.model.bytes() as f64);
+        report.figure("surface.memory_bytes", self.model.bytes() as f64);
         let [vertices, triangles, sigma] = self.last;
         report.figure("surface.vertices", vertices);
         report.figure("surface.triangles", triangles);

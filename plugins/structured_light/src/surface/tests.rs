@@ -153,6 +153,33 @@ fn planes_are_not_held_and_memory_is_bounded() {
 }
 
 #[test]
+fn what_all_points_of_a_cloud_share_is_no_noise() {
+    let mut random = Random::new(8);
+    let mut model = Model::new(options());
+    let (mut normalised, n) = (0.0, 20);
+    for number in 0..=n {
+        let truth = Isometry3::translation(0.0, 2e-4 * random.normal(), 5e-4 * random.normal());
+        let mut cloud = piece(&full(0.001, false, &mut random), &truth);
+        cloud.points.iter_mut().for_each(|it| it.0.covariance += Matrix3::identity() * 1e-6);
+        let joined = model.join(cloud, &Matrix6::zeros()).unwrap();
+        if number > 0 {
+            let off = truth.inverse() * joined.surface_from_cloud;
+            let (turn, shift) = (off.rotation.scaled_axis(), off.translation.vector);
+            let error = nalgebra::Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
+            normalised += error.dot(&(joined.covariance.try_inverse().unwrap() * error)) / 6.0 / f64::from(n);
+        } else {
+            // All others are held against where the first one lay.
+            model.clear();
+            model.join(piece(&full(0.001, false, &mut random), &Isometry3::identity()), &Matrix6::zeros()).unwrap();
+        }
+    }
+    assert!((0.3..3.0).contains(&normalised), "{normalised}");
+    let mesh = model.mesh(&MeshOptions { min_points: 0.5, min_triangles: 100 });
+    let sigma = mesh.vertices.iter().map(|it| it.sigma).sum::<f64>() / mesh.vertices.len() as f64;
+    assert!((5e-6..3e-5).contains(&sigma), "{sigma}");
+}
+
+#[test]
 fn the_voxel_follows_from_the_distance_of_points() {
     let mut random = Random::new(6);
     let mut model = Model::new(ModelOptions { voxel_m: 0.0, ..options() });
