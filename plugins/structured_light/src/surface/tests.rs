@@ -278,7 +278,8 @@ fn many_thin_clouds_along_stripes_become_the_same_surface() {
     let settings = SurfaceSettings { voxel_mm: 1.5, gather_points: 20_000, ..SurfaceSettings::default() };
     let (mesh, off, report) = run(60.0, 120, settings, |number, random| stripes(0.37 * number as f64 % 1.0, random));
     assert!(report.figures["surface.clouds"] >= 100.0, "{:?}", report.figures);
-    assert!(off < 3e-4, "{off}");
+    // Within a group clouds lie as the track has them: 0.3 mm an axis, for the first and for the last. Registered are groups.
+    assert!(off < 2e-3, "{off}");
     let cells = (2.0 * HALF / 0.0015).powi(2);
     assert!(mesh.vertices().len() as f64 > 0.8 * cells, "{} of {cells}", mesh.vertices().len());
 }
