@@ -14,6 +14,7 @@
 //! | [`ray`] | [`Ray`], and where two of them come closest |
 //! | [`self_calibration`] | a room of cameras from one waved light, without a start |
 //! | [`shape_model`] | shapes that deform, a face or a knee: learnt from frames, fitted with the pose, hidden marks filled |
+//! | [`surface`] | clouds registered to a surface, fused into a distance field, and its triangles |
 //! | [`triangulate`] | a point from two or more rays, and its refinement on pixels with a covariance |
 //!
 //! Rigid transforms are `nalgebra::Isometry3<f64>`, named `b_from_a`. The world is right-handed with Z up; a
@@ -34,6 +35,7 @@ pub mod ray;
 pub mod resection;
 pub mod self_calibration;
 pub mod shape_model;
+pub mod surface;
 pub mod triangulate;
 
 pub use agreement::{Agreement, agreeing_point};

@@ -1,9 +1,10 @@
 //! Points of surfaces.
 
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::schema::{Numbers, Pose};
 use crate::{CameraId, Message, Quality, Space, Time, Wire};
 
 /// One point of a surface.
@@ -63,6 +64,15 @@ impl CloudPoint {
     }
 }
 
+/// Where a camera stood.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Viewpoint {
+    /// Takes points of the space that the message is in to that of the camera, whose z is its depth.
+    #[serde(with = "Pose")]
+    #[schemars(with = "Pose")]
+    pub camera_from_space: Isometry3<f64>,
+}
+
 /// Points of surfaces as one camera saw them at one time.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct PointCloud {
@@ -74,6 +84,8 @@ pub struct PointCloud {
     pub name: String,
     /// Columns and rows of that camera [px].
     pub camera_size: [u32; 2],
+    /// Where that camera stood; `None`: where the calibration says.
+    pub viewpoint: Option<Viewpoint>,
     /// Mean of the points' standard deviations [m]; 0 without points.
     pub mean_sigma: f64,
     /// [`CloudPoint::BYTES`] bytes a point, ascending by row, then by column of its pixel.
@@ -121,6 +133,38 @@ impl Message for PointCloud {
 
     fn set_bulk(&mut self, bytes: Vec<u8>) {
         self.points = bytes;
+    }
+}
+
+/// A point cloud in the space of its producer's scale, where it lies still however the scale's target moves.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ScaleCloud {
+    /// All of it in that space, its viewpoint too.
+    pub cloud: PointCloud,
+    /// Takes points of that space to the world (the outermost scale) at the cloud's time.
+    #[serde(with = "Pose")]
+    #[schemars(with = "Pose")]
+    pub world_from_scale: Isometry3<f64>,
+    /// Of δ in `world_from_scale` ∘ exp(δ), (rotation, translation) [rad², rad m, m²].
+    #[schemars(with = "Numbers<36>")]
+    pub covariance: Matrix6<f64>,
+}
+
+impl Message for ScaleCloud {
+    const NAME: &'static str = "scale_cloud";
+    const SPACE: Space = Space::POINTS;
+    const WIRE: Wire = Wire::portable::<Self>();
+
+    fn quality(&self) -> Quality {
+        self.cloud.quality()
+    }
+
+    fn bulk(&self) -> &[u8] {
+        &self.cloud.points
+    }
+
+    fn set_bulk(&mut self, bytes: Vec<u8>) {
+        self.cloud.points = bytes;
     }
 }
 

@@ -18,6 +18,8 @@
 //! | [`PatternShown`] | what a projector was told to show, and when | – |
 //! | [`ProjectorMap`] | where in the projector each pixel is lit from | pixels of that camera, and of the projector |
 //! | [`PointCloud`] | points of surfaces, each with covariance and normal | metres in the outermost scale |
+//! | [`ScaleCloud`] | the same where it lies still, on a target that moves | metres in that scale's space |
+//! | [`Mesh`] | a surface joined from clouds, as triangles | metres in that scale's space |
 
 mod camera_set;
 mod cloud;
@@ -25,6 +27,7 @@ mod features;
 mod head;
 mod image;
 mod marks;
+mod mesh;
 mod schema;
 mod shown;
 mod stripes;
@@ -35,12 +38,13 @@ mod wire;
 use std::any::Any;
 
 pub use camera_set::{CameraChoice, CameraId, CameraSet};
-pub use cloud::{CloudPoint, PointCloud};
+pub use cloud::{CloudPoint, PointCloud, ScaleCloud, Viewpoint};
 pub use features::{Feature, Features};
 pub use foveate_time::{Interval, SourceId, Stamp, Stamped, Time};
 pub use head::{HeadCommand, HeadEvent, HeadLink, HeadOrder, HeadPose, HeadPosition, HeadReport};
 pub use image::{Image, PixelFormat, Window};
 pub use marks::{GuidedMark, Mark, MarkGuide, Marks, ShapeFit};
+pub use mesh::{Mesh, MeshVertex};
 pub use shown::PatternShown;
 pub use stripes::{PatternPictures, ProjectorMap, ProjectorSample};
 pub use sub_region::{Assignment, ScaleId, ScaleSpace, SubRegion};

@@ -258,6 +258,17 @@ mod tests {
         let cloud =
             PointCloud { name: "pose".to_owned(), camera_size: [4, 3], points: vec![7; 60], ..PointCloud::default() };
         there_and_back(&cloud);
+        let viewpoint = Some(Viewpoint { camera_from_space: pose });
+        let cloud = PointCloud { viewpoint, ..cloud };
+        there_and_back(&ScaleCloud { cloud, world_from_scale: pose, covariance: target().covariance });
+        let vertex = MeshVertex {
+            position: Point3::new(1.0, 2.0, 3.0),
+            normal: Vector3::x(),
+            weight: 2.0,
+            sigma: 0.5,
+            colour: [1, 2, 3],
+        };
+        there_and_back(&Mesh { world_from_mesh: pose, ..Mesh::new([vertex; 3], &[[0, 1, 2]]) });
         there_and_back(&PatternShown {
             set: 3,
             index: 1,

@@ -13,7 +13,7 @@
 //! | [`timing`] | a camera's clock, the way of its data, its failures |
 //! | [`head`] | a pan-tilt head with mechanics and a line, byte by byte |
 //! | [`score`] | recovered targets against the truth |
-//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.rider`, `sim.head`, `sim.score`, `sim.head_score`, `sim.mark_observer`, `sim.mark_score`, `sim.projector`, `sim.cloud_score` |
+//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.rider`, `sim.head`, `sim.score`, `sim.head_score`, `sim.mark_observer`, `sim.mark_score`, `sim.projector`, `sim.cloud_score`, `sim.surface_score` |
 
 pub mod bump;
 pub mod camera;
@@ -47,4 +47,5 @@ pub fn register(registry: &mut Registry) {
     registry.add::<nodes::mark_score::MarkScore>();
     registry.add::<nodes::projector::SimProjector>();
     registry.add::<nodes::cloud_score::CloudScore>();
+    registry.add::<nodes::surface_score::SurfaceScore>();
 }

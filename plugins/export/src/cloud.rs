@@ -1,10 +1,14 @@
-//! `export.cloud`: point clouds as PLY, and as range and shaded pictures in the pixels of the camera that saw them.
+//! `export.cloud`: point clouds as PLY and GLB, and as range, normal and shaded pictures in the pixels of the camera that saw them.
 //!
 //! | file | what |
 //! |---|---|
 //! | `CAMERA_SET.ply` | binary, little endian: x, y, z [m], nx, ny, nz, red, green, blue, confidence, sigma [m] of each point |
+//! | `CAMERA_SET.glb` | points with colours, normals, sigma and confidence, for viewers; y up |
 //! | `CAMERA_SET_range.png` | 16 bits a pixel: depth along the camera's axis in units of `range_unit_mm`; 0 where there is no point |
 //! | `CAMERA_SET_shaded.png` | 8 bits a pixel: the surface lit from the upper left of the camera; 0 where there is no point |
+//! | `CAMERA_SET_normals.png` | 8 bits a channel: x, y, z of the normals in the cloud's space, −1 to 1 as 1 to 255; 0 where there is none |
+//!
+//! Clouds at `cloud` are in the world. Those at `joined` are in the space of the scale that registered them, where a thing that is moved lies still: their files end in `_target`.
 //!
 //! Source: G. Turk, "The PLY polygon file format", 1994.
 
@@ -17,10 +21,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::csv::file_part;
+use crate::gltf::cloud_glb;
 use crate::whole_file::WholeFile;
 
 ports! {
-    CLOUD: In<PointCloud> = each("cloud").many();
+    CLOUD: In<PointCloud> = each("cloud").many().optional();
+    JOINED: In<ScaleCloud> = each("joined").many().optional();
 }
 
 figures! {
@@ -33,7 +39,9 @@ figures! {
 pub struct ExportCloudSettings {
     /// Whether PLY files are written [–]
     pub ply: bool,
-    /// Whether range and shaded pictures are written [–]
+    /// Whether GLB files of the points are written [–]
+    pub glb: bool,
+    /// Whether range, normal and shaded pictures are written [–]
     pub pictures: bool,
     /// What one gray level of a range picture stands for: at 0.1, 16 bits reach 6.5 m [mm]
     #[schemars(range(min = 0.0001, max = 1000.0))]
@@ -45,7 +53,7 @@ pub struct ExportCloudSettings {
 
 impl Default for ExportCloudSettings {
     fn default() -> Self {
-        Self { ply: true, pictures: true, range_unit_mm: 0.1, max_clouds: 1000 }
+        Self { ply: true, glb: false, pictures: true, range_unit_mm: 0.1, max_clouds: 1000 }
     }
 }
 
@@ -63,7 +71,7 @@ pub struct ExportCloud {
 impl Node for ExportCloud {
     const TYPE: &'static str = "export.cloud";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes point clouds as PLY, and as range and shaded pictures";
+    const SUMMARY: &'static str = "Writes point clouds as PLY, GLB, and range, normal and shaded pictures";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportCloudSettings;
 
@@ -88,12 +96,10 @@ impl Node for ExportCloud {
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         while let Some(cloud) = io.take(&CLOUD) {
-            if self.written >= self.settings.max_clouds || !self.file.is_wanted() {
-                self.left_out += 1;
-                continue;
-            }
-            self.written += 1;
-            self.write(&cloud.value)?;
+            self.take(&cloud.value, "")?;
+        }
+        while let Some(joined) = io.take(&JOINED) {
+            self.take(&joined.value.cloud, "_target")?;
         }
         Ok(())
     }
@@ -109,10 +115,19 @@ impl Node for ExportCloud {
 }
 
 impl ExportCloud {
-    fn write(&mut self, cloud: &PointCloud) -> Result<(), NodeError> {
+    fn take(&mut self, cloud: &PointCloud, ending: &str) -> Result<(), NodeError> {
+        if self.written >= self.settings.max_clouds || !self.file.is_wanted() {
+            self.left_out += 1;
+            return Ok(());
+        }
+        self.written += 1;
+        self.write(cloud, ending)
+    }
+
+    fn write(&mut self, cloud: &PointCloud, ending: &str) -> Result<(), NodeError> {
         let camera = self.calibration.cameras.get(usize::from(cloud.camera.0));
         let camera_name = camera.map_or_else(|| cloud.camera.0.to_string(), |it| it.name.clone());
-        let stem = file_part(&format!("{camera_name}_{}", cloud.name));
+        let stem = file_part(&format!("{camera_name}_{}{ending}", cloud.name));
         let again = self.names.entry(stem.clone()).or_default();
         *again += 1;
         let stem = if *again == 1 { stem } else { format!("{stem}_{again}") };
@@ -120,33 +135,60 @@ impl ExportCloud {
         if self.settings.ply {
             put(format!("{stem}.ply"), &ply(cloud))?;
         }
-        if let Some(camera) = camera.filter(|_| self.settings.pictures) {
-            let camera_from_world = camera.camera.camera_from_world;
+        if self.settings.glb {
+            let bytes = cloud_glb(cloud, &stem).map_err(|it| {
+                NodeError::input(format!("{stem}.glb would have {it} bytes, expected fewer than 4 GB"))
+            })?;
+            put(format!("{stem}.glb"), &bytes)?;
+        }
+        let viewpoint = cloud.viewpoint.map(|it| it.camera_from_space);
+        if let Some(camera_from_space) = viewpoint.or_else(|| Some(camera?.camera.camera_from_world))
+            && self.settings.pictures
+        {
             let [columns, rows] = cloud.camera_size;
             let n = columns as usize * rows as usize;
-            let (mut range, mut shaded) = (vec![0_u16; n], vec![0_u8; n]);
-            let light = Vector3::new(-0.5, -0.6, -1.0).normalize();
+            let (mut range, mut shaded, mut normals) = (vec![0_u16; n], vec![0_u8; n], vec![0_u8; 3 * n]);
             for point in cloud.iter() {
                 let at = usize::from(point.pixel[1]) * columns as usize + usize::from(point.pixel[0]);
                 let (Some(range), Some(shaded)) = (range.get_mut(at), shaded.get_mut(at)) else { continue };
-                let depth_mm = 1e3 * (camera_from_world * point.position.cast::<f64>()).z;
+                let depth_mm = 1e3 * (camera_from_space * point.position.cast::<f64>()).z;
                 *range = (depth_mm / self.settings.range_unit_mm).round().clamp(0.0, 65_535.0) as u16;
-                let normal = camera_from_world.rotation * point.normal.cast::<f64>();
-                *shaded = (20.0 + 235.0 * normal.dot(&light).max(0.0)) as u8;
+                *shaded = shade(&(camera_from_space.rotation * point.normal.cast::<f64>()));
+                if point.normal != Vector3::zeros() {
+                    normals[3 * at..3 * at + 3]
+                        .copy_from_slice(&[0, 1, 2].map(|it| (128.0 + 127.0 * point.normal[it]).round() as u8));
+                }
             }
             let range: Vec<u8> = range.iter().flat_map(|it| it.to_be_bytes()).collect();
-            let encoded = |bits, pixels: &[u8]| png_gray(columns, rows, bits, pixels).map_err(NodeError::input);
-            put(format!("{stem}_range.png"), &encoded(png::BitDepth::Sixteen, &range)?)?;
-            put(format!("{stem}_shaded.png"), &encoded(png::BitDepth::Eight, &shaded)?)?;
+            for (ending, kind, bits, pixels) in [
+                ("range", png::ColorType::Grayscale, png::BitDepth::Sixteen, &range),
+                ("shaded", png::ColorType::Grayscale, png::BitDepth::Eight, &shaded),
+                ("normals", png::ColorType::Rgb, png::BitDepth::Eight, &normals),
+            ] {
+                let picture = encoded([columns, rows], kind, bits, pixels).map_err(NodeError::input)?;
+                put(format!("{stem}_{ending}.png"), &picture)?;
+            }
         }
         Ok(())
     }
 }
 
-fn png_gray(columns: u32, rows: u32, bits: png::BitDepth, pixels: &[u8]) -> Result<Vec<u8>, png::EncodingError> {
+/// How bright a surface looks whose normal is `normal` in the space of a camera, lit from the camera's upper left.
+pub(crate) fn shade(normal: &Vector3<f64>) -> u8 {
+    let light = Vector3::new(-0.5, -0.6, -1.0).normalize();
+    (20.0 + 235.0 * normal.dot(&light).max(0.0)) as u8
+}
+
+/// A PNG of `size` (columns, rows).
+pub(crate) fn encoded(
+    [columns, rows]: [u32; 2],
+    kind: png::ColorType,
+    bits: png::BitDepth,
+    pixels: &[u8],
+) -> Result<Vec<u8>, png::EncodingError> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, columns, rows);
-    encoder.set_color(png::ColorType::Grayscale);
+    encoder.set_color(kind);
     encoder.set_depth(bits);
     encoder.write_header()?.write_image_data(pixels)?;
     Ok(bytes)
@@ -226,7 +268,7 @@ mod tests {
         bench.feed(&CLOUD, Time::ZERO, cloud()).unwrap();
         bench.feed(&CLOUD, Time::from_s(1.0), cloud()).unwrap();
         let report = bench.finish().unwrap();
-        assert_eq!((report.files.len(), report.figures["export.clouds"]), (6, 2.0));
+        assert_eq!((report.files.len(), report.figures["export.clouds"]), (8, 2.0));
         let range = report.files.iter().find(|it| it.to_string_lossy().contains("range")).unwrap();
         let picture = image::open(folder.path().join(range)).unwrap();
         assert_eq!((picture.width(), picture.height(), picture.color()), (4, 3, image::ColorType::L16));

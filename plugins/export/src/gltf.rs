@@ -6,12 +6,14 @@
 mod node;
 mod of_motion;
 mod scene;
+mod still;
 #[cfg(test)]
 mod tests;
 mod triangles;
 
 pub use node::{ExportGltf, ExportGltfSettings};
 pub use of_motion::glb;
+pub(crate) use still::{cloud_glb, mesh_glb};
 
 use serde_json::{Value, json};
 
@@ -25,9 +27,13 @@ struct Glb {
     meshes: Vec<Value>,
     skins: Vec<Value>,
     cameras: Vec<Value>,
+    materials: Vec<Value>,
     channels: Vec<Value>,
     samplers: Vec<Value>,
 }
+
+/// (x, y, z) of ours is (x, z, −y) of glTF: a quarter turn about −x.
+const Y_UP: [f64; 4] = [-std::f64::consts::FRAC_1_SQRT_2, 0.0, 0.0, std::f64::consts::FRAC_1_SQRT_2];
 
 /// What a view is for.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -81,6 +87,14 @@ impl Glb {
         self.accessors.len() - 1
     }
 
+    /// Corners of triangles.
+    fn indices(&mut self, triangles: &[[u32; 3]]) -> usize {
+        let view = self.view(triangles.iter().flatten().flat_map(|it| it.to_le_bytes()), Use::Indices);
+        let count = 3 * triangles.len();
+        self.accessors.push(json!({ "bufferView": view, "componentType": 5125, "count": count, "type": "SCALAR" }));
+        self.accessors.len() - 1
+    }
+
     fn node(&mut self, node: Value) -> usize {
         self.nodes.push(node);
         self.nodes.len() - 1
@@ -121,6 +135,7 @@ impl Glb {
             ("bufferViews", self.views),
             ("accessors", self.accessors),
             ("meshes", self.meshes),
+            ("materials", self.materials),
             ("skins", self.skins),
             ("cameras", self.cameras),
             ("animations", animations),

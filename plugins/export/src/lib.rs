@@ -12,7 +12,8 @@
 //! | [`export.mark_pictures`](mark_pictures::ExportMarkPictures) | the way of a painted surface, distances between its marks, what was filled in, as SVG |
 //! | [`export.gltf`](gltf::ExportGltf) | `motion.glb`: targets, a mesh over the marks and cameras as an animated scene |
 //! | [`export.bvh`](bvh::ExportBvh) | `motion.bvh`: the body that eight targets sit on, as a skeleton that moves |
-//! | [`export.cloud`](cloud::ExportCloud) | point clouds as PLY, and as range and shaded pictures of their camera |
+//! | [`export.cloud`](cloud::ExportCloud) | point clouds as PLY and GLB, and as range, normal and shaded pictures of their camera |
+//! | [`export.surface`](surface::ExportSurface) | a surface as PLY and GLB, and as a range and a shaded picture |
 //! | [`export.overlay`](overlay::ExportOverlay) | some pictures of a camera with the points ringed that were found in them, as PNG |
 //!
 //! Tables, C3D and TRC reach the disk while the run goes on, and are whole at any time. A disk that is full or a folder that cannot be written to loses nothing: rows
@@ -35,6 +36,7 @@ pub mod npz;
 pub mod overlay;
 pub mod pictures;
 mod row_file;
+pub mod surface;
 mod target_rows;
 pub mod targets;
 mod time_base;
@@ -58,4 +60,5 @@ pub fn register(registry: &mut Registry) {
     registry.add::<gltf::ExportGltf>();
     registry.add::<bvh::ExportBvh>();
     registry.add::<cloud::ExportCloud>();
+    registry.add::<surface::ExportSurface>();
 }

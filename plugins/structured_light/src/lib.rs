@@ -9,6 +9,7 @@
 //! | [`structured_light.corners`](corners::Corners) | finds the corners of a chessboard in camera and projector |
 //! | [`structured_light.calibrator`](calibrator::Calibrator) | calibrates camera and projector together from these, and tests each set by the others |
 //! | [`structured_light.triangulator`](triangulator::Triangulator) | makes a point cloud with covariances and normals |
+//! | [`structured_light.surface`](surface::JoinedSurface) | registers clouds of a thing that may move, and fuses them into one surface |
 //!
 //! In a calibration the projector is a camera like any other: light runs the other way along the same rays.
 
@@ -23,6 +24,7 @@ pub mod pictures;
 #[cfg(test)]
 mod procam_tests;
 pub mod projector;
+pub mod surface;
 pub mod triangulator;
 
 pub use pattern::PatternSettings;
@@ -38,4 +40,5 @@ pub fn register(registry: &mut Registry) {
     registry.add::<corners::Corners>();
     registry.add::<calibrator::Calibrator>();
     registry.add::<triangulator::Triangulator>();
+    registry.add::<surface::JoinedSurface>();
 }

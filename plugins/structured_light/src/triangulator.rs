@@ -236,6 +236,7 @@ impl Triangulator {
             camera: map.camera,
             name: map.name.clone(),
             camera_size: [map.width, map.height],
+            viewpoint: Some(Viewpoint { camera_from_space: self.camera.camera_from_world }),
             ..PointCloud::default()
         };
         let angle_sigma = self.settings.camera_sigma_px / self.camera.intrinsics.focal[0];

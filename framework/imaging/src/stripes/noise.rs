@@ -60,7 +60,7 @@ mod tests {
                 let mut chance = Random::new(period);
                 let pixel = |at: usize| {
                     let (x, y) = (at % 200, at / 200);
-                    let stripe = if x / period as usize % 2 == 0 { 60.0 } else { 150.0 };
+                    let stripe = if (x / period as usize).is_multiple_of(2) { 60.0 } else { 150.0 };
                     stripe + 0.2 * y as f64 + sigma * chance.normal()
                 };
                 let pixels: Vec<u8> = (0..200 * 150).map(pixel).map(|it| it.round().clamp(0.0, 255.0) as u8).collect();

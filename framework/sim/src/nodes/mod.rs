@@ -12,3 +12,4 @@ pub mod observer;
 pub mod projector;
 pub mod rider;
 pub mod score;
+pub mod surface_score;

@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
 
 use super::triangles::triangles;
-use super::{Glb, Use};
+use super::{Glb, Use, Y_UP};
 use crate::gather::{Column, Poses, Table};
 
 /// What is drawn besides.
@@ -38,9 +38,7 @@ pub(super) fn scene(table: &Table, look: &Look) -> Result<Vec<u8>, usize> {
             children.push(camera_node(&mut glb, camera, poses, table));
         }
     }
-    // (x, y, z) of ours is (x, z, −y) of glTF: a quarter turn about −x.
-    let turn = std::f64::consts::FRAC_1_SQRT_2;
-    let mut root = json!({ "name": "world", "rotation": [-turn, 0.0, 0.0, turn] });
+    let mut root = json!({ "name": "world", "rotation": Y_UP });
     if !children.is_empty() {
         root["children"] = json!(children);
     }

@@ -58,6 +58,59 @@ fn file() -> Vec<u8> {
     std::fs::read(folder.path().join("motion.glb")).unwrap()
 }
 
+/// A tetrahedron, and its corners as bare points.
+fn still_files() -> [Vec<u8>; 2] {
+    let corners = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.3]].map(Point3::from);
+    let vertex = |it: &Point3<f32>| MeshVertex {
+        position: *it,
+        normal: (it - Point3::new(0.02, 0.03, 0.04)).normalize(),
+        weight: 4.0,
+        sigma: 1e-4,
+        colour: [0, 128, 255],
+    };
+    let mesh = Mesh::new(corners.iter().map(vertex), &[[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]);
+    let mut cloud = PointCloud::default();
+    for corner in corners {
+        cloud.push(&CloudPoint {
+            position: corner,
+            covariance: Matrix3::identity() * 1e-8,
+            normal: Vector3::y(),
+            confidence: 0.5,
+            pixel: [0, 0],
+            colour: [0, 128, 255],
+        });
+    }
+    [mesh_glb(&mesh, "surface").unwrap(), cloud_glb(&cloud, "points").unwrap()]
+}
+
+#[test]
+fn a_surface_and_bare_points_are_there_with_y_up() {
+    let [mesh, cloud] = still_files();
+    let (document, bytes) = parts(&mesh);
+    let primitive = &document["meshes"][0]["primitives"][0];
+    let places = floats(&document, bytes, number(&primitive["attributes"]["POSITION"]));
+    assert_eq!((places.len(), &places[9..]), (12, &[0.0, 0.0, 0.3][..]));
+    let colours = floats(&document, bytes, number(&primitive["attributes"]["COLOR_0"]));
+    assert!(colours[0] == 0.0 && (colours[1] - 0.2195).abs() < 1e-3 && colours[2] == 1.0, "{colours:?}");
+    let indices = &document["accessors"][number(&primitive["indices"])];
+    assert_eq!((number(&indices["count"]), number(&indices["componentType"])), (12, 5125));
+    // Our z goes to y.
+    let [x, y, z, w] = [0, 1, 2, 3].map(|it| document["nodes"][0]["rotation"][it].as_f64().unwrap());
+    let turn = nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, x, y, z));
+    assert!((turn * Vector3::z() - Vector3::y()).norm() < 1e-9);
+    let (document, bytes) = parts(&cloud);
+    let primitive = &document["meshes"][0]["primitives"][0];
+    assert_eq!(number(&primitive["mode"]), 0);
+    assert_eq!(floats(&document, bytes, number(&primitive["attributes"]["_CONFIDENCE"])), [0.5; 4]);
+    let empty = parts_without_bytes(&mesh_glb(&Mesh::new([], &[]), "none").unwrap());
+    assert_eq!((&empty["nodes"][0]["name"], &empty["meshes"]), (&Value::from("none"), &Value::Null));
+}
+
+/// The JSON of a file that holds no more.
+fn parts_without_bytes(file: &[u8]) -> Value {
+    serde_json::from_slice(&file[20..]).unwrap()
+}
+
 fn number(it: &Value) -> usize {
     it.as_u64().unwrap() as usize
 }
@@ -180,6 +233,16 @@ assert [it.name for it in file.cameras] == ["ring-1", "ring-2", "ring-3"], file.
 assert len(file.animations[0].channels) == 2 + 20 + 2 + 2, len(file.animations[0].channels)
 "#;
 
+const CHECK_STILL: &str = r#"
+import sys, numpy, trimesh
+surface = trimesh.load(sys.argv[1]).to_mesh()
+assert surface.is_watertight and numpy.isclose(surface.volume, 0.1 * 0.2 * 0.3 / 6), surface.volume
+assert numpy.allclose(surface.bounds, [[0, 0, -0.2], [0.1, 0.3, 0]], atol=1e-6), surface.bounds
+points = trimesh.load(sys.argv[2])
+cloud = list(points.geometry.values())[0]
+assert cloud.vertices.shape == (4, 3), cloud
+"#;
+
 #[test]
 fn other_readers_find_what_was_put_in() {
     let Some(python) = std::env::var_os("FOVEATE_PEER_PYTHON") else {
@@ -191,7 +254,14 @@ fn other_readers_find_what_was_put_in() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("motion.glb");
     std::fs::write(&path, file()).unwrap();
-    let output = Command::new(python).arg("-c").arg(CHECK).arg(&path).output().unwrap();
+    let output = Command::new(&python).arg("-c").arg(CHECK).arg(&path).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let paths = [("surface.glb", 0), ("points.glb", 1)].map(|(name, which)| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, &still_files()[which]).unwrap();
+        path
+    });
+    let output = Command::new(python).arg("-c").arg(CHECK_STILL).args(&paths).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
@@ -204,13 +274,17 @@ fn official_validator_finds_no_fault() {
         return;
     };
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("motion.glb");
-    std::fs::write(&path, file()).unwrap();
+    let [surface, points] = still_files();
+    let paths = [("motion.glb", file()), ("surface.glb", surface), ("points.glb", points)].map(|(name, bytes)| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    });
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/gltf/validate.mjs");
-    let output = Command::new("node").arg(script).arg(&path).env("NODE_PATH", packages).output().unwrap();
+    let output = Command::new("node").arg(script).args(&paths).env("NODE_PATH", packages).output().unwrap();
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success(), "{said}\n{}", String::from_utf8_lossy(&output.stderr));
-    assert!(said.contains("0 errors, 0 warnings"), "{said}");
+    assert_eq!(said.matches("0 errors, 0 warnings").count(), 3, "{said}");
 }
 
 #[test]

@@ -1,0 +1,192 @@
+//! A truncated signed distance field, in blocks where there is a surface: the mean of many clouds.
+//!
+//! Source: B. Curless and M. Levoy, "A volumetric method for building complex models from range images", SIGGRAPH 1996; stored by blocks as in M. Nießner, M. Zollhöfer, S. Izadi,
+//! M. Stamminger, "Real-time 3D reconstruction at scale using voxel hashing", SIGGRAPH Asia 2013.
+//!
+//! Each point enters the voxels along its normal, up to `truncation` voxels to either side, with the distance from its plane: positive outside. In the two other directions its weight
+//! falls linearly to 0 at one voxel. The weight is 1/σ² along the normal, so that a voxel holds the mean of least variance.
+
+use nalgebra::{Point3, Vector3};
+
+use super::SurfacePoint;
+use super::key::{CellTable, key};
+
+/// Voxels along an edge of a block.
+pub(super) const SIDE: usize = 8;
+const VOLUME: usize = SIDE * SIDE * SIDE;
+
+/// How a field is made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FieldOptions {
+    /// From voxel to voxel [m].
+    pub voxel_m: f64,
+    /// How far from the surface distances are kept [voxels].
+    pub truncation: f64,
+    /// Blocks of 8 × 8 × 8 voxels at most: each takes 14 kB.
+    pub max_blocks: usize,
+}
+
+/// One voxel.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Voxel {
+    /// From the surface, positive outside [voxels].
+    pub distance: f32,
+    /// Σ of kernel / σ² [1/m²].
+    pub weight: f32,
+    /// Σ of kernel: how many points.
+    pub n_points: f32,
+    /// Mean [gray level].
+    pub colour: [f32; 3],
+}
+
+/// What became of a point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fused {
+    /// It is in the field.
+    Yes,
+    /// It has no normal, or is not finite, or too far away.
+    Unfit,
+    /// It would need more blocks than there may be.
+    Full,
+}
+
+/// Signed distances from a surface, where there is one.
+#[derive(Debug, Clone)]
+pub struct DistanceField {
+    options: FieldOptions,
+    table: CellTable,
+    pub(super) places: Vec<[i32; 3]>,
+    blocks: Vec<Box<[Voxel; VOLUME]>>,
+}
+
+impl DistanceField {
+    /// Without a point yet.
+    pub fn new(options: FieldOptions) -> DistanceField {
+        DistanceField { options, table: CellTable::default(), places: Vec::new(), blocks: Vec::new() }
+    }
+
+    /// How it was made.
+    pub fn options(&self) -> &FieldOptions {
+        &self.options
+    }
+
+    /// Blocks that there are.
+    pub fn n_blocks(&self) -> usize {
+        self.blocks.len()
+    }
+
+    /// Adds a point with its colour [gray level].
+    pub fn fuse(&mut self, point: &SurfacePoint, colour: [u8; 3]) -> Fused {
+        let variance = point.variance_along(&point.normal);
+        let normal = point.normal;
+        if !point.is_sound() || normal == Vector3::zeros() || variance <= 0.0 {
+            return Fused::Unfit;
+        }
+        let voxel_m = self.options.voxel_m;
+        let place = point.position.coords / voxel_m;
+        let axis = normal.iamax();
+        let [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
+        let reach = self.options.truncation * normal[axis].abs();
+        let (first, last) = ((place[axis] - reach).ceil(), (place[axis] + reach).floor());
+        let mut cursor = Cursor { block: [i32::MAX; 3], place: 0 };
+        let mut result = Fused::Yes;
+        let mut along = first;
+        while along <= last {
+            // Where the line along the normal passes this layer of voxels.
+            let t = (along - place[axis]) / normal[axis];
+            let at = place + normal * t;
+            let (low_u, low_v) = (at[u].floor(), at[v].floor());
+            for (du, dv) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
+                let mut voxel = Vector3::zeros();
+                voxel[axis] = along;
+                voxel[u] = low_u + du;
+                voxel[v] = low_v + dv;
+                let kernel = (1.0 - (voxel[u] - at[u]).abs()) * (1.0 - (voxel[v] - at[v]).abs());
+                if kernel <= 0.0 {
+                    continue;
+                }
+                let distance = (voxel - place).dot(&normal);
+                match self.voxel_mut([0, 1, 2].map(|it| voxel[it] as i32), &mut cursor) {
+                    Ok(there) => there.add(distance, kernel, variance, colour),
+                    Err(why) => result = why,
+                }
+            }
+            along += 1.0;
+        }
+        result
+    }
+
+    fn voxel_mut(&mut self, voxel: [i32; 3], cursor: &mut Cursor) -> Result<&mut Voxel, Fused> {
+        let block = voxel.map(|it| it.div_euclid(SIDE as i32));
+        if block != cursor.block {
+            let key = key(block).ok_or(Fused::Unfit)?;
+            let place = match self.table.get(&key) {
+                Some(&place) => place as usize,
+                None if self.blocks.len() >= self.options.max_blocks => return Err(Fused::Full),
+                None => {
+                    self.blocks.push(Box::new([Voxel::default(); VOLUME]));
+                    self.places.push(block);
+                    self.table.insert(key, (self.blocks.len() - 1) as u32);
+                    self.blocks.len() - 1
+                }
+            };
+            *cursor = Cursor { block, place };
+        }
+        Ok(&mut self.blocks[cursor.place][within(voxel)])
+    }
+
+    /// Block and place in it of a voxel.
+    #[inline]
+    pub(super) fn find(&self, voxel: [i32; 3]) -> Option<(usize, usize)> {
+        let block = self.table.get(&key(voxel.map(|it| it.div_euclid(SIDE as i32)))?)?;
+        Some((*block as usize, within(voxel)))
+    }
+
+    /// A voxel that enough points made.
+    #[inline]
+    pub(super) fn voxel(&self, voxel: [i32; 3], min_points: f32) -> Option<&Voxel> {
+        let (block, place) = self.find(voxel)?;
+        Some(&self.blocks[block][place]).filter(|it| it.n_points >= min_points)
+    }
+
+    /// Distance from the surface at a point [m], positive outside; `None` where it is not known.
+    pub fn distance(&self, point: &Point3<f64>) -> Option<f64> {
+        let place = point.coords / self.options.voxel_m;
+        let low = place.map(f64::floor);
+        let part = place - low;
+        let mut sum = 0.0;
+        for corner in 0..8_usize {
+            let step = [corner & 1, corner >> 1 & 1, corner >> 2 & 1];
+            let voxel = [0, 1, 2].map(|it| low[it] as i32 + step[it] as i32);
+            let weight: f64 = (0..3).map(|it| if step[it] == 1 { part[it] } else { 1.0 - part[it] }).product();
+            sum += weight * f64::from(self.voxel(voxel, f32::MIN_POSITIVE)?.distance);
+        }
+        Some(sum * self.options.voxel_m)
+    }
+}
+
+/// The block that was used last.
+struct Cursor {
+    block: [i32; 3],
+    place: usize,
+}
+
+#[inline]
+fn within(voxel: [i32; 3]) -> usize {
+    let [x, y, z] = voxel.map(|it| it.rem_euclid(SIDE as i32) as usize);
+    (z * SIDE + y) * SIDE + x
+}
+
+impl Voxel {
+    #[inline]
+    fn add(&mut self, distance: f64, kernel: f64, variance: f64, colour: [u8; 3]) {
+        let weight = (kernel / variance) as f32;
+        self.weight += weight;
+        self.n_points += kernel as f32;
+        let share = weight / self.weight;
+        self.distance += (distance as f32 - self.distance) * share;
+        for (mean, it) in self.colour.iter_mut().zip(colour) {
+            *mean += (f32::from(it) - *mean) * share;
+        }
+    }
+}

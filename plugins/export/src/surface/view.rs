@@ -1,0 +1,111 @@
+//! A surface as seen from the front, without perspective.
+
+use foveate::prelude::*;
+use nalgebra::{Matrix3, Point2, Point3, Vector3};
+
+use crate::cloud::shade;
+
+/// Part of the picture that stays empty at each edge.
+const MARGIN: f64 = 0.03;
+/// Columns over rows at most, either way.
+const MOST_STRETCHED: f64 = 4.0;
+
+/// Pictures of a surface.
+pub(super) struct View {
+    /// Columns, rows.
+    pub size: [u32; 2],
+    /// 8 bits a pixel; 0 where there is no surface.
+    pub shaded: Vec<u8>,
+    /// From a plane a little before the nearest point, by pixel; infinite where there is no surface [m].
+    depths: Vec<f32>,
+}
+
+impl View {
+    /// `None` for a surface without a triangle.
+    pub fn of(mesh: &Mesh, rows: u32) -> Option<View> {
+        let triangles: Vec<[u32; 3]> = mesh.triangles().collect();
+        triangles.first()?;
+        let vertices: Vec<MeshVertex> = mesh.vertices().collect();
+        let facing: Vector3<f64> = vertices.iter().map(|it| it.normal.cast::<f64>()).sum();
+        let back = -facing.try_normalize(1e-9).unwrap_or_else(Vector3::y);
+        // As a camera: x to the right, y down, z away from who looks; up is up, or north where the view is from above.
+        let up = if back.z.abs() < 0.95 { Vector3::z() } else { Vector3::y() };
+        let right = back.cross(&up).normalize();
+        let view_from_mesh = Matrix3::from_rows(&[right.transpose(), back.cross(&right).transpose(), back.transpose()]);
+        let places: Vec<Point3<f64>> = vertices.iter().map(|it| view_from_mesh * it.position.cast::<f64>()).collect();
+        let low = places.iter().fold(Vector3::repeat(f64::INFINITY), |sum, it| sum.inf(&it.coords));
+        let high = places.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |sum, it| sum.sup(&it.coords));
+        let extent = (high - low).map(|it| it.max(1e-9));
+        let height = extent.y.max(extent.x / MOST_STRETCHED);
+        let pixel_m = height * (1.0 + 2.0 * MARGIN) / f64::from(rows);
+        let columns = ((extent.x / pixel_m + 2.0 * MARGIN * f64::from(rows)).ceil() as u32).max(rows / 4);
+        let size = [columns, rows];
+        let middle = (low + high) / 2.0;
+        let pixel = |it: &Point3<f64>| {
+            let at = (it.coords - middle).xy() / pixel_m;
+            Point2::new(at.x + f64::from(columns - 1) / 2.0, at.y + f64::from(rows - 1) / 2.0)
+        };
+        let n = columns as usize * rows as usize;
+        let mut view = View { size, shaded: vec![0; n], depths: vec![f32::INFINITY; n] };
+        // Beyond 0, which stands for nothing.
+        let before = low.z - 1e-3;
+        for corners in &triangles {
+            let corners = corners.map(|it| it as usize);
+            let [a, b, c] = corners.map(|it| pixel(&places[it]));
+            let double = (b - a).perp(&(c - a));
+            if double == 0.0 || !double.is_finite() {
+                continue;
+            }
+            let range = |of: fn(&Point2<f64>) -> f64, size: u32| {
+                let (low, high) = (of(&a).min(of(&b)).min(of(&c)), of(&a).max(of(&b)).max(of(&c)));
+                low.ceil().max(0.0) as u32..(high.floor() + 1.0).clamp(0.0, f64::from(size)) as u32
+            };
+            for (x, y) in range(|it| it.y, rows).flat_map(|y| range(|it| it.x, columns).map(move |x| (x, y))) {
+                let at = Point2::new(f64::from(x), f64::from(y));
+                let weights =
+                    [(c - b).perp(&(at - b)), (a - c).perp(&(at - c)), (b - a).perp(&(at - a))].map(|it| it / double);
+                if weights.iter().any(|it| *it < 0.0) {
+                    continue;
+                }
+                let place = (y * columns + x) as usize;
+                let depth: f64 =
+                    corners.iter().zip(weights).map(|(it, weight)| places[*it].z * weight).sum::<f64>() - before;
+                if depth < f64::from(view.depths[place]) {
+                    view.depths[place] = depth as f32;
+                    let normal: Vector3<f64> = corners
+                        .iter()
+                        .zip(weights)
+                        .map(|(it, weight)| vertices[*it].normal.cast::<f64>() * weight)
+                        .sum();
+                    view.shaded[place] = shade(&(view_from_mesh * normal.normalize()));
+                }
+            }
+        }
+        Some(view)
+    }
+
+    /// 16 bits a pixel, big endian, in units of `unit_m`.
+    pub fn range(&self, unit_m: f64) -> Vec<u8> {
+        let level = |it: &f32| {
+            if it.is_finite() { (f64::from(*it) / unit_m).round().clamp(1.0, 65_535.0) as u16 } else { 0 }
+        };
+        self.depths.iter().map(level).flat_map(u16::to_be_bytes).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_roof_is_seen_from_where_it_faces_with_up_upwards() {
+        let view = View::of(&super::super::tests::roof(), 100).unwrap();
+        assert_eq!(view.size, [106, 100]);
+        let filled = view.shaded.iter().filter(|it| **it > 0).count() as f64 / (106.0 * 100.0);
+        assert!((0.8..0.9).contains(&filled), "{filled}");
+        let nearest = (0..view.depths.len()).min_by(|a, b| view.depths[*a].total_cmp(&view.depths[*b])).unwrap();
+        let (x, y) = (nearest % 106, nearest / 106);
+        assert!((51..=54).contains(&x) && (48..=51).contains(&y), "{x} {y}");
+        assert!(View::of(&Mesh::new([], &[]), 100).is_none());
+    }
+}

@@ -1,0 +1,390 @@
+//! The node: clouds in the world in, clouds in the target's space and the surface out.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+
+use foveate::estimation::statistics::median;
+use foveate::geometry::surface::{MeshOptions, RegistrationOptions, SurfacePoint};
+use foveate::messages::ScaleId;
+use foveate::node::scale::Spaces;
+use foveate::prelude::*;
+use foveate::scene::Calibration;
+use nalgebra::{Isometry3, Matrix6, Point3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::model::{Joined, Model, ModelOptions, Piece};
+
+ports! {
+    pub(super) fn declared_ports;
+    CLOUD: In<PointCloud> = each("cloud").many();
+    SPACES: In<ScaleSpace> = each("spaces").many().optional();
+    SURFACE: Out<Mesh> = "surface";
+    JOINED: Out<ScaleCloud> = "joined";
+}
+
+figures! {
+    "surface.clouds": count, high, "Clouds that are in the surface";
+    "surface.clouds_refused": count, low, "Clouds that are not, since they did not fit, their geometry did not hold them, or the target's place was not known";
+    "surface.points": count, neither, "Points in the surface";
+    "surface.points_left_out": count, low, "Points of clouds in the surface that are not in it themselves: without a normal, or beyond `max_memory_mb`";
+    "surface.restarts": count, low, "Times that the surface was begun anew, since its first cloud fitted none of those after it";
+    "surface.voxel_mm": mm, neither, "From voxel to voxel";
+    "surface.vertices": count, neither, "Corners of triangles of the last surface that was sent";
+    "surface.triangles": count, neither, "Triangles of it";
+    "surface.sigma_mm": mm, low, "Mean standard deviation of its vertices along their normals, as far as errors of points have nothing in common";
+    "surface.correction_mm": mm, neither, "How far registration moved the middle of a cloud from where the last one and the target's place had it, median over clouds";
+    "surface.pose_sigma_mm": mm, low, "Root mean square error of a cloud's points by that of its pose, as stated by registration, median over clouds";
+    "surface.misfit": ratio, low, "Residuals of registered points over what their sigmas say, median over clouds: above 1, the clouds disagree by more than noise";
+    "surface.memory_bytes": bytes, low, "What voxels and patches take";
+}
+
+/// Settings of [`JoinedSurface`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct SurfaceSettings {
+    /// From voxel to voxel; 0: twice the distance between neighbouring points of the first cloud [mm]
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    pub voxel_mm: f64,
+    /// How far to either side of the surface distances are kept; thinner things need less, noise of more than a voxel needs more [voxels]
+    #[schemars(range(min = 1.5, max = 20.0))]
+    pub truncation: f64,
+    /// Clouds are gathered until they have so many points together, and registered as one [–]
+    #[schemars(range(min = 1, max = 10000000))]
+    pub gather_points: usize,
+    /// And for no longer than so, in which the target's own track is smoother than what registration would find [ms]
+    #[schemars(range(min = 0.0, max = 10000.0))]
+    pub gather_ms: f64,
+    /// How far a cloud may be from where the last one and the target's place have it, standard deviation an axis: of the target's own turns too [mm]
+    #[schemars(range(min = 0.001, max = 1000.0))]
+    pub start_sigma_mm: f64,
+    /// The same of its direction [°]
+    #[schemars(range(min = 0.001, max = 60.0))]
+    pub start_sigma_deg: f64,
+    /// Root mean square error of a cloud's points by that of its pose, at most; more: the cloud is refused. 0: half a voxel [mm]
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    pub max_pose_sigma_mm: f64,
+    /// Part of a cloud's points that must lie on the surface so far; less: it is refused [–]
+    #[schemars(range(min = 0.01, max = 1.0))]
+    pub min_overlap: f64,
+    /// Residuals over what sigmas say, at most; more: the cloud is refused. Errors of decoding that noise does not explain make 3 or so [–]
+    #[schemars(range(min = 0.5, max = 1000.0))]
+    pub max_misfit: f64,
+    /// Points around a voxel that it needs to be used [–]
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    pub min_points: f64,
+    /// Pieces of fewer triangles are left out of the surface [–]
+    #[schemars(range(min = 1, max = 10000000))]
+    pub min_triangles: usize,
+    /// The surface is sent no more often than so [ms]
+    #[schemars(range(min = 0.0, max = 1000000.0))]
+    pub interval_ms: f64,
+    /// Memory of voxels and patches, at most; points beyond are left out and counted [MB]
+    #[schemars(range(min = 1, max = 1000000))]
+    pub max_memory_mb: usize,
+}
+
+impl Default for SurfaceSettings {
+    fn default() -> Self {
+        Self {
+            voxel_mm: 0.0,
+            truncation: 4.0,
+            gather_points: 3000,
+            gather_ms: 100.0,
+            start_sigma_mm: 10.0,
+            start_sigma_deg: 4.0,
+            max_pose_sigma_mm: 0.0,
+            min_overlap: 0.3,
+            max_misfit: 8.0,
+            min_points: 0.5,
+            min_triangles: 200,
+            interval_ms: 500.0,
+            max_memory_mb: 512,
+        }
+    }
+}
+
+/// A surface whose first cloud fits none of so many after it is begun anew.
+const DOUBTS: u32 = 4;
+
+/// At least so long between two poses of a space that are kept [ms].
+const POSES_MS: f64 = 8.0;
+
+/// Clouds of one thing in, its surface out. With `spaces` connected to the anchor of the node's scale, that target's motion is where registration starts; otherwise
+/// the scale's space stands still, and each cloud is looked for where the last one lay.
+pub struct JoinedSurface {
+    settings: SurfaceSettings,
+    calibration: Arc<Calibration>,
+    spaces: Spaces,
+    mesh_options: MeshOptions,
+    model: Model,
+    /// Gathered, with the poses of the scale's space in the world.
+    waiting: VecDeque<(Stamped<Arc<PointCloud>>, Placed)>,
+    learnt: BTreeMap<ScaleId, Time>,
+    n_joined: u64,
+    n_refused: u64,
+    n_in_a_row: u32,
+    n_restarts: u64,
+    n_points: u64,
+    n_left_out: u64,
+    sent: Option<Time>,
+    last: [f64; 3],
+    corrections_mm: Vec<f64>,
+    pose_sigmas_mm: Vec<f64>,
+    misfits: Vec<f64>,
+}
+
+/// Where a cloud is.
+#[derive(Clone, Copy)]
+struct Placed {
+    world_from_scale: Isometry3<f64>,
+    covariance: Matrix6<f64>,
+    camera_from_world: Isometry3<f64>,
+}
+
+impl Node for JoinedSurface {
+    const TYPE: &'static str = "structured_light.surface";
+    const ROLE: Role = Role::Integrator;
+    const SUMMARY: &'static str =
+        "Registers point clouds of a thing that may move to each other, and fuses them into one surface of triangles";
+    const FIGURES: Figures = DECLARED_FIGURES;
+    type Settings = SurfaceSettings;
+
+    fn ports() -> Ports {
+        declared_ports()
+    }
+
+    fn new(settings: SurfaceSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        ConfigError::unless_in("voxel_mm", settings.voxel_mm, 0.0..=1000.0)?;
+        ConfigError::unless_in("truncation", settings.truncation, 1.5..=20.0)?;
+        ConfigError::unless_in("gather_points", settings.gather_points, 1..=10_000_000)?;
+        ConfigError::unless_in("gather_ms", settings.gather_ms, 0.0..=10_000.0)?;
+        ConfigError::unless_in("start_sigma_mm", settings.start_sigma_mm, 0.001..=1000.0)?;
+        ConfigError::unless_in("start_sigma_deg", settings.start_sigma_deg, 0.001..=60.0)?;
+        ConfigError::unless_in("max_pose_sigma_mm", settings.max_pose_sigma_mm, 0.0..=1000.0)?;
+        ConfigError::unless_in("min_overlap", settings.min_overlap, 0.01..=1.0)?;
+        ConfigError::unless_in("max_misfit", settings.max_misfit, 0.5..=1000.0)?;
+        ConfigError::unless_in("min_points", settings.min_points, 0.0..=1000.0)?;
+        ConfigError::unless_in("min_triangles", settings.min_triangles, 1..=10_000_000)?;
+        ConfigError::unless_in("interval_ms", settings.interval_ms, 0.0..=1e6)?;
+        ConfigError::unless_in("max_memory_mb", settings.max_memory_mb, 1..=1_000_000)?;
+        let spaces = Spaces::new(&setup.scales);
+        if spaces.is_moving() && !setup.is_connected(&SPACES) {
+            return Err(ConfigError::node(
+                "the space of this scale moves, and where it is decides where clouds are looked for; found nothing at `spaces`, expected `anchor.space` of this scale and of those around it",
+            ));
+        }
+        let registration = RegistrationOptions {
+            min_overlap: settings.min_overlap,
+            max_misfit: settings.max_misfit,
+            ..RegistrationOptions::default()
+        };
+        let model = Model::new(ModelOptions {
+            voxel_m: 1e-3 * settings.voxel_mm,
+            truncation: settings.truncation,
+            start_sigmas: [1e-3 * settings.start_sigma_mm, settings.start_sigma_deg.to_radians()],
+            max_pose_sigma_m: 1e-3 * settings.max_pose_sigma_mm,
+            registration,
+            max_bytes: settings.max_memory_mb * 1_000_000,
+        });
+        Ok(Self {
+            mesh_options: MeshOptions { min_points: settings.min_points, min_triangles: settings.min_triangles },
+            settings,
+            calibration: Arc::clone(&setup.calibration),
+            spaces,
+            model,
+            waiting: VecDeque::new(),
+            learnt: BTreeMap::new(),
+            n_joined: 0,
+            n_refused: 0,
+            n_in_a_row: 0,
+            n_restarts: 0,
+            n_points: 0,
+            n_left_out: 0,
+            sent: None,
+            last: [0.0; 3],
+            corrections_mm: Vec::new(),
+            pose_sigmas_mm: Vec::new(),
+            misfits: Vec::new(),
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        while let Some(space) = io.take(&SPACES) {
+            self.learn(&space.value);
+        }
+        while let Some(cloud) = io.take(&CLOUD) {
+            match self.placed(&cloud.value) {
+                Ok(placed) => self.waiting.push_back((cloud, placed)),
+                Err(why) => {
+                    self.n_refused += 1;
+                    io.gap(&JOINED, cloud.value.time, why);
+                    continue;
+                }
+            }
+            let points: usize = self.waiting.iter().map(|it| it.0.value.len()).sum();
+            let first = self.waiting.front().map_or(Time::ZERO, |it| it.0.value.time);
+            let last = self.waiting.back().map_or(Time::ZERO, |it| it.0.value.time);
+            if points >= self.settings.gather_points || (last - first).as_s() * 1e3 >= self.settings.gather_ms {
+                self.join(io);
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let waiting = self.waiting.len();
+        if waiting > 0 {
+            report.remark(format!("{waiting} clouds of the end are not in the surface: with fewer than `gather_points` points they waited for more"));
+        }
+        report.figure("surface.clouds", self.n_joined as f64);
+        report.figure("surface.clouds_refused", self.n_refused as f64);
+        report.figure("surface.points", self.n_points as f64);
+        report.figure("surface.points_left_out", self.n_left_out as f64);
+        report.figure("surface.restarts", self.n_restarts as f64);
+        report.figure("surface.voxel_mm", 1e3 * self.model.voxel_m());
+        report.figure("surface.memory_bytes", self.model.bytes() as f64);
+        let [vertices, triangles, sigma] = self.last;
+        report.figure("surface.vertices", vertices);
+        report.figure("surface.triangles", triangles);
+        if vertices > 0.0 {
+            report.figure("surface.sigma_mm", 1e3 * sigma);
+        }
+        for (name, list) in [
+            ("surface.correction_mm", &self.corrections_mm),
+            ("surface.pose_sigma_mm", &self.pose_sigmas_mm),
+            ("surface.misfit", &self.misfits),
+        ] {
+            if let Some(middle) = median(list) {
+                report.figure(name, middle);
+            }
+        }
+        Ok(())
+    }
+}
+
+impl JoinedSurface {
+    /// Poses of spaces are kept by number, and asynchronous cameras make many: some of them reach as far back as clouds come late.
+    fn learn(&mut self, space: &ScaleSpace) {
+        let is_soon = self.learnt.get(&space.scale).is_some_and(|it| (space.time - *it) < Interval::from_ms(POSES_MS));
+        if space.target.is_none() || !is_soon {
+            self.learnt.insert(space.scale, space.time);
+            self.spaces.learn(space);
+        }
+    }
+
+    /// Where the scale's space and the camera were.
+    fn placed(&self, cloud: &PointCloud) -> Result<Placed, String> {
+        let pose = self.spaces.world_from_own(cloud.time);
+        let pose = pose.map_err(|why| format!("{}: where the target was is not known: {why}", cloud.name))?;
+        let camera = self.calibration.cameras.get(usize::from(cloud.camera.0));
+        let camera_from_world = match (cloud.viewpoint, camera) {
+            (Some(viewpoint), _) => viewpoint.camera_from_space,
+            (None, Some(camera)) => camera.camera.camera_from_world,
+            (None, None) => {
+                return Err(format!(
+                    "{}: found no place of its camera, expected one with the cloud or in the calibration",
+                    cloud.name
+                ));
+            }
+        };
+        Ok(Placed { world_from_scale: pose.transform, covariance: pose.covariance, camera_from_world })
+    }
+
+    /// Takes in what waits.
+    fn join(&mut self, io: &mut Io<'_>) {
+        let clouds: Vec<_> = self.waiting.drain(..).collect();
+        let Some((last, placed)) = clouds.last().map(|it| (it.0.clone(), it.1)) else { return };
+        let n = clouds.len() as u64;
+        let mut piece = Piece::default();
+        for (cloud, placed) in &clouds {
+            let back = placed.world_from_scale.inverse();
+            let turn = back.rotation.to_rotation_matrix().into_inner();
+            piece.points.extend(cloud.value.iter().map(|it| {
+                let covariance = turn * it.covariance.cast::<f64>() * turn.transpose();
+                let normal = back.rotation * it.normal.cast::<f64>();
+                (SurfacePoint { position: back * it.position.cast::<f64>(), covariance, normal }, it.colour)
+            }));
+            piece.viewpoint = back * placed.camera_from_world.inverse() * Point3::origin();
+        }
+        let n_points = piece.points.len();
+        let joined = match self.model.join(piece, &placed.covariance) {
+            Ok(joined) => joined,
+            Err(why) => {
+                self.n_refused += n;
+                self.n_in_a_row += 1;
+                let also = if n > 1 { format!(" with {} more", n - 1) } else { String::new() };
+                io.gap(&JOINED, last.value.time, format!("{}{also}: not joined: {why}", last.value.name));
+                if self.n_in_a_row >= DOUBTS && self.model.n_pieces() == 1 {
+                    self.model.clear();
+                    self.n_restarts += 1;
+                    self.n_in_a_row = 0;
+                }
+                return;
+            }
+        };
+        self.n_in_a_row = 0;
+        self.n_joined += n;
+        self.n_points += joined.n_fused as u64;
+        self.n_left_out += (n_points - joined.n_fused) as u64;
+        self.note(&joined);
+        for (cloud, placed) in &clouds {
+            io.emit(&JOINED, cloud.stamp, moved(&cloud.value, placed, &joined));
+        }
+        let time = last.value.time;
+        let is_due = self.sent.is_none_or(|it| (time - it).as_s() * 1e3 >= self.settings.interval_ms);
+        if is_due {
+            self.sent = Some(time);
+            let mesh = self.mesh(time, &(placed.world_from_scale * joined.surface_from_cloud.inverse()), &joined);
+            io.emit(&SURFACE, last.stamp, mesh);
+        }
+    }
+
+    fn note(&mut self, joined: &Joined) {
+        let Some(found) = &joined.registration else { return };
+        self.pose_sigmas_mm.push(1e3 * found.sigma);
+        self.misfits.push(found.misfit);
+        self.corrections_mm.push(1e3 * found.moved);
+    }
+
+    fn mesh(&mut self, time: Time, world_from_mesh: &Isometry3<f64>, joined: &Joined) -> Mesh {
+        let surface = self.model.mesh(&self.mesh_options);
+        let vertices = surface.vertices.iter().map(|it| MeshVertex {
+            position: it.position.cast(),
+            normal: it.normal.cast(),
+            weight: it.n_points as f32,
+            sigma: it.sigma as f32,
+            colour: it.colour,
+        });
+        let mesh = Mesh {
+            time,
+            n_clouds: self.n_joined as u32,
+            world_from_mesh: *world_from_mesh,
+            covariance: joined.covariance,
+            ..Mesh::new(vertices, &surface.triangles)
+        };
+        self.last = [surface.vertices.len() as f64, surface.triangles.len() as f64, mesh.mean_sigma];
+        mesh
+    }
+}
+
+/// A cloud where it lies on the surface.
+fn moved(cloud: &PointCloud, placed: &Placed, joined: &Joined) -> ScaleCloud {
+    let world_from_surface = placed.world_from_scale * joined.surface_from_cloud.inverse();
+    let surface_from_world = world_from_surface.inverse();
+    let turn = surface_from_world.rotation.to_rotation_matrix().into_inner();
+    let viewpoint = Some(Viewpoint { camera_from_space: placed.camera_from_world * world_from_surface });
+    let mut there = PointCloud { points: Vec::with_capacity(cloud.points.len()), viewpoint, ..PointCloud::default() };
+    for point in cloud.iter() {
+        there.push(&CloudPoint {
+            position: (surface_from_world * point.position.cast::<f64>()).cast(),
+            covariance: (turn * point.covariance.cast::<f64>() * turn.transpose()).cast(),
+            normal: (surface_from_world.rotation * point.normal.cast::<f64>()).cast(),
+            ..point
+        });
+    }
+    let PointCloud { points, mean_sigma, viewpoint, .. } = there;
+    let (name, camera_size) = (cloud.name.clone(), cloud.camera_size);
+    let cloud = PointCloud { time: cloud.time, camera: cloud.camera, name, camera_size, viewpoint, mean_sigma, points };
+    ScaleCloud { cloud, world_from_scale: world_from_surface, covariance: joined.covariance }
+}

@@ -1,0 +1,302 @@
+//! Clouds of a known shape that is moved: big ones, and thin ones along stripes.
+
+use std::sync::Arc;
+
+use foveate::estimation::random::Random;
+use foveate::geometry::surface::{MeshOptions, RegistrationOptions, SurfacePoint};
+use foveate::messages::ScaleId;
+use foveate::node::scale::{ScalePlace, ScaleTree};
+use foveate::prelude::*;
+use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Vector3};
+
+use super::model::{Model, ModelOptions, Piece, Refusal};
+use super::node::{CLOUD, JOINED, JoinedSurface, SPACES, SURFACE, SurfaceSettings};
+
+const HALF: f64 = 0.06;
+const SIGMA: f64 = 1e-4;
+
+/// A face of a kind, 12 cm wide.
+fn height(x: f64, y: f64) -> f64 {
+    let bump = |x0: f64, y0: f64, wide: f64, high: f64| {
+        high * (-((x - x0).powi(2) + (y - y0).powi(2)) / (2.0 * wide * wide)).exp()
+    };
+    -4.0 * x * x - 2.5 * y * y
+        + bump(0.0, 0.005, 0.012, 0.02)
+        + bump(0.03, 0.025, 0.015, 0.008)
+        + bump(-0.02, -0.03, 0.02, 0.01)
+}
+
+fn normal(x: f64, y: f64) -> Vector3<f64> {
+    let slope = |dx: f64, dy: f64| (height(x + dx, y + dy) - height(x - dx, y - dy)) / 2e-6;
+    Vector3::new(-slope(1e-6, 0.0), -slope(0.0, 1e-6), 1.0).normalize()
+}
+
+fn point(x: f64, y: f64, is_flat: bool, has_normal: bool, random: &mut Random) -> SurfacePoint {
+    let (z, normal) = if is_flat { (0.0, Vector3::z()) } else { (height(x, y), normal(x, y)) };
+    SurfacePoint {
+        position: Point3::new(x, y, z + SIGMA * random.normal()),
+        covariance: Matrix3::from_diagonal(&Vector3::new(1e-10, 1e-10, SIGMA * SIGMA)),
+        normal: if has_normal { normal } else { Vector3::zeros() },
+    }
+}
+
+/// Every `spacing`.
+fn full(spacing: f64, is_flat: bool, random: &mut Random) -> Vec<SurfacePoint> {
+    let n = (2.0 * HALF / spacing) as i32;
+    let at = |it: i32| -HALF + spacing * f64::from(it);
+    (0..n * n)
+        .map(|it| {
+            let [dx, dy] = [0, 1].map(|_| spacing * random.uniform());
+            point(at(it % n) + dx, at(it / n) + dy, is_flat, true, random)
+        })
+        .collect()
+}
+
+/// Along stripes 12 mm apart, the first at `phase` of that, without normals.
+fn stripes(phase: f64, random: &mut Random) -> Vec<SurfacePoint> {
+    let lines = (0..10).map(|it| -HALF + 0.012 * (f64::from(it) + phase));
+    lines
+        .flat_map(|x| (0..120).map(move |it| (x, -HALF + 0.001 * f64::from(it))))
+        .map(|(x, y)| point(x, y, false, false, random))
+        .collect()
+}
+
+fn options() -> ModelOptions {
+    ModelOptions {
+        voxel_m: 0.001,
+        truncation: 4.0,
+        start_sigmas: [0.005, 0.05],
+        max_pose_sigma_m: 0.0,
+        registration: RegistrationOptions::default(),
+        max_bytes: 200_000_000,
+    }
+}
+
+fn piece(points: &[SurfacePoint], surface_from_cloud: &Isometry3<f64>) -> Piece {
+    let back = surface_from_cloud.inverse();
+    let turn = back.rotation.to_rotation_matrix().into_inner();
+    let one = |it: &SurfacePoint| {
+        let there = SurfacePoint {
+            position: back * it.position,
+            covariance: turn * it.covariance * turn.transpose(),
+            normal: back.rotation * it.normal,
+        };
+        (there, [100; 3])
+    };
+    Piece { points: points.iter().map(one).collect(), viewpoint: back * Point3::new(0.0, 0.0, 3.0) }
+}
+
+fn rms(model: &Model) -> (f64, usize) {
+    let mesh = model.mesh(&MeshOptions { min_points: 0.5, min_triangles: 100 });
+    let off = |it: &Point3<f64>| ((it.z - height(it.x, it.y)) * normal(it.x, it.y).z).powi(2);
+    let sum: f64 = mesh.vertices.iter().map(|it| off(&it.position)).sum();
+    ((sum / mesh.vertices.len() as f64).sqrt(), mesh.vertices.len())
+}
+
+#[test]
+fn a_thing_that_moves_and_turns_is_one_surface_and_nothing_drifts() {
+    let mut random = Random::new(4);
+    let mut model = Model::new(options());
+    let mut truth = Isometry3::identity();
+    let mut worst = 0.0_f64;
+    for number in 0..12 {
+        let joined = model.join(piece(&full(0.0012, false, &mut random), &truth), &Matrix6::identity()).unwrap();
+        assert_eq!(joined.registration.is_some(), number > 0);
+        let off = joined.surface_from_cloud.inverse() * truth * Point3::origin();
+        worst = worst.max(off.coords.norm());
+        // Over a centimetre and 5° in the end.
+        truth *= Isometry3::new(Vector3::new(0.002, 0.001, -0.001), Vector3::new(0.004, -0.003, 0.007));
+    }
+    let (rms, n) = rms(&model);
+    assert!(worst < 4e-5, "{worst}");
+    assert!(rms < 0.5 * SIGMA && n > 12_000, "{rms} {n}");
+}
+
+#[test]
+fn what_does_not_fit_changes_nothing() {
+    let mut random = Random::new(5);
+    let mut model = Model::new(options());
+    let still = Isometry3::identity();
+    let prior = Matrix6::zeros();
+    model.join(piece(&full(0.001, false, &mut random), &still), &prior).unwrap();
+    let before = model.mesh(&MeshOptions { min_points: 0.5, min_triangles: 1 });
+    let flat = model.join(piece(&full(0.001, true, &mut random), &still), &prior);
+    assert!(matches!(flat, Err(Refusal::Unregistered(_))), "{flat:?}");
+    let far = model.join(piece(&full(0.001, false, &mut random), &Isometry3::translation(0.2, 0.0, 0.0)), &prior);
+    assert!(matches!(far, Err(Refusal::Unregistered(_))), "{far:?}");
+    let few = model.join(piece(&full(0.02, false, &mut random), &still), &prior);
+    assert!(few.unwrap_err().to_string().contains("36 points, expected at least 60"));
+    assert_eq!(model.mesh(&MeshOptions { min_points: 0.5, min_triangles: 1 }), before);
+    assert_eq!(model.n_pieces(), 1);
+}
+
+#[test]
+fn planes_are_not_held_and_memory_is_bounded() {
+    let mut random = Random::new(6);
+    let mut model = Model::new(options());
+    let still = Isometry3::identity();
+    model.join(piece(&full(0.001, true, &mut random), &still), &Matrix6::zeros()).unwrap();
+    let inner: Vec<SurfacePoint> =
+        full(0.001, true, &mut random).into_iter().filter(|it| it.position.coords.xy().amax() < 0.04).collect();
+    match model.join(piece(&inner, &still), &Matrix6::zeros()) {
+        Err(Refusal::NotHeld { n_open: 3, sigma_m, .. }) => assert!((3e-3..2e-2).contains(&sigma_m), "{sigma_m}"),
+        other => panic!("{other:?}"),
+    }
+    let mut small = Model::new(ModelOptions { max_bytes: 1_000_000, ..options() });
+    let joined = small.join(piece(&full(0.001, false, &mut random), &still), &Matrix6::zeros()).unwrap();
+    assert!(
+        joined.n_beyond_memory > 1000 && small.bytes() <= 1_000_000,
+        "{} {}",
+        joined.n_beyond_memory,
+        small.bytes()
+    );
+}
+
+#[test]
+fn what_all_points_of_a_cloud_share_is_no_noise() {
+    let mut random = Random::new(8);
+    let mut model = Model::new(options());
+    let (mut normalised, n) = (0.0, 20);
+    for number in 0..=n {
+        let truth = Isometry3::translation(0.0, 2e-4 * random.normal(), 5e-4 * random.normal());
+        let mut cloud = piece(&full(0.001, false, &mut random), &truth);
+        cloud.points.iter_mut().for_each(|it| it.0.covariance += Matrix3::identity() * 1e-6);
+        let joined = model.join(cloud, &Matrix6::zeros()).unwrap();
+        if number > 0 {
+            let off = truth.inverse() * joined.surface_from_cloud;
+            let (turn, shift) = (off.rotation.scaled_axis(), off.translation.vector);
+            let error = nalgebra::Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
+            normalised += error.dot(&(joined.covariance.try_inverse().unwrap() * error)) / 6.0 / f64::from(n);
+        } else {
+            // All others are held against where the first one lay.
+            model.clear();
+            model.join(piece(&full(0.001, false, &mut random), &Isometry3::identity()), &Matrix6::zeros()).unwrap();
+        }
+    }
+    assert!((0.3..3.0).contains(&normalised), "{normalised}");
+    let mesh = model.mesh(&MeshOptions { min_points: 0.5, min_triangles: 100 });
+    let sigma = mesh.vertices.iter().map(|it| it.sigma).sum::<f64>() / mesh.vertices.len() as f64;
+    assert!((5e-6..3e-5).contains(&sigma), "{sigma}");
+}
+
+#[test]
+fn the_voxel_follows_from_the_distance_of_points() {
+    let mut random = Random::new(6);
+    let mut model = Model::new(ModelOptions { voxel_m: 0.0, ..options() });
+    model.join(piece(&full(0.002, false, &mut random), &Isometry3::identity()), &Matrix6::zeros()).unwrap();
+    assert!((0.0015..0.004).contains(&model.voxel_m()), "{}", model.voxel_m());
+}
+
+/// A scale on a target, in a room.
+fn setup() -> Setup {
+    let place = |name: &str, parent: Option<ScaleId>| ScalePlace {
+        name: name.to_owned(),
+        parent,
+        is_anchored: parent.is_some(),
+    };
+    let scales =
+        ScaleTree { own: ScaleId(1), places: Arc::new([place("room", None), place("close", Some(ScaleId(0)))]) };
+    Setup { scales, connected: vec!["cloud".to_owned(), "spaces".to_owned()], ..Setup::for_tests() }
+}
+
+/// Where the target of the tests below is at a time, moved at 10 cm/s and turned at 3 °/s; the tracker knows nothing of the turn.
+fn world_from_thing(time_s: f64) -> Isometry3<f64> {
+    Isometry3::new(Vector3::new(0.1 * time_s, 1.0, 1.5), Vector3::new(0.0, 0.05 * time_s, 0.0))
+}
+
+fn space(time: Time, random: &mut Random) -> ScaleSpace {
+    let noise = Vector3::from_fn(|_, _| 3e-4 * random.normal());
+    ScaleSpace {
+        scale: ScaleId(1),
+        time,
+        target: Some(TargetId(1)),
+        parent_from_scale: Isometry3::from_parts(
+            (world_from_thing(time.as_s()).translation.vector + noise).into(),
+            Default::default(),
+        ),
+        covariance: Matrix6::identity() * 1e-7,
+        velocity: Vector3::new(0.1, 0.0, 0.0),
+        motion_covariance: Matrix6::identity() * 1e-7,
+    }
+}
+
+fn cloud(points: &[SurfacePoint], time: Time) -> PointCloud {
+    let world_from_thing = world_from_thing(time.as_s());
+    let turn = world_from_thing.rotation.to_rotation_matrix().into_inner();
+    let viewpoint = Viewpoint { camera_from_space: Isometry3::translation(0.0, 0.0, -4.0) };
+    let mut cloud = PointCloud { time, name: "set".to_owned(), viewpoint: Some(viewpoint), ..PointCloud::default() };
+    for it in points {
+        cloud.push(&CloudPoint {
+            position: (world_from_thing * it.position).cast(),
+            covariance: (turn * it.covariance * turn.transpose()).cast(),
+            normal: (world_from_thing.rotation * it.normal).cast(),
+            confidence: 1.0,
+            pixel: [0, 0],
+            colour: [50; 3],
+        });
+    }
+    cloud
+}
+
+/// Runs the node over clouds at a rate; the last surface, and how far the poses of the last joined cloud and of the first are from each other, over the truth [m].
+fn run(
+    rate_hz: f64,
+    n: usize,
+    settings: SurfaceSettings,
+    mut points: impl FnMut(usize, &mut Random) -> Vec<SurfacePoint>,
+) -> (Arc<Mesh>, f64, Report) {
+    let mut random = Random::new(9);
+    let mut bench = NodeBench::<JoinedSurface>::with_setup(settings, &setup()).unwrap();
+    for number in 0..n {
+        let time = Time::from_s(number as f64 / rate_hz);
+        bench.feed(&SPACES, time, space(time, &mut random)).unwrap();
+        let points = points(number, &mut random);
+        bench.feed(&CLOUD, time, cloud(&points, time)).unwrap();
+    }
+    let joined = bench.outputs(&JOINED);
+    let thing_from_joined = |it: &ScaleCloud| world_from_thing(it.cloud.time.as_s()).inverse() * it.world_from_scale;
+    let [first, last] = [joined.first(), joined.last()].map(|it| thing_from_joined(&it.unwrap().value));
+    let off = (first.inverse() * last * Point3::origin()).coords.norm();
+    let surfaces = bench.outputs(&SURFACE);
+    (Arc::clone(&surfaces.last().unwrap().value), off, bench.finish().unwrap())
+}
+
+#[test]
+fn few_big_clouds_of_a_target_that_turns_are_joined_in_its_space() {
+    let (mesh, off, report) = run(2.0, 6, SurfaceSettings::default(), |_, random| full(0.001, false, random));
+    assert_eq!((report.figures["surface.clouds"], report.figures["surface.clouds_refused"]), (6.0, 0.0));
+    assert!(off < 5e-5, "{off}");
+    assert!(mesh.vertices().len() > 3000 && mesh.n_clouds == 6, "{}", mesh.vertices().len());
+    // Where the thing was when the last cloud was taken: its nose is there in the world.
+    let nose = world_from_thing(mesh.time.as_s()) * Point3::new(0.0, 0.005, height(0.0, 0.005));
+    let nearest = mesh.vertices().map(|it| (mesh.world_from_mesh * it.position.cast::<f64>() - nose).norm());
+    assert!(nearest.fold(f64::INFINITY, f64::min) < 2e-3);
+}
+
+#[test]
+fn many_thin_clouds_along_stripes_become_the_same_surface() {
+    let settings = SurfaceSettings { voxel_mm: 1.5, gather_points: 20_000, ..SurfaceSettings::default() };
+    let (mesh, off, report) = run(60.0, 120, settings, |number, random| stripes(0.37 * number as f64 % 1.0, random));
+    assert!(report.figures["surface.clouds"] >= 100.0, "{:?}", report.figures);
+    // Within a group clouds lie as the track has them: 0.3 mm an axis, for the first and for the last. Registered are groups.
+    assert!(off < 2e-3, "{off}");
+    let cells = (2.0 * HALF / 0.0015).powi(2);
+    assert!(mesh.vertices().len() as f64 > 0.8 * cells, "{} of {cells}", mesh.vertices().len());
+}
+
+#[test]
+fn a_cloud_without_a_place_for_the_target_is_refused_with_a_remark() {
+    let mut bench = NodeBench::<JoinedSurface>::with_setup(SurfaceSettings::default(), &setup()).unwrap();
+    bench.feed(&CLOUD, Time::ZERO, cloud(&full(0.002, false, &mut Random::new(1)), Time::ZERO)).unwrap();
+    assert!(bench.outputs(&JOINED).is_empty());
+    let gaps = bench.gaps(&JOINED);
+    assert!(gaps[0].reason.contains("where the target was is not known"), "{gaps:?}");
+    let loose = Setup { connected: vec!["cloud".to_owned()], ..setup() };
+    let refused = JoinedSurface::new(SurfaceSettings::default(), &loose).err().unwrap();
+    assert!(refused.message.contains("expected `anchor.space`"), "{}", refused.message);
+}
+
+#[test]
+fn node_keeps_its_promises() {
+    foveate_testkit::check_node::<JoinedSurface>("voxel_mm = 2.0\ngather_ms = 50");
+}
