@@ -43,7 +43,7 @@ impl RangeImage {
         let pixel = self.camera.project(point)?;
         let [columns, rows] = self.camera.image_size.map(f64::from);
         let (x, y) = ((pixel.x + 0.5).floor(), (pixel.y + 0.5).floor());
-        ((0.0..columns).contains(&x) && (0.0..rows).contains(&y)).then(|| (y * columns + x) as usize)
+        ((0.0..columns).contains(&x) && (0.0..rows).contains(&y)).then_some((y * columns + x) as usize)
     }
 }
 
