@@ -17,6 +17,8 @@ pub enum Code {
     Gray,
     /// A phase shift on top of a Gray code whose stripes are half a period wide.
     Phase,
+    /// A stripe boundary code, for what moves: four pictures, shown again and again.
+    Boundary,
 }
 
 /// Where the inverse picture of a bit stands.
@@ -40,9 +42,9 @@ pub enum InversePictures {
 pub struct PatternSettings {
     /// Columns and rows of the projector; 0, 0: those of the projector in the calibration [px]
     pub projector_px: [u32; 2],
-    /// What the patterns carry: `gray` or `phase` [–]
+    /// What the patterns carry: `gray`, `phase` or `boundary` [–]
     pub code: Code,
-    /// What follows what, each at most once: `columns` (the bits that tell the column), `rows`, `white`, `black` [–]
+    /// What follows what, each at most once: `columns` (the bits that tell the column), `rows`, `white`, `black`; of a boundary code, the first of `columns` and `rows` alone [–]
     pub order: String,
     /// Where the inverse of a bit stands: `after` it, `before` it, `apart` (after all bits of its axis), `none` [–]
     pub inverse: InversePictures,
@@ -58,6 +60,9 @@ pub struct PatternSettings {
     /// Period of a phase shift: a power of two, at least 4 [px]
     #[schemars(range(min = 4, max = 1024))]
     pub period_px: u32,
+    /// Width of a stripe of a boundary code [px]
+    #[schemars(range(min = 2, max = 1024))]
+    pub stripe_px: u32,
 }
 
 impl Default for PatternSettings {
@@ -73,6 +78,7 @@ impl Default for PatternSettings {
             bits: [0, 0],
             steps: 4,
             period_px: 16,
+            stripe_px: 4,
         }
     }
 }
@@ -124,6 +130,11 @@ impl PatternSettings {
                     return Err(ConfigError::at("code", message));
                 }
                 StripeCode::phase(size, self.steps, self.period_px)
+            }
+            Code::Boundary => {
+                let code = StripeCode::boundary(size, self.stripe_px, &order);
+                code.check().map_err(|fault| ConfigError::at("stripe_px", fault))?;
+                return Ok(code);
             }
         };
         let code = StripeCode { order, inverse, fine_first: self.fine_first, ..code };
@@ -187,6 +198,8 @@ mod tests {
         assert!(refused(PatternSettings { order: "columns columns".into(), ..good.clone() }).1.contains("once"));
         let period = PatternSettings { code: Code::Phase, period_px: 12, ..good.clone() };
         assert_eq!(refused(period).0.as_deref(), Some("period_px"));
+        let thin = PatternSettings { code: Code::Boundary, stripe_px: 1, ..good.clone() };
+        assert_eq!(refused(thin).0.as_deref(), Some("stripe_px"));
         assert!(PatternSettings::read("projektor_px = [4, 4]").unwrap_err().contains("projektor_px"));
     }
 }

@@ -20,7 +20,7 @@ pub struct PatternsArgs {
     /// What the patterns carry
     #[arg(long, value_enum, default_value_t = CodeKind::Gray)]
     code: CodeKind,
-    /// What follows what: words out of columns, rows, white, black
+    /// What follows what: words out of columns, rows, white, black; of a boundary code, the first of columns and rows
     #[arg(long, value_name = "WORDS", default_value = "columns rows white black")]
     order: String,
     /// No inverse pictures: white and black give the threshold
@@ -35,6 +35,9 @@ pub struct PatternsArgs {
     /// Period of a phase shift, a power of two [px]
     #[arg(long, value_name = "PX", default_value_t = 16, value_parser = clap::value_parser!(u32).range(4..=1024))]
     period: u32,
+    /// Width of a stripe of a boundary code [px]
+    #[arg(long, value_name = "PX", default_value_t = 4, value_parser = clap::value_parser!(u32).range(2..=1024))]
+    stripe: u32,
     /// Gamma of the projector, so that sine waves are sine waves in light; stripes are either lit or not
     #[arg(long, default_value_t = 1.0, value_parser = gamma)]
     gamma: f64,
@@ -49,6 +52,8 @@ enum CodeKind {
     Gray,
     /// A phase shift on top of a coarser Gray code
     Phase,
+    /// Four pictures of stripes, shown again and again, for what moves
+    Boundary,
 }
 
 /// `1024x768`
@@ -67,12 +72,17 @@ fn gamma(text: &str) -> Result<f64, String> {
 pub(super) fn run(args: &PatternsArgs) -> u8 {
     let settings = PatternSettings {
         projector_px: args.size,
-        code: if args.code == CodeKind::Gray { Code::Gray } else { Code::Phase },
+        code: match args.code {
+            CodeKind::Gray => Code::Gray,
+            CodeKind::Phase => Code::Phase,
+            CodeKind::Boundary => Code::Boundary,
+        },
         order: args.order.clone(),
         inverse: if args.no_inverse { InversePictures::None } else { InversePictures::After },
         centred: args.centred,
         steps: args.steps,
         period_px: args.period,
+        stripe_px: args.stripe,
         ..PatternSettings::default()
     };
     match write_patterns(&settings, args.gamma, &args.out) {
