@@ -32,7 +32,7 @@ const ASKED: f32 = 2.0 + 2.0 * ROWS as f32;
 /// Neighbours that must confirm a boundary.
 const LEAST: usize = 3;
 /// The next boundary is no farther away than this, and no nearer, in stripes.
-const NEXT: std::ops::RangeInclusive<f32> = 0.3..=2.6;
+const NEXT: std::ops::RangeInclusive<f32> = 0.25..=4.0;
 /// The same boundary is no farther off in the next row than this, in stripes.
 const BESIDE: f32 = 0.35;
 /// What a ghost's place may be off because its motion is not even, for each pixel by which that has changed [–].

