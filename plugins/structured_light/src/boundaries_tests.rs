@@ -141,11 +141,13 @@ fn node_keeps_the_law() {
 #[test]
 fn each_picture_has_a_map_of_its_own_time_one_picture_late() {
     let found = run(near(), STRIPE, 12, |_| Fate::Fine);
-    assert!(found.maps.len() >= 7, "{} {:?}", found.maps.len(), found.gaps);
+    assert!(found.maps.len() >= 5, "{} {:?}", found.maps.len(), found.gaps);
     for (at, map) in &found.maps {
         let number = (2..12).find(|it| time(*it) == *at).unwrap();
         let (n, wrong, sigmas) = judge(map, number);
-        assert!(n > 50_000 && wrong == 0, "picture {number}: {n} pixels, {wrong} wrong");
+        // Tracks that began with a ghost are known later.
+        let least = if number < 7 { 5_000 } else { 25_000 };
+        assert!(n > least && wrong == 0, "picture {number}: {n} pixels, {wrong} wrong");
         assert!((0.1..1.5).contains(&sigmas), "picture {number}: {sigmas}");
     }
     let figure = |name: &str| found.report.figures[&format!("boundaries.{name}.camera")];
@@ -185,7 +187,7 @@ fn what_goes_wrong_is_named_and_got_over() {
             assert!(wrong * 1000 <= n, "{words}, picture {number}: {n} pixels, {wrong} wrong");
         }
         let (at, last) = found.maps.last().unwrap();
-        assert!(*at == time(16) && last.n_known > 50_000, "{words}: {} at {} s", last.n_known, at.as_s());
+        assert!(*at == time(16) && last.n_known > 25_000, "{words}: {} at {} s", last.n_known, at.as_s());
     }
 }
 

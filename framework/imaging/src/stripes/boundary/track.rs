@@ -30,7 +30,7 @@ pub struct TrackOptions {
 
 impl Default for TrackOptions {
     fn default() -> Self {
-        Self { pitch: 8.0, new_reach: 0.5, known_reach: 0.3, threads: 1 }
+        Self { pitch: 8.0, new_reach: 0.5, known_reach: 0.2, threads: 1 }
     }
 }
 
