@@ -61,7 +61,7 @@ fn seen(number: usize, frame: usize, gain: f64, code: &StripeCode) -> Image {
     let shown = picture(code, code.pictures()[frame], 1.0);
     let lit = |column: f64| -> f64 {
         let at = (column + 0.5).floor();
-        if at < 0.0 || at >= 1024.0 { 0.0 } else { f64::from(shown[at as usize]) / 255.0 }
+        if (0.0..1024.0).contains(&at) { f64::from(shown[at as usize]) / 255.0 } else { 0.0 }
     };
     let mut random = foveate::estimation::random::Random::new(number as u64 + 1);
     let pixels = columns(number).into_iter().map(|column| {

@@ -238,7 +238,7 @@ mod tests {
             normalised += (error / f64::from(edges[0].sigma)).powi(2);
             n += 1.0;
         }
-        let (rms, normalised) = ((squares / n as f64).sqrt(), (normalised / n).sqrt());
+        let (rms, normalised) = ((squares / n).sqrt(), (normalised / n).sqrt());
         assert!(rms < 0.06, "{rms}");
         assert!((0.3..1.3).contains(&normalised), "{normalised}");
     }

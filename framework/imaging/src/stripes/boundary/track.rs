@@ -219,7 +219,7 @@ impl Tracker {
                 let near = edges[after.saturating_sub(1)..(after + 1).min(edges.len())].iter();
                 let near = near.filter(|it| (it.x - track.now.x).abs() <= reach);
                 let nearest = near.min_by(|a, b| (a.x - track.now.x).abs().total_cmp(&(b.x - track.now.x).abs()));
-                let look = nearest.map(|it| look_of(it));
+                let look = nearest.map(look_of);
                 found.n += 1;
                 for (frame, fits) in found.fits.iter_mut().enumerate() {
                     let expected = code.look(number, frame);
