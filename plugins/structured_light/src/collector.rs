@@ -273,6 +273,11 @@ impl Collector {
         let code =
             PatternSettings::read(&all.manifest).and_then(|it| it.stripe_code(None).map_err(|fault| fault.message));
         let code = match code {
+            Ok(code) if code.frames > 0 => {
+                let expected = "expected a static one: `structured_light.boundaries` takes the pictures one by one";
+                self.refuse(io, time, format!("{name}: found a boundary code, {expected}"));
+                return;
+            }
             Ok(code) if code.pictures().len() == all.names.len() => code,
             Ok(code) => {
                 let (found, expected) = (all.names.len(), code.pictures().len());

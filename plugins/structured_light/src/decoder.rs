@@ -202,6 +202,12 @@ impl Decoder {
             }
             let code = manifest.and_then(|it| it.stripe_code(None).map_err(|fault| fault.message));
             let code = code.map_err(|fault| format!("`{}/{}`: {fault}", set.name, crate::pattern::MANIFEST))?;
+            if code.frames > 0 {
+                return Err(format!(
+                    "`{}`: found a boundary code, expected a static one: `structured_light.boundaries` reads it",
+                    set.name
+                ));
+            }
             if let Some(size) = self.projector_size.filter(|it| *it != code.projector) {
                 let [found, expected] = [code.projector, size].map(|[columns, rows]| format!("{columns} x {rows} px"));
                 let name = &self.settings.projector;

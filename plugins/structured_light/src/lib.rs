@@ -6,6 +6,7 @@
 //! | [`structured_light.projector`](projector::Projector) | shows the patterns on a projector, full screen in a browser, and says when |
 //! | [`structured_light.collector`](collector::Collector) | gathers the pictures of a set out of a camera's and of what a projector was told to show |
 //! | [`structured_light.decoder`](decoder::Decoder) | finds where in the projector each camera pixel is lit from |
+//! | [`structured_light.boundaries`](boundaries::Boundaries) | tracks boundaries of stripes on what moves, picture by picture |
 //! | [`structured_light.corners`](corners::Corners) | finds the corners of a chessboard in camera and projector |
 //! | [`structured_light.calibrator`](calibrator::Calibrator) | calibrates camera and projector together from these, and tests each set by the others |
 //! | [`structured_light.triangulator`](triangulator::Triangulator) | makes a point cloud with covariances and normals |
@@ -13,11 +14,13 @@
 //!
 //! In a calibration the projector is a camera like any other: light runs the other way along the same rays.
 
+pub mod boundaries;
 pub mod calibrator;
 pub mod collector;
 pub mod corners;
 pub mod decoder;
 pub mod files;
+mod foresight;
 pub mod pair;
 pub mod pattern;
 pub mod pictures;
@@ -37,6 +40,7 @@ pub fn register(registry: &mut Registry) {
     registry.add::<projector::Projector>();
     registry.add::<collector::Collector>();
     registry.add::<decoder::Decoder>();
+    registry.add::<boundaries::Boundaries>();
     registry.add::<corners::Corners>();
     registry.add::<calibrator::Calibrator>();
     registry.add::<triangulator::Triangulator>();

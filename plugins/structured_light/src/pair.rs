@@ -44,7 +44,6 @@ pub fn triangulate(
     pixel: &Point2<f64>,
     sample: &ProjectorSample,
 ) -> Option<OnRay> {
-    let ray = camera.ray(pixel)?;
     let seen = sample.coordinate.map(f64::from);
     let weights = [0, 1].map(|it| {
         let sigma = f64::from(sample.sigma[it]);
@@ -53,6 +52,7 @@ pub fn triangulate(
     if weights == [0.0; 2] {
         return None;
     }
+    let ray = camera.ray(pixel)?;
     let mut depth = start(projector, &ray, seen, weights)?;
     let along = ray.direction.into_inner();
     for step in 0..=STEPS {

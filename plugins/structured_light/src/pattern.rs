@@ -18,6 +18,8 @@ pub enum Code {
     Gray,
     /// A phase shift on top of a Gray code whose stripes are half a period wide.
     Phase,
+    /// A stripe boundary code, for what moves: four pictures, shown again and again.
+    Boundary,
 }
 
 /// Where the inverse picture of a bit stands.
@@ -41,9 +43,9 @@ pub enum InversePictures {
 pub struct PatternSettings {
     /// Columns and rows of the projector; 0, 0: those of the projector in the calibration [px]
     pub projector_px: [u32; 2],
-    /// What the patterns carry: `gray` or `phase` [–]
+    /// What the patterns carry: `gray`, `phase` or `boundary` [–]
     pub code: Code,
-    /// What follows what, each at most once: `columns` (the bits that tell the column), `rows`, `white`, `black` [–]
+    /// What follows what, each at most once: `columns` (the bits that tell the column), `rows`, `white`, `black`; of a boundary code, the first of `columns` and `rows` alone [–]
     pub order: String,
     /// Where the inverse of a bit stands: `after` it, `before` it, `apart` (after all bits of its axis), `none` [–]
     pub inverse: InversePictures,
@@ -59,6 +61,9 @@ pub struct PatternSettings {
     /// Period of a phase shift: a power of two, at least 4 [px]
     #[schemars(range(min = 4, max = 1024))]
     pub period_px: u32,
+    /// Width of a stripe of a boundary code [px]
+    #[schemars(range(min = 2, max = 1024))]
+    pub stripe_px: u32,
 }
 
 impl Default for PatternSettings {
@@ -74,6 +79,7 @@ impl Default for PatternSettings {
             bits: [0, 0],
             steps: 4,
             period_px: 16,
+            stripe_px: 4,
         }
     }
 }
@@ -132,6 +138,11 @@ impl PatternSettings {
                     return Err(ConfigError::at("code", message));
                 }
                 StripeCode::phase(size, self.steps, self.period_px)
+            }
+            Code::Boundary => {
+                let code = StripeCode::boundary(size, self.stripe_px, &order);
+                code.check().map_err(|fault| ConfigError::at("stripe_px", fault))?;
+                return Ok(code);
             }
         };
         self.check_order(&order)?;
@@ -241,6 +252,8 @@ mod tests {
         let other = good.stripe_code(Some([64, 50])).unwrap_err();
         assert!(other.message.contains("found 64 x 48 px, expected 64 x 50 px"), "{}", other.message);
         assert_eq!(good.differences(&one("rows columns", InversePictures::After)).len(), 1);
+        let thin = PatternSettings { code: Code::Boundary, stripe_px: 1, ..good.clone() };
+        assert_eq!(refused(thin).0.as_deref(), Some("stripe_px"));
         assert!(PatternSettings::read("projektor_px = [4, 4]").unwrap_err().contains("projektor_px"));
     }
 }

@@ -20,7 +20,7 @@ pub struct PatternsArgs {
     /// What the patterns carry
     #[arg(long, value_enum, default_value_t = CodeKind::Gray)]
     code: CodeKind,
-    /// What follows what: words out of columns, rows, white, black
+    /// What follows what: words out of columns, rows, white, black; of a boundary code, the first of columns and rows
     #[arg(long, value_name = "WORDS", default_value = "columns rows white black")]
     order: String,
     /// No inverse pictures: white and black give the threshold
@@ -35,6 +35,9 @@ pub struct PatternsArgs {
     /// Period of a phase shift, a power of two [default: 16] [px]
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(4..=1024))]
     period: Option<u32>,
+    /// Width of a stripe of a boundary code [default: 4] [px]
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(2..=1024))]
+    stripe: Option<u32>,
     /// Gamma of the projector, so that sine waves of a phase shift are sine waves in light [default: 1]
     #[arg(long, value_parser = gamma)]
     gamma: Option<f64>,
@@ -49,6 +52,8 @@ enum CodeKind {
     Gray,
     /// A phase shift on top of a coarser Gray code
     Phase,
+    /// Four pictures of stripes, shown again and again, for what moves
+    Boundary,
 }
 
 /// `1024x768`
@@ -66,10 +71,20 @@ fn gamma(text: &str) -> Result<f64, String> {
 
 /// An option that says nothing about the pictures asked for.
 fn without_effect(args: &PatternsArgs) -> Option<String> {
-    let of_phase =
-        [("--steps", args.steps.is_some()), ("--period", args.period.is_some()), ("--gamma", args.gamma.is_some())];
-    let idle = of_phase.iter().find(|it| it.1 && args.code == CodeKind::Gray);
-    let idle = idle.map(|(name, _)| format!("found `{name}` with `--code gray`, expected it with `--code phase` only"));
+    use CodeKind::{Boundary, Gray, Phase};
+    let given: [(&str, bool, &[CodeKind]); 6] = [
+        ("--steps", args.steps.is_some(), &[Phase]),
+        ("--period", args.period.is_some(), &[Phase]),
+        ("--gamma", args.gamma.is_some(), &[Phase]),
+        ("--stripe", args.stripe.is_some(), &[Boundary]),
+        ("--no-inverse", args.no_inverse, &[Gray, Phase]),
+        ("--centred", args.centred, &[Gray, Phase]),
+    ];
+    let name = |kind: CodeKind| kind.to_possible_value().map_or_else(String::new, |it| it.get_name().to_owned());
+    let idle = given.iter().find(|it| it.1 && !it.2.contains(&args.code)).map(|(option, _, of)| {
+        let of: Vec<String> = of.iter().map(|it| format!("`--code {}`", name(*it))).collect();
+        format!("found `{option}` with `--code {}`, expected it with {} only", name(args.code), of.join(" or "))
+    });
     let [columns, rows] = args.size;
     let is_whole = args.centred && args.size.iter().all(|it| it.is_power_of_two());
     idle.or_else(|| {
@@ -86,18 +101,24 @@ pub(super) fn run(args: &PatternsArgs) -> u8 {
     let usual = PatternSettings::default();
     let settings = PatternSettings {
         projector_px: args.size,
-        code: if args.code == CodeKind::Gray { Code::Gray } else { Code::Phase },
+        code: match args.code {
+            CodeKind::Gray => Code::Gray,
+            CodeKind::Phase => Code::Phase,
+            CodeKind::Boundary => Code::Boundary,
+        },
         order: args.order.clone(),
         inverse: if args.no_inverse { InversePictures::None } else { InversePictures::After },
         centred: args.centred,
         steps: args.steps.unwrap_or(usual.steps),
         period_px: args.period.unwrap_or(usual.period_px),
+        stripe_px: args.stripe.unwrap_or(usual.stripe_px),
         ..usual
     };
     if let Err(fault) = settings.stripe_code(None) {
         let option = match fault.setting.as_deref() {
             Some("period_px") => "--period",
             Some("steps") => "--steps",
+            Some("stripe_px") => "--stripe",
             Some("code") => "--code",
             Some("projector_px") => "--size",
             _ => "--order",

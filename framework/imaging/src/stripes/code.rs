@@ -1,5 +1,6 @@
 //! Which pictures make a code, and in which order a set of pictures holds them.
 
+use super::boundary::FRAMES;
 use crate::ImagingError;
 
 /// Projectors are at most so large, each way [px]: stripes are numbered with 16 bits, and one number says that there is none.
@@ -60,13 +61,20 @@ pub enum Shown {
         /// Step `k` of `n` is ahead by k/n of a period.
         step: u32,
     },
+    /// One of the pictures of a stripe boundary code.
+    Boundary {
+        /// Of which coordinate.
+        axis: Axis,
+        /// Which: see [`super::boundary::BoundaryCode`].
+        frame: u32,
+    },
 }
 
 impl Shown {
     /// The axis whose stripes it shows.
     pub fn axis(&self) -> Option<Axis> {
         match self {
-            Shown::Bit { axis, .. } | Shown::Phase { axis, .. } => Some(*axis),
+            Shown::Bit { axis, .. } | Shown::Phase { axis, .. } | Shown::Boundary { axis, .. } => Some(*axis),
             Shown::White | Shown::Black => None,
         }
     }
@@ -82,6 +90,7 @@ impl std::fmt::Display for Shown {
                 write!(f, "bit {plane} of the {}{inverse}", axis.in_words())
             }
             Shown::Phase { axis, step } => write!(f, "phase step {step} of the {}", axis.in_words()),
+            Shown::Boundary { axis, frame } => write!(f, "boundary picture {frame} of the {}", axis.in_words()),
         }
     }
 }
@@ -150,6 +159,8 @@ pub struct StripeCode {
     pub steps: u32,
     /// Its period [px].
     pub period: u32,
+    /// Pictures of a stripe boundary code, which takes the place of bits and phase and is shown again and again; 0: the code is static.
+    pub frames: u32,
 }
 
 /// Bits that `n` numbers need.
@@ -170,6 +181,20 @@ impl StripeCode {
             fine_first: false,
             steps: 0,
             period: 0,
+            frames: 0,
+        }
+    }
+
+    /// Stripe boundary code of stripes `stripe` px wide, along the axis that `order` names first; columns where it names none.
+    pub fn boundary(projector: [u32; 2], stripe: u32, order: &[Group]) -> StripeCode {
+        let first = order.iter().find(|it| matches!(it, Group::Stripes(_)));
+        StripeCode {
+            bits: [0, 0],
+            stripe: [stripe, stripe],
+            order: vec![first.copied().unwrap_or(Group::Stripes(Axis::Columns))],
+            inverse: Inverse::None,
+            frames: FRAMES as u32,
+            ..StripeCode::gray(projector)
         }
     }
 
@@ -204,6 +229,13 @@ impl StripeCode {
         let sides = "1 to 32768 columns and rows";
         for side in self.projector {
             ImagingError::unless((1..=MAX_SIDE).contains(&side), "projector", sides, f64::from(side))?;
+        }
+        if self.frames > 0 {
+            let alone = matches!(self.order[..], [Group::Stripes(_)]);
+            let found = self.order.len() as f64;
+            ImagingError::unless(alone, "order", "columns or rows alone for a boundary code", found)?;
+            let fits = self.stripe.iter().all(|it| (2..=1024).contains(it));
+            return ImagingError::unless(fits, "stripe", "2 to 1024", f64::from(self.stripe[0]));
         }
         for axis in Axis::BOTH {
             let at = axis.index();
@@ -253,6 +285,9 @@ impl StripeCode {
             Group::Black => return vec![Shown::Black],
             Group::Stripes(axis) => axis,
         };
+        if self.frames > 0 {
+            return (0..self.frames).map(|frame| Shown::Boundary { axis, frame }).collect();
+        }
         let mut planes: Vec<u32> = (0..self.bits[axis.index()]).collect();
         if self.fine_first {
             planes.reverse();

@@ -290,7 +290,7 @@ impl Set<'_> {
         let other = match shown {
             Shown::Bit { axis, plane, inverse } => Some(self.place(Shown::Bit { axis, plane, inverse: !inverse })?),
             Shown::White => None,
-            Shown::Black | Shown::Phase { .. } => return None,
+            Shown::Black | Shown::Phase { .. } | Shown::Boundary { .. } => return None,
         };
         // Where its inverse is dark, it is bright.
         let is_bright = |it: &&(usize, u8, u8)| {

@@ -183,10 +183,7 @@ impl fmt::Display for Found {
 impl SetFault {
     /// Whether this axis cannot be decoded because of it.
     pub fn spoils(&self, axis: Axis) -> bool {
-        let is_of = |shown: &Shown| match shown {
-            Shown::Bit { axis: of, .. } | Shown::Phase { axis: of, .. } => *of == axis,
-            Shown::White | Shown::Black => false,
-        };
+        let is_of = |shown: &Shown| shown.axis() == Some(axis);
         match self {
             SetFault::Count { is_explained, .. } => !is_explained,
             SetFault::Missing { shown, .. } | SetFault::Unreadable { shown, .. } => is_of(shown),

@@ -7,6 +7,7 @@
 //! | [`gray`] | camera pixel → stripe, or none where the pictures do not say it for certain |
 //! | [`edges`] | boundaries of stripes between camera pixels, and the projector coordinate of each camera pixel from them |
 //! | [`phase`] | the projector coordinate of each camera pixel from shifted sine waves |
+//! | [`boundary`] | stripe boundary codes, for what moves: four pictures again and again, boundaries tracked from picture to picture |
 //! | [`examine`] | what is wrong with a set of pictures: missing, doubled, swapped, inverted, too bright, too dark |
 //! | [`faults`] | how that is said |
 //! | [`noise`] | how noisy a picture is |
@@ -17,6 +18,7 @@
 //! S. Inokuchi et al., 1984; direct and global light: S. Nayar et al., "Fast separation of direct and global components of a scene using
 //! high frequency illumination", SIGGRAPH 2006.
 
+pub mod boundary;
 pub mod code;
 pub mod edges;
 pub mod examine;

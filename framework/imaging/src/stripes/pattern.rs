@@ -1,5 +1,6 @@
 //! The pictures that a projector shows.
 
+use super::boundary::BoundaryCode;
 use super::code::{Axis, Shown, StripeCode, gray_of};
 
 /// One picture of `code`, a byte a projector pixel, row by row; `gamma` is that of the projector: sine waves are written so that they are
@@ -13,10 +14,12 @@ pub fn picture(code: &StripeCode, shown: Shown, gamma: f64) -> Vec<u8> {
     match shown {
         Shown::White => vec![255; columns * rows],
         Shown::Black => vec![0; columns * rows],
-        Shown::Bit { axis: Axis::Columns, .. } | Shown::Phase { axis: Axis::Columns, .. } => {
-            profile(Axis::Columns).repeat(rows)
-        }
-        Shown::Bit { axis: Axis::Rows, .. } | Shown::Phase { axis: Axis::Rows, .. } => {
+        Shown::Bit { axis: Axis::Columns, .. }
+        | Shown::Phase { axis: Axis::Columns, .. }
+        | Shown::Boundary { axis: Axis::Columns, .. } => profile(Axis::Columns).repeat(rows),
+        Shown::Bit { axis: Axis::Rows, .. }
+        | Shown::Phase { axis: Axis::Rows, .. }
+        | Shown::Boundary { axis: Axis::Rows, .. } => {
             profile(Axis::Rows).into_iter().flat_map(|it| std::iter::repeat_n(it, columns)).collect()
         }
     }
@@ -32,6 +35,10 @@ fn level(code: &StripeCode, shown: Shown, at: u32, gamma: f64) -> u8 {
             let stripe = (at + code.offset[index]) / code.stripe[index];
             let bit = gray_of(stripe) >> (code.bits[index] - 1 - plane) & 1 == 1;
             if bit != inverse { 255 } else { 0 }
+        }
+        Shown::Boundary { axis, frame } => {
+            let stripe = (at + code.offset[axis.index()]) / code.stripe[axis.index()];
+            255 * u8::from(BoundaryCode::get().is_lit(stripe as usize, frame as usize))
         }
         Shown::Phase { axis, step } => {
             let place = f64::from(at + code.offset[axis.index()]) + 0.5;
@@ -65,6 +72,17 @@ mod tests {
         for plane in 0..code.bits[1] {
             let bit = |inverse| picture(&code, Shown::Bit { axis: Axis::Rows, plane, inverse }, 1.0);
             assert!(bit(false).iter().zip(bit(true)).all(|(a, b)| a ^ b == 255));
+        }
+    }
+
+    #[test]
+    fn stripes_of_a_boundary_code_repeat_with_it() {
+        let code = StripeCode::boundary([800, 2], 4, &[]);
+        assert!(code.check().is_ok() && code.pictures().len() == 4);
+        for shown in code.pictures() {
+            let picture = picture(&code, shown, 1.0);
+            assert!((0..800 - 344).all(|it| picture[it] == picture[it + 344] && picture[it] == picture[it / 4 * 4]));
+            assert!(picture[..344].contains(&0) && picture[..344].contains(&255));
         }
     }
 

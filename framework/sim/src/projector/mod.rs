@@ -34,15 +34,17 @@ pub enum PatternCode {
     /// A phase shift on top of a Gray code whose stripes are half a period wide.
     #[default]
     Phase,
+    /// A stripe boundary code: its four pictures again and again, without a pause.
+    Boundary,
 }
 
 /// What a projector shows, and how.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ProjectorSettings {
-    /// The code: `gray` or `phase` [–]
+    /// The code: `gray`, `phase` or `boundary` [–]
     pub code: PatternCode,
-    /// What follows what in a set: `columns` (the pictures that tell the column), `rows`, `white`, `black` [–]
+    /// What follows what in a set: `columns` (the pictures that tell the column), `rows`, `white`, `black`; of a boundary code, the first of `columns` and `rows` alone [–]
     pub order: String,
     /// Steps of a phase shift [–]
     #[schemars(range(min = 3, max = 32))]
@@ -50,6 +52,9 @@ pub struct ProjectorSettings {
     /// Its period, a power of two [px]
     #[schemars(range(min = 4, max = 1024))]
     pub period_px: u32,
+    /// Width of a stripe of a boundary code [px]
+    #[schemars(range(min = 2, max = 1024))]
+    pub stripe_px: u32,
     /// The gamma that its driver takes it to have: sine waves are written for it [–]
     #[schemars(range(min = 0.2, max = 5.0))]
     pub assumed_gamma: f64,
@@ -77,7 +82,7 @@ pub struct ProjectorSettings {
     /// When the first set begins [s]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub start_s: f64,
-    /// Between two sets, in which it shows black [s]
+    /// Between two sets, in which it shows black; a boundary code has no pause [s]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub pause_s: f64,
     /// From being told to show a picture to its light [ms]
@@ -96,6 +101,7 @@ impl Default for ProjectorSettings {
             order: "white black columns rows".to_owned(),
             steps: 4,
             period_px: 16,
+            stripe_px: 4,
             assumed_gamma: 2.2,
             gamma: 2.2,
             contrast: 500.0,
@@ -119,7 +125,13 @@ impl ProjectorSettings {
     /// The setting, what was found and what is expected.
     pub fn stripe_code(&self, size: [u32; 2]) -> Result<StripeCode, ConfigError> {
         let order = Group::order(&self.order).map_err(|it| ConfigError::at("order", it))?;
+        if self.code == PatternCode::Boundary {
+            let code = StripeCode::boundary(size, self.stripe_px, &order);
+            code.check().map_err(|fault| ConfigError::at("stripe_px", fault))?;
+            return Ok(code);
+        }
         let code = match self.code {
+            PatternCode::Boundary => unreachable!("it was made above"),
             PatternCode::Gray => StripeCode::gray(size),
             PatternCode::Phase if self.period_px.is_power_of_two() && self.period_px >= 4 => {
                 StripeCode::phase(size, self.steps, self.period_px)
@@ -141,6 +153,7 @@ impl ProjectorSettings {
     pub fn check(&self) -> Result<(), ConfigError> {
         ConfigError::unless_in("steps", self.steps, 3..=32)?;
         ConfigError::unless_in("period_px", self.period_px, 4..=1024)?;
+        ConfigError::unless_in("stripe_px", self.stripe_px, 2..=1024)?;
         ConfigError::unless_in("assumed_gamma", self.assumed_gamma, 0.2..=5.0)?;
         ConfigError::unless_in("gamma", self.gamma, 0.2..=5.0)?;
         ConfigError::unless_in("contrast", self.contrast, 1.5..=1e6)?;
@@ -155,13 +168,22 @@ impl ProjectorSettings {
         ConfigError::unless_in("dropped", self.dropped, 0.0..=1.0)
     }
 
+    /// Between two sets; a boundary code goes on without [s].
+    fn pause_s(&self) -> f64 {
+        if self.code == PatternCode::Boundary { 0.0 } else { self.pause_s }
+    }
+
     /// The text of a `patterns.toml` for a projector of this size.
     pub fn manifest(&self, projector_px: [u32; 2]) -> String {
-        let Self { code, ref order, steps, period_px, .. } = *self;
-        let code = if code == PatternCode::Gray { "gray" } else { "phase" };
+        let Self { code, ref order, steps, period_px, stripe_px, .. } = *self;
+        let code = match code {
+            PatternCode::Gray => "gray",
+            PatternCode::Phase => "phase",
+            PatternCode::Boundary => "boundary",
+        };
         let [columns, rows] = projector_px;
         format!(
-            "projector_px = [{columns}, {rows}]\ncode = \"{code}\"\norder = \"{order}\"\nsteps = {steps}\nperiod_px = {period_px}\n"
+            "projector_px = [{columns}, {rows}]\ncode = \"{code}\"\norder = \"{order}\"\nsteps = {steps}\nperiod_px = {period_px}\nstripe_px = {stripe_px}\n"
         )
     }
 }
@@ -265,32 +287,33 @@ impl Projection {
     pub fn told(&self, number: u64) -> Told {
         let n = self.0.pictures.len() as u64;
         let (set, index) = (number / n, number % n);
-        let ProjectorSettings { rate_hz, start_s, pause_s, .. } = self.0.settings;
-        let set_s = n as f64 / rate_hz + pause_s;
+        let ProjectorSettings { rate_hz, start_s, .. } = self.0.settings;
+        let set_s = n as f64 / rate_hz + self.0.settings.pause_s();
         Told { set, index: index as usize, from: Time::from_s(start_s + set as f64 * set_s + index as f64 / rate_hz) }
     }
 
     /// The picture that gives its light at `time`; `None` between sets, where it is black.
     pub fn shows(&self, time: Time) -> Option<usize> {
-        let ProjectorSettings { rate_hz, start_s, pause_s, latency_ms, dropped, .. } = self.0.settings;
+        let ProjectorSettings { rate_hz, start_s, latency_ms, dropped, .. } = self.0.settings;
         let n = self.0.pictures.len();
         let since_s = time.as_s() - latency_ms * 1e-3 - start_s;
         if since_s < 0.0 {
             return None;
         }
-        let set_s = n as f64 / rate_hz + pause_s;
+        let set_s = n as f64 / rate_hz + self.0.settings.pause_s();
         let set = (since_s / set_s).floor();
         // A nanosecond, so that a picture's first moment is its own.
         let mut index = ((since_s - set * set_s + 1e-9) * rate_hz).floor() as usize;
         if index >= n {
             return None;
         }
-        let is_dropped = |index: usize| {
-            let number = set as i64 * n as i64 + index as i64;
-            dropped > 0.0 && stream(self.0.lottery, 0, number).uniform() < dropped
-        };
-        while index > 0 && is_dropped(index) {
-            index -= 1;
+        let is_dropped = |number: i64| dropped > 0.0 && stream(self.0.lottery, 0, number).uniform() < dropped;
+        let mut number = set as i64 * n as i64 + index as i64;
+        // Of a code that goes on without a pause the picture before the first is the last.
+        let first = if self.0.settings.code == PatternCode::Boundary { 0 } else { number - index as i64 };
+        while number > first && is_dropped(number) {
+            number -= 1;
+            index = (index + n - 1) % n;
         }
         Some(index)
     }
@@ -332,6 +355,18 @@ mod tests {
     }
 
     #[test]
+    fn a_boundary_code_goes_on_without_a_pause_and_leaves_the_last_picture_where_the_first_is_dropped() {
+        let projection = |dropped: f64| projection(|it| (it.code, it.dropped) = (PatternCode::Boundary, dropped));
+        let shows = |projection: &Projection, number: u64| {
+            projection.shows(projection.told(number).from + Interval::from_ms(31.0))
+        };
+        let all = projection(0.0);
+        assert!(all.pictures().len() == 4 && (0..400).all(|it| shows(&all, it) == Some(it as usize % 4)));
+        let some = projection(0.3);
+        assert!((1..400).any(|it| it % 4 == 0 && shows(&some, it) == Some(3)));
+    }
+
+    #[test]
     fn dropped_pictures_leave_the_one_before() {
         let projection = projection(|it| it.dropped = 0.2);
         let late = |number: u64| {
@@ -352,6 +387,7 @@ mod tests {
         };
         assert_eq!(refused(|_| ()), None);
         assert_eq!(refused(|it| it.period_px = 12).as_deref(), Some("period_px"));
+        assert_eq!(refused(|it| it.stripe_px = 1).as_deref(), Some("stripe_px"));
         assert_eq!(refused(|it| it.order = "white columms".to_owned()).as_deref(), Some("order"));
         assert_eq!(refused(|it| it.gamma = f64::NAN).as_deref(), Some("gamma"));
         assert_eq!(refused(|it| it.contrast = 1.0).as_deref(), Some("contrast"));

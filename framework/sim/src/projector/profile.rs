@@ -26,7 +26,7 @@ pub(crate) struct Profile {
 impl Profile {
     pub fn new(code: &StripeCode, shown: Shown, settings: &ProjectorSettings) -> Profile {
         let axis = match shown {
-            Shown::Bit { axis, .. } | Shown::Phase { axis, .. } => axis,
+            Shown::Bit { axis, .. } | Shown::Phase { axis, .. } | Shown::Boundary { axis, .. } => axis,
             Shown::White | Shown::Black => Axis::Columns,
         };
         let [columns, rows] = code.projector.map(|it| it as usize);

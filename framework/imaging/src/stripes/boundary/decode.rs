@@ -1,0 +1,304 @@
+//! Which boundaries hold when they are held against their neighbours, and where they were in the picture before the newest.
+//!
+//! What a boundary is says its own track alone. Its neighbours tell whether that is so: on the same surface the next boundary in the row has the next number, and the rows above and below have
+//! the same boundary nearly at the same place. A boundary that too few neighbours confirm is left out.
+//!
+//! A ghost's place is between those of the pictures before and after, less what was foretold: so it is one picture late, and so are all.
+
+use super::design::BoundaryCode;
+use super::track::{Track, Tracker};
+
+/// A boundary in one row of a picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Line {
+    /// Number of the boundary in the code.
+    pub number: u16,
+    /// Column [px].
+    pub x: f32,
+    /// Standard deviation of the column [px].
+    pub sigma: f32,
+    /// Stripes for each pixel along the row, from the boundaries to the left and right; NaN without either [1/px].
+    pub slope: f32,
+    /// Part of its neighbours in this row and in those above and below that confirm it, 0 to 1 [–].
+    pub confidence: f32,
+    /// Whether it did not show, and lies between its places in the pictures before and after.
+    pub is_ghost: bool,
+}
+
+/// Rows above and below that are asked, each way, and that smooth a boundary.
+const ROWS: usize = 2;
+/// Neighbours that are asked: two in the row, [`ROWS`] each way.
+const ASKED: f32 = 2.0 + 2.0 * ROWS as f32;
+/// Pictures that must fit, one after the other: four say which boundary it is, one more that this was no accident.
+const LEAST_RUN: u32 = 5;
+/// Neighbours that must confirm a boundary.
+const LEAST: usize = 3;
+/// The next boundary is no farther away than this, and no nearer, in stripes.
+const NEXT: std::ops::RangeInclusive<f32> = 0.25..=4.0;
+/// The same boundary is no farther off in the next row than this, in stripes.
+const BESIDE: f32 = 0.35;
+/// What a ghost's place may be off because its motion is not even, for each pixel by which that has changed [–].
+const UNEVEN: f32 = 0.25;
+
+/// What rows that are smoothed have in common and does not average out, standard deviation: what the pixels' grid and shades do to an edge [px].
+const SHARED_SIGMA: f32 = 0.05;
+
+/// The boundaries of the picture before the newest, by row, ascending by column.
+pub fn lines(tracker: &Tracker) -> Vec<Vec<Line>> {
+    let (pitch, down) = (tracker.options().pitch, tracker.down());
+    let mut found: Vec<Vec<Line>> =
+        tracker.rows().iter().map(|tracks| tracks.iter().filter_map(line).collect()).collect();
+    found.iter_mut().for_each(|it| it.sort_by(|a, b| a.x.total_cmp(&b.x)));
+    let height = found.len() as i32;
+    // Rows have moved with their tracks.
+    let mut found: Vec<Vec<Line>> =
+        (0..height).map(|y| found.get_mut((y + down) as usize).map(std::mem::take).unwrap_or_default()).collect();
+    let judged: Vec<Vec<Line>> = (0..found.len()).map(|y| judge_row(&found, y, pitch)).collect();
+    for (row, judged) in found.iter_mut().zip(judged) {
+        *row = judged;
+    }
+    found
+}
+
+/// Where a track was in the picture before the newest, if it is known, and more pictures have borne it out.
+fn line(track: &Track) -> Option<Line> {
+    let number = track.number().filter(|_| track.run() >= LEAST_RUN)? as u16;
+    let before = track.before?;
+    let known =
+        |x: f32, sigma: f32, is_ghost: bool| Line { number, x, sigma, slope: f32::NAN, confidence: 0.0, is_ghost };
+    if before.is_seen {
+        return Some(known(before.x, before.sigma, false));
+    }
+    let (earlier, now) = (track.earlier?, track.now);
+    if !earlier.is_seen || !now.is_seen {
+        return None;
+    }
+    let (ahead, behind) = (earlier.x + before.shift, now.x - now.shift);
+    let uneven = UNEVEN * (before.x - 0.5 * (ahead + behind)).abs();
+    Some(known(0.5 * (ahead + behind), (0.5 * earlier.sigma.hypot(now.sigma)).hypot(uneven), true))
+}
+
+/// The boundaries of a row that neighbours confirm, smoothed along the boundary.
+fn judge_row(rows: &[Vec<Line>], y: usize, pitch: f32) -> Vec<Line> {
+    let n = BoundaryCode::get().len() as u16;
+    let row = &rows[y];
+    let beside: Vec<(f32, &[Line])> = (y.saturating_sub(ROWS)..(y + ROWS + 1).min(rows.len()))
+        .filter(|it| *it != y)
+        .map(|it| (it as f32 - y as f32, rows[it].as_slice()))
+        .collect();
+    let mut judged = Vec::with_capacity(row.len());
+    for (at, one) in row.iter().enumerate() {
+        let (mut confirmed, mut contradicted) = (0, 0);
+        let mut next = [None; 2];
+        let neighbours = [at.checked_sub(1).map(|it| &row[it]), row.get(at + 1)];
+        for (side, other) in neighbours.into_iter().enumerate() {
+            let Some(other) = other else { continue };
+            let away = (other.x - one.x).abs() / pitch;
+            let expected = if side == 0 { (one.number + n - 1) % n } else { (one.number + 1) % n };
+            if other.number == expected && NEXT.contains(&away) {
+                confirmed += 1;
+                next[side] = Some(1.0 / (other.x - one.x).abs());
+            } else if away < 0.7 {
+                contradicted += 1;
+            }
+        }
+        // x = x0 + slant · dy, weighted, through this row and those beside.
+        let weight = 1.0 / (one.sigma * one.sigma);
+        let (mut s, mut sx, mut sy, mut sxy, mut syy) = (weight, 0.0, 0.0, 0.0, 0.0);
+        let mut beside_xs = [(0.0_f32, 0.0_f32); 2 * ROWS];
+        let mut n_beside = 0;
+        for (dy, other) in &beside {
+            let reach = BESIDE * pitch * dy.abs();
+            let first = other.partition_point(|it| it.x < one.x - reach);
+            for it in other[first..].iter().take_while(|it| it.x <= one.x + reach) {
+                if it.number == one.number {
+                    confirmed += 1;
+                    let (weight, dx) = (1.0 / (it.sigma * it.sigma), it.x - one.x);
+                    s += weight;
+                    sx += weight * dx;
+                    sy += weight * dy;
+                    sxy += weight * dx * dy;
+                    syy += weight * dy * dy;
+                    beside_xs[n_beside.min(2 * ROWS - 1)] = (*dy, dx);
+                    n_beside += 1;
+                } else if (it.x - one.x).abs() < 0.2 * pitch {
+                    contradicted += 1;
+                }
+            }
+        }
+        let (in_order, out_of_order) = order(row, at, pitch);
+        if confirmed < LEAST || 2 * contradicted > confirmed || in_order == 0 || out_of_order > in_order {
+            continue;
+        }
+        let mut line = *one;
+        line.confidence = ((confirmed as f32 - contradicted as f32) / ASKED).clamp(0.0, 1.0);
+        line.slope = match next {
+            [Some(a), Some(b)] => 0.5 * (a + b),
+            [a, b] => a.or(b).unwrap_or(f32::NAN),
+        };
+        let determinant = s * syy - sy * sy;
+        if n_beside >= 2 && determinant > 1e-3 * s * syy {
+            let off = (syy * sx - sy * sxy) / determinant;
+            let slant = (s * sxy - sy * sx) / determinant;
+            let square: f32 =
+                beside_xs[..n_beside.min(2 * ROWS)].iter().map(|(dy, dx)| (dx - off - slant * dy).powi(2)).sum();
+            let spread = ((square + off * off) / n_beside as f32).sqrt();
+            line.x += off;
+            // As far off as the others are from their line, less what averages out; never better than what does not.
+            let alike = (syy / determinant).sqrt().max(spread * (syy * s / determinant / (n_beside + 1) as f32).sqrt());
+            line.sigma = alike.hypot(SHARED_SIGMA);
+        }
+        judged.push(line);
+    }
+    judged
+}
+
+/// How many of the two nearest boundaries on each side have a number that fits their distance, and how many have not.
+fn order(row: &[Line], at: usize, pitch: f32) -> (usize, usize) {
+    let n = BoundaryCode::get().len() as i32;
+    let one = &row[at];
+    let near = (at.saturating_sub(2)..(at + 3).min(row.len())).filter(|it| *it != at);
+    let fits = |it: usize| {
+        let (other, side) = (&row[it], if it > at { 1 } else { -1 });
+        let steps = (side * (i32::from(other.number) - i32::from(one.number))).rem_euclid(n);
+        steps > 0 && NEXT.contains(&((other.x - one.x).abs() / (pitch * steps as f32)))
+    };
+    let (good, bad): (Vec<usize>, Vec<usize>) = near.partition(|it| fits(*it));
+    (good.len(), bad.len())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::design::FRAMES;
+    use super::super::detect::{DetectOptions, detect};
+    use super::super::scene::{STRIPE, Scene};
+    use super::super::track::TrackOptions;
+    use super::*;
+    use crate::ImageView;
+
+    /// What came of all pictures but the first few.
+    #[derive(Debug, Default)]
+    struct Judged {
+        found: usize,
+        /// Boundaries on surfaces that lit pixels see.
+        there: usize,
+        ghosts: usize,
+        wrong: usize,
+        squares: f64,
+        normalised: f64,
+        worst_share: f64,
+    }
+
+    impl Judged {
+        fn rms(&self) -> f64 {
+            (self.squares / (self.found - self.wrong) as f64).sqrt()
+        }
+        fn share(&self) -> f64 {
+            (self.found - self.wrong) as f64 / self.there as f64
+        }
+    }
+
+    /// `shows` says what the projector shows in picture `k`; `camera` whether the camera has it.
+    fn run(scene: &Scene, n: usize, shows: impl Fn(usize) -> usize, has: impl Fn(usize) -> bool) -> (Judged, usize) {
+        let [width, height] = scene.size;
+        let options = TrackOptions { threads: 2, ..TrackOptions::default() };
+        let mut tracker = Tracker::new(height, options).unwrap();
+        let mut judged = Judged { worst_share: 1.0, ..Judged::default() };
+        let (mut last, mut n_instead) = (None, 0);
+        for picture in 0..n {
+            if !has(picture) {
+                continue;
+            }
+            let told = picture % FRAMES;
+            let pixels = scene.picture(picture, shows(picture));
+            let edges = detect(&ImageView::new(&pixels, width, height).unwrap(), &DetectOptions::default()).unwrap();
+            let passed = last.map_or(1, |last| picture - last) as u32;
+            tracker.predict(passed, &|_, _| [0.0; 2]);
+            let instead = tracker.agreement(&edges).instead_of(told);
+            n_instead += usize::from(instead.is_some());
+            tracker.update(&edges, instead.unwrap_or(told));
+            let lines = lines(&tracker);
+            if picture > 8 && last == Some(picture - 1) {
+                let before = judged.found - judged.wrong;
+                let there = judged.there;
+                judge(scene, picture as f64 - 1.0, &lines, &mut judged);
+                let share = (judged.found - judged.wrong - before) as f64 / (judged.there - there) as f64;
+                judged.worst_share = judged.worst_share.min(share);
+            }
+            last = Some(picture);
+        }
+        (judged, n_instead)
+    }
+
+    fn judge(scene: &Scene, picture: f64, lines: &[Vec<Line>], judged: &mut Judged) {
+        let period = STRIPE * BoundaryCode::get().len() as f64;
+        for (y, row) in lines.iter().enumerate() {
+            let of = |x: f64| scene.column(x, y as f64, picture);
+            let stripes = |x: usize| ((of(x as f64) + 0.5) / STRIPE).floor();
+            let is_lit = |x: &usize| (0..2).all(|it| !scene.is_dark((x + it) as f64, y as f64, picture));
+            let is_there = |x: &usize| (stripes(x + 1) - stripes(*x)).abs() == 1.0 && is_lit(x);
+            judged.there += (0..scene.size[0] - 1).filter(is_there).count();
+            for line in row {
+                let x = f64::from(line.x);
+                let column = f64::from(line.number) * STRIPE - 0.5;
+                let off = (of(x) - column + period / 2.0).rem_euclid(period) - period / 2.0;
+                let slope = of(x + 0.5) - of(x - 0.5);
+                judged.found += 1;
+                judged.ghosts += usize::from(line.is_ghost);
+                if off.abs() > 1.0 {
+                    judged.wrong += 1;
+                } else {
+                    judged.squares += (off / slope).powi(2);
+                    judged.normalised += (off / slope / f64::from(line.sigma)).powi(2);
+                }
+            }
+        }
+    }
+
+    #[track_caller]
+    fn check(make: impl Fn(u64) -> Scene, share: f64, rms_px: f64, wrong_per_1000: usize) {
+        for seed in 1..=3 {
+            let (judged, _) = run(&make(seed), 20, |it| it % FRAMES, |_| true);
+            assert!(judged.share() >= share, "seed {seed}: {} {judged:?}", judged.share());
+            assert!(judged.rms() <= rms_px, "seed {seed}: {} px {judged:?}", judged.rms());
+            assert!(judged.wrong * 1000 <= wrong_per_1000 * judged.found, "seed {seed}: {judged:?}");
+        }
+    }
+
+    #[test]
+    fn boundaries_at_rest_are_found_with_their_ghosts() {
+        check(|seed| Scene::new(0.0, 0.0, seed), 0.85, 0.15, 6);
+        let faint = |seed| Scene { light: 70.0, ..Scene::new(0.0, 0.0, seed) };
+        check(faint, 0.8, 0.15, 6);
+    }
+
+    #[test]
+    fn boundaries_on_what_moves_are_where_they_are() {
+        check(|seed| Scene::new(3.0, 0.0, seed), 0.75, 0.17, 7);
+        check(|seed| Scene::new(-6.0, 0.0, seed), 0.65, 0.15, 12);
+        check(|seed| Scene::new(2.0, 0.6, seed), 0.65, 0.18, 12);
+    }
+
+    #[test]
+    fn edges_of_the_surface_s_own_colour_are_no_boundaries() {
+        let patched = |seed| Scene { patch: 0.3, ..Scene::new(1.0, 0.0, seed) };
+        check(patched, 0.8, 0.18, 8);
+    }
+
+    #[test]
+    fn a_picture_that_the_projector_dropped_is_told_and_one_that_the_camera_lost_costs_little() {
+        let scene = Scene::new(1.0, 0.0, 4);
+        let (judged, n_instead) = run(&scene, 24, |it| if it == 14 { 1 } else { it % FRAMES }, |_| true);
+        assert!(n_instead == 1 && judged.wrong * 100 <= judged.found, "{n_instead} {judged:?}");
+        let (judged, n_instead) = run(&scene, 24, |it| it % FRAMES, |it| it != 14);
+        assert!(n_instead == 0 && judged.wrong * 100 <= judged.found && judged.share() > 0.6, "{n_instead} {judged:?}");
+    }
+
+    #[test]
+    fn a_light_that_stays_is_no_boundary() {
+        for frame in 0..FRAMES {
+            let (judged, _) = run(&Scene::new(0.5, 0.0, 5), 20, |_| frame, |_| true);
+            assert!(judged.found * 200 < judged.there, "{judged:?}");
+        }
+    }
+}

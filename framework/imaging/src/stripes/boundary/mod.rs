@@ -1,0 +1,25 @@
+//! Stripe boundary codes, for scenes that move: four pictures of stripes that are shown again and again, and boundaries of stripes that are tracked from picture to picture.
+//!
+//! | module | what it is |
+//! |---|---|
+//! | [`design`] | which stripe is lit in which of the four pictures |
+//! | [`detect`] | edges of light along the rows of one picture |
+//! | [`track`] | edges tracked from picture to picture, until four pictures say which boundary each is |
+//! | [`decode`] | what holds when boundaries are held against their neighbours, and where they were |
+//!
+//! A boundary is known by what is lit to its left and to its right in each of the four pictures. Where both sides are alike it does not show (a *ghost*), never twice in a row.
+//! Rows of the camera's picture have to cross the stripes.
+//!
+//! Source: O. Hall-Holt, S. Rusinkiewicz, "Stripe boundary codes for real-time structured-light range scanning of moving objects", ICCV 2001.
+
+pub mod decode;
+pub mod design;
+pub mod detect;
+#[cfg(test)]
+mod scene;
+pub mod track;
+
+pub use decode::{Line, lines};
+pub use design::{BoundaryCode, FRAMES, Look};
+pub use detect::{DetectOptions, Edge, Edges, detect};
+pub use track::{Agreement, TrackOptions, Tracker};

@@ -1,0 +1,458 @@
+//! Edges tracked from picture to picture, row by row, until four pictures say which boundary each is.
+//!
+//! 1. Where a track should be now says its last column, what the caller foretells, and its own velocity on top of that.
+//! 2. Tracks and edges of a row stand in the same order, so they are matched in order: the matching of least cost is found by dynamic programming. A track may be a ghost where
+//!    its code says that it does not show, or may not.
+//! 3. A track keeps the set of boundaries that it may be. What is seen of it, rising or falling, or dark or lit on both sides where it is a ghost, takes away those that look
+//!    otherwise. One that is left, after four pictures that all fit, is what it is; a track of which nothing is left ends.
+//! 4. A boundary that should show and is not found is carried on for one picture.
+//!
+//! The picture that the projector shows may be another one than it was told: tracks that are known tell which ([`Tracker::agreement`]).
+
+use std::collections::VecDeque;
+
+use super::design::{BoundaryCode, FRAMES, Look};
+use super::detect::{Edge, Edges};
+use crate::ImagingError;
+
+/// How edges are tracked.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrackOptions {
+    /// From one stripe to the next in the camera's picture, about [px].
+    pub pitch: f32,
+    /// How far a new track may be from where it is foretold, in stripes [–].
+    pub new_reach: f32,
+    /// The same for one that was seen twice: what moves does so evenly [–].
+    pub known_reach: f32,
+    /// Threads.
+    pub threads: usize,
+}
+
+impl Default for TrackOptions {
+    fn default() -> Self {
+        Self { pitch: 8.0, new_reach: 0.5, known_reach: 0.2, threads: 1 }
+    }
+}
+
+/// Where a track was in one picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    /// Column; that of a ghost as it is foretold [px].
+    pub x: f32,
+    /// Standard deviation of a column that was measured [px].
+    pub sigma: f32,
+    /// Whether it was seen rather than foretold.
+    pub is_seen: bool,
+    /// How far it was foretold to go from the picture before, by the caller [px].
+    pub shift: f32,
+}
+
+/// An edge from picture to picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Track {
+    /// In the newest picture.
+    pub now: Place,
+    /// In the one before it; none where the track is new.
+    pub before: Option<Place>,
+    /// In the one before that.
+    pub earlier: Option<Place>,
+    /// On top of what the caller foretells [px a picture].
+    velocity: f32,
+    /// Boundaries that it may be, as bits.
+    possible: u128,
+    /// Pictures that fitted, one after the other.
+    run: u32,
+    /// Pictures in which it was seen.
+    seen: u32,
+    /// Pictures since it was seen.
+    unseen: u32,
+    /// Pictures in which it should have been seen and was not, one after the other.
+    missed: u32,
+}
+
+impl Track {
+    /// The number of its boundary in the code, where four pictures say it.
+    pub fn number(&self) -> Option<usize> {
+        (self.run >= FRAMES as u32 && self.possible.count_ones() == 1).then(|| self.possible.trailing_zeros() as usize)
+    }
+
+    /// Pictures that fitted, one after the other.
+    pub fn run(&self) -> u32 {
+        self.run
+    }
+}
+
+/// What known tracks say of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Agreement {
+    /// Known tracks that could be compared.
+    pub n: usize,
+    /// By picture of the code: how many of them look as they would in it.
+    pub fits: [usize; FRAMES],
+}
+
+/// Known tracks from which on they say which picture is shown.
+const LEAST_KNOWN: usize = 50;
+/// The told picture is not the one shown where fewer than this fit …
+const FEW: f64 = 0.5;
+/// … and more than this fit another.
+const MOST: f64 = 0.7;
+
+impl Agreement {
+    /// The picture that is shown instead of `told`, where that is certain.
+    pub fn instead_of(&self, told: usize) -> Option<usize> {
+        let share = |frame: usize| self.fits[frame % FRAMES] as f64 / self.n.max(1) as f64;
+        let best = (0..FRAMES).max_by_key(|it| self.fits[*it])?;
+        (self.n >= LEAST_KNOWN && share(told) < FEW && share(best) > MOST).then_some(best)
+    }
+}
+
+/// Tracks of all rows.
+#[derive(Debug, Clone)]
+pub struct Tracker {
+    options: TrackOptions,
+    rows: VecDeque<Vec<Track>>,
+    down: i32,
+}
+
+/// What the caller foretells: how far what is at (x, y) moves from the picture before to this one, in columns and rows [px].
+pub type Shift<'a> = &'a (dyn Fn(f32, f32) -> [f32; 2] + Sync);
+
+/// Cost of an edge without a track.
+const NEW: f32 = 3.0;
+/// Cost of a track that is not seen and may be a ghost.
+const MAYBE_GHOST: f32 = 2.5;
+/// Cost of a track that should be seen and is not.
+const MISSED: f32 = 6.0;
+/// Two pictures without it, where it should be seen, end a track that is known.
+const MAX_MISSED: u32 = 2;
+/// A boundary shows in every other picture; a missed one in three.
+const MAX_UNSEEN: u32 = 3;
+/// Rows above and below that say how fast a new track is.
+const BESIDE: usize = 3;
+/// How much of what a track is off goes into its velocity.
+const GAIN: f32 = 0.6;
+/// On both sides of a ghost there are boundaries that show, no farther than so many stripes; slanted surfaces make stripes wider.
+const GAP: f32 = 6.0;
+
+impl Tracker {
+    /// Without tracks, for pictures of `height` rows.
+    ///
+    /// # Errors
+    /// Options out of their ranges.
+    pub fn new(height: usize, options: TrackOptions) -> Result<Tracker, ImagingError> {
+        let pitch = f64::from(options.pitch);
+        ImagingError::unless((2.0..=1000.0).contains(&pitch), "pitch", "2 to 1000", pitch)?;
+        for (name, reach) in [("new_reach", options.new_reach), ("known_reach", options.known_reach)] {
+            ImagingError::unless((0.05..=2.0).contains(&reach), name, "0.05 to 2", f64::from(reach))?;
+        }
+        Ok(Tracker { options, rows: (0..height).map(|_| Vec::new()).collect(), down: 0 })
+    }
+
+    /// By row: its tracks, ascending by column.
+    pub fn rows(&self) -> &VecDeque<Vec<Track>> {
+        &self.rows
+    }
+
+    /// By how many rows tracks have moved down from the picture before to the newest [px].
+    pub fn down(&self) -> i32 {
+        self.down
+    }
+
+    /// How edges are tracked.
+    pub fn options(&self) -> &TrackOptions {
+        &self.options
+    }
+
+    /// From one stripe to the next from now on, about [px].
+    pub fn set_pitch(&mut self, pitch: f32) {
+        if (2.0..=1000.0).contains(&pitch) {
+            self.options.pitch = pitch;
+        }
+    }
+
+    /// Forgets all tracks.
+    pub fn reset(&mut self) {
+        self.rows.iter_mut().for_each(Vec::clear);
+    }
+
+    /// Foretells where all tracks are in the next picture, `pictures` after the last one, 1 unless some are missing.
+    pub fn predict(&mut self, pictures: u32, shift: Shift<'_>) {
+        let height = self.rows.len();
+        self.down = 0;
+        let Some(middle) = self.rows.get(height / 2) else { return };
+        let centre = middle.get(middle.len() / 2).map_or(0.0, |it| it.now.x);
+        let down = shift(centre, height as f32 / 2.0)[1].round();
+        if down.abs() < height as f32 {
+            self.down = down as i32;
+            for _ in 0..down.abs() as usize {
+                let lost = if down > 0.0 { self.rows.pop_back() } else { self.rows.pop_front() };
+                let empty = lost.map(|mut it| {
+                    it.clear();
+                    it
+                });
+                let empty = empty.unwrap_or_default();
+                if down > 0.0 { self.rows.push_front(empty) } else { self.rows.push_back(empty) }
+            }
+        }
+        for (y, row) in self.rows.iter_mut().enumerate() {
+            for track in row.iter_mut() {
+                let by = shift(track.now.x, y as f32)[0];
+                track.earlier = track.before.filter(|_| pictures == 1);
+                track.before = Some(track.now).filter(|_| pictures == 1);
+                let x = track.now.x + by + track.velocity * pictures as f32;
+                track.now = Place { x, sigma: f32::NAN, is_seen: false, shift: by };
+            }
+            row.sort_by(|a, b| a.now.x.total_cmp(&b.now.x));
+        }
+    }
+
+    /// How the edges of a picture agree with what tracks that are known look like in each picture of the code; between [`Self::predict`] and [`Self::update`].
+    pub fn agreement(&self, edges: &Edges) -> Agreement {
+        let code = BoundaryCode::get();
+        let reach = self.options.known_reach * self.options.pitch;
+        let mut found = Agreement::default();
+        for (tracks, edges) in self.rows.iter().zip(&edges.rows) {
+            for track in tracks {
+                let Some(number) = track.number() else { continue };
+                let after = edges.partition_point(|it| it.x < track.now.x);
+                let near = edges[after.saturating_sub(1)..(after + 1).min(edges.len())].iter();
+                let near = near.filter(|it| (it.x - track.now.x).abs() <= reach);
+                let nearest = near.min_by(|a, b| (a.x - track.now.x).abs().total_cmp(&(b.x - track.now.x).abs()));
+                let look = nearest.map(look_of);
+                found.n += 1;
+                for (frame, fits) in found.fits.iter_mut().enumerate() {
+                    let expected = code.look(number, frame);
+                    *fits += usize::from(look.map_or(!expected.shows(), |it| it == expected));
+                }
+            }
+        }
+        found
+    }
+
+    /// Takes up the edges of a picture that shows picture `frame` of the code.
+    pub fn update(&mut self, edges: &Edges, frame: usize) {
+        let options = self.options;
+        let per_thread = self.rows.len().div_ceil(options.threads.max(1)).max(1);
+        let rows = self.rows.make_contiguous();
+        std::thread::scope(|scope| {
+            let mut parts = rows.chunks_mut(per_thread).zip(edges.rows.chunks(per_thread));
+            let own = parts.next();
+            let run = move |(rows, edges): (&mut [Vec<Track>], &[Vec<Edge>])| {
+                let mut matcher = Matcher::default();
+                for (tracks, edges) in rows.iter_mut().zip(edges) {
+                    matcher.row(tracks, edges, frame, &options);
+                }
+            };
+            for part in parts {
+                scope.spawn(move || run(part));
+            }
+            own.into_iter().for_each(run);
+        });
+        self.spread_velocities();
+    }
+
+    /// New tracks move as known ones of the rows beside do.
+    fn spread_velocities(&mut self) {
+        let reach = self.options.new_reach * self.options.pitch;
+        let mut spread: Vec<(usize, f32)> = Vec::new();
+        for y in 0..self.rows.len() {
+            spread.clear();
+            for (at, track) in self.rows[y].iter().enumerate().filter(|it| it.1.seen == 1) {
+                let rows = (y.saturating_sub(BESIDE)..(y + BESIDE + 1).min(self.rows.len())).filter(|it| *it != y);
+                let near = rows.filter_map(|it| nearest_known(&self.rows[it], track.now.x, reach));
+                if let Some((_, velocity)) = near.min_by(|a, b| a.0.total_cmp(&b.0)) {
+                    spread.push((at, velocity));
+                }
+            }
+            for (at, velocity) in &spread {
+                self.rows[y][*at].velocity = *velocity;
+            }
+        }
+    }
+}
+
+/// How far the nearest track is whose boundary is known, and its velocity, within `reach` [px, px a picture].
+fn nearest_known(tracks: &[Track], x: f32, reach: f32) -> Option<(f32, f32)> {
+    let after = tracks.partition_point(|it| it.now.x < x);
+    let near = tracks[after.saturating_sub(2)..(after + 2).min(tracks.len())].iter();
+    let known = near.filter(|it| it.number().is_some() && it.now.is_seen);
+    known.map(|it| ((it.now.x - x).abs(), it.velocity)).filter(|it| it.0 <= reach).min_by(|a, b| a.0.total_cmp(&b.0))
+}
+
+fn look_of(edge: &Edge) -> Look {
+    if edge.is_rising { Look::Rising } else { Look::Falling }
+}
+
+/// What was chosen for a track and an edge in a table of partial matchings.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Choice {
+    Match,
+    SkipTrack,
+    SkipEdge,
+}
+
+/// Matches the tracks of a row with its edges.
+#[derive(Default)]
+struct Matcher {
+    costs: Vec<f32>,
+    choices: Vec<Choice>,
+    /// By track: its edge.
+    edge_of: Vec<Option<usize>>,
+    is_taken: Vec<bool>,
+    new: Vec<Track>,
+}
+
+impl Matcher {
+    fn row(&mut self, tracks: &mut Vec<Track>, edges: &[Edge], frame: usize, options: &TrackOptions) {
+        self.assign(tracks, edges, frame, options);
+        let code = BoundaryCode::get();
+        for (track, edge) in tracks.iter_mut().zip(&self.edge_of) {
+            match edge {
+                Some(at) => see(track, &edges[*at], frame),
+                None => {
+                    track.unseen += 1;
+                    let hidden = match level(edges, track.now.x, options.pitch) {
+                        Some(is_lit) => code.that_look(if is_lit { Look::Lit } else { Look::Dark }, frame),
+                        None => code.hidden(frame),
+                    };
+                    let left = track.possible & hidden;
+                    if left != 0 {
+                        // Where its sides are not known a ghost says little: it counts for nothing until its boundary is known.
+                        let is_certain = track.number().is_some() || hidden != code.hidden(frame);
+                        track.run += u32::from(is_certain);
+                        track.possible = left;
+                        track.missed = 0;
+                    } else {
+                        track.missed += 1;
+                        if track.number().is_none() {
+                            track.missed = MAX_MISSED;
+                        }
+                    }
+                }
+            }
+        }
+        self.new.clear();
+        for (edge, is_taken) in edges.iter().zip(&self.is_taken) {
+            if !is_taken {
+                let near = nearest_velocity(tracks, edge.x, 3.0 * options.pitch);
+                self.new.push(begin(edge, near, frame));
+            }
+        }
+        tracks.retain(|it| it.missed < MAX_MISSED && it.unseen <= MAX_UNSEEN && it.now.x.is_finite());
+        tracks.append(&mut self.new);
+        tracks.sort_by(|a, b| a.now.x.total_cmp(&b.now.x));
+    }
+
+    /// The matching of least cost that keeps the order.
+    fn assign(&mut self, tracks: &[Track], edges: &[Edge], frame: usize, options: &TrackOptions) {
+        let code = BoundaryCode::get();
+        let (n, m) = (tracks.len(), edges.len());
+        self.edge_of.clear();
+        self.edge_of.resize(n, None);
+        self.is_taken.clear();
+        self.is_taken.resize(m, false);
+        if n == 0 || m == 0 {
+            return;
+        }
+        let masks = [Look::Rising, Look::Falling].map(|it| code.that_look(it, frame));
+        let hidden = code.hidden(frame);
+        let wide = m + 1;
+        self.costs.clear();
+        self.costs.resize((n + 1) * wide, 0.0);
+        self.choices.clear();
+        self.choices.resize((n + 1) * wide, Choice::SkipEdge);
+        for j in 1..=m {
+            self.costs[j] = j as f32 * NEW;
+        }
+        // Edges outside of a track's reach cannot be matched with it: their columns of the table only pass costs on.
+        for (i, track) in tracks.iter().enumerate() {
+            let skip = match (track.possible & hidden, track.possible & !hidden) {
+                (0, _) => MISSED,
+                (_, 0) => 0.0,
+                _ => MAYBE_GHOST,
+            };
+            // Only the second picture may find a track far from where it is foretold: it says how fast it is.
+            let reach = if track.seen > 1 { options.known_reach } else { options.new_reach } * options.pitch;
+            let scale = 0.5 * reach;
+            let (above, row) = self.costs[i * wide..].split_at_mut(wide);
+            let choices = &mut self.choices[(i + 1) * wide..(i + 2) * wide];
+            row[0] = above[0] + skip;
+            choices[0] = Choice::SkipTrack;
+            for (j, edge) in edges.iter().enumerate() {
+                let mut best = (above[j + 1] + skip, Choice::SkipTrack);
+                let without = row[j] + NEW;
+                if without < best.0 {
+                    best = (without, Choice::SkipEdge);
+                }
+                let off = (edge.x - track.now.x).abs();
+                if off <= reach && track.possible & masks[usize::from(!edge.is_rising)] != 0 {
+                    let with = above[j] + (off / scale).powi(2);
+                    if with < best.0 {
+                        best = (with, Choice::Match);
+                    }
+                }
+                (row[j + 1], choices[j + 1]) = best;
+            }
+        }
+        let (mut i, mut j) = (n, m);
+        while i > 0 || j > 0 {
+            match if i == 0 { Choice::SkipEdge } else { self.choices[i * wide + j] } {
+                Choice::Match => {
+                    (i, j) = (i - 1, j - 1);
+                    self.edge_of[i] = Some(j);
+                    self.is_taken[j] = true;
+                }
+                Choice::SkipTrack => i -= 1,
+                Choice::SkipEdge => j -= 1,
+            }
+        }
+    }
+}
+
+/// A track that begins.
+fn begin(edge: &Edge, velocity: f32, frame: usize) -> Track {
+    Track {
+        now: Place { x: edge.x, sigma: edge.sigma, is_seen: true, shift: 0.0 },
+        before: None,
+        earlier: None,
+        velocity,
+        possible: BoundaryCode::get().that_look(look_of(edge), frame),
+        run: 1,
+        seen: 1,
+        unseen: 0,
+        missed: 0,
+    }
+}
+
+/// A track is seen where `edge` is.
+fn see(track: &mut Track, edge: &Edge, frame: usize) {
+    let since = (track.unseen + 1) as f32;
+    let gain = if track.seen > 1 { GAIN } else { 1.0 };
+    track.velocity += gain * (edge.x - track.now.x) / since;
+    track.seen += 1;
+    track.now = Place { x: edge.x, sigma: edge.sigma, is_seen: true, ..track.now };
+    track.possible &= BoundaryCode::get().that_look(look_of(edge), frame);
+    track.run += 1;
+    (track.unseen, track.missed) = (0, 0);
+}
+
+/// Velocity of the nearest track that has been seen twice at least, within `reach`; 0 without one [px a picture].
+fn nearest_velocity(tracks: &[Track], x: f32, reach: f32) -> f32 {
+    let after = tracks.partition_point(|it| it.now.x < x);
+    let near = tracks[after.saturating_sub(3)..(after + 3).min(tracks.len())].iter();
+    near.filter(|it| it.seen >= 3 && (it.now.x - x).abs() <= reach)
+        .min_by(|a, b| (a.now.x - x).abs().total_cmp(&(b.now.x - x).abs()))
+        .map_or(0.0, |it| it.velocity)
+}
+
+/// Whether column `x` is lit, by the edges on both sides of it; `None` where they do not say or contradict one another.
+fn level(edges: &[Edge], x: f32, pitch: f32) -> Option<bool> {
+    let after = edges.partition_point(|it| it.x < x);
+    let left = after.checked_sub(1).map(|it| &edges[it]).filter(|it| x - it.x <= GAP * pitch);
+    let right = edges.get(after).filter(|it| it.x - x <= GAP * pitch);
+    match (left.map(|it| it.is_rising), right.map(|it| !it.is_rising)) {
+        (Some(a), Some(b)) => (a == b).then_some(a),
+        (one, other) => one.or(other),
+    }
+}

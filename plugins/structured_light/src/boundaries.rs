@@ -1,0 +1,603 @@
+//! `structured_light.boundaries`: pictures of a stripe boundary code one by one, and what the projector was told to show; for each picture, where in the projector it is lit from.
+//!
+//! 1. To each picture belongs the pattern during which all of its exposure lies. A picture that comes out of order, or of which no pattern is known, is left out.
+//! 2. Edges of light are found along the rows and tracked, foretold by the head's pose and by the target's velocity ([`crate::foresight`]).
+//! 3. Tracks that are known say which of the four pictures is shown. One that the projector dropped is taken for what it is.
+//! 4. The boundaries of the picture before are decoded, ghosts between where they were and are: so a map comes one picture late, and is of its own picture's time.
+//! 5. The code repeats. The distances that the surface may have, around the target or as set, say which repetition it is; where several fit, the boundary is left out.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+
+use foveate::geometry::Camera;
+use foveate::imaging::ImageView;
+use foveate::imaging::stripes::boundary::{
+    BoundaryCode, DetectOptions, Edges, FRAMES, Line, TrackOptions, Tracker, detect, lines,
+};
+use foveate::imaging::stripes::code::{Axis, StripeCode};
+use foveate::prelude::*;
+use nalgebra::{Point2, Point3, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::foresight::{Field, lit_from, shift, slope};
+use crate::pair::triangulate;
+use crate::pattern::{PatternSettings, projector_of};
+
+ports! {
+    IMAGE: In<Image> = each("image");
+    SHOWN: In<PatternShown> = each("shown");
+    POSE: In<HeadPose> = each("pose").optional();
+    TARGETS: In<Targets> = latest("targets").of_parent().optional();
+    MAP: Out<ProjectorMap> = "map";
+    WHITE: Out<Image> = "white";
+}
+
+figures! {
+    "boundaries.frames.*": count, high, "Pictures of the camera of which a map was made";
+    "boundaries.frames_empty.*": count, low, "Pictures of the camera in which no boundary could be decoded: the first four, and those that are dark, saturated or without stripes";
+    "boundaries.frames_refused.*": count, low, "Pictures of the camera that came out of order, are of another size or of which nobody knows what the projector showed";
+    "boundaries.a_frame.*": count, high, "Boundaries for each picture of which a map was made, counted row by row";
+    "boundaries.ghosts.*": share, neither, "Of these, those that did not show in their picture and lie between where they were before and after";
+    "boundaries.unknown_period.*": count, low, "Boundaries left out because no repetition of the code, or more than one, fits the distances that the surface may have";
+}
+
+/// Settings of [`Boundaries`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct BoundariesSettings {
+    /// The projector's name in the calibration [–]
+    pub projector: String,
+    /// From telling the projector to show a picture to its light [ms]
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    pub latency_ms: f64,
+    /// The camera's exposure: all of it must lie in the time in which one picture is shown [ms]
+    #[schemars(range(min = 0.0, max = 100.0))]
+    pub exposure_ms: f64,
+    /// Distance of the surface from the camera, nearest and farthest, where no target says it [m]
+    pub distance_m: [f64; 2],
+    /// With `targets` connected: the surface is no farther than this from the target that is nearest to the middle of the picture [m]
+    #[schemars(range(min = 0.001, max = 100.0))]
+    pub around_m: f64,
+    /// Least difference of both sides of an edge of light [gray level]
+    #[schemars(range(min = 1.0, max = 255.0))]
+    pub min_step: f32,
+    /// Least (bright − dark) / (bright + dark) of an edge of light: edges of the surface's own colour mostly have less [–]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub min_contrast: f32,
+    /// What the camera shows of no light [gray level]
+    #[schemars(range(min = 0.0, max = 255.0))]
+    pub black: f32,
+    /// Of the camera's gray levels, standard deviation [gray level]
+    #[schemars(range(min = 0.05, max = 50.0))]
+    pub noise: f32,
+    /// Pixels along the row, to either side of a boundary, that get the column of the projector [px]
+    #[schemars(range(min = 0.5, max = 8.0))]
+    pub beside_px: f32,
+    /// Threads over which the rows are spread; the result is the same for any number [–]
+    #[schemars(range(min = 1, max = 64))]
+    pub threads: usize,
+}
+
+impl Default for BoundariesSettings {
+    fn default() -> Self {
+        Self {
+            projector: crate::pattern::default_projector(),
+            latency_ms: 30.0,
+            exposure_ms: 4.0,
+            distance_m: [0.3, 20.0],
+            around_m: 0.3,
+            min_step: 6.0,
+            min_contrast: 0.2,
+            black: 0.0,
+            noise: 1.5,
+            beside_px: 1.0,
+            threads: 2,
+        }
+    }
+}
+
+/// Patterns that wait for their pictures.
+const HELD: usize = 64;
+/// Pictures that wait for the pose of their head.
+const WAITING: usize = 8;
+/// After a gap of so many pictures nothing is carried on.
+const MOST_MISSING: u64 = 3;
+/// A projector may drop so many pictures in a row.
+const MOST_OTHERS: u32 = 2;
+/// Edges for each row, on average, below which a picture has no stripes.
+const LEAST_EDGES: f64 = 0.5;
+/// Of a boundary's slope where one of its neighbours is missing, and of that across a stripe [–].
+const SLOPE_SIGMA: f32 = 0.1;
+/// Points that say how far the surface is where no target does.
+const SAMPLES: usize = 64;
+
+/// What was seen of the picture before.
+struct Before {
+    stamp: Stamp,
+    camera: Camera,
+    number: u64,
+    lit_from: Field,
+}
+
+/// Pictures of a boundary code in, maps out.
+pub struct Boundaries {
+    settings: BoundariesSettings,
+    camera_name: String,
+    camera: Camera,
+    projector: Camera,
+    has_pose: bool,
+    shown: VecDeque<Arc<PatternShown>>,
+    images: VecDeque<Stamped<Arc<Image>>>,
+    poses: VecDeque<Arc<HeadPose>>,
+    recent: VecDeque<Arc<Image>>,
+    code: Option<(String, StripeCode)>,
+    tracker: Tracker,
+    before: Option<Before>,
+    last: Option<Time>,
+    /// Of the last map [m].
+    distance: Option<f64>,
+    /// Pictures one after the other in which the projector showed another one than it was told.
+    others: u32,
+    frames: u64,
+    empty: u64,
+    refused: u64,
+    found: u64,
+    ghosts: u64,
+    unknown_period: u64,
+    /// What was wrong: the first time in words, and how often.
+    faults: BTreeMap<&'static str, (String, u64)>,
+}
+
+impl Node for Boundaries {
+    const TYPE: &'static str = "structured_light.boundaries";
+    const ROLE: Role = Role::Detector;
+    const SUMMARY: &'static str = "Tracks boundaries of projected stripes on what moves, and finds where in the projector a camera sees light from";
+    const FIGURES: Figures = DECLARED_FIGURES;
+    type Settings = BoundariesSettings;
+
+    fn ports() -> Ports {
+        declared_ports()
+    }
+
+    fn new(settings: BoundariesSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        ConfigError::unless_in("latency_ms", settings.latency_ms, 0.0..=1000.0)?;
+        ConfigError::unless_in("exposure_ms", settings.exposure_ms, 0.0..=100.0)?;
+        let [near, far] = settings.distance_m;
+        ConfigError::unless_in("distance_m", near, 1e-3..=1e4)?;
+        ConfigError::unless_in("distance_m", far, near..=1e4)?;
+        ConfigError::unless_in("around_m", settings.around_m, 1e-3..=100.0)?;
+        ConfigError::unless_in("min_step", settings.min_step, 1.0..=255.0)?;
+        ConfigError::unless_in("min_contrast", settings.min_contrast, 0.0..=1.0)?;
+        ConfigError::unless_in("black", settings.black, 0.0..=255.0)?;
+        ConfigError::unless_in("noise", settings.noise, 0.05..=50.0)?;
+        ConfigError::unless_in("beside_px", settings.beside_px, 0.5..=8.0)?;
+        ConfigError::unless_in("threads", settings.threads, 1..=64)?;
+        let camera = setup.camera_model().cloned().ok_or_else(|| {
+            ConfigError::node(format_args!("`{}` serves one camera: say which with `camera = \"name\"`", Self::TYPE))
+        })?;
+        let projector = setup.calibration.cameras[projector_of(setup, &settings.projector)?].camera.clone();
+        let options = TrackOptions { threads: settings.threads, ..TrackOptions::default() };
+        let tracker = Tracker::new(camera.image_size[1] as usize, options).map_err(ConfigError::node)?;
+        Ok(Self {
+            camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
+            has_pose: setup.is_connected(&POSE),
+            settings,
+            camera,
+            projector,
+            shown: VecDeque::new(),
+            images: VecDeque::new(),
+            poses: VecDeque::new(),
+            recent: VecDeque::new(),
+            code: None,
+            tracker,
+            before: None,
+            last: None,
+            distance: None,
+            others: 0,
+            frames: 0,
+            empty: 0,
+            refused: 0,
+            found: 0,
+            ghosts: 0,
+            unknown_period: 0,
+            faults: BTreeMap::new(),
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        while let Some(shown) = io.take(&SHOWN) {
+            self.shown.push_back(shown.value);
+            if self.shown.len() > HELD {
+                self.shown.pop_front();
+            }
+        }
+        while let Some(pose) = io.take(&POSE) {
+            self.poses.push_back(pose.value);
+            if self.poses.len() > HELD {
+                self.poses.pop_front();
+            }
+        }
+        while let Some(image) = io.take(&IMAGE) {
+            self.images.push_back(image);
+        }
+        // The pose of a picture may come after it.
+        while let Some(image) = self.images.front() {
+            let pose = self.poses.iter().find(|it| it.time == image.time()).cloned();
+            if self.has_pose && pose.is_none() && self.images.len() <= WAITING {
+                break;
+            }
+            let Some(image) = self.images.pop_front() else { break };
+            match self.camera_at(pose.as_deref()) {
+                Some(camera) => self.take(io, &image, camera),
+                None => {
+                    let fault = "found no pose of the camera's head at the time of the picture, expected one";
+                    self.refuse(io, image.time(), "pose", fault.to_owned());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let name = &self.camera_name;
+        report.figure(format!("boundaries.frames.{name}"), self.frames as f64);
+        report.figure(format!("boundaries.frames_empty.{name}"), self.empty as f64);
+        report.figure(format!("boundaries.frames_refused.{name}"), self.refused as f64);
+        report.figure(format!("boundaries.a_frame.{name}"), self.found as f64 / self.frames as f64);
+        report.figure(format!("boundaries.ghosts.{name}"), self.ghosts as f64 / self.found as f64);
+        report.figure(format!("boundaries.unknown_period.{name}"), self.unknown_period as f64);
+        for (first, n) in self.faults.values() {
+            report.remark(if *n > 1 { format!("{first}; {n} times in all") } else { first.clone() });
+        }
+        Ok(())
+    }
+}
+
+impl Boundaries {
+    /// The camera as it stood; `None` where a head carries it and its pose is not known.
+    fn camera_at(&self, pose: Option<&HeadPose>) -> Option<Camera> {
+        match pose {
+            Some(pose) => Some(Camera { camera_from_world: pose.camera_from_world, ..self.camera.clone() }),
+            None => (!self.has_pose).then(|| self.camera.clone()),
+        }
+    }
+
+    fn note(&mut self, kind: &'static str, time: Time, fault: &str) -> String {
+        let words = format!("{} at {:.3} s: {fault}", self.camera_name, time.as_s());
+        self.faults.entry(kind).or_insert_with(|| (words.clone(), 0)).1 += 1;
+        words
+    }
+
+    fn refuse(&mut self, io: &mut Io<'_>, time: Time, kind: &'static str, fault: String) {
+        self.refused += 1;
+        let words = self.note(kind, time, &fault);
+        io.gap(&MAP, time, words);
+    }
+
+    /// What the projector was told to show during all of a picture's exposure.
+    fn shown_at(&self, time: Time) -> Option<Arc<PatternShown>> {
+        let exposure = Interval::from_ms(self.settings.exposure_ms);
+        let latency = Interval::from_ms(self.settings.latency_ms);
+        let fits = |it: &&Arc<PatternShown>| {
+            let middle = it.from + latency + Interval(it.lasts.0 / 2);
+            2 * (time - middle).0.abs() <= it.lasts.0 - exposure.0
+        };
+        self.shown.iter().rev().find(fits).cloned()
+    }
+
+    /// The code of what is shown.
+    fn code_of(&mut self, shown: &PatternShown) -> Result<StripeCode, String> {
+        if let Some((_, code)) = self.code.as_ref().filter(|it| it.0 == shown.manifest) {
+            return Ok(code.clone());
+        }
+        let code = PatternSettings::read(&shown.manifest)?.stripe_code(None).map_err(|fault| fault.message)?;
+        if code.frames == 0 {
+            return Err("the projector shows a static code, expected `code = \"boundary\"`".to_owned());
+        }
+        if code.projector != self.projector.image_size {
+            let [[a, b], [c, d]] = [code.projector, self.projector.image_size];
+            return Err(format!(
+                "the pictures are for a projector of {a} x {b} px, expected {c} x {d} px as in the calibration"
+            ));
+        }
+        self.code = Some((shown.manifest.clone(), code.clone()));
+        Ok(code)
+    }
+
+    /// Nearest and farthest distance of the surface, a likely one between, and how fast it moves.
+    fn whereabouts(&self, io: &Io<'_>, camera: &Camera, time: Time) -> ([f64; 2], f64, Vector3<f64>) {
+        let centre = camera.centre();
+        let [width, height] = camera.image_size.map(f64::from);
+        let middle = Point2::new(width / 2.0, height / 2.0);
+        let targets = io.latest(&TARGETS);
+        let place = |it: &Target, at: Time| -> Point3<f64> { it.position_after(time - at) };
+        let seen = targets.iter().flat_map(|all| all.value.list.iter().map(|it| (it, place(it, all.value.time))));
+        let off = |place: &Point3<f64>| {
+            camera.project(place).map(|it| (it - middle).norm()).filter(|it| *it < width.max(height))
+        };
+        let nearest =
+            seen.filter_map(|(target, place)| Some((off(&place)?, target, place))).min_by(|a, b| a.0.total_cmp(&b.0));
+        match nearest {
+            Some((_, target, place)) => {
+                let distance = (place - centre).norm();
+                let near = (distance - self.settings.around_m).max(1e-3);
+                ([near, distance + self.settings.around_m], distance, target.velocity)
+            }
+            None => {
+                let [near, far] = self.settings.distance_m;
+                ([near, far], self.distance.unwrap_or((near * far).sqrt()).clamp(near, far), Vector3::zeros())
+            }
+        }
+    }
+
+    fn take(&mut self, io: &mut Io<'_>, image: &Stamped<Arc<Image>>, camera: Camera) {
+        let time = image.time();
+        let size = [image.value.width, image.value.height];
+        if let Some(last) = self.last.filter(|it| *it >= time) {
+            let fault =
+                format!("a picture came after that of {:.3} s, expected pictures in the order of time", last.as_s());
+            return self.refuse(io, time, "order", fault);
+        }
+        if size != camera.image_size
+            || image.value.format != PixelFormat::Gray8
+            || image.value.window != Default::default()
+        {
+            let [a, b] = camera.image_size;
+            let fault = format!(
+                "found a picture of {} x {} px or of colours, expected a gray one of {a} x {b} px",
+                size[0], size[1]
+            );
+            return self.refuse(io, time, "size", fault);
+        }
+        self.last = Some(time);
+        let Some(shown) = self.shown_at(time) else {
+            let fault = "nobody said what the projector shows during all of the exposure; are `latency_ms` and `exposure_ms` right, are camera and projector in step?";
+            return self.refuse(io, time, "shown", fault.to_owned());
+        };
+        let code = match self.code_of(&shown) {
+            Ok(code) => code,
+            Err(fault) => return self.refuse(io, time, "code", fault),
+        };
+        let axis = if code.has(Axis::Columns) { 0 } else { 1 };
+        let (range, distance, velocity) = self.whereabouts(io, &camera, time);
+        let [along, across] = slope(&camera, &self.projector, axis, distance).unwrap_or([f64::NAN; 2]);
+        if along.is_nan() || along <= across.abs() {
+            let fault = format!(
+                "found {along:.2} {} of the projector for each pixel to the right and {across:.2} for each pixel down, expected rows that cross the stripes from left to right",
+                if axis == 0 { "columns" } else { "rows" }
+            );
+            return self.refuse(io, time, "direction", fault);
+        }
+        self.tracker.set_pitch((f64::from(code.stripe[axis]) / along) as f32);
+        let number = shown.set * FRAMES as u64 + u64::from(shown.index);
+        let told = shown.index as usize % FRAMES;
+        let Ok(view) = ImageView::new(&image.value.pixels, size[0] as usize, size[1] as usize) else {
+            return self.refuse(io, time, "size", "found a picture with too few or too many pixels".to_owned());
+        };
+        let options = DetectOptions {
+            min_step: self.settings.min_step,
+            min_contrast: self.settings.min_contrast,
+            black: self.settings.black,
+            noise: self.settings.noise,
+            threads: self.settings.threads,
+            ..DetectOptions::default()
+        };
+        let edges = match detect(&view, &options) {
+            Ok(edges) => edges,
+            Err(fault) => return self.refuse(io, time, "edges", fault.to_string()),
+        };
+        self.look_over(&edges, &image.value, time);
+        let before = self.before.take();
+        let passed = before.as_ref().map_or(0, |it| number.saturating_sub(it.number));
+        match &before {
+            Some(before) if (1..=MOST_MISSING).contains(&passed) => {
+                if passed > 1 {
+                    self.note(
+                        "missing",
+                        time,
+                        &format!("{} pictures of the camera are missing before this one", passed - 1),
+                    );
+                }
+                let by = velocity * (time - before.stamp.time).as_s();
+                let field = shift(&before.camera, &camera, &self.projector, distance, &by);
+                let foretold = |x: f32, y: f32| field.at(x, y).map(|it| if it.is_finite() { it } else { 0.0 });
+                self.tracker.predict(passed as u32, &foretold);
+            }
+            Some(_) if passed == 0 => {
+                let fault = "a second picture was taken while the projector showed the same; is the camera faster than the projector?";
+                self.refuse(io, time, "twice", fault.to_owned());
+                self.before = before;
+                return;
+            }
+            Some(_) => {
+                self.note(
+                    "missing",
+                    time,
+                    &format!("{} pictures of the camera are missing before this one: begins anew", passed - 1),
+                );
+                self.tracker.reset();
+            }
+            None => self.tracker.reset(),
+        }
+        let instead = self.tracker.agreement(&edges).instead_of(told);
+        if let Some(instead) = instead {
+            let fault = format!(
+                "the projector shows picture {instead} of the code, expected picture {told} as it was told: it dropped a frame, or `latency_ms` is wrong"
+            );
+            self.note("dropped", time, &fault);
+        }
+        self.others = if instead.is_some() { self.others + 1 } else { 0 };
+        if self.others > MOST_OTHERS {
+            // Tracks that say so picture after picture are no better known than what the projector was told.
+            self.tracker.reset();
+        }
+        self.tracker.update(&edges, instead.unwrap_or(told));
+        if let Some(before) = before.filter(|_| passed == 1) {
+            self.conclude(io, &before, &code, axis, &image.value);
+        }
+        self.recent.push_back(Arc::clone(&image.value));
+        if self.recent.len() > FRAMES {
+            self.recent.pop_front();
+        }
+        let lit_from = lit_from(&camera, &self.projector, axis, range);
+        self.before = Some(Before { stamp: image.stamp, camera, number, lit_from });
+    }
+
+    /// Notes what is wrong with the light of a picture.
+    fn look_over(&mut self, edges: &Edges, image: &Image, time: Time) {
+        let n = edges.len();
+        if edges.n_saturated > n.max(image.height as usize) {
+            let fault = format!(
+                "{} edges of light are saturated, {n} are not: too bright, expected less exposure, gain or light",
+                edges.n_saturated
+            );
+            self.note("bright", time, &fault);
+        } else if (n as f64) < LEAST_EDGES * f64::from(image.height) {
+            let brightest = image.pixels.iter().max().copied().unwrap_or(0);
+            let few = f32::from(brightest) < self.settings.black + 2.0 * self.settings.min_step;
+            let why = if few { "too dark" } else { "is the projector on, and in focus, where the camera looks?" };
+            let fault = format!("found {n} edges of light, expected at least one in every other row: {why}");
+            self.note("dark", time, &fault);
+        }
+    }
+
+    /// Makes the map of the picture before.
+    fn conclude(&mut self, io: &mut Io<'_>, before: &Before, code: &StripeCode, axis: usize, image: &Image) {
+        let found = lines(&self.tracker);
+        let mut map = Map::new(image, self.projector.image_size, axis);
+        let stripe = code.stripe[axis] as f32;
+        let pitch = self.tracker.options().pitch;
+        let period = stripe * BoundaryCode::get().len() as f32;
+        let (mut n, mut n_ghosts, mut n_unknown) = (0, 0, 0);
+        for (y, row) in found.iter().enumerate() {
+            for line in row {
+                let Some(column) = period_of(line, y, stripe, period, &before.lit_from) else {
+                    n_unknown += 1;
+                    continue;
+                };
+                n += 1;
+                n_ghosts += u64::from(line.is_ghost);
+                map.draw(y, line, column, stripe, pitch, self.settings.beside_px);
+            }
+        }
+        self.unknown_period += n_unknown;
+        if n == 0 {
+            self.empty += 1;
+            let fault = match n_unknown {
+                0 => "no boundary could be decoded",
+                _ => {
+                    "the code repeats, and no one repetition fits: connect `targets`, or set `distance_m` to where the surface can be"
+                }
+            };
+            if n_unknown > 0 {
+                self.note("period", before.stamp.time, fault);
+            }
+            io.gap(&MAP, before.stamp.time, fault);
+            return;
+        }
+        self.frames += 1;
+        self.found += n;
+        self.ghosts += n_ghosts;
+        let map = map.finish(format!("{:.3} s", before.stamp.time.as_s()));
+        self.distance = self.distance_of(&before.camera, &map).or(self.distance);
+        let white = Image { pixels: brightest(&self.recent), ..image.clone() };
+        io.emit(&WHITE, before.stamp, white);
+        io.emit(&MAP, before.stamp, map);
+    }
+
+    /// Median distance of some points of a map [m].
+    fn distance_of(&self, camera: &Camera, map: &ProjectorMap) -> Option<f64> {
+        let known = |at: &usize| {
+            let (x, y) = (at % map.width as usize, at / map.width as usize);
+            let sample = map.get(x, y);
+            let pixel = Point2::new(x as f64, y as f64);
+            triangulate(camera, &self.projector, &pixel, &sample).map(|it| it.depth)
+        };
+        let every = (map.width as usize * map.height as usize / (40 * SAMPLES)).max(1);
+        let all = (0..map.width as usize * map.height as usize).step_by(every);
+        let mut depths: Vec<f64> = all.filter_map(|at| known(&at)).collect();
+        depths.sort_by(f64::total_cmp);
+        depths.get(depths.len() / 2).copied()
+    }
+}
+
+/// The projector column of a boundary, in the one repetition of the code that fits; `None` where none or several do.
+fn period_of(line: &Line, y: usize, stripe: f32, period: f32, lit_from: &Field) -> Option<f32> {
+    let [a, b] = lit_from.at(line.x, y as f32);
+    let (least, most) = (a.min(b), a.max(b));
+    let first = f32::from(line.number) * stripe - 0.5;
+    let times = ((least - first) / period).ceil();
+    let column = first + times * period;
+    (column <= most && column + period > most && times >= 0.0).then_some(column)
+}
+
+/// The brightest of each pixel over some pictures.
+fn brightest(pictures: &VecDeque<Arc<Image>>) -> Vec<u8> {
+    let mut pictures = pictures.iter();
+    let mut all = pictures.next().map(|it| it.pixels.clone()).unwrap_or_default();
+    for picture in pictures {
+        all.iter_mut().zip(&picture.pixels).for_each(|(a, b)| *a = (*a).max(*b));
+    }
+    all
+}
+
+/// A map in the making.
+struct Map {
+    map: ProjectorMap,
+    axis: usize,
+    /// How far the boundary is whose column a pixel has [px].
+    away: Vec<f32>,
+}
+
+impl Map {
+    fn new(image: &Image, projector_size: [u32; 2], axis: usize) -> Map {
+        let (width, height) = (image.width, image.height);
+        let n = width as usize * height as usize;
+        let nothing: Vec<u8> = [f32::NAN; 4].iter().flat_map(|it| it.to_le_bytes()).collect();
+        let map = ProjectorMap {
+            camera: image.camera,
+            projector_size,
+            width,
+            height,
+            samples: nothing.repeat(n),
+            ..ProjectorMap::default()
+        };
+        Map { map, axis, away: vec![f32::INFINITY; n] }
+    }
+
+    /// Gives the pixels beside a boundary their columns of the projector.
+    fn draw(&mut self, y: usize, line: &Line, column: f32, stripe: f32, pitch: f32, beside: f32) {
+        // Without a neighbour the slope is that of a surface that faces the camera, about.
+        let (slope, unsure, beside) = match line.slope.is_finite() {
+            true => (line.slope, SLOPE_SIGMA, beside),
+            false => (1.0 / pitch, 0.5, 0.5),
+        };
+        let width = self.map.width as usize;
+        let first = (line.x - beside).ceil().max(0.0) as usize;
+        let last = ((line.x + beside).floor() as usize).min(width - 1);
+        for x in first..=last {
+            let off = x as f32 - line.x;
+            let at = y * width + x;
+            if off.abs() >= self.away[at] {
+                continue;
+            }
+            self.map.n_known += u32::from(self.away[at].is_infinite());
+            self.away[at] = off.abs();
+            let value = column + off * slope * stripe;
+            let sigma = slope * stripe * line.sigma.hypot(unsure * off);
+            for (place, number) in [(self.axis, value), (2 + self.axis, sigma)] {
+                self.map.samples[16 * at + 4 * place..][..4].copy_from_slice(&number.to_le_bytes());
+            }
+        }
+    }
+
+    fn finish(mut self, name: String) -> ProjectorMap {
+        self.map.name = name;
+        self.map
+    }
+}
+
+#[cfg(test)]
+#[path = "boundaries_tests.rs"]
+mod tests;

@@ -1,0 +1,219 @@
+//! A wall that comes nearer under a boundary code, and everything that can go wrong with it.
+
+use foveate::imaging::stripes::pattern::picture;
+use foveate::scene::{Calibration, LengthUnit, NamedCamera};
+use foveate_testkit::check_node;
+
+use super::*;
+use crate::pair::tests::rig;
+
+const STRIPE: u32 = 16;
+
+/// What is done with a picture.
+#[derive(Clone, Copy, PartialEq)]
+enum Fate {
+    Fine,
+    Lost,
+    /// The projector shows the picture before once more.
+    Dropped,
+    Dark,
+    Bright,
+    /// It comes with the time of the first.
+    Late,
+}
+
+struct Outcome {
+    maps: Vec<(Time, Arc<ProjectorMap>)>,
+    gaps: Vec<String>,
+    report: Report,
+}
+
+fn distance(number: usize) -> f64 {
+    1.5 - 0.002 * number as f64
+}
+
+fn time(number: usize) -> Time {
+    Time::from_s(0.02 * number as f64) + Interval::from_ms(40.0)
+}
+
+fn setup(connected: &[&str]) -> Setup {
+    let (camera, projector) = rig();
+    let named = |name: &str, camera: Camera| NamedCamera { name: name.to_owned(), camera };
+    let cameras = vec![named("camera", camera), named("projector", projector)];
+    let calibration = Calibration::new(cameras, LengthUnit::Metre, String::new()).unwrap();
+    let connected = connected.iter().map(ToString::to_string).collect();
+    Setup { camera: Some(CameraId(0)), calibration: Arc::new(calibration), connected, ..Setup::for_tests() }
+}
+
+/// Where the wall is lit from at each pixel.
+fn columns(number: usize) -> Vec<f64> {
+    let (camera, projector) = rig();
+    let of = |at: usize| {
+        let ray = camera.ray(&Point2::new((at % 640) as f64, (at / 640) as f64)).unwrap();
+        let depth = distance(number) / ray.direction.z;
+        projector.project(&ray.at(depth)).map_or(f64::NAN, |it| it.x)
+    };
+    (0..640 * 480).map(of).collect()
+}
+
+/// Each pixel is the mean of what a pixel's width of the wall shows, under a blur of half a projector pixel.
+fn seen(number: usize, frame: usize, gain: f64, code: &StripeCode) -> Image {
+    let shown = picture(code, code.pictures()[frame], 1.0);
+    let lit = |column: f64| -> f64 {
+        let at = (column + 0.5).floor();
+        if (0.0..1024.0).contains(&at) { f64::from(shown[at as usize]) / 255.0 } else { 0.0 }
+    };
+    let mut random = foveate::estimation::random::Random::new(number as u64 + 1);
+    let pixels = columns(number).into_iter().map(|column| {
+        let light = (0..8).map(|it| lit(column + (f64::from(it) - 3.5) * 0.4)).sum::<f64>() / 8.0;
+        (8.0 * gain.min(1.0) + 130.0 * gain * light + random.normal()).round().clamp(0.0, 255.0) as u8
+    });
+    Image { width: 640, height: 480, pixels: pixels.collect(), ..Image::default() }
+}
+
+fn run(settings: BoundariesSettings, stripe: u32, n: usize, fate: impl Fn(usize) -> Fate) -> Outcome {
+    let pattern = PatternSettings {
+        projector_px: [1024, 768],
+        code: crate::pattern::Code::Boundary,
+        stripe_px: stripe,
+        ..PatternSettings::default()
+    };
+    let (manifest, code) = (toml::to_string(&pattern).unwrap(), pattern.stripe_code(None).unwrap());
+    let mut bench = NodeBench::<Boundaries>::with_setup(settings, &setup(&["image", "shown"])).unwrap();
+    for number in 0..n {
+        let from = Time::from_s(0.02 * number as f64);
+        let shown = PatternShown {
+            set: (number / 4) as u64,
+            index: (number % 4) as u32,
+            count: 4,
+            from,
+            lasts: Interval::from_ms(20.0),
+            manifest: manifest.clone(),
+            ..PatternShown::default()
+        };
+        bench.feed(&SHOWN, from, shown).unwrap();
+    }
+    for number in 0..n {
+        let what = fate(number);
+        let gain = match what {
+            Fate::Dark => 0.02,
+            Fate::Bright => 3.0,
+            _ => 1.0,
+        };
+        let frame = if what == Fate::Dropped { (number + 3) % 4 } else { number % 4 };
+        let image = seen(number, frame, gain, &code);
+        match what {
+            Fate::Lost => {}
+            Fate::Late => bench.feed(&IMAGE, time(0), image).unwrap(),
+            _ => bench.feed(&IMAGE, time(number), image).unwrap(),
+        }
+    }
+    let gaps = bench.gaps(&MAP).into_iter().map(|it| it.reason).collect();
+    let maps = bench.outputs(&MAP).into_iter().map(|it| (it.time(), it.value)).collect();
+    Outcome { maps, gaps, report: bench.finish().unwrap() }
+}
+
+fn near() -> BoundariesSettings {
+    BoundariesSettings { distance_m: [1.3, 1.7], ..BoundariesSettings::default() }
+}
+
+/// Pixels of a map, how many of them are off by more than a projector pixel, and the root mean square of the others in their standard deviations.
+fn judge(map: &ProjectorMap, number: usize) -> (usize, usize, f64) {
+    let truth = columns(number);
+    let (mut n, mut wrong, mut squares) = (0, 0, 0.0);
+    for (at, truth) in truth.iter().enumerate() {
+        let sample = map.get(at % 640, at / 640);
+        if sample.coordinate[0].is_finite() {
+            let off = f64::from(sample.coordinate[0]) - truth;
+            n += 1;
+            if off.abs() > 1.0 { wrong += 1 } else { squares += (off / f64::from(sample.sigma[0])).powi(2) }
+        }
+    }
+    (n, wrong, (squares / (n - wrong).max(1) as f64).sqrt())
+}
+
+#[test]
+fn node_keeps_the_law() {
+    check_node::<Boundaries>("");
+    check_node::<Boundaries>("latency_ms = 16\ndistance_m = [1, 2]");
+}
+
+#[test]
+fn each_picture_has_a_map_of_its_own_time_one_picture_late() {
+    let found = run(near(), STRIPE, 12, |_| Fate::Fine);
+    assert!(found.maps.len() >= 5, "{} {:?}", found.maps.len(), found.gaps);
+    for (at, map) in &found.maps {
+        let number = (2..12).find(|it| time(*it) == *at).unwrap();
+        let (n, wrong, sigmas) = judge(map, number);
+        // Tracks that began with a ghost are known later.
+        let least = if number < 7 { 5_000 } else { 25_000 };
+        assert!(n > least && wrong == 0, "picture {number}: {n} pixels, {wrong} wrong");
+        assert!((0.1..1.5).contains(&sigmas), "picture {number}: {sigmas}");
+    }
+    let figure = |name: &str| found.report.figures[&format!("boundaries.{name}.camera")];
+    assert!(figure("ghosts") > 0.15 && figure("ghosts") < 0.35, "{}", figure("ghosts"));
+    assert!(figure("frames") == found.maps.len() as f64 && figure("unknown_period") == 0.0);
+}
+
+#[test]
+fn the_distance_says_which_repetition_of_the_code_it_is() {
+    // 86 stripes of 6 px are half of the projector; the picture sees more.
+    let found = run(near(), 6, 8, |_| Fate::Fine);
+    let (_, last) = found.maps.last().unwrap();
+    let (n, wrong, _) = judge(last, 6);
+    assert!(n > 50_000 && wrong == 0, "{n} {wrong}");
+    let wide = BoundariesSettings { distance_m: [0.4, 20.0], ..near() };
+    let found = run(wide, 6, 8, |_| Fate::Fine);
+    assert!(found.maps.is_empty(), "{}", found.maps.len());
+    assert!(found.report.remarks.iter().any(|it| it.contains("the code repeats")), "{:?}", found.report.remarks);
+}
+
+#[test]
+fn what_goes_wrong_is_named_and_got_over() {
+    let cases = [
+        (Fate::Lost, "1 pictures of the camera are missing"),
+        (Fate::Dropped, "the projector shows picture 3 of the code, expected picture 0"),
+        (Fate::Dark, "too dark"),
+        (Fate::Bright, "too bright"),
+        (Fate::Late, "expected pictures in the order of time"),
+    ];
+    for (what, words) in cases {
+        let found = run(near(), STRIPE, 18, |it| if it == 8 { what } else { Fate::Fine });
+        let remarks = &found.report.remarks;
+        assert_eq!(remarks.iter().filter(|it| it.contains(words)).count(), 1, "{words}: {remarks:?}");
+        for (at, map) in &found.maps {
+            let number = (0..18).find(|it| time(*it) == *at).unwrap();
+            let (n, wrong, _) = judge(map, number);
+            assert!(wrong * 1000 <= n, "{words}, picture {number}: {n} pixels, {wrong} wrong");
+        }
+        let (at, last) = found.maps.last().unwrap();
+        assert!(*at == time(16) && last.n_known > 25_000, "{words}: {} at {} s", last.n_known, at.as_s());
+    }
+}
+
+#[test]
+fn without_a_projector_in_sight_or_in_step_there_is_no_map() {
+    let found = run(near(), STRIPE, 10, |_| Fate::Dark);
+    assert!(
+        found.maps.is_empty()
+            && found.report.remarks.iter().any(|it| it.contains("too dark") && it.contains("10 times"))
+    );
+    let late = BoundariesSettings { latency_ms: 22.0, exposure_ms: 8.0, ..near() };
+    let found = run(late, STRIPE, 10, |_| Fate::Fine);
+    assert!(found.maps.is_empty() && found.gaps[0].contains("are camera and projector in step?"), "{:?}", found.gaps);
+}
+
+#[test]
+fn a_projector_that_shows_all_pictures_too_late_is_told_rather_than_believed() {
+    let found = run(near(), STRIPE, 20, |_| Fate::Dropped);
+    let points: u32 = found.maps.iter().map(|it| it.1.n_known).sum();
+    assert!(points < 20_000, "{points}");
+}
+
+#[test]
+fn settings_out_of_range_are_refused() {
+    let refused = |settings| Boundaries::new(settings, &setup(&[])).err().and_then(|it| it.setting);
+    assert_eq!(refused(BoundariesSettings { distance_m: [2.0, 1.0], ..near() }).as_deref(), Some("distance_m"));
+    assert_eq!(refused(BoundariesSettings { beside_px: 0.0, ..near() }).as_deref(), Some("beside_px"));
+    assert_eq!(refused(BoundariesSettings { threads: 0, ..near() }).as_deref(), Some("threads"));
+}
