@@ -83,7 +83,10 @@ impl Node for CloudScore {
         while let Some(cloud) = io.take(&CLOUD) {
             let time = cloud.value.time;
             let Some(world) = io.latest(&WORLD).map(|it| it.value.clone()) else { continue };
-            let Some(camera) = self.camera(io, &world, cloud.value.camera, time) else { continue };
+            let motions = io.latest_of_each(&MOTION).map(|it| it.value);
+            let Some(camera) = true_camera(&self.calibration, &world, motions, cloud.value.camera, time) else {
+                continue;
+            };
             if self.beam.is_none() {
                 self.beam = io.latest(&LIGHT).map(|it| Beam::new(it.value, &world));
             }
@@ -118,14 +121,18 @@ impl Node for CloudScore {
     }
 }
 
-impl CloudScore {
-    /// A camera as it truly stood.
-    fn camera(&self, io: &Io<'_>, world: &World, id: CameraId, time: Time) -> Option<TrueCamera> {
-        let calibrated = self.calibration.cameras.get(usize::from(id.0))?;
-        let at_rest = world.camera(Some(&calibrated.name), &calibrated.camera);
-        let motion = io.latest_of_each(&MOTION).map(|it| it.value).find(|it| it.camera() == id);
-        Some(motion.map_or(at_rest.clone(), |it| it.camera_at(&at_rest, time)))
-    }
+/// The camera `id` as it truly stood at `time`, on a head where `motions` has one.
+pub(super) fn true_camera<'a>(
+    calibration: &Calibration,
+    world: &World,
+    mut motions: impl Iterator<Item = &'a HeadMotion>,
+    id: CameraId,
+    time: Time,
+) -> Option<TrueCamera> {
+    let calibrated = calibration.cameras.get(usize::from(id.0))?;
+    let at_rest = world.camera(Some(&calibrated.name), &calibrated.camera);
+    let motion = motions.find(|it| it.camera() == id);
+    Some(motion.map_or(at_rest.clone(), |it| it.camera_at(&at_rest, time)))
 }
 
 #[cfg(test)]

@@ -3,16 +3,16 @@
 use std::sync::Arc;
 
 use foveate_estimation::statistics::percentile;
-use foveate_messages::{CameraId, Mesh, ScaleCloud, Time};
+use foveate_messages::{Mesh, ScaleCloud};
 use foveate_node::{ConfigError, Figures, Io, Node, NodeError, Ports, Report, Role, Setup, figures, ports};
 use foveate_scene::calibration::Calibration;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::cloud_score::true_camera;
 use crate::head::HeadMotion;
 use crate::projector::{Beam, Projection};
 use crate::score::surface::SurfaceTrack;
-use crate::truth::TrueCamera;
 use crate::world::World;
 
 ports! {
@@ -87,7 +87,9 @@ impl Node for SurfaceScore {
         while let Some(cloud) = io.take(&JOINED) {
             let time = cloud.value.cloud.time;
             let Some(world) = self.world.clone() else { continue };
-            let Some(camera) = self.camera(io, &world, cloud.value.cloud.camera, time) else { continue };
+            let motions = io.latest_of_each(&MOTION).map(|it| it.value);
+            let id = cloud.value.cloud.camera;
+            let Some(camera) = true_camera(&self.calibration, &world, motions, id, time) else { continue };
             if self.beam.is_none() {
                 self.beam = io.latest(&LIGHT).map(|it| Beam::new(it.value, &world));
             }
@@ -128,16 +130,6 @@ impl Node for SurfaceScore {
         let n_vertices = (found.errors.len() + found.n_wrong) as f64;
         report.figure("surface.wrong_per_10000", 1e4 * found.n_wrong as f64 / n_vertices);
         Ok(())
-    }
-}
-
-impl SurfaceScore {
-    /// A camera as it truly stood.
-    fn camera(&self, io: &Io<'_>, world: &World, id: CameraId, time: Time) -> Option<TrueCamera> {
-        let calibrated = self.calibration.cameras.get(usize::from(id.0))?;
-        let at_rest = world.camera(Some(&calibrated.name), &calibrated.camera);
-        let motion = io.latest_of_each(&MOTION).map(|it| it.value).find(|it| it.camera() == id);
-        Some(motion.map_or(at_rest.clone(), |it| it.camera_at(&at_rest, time)))
     }
 }
 
