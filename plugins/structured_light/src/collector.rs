@@ -13,12 +13,11 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use foveate::imaging::ImageView;
-use foveate::imaging::stripes::code::{Axis, Shown, StripeCode};
-use foveate::imaging::stripes::noise::noise;
 use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::moved::Blocks;
 use crate::pattern::PatternSettings;
 
 ports! {
@@ -35,17 +34,6 @@ figures! {
     "collector.moved_share.*": share, low, "Blocks of 16 x 16 px in which something moved, over those that the projector lit, over all sets with all pictures";
 }
 
-/// Side of the means, and of a block in means [px].
-const BIN: usize = 4;
-const BINS: usize = 4;
-/// A mean counts where white is brighter than black by this, and no pixel of it is saturated [gray level].
-const LIT: f32 = 16.0;
-const SATURATED: u8 = 250;
-/// A block counts with at least this many means.
-const LEAST_BINS: usize = 6;
-/// Bit + inverse − white − black of noise σ has a variance of 4 σ² / 16 in means of 4 × 4 px. Over a block of 16 of them its mean square is 3 times that once in 10⁵ blocks (χ²), over
-/// one of 6 of them 5 times.
-const NOISE_SQUARE: f32 = 5.0 * 4.0 / 16.0;
 /// Pictures that wait for the pattern that they show.
 const HELD: usize = 32;
 /// From one pattern to the next at most, where the projector waits for pictures of the camera.
@@ -289,10 +277,19 @@ impl Collector {
                 return;
             }
         };
-        let blocks = Blocks::of(&code, &all, self.settings.max_change as f32);
+        let (columns, rows) = (width as usize, height as usize);
+        let views: Result<Vec<ImageView<'_>>, _> =
+            (0..all.names.len()).map(|it| ImageView::new(all.picture(it).unwrap_or_default(), columns, rows)).collect();
+        let blocks = match views {
+            Ok(views) => Blocks::of(&code, &views, [self.settings.max_change as f32, 0.0]),
+            Err(fault) => {
+                self.refuse(io, time, format!("{name}: {fault}"));
+                return;
+            }
+        };
         self.blocks[0] += blocks.moved.len() as u64;
         self.blocks[1] += blocks.n_lit as u64;
-        let share = blocks.moved.len() as f64 / blocks.n_lit.max(1) as f64;
+        let share = blocks.share();
         if share > self.settings.max_moved {
             self.moved += 1;
             let (found, most) = (100.0 * share, 100.0 * self.settings.max_moved);
@@ -302,7 +299,9 @@ impl Collector {
             self.refuse(io, time, fault);
             return;
         }
-        blocks.black_out(&mut all);
+        for picture in all.pixels.chunks_exact_mut(columns * rows) {
+            blocks.each_row([columns, rows], |row, from, to| picture[row * columns..][from..to].fill(0));
+        }
         self.passed += 1;
         let middle = pictures[pictures.len() / 2].0;
         io.emit(&PICTURES, middle, all);
@@ -325,110 +324,9 @@ impl Collector {
     }
 }
 
-/// Parts of the picture in which something moved during a set.
-struct Blocks {
-    /// Left column and top row [px].
-    moved: Vec<[usize; 2]>,
-    n_lit: usize,
-}
-
-impl Blocks {
-    fn of(code: &StripeCode, set: &PatternPictures, max_change: f32) -> Blocks {
-        let (width, height) = (set.width as usize, set.height as usize);
-        let [columns, rows] = [width / BIN, height / BIN];
-        let means = |index: usize| -> Vec<f32> {
-            let pixels = set.picture(index).unwrap_or_default();
-            let mut sums = vec![0_u32; columns * rows];
-            for (y, row) in pixels.chunks_exact(width).take(rows * BIN).enumerate() {
-                let sums = &mut sums[y / BIN * columns..][..columns];
-                for (sum, pixels) in sums.iter_mut().zip(row.chunks_exact(BIN)) {
-                    *sum += pixels.iter().map(|it| u32::from(*it)).sum::<u32>();
-                }
-            }
-            sums.iter().map(|it| *it as f32 / (BIN * BIN) as f32).collect()
-        };
-        let mut found = Blocks { moved: Vec::new(), n_lit: 0 };
-        let (Some(white_at), Some(black_at)) = (code.place(Shown::White), code.place(Shown::Black)) else {
-            return found;
-        };
-        let (white, black) = (means(white_at), means(black_at));
-        let bright = set.picture(white_at).unwrap_or_default();
-        let saturated = |bin: usize| {
-            let (x, y) = (bin % columns * BIN, bin / columns * BIN);
-            (0..BIN).any(|dy| bright[(y + dy) * width + x..][..BIN].iter().any(|it| *it >= SATURATED))
-        };
-        let counts: Vec<bool> = (0..white.len()).map(|it| white[it] - black[it] >= LIT && !saturated(it)).collect();
-        let both: Vec<f32> = white.iter().zip(&black).map(|(a, b)| a + b).collect();
-        // The largest mean square of any pair, by block.
-        let across = columns.div_ceil(BINS);
-        let mut worst = vec![0.0_f32; across * rows.div_ceil(BINS)];
-        let mut compare = |sum: &[f32]| {
-            let mut squares = vec![(0.0_f32, 0_usize); worst.len()];
-            for (at, sum) in sum.iter().enumerate().filter(|it| counts[it.0]) {
-                let block = at / columns / BINS * across + at % columns / BINS;
-                squares[block].0 += (sum - both[at]).powi(2);
-                squares[block].1 += 1;
-            }
-            for (worst, (square, n)) in worst.iter_mut().zip(squares) {
-                if n >= LEAST_BINS {
-                    // A block that counts is never 0: it tells those from the others.
-                    *worst = worst.max((square / n as f32).max(f32::MIN_POSITIVE));
-                }
-            }
-        };
-        for axis in Axis::BOTH.into_iter().filter(|it| code.has(*it)) {
-            for plane in 0..code.bits[axis.index()] {
-                let place = |inverse: bool| code.place(Shown::Bit { axis, plane, inverse });
-                if let (Some(bit), Some(inverse)) = (place(false), place(true)) {
-                    let sum: Vec<f32> = means(bit).iter().zip(means(inverse)).map(|(a, b)| a + b).collect();
-                    compare(&sum);
-                }
-            }
-            let steps: Vec<usize> =
-                (0..code.steps).filter_map(|step| code.place(Shown::Phase { axis, step })).collect();
-            if steps.is_empty() {
-                continue;
-            }
-            let mut sum = vec![0.0; both.len()];
-            for step in &steps {
-                sum.iter_mut().zip(means(*step)).for_each(|(sum, it)| *sum += it * 2.0 / steps.len() as f32);
-            }
-            // A projector of another gamma makes the mean of a sine wave another one everywhere alike.
-            let mut shares: Vec<f32> = (0..sum.len()).filter(|it| counts[*it]).map(|it| sum[it] / both[it]).collect();
-            shares.sort_by(f32::total_cmp);
-            if let Some(share) = shares.get(shares.len() / 2) {
-                sum.iter_mut().for_each(|it| *it /= share);
-                compare(&sum);
-            }
-        }
-        let sigma = [white_at, black_at].map(|it| {
-            let view = ImageView::new(set.picture(it).unwrap_or_default(), width, height);
-            view.map_or(0.0, |it| noise(&it) as f32)
-        });
-        let by_noise = NOISE_SQUARE * sigma[0].max(sigma[1]).powi(2);
-        for (block, worst) in worst.into_iter().enumerate().filter(|it| it.1 > 0.0) {
-            found.n_lit += 1;
-            if worst > max_change * max_change + by_noise {
-                found.moved.push([block % across, block / across].map(|it| it * BINS * BIN));
-            }
-        }
-        found
-    }
-
-    fn black_out(&self, set: &mut PatternPictures) {
-        let (width, height) = (set.width as usize, set.height as usize);
-        for picture in set.pixels.chunks_exact_mut(width * height) {
-            for [left, top] in &self.moved {
-                for row in *top..(top + BINS * BIN).min(height) {
-                    picture[row * width + left..row * width + (left + BINS * BIN).min(width)].fill(0);
-                }
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use foveate::imaging::stripes::code::{Shown, StripeCode};
     use foveate::imaging::stripes::pattern::picture;
     use foveate_testkit::check_node;
 

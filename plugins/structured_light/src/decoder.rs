@@ -1,7 +1,8 @@
 //! `structured_light.decoder`: where in the projector each camera pixel is lit from.
 //!
 //! 1. The set is examined: what is wrong with it is said with the names of its pictures, and an axis that it spoils is left out.
-//! 2. Stripes are decoded; then coordinates come from the boundaries between them, or from the phase.
+//! 2. Where something changed during the set, nothing is decoded.
+//! 3. Stripes are decoded; then coordinates come from the boundaries between them, or from the phase.
 
 use foveate::imaging::ImageView;
 use foveate::imaging::stripes::code::{Axis, Shown, StripeCode};
@@ -12,6 +13,7 @@ use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::moved::Blocks;
 use crate::pattern::{PatternSettings, calibrated_size, projector_of};
 
 ports! {
@@ -27,6 +29,12 @@ figures! {
     "decoder.faults.*": count, low, "What was wrong with sets of pictures of the camera, each named in a remark";
     "decoder.known_share.*": share, high, "Pixels of the camera with a projector coordinate over those that the projector lights, over all sets that were decoded";
 }
+
+/// What a set is taken to have changed by in a block of the picture: more than this [gray level], and this part of white and black together. More than the collector allows: cameras of others are
+/// not linear, and pack pictures.
+const CHANGE: [f32; 2] = [6.0, 0.04];
+/// Changed blocks over lit ones that are worth a remark.
+const CHANGED_SHARE: f64 = 0.005;
 
 /// Settings of [`Decoder`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -240,13 +248,23 @@ impl Decoder {
         let unreadable: Vec<usize> = set.unreadable.iter().map(|it| *it as usize).collect();
         let found = examine(&code, &views, &unreadable, self.settings.min_contrast);
         let name = |it: usize| set.names.get(it).map_or_else(|| format!("picture {it}"), |it| format!("`{it}`"));
-        let faults: Vec<String> = found.faults.iter().map(|it| it.describe(&code, &name)).collect();
+        let mut faults: Vec<String> = found.faults.iter().map(|it| it.describe(&code, &name)).collect();
         let axes = found.usable(&code);
         if axes.is_empty() {
             return Err(faults);
         }
+        for axis in Axis::BOTH.into_iter().filter(|it| code.has(*it) && !axes.contains(it)) {
+            let other = Axis::BOTH[1 - axis.index()].in_words();
+            faults.push(format!(
+                "the {} are left out, and points come from the {other} alone: where these do not tell depths well, between camera and projector, errors of the calibration are not in their sigma, and \
+                 nothing shows them",
+                axis.in_words()
+            ));
+        }
         let (code, pictures) = found.decodable(&code);
         let views: Vec<ImageView<'_>> = pictures.into_iter().map(|it| views[it]).collect();
+        // With pictures that are not what they should be, what changes says nothing.
+        let changed = found.faults.is_empty().then(|| Blocks::of(&code, &views, CHANGE)).filter(|it| it.share() > 0.0);
         let noise = self.settings.noise.max(found.noise);
         // Three standard deviations of a difference of two pixels.
         let by_noise = (3.0 * std::f64::consts::SQRT_2 * found.noise + 0.5).min(127.0) as u8;
@@ -275,7 +293,22 @@ impl Decoder {
         let of = |list: &[Vec<f32>; 2], at: usize| {
             Axis::BOTH.map(|it| list[it.index()].get(at).copied().unwrap_or(f32::NAN))
         };
-        for at in 0..white.len() {
+        let mut is_left_out = vec![false; white.len()];
+        if let Some(changed) = &changed {
+            changed.each_row([width, height], |row, from, to| is_left_out[row * width..][from..to].fill(true));
+            if changed.share() > CHANGED_SHARE {
+                faults.push(format!(
+                    "bits and their inverses are not as bright together as white and black in {:.0} % of what the projector lights, which is left out: something moved during the set, or a lamp or the \
+                     camera's exposure changed; what moves without such a trace is decoded wrong",
+                    100.0 * changed.share()
+                ));
+            }
+        }
+        for (at, is_left_out) in is_left_out.into_iter().enumerate() {
+            if is_left_out {
+                map.push(ProjectorSample::NONE);
+                continue;
+            }
             let (coordinate, sigma) = (of(&coordinates.values, at), of(&coordinates.sigmas, at));
             map.push(ProjectorSample { coordinate, sigma });
         }
@@ -362,6 +395,7 @@ mod tests {
         let [u, v] = map.unwrap().get(30, 20).coordinate;
         assert!((u - 30.0).abs() < 0.1 && v.is_nan(), "{u} {v}");
         assert!(said.contains("`17.png` shows the same stripes as `16.png`"), "{said}");
+        assert!(said.contains("the rows are left out, and points come from the columns alone"), "{said}");
     }
 
     #[test]
@@ -373,6 +407,22 @@ mod tests {
         let [u, v] = map.unwrap().get(30, 20).coordinate;
         assert!((u - 30.0).abs() < 0.1 && (v - 20.0).abs() < 0.1, "{u} {v}");
         assert!(said.contains("no picture shows black, expected after `24.png`"), "{said}");
+    }
+
+    #[test]
+    fn parts_that_change_during_a_set_are_left_out_and_told() {
+        let mut moved = set(&StripeCode::gray([64, 48]));
+        // From the tenth picture on a dark thing covers some columns.
+        for picture in moved.pixels.chunks_exact_mut(64 * 48).skip(9) {
+            picture.chunks_exact_mut(64).for_each(|row| row[32..48].iter_mut().for_each(|it| *it = *it / 2 + 10));
+        }
+        let (map, said) = run(moved);
+        let map = map.unwrap();
+        assert!(map.get(40, 20).coordinate.iter().all(|it| it.is_nan()), "{said}");
+        assert!((map.get(10, 20).coordinate[0] - 10.0).abs() < 0.1 && map.get(60, 20).coordinate[1].is_finite());
+        assert!(said.contains("in 25 % of what the projector lights"), "{said}");
+        let (whole, said) = run(set(&StripeCode::gray([64, 48])));
+        assert!(whole.unwrap().get(40, 20).coordinate[0].is_finite() && said.is_empty(), "{said}");
     }
 
     #[test]

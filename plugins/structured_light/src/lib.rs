@@ -21,6 +21,7 @@ pub mod corners;
 pub mod decoder;
 pub mod files;
 mod foresight;
+mod moved;
 pub mod pair;
 pub mod pattern;
 pub mod pictures;

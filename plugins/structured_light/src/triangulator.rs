@@ -92,6 +92,9 @@ pub struct Triangulator {
     has_pose: bool,
     points: u64,
     misfits: u64,
+    clouds: u64,
+    /// Why the first map that made no cloud made none.
+    refused: Option<String>,
     vague: u64,
     alone: u64,
     sigmas: f64,
@@ -132,6 +135,8 @@ impl Node for Triangulator {
             maps: VecDeque::new(),
             points: 0,
             misfits: 0,
+            clouds: 0,
+            refused: None,
             vague: 0,
             alone: 0,
             sigmas: 0.0,
@@ -174,6 +179,7 @@ impl Node for Triangulator {
             }
             let white = self.white.iter().find(|it| it.0 == map.time()).map(|it| Arc::clone(&it.1));
             if let Some(fault) = self.unfit(&map.value) {
+                self.refused.get_or_insert_with(|| fault.clone());
                 io.gap(&CLOUD, map.time(), fault);
                 continue;
             }
@@ -183,9 +189,12 @@ impl Node for Triangulator {
             let (misfits, points) = (self.misfits - misfits, cloud.len() as u64);
             if misfits > points {
                 self.points -= points;
-                io.gap(&CLOUD, map.time(), misfit(&map.value.name, misfits, points));
+                let fault = misfit(&map.value.name, misfits, points);
+                self.refused.get_or_insert_with(|| fault.clone());
+                io.gap(&CLOUD, map.time(), fault);
                 continue;
             }
+            self.clouds += 1;
             io.emit(&CLOUD, map.stamp, cloud);
         }
         Ok(())
@@ -198,7 +207,10 @@ impl Node for Triangulator {
         report.figure(format!("cloud.vague.{name}"), self.vague as f64);
         report.figure(format!("cloud.alone.{name}"), self.alone as f64);
         report.figure(format!("cloud.sigma_mm.{name}"), 1e3 * self.sigmas / self.points as f64);
-        Ok(())
+        match self.refused.take().filter(|_| self.clouds == 0) {
+            Some(fault) => Err(NodeError::input(format!("no set of pictures made a point cloud: {fault}"))),
+            None => Ok(()),
+        }
     }
 }
 
@@ -298,8 +310,8 @@ impl Triangulator {
 /// What a set with more misfits than points is told: these points are accidents.
 fn misfit(name: &str, misfits: u64, points: u64) -> String {
     format!(
-        "{name}: at {misfits} pixels column and row of the projector do not belong to one point, at {points} they do; expected most to: is the order of the pictures, is \
-         `centred`, are the calibrations of camera and projector those of this set?"
+        "{name}: at {misfits} pixels column and row of the projector do not belong to one point, at {points} they do; expected most to: did nothing move during the set, is the order of \
+         the pictures, is `centred`, are the calibrations of camera and projector those of this set?"
     )
 }
 
