@@ -5,7 +5,7 @@
 //! around the highest place is the answer, where most tracks voted for it and no other place is nearly as high; otherwise there is none.
 
 use super::design::{BoundaryCode, Look};
-use super::detect::{Edge, Edges};
+use super::detect::Edge;
 use super::track::Track;
 
 /// How far all of a picture may have moved beyond what was foretold, in stripes …
@@ -72,10 +72,9 @@ pub(super) fn common_shift<'a>(
 #[cfg(test)]
 mod tests {
     use super::super::design::FRAMES;
-    use super::super::detect::{DetectOptions, detect};
+    use super::super::detect::{DetectOptions, Edges, detect};
     use super::super::scene::Scene;
     use super::super::track::{TrackOptions, Tracker};
-    use super::*;
     use crate::ImageView;
 
     const NEXT: usize = 10;
