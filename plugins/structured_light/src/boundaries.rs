@@ -12,7 +12,7 @@ use std::sync::Arc;
 use foveate::geometry::Camera;
 use foveate::imaging::ImageView;
 use foveate::imaging::stripes::boundary::{
-    BoundaryCode, DetectOptions, Edges, FRAMES, Line, TrackOptions, Tracker, detect, lines,
+    BoundaryCode, DetectOptions, Edges, FRAMES, TrackOptions, Tracker, detect, lines,
 };
 use foveate::imaging::stripes::code::{Axis, StripeCode};
 use foveate::prelude::*;
@@ -20,6 +20,7 @@ use nalgebra::{Point2, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::boundary_map::{Map, brightest, period_of};
 use crate::foresight::{Field, lit_from, shift, slope};
 use crate::pair::triangulate;
 use crate::pattern::{PatternSettings, projector_of};
@@ -107,10 +108,11 @@ const MOST_MISSING: u64 = 3;
 const MOST_OTHERS: u32 = 2;
 /// Edges for each row, on average, below which a picture has no stripes.
 const LEAST_EDGES: f64 = 0.5;
-/// Of a boundary's slope where one of its neighbours is missing, and of that across a stripe [–].
-const SLOPE_SIGMA: f32 = 0.1;
 /// Points that say how far the surface is where no target does.
 const SAMPLES: usize = 64;
+
+/// Where stripes move in common by more than this beyond what the head's pose says, the pose is in doubt and its picture gives no map [px].
+const MOST_OFF_PX: f32 = 3.0;
 
 /// What was seen of the picture before.
 struct Before {
@@ -118,6 +120,8 @@ struct Before {
     camera: Camera,
     number: u64,
     lit_from: Field,
+    /// How far stripes moved in common beyond what the head's pose says, to this picture [px].
+    off: f32,
 }
 
 /// Pictures of a boundary code in, maps out.
@@ -390,6 +394,7 @@ impl Boundaries {
         self.look_over(&edges, &image.value, time);
         let before = self.before.take();
         let passed = before.as_ref().map_or(0, |it| number.saturating_sub(it.number));
+        let mut off = 0.0;
         match &before {
             Some(before) if (1..=MOST_MISSING).contains(&passed) => {
                 if passed > 1 {
@@ -403,6 +408,10 @@ impl Boundaries {
                 let field = shift(&before.camera, &camera, &self.projector, distance, &by);
                 let foretold = |x: f32, y: f32| field.at(x, y).map(|it| if it.is_finite() { it } else { 0.0 });
                 self.tracker.predict(passed as u32, &foretold);
+                // What a camera that does not turn sees moves by nothing in common.
+                if self.has_pose {
+                    off = self.tracker.align(&edges, told);
+                }
             }
             Some(_) if passed == 0 => {
                 let fault = "a second picture was taken while the projector showed the same; is the camera faster than the projector?";
@@ -434,14 +443,23 @@ impl Boundaries {
         }
         self.tracker.update(&edges, instead.unwrap_or(told));
         if let Some(before) = before.filter(|_| passed == 1) {
-            self.conclude(io, &before, &code, axis, &image.value);
+            let off = off.abs().max(before.off.abs());
+            if off > MOST_OFF_PX {
+                let fault = format!(
+                    "stripes moved by {off:.1} px more than the head's pose says, expected {MOST_OFF_PX} px at most: the pose is in doubt"
+                );
+                self.note("off", before.stamp.time, &fault);
+                io.gap(&MAP, before.stamp.time, fault);
+            } else {
+                self.conclude(io, &before, &code, axis, &image.value);
+            }
         }
         self.recent.push_back(Arc::clone(&image.value));
         if self.recent.len() > FRAMES {
             self.recent.pop_front();
         }
         let lit_from = lit_from(&camera, &self.projector, axis, range);
-        self.before = Some(Before { stamp: image.stamp, camera, number, lit_from });
+        self.before = Some(Before { stamp: image.stamp, camera, number, lit_from, off });
     }
 
     /// Notes what is wrong with the light of a picture.
@@ -519,82 +537,6 @@ impl Boundaries {
         let mut depths: Vec<f64> = all.filter_map(|at| known(&at)).collect();
         depths.sort_by(f64::total_cmp);
         depths.get(depths.len() / 2).copied()
-    }
-}
-
-/// The projector column of a boundary, in the one repetition of the code that fits; `None` where none or several do.
-fn period_of(line: &Line, y: usize, stripe: f32, period: f32, lit_from: &Field) -> Option<f32> {
-    let [a, b] = lit_from.at(line.x, y as f32);
-    let (least, most) = (a.min(b), a.max(b));
-    let first = f32::from(line.number) * stripe - 0.5;
-    let times = ((least - first) / period).ceil();
-    let column = first + times * period;
-    (column <= most && column + period > most && times >= 0.0).then_some(column)
-}
-
-/// The brightest of each pixel over some pictures.
-fn brightest(pictures: &VecDeque<Arc<Image>>) -> Vec<u8> {
-    let mut pictures = pictures.iter();
-    let mut all = pictures.next().map(|it| it.pixels.clone()).unwrap_or_default();
-    for picture in pictures {
-        all.iter_mut().zip(&picture.pixels).for_each(|(a, b)| *a = (*a).max(*b));
-    }
-    all
-}
-
-/// A map in the making.
-struct Map {
-    map: ProjectorMap,
-    axis: usize,
-    /// How far the boundary is whose column a pixel has [px].
-    away: Vec<f32>,
-}
-
-impl Map {
-    fn new(image: &Image, projector_size: [u32; 2], axis: usize) -> Map {
-        let (width, height) = (image.width, image.height);
-        let n = width as usize * height as usize;
-        let nothing: Vec<u8> = [f32::NAN; 4].iter().flat_map(|it| it.to_le_bytes()).collect();
-        let map = ProjectorMap {
-            camera: image.camera,
-            projector_size,
-            width,
-            height,
-            samples: nothing.repeat(n),
-            ..ProjectorMap::default()
-        };
-        Map { map, axis, away: vec![f32::INFINITY; n] }
-    }
-
-    /// Gives the pixels beside a boundary their columns of the projector.
-    fn draw(&mut self, y: usize, line: &Line, column: f32, stripe: f32, pitch: f32, beside: f32) {
-        // Without a neighbour the slope is that of a surface that faces the camera, about.
-        let (slope, unsure, beside) = match line.slope.is_finite() {
-            true => (line.slope, SLOPE_SIGMA, beside),
-            false => (1.0 / pitch, 0.5, 0.5),
-        };
-        let width = self.map.width as usize;
-        let first = (line.x - beside).ceil().max(0.0) as usize;
-        let last = ((line.x + beside).floor() as usize).min(width - 1);
-        for x in first..=last {
-            let off = x as f32 - line.x;
-            let at = y * width + x;
-            if off.abs() >= self.away[at] {
-                continue;
-            }
-            self.map.n_known += u32::from(self.away[at].is_infinite());
-            self.away[at] = off.abs();
-            let value = column + off * slope * stripe;
-            let sigma = slope * stripe * line.sigma.hypot(unsure * off);
-            for (place, number) in [(self.axis, value), (2 + self.axis, sigma)] {
-                self.map.samples[16 * at + 4 * place..][..4].copy_from_slice(&number.to_le_bytes());
-            }
-        }
-    }
-
-    fn finish(mut self, name: String) -> ProjectorMap {
-        self.map.name = name;
-        self.map
     }
 }
 

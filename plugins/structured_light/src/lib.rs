@@ -15,6 +15,7 @@
 //! In a calibration the projector is a camera like any other: light runs the other way along the same rays.
 
 pub mod boundaries;
+mod boundary_map;
 pub mod calibrator;
 pub mod collector;
 pub mod corners;

@@ -5,6 +5,7 @@
 //! | [`design`] | which stripe is lit in which of the four pictures |
 //! | [`detect`] | edges of light along the rows of one picture |
 //! | [`track`] | edges tracked from picture to picture, until four pictures say which boundary each is |
+//! | `common` | what errors of a head's pose move all tracks by |
 //! | [`decode`] | what holds when boundaries are held against their neighbours, and where they were |
 //!
 //! A boundary is known by what is lit to its left and to its right in each of the four pictures. Where both sides are alike it does not show (a *ghost*), never twice in a row.
@@ -12,6 +13,7 @@
 //!
 //! Source: O. Hall-Holt, S. Rusinkiewicz, "Stripe boundary codes for real-time structured-light range scanning of moving objects", ICCV 2001.
 
+mod common;
 pub mod decode;
 pub mod design;
 pub mod detect;

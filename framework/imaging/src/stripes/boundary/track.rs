@@ -5,12 +5,15 @@
 //!    its code says that it does not show, or may not.
 //! 3. A track keeps the set of boundaries that it may be. What is seen of it, rising or falling, or dark or lit on both sides where it is a ghost, takes away those that look
 //!    otherwise. One that is left, after four pictures that all fit, is what it is; a track of which nothing is left ends.
-//! 4. A boundary that should show and is not found is carried on for one picture.
+//! 4. A boundary that should show and is not found is carried on for one picture, once all pictures of the code have fitted twice. One that is not found in the same picture of the code twice ends: where
+//!    a whole picture went to the neighbours, numbers fit three pictures of four.
+//! 5. What errors of a head's pose move in common is taken off before tracks are matched ([`Tracker::align`]).
 //!
 //! The picture that the projector shows may be another one than it was told: tracks that are known tell which ([`Tracker::agreement`]).
 
 use std::collections::VecDeque;
 
+use super::common::common_shift;
 use super::design::{BoundaryCode, FRAMES, Look};
 use super::detect::{Edge, Edges};
 use crate::ImagingError;
@@ -68,6 +71,8 @@ pub struct Track {
     unseen: u32,
     /// Pictures in which it should have been seen and was not, one after the other.
     missed: u32,
+    /// Pictures of the code in which it should have been seen and was not when they were shown last, as bits.
+    owed: u8,
 }
 
 impl Track {
@@ -76,7 +81,17 @@ impl Track {
         (self.run >= FRAMES as u32 && self.possible.count_ones() == 1).then(|| self.possible.trailing_zeros() as usize)
     }
 
-    /// Pictures that fitted, one after the other.
+    /// Whether it is known and each picture of the code has fitted twice.
+    pub fn is_proven(&self) -> bool {
+        self.run >= PROVEN && self.owed == 0 && self.number().is_some()
+    }
+
+    /// Whether each picture of the code fitted when it was shown last.
+    pub fn fits_all(&self) -> bool {
+        self.owed == 0
+    }
+
+    /// Pictures that fitted.
     pub fn run(&self) -> u32 {
         self.run
     }
@@ -126,6 +141,8 @@ const MAYBE_GHOST: f32 = 2.5;
 const MISSED: f32 = 6.0;
 /// Two pictures without it, where it should be seen, end a track that is known.
 const MAX_MISSED: u32 = 2;
+/// Pictures that must fit before a track is carried on without being seen: each of the code twice.
+const PROVEN: u32 = 2 * FRAMES as u32;
 /// A boundary shows in every other picture; a missed one in three.
 const MAX_UNSEEN: u32 = 3;
 /// Rows above and below that say how fast a new track is.
@@ -205,6 +222,17 @@ impl Tracker {
             }
             row.sort_by(|a, b| a.now.x.total_cmp(&b.now.x));
         }
+    }
+
+    /// Moves all tracks by what they are off in common; between [`Self::predict`] and [`Self::agreement`]. Returns how far, in columns [px]; 0 where they do not say. How, tells `common`.
+    pub fn align(&mut self, edges: &Edges, frame: usize) -> f32 {
+        let rows = self.rows.iter().zip(&edges.rows).map(|(tracks, edges)| (tracks.as_slice(), edges.as_slice()));
+        let Some(by) = common_shift(rows, frame, self.options.pitch) else { return 0.0 };
+        for track in self.rows.iter_mut().flatten() {
+            track.now.x += by;
+            track.now.shift += by;
+        }
+        by
     }
 
     /// How the edges of a picture agree with what tracks that are known look like in each picture of the code; between [`Self::predict`] and [`Self::update`].
@@ -311,23 +339,25 @@ impl Matcher {
             match edge {
                 Some(at) => see(track, &edges[*at], frame),
                 None => {
+                    // An edge of the wrong look that no other track wants, right where a ghost is: it is no ghost.
+                    let is_near = |it: &Edge| (it.x - track.now.x).abs() <= options.known_reach * options.pitch;
+                    let mut free = edges.iter().zip(&self.is_taken).filter(|it| !it.1);
+                    let is_contradicted = track.number().is_some() && free.any(|it| is_near(it.0));
                     track.unseen += 1;
                     let hidden = match level(edges, track.now.x, options.pitch) {
                         Some(is_lit) => code.that_look(if is_lit { Look::Lit } else { Look::Dark }, frame),
                         None => code.hidden(frame),
                     };
                     let left = track.possible & hidden;
-                    if left != 0 {
+                    if left != 0 && !is_contradicted {
                         // Where its sides are not known a ghost says little: it counts for nothing until its boundary is known.
                         let is_certain = track.number().is_some() || hidden != code.hidden(frame);
                         track.run += u32::from(is_certain);
                         track.possible = left;
                         track.missed = 0;
+                        track.owed &= !bit(frame);
                     } else {
-                        track.missed += 1;
-                        if track.number().is_none() {
-                            track.missed = MAX_MISSED;
-                        }
+                        miss(track, frame);
                     }
                 }
             }
@@ -422,6 +452,7 @@ fn begin(edge: &Edge, velocity: f32, frame: usize) -> Track {
         seen: 1,
         unseen: 0,
         missed: 0,
+        owed: 0,
     }
 }
 
@@ -434,7 +465,21 @@ fn see(track: &mut Track, edge: &Edge, frame: usize) {
     track.now = Place { x: edge.x, sigma: edge.sigma, is_seen: true, ..track.now };
     track.possible &= BoundaryCode::get().that_look(look_of(edge), frame);
     track.run += 1;
+    track.owed &= !bit(frame);
     (track.unseen, track.missed) = (0, 0);
+}
+
+fn bit(frame: usize) -> u8 {
+    1 << (frame % FRAMES)
+}
+
+/// A track should be seen and is not.
+fn miss(track: &mut Track, frame: usize) {
+    track.missed += 1;
+    if track.number().is_none() || track.run < PROVEN || track.owed & bit(frame) != 0 {
+        track.missed = MAX_MISSED;
+    }
+    track.owed |= bit(frame);
 }
 
 /// Velocity of the nearest track that has been seen twice at least, within `reach`; 0 without one [px a picture].
