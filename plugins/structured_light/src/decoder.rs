@@ -351,14 +351,32 @@ fn brightest(views: &[ImageView<'_>]) -> Vec<u8> {
 mod tests {
     use super::*;
 
-    /// A set whose camera sees each pixel of a small projector as one of its own, in gray levels 20 to 220.
+    /// Camera pixels in a row and in a column of each pixel of the projector.
+    const SCALE: usize = 4;
+    /// Pixels of a picture.
+    const PIXELS: usize = 64 * 48 * SCALE * SCALE;
+
+    /// A set whose camera sees each pixel of a small projector on 4 × 4 of its own, in gray levels 20 to 220.
     fn set(code: &StripeCode) -> PatternPictures {
         let [width, height] = code.projector;
-        let seen = |it: &Shown| foveate::imaging::stripes::pattern::picture(code, *it, 1.0);
-        let pixels: Vec<u8> =
-            code.pictures().iter().flat_map(seen).map(|it| 20 + (u16::from(it) * 200 / 255) as u8).collect();
+        let columns = width as usize;
+        let seen = |it: &Shown| {
+            let shown = foveate::imaging::stripes::pattern::picture(code, *it, 1.0);
+            let rows = (0..height as usize * SCALE).map(move |row| row / SCALE * columns);
+            let levels = rows.flat_map(move |start| (0..columns * SCALE).map(move |it| start + it / SCALE));
+            levels.map(|it| 20 + (u16::from(shown[it]) * 200 / 255) as u8).collect::<Vec<u8>>()
+        };
+        let pixels: Vec<u8> = code.pictures().iter().flat_map(seen).collect();
         let names = (0..code.pictures().len()).map(|it| format!("{it:02}.png")).collect();
+        let [width, height] = [width, height].map(|it| it * SCALE as u32);
         PatternPictures { name: "scan".into(), width, height, names, pixels, ..PatternPictures::default() }
+    }
+
+    /// What a map says of the middle of a projector pixel.
+    fn at(map: &ProjectorMap, column: usize, row: usize) -> [f32; 2] {
+        // Between the second and the third of four pixels.
+        let [a, b] = [1, 2].map(|it| map.get(SCALE * column + it, SCALE * row + it).coordinate);
+        [0, 1].map(|it| 0.5 * (a[it] + b[it]))
     }
 
     fn settings() -> DecoderSettings {
@@ -386,13 +404,13 @@ mod tests {
     fn rows_that_are_spoilt_leave_columns() {
         let code = StripeCode::gray([64, 48]);
         let mut set = set(&code);
-        let n = 64 * 48;
+        let n = PIXELS;
         // The inverse of a bit of the rows was not shown.
         let (bit, inverse) = (16, 17);
         let again = set.pixels[bit * n..(bit + 1) * n].to_vec();
         set.pixels[inverse * n..(inverse + 1) * n].copy_from_slice(&again);
         let (map, said) = run(set);
-        let [u, v] = map.unwrap().get(30, 20).coordinate;
+        let [u, v] = at(&map.unwrap_or_else(|| panic!("{said}")), 30, 20);
         assert!((u - 30.0).abs() < 0.1 && v.is_nan(), "{u} {v}");
         assert!(said.contains("`17.png` shows the same stripes as `16.png`"), "{said}");
         assert!(said.contains("the rows are left out, and points come from the columns alone"), "{said}");
@@ -402,9 +420,9 @@ mod tests {
     fn a_set_without_black_is_decoded_by_its_bits() {
         let mut short = set(&StripeCode::gray([64, 48]));
         short.names.pop();
-        short.pixels.truncate(25 * 64 * 48);
+        short.pixels.truncate(25 * PIXELS);
         let (map, said) = run(short);
-        let [u, v] = map.unwrap().get(30, 20).coordinate;
+        let [u, v] = at(&map.unwrap_or_else(|| panic!("{said}")), 30, 20);
         assert!((u - 30.0).abs() < 0.1 && (v - 20.0).abs() < 0.1, "{u} {v}");
         assert!(said.contains("no picture shows black, expected after `24.png`"), "{said}");
     }
@@ -413,16 +431,18 @@ mod tests {
     fn parts_that_change_during_a_set_are_left_out_and_told() {
         let mut moved = set(&StripeCode::gray([64, 48]));
         // From the tenth picture on a dark thing covers some columns.
-        for picture in moved.pixels.chunks_exact_mut(64 * 48).skip(9) {
-            picture.chunks_exact_mut(64).for_each(|row| row[32..48].iter_mut().for_each(|it| *it = *it / 2 + 10));
+        for picture in moved.pixels.chunks_exact_mut(PIXELS).skip(9) {
+            picture
+                .chunks_exact_mut(64 * SCALE)
+                .for_each(|row| row[32 * SCALE..48 * SCALE].iter_mut().for_each(|it| *it = *it / 2 + 10));
         }
         let (map, said) = run(moved);
         let map = map.unwrap();
-        assert!(map.get(40, 20).coordinate.iter().all(|it| it.is_nan()), "{said}");
-        assert!((map.get(10, 20).coordinate[0] - 10.0).abs() < 0.1 && map.get(60, 20).coordinate[1].is_finite());
+        assert!(at(&map, 40, 20).iter().all(|it| it.is_nan()), "{said}");
+        assert!((at(&map, 10, 20)[0] - 10.0).abs() < 0.1 && at(&map, 60, 20)[1].is_finite());
         assert!(said.contains("in 25 % of what the projector lights"), "{said}");
         let (whole, said) = run(set(&StripeCode::gray([64, 48])));
-        assert!(whole.unwrap().get(40, 20).coordinate[0].is_finite() && said.is_empty(), "{said}");
+        assert!(at(&whole.unwrap(), 40, 20)[0].is_finite() && said.is_empty(), "{said}");
     }
 
     #[test]
@@ -432,7 +452,7 @@ mod tests {
         // One of the columns, one of the rows.
         for missing in [15, 3] {
             short.names.remove(missing);
-            short.pixels.drain(missing * 64 * 48..(missing + 1) * 64 * 48);
+            short.pixels.drain(missing * PIXELS..(missing + 1) * PIXELS);
         }
         let (map, said) = run(short);
         assert!(map.is_none() && said.contains("found 24 pictures, expected 26"), "{said}");
