@@ -1,7 +1,7 @@
 //! `structured_light.boundaries`: pictures of a stripe boundary code one by one, and what the projector was told to show; for each picture, where in the projector it is lit from.
 //!
 //! 1. To each picture belongs the pattern during which all of its exposure lies. A picture that comes out of order, or of which no pattern is known, is left out.
-//! 2. Edges of light are found along the rows and tracked, foretold by the head's pose and by the target's velocity ([`crate::foresight`]).
+//! 2. Edges of light are found along the rows and tracked, foretold by the head's pose and by the target's velocity (`foresight`).
 //! 3. Tracks that are known say which of the four pictures is shown. One that the projector dropped is taken for what it is.
 //! 4. The boundaries of the picture before are decoded, ghosts between where they were and are: so a map comes one picture late, and is of its own picture's time.
 //! 5. The code repeats. The distances that the surface may have, around the target or as set, say which repetition it is; where several fit, the boundary is left out.

@@ -48,7 +48,7 @@ const CONFIRMATION_SHARE: f64 = 0.5;
 const ADAPT_WITHIN_S: f64 = 0.25;
 /// The noise of a motion model is multiplied with no less and no more. Not far down: where features are better than they are said to be,
 /// small innovations look like a calm target, and the filter would be too stiff for its next turn.
-const LEAST_NOISE: f64 = 0.7;
+const LEAST_NOISE: f64 = 0.4;
 const MOST_NOISE: f64 = 64.0;
 
 /// What the newest frame counts in the mean number of false features of a camera's frames.
