@@ -29,7 +29,7 @@ const A_TURN: u32 = 64;
 
 /// What becomes of a connection after a turn.
 #[derive(Debug, PartialEq, Eq)]
-pub(crate) enum Fate {
+pub(crate) enum Outcome {
     /// It waits for the other end.
     Waits,
     /// There is more to do at once.
@@ -93,21 +93,21 @@ impl Connection {
     }
 
     /// Goes on as far as it can.
-    pub(crate) fn turn(&mut self, house: &House<'_>) -> Fate {
+    pub(crate) fn turn(&mut self, house: &House<'_>) -> Outcome {
         match std::mem::replace(&mut self.state, State::Over) {
             State::Head { stream, read } => self.read_head(house, stream, read),
             State::Answer { stream, bytes, written } => self.answer(house, stream, bytes, written),
             State::Socket(mut socket) => match socket.turn(house.board) {
-                Ok(fate) => {
+                Ok(outcome) => {
                     self.state = State::Socket(socket);
-                    fate
+                    outcome
                 }
                 Err(why) => {
                     house.board.closed(socket.client, why);
-                    Fate::Over
+                    Outcome::Over
                 }
             },
-            State::Over => Fate::Over,
+            State::Over => Outcome::Over,
         }
     }
 
@@ -121,7 +121,7 @@ impl Connection {
         self.state = State::Over;
     }
 
-    fn read_head(&mut self, house: &House<'_>, mut stream: TcpStream, mut read: Vec<u8>) -> Fate {
+    fn read_head(&mut self, house: &House<'_>, mut stream: TcpStream, mut read: Vec<u8>) -> Outcome {
         let mut buffer = [0; 2048];
         let is_at_end = loop {
             match stream.read(&mut buffer) {
@@ -129,7 +129,7 @@ impl Connection {
                 Ok(n) => read.extend_from_slice(&buffer[..n]),
                 Err(error) if error.kind() == ErrorKind::WouldBlock => break false,
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(_) => return Fate::Over,
+                Err(_) => return Outcome::Over,
             }
             if read.len() > http::MOST_HEAD {
                 break false;
@@ -156,17 +156,17 @@ impl Connection {
                 if !read.is_empty() {
                     house.board.count(|it| it.malformed += 1);
                 }
-                Fate::Over
+                Outcome::Over
             }
             Reading::Partial => {
                 self.state = State::Head { stream, read };
-                Fate::Waits
+                Outcome::Waits
             }
         }
     }
 
     /// Answers a request.
-    fn route(&mut self, house: &House<'_>, stream: TcpStream, rest: &[u8], request: &Request) -> Fate {
+    fn route(&mut self, house: &House<'_>, stream: TcpStream, rest: &[u8], request: &Request) -> Outcome {
         if let Err(refusal) = house.admission.check(request) {
             house.board.count(|it| match refusal {
                 Refusal::Host => it.foreign_hosts += 1,
@@ -197,7 +197,7 @@ impl Connection {
         self.say(house, stream, answer)
     }
 
-    fn upgrade(&mut self, house: &House<'_>, mut stream: TcpStream, rest: &[u8], key: &str, client: Client) -> Fate {
+    fn upgrade(&mut self, house: &House<'_>, mut stream: TcpStream, rest: &[u8], key: &str, client: Client) -> Outcome {
         let head = format!(
             "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: {}\r\n\r\n",
             derive_accept_key(key.as_bytes())
@@ -205,7 +205,7 @@ impl Connection {
         // The first bytes of a connection always find room.
         if stream.write(head.as_bytes()).ok() != Some(head.len()) {
             house.board.closed(client, "it was gone before it was there".to_owned());
-            return Fate::Over;
+            return Outcome::Over;
         }
         let config = WebSocketConfig::default()
             .read_buffer_size(8 << 10)
@@ -223,15 +223,15 @@ impl Connection {
             n_heard: 0,
             bytes_heard: 0,
         }));
-        Fate::Goes
+        Outcome::Goes
     }
 
-    fn say(&mut self, house: &House<'_>, stream: TcpStream, bytes: Vec<u8>) -> Fate {
+    fn say(&mut self, house: &House<'_>, stream: TcpStream, bytes: Vec<u8>) -> Outcome {
         self.since = Instant::now();
         self.answer(house, stream, bytes, 0)
     }
 
-    fn answer(&mut self, house: &House<'_>, mut stream: TcpStream, bytes: Vec<u8>, mut written: usize) -> Fate {
+    fn answer(&mut self, house: &House<'_>, mut stream: TcpStream, bytes: Vec<u8>, mut written: usize) -> Outcome {
         while written < bytes.len() {
             match stream.write(&bytes[written..]) {
                 Ok(n) if n > 0 => {
@@ -241,17 +241,17 @@ impl Connection {
                 Err(error) if error.kind() == ErrorKind::WouldBlock => {
                     if self.since.elapsed() > LONGEST_STALL {
                         house.board.count(|it| it.stalled += 1);
-                        return Fate::Over;
+                        return Outcome::Over;
                     }
                     self.state = State::Answer { stream, bytes, written };
-                    return Fate::Waits;
+                    return Outcome::Waits;
                 }
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                _ => return Fate::Over,
+                _ => return Outcome::Over,
             }
         }
         drop(stream.shutdown(std::net::Shutdown::Write));
-        Fate::Over
+        Outcome::Over
     }
 }
 
@@ -295,13 +295,13 @@ fn content(board: &Board, path: &str, cookie: Option<String>) -> Vec<u8> {
 
 impl Socket {
     /// Reads and writes; why it is over, where it is.
-    fn turn(&mut self, board: &Board) -> Result<Fate, String> {
-        let mut fate = Fate::Goes;
+    fn turn(&mut self, board: &Board) -> Result<Outcome, String> {
+        let mut outcome = Outcome::Goes;
         for _ in 0..A_TURN {
             match self.web.read() {
                 Ok(message) => self.hear(board, &message)?,
                 Err(Error::Io(error)) if error.kind() == ErrorKind::WouldBlock => {
-                    fate = Fate::Waits;
+                    outcome = Outcome::Waits;
                     break;
                 }
                 Err(error) => return Err(self.give_up(board, &error)),
@@ -325,7 +325,7 @@ impl Socket {
             self.asked = true;
             self.write(Message::Ping(Default::default()))?;
         }
-        Ok(fate)
+        Ok(outcome)
     }
 
     fn hear(&mut self, board: &Board, message: &Message) -> Result<(), String> {

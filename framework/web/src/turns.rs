@@ -9,7 +9,7 @@ use mio::{Events, Interest, Poll, Token, Waker};
 
 use crate::admission::Admission;
 use crate::board::Board;
-use crate::connection::{Connection, Fate, House};
+use crate::connection::{Connection, House, Outcome};
 
 const LISTENER: Token = Token(0);
 const WAKER: Token = Token(1);
@@ -93,9 +93,9 @@ impl Turns {
         let Some(connection) = self.connections.get_mut(&key) else { return false };
         let house = House { board, admission: &self.admission, has_room: self.n_requests < MOST_REQUESTS };
         let was_head = connection.is_head();
-        let fate = connection.turn(&house);
+        let outcome = connection.turn(&house);
         self.n_requests += u32::from(was_head && !connection.is_head());
-        if fate == Fate::Over {
+        if outcome == Outcome::Over {
             if let Some(mut gone) = self.connections.remove(&key)
                 && let Some(stream) = gone.stream_mut()
             {
@@ -103,6 +103,6 @@ impl Turns {
             }
             return false;
         }
-        fate == Fate::Goes
+        outcome == Outcome::Goes
     }
 }

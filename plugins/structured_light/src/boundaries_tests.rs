@@ -11,7 +11,7 @@ const STRIPE: u32 = 16;
 
 /// What is done with a picture.
 #[derive(Clone, Copy, PartialEq)]
-enum Fate {
+enum Condition {
     Fine,
     Lost,
     /// The projector shows the picture before once more.
@@ -71,7 +71,7 @@ fn seen(number: usize, frame: usize, gain: f64, code: &StripeCode) -> Image {
     Image { width: 640, height: 480, pixels: pixels.collect(), ..Image::default() }
 }
 
-fn run(settings: BoundariesSettings, stripe: u32, n: usize, fate: impl Fn(usize) -> Fate) -> Outcome {
+fn run(settings: BoundariesSettings, stripe: u32, n: usize, condition: impl Fn(usize) -> Condition) -> Outcome {
     let pattern = PatternSettings {
         projector_px: [1024, 768],
         code: crate::pattern::Code::Boundary,
@@ -94,17 +94,17 @@ fn run(settings: BoundariesSettings, stripe: u32, n: usize, fate: impl Fn(usize)
         bench.feed(&SHOWN, from, shown).unwrap();
     }
     for number in 0..n {
-        let what = fate(number);
+        let what = condition(number);
         let gain = match what {
-            Fate::Dark => 0.02,
-            Fate::Bright => 3.0,
+            Condition::Dark => 0.02,
+            Condition::Bright => 3.0,
             _ => 1.0,
         };
-        let frame = if what == Fate::Dropped { (number + 3) % 4 } else { number % 4 };
+        let frame = if what == Condition::Dropped { (number + 3) % 4 } else { number % 4 };
         let image = seen(number, frame, gain, &code);
         match what {
-            Fate::Lost => {}
-            Fate::Late => bench.feed(&IMAGE, time(0), image).unwrap(),
+            Condition::Lost => {}
+            Condition::Late => bench.feed(&IMAGE, time(0), image).unwrap(),
             _ => bench.feed(&IMAGE, time(number), image).unwrap(),
         }
     }
@@ -140,7 +140,7 @@ fn node_keeps_the_law() {
 
 #[test]
 fn each_picture_has_a_map_of_its_own_time_one_picture_late() {
-    let found = run(near(), STRIPE, 12, |_| Fate::Fine);
+    let found = run(near(), STRIPE, 12, |_| Condition::Fine);
     assert!(found.maps.len() >= 5, "{} {:?}", found.maps.len(), found.gaps);
     for (at, map) in &found.maps {
         let number = (2..12).find(|it| time(*it) == *at).unwrap();
@@ -158,12 +158,12 @@ fn each_picture_has_a_map_of_its_own_time_one_picture_late() {
 #[test]
 fn the_distance_says_which_repetition_of_the_code_it_is() {
     // 86 stripes of 6 px are half of the projector; the picture sees more.
-    let found = run(near(), 6, 8, |_| Fate::Fine);
+    let found = run(near(), 6, 8, |_| Condition::Fine);
     let (_, last) = found.maps.last().unwrap();
     let (n, wrong, _) = judge(last, 6);
     assert!(n > 50_000 && wrong == 0, "{n} {wrong}");
     let wide = BoundariesSettings { distance_m: [0.4, 20.0], ..near() };
-    let found = run(wide, 6, 8, |_| Fate::Fine);
+    let found = run(wide, 6, 8, |_| Condition::Fine);
     assert!(found.maps.is_empty(), "{}", found.maps.len());
     assert!(found.report.remarks.iter().any(|it| it.contains("the code repeats")), "{:?}", found.report.remarks);
 }
@@ -171,14 +171,14 @@ fn the_distance_says_which_repetition_of_the_code_it_is() {
 #[test]
 fn what_goes_wrong_is_named_and_got_over() {
     let cases = [
-        (Fate::Lost, "1 pictures of the camera are missing"),
-        (Fate::Dropped, "the projector shows picture 3 of the code, expected picture 0"),
-        (Fate::Dark, "too dark"),
-        (Fate::Bright, "too bright"),
-        (Fate::Late, "expected pictures in the order of time"),
+        (Condition::Lost, "1 pictures of the camera are missing"),
+        (Condition::Dropped, "the projector shows picture 3 of the code, expected picture 0"),
+        (Condition::Dark, "too dark"),
+        (Condition::Bright, "too bright"),
+        (Condition::Late, "expected pictures in the order of time"),
     ];
     for (what, words) in cases {
-        let found = run(near(), STRIPE, 18, |it| if it == 8 { what } else { Fate::Fine });
+        let found = run(near(), STRIPE, 18, |it| if it == 8 { what } else { Condition::Fine });
         let remarks = &found.report.remarks;
         assert_eq!(remarks.iter().filter(|it| it.contains(words)).count(), 1, "{words}: {remarks:?}");
         for (at, map) in &found.maps {
@@ -193,19 +193,19 @@ fn what_goes_wrong_is_named_and_got_over() {
 
 #[test]
 fn without_a_projector_in_sight_or_in_step_there_is_no_map() {
-    let found = run(near(), STRIPE, 10, |_| Fate::Dark);
+    let found = run(near(), STRIPE, 10, |_| Condition::Dark);
     assert!(
         found.maps.is_empty()
             && found.report.remarks.iter().any(|it| it.contains("too dark") && it.contains("10 times"))
     );
     let late = BoundariesSettings { latency_ms: 22.0, exposure_ms: 8.0, ..near() };
-    let found = run(late, STRIPE, 10, |_| Fate::Fine);
+    let found = run(late, STRIPE, 10, |_| Condition::Fine);
     assert!(found.maps.is_empty() && found.gaps[0].contains("are camera and projector in step?"), "{:?}", found.gaps);
 }
 
 #[test]
 fn a_projector_that_shows_all_pictures_too_late_is_told_rather_than_believed() {
-    let found = run(near(), STRIPE, 20, |_| Fate::Dropped);
+    let found = run(near(), STRIPE, 20, |_| Condition::Dropped);
     let points: u32 = found.maps.iter().map(|it| it.1.n_known).sum();
     assert!(points < 20_000, "{points}");
 }

@@ -1,0 +1,224 @@
+use super::super::code::{Group, Inverse};
+use super::super::scene::{Scene, wall};
+use super::*;
+
+const MIN_CONTRAST: u8 = 12;
+
+fn code() -> StripeCode {
+    StripeCode::gray([160, 120])
+}
+
+fn examined(code: &StripeCode, pictures: &[Vec<u8>]) -> Examination {
+    let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+    examine(code, &views, &[], MIN_CONTRAST)
+}
+
+/// The faults of the wall's pictures after `change`, in words, and the axes that are left.
+#[track_caller]
+fn check(change: impl Fn(&mut Vec<Vec<u8>>), expected: &[&str], usable: &[Axis]) {
+    for seed in 1..=3 {
+        let mut pictures = wall(seed).pictures(&code());
+        change(&mut pictures);
+        let found = examined(&code(), &pictures);
+        let words: Vec<String> =
+            found.faults.iter().map(|it| it.describe(&code(), &|at| format!("`{at}.png`"))).collect();
+        assert_eq!(words.len(), expected.len(), "seed {seed}: {words:#?}");
+        for (words, expected) in words.iter().zip(expected) {
+            assert!(words.contains(expected), "seed {seed}: {words} lacks {expected}");
+        }
+        assert_eq!(found.usable(&code()), usable, "seed {seed}: {words:?}");
+    }
+}
+
+#[test]
+fn good_sets_are_good() {
+    check(|_| (), &[], &Axis::BOTH);
+    for inverse in [Inverse::Before, Inverse::Apart, Inverse::None] {
+        let order = vec![Group::Black, Group::White, Group::Stripes(Axis::Rows), Group::Stripes(Axis::Columns)];
+        let code = StripeCode { inverse, order, fine_first: true, ..code() }.with_bits([None, None], true);
+        let found = examined(&code, &wall(1).pictures(&code));
+        assert_eq!(found.faults, [], "{inverse:?}");
+    }
+    let glossy = Scene { gamma: 2.2, global: |_, _| 0.2, defocus: 0.7, ..wall(2) };
+    assert_eq!(examined(&code(), &glossy.pictures(&code())).faults, []);
+}
+
+#[test]
+fn a_missing_picture_is_named_and_the_other_axis_kept() {
+    check(
+        |it| drop(it.remove(7)),
+        &[
+            "found 31 pictures, expected 32 of this code for 160 x 120",
+            "no picture shows bit 3 of the columns, inverse, expected after `6.png`",
+        ],
+        &[Axis::Rows],
+    );
+    // The coarsest bit of the rows, then white: there is light enough to tell without it.
+    check(|it| drop(it.remove(16)), &["found 31", "no picture shows bit 0 of the rows"], &[Axis::Columns]);
+    check(|it| drop(it.remove(30)), &["found 31", "no picture shows white, expected after `29.png`"], &Axis::BOTH);
+}
+
+#[test]
+fn every_missing_picture_is_named() {
+    for seed in 1..=1 {
+        let all = wall(seed).pictures(&code());
+        for missing in 0..32 {
+            let mut pictures = all.clone();
+            pictures.remove(missing);
+            let faults = examined(&code(), &pictures).faults;
+            let shown = code().pictures()[missing];
+            // Nothing tells the coarsest bit from its inverse.
+            let is_it = |it: &SetFault| match it {
+                SetFault::Missing { shown: it, or_inverse, .. } => {
+                    *it == shown
+                        || *or_inverse && matches!(it, Shown::Bit { axis, plane: 0, .. } if Some(*axis) == shown.axis())
+                }
+                _ => false,
+            };
+            assert!(faults.len() == 2 && faults.iter().any(is_it), "seed {seed}, {shown}: {faults:?}");
+        }
+    }
+}
+
+#[test]
+fn a_picture_too_many_is_named_and_nothing_lost() {
+    let double = |it: &mut Vec<Vec<u8>>| {
+        let again = it[9].clone();
+        it.insert(9, again);
+    };
+    check(double, &["found 33 pictures", "shows bit 4 of the columns, inverse once more"], &Axis::BOTH);
+}
+
+#[test]
+fn a_doubled_picture_is_named_and_the_other_axis_kept() {
+    check(
+        |it| it[9] = it[8].clone(),
+        &["`9.png` shows the same stripes as `8.png`, expected bit 4 of the columns, inverse"],
+        &[Axis::Rows],
+    );
+}
+
+#[test]
+fn a_negative_is_named_and_accuses_no_other() {
+    for negative in [0, 5, 14, 17, 28] {
+        let axis = if negative < 16 { Axis::Rows } else { Axis::Columns };
+        let name = format!("`{negative}.png` is a negative, expected bit {}", negative % 16 / 2);
+        check(|it| it[negative].iter_mut().for_each(|it| *it = 255 - *it), &[&name], &[axis]);
+    }
+    check(|it| it[30].iter_mut().for_each(|it| *it = 255 - *it), &["`30.png` is a negative, expected white"], &[]);
+}
+
+#[test]
+fn a_picture_of_another_exposure_is_named() {
+    check(
+        |it| it[6].iter_mut().for_each(|it| *it = (f64::from(*it) * 0.45).round() as u8),
+        &["`6.png` is 0.4"],
+        &[Axis::Rows],
+    );
+}
+
+#[test]
+fn an_exchanged_pair_is_named_and_the_other_axis_kept() {
+    check(|it| it.swap(6, 7), &["bit 3 (`6.png`, `7.png`) of the columns: picture and inverse"], &[Axis::Rows]);
+}
+
+#[test]
+fn another_order_is_recognised() {
+    let swap_all = |it: &mut Vec<Vec<u8>>| (0..15).for_each(|pair| it.swap(2 * pair, 2 * pair + 1));
+    check(swap_all, &["they fit order = \"columns rows white black\", inverse = \"before\""], &[]);
+    check(|it| it.rotate_right(2), &["they fit order = \"white black columns rows\", inverse = \"after\""], &[]);
+}
+
+#[test]
+fn bits_in_each_others_places_are_named_and_no_third() {
+    let exchange = |a: usize, b: usize| {
+        move |it: &mut Vec<Vec<u8>>| {
+            it.swap(a, b);
+            it.swap(a + 1, b + 1);
+        }
+    };
+    let expected = ["`4.png` and `10.png` stand in each other's places", "`5.png` and `11.png`"];
+    check(exchange(4, 10), &expected, &[Axis::Rows]);
+    check(exchange(6, 8), &["`6.png` and `8.png`", "`7.png` and `9.png`"], &[Axis::Rows]);
+    check(exchange(6, 22), &["`6.png` and `22.png`", "`7.png` and `23.png`"], &[]);
+    check(|it| it.swap(3, 12), &["`3.png` and `12.png` stand in each other's places"], &[Axis::Rows]);
+    check(|it| it.swap(20, 30), &["`20.png` and `30.png` stand in each other's places"], &[]);
+}
+
+#[test]
+fn a_dropped_frame_is_named_and_pictures_are_known_where_they_stand() {
+    // From picture 11 on, each is the one before.
+    let drop_frame = |it: &mut Vec<Vec<u8>>| {
+        let again = it[10].clone();
+        it.insert(11, again);
+        it.pop();
+    };
+    check(drop_frame, &["shows bit 5 of the columns once more", "no picture shows black"], &Axis::BOTH);
+}
+
+#[test]
+fn noise_is_no_fault() {
+    for seed in 1..=3 {
+        let noisy = Scene { noise: 8.0, ..wall(seed) };
+        let found = examined(&code(), &noisy.pictures(&code()));
+        assert_eq!(found.faults, [], "seed {seed}");
+        assert!((6.0..9.5).contains(&found.noise), "{}", found.noise);
+    }
+}
+
+#[test]
+fn pictures_that_could_not_be_read_accuse_no_other() {
+    for (absent, usable) in [(5, vec![Axis::Rows]), (30, Axis::BOTH.to_vec())] {
+        let mut pictures = wall(1).pictures(&code());
+        pictures[absent].fill(0);
+        let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+        let found = examine(&code(), &views, &[absent], MIN_CONTRAST);
+        let shown = code().pictures()[absent];
+        assert_eq!(found.faults, [SetFault::Unreadable { picture: absent, shown }]);
+        assert_eq!(found.usable(&code()), usable);
+        let (left, pictures) = found.decodable(&code());
+        assert_eq!(left.pictures().len(), pictures.len());
+    }
+}
+
+#[test]
+fn white_and_black_exchanged_are_told() {
+    check(|it| it.swap(30, 31), &["`30.png` is darker than `31.png`"], &[]);
+}
+
+#[test]
+fn a_picture_of_another_size_is_named() {
+    let pictures = wall(1).pictures(&code());
+    let mut views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+    views[3] = ImageView::new(&pictures[3], 120, 160).unwrap();
+    let found = examine(&code(), &views, &[], MIN_CONTRAST);
+    assert_eq!(found.faults, [SetFault::Size { picture: 3, found: (120, 160), expected: (160, 120) }]);
+}
+
+#[test]
+fn dark_and_bright_scenes_are_told() {
+    let faults = |scene: Scene| {
+        let found = examined(&code(), &scene.pictures(&code()));
+        let words: Vec<String> = found.faults.iter().map(|it| it.describe(&code(), &|at| at.to_string())).collect();
+        words.join("; ")
+    };
+    assert!(faults(Scene { gain: 3.0, ..wall(1) }).contains("too dark"));
+    assert!(faults(Scene { gain: 900.0, ..wall(1) }).contains("too bright"));
+    assert!(faults(Scene { ambient: 2000.0, ..wall(1) }).contains("too bright"));
+}
+
+#[test]
+fn rows_taken_for_columns_are_told() {
+    // 160 columns need eight bits and 120 rows seven; with eight bits each, 160 columns do not fit 120 rows.
+    let right = code().with_bits([Some(8), Some(8)], false);
+    let order = vec![Group::Stripes(Axis::Rows), Group::Stripes(Axis::Columns), Group::White, Group::Black];
+    let wrong = StripeCode { order, projector: [160, 60], ..right.clone() }.with_bits([Some(8), Some(8)], false);
+    let found = examined(&wrong, &wall(1).pictures(&right));
+    let of_rows = |it: &SetFault| {
+        matches!(
+            it,
+            SetFault::OutOfRange { axis: Axis::Rows, .. } | SetFault::OutOfPlace { .. } | SetFault::Inverted { .. }
+        )
+    };
+    assert!(found.faults.iter().any(of_rows), "{:?}", found.faults);
+}
