@@ -15,6 +15,7 @@ use foveate::imaging::stripes::boundary::{
     BoundaryCode, DetectOptions, Edges, FRAMES, TrackOptions, Tracker, detect, lines,
 };
 use foveate::imaging::stripes::code::{Axis, StripeCode};
+use foveate::node::scale::Spaces;
 use foveate::prelude::*;
 use nalgebra::{Point2, Point3, Vector3};
 use schemars::JsonSchema;
@@ -30,13 +31,14 @@ ports! {
     SHOWN: In<PatternShown> = each("shown");
     POSE: In<HeadPose> = each("pose").optional();
     TARGETS: In<Targets> = latest("targets").of_parent().optional();
+    SPACES: In<ScaleSpace> = each("spaces").many().optional();
     MAP: Out<ProjectorMap> = "map";
     WHITE: Out<Image> = "white";
 }
 
 figures! {
     "boundaries.frames.*": count, high, "Pictures of the camera of which a map was made";
-    "boundaries.frames_empty.*": count, low, "Pictures of the camera in which no boundary could be decoded: the first four, and those that are dark, saturated or without stripes";
+    "boundaries.frames_empty.*": count, low, "Pictures of the camera in which no boundary could be decoded, or few of those before: the first four, and those that are dark, saturated or without stripes, and those of what moves too fast";
     "boundaries.frames_refused.*": count, low, "Pictures of the camera that came out of order, are of another size or of which nobody knows what the projector showed";
     "boundaries.a_frame.*": count, high, "Boundaries for each picture of which a map was made, counted row by row";
     "boundaries.ghosts.*": share, neither, "Of these, those that did not show in their picture and lie between where they were before and after";
@@ -57,7 +59,7 @@ pub struct BoundariesSettings {
     pub exposure_ms: f64,
     /// Distance of the surface from the camera, nearest and farthest, where no target says it [m]
     pub distance_m: [f64; 2],
-    /// With `targets` connected: the surface is no farther than this from the target that is nearest to the middle of the picture [m]
+    /// The surface is no farther than this from the origin of the scale's space, with `spaces` connected, or from the target at `targets` that is nearest to the middle of the picture [m]
     #[schemars(range(min = 0.001, max = 100.0))]
     pub around_m: f64,
     /// Least difference of both sides of an edge of light [gray level]
@@ -114,6 +116,11 @@ const SAMPLES: usize = 64;
 /// Where stripes move in common by more than this beyond what the head's pose says, the pose is in doubt and its picture gives no map [px].
 const MOST_OFF_PX: f32 = 3.0;
 
+/// A map of fewer than this part of the boundaries of the best one is of what tracking left behind: most of that is wrong …
+const LEAST_PART: f64 = 0.1;
+/// … where the best one counts for less from picture to picture.
+const FADES: f64 = 0.99;
+
 /// What was seen of the picture before.
 struct Before {
     stamp: Stamp,
@@ -131,6 +138,8 @@ pub struct Boundaries {
     camera: Camera,
     projector: Camera,
     has_pose: bool,
+    /// Of the scale, where `spaces` says where that is, with its velocity [m/s].
+    spaces: Option<(Spaces, Vector3<f64>)>,
     shown: VecDeque<Arc<PatternShown>>,
     images: VecDeque<Stamped<Arc<Image>>>,
     poses: VecDeque<Arc<HeadPose>>,
@@ -143,6 +152,8 @@ pub struct Boundaries {
     distance: Option<f64>,
     /// Pictures one after the other in which the projector showed another one than it was told.
     others: u32,
+    /// Boundaries in the best map of late.
+    most: f64,
     frames: u64,
     empty: u64,
     refused: u64,
@@ -186,6 +197,7 @@ impl Node for Boundaries {
         Ok(Self {
             camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
             has_pose: setup.is_connected(&POSE),
+            spaces: setup.is_connected(&SPACES).then(|| (Spaces::new(&setup.scales), Vector3::zeros())),
             settings,
             camera,
             projector,
@@ -199,6 +211,7 @@ impl Node for Boundaries {
             last: None,
             distance: None,
             others: 0,
+            most: 0.0,
             frames: 0,
             empty: 0,
             refused: 0,
@@ -214,6 +227,14 @@ impl Node for Boundaries {
             self.shown.push_back(shown.value);
             if self.shown.len() > HELD {
                 self.shown.pop_front();
+            }
+        }
+        while let Some(space) = io.take(&SPACES) {
+            if let Some((spaces, velocity)) = &mut self.spaces {
+                spaces.learn(&space.value);
+                if space.value.scale == spaces.own() {
+                    *velocity = space.value.velocity;
+                }
             }
         }
         while let Some(pose) = io.take(&POSE) {
@@ -309,24 +330,30 @@ impl Boundaries {
         Ok(code)
     }
 
-    /// Nearest and farthest distance of the surface, a likely one between, and how fast it moves.
-    fn whereabouts(&self, io: &Io<'_>, camera: &Camera, time: Time) -> ([f64; 2], f64, Vector3<f64>) {
-        let centre = camera.centre();
+    /// Where the surface is about, and its velocity [m, m/s].
+    fn target(&self, io: &Io<'_>, camera: &Camera, time: Time) -> Option<(Point3<f64>, Vector3<f64>)> {
+        if let Some((spaces, velocity)) = &self.spaces {
+            let pose = spaces.world_from_own(time).ok().filter(|_| !spaces.is_suspended())?;
+            return Some((pose.transform.translation.vector.into(), *velocity));
+        }
         let [width, height] = camera.image_size.map(f64::from);
         let middle = Point2::new(width / 2.0, height / 2.0);
-        let targets = io.latest(&TARGETS);
-        let place = |it: &Target, at: Time| -> Point3<f64> { it.position_after(time - at) };
-        let seen = targets.iter().flat_map(|all| all.value.list.iter().map(|it| (it, place(it, all.value.time))));
-        let off = |place: &Point3<f64>| {
-            camera.project(place).map(|it| (it - middle).norm()).filter(|it| *it < width.max(height))
-        };
-        let nearest =
-            seen.filter_map(|(target, place)| Some((off(&place)?, target, place))).min_by(|a, b| a.0.total_cmp(&b.0));
-        match nearest {
-            Some((_, target, place)) => {
-                let distance = (place - centre).norm();
+        let targets = io.latest(&TARGETS)?;
+        let seen = targets.value.list.iter().filter_map(|target| {
+            let place = target.position_after(time - targets.value.time);
+            let off = (camera.project(&place)? - middle).norm();
+            (off < width.max(height)).then_some((off, place, target.velocity))
+        });
+        seen.min_by(|a, b| a.0.total_cmp(&b.0)).map(|it| (it.1, it.2))
+    }
+
+    /// Nearest and farthest distance of the surface, a likely one between, and how fast it moves.
+    fn whereabouts(&self, io: &Io<'_>, camera: &Camera, time: Time) -> ([f64; 2], f64, Vector3<f64>) {
+        match self.target(io, camera, time) {
+            Some((place, velocity)) => {
+                let distance = (place - camera.centre()).norm();
                 let near = (distance - self.settings.around_m).max(1e-3);
-                ([near, distance + self.settings.around_m], distance, target.velocity)
+                ([near, distance + self.settings.around_m], distance, velocity)
             }
             None => {
                 let [near, far] = self.settings.distance_m;
@@ -511,6 +538,17 @@ impl Boundaries {
             if n_unknown > 0 {
                 self.note("period", before.stamp.time, fault);
             }
+            io.gap(&MAP, before.stamp.time, fault);
+            return;
+        }
+        self.most = (self.most * FADES).max(n as f64);
+        if (n as f64) < LEAST_PART * self.most {
+            self.empty += 1;
+            let fault = format!(
+                "{n} boundaries are left, expected about {:.0} as before: what moves was lost, or is nearly out of the picture",
+                self.most
+            );
+            self.note("lost", before.stamp.time, &fault);
             io.gap(&MAP, before.stamp.time, fault);
             return;
         }

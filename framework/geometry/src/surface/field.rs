@@ -116,6 +116,15 @@ impl DistanceField {
         result
     }
 
+    /// Makes all points so far count `share` of what they did, 0 to 1: those to come then say more about what has changed.
+    pub fn fade(&mut self, share: f64) {
+        let share = share as f32;
+        for voxel in self.blocks.iter_mut().flat_map(|it| it.iter_mut()) {
+            voxel.weight *= share;
+            voxel.n_points *= share;
+        }
+    }
+
     fn voxel_mut(&mut self, voxel: [i32; 3], cursor: &mut Cursor) -> Result<&mut Voxel, Fused> {
         let block = voxel.map(|it| it.div_euclid(SIDE as i32));
         if block != cursor.block {

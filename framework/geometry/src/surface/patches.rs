@@ -75,6 +75,15 @@ impl Patches {
         true
     }
 
+    /// Makes all points so far count `share` of what they did, above 0 to 1.
+    pub fn fade(&mut self, share: f64) {
+        for patch in self.levels.iter_mut().flat_map(|it| &mut it.patches) {
+            patch.weight *= share;
+            patch.position *= share;
+            patch.normal *= share;
+        }
+    }
+
     /// Cells of the finest level that hold something.
     pub fn len(&self) -> usize {
         self.levels.first().map_or(0, |it| it.patches.len())

@@ -1,17 +1,20 @@
 //! How well the shape of a surface is recovered: against the truth of the simulated world.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use foveate_estimation::statistics::percentile;
-use foveate_messages::{CameraId, PointCloud, Time};
-use foveate_node::{ConfigError, Figures, Io, Node, NodeError, Ports, Report, Role, Setup, figures, ports};
+use foveate_messages::{CameraId, Interval, PointCloud, Time};
+use foveate_node::{ConfigError, Figures, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, figures, ports};
 use foveate_scene::calibration::Calibration;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::table::save_table;
 use crate::head::HeadMotion;
+use crate::painted::Skin;
 use crate::projector::{Beam, Projection};
-use crate::score::cloud::CloudTrack;
+use crate::score::cloud::{CloudTrack, Counts};
 use crate::truth::TrueCamera;
 use crate::world::World;
 
@@ -30,7 +33,12 @@ figures! {
     "clouds": count, high, "Clouds that were compared";
     "cloud_points": count, neither, "Points of these";
     "pixel_mm": mm, neither, "Distance between neighbouring pixels' lines of sight on the surface, median";
+    "surface_speed.{median,max}": m_per_s, neither, "How fast the true surface moved, the median of its vertices, at the times of the clouds";
 }
+
+const TABLE_FILE: &str = "clouds.csv";
+/// Over how long the speed of the surface is taken [s].
+const SPEED_S: f64 = 2e-3;
 
 /// Settings of [`CloudScore`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -45,11 +53,13 @@ pub struct CloudScoreSettings {
     /// Clouds of earlier times are not scored [s]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub start_s: f64,
+    /// Whether what each cloud is like is saved as `clouds.csv` [–]
+    pub write: bool,
 }
 
 impl Default for CloudScoreSettings {
     fn default() -> Self {
-        Self { wrong_mm: 5.0, near_px: 2.0, start_s: 0.0 }
+        Self { wrong_mm: 5.0, near_px: 2.0, start_s: 0.0, write: true }
     }
 }
 
@@ -57,8 +67,12 @@ impl Default for CloudScoreSettings {
 pub struct CloudScore {
     settings: CloudScoreSettings,
     calibration: Arc<Calibration>,
+    folder: Option<PathBuf>,
     beam: Option<Beam>,
     track: CloudTrack,
+    /// Of each cloud [m/s].
+    speeds: Vec<f64>,
+    rows: Vec<String>,
 }
 
 impl Node for CloudScore {
@@ -76,7 +90,18 @@ impl Node for CloudScore {
         ConfigError::unless_in("wrong_mm", settings.wrong_mm, 1e-3..=1e3)?;
         ConfigError::unless_in("near_px", settings.near_px, 0.1..=100.0)?;
         ConfigError::unless_in("start_s", settings.start_s, 0.0..=1e6)?;
-        Ok(Self { settings, calibration: Arc::clone(&setup.calibration), beam: None, track: CloudTrack::default() })
+        if settings.write {
+            setup.claim_file(Some("write"), TABLE_FILE)?;
+        }
+        Ok(Self {
+            folder: setup.out_dir.clone().filter(|_| settings.write && setup.purpose == Purpose::Run),
+            settings,
+            calibration: Arc::clone(&setup.calibration),
+            beam: None,
+            track: CloudTrack::default(),
+            speeds: Vec::new(),
+            rows: Vec::new(),
+        })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -93,7 +118,11 @@ impl Node for CloudScore {
             if time.as_s() >= self.settings.start_s
                 && let (Some(beam), Some((part, skin))) = (&mut self.beam, world.shape(time))
             {
+                let before = self.track.counts();
                 self.track.add(&cloud.value, &camera, (part, &skin), beam, self.settings.near_px);
+                let speed = speed(&world, &skin, time);
+                self.speeds.push(speed);
+                self.rows.push(self.row(&cloud.value, before, speed));
             }
         }
         Ok(())
@@ -117,8 +146,43 @@ impl Node for CloudScore {
         let wrong = track.n_wrong(self.settings.wrong_mm * 1e-3) as f64;
         report.figure("wrong_per_10000", wrong * 1e4 / track.n_points() as f64);
         report.figure("pixel_mm", of(&track.pixels_m, 50.0) * 1e3);
-        Ok(())
+        report.figure("surface_speed.median", of(&self.speeds, 50.0));
+        report.figure("surface_speed.max", of(&self.speeds, 100.0));
+        match &self.folder {
+            Some(folder) => save_table(folder, TABLE_FILE, HEADING, &self.rows, report),
+            None => Ok(()),
+        }
     }
+}
+
+const HEADING: &str = "time_s,camera,points,depth_mm_median,depth_mm_p95,coverage,wrong,surface_m_s";
+
+impl CloudScore {
+    /// What came with the last cloud, when `before` stood there before it.
+    fn row(&self, cloud: &PointCloud, before: Counts, speed: f64) -> String {
+        let now = self.track.counts();
+        let off_mm: Vec<f64> = self.track.errors[before.n_errors..].iter().map(|it| it.abs() * 1e3).collect();
+        let n_wrong = off_mm.iter().filter(|it| it.is_nan() || **it > self.settings.wrong_mm).count();
+        let n_wrong = n_wrong + now.n_beside - before.n_beside;
+        let of = |percent: f64| percentile(&off_mm, percent).unwrap_or(f64::NAN);
+        let covered = (now.n_covered - before.n_covered) as f64 / (now.n_visible - before.n_visible) as f64;
+        let camera = self.calibration.cameras.get(usize::from(cloud.camera.0)).map_or("", |it| &it.name);
+        format!(
+            "{:.6},{camera},{},{:.4},{:.4},{covered:.4},{n_wrong},{speed:.4}",
+            cloud.time.as_s(),
+            cloud.len(),
+            of(50.0),
+            of(95.0)
+        )
+    }
+}
+
+/// How fast a surface moves in the median of its vertices [m/s].
+fn speed(world: &World, skin: &Skin, time: Time) -> f64 {
+    let Some((_, later)) = world.shape(time + Interval::from_s(SPEED_S)) else { return f64::NAN };
+    let speeds: Vec<f64> =
+        skin.vertices.iter().zip(&later.vertices).map(|(now, later)| (later - now).norm() / SPEED_S).collect();
+    percentile(&speeds, 50.0).unwrap_or(f64::NAN)
 }
 
 /// The camera `id` as it truly stood at `time`, on a head where `motions` has one.

@@ -1,7 +1,5 @@
 //! How well painted marks are tracked, recovered and filled in: against the truth of the simulated world.
 
-use std::fs::File;
-use std::io::{BufWriter, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -14,6 +12,7 @@ use foveate_scene::calibration::Calibration;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::table::save_table;
 use crate::head::HeadMotion;
 use crate::score::marks::{MarkObservationTrack, MarkTrack, Names, ReportedMark};
 use crate::score::warmup::Warmup;
@@ -183,13 +182,7 @@ impl Node for MarkScore {
         let tables =
             [(TABLE_FILE, MarkTrack::HEADING, track.rows(&names)), (WRONG_FILE, MarkObservationTrack::HEADING, wrong)];
         for (file, heading, rows) in tables {
-            write_rows(&folder.join(file), heading, &rows).map_err(|error| {
-                NodeError::input(format_args!(
-                    "{}: `{file}` could not be saved ({error}), expected a folder that can be written",
-                    folder.display()
-                ))
-            })?;
-            report.file(file);
+            save_table(folder, file, heading, &rows, report)?;
         }
         Ok(())
     }
@@ -220,15 +213,6 @@ impl MarkScore {
             }
         }
     }
-}
-
-fn write_rows(path: &std::path::Path, heading: &str, rows: &[String]) -> std::io::Result<()> {
-    let mut file = BufWriter::new(File::create(path)?);
-    writeln!(file, "{heading}")?;
-    for row in rows {
-        writeln!(file, "{row}")?;
-    }
-    file.flush()
 }
 
 #[cfg(test)]

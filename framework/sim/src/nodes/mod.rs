@@ -13,3 +13,4 @@ pub mod projector;
 pub mod rider;
 pub mod score;
 pub mod surface_score;
+mod table;

@@ -24,6 +24,15 @@ pub(crate) struct CloudTrack {
     pub n_clouds: usize,
 }
 
+/// How much of each there is, to part one cloud from those before it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Counts {
+    pub n_errors: usize,
+    pub n_beside: usize,
+    pub n_visible: usize,
+    pub n_covered: usize,
+}
+
 /// Whether a point is near in the projector's picture.
 struct Near {
     size: [usize; 2],
@@ -115,6 +124,11 @@ impl CloudTrack {
             self.n_covered += usize::from(near.has(lit.at));
             self.pixels_m.push((point - ray.origin).norm() / camera.intrinsics.focal[0]);
         }
+    }
+
+    pub fn counts(&self) -> Counts {
+        let CloudTrack { errors, n_beside, n_visible, n_covered, .. } = self;
+        Counts { n_errors: errors.len(), n_beside: *n_beside, n_visible: *n_visible, n_covered: *n_covered }
     }
 
     /// Points that are wrong: farther than `wrong_m` from the surface along the line of sight, or where there is none.

@@ -20,6 +20,8 @@ pub struct ModelOptions {
     pub start_sigmas: [f64; 2],
     /// Root mean square error of the points by that of the pose, at most; 0: half a voxel [m].
     pub max_pose_sigma_m: f64,
+    /// After how long a cloud counts 1/e of what it did; 0: each counts for good [s].
+    pub keep_s: f64,
     /// What registration is to be content with.
     pub registration: RegistrationOptions,
     /// Of the distance field and of the patches together [bytes].
@@ -33,6 +35,8 @@ pub struct Piece {
     pub points: Vec<(SurfacePoint, [u8; 3])>,
     /// Where the camera stood [m].
     pub viewpoint: Point3<f64>,
+    /// When [s].
+    pub time_s: f64,
 }
 
 /// What became of a cloud.
@@ -97,8 +101,13 @@ struct Grown {
     patches: Patches,
     /// Of the last cloud that fitted: where the next one is looked for.
     surface_from_cloud: Isometry3<f64>,
+    /// Its time [s].
+    time_s: f64,
     n_pieces: usize,
 }
+
+/// A point counts no less than this of what it did, so that weights stay numbers.
+const LEAST_SHARE: f64 = 1e-6;
 
 impl Model {
     /// Without a cloud yet.
@@ -171,8 +180,15 @@ impl Model {
             field: DistanceField::new(field),
             patches: Patches::new(CELL * voxel_m, N_LEVELS, max_blocks * PATCHES_PER_BLOCK),
             surface_from_cloud,
+            time_s: piece.time_s,
             n_pieces: 0,
         });
+        if self.options.keep_s > 0.0 {
+            let share = (-(piece.time_s - grown.time_s).max(0.0) / self.options.keep_s).exp().max(LEAST_SHARE);
+            grown.field.fade(share);
+            grown.patches.fade(share);
+        }
+        grown.time_s = grown.time_s.max(piece.time_s);
         let turn: Matrix3<f64> = surface_from_cloud.rotation.to_rotation_matrix().into_inner();
         let (mut n_fused, mut n_beyond_memory) = (0, 0);
         for (point, colour) in &piece.points {

@@ -64,6 +64,9 @@ pub struct SurfaceSettings {
     /// Root mean square error of a cloud's points by that of its pose, at most; more: the cloud is refused. 0: half a voxel [mm]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub max_pose_sigma_mm: f64,
+    /// After how long a cloud counts 1/e of what it did; for what changes its shape, such as a face; 0: each counts for good [ms]
+    #[schemars(range(min = 0.0, max = 1e9))]
+    pub keep_ms: f64,
     /// Part of a cloud's points that must lie on the surface so far; less: it is refused [–]
     #[schemars(range(min = 0.01, max = 1.0))]
     pub min_overlap: f64,
@@ -94,6 +97,7 @@ impl Default for SurfaceSettings {
             start_sigma_mm: 10.0,
             start_sigma_deg: 4.0,
             max_pose_sigma_mm: 0.0,
+            keep_ms: 0.0,
             min_overlap: 0.3,
             max_misfit: 8.0,
             min_points: 0.5,
@@ -162,6 +166,7 @@ impl Node for JoinedSurface {
         ConfigError::unless_in("start_sigma_mm", settings.start_sigma_mm, 0.001..=1000.0)?;
         ConfigError::unless_in("start_sigma_deg", settings.start_sigma_deg, 0.001..=60.0)?;
         ConfigError::unless_in("max_pose_sigma_mm", settings.max_pose_sigma_mm, 0.0..=1000.0)?;
+        ConfigError::unless_in("keep_ms", settings.keep_ms, 0.0..=1e9)?;
         ConfigError::unless_in("min_overlap", settings.min_overlap, 0.01..=1.0)?;
         ConfigError::unless_in("max_misfit", settings.max_misfit, 0.5..=1000.0)?;
         ConfigError::unless_in("min_points", settings.min_points, 0.0..=1000.0)?;
@@ -184,6 +189,7 @@ impl Node for JoinedSurface {
             truncation: settings.truncation,
             start_sigmas: [1e-3 * settings.start_sigma_mm, settings.start_sigma_deg.to_radians()],
             max_pose_sigma_m: 1e-3 * settings.max_pose_sigma_mm,
+            keep_s: 1e-3 * settings.keep_ms,
             registration,
             max_bytes: settings.max_memory_mb * 1_000_000,
         });
@@ -296,7 +302,7 @@ impl JoinedSurface {
         let clouds: Vec<_> = self.waiting.drain(..).collect();
         let Some((last, placed)) = clouds.last().map(|it| (it.0.clone(), it.1)) else { return };
         let n = clouds.len() as u64;
-        let mut piece = Piece::default();
+        let mut piece = Piece { time_s: last.value.time.as_s(), ..Piece::default() };
         for (cloud, placed) in &clouds {
             let back = placed.world_from_scale.inverse();
             let turn = back.rotation.to_rotation_matrix().into_inner();

@@ -67,6 +67,7 @@ fn options() -> ModelOptions {
         truncation: 4.0,
         start_sigmas: [0.005, 0.05],
         max_pose_sigma_m: 0.0,
+        keep_s: 0.0,
         registration: RegistrationOptions::default(),
         max_bytes: 200_000_000,
     }
@@ -83,7 +84,7 @@ fn piece(points: &[SurfacePoint], surface_from_cloud: &Isometry3<f64>) -> Piece 
         };
         (there, [100; 3])
     };
-    Piece { points: points.iter().map(one).collect(), viewpoint: back * Point3::new(0.0, 0.0, 3.0) }
+    Piece { points: points.iter().map(one).collect(), viewpoint: back * Point3::new(0.0, 0.0, 3.0), time_s: 0.0 }
 }
 
 fn rms(model: &Model) -> (f64, usize) {
@@ -110,6 +111,36 @@ fn a_thing_that_moves_and_turns_is_one_surface_and_nothing_drifts() {
     let (rms, n) = rms(&model);
     assert!(worst < 4e-5, "{worst}");
     assert!(rms < 0.5 * SIGMA && n > 12_000, "{rms} {n}");
+}
+
+/// The face, with a bump 2 mm high on its cheek.
+fn full_with_bump(random: &mut Random) -> Vec<SurfacePoint> {
+    let mut points = full(0.0012, false, random);
+    for point in &mut points {
+        let off = (point.position.x + 0.025).hypot(point.position.y - 0.02) / 0.008;
+        point.position.z += 2e-3 * (-off * off / 2.0).exp();
+    }
+    points
+}
+
+#[test]
+fn what_changes_its_shape_is_as_it_is_now_where_clouds_count_for_a_while_only() {
+    let bump_mm = |keep_s: f64| {
+        let mut random = Random::new(8);
+        let registration = RegistrationOptions { max_misfit: 50.0, ..RegistrationOptions::default() };
+        let mut model = Model::new(ModelOptions { keep_s, registration, ..options() });
+        for number in 0..20 {
+            let points = if number < 10 { full(0.0012, false, &mut random) } else { full_with_bump(&mut random) };
+            let piece = Piece { time_s: 0.1 * f64::from(number), ..piece(&points, &Isometry3::identity()) };
+            model.join(piece, &Matrix6::zeros()).unwrap();
+        }
+        let mesh = model.mesh(&MeshOptions { min_points: 0.5, min_triangles: 100 });
+        let top = mesh.vertices.iter().filter(|it| (it.position.x + 0.025).hypot(it.position.y - 0.02) < 0.002);
+        let heights: Vec<f64> = top.map(|it| 1e3 * (it.position.z - height(it.position.x, it.position.y))).collect();
+        heights.iter().sum::<f64>() / heights.len() as f64
+    };
+    let (mean, now) = (bump_mm(0.0), bump_mm(0.2));
+    assert!((0.6..1.4).contains(&mean) && (1.7..2.1).contains(&now), "{mean} {now}");
 }
 
 #[test]
