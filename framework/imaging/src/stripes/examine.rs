@@ -5,10 +5,14 @@
 //! pictures are exchanged breaks the last rule in one way, one that stands in another's place breaks it otherwise, and so does a frame that the
 //! projector dropped. The coarsest bit alone can be exchanged unseen, unless columns come out that the projector does not have.
 
+use std::borrow::Cow;
+
 use super::code::{Axis, Group, Inverse, Shown, StripeCode};
-use super::explain;
+use super::explain::{self, Explained};
+use super::exposure;
 use super::faults::SetFault;
 use super::identify::Samples;
+use super::stretches;
 use crate::ImageView;
 
 /// What was found about a set.
@@ -22,36 +26,111 @@ pub struct Examination {
     pub noise: f64,
     /// By place in the set the picture that shows what belongs there.
     places: Vec<Option<usize>>,
+    /// Bits of which nothing tells a picture from its inverse but where it stands.
+    unsure: Vec<(Axis, u32)>,
+    /// Pictures of another exposure, with how many times as bright they are [–].
+    uneven: Vec<(usize, f64)>,
+}
+
+/// A set as it is to be decoded.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prepared<'a> {
+    /// Without the axes that are left out, and without white or black where these are not there.
+    pub code: StripeCode,
+    /// By place in `code`.
+    pub pictures: Vec<Cow<'a, [u8]>>,
+    /// Which of them were worked out: the other of their bit taken from white and black together.
+    pub worked_out: Vec<Shown>,
 }
 
 impl Examination {
+    /// The picture that shows something.
+    fn picture(&self, code: &StripeCode, what: Shown) -> Option<usize> {
+        code.pictures().iter().position(|it| *it == what).and_then(|it| self.places.get(it).copied().flatten())
+    }
+
+    /// The picture that shows what belongs at a place of the set.
+    pub fn picture_at(&self, place: usize) -> Option<usize> {
+        self.places.get(place).copied().flatten()
+    }
+
+    fn has_white_and_black(&self, code: &StripeCode) -> bool {
+        [Shown::White, Shown::Black].iter().all(|it| self.picture(code, *it).is_some())
+    }
+
+    /// What an axis lacks to be decoded: pictures that are not there and cannot be worked out from others.
+    pub fn lacking(&self, code: &StripeCode, axis: Axis) -> Vec<Shown> {
+        let has_both = self.has_white_and_black(code);
+        let is_there = |what: Shown| self.picture(code, what).is_some();
+        let mut list: Vec<Shown> = (0..code.steps)
+            .map(|step| Shown::Phase { axis, step })
+            .filter(|it| code.place(*it).is_some() && !is_there(*it))
+            .collect();
+        for plane in 0..code.bits[axis.index()] {
+            let [bit, inverse] = [false, true].map(|inverse| Shown::Bit { axis, plane, inverse });
+            let there = [bit, inverse].map(is_there);
+            let is_known = has_both && !self.unsure.contains(&(axis, plane));
+            match (code.inverse, there) {
+                (Inverse::None, [true, _]) | (_, [true, true]) => {}
+                (Inverse::None, [false, _]) => list.push(bit),
+                (_, [true, false] | [false, true]) if is_known => {}
+                (_, [is_bit, is_inverse]) => {
+                    list.extend((!is_bit).then_some(bit).into_iter().chain((!is_inverse).then_some(inverse)));
+                }
+            }
+        }
+        list
+    }
+
     /// The axes that can be decoded.
     pub fn usable(&self, code: &StripeCode) -> Vec<Axis> {
-        let shown = code.pictures();
-        let is_there = |what: Shown| shown.iter().zip(&self.places).any(|it| *it.0 == what && it.1.is_some());
-        let is_lacking = |axis: Axis| {
-            shown.iter().zip(&self.places).any(|(shown, picture)| picture.is_none() && shown.axis() == Some(axis))
-        };
         // Without inverse pictures, white and black are the threshold.
-        let needs_both = code.inverse == Inverse::None && !(is_there(Shown::White) && is_there(Shown::Black));
-        let is_spoilt = |axis: Axis| needs_both || is_lacking(axis) || self.faults.iter().any(|it| it.spoils(axis));
+        let needs_both = code.inverse == Inverse::None && !self.has_white_and_black(code);
+        let is_spoilt = |axis: Axis| {
+            needs_both || self.faults.iter().any(|it| it.spoils(axis)) || !self.lacking(code, axis).is_empty()
+        };
         Axis::BOTH.into_iter().filter(|it| code.has(*it) && !is_spoilt(*it)).collect()
     }
 
-    /// The code without white or black where these are not there, and for each of its places a picture: what [`super::decode()`] takes for the axes that can be decoded.
-    pub fn decodable(&self, code: &StripeCode) -> (StripeCode, Vec<usize>) {
-        let shown = code.pictures();
+    /// What [`super::decode()`] takes, of the axes that can be decoded; `pictures` are those that were examined.
+    pub fn prepared<'a>(&self, code: &StripeCode, pictures: &[ImageView<'a>]) -> Prepared<'a> {
+        let axes = self.usable(code);
         let is_kept = |it: &Group| match it {
-            Group::Stripes(_) => true,
-            Group::White | Group::Black => {
-                let what = if *it == Group::White { Shown::White } else { Shown::Black };
-                shown.iter().zip(&self.places).any(|it| *it.0 == what && it.1.is_some())
-            }
+            Group::Stripes(axis) => axes.contains(axis),
+            Group::White => self.picture(code, Shown::White).is_some(),
+            Group::Black => self.picture(code, Shown::Black).is_some(),
         };
         let left = StripeCode { order: code.order.iter().copied().filter(is_kept).collect(), ..code.clone() };
-        let picture = |what: &Shown| shown.iter().position(|it| it == what).and_then(|it| self.places[it]);
-        let pictures = left.pictures().iter().map(|it| picture(it).unwrap_or(0)).collect();
-        (left, pictures)
+        let taken = |what: Shown| -> Option<Cow<'a, [u8]>> {
+            let picture = self.picture(code, what)?;
+            let pixels = pictures.get(picture)?.pixels();
+            Some(match self.uneven.iter().find(|it| it.0 == picture) {
+                Some((_, factor)) => Cow::Owned(exposure::evened(pixels, *factor)),
+                None => Cow::Borrowed(pixels),
+            })
+        };
+        let mut worked_out = Vec::new();
+        let list = left.pictures().into_iter().map(|what| {
+            if let Some(it) = taken(what) {
+                return it;
+            }
+            worked_out.push(what);
+            let other = match what {
+                Shown::Bit { axis, plane, inverse } => taken(Shown::Bit { axis, plane, inverse: !inverse }),
+                Shown::White | Shown::Black | Shown::Phase { .. } | Shown::Boundary { .. } => None,
+            };
+            match (taken(Shown::White), taken(Shown::Black), other) {
+                (Some(white), Some(black), Some(other)) => {
+                    let sums = white.iter().zip(black.iter()).map(|it| i16::from(*it.0) + i16::from(*it.1));
+                    Cow::Owned(
+                        sums.zip(other.iter()).map(|(sum, it)| (sum - i16::from(*it)).clamp(0, 255) as u8).collect(),
+                    )
+                }
+                _ => unreachable!("an axis that lacks a picture is not usable"),
+            }
+        });
+        let pictures = list.collect();
+        Prepared { code: left, pictures, worked_out }
     }
 }
 
@@ -80,9 +159,49 @@ const NOISE_SUM: f64 = 2.83;
 const OTHER_EXPOSURE: f64 = 0.15;
 const ALIKE: f64 = 0.35;
 
+/// Part of the pixels that the projector reaches, of which it has to light so many well enough; reached is what is brighter under its light by so many gray levels [–].
+const DIM: f64 = 0.5;
+const REACHED: f64 = 4.0;
+/// Where exposures are evened out, pictures are named that are off by more than this [–].
+const TOLD: f64 = 0.05;
+/// Of a pair that does not belong together, the picture of another scene is beyond the range of the others in this part of the pixels at least, and so many times as many as the other one.
+const BEYOND: f64 = 0.04;
+const CLEARLY: f64 = 3.0;
+
 /// Holds a set of pictures against what `code` promises; a pixel is lit where white − black is at least `min_contrast`, and more than noise. The pictures `absent` could not be
 /// read: whatever stands in their places is not looked at.
 pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], min_contrast: u8) -> Examination {
+    let (found, lit) = look(code, pictures, absent, min_contrast);
+    let n = code.pictures().len();
+    // Where something is wrong with a whole set, its pictures may well stand in their places.
+    let natural = || (0..n).map(|it| Some(it).filter(|it| !absent.contains(it))).collect();
+    let places: Vec<Option<usize>> = if pictures.len() == n { natural() } else { found.places.clone() };
+    let uneven = exposure::uneven(code, pictures, &places, &lit);
+    if uneven.is_empty() {
+        return found;
+    }
+    let evened: Vec<(usize, Vec<u8>)> =
+        uneven.iter().map(|(at, factor)| (*at, exposure::evened(pictures[*at].pixels(), *factor))).collect();
+    let mut views = pictures.to_vec();
+    for (at, pixels) in &evened {
+        let (width, height) = views[*at].size();
+        let Ok(view) = ImageView::new(pixels, width, height) else { return found };
+        views[*at] = view;
+    }
+    let (mut found, _) = look(code, &views, absent, min_contrast);
+    let told = uneven.iter().copied().filter(|it| (it.1 - 1.0).abs() > TOLD).collect();
+    found.faults.insert(0, SetFault::Uneven { pictures: told });
+    found.uneven = uneven;
+    found
+}
+
+/// The same, with the exposures that pictures have, and the pixels that are lit.
+fn look(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    absent: &[usize],
+    min_contrast: u8,
+) -> (Examination, Vec<(usize, u8, u8)>) {
     let shown = code.pictures();
     let mut found = Examination { places: vec![None; shown.len()], ..Examination::default() };
     let present: Vec<usize> = (0..pictures.len()).filter(|it| !absent.contains(it)).collect();
@@ -90,11 +209,11 @@ pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], 
     let Some(first) = present.first().map(|it| &pictures[*it]).filter(|it| !it.pixels().is_empty()) else {
         let (found_pictures, expected) = (present.len(), shown.len());
         found.faults.push(SetFault::Count { found: found_pictures, expected, unpaired: None, is_explained: false });
-        return found;
+        return (found, Vec::new());
     };
     if let Some(at) = present.iter().copied().find(|it| sound(*it) != first.size()) {
         found.faults.push(SetFault::Size { picture: at, found: sound(at), expected: first.size() });
-        return found;
+        return (found, Vec::new());
     }
     // The noise of the least noisy half: stripes as fine as pixels look like noise.
     let mut noises: Vec<f64> = present.iter().map(|it| super::noise::noise(&pictures[*it])).collect();
@@ -104,8 +223,9 @@ pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], 
     let wild = Wild::of(code, &present);
     let ranges: Vec<(u8, u8)> = wild.ranges(pictures, &samples);
     let least = (NOISE_RANGE * found.noise).max(f64::from(min_contrast.max(1)));
-    let lit = lit_of(&samples, &ranges, least);
+    let mut lit = lit_of(&samples, &ranges, least);
     found.lit = lit.len() as f64 / samples.len() as f64;
+    let needed = least.round().min(255.0) as u8;
     if found.lit < MIN_LIT {
         let mut contrasts: Vec<u8> = ranges.iter().map(|(low, high)| high - low).collect();
         contrasts.sort_unstable();
@@ -115,58 +235,136 @@ pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], 
             found.faults.push(SetFault::TooBright { saturated });
         }
         // Nothing can be decoded, whichever it is.
-        found.faults.push(SetFault::TooDark { lit: found.lit, contrast, needed: least.round().min(255.0) as u8 });
-        return found;
+        found.faults.push(SetFault::TooDark { lit: found.lit, contrast, needed });
+        return (found, lit);
+    }
+    let reached = (NOISE_RANGE * found.noise).max(REACHED);
+    let reached = lit_of(&samples, &ranges, reached).len() as f64 / samples.len() as f64;
+    if found.lit < DIM * reached {
+        found.faults.push(SetFault::Dim { lit: found.lit, reached, needed });
+    }
+    let saturated = lit.iter().filter(|it| it.2 >= SATURATED).count() as f64 / lit.len() as f64;
+    if saturated > 0.5 {
+        found.faults.push(SetFault::TooBright { saturated });
     }
     let width = first.size().0;
-    let mut set = Set { code, pictures, shown: &shown, lit: &lit, width, noise: found.noise, skipped: absent.to_vec() };
-    if pictures.len() == shown.len() {
-        let saturated = lit.iter().filter(|it| it.2 >= SATURATED).count() as f64 / lit.len() as f64;
-        if saturated > 0.5 {
-            found.faults.push(SetFault::TooBright { saturated });
-        }
-        found.faults.extend(absent.iter().map(|it| SetFault::Unreadable { picture: *it, shown: shown[*it] }));
-        found.places = (0..shown.len()).map(|it| Some(it).filter(|it| !absent.contains(it))).collect();
-        let odd = set.odd();
-        set.skipped.extend(odd.iter().map(|it| it.0));
-        found.faults.extend(odd.into_iter().map(|it| it.1));
-        let faults = set.broken_rules();
-        if faults.is_empty() {
-            return found;
-        }
+    let noise = found.noise;
+    let set = |lit, skipped| Set { code, pictures, shown: &shown, lit, width, noise, skipped };
+    let mut skipped = absent.to_vec();
+    if pictures.len() != shown.len() {
         let samples = lattice(first.size(), MANY_SAMPLES);
         let many = lit_of(&samples, &wild.ranges(pictures, &samples), least);
-        match (Set { lit: &many, ..set }).explained() {
-            Some((explained, places)) => {
-                found.faults.extend(explained);
-                let keep = |(old, new): (&Option<usize>, Option<usize>)| new.or(*old);
-                found.places = found.places.iter().zip(places).map(keep).collect();
+        let all = set(&many, skipped);
+        let signs = all.signs();
+        let n = pictures.len();
+        if let Some(bits) = explain::other_bits(code, n, &all.skipped, &signs) {
+            found.faults.push(SetFault::OtherSize { bits, found: n });
+            return (found, lit);
+        }
+        let count =
+            |unpaired, is_explained| SetFault::Count { found: n, expected: shown.len(), unpaired, is_explained };
+        match explain::explain(code, n, &all.skipped, &signs) {
+            Some(explained) => {
+                found.faults.push(count(None, true));
+                found.take(explained);
             }
-            None => found.faults.extend(faults),
+            None => {
+                let few = set(&lit, all.skipped);
+                found.faults.push(count(few.first_unpaired(), false));
+                found.faults.extend(few.doubled());
+            }
         }
-        return found;
+        return (found, lit);
     }
+    found.faults.extend(absent.iter().map(|it| SetFault::Unreadable { picture: *it, shown: shown[*it] }));
+    found.places = (0..shown.len()).map(|it| Some(it).filter(|it| !absent.contains(it))).collect();
+    let scenes = stretches::scenes(code, pictures, &found.places, &lit, noise);
+    if let Some(it) = &scenes.stretches {
+        let used = &it.pictures[it.kept];
+        let ends = [used[0], used[used.len() - 1]];
+        let between = it.pictures.windows(2).map(|it| (it[0][it[0].len() - 1], it[1][0]));
+        found.faults.extend(between.map(|(last, first)| SetFault::Moved { last, first, used: ends }));
+        skipped.extend((0..pictures.len()).filter(|it| !used.contains(it) && !absent.contains(it)));
+        found.places.iter_mut().for_each(|it| *it = it.filter(|it| used.contains(it)));
+        let wild = Wild::of(code, used);
+        lit = lit_of(&samples, &wild.ranges(pictures, &samples), least);
+    }
+    let odd = set(&lit, skipped.clone()).odd();
+    for (picture, fault) in odd {
+        skipped.push(picture);
+        found.places[picture] = None;
+        found.faults.push(fault);
+    }
+    let set = |lit| set(lit, skipped.clone());
+    let mut faults = set(&lit).broken_rules();
+    let is_sound = faults.is_empty();
+    if is_sound {
+        let is_there = |it: &&(Shown, [usize; 2])| !it.1.iter().any(|it| skipped.contains(it));
+        let odd = scenes.odd.iter().filter(|it| matches!(it.0, Shown::Bit { .. })).filter(is_there);
+        faults.extend(odd.map(|(shown, pictures)| SetFault::NotInverse {
+            shown: *shown,
+            pictures: *pictures,
+            share: 0.0,
+        }));
+    }
+    set(&lit).tell_other_scenes(&mut faults);
+    // What moved in a part of the picture alone spoils that part and not the set.
+    faults.retain(|it| !is_sound || matches!(it, SetFault::OtherScene { .. }));
+    if faults.is_empty() {
+        return (found, lit);
+    }
+    if faults.iter().all(|it| matches!(it, SetFault::OtherScene { .. })) {
+        for it in &faults {
+            if let SetFault::OtherScene { picture, .. } = it {
+                found.places[*picture] = None;
+            }
+        }
+        found.faults.extend(faults);
+        return (found, lit);
+    }
+    let kept: Vec<usize> = (0..pictures.len()).filter(|it| !skipped.contains(it)).collect();
     let samples = lattice(first.size(), MANY_SAMPLES);
-    let many = lit_of(&samples, &wild.ranges(pictures, &samples), least);
-    let count = |unpaired, is_explained| SetFault::Count {
-        found: pictures.len(),
-        expected: shown.len(),
-        unpaired,
-        is_explained,
-    };
-    let all = Set { lit: &many, skipped: set.skipped.clone(), ..set };
-    match all.explained() {
-        Some((explained, places)) => {
-            found.faults.push(count(None, true));
-            found.faults.extend(explained);
-            found.places = places;
-        }
+    let many = lit_of(&samples, &Wild::of(code, &kept).ranges(pictures, &samples), least);
+    let all = set(&many);
+    let n = pictures.len();
+    if let Some(bits) = explain::other_bits(code, n, &all.skipped, &all.signs()) {
+        found.faults.push(SetFault::OtherSize { bits, found: n });
+        return (found, lit);
+    }
+    match explain::explain(code, pictures.len(), &all.skipped, &all.signs()) {
+        Some(explained) => found.take(explained),
         None => {
-            found.faults.push(count(set.first_unpaired(), false));
-            found.faults.extend(set.doubled());
+            for it in &faults {
+                match it {
+                    SetFault::OtherScene { picture, .. } => found.places[*picture] = None,
+                    SetFault::Doubled { picture, same_as, .. } => {
+                        // Which of the two is the one that was taken twice, nothing tells.
+                        for picture in [*picture, *same_as] {
+                            found.unsure.extend(explain::bit_at(&shown, picture));
+                        }
+                        found.places[*picture] = None;
+                    }
+                    _ => {}
+                }
+            }
+            // A picture that is there twice is not the inverse of another, and that is said.
+            let doubled: Vec<usize> = faults
+                .iter()
+                .filter_map(|it| if let SetFault::Doubled { picture, .. } = it { Some(*picture) } else { None })
+                .collect();
+            let is_said = |it: &SetFault| matches!(it, SetFault::NotInverse { pictures, .. } if pictures.iter().any(|it| doubled.contains(it)));
+            found.faults.extend(faults.into_iter().filter(|it| !is_said(it)));
         }
     }
-    found
+    (found, lit)
+}
+
+impl Examination {
+    fn take(&mut self, explained: Explained) {
+        self.faults.extend(explained.faults);
+        self.places = explained.places;
+        self.unsure = explained.unsure;
+    }
 }
 
 /// Some of the pixels, two rows at a time, so that neighbours are there.
@@ -285,31 +483,21 @@ impl Set<'_> {
         if aa.min(bb) < 4.0 * n { 0.0 } else { ab / (aa * bb).sqrt() }
     }
 
-    /// How many times too bright a picture is, where it is so everywhere alike.
+    /// How many times too bright white is, where it is so everywhere alike, in a set without inverse pictures: with these, pairs tell it of all.
     fn exposure(&self, picture: usize, shown: Shown) -> Option<f64> {
-        let other = match shown {
-            Shown::Bit { axis, plane, inverse } => Some(self.place(Shown::Bit { axis, plane, inverse: !inverse })?),
-            Shown::White => None,
-            Shown::Black | Shown::Phase { .. } | Shown::Boundary { .. } => return None,
-        };
-        // Where its inverse is dark, it is bright.
-        let is_bright = |it: &&(usize, u8, u8)| {
-            other.is_none_or(|other| 2.0 * self.level(other, it.0) < f64::from(it.1) + f64::from(it.2))
-                && it.2 < SATURATED
-        };
+        if shown != Shown::White || self.code.inverse != Inverse::None {
+            return None;
+        }
+        let is_whole = |it: &&(usize, u8, u8)| it.2 < SATURATED;
         let mut ratios: Vec<f64> =
-            self.lit.iter().filter(is_bright).map(|it| self.level(picture, it.0) / f64::from(it.2)).collect();
+            self.lit.iter().filter(is_whole).map(|it| self.level(picture, it.0) / f64::from(it.2)).collect();
         if ratios.len() < self.lit.len() / 10 {
             return None;
         }
         ratios.sort_by(f64::total_cmp);
         let at = |share: f64| ratios[(share * (ratios.len() - 1) as f64) as usize];
         let (factor, spread) = (at(0.5), at(0.85) - at(0.15));
-        let is_off = match other {
-            Some(other) => self.not_inverse(picture, other) > BROKEN,
-            None => true,
-        };
-        (is_off && (factor - 1.0).abs() > OTHER_EXPOSURE && factor > 0.1 && spread < ALIKE * factor).then_some(factor)
+        ((factor - 1.0).abs() > OTHER_EXPOSURE && factor > 0.1 && spread < ALIKE * factor).then_some(factor)
     }
 
     /// What is broken of what the code promises, in a set with all its pictures.
@@ -477,9 +665,24 @@ impl Set<'_> {
         faults
     }
 
-    /// What is wrong in terms of which picture shows what, and the picture for each place; `None` where pictures do not tell.
-    fn explained(&self) -> Option<(Vec<SetFault>, Vec<Option<usize>>)> {
-        explain::explain(self.code, self.pictures.len(), &self.skipped, &self.signs())
+    /// Of pairs that do not belong together, names the picture that shows another scene, where one of the two clearly does.
+    fn tell_other_scenes(&self, faults: &mut [SetFault]) {
+        for fault in faults {
+            let SetFault::NotInverse { shown, pictures, .. } = fault else { continue };
+            let others: Vec<usize> =
+                (0..self.pictures.len()).filter(|it| !self.skipped.contains(it) && !pictures.contains(it)).collect();
+            let beyond = pictures.map(|it| stretches::outside(self.pictures, &others, it, self.lit, self.noise));
+            let worse = usize::from(beyond[1] > beyond[0]);
+            if beyond[worse] < BEYOND || beyond[worse] < CLEARLY * beyond[1 - worse] {
+                continue;
+            }
+            let picture = pictures[worse];
+            let shown = match (*shown, worse) {
+                (Shown::Bit { axis, plane, .. }, 1) => Shown::Bit { axis, plane, inverse: true },
+                (shown, _) => shown,
+            };
+            *fault = SetFault::OtherScene { picture, shown };
+        }
     }
 
     fn signs(&self) -> Samples {
@@ -489,15 +692,18 @@ impl Set<'_> {
             if certain { off.signum() as i8 } else { 0 }
         };
         let signs = (0..self.pictures.len()).map(|picture| self.lit.iter().map(|it| sign(picture, it)).collect());
-        let mut neighbours = Vec::new();
+        let (mut neighbours, mut is_down) = (Vec::new(), Vec::new());
         for (index, (at, ..)) in self.lit.iter().enumerate() {
             let to_the_right = (1..=REACH).filter(|it| at % self.width + it < self.width);
             let below = (1..=REACH).map(|it| it * self.width);
-            let places =
-                to_the_right.chain(below).filter_map(|it| self.lit.binary_search_by_key(&(at + it), |it| it.0).ok());
-            neighbours.extend(places.map(|it| [index as u32, it as u32]));
+            for (by, down) in to_the_right.map(|it| (it, false)).chain(below.map(|it| (it, true))) {
+                if let Ok(other) = self.lit.binary_search_by_key(&(at + by), |it| it.0) {
+                    neighbours.push([index as u32, other as u32]);
+                    is_down.push(down);
+                }
+            }
         }
-        Samples { signs: signs.collect(), neighbours }
+        Samples { signs: signs.collect(), neighbours, is_down }
     }
 
     fn range(&self, axis: Axis, bits: usize, pixels: &[(usize, u32, u32)]) -> Option<SetFault> {
