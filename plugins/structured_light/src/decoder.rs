@@ -276,7 +276,8 @@ impl Decoder {
         let Prepared { code, pictures, worked_out } = found.prepared(&code, &views);
         if !worked_out.is_empty() {
             let list: Vec<String> = worked_out.iter().map(Shown::to_string).collect();
-            faults.push(format!("worked out from the other picture of its bit, white and black: {}", list.join("; ")));
+            faults
+                .push(format!("worked out from the other picture of its bit, white and black: {}", list.join(" and ")));
         }
         let views: Vec<ImageView<'_>> = pictures
             .iter()
@@ -331,7 +332,7 @@ impl Decoder {
                 }
                 faults.push(format!(
                     "bits and their inverses are not as bright together as white and black in {:.0} % of what the projector lights, which is left out: something moved during the set, or a lamp or the \
-                     camera's exposure changed; it shows most in {}; what moves without such a trace is decoded wrong",
+                     camera's exposure changed, most in {}; what moves without such a trace is decoded wrong",
                     100.0 * changed.share(),
                     names.join(", ")
                 ));
@@ -349,7 +350,7 @@ impl Decoder {
         let lit = self.decoded.contrast.iter().filter(|it| **it >= least).count() as u64;
         if u32::from(by_noise) > u32::from(self.settings.min_difference) && (map.n_known as f64) < NOISY * lit as f64 {
             faults.push(format!(
-                "noise of {:.1} gray levels leaves {:.0} % of the pixels with {least} or more between white and black: only differences above {by_noise} are certain; more light, less gain, or means of several \
+                "noise of {:.1} gray levels leaves {:.0} % of the pixels with {least} or more between white and black: only differences above {by_noise} are certain. More light, less gain, or means of several \
                  pictures of each pattern would help",
                 found.noise,
                 100.0 * map.n_known as f64 / lit.max(1) as f64

@@ -86,12 +86,14 @@ pub(super) fn other_bits(
         let set = Seens { roles: &roles, seen: &seen, known: &known, samples };
         let n_bits = roles.iter().filter(|it| bit_of(it).is_some()).count();
         // Where a bit changes, all finer ones do: none of these is the same all over the picture.
-        let is_even = |it: &usize| {
+        let is_not_of_it = |it: &usize| {
             let coarser = |(axis, plane): (Axis, u32)| known.iter().any(|it| it.0 == axis && it.1 < plane);
-            matches!(seen[*it], Seen::Lit | Seen::Dark) && bit_of(&roles[*it]).is_some_and(coarser)
+            // Nor does a bit that lacks between two others leave its neighbours in doubt.
+            let is_odd = matches!(seen[*it], Seen::Lit | Seen::Dark | Seen::Plane(..));
+            is_odd && bit_of(&roles[*it]).is_some_and(coarser)
         };
         n_known as f64 >= OTHER_KNOWN * n_bits as f64
-            && (0..n_pictures).all(|it| set.fit(it, it) != Fit::No && !is_even(&it))
+            && (0..n_pictures).all(|it| set.fit(it, it) != Fit::No && !is_not_of_it(&it))
     };
     others.into_iter().find(fits).map(|it| it.bits)
 }

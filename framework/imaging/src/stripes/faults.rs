@@ -328,14 +328,14 @@ impl SetFault {
                 )
             }
             SetFault::Moved { last, first, used: [from, until] } => format!(
-                "between {} and {} something moved: what is seen, the camera or the projector; {} to {} are used, which show one scene, and no other picture",
+                "between {} and {} something moved: what is seen, the camera or the projector. {} to {} are used, which show one scene, and no other picture",
                 name(*last),
                 name(*first),
                 name(*from),
                 name(*until)
             ),
             SetFault::OtherScene { picture, shown } => format!(
-                "{} shows {shown} on another scene than the other pictures: something moved before it and back after it, or it is of another set; it is not used",
+                "{} shows {shown} on another scene than the other pictures: something moved before it and back after it, or it is of another set. It is not used",
                 name(*picture)
             ),
             SetFault::OtherSize { bits: [columns, rows], found } => {
@@ -350,7 +350,7 @@ impl SetFault {
                 )
             }
             SetFault::Dim { lit, reached, needed } => format!(
-                "of the {:.0} % of the pixels that the projector reaches, it lights only {:.1} % of the picture by the {needed} gray levels that are needed: too dark; a longer exposure, a wider aperture, more gain or less \
+                "of the {:.0} % of the pixels that the projector reaches, it lights only {:.1} % of the picture by the {needed} gray levels that are needed: too dark: a longer exposure, a wider aperture, more gain or less \
                  other light would help",
                 100.0 * reached,
                 100.0 * lit

@@ -165,7 +165,7 @@ fn a_saturated_set_accuses_no_picture() {
 #[test]
 fn a_dim_set_is_told() {
     // In which few pixels have contrast enough.
-    check(|it| it.iter_mut().flatten().for_each(|it| *it /= 12), &["too dark; a longer exposure"], &Axis::BOTH);
+    check(|it| it.iter_mut().flatten().for_each(|it| *it /= 12), &["too dark: a longer exposure"], &Axis::BOTH);
 }
 
 /// The wall, moved to the side and nearer.
