@@ -190,7 +190,9 @@ impl Search<'_> {
 
     fn surface(&self, stage: usize) -> Patches {
         let mut patches = Patches::new(self.extent / CELLS[stage], LEVELS[stage], usize::MAX);
-        self.on_b.iter().for_each(|it| drop(patches.add(it)));
+        for point in self.on_b {
+            patches.add(point);
+        }
         patches
     }
 
