@@ -59,7 +59,7 @@ enum Command {
     },
     /// Write a calibration or a motion file in another form, and say what is lost
     Convert(Box<convert::ConvertArgs>),
-    /// Measure how far apart two motion files are, point by point
+    /// Measure how far apart two motion files are, point by point, or two clouds or surfaces (PLY)
     Compare(compare::CompareArgs),
     /// List the node types, or show one: ports, settings with units and defaults
     Nodes {

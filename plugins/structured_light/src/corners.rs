@@ -6,7 +6,7 @@
 //! Source: D. Moreno, G. Taubin, "Simple, accurate, and robust projector-camera calibration", 3DIMPVT 2012.
 
 use foveate::imaging::ImageView;
-use foveate::imaging::chessboard::{Corner, find_chessboard};
+use foveate::imaging::chessboard::{Corner, find_chessboard, largest_grid};
 use foveate::prelude::*;
 use nalgebra::{Matrix2, Point2, SMatrix, SVector};
 use schemars::JsonSchema;
@@ -62,6 +62,8 @@ pub struct Corners {
     searched: u64,
     found: u64,
     without: u64,
+    /// Corners of the largest grid where the board was not found.
+    other: Option<[usize; 2]>,
 }
 
 impl Node for Corners {
@@ -89,6 +91,7 @@ impl Node for Corners {
             searched: 0,
             found: 0,
             without: 0,
+            other: None,
         })
     }
 
@@ -101,6 +104,9 @@ impl Node for Corners {
             let (columns, rows) = (self.settings.columns as usize, self.settings.rows as usize);
             let corners = find_chessboard(&view, columns, rows).unwrap_or_default();
             self.found += u64::from(!corners.is_empty());
+            if corners.is_empty() && self.found == 0 {
+                self.other = self.other.max(largest_grid(&view));
+            }
             let list = corners.iter().zip(0..).map(|(it, label)| feature(it.centre, it.covariance, label)).collect();
             io.emit(&FEATURES, white.stamp, Features { camera: image.camera, list });
             self.white = Some((white.time(), corners));
@@ -118,6 +124,21 @@ impl Node for Corners {
         report.figure(format!("corners.sets_searched.{name}"), self.searched as f64);
         report.figure(format!("corners.boards.{name}"), self.found as f64);
         report.figure(format!("corners.without_projector.{name}"), self.without as f64);
+        let CornersSettings { columns, rows, .. } = self.settings;
+        if self.searched > 0 && self.found < self.searched {
+            let missing = self.searched - self.found;
+            let there = match self.other.filter(|_| self.found == 0) {
+                Some([a, b]) => format!(
+                    ": the largest chessboard there has {a} x {b} inner corners; are `columns` and `rows` those of the board, not counting its outer squares' ends?"
+                ),
+                None if self.found == 0 => ": nor another chessboard; is it seen whole, with a bright rim?".to_owned(),
+                None => ": is it seen whole, with a bright rim, neither saturated nor dark?".to_owned(),
+            };
+            report.remark(format!(
+                "no chessboard of {columns} x {rows} inner corners in {missing} of {} white pictures of {name}{there}",
+                self.searched
+            ));
+        }
         Ok(())
     }
 }
@@ -212,4 +233,45 @@ fn at_corner(map: &ProjectorMap, corner: &Corner, reach: f64) -> Option<(Point2<
         }
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 7 × 4 inner corners, 20 px apart.
+    fn white() -> Image {
+        let (width, height) = (240, 180);
+        let level = |at: usize| {
+            let (x, y) = (at % width, at / width);
+            let inside = (20..180).contains(&x) && (20..120).contains(&y);
+            if inside && (x / 20 + y / 20) % 2 == 0 { 30 } else { 220 }
+        };
+        let pixels = (0..width * height).map(level).collect();
+        Image { width: width as u32, height: height as u32, pixels, ..Image::default() }
+    }
+
+    /// What is said of that board by settings for another.
+    fn remarks(columns: u32, rows: u32) -> Vec<String> {
+        let calibration = foveate_testkit::scene::ring_calibration(2);
+        let settings = CornersSettings {
+            columns,
+            rows,
+            square_mm: 30.0,
+            projector: calibration.cameras[1].name.clone(),
+            reach: default_reach(),
+        };
+        let setup = Setup { calibration: std::sync::Arc::new(calibration), ..Setup::for_tests() };
+        let mut bench = NodeBench::<Corners>::with_setup(settings, &setup).unwrap();
+        bench.feed(&WHITE, Time::ZERO, white()).unwrap();
+        bench.finish().unwrap().remarks
+    }
+
+    #[test]
+    fn a_board_of_another_size_is_told_with_its_own() {
+        assert!(remarks(7, 4).is_empty());
+        let said = remarks(8, 6).concat();
+        assert!(said.contains("no chessboard of 8 x 6 inner corners in 1 of 1 white pictures"), "{said}");
+        assert!(said.contains("the largest chessboard there has 7 x 4 inner corners"), "{said}");
+    }
 }

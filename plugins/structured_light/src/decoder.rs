@@ -8,7 +8,7 @@ use foveate::imaging::ImageView;
 use foveate::imaging::stripes::code::{Axis, Shown, StripeCode};
 use foveate::imaging::stripes::gray::{DecodeOptions, Decoded, decode_into};
 use foveate::imaging::stripes::phase::PhaseOptions;
-use foveate::imaging::stripes::{Coordinates, EdgeOptions, edges, examine, phase};
+use foveate::imaging::stripes::{Coordinates, EdgeOptions, Prepared, edges, examine, phase};
 use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -35,6 +35,11 @@ figures! {
 const CHANGE: [f32; 2] = [6.0, 0.04];
 /// Changed blocks over lit ones that are worth a remark.
 const CHANGED_SHARE: f64 = 0.005;
+
+/// Pictures that are named one by one.
+const NAMED: usize = 6;
+/// Where noise decides, fewer known pixels over lit ones than this are worth a remark [–].
+const NOISY: f64 = 0.6;
 
 /// Settings of [`Decoder`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -123,7 +128,7 @@ impl Node for Decoder {
         ConfigError::unless_in("threads", settings.threads, 1..=64)?;
         let projector_size = calibrated_size(setup, &settings.projector);
         let is_named = settings.projector != crate::pattern::default_projector();
-        if is_named && projector_size.is_none() && !setup.calibration.cameras.is_empty() {
+        if is_named && !setup.calibration.cameras.is_empty() {
             projector_of(setup, &settings.projector)?;
         }
         let says_size = settings.pattern.projector_px != [0, 0];
@@ -255,16 +260,31 @@ impl Decoder {
         }
         for axis in Axis::BOTH.into_iter().filter(|it| code.has(*it) && !axes.contains(it)) {
             let other = Axis::BOTH[1 - axis.index()].in_words();
+            let lacking: Vec<String> = found.lacking(&code, axis).iter().map(Shown::to_string).collect();
+            let help = match lacking.len() {
+                0 => String::new(),
+                1..=NAMED => format!(" for want of {}", lacking.join(" and of ")),
+                n => format!(" for want of {n} pictures"),
+            };
             faults.push(format!(
-                "the {} are left out, and points come from the {other} alone: where these do not tell depths well, between camera and projector, errors of the calibration are not in their sigma, and \
+                "the {} are left out{help}, and points come from the {other} alone: where these do not tell depths well, between camera and projector, errors of the calibration are not in their sigma, and \
                  nothing shows them",
                 axis.in_words()
             ));
         }
-        let (code, pictures) = found.decodable(&code);
-        let views: Vec<ImageView<'_>> = pictures.into_iter().map(|it| views[it]).collect();
-        // With pictures that are not what they should be, what changes says nothing.
-        let changed = found.faults.is_empty().then(|| Blocks::of(&code, &views, CHANGE)).filter(|it| it.share() > 0.0);
+        let all_shown = code.pictures();
+        let Prepared { code, pictures, worked_out } = found.prepared(&code, &views);
+        if !worked_out.is_empty() {
+            let list: Vec<String> = worked_out.iter().map(Shown::to_string).collect();
+            faults
+                .push(format!("worked out from the other picture of its bit, white and black: {}", list.join(" and ")));
+        }
+        let views: Vec<ImageView<'_>> = pictures
+            .iter()
+            .map(|it| ImageView::new(it, width, height))
+            .collect::<Result<_, _>>()
+            .map_err(|fault| one(fault.to_string()))?;
+        let changed = Some(Blocks::of(&code, &views, CHANGE)).filter(|it| it.share() > 0.0);
         let noise = self.settings.noise.max(found.noise);
         // Three standard deviations of a difference of two pixels.
         let by_noise = (3.0 * std::f64::consts::SQRT_2 * found.noise + 0.5).min(127.0) as u8;
@@ -297,10 +317,24 @@ impl Decoder {
         if let Some(changed) = &changed {
             changed.each_row([width, height], |row, from, to| is_left_out[row * width..][from..to].fill(true));
             if changed.share() > CHANGED_SHARE {
+                // Where these pictures stand in the set.
+                let told = code.pictures();
+                let all = all_shown.iter().zip(0..);
+                let places: Vec<usize> = changed
+                    .pictures()
+                    .iter()
+                    .filter_map(|it| all.clone().find(|(shown, _)| **shown == told[*it]).map(|it| it.1))
+                    .filter_map(|it: usize| found.picture_at(it))
+                    .collect();
+                let mut names: Vec<String> = places.iter().take(NAMED).map(|it| name(*it)).collect();
+                if places.len() > NAMED {
+                    names.push(format!("{} more", places.len() - NAMED));
+                }
                 faults.push(format!(
                     "bits and their inverses are not as bright together as white and black in {:.0} % of what the projector lights, which is left out: something moved during the set, or a lamp or the \
-                     camera's exposure changed; what moves without such a trace is decoded wrong",
-                    100.0 * changed.share()
+                     camera's exposure changed, most in {}; what moves without such a trace is decoded wrong",
+                    100.0 * changed.share(),
+                    names.join(", ")
                 ));
             }
         }
@@ -314,6 +348,14 @@ impl Decoder {
         }
         let least = self.settings.min_contrast;
         let lit = self.decoded.contrast.iter().filter(|it| **it >= least).count() as u64;
+        if u32::from(by_noise) > u32::from(self.settings.min_difference) && (map.n_known as f64) < NOISY * lit as f64 {
+            faults.push(format!(
+                "noise of {:.1} gray levels leaves {:.0} % of the pixels with {least} or more between white and black: only differences above {by_noise} are certain. More light, less gain, or means of several \
+                 pictures of each pattern would help",
+                found.noise,
+                100.0 * map.n_known as f64 / lit.max(1) as f64
+            ));
+        }
         Ok(Map { map, white, lit, faults })
     }
 
@@ -401,7 +443,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_that_are_spoilt_leave_columns() {
+    fn what_a_picture_should_show_is_worked_out_or_its_axis_left_out() {
         let code = StripeCode::gray([64, 48]);
         let mut set = set(&code);
         let n = PIXELS;
@@ -409,11 +451,36 @@ mod tests {
         let (bit, inverse) = (16, 17);
         let again = set.pixels[bit * n..(bit + 1) * n].to_vec();
         set.pixels[inverse * n..(inverse + 1) * n].copy_from_slice(&again);
-        let (map, said) = run(set);
+        let (map, said) = run(set.clone());
+        let [u, v] = at(&map.unwrap_or_else(|| panic!("{said}")), 30, 20);
+        assert!((u - 30.0).abs() < 0.1 && (v - 20.0).abs() < 0.1, "{u} {v}");
+        assert!(said.contains("`17.png` shows the same stripes as `16.png`"), "{said}");
+        assert!(
+            said.contains("worked out from the other picture of its bit, white and black: bit 2 of the rows, inverse"),
+            "{said}"
+        );
+        // Without black nothing says what it should have shown.
+        let (mut shorter, black) = (set.clone(), 25);
+        shorter.pixels[black * n..].fill(0);
+        shorter.unreadable.push(black as u32);
+        let (map, said) = run(shorter);
         let [u, v] = at(&map.unwrap_or_else(|| panic!("{said}")), 30, 20);
         assert!((u - 30.0).abs() < 0.1 && v.is_nan(), "{u} {v}");
-        assert!(said.contains("`17.png` shows the same stripes as `16.png`"), "{said}");
-        assert!(said.contains("the rows are left out, and points come from the columns alone"), "{said}");
+        let why =
+            "the rows are left out for want of bit 2 of the rows, inverse, and points come from the columns alone";
+        assert!(said.contains(why), "{said}");
+    }
+
+    #[test]
+    fn noise_that_leaves_few_points_is_told() {
+        let mut noisy = set(&StripeCode::gray([64, 48]));
+        let mut chance = foveate::estimation::random::Random::new(7);
+        noisy
+            .pixels
+            .iter_mut()
+            .for_each(|it| *it = (f64::from(*it) + 24.0 * chance.normal()).round().clamp(0.0, 255.0) as u8);
+        let (_, said) = run(noisy);
+        assert!(said.contains("gray levels leaves") && said.contains("means of several pictures"), "{said}");
     }
 
     #[test]
@@ -449,13 +516,13 @@ mod tests {
     fn a_set_that_is_none_gives_no_map_and_says_why() {
         let code = StripeCode::gray([64, 48]);
         let mut short = set(&code);
-        // One of the columns, one of the rows.
-        for missing in [15, 3] {
+        // Both of a bit of the columns, both of one of the rows.
+        for missing in [17, 16, 5, 4] {
             short.names.remove(missing);
             short.pixels.drain(missing * PIXELS..(missing + 1) * PIXELS);
         }
         let (map, said) = run(short);
-        assert!(map.is_none() && said.contains("found 24 pictures, expected 26"), "{said}");
+        assert!(map.is_none() && said.contains("found 22 pictures, expected 26"), "{said}");
         let manifest = "projector_px = [32, 32]\nodrer = \"columns\"".to_owned();
         let (map, said) = run(PatternPictures { manifest, ..set(&code) });
         assert!(map.is_none() && said.contains("odrer"), "{said}");

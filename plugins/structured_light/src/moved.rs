@@ -25,6 +25,8 @@ pub(crate) struct Blocks {
     pub moved: Vec<[usize; 2]>,
     /// Blocks that the projector lights.
     pub n_lit: usize,
+    /// Pictures that belong together, by their places in the code, each with the number of blocks in which they tell of motion.
+    pub by_pictures: Vec<(Vec<usize>, usize)>,
 }
 
 impl Blocks {
@@ -45,7 +47,7 @@ impl Blocks {
             }
             sums.iter().map(|it| *it as f32 / (BIN * BIN) as f32).collect()
         };
-        let mut found = Blocks { moved: Vec::new(), n_lit: 0 };
+        let mut found = Blocks { moved: Vec::new(), n_lit: 0, by_pictures: Vec::new() };
         let (Some(white_at), Some(black_at)) = (code.place(Shown::White), code.place(Shown::Black)) else {
             return found;
         };
@@ -60,7 +62,11 @@ impl Blocks {
         // The largest mean square of any pair, by block.
         let across = columns.div_ceil(BINS);
         let mut worst = vec![0.0_f32; across * rows.div_ceil(BINS)];
-        let mut compare = |sum: &[f32]| {
+        let sigma = [white_at, black_at].map(|it| pictures.get(it).map_or(0.0, |it| noise(it) as f32));
+        let limit = max_change * max_change + NOISE_SQUARE * sigma[0].max(sigma[1]).powi(2);
+        let mut by_pictures = Vec::new();
+        let mut compare = |sum: &[f32], pictures: Vec<usize>| {
+            let mut n_changed = 0;
             let mut squares = vec![(0.0_f32, 0_usize); worst.len()];
             for (at, sum) in sum.iter().enumerate().filter(|it| counts[it.0]) {
                 let block = at / columns / BINS * across + at % columns / BINS;
@@ -70,17 +76,19 @@ impl Blocks {
             }
             for (worst, (square, n)) in worst.iter_mut().zip(squares) {
                 if n >= LEAST_BINS {
+                    n_changed += usize::from(square / n as f32 > limit);
                     // A block that counts is never 0: it tells those from the others.
                     *worst = worst.max((square / n as f32).max(f32::MIN_POSITIVE));
                 }
             }
+            by_pictures.push((pictures, n_changed));
         };
         for axis in Axis::BOTH.into_iter().filter(|it| code.has(*it)) {
             for plane in 0..code.bits[axis.index()] {
                 let place = |inverse: bool| code.place(Shown::Bit { axis, plane, inverse });
                 if let (Some(bit), Some(inverse)) = (place(false), place(true)) {
                     let sum: Vec<f32> = means(bit).iter().zip(means(inverse)).map(|(a, b)| a + b).collect();
-                    compare(&sum);
+                    compare(&sum, vec![bit, inverse]);
                 }
             }
             let steps: Vec<usize> =
@@ -97,14 +105,14 @@ impl Blocks {
             shares.sort_by(f32::total_cmp);
             if let Some(share) = shares.get(shares.len() / 2) {
                 sum.iter_mut().for_each(|it| *it /= share);
-                compare(&sum);
+                compare(&sum, steps);
             }
         }
-        let sigma = [white_at, black_at].map(|it| pictures.get(it).map_or(0.0, |it| noise(it) as f32));
-        let by_noise = NOISE_SQUARE * sigma[0].max(sigma[1]).powi(2);
+        by_pictures.retain(|it| it.1 > 0);
+        found.by_pictures = by_pictures;
         for (block, worst) in worst.into_iter().enumerate().filter(|it| it.1 > 0.0) {
             found.n_lit += 1;
-            if worst > max_change * max_change + by_noise {
+            if worst > limit {
                 found.moved.push([block % across, block / across].map(|it| it * BINS * BIN));
             }
         }
@@ -118,6 +126,15 @@ impl Blocks {
                 each(row, *left, (left + BINS * BIN).min(width));
             }
         }
+    }
+
+    /// The pictures that tell most of it, by their places in the code: those of pairs with at least half as many blocks as the worst.
+    pub fn pictures(&self) -> Vec<usize> {
+        let most = self.by_pictures.iter().map(|it| it.1).max().unwrap_or(0);
+        let mut list: Vec<usize> =
+            self.by_pictures.iter().filter(|it| 2 * it.1 >= most).flat_map(|it| it.0.iter().copied()).collect();
+        list.sort_unstable();
+        list
     }
 
     /// Blocks in which something moved over those that the projector lights.

@@ -196,7 +196,16 @@ pub(crate) fn default_projector() -> String {
 /// # Errors
 /// The setting `projector`, where there is none of that name.
 pub(crate) fn projector_of(setup: &Setup, name: &str) -> Result<usize, ConfigError> {
-    setup.calibration.index_of(name).ok_or_else(|| {
+    let found = setup.calibration.index_of(name);
+    if let Some(at) = found.filter(|it| setup.camera.is_some_and(|camera| usize::from(camera.0) == *it)) {
+        let others = setup.calibration.cameras.iter().enumerate().filter(|it| it.0 != at);
+        let others: Vec<&str> = others.map(|it| it.1.name.as_str()).collect();
+        let expected =
+            if others.is_empty() { "a projector beside it in the calibration".to_owned() } else { others.join(", ") };
+        let message = format!("found `{name}`, the camera itself, expected the projector that it sees: {expected}");
+        return Err(ConfigError::at("projector", message));
+    }
+    found.ok_or_else(|| {
         let names: Vec<&str> = setup.calibration.cameras.iter().map(|it| it.name.as_str()).collect();
         let message = format!("found no camera `{name}` in the calibration, expected one of: {}", names.join(", "));
         ConfigError::at("projector", message)
@@ -255,5 +264,16 @@ mod tests {
         let thin = PatternSettings { code: Code::Boundary, stripe_px: 1, ..good.clone() };
         assert_eq!(refused(thin).0.as_deref(), Some("stripe_px"));
         assert!(PatternSettings::read("projektor_px = [4, 4]").unwrap_err().contains("projektor_px"));
+    }
+
+    #[test]
+    fn the_camera_is_not_its_own_projector() {
+        let calibration = std::sync::Arc::new(foveate_testkit::scene::ring_calibration(2));
+        let setup = Setup { calibration, camera: Some(CameraId(0)), ..Setup::for_tests() };
+        let fault = projector_of(&setup, "ring-1").unwrap_err();
+        assert!(
+            fault.message.contains("found `ring-1`, the camera itself, expected the projector that it sees: ring-2")
+        );
+        assert_eq!((fault.setting.as_deref(), projector_of(&setup, "ring-2").unwrap()), (Some("projector"), 1));
     }
 }

@@ -79,6 +79,13 @@ fn solve(
 ) -> Result<BoardSolution, BoardError> {
     let n_cameras = recording.cameras.len();
     let mut cameras: Vec<Camera> = optics.iter().map(|it| it.camera.clone()).collect();
+    let views = |camera: usize| camera_frames.iter().filter(|it| it.camera == camera).count();
+    let most_views = (0..n_cameras).map(views).max().unwrap_or(0);
+    let is_sought = recording.cameras.iter().any(|it| it.free != Freedom::POSE);
+    let no_pose = || match most_views < options.min_views && is_sought {
+        true => BoardError::TooFewViews { board: board.name.clone(), views: most_views, needed: options.min_views },
+        false => BoardError::NoPose { board: board.name.clone() },
+    };
     for camera_frame in &mut camera_frames {
         camera_frame.poses = plane::poses(
             &cameras[camera_frame.camera],
@@ -92,13 +99,13 @@ fn solve(
         (0..n_cameras).map(|it| alone(it, recording, &camera_frames, &optics[it], options)).collect();
     camera_frames.retain(|it| !it.poses.is_empty() && status[it.camera] == CameraStatus::Calibrated);
     if camera_frames.is_empty() {
-        return Err(BoardError::NoPose { board: board.name.clone() });
+        return Err(no_pose());
     }
     let guesses: Vec<Camera> = recording.cameras.iter().map(|it| it.camera.clone()).collect();
     let paired = pairs(&cameras, &camera_frames, board, options.poses_guessed.then_some(&guesses), options);
     let usable: Vec<bool> = status.iter().map(|it| *it == CameraStatus::Calibrated).collect();
     let groups = groups::groups(n_cameras, &paired, &usable);
-    let Some(group) = groups.first() else { return Err(BoardError::NoPose { board: board.name.clone() }) };
+    let Some(group) = groups.first() else { return Err(no_pose()) };
     for (camera, pose) in &group.members {
         cameras[*camera].camera_from_world = *pose;
     }

@@ -303,10 +303,23 @@ fn optics_that_the_views_cannot_hold_are_refused_with_the_reason() {
     assert!(matches!(of(&fit, Optic::K2), Some(Why::MiddleOnly { .. })), "{:?}", fit.refused);
 }
 
+#[test]
+fn one_or_two_pictures_are_told_for_what_they_are() {
+    for n in [1, 2] {
+        let scene = scene(1, n, charuco(), 13);
+        let mut recording = scene.recording(ALL, 13);
+        // As is guessed of a camera of which nothing is known.
+        recording.cameras[0].camera.intrinsics.focal = [4000.0; 2];
+        let fault = calibrate(&recording, &scene.board, &BoardOptions::default()).unwrap_err();
+        let BoardError::TooFewViews { views, needed: 3, .. } = fault else { panic!("{fault}") };
+        assert_eq!(views, n);
+    }
+}
+
 fn solved_or_refused(recording: &Recording, board: &Board) -> OpticsFit {
     match calibrate(recording, board, &BoardOptions::default()) {
         Ok(solution) => solution.optics[0].clone(),
-        Err(BoardError::NoPose { .. }) => {
+        Err(BoardError::NoPose { .. } | BoardError::TooFewViews { .. }) => {
             // With its focal length known it can be placed; the refusals are those of the optics alone.
             let (camera_frames, views) = (recording, views::views_of(recording, board, &BoardOptions::default()));
             optics::fit(

@@ -245,4 +245,16 @@ pub enum BoardError {
         /// The board.
         board: String,
     },
+    /// No camera saw the board often enough for its optics to be found, and with those given no pose fits.
+    #[error(
+        "{views} of each camera's pictures show the {board} at most, expected {needed} at least, tilted differently in each: with fewer, focal lengths and lenses cannot be found"
+    )]
+    TooFewViews {
+        /// The board.
+        board: String,
+        /// Pictures of the camera that has most.
+        views: usize,
+        /// What optics need.
+        needed: usize,
+    },
 }

@@ -181,7 +181,11 @@ fn in_older_world(solved: Solved, recording: &Recording, older: FixedFreedoms) -
 
 /// What is said of a waved light, of a board.
 pub fn of_board(text: &str) -> String {
-    const WORDS: [(&str, &str); 14] = [
+    const WORDS: [(&str, &str); 15] = [
+        (
+            ": switch it on, and darken the room",
+            ": hold it where they look, whole and evenly lit; are its rows and columns right?",
+        ),
         ("the light", "the board"),
         ("The light", "The board"),
         ("a smoothly moving light", "a smoothly moving board"),

@@ -135,7 +135,7 @@ pub fn capture(
             node.path, node.node_type.name
         ));
     }
-    let (outcome, ended_early) = run(&graph, &shared, folder, wishes)?;
+    let (outcome, ended_early) = run(&graph, &shared, folder, wishes, board.is_some())?;
     let mut gathered = lock(&shared);
     let camera_frames = std::mem::take(&mut gathered.camera_frames);
     let coverage = gathered.coverage.clone();
@@ -238,12 +238,13 @@ fn run(
     shared: &Shared,
     folder: &Path,
     wishes: &Wishes,
+    is_board: bool,
 ) -> Result<(Outcome, Option<String>), String> {
     let options = Options { out_dir: Some(folder.to_owned()), ..Options::default() };
     interrupt::stops(&options.stop).map_err(|it| format!("error: {it}"))?;
     let has_device = graph.instances.iter().any(|it| it.is_live());
     let is_live = wishes.live || has_device;
-    let mut guide = Guide::new(graph, is_live);
+    let mut guide = Guide::new(graph, is_live, is_board);
     let stop = Arc::clone(&options.stop);
     let mut enough = false;
     let mut observe = |progress: &Progress| {

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use foveate_engine::Progress;
 use foveate_rig::graph::Graph;
 
+use super::boards::of_board;
 use super::recorder::Shared;
 use crate::output::wants_color;
 
@@ -24,6 +25,8 @@ pub struct Guide {
     duration_s: Option<f64>,
     is_live: bool,
     is_terminal: bool,
+    /// Whether what is seen is a board rather than a light.
+    is_board: bool,
     last: Option<Instant>,
     /// Lines of the last drawing.
     lines: usize,
@@ -33,10 +36,10 @@ pub struct Guide {
 
 impl Guide {
     /// For a run of `graph`.
-    pub fn new(graph: &Graph, is_live: bool) -> Guide {
+    pub fn new(graph: &Graph, is_live: bool, is_board: bool) -> Guide {
         let duration_s = graph.duration.map(|it| it.as_s());
         let is_terminal = std::io::stderr().is_terminal();
-        Guide { duration_s, is_live, is_terminal, last: None, lines: 0, enough: false, last_judged: None }
+        Guide { duration_s, is_live, is_terminal, is_board, last: None, lines: 0, enough: false, last_judged: None }
     }
 
     /// Draws, if it is time to.
@@ -54,11 +57,15 @@ impl Guide {
             let frames: u32 = (0..coverage.n_cameras()).map(|it| coverage.frames(it)).min().unwrap_or(0);
             let state = coverage.state();
             let advice = state.missing.first().map_or_else(|| "enough".to_owned(), |it| it.to_string());
+            let advice = if self.is_board { of_board(&advice) } else { advice };
             drop(writeln!(err, "{now:7.1}{whole} s   each camera saw it in {frames} frames or more   {advice}"));
             return;
         }
         let size = terminal_size();
         let mut text = coverage.render(size[0], wants_color());
+        if self.is_board {
+            text = of_board(&text);
+        }
         text += &format!("{now:.1}{whole} s");
         text += if self.is_live { "   Ctrl-C ends the capture and calibrates\n" } else { "\n" };
         // A terminal that was made smaller since has lost the rest.

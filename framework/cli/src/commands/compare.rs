@@ -1,4 +1,7 @@
-//! `foveate compare`: how far apart two motion files are.
+//! `foveate compare`: how far apart two motion files are, or two shapes.
+
+mod picture;
+mod surfaces;
 
 use std::path::PathBuf;
 
@@ -18,18 +21,30 @@ use crate::output::say;
 /// `foveate compare`
 #[derive(Debug, clap::Args)]
 pub struct CompareArgs {
-    /// A motion file: C3D, TRC, BVH, targets.csv, marks.csv, NPZ
+    /// A motion file: C3D, TRC, BVH, targets.csv, marks.csv, NPZ; or a cloud or surface: PLY
     #[arg(value_hint = clap::ValueHint::FilePath)]
     a: PathBuf,
-    /// Another, of any of these forms
+    /// Another, of any of these forms; a reference for a PLY is a PLY
     #[arg(value_hint = clap::ValueHint::FilePath)]
     b: PathBuf,
     /// What says which point is which [default: names, or nearest where no name is in both]
     #[arg(long = "match", value_enum)]
     pairing: Option<PairingArg>,
-    /// Lay B onto A by the rotation and translation that fit best
+    /// Lay B onto A by the rotation and translation that fit best; of PLY files A onto B, from anywhere
     #[arg(long)]
     align: bool,
+    /// Of PLY files: as `--align`, with a scale, which is told
+    #[arg(long)]
+    scale: bool,
+    /// Of PLY files: pairs farther apart than this are counted and left out [mm]
+    #[arg(long, value_name = "MM", value_parser = millimetres)]
+    farthest: Option<f64>,
+    /// Of PLY files: B is covered where A is so near [mm] [default: twice the distance between points of A]
+    #[arg(long, value_name = "MM", value_parser = millimetres)]
+    coverage_within: Option<f64>,
+    /// Of PLY files: write comparison.json, distances.svg and distances.ply (distances as colours) into this folder
+    #[arg(long, value_name = "DIR", value_hint = clap::ValueHint::DirPath)]
+    out: Option<PathBuf>,
     /// Look for a shift in time, at most this large, by cross-correlation of speeds [s]
     #[arg(long, value_name = "SECONDS", value_parser = seconds_of_gap)]
     shift: Option<f64>,
@@ -39,7 +54,7 @@ pub struct CompareArgs {
     /// How long a unit of B is, whatever it says [m]
     #[arg(long, value_name = "METRES", value_parser = length)]
     metres_per_unit_b: Option<f64>,
-    /// End with exit code 3 unless 95 % of all samples are at most this far apart [mm]
+    /// End with exit code 3 unless 95 % of all samples (of PLY files, of the points of A that lie over B) are at most this far apart [mm]
     #[arg(long, value_name = "MM", value_parser = millimetres)]
     within: Option<f64>,
     /// Write all figures to this file, too; `-`: to standard output, instead of the table
@@ -73,6 +88,25 @@ pub(super) fn run(args: &CompareArgs) -> u8 {
 }
 
 fn told(args: &CompareArgs) -> Result<u8, String> {
+    match [&args.a, &args.b].map(|it| surfaces::is_ply(it)) {
+        [true, true] => return surfaces::run(args),
+        [false, false] => {}
+        [a_is_ply, _] => {
+            let (shape, other) = if a_is_ply { (&args.a, &args.b) } else { (&args.b, &args.a) };
+            let [shape, other] = [shape, other].map(|it| it.display());
+            return Err(format!("`{shape}` is a PLY file and `{other}` none, expected two of a kind"));
+        }
+    }
+    for (is_set, flag) in [
+        (args.scale, "--scale"),
+        (args.farthest.is_some(), "--farthest"),
+        (args.coverage_within.is_some(), "--coverage-within"),
+        (args.out.is_some(), "--out"),
+    ] {
+        if is_set {
+            return Err(format!("`{flag}` is for two PLY files, which `{}` is not", args.a.display()));
+        }
+    }
     let mut lines = Vec::new();
     let mut notes = Vec::new();
     let mut open = |name: &str, path: &PathBuf, metres_per_unit: Option<f64>| -> Result<(Motion, Value), String> {

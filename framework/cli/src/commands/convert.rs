@@ -53,7 +53,7 @@ struct CalibrationOptions {
     /// Pixels of DLT coefficients in IN count from the top left, as MATLAB does, not from the bottom left, as easyWand does
     #[arg(long)]
     dlt_top_left: bool,
-    /// InputPolicy lenses without poses: their cameras stand at the origin
+    /// Take lenses without poses: their cameras stand at the origin
     #[arg(long)]
     lenses: bool,
 }

@@ -41,6 +41,11 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
     let stop = Arc::clone(&options.stop);
     match run_into(args, &graph, &Options { out_dir: Some(folder.to_path_buf()), ..options }) {
         Ok(mut outcome) => {
+            if args.listen.is_some() && !server.is_serving() {
+                outcome
+                    .report
+                    .remark("`--listen` was given, and no node of this rig has a page that could be served".to_owned());
+            }
             server.counts().in_words().into_iter().for_each(|it| outcome.report.remark(it));
             let code = conclude(args, &graph, &outcome, &folder);
             if args.stay && !outcome.interrupted {

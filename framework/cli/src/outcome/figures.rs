@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use foveate_engine::Outcome;
-use foveate_rig::graph::Graph;
+use foveate_rig::graph::{Graph, Instance};
 
 /// Lines shown of each scale at most, and of all scales together; the rest is in the file.
 const LINES_OF_SCALE: usize = 16;
@@ -54,7 +54,7 @@ pub(super) fn table(graph: &Graph, outcome: &Outcome) -> (Vec<String>, usize) {
     for (name, value) in &report.figures {
         let node = report.origins.get(name).and_then(|path| graph.instances.iter().find(|it| it.path == *path));
         // What is said of each camera, and a node's own bookkeeping, are for the file.
-        if is_for_the_file(graph, name) {
+        if is_for_the_file(graph, name) && !is_of_the_only_camera(graph, node, report.figures.keys(), name) {
             n_left_out += 1;
             continue;
         }
@@ -96,11 +96,36 @@ pub(super) fn table(graph: &Graph, outcome: &Outcome) -> (Vec<String>, usize) {
 
 fn is_for_the_file(graph: &Graph, name: &str) -> bool {
     let last = name.rsplit('.').next().unwrap_or(name);
-    let kept_by_a_node = graph.instances.iter().any(|it| {
-        let short = it.node_type.name.rsplit('.').next().unwrap_or(it.node_type.name);
-        name.strip_prefix(short).is_some_and(|rest| rest.starts_with('.'))
-    });
-    name.contains('[') || kept_by_a_node || graph.calibration.index_of(last).is_some()
+    name.contains('[') || is_kept_by_a_node(graph, name) || graph.calibration.index_of(last).is_some()
+}
+
+fn is_kept_by_a_node(graph: &Graph, name: &str) -> bool {
+    graph.instances.iter().any(|it| is_kept_by(it, name))
+}
+
+fn is_kept_by(node: &Instance, name: &str) -> bool {
+    let short = node.node_type.name.rsplit('.').next().unwrap_or(node.node_type.name);
+    name.strip_prefix(short).is_some_and(|rest| rest.starts_with('.'))
+}
+
+/// Whether a figure is of the one camera that a rig of a camera and a projector has: what is said of each camera is there said of all.
+fn is_of_the_only_camera<'a>(
+    graph: &Graph,
+    node: Option<&Instance>,
+    mut all: impl Iterator<Item = &'a String>,
+    name: &str,
+) -> bool {
+    let Some((stem, last)) = name.rsplit_once('.').filter(|_| graph.calibration.cameras.len() <= 2) else {
+        return false;
+    };
+    let is_of_other = |it: &&String| {
+        it.rsplit_once('.')
+            .is_some_and(|(own, camera)| own == stem && camera != last && graph.calibration.index_of(camera).is_some())
+    };
+    !name.contains('[')
+        && graph.calibration.index_of(last).is_some()
+        && node.is_some_and(|it| !is_kept_by(it, name))
+        && all.find(is_of_other).is_none()
 }
 
 fn of_camera(graph: &Graph, name: &str) -> bool {

@@ -8,25 +8,36 @@
 //! | [`normals`] | normals of points that come without |
 //! | [`field`] | a truncated signed distance field in blocks, fused from oriented points |
 //! | [`mesh`] | its surface as triangles |
+//! | [`ply`] | points and triangles of files of any program |
+//! | [`shape`] | triangles or points to measure distances to |
+//! | [`placing`] | how one shape lies on another, from anywhere |
+//! | [`distances`] | how far two shapes are apart, both ways |
 
+pub mod distances;
 pub mod field;
 mod key;
 pub mod mesh;
 pub mod normals;
 pub mod patches;
+pub mod placing;
+pub mod ply;
 pub mod range_image;
 pub mod registration;
+pub mod shape;
 #[cfg(test)]
 mod tests;
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
+pub use distances::{DistanceOptions, Distances, ShapeDistances, distances};
 pub use field::{DistanceField, FieldOptions, Fused};
 pub use mesh::{MeshOptions, SurfaceVertex, TriangleMesh};
 pub use normals::find_normals;
 pub use patches::Patches;
+pub use placing::{Placing, PlacingError, PlacingOptions, place};
 pub use range_image::RangeImage;
 pub use registration::{Registration, RegistrationError, RegistrationOptions, register};
+pub use shape::{Nearest, Shape};
 
 /// One point of a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]

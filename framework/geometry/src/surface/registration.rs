@@ -238,7 +238,7 @@ impl Pair {
 }
 
 /// How a point moves with δ.
-fn motion_of(point: &Point3<f64>) -> Matrix3x6<f64> {
+pub(super) fn motion_of(point: &Point3<f64>) -> Matrix3x6<f64> {
     let mut motion = Matrix3x6::zeros();
     motion.fixed_view_mut::<3, 3>(0, 0).copy_from(&-point.coords.cross_matrix());
     motion.fixed_view_mut::<3, 3>(0, 3).copy_from(&Matrix3::identity());
@@ -341,15 +341,15 @@ impl Fit<'_> {
 }
 
 /// Directions in which a cloud slides along itself.
-struct Slides {
-    hold: f64,
-    not_held: Vec<Vector6<f64>>,
+pub(super) struct Slides {
+    pub(super) hold: f64,
+    pub(super) not_held: Vec<Vector6<f64>>,
     /// Takes those out of a δ.
-    projector: Matrix6<f64>,
+    pub(super) projector: Matrix6<f64>,
 }
 
 /// `None`: all points lie on a line.
-fn slides(shape: &Matrix6<f64>, motions: &Matrix6<f64>, min_hold: f64) -> Option<Slides> {
+pub(super) fn slides(shape: &Matrix6<f64>, motions: &Matrix6<f64>, min_hold: f64) -> Option<Slides> {
     let lower = Cholesky::new(*motions)?.l();
     let inverse = lower.try_inverse()?;
     let eigen = (inverse * shape * inverse.transpose()).symmetric_eigen();

@@ -5,10 +5,16 @@
 //! pictures are exchanged breaks the last rule in one way, one that stands in another's place breaks it otherwise, and so does a frame that the
 //! projector dropped. The coarsest bit alone can be exchanged unseen, unless columns come out that the projector does not have.
 
+mod rules;
+
+use std::borrow::Cow;
+
+use self::rules::Set;
 use super::code::{Axis, Group, Inverse, Shown, StripeCode};
-use super::explain;
+use super::explain::{self, Explained};
+use super::exposure;
 use super::faults::SetFault;
-use super::identify::Samples;
+use super::stretches;
 use crate::ImageView;
 
 /// What was found about a set.
@@ -22,36 +28,111 @@ pub struct Examination {
     pub noise: f64,
     /// By place in the set the picture that shows what belongs there.
     places: Vec<Option<usize>>,
+    /// Bits of which nothing tells a picture from its inverse but where it stands.
+    unsure: Vec<(Axis, u32)>,
+    /// Pictures of another exposure, with how many times as bright they are [–].
+    uneven: Vec<(usize, f64)>,
+}
+
+/// A set as it is to be decoded.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prepared<'a> {
+    /// Without the axes that are left out, and without white or black where these are not there.
+    pub code: StripeCode,
+    /// By place in `code`.
+    pub pictures: Vec<Cow<'a, [u8]>>,
+    /// Which of them were worked out: the other of their bit taken from white and black together.
+    pub worked_out: Vec<Shown>,
 }
 
 impl Examination {
+    /// The picture that shows something.
+    fn picture(&self, code: &StripeCode, what: Shown) -> Option<usize> {
+        code.pictures().iter().position(|it| *it == what).and_then(|it| self.places.get(it).copied().flatten())
+    }
+
+    /// The picture that shows what belongs at a place of the set.
+    pub fn picture_at(&self, place: usize) -> Option<usize> {
+        self.places.get(place).copied().flatten()
+    }
+
+    fn has_white_and_black(&self, code: &StripeCode) -> bool {
+        [Shown::White, Shown::Black].iter().all(|it| self.picture(code, *it).is_some())
+    }
+
+    /// What an axis lacks to be decoded: pictures that are not there and cannot be worked out from others.
+    pub fn lacking(&self, code: &StripeCode, axis: Axis) -> Vec<Shown> {
+        let has_both = self.has_white_and_black(code);
+        let is_there = |what: Shown| self.picture(code, what).is_some();
+        let mut list: Vec<Shown> = (0..code.steps)
+            .map(|step| Shown::Phase { axis, step })
+            .filter(|it| code.place(*it).is_some() && !is_there(*it))
+            .collect();
+        for plane in 0..code.bits[axis.index()] {
+            let [bit, inverse] = [false, true].map(|inverse| Shown::Bit { axis, plane, inverse });
+            let there = [bit, inverse].map(is_there);
+            let is_known = has_both && !self.unsure.contains(&(axis, plane));
+            match (code.inverse, there) {
+                (Inverse::None, [true, _]) | (_, [true, true]) => {}
+                (Inverse::None, [false, _]) => list.push(bit),
+                (_, [true, false] | [false, true]) if is_known => {}
+                (_, [is_bit, is_inverse]) => {
+                    list.extend((!is_bit).then_some(bit).into_iter().chain((!is_inverse).then_some(inverse)));
+                }
+            }
+        }
+        list
+    }
+
     /// The axes that can be decoded.
     pub fn usable(&self, code: &StripeCode) -> Vec<Axis> {
-        let shown = code.pictures();
-        let is_there = |what: Shown| shown.iter().zip(&self.places).any(|it| *it.0 == what && it.1.is_some());
-        let is_lacking = |axis: Axis| {
-            shown.iter().zip(&self.places).any(|(shown, picture)| picture.is_none() && shown.axis() == Some(axis))
-        };
         // Without inverse pictures, white and black are the threshold.
-        let needs_both = code.inverse == Inverse::None && !(is_there(Shown::White) && is_there(Shown::Black));
-        let is_spoilt = |axis: Axis| needs_both || is_lacking(axis) || self.faults.iter().any(|it| it.spoils(axis));
+        let needs_both = code.inverse == Inverse::None && !self.has_white_and_black(code);
+        let is_spoilt = |axis: Axis| {
+            needs_both || self.faults.iter().any(|it| it.spoils(axis)) || !self.lacking(code, axis).is_empty()
+        };
         Axis::BOTH.into_iter().filter(|it| code.has(*it) && !is_spoilt(*it)).collect()
     }
 
-    /// The code without white or black where these are not there, and for each of its places a picture: what [`super::decode()`] takes for the axes that can be decoded.
-    pub fn decodable(&self, code: &StripeCode) -> (StripeCode, Vec<usize>) {
-        let shown = code.pictures();
+    /// What [`super::decode()`] takes, of the axes that can be decoded; `pictures` are those that were examined.
+    pub fn prepared<'a>(&self, code: &StripeCode, pictures: &[ImageView<'a>]) -> Prepared<'a> {
+        let axes = self.usable(code);
         let is_kept = |it: &Group| match it {
-            Group::Stripes(_) => true,
-            Group::White | Group::Black => {
-                let what = if *it == Group::White { Shown::White } else { Shown::Black };
-                shown.iter().zip(&self.places).any(|it| *it.0 == what && it.1.is_some())
-            }
+            Group::Stripes(axis) => axes.contains(axis),
+            Group::White => self.picture(code, Shown::White).is_some(),
+            Group::Black => self.picture(code, Shown::Black).is_some(),
         };
         let left = StripeCode { order: code.order.iter().copied().filter(is_kept).collect(), ..code.clone() };
-        let picture = |what: &Shown| shown.iter().position(|it| it == what).and_then(|it| self.places[it]);
-        let pictures = left.pictures().iter().map(|it| picture(it).unwrap_or(0)).collect();
-        (left, pictures)
+        let taken = |what: Shown| -> Option<Cow<'a, [u8]>> {
+            let picture = self.picture(code, what)?;
+            let pixels = pictures.get(picture)?.pixels();
+            Some(match self.uneven.iter().find(|it| it.0 == picture) {
+                Some((_, factor)) => Cow::Owned(exposure::evened(pixels, *factor)),
+                None => Cow::Borrowed(pixels),
+            })
+        };
+        let mut worked_out = Vec::new();
+        let list = left.pictures().into_iter().map(|what| {
+            if let Some(it) = taken(what) {
+                return it;
+            }
+            worked_out.push(what);
+            let other = match what {
+                Shown::Bit { axis, plane, inverse } => taken(Shown::Bit { axis, plane, inverse: !inverse }),
+                Shown::White | Shown::Black | Shown::Phase { .. } | Shown::Boundary { .. } => None,
+            };
+            match (taken(Shown::White), taken(Shown::Black), other) {
+                (Some(white), Some(black), Some(other)) => {
+                    let sums = white.iter().zip(black.iter()).map(|it| i16::from(*it.0) + i16::from(*it.1));
+                    Cow::Owned(
+                        sums.zip(other.iter()).map(|(sum, it)| (sum - i16::from(*it)).clamp(0, 255) as u8).collect(),
+                    )
+                }
+                _ => unreachable!("an axis that lacks a picture is not usable"),
+            }
+        });
+        let pictures = list.collect();
+        Prepared { code: left, pictures, worked_out }
     }
 }
 
@@ -80,9 +161,49 @@ const NOISE_SUM: f64 = 2.83;
 const OTHER_EXPOSURE: f64 = 0.15;
 const ALIKE: f64 = 0.35;
 
+/// Part of the pixels that the projector reaches, of which it has to light so many well enough; reached is what is brighter under its light by so many gray levels [–].
+const DIM: f64 = 0.5;
+const REACHED: f64 = 4.0;
+/// Where exposures are evened out, pictures are named that are off by more than this [–].
+const TOLD: f64 = 0.05;
+/// Of a pair that does not belong together, the picture of another scene is beyond the range of the others in this part of the pixels at least, and so many times as many as the other one.
+const BEYOND: f64 = 0.04;
+const CLEARLY: f64 = 3.0;
+
 /// Holds a set of pictures against what `code` promises; a pixel is lit where white − black is at least `min_contrast`, and more than noise. The pictures `absent` could not be
 /// read: whatever stands in their places is not looked at.
 pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], min_contrast: u8) -> Examination {
+    let (found, lit) = look(code, pictures, absent, min_contrast);
+    let n = code.pictures().len();
+    // Where something is wrong with a whole set, its pictures may well stand in their places.
+    let natural = || (0..n).map(|it| Some(it).filter(|it| !absent.contains(it))).collect();
+    let places: Vec<Option<usize>> = if pictures.len() == n { natural() } else { found.places.clone() };
+    let uneven = exposure::uneven(code, pictures, &places, &lit);
+    if uneven.is_empty() {
+        return found;
+    }
+    let evened: Vec<(usize, Vec<u8>)> =
+        uneven.iter().map(|(at, factor)| (*at, exposure::evened(pictures[*at].pixels(), *factor))).collect();
+    let mut views = pictures.to_vec();
+    for (at, pixels) in &evened {
+        let (width, height) = views[*at].size();
+        let Ok(view) = ImageView::new(pixels, width, height) else { return found };
+        views[*at] = view;
+    }
+    let (mut found, _) = look(code, &views, absent, min_contrast);
+    let told = uneven.iter().copied().filter(|it| (it.1 - 1.0).abs() > TOLD).collect();
+    found.faults.insert(0, SetFault::Uneven { pictures: told });
+    found.uneven = uneven;
+    found
+}
+
+/// The same, with the exposures that pictures have, and the pixels that are lit.
+fn look(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    absent: &[usize],
+    min_contrast: u8,
+) -> (Examination, Vec<(usize, u8, u8)>) {
     let shown = code.pictures();
     let mut found = Examination { places: vec![None; shown.len()], ..Examination::default() };
     let present: Vec<usize> = (0..pictures.len()).filter(|it| !absent.contains(it)).collect();
@@ -90,11 +211,11 @@ pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], 
     let Some(first) = present.first().map(|it| &pictures[*it]).filter(|it| !it.pixels().is_empty()) else {
         let (found_pictures, expected) = (present.len(), shown.len());
         found.faults.push(SetFault::Count { found: found_pictures, expected, unpaired: None, is_explained: false });
-        return found;
+        return (found, Vec::new());
     };
     if let Some(at) = present.iter().copied().find(|it| sound(*it) != first.size()) {
         found.faults.push(SetFault::Size { picture: at, found: sound(at), expected: first.size() });
-        return found;
+        return (found, Vec::new());
     }
     // The noise of the least noisy half: stripes as fine as pixels look like noise.
     let mut noises: Vec<f64> = present.iter().map(|it| super::noise::noise(&pictures[*it])).collect();
@@ -104,8 +225,9 @@ pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], 
     let wild = Wild::of(code, &present);
     let ranges: Vec<(u8, u8)> = wild.ranges(pictures, &samples);
     let least = (NOISE_RANGE * found.noise).max(f64::from(min_contrast.max(1)));
-    let lit = lit_of(&samples, &ranges, least);
+    let mut lit = lit_of(&samples, &ranges, least);
     found.lit = lit.len() as f64 / samples.len() as f64;
+    let needed = least.round().min(255.0) as u8;
     if found.lit < MIN_LIT {
         let mut contrasts: Vec<u8> = ranges.iter().map(|(low, high)| high - low).collect();
         contrasts.sort_unstable();
@@ -115,58 +237,136 @@ pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], 
             found.faults.push(SetFault::TooBright { saturated });
         }
         // Nothing can be decoded, whichever it is.
-        found.faults.push(SetFault::TooDark { lit: found.lit, contrast, needed: least.round().min(255.0) as u8 });
-        return found;
+        found.faults.push(SetFault::TooDark { lit: found.lit, contrast, needed });
+        return (found, lit);
+    }
+    let reached = (NOISE_RANGE * found.noise).max(REACHED);
+    let reached = lit_of(&samples, &ranges, reached).len() as f64 / samples.len() as f64;
+    if found.lit < DIM * reached {
+        found.faults.push(SetFault::Dim { lit: found.lit, reached, needed });
+    }
+    let saturated = lit.iter().filter(|it| it.2 >= SATURATED).count() as f64 / lit.len() as f64;
+    if saturated > 0.5 {
+        found.faults.push(SetFault::TooBright { saturated });
     }
     let width = first.size().0;
-    let mut set = Set { code, pictures, shown: &shown, lit: &lit, width, noise: found.noise, skipped: absent.to_vec() };
-    if pictures.len() == shown.len() {
-        let saturated = lit.iter().filter(|it| it.2 >= SATURATED).count() as f64 / lit.len() as f64;
-        if saturated > 0.5 {
-            found.faults.push(SetFault::TooBright { saturated });
-        }
-        found.faults.extend(absent.iter().map(|it| SetFault::Unreadable { picture: *it, shown: shown[*it] }));
-        found.places = (0..shown.len()).map(|it| Some(it).filter(|it| !absent.contains(it))).collect();
-        let odd = set.odd();
-        set.skipped.extend(odd.iter().map(|it| it.0));
-        found.faults.extend(odd.into_iter().map(|it| it.1));
-        let faults = set.broken_rules();
-        if faults.is_empty() {
-            return found;
-        }
+    let noise = found.noise;
+    let set = |lit, skipped| Set { code, pictures, shown: &shown, lit, width, noise, skipped };
+    let mut skipped = absent.to_vec();
+    if pictures.len() != shown.len() {
         let samples = lattice(first.size(), MANY_SAMPLES);
         let many = lit_of(&samples, &wild.ranges(pictures, &samples), least);
-        match (Set { lit: &many, ..set }).explained() {
-            Some((explained, places)) => {
-                found.faults.extend(explained);
-                let keep = |(old, new): (&Option<usize>, Option<usize>)| new.or(*old);
-                found.places = found.places.iter().zip(places).map(keep).collect();
+        let all = set(&many, skipped);
+        let signs = all.signs();
+        let n = pictures.len();
+        if let Some(bits) = explain::other_bits(code, n, &all.skipped, &signs) {
+            found.faults.push(SetFault::OtherSize { bits, found: n });
+            return (found, lit);
+        }
+        let count =
+            |unpaired, is_explained| SetFault::Count { found: n, expected: shown.len(), unpaired, is_explained };
+        match explain::explain(code, n, &all.skipped, &signs) {
+            Some(explained) => {
+                found.faults.push(count(None, true));
+                found.take(explained);
             }
-            None => found.faults.extend(faults),
+            None => {
+                let few = set(&lit, all.skipped);
+                found.faults.push(count(few.first_unpaired(), false));
+                found.faults.extend(few.doubled());
+            }
         }
-        return found;
+        return (found, lit);
     }
+    found.faults.extend(absent.iter().map(|it| SetFault::Unreadable { picture: *it, shown: shown[*it] }));
+    found.places = (0..shown.len()).map(|it| Some(it).filter(|it| !absent.contains(it))).collect();
+    let scenes = stretches::scenes(code, pictures, &found.places, &lit, noise);
+    if let Some(it) = &scenes.stretches {
+        let used = &it.pictures[it.kept];
+        let ends = [used[0], used[used.len() - 1]];
+        let between = it.pictures.windows(2).map(|it| (it[0][it[0].len() - 1], it[1][0]));
+        found.faults.extend(between.map(|(last, first)| SetFault::Moved { last, first, used: ends }));
+        skipped.extend((0..pictures.len()).filter(|it| !used.contains(it) && !absent.contains(it)));
+        found.places.iter_mut().for_each(|it| *it = it.filter(|it| used.contains(it)));
+        let wild = Wild::of(code, used);
+        lit = lit_of(&samples, &wild.ranges(pictures, &samples), least);
+    }
+    let odd = set(&lit, skipped.clone()).odd();
+    for (picture, fault) in odd {
+        skipped.push(picture);
+        found.places[picture] = None;
+        found.faults.push(fault);
+    }
+    let set = |lit| set(lit, skipped.clone());
+    let mut faults = set(&lit).broken_rules();
+    let is_sound = faults.is_empty();
+    if is_sound {
+        let is_there = |it: &&(Shown, [usize; 2])| !it.1.iter().any(|it| skipped.contains(it));
+        let odd = scenes.odd.iter().filter(|it| matches!(it.0, Shown::Bit { .. })).filter(is_there);
+        faults.extend(odd.map(|(shown, pictures)| SetFault::NotInverse {
+            shown: *shown,
+            pictures: *pictures,
+            share: 0.0,
+        }));
+    }
+    set(&lit).tell_other_scenes(&mut faults);
+    // What moved in a part of the picture alone spoils that part and not the set.
+    faults.retain(|it| !is_sound || matches!(it, SetFault::OtherScene { .. }));
+    if faults.is_empty() {
+        return (found, lit);
+    }
+    if faults.iter().all(|it| matches!(it, SetFault::OtherScene { .. })) {
+        for it in &faults {
+            if let SetFault::OtherScene { picture, .. } = it {
+                found.places[*picture] = None;
+            }
+        }
+        found.faults.extend(faults);
+        return (found, lit);
+    }
+    let kept: Vec<usize> = (0..pictures.len()).filter(|it| !skipped.contains(it)).collect();
     let samples = lattice(first.size(), MANY_SAMPLES);
-    let many = lit_of(&samples, &wild.ranges(pictures, &samples), least);
-    let count = |unpaired, is_explained| SetFault::Count {
-        found: pictures.len(),
-        expected: shown.len(),
-        unpaired,
-        is_explained,
-    };
-    let all = Set { lit: &many, skipped: set.skipped.clone(), ..set };
-    match all.explained() {
-        Some((explained, places)) => {
-            found.faults.push(count(None, true));
-            found.faults.extend(explained);
-            found.places = places;
-        }
+    let many = lit_of(&samples, &Wild::of(code, &kept).ranges(pictures, &samples), least);
+    let all = set(&many);
+    let n = pictures.len();
+    if let Some(bits) = explain::other_bits(code, n, &all.skipped, &all.signs()) {
+        found.faults.push(SetFault::OtherSize { bits, found: n });
+        return (found, lit);
+    }
+    match explain::explain(code, pictures.len(), &all.skipped, &all.signs()) {
+        Some(explained) => found.take(explained),
         None => {
-            found.faults.push(count(set.first_unpaired(), false));
-            found.faults.extend(set.doubled());
+            for it in &faults {
+                match it {
+                    SetFault::OtherScene { picture, .. } => found.places[*picture] = None,
+                    SetFault::Doubled { picture, same_as, .. } => {
+                        // Which of the two is the one that was taken twice, nothing tells.
+                        for picture in [*picture, *same_as] {
+                            found.unsure.extend(explain::bit_at(&shown, picture));
+                        }
+                        found.places[*picture] = None;
+                    }
+                    _ => {}
+                }
+            }
+            // A picture that is there twice is not the inverse of another, and that is said.
+            let doubled: Vec<usize> = faults
+                .iter()
+                .filter_map(|it| if let SetFault::Doubled { picture, .. } = it { Some(*picture) } else { None })
+                .collect();
+            let is_said = |it: &SetFault| matches!(it, SetFault::NotInverse { pictures, .. } if pictures.iter().any(|it| doubled.contains(it)));
+            found.faults.extend(faults.into_iter().filter(|it| !is_said(it)));
         }
     }
-    found
+    (found, lit)
+}
+
+impl Examination {
+    fn take(&mut self, explained: Explained) {
+        self.faults.extend(explained.faults);
+        self.places = explained.places;
+        self.unsure = explained.unsure;
+    }
 }
 
 /// Some of the pixels, two rows at a time, so that neighbours are there.
@@ -212,316 +412,6 @@ impl<'a> Wild<'a> {
             (levels[self.n], levels[levels.len() - 1 - self.n])
         };
         samples.iter().map(one).collect()
-    }
-}
-
-struct Set<'a> {
-    code: &'a StripeCode,
-    pictures: &'a [ImageView<'a>],
-    shown: &'a [Shown],
-    /// Pixels that the projector lights, each with its darkest and brightest level.
-    lit: &'a [(usize, u8, u8)],
-    width: usize,
-    noise: f64,
-    /// Pictures that say nothing.
-    skipped: Vec<usize>,
-}
-
-impl Set<'_> {
-    fn level(&self, picture: usize, at: usize) -> f64 {
-        f64::from(self.pictures[picture].pixels()[at])
-    }
-
-    fn share(&self, holds: impl Fn(&(usize, u8, u8)) -> bool) -> f64 {
-        self.lit.iter().filter(|it| holds(it)).count() as f64 / self.lit.len().max(1) as f64
-    }
-
-    fn margin(&self, low: u8, high: u8) -> f64 {
-        (0.35 * f64::from(high - low)).max(8.0).max(NOISE_SUM * self.noise)
-    }
-
-    fn place(&self, what: Shown) -> Option<usize> {
-        self.shown.iter().position(|it| *it == what).filter(|it| !self.skipped.contains(it))
-    }
-
-    /// Part of the pixels in which two pictures do not make white and black together.
-    fn not_inverse(&self, a: usize, b: usize) -> f64 {
-        self.share(|&(at, low, high)| {
-            let off = self.level(a, at) + self.level(b, at) - f64::from(low) - f64::from(high);
-            off.abs() > self.margin(low, high)
-        })
-    }
-
-    /// Pictures whose gray levels are those of a negative or of another exposure, in a set with all its pictures.
-    fn odd(&self) -> Vec<(usize, SetFault)> {
-        let inside = |level: f64, low: u8, high: u8| {
-            (f64::from(low) - self.margin(low, high)..=f64::from(high) + self.margin(low, high)).contains(&level)
-        };
-        let mut found = Vec::new();
-        for (picture, shown) in self.shown.iter().enumerate().filter(|it| !self.skipped.contains(&it.0)) {
-            let outside = self.share(|&(at, low, high)| !inside(self.level(picture, at), low, high));
-            let negative = self.share(|&(at, low, high)| !inside(255.0 - self.level(picture, at), low, high));
-            let is_negative = outside > BROKEN && negative < 0.5 * BROKEN;
-            if is_negative || *shown == Shown::White && self.likeness(picture) < -0.5 {
-                found.push((picture, SetFault::Negative { picture, shown: *shown }));
-                continue;
-            }
-            if let Some(factor) = self.exposure(picture, *shown) {
-                found.push((picture, SetFault::Exposed { picture, shown: *shown, factor }));
-            }
-        }
-        found
-    }
-
-    /// Correlation of a picture with the brightest that pixels are; 0 where they are all alike.
-    fn likeness(&self, picture: usize) -> f64 {
-        let n = self.lit.len() as f64;
-        let pair = |it: &(usize, u8, u8)| [self.level(picture, it.0), f64::from(it.2)];
-        let [a, b] = self.lit.iter().map(pair).fold([0.0; 2], |sum, it| [sum[0] + it[0] / n, sum[1] + it[1] / n]);
-        let (mut aa, mut ab, mut bb) = (0.0, 0.0, 0.0);
-        for [x, y] in self.lit.iter().map(pair) {
-            (aa, ab, bb) = (aa + (x - a) * (x - a), ab + (x - a) * (y - b), bb + (y - b) * (y - b));
-        }
-        if aa.min(bb) < 4.0 * n { 0.0 } else { ab / (aa * bb).sqrt() }
-    }
-
-    /// How many times too bright a picture is, where it is so everywhere alike.
-    fn exposure(&self, picture: usize, shown: Shown) -> Option<f64> {
-        let other = match shown {
-            Shown::Bit { axis, plane, inverse } => Some(self.place(Shown::Bit { axis, plane, inverse: !inverse })?),
-            Shown::White => None,
-            Shown::Black | Shown::Phase { .. } | Shown::Boundary { .. } => return None,
-        };
-        // Where its inverse is dark, it is bright.
-        let is_bright = |it: &&(usize, u8, u8)| {
-            other.is_none_or(|other| 2.0 * self.level(other, it.0) < f64::from(it.1) + f64::from(it.2))
-                && it.2 < SATURATED
-        };
-        let mut ratios: Vec<f64> =
-            self.lit.iter().filter(is_bright).map(|it| self.level(picture, it.0) / f64::from(it.2)).collect();
-        if ratios.len() < self.lit.len() / 10 {
-            return None;
-        }
-        ratios.sort_by(f64::total_cmp);
-        let at = |share: f64| ratios[(share * (ratios.len() - 1) as f64) as usize];
-        let (factor, spread) = (at(0.5), at(0.85) - at(0.15));
-        let is_off = match other {
-            Some(other) => self.not_inverse(picture, other) > BROKEN,
-            None => true,
-        };
-        (is_off && (factor - 1.0).abs() > OTHER_EXPOSURE && factor > 0.1 && spread < ALIKE * factor).then_some(factor)
-    }
-
-    /// What is broken of what the code promises, in a set with all its pictures.
-    fn broken_rules(&self) -> Vec<SetFault> {
-        let mut faults = self.white_and_black();
-        faults.extend(self.doubled());
-        for axis in Axis::BOTH.into_iter().filter(|it| self.code.has(*it)) {
-            let inverses = self.inverses(axis);
-            if inverses.is_empty() {
-                faults.extend(self.order(axis));
-            }
-            faults.extend(inverses);
-        }
-        faults
-    }
-
-    /// The first picture that is not the inverse of the one it would be paired with.
-    fn first_unpaired(&self) -> Option<usize> {
-        let is_bit = |it: &Shown| matches!(it, Shown::Bit { .. });
-        let mut at = 0;
-        while at + 1 < self.shown.len() && at + 1 < self.pictures.len() {
-            match (self.shown[at], self.shown[at + 1]) {
-                (Shown::Bit { plane: a, axis: of_a, .. }, Shown::Bit { plane: b, axis: of_b, .. })
-                    if a == b && of_a == of_b =>
-                {
-                    if self.not_inverse(at, at + 1) > BROKEN {
-                        return Some(at);
-                    }
-                    at += 2;
-                }
-                _ if is_bit(&self.shown[at]) => return None,
-                _ => at += 1,
-            }
-        }
-        None
-    }
-
-    fn white_and_black(&self) -> Vec<SetFault> {
-        let mean = |picture: usize| self.lit.iter().map(|it| self.level(picture, it.0)).sum::<f64>();
-        let (white, black) = (self.place(Shown::White), self.place(Shown::Black));
-        if let (Some(white), Some(black)) = (white, black)
-            && mean(white) < mean(black)
-        {
-            return vec![SetFault::WhiteIsBlack { white, black }];
-        }
-        let checks = [(white, Shown::White), (black, Shown::Black)];
-        let one = |(picture, shown): (Option<usize>, Shown)| {
-            let picture = picture?;
-            let share = self.share(|&(at, low, high)| {
-                let level = self.level(picture, at);
-                let off = if shown == Shown::White { f64::from(high) - level } else { level - f64::from(low) };
-                off > self.margin(low, high)
-            });
-            (share > BROKEN).then_some(SetFault::NotWhite { picture, shown, share })
-        };
-        checks.into_iter().filter_map(one).collect()
-    }
-
-    /// Pictures with stripes of which an earlier one is the same.
-    fn doubled(&self) -> Vec<SetFault> {
-        let some: Vec<&(usize, u8, u8)> = self.lit.iter().step_by(self.lit.len().div_ceil(4000).max(1)).collect();
-        let is_lit =
-            |picture: usize, it: &(usize, u8, u8)| 2.0 * self.level(picture, it.0) > f64::from(it.1) + f64::from(it.2);
-        let signs: Vec<Vec<bool>> =
-            (0..self.pictures.len()).map(|picture| some.iter().map(|it| is_lit(picture, it)).collect()).collect();
-        // A picture that is nearly all lit, or nearly all dark, is like others by right.
-        let has_stripes = |it: &Vec<bool>| {
-            let lit = it.iter().filter(|it| **it).count() as f64 / it.len().max(1) as f64;
-            (0.1..0.9).contains(&lit)
-        };
-        let mut faults = Vec::new();
-        let is_kept = |it: &usize| !self.skipped.contains(it);
-        for b in (1..signs.len()).filter(is_kept) {
-            let like = (0..b).filter(is_kept).find(|a| {
-                let differ = signs[*a].iter().zip(&signs[b]).filter(|(a, b)| a != b).count();
-                has_stripes(&signs[b]) && (differ as f64) < 0.03 * some.len() as f64
-            });
-            faults.extend(like.map(|same_as| SetFault::Doubled {
-                picture: b,
-                same_as,
-                expected: self.shown.get(b).copied().filter(|_| self.shown.len() == self.pictures.len()),
-            }));
-        }
-        faults
-    }
-
-    fn inverses(&self, axis: Axis) -> Vec<SetFault> {
-        let one = |plane: u32| {
-            let shown = Shown::Bit { axis, plane, inverse: false };
-            let inverse = Shown::Bit { axis, plane, inverse: true };
-            let pictures = [self.place(shown)?, self.place(inverse)?];
-            let share = self.not_inverse(pictures[0], pictures[1]);
-            (share > BROKEN).then_some(SetFault::NotInverse { shown, pictures, share })
-        };
-        (0..self.code.bits[axis.index()]).filter_map(one).collect()
-    }
-
-    /// What the changes of coarser bits say about finer ones, and stripes that cannot be.
-    fn order(&self, axis: Axis) -> Vec<SetFault> {
-        let bits = self.code.bits[axis.index()] as usize;
-        let place = |plane: usize, inverse: bool| self.place(Shown::Bit { axis, plane: plane as u32, inverse });
-        let places: Vec<[Option<usize>; 2]> = (0..bits).map(|it| [place(it, false), place(it, true)]).collect();
-        // By pixel: the bits, and those that are certain.
-        let read = |&(at, low, high): &(usize, u8, u8)| {
-            let (mut ones, mut certain) = (0_u32, 0_u32);
-            for (plane, place) in places.iter().enumerate() {
-                let sum = f64::from(low) + f64::from(high);
-                let level = |it: usize| place[it].map(|it| self.level(it, at));
-                let (lit, unlit) = match (level(0), level(1)) {
-                    (None, None) => continue,
-                    (lit, unlit) => (lit.or(unlit.map(|it| sum - it)), unlit.or(lit.map(|it| sum - it))),
-                };
-                let difference = lit.unwrap_or(0.0) - unlit.unwrap_or(0.0);
-                ones |= u32::from(difference > 0.0) << plane;
-                certain |=
-                    u32::from(difference.abs() >= (0.25 * f64::from(high - low)).max(5.0).max(NOISE_SUM * self.noise))
-                        << plane;
-            }
-            (at, ones, certain)
-        };
-        let pixels: Vec<(usize, u32, u32)> = self.lit.iter().map(read).collect();
-        // By bit: how often it is as it should be and as it should not where a coarser one changes.
-        let mut right = vec![[0_usize; 2]; bits];
-        let mut compare = |ones: u32, other: u32, certain: u32| {
-            let changed = (ones ^ other) & certain;
-            if changed.count_ones() != 1 {
-                return;
-            }
-            let plane = changed.trailing_zeros() as usize;
-            for (finer, counts) in right.iter_mut().enumerate().skip(plane + 1) {
-                if certain & (1 << finer) != 0 {
-                    let should = finer == plane + 1;
-                    counts[usize::from((ones >> finer & 1 == 1) == should)] += 1;
-                }
-            }
-        };
-        for (index, (at, ones, certain)) in pixels.iter().enumerate() {
-            let to_the_right = pixels.get(index + 1).filter(|it| it.0 == at + 1 && it.0 % self.width != 0);
-            let below = pixels.binary_search_by_key(&(at + self.width), |it| it.0).ok().map(|it| &pixels[it]);
-            for (_, other, also) in to_the_right.into_iter().chain(below) {
-                compare(*ones, *other, certain & also);
-            }
-        }
-        let judge = |counts: &[usize; 2]| {
-            let all = counts[0] + counts[1];
-            (all >= MIN_CHANGES).then(|| counts[1] as f64 / all as f64)
-        };
-        let rates: Vec<Option<f64>> = right.iter().map(judge).collect();
-        let with = |test: fn(f64) -> bool| -> Vec<u32> {
-            let planes = rates.iter().zip(0..).filter(|(rate, _)| rate.is_some_and(test));
-            planes.map(|it| it.1).collect()
-        };
-        let (inverted, lost) = (with(|it| it < 0.25), with(|it| (0.25..0.75).contains(&it)));
-        let mut faults = Vec::new();
-        if !lost.is_empty() {
-            faults.push(SetFault::OutOfPlace { axis, planes: lost });
-        }
-        if !inverted.is_empty() {
-            let all = inverted.len() == rates.iter().flatten().count();
-            faults.push(SetFault::Inverted { axis, planes: inverted, all });
-        }
-        if faults.is_empty() {
-            faults.extend(self.range(axis, bits, &pixels));
-        }
-        faults
-    }
-
-    /// What is wrong in terms of which picture shows what, and the picture for each place; `None` where pictures do not tell.
-    fn explained(&self) -> Option<(Vec<SetFault>, Vec<Option<usize>>)> {
-        explain::explain(self.code, self.pictures.len(), &self.skipped, &self.signs())
-    }
-
-    fn signs(&self) -> Samples {
-        let sign = |picture: usize, &(at, low, high): &(usize, u8, u8)| -> i8 {
-            let off = 2.0 * self.level(picture, at) - f64::from(low) - f64::from(high);
-            let certain = off.abs() >= (0.3 * f64::from(high - low)).max(NOISE_SUM * self.noise);
-            if certain { off.signum() as i8 } else { 0 }
-        };
-        let signs = (0..self.pictures.len()).map(|picture| self.lit.iter().map(|it| sign(picture, it)).collect());
-        let mut neighbours = Vec::new();
-        for (index, (at, ..)) in self.lit.iter().enumerate() {
-            let to_the_right = (1..=REACH).filter(|it| at % self.width + it < self.width);
-            let below = (1..=REACH).map(|it| it * self.width);
-            let places =
-                to_the_right.chain(below).filter_map(|it| self.lit.binary_search_by_key(&(at + it), |it| it.0).ok());
-            neighbours.extend(places.map(|it| [index as u32, it as u32]));
-        }
-        Samples { signs: signs.collect(), neighbours }
-    }
-
-    fn range(&self, axis: Axis, bits: usize, pixels: &[(usize, u32, u32)]) -> Option<SetFault> {
-        let index = axis.index();
-        let width = self.code.stripe[index];
-        let from = self.code.offset[index];
-        let until = from + self.code.projector[index];
-        let all = (1_u32 << bits) - 1;
-        let (mut beyond, mut certain) = (0_usize, 0_usize);
-        for (_, ones, _) in pixels.iter().filter(|it| it.2 & all == all) {
-            let (mut bit, mut number) = (0, 0);
-            for plane in 0..bits {
-                bit ^= ones >> plane & 1;
-                number = number << 1 | bit;
-            }
-            certain += 1;
-            beyond += usize::from((number + 1) * width <= from || number * width >= until);
-        }
-        let share = beyond as f64 / certain.max(1) as f64;
-        (certain > MIN_CHANGES && share > 0.2).then(|| SetFault::OutOfRange {
-            axis,
-            share,
-            side: self.code.projector[index],
-        })
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::code::{Axis, Group, Inverse, Shown, StripeCode};
 use super::faults::{Found, SetFault};
-use super::identify::{Fit, Samples, Seen, Step, align, bit_of, identify};
+use super::identify::{Fit, Samples, Seen, Step, align, are_alike, bit_of, identify};
 
 /// Of the pictures of bits so many must be known, and so many of these at most be wrong, for a set to be explained [–].
 const KNOWN: f64 = 0.5;
@@ -10,18 +10,22 @@ const WRONG: f64 = 0.5;
 /// With more pictures than this in other places, the whole set may have another order [–].
 const OTHER_ORDER: f64 = 0.25;
 
-/// What is wrong with `n_pictures` pictures of `code`, and the picture for each place; `None` where the pictures do not tell. `skipped` say nothing.
-pub(super) fn explain(
-    code: &StripeCode,
-    n_pictures: usize,
-    skipped: &[usize],
-    samples: &Samples,
-) -> Option<(Vec<SetFault>, Vec<Option<usize>>)> {
-    // Steps of a sine are neither lit nor dark.
-    if code.steps > 0 {
-        return None;
-    }
-    let roles = code.pictures();
+/// What a set is found to be.
+pub(super) struct Explained {
+    /// What is wrong.
+    pub(super) faults: Vec<SetFault>,
+    /// By place the picture that shows what belongs there.
+    pub(super) places: Vec<Option<usize>>,
+    /// Bits of which nothing tells a picture from its inverse.
+    pub(super) unsure: Vec<(Axis, u32)>,
+}
+
+/// Changes of bits for another projector that are tried.
+const OTHER_BITS: u32 = 4;
+/// Of the bits of another projector so many must be seen for the pictures to be its [–].
+const OTHER_KNOWN: f64 = 0.9;
+
+fn homes_of(roles: &[Shown], n_pictures: usize, skipped: &[usize]) -> Vec<Option<Vec<Shown>>> {
     let home = |picture: usize| -> Option<Vec<Shown>> {
         let from_the_end = (picture + roles.len()).checked_sub(n_pictures);
         let mut list: Vec<Shown> =
@@ -29,32 +33,102 @@ pub(super) fn explain(
         list.dedup();
         (!skipped.contains(&picture)).then_some(list)
     };
-    let homes: Vec<Option<Vec<Shown>>> = (0..n_pictures).map(home).collect();
-    let seen = identify(code, samples, &homes);
-    let mut known: Vec<(Axis, u32)> = Vec::new();
-    for it in &seen {
-        match it {
-            Seen::Bit(shown) => known.extend(bit_of(shown)),
-            Seen::Plane(axis, plane) => known.push((*axis, *plane)),
-            Seen::Lit | Seen::Dark | Seen::Unknown => {}
-        }
+    (0..n_pictures).map(home).collect()
+}
+
+/// The bit that the picture at a place shows.
+pub(super) fn bit_at(roles: &[Shown], place: usize) -> Option<(Axis, u32)> {
+    roles.get(place).and_then(bit_of)
+}
+
+fn known_of(seen: &[Seen]) -> Vec<(Axis, u32)> {
+    let bit = |it: &Seen| match it {
+        Seen::Bit(shown) => bit_of(shown),
+        Seen::Plane(axis, plane) => Some((*axis, *plane)),
+        Seen::Lit | Seen::Dark | Seen::Unknown => None,
+    };
+    seen.iter().filter_map(bit).collect()
+}
+
+/// The bits of columns and rows of another projector whose whole set these pictures are, in the order of `code`.
+pub(super) fn other_bits(
+    code: &StripeCode,
+    n_pictures: usize,
+    skipped: &[usize],
+    samples: &Samples,
+) -> Option<[u32; 2]> {
+    if code.steps > 0 {
+        return None;
     }
+    let has = Axis::BOTH.map(|it| code.has(it));
+    let off = |bits: [u32; 2]| bits[0].abs_diff(code.bits[0]) + bits[1].abs_diff(code.bits[1]);
+    let range = |axis: usize| if has[axis] { 3..=15_u32 } else { code.bits[axis]..=code.bits[axis] };
+    let all = range(0).flat_map(|columns| range(1).map(move |rows| [columns, rows]));
+    let mut others: Vec<StripeCode> = all
+        .filter(|it| (1..=OTHER_BITS).contains(&off(*it)))
+        .map(|bits| StripeCode {
+            bits,
+            projector: bits.map(|it| 1 << it),
+            offset: [0; 2],
+            stripe: [1; 2],
+            ..code.clone()
+        })
+        .filter(|it| it.pictures().len() == n_pictures)
+        .collect();
+    others.sort_by_key(|it| off(it.bits));
+    let fits = |other: &StripeCode| {
+        let roles = other.pictures();
+        let seen = identify(other, samples, &homes_of(&roles, n_pictures, skipped));
+        let mut known = known_of(&seen);
+        let n_known = known.len();
+        known.sort_unstable();
+        known.dedup();
+        let set = Seens { roles: &roles, seen: &seen, known: &known, samples };
+        let n_bits = roles.iter().filter(|it| bit_of(it).is_some()).count();
+        // Where a bit changes, all finer ones do: none of these is the same all over the picture.
+        let is_not_of_it = |it: &usize| {
+            let coarser = |(axis, plane): (Axis, u32)| known.iter().any(|it| it.0 == axis && it.1 < plane);
+            // Nor does a bit that lacks between two others leave its neighbours in doubt.
+            let is_odd = matches!(seen[*it], Seen::Lit | Seen::Dark | Seen::Plane(..));
+            is_odd && bit_of(&roles[*it]).is_some_and(coarser)
+        };
+        n_known as f64 >= OTHER_KNOWN * n_bits as f64
+            && (0..n_pictures).all(|it| set.fit(it, it) != Fit::No && !is_not_of_it(&it))
+    };
+    others.into_iter().find(fits).map(|it| it.bits)
+}
+
+/// What is wrong with `n_pictures` pictures of `code`, and the picture for each place; `None` where the pictures do not tell. `skipped` say nothing.
+pub(super) fn explain(code: &StripeCode, n_pictures: usize, skipped: &[usize], samples: &Samples) -> Option<Explained> {
+    // Steps of a sine are neither lit nor dark.
+    if code.steps > 0 {
+        return None;
+    }
+    let roles = code.pictures();
+    let homes = homes_of(&roles, n_pictures, skipped);
+    let seen = identify(code, samples, &homes);
+    let mut known = known_of(&seen);
     let n_known = known.len();
     let n_bits = roles.iter().filter(|it| matches!(it, Shown::Bit { .. })).count();
+    let other_order = || {
+        let other = reordered(code, n_pictures, skipped, samples).filter(|_| n_pictures == roles.len())?;
+        let faults = vec![SetFault::OtherOrder { code: Box::new(other) }];
+        Some(Explained { faults, places: vec![None; roles.len()], unsure: Vec::new() })
+    };
     if (n_known as f64) < KNOWN * n_bits as f64 {
-        return None;
+        return other_order();
     }
     known.sort_unstable();
     known.dedup();
-    let set = Seens { roles: &roles, seen: &seen, known: &known };
+    let set = Seens { roles: &roles, seen: &seen, known: &known, samples };
     let (order, mut faults) = match n_pictures == roles.len() {
         true => {
             let is_wrong = |it: &usize| set.fit(*it, *it) == Fit::No;
             let n_wrong = (0..n_pictures).filter(is_wrong).count();
             if n_wrong as f64 > OTHER_ORDER * n_known as f64
-                && let Some(other) = set.other_order(code)
+                && let Some(other) = other_order()
             {
-                return Some((vec![SetFault::OtherOrder { code: Box::new(other) }], vec![None; roles.len()]));
+                return Some(other);
             }
             set.exchanged()
         }
@@ -94,7 +168,43 @@ pub(super) fn explain(
             }
         }
     }
-    (!faults.is_empty()).then_some((faults, places))
+    let unsure: Vec<(Axis, u32)> = seen
+        .iter()
+        .filter_map(|it| if let Seen::Plane(axis, plane) = it { Some((*axis, *plane)) } else { None })
+        .collect();
+    // Two pictures of a bit that nothing tells from its inverse are one of each, or one twice.
+    for (axis, plane) in &unsure {
+        let place = |inverse: bool| {
+            let shown = Shown::Bit { axis: *axis, plane: *plane, inverse };
+            roles.iter().position(|it| *it == shown).filter(|it| places[*it].is_some())
+        };
+        if let (Some(a), Some(b)) = (place(false), place(true))
+            && let (Some(of_a), Some(of_b)) = (places[a], places[b])
+            && are_alike(samples, of_a, of_b)
+        {
+            let (later, same_as) = (of_a.max(of_b), of_a.min(of_b));
+            let place = if later == of_a { a } else { b };
+            places[place] = None;
+            faults.push(SetFault::Doubled { picture: later, same_as, expected: Some(roles[place]) });
+        }
+    }
+    (!faults.is_empty()).then_some(Explained { faults, places, unsure })
+}
+
+/// The code with another order of its pictures that these fit. Which axis is which is told by where pictures stand, so they are taken for those of a set from its end, too.
+fn reordered(code: &StripeCode, n_pictures: usize, skipped: &[usize], samples: &Samples) -> Option<StripeCode> {
+    let roles = code.pictures();
+    let from_the_end: Vec<Shown> = roles.iter().rev().copied().collect();
+    [&roles, &from_the_end].into_iter().find_map(|taken_for| {
+        let seen = identify(code, samples, &homes_of(taken_for, n_pictures, skipped));
+        let mut known = known_of(&seen);
+        let n_known = known.len();
+        known.sort_unstable();
+        known.dedup();
+        let n_bits = roles.iter().filter(|it| bit_of(it).is_some()).count();
+        let set = Seens { roles: &roles, seen: &seen, known: &known, samples };
+        if n_known as f64 >= KNOWN * n_bits as f64 { set.other_order(code) } else { None }
+    })
 }
 
 /// What pictures show, beside what the places of a set should.
@@ -102,6 +212,7 @@ struct Seens<'a> {
     roles: &'a [Shown],
     seen: &'a [Seen],
     known: &'a [(Axis, u32)],
+    samples: &'a Samples,
 }
 
 impl Seens<'_> {
@@ -153,7 +264,15 @@ impl Seens<'_> {
                 }
                 Found::Shown(shown)
             }
-            Seen::Plane(axis, plane) => Found::Bit(axis, plane),
+            Seen::Plane(axis, plane) => {
+                let is_it = |it: &usize| {
+                    *it != picture && self.seen[*it] == self.seen[picture] && are_alike(self.samples, *it, picture)
+                };
+                if let Some(same_as) = (0..self.seen.len()).find(is_it) {
+                    return Some(SetFault::Doubled { picture, same_as, expected: Some(expected) });
+                }
+                Found::Bit(axis, plane)
+            }
             Seen::Lit => Found::Shown(Shown::White),
             Seen::Dark => Found::Shown(Shown::Black),
             Seen::Unknown => return None,
@@ -183,7 +302,37 @@ impl Seens<'_> {
             let set = Seens { roles: &roles, ..*self };
             other != code && (0..roles.len()).all(|it| set.fit(it, it) != Fit::No)
         });
-        fitting.next()
+        let mut other = fitting.next()?;
+        // Which axis is which was told by where the pictures stand, which is just what is wrong here: what stripes look like tells it better.
+        if code.bits[0] == code.bits[1] && self.columns_lie() {
+            for group in &mut other.order {
+                if let Group::Stripes(axis) = group {
+                    *axis = Axis::BOTH[1 - axis.index()];
+                }
+            }
+        }
+        Some(other)
+    }
+
+    /// Whether what was taken for columns changes from row to row rather than along them, and rows the other way round.
+    fn columns_lie(&self) -> bool {
+        let changes = |axis: Axis| {
+            let is_of_axis = |it: &usize| match self.seen[*it] {
+                Seen::Bit(shown) => shown.axis() == Some(axis),
+                Seen::Plane(of, _) => of == axis,
+                Seen::Lit | Seen::Dark | Seen::Unknown => false,
+            };
+            let (mut along, mut down) = (0_usize, 0_usize);
+            for picture in (0..self.seen.len()).filter(is_of_axis) {
+                let signs = &self.samples.signs[picture];
+                for ([a, b], is_down) in self.samples.neighbours.iter().zip(&self.samples.is_down) {
+                    let is_changed = signs[*a as usize] * signs[*b as usize] < 0;
+                    *if *is_down { &mut down } else { &mut along } += usize::from(is_changed);
+                }
+            }
+            along as f64 / (along + down).max(1) as f64
+        };
+        changes(Axis::Columns) < changes(Axis::Rows)
     }
 }
 

@@ -78,6 +78,43 @@ pub enum SetFault {
         /// How many times as bright [–].
         factor: f64,
     },
+    /// Pictures are brighter or darker than most, and are evened out.
+    Uneven {
+        /// Which, each with how many times as bright [–].
+        pictures: Vec<(usize, f64)>,
+    },
+    /// Something moved between two pictures.
+    Moved {
+        /// The last picture before it.
+        last: usize,
+        /// The first one after it.
+        first: usize,
+        /// The first and the last of those that are used.
+        used: [usize; 2],
+    },
+    /// A picture shows its stripes on another scene than the others.
+    OtherScene {
+        /// Which.
+        picture: usize,
+        /// What it should show.
+        shown: Shown,
+    },
+    /// The pictures are a whole set for a projector of another size.
+    OtherSize {
+        /// Bits of columns and rows that they have.
+        bits: [u32; 2],
+        /// How many pictures there are.
+        found: usize,
+    },
+    /// The projector lights most of what it reaches too weakly.
+    Dim {
+        /// Part of the pixels that it lights well enough [–].
+        lit: f64,
+        /// Part of the pixels that it lights at all [–].
+        reached: f64,
+        /// What is needed [gray levels].
+        needed: u8,
+    },
     /// A picture of another size than the first.
     Size {
         /// Which.
@@ -186,14 +223,21 @@ impl SetFault {
         let is_of = |shown: &Shown| shown.axis() == Some(axis);
         match self {
             SetFault::Count { is_explained, .. } => !is_explained,
-            SetFault::Missing { shown, .. } | SetFault::Unreadable { shown, .. } => is_of(shown),
-            SetFault::Shows { expected: shown, .. }
-            | SetFault::Negative { shown, .. }
-            | SetFault::Exposed { shown, .. } => is_of(shown) || matches!(shown, Shown::White | Shown::Black),
+            // What is not there may be worked out from the rest, and what lacks is known.
+            SetFault::Missing { .. }
+            | SetFault::Unreadable { .. }
+            | SetFault::Doubled { .. }
+            | SetFault::OtherScene { .. }
+            | SetFault::Moved { .. }
+            | SetFault::Uneven { .. }
+            | SetFault::Dim { .. } => false,
+            SetFault::Shows { expected: shown, .. } | SetFault::Negative { shown, .. } => {
+                matches!(shown, Shown::White | Shown::Black)
+            }
+            SetFault::Exposed { shown, .. } => is_of(shown) || matches!(shown, Shown::White | Shown::Black),
             SetFault::Exchanged { expected, .. } => {
                 expected.iter().any(is_of) || !expected.iter().all(|it| matches!(it, Shown::Bit { .. }))
             }
-            SetFault::Doubled { expected, .. } => expected.as_ref().is_some_and(is_of),
             SetFault::Extra { .. } | SetFault::TooBright { .. } => false,
             SetFault::NotInverse { shown, .. } => is_of(shown),
             SetFault::Inverted { axis: of, .. }
@@ -203,6 +247,7 @@ impl SetFault {
             | SetFault::WhiteIsBlack { .. }
             | SetFault::NotWhite { .. }
             | SetFault::OtherOrder { .. }
+            | SetFault::OtherSize { .. }
             | SetFault::TooDark { .. } => true,
         }
     }
@@ -269,6 +314,46 @@ impl SetFault {
             SetFault::Exposed { picture, shown, factor } => format!(
                 "{} is {factor:.2} times as bright as the other pictures, expected {shown} with their exposure",
                 name(*picture)
+            ),
+            SetFault::Uneven { pictures } => {
+                const NAMED: usize = 6;
+                let one = |it: &(usize, f64)| format!("{} is {:.2}", name(it.0), it.1);
+                let mut list: Vec<String> = pictures.iter().take(NAMED).map(one).collect();
+                if pictures.len() > NAMED {
+                    list.push(format!("{} more are otherwise", pictures.len() - NAMED));
+                }
+                format!(
+                    "{} times as bright as most pictures, expected one exposure and one light for the whole set: they are evened out by calculation",
+                    list.join(", ")
+                )
+            }
+            SetFault::Moved { last, first, used: [from, until] } => format!(
+                "between {} and {} something moved: what is seen, the camera or the projector. {} to {} are used, which show one scene, and no other picture",
+                name(*last),
+                name(*first),
+                name(*from),
+                name(*until)
+            ),
+            SetFault::OtherScene { picture, shown } => format!(
+                "{} shows {shown} on another scene than the other pictures: something moved before it and back after it, or it is of another set. It is not used",
+                name(*picture)
+            ),
+            SetFault::OtherSize { bits: [columns, rows], found } => {
+                let [width, height] = code.projector;
+                let [of_columns, of_rows] = code.bits;
+                let range = |bits: u32| format!("{} to {}", (1_u32 << (bits - 1)) + 1, 1_u32 << bits);
+                format!(
+                    "the {found} pictures are a whole set of {columns} bits for columns and {rows} for rows, for a projector of {} x {} px; expected {of_columns} and {of_rows} bits for {width} x {height} px: \
+                     is that the projector's size, or does `pattern.bits` say fewer?",
+                    range(*columns),
+                    range(*rows)
+                )
+            }
+            SetFault::Dim { lit, reached, needed } => format!(
+                "of the {:.0} % of the pixels that the projector reaches, it lights only {:.1} % of the picture by the {needed} gray levels that are needed: too dark: a longer exposure, a wider aperture, more gain or less \
+                 other light would help",
+                100.0 * reached,
+                100.0 * lit
             ),
             SetFault::Doubled { picture, same_as, expected } => {
                 let expected = expected.map_or("other ones".to_owned(), |it| it.to_string());

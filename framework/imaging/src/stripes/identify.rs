@@ -54,6 +54,8 @@ pub(super) struct Samples {
     pub(super) signs: Vec<Vec<i8>>,
     /// Pixels side by side.
     pub(super) neighbours: Vec<[u32; 2]>,
+    /// By pair of these, whether one stands below the other rather than beside it.
+    pub(super) is_down: Vec<bool>,
 }
 
 /// One bit, as some pictures show it.
@@ -108,7 +110,7 @@ pub(super) fn identify(code: &StripeCode, samples: &Samples, homes: &[Option<Vec
                 Some(if relations.value[*other][*class]? == (at + 1 == *plane) { 1 } else { -1 })
             });
             let is_bit = match votes.sum::<i32>() {
-                0 => None,
+                0 => by_places(&classes[*class], homes, axis, *plane),
                 sum => Some(sum > 0),
             };
             for (picture, is_inverse_of_first) in &classes[*class].members {
@@ -122,6 +124,31 @@ pub(super) fn identify(code: &StripeCode, samples: &Samples, homes: &[Option<Vec
         }
     }
     seen
+}
+
+/// Of more than two pictures of one bit one is there twice: which of both kinds is the bit, by where they stand. Of two or one nothing is told.
+fn by_places(class: &Class, homes: &[Option<Vec<Shown>>], axis: Axis, plane: u32) -> Option<bool> {
+    if class.members.len() < 3 {
+        return None;
+    }
+    let stands_as = |inverse_of_first: bool, picture: usize, is_bit: bool| {
+        let shown = Shown::Bit { axis, plane, inverse: inverse_of_first == is_bit };
+        homes[picture].as_ref().is_some_and(|it| it.contains(&shown))
+    };
+    let count = |is_bit: bool| class.members.iter().filter(|it| stands_as(it.1, it.0, is_bit)).count();
+    let [as_bit, as_inverse] = [count(true), count(false)];
+    (as_bit != as_inverse).then_some(as_bit > as_inverse)
+}
+
+/// Whether two pictures show the same stripes.
+pub(super) fn are_alike(samples: &Samples, a: usize, b: usize) -> bool {
+    let (mut like, mut unlike) = (0_usize, 0_usize);
+    for (a, b) in samples.signs[a].iter().zip(&samples.signs[b]) {
+        like += usize::from(a * b > 0);
+        unlike += usize::from(a * b < 0);
+    }
+    let least = rarer(&samples.signs[a]).min(rarer(&samples.signs[b]));
+    least > STRIPES && (unlike as f64) < ALIKE * least * (like + unlike) as f64
 }
 
 fn counts(signs: &[i8]) -> (usize, usize) {

@@ -23,6 +23,7 @@ pub mod code;
 pub mod edges;
 pub mod examine;
 mod explain;
+mod exposure;
 pub mod faults;
 pub mod gray;
 mod identify;
@@ -31,9 +32,10 @@ pub mod pattern;
 pub mod phase;
 #[cfg(test)]
 mod scene;
+mod stretches;
 
 pub use code::{Axis, Group, Inverse, Shown, StripeCode};
 pub use edges::{Coordinates, EdgeOptions};
-pub use examine::{Examination, examine};
+pub use examine::{Examination, Prepared, examine};
 pub use faults::SetFault;
 pub use gray::{DecodeOptions, Decoded, decode};

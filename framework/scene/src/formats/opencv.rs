@@ -126,6 +126,11 @@ pub(crate) fn load(path: &Path, storage: Storage, options: &ImportOptions) -> Re
     let (is_pair, is_projector) = (has("1"), has("cam") && has("proj"));
     let cameras = match (is_projector, is_pair) {
         (true, _) => reader.pair(CAMERA_AND_PROJECTOR, ["camera", "projector"]),
+        _ if has("cam") || has("proj") => {
+            let (found, lacking) = if has("cam") { ("a camera", "proj_K") } else { ("a projector", "cam_K") };
+            let found = format!("the lens of {found} alone, of a camera and a projector (no {lacking})");
+            reader.report(None, found, "cam_K and proj_K (or cam_int and proj_int), with R and T")
+        }
         (_, true) => reader.pair(["1", "2"], ["cam1", "cam2"]),
         _ => reader.single().map(|it| vec![it]),
     };

@@ -44,14 +44,14 @@ fn good_sets_are_good() {
 }
 
 #[test]
-fn a_missing_picture_is_named_and_the_other_axis_kept() {
+fn a_missing_picture_is_named_and_worked_out_from_the_others() {
     check(
         |it| drop(it.remove(7)),
         &[
             "found 31 pictures, expected 32 of this code for 160 x 120",
             "no picture shows bit 3 of the columns, inverse, expected after `6.png`",
         ],
-        &[Axis::Rows],
+        &Axis::BOTH,
     );
     // The coarsest bit of the rows, then white: there is light enough to tell without it.
     check(|it| drop(it.remove(16)), &["found 31", "no picture shows bit 0 of the rows"], &[Axis::Columns]);
@@ -90,20 +90,30 @@ fn a_picture_too_many_is_named_and_nothing_lost() {
 }
 
 #[test]
-fn a_doubled_picture_is_named_and_the_other_axis_kept() {
+fn a_doubled_picture_is_named_and_what_it_stands_for_is_worked_out() {
     check(
         |it| it[9] = it[8].clone(),
         &["`9.png` shows the same stripes as `8.png`, expected bit 4 of the columns, inverse"],
-        &[Axis::Rows],
+        &Axis::BOTH,
     );
+    // Nothing tells which of the coarsest bit's two pictures is there: that axis is left out, and no other picture accused.
+    check(|it| it[1] = it[0].clone(), &["`1.png` shows the same stripes as `0.png`"], &[Axis::Rows]);
+    check(|it| it[17] = it[16].clone(), &["`17.png` shows the same stripes as `16.png`"], &[Axis::Columns]);
+    // The inverse of the coarsest bit once more in place of the next bit.
+    check(
+        |it| it[2] = it[1].clone(),
+        &["`2.png` shows the same stripes as `1.png`, expected bit 1 of the columns"],
+        &Axis::BOTH,
+    );
+    let twice = |it: &mut Vec<Vec<u8>>| it.insert(1, it[0].clone());
+    check(twice, &["found 33 pictures", "shows bit 0 of the columns once more"], &Axis::BOTH);
 }
 
 #[test]
 fn a_negative_is_named_and_accuses_no_other() {
     for negative in [0, 5, 14, 17, 28] {
-        let axis = if negative < 16 { Axis::Rows } else { Axis::Columns };
         let name = format!("`{negative}.png` is a negative, expected bit {}", negative % 16 / 2);
-        check(|it| it[negative].iter_mut().for_each(|it| *it = 255 - *it), &[&name], &[axis]);
+        check(|it| it[negative].iter_mut().for_each(|it| *it = 255 - *it), &[&name], &Axis::BOTH);
     }
     check(|it| it[30].iter_mut().for_each(|it| *it = 255 - *it), &["`30.png` is a negative, expected white"], &[]);
 }
@@ -113,8 +123,93 @@ fn a_picture_of_another_exposure_is_named() {
     check(
         |it| it[6].iter_mut().for_each(|it| *it = (f64::from(*it) * 0.45).round() as u8),
         &["`6.png` is 0.4"],
-        &[Axis::Rows],
+        &Axis::BOTH,
     );
+}
+
+#[test]
+fn exposures_that_differ_are_evened_out_and_name_no_other_picture() {
+    let darker = |it: &mut Vec<Vec<u8>>, at: usize, factor: f64| {
+        it[at].iter_mut().for_each(|it| *it = (f64::from(*it) * factor).round() as u8);
+    };
+    check(
+        |it| [5, 13, 24].into_iter().for_each(|at| darker(it, at, 0.7)),
+        &["`5.png` is 0.70, `13.png` is 0.70, `24.png` is 0.70 times as bright as most pictures"],
+        &Axis::BOTH,
+    );
+    check(|it| (18..32).for_each(|at| darker(it, at, 0.7)), &["more are otherwise times as bright"], &Axis::BOTH);
+    check(
+        |it| (0..32).for_each(|at| darker(it, at, 1.0 - 0.01 * at as f64)),
+        &["more are otherwise times as bright"],
+        &Axis::BOTH,
+    );
+    // What is decoded is what would have been.
+    let right = wall(2).pictures(&code());
+    let mut pictures = right.clone();
+    darker(&mut pictures, 13, 0.7);
+    let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+    let prepared = examined(&code(), &pictures).prepared(&code(), &views);
+    let off = prepared.pictures[13].iter().zip(&right[13]).map(|(a, b)| a.abs_diff(*b));
+    assert!(off.max() < Some(6), "the evened picture");
+}
+
+#[test]
+fn a_saturated_set_accuses_no_picture() {
+    check(
+        |it| it.iter_mut().flatten().for_each(|it| *it = (4 * u16::from(*it)).min(255) as u8),
+        &["of the lit pixels are saturated"],
+        &Axis::BOTH,
+    );
+}
+
+#[test]
+fn a_dim_set_is_told() {
+    // In which few pixels have contrast enough.
+    check(|it| it.iter_mut().flatten().for_each(|it| *it /= 12), &["too dark: a longer exposure"], &Axis::BOTH);
+}
+
+/// The wall, moved to the side and nearer.
+fn moved_wall(seed: u64) -> Vec<Vec<u8>> {
+    let moved = Scene {
+        projector: |x, y| [26.0 + 0.63 * x + 0.02 * y, 9.0 + 0.6 * y - 0.01 * x],
+        albedo: |x, y| 0.35 + 0.3 * (((x + 11.0) / 7.0).sin() * ((y - 6.0) / 9.0).cos() + 1.0),
+        shadow: |x, _| (60.0..=66.0).contains(&x),
+        ..wall(seed)
+    };
+    moved.pictures(&code())
+}
+
+#[test]
+fn what_is_moved_in_the_middle_of_a_set_is_named_and_the_axis_before_it_is_kept() {
+    for (first, last, usable) in [(18, 17, Axis::Columns), (21, 20, Axis::Columns), (9, 8, Axis::Rows)] {
+        let name = format!("between `{last}.png` and `{first}.png` something moved");
+        let replace = |it: &mut Vec<Vec<u8>>| it.splice(first.., moved_wall(4).split_off(first)).for_each(drop);
+        check(replace, &[&name], &[usable]);
+    }
+}
+
+#[test]
+fn one_picture_of_another_scene_is_named_and_worked_out() {
+    check(
+        |it| it[12] = moved_wall(5).swap_remove(12),
+        &["`12.png` shows bit 6 of the columns on another scene"],
+        &Axis::BOTH,
+    );
+    check(
+        |it| it[21] = moved_wall(5).swap_remove(21),
+        &["`21.png` shows bit 2 of the rows, inverse on another scene"],
+        &Axis::BOTH,
+    );
+}
+
+#[test]
+fn pictures_for_a_projector_of_another_size_are_told() {
+    // One bit more, or one less, than the pictures have.
+    for projector in [[300, 120], [160, 60], [300, 60]] {
+        let found = examined(&StripeCode::gray(projector), &wall(1).pictures(&code()));
+        assert_eq!(found.faults, [SetFault::OtherSize { bits: [8, 7], found: 30 + 2 }], "{projector:?}");
+        assert!(found.usable(&StripeCode::gray(projector)).is_empty());
+    }
 }
 
 #[test]
@@ -127,6 +222,11 @@ fn another_order_is_recognised() {
     let swap_all = |it: &mut Vec<Vec<u8>>| (0..15).for_each(|pair| it.swap(2 * pair, 2 * pair + 1));
     check(swap_all, &["they fit order = \"columns rows white black\", inverse = \"before\""], &[]);
     check(|it| it.rotate_right(2), &["they fit order = \"white black columns rows\", inverse = \"after\""], &[]);
+    check(
+        |it| it.reverse(),
+        &["they fit order = \"black white rows columns\", inverse = \"before\", fine_first = true"],
+        &[],
+    );
 }
 
 #[test]
@@ -168,16 +268,18 @@ fn noise_is_no_fault() {
 
 #[test]
 fn pictures_that_could_not_be_read_accuse_no_other() {
-    for (absent, usable) in [(5, vec![Axis::Rows]), (30, Axis::BOTH.to_vec())] {
+    let bit = Shown::Bit { axis: Axis::Columns, plane: 2, inverse: true };
+    for (absent, worked_out) in [(5, vec![bit]), (30, Vec::new())] {
         let mut pictures = wall(1).pictures(&code());
         pictures[absent].fill(0);
         let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
         let found = examine(&code(), &views, &[absent], MIN_CONTRAST);
         let shown = code().pictures()[absent];
         assert_eq!(found.faults, [SetFault::Unreadable { picture: absent, shown }]);
-        assert_eq!(found.usable(&code()), usable);
-        let (left, pictures) = found.decodable(&code());
-        assert_eq!(left.pictures().len(), pictures.len());
+        assert_eq!(found.usable(&code()), Axis::BOTH);
+        let prepared = found.prepared(&code(), &views);
+        assert_eq!(prepared.code.pictures().len(), prepared.pictures.len());
+        assert_eq!(prepared.worked_out, worked_out);
     }
 }
 

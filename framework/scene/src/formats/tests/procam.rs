@@ -52,6 +52,11 @@ fn what_is_not_said_of_a_projector_is_asked_for() {
     let said = format!("{BROWN}proj_size: [ 800, 600 ]\n");
     let read = load(&said, &ImportOptions { projector_size: None, ..sizes() }).unwrap();
     assert_eq!(read.camera("projector").unwrap().image_size, [800, 600]);
+    for (name, there) in [("proj_K", "camera"), ("cam_K", "projector")] {
+        let fault = load(&BROWN.replace(name, "other_K"), &sizes()).unwrap_err();
+        let expected = format!("found the lens of a {there} alone, of a camera and a projector (no {name})");
+        assert!(fault.contains(&expected), "{fault}");
+    }
     let fault = load(&BROWN.replace("\nT:", "\nQ:"), &sizes()).unwrap_err();
     assert!(fault.contains("without R and T"), "{fault}");
 }

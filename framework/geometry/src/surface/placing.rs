@@ -1,0 +1,450 @@
+//! How one shape lies on another when nothing is known of it: from anywhere, rigidly or with a scale.
+//!
+//! 1. From many rotations that are spread evenly, each with the middle of the one shape on the middle of that part of the other which would face the same way, coarse registrations begin; the place given is
+//!    one of the starts.
+//! 2. The starts that lay most of the shape on the other go on with all detail.
+//! 3. The best of these is adjusted, point to plane, against the exact nearest places of the other shape, with or without a scale: Gauss–Newton steps under Tukey's weights.
+//!
+//! Sources: M. Alexa, "Super-Fibonacci spirals: fast, low-discrepancy sampling of SO(3)", CVPR 2022 (rotations); those of [`super::registration`].
+//!
+//! | here | meaning | unit |
+//! |---|---|---|
+//! | `b_from_a` = S | S p = s R p + t; S ⊕ δ = exp(ω)(S p − c)(1 + σ) + c + v, δ = (ω, v, σ), c the middle of the points in b | –, m |
+//! | residual | n·(m − S p): along the normal n of the nearest place m | m |
+
+use foveate_estimation::statistics::{SIGMA_PER_MAD, median};
+use nalgebra::{
+    Cholesky, Isometry3, Matrix6, Point3, Quaternion, SMatrix, SVector, Similarity3, Translation3, UnitQuaternion,
+    Vector3,
+};
+
+use super::registration::slides;
+use super::{Patches, RegistrationOptions, Shape, SurfacePoint, register};
+
+/// How a shape is placed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlacingOptions {
+    /// Whether lengths in a may have another scale than in b, a little.
+    pub scale: bool,
+    /// Rotations that are tried [–].
+    pub n_starts: usize,
+    /// Pairs farther apart than this do not count [m].
+    pub most: f64,
+}
+
+/// Where a shape lies on another.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Placing {
+    /// Takes points of a to b.
+    pub b_from_a: Similarity3<f64>,
+    /// Part of a's points that lie on b, within what scatters [–].
+    pub overlap: f64,
+    /// Robust standard deviation of the distances along b's normals [m].
+    pub sigma: f64,
+    /// Directions of the six in which a slides along b without a distance: its place there is not known.
+    pub n_open: usize,
+    /// How far another pose that fits nearly as well is turned from this one, and how far it moves the middle [rad, m]: a symmetry.
+    pub other: Option<(f64, f64)>,
+}
+
+/// Why there is no place.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum PlacingError {
+    /// Of either shape.
+    #[error("{count} points with a normal, expected at least {expected}")]
+    TooFewPoints {
+        /// How many there are.
+        count: usize,
+        /// How many there must be.
+        expected: usize,
+    },
+    /// From no start was a place found.
+    #[error("{:.0} % of one lie on the other at best, expected at least {:.0} %", 100.0 * overlap, 100.0 * expected)]
+    NoOverlap {
+        /// The part that does.
+        overlap: f64,
+        /// The part that must.
+        expected: f64,
+    },
+}
+
+/// Points of a that a start takes, that its worth is judged by, and that the adjustment takes.
+const POINTS: [usize; 3] = [350, 1500, 20_000];
+/// Cells of the coarse surface across the extent of b, and of the fine one.
+const CELLS: [f64; 2] = [24.0, 100.0];
+const LEVELS: [usize; 2] = [3, 4];
+/// Starts that go on with all detail.
+const FINALISTS: usize = 6;
+/// Points of either shape at least.
+const MIN_POINTS: usize = 100;
+/// Part of a's points that must lie on b.
+const MIN_OVERLAP: f64 = 0.2;
+/// Another place is another one beyond this turn [rad] or this part of the extent, and fits as well above this part of the best worth.
+const OTHER_TURN: f64 = 0.17;
+const OTHER_SHIFT: f64 = 0.05;
+const AS_WELL: f64 = 0.97;
+/// Finalists worth at least this part of the best one are adjusted.
+const WORTH_ADJUSTING: f64 = 0.8;
+/// The place given is kept where it is worth at least this part of the best one.
+const AS_GIVEN: f64 = 0.99;
+/// Steps of the adjustment at most; it has converged when a step moves points by less than this part of the extent.
+const STEPS: usize = 80;
+const LEAST_STEP: f64 = 1e-8;
+/// Of Tukey's weights.
+const TUKEY: f64 = 4.685;
+/// Normals of a pair agree to within 60°.
+const LEAST_COSINE: f64 = 0.5;
+/// Mean squared cosine between motion and normal from which on a direction is held, as in [`RegistrationOptions`].
+const MIN_HOLD: f64 = 0.003;
+
+/// Places `a` on `b`, both in the same unit. Normals of `a`, where they are known, look to the same side as those of `b`.
+///
+/// # Errors
+/// See [`PlacingError`].
+pub fn place(a: &Shape, b: &Shape, options: &PlacingOptions) -> Result<Placing, PlacingError> {
+    let extent = b.extent();
+    let of_a: Vec<SurfacePoint> = with_sigma(a.samples(POINTS[2]), extent / CELLS[0] * 0.1);
+    let on_b: Vec<SurfacePoint> = with_sigma(b.samples(POINTS[2]), extent / CELLS[0] * 0.1);
+    let on_b: Vec<SurfacePoint> = on_b.into_iter().filter(|it| it.normal != Vector3::zeros()).collect();
+    for count in [of_a.len(), on_b.len()] {
+        if count < MIN_POINTS {
+            return Err(PlacingError::TooFewPoints { count, expected: MIN_POINTS });
+        }
+    }
+    let judged: Vec<SurfacePoint> = of_a.iter().step_by(of_a.len().div_ceil(POINTS[1])).copied().collect();
+    let search = Search { b, on_b: &on_b, judged: &judged, extent, most: options.most };
+    let mut found = search.coarse(&of_a, options.n_starts);
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut finalists: Vec<(f64, Isometry3<f64>)> = Vec::new();
+    for (worth, pose) in found {
+        if finalists.len() < FINALISTS && finalists.iter().all(|it| search.is_other(&rigid(&it.1), &rigid(&pose))) {
+            finalists.push((worth, pose));
+        }
+    }
+    let fine = search.surface(1);
+    let options_of = RegistrationOptions { min_overlap: 0.05, max_misfit: f64::INFINITY, ..Default::default() };
+    let tolerance = extent / CELLS[1];
+    for (worth, pose) in &mut finalists {
+        let start = search.open(extent / CELLS[0]);
+        if let Ok(it) = register(&judged, &fine, pose, &start, &options_of) {
+            *pose = it.surface_from_cloud;
+        }
+        *worth = search.worth(&rigid(pose), tolerance);
+    }
+    finalists.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let Some(most) = finalists.first().map(|it| it.0) else {
+        return Err(PlacingError::NoOverlap { overlap: 0.0, expected: MIN_OVERLAP });
+    };
+    // With a scale, only the adjustment says how well a place fits.
+    let mut adjusted_ones: Vec<(f64, Placing)> = Vec::new();
+    for (_, pose) in finalists.iter().filter(|it| it.0 >= WORTH_ADJUSTING * most) {
+        if let Ok(it) = adjusted(&judged, b, &rigid(pose), options, extent) {
+            adjusted_ones.push((search.worth(&it.b_from_a, tolerance), it));
+        }
+    }
+    adjusted_ones.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let Some((best_worth, best)) = adjusted_ones.first().cloned() else {
+        return Err(PlacingError::NoOverlap { overlap: 0.0, expected: MIN_OVERLAP });
+    };
+    let is_given = |it: &&(f64, Placing)| {
+        it.0 >= AS_GIVEN * best_worth && !search.is_other(&it.1.b_from_a, &Similarity3::identity())
+    };
+    let best = adjusted_ones.iter().find(is_given).map_or(best, |it| it.1.clone());
+    let mut placing = adjusted(&of_a, b, &best.b_from_a, options, extent)?;
+    if placing.overlap < MIN_OVERLAP {
+        return Err(PlacingError::NoOverlap { overlap: placing.overlap, expected: MIN_OVERLAP });
+    }
+    let chosen = placing.b_from_a;
+    let is_as_good = |it: &&(f64, Placing)| {
+        it.0 >= AS_WELL * best_worth && it.1.sigma < placing.sigma / AS_WELL && search.is_other(&it.1.b_from_a, &chosen)
+    };
+    let middle = search.middle();
+    placing.other = adjusted_ones.iter().find(is_as_good).map(|(_, it)| {
+        let turn = it.b_from_a.isometry.rotation.angle_to(&chosen.isometry.rotation);
+        (turn, (it.b_from_a * middle - chosen * middle).norm())
+    });
+    Ok(placing)
+}
+
+fn rigid(pose: &Isometry3<f64>) -> Similarity3<f64> {
+    Similarity3::from_isometry(*pose, 1.0)
+}
+
+fn with_sigma(mut points: Vec<SurfacePoint>, sigma: f64) -> Vec<SurfacePoint> {
+    points.iter_mut().for_each(|it| it.covariance = nalgebra::Matrix3::identity() * (sigma * sigma));
+    points
+}
+
+struct Search<'a> {
+    b: &'a Shape,
+    on_b: &'a [SurfacePoint],
+    judged: &'a [SurfacePoint],
+    extent: f64,
+    most: f64,
+}
+
+impl Search<'_> {
+    fn middle(&self) -> Point3<f64> {
+        middle(self.judged.iter().map(|it| it.position)).unwrap_or_else(Point3::origin)
+    }
+
+    fn surface(&self, stage: usize) -> Patches {
+        let mut patches = Patches::new(self.extent / CELLS[stage], LEVELS[stage], usize::MAX);
+        for point in self.on_b {
+            patches.add(point);
+        }
+        patches
+    }
+
+    /// Of a pose that may be off by so much [m].
+    fn open(&self, shift: f64) -> Matrix6<f64> {
+        let turn = 2.0 * shift / self.extent;
+        let variance = |it: usize| if it < 3 { turn * turn } else { shift * shift };
+        Matrix6::from_fn(|row, column| if row == column { variance(row) } else { 0.0 })
+    }
+
+    /// Poses with what each is worth, from all starts.
+    fn coarse(&self, of_a: &[SurfacePoint], n_starts: usize) -> Vec<(f64, Isometry3<f64>)> {
+        let patches = self.surface(0);
+        let few: Vec<SurfacePoint> = of_a.iter().step_by(of_a.len().div_ceil(POINTS[0])).copied().collect();
+        let options = RegistrationOptions { min_overlap: 0.05, max_misfit: f64::INFINITY, ..Default::default() };
+        let middle_a = self.middle();
+        let facing: Vector3<f64> = self.judged.iter().map(|it| it.normal).sum();
+        let start = |rotation: UnitQuaternion<f64>| {
+            // Of what looks the same way on the whole, so that a view of one side comes to lie on that side.
+            let way = rotation * facing;
+            let same = self.on_b.iter().filter(|it| it.normal.dot(&way) > 0.0 || facing == Vector3::zeros());
+            let middle_b = middle(same.map(|it| it.position)).unwrap_or(middle_a);
+            let turned = rotation * middle_a;
+            Isometry3::from_parts(Translation3::from(middle_b - turned), rotation)
+        };
+        let n = n_starts.max(1);
+        let rotations = (0..n).map(|it| super_fibonacci(it, n));
+        let starts: Vec<Isometry3<f64>> = std::iter::once(Isometry3::identity()).chain(rotations.map(start)).collect();
+        let open = self.open(4.0 * self.extent / CELLS[0]);
+        let one = |start: &Isometry3<f64>| {
+            let found = register(&few, &patches, start, &open, &options).ok()?.surface_from_cloud;
+            Some((self.worth(&rigid(&found), self.extent / CELLS[0]), found))
+        };
+        let threads = std::thread::available_parallelism().map_or(1, |it| it.get());
+        let share = starts.len().div_ceil(threads);
+        std::thread::scope(|scope| {
+            let parts: Vec<_> = starts
+                .chunks(share)
+                .map(|part| scope.spawn(|| part.iter().filter_map(one).collect::<Vec<_>>()))
+                .collect();
+            parts.into_iter().flat_map(|it| it.join().unwrap_or_default()).collect()
+        })
+    }
+
+    /// How much of a lies on b: Σ 1 − (d / tolerance)² of those nearer than the tolerance, over all [–].
+    fn worth(&self, pose: &Similarity3<f64>, tolerance: f64) -> f64 {
+        let tolerance = tolerance.min(self.most);
+        let one = |it: &SurfacePoint| {
+            let place = pose * it.position;
+            let nearest = self.b.nearest_within(&place, tolerance)?;
+            let agrees = agree(&(pose.isometry.rotation * it.normal), &nearest.normal);
+            agrees.then(|| 1.0 - ((nearest.place - place).norm() / tolerance).powi(2))
+        };
+        self.judged.iter().filter_map(one).sum::<f64>() / self.judged.len() as f64
+    }
+
+    fn is_other(&self, a: &Similarity3<f64>, b: &Similarity3<f64>) -> bool {
+        let middle = self.middle();
+        a.isometry.rotation.angle_to(&b.isometry.rotation) > OTHER_TURN
+            || (a * middle - b * middle).norm() > OTHER_SHIFT * self.extent
+    }
+}
+
+/// Whether normals of a pair look the same way; those that are not known do.
+fn agree(a: &Vector3<f64>, b: &Vector3<f64>) -> bool {
+    *a == Vector3::zeros() || *b == Vector3::zeros() || a.dot(b) >= LEAST_COSINE
+}
+
+fn middle(points: impl Iterator<Item = Point3<f64>>) -> Option<Point3<f64>> {
+    let (sum, n) = points.fold((Vector3::zeros(), 0.0), |(sum, n), it| (sum + it.coords, n + 1.0));
+    (n > 0.0).then(|| Point3::from(sum / n))
+}
+
+/// Rotation `number` of `n` that are spread evenly.
+fn super_fibonacci(number: usize, n: usize) -> UnitQuaternion<f64> {
+    const PSI: f64 = 1.533_751_168_755_204_3;
+    let place = number as f64 + 0.5;
+    let t = place / n as f64;
+    let [alpha, beta] = [std::f64::consts::SQRT_2, PSI].map(|it| std::f64::consts::TAU * place / it);
+    let (r, rest) = (t.sqrt(), (1.0 - t).sqrt());
+    UnitQuaternion::from_quaternion(Quaternion::new(
+        rest * beta.cos(),
+        r * alpha.sin(),
+        r * alpha.cos(),
+        rest * beta.sin(),
+    ))
+}
+
+/// The same, adjusted to the exact nearest places.
+fn adjusted(
+    of_a: &[SurfacePoint],
+    b: &Shape,
+    start: &Similarity3<f64>,
+    options: &PlacingOptions,
+    extent: f64,
+) -> Result<Placing, PlacingError> {
+    let mut pose = *start;
+    let mut tolerance = options.most.min(extent / CELLS[0]);
+    let (mut overlap, mut sigma, mut n_open) = (0.0, 0.0, 0);
+    for step in 0..STEPS {
+        // Residual, normal, place from the middle, and a's own normal.
+        let mut pairs: Vec<(f64, Vector3<f64>, Point3<f64>, Vector3<f64>)> = Vec::new();
+        for point in of_a {
+            let place = pose * point.position;
+            let Some(nearest) = b.nearest_within(&place, tolerance) else { continue };
+            let own = pose.isometry.rotation * point.normal;
+            if !nearest.is_edge && nearest.normal != Vector3::zeros() && agree(&own, &nearest.normal) {
+                pairs.push((nearest.normal.dot(&(nearest.place - place)), nearest.normal, place, own));
+            }
+        }
+        if pairs.len() < MIN_POINTS / 2 {
+            let overlap = pairs.len() as f64 / of_a.len() as f64;
+            return Err(PlacingError::NoOverlap { overlap, expected: MIN_OVERLAP });
+        }
+        let sizes: Vec<f64> = pairs.iter().map(|it| it.0.abs()).collect();
+        sigma = (SIGMA_PER_MAD * median(&sizes).unwrap_or(0.0)).max(1e-9 * extent);
+        let centre = middle(pairs.iter().map(|it| it.2)).unwrap_or_else(Point3::origin);
+        let (mut hessian, mut slope) = (SMatrix::<f64, 7, 7>::zeros(), SVector::<f64, 7>::zeros());
+        let (mut motions, mut n_inliers) = (Matrix6::zeros(), 0_usize);
+        for (residual, normal, place, _) in &pairs {
+            let share = residual / (TUKEY * sigma);
+            if share.abs() >= 1.0 {
+                continue;
+            }
+            n_inliers += 1;
+            let weight = (1.0 - share * share).powi(2);
+            let from = place - centre;
+            let turn = from.cross(normal);
+            let by = SVector::<f64, 7>::from([turn.x, turn.y, turn.z, normal.x, normal.y, normal.z, from.dot(normal)]);
+            hessian += by * by.transpose() * weight;
+            slope += by * (residual * weight);
+            let motion = super::registration::motion_of(&Point3::from(from));
+            motions += motion.transpose() * motion * weight;
+        }
+        overlap = n_inliers as f64 / of_a.len() as f64;
+        let shape: Matrix6<f64> = hessian.fixed_view::<6, 6>(0, 0).into_owned();
+        n_open = slides(&shape, &motions, MIN_HOLD).map_or(6, |it| it.not_held.len());
+        if !options.scale {
+            (0..7).for_each(|it| {
+                hessian[(6, it)] = 0.0;
+                hessian[(it, 6)] = 0.0;
+            });
+            slope[6] = 0.0;
+        }
+        // Directions that nothing holds stay where they are: so much as 1e-6 of what holds the others.
+        let (turns, shifts) = (motions.fixed_view::<3, 3>(0, 0).trace() / 3.0, motions[(3, 3)]);
+        (0..7).for_each(|it| hessian[(it, it)] += 1e-6 * if (3..6).contains(&it) { shifts } else { turns });
+        let Some(delta) = Cholesky::new(hessian).map(|it| it.solve(&slope)).filter(|it| it.sum().is_finite()) else {
+            break;
+        };
+        let turn = UnitQuaternion::from_scaled_axis(Vector3::new(delta[0], delta[1], delta[2]));
+        let scale = (1.0 + delta[6]).clamp(0.5, 2.0);
+        let shift = Vector3::new(delta[3], delta[4], delta[5]);
+        let about = |it: Vector3<f64>| Similarity3::from_parts(Translation3::from(it), UnitQuaternion::identity(), 1.0);
+        let change = Similarity3::from_parts(Translation3::identity(), turn, scale);
+        pose = about(centre.coords + shift) * change * about(-centre.coords) * pose;
+        let moved = delta.fixed_rows::<3>(0).norm() * extent + shift.norm() + delta[6].abs() * extent;
+        // What lies on the other at all, and then only what lies on it as well as most does.
+        tolerance = tolerance.min((10.0 * sigma).max(2.0 * b.spacing()).max(1e-6 * extent));
+        if moved < LEAST_STEP * extent && step > 1 {
+            break;
+        }
+    }
+    Ok(Placing { b_from_a: pose, overlap, sigma, n_open, other: None })
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_estimation::random::Random;
+
+    use super::*;
+
+    /// A head of sorts without a symmetry, its points 1 of 0.1 m, seen from all sides or from the front alone.
+    fn head(n: usize, seed: u64, noise: f64, is_seen: impl Fn(&Vector3<f64>) -> bool) -> Vec<Point3<f64>> {
+        let mut random = Random::new(seed);
+        let mut points = Vec::new();
+        while points.len() < n {
+            let way = Vector3::from([0; 3].map(|_| random.normal())).normalize();
+            let bump = |at: [f64; 3], height: f64, width: f64| {
+                height * (-(way - Vector3::from(at).normalize()).norm_squared() / (width * width)).exp()
+            };
+            let radius = 0.1
+                + 0.03 * way.z.abs()
+                + bump([0.0, -1.0, 0.1], 0.03, 0.25)
+                + bump([1.0, 0.1, 0.3], 0.015, 0.2)
+                + bump([-0.3, -0.8, 0.7], -0.01, 0.3);
+            if is_seen(&way) {
+                points.push(Point3::from(way * (radius + noise * random.normal())));
+            }
+        }
+        points
+    }
+
+    fn shape(points: Vec<Point3<f64>>, inside: Point3<f64>) -> Shape {
+        let mut shape = Shape::new(points, Vec::new(), Vec::new(), &inside).unwrap();
+        shape.turn_outwards(&inside);
+        shape
+    }
+
+    impl Shape {
+        fn turn_outwards(&mut self, inside: &Point3<f64>) {
+            let points = self.points().to_vec();
+            let normals = self.normals().to_vec();
+            let turned = points.iter().zip(normals).map(|(at, it)| if it.dot(&(at - inside)) < 0.0 { -it } else { it });
+            *self = Shape::new(points.clone(), turned.collect(), Vec::new(), inside).unwrap();
+        }
+    }
+
+    /// Places a view of the front of a head on the whole head, from another pose each time; the largest error of a point.
+    #[track_caller]
+    fn check(scale: f64, with_scale: bool, bound: f64) {
+        let b = shape(head(20_000, 1, 0.0, |_| true), Point3::origin());
+        for seed in [2, 3] {
+            let mut random = Random::new(seed);
+            let front = head(6000, seed + 10, 0.0002, |it| it.y < -0.1);
+            let axis = Vector3::from([0; 3].map(|_| random.normal()));
+            let rotation = UnitQuaternion::from_scaled_axis(axis.normalize() * random.uniform_in(0.5, 3.1));
+            let shift = Vector3::from([0; 3].map(|_| random.uniform_in(-1.0, 1.0)));
+            let a_from_b = Similarity3::from_parts(Translation3::from(shift), rotation, scale);
+            let moved: Vec<Point3<f64>> = front.iter().map(|it| a_from_b * it).collect();
+            let a = shape(moved, a_from_b * Point3::origin());
+            let options = PlacingOptions { scale: with_scale, n_starts: 300, most: f64::INFINITY };
+            let found = place(&a, &b, &options).unwrap();
+            let error = |it: &Point3<f64>| (found.b_from_a * (a_from_b * it) - it).norm();
+            let worst = front.iter().map(error).fold(0.0, f64::max);
+            assert!(worst < bound, "seed {seed}: {worst} m, {found:?}");
+            assert!((found.b_from_a.scaling() * scale - 1.0).abs() < 0.002 || !with_scale, "{found:?}");
+            assert!(found.overlap > 0.85 && found.n_open == 0 && found.other.is_none(), "{found:?}");
+        }
+    }
+
+    #[test]
+    fn a_view_of_the_front_finds_its_place_from_anywhere() {
+        check(1.0, false, 2e-4);
+    }
+
+    #[test]
+    fn a_scale_is_found_with_the_place() {
+        check(1.07, true, 4e-4);
+    }
+
+    #[test]
+    fn a_plane_says_that_it_slides_and_shapes_apart_are_refused() {
+        let mut random = Random::new(5);
+        let mut plane = |n: usize| -> Vec<Point3<f64>> {
+            (0..n).map(|_| Point3::new(random.uniform(), random.uniform(), 0.0)).collect()
+        };
+        let up = Point3::new(0.5, 0.5, 5.0);
+        let [a, b] = [plane(2000), plane(9000)].map(|it| Shape::new(it, Vec::new(), Vec::new(), &up).unwrap());
+        let options = PlacingOptions { scale: false, n_starts: 20, most: f64::INFINITY };
+        assert_eq!(place(&a, &b, &options).unwrap().n_open, 3);
+        let few = Shape::new(vec![up; 5], Vec::new(), Vec::new(), &up).unwrap();
+        assert_eq!(place(&few, &b, &options).unwrap_err(), PlacingError::TooFewPoints { count: 5, expected: 100 });
+    }
+}

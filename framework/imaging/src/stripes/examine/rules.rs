@@ -1,0 +1,333 @@
+//! What a Gray code promises of the pictures of a set, held against them.
+
+use super::super::code::{Axis, Inverse, Shown, StripeCode};
+use super::super::faults::SetFault;
+use super::super::identify::Samples;
+use super::super::stretches;
+use super::{ALIKE, BEYOND, BROKEN, CLEARLY, MIN_CHANGES, NOISE_SUM, OTHER_EXPOSURE, REACH, SATURATED};
+use crate::ImageView;
+
+pub(super) struct Set<'a> {
+    pub(super) code: &'a StripeCode,
+    pub(super) pictures: &'a [ImageView<'a>],
+    pub(super) shown: &'a [Shown],
+    /// Pixels that the projector lights, each with its darkest and brightest level.
+    pub(super) lit: &'a [(usize, u8, u8)],
+    pub(super) width: usize,
+    pub(super) noise: f64,
+    /// Pictures that say nothing.
+    pub(super) skipped: Vec<usize>,
+}
+
+impl Set<'_> {
+    fn level(&self, picture: usize, at: usize) -> f64 {
+        f64::from(self.pictures[picture].pixels()[at])
+    }
+
+    fn share(&self, holds: impl Fn(&(usize, u8, u8)) -> bool) -> f64 {
+        self.lit.iter().filter(|it| holds(it)).count() as f64 / self.lit.len().max(1) as f64
+    }
+
+    fn margin(&self, low: u8, high: u8) -> f64 {
+        (0.35 * f64::from(high - low)).max(8.0).max(NOISE_SUM * self.noise)
+    }
+
+    fn place(&self, what: Shown) -> Option<usize> {
+        self.shown.iter().position(|it| *it == what).filter(|it| !self.skipped.contains(it))
+    }
+
+    /// Part of the pixels in which two pictures do not make white and black together.
+    fn not_inverse(&self, a: usize, b: usize) -> f64 {
+        // What is cut off adds up to nothing, most of all in stripes that are out of focus.
+        let whole = self.lit.iter().filter(|it| it.2 < SATURATED);
+        let n = whole.clone().count();
+        if n < self.lit.len() / 20 {
+            return 0.0;
+        }
+        let off = whole.filter(|(at, low, high)| {
+            let off = self.level(a, *at) + self.level(b, *at) - f64::from(*low) - f64::from(*high);
+            off.abs() > self.margin(*low, *high)
+        });
+        off.count() as f64 / n.max(1) as f64
+    }
+
+    /// Pictures whose gray levels are those of a negative or of another exposure, in a set with all its pictures.
+    pub(super) fn odd(&self) -> Vec<(usize, SetFault)> {
+        let inside = |level: f64, low: u8, high: u8| {
+            (f64::from(low) - self.margin(low, high)..=f64::from(high) + self.margin(low, high)).contains(&level)
+        };
+        let mut found = Vec::new();
+        for (picture, shown) in self.shown.iter().enumerate().filter(|it| !self.skipped.contains(&it.0)) {
+            let outside = self.share(|&(at, low, high)| !inside(self.level(picture, at), low, high));
+            let negative = self.share(|&(at, low, high)| !inside(255.0 - self.level(picture, at), low, high));
+            let is_negative = outside > BROKEN && negative < 0.5 * BROKEN;
+            if is_negative || *shown == Shown::White && self.likeness(picture) < -0.5 {
+                found.push((picture, SetFault::Negative { picture, shown: *shown }));
+                continue;
+            }
+            if let Some(factor) = self.exposure(picture, *shown) {
+                found.push((picture, SetFault::Exposed { picture, shown: *shown, factor }));
+            }
+        }
+        found
+    }
+
+    /// Correlation of a picture with the brightest that pixels are; 0 where they are all alike.
+    fn likeness(&self, picture: usize) -> f64 {
+        let n = self.lit.len() as f64;
+        let pair = |it: &(usize, u8, u8)| [self.level(picture, it.0), f64::from(it.2)];
+        let [a, b] = self.lit.iter().map(pair).fold([0.0; 2], |sum, it| [sum[0] + it[0] / n, sum[1] + it[1] / n]);
+        let (mut aa, mut ab, mut bb) = (0.0, 0.0, 0.0);
+        for [x, y] in self.lit.iter().map(pair) {
+            (aa, ab, bb) = (aa + (x - a) * (x - a), ab + (x - a) * (y - b), bb + (y - b) * (y - b));
+        }
+        if aa.min(bb) < 4.0 * n { 0.0 } else { ab / (aa * bb).sqrt() }
+    }
+
+    /// How many times too bright white is, where it is so everywhere alike, in a set without inverse pictures: with these, pairs tell it of all.
+    fn exposure(&self, picture: usize, shown: Shown) -> Option<f64> {
+        if shown != Shown::White || self.code.inverse != Inverse::None {
+            return None;
+        }
+        let is_whole = |it: &&(usize, u8, u8)| it.2 < SATURATED;
+        let mut ratios: Vec<f64> =
+            self.lit.iter().filter(is_whole).map(|it| self.level(picture, it.0) / f64::from(it.2)).collect();
+        if ratios.len() < self.lit.len() / 10 {
+            return None;
+        }
+        ratios.sort_by(f64::total_cmp);
+        let at = |share: f64| ratios[(share * (ratios.len() - 1) as f64) as usize];
+        let (factor, spread) = (at(0.5), at(0.85) - at(0.15));
+        ((factor - 1.0).abs() > OTHER_EXPOSURE && factor > 0.1 && spread < ALIKE * factor).then_some(factor)
+    }
+
+    /// What is broken of what the code promises, in a set with all its pictures.
+    pub(super) fn broken_rules(&self) -> Vec<SetFault> {
+        let mut faults = self.white_and_black();
+        faults.extend(self.doubled());
+        for axis in Axis::BOTH.into_iter().filter(|it| self.code.has(*it)) {
+            let inverses = self.inverses(axis);
+            if inverses.is_empty() {
+                faults.extend(self.order(axis));
+            }
+            faults.extend(inverses);
+        }
+        faults
+    }
+
+    /// The first picture that is not the inverse of the one it would be paired with.
+    pub(super) fn first_unpaired(&self) -> Option<usize> {
+        let is_bit = |it: &Shown| matches!(it, Shown::Bit { .. });
+        let mut at = 0;
+        while at + 1 < self.shown.len() && at + 1 < self.pictures.len() {
+            match (self.shown[at], self.shown[at + 1]) {
+                (Shown::Bit { plane: a, axis: of_a, .. }, Shown::Bit { plane: b, axis: of_b, .. })
+                    if a == b && of_a == of_b =>
+                {
+                    if self.not_inverse(at, at + 1) > BROKEN {
+                        return Some(at);
+                    }
+                    at += 2;
+                }
+                _ if is_bit(&self.shown[at]) => return None,
+                _ => at += 1,
+            }
+        }
+        None
+    }
+
+    fn white_and_black(&self) -> Vec<SetFault> {
+        let mean = |picture: usize| self.lit.iter().map(|it| self.level(picture, it.0)).sum::<f64>();
+        let (white, black) = (self.place(Shown::White), self.place(Shown::Black));
+        if let (Some(white), Some(black)) = (white, black)
+            && mean(white) < mean(black)
+        {
+            return vec![SetFault::WhiteIsBlack { white, black }];
+        }
+        let checks = [(white, Shown::White), (black, Shown::Black)];
+        let one = |(picture, shown): (Option<usize>, Shown)| {
+            let picture = picture?;
+            let share = self.share(|&(at, low, high)| {
+                let level = self.level(picture, at);
+                let off = if shown == Shown::White { f64::from(high) - level } else { level - f64::from(low) };
+                off > self.margin(low, high)
+            });
+            (share > BROKEN).then_some(SetFault::NotWhite { picture, shown, share })
+        };
+        checks.into_iter().filter_map(one).collect()
+    }
+
+    /// Pictures with stripes of which an earlier one is the same.
+    pub(super) fn doubled(&self) -> Vec<SetFault> {
+        let some: Vec<&(usize, u8, u8)> = self.lit.iter().step_by(self.lit.len().div_ceil(4000).max(1)).collect();
+        let is_lit =
+            |picture: usize, it: &(usize, u8, u8)| 2.0 * self.level(picture, it.0) > f64::from(it.1) + f64::from(it.2);
+        let signs: Vec<Vec<bool>> =
+            (0..self.pictures.len()).map(|picture| some.iter().map(|it| is_lit(picture, it)).collect()).collect();
+        // A picture that is nearly all lit, or nearly all dark, is like others by right.
+        let has_stripes = |it: &Vec<bool>| {
+            let lit = it.iter().filter(|it| **it).count() as f64 / it.len().max(1) as f64;
+            (0.1..0.9).contains(&lit)
+        };
+        let mut faults = Vec::new();
+        let is_kept = |it: &usize| !self.skipped.contains(it);
+        for b in (1..signs.len()).filter(is_kept) {
+            let like = (0..b).filter(is_kept).find(|a| {
+                let differ = signs[*a].iter().zip(&signs[b]).filter(|(a, b)| a != b).count();
+                has_stripes(&signs[b]) && (differ as f64) < 0.03 * some.len() as f64
+            });
+            faults.extend(like.map(|same_as| SetFault::Doubled {
+                picture: b,
+                same_as,
+                expected: self.shown.get(b).copied().filter(|_| self.shown.len() == self.pictures.len()),
+            }));
+        }
+        faults
+    }
+
+    fn inverses(&self, axis: Axis) -> Vec<SetFault> {
+        let one = |plane: u32| {
+            let shown = Shown::Bit { axis, plane, inverse: false };
+            let inverse = Shown::Bit { axis, plane, inverse: true };
+            let pictures = [self.place(shown)?, self.place(inverse)?];
+            let share = self.not_inverse(pictures[0], pictures[1]);
+            (share > BROKEN).then_some(SetFault::NotInverse { shown, pictures, share })
+        };
+        (0..self.code.bits[axis.index()]).filter_map(one).collect()
+    }
+
+    /// What the changes of coarser bits say about finer ones, and stripes that cannot be.
+    fn order(&self, axis: Axis) -> Vec<SetFault> {
+        let bits = self.code.bits[axis.index()] as usize;
+        let place = |plane: usize, inverse: bool| self.place(Shown::Bit { axis, plane: plane as u32, inverse });
+        let places: Vec<[Option<usize>; 2]> = (0..bits).map(|it| [place(it, false), place(it, true)]).collect();
+        // By pixel: the bits, and those that are certain.
+        let read = |&(at, low, high): &(usize, u8, u8)| {
+            let (mut ones, mut certain) = (0_u32, 0_u32);
+            for (plane, place) in places.iter().enumerate() {
+                let sum = f64::from(low) + f64::from(high);
+                let level = |it: usize| place[it].map(|it| self.level(it, at));
+                let (lit, unlit) = match (level(0), level(1)) {
+                    (None, None) => continue,
+                    (lit, unlit) => (lit.or(unlit.map(|it| sum - it)), unlit.or(lit.map(|it| sum - it))),
+                };
+                let difference = lit.unwrap_or(0.0) - unlit.unwrap_or(0.0);
+                ones |= u32::from(difference > 0.0) << plane;
+                certain |=
+                    u32::from(difference.abs() >= (0.25 * f64::from(high - low)).max(5.0).max(NOISE_SUM * self.noise))
+                        << plane;
+            }
+            (at, ones, certain)
+        };
+        let pixels: Vec<(usize, u32, u32)> = self.lit.iter().map(read).collect();
+        // By bit: how often it is as it should be and as it should not where a coarser one changes.
+        let mut right = vec![[0_usize; 2]; bits];
+        let mut compare = |ones: u32, other: u32, certain: u32| {
+            let changed = (ones ^ other) & certain;
+            if changed.count_ones() != 1 {
+                return;
+            }
+            let plane = changed.trailing_zeros() as usize;
+            for (finer, counts) in right.iter_mut().enumerate().skip(plane + 1) {
+                if certain & (1 << finer) != 0 {
+                    let should = finer == plane + 1;
+                    counts[usize::from((ones >> finer & 1 == 1) == should)] += 1;
+                }
+            }
+        };
+        for (index, (at, ones, certain)) in pixels.iter().enumerate() {
+            let to_the_right = pixels.get(index + 1).filter(|it| it.0 == at + 1 && it.0 % self.width != 0);
+            let below = pixels.binary_search_by_key(&(at + self.width), |it| it.0).ok().map(|it| &pixels[it]);
+            for (_, other, also) in to_the_right.into_iter().chain(below) {
+                compare(*ones, *other, certain & also);
+            }
+        }
+        let judge = |counts: &[usize; 2]| {
+            let all = counts[0] + counts[1];
+            (all >= MIN_CHANGES).then(|| counts[1] as f64 / all as f64)
+        };
+        let rates: Vec<Option<f64>> = right.iter().map(judge).collect();
+        let with = |test: fn(f64) -> bool| -> Vec<u32> {
+            let planes = rates.iter().zip(0..).filter(|(rate, _)| rate.is_some_and(test));
+            planes.map(|it| it.1).collect()
+        };
+        let (inverted, lost) = (with(|it| it < 0.25), with(|it| (0.25..0.75).contains(&it)));
+        let mut faults = Vec::new();
+        if !lost.is_empty() {
+            faults.push(SetFault::OutOfPlace { axis, planes: lost });
+        }
+        if !inverted.is_empty() {
+            let all = inverted.len() == rates.iter().flatten().count();
+            faults.push(SetFault::Inverted { axis, planes: inverted, all });
+        }
+        if faults.is_empty() {
+            faults.extend(self.range(axis, bits, &pixels));
+        }
+        faults
+    }
+
+    /// Of pairs that do not belong together, names the picture that shows another scene, where one of the two clearly does.
+    pub(super) fn tell_other_scenes(&self, faults: &mut [SetFault]) {
+        for fault in faults {
+            let SetFault::NotInverse { shown, pictures, .. } = fault else { continue };
+            let others: Vec<usize> =
+                (0..self.pictures.len()).filter(|it| !self.skipped.contains(it) && !pictures.contains(it)).collect();
+            let beyond = pictures.map(|it| stretches::outside(self.pictures, &others, it, self.lit, self.noise));
+            let worse = usize::from(beyond[1] > beyond[0]);
+            if beyond[worse] < BEYOND || beyond[worse] < CLEARLY * beyond[1 - worse] {
+                continue;
+            }
+            let picture = pictures[worse];
+            let shown = match (*shown, worse) {
+                (Shown::Bit { axis, plane, .. }, 1) => Shown::Bit { axis, plane, inverse: true },
+                (shown, _) => shown,
+            };
+            *fault = SetFault::OtherScene { picture, shown };
+        }
+    }
+
+    pub(super) fn signs(&self) -> Samples {
+        let sign = |picture: usize, &(at, low, high): &(usize, u8, u8)| -> i8 {
+            let off = 2.0 * self.level(picture, at) - f64::from(low) - f64::from(high);
+            let certain = off.abs() >= (0.3 * f64::from(high - low)).max(NOISE_SUM * self.noise);
+            if certain { off.signum() as i8 } else { 0 }
+        };
+        let signs = (0..self.pictures.len()).map(|picture| self.lit.iter().map(|it| sign(picture, it)).collect());
+        let (mut neighbours, mut is_down) = (Vec::new(), Vec::new());
+        for (index, (at, ..)) in self.lit.iter().enumerate() {
+            let to_the_right = (1..=REACH).filter(|it| at % self.width + it < self.width);
+            let below = (1..=REACH).map(|it| it * self.width);
+            for (by, down) in to_the_right.map(|it| (it, false)).chain(below.map(|it| (it, true))) {
+                if let Ok(other) = self.lit.binary_search_by_key(&(at + by), |it| it.0) {
+                    neighbours.push([index as u32, other as u32]);
+                    is_down.push(down);
+                }
+            }
+        }
+        Samples { signs: signs.collect(), neighbours, is_down }
+    }
+
+    fn range(&self, axis: Axis, bits: usize, pixels: &[(usize, u32, u32)]) -> Option<SetFault> {
+        let index = axis.index();
+        let width = self.code.stripe[index];
+        let from = self.code.offset[index];
+        let until = from + self.code.projector[index];
+        let all = (1_u32 << bits) - 1;
+        let (mut beyond, mut certain) = (0_usize, 0_usize);
+        for (_, ones, _) in pixels.iter().filter(|it| it.2 & all == all) {
+            let (mut bit, mut number) = (0, 0);
+            for plane in 0..bits {
+                bit ^= ones >> plane & 1;
+                number = number << 1 | bit;
+            }
+            certain += 1;
+            beyond += usize::from((number + 1) * width <= from || number * width >= until);
+        }
+        let share = beyond as f64 / certain.max(1) as f64;
+        (certain > MIN_CHANGES && share > 0.2).then(|| SetFault::OutOfRange {
+            axis,
+            share,
+            side: self.code.projector[index],
+        })
+    }
+}

@@ -1,0 +1,187 @@
+//! Pictures of another exposure: a camera that chose it by itself, a lamp that grew warm or went out.
+//!
+//! Whatever a bit shows, its picture and the inverse together are as bright as white and black together. With pictures that are a and b times as bright as they should be,
+//! bit / a + inverse / b = white + black in every pixel, whichever of the two it is bright in: with hundreds of pixels of both kinds a and b follow by least squares, in blurred stripes too. Pixels that do not fit are left
+//! out step by step; pairs that do not fit on the whole, such as those with a wrong picture, say nothing.
+
+use super::code::{Axis, Inverse, Shown, StripeCode};
+use crate::ImageView;
+
+/// Pixels that take part.
+const SAMPLES: usize = 5000;
+/// At least so many must.
+const MIN_SAMPLES: usize = 200;
+/// Steps of leaving out what does not fit.
+const STEPS: usize = 5;
+/// Pixels that do not fit in the end, at most [–].
+const MOST_OFF: f64 = 0.15;
+/// A factor is known where its standard deviation is at most this part of it [–].
+const KNOWN: f64 = 0.02;
+/// A set in which a picture is off by more than this is evened out. Packed pictures seem to be off by 0.02, those of cameras with a curved response in a room that throws a fifth of the light back by 0.09 [–].
+const OFF: f64 = 0.1;
+/// In such a set all pictures are evened out that are off by more than this [–].
+const OFF_TOO: f64 = 0.01;
+/// Exposures beyond this say that something else is wrong [–].
+const RANGE: std::ops::RangeInclusive<f64> = 0.15..=6.0;
+/// A gray level that may be cut off.
+const SATURATED: f64 = 250.0;
+
+/// Pictures that are brighter or darker than most, each with how many times; `places` says which picture is what, and `lit` are pixels with their darkest and brightest levels.
+pub(super) fn uneven(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    places: &[Option<usize>],
+    lit: &[(usize, u8, u8)],
+) -> Vec<(usize, f64)> {
+    if code.inverse == Inverse::None {
+        return Vec::new();
+    }
+    let shown = code.pictures();
+    let picture = |what: Shown| shown.iter().position(|it| *it == what).and_then(|it| places[it]);
+    let (white, black) = (picture(Shown::White), picture(Shown::Black));
+    let level = |picture: usize, at: usize| f64::from(pictures[picture].pixels()[at]);
+    let some: Vec<&(usize, u8, u8)> = lit.iter().step_by(lit.len().div_ceil(SAMPLES).max(1)).collect();
+    let sum = |it: &(usize, u8, u8)| match (white, black) {
+        (Some(white), Some(black)) => {
+            let white = level(white, it.0);
+            (white < SATURATED).then(|| white + level(black, it.0))
+        }
+        _ => Some(f64::from(it.1) + f64::from(it.2)),
+    };
+    let sums: Vec<Option<f64>> = some.iter().map(|it| sum(it)).collect();
+    let mut factors: Vec<(usize, f64)> = Vec::new();
+    for (axis, plane) in Axis::BOTH.into_iter().flat_map(|axis| (0..code.bits[axis.index()]).map(move |it| (axis, it)))
+    {
+        let of = |inverse: bool| picture(Shown::Bit { axis, plane, inverse });
+        let (Some(bit), Some(inverse)) = (of(false), of(true)) else { continue };
+        let mut rows: Vec<[f64; 3]> = Vec::new();
+        for (it, sum) in some.iter().zip(&sums) {
+            let (a, b) = (level(bit, it.0), level(inverse, it.0));
+            if let Some(sum) = sum.filter(|_| a < SATURATED && b < SATURATED) {
+                rows.push([a, b, sum]);
+            }
+        }
+        if let Some(found) = fit(&rows) {
+            factors.extend([bit, inverse].into_iter().zip(found));
+        }
+    }
+    let mut all: Vec<f64> = factors.iter().map(|it| it.1).collect();
+    all.sort_by(f64::total_cmp);
+    let Some(most) = all.get(all.len() / 2).copied() else { return Vec::new() };
+    if let (Some(white), Some(_)) = (white, black) {
+        factors.push((white, 1.0));
+    }
+    let relative = factors.into_iter().map(|(picture, it)| (picture, it / most));
+    let mut off: Vec<(usize, f64)> = relative.filter(|it| (it.1 - 1.0).abs() > OFF_TOO).collect();
+    if off.iter().all(|it| (it.1 - 1.0).abs() <= OFF) {
+        return Vec::new();
+    }
+    off.sort_by_key(|it| it.0);
+    off
+}
+
+/// How many times too bright the two of a pair are; `None` where they do not say it, or are no pair.
+fn fit(rows: &[[f64; 3]]) -> Option<[f64; 2]> {
+    if rows.len() < MIN_SAMPLES {
+        return None;
+    }
+    let mut kept = vec![true; rows.len()];
+    let mut solved = ([1.0; 2], [0.0; 2]);
+    for _ in 0..STEPS {
+        solved = least_squares(rows.iter().zip(&kept).filter(|it| *it.1).map(|it| it.0))?;
+        let off: Vec<f64> = rows.iter().map(|it| (solved.0[0] * it[0] + solved.0[1] * it[1] - it[2]).abs()).collect();
+        let mut sorted = off.clone();
+        sorted.sort_by(f64::total_cmp);
+        // Three standard deviations, and what rounding and packing make of small levels.
+        let most = 3.0 * 1.4826 * sorted[sorted.len() / 2] + 1.0;
+        kept = off.iter().map(|it| *it <= most).collect();
+    }
+    let (inverses, sigmas) = solved;
+    let is_off = |it: &&[f64; 3]| (inverses[0] * it[0] + inverses[1] * it[1] - it[2]).abs() > (0.1 * it[2]).max(12.0);
+    let is_known = (0..2).all(|it| sigmas[it] <= KNOWN * inverses[it]);
+    let fits = rows.iter().filter(is_off).count() as f64 <= MOST_OFF * rows.len() as f64;
+    let factors = inverses.map(f64::recip);
+    (is_known && fits && factors.iter().all(|it| RANGE.contains(it))).then_some(factors)
+}
+
+/// x and y of x a + y b = sum, with their standard deviations.
+fn least_squares<'a>(rows: impl Iterator<Item = &'a [f64; 3]> + Clone) -> Option<([f64; 2], [f64; 2])> {
+    let (mut aa, mut ab, mut bb, mut sa, mut sb) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for [a, b, sum] in rows.clone() {
+        (aa, ab, bb, sa, sb) = (aa + a * a, ab + a * b, bb + b * b, sa + a * sum, sb + b * sum);
+    }
+    let determinant = aa * bb - ab * ab;
+    let [x, y] = [(sa * bb - sb * ab) / determinant, (sb * aa - sa * ab) / determinant];
+    let (mut squares, mut n) = (0.0, 0.0);
+    for [a, b, sum] in rows {
+        squares += (x * a + y * b - sum) * (x * a + y * b - sum);
+        n += 1.0;
+    }
+    let variance: f64 = squares / n;
+    let sigmas = [bb, aa].map(|it| (variance * it / determinant).sqrt());
+    (x.is_finite() && y.is_finite() && sigmas.iter().all(|it| it.is_finite())).then_some(([x, y], sigmas))
+}
+
+/// A picture as it would be with the exposure of the others; what is saturated stays so.
+pub(super) fn evened(pixels: &[u8], factor: f64) -> Vec<u8> {
+    let level = |it: usize| match it as f64 {
+        full if full >= SATURATED => it as u8,
+        level => (level / factor).round().min(255.0) as u8,
+    };
+    let table: Vec<u8> = (0..256).map(level).collect();
+    pixels.iter().map(|it| table[usize::from(*it)]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::scene::wall;
+    use super::*;
+
+    /// What is found of a wall's pictures some of which are darker or brighter.
+    fn found(factors: &[(usize, f64)], seed: u64) -> Vec<(usize, f64)> {
+        let code = StripeCode::gray([160, 120]);
+        let mut pictures = wall(seed).pictures(&code);
+        for (picture, factor) in factors {
+            pictures[*picture].iter_mut().for_each(|it| *it = (f64::from(*it) * factor).round().min(255.0) as u8);
+        }
+        let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+        let (white, black) = (&pictures[30], &pictures[31]);
+        let lit = (0..19_200)
+            .filter(|it| white[*it] > black[*it] + 20)
+            .map(|it| (it, black[it], white[it]))
+            .collect::<Vec<_>>();
+        let mut found = uneven(&code, &views, &(0..32).map(Some).collect::<Vec<_>>(), &lit);
+        found.retain(|it| (it.1 - 1.0).abs() > 0.05);
+        found
+    }
+
+    #[test]
+    fn pictures_of_another_exposure_are_found_with_their_factor() {
+        for seed in 1..=3 {
+            assert_eq!(found(&[], seed), [], "seed {seed}");
+            for factors in [vec![(6, 0.7)], vec![(0, 0.6), (9, 1.2), (17, 0.8)], vec![(30, 0.75)]] {
+                let found = found(&factors, seed);
+                assert_eq!(found.len(), factors.len(), "seed {seed}: {found:?} for {factors:?}");
+                for ((at, factor), (expected_at, expected)) in found.iter().zip(&factors) {
+                    assert!(at == expected_at && (factor / expected - 1.0).abs() < 0.03, "seed {seed}: {found:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_lamp_that_fades_is_found_in_every_picture() {
+        let fading: Vec<(usize, f64)> = (0..32).map(|it| (it, 1.0 - 0.4 * it as f64 / 31.0)).collect();
+        let found = found(&fading, 2);
+        let middle = fading[15].1;
+        for (at, factor) in &found {
+            assert!((factor * middle / fading[*at].1 - 1.0).abs() < 0.04, "{at}: {factor}");
+        }
+        assert!(found.len() > 20, "{found:?}");
+    }
+
+    #[test]
+    fn evened_pictures_keep_what_is_saturated() {
+        assert_eq!(evened(&[0, 70, 140, 255], 0.7), [0, 100, 200, 255]);
+    }
+}

@@ -1,0 +1,174 @@
+//! Pictures of another scene in one set: camera, projector or what is seen was moved between two of them.
+//!
+//! A bit and its inverse add up to the scene under full light, whatever stripes they show; so do white and black. These sums, in the order of the pictures, are alike as long as nothing moves. Where they fall into
+//! stretches that are alike each but not to one another, something moved between the last picture of the one and the first of the next.
+
+use super::code::{Axis, Inverse, Shown, StripeCode};
+use crate::ImageView;
+
+/// Sums differ in a pixel by more than this part of them, this many gray levels, and so many standard deviations of a picture's noise: three of the difference of two sums of two pictures.
+const SHARE: f64 = 0.08;
+const LEVELS: f64 = 8.0;
+const SIGMAS: f64 = 6.0;
+/// Sums are of different scenes where they differ in more than this part of the pixels: good sets of cameras whose pictures were packed differ in 0.02, a board that was moved by 4 px in 0.17 [–].
+const MOVED: f64 = 0.08;
+/// Sums that a stretch needs to be one.
+const MIN_SUMS: usize = 2;
+/// A gray level that may be cut off.
+const SATURATED: u8 = 250;
+
+/// The scene under full light, by two pictures that show opposite stripes.
+struct Sum {
+    /// In their order.
+    pictures: [usize; 2],
+    /// What the one shows, and the pictures of it and of its opposite.
+    shown: Shown,
+    of_shown: [usize; 2],
+    levels: Vec<f64>,
+    is_cut_off: Vec<bool>,
+}
+
+/// What is alike in a set.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Stretches {
+    /// By stretch its pictures in their order; two at least.
+    pub(super) pictures: Vec<Vec<usize>>,
+    /// Which of them tells most.
+    pub(super) kept: usize,
+}
+
+/// What does not belong together in a set.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Scenes {
+    /// Where it falls into stretches.
+    pub(super) stretches: Option<Stretches>,
+    /// Where it does not: pairs, a bit's picture first, whose sum is that of no other.
+    pub(super) odd: Vec<(Shown, [usize; 2])>,
+}
+
+/// What of a set was taken of another scene. `lit` are pixels with their darkest and brightest levels.
+pub(super) fn scenes(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    places: &[Option<usize>],
+    lit: &[(usize, u8, u8)],
+    noise: f64,
+) -> Scenes {
+    if code.inverse == Inverse::None {
+        return Scenes::default();
+    }
+    let shown = code.pictures();
+    let picture = |what: Shown| shown.iter().position(|it| *it == what).and_then(|it| places[it]);
+    let bits = Axis::BOTH.into_iter().filter(|it| code.has(*it)).flat_map(|axis| {
+        (0..code.bits[axis.index()]).map(move |plane| [false, true].map(|inverse| Shown::Bit { axis, plane, inverse }))
+    });
+    let mut sums: Vec<Sum> = Vec::new();
+    for [one, other] in bits.chain([[Shown::White, Shown::Black]]) {
+        let (Some(a), Some(b)) = (picture(one), picture(other)) else { continue };
+        let [of_a, of_b] = [a, b].map(|it| pictures[it].pixels());
+        sums.push(Sum {
+            pictures: [a.min(b), a.max(b)],
+            shown: one,
+            of_shown: [a, b],
+            levels: lit.iter().map(|it| f64::from(of_a[it.0]) + f64::from(of_b[it.0])).collect(),
+            is_cut_off: lit.iter().map(|it| of_a[it.0].max(of_b[it.0]) >= SATURATED).collect(),
+        });
+    }
+    sums.sort_by_key(|it| it.pictures);
+    // Each joins the group that it is most alike to.
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for at in 0..sums.len() {
+        let shares = groups.iter().map(|group| differ(&sums[group[0]], &sums[at], noise));
+        let best = shares.enumerate().min_by(|a, b| a.1.total_cmp(&b.1)).filter(|it| it.1 < MOVED);
+        match best {
+            Some((group, _)) => groups[group].push(at),
+            None => groups.push(vec![at]),
+        }
+    }
+    let is_one = groups.iter().filter(|it| it.len() >= MIN_SUMS).count() == 1;
+    let mut odd = Vec::new();
+    for at in groups.iter().filter(|it| is_one && it.len() < MIN_SUMS).flatten() {
+        odd.push((sums[*at].shown, sums[*at].of_shown));
+    }
+    groups.retain(|it| it.len() >= MIN_SUMS);
+    Scenes { stretches: in_stretches(code, pictures, places, lit, noise, &sums, &groups), odd }
+}
+
+/// The stretches that groups of sums are.
+fn in_stretches(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    places: &[Option<usize>],
+    lit: &[(usize, u8, u8)],
+    noise: f64,
+    sums: &[Sum],
+    groups: &[Vec<usize>],
+) -> Option<Stretches> {
+    if groups.len() < 2 {
+        return None;
+    }
+    let shown = code.pictures();
+    let mut stretches: Vec<Vec<usize>> =
+        groups.iter().map(|group| group.iter().flat_map(|it| sums[*it].pictures).collect()).collect();
+    stretches.iter_mut().for_each(|it| it.sort_unstable());
+    stretches.sort();
+    // Stretches that follow one another: groups that lie within one another are of something else.
+    if stretches.windows(2).any(|it| it[0].last() > it[1].first()) {
+        return None;
+    }
+    // Pictures between two stretches, whose pair is of both, belong to the one whose range they stay in.
+    let used: Vec<usize> = stretches.iter().flatten().copied().collect();
+    for at in (0..pictures.len()).filter(|it| !used.contains(it) && places.contains(&Some(*it))) {
+        let after = stretches.partition_point(|it| it[0] < at);
+        if (1..stretches.len()).contains(&after) {
+            let outside = [after - 1, after].map(|it| outside(pictures, &stretches[it], at, lit, noise));
+            let nearer = if outside[0] <= outside[1] { after - 1 } else { after };
+            stretches[nearer].push(at);
+        }
+    }
+    stretches.iter_mut().for_each(|it| it.sort_unstable());
+    let is_told = |stretch: &Vec<usize>, axis: Axis| {
+        let all = shown.iter().zip(places).filter(|it| it.0.axis() == Some(axis));
+        code.has(axis)
+            && all.clone().next().is_some()
+            && all.clone().all(|it| it.1.is_some_and(|it| stretch.contains(&it)))
+    };
+    let worth = |it: &usize| {
+        let stretch = &stretches[*it];
+        (Axis::BOTH.into_iter().filter(|axis| is_told(stretch, *axis)).count(), stretch.len())
+    };
+    let kept = (0..stretches.len()).max_by_key(worth)?;
+    Some(Stretches { pictures: stretches, kept })
+}
+
+/// Part of the pixels in which two sums differ [–].
+fn differ(a: &Sum, b: &Sum, noise: f64) -> f64 {
+    let (mut n, mut off) = (0_usize, 0_usize);
+    for at in 0..a.levels.len() {
+        if a.is_cut_off[at] || b.is_cut_off[at] {
+            continue;
+        }
+        n += 1;
+        let most = (SHARE * a.levels[at].min(b.levels[at])).max(LEVELS).max(SIGMAS * noise);
+        off += usize::from((a.levels[at] - b.levels[at]).abs() > most);
+    }
+    off as f64 / n.max(1) as f64
+}
+
+/// Part of the pixels in which a picture is brighter or darker than all those of some [–].
+pub(super) fn outside(
+    pictures: &[ImageView<'_>],
+    some: &[usize],
+    picture: usize,
+    lit: &[(usize, u8, u8)],
+    noise: f64,
+) -> f64 {
+    let n_off = lit.iter().filter(|it| {
+        let level = |picture: usize| f64::from(pictures[picture].pixels()[it.0]);
+        let (low, high) =
+            some.iter().fold((f64::INFINITY, 0.0_f64), |(low, high), it| (low.min(level(*it)), high.max(level(*it))));
+        let margin = (SHARE * high).max(LEVELS).max(SIGMAS / 2.0 * noise);
+        !(low - margin..=high + margin).contains(&level(picture))
+    });
+    n_off.count() as f64 / lit.len().max(1) as f64
+}
