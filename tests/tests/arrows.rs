@@ -61,6 +61,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("pan-tilt", &["foveate"]),
     ("select", &["foveate"]),
     ("structured-light", &["foveate"]),
+    ("laser-pointer", &["foveate"]),
     (
         "cli",
         &[
@@ -73,6 +74,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "estimation",
             "export",
             "geometry",
+            "laser-pointer",
             "led",
             "messages",
             "motion",
