@@ -5,6 +5,7 @@
 //! | [`Image`] | one picture of one camera, or a part of one | pixels of that camera |
 //! | [`Features`] | the 2D points found in one picture | pixels of that camera |
 //! | [`Targets`] | the 3D points recovered at one scale | metres in that scale's space |
+//! | [`Pointers`] | what pointers on a wall do, and what has just happened to them | metres in that scale's space, of which the wall is z = 0 |
 //! | [`SubRegion`] | the moving volume that the next scale looks into | metres in the parent scale's space, which its scale's nodes know |
 //! | [`ScaleSpace`] | where the space of an anchored scale is | metres in the parent of the scale that it names |
 //! | [`Assignment`] | which head follows which target | – |
@@ -28,6 +29,7 @@ mod head;
 mod image;
 mod marks;
 mod mesh;
+mod pointers;
 mod schema;
 mod shown;
 mod stripes;
@@ -45,6 +47,7 @@ pub use head::{HeadCommand, HeadEvent, HeadLink, HeadOrder, HeadPose, HeadPositi
 pub use image::{Image, PixelFormat, Window};
 pub use marks::{GuidedMark, Mark, MarkGuide, Marks, ShapeFit};
 pub use mesh::{Mesh, MeshVertex};
+pub use pointers::{Pointer, PointerChange, PointerEvent, Pointers, StrokePoint};
 pub use shown::PatternShown;
 pub use stripes::{PatternPictures, ProjectorMap, ProjectorSample};
 pub use sub_region::{Assignment, ScaleId, ScaleSpace, SubRegion};
