@@ -132,7 +132,7 @@ pub struct RunArgs {
     /// always does
     #[arg(long)]
     live: bool,
-    /// At the pace of the wall clock, where the machine keeps up: the repeatable order and the same bytes, for people who watch
+    /// At the pace of the wall clock, where the machine keeps up: the repeatable order and the same bytes, for people who watch; a rig can ask for it with `paced`
     #[arg(long, conflicts_with = "live")]
     paced: bool,
     /// Worker threads [default: one for each core, and in a live run one more]; without `--live` the results are the same with any number

@@ -20,6 +20,7 @@
 //! | [`ProjectorMap`] | where in the projector each pixel is lit from | pixels of that camera, and of the projector |
 //! | [`PointCloud`] | points of surfaces, each with covariance and normal | metres in the outermost scale |
 //! | [`ScaleCloud`] | the same where it lies still, on a target that moves | metres in that scale's space |
+//! | [`Views`] | what a display shows to somebody who moves, for each eye and tile | metres in that scale's space |
 //! | [`Mesh`] | a surface joined from clouds, as triangles | metres in that scale's space |
 
 mod camera_set;
@@ -35,6 +36,7 @@ mod shown;
 mod stripes;
 mod sub_region;
 mod targets;
+mod views;
 mod wire;
 
 use std::any::Any;
@@ -52,6 +54,7 @@ pub use shown::PatternShown;
 pub use stripes::{PatternPictures, ProjectorMap, ProjectorSample};
 pub use sub_region::{Assignment, ScaleId, ScaleSpace, SubRegion};
 pub use targets::{Provenance, Target, TargetId, Targets};
+pub use views::{EyeView, TileView, Views};
 pub use wire::{Codec, Wire};
 
 /// A type that may travel on an edge: a contract of name, version, space and layout.

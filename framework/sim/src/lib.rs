@@ -13,7 +13,7 @@
 //! | [`timing`] | a camera's clock, the way of its data, its failures |
 //! | [`head`] | a pan-tilt head with mechanics and a line, byte by byte |
 //! | [`score`] | recovered targets against the truth |
-//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.rider`, `sim.head`, `sim.score`, `sim.head_score`, `sim.mark_observer`, `sim.mark_score`, `sim.projector`, `sim.cloud_score`, `sim.surface_score` |
+//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.rider`, `sim.head`, `sim.score`, `sim.head_score`, `sim.mark_observer`, `sim.mark_score`, `sim.projector`, `sim.cloud_score`, `sim.surface_score`, `sim.display_score` |
 
 pub mod bump;
 pub mod camera;
@@ -48,4 +48,5 @@ pub fn register(registry: &mut Registry) {
     registry.add::<nodes::projector::SimProjector>();
     registry.add::<nodes::cloud_score::CloudScore>();
     registry.add::<nodes::surface_score::SurfaceScore>();
+    registry.add::<nodes::display_score::DisplayScore>();
 }

@@ -2,6 +2,7 @@
 
 pub mod camera;
 pub mod cloud_score;
+pub mod display_score;
 mod fields;
 pub mod head;
 pub mod head_score;
