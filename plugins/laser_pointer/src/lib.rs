@@ -4,13 +4,17 @@
 //!
 //! | node | what it does |
 //! |---|---|
+//! | [`laser_pointer.calibrator`](calibrator::Calibrator) | maps cameras to the wall by dots that the wall shows |
+//! | [`laser_pointer.tracker`](tracker::Tracker) | tracks pointers in the wall's plane, from the spots that each camera finds |
 //! | [`laser_pointer.events`](events::Events) | says what pointers do: press, move, hover, dwell, release, strokes; without jitter |
 //! | [`laser_pointer.page`](page::DrawingPage) | shows strokes and pointers on a page, and sends them as JSON over a WebSocket |
 //! | [`laser_pointer.tuio`](tuio::Tuio) | sends pointers to TUIO 1.1 clients over UDP |
 
+pub mod calibrator;
 pub mod events;
 pub mod page;
 pub mod smoothing;
+pub mod tracker;
 pub mod tuio;
 mod wall;
 
@@ -18,6 +22,8 @@ use foveate::prelude::Registry;
 
 /// Makes the nodes of this plugin known.
 pub fn register(registry: &mut Registry) {
+    registry.add::<calibrator::Calibrator>();
+    registry.add::<tracker::Tracker>();
     registry.add::<events::Events>();
     registry.add::<page::DrawingPage>();
     registry.add::<tuio::Tuio>();

@@ -14,3 +14,7 @@ pub mod projector;
 pub mod rider;
 pub mod score;
 pub mod surface_score;
+pub mod wall;
+pub mod wall_camera;
+pub mod wall_observer;
+pub mod wall_score;
