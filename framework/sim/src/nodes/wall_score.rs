@@ -19,7 +19,7 @@ figures! {
     "wall_px.{median,p95}": px, low, "Distance of a measured target from the true spot at the same time, in pixels of the wall, over all pairs within gate_mm";
     "border_px.{median,p95}": px, low, "The same over the samples whose true spot is within 12 px of the edge of a camera's picture";
     "predicted_px.{median,p95}": px, low, "The same over targets that the message's own camera did not see, carried on to its time";
-    "presses": count, neither, "Times that a spot appeared on the wall and stayed for 50 ms or more";
+    "presses": count, neither, "Times that a spot appeared on the wall, from beside it too, and stayed for 50 ms or more";
     "missed_presses": count, low, "Those of them without any target";
     "false_strokes": count, low, "Identities that were never near a true spot";
     "id_switches": count, low, "Times that a press was matched to an identity that another press had last";

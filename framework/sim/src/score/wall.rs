@@ -15,6 +15,8 @@ use crate::wall::{Press, Wall, in_space};
 
 /// A press that lasts no longer need not be found: three fields of a camera at 60 Hz [s].
 const LEAST_PRESS_S: f64 = 0.05;
+/// A spot that was off the wall for longer is another stroke when it returns [s].
+const AWAY_S: f64 = 0.05;
 /// This near to the edge of a picture a spot is passed on from camera to camera [px].
 const BORDER_PX: f64 = 12.0;
 /// Pointers closer to each other than this cross: their spots are one in the pictures [m].
@@ -28,6 +30,9 @@ pub struct WallScorer {
     cameras: Vec<TrueCamera>,
     identities: Identities,
     presses: BTreeMap<u32, Observed>,
+    /// By the press's number: when it was last on the wall, and the key of that visit. A pointer that leaves the wall and returns is another stroke.
+    visits: BTreeMap<u32, (Time, u32)>,
+    next_visit: u32,
     found: BTreeMap<u32, Identity>,
     /// Pairs of users who are crossing.
     crossing: BTreeMap<(u32, u32), bool>,
@@ -68,6 +73,8 @@ impl WallScorer {
             cameras,
             identities: Identities::new(gate),
             presses: BTreeMap::new(),
+            visits: BTreeMap::new(),
+            next_visit: 0,
             found: BTreeMap::new(),
             crossing: BTreeMap::new(),
             crossings: 0,
@@ -85,7 +92,10 @@ impl WallScorer {
             return;
         }
         self.messages += 1;
-        let presses: Vec<Press> = wall.presses(time).collect();
+        let mut presses: Vec<Press> = wall.presses(time).collect();
+        for press in &mut presses {
+            press.number = self.visit(press.number, time);
+        }
         self.count_crossings(&presses);
         let truth: Vec<_> = presses.iter().map(|it| (it.number, in_space(&it.point))).collect();
         let found: Vec<_> = targets.list.iter().map(|it| (it.id.0, it.position)).collect();
@@ -117,6 +127,16 @@ impl WallScorer {
                 self.drawn.push((press.user, place, [target.position.x, target.position.y]));
             }
         }
+    }
+
+    fn visit(&mut self, press: u32, time: Time) -> u32 {
+        let (last, key) = self.visits.entry(press).or_insert((Time(i64::MIN / 2), 0));
+        if (time.0 - last.0) as f64 * 1e-9 > AWAY_S {
+            *key = self.next_visit;
+            self.next_visit += 1;
+        }
+        *last = time.max(*last);
+        *key
     }
 
     fn count_crossings(&mut self, presses: &[Press]) {

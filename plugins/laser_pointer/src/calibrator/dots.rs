@@ -15,6 +15,8 @@ use nalgebra::{Matrix2, Point2};
 const SCATTER_PX: f64 = 1.0;
 /// No place is known better than this: pixels are not the same all over [px].
 const LEAST_SIGMA_PX: f64 = 0.02;
+/// A dot this near to the edge of a picture may be cut off, its centre wrong [px].
+const EDGE_PX: f64 = 8.0;
 /// Every so many dots one is held out.
 const HELD_OUT: usize = 4;
 
@@ -94,13 +96,13 @@ pub fn calibrate(
     let mut seen: Vec<BTreeMap<u32, PlanePoint>> = Vec::new();
     let mut cameras = Vec::new();
     for (size, frames) in sizes.iter().zip(frames) {
-        let (points, peaks, n_doubtful) = points(dots, frames, settle);
+        let (points, peaks, n_doubtful) = points(*size, dots, frames, settle);
         let map = camera(wall, *size, &points, &peaks, limit_px);
         cameras.push(CameraResult { n_dots: points.len(), n_doubtful, map });
         seen.push(points);
     }
     let maps: Vec<Option<&PlaneMap>> = cameras.iter().map(|it| it.map.as_ref().ok().map(|it| &it.map)).collect();
-    let in_view = |it: &ShownDot, camera: usize| maps[camera].is_some_and(|map| map.sees(&it.point, 4.0));
+    let in_view = |it: &ShownDot, camera: usize| maps[camera].is_some_and(|map| map.sees(&it.point, EDGE_PX + 1.0));
     let mut hidden = vec![0; sizes.len()];
     let mut tiles = BTreeMap::<[u32; 2], (usize, usize)>::new();
     for dot in dots {
@@ -120,7 +122,15 @@ pub fn calibrate(
 }
 
 /// Where a camera saw each dot, with the dots' peaks, and the number of dots that were in doubt.
-fn points(dots: &[ShownDot], frames: &[Frame], settle: Interval) -> (BTreeMap<u32, PlanePoint>, Vec<f64>, usize) {
+fn points(
+    size: [u32; 2],
+    dots: &[ShownDot],
+    frames: &[Frame],
+    settle: Interval,
+) -> (BTreeMap<u32, PlanePoint>, Vec<f64>, usize) {
+    let is_whole = |pixel: &nalgebra::Vector2<f64>| {
+        (0..2).all(|axis| (EDGE_PX..f64::from(size[axis]) - 1.0 - EDGE_PX).contains(&pixel[axis]))
+    };
     let (mut found, mut peaks, mut doubtful) = (BTreeMap::new(), Vec::new(), 0);
     for dot in dots {
         let first = frames.partition_point(|it| it.time < dot.from + settle);
@@ -134,6 +144,9 @@ fn points(dots: &[ShownDot], frames: &[Frame], settle: Interval) -> (BTreeMap<u3
         let scatter = own.iter().map(|it| (it.spots[0].0.coords - mean).norm()).fold(0.0, f64::max);
         if own.iter().any(|it| it.spots.len() > 1) || scatter > SCATTER_PX {
             doubtful += 1;
+            continue;
+        }
+        if !is_whole(&mean) {
             continue;
         }
         let variance = own.iter().map(|it| it.spots[0].1).sum::<f64>() / n;
