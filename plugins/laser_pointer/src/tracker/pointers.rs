@@ -36,6 +36,10 @@ const SILENT_S: f64 = 0.1;
 /// A spot this near to the edge of a picture may be cut off [px]: its centre may be off by [`CUT_PX`] then.
 const EDGE_PX: f64 = 3.0;
 const CUT_PX: f64 = 1.0;
+/// What a candidate's place costs more than a pointer's: a candidate takes none from a pointer.
+const CANDIDATES_LATER: f64 = 1e3;
+/// A spot that the edge of a picture cuts is smaller for a while: of its largest area a pointer forgets so much with each frame [–].
+const AREA_KEPT: f64 = 0.97;
 /// What was once mirrored must be by itself for so many frames.
 const CLEAR_FRAMES: u32 = 4;
 /// Frames of a camera in which it must see a spot that another one reports, until the place is disputed.
@@ -89,7 +93,7 @@ struct Track {
     owned: Time,
     /// Frames since its spot may have been the reflection of a larger one.
     clear: u32,
-    /// Of its last spot [m²].
+    /// Of its largest spot of late [m²].
     area: f64,
     /// This frame's camera saw it.
     is_measured: bool,
@@ -220,9 +224,11 @@ impl Pointers {
                 is_smaller && is_beside(&it.point, LEVEL_M)
             });
             // The spot itself may lie outside this camera's picture.
-            let by_pointer = self.tracks.iter().filter(|it| it.id.is_some()).any(|it| {
+            let by_pointer = self.tracks.iter().any(|it| {
                 let point = it.filter.position_after((time - it.time).as_s()).xy();
-                place.area < SMALLER * it.area && is_beside(&point, 2.0 * LEVEL_M)
+                // Nearer to it, the place is its own spot.
+                let is_apart = (point - place.point).norm() > self.settings.merge_mm * 0.5e-3;
+                place.area < SMALLER * it.area && is_apart && is_beside(&point, 2.0 * LEVEL_M)
             });
             self.places[number].is_mirrored = by_spot || by_pointer;
         }
@@ -238,7 +244,11 @@ impl Pointers {
                 let off = place.point - track.filter.position().xy();
                 let distance = s.try_inverse().map_or(f64::INFINITY, |it| off.dot(&(it * off)));
                 // Relative to a micrometre, so that the term is positive: one that is known well goes first.
-                let cost = if distance <= gate { distance + (s.determinant() * 1e24).ln() } else { f64::INFINITY };
+                let later = if track.id.is_some() { 0.0 } else { CANDIDATES_LATER };
+                let density = (s.determinant() * 1e24).ln();
+                // A reflection is not taken for the spot, which may lie outside the picture.
+                let is_own = track.id.is_none() || !place.is_mirrored || off.norm() < LEVEL_M;
+                let cost = if distance <= gate && is_own { distance + density + later } else { f64::INFINITY };
                 most = if cost.is_finite() { most.max(cost) } else { most };
                 self.costs.push(cost);
             }
@@ -291,7 +301,7 @@ impl Pointers {
             (track.seen, track.is_measured) = (time, true);
             track.clear = if is_mirrored { 0 } else { track.clear + 1 };
             if own.is_some() {
-                (track.owned, track.area) = (time, area);
+                (track.owned, track.area) = (time, area.max(AREA_KEPT * track.area));
             }
             track.frames += 1;
             let seen = track.cameras.entry(camera).or_default();

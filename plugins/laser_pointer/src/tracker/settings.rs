@@ -66,7 +66,7 @@ fn default_largest_mm() -> f64 {
 }
 
 fn default_acceleration_density() -> f64 {
-    5.0
+    10.0
 }
 
 fn default_speed() -> f64 {
