@@ -132,9 +132,12 @@ pub struct RunArgs {
     /// always does
     #[arg(long)]
     live: bool,
-    /// At the pace of the wall clock, where the machine keeps up: the repeatable order and the same bytes, for people who watch
+    /// At the pace of the wall clock, where the machine keeps up: the repeatable order and the same bytes, for people who watch; a rig can ask for it with `paced`
     #[arg(long, conflicts_with = "live")]
     paced: bool,
+    /// As fast as possible, though the rig says `paced`
+    #[arg(long, conflicts_with_all = ["live", "paced"])]
+    unpaced: bool,
     /// Worker threads [default: one for each core, and in a live run one more]; without `--live` the results are the same with any number
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     workers: Option<u16>,

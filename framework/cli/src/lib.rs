@@ -36,6 +36,8 @@ pub fn registry() -> Registry {
     foveate_blob::register(&mut registry);
     foveate_board::register(&mut registry);
     foveate_select::register(&mut registry);
+    foveate_laser_pointer::register(&mut registry);
+    foveate_display::register(&mut registry);
     foveate_structured_light::register(&mut registry);
     foveate_painted_mark::register(&mut registry);
     foveate_export::register(&mut registry);

@@ -14,6 +14,7 @@
 //! | [`gospa`] | how far a set of points is from the true one: OSPA, GOSPA |
 //! | [`identities`] | true targets and recovered identities matched over time: ID switches, reinitialisations |
 //! | [`prediction`] | where a moving point will be, by what has foretold best of late |
+//! | [`one_euro`] | a value without jitter at rest and without lag in motion: the 1€ filter |
 //! | [`actuator`] | two motors that answer late: how late, and where they are |
 //! | [`statistics`] | median, percentiles, median absolute deviation, a summary |
 //! | [`random`] | seeded random numbers, with a stream of its own for each name |
@@ -29,6 +30,7 @@ pub mod identities;
 pub mod kalman;
 pub mod least_squares;
 pub mod motion;
+pub mod one_euro;
 pub mod prediction;
 pub mod principal;
 pub mod random;
@@ -43,6 +45,7 @@ pub use gospa::SetDistance;
 pub use kalman::{ConstantVelocity, Innovation};
 pub use least_squares::Loss;
 pub use motion::{AdaptiveNoise, Filter, Interacting, Mode, Model};
+pub use one_euro::{OneEuro, OneEuroOptions};
 pub use prediction::{Prediction, Predictor, PredictorOptions, Way};
 pub use principal::{Principal, PrincipalError, principal, principal_of};
 pub use random::Random;

@@ -10,7 +10,9 @@
 //! | [`epipolar`] | how two cameras stand to one another, from pixels of the same points |
 //! | [`joint`] | points, and the errors of the poses that they are seen from, together |
 //! | [`resection`] | the pose of a camera from points of known place and their pixels, robustly, with its covariance |
+//! | [`off_axis`] | what an eye sees through a screen: frustums for each eye and tile |
 //! | [`pan_tilt`] | cameras on pan-tilt heads: model, calibration, aiming, zoom |
+//! | [`plane_map`] | how a camera images a plane: homography and lens, with covariance |
 //! | [`ray`] | [`Ray`], and where two of them come closest |
 //! | [`self_calibration`] | a room of cameras from one waved light, without a start |
 //! | [`shape_model`] | shapes that deform, a face or a knee: learnt from frames, fitted with the pose, hidden marks filled |
@@ -30,7 +32,9 @@ pub mod epipolar;
 mod from_matrix;
 pub mod joint;
 mod look_at;
+pub mod off_axis;
 pub mod pan_tilt;
+pub mod plane_map;
 pub mod ray;
 pub mod resection;
 pub mod self_calibration;
@@ -49,6 +53,8 @@ pub use camera::{Camera, CameraError, Distortion, Intrinsics};
 pub use epipolar::{EpipolarError, EpipolarOptions, TwoViews, relative_pose};
 pub use from_matrix::ProjectionError;
 pub use joint::{Joint, JointError, JointObservation, JointOptions, JointPoint, Viewpoint, triangulate_jointly};
+pub use off_axis::{OffAxis, Screen, ScreenError};
+pub use plane_map::{Placed, PlaneMap, PlaneMapError, PlanePoint};
 pub use ray::{Approach, Ray, closest_approach};
 pub use resection::{Resection, ResectionError, ResectionOptions, refine_pose, resect};
 pub use self_calibration::{

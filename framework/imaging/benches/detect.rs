@@ -61,7 +61,7 @@ fn finder(centroid: Centroid) -> SpotFinder {
 /// peer. "again": the same picture, as when the program that decoded it has just left it in the second cache.
 fn time(criterion: &mut Criterion) {
     let limits = SpotLimits::default();
-    for (width, height) in [(640, 480), (640, 240)] {
+    for (width, height) in [(640, 480), (640, 240), (1280, 1024)] {
         let scene = Scene::new(width, height);
         let windows: Vec<_> = (0..N_PICTURES).map(|i| scene.windows(i)).collect();
         let mut group = criterion.benchmark_group(format!("{width}x{height}"));
@@ -120,7 +120,7 @@ fn worst(criterion: &mut Criterion) {
 /// machine's attention, which criterion's mean does not show. The peer's script prints the same two.
 fn rounds() {
     let limits = SpotLimits::default();
-    for (width, height) in [(640, 480), (640, 240)] {
+    for (width, height) in [(640, 480), (640, 240), (1280, 1024)] {
         let scene = Scene::new(width, height);
         let windows: Vec<_> = (0..N_PICTURES).map(|i| scene.windows(i)).collect();
         let (mut finder, mut spots) = (finder(Centroid::Weighted), Vec::<Spot>::new());
@@ -154,7 +154,7 @@ fn rounds() {
 
 /// Distance from each true centre to the nearest spot.
 fn accuracy() {
-    for (width, height) in [(640, 480), (640, 240)] {
+    for (width, height) in [(640, 480), (640, 240), (1280, 1024)] {
         let scene = Scene::new(width, height);
         for centroid in [Centroid::Weighted, Centroid::Integer] {
             let (mut finder, mut spots, mut errors) = (finder(centroid), Vec::new(), Vec::new());

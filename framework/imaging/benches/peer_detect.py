@@ -68,7 +68,7 @@ def main():
     cv2.setNumThreads(1)
     random = np.random.default_rng(20020601)
     print("OpenCV", cv2.__version__)
-    for width, height in ((640, 480), (640, 240)):
+    for width, height in ((640, 480), (640, 240), (1280, 1024)):
         pictures = [picture(random, width, height) for _ in range(PICTURES)]
         thresholds = np.full((height, width), BACKGROUND + OFFSET, np.uint8)
         for name, work in (

@@ -5,6 +5,7 @@
 //! | [`Image`] | one picture of one camera, or a part of one | pixels of that camera |
 //! | [`Features`] | the 2D points found in one picture | pixels of that camera |
 //! | [`Targets`] | the 3D points recovered at one scale | metres in that scale's space |
+//! | [`Pointers`] | what pointers on a wall do, and what has just happened to them | metres in that scale's space, of which the wall is z = 0 |
 //! | [`SubRegion`] | the moving volume that the next scale looks into | metres in the parent scale's space, which its scale's nodes know |
 //! | [`ScaleSpace`] | where the space of an anchored scale is | metres in the parent of the scale that it names |
 //! | [`Assignment`] | which head follows which target | – |
@@ -19,6 +20,7 @@
 //! | [`ProjectorMap`] | where in the projector each pixel is lit from | pixels of that camera, and of the projector |
 //! | [`PointCloud`] | points of surfaces, each with covariance and normal | metres in the outermost scale |
 //! | [`ScaleCloud`] | the same where it lies still, on a target that moves | metres in that scale's space |
+//! | [`Views`] | what a display shows to somebody who moves, for each eye and tile | metres in that scale's space |
 //! | [`Mesh`] | a surface joined from clouds, as triangles | metres in that scale's space |
 
 mod camera_set;
@@ -28,11 +30,13 @@ mod head;
 mod image;
 mod marks;
 mod mesh;
+mod pointers;
 mod schema;
 mod shown;
 mod stripes;
 mod sub_region;
 mod targets;
+mod views;
 mod wire;
 
 use std::any::Any;
@@ -45,10 +49,12 @@ pub use head::{HeadCommand, HeadEvent, HeadLink, HeadOrder, HeadPose, HeadPositi
 pub use image::{Image, PixelFormat, Window};
 pub use marks::{GuidedMark, Mark, MarkGuide, Marks, ShapeFit};
 pub use mesh::{Mesh, MeshVertex};
+pub use pointers::{Pointer, PointerChange, PointerEvent, Pointers, StrokePoint};
 pub use shown::PatternShown;
 pub use stripes::{PatternPictures, ProjectorMap, ProjectorSample};
 pub use sub_region::{Assignment, ScaleId, ScaleSpace, SubRegion};
 pub use targets::{Provenance, Target, TargetId, Targets};
+pub use views::{EyeView, TileView, Views};
 pub use wire::{Codec, Wire};
 
 /// A type that may travel on an edge: a contract of name, version, space and layout.

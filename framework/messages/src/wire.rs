@@ -107,7 +107,9 @@ fn forget_words(schema: &mut Value) {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Isometry3, Matrix2, Matrix3, Matrix6, Point2, Point3, Quaternion, UnitQuaternion, Vector3};
+    use nalgebra::{
+        Isometry3, Matrix2, Matrix3, Matrix4, Matrix6, Point2, Point3, Quaternion, UnitQuaternion, Vector2, Vector3,
+    };
 
     use super::*;
     use crate::*;
@@ -276,6 +278,36 @@ mod tests {
             name: "white".to_owned(),
             ..PatternShown::default()
         });
+        let position = Point2::new(0.25, 0.5);
+        let pointer = Pointer {
+            id: TargetId(7),
+            position,
+            velocity: Vector2::new(1.0, -1.0),
+            predicted: Point2::new(0.5, 0.25),
+            sigma: 0.001,
+            is_pressed: true,
+            is_resting: false,
+            is_seen: true,
+        };
+        let path = vec![StrokePoint { time: Time(1), position }];
+        let events = PointerChange::ALL.map(|what| PointerEvent {
+            id: TargetId(7),
+            what,
+            time: Time(1),
+            latency: Interval(3),
+            position,
+            path: path.clone(),
+        });
+        let eye =
+            EyeView { eye: Point3::new(1.0, 2.0, 3.0), clip_from_space: Matrix4::from_fn(|r, c| (r + 4 * c) as f64) };
+        let tile = TileView {
+            name: "left".to_owned(),
+            size_px: [1920, 1080],
+            corners: [Point3::origin(), Point3::new(1.0, 0.0, 0.0), Point3::new(0.0, 1.0, 0.0)],
+            eyes: [Some(eye), None],
+        };
+        there_and_back(&Views { time: Time(1), shown_at: Time(2), tiles: vec![tile] });
+        there_and_back(&Pointers { time: Time(2), shown_at: Time(9), list: vec![pointer], events: events.to_vec() });
         let text = serde_json::to_string(Image::WIRE.codec().unwrap().view(&image).unwrap()).unwrap();
         assert!(!text.contains("pixels"), "bulk data goes beside the rest: {text}");
     }

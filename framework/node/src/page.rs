@@ -1,7 +1,7 @@
 //! Pages that people open in a browser while a rig runs: what a node puts up, and how it talks to it.
 //!
-//! The server stands outside the deterministic part of a run (room `web`), as a camera's driver does. A node with a page works on a device
-//! ([`Node::LIVE`](crate::Node::LIVE)): what happens on the page carries the time of its arrival on the server's clock, which the node carries to the session's.
+//! The server stands outside the deterministic part of a run (room `web`), as a camera's driver does. A page that only shows what a run does may be part of any
+//! run. A node that lets something of its page into the run works on a device ([`Node::LIVE`](crate::Node::LIVE)): what happens on the page carries the time of its arrival on the server's clock, which the node carries to the session's.
 
 use std::fmt::{self, Debug};
 use std::sync::Arc;

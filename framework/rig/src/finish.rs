@@ -137,6 +137,7 @@ impl Finish<'_, '_> {
             seed: self.seed,
             duration: self.duration_s.map(Interval::from_s),
             report_speed: self.rig.report_speed,
+            paced: self.rig.paced,
             rig_dir: self.rig_dir.clone(),
             claims: Claims::default(),
             pages: Pages::default(),

@@ -221,7 +221,13 @@ pub(super) mod rig {
         "Whether `summary.json` has the `real_time_factor` too, the one line in it that then differs from run to run.",
     )
     .or(|| json!(false));
-    pub const ALL: [&Key; 6] = [&NAME, &FOLDER, &CALIBRATION, &SEED, &DURATION_S, &REPORT_SPEED];
+    pub const PACED: Key = Key::new(
+        "paced",
+        Kind::Flag,
+        "Whether `foveate run` keeps to the pace of the clock on the wall, for people and programs that watch; the results are the same.",
+    )
+    .or(|| json!(false));
+    pub const ALL: [&Key; 7] = [&NAME, &FOLDER, &CALIBRATION, &SEED, &DURATION_S, &REPORT_SPEED, &PACED];
 }
 
 /// `[plugins]`.

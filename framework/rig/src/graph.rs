@@ -28,6 +28,8 @@ pub struct Graph {
     pub duration: Option<Interval>,
     /// Whether the summary of a run has its speed too, which differs from run to run.
     pub report_speed: bool,
+    /// Whether a run that can be repeated keeps to the pace of the clock on the wall.
+    pub paced: bool,
     /// The folder of the rig file.
     pub rig_dir: PathBuf,
     /// All cameras.
@@ -252,6 +254,7 @@ impl Graph {
             seed: self.seed,
             duration: self.duration,
             report_speed: self.report_speed,
+            paced: self.paced,
             rig_dir: self.rig_dir.clone(),
             calibration: Arc::clone(&self.calibration),
             scales: self.scales.clone(),

@@ -24,6 +24,7 @@ pub(super) struct RigText<'t> {
     pub seed: u64,
     pub duration_s: Option<f64>,
     pub report_speed: bool,
+    pub paced: bool,
     /// `[plugins] libraries`.
     pub libraries: Vec<Spanned<String>>,
     /// In the order of the text.
@@ -78,6 +79,7 @@ fn read_rig<'t>(top: &mut Keys<'t>, text: &str, findings: &mut Findings) -> RigT
         seed: 1,
         duration_s: None,
         report_speed: false,
+        paced: false,
         libraries: Vec::new(),
         scales: Vec::new(),
     };
@@ -104,6 +106,7 @@ fn read_rig<'t>(top: &mut Keys<'t>, text: &str, findings: &mut Findings) -> RigT
     rig.seed = head::SEED.whole(&mut keys, findings).map_or(rig.seed, i64::unsigned_abs);
     rig.duration_s = head::DURATION_S.number(&mut keys, findings).map(|it| it.0);
     rig.report_speed = head::REPORT_SPEED.flag(&mut keys, findings).unwrap_or(rig.report_speed);
+    rig.paced = head::PACED.flag(&mut keys, findings).unwrap_or(rig.paced);
     keys.close("`[rig]`", findings);
     rig
 }

@@ -48,6 +48,7 @@ pub(super) fn write(head: &Head<'_>, names: &Names<'_, '_>) -> Result<String, (u
         line(&mut text, grammar::rig::DURATION_S.name, &Value::from(duration_s));
     }
     line(&mut text, grammar::rig::REPORT_SPEED.name, &Value::from(head.rig.report_speed));
+    line(&mut text, grammar::rig::PACED.name, &Value::from(head.rig.paced));
     let libraries: BTreeSet<&Path> = names.nodes.iter().filter_map(library).collect();
     if !libraries.is_empty() {
         let libraries: Vec<String> = libraries.into_iter().map(|it| it.to_string_lossy().into_owned()).collect();

@@ -12,6 +12,7 @@
 //! | [`skeleton`] | skeletons that move, as BVH files hold them |
 //! | [`space`] | [`SceneGraph`]: nested spaces, each with a pose that may change, and `a_from_b` at a time with its covariance |
 //! | [`uncertainty`] | [`CameraUncertainty`], [`Provenance`]: how well a calibration is known, and how it was made |
+//! | [`wall`] | [`WallMap`]: a wall of displays, and how each camera images it |
 //! | [`volume`] | [`WorkingVolume`]: the box in which a scale works |
 //!
 //! Times are `i64` nanoseconds of the session clock: this room does not know the messages.
@@ -35,6 +36,7 @@ mod toml_reader;
 mod uncertain_pose;
 pub mod uncertainty;
 pub mod volume;
+pub mod wall;
 
 pub use anchor::{Anchor, AnchorRule, AnchorState, Pick, TargetObservation};
 pub use calibration::{Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, NamedCamera};
@@ -48,3 +50,4 @@ pub use space::{SceneError, SceneGraph, SpaceId};
 pub use uncertain_pose::UncertainPose;
 pub use uncertainty::{CameraUncertainty, Fixed, Provenance, Uncertainties};
 pub use volume::WorkingVolume;
+pub use wall::{WallCamera, WallMap};

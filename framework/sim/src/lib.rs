@@ -13,7 +13,8 @@
 //! | [`timing`] | a camera's clock, the way of its data, its failures |
 //! | [`head`] | a pan-tilt head with mechanics and a line, byte by byte |
 //! | [`score`] | recovered targets against the truth |
-//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.rider`, `sim.head`, `sim.score`, `sim.head_score`, `sim.mark_observer`, `sim.mark_score`, `sim.projector`, `sim.cloud_score`, `sim.surface_score` |
+//! | [`wall`] | a wall of displays, what it shows, and people with laser pointers |
+//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.rider`, `sim.head`, `sim.score`, `sim.head_score`, `sim.mark_observer`, `sim.mark_score`, `sim.projector`, `sim.cloud_score`, `sim.surface_score`, `sim.wall`, `sim.wall_camera`, `sim.wall_observer`, `sim.wall_score`, `sim.display_score` |
 
 pub mod bump;
 pub mod camera;
@@ -30,6 +31,7 @@ pub mod score;
 mod sight;
 pub mod timing;
 pub mod truth;
+pub mod wall;
 pub mod world;
 
 use foveate_node::Registry;
@@ -48,4 +50,9 @@ pub fn register(registry: &mut Registry) {
     registry.add::<nodes::projector::SimProjector>();
     registry.add::<nodes::cloud_score::CloudScore>();
     registry.add::<nodes::surface_score::SurfaceScore>();
+    registry.add::<nodes::wall::SimWall>();
+    registry.add::<nodes::wall_camera::SimWallCamera>();
+    registry.add::<nodes::wall_observer::SimWallObserver>();
+    registry.add::<nodes::wall_score::WallScore>();
+    registry.add::<nodes::display_score::DisplayScore>();
 }

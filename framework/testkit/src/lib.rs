@@ -8,11 +8,14 @@
 //! | [`golden`] | texts that are compared with a committed file, and written anew when asked |
 //! | [`allocation`] | an allocator that counts |
 //! | [`data`] | where the real recordings lie, if this machine has them |
+//! | `chromium` | a browser without a window, and what it shows (feature `browser`) |
 //! | [`nodes`] | nodes for tests of engines: counters, faults, a collector |
 //!
 //! All checks panic with what was found and expected, as tests do.
 
 pub mod allocation;
+#[cfg(feature = "browser")]
+pub mod chromium;
 pub mod data;
 pub mod golden;
 pub mod lab;

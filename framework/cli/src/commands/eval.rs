@@ -262,6 +262,7 @@ fn run_one(trial: &Trial<'_>, seed: u64) -> SeedRun {
     let mut command = Command::new(program);
     command.arg("run").arg(world.as_ref().map_or(&args.rig, |it| &it.rig)).args([
         "--quiet",
+        "--unpaced",
         "--workers",
         "1",
         "--seed",

@@ -27,7 +27,11 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
     let server = Arc::new(server(args));
     graph.pages = Pages::served_by(Arc::<Server>::clone(&server));
     let graph = Arc::new(graph);
-    let options = Options { workers: args.workers.map(usize::from), paced: args.paced, ..Options::default() };
+    let options = Options {
+        workers: args.workers.map(usize::from),
+        paced: args.paced || (graph.paced && !args.unpaced),
+        ..Options::default()
+    };
     if let Err(sentence) = interrupt::stops(&options.stop) {
         return complain(&sentence);
     }

@@ -405,6 +405,7 @@ fn head_of_the_rig_is_checked() {
     one("name = \"lab\"", &with("duration_s = 0"), "3:14", "0", &["expected more than 0"]);
     one("name = \"lab\"", &with("duration_s = nan"), "3:14", "nan", &["found nan"]);
     one("name = \"lab\"", &with("report_speed = 3"), "3:16", "3", &["expected true or false"]);
+    one("name = \"lab\"", &with("paced = 3"), "3:9", "3", &["expected true or false"]);
     assert!(said(&bad("").list[0]).contains("write `[rig]`"));
     whole("[rig]\nname = \"a\"\n", "1:1", "[rig]", &["this rig has no nodes"]);
 }

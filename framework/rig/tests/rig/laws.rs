@@ -19,6 +19,7 @@ const WORDS: [&str; 69] = [
     "seed",
     "duration_s",
     "report_speed",
+    "paced",
     "folder",
     "parent",
     "anchor",

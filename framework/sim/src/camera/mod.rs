@@ -16,6 +16,7 @@ mod silhouette;
 mod spot;
 mod surface;
 mod triangles;
+mod wall;
 
 use foveate_estimation::random::Random;
 use foveate_messages::{CameraId, Image, Interval, PixelFormat, Time};
@@ -38,6 +39,7 @@ pub use sensor::{SensorSettings, field_of};
 use silhouette::{Instead, Silhouettes};
 use spot::Spot;
 use surface::{Surfaces, View};
+pub use wall::{WallCameraSettings, WallRenderer};
 
 /// Steps of a gray level in the sums.
 const STEPS: f64 = 64.0;

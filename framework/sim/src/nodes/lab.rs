@@ -70,6 +70,7 @@ impl Node for Lab {
             truth_hz,
             glints_hz,
             ref face,
+            headband,
             ref body,
             waved_light,
             ref swing,
@@ -95,6 +96,11 @@ impl Node for Lab {
         ConfigError::unless_in("window_change_s", window_change_s, 0.05..=3600.0)?;
         ConfigError::unless_in("truth_hz", truth_hz, 1.0..=10_000.0)?;
         ConfigError::unless_in("glints_hz", glints_hz, 0.0..=30.0)?;
+        if headband && (people == 0 || walk == WalkKind::Crowd) {
+            let message =
+                "found with no people, or with a crowd, expected `people = 1` or more on a round or a stage beside it";
+            return Err(ConfigError::at("headband", message));
+        }
         if let Some(face) = face {
             face.check()?;
             if face.part == PartKind::Knee && (walk == WalkKind::Crowd || face.source == FaceSource::Ict) {

@@ -2,6 +2,7 @@
 
 pub mod camera;
 pub mod cloud_score;
+pub mod display_score;
 mod fields;
 pub mod head;
 pub mod head_score;
@@ -14,3 +15,7 @@ pub mod rider;
 pub mod score;
 pub mod surface_score;
 mod table;
+pub mod wall;
+pub mod wall_camera;
+pub mod wall_observer;
+pub mod wall_score;

@@ -17,6 +17,7 @@ mod pairs;
 pub(crate) mod surface;
 mod together;
 mod truth;
+pub(crate) mod wall;
 pub(crate) mod warmup;
 
 use std::collections::{BTreeMap, VecDeque};

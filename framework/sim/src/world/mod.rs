@@ -32,7 +32,7 @@ use single::Single;
 pub use single::{LightPath, SwingSettings};
 
 use crate::painted::{FaceSettings, Painted, Part, PartKind, RecordedHead, Skin};
-use crate::person::{Braid, COME_S, Led, N_LEDS, Person, Pose};
+use crate::person::{Braid, COME_S, Headband, Led, N_LEDS, N_ON_HEADBAND, Person, Pose};
 use crate::truth::{TrueCamera, Truth, TruthSettings};
 
 /// At this distance [m] a LED seen along its normal has the brightness [`SceneSettings::led_peak`].
@@ -110,6 +110,8 @@ pub struct SceneSettings {
     pub glints_hz: f64,
     /// The face, or a knee, of the first of the people, painted with marks: pan-tilt cameras see it in its details. Left out: nothing is painted [–]
     pub face: Option<FaceSettings>,
+    /// The first of the people wears a band about the head, with three lights more, which come after all others: a display follows it [–]
+    pub headband: bool,
     /// Movements of the people's bodies from a recording, such as `{ file = "${FOVEATE_DATA}/s18_bvh/131_03.bvh" }`. Left out: a walk that is built in [–]
     pub body: Option<BodySettings>,
     /// In place of people, somebody unseen waves one light that shines to all sides, to calibrate with: from `people_enter_s` on it
@@ -147,6 +149,7 @@ impl Default for SceneSettings {
             truth_hz: 60.0,
             glints_hz: 0.2,
             face: None,
+            headband: false,
             body: None,
             waved_light: false,
             swing: None,
@@ -184,6 +187,7 @@ struct Scene {
     monitor_normals: Vec<Vector3<f64>>,
     single: Option<Single>,
     face: Option<Arc<Part>>,
+    headband: Option<Headband>,
     bust: Option<Bust>,
     truth: Option<Truth>,
     seed: u64,
@@ -220,6 +224,8 @@ pub struct Moment {
     single: Option<Point3<f64>>,
     /// The LED above a painted knee, and its identity.
     knee: Option<(TargetId, Led)>,
+    /// The lights of the headband, and the identity of the first of them.
+    headband: Option<(u32, [Led; N_ON_HEADBAND])>,
 }
 
 /// The people of a scene. Where a crowd finds no room to keep apart it walks as it does with the least distance that there is.
@@ -301,6 +307,7 @@ impl World {
         let scene = Scene {
             single,
             face,
+            headband: settings.headband.then(|| Headband::new(random.fork("headband"))),
             bust: settings.bust.as_ref().map(|it| Bust::new(it, &random.fork("bust"))),
             people,
             spots: clutter::bright_spots(settings.bright_spots, &mut random.fork("spots")),
@@ -326,12 +333,26 @@ impl World {
 
     /// How many targets there are once all people have come in.
     pub fn n_targets(&self) -> usize {
-        self.0.people.len() * N_LEDS + usize::from(self.0.single.is_some()) + usize::from(self.0.settings.has_knee())
+        let on_band = if self.0.headband.is_some() { N_ON_HEADBAND } else { 0 };
+        let alone = usize::from(self.0.single.is_some()) + usize::from(self.0.settings.has_knee());
+        self.0.people.len() * N_LEDS + alone + on_band
     }
 
     /// The identity of the LED above a painted knee.
     fn knee_id(&self) -> TargetId {
         TargetId((self.0.people.len() * N_LEDS) as u32)
+    }
+
+    /// The identity of the first light of the headband.
+    fn headband_id(&self) -> u32 {
+        (self.0.people.len() * N_LEDS + usize::from(self.0.settings.has_knee())) as u32
+    }
+
+    /// The true eyes, left and right, of who wears the headband, at `time`; `None` where nobody does or is there [m].
+    pub fn eyes(&self, time: Time) -> Option<[Point3<f64>; 2]> {
+        let band = self.0.headband.as_ref()?;
+        let (_, person) = self.people_at(time).next()?;
+        Some(band.eyes(&person.pose(time.as_s())))
     }
 
     /// The light by itself, and since when it is there at `time` [s].
@@ -360,6 +381,8 @@ impl World {
         }
         let knee = || moment.poses.first().filter(|_| self.0.settings.has_knee()).map(Pose::knee_led);
         moment.knee = knee().map(|led| (self.knee_id(), led));
+        let worn = self.0.headband.as_ref().zip(moment.poses.first());
+        moment.headband = worn.map(|(band, pose)| (self.headband_id(), band.lights(pose)));
         moment.single = self.single(time).map(|(single, since_s)| single.position(since_s));
     }
 
@@ -387,6 +410,18 @@ impl World {
                 provenance: Provenance::Measured,
             }));
         }
+        let wearer = self.0.headband.as_ref().zip(self.people_at(time).next());
+        truth.list.extend(wearer.into_iter().flat_map(|(band, (_, person))| {
+            let on_band = band.motion(person, time.as_s());
+            on_band.into_iter().zip(self.headband_id()..).map(|((position, velocity), id)| Target {
+                id: TargetId(id),
+                position,
+                velocity,
+                covariance: Matrix6::zeros(),
+                cameras: Default::default(),
+                provenance: Provenance::Measured,
+            })
+        }));
         let actor = self.people_at(time).next().filter(|_| self.0.settings.has_knee());
         truth.list.extend(actor.map(|(_, actor)| {
             let (position, velocity) = actor.knee_motion(time.as_s());
@@ -504,7 +539,8 @@ impl Moment {
     fn leds(&self) -> impl Iterator<Item = (TargetId, Led)> + '_ {
         let of = |(pose, first_id): (&Pose, &u32)| pose.leds.into_iter().zip(*first_id..);
         let worn = self.poses.iter().zip(&self.first_ids).flat_map(of).map(|(led, id)| (TargetId(id), led));
-        worn.chain(self.knee)
+        let on_band = |(first, leds): (u32, [Led; N_ON_HEADBAND])| (first..).map(TargetId).zip(leds);
+        worn.chain(self.knee).chain(self.headband.into_iter().flat_map(on_band))
     }
 
     /// Whether somebody's body lies between `eye` and `point` [m].

@@ -2,8 +2,6 @@
 //!
 //! Where there is no browser, each test says on one line that it was skipped. `FOVEATE_SHOTS` names a folder for pictures of the page, for people to look at.
 
-mod chromium;
-
 use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, channel};
@@ -11,13 +9,13 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use chromium::{Chromium, Tab};
 use foveate::engine::{self, Options, Outcome};
 use foveate::imaging::stripes::pattern::picture;
 use foveate::node::Pages;
 use foveate::prelude::*;
 use foveate::rig::{self, Overrides};
 use foveate_structured_light::PatternSettings;
+use foveate_testkit::chromium::{Chromium, Tab};
 use foveate_web::Server;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -177,20 +175,10 @@ fn keep_shot(name: &str, png: &[u8]) {
     }
 }
 
-fn browser(ratio: u32) -> Option<Chromium> {
-    match Chromium::start(ratio) {
-        Ok(browser) => Some(browser),
-        Err(why) => {
-            println!("skipped: no browser: {why}");
-            None
-        }
-    }
-}
-
 /// With a camera that takes pictures of the screen, on a screen of two pixels to one of CSS: whole sets of pictures, each pixel that of the pattern.
 #[test]
 fn with_a_camera_every_pattern_is_shown_pixel_for_pixel() {
-    let Some(browser) = browser(2) else { return };
+    let Some(browser) = Chromium::start_or_skip(2) else { return };
     let mut tab = browser.tab();
     tab.resize([150, 50]);
     let (give, shots) = channel();
@@ -249,7 +237,7 @@ fn with_a_camera_every_pattern_is_shown_pixel_for_pixel() {
 /// At a rate: all pictures in order, about as far apart as they should be; closed in the middle and opened again.
 #[test]
 fn at_a_rate_patterns_follow_one_another_and_a_page_that_is_closed_is_named() {
-    let Some(browser) = browser(1) else { return };
+    let Some(browser) = Chromium::start_or_skip(1) else { return };
     let mut tab = browser.tab();
     tab.resize(SIZE);
     let rig = format!(
@@ -290,7 +278,7 @@ fn at_a_rate_patterns_follow_one_another_and_a_page_that_is_closed_is_named() {
 /// At a key: as fast as somebody presses it.
 #[test]
 fn a_key_on_the_page_shows_the_next_pattern() {
-    let Some(browser) = browser(1) else { return };
+    let Some(browser) = Chromium::start_or_skip(1) else { return };
     let mut tab = browser.tab();
     tab.resize(SIZE);
     let rig = format!(

@@ -63,6 +63,12 @@ impl Chromium {
         }
     }
 
+    /// As [`Chromium::start`], or nothing, and a line that says that a test is skipped and why.
+    pub fn start_or_skip(ratio: u32) -> Option<Chromium> {
+        let found = Chromium::start(ratio);
+        found.map_err(|why| println!("skipped: no browser: {why}")).ok()
+    }
+
     /// A new tab.
     pub fn tab(&self) -> Tab {
         let mut tab = Tab::connect(&self.address, "");

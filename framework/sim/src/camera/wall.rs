@@ -1,0 +1,245 @@
+//! What a camera makes of a simulated wall: one field, in gray levels.
+//!
+//! Which point of the wall each pixel sees is tabulated where the camera stands, at the corners of blocks and between them along straight lines. Order of events: the
+//! wall's own picture, display by display, as bright as it shines → windows → red spots or the dot, no brighter than the wall can be → spots of pointers at several
+//! moments of the exposure, smeared by the hand → noise → rounding and saturation.
+
+use foveate_estimation::random::Random;
+use foveate_messages::{CameraId, Image, Interval, PixelFormat, Time};
+use foveate_node::ConfigError;
+use nalgebra::{Point2, Point3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::noise::Noise;
+use super::spot::Spot;
+use super::steps;
+use crate::timing::TimingSettings;
+use crate::truth::TrueCamera;
+use crate::wall::{Wall, WallLight, in_space, pixels_a_metre};
+
+/// Side of the blocks at whose corners the wall is looked up [px].
+const BLOCK: usize = 8;
+
+/// When a camera looks at a wall, and how it turns light into pixels.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct WallCameraSettings {
+    /// When it looks, what its clock says, when its fields arrive.
+    #[serde(flatten)]
+    pub timing: TimingSettings,
+    /// How long light is gathered; what moves is smeared [ms].
+    #[schemars(range(min = 0.01, max = 100.0))]
+    pub exposure_ms: f64,
+    /// Moments of the exposure at which spots of pointers are drawn [–].
+    #[schemars(range(min = 1, max = 32))]
+    pub blur_samples: u32,
+    /// Iris and amplifier: multiplies all light [–].
+    #[schemars(range(min = 0.0, max = 20.0))]
+    pub gain: f64,
+    /// What a pixel without light reads [gray level].
+    #[schemars(range(min = 0.0, max = 128.0))]
+    pub black_level: f64,
+    /// Blur of the lens, standard deviation [px].
+    #[schemars(range(min = 0.3, max = 20.0))]
+    pub blur_px: f64,
+    /// Standard deviation of the noise, drawn anew for each pixel and field [gray level].
+    #[schemars(range(min = 0.0, max = 20.0))]
+    pub noise_sigma: f64,
+}
+
+impl Default for WallCameraSettings {
+    fn default() -> Self {
+        Self {
+            timing: TimingSettings::default(),
+            exposure_ms: 2.0,
+            blur_samples: 6,
+            gain: 1.0,
+            black_level: 8.0,
+            blur_px: 0.7,
+            noise_sigma: 2.0,
+        }
+    }
+}
+
+impl WallCameraSettings {
+    /// Refuses what is out of range or contradicts itself.
+    ///
+    /// # Errors
+    /// The first such setting.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        self.timing.check()?;
+        ConfigError::unless_in("exposure_ms", self.exposure_ms, 0.01..=100.0)?;
+        ConfigError::unless_in("blur_samples", self.blur_samples, 1..=32)?;
+        ConfigError::unless_in("gain", self.gain, 0.0..=20.0)?;
+        ConfigError::unless_in("black_level", self.black_level, 0.0..=128.0)?;
+        ConfigError::unless_in("blur_px", self.blur_px, 0.3..=20.0)?;
+        ConfigError::unless_in("noise_sigma", self.noise_sigma, 0.0..=20.0)?;
+        let period = 1000.0 / self.timing.rate_hz;
+        if self.exposure_ms > period {
+            let message =
+                format!("found {}, expected at most {period:.2}, the time between two fields", self.exposure_ms);
+            return Err(ConfigError::at("exposure_ms", message));
+        }
+        if self.timing.latency_ms < 0.5 * self.exposure_ms {
+            let (found, least) = (self.timing.latency_ms, 0.5 * self.exposure_ms);
+            let message = format!(
+                "found {found}, expected at least {least}, half of `exposure_ms`: light is gathered until then"
+            );
+            return Err(ConfigError::at("latency_ms", message));
+        }
+        Ok(())
+    }
+}
+
+/// Renders the fields of one camera before a wall.
+pub struct WallRenderer {
+    wall: Wall,
+    camera: TrueCamera,
+    eye: Point3<f64>,
+    id: CameraId,
+    settings: WallCameraSettings,
+    /// What each pixel sees of the wall [m].
+    places: Vec<[f32; 2]>,
+    /// The wall's own picture where it shines fully, in steps above black.
+    texture: Vec<i16>,
+    /// Runs of pixels of one display: row by row, start, end, display.
+    runs: Vec<(usize, usize, [u32; 2])>,
+    noise: Noise,
+    canvas: Vec<i16>,
+}
+
+impl WallRenderer {
+    /// Gets ready; `random` is the camera's own.
+    pub fn new(wall: Wall, camera: TrueCamera, id: CameraId, settings: &WallCameraSettings, random: &Random) -> Self {
+        let [width, height] = camera.image_size.map(|it| it as usize);
+        let places = places(&camera);
+        let white = wall.settings().white * settings.gain;
+        let (mut texture, mut runs) = (vec![0; width * height], Vec::<(usize, usize, [u32; 2])>::new());
+        for (pixel, place) in places.iter().enumerate() {
+            let point = Point2::new(f64::from(place[0]), f64::from(place[1]));
+            let Some(tile) = wall.tile(&point) else { continue };
+            texture[pixel] = steps(white * wall.texture(&point));
+            match runs.last_mut() {
+                Some((_, end, of)) if *end == pixel && *of == tile && pixel % width != 0 => *end += 1,
+                _ => runs.push((pixel, pixel + 1, tile)),
+            }
+        }
+        Self {
+            noise: Noise::new(width, settings.noise_sigma, &random.fork("noise")),
+            eye: camera.centre(),
+            id,
+            settings: settings.clone(),
+            canvas: vec![0; width * height],
+            wall,
+            camera,
+            places,
+            texture,
+            runs,
+        }
+    }
+
+    /// Renders the field around `capture`, whose number is `frame`, into `image`, whose memory is used again.
+    pub fn render(&mut self, capture: Time, frame: u64, image: &mut Image) {
+        let WallCameraSettings { exposure_ms, blur_samples, gain, black_level, .. } = self.settings;
+        let mut canvas = std::mem::take(&mut self.canvas);
+        let black = steps(black_level);
+        canvas.fill(black);
+        for &(start, end, tile) in &self.runs {
+            // 7 bits of the factor keep products in 32 bits and the loop plain.
+            let shine = (self.wall.shine(tile, capture) * 128.0) as i32;
+            for (to, from) in canvas[start..end].iter_mut().zip(&self.texture[start..end]) {
+                *to = black.saturating_add(((i32::from(*from) * shine) >> 7) as i16);
+            }
+        }
+        self.draw_windows(capture, black, &mut canvas);
+        let wall = self.wall.clone();
+        wall.shown_lights(capture, |light| self.draw_light(&light, 1.0, &mut canvas));
+        let most = steps(wall.settings().red_peak.max(wall.settings().white) * gain + black_level);
+        canvas.iter_mut().for_each(|it| *it = (*it).min(most));
+        let moments = i64::from(blur_samples);
+        let eye = self.eye;
+        for moment in 0..moments {
+            let part = (moment as f64 + 0.5) / moments as f64 - 0.5;
+            let time = capture + Interval::from_ms(part * exposure_ms);
+            wall.spots(time, &eye, |light| self.draw_light(&light, 1.0 / moments as f64, &mut canvas));
+        }
+        let [width, height] = self.camera.image_size;
+        image.camera = self.id;
+        (image.width, image.height, image.format) = (width, height, PixelFormat::Gray8);
+        image.pixels.resize((width * height) as usize, 0);
+        self.noise.digitise(&canvas, width as usize, frame, &mut image.pixels);
+        self.canvas = canvas;
+    }
+
+    fn draw_windows(&self, capture: Time, black: i16, canvas: &mut [i16]) {
+        let [width, height] = self.camera.image_size.map(|it| it as usize);
+        for window in self.wall.windows(capture) {
+            let [low, high] = window.corners;
+            let corners = [low, Point2::new(high.x, low.y), high, Point2::new(low.x, high.y)];
+            let seen: Vec<Point2<f64>> = corners.iter().filter_map(|it| self.camera.project(&in_space(it))).collect();
+            if seen.len() < 4 {
+                continue;
+            }
+            // A lens bends edges by a few pixels.
+            let bounds = |axis: usize, size: usize| {
+                let along = seen.iter().map(|it| it[axis]);
+                let (least, most) = along.fold((f64::MAX, f64::MIN), |(a, b), it| (a.min(it), b.max(it)));
+                ((least - 4.0).clamp(0.0, size as f64) as usize, (most + 5.0).clamp(0.0, size as f64) as usize)
+            };
+            let ((left, right), (top, bottom)) = (bounds(0, width), bounds(1, height));
+            let [low, high] = [low, high].map(|it| [it.x as f32, it.y as f32]);
+            let level = black.saturating_add(steps(window.level * self.settings.gain));
+            for row in top..bottom {
+                let pixels = row * width + left..row * width + right.max(left);
+                for (to, at) in canvas[pixels.clone()].iter_mut().zip(&self.places[pixels]) {
+                    let is_inside = (low[0]..high[0]).contains(&at[0]) && (low[1]..high[1]).contains(&at[1]);
+                    // Bezels and displays that are off stay black.
+                    if is_inside && *to > black {
+                        *to = level;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Adds `share` of a light.
+    fn draw_light(&self, light: &WallLight, share: f64, canvas: &mut [i16]) {
+        let Some(pixel) = self.camera.sees(&in_space(&light.point)) else { return };
+        let Some(scale) = pixels_a_metre(&self.camera, &light.point) else { return };
+        let own = light.sigma * scale;
+        let sigma = own.hypot(self.settings.blur_px);
+        let peak = light.peak * self.settings.gain * share * (own / sigma).powi(2);
+        Spot { centre: [pixel.x, pixel.y], sigma: [sigma; 2], peak }.add_to(canvas, self.camera.image_size);
+    }
+}
+
+/// What each pixel sees of the plane of the wall [m]; NaN where that is nothing.
+fn places(camera: &TrueCamera) -> Vec<[f32; 2]> {
+    let [width, height] = camera.image_size.map(|it| it as usize);
+    let on_wall = |column: usize, row: usize| -> [f64; 2] {
+        let ray = camera.ray(&Point2::new(column as f64, row as f64));
+        let hit = ray.and_then(|ray| {
+            let distance = -ray.origin.z / ray.direction.z;
+            (distance > 0.0).then(|| ray.at(distance))
+        });
+        hit.map_or([f64::NAN; 2], |it| [it.x, it.y])
+    };
+    let [columns, rows] = [width, height].map(|it| it.div_ceil(BLOCK) + 1);
+    let corners: Vec<[f64; 2]> =
+        (0..columns * rows).map(|it| on_wall(it % columns * BLOCK, it / columns * BLOCK)).collect();
+    let mut places = Vec::with_capacity(width * height);
+    for row in 0..height {
+        let (block_row, down) = (row / BLOCK, (row % BLOCK) as f64 / BLOCK as f64);
+        for column in 0..width {
+            let (block, right) = (column / BLOCK, (column % BLOCK) as f64 / BLOCK as f64);
+            let corner = |across: usize, along: usize| corners[(block_row + along) * columns + block + across];
+            let mix = |axis: usize| {
+                let [upper, lower] = [0, 1].map(|it| corner(0, it)[axis] * (1.0 - right) + corner(1, it)[axis] * right);
+                (upper * (1.0 - down) + lower * down) as f32
+            };
+            places.push([mix(0), mix(1)]);
+        }
+    }
+    places
+}

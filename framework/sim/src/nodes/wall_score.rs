@@ -1,0 +1,130 @@
+//! Compares recovered pointers with the true ones on the simulated wall: figures, a picture.
+
+use std::path::PathBuf;
+
+use foveate_messages::Targets;
+use foveate_node::{ConfigError, Figures, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, figures, ports};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::score::wall::WallScorer;
+use crate::wall::Wall;
+
+ports! {
+    WALL: In<Wall> = latest("wall");
+    TARGETS: In<Targets> = each("targets");
+}
+
+figures! {
+    "wall_px.{median,p95}": px, low, "Distance of a measured target from the true spot at the same time, in pixels of the wall, over all pairs within gate_mm";
+    "border_px.{median,p95}": px, low, "The same over the samples whose true spot is within 12 px of the edge of a camera's picture";
+    "predicted_px.{median,p95}": px, low, "The same over targets that the message's own camera did not see, carried on to its time";
+    "presses": count, neither, "Times that a spot appeared on the wall, from beside it too, and stayed for 50 ms or more";
+    "missed_presses": count, low, "Those of them without any target";
+    "false_strokes": count, low, "Identities that were never near a true spot";
+    "id_switches": count, low, "Times that a press was matched to an identity that another press had last";
+    "broken_strokes": count, low, "Times that a press was matched to a new identity after it had had another one";
+    "crossings": count, neither, "Times that the spots of two users came within 12 mm of each other";
+    "press_ms.{median,p95}": ms, low, "From the first message after a spot appeared to the first with its target; capture times, delivery apart";
+    "release_ms.median": ms, low, "From the last message before a spot vanished to the last with its target";
+    "scored_messages": count, neither, "Messages of targets that were compared with the truth; none before start_s";
+}
+
+/// Name of the picture in the folder for results.
+const PICTURE: &str = "wall_strokes.svg";
+
+/// Settings of [`WallScore`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct WallScoreSettings {
+    /// A recovered target farther from a true spot than this is not that spot [mm].
+    #[schemars(range(min = 1.0, max = 1000.0))]
+    pub gate_mm: f64,
+    /// What happens before this session time is not scored [s].
+    #[schemars(range(min = 0.0, max = 1e6))]
+    pub start_s: f64,
+}
+
+impl Default for WallScoreSettings {
+    fn default() -> Self {
+        Self { gate_mm: 25.0, start_s: 0.0 }
+    }
+}
+
+/// The scoring sink.
+pub struct WallScore {
+    settings: WallScoreSettings,
+    /// Names and what the calibration says of them, until the wall says how they truly are.
+    setup: Setup,
+    scorer: Option<(Wall, WallScorer)>,
+    picture: Option<PathBuf>,
+}
+
+impl Node for WallScore {
+    const TYPE: &'static str = "sim.wall_score";
+    const ROLE: Role = Role::Sink;
+    const SUMMARY: &'static str = "Compares recovered pointers with the truth of the simulated wall";
+    const FIGURES: Figures = DECLARED_FIGURES;
+    type Settings = WallScoreSettings;
+
+    fn ports() -> Ports {
+        declared_ports()
+    }
+
+    fn new(settings: WallScoreSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        ConfigError::unless_in("gate_mm", settings.gate_mm, 1.0..=1000.0)?;
+        ConfigError::unless_in("start_s", settings.start_s, 0.0..=1e6)?;
+        setup.claim_file(None, PICTURE)?;
+        let folder = setup.out_dir.as_ref().filter(|_| setup.purpose == Purpose::Run);
+        Ok(Self { settings, setup: setup.clone(), scorer: None, picture: folder.map(|it| it.join(PICTURE)) })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        if self.scorer.is_none()
+            && let Some(wall) = io.latest(&WALL).map(|it| it.value.clone())
+        {
+            let named = &self.setup.calibration.cameras;
+            let cameras = named.iter().map(|it| wall.camera(Some(&it.name), &it.camera)).collect();
+            let scorer = WallScorer::new(self.settings.gate_mm * 1e-3, self.settings.start_s, cameras);
+            self.scorer = Some((wall, scorer));
+        }
+        let Some(targets) = io.take(&TARGETS) else { return Ok(()) };
+        if let Some((wall, scorer)) = &mut self.scorer {
+            scorer.recovered(wall, &targets.value);
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let Some((wall, scorer)) = &self.scorer else {
+            report.remark("no target was compared with the simulated wall: none came");
+            return Ok(());
+        };
+        scorer.finish(report);
+        let Some(path) = &self.picture else { return Ok(()) };
+        std::fs::write(path, scorer.picture(wall.size())).map_err(|error| {
+            NodeError::input(format_args!(
+                "{}: could not be saved ({error}), expected a folder that can be written",
+                path.display()
+            ))
+        })?;
+        report.file(PICTURE);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_testkit::check_node;
+
+    use super::*;
+
+    #[test]
+    fn node_keeps_the_law_and_refuses_what_is_out_of_range() {
+        check_node::<WallScore>("gate_mm = 10");
+        let refused = |settings| WallScore::new(settings, &Setup::for_tests()).err().and_then(|it| it.setting);
+        let wrong = WallScoreSettings { gate_mm: 0.0, ..WallScoreSettings::default() };
+        assert_eq!(refused(wrong).as_deref(), Some("gate_mm"));
+        assert_eq!(refused(WallScoreSettings::default()), None);
+    }
+}

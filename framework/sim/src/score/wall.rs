@@ -1,0 +1,282 @@
+//! Recovered pointers on a wall against the true ones: errors in pixels of the wall, identities, false strokes, missed presses.
+
+use std::collections::BTreeMap;
+
+use foveate_estimation::identities::Identities;
+use foveate_estimation::statistics::percentile;
+use foveate_messages::{Provenance, Targets, Time};
+use foveate_node::Report;
+use foveate_plot::{Axis, COLOURS, Chart, Figure, Series, nothing};
+use nalgebra::Point2;
+
+use super::warmup::Warmup;
+use crate::truth::TrueCamera;
+use crate::wall::{Press, Wall, in_space};
+
+/// A press that lasts no longer need not be found: three fields of a camera at 60 Hz [s].
+const LEAST_PRESS_S: f64 = 0.05;
+/// A spot that was off the wall for longer is another stroke when it returns [s].
+const AWAY_S: f64 = 0.05;
+/// This near to the edge of a picture a spot is passed on from camera to camera [px].
+const BORDER_PX: f64 = 12.0;
+/// Pointers closer to each other than this cross: their spots are one in the pictures [m].
+const CROSSING_M: f64 = 0.012;
+/// Samples that are drawn at most.
+const MOST_DRAWN: usize = 40_000;
+
+/// Compares messages of targets with a wall.
+pub struct WallScorer {
+    start_s: f64,
+    cameras: Vec<TrueCamera>,
+    identities: Identities,
+    presses: BTreeMap<u32, Observed>,
+    /// By the press's number: when it was last on the wall, and the key of that visit. A pointer that leaves the wall and returns is another stroke.
+    visits: BTreeMap<u32, (Time, u32)>,
+    next_visit: u32,
+    found: BTreeMap<u32, Identity>,
+    /// Pairs of users who are crossing.
+    crossing: BTreeMap<(u32, u32), bool>,
+    crossings: u64,
+    errors: [Vec<f64>; 3],
+    /// True and recovered places, by user [m].
+    drawn: Vec<(u32, [f64; 2], [f64; 2])>,
+    warmup: Warmup,
+    messages: u64,
+}
+
+/// Kinds of samples whose errors are kept apart.
+const MEASURED: usize = 0;
+const PREDICTED: usize = 1;
+const AT_BORDERS: usize = 2;
+
+/// A true press so far.
+#[derive(Debug, Clone, Copy)]
+struct Observed {
+    first: Time,
+    last: Time,
+    found: Option<Time>,
+}
+
+/// A recovered identity so far.
+#[derive(Debug, Clone, Copy)]
+struct Identity {
+    last: Time,
+    /// The press that it was matched to last.
+    press: Option<u32>,
+}
+
+impl WallScorer {
+    /// Targets farther than `gate` [m] from a spot are not that spot; what is before `start_s` is not scored.
+    pub fn new(gate: f64, start_s: f64, cameras: Vec<TrueCamera>) -> WallScorer {
+        WallScorer {
+            start_s,
+            cameras,
+            identities: Identities::new(gate),
+            presses: BTreeMap::new(),
+            visits: BTreeMap::new(),
+            next_visit: 0,
+            found: BTreeMap::new(),
+            crossing: BTreeMap::new(),
+            crossings: 0,
+            errors: Default::default(),
+            drawn: Vec::new(),
+            warmup: Warmup::default(),
+            messages: 0,
+        }
+    }
+
+    /// Takes in a message.
+    pub fn recovered(&mut self, wall: &Wall, targets: &Targets) {
+        let time = targets.time;
+        if !self.warmup.is_scored(time, self.start_s) {
+            return;
+        }
+        self.messages += 1;
+        let mut presses: Vec<Press> = wall.presses(time).collect();
+        for press in &mut presses {
+            press.number = self.visit(press.number, time);
+        }
+        self.count_crossings(&presses);
+        let truth: Vec<_> = presses.iter().map(|it| (it.number, in_space(&it.point))).collect();
+        let found: Vec<_> = targets.list.iter().map(|it| (it.id.0, it.position)).collect();
+        let matched = self.identities.match_up(&truth, &found).to_vec();
+        for it in &targets.list {
+            let identity = self.found.entry(it.id.0).or_insert(Identity { last: time, press: None });
+            identity.last = identity.last.max(time);
+        }
+        let pixel = wall.settings().pixel_mm * 1e-3;
+        for (press, column) in presses.iter().zip(matched) {
+            let observed =
+                self.presses.entry(press.number).or_insert(Observed { first: time, last: time, found: None });
+            (observed.first, observed.last) = (observed.first.min(time), observed.last.max(time));
+            let Some(column) = column else { continue };
+            let target = &targets.list[column];
+            observed.found = Some(observed.found.map_or(time, |it| it.min(time)));
+            self.found.entry(target.id.0).and_modify(|it| it.press = Some(press.number));
+            let error = (target.position - in_space(&press.point)).norm() / pixel;
+            if target.provenance != Provenance::Measured {
+                self.errors[PREDICTED].push(error);
+                continue;
+            }
+            self.errors[MEASURED].push(error);
+            if self.is_at_border(&press.point) {
+                self.errors[AT_BORDERS].push(error);
+            }
+            if self.drawn.len() < MOST_DRAWN {
+                let place = [press.point.x, press.point.y];
+                self.drawn.push((press.user, place, [target.position.x, target.position.y]));
+            }
+        }
+    }
+
+    fn visit(&mut self, press: u32, time: Time) -> u32 {
+        let (last, key) = self.visits.entry(press).or_insert((Time(i64::MIN / 2), 0));
+        if (time.0 - last.0) as f64 * 1e-9 > AWAY_S {
+            *key = self.next_visit;
+            self.next_visit += 1;
+        }
+        *last = time.max(*last);
+        *key
+    }
+
+    fn count_crossings(&mut self, presses: &[Press]) {
+        for (number, one) in presses.iter().enumerate() {
+            for other in &presses[number + 1..] {
+                let cross = (one.point - other.point).norm() < CROSSING_M;
+                let before = self.crossing.insert((one.user, other.user), cross).unwrap_or(false);
+                self.crossings += u64::from(cross && !before);
+            }
+        }
+    }
+
+    fn is_at_border(&self, point: &Point2<f64>) -> bool {
+        self.cameras.iter().any(|camera| {
+            let Some(pixel) = camera.project(&in_space(point)) else { return false };
+            let [width, height] = camera.image_size.map(f64::from);
+            let inside = [pixel.x + 0.5, width - 0.5 - pixel.x, pixel.y + 0.5, height - 0.5 - pixel.y];
+            inside.into_iter().fold(f64::MAX, f64::min).abs() < BORDER_PX
+        })
+    }
+
+    /// The figures.
+    pub fn finish(&self, report: &mut Report) {
+        let groups = [("wall_px", MEASURED), ("predicted_px", PREDICTED), ("border_px", AT_BORDERS)];
+        for (name, group) in groups {
+            let errors = &self.errors[group];
+            for (word, percent) in [("median", 50.0), ("p95", 95.0)] {
+                report.figure(format!("{name}.{word}"), percentile(errors, percent).unwrap_or(f64::NAN));
+            }
+        }
+        let long: Vec<&Observed> =
+            self.presses.values().filter(|it| (it.last - it.first).as_s() >= LEAST_PRESS_S).collect();
+        let waits = |percent: f64| {
+            let waits: Vec<f64> = long.iter().filter_map(|it| Some((it.found? - it.first).as_ms())).collect();
+            percentile(&waits, percent).unwrap_or(f64::NAN)
+        };
+        let after: Vec<f64> =
+            self.found.values().filter_map(|it| Some((it.last - self.presses.get(&it.press?)?.last).as_ms())).collect();
+        report.figure("presses", long.len() as f64);
+        report.figure("missed_presses", long.iter().filter(|it| it.found.is_none()).count() as f64);
+        report.figure("false_strokes", self.found.values().filter(|it| it.press.is_none()).count() as f64);
+        report.figure("id_switches", self.identities.id_switches() as f64);
+        report.figure("broken_strokes", self.identities.reinitialisations() as f64);
+        report.figure("crossings", self.crossings as f64);
+        report.figure("press_ms.median", waits(50.0));
+        report.figure("press_ms.p95", waits(95.0));
+        report.figure("release_ms.median", percentile(&after, 50.0).unwrap_or(f64::NAN));
+        report.figure("scored_messages", self.messages as f64);
+        if let Some(remark) = self.warmup.remark(self.start_s) {
+            report.remark(remark);
+        }
+    }
+
+    /// True and recovered strokes on the wall, as SVG.
+    pub fn picture(&self, size: [f64; 2]) -> String {
+        let title = "Strokes on the wall";
+        if self.drawn.is_empty() {
+            return nothing(title, "no stroke was recovered");
+        }
+        let x = Axis::new("x [m]").over(0.0, size[0]);
+        // The wall's y runs down.
+        let y = Axis::new("-y [m]").over(-size[1], 0.0);
+        let mut chart = Chart::new("", [900.0, 900.0 * size[1] / size[0]], x, y);
+        let mut users: Vec<u32> = self.drawn.iter().map(|it| it.0).collect();
+        users.sort_unstable();
+        users.dedup();
+        for user in users {
+            let own = self.drawn.iter().filter(|it| it.0 == user);
+            let colour = COLOURS[user as usize % COLOURS.len()];
+            chart = chart.with(Series::dots(
+                format!("user {}", user + 1),
+                colour,
+                own.map(|it| [it.2[0], -it.2[1]]).collect(),
+            ));
+        }
+        Figure { title: title.to_owned(), n_columns: 1, charts: vec![chart] }.svg()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_estimation::random::Random;
+    use foveate_messages::{CameraSet, Target, TargetId};
+    use nalgebra::{Matrix6, Vector3};
+
+    use super::*;
+    use crate::truth::Truth;
+    use crate::wall::WallSettings;
+
+    /// Figures of a run of ten seconds in which targets are what `change` makes of the truth.
+    fn figures(change: impl Fn(&mut Targets)) -> BTreeMap<String, f64> {
+        let wall = Wall::new(WallSettings::default(), Truth::default(), &Random::new(3));
+        let mut scorer = WallScorer::new(0.02, 0.0, Vec::new());
+        for step in 0..2000 {
+            let time = Time::from_s(f64::from(step) / 200.0);
+            let list = wall.presses(time).map(|it| Target {
+                id: TargetId(it.number),
+                position: in_space(&it.point),
+                velocity: Vector3::zeros(),
+                covariance: Matrix6::identity(),
+                cameras: CameraSet::default(),
+                provenance: Provenance::Measured,
+            });
+            let mut targets = Targets { time, list: list.collect() };
+            change(&mut targets);
+            scorer.recovered(&wall, &targets);
+        }
+        let mut report = Report::default();
+        scorer.finish(&mut report);
+        assert!(scorer.picture(wall.size()).ends_with("</svg>\n"));
+        report.figures.into_iter().collect()
+    }
+
+    #[test]
+    fn truth_itself_has_no_error_and_every_press() {
+        let found = figures(|_| ());
+        assert_eq!([found["wall_px.p95"], found["missed_presses"], found["id_switches"]], [0.0; 3]);
+        assert_eq!([found["false_strokes"], found["broken_strokes"]], [0.0; 2]);
+        assert!(found["presses"] >= 12.0 && found["crossings"] >= 4.0, "{found:?}");
+    }
+
+    #[test]
+    fn what_is_wrong_is_counted() {
+        let shifted = figures(|it| it.list.iter_mut().for_each(|it| it.position.x += 0.0016));
+        assert!((shifted["wall_px.median"] - 2.0).abs() < 1e-9, "{shifted:?}");
+        let nothing = figures(|it| it.list.clear());
+        assert_eq!(nothing["missed_presses"], nothing["presses"]);
+        let far = figures(|it| {
+            if let Some(mut other) = it.list.first().cloned() {
+                (other.id, other.position.x) = (TargetId(9999), other.position.x + 0.5);
+                it.list.push(other);
+            }
+        });
+        assert_eq!([far["false_strokes"], far["missed_presses"]], [1.0, 0.0]);
+        let one = figures(|it| it.list.iter_mut().for_each(|it| it.id = TargetId(it.id.0 % 4)));
+        assert!(one["id_switches"] >= 8.0, "an identity that goes on to the next press: {one:?}");
+        let broken = figures(|it| {
+            let half = it.time.as_s() >= 5.0;
+            it.list.iter_mut().for_each(|it| it.id.0 += if half { 1000 } else { 0 });
+        });
+        assert!(broken["broken_strokes"] >= 1.0 && broken["id_switches"] == 0.0, "{broken:?}");
+    }
+}

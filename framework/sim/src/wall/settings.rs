@@ -1,0 +1,162 @@
+//! What a simulated wall is like.
+
+use foveate_node::ConfigError;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::truth::TruthSettings;
+
+/// Tiles, what they show, and who points at them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct WallSettings {
+    /// Displays along rows and columns, 1 to 16 each [–].
+    pub tiles: [u32; 2],
+    /// Pixels of each of them along rows and columns, 64 to 8192 each [px].
+    pub tile_px: [u32; 2],
+    /// Side of a pixel of the wall [mm].
+    #[schemars(range(min = 0.05, max = 20.0))]
+    pub pixel_mm: f64,
+    /// From the last pixel of a display to the first of the next: two bezels and the slit between them [mm].
+    #[schemars(range(min = 0.0, max = 200.0))]
+    pub gap_mm: f64,
+    /// A display that is off, as column and row from 0. Left out: all are on [–].
+    pub dark_tile: Option<[u32; 2]>,
+    /// People who point, each with a laser pointer [–].
+    #[schemars(range(min = 0, max = 16))]
+    pub users: u32,
+    /// In every second part of their ways pairs of them change places, on ways that cross in the middle [–].
+    pub cross: bool,
+    /// Length of a part of a way: from one place to the next, with least jerk (T. Flash and N. Hogan, J. Neuroscience 5(7), 1985) [s].
+    #[schemars(range(min = 0.2, max = 60.0))]
+    pub part_s: f64,
+    /// Half of the range in which a hand at rest moves the spot, taken as two standard deviations; the default is what B. Myers et al., "Interacting at a
+    /// distance" (CHI 2002) saw [px of the wall].
+    #[schemars(range(min = 0.0, max = 200.0))]
+    pub tremor_px: f64,
+    /// In each time of this length a user lets go of the button once or twice [s].
+    #[schemars(range(min = 1.0, max = 600.0))]
+    pub press_s: f64,
+    /// What the middle of a spot would read in a camera of gain 1 that does not saturate [gray level].
+    #[schemars(range(min = 0.0, max = 20000.0))]
+    pub pointer_peak: f64,
+    /// A spot's reflection in the bezel beside it, relative to the spot; cameras on the spot's side of the bezel see it, each elsewhere [–].
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub reflection: f64,
+    /// What white of the wall reads in a camera of gain 1 [gray level].
+    #[schemars(range(min = 0.0, max = 500.0))]
+    pub white: f64,
+    /// Bright windows that move over the wall [–].
+    #[schemars(range(min = 0, max = 16))]
+    pub windows: u32,
+    /// Small red spots in what the wall shows: a third stands still, a third moves, a third jumps [–].
+    #[schemars(range(min = 0, max = 500))]
+    pub red_spots: u32,
+    /// What the brightest of them, and dots for calibrating, read in the middle in a camera of gain 1 [gray level].
+    #[schemars(range(min = 0.0, max = 500.0))]
+    pub red_peak: f64,
+    /// From the moment at which the wall is told to show something to the moment at which it does [ms].
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    pub display_latency_ms: f64,
+    /// Pictures that the wall shows in a second [Hz].
+    #[schemars(range(min = 1.0, max = 1000.0))]
+    pub refresh_hz: f64,
+    /// Dots for calibrating, one at a time, in place of contents and users. Left out: none [–].
+    pub dots: Option<DotSettings>,
+    /// How many a second are given out of the truth and of what is shown [Hz].
+    #[schemars(range(min = 1.0, max = 1000.0))]
+    pub truth_hz: f64,
+    /// True cameras, apart from the rig's calibration. Left out: they are as the calibration says [–].
+    pub truth: Option<TruthSettings>,
+}
+
+/// Dots for calibrating.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct DotSettings {
+    /// On each display along rows and columns, 1 to 50 each [–].
+    pub grid: [u32; 2],
+    /// How long each is shown [ms].
+    #[schemars(range(min = 20.0, max = 10000.0))]
+    pub each_ms: f64,
+    /// Standard deviation of its light about its middle [mm].
+    #[schemars(range(min = 0.5, max = 50.0))]
+    pub sigma_mm: f64,
+}
+
+impl Default for DotSettings {
+    fn default() -> Self {
+        Self { grid: [8, 5], each_ms: 100.0, sigma_mm: 5.0 }
+    }
+}
+
+impl Default for WallSettings {
+    fn default() -> Self {
+        Self {
+            tiles: [4, 2],
+            tile_px: [1280, 800],
+            pixel_mm: 0.8,
+            gap_mm: 12.0,
+            dark_tile: None,
+            users: 4,
+            cross: true,
+            part_s: 1.2,
+            tremor_px: 8.0,
+            press_s: 3.0,
+            pointer_peak: 2000.0,
+            reflection: 0.3,
+            white: 120.0,
+            windows: 3,
+            red_spots: 24,
+            red_peak: 190.0,
+            display_latency_ms: 30.0,
+            refresh_hz: 60.0,
+            dots: None,
+            truth_hz: 60.0,
+            truth: None,
+        }
+    }
+}
+
+impl WallSettings {
+    /// Refuses what is out of range or contradicts itself.
+    ///
+    /// # Errors
+    /// The first such setting.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        for axis in 0..2 {
+            ConfigError::unless_in("tiles", self.tiles[axis], 1..=16)?;
+            ConfigError::unless_in("tile_px", self.tile_px[axis], 64..=8192)?;
+        }
+        ConfigError::unless_in("pixel_mm", self.pixel_mm, 0.05..=20.0)?;
+        ConfigError::unless_in("gap_mm", self.gap_mm, 0.0..=200.0)?;
+        ConfigError::unless_in("users", self.users, 0..=16)?;
+        ConfigError::unless_in("part_s", self.part_s, 0.2..=60.0)?;
+        ConfigError::unless_in("tremor_px", self.tremor_px, 0.0..=200.0)?;
+        ConfigError::unless_in("press_s", self.press_s, 1.0..=600.0)?;
+        ConfigError::unless_in("pointer_peak", self.pointer_peak, 0.0..=20_000.0)?;
+        ConfigError::unless_in("reflection", self.reflection, 0.0..=1.0)?;
+        ConfigError::unless_in("white", self.white, 0.0..=500.0)?;
+        ConfigError::unless_in("windows", self.windows, 0..=16)?;
+        ConfigError::unless_in("red_spots", self.red_spots, 0..=500)?;
+        ConfigError::unless_in("red_peak", self.red_peak, 0.0..=500.0)?;
+        ConfigError::unless_in("display_latency_ms", self.display_latency_ms, 0.0..=1000.0)?;
+        ConfigError::unless_in("refresh_hz", self.refresh_hz, 1.0..=1000.0)?;
+        ConfigError::unless_in("truth_hz", self.truth_hz, 1.0..=1000.0)?;
+        if let Some([column, row]) = self.dark_tile
+            && (column >= self.tiles[0] || row >= self.tiles[1])
+        {
+            let [columns, rows] = self.tiles;
+            let message = format!("found [{column}, {row}], expected a column below {columns} and a row below {rows}");
+            return Err(ConfigError::at("dark_tile", message));
+        }
+        if let Some(DotSettings { grid, each_ms, sigma_mm }) = self.dots {
+            for axis in grid {
+                ConfigError::unless_in("dots.grid", axis, 1..=50)?;
+            }
+            ConfigError::unless_in("dots.each_ms", each_ms, 20.0..=10_000.0)?;
+            ConfigError::unless_in("dots.sigma_mm", sigma_mm, 0.5..=50.0)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,157 @@
+use super::*;
+use crate::camera::{WallCameraSettings, WallRenderer};
+use foveate_geometry::{Camera, Distortion, Intrinsics};
+use foveate_messages::{CameraId, Image};
+
+fn wall(settings: WallSettings) -> Wall {
+    Wall::new(settings, Truth::default(), &Random::new(5))
+}
+
+fn camera() -> Camera {
+    let eye = Point3::new(1.0, 0.7, -2.2);
+    Camera {
+        image_size: [640, 480],
+        intrinsics: Intrinsics { focal: [915.0; 2], principal: [319.5, 239.5], skew: 0.0 },
+        distortion: Distortion { k1: -0.05, ..Distortion::default() },
+        camera_from_world: nalgebra::Isometry3::translation(-eye.x, -eye.y, -eye.z),
+    }
+}
+
+fn picture(wall: &Wall, time_s: f64, settings: &WallCameraSettings) -> Image {
+    let camera = wall.camera(None, &camera());
+    let mut renderer = WallRenderer::new(wall.clone(), camera, CameraId(0), settings, &Random::new(1));
+    let mut image = Image::default();
+    renderer.render(Time::from_s(time_s), 0, &mut image);
+    image
+}
+
+/// Middle of all light above `least` [px].
+fn middle(image: &Image, least: u8) -> Point2<f64> {
+    let (mut sum, mut moment) = (0.0, Vector2::zeros());
+    for (index, &value) in image.pixels.iter().enumerate().filter(|it| *it.1 > least) {
+        let weight = f64::from(value - least);
+        sum += weight;
+        moment += Vector2::new((index % 640) as f64, (index / 640) as f64) * weight;
+    }
+    Point2::from(moment / sum)
+}
+
+#[test]
+fn hands_at_rest_shake_as_the_published_spectrum_says() {
+    let settings = WallSettings::default();
+    let hand = Hand::new(0, &settings, &Random::new(1));
+    let n = 12_000;
+    let shakes: Vec<f64> = (0..n).map(|it| hand.shakes(f64::from(it) * 0.005).x / 0.0008).collect();
+    let mean = shakes.iter().sum::<f64>() / f64::from(n);
+    let sigma = (shakes.iter().map(|it| (it - mean).powi(2)).sum::<f64>() / f64::from(n)).sqrt();
+    assert!((3.2..4.5).contains(&sigma), "a range of 8 px to either side is two standard deviations: {sigma} px");
+    let power = |hz: f64| {
+        let (mut real, mut imaginary) = (0.0, 0.0);
+        for (i, it) in shakes.iter().enumerate() {
+            let angle = std::f64::consts::TAU * hz * i as f64 * 0.005;
+            real += (it - mean) * angle.cos();
+            imaginary += (it - mean) * angle.sin();
+        }
+        (real * real + imaginary * imaginary) / f64::from(n)
+    };
+    let band = |low: i32, high: i32| (low * 60..high * 60).map(|it| power(f64::from(it) / 60.0)).sum::<f64>();
+    let (tremor, gap, above) = (band(8, 12), band(6, 8), band(13, 20));
+    assert!(tremor > 20.0 * above && tremor > 3.0 * gap, "tremor {tremor}, below it {gap}, above it {above}");
+    assert!((0.05..0.2).contains(&(tremor / band(0, 20))), "a tenth of the power is tremor");
+}
+
+#[test]
+fn users_press_let_go_leave_and_return() {
+    let wall = wall(WallSettings::default());
+    let mut numbers = std::collections::BTreeMap::<u32, (u32, u32)>::new();
+    let mut away = 0;
+    for step in 0..12_000 {
+        let time = Time::from_s(f64::from(step) * 0.005);
+        let presses: Vec<Press> = wall.presses(time).collect();
+        for press in &presses {
+            let of = numbers.entry(press.number).or_insert((press.user, 0));
+            assert_eq!(of.0, press.user, "two users with one press");
+            of.1 += 1;
+        }
+        let down = wall.0.hands.iter().filter(|it| it.presses(time.as_s(), wall.settings()).is_some()).count();
+        away += usize::from(presses.len() < down);
+    }
+    assert!((70..200).contains(&numbers.len()), "{} presses in a minute", numbers.len());
+    assert!(numbers.values().any(|it| it.1 < 30) && numbers.values().any(|it| it.1 > 400), "clicks and long strokes");
+    assert!((100..6000).contains(&away), "pointers leave the wall: {away} of 12000 moments");
+}
+
+#[test]
+fn two_users_swap_places_and_meet_in_the_middle() {
+    let settings = WallSettings { press_s: 600.0, ..WallSettings::default() };
+    let wall = wall(settings.clone());
+    let mut nearest = f64::MAX;
+    // The second half of the second part is a swap.
+    for step in 0..240 {
+        let time_s = 1.2 + f64::from(step) * 0.005;
+        let points: Vec<_> = wall.0.hands.iter().map(|it| it.points_at(time_s, &settings, wall.size())).collect();
+        for (i, one) in points.iter().enumerate() {
+            nearest = points[i + 1..].iter().map(|it| (it - one).norm()).fold(nearest, f64::min);
+        }
+    }
+    assert!(nearest < 0.03, "{nearest} m");
+}
+
+#[test]
+fn dot_is_rendered_where_the_camera_sees_it_and_later_by_the_displays_latency() {
+    let dots = DotSettings { grid: [3, 3], ..DotSettings::default() };
+    let wall = wall(WallSettings { dots: Some(dots), ..WallSettings::default() });
+    let settings = WallCameraSettings { noise_sigma: 0.0, ..WallCameraSettings::default() };
+    let mut in_view = 0;
+    for number in 0..72 {
+        let told_s = 0.1 * f64::from(number);
+        let mut place = None;
+        wall.told(Time::from_s(told_s + 0.001), |_, light| place = Some(light.point));
+        let place = place.expect("a dot is told at any time before the last is over");
+        let Some(pixel) = camera().sees(&in_space(&place)) else { continue };
+        if camera().image_size.iter().zip(pixel.iter()).any(|(size, at)| *at < 10.0 || *at > f64::from(*size) - 11.0) {
+            continue;
+        }
+        in_view += 1;
+        let image = picture(&wall, told_s + 0.08, &settings);
+        let off = (middle(&image, 20) - pixel).norm();
+        assert!(off < 0.02, "dot {number}: {off} px");
+        let early = picture(&wall, told_s + 0.02, &settings);
+        assert!((middle(&early, 20) - pixel).norm().is_nan() || (middle(&early, 20) - pixel).norm() > 5.0);
+    }
+    assert!(in_view >= 6, "{in_view} dots in view");
+}
+
+#[test]
+fn display_that_is_off_shows_neither_dots_nor_contents() {
+    let settings = |dots| WallSettings { dots, dark_tile: Some([0, 0]), users: 0, ..WallSettings::default() };
+    let camera_settings = WallCameraSettings { noise_sigma: 0.0, ..WallCameraSettings::default() };
+    let dark = wall(settings(Some(DotSettings::default())));
+    assert!(
+        picture(&dark, 0.05, &camera_settings).pixels.iter().all(|it| *it <= 8),
+        "the first dot is on that display"
+    );
+    let image = picture(&wall(settings(None)), 0.5, &camera_settings);
+    assert_eq!(image.pixels[100 * 640 + 100], 8, "contents on the first display");
+    assert!(image.pixels[300 * 640 + 600] > 12, "contents of the next one are there");
+}
+
+#[test]
+fn reflection_is_seen_from_its_side_alone_and_elsewhere_by_each_camera() {
+    let wall = wall(WallSettings { users: 16, ..WallSettings::default() });
+    let (mut from_left, mut from_right, mut n) = (Vec::new(), Vec::new(), 0);
+    for step in 0..600 {
+        let time = Time::from_s(f64::from(step) * 0.02);
+        let real = wall.presses(time).count();
+        let mut seen = |x: f64, into: &mut Vec<Point2<f64>>| {
+            let mut lights = Vec::new();
+            wall.spots(time, &Point3::new(x, 0.6, -2.0), |it| lights.push(it));
+            into.extend(lights.iter().filter(|it| it.peak < 0.31 * 2000.0).map(|it| it.point));
+            n += lights.len() - real;
+        };
+        seen(0.3, &mut from_left);
+        seen(1.8, &mut from_right);
+    }
+    assert!(n > 20 && !from_left.is_empty() && !from_right.is_empty(), "{n} reflections");
+    assert!(from_left.iter().any(|it| !from_right.contains(it)), "views disagree");
+}

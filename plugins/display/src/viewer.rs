@@ -1,0 +1,299 @@
+//! `display.viewer`: from the lights on somebody's head to what each eye should see on each tile of a display, at the moment at which it is seen.
+//!
+//! The lights are found among all targets (`head`), and the eyes lie where the head's pose puts them. Each eye is carried on to `display_latency_ms` after the views
+//! are given out by a predictor of its own (`foveate::estimation::prediction`), which turns of the head enter as well. The frustum is that of R. Kooima
+//! (`foveate::geometry::off_axis`).
+//!
+//! Where the head is not seen the eyes are carried on for `hold_ms`, and then no views are given: whoever shows them keeps the last.
+
+use foveate::estimation::{Predictor, PredictorOptions, Way};
+use foveate::geometry::Screen;
+use foveate::prelude::*;
+use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::head::Head;
+
+ports! {
+    TARGETS: In<Targets> = each("targets");
+    VIEWS: Out<Views> = "views";
+}
+
+figures! {
+    "viewer.views": count, neither, "Messages of views given out";
+    "viewer.found": share, high, "Messages of targets in which the head was found, of those from the first such one on";
+    "viewer.eyes_behind": count, low, "Eyes that were not before a tile, over all tiles and messages";
+}
+
+/// How an eye is carried on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Foretell {
+    /// Not at all: where it was seen.
+    Still,
+    /// With its velocity.
+    Velocity,
+    /// By several ways, each weighted by how well it has foretold of late.
+    #[default]
+    Weighted,
+}
+
+/// A tile of the display.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TileSettings {
+    /// Its name [–]
+    pub name: String,
+    /// Its lower left corner, as seen by who looks at it [m]
+    pub lower_left_m: [f64; 3],
+    /// Its lower right corner [m]
+    pub lower_right_m: [f64; 3],
+    /// Its upper left corner [m]
+    pub upper_left_m: [f64; 3],
+    /// Its width and height [px]
+    pub size_px: [u32; 2],
+}
+
+/// Settings of [`Viewer`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ViewerSettings {
+    /// The lights on the head, two or more, in its space: x forward, y left, z up. No two distances between them should be alike [mm]
+    pub lights_mm: Vec<[f64; 3]>,
+    /// The left and the right eye in the same space [mm]
+    pub eyes_mm: [[f64; 3]; 2],
+    /// Distances between lights may be off by so much: how well they were measured, and the tracker's errors [mm]
+    #[schemars(range(min = 0.1, max = 1000.0))]
+    pub tolerance_mm: f64,
+    /// The tiles [–]
+    pub tiles: Vec<TileSettings>,
+    /// From the views until people see the picture that is made of them, as measured at this display [ms]
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    pub display_latency_ms: f64,
+    /// How eyes are carried on to that moment [–]
+    pub foretell: Foretell,
+    /// For so long views go on while the head is not seen [ms]
+    #[schemars(range(min = 0.0, max = 10000.0))]
+    pub hold_ms: f64,
+    /// From the eye, what is nearer is not drawn [m]
+    #[schemars(range(min = 0.001, max = 100.0))]
+    pub near_m: f64,
+    /// From the eye, what is farther is not drawn [m]
+    #[schemars(range(min = 0.1, max = 100000.0))]
+    pub far_m: f64,
+}
+
+impl Default for ViewerSettings {
+    fn default() -> Self {
+        Self {
+            lights_mm: Vec::new(),
+            eyes_mm: [[85.0, 31.5, 0.0], [85.0, -31.5, 0.0]],
+            tolerance_mm: 12.0,
+            tiles: Vec::new(),
+            display_latency_ms: 50.0,
+            foretell: Foretell::default(),
+            hold_ms: 200.0,
+            near_m: 0.05,
+            far_m: 50.0,
+        }
+    }
+}
+
+impl ViewerSettings {
+    fn check(&self) -> Result<(), ConfigError> {
+        ConfigError::unless_in("tolerance_mm", self.tolerance_mm, 0.1..=1000.0)?;
+        ConfigError::unless_in("display_latency_ms", self.display_latency_ms, 0.0..=1000.0)?;
+        ConfigError::unless_in("hold_ms", self.hold_ms, 0.0..=10_000.0)?;
+        ConfigError::unless_in("near_m", self.near_m, 0.001..=100.0)?;
+        ConfigError::unless_in("far_m", self.far_m, (self.near_m * 1.001)..=100_000.0)?;
+        if !(2..=8).contains(&self.lights_mm.len()) {
+            let message = format!("found {} lights, expected 2 to 8 on the head", self.lights_mm.len());
+            return Err(ConfigError::at("lights_mm", message));
+        }
+        for (place, a) in self.lights_mm.iter().enumerate() {
+            if !a.iter().all(|it| it.is_finite()) {
+                return Err(ConfigError::at(
+                    &format!("lights_mm[{place}]"),
+                    format!("found {a:?}, expected three numbers"),
+                ));
+            }
+            let near = |b: &&[f64; 3]| (Point3::from(*a) - Point3::from(**b)).norm() <= 2.0 * self.tolerance_mm;
+            if let Some(b) = self.lights_mm[..place].iter().find(near) {
+                let message =
+                    format!("found lights at {a:?} and {b:?}, expected them farther apart than twice `tolerance_mm`");
+                return Err(ConfigError::at(&format!("lights_mm[{place}]"), message));
+            }
+        }
+        if !(1..=64).contains(&self.tiles.len()) {
+            return Err(ConfigError::at("tiles", format!("found {} tiles, expected 1 to 64", self.tiles.len())));
+        }
+        Ok(())
+    }
+}
+
+/// A tile that is ready.
+struct Tile {
+    name: String,
+    size_px: [u32; 2],
+    corners: [Point3<f64>; 3],
+    screen: Screen,
+}
+
+/// Targets in, views out.
+pub struct Viewer {
+    settings: ViewerSettings,
+    head: Head,
+    eyes: [Point3<f64>; 2],
+    predictors: [Predictor; 2],
+    tiles: Vec<Tile>,
+    /// The newest time so far, and when the head was found last.
+    time: Time,
+    seen: Option<Time>,
+    n_views: u64,
+    n_looked: u64,
+    n_found: u64,
+    n_behind: u64,
+}
+
+impl Node for Viewer {
+    const TYPE: &'static str = "display.viewer";
+    const ROLE: Role = Role::ModelFilter;
+    const SUMMARY: &'static str =
+        "From the lights on a head to a frustum for each eye and tile, at the moment at which the picture is seen";
+    const FIGURES: Figures = DECLARED_FIGURES;
+    type Settings = ViewerSettings;
+
+    fn ports() -> Ports {
+        declared_ports()
+    }
+
+    fn new(settings: ViewerSettings, _: &Setup) -> Result<Self, ConfigError> {
+        settings.check()?;
+        let mut tiles: Vec<Tile> = Vec::new();
+        for (place, it) in settings.tiles.iter().enumerate() {
+            let at = |name: &str| format!("tiles[{place}].{name}");
+            if it.name.is_empty() || tiles.iter().any(|tile| tile.name == it.name) {
+                let message = format!("found `{}`, expected a name that no other tile has", it.name);
+                return Err(ConfigError::at(&at("name"), message));
+            }
+            for size in it.size_px {
+                ConfigError::unless_in(&at("size_px"), size, 1..=100_000)?;
+            }
+            let corners = [it.lower_left_m, it.lower_right_m, it.upper_left_m].map(Point3::from);
+            let screen = Screen::from_corners(corners[0], corners[1], corners[2]);
+            let screen = screen.map_err(|fault| ConfigError::at(&at("lower_left_m"), fault))?;
+            tiles.push(Tile { name: it.name.clone(), size_px: it.size_px, corners, screen });
+        }
+        let lights = settings.lights_mm.iter().map(|it| Point3::from(*it) * 1e-3).collect();
+        let way = match settings.foretell {
+            Foretell::Still => Way::Still,
+            Foretell::Velocity => Way::Velocity,
+            Foretell::Weighted => Way::Weighted,
+        };
+        let predictor = Predictor::new(PredictorOptions { way, ..PredictorOptions::default() });
+        let normal: Vector3<f64> = tiles.iter().map(|it| it.screen.normal()).sum();
+        Ok(Self {
+            head: Head::new(lights, settings.tolerance_mm * 1e-3, looking_against(&normal)),
+            eyes: settings.eyes_mm.map(|it| Point3::from(it) * 1e-3),
+            predictors: [predictor.clone(), predictor],
+            tiles,
+            settings,
+            time: Time(i64::MIN),
+            seen: None,
+            n_views: 0,
+            n_looked: 0,
+            n_found: 0,
+            n_behind: 0,
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let Some(Stamped { stamp, value: targets }) = io.take(&TARGETS) else { return Ok(()) };
+        // Out of order: the eyes have been carried on already.
+        if targets.time <= self.time {
+            return Ok(());
+        }
+        self.time = targets.time;
+        self.look(&targets);
+        let hold = Interval::from_ms(self.settings.hold_ms);
+        if self.seen.is_none_or(|it| targets.time - it > hold) {
+            if self.seen.take().is_some() {
+                self.head.forget();
+                self.predictors.iter_mut().for_each(Predictor::clear);
+            }
+            return Ok(());
+        }
+        let shown_at = io.now() + Interval::from_ms(self.settings.display_latency_ms);
+        let eyes = self.predictors.each_mut().map(|it| it.predict(shown_at.as_s()).map(|it| it.position));
+        let views = Views { time: targets.time, shown_at, tiles: self.views(&eyes) };
+        self.n_views += 1;
+        io.emit(&VIEWS, stamp, views);
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        report.figure("viewer.views", self.n_views as f64);
+        report.figure("viewer.found", self.n_found as f64 / self.n_looked as f64);
+        report.figure("viewer.eyes_behind", self.n_behind as f64);
+        if self.n_found == 0 {
+            report.remark("The head was never found: no targets were as far from each other as `lights_mm` says.");
+        }
+        Ok(())
+    }
+}
+
+impl Viewer {
+    /// Looks for the head among the targets, and tells the predictors where its eyes are.
+    fn look(&mut self, targets: &Targets) {
+        let found = self.head.find(&targets.list);
+        self.n_looked += u64::from(self.seen.is_some() || found.is_some());
+        let Some(space_from_head) = found else { return };
+        self.n_found += 1;
+        self.seen = Some(targets.time);
+        let lights = targets.list.iter().filter(|it| self.head.knows(it.id));
+        let (mut velocity, mut variance, mut n) = (Vector3::zeros(), 0.0, 0.0);
+        for it in lights {
+            velocity += it.velocity;
+            variance += it.position_sigma().powi(2);
+            n += 1.0;
+        }
+        if n == 0.0 {
+            return;
+        }
+        let covariance = Matrix3::from_diagonal_element(variance / (n * n));
+        for (eye, predictor) in self.eyes.iter().zip(&mut self.predictors) {
+            predictor.observe(targets.time.as_s(), space_from_head * eye, velocity / n, &covariance);
+        }
+    }
+
+    /// The views of eyes that are there.
+    fn views(&mut self, eyes: &[Option<Point3<f64>>; 2]) -> Vec<TileView> {
+        let clip = [self.settings.near_m, self.settings.far_m];
+        let mut tiles = Vec::new();
+        for Tile { name, size_px, corners, screen } in &self.tiles {
+            let view = |eye: &Option<Point3<f64>>| {
+                let eye = (*eye)?;
+                let found = screen.off_axis(&eye, clip).ok()?;
+                Some(EyeView { eye, clip_from_space: found.clip_from_world })
+            };
+            let eyes = [view(&eyes[0]), view(&eyes[1])];
+            self.n_behind += eyes.iter().filter(|it| it.is_none()).count() as u64;
+            tiles.push(TileView { name: name.clone(), size_px: *size_px, corners: *corners, eyes });
+        }
+        tiles
+    }
+}
+
+/// How the head of somebody is turned who stands upright and looks along the opposite of `normal`.
+fn looking_against(normal: &Vector3<f64>) -> UnitQuaternion<f64> {
+    let level = Vector3::new(-normal.x, -normal.y, 0.0).try_normalize(1e-6).unwrap_or(Vector3::x());
+    UnitQuaternion::from_rotation_matrix(&Rotation3::from_basis_unchecked(&[
+        level,
+        Vector3::z().cross(&level),
+        Vector3::z(),
+    ]))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,30 @@
+//! Laser pointers on a wall of displays: the large scale's machinery in a plane [Davis 2002 §6.1].
+//!
+//! Positions are metres on the wall: the origin is the top left corner of what the wall can show, x runs to the right, y runs down, z is 0.
+//!
+//! | node | what it does |
+//! |---|---|
+//! | [`laser_pointer.calibrator`](calibrator::Calibrator) | maps cameras to the wall by dots that the wall shows |
+//! | [`laser_pointer.tracker`](tracker::Tracker) | tracks pointers in the wall's plane, from the spots that each camera finds |
+//! | [`laser_pointer.events`](events::Events) | says what pointers do: press, move, hover, dwell, release, strokes; without jitter |
+//! | [`laser_pointer.page`](page::DrawingPage) | shows strokes and pointers on a page, and sends them as JSON over a WebSocket |
+//! | [`laser_pointer.tuio`](tuio::Tuio) | sends pointers to TUIO 1.1 clients over UDP |
+
+pub mod calibrator;
+pub mod events;
+pub mod page;
+pub mod smoothing;
+pub mod tracker;
+pub mod tuio;
+mod wall;
+
+use foveate::prelude::Registry;
+
+/// Makes the nodes of this plugin known.
+pub fn register(registry: &mut Registry) {
+    registry.add::<calibrator::Calibrator>();
+    registry.add::<tracker::Tracker>();
+    registry.add::<events::Events>();
+    registry.add::<page::DrawingPage>();
+    registry.add::<tuio::Tuio>();
+}

@@ -1,0 +1,410 @@
+//! Pointers on a wall, from the spots that each camera finds at its own times: the algorithm of `laser_pointer.tracker`.
+//!
+//! For each frame, in the order of delivery: its spots become places on the wall, each with the covariance of the spot and of the camera's map. What is dimmer than the
+//! wall itself can be, larger than a spot, or beside the wall is left out. Pointers are predicted to the frame's time and take the places at the least sum of squared
+//! Mahalanobis distances plus ln det S, within a gate. What is left may be new: a pointer begins when a second camera that sees the place sees the spot there, too, or, where one camera
+//! sees it alone, when the spot stays. A place that one camera reports and another, which sees it, does not, is disputed: what no second camera ever saw ends there. A bezel
+//! mirrors a spot along a row or a column of displays: what is level with a larger spot nearby, or plumb with it, does not begin a pointer as long as it stays so.
+//!
+//! Two pointers whose spots touch are one spot in the picture. Both are updated with it, as what lies between them: with a covariance that spans both, and not for longer
+//! than it takes to cross.
+
+use std::collections::BTreeMap;
+
+use foveate::estimation::assignment::{self, Workspace};
+use foveate::estimation::{Filter, Model};
+use foveate::prelude::*;
+use foveate::scene::WallMap;
+use nalgebra::{Matrix2, Matrix2x3, Matrix3, Point2, Point3, Vector3};
+
+use super::settings::TrackerSettings;
+
+/// The wall's plane in the filters' space.
+const ON_WALL: Matrix2x3<f64> = Matrix2x3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0);
+/// A pixel this bright is full: how much light fell on it is not known [gray level].
+const FULL: u8 = 250;
+/// A reflection is level or plumb with its spot to this [m].
+const LEVEL_M: f64 = 5e-3;
+/// Two pointers share a spot no longer than this [s].
+const MERGED_S: f64 = 0.25;
+/// A reflection is this much smaller than its spot, or dimmer: area over area [–].
+const SMALLER: f64 = 0.8;
+/// Spots may lie so far beside the wall: on its frame, or by the error of a map [m].
+const BESIDE_M: f64 = 0.01;
+/// A camera that has been silent for so long counts as gone [s].
+const SILENT_S: f64 = 0.1;
+/// A spot this near to the edge of a picture may be cut off [px]: its centre may be off by [`CUT_PX`] then.
+const EDGE_PX: f64 = 3.0;
+const CUT_PX: f64 = 1.0;
+/// What a candidate's place costs more than a pointer's: a candidate takes none from a pointer.
+const CANDIDATES_LATER: f64 = 1e3;
+/// A spot that the edge of a picture cuts is smaller for a while: of its largest area a pointer forgets so much with each frame [–].
+const AREA_KEPT: f64 = 0.97;
+/// What was once mirrored must be by itself for so many frames.
+const CLEAR_FRAMES: u32 = 4;
+/// Frames of a camera in which it must see a spot that another one reports, until the place is disputed.
+const DISPUTED_FRAMES: u32 = 3;
+
+/// What became of spots, over all frames.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Tally {
+    /// Spots that came in.
+    pub spots: u64,
+    /// Too dim: the wall itself can be as bright.
+    pub dim: u64,
+    /// Too large.
+    pub large: u64,
+    /// Beside the wall.
+    pub beside: u64,
+    /// Frames that came after a later one.
+    pub late: u64,
+    /// Pointers that began.
+    pub begun: u64,
+    /// Candidates that did not stay or that no second camera confirmed.
+    pub dropped: u64,
+}
+
+/// A spot on the wall.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Place {
+    point: Point2<f64>,
+    covariance: Matrix2<f64>,
+    /// On the wall [m²].
+    area: f64,
+    peak: u8,
+    /// It may be the reflection of a larger one.
+    is_mirrored: bool,
+}
+
+/// A pointer, or what may be one.
+#[derive(Debug, Clone)]
+struct Track {
+    id: Option<TargetId>,
+    filter: Filter,
+    /// Of the filter's state.
+    time: Time,
+    /// When each camera saw it last, and how many of its frames since then should have shown it.
+    cameras: BTreeMap<CameraId, Seen>,
+    /// When any camera saw it last.
+    seen: Time,
+    /// Frames in which it was seen.
+    frames: u32,
+    /// When it last had a spot of its own.
+    owned: Time,
+    /// Frames since its spot may have been the reflection of a larger one.
+    clear: u32,
+    /// Of its largest spot of late [m²].
+    area: f64,
+    /// This frame's camera saw it.
+    is_measured: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Seen {
+    frames: u32,
+    missed: u32,
+}
+
+/// The pointers on one wall.
+pub struct Pointers {
+    settings: TrackerSettings,
+    size: [f64; 2],
+    /// By the camera's number; cameras that the map lacks have none.
+    cameras: Vec<Option<foveate::scene::WallCamera>>,
+    /// When each camera's last frame was.
+    heard: Vec<Option<Time>>,
+    tracks: Vec<Track>,
+    next: u32,
+    latest: Option<Time>,
+    tally: Tally,
+    /// Pairs of cameras that disagreed, with how often: the one that saw a spot, the one that did not.
+    disputes: BTreeMap<(CameraId, CameraId), u64>,
+    costs: Vec<f64>,
+    assigned: Vec<Option<usize>>,
+    workspace: Workspace,
+    places: Vec<Place>,
+}
+
+impl Pointers {
+    /// For cameras of these names, in the order of their numbers, before the wall of `map`.
+    pub fn new(settings: TrackerSettings, map: &WallMap, names: &[String]) -> Pointers {
+        Pointers {
+            settings,
+            size: map.size_m,
+            cameras: names.iter().map(|it| map.cameras.get(it).cloned()).collect(),
+            heard: vec![None; names.len()],
+            tracks: Vec::new(),
+            next: 1,
+            latest: None,
+            tally: Tally::default(),
+            disputes: BTreeMap::new(),
+            costs: Vec::new(),
+            assigned: Vec::new(),
+            workspace: Workspace::default(),
+            places: Vec::new(),
+        }
+    }
+
+    /// What became of spots.
+    pub fn tally(&self) -> Tally {
+        self.tally
+    }
+
+    /// Pairs of cameras that disagreed: the one that saw a spot, the one that should have seen it, how often.
+    pub fn disputes(&self) -> impl Iterator<Item = (CameraId, CameraId, u64)> + '_ {
+        self.disputes.iter().map(|((saw, not), count)| (*saw, *not, *count))
+    }
+
+    /// Takes in the spots of one camera at one time, and gives all pointers at that time into `targets`. `false`, and nothing is given, for a frame that comes after
+    /// a later one, and for a camera without a map.
+    pub fn take_in(&mut self, time: Time, features: &Features, targets: &mut Targets) -> bool {
+        let camera = features.camera;
+        let number = usize::from(camera.0);
+        self.tally.spots += features.list.len() as u64;
+        if self.cameras.get(number).is_none_or(Option::is_none) {
+            return false;
+        }
+        if self.latest.is_some_and(|it| time < it) {
+            self.tally.late += 1;
+            return false;
+        }
+        (self.latest, self.heard[number]) = (Some(time), Some(time));
+        self.place(number, time, &features.list);
+        for track in &mut self.tracks {
+            track.filter.predict((time - track.time).as_s());
+            (track.time, track.is_measured) = (time, false);
+        }
+        self.assign();
+        self.update(camera, time);
+        self.begin(camera, time);
+        self.judge(time);
+        self.report(time, camera, targets);
+        true
+    }
+
+    /// Where the spots are on the wall; those that can be no pointers are left out.
+    fn place(&mut self, number: usize, time: Time, features: &[Feature]) {
+        self.places.clear();
+        let Some(camera) = &self.cameras[number] else { return };
+        let least = camera.brightest * self.settings.brighter;
+        let map_variance = (self.settings.map_mm * 1e-3).powi(2);
+        for it in features {
+            if it.peak < FULL && f64::from(it.peak) < least {
+                self.tally.dim += 1;
+                continue;
+            }
+            let inside =
+                |point: &Point2<f64>| (0..2).all(|axis| (-BESIDE_M..self.size[axis] + BESIDE_M).contains(&point[axis]));
+            let [width, height] = camera.map.image_size.map(f64::from);
+            let inside_by = [it.centre.x, it.centre.y, width - 1.0 - it.centre.x, height - 1.0 - it.centre.y];
+            let is_cut = inside_by.into_iter().any(|it| it < EDGE_PX);
+            let cut = if is_cut { CUT_PX * CUT_PX } else { 0.0 };
+            let covariance = it.covariance + Matrix2::identity() * cut;
+            let Some(placed) = camera.map.place(&it.centre, &covariance).filter(|it| inside(&it.point)) else {
+                self.tally.beside += 1;
+                continue;
+            };
+            let area = f64::from(it.area) * placed.plane_by_pixel.determinant().abs();
+            if area.sqrt() > self.settings.largest_mm * 1e-3 {
+                self.tally.large += 1;
+                continue;
+            }
+            let covariance = placed.covariance + Matrix2::identity() * map_variance;
+            self.places.push(Place { point: placed.point, covariance, area, peak: it.peak, is_mirrored: false });
+        }
+        let reach = self.settings.reflection_mm * 1e-3;
+        for number in 0..self.places.len() {
+            let place = self.places[number];
+            let is_beside = |point: &Point2<f64>, level: f64| {
+                let off = point - place.point;
+                off.norm() < reach && off.amin() < level
+            };
+            let by_spot = self.places.iter().any(|it| {
+                let is_smaller = place.area < SMALLER * it.area || f64::from(place.peak) < SMALLER * f64::from(it.peak);
+                is_smaller && is_beside(&it.point, LEVEL_M)
+            });
+            // The spot itself may lie outside this camera's picture.
+            let by_pointer = self.tracks.iter().any(|it| {
+                let point = it.filter.position_after((time - it.time).as_s()).xy();
+                // Nearer to it, the place is its own spot.
+                let is_apart = (point - place.point).norm() > self.settings.merge_mm * 0.5e-3;
+                place.area < SMALLER * it.area && is_apart && is_beside(&point, 2.0 * LEVEL_M)
+            });
+            self.places[number].is_mirrored = by_spot || by_pointer;
+        }
+    }
+
+    fn assign(&mut self) {
+        let gate = self.settings.gate_sigmas.powi(2);
+        self.costs.clear();
+        let mut most: f64 = gate;
+        for track in &self.tracks {
+            for place in &self.places {
+                let s = track.filter.innovation_covariance(&ON_WALL, &place.covariance);
+                let off = place.point - track.filter.position().xy();
+                let distance = s.try_inverse().map_or(f64::INFINITY, |it| off.dot(&(it * off)));
+                // Relative to a micrometre, so that the term is positive: one that is known well goes first.
+                let later = if track.id.is_some() { 0.0 } else { CANDIDATES_LATER };
+                let density = (s.determinant() * 1e24).ln();
+                // A reflection is not taken for the spot, which may lie outside the picture.
+                let is_own = track.id.is_none() || !place.is_mirrored || off.norm() < LEVEL_M;
+                let cost = if distance <= gate && is_own { distance + density + later } else { f64::INFINITY };
+                most = if cost.is_finite() { most.max(cost) } else { most };
+                self.costs.push(cost);
+            }
+        }
+        let (rows, columns) = (self.tracks.len(), self.places.len());
+        // As many as possible get a place.
+        let alone = most * (rows + 1) as f64;
+        assignment::optimal(&self.costs, rows, columns, alone, &mut self.workspace, &mut self.assigned);
+    }
+
+    fn update(&mut self, camera: CameraId, time: Time) {
+        let merge = self.settings.merge_mm * 1e-3;
+        let before: Vec<Point2<f64>> = self.tracks.iter().map(|it| it.filter.position().xy()).collect();
+        let has_begun: Vec<bool> = self.tracks.iter().map(|it| it.id.is_some()).collect();
+        for row in 0..self.tracks.len() {
+            let own = self.assigned[row];
+            // A spot beside which another pointer is expected that got none is the spot of both.
+            let shared = match own {
+                Some(place) => (0..before.len()).find(|&other| {
+                    other != row
+                        && has_begun[other]
+                        && self.assigned[other].is_none()
+                        && (before[other] - self.places[place].point).norm() < merge
+                }),
+                None => None,
+            };
+            let lent = || {
+                let taken = self.assigned.iter().flatten().copied();
+                let near = taken.filter(|it| (before[row] - self.places[*it].point).norm() < merge);
+                near.min_by(|a, b| {
+                    let far = |it: &usize| (before[row] - self.places[*it].point).norm();
+                    far(a).total_cmp(&far(b))
+                })
+            };
+            let place = match own {
+                Some(place) => place,
+                None if has_begun[row] && (time - self.tracks[row].owned).as_s() < MERGED_S => match lent() {
+                    Some(place) => place,
+                    None => continue,
+                },
+                None => continue,
+            };
+            let Place { point, mut covariance, is_mirrored, area, .. } = self.places[place];
+            if shared.is_some() || own.is_none() {
+                covariance += Matrix2::identity() * (merge * merge / 4.0);
+            }
+            let track = &mut self.tracks[row];
+            let off = point - track.filter.position().xy();
+            track.filter.update_pixel(off, &ON_WALL, &covariance);
+            (track.seen, track.is_measured) = (time, true);
+            track.clear = if is_mirrored { 0 } else { track.clear + 1 };
+            if own.is_some() {
+                (track.owned, track.area) = (time, area.max(AREA_KEPT * track.area));
+            }
+            track.frames += 1;
+            let seen = track.cameras.entry(camera).or_default();
+            (seen.frames, seen.missed) = (seen.frames + 1, 0);
+        }
+        let Some(map) = self.cameras[usize::from(camera.0)].as_ref().map(|it| &it.map) else { return };
+        for track in self.tracks.iter_mut().filter(|it| !it.is_measured) {
+            if map.sees(&track.filter.position().xy(), self.settings.margin_px) {
+                track.cameras.entry(camera).or_default().missed += 1;
+            }
+        }
+    }
+
+    /// Candidates from the places that no pointer took.
+    fn begin(&mut self, camera: CameraId, time: Time) {
+        let TrackerSettings { merge_mm, acceleration_density, speed, .. } = self.settings;
+        let model = Model::ConstantVelocity { acceleration_density };
+        for (number, place) in self.places.iter().enumerate() {
+            if self.assigned.contains(&Some(number)) {
+                continue;
+            }
+            // Beside a pointer that has its spot: a part of that spot.
+            let is_part = self
+                .tracks
+                .iter()
+                .any(|it| it.is_measured && (it.filter.position().xy() - place.point).norm() < merge_mm * 0.5e-3);
+            if is_part {
+                continue;
+            }
+            let mut covariance = Matrix3::identity() * 1e-12;
+            covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&place.covariance);
+            let start = Point3::new(place.point.x, place.point.y, 0.0);
+            let filter = Filter::new(&model, start, covariance, Vector3::zeros(), speed);
+            self.tracks.push(Track {
+                id: None,
+                filter,
+                time,
+                cameras: [(camera, Seen { frames: 1, missed: 0 })].into(),
+                seen: time,
+                frames: 1,
+                owned: time,
+                clear: if place.is_mirrored { 0 } else { CLEAR_FRAMES },
+                area: place.area,
+                is_measured: true,
+            });
+        }
+    }
+
+    /// Ends what nobody sees and what cameras dispute; confirms what they agree on.
+    fn judge(&mut self, time: Time) {
+        let lost = Interval::from_ms(self.settings.lost_ms);
+        let mut number = 0;
+        while number < self.tracks.len() {
+            let track = &self.tracks[number];
+            let point = track.filter.position().xy();
+            let sees = |it: usize| {
+                let is_up = self.heard[it].is_some_and(|heard| (time - heard).as_s() < SILENT_S);
+                is_up && self.cameras[it].as_ref().is_some_and(|it| it.map.sees(&point, self.settings.margin_px))
+            };
+            let watchers = (0..self.cameras.len()).filter(|it| sees(*it)).count();
+            let saw = track.cameras.iter().filter(|it| it.1.frames > 0 && it.1.missed < DISPUTED_FRAMES);
+            let saw: Vec<CameraId> = saw.map(|it| *it.0).collect();
+            let did_not = track.cameras.iter().find(|it| it.1.missed >= DISPUTED_FRAMES && sees(usize::from(it.0.0)));
+            let dispute = did_not.and_then(|it| Some((*saw.first()?, *it.0)));
+            let is_over = time - track.seen > lost;
+            let agree = track.cameras.values().filter(|it| it.frames > 0).count();
+            let ends = is_over || dispute.is_some() && agree < 2;
+            if ends {
+                if let Some(pair) = dispute.filter(|_| !is_over) {
+                    *self.disputes.entry(pair).or_default() += 1;
+                }
+                self.tally.dropped += u64::from(track.id.is_none());
+                self.tracks.swap_remove(number);
+                continue;
+            }
+            let stays = watchers < 2 && track.frames >= self.settings.alone_frames;
+            if track.id.is_none() && track.clear >= CLEAR_FRAMES && (agree >= 2 || stays) {
+                self.tracks[number].id = Some(TargetId(self.next));
+                self.next += 1;
+                self.tally.begun += 1;
+            }
+            number += 1;
+        }
+    }
+
+    fn report(&mut self, time: Time, camera: CameraId, targets: &mut Targets) {
+        targets.time = time;
+        targets.list.clear();
+        for track in &self.tracks {
+            let Some(id) = track.id else { continue };
+            let mut cameras = CameraSet::default();
+            if track.is_measured {
+                cameras.insert(camera);
+            }
+            targets.list.push(Target {
+                id,
+                position: track.filter.position(),
+                velocity: track.filter.velocity(),
+                covariance: track.filter.covariance(),
+                cameras,
+                provenance: if track.is_measured { Provenance::Measured } else { Provenance::Predicted },
+            });
+        }
+        targets.list.sort_by_key(|it| it.id);
+    }
+}

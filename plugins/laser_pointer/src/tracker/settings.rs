@@ -1,0 +1,141 @@
+//! Settings of the tracker.
+
+use foveate::prelude::ConfigError;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Settings of [`Tracker`](super::Tracker).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TrackerSettings {
+    /// The file with the maps of the cameras, as `laser_pointer.calibrator` writes it. `${NAME}` is an environment variable; a relative path starts at the
+    /// rig's folder [–]
+    pub map: String,
+    /// A spot of a pointer is brighter than the brightest that the wall itself can be by at least this factor; pixels that are full count as bright enough [–]
+    #[schemars(range(min = 0.0, max = 100.0))]
+    #[serde(default = "default_brighter")]
+    pub brighter: f64,
+    /// Largest spot, as the square root of its area on the wall; what moves fast is smeared [mm]
+    #[schemars(range(min = 1.0, max = 1000.0))]
+    #[serde(default = "default_largest_mm")]
+    pub largest_mm: f64,
+    /// White-noise acceleration of a pointer, spectral density [m²/s³]
+    #[schemars(range(min = 1e-6, max = 1e6))]
+    #[serde(default = "default_acceleration_density")]
+    pub acceleration_density: f64,
+    /// Speed of a pointer as it appears, standard deviation along each axis [m/s]
+    #[schemars(range(min = 0.01, max = 100.0))]
+    #[serde(default = "default_speed")]
+    pub speed: f64,
+    /// An observation belongs to a pointer when it is no farther than so many standard deviations from where that is expected [σ]
+    #[schemars(range(min = 1.0, max = 20.0))]
+    #[serde(default = "default_gate_sigmas")]
+    pub gate_sigmas: f64,
+    /// A pointer ends when no camera saw it for so long [ms]
+    #[schemars(range(min = 1.0, max = 10000.0))]
+    #[serde(default = "default_lost_ms")]
+    pub lost_ms: f64,
+    /// Spots of two pointers closer to each other than this are one in the pictures [mm]
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    #[serde(default = "default_merge_mm")]
+    pub merge_mm: f64,
+    /// A new spot this near to a larger one, and level or plumb with it, may be its reflection in a bezel: it must leave that line before it is a pointer [mm]
+    #[schemars(range(min = 0.0, max = 10000.0))]
+    #[serde(default = "default_reflection_mm")]
+    pub reflection_mm: f64,
+    /// Frames in which a new pointer must be seen where one camera alone sees the place [frames]
+    #[schemars(range(min = 1, max = 100))]
+    #[serde(default = "default_alone_frames")]
+    pub alone_frames: u32,
+    /// A camera sees a place for certain when that is at least so far inside its picture [px]
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    #[serde(default = "default_margin_px")]
+    pub margin_px: f64,
+    /// Error that cameras' maps have beside what their calibration states, standard deviation along each axis [mm]
+    #[schemars(range(min = 0.0, max = 100.0))]
+    #[serde(default = "default_map_mm")]
+    pub map_mm: f64,
+}
+
+fn default_brighter() -> f64 {
+    1.2
+}
+
+fn default_largest_mm() -> f64 {
+    40.0
+}
+
+fn default_acceleration_density() -> f64 {
+    10.0
+}
+
+fn default_speed() -> f64 {
+    2.0
+}
+
+fn default_gate_sigmas() -> f64 {
+    4.0
+}
+
+fn default_lost_ms() -> f64 {
+    50.0
+}
+
+fn default_merge_mm() -> f64 {
+    14.0
+}
+
+fn default_reflection_mm() -> f64 {
+    150.0
+}
+
+fn default_alone_frames() -> u32 {
+    3
+}
+
+fn default_margin_px() -> f64 {
+    6.0
+}
+
+fn default_map_mm() -> f64 {
+    0.1
+}
+
+impl Default for TrackerSettings {
+    fn default() -> Self {
+        Self {
+            map: String::new(),
+            brighter: default_brighter(),
+            largest_mm: default_largest_mm(),
+            acceleration_density: default_acceleration_density(),
+            speed: default_speed(),
+            gate_sigmas: default_gate_sigmas(),
+            lost_ms: default_lost_ms(),
+            merge_mm: default_merge_mm(),
+            reflection_mm: default_reflection_mm(),
+            alone_frames: default_alone_frames(),
+            margin_px: default_margin_px(),
+            map_mm: default_map_mm(),
+        }
+    }
+}
+
+impl TrackerSettings {
+    /// Names the first setting that is out of its range.
+    ///
+    /// # Errors
+    /// The setting, what was found, and the range.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        ConfigError::unless_in("brighter", self.brighter, 0.0..=100.0)?;
+        ConfigError::unless_in("largest_mm", self.largest_mm, 1.0..=1000.0)?;
+        ConfigError::unless_in("acceleration_density", self.acceleration_density, 1e-6..=1e6)?;
+        ConfigError::unless_in("speed", self.speed, 0.01..=100.0)?;
+        ConfigError::unless_in("gate_sigmas", self.gate_sigmas, 1.0..=20.0)?;
+        ConfigError::unless_in("lost_ms", self.lost_ms, 1.0..=10_000.0)?;
+        ConfigError::unless_in("merge_mm", self.merge_mm, 0.0..=1000.0)?;
+        ConfigError::unless_in("reflection_mm", self.reflection_mm, 0.0..=10_000.0)?;
+        ConfigError::unless_in("alone_frames", self.alone_frames, 1..=100)?;
+        ConfigError::unless_in("margin_px", self.margin_px, 0.0..=1000.0)?;
+        ConfigError::unless_in("map_mm", self.map_mm, 0.0..=100.0)
+    }
+}

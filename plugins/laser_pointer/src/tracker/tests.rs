@@ -1,0 +1,214 @@
+use foveate::geometry::{Camera, Distortion, Intrinsics, PlaneMap, PlanePoint};
+use foveate::scene::{WallCamera, WallMap};
+use foveate_testkit::check_node;
+use nalgebra::{Isometry3, Matrix2, Point2, Point3};
+
+use super::*;
+
+const SIZE: [u32; 2] = [640, 480];
+
+/// Two cameras side by side before a wall of 2.4 m x 1.2 m: the left one sees x up to 1.44 m, the right one from 0.96 m on.
+fn cameras() -> [Camera; 2] {
+    [0.64, 1.76].map(|x| Camera {
+        image_size: SIZE,
+        intrinsics: Intrinsics { focal: [880.0; 2], principal: [321.0, 238.0], skew: 0.0 },
+        distortion: Distortion { k1: -0.03, ..Distortion::default() },
+        camera_from_world: Isometry3::translation(-x, -0.6, 2.2),
+    })
+}
+
+fn map() -> WallMap {
+    let cameras = cameras().into_iter().zip(["left", "right"]).map(|(camera, name)| {
+        let grid = (0..25).flat_map(|column| (0..13).map(move |row| [0.1 * f64::from(column), 0.1 * f64::from(row)]));
+        let points: Vec<PlanePoint> = grid
+            .filter_map(|[x, y]| {
+                let pixel = camera.sees(&Point3::new(x, y, 0.0))?;
+                Some(PlanePoint { point: Point2::new(x, y), pixel, sigma: 0.02 })
+            })
+            .collect();
+        let map = PlaneMap::fit(SIZE, &points).unwrap();
+        (name.to_owned(), WallCamera { map, held_out_px: 0.1, brightest: 150.0 })
+    });
+    WallMap { size_m: [2.4, 1.2], pixel_m: 8e-4, cameras: cameras.collect() }
+}
+
+/// A spot on the wall: place, pixels that it takes up, brightest pixel.
+type Spot = ([f64; 2], u32, u8);
+
+/// What comes out when each camera looks `hz` times a second, in turn, at what `spots` says of a camera and a time.
+struct Run {
+    targets: Vec<(f64, usize, Vec<Target>)>,
+    pointers: Pointers,
+}
+
+fn run(duration_s: f64, spots: impl Fn(usize, f64) -> Vec<Spot>) -> Run {
+    let names = ["left", "right"].map(str::to_owned);
+    let mut pointers = Pointers::new(TrackerSettings::default(), &map(), &names);
+    let mut targets = Vec::new();
+    let cameras = cameras();
+    for step in 0..(duration_s * 120.0) as usize {
+        let (camera, time_s) = (step % 2, step as f64 / 120.0);
+        let seen = spots(camera, time_s).into_iter().filter_map(|(place, area, peak)| {
+            let centre = cameras[camera].sees(&Point3::new(place[0], place[1], 0.0))?;
+            Some(Feature { centre, covariance: Matrix2::identity() * 0.0025, area, peak, label: None })
+        });
+        let features = Features { camera: CameraId(camera as u16), list: seen.collect() };
+        let mut out = Targets::default();
+        assert!(pointers.take_in(Time::from_s(time_s), &features, &mut out));
+        targets.push((time_s, camera, out.list));
+    }
+    Run { targets, pointers }
+}
+
+impl Run {
+    fn ids(&self) -> Vec<u32> {
+        let mut ids: Vec<u32> = self.targets.iter().flat_map(|it| it.2.iter().map(|it| it.id.0)).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        ids
+    }
+}
+
+#[test]
+fn pointer_keeps_its_identity_from_camera_to_camera() {
+    let place = |time_s: f64| [0.2 + 0.5 * time_s, 0.5 + 0.1 * (3.0 * time_s).sin()];
+    let run = run(4.0, |_, time_s| vec![(place(time_s), 20, 255)]);
+    assert_eq!(run.ids(), [1]);
+    for (time_s, _, list) in &run.targets[6..] {
+        let [target] = list.as_slice() else { panic!("{} targets at {time_s} s", list.len()) };
+        let [x, y] = place(*time_s);
+        let off = (target.position - Point3::new(x, y, 0.0)).norm();
+        assert!(off < if target.provenance == Provenance::Measured { 5e-4 } else { 4e-3 }, "{off} m at {time_s} s");
+        assert!((target.velocity.x - 0.5).abs() < 0.25 || *time_s < 0.3, "{}", target.velocity);
+        assert_eq!((target.position.z, target.velocity.z), (0.0, 0.0));
+    }
+}
+
+#[test]
+fn pointers_that_cross_keep_their_identities() {
+    for slope in [0.05, 0.3, 1.0] {
+        // They meet at (1.2, 0.6) at 1 s; spots that touch are one.
+        let places = move |time_s: f64| {
+            let s = time_s - 1.0;
+            [[1.2 + 0.6 * s, 0.6 + 0.6 * slope * s], [1.2 - 0.6 * s, 0.6 + 0.6 * slope * s]]
+        };
+        let run = run(2.0, |_, time_s| {
+            let [a, b] = places(time_s);
+            if (a[0] - b[0]).hypot(a[1] - b[1]) < 0.008 {
+                return vec![([(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0], 30, 255)];
+            }
+            vec![(a, 20, 255), (b, 20, 255)]
+        });
+        assert_eq!(run.ids(), [1, 2], "slope {slope}");
+        let of = |at: usize, id: u32| run.targets[at].2.iter().find(|it| it.id.0 == id).unwrap().position.x;
+        let end = run.targets.len() - 1;
+        assert!(
+            (of(20, 1) - 1.2) * (of(end, 1) - 1.2) < 0.0 && (of(20, 2) - 1.2) * (of(end, 2) - 1.2) < 0.0,
+            "{slope}"
+        );
+    }
+}
+
+#[test]
+fn pointer_that_vanishes_on_another_one_is_gone() {
+    let run = run(2.0, |_, time_s| {
+        let mut spots = vec![([1.2, 0.6], 20, 255)];
+        if time_s < 1.0 {
+            spots.push(([1.2 + 0.1 * (1.0 - time_s), 0.63 - 0.03 * time_s], 20, 255));
+        }
+        spots
+    });
+    assert_eq!(run.targets.last().unwrap().2.len(), 1);
+    assert_eq!(run.ids().len(), 2);
+}
+
+#[test]
+fn press_is_reported_within_three_frames_and_a_release_as_soon_as_it_is_certain() {
+    // In the overlap, and where the left camera is alone.
+    for (x, most_s) in [(1.2, 0.02), (0.3, 0.04)] {
+        let run = run(2.0, |_, time_s| if (0.5..1.0).contains(&time_s) { vec![([x, 0.5], 20, 255)] } else { vec![] });
+        let with = |it: &&(f64, usize, Vec<Target>)| !it.2.is_empty();
+        let (first, last) = (run.targets.iter().find(with).unwrap().0, run.targets.iter().rfind(with).unwrap().0);
+        assert!(first - 0.5 < most_s && last - 1.0 < 0.055, "x {x}: from {first} s to {last} s");
+        assert_eq!(run.ids(), [1]);
+    }
+}
+
+#[test]
+fn next_press_has_another_identity() {
+    let run = run(2.0, |_, time_s| if time_s % 0.5 < 0.4 { vec![([1.2, 0.5], 20, 255)] } else { vec![] });
+    assert_eq!(run.ids(), [1, 2, 3, 4]);
+}
+
+#[test]
+fn what_the_wall_can_show_and_what_is_no_spot_begins_nothing() {
+    let run = run(1.0, |_, time_s| {
+        vec![
+            ([0.5 + time_s, 0.3], 20, 170), // red, as the wall shows it
+            ([1.1, 0.7], 2000, 255),        // a lamp
+            ([-0.1, 0.5], 20, 255),         // beside the wall
+        ]
+    });
+    assert!(run.ids().is_empty());
+    let tally = run.pointers.tally();
+    assert!(tally.dim > 80 && tally.large > 100 && tally.beside > 50, "{tally:?}");
+}
+
+#[test]
+fn reflection_beside_its_spot_begins_nothing_though_cameras_agree_on_it() {
+    let real = |time_s: f64| [1.15 + 0.03 * (2.0 * time_s).sin(), 0.5 + 0.2 * time_s];
+    let run = run(2.0, |_, time_s| {
+        let [x, y] = real(time_s);
+        vec![([x, y], 30, 255), ([2.0 * 1.2 - x, y], 12, 255)]
+    });
+    assert_eq!(run.ids(), [1]);
+}
+
+#[test]
+fn place_that_one_camera_alone_reports_though_another_sees_it_is_disputed() {
+    let run = run(2.0, |camera, _| if camera == 0 { vec![([1.2, 0.5], 20, 255)] } else { vec![] });
+    assert!(run.ids().is_empty());
+    let disputes: Vec<_> = run.pointers.disputes().collect();
+    assert!(matches!(disputes[..], [(CameraId(0), CameraId(1), 3..)]), "{disputes:?}");
+}
+
+#[test]
+fn pointer_that_two_cameras_saw_goes_on_where_one_is_hidden() {
+    let run = run(2.0, |camera, time_s| if camera == 1 && time_s > 1.0 { vec![] } else { vec![([1.2, 0.5], 20, 255)] });
+    assert_eq!(run.ids(), [1]);
+    assert_eq!(run.targets.last().unwrap().2.len(), 1);
+}
+
+#[test]
+fn frames_that_come_after_a_later_one_and_cameras_without_a_map_are_left_out() {
+    let mut pointers = Pointers::new(TrackerSettings::default(), &map(), &["left", "other"].map(str::to_owned));
+    let mut out = Targets::default();
+    let features = |camera: u16| Features { camera: CameraId(camera), list: Vec::new() };
+    assert!(pointers.take_in(Time::from_s(1.0), &features(0), &mut out));
+    assert!(!pointers.take_in(Time::from_s(0.99), &features(0), &mut out));
+    assert!(!pointers.take_in(Time::from_s(1.01), &features(1), &mut out));
+    assert_eq!(pointers.tally().late, 1);
+}
+
+#[test]
+fn node_names_what_is_wrong_with_its_settings() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut setup = Setup::for_tests();
+    setup.rig_dir = folder.path().to_owned();
+    let refusal = |settings: TrackerSettings| {
+        let error = Tracker::new(settings, &setup).err().unwrap();
+        (error.setting.unwrap_or_default(), error.message)
+    };
+    assert_eq!(refusal(TrackerSettings::default()).0, "map");
+    let with = |map: &str| TrackerSettings { map: map.to_owned(), ..TrackerSettings::default() };
+    assert!(refusal(with("none.toml")).1.contains("none.toml"));
+    std::fs::write(folder.path().join("wall.map.toml"), map().to_toml()).unwrap();
+    let (setting, message) = refusal(with("wall.map.toml"));
+    assert!(setting == "map" && message.contains("found left, right"), "{message}");
+    assert_eq!(refusal(TrackerSettings { lost_ms: 0.0, ..with("wall.map.toml") }).0, "lost_ms");
+}
+
+#[test]
+fn settings_are_read_and_written() {
+    check_node::<Tracker>("map = \"wall.map.toml\"");
+}

@@ -1,0 +1,124 @@
+//! Pointers as TUIO 1.1 bundles: which cursors there are, where each is, the number of the frame.
+//!
+//! Source: M. Kaltenbrunner, *TUIO 1.1 Protocol Specification*, tuio.org, profile `/tuio/2Dcur`. A bundle holds, in this order:
+//!
+//! | message | arguments |
+//! |---|---|
+//! | `source` | name@host |
+//! | `alive` | the session numbers s of all cursors |
+//! | `set` | s, x, y, X, Y, m: position as part of width and height from the top left corner, velocity in these parts a second, and how the speed changes [1/s²] |
+//! | `fseq` | number of the frame, ascending |
+//!
+//! A cursor whose number is not alive any more is gone, so that a lost datagram is mended by the next one.
+
+use rosc::{OscBundle, OscMessage, OscPacket, OscTime, OscType, encoder};
+
+/// Address of all messages.
+const PROFILE: &str = "/tuio/2Dcur";
+/// Cursors in one datagram: a `set` takes 56 bytes, an identity 4; with the rest of it 20 of them stay below the 1472 bytes that fit into an Ethernet frame, for 64
+/// cursors in all.
+const MOST_SETS: usize = 18;
+/// "At once", as OSC 1.0 has it.
+const AT_ONCE: OscTime = OscTime { seconds: 0, fractional: 1 };
+
+/// One cursor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Cursor {
+    /// Its session number: another one each time that it is pressed.
+    pub(super) session: i32,
+    /// Parts of width and height.
+    pub(super) place: [f32; 2],
+    /// [1/s]
+    pub(super) velocity: [f32; 2],
+    /// [1/s²]
+    pub(super) acceleration: f32,
+}
+
+/// The datagrams of frame number `frame`: one, or more where they would not fit. Each says all that are alive.
+pub(super) fn datagrams(source: &str, frame: i32, cursors: &[Cursor]) -> Vec<Vec<u8>> {
+    // A frame without cursors is one datagram, too: it says that nobody is there.
+    let n = cursors.len().div_ceil(MOST_SETS).max(1);
+    let parts = (0..n).map(|it| &cursors[it * MOST_SETS..cursors.len().min((it + 1) * MOST_SETS)]);
+    let encoded = parts.map(|part| encoder::encode(&bundle(source, frame, cursors, part)));
+    // Writing into a vector fails never.
+    encoded.filter_map(Result::ok).collect()
+}
+
+fn bundle(source: &str, frame: i32, all: &[Cursor], part: &[Cursor]) -> OscPacket {
+    let word = |it: &str| OscType::String(it.to_owned());
+    let alive = std::iter::once(word("alive")).chain(all.iter().map(|it| OscType::Int(it.session))).collect();
+    let mut content = vec![message(vec![word("source"), word(source)]), message(alive)];
+    for it in part {
+        let [x, y] = it.place.map(OscType::Float);
+        let [u, v] = it.velocity.map(OscType::Float);
+        content.push(message(vec![word("set"), OscType::Int(it.session), x, y, u, v, OscType::Float(it.acceleration)]));
+    }
+    content.push(message(vec![word("fseq"), OscType::Int(frame)]));
+    OscPacket::Bundle(OscBundle { timetag: AT_ONCE, content })
+}
+
+fn message(args: Vec<OscType>) -> OscPacket {
+    OscPacket::Message(OscMessage { addr: PROFILE.to_owned(), args })
+}
+
+#[cfg(test)]
+mod tests {
+    use rosc::decoder;
+
+    use super::*;
+
+    fn cursor(session: i32) -> Cursor {
+        Cursor { session, place: [0.25, 0.5], velocity: [1.0, -2.0], acceleration: 0.5 }
+    }
+
+    /// By hand, from the OSC 1.0 specification: strings end in zeros to a multiple of four, numbers are big-endian.
+    #[test]
+    fn bytes_are_those_that_osc_and_tuio_have() {
+        let mut expected = b"#bundle\0\0\0\0\0\0\0\0\x01".to_vec();
+        let mut add = |tags: &[u8], rest: &[&[u8]]| {
+            let mut body = b"/tuio/2Dcur\0".to_vec();
+            body.extend_from_slice(tags);
+            rest.iter().for_each(|it| body.extend_from_slice(it));
+            expected.extend_from_slice(&(body.len() as u32).to_be_bytes());
+            expected.extend_from_slice(&body);
+        };
+        add(b",ss\0", &[b"source\0\0", b"wall@host\0\0\0"]);
+        add(b",si\0", &[b"alive\0\0\0", &[0, 0, 0, 9]]);
+        add(
+            b",sifffff\0\0\0\0",
+            &[
+                b"set\0",
+                &[0, 0, 0, 9],
+                &[0x3E, 0x80, 0, 0],
+                &[0x3F, 0, 0, 0],
+                &[0x3F, 0x80, 0, 0],
+                &[0xC0, 0, 0, 0],
+                &[0x3F, 0, 0, 0],
+            ],
+        );
+        add(b",si\0", &[b"fseq\0\0\0\0", &[0, 0, 1, 2]]);
+        assert_eq!(datagrams("wall@host", 258, &[cursor(9)]), [expected]);
+    }
+
+    #[test]
+    fn a_crowd_is_parted_into_datagrams_that_fit_each_with_all_that_are_alive() {
+        let cursors: Vec<Cursor> = (0..64).map(cursor).collect();
+        let parts = datagrams("foveate@a-computer-with-a-long-name", 7, &cursors);
+        assert_eq!(parts.len(), 4);
+        let mut seen = Vec::new();
+        for part in &parts {
+            assert!(part.len() <= 1472, "{} bytes", part.len());
+            let (_, OscPacket::Bundle(bundle)) = decoder::decode_udp(part).unwrap() else { panic!("no bundle") };
+            for packet in &bundle.content {
+                let OscPacket::Message(OscMessage { args, .. }) = packet else { panic!("a bundle within") };
+                match (&args[0], &args[1]) {
+                    (OscType::String(word), OscType::Int(session)) if word == "set" => seen.push(*session),
+                    (OscType::String(word), _) if word == "alive" => assert_eq!(args.len(), 65),
+                    _ => {}
+                }
+            }
+        }
+        assert_eq!(seen, (0..64).collect::<Vec<_>>());
+        assert_eq!(datagrams("a@b", 1, &[]).len(), 1, "nobody is there: that is told");
+    }
+}
