@@ -5,6 +5,8 @@
 //!
 //! Source: D. Moreno, G. Taubin, "Simple, accurate, and robust projector-camera calibration", 3DIMPVT 2012.
 
+use std::collections::BTreeMap;
+
 use foveate::imaging::ImageView;
 use foveate::imaging::chessboard::{Corner, find_chessboard, largest_grid};
 use foveate::prelude::*;
@@ -62,8 +64,8 @@ pub struct Corners {
     searched: u64,
     found: u64,
     without: u64,
-    /// Corners of the largest grid where the board was not found.
-    other: Option<[usize; 2]>,
+    /// By corners of the largest grid where the board was not found: in how many pictures.
+    others: BTreeMap<[usize; 2], u64>,
 }
 
 impl Node for Corners {
@@ -91,7 +93,7 @@ impl Node for Corners {
             searched: 0,
             found: 0,
             without: 0,
-            other: None,
+            others: BTreeMap::new(),
         })
     }
 
@@ -105,7 +107,7 @@ impl Node for Corners {
             let corners = find_chessboard(&view, columns, rows).unwrap_or_default();
             self.found += u64::from(!corners.is_empty());
             if corners.is_empty() && self.found == 0 {
-                self.other = self.other.max(largest_grid(&view));
+                largest_grid(&view).into_iter().for_each(|it| *self.others.entry(it).or_default() += 1);
             }
             let list = corners.iter().zip(0..).map(|(it, label)| feature(it.centre, it.covariance, label)).collect();
             io.emit(&FEATURES, white.stamp, Features { camera: image.camera, list });
@@ -127,11 +129,15 @@ impl Node for Corners {
         let CornersSettings { columns, rows, .. } = self.settings;
         if self.searched > 0 && self.found < self.searched {
             let missing = self.searched - self.found;
-            let there = match self.other.filter(|_| self.found == 0) {
-                Some([a, b]) => format!(
-                    ": the largest chessboard there has {a} x {b} inner corners; are `columns` and `rows` those of the board, not counting its outer squares' ends?"
+            // In textures seeming grids are found, another one in each picture: a board is the same in most.
+            let most = self.others.iter().max_by_key(|it| it.1).filter(|it| 2 * *it.1 > self.searched);
+            let there = match most.filter(|_| self.found == 0) {
+                Some(([a, b], _)) => format!(
+                    ": the largest chessboard there has {a} x {b} inner corners; are `columns` and `rows` its inner corners?"
                 ),
-                None if self.found == 0 => ": nor another chessboard; is it seen whole, with a bright rim?".to_owned(),
+                None if self.found == 0 => {
+                    ": are `columns` and `rows` its inner corners, and is it seen whole, with a bright rim?".to_owned()
+                }
                 None => ": is it seen whole, with a bright rim, neither saturated nor dark?".to_owned(),
             };
             report.remark(format!(

@@ -164,7 +164,7 @@ fn faults_of_a_real_set_are_named_and_accuse_no_other() {
     let put = |from: usize, until: usize| {
         let pixels = other.pixels[from * n..until * n].to_vec();
         move |it: &mut Vec<Vec<u8>>, _: &mut Vec<String>| {
-            it.splice(from..until, pixels.chunks_exact(n).map(<[u8]>::to_vec)).for_each(drop);
+            it.splice(from..until, pixels.chunks_exact(n).map(<[u8]>::to_vec)).for_each(std::mem::drop);
         }
     };
     check(

@@ -293,14 +293,14 @@ fn adjusted(
     let mut tolerance = options.most.min(extent / CELLS[0]);
     let (mut overlap, mut sigma, mut n_open) = (0.0, 0.0, 0);
     for step in 0..STEPS {
-        // Residual, normal, place from the middle, and a's own normal.
-        let mut pairs: Vec<(f64, Vector3<f64>, Point3<f64>, Vector3<f64>)> = Vec::new();
+        // Residual, normal of b, place.
+        let mut pairs: Vec<(f64, Vector3<f64>, Point3<f64>)> = Vec::new();
         for point in of_a {
             let place = pose * point.position;
             let Some(nearest) = b.nearest_within(&place, tolerance) else { continue };
             let own = pose.isometry.rotation * point.normal;
             if !nearest.is_edge && nearest.normal != Vector3::zeros() && agree(&own, &nearest.normal) {
-                pairs.push((nearest.normal.dot(&(nearest.place - place)), nearest.normal, place, own));
+                pairs.push((nearest.normal.dot(&(nearest.place - place)), nearest.normal, place));
             }
         }
         if pairs.len() < MIN_POINTS / 2 {
@@ -312,7 +312,7 @@ fn adjusted(
         let centre = middle(pairs.iter().map(|it| it.2)).unwrap_or_else(Point3::origin);
         let (mut hessian, mut slope) = (SMatrix::<f64, 7, 7>::zeros(), SVector::<f64, 7>::zeros());
         let (mut motions, mut n_inliers) = (Matrix6::zeros(), 0_usize);
-        for (residual, normal, place, _) in &pairs {
+        for (residual, normal, place) in &pairs {
             let share = residual / (TUKEY * sigma);
             if share.abs() >= 1.0 {
                 continue;
