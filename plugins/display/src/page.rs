@@ -1,7 +1,7 @@
 //! `display.page`: a page for one tile, which draws a box behind the display for the place of somebody's eye.
 //!
 //! Each page gets the matrices of its tile with the moment at which they are to be seen, on the server's clock, and shows in each frame those that are nearest to the
-//! moment of that frame: pages on several computers show the same moment. A window is never more than [`MOST_UNSEEN`] messages behind; while it stalls, nothing is sent.
+//! moment of that frame: pages on several computers show the same moment. A window is never more than twelve messages behind; while it stalls, nothing is sent.
 //! Nothing that a page says enters the run.
 
 use std::collections::BTreeMap;

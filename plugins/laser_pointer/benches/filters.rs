@@ -60,6 +60,7 @@ fn hand(seed: u64) -> Hand {
         at = to;
     }
     meant.truncate(n);
+    speed.truncate(n);
     let tremor = [tremor(&mut random, n), tremor(&mut random, n)];
     let mut tracker: Option<ConstantVelocity> = None;
     let mut targets = Vec::new();
@@ -147,12 +148,18 @@ fn judge(settings: &SmoothingSettings, hand: &Hand, is_ahead: bool) -> Errors {
     Errors { by_speed: mean(0), ahead: mean(1), jitter: 1e3 * jitter[0] / jitter[1], lag: lag(&path, hand) }
 }
 
+/// Shifts that are tried begin so many pictures before none.
+const EARLIEST: usize = 5;
+
 /// The shift in time at which the path is nearest to what was meant, above 1 m/s; to a tenth of a picture by a parabola [ms].
 fn lag(path: &[Point2<f64>], hand: &Hand) -> f64 {
+    let meant = |it: usize, shift: usize| {
+        (it + EARLIEST).checked_sub(shift).filter(|it| hand.speed.get(*it).is_some_and(|it| *it > 1.0))
+    };
     let cost = |shift: usize| -> f64 {
-        let fast = (shift..path.len()).filter(|it| hand.speed[it - shift] > 1.0);
-        let (sum, n) =
-            fast.fold((0.0, 0.0), |(sum, n), it| (sum + (path[it] - hand.meant[it - shift]).norm_squared(), n + 1.0));
+        let fast = (0..path.len()).filter_map(|it| Some((it, meant(it, shift)?)));
+        let (sum, n) = fast
+            .fold((0.0, 0.0), |(sum, n), (it, meant)| (sum + (path[it] - hand.meant[meant]).norm_squared(), n + 1.0));
         sum / n
     };
     let costs: Vec<f64> = (0..40).map(cost).collect();
@@ -162,7 +169,7 @@ fn lag(path: &[Point2<f64>], hand: &Hand) -> f64 {
         let [a, b, c] = [costs[best - 1], costs[best], costs[best + 1]];
         shift += 0.5 * (a - c) / (a - 2.0 * b + c);
     }
-    1e3 * shift / RATE_HZ
+    1e3 * (shift - EARLIEST as f64) / RATE_HZ
 }
 
 fn settings(filter: JitterFilter) -> SmoothingSettings {
@@ -196,6 +203,12 @@ fn tune() {
     for acceleration_density in [0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0] {
         for noise_mm in [1.0, 2.0, 4.0, 8.0, 16.0] {
             let it = SmoothingSettings { acceleration_density, noise_mm, ..settings(JitterFilter::Kalman) };
+            tried.push((cost(&it, &hands), it));
+        }
+    }
+    for filter in [JitterFilter::OneEuro, JitterFilter::Kalman] {
+        for still_m_s in [0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4] {
+            let it = SmoothingSettings { still_m_s, ..settings(filter) };
             tried.push((cost(&it, &hands), it));
         }
     }

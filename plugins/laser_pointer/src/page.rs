@@ -4,7 +4,7 @@
 //! over a WebSocket (`ws://ADDRESS/socket`, docs/laser-pointers.md).
 //!
 //! A window gets at most `rate_hz` messages a second, each with the newest state and all ink since the last one. A window that says what it has seen is never more
-//! than [`MOST_UNSEEN`] messages behind: while it stalls nothing is sent, and afterwards it gets what it missed at once. What people do on the page (clear it)
+//! than six messages behind: while it stalls nothing is sent, and afterwards it gets what it missed at once. What people do on the page (clear it)
 //! stays on the page: nothing of it enters the run, which is why this node works in runs that can be repeated, too.
 
 mod board;

@@ -43,6 +43,9 @@ pub struct SmoothingSettings {
     /// Kalman filter: standard deviation of what is noise in a position, tremor of the hand with it; 0: as the tracker states it [mm]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub noise_mm: f64,
+    /// What is slower rests and trembles: its velocity is not carried on, and of what is faster the less is left out the faster it is [m/s]
+    #[schemars(range(min = 0.0, max = 100.0))]
+    pub still_m_s: f64,
     /// Longest time over which a pointer is carried on to the moment at which it is shown [ms]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub most_prediction_ms: f64,
@@ -57,6 +60,7 @@ impl Default for SmoothingSettings {
             speed_cutoff_hz: 1.0,
             acceleration_density: 3.0,
             noise_mm: 4.0,
+            still_m_s: 0.2,
             most_prediction_ms: 100.0,
         }
     }
@@ -71,6 +75,7 @@ impl SmoothingSettings {
         ConfigError::unless_in(&named("speed_cutoff_hz"), self.speed_cutoff_hz, 0.01..=1000.0)?;
         ConfigError::unless_in(&named("acceleration_density"), self.acceleration_density, 1e-6..=1e6)?;
         ConfigError::unless_in(&named("noise_mm"), self.noise_mm, 0.0..=1000.0)?;
+        ConfigError::unless_in(&named("still_m_s"), self.still_m_s, 0.0..=100.0)?;
         ConfigError::unless_in(&named("most_prediction_ms"), self.most_prediction_ms, 0.0..=1000.0)
     }
 
@@ -151,10 +156,13 @@ impl Smoother {
         }
     }
 
-    /// Where the pointer will be `span` after its last position, as far as `most_prediction_ms` lets it be foretold [m].
+    /// Where the pointer will be `span` after its last position, as far as `most_prediction_ms` lets it be foretold [m]. The velocity is shrunk by
+    /// 1 − (`still_m_s`/speed)², not below 0: a hand at rest trembles at some speed that leads nowhere.
     pub fn predicted(&self, span: Interval) -> Point2<f64> {
         let span = span.as_s().clamp(0.0, self.settings.most_prediction_ms * 1e-3);
-        self.position() + self.velocity() * span
+        let velocity = self.velocity();
+        let share = 1.0 - (self.settings.still_m_s / velocity.norm()).powi(2);
+        self.position() + velocity * (span * if share > 0.0 { share } else { 0.0 })
     }
 }
 

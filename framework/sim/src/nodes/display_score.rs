@@ -161,3 +161,45 @@ impl DisplayScore {
         (corners[0], corners[1] - corners[0], corners[2] - corners[0])
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use foveate_geometry::Screen;
+    use foveate_messages::EyeView;
+    use foveate_node::{NodeBench, Time};
+
+    use super::*;
+    use crate::world::SceneSettings;
+
+    /// The score of views for eyes that are so far to the right of the true ones [m], on a tile before the walker.
+    fn score(off: f64, registration_mm: f64) -> f64 {
+        let settings = SceneSettings { headband: true, people_enter_s: 0.0, ..SceneSettings::default() };
+        let world = World::new(settings, &Random::new(3));
+        let corners = [[-0.6, 2.5, 0.9], [0.6, 2.5, 0.9], [-0.6, 2.5, 1.8]].map(Point3::from);
+        let screen = Screen::from_corners(corners[0], corners[1], corners[2]).unwrap();
+        let mut bench = NodeBench::<DisplayScore>::new(DisplayScoreSettings { registration_mm, start_s: 0.0 }).unwrap();
+        bench.feed(&WORLD, Time::ZERO, world.clone()).unwrap();
+        for step in 1..20 {
+            let shown_at = Time::from_s(0.3 * f64::from(step));
+            let eyes = world.eyes(shown_at).unwrap().map(|it| it + Vector3::x() * off);
+            let view = |eye: Point3<f64>| {
+                let found = screen.off_axis(&eye, [0.05, 50.0]).ok()?;
+                Some(EyeView { eye, clip_from_space: found.clip_from_world })
+            };
+            let tile = TileView { name: "a".into(), size_px: [1200, 900], corners, eyes: eyes.map(view) };
+            bench.feed(&VIEWS, shown_at, Views { time: shown_at, shown_at, tiles: vec![tile] }).unwrap();
+        }
+        let figures = bench.finish().unwrap().figures;
+        assert_eq!((figures["display_scored"], figures["display_blind"]), (19.0, 0.0));
+        figures["display_px.median"]
+    }
+
+    #[test]
+    fn views_of_the_true_eyes_have_no_error_and_others_have_what_they_should() {
+        assert!(score(0.0, 0.0) < 1e-6);
+        // 10 mm to the side; a point 0.3 m or 1.5 m behind a tile at 1 m to 4 m shifts by 10 mm · b/(a + b): 0.7 to 6 mm, at 1000 px/m.
+        let shifted = score(0.01, 0.0);
+        assert!((0.7..6.0).contains(&shifted), "{shifted} px");
+        assert!((0.2..5.0).contains(&score(0.0, 1.0)), "a millimetre at the corners is about a pixel");
+    }
+}

@@ -54,3 +54,24 @@ impl Headband {
         self.eyes.map(|it| pose.head * it)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bands_differ_a_little_and_no_two_distances_are_alike() {
+        for seed in 0..50 {
+            let band = Headband::new(Random::new(seed));
+            let apart = |a: usize, b: usize| (band.lights[a] - band.lights[b]).norm();
+            let distances = [apart(0, 1), apart(0, 2), apart(1, 2)];
+            for (place, it) in distances.iter().enumerate() {
+                assert!(distances[..place].iter().all(|other| (other - it).abs() > 0.015), "{distances:?}");
+            }
+            let should = LIGHTS.map(Point3::from);
+            let off = band.lights.iter().zip(&should).map(|(it, should)| (it - should).norm()).fold(0.0, f64::max);
+            assert!((1e-4..0.03).contains(&off), "{off} m");
+            assert!(((band.eyes[0] - band.eyes[1]).norm() - 0.063).abs() < 0.015 && band.eyes[0].y > 0.0);
+        }
+    }
+}

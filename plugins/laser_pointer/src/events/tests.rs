@@ -17,7 +17,7 @@ struct Room {
 }
 
 fn settings() -> EventSettings {
-    let smoothing = SmoothingSettings { filter: JitterFilter::None, ..SmoothingSettings::default() };
+    let smoothing = SmoothingSettings { filter: JitterFilter::None, still_m_s: 0.0, ..SmoothingSettings::default() };
     EventSettings { smoothing, ..EventSettings::default() }
 }
 
