@@ -268,7 +268,7 @@ fn look(
         match explain::explain(code, n, &all.skipped, &signs) {
             Some(explained) => {
                 found.faults.push(count(None, true));
-                found.take(explained);
+                found.take(explained, &all.skipped);
             }
             None => {
                 let few = set(&lit, all.skipped);
@@ -334,7 +334,7 @@ fn look(
         return (found, lit);
     }
     match explain::explain(code, pictures.len(), &all.skipped, &all.signs()) {
-        Some(explained) => found.take(explained),
+        Some(explained) => found.take(explained, &all.skipped),
         None => {
             for it in &faults {
                 match it {
@@ -362,9 +362,10 @@ fn look(
 }
 
 impl Examination {
-    fn take(&mut self, explained: Explained) {
+    /// Takes what was found, of pictures of which none of `skipped` shows anything.
+    fn take(&mut self, explained: Explained, skipped: &[usize]) {
         self.faults.extend(explained.faults);
-        self.places = explained.places;
+        self.places = explained.places.into_iter().map(|it| it.filter(|it| !skipped.contains(it))).collect();
         self.unsure = explained.unsure;
     }
 }
