@@ -109,7 +109,7 @@ mod tests {
                     (worst, sum, n) = (worst.max(error), sum + error * error, n + 1.0);
                 }
             }
-            (sum / n as f64).sqrt()
+            (sum / n).sqrt()
         };
         let raw = 0.01 * 2.0_f64.sqrt();
         let at_rest = run(0.0, OPTIONS, &mut random);
