@@ -131,14 +131,14 @@ impl PlaneMap {
     /// The pixel at which a point of the plane is seen, which may lie outside the picture. `None` behind the camera and beyond what the lens images.
     pub fn pixel(&self, point: &Point2<f64>) -> Option<Point2<f64>> {
         let (ideal, _) = self.ideal(point)?;
-        Some(self.pixel_at(&self.distortion.distort(&ideal)?))
+        Some(self.in_pixels(&self.distortion.distort(&ideal)?))
     }
 
     /// As [`Self::pixel`], with the derivative of the pixel by the point [px/m].
     pub fn pixel_with_jacobian(&self, point: &Point2<f64>) -> Option<(Point2<f64>, Matrix2<f64>)> {
         let (ideal, ideal_by_point) = self.ideal(point)?;
         let (distorted, by_ideal) = self.distortion.distort_with_jacobian(&ideal)?;
-        Some((self.pixel_at(&distorted), by_ideal * ideal_by_point * self.half_width()))
+        Some((self.in_pixels(&distorted), by_ideal * ideal_by_point * self.half_width()))
     }
 
     /// The point of the plane seen at `pixel` [m]. `None` beyond what the lens images, and at and above the plane's horizon.
@@ -179,7 +179,7 @@ impl PlaneMap {
         Point2::new((width - 1.0) / 2.0, (height - 1.0) / 2.0)
     }
 
-    fn pixel_at(&self, distorted: &Vector2<f64>) -> Point2<f64> {
+    fn in_pixels(&self, distorted: &Vector2<f64>) -> Point2<f64> {
         self.middle() + distorted * self.half_width()
     }
 

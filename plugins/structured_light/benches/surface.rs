@@ -36,6 +36,8 @@ fn model() -> Model {
         truncation: 4.0,
         start_sigmas: [0.01, 0.07],
         max_pose_sigma_m: 0.0,
+        keep_s: 0.0,
+        keep_s: 0.0,
         registration: RegistrationOptions::default(),
         max_bytes: 1_000_000_000,
     })
@@ -47,7 +49,11 @@ fn main() {
     let mut full = |spacing: f64| {
         let n = (2.0 * HALF / spacing) as i32;
         let at = |it: i32| -HALF + spacing * f64::from(it);
-        Piece { points: (0..n * n).map(|it| point(at(it % n), at(it / n), true, &mut random)).collect(), viewpoint }
+        Piece {
+            time_s: 0.0,
+            points: (0..n * n).map(|it| point(at(it % n), at(it / n), true, &mut random)).collect(),
+            viewpoint,
+        }
     };
     let (big, start) = (full(0.0006), full(0.001));
     let mut joined = model();
@@ -73,7 +79,7 @@ fn main() {
             let places = (0..lines).flat_map(|line| {
                 (0..150).map(move |it| (-HALF + apart * (f64::from(line) + phase), -HALF + 0.0016 * f64::from(it)))
             });
-            Piece { points: places.map(|(x, y)| point(x, y, true, &mut random)).collect(), viewpoint }
+            Piece { time_s: 0.0, points: places.map(|(x, y)| point(x, y, true, &mut random)).collect(), viewpoint }
         };
         let clouds: Vec<Piece> = (0..40).map(|_| thin()).collect();
         let mut next = clouds.iter().cycle();

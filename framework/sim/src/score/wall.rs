@@ -230,10 +230,18 @@ mod tests {
     fn figures(change: impl Fn(&mut Targets)) -> BTreeMap<String, f64> {
         let wall = Wall::new(WallSettings::default(), Truth::default(), &Random::new(3));
         let mut scorer = WallScorer::new(0.02, 0.0, Vec::new());
+        // A pointer that leaves the wall and returns is another one, as trackers have it.
+        let mut visits = BTreeMap::<u32, (i32, u32)>::new();
         for step in 0..2000 {
             let time = Time::from_s(f64::from(step) / 200.0);
+            let mut identity = |number: u32| {
+                let (last, visit) = visits.entry(number).or_insert((step, 0));
+                *visit += u32::from(step - *last > 10);
+                *last = step;
+                TargetId(number + 1000 * *visit)
+            };
             let list = wall.presses(time).map(|it| Target {
-                id: TargetId(it.number),
+                id: identity(it.number),
                 position: in_space(&it.point),
                 velocity: Vector3::zeros(),
                 covariance: Matrix6::identity(),
@@ -275,7 +283,7 @@ mod tests {
         assert!(one["id_switches"] >= 8.0, "an identity that goes on to the next press: {one:?}");
         let broken = figures(|it| {
             let half = it.time.as_s() >= 5.0;
-            it.list.iter_mut().for_each(|it| it.id.0 += if half { 1000 } else { 0 });
+            it.list.iter_mut().for_each(|it| it.id.0 += if half { 100_000 } else { 0 });
         });
         assert!(broken["broken_strokes"] >= 1.0 && broken["id_switches"] == 0.0, "{broken:?}");
     }

@@ -40,6 +40,8 @@ const CUT_PX: f64 = 1.0;
 const CANDIDATES_LATER: f64 = 1e3;
 /// A spot that the edge of a picture cuts is smaller for a while: of its largest area a pointer forgets so much with each frame [–].
 const AREA_KEPT: f64 = 0.97;
+/// What begins nearer to a pointer than this, in widths of two spots that touch, must stay as long as what was once mirrored [–].
+const NEAR_MERGES: f64 = 2.5;
 /// What was once mirrored must be by itself for so many frames.
 const CLEAR_FRAMES: u32 = 4;
 /// Frames of a camera in which it must see a spot that another one reports, until the place is disputed.
@@ -224,11 +226,10 @@ impl Pointers {
                 is_smaller && is_beside(&it.point, LEVEL_M)
             });
             // The spot itself may lie outside this camera's picture.
-            let by_pointer = self.tracks.iter().any(|it| {
+            let by_pointer = self.tracks.iter().filter(|it| it.id.is_some()).any(|it| {
                 let point = it.filter.position_after((time - it.time).as_s()).xy();
-                // Nearer to it, the place is its own spot.
-                let is_apart = (point - place.point).norm() > self.settings.merge_mm * 0.5e-3;
-                place.area < SMALLER * it.area && is_apart && is_beside(&point, 2.0 * LEVEL_M)
+                let is_outside = !camera.map.sees(&point, self.settings.margin_px);
+                is_outside && place.area < SMALLER * it.area && is_beside(&point, 2.0 * LEVEL_M)
             });
             self.places[number].is_mirrored = by_spot || by_pointer;
         }
@@ -331,6 +332,10 @@ impl Pointers {
             if is_part {
                 continue;
             }
+            // Near a pointer that has just been seen, what begins may be a part of its spot that a bezel mirrors or parts.
+            let is_near = self.tracks.iter().any(|it| {
+                it.id.is_some() && (it.filter.position().xy() - place.point).norm() < NEAR_MERGES * merge_mm * 1e-3
+            });
             let mut covariance = Matrix3::identity() * 1e-12;
             covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&place.covariance);
             let start = Point3::new(place.point.x, place.point.y, 0.0);
@@ -343,7 +348,7 @@ impl Pointers {
                 seen: time,
                 frames: 1,
                 owned: time,
-                clear: if place.is_mirrored { 0 } else { CLEAR_FRAMES },
+                clear: if place.is_mirrored || is_near { 0 } else { CLEAR_FRAMES },
                 area: place.area,
                 is_measured: true,
             });
