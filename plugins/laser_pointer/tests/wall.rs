@@ -82,7 +82,7 @@ fn wall_is_mapped_by_its_dots_and_four_people_are_tracked_across_its_cameras() {
         "{remarks:?}"
     );
     assert!(found["wall_calibration.held_out_median_px"] < 0.3, "{found:?}");
-    let (found, remarks) = run(folder.path(), &rig_text("", 12.0, TRACK), 2);
+    let (found, _) = run(folder.path(), &rig_text("", 12.0, TRACK), 2);
     assert!(found["wall_px.median"] < 0.3 && found["wall_px.p95"] < 1.0, "{found:?}");
     assert!(found["crossings"] >= 1.0 && found["presses"] >= 10.0, "{found:?}");
     for name in ["id_switches", "false_strokes", "missed_presses", "broken_strokes"] {
