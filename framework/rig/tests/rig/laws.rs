@@ -6,7 +6,7 @@ use crate::accepted::LAB;
 use crate::parts::load;
 
 /// Words that rigs are made of, right and wrong ones.
-const WORDS: [&str; 69] = [
+const WORDS: [&str; 70] = [
     "[rig]",
     "[scale.room]",
     "[scale.face]",
