@@ -472,18 +472,6 @@ mod tests {
     }
 
     #[test]
-    fn noise_that_leaves_few_points_is_told() {
-        let mut noisy = set(&StripeCode::gray([64, 48]));
-        let mut chance = foveate::estimation::random::Random::new(7);
-        noisy
-            .pixels
-            .iter_mut()
-            .for_each(|it| *it = (f64::from(*it) + 24.0 * chance.normal()).round().clamp(0.0, 255.0) as u8);
-        let (_, said) = run(noisy);
-        assert!(said.contains("gray levels leaves") && said.contains("means of several pictures"), "{said}");
-    }
-
-    #[test]
     fn a_set_without_black_is_decoded_by_its_bits() {
         let mut short = set(&StripeCode::gray([64, 48]));
         short.names.pop();

@@ -12,6 +12,10 @@ const LEVELS: f64 = 8.0;
 const SIGMAS: f64 = 6.0;
 /// Sums are of different scenes where they differ in more than this part of the pixels: good sets of cameras whose pictures were packed differ in 0.02, a board that was moved by 4 px in 0.17 [–].
 const MOVED: f64 = 0.08;
+/// … and where more than a quarter of that in at least this part of the picture's blocks: what passes before the camera differs in its own place alone, and is left out there [–].
+const SPREAD: f64 = 0.4;
+/// Blocks along each side of the picture.
+const BLOCKS: usize = 8;
 /// Sums that a stretch needs to be one.
 const MIN_SUMS: usize = 2;
 /// A gray level that may be cut off.
@@ -63,6 +67,12 @@ pub(super) fn scenes(
         (0..code.bits[axis.index()]).map(move |plane| [false, true].map(|inverse| Shown::Bit { axis, plane, inverse }))
     });
     let mut sums: Vec<Sum> = Vec::new();
+    let Some([width, height]) = pictures.first().map(|it| [it.width(), it.height()]) else { return Scenes::default() };
+    let block_of = |it: &(usize, u8, u8)| {
+        let (x, y) = (it.0 % width, it.0 / width);
+        y * BLOCKS / height * BLOCKS + x * BLOCKS / width
+    };
+    let blocks: Vec<usize> = lit.iter().map(block_of).collect();
     for [one, other] in bits.chain([[Shown::White, Shown::Black]]) {
         let (Some(a), Some(b)) = (picture(one), picture(other)) else { continue };
         let [of_a, of_b] = [a, b].map(|it| pictures[it].pixels());
@@ -78,7 +88,7 @@ pub(super) fn scenes(
     // Each joins the group that it is most alike to.
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for at in 0..sums.len() {
-        let shares = groups.iter().map(|group| differ(&sums[group[0]], &sums[at], noise));
+        let shares = groups.iter().map(|group| differ(&sums[group[0]], &sums[at], &blocks, noise));
         let best = shares.enumerate().min_by(|a, b| a.1.total_cmp(&b.1)).filter(|it| it.1 < MOVED);
         match best {
             Some((group, _)) => groups[group].push(at),
@@ -141,18 +151,25 @@ fn in_stretches(
     Some(Stretches { pictures: stretches, kept })
 }
 
-/// Part of the pixels in which two sums differ [–].
-fn differ(a: &Sum, b: &Sum, noise: f64) -> f64 {
-    let (mut n, mut off) = (0_usize, 0_usize);
+/// Part of the pixels in which two sums differ; 0 where they do in a few blocks of the picture alone [–].
+fn differ(a: &Sum, b: &Sum, blocks: &[usize], noise: f64) -> f64 {
+    // By block: pixels, and those that differ.
+    let mut counts = [(0_usize, 0_usize); BLOCKS * BLOCKS];
     for at in 0..a.levels.len() {
         if a.is_cut_off[at] || b.is_cut_off[at] {
             continue;
         }
-        n += 1;
+        let (n, off) = &mut counts[blocks[at]];
+        *n += 1;
         let most = (SHARE * a.levels[at].min(b.levels[at])).max(LEVELS).max(SIGMAS * noise);
-        off += usize::from((a.levels[at] - b.levels[at]).abs() > most);
+        *off += usize::from((a.levels[at] - b.levels[at]).abs() > most);
     }
-    off as f64 / n.max(1) as f64
+    let share = |(n, off): (usize, usize)| off as f64 / n.max(1) as f64;
+    let there = counts.iter().filter(|it| it.0 > 0);
+    let n_moved = there.clone().filter(|it| share(**it) > MOVED / 4.0).count();
+    let is_everywhere = n_moved as f64 >= SPREAD * there.count() as f64;
+    let all = counts.iter().fold((0, 0), |sum, it| (sum.0 + it.0, sum.1 + it.1));
+    if is_everywhere { share(all) } else { 0.0 }
 }
 
 /// Part of the pixels in which a picture is brighter or darker than all those of some [–].

@@ -54,7 +54,7 @@ fn what_is_not_said_of_a_projector_is_asked_for() {
     assert_eq!(read.camera("projector").unwrap().image_size, [800, 600]);
     for (name, there) in [("proj_K", "camera"), ("cam_K", "projector")] {
         let fault = load(&BROWN.replace(name, "other_K"), &sizes()).unwrap_err();
-        let expected = format!("found the lens of a {there} alone, of a camera and a projector (no {name})");
+        let expected = format!("the lens of a {there} alone, of a camera and a projector (no {name})");
         assert!(fault.contains(&expected), "{fault}");
     }
     let fault = load(&BROWN.replace("\nT:", "\nQ:"), &sizes()).unwrap_err();
