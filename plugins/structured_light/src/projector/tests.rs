@@ -1,3 +1,5 @@
+//! The page in a browser without a window, and the node on its own.
+
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
