@@ -1,3 +1,5 @@
+//! What `wall` promises, tried.
+
 use super::*;
 use crate::camera::{WallCameraSettings, WallRenderer};
 use foveate_geometry::{Camera, Distortion, Intrinsics};

@@ -1,3 +1,5 @@
+//! What `viewer` promises, tried.
+
 use foveate_testkit::{check_node, check_runs};
 use nalgebra::{Isometry3, Matrix6};
 

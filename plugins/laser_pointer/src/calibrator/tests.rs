@@ -1,3 +1,5 @@
+//! What `calibrator` promises, tried.
+
 use foveate::estimation::Random;
 use foveate::geometry::{Camera, Distortion, Intrinsics};
 use nalgebra::{Isometry3, Point3, Vector2};

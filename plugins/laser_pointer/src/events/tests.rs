@@ -1,3 +1,5 @@
+//! What `events` promises, tried.
+
 use foveate::messages::SourceId;
 use foveate_testkit::{check_node, check_runs};
 use nalgebra::{Matrix6, Point2, Point3, Vector3};

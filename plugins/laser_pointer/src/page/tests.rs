@@ -1,3 +1,5 @@
+//! What `page` promises, tried.
+
 use std::collections::VecDeque;
 use std::sync::Mutex;
 

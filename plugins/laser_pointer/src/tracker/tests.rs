@@ -1,3 +1,5 @@
+//! What `tracker` promises, tried.
+
 use foveate::geometry::{Camera, Distortion, Intrinsics, PlaneMap, PlanePoint};
 use foveate::scene::{WallCamera, WallMap};
 use foveate_testkit::check_node;

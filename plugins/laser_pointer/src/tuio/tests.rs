@@ -1,3 +1,5 @@
+//! What `tuio` promises, tried.
+
 use std::net::UdpSocket;
 use std::time::Duration;
 

@@ -1,3 +1,5 @@
+//! What `examine` promises, tried.
+
 use super::super::code::{Group, Inverse};
 use super::super::scene::{Scene, wall};
 use super::*;
