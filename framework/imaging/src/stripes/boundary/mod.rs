@@ -5,6 +5,8 @@
 //! | [`design`] | which stripe is lit in which of the four pictures |
 //! | [`detect`] | edges of light along the rows of one picture |
 //! | [`track`] | edges tracked from picture to picture, until four pictures say which boundary each is |
+//! | `adopt` | new tracks get their numbers from known ones around them |
+//! | `sliding` | how a surface goes through the stripes, and where boundaries on it are next |
 //! | `common` | what errors of a head's pose move all tracks by |
 //! | [`decode`] | what holds when boundaries are held against their neighbours, and where they were |
 //!
@@ -13,12 +15,14 @@
 //!
 //! Source: O. Hall-Holt, S. Rusinkiewicz, "Stripe boundary codes for real-time structured-light range scanning of moving objects", ICCV 2001.
 
+mod adopt;
 mod common;
 pub mod decode;
 pub mod design;
 pub mod detect;
 #[cfg(test)]
 mod scene;
+mod sliding;
 pub mod track;
 
 pub use decode::{Line, lines};

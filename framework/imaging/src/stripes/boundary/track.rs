@@ -7,15 +7,19 @@
 //!    otherwise. One that is left, after four pictures that all fit, is what it is; a track of which nothing is left ends.
 //! 4. A boundary that should show and is not found is carried on for one picture, once all pictures of the code have fitted twice. One that is not found in the same picture of the code twice ends: where
 //!    a whole picture went to the neighbours, numbers fit three pictures of four.
-//! 5. What errors of a head's pose move in common is taken off before tracks are matched ([`Tracker::align`]).
+//! 5. Where known tracks around a new one leave it one number, and what is seen of it fits, it has that number (`adopt`).
+//! 6. A surface that goes through the stripes makes boundaries faster and slower; known tracks say how, before the next picture (`sliding`).
+//! 7. What errors of a head's pose move in common is taken off before tracks are matched ([`Tracker::align`]).
 //!
 //! The picture that the projector shows may be another one than it was told: tracks that are known tell which ([`Tracker::agreement`]).
 
 use std::collections::VecDeque;
 
+use super::adopt::adopt;
 use super::common::common_shift;
 use super::design::{BoundaryCode, FRAMES, Look};
 use super::detect::{Edge, Edges};
+use super::sliding::{Profile, Sliding, profile};
 use crate::ImagingError;
 
 /// How edges are tracked.
@@ -86,6 +90,29 @@ impl Track {
         self.run >= PROVEN && self.owed == 0 && self.number().is_some()
     }
 
+    /// Whether it is known well enough to say what is beside it.
+    pub(super) fn vouches(&self) -> bool {
+        self.run > FRAMES as u32 && self.owed == 0 && self.number().is_some()
+    }
+
+    /// Whether it is seen, and no picture so far speaks against any of the boundaries that it may be, several as yet.
+    pub(super) fn is_open(&self) -> bool {
+        self.number().is_none() && self.now.is_seen && self.owed == 0
+    }
+
+    /// Whether two looks speak for what it is.
+    pub(super) fn is_seen_twice(&self) -> bool {
+        self.seen > 1
+    }
+
+    /// Takes it for boundary `number`, if what was seen of it allows that: as if four pictures had said so, and one more where it was seen twice and that is certain.
+    pub(super) fn take_for(&mut self, number: usize, is_certain: bool) {
+        if self.possible >> number & 1 == 1 {
+            self.possible = 1 << number;
+            self.run = self.run.max(FRAMES as u32 + u32::from(is_certain && self.seen > 1));
+        }
+    }
+
     /// Whether each picture of the code fitted when it was shown last.
     pub fn fits_all(&self) -> bool {
         self.owed == 0
@@ -128,6 +155,8 @@ pub struct Tracker {
     options: TrackOptions,
     rows: VecDeque<Vec<Track>>,
     down: i32,
+    /// How the surface went through the stripes up to the newest picture.
+    sliding: Sliding,
 }
 
 /// What the caller foretells: how far what is at (x, y) moves from the picture before to this one, in columns and rows [px].
@@ -163,7 +192,7 @@ impl Tracker {
         for (name, reach) in [("new_reach", options.new_reach), ("known_reach", options.known_reach)] {
             ImagingError::unless((0.05..=2.0).contains(&reach), name, "0.05 to 2", f64::from(reach))?;
         }
-        Ok(Tracker { options, rows: (0..height).map(|_| Vec::new()).collect(), down: 0 })
+        Ok(Tracker { options, rows: (0..height).map(|_| Vec::new()).collect(), down: 0, sliding: Sliding::default() })
     }
 
     /// By row: its tracks, ascending by column.
@@ -188,14 +217,22 @@ impl Tracker {
         }
     }
 
+    /// How the surface went through the stripes up to the newest picture, as it was found when the next one was foretold.
+    #[cfg(test)]
+    pub(super) fn sliding(&self) -> Sliding {
+        self.sliding
+    }
+
     /// Forgets all tracks.
     pub fn reset(&mut self) {
         self.rows.iter_mut().for_each(Vec::clear);
+        self.sliding = Sliding::default();
     }
 
     /// Foretells where all tracks are in the next picture, `pictures` after the last one, 1 unless some are missing.
     pub fn predict(&mut self, pictures: u32, shift: Shift<'_>) {
         let height = self.rows.len();
+        self.slide(pictures);
         self.down = 0;
         let Some(middle) = self.rows.get(height / 2) else { return };
         let centre = middle.get(middle.len() / 2).map_or(0.0, |it| it.now.x);
@@ -224,6 +261,28 @@ impl Tracker {
         }
     }
 
+    /// Velocities that tracks have next on a surface that goes through the stripes as it did.
+    fn slide(&mut self, pictures: u32) {
+        let rows = self.rows.make_contiguous();
+        let profiles: Vec<Profile> = rows.iter().map(|it| profile(it)).collect();
+        let borrowed: Vec<&[Track]> = rows.iter().map(Vec::as_slice).collect();
+        self.sliding = Sliding::of(&borrowed, &profiles, self.sliding);
+        if pictures != 1 || self.sliding.stripes == 0.0 {
+            return;
+        }
+        for (row, profile) in rows.iter_mut().zip(&profiles) {
+            for track in row.iter_mut() {
+                if track.seen == 1 {
+                    track.velocity = self.sliding.velocity(profile, track.now.x).unwrap_or(track.velocity);
+                } else if track.now.is_seen {
+                    let most = self.options.known_reach * self.options.pitch;
+                    let faster = self.sliding.faster(profile, track.now.x).unwrap_or(0.0);
+                    track.velocity += faster.clamp(-most, most);
+                }
+            }
+        }
+    }
+
     /// Moves all tracks by what they are off in common; between [`Self::predict`] and [`Self::agreement`]. Returns how far, in columns [px]; 0 where they do not say. How, tells `common`.
     pub fn align(&mut self, edges: &Edges, frame: usize) -> f32 {
         let rows = self.rows.iter().zip(&edges.rows).map(|(tracks, edges)| (tracks.as_slice(), edges.as_slice()));
@@ -238,11 +297,12 @@ impl Tracker {
     /// How the edges of a picture agree with what tracks that are known look like in each picture of the code; between [`Self::predict`] and [`Self::update`].
     pub fn agreement(&self, edges: &Edges) -> Agreement {
         let code = BoundaryCode::get();
-        let reach = self.options.known_reach * self.options.pitch;
+        let pitch = self.options.known_reach * self.options.pitch;
         let mut found = Agreement::default();
         for (tracks, edges) in self.rows.iter().zip(&edges.rows) {
             for track in tracks {
                 let Some(number) = track.number() else { continue };
+                let reach = pitch;
                 let after = edges.partition_point(|it| it.x < track.now.x);
                 let near = edges[after.saturating_sub(1)..(after + 1).min(edges.len())].iter();
                 let near = near.filter(|it| (it.x - track.now.x).abs() <= reach);
@@ -278,6 +338,7 @@ impl Tracker {
             own.into_iter().for_each(run);
         });
         self.spread_velocities();
+        adopt(self.rows.make_contiguous(), self.options.pitch);
     }
 
     /// New tracks move as known ones of the rows beside do.
@@ -340,7 +401,8 @@ impl Matcher {
                 Some(at) => see(track, &edges[*at], frame),
                 None => {
                     // An edge of the wrong look that no other track wants, right where a ghost is: it is no ghost.
-                    let is_near = |it: &Edge| (it.x - track.now.x).abs() <= options.known_reach * options.pitch;
+                    let reach = options.known_reach * options.pitch;
+                    let is_near = |it: &Edge| (it.x - track.now.x).abs() <= reach;
                     let mut free = edges.iter().zip(&self.is_taken).filter(|it| !it.1);
                     let is_contradicted = track.number().is_some() && free.any(|it| is_near(it.0));
                     track.unseen += 1;
@@ -403,7 +465,8 @@ impl Matcher {
                 _ => MAYBE_GHOST,
             };
             // Only the second picture may find a track far from where it is foretold: it says how fast it is.
-            let reach = if track.seen > 1 { options.known_reach } else { options.new_reach } * options.pitch;
+            let reach = if track.seen > 1 { options.known_reach } else { options.new_reach };
+            let reach = reach * options.pitch;
             let scale = 0.5 * reach;
             let (above, row) = self.costs[i * wide..].split_at_mut(wide);
             let choices = &mut self.choices[(i + 1) * wide..(i + 2) * wide];
@@ -494,8 +557,9 @@ fn nearest_velocity(tracks: &[Track], x: f32, reach: f32) -> f32 {
 /// Whether column `x` is lit, by the edges on both sides of it; `None` where they do not say or contradict one another.
 fn level(edges: &[Edge], x: f32, pitch: f32) -> Option<bool> {
     let after = edges.partition_point(|it| it.x < x);
-    let left = after.checked_sub(1).map(|it| &edges[it]).filter(|it| x - it.x <= GAP * pitch);
-    let right = edges.get(after).filter(|it| it.x - x <= GAP * pitch);
+    let is_near = |it: &&Edge| (it.x - x).abs() <= GAP * pitch;
+    let left = after.checked_sub(1).map(|it| &edges[it]).filter(is_near);
+    let right = edges.get(after).filter(is_near);
     match (left.map(|it| it.is_rising), right.map(|it| !it.is_rising)) {
         (Some(a), Some(b)) => (a == b).then_some(a),
         (one, other) => one.or(other),
