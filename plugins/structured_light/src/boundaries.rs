@@ -113,10 +113,8 @@ const LEAST_EDGES: f64 = 0.5;
 /// Points that say how far the surface is where no target does.
 const SAMPLES: usize = 64;
 
-/// Where stripes move in common by more than this beyond what the head's pose says, from one picture to the next or of late, the pose is in doubt and its picture gives no map [px].
+/// Where stripes move in common by more than this beyond what the head's pose says, the pose is in doubt and its picture gives no map [px].
 const MOST_OFF_PX: f32 = 3.0;
-/// What they moved counts for a part 1/e after this time: answers of a head mend its pose by then [s].
-const OFF_LASTS_S: f64 = 0.1;
 
 /// A map of fewer than this part of the boundaries of the best one is of what tracking left behind: most of that is wrong …
 const LEAST_PART: f64 = 0.1;
@@ -129,9 +127,8 @@ struct Before {
     camera: Camera,
     number: u64,
     lit_from: Field,
-    /// How far stripes moved in common beyond what the head's pose says, to this picture and, of late, in all [px].
+    /// How far stripes moved in common beyond what the head's pose says, to this picture [px].
     off: f32,
-    drift: f32,
 }
 
 /// Pictures of a boundary code in, maps out.
@@ -424,7 +421,7 @@ impl Boundaries {
         self.look_over(&edges, &image.value, time);
         let before = self.before.take();
         let passed = before.as_ref().map_or(0, |it| number.saturating_sub(it.number));
-        let (mut off, mut drift) = (0.0, 0.0);
+        let mut off = 0.0;
         match &before {
             Some(before) if (1..=MOST_MISSING).contains(&passed) => {
                 if passed > 1 {
@@ -441,8 +438,6 @@ impl Boundaries {
                 // What a camera that does not turn sees moves by nothing in common.
                 if self.has_pose {
                     off = self.tracker.align(&edges, told);
-                    let passed_s = (time - before.stamp.time).as_s();
-                    drift = off + before.drift * (-passed_s / OFF_LASTS_S).exp() as f32;
                 }
             }
             Some(_) if passed == 0 => {
@@ -475,11 +470,10 @@ impl Boundaries {
         }
         self.tracker.update(&edges, instead.unwrap_or(told));
         if let Some(before) = before.filter(|_| passed == 1) {
-            let off = off.abs().max(before.off.abs()).max(before.drift.abs());
+            let off = off.abs().max(before.off.abs());
             if off > MOST_OFF_PX {
                 let fault = format!(
-                    "stripes moved by {off:.1} px more than the head's pose says within {:.0} ms, expected {MOST_OFF_PX} px at most: the pose is in doubt",
-                    OFF_LASTS_S * 1e3
+                    "stripes moved by {off:.1} px more than the head's pose says, expected {MOST_OFF_PX} px at most: the pose is in doubt"
                 );
                 self.note("off", before.stamp.time, &fault);
                 io.gap(&MAP, before.stamp.time, fault);
@@ -492,7 +486,7 @@ impl Boundaries {
             self.recent.pop_front();
         }
         let lit_from = lit_from(&camera, &self.projector, axis, range);
-        self.before = Some(Before { stamp: image.stamp, camera, number, lit_from, off, drift });
+        self.before = Some(Before { stamp: image.stamp, camera, number, lit_from, off });
     }
 
     /// Notes what is wrong with the light of a picture.
