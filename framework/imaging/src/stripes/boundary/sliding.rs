@@ -30,11 +30,15 @@ const APART: f32 = 1000.0;
 const FARTHEST: f32 = 2.0;
 /// Steps of the search, first and then [stripes].
 const STEPS: [f32; 3] = [0.25, 0.06, 0.015];
-/// Boundaries that are asked, at most and at least.
+/// Rows that are asked, at most, …
+const ROWS: usize = 48;
+/// … and boundaries, at most and at least.
 const MOST: usize = 600;
 const LEAST: usize = 100;
 /// What a boundary is off more than this by counts as this: it is on another surface [px].
 const CUT: f32 = 1.5;
+/// Where boundaries are off no more than this on average, a surface that rests explains them well enough [px].
+const LEAST_OFF: f32 = 0.1;
 /// A surface that goes through the light explains where boundaries are so much better than one that rests [–].
 const BETTER: f32 = 0.8;
 
@@ -58,9 +62,26 @@ pub(super) fn profile(row: &[Track]) -> Profile {
     found
 }
 
+/// How many are before something, as `is_before` says; they are `near` about.
+fn after(profile: &[(f32, f32)], near: usize, is_before: impl Fn(&(f32, f32)) -> bool) -> usize {
+    let mut at = near.min(profile.len());
+    while at > 0 && !is_before(&profile[at - 1]) {
+        at -= 1;
+    }
+    while at < profile.len() && is_before(&profile[at]) {
+        at += 1;
+    }
+    at
+}
+
+/// The boundaries of a profile that are left of `x`, which are `near` about.
+pub(super) fn left_of(profile: &[(f32, f32)], near: usize, x: f32) -> usize {
+    after(profile, near, |it| it.1 < x)
+}
+
 /// The column of a place between known boundaries, on the parabola through the three that are nearest; `None` beyond them [px].
-pub(super) fn column(profile: &[(f32, f32)], place: f32) -> Option<f32> {
-    let after = profile.partition_point(|it| it.0 < place);
+fn column(profile: &[(f32, f32)], near: usize, place: f32) -> Option<f32> {
+    let after = after(profile, near, |it| it.0 < place);
     let nearer_left = after > 0 && profile.get(after).is_none_or(|it| place - profile[after - 1].0 < it.0 - place);
     let middle = if nearer_left { after - 1 } else { after };
     let [a, b, c] = [*profile.get(middle.checked_sub(1)?)?, *profile.get(middle)?, *profile.get(middle + 1)?];
@@ -77,8 +98,8 @@ pub(super) fn column(profile: &[(f32, f32)], place: f32) -> Option<f32> {
 }
 
 /// The place of a column between known boundaries; `None` beyond them.
-pub(super) fn place(profile: &[(f32, f32)], x: f32) -> Option<f32> {
-    let after = profile.partition_point(|it| it.1 < x).max(1);
+fn place(profile: &[(f32, f32)], near: usize, x: f32) -> Option<f32> {
+    let after = after(profile, near, |it| it.1 < x).max(1);
     let (left, right) = (profile.get(after - 1)?, profile.get(after)?);
     let (wide, far) = (right.0 - left.0, right.1 - left.1);
     let part = (x - left.1) / far;
@@ -86,8 +107,8 @@ pub(super) fn place(profile: &[(f32, f32)], x: f32) -> Option<f32> {
 }
 
 /// How wide stripes are in the known part of a row that is nearest to a column and no farther than a few stripes [px].
-fn wide_beside(profile: &[(f32, f32)], x: f32) -> Option<f32> {
-    let after = profile.partition_point(|it| it.1 < x);
+fn wide_beside(profile: &[(f32, f32)], near: usize, x: f32) -> Option<f32> {
+    let after = after(profile, near, |it| it.1 < x);
     let pair = |left: usize| {
         let (a, b) = (profile.get(left)?, profile.get(left + 1)?);
         let wide = (b.1 - a.1) / (b.0 - a.0);
@@ -98,18 +119,29 @@ fn wide_beside(profile: &[(f32, f32)], x: f32) -> Option<f32> {
     near.into_iter().flatten().min_by(|a, b| a.0.total_cmp(&b.0)).map(|it| it.1)
 }
 
+/// How far a boundary has gone, which is `near` in the profile of its row.
+struct Gone<'a> {
+    profile: &'a [(f32, f32)],
+    near: usize,
+    place: f32,
+    /// Beyond what the caller foretold [px].
+    by: f32,
+}
+
 impl Sliding {
-    /// What tracks did from the picture before to this one say; nothing moves where they are too few. `last` is what they said before.
-    pub fn of(rows: &[&[Track]], profiles: &[Profile], last: Sliding) -> Sliding {
-        // By boundary: its row, its place and how far it has gone [px].
-        let mut gone: Vec<(usize, f32, f32)> = Vec::new();
-        for (y, row) in rows.iter().enumerate() {
-            for track in *row {
-                let Some(before) = track.before.filter(|it| it.is_seen && track.now.is_seen) else { continue };
-                if track.is_proven()
-                    && let Some(place) = place(&profiles[y], track.now.x)
-                {
-                    gone.push((y, place, track.now.x - before.x - track.now.shift));
+    /// What tracks did from the picture before to this one says; nothing moves where they are too few. `last` is what they said before.
+    pub fn of(rows: &[Vec<Track>], last: Sliding) -> Sliding {
+        let every = rows.len().div_ceil(ROWS).max(1);
+        let rows = rows.iter().step_by(every);
+        let profiles: Vec<Profile> = rows.clone().map(|it| profile(it)).collect();
+        let mut gone: Vec<Gone> = Vec::new();
+        for (row, profile) in rows.zip(&profiles) {
+            let mut near = 0;
+            for track in row.iter().filter(|it| it.now.is_seen && it.is_proven()) {
+                let Some(before) = track.before.filter(|it| it.is_seen) else { continue };
+                near = left_of(profile, near, track.now.x);
+                if let Some(place) = place(profile, near, track.now.x) {
+                    gone.push(Gone { profile, near, place, by: track.now.x - before.x - track.now.shift });
                 }
             }
         }
@@ -117,14 +149,14 @@ impl Sliding {
             return Sliding::default();
         }
         let every = gone.len().div_ceil(MOST);
-        let gone: Vec<(usize, f32, f32)> = gone.into_iter().step_by(every).collect();
+        let gone: Vec<Gone> = gone.into_iter().step_by(every).collect();
         let mut off = Vec::with_capacity(gone.len());
         // Where a boundary was before, the surface now has its place `stripes` on.
         let mut judge = |stripes: f32| -> Option<(f32, f32)> {
             off.clear();
-            off.extend(gone.iter().filter_map(|(y, place, by)| {
-                let [here, on] = [*place, place + stripes].map(|it| column(&profiles[*y], it));
-                Some(by - (here? - on?))
+            off.extend(gone.iter().filter_map(|it| {
+                let [here, on] = [it.place, it.place + stripes].map(|place| column(it.profile, it.near, place));
+                Some(it.by - (here? - on?))
             }));
             if 2 * off.len() < gone.len() {
                 return None;
@@ -148,20 +180,21 @@ impl Sliding {
             }
             (centre, reach) = (best.1.stripes, step);
         }
-        if best.0 < BETTER * at_rest { best.1 } else { Sliding::default() }
+        if at_rest > LEAST_OFF && best.0 < BETTER * at_rest { best.1 } else { Sliding::default() }
     }
 
     /// How much farther a boundary goes next than it has just gone [px a picture]; `None` where its neighbours do not say.
-    pub fn faster(&self, profile: &[(f32, f32)], x: f32) -> Option<f32> {
-        let place = place(profile, x)?;
-        let [ahead, behind] = [place - self.stripes, place + self.stripes].map(|it| column(profile, it));
-        Some(ahead? - 2.0 * column(profile, place)? + behind?)
+    pub fn faster(&self, profile: &[(f32, f32)], near: usize, x: f32) -> Option<f32> {
+        let place = place(profile, near, x)?;
+        let [ahead, behind] = [place - self.stripes, place + self.stripes].map(|it| column(profile, near, it));
+        Some(ahead? - 2.0 * column(profile, near, place)? + behind?)
     }
 
     /// How far a boundary goes next of which nothing is known but where it is [px a picture]; `None` where its neighbours do not say.
-    pub fn velocity(&self, profile: &[(f32, f32)], x: f32) -> Option<f32> {
-        let next = place(profile, x).and_then(|it| Some(column(profile, it - self.stripes)? - column(profile, it)?));
-        Some(next.or_else(|| Some(-self.stripes * wide_beside(profile, x)?))? + self.pixels)
+    pub fn velocity(&self, profile: &[(f32, f32)], near: usize, x: f32) -> Option<f32> {
+        let next = place(profile, near, x)
+            .and_then(|it| Some(column(profile, near, it - self.stripes)? - column(profile, near, it)?));
+        Some(next.or_else(|| Some(-self.stripes * wide_beside(profile, near, x)?))? + self.pixels)
     }
 }
 
@@ -190,9 +223,9 @@ mod tests {
             let [before, now, next] = [0.0, 1.0, 2.0].map(|it| curved(it * stripes));
             for at in 4..36 {
                 let (next_gone, gone) = (next[at].1 - now[at].1, now[at].1 - before[at].1);
-                let velocity = sliding.velocity(&now, now[at].1).unwrap();
+                let velocity = sliding.velocity(&now, at, now[at].1).unwrap();
                 assert!((velocity - next_gone).abs() < 0.06, "{stripes}, {at}: {velocity} for {next_gone}");
-                let faster = sliding.faster(&now, now[at].1).unwrap();
+                let faster = sliding.faster(&now, 0, now[at].1).unwrap();
                 assert!(
                     (faster - (next_gone - gone)).abs() < 0.06,
                     "{stripes}, {at}: {faster} for {}",
@@ -206,13 +239,13 @@ mod tests {
     fn nothing_is_said_across_a_step_or_far_from_what_is_known() {
         let mut profile = curved(0.0);
         profile[20..].iter_mut().for_each(|it| it.1 += 30.0);
-        assert_eq!(column(&profile, 19.5), None);
-        assert!(column(&profile, 10.5).is_some() && column(&profile, 30.5).is_some());
-        assert_eq!(column(&profile, -1.0), None);
-        assert_eq!(column(&[], 0.0), None);
+        assert_eq!(column(&profile, 0, 19.5), None);
+        assert!(column(&profile, 40, 10.5).is_some() && column(&profile, 30, 30.5).is_some());
+        assert_eq!(column(&profile, 7, -1.0), None);
+        assert_eq!(column(&[], 3, 0.0), None);
         let sliding = Sliding { stripes: 0.5, pixels: 4.0 };
-        assert_eq!(sliding.velocity(&profile, profile[39].1 + 60.0), None);
-        assert_eq!(sliding.faster(&profile, profile[39].1 + 2.0), None);
+        assert_eq!(sliding.velocity(&profile, 9, profile[39].1 + 60.0), None);
+        assert_eq!(sliding.faster(&profile, 9, profile[39].1 + 2.0), None);
     }
 
     #[test]

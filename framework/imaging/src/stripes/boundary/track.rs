@@ -19,7 +19,7 @@ use super::adopt::adopt;
 use super::common::common_shift;
 use super::design::{BoundaryCode, FRAMES, Look};
 use super::detect::{Edge, Edges};
-use super::sliding::{Profile, Sliding, profile};
+use super::sliding::{Sliding, left_of, profile};
 use crate::ImagingError;
 
 /// How edges are tracked.
@@ -264,19 +264,19 @@ impl Tracker {
     /// Velocities that tracks have next on a surface that goes through the stripes as it did.
     fn slide(&mut self, pictures: u32) {
         let rows = self.rows.make_contiguous();
-        let profiles: Vec<Profile> = rows.iter().map(|it| profile(it)).collect();
-        let borrowed: Vec<&[Track]> = rows.iter().map(Vec::as_slice).collect();
-        self.sliding = Sliding::of(&borrowed, &profiles, self.sliding);
+        self.sliding = Sliding::of(rows, self.sliding);
         if pictures != 1 || self.sliding.stripes == 0.0 {
             return;
         }
-        for (row, profile) in rows.iter_mut().zip(&profiles) {
+        for row in rows.iter_mut() {
+            let (profile, mut near) = (profile(row), 0);
             for track in row.iter_mut() {
+                near = left_of(&profile, near, track.now.x);
                 if track.seen == 1 {
-                    track.velocity = self.sliding.velocity(profile, track.now.x).unwrap_or(track.velocity);
+                    track.velocity = self.sliding.velocity(&profile, near, track.now.x).unwrap_or(track.velocity);
                 } else if track.now.is_seen {
                     let most = self.options.known_reach * self.options.pitch;
-                    let faster = self.sliding.faster(profile, track.now.x).unwrap_or(0.0);
+                    let faster = self.sliding.faster(&profile, near, track.now.x).unwrap_or(0.0);
                     track.velocity += faster.clamp(-most, most);
                 }
             }
