@@ -36,9 +36,8 @@ impl SeenBoard {
     /// The four outer corners, or all, in an order of corners.
     fn points(&self, order: Order, size: BoardSize, outer: bool) -> Vec<PlanePoint> {
         let [columns, rows] = size.map(|it| it as usize);
-        let is_outer = |at: usize| {
-            (at % columns == 0 || at % columns == columns - 1) && (at / columns == 0 || at / columns == rows - 1)
-        };
+        let is_outer =
+            |at: usize| [0, columns - 1].contains(&(at % columns)) && [0, rows - 1].contains(&(at / columns));
         let own = self.places.iter().enumerate().filter(|it| !outer || is_outer(it.0));
         own.map(|(at, point)| {
             let (pixel, sigma) = self.pixels[order.corner(at, size)];

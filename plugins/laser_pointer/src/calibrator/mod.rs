@@ -67,6 +67,9 @@ pub struct CalibratorSettings {
     /// A printed board that was held flat against the wall, place by place, in place of `shown` [–]
     #[serde(default)]
     pub held: Vec<HeldBoard>,
+    /// Brightest that the wall itself can be in the cameras' pictures, as the tracker is to take it. Left out: as bright as the dots, or the white of the board, were in each camera [gray level]
+    #[serde(default)]
+    pub brightest: Option<f64>,
     /// Name of the file with the maps that is written into the results folder [–]
     #[serde(default = "default_file")]
     pub file: String,
@@ -123,6 +126,7 @@ impl Node for Calibrator {
         ConfigError::unless_in("pixel_mm", settings.pixel_mm, 0.05..=20.0)?;
         ConfigError::unless_in("settle_ms", settings.settle_ms, 0.0..=10_000.0)?;
         ConfigError::unless_in("limit_px", settings.limit_px, 0.01..=1000.0)?;
+        ConfigError::unless_in("brightest", settings.brightest.unwrap_or(255.0), 1.0..=255.0)?;
         for corners in settings.board.into_iter().flatten() {
             ConfigError::unless_in("board", corners, 3..=100)?;
         }
@@ -179,7 +183,10 @@ impl Node for Calibrator {
         let options = ShownOptions { board, settle: Interval::from_ms(settle_ms), limit_px };
         let found = calibrate(&wall, &self.sizes, &self.shown, &self.frames, &options);
         self.tell(&found, report);
-        let map = found.map(&wall, &self.names);
+        let mut map = found.map(&wall, &self.names);
+        if let Some(brightest) = self.settings.brightest {
+            map.cameras.values_mut().for_each(|it| it.brightest = brightest);
+        }
         if map.cameras.is_empty() {
             let n = self.shown.len();
             let least = if board.is_some() { LEAST_BOARDS } else { LEAST_DOTS };

@@ -135,6 +135,7 @@ fn settings_are_read_and_written() {
             limit_px: default_limit_px(),
             board: None,
             held: Vec::new(),
+            brightest: None,
             file: default_file(),
         };
         Calibrator::new(settings, &Setup::for_tests()).err().and_then(|it| it.setting)

@@ -152,9 +152,8 @@ fn shared(sizes: &[[u32; 2]], network: &PlaneNetwork, observations: &[MomentObse
     for seen in by_moment(network, observations).filter(|it| it.len() > 1) {
         n_shared += 1;
         for (it, _) in seen {
-            for axis in 0..2 {
-                let [least, most] = &mut bounds[it.camera][axis];
-                (*least, *most) = (least.min(it.pixel[axis]), most.max(it.pixel[axis]));
+            for ([least, most], at) in bounds[it.camera].iter_mut().zip(it.pixel.iter()) {
+                (*least, *most) = (least.min(*at), most.max(*at));
             }
         }
     }
