@@ -5,7 +5,7 @@ use nalgebra::{Point2, Vector2};
 
 /// While it rests, a spot keeps this near to where it was at first [px].
 const STILL_PX: f64 = 1.0;
-/// A picture without the spot, or with others, is overlooked if the next with it comes within this time [s].
+/// A picture without the spot is overlooked if the next with it comes within this time [s].
 const GAP_S: f64 = 0.1;
 /// No place is known better than this: pixels are not the same all over [px].
 const LEAST_SIGMA_PX: f64 = 0.02;
@@ -25,7 +25,8 @@ pub(super) fn rests(n_cameras: usize, camera_frames: &[CameraFrame], hold_s: f64
     for camera in 0..n_cameras {
         let mut open: Option<Stretch> = None;
         for frame in camera_frames.iter().filter(|it| it.camera == camera) {
-            let [spot] = frame.spots[..] else { continue };
+            // A bezel may mirror it: the pointer is the brightest spot.
+            let Some(spot) = frame.spots.iter().max_by(|a, b| a.peak.total_cmp(&b.peak)) else { continue };
             match &mut open {
                 Some(own) if own.goes_on(frame.time_s, &spot.pixel) => {
                     own.add(frame.time_s, &spot.pixel, spot.sigma_px)
