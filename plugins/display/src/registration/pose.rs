@@ -121,3 +121,22 @@ impl Problem for Sought<'_> {
         Some(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn derivative_is_that_of_a_step_on_the_right() {
+        let problem = Sought { touches: &[], weights: Vec::new() };
+        let pose = Isometry3::new(Vector3::new(0.4, -1.0, 2.0), Vector3::new(0.7, -0.3, 1.1));
+        let on_wall = Point2::new(1.3, 0.6);
+        let by_step = by_step(&pose, &on_wall);
+        for axis in 0..6 {
+            let mut step = DVector::zeros(6);
+            step[axis] = 1e-6;
+            let moved = problem.moved(&pose, &step) * in_space(&on_wall) - pose * in_space(&on_wall);
+            assert!((moved / 1e-6 - by_step.column(axis)).norm() < 1e-5, "axis {axis}");
+        }
+    }
+}
