@@ -4,6 +4,7 @@ use foveate::imaging::chessboard::{find_chessboard, largest_grid};
 use foveate::imaging::plane::{self, Channel};
 use foveate::imaging::{ImageView, ImagingError};
 use foveate::prelude::*;
+use nalgebra::Point2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -36,7 +37,7 @@ pub struct BoardSettings {
     pub square_mm: f64,
 }
 
-/// Pictures in, corners out: corner `row · columns + column` has that label. All of them, or none where the board is not seen whole.
+/// Pictures in, corners out: corner `row · columns + column` has that label; its peak is the brightest pixel of the squares around it. All of them, or none where the board is not seen whole.
 ///
 /// Corner 0 is next to a dark square at the board's end, and the printed face is towards the camera. Where both ends are dark (`columns +
 /// rows` even), which of the two it is cannot be seen: it is the one nearer to the upper left of the picture, and `foveate calibrate` tells
@@ -138,21 +139,33 @@ impl Detector {
             return Ok(());
         };
         self.found += 1;
-        list.extend(corners.iter().zip(0..).map(|(corner, label)| Feature {
-            centre: image.window.in_camera(&corner.centre),
-            covariance: corner.covariance * f64::from(image.window.shrink).powi(2),
-            area: 0,
-            peak: 0,
-            label: Some(label),
+        list.extend(corners.iter().zip(0..).map(|(corner, label)| {
+            let next = if label + 1 < corners.len() { label + 1 } else { label - 1 };
+            Feature {
+                centre: image.window.in_camera(&corner.centre),
+                covariance: corner.covariance * f64::from(image.window.shrink).powi(2),
+                area: 0,
+                peak: brightest_around(&view, &corner.centre, 0.5 * (corners[next].centre - corner.centre).norm()),
+                label: Some(label as u32),
+            }
         }));
         Ok(())
     }
 }
 
+/// The brightest pixel at most `reach` from `centre`, along each axis.
+fn brightest_around(view: &ImageView<'_>, centre: &Point2<f64>, reach: f64) -> u8 {
+    let along = |axis: usize, size: usize| {
+        let bound = |at: f64| at.round().clamp(0.0, size as f64 - 1.0) as usize;
+        bound(centre[axis] - reach)..=bound(centre[axis] + reach)
+    };
+    let columns = along(0, view.width());
+    along(1, view.height()).flat_map(|row| view.row(row)[columns.clone()].iter().copied()).max().unwrap_or(0)
+}
+
 #[cfg(test)]
 mod tests {
     use foveate_testkit::check_node;
-    use nalgebra::Point2;
 
     use super::*;
 
@@ -206,7 +219,7 @@ mod tests {
             assert_eq!(list.len(), 28);
             for (at, feature) in list.iter().enumerate() {
                 let truth = Point2::new(39.5 + 20.0 * (at % 7) as f64, 39.5 + 20.0 * (at / 7) as f64);
-                assert_eq!(feature.label, Some(at as u32));
+                assert_eq!((feature.label, feature.peak), (Some(at as u32), 220));
                 assert!((feature.centre - truth).norm() < 0.05, "{} for {truth}", feature.centre);
             }
         }

@@ -4,7 +4,8 @@
 //!
 //! | node | what it does |
 //! |---|---|
-//! | [`laser_pointer.calibrator`](calibrator::Calibrator) | maps cameras to the wall by dots that the wall shows |
+//! | [`laser_pointer.calibrator`](calibrator::Calibrator) | maps cameras to the wall by dots or a chessboard that it shows |
+//! | [`laser_pointer.wave_calibrator`](waved::WaveCalibrator) | maps cameras to the wall from nothing, by a waved pointer |
 //! | [`laser_pointer.tracker`](tracker::Tracker) | tracks pointers in the wall's plane, from the spots that each camera finds |
 //! | [`laser_pointer.events`](events::Events) | says what pointers do: press, move, hover, dwell, release, strokes; without jitter |
 //! | [`laser_pointer.page`](page::DrawingPage) | shows strokes and pointers on a page, and sends them as JSON over a WebSocket |
@@ -17,12 +18,14 @@ pub mod smoothing;
 pub mod tracker;
 pub mod tuio;
 mod wall;
+pub mod waved;
 
 use foveate::prelude::Registry;
 
 /// Makes the nodes of this plugin known.
 pub fn register(registry: &mut Registry) {
     registry.add::<calibrator::Calibrator>();
+    registry.add::<waved::WaveCalibrator>();
     registry.add::<tracker::Tracker>();
     registry.add::<events::Events>();
     registry.add::<page::DrawingPage>();

@@ -41,6 +41,22 @@ const DOTS: &str = r#"
     tiles = [4, 2]
 "#;
 
+const TOUCHED: &str = "[[0.0, 0.0], [4.132, 0.0], [4.132, 1.292], [0.0, 1.292], [2.066, 0.0], [2.066, 1.292]]";
+
+fn waved() -> String {
+    format!(
+        r#"
+        [scale.wall.node.map]
+        type = "laser_pointer.wave_calibrator"
+        in = {{ features = "spots.features" }}
+        size_m = [4.132, 1.292]
+        pixel_mm = 0.8
+        touch_m = {TOUCHED}
+        brightest = 190
+        "#
+    )
+}
+
 const TRACK: &str = r#"
     [scale.wall.node.pointers]
     type = "laser_pointer.tracker"
@@ -97,4 +113,21 @@ fn display_that_is_off_is_named() {
     let (found, remarks) = run(folder.path(), &dots, 1);
     assert_eq!(found["wall_calibration.dark_displays"], 1.0, "{remarks:?}");
     assert!(remarks.iter().any(|it| it.contains("display 4 of row 2")), "{remarks:?}");
+}
+
+#[test]
+fn wall_is_mapped_from_nothing_by_a_waved_pointer_well_enough_to_track_people() {
+    let folder = folder();
+    let wave = rig_text(&format!("wave = {{ touch_m = {TOUCHED} }}"), 90.0, &waved());
+    let (found, remarks) = run(folder.path(), &wave, 1);
+    assert_eq!(
+        [found["wave_calibration.cameras"], found["wave_calibration.cameras_failed"]],
+        [6.0, 0.0],
+        "{remarks:?}"
+    );
+    assert!(found["wave_calibration.held_out_median_px"] < 1.0, "{found:?}");
+    let (tracked, _) = run(folder.path(), &rig_text("", 12.0, TRACK), 2);
+    // The touches are a millimetre off, and all that lies between them with them.
+    assert!(tracked["wall_px.median"] < 3.0, "{tracked:?} {found:?}");
+    assert_eq!(tracked["missed_presses"], 0.0, "{tracked:?}");
 }

@@ -1,7 +1,7 @@
 //! What a camera makes of a simulated wall: one field, in gray levels.
 //!
 //! Which point of the wall each pixel sees is tabulated where the camera stands, at the corners of blocks and between them along straight lines. Order of events: the
-//! wall's own picture, display by display, as bright as it shines → windows → red spots or the dot, no brighter than the wall can be → spots of pointers at several
+//! wall's own picture, display by display, as bright as it shines → windows, or the board → red spots or the dot, no brighter than the wall can be → spots of pointers at several
 //! moments of the exposure, smeared by the hand → noise → rounding and saturation.
 
 use foveate_estimation::random::Random;
@@ -16,7 +16,7 @@ use super::spot::Spot;
 use super::steps;
 use crate::timing::TimingSettings;
 use crate::truth::TrueCamera;
-use crate::wall::{Wall, WallLight, in_space, pixels_a_metre};
+use crate::wall::{ShownBoard, Wall, WallLight};
 
 /// Side of the blocks at whose corners the wall is looked up [px].
 const BLOCK: usize = 8;
@@ -75,20 +75,7 @@ impl WallCameraSettings {
         ConfigError::unless_in("black_level", self.black_level, 0.0..=128.0)?;
         ConfigError::unless_in("blur_px", self.blur_px, 0.3..=20.0)?;
         ConfigError::unless_in("noise_sigma", self.noise_sigma, 0.0..=20.0)?;
-        let period = 1000.0 / self.timing.rate_hz;
-        if self.exposure_ms > period {
-            let message =
-                format!("found {}, expected at most {period:.2}, the time between two fields", self.exposure_ms);
-            return Err(ConfigError::at("exposure_ms", message));
-        }
-        if self.timing.latency_ms < 0.5 * self.exposure_ms {
-            let (found, least) = (self.timing.latency_ms, 0.5 * self.exposure_ms);
-            let message = format!(
-                "found {found}, expected at least {least}, half of `exposure_ms`: light is gathered until then"
-            );
-            return Err(ConfigError::at("latency_ms", message));
-        }
-        Ok(())
+        self.timing.check_light(self.exposure_ms, 0.0)
     }
 }
 
@@ -105,6 +92,8 @@ pub struct WallRenderer {
     texture: Vec<i16>,
     /// Runs of pixels of one display: row by row, start, end, display.
     runs: Vec<(usize, usize, [u32; 2])>,
+    /// The board at its place, and what it adds to which pixels, in steps.
+    board: Option<(ShownBoard, Vec<(usize, i16)>)>,
     noise: Noise,
     canvas: Vec<i16>,
 }
@@ -113,7 +102,7 @@ impl WallRenderer {
     /// Gets ready; `random` is the camera's own.
     pub fn new(wall: Wall, camera: TrueCamera, id: CameraId, settings: &WallCameraSettings, random: &Random) -> Self {
         let [width, height] = camera.image_size.map(|it| it as usize);
-        let places = places(&camera);
+        let places = places(&wall, &camera);
         let white = wall.settings().white * settings.gain;
         let (mut texture, mut runs) = (vec![0; width * height], Vec::<(usize, usize, [u32; 2])>::new());
         for (pixel, place) in places.iter().enumerate() {
@@ -131,6 +120,7 @@ impl WallRenderer {
             id,
             settings: settings.clone(),
             canvas: vec![0; width * height],
+            board: None,
             wall,
             camera,
             places,
@@ -153,6 +143,7 @@ impl WallRenderer {
             }
         }
         self.draw_windows(capture, black, &mut canvas);
+        self.draw_board(capture, &mut canvas);
         let wall = self.wall.clone();
         wall.shown_lights(capture, |light| self.draw_light(&light, 1.0, &mut canvas));
         let most = steps(wall.settings().red_peak.max(wall.settings().white) * gain + black_level);
@@ -173,21 +164,10 @@ impl WallRenderer {
     }
 
     fn draw_windows(&self, capture: Time, black: i16, canvas: &mut [i16]) {
-        let [width, height] = self.camera.image_size.map(|it| it as usize);
+        let width = self.camera.image_size[0] as usize;
         for window in self.wall.windows(capture) {
             let [low, high] = window.corners;
-            let corners = [low, Point2::new(high.x, low.y), high, Point2::new(low.x, high.y)];
-            let seen: Vec<Point2<f64>> = corners.iter().filter_map(|it| self.camera.project(&in_space(it))).collect();
-            if seen.len() < 4 {
-                continue;
-            }
-            // A lens bends edges by a few pixels.
-            let bounds = |axis: usize, size: usize| {
-                let along = seen.iter().map(|it| it[axis]);
-                let (least, most) = along.fold((f64::MAX, f64::MIN), |(a, b), it| (a.min(it), b.max(it)));
-                ((least - 4.0).clamp(0.0, size as f64) as usize, (most + 5.0).clamp(0.0, size as f64) as usize)
-            };
-            let ((left, right), (top, bottom)) = (bounds(0, width), bounds(1, height));
+            let Some([(left, right), (top, bottom)]) = self.bounds([low, high]) else { continue };
             let [low, high] = [low, high].map(|it| [it.x as f32, it.y as f32]);
             let level = black.saturating_add(steps(window.level * self.settings.gain));
             for row in top..bottom {
@@ -203,10 +183,60 @@ impl WallRenderer {
         }
     }
 
+    /// Columns and rows of pixels that a rectangle of the wall lies in; `None` where the camera does not see all of its corners.
+    fn bounds(&self, [low, high]: [Point2<f64>; 2]) -> Option<[(usize, usize); 2]> {
+        let corners = [low, Point2::new(high.x, low.y), high, Point2::new(low.x, high.y)];
+        let mut bounds = [(f64::MAX, f64::MIN); 2];
+        for corner in corners {
+            let pixel = self.camera.project(&self.wall.in_space(&corner))?;
+            for axis in 0..2 {
+                bounds[axis] = (bounds[axis].0.min(pixel[axis]), bounds[axis].1.max(pixel[axis]));
+            }
+        }
+        // A lens bends edges by a few pixels.
+        let within = |axis: usize, at: f64| at.clamp(0.0, f64::from(self.camera.image_size[axis])) as usize;
+        Some([0, 1].map(|axis| (within(axis, bounds[axis].0 - 4.0), within(axis, bounds[axis].1 + 5.0))))
+    }
+
+    /// Adds the board, which is rendered once for each of its places.
+    fn draw_board(&mut self, capture: Time, canvas: &mut [i16]) {
+        let Some(board) = self.wall.board(capture) else { return };
+        if self.board.as_ref().is_none_or(|it| it.0 != board) {
+            self.board = Some((board, self.rendered(&board)));
+        }
+        for (pixel, level) in self.board.iter().flat_map(|it| &it.1) {
+            canvas[*pixel] = canvas[*pixel].saturating_add(*level);
+        }
+    }
+
+    fn rendered(&self, board: &ShownBoard) -> Vec<(usize, i16)> {
+        let white = self.wall.settings().white * self.settings.gain;
+        let [width, height] = self.camera.image_size.map(|it| it as usize);
+        let Some([(left, right), (top, bottom)]) = self.bounds(board.bounds()) else { return Vec::new() };
+        // Blur of the lens, and the pixel's own side.
+        let blur = self.settings.blur_px.hypot(1.0 / 12.0_f64.sqrt());
+        let mut rendered = Vec::new();
+        for row in top..bottom {
+            for column in left..right.max(left) {
+                let at = |column: usize, row: usize| self.places[row * width + column].map(f64::from);
+                let here = at(column, row);
+                // From the pixel to a neighbour within the picture.
+                let across = at(if column + 1 < width { column + 1 } else { column - 1 }, row);
+                let down = at(column, if row + 1 < height { row + 1 } else { row - 1 });
+                let sigma = [0, 1].map(|axis| blur * (across[axis] - here[axis]).hypot(down[axis] - here[axis]));
+                let level = board.level(&here.into(), sigma);
+                if level > 0.0 {
+                    rendered.push((row * width + column, steps(white * level)));
+                }
+            }
+        }
+        rendered
+    }
+
     /// Adds `share` of a light.
     fn draw_light(&self, light: &WallLight, share: f64, canvas: &mut [i16]) {
-        let Some(pixel) = self.camera.sees(&in_space(&light.point)) else { return };
-        let Some(scale) = pixels_a_metre(&self.camera, &light.point) else { return };
+        let Some(pixel) = self.camera.sees(&self.wall.in_space(&light.point)) else { return };
+        let Some(scale) = self.wall.pixels_a_metre(&self.camera, &light.point) else { return };
         let own = light.sigma * scale;
         let sigma = own.hypot(self.settings.blur_px);
         let peak = light.peak * self.settings.gain * share * (own / sigma).powi(2);
@@ -214,16 +244,12 @@ impl WallRenderer {
     }
 }
 
-/// What each pixel sees of the plane of the wall [m]; NaN where that is nothing.
-fn places(camera: &TrueCamera) -> Vec<[f32; 2]> {
+/// What each pixel sees of the wall, or of where it would go on [m]; NaN where that is nothing.
+fn places(wall: &Wall, camera: &TrueCamera) -> Vec<[f32; 2]> {
     let [width, height] = camera.image_size.map(|it| it as usize);
     let on_wall = |column: usize, row: usize| -> [f64; 2] {
         let ray = camera.ray(&Point2::new(column as f64, row as f64));
-        let hit = ray.and_then(|ray| {
-            let distance = -ray.origin.z / ray.direction.z;
-            (distance > 0.0).then(|| ray.at(distance))
-        });
-        hit.map_or([f64::NAN; 2], |it| [it.x, it.y])
+        ray.and_then(|ray| wall.met_by(&ray)).map_or([f64::NAN; 2], |it| [it.x, it.y])
     };
     let [columns, rows] = [width, height].map(|it| it.div_ceil(BLOCK) + 1);
     let corners: Vec<[f64; 2]> =

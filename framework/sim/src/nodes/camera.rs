@@ -5,7 +5,7 @@ use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Image};
 use foveate_node::{ConfigError, Due, Figures, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, ports};
 
-use super::fields::{CLOCK_FIGURES, Fields};
+use super::fields::{CLOCK_FIGURES, Fields, own_camera};
 use crate::bump::Pending;
 use crate::camera::{CameraSettings, Renderer, SensorSettings, field_of};
 use crate::head::HeadMotion;
@@ -59,11 +59,7 @@ impl Node for SimCamera {
 
     fn new(settings: CameraSettings, setup: &Setup) -> Result<Self, ConfigError> {
         check(&settings)?;
-        let (Some(id), Some(camera)) = (setup.camera, setup.camera_model()) else {
-            return Err(ConfigError::node(
-                "found no camera, expected `each` or `camera` to name cameras of the calibration",
-            ));
-        };
+        let (id, camera) = own_camera(setup)?;
         Ok(Self {
             bump: Pending::of(settings.bump.as_ref(), setup)?,
             name: setup.camera_name().map(str::to_owned),
@@ -161,24 +157,8 @@ fn check(settings: &CameraSettings) -> Result<(), ConfigError> {
     ConfigError::unless_in("noise_sigma", settings.noise_sigma, 0.0..=20.0)?;
     ConfigError::unless_in("bits", settings.bits, 1..=8)?;
     settings.sensor.as_ref().map_or(Ok(()), SensorSettings::check)?;
-    let (exposure, latency) = (settings.exposure_ms, settings.timing.latency_ms);
-    let (readout, period) =
-        (settings.sensor.as_ref().map_or(0.0, |it| it.readout_ms), 1000.0 / settings.timing.rate_hz);
-    for (name, value) in [("exposure_ms", exposure), ("sensor.readout_ms", readout)] {
-        if value > period {
-            let message = format!("found {value}, expected at most {period:.2}, the time between two fields");
-            return Err(ConfigError::at(name, message));
-        }
-    }
-    let gathered = 0.5 * (exposure + readout);
-    if latency < gathered {
-        let of = if readout > 0.0 { "half of `exposure_ms` and `sensor.readout_ms`" } else { "half of `exposure_ms`" };
-        return Err(ConfigError::at(
-            "latency_ms",
-            format_args!("found {latency}, expected at least {gathered}, {of}: light is gathered until then"),
-        ));
-    }
-    Ok(())
+    let readout_ms = settings.sensor.as_ref().map_or(0.0, |it| it.readout_ms);
+    settings.timing.check_light(settings.exposure_ms, readout_ms)
 }
 
 #[cfg(test)]

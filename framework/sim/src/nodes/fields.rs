@@ -1,7 +1,8 @@
 //! What all simulated cameras do around a field: late, lost and failed ones become gaps, and their clocks are reported.
 
-use foveate_messages::Message;
-use foveate_node::{Due, Io, Out, Report, Time, figures};
+use foveate_geometry::Camera;
+use foveate_messages::{CameraId, Message};
+use foveate_node::{ConfigError, Due, Io, Out, Report, Setup, Time, figures};
 
 use crate::timing::{Arrival, DeliveryOutcome, Timing};
 
@@ -14,6 +15,13 @@ figures! {
 
 /// A camera whose delivery is this late gives up on the fields that it could not make [s].
 const PATIENCE_S: f64 = 0.1;
+
+/// The camera of the calibration that a node stands for.
+pub(super) fn own_camera(setup: &Setup) -> Result<(CameraId, &Camera), ConfigError> {
+    setup.camera.zip(setup.camera_model()).ok_or_else(|| {
+        ConfigError::node("found no camera, expected `each` or `camera` to name cameras of the calibration")
+    })
+}
 
 /// The fields of one camera, turn by turn.
 pub(super) struct Fields {

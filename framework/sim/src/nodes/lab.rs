@@ -7,6 +7,7 @@ use foveate_messages::Targets;
 use foveate_node::{ConfigError, Due, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, Time, ports};
 use foveate_scene::skeleton::SkeletonMotion;
 
+use super::table::save_text;
 use crate::painted::{FaceSettings, FaceSource, PartKind, RecordedHead};
 use crate::person::{RecordedBody, WholeBody};
 use crate::truth::Truth;
@@ -189,14 +190,7 @@ impl Node for Lab {
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         self.remarks.iter().for_each(|it| report.remark(it));
         let Some((cameras, folder)) = &self.cameras else { return Ok(()) };
-        std::fs::write(folder.join(TRUTH_FILE), cameras).map_err(|error| {
-            NodeError::input(format_args!(
-                "{}: `{TRUTH_FILE}` could not be saved ({error}), expected a folder that can be written",
-                folder.display()
-            ))
-        })?;
-        report.file(TRUTH_FILE);
-        Ok(())
+        save_text(folder, TRUTH_FILE, cameras, report)
     }
 
     fn plan(settings: &SceneSettings) -> Plan {

@@ -11,7 +11,7 @@ use nalgebra::{Matrix2, Point2, Vector2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::fields::{CLOCK_FIGURES, Fields};
+use super::fields::{CLOCK_FIGURES, Fields, own_camera};
 use crate::chance::stream;
 use crate::head::HeadMotion;
 use crate::painted::Painted;
@@ -91,11 +91,7 @@ impl Node for SimMarkObserver {
         ConfigError::unless_in("noise_px", settings.noise_px, 0.001..=20.0)?;
         ConfigError::unless_in("missed", settings.missed, 0.0..=1.0)?;
         ConfigError::unless_in("most_oblique_deg", settings.most_oblique_deg, 0.0..=90.0)?;
-        let (Some(id), Some(camera)) = (setup.camera, setup.camera_model()) else {
-            return Err(ConfigError::node(
-                "found no camera, expected `each` or `camera` to name cameras of the calibration",
-            ));
-        };
+        let (id, camera) = own_camera(setup)?;
         Ok(Self {
             name: setup.camera_name().map(str::to_owned),
             camera: TrueCamera::from(camera),

@@ -3,7 +3,7 @@
 use foveate_messages::Features;
 use foveate_node::{ConfigError, Due, Figures, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, ports};
 
-use super::fields::{CLOCK_FIGURES, Fields};
+use super::fields::{CLOCK_FIGURES, Fields, own_camera};
 use crate::bump::Pending;
 use crate::head::HeadMotion;
 use crate::observer::{Observer, ObserverSettings};
@@ -44,11 +44,7 @@ impl Node for SimObserver {
 
     fn new(settings: ObserverSettings, setup: &Setup) -> Result<Self, ConfigError> {
         settings.check()?;
-        let (Some(id), Some(camera)) = (setup.camera, setup.camera_model()) else {
-            return Err(ConfigError::node(
-                "found no camera, expected `each` or `camera` to name cameras of the calibration",
-            ));
-        };
+        let (id, camera) = own_camera(setup)?;
         Ok(Self {
             bump: Pending::of(settings.bump.as_ref(), setup)?,
             name: setup.camera_name().map(str::to_owned),

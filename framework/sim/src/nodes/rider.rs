@@ -8,7 +8,7 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::fields::{CLOCK_FIGURES, Fields};
+use super::fields::{CLOCK_FIGURES, Fields, own_camera};
 use crate::observer::{Observer, ObserverSettings};
 use crate::person::N_LEDS;
 use crate::timing::{Arrival, Timing, TimingSettings};
@@ -120,11 +120,7 @@ impl Node for SimRider {
         let observer = ObserverSettings { timing, noise_px, missed, clutter, ..ObserverSettings::default() };
         observer.check()?;
         ConfigError::unless_in("person", person, 0..=LAST_PERSON)?;
-        let (Some(id), Some(camera)) = (setup.camera, setup.camera_model()) else {
-            return Err(ConfigError::node(
-                "found no camera, expected `each` or `camera` to name cameras of the calibration",
-            ));
-        };
+        let (id, camera) = own_camera(setup)?;
         Ok(Self {
             observer: Observer::new(camera, id, &observer, &setup.random),
             fields: Fields::new(Timing::new(&observer.timing, 0.0, &setup.random), setup.camera_name()),

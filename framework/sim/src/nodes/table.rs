@@ -1,4 +1,4 @@
-//! Tables that scores save beside their figures.
+//! Files that nodes save beside their figures.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -14,7 +14,16 @@ pub(super) fn save_table(
     rows: &[String],
     report: &mut Report,
 ) -> Result<(), NodeError> {
-    write_rows(&folder.join(file), heading, rows).map_err(|error| {
+    told(write_rows(&folder.join(file), heading, rows), folder, file, report)
+}
+
+/// Saves `text` as `file` in `folder`, and tells the report of it.
+pub(super) fn save_text(folder: &Path, file: &str, text: &str, report: &mut Report) -> Result<(), NodeError> {
+    told(std::fs::write(folder.join(file), text), folder, file, report)
+}
+
+fn told(saved: std::io::Result<()>, folder: &Path, file: &str, report: &mut Report) -> Result<(), NodeError> {
+    saved.map_err(|error| {
         NodeError::input(format_args!(
             "{}: `{file}` could not be saved ({error}), expected a folder that can be written",
             folder.display()

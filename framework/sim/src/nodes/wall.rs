@@ -4,8 +4,9 @@ use foveate_messages::{CameraSet, Provenance, Target, TargetId, Targets};
 use foveate_node::{ConfigError, Due, Io, Node, NodeError, Plan, Ports, Report, Role, Setup, Time, ports};
 use nalgebra::{Matrix6, Vector3};
 
+use super::table::save_text;
 use crate::truth::Truth;
-use crate::wall::{Wall, WallSettings, in_space};
+use crate::wall::{Wall, WallSettings, in_wall_space};
 
 ports! {
     WALL: Out<Wall> = "wall";
@@ -17,7 +18,7 @@ ports! {
 const TRUTH_FILE: &str = "truth.calibration.toml";
 
 /// Gives the wall once, at time 0. Then, `truth_hz` times a second, the spots of pointers as they are (`truth`: the identity is the number of the press), and what the
-/// wall is told to show that is small and bright (`shown`: dots or red spots by their number, whose covariance is their extent): it appears later by the display's latency.
+/// wall is told to show that is small and bright (`shown`: dots, corners of the board or red spots by their number, whose covariance is their extent): it appears later by the display's latency.
 pub struct SimWall {
     wall: Wall,
     stated: Option<(String, std::path::PathBuf)>,
@@ -56,7 +57,7 @@ impl Node for SimWall {
         let mut truth = Targets { time, list: Vec::new() };
         truth.list.extend(self.wall.presses(time).map(|it| Target {
             id: TargetId(it.number),
-            position: in_space(&it.point),
+            position: in_wall_space(&it.point),
             velocity: Vector3::zeros(),
             covariance: Matrix6::zeros(),
             cameras: CameraSet::default(),
@@ -70,7 +71,7 @@ impl Node for SimWall {
             covariance.fixed_view_mut::<2, 2>(0, 0).fill_diagonal(light.sigma * light.sigma);
             shown.list.push(Target {
                 id: TargetId(number),
-                position: in_space(&light.point),
+                position: in_wall_space(&light.point),
                 velocity: Vector3::zeros(),
                 covariance,
                 cameras: CameraSet::default(),
@@ -88,14 +89,7 @@ impl Node for SimWall {
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         let Some((text, folder)) = &self.stated else { return Ok(()) };
-        std::fs::write(folder.join(TRUTH_FILE), text).map_err(|error| {
-            NodeError::input(format_args!(
-                "{}: `{TRUTH_FILE}` could not be saved ({error}), expected a folder that can be written",
-                folder.display()
-            ))
-        })?;
-        report.file(TRUTH_FILE);
-        Ok(())
+        save_text(folder, TRUTH_FILE, text, report)
     }
 
     fn plan(settings: &WallSettings) -> Plan {
@@ -115,13 +109,15 @@ mod tests {
     use foveate_testkit::check_node;
 
     use super::*;
-    use crate::wall::DotSettings;
+    use crate::wall::{BoardSettings, DotSettings};
 
     #[test]
     fn node_keeps_the_law() {
         check_node::<SimWall>("");
         check_node::<SimWall>("users = 2\ncross = false\ntiles = [2, 1]\nred_spots = 3");
         check_node::<SimWall>("dots = { grid = [2, 2] }\ndark_tile = [3, 1]");
+        check_node::<SimWall>("board = { grid = [2, 2] }\ncurve = { radius_m = -3 }");
+        check_node::<SimWall>("wave = { hold_s = 1 }");
     }
 
     #[test]
@@ -138,6 +134,15 @@ mod tests {
         assert_eq!(refused(|it| it.reflection = 1.5).as_deref(), Some("reflection"));
         let dots = |it: &mut WallSettings| it.dots = Some(DotSettings { grid: [0, 3], ..DotSettings::default() });
         assert_eq!(refused(dots).as_deref(), Some("dots.grid"));
+        let board =
+            |it: &mut WallSettings| it.board = Some(BoardSettings { square_px: 90, ..BoardSettings::default() });
+        assert_eq!(refused(board), None);
+        let board =
+            |it: &mut WallSettings| it.board = Some(BoardSettings { square_px: 130, ..BoardSettings::default() });
+        assert_eq!(refused(board).as_deref(), Some("board.square_px"));
+        let both =
+            |it: &mut WallSettings| (it.dots, it.wave) = (Some(DotSettings::default()), Some(Default::default()));
+        assert_eq!(refused(both).as_deref(), Some("wave"));
         let truth = |it: &mut WallSettings| it.truth = Some(Default::default());
         assert_eq!(refused(truth).as_deref(), Some("truth.plan"));
     }

@@ -5,7 +5,7 @@ use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Image};
 use foveate_node::{ConfigError, Due, Figures, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, ports};
 
-use super::fields::{CLOCK_FIGURES, Fields};
+use super::fields::{CLOCK_FIGURES, Fields, own_camera};
 use crate::camera::{WallCameraSettings, WallRenderer};
 use crate::timing::{Arrival, Timing};
 use crate::wall::Wall;
@@ -41,11 +41,7 @@ impl Node for SimWallCamera {
 
     fn new(settings: WallCameraSettings, setup: &Setup) -> Result<Self, ConfigError> {
         settings.check()?;
-        let (Some(id), Some(camera)) = (setup.camera, setup.camera_model()) else {
-            return Err(ConfigError::node(
-                "found no camera, expected `each` or `camera` to name cameras of the calibration",
-            ));
-        };
+        let (id, camera) = own_camera(setup)?;
         let timing = Timing::new(&settings.timing, settings.exposure_ms, &setup.random);
         Ok(Self {
             name: setup.camera_name().map(str::to_owned),

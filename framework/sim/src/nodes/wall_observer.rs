@@ -8,11 +8,11 @@ use nalgebra::{Matrix2, Point2, Vector2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::fields::{CLOCK_FIGURES, Fields};
+use super::fields::{CLOCK_FIGURES, Fields, own_camera};
 use crate::chance::stream;
 use crate::timing::{Arrival, Timing, TimingSettings};
 use crate::truth::TrueCamera;
-use crate::wall::{Wall, WallLight, in_space, pixels_a_metre};
+use crate::wall::{Wall, WallLight};
 
 ports! {
     WALL: In<Wall> = latest("wall");
@@ -79,11 +79,7 @@ impl Node for SimWallObserver {
         ConfigError::unless_in("missed", settings.missed, 0.0..=1.0)?;
         ConfigError::unless_in("spot_width_px", settings.spot_width_px, 0.0..=100.0)?;
         ConfigError::unless_in("least_peak", settings.least_peak, 1.0..=255.0)?;
-        let (Some(id), Some(camera)) = (setup.camera, setup.camera_model()) else {
-            return Err(ConfigError::node(
-                "found no camera, expected `each` or `camera` to name cameras of the calibration",
-            ));
-        };
+        let (id, camera) = own_camera(setup)?;
         Ok(Self {
             name: setup.camera_name().map(str::to_owned),
             calibrated: camera.clone(),
@@ -116,8 +112,8 @@ impl Node for SimWallObserver {
         let spots = &mut self.spots;
         spots.clear();
         let mut see = |light: WallLight, random: &mut Random| {
-            let Some(pixel) = camera.sees(&in_space(&light.point)) else { return };
-            let Some(scale) = pixels_a_metre(camera, &light.point) else { return };
+            let Some(pixel) = camera.sees(&wall.in_space(&light.point)) else { return };
+            let Some(scale) = wall.pixels_a_metre(camera, &light.point) else { return };
             let is_found = random.uniform() >= missed;
             if is_found && light.peak >= least_peak {
                 spots.push((pixel, light.peak, light.sigma * scale));

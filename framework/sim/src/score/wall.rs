@@ -11,7 +11,7 @@ use nalgebra::Point2;
 
 use super::warmup::Warmup;
 use crate::truth::TrueCamera;
-use crate::wall::{Press, Wall, in_space};
+use crate::wall::{Press, Wall, in_wall_space};
 
 /// A press that lasts no longer need not be found: three fields of a camera at 60 Hz [s].
 const LEAST_PRESS_S: f64 = 0.05;
@@ -97,7 +97,7 @@ impl WallScorer {
             press.number = self.visit(press.number, time);
         }
         self.count_crossings(&presses);
-        let truth: Vec<_> = presses.iter().map(|it| (it.number, in_space(&it.point))).collect();
+        let truth: Vec<_> = presses.iter().map(|it| (it.number, in_wall_space(&it.point))).collect();
         let found: Vec<_> = targets.list.iter().map(|it| (it.id.0, it.position)).collect();
         let matched = self.identities.match_up(&truth, &found).to_vec();
         for it in &targets.list {
@@ -113,13 +113,13 @@ impl WallScorer {
             let target = &targets.list[column];
             observed.found = Some(observed.found.map_or(time, |it| it.min(time)));
             self.found.entry(target.id.0).and_modify(|it| it.press = Some(press.number));
-            let error = (target.position - in_space(&press.point)).norm() / pixel;
+            let error = (target.position - in_wall_space(&press.point)).norm() / pixel;
             if target.provenance != Provenance::Measured {
                 self.errors[PREDICTED].push(error);
                 continue;
             }
             self.errors[MEASURED].push(error);
-            if self.is_at_border(&press.point) {
+            if self.is_at_border(wall, &press.point) {
                 self.errors[AT_BORDERS].push(error);
             }
             if self.drawn.len() < MOST_DRAWN {
@@ -149,9 +149,9 @@ impl WallScorer {
         }
     }
 
-    fn is_at_border(&self, point: &Point2<f64>) -> bool {
+    fn is_at_border(&self, wall: &Wall, point: &Point2<f64>) -> bool {
         self.cameras.iter().any(|camera| {
-            let Some(pixel) = camera.project(&in_space(point)) else { return false };
+            let Some(pixel) = camera.project(&wall.in_space(point)) else { return false };
             let [width, height] = camera.image_size.map(f64::from);
             let inside = [pixel.x + 0.5, width - 0.5 - pixel.x, pixel.y + 0.5, height - 0.5 - pixel.y];
             inside.into_iter().fold(f64::MAX, f64::min).abs() < BORDER_PX
@@ -242,7 +242,7 @@ mod tests {
             };
             let list = wall.presses(time).map(|it| Target {
                 id: identity(it.number),
-                position: in_space(&it.point),
+                position: in_wall_space(&it.point),
                 velocity: Vector3::zeros(),
                 covariance: Matrix6::identity(),
                 cameras: CameraSet::default(),

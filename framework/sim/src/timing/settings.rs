@@ -84,6 +84,32 @@ impl TimingSettings {
         Plan { rate_hz: Some(self.rate_hz), latency_s: self.latency_ms * 1e-3, ..Plan::default() }
     }
 
+    /// Refuses light that is gathered or read out for longer than a field lasts, or that arrives before all of it is there [ms].
+    ///
+    /// # Errors
+    /// The setting of a camera, `exposure_ms`, `sensor.readout_ms` or `latency_ms`.
+    pub(crate) fn check_light(&self, exposure_ms: f64, readout_ms: f64) -> Result<(), ConfigError> {
+        let period = 1000.0 / self.rate_hz;
+        for (name, value) in [("exposure_ms", exposure_ms), ("sensor.readout_ms", readout_ms)] {
+            if value > period {
+                let message = format!("found {value}, expected at most {period:.2}, the time between two fields");
+                return Err(ConfigError::at(name, message));
+            }
+        }
+        let gathered = 0.5 * (exposure_ms + readout_ms);
+        if self.latency_ms < gathered {
+            let of = if readout_ms > 0.0 {
+                "half of `exposure_ms` and `sensor.readout_ms`"
+            } else {
+                "half of `exposure_ms`"
+            };
+            let found = self.latency_ms;
+            let message = format!("found {found}, expected at least {gathered}, {of}: light is gathered until then");
+            return Err(ConfigError::at("latency_ms", message));
+        }
+        Ok(())
+    }
+
     /// Refuses what is out of range or contradicts itself.
     ///
     /// # Errors

@@ -1,22 +1,31 @@
 //! A wall of displays, what it shows, and the spots of laser pointers on it: a pure function of time.
 //!
-//! The space of the wall: origin at the top left corner of its first pixel, x to the right, y down, z into the wall; what it shows lies in z = 0 [m].
+//! The space of the wall: origin at the top left corner of its first pixel, x to the right, y down, z into the wall; what it shows lies in z = 0 [m], unless it is bent: then x and y
+//! run along what it shows, and `shape` has it in space.
 
+mod board;
 mod contents;
 mod hand;
 mod settings;
+mod shape;
+mod wave;
 
 use std::sync::Arc;
 
 use foveate_estimation::random::Random;
-use foveate_geometry::Camera;
+use foveate_geometry::{Camera, Ray};
 use foveate_messages::{Message, Space, Time, Wire};
 use nalgebra::{Point2, Point3, Vector2};
 
+pub use board::BoardSettings;
+pub(crate) use board::ShownBoard;
 use contents::Contents;
 pub(crate) use contents::Window;
 use hand::Hand;
 pub use settings::{DotSettings, WallSettings};
+pub use shape::CurveSettings;
+use wave::Wave;
+pub use wave::WaveSettings;
 
 use crate::truth::{TrueCamera, Truth};
 
@@ -36,6 +45,7 @@ struct Inner {
     settings: WallSettings,
     size: [f64; 2],
     hands: Vec<Hand>,
+    wave: Option<Wave>,
     contents: Contents,
     truth: Truth,
 }
@@ -77,7 +87,9 @@ impl Wall {
         });
         let hands = (0..settings.users).map(|it| Hand::new(it, &settings, random)).collect();
         let contents = Contents::new(&settings, size, random);
-        Wall(Arc::new(Inner { settings, size, hands, contents, truth }))
+        let edge = settings.pixel_mm * 0.5e-3;
+        let wave = settings.wave.as_ref().map(|it| Wave::new(it, size, edge, random));
+        Wall(Arc::new(Inner { settings, size, hands, wave, contents, truth }))
     }
 
     /// What it was made from.
@@ -116,6 +128,29 @@ impl Wall {
         (0.0..self.0.size[0]).contains(&point.x) && (0.0..self.0.size[1]).contains(&point.y)
     }
 
+    /// A point of the wall in the space that cameras stand in [m].
+    pub(crate) fn in_space(&self, point: &Point2<f64>) -> Point3<f64> {
+        shape::in_space(self.0.settings.curve.as_ref(), self.0.size, point)
+    }
+
+    /// Where a ray of that space meets the wall, its surroundings in the same bend included [m].
+    pub(crate) fn met_by(&self, ray: &Ray) -> Option<Point2<f64>> {
+        shape::met(self.0.settings.curve.as_ref(), self.0.size, ray)
+    }
+
+    /// How many pixels a metre on the wall takes up at `point`, as the root of the area of a square metre's picture [px/m].
+    pub(crate) fn pixels_a_metre(&self, camera: &TrueCamera, point: &Point2<f64>) -> Option<f64> {
+        let at = |x: f64, y: f64| camera.project(&self.in_space(&(point + Vector2::new(x, y))));
+        let (here, right, down) = (at(0.0, 0.0)?, at(1e-3, 0.0)?, at(0.0, 1e-3)?);
+        Some(((right - here).perp(&(down - here))).abs().sqrt() * 1e3)
+    }
+
+    /// Whether it is dark but for what it is calibrated by.
+    fn calibrates(&self) -> bool {
+        let WallSettings { dots, board, wave, .. } = &self.0.settings;
+        dots.is_some() || board.is_some() || wave.is_some()
+    }
+
     fn is_dark(&self, point: &Point2<f64>) -> bool {
         self.tile(point).is_none_or(|tile| Some(tile) == self.0.settings.dark_tile)
     }
@@ -124,13 +159,28 @@ impl Wall {
     pub fn presses(&self, time: Time) -> impl Iterator<Item = Press> + '_ {
         let time_s = time.as_s();
         let inner = &self.0;
-        let shows_dots = inner.settings.dots.is_some();
-        let hands = inner.hands.iter().zip(0..).filter(move |_| !shows_dots);
-        hands.filter_map(move |(hand, user)| {
+        let calibrates = self.calibrates();
+        let waved = inner.wave.iter().filter(move |_| time_s >= 0.0).map(move |it| Press {
+            number: 0,
+            user: 0,
+            point: self.waved(it, time_s),
+        });
+        let hands = inner.hands.iter().zip(0..).filter(move |_| !calibrates);
+        let users = hands.filter_map(move |(hand, user)| {
             let number = hand.presses(time_s, &inner.settings)?;
             let point = hand.points_at(time_s, &inner.settings, inner.size);
             self.has(&point).then_some(Press { number, user, point })
-        })
+        });
+        waved.chain(users)
+    }
+
+    /// Where the waved pointer points: still where it is held against the wall, else with a hand that shakes, the first's.
+    fn waved(&self, wave: &Wave, time_s: f64) -> Point2<f64> {
+        let (point, is_held) = wave.at(time_s);
+        match self.0.hands.first() {
+            Some(hand) if !is_held => point + hand.shakes(time_s),
+            _ => point,
+        }
     }
 
     /// The spots of pointers as an eye at `eye` sees them: those of [`Self::presses`], and their reflections in bezels.
@@ -172,6 +222,9 @@ impl Wall {
     /// What is small and bright in what the wall shows at `time`: red spots of contents, or the dot.
     pub fn shown_lights(&self, time: Time, mut each: impl FnMut(WallLight)) {
         let at_s = self.shown_s(time);
+        if self.0.settings.board.is_some() || self.0.settings.wave.is_some() {
+            return;
+        }
         let mut lit = |light: WallLight| {
             if !self.is_dark(&light.point) {
                 each(light);
@@ -192,6 +245,14 @@ impl Wall {
             if let Some((number, light)) = self.dot(time.as_s()) {
                 each(number, light);
             }
+            return;
+        }
+        let WallSettings { white, pixel_mm, .. } = self.0.settings;
+        if let Some(board) = self.board_at(time.as_s()) {
+            let light = |point| WallLight { point, sigma: pixel_mm * 1e-3, peak: white };
+            board.points().zip(0..).for_each(|(point, number)| each(number, light(point)));
+        }
+        if self.calibrates() {
             return;
         }
         self.0.contents.spots(time.as_s()).for_each(|(number, light)| each(number, light));
@@ -225,6 +286,32 @@ impl Wall {
         Some((number as u32, light))
     }
 
+    /// The board as the wall shows it at `time`; `None` on a display that is off.
+    pub(crate) fn board(&self, time: Time) -> Option<ShownBoard> {
+        self.board_at(self.shown_s(time)).filter(|it| !self.is_dark(&it.first))
+    }
+
+    /// The board at the place that is due at `time_s` after all before it; `None` before the first and after the last.
+    fn board_at(&self, time_s: f64) -> Option<ShownBoard> {
+        let WallSettings { tiles, tile_px, pixel_mm, gap_mm, board, .. } = self.0.settings;
+        let BoardSettings { corners, square_px, grid, each_ms } = board?;
+        let number = Some((time_s * 1e3 / each_ms).floor()).filter(|it| *it >= 0.0)? as u64;
+        let [columns, rows] = [0, 1].map(|axis| u64::from(tiles[axis] * grid[axis]));
+        if number >= columns * rows {
+            return None;
+        }
+        let cell = [number % columns, number / columns];
+        let first = [0, 1].map(|axis| {
+            let of_tile = u64::from(grid[axis]);
+            let (tile, within) = (cell[axis] / of_tile, cell[axis] % of_tile);
+            let free = f64::from(tile_px[axis] - (corners[axis] + 3) * square_px);
+            let part = if of_tile > 1 { within as f64 / (of_tile - 1) as f64 } else { 0.5 };
+            let pixel = (part * free).floor() + f64::from(2 * square_px);
+            (tile as f64 * (f64::from(tile_px[axis]) * pixel_mm + gap_mm) + pixel * pixel_mm) * 1e-3
+        });
+        Some(ShownBoard { number, first: first.into(), square: f64::from(square_px) * pixel_mm * 1e-3, corners })
+    }
+
     /// When the last dot is over, as told [s]; 0 without dots.
     pub fn dots_end_s(&self) -> f64 {
         let WallSettings { tiles, dots, .. } = self.0.settings;
@@ -234,13 +321,13 @@ impl Wall {
     /// Windows at `time`, the last one in front; none while dots are shown.
     pub(crate) fn windows(&self, time: Time) -> impl Iterator<Item = Window> + '_ {
         let at_s = self.shown_s(time);
-        let has_contents = self.0.settings.dots.is_none();
+        let has_contents = !self.calibrates();
         self.0.contents.windows(at_s).filter(move |_| has_contents)
     }
 
     /// How bright a display is at `time`, relative to how its contents are by themselves: they shine and fade.
     pub(crate) fn shine(&self, tile: [u32; 2], time: Time) -> f64 {
-        if Some(tile) == self.0.settings.dark_tile || self.0.settings.dots.is_some() {
+        if Some(tile) == self.0.settings.dark_tile || self.calibrates() {
             return 0.0;
         }
         self.0.contents.shine(tile, self.shown_s(time))
@@ -256,16 +343,9 @@ impl Wall {
     }
 }
 
-/// A point of the wall in space.
-pub(crate) fn in_space(point: &Point2<f64>) -> Point3<f64> {
+/// A point of the wall as messages have it: in the wall's own space, whose z is 0.
+pub(crate) fn in_wall_space(point: &Point2<f64>) -> Point3<f64> {
     Point3::new(point.x, point.y, 0.0)
-}
-
-/// Side by side in the wall's plane: a step of a metre along x and y, as a camera images it [px/m], together the area of a square metre's picture.
-pub(crate) fn pixels_a_metre(camera: &TrueCamera, point: &Point2<f64>) -> Option<f64> {
-    let at = |x: f64, y: f64| camera.project(&in_space(&(point + Vector2::new(x, y))));
-    let (here, right, down) = (at(0.0, 0.0)?, at(1e-3, 0.0)?, at(0.0, 1e-3)?);
-    Some(((right - here).perp(&(down - here))).abs().sqrt() * 1e3)
 }
 
 #[cfg(test)]

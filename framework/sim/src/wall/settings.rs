@@ -4,6 +4,9 @@ use foveate_node::ConfigError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::board::BoardSettings;
+use super::shape::CurveSettings;
+use super::wave::WaveSettings;
 use crate::truth::TruthSettings;
 
 /// Tiles, what they show, and who points at them.
@@ -63,6 +66,12 @@ pub struct WallSettings {
     pub refresh_hz: f64,
     /// Dots for calibrating, one at a time, in place of contents and users. Left out: none [–].
     pub dots: Option<DotSettings>,
+    /// A chessboard for calibrating, at one place after another, in place of contents and users. Left out: none [–].
+    pub board: Option<BoardSettings>,
+    /// A pointer for calibrating, held at places of the wall and then waved over it, in place of users; the wall is dark. Left out: none [–].
+    pub wave: Option<WaveSettings>,
+    /// How the wall is bent. Left out: it is flat [–].
+    pub curve: Option<CurveSettings>,
     /// How many a second are given out of the truth and of what is shown [Hz].
     #[schemars(range(min = 1.0, max = 1000.0))]
     pub truth_hz: f64,
@@ -112,6 +121,9 @@ impl Default for WallSettings {
             display_latency_ms: 30.0,
             refresh_hz: 60.0,
             dots: None,
+            board: None,
+            wave: None,
+            curve: None,
             truth_hz: 60.0,
             truth: None,
         }
@@ -156,6 +168,42 @@ impl WallSettings {
             }
             ConfigError::unless_in("dots.each_ms", each_ms, 20.0..=10_000.0)?;
             ConfigError::unless_in("dots.sigma_mm", sigma_mm, 0.5..=50.0)?;
+        }
+        self.check_board()?;
+        if let Some(WaveSettings { touch_m, hold_s, miss_mm }) = &self.wave {
+            ConfigError::unless_in("wave.hold_s", *hold_s, 0.1..=60.0)?;
+            ConfigError::unless_in("wave.miss_mm", *miss_mm, 0.0..=100.0)?;
+            for at in touch_m.iter().flatten() {
+                ConfigError::unless_in("wave.touch_m", *at, -1000.0..=1000.0)?;
+            }
+        }
+        if let Some(CurveSettings { radius_m, sag_mm }) = self.curve {
+            ConfigError::unless_in("curve.sag_mm", sag_mm, 0.0..=500.0)?;
+            ConfigError::unless_in("curve.radius_m", radius_m.abs(), 1.0..=1e6)?;
+        }
+        let shown = [("dots", self.dots.is_some()), ("board", self.board.is_some()), ("wave", self.wave.is_some())];
+        let mut shown = shown.into_iter().filter(|it| it.1).map(|it| it.0);
+        if let (Some(first), Some(second)) = (shown.next(), shown.next()) {
+            return Err(ConfigError::at(second, format!("found it beside `{first}`, expected one of them at a time")));
+        }
+        Ok(())
+    }
+
+    fn check_board(&self) -> Result<(), ConfigError> {
+        let Some(BoardSettings { corners, square_px, grid, each_ms }) = self.board else { return Ok(()) };
+        ConfigError::unless_in("board.square_px", square_px, 4..=1000)?;
+        ConfigError::unless_in("board.each_ms", each_ms, 20.0..=10_000.0)?;
+        for axis in 0..2 {
+            ConfigError::unless_in("board.corners", corners[axis], 3..=30)?;
+            ConfigError::unless_in("board.grid", grid[axis], 1..=20)?;
+            // A margin of a square to either side of the outer squares.
+            let (found, most) = ((corners[axis] + 3) * square_px, self.tile_px[axis]);
+            if found > most {
+                let message = format!(
+                    "found squares that take up {found} px with their margin, expected at most the display's {most}"
+                );
+                return Err(ConfigError::at("board.square_px", message));
+            }
         }
         Ok(())
     }

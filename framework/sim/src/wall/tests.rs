@@ -110,7 +110,7 @@ fn dot_is_rendered_where_the_camera_sees_it_and_later_by_the_displays_latency() 
         let mut place = None;
         wall.told(Time::from_s(told_s + 0.001), |_, light| place = Some(light.point));
         let place = place.expect("a dot is told at any time before the last is over");
-        let Some(pixel) = camera().sees(&in_space(&place)) else { continue };
+        let Some(pixel) = camera().sees(&wall.in_space(&place)) else { continue };
         if camera().image_size.iter().zip(pixel.iter()).any(|(size, at)| *at < 10.0 || *at > f64::from(*size) - 11.0) {
             continue;
         }
@@ -156,4 +156,52 @@ fn reflection_is_seen_from_its_side_alone_and_elsewhere_by_each_camera() {
     }
     assert!(n > 20 && !from_left.is_empty() && !from_right.is_empty(), "{n} reflections");
     assert!(from_left.iter().any(|it| !from_right.contains(it)), "views disagree");
+}
+
+#[test]
+fn board_is_found_where_the_wall_shows_it() {
+    let board = BoardSettings { grid: [2, 2], each_ms: 100.0, ..BoardSettings::default() };
+    let wall = wall(WallSettings { board: Some(board), display_latency_ms: 0.0, ..WallSettings::default() });
+    let mut found = 0;
+    for number in 0..32 {
+        let time = Time::from_s(0.05 + 0.1 * f64::from(number));
+        let mut told = Vec::new();
+        wall.told(time, |label, light| told.push((label, light.point)));
+        assert_eq!(told.len(), 28);
+        let image = picture(&wall, time.as_s(), &WallCameraSettings::default());
+        let view = foveate_imaging::ImageView::new(&image.pixels, 640, 480).unwrap();
+        let Some(corners) = foveate_imaging::chessboard::find_chessboard(&view, 7, 4) else { continue };
+        found += 1;
+        for ((label, point), corner) in told.iter().zip(&corners) {
+            let pixel = camera().project(&wall.in_space(point)).unwrap();
+            assert!((pixel - corner.centre).norm() < 0.15, "corner {label}: {} for {pixel}", corner.centre);
+        }
+    }
+    assert!(found >= 4, "{found}");
+}
+
+#[test]
+fn waved_pointer_is_held_at_the_corners_first_and_then_covers_the_wall() {
+    let wave = WaveSettings { miss_mm: 0.0, ..WaveSettings::default() };
+    let wall = wall(WallSettings { wave: Some(wave), ..WallSettings::default() });
+    let [width, height] = wall.size();
+    let at = |time_s: f64| {
+        let presses: Vec<Press> = wall.presses(Time::from_s(time_s)).collect();
+        assert!(presses.len() < 2 && presses.iter().all(|it| it.number == 0));
+        presses.first().map(|it| it.point)
+    };
+    for (corner, time_s) in
+        [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]].into_iter().zip([0.0, 2.7, 5.4, 8.1])
+    {
+        for into in [0.1, 1.4] {
+            assert!((at(time_s + into).unwrap() - Point2::from(corner)).norm() < 1e-3);
+        }
+    }
+    let mut cells = std::collections::BTreeSet::new();
+    for step in 0..6000 {
+        if let Some(it) = at(11.0 + 0.01 * f64::from(step)) {
+            cells.insert(((it.x / width * 8.0) as u32, (it.y / height * 4.0) as u32));
+        }
+    }
+    assert!(cells.len() >= 28, "{} of 32 parts of the wall", cells.len());
 }

@@ -1,6 +1,9 @@
-//! `laser_pointer.calibrator`: maps cameras to a wall by dots that the wall shows.
+//! `laser_pointer.calibrator`: maps cameras to a wall by dots that the wall shows, or by a chessboard.
 
-mod dots;
+mod boards;
+mod fit;
+mod held;
+mod shown;
 #[cfg(test)]
 mod tests;
 
@@ -12,10 +15,14 @@ use nalgebra::Point2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use dots::{CameraResult, DotCalibration, Frame, ShownDot, WallSize, calibrate};
+pub use boards::BoardSize;
+pub use held::HeldBoard;
+pub use shown::{CameraResult, Frame, Shown, ShownCalibration, ShownOptions, Spot, WallSize, calibrate};
 
 /// A run with fewer dots was cut short: that is told, and no failure.
 const LEAST_DOTS: usize = 40;
+/// The same for places of a board.
+const LEAST_BOARDS: usize = 20;
 
 ports! {
     FEATURES: In<Features> = each("features").many();
@@ -25,12 +32,12 @@ ports! {
 figures! {
     "wall_calibration.cameras": count, high, "Cameras that were mapped to the wall";
     "wall_calibration.cameras_failed": count, low, "Cameras without a map: the remarks say why";
-    "wall_calibration.dots": count, neither, "Dots that were shown";
-    "wall_calibration.dots_seen.*": count, high, "Dots that this camera saw at one place";
-    "wall_calibration.dots_hidden.*": count, low, "Dots within this camera's picture that another camera saw and this one did not";
-    "wall_calibration.held_out_px.*": px, low, "Error of this camera's map at every fourth dot, fitted without them; root mean square, in pixels of the wall";
+    "wall_calibration.dots": count, neither, "Dots, or places of a board, that were shown";
+    "wall_calibration.dots_seen.*": count, high, "Dots, or places of a board, that this camera saw and did not see move";
+    "wall_calibration.dots_hidden.*": count, low, "Dots, or places of a board, within this camera's picture that another camera saw and this one did not";
+    "wall_calibration.held_out_px.*": px, low, "Error of this camera's map at every fourth dot, fitted without them, or at the corners of a board at places that were left out in four turns; root mean square, in pixels of the wall";
     "wall_calibration.held_out_median_px": px, low, "The median of these over the cameras";
-    "wall_calibration.dark_displays": count, low, "Displays none of whose dots any camera saw";
+    "wall_calibration.dark_displays": count, low, "Displays of which no camera saw a dot or a board";
 }
 
 /// Settings of [`Calibrator`].
@@ -53,6 +60,16 @@ pub struct CalibratorSettings {
     #[schemars(range(min = 0.01, max = 1000.0))]
     #[serde(default = "default_limit_px")]
     pub limit_px: f64,
+    /// Inner corners of a chessboard along its rows and columns, the same as those of `board.detector`: then the wall shows it at one place after another, each of its corners
+    /// a target of `shown` whose identity counts row by row. Left out: dots [–]
+    #[serde(default)]
+    pub board: Option<BoardSize>,
+    /// A printed board that was held flat against the wall, place by place, in place of `shown` [–]
+    #[serde(default)]
+    pub held: Vec<HeldBoard>,
+    /// Brightest that the wall itself can be in the cameras' pictures, as the tracker is to take it. Left out: as bright as the dots, or the white of the board, were in each camera [gray level]
+    #[serde(default)]
+    pub brightest: Option<f64>,
     /// Name of the file with the maps that is written into the results folder [–]
     #[serde(default = "default_file")]
     pub file: String,
@@ -74,14 +91,16 @@ fn default_file() -> String {
     "wall.map.toml".to_owned()
 }
 
-/// Spots of each camera and what the wall was told to show in, one dot at a time; a file with the maps in the results folder, with what they are worth. Cameras that cannot
+/// Spots of each camera and what the wall was told to show in, one dot or board at a time; a file with the maps in the results folder, with what they are worth. Cameras that cannot
 /// be mapped, displays that stay dark and dots that are hidden are named; the other cameras get their maps.
 pub struct Calibrator {
     settings: CalibratorSettings,
     names: Vec<String>,
     sizes: Vec<[u32; 2]>,
-    dots: Vec<ShownDot>,
-    /// Times at which more dots than one were asked for.
+    shown: Vec<Shown>,
+    /// The identity and the place of the first of what was shown last.
+    last: Option<(u32, Point2<f64>)>,
+    /// Times at which more dots than one, or another number of corners than the board's, were asked for.
     crowded: u64,
     frames: Vec<Vec<Frame>>,
     out_dir: Option<PathBuf>,
@@ -90,7 +109,8 @@ pub struct Calibrator {
 impl Node for Calibrator {
     const TYPE: &'static str = "laser_pointer.calibrator";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Maps cameras to a wall by dots that the wall shows, and says how good the maps are";
+    const SUMMARY: &'static str =
+        "Maps cameras to a wall by dots or a chessboard that it shows, and says how good the maps are";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CalibratorSettings;
 
@@ -106,13 +126,29 @@ impl Node for Calibrator {
         ConfigError::unless_in("pixel_mm", settings.pixel_mm, 0.05..=20.0)?;
         ConfigError::unless_in("settle_ms", settings.settle_ms, 0.0..=10_000.0)?;
         ConfigError::unless_in("limit_px", settings.limit_px, 0.01..=1000.0)?;
+        ConfigError::unless_in("brightest", settings.brightest.unwrap_or(255.0), 1.0..=255.0)?;
+        for corners in settings.board.into_iter().flatten() {
+            ConfigError::unless_in("board", corners, 3..=100)?;
+        }
+        if let (false, None) = (settings.held.is_empty(), settings.board) {
+            return Err(ConfigError::at(
+                "held",
+                "found places of a board, expected `board` to say how many corners it has",
+            ));
+        }
+        let mut shown = Vec::new();
+        for held in &settings.held {
+            shown.push(held.shown(settings.board.unwrap_or_default())?);
+        }
+        shown.sort_by_key(|it: &Shown| it.from);
         setup.claim_named_file("file", &settings.file)?;
         let cameras = &setup.calibration.cameras;
         Ok(Self {
             settings,
             names: cameras.iter().map(|it| it.name.clone()).collect(),
             sizes: cameras.iter().map(|it| it.camera.image_size).collect(),
-            dots: Vec::new(),
+            shown,
+            last: None,
             crowded: 0,
             frames: vec![Vec::new(); cameras.len()],
             out_dir: setup.out_dir.clone().filter(|_| setup.purpose == Purpose::Run),
@@ -125,8 +161,15 @@ impl Node for Calibrator {
         }
         while let Some(features) = io.take(&FEATURES) {
             let Some(frames) = self.frames.get_mut(usize::from(features.value.camera.0)) else { continue };
-            let spots = features.value.list.iter().map(|it| (it.centre, it.covariance.trace() / 2.0, it.peak));
-            frames.push(Frame { time: features.time(), spots: spots.collect() });
+            let spots = features.value.list.iter().map(|it| Spot {
+                pixel: it.centre,
+                variance: it.covariance.trace() / 2.0,
+                peak: it.peak,
+                label: it.label,
+            });
+            let mut spots: Vec<Spot> = spots.collect();
+            spots.sort_by_key(|it| it.label);
+            frames.push(Frame { time: features.time(), spots });
         }
         Ok(())
     }
@@ -135,19 +178,23 @@ impl Node for Calibrator {
         for frames in &mut self.frames {
             frames.sort_by_key(|it| it.time);
         }
-        let CalibratorSettings { size_m, pixel_mm, tiles, settle_ms, limit_px, .. } = self.settings;
+        let CalibratorSettings { size_m, pixel_mm, tiles, settle_ms, limit_px, board, .. } = self.settings;
         let wall = WallSize { size_m, pixel_m: pixel_mm * 1e-3, tiles };
-        let settle = Interval::from_ms(settle_ms);
-        let found = calibrate(&wall, &self.sizes, &self.dots, &self.frames, settle, limit_px);
+        let options = ShownOptions { board, settle: Interval::from_ms(settle_ms), limit_px };
+        let found = calibrate(&wall, &self.sizes, &self.shown, &self.frames, &options);
         self.tell(&found, report);
-        let map = found.map(&wall, &self.names);
+        let mut map = found.map(&wall, &self.names);
+        if let Some(brightest) = self.settings.brightest {
+            map.cameras.values_mut().for_each(|it| it.brightest = brightest);
+        }
         if map.cameras.is_empty() {
-            let n = self.dots.len();
-            let message = format!("no camera could be mapped to the wall by its {n} dots");
-            if n >= LEAST_DOTS {
+            let n = self.shown.len();
+            let least = if board.is_some() { LEAST_BOARDS } else { LEAST_DOTS };
+            let message = format!("no camera could be mapped to the wall by {n} {}", self.things());
+            if n >= least {
                 return Err(NodeError::input(message));
             }
-            report.remark(format!("{message}: the run was over before there were {LEAST_DOTS}"));
+            report.remark(format!("{message}: the run was over before there were {least}"));
             return Ok(());
         }
         let Some(folder) = &self.out_dir else { return Ok(()) };
@@ -166,21 +213,35 @@ impl Node for Calibrator {
 impl Calibrator {
     /// Takes in what the wall is told to show from `time` on.
     fn show(&mut self, time: Time, list: &[Target]) {
-        self.crowded += u64::from(list.len() > 1);
-        let [dot] = list else { return };
-        match self.dots.last_mut() {
-            Some(last) if last.number == dot.id.0 => last.until = time,
-            _ => {
-                let point = Point2::new(dot.position.x, dot.position.y);
-                self.dots.push(ShownDot { number: dot.id.0, point, from: time, until: time });
+        let n = self.settings.board.map_or(1, |[columns, rows]| (columns * rows) as usize);
+        let mut list: Vec<&Target> = list.iter().collect();
+        list.sort_by_key(|it| it.id);
+        let Some(first) = list.first() else { return };
+        if list.len() != n || !self.settings.held.is_empty() {
+            self.crowded += 1;
+            return;
+        }
+        let begins = Some((first.id.0, first.position.xy()));
+        match self.shown.last_mut().filter(|_| self.last == begins) {
+            Some(last) => last.until = time,
+            None => {
+                let points = list.iter().map(|it| it.position.xy()).collect();
+                self.shown.push(Shown { points, from: time, until: time });
             }
         }
+        self.last = begins;
     }
 
-    fn tell(&self, found: &DotCalibration, report: &mut Report) {
+    /// What is shown, in words.
+    fn things(&self) -> &'static str {
+        if self.settings.board.is_some() { "places of a board" } else { "dots" }
+    }
+
+    fn tell(&self, found: &ShownCalibration, report: &mut Report) {
         let (mut errors, mut failed) = (Vec::new(), 0);
+        let things = self.things();
         for ((name, camera), hidden) in self.names.iter().zip(&found.cameras).zip(&found.hidden) {
-            report.figure(format!("wall_calibration.dots_seen.{name}"), camera.n_dots as f64);
+            report.figure(format!("wall_calibration.dots_seen.{name}"), camera.n_seen as f64);
             report.figure(format!("wall_calibration.dots_hidden.{name}"), *hidden as f64);
             match &camera.map {
                 Ok(map) => {
@@ -194,10 +255,29 @@ impl Calibrator {
             }
             if *hidden > 0 {
                 report.remark(format!(
-                    "camera `{name}` did not see {hidden} dots that lie in its picture and that other cameras saw: something stands in its way"
+                    "camera `{name}` did not see {hidden} {things} that lie in its picture and that other cameras saw: something stands in its way"
                 ));
             }
-            if camera.n_doubtful > 0 {
+            if let Some(stance) = camera.stance {
+                report.remark(format!("camera `{name}` sees the wall {stance}"));
+            }
+            if let (Some(found), Some([columns, rows])) = (camera.other_corners, self.settings.board) {
+                report.remark(format!(
+                    "camera `{name}` saw boards of {found} corners where one of {columns} x {rows} was shown: are `columns` and `rows` of its detector those of `board`?"
+                ));
+            }
+            if camera.n_elsewhere > 0 {
+                report.remark(format!(
+                    "camera `{name}` saw the board {} times elsewhere than was told: these were left out",
+                    camera.n_elsewhere
+                ));
+            }
+            if camera.n_doubtful > 0 && self.settings.board.is_some() {
+                report.remark(format!(
+                    "camera `{name}` saw the board move, or not all of it, at {} places: they were left out; is `settle_ms` long enough?",
+                    camera.n_doubtful
+                ));
+            } else if camera.n_doubtful > 0 {
                 report.remark(format!(
                     "camera `{name}` saw {} dots together with other lights, or moving: they were left out; is the wall dark but for the dots?",
                     camera.n_doubtful
@@ -206,20 +286,30 @@ impl Calibrator {
         }
         for ([column, row], n) in &found.dark {
             report.remark(format!(
-                "display {} of row {} showed none of its {n} dots to any camera: it is off, or no camera sees it",
+                "display {} of row {} showed none of its {n} {things} to any camera: it is off, or no camera sees it",
                 column + 1,
                 row + 1
             ));
         }
         if self.crowded > 0 {
-            report.remark(format!(
-                "more dots than one were asked for at {} moments: these were left out, expected one at a time",
-                self.crowded
-            ));
+            report.remark(match self.settings.board {
+                None => format!(
+                    "more dots than one were asked for at {} moments: these were left out, expected one at a time",
+                    self.crowded
+                ),
+                Some(_) if !self.settings.held.is_empty() => format!(
+                    "the wall was told to show something at {} moments though `held` says that a board was held against it: that was left out",
+                    self.crowded
+                ),
+                Some([columns, rows]) => format!(
+                    "at {} moments the wall was told to show another number of corners than the {columns} x {rows} of `board`: these were left out",
+                    self.crowded
+                ),
+            });
         }
         report.figure("wall_calibration.cameras", errors.len() as f64);
         report.figure("wall_calibration.cameras_failed", f64::from(failed));
-        report.figure("wall_calibration.dots", self.dots.len() as f64);
+        report.figure("wall_calibration.dots", self.shown.len() as f64);
         report.figure("wall_calibration.dark_displays", found.dark.len() as f64);
         if let Some(median) = median(&errors) {
             report.figure("wall_calibration.held_out_median_px", median);

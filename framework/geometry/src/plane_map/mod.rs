@@ -13,6 +13,8 @@
 //!
 //! A pose and a focal length need not be told apart for that, so a camera that looks straight at the plane is no special case, unlike for a [`Camera`](crate::Camera).
 
+pub mod network;
+
 use foveate_estimation::least_squares::{Equations, Loss, Options, Problem, solve};
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Point2, SMatrix, SVector, Vector2, Vector3};
 
@@ -126,6 +128,23 @@ impl PlaneMap {
         let factor = solution.variance_factor.max(1.0);
         map.covariance = SMatrix::from_fn(|row, column| covariance[(row, column)] * factor);
         Ok(map)
+    }
+
+    /// The homography from the plane to raw pixels, without a lens, under which most points are where they were seen; `None` where the points fix none.
+    pub fn homography(image_size: [u32; 2], points: &[PlanePoint]) -> Option<Matrix3<f64>> {
+        let [width, height] = image_size.map(f64::from);
+        let pixels_from_ideal = Matrix3::new(
+            width / 2.0,
+            0.0,
+            (width - 1.0) / 2.0, //
+            0.0,
+            width / 2.0,
+            (height - 1.0) / 2.0, //
+            0.0,
+            0.0,
+            1.0,
+        );
+        Some(pixels_from_ideal * first_homography(image_size, points)?)
     }
 
     /// The pixel at which a point of the plane is seen, which may lie outside the picture. `None` behind the camera and beyond what the lens images.
