@@ -1,5 +1,6 @@
 //! `laser_pointer.tracker`: pointers on a wall, from the spots that cameras find [Davis 2002 §6.1].
 
+mod mirrors;
 mod pointers;
 mod settings;
 #[cfg(test)]
@@ -23,6 +24,7 @@ figures! {
     "pointers.spots_dim": count, neither, "Those of them that the wall itself could have shown";
     "pointers.spots_large": count, neither, "Those that were too large";
     "pointers.spots_beside": count, neither, "Those beside the wall";
+    "pointers.bezels": count, neither, "Lines in which bezels mirror spots, as learnt, over all cameras";
     "pointers.frames_late": count, low, "Frames that came after a later one of another camera, and were left out";
     "pointers.disputed": count, low, "Spots that one camera reported for long and another, which sees the place, did not";
 }
@@ -94,7 +96,7 @@ impl Node for Tracker {
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        let Tally { spots, dim, large, beside, late, begun, dropped } = self.pointers.tally();
+        let Tally { spots, dim, large, beside, late, begun, dropped, bezels } = self.pointers.tally();
         let disputed: u64 = self.pointers.disputes().map(|it| it.2).sum();
         for (name, count) in [
             ("begun", begun),
@@ -103,6 +105,7 @@ impl Node for Tracker {
             ("spots_dim", dim),
             ("spots_large", large),
             ("spots_beside", beside),
+            ("bezels", bezels),
             ("frames_late", late),
             ("disputed", disputed),
         ] {

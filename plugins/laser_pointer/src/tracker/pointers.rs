@@ -6,6 +6,11 @@
 //! sees it alone, when the spot stays. A place that one camera reports and another, which sees it, does not, is disputed: what no second camera ever saw ends there. A bezel
 //! mirrors a spot along a row or a column of displays: what is level with a larger spot nearby, or plumb with it, does not begin a pointer as long as it stays so.
 //!
+//! Where bezels mirror is learnt (`mirrors`); from then on the place alone says what is a reflection. A pointer that has come to one goes over to the spot itself.
+//!
+//! A spot that is one with another, or with its own reflection, is shifted. So each observation is one of two: as good as its covariance says, or, less likely, off by a
+//! third of the width at which spots touch; what is likelier enters. A spot that is suddenly half as large again counts as one of two pointers, also where nobody knows of a second.
+//!
 //! Two pointers whose spots touch are one spot in the picture. Both are updated with it, as what lies between them: with a covariance that spans both, and not for longer
 //! than it takes to cross.
 
@@ -17,6 +22,7 @@ use foveate::prelude::*;
 use foveate::scene::WallMap;
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Point2, Point3, Vector3};
 
+use super::mirrors::{Mirrors, Seen as Spot};
 use super::settings::TrackerSettings;
 
 /// The wall's plane in the filters' space.
@@ -29,6 +35,12 @@ const LEVEL_M: f64 = 5e-3;
 const MERGED_S: f64 = 0.25;
 /// A reflection is this much smaller than its spot, or dimmer: area over area [–].
 const SMALLER: f64 = 0.8;
+/// Prior odds that a spot is shifted, as minus twice their logarithm: one in fifty.
+const SHIFTED: f64 = 7.8;
+/// The same for a pointer whose spot looks like a reflection: it would be a reflection by chance.
+const MIRRORED: f64 = 6.0;
+/// A reflection is no larger than this, relative to its spot: a window of the wall behind it lets it look larger than it is [–].
+const LARGER: f64 = 1.3;
 /// Spots may lie so far beside the wall: on its frame, or by the error of a map [m].
 const BESIDE_M: f64 = 0.01;
 /// A camera that has been silent for so long counts as gone [s].
@@ -40,6 +52,10 @@ const CUT_PX: f64 = 1.0;
 const CANDIDATES_LATER: f64 = 1e3;
 /// A spot that the edge of a picture cuts is smaller for a while: of its largest area a pointer forgets so much with each frame [–].
 const AREA_KEPT: f64 = 0.97;
+/// A spot this much larger than the pointer's usual one is more than one [–]; of the usual one each frame counts so much [–], once there were so many.
+const GROWN: f64 = 1.5;
+const USUAL: f64 = 0.1;
+const GROWN_AFTER: u32 = 4;
 /// What begins nearer to a pointer than this, in widths of two spots that touch, must stay as long as what was once mirrored [–].
 const NEAR_MERGES: f64 = 2.5;
 /// What was once mirrored must be by itself for so many frames.
@@ -64,6 +80,8 @@ pub struct Tally {
     pub begun: u64,
     /// Candidates that did not stay or that no second camera confirmed.
     pub dropped: u64,
+    /// Lines in which bezels mirror spots, over all cameras.
+    pub bezels: u64,
 }
 
 /// A spot on the wall.
@@ -76,6 +94,8 @@ struct Place {
     peak: u8,
     /// It may be the reflection of a larger one.
     is_mirrored: bool,
+    /// The spot of this picture whose reflection it is in a bezel that is known.
+    source: Option<usize>,
 }
 
 /// A pointer, or what may be one.
@@ -97,6 +117,8 @@ struct Track {
     clear: u32,
     /// Of its largest spot of late [m²].
     area: f64,
+    /// Of its spots by themselves: their running mean [m²].
+    usual: f64,
     /// This frame's camera saw it.
     is_measured: bool,
 }
@@ -122,6 +144,10 @@ pub struct Pointers {
     /// Pairs of cameras that disagreed, with how often: the one that saw a spot, the one that did not.
     disputes: BTreeMap<(CameraId, CameraId), u64>,
     costs: Vec<f64>,
+    /// By track and place as `costs`: the place is likelier one that is shifted.
+    shifted: Vec<bool>,
+    mirrors: Mirrors,
+    seen: Vec<Spot>,
     assigned: Vec<Option<usize>>,
     workspace: Workspace,
     places: Vec<Place>,
@@ -141,6 +167,9 @@ impl Pointers {
             tally: Tally::default(),
             disputes: BTreeMap::new(),
             costs: Vec::new(),
+            shifted: Vec::new(),
+            mirrors: Mirrors::new(names.len()),
+            seen: Vec::new(),
             assigned: Vec::new(),
             workspace: Workspace::default(),
             places: Vec::new(),
@@ -149,7 +178,7 @@ impl Pointers {
 
     /// What became of spots.
     pub fn tally(&self) -> Tally {
-        self.tally
+        Tally { bezels: self.mirrors.count() as u64, ..self.tally }
     }
 
     /// Pairs of cameras that disagreed: the one that saw a spot, the one that should have seen it, how often.
@@ -212,9 +241,20 @@ impl Pointers {
                 continue;
             }
             let covariance = placed.covariance + Matrix2::identity() * map_variance;
-            self.places.push(Place { point: placed.point, covariance, area, peak: it.peak, is_mirrored: false });
+            self.places.push(Place {
+                point: placed.point,
+                covariance,
+                area,
+                peak: it.peak,
+                is_mirrored: false,
+                source: None,
+            });
         }
         let reach = self.settings.reflection_mm * 1e-3;
+        self.seen.clear();
+        self.seen.extend(self.places.iter().map(|it| Spot { point: it.point, area: it.area }));
+        self.mirrors.learn(number, time, &self.seen, reach);
+        let camera_number = number;
         for number in 0..self.places.len() {
             let place = self.places[number];
             let is_beside = |point: &Point2<f64>, level: f64| {
@@ -231,46 +271,92 @@ impl Pointers {
                 let is_outside = !camera.map.sees(&point, self.settings.margin_px);
                 is_outside && place.area < SMALLER * it.area && is_beside(&point, 2.0 * LEVEL_M)
             });
-            self.places[number].is_mirrored = by_spot || by_pointer;
+            // Where a bezel is known, the place alone tells.
+            let by_line = |point: &Point2<f64>| self.mirrors.mirrors(camera_number, &place.point, point);
+            let is_source = |it: &Place| it.point != place.point && place.area < LARGER * it.area && by_line(&it.point);
+            let source = self.places.iter().position(is_source);
+            let of_pointer = self
+                .tracks
+                .iter()
+                .filter(|it| it.id.is_some())
+                .any(|it| by_line(&it.filter.position_after((time - it.time).as_s()).xy()));
+            self.places[number].source = source;
+            self.places[number].is_mirrored = by_spot || by_pointer || source.is_some() || of_pointer;
         }
     }
 
     fn assign(&mut self) {
         let gate = self.settings.gate_sigmas.powi(2);
+        let shift = (self.settings.merge_mm * 1e-3 / 3.0).powi(2);
         self.costs.clear();
+        self.shifted.clear();
         let mut most: f64 = gate;
         for track in &self.tracks {
             for place in &self.places {
-                let s = track.filter.innovation_covariance(&ON_WALL, &place.covariance);
                 let off = place.point - track.filter.position().xy();
-                let distance = s.try_inverse().map_or(f64::INFINITY, |it| off.dot(&(it * off)));
-                // Relative to a micrometre, so that the term is positive: one that is known well goes first.
+                // Minus twice the log of the likelihood, for a spot that is what it seems to be and for one that is shifted by what it is one with.
+                let cost_with = |more: f64| {
+                    let covariance = place.covariance + Matrix2::identity() * more;
+                    let s = track.filter.innovation_covariance(&ON_WALL, &covariance);
+                    let distance = s.try_inverse().map_or(f64::INFINITY, |it| off.dot(&(it * off)));
+                    // Relative to a micrometre, so that the term is positive: one that is known well goes first.
+                    let density = (s.determinant() * 1e24).ln();
+                    if distance <= gate { distance + density } else { f64::INFINITY }
+                };
+                let (clean, shifted) = (cost_with(0.0), cost_with(shift) + SHIFTED);
                 let later = if track.id.is_some() { 0.0 } else { CANDIDATES_LATER };
-                let density = (s.determinant() * 1e24).ln();
                 // A reflection is not taken for the spot, which may lie outside the picture.
                 let is_own = track.id.is_none() || !place.is_mirrored || off.norm() < LEVEL_M;
-                let cost = if distance <= gate && is_own { distance + density + later } else { f64::INFINITY };
+                let later = later + if place.is_mirrored { MIRRORED } else { 0.0 };
+                let cost = if is_own { clean.min(shifted) + later } else { f64::INFINITY };
                 most = if cost.is_finite() { most.max(cost) } else { most };
                 self.costs.push(cost);
+                self.shifted.push(shifted < clean);
             }
         }
         let (rows, columns) = (self.tracks.len(), self.places.len());
         // As many as possible get a place.
         let alone = most * (rows + 1) as f64;
         assignment::optimal(&self.costs, rows, columns, alone, &mut self.workspace, &mut self.assigned);
+        self.leave_reflections();
+    }
+
+    /// A pointer that has come to a reflection, as the two were one spot, goes over to the spot itself, unless that is another pointer's.
+    fn leave_reflections(&mut self) {
+        let model = Model::ConstantVelocity { acceleration_density: self.settings.acceleration_density };
+        for row in 0..self.tracks.len() {
+            let Some(place) = self.assigned[row].filter(|_| self.tracks[row].id.is_some()) else { continue };
+            let Some(source) = self.places[place].source else { continue };
+            let holder = self.assigned.iter().position(|it| *it == Some(source));
+            if holder.is_some_and(|it| self.tracks[it].id.is_some()) {
+                self.assigned[row] = None;
+                continue;
+            }
+            if let Some(holder) = holder {
+                self.assigned[holder] = None;
+            }
+            self.assigned[row] = Some(source);
+            let point = self.places[source].point;
+            let mut covariance = Matrix3::identity() * 1e-12;
+            covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&self.places[source].covariance);
+            let track = &mut self.tracks[row];
+            let velocity = track.filter.velocity();
+            track.filter =
+                Filter::new(&model, Point3::new(point.x, point.y, 0.0), covariance, velocity, self.settings.speed);
+        }
     }
 
     fn update(&mut self, camera: CameraId, time: Time) {
         let merge = self.settings.merge_mm * 1e-3;
         let before: Vec<Point2<f64>> = self.tracks.iter().map(|it| it.filter.position().xy()).collect();
-        let has_begun: Vec<bool> = self.tracks.iter().map(|it| it.id.is_some()).collect();
+        let may_share: Vec<bool> = self.tracks.iter().map(|it| it.id.is_some()).collect();
         for row in 0..self.tracks.len() {
             let own = self.assigned[row];
             // A spot beside which another pointer is expected that got none is the spot of both.
             let shared = match own {
                 Some(place) => (0..before.len()).find(|&other| {
                     other != row
-                        && has_begun[other]
+                        && may_share[other]
                         && self.assigned[other].is_none()
                         && (before[other] - self.places[place].point).norm() < merge
                 }),
@@ -286,15 +372,19 @@ impl Pointers {
             };
             let place = match own {
                 Some(place) => place,
-                None if has_begun[row] && (time - self.tracks[row].owned).as_s() < MERGED_S => match lent() {
+                None if may_share[row] && (time - self.tracks[row].owned).as_s() < MERGED_S => match lent() {
                     Some(place) => place,
                     None => continue,
                 },
                 None => continue,
             };
             let Place { point, mut covariance, is_mirrored, area, .. } = self.places[place];
-            if shared.is_some() || own.is_none() {
+            // A spot that has grown at once is one with another that nobody knows of yet.
+            let has_grown = area > GROWN * self.tracks[row].usual && self.tracks[row].frames >= GROWN_AFTER;
+            if shared.is_some() || own.is_none() || has_grown {
                 covariance += Matrix2::identity() * (merge * merge / 4.0);
+            } else if self.shifted[row * self.places.len() + place] {
+                covariance += Matrix2::identity() * (merge * merge / 9.0);
             }
             let track = &mut self.tracks[row];
             let off = point - track.filter.position().xy();
@@ -303,6 +393,7 @@ impl Pointers {
             track.clear = if is_mirrored { 0 } else { track.clear + 1 };
             if own.is_some() {
                 (track.owned, track.area) = (time, area.max(AREA_KEPT * track.area));
+                track.usual += USUAL * (area - track.usual);
             }
             track.frames += 1;
             let seen = track.cameras.entry(camera).or_default();
@@ -350,6 +441,7 @@ impl Pointers {
                 owned: time,
                 clear: if place.is_mirrored || is_near { 0 } else { CLEAR_FRAMES },
                 area: place.area,
+                usual: place.area,
                 is_measured: true,
             });
         }

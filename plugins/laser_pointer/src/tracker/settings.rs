@@ -98,7 +98,7 @@ fn default_margin_px() -> f64 {
 }
 
 fn default_map_mm() -> f64 {
-    0.1
+    0.3
 }
 
 impl Default for TrackerSettings {

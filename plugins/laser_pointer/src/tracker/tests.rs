@@ -167,6 +167,53 @@ fn reflection_beside_its_spot_begins_nothing_though_cameras_agree_on_it() {
 }
 
 #[test]
+fn reflection_as_large_as_its_spot_begins_nothing_once_the_bezel_is_known() {
+    // A pointer comes to a bezel again and again; in the fifth second a bright window behind its reflection makes that as large as the spot.
+    let run = run(6.0, |_, time_s| {
+        let off = 0.012 + 0.02 * (std::f64::consts::TAU * time_s).cos().abs();
+        let y = 0.5 + 0.02 * time_s;
+        let area = if time_s > 4.0 { 30 } else { 10 };
+        vec![([1.2 - off, y], 30, 255), ([1.2 + off, y], area, 255)]
+    });
+    assert_eq!(run.ids(), [1]);
+    assert_eq!(run.pointers.tally().bezels, 2, "one for each camera");
+}
+
+#[test]
+fn spot_that_one_camera_sees_shifted_does_not_throw_its_pointer_off() {
+    // One with its reflection in one picture of the right camera.
+    let run = run(2.0, |camera, time_s| {
+        let shift = if camera == 1 && (1.0..1.012).contains(&time_s) { 0.009 } else { 0.0 };
+        vec![([1.1 + 0.1 * time_s, 0.5 + shift], 20, 255)]
+    });
+    assert_eq!(run.ids(), [1]);
+    for (time_s, _, list) in &run.targets[6..] {
+        assert_eq!((list.len(), list[0].provenance), (1, Provenance::Measured), "at {time_s} s");
+        assert!(list[0].velocity.y.abs() < 0.5, "{} at {time_s} s", list[0].velocity);
+    }
+}
+
+#[test]
+fn press_that_begins_in_anothers_spot_does_not_take_its_identity() {
+    // The first pointer goes on upwards; the second one is pressed 6 mm before it and goes down: for four frames both are one spot.
+    let first = |time_s: f64| [1.2, 0.5 + 0.3 * (time_s - 1.0)];
+    let second = |time_s: f64| [1.2, 0.506 - 0.3 * (time_s - 1.0)];
+    let run = run(1.5, |_, time_s| {
+        let (a, b) = (first(time_s), second(time_s));
+        if time_s < 1.0 {
+            return vec![(a, 20, 255)];
+        }
+        if (a[1] - b[1]).abs() < 0.008 {
+            return vec![([1.2, f64::midpoint(a[1], b[1])], 36, 255)];
+        }
+        vec![(a, 20, 255), (b, 20, 255)]
+    });
+    assert_eq!(run.ids(), [1, 2]);
+    let (time_s, _, list) = run.targets.last().unwrap();
+    assert!((list[0].position.y - first(*time_s)[1]).abs() < 2e-3, "{} at {time_s} s", list[0].position);
+}
+
+#[test]
 fn place_that_one_camera_alone_reports_though_another_sees_it_is_disputed() {
     let run = run(2.0, |camera, _| if camera == 0 { vec![([1.2, 0.5], 20, 255)] } else { vec![] });
     assert!(run.ids().is_empty());
