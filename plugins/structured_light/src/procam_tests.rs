@@ -112,7 +112,7 @@ fn faults_of_a_real_set_are_named_and_accuse_no_other() {
         let (said, known) = decoded(PatternPictures { pixels: pictures.concat(), names, ..whole.clone() });
         assert!(expected.iter().all(|it| said.contains(it)), "{said} lacks one of {expected:?}");
         // One more says which axis is left out.
-        let left_out = said.matches("are left out, and points come from").count();
+        let left_out = said.matches(", and points come from").count();
         assert_eq!(left_out, usize::from(columns != rows), "{said}");
         let worked_out = said.matches("worked out from the other picture").count();
         assert_eq!(
