@@ -103,7 +103,7 @@ fn place(profile: &[(f32, f32)], near: usize, x: f32) -> Option<f32> {
     let (left, right) = (profile.get(after - 1)?, profile.get(after)?);
     let (wide, far) = (right.0 - left.0, right.1 - left.1);
     let part = (x - left.1) / far;
-    (wide <= WIDEST && far > 0.0 && (0.0..=1.0).contains(&part)).then(|| left.0 + part * wide)
+    (wide <= WIDEST && far > 0.0 && (0.0..=1.0).contains(&part)).then_some(left.0 + part * wide)
 }
 
 /// How wide stripes are in the known part of a row that is nearest to a column and no farther than a few stripes [px].
