@@ -8,7 +8,7 @@ use foveate::imaging::ImageView;
 use foveate::imaging::stripes::code::{Axis, Shown, StripeCode};
 use foveate::imaging::stripes::gray::{DecodeOptions, Decoded, decode_into};
 use foveate::imaging::stripes::phase::PhaseOptions;
-use foveate::imaging::stripes::{Coordinates, EdgeOptions, Prepared, edges, examine, phase};
+use foveate::imaging::stripes::{Coordinates, EdgeOptions, Prepared, edges, examine, phase, response};
 use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -250,10 +250,25 @@ impl Decoder {
             .map(|it| ImageView::new(set.picture(it).unwrap_or_default(), width, height))
             .collect::<Result<_, _>>()
             .map_err(|fault| one(fault.to_string()))?;
+        let exponent = response::exponent(&code, &views);
+        let straight: Vec<Vec<u8>> = exponent
+            .map(|it| views.iter().map(|view| response::straightened(view.pixels(), it)).collect())
+            .unwrap_or_default();
+        let views = if straight.is_empty() {
+            views
+        } else {
+            let views = straight.iter().map(|it| ImageView::new(it, width, height));
+            views.collect::<Result<_, _>>().map_err(|fault| one(fault.to_string()))?
+        };
         let unreadable: Vec<usize> = set.unreadable.iter().map(|it| *it as usize).collect();
         let found = examine(&code, &views, &unreadable, self.settings.min_contrast);
         let name = |it: usize| set.names.get(it).map_or_else(|| format!("picture {it}"), |it| format!("`{it}`"));
         let mut faults: Vec<String> = found.faults.iter().map(|it| it.describe(&code, &name)).collect();
+        if let Some(exponent) = exponent {
+            faults.push(format!(
+                "gray levels are not proportional to light: the camera's response is curved, and was straightened by the exponent {exponent:.2}"
+            ));
+        }
         let axes = found.usable(&code);
         if axes.is_empty() {
             return Err(faults);

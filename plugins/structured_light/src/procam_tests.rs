@@ -185,3 +185,20 @@ fn noise_is_no_fault_of_a_real_set() {
     let (said, known) = decoded(set);
     assert!(said.is_empty() && known[0] > 0.1, "{said} {known:?}");
 }
+
+#[test]
+fn a_camera_with_a_curved_response_costs_a_real_set_little() {
+    let Some(folder) = foveate_testkit::data_dir_or_skip("a curved response", "s11_procam_graycode") else { return };
+    let whole = real_set(&folder);
+    let (_, all) = decoded(whole.clone());
+    for power in [0.45, 0.6] {
+        let mut set = whole.clone();
+        let table: Vec<u8> = (0..256).map(|it| (255.0 * (f64::from(it) / 255.0).powf(power)).round() as u8).collect();
+        set.pixels.iter_mut().for_each(|it| *it = table[usize::from(*it)]);
+        let (said, known) = decoded(set);
+        let exponent: f64 = said.rsplit("straightened by the exponent ").next().unwrap().parse().unwrap();
+        assert!((exponent * power - 1.0).abs() < 0.15, "{power}: {said}");
+        assert_eq!(said.matches("; ").count(), 0, "{power}: {said}");
+        assert!((0..2).all(|it| known[it] > 0.9 * all[it]), "{power}: {known:?} of {all:?}");
+    }
+}

@@ -11,6 +11,7 @@
 //! | [`examine`] | what is wrong with a set of pictures: missing, doubled, swapped, inverted, too bright, too dark |
 //! | [`faults`] | how that is said |
 //! | [`noise`] | how noisy a picture is |
+//! | [`response`] | the camera's response, where gray levels are not proportional to light |
 //!
 //! Projector coordinates: (0, 0) is the centre of the projector's top-left pixel; column `c` reaches from `c − ½` to `c + ½`.
 //!
@@ -30,6 +31,7 @@ mod identify;
 pub mod noise;
 pub mod pattern;
 pub mod phase;
+pub mod response;
 #[cfg(test)]
 mod scene;
 mod stretches;

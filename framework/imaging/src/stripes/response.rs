@@ -1,0 +1,119 @@
+//! The response of the camera, where it is curved: pictures of telephones and webcams state a power of the light.
+//!
+//! Whatever a bit shows, its picture and the inverse together send back as much light as white and black together, what comes by way of other surfaces included. Gray levels say so only where they are
+//! proportional to light. A level g stands for light g^γ: of all exponents the one under which pairs agree best with white and black is the camera's, where it is much better than none. No picture of
+//! known brightness is needed for that.
+
+use super::code::{Axis, Inverse, Shown, StripeCode};
+use crate::ImageView;
+
+/// Pixels that take part.
+const SAMPLES: usize = 1500;
+/// At least so many must.
+const LEAST_SAMPLES: usize = 200;
+/// A pixel takes part where white is so much brighter than black [gray levels].
+const LEAST_CONTRAST: u8 = 30;
+/// … and not cut off [gray levels].
+const SATURATED: u8 = 250;
+/// Exponents that are tried: from 1 by such steps, so many of them.
+const STEP: f64 = 0.05;
+const STEPS: usize = 40;
+/// Levels are taken as they are where pairs are off white and black by less than this, in the median [–] …
+const LEAST_OFF: f64 = 0.03;
+/// … or the best exponent leaves more than this part of that [–].
+const BETTER: f64 = 0.6;
+
+/// The exponent that makes gray levels proportional to light; `None` where they are, nearly, or where pictures do not say. `pictures` stand in the order of [`StripeCode::pictures`].
+pub fn exponent(code: &StripeCode, pictures: &[ImageView<'_>]) -> Option<f64> {
+    let shown = code.pictures();
+    if code.inverse == Inverse::None || pictures.len() != shown.len() {
+        return None;
+    }
+    let place = |what: Shown| shown.iter().position(|it| *it == what);
+    let (white, black) = (pictures[place(Shown::White)?].pixels(), pictures[place(Shown::Black)?].pixels());
+    let pairs: Vec<[&[u8]; 2]> = Axis::BOTH
+        .into_iter()
+        .flat_map(|axis| (0..code.bits[axis.index()]).map(move |plane| (axis, plane)))
+        .filter_map(|(axis, plane)| {
+            let of = |inverse| Some(pictures[place(Shown::Bit { axis, plane, inverse })?].pixels());
+            Some([of(false)?, of(true)?])
+        })
+        .collect();
+    let is_lit = |it: &usize| white[*it] < SATURATED && white[*it] >= black[*it].saturating_add(LEAST_CONTRAST);
+    let lit: Vec<usize> = (0..white.len()).filter(is_lit).collect();
+    let some: Vec<usize> = lit.iter().copied().step_by(lit.len().div_ceil(SAMPLES).max(1)).collect();
+    if some.len() < LEAST_SAMPLES || pairs.is_empty() {
+        return None;
+    }
+    let mut off: Vec<f32> = Vec::with_capacity(some.len() * pairs.len());
+    let mut median_off = |exponent: f64| -> f32 {
+        let light: Vec<f32> = (0..256).map(|it| (f64::from(it) / 255.0).powf(exponent) as f32).collect();
+        let of = |pixels: &[u8], at: usize| light[usize::from(pixels[at])];
+        off.clear();
+        for at in &some {
+            let both = of(white, *at) + of(black, *at);
+            off.extend(pairs.iter().map(|[bit, inverse]| ((of(bit, *at) + of(inverse, *at)) / both - 1.0).abs()));
+        }
+        let middle = off.len() / 2;
+        *off.select_nth_unstable_by(middle, f32::total_cmp).1
+    };
+    let as_they_are = median_off(1.0);
+    let tried = (1..=STEPS).map(|it| 1.0 + it as f64 * STEP).map(|it| (it, median_off(it)));
+    let (best, off) = tried.min_by(|a, b| a.1.total_cmp(&b.1))?;
+    (f64::from(as_they_are) > LEAST_OFF && f64::from(off) < BETTER * f64::from(as_they_are)).then_some(best)
+}
+
+/// A picture with levels proportional to light; the brightest level stays.
+pub fn straightened(pixels: &[u8], exponent: f64) -> Vec<u8> {
+    let table: Vec<u8> = (0..256).map(|it| (255.0 * (f64::from(it) / 255.0).powf(exponent)).round() as u8).collect();
+    pixels.iter().map(|it| table[usize::from(*it)]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::scene::{Scene, wall};
+    use super::*;
+
+    /// Pictures of a wall, in a room that throws light back, by a camera that states the light's power of 1 / `exponent`.
+    fn pictures(exponent: f64, seed: u64) -> (StripeCode, Vec<Vec<u8>>) {
+        let code = StripeCode::gray([160, 120]);
+        let pictures = Scene { gamma: exponent, global: |_, _| 0.1, ..wall(seed) }.pictures(&code);
+        (code, pictures)
+    }
+
+    fn found(code: &StripeCode, pictures: &[Vec<u8>]) -> Option<f64> {
+        let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+        exponent(code, &views)
+    }
+
+    #[test]
+    fn a_curved_response_is_found_and_a_straight_one_left_alone() {
+        for seed in 1..=3 {
+            let (code, straight) = pictures(1.0, seed);
+            assert_eq!(found(&code, &straight), None);
+            for truth in [1.8, 2.2, 2.6] {
+                let (code, curved) = pictures(truth, seed);
+                let found = found(&code, &curved).unwrap();
+                assert!((found - truth).abs() < 0.2, "seed {seed}: {found} for {truth}");
+            }
+        }
+    }
+
+    #[test]
+    fn pictures_that_are_no_pairs_say_nothing() {
+        let (code, mut curved) = pictures(2.2, 4);
+        // All by one place, as if one were missing at the start and another doubled at the end.
+        curved.rotate_left(1);
+        assert_eq!(found(&code, &curved), None);
+        curved.pop();
+        assert_eq!(found(&code, &curved), None);
+        assert_eq!(found(&code, &vec![vec![90; 160 * 120]; 32]), None);
+    }
+
+    #[test]
+    fn straightened_levels_keep_their_order_and_their_ends() {
+        let all: Vec<u8> = (0..=255).collect();
+        let straight = straightened(&all, 2.2);
+        assert!(straight.is_sorted() && straight[0] == 0 && straight[255] == 255 && straight[128] == 56);
+    }
+}
