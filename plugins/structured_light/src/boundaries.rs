@@ -39,7 +39,7 @@ ports! {
 figures! {
     "boundaries.frames.*": count, high, "Pictures of the camera of which a map was made";
     "boundaries.frames_empty.*": count, low, "Pictures of the camera in which no boundary could be decoded, or few of those before: the first four, and those that are dark, saturated or without stripes, and those of what moves too fast";
-    "boundaries.frames_refused.*": count, low, "Pictures of the camera that came out of order, are of another size or of which nobody knows what the projector showed";
+    "boundaries.frames_refused.*": count, low, "Pictures of the camera that came out of order, are of another size or, once the projector has begun, of which nobody knows what it showed";
     "boundaries.a_frame.*": count, high, "Boundaries for each picture of which a map was made, counted row by row";
     "boundaries.ghosts.*": share, neither, "Of these, those that did not show in their picture and lie between where they were before and after";
     "boundaries.unknown_period.*": count, low, "Boundaries left out because no repetition of the code, or more than one, fits the distances that the surface may have";
@@ -141,6 +141,8 @@ pub struct Boundaries {
     /// Of the scale, where `spaces` says where that is, with its velocity [m/s].
     spaces: Option<(Spaces, Vector3<f64>)>,
     shown: VecDeque<Arc<PatternShown>>,
+    /// When the light of the first pattern comes.
+    lit_from: Option<Time>,
     images: VecDeque<Stamped<Arc<Image>>>,
     poses: VecDeque<Arc<HeadPose>>,
     recent: VecDeque<Arc<Image>>,
@@ -157,6 +159,8 @@ pub struct Boundaries {
     frames: u64,
     empty: u64,
     refused: u64,
+    /// Pictures before that.
+    unlit: u64,
     found: u64,
     ghosts: u64,
     unknown_period: u64,
@@ -202,6 +206,7 @@ impl Node for Boundaries {
             camera,
             projector,
             shown: VecDeque::new(),
+            lit_from: None,
             images: VecDeque::new(),
             poses: VecDeque::new(),
             recent: VecDeque::new(),
@@ -215,6 +220,7 @@ impl Node for Boundaries {
             frames: 0,
             empty: 0,
             refused: 0,
+            unlit: 0,
             found: 0,
             ghosts: 0,
             unknown_period: 0,
@@ -224,6 +230,8 @@ impl Node for Boundaries {
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         while let Some(shown) = io.take(&SHOWN) {
+            let latency = Interval::from_ms(self.settings.latency_ms);
+            self.lit_from.get_or_insert(shown.value.from + latency);
             self.shown.push_back(shown.value);
             if self.shown.len() > HELD {
                 self.shown.pop_front();
@@ -272,6 +280,12 @@ impl Node for Boundaries {
         report.figure(format!("boundaries.a_frame.{name}"), self.found as f64 / self.frames as f64);
         report.figure(format!("boundaries.ghosts.{name}"), self.ghosts as f64 / self.found as f64);
         report.figure(format!("boundaries.unknown_period.{name}"), self.unknown_period as f64);
+        if self.lit_from.is_none() && self.unlit > 0 {
+            report.remark(format!(
+                "{name}: found {} pictures and no pattern, expected a projector that says what it shows: does it run?",
+                self.unlit
+            ));
+        }
         for (first, n) in self.faults.values() {
             report.remark(if *n > 1 { format!("{first}; {n} times in all") } else { first.clone() });
         }
@@ -382,6 +396,10 @@ impl Boundaries {
             return self.refuse(io, time, "size", fault);
         }
         self.last = Some(time);
+        if self.lit_from.is_none_or(|it| time < it) {
+            self.unlit += 1;
+            return;
+        }
         let Some(shown) = self.shown_at(time) else {
             let fault = "nobody said what the projector shows during all of the exposure; are `latency_ms` and `exposure_ms` right, are camera and projector in step?";
             return self.refuse(io, time, "shown", fault.to_owned());

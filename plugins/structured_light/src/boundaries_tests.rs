@@ -217,3 +217,25 @@ fn settings_out_of_range_are_refused() {
     assert_eq!(refused(BoundariesSettings { beside_px: 0.0, ..near() }).as_deref(), Some("beside_px"));
     assert_eq!(refused(BoundariesSettings { threads: 0, ..near() }).as_deref(), Some("threads"));
 }
+
+#[test]
+fn pictures_before_the_projector_s_light_are_no_fault_and_a_projector_that_never_comes_is_named() {
+    let dark = || Image { width: 640, height: 480, pixels: vec![9; 640 * 480], ..Image::default() };
+    for n_patterns in [0, 1] {
+        let mut bench = NodeBench::<Boundaries>::with_setup(near(), &setup(&["image", "shown"])).unwrap();
+        for number in 0..3 {
+            bench.feed(&IMAGE, Time::from_s(0.02 * f64::from(number)), dark()).unwrap();
+        }
+        for _ in 0..n_patterns {
+            let shown =
+                PatternShown { from: Time::from_s(1.0), lasts: Interval::from_ms(20.0), ..PatternShown::default() };
+            bench.feed(&SHOWN, Time::from_s(1.0), shown).unwrap();
+        }
+        // After the light of the first pattern has come and gone, a picture of which nobody knows what it shows is a gap.
+        bench.feed(&IMAGE, Time::from_s(2.0), dark()).unwrap();
+        assert_eq!(bench.gaps(&MAP).len(), n_patterns, "{n_patterns} patterns");
+        let remarks = bench.finish().unwrap().remarks.join("; ");
+        assert_eq!(remarks.contains("found 4 pictures and no pattern"), n_patterns == 0, "{remarks}");
+        assert_eq!(remarks.contains("nobody said"), n_patterns == 1, "{remarks}");
+    }
+}

@@ -93,6 +93,9 @@ fn told(args: &CompareArgs) -> Result<u8, String> {
         [false, false] => {}
         [a_is_ply, _] => {
             let (shape, other) = if a_is_ply { (&args.a, &args.b) } else { (&args.b, &args.a) };
+            if let Err(fault) = std::fs::metadata(other) {
+                return Err(format!("cannot read `{}`: {fault}", other.display()));
+            }
             let [shape, other] = [shape, other].map(|it| it.display());
             return Err(format!("`{shape}` is a PLY file and `{other}` none, expected two of a kind"));
         }
