@@ -1,8 +1,9 @@
 //! What a run leaves behind: figures under dotted names, and files.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use crate::NodeError;
 use crate::figure::{self, FigureSpec, Figures};
 
 /// Collects the figures and files of one run.
@@ -74,6 +75,22 @@ impl Report {
         self.files.push(path.into());
     }
 
+    /// Saves `content` as `name` in the results folder `folder`, and notes the file.
+    ///
+    /// # Errors
+    /// When it cannot be saved: the file, and why.
+    pub fn save(&mut self, folder: &Path, name: &str, content: impl AsRef<[u8]>) -> Result<(), NodeError> {
+        let path = folder.join(name);
+        std::fs::write(&path, content).map_err(|error| {
+            NodeError::input(format_args!(
+                "{}: could not be saved ({error}), expected a folder that can be written",
+                path.display()
+            ))
+        })?;
+        self.file(name);
+        Ok(())
+    }
+
     /// Adds a sentence; what was said already is not said again.
     pub fn remark(&mut self, text: impl Into<String>) {
         let text = text.into();
@@ -90,6 +107,19 @@ mod tests {
     crate::figures! {
         const DECLARED;
         "error_mm": mm, low, "The error";
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_saved_is_named_and_not_noted() {
+        let folder = std::env::temp_dir().join(format!("foveate-report-{}", std::process::id()));
+        let mut report = Report::default();
+        let fault = report.save(&folder, "map.toml", "a = 1").unwrap_err().to_string();
+        assert!(fault.contains("map.toml: could not be saved (") && report.files.is_empty(), "{fault}");
+        std::fs::create_dir(&folder).unwrap();
+        report.save(&folder, "map.toml", "a = 1").unwrap();
+        assert_eq!(report.files, [PathBuf::from("map.toml")]);
+        assert_eq!(std::fs::read_to_string(folder.join("map.toml")).unwrap(), "a = 1");
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 
     #[test]

@@ -428,11 +428,7 @@ impl Calibrator {
         };
         let calibration: Calibration = solution.solved.to_calibration(origin).map_err(|fault| fault.to_string())?;
         let Some(folder) = &self.out_dir else { return Ok(()) };
-        let path = folder.join(&self.settings.file);
-        std::fs::write(&path, calibration.to_toml())
-            .map_err(|error| format!("`{}` cannot be written: {error}", path.display()))?;
-        report.file(&self.settings.file);
-        Ok(())
+        report.save(folder, &self.settings.file, calibration.to_toml()).map_err(|fault| fault.to_string())
     }
 }
 

@@ -1,8 +1,6 @@
 //! How well heads stay on a target, and how well it is known where they look: against the truth.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{BufWriter, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -18,6 +16,7 @@ use nalgebra::{Point2, Point3, Vector2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::table::save_table;
 use crate::head::HeadMotion;
 use crate::score::follow_picture::{self, Track};
 use crate::score::warmup::Warmup;
@@ -142,17 +141,8 @@ impl Node for HeadScore {
         figures(&all, "", report);
         let Some(folder) = &self.folder else { return Ok(()) };
         let named: Vec<(&str, &Track)> = self.tracks.iter().map(|(id, track)| (name(id), track)).collect();
-        let saved = write_rows(&folder.join(TRACK_FILE), &named)
-            .and_then(|()| std::fs::write(folder.join(PICTURE_FILE), follow_picture::draw(&named)));
-        saved.map_err(|error| {
-            NodeError::input(format_args!(
-                "{}: `{TRACK_FILE}` or `{PICTURE_FILE}` could not be saved ({error}), expected a folder that can be written",
-                folder.display()
-            ))
-        })?;
-        report.file(TRACK_FILE);
-        report.file(PICTURE_FILE);
-        Ok(())
+        save_table(folder, TRACK_FILE, "camera,time_s,off_x_px,off_y_px,in_view", &rows(&named), report)?;
+        report.save(folder, PICTURE_FILE, follow_picture::draw(&named))
     }
 }
 
@@ -245,15 +235,14 @@ fn figures(track: &Track, suffix: &str, report: &mut Report) {
     report.figure(format!("pictures{suffix}"), track.pictures.len() as f64);
 }
 
-fn write_rows(path: &std::path::Path, tracks: &[(&str, &Track)]) -> std::io::Result<()> {
-    let mut file = BufWriter::new(File::create(path)?);
-    writeln!(file, "camera,time_s,off_x_px,off_y_px,in_view")?;
-    for (name, track) in tracks {
-        for (time, off, seen) in &track.pictures {
-            writeln!(file, "{name},{:.6},{:.3},{:.3},{}", time.as_s(), off.x, off.y, u8::from(*seen))?;
-        }
-    }
-    file.flush()
+fn rows(tracks: &[(&str, &Track)]) -> Vec<String> {
+    let of = |name: &str, track: &Track| {
+        let row = |(time, off, seen): &(Time, Vector2<f64>, bool)| {
+            format!("{name},{:.6},{:.3},{:.3},{}", time.as_s(), off.x, off.y, u8::from(*seen))
+        };
+        track.pictures.iter().map(row).collect::<Vec<_>>()
+    };
+    tracks.iter().flat_map(|(name, track)| of(name, track)).collect()
 }
 
 #[cfg(test)]

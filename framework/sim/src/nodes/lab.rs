@@ -7,7 +7,6 @@ use foveate_messages::Targets;
 use foveate_node::{ConfigError, Due, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, Time, ports};
 use foveate_scene::skeleton::SkeletonMotion;
 
-use super::table::save_text;
 use crate::painted::{FaceSettings, FaceSource, PartKind, RecordedHead};
 use crate::person::{RecordedBody, WholeBody};
 use crate::truth::Truth;
@@ -190,7 +189,7 @@ impl Node for Lab {
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         self.remarks.iter().for_each(|it| report.remark(it));
         let Some((cameras, folder)) = &self.cameras else { return Ok(()) };
-        save_text(folder, TRUTH_FILE, cameras, report)
+        report.save(folder, TRUTH_FILE, cameras)
     }
 
     fn plan(settings: &SceneSettings) -> Plan {

@@ -4,7 +4,6 @@ use foveate_messages::{CameraSet, Provenance, Target, TargetId, Targets};
 use foveate_node::{ConfigError, Due, Io, Node, NodeError, Plan, Ports, Report, Role, Setup, Time, ports};
 use nalgebra::{Matrix6, Vector3};
 
-use super::table::save_text;
 use crate::truth::Truth;
 use crate::wall::{Wall, WallSettings, in_wall_space};
 
@@ -89,7 +88,7 @@ impl Node for SimWall {
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         let Some((text, folder)) = &self.stated else { return Ok(()) };
-        save_text(folder, TRUTH_FILE, text, report)
+        report.save(folder, TRUTH_FILE, text)
     }
 
     fn plan(settings: &WallSettings) -> Plan {

@@ -57,7 +57,7 @@ pub struct WallScore {
     /// Names and what the calibration says of them, until the wall says how they truly are.
     setup: Setup,
     scorer: Option<(Wall, WallScorer)>,
-    picture: Option<PathBuf>,
+    folder: Option<PathBuf>,
 }
 
 impl Node for WallScore {
@@ -76,7 +76,7 @@ impl Node for WallScore {
         ConfigError::unless_in("start_s", settings.start_s, 0.0..=1e6)?;
         setup.claim_file(None, PICTURE)?;
         let folder = setup.out_dir.as_ref().filter(|_| setup.purpose == Purpose::Run);
-        Ok(Self { settings, setup: setup.clone(), scorer: None, picture: folder.map(|it| it.join(PICTURE)) })
+        Ok(Self { settings, setup: setup.clone(), scorer: None, folder: folder.cloned() })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -101,15 +101,8 @@ impl Node for WallScore {
             return Ok(());
         };
         scorer.finish(report);
-        let Some(path) = &self.picture else { return Ok(()) };
-        std::fs::write(path, scorer.picture(wall.size())).map_err(|error| {
-            NodeError::input(format_args!(
-                "{}: could not be saved ({error}), expected a folder that can be written",
-                path.display()
-            ))
-        })?;
-        report.file(PICTURE);
-        Ok(())
+        let Some(folder) = &self.folder else { return Ok(()) };
+        report.save(folder, PICTURE, scorer.picture(wall.size()))
     }
 }
 

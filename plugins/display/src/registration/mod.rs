@@ -223,15 +223,7 @@ impl Node for Registration {
             )));
         }
         let Some(folder) = &self.out_dir else { return Ok(()) };
-        let path = folder.join(&self.settings.file);
-        std::fs::write(&path, self.text(&pose, error_mm)).map_err(|error| {
-            NodeError::input(format_args!(
-                "{}: could not be saved ({error}), expected a folder that can be written",
-                path.display()
-            ))
-        })?;
-        report.file(&self.settings.file);
-        Ok(())
+        report.save(folder, &self.settings.file, self.text(&pose, error_mm))
     }
 }
 

@@ -198,15 +198,7 @@ impl Node for Calibrator {
             return Ok(());
         }
         let Some(folder) = &self.out_dir else { return Ok(()) };
-        let path = folder.join(&self.settings.file);
-        std::fs::write(&path, map.to_toml()).map_err(|error| {
-            NodeError::input(format_args!(
-                "{}: could not be saved ({error}), expected a folder that can be written",
-                path.display()
-            ))
-        })?;
-        report.file(&self.settings.file);
-        Ok(())
+        report.save(folder, &self.settings.file, map.to_toml())
     }
 }
 

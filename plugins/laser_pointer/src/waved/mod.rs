@@ -184,15 +184,7 @@ impl Node for WaveCalibrator {
         }
         let map = WallMap { size_m, pixel_m: pixel_mm * 1e-3, cameras: cameras.into_iter().collect() };
         let Some(folder) = &self.out_dir else { return Ok(()) };
-        let path = folder.join(&self.settings.file);
-        std::fs::write(&path, map.to_toml()).map_err(|error| {
-            NodeError::input(format_args!(
-                "{}: could not be saved ({error}), expected a folder that can be written",
-                path.display()
-            ))
-        })?;
-        report.file(&self.settings.file);
-        Ok(())
+        report.save(folder, &self.settings.file, map.to_toml())
     }
 }
 
