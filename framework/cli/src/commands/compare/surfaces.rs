@@ -14,13 +14,18 @@ use crate::commands::motion_files::write_whole;
 use crate::exit;
 use crate::outcome::harmless;
 use crate::output::say;
+use crate::progress::Waiting;
 
 /// Extents that differ by a factor from the first to the second are taken for millimetres beside metres.
 const THOUSAND: [f64; 2] = [200.0, 5000.0];
+/// Extents that differ by such a factor may be centimetres or inches beside metres.
+const OTHER_UNITS: std::ops::Range<f64> = 20.0..200.0;
 /// A shape of which nothing says the unit and that is larger than this would be a building [m].
 const LARGE: f64 = 50.0;
 /// Rotations from which places are tried: 26° between neighbours [–].
 const STARTS: usize = 600;
+/// Points from which on it takes seconds, and that is shown.
+const MANY: usize = 200_000;
 /// Places on a shape of triangles from which distances are measured.
 const SAMPLES: usize = 100_000;
 /// Unless told, B is covered where A has a point within so many times the distance between points of A.
@@ -77,10 +82,13 @@ pub(super) fn run(args: &CompareArgs) -> Result<u8, String> {
     let most = args.farthest.map_or(f64::INFINITY, |it| it * 1e-3);
     let mut placing = None;
     let mut moved = shape_a.clone();
+    let is_quick = a.shape.points.len() + b.shape.points.len() < MANY;
+    let waiting = |what: &'static str| Waiting::new(what, is_quick);
     if args.align || args.scale {
         // Sides that one of them does not tell must not contradict those of the other.
         let of_a = if has_sides(&a) && has_sides(&b) { shape_a.clone() } else { shape_a.without_sides() };
         let options = PlacingOptions { scale: args.scale, n_starts: STARTS, most };
+        let _waiting = waiting("laying A onto B");
         let found = place(&of_a, &shape_b, &options).map_err(|it| format!("A finds no place on B: {it}"))?;
         if found.n_open > 0 {
             notes.push(format!(
@@ -110,7 +118,9 @@ pub(super) fn run(args: &CompareArgs) -> Result<u8, String> {
         }
     }
     let covers = args.coverage_within.map_or(COVERS * moved.spacing().max(1e-9), |it| it * 1e-3);
+    let measuring = waiting("measuring distances");
     let mut found = distances(&moved, &shape_b, &DistanceOptions { most, covers, n_samples: SAMPLES });
+    drop(measuring);
     found.is_signed &= is_signed;
     if placing.is_none() && (found.to_second.n == 0 || found.to_second.median > ELSEWHERE * shape_b.extent()) {
         notes.push("A lies far from B for its size: if they are not in one space, `--align` lays A onto B".to_owned());
@@ -152,7 +162,10 @@ fn finish(args: &CompareArgs, found: &Found, a: &Shape, b: &Shape) -> Result<u8,
     let is_met = args.within.is_none_or(|it| p95 <= it);
     if !is_met {
         let expected = args.within.unwrap_or(f64::NAN);
-        eprintln!("not met: 95 % of A's points are within {p95:.3} mm of B, expected {expected} mm");
+        match p95.is_nan() {
+            true => eprintln!("not met: none of A's points lies over B, expected 95 % of them within {expected} mm"),
+            false => eprintln!("not met: 95 % of A's points are within {p95:.3} mm of B, expected {expected} mm"),
+        }
     }
     Ok(if is_met { exit::DONE } else { exit::UNMET })
 }
@@ -203,6 +216,12 @@ fn agree_on_units(a: &mut Loaded, b: &mut Loaded) -> Vec<String> {
     if is_thousand(ratio) {
         return vec![format!(
             "{} is {ratio:.0} times as large as the other although its unit is known: is the other in kilometres, or one of the two another thing? --metres-per-unit-a and -b say units",
+            large.name
+        )];
+    }
+    if OTHER_UNITS.contains(&ratio) && large.unit_by == "taken" {
+        return vec![format!(
+            "{} is {ratio:.0} times as large as the other, and nothing says its unit: --metres-per-unit-{flag} 0.01 if it is in centimetres, 0.0254 if it is in inches",
             large.name
         )];
     }
@@ -372,6 +391,19 @@ mod tests {
         let (code, figures) = compared(&scan, &reference, &["--within", "0.5"]);
         assert_eq!(code, Ok(exit::UNMET));
         assert!(figures["notes"].to_string().contains("`--align` lays A onto B"), "{figures:#}");
+    }
+
+    #[test]
+    fn units_that_are_neither_metres_nor_millimetres_are_suggested() {
+        let scan = hill(61, &Isometry3::identity(), 1.0, "comment metres\n");
+        let reference = hill(150, &Isometry3::identity(), 100.0, "");
+        let (_, figures) = compared(&scan, &reference, &[]);
+        assert!(
+            figures["notes"][0].as_str().unwrap().contains("--metres-per-unit-b 0.01 if it is in centimetres"),
+            "{figures:#}"
+        );
+        let (_, figures) = compared(&scan, &reference, &["--metres-per-unit-b", "0.01"]);
+        assert!(figures["a_to_b"]["p95_mm"].as_f64().unwrap() < 0.2, "{figures:#}");
     }
 
     #[test]
