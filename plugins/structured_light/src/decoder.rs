@@ -6,6 +6,7 @@
 
 use foveate::imaging::ImageView;
 use foveate::imaging::stripes::code::{Axis, Shown, StripeCode};
+use foveate::imaging::stripes::finest::TooFine;
 use foveate::imaging::stripes::gray::{DecodeOptions, Decoded, decode_into};
 use foveate::imaging::stripes::phase::PhaseOptions;
 use foveate::imaging::stripes::{Coordinates, EdgeOptions, Prepared, edges, examine, phase, response};
@@ -36,8 +37,13 @@ const CHANGE: [f32; 2] = [6.0, 0.04];
 /// Changed blocks over lit ones that are worth a remark.
 const CHANGED_SHARE: f64 = 0.005;
 
+/// Where the finest stripes are too fine in more than this part of what the projector lights, it is told [–].
+const TOLD_SHARE: f64 = 0.5;
+
 /// Pictures that are named one by one.
 const NAMED: usize = 6;
+/// Where nothing else is said of a set, fewer known pixels over lit ones than this are worth a remark [–].
+const SCARCE: f64 = 0.25;
 /// Where noise decides, fewer known pixels over lit ones than this are worth a remark [–].
 const NOISY: f64 = 0.6;
 
@@ -260,9 +266,21 @@ impl Decoder {
             let views = straight.iter().map(|it| ImageView::new(it, width, height));
             views.collect::<Result<_, _>>().map_err(|fault| one(fault.to_string()))?
         };
-        let unreadable: Vec<usize> = set.unreadable.iter().map(|it| *it as usize).collect();
+        // What nobody resolves is no part of the set: it would look like pictures that lack.
+        let whole = TooFine::of(&code, &views, self.settings.min_contrast);
+        let (told, told_code) = (code.pictures(), code.clone());
+        let code = code.without_finest(whole.overall());
+        let left = code.pictures();
+        let is_left = |it: usize| told.len() != views.len() || left.contains(&told[it]);
+        let kept: Vec<usize> = (0..views.len()).filter(|it| is_left(*it)).collect();
+        let views: Vec<ImageView<'_>> = kept.iter().map(|it| views[*it]).collect();
+        let is_unreadable = |it: &usize| set.unreadable.iter().any(|at| *at as usize == *it);
+        let unreadable: Vec<usize> = (0..kept.len()).filter(|it| is_unreadable(&kept[*it])).collect();
         let found = examine(&code, &views, &unreadable, self.settings.min_contrast);
-        let name = |it: usize| set.names.get(it).map_or_else(|| format!("picture {it}"), |it| format!("`{it}`"));
+        let name = |it: usize| {
+            let name = kept.get(it).and_then(|it| set.names.get(*it));
+            name.map_or_else(|| format!("picture {it}"), |it| format!("`{it}`"))
+        };
         let mut faults: Vec<String> = found.faults.iter().map(|it| it.describe(&code, &name)).collect();
         if let Some(exponent) = exponent {
             faults.push(format!(
@@ -310,8 +328,9 @@ impl Decoder {
             threads: self.settings.threads,
             ..DecodeOptions::default()
         };
-        decode_into(&code, &views, &axes, &options, &mut self.decoded).map_err(|fault| one(fault.to_string()))?;
-        let coordinates = self.coordinates(&code, &views, noise).map_err(one)?;
+        let in_parts = TooFine::of(&code, &views, self.settings.min_contrast);
+        faults.extend(too_fine_in_words(&told_code, &whole, &in_parts));
+        let coordinates = self.coordinates(&code, &views, &axes, &options, &in_parts, noise).map_err(one)?;
         let white = match code.place(Shown::White) {
             Some(it) => views[it].pixels().to_vec(),
             None => brightest(&views),
@@ -371,22 +390,93 @@ impl Decoder {
                 100.0 * map.n_known as f64 / lit.max(1) as f64
             ));
         }
+        if faults.is_empty() && (map.n_known as f64) < SCARCE * lit as f64 {
+            faults.push(format!(
+                "{:.1} % of the pixels that the projector lights by {least} gray levels or more could be decoded, expected most: stripes are weak against other light or out of focus, or the code is another",
+                100.0 * map.n_known as f64 / lit as f64
+            ));
+        }
         Ok(Map { map, white, lit, faults })
     }
 
-    fn coordinates(&self, code: &StripeCode, views: &[ImageView<'_>], noise: f64) -> Result<Coordinates, String> {
-        let threads = self.settings.threads;
+    /// Coordinates of all pixels: by all bits, and where these do not tell, by those that the camera resolves around there.
+    fn coordinates(
+        &mut self,
+        code: &StripeCode,
+        views: &[ImageView<'_>],
+        axes: &[Axis],
+        options: &DecodeOptions,
+        too_fine: &TooFine,
+        noise: f64,
+    ) -> Result<Coordinates, String> {
+        let mut all: Option<Coordinates> = None;
+        for level in too_fine.levels() {
+            let coarse = code.without_finest(level);
+            let shown = code.pictures();
+            let is_kept = coarse.pictures();
+            let views: Vec<ImageView<'_>> =
+                shown.iter().zip(views).filter(|it| is_kept.contains(it.0)).map(|it| *it.1).collect();
+            decode_into(&coarse, &views, axes, options, &mut self.decoded).map_err(|fault| fault.to_string())?;
+            let Some(all) = &mut all else {
+                all = Some(self.of_bits(&coarse, &views, noise, [None, None])?);
+                continue;
+            };
+            let width = all.size[0];
+            let is_open = |(at, it): (usize, &f32)| it.is_nan() && too_fine.at(at % width, at / width) == level;
+            let open = all.values.each_ref().map(|it| it.iter().enumerate().map(is_open).collect::<Vec<bool>>());
+            let found = self.of_bits(&coarse, &views, noise, open.each_ref().map(|it| Some(it.as_slice())))?;
+            for axis in 0..2 {
+                for at in (0..open[axis].len()).filter(|it| open[axis][*it]) {
+                    all.values[axis][at] = found.values[axis][at];
+                    all.sigmas[axis][at] = found.sigmas[axis][at];
+                }
+            }
+        }
+        Ok(all.unwrap_or_default())
+    }
+
+    fn of_bits(
+        &self,
+        code: &StripeCode,
+        views: &[ImageView<'_>],
+        noise: f64,
+        wanted: [Option<&[bool]>; 2],
+    ) -> Result<Coordinates, String> {
+        let edges = EdgeOptions { noise, threads: self.settings.threads, ..EdgeOptions::default() };
         let found = match code.steps {
-            0 => edges::coordinates(
-                code,
-                views,
-                &self.decoded,
-                &EdgeOptions { noise, threads, ..EdgeOptions::default() },
-            ),
+            0 => edges::coordinates_where(code, views, &self.decoded, &edges, wanted),
             _ => phase::coordinates(code, views, &self.decoded, &PhaseOptions { noise, ..PhaseOptions::default() }),
         };
         found.map_err(|fault| fault.to_string())
     }
+}
+
+/// Which bits are finer than the camera resolves, and where.
+fn too_fine_in_words(code: &StripeCode, whole: &TooFine, in_parts: &TooFine) -> Vec<String> {
+    let one = |axis: Axis| {
+        let at = axis.index();
+        let dropped = whole.overall()[at];
+        let help = "a camera that is sharper, closer or has more pixels, and a projector that is in focus, would show more detail";
+        let n = code.bits[at];
+        if dropped > 0 {
+            let planes: Vec<String> = (n - dropped..n).map(|it| it.to_string()).collect();
+            let which = if dropped == 1 { "bit" } else { "bits" };
+            return Some(format!(
+                "stripes of {which} {} of the {} are finer than the camera resolves: the coarser ones are used, and places between their boundaries are interpolated; {help}",
+                planes.join(" and "),
+                axis.in_words()
+            ));
+        }
+        let share = in_parts.share(axis);
+        (share > TOLD_SHARE).then(|| {
+            format!(
+                "in {:.0} % of what the projector lights, the finest stripes of the {} are finer than the camera resolves: coarser ones are used there; {help}",
+                100.0 * share,
+                axis.in_words()
+            )
+        })
+    };
+    Axis::BOTH.into_iter().filter(|it| code.has(*it)).filter_map(one).collect()
 }
 
 /// What is said of a set, with its name before it unless it names the set's pictures or files anyway.

@@ -16,6 +16,7 @@ use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::counter;
 use crate::pattern::{MANIFEST, PatternSettings};
 
 ports! {
@@ -187,7 +188,10 @@ fn pictures_in(folder: &Path, files: &str) -> Result<Vec<PathBuf>, String> {
         let ending = it.extension().map(|it| it.to_string_lossy().to_lowercase()).unwrap_or_default();
         ENDINGS.contains(&ending.as_str()) && matches(files, &name_of(it)) && it.is_file()
     };
-    Ok(entries(folder)?.into_iter().filter(is_picture).collect())
+    let mut files: Vec<PathBuf> = entries(folder)?.into_iter().filter(is_picture).collect();
+    let first = counter::first_taken(&files);
+    files.rotate_left(first);
+    Ok(files)
 }
 
 fn name_of(path: &Path) -> String {
@@ -329,7 +333,15 @@ fn notes(files: &[PathBuf], read: &[Result<Gray, String>]) -> Vec<String> {
             ),
         }
     };
-    kinds.into_iter().map(say).collect()
+    // The other way round they would have stood in the order of their names.
+    let mut by_name = files.to_vec();
+    by_name.sort_by(|a, b| natural_order(&name_of(a), &name_of(b)));
+    let first = counter::first_taken(&by_name);
+    let counter = (first > 0).then(|| {
+        let (before, after) = (shown(&by_name[by_name.len() - 1]), name_of(&by_name[0]));
+        format!("the camera's counter began anew after `{before}`: `{after}` is taken for the next picture")
+    });
+    kinds.into_iter().map(say).chain(counter).collect()
 }
 
 /// A path for people: what is in a name must not steer a terminal.
@@ -426,6 +438,17 @@ mod tests {
         assert_eq!(sets(&folder.path().join("pose_9"), "*").unwrap().len(), 1);
         let few = sets(&folder.path().join("pose_10"), "1*.png").unwrap();
         assert_eq!(few[0].len(), 2);
+    }
+
+    #[test]
+    fn pictures_stand_in_the_order_in_which_a_counter_that_began_anew_took_them() {
+        let folder = tempfile::tempdir().unwrap();
+        for (at, name) in ["DSC_9998", "DSC_9999", "DSC_0001", "DSC_0002"].iter().enumerate() {
+            write(&folder.path().join(format!("{name}.png")), 3, at as u8);
+        }
+        let Read { set, notes, .. } = read(&sets(folder.path(), "*").unwrap()[0]).unwrap();
+        assert_eq!([0, 1, 2, 3].map(|it| set.picture(it).unwrap()[0]), [0, 1, 2, 3]);
+        assert!(notes[0].contains("DSC_9999.png`: `DSC_0001.png` is taken for the next picture"), "{notes:?}");
     }
 
     #[test]

@@ -12,6 +12,7 @@ use nalgebra::{Isometry3, Matrix3, Point2, SMatrix, Translation3, UnitQuaternion
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::orientation::likely_change;
 use crate::pair::{OnRay, triangulate};
 use crate::pattern::projector_of;
 
@@ -95,6 +96,8 @@ pub struct Triangulator {
     clouds: u64,
     /// Why the first map that made no cloud made none.
     refused: Option<String>,
+    /// What is said of sets whose maps made not one point.
+    empty: Vec<String>,
     vague: u64,
     alone: u64,
     sigmas: f64,
@@ -137,6 +140,7 @@ impl Node for Triangulator {
             misfits: 0,
             clouds: 0,
             refused: None,
+            empty: Vec::new(),
             vague: 0,
             alone: 0,
             sigmas: 0.0,
@@ -184,15 +188,28 @@ impl Node for Triangulator {
                 continue;
             }
             let white = white.as_deref().filter(|_| self.has_white);
-            let misfits = self.misfits;
+            let (misfits, vague, alone) = (self.misfits, self.vague, self.alone);
             let cloud = self.cloud(&map.value, map.time(), white, pose.as_deref());
             let (misfits, points) = (self.misfits - misfits, cloud.len() as u64);
             if misfits > points {
                 self.points -= points;
-                let fault = misfit(&map.value.name, misfits, points);
+                let limit = self.settings.max_misfit_px;
+                let change = likely_change(&self.camera, &self.projector, &map.value, limit);
+                let fault = misfit(&map.value.name, misfits, points, change);
                 self.refused.get_or_insert_with(|| fault.clone());
                 io.gap(&CLOUD, map.time(), fault);
                 continue;
+            }
+            // Sets of pictures have names, maps of what moves do not.
+            if points == 0 && !map.value.name.is_empty() {
+                self.empty.push(format!(
+                    "{}: no point: {} pixels have a projector coordinate, expected most of what the projector lights; depths of {} would be vaguer than `max_sigma`, {} are without neighbours on the same surface, \
+                     {misfits} do not fit",
+                    map.value.name,
+                    map.value.n_known,
+                    self.vague - vague,
+                    self.alone - alone
+                ));
             }
             self.clouds += 1;
             io.emit(&CLOUD, map.stamp, cloud);
@@ -207,7 +224,9 @@ impl Node for Triangulator {
         report.figure(format!("cloud.vague.{name}"), self.vague as f64);
         report.figure(format!("cloud.alone.{name}"), self.alone as f64);
         report.figure(format!("cloud.sigma_mm.{name}"), 1e3 * self.sigmas / self.points as f64);
-        match self.refused.take().filter(|_| self.clouds == 0) {
+        self.empty.iter().for_each(|it| report.remark(it.clone()));
+        let is_empty = self.clouds == self.empty.len() as u64;
+        match self.refused.take().or(self.empty.first().cloned()).filter(|_| is_empty) {
             Some(fault) => Err(NodeError::input(format!("no set of pictures made a point cloud: {fault}"))),
             None => Ok(()),
         }
@@ -308,10 +327,15 @@ impl Triangulator {
 }
 
 /// What a set with more misfits than points is told: these points are accidents.
-fn misfit(name: &str, misfits: u64, points: u64) -> String {
+fn misfit(name: &str, misfits: u64, points: u64, change: Option<String>) -> String {
+    let why = change.map_or_else(
+        || {
+            "did nothing move during the set, is the order of the pictures, is `centred`, are the calibrations of camera and projector those of this set?".to_owned()
+        },
+        |it| format!("{it}: turn them back, or calibrate with pictures as these are"),
+    );
     format!(
-        "{name}: at {misfits} pixels column and row of the projector do not belong to one point, at {points} they do; expected most to: did nothing move during the set, is the order of \
-         the pictures, is `centred`, are the calibrations of camera and projector those of this set?"
+        "{name}: at {misfits} pixels column and row of the projector do not belong to one point, at {points} they do; expected most to: {why}"
     )
 }
 
@@ -510,6 +534,7 @@ mod tests {
         bench.feed(&MAP, Time::ZERO, mirrored).unwrap();
         assert_eq!(bench.outputs(&CLOUD).len(), 0);
         let gaps = bench.gaps(&CLOUD);
-        assert!(gaps[0].reason.contains("do not belong to one point"), "{gaps:?}");
+        let expected = "do; expected most to: 100 % of them would if the camera's pictures were mirrored left to right";
+        assert!(gaps[0].reason.contains(expected), "{gaps:?}");
     }
 }

@@ -223,6 +223,16 @@ impl StripeCode {
         self
     }
 
+    /// The same without so many of the finest bits of columns and rows: stripes are twice as wide for each.
+    pub fn without_finest(&self, dropped: [u32; 2]) -> StripeCode {
+        let mut code = self.clone();
+        for (axis, dropped) in dropped.into_iter().enumerate() {
+            code.bits[axis] = code.bits[axis].saturating_sub(dropped);
+            code.stripe[axis] <<= dropped;
+        }
+        code
+    }
+
     /// # Errors
     /// What cannot be, with what was expected.
     pub fn check(&self) -> Result<(), ImagingError> {

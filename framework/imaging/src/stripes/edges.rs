@@ -164,11 +164,31 @@ pub fn coordinates(
     decoded: &Decoded,
     options: &EdgeOptions,
 ) -> Result<Coordinates, ImagingError> {
+    coordinates_where(code, pictures, decoded, options, [None, None])
+}
+
+/// As [`coordinates`], at those camera pixels alone that are `wanted` by axis, row by row; `None`: at all.
+///
+/// # Errors
+/// [`coordinates`]'s.
+pub fn coordinates_where(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    decoded: &Decoded,
+    options: &EdgeOptions,
+    wanted: [Option<&[bool]>; 2],
+) -> Result<Coordinates, ImagingError> {
     let mut found = Coordinates { size: decoded.size, ..Coordinates::default() };
     let ([width, height], n) = (decoded.size, decoded.size[0] * decoded.size[1]);
     for axis in Axis::BOTH {
         let index = axis.index();
         if decoded.stripes[index].len() != n || n == 0 {
+            continue;
+        }
+        let (mut values, mut sigmas) = (vec![f32::NAN; n], vec![f32::NAN; n]);
+        let wanted = wanted[index];
+        if wanted.is_some_and(|it| !it.contains(&true)) {
+            (found.values[index], found.sigmas[index]) = (values, sigmas);
             continue;
         }
         let (list, starts) = boundaries(code, pictures, decoded, axis, options.noise)?;
@@ -177,8 +197,8 @@ pub fn coordinates(
             0 => ((1.5 * lit as f64 / list.len().max(1) as f64).ceil() as usize).clamp(2, 24),
             it => it,
         };
-        let field = Field { list: &list, starts: &starts, decoded, index, code, reach, max_rms: options.max_rms };
-        let (mut values, mut sigmas) = (vec![f32::NAN; n], vec![f32::NAN; n]);
+        let (list, starts, max_rms) = (&list, &starts, options.max_rms);
+        let field = Field { list, starts, decoded, index, code, reach, max_rms, wanted };
         let rows = height.div_ceil(options.threads.max(1)).max(1);
         std::thread::scope(|scope| {
             let parts = values.chunks_mut(rows * width).zip(sigmas.chunks_mut(rows * width));
@@ -206,6 +226,7 @@ struct Field<'a> {
     code: &'a StripeCode,
     reach: usize,
     max_rms: f64,
+    wanted: Option<&'a [bool]>,
 }
 
 /// A boundary seen from a pixel.
@@ -234,7 +255,7 @@ impl Field<'_> {
             begins.extend(rows.clone().map(|it| self.starts[it]));
             for x in 0..width {
                 let stripe = stripes[y * width + x];
-                if stripe == NONE {
+                if stripe == NONE || self.wanted.is_some_and(|it| !it[y * width + x]) {
                     continue;
                 }
                 let centre = f64::from(stripe) * f64::from(stripe_width) + middle;

@@ -89,7 +89,9 @@ impl Examination {
         // Without inverse pictures, white and black are the threshold.
         let needs_both = code.inverse == Inverse::None && !self.has_white_and_black(code);
         let is_spoilt = |axis: Axis| {
-            needs_both || self.faults.iter().any(|it| it.spoils(axis)) || !self.lacking(code, axis).is_empty()
+            needs_both
+                || self.faults.iter().any(|it| it.spoils(axis, code.inverse == Inverse::None))
+                || !self.lacking(code, axis).is_empty()
         };
         Axis::BOTH.into_iter().filter(|it| code.has(*it) && !is_spoilt(*it)).collect()
     }
@@ -265,12 +267,18 @@ fn look(
         }
         let count =
             |unpaired, is_explained| SetFault::Count { found: n, expected: shown.len(), unpaired, is_explained };
-        match explain::explain(code, n, &all.skipped, &signs) {
+        let one_axis = || explain::one_axis(code, n, &all.skipped, &signs);
+        let explained = explain::explain(code, n, &all.skipped, &signs).or_else(one_axis);
+        match explained {
             Some(explained) => {
                 found.faults.push(count(None, true));
                 found.take(explained, &all.skipped);
             }
             None => {
+                if let Some(other) = explain::with_other_inverses(code, n, &all.skipped, &signs) {
+                    found.faults.push(SetFault::OtherOrder { code: Box::new(other) });
+                    return (found, lit);
+                }
                 let few = set(&lit, all.skipped);
                 found.faults.push(count(few.first_unpaired(), false));
                 found.faults.extend(few.doubled());
@@ -338,7 +346,10 @@ fn look(
         None => {
             for it in &faults {
                 match it {
-                    SetFault::OtherScene { picture, .. } => found.places[*picture] = None,
+                    SetFault::OtherScene { picture, .. } | SetFault::NotWhite { picture, .. } => {
+                        found.places[*picture] = None;
+                    }
+                    SetFault::WhiteIsBlack { white, black } => found.places.swap(*white, *black),
                     SetFault::Doubled { picture, same_as, .. } => {
                         // Which of the two is the one that was taken twice, nothing tells.
                         for picture in [*picture, *same_as] {

@@ -45,7 +45,7 @@ fn known_of(seen: &[Seen]) -> Vec<(Axis, u32)> {
     let bit = |it: &Seen| match it {
         Seen::Bit(shown) => bit_of(shown),
         Seen::Plane(axis, plane) => Some((*axis, *plane)),
-        Seen::Lit | Seen::Dark | Seen::Unknown => None,
+        Seen::Lit | Seen::Dark | Seen::Stripes | Seen::Unknown => None,
     };
     seen.iter().filter_map(bit).collect()
 }
@@ -98,8 +98,91 @@ pub(super) fn other_bits(
     others.into_iter().find(fits).map(|it| it.bits)
 }
 
+/// The pictures of one axis, where those of the other are not there: for each place of the whole code its picture; `None` where there is no such axis.
+pub(super) fn one_axis(
+    code: &StripeCode,
+    n_pictures: usize,
+    skipped: &[usize],
+    samples: &Samples,
+) -> Option<Explained> {
+    if !Axis::BOTH.into_iter().all(|it| code.has(it)) {
+        return None;
+    }
+    Axis::BOTH.into_iter().find_map(|lacking| {
+        let is_kept = |it: &&Group| **it != Group::Stripes(lacking);
+        let rest = StripeCode { order: code.order.iter().filter(is_kept).copied().collect(), ..code.clone() };
+        let found = explained(&rest, n_pictures, skipped, samples)?;
+        let of_rest = rest.pictures();
+        let place = |it: &Shown| of_rest.iter().position(|shown| shown == it).and_then(|at| found.places[at]);
+        let all = code.pictures();
+        let places: Vec<Option<usize>> = all.iter().map(place).collect();
+        let n_bits = |places: &[Option<usize>]| {
+            all.iter().zip(places).filter(|it| bit_of(it.0).is_some() && it.1.is_some()).count()
+        };
+        // Nearly all bits of this axis have to be there.
+        if (n_bits(&places) as f64) < OTHER_KNOWN * of_rest.iter().filter(|it| bit_of(it).is_some()).count() as f64 {
+            return None;
+        }
+        let pictures = all.len() - of_rest.len();
+        let faults = std::iter::once(SetFault::NoAxis { axis: lacking, pictures }).chain(found.faults).collect();
+        Some(Explained { faults, places, unsure: found.unsure })
+    })
+}
+
+/// A code without inverse pictures, or with them, that fits these pictures; `None` where there is none.
+pub(super) fn with_other_inverses(
+    code: &StripeCode,
+    n_pictures: usize,
+    skipped: &[usize],
+    samples: &Samples,
+) -> Option<StripeCode> {
+    use Group::{Black, Stripes, White};
+    let [columns, rows] = Axis::BOTH.map(Stripes);
+    let orders = [
+        vec![columns, rows, White, Black],
+        vec![White, Black, columns, rows],
+        vec![Black, White, columns, rows],
+        vec![White, Black, rows, columns],
+        vec![columns, White, Black],
+        vec![White, Black, columns],
+        vec![rows, White, Black],
+    ];
+    let orders = std::iter::once(code.order.clone()).chain(orders);
+    let all = orders.flat_map(|order| {
+        [Inverse::None, Inverse::After].into_iter().flat_map(move |inverse| {
+            let order = order.clone();
+            [false, true].map(move |fine_first| StripeCode {
+                order: order.clone(),
+                inverse,
+                fine_first,
+                ..code.clone()
+            })
+        })
+    });
+    let mut fitting = all.filter(|other| other != code && other.check().is_ok()).filter(|other| {
+        let roles = other.pictures();
+        if roles.len() != n_pictures {
+            return false;
+        }
+        let seen = identify(other, samples, &homes_of(&roles, n_pictures, skipped));
+        let mut known = known_of(&seen);
+        let n_known = known.len();
+        known.sort_unstable();
+        known.dedup();
+        let set = Seens { roles: &roles, seen: &seen, known: &known, samples };
+        let n_bits = roles.iter().filter(|it| bit_of(it).is_some()).count();
+        n_known as f64 >= OTHER_KNOWN * n_bits as f64 && (0..n_pictures).all(|it| set.fit(it, it) != Fit::No)
+    });
+    fitting.next()
+}
+
 /// What is wrong with `n_pictures` pictures of `code`, and the picture for each place; `None` where the pictures do not tell. `skipped` say nothing.
 pub(super) fn explain(code: &StripeCode, n_pictures: usize, skipped: &[usize], samples: &Samples) -> Option<Explained> {
+    explained(code, n_pictures, skipped, samples).filter(|it| !it.faults.is_empty())
+}
+
+/// As [`explain`], of a set in which nothing is wrong too.
+fn explained(code: &StripeCode, n_pictures: usize, skipped: &[usize], samples: &Samples) -> Option<Explained> {
     // Steps of a sine are neither lit nor dark.
     if code.steps > 0 {
         return None;
@@ -188,7 +271,7 @@ pub(super) fn explain(code: &StripeCode, n_pictures: usize, skipped: &[usize], s
             faults.push(SetFault::Doubled { picture: later, same_as, expected: Some(roles[place]) });
         }
     }
-    (!faults.is_empty()).then_some(Explained { faults, places, unsure })
+    Some(Explained { faults, places, unsure })
 }
 
 /// The code with another order of its pictures that these fit. Which axis is which is told by where pictures stand, so they are taken for those of a set from its end, too.
@@ -275,6 +358,7 @@ impl Seens<'_> {
             }
             Seen::Lit => Found::Shown(Shown::White),
             Seen::Dark => Found::Shown(Shown::Black),
+            Seen::Stripes => return Some(SetFault::Extra { picture, shown: None }),
             Seen::Unknown => return None,
         };
         Some(SetFault::Shows { picture, found, expected })
@@ -320,7 +404,7 @@ impl Seens<'_> {
             let is_of_axis = |it: &usize| match self.seen[*it] {
                 Seen::Bit(shown) => shown.axis() == Some(axis),
                 Seen::Plane(of, _) => of == axis,
-                Seen::Lit | Seen::Dark | Seen::Unknown => false,
+                Seen::Lit | Seen::Dark | Seen::Stripes | Seen::Unknown => false,
             };
             let (mut along, mut down) = (0_usize, 0_usize);
             for picture in (0..self.seen.len()).filter(is_of_axis) {

@@ -85,6 +85,11 @@ fn fit(rows: &[[f64; 3]]) -> Option<[f64; 2]> {
     if rows.len() < MIN_SAMPLES {
         return None;
     }
+    // A bit that is dark all over the picture says nothing: what light there is in it comes from where the projector shows it bright.
+    let n_bright = rows.iter().filter(|it| it[0] > it[1]).count();
+    if n_bright.min(rows.len() - n_bright) < MIN_SAMPLES / 4 {
+        return None;
+    }
     let mut kept = vec![true; rows.len()];
     let mut solved = ([1.0; 2], [0.0; 2]);
     for _ in 0..STEPS {

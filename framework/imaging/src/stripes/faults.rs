@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::code::{Axis, Shown, StripeCode};
+use super::code::{Axis, Inverse, Shown, StripeCode};
 
 /// Something that is wrong with a set of pictures. Pictures are numbered in their order, from 0.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,6 +33,13 @@ pub enum SetFault {
         after: Option<usize>,
         /// Whether it may be its inverse instead.
         or_inverse: bool,
+    },
+    /// No picture shows the stripes of an axis.
+    NoAxis {
+        /// Which axis.
+        axis: Axis,
+        /// How many pictures it has.
+        pictures: usize,
     },
     /// A picture for which there is no place.
     Extra {
@@ -218,22 +225,25 @@ impl fmt::Display for Found {
 }
 
 impl SetFault {
-    /// Whether this axis cannot be decoded because of it.
-    pub fn spoils(&self, axis: Axis) -> bool {
+    /// Whether this axis cannot be decoded because of it; `needs_white` where nothing but white and black says what is lit.
+    pub fn spoils(&self, axis: Axis, needs_white: bool) -> bool {
         let is_of = |shown: &Shown| shown.axis() == Some(axis);
         match self {
             SetFault::Count { is_explained, .. } => !is_explained,
             // What is not there may be worked out from the rest, and what lacks is known.
             SetFault::Missing { .. }
+            | SetFault::NoAxis { .. }
             | SetFault::Unreadable { .. }
             | SetFault::Doubled { .. }
             | SetFault::OtherScene { .. }
             | SetFault::Moved { .. }
             | SetFault::Uneven { .. }
+            | SetFault::WhiteIsBlack { .. }
             | SetFault::Dim { .. } => false,
             SetFault::Shows { expected: shown, .. } | SetFault::Negative { shown, .. } => {
-                matches!(shown, Shown::White | Shown::Black)
+                needs_white && matches!(shown, Shown::White | Shown::Black)
             }
+            SetFault::NotWhite { .. } => needs_white,
             SetFault::Exposed { shown, .. } => is_of(shown) || matches!(shown, Shown::White | Shown::Black),
             SetFault::Exchanged { expected, .. } => {
                 expected.iter().any(is_of) || !expected.iter().all(|it| matches!(it, Shown::Bit { .. }))
@@ -244,8 +254,6 @@ impl SetFault {
             | SetFault::OutOfPlace { axis: of, .. }
             | SetFault::OutOfRange { axis: of, .. } => *of == axis,
             SetFault::Size { .. }
-            | SetFault::WhiteIsBlack { .. }
-            | SetFault::NotWhite { .. }
             | SetFault::OtherOrder { .. }
             | SetFault::OtherSize { .. }
             | SetFault::TooDark { .. } => true,
@@ -291,6 +299,13 @@ impl SetFault {
                 let place = after.map_or("at the beginning".to_owned(), |it| format!("after {}", name(it)));
                 let or = if *or_inverse { " or no other its inverse" } else { "" };
                 format!("no picture shows {shown}{or}, expected {place}: a picture is missing")
+            }
+            SetFault::NoAxis { axis, pictures } => {
+                let other = Axis::BOTH[1 - axis.index()].in_words();
+                format!(
+                    "no picture shows all stripes of the {}, of which there should be {pictures} pictures: if the {other} alone were shown, `pattern.order` says so",
+                    axis.in_words()
+                )
             }
             SetFault::Extra { picture, shown } => {
                 let what = shown.map_or(String::new(), |it| format!(" shows {it} once more and"));
@@ -365,15 +380,16 @@ impl SetFault {
             }
             SetFault::WhiteIsBlack { white, black } => {
                 format!(
-                    "{} is darker than {}, expected white and black: are they exchanged?",
+                    "{} is darker than {}, expected white and black: each is taken for the other",
                     name(*white),
                     name(*black)
                 )
             }
             SetFault::NotWhite { picture, shown, share } => {
                 let than = if *shown == Shown::White { "brightest" } else { "darkest" };
+                let use_of_it = if code.inverse == Inverse::None { "" } else { "; it is not used" };
                 format!(
-                    "{} is not the {than} picture in {:.0} % of the pixels, expected the {shown} one",
+                    "{} is not the {than} picture in {:.0} % of the pixels, expected the {shown} one{use_of_it}",
                     name(*picture),
                     100.0 * share
                 )

@@ -20,6 +20,8 @@ pub(super) enum Seen {
     Lit,
     /// No stripes, all dark.
     Dark,
+    /// Stripes of a bit, nothing tells which.
+    Stripes,
     /// Nothing can be told.
     Unknown,
 }
@@ -37,7 +39,8 @@ impl Seen {
     pub(super) fn fits(&self, expected: Shown, known: &[(Axis, u32)]) -> Fit {
         let may_be = |it: bool| if it { Fit::Maybe } else { Fit::No };
         match (*self, expected) {
-            (Seen::Unknown, _) => Fit::Maybe,
+            (Seen::Stripes, Shown::White | Shown::Black) => Fit::No,
+            (Seen::Stripes | Seen::Unknown, _) => Fit::Maybe,
             (Seen::Bit(shown), _) if shown == expected => Fit::Yes,
             (Seen::Plane(axis, plane), Shown::Bit { axis: of, plane: at, .. }) if (axis, plane) == (of, at) => Fit::Yes,
             (Seen::Lit, Shown::White) | (Seen::Dark, Shown::Black) => Fit::Yes,
@@ -96,7 +99,10 @@ pub(super) fn identify(code: &StripeCode, samples: &Samples, homes: &[Option<Vec
         match (lit as f64, dark as f64) {
             (lit, dark) if dark < STRIPES * (lit + dark) => seen[picture] = Seen::Lit,
             (lit, dark) if lit < STRIPES * (lit + dark) => seen[picture] = Seen::Dark,
-            _ => striped.push(picture),
+            _ => {
+                seen[picture] = Seen::Stripes;
+                striped.push(picture);
+            }
         }
     }
     let classes = in_classes(samples, &striped, homes);
@@ -281,6 +287,8 @@ impl Relations {
             };
             let [columns, rows] = [related(Axis::Columns), related(Axis::Rows)];
             let found = match columns.max(rows) < 0.3 || (columns - rows).abs() < 0.1 {
+                // Neither where it stands nor what it looks like puts it among the bits of an axis.
+                true if classes[*class].homes.is_empty() => return false,
                 true => classes[*class].axis,
                 false if columns > rows => Axis::Columns,
                 false => Axis::Rows,

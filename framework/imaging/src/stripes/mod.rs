@@ -10,6 +10,7 @@
 //! | [`boundary`] | stripe boundary codes, for what moves: four pictures again and again, boundaries tracked from picture to picture |
 //! | [`examine`] | what is wrong with a set of pictures: missing, doubled, swapped, inverted, too bright, too dark |
 //! | [`faults`] | how that is said |
+//! | [`finest`] | stripes that are finer than the camera resolves |
 //! | [`noise`] | how noisy a picture is |
 //! | [`response`] | the camera's response, where gray levels are not proportional to light |
 //!
@@ -26,6 +27,7 @@ pub mod examine;
 mod explain;
 mod exposure;
 pub mod faults;
+pub mod finest;
 pub mod gray;
 mod identify;
 pub mod noise;

@@ -174,7 +174,7 @@ impl Set<'_> {
         for b in (1..signs.len()).filter(is_kept) {
             let like = (0..b).filter(is_kept).find(|a| {
                 let differ = signs[*a].iter().zip(&signs[b]).filter(|(a, b)| a != b).count();
-                has_stripes(&signs[b]) && (differ as f64) < 0.03 * some.len() as f64
+                has_stripes(&signs[b]) && (differ as f64) < 0.03 * some.len() as f64 && self.is_one_step(*a, b, &some)
             });
             faults.extend(like.map(|same_as| SetFault::Doubled {
                 picture: b,
@@ -183,6 +183,19 @@ impl Set<'_> {
             }));
         }
         faults
+    }
+
+    /// Whether two pictures of a code with a phase shift are the same in their gray levels: those of neighbouring steps are dark and bright in nearly the same places.
+    fn is_one_step(&self, a: usize, b: usize, some: &[&(usize, u8, u8)]) -> bool {
+        if self.code.steps == 0 {
+            return true;
+        }
+        let off =
+            |it: &&(usize, u8, u8)| (self.level(a, it.0) - self.level(b, it.0)).abs() / f64::from((it.2 - it.1).max(1));
+        let mean = some.iter().map(off).sum::<f64>() / some.len().max(1) as f64;
+        // The mean difference of two sines of a wave as high as white − black, one step apart.
+        let step = 2.0 / std::f64::consts::PI * (std::f64::consts::PI / f64::from(self.code.steps)).sin();
+        mean < 0.5 * step
     }
 
     fn inverses(&self, axis: Axis) -> Vec<SetFault> {

@@ -117,7 +117,8 @@ fn a_negative_is_named_and_accuses_no_other() {
         let name = format!("`{negative}.png` is a negative, expected bit {}", negative % 16 / 2);
         check(|it| it[negative].iter_mut().for_each(|it| *it = 255 - *it), &[&name], &Axis::BOTH);
     }
-    check(|it| it[30].iter_mut().for_each(|it| *it = 255 - *it), &["`30.png` is a negative, expected white"], &[]);
+    let expected = ["`30.png` is a negative, expected white"];
+    check(|it| it[30].iter_mut().for_each(|it| *it = 255 - *it), &expected, &Axis::BOTH);
 }
 
 #[test]
@@ -287,7 +288,62 @@ fn pictures_that_could_not_be_read_accuse_no_other() {
 
 #[test]
 fn white_and_black_exchanged_are_told() {
-    check(|it| it.swap(30, 31), &["`30.png` is darker than `31.png`"], &[]);
+    check(|it| it.swap(30, 31), &["`30.png` is darker than `31.png`"], &Axis::BOTH);
+    let mut pictures = wall(1).pictures(&code());
+    pictures.swap(30, 31);
+    let found = examined(&code(), &pictures);
+    assert_eq!([30, 31].map(|it| found.picture_at(it)), [Some(31), Some(30)]);
+}
+
+#[test]
+fn white_of_another_scene_is_left_out_where_inverse_pictures_tell_what_is_lit() {
+    let spoil = |it: &mut Vec<u8>| it.chunks_exact_mut(160).for_each(|row| row[..100].fill(10));
+    let other = |it: &mut Vec<Vec<u8>>| spoil(&mut it[30]);
+    check(other, &["`30.png` is not the brightest picture in"], &Axis::BOTH);
+    let mut pictures = wall(1).pictures(&code());
+    other(&mut pictures);
+    let found = examined(&code(), &pictures);
+    let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+    let prepared = found.prepared(&code(), &views);
+    assert_eq!((prepared.code.place(Shown::White), prepared.pictures.len()), (None, 31));
+    // Without inverse pictures nothing else says what is lit.
+    let alone = StripeCode { inverse: Inverse::None, ..code() };
+    let mut pictures = wall(1).pictures(&alone);
+    let white = alone.place(Shown::White).unwrap();
+    spoil(&mut pictures[white]);
+    assert_eq!(examined(&alone, &pictures).usable(&alone), []);
+}
+
+#[test]
+fn sets_that_end_in_the_middle_or_have_columns_alone_keep_their_columns() {
+    // All of the columns and one picture of the rows; columns, white and black.
+    let half: &dyn Fn(&mut Vec<Vec<u8>>) = &|it| it.truncate(17);
+    let columns: &dyn Fn(&mut Vec<Vec<u8>>) = &|it| drop(it.drain(16..30));
+    for (change, n, is_whole) in [(half, 17, false), (columns, 18, true)] {
+        let mut pictures = wall(1).pictures(&code());
+        change(&mut pictures);
+        let found = examined(&code(), &pictures);
+        let words: Vec<String> =
+            found.faults.iter().map(|it| it.describe(&code(), &|at| format!("`{at}.png`"))).collect();
+        let said = words.join("; ");
+        assert!(said.contains(&format!("found {n} pictures")), "{said}");
+        assert!(said.contains("no picture shows all stripes of the rows, of which there should be 14"), "{said}");
+        // The picture of the rows is neither white nor black.
+        assert_eq!(
+            ["no picture shows black", "`16.png` has no place"].map(|it| said.contains(it)),
+            [!is_whole; 2],
+            "{said}"
+        );
+        assert_eq!((found.usable(&code()), words.len() == 2), (vec![Axis::Columns], is_whole), "{said}");
+    }
+}
+
+#[test]
+fn a_set_without_inverse_pictures_is_told_the_setting_that_it_needs() {
+    let alone = StripeCode { inverse: Inverse::None, ..code() };
+    let found = examined(&code(), &wall(1).pictures(&alone));
+    let [fault @ SetFault::OtherOrder { .. }] = &found.faults[..] else { panic!("{:?}", found.faults) };
+    assert!(fault.describe(&code(), &|_| String::new()).contains("inverse = \"none\""), "{fault:?}");
 }
 
 #[test]

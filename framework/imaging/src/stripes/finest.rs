@@ -1,0 +1,218 @@
+//! Stripes that are finer than the camera resolves: of a projector with more pixels than the camera has on its picture, or out of focus.
+//!
+//! Where a camera blurs stripes, the finest bit has the least contrast, and that of coarser ones is much larger. Light that comes over other
+//! surfaces takes off contrast too, but as much of all fine stripes alike: such a bit is not taken for too fine, and [`super::gray`] leaves its pixels out.
+//! Without its finest bits a Gray code is a Gray code of stripes twice as wide.
+
+use super::code::{Axis, Shown, StripeCode};
+use crate::ImageView;
+
+/// By block of the camera's picture, how many of the finest bits of columns and rows are too fine.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TooFine {
+    columns: usize,
+    /// Row by row; `None` where the projector lights too little.
+    blocks: Vec<Option<[u32; 2]>>,
+    overall: [u32; 2],
+}
+
+/// Side of a block [px].
+const BLOCK: usize = 64;
+/// Every so many columns and rows a pixel is looked at.
+const STEP: usize = 3;
+/// Pixels of a block that have to be lit.
+const MIN_SAMPLES: usize = 60;
+/// The contrast of a bit in a block is that which so many of its pixels do not have [–].
+const PERCENTILE: f64 = 0.8;
+/// A bit is too fine where its contrast is below this part of white − black: less than half of it may as well be other light.
+const WEAK: f64 = 0.5;
+/// And below this part of that of the next two coarser bits.
+const WEAKER: f64 = 0.7;
+/// Stripes of less contrast than this part of white − black are not seen at all [–].
+const NOTHING: f64 = 0.15;
+/// Bits that are kept.
+const MIN_BITS: usize = 3;
+/// All blocks but this part have to want it before a bit is taken to be too fine all over the picture.
+const FEW: f64 = 0.05;
+
+impl TooFine {
+    /// Looks at `pictures`, which are as many as `code` has; pixels of less than `min_contrast` gray levels are not looked at. Codes of a phase shift need their
+    /// finest bits, and none of theirs is too fine.
+    pub fn of(code: &StripeCode, pictures: &[ImageView<'_>], min_contrast: u8) -> TooFine {
+        let nothing = TooFine { columns: 1, blocks: Vec::new(), overall: [0; 2] };
+        let shown = code.pictures();
+        let Some(first) = pictures.first().filter(|_| code.steps == 0 && pictures.len() == shown.len()) else {
+            return nothing;
+        };
+        let (width, height) = first.size();
+        if pictures.iter().any(|it| it.size() != (width, height)) {
+            return nothing;
+        }
+        let views: Vec<&[u8]> = pictures.iter().map(|it| it.pixels()).collect();
+        let bits: [Vec<Vec<usize>>; 2] = Axis::BOTH.map(|axis| {
+            let n = if code.has(axis) { code.bits[axis.index()] } else { 0 };
+            let is_of =
+                |it: &Shown, at: u32| matches!(it, Shown::Bit { axis: of, plane, .. } if *of == axis && *plane == at);
+            (0..n).map(|at| (0..shown.len()).filter(|it| is_of(&shown[*it], at)).collect()).collect()
+        });
+        let columns = width.div_ceil(BLOCK).max(1);
+        let mut blocks = vec![None; columns * height.div_ceil(BLOCK)];
+        let all = all_samples(&views, width, height, min_contrast);
+        for (block, samples) in blocks.iter_mut().zip(&all) {
+            if samples.len() >= MIN_SAMPLES {
+                *block = Some([0, 1].map(|axis| finest(&bits[axis], &views, samples)));
+            }
+        }
+        // The level that nearly all blocks reach.
+        let overall = [0, 1].map(|axis| {
+            let mut levels: Vec<u32> = blocks.iter().flatten().map(|it: &[u32; 2]| it[axis]).collect();
+            levels.sort_unstable();
+            levels.get((levels.len() as f64 * FEW) as usize).copied().unwrap_or(0)
+        });
+        TooFine { columns, blocks, overall }
+    }
+
+    /// Bits of columns and rows that are too fine all over the picture.
+    pub fn overall(&self) -> [u32; 2] {
+        self.overall
+    }
+
+    /// Bits of columns and rows that are too fine around a pixel.
+    pub fn at(&self, x: usize, y: usize) -> [u32; 2] {
+        self.blocks.get(y / BLOCK * self.columns + x / BLOCK).copied().flatten().unwrap_or(self.overall)
+    }
+
+    /// All that occur, each once, in ascending order.
+    pub fn levels(&self) -> Vec<[u32; 2]> {
+        let mut levels: Vec<[u32; 2]> = self.blocks.iter().flatten().copied().chain([self.overall]).collect();
+        levels.sort_unstable();
+        levels.dedup();
+        levels
+    }
+
+    /// Part of what the projector lights in which at least one bit of an axis is too fine [–].
+    pub fn share(&self, axis: Axis) -> f64 {
+        let all = self.blocks.iter().flatten();
+        all.clone().filter(|it| it[axis.index()] > 0).count() as f64 / all.count().max(1) as f64
+    }
+}
+
+/// By block pixels that are lit: where, and darkest plus brightest, and the difference.
+fn all_samples(views: &[&[u8]], width: usize, height: usize, min_contrast: u8) -> Vec<Vec<(usize, i32, i32)>> {
+    let columns = width.div_ceil(BLOCK).max(1);
+    let mut all = vec![Vec::new(); columns * height.div_ceil(BLOCK)];
+    for y in (STEP / 2..height).step_by(STEP) {
+        for x in (STEP / 2..width).step_by(STEP) {
+            let at = y * width + x;
+            let (low, high) = views.iter().fold((255, 0), |(low, high), it| (it[at].min(low), it[at].max(high)));
+            if high.saturating_sub(low) >= min_contrast.max(1) {
+                let (low, high) = (i32::from(low), i32::from(high));
+                all[y / BLOCK * columns + x / BLOCK].push((at, low + high, high - low));
+            }
+        }
+    }
+    all
+}
+
+/// How many of the finest bits, each with its pictures, are too fine in these pixels.
+fn finest(bits: &[Vec<usize>], views: &[&[u8]], samples: &[(usize, i32, i32)]) -> u32 {
+    // Of both pictures the one that shows more: one that is another's double has its contrast.
+    let contrast = |plane: usize| {
+        let of = |&(at, sum, difference): &(usize, i32, i32)| {
+            let off = bits[plane].iter().map(|it| (2 * i32::from(views[*it][at]) - sum).abs()).max().unwrap_or(0);
+            f64::from(off) / f64::from(difference)
+        };
+        let mut list: Vec<f64> = samples.iter().map(of).collect();
+        let place = (PERCENTILE * (list.len() - 1) as f64) as usize;
+        *list.select_nth_unstable_by(place, f64::total_cmp).1
+    };
+    // From the finest on.
+    let contrasts: Vec<f64> = (0..bits.len()).rev().map(contrast).collect();
+    let most = bits.len().saturating_sub(MIN_BITS);
+    let is_too_fine = |it: &usize| {
+        // Two bits that are both too fine may look alike.
+        let coarser = contrasts[it + 1..].iter().take(2).copied().fold(0.0, f64::max);
+        contrasts[*it] < WEAK && (contrasts[*it] < NOTHING || contrasts[*it] < WEAKER * coarser)
+    };
+    let dropped = (0..most).take_while(is_too_fine).count();
+    // Where no bit is left that is seen, it is not for want of resolution.
+    if contrasts.get(dropped).is_some_and(|it| *it >= WEAK) { dropped as u32 } else { 0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::scene::{Scene, wall};
+    use super::*;
+
+    fn found(scene: &Scene, code: &StripeCode, change: impl Fn(&mut Vec<Vec<u8>>)) -> TooFine {
+        let mut pictures = scene.pictures(code);
+        change(&mut pictures);
+        let [width, height] = scene.size;
+        let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, width, height).unwrap()).collect();
+        TooFine::of(code, &views, 12)
+    }
+
+    #[test]
+    fn a_camera_that_sees_stripes_has_none_that_are_too_fine() {
+        let code = StripeCode::gray([160, 120]);
+        for seed in 1..=3 {
+            assert_eq!(found(&wall(seed), &code, |_| ()).levels(), [[0, 0]], "seed {seed}");
+        }
+    }
+
+    #[test]
+    fn what_the_camera_does_not_resolve_is_found() {
+        let code = StripeCode::gray([160, 120]);
+        // Wide enough to leave nothing of stripes two pixels wide, and most of the light of those four pixels wide.
+        let blurred = Scene { defocus: 1.6, ..wall(2) };
+        assert_eq!(found(&blurred, &code, |_| ()).overall(), [1, 1]);
+        assert!(found(&blurred, &code, |_| ()).share(Axis::Rows) > 0.9);
+        // Six and three projector pixels to a camera pixel.
+        let fine = Scene { projector: |x, y| [20.0 + 6.3 * x, 12.0 + 3.1 * y], ..wall(2) };
+        assert_eq!(found(&fine, &StripeCode::gray([1024, 512]), |_| ()).at(40, 40), [2, 1]);
+    }
+
+    #[test]
+    fn what_is_resolved_gives_coordinates_where_all_bits_give_none() {
+        use super::super::{DecodeOptions, EdgeOptions, decode, edges};
+        let code = StripeCode::gray([160, 120]);
+        let scene = Scene { defocus: 1.6, ..wall(2) };
+        let pictures = scene.pictures(&code);
+        // Known pixels of those that are lit, and the median and 95th percentile of how far their columns are off.
+        let judged = |dropped: [u32; 2]| {
+            let coarse = code.without_finest(dropped);
+            let kept = coarse.pictures();
+            let all = code.pictures();
+            let views: Vec<ImageView<'_>> = all
+                .iter()
+                .zip(&pictures)
+                .filter(|it| kept.contains(it.0))
+                .map(|it| ImageView::new(it.1, 160, 120).unwrap())
+                .collect();
+            let decoded = decode(&coarse, &views, &[Axis::Columns], &DecodeOptions::default()).unwrap();
+            let found = edges::coordinates(&coarse, &views, &decoded, &EdgeOptions::default()).unwrap();
+            let lit = decoded.contrast.iter().filter(|it| **it >= 12).count();
+            let known = found.values[0].iter().enumerate().filter(|it| it.1.is_finite());
+            let off = |(at, u): (usize, &f32)| {
+                (f64::from(*u) - (scene.projector)((at % 160) as f64, (at / 160) as f64)[0]).abs()
+            };
+            let mut errors: Vec<f64> = known.map(off).collect();
+            errors.sort_by(f64::total_cmp);
+            let at = |share: f64| errors.get((share * errors.len() as f64) as usize).copied().unwrap_or(f64::NAN);
+            (errors.len() as f64 / lit as f64, at(0.5), at(0.95))
+        };
+        let (all, coarse) = (judged([0, 0]), judged([1, 1]));
+        assert!(all.0 < 0.6 && coarse.0 > 0.95, "{all:?} {coarse:?}");
+        assert!(coarse.1 < 0.5 * all.1 && coarse.2 < 0.5 * all.2, "{all:?} {coarse:?}");
+    }
+
+    #[test]
+    fn light_over_other_surfaces_and_a_picture_that_is_another_are_not_taken_for_blur() {
+        let code = StripeCode::gray([160, 120]);
+        let corner = Scene { global: |_, _| 1.4, gain: 90.0, ..wall(2) };
+        assert_eq!(found(&corner, &code, |_| ()).overall(), [0, 0]);
+        // The finest inverse of the columns is its bit once more.
+        let doubled = found(&wall(2), &code, |it| it[15] = it[14].clone());
+        assert_eq!(doubled.overall(), [0, 0]);
+    }
+}
