@@ -19,11 +19,11 @@ pub use foveate_time as time;
 /// What nearly every node file needs.
 pub mod prelude {
     pub use foveate_messages::{
-        Assignment, CameraChoice, CameraId, CameraSet, CloudPoint, EyeView, Feature, Features, HeadCommand, HeadEvent,
-        HeadLink, HeadOrder, HeadPose, HeadPosition, HeadReport, Image, Mark, MarkGuide, Marks, Mesh, MeshVertex,
-        PatternPictures, PatternShown, PixelFormat, PointCloud, Pointer, PointerChange, PointerEvent, Pointers,
-        ProjectorMap, ProjectorSample, Provenance, ScaleCloud, ScaleSpace, StrokePoint, SubRegion, Target, TargetId,
-        Targets, TileView, Viewpoint, Views,
+        Assignment, CameraChoice, CameraId, CameraSet, CloudPoint, Exchange, EyeView, Feature, Features, HeadCommand,
+        HeadEvent, HeadLink, HeadOrder, HeadPose, HeadPosition, HeadReport, Image, Mark, MarkGuide, Marks, Mesh,
+        MeshVertex, PatternPictures, PatternShown, PixelFormat, PointCloud, Pointer, PointerChange, PointerEvent,
+        Pointers, ProjectorMap, ProjectorSample, Provenance, ScaleCloud, ScaleSpace, StrokePoint, SubRegion, Target,
+        TargetId, TargetUser, Targets, TileView, Users, Viewpoint, Views,
     };
     pub use foveate_node::{
         ConfigError, Due, Figures, In, Interval, Io, Message, Node, NodeBench, NodeError, Out, Plan, Pool, Ports,

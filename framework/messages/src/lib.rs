@@ -6,6 +6,7 @@
 //! | [`Features`] | the 2D points found in one picture | pixels of that camera |
 //! | [`Targets`] | the 3D points recovered at one scale | metres in that scale's space |
 //! | [`Pointers`] | what pointers on a wall do, and what has just happened to them | metres in that scale's space, of which the wall is z = 0 |
+//! | [`Users`] | whose targets are, where something tells users apart | – |
 //! | [`SubRegion`] | the moving volume that the next scale looks into | metres in the parent scale's space, which its scale's nodes know |
 //! | [`ScaleSpace`] | where the space of an anchored scale is | metres in the parent of the scale that it names |
 //! | [`Assignment`] | which head follows which target | – |
@@ -36,6 +37,7 @@ mod shown;
 mod stripes;
 mod sub_region;
 mod targets;
+mod users;
 mod views;
 mod wire;
 
@@ -54,6 +56,7 @@ pub use shown::PatternShown;
 pub use stripes::{PatternPictures, ProjectorMap, ProjectorSample};
 pub use sub_region::{Assignment, ScaleId, ScaleSpace, SubRegion};
 pub use targets::{Provenance, Target, TargetId, Targets};
+pub use users::{Exchange, TargetUser, Users};
 pub use views::{EyeView, TileView, Views};
 pub use wire::{Codec, Wire};
 

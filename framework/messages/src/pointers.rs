@@ -5,13 +5,15 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::schema::Numbers;
-use crate::{Interval, Message, Quality, Space, SpaceOwner, TargetId, Time, Wire};
+use crate::{Exchange, Interval, Message, Quality, Space, SpaceOwner, TargetId, Time, Wire};
 
 /// One pointer at one time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Pointer {
     /// Which: the identity of its target.
     pub id: TargetId,
+    /// Whose it is, by the number that settings gave the user; `None` where that is not known, or not yet.
+    pub user: Option<u32>,
     /// On the wall, without jitter, at [`Pointers::time`] [m].
     #[schemars(with = "Numbers<2>")]
     pub position: Point2<f64>,
@@ -96,6 +98,8 @@ pub struct StrokePoint {
 pub struct PointerEvent {
     /// Which pointer.
     pub id: TargetId,
+    /// Whose it is, as known when this event was given out.
+    pub user: Option<u32>,
     /// What.
     pub what: PointerChange,
     /// When it was seen: a press is of the moment at which the pointer came, a release of that at which it was seen last.
@@ -118,12 +122,15 @@ pub struct Pointers {
     pub shown_at: Time,
     /// The pointers.
     pub list: Vec<Pointer>,
+    /// Identities that were exchanged: what one had done since then was the other's doing.
+    pub exchanged: Vec<Exchange>,
     /// What happened, in order.
     pub events: Vec<PointerEvent>,
 }
 
 impl Message for Pointers {
     const NAME: &'static str = "pointers";
+    const VERSION: u32 = 2;
     const SPACE: Space = Space { owner: SpaceOwner::Scale, dimension: 2, unit: "m" };
     const WIRE: Wire = Wire::portable::<Self>();
 

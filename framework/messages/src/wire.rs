@@ -281,6 +281,7 @@ mod tests {
         let position = Point2::new(0.25, 0.5);
         let pointer = Pointer {
             id: TargetId(7),
+            user: Some(3),
             position,
             velocity: Vector2::new(1.0, -1.0),
             predicted: Point2::new(0.5, 0.25),
@@ -292,6 +293,7 @@ mod tests {
         let path = vec![StrokePoint { time: Time(1), position }];
         let events = PointerChange::ALL.map(|what| PointerEvent {
             id: TargetId(7),
+            user: Some(3),
             what,
             time: Time(1),
             latency: Interval(3),
@@ -307,7 +309,16 @@ mod tests {
             eyes: [Some(eye), None],
         };
         there_and_back(&Views { time: Time(1), shown_at: Time(2), tiles: vec![tile] });
-        there_and_back(&Pointers { time: Time(2), shown_at: Time(9), list: vec![pointer], events: events.to_vec() });
+        let owners = vec![TargetUser { id: TargetId(7), user: 3 }];
+        let exchanged = vec![Exchange { ids: [TargetId(7), TargetId(8)], since: Time(1) }];
+        there_and_back(&Users { time: Time(2), list: owners, exchanged: exchanged.clone() });
+        there_and_back(&Pointers {
+            time: Time(2),
+            shown_at: Time(9),
+            list: vec![pointer],
+            exchanged,
+            events: events.to_vec(),
+        });
         let text = serde_json::to_string(Image::WIRE.codec().unwrap().view(&image).unwrap()).unwrap();
         assert!(!text.contains("pixels"), "bulk data goes beside the rest: {text}");
     }

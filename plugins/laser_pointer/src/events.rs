@@ -14,6 +14,9 @@
 //!
 //! Time goes on with the targets' own, also where their list is empty: a release needs a message after the pointer was lost. Targets that come late, from a camera
 //! behind the others, are left out and counted.
+//!
+//! Where `users` is connected, pointers and events say whose they are. When identities turn out to have been taken for each other, each stroke goes on where its pointer is, and gets the
+//! points that the other one had drawn in its place.
 
 mod one;
 
@@ -29,6 +32,7 @@ use crate::smoothing::SmoothingSettings;
 
 ports! {
     TARGETS: In<Targets> = each("targets");
+    USERS: In<Users> = each("users").optional();
     POINTERS: Out<Pointers> = "pointers";
 }
 
@@ -126,6 +130,8 @@ impl EventSettings {
 pub struct Events {
     settings: EventSettings,
     pointers: BTreeMap<TargetId, One>,
+    /// Whose the targets of the next message are.
+    users: Users,
     /// The newest time so far.
     time: Time,
     counts: BTreeMap<PointerChange, u64>,
@@ -152,6 +158,7 @@ impl Node for Events {
         Ok(Self {
             settings,
             pointers: BTreeMap::new(),
+            users: Users::default(),
             time: Time(i64::MIN),
             counts: BTreeMap::new(),
             n_flashes: 0,
@@ -163,20 +170,32 @@ impl Node for Events {
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        while let Some(users) = io.take(&USERS) {
+            let waits = std::mem::take(&mut self.users.exchanged);
+            self.users = (*users.value).clone();
+            self.users.exchanged.splice(0..0, waits);
+        }
         let Some(Stamped { stamp, value: targets }) = io.take(&TARGETS) else { return Ok(()) };
         self.time = self.time.max(targets.time);
+        let exchanged = std::mem::take(&mut self.users.exchanged);
+        exchanged.iter().for_each(|it| self.exchange(it));
         let mut found = Vec::new();
         for target in targets.list.iter().filter(|it| it.provenance == Provenance::Measured) {
             self.see(target, targets.time, &mut found);
+        }
+        for it in &self.users.list {
+            if let Some(one) = self.pointers.get_mut(&it.id) {
+                one.user = Some(it.user);
+            }
         }
         let off = Interval::from_ms(self.settings.off_ms);
         let lost: Vec<TargetId> =
             self.pointers.iter().filter(|it| self.time - it.1.last_seen >= off).map(|it| *it.0).collect();
         lost.into_iter().for_each(|id| self.end(id, &mut found));
-        let events = found.into_iter().map(|(id, it)| self.told(io.now(), id, it)).collect();
+        let events = found.into_iter().map(|(id, user, it)| self.told(io.now(), id, user, it)).collect();
         let shown_at = io.now() + Interval::from_ms(self.settings.display_latency_ms);
         let list = self.pointers.values().map(|it| it.at(self.time, shown_at)).collect();
-        io.emit(&POINTERS, stamp, Pointers { time: self.time, shown_at, list, events });
+        io.emit(&POINTERS, stamp, Pointers { time: self.time, shown_at, list, exchanged, events });
         Ok(())
     }
 
@@ -204,8 +223,17 @@ impl Node for Events {
 }
 
 impl Events {
+    /// Two pointers had been taken for each other.
+    fn exchange(&mut self, Exchange { ids: [first, second], since }: &Exchange) {
+        let Some(mut one) = self.pointers.remove(first) else { return };
+        if let Some(other) = self.pointers.get_mut(second) {
+            one.exchange(other, *since);
+        }
+        self.pointers.insert(*first, one);
+    }
+
     /// A target was measured.
-    fn see(&mut self, target: &Target, time: Time, found: &mut Vec<(TargetId, Change)>) {
+    fn see(&mut self, target: &Target, time: Time, found: &mut Vec<(TargetId, Option<u32>, Change)>) {
         let mut changes = Vec::new();
         if let Some(one) = self.pointers.get_mut(&target.id) {
             self.n_late += u64::from(!one.see(&self.settings, target, time, &mut changes));
@@ -214,20 +242,22 @@ impl Events {
         } else {
             self.n_left_out += 1;
         }
-        found.extend(changes.into_iter().map(|it| (target.id, it)));
+        found.extend(changes.into_iter().map(|it| (target.id, None, it)));
     }
 
     /// A pointer was lost.
-    fn end(&mut self, id: TargetId, found: &mut Vec<(TargetId, Change)>) {
+    fn end(&mut self, id: TargetId, found: &mut Vec<(TargetId, Option<u32>, Change)>) {
         let Some(one) = self.pointers.remove(&id) else { return };
         self.n_flashes += u64::from(!one.is_pressed());
-        let mut changes = Vec::new();
+        let (user, mut changes) = (one.user, Vec::new());
         one.end(&mut changes);
-        found.extend(changes.into_iter().map(|it| (id, it)));
+        found.extend(changes.into_iter().map(|it| (id, user, it)));
     }
 
-    /// A change as it is given out at `now`.
-    fn told(&mut self, now: Time, id: TargetId, Change { what, time, position, path }: Change) -> PointerEvent {
+    /// A change as it is given out at `now`; `user` is whose a pointer was that is gone.
+    fn told(&mut self, now: Time, id: TargetId, user: Option<u32>, change: Change) -> PointerEvent {
+        let Change { what, time, position, path } = change;
+        let user = self.pointers.get(&id).map_or(user, |it| it.user);
         let latency = now - time;
         *self.counts.entry(what).or_default() += 1;
         match what {
@@ -235,7 +265,7 @@ impl Events {
             PointerChange::Press => self.press_latencies.push(latency),
             _ => {}
         }
-        PointerEvent { id, what, time, latency, position, path }
+        PointerEvent { id, user, what, time, latency, position, path }
     }
 }
 

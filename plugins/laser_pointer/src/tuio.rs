@@ -1,7 +1,7 @@
 //! `laser_pointer.tuio`: pointers as TUIO 1.1 cursors (`/tuio/2Dcur`) over OSC and UDP, for the programs of others.
 //!
 //! A cursor is a pointer that is held down, as a finger on a touch table; each press is another session. Where it is when people see what is shown for it
-//! (`predicted`) is what is sent.
+//! (`predicted`) is what is sent. Cursors have no users; where these are known, `objects` sends what they hold as objects, whose class is the user.
 //!
 //! Never more than `rate_hz` frames a second leave, however many cameras there are: what was not sent yet gives way to what is newer, and is counted. A client that
 //! reads slower than that has old datagrams in its own socket, which no sender can see: a lower rate is what helps it. Every datagram says the whole state, so that
@@ -19,7 +19,7 @@ use nalgebra::Vector2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use self::bundle::{Cursor, datagrams};
+use self::bundle::{Cursor, Profile, datagrams};
 use crate::wall::Wall;
 
 ports! {
@@ -50,17 +50,25 @@ pub struct TuioSettings {
     pub rate_hz: f64,
     /// Who is told to be the source, as `name@host` [–]
     pub source: String,
+    /// Pointers whose user is known are told as objects (`/tuio/2Dobj`), too, with the session of their cursor and the user as class [–]
+    pub objects: bool,
 }
 
 impl Default for TuioSettings {
     fn default() -> Self {
-        Self { to: vec!["127.0.0.1:3333".to_owned()], rate_hz: 60.0, source: "foveate@localhost".to_owned() }
+        Self {
+            to: vec!["127.0.0.1:3333".to_owned()],
+            rate_hz: 60.0,
+            source: "foveate@localhost".to_owned(),
+            objects: false,
+        }
     }
 }
 
 /// Pointers in, datagrams out.
 pub struct Tuio {
     source: String,
+    objects: bool,
     period: Interval,
     wall: Wall,
     clients: Vec<Client>,
@@ -128,6 +136,7 @@ impl Node for Tuio {
         }
         Ok(Self {
             source: settings.source,
+            objects: settings.objects,
             period: Interval::from_s(1.0 / settings.rate_hz),
             wall,
             clients,
@@ -204,6 +213,7 @@ impl Tuio {
         let place = self.wall.part(&pointer.predicted);
         Cursor {
             session: session.number,
+            user: pointer.user,
             // Beyond the wall's edge there is nothing to point at.
             place: [place.x, place.y].map(|it| it.clamp(0.0, 1.0) as f32),
             velocity: [velocity.x as f32, velocity.y as f32],
@@ -213,7 +223,12 @@ impl Tuio {
 
     fn send(&mut self, now: Time, cursors: Vec<Cursor>) {
         self.frame = self.frame.wrapping_add(1).max(1);
-        for datagram in datagrams(&self.source, self.frame, &cursors) {
+        let mut all = datagrams(Profile::Cursors, &self.source, self.frame, &cursors);
+        if self.objects {
+            let known: Vec<Cursor> = cursors.iter().filter(|it| it.user.is_some()).copied().collect();
+            all.extend(datagrams(Profile::Objects, &self.source, self.frame, &known));
+        }
+        for datagram in all {
             for client in &mut self.clients {
                 client.send(&datagram);
             }

@@ -131,3 +131,24 @@ fn wall_is_mapped_from_nothing_by_a_waved_pointer_well_enough_to_track_people() 
     assert!(tracked["wall_px.median"] < 3.0, "{tracked:?} {found:?}");
     assert_eq!(tracked["missed_presses"], 0.0, "{tracked:?}");
 }
+
+#[test]
+fn people_whose_pointers_blink_are_told_apart_and_one_with_an_unknown_code_is_given_to_none() {
+    let folder = folder();
+    let dots = rig_text("dots = { grid = [6, 4], each_ms = 120 }", 24.0, DOTS);
+    run(folder.path(), &dots, 1);
+    let track = TRACK
+        .replace("map = \"wall.map.toml\"", "map = \"wall.map.toml\"\nlost_ms = 75\nusers = USERS")
+        .replace("targets = \"pointers.targets\"", "targets = \"pointers.targets\", users = \"pointers.users\"");
+    let codes = [(1, 60), (2, 71), (3, 84), (4, 99)];
+    let users: Vec<String> = codes.iter().map(|it| format!("{{ user = {}, period_ms = {} }}", it.0, it.1)).collect();
+    let track = track.replace("USERS", &format!("[{}]", users.join(", ")));
+    let (found, _) = run(folder.path(), &rig_text("blink_ms = [60, 71, 84, 99]", 15.0, &track), 2);
+    // One click of 34 ends as another user's pointer passes.
+    assert!(found["user_wrong"] < 0.05 && found["user_right_long"] > 0.95, "{found:?}");
+    assert!(found["user_wrong_samples"] < 0.01, "{found:?}");
+    assert!(found["user_ms.median"] < 700.0 && found["pointers.codes_unknown"] == 0.0, "{found:?}");
+    let (found, remarks) = run(folder.path(), &rig_text("blink_ms = [60, 71, 84, 130]", 15.0, &track), 2);
+    assert!(found["user_wrong"] < 0.05 && found["pointers.codes_unknown"] >= 3.0, "{found:?}");
+    assert!(remarks.iter().any(|it| it.contains("about every 130 ms, which is the code of no user")), "{remarks:?}");
+}

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use foveate_messages::Targets;
+use foveate_messages::{Targets, Users};
 use foveate_node::{ConfigError, Figures, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, figures, ports};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -13,6 +13,7 @@ use crate::wall::Wall;
 ports! {
     WALL: In<Wall> = latest("wall");
     TARGETS: In<Targets> = each("targets");
+    USERS: In<Users> = each("users").optional();
 }
 
 figures! {
@@ -27,6 +28,11 @@ figures! {
     "crossings": count, neither, "Times that the spots of two users came within 12 mm of each other";
     "press_ms.{median,p95}": ms, low, "From the first message after a spot appeared to the first with its target; capture times, delivery apart";
     "release_ms.median": ms, low, "From the last message before a spot vanished to the last with its target";
+    "user_{right,wrong,undecided}": "–", neither, "Share of the presses with a target whose user, as it was known last, was right, wrong, or not decided; missing where no users are connected";
+    "user_right_long": "–", high, "Share whose user was right of those that lasted for a second or more";
+    "user_wrong_samples": "–", low, "Share of the targets with a user in which it was wrong at that time";
+    "user_ms.{median,p95}": ms, low, "From the first message after a spot appeared to the first in which its target had a user";
+    "identity_kept": "–", high, "Share of the presses with a target whose identity at the end was that at the beginning; missing where no users are connected";
     "scored_messages": count, neither, "Messages of targets that were compared with the truth; none before start_s";
 }
 
@@ -87,6 +93,11 @@ impl Node for WallScore {
             let cameras = named.iter().map(|it| wall.camera(Some(&it.name), &it.camera)).collect();
             let scorer = WallScorer::new(self.settings.gate_mm * 1e-3, self.settings.start_s, cameras);
             self.scorer = Some((wall, scorer));
+        }
+        while let Some(users) = io.take(&USERS) {
+            if let Some((_, scorer)) = &mut self.scorer {
+                scorer.users(&users.value);
+            }
         }
         let Some(targets) = io.take(&TARGETS) else { return Ok(()) };
         if let Some((wall, scorer)) = &mut self.scorer {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use foveate_estimation::identities::Identities;
 use foveate_estimation::statistics::percentile;
-use foveate_messages::{Provenance, Targets, Time};
+use foveate_messages::{Provenance, Targets, Time, Users};
 use foveate_node::Report;
 use foveate_plot::{Axis, COLOURS, Chart, Figure, Series, nothing};
 use nalgebra::Point2;
@@ -21,6 +21,8 @@ const AWAY_S: f64 = 0.05;
 const BORDER_PX: f64 = 12.0;
 /// Pointers closer to each other than this cross: their spots are one in the pictures [m].
 const CROSSING_M: f64 = 0.012;
+/// A press of this length is a stroke, no click [s].
+const LONG_S: f64 = 1.0;
 /// Samples that are drawn at most.
 const MOST_DRAWN: usize = 40_000;
 
@@ -42,6 +44,10 @@ pub struct WallScorer {
     drawn: Vec<(u32, [f64; 2], [f64; 2])>,
     warmup: Warmup,
     messages: u64,
+    /// Whose targets are, as told last; `None` where nothing tells users apart.
+    users: Option<Users>,
+    /// Targets with a user, and those of them with a wrong one.
+    with_user: [u64; 2],
 }
 
 /// Kinds of samples whose errors are kept apart.
@@ -55,6 +61,12 @@ struct Observed {
     first: Time,
     last: Time,
     found: Option<Time>,
+    /// Identities of its first and its last target.
+    identities: Option<[u32; 2]>,
+    /// Whose it was taken for last, and whether that is right.
+    user: Option<bool>,
+    /// When it had a user first.
+    decided: Option<Time>,
 }
 
 /// A recovered identity so far.
@@ -82,7 +94,14 @@ impl WallScorer {
             drawn: Vec::new(),
             warmup: Warmup::default(),
             messages: 0,
+            users: None,
+            with_user: [0; 2],
         }
+    }
+
+    /// Takes in whose the targets of the next message are.
+    pub fn users(&mut self, users: &Users) {
+        self.users = Some(users.clone());
     }
 
     /// Takes in a message.
@@ -106,11 +125,20 @@ impl WallScorer {
         }
         let pixel = wall.settings().pixel_mm * 1e-3;
         for (press, column) in presses.iter().zip(matched) {
-            let observed =
-                self.presses.entry(press.number).or_insert(Observed { first: time, last: time, found: None });
+            let none = Observed { first: time, last: time, found: None, identities: None, user: None, decided: None };
+            let observed = self.presses.entry(press.number).or_insert(none);
             (observed.first, observed.last) = (observed.first.min(time), observed.last.max(time));
             let Some(column) = column else { continue };
             let target = &targets.list[column];
+            let first = observed.identities.map_or(target.id.0, |it| it[0]);
+            observed.identities = Some([first, target.id.0]);
+            if let Some(user) = self.users.as_ref().and_then(|it| it.of(target.id)) {
+                let is_right = user == press.user + 1;
+                observed.user = Some(is_right);
+                observed.decided = Some(observed.decided.unwrap_or(time));
+                self.with_user[0] += 1;
+                self.with_user[1] += u64::from(!is_right);
+            }
             observed.found = Some(observed.found.map_or(time, |it| it.min(time)));
             self.found.entry(target.id.0).and_modify(|it| it.press = Some(press.number));
             let error = (target.position - in_wall_space(&press.point)).norm() / pixel;
@@ -184,10 +212,32 @@ impl WallScorer {
         report.figure("press_ms.median", waits(50.0));
         report.figure("press_ms.p95", waits(95.0));
         report.figure("release_ms.median", percentile(&after, 50.0).unwrap_or(f64::NAN));
+        if self.users.is_some() {
+            self.report_users(&long, report);
+        }
         report.figure("scored_messages", self.messages as f64);
         if let Some(remark) = self.warmup.remark(self.start_s) {
             report.remark(remark);
         }
+    }
+
+    fn report_users(&self, presses: &[&Observed], report: &mut Report) {
+        let found: Vec<&Observed> = presses.iter().filter(|it| it.found.is_some()).copied().collect();
+        let share = |of: &[&Observed], is: &dyn Fn(&Observed) -> bool| {
+            of.iter().filter(|it| is(it)).count() as f64 / of.len() as f64
+        };
+        let long: Vec<&Observed> = found.iter().filter(|it| (it.last - it.first).as_s() >= LONG_S).copied().collect();
+        report.figure("user_right", share(&found, &|it| it.user == Some(true)));
+        report.figure("user_wrong", share(&found, &|it| it.user == Some(false)));
+        report.figure("user_undecided", share(&found, &|it| it.user.is_none()));
+        report.figure("user_right_long", share(&long, &|it| it.user == Some(true)));
+        let [with, wrong] = self.with_user;
+        report.figure("user_wrong_samples", wrong as f64 / with as f64);
+        let waits: Vec<f64> = found.iter().filter_map(|it| Some((it.decided? - it.first).as_ms())).collect();
+        for (word, percent) in [("median", 50.0), ("p95", 95.0)] {
+            report.figure(format!("user_ms.{word}"), percentile(&waits, percent).unwrap_or(f64::NAN));
+        }
+        report.figure("identity_kept", share(&found, &|it| it.identities.is_some_and(|it| it[0] == it[1])));
     }
 
     /// True and recovered strokes on the wall, as SVG.
@@ -219,7 +269,7 @@ impl WallScorer {
 #[cfg(test)]
 mod tests {
     use foveate_estimation::random::Random;
-    use foveate_messages::{CameraSet, Target, TargetId};
+    use foveate_messages::{CameraSet, Target, TargetId, TargetUser};
     use nalgebra::{Matrix6, Vector3};
 
     use super::*;
@@ -228,6 +278,11 @@ mod tests {
 
     /// Figures of a run of ten seconds in which targets are what `change` makes of the truth.
     fn figures(change: impl Fn(&mut Targets)) -> BTreeMap<String, f64> {
+        figures_with(change, |_, _| None)
+    }
+
+    /// The same where whose the targets are is told, as `users` makes it of a press and of the time [s] since the start.
+    fn figures_with(change: impl Fn(&mut Targets), users: impl Fn(Press, f64) -> Option<u32>) -> BTreeMap<String, f64> {
         let wall = Wall::new(WallSettings::default(), Truth::default(), &Random::new(3));
         let mut scorer = WallScorer::new(0.02, 0.0, Vec::new());
         // A pointer that leaves the wall and returns is another one, as trackers have it.
@@ -248,7 +303,15 @@ mod tests {
                 cameras: CameraSet::default(),
                 provenance: Provenance::Measured,
             });
-            let mut targets = Targets { time, list: list.collect() };
+            let list: Vec<Target> = list.collect();
+            let told = wall.presses(time).zip(&list);
+            let told =
+                told.filter_map(|(it, target)| Some(TargetUser { id: target.id, user: users(it, time.as_s())? }));
+            let told: Vec<TargetUser> = told.collect();
+            if !told.is_empty() {
+                scorer.users(&Users { time, list: told, exchanged: Vec::new() });
+            }
+            let mut targets = Targets { time, list };
             change(&mut targets);
             scorer.recovered(&wall, &targets);
         }
@@ -286,5 +349,26 @@ mod tests {
             it.list.iter_mut().for_each(|it| it.id.0 += if half { 100_000 } else { 0 });
         });
         assert!(broken["broken_strokes"] >= 1.0 && broken["id_switches"] == 0.0, "{broken:?}");
+    }
+
+    #[test]
+    fn users_are_judged_only_where_they_are_told() {
+        assert!(!figures(|_| ()).contains_key("user_right"));
+        let right = figures_with(|_| (), |press, _| Some(press.user + 1));
+        assert_eq!([right["user_right"], right["user_wrong"], right["user_undecided"]], [1.0, 0.0, 0.0]);
+        assert_eq!([right["user_right_long"], right["identity_kept"], right["user_ms.p95"]], [1.0, 1.0, 0.0]);
+        let taken = figures_with(|_| (), |press, _| (press.user < 2).then_some(1));
+        assert!(
+            (0.1..0.5).contains(&taken["user_wrong"]) && (0.3..0.7).contains(&taken["user_undecided"]),
+            "{taken:?}"
+        );
+        assert!((0.3..0.7).contains(&taken["user_wrong_samples"]), "{taken:?}");
+        let late = figures_with(|_| (), |press, time_s| (time_s >= 5.0).then_some(press.user + 1));
+        assert!(late["user_ms.p95"] > 300.0 && late["user_wrong"] == 0.0, "{late:?}");
+        let other = figures_with(
+            |it| it.list.iter_mut().for_each(|target| target.id.0 += if it.time.as_s() < 5.0 { 0 } else { 100_000 }),
+            |press, _| Some(press.user + 1),
+        );
+        assert!((0.5..1.0).contains(&other["identity_kept"]), "{other:?}");
     }
 }

@@ -45,9 +45,19 @@ struct Inner {
     settings: WallSettings,
     size: [f64; 2],
     hands: Vec<Hand>,
+    /// By user: how the pointer blinks.
+    blinks: Vec<Blink>,
     wave: Option<Wave>,
     contents: Contents,
     truth: Truth,
+}
+
+/// A pointer that is dark once in each period.
+#[derive(Debug, Clone, Copy)]
+struct Blink {
+    period_s: f64,
+    /// When it was dark first.
+    first_s: f64,
 }
 
 /// Light of something small on the wall.
@@ -86,10 +96,16 @@ impl Wall {
             (n * px * settings.pixel_mm + (n - 1.0) * settings.gap_mm) * 1e-3
         });
         let hands = (0..settings.users).map(|it| Hand::new(it, &settings, random)).collect();
+        let blinks = settings.blink_ms.iter().enumerate().map(|(user, period_ms)| {
+            let mut own = random.fork(&format!("blink {user}"));
+            let period_s = period_ms * 1e-3 * (1.0 + settings.blink_clock_percent * 0.01 * own.normal());
+            Blink { period_s, first_s: own.uniform() * period_s }
+        });
+        let blinks = blinks.collect();
         let contents = Contents::new(&settings, size, random);
         let edge = settings.pixel_mm * 0.5e-3;
         let wave = settings.wave.as_ref().map(|it| Wave::new(it, size, edge, random));
-        Wall(Arc::new(Inner { settings, size, hands, wave, contents, truth }))
+        Wall(Arc::new(Inner { settings, size, hands, blinks, wave, contents, truth }))
     }
 
     /// What it was made from.
@@ -186,7 +202,10 @@ impl Wall {
     /// The spots of pointers as an eye at `eye` sees them: those of [`Self::presses`], and their reflections in bezels.
     pub fn spots(&self, time: Time, eye: &Point3<f64>, mut each: impl FnMut(WallLight)) {
         let WallSettings { pointer_peak, reflection, tiles, tile_px, pixel_mm, gap_mm, .. } = self.0.settings;
-        for Press { point, .. } in self.presses(time) {
+        for Press { point, user, .. } in self.presses(time) {
+            if self.blinks_dark(user, time) {
+                continue;
+            }
             let light = WallLight { point, sigma: BEAM_SIGMA_M, peak: pointer_peak };
             each(light);
             for axis in (0..2).filter(|_| reflection > 0.0) {
@@ -211,6 +230,12 @@ impl Wall {
                 each(WallLight { point: mirrored, peak: pointer_peak * reflection * fades, ..light });
             }
         }
+    }
+
+    /// Whether a user's pointer is dark though it is held down.
+    fn blinks_dark(&self, user: u32, time: Time) -> bool {
+        let blink = self.0.blinks.get(user as usize).filter(|_| !self.calibrates());
+        blink.is_some_and(|it| (time.as_s() - it.first_s).rem_euclid(it.period_s) < self.0.settings.dark_ms * 1e-3)
     }
 
     /// The time of the picture that the wall shows at `time` [s]; negative before the first.

@@ -43,6 +43,14 @@ pub struct WallSettings {
     /// What the middle of a spot would read in a camera of gain 1 that does not saturate [gray level].
     #[schemars(range(min = 0.0, max = 20000.0))]
     pub pointer_peak: f64,
+    /// By user, how often the pointer goes dark: once in so long, for `dark_ms`; the pointers of users beyond the list are steady [ms].
+    pub blink_ms: Vec<f64>,
+    /// How long a pointer that blinks is dark each time [ms].
+    #[schemars(range(min = 0.1, max = 1000.0))]
+    pub dark_ms: f64,
+    /// By how much the clocks of pointers that blink are off, standard deviation, drawn once each [%].
+    #[schemars(range(min = 0.0, max = 10.0))]
+    pub blink_clock_percent: f64,
     /// A spot's reflection in the bezel beside it, relative to the spot; cameras on the spot's side of the bezel see it, each elsewhere [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub reflection: f64,
@@ -113,6 +121,9 @@ impl Default for WallSettings {
             tremor_px: 8.0,
             press_s: 3.0,
             pointer_peak: 2000.0,
+            blink_ms: Vec::new(),
+            dark_ms: 20.0,
+            blink_clock_percent: 0.2,
             reflection: 0.3,
             white: 120.0,
             windows: 3,
@@ -147,6 +158,11 @@ impl WallSettings {
         ConfigError::unless_in("tremor_px", self.tremor_px, 0.0..=200.0)?;
         ConfigError::unless_in("press_s", self.press_s, 1.0..=600.0)?;
         ConfigError::unless_in("pointer_peak", self.pointer_peak, 0.0..=20_000.0)?;
+        ConfigError::unless_in("dark_ms", self.dark_ms, 0.1..=1000.0)?;
+        ConfigError::unless_in("blink_clock_percent", self.blink_clock_percent, 0.0..=10.0)?;
+        for period in &self.blink_ms {
+            ConfigError::unless_in("blink_ms", *period, self.dark_ms..=10_000.0)?;
+        }
         ConfigError::unless_in("reflection", self.reflection, 0.0..=1.0)?;
         ConfigError::unless_in("white", self.white, 0.0..=500.0)?;
         ConfigError::unless_in("windows", self.windows, 0..=16)?;

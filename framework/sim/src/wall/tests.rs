@@ -205,3 +205,41 @@ fn waved_pointer_is_held_at_the_corners_first_and_then_covers_the_wall() {
     }
     assert!(cells.len() >= 28, "{} of 32 parts of the wall", cells.len());
 }
+
+#[test]
+fn pointer_that_blinks_is_dark_once_in_its_period_and_held_down_all_the_same() {
+    let steady = wall(WallSettings { reflection: 0.0, ..WallSettings::default() });
+    let settings = WallSettings { blink_ms: vec![80.0, 100.0], blink_clock_percent: 0.0, ..steady.settings().clone() };
+    let blinking = wall(settings);
+    let eye = Point3::new(2.0, 0.6, -2.0);
+    let lit = |wall: &Wall, time: Time| {
+        let mut points = Vec::new();
+        wall.spots(time, &eye, |it| points.push(it.point));
+        points
+    };
+    let (mut held, mut dark, mut onsets) = ([0.0; 4], [0.0; 4], Vec::<i32>::new());
+    let mut was_dark = false;
+    for step in 0..40_000 {
+        let time = Time::from_s(f64::from(step) * 1e-3);
+        let presses: Vec<Press> = blinking.presses(time).collect();
+        assert_eq!(presses, steady.presses(time).collect::<Vec<_>>());
+        assert_eq!(lit(&steady, time).len(), presses.len());
+        let seen = lit(&blinking, time);
+        for press in presses {
+            let is_dark = !seen.contains(&press.point);
+            held[press.user as usize] += 1.0;
+            dark[press.user as usize] += f64::from(u8::from(is_dark));
+            if press.user == 0 {
+                if is_dark && !was_dark {
+                    onsets.push(step);
+                }
+                was_dark = is_dark;
+            }
+        }
+    }
+    let share = [0, 1, 2, 3].map(|it| dark[it] / held[it]);
+    assert!((share[0] - 0.25).abs() < 0.01 && (share[1] - 0.2).abs() < 0.01, "{share:?}");
+    assert_eq!(share[2..], [0.0, 0.0], "users beyond the list have steady pointers");
+    let regular = onsets.windows(2).filter(|it| (it[1] - it[0] - 80).abs() <= 1).count();
+    assert!(regular * 10 > onsets.len() * 8, "{onsets:?}");
+}

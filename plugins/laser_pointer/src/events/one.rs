@@ -21,6 +21,8 @@ pub(super) struct Change {
 /// One pointer.
 pub(super) struct One {
     pub(super) id: TargetId,
+    /// Whose it is, once that is known.
+    pub(super) user: Option<u32>,
     smoother: Smoother,
     first_seen: StrokePoint,
     pub(super) last_seen: Time,
@@ -46,6 +48,7 @@ impl One {
         let at = StrokePoint { time, position: smoother.position() };
         let one = One {
             id: target.id,
+            user: None,
             smoother,
             last_seen: time,
             n_seen: 1,
@@ -141,6 +144,7 @@ impl One {
         let is_seen = time == self.last_seen;
         Pointer {
             id: self.id,
+            user: self.user,
             position: if is_seen { self.smoother.position() } else { self.smoother.predicted(time - self.last_seen) },
             velocity: self.smoother.velocity(),
             predicted: self.smoother.predicted(shown_at - self.last_seen),
@@ -149,6 +153,21 @@ impl One {
             is_resting: self.has_hovered,
             is_seen,
         }
+    }
+
+    /// What each of the two has done since `since` was the other's doing.
+    pub(super) fn exchange(&mut self, other: &mut One, since: Time) {
+        std::mem::swap(&mut self.smoother, &mut other.smoother);
+        std::mem::swap(&mut self.last_seen, &mut other.last_seen);
+        std::mem::swap(&mut self.sigma, &mut other.sigma);
+        std::mem::swap(&mut self.rest, &mut other.rest);
+        std::mem::swap(&mut self.has_hovered, &mut other.has_hovered);
+        std::mem::swap(&mut self.has_dwelt, &mut other.has_dwelt);
+        std::mem::swap(&mut self.told, &mut other.told);
+        let after = |path: &mut Vec<StrokePoint>| path.split_off(path.partition_point(|it| it.time <= since));
+        let (own, others) = (after(&mut self.path), after(&mut other.path));
+        self.path.extend(others);
+        other.path.extend(own);
     }
 
     /// Whether it ever was held down.

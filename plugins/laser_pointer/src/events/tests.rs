@@ -222,3 +222,62 @@ fn settings_that_cannot_be_are_refused() {
     let smoothing = SmoothingSettings { min_cutoff_hz: 0.0, ..SmoothingSettings::default() };
     assert!(NodeBench::<Events>::new(EventSettings { smoothing, ..settings() }).is_err());
 }
+
+#[test]
+fn pointers_and_all_that_they_do_say_whose_they_are() {
+    let mut room = Room::new(settings());
+    let tell = |room: &mut Room, list: Vec<TargetUser>| {
+        let time = Room::time(room.frame);
+        room.bench.feed(&USERS, time, Users { time, list, exchanged: Vec::new() }).unwrap();
+    };
+    let both = |x: f64| vec![target(7, x, 0.1), target(8, x, 0.9)];
+    for frame in 0..5 {
+        tell(&mut room, Vec::new());
+        let given = room.show(both(0.1 * f64::from(frame)));
+        assert!(given.list.iter().all(|it| it.user.is_none()) && given.events.iter().all(|it| it.user.is_none()));
+    }
+    let known = vec![TargetUser { id: TargetId(8), user: 3 }];
+    tell(&mut room, known);
+    let given = room.show(both(0.6));
+    assert_eq!(given.list.iter().map(|it| it.user).collect::<Vec<_>>(), [None, Some(3)]);
+    assert_eq!(given.events.iter().map(|it| (it.id.0, it.user)).collect::<Vec<_>>(), [(7, None), (8, Some(3))]);
+    // The tracker does not know lost pointers any more: what they did last is the user's all the same.
+    let mut told = Vec::new();
+    for _ in 0..12 {
+        tell(&mut room, Vec::new());
+        told.extend(room.show(Vec::new()).events);
+    }
+    assert_eq!(told.len(), 6);
+    assert!(told.iter().all(|it| it.user == (it.id.0 == 8).then_some(3)), "{told:?}");
+}
+
+#[test]
+fn strokes_of_pointers_that_were_taken_for_each_other_are_put_right() {
+    let mut room = Room::new(settings());
+    let (mut told, mut jumps) = (Vec::new(), 0.0_f64);
+    // Both go to the right, one at y = 0.1, one at 0.9; from frame 10 to 19 each has the other's identity.
+    for frame in 0..45 {
+        let (is_mixed, x) = ((10..20).contains(&frame), 0.01 * f64::from(frame));
+        let (upper, lower) = if is_mixed { (8, 7) } else { (7, 8) };
+        if frame == 20 {
+            let ids = [TargetId(7), TargetId(8)];
+            let exchanged = vec![Exchange { ids, since: Room::time(9) }];
+            let time = Room::time(room.frame);
+            room.bench.feed(&USERS, time, Users { time, list: Vec::new(), exchanged }).unwrap();
+        }
+        let list = if frame < 30 { vec![target(upper, x, 0.1), target(lower, x, 0.9)] } else { Vec::new() };
+        let given = room.show(list);
+        assert_eq!(given.exchanged.len(), usize::from(frame == 20), "told once");
+        if frame > 20 {
+            let upper = given.list.iter().find(|it| it.id.0 == 7);
+            jumps = upper.map_or(jumps, |it| jumps.max((it.position.y - 0.1).abs()));
+        }
+        told.extend(given.events.into_iter().filter(|it| it.what == Stroke));
+    }
+    assert!(jumps < 1e-9, "{jumps}");
+    assert_eq!(told.len(), 2);
+    for stroke in told {
+        let y = if stroke.id.0 == 7 { 0.1 } else { 0.9 };
+        assert!(stroke.path.len() == 30 && stroke.path.iter().all(|it| it.position.y == y), "{stroke:?}");
+    }
+}

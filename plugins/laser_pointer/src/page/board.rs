@@ -10,15 +10,23 @@ use crate::wall::Wall;
 
 /// Events that a window that was away still gets.
 const MOST_EVENTS: usize = 512;
+/// Pointers whose user a window still learns that was away, or that opens late.
+const MOST_OWNERS: usize = 4096;
 
 /// A point of a stroke: number of the stroke, pointer, where from the wall's top left corner [m].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(super) struct Ink(pub(super) u64, pub(super) u32, pub(super) f64, pub(super) f64);
 
+/// Whose a pointer is: the pointer, the user.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub(super) struct Owner(pub(super) u32, pub(super) u32);
+
 /// What happened to a pointer, for other programs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct Told {
     id: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    user: Option<u32>,
     what: &'static str,
     /// Session time [s].
     time: f64,
@@ -67,19 +75,35 @@ impl<T> Log<T> {
 pub(super) struct Board {
     pub(super) ink: Log<Ink>,
     pub(super) events: Log<Told>,
+    /// Whose pointers are, in the order in which that became known.
+    pub(super) owners: Log<Owner>,
+    /// Of those that are there.
+    known: BTreeMap<TargetId, u32>,
     /// Raised when the page is cleared.
     pub(super) epoch: u64,
     step: f64,
     /// By pointer that is held down: its stroke, and the last point of it.
     open: BTreeMap<TargetId, (u64, Point2<f64>)>,
     n_strokes: u64,
+    /// Lines so far: a stroke that turns out to be another pointer's goes on as another line.
+    n_lines: u64,
 }
 
 impl Board {
     /// Keeps so many points, of each stroke one in `step` metres.
     pub(super) fn new(most_points: usize, step: f64) -> Board {
         let (ink, events) = (Log::new(most_points), Log::new(MOST_EVENTS));
-        Board { ink, events, epoch: 0, step, open: BTreeMap::new(), n_strokes: 0 }
+        Board {
+            ink,
+            events,
+            owners: Log::new(MOST_OWNERS),
+            known: BTreeMap::new(),
+            epoch: 0,
+            step,
+            open: BTreeMap::new(),
+            n_strokes: 0,
+            n_lines: 0,
+        }
     }
 
     /// Strokes that were begun.
@@ -89,12 +113,27 @@ impl Board {
 
     /// Takes in what pointers do.
     pub(super) fn take(&mut self, wall: &Wall, pointers: &Pointers) {
+        for it in &pointers.list {
+            let Some(user) = it.user else { continue };
+            if self.known.insert(it.id, user) != Some(user) {
+                self.owners.push(Owner(it.id.0, user));
+            }
+        }
+        self.known.retain(|id, _| pointers.list.iter().any(|it| it.id == *id));
+        for id in pointers.exchanged.iter().flat_map(|it| it.ids) {
+            let Some(it) = pointers.list.iter().find(|it| it.id == id) else { continue };
+            if let Some(open) = self.open.get_mut(&id) {
+                self.n_lines += 1;
+                *open = (self.n_lines, it.position);
+                self.draw(wall, self.n_lines, id, it.position);
+            }
+        }
         for it in &pointers.events {
             match it.what {
                 PointerChange::Press => {
-                    self.n_strokes += 1;
-                    self.open.insert(it.id, (self.n_strokes, it.position));
-                    self.draw(wall, self.n_strokes, it.id, it.position);
+                    (self.n_strokes, self.n_lines) = (self.n_strokes + 1, self.n_lines + 1);
+                    self.open.insert(it.id, (self.n_lines, it.position));
+                    self.draw(wall, self.n_lines, it.id, it.position);
                 }
                 PointerChange::Release => {
                     // The last bit, shorter than a step.
@@ -107,7 +146,7 @@ impl Board {
             if !matches!(it.what, PointerChange::Move | PointerChange::Stroke) {
                 let [x, y] = on_page(wall, it.position);
                 let (time, latency_ms) = (it.time.as_s(), tenth(it.latency.as_ms()));
-                self.events.push(Told { id: it.id.0, what: it.what.name(), time, latency_ms, x, y });
+                self.events.push(Told { id: it.id.0, user: it.user, what: it.what.name(), time, latency_ms, x, y });
             }
         }
         for it in pointers.list.iter().filter(|it| it.is_pressed && it.is_seen) {
@@ -149,6 +188,8 @@ pub(super) fn greeting(wall: &Wall, board: Option<&Board>) -> String {
     if let Some(board) = board {
         let (ink, _) = board.ink.since(0, usize::MAX);
         text["ink"] = serde_json::json!(ink.collect::<Vec<_>>());
+        let (owners, _) = board.owners.since(0, usize::MAX);
+        text["users"] = serde_json::json!(owners.collect::<Vec<_>>());
         text["over"] = serde_json::json!("The run is over.");
     }
     text.to_string()

@@ -63,6 +63,9 @@ struct Room {
     bench: NodeBench<DrawingPage>,
     wire: Fake,
     frame: i64,
+    /// By pointer: its user.
+    users: std::collections::BTreeMap<u32, u32>,
+    exchanged: Vec<Exchange>,
 }
 
 impl Room {
@@ -70,7 +73,13 @@ impl Room {
         let wire = Fake::default();
         let volume_m = Some([[1.0, -1.0, -0.1], [5.0, 1.0, 0.1]]);
         let setup = Setup { pages: Pages::served_by(Arc::new(wire.clone())), volume_m, ..Setup::for_tests() };
-        Room { bench: NodeBench::with_setup(settings, &setup).unwrap(), wire, frame: 0 }
+        Room {
+            bench: NodeBench::with_setup(settings, &setup).unwrap(),
+            wire,
+            frame: 0,
+            users: Default::default(),
+            exchanged: Vec::new(),
+        }
     }
 
     fn hear(&self, client: Client, what: PageNews) {
@@ -88,9 +97,12 @@ impl Room {
         self.frame += 1;
         let time = Time::ZERO + Interval::from_ms(20.0 * self.frame as f64);
         self.wire.0.lock().unwrap().now += 20_000_000;
+        let users = self.users.clone();
         let event = |what: PointerChange| {
+            let users = users.clone();
             move |&(id, x): &(u32, f64)| PointerEvent {
                 id: TargetId(id),
+                user: users.get(&id).copied(),
                 what,
                 time,
                 latency: Interval::from_ms(4.0),
@@ -100,6 +112,7 @@ impl Room {
         };
         let list = held.iter().map(|&(id, x)| Pointer {
             id: TargetId(id),
+            user: self.users.get(&id).copied(),
             position: Point2::new(x, 0.0),
             velocity: Vector2::zeros(),
             predicted: Point2::new(x + 0.1, 0.0),
@@ -111,7 +124,9 @@ impl Room {
         let list = list.collect();
         let events = pressed.iter().map(event(PointerChange::Press));
         let events = events.chain(released.iter().map(event(PointerChange::Release))).collect();
-        self.bench.feed(&POINTERS, time, Pointers { time, shown_at: time, list, events }).unwrap();
+        self.bench
+            .feed(&POINTERS, time, Pointers { time, shown_at: time, list, exchanged: self.exchanged.clone(), events })
+            .unwrap();
     }
 
     fn sent(&self) -> Vec<(Client, Value)> {
@@ -266,4 +281,29 @@ fn a_run_without_pages_or_windows_has_the_same_figures_each_time() {
     let bench = NodeBench::<DrawingPage>::with_setup(PageSettings::default(), &setup).unwrap();
     let figures = bench.finish().unwrap().figures;
     assert_eq!(figures.keys().collect::<Vec<_>>(), ["page.strokes"]);
+}
+
+#[test]
+fn windows_learn_whose_pointers_are_and_an_exchange_draws_no_line_across_the_wall() {
+    let mut room = Room::new(PageSettings::default());
+    room.hear(A, PageNews::Opened);
+    room.step(&[(1, 2.0), (2, 4.0)], &[(1, 2.0), (2, 4.0)], &[]);
+    assert!(room.sent()[0].1.get("users").is_none(), "not before anybody is known");
+    room.users = [(1, 5), (2, 6)].into();
+    room.step(&[(1, 2.0), (2, 4.0)], &[], &[]);
+    room.step(&[(1, 2.0), (2, 4.0)], &[], &[(2, 4.0)]);
+    let sent = room.sent();
+    assert_eq!((&sent[0].1["users"], &sent[0].1["pointers"][1]["user"]), (&json!([[1, 5], [2, 6]]), &json!(6)));
+    assert_eq!((sent[1].1.get("users"), &sent[1].1["events"][0]["user"]), (None, &json!(6)));
+    room.exchanged = vec![Exchange { ids: [TargetId(1), TargetId(2)], since: Time::ZERO }];
+    room.step(&[(1, 4.0)], &[], &[]);
+    room.exchanged.clear();
+    room.step(&[(1, 4.1)], &[], &[]);
+    let ink = Room::ink(&room.sent(), A);
+    assert_eq!(json!(ink), json!([[3, 1, 3.0, 1.0], [3, 1, 3.1, 1.0]]), "another line of the same pointer");
+    room.hear(B, PageNews::Opened);
+    room.step(&[(1, 4.1)], &[], &[]);
+    let late = room.sent();
+    assert!(late.iter().any(|it| it.0 == B && it.1["users"] == json!([[1, 5], [2, 6]])), "{late:?}");
+    assert_eq!(room.bench.finish().unwrap().figures["page.strokes"], 2.0);
 }

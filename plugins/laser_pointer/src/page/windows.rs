@@ -8,7 +8,7 @@ use foveate::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::MOST_UNSEEN;
-use super::board::{Board, Ink, Told, on_page, tenth};
+use super::board::{Board, Ink, Owner, Told, on_page, tenth};
 use crate::wall::Wall;
 
 /// Points in one message: a window that comes late gets what is there in a few of them.
@@ -33,6 +33,9 @@ struct Message<'a> {
     latency_ms: f64,
     pointers: &'a [Shown],
     ink: Vec<&'a Ink>,
+    /// Whose pointers are, as far as that has become known since the last message.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    users: Vec<&'a Owner>,
     events: Vec<&'a Told>,
 }
 
@@ -40,6 +43,8 @@ struct Message<'a> {
 #[derive(Serialize)]
 struct Shown {
     id: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    user: Option<u32>,
     /// Where it will be when people see it, from the wall's top left corner [m].
     x: f64,
     y: f64,
@@ -67,6 +72,7 @@ struct Window {
     seen: Option<u64>,
     next_ink: u64,
     next_event: u64,
+    next_owner: u64,
     last: Option<i64>,
 }
 
@@ -152,6 +158,7 @@ impl Windows {
             }
             let (ink, next_ink) = board.ink.since(window.next_ink, MOST_INK);
             let (events, next_event) = board.events.since(window.next_event, MOST_TOLD);
+            let (users, next_owner) = board.owners.since(window.next_owner, usize::MAX);
             let message = Message {
                 seq: window.sent + 1,
                 epoch: board.epoch,
@@ -160,13 +167,14 @@ impl Windows {
                 latency_ms: tenth(latency_ms),
                 pointers: &shown,
                 ink: ink.collect(),
+                users: users.collect(),
                 events: events.collect(),
             };
             window.last = Some(now);
             let Ok(text) = serde_json::to_string(&message) else { continue };
             if link.send(*client, &text) {
                 window.sent += 1;
-                (window.next_ink, window.next_event) = (next_ink, next_event);
+                (window.next_ink, window.next_event, window.next_owner) = (next_ink, next_event, next_owner);
                 self.n_sent += 1;
             } else {
                 self.n_held_back += 1;
@@ -205,5 +213,5 @@ impl Windows {
 fn shown(wall: &Wall, pointer: &Pointer) -> Shown {
     let [x, y] = on_page(wall, pointer.predicted);
     let (pressed, resting) = (pointer.is_pressed, pointer.is_resting);
-    Shown { id: pointer.id.0, x, y, pressed, resting, sigma_mm: tenth(pointer.sigma * 1e3) }
+    Shown { id: pointer.id.0, user: pointer.user, x, y, pressed, resting, sigma_mm: tenth(pointer.sigma * 1e3) }
 }

@@ -1,20 +1,23 @@
 //! `laser_pointer.tracker`: pointers on a wall, from the spots that cameras find [Davis 2002 §6.1].
 
+mod codes;
 mod mirrors;
 mod pointers;
 mod settings;
 #[cfg(test)]
 mod tests;
+mod users;
 
 use foveate::prelude::*;
 use foveate::scene::WallMap;
 
 pub use pointers::{Pointers, Tally};
-pub use settings::TrackerSettings;
+pub use settings::{TrackerSettings, UserCode};
 
 ports! {
     FEATURES: In<Features> = each("features").many();
     TARGETS: Out<Targets> = "targets";
+    USERS: Out<Users> = "users";
 }
 
 figures! {
@@ -27,10 +30,16 @@ figures! {
     "pointers.bezels": count, neither, "Lines in which bezels mirror spots, as learnt, over all cameras";
     "pointers.frames_late": count, low, "Frames that came after a later one of another camera, and were left out";
     "pointers.disputed": count, low, "Spots that one camera reported for long and another, which sees the place, did not";
+    "pointers.users_decided": count, high, "Pointers of which it was decided whose they are; this and those below are missing without codes of users";
+    "pointers.switches_mended": count, neither, "Times that the codes said that two pointers had been taken for each other, and their identities were exchanged";
+    "pointers.hands_changed": count, low, "Times that the code said that a pointer had become another user's, and a new identity began";
+    "pointers.codes_unknown": count, low, "Pointers that went dark in a period that is no user's";
+    "pointers.codes_shared": count, low, "Pointers that had the code of a user who had another pointer at the same time: they got no user";
 }
 
 /// Spots of each camera in, at its own times; after each frame all pointers leave at the frame's time: in metres on the wall, x to the right and y down from its top left
-/// corner, z = 0. An identity lasts from press to release. Pointers that this frame's camera did not see are predicted.
+/// corner, z = 0. An identity lasts from press to release. Pointers that this frame's camera did not see are predicted. Where users have codes, whose the pointers are
+/// (`users`) leaves before them.
 pub struct Tracker {
     pointers: Pointers,
     names: Vec<String>,
@@ -89,6 +98,9 @@ impl Node for Tracker {
         while let Some(features) = io.take(&FEATURES) {
             let mut targets = self.pool.take(Targets::default);
             if self.pointers.take_in(features.time(), &features.value, &mut targets) {
+                if let Some(users) = self.pointers.users(features.time()) {
+                    io.emit_at(&USERS, features.time(), users);
+                }
                 io.emit_at(&TARGETS, features.time(), self.pool.share(targets));
             }
         }
@@ -110,6 +122,23 @@ impl Node for Tracker {
             ("disputed", disputed),
         ] {
             report.figure(format!("pointers.{name}"), count as f64);
+        }
+        if let Some(found) = self.pointers.users_tally() {
+            report.figure("pointers.users_decided", found.decided as f64);
+            report.figure("pointers.switches_mended", found.mended as f64);
+            report.figure("pointers.hands_changed", found.changed as f64);
+            report.figure("pointers.codes_unknown", found.unknown.values().sum::<u64>() as f64);
+            report.figure("pointers.codes_shared", found.shared.values().sum::<u64>() as f64);
+            for (period_ms, count) in &found.unknown {
+                report.remark(format!(
+                    "{count} pointers went dark about every {period_ms} ms, which is the code of no user: expected the `period_ms` of one of `users`"
+                ));
+            }
+            for (user, count) in &found.shared {
+                report.remark(format!(
+                    "{count} pointers had the code of user {user} while another one had it: expected one pointer with each code"
+                ));
+            }
         }
         for (saw, not, count) in self.pointers.disputes() {
             let name = |it: CameraId| self.names.get(usize::from(it.0)).map_or("?", String::as_str);

@@ -13,6 +13,8 @@
 //!
 //! Two pointers whose spots touch are one spot in the picture. Both are updated with it, as what lies between them: with a covariance that spans both, and not for longer
 //! than it takes to cross.
+//!
+//! Where users' pointers have blink codes, each frame also tells its pointers' decoders whether they were lit (`codes`), and whose they are is decided from that (`users`).
 
 use std::collections::BTreeMap;
 
@@ -22,8 +24,10 @@ use foveate::prelude::*;
 use foveate::scene::WallMap;
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Point2, Point3, Vector3};
 
+use super::codes::{Codes, Decoder};
 use super::mirrors::{Mirrors, Seen as Spot};
 use super::settings::TrackerSettings;
+use super::users::{UserTally, UsersOfTracks};
 
 /// The wall's plane in the filters' space.
 const ON_WALL: Matrix2x3<f64> = Matrix2x3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0);
@@ -56,6 +60,8 @@ const AREA_KEPT: f64 = 0.97;
 const GROWN: f64 = 1.5;
 const USUAL: f64 = 0.1;
 const GROWN_AFTER: u32 = 4;
+/// Pointers nearer to each other than this may be taken for each other, in widths of two spots that touch [–].
+const MIXED: f64 = 1.5;
 /// What begins nearer to a pointer than this, in widths of two spots that touch, must stay as long as what was once mirrored [–].
 const NEAR_MERGES: f64 = 2.5;
 /// What was once mirrored must be by itself for so many frames.
@@ -100,8 +106,8 @@ struct Place {
 
 /// A pointer, or what may be one.
 #[derive(Debug, Clone)]
-struct Track {
-    id: Option<TargetId>,
+pub(super) struct Track {
+    pub(super) id: Option<TargetId>,
     filter: Filter,
     /// Of the filter's state.
     time: Time,
@@ -120,11 +126,19 @@ struct Track {
     /// Of its spots by themselves: their running mean [m²].
     usual: f64,
     /// This frame's camera saw it.
-    is_measured: bool,
+    pub(super) is_measured: bool,
+    /// What is known of its code; `None` where no user has one.
+    pub(super) decoder: Option<Decoder>,
+    /// Whose it is.
+    pub(super) user: Option<u32>,
+    /// Since when it may be another pointer, as their spots were one: until it is decided again whose it is.
+    pub(super) mixed: Option<Time>,
+    /// What is wrong with its code has been counted.
+    pub(super) is_counted: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-struct Seen {
+pub(super) struct Seen {
     frames: u32,
     missed: u32,
 }
@@ -151,12 +165,14 @@ pub struct Pointers {
     assigned: Vec<Option<usize>>,
     workspace: Workspace,
     places: Vec<Place>,
+    users: Option<UsersOfTracks>,
 }
 
 impl Pointers {
     /// For cameras of these names, in the order of their numbers, before the wall of `map`.
     pub fn new(settings: TrackerSettings, map: &WallMap, names: &[String]) -> Pointers {
         Pointers {
+            users: Codes::new(&settings).map(UsersOfTracks::new),
             settings,
             size: map.size_m,
             cameras: names.iter().map(|it| map.cameras.get(it).cloned()).collect(),
@@ -186,6 +202,16 @@ impl Pointers {
         self.disputes.iter().map(|((saw, not), count)| (*saw, *not, *count))
     }
 
+    /// Whose the pointers are, after the frame at `time`; `None` where no user has a code.
+    pub fn users(&mut self, time: Time) -> Option<Users> {
+        Some(self.users.as_mut()?.report(time, &self.tracks))
+    }
+
+    /// What was decided about users; `None` where no user has a code.
+    pub fn users_tally(&self) -> Option<&UserTally> {
+        self.users.as_ref().map(UsersOfTracks::tally)
+    }
+
     /// Takes in the spots of one camera at one time, and gives all pointers at that time into `targets`. `false`, and nothing is given, for a frame that comes after
     /// a later one, and for a camera without a map.
     pub fn take_in(&mut self, time: Time, features: &Features, targets: &mut Targets) -> bool {
@@ -207,8 +233,12 @@ impl Pointers {
         }
         self.assign();
         self.update(camera, time);
+        self.decode(number, time);
         self.begin(camera, time);
         self.judge(time);
+        if let Some(users) = &mut self.users {
+            users.decide(&mut self.tracks, &mut self.next, time);
+        }
         self.report(time, camera, targets);
         true
     }
@@ -407,6 +437,31 @@ impl Pointers {
         }
     }
 
+    /// Tells the decoders of all pointers that this camera sees whether they were lit.
+    fn decode(&mut self, camera: usize, time: Time) {
+        let (Some(users), Some(camera)) = (&self.users, &self.cameras[camera]) else { return };
+        let merge = self.settings.merge_mm * 1e-3;
+        let points: Vec<Point2<f64>> = self.tracks.iter().map(|it| it.filter.position().xy()).collect();
+        let known: Vec<bool> = self.tracks.iter().map(|it| it.id.is_some()).collect();
+        for (row, track) in self.tracks.iter_mut().enumerate() {
+            let Some(decoder) = &mut track.decoder else { continue };
+            let is_near = |it: &Point2<f64>, reach: f64| (it - points[row]).norm() < reach;
+            // Whose light it is nobody can say, nor whose it will be afterwards.
+            if (0..points.len()).any(|it| it != row && known[it] && is_near(&points[it], MIXED * merge)) {
+                *decoder = users.codes().decoder(time);
+                track.mixed = track.mixed.or(Some(time));
+                continue;
+            }
+            // A spot that another one took, or a reflection, is no sign that it was dark.
+            let is_dark = !track.is_measured
+                && camera.map.sees(&points[row], self.settings.margin_px)
+                && !self.places.iter().any(|it| is_near(&it.point, merge));
+            if track.is_measured || is_dark {
+                users.codes().observe(decoder, time, track.is_measured);
+            }
+        }
+    }
+
     /// Candidates from the places that no pointer took.
     fn begin(&mut self, camera: CameraId, time: Time) {
         let TrackerSettings { merge_mm, acceleration_density, speed, .. } = self.settings;
@@ -443,6 +498,10 @@ impl Pointers {
                 area: place.area,
                 usual: place.area,
                 is_measured: true,
+                decoder: self.users.as_ref().map(|it| it.codes().decoder(time)),
+                user: None,
+                mixed: None,
+                is_counted: false,
             });
         }
     }

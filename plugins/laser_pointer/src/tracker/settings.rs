@@ -1,5 +1,7 @@
 //! Settings of the tracker.
 
+use std::collections::BTreeSet;
+
 use foveate::prelude::ConfigError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -55,7 +57,32 @@ pub struct TrackerSettings {
     #[schemars(range(min = 0.0, max = 100.0))]
     #[serde(default = "default_map_mm")]
     pub map_mm: f64,
+    /// Users whose pointers go dark once in a period of their own, at least 5 % apart from each other. Left out: users are not told apart [–]
+    #[serde(default)]
+    pub users: Vec<UserCode>,
+    /// For how long such a pointer is dark each time: more than a frame and an exposure of the cameras, and `lost_ms` must bridge it and two frames [ms]
+    #[schemars(range(min = 1.0, max = 1000.0))]
+    #[serde(default = "default_dark_ms")]
+    pub dark_ms: f64,
+    /// Probability from which on it is decided whose a pointer is; at 1 it never is [–]
+    #[schemars(range(min = 0.5, max = 1.0))]
+    #[serde(default = "default_sure")]
+    pub sure: f64,
 }
+
+/// The blink code of one user's pointer.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct UserCode {
+    /// The user's number, as outputs have it [–]
+    pub user: u32,
+    /// From one time that the pointer goes dark to the next; twice `dark_ms` or more [ms]
+    #[schemars(range(min = 35.0, max = 300.0))]
+    pub period_ms: f64,
+}
+
+/// Periods nearer to each other than this cannot be told apart within a stroke [–].
+const LEAST_APART: f64 = 0.05;
 
 fn default_brighter() -> f64 {
     1.2
@@ -101,6 +128,14 @@ fn default_map_mm() -> f64 {
     0.3
 }
 
+fn default_dark_ms() -> f64 {
+    20.0
+}
+
+fn default_sure() -> f64 {
+    0.995
+}
+
 impl Default for TrackerSettings {
     fn default() -> Self {
         Self {
@@ -116,6 +151,9 @@ impl Default for TrackerSettings {
             alone_frames: default_alone_frames(),
             margin_px: default_margin_px(),
             map_mm: default_map_mm(),
+            users: Vec::new(),
+            dark_ms: default_dark_ms(),
+            sure: default_sure(),
         }
     }
 }
@@ -136,6 +174,31 @@ impl TrackerSettings {
         ConfigError::unless_in("reflection_mm", self.reflection_mm, 0.0..=10_000.0)?;
         ConfigError::unless_in("alone_frames", self.alone_frames, 1..=100)?;
         ConfigError::unless_in("margin_px", self.margin_px, 0.0..=1000.0)?;
-        ConfigError::unless_in("map_mm", self.map_mm, 0.0..=100.0)
+        ConfigError::unless_in("map_mm", self.map_mm, 0.0..=100.0)?;
+        ConfigError::unless_in("dark_ms", self.dark_ms, 1.0..=1000.0)?;
+        ConfigError::unless_in("sure", self.sure, 0.5..=1.0)?;
+        self.check_users()
+    }
+
+    fn check_users(&self) -> Result<(), ConfigError> {
+        let mut numbers = BTreeSet::new();
+        for (place, it) in self.users.iter().enumerate() {
+            let setting = format!("users[{place}]");
+            let least = (2.0 * self.dark_ms).max(35.0);
+            ConfigError::unless_in(&format!("{setting}.period_ms"), it.period_ms, least..=300.0)?;
+            if !numbers.insert(it.user) {
+                let message = format!("found user {} twice, expected one code for each user", it.user);
+                return Err(ConfigError::at(&setting, message));
+            }
+            let near = |other: &&UserCode| (it.period_ms / other.period_ms).ln().abs() < LEAST_APART.ln_1p();
+            if let Some(other) = self.users[..place].iter().find(near) {
+                let message = format!(
+                    "found periods of {} ms and {} ms, expected them to be 5 % apart or more",
+                    other.period_ms, it.period_ms
+                );
+                return Err(ConfigError::at(&setting, message));
+            }
+        }
+        Ok(())
     }
 }

@@ -40,13 +40,19 @@ type Spot = ([f64; 2], u32, u8);
 /// What comes out when each camera looks `hz` times a second, in turn, at what `spots` says of a camera and a time.
 struct Run {
     targets: Vec<(f64, usize, Vec<Target>)>,
+    /// Of each frame, where users have codes.
+    users: Vec<Users>,
     pointers: Pointers,
 }
 
 fn run(duration_s: f64, spots: impl Fn(usize, f64) -> Vec<Spot>) -> Run {
+    run_with(TrackerSettings::default(), duration_s, spots)
+}
+
+fn run_with(settings: TrackerSettings, duration_s: f64, spots: impl Fn(usize, f64) -> Vec<Spot>) -> Run {
     let names = ["left", "right"].map(str::to_owned);
-    let mut pointers = Pointers::new(TrackerSettings::default(), &map(), &names);
-    let mut targets = Vec::new();
+    let mut pointers = Pointers::new(settings, &map(), &names);
+    let (mut targets, mut users) = (Vec::new(), Vec::new());
     let cameras = cameras();
     for step in 0..(duration_s * 120.0) as usize {
         let (camera, time_s) = (step % 2, step as f64 / 120.0);
@@ -58,8 +64,9 @@ fn run(duration_s: f64, spots: impl Fn(usize, f64) -> Vec<Spot>) -> Run {
         let mut out = Targets::default();
         assert!(pointers.take_in(Time::from_s(time_s), &features, &mut out));
         targets.push((time_s, camera, out.list));
+        users.extend(pointers.users(Time::from_s(time_s)));
     }
-    Run { targets, pointers }
+    Run { targets, users, pointers }
 }
 
 impl Run {
@@ -180,6 +187,25 @@ fn reflection_as_large_as_its_spot_begins_nothing_once_the_bezel_is_known() {
 }
 
 #[test]
+fn pointer_that_turns_back_at_a_bezel_stays_with_its_spot_though_the_reflection_goes_on() {
+    // The bezel is learnt in four seconds. Then the pointer runs against it and turns back: what goes on at the old speed, and is as large, is the reflection.
+    let off_at = |time_s: f64| match time_s {
+        ..4.0 => 0.012 + 0.02 * (std::f64::consts::TAU * time_s).cos().abs(),
+        _ => (0.002 + 0.6 * (time_s - 4.55).abs()).min(0.032),
+    };
+    let run = run(5.0, |_, time_s| {
+        let (off, y) = (off_at(time_s), 0.5 + 0.02 * time_s);
+        if off < 0.004 {
+            return vec![([1.2, y], 40, 255)];
+        }
+        vec![([1.2 - off, y], 30, 255), ([1.2 + off, y], if time_s < 4.0 { 10 } else { 30 }, 255)]
+    });
+    assert_eq!(run.ids(), [1]);
+    let (time_s, _, list) = run.targets.last().unwrap();
+    assert!((list[0].position.x - 1.168).abs() < 2e-3, "{} at {time_s} s", list[0].position);
+}
+
+#[test]
 fn spot_that_one_camera_sees_shifted_does_not_throw_its_pointer_off() {
     // One with its reflection in one picture of the right camera.
     let run = run(2.0, |camera, time_s| {
@@ -189,6 +215,8 @@ fn spot_that_one_camera_sees_shifted_does_not_throw_its_pointer_off() {
     assert_eq!(run.ids(), [1]);
     for (time_s, _, list) in &run.targets[6..] {
         assert_eq!((list.len(), list[0].provenance), (1, Provenance::Measured), "at {time_s} s");
+        // 9 mm taken as they are would be 8.8 mm and 1.2 m/s.
+        assert!((list[0].position.y - 0.5).abs() < 3e-3, "{} at {time_s} s", list[0].position);
         assert!(list[0].velocity.y.abs() < 0.5, "{} at {time_s} s", list[0].velocity);
     }
 }
@@ -260,4 +288,105 @@ fn node_names_what_is_wrong_with_its_settings() {
 #[test]
 fn settings_are_read_and_written() {
     check_node::<Tracker>("map = \"wall.map.toml\"");
+}
+
+/// Three users with codes.
+fn with_users() -> TrackerSettings {
+    let users = [(1, 60.0), (2, 71.0), (3, 84.0)].map(|(user, period_ms)| UserCode { user, period_ms });
+    TrackerSettings { users: users.to_vec(), lost_ms: 75.0, ..TrackerSettings::default() }
+}
+
+/// Whether a light that is dark for 20 ms every `period_ms` is seen at `time_s`.
+fn is_lit(period_ms: f64, time_s: f64) -> bool {
+    !(1.0..19.0).contains(&(time_s * 1e3 + 7.0).rem_euclid(period_ms))
+}
+
+#[test]
+fn pointer_that_blinks_keeps_its_identity_and_gets_its_user_alone_or_in_two_cameras() {
+    for (period_ms, user) in [(60.0, 1), (71.0, 2), (84.0, 3)] {
+        for x in [0.3, 1.2] {
+            let run = run_with(with_users(), 3.0, |_, time_s| {
+                let spot = ([x + 0.2 * (2.0 * time_s).sin(), 0.5 + 0.05 * time_s], 20, 255);
+                if is_lit(period_ms, time_s) { vec![spot] } else { vec![] }
+            });
+            assert_eq!(run.ids(), [1], "user {user} at {x} m");
+            let known = run.users.iter().position(|it| !it.list.is_empty()).expect("no user was decided");
+            assert!(run.users[known..].iter().all(|it| it.of(TargetId(1)) == Some(user)), "user {user} at {x} m");
+            assert!((10..180).contains(&known), "user {user} at {x} m: after {known} frames");
+        }
+    }
+    let run = run(0.5, |_, _| vec![([1.2, 0.5], 20, 255)]);
+    assert!(run.users.is_empty() && run.pointers.users_tally().is_none(), "without codes nothing is told");
+}
+
+#[test]
+fn identities_that_a_meeting_exchanged_are_given_back() {
+    // Both come from the left and meet; then each turns back to its own row, where a tracker sees them cross.
+    let place = |side: f64, time_s: f64| {
+        let off = 0.12 * (time_s - 1.5).abs();
+        [1.1 + 0.1 * (time_s - 1.5), 0.6 + side * off]
+    };
+    let run = run_with(with_users(), 3.0, |_, time_s| {
+        let lit = [(-1.0, 60.0), (1.0, 84.0)].into_iter().filter(|it| is_lit(it.1, time_s));
+        let spots: Vec<[f64; 2]> = lit.map(|it| place(it.0, time_s)).collect();
+        match spots[..] {
+            [a, b] if (a[1] - b[1]).abs() < 0.008 => vec![([a[0], 0.6], 30, 255)],
+            _ => spots.into_iter().map(|it| (it, 20, 255)).collect(),
+        }
+    });
+    assert_eq!(run.ids(), [1, 2]);
+    let exchanged: Vec<&Exchange> = run.users.iter().flat_map(|it| &it.exchanged).collect();
+    let [exchange] = exchanged[..] else { panic!("{exchanged:?}") };
+    assert!((exchange.since.as_s() - 1.5).abs() < 0.2, "{exchange:?}");
+    assert_eq!(run.pointers.users_tally().unwrap().mended, 1);
+    let of = |at: usize, user: u32| {
+        let id = run.users[at].list.iter().find(|it| it.user == user).unwrap().id;
+        (id, run.targets[at].2.iter().find(|it| it.id == id).unwrap().position.y)
+    };
+    let end = run.targets.len() - 1;
+    for (user, above) in [(1, true), (3, false)] {
+        let ((before, y), (after, y_after)) = (of(160, user), of(end, user));
+        assert_eq!(before, after, "user {user}");
+        assert_eq!([y < 0.6, y_after < 0.6], [above; 2], "user {user}: {y} m, {y_after} m");
+    }
+}
+
+#[test]
+fn pointer_with_an_unknown_code_and_a_second_one_with_the_same_get_no_user_and_are_counted() {
+    let run = run_with(with_users(), 4.0, |_, time_s| {
+        let lights = [(0.3, 60.0, 0.0), (0.7, 60.0, 1.0), (1.2, 120.0, 0.0), (2.0, 1e9, 0.5)];
+        let lit = lights.into_iter().filter(|it| time_s >= it.2 && is_lit(it.1, time_s + 0.3 * it.2));
+        lit.map(|it| ([it.0, 0.5], 20, 255)).collect()
+    });
+    let with_user: Vec<TargetUser> = run.users.iter().flat_map(|it| it.list.clone()).collect();
+    assert!(!with_user.is_empty() && with_user.iter().all(|it| *it == with_user[0] && it.user == 1), "{with_user:?}");
+    let tally = run.pointers.users_tally().unwrap();
+    assert_eq!((tally.decided, tally.shared.get(&1), tally.unknown.get(&120)), (1, Some(&1), Some(&1)), "{tally:?}");
+}
+
+#[test]
+fn light_that_becomes_another_users_gets_a_new_identity() {
+    // The first user lets go in the very place and moment in which the third one presses.
+    let run = run_with(with_users(), 4.0, |_, time_s| {
+        let period_ms = if time_s < 1.5 { 60.0 } else { 84.0 };
+        if is_lit(period_ms, time_s) { vec![([1.2, 0.5], 20, 255)] } else { vec![] }
+    });
+    assert_eq!(run.ids(), [1, 2]);
+    let last = run.users.last().unwrap();
+    assert_eq!((last.list.len(), last.of(TargetId(2))), (1, Some(3)));
+    assert_eq!(run.pointers.users_tally().unwrap().changed, 1);
+}
+
+#[test]
+fn codes_that_cannot_be_told_apart_are_refused() {
+    let refused = |users: &[(u32, f64)]| {
+        let users = users.iter().map(|(user, period_ms)| UserCode { user: *user, period_ms: *period_ms }).collect();
+        let error = TrackerSettings { users, ..TrackerSettings::default() }.check().err();
+        error.map(|it| (it.setting.unwrap_or_default(), it.message)).unwrap_or_default()
+    };
+    assert_eq!(refused(&[(1, 60.0), (2, 64.0)]).0, "");
+    assert_eq!(refused(&[(1, 60.0), (1, 80.0)]).0, "users[1]");
+    let (setting, message) = refused(&[(1, 60.0), (2, 80.0), (3, 62.0)]);
+    assert!(setting == "users[2]" && message.contains("60 ms and 62 ms, expected them to be 5 % apart"), "{message}");
+    assert_eq!(refused(&[(1, 30.0)]).0, "users[0].period_ms");
 }

@@ -1,23 +1,43 @@
 //! Pointers as TUIO 1.1 bundles: which cursors there are, where each is, the number of the frame.
 //!
-//! Source: M. Kaltenbrunner, *TUIO 1.1 Protocol Specification*, tuio.org, profile `/tuio/2Dcur`. A bundle holds, in this order:
+//! Source: M. Kaltenbrunner, *TUIO 1.1 Protocol Specification*, tuio.org, profiles `/tuio/2Dcur` and `/tuio/2Dobj`. A bundle holds, in this order:
 //!
 //! | message | arguments |
 //! |---|---|
 //! | `source` | name@host |
 //! | `alive` | the session numbers s of all cursors |
 //! | `set` | s, x, y, X, Y, m: position as part of width and height from the top left corner, velocity in these parts a second, and how the speed changes [1/s²] |
+//! | `set` of an object | s, i, x, y, a, X, Y, A, m, r: i is the class, here the user; angle a, its speed A and its acceleration r are 0 |
 //! | `fseq` | number of the frame, ascending |
 //!
 //! A cursor whose number is not alive any more is gone, so that a lost datagram is mended by the next one.
 
 use rosc::{OscBundle, OscMessage, OscPacket, OscTime, OscType, encoder};
 
-/// Address of all messages.
-const PROFILE: &str = "/tuio/2Dcur";
-/// Cursors in one datagram: a `set` takes 56 bytes, an identity 4; with the rest of it 20 of them stay below the 1472 bytes that fit into an Ethernet frame, for 64
+/// What is told of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Profile {
+    /// Every pointer that is held down.
+    Cursors,
+    /// Those whose user is known.
+    Objects,
+}
+
+impl Profile {
+    /// Address of all messages.
+    fn address(self) -> &'static str {
+        match self {
+            Profile::Cursors => "/tuio/2Dcur",
+            Profile::Objects => "/tuio/2Dobj",
+        }
+    }
+}
+
+/// Cursors in one datagram: a `set` takes 56 bytes (of an object 76), an identity 4; with the rest of it 20 of them stay below the 1472 bytes that fit into an Ethernet frame, for 64
 /// cursors in all.
 const MOST_SETS: usize = 18;
+/// The same of objects.
+const MOST_OBJECTS: usize = 12;
 /// "At once", as OSC 1.0 has it.
 const AT_ONCE: OscTime = OscTime { seconds: 0, fractional: 1 };
 
@@ -26,6 +46,8 @@ const AT_ONCE: OscTime = OscTime { seconds: 0, fractional: 1 };
 pub(super) struct Cursor {
     /// Its session number: another one each time that it is pressed.
     pub(super) session: i32,
+    /// Whose it is, where that is known.
+    pub(super) user: Option<u32>,
     /// Parts of width and height.
     pub(super) place: [f32; 2],
     /// [1/s]
@@ -35,30 +57,35 @@ pub(super) struct Cursor {
 }
 
 /// The datagrams of frame number `frame`: one, or more where they would not fit. Each says all that are alive.
-pub(super) fn datagrams(source: &str, frame: i32, cursors: &[Cursor]) -> Vec<Vec<u8>> {
+pub(super) fn datagrams(profile: Profile, source: &str, frame: i32, cursors: &[Cursor]) -> Vec<Vec<u8>> {
     // A frame without cursors is one datagram, too: it says that nobody is there.
-    let n = cursors.len().div_ceil(MOST_SETS).max(1);
-    let parts = (0..n).map(|it| &cursors[it * MOST_SETS..cursors.len().min((it + 1) * MOST_SETS)]);
-    let encoded = parts.map(|part| encoder::encode(&bundle(source, frame, cursors, part)));
+    let most = if profile == Profile::Cursors { MOST_SETS } else { MOST_OBJECTS };
+    let n = cursors.len().div_ceil(most).max(1);
+    let parts = (0..n).map(|it| &cursors[it * most..cursors.len().min((it + 1) * most)]);
+    let encoded = parts.map(|part| encoder::encode(&bundle(profile, source, frame, cursors, part)));
     // Writing into a vector fails never.
     encoded.filter_map(Result::ok).collect()
 }
 
-fn bundle(source: &str, frame: i32, all: &[Cursor], part: &[Cursor]) -> OscPacket {
+fn bundle(profile: Profile, source: &str, frame: i32, all: &[Cursor], part: &[Cursor]) -> OscPacket {
+    let message = |args| OscPacket::Message(OscMessage { addr: profile.address().to_owned(), args });
     let word = |it: &str| OscType::String(it.to_owned());
     let alive = std::iter::once(word("alive")).chain(all.iter().map(|it| OscType::Int(it.session))).collect();
     let mut content = vec![message(vec![word("source"), word(source)]), message(alive)];
     for it in part {
         let [x, y] = it.place.map(OscType::Float);
         let [u, v] = it.velocity.map(OscType::Float);
-        content.push(message(vec![word("set"), OscType::Int(it.session), x, y, u, v, OscType::Float(it.acceleration)]));
+        let (set, session, m) = (word("set"), OscType::Int(it.session), OscType::Float(it.acceleration));
+        content.push(message(match profile {
+            Profile::Cursors => vec![set, session, x, y, u, v, m],
+            Profile::Objects => {
+                let (class, none) = (OscType::Int(it.user.unwrap_or(0) as i32), OscType::Float(0.0));
+                vec![set, session, class, x, y, none.clone(), u, v, none.clone(), m, none]
+            }
+        }));
     }
     content.push(message(vec![word("fseq"), OscType::Int(frame)]));
     OscPacket::Bundle(OscBundle { timetag: AT_ONCE, content })
-}
-
-fn message(args: Vec<OscType>) -> OscPacket {
-    OscPacket::Message(OscMessage { addr: PROFILE.to_owned(), args })
 }
 
 #[cfg(test)]
@@ -68,7 +95,7 @@ mod tests {
     use super::*;
 
     fn cursor(session: i32) -> Cursor {
-        Cursor { session, place: [0.25, 0.5], velocity: [1.0, -2.0], acceleration: 0.5 }
+        Cursor { session, user: None, place: [0.25, 0.5], velocity: [1.0, -2.0], acceleration: 0.5 }
     }
 
     /// By hand, from the OSC 1.0 specification: strings end in zeros to a multiple of four, numbers are big-endian.
@@ -97,13 +124,29 @@ mod tests {
             ],
         );
         add(b",si\0", &[b"fseq\0\0\0\0", &[0, 0, 1, 2]]);
-        assert_eq!(datagrams("wall@host", 258, &[cursor(9)]), [expected]);
+        assert_eq!(datagrams(Profile::Cursors, "wall@host", 258, &[cursor(9)]), [expected]);
+    }
+
+    #[test]
+    fn object_has_its_user_as_class_and_a_crowd_of_them_fits() {
+        let of = |session: i32| Cursor { user: Some(session as u32 + 3), ..cursor(session) };
+        let [part] = &datagrams(Profile::Objects, "wall@host", 1, &[of(4)])[..] else { panic!("one datagram") };
+        let (_, OscPacket::Bundle(bundle)) = decoder::decode_udp(part).unwrap() else { panic!("no bundle") };
+        let OscPacket::Message(OscMessage { addr, args }) = &bundle.content[2] else { panic!("a bundle within") };
+        assert_eq!(addr, "/tuio/2Dobj");
+        // set s i x y a X Y A m r
+        let numbers = [0.25, 0.5, 0.0, 1.0, -2.0, 0.0, 0.5, 0.0].map(OscType::Float);
+        let expected = [OscType::String("set".to_owned()), OscType::Int(4), OscType::Int(7)].into_iter().chain(numbers);
+        assert_eq!(*args, expected.collect::<Vec<_>>());
+        let crowd: Vec<Cursor> = (0..64).map(of).collect();
+        let parts = datagrams(Profile::Objects, "foveate@a-computer-with-a-long-name", 7, &crowd);
+        assert!(parts.len() == 6 && parts.iter().all(|it| it.len() <= 1472), "{} parts", parts.len());
     }
 
     #[test]
     fn a_crowd_is_parted_into_datagrams_that_fit_each_with_all_that_are_alive() {
         let cursors: Vec<Cursor> = (0..64).map(cursor).collect();
-        let parts = datagrams("foveate@a-computer-with-a-long-name", 7, &cursors);
+        let parts = datagrams(Profile::Cursors, "foveate@a-computer-with-a-long-name", 7, &cursors);
         assert_eq!(parts.len(), 4);
         let mut seen = Vec::new();
         for part in &parts {
@@ -119,6 +162,6 @@ mod tests {
             }
         }
         assert_eq!(seen, (0..64).collect::<Vec<_>>());
-        assert_eq!(datagrams("a@b", 1, &[]).len(), 1, "nobody is there: that is told");
+        assert_eq!(datagrams(Profile::Cursors, "a@b", 1, &[]).len(), 1, "nobody is there: that is told");
     }
 }

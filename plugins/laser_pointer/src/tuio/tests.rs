@@ -22,6 +22,10 @@ struct Known {
     /// Session, then x, y, X, Y, m.
     set: Vec<(i32, [f32; 5])>,
     frame: i32,
+    /// Of the profile for objects.
+    is_of_objects: bool,
+    /// Classes of objects.
+    classes: Vec<i32>,
 }
 
 /// A client, which decodes by the crate's decoder.
@@ -51,11 +55,14 @@ impl Client {
             let mut known = Known::default();
             for packet in bundle.content {
                 let OscPacket::Message(OscMessage { addr, args }) = packet else { panic!("a bundle within") };
-                assert_eq!(addr, "/tuio/2Dcur");
+                if addr == "/tuio/2Dobj" {
+                    known.is_of_objects = true;
+                }
                 let number = |it: &OscType| it.clone().int().unwrap();
                 match args[0].clone().string().unwrap().as_str() {
                     "source" => known.source = args[1].clone().string().unwrap(),
                     "alive" => known.alive = args[1..].iter().map(number).collect(),
+                    "set" if known.is_of_objects => known.classes.push(number(&args[2])),
                     "set" => {
                         let mut values = [0.0; 5];
                         values.iter_mut().zip(&args[2..]).for_each(|(to, from)| *to = from.clone().float().unwrap());
@@ -74,6 +81,7 @@ impl Client {
 fn pointer(id: u32, x: f64, y: f64) -> Pointer {
     Pointer {
         id: TargetId(id),
+        user: None,
         position: Point2::new(0.0, 0.0),
         velocity: Vector2::new(0.4, 0.3),
         predicted: Point2::new(x, y),
@@ -86,7 +94,9 @@ fn pointer(id: u32, x: f64, y: f64) -> Pointer {
 
 fn feed(bench: &mut NodeBench<Tuio>, ms: f64, list: Vec<Pointer>) {
     let time = Time::ZERO + Interval::from_ms(ms);
-    bench.feed(&POINTERS, time, Pointers { time, shown_at: time, list, events: Vec::new() }).unwrap();
+    bench
+        .feed(&POINTERS, time, Pointers { time, shown_at: time, list, exchanged: Vec::new(), events: Vec::new() })
+        .unwrap();
 }
 
 fn node(settings: TuioSettings) -> NodeBench<Tuio> {
@@ -195,4 +205,20 @@ fn what_cannot_be_is_refused() {
     let flat = Setup { volume_m: Some([[0.0; 3], [1.0, 0.0, 1.0]]), ..Setup::for_tests() };
     let why = NodeBench::<Tuio>::with_setup(TuioSettings::default(), &flat).map(|_| ()).unwrap_err();
     assert!(why.message.contains("a wall of 1 m by 0 m"), "{why}");
+}
+
+#[test]
+fn pointers_with_a_user_are_objects_of_that_class_too_where_that_is_asked_for() {
+    for objects in [false, true] {
+        let client = Client::new();
+        let mut bench = node(TuioSettings { to: vec![client.address()], objects, ..Default::default() });
+        let known = Pointer { user: Some(3), ..pointer(4, 2.0, 0.0) };
+        feed(&mut bench, 0.0, vec![pointer(2, 3.0, 0.0), known]);
+        let all = client.take();
+        assert_eq!((all.len(), &all[0].alive), (1 + usize::from(objects), &vec![1, 2]), "all are cursors");
+        if objects {
+            assert_eq!((&all[1].alive, &all[1].classes), (&vec![2], &vec![3]), "the session of the cursor");
+            assert!(all[1].is_of_objects && !all[0].is_of_objects);
+        }
+    }
 }

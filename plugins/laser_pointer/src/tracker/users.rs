@@ -1,0 +1,137 @@
+//! Whose each pointer is, as its blink code says; what codes say of pointers that were taken for each other.
+//!
+//! A pointer has a user once its decoder is sure, and keeps it until it ends or its decoder is sure of another. Decoders begin anew when spots part that were one. What is decided
+//! then may show that two tracks have taken each other's light: their identities are exchanged, so that each is again with its light. A pointer whose light becomes another user's,
+//! with nothing to exchange, gets a new identity.
+//!
+//! One user has one pointer. A second pointer with the same code gets no user, and is counted.
+
+use std::collections::BTreeMap;
+
+use foveate::prelude::*;
+
+use super::codes::{Codes, Verdict};
+use super::pointers::Track;
+
+/// Periods of unknown codes are told in steps of this width [ms].
+const PERIOD_STEP_MS: f64 = 10.0;
+
+/// What was decided, over all frames.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct UserTally {
+    /// Pointers that got a user.
+    pub decided: u64,
+    /// Times that two identities were exchanged.
+    pub mended: u64,
+    /// Times that a pointer became another user's and got a new identity.
+    pub changed: u64,
+    /// Pointers that were dark in a period of no user, by that period to 10 ms [ms].
+    pub unknown: BTreeMap<u32, u64>,
+    /// By user: pointers that had the user's code while another one had it.
+    pub shared: BTreeMap<u32, u64>,
+}
+
+/// Decides whose tracks are.
+pub(super) struct UsersOfTracks {
+    codes: Codes,
+    tally: UserTally,
+    exchanged: Vec<Exchange>,
+}
+
+impl UsersOfTracks {
+    pub fn new(codes: Codes) -> UsersOfTracks {
+        UsersOfTracks { codes, tally: UserTally::default(), exchanged: Vec::new() }
+    }
+
+    pub fn codes(&self) -> &Codes {
+        &self.codes
+    }
+
+    pub fn tally(&self) -> &UserTally {
+        &self.tally
+    }
+
+    /// Decides what decoders are sure of, after a frame; `next` is the next identity.
+    pub fn decide(&mut self, tracks: &mut [Track], next: &mut u32, time: Time) {
+        let verdict = |it: &Track| match &it.decoder {
+            Some(decoder) if it.id.is_some() => self.codes.verdict(decoder),
+            _ => Verdict::Undecided,
+        };
+        let verdicts: Vec<Verdict> = tracks.iter().map(verdict).collect();
+        self.exchange(tracks, &verdicts, time);
+        for row in 0..tracks.len() {
+            // What is not seen any more has no code.
+            if !tracks[row].is_measured {
+                continue;
+            }
+            match verdicts[row] {
+                Verdict::User(user) => self.give(tracks, &verdicts, row, user, next),
+                Verdict::Other(period) if !tracks[row].is_counted => {
+                    tracks[row].is_counted = true;
+                    let step = (period * 1e3 / PERIOD_STEP_MS).round() * PERIOD_STEP_MS;
+                    *self.tally.unknown.entry(step as u32).or_default() += 1;
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Exchanges the identities of tracks that have each other's light.
+    fn exchange(&mut self, tracks: &mut [Track], verdicts: &[Verdict], time: Time) {
+        for one in 0..tracks.len() {
+            let (Verdict::User(found), Some(user)) = (verdicts[one], tracks[one].user) else { continue };
+            // Another track has this one's user by its light, and had the other's, or none.
+            let is_partner = |it: &usize| {
+                let before = tracks[*it].user;
+                verdicts[*it] == Verdict::User(user) && (before == Some(found) || before.is_none())
+            };
+            let Some(other) = (0..tracks.len()).filter(|it| *it != one && found != user).find(is_partner) else {
+                continue;
+            };
+            let (Some(first), Some(second)) = (tracks[one].id, tracks[other].id) else { continue };
+            let since = tracks[one].mixed.min(tracks[other].mixed).or(tracks[one].mixed).or(tracks[other].mixed);
+            (tracks[one].id, tracks[other].id) = (Some(second), Some(first));
+            self.tally.decided += u64::from(tracks[other].user.is_none());
+            (tracks[one].user, tracks[other].user) = (Some(found), Some(user));
+            (tracks[one].mixed, tracks[other].mixed) = (None, None);
+            self.exchanged.push(Exchange { ids: [first, second], since: since.unwrap_or(time) });
+            self.tally.mended += 1;
+        }
+    }
+
+    /// The decoder of track `row` is sure of `user`.
+    fn give(&mut self, tracks: &mut [Track], verdicts: &[Verdict], row: usize, user: u32, next: &mut u32) {
+        if tracks[row].user == Some(user) {
+            tracks[row].mixed = None;
+            return;
+        }
+        let others = || (0..tracks.len()).filter(|it| *it != row);
+        if let Some(holder) = others().find(|it| tracks[*it].user == Some(user)) {
+            let track = &mut tracks[row];
+            if verdicts[holder] == Verdict::User(user) && !track.is_counted {
+                track.is_counted = true;
+                *self.tally.shared.entry(user).or_default() += 1;
+            }
+            return;
+        }
+        if tracks[row].user.is_some() {
+            // The other one of the two that were mixed has yet to say whose it is.
+            if tracks[row].mixed.is_some() && others().any(|it| tracks[it].id.is_some() && tracks[it].mixed.is_some()) {
+                return;
+            }
+            tracks[row].id = Some(TargetId(*next));
+            *next += 1;
+            self.tally.changed += 1;
+        }
+        self.tally.decided += 1;
+        (tracks[row].user, tracks[row].mixed) = (Some(user), None);
+    }
+
+    /// What is known after the frame at `time`; exchanges are told once.
+    pub fn report(&mut self, time: Time, tracks: &[Track]) -> Users {
+        let mut list: Vec<TargetUser> =
+            tracks.iter().filter_map(|it| Some(TargetUser { id: it.id?, user: it.user? })).collect();
+        list.sort_by_key(|it| it.id);
+        Users { time, list, exchanged: std::mem::take(&mut self.exchanged) }
+    }
+}
