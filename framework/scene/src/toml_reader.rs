@@ -61,20 +61,20 @@ impl Reader<'_> {
 
     /// The `N` finite numbers that `key` must hold; `at` is where its absence is reported.
     pub fn numbers<const N: usize>(&mut self, table: &DeTable<'_>, key: &str, at: Range<usize>) -> Option<[f64; N]> {
-        let expected = format!("{N} numbers");
+        let list = self.number_list(table, key, N, at)?;
+        list.try_into().ok()
+    }
+
+    /// As [`Self::numbers`], for a length that is only known here.
+    pub fn number_list(&mut self, table: &DeTable<'_>, key: &str, n: usize, at: Range<usize>) -> Option<Vec<f64>> {
+        let expected = format!("{n} numbers");
         let value = self.required(table, key, &expected, at)?;
-        let Some(list) = value.get_ref().as_array().filter(|list| list.len() == N) else {
+        let Some(list) = value.get_ref().as_array().filter(|list| list.len() == n) else {
             return self.expect(None, value, key, &expected);
         };
-        let mut numbers = [0.0; N];
-        let mut complete = true;
-        for (index, item) in list.iter().enumerate() {
-            match self.number(item, &format!("{key}[{index}]")) {
-                Some(number) => numbers[index] = number,
-                None => complete = false,
-            }
-        }
-        complete.then_some(numbers)
+        let numbers: Vec<Option<f64>> =
+            list.iter().enumerate().map(|(index, item)| self.number(item, &format!("{key}[{index}]"))).collect();
+        numbers.into_iter().collect()
     }
 
     /// A finite number.

@@ -12,14 +12,16 @@
 //! covariance = [0.0]            # 13 x 13 numbers row by row, in the order of `geometry::PlaneMap`
 //! held_out_px = 0.06            # error at dots that the fit did not know, root mean square, in pixels of the wall
 //! brightest = 131               # brightest that a dot of the wall was in this camera's pictures [gray level]
+//! mesh = { size_m = [4.132, 1.292], cells = [12, 4], shifts_m = [0.0], sigmas_m = [0.0] }   # only where the wall bends: `geometry::plane_map::Mesh`, x and y in turn
 //! ```
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
+use foveate_geometry::plane_map::Mesh;
 use foveate_geometry::{Distortion, PlaneMap};
-use nalgebra::{Matrix3, SMatrix};
+use nalgebra::{Matrix3, SMatrix, Vector2};
 use toml::de::DeTable;
 
 use crate::calibration::{CalibrationError, read_text};
@@ -28,8 +30,12 @@ use crate::toml_reader::{Reader, Value, read};
 
 const SECTIONS: [&str; 2] = ["wall", "camera"];
 const WALL_KEYS: [&str; 2] = ["size_m", "pixel_m"];
-const CAMERA_KEYS: [&str; 6] = ["image_size_px", "homography", "distortion", "covariance", "held_out_px", "brightest"];
+const CAMERA_KEYS: [&str; 7] =
+    ["image_size_px", "homography", "distortion", "covariance", "held_out_px", "brightest", "mesh"];
+const MESH_KEYS: [&str; 4] = ["size_m", "cells", "shifts_m", "sigmas_m"];
 const LENS_KEYS: [&str; 5] = ["k1", "k2", "k3", "p1", "p2"];
+/// More cells along an axis than this are a mistake, and would take memory.
+const MOST_CELLS: f64 = 200.0;
 const N: usize = foveate_geometry::plane_map::UNKNOWNS;
 
 /// A wall, and the cameras that see it.
@@ -98,7 +104,7 @@ impl WallMap {
     pub fn to_toml(&self) -> String {
         let mut text = format!("[wall]\nsize_m = {:?}\npixel_m = {:?}\n", self.size_m, self.pixel_m);
         for (name, WallCamera { map, held_out_px, brightest }) in &self.cameras {
-            let PlaneMap { image_size, ideal_from_plane, distortion, covariance } = map;
+            let PlaneMap { image_size, ideal_from_plane, distortion, covariance, mesh } = map;
             let Distortion { k1, k2, k3, p1, p2 } = distortion;
             let [h, c] = [ideal_from_plane.transpose().as_slice().to_vec(), covariance.as_slice().to_vec()];
             // Writing to a String cannot fail.
@@ -108,6 +114,14 @@ impl WallMap {
                  held_out_px = {held_out_px:?}\nbrightest = {brightest:?}\ncovariance = {c:?}\n",
                 key(name)
             );
+            if let Some(Mesh { size_m, cells, shifts_m, sigmas_m }) = mesh {
+                let [shifts, sigmas] =
+                    [shifts_m, sigmas_m].map(|it| it.iter().flat_map(|it| [it.x, it.y]).collect::<Vec<f64>>());
+                let _ = writeln!(
+                    text,
+                    "mesh = {{ size_m = {size_m:?}, cells = {cells:?}, shifts_m = {shifts:?}, sigmas_m = {sigmas:?} }}"
+                );
+            }
         }
         text
     }
@@ -118,6 +132,29 @@ impl Reader<'_> {
         let value = self.required(table, name, "a number above 0", at)?;
         let number = self.number(value, name)?;
         self.expect(Some(number).filter(|it| *it > 0.0), value, name, "a number above 0")
+    }
+
+    /// How the wall bends before a camera.
+    fn mesh(&mut self, value: &Value<'_>) -> Option<Mesh> {
+        let at = value.span();
+        let table = self.expect(value.get_ref().as_table(), value, "mesh", "a table")?;
+        self.refuse_unknown(table, "key of mesh", &MESH_KEYS);
+        let size_m = self.numbers::<2>(table, "size_m", at.clone());
+        let cells = self.numbers::<2>(table, "cells", at.clone());
+        let (size_m, cells) = (size_m?, cells?);
+        let given = |key: &str| table.get(key).unwrap_or(value);
+        let is_size = size_m.iter().all(|it| *it > 0.0);
+        self.expect(is_size.then_some(()), given("size_m"), "size_m", "two numbers above 0")?;
+        let are_cells = cells.iter().all(|it| it.fract() == 0.0 && (1.0..=MOST_CELLS).contains(it));
+        self.expect(are_cells.then_some(()), given("cells"), "cells", "two whole numbers from 1 to 200")?;
+        let cells = cells.map(|it| it as usize);
+        let shifts = self.number_list(table, "shifts_m", 2 * Mesh::n_splines(cells), at.clone());
+        let sigmas = self.number_list(table, "sigmas_m", 2 * Mesh::n_corners(cells), at);
+        let pairs = |it: Vec<f64>| it.chunks_exact(2).map(|it| Vector2::new(it[0], it[1])).collect::<Vec<_>>();
+        let (shifts, sigmas) = (shifts?, sigmas?);
+        let are_sigmas = sigmas.iter().all(|it| *it >= 0.0);
+        self.expect(are_sigmas.then_some(()), given("sigmas_m"), "sigmas_m", "standard deviations, none below 0")?;
+        Some(Mesh { size_m, cells, shifts_m: pairs(shifts), sigmas_m: pairs(sigmas) })
     }
 
     fn wall_camera(&mut self, value: &Value<'_>) -> Option<WallCamera> {
@@ -139,6 +176,7 @@ impl Reader<'_> {
         let covariance = self.numbers::<{ N * N }>(table, "covariance", at.clone());
         let held_out_px = self.positive(table, "held_out_px", at.clone());
         let brightest = self.positive(table, "brightest", at);
+        let mesh = table.get("mesh").map(|it| self.mesh(it));
         let size = size?;
         let fits = size.iter().all(|it| it.fract() == 0.0 && (1.0..=65_536.0).contains(it));
         let given = table.get("image_size_px").unwrap_or(value);
@@ -164,7 +202,12 @@ impl Reader<'_> {
             "covariance",
             "a covariance: symmetric, none of its diagonal below 0",
         )?;
-        let map = PlaneMap { image_size: size.map(|it| it as u32), ideal_from_plane, distortion: lens?, covariance };
+        let mesh = match mesh {
+            Some(mesh) => Some(mesh?),
+            None => None,
+        };
+        let image_size = size.map(|it| it as u32);
+        let map = PlaneMap { image_size, ideal_from_plane, distortion: lens?, covariance, mesh };
         Some(WallCamera { map, held_out_px: held_out_px?, brightest: brightest? })
     }
 }
@@ -174,17 +217,21 @@ mod tests {
     use super::*;
 
     fn map() -> WallMap {
-        let camera = |k1: f64| WallCamera {
+        let camera = |k1: f64, mesh: Option<Mesh>| WallCamera {
             map: PlaneMap {
                 image_size: [640, 480],
                 ideal_from_plane: Matrix3::new(0.8, 0.01, -0.6, 0.02, 0.8, -0.5, 0.01, 0.02, 1.0),
                 distortion: Distortion { k1, k2: 0.1, p1: 1e-4, p2: 2e-4, k3: -0.3 },
                 covariance: SMatrix::from_fn(|r, c| if r == c { 1e-7 } else { 1e-9 * (r + c) as f64 }),
+                mesh,
             },
             held_out_px: 0.07,
             brightest: 130.5,
         };
-        let cameras = [("wall-1".to_owned(), camera(-0.2)), ("wall 2".to_owned(), camera(0.1))].into();
+        let vectors = |n: usize| (0..n).map(|it| Vector2::new(0.001 * it as f64, 1e-7)).collect::<Vec<_>>();
+        let mesh = Mesh { size_m: [4.1, 1.3], cells: [2, 1], shifts_m: vectors(20), sigmas_m: vectors(6) };
+        let cameras =
+            [("wall-1".to_owned(), camera(-0.2, None)), ("wall 2".to_owned(), camera(0.1, Some(mesh)))].into();
         WallMap { size_m: [4.1, 1.3], pixel_m: 8e-4, cameras }
     }
 
@@ -210,6 +257,11 @@ mod tests {
             ("0.01, 0.02, 1.0]", "0.01, 0.02, 2.0]", "the last one 1"),
             ("k1 = -0.2, ", "", "k1 is missing"),
             ("brightest = 130.5", "", "brightest is missing"),
+            ("cells = [2, 1]", "cells = [2, 1.5]", "two whole numbers from 1 to 200"),
+            ("cells = [2, 1]", "cells = [2, 2]", "expected 50 numbers"),
+            ("cells = [2, 1]", "cell = [2, 1]", "did you mean"),
+            ("sigmas_m = [0.0", "sigmas_m = [-1.0", "none below 0"),
+            ("mesh = {", "mesch = {", "did you mean"),
             ("covariance = [1e-7", "covariance = [-1e-7", "none of its diagonal below 0"),
         ] {
             let message = refusal(from, to);

@@ -10,6 +10,7 @@
 //! | [`laser_pointer.events`](events::Events) | says what pointers do: press, move, hover, dwell, release, strokes; without jitter |
 //! | [`laser_pointer.page`](page::DrawingPage) | shows strokes and pointers on a page, and sends them as JSON over a WebSocket |
 //! | [`laser_pointer.tuio`](tuio::Tuio) | sends pointers to TUIO 1.1 clients over UDP |
+//! | [`laser_pointer.uinput`](uinput::Uinput) | makes pointers a touch screen or a mouse of Linux |
 
 pub mod calibrator;
 pub mod events;
@@ -17,6 +18,7 @@ pub mod page;
 pub mod smoothing;
 pub mod tracker;
 pub mod tuio;
+pub mod uinput;
 mod wall;
 pub mod waved;
 
@@ -30,4 +32,5 @@ pub fn register(registry: &mut Registry) {
     registry.add::<events::Events>();
     registry.add::<page::DrawingPage>();
     registry.add::<tuio::Tuio>();
+    registry.add::<uinput::Uinput>();
 }

@@ -248,6 +248,7 @@ fn start(
             ideal_from_plane: h / h[(2, 2)],
             distortion: Distortion::default(),
             covariance: SMatrix::zeros(),
+            mesh: None,
         }))
     });
     maps.collect()

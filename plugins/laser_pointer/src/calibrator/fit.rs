@@ -1,14 +1,26 @@
 //! One camera's map from points of known place, and the error at points that the fit did not know.
 
-use foveate::geometry::plane_map::LEAST_POINTS;
 use foveate::geometry::{PlaneMap, PlaneMapError, PlanePoint};
 use foveate::scene::WallCamera;
 use nalgebra::{Matrix2, Point2};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 use super::WallSize;
 
 /// Every so many dots one is held out; boards are held out in so many turns.
 pub(super) const HELD_OUT: usize = 4;
+
+/// What a wall is like.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Surface {
+    /// A plane.
+    #[default]
+    Flat,
+    /// It bends: along an arc, in swells.
+    Curved,
+}
 
 /// A point that a camera saw, and the dot or board that it belongs to.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,58 +40,114 @@ pub(super) enum HoldOut {
     InTurn,
 }
 
-/// The map of a camera whose picture is `size`; `what` names the points in messages; `brightest` is what the wall reads there; an error at held-out
-/// points above `limit_px` is refused [px of the wall].
+/// The map of a camera whose picture is `size`, of a wall like `surface`; `what` names the points in messages; `brightest` is what the wall reads there; an error at
+/// held-out points above `limit_px` is refused [px of the wall].
 ///
 /// # Errors
 /// Why there is no map.
 pub(super) fn fit(
     wall: &WallSize,
-    size: [u32; 2],
+    (size, surface): ([u32; 2], Surface),
     seen: &[Sighting],
     (hold_out, what): (HoldOut, &str),
     brightest: f64,
     limit_px: f64,
 ) -> Result<WallCamera, String> {
-    let why = |error: PlaneMapError| match error {
-        PlaneMapError::TooFew { count } => {
-            format!(
-                "it saw {count} {what}, expected at least {LEAST_POINTS}: does it look at the wall, and is the way free?"
-            )
-        }
-        PlaneMapError::OnALine { count, .. } => {
-            format!(
-                "it saw {count} {what} on one line, expected {what} all over its picture: most of its view is hidden, or beside the wall"
-            )
-        }
-        PlaneMapError::NoFit(why) => why,
-    };
-    let points = |keep: &dyn Fn(usize) -> bool| -> Vec<PlanePoint> {
-        seen.iter().filter(|it| keep(it.group)).map(|it| it.point).collect()
-    };
-    let map = PlaneMap::fit(size, &points(&|_| true)).map_err(why)?;
-    let turns = match hold_out {
-        HoldOut::Fourth => 1..2,
-        HoldOut::InTurn => 0..HELD_OUT,
-    };
-    let (mut squares, mut n) = (0.0, 0_usize);
-    for turn in turns {
-        let held = points(&|group| group % HELD_OUT == turn);
-        if held.is_empty() {
-            continue;
-        }
-        let partly = PlaneMap::fit(size, &points(&|group| group % HELD_OUT != turn))
-            .map_err(|error| format!("without the {what} that are held out: {}", why(error)))?;
-        squares += held.iter().map(|it| miss(&partly, it)).sum::<f64>();
-        n += held.len();
-    }
-    let held_out_px = (squares / n as f64).sqrt() / wall.pixel_m;
+    let fitted = Fitted { wall, size, surface, seen, hold_out, what };
+    let map = fitted.map(&|_| true)?;
+    let (held_out_px, n) = fitted.held_out_px()?;
     if held_out_px > limit_px || held_out_px.is_nan() {
-        return Err(format!(
-            "at {n} {what} that were held out it is off by {held_out_px:.2} px of the wall, expected at most {limit_px}: is the wall flat, and its size right?"
-        ));
+        let told = format!(
+            "at {n} {what} that were held out it is off by {held_out_px:.2} px of the wall, expected at most {limit_px}"
+        );
+        // Whether it bends is tried, not guessed.
+        let curved = Fitted { surface: Surface::Curved, ..fitted }.held_out_px().ok().map(|it| it.0);
+        return Err(match (surface, curved) {
+            (Surface::Flat, Some(px)) if px <= limit_px => {
+                format!("{told}: the wall bends; with `surface = \"curved\"` it is off by {px:.2} px")
+            }
+            (Surface::Flat, _) => format!("{told}: is the wall flat, and its size right?"),
+            (Surface::Curved, _) => {
+                format!("{told}: is its size right, does it bend without kinks, and are there {what} all over it?")
+            }
+        });
     }
     Ok(WallCamera { map, held_out_px: held_out_px.max(1e-6), brightest: brightest.max(1.0) })
+}
+
+/// What a map is fitted to.
+#[derive(Clone, Copy)]
+struct Fitted<'a> {
+    wall: &'a WallSize,
+    size: [u32; 2],
+    surface: Surface,
+    seen: &'a [Sighting],
+    hold_out: HoldOut,
+    what: &'a str,
+}
+
+impl Fitted<'_> {
+    /// The map by the points of the groups that `keep` takes.
+    fn map(&self, keep: &dyn Fn(usize) -> bool) -> Result<PlaneMap, String> {
+        let points = self.points(keep);
+        let map = match self.surface {
+            Surface::Flat => PlaneMap::fit(self.size, &points),
+            Surface::Curved => PlaneMap::fit_bent(self.size, &points, self.wall.size_m),
+        };
+        let what = self.what;
+        map.map_err(|error| match error {
+            PlaneMapError::TooFew { count, least } => {
+                format!(
+                    "it saw {count} {what}, expected at least {least}: does it look at the wall, and is the way free?"
+                )
+            }
+            PlaneMapError::OnALine { count, .. } => {
+                format!(
+                    "it saw {count} {what} on one line, expected {what} all over its picture: most of its view is hidden, or beside the wall"
+                )
+            }
+            PlaneMapError::NoFit(why) => why,
+        })
+    }
+
+    fn points(&self, keep: &dyn Fn(usize) -> bool) -> Vec<PlanePoint> {
+        self.seen.iter().filter(|it| keep(it.group)).map(|it| it.point).collect()
+    }
+
+    /// The error at points that were held out, root mean square [px of the wall], and how many there were. Where the wall bends, at those between others.
+    fn held_out_px(&self) -> Result<(f64, usize), String> {
+        let turns = match self.hold_out {
+            HoldOut::Fourth => 1..2,
+            HoldOut::InTurn => 0..HELD_OUT,
+        };
+        let (mut squares, mut n) = (0.0, 0_usize);
+        for turn in turns {
+            let mut held = self.points(&|group| group % HELD_OUT == turn);
+            if self.surface == Surface::Curved {
+                // How a wall bends beyond the outermost dots no dot tells: the map's covariance says so there.
+                let kept = self.points(&|group| group % HELD_OUT != turn);
+                held.retain(|it| is_among(&it.point, &kept));
+            }
+            if held.is_empty() {
+                continue;
+            }
+            let partly = self
+                .map(&|group| group % HELD_OUT != turn)
+                .map_err(|why| format!("without the {} that are held out: {why}", self.what))?;
+            squares += held.iter().map(|it| miss(&partly, it)).sum::<f64>();
+            n += held.len();
+        }
+        Ok(((squares / n as f64).sqrt() / self.wall.pixel_m, n))
+    }
+}
+
+/// Whether a point lies between others: they lie around it without a gap of half a turn.
+fn is_among(point: &Point2<f64>, others: &[PlanePoint]) -> bool {
+    let mut angles: Vec<f64> = others.iter().map(|it| it.point - point).map(|it| it.y.atan2(it.x)).collect();
+    angles.sort_by(f64::total_cmp);
+    let Some((first, last)) = angles.first().zip(angles.last()) else { return false };
+    let around = first + std::f64::consts::TAU - last;
+    angles.windows(2).map(|it| it[1] - it[0]).fold(around, f64::max) < std::f64::consts::PI
 }
 
 /// Square of the distance between where `map` has a point and where it is [m²].

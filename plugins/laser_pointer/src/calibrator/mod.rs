@@ -16,6 +16,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use boards::BoardSize;
+pub use fit::Surface;
 pub use held::HeldBoard;
 pub use shown::{CameraResult, Frame, Shown, ShownCalibration, ShownOptions, Spot, WallSize, calibrate};
 
@@ -52,6 +53,9 @@ pub struct CalibratorSettings {
     /// Displays along rows and columns [–]
     #[serde(default = "default_tiles")]
     pub tiles: [u32; 2],
+    /// What the wall is like: `flat`, or `curved` along an arc or in swells, which takes dots, at least 32 of them in each camera's picture [–]
+    #[serde(default)]
+    pub surface: Surface,
     /// So long after it was asked for a dot is certain to be seen, and the one before it to be gone; more than the display's latency and two of its pictures [ms]
     #[schemars(range(min = 0.0, max = 10000.0))]
     #[serde(default = "default_settle_ms")]
@@ -136,6 +140,10 @@ impl Node for Calibrator {
                 "found places of a board, expected `board` to say how many corners it has",
             ));
         }
+        if settings.surface == Surface::Curved && settings.board.is_some() {
+            let message = "found `curved` with a board, expected dots: which way round a board is seen is told by places on one plane";
+            return Err(ConfigError::at("surface", message));
+        }
         let mut shown = Vec::new();
         for held in &settings.held {
             shown.push(held.shown(settings.board.unwrap_or_default())?);
@@ -178,9 +186,9 @@ impl Node for Calibrator {
         for frames in &mut self.frames {
             frames.sort_by_key(|it| it.time);
         }
-        let CalibratorSettings { size_m, pixel_mm, tiles, settle_ms, limit_px, board, .. } = self.settings;
+        let CalibratorSettings { size_m, pixel_mm, tiles, settle_ms, limit_px, board, surface, .. } = self.settings;
         let wall = WallSize { size_m, pixel_m: pixel_mm * 1e-3, tiles };
-        let options = ShownOptions { board, settle: Interval::from_ms(settle_ms), limit_px };
+        let options = ShownOptions { board, settle: Interval::from_ms(settle_ms), surface, limit_px };
         let found = calibrate(&wall, &self.sizes, &self.shown, &self.frames, &options);
         self.tell(&found, report);
         let mut map = found.map(&wall, &self.names);

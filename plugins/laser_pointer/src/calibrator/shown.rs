@@ -13,7 +13,7 @@ use foveate::scene::{WallCamera, WallMap};
 use nalgebra::{Point2, Vector2};
 
 use super::boards::{BoardSize, SeenBoard, untangled};
-use super::fit::{HoldOut, Sighting, fit, stance};
+use super::fit::{HoldOut, Sighting, Surface, fit, stance};
 
 /// Frames of one dot may differ by so much and still be of one place [px].
 const SCATTER_PX: f64 = 1.0;
@@ -108,6 +108,8 @@ pub struct ShownOptions {
     pub board: Option<BoardSize>,
     /// How long after it was asked for a thing is certain to be seen, and the one before it certain to be gone.
     pub settle: Interval,
+    /// What the wall is like.
+    pub surface: Surface,
     /// Largest error at held-out points that is accepted [px of the wall].
     pub limit_px: f64,
 }
@@ -215,6 +217,7 @@ fn camera(wall: &WallSize, size: [u32; 2], shown: &[Shown], found: &Observed, op
                 let (pixel, sigma) = pixels[0];
                 Sighting { group, point: PlanePoint { point: shown[*number].points[0], pixel, sigma } }
             });
+            let size = (size, options.surface);
             fit(wall, size, &seen.collect::<Vec<_>>(), (HoldOut::Fourth, "dots"), brightest, options.limit_px)
         }
         Some(board) => {
@@ -230,6 +233,7 @@ fn camera(wall: &WallSize, size: [u32; 2], shown: &[Shown], found: &Observed, op
                     .enumerate()
                     .flat_map(|(group, points)| points.into_iter().map(move |point| Sighting { group, point }));
                 let seen: Vec<Sighting> = seen.collect();
+                let size = (size, options.surface);
                 fit(wall, size, &seen, (HoldOut::InTurn, "corners of boards"), brightest, options.limit_px)
             })
         }

@@ -24,6 +24,14 @@ fn cameras() -> Vec<Camera> {
 
 /// Dots, a tenth of a second each; frames at 60 Hz in which `sees` says whether a camera sees a dot.
 fn scene(sees: impl Fn(usize, &Point2<f64>) -> bool) -> (Vec<Shown>, Vec<Vec<Frame>>) {
+    scene_on(|it| Point3::new(it.x, it.y, 0.0), sees)
+}
+
+/// The same on a wall whose points are where `in_space` says.
+fn scene_on(
+    in_space: impl Fn(&Point2<f64>) -> Point3<f64>,
+    sees: impl Fn(usize, &Point2<f64>) -> bool,
+) -> (Vec<Shown>, Vec<Vec<Frame>>) {
     let places = (0..10).flat_map(|row| (0..20).map(move |column| (row, column)));
     let dots: Vec<Shown> = places
         .zip(0..)
@@ -40,10 +48,8 @@ fn scene(sees: impl Fn(usize, &Point2<f64>) -> bool) -> (Vec<Shown>, Vec<Vec<Fra
             let time_s = 0.003 + f64::from(frame) / 60.0;
             // Shown 30 ms late.
             let dot = dots.get(((time_s - 0.03) * 10.0).floor().max(0.0) as usize);
-            let pixel = dot
-                .map(|it| it.points[0])
-                .filter(|it| sees(number, it))
-                .and_then(|it| camera.sees(&Point3::new(it.x, it.y, 0.0)));
+            let pixel =
+                dot.map(|it| it.points[0]).filter(|it| sees(number, it)).and_then(|it| camera.sees(&in_space(&it)));
             let spots = pixel.map(|it| Spot {
                 pixel: it + Vector2::new(random.normal(), random.normal()) * 0.03,
                 variance: 9e-4,
@@ -59,7 +65,7 @@ fn scene(sees: impl Fn(usize, &Point2<f64>) -> bool) -> (Vec<Shown>, Vec<Vec<Fra
 }
 
 fn options(settle_ms: f64) -> ShownOptions {
-    ShownOptions { board: None, settle: Interval::from_ms(settle_ms), limit_px: 1.0 }
+    ShownOptions { board: None, settle: Interval::from_ms(settle_ms), surface: Surface::Flat, limit_px: 1.0 }
 }
 
 fn calibrated(sees: impl Fn(usize, &Point2<f64>) -> bool) -> ShownCalibration {
@@ -123,6 +129,44 @@ fn wall_that_is_not_flat_has_an_error_that_is_told() {
     assert!(why.contains("held out") && why.contains("flat"), "{why}");
 }
 
+/// Along an arc of three metres about the wall's middle, its ends nearer to the cameras.
+fn bent(point: &Point2<f64>) -> Point3<f64> {
+    let angle = (point.x - 1.2) / 3.0;
+    Point3::new(1.2 + 3.0 * angle.sin(), point.y, -3.0 * (1.0 - angle.cos()))
+}
+
+#[test]
+fn wall_that_bends_is_told_by_the_setting_to_add_and_mapped_with_it() {
+    let (dots, frames) = scene_on(bent, |_, _| true);
+    let of = |surface| {
+        let options = ShownOptions { surface, ..options(50.0) };
+        calibrate(&wall(), &[SIZE; 2], &dots, &frames, &options)
+    };
+    let flat = of(Surface::Flat);
+    let why = flat.cameras[0].map.as_ref().err().unwrap();
+    assert!(why.contains("the wall bends; with `surface = \"curved\"` it is off by 0."), "{why}");
+    let curved = of(Surface::Curved);
+    for (camera, result) in cameras().iter().zip(&curved.cameras) {
+        let map = result.map.as_ref().unwrap();
+        assert!(map.held_out_px < 0.6, "{}", map.held_out_px);
+        for step in 0..60 {
+            let point = Point2::new(0.06 + 0.038 * f64::from(step), 0.2 + 0.013 * f64::from(step));
+            let Some(pixel) = camera.sees(&bent(&point)) else { continue };
+            let off = (map.map.point(&pixel).unwrap() - point).norm() / 8e-4;
+            assert!(off < 1.0, "{off} px of the wall at {pixel}");
+        }
+    }
+}
+
+#[test]
+fn wall_that_bends_is_refused_where_its_dots_are_few() {
+    let (dots, frames) = scene_on(bent, |_, point| (point.x - 0.6).abs() < 0.3 && (point.y - 0.5).abs() < 0.2);
+    let options = ShownOptions { surface: Surface::Curved, ..options(50.0) };
+    let found = calibrate(&wall(), &[SIZE; 2], &dots, &frames, &options);
+    let why = found.cameras[0].map.as_ref().err().unwrap();
+    assert!(why.contains("expected at least 24"), "{why}");
+}
+
 #[test]
 fn settings_are_read_and_written() {
     foveate_testkit::check_node::<Calibrator>("size_m = [4.0, 1.5]\npixel_mm = 0.8");
@@ -131,6 +175,7 @@ fn settings_are_read_and_written() {
             size_m,
             pixel_mm: 0.8,
             tiles: default_tiles(),
+            surface: Surface::Flat,
             settle_ms: default_settle_ms(),
             limit_px: default_limit_px(),
             board: None,
@@ -142,6 +187,9 @@ fn settings_are_read_and_written() {
     };
     assert_eq!(refused([0.0, 1.0]).as_deref(), Some("size_m"));
     assert_eq!(refused([4.0, 1.0]), None);
+    let settings = serde_json::json!({"size_m": [4.0, 1.5], "pixel_mm": 0.8, "surface": "curved", "board": [7, 4]});
+    let why = Calibrator::new(serde_json::from_value(settings).unwrap(), &Setup::for_tests()).err().unwrap();
+    assert_eq!((why.setting.as_deref(), why.message.contains("expected dots")), (Some("surface"), true), "{why}");
 }
 
 /// A board of 7 x 4 inner corners at places in three rows, in the pictures of the first camera before a wall that is mirrored about (0.64, 0.6) where a sign is −1;
