@@ -425,8 +425,8 @@ impl Decoder {
             let is_open = |(at, it): (usize, &f32)| it.is_nan() && too_fine.at(at % width, at / width) == level;
             let open = all.values.each_ref().map(|it| it.iter().enumerate().map(is_open).collect::<Vec<bool>>());
             let found = self.of_bits(&coarse, &views, noise, open.each_ref().map(|it| Some(it.as_slice())))?;
-            for axis in 0..2 {
-                for at in (0..open[axis].len()).filter(|it| open[axis][*it]) {
+            for (axis, open) in open.iter().enumerate() {
+                for at in (0..open.len()).filter(|it| open[*it]) {
                     all.values[axis][at] = found.values[axis][at];
                     all.sigmas[axis][at] = found.sigmas[axis][at];
                 }

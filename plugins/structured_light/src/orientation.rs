@@ -48,10 +48,8 @@ pub(crate) fn likely_change(
     let share = |of_camera: [bool; 2], of_projector: [bool; 2]| {
         let fits = |&&(x, y): &&(usize, usize)| {
             let mut sample = map.get(x, y);
-            for axis in 0..2 {
-                let at = f64::from(sample.coordinate[axis]);
-                sample.coordinate[axis] = flipped(of_projector[axis], at, map.projector_size[axis]) as f32;
-            }
+            sample.coordinate = [0, 1]
+                .map(|it| flipped(of_projector[it], f64::from(sample.coordinate[it]), map.projector_size[it]) as f32);
             let pixel =
                 Point2::new(flipped(of_camera[0], x as f64, map.width), flipped(of_camera[1], y as f64, map.height));
             triangulate(camera, projector, &pixel, &sample).is_some_and(|it| it.misfit <= max_misfit)

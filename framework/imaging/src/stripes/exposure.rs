@@ -139,13 +139,13 @@ pub(super) fn evened(pixels: &[u8], factor: f64) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::scene::wall;
+    use super::super::scene::{wall_code, wall_set};
     use super::*;
 
     /// What is found of a wall's pictures some of which are darker or brighter.
     fn found(factors: &[(usize, f64)], seed: u64) -> Vec<(usize, f64)> {
-        let code = StripeCode::gray([160, 120]);
-        let mut pictures = wall(seed).pictures(&code);
+        let code = wall_code();
+        let mut pictures = wall_set(seed);
         for (picture, factor) in factors {
             pictures[*picture].iter_mut().for_each(|it| *it = (f64::from(*it) * factor).round().min(255.0) as u8);
         }

@@ -1,6 +1,9 @@
 //! Pictures of a scene for tests, by another model than that of what is tested: light is integrated over each camera pixel on a surface with
 //! texture, the projector has a gamma and is out of focus, the camera has noise and eight bits.
 
+use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
+
 use foveate_estimation::random::Random;
 
 use super::code::StripeCode;
@@ -49,6 +52,18 @@ pub(super) fn wall(seed: u64) -> Scene {
         gamma: 1.0,
         seed,
     }
+}
+
+/// The Gray code of most tests, of a small projector.
+pub(super) fn wall_code() -> StripeCode {
+    StripeCode::gray([160, 120])
+}
+
+/// All pictures of [`wall`] for it; they are rendered once for all tests.
+pub(super) fn wall_set(seed: u64) -> Vec<Vec<u8>> {
+    static SETS: Mutex<BTreeMap<u64, Vec<Vec<u8>>>> = Mutex::new(BTreeMap::new());
+    let mut sets = SETS.lock().unwrap_or_else(PoisonError::into_inner);
+    sets.entry(seed).or_insert_with(|| wall(seed).pictures(&wall_code())).clone()
 }
 
 impl Scene {

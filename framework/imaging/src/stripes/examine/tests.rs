@@ -1,14 +1,10 @@
 //! What `examine` promises, tried.
 
 use super::super::code::{Group, Inverse};
-use super::super::scene::{Scene, wall};
+use super::super::scene::{Scene, wall, wall_code, wall_set};
 use super::*;
 
 const MIN_CONTRAST: u8 = 12;
-
-fn code() -> StripeCode {
-    StripeCode::gray([160, 120])
-}
 
 fn examined(code: &StripeCode, pictures: &[Vec<u8>]) -> Examination {
     let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
@@ -19,16 +15,16 @@ fn examined(code: &StripeCode, pictures: &[Vec<u8>]) -> Examination {
 #[track_caller]
 fn check(change: impl Fn(&mut Vec<Vec<u8>>), expected: &[&str], usable: &[Axis]) {
     for seed in 1..=3 {
-        let mut pictures = wall(seed).pictures(&code());
+        let mut pictures = wall_set(seed);
         change(&mut pictures);
-        let found = examined(&code(), &pictures);
+        let found = examined(&wall_code(), &pictures);
         let words: Vec<String> =
-            found.faults.iter().map(|it| it.describe(&code(), &|at| format!("`{at}.png`"))).collect();
+            found.faults.iter().map(|it| it.describe(&wall_code(), &|at| format!("`{at}.png`"))).collect();
         assert_eq!(words.len(), expected.len(), "seed {seed}: {words:#?}");
         for (words, expected) in words.iter().zip(expected) {
             assert!(words.contains(expected), "seed {seed}: {words} lacks {expected}");
         }
-        assert_eq!(found.usable(&code()), usable, "seed {seed}: {words:?}");
+        assert_eq!(found.usable(&wall_code()), usable, "seed {seed}: {words:?}");
     }
 }
 
@@ -37,12 +33,12 @@ fn good_sets_are_good() {
     check(|_| (), &[], &Axis::BOTH);
     for inverse in [Inverse::Before, Inverse::Apart, Inverse::None] {
         let order = vec![Group::Black, Group::White, Group::Stripes(Axis::Rows), Group::Stripes(Axis::Columns)];
-        let code = StripeCode { inverse, order, fine_first: true, ..code() }.with_bits([None, None], true);
+        let code = StripeCode { inverse, order, fine_first: true, ..wall_code() }.with_bits([None, None], true);
         let found = examined(&code, &wall(1).pictures(&code));
         assert_eq!(found.faults, [], "{inverse:?}");
     }
     let glossy = Scene { gamma: 2.2, global: |_, _| 0.2, defocus: 0.7, ..wall(2) };
-    assert_eq!(examined(&code(), &glossy.pictures(&code())).faults, []);
+    assert_eq!(examined(&wall_code(), &glossy.pictures(&wall_code())).faults, []);
 }
 
 #[test]
@@ -63,12 +59,12 @@ fn a_missing_picture_is_named_and_worked_out_from_the_others() {
 #[test]
 fn every_missing_picture_is_named() {
     for seed in 1..=1 {
-        let all = wall(seed).pictures(&code());
+        let all = wall_set(seed);
         for missing in 0..32 {
             let mut pictures = all.clone();
             pictures.remove(missing);
-            let faults = examined(&code(), &pictures).faults;
-            let shown = code().pictures()[missing];
+            let faults = examined(&wall_code(), &pictures).faults;
+            let shown = wall_code().pictures()[missing];
             // Nothing tells the coarsest bit from its inverse.
             let is_it = |it: &SetFault| match it {
                 SetFault::Missing { shown: it, or_inverse, .. } => {
@@ -147,11 +143,11 @@ fn exposures_that_differ_are_evened_out_and_name_no_other_picture() {
         &Axis::BOTH,
     );
     // What is decoded is what would have been.
-    let right = wall(2).pictures(&code());
+    let right = wall_set(2);
     let mut pictures = right.clone();
     darker(&mut pictures, 13, 0.7);
     let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
-    let prepared = examined(&code(), &pictures).prepared(&code(), &views);
+    let prepared = examined(&wall_code(), &pictures).prepared(&wall_code(), &views);
     let off = prepared.pictures[13].iter().zip(&right[13]).map(|(a, b)| a.abs_diff(*b));
     assert!(off.max() < Some(6), "the evened picture");
 }
@@ -179,7 +175,7 @@ fn moved_wall(seed: u64) -> Vec<Vec<u8>> {
         shadow: |x, _| (60.0..=66.0).contains(&x),
         ..wall(seed)
     };
-    moved.pictures(&code())
+    moved.pictures(&wall_code())
 }
 
 #[test]
@@ -209,7 +205,7 @@ fn one_picture_of_another_scene_is_named_and_worked_out() {
 fn pictures_for_a_projector_of_another_size_are_told() {
     // One bit more, or one less, than the pictures have.
     for projector in [[300, 120], [160, 60], [300, 60]] {
-        let found = examined(&StripeCode::gray(projector), &wall(1).pictures(&code()));
+        let found = examined(&StripeCode::gray(projector), &wall_set(1));
         assert_eq!(found.faults, [SetFault::OtherSize { bits: [8, 7], found: 30 + 2 }], "{projector:?}");
         assert!(found.usable(&StripeCode::gray(projector)).is_empty());
     }
@@ -263,7 +259,7 @@ fn a_dropped_frame_is_named_and_pictures_are_known_where_they_stand() {
 fn noise_is_no_fault() {
     for seed in 1..=3 {
         let noisy = Scene { noise: 8.0, ..wall(seed) };
-        let found = examined(&code(), &noisy.pictures(&code()));
+        let found = examined(&wall_code(), &noisy.pictures(&wall_code()));
         assert_eq!(found.faults, [], "seed {seed}");
         assert!((6.0..9.5).contains(&found.noise), "{}", found.noise);
     }
@@ -273,14 +269,14 @@ fn noise_is_no_fault() {
 fn pictures_that_could_not_be_read_accuse_no_other() {
     let bit = Shown::Bit { axis: Axis::Columns, plane: 2, inverse: true };
     for (absent, worked_out) in [(5, vec![bit]), (30, Vec::new())] {
-        let mut pictures = wall(1).pictures(&code());
+        let mut pictures = wall_set(1);
         pictures[absent].fill(0);
         let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
-        let found = examine(&code(), &views, &[absent], MIN_CONTRAST);
-        let shown = code().pictures()[absent];
+        let found = examine(&wall_code(), &views, &[absent], MIN_CONTRAST);
+        let shown = wall_code().pictures()[absent];
         assert_eq!(found.faults, [SetFault::Unreadable { picture: absent, shown }]);
-        assert_eq!(found.usable(&code()), Axis::BOTH);
-        let prepared = found.prepared(&code(), &views);
+        assert_eq!(found.usable(&wall_code()), Axis::BOTH);
+        let prepared = found.prepared(&wall_code(), &views);
         assert_eq!(prepared.code.pictures().len(), prepared.pictures.len());
         assert_eq!(prepared.worked_out, worked_out);
     }
@@ -289,9 +285,9 @@ fn pictures_that_could_not_be_read_accuse_no_other() {
 #[test]
 fn white_and_black_exchanged_are_told() {
     check(|it| it.swap(30, 31), &["`30.png` is darker than `31.png`"], &Axis::BOTH);
-    let mut pictures = wall(1).pictures(&code());
+    let mut pictures = wall_set(1);
     pictures.swap(30, 31);
-    let found = examined(&code(), &pictures);
+    let found = examined(&wall_code(), &pictures);
     assert_eq!([30, 31].map(|it| found.picture_at(it)), [Some(31), Some(30)]);
 }
 
@@ -300,14 +296,14 @@ fn white_of_another_scene_is_left_out_where_inverse_pictures_tell_what_is_lit() 
     let spoil = |it: &mut Vec<u8>| it.chunks_exact_mut(160).for_each(|row| row[..100].fill(10));
     let other = |it: &mut Vec<Vec<u8>>| spoil(&mut it[30]);
     check(other, &["`30.png` is not the brightest picture in"], &Axis::BOTH);
-    let mut pictures = wall(1).pictures(&code());
+    let mut pictures = wall_set(1);
     other(&mut pictures);
-    let found = examined(&code(), &pictures);
+    let found = examined(&wall_code(), &pictures);
     let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
-    let prepared = found.prepared(&code(), &views);
+    let prepared = found.prepared(&wall_code(), &views);
     assert_eq!((prepared.code.place(Shown::White), prepared.pictures.len()), (None, 31));
     // Without inverse pictures nothing else says what is lit.
-    let alone = StripeCode { inverse: Inverse::None, ..code() };
+    let alone = StripeCode { inverse: Inverse::None, ..wall_code() };
     let mut pictures = wall(1).pictures(&alone);
     let white = alone.place(Shown::White).unwrap();
     spoil(&mut pictures[white]);
@@ -320,11 +316,11 @@ fn sets_that_end_in_the_middle_or_have_columns_alone_keep_their_columns() {
     let half: &dyn Fn(&mut Vec<Vec<u8>>) = &|it| it.truncate(17);
     let columns: &dyn Fn(&mut Vec<Vec<u8>>) = &|it| drop(it.drain(16..30));
     for (change, n, is_whole) in [(half, 17, false), (columns, 18, true)] {
-        let mut pictures = wall(1).pictures(&code());
+        let mut pictures = wall_set(1);
         change(&mut pictures);
-        let found = examined(&code(), &pictures);
+        let found = examined(&wall_code(), &pictures);
         let words: Vec<String> =
-            found.faults.iter().map(|it| it.describe(&code(), &|at| format!("`{at}.png`"))).collect();
+            found.faults.iter().map(|it| it.describe(&wall_code(), &|at| format!("`{at}.png`"))).collect();
         let said = words.join("; ");
         assert!(said.contains(&format!("found {n} pictures")), "{said}");
         assert!(said.contains("no picture shows all stripes of the rows, of which there should be 14"), "{said}");
@@ -334,32 +330,33 @@ fn sets_that_end_in_the_middle_or_have_columns_alone_keep_their_columns() {
             [!is_whole; 2],
             "{said}"
         );
-        assert_eq!((found.usable(&code()), words.len() == 2), (vec![Axis::Columns], is_whole), "{said}");
+        assert_eq!((found.usable(&wall_code()), words.len() == 2), (vec![Axis::Columns], is_whole), "{said}");
     }
 }
 
 #[test]
 fn a_set_without_inverse_pictures_is_told_the_setting_that_it_needs() {
-    let alone = StripeCode { inverse: Inverse::None, ..code() };
-    let found = examined(&code(), &wall(1).pictures(&alone));
+    let alone = StripeCode { inverse: Inverse::None, ..wall_code() };
+    let found = examined(&wall_code(), &wall(1).pictures(&alone));
     let [fault @ SetFault::OtherOrder { .. }] = &found.faults[..] else { panic!("{:?}", found.faults) };
-    assert!(fault.describe(&code(), &|_| String::new()).contains("inverse = \"none\""), "{fault:?}");
+    assert!(fault.describe(&wall_code(), &|_| String::new()).contains("inverse = \"none\""), "{fault:?}");
 }
 
 #[test]
 fn a_picture_of_another_size_is_named() {
-    let pictures = wall(1).pictures(&code());
+    let pictures = wall_set(1);
     let mut views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
     views[3] = ImageView::new(&pictures[3], 120, 160).unwrap();
-    let found = examine(&code(), &views, &[], MIN_CONTRAST);
+    let found = examine(&wall_code(), &views, &[], MIN_CONTRAST);
     assert_eq!(found.faults, [SetFault::Size { picture: 3, found: (120, 160), expected: (160, 120) }]);
 }
 
 #[test]
 fn dark_and_bright_scenes_are_told() {
     let faults = |scene: Scene| {
-        let found = examined(&code(), &scene.pictures(&code()));
-        let words: Vec<String> = found.faults.iter().map(|it| it.describe(&code(), &|at| at.to_string())).collect();
+        let found = examined(&wall_code(), &scene.pictures(&wall_code()));
+        let words: Vec<String> =
+            found.faults.iter().map(|it| it.describe(&wall_code(), &|at| at.to_string())).collect();
         words.join("; ")
     };
     assert!(faults(Scene { gain: 3.0, ..wall(1) }).contains("too dark"));
@@ -370,7 +367,7 @@ fn dark_and_bright_scenes_are_told() {
 #[test]
 fn rows_taken_for_columns_are_told() {
     // 160 columns need eight bits and 120 rows seven; with eight bits each, 160 columns do not fit 120 rows.
-    let right = code().with_bits([Some(8), Some(8)], false);
+    let right = wall_code().with_bits([Some(8), Some(8)], false);
     let order = vec![Group::Stripes(Axis::Rows), Group::Stripes(Axis::Columns), Group::White, Group::Black];
     let wrong = StripeCode { order, projector: [160, 60], ..right.clone() }.with_bits([Some(8), Some(8)], false);
     let found = examined(&wrong, &wall(1).pictures(&right));
