@@ -82,6 +82,7 @@ fn bench(name: &str, mode: Mode) -> Option<NodeBench<Uinput>> {
 fn pointer(id: u32, x: f64, y: f64, is_pressed: bool) -> Pointer {
     Pointer {
         id: TargetId(id),
+        user: None,
         position: Point2::origin(),
         velocity: Vector2::zeros(),
         predicted: Point2::new(x, y),
@@ -94,7 +95,7 @@ fn pointer(id: u32, x: f64, y: f64, is_pressed: bool) -> Pointer {
 
 fn feed(bench: &mut NodeBench<Uinput>, ms: f64, list: Vec<Pointer>) {
     let time = Time::ZERO + Interval::from_ms(ms);
-    bench.feed(&POINTERS, time, Pointers { time, shown_at: time, list, events: Vec::new() }).unwrap();
+    bench.feed(&POINTERS, time, Pointers { time, shown_at: time, list, ..Pointers::default() }).unwrap();
 }
 
 #[test]

@@ -173,6 +173,7 @@ fn the_desktop_has_no_gaps_and_no_more_units_than_old_drivers_count() {
 fn pointer(id: u32, x: f64) -> Pointer {
     Pointer {
         id: TargetId(id),
+        user: None,
         position: Point2::new(0.0, 0.0),
         velocity: Vector2::zeros(),
         predicted: Point2::new(x, 0.0),
@@ -185,7 +186,7 @@ fn pointer(id: u32, x: f64) -> Pointer {
 
 fn feed(bench: &mut NodeBench<Uinput>, ms: f64, list: Vec<Pointer>) {
     let time = Time::ZERO + Interval::from_ms(ms);
-    bench.feed(&POINTERS, time, Pointers { time, shown_at: time, list, events: Vec::new() }).unwrap();
+    bench.feed(&POINTERS, time, Pointers { time, shown_at: time, list, ..Pointers::default() }).unwrap();
 }
 
 #[test]
