@@ -106,7 +106,7 @@ pub(super) fn identify(code: &StripeCode, samples: &Samples, homes: &[Option<Vec
         }
     }
     let classes = in_classes(samples, &striped, homes);
-    let relations = Relations::of(&classes, &samples.neighbours);
+    let relations = Relations::of(&classes, samples);
     for axis in Axis::BOTH {
         let n_planes = if code.has(axis) { code.bits[axis.index()] as usize } else { 0 };
         let planes = relations.planes(&classes, axis, n_planes);
@@ -230,15 +230,21 @@ struct Relations {
 }
 
 impl Relations {
-    fn of(classes: &[Class], neighbours: &[[u32; 2]]) -> Relations {
+    fn of(classes: &[Class], samples: &Samples) -> Relations {
         let n = classes.len();
         let mut counts = vec![vec![[0_usize; 2]; n]; n];
         let mut changes = vec![0; n];
         let mut changed: Vec<usize> = Vec::new();
-        for [a, b] in neighbours {
+        // Of the pixels to one side of a pixel the nearest one that differs: beyond it fine stripes have changed again.
+        let mut last = None;
+        for ([a, b], is_down) in samples.neighbours.iter().zip(&samples.is_down) {
+            if last == Some((a, is_down)) {
+                continue;
+            }
             let pair = |it: usize| [classes[it].signs[*a as usize], classes[it].signs[*b as usize]];
             changed.clear();
             changed.extend((0..n).filter(|it| pair(*it)[0] * pair(*it)[1] < 0));
+            last = (!changed.is_empty()).then_some((a, is_down));
             // More at once than one bit of each axis: the edge of a surface.
             if !(1..=2).contains(&changed.len()) {
                 continue;
@@ -297,12 +303,18 @@ impl Relations {
         };
         let mut list: Vec<usize> = (0..classes.len()).filter(is_of_axis).collect();
         let of_axis = list.clone();
+        // From -1, coarser than all others that say something, to 1.
         let rank = |class: usize| {
-            let before = |a: usize, b: usize| i64::from(self.comes_before(classes, axis, a, b));
-            let one = |other: &usize| before(*other, class) - before(class, *other);
-            of_axis.iter().map(one).sum::<i64>()
+            let before = |a: usize, b: usize| f64::from(u8::from(self.comes_before(classes, axis, a, b)));
+            let votes = of_axis.iter().map(|it| before(*it, class) - before(class, *it));
+            let (sum, n) = votes.fold((0.0, 0.0_f64), |(sum, n), it| (sum + it, n + it.abs()));
+            sum / n.max(1.0)
         };
-        list.sort_by_key(|it| (rank(*it), home(&classes[*it], axis)));
+        let keys = |it: usize| (rank(it), self.changes[it], home(&classes[it], axis));
+        list.sort_by(|a, b| {
+            let (a, b) = (keys(*a), keys(*b));
+            a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2)))
+        });
         if list.len() > n_planes {
             return Vec::new();
         }

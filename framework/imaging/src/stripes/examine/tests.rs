@@ -343,6 +343,40 @@ fn a_set_without_inverse_pictures_is_told_the_setting_that_it_needs() {
 }
 
 #[test]
+fn stripes_as_fine_as_two_pixels_are_put_in_order() {
+    let code = StripeCode::gray([256, 192]);
+    for seed in 1..=3 {
+        // Runs of the finest bit are two pixels of the camera wide.
+        let fine =
+            Scene { projector: |x, y| [30.0 + 0.95 * x + 0.03 * y, 20.0 + 0.97 * y], defocus: 0.3, ..wall(seed) };
+        let fine = Scene { size: [200, 150], ..fine };
+        let mut pictures = fine.pictures(&code);
+        let examined = |pictures: &[Vec<u8>]| {
+            let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 200, 150).unwrap()).collect();
+            examine(&code, &views, &[], MIN_CONTRAST)
+        };
+        assert_eq!(examined(&pictures).faults, [], "seed {seed}");
+        let n = pictures.len();
+        pictures.rotate_right(2);
+        let found = examined(&pictures);
+        let [fault @ SetFault::OtherOrder { .. }] = &found.faults[..] else {
+            panic!("seed {seed}: {:?}", found.faults)
+        };
+        assert!(
+            fault.describe(&code, &|_| String::new()).contains("order = \"white black columns rows\""),
+            "{fault:?}"
+        );
+        // Back in order, but for two bits.
+        pictures.rotate_left(2);
+        pictures.swap(4, 10);
+        let found = examined(&pictures);
+        let [SetFault::Exchanged { pictures: [4, 10], .. }] = found.faults[..] else {
+            panic!("seed {seed}, {n} pictures: {:?}", found.faults)
+        };
+    }
+}
+
+#[test]
 fn a_picture_of_another_size_is_named() {
     let pictures = wall_set(1);
     let mut views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
