@@ -341,6 +341,13 @@ fn look(
         found.faults.push(SetFault::OtherSize { bits, found: n });
         return (found, lit);
     }
+    let is_beyond = |it: &SetFault| matches!(it, SetFault::OutOfRange { .. });
+    if faults.iter().any(is_beyond)
+        && let Some(other) = explain::with_axes_exchanged(code, &all.signs())
+    {
+        found.faults.push(SetFault::OtherOrder { code: Box::new(other) });
+        return (found, lit);
+    }
     match explain::explain(code, pictures.len(), &all.skipped, &all.signs()) {
         Some(explained) => found.take(explained, &all.skipped),
         None => {

@@ -108,7 +108,12 @@ pub(super) fn one_axis(
     if !Axis::BOTH.into_iter().all(|it| code.has(it)) {
         return None;
     }
-    Axis::BOTH.into_iter().find_map(|lacking| {
+    // Where both axes have as many bits, what stripes look like says which one it is.
+    let lacking = match samples.along(0..n_pictures) > 0.5 {
+        true => [Axis::Rows, Axis::Columns],
+        false => [Axis::Columns, Axis::Rows],
+    };
+    lacking.into_iter().find_map(|lacking| {
         let is_kept = |it: &&Group| **it != Group::Stripes(lacking);
         let rest = StripeCode { order: code.order.iter().filter(is_kept).copied().collect(), ..code.clone() };
         let found = explained(&rest, n_pictures, skipped, samples)?;
@@ -127,6 +132,19 @@ pub(super) fn one_axis(
         let faults = std::iter::once(SetFault::NoAxis { axis: lacking, pictures }).chain(found.faults).collect();
         Some(Explained { faults, places, unsure: found.unsure })
     })
+}
+
+/// The code with its columns where its rows stand, where the pictures of these look like that: columns that change from row to row.
+pub(super) fn with_axes_exchanged(code: &StripeCode, samples: &Samples) -> Option<StripeCode> {
+    let roles = code.pictures();
+    let along =
+        |axis: Axis| samples.along((0..roles.len()).filter(|it| bit_of(&roles[*it]).is_some_and(|it| it.0 == axis)));
+    let is_exchanged = code.bits[0] == code.bits[1] && along(Axis::Columns) < 0.5 && along(Axis::Rows) > 0.5;
+    let other = |it: &Group| match it {
+        Group::Stripes(axis) => Group::Stripes(Axis::BOTH[1 - axis.index()]),
+        other => *other,
+    };
+    is_exchanged.then(|| StripeCode { order: code.order.iter().map(other).collect(), ..code.clone() })
 }
 
 /// A code without inverse pictures, or with them, that fits these pictures; `None` where there is none.
@@ -406,15 +424,7 @@ impl Seens<'_> {
                 Seen::Plane(of, _) => of == axis,
                 Seen::Lit | Seen::Dark | Seen::Stripes | Seen::Unknown => false,
             };
-            let (mut along, mut down) = (0_usize, 0_usize);
-            for picture in (0..self.seen.len()).filter(is_of_axis) {
-                let signs = &self.samples.signs[picture];
-                for ([a, b], is_down) in self.samples.neighbours.iter().zip(&self.samples.is_down) {
-                    let is_changed = signs[*a as usize] * signs[*b as usize] < 0;
-                    *if *is_down { &mut down } else { &mut along } += usize::from(is_changed);
-                }
-            }
-            along as f64 / (along + down).max(1) as f64
+            self.samples.along((0..self.seen.len()).filter(is_of_axis))
         };
         changes(Axis::Columns) < changes(Axis::Rows)
     }

@@ -61,6 +61,20 @@ pub(super) struct Samples {
     pub(super) is_down: Vec<bool>,
 }
 
+impl Samples {
+    /// Of the changes that pictures show, the part that is seen along rows rather than down columns [–].
+    pub(super) fn along(&self, pictures: impl Iterator<Item = usize>) -> f64 {
+        let (mut along, mut down) = (0_usize, 0_usize);
+        for signs in pictures.map(|it| &self.signs[it]) {
+            for ([a, b], is_down) in self.neighbours.iter().zip(&self.is_down) {
+                let is_changed = signs[*a as usize] * signs[*b as usize] < 0;
+                *if *is_down { &mut down } else { &mut along } += usize::from(is_changed);
+            }
+        }
+        along as f64 / (along + down).max(1) as f64
+    }
+}
+
 /// One bit, as some pictures show it.
 struct Class {
     /// Each with whether it shows the inverse of the first.
