@@ -79,7 +79,11 @@ impl WallMap {
             let wall = reader.required_table(root, "wall", whole.clone()).and_then(|(table, at)| {
                 reader.refuse_unknown(table, "key of wall", &WALL_KEYS);
                 let size = reader.numbers::<2>(table, "size_m", at.clone());
-                let pixel = reader.positive(table, "pixel_m", at);
+                let pixel = reader.positive(table, "pixel_m", at.clone());
+                if size.is_some_and(|it| it.iter().any(|side| *side <= 0.0)) {
+                    let at = table.get("size_m").map_or(at, |it| it.span());
+                    reader.report(at, "size_m has a side of 0 or less".into(), "two numbers above 0".into());
+                }
                 Some((size?, pixel?))
             });
             let mut cameras = BTreeMap::new();

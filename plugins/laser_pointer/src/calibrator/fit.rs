@@ -56,6 +56,11 @@ pub(super) fn fit(
     let fitted = Fitted { wall, size, surface, seen, hold_out, what };
     let map = fitted.map(&|_| true)?;
     let (held_out_px, n) = fitted.held_out_px()?;
+    if n == 0 {
+        return Err(format!(
+            "none of the {what} that it saw could be held out: they are too few, expected them all over its picture"
+        ));
+    }
     if held_out_px > limit_px || held_out_px.is_nan() {
         let told = format!(
             "at {n} {what} that were held out it is off by {held_out_px:.2} px of the wall, expected at most {limit_px}"

@@ -8,11 +8,15 @@ mod settings;
 mod tests;
 mod users;
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use foveate::prelude::*;
 use foveate::scene::WallMap;
 
 pub use pointers::{Pointers, Tally};
 pub use settings::{TrackerSettings, UserCode};
+
+use crate::wall::Wall;
 
 ports! {
     FEATURES: In<Features> = each("features").many();
@@ -37,12 +41,20 @@ figures! {
     "pointers.codes_shared": count, low, "Pointers that had the code of a user who had another pointer at the same time: they got no user";
 }
 
+/// Wall and working volume may differ by this part of the wall's sides [–].
+const OTHER_SIZE: f64 = 0.03;
+
 /// Spots of each camera in, at its own times; after each frame all pointers leave at the frame's time: in metres on the wall, x to the right and y down from its top left
 /// corner, z = 0. An identity lasts from press to release. Pointers that this frame's camera did not see are predicted. Where users have codes, whose the pointers are
 /// (`users`) leaves before them.
 pub struct Tracker {
     pointers: Pointers,
     names: Vec<String>,
+    /// Cameras of the rig that the map does not have.
+    unmapped: BTreeSet<String>,
+    /// Spots of those that gave some.
+    seen_unmapped: BTreeMap<String, u64>,
+    remarks: Vec<String>,
     pool: Pool<Targets>,
 }
 
@@ -91,11 +103,31 @@ impl Node for Tracker {
             );
             return Err(ConfigError::at("map", message));
         }
-        Ok(Self { pointers: Pointers::new(settings, &map, &names), names, pool: Pool::default() })
+        let mut remarks = Vec::new();
+        let of_volume = Wall::of(setup).ok().map(|it| [it.size.x, it.size.y]);
+        if let Some(volume) =
+            of_volume.filter(|it| (0..2).any(|axis| (it[axis] / map.size_m[axis] - 1.0).abs() > OTHER_SIZE))
+        {
+            remarks.push(format!(
+                "{}: the wall is {} m by {} m, and `volume_m` of the scale says {} m by {} m: what is sent as parts of the wall (TUIO) is stretched, expected the same size",
+                path.display(),
+                map.size_m[0],
+                map.size_m[1],
+                volume[0],
+                volume[1]
+            ));
+        }
+        let unmapped = names.iter().filter(|it| !map.cameras.contains_key(*it)).cloned().collect();
+        let pointers = Pointers::new(settings, &map, &names);
+        Ok(Self { pointers, names, unmapped, seen_unmapped: BTreeMap::new(), remarks, pool: Pool::default() })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         while let Some(features) = io.take(&FEATURES) {
+            let name = self.names.get(usize::from(features.value.camera.0));
+            if let Some(name) = name.filter(|it| self.unmapped.contains(*it)) {
+                *self.seen_unmapped.entry(name.clone()).or_insert(0_u64) += features.value.list.len() as u64;
+            }
             let mut targets = self.pool.take(Targets::default);
             if self.pointers.take_in(features.time(), &features.value, &mut targets) {
                 if let Some(users) = self.pointers.users(features.time()) {
@@ -109,6 +141,12 @@ impl Node for Tracker {
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         let Tally { spots, dim, large, beside, late, begun, dropped, bezels } = self.pointers.tally();
+        for (name, spots) in &self.seen_unmapped {
+            report.remark(format!(
+                "camera `{name}` is not in the map: its {spots} spots are left out, and what it alone sees is missed; expected a map of each camera"
+            ));
+        }
+        self.remarks.iter().for_each(|it| report.remark(it.clone()));
         let disputed: u64 = self.pointers.disputes().map(|it| it.2).sum();
         for (name, count) in [
             ("begun", begun),

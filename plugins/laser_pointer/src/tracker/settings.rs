@@ -181,6 +181,13 @@ impl TrackerSettings {
     }
 
     fn check_users(&self) -> Result<(), ConfigError> {
+        if !self.users.is_empty() && self.lost_ms <= self.dark_ms {
+            let message = format!(
+                "found {} ms, expected more than the {} ms of `dark_ms` and two frames: pointers that go dark are lost each time",
+                self.lost_ms, self.dark_ms
+            );
+            return Err(ConfigError::at("lost_ms", message));
+        }
         let mut numbers = BTreeSet::new();
         for (place, it) in self.users.iter().enumerate() {
             let setting = format!("users[{place}]");

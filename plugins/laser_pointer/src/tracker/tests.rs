@@ -79,6 +79,45 @@ impl Run {
 }
 
 #[test]
+fn a_camera_without_a_map_and_a_wall_of_another_size_than_the_volume_are_told() {
+    use foveate::scene::{Calibration, LengthUnit, NamedCamera};
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("wall.map.toml");
+    let named = cameras().into_iter().zip(["left", "right"]);
+    let named = named.map(|(camera, name)| NamedCamera { name: name.to_owned(), camera }).collect();
+    let calibration = Calibration::new(named, LengthUnit::Metre, String::new()).unwrap();
+    let told = |map: WallMap, width: f64| {
+        std::fs::write(&file, map.to_toml()).unwrap();
+        let volume_m = Some([[0.0, 0.0, -0.05], [width, 1.2, 0.05]]);
+        let setup = Setup { calibration: calibration.clone().into(), volume_m, ..Setup::for_tests() };
+        let settings = TrackerSettings { map: file.display().to_string(), ..TrackerSettings::default() };
+        let mut bench = NodeBench::<Tracker>::with_setup(settings, &setup).unwrap();
+        let spot = Feature {
+            centre: Point2::new(320.0, 240.0),
+            covariance: Matrix2::identity(),
+            area: 9,
+            peak: 255,
+            label: None,
+        };
+        bench.feed(&FEATURES, Time::ZERO, Features { camera: CameraId(1), list: vec![spot; 3] }).unwrap();
+        bench.finish().unwrap().remarks.join("; ")
+    };
+    assert_eq!(told(map(), 2.4), "");
+    let mut left = map();
+    left.cameras.remove("right");
+    let said = told(left, 4.0);
+    assert!(said.contains("camera `right` is not in the map: its 3 spots are left out"), "{said}");
+    assert!(said.contains("the wall is 2.4 m by 1.2 m, and `volume_m` of the scale says 4 m by 1.2 m"), "{said}");
+}
+
+#[test]
+fn a_pointer_that_goes_dark_for_longer_than_it_may_be_lost_is_refused() {
+    let users = vec![UserCode { user: 1, period_ms: 60.0 }];
+    let fault = TrackerSettings { users, lost_ms: 20.0, ..TrackerSettings::default() }.check().unwrap_err();
+    assert!(fault.to_string().contains("found 20 ms, expected more than the 20 ms of `dark_ms`"), "{fault}");
+}
+
+#[test]
 fn pointer_keeps_its_identity_from_camera_to_camera() {
     let place = |time_s: f64| [0.2 + 0.5 * time_s, 0.5 + 0.1 * (3.0 * time_s).sin()];
     let run = run(4.0, |_, time_s| vec![(place(time_s), 20, 255)]);
