@@ -317,18 +317,20 @@ impl Relations {
         };
         let mut list: Vec<usize> = (0..classes.len()).filter(is_of_axis).collect();
         let of_axis = list.clone();
-        // From -1, coarser than all others that say something, to 1.
         let rank = |class: usize| {
-            let before = |a: usize, b: usize| f64::from(u8::from(self.comes_before(classes, axis, a, b)));
-            let votes = of_axis.iter().map(|it| before(*it, class) - before(class, *it));
-            let (sum, n) = votes.fold((0.0, 0.0_f64), |(sum, n), it| (sum + it, n + it.abs()));
-            sum / n.max(1.0)
+            let before = |a: usize, b: usize| i64::from(self.comes_before(classes, axis, a, b));
+            let one = |other: &usize| before(*other, class) - before(class, *other);
+            of_axis.iter().map(one).sum::<i64>()
         };
-        let keys = |it: usize| (rank(it), self.changes[it], home(&classes[it], axis));
-        list.sort_by(|a, b| {
-            let (a, b) = (keys(*a), keys(*b));
-            a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2)))
-        });
+        list.sort_by_key(|it| (rank(*it), home(&classes[*it], axis)));
+        // What says nothing of some coarse bits stands too early by its rank: neighbours say it of one another.
+        for _ in 0..list.len() {
+            for at in 1..list.len() {
+                if self.is_coarser(list[at], list[at - 1]) {
+                    list.swap(at - 1, at);
+                }
+            }
+        }
         if list.len() > n_planes {
             return Vec::new();
         }
