@@ -50,6 +50,26 @@ fn known_of(seen: &[Seen]) -> Vec<(Axis, u32)> {
     seen.iter().filter_map(bit).collect()
 }
 
+/// What pictures show, taken for those of `roles` in their order: what each seems to be, the bits that are known, each once, and how many pictures show one.
+fn taken_for(
+    code: &StripeCode,
+    roles: &[Shown],
+    n_pictures: usize,
+    skipped: &[usize],
+    samples: &Samples,
+) -> (Vec<Seen>, Vec<(Axis, u32)>, usize) {
+    let seen = identify(code, samples, &homes_of(roles, n_pictures, skipped));
+    let mut known = known_of(&seen);
+    let n_known = known.len();
+    known.sort_unstable();
+    known.dedup();
+    (seen, known, n_known)
+}
+
+fn n_bits(roles: &[Shown]) -> usize {
+    roles.iter().filter(|it| bit_of(it).is_some()).count()
+}
+
 /// The bits of columns and rows of another projector whose whole set these pictures are, in the order of `code`.
 pub(super) fn other_bits(
     code: &StripeCode,
@@ -78,13 +98,8 @@ pub(super) fn other_bits(
     others.sort_by_key(|it| off(it.bits));
     let fits = |other: &StripeCode| {
         let roles = other.pictures();
-        let seen = identify(other, samples, &homes_of(&roles, n_pictures, skipped));
-        let mut known = known_of(&seen);
-        let n_known = known.len();
-        known.sort_unstable();
-        known.dedup();
+        let (seen, known, n_known) = taken_for(other, &roles, n_pictures, skipped, samples);
         let set = Seens { roles: &roles, seen: &seen, known: &known, samples };
-        let n_bits = roles.iter().filter(|it| bit_of(it).is_some()).count();
         // Where a bit changes, all finer ones do: none of these is the same all over the picture.
         let is_not_of_it = |it: &usize| {
             let coarser = |(axis, plane): (Axis, u32)| known.iter().any(|it| it.0 == axis && it.1 < plane);
@@ -92,7 +107,7 @@ pub(super) fn other_bits(
             let is_odd = matches!(seen[*it], Seen::Lit | Seen::Dark | Seen::Plane(..));
             is_odd && bit_of(&roles[*it]).is_some_and(coarser)
         };
-        n_known as f64 >= OTHER_KNOWN * n_bits as f64
+        n_known as f64 >= OTHER_KNOWN * n_bits(&roles) as f64
             && (0..n_pictures).all(|it| set.fit(it, it) != Fit::No && !is_not_of_it(&it))
     };
     others.into_iter().find(fits).map(|it| it.bits)
@@ -121,11 +136,9 @@ pub(super) fn one_axis(
         let place = |it: &Shown| of_rest.iter().position(|shown| shown == it).and_then(|at| found.places[at]);
         let all = code.pictures();
         let places: Vec<Option<usize>> = all.iter().map(place).collect();
-        let n_bits = |places: &[Option<usize>]| {
-            all.iter().zip(places).filter(|it| bit_of(it.0).is_some() && it.1.is_some()).count()
-        };
+        let n_there = all.iter().zip(&places).filter(|it| bit_of(it.0).is_some() && it.1.is_some()).count();
         // Nearly all bits of this axis have to be there.
-        if (n_bits(&places) as f64) < OTHER_KNOWN * of_rest.iter().filter(|it| bit_of(it).is_some()).count() as f64 {
+        if (n_there as f64) < OTHER_KNOWN * n_bits(&of_rest) as f64 {
             return None;
         }
         let pictures = all.len() - of_rest.len();
@@ -182,14 +195,9 @@ pub(super) fn with_other_inverses(
         if roles.len() != n_pictures {
             return false;
         }
-        let seen = identify(other, samples, &homes_of(&roles, n_pictures, skipped));
-        let mut known = known_of(&seen);
-        let n_known = known.len();
-        known.sort_unstable();
-        known.dedup();
+        let (seen, known, n_known) = taken_for(other, &roles, n_pictures, skipped, samples);
         let set = Seens { roles: &roles, seen: &seen, known: &known, samples };
-        let n_bits = roles.iter().filter(|it| bit_of(it).is_some()).count();
-        n_known as f64 >= OTHER_KNOWN * n_bits as f64 && (0..n_pictures).all(|it| set.fit(it, it) != Fit::No)
+        n_known as f64 >= OTHER_KNOWN * n_bits(&roles) as f64 && (0..n_pictures).all(|it| set.fit(it, it) != Fit::No)
     });
     fitting.next()
 }
@@ -206,21 +214,15 @@ fn explained(code: &StripeCode, n_pictures: usize, skipped: &[usize], samples: &
         return None;
     }
     let roles = code.pictures();
-    let homes = homes_of(&roles, n_pictures, skipped);
-    let seen = identify(code, samples, &homes);
-    let mut known = known_of(&seen);
-    let n_known = known.len();
-    let n_bits = roles.iter().filter(|it| matches!(it, Shown::Bit { .. })).count();
+    let (seen, known, n_known) = taken_for(code, &roles, n_pictures, skipped, samples);
     let other_order = || {
         let other = reordered(code, n_pictures, skipped, samples).filter(|_| n_pictures == roles.len())?;
         let faults = vec![SetFault::OtherOrder { code: Box::new(other) }];
         Some(Explained { faults, places: vec![None; roles.len()], unsure: Vec::new() })
     };
-    if (n_known as f64) < KNOWN * n_bits as f64 {
+    if (n_known as f64) < KNOWN * n_bits(&roles) as f64 {
         return other_order();
     }
-    known.sort_unstable();
-    known.dedup();
     let set = Seens { roles: &roles, seen: &seen, known: &known, samples };
     let (order, mut faults) = match n_pictures == roles.len() {
         true => {
@@ -296,15 +298,10 @@ fn explained(code: &StripeCode, n_pictures: usize, skipped: &[usize], samples: &
 fn reordered(code: &StripeCode, n_pictures: usize, skipped: &[usize], samples: &Samples) -> Option<StripeCode> {
     let roles = code.pictures();
     let from_the_end: Vec<Shown> = roles.iter().rev().copied().collect();
-    [&roles, &from_the_end].into_iter().find_map(|taken_for| {
-        let seen = identify(code, samples, &homes_of(taken_for, n_pictures, skipped));
-        let mut known = known_of(&seen);
-        let n_known = known.len();
-        known.sort_unstable();
-        known.dedup();
-        let n_bits = roles.iter().filter(|it| bit_of(it).is_some()).count();
+    [&roles, &from_the_end].into_iter().find_map(|order| {
+        let (seen, known, n_known) = taken_for(code, order, n_pictures, skipped, samples);
         let set = Seens { roles: &roles, seen: &seen, known: &known, samples };
-        if n_known as f64 >= KNOWN * n_bits as f64 { set.other_order(code) } else { None }
+        if n_known as f64 >= KNOWN * n_bits(&roles) as f64 { set.other_order(code) } else { None }
     })
 }
 

@@ -3,7 +3,7 @@
 //! Four pictures say which boundary a track is. On a surface that is known around it, the rows above and below and the neighbours in the row say it at once, and one look decides whether they are right:
 //! neighbours look different from a boundary in each picture. So what a moving surface brings into the light is known as fast as it comes, from the known part on.
 //!
-//! What one neighbour in the row says counts where those of rows above and below say the same, and only of what was seen twice, with one picture more to bear it out: another surface may begin there.
+//! What one neighbour in the row says counts where those of rows above and below say the same, and only of what was seen twice, with one picture more that confirms it: another surface may begin there.
 //!
 //! Whether that was right the pictures that follow say, as of any track.
 
