@@ -29,7 +29,16 @@ impl ConfigError {
         if range.contains(&value) {
             return Ok(());
         }
-        Err(Self::at(setting, format_args!("found {value}, expected {} to {}", range.start(), range.end())))
+        let (least, most) = (range.start(), range.end());
+        Err(match least <= most {
+            true => Self::at(setting, format_args!("found {value}, expected {least} to {most}")),
+            false => Self::at(
+                setting,
+                format_args!(
+                    "found {value}, and other settings leave no value: expected at least {least} and at most {most}"
+                ),
+            ),
+        })
     }
 }
 

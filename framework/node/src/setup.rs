@@ -1,6 +1,6 @@
 //! What a node is given when it is made: its place in the rig, its camera, randomness, folders.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -65,9 +65,42 @@ pub struct Setup {
     pub pages: Pages,
 }
 
-/// Who writes which file of the results.
+/// Who writes which file of the results, and what nodes name of each other's.
 #[derive(Debug, Clone)]
-pub struct Claims(Arc<Mutex<BTreeMap<String, String>>>);
+pub struct Claims(Arc<Mutex<Claimed>>);
+
+#[derive(Debug)]
+struct Claimed {
+    /// By thing.
+    owners: BTreeMap<String, String>,
+    /// By kind, the names that nodes offer.
+    offered: BTreeMap<&'static str, BTreeSet<String>>,
+    wanted: Vec<Wanted>,
+}
+
+/// A name that a node's setting states, of something that another node has.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Wanted {
+    /// The setting.
+    pub setting: String,
+    /// What it is, as in "tile".
+    pub kind: &'static str,
+    /// Its name.
+    pub name: String,
+}
+
+impl Claims {
+    /// The wishes since the last call.
+    pub fn take_wanted(&self) -> Vec<Wanted> {
+        std::mem::take(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner).wanted)
+    }
+
+    /// The names of that kind that nodes offer, in order; none where no node offers any.
+    pub fn offered(&self, kind: &str) -> Vec<String> {
+        let claimed = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        claimed.offered.get(kind).into_iter().flatten().cloned().collect()
+    }
+}
 
 /// Files of the results that belong to the program itself.
 const RESERVED: [&str; 6] =
@@ -76,7 +109,8 @@ const RESERVED: [&str; 6] =
 impl Default for Claims {
     /// Nobody writes anything yet, but for the program itself.
     fn default() -> Self {
-        Self(Arc::new(Mutex::new(RESERVED.iter().map(|&it| (it.to_owned(), "foveate".to_owned())).collect())))
+        let owners = RESERVED.iter().map(|&it| (it.to_owned(), "foveate".to_owned())).collect();
+        Self(Arc::new(Mutex::new(Claimed { owners, offered: BTreeMap::new(), wanted: Vec::new() })))
     }
 }
 
@@ -128,9 +162,21 @@ impl Setup {
         owner.map_or(Ok(()), |it| Err(ConfigError::at(setting, message(&it))))
     }
 
+    /// Tells the rig that other nodes may name `name`, a thing of that kind, as in "tile".
+    pub fn offer(&self, kind: &'static str, name: &str) {
+        let mut claims = self.claims.0.lock().unwrap_or_else(PoisonError::into_inner);
+        claims.offered.entry(kind).or_default().insert(name.to_owned());
+    }
+
+    /// Names something of another node: where nodes of the rig offer some of that kind and none of this name, the rig is refused, and `setting` is pointed at.
+    pub fn want(&self, setting: &str, kind: &'static str, name: &str) {
+        let mut claims = self.claims.0.lock().unwrap_or_else(PoisonError::into_inner);
+        claims.wanted.push(Wanted { setting: setting.to_owned(), kind, name: name.to_owned() });
+    }
+
     fn other_owner(&self, thing: &str) -> Option<String> {
         let mut claims = self.claims.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let owner = claims.entry(thing.to_owned()).or_insert_with(|| self.instance.clone());
+        let owner = claims.owners.entry(thing.to_owned()).or_insert_with(|| self.instance.clone());
         (*owner != self.instance).then(|| owner.clone())
     }
 

@@ -33,6 +33,7 @@ mod settings;
 mod targets;
 mod wire;
 
+use std::cell::RefCell;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -173,6 +174,7 @@ fn check(
         names_calibration: rig.calibration.is_some() || overrides.calibration.is_some(),
         rig_dir: &rig_dir,
         claims: Claims::default(),
+        wanted: RefCell::default(),
         seed,
         places: scales::places(&scales),
     };
@@ -185,6 +187,7 @@ fn check(
         }
         drafts.extend(nodes.into_iter().map(|it| surroundings.draft(it, &view, findings)));
     }
+    surroundings.refuse_unknown_names(findings);
     let finish =
         finish::Finish { rig: &rig, text, scales: &scales, nodes: &drafts, calibration, rig_dir, seed, duration_s };
     finish.graph(findings)

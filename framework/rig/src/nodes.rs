@@ -1,5 +1,6 @@
 //! Nodes one by one: the type looked up, the settings checked and decoded, one instance a camera, each made on trial.
 
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -14,15 +15,15 @@ use super::scales::ScaleDraft;
 use super::schema::written;
 use super::settings;
 use crate::graph::{SINK_CAPACITY, scale_id};
-use foveate_diagnostics::Findings;
 use foveate_diagnostics::names::{did_you_mean, likely, listed, shown, there_is};
+use foveate_diagnostics::{Findings, Span};
 use foveate_node::ConfigError;
 use foveate_node::guard::guarded;
 use foveate_node::node::{Plan, Role};
 use foveate_node::page::Pages;
 use foveate_node::registry::{NodeType, Registry, Settings};
 use foveate_node::scale::{ScalePlace, ScaleTree};
-use foveate_node::setup::{Claims, Purpose, Setup};
+use foveate_node::setup::{Claims, Purpose, Setup, Wanted};
 use foveate_scene::selection::{SelectionError, select};
 
 /// A node after what can be said of it alone. What is `None` was at fault and has been reported.
@@ -57,6 +58,8 @@ pub(super) struct Surroundings<'r> {
     pub names_calibration: bool,
     pub rig_dir: &'r Path,
     pub claims: Claims,
+    /// What nodes named of each other's: where, by whom.
+    pub wanted: RefCell<Vec<(Span, String, Wanted)>>,
     pub seed: u64,
     pub places: Arc<[ScalePlace]>,
 }
@@ -172,6 +175,20 @@ impl Surroundings<'_> {
         Some(found)
     }
 
+    /// Names that no node has, once all nodes were tried out.
+    pub fn refuse_unknown_names(&self, findings: &mut Findings) {
+        for (place, node, Wanted { setting, kind, name }) in self.wanted.take() {
+            let offered = self.claims.offered(kind);
+            if offered.is_empty() || offered.contains(&name) {
+                continue;
+            }
+            let title = format!("`{node}` cannot work with this `{setting}`");
+            let label = format!("no {kind} is `{}`, expected the name of one", shown(&name));
+            let known = offered.iter().map(String::as_str);
+            findings.error(place, title, label).help(did_you_mean(&name, &format!("the {kind}s"), known));
+        }
+    }
+
     /// Makes every instance once, so that what is missing for one camera only is found too.
     fn try_out(
         &self,
@@ -216,6 +233,11 @@ impl Surroundings<'_> {
             let entry = complaints.entry((setting, alike)).or_insert_with(|| (message, Vec::new()));
             entry.1.extend(camera_name.map(str::to_owned));
         }
+        let wanted = self.claims.take_wanted().into_iter().map(|it| {
+            let place = settings::place_of(given, &it.setting).unwrap_or_else(|| text.header.clone());
+            (place, text.name.get_ref().to_string(), it)
+        });
+        self.wanted.borrow_mut().extend(wanted);
         for ((setting, alike), (message, of)) in complaints {
             let place = setting.as_deref().and_then(|it| settings::place_of(given, it));
             let name = text.name.get_ref();

@@ -386,9 +386,9 @@ fn in_order<'a, 't>(table: &'a DeTable<'t>) -> Vec<(&'a Spanned<std::borrow::Cow
     entries
 }
 
-/// Where the setting of that dotted name stands; `None` when it or what holds it is left out.
+/// Where the setting of that name stands, as `mask.radius_px`, `users.1.period_ms` or `users[1].period_ms`; `None` when it or what holds it is left out.
 pub(super) fn place_of(settings: &DeTable<'_>, dotted: &str) -> Option<Span> {
-    let mut names = dotted.split('.');
+    let mut names = dotted.split(['.', '[', ']']).filter(|it| !it.is_empty());
     let mut value = settings.get(names.next()?)?;
     for name in names {
         let inner = match value.get_ref() {
@@ -402,4 +402,25 @@ pub(super) fn place_of(settings: &DeTable<'_>, dotted: &str) -> Option<Span> {
         };
     }
     Some(value.span())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_setting_in_a_list_is_found_and_one_that_is_left_out_is_not() {
+        let text =
+            "users = [{ user = 1 }, { user = 2, period_ms = 400 }]\nto = [\"a\", \"b\"]\nmask = { radius_px = 2 }";
+        let settings = DeTable::parse(text).unwrap().into_inner();
+        let found = |name: &str| place_of(&settings, name).map(|it| &text[it]);
+        assert_eq!(found("users[1].period_ms"), Some("400"));
+        assert_eq!(found("users.1.period_ms"), Some("400"));
+        assert_eq!(found("users[1]"), Some("{ user = 2, period_ms = 400 }"));
+        assert_eq!(found("to[1]"), Some("\"b\""));
+        assert_eq!(found("mask.radius_px"), Some("2"));
+        // What holds it stands there.
+        assert_eq!(found("users[0].period_ms"), Some("{ user = 1 }"));
+        assert_eq!(found("dark_ms"), None);
+    }
 }

@@ -183,8 +183,10 @@ fn setting_without_a_default_must_be_there() {
 fn what_a_node_refuses_is_pointed_at() {
     setting("min_area = 500", 12, "500", &["`leds` cannot work with this `min_area`", "found 500, expected 1 to 400"]);
     // The limit is too low, but the node complains of the other setting, which is left out.
-    let said =
-        ["`leds` cannot work with this `min_area`", "found 1, expected 1 to 0 (`min_area` is left out: its default)"];
+    let said = [
+        "`leds` cannot work with this `min_area`",
+        "found 1, and other settings leave no value: expected at least 1 and at most 0 (`min_area` is left out: its default)",
+    ];
     one("offset = 25", "max_area = 0", "12:1", "[scale.room.node.leds]", &said);
 }
 
