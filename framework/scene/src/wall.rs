@@ -36,6 +36,8 @@ const MESH_KEYS: [&str; 4] = ["size_m", "cells", "shifts_m", "sigmas_m"];
 const LENS_KEYS: [&str; 5] = ["k1", "k2", "k3", "p1", "p2"];
 /// More cells along an axis than this are a mistake, and would take memory.
 const MOST_CELLS: f64 = 200.0;
+/// A mesh and its wall may differ by this much in size: numbers written by hand [m].
+const SAME_SIZE_M: f64 = 1e-3;
 const N: usize = foveate_geometry::plane_map::UNKNOWNS;
 
 /// A wall, and the cameras that see it.
@@ -93,7 +95,7 @@ impl WallMap {
                 }
                 for (name, value) in table {
                     reader.camera = Some(name.get_ref().to_string());
-                    if let Some(camera) = reader.wall_camera(value) {
+                    if let Some(camera) = reader.wall_camera(value, wall.map(|it| it.0)) {
                         cameras.insert(name.get_ref().to_string(), camera);
                     }
                 }
@@ -138,8 +140,8 @@ impl Reader<'_> {
         self.expect(Some(number).filter(|it| *it > 0.0), value, name, "a number above 0")
     }
 
-    /// How the wall bends before a camera.
-    fn mesh(&mut self, value: &Value<'_>) -> Option<Mesh> {
+    /// How the wall, of size `wall_m` where that could be read, bends before a camera.
+    fn mesh(&mut self, value: &Value<'_>, wall_m: Option<[f64; 2]>) -> Option<Mesh> {
         let at = value.span();
         let table = self.expect(value.get_ref().as_table(), value, "mesh", "a table")?;
         self.refuse_unknown(table, "key of mesh", &MESH_KEYS);
@@ -152,6 +154,18 @@ impl Reader<'_> {
         let are_cells = cells.iter().all(|it| it.fract() == 0.0 && (1.0..=MOST_CELLS).contains(it));
         self.expect(are_cells.then_some(()), given("cells"), "cells", "two whole numbers from 1 to 200")?;
         let cells = cells.map(|it| it as usize);
+        if let Some(wall) = wall_m.filter(|it| (0..2).any(|axis| (it[axis] - size_m[axis]).abs() > SAME_SIZE_M)) {
+            let expected = format!("the wall's own size, {wall:?}");
+            self.expect(None::<()>, given("size_m"), "size_m of mesh", &expected)?;
+        }
+        let long = usize::from(size_m[1] > size_m[0]);
+        let fits = cells[long] >= cells[1 - long];
+        self.expect(
+            fits.then_some(()),
+            given("cells"),
+            "cells",
+            "as many cells along the wall's longer side as along the other, or more",
+        )?;
         let shifts = self.number_list(table, "shifts_m", 2 * Mesh::n_splines(cells), at.clone());
         let sigmas = self.number_list(table, "sigmas_m", 2 * Mesh::n_corners(cells), at);
         let pairs = |it: Vec<f64>| it.chunks_exact(2).map(|it| Vector2::new(it[0], it[1])).collect::<Vec<_>>();
@@ -161,7 +175,8 @@ impl Reader<'_> {
         Some(Mesh { size_m, cells, shifts_m: pairs(shifts), sigmas_m: pairs(sigmas) })
     }
 
-    fn wall_camera(&mut self, value: &Value<'_>) -> Option<WallCamera> {
+    /// A camera before a wall of that size, where that could be read.
+    fn wall_camera(&mut self, value: &Value<'_>, wall_m: Option<[f64; 2]>) -> Option<WallCamera> {
         let at = value.span();
         let table = self.expect(value.get_ref().as_table(), value, "camera", "a table such as [camera.wall-1]")?;
         self.refuse_unknown(table, "key of camera", &CAMERA_KEYS);
@@ -180,7 +195,7 @@ impl Reader<'_> {
         let covariance = self.numbers::<{ N * N }>(table, "covariance", at.clone());
         let held_out_px = self.positive(table, "held_out_px", at.clone());
         let brightest = self.positive(table, "brightest", at);
-        let mesh = table.get("mesh").map(|it| self.mesh(it));
+        let mesh = table.get("mesh").map(|it| self.mesh(it, wall_m));
         let size = size?;
         let fits = size.iter().all(|it| it.fract() == 0.0 && (1.0..=65_536.0).contains(it));
         let given = table.get("image_size_px").unwrap_or(value);
@@ -264,6 +279,8 @@ mod tests {
             ("cells = [2, 1]", "cells = [2, 1.5]", "two whole numbers from 1 to 200"),
             ("cells = [2, 1]", "cells = [2, 2]", "expected 50 numbers"),
             ("cells = [2, 1]", "cell = [2, 1]", "did you mean"),
+            ("cells = [2, 1]", "cells = [1, 2]", "along the wall's longer side"),
+            ("mesh = { size_m = [4.1", "mesh = { size_m = [3.9", "the wall's own size, [4.1, 1.3]"),
             ("sigmas_m = [0.0", "sigmas_m = [-1.0", "none below 0"),
             ("mesh = {", "mesch = {", "did you mean"),
             ("covariance = [1e-7", "covariance = [-1e-7", "none of its diagonal below 0"),

@@ -58,6 +58,11 @@ pub struct PlaneMap {
     pub mesh: Option<Mesh>,
 }
 
+/// Why there is no fit, in words for who placed the points.
+const NO_START: &str = "too many of them lie on one line or at one place, or most are elsewhere than was told";
+const NO_ADJUSTMENT: &str = "some were seen where no view of the plane has them; are their places right?";
+const LEFT_OPEN: &str = "they leave a part of the view open; they should lie all over the picture";
+
 /// A point of known place, and where it was seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanePoint {
@@ -91,7 +96,7 @@ pub enum PlaneMapError {
         ratio: f64,
     },
     /// No map images the points as they were seen.
-    #[error("no homography with a lens fits the points: {0}")]
+    #[error("no flat wall before a lens explains where the points were seen: {0}")]
     NoFit(String),
 }
 
@@ -127,15 +132,14 @@ impl PlaneMap {
         let start = PlaneMap {
             image_size,
             ideal_from_plane: first_homography(image_size, points)
-                .ok_or_else(|| PlaneMapError::NoFit("the direct linear transform has no answer".into()))?,
+                .ok_or_else(|| PlaneMapError::NoFit(NO_START.into()))?,
             distortion: Distortion::default(),
             covariance: SMatrix::zeros(),
             mesh: None,
         };
         let plain = Options { loss: Loss::Cauchy { scale: LOSS_SIGMAS }, ..Options::default() };
-        let solution =
-            solve(&Fit { points }, start, &plain).map_err(|error| PlaneMapError::NoFit(error.to_string()))?;
-        let covariance = solution.covariance.map_err(|error| PlaneMapError::NoFit(format!("{error:?}")))?;
+        let solution = solve(&Fit { points }, start, &plain).map_err(|_| PlaneMapError::NoFit(NO_ADJUSTMENT.into()))?;
+        let covariance = solution.covariance.map_err(|_| PlaneMapError::NoFit(LEFT_OPEN.into()))?;
         let mut map = solution.parameters;
         // Residuals larger than their standard deviations say that either these or the model are too good.
         let factor = solution.variance_factor.max(1.0);
@@ -162,8 +166,7 @@ impl PlaneMap {
             )));
         }
         // The flat map is to go through the middle of all points, not through those that happen to lie on a plane: each is as uncertain as the plane is off.
-        let pixels_from_plane = PlaneMap::homography(image_size, points)
-            .ok_or_else(|| no_fit("the direct linear transform has no answer"))?;
+        let pixels_from_plane = PlaneMap::homography(image_size, points).ok_or_else(|| no_fit(NO_START))?;
         let off = |it: &PlanePoint| {
             let at = pixels_from_plane * it.point.coords.push(1.0);
             (at.xy() / at.z - it.pixel.coords).norm()

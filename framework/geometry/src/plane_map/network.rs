@@ -90,11 +90,11 @@ pub enum NetworkError {
         seen: usize,
     },
     /// The known places give no axes.
-    #[error("the known places lie on one line, or the chain of homographies does not reach them")]
+    #[error("the known places lie on one line, or were seen by cameras whose views do not join the others'")]
     NoAxes,
     /// The adjustment failed.
-    #[error("the joint adjustment failed: {0}")]
-    NoFit(String),
+    #[error("no maps explain what all cameras saw together: {0}")]
+    NoFit(&'static str),
 }
 
 /// Maps of several cameras.
@@ -134,8 +134,10 @@ pub fn fit_network(
     let start = State { points: problem.start(&start), maps: start };
     let loss = Loss::Cauchy { scale: LOSS_SIGMAS };
     let solution = solve_grouped(&problem, start, loss, &DriverOptions::default())
-        .map_err(|error| NetworkError::NoFit(error.to_string()))?;
-    let (covariance, _) = solution.covariance().map_err(|error| NetworkError::NoFit(format!("{error:?}")))?;
+        .map_err(|_| NetworkError::NoFit("are the known places right, and was one point alone moved over the wall?"))?;
+    let (covariance, _) = solution.covariance().map_err(|_| {
+        NetworkError::NoFit("a part of some view is left open: move the point all over where views overlap")
+    })?;
     Ok(problem.outcome(&solution.parameters, &covariance, refused))
 }
 
