@@ -30,6 +30,9 @@ type Labels = BTreeMap<(i32, i32), usize>;
 
 /// The first grid of `columns` × `rows`, either way round, that grows from one of the saddles.
 pub(super) fn grow(plane: &Plane, saddles: &[Saddle], columns: usize, rows: usize) -> Option<Grid> {
+    if (saddles.len() as f64) < SEEN * (columns * rows) as f64 {
+        return None;
+    }
     let mut tried = vec![false; saddles.len()];
     for seed in 0..saddles.len().min(MAX_SEEDS) {
         if tried[seed] {

@@ -58,6 +58,9 @@ pub fn find_chessboard(image: &ImageView<'_>, columns: usize, rows: usize) -> Op
         return None;
     }
     let whole = Plane::of(image);
+    if !may_hold_board(&whole) {
+        return None;
+    }
     SEARCHES.into_iter().find_map(|(size, passes)| {
         let size = Vector2::from(size);
         let mut smooth = whole.resized(size);
@@ -73,12 +76,22 @@ pub fn find_chessboard(image: &ImageView<'_>, columns: usize, rows: usize) -> Op
 /// where the board that was looked for is not.
 pub fn largest_grid(image: &ImageView<'_>) -> Option<[usize; 2]> {
     let whole = Plane::of(image);
+    if !may_hold_board(&whole) {
+        return None;
+    }
     let grids = SEARCHES.into_iter().filter_map(|(size, passes)| {
         let mut smooth = whole.resized(Vector2::from(size));
         (0..passes).for_each(|_| smooth = smooth.blurred());
         grid::largest(&saddles::find(&smooth))
     });
     grids.max_by_key(|it| it[0] * it[1])
+}
+
+/// Whether a picture has enough contrast for a board anywhere, noise of single pixels apart.
+fn may_hold_board(whole: &Plane) -> bool {
+    let smooth = whole.blurred();
+    let (least, most) = smooth.values.iter().fold((f32::MAX, f32::MIN), |(a, b), it| (a.min(*it), b.max(*it)));
+    f64::from(most - least) >= MIN_CONTRAST
 }
 
 /// From a corner to the next in its row and in its column, as columns: the mean of both sides where it has two.

@@ -30,6 +30,8 @@ const MAX_SADDLES: usize = 3000;
 const HALF_STEP: f64 = 0.7;
 /// Weaker ones are noise [gray level/px²].
 const MIN_STRENGTH: f64 = 0.6;
+/// Bright and dark around a saddle differ by this at least: half of the contrast that a board must have; noise that has been smoothed has less [gray level].
+const MIN_RANGE: f64 = 4.0;
 
 impl Plane {
     pub(super) fn of(image: &ImageView<'_>) -> Plane {
@@ -207,9 +209,13 @@ fn refined(plane: &Plane, x: usize, y: usize) -> Option<Saddle> {
         let angle = at as f64 * std::f64::consts::TAU / 24.0;
         plane.at(centre + Vector2::new(angle.cos(), angle.sin()) * 2.6)
     };
-    let signs: Vec<bool> = (0..24).map(|it| ring(it).map(|value| value > level)).collect::<Option<_>>()?;
-    let changes = (0..24).filter(|it| signs[*it] != signs[(it + 1) % 24]).count();
-    (changes == 4).then(|| Saddle {
+    let mut values = [0.0; 24];
+    for (at, value) in values.iter_mut().enumerate() {
+        *value = ring(at)?;
+    }
+    let (least, most) = values.iter().fold((f64::MAX, f64::MIN), |(a, b), it| (a.min(*it), b.max(*it)));
+    let changes = (0..24).filter(|it| (values[*it] > level) != (values[(it + 1) % 24] > level)).count();
+    (changes == 4 && most - least >= MIN_RANGE).then(|| Saddle {
         centre,
         strength: (-determinant).sqrt(),
         edges: [(a + b).normalize(), (a - b).normalize()],
