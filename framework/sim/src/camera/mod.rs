@@ -39,7 +39,7 @@ pub use sensor::{SensorSettings, field_of};
 use silhouette::{Instead, Silhouettes};
 use spot::Spot;
 use surface::{Surfaces, View};
-pub use wall::{WallCameraSettings, WallRenderer};
+pub use wall::{WallCameraSettings, WallFormat, WallRenderer};
 
 /// Steps of a gray level in the sums.
 const STEPS: f64 = 64.0;

@@ -1,4 +1,4 @@
-//! What a camera makes of a simulated wall: one field, in gray levels.
+//! What a camera makes of a simulated wall: one field, in gray levels, or in those of three planes.
 //!
 //! Which point of the wall each pixel sees is tabulated where the camera stands, at the corners of blocks and between them along straight lines. Order of events: the
 //! wall's own picture, display by display, as bright as it shines → windows, or the board → red spots or the dot, no brighter than the wall can be → spots of pointers at several
@@ -16,7 +16,7 @@ use super::spot::Spot;
 use super::steps;
 use crate::timing::TimingSettings;
 use crate::truth::TrueCamera;
-use crate::wall::{ShownBoard, Wall, WallLight};
+use crate::wall::{ShownBoard, WHITE, Wall, WallLight};
 
 /// Side of the blocks at whose corners the wall is looked up [px].
 const BLOCK: usize = 8;
@@ -46,6 +46,22 @@ pub struct WallCameraSettings {
     /// Standard deviation of the noise, drawn anew for each pixel and field [gray level].
     #[schemars(range(min = 0.0, max = 20.0))]
     pub noise_sigma: f64,
+    /// Whether its pictures are gray, as through a filter that passes red, or have red, green and blue planes [–].
+    pub format: WallFormat,
+    /// In colour pictures, how far the amplifiers of red and of blue are off that of green, standard deviation, drawn once for each camera [%].
+    #[schemars(range(min = 0.0, max = 50.0))]
+    pub balance_percent: f64,
+}
+
+/// What the pixels of a wall's camera tell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum WallFormat {
+    /// How bright they are.
+    #[default]
+    Gray,
+    /// The same in three planes.
+    Rgb,
 }
 
 impl Default for WallCameraSettings {
@@ -58,6 +74,8 @@ impl Default for WallCameraSettings {
             black_level: 8.0,
             blur_px: 0.7,
             noise_sigma: 2.0,
+            format: WallFormat::Gray,
+            balance_percent: 5.0,
         }
     }
 }
@@ -75,6 +93,7 @@ impl WallCameraSettings {
         ConfigError::unless_in("black_level", self.black_level, 0.0..=128.0)?;
         ConfigError::unless_in("blur_px", self.blur_px, 0.3..=20.0)?;
         ConfigError::unless_in("noise_sigma", self.noise_sigma, 0.0..=20.0)?;
+        ConfigError::unless_in("balance_percent", self.balance_percent, 0.0..=50.0)?;
         self.timing.check_light(self.exposure_ms, 0.0)
     }
 }
@@ -95,7 +114,10 @@ pub struct WallRenderer {
     /// The board at its place, and what it adds to which pixels, in steps.
     board: Option<(ShownBoard, Vec<(usize, i16)>)>,
     noise: Noise,
+    /// Amplifiers of red, green and blue.
+    balance: [f64; 3],
     canvas: Vec<i16>,
+    plane: Vec<u8>,
 }
 
 impl WallRenderer {
@@ -114,7 +136,11 @@ impl WallRenderer {
                 _ => runs.push((pixel, pixel + 1, tile)),
             }
         }
+        let mut own = random.fork("balance");
+        let mut off = || 1.0 + settings.balance_percent * 0.01 * own.normal();
         Self {
+            balance: [off(), 1.0, off()],
+            plane: Vec::new(),
             noise: Noise::new(width, settings.noise_sigma, &random.fork("noise")),
             eye: camera.centre(),
             id,
@@ -131,21 +157,51 @@ impl WallRenderer {
 
     /// Renders the field around `capture`, whose number is `frame`, into `image`, whose memory is used again.
     pub fn render(&mut self, capture: Time, frame: u64, image: &mut Image) {
-        let WallCameraSettings { exposure_ms, blur_samples, gain, black_level, .. } = self.settings;
+        let [width, height] = self.camera.image_size;
+        let n = (width * height) as usize;
+        image.camera = self.id;
+        (image.width, image.height) = (width, height);
         let mut canvas = std::mem::take(&mut self.canvas);
+        match self.settings.format {
+            WallFormat::Gray => {
+                self.draw(capture, &|_| 1.0, &mut canvas);
+                image.format = PixelFormat::Gray8;
+                image.pixels.resize(n, 0);
+                self.noise.digitise(&canvas, width as usize, frame, &mut image.pixels);
+            }
+            WallFormat::Rgb => {
+                image.format = PixelFormat::Rgb8;
+                image.pixels.resize(3 * n, 0);
+                let mut bytes = std::mem::take(&mut self.plane);
+                bytes.resize(n, 0);
+                for plane in 0..3 {
+                    let balance = self.balance[plane];
+                    self.draw(capture, &|colour| colour[plane] * balance, &mut canvas);
+                    self.noise.digitise(&canvas, width as usize, 3 * frame + plane as u64, &mut bytes);
+                    image.pixels.iter_mut().skip(plane).step_by(3).zip(&bytes).for_each(|(to, from)| *to = *from);
+                }
+                self.plane = bytes;
+            }
+        }
+        self.canvas = canvas;
+    }
+
+    /// Draws what reaches the pixels; `of` says how much light of a colour counts.
+    fn draw(&mut self, capture: Time, of: &dyn Fn([f64; 3]) -> f64, canvas: &mut [i16]) {
+        let WallCameraSettings { exposure_ms, blur_samples, gain, black_level, .. } = self.settings;
         let black = steps(black_level);
         canvas.fill(black);
         for &(start, end, tile) in &self.runs {
             // 7 bits of the factor keep products in 32 bits and the loop plain.
-            let shine = (self.wall.shine(tile, capture) * 128.0) as i32;
+            let shine = (self.wall.shine(tile, capture) * of(self.wall.tint(tile)) * 128.0) as i32;
             for (to, from) in canvas[start..end].iter_mut().zip(&self.texture[start..end]) {
                 *to = black.saturating_add(((i32::from(*from) * shine) >> 7) as i16);
             }
         }
-        self.draw_windows(capture, black, &mut canvas);
-        self.draw_board(capture, &mut canvas);
+        self.draw_windows(capture, black, of, canvas);
+        self.draw_board(capture, of, canvas);
         let wall = self.wall.clone();
-        wall.shown_lights(capture, |light| self.draw_light(&light, 1.0, &mut canvas));
+        wall.shown_lights(capture, |light| self.draw_light(&light, of(light.colour), canvas));
         let most = steps(wall.settings().red_peak.max(wall.settings().white) * gain + black_level);
         canvas.iter_mut().for_each(|it| *it = (*it).min(most));
         let moments = i64::from(blur_samples);
@@ -153,23 +209,18 @@ impl WallRenderer {
         for moment in 0..moments {
             let part = (moment as f64 + 0.5) / moments as f64 - 0.5;
             let time = capture + Interval::from_ms(part * exposure_ms);
-            wall.spots(time, &eye, |light| self.draw_light(&light, 1.0 / moments as f64, &mut canvas));
+            let share = 1.0 / moments as f64;
+            wall.spots(time, &eye, |light| self.draw_light(&light, share * of(light.colour), canvas));
         }
-        let [width, height] = self.camera.image_size;
-        image.camera = self.id;
-        (image.width, image.height, image.format) = (width, height, PixelFormat::Gray8);
-        image.pixels.resize((width * height) as usize, 0);
-        self.noise.digitise(&canvas, width as usize, frame, &mut image.pixels);
-        self.canvas = canvas;
     }
 
-    fn draw_windows(&self, capture: Time, black: i16, canvas: &mut [i16]) {
+    fn draw_windows(&self, capture: Time, black: i16, of: &dyn Fn([f64; 3]) -> f64, canvas: &mut [i16]) {
         let width = self.camera.image_size[0] as usize;
         for window in self.wall.windows(capture) {
             let [low, high] = window.corners;
             let Some([(left, right), (top, bottom)]) = self.bounds([low, high]) else { continue };
             let [low, high] = [low, high].map(|it| [it.x as f32, it.y as f32]);
-            let level = black.saturating_add(steps(window.level * self.settings.gain));
+            let level = black.saturating_add(steps(window.level * self.settings.gain * of(window.colour)));
             for row in top..bottom {
                 let pixels = row * width + left..row * width + right.max(left);
                 for (to, at) in canvas[pixels.clone()].iter_mut().zip(&self.places[pixels]) {
@@ -199,13 +250,14 @@ impl WallRenderer {
     }
 
     /// Adds the board, which is rendered once for each of its places.
-    fn draw_board(&mut self, capture: Time, canvas: &mut [i16]) {
+    fn draw_board(&mut self, capture: Time, of: &dyn Fn([f64; 3]) -> f64, canvas: &mut [i16]) {
         let Some(board) = self.wall.board(capture) else { return };
         if self.board.as_ref().is_none_or(|it| it.0 != board) {
             self.board = Some((board, self.rendered(&board)));
         }
+        let share = of(WHITE);
         for (pixel, level) in self.board.iter().flat_map(|it| &it.1) {
-            canvas[*pixel] = canvas[*pixel].saturating_add(*level);
+            canvas[*pixel] = canvas[*pixel].saturating_add((f64::from(*level) * share) as i16);
         }
     }
 
@@ -235,6 +287,9 @@ impl WallRenderer {
 
     /// Adds `share` of a light.
     fn draw_light(&self, light: &WallLight, share: f64, canvas: &mut [i16]) {
+        if !self.wall.faces(&self.eye) {
+            return;
+        }
         let Some(pixel) = self.camera.sees(&self.wall.in_space(&light.point)) else { return };
         let Some(scale) = self.wall.pixels_a_metre(&self.camera, &light.point) else { return };
         let own = light.sigma * scale;
@@ -247,9 +302,10 @@ impl WallRenderer {
 /// What each pixel sees of the wall, or of where it would go on [m]; NaN where that is nothing.
 fn places(wall: &Wall, camera: &TrueCamera) -> Vec<[f32; 2]> {
     let [width, height] = camera.image_size.map(|it| it as usize);
+    let is_before = wall.faces(&camera.centre());
     let on_wall = |column: usize, row: usize| -> [f64; 2] {
         let ray = camera.ray(&Point2::new(column as f64, row as f64));
-        ray.and_then(|ray| wall.met_by(&ray)).map_or([f64::NAN; 2], |it| [it.x, it.y])
+        ray.filter(|_| is_before).and_then(|ray| wall.met_by(&ray)).map_or([f64::NAN; 2], |it| [it.x, it.y])
     };
     let [columns, rows] = [width, height].map(|it| it.div_ceil(BLOCK) + 1);
     let corners: Vec<[f64; 2]> =

@@ -127,6 +127,7 @@ mod tests {
             SimWall::new(settings, &Setup::for_tests()).err().and_then(|it| it.setting)
         };
         assert_eq!(refused(|_| ()), None);
+        assert_eq!(refused(|it| it.pointer_rgb = vec![[1.0, 1.5, 0.0]]).as_deref(), Some("pointer_rgb"));
         assert_eq!(refused(|it| it.users = 17).as_deref(), Some("users"));
         assert_eq!(refused(|it| it.part_s = f64::NAN).as_deref(), Some("part_s"));
         assert_eq!(refused(|it| it.dark_tile = Some([4, 0])).as_deref(), Some("dark_tile"));

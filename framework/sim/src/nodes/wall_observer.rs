@@ -111,7 +111,11 @@ impl Node for SimWallObserver {
         let mut random = stream(self.seed, FIELDS, capture.0);
         let spots = &mut self.spots;
         spots.clear();
+        let is_before = wall.faces(&camera.centre());
         let mut see = |light: WallLight, random: &mut Random| {
+            if !is_before {
+                return;
+            }
             let Some(pixel) = camera.sees(&wall.in_space(&light.point)) else { return };
             let Some(scale) = wall.pixels_a_metre(camera, &light.point) else { return };
             let is_found = random.uniform() >= missed;

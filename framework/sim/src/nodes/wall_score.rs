@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use foveate_messages::{Targets, Users};
+use foveate_messages::{Pointers, Targets, Users};
 use foveate_node::{ConfigError, Figures, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, figures, ports};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -14,6 +14,7 @@ ports! {
     WALL: In<Wall> = latest("wall");
     TARGETS: In<Targets> = each("targets");
     USERS: In<Users> = each("users").optional();
+    POINTERS: In<Pointers> = each("pointers").optional();
 }
 
 figures! {
@@ -33,6 +34,10 @@ figures! {
     "user_wrong_samples": "–", low, "Share of the targets with a user in which it was wrong at that time";
     "user_ms.{median,p95}": ms, low, "From the first message after a spot appeared to the first in which its target had a user";
     "identity_kept": "–", high, "Share of the presses with a target whose identity at the end was that at the beginning; missing where no users are connected";
+    "press_events_missed": count, low, "Presses, as above, that no event told; missing, as those below, where no events are connected";
+    "press_events_doubled": count, low, "Events of a press for presses that had one already";
+    "press_events_false": count, low, "Events of a press where no true spot was within gate_mm at their time";
+    "release_event_ms.{median,p95}": ms, low, "From the last message in which a spot was there to the time that its release was told to be of, without its sign";
     "scored_messages": count, neither, "Messages of targets that were compared with the truth; none before start_s";
 }
 
@@ -99,9 +104,15 @@ impl Node for WallScore {
                 scorer.users(&users.value);
             }
         }
-        let Some(targets) = io.take(&TARGETS) else { return Ok(()) };
-        if let Some((wall, scorer)) = &mut self.scorer {
+        if let Some(targets) = io.take(&TARGETS)
+            && let Some((wall, scorer)) = &mut self.scorer
+        {
             scorer.recovered(wall, &targets.value);
+        }
+        while let Some(pointers) = io.take(&POINTERS) {
+            if let Some((wall, scorer)) = &mut self.scorer {
+                scorer.pointers(wall, &pointers.value);
+            }
         }
         Ok(())
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use foveate_estimation::identities::Identities;
 use foveate_estimation::statistics::percentile;
-use foveate_messages::{Provenance, Targets, Time, Users};
+use foveate_messages::{PointerChange, Pointers, Provenance, Targets, Time, Users};
 use foveate_node::Report;
 use foveate_plot::{Axis, COLOURS, Chart, Figure, Series, nothing};
 use nalgebra::Point2;
@@ -28,6 +28,7 @@ const MOST_DRAWN: usize = 40_000;
 
 /// Compares messages of targets with a wall.
 pub struct WallScorer {
+    gate: f64,
     start_s: f64,
     cameras: Vec<TrueCamera>,
     identities: Identities,
@@ -44,10 +45,22 @@ pub struct WallScorer {
     drawn: Vec<(u32, [f64; 2], [f64; 2])>,
     warmup: Warmup,
     messages: u64,
+    /// What events said; `None` where none came.
+    events: Option<Events>,
     /// Whose targets are, as told last; `None` where nothing tells users apart.
     users: Option<Users>,
     /// Targets with a user, and those of them with a wrong one.
     with_user: [u64; 2],
+}
+
+/// Events against true presses.
+#[derive(Debug, Clone, Default)]
+struct Events {
+    /// By the press's key, how often it was told, and when it was told to be over last.
+    told: BTreeMap<u32, (u32, Option<Time>)>,
+    /// By identity, the press that its event was matched to.
+    of: BTreeMap<u32, u32>,
+    false_presses: u64,
 }
 
 /// Kinds of samples whose errors are kept apart.
@@ -81,6 +94,7 @@ impl WallScorer {
     /// Targets farther than `gate` [m] from a spot are not that spot; what is before `start_s` is not scored.
     pub fn new(gate: f64, start_s: f64, cameras: Vec<TrueCamera>) -> WallScorer {
         WallScorer {
+            gate,
             start_s,
             cameras,
             identities: Identities::new(gate),
@@ -94,6 +108,7 @@ impl WallScorer {
             drawn: Vec::new(),
             warmup: Warmup::default(),
             messages: 0,
+            events: None,
             users: None,
             with_user: [0; 2],
         }
@@ -102,6 +117,34 @@ impl WallScorer {
     /// Takes in whose the targets of the next message are.
     pub fn users(&mut self, users: &Users) {
         self.users = Some(users.clone());
+    }
+
+    /// Takes in what pointers did; comes after the targets that it was made of.
+    pub fn pointers(&mut self, wall: &Wall, pointers: &Pointers) {
+        let gate = self.gate;
+        let events = self.events.get_or_insert_default();
+        for it in pointers.events.iter().filter(|it| it.time.as_s() >= self.start_s) {
+            match it.what {
+                PointerChange::Press => {
+                    let off = |press: &Press| (press.point - it.position).norm();
+                    let nearest = wall.presses(it.time).min_by(|a, b| off(a).total_cmp(&off(b)));
+                    let key = nearest.filter(|it| off(it) <= gate).and_then(|it| Some(self.visits.get(&it.number)?.1));
+                    match key {
+                        Some(key) => {
+                            events.told.entry(key).or_default().0 += 1;
+                            events.of.insert(it.id.0, key);
+                        }
+                        None => events.false_presses += 1,
+                    }
+                }
+                PointerChange::Release => {
+                    if let Some(key) = events.of.get(&it.id.0) {
+                        events.told.entry(*key).or_default().1 = Some(it.time);
+                    }
+                }
+                _ => {}
+            }
+        }
     }
 
     /// Takes in a message.
@@ -212,6 +255,21 @@ impl WallScorer {
         report.figure("press_ms.median", waits(50.0));
         report.figure("press_ms.p95", waits(95.0));
         report.figure("release_ms.median", percentile(&after, 50.0).unwrap_or(f64::NAN));
+        if let Some(events) = &self.events {
+            let told = |key: &u32| events.told.get(key).map_or(0, |it| it.0);
+            let pressed = self.presses.iter().filter(|it| (it.1.last - it.1.first).as_s() >= LEAST_PRESS_S);
+            let missed = pressed.filter(|it| told(it.0) == 0).count();
+            let doubled: u32 = events.told.values().map(|it| it.0.saturating_sub(1)).sum();
+            report.figure("press_events_missed", missed as f64);
+            report.figure("press_events_doubled", f64::from(doubled));
+            report.figure("press_events_false", events.false_presses as f64);
+            let off =
+                events.told.iter().filter_map(|(key, it)| Some((it.1? - self.presses.get(key)?.last).as_ms().abs()));
+            let off: Vec<f64> = off.collect();
+            for (word, percent) in [("median", 50.0), ("p95", 95.0)] {
+                report.figure(format!("release_event_ms.{word}"), percentile(&off, percent).unwrap_or(f64::NAN));
+            }
+        }
         if self.users.is_some() {
             self.report_users(&long, report);
         }
@@ -370,5 +428,52 @@ mod tests {
             |press, _| Some(press.user + 1),
         );
         assert!((0.5..1.0).contains(&other["identity_kept"]), "{other:?}");
+    }
+
+    #[test]
+    fn events_are_held_against_true_presses() {
+        let wall = Wall::new(WallSettings::default(), Truth::default(), &Random::new(3));
+        let figures = |keep: &dyn Fn(u32) -> u32, off: f64| {
+            let mut scorer = WallScorer::new(0.02, 0.0, Vec::new());
+            let mut before = BTreeMap::<u32, Press>::new();
+            for step in 0..2000 {
+                let time = Time::from_s(f64::from(step) / 200.0);
+                scorer.recovered(&wall, &Targets { time, list: Vec::new() });
+                let now: BTreeMap<u32, Press> = wall.presses(time).map(|it| (it.number, it)).collect();
+                let event = |it: &Press, what: PointerChange| foveate_messages::PointerEvent {
+                    id: TargetId(it.number),
+                    user: None,
+                    what,
+                    time,
+                    latency: foveate_messages::Interval(0),
+                    position: it.point + nalgebra::Vector2::new(off, 0.0),
+                    path: Vec::new(),
+                };
+                let mut events = Vec::new();
+                for it in now.values().filter(|it| !before.contains_key(&it.number)) {
+                    (0..keep(it.number)).for_each(|_| events.push(event(it, PointerChange::Press)));
+                }
+                for it in before.values().filter(|it| !now.contains_key(&it.number)) {
+                    events.push(event(it, PointerChange::Release));
+                }
+                let (list, exchanged) = (Vec::new(), Vec::new());
+                scorer.pointers(&wall, &Pointers { time, shown_at: time, list, exchanged, events });
+                before = now;
+            }
+            let mut report = Report::default();
+            scorer.finish(&mut report);
+            let found: BTreeMap<String, f64> = report.figures.into_iter().collect();
+            ["missed", "doubled", "false"].map(|it| found[&format!("press_events_{it}")])
+        };
+        let [missed, doubled, none] = figures(&|_| 1, 0.0);
+        assert_eq!([missed, none], [0.0; 2]);
+        // A pointer that leaves the wall for a moment is told twice here, and is one press.
+        assert!(doubled < 4.0, "{doubled}");
+        let [_, twice, _] = figures(&|_| 2, 0.0);
+        assert!(twice > doubled + 10.0, "{twice}");
+        let [half, _, _] = figures(&|it| it % 2, 0.0);
+        assert!(half > 4.0, "{half}");
+        let [_, _, beside] = figures(&|_| 1, 0.3);
+        assert!(beside > 10.0, "{beside}");
     }
 }

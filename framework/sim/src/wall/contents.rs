@@ -5,10 +5,12 @@ use std::f64::consts::TAU;
 use foveate_estimation::random::Random;
 use nalgebra::{Point2, Vector2};
 
-use super::{WallLight, WallSettings};
+use super::{RED, WallLight, WallSettings};
 use crate::chance::stream;
 
 const JUMPS: u64 = 20;
+const WINDOWS: u64 = 21;
+const TILES: u64 = 22;
 /// How often a spot of the third that jumps does [s].
 const JUMP_S: f64 = 0.7;
 
@@ -51,6 +53,8 @@ pub(crate) struct Window {
     pub corners: [Point2<f64>; 2],
     /// What it reads in a camera of gain 1 [gray level].
     pub level: f64,
+    /// What the planes of a colour camera read, relative to that.
+    pub colour: [f64; 3],
 }
 
 impl Drifting {
@@ -86,11 +90,12 @@ impl Contents {
     }
 
     pub fn windows(&self, time_s: f64) -> impl Iterator<Item = Window> + '_ {
-        self.windows.iter().zip(1..).map(move |(it, number)| {
+        self.windows.iter().zip(1_u32..).map(move |(it, number)| {
             let middle = it.at(time_s);
             // They shine as videos do.
             let level = 60.0 + 40.0 * (TAU * 0.7 * time_s * f64::from(number)).sin();
-            Window { corners: [middle - self.window_size / 2.0, middle + self.window_size / 2.0], level }
+            let corners = [middle - self.window_size / 2.0, middle + self.window_size / 2.0];
+            Window { corners, level, colour: self.colour(WINDOWS, i64::from(number)) }
         })
     }
 
@@ -105,8 +110,19 @@ impl Contents {
                     Point2::new(self.size[0] * random.uniform(), self.size[1] * random.uniform())
                 }
             };
-            (number, WallLight { point, sigma: it.sigma, peak: it.peak })
+            (number, WallLight { point, sigma: it.sigma, peak: it.peak, colour: RED })
         })
+    }
+
+    pub fn tint(&self, [column, row]: [u32; 2]) -> [f64; 3] {
+        self.colour(TILES, i64::from(column) + 1000 * i64::from(row))
+    }
+
+    /// A colour, pale or not: one plane is full, the others are drawn.
+    fn colour(&self, of: u64, number: i64) -> [f64; 3] {
+        let mut random = stream(self.seed, of, number);
+        let full = random.below(3) as usize;
+        std::array::from_fn(|plane| if plane == full { 1.0 } else { random.uniform_in(0.15, 1.0) })
     }
 
     pub fn shine(&self, [column, row]: [u32; 2], time_s: f64) -> f64 {

@@ -15,7 +15,7 @@ use std::sync::Arc;
 use foveate_estimation::random::Random;
 use foveate_geometry::{Camera, Ray};
 use foveate_messages::{Message, Space, Time, Wire};
-use nalgebra::{Point2, Point3, Vector2};
+use nalgebra::{Isometry3, Point2, Point3, Vector2};
 
 pub use board::BoardSettings;
 pub(crate) use board::ShownBoard;
@@ -23,7 +23,7 @@ use contents::Contents;
 pub(crate) use contents::Window;
 use hand::Hand;
 pub use settings::{DotSettings, WallSettings};
-pub use shape::CurveSettings;
+pub use shape::{CurveSettings, StandSettings};
 use wave::Wave;
 pub use wave::WaveSettings;
 
@@ -49,6 +49,8 @@ struct Inner {
     blinks: Vec<Blink>,
     wave: Option<Wave>,
     contents: Contents,
+    /// Where it stands in the cameras' space, if that is not its own.
+    room_from_wall: Option<Isometry3<f64>>,
     truth: Truth,
 }
 
@@ -69,7 +71,14 @@ pub struct WallLight {
     pub sigma: f64,
     /// What its middle reads in a camera of gain 1 if nothing blurs it [gray level].
     pub peak: f64,
+    /// What the red, green and blue pixels of a colour camera read of it, relative to that.
+    pub colour: [f64; 3],
 }
+
+/// Red as the wall's own pixels show it: its filters let some of the other light pass.
+pub(crate) const RED: [f64; 3] = [1.0, 0.16, 0.1];
+/// Light without a colour.
+pub(crate) const WHITE: [f64; 3] = [1.0; 3];
 
 /// A press of a pointer whose spot is on the wall.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -105,7 +114,8 @@ impl Wall {
         let contents = Contents::new(&settings, size, random);
         let edge = settings.pixel_mm * 0.5e-3;
         let wave = settings.wave.as_ref().map(|it| Wave::new(it, size, edge, random));
-        Wall(Arc::new(Inner { settings, size, hands, blinks, wave, contents, truth }))
+        let room_from_wall = settings.stand.as_ref().map(StandSettings::room_from_wall);
+        Wall(Arc::new(Inner { room_from_wall, settings, size, hands, blinks, wave, contents, truth }))
     }
 
     /// What it was made from.
@@ -146,12 +156,22 @@ impl Wall {
 
     /// A point of the wall in the space that cameras stand in [m].
     pub(crate) fn in_space(&self, point: &Point2<f64>) -> Point3<f64> {
-        shape::in_space(self.0.settings.curve.as_ref(), self.0.size, point)
+        let own = shape::in_space(self.0.settings.curve.as_ref(), self.0.size, point);
+        self.0.room_from_wall.map_or(own, |it| it * own)
     }
 
     /// Where a ray of that space meets the wall, its surroundings in the same bend included [m].
     pub(crate) fn met_by(&self, ray: &Ray) -> Option<Point2<f64>> {
-        shape::met(self.0.settings.curve.as_ref(), self.0.size, ray)
+        let ray = self.0.room_from_wall.map_or(*ray, |it| Ray {
+            origin: it.inverse_transform_point(&ray.origin),
+            direction: it.inverse() * ray.direction,
+        });
+        shape::met(self.0.settings.curve.as_ref(), self.0.size, &ray)
+    }
+
+    /// Whether an eye of the cameras' space sees what the wall shows: one that stands in a room is not seen through.
+    pub(crate) fn faces(&self, eye: &Point3<f64>) -> bool {
+        self.0.room_from_wall.is_none_or(|it| it.inverse_transform_point(eye).z < 0.0)
     }
 
     /// How many pixels a metre on the wall takes up at `point`, as the root of the area of a square metre's picture [px/m].
@@ -201,12 +221,15 @@ impl Wall {
 
     /// The spots of pointers as an eye at `eye` sees them: those of [`Self::presses`], and their reflections in bezels.
     pub fn spots(&self, time: Time, eye: &Point3<f64>, mut each: impl FnMut(WallLight)) {
+        // In the wall's own space.
+        let eye = self.0.room_from_wall.map_or(*eye, |it| it.inverse_transform_point(eye));
         let WallSettings { pointer_peak, reflection, tiles, tile_px, pixel_mm, gap_mm, .. } = self.0.settings;
         for Press { point, user, .. } in self.presses(time) {
             if self.blinks_dark(user, time) {
                 continue;
             }
-            let light = WallLight { point, sigma: BEAM_SIGMA_M, peak: pointer_peak };
+            let colour = self.0.settings.pointer_rgb.get(user as usize).copied().unwrap_or(WHITE);
+            let light = WallLight { point, sigma: BEAM_SIGMA_M, peak: pointer_peak, colour };
             each(light);
             for axis in (0..2).filter(|_| reflection > 0.0) {
                 let side = f64::from(tile_px[axis]) * pixel_mm * 1e-3;
@@ -274,7 +297,7 @@ impl Wall {
         }
         let WallSettings { white, pixel_mm, .. } = self.0.settings;
         if let Some(board) = self.board_at(time.as_s()) {
-            let light = |point| WallLight { point, sigma: pixel_mm * 1e-3, peak: white };
+            let light = |point| WallLight { point, sigma: pixel_mm * 1e-3, peak: white, colour: WHITE };
             board.points().zip(0..).for_each(|(point, number)| each(number, light(point)));
         }
         if self.calibrates() {
@@ -307,7 +330,7 @@ impl Wall {
             let pixel = ((at / pixel_mm).floor() + 0.5) * pixel_mm;
             (tile as f64 * (side + gap_mm) + pixel) * 1e-3
         });
-        let light = WallLight { point: Point2::from(place), sigma: sigma_mm * 1e-3, peak: red_peak };
+        let light = WallLight { point: Point2::from(place), sigma: sigma_mm * 1e-3, peak: red_peak, colour: RED };
         Some((number as u32, light))
     }
 
@@ -356,6 +379,11 @@ impl Wall {
             return 0.0;
         }
         self.0.contents.shine(tile, self.shown_s(time))
+    }
+
+    /// Of which colour a display's contents are, by plane, none above 1.
+    pub(crate) fn tint(&self, tile: [u32; 2]) -> [f64; 3] {
+        self.0.contents.tint(tile)
     }
 
     /// What the wall's own picture reads at a point that belongs to a display, between black and white, without windows and spots [0, 1].

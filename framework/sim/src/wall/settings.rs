@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::board::BoardSettings;
-use super::shape::CurveSettings;
+use super::shape::{CurveSettings, StandSettings};
 use super::wave::WaveSettings;
 use crate::truth::TruthSettings;
 
@@ -43,6 +43,8 @@ pub struct WallSettings {
     /// What the middle of a spot would read in a camera of gain 1 that does not saturate [gray level].
     #[schemars(range(min = 0.0, max = 20000.0))]
     pub pointer_peak: f64,
+    /// By user, what red, green and blue pixels of a colour camera read of the pointer, relative to `pointer_peak`; those of users beyond the list are white [–].
+    pub pointer_rgb: Vec<[f64; 3]>,
     /// By user, how often the pointer goes dark: once in so long, for `dark_ms`; the pointers of users beyond the list are steady [ms].
     pub blink_ms: Vec<f64>,
     /// How long a pointer that blinks is dark each time [ms].
@@ -80,6 +82,8 @@ pub struct WallSettings {
     pub wave: Option<WaveSettings>,
     /// How the wall is bent. Left out: it is flat [–].
     pub curve: Option<CurveSettings>,
+    /// Where it stands in the room of the cameras, of which only those before it see it. Left out: the cameras stand in the wall's own space [–].
+    pub stand: Option<StandSettings>,
     /// How many a second are given out of the truth and of what is shown [Hz].
     #[schemars(range(min = 1.0, max = 1000.0))]
     pub truth_hz: f64,
@@ -121,6 +125,7 @@ impl Default for WallSettings {
             tremor_px: 8.0,
             press_s: 3.0,
             pointer_peak: 2000.0,
+            pointer_rgb: Vec::new(),
             blink_ms: Vec::new(),
             dark_ms: 20.0,
             blink_clock_percent: 0.2,
@@ -135,6 +140,7 @@ impl Default for WallSettings {
             board: None,
             wave: None,
             curve: None,
+            stand: None,
             truth_hz: 60.0,
             truth: None,
         }
@@ -158,6 +164,9 @@ impl WallSettings {
         ConfigError::unless_in("tremor_px", self.tremor_px, 0.0..=200.0)?;
         ConfigError::unless_in("press_s", self.press_s, 1.0..=600.0)?;
         ConfigError::unless_in("pointer_peak", self.pointer_peak, 0.0..=20_000.0)?;
+        for part in self.pointer_rgb.iter().flatten() {
+            ConfigError::unless_in("pointer_rgb", *part, 0.0..=1.0)?;
+        }
         ConfigError::unless_in("dark_ms", self.dark_ms, 0.1..=1000.0)?;
         ConfigError::unless_in("blink_clock_percent", self.blink_clock_percent, 0.0..=10.0)?;
         for period in &self.blink_ms {
@@ -196,6 +205,12 @@ impl WallSettings {
         if let Some(CurveSettings { radius_m, sag_mm }) = self.curve {
             ConfigError::unless_in("curve.sag_mm", sag_mm, 0.0..=500.0)?;
             ConfigError::unless_in("curve.radius_m", radius_m.abs(), 1.0..=1e6)?;
+        }
+        if let Some(StandSettings { upper_left_m, turned_deg }) = self.stand {
+            ConfigError::unless_in("stand.turned_deg", turned_deg, -360.0..=360.0)?;
+            for at in upper_left_m {
+                ConfigError::unless_in("stand.upper_left_m", at, -1000.0..=1000.0)?;
+            }
         }
         let shown = [("dots", self.dots.is_some()), ("board", self.board.is_some()), ("wave", self.wave.is_some())];
         let mut shown = shown.into_iter().filter(|it| it.1).map(|it| it.0);

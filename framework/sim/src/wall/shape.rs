@@ -3,7 +3,7 @@
 //! Displays stand along an arc, and what they hang on sags: a cylinder, and on it swells that no cylinder has.
 
 use foveate_geometry::Ray;
-use nalgebra::{Matrix3, Point2, Point3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point2, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -21,6 +21,27 @@ pub struct CurveSettings {
 impl Default for CurveSettings {
     fn default() -> Self {
         Self { radius_m: 4.0, sag_mm: 5.0 }
+    }
+}
+
+/// Where an upright wall stands in the room that its cameras stand in.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct StandSettings {
+    /// Its upper left corner, as seen by who looks at it [m].
+    pub upper_left_m: [f64; 3],
+    /// From the room's x to the wall's, which runs to the right of who looks at it, counterclockwise as seen from above [deg].
+    #[serde(default)]
+    pub turned_deg: f64,
+}
+
+impl StandSettings {
+    /// From the wall's space, x to the right, y down, z into it, to the room's, whose z is up.
+    pub(super) fn room_from_wall(&self) -> Isometry3<f64> {
+        let upright = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -1.0, 0.0);
+        let upright = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(upright));
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.turned_deg.to_radians());
+        Isometry3::from_parts(Translation3::from(Vector3::from(self.upper_left_m)), turn * upright)
     }
 }
 

@@ -1,9 +1,9 @@
 //! What `wall` promises, tried.
 
 use super::*;
-use crate::camera::{WallCameraSettings, WallRenderer};
+use crate::camera::{WallCameraSettings, WallFormat, WallRenderer};
 use foveate_geometry::{Camera, Distortion, Intrinsics};
-use foveate_messages::{CameraId, Image};
+use foveate_messages::{CameraId, Image, PixelFormat};
 
 fn wall(settings: WallSettings) -> Wall {
     Wall::new(settings, Truth::default(), &Random::new(5))
@@ -242,4 +242,55 @@ fn pointer_that_blinks_is_dark_once_in_its_period_and_held_down_all_the_same() {
     assert_eq!(share[2..], [0.0, 0.0], "users beyond the list have steady pointers");
     let regular = onsets.windows(2).filter(|it| (it[1] - it[0] - 80).abs() <= 1).count();
     assert!(regular * 10 > onsets.len() * 8, "{onsets:?}");
+}
+
+#[test]
+fn colour_pictures_have_pointers_in_their_colours_and_the_gray_ones_are_as_before() {
+    let colours = vec![[1.0, 0.1, 0.0], [0.0, 1.0, 0.1], [0.1, 0.0, 1.0], [1.0, 1.0, 1.0]];
+    let dark = WallSettings { white: 0.0, windows: 0, red_spots: 0, reflection: 0.0, ..WallSettings::default() };
+    let gray = wall(dark.clone());
+    let wall = wall(WallSettings { pointer_rgb: colours.clone(), pointer_peak: 150.0, ..dark.clone() });
+    let plain = WallCameraSettings { noise_sigma: 0.0, balance_percent: 0.0, ..WallCameraSettings::default() };
+    let rgb = WallCameraSettings { format: WallFormat::Rgb, ..plain.clone() };
+    let mut seen = [0; 4];
+    for step in 0..60 {
+        let time_s = 0.5 * f64::from(step);
+        let image = picture(&wall, time_s, &rgb);
+        assert_eq!((image.format, image.pixels.len()), (PixelFormat::Rgb8, 3 * 640 * 480));
+        let eye = wall.camera(None, &camera());
+        let presses: Vec<Press> = wall.presses(Time::from_s(time_s)).collect();
+        for it in &presses {
+            let Some(pixel) = eye.sees(&wall.in_space(&it.point)) else { continue };
+            let is_alone = presses.iter().all(|other| other == it || (other.point - it.point).norm() > 0.05);
+            if !is_alone || pixel.x < 2.0 || pixel.y < 2.0 || pixel.x > 637.0 || pixel.y > 477.0 {
+                continue;
+            }
+            let at = 3 * (pixel.y.round() as usize * 640 + pixel.x.round() as usize);
+            let light = [0, 1, 2].map(|plane| f64::from(image.pixels[at + plane]) - 8.0);
+            let most = light.into_iter().fold(0.0, f64::max);
+            for plane in 0..3 {
+                let expected = colours[it.user as usize][plane];
+                assert!((light[plane] / most - expected).abs() < 0.05, "{light:?} of user {}", it.user);
+            }
+            seen[it.user as usize] += 1;
+        }
+        if step < 3 {
+            let as_gray = picture(&gray, time_s, &plain);
+            assert_eq!((as_gray.format, as_gray.pixels.len()), (PixelFormat::Gray8, 640 * 480));
+        }
+    }
+    assert!(seen.iter().all(|it| *it > 3), "{seen:?}");
+}
+
+#[test]
+fn a_wall_that_stands_in_a_room_is_where_it_was_put_and_is_seen_from_before_it_only() {
+    let stand = StandSettings { upper_left_m: [-1.5, 2.5, 1.9], turned_deg: 20.0 };
+    let wall = wall(WallSettings { stand: Some(stand), ..WallSettings::default() });
+    let (right, turn) = (2.0, 20.0_f64.to_radians());
+    let expected = Point3::new(-1.5 + right * turn.cos(), 2.5 + right * turn.sin(), 1.9 - 0.7);
+    assert!((wall.in_space(&Point2::new(right, 0.7)) - expected).norm() < 1e-12);
+    let eye = Point3::new(0.0, -1.0, 1.5);
+    let ray = Ray { origin: eye, direction: nalgebra::Unit::new_normalize(expected - eye) };
+    assert!((wall.met_by(&ray).unwrap() - Point2::new(right, 0.7)).norm() < 1e-9);
+    assert!(wall.faces(&eye) && !wall.faces(&Point3::new(0.0, 6.0, 1.5)));
 }
