@@ -1,5 +1,6 @@
 //! `led.detector`: finds bright lights in the pictures of one camera [Davis 2002 §3.3].
 
+use foveate::imaging::hue_between;
 use foveate::node::detector::{DetectorPorts, DetectorShell};
 use foveate::prelude::*;
 use schemars::JsonSchema;
@@ -85,7 +86,29 @@ pub struct DetectorSettings {
     /// Noise of a pixel, standard deviation: what the centres' covariance comes from [gray level].
     #[schemars(range(min = 0.0, max = 255.0))]
     pub pixel_noise: f64,
+    /// Lights of these colours get labels, in colour pictures: told by the flanks of a spot, whose middle may be full. Left out: none [–].
+    pub colours: Vec<LightColour>,
+    /// A light whose hue is farther than this from that of every colour, or as near to another one, has no label [deg].
+    #[schemars(range(min = 1.0, max = 60.0))]
+    pub hue_tolerance_deg: f64,
+    /// A light that is paler than this has no label: 0 is white, 1 light of one plane alone [–].
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub min_saturation: f64,
 }
+
+/// A colour of lights.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LightColour {
+    /// The label that lights of this colour get [–].
+    pub label: u32,
+    /// Their hue in this camera's pictures: 0 red, 60 yellow, 120 green, 240 blue [deg].
+    #[schemars(range(min = 0.0, max = 360.0))]
+    pub hue_deg: f64,
+}
+
+/// Hues nearer to each other than this cannot be told apart [deg].
+const LEAST_APART_DEG: f64 = 15.0;
 
 impl Default for DetectorSettings {
     /// The paper's grid, windows and rules; thresholds and sizes as they suit LEDs 2 m to 6 m from a camera of 640 × 240 px.
@@ -111,6 +134,9 @@ impl Default for DetectorSettings {
             min_fill: 0.3,
             max_features: 256,
             pixel_noise: 3.0,
+            colours: Vec::new(),
+            hue_tolerance_deg: 30.0,
+            min_saturation: 0.35,
         }
     }
 }
@@ -228,6 +254,20 @@ impl DetectorSettings {
         ConfigError::unless_in("min_fill", self.min_fill, 0.0..=1.0)?;
         ConfigError::unless_in("max_features", self.max_features, 1..=10_000)?;
         ConfigError::unless_in("pixel_noise", self.pixel_noise, 0.0..=255.0)?;
+        ConfigError::unless_in("hue_tolerance_deg", self.hue_tolerance_deg, 1.0..=60.0)?;
+        ConfigError::unless_in("min_saturation", self.min_saturation, 0.0..=1.0)?;
+        for (place, it) in self.colours.iter().enumerate() {
+            let setting = format!("colours[{place}]");
+            ConfigError::unless_in(&format!("{setting}.hue_deg"), it.hue_deg, 0.0..=360.0)?;
+            let is_near = |other: &&LightColour| hue_between(other.hue_deg, it.hue_deg).abs() < LEAST_APART_DEG;
+            if let Some(other) = self.colours[..place].iter().find(is_near) {
+                let text = format_args!(
+                    "found hues of {}° and {}°, expected them {LEAST_APART_DEG}° apart or more",
+                    other.hue_deg, it.hue_deg
+                );
+                return Err(ConfigError::at(&setting, text));
+            }
+        }
         for (place, polygon) in self.masks.iter().enumerate() {
             let setting = format!("masks[{place}]");
             if polygon.len() < 3 {
@@ -254,6 +294,9 @@ mod tests {
     #[test]
     fn node_keeps_its_promises() {
         check_node::<Detector>("");
+        check_node::<Detector>(
+            "channel = \"max\"\ncolours = [{ label = 1, hue_deg = 0 }, { label = 2, hue_deg = 120 }]",
+        );
         check_node::<Detector>("offset = 30\nchannel = \"green\"\nmasks = [[[0, 0], [10, 0], [0, 10.5]]]");
     }
 
@@ -268,6 +311,11 @@ mod tests {
         assert_eq!(setting(|it| it.grid_px = 0).as_deref(), Some("grid_px"));
         assert_eq!(setting(|it| it.left_out_frames = 30).as_deref(), Some("left_out_frames"));
         assert_eq!(setting(|it| it.max_area_px = 1).as_deref(), Some("max_area_px"));
+        assert_eq!(setting(|it| it.hue_tolerance_deg = 90.0).as_deref(), Some("hue_tolerance_deg"));
+        let near = |it: &mut DetectorSettings| {
+            it.colours = [355.0, 5.0].map(|hue_deg| LightColour { label: 1, hue_deg }).to_vec()
+        };
+        assert_eq!(setting(near).as_deref(), Some("colours[1]"));
         assert_eq!(setting(|it| it.pixel_noise = f64::NAN).as_deref(), Some("pixel_noise"));
         assert_eq!(setting(|it| it.masks = vec![vec![[0.0; 2]; 2]]).as_deref(), Some("masks[0]"));
     }

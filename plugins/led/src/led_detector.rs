@@ -8,17 +8,19 @@
 mod tests;
 
 use foveate::imaging::{
-    Background, BackgroundConfig, Centroid, Channel, ImageView, ImagingError, Measure, Sampling, Spot, SpotFinder,
-    SpotLimits, Statistic, ThresholdMap, Verdict, Window, fill_polygon, plane,
+    Background, BackgroundConfig, Centroid, Channel, Hue, ImageView, ImagingError, Measure, RgbView, Sampling, Spot,
+    SpotFinder, SpotLimits, Statistic, ThresholdMap, Verdict, Window, fill_polygon, hue_between, plane,
 };
 use foveate::messages::{self, Feature, Features, Image, PixelFormat};
 use foveate::node::detector::{Outcome, PictureSize};
 use nalgebra::{Point2, Vector2};
 
-use crate::detector::{CentroidKind, ColourPlane, DetectorSettings, Search, WhileLearning};
+use crate::detector::{CentroidKind, ColourPlane, DetectorSettings, LightColour, Search, WhileLearning};
 
 /// Windows of one picture, at most.
 const WINDOWS_MAX: usize = 512;
+/// A hue is nearer to its colour than to another one by so many of its standard deviations.
+const CLEARER: f64 = 2.0;
 
 /// The detector of one camera.
 pub struct LedDetector {
@@ -83,7 +85,7 @@ pub enum Refusal {
         /// The picture's.
         found: messages::Window,
     },
-    /// The settings ask for a colour and the picture has none.
+    /// The settings ask for a colour, or for labels by colour, and the picture has none.
     NoColour,
     /// The pixels are not what the size promises.
     Broken(ImagingError),
@@ -105,8 +107,8 @@ impl std::fmt::Display for Refusal {
                 b.left, b.top, b.shrink, a.left, a.top, a.shrink
             ),
             Refusal::NoColour => f.write_str(
-                "the picture is gray and `channel` names a colour: let the source give colour (`format = \"rgb\"`), or set \
-                 `channel = \"luma\"`",
+                "the picture is gray and `channel` or `colours` name a colour: let the source give colour (`format = \"rgb\"`), or set \
+                 `channel = \"luma\"` without `colours`",
             ),
             Refusal::Broken(error) => write!(f, "{error}"),
         }
@@ -177,6 +179,7 @@ impl LedDetector {
         let (width, height) = (image.width as usize, image.height as usize);
         let pixels = match image.format {
             PixelFormat::Gray8 => match self.settings.channel {
+                _ if !self.settings.colours.is_empty() => return Err(Refusal::NoColour),
                 ColourPlane::Luma | ColourPlane::Max => image.pixels.as_slice(),
                 ColourPlane::Red | ColourPlane::Green | ColourPlane::Blue => return Err(Refusal::NoColour),
             },
@@ -230,12 +233,14 @@ impl LedDetector {
         }
         self.follow(part);
         let stretch = f64::from(part.shrink);
+        let colour = (!self.settings.colours.is_empty()).then(|| RgbView::new(&image.pixels, width, height));
+        let colour = colour.transpose().map_err(Refusal::Broken)?;
         features.list.extend(self.spots.iter().map(|spot| Feature {
             centre: part.in_camera(&spot.centre),
             covariance: spot.covariance * (stretch * stretch),
             area: spot.area.saturating_mul(part.shrink * part.shrink),
             peak: spot.peak,
-            label: None,
+            label: colour.as_ref().and_then(|it| self.settings.label(&it.hue(spot.bounds, self.settings.pixel_noise)?)),
         }));
         Ok(Outcome::Searched)
     }
@@ -311,6 +316,17 @@ impl LedDetector {
             self.now.push(Moving { centre, step: step.unwrap_or_default() });
         }
         std::mem::swap(&mut self.before, &mut self.now);
+    }
+}
+
+impl DetectorSettings {
+    /// The label of light of that hue: of the nearest colour, where no other one is nearly as near.
+    fn label(&self, hue: &Hue) -> Option<u32> {
+        let off = |it: &LightColour| hue_between(hue.deg, it.hue_deg).abs();
+        let nearest = self.colours.iter().min_by(|a, b| off(a).total_cmp(&off(b)))?;
+        let second = self.colours.iter().filter(|it| *it != nearest).map(off).fold(f64::INFINITY, f64::min);
+        let is_clear = off(nearest) <= self.hue_tolerance_deg && off(nearest) + CLEARER * hue.sigma_deg < second;
+        (hue.saturation >= self.min_saturation && is_clear).then_some(nearest.label)
     }
 }
 

@@ -265,3 +265,39 @@ fn predictions_that_are_no_numbers_or_far_outside_do_no_harm() {
     let places = [Point2::new(f64::NAN, 1.0), Point2::new(1e300, -1e300), Point2::new(-500.0, 40.0)];
     assert_eq!(find_near(&mut led_detector(settings), &with_spots(&[[50.0, 40.0]]), &places).len(), 1);
 }
+
+/// Spots that are white in their middles and coloured at their flanks, in the order of their rows.
+#[test]
+fn lights_get_the_labels_of_their_colours() {
+    let lights = [
+        ([1.0, 0.08, 0.03], [30.2, 20.4]),
+        ([0.18, 1.0, 0.2], [80.7, 50.1]),
+        ([1.0; 3], [60.0, 80.0]),
+        ([0.6, 0.1, 1.0], [120.3, 100.2]),
+    ];
+    let (width, height) = (160, 120);
+    let mut pixels = Vec::new();
+    for row in 0..height {
+        for column in 0..width {
+            let light = |plane: usize| -> f64 {
+                let of = |(colour, [x, y]): &([f64; 3], [f64; 2])| {
+                    let square = (f64::from(column) - x).powi(2) + (f64::from(row) - y).powi(2);
+                    2000.0 * colour[plane] * (-square / 2.5).exp()
+                };
+                lights.iter().map(of).sum()
+            };
+            pixels.extend([0, 1, 2].map(|plane| (light(plane) + 10.0).min(255.0) as u8));
+        }
+    }
+    let image = Image { width, height, format: PixelFormat::Rgb8, pixels, ..Image::default() };
+    let colours = [(7, 358.0), (8, 120.0), (9, 240.0)].map(|(label, hue_deg)| LightColour { label, hue_deg });
+    let settings = DetectorSettings { channel: ColourPlane::Max, colours: colours.into(), ..plain() };
+    let mut features = Features::default();
+    led_detector(settings.clone()).find(&image, std::iter::empty(), &mut features).unwrap();
+    let labels: Vec<Option<u32>> = features.list.iter().map(|it| it.label).collect();
+    // White has no colour, and violet is as far from red as it is from blue, or farther than the tolerance.
+    assert_eq!(labels, [Some(7), Some(8), None, None]);
+    let gray = with_spots(&[[50.0, 40.0]]);
+    let refused = led_detector(settings).find(&gray, std::iter::empty(), &mut features);
+    assert_eq!(refused, Err(Refusal::NoColour));
+}
