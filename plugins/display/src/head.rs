@@ -69,8 +69,8 @@ impl Head {
         ((a.1 - b.1).norm() - expected).abs() <= self.tolerance
     }
 
-    /// Known lights that are among the targets.
-    fn seen<'t>(&'t self, targets: &'t [Target]) -> impl Iterator<Item = (usize, Point3<f64>)> + 't {
+    /// Known lights that are among the targets: which, and where.
+    pub(crate) fn seen<'t>(&'t self, targets: &'t [Target]) -> impl Iterator<Item = (usize, Point3<f64>)> + 't {
         targets.iter().filter_map(|it| Some((*self.known.get(&it.id)?, it.position)))
     }
 

@@ -5,7 +5,7 @@
 //! the tile has no message. At most `rate_hz` a second of session time leave; what comes in between gives way to what is newer, and is counted.
 
 use std::io::ErrorKind;
-use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
+use std::net::{ToSocketAddrs, UdpSocket};
 
 use foveate::prelude::*;
 use rosc::{OscBundle, OscMessage, OscPacket, OscTime, OscType, encoder};
@@ -43,7 +43,9 @@ impl Default for OscViewsSettings {
 pub struct OscViews {
     to: String,
     period: Interval,
-    line: Option<(UdpSocket, SocketAddr)>,
+    line: Option<UdpSocket>,
+    /// The last datagram but one found no program that listens.
+    is_unheard: bool,
     sent: Option<Time>,
     n_sent: u64,
     n_superseded: u64,
@@ -75,10 +77,22 @@ impl Node for OscViews {
             let address = address.ok_or_else(|| fault(&"nothing has that name"))?;
             let socket = UdpSocket::bind(if address.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" });
             let socket = socket.and_then(|it| it.set_nonblocking(true).map(|()| it)).map_err(|error| fault(&error))?;
-            line = Some((socket, address));
+            // Connected, it is told when nobody listens there.
+            socket.connect(address).map_err(|error| fault(&error))?;
+            line = Some(socket);
         }
         let period = Interval::from_s(1.0 / rate_hz);
-        Ok(Self { to, period, line, sent: None, n_sent: 0, n_superseded: 0, n_failed: 0, fault: None })
+        Ok(Self {
+            to,
+            period,
+            line,
+            is_unheard: false,
+            sent: None,
+            n_sent: 0,
+            n_superseded: 0,
+            n_failed: 0,
+            fault: None,
+        })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -88,11 +102,17 @@ impl Node for OscViews {
             return Ok(());
         }
         self.sent = Some(io.now());
-        let Some((socket, address)) = &self.line else { return Ok(()) };
+        let Some(socket) = &self.line else { return Ok(()) };
         for tile in &views.tiles {
             // Writing into a vector fails never.
             let Ok(datagram) = encoder::encode(&bundle(views.shown_at, tile)) else { continue };
-            match socket.send_to(&datagram, address) {
+            let mut sent = socket.send(&datagram);
+            // What is said is of a datagram before: its port is closed. This one has not left yet.
+            self.is_unheard = sent.as_ref().is_err_and(|it| it.kind() == ErrorKind::ConnectionRefused);
+            if self.is_unheard {
+                sent = socket.send(&datagram);
+            }
+            match sent {
                 Ok(_) => self.n_sent += 1,
                 Err(error) => {
                     self.n_failed += 1;
@@ -109,6 +129,12 @@ impl Node for OscViews {
         report.figure("views_osc.sent", self.n_sent as f64);
         report.figure("views_osc.superseded", self.n_superseded as f64);
         report.figure("views_osc.failed", self.n_failed as f64);
+        if self.is_unheard {
+            report.remark(format!(
+                "no program listened at `{}` at the end of the run: is the renderer up, and is that its port?",
+                self.to
+            ));
+        }
         if let Some(why) = &self.fault {
             report.remark(format!("{} datagrams to the renderer `{}` were not sent: {why}", self.n_failed, self.to));
         }

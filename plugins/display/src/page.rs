@@ -95,6 +95,7 @@ impl Node for TilePage {
         if settings.tile.is_empty() {
             return Err(ConfigError::at("tile", "found no name, expected that of a tile of the viewer"));
         }
+        setup.want("tile", "tile", &settings.tile);
         let mut link = None;
         if setup.purpose == Purpose::Run {
             let page = Page { html: HTML, files: Arc::new(|_| None) };

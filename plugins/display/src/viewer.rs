@@ -6,6 +6,8 @@
 //!
 //! Where the head is not seen the eyes are carried on for `hold_ms`, and then no views are given: whoever shows them keeps the last.
 
+mod doubts;
+
 use foveate::estimation::{Predictor, PredictorOptions, Way};
 use foveate::geometry::Screen;
 use foveate::prelude::*;
@@ -13,6 +15,7 @@ use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use self::doubts::Doubts;
 use crate::head::Head;
 
 ports! {
@@ -125,6 +128,22 @@ impl ViewerSettings {
                 return Err(ConfigError::at(&format!("lights_mm[{place}]"), message));
             }
         }
+        for (eye, name) in self.eyes_mm.iter().zip(["left", "right"]) {
+            if !eye.iter().all(|it| it.abs() <= FARTHEST_EYE_MM) {
+                let message = format!(
+                    "found the {name} eye at {eye:?}, expected three numbers of {FARTHEST_EYE_MM} at most, from the head's own space"
+                );
+                return Err(ConfigError::at("eyes_mm", message));
+            }
+        }
+        let [left, right] = self.eyes_mm;
+        if left[1] < right[1] {
+            let message = format!(
+                "found the left eye at y = {} and the right one at y = {}: y is to the left, expected the left eye first",
+                left[1], right[1]
+            );
+            return Err(ConfigError::at("eyes_mm", message));
+        }
         if !(1..=64).contains(&self.tiles.len()) {
             return Err(ConfigError::at("tiles", format!("found {} tiles, expected 1 to 64", self.tiles.len())));
         }
@@ -132,12 +151,17 @@ impl ViewerSettings {
     }
 }
 
+/// Eyes are no farther from the origin of the head's space than this along each axis [mm].
+const FARTHEST_EYE_MM: f64 = 500.0;
+
 /// A tile that is ready.
 struct Tile {
     name: String,
     size_px: [u32; 2],
     corners: [Point3<f64>; 3],
     screen: Screen,
+    /// Eyes that were not before it.
+    n_behind: u64,
 }
 
 /// Targets in, views out.
@@ -153,7 +177,9 @@ pub struct Viewer {
     n_views: u64,
     n_looked: u64,
     n_found: u64,
-    n_behind: u64,
+    doubts: Doubts,
+    /// What the tiles face, on the whole.
+    out: Vector3<f64>,
 }
 
 impl Node for Viewer {
@@ -168,7 +194,7 @@ impl Node for Viewer {
         declared_ports()
     }
 
-    fn new(settings: ViewerSettings, _: &Setup) -> Result<Self, ConfigError> {
+    fn new(settings: ViewerSettings, setup: &Setup) -> Result<Self, ConfigError> {
         settings.check()?;
         let mut tiles: Vec<Tile> = Vec::new();
         for (place, it) in settings.tiles.iter().enumerate() {
@@ -183,9 +209,14 @@ impl Node for Viewer {
             let corners = [it.lower_left_m, it.lower_right_m, it.upper_left_m].map(Point3::from);
             let screen = Screen::from_corners(corners[0], corners[1], corners[2]);
             let screen = screen.map_err(|fault| ConfigError::at(&at("lower_left_m"), fault))?;
-            tiles.push(Tile { name: it.name.clone(), size_px: it.size_px, corners, screen });
+            if setup.volume_m.is_some_and(|it| !is_before(&screen, &corners[0], it)) {
+                let message = "found the whole `volume_m` of the scale behind this tile, expected its corners as who looks at it sees them: are lower left and lower right exchanged?";
+                return Err(ConfigError::at(&at("lower_left_m"), message));
+            }
+            setup.offer("tile", &it.name);
+            tiles.push(Tile { name: it.name.clone(), size_px: it.size_px, corners, screen, n_behind: 0 });
         }
-        let lights = settings.lights_mm.iter().map(|it| Point3::from(*it) * 1e-3).collect();
+        let lights: Vec<Point3<f64>> = settings.lights_mm.iter().map(|it| Point3::from(*it) * 1e-3).collect();
         let way = match settings.foretell {
             Foretell::Still => Way::Still,
             Foretell::Velocity => Way::Velocity,
@@ -193,8 +224,11 @@ impl Node for Viewer {
         };
         let predictor = Predictor::new(PredictorOptions { way, ..PredictorOptions::default() });
         let normal: Vector3<f64> = tiles.iter().map(|it| it.screen.normal()).sum();
+        let (tolerance, start) = (settings.tolerance_mm * 1e-3, looking_against(&normal));
         Ok(Self {
-            head: Head::new(lights, settings.tolerance_mm * 1e-3, looking_against(&normal)),
+            doubts: Doubts::new(&lights, tolerance, start),
+            out: normal,
+            head: Head::new(lights, tolerance, start),
             eyes: settings.eyes_mm.map(|it| Point3::from(it) * 1e-3),
             predictors: [predictor.clone(), predictor],
             tiles,
@@ -204,7 +238,6 @@ impl Node for Viewer {
             n_views: 0,
             n_looked: 0,
             n_found: 0,
-            n_behind: 0,
         })
     }
 
@@ -235,7 +268,14 @@ impl Node for Viewer {
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         report.figure("viewer.views", self.n_views as f64);
         report.figure("viewer.found", self.n_found as f64 / self.n_looked as f64);
-        report.figure("viewer.eyes_behind", self.n_behind as f64);
+        report.figure("viewer.eyes_behind", self.tiles.iter().map(|it| it.n_behind).sum::<u64>() as f64);
+        for it in self.tiles.iter().filter(|it| self.n_views > 0 && it.n_behind == 2 * self.n_views) {
+            report.remark(format!(
+                "no eye was ever before tile `{}`: does it face away? Expected its corners as who looks at it sees them",
+                it.name
+            ));
+        }
+        self.doubts.told(&self.out).into_iter().for_each(|it| report.remark(it));
         if self.n_found == 0 {
             report.remark("The head was never found: no targets were as far from each other as `lights_mm` says.");
         }
@@ -250,6 +290,7 @@ impl Viewer {
         self.n_looked += u64::from(self.seen.is_some() || found.is_some());
         let Some(space_from_head) = found else { return };
         self.n_found += 1;
+        self.doubts.add(&self.head, &space_from_head, &targets.list);
         self.seen = Some(targets.time);
         let lights = targets.list.iter().filter(|it| self.head.knows(it.id));
         let (mut velocity, mut variance, mut n) = (Vector3::zeros(), 0.0, 0.0);
@@ -271,18 +312,24 @@ impl Viewer {
     fn views(&mut self, eyes: &[Option<Point3<f64>>; 2]) -> Vec<TileView> {
         let clip = [self.settings.near_m, self.settings.far_m];
         let mut tiles = Vec::new();
-        for Tile { name, size_px, corners, screen } in &self.tiles {
+        for Tile { name, size_px, corners, screen, n_behind } in &mut self.tiles {
             let view = |eye: &Option<Point3<f64>>| {
                 let eye = (*eye)?;
                 let found = screen.off_axis(&eye, clip).ok()?;
                 Some(EyeView { eye, clip_from_space: found.clip_from_world })
             };
             let eyes = [view(&eyes[0]), view(&eyes[1])];
-            self.n_behind += eyes.iter().filter(|it| it.is_none()).count() as u64;
+            *n_behind += eyes.iter().filter(|it| it.is_none()).count() as u64;
             tiles.push(TileView { name: name.clone(), size_px: *size_px, corners: *corners, eyes });
         }
         tiles
     }
+}
+
+/// Whether any place of `volume`, opposite corners, is before `screen`, one of whose points is `on`.
+fn is_before(screen: &Screen, on: &Point3<f64>, volume: [[f64; 3]; 2]) -> bool {
+    let corner = |number: usize| Point3::from([0, 1, 2].map(|axis| volume[(number >> axis) & 1][axis]));
+    (0..8).any(|it| (corner(it) - on).dot(&screen.normal()) > 1e-6)
 }
 
 /// How the head of somebody is turned who stands upright and looks along the opposite of `normal`.

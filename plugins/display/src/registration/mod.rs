@@ -1,5 +1,6 @@
-//! `display.registration`: where a wall stands in a room, from places of it that a light of the room was held at.
+//! `display.registration`: where a wall stands in a room, from places of it that a light of the room was held at, or from dots that the wall shows and the room's cameras see.
 
+mod dots;
 mod pose;
 mod rests;
 #[cfg(test)]
@@ -13,18 +14,25 @@ use nalgebra::{Matrix3, Point2, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use dots::Dots;
 use pose::{LEAST_PLACES, Touch, WallPose, fit};
 use rests::Rests;
 
+/// Places may lie so far beside what the wall can show: on its frame [m].
+const BESIDE_M: f64 = 0.1;
+/// Without the place that is wrong the others fit so many times better than without any other.
+const CLEARLY: f64 = 3.0;
 /// A run that was shorter was cut: that is told, and no failure [s].
 const LEAST_S: f64 = 5.0;
 
 ports! {
     TARGETS: In<Targets> = each("targets");
+    SHOWN: In<Targets> = each("shown").optional();
 }
 
 figures! {
-    "registration.places": count, high, "Places of the wall at which the light was held";
+    "registration.places": count, high, "Places of the wall at which the light was held, or dots that were seen";
+    "registration.dots_left_out": count, low, "Dots of which no light, several, or one that moved was seen; missing where the wall shows none";
     "registration.touch_mm": mm, low, "Distance of these places, where the pose has them, from where the light was; root mean square";
     "registration.held_out_mm": mm, low, "The same where each place is left out of the pose that it is held against; four places or more";
     "registration.worst_sigma_mm": mm, low, "Largest standard deviation of a corner of the wall in the room, as the pose's covariance has it";
@@ -59,6 +67,10 @@ pub struct RegistrationSettings {
     #[schemars(range(min = 0.1, max = 1000.0))]
     #[serde(default = "default_still_mm")]
     pub still_mm: f64,
+    /// Where the wall shows dots (`shown`): so long after one was asked for it is certain to be seen and tracked, and the one before it to be gone [ms]
+    #[schemars(range(min = 0.0, max = 60000.0))]
+    #[serde(default = "default_settle_ms")]
+    pub settle_ms: f64,
     /// Largest error at places, held out where there are four or more, root mean square; with more there is no pose [mm]
     #[schemars(range(min = 0.1, max = 1000.0))]
     #[serde(default = "default_limit_mm")]
@@ -78,6 +90,10 @@ fn default_hold_s() -> f64 {
 
 fn default_still_mm() -> f64 {
     15.0
+}
+
+fn default_settle_ms() -> f64 {
+    300.0
 }
 
 fn default_limit_mm() -> f64 {
@@ -119,9 +135,18 @@ impl RegistrationSettings {
         ConfigError::unless_in("touch_mm", self.touch_mm, 0.01..=1000.0)?;
         ConfigError::unless_in("hold_s", self.hold_s, 0.2..=60.0)?;
         ConfigError::unless_in("still_mm", self.still_mm, 0.1..=1000.0)?;
+        ConfigError::unless_in("settle_ms", self.settle_ms, 0.0..=60_000.0)?;
         ConfigError::unless_in("limit_mm", self.limit_mm, 0.1..=1000.0)?;
-        for at in self.touch_m.iter().flatten() {
-            ConfigError::unless_in("touch_m", *at, -1000.0..=1000.0)?;
+        let [width, height] = self.size();
+        for (place, at) in self.touch_m.iter().enumerate() {
+            let is_on = |axis: usize| (-BESIDE_M..=self.size()[axis] + BESIDE_M).contains(&at[axis]);
+            if !(is_on(0) && is_on(1)) {
+                let message = format!(
+                    "found ({}, {}) m, expected a place of the wall, which `tiles`, `tile_m` and `gap_mm` make {width:.3} m by {height:.3} m",
+                    at[0], at[1]
+                );
+                return Err(ConfigError::at(&format!("touch_m[{place}]"), message));
+            }
         }
         let n = self.touch_m.len();
         if n > 0 && n < LEAST_PLACES {
@@ -132,10 +157,13 @@ impl RegistrationSettings {
     }
 }
 
-/// Targets of one light in; at the end a file with the wall's pose, its covariance, and `tiles` as `display.viewer` takes them. One light alone is held at each place in turn.
+/// Targets of one light in; at the end a file with the wall's pose, its covariance, and `tiles` as `display.viewer` takes them. One light alone is held at each place in turn; or, where `shown` is connected (one target at a time: the dot
+/// that the wall is told to show), the targets are the dots as the room's cameras see them.
 pub struct Registration {
     settings: RegistrationSettings,
     rests: Rests,
+    /// Of the wall's dots, where it shows some.
+    dots: Option<Dots>,
     /// Middle of the scale's working volume, which is before the wall [m].
     before: Option<Point3<f64>>,
     span: Option<[Time; 2]>,
@@ -147,7 +175,8 @@ pub struct Registration {
 impl Node for Registration {
     const TYPE: &'static str = "display.registration";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Where a wall of displays stands in the room, by a light that is held at its corners";
+    const SUMMARY: &'static str =
+        "Where a wall of displays stands in the room, by a light that is held at its corners or by dots that it shows";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = RegistrationSettings;
 
@@ -160,6 +189,7 @@ impl Node for Registration {
         setup.claim_named_file("file", &settings.file)?;
         let middle = |[min, max]: [[f64; 3]; 2]| nalgebra::center(&Point3::from(min), &Point3::from(max));
         Ok(Self {
+            dots: setup.is_connected(&SHOWN).then(Dots::default),
             settings,
             rests: Rests::default(),
             before: setup.volume_m.map(middle),
@@ -170,6 +200,11 @@ impl Node for Registration {
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        while let Some(shown) = io.take(&SHOWN) {
+            if let Some(dots) = &mut self.dots {
+                dots.show(shown.time(), &shown.value.list);
+            }
+        }
         let Some(targets) = io.take(&TARGETS) else { return Ok(()) };
         let targets = &targets.value;
         let last = self.span.map_or(Time(i64::MIN), |it| it[1]);
@@ -178,6 +213,10 @@ impl Node for Registration {
             return Ok(());
         }
         self.span = Some([self.span.map_or(targets.time, |it| it[0]), targets.time]);
+        if let Some(dots) = &mut self.dots {
+            dots.see(targets, Interval::from_ms(self.settings.settle_ms));
+            return Ok(());
+        }
         let mut measured = targets.list.iter().filter(|it| it.provenance == Provenance::Measured);
         let (Some(it), other) = (measured.next(), measured.next()) else { return Ok(()) };
         if other.is_some() {
@@ -208,6 +247,9 @@ impl Node for Registration {
         };
         let mm = |all: &[f64]| (all.iter().map(|it| it * it).sum::<f64>() / all.len() as f64).sqrt() * 1e3;
         report.figure("registration.places", pose.misses.len() as f64);
+        if let Some(dots) = &self.dots {
+            report.figure("registration.dots_left_out", dots.shown().count().saturating_sub(pose.misses.len()) as f64);
+        }
         report.figure("registration.touch_mm", mm(&pose.misses));
         let error_mm = if pose.held_out.is_empty() { mm(&pose.misses) } else { mm(&pose.held_out) };
         if !pose.held_out.is_empty() {
@@ -218,8 +260,9 @@ impl Node for Registration {
         report.figure("registration.worst_sigma_mm", worst * 1e3);
         if error_mm > self.settings.limit_mm {
             return Err(NodeError::input(format_args!(
-                "places of the wall are {error_mm:.1} mm from where the light was, expected at most {}: are `tile_m`, `gap_mm` and `touch_m` right, in this order, and is the wall flat?",
-                self.settings.limit_mm
+                "places of the wall are {error_mm:.1} mm from where the light was, expected at most {}: {}",
+                self.settings.limit_mm,
+                self.why(&pose)
             )));
         }
         let Some(folder) = &self.out_dir else { return Ok(()) };
@@ -228,7 +271,49 @@ impl Node for Registration {
 }
 
 impl Registration {
+    /// Where the wall shows dots, one at a time: each is a place.
+    fn by_dots(&self, dots: &Dots) -> Result<WallPose, String> {
+        let touches = dots.places(self.settings.still_mm * 1e-3);
+        let [width, height] = self.settings.size();
+        let is_beyond = |it: &Point2<f64>| {
+            !(-BESIDE_M..=width + BESIDE_M).contains(&it.x) || !(-BESIDE_M..=height + BESIDE_M).contains(&it.y)
+        };
+        if let Some(it) = dots.shown().find(is_beyond) {
+            return Err(format!(
+                "the wall was told to show a dot at ({:.3}, {:.3}) m from its upper left corner, and `tiles`, `tile_m` and `gap_mm` make it {width:.3} m by {height:.3} m",
+                it.x, it.y
+            ));
+        }
+        if touches.len() < LEAST_PLACES {
+            return Err(format!(
+                "of {} dots {} were seen as one light that kept its place, expected {LEAST_PLACES} or more: do two cameras of the room see the wall, and is each dot shown for longer than `settle_ms`, {} ms?",
+                dots.shown().count(),
+                touches.len(),
+                self.settings.settle_ms
+            ));
+        }
+        fit(&touches)
+    }
+
     fn registered(&mut self) -> Result<WallPose, String> {
+        let pose = match &self.dots {
+            Some(dots) => self.by_dots(dots)?,
+            None => self.by_touches()?,
+        };
+        // Out of the wall is along −z.
+        let out = pose.room_from_wall.rotation * -Vector3::z();
+        let middle = nalgebra::center(&self.settings.corners()[0], &self.settings.corners()[2]);
+        if self.before.is_some_and(|it| (it - pose.point(&middle)).dot(&out) < 0.0) {
+            return Err(if self.dots.is_some() {
+                "it would face away from the room's volume: what the wall is told to show is mirrored; expected places from its upper left corner, as seen by who looks at it".into()
+            } else {
+                "it would face away from the room's volume: the places were touched in another order, as seen from behind; expected the corners clockwise from the upper left, as seen by who looks at it".into()
+            });
+        }
+        Ok(pose)
+    }
+
+    fn by_touches(&mut self) -> Result<WallPose, String> {
         let places = self.settings.places();
         let rests = self.rests.finish(Interval::from_s(self.settings.hold_s));
         if rests.len() != places.len() {
@@ -247,14 +332,28 @@ impl Registration {
             in_room: rest.point,
             covariance: rest.covariance + held,
         });
-        let pose = fit(&touches.collect::<Vec<_>>())?;
-        // Out of the wall is along −z.
-        let out = pose.room_from_wall.rotation * -Vector3::z();
-        let middle = nalgebra::center(&self.settings.corners()[0], &self.settings.corners()[2]);
-        if self.before.is_some_and(|it| (it - pose.point(&middle)).dot(&out) < 0.0) {
-            return Err("it would face away from the room's volume: the places were touched in another order, as seen from behind; expected the corners clockwise from the upper left, as seen by who looks at it".into());
+        fit(&touches.collect::<Vec<_>>())
+    }
+
+    /// What may be wrong where places are far from where the light was.
+    fn why(&self, pose: &WallPose) -> String {
+        let mut order: Vec<usize> = (0..pose.others.len()).collect();
+        order.sort_by(|a, b| pose.others[*a].total_cmp(&pose.others[*b]));
+        let limit = self.settings.limit_mm * 1e-3;
+        match order[..] {
+            [first, second, ..] if pose.others[first] < limit && CLEARLY * pose.others[first] < pose.others[second] => {
+                let place = pose.places[first];
+                format!(
+                    "place {}, ({:.3}, {:.3}) m on the wall, is {:.0} mm off, and the others agree to {:.1} mm without it; was the light held there?",
+                    first + 1,
+                    place.x,
+                    place.y,
+                    pose.held_out[first] * 1e3,
+                    pose.others[first] * 1e3
+                )
+            }
+            _ => "are `tile_m`, `gap_mm` and `touch_m` right, in this order, and is the wall flat?".to_owned(),
         }
-        Ok(pose)
     }
 
     /// The file: the pose for people and programs, and the tiles as a rig has them.

@@ -4,11 +4,14 @@
 //! is adjusted by least squares, each place weighed by the covariance of where the light was.
 
 use foveate::estimation::least_squares::{Equations, Loss, Options, Problem, solve};
-use foveate::geometry::alignment::{AlignmentOptions, align};
+use foveate::geometry::alignment::{AlignmentError, AlignmentOptions, align};
 use nalgebra::{DVector, Isometry3, Matrix3, Matrix6, Point2, Point3, SMatrix, Translation3, UnitQuaternion, Vector3};
 
 /// Places that a pose needs, off one line.
 pub(super) const LEAST_PLACES: usize = 3;
+
+/// Why there is no pose, in words.
+const NO_POSE: &str = "no place of the wall explains where the light was: are the places right, and off one line?";
 
 /// A place of the wall, and where the light was that was held there.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,10 +30,14 @@ pub(super) struct WallPose {
     pub(super) room_from_wall: Isometry3<f64>,
     /// Of a step exp(δ) on its right: rotation, translation.
     pub(super) covariance: Matrix6<f64>,
+    /// The places on the wall [m].
+    pub(super) places: Vec<Point2<f64>>,
     /// By place, how far it is from where the light was [m].
     pub(super) misses: Vec<f64>,
     /// The same when the pose does not know of it [m]; empty with too few places to leave one out.
     pub(super) held_out: Vec<f64>,
+    /// By place, how far the others are from the pose that does not know of it, root mean square [m].
+    pub(super) others: Vec<f64>,
 }
 
 fn in_space(on_wall: &Point2<f64>) -> Point3<f64> {
@@ -57,30 +64,39 @@ impl WallPose {
 pub(super) fn fit(touches: &[Touch]) -> Result<WallPose, String> {
     let (room_from_wall, covariance) = adjusted(touches)?;
     let off = |pose: &Isometry3<f64>, it: &Touch| (pose * in_space(&it.on_wall) - it.in_room).norm();
-    let mut held_out = Vec::new();
+    let (mut held_out, mut rest) = (Vec::new(), Vec::new());
     if touches.len() > LEAST_PLACES {
         for (number, left_out) in touches.iter().enumerate() {
             let others: Vec<Touch> =
                 touches.iter().enumerate().filter(|it| it.0 != number).map(|it| it.1.clone()).collect();
             let (pose, _) = adjusted(&others).map_err(|why| format!("without place {}: {why}", number + 1))?;
             held_out.push(off(&pose, left_out));
+            let squares: f64 = others.iter().map(|it| off(&pose, it).powi(2)).sum();
+            rest.push((squares / others.len() as f64).sqrt());
         }
     }
     let misses = touches.iter().map(|it| off(&room_from_wall, it)).collect();
-    Ok(WallPose { room_from_wall, covariance, misses, held_out })
+    let places = touches.iter().map(|it| it.on_wall).collect();
+    Ok(WallPose { places, room_from_wall, covariance, misses, held_out, others: rest })
 }
 
 fn adjusted(touches: &[Touch]) -> Result<(Isometry3<f64>, Matrix6<f64>), String> {
     let on_wall: Vec<Point3<f64>> = touches.iter().map(|it| in_space(&it.on_wall)).collect();
     let in_room: Vec<Point3<f64>> = touches.iter().map(|it| it.in_room).collect();
-    let start = align(&on_wall, &in_room, AlignmentOptions::default()).map_err(|error| error.to_string())?;
+    let start = align(&on_wall, &in_room, AlignmentOptions::default()).map_err(|error| match error {
+        AlignmentError::Degenerate { count, .. } => {
+            format!("{count} places lie on one line, expected places all over the wall")
+        }
+        other => other.to_string(),
+    })?;
     let weights: Option<Vec<Matrix3<f64>>> =
         touches.iter().map(|it| it.covariance.cholesky()?.l().try_inverse()).collect();
-    let weights = weights.ok_or("a light whose covariance is none")?;
+    let weights =
+        weights.ok_or("how well the light's place was known was not stated as it should be (a covariance)")?;
     let options = Options { loss: Loss::Squared, ..Options::default() };
     let solution =
-        solve(&Sought { touches, weights }, start.b_from_a.isometry, &options).map_err(|it| it.to_string())?;
-    let covariance = solution.covariance.map_err(|error| format!("{error:?}"))?;
+        solve(&Sought { touches, weights }, start.b_from_a.isometry, &options).map_err(|_| NO_POSE.to_owned())?;
+    let covariance = solution.covariance.map_err(|_| NO_POSE.to_owned())?;
     let factor = solution.variance_factor.max(1.0);
     Ok((solution.parameters, Matrix6::from_fn(|row, column| covariance[(row, column)] * factor)))
 }

@@ -17,6 +17,7 @@ fn settings() -> RegistrationSettings {
         touch_mm: default_touch_mm(),
         hold_s: default_hold_s(),
         still_mm: default_still_mm(),
+        settle_ms: default_settle_ms(),
         limit_mm: default_limit_mm(),
         file: default_file(),
     }
@@ -30,6 +31,11 @@ fn truth() -> Isometry3<f64> {
 }
 
 fn touched(order: [usize; 4], noise: f64, seed: u64, crowd: bool) -> Registration {
+    touched_beside(order, noise, seed, crowd, None)
+}
+
+/// The same where one of the corners, by its place in the order, is touched so far beside it [m].
+fn touched_beside(order: [usize; 4], noise: f64, seed: u64, crowd: bool, beside: Option<(usize, f64)>) -> Registration {
     let mut setup = Setup::for_tests();
     setup.volume_m = Some([[-2.0, -2.5, 0.0], [2.0, 2.0, 2.2]]);
     let mut node = Registration::new(settings(), &setup).unwrap();
@@ -41,6 +47,9 @@ fn touched(order: [usize; 4], noise: f64, seed: u64, crowd: bool) -> Registratio
         let place = truth() * Point3::new(corners[at].x, corners[at].y, 0.0);
         let miss = Vector3::new(random.normal(), random.normal(), random.normal()) * noise;
         held.push(place + miss);
+    }
+    if let Some((at, by)) = beside {
+        held[at] += truth() * Vector3::x() * by;
     }
     let mut time_s = 0.0;
     for (number, place) in held.iter().enumerate() {
@@ -115,6 +124,15 @@ fn wrong_order_wrong_size_and_missing_corners_are_named() {
 }
 
 #[test]
+fn a_corner_that_was_touched_elsewhere_is_named() {
+    for at in 0..4 {
+        let mut node = touched_beside([0, 1, 2, 3], 1e-3, 5, false, Some((at, 0.2)));
+        let refused = node.finish(&mut Report::default()).unwrap_err().to_string();
+        assert!(refused.contains(&format!("place {}, (", at + 1)) && refused.contains("without it"), "{refused}");
+    }
+}
+
+#[test]
 fn settings_are_read_and_refused() {
     foveate_testkit::check_node::<Registration>(SETTINGS);
     let refused = |change: fn(&mut RegistrationSettings)| {
@@ -125,5 +143,65 @@ fn settings_are_read_and_refused() {
     assert_eq!(refused(|_| ()), None);
     assert_eq!(refused(|it| it.tiles = [0, 1]).as_deref(), Some("tiles"));
     assert_eq!(refused(|it| it.touch_m = vec![[0.0; 2]; 2]).as_deref(), Some("touch_m"));
+    assert_eq!(refused(|it| it.touch_m = vec![[0.0; 2], [3.0, 0.0], [3.3, 1.0]]).as_deref(), Some("touch_m[2]"));
     assert_eq!(refused(|it| it.still_mm = f64::NAN).as_deref(), Some("still_mm"));
+}
+
+/// Dots all over the wall, half a second each, seen 80 ms late with noise where `sees` says so; `mirrored` tells their places from the right edge.
+fn by_dots(mirrored: bool, sees: impl Fn(usize) -> bool) -> NodeBench<Registration> {
+    let setup = Setup {
+        volume_m: Some([[-2.0, -2.5, 0.0], [2.0, 2.0, 2.2]]),
+        connected: vec!["targets".to_owned(), "shown".to_owned()],
+        ..Setup::for_tests()
+    };
+    let mut bench = NodeBench::<Registration>::with_setup(settings(), &setup).unwrap();
+    let mut random = Random::new(4);
+    let dots: Vec<Point2<f64>> =
+        (0..24).map(|it| Point2::new(0.1 + 0.55 * f64::from(it % 6), 0.1 + 0.33 * f64::from(it / 6))).collect();
+    let target = |id: u32, position: Point3<f64>| Target {
+        id: TargetId(id),
+        position,
+        velocity: Vector3::zeros(),
+        covariance: Matrix6::identity() * 4e-6,
+        cameras: CameraSet::default(),
+        provenance: Provenance::Measured,
+    };
+    for step in 0..24 * 30 {
+        let time = Time::from_s(f64::from(step) / 60.0);
+        let number = step as usize / 30;
+        let told = dots[number];
+        let told = Point3::new(if mirrored { 3.02 - told.x } else { told.x }, told.y, 0.0);
+        let shown = Targets { time, list: vec![target(number as u32, told)] };
+        bench.feed(&SHOWN, time, shown).unwrap();
+        let late = (step - 5).max(0) as usize / 30;
+        let noise = Vector3::from_fn(|_, _| random.normal()) * 2e-3;
+        let seen = truth() * Point3::new(dots[late].x, dots[late].y, 0.0) + noise;
+        // Another light in the room for the time of one dot.
+        let mut list: Vec<Target> = if sees(late) { vec![target(late as u32, seen)] } else { Vec::new() };
+        if late == 7 {
+            list.push(target(99, Point3::new(0.5, 0.5, 1.0)));
+        }
+        bench.feed(&TARGETS, time, Targets { time, list }).unwrap();
+    }
+    bench
+}
+
+#[test]
+fn dots_that_the_room_sees_give_the_walls_pose() {
+    let mut bench = by_dots(false, |it| it != 3);
+    let report = bench.finish().unwrap();
+    // One was not seen, and one was seen together with another light.
+    assert_eq!((report.figures["registration.places"], report.figures["registration.dots_left_out"]), (22.0, 2.0));
+    assert!(report.figures["registration.held_out_mm"] < 2.5, "{:?}", report.figures);
+    assert!(report.figures["registration.worst_sigma_mm"] < 2.0, "{:?}", report.figures);
+}
+
+#[test]
+fn dots_that_are_mirrored_or_that_nobody_sees_are_told() {
+    let mut bench = by_dots(true, |_| true);
+    let why = bench.finish().map(|_| ()).unwrap_err().to_string();
+    assert!(why.contains("mirrored"), "{why}");
+    let mut bench = by_dots(false, |it| it < 2);
+    let why = bench.finish().map(|_| ()).unwrap_err().to_string();
+    assert!(why.contains("of 24 dots 2 were seen"), "{why}");
 }

@@ -159,5 +159,54 @@ fn what_cannot_be_is_refused_with_its_place() {
     assert_eq!(fault.setting.as_deref(), Some("lights_mm[3]"));
     assert!(refused(&|it| it.lights_mm.clear()).message.contains("found 0 lights, expected 2 to 8"));
     assert!(refused(&|it| it.tiles.clear()).message.contains("found 0 tiles"));
+    assert!(refused(&|it| it.eyes_mm.swap(0, 1)).message.contains("expected the left eye first"));
+    assert_eq!(refused(&|it| it.eyes_mm[0][2] = f64::NAN).setting.as_deref(), Some("eyes_mm"));
     assert!(refused(&|it| it.far_m = 0.01).setting.as_deref() == Some("far_m"));
+}
+
+/// What is said at the end of three seconds with other settings than those of the head that walks.
+fn said_with(change: impl Fn(&mut ViewerSettings)) -> String {
+    let mut settings = settings();
+    change(&mut settings);
+    let mut bench = NodeBench::<Viewer>::new(settings).unwrap();
+    for step in 0..360 {
+        let time = Time(step * 1_000_000_000 / 120);
+        bench.feed(&TARGETS, time, targets(time, 0.5)).unwrap();
+    }
+    bench.finish().unwrap().remarks.join("; ")
+}
+
+#[test]
+fn lights_that_are_mirrored_misplaced_or_in_other_axes_are_told() {
+    assert_eq!(said_with(|_| ()), "");
+    let mirrored = said_with(|it| it.lights_mm.iter_mut().for_each(|it| it[1] = -it[1]));
+    assert!(mirrored.contains("left and right exchanged"), "{mirrored}");
+    let moved = said_with(|it| it.lights_mm[1][2] += 80.0);
+    assert!(moved.contains("light 2 of `lights_mm`"), "{moved}");
+    // y forward, x to the right.
+    let turned = said_with(|it| it.lights_mm.iter_mut().for_each(|it| *it = [-it[1], it[0], it[2]]));
+    assert!(turned.contains("past the display"), "{turned}");
+    // Three lights have a mirror image that fits: upside down.
+    let three = said_with(|it| {
+        it.lights_mm.truncate(3);
+        it.lights_mm.iter_mut().for_each(|it| it[1] = -it[1]);
+    });
+    assert!(three.contains("upside down"), "{three}");
+}
+
+#[test]
+fn a_tile_that_faces_away_is_told_and_one_that_faces_away_from_the_volume_is_refused() {
+    let away = |it: &mut ViewerSettings| {
+        it.tiles[1].lower_left_m = [1.2, 2.5, 0.8];
+        it.tiles[1].lower_right_m = [0.0, 2.5, 0.8];
+        it.tiles[1].upper_left_m = [1.2, 2.5, 1.6];
+    };
+    let said = said_with(away);
+    assert!(said.contains("no eye was ever before tile `right`"), "{said}");
+    let mut settings = settings();
+    let setup = Setup { volume_m: Some([[-2.0, -2.5, 0.0], [2.0, 2.5, 2.0]]), ..Setup::for_tests() };
+    assert!(Viewer::new(settings.clone(), &setup).is_ok());
+    away(&mut settings);
+    let fault = Viewer::new(settings, &setup).err().unwrap();
+    assert_eq!(fault.setting.as_deref(), Some("tiles[1].lower_left_m"));
 }

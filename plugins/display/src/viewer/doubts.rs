@@ -1,0 +1,106 @@
+//! What a run says of the settings of `viewer`: lights that are mirrored, misplaced or in other axes give views that are wrong, and nothing else shows it.
+
+use foveate::prelude::*;
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+
+use crate::head::Head;
+
+/// Whether lights are mirrored is tried in every so many messages in which one is missing.
+const TRY_EACH: u64 = 16;
+/// With fewer messages nothing is said.
+const LEAST_MESSAGES: u64 = 30;
+/// A light that is seen in less than this share of the messages, while another one is in most, is not where it was said to be.
+const RARE: f64 = 0.02;
+const OFTEN: f64 = 0.5;
+/// Who looks at a display looks past it by no more than this, in the mean [deg].
+const BESIDE_DEG: f64 = 75.0;
+/// Shorter than this the mean of directions is none: people who turn about.
+const TURNS_ABOUT: f64 = 0.3;
+
+/// What messages have shown.
+pub(super) struct Doubts {
+    /// The same lights with left and right exchanged, where these can be told apart: four or more, off one plane.
+    mirrored: Option<Head>,
+    n_lights: usize,
+    n_messages: u64,
+    /// By light, in how many of them it was found.
+    n_seen: Vec<u64>,
+    /// Messages in which a light was missing, those of them in which mirrored lights were tried, and in which all of these fitted.
+    n_partly: u64,
+    n_tried: u64,
+    n_mirrored: u64,
+    /// Sums of where the head looked and of where its crown was.
+    forward: Vector3<f64>,
+    up: Vector3<f64>,
+}
+
+impl Doubts {
+    pub(super) fn new(lights: &[Point3<f64>], tolerance: f64, start: UnitQuaternion<f64>) -> Doubts {
+        let flipped: Vec<Point3<f64>> = lights.iter().map(|it| Point3::new(it.x, -it.y, it.z)).collect();
+        Doubts {
+            mirrored: (lights.len() > 3).then(|| Head::new(flipped, tolerance, start)),
+            n_lights: lights.len(),
+            n_messages: 0,
+            n_seen: vec![0; lights.len()],
+            n_partly: 0,
+            n_tried: 0,
+            n_mirrored: 0,
+            forward: Vector3::zeros(),
+            up: Vector3::zeros(),
+        }
+    }
+
+    /// A message in which the head was found.
+    pub(super) fn add(&mut self, head: &Head, space_from_head: &Isometry3<f64>, targets: &[Target]) {
+        self.n_messages += 1;
+        let mut n = 0;
+        for (light, _) in head.seen(targets) {
+            self.n_seen[light] += 1;
+            n += 1;
+        }
+        self.forward += space_from_head * Vector3::x();
+        self.up += space_from_head * Vector3::z();
+        let Some(mirrored) = self.mirrored.as_mut().filter(|_| n < self.n_lights) else { return };
+        if self.n_partly.is_multiple_of(TRY_EACH) {
+            mirrored.forget();
+            self.n_tried += 1;
+            let is_found = mirrored.find(targets).is_some() && mirrored.seen(targets).count() == self.n_lights;
+            self.n_mirrored += u64::from(is_found);
+        }
+        self.n_partly += 1;
+    }
+
+    /// What is doubtful, in words; `out` is what the tiles face, on the whole.
+    pub(super) fn told(&self, out: &Vector3<f64>) -> Vec<String> {
+        if self.n_messages < LEAST_MESSAGES {
+            return Vec::new();
+        }
+        let n = self.n_messages as f64;
+        if 2 * self.n_mirrored > self.n_tried && self.n_tried > 0 {
+            return vec![format!(
+                "all {} lights fit `lights_mm` with left and right exchanged, and not as they are stated: expected x forward, y to the left, z up",
+                self.n_lights
+            )];
+        }
+        let mut told = Vec::new();
+        let share = |it: &u64| *it as f64 / n;
+        if self.n_seen.iter().any(|it| share(it) > OFTEN) {
+            for (light, _) in self.n_seen.iter().enumerate().filter(|it| share(it.1) < RARE) {
+                told.push(format!(
+                    "light {} of `lights_mm` was hardly ever found where it should be on the head, and others were: is its place right, and is it lit?",
+                    light + 1
+                ));
+            }
+        }
+        if self.up.z < -TURNS_ABOUT * n {
+            told.push("the head was upside down: `lights_mm` may be mirrored or in other axes; expected x forward, y to the left, z up".to_owned());
+        }
+        let beside = self.forward.angle(&-out).to_degrees();
+        if self.forward.norm() > TURNS_ABOUT * n && beside > BESIDE_DEG {
+            told.push(format!(
+                "in the mean the head looked {beside:.0}° past the display: `lights_mm` may be mirrored or in other axes; expected x forward, y to the left, z up"
+            ));
+        }
+        told
+    }
+}
