@@ -87,10 +87,11 @@ pub struct Tuio {
 
 struct Client {
     name: String,
-    address: SocketAddr,
     socket: UdpSocket,
     n_failed: u64,
     fault: Option<String>,
+    /// The last datagram but one found no program that listens.
+    is_unheard: bool,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -121,6 +122,9 @@ impl Node for Tuio {
             return Err(ConfigError::at("source", message));
         }
         let wall = Wall::of(setup)?;
+        if settings.to.is_empty() {
+            return Err(ConfigError::at("to", "found no address, expected HOST:PORT of one client or more"));
+        }
         let mut clients = Vec::new();
         for (place, name) in settings.to.iter().enumerate() {
             let setting = format!("to[{place}]");
@@ -131,7 +135,7 @@ impl Node for Tuio {
             if setup.purpose == Purpose::Run {
                 let address = address_of(name).map_err(fault)?;
                 let socket = socket_to(&address).map_err(|error| fault(error.to_string()))?;
-                clients.push(Client { name: name.clone(), address, socket, n_failed: 0, fault: None });
+                clients.push(Client { name: name.clone(), socket, n_failed: 0, fault: None, is_unheard: false });
             }
         }
         Ok(Self {
@@ -183,6 +187,12 @@ impl Node for Tuio {
             if let Some(why) = &client.fault {
                 let (n, name) = (client.n_failed, &client.name);
                 report.remark(format!("{n} datagrams to the TUIO client `{name}` were not sent: {why}"));
+            }
+            if client.is_unheard {
+                report.remark(format!(
+                    "no program listened at `{}` at the end of the run: is the TUIO client up, and is that its port?",
+                    client.name
+                ));
             }
         }
         Ok(())
@@ -240,7 +250,13 @@ impl Tuio {
 
 impl Client {
     fn send(&mut self, datagram: &[u8]) {
-        let why = match self.socket.send_to(datagram, self.address) {
+        let mut sent = self.socket.send(datagram);
+        // What is said is of a datagram before: its port is closed. This one has not left yet.
+        self.is_unheard = sent.as_ref().is_err_and(|it| it.kind() == ErrorKind::ConnectionRefused);
+        if self.is_unheard {
+            sent = self.socket.send(datagram);
+        }
+        let why = match sent {
             Ok(n) if n == datagram.len() => return,
             Ok(n) => format!("{n} of {} bytes were taken", datagram.len()),
             Err(error) if error.kind() == ErrorKind::WouldBlock => "the system's queue was full".to_owned(),
@@ -261,6 +277,8 @@ fn address_of(name: &str) -> Result<SocketAddr, String> {
 fn socket_to(address: &SocketAddr) -> std::io::Result<UdpSocket> {
     let socket = UdpSocket::bind(if address.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" })?;
     socket.set_nonblocking(true)?;
+    // Connected, it is told when nobody listens there.
+    socket.connect(address)?;
     Ok(socket)
 }
 

@@ -67,7 +67,7 @@ pub struct UinputSettings {
     pub gap_mm: f64,
     /// What programs call the device, 1 to 79 bytes [–]
     pub name: String,
-    /// The kernel's file for virtual input devices [–]
+    /// The kernel's file for virtual input devices; a relative path starts at the rig's folder [–]
     pub device: String,
     /// Without the device the run is refused; else it goes on, and that is told at the end [–]
     pub required: bool,
@@ -194,13 +194,14 @@ impl Node for Uinput {
         declared_ports()
     }
 
-    fn new(settings: UinputSettings, setup: &Setup) -> Result<Self, ConfigError> {
+    fn new(mut settings: UinputSettings, setup: &Setup) -> Result<Self, ConfigError> {
         ConfigError::unless_in("slots", settings.slots, 1..=64)?;
         ConfigError::unless_in("rate_hz", settings.rate_hz, 1.0..=1000.0)?;
         if !(1..=79).contains(&settings.name.len()) || settings.name.contains('\0') {
             let message = format!("found {} bytes, expected a name of 1 to 79 without a zero", settings.name.len());
             return Err(ConfigError::at("name", message));
         }
+        settings.device = setup.path("device", &settings.device)?.display().to_string();
         let wall = Wall::of(setup)?;
         let desktop = Desktop::new(&wall, settings.tiles, settings.gap_mm)?;
         let (mut device, mut missing) = (None, None);

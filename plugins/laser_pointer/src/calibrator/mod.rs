@@ -6,6 +6,7 @@ mod held;
 mod shown;
 #[cfg(test)]
 mod tests;
+mod told;
 
 use std::path::PathBuf;
 
@@ -104,6 +105,8 @@ pub struct Calibrator {
     shown: Vec<Shown>,
     /// The identity and the place of the first of what was shown last.
     last: Option<(u32, Point2<f64>)>,
+    /// Whether the wall was told to show something when it was told anything last.
+    is_showing: bool,
     /// Times at which more dots than one, or another number of corners than the board's, were asked for.
     crowded: u64,
     frames: Vec<Vec<Frame>>,
@@ -157,6 +160,7 @@ impl Node for Calibrator {
             sizes: cameras.iter().map(|it| it.camera.image_size).collect(),
             shown,
             last: None,
+            is_showing: false,
             crowded: 0,
             frames: vec![Vec::new(); cameras.len()],
             out_dir: setup.out_dir.clone().filter(|_| setup.purpose == Purpose::Run),
@@ -189,8 +193,20 @@ impl Node for Calibrator {
         let CalibratorSettings { size_m, pixel_mm, tiles, settle_ms, limit_px, board, surface, .. } = self.settings;
         let wall = WallSize { size_m, pixel_m: pixel_mm * 1e-3, tiles };
         let options = ShownOptions { board, settle: Interval::from_ms(settle_ms), surface, limit_px };
+        let things = self.things();
+        told::beyond(&wall, &self.shown, things).map_err(NodeError::input)?;
         let found = calibrate(&wall, &self.sizes, &self.shown, &self.frames, &options);
-        self.tell(&found, report);
+        // A wall that has shown everything is told to show nothing.
+        let is_cut = self.is_showing && self.settings.held.is_empty();
+        if is_cut {
+            report.remark(format!(
+                "the run was over while the wall was still shown {things}, after {} of them: give it more time (`duration_s`)",
+                self.shown.len()
+            ));
+        } else if self.settings.held.is_empty() {
+            told::doubts(&wall, &self.shown, things).into_iter().for_each(|it| report.remark(it));
+        }
+        self.tell(&found, is_cut, report);
         let mut map = found.map(&wall, &self.names);
         if let Some(brightest) = self.settings.brightest {
             map.cameras.values_mut().for_each(|it| it.brightest = brightest);
@@ -216,6 +232,7 @@ impl Calibrator {
         let n = self.settings.board.map_or(1, |[columns, rows]| (columns * rows) as usize);
         let mut list: Vec<&Target> = list.iter().collect();
         list.sort_by_key(|it| it.id);
+        self.is_showing = !list.is_empty();
         let Some(first) = list.first() else { return };
         if list.len() != n || !self.settings.held.is_empty() {
             self.crowded += 1;
@@ -237,7 +254,7 @@ impl Calibrator {
         if self.settings.board.is_some() { "places of a board" } else { "dots" }
     }
 
-    fn tell(&self, found: &ShownCalibration, report: &mut Report) {
+    fn tell(&self, found: &ShownCalibration, is_cut: bool, report: &mut Report) {
         let (mut errors, mut failed) = (Vec::new(), 0);
         let things = self.things();
         for ((name, camera), hidden) in self.names.iter().zip(&found.cameras).zip(&found.hidden) {
@@ -250,7 +267,12 @@ impl Calibrator {
                 }
                 Err(why) => {
                     failed += 1;
-                    report.remark(format!("camera `{name}` has no map: {why}"));
+                    // What comes after a colon asks about the room.
+                    let so_far = why.split_once(": ").map_or(why.as_str(), |it| it.0);
+                    report.remark(match is_cut {
+                        true => format!("camera `{name}` has no map, by what the wall had shown until then: {so_far}"),
+                        false => format!("camera `{name}` has no map: {why}"),
+                    });
                 }
             }
             if *hidden > 0 {
@@ -276,6 +298,11 @@ impl Calibrator {
                 report.remark(format!(
                     "camera `{name}` saw the board move, or not all of it, at {} places: they were left out; is `settle_ms` long enough?",
                     camera.n_doubtful
+                ));
+            } else if camera.n_late > camera.n_doubtful / 2 {
+                report.remark(format!(
+                    "camera `{name}` saw {} dots only after a while, in their time but with or after the one before: they were left out; `settle_ms` is {}, expected more than the display takes and two of its pictures",
+                    camera.n_late, self.settings.settle_ms
                 ));
             } else if camera.n_doubtful > 0 {
                 report.remark(format!(

@@ -72,6 +72,8 @@ pub struct CameraResult {
     pub n_seen: usize,
     /// Dots or boards whose place was in doubt: more spots than one, spots that moved.
     pub n_doubtful: usize,
+    /// Those of them that became clear later in their time: what was shown before was seen for longer than was told.
+    pub n_late: usize,
     /// Boards that it saw with another number of corners: the last such number.
     pub other_corners: Option<usize>,
     /// Boards that were elsewhere than was told.
@@ -126,7 +128,7 @@ pub fn calibrate(
     let mut cameras = Vec::new();
     for (size, frames) in sizes.iter().zip(frames) {
         let found = observed(*size, shown, frames, options);
-        cameras.push(camera(wall, *size, shown, &found, options));
+        cameras.push(camera(wall, *size, (shown, frames), &found, options));
         seen.push(found.boards.keys().copied().collect());
     }
     let maps: Vec<Option<&PlaneMap>> = cameras.iter().map(|it| it.map.as_ref().ok().map(|it| &it.map)).collect();
@@ -159,6 +161,9 @@ struct Observed {
     boards: BTreeMap<usize, Vec<(Point2<f64>, f64)>>,
     peaks: Vec<f64>,
     n_doubtful: usize,
+    n_late: usize,
+    /// Dots or boards in whose time no picture was taken.
+    n_untimed: usize,
     other_corners: Option<usize>,
 }
 
@@ -170,8 +175,9 @@ fn observed(size: [u32; 2], shown: &[Shown], frames: &[Frame], options: &ShownOp
     let mut found = Observed::default();
     for (number, it) in shown.iter().enumerate() {
         let first = frames.partition_point(|frame| frame.time < it.from + options.settle);
-        let own = frames[first..].iter().take_while(|frame| frame.time <= it.until);
-        let own: Vec<&[Spot]> = own.map(|frame| frame.spots.as_slice()).filter(|spots| !spots.is_empty()).collect();
+        let timed = frames[first..].iter().take_while(|frame| frame.time <= it.until);
+        found.n_untimed += usize::from(timed.clone().next().is_none());
+        let own: Vec<&[Spot]> = timed.map(|frame| frame.spots.as_slice()).filter(|spots| !spots.is_empty()).collect();
         let n_points = it.points.len();
         if options.board.is_some()
             && let Some(other) = own.iter().find(|spots| spots.len() != n_points)
@@ -181,8 +187,10 @@ fn observed(size: [u32; 2], shown: &[Shown], frames: &[Frame], options: &ShownOp
         if own.is_empty() {
             continue;
         }
+        let later = &own[own.len().div_ceil(2)..];
         if own.iter().any(|spots| spots.len() != n_points) {
             found.n_doubtful += 1;
+            found.n_late += usize::from(is_still(later, n_points));
             continue;
         }
         let n = own.len() as f64;
@@ -198,6 +206,7 @@ fn observed(size: [u32; 2], shown: &[Shown], frames: &[Frame], options: &ShownOp
         }
         if scatter > SCATTER_PX {
             found.n_doubtful += 1;
+            found.n_late += usize::from(is_still(later, n_points));
         } else if all_whole {
             let peaks: Vec<f64> = own.iter().flat_map(|spots| spots.iter().map(|it| f64::from(it.peak))).collect();
             found.peaks.push(median(&peaks).unwrap_or(0.0));
@@ -207,8 +216,23 @@ fn observed(size: [u32; 2], shown: &[Shown], frames: &[Frame], options: &ShownOp
     found
 }
 
+/// Whether all of `frames`, of which there are some, have `n_points` spots that keep their places.
+fn is_still(frames: &[&[Spot]], n_points: usize) -> bool {
+    let Some(first) = frames.first().filter(|_| frames.iter().all(|spots| spots.len() == n_points)) else {
+        return false;
+    };
+    let off = |spots: &&&[Spot]| spots.iter().zip(*first).any(|(a, b)| (a.pixel - b.pixel).norm() > SCATTER_PX);
+    !frames.iter().any(|spots| off(&spots))
+}
+
 /// The map of one camera from what it saw.
-fn camera(wall: &WallSize, size: [u32; 2], shown: &[Shown], found: &Observed, options: &ShownOptions) -> CameraResult {
+fn camera(
+    wall: &WallSize,
+    size: [u32; 2],
+    (shown, frames): (&[Shown], &[Frame]),
+    found: &Observed,
+    options: &ShownOptions,
+) -> CameraResult {
     let brightest = median(&found.peaks).unwrap_or(0.0);
     let mut n_elsewhere = 0;
     let map = match options.board {
@@ -238,9 +262,26 @@ fn camera(wall: &WallSize, size: [u32; 2], shown: &[Shown], found: &Observed, op
             })
         }
     };
+    // Who looks at no picture cannot see anything: the room has no part in it.
+    let map = map.map_err(|why| match frames.is_empty() {
+        true => "it gave no pictures: is it connected?".to_owned(),
+        false if 2 * found.n_untimed > shown.len() => {
+            let lasts = shown.iter().map(|it| (it.until - it.from).as_ms()).collect::<Vec<_>>();
+            format!(
+                "in the time of {} of {} {} no picture of it was taken: each is told for {:.0} ms, and the first {:.0} ms of these are left out (`settle_ms`)",
+                found.n_untimed,
+                shown.len(),
+                if options.board.is_some() { "places of a board" } else { "dots" },
+                median(&lasts).unwrap_or(0.0),
+                options.settle.as_ms()
+            )
+        }
+        false => why,
+    });
     CameraResult {
         n_seen: found.boards.len(),
         n_doubtful: found.n_doubtful,
+        n_late: found.n_late,
         other_corners: found.other_corners,
         n_elsewhere,
         stance: map.as_ref().ok().and_then(|it| stance(&it.map)),

@@ -12,7 +12,7 @@ use std::ops::Range;
 
 use foveate::prelude::*;
 
-use super::settings::{TrackerSettings, UserCode};
+use super::settings::TrackerSettings;
 
 /// Prior: a light is never dark, is missed at random, or has a period that is no user's. The rest is shared by the users' codes.
 const STEADY: f64 = 0.25;
@@ -93,6 +93,8 @@ impl Codes {
     /// `None` where no user has a code.
     pub fn new(settings: &TrackerSettings) -> Option<Codes> {
         let TrackerSettings { users, dark_ms, sure, .. } = settings;
+        let blinking = users.iter().filter_map(|it| Some((it.user, it.period_ms?)));
+        let users: Vec<(u32, f64)> = blinking.collect();
         if users.is_empty() {
             return None;
         }
@@ -100,12 +102,12 @@ impl Codes {
         codes.add(Light::Steady, 0.0, STEADY);
         codes.add(Light::AtRandom, 0.0, AT_RANDOM);
         let each = (1.0 - STEADY - AT_RANDOM - OTHERS) / users.len() as f64;
-        for UserCode { user, period_ms } in users {
+        for (user, period_ms) in &users {
             for clock in CLOCKS {
                 codes.add(Light::User(*user), period_ms * 1e-3 * clock, each / CLOCKS.len() as f64);
             }
         }
-        let is_users = |period: f64| users.iter().any(|it| (period * 1e3 / it.period_ms).ln().abs() < SAME_PERIOD);
+        let is_users = |period: f64| users.iter().any(|it| (period * 1e3 / it.1).ln().abs() < SAME_PERIOD);
         let steps = (OTHERS_S.end / OTHERS_S.start).ln() / OTHERS_STEP.ln();
         let periods = (0..steps as i32).map(|it| OTHERS_S.start * OTHERS_STEP.powi(it));
         let periods: Vec<f64> = periods.filter(|it| !is_users(*it) && *it > codes.dark + EDGE_S).collect();
@@ -207,13 +209,18 @@ impl Codes {
 mod tests {
     use foveate::estimation::random::Random;
 
+    use super::super::settings::UserCode;
     use super::*;
 
     const PERIODS_MS: [f64; 4] = [60.0, 71.0, 84.0, 99.0];
     const DARK_MS: f64 = 20.0;
 
     fn codes() -> Codes {
-        let users = PERIODS_MS.iter().zip(1..).map(|(period_ms, user)| UserCode { user, period_ms: *period_ms });
+        let users = PERIODS_MS.iter().zip(1..).map(|(period_ms, user)| UserCode {
+            user,
+            period_ms: Some(*period_ms),
+            colour: None,
+        });
         let settings = TrackerSettings { users: users.collect(), dark_ms: DARK_MS, ..TrackerSettings::default() };
         settings.check().unwrap();
         Codes::new(&settings).unwrap()

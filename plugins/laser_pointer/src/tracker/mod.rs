@@ -1,6 +1,7 @@
 //! `laser_pointer.tracker`: pointers on a wall, from the spots that cameras find [Davis 2002 §6.1].
 
 mod codes;
+mod colours;
 mod mirrors;
 mod pointers;
 mod settings;
@@ -34,18 +35,18 @@ figures! {
     "pointers.bezels": count, neither, "Lines in which bezels mirror spots, as learnt, over all cameras";
     "pointers.frames_late": count, low, "Frames that came after a later one of another camera, and were left out";
     "pointers.disputed": count, low, "Spots that one camera reported for long and another, which sees the place, did not";
-    "pointers.users_decided": count, high, "Pointers of which it was decided whose they are; this and those below are missing without codes of users";
-    "pointers.switches_mended": count, neither, "Times that the codes said that two pointers had been taken for each other, and their identities were exchanged";
-    "pointers.hands_changed": count, low, "Times that the code said that a pointer had become another user's, and a new identity began";
+    "pointers.users_decided": count, high, "Pointers of which it was decided whose they are; this and those below are missing where users have neither codes nor colours";
+    "pointers.switches_mended": count, neither, "Times that codes or colours said that two pointers had been taken for each other, and their identities were exchanged";
+    "pointers.hands_changed": count, low, "Times that its code or colour said that a pointer had become another user's, and a new identity began";
     "pointers.codes_unknown": count, low, "Pointers that went dark in a period that is no user's";
-    "pointers.codes_shared": count, low, "Pointers that had the code of a user who had another pointer at the same time: they got no user";
+    "pointers.codes_shared": count, low, "Pointers that had the code or colour of a user who had another pointer at the same time: they got no user";
 }
 
 /// Wall and working volume may differ by this part of the wall's sides [–].
 const OTHER_SIZE: f64 = 0.03;
 
 /// Spots of each camera in, at its own times; after each frame all pointers leave at the frame's time: in metres on the wall, x to the right and y down from its top left
-/// corner, z = 0. An identity lasts from press to release. Pointers that this frame's camera did not see are predicted. Where users have codes, whose the pointers are
+/// corner, z = 0. An identity lasts from press to release. Pointers that this frame's camera did not see are predicted. Where users have codes or colours, whose the pointers are
 /// (`users`) leaves before them.
 pub struct Tracker {
     pointers: Pointers,
@@ -174,7 +175,7 @@ impl Node for Tracker {
             }
             for (user, count) in &found.shared {
                 report.remark(format!(
-                    "{count} pointers had the code of user {user} while another one had it: expected one pointer with each code"
+                    "{count} pointers had the code or the colour of user {user} while another one had it: expected one pointer with each"
                 ));
             }
         }

@@ -14,7 +14,8 @@
 //! Two pointers whose spots touch are one spot in the picture. Both are updated with it, as what lies between them: with a covariance that spans both, and not for longer
 //! than it takes to cross.
 //!
-//! Where users' pointers have blink codes, each frame also tells its pointers' decoders whether they were lit (`codes`), and whose they are is decided from that (`users`).
+//! Where users' pointers have blink codes, each frame also tells its pointers' decoders whether they were lit (`codes`); where they have colours, which label each spot has (`colours`), which
+//! also enters the assignment. Whose they are is decided from both (`users`).
 
 use std::collections::BTreeMap;
 
@@ -24,7 +25,8 @@ use foveate::prelude::*;
 use foveate::scene::WallMap;
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Point2, Point3, Vector3};
 
-use super::codes::{Codes, Decoder};
+use super::codes::Decoder;
+use super::colours::Belief;
 use super::mirrors::{Mirrors, Seen as Spot};
 use super::settings::TrackerSettings;
 use super::users::{UserTally, UsersOfTracks};
@@ -98,6 +100,8 @@ struct Place {
     /// On the wall [m²].
     area: f64,
     peak: u8,
+    /// Of its colour, as the detector has it.
+    label: Option<u32>,
     /// It may be the reflection of a larger one.
     is_mirrored: bool,
     /// The spot of this picture whose reflection it is in a bezel that is known.
@@ -129,6 +133,8 @@ pub(super) struct Track {
     pub(super) is_measured: bool,
     /// What is known of its code; `None` where no user has one.
     pub(super) decoder: Option<Decoder>,
+    /// What is known of its colour; `None` where no user has one.
+    pub(super) belief: Option<Belief>,
     /// Whose it is.
     pub(super) user: Option<u32>,
     /// Since when it may be another pointer, as their spots were one: until it is decided again whose it is.
@@ -172,7 +178,7 @@ impl Pointers {
     /// For cameras of these names, in the order of their numbers, before the wall of `map`.
     pub fn new(settings: TrackerSettings, map: &WallMap, names: &[String]) -> Pointers {
         Pointers {
-            users: Codes::new(&settings).map(UsersOfTracks::new),
+            users: UsersOfTracks::new(&settings),
             settings,
             size: map.size_m,
             cameras: names.iter().map(|it| map.cameras.get(it).cloned()).collect(),
@@ -202,12 +208,12 @@ impl Pointers {
         self.disputes.iter().map(|((saw, not), count)| (*saw, *not, *count))
     }
 
-    /// Whose the pointers are, after the frame at `time`; `None` where no user has a code.
+    /// Whose the pointers are, after the frame at `time`; `None` where no user has a code or a colour.
     pub fn users(&mut self, time: Time) -> Option<Users> {
         Some(self.users.as_mut()?.report(time, &self.tracks))
     }
 
-    /// What was decided about users; `None` where no user has a code.
+    /// What was decided about users; `None` where no user has a code or a colour.
     pub fn users_tally(&self) -> Option<&UserTally> {
         self.users.as_ref().map(UsersOfTracks::tally)
     }
@@ -227,6 +233,7 @@ impl Pointers {
         }
         (self.latest, self.heard[number]) = (Some(time), Some(time));
         self.place(number, time, &features.list);
+        self.end_lost(time);
         for track in &mut self.tracks {
             track.filter.predict((time - track.time).as_s());
             (track.time, track.is_measured) = (time, false);
@@ -241,6 +248,14 @@ impl Pointers {
         }
         self.report(time, camera, targets);
         true
+    }
+
+    /// Ends what nobody has seen for too long, before this frame's spots are assigned: what comes back later than that is another one.
+    fn end_lost(&mut self, time: Time) {
+        let lost = Interval::from_ms(self.settings.lost_ms);
+        let is_over = |it: &Track| time - it.seen > lost;
+        self.tally.dropped += self.tracks.iter().filter(|it| it.id.is_none() && is_over(it)).count() as u64;
+        self.tracks.retain(|it| !is_over(it));
     }
 
     /// Where the spots are on the wall; those that can be no pointers are left out.
@@ -276,6 +291,7 @@ impl Pointers {
                 covariance,
                 area,
                 peak: it.peak,
+                label: it.label,
                 is_mirrored: false,
                 source: None,
             });
@@ -335,6 +351,8 @@ impl Pointers {
                 };
                 let (clean, shifted) = (cost_with(0.0), cost_with(shift) + SHIFTED);
                 let later = if track.id.is_some() { 0.0 } else { CANDIDATES_LATER };
+                let colours = self.users.as_ref().and_then(UsersOfTracks::colours).zip(track.belief.as_ref());
+                let later = later + colours.map_or(0.0, |(colours, belief)| colours.cost(belief, place.label));
                 // A reflection is not taken for the spot, which may lie outside the picture.
                 let is_own = track.id.is_none() || !place.is_mirrored || off.norm() < LEVEL_M;
                 let later = later + if place.is_mirrored { MIRRORED } else { 0.0 };
@@ -437,27 +455,41 @@ impl Pointers {
         }
     }
 
-    /// Tells the decoders of all pointers that this camera sees whether they were lit.
+    /// Tells the decoders of all pointers that this camera sees whether they were lit, and their colours what this frame's spots have.
     fn decode(&mut self, camera: usize, time: Time) {
         let (Some(users), Some(camera)) = (&self.users, &self.cameras[camera]) else { return };
         let merge = self.settings.merge_mm * 1e-3;
         let points: Vec<Point2<f64>> = self.tracks.iter().map(|it| it.filter.position().xy()).collect();
         let known: Vec<bool> = self.tracks.iter().map(|it| it.id.is_some()).collect();
         for (row, track) in self.tracks.iter_mut().enumerate() {
-            let Some(decoder) = &mut track.decoder else { continue };
             let is_near = |it: &Point2<f64>, reach: f64| (it - points[row]).norm() < reach;
             // Whose light it is nobody can say, nor whose it will be afterwards.
             if (0..points.len()).any(|it| it != row && known[it] && is_near(&points[it], MIXED * merge)) {
-                *decoder = users.codes().decoder(time);
+                if let (Some(codes), Some(decoder)) = (users.codes(), &mut track.decoder) {
+                    *decoder = codes.decoder(time);
+                }
                 track.mixed = track.mixed.or(Some(time));
                 continue;
             }
+            // The flanks of a spot have light of another one that is somewhat farther away.
+            let own = self.assigned.get(row).copied().flatten().map(|it| self.places[it]);
+            let is_clear = |own: &Place| {
+                let near = |it: &Point2<f64>| (it - own.point).norm() < NEAR_MERGES * merge;
+                !(0..points.len()).any(|it| it != row && known[it] && near(&points[it]))
+                    && !self.places.iter().any(|it| it.point != own.point && near(&it.point))
+            };
+            if let (Some(colours), Some(belief), Some(own)) = (users.colours(), &mut track.belief, own)
+                && is_clear(&own)
+            {
+                colours.observe(belief, time, own.label);
+            }
+            let (Some(codes), Some(decoder)) = (users.codes(), &mut track.decoder) else { continue };
             // A spot that another one took, or a reflection, is no sign that it was dark.
             let is_dark = !track.is_measured
                 && camera.map.sees(&points[row], self.settings.margin_px)
                 && !self.places.iter().any(|it| is_near(&it.point, merge));
             if track.is_measured || is_dark {
-                users.codes().observe(decoder, time, track.is_measured);
+                codes.observe(decoder, time, track.is_measured);
             }
         }
     }
@@ -498,7 +530,12 @@ impl Pointers {
                 area: place.area,
                 usual: place.area,
                 is_measured: true,
-                decoder: self.users.as_ref().map(|it| it.codes().decoder(time)),
+                decoder: self.users.as_ref().and_then(|it| Some(it.codes()?.decoder(time))),
+                belief: self.users.as_ref().and_then(|it| {
+                    let mut belief = it.colours()?.belief(time);
+                    it.colours()?.observe(&mut belief, time, place.label);
+                    Some(belief)
+                }),
                 user: None,
                 mixed: None,
                 is_counted: false,
@@ -506,9 +543,8 @@ impl Pointers {
         }
     }
 
-    /// Ends what nobody sees and what cameras dispute; confirms what they agree on.
+    /// Ends what cameras dispute; confirms what they agree on.
     fn judge(&mut self, time: Time) {
-        let lost = Interval::from_ms(self.settings.lost_ms);
         let mut number = 0;
         while number < self.tracks.len() {
             let track = &self.tracks[number];
@@ -522,13 +558,9 @@ impl Pointers {
             let saw: Vec<CameraId> = saw.map(|it| *it.0).collect();
             let did_not = track.cameras.iter().find(|it| it.1.missed >= DISPUTED_FRAMES && sees(usize::from(it.0.0)));
             let dispute = did_not.and_then(|it| Some((*saw.first()?, *it.0)));
-            let is_over = time - track.seen > lost;
             let agree = track.cameras.values().filter(|it| it.frames > 0).count();
-            let ends = is_over || dispute.is_some() && agree < 2;
-            if ends {
-                if let Some(pair) = dispute.filter(|_| !is_over) {
-                    *self.disputes.entry(pair).or_default() += 1;
-                }
+            if let Some(pair) = dispute.filter(|_| agree < 2) {
+                *self.disputes.entry(pair).or_default() += 1;
                 self.tally.dropped += u64::from(track.id.is_none());
                 self.tracks.swap_remove(number);
                 continue;

@@ -57,7 +57,7 @@ pub struct TrackerSettings {
     #[schemars(range(min = 0.0, max = 100.0))]
     #[serde(default = "default_map_mm")]
     pub map_mm: f64,
-    /// Users whose pointers go dark once in a period of their own, at least 5 % apart from each other. Left out: users are not told apart [–]
+    /// Users whose pointers have a colour of their own, or go dark once in a period of their own, at least 5 % apart from each other. Left out: users are not told apart [–]
     #[serde(default)]
     pub users: Vec<UserCode>,
     /// For how long such a pointer is dark each time: more than a frame and an exposure of the cameras, and `lost_ms` must bridge it and two frames [ms]
@@ -70,19 +70,25 @@ pub struct TrackerSettings {
     pub sure: f64,
 }
 
-/// The blink code of one user's pointer.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+/// What tells one user's pointer from others': a colour, a blink code, or both.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct UserCode {
     /// The user's number, as outputs have it [–]
     pub user: u32,
-    /// From one time that the pointer goes dark to the next; twice `dark_ms` or more [ms]
+    /// From one time that the pointer goes dark to the next; twice `dark_ms` or more. Left out: it is steady [ms]
     #[schemars(range(min = 35.0, max = 300.0))]
-    pub period_ms: f64,
+    #[serde(default)]
+    pub period_ms: Option<f64>,
+    /// The label that `led.detector` gives spots of the pointer's colour. Left out: its colour tells nothing [–]
+    #[serde(default)]
+    pub colour: Option<u32>,
 }
 
 /// Periods nearer to each other than this cannot be told apart within a stroke [–].
 const LEAST_APART: f64 = 0.05;
+/// Longest period of a code: a longer one takes several seconds to tell [ms].
+const MOST_PERIOD_MS: f64 = 300.0;
 
 fn default_brighter() -> f64 {
     1.2
@@ -181,29 +187,60 @@ impl TrackerSettings {
     }
 
     fn check_users(&self) -> Result<(), ConfigError> {
-        if !self.users.is_empty() && self.lost_ms <= self.dark_ms {
+        let blinks = self.users.iter().any(|it| it.period_ms.is_some());
+        if blinks && self.lost_ms <= self.dark_ms {
             let message = format!(
                 "found {} ms, expected more than the {} ms of `dark_ms` and two frames: pointers that go dark are lost each time",
                 self.lost_ms, self.dark_ms
             );
             return Err(ConfigError::at("lost_ms", message));
         }
+        if blinks && 2.0 * self.dark_ms > MOST_PERIOD_MS {
+            let message = format!(
+                "found {} ms, expected at most {} ms, half of the longest `period_ms`",
+                self.dark_ms,
+                MOST_PERIOD_MS / 2.0
+            );
+            return Err(ConfigError::at("dark_ms", message));
+        }
         let mut numbers = BTreeSet::new();
         for (place, it) in self.users.iter().enumerate() {
             let setting = format!("users[{place}]");
             let least = (2.0 * self.dark_ms).max(35.0);
-            ConfigError::unless_in(&format!("{setting}.period_ms"), it.period_ms, least..=300.0)?;
-            if !numbers.insert(it.user) {
-                let message = format!("found user {} twice, expected one code for each user", it.user);
+            if let Some(period_ms) = it.period_ms {
+                ConfigError::unless_in(&format!("{setting}.period_ms"), period_ms, least..=MOST_PERIOD_MS)?;
+            }
+            if it.period_ms.is_none() && it.colour.is_none() {
+                let message =
+                    format!("found user {} with neither, expected a `colour`, a `period_ms`, or both", it.user);
                 return Err(ConfigError::at(&setting, message));
             }
-            let near = |other: &&UserCode| (it.period_ms / other.period_ms).ln().abs() < LEAST_APART.ln_1p();
-            if let Some(other) = self.users[..place].iter().find(near) {
-                let message = format!(
-                    "found periods of {} ms and {} ms, expected them to be 5 % apart or more",
-                    other.period_ms, it.period_ms
-                );
+            if !numbers.insert(it.user) {
+                let message = format!("found user {} twice, expected each user once", it.user);
                 return Err(ConfigError::at(&setting, message));
+            }
+            self.check_apart(place, &setting)?;
+        }
+        Ok(())
+    }
+
+    /// Whether the user in that place of the list can be told from those before.
+    fn check_apart(&self, place: usize, setting: &str) -> Result<(), ConfigError> {
+        let it = &self.users[place];
+        for other in &self.users[..place] {
+            if let (Some(one), Some(two)) = (other.period_ms, it.period_ms)
+                && (two / one).ln().abs() < LEAST_APART.ln_1p()
+            {
+                let message = format!("found periods of {one} ms and {two} ms, expected them to be 5 % apart or more");
+                return Err(ConfigError::at(setting, message));
+            }
+            let is_alike = it.colour.is_some() && it.colour == other.colour;
+            if is_alike && (it.period_ms.is_none() || other.period_ms.is_none()) {
+                let message = format!(
+                    "found the colour of user {} again, expected another one, or a `period_ms` for both",
+                    other.user
+                );
+                return Err(ConfigError::at(setting, message));
             }
         }
         Ok(())

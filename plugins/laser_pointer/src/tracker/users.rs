@@ -1,17 +1,19 @@
-//! Whose each pointer is, as its blink code says; what codes say of pointers that were taken for each other.
+//! Whose each pointer is, as its colour and its blink code say; what these say of pointers that were taken for each other.
 //!
-//! A pointer has a user once its decoder is sure, and keeps it until it ends or its decoder is sure of another. Decoders begin anew when spots part that were one. What is decided
+//! A pointer has a user once its colour or its decoder is sure, and keeps it until it ends or they are sure of another. Decoders begin anew when spots part that were one. What is decided
 //! then may show that two tracks have taken each other's light: their identities are exchanged, so that each is again with its light. A pointer whose light becomes another user's,
 //! with nothing to exchange, gets a new identity.
 //!
-//! One user has one pointer. A second pointer with the same code gets no user, and is counted.
+//! One user has one pointer. A second pointer with the same code, or of the same colour, gets no user, and is counted.
 
 use std::collections::BTreeMap;
 
 use foveate::prelude::*;
 
 use super::codes::{Codes, Verdict};
+use super::colours::Colours;
 use super::pointers::Track;
+use super::settings::TrackerSettings;
 
 /// Periods of unknown codes are told in steps of this width [ms].
 const PERIOD_STEP_MS: f64 = 10.0;
@@ -27,24 +29,47 @@ pub struct UserTally {
     pub changed: u64,
     /// Pointers that were dark in a period of no user, by that period to 10 ms [ms].
     pub unknown: BTreeMap<u32, u64>,
-    /// By user: pointers that had the user's code while another one had it.
+    /// By user: pointers that had the user's code or colour while another one had it.
     pub shared: BTreeMap<u32, u64>,
 }
 
 /// Decides whose tracks are.
 pub(super) struct UsersOfTracks {
-    codes: Codes,
+    codes: Option<Codes>,
+    colours: Option<Colours>,
     tally: UserTally,
     exchanged: Vec<Exchange>,
 }
 
 impl UsersOfTracks {
-    pub fn new(codes: Codes) -> UsersOfTracks {
-        UsersOfTracks { codes, tally: UserTally::default(), exchanged: Vec::new() }
+    /// `None` where users have neither codes nor colours.
+    pub fn new(settings: &TrackerSettings) -> Option<UsersOfTracks> {
+        let (codes, colours) = (Codes::new(settings), Colours::new(settings));
+        let tells = codes.is_some() || colours.is_some();
+        tells.then(|| UsersOfTracks { codes, colours, tally: UserTally::default(), exchanged: Vec::new() })
     }
 
-    pub fn codes(&self) -> &Codes {
-        &self.codes
+    pub fn codes(&self) -> Option<&Codes> {
+        self.codes.as_ref()
+    }
+
+    pub fn colours(&self) -> Option<&Colours> {
+        self.colours.as_ref()
+    }
+
+    /// Whose the light of a track is, by its code and its colour.
+    fn verdict(&self, track: &Track) -> Verdict {
+        let by_code = match (&self.codes, &track.decoder) {
+            (Some(codes), Some(decoder)) => codes.verdict(decoder),
+            _ => Verdict::Undecided,
+        };
+        let colour = self.colours.as_ref().zip(track.belief.as_ref()).and_then(|(colours, it)| colours.users(it));
+        match (colour.as_deref(), by_code) {
+            (Some([user]), _) => Verdict::User(*user),
+            // Of several with one colour the code tells which.
+            (Some(users), Verdict::User(user)) if !users.is_empty() && !users.contains(&user) => Verdict::Undecided,
+            (_, by_code) => by_code,
+        }
     }
 
     pub fn tally(&self) -> &UserTally {
@@ -53,10 +78,7 @@ impl UsersOfTracks {
 
     /// Decides what decoders are sure of, after a frame; `next` is the next identity.
     pub fn decide(&mut self, tracks: &mut [Track], next: &mut u32, time: Time) {
-        let verdict = |it: &Track| match &it.decoder {
-            Some(decoder) if it.id.is_some() => self.codes.verdict(decoder),
-            _ => Verdict::Undecided,
-        };
+        let verdict = |it: &Track| if it.id.is_some() { self.verdict(it) } else { Verdict::Undecided };
         let verdicts: Vec<Verdict> = tracks.iter().map(verdict).collect();
         self.exchange(tracks, &verdicts, time);
         for row in 0..tracks.len() {

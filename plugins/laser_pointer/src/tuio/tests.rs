@@ -222,3 +222,21 @@ fn pointers_with_a_user_are_objects_of_that_class_too_where_that_is_asked_for() 
         }
     }
 }
+
+#[test]
+fn a_port_where_no_program_listens_is_told_and_one_where_one_does_is_not() {
+    let client = Client::new();
+    // A port that was free a moment ago.
+    let closed = Client::new().address();
+    let settings = TuioSettings { to: vec![client.address(), closed.clone()], ..TuioSettings::default() };
+    let mut bench = node(settings);
+    for step in 0..20 {
+        feed(&mut bench, f64::from(step) * 20.0, vec![pointer(1, 3.0 + 0.01 * f64::from(step), 0.0)]);
+    }
+    let report = bench.finish().unwrap();
+    assert_eq!((client.take().len(), report.figures["tuio.failed"]), (21, 0.0));
+    assert_eq!(report.remarks.len(), 1, "{:?}", report.remarks);
+    assert!(report.remarks[0].contains(&format!("no program listened at `{closed}`")), "{:?}", report.remarks);
+    let none = NodeBench::<Tuio>::with_setup(TuioSettings { to: Vec::new(), ..TuioSettings::default() }, &setup());
+    assert!(none.map(|_| ()).unwrap_err().message.contains("found no address"));
+}

@@ -4,6 +4,7 @@ mod rests;
 mod solve;
 #[cfg(test)]
 mod tests;
+mod touched;
 
 use std::path::PathBuf;
 
@@ -17,9 +18,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use solve::{Touches, Waved, solve, worst_sigma};
+use touched::wrong;
 
 /// A run that was shorter was cut: that is told, and no failure [s].
 const LEAST_S: f64 = 10.0;
+/// Places may lie so far beside what the wall can show: on its frame [m].
+const BESIDE_M: f64 = 0.1;
 /// A camera that shares less of its picture with others is extrapolated over the rest: that is said [–].
 const LITTLE_SHARED: f64 = 0.3;
 
@@ -54,6 +58,10 @@ pub struct WaveCalibratorSettings {
     #[schemars(range(min = 0.01, max = 100.0))]
     #[serde(default = "default_touch_mm")]
     pub touch_mm: f64,
+    /// A place is refused that lies farther from where the maps by the other places have it than so many standard deviations [σ]
+    #[schemars(range(min = 1.0, max = 1000.0))]
+    #[serde(default = "default_touch_sigmas")]
+    pub touch_sigmas: f64,
     /// For how long at each, at least; a waved pointer does not rest so long [s]
     #[schemars(range(min = 0.2, max = 60.0))]
     #[serde(default = "default_hold_s")]
@@ -72,6 +80,10 @@ pub struct WaveCalibratorSettings {
 
 fn default_touch_mm() -> f64 {
     1.0
+}
+
+fn default_touch_sigmas() -> f64 {
+    6.0
 }
 
 fn default_hold_s() -> f64 {
@@ -112,6 +124,7 @@ impl Node for WaveCalibrator {
         }
         ConfigError::unless_in("pixel_mm", settings.pixel_mm, 0.05..=20.0)?;
         ConfigError::unless_in("touch_mm", settings.touch_mm, 0.01..=100.0)?;
+        ConfigError::unless_in("touch_sigmas", settings.touch_sigmas, 1.0..=1000.0)?;
         ConfigError::unless_in("hold_s", settings.hold_s, 0.2..=60.0)?;
         ConfigError::unless_in("limit_px", settings.limit_px, 0.01..=1000.0)?;
         ConfigError::unless_in("brightest", settings.brightest, 1.0..=255.0)?;
@@ -120,8 +133,15 @@ impl Node for WaveCalibrator {
             let message = format!("found {n} places, expected at least {LEAST_PLACES}, or none for the corners");
             return Err(ConfigError::at("touch_m", message));
         }
-        for at in settings.touch_m.iter().flatten() {
-            ConfigError::unless_in("touch_m", *at, -1000.0..=1000.0)?;
+        for (place, at) in settings.touch_m.iter().enumerate() {
+            if !(0..2).all(|axis| (-BESIDE_M..=settings.size_m[axis] + BESIDE_M).contains(&at[axis])) {
+                let [width, height] = settings.size_m;
+                let message = format!(
+                    "found ({}, {}) m, expected a place of the wall, which `size_m` says is {width} m by {height} m",
+                    at[0], at[1]
+                );
+                return Err(ConfigError::at(&format!("touch_m[{place}]"), message));
+            }
         }
         setup.claim_named_file("file", &settings.file)?;
         let cameras = setup.calibration.cameras.iter().map(|it| CameraGuess {
@@ -179,6 +199,12 @@ impl Node for WaveCalibrator {
             }
         };
         let cameras = self.judged(&found, report);
+        if found.touched.is_empty() {
+            report.remark("four touched places leave none that the others could be tested by: one that is wrong goes unnoticed; six can name it (`touch_m`)");
+        }
+        if let Some(why) = wrong(&found.touched, self.settings.touch_sigmas) {
+            return Err(NodeError::input(format_args!("no map is written: {why}")));
+        }
         if cameras.is_empty() {
             return Err(NodeError::input("no camera could be mapped to the wall: the remarks say why of each"));
         }
@@ -232,8 +258,8 @@ impl WaveCalibrator {
         if let Some(median) = median(&errors) {
             report.figure("wave_calibration.held_out_median_px", median);
         }
-        if !found.touch_m.is_empty() {
-            let mean = found.touch_m.iter().map(|it| it * it).sum::<f64>() / found.touch_m.len() as f64;
+        if !found.touched.is_empty() {
+            let mean = found.touched.iter().map(|it| it.miss * it.miss).sum::<f64>() / found.touched.len() as f64;
             report.figure("wave_calibration.touch_px", mean.sqrt() / pixel_m);
         }
         if found.n_wild > 0 {

@@ -7,10 +7,11 @@ use foveate::calibration::clocks::{FrameOptions, frames};
 use foveate::calibration::recording::Recording;
 use foveate::calibration::solved::ClockFit;
 use foveate::geometry::PlaneMap;
-use foveate::geometry::plane_map::network::{KnownPlace, LEAST_PLACES, MomentObservation, PlaneNetwork, fit_network};
+use foveate::geometry::plane_map::network::{KnownPlace, MomentObservation, PlaneNetwork, fit_network};
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::rests::rests;
+use super::touched::{Touched, touched};
 
 /// Every so many moments one is held out.
 const HELD_OUT: usize = 4;
@@ -38,8 +39,8 @@ pub(super) struct Waved {
     pub(super) network: PlaneNetwork,
     /// By camera: how far its place of a held-out moment is from that of the others, as the error of one camera, root mean square [m]; `None` where no moment was shared.
     pub(super) held_out_m: Vec<Option<f64>>,
-    /// By touched place, how far off it is when it is left out [m]; empty with too few to leave one out.
-    pub(super) touch_m: Vec<f64>,
+    /// By touched place, how it fits the others; empty with too few to leave one out.
+    pub(super) touched: Vec<Touched>,
     /// Moments that two cameras with maps saw.
     pub(super) n_shared: usize,
     /// By camera, the part of its picture's width and height over which it shares moments with others [–].
@@ -88,7 +89,7 @@ pub(super) fn solve(recording: &Recording, touches: &Touches) -> Result<Waved, S
         .map_err(|error| format!("without the moments that are held out: {error}"))?;
     let (held_out_m, n_wild) = held_out(&partly, &observations);
     let (n_shared, shared_part) = shared(&sizes, &network, &observations);
-    Ok(Waved { touch_m: touched(&sizes, &observations, &places), network, held_out_m, n_shared, shared_part, n_wild })
+    Ok(Waved { touched: touched(&sizes, &observations, &places), network, held_out_m, n_shared, shared_part, n_wild })
 }
 
 /// The moments, one after another, each with what cameras with maps saw.
@@ -123,27 +124,6 @@ fn held_out(network: &PlaneNetwork, observations: &[MomentObservation]) -> (Vec<
         }
     }
     (sums.into_iter().map(|(sum, n)| (n > 0.0).then(|| (sum / n).sqrt())).collect(), n_wild)
-}
-
-/// How far each touched place is off when the maps do not know of it [m].
-fn touched(sizes: &[[u32; 2]], observations: &[MomentObservation], places: &[KnownPlace]) -> Vec<f64> {
-    if places.len() <= LEAST_PLACES {
-        return Vec::new();
-    }
-    let off = (0..places.len()).filter_map(|left_out| {
-        let kept: Vec<KnownPlace> =
-            places.iter().enumerate().filter(|it| it.0 != left_out).map(|it| it.1.clone()).collect();
-        let network = fit_network(sizes, observations, &kept).ok()?;
-        let place = &places[left_out];
-        let found: Vec<Vector2<f64>> = place
-            .seen
-            .iter()
-            .filter_map(|(camera, pixel, _)| Some(network.maps[*camera].as_ref().ok()?.point(pixel)?.coords))
-            .collect();
-        let mean = found.iter().sum::<Vector2<f64>>() / found.len() as f64;
-        (!found.is_empty()).then(|| (mean - place.point.coords).norm())
-    });
-    off.collect()
 }
 
 fn shared(sizes: &[[u32; 2]], network: &PlaneNetwork, observations: &[MomentObservation]) -> (usize, Vec<[f64; 2]>) {

@@ -92,7 +92,8 @@ fn waved_pointer_maps_cameras_that_run_freely() {
     for error in &found.held_out_m {
         assert!(error.unwrap() < 0.5e-3, "{error:?}");
     }
-    assert_eq!(found.touch_m.len(), 6);
+    assert_eq!(found.touched.len(), 6);
+    assert_eq!(wrong(&found.touched, default_touch_sigmas()), None, "{:?}", found.touched);
     let worst = worst(&found);
     assert!(worst < 1.6e-3, "{} mm", worst * 1e3);
 }
@@ -111,6 +112,19 @@ fn reflections_are_left_out() {
     let found = solve(&recording(mirrored), &touches()).unwrap();
     let worst = worst(&found);
     assert!(worst < 2.5e-3, "{} mm", worst * 1e3);
+}
+
+#[test]
+fn a_corner_that_was_touched_elsewhere_is_named() {
+    let recording = recording(|_, _, point| vec![point]);
+    for (number, by) in [(1, Vector2::new(-0.2, 0.0)), (3, Vector2::new(0.0, 0.05)), (4, Vector2::new(0.03, 0.02))] {
+        let mut said = touches();
+        said.sigma = 1e-3;
+        said.places[number] += by;
+        let found = solve(&recording, &said).unwrap();
+        let why = wrong(&found.touched, default_touch_sigmas()).unwrap_or_else(|| panic!("{:?}", found.touched));
+        assert!(why.starts_with(&format!("place {} of", number + 1)) && why.contains("held there"), "{why}");
+    }
 }
 
 #[test]
@@ -149,6 +163,7 @@ fn settings_are_read_and_refused() {
         pixel_mm: 0.8,
         touch_m: vec![[0.0, 0.0]; 3],
         touch_mm: default_touch_mm(),
+        touch_sigmas: default_touch_sigmas(),
         hold_s: default_hold_s(),
         limit_px: default_limit_px(),
         brightest: 190.0,
@@ -158,6 +173,8 @@ fn settings_are_read_and_refused() {
         WaveCalibrator::new(settings.clone(), &Setup::for_tests()).err().and_then(|it| it.setting)
     };
     assert_eq!(refused(&settings).as_deref(), Some("touch_m"));
+    settings.touch_m.extend([[4.2, 0.5], [3.0, 1.0]]);
+    assert_eq!(refused(&settings).as_deref(), Some("touch_m[3]"), "beyond the wall");
     settings.touch_m.clear();
     assert_eq!(refused(&settings), None);
     settings.hold_s = f64::NAN;

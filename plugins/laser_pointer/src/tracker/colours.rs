@@ -1,0 +1,165 @@
+//! Whose pointer it is, told by the labels that a detector gave its spots by their colour.
+//!
+//! One frame's label may be wrong, where contents shine or spots touch, or missing. So each track has a Bayes filter over the labels of users' colours and over light of no such colour; each
+//! label that a spot of its own has is one observation. A part of the probability returns to the prior with time, since a track may go over to another pointer.
+
+use foveate::prelude::Time;
+
+use super::settings::{TrackerSettings, UserCode};
+
+/// Probability that a spot of a user's colour gets that colour's label, and that it gets another one's: a detector that is not sure gives none.
+const RIGHT: f64 = 0.8;
+const WRONG: f64 = 0.02;
+/// The same for light of no user's colour: of getting one of the labels.
+const BY_CHANCE: f64 = 0.1;
+/// Prior of light of no user's colour.
+const OTHERS: f64 = 0.1;
+/// Share of the probability that returns to the prior [1/s].
+const CHANGE_PER_S: f64 = 0.05;
+
+/// The colours of all users.
+#[derive(Debug, Clone)]
+pub(super) struct Colours {
+    /// In order, each once.
+    labels: Vec<u32>,
+    /// User and label.
+    users: Vec<(u32, u32)>,
+    sure: f64,
+}
+
+/// What is known of one light's colour.
+#[derive(Debug, Clone)]
+pub(super) struct Belief {
+    last: Time,
+    /// By label, and at the end that of none of them.
+    weights: Vec<f64>,
+}
+
+impl Colours {
+    /// `None` where no user has a colour.
+    pub fn new(settings: &TrackerSettings) -> Option<Colours> {
+        let users = settings.users.iter().filter_map(|UserCode { user, colour, .. }| Some((*user, (*colour)?)));
+        let users: Vec<(u32, u32)> = users.collect();
+        let mut labels: Vec<u32> = users.iter().map(|it| it.1).collect();
+        labels.sort_unstable();
+        labels.dedup();
+        (!users.is_empty()).then_some(Colours { labels, users, sure: settings.sure })
+    }
+
+    fn prior(&self) -> impl Iterator<Item = f64> + '_ {
+        let n = self.labels.len();
+        (0..=n).map(move |it| if it == n { OTHERS } else { (1.0 - OTHERS) / n as f64 })
+    }
+
+    /// A light of which nothing is known, from `time` on.
+    pub fn belief(&self, time: Time) -> Belief {
+        Belief { last: time, weights: self.prior().collect() }
+    }
+
+    /// Probability of `label` for light of kind `kind`.
+    fn likelihood(&self, kind: usize, label: Option<u32>) -> f64 {
+        let n = self.labels.len();
+        match label.map(|it| self.labels.binary_search(&it).ok()) {
+            // A label that no user has is none of theirs.
+            None | Some(None) if kind == n => 1.0 - BY_CHANCE,
+            None | Some(None) => 1.0 - RIGHT - WRONG,
+            Some(Some(_)) if kind == n => BY_CHANCE / n as f64,
+            Some(Some(at)) if at == kind => RIGHT,
+            Some(Some(_)) => WRONG / (n as f64 - 1.0).max(1.0),
+        }
+    }
+
+    /// A spot at `time`, not before the last one, had `label`.
+    pub fn observe(&self, belief: &mut Belief, time: Time, label: Option<u32>) {
+        let kept = (-CHANGE_PER_S * (time - belief.last).as_s().max(0.0)).exp();
+        belief.last = time;
+        for ((kind, weight), prior) in belief.weights.iter_mut().enumerate().zip(self.prior()) {
+            *weight = (*weight * kept + (1.0 - kept) * prior) * self.likelihood(kind, label);
+        }
+        let sum: f64 = belief.weights.iter().sum();
+        belief.weights.iter_mut().for_each(|it| *it /= sum);
+    }
+
+    /// Minus twice the logarithm of the likelihood that this light has a spot of that label, relative to the likeliest.
+    pub fn cost(&self, belief: &Belief, label: Option<u32>) -> f64 {
+        let weights = belief.weights.iter().enumerate();
+        let p = |label: Option<u32>| weights.clone().map(|(kind, it)| it * self.likelihood(kind, label)).sum::<f64>();
+        let most = self.labels.iter().map(|it| p(Some(*it))).fold(p(None), f64::max);
+        -2.0 * (p(label) / most).ln()
+    }
+
+    /// The users whose colour the light has, if that is sure; none of them where it has no user's colour.
+    pub fn users(&self, belief: &Belief) -> Option<Vec<u32>> {
+        let kind = belief.weights.iter().position(|it| *it > self.sure)?;
+        let of = |label: u32| self.users.iter().filter(|it| it.1 == label).map(|it| it.0).collect();
+        Some(self.labels.get(kind).map_or(Vec::new(), |label| of(*label)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate::estimation::random::Random;
+
+    use super::*;
+
+    fn colours(labels: &[u32]) -> Colours {
+        let users =
+            labels.iter().zip(1..).map(|(label, user)| UserCode { user, period_ms: None, colour: Some(*label) });
+        Colours::new(&TrackerSettings { users: users.collect(), ..TrackerSettings::default() }).unwrap()
+    }
+
+    /// The users at each frame of 120 Hz of a light whose spots have these labels.
+    fn users(colours: &Colours, labels: impl Iterator<Item = Option<u32>>) -> Vec<Option<Vec<u32>>> {
+        let mut belief = colours.belief(Time::ZERO);
+        let frames = labels.enumerate().map(|(frame, label)| {
+            colours.observe(&mut belief, Time::from_s(frame as f64 / 120.0), label);
+            colours.users(&belief)
+        });
+        frames.collect()
+    }
+
+    #[test]
+    fn a_colour_is_sure_after_some_frames_and_one_wrong_label_does_not_change_it() {
+        let colours = colours(&[10, 20, 30]);
+        let of = users(&colours, [Some(20), None, Some(20), Some(20), Some(10), Some(20), None].into_iter());
+        assert_eq!(of[0], None, "one label is not sure");
+        assert!(of[3..].iter().all(|it| *it != Some(vec![1])), "{of:?}");
+        assert_eq!((&of[3], &of[6]), (&Some(vec![2]), &Some(vec![2])));
+        // A label of another rig's colours is no user's, and neither is light without one.
+        assert_eq!(users(&colours, (0..20).map(|_| Some(99))).last(), Some(&Some(vec![])));
+        assert_eq!(users(&colours, (0..20).map(|_| None)).last(), Some(&Some(vec![])));
+    }
+
+    #[test]
+    fn labels_that_are_wrong_now_and_then_give_no_wrong_user() {
+        let colours = colours(&[10, 20, 30, 40]);
+        for seed in 0..200 {
+            let mut random = Random::new(seed);
+            let labels = (0..240).map(|_| match random.uniform() {
+                it if it < 0.6 => Some(30),
+                it if it < 0.65 => Some(10 * (1 + random.below(4))),
+                _ => None,
+            });
+            let of = users(&colours, labels);
+            let wrong = of.iter().filter(|it| it.as_ref().is_some_and(|it| *it != vec![3])).count();
+            assert!(wrong == 0 && of.last() == Some(&Some(vec![3])), "seed {seed}: {wrong} wrong, {:?}", of.last());
+        }
+    }
+
+    #[test]
+    fn a_track_that_goes_over_to_another_light_is_decided_anew_and_users_of_one_colour_stay_two() {
+        let colours = colours(&[10, 20, 10]);
+        let of = users(&colours, (0..60).map(|it| Some(if it < 30 { 20 } else { 10 })));
+        assert_eq!(of[29], Some(vec![2]));
+        assert_eq!(of[45], Some(vec![1, 3]), "which of the two it is the colour does not tell");
+    }
+
+    #[test]
+    fn a_spot_of_another_colour_costs_more_than_one_without_and_that_more_than_its_own() {
+        let colours = colours(&[10, 20]);
+        let mut belief = colours.belief(Time::ZERO);
+        (0..10).for_each(|it| colours.observe(&mut belief, Time::from_s(f64::from(it) / 120.0), Some(10)));
+        let [own, none, other] = [Some(10), None, Some(20)].map(|it| colours.cost(&belief, it));
+        assert!(own == 0.0 && (1.0..5.0).contains(&none) && other > 6.0, "{own} {none} {other}");
+    }
+}

@@ -1,0 +1,81 @@
+//! Whether the places at which a pointer was held fit each other: each is left out once, and held against where the maps by the others have it.
+
+use foveate::geometry::plane_map::network::{KnownPlace, LEAST_PLACES, MomentObservation, PlaneNetwork, fit_network};
+use nalgebra::{Matrix2, Point2, Vector2};
+
+/// Of so many places one that is wrong can be told from the others: without it these still have one to spare.
+const LEAST_TO_NAME: usize = LEAST_PLACES + 2;
+
+/// A touched place against maps that do not know of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Touched {
+    /// Its number in the order in which places were touched.
+    pub(super) number: usize,
+    /// Where it was said to be [m].
+    pub(super) point: Point2<f64>,
+    /// How far the maps by the other places have it from there [m].
+    pub(super) miss: f64,
+    /// The same in standard deviations of what these maps state and of how the pointer was held.
+    pub(super) sigmas: f64,
+    /// How well the others fit each other without it: root mean square, in the same unit.
+    pub(super) others: f64,
+}
+
+/// How each touched place fits the others; empty with too few to leave one out.
+pub(super) fn touched(sizes: &[[u32; 2]], observations: &[MomentObservation], places: &[KnownPlace]) -> Vec<Touched> {
+    if places.len() <= LEAST_PLACES {
+        return Vec::new();
+    }
+    let off = (0..places.len()).filter_map(|number| {
+        let others: Vec<KnownPlace> =
+            places.iter().enumerate().filter(|it| it.0 != number).map(|it| it.1.clone()).collect();
+        let network = fit_network(sizes, observations, &others).ok()?;
+        let (miss, sigmas) = missed(&network, &places[number])?;
+        let squares: Vec<f64> =
+            others.iter().filter_map(|it| missed(&network, it)).map(|(_, sigmas)| sigmas * sigmas).collect();
+        let others = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
+        Some(Touched { number, point: places[number].point, miss, sigmas, others })
+    });
+    off.collect()
+}
+
+/// How far from where it was said to be the maps have a place: of all cameras' places by their mean [m], and of the one that knows it best in standard deviations.
+fn missed(network: &PlaneNetwork, place: &KnownPlace) -> Option<(f64, f64)> {
+    let (mut sum, mut n, mut best) = (Vector2::zeros(), 0.0, None::<(f64, f64)>);
+    for (camera, pixel, sigma) in &place.seen {
+        let Ok(map) = &network.maps[*camera] else { continue };
+        let Some(placed) = map.place(pixel, &(Matrix2::identity() * (sigma * sigma))) else { continue };
+        let off = placed.point - place.point;
+        let covariance = placed.covariance + Matrix2::identity() * place.sigma * place.sigma;
+        let Some(inverse) = covariance.try_inverse() else { continue };
+        (sum, n) = (sum + off, n + 1.0);
+        let (size, sigmas) = (covariance.trace(), off.dot(&(inverse * off)).max(0.0).sqrt());
+        best = best.filter(|it| it.0 <= size).or(Some((size, sigmas)));
+    }
+    best.map(|it| ((sum / n).norm(), it.1))
+}
+
+/// What does not fit, in words; `None` where every place is within `most` standard deviations of where the others have it.
+pub(super) fn wrong(touched: &[Touched], most: f64) -> Option<String> {
+    let worst = touched.iter().max_by(|a, b| a.sigmas.total_cmp(&b.sigmas)).filter(|it| it.sigmas > most)?;
+    // Without the one that is wrong the others agree.
+    let culprit = touched.iter().min_by(|a, b| a.others.total_cmp(&b.others)).unwrap_or(worst);
+    let says = |it: &Touched| {
+        format!(
+            "place {} of `touch_m`, ({}, {}) m, lies {:.0} mm from where the other places have it, {:.0} times what their maps and `touch_mm` allow for",
+            it.number + 1,
+            it.point.x,
+            it.point.y,
+            it.miss * 1e3,
+            it.sigmas
+        )
+    };
+    Some(if touched.len() >= LEAST_TO_NAME && culprit.others < most && culprit.sigmas > most {
+        format!("{}: was the pointer held there, and are `touch_m` and `size_m` right?", says(culprit))
+    } else {
+        format!(
+            "{}: which of them is wrong cannot be told, six places can tell; was the pointer held at all of them, in this order, and are `touch_m` and `size_m` right?",
+            says(worst)
+        )
+    })
+}
