@@ -185,7 +185,7 @@ mod tests {
     #[test]
     fn a_spot_that_is_white_in_its_middle_has_the_hue_of_its_source() {
         for (colour, expected) in LASERS {
-            for peak in [150.0, 400.0, 2000.0, 8000.0] {
+            for peak in [220.0, 400.0, 2000.0, 8000.0] {
                 for seed in 0..20 {
                     let found = hue(&picture(colour.map(|it| it * peak), 1.1, |_, _| [8.0; 3], seed)).unwrap();
                     let off = hue_between(found.deg, expected).abs();

@@ -71,14 +71,14 @@ impl Node for OscViews {
             ConfigError::at("to", format!("found `{to}`, expected HOST:PORT of a renderer: {why}"))
         };
         to.rsplit_once(':').and_then(|it| it.1.parse::<u16>().ok()).ok_or_else(|| fault(&"no port"))?;
-        let mut line = None;
+        let (mut line, mut unreached) = (None, None);
         if setup.purpose == Purpose::Run {
             let address = to.to_socket_addrs().map_err(|error| fault(&error))?.next();
             let address = address.ok_or_else(|| fault(&"nothing has that name"))?;
             let socket = UdpSocket::bind(if address.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" });
             let socket = socket.and_then(|it| it.set_nonblocking(true).map(|()| it)).map_err(|error| fault(&error))?;
             // Connected, it is told when nobody listens there.
-            socket.connect(address).map_err(|error| fault(&error))?;
+            unreached = socket.connect(address).err().map(|error| error.to_string());
             line = Some(socket);
         }
         let period = Interval::from_s(1.0 / rate_hz);
@@ -91,7 +91,7 @@ impl Node for OscViews {
             n_sent: 0,
             n_superseded: 0,
             n_failed: 0,
-            fault: None,
+            fault: unreached,
         })
     }
 
@@ -135,7 +135,7 @@ impl Node for OscViews {
                 self.to
             ));
         }
-        if let Some(why) = &self.fault {
+        if let Some(why) = self.fault.as_ref().filter(|_| self.n_failed > 0) {
             report.remark(format!("{} datagrams to the renderer `{}` were not sent: {why}", self.n_failed, self.to));
         }
         Ok(())

@@ -134,8 +134,8 @@ impl Node for Tuio {
             name.rsplit_once(':').and_then(|it| it.1.parse::<u16>().ok()).ok_or_else(|| fault("no port".to_owned()))?;
             if setup.purpose == Purpose::Run {
                 let address = address_of(name).map_err(fault)?;
-                let socket = socket_to(&address).map_err(|error| fault(error.to_string()))?;
-                clients.push(Client { name: name.clone(), socket, n_failed: 0, fault: None, is_unheard: false });
+                let (socket, unreached) = socket_to(&address).map_err(|error| fault(error.to_string()))?;
+                clients.push(Client { name: name.clone(), socket, n_failed: 0, fault: unreached, is_unheard: false });
             }
         }
         Ok(Self {
@@ -184,7 +184,7 @@ impl Node for Tuio {
         report.figure("tuio.failed", self.clients.iter().map(|it| it.n_failed).sum::<u64>() as f64);
         report.figure("tuio.left_out", self.n_left_out as f64);
         for client in &self.clients {
-            if let Some(why) = &client.fault {
+            if let Some(why) = client.fault.as_ref().filter(|_| client.n_failed > 0) {
                 let (n, name) = (client.n_failed, &client.name);
                 report.remark(format!("{n} datagrams to the TUIO client `{name}` were not sent: {why}"));
             }
@@ -274,12 +274,13 @@ fn address_of(name: &str) -> Result<SocketAddr, String> {
     first.ok_or_else(|| "nothing has that name".to_owned())
 }
 
-fn socket_to(address: &SocketAddr) -> std::io::Result<UdpSocket> {
+/// A socket for `address`, and why that cannot be reached where it cannot: the other clients go on.
+fn socket_to(address: &SocketAddr) -> std::io::Result<(UdpSocket, Option<String>)> {
     let socket = UdpSocket::bind(if address.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" })?;
     socket.set_nonblocking(true)?;
     // Connected, it is told when nobody listens there.
-    socket.connect(address)?;
-    Ok(socket)
+    let unreached = socket.connect(address).err().map(|error| error.to_string());
+    Ok((socket, unreached))
 }
 
 #[cfg(test)]

@@ -14,6 +14,8 @@ const RARE: f64 = 0.02;
 const OFTEN: f64 = 0.5;
 /// Who looks at a display looks past it by no more than this, in the mean [deg].
 const BESIDE_DEG: f64 = 75.0;
+/// Who looks at a display holds the head upright, in the mean [deg].
+const MOST_TILT_DEG: f64 = 50.0;
 /// Shorter than this the mean of directions is none: people who turn about.
 const TURNS_ABOUT: f64 = 0.3;
 
@@ -92,8 +94,11 @@ impl Doubts {
                 ));
             }
         }
-        if self.up.z < -TURNS_ABOUT * n {
-            told.push("the head was upside down: `lights_mm` may be mirrored or in other axes; expected x forward, y to the left, z up".to_owned());
+        let tilt = self.up.angle(&Vector3::z()).to_degrees();
+        if tilt > MOST_TILT_DEG {
+            told.push(format!(
+                "in the mean the head's crown pointed {tilt:.0}° from straight up: `lights_mm` may be mirrored or in other axes; expected x forward, y to the left, z up"
+            ));
         }
         let beside = self.forward.angle(&-out).to_degrees();
         if self.forward.norm() > TURNS_ABOUT * n && beside > BESIDE_DEG {

@@ -186,12 +186,12 @@ fn lights_that_are_mirrored_misplaced_or_in_other_axes_are_told() {
     // y forward, x to the right.
     let turned = said_with(|it| it.lights_mm.iter_mut().for_each(|it| *it = [-it[1], it[0], it[2]]));
     assert!(turned.contains("past the display"), "{turned}");
-    // Three lights have a mirror image that fits: upside down.
+    // Three lights have a mirror image that fits: a head on its side.
     let three = said_with(|it| {
         it.lights_mm.truncate(3);
         it.lights_mm.iter_mut().for_each(|it| it[1] = -it[1]);
     });
-    assert!(three.contains("upside down"), "{three}");
+    assert!(three.contains("from straight up"), "{three}");
 }
 
 #[test]

@@ -176,7 +176,10 @@ fn observed(size: [u32; 2], shown: &[Shown], frames: &[Frame], options: &ShownOp
     for (number, it) in shown.iter().enumerate() {
         let first = frames.partition_point(|frame| frame.time < it.from + options.settle);
         let timed = frames[first..].iter().take_while(|frame| frame.time <= it.until);
-        found.n_untimed += usize::from(timed.clone().next().is_none());
+        // Pictures were taken while it was told, and none of them counts.
+        let is_told = |frame: &Frame| (it.from..=it.until).contains(&frame.time);
+        let mut before = frames[..first].iter().rev().take_while(|frame| frame.time >= it.from);
+        found.n_untimed += usize::from(timed.clone().next().is_none() && before.any(is_told));
         let own: Vec<&[Spot]> = timed.map(|frame| frame.spots.as_slice()).filter(|spots| !spots.is_empty()).collect();
         let n_points = it.points.len();
         if options.board.is_some()

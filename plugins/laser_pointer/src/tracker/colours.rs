@@ -142,7 +142,8 @@ mod tests {
             });
             let of = users(&colours, labels);
             let wrong = of.iter().filter(|it| it.as_ref().is_some_and(|it| *it != vec![3])).count();
-            assert!(wrong == 0 && of.last() == Some(&Some(vec![3])), "seed {seed}: {wrong} wrong, {:?}", of.last());
+            let right = of.iter().filter(|it| **it == Some(vec![3])).count();
+            assert!(wrong == 0 && right > 200, "seed {seed}: {wrong} wrong, {right} right of 240");
         }
     }
 

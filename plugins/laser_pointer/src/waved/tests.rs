@@ -123,7 +123,9 @@ fn a_corner_that_was_touched_elsewhere_is_named() {
         said.places[number] += by;
         let found = solve(&recording, &said).unwrap();
         let why = wrong(&found.touched, default_touch_sigmas()).unwrap_or_else(|| panic!("{:?}", found.touched));
-        assert!(why.starts_with(&format!("place {} of", number + 1)) && why.contains("held there"), "{why}");
+        assert!(why.contains(&format!("place {} of", number + 1)) && why.contains("held there"), "{why}");
+        // Three places in a line explain each other's errors.
+        assert!(why.matches("of `touch_m`").count() <= 3, "{why}");
     }
 }
 

@@ -6,6 +6,9 @@ use nalgebra::{Matrix2, Point2, Vector2};
 /// Of so many places one that is wrong can be told from the others: without it these still have one to spare.
 const LEAST_TO_NAME: usize = LEAST_PLACES + 2;
 
+/// Without the one that is wrong the others fit less than so many times worse than without any other.
+const ALIKE: f64 = 2.0;
+
 /// A touched place against maps that do not know of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Touched {
@@ -58,9 +61,14 @@ fn missed(network: &PlaneNetwork, place: &KnownPlace) -> Option<(f64, f64)> {
 /// What does not fit, in words; `None` where every place is within `most` standard deviations of where the others have it.
 pub(super) fn wrong(touched: &[Touched], most: f64) -> Option<String> {
     let worst = touched.iter().max_by(|a, b| a.sigmas.total_cmp(&b.sigmas)).filter(|it| it.sigmas > most)?;
-    // Without the one that is wrong the others agree.
-    let culprit = touched.iter().min_by(|a, b| a.others.total_cmp(&b.others)).unwrap_or(worst);
-    let says = |it: &Touched| {
+    // Without the one that is wrong the others agree; places in a line may each explain the same.
+    let least = touched.iter().map(|it| it.others).fold(f64::INFINITY, f64::min);
+    let agree = |it: &&Touched| it.sigmas > most && it.others < most && it.others < ALIKE * least.max(1.0);
+    let mut suspects: Vec<&Touched> = touched.iter().filter(agree).collect();
+    if touched.len() < LEAST_TO_NAME || suspects.is_empty() {
+        suspects = vec![worst];
+    }
+    let says = |it: &&Touched| {
         format!(
             "place {} of `touch_m`, ({}, {}) m, lies {:.0} mm from where the other places have it, {:.0} times what their maps and `touch_mm` allow for",
             it.number + 1,
@@ -70,12 +78,12 @@ pub(super) fn wrong(touched: &[Touched], most: f64) -> Option<String> {
             it.sigmas
         )
     };
-    Some(if touched.len() >= LEAST_TO_NAME && culprit.others < most && culprit.sigmas > most {
-        format!("{}: was the pointer held there, and are `touch_m` and `size_m` right?", says(culprit))
+    let list = suspects.iter().map(says).collect::<Vec<_>>().join(", or ");
+    Some(if touched.len() >= LEAST_TO_NAME && suspects.iter().any(agree) {
+        format!("{list}: was the pointer held there, and are `touch_m` and `size_m` right?")
     } else {
         format!(
-            "{}: which of them is wrong cannot be told, six places can tell; was the pointer held at all of them, in this order, and are `touch_m` and `size_m` right?",
-            says(worst)
+            "{list}: which of all places is wrong cannot be told, six can tell; was the pointer held at each of them, in this order, and are `touch_m` and `size_m` right?"
         )
     })
 }
