@@ -62,6 +62,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("pan-tilt", &["foveate"]),
     ("select", &["foveate"]),
     ("structured-light", &["foveate"]),
+    ("surface", &["foveate"]),
     ("laser-pointer", &["foveate"]),
     (
         "cli",
@@ -90,6 +91,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "select",
             "sim",
             "structured-light",
+            "surface",
             "web",
         ],
     ),

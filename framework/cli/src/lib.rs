@@ -39,6 +39,7 @@ pub fn registry() -> Registry {
     foveate_laser_pointer::register(&mut registry);
     foveate_display::register(&mut registry);
     foveate_structured_light::register(&mut registry);
+    foveate_surface::register(&mut registry);
     foveate_painted_mark::register(&mut registry);
     foveate_export::register(&mut registry);
     registry

@@ -23,7 +23,7 @@ pub mod prelude {
         HeadEvent, HeadLink, HeadOrder, HeadPose, HeadPosition, HeadReport, Image, Mark, MarkGuide, Marks, Mesh,
         MeshVertex, PatternPictures, PatternShown, PixelFormat, PointCloud, Pointer, PointerChange, PointerEvent,
         Pointers, ProjectorMap, ProjectorSample, Provenance, ScaleCloud, ScaleSpace, StrokePoint, SubRegion, Target,
-        TargetId, TargetUser, Targets, TileView, Users, Viewpoint, Views,
+        TargetId, TargetUser, Targets, TileView, TrackedPoint, TrackedSurface, TrajectoryEnd, Users, Viewpoint, Views,
     };
     pub use foveate_node::{
         ConfigError, Due, Figures, In, Interval, Io, Message, Node, NodeBench, NodeError, Out, Plan, Pool, Ports,

@@ -23,6 +23,7 @@
 //! | [`ScaleCloud`] | the same where it lies still, on a target that moves | metres in that scale's space |
 //! | [`Views`] | what a display shows to somebody who moves, for each eye and tile | metres in that scale's space |
 //! | [`Mesh`] | a surface joined from clouds, as triangles | metres in that scale's space |
+//! | [`TrackedSurface`] | points of a surface, each followed over time | metres in the outermost scale |
 
 mod camera_set;
 mod cloud;
@@ -37,6 +38,7 @@ mod shown;
 mod stripes;
 mod sub_region;
 mod targets;
+mod tracked;
 mod users;
 mod views;
 mod wire;
@@ -56,6 +58,7 @@ pub use shown::PatternShown;
 pub use stripes::{PatternPictures, ProjectorMap, ProjectorSample};
 pub use sub_region::{Assignment, ScaleId, ScaleSpace, SubRegion};
 pub use targets::{Provenance, Target, TargetId, Targets};
+pub use tracked::{TrackedPoint, TrackedSurface, TrajectoryEnd};
 pub use users::{Exchange, TargetUser, Users};
 pub use views::{EyeView, TileView, Views};
 pub use wire::{Codec, Wire};
