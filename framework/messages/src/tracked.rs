@@ -46,7 +46,7 @@ pub enum TrajectoryEnd {
     TooFast,
     /// Accelerated more than anything there can be.
     TooAbrupt,
-    /// Moved otherwise than what lies around it: all that it did in this step is false.
+    /// Moved otherwise than what lies around it: that step is false, and left out.
     NotUniform,
     /// Another point came to lie on it.
     Merged,
@@ -59,10 +59,8 @@ pub struct TrackedSurface {
     pub time: Time,
     /// Ascending by identity.
     pub list: Vec<TrackedPoint>,
-    /// Trajectories that had a sample before and have none now; their last sample was right. Ascending by identity.
+    /// Trajectories that had a sample before and have none now: they are truncated there. Ascending by identity.
     pub ended: Vec<(u32, TrajectoryEnd)>,
-    /// Trajectories whose samples from that time on were false, as was found later: they are truncated there. Ascending by identity.
-    pub truncated: Vec<(u32, Time)>,
 }
 
 impl TrackedSurface {

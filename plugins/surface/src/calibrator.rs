@@ -15,6 +15,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 ports! {
+    pub(crate) fn declared_ports;
     FEATURES: In<Features> = each("features").many();
 }
 

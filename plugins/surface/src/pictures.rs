@@ -90,13 +90,6 @@ impl Node for Pictures {
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         let Some(tracked) = io.take(&TRACKED) else { return Ok(()) };
         let surface = &tracked.value;
-        for (id, from) in &surface.truncated {
-            // Samples are a moment apart; those from that time on are taken back.
-            if let Some(path) = self.paths.get_mut(id) {
-                let n = self.counts.iter().rev().take_while(|it| it[0] >= from.as_s()).count();
-                path.truncate(path.len().saturating_sub(n));
-            }
-        }
         for point in &surface.list {
             self.paths.entry(point.id).or_default().push(point.position);
         }

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 ports! {
+    pub(crate) fn declared_ports;
     IMAGE: In<Image> = each("image");
     FEATURES: Out<Features> = "features";
 }

@@ -374,3 +374,45 @@ fn the_same_pictures_give_the_same_bytes() {
     let [a, b] = [(), ()].map(|()| tracked(&moments, &cameras, tracking()).0);
     assert_eq!(a, b);
 }
+
+#[test]
+fn a_real_target_calibrates_its_cameras() {
+    let test = "surface.calibrator on a real target";
+    let Some(folder) = foveate_testkit::data_dir_or_skip(test, "s12_multidic_speckle") else { return };
+    let size = [2464, 3280];
+    let cameras: Vec<Camera> = (0..2).map(|_| Camera { image_size: size, ..cameras(1).remove(0) }).collect();
+    let names = ["201", "202"];
+    let named = names.iter().zip(&cameras);
+    let list = named.map(|(name, camera)| NamedCamera { name: (*name).to_owned(), camera: camera.clone() }).collect();
+    let calibration = Arc::new(Calibration::new(list, LengthUnit::Metre, String::new()).unwrap());
+    let out = tempfile::tempdir().unwrap();
+    let setup = Setup { calibration, out_dir: Some(out.path().to_path_buf()), ..Setup::for_tests() };
+    let settings = crate::calibrator::CalibratorSettings::default();
+    let file = out.path().join(&settings.file);
+    let mut calibrator = NodeBench::<crate::calibrator::TargetCalibrator>::with_setup(settings, &setup).unwrap();
+    // What the peer's operator marked by hand.
+    for ((id, name), marked) in names.iter().enumerate().zip([3..=9, 5..=12]) {
+        let pixels =
+            image::open(folder.join(format!("calibration_object_{name}.jpg"))).unwrap().into_luma8().into_raw();
+        let camera = CameraId(id as u16);
+        let image = Image { camera, width: size[0], height: size[1], pixels, ..Image::default() };
+        let here = Setup { camera: Some(camera), ..setup.clone() };
+        let mut detector = NodeBench::<crate::target::TargetDetector>::with_setup(Default::default(), &here).unwrap();
+        detector.feed(&crate::target::IMAGE, Time::ZERO, image).unwrap();
+        let features = detector.outputs(&crate::target::FEATURES).remove(0).value;
+        let columns: std::collections::BTreeSet<u32> =
+            features.list.iter().filter_map(|it| it.label).map(|it| it / 20 + 1).collect();
+        assert!(marked.clone().all(|it| columns.contains(&it)), "{name}: {columns:?}");
+        calibrator.feed(&crate::calibrator::FEATURES, Time::ZERO, Features::clone(&features)).unwrap();
+    }
+    let figures = calibrator.finish().unwrap().figures;
+    for name in names {
+        let of = |what: &str| figures[&format!("calibration.{what}.{name}")];
+        assert!(of("rms_px") < 0.5 && of("held_out_px") < 0.6 && of("linear_px") > 2.0, "{figures:?}");
+    }
+    // Where the peer's own eleven coefficients, without a lens, put the cameras: a centimetre along the line of sight is what the lens is worth.
+    let found = Calibration::load(&file).unwrap();
+    for (camera, centre) in found.cameras.iter().zip([[0.1668, 0.2997, 0.1096], [-0.0106, 0.3418, 0.1098]]) {
+        assert!((camera.camera.centre() - Point3::from(centre)).norm() < 0.012, "{}", camera.camera.centre());
+    }
+}

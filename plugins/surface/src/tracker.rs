@@ -319,7 +319,7 @@ impl Tracker {
         self.tracks.sort_by_key(|it| it.id);
         let views = &self.engine.prepared.views;
         let list = self.tracks.iter().map(|it| it.point(views)).collect();
-        TrackedSurface { time, list, ended, truncated: Vec::new() }
+        TrackedSurface { time, list, ended }
     }
 
     /// Grows new points from those that are followed, or begins where there are none; what lies on another surface than its neighbours goes.
