@@ -63,6 +63,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("select", &["foveate"]),
     ("structured-light", &["foveate"]),
     ("laser-pointer", &["foveate"]),
+    ("voxel-body", &["foveate"]),
     (
         "cli",
         &[
@@ -90,6 +91,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "select",
             "sim",
             "structured-light",
+            "voxel-body",
             "web",
         ],
     ),

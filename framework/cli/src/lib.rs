@@ -40,6 +40,7 @@ pub fn registry() -> Registry {
     foveate_display::register(&mut registry);
     foveate_structured_light::register(&mut registry);
     foveate_painted_mark::register(&mut registry);
+    foveate_voxel_body::register(&mut registry);
     foveate_export::register(&mut registry);
     registry
 }
