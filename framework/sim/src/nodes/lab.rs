@@ -9,6 +9,7 @@ use foveate_scene::skeleton::SkeletonMotion;
 
 use crate::painted::{FaceSettings, FaceSource, PartKind, RecordedHead};
 use crate::person::{RecordedBody, WholeBody};
+use crate::studio::StudioSettings;
 use crate::truth::Truth;
 use crate::world::{
     Body, BodyMotion, BodySource, BustSettings, LightPath, MAX_MONITORS, Recordings, SceneSettings, SwingSettings,
@@ -76,6 +77,7 @@ impl Node for Lab {
             ref swing,
             ref light_path,
             ref bust,
+            ref studio,
             ref truth,
         } = settings;
         ConfigError::unless_in("people", people, 0..=32)?;
@@ -133,6 +135,7 @@ impl Node for Lab {
         }
         swing.as_ref().map_or(Ok(()), SwingSettings::check)?;
         bust.as_ref().map_or(Ok(()), BustSettings::check)?;
+        studio.as_ref().map_or(Ok(()), StudioSettings::check)?;
         if let Some(body) = body {
             ConfigError::unless_in("body.unit_m", body.unit_m, 0.0..=1000.0)?;
             if body.motion == BodyMotion::Whole && walk != WalkKind::Round {

@@ -26,13 +26,15 @@ pub use bodies::{Body, BodyMotion, BodySettings, BodySource};
 use bust::Bust;
 pub use bust::BustSettings;
 pub use clutter::{BrightSpot, Glint, MAX_MONITORS, Monitor, PANES};
+pub(crate) use furniture::room_hit;
 pub use furniture::{Surface, room_light};
 pub use mirror::Mirror;
 use single::Single;
 pub use single::{LightPath, SwingSettings};
 
 use crate::painted::{FaceSettings, Painted, Part, PartKind, RecordedHead, Skin};
-use crate::person::{Braid, COME_S, Headband, Led, N_LEDS, N_ON_HEADBAND, Person, Pose};
+use crate::person::{Braid, COME_S, Headband, Joints, Led, N_LEDS, N_ON_HEADBAND, Person, Pose};
+use crate::studio::{Posed, Studio, StudioSettings};
 use crate::truth::{TrueCamera, Truth, TruthSettings};
 
 /// At this distance [m] a LED seen along its normal has the brightness [`SceneSettings::led_peak`].
@@ -124,6 +126,8 @@ pub struct SceneSettings {
     pub light_path: Option<String>,
     /// In place of people, a bust on a stand, or moved to and fro by hand, with a light above it. Left out: there is none [–]
     pub bust: Option<BustSettings>,
+    /// People in clothes, furniture and lamps as textured surfaces in the lab's room, with shadows, in place of dark shapes. Left out: dark shapes [–]
+    pub studio: Option<StudioSettings>,
     /// The true cameras and heads, apart from what the rig's calibration says of them. Left out: the calibration is the truth [–]
     pub truth: Option<TruthSettings>,
 }
@@ -155,6 +159,7 @@ impl Default for SceneSettings {
             swing: None,
             light_path: None,
             bust: None,
+            studio: None,
             truth: None,
         }
     }
@@ -189,6 +194,7 @@ struct Scene {
     face: Option<Arc<Part>>,
     headband: Option<Headband>,
     bust: Option<Bust>,
+    studio: Option<Studio>,
     truth: Option<Truth>,
     seed: u64,
 }
@@ -303,6 +309,15 @@ impl World {
         if !bodies.is_empty() {
             people = people.into_iter().zip(bodies.iter().cycle()).enumerate().map(as_recorded).collect();
         }
+        let studio = settings.studio.as_ref().map(|it| {
+            let random = random.fork("studio");
+            let mut statures = random.fork("statures");
+            for person in &mut people {
+                let stature = 1.0 + it.stature_spread * statures.normal().clamp(-2.0, 2.0);
+                person.grow(stature);
+            }
+            Studio::new(it, people.len(), &random)
+        });
         let monitors = clutter::monitors(settings.monitors, &mut random.fork("monitors"));
         let scene = Scene {
             single,
@@ -313,6 +328,7 @@ impl World {
             spots: clutter::bright_spots(settings.bright_spots, &mut random.fork("spots")),
             monitor_normals: monitors.iter().map(Monitor::normal).collect(),
             monitors,
+            studio,
             truth,
             seed: random.fork("events").next_u64(),
             settings,
@@ -460,6 +476,28 @@ impl World {
         let face = self.0.face.as_deref()?;
         let (_, actor) = self.people_at(time).next().filter(|it| self.is_actor(it.1))?;
         Some((face, face.skin(time, &actor.pose(time.as_s()))))
+    }
+
+    /// The studio, where there is one.
+    pub(crate) fn studio(&self) -> Option<&Studio> {
+        self.0.studio.as_ref()
+    }
+
+    /// The numbers of those who are there at `time`.
+    pub(crate) fn present(&self, time: Time) -> Vec<usize> {
+        let people = self.people_at(time).map(|it| it.1);
+        people.filter_map(|person| self.0.people.iter().position(|it| std::ptr::eq(it, person))).collect()
+    }
+
+    /// A thing of the studio as it is at `time`, its person being there or not.
+    pub(crate) fn posed(&self, studio: &Studio, number: usize, time: Time) -> Arc<Posed> {
+        studio.posed(number, time, || self.0.people[number].pose(time.as_s()))
+    }
+
+    /// Where the joints of those who are there at `time` truly are, with their numbers: [`Joints::centres`] and [`crate::person::JOINT_NAMES`] name them.
+    pub fn joints(&self, time: Time) -> Vec<(usize, Joints)> {
+        let of = |number: usize| (number, self.0.people[number].pose(time.as_s()).joints());
+        self.present(time).into_iter().map(of).collect()
     }
 
     /// Whether there is a bust.
