@@ -22,6 +22,7 @@ pub mod camera;
 mod chance;
 pub mod head;
 pub mod lab;
+mod nearest;
 pub mod nodes;
 pub mod observer;
 pub mod painted;

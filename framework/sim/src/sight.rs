@@ -228,7 +228,7 @@ mod tests {
     fn each_pixel_sees_the_triangle_that_its_line_of_sight_meets_first() {
         let settings = SceneSettings { people: 0, bust: Some(BustSettings::default()), ..SceneSettings::default() };
         let world = World::new(settings, &Random::new(3));
-        let (part, skin) = world.shape(foveate_messages::Time::ZERO).unwrap();
+        let (part, skin) = world.part(foveate_messages::Time::ZERO).unwrap();
         let camera = Camera::look_at([-1.2, 1.9, 1.8].into(), [0.0, 0.0, 1.5].into(), [160, 120], 700.0);
         let camera = TrueCamera::from(&camera);
         let facets = Facet::all(&part.surface.triangles, &skin.vertices);

@@ -54,7 +54,7 @@ impl LitSurface {
         let Some(middle) = views.get(views.len() / 2) else { return };
         let (mut beam, shown) = beam.map_or((None, &[][..]), |(beam, shown)| (Some(beam), shown));
         if let Some(beam) = &mut beam {
-            beam.light(part, &middle.skin);
+            beam.light(&part.surface.triangles, &middle.skin);
         }
         let is_known = self.views.len() == views.len()
             && self.views.iter().zip(views).all(|(old, new)| Arc::ptr_eq(&old.1, &new.skin) && old.0 == new.camera);
@@ -306,7 +306,7 @@ mod tests {
         let pictures: Vec<Image> =
             (0..projection.pictures().len()).map(|it| picture(&mut renderer, &world, &projection, it)).collect();
         let at = |shown: Shown| &pictures[projection.pictures().iter().position(|it| *it == shown).unwrap()];
-        let (part, skin) = world.shape(Time::ZERO).unwrap();
+        let (part, skin) = world.part(Time::ZERO).unwrap();
         let (camera, projector) = (camera(), projector(place));
         let (mut n_bits_seen, mut n_bits_wrong, mut n_shadows, mut n_shadows_wrong) = (0, 0, 0, 0);
         for (column, row) in (0..SIZE[1]).step_by(4).flat_map(|row| (0..SIZE[0]).step_by(4).map(move |it| (it, row))) {

@@ -258,7 +258,11 @@ impl Renderer {
         self.planes.resize(if self.settings.colour { 3 } else { 1 }, Vec::new());
         self.planes.iter_mut().for_each(|it| it.resize(n_pixels, 0));
         let readout_ms = self.sensor.as_ref().and_then(Sensor::readout_ms).unwrap_or(0.0);
-        let take = Take { world, capture, camera_at, is_on_head: on_head.is_some(), readout_ms };
+        if let (Some(beam), Some((triangles, skin))) = (&mut self.beam, world.shape(capture)) {
+            beam.light(triangles, &skin);
+        }
+        let beam = self.beam.as_ref();
+        let take = Take { world, capture, camera_at, is_on_head: on_head.is_some(), readout_ms, beam };
         self.studio.draw(studio, &take, &self.settings, &mut self.planes);
         for plane in 0..self.planes.len() {
             std::mem::swap(&mut self.canvas, &mut self.planes[plane]);
@@ -335,7 +339,7 @@ impl Renderer {
         let CameraSettings { room_light, gain, black_level, .. } = self.settings;
         let moments: Vec<Time> = self.moments(capture, LIT_MOMENTS).map(|it| it.1).collect();
         let shape = |(number, moment): (u32, &Time)| {
-            let (part, skin) = world.shape(*moment)?;
+            let (part, skin) = world.part(*moment)?;
             Some((part, View { camera: camera_at(*moment), skin, shift: surface::shift(number, LIT_MOMENTS) }))
         };
         let Some(shapes) = (0..).zip(&moments).map(shape).collect::<Option<Vec<_>>>() else { return };

@@ -242,7 +242,7 @@ pub(crate) struct Body {
 }
 
 /// The middle and the axes of a ring: where its angle begins, where it is a quarter on, the way along the limb.
-type Ring = (Point3<f64>, Matrix3<f64>);
+pub(super) type Ring = (Point3<f64>, Matrix3<f64>);
 
 impl Body {
     /// `finer` times as many rings, and places around each, as people have who are seen whole.
@@ -447,7 +447,7 @@ struct Frames<'j> {
 }
 
 /// Two bones, one after the other.
-struct Chain {
+pub(super) struct Chain {
     joints: [Point3<f64>; 3],
     /// Axes at each: x to the front, y to the right, z along it.
     turns: [UnitQuaternion<f64>; 2],
@@ -482,8 +482,14 @@ impl Chain {
         Self { joints, turns: [upper, between(&first, &second) * upper] }
     }
 
+    /// Bones from joint to joint; the first one's axes are `first`, whose z points along it.
+    pub fn of(joints: [Point3<f64>; 3], first: UnitQuaternion<f64>) -> Self {
+        let second = (joints[2] - joints[1]).try_normalize(1e-9).unwrap_or(-Vector3::z());
+        Self { joints, turns: [first, between(&(first * Vector3::z()), &second) * first] }
+    }
+
     /// At `along` bones from the first joint on.
-    fn ring(&self, along: f64, bend: f64) -> Ring {
+    pub fn ring(&self, along: f64, bend: f64) -> Ring {
         let [a, b, c] = self.joints;
         let lengths = [(b - a).norm(), (c - b).norm()];
         let at = if along < 1.0 { along * lengths[0] - lengths[0] } else { (along - 1.0) * lengths[1] };

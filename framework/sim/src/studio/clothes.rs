@@ -108,7 +108,7 @@ impl Cloth {
     }
 
     /// At a point on a cylinder as wide as the limb, `around` [m] and `along` [m] on the cloth.
-    fn colour(&self, p: &Point3<f64>, around: f64, along: f64) -> Colour {
+    pub fn colour(&self, p: &Point3<f64>, around: f64, along: f64) -> Colour {
         let [first, second] = self.colours;
         let seed = self.seed;
         let weave = 1.0 + 0.06 * noise(p, [3e-3; 3], seed) + 0.05 * noise(p, [0.02; 3], seed ^ 3);

@@ -3,6 +3,7 @@
 //! `body` makes surfaces around the joints of somebody, `clothes` paints them, `lamp` lights them, `room` and `props` are what stands still. All is a pure function of time and of the seed;
 //! what several cameras ask for at the same time is worked out once.
 
+mod arm;
 mod body;
 mod clothes;
 mod lamp;
@@ -11,6 +12,7 @@ mod props;
 mod recent;
 mod room;
 mod texture;
+mod truth;
 
 use std::fmt;
 use std::sync::{Arc, OnceLock};
@@ -22,8 +24,10 @@ use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::painted::Triangle;
+use crate::painted::{Skin, Triangle};
 use crate::person::Pose;
+use arm::Arm;
+pub use arm::{ArmCloth, ArmJoints, ArmSettings};
 use body::{Body, Build};
 use clothes::{Look, gloss};
 pub use lamp::LampSettings;
@@ -32,7 +36,10 @@ pub(crate) use props::Props;
 use recent::Recent;
 pub(crate) use room::place;
 pub(crate) use texture::{Colour, Pyramid};
+pub use truth::{SurfaceFinder, SurfacePoint, TrueSurfaces};
 
+/// Sleeves of sweaters reach so far down [bones].
+const SWEATER_SLEEVE: f64 = 1.9;
 /// Moments whose bodies are kept, and moments whose light is.
 const KEPT: [usize; 2] = [24, 6];
 
@@ -171,12 +178,6 @@ pub(crate) struct Lighting {
     pub lit: Vec<Vec<Lit>>,
 }
 
-/// Somebody.
-struct Actor {
-    body: Body,
-    thing: Thing,
-}
-
 /// The studio of a world.
 pub(crate) struct Studio {
     pub settings: StudioSettings,
@@ -186,9 +187,14 @@ pub(crate) struct Studio {
     pub prop_maps: Vec<ShadowMap>,
     /// The brightest lamp: it is what shines in what is glossy.
     pub main_lamp: Option<usize>,
-    actors: Vec<Actor>,
+    bodies: Vec<Body>,
+    arm: Option<Arm>,
+    /// Of the bodies, and last of the arm.
+    things: Vec<Thing>,
     posed: Recent<(Time, usize), Arc<Posed>>,
     lighting: Recent<(Time, u64, Vec<usize>), Arc<Lighting>>,
+    /// The arm for what asks for one surface alone.
+    skins: Recent<Time, Arc<Skin>>,
 }
 
 impl fmt::Debug for Studio {
@@ -198,8 +204,8 @@ impl fmt::Debug for Studio {
 }
 
 impl Studio {
-    /// With so many people.
-    pub fn new(settings: &StudioSettings, n_people: usize, random: &Random) -> Self {
+    /// With so many people, and an arm.
+    pub fn new(settings: &StudioSettings, n_people: usize, arm: Option<&ArmSettings>, random: &Random) -> Self {
         let mut of_lamps = random.fork("lamps");
         let lamps: Vec<Lamp> = settings.lamps.iter().map(|it| Lamp::new(it, &mut of_lamps)).collect();
         let props = Props::chairs(&settings.chairs);
@@ -209,29 +215,60 @@ impl Studio {
             lamps.iter().map(|it| ShadowMap::new(it, &props.vertices, &props.triangles)).collect()
         };
         let main_lamp = (0..lamps.len()).max_by(|a, b| settings.lamps[*a].light.total_cmp(&settings.lamps[*b].light));
-        let actors = (0..n_people).map(|it| Actor::draw(settings, &random.fork(&format!("actor {it}")))).collect();
+        let drawn = (0..n_people).map(|it| actor(settings, &random.fork(&format!("actor {it}"))));
+        let (bodies, mut things): (Vec<Body>, Vec<Thing>) = drawn.unzip();
+        let mut of_arm = random.fork("arm");
+        let arm = arm.map(|it| Arm::new(it, &mut of_arm));
+        things.extend(arm.iter().map(|it| it.thing(&mut of_arm)));
         Self {
             settings: settings.clone(),
             lamps,
             props,
             prop_maps,
             main_lamp,
-            actors,
+            bodies,
+            arm,
+            things,
             posed: Recent::new(KEPT[0]),
             lighting: Recent::new(KEPT[1]),
+            skins: Recent::new(KEPT[1]),
         }
     }
 
-    /// A thing by its number: that of the person.
+    /// A thing by its number: that of the person, or that of [`Self::arm`].
     pub fn thing(&self, number: usize) -> &Thing {
-        &self.actors[number].thing
+        &self.things[number]
+    }
+
+    /// The number of the arm, where there is one.
+    pub fn arm(&self) -> Option<usize> {
+        self.arm.as_ref().map(|_| self.bodies.len())
+    }
+
+    /// The joints of the arm at `time`.
+    pub fn arm_joints(&self, time: Time) -> Option<ArmJoints> {
+        self.arm.as_ref().map(|it| it.joints(time))
+    }
+
+    /// The arm as a surface by itself at `time`: its triangles, and where they are.
+    pub fn arm_surface(&self, time: Time) -> Option<(&[Triangle], Arc<Skin>)> {
+        let number = self.arm()?;
+        let skin = self.skins.get(time, || {
+            let posed = self.posed(number, time, || unreachable!("an arm is nobody's"));
+            let (vertices, normals) = (posed.vertices.clone(), posed.normals.clone());
+            Arc::new(Skin { vertices, normals, light: Vec::new(), world_from_part: nalgebra::Isometry3::identity() })
+        });
+        Some((&self.things[number].triangles, skin))
     }
 
     /// A thing as it is at `time`, when its person stands as `pose` says.
     pub fn posed(&self, number: usize, time: Time, pose: impl FnOnce() -> Pose) -> Arc<Posed> {
         self.posed.get((time, number), || {
+            if let Some(arm) = self.arm.as_ref().filter(|_| number == self.bodies.len()) {
+                return Arc::new(arm.pose(time));
+            }
             let (mut vertices, mut normals) = (Vec::new(), Vec::new());
-            self.actors[number].body.pose(&pose().joints(), &mut vertices, &mut normals);
+            self.bodies[number].pose(&pose().joints(), &mut vertices, &mut normals);
             Arc::new(Posed { vertices, normals })
         })
     }
@@ -282,21 +319,23 @@ impl Studio {
     }
 }
 
-impl Actor {
-    fn draw(settings: &StudioSettings, random: &Random) -> Self {
-        let build = Build::draw(&mut random.fork("build"));
-        let look = Look::draw(settings.sweaters, &mut random.fork("look"));
-        let body = Body::new(build, settings.finer, look.seed);
-        let (triangles, starts) = body.triangles();
-        let texel_m = settings.texel_mm * 1e-3;
-        let patch = |(piece, first): (&body::Piece, usize)| {
-            let gloss = gloss(piece.limb, &look);
-            let around_m = piece.limb.extent_m()[0];
-            let piece = piece.clone();
-            let paint = move || look.paint(&build, &piece, texel_m);
-            Patch { first, texture: OnceLock::new(), paint: Box::new(paint), gloss, around_m }
-        };
-        let patches = body.pieces.iter().zip(starts).map(patch).collect();
-        Self { thing: Thing::new(triangles, patches), body }
+/// Somebody: a body, and how it looks.
+fn actor(settings: &StudioSettings, random: &Random) -> (Body, Thing) {
+    let mut build = Build::draw(&mut random.fork("build"));
+    if settings.sweaters {
+        build.sleeve = SWEATER_SLEEVE;
     }
+    let look = Look::draw(settings.sweaters, &mut random.fork("look"));
+    let body = Body::new(build, settings.finer, look.seed);
+    let (triangles, starts) = body.triangles();
+    let texel_m = settings.texel_mm * 1e-3;
+    let patch = |(piece, first): (&body::Piece, usize)| {
+        let gloss = gloss(piece.limb, &look);
+        let around_m = piece.limb.extent_m()[0];
+        let piece = piece.clone();
+        let paint = move || look.paint(&build, &piece, texel_m);
+        Patch { first, texture: OnceLock::new(), paint: Box::new(paint), gloss, around_m }
+    };
+    let patches = body.pieces.iter().zip(starts).map(patch).collect();
+    (body, Thing::new(triangles, patches))
 }
