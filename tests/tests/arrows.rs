@@ -64,6 +64,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("structured-light", &["foveate"]),
     ("surface", &["foveate"]),
     ("laser-pointer", &["foveate"]),
+    ("voxel-body", &["foveate"]),
     (
         "cli",
         &[
@@ -92,6 +93,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "sim",
             "structured-light",
             "surface",
+            "voxel-body",
             "web",
         ],
     ),

@@ -41,6 +41,7 @@ pub fn registry() -> Registry {
     foveate_structured_light::register(&mut registry);
     foveate_surface::register(&mut registry);
     foveate_painted_mark::register(&mut registry);
+    foveate_voxel_body::register(&mut registry);
     foveate_export::register(&mut registry);
     registry
 }

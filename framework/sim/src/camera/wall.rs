@@ -159,7 +159,7 @@ impl WallRenderer {
         image.camera = self.id;
         (image.width, image.height, image.format) = (width, height, PixelFormat::Gray8);
         image.pixels.resize((width * height) as usize, 0);
-        self.noise.digitise(&canvas, width as usize, frame, &mut image.pixels);
+        self.noise.digitise(&canvas, width as usize, frame, 0, &mut image.pixels);
         self.canvas = canvas;
     }
 
