@@ -22,8 +22,9 @@ pub mod prelude {
         Assignment, CameraChoice, CameraId, CameraSet, CloudPoint, Exchange, EyeView, Feature, Features, HeadCommand,
         HeadEvent, HeadLink, HeadOrder, HeadPose, HeadPosition, HeadReport, Image, Mark, MarkGuide, Marks, Mesh,
         MeshVertex, PatternPictures, PatternShown, PixelFormat, PointCloud, Pointer, PointerChange, PointerEvent,
-        Pointers, ProjectorMap, ProjectorSample, Provenance, ScaleCloud, ScaleSpace, StrokePoint, SubRegion, Target,
-        TargetId, TargetUser, Targets, TileView, Users, Viewpoint, Views,
+        Pointers, ProjectorMap, ProjectorSample, Provenance, ScaleCloud, ScaleSpace, Silhouette, SilhouetteStatus,
+        StrokePoint, SubRegion, Target, TargetId, TargetUser, Targets, TileView, TrackedPoint, TrackedSurface,
+        TrajectoryEnd, Users, ViewStatus, Viewpoint, Views, Voxel, VoxelComponent, VoxelView, Voxels,
     };
     pub use foveate_node::{
         ConfigError, Due, Figures, In, Interval, Io, Message, Node, NodeBench, NodeError, Out, Plan, Pool, Ports,

@@ -10,6 +10,7 @@
 //! | [`epipolar`] | how two cameras stand to one another, from pixels of the same points |
 //! | [`joint`] | points, and the errors of the poses that they are seen from, together |
 //! | [`resection`] | the pose of a camera from points of known place and their pixels, robustly, with its covariance |
+//! | [`known_points`] | optics and pose of a camera from one picture of a three-dimensional target |
 //! | [`off_axis`] | what an eye sees through a screen: frustums for each eye and tile |
 //! | [`pan_tilt`] | cameras on pan-tilt heads: model, calibration, aiming, zoom |
 //! | [`plane_map`] | how a camera images a plane: homography and lens, with covariance |
@@ -31,6 +32,7 @@ mod distortion;
 pub mod epipolar;
 mod from_matrix;
 pub mod joint;
+pub mod known_points;
 mod look_at;
 pub mod off_axis;
 pub mod pan_tilt;
@@ -53,6 +55,7 @@ pub use camera::{Camera, CameraError, Distortion, Intrinsics};
 pub use epipolar::{EpipolarError, EpipolarOptions, TwoViews, relative_pose};
 pub use from_matrix::ProjectionError;
 pub use joint::{Joint, JointError, JointObservation, JointOptions, JointPoint, Viewpoint, triangulate_jointly};
+pub use known_points::{CameraFit, KnownPoint, KnownPointsError, camera_from_points, direct_linear_transformation};
 pub use off_axis::{OffAxis, Screen, ScreenError};
 pub use plane_map::{Placed, PlaneMap, PlaneMapError, PlanePoint};
 pub use ray::{Approach, Ray, closest_approach};

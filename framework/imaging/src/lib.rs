@@ -12,6 +12,9 @@
 //! A surface with painted marks [Davis 2002 §5.1]: [`DotFinder`] finds them, [`Stabiliser`] the motion of the whole between two pictures,
 //! and [`LucasKanade`] follows any small patch, from coarse to fine on a [`Pyramid`].
 //!
+//! A surface that is to be measured: [`matching`] finds patches of one picture in others by least squares, to hundredths of a pixel
+//! [D'Apuzzo 1999 §2.3].
+//!
 //! Pixel (0, 0) is the centre of the top-left pixel. Nothing here reads a clock, a file or a random number.
 //!
 //! Source: J. E. Davis, *Mixed Scale Motion Recovery*, PhD thesis, Stanford, 2002.
@@ -26,12 +29,14 @@ pub mod hue;
 pub mod jpeg;
 pub mod lucas_kanade;
 pub mod mask;
+pub mod matching;
 pub mod plane;
 pub mod pyramid;
 pub mod shrink;
 pub mod spots;
 pub mod stabilise;
 pub mod stripes;
+pub mod target;
 mod thresholds;
 pub mod view;
 

@@ -271,6 +271,22 @@ mod tests {
             colour: [1, 2, 3],
         };
         there_and_back(&Mesh { world_from_mesh: pose, ..Mesh::new([vertex; 3], &[[0, 1, 2]]) });
+        let status = SilhouetteStatus::Full;
+        let confidence = vec![0, 127, 128, 255];
+        there_and_back(&Silhouette { width: 2, height: 2, status, confidence, ..Silhouette::default() });
+        let view =
+            VoxelView { camera: CameraId(3), status: ViewStatus::Contradicts, body_px: 9, covered: 0.5, outside: 0.25 };
+        let component = VoxelComponent {
+            n_voxels: 2,
+            centroid: Point3::new(1.0, 2.0, 3.0),
+            min: [1, 2, 3],
+            max: [4, 5, 6],
+            is_cut_off: true,
+            target: Some(TargetId(7)),
+        };
+        let (views, components) = (vec![view], vec![component]);
+        let voxels = vec![7; 2 * Voxel::BYTES];
+        there_and_back(&Voxels { world_from_scale: pose, views, components, voxels, ..Voxels::default() });
         there_and_back(&PatternShown {
             set: 3,
             index: 1,

@@ -13,6 +13,8 @@ pub mod observer;
 pub mod projector;
 pub mod rider;
 pub mod score;
+pub mod silhouette_score;
+pub mod silhouettes;
 pub mod surface_score;
 mod table;
 pub mod wall;

@@ -14,6 +14,7 @@ pub(crate) mod follow_picture;
 mod higher_order;
 pub mod marks;
 mod pairs;
+pub(crate) mod silhouette;
 pub(crate) mod surface;
 mod together;
 mod truth;
