@@ -124,8 +124,8 @@ fn a_corner_that_was_touched_elsewhere_is_named() {
         let found = solve(&recording, &said).unwrap();
         let why = wrong(&found.touched, default_touch_sigmas()).unwrap_or_else(|| panic!("{:?}", found.touched));
         assert!(why.contains(&format!("place {} of", number + 1)) && why.contains("held there"), "{why}");
-        // Three places in a line explain each other's errors.
-        assert!(why.matches("of `touch_m`").count() <= 3, "{why}");
+        // Places in a line explain each other's errors, and small errors have several explanations; not all have.
+        assert!(why.matches("of `touch_m`").count() <= 4, "{why}");
     }
 }
 
