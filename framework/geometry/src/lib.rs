@@ -17,6 +17,7 @@
 //! | [`self_calibration`] | a room of cameras from one waved light, without a start |
 //! | [`shape_model`] | shapes that deform, a face or a knee: learnt from frames, fitted with the pose, hidden marks filled |
 //! | [`surface`] | clouds registered to a surface, fused into a distance field, and its triangles |
+//! | [`voxels`] | what silhouettes leave over of a volume: carved by octree, its surface, its parts, its colours |
 //! | [`triangulate`] | a point from two or more rays, and its refinement on pixels with a covariance |
 //!
 //! Rigid transforms are `nalgebra::Isometry3<f64>`, named `b_from_a`. The world is right-handed with Z up; a
@@ -41,6 +42,7 @@ pub mod self_calibration;
 pub mod shape_model;
 pub mod surface;
 pub mod triangulate;
+pub mod voxels;
 
 pub use agreement::{Agreement, agreeing_point};
 pub use alignment::{Alignment, AlignmentError, AlignmentOptions, CameraErrors, align, camera_errors};
