@@ -12,6 +12,7 @@
 //! | [`export.mark_pictures`](mark_pictures::ExportMarkPictures) | the way of a painted surface, distances between its marks, what was filled in, as SVG |
 //! | [`export.gltf`](gltf::ExportGltf) | `motion.glb`: targets, a mesh over the marks and cameras as an animated scene |
 //! | [`export.bvh`](bvh::ExportBvh) | `motion.bvh`: the body that eight targets sit on, as a skeleton that moves |
+//! | [`export.bodies`](bodies::ExportBodies) | skeletons: `bodies.csv`, one BVH a body, skinned shapes as `bodies.glb` |
 //! | [`export.cloud`](cloud::ExportCloud) | point clouds as PLY and GLB, and as range, normal and shaded pictures of their camera |
 //! | [`export.surface`](surface::ExportSurface) | a surface as PLY and GLB, and as a range and a shaded picture |
 //! | [`export.overlay`](overlay::ExportOverlay) | some pictures of a camera with the points ringed that were found in them, as PNG |
@@ -19,6 +20,7 @@
 //! Tables, C3D and TRC reach the disk while the run goes on, and are whole at any time. A disk that is full or a folder that cannot be written to loses nothing: rows
 //! wait in memory, and lie in the system's folder for temporary files at the end, with an error that says where.
 
+pub mod bodies;
 pub mod bvh;
 pub mod c3d;
 pub mod cloud;
@@ -59,6 +61,7 @@ pub fn register(registry: &mut Registry) {
     registry.add::<npz::ExportNpy>();
     registry.add::<gltf::ExportGltf>();
     registry.add::<bvh::ExportBvh>();
+    registry.add::<bodies::ExportBodies>();
     registry.add::<cloud::ExportCloud>();
     registry.add::<surface::ExportSurface>();
 }
