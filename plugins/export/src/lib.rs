@@ -15,6 +15,8 @@
 //! | [`export.bodies`](bodies::ExportBodies) | skeletons: `bodies.csv`, one BVH a body, skinned shapes as `bodies.glb` |
 //! | [`export.cloud`](cloud::ExportCloud) | point clouds as PLY and GLB, and as range, normal and shaded pictures of their camera |
 //! | [`export.surface`](surface::ExportSurface) | a surface as PLY and GLB, and as a range and a shaded picture |
+//! | [`export.voxels`](voxels::ExportVoxels) | voxels as PLY and GLB |
+//! | [`export.voxel_overlay`](voxel_overlay::ExportVoxelOverlay) | pictures of a camera with silhouettes and voxels drawn over them, as PNG |
 //! | [`export.overlay`](overlay::ExportOverlay) | some pictures of a camera with the points ringed that were found in them, as PNG |
 //!
 //! Tables, C3D and TRC reach the disk while the run goes on, and are whole at any time. A disk that is full or a folder that cannot be written to loses nothing: rows
@@ -44,6 +46,8 @@ pub mod targets;
 mod time_base;
 mod track_history;
 pub mod trc;
+pub mod voxel_overlay;
+pub mod voxels;
 mod whole_file;
 
 use foveate::prelude::Registry;
@@ -54,6 +58,8 @@ pub fn register(registry: &mut Registry) {
     registry.add::<features::ExportFeatures>();
     registry.add::<pictures::ExportPictures>();
     registry.add::<overlay::ExportOverlay>();
+    registry.add::<voxels::ExportVoxels>();
+    registry.add::<voxel_overlay::ExportVoxelOverlay>();
     registry.add::<mark_pictures::ExportMarkPictures>();
     registry.add::<marks::ExportMarks>();
     registry.add::<c3d::ExportC3d>();
