@@ -5,6 +5,7 @@
 //! | [`agreement`] | the point on which most of several observations agree |
 //! | [`alignment`] | the similarity that best maps one set of points onto another, and what is left |
 //! | [`alternating`] | cameras and the path of one light in turn, as the paper does it |
+//! | [`body`] | articulated bodies in voxels: found, fitted, followed |
 //! | [`bundle`] | all cameras and points together, clocks of cameras if wanted, adjusted to all pixels, with covariances |
 //! | [`camera`] | [`Camera`]: pinhole with Brown–Conrady distortion; point to pixel, pixel to [`Ray`] |
 //! | [`epipolar`] | how two cameras stand to one another, from pixels of the same points |
@@ -27,6 +28,7 @@
 pub mod agreement;
 pub mod alignment;
 pub mod alternating;
+pub mod body;
 pub mod bundle;
 pub mod camera;
 mod distortion;

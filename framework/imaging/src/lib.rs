@@ -7,7 +7,7 @@
 //! 3. [`Background::update`] is told how much was lit, learns, and says whether the spots are to be trusted.
 //!
 //! A natural scene has no bright spots: [`Foreground`] splits a picture by the statistics of its background, and [`BlobFinder`]
-//! joins the foreground to blobs. [`find_chessboard`] finds the corners of a calibration board.
+//! joins the foreground to blobs. In colour, [`Segmenter`] tells bodies from their shadows. [`find_chessboard`] finds the corners of a calibration board.
 //!
 //! A surface with painted marks [Davis 2002 §5.1]: [`DotFinder`] finds them, [`Stabiliser`] the motion of the whole between two pictures,
 //! and [`LucasKanade`] follows any small patch, from coarse to fine on a [`Pyramid`].
@@ -33,6 +33,7 @@ pub mod matching;
 pub mod plane;
 pub mod pyramid;
 pub mod shrink;
+pub mod silhouettes;
 pub mod spots;
 pub mod stabilise;
 pub mod stripes;
@@ -52,6 +53,7 @@ pub use mask::fill_polygon;
 pub use plane::Channel;
 pub use pyramid::Pyramid;
 pub use shrink::shrink;
+pub use silhouettes::{HoleFiller, Segmenter, SegmenterConfig};
 pub use spots::{Centroid, Found, Measure, Sampling, Spot, SpotFinder, SpotLimits, Window};
 pub use stabilise::{Shift, Stabiliser, StabiliserSettings};
 pub use thresholds::ThresholdMap;

@@ -26,6 +26,7 @@
 //! | [`TrackedSurface`] | points of a surface, each followed over time | metres in the outermost scale |
 //! | [`Silhouette`] | which pixels of a picture show a body, and how surely | pixels of that camera |
 //! | [`Voxels`] | the cubes that silhouettes leave over | metres in that scale's space |
+//! | [`Skeletons`] | bodies as parts and joints | metres in that scale's space |
 
 mod camera_set;
 mod cloud;
@@ -38,6 +39,7 @@ mod pointers;
 mod schema;
 mod shown;
 mod silhouette;
+mod skeletons;
 mod stripes;
 mod sub_region;
 mod targets;
@@ -60,6 +62,9 @@ pub use mesh::{Mesh, MeshVertex};
 pub use pointers::{Pointer, PointerChange, PointerEvent, Pointers, StrokePoint};
 pub use shown::PatternShown;
 pub use silhouette::{Silhouette, SilhouetteStatus};
+pub use skeletons::{
+    BODY_JOINTS, BODY_LIMBS, BODY_PARTS, LimbDetail, Skeleton, SkeletonJoint, SkeletonPart, Skeletons, Unmodelled,
+};
 pub use stripes::{PatternPictures, ProjectorMap, ProjectorSample};
 pub use sub_region::{Assignment, ScaleId, ScaleSpace, SubRegion};
 pub use targets::{Provenance, Target, TargetId, Targets};

@@ -14,6 +14,7 @@
 
 mod bits;
 mod colour;
+mod cover;
 mod mask;
 mod octree;
 mod parts;
@@ -25,6 +26,7 @@ use nalgebra::{Point3, Vector3};
 
 pub use bits::BitGrid;
 pub use colour::{Picture, colours};
+pub use cover::{Cover, cover};
 pub use mask::BODY;
 pub use octree::Carver;
 pub use parts::{Part, Parts};

@@ -1,5 +1,6 @@
 //! The nodes of this room, one file each.
 
+pub mod body_score;
 pub mod camera;
 pub mod cloud_score;
 pub mod display_score;

@@ -8,6 +8,7 @@
 //! Where the scale has a volume, nobody has to find what is outside: true targets there are neither missed nor counted, and what
 //! is recovered of them is not false.
 
+pub mod body;
 pub(crate) mod cloud;
 mod distances;
 pub(crate) mod follow_picture;
