@@ -22,6 +22,7 @@
 pub mod background;
 pub mod blobs;
 pub mod chessboard;
+pub mod column_target;
 pub mod dots;
 mod error;
 pub mod foreground;
@@ -37,7 +38,6 @@ pub mod silhouettes;
 pub mod spots;
 pub mod stabilise;
 pub mod stripes;
-pub mod target;
 mod thresholds;
 pub mod view;
 

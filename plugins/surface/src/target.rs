@@ -1,8 +1,8 @@
 //! `surface.target`: finds a target of numbered columns of dark rectangles in the pictures of one camera.
 
 use foveate::imaging::ImageView;
+use foveate::imaging::column_target::{DarkPatch, TargetPattern, find_target};
 use foveate::imaging::plane::{self, Channel};
-use foveate::imaging::target::{DarkPatch, TargetPattern, find_target};
 use foveate::prelude::*;
 use nalgebra::Matrix2;
 use schemars::JsonSchema;
