@@ -101,7 +101,7 @@ pub struct VoxelComponent {
     pub min: [u16; 3],
     /// Largest index along x, y, z.
     pub max: [u16; 3],
-    /// Whether it reaches an end of the grid, beyond which it may go on.
+    /// Whether it reaches an end of the grid, beyond which it may go on; the lowest layer does not count, since that is the floor.
     pub is_cut_off: bool,
     /// The target that lies in it or next to it, if there is one.
     pub target: Option<TargetId>,

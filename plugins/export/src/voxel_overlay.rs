@@ -65,6 +65,8 @@ pub struct ExportVoxelOverlay {
     poses: VecDeque<(Time, Arc<HeadPose>)>,
     has_silhouettes: bool,
     has_poses: bool,
+    /// Sets that wait for their picture, by number.
+    waiting: VecDeque<(u64, Arc<Voxels>)>,
     n_come: u64,
     n_drawn: u64,
     n_without: u64,
@@ -103,6 +105,7 @@ impl Node for ExportVoxelOverlay {
             poses: VecDeque::new(),
             has_silhouettes: setup.is_connected(&SILHOUETTE),
             has_poses: setup.is_connected(&POSE),
+            waiting: VecDeque::new(),
             n_come: 0,
             n_drawn: 0,
             n_without: 0,
@@ -125,13 +128,24 @@ impl Node for ExportVoxelOverlay {
             let number = self.n_come;
             self.n_come += 1;
             if number.is_multiple_of(self.settings.every_n) && self.n_drawn < self.settings.max_pictures {
-                self.draw(number, &voxels.value);
+                self.waiting.push_back((number, voxels.value));
             }
+        }
+        // What completes a set of silhouettes may reach the carver before it comes here.
+        for (number, voxels) in std::mem::take(&mut self.waiting) {
+            if !self.draw(number, &voxels) {
+                self.waiting.push_back((number, voxels));
+            }
+        }
+        if self.waiting.len() > HELD {
+            self.waiting.pop_front();
+            self.n_without += 1;
         }
         Ok(())
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        self.n_without += self.waiting.len() as u64;
         if self.n_without > 0 {
             let n = self.n_without;
             report.remark(format!(
@@ -153,7 +167,8 @@ fn hold<T>(held: &mut VecDeque<(Time, Arc<T>)>, message: Stamped<Arc<T>>) {
 }
 
 impl ExportVoxelOverlay {
-    fn draw(&mut self, number: u64, voxels: &Voxels) {
+    /// `false`: something of that time has not come.
+    fn draw(&mut self, number: u64, voxels: &Voxels) -> bool {
         // Cameras of one set may differ by the tolerance that joined them.
         fn nearest<T>(held: &VecDeque<(Time, Arc<T>)>, time: Time) -> Option<&Arc<T>> {
             let off = |it: &(Time, Arc<T>)| (it.0 - time).0.abs();
@@ -163,12 +178,9 @@ impl ExportVoxelOverlay {
         let silhouette = nearest(&self.silhouettes, voxels.time);
         let pose = nearest(&self.poses, voxels.time);
         let is_whole = (silhouette.is_some() || !self.has_silhouettes) && (pose.is_some() || !self.has_poses);
-        let (Some(image), true) = (image, is_whole) else {
-            self.n_without += 1;
-            return;
-        };
+        let (Some(image), true) = (image, is_whole) else { return false };
         self.n_drawn += 1;
-        let Some(out_dir) = &self.out_dir else { return };
+        let Some(out_dir) = &self.out_dir else { return true };
         let mut camera = self.model.clone();
         if let Some(pose) = pose {
             camera.camera_from_world = pose.camera_from_world;
@@ -192,6 +204,7 @@ impl ExportVoxelOverlay {
         if let Err(fault) = written {
             self.fault.get_or_insert(fault);
         }
+        true
     }
 }
 
@@ -262,10 +275,11 @@ mod tests {
             Voxels { time, size: 0.1, origin: Point3::new(-0.05, -0.05, 0.95), cells: [1; 3], ..Voxels::default() };
         voxels.push(&Voxel { is_surface: true, ..Voxel::default() });
         bench.feed(&IMAGE, time, image).unwrap();
-        bench.feed(&SILHOUETTE, time, silhouette).unwrap();
         bench.feed(&VOXELS, time, voxels.clone()).unwrap();
+        bench.feed(&SILHOUETTE, time, silhouette).unwrap();
         bench.feed(&VOXELS, Time::from_s(2.0), Voxels { time: Time::from_s(2.0), ..voxels }).unwrap();
-        bench.finish().unwrap();
+        let report = bench.finish().unwrap();
+        assert!(report.remarks[0].contains("1 sets of voxels were not drawn"), "{:?}", report.remarks);
         let picture = image::open(folder.path().join("voxels/ring-1_000000.png")).unwrap().into_rgb8();
         assert_eq!(picture.get_pixel(320, 240).0, TINTS[0]);
         assert_eq!(picture.get_pixel(290, 240).0, [20; 3]);

@@ -24,7 +24,7 @@ figures! {
     "voxels.frames": count, neither, "Sets of silhouettes that were carved with";
     "voxels.gaps": count, low, "Sets that could not be: no silhouette that is worth anything, or a scale whose place is not known";
     "voxels.nobody": count, neither, "Carved sets that left no voxel over";
-    "voxels.cut_off": count, low, "Carved sets in which somebody reaches an end of the volume";
+    "voxels.cut_off": count, low, "Carved sets in which somebody reaches an end of the volume; its floor is none";
     "voxels.components_max": count, neither, "Most bodies apart at one time";
     "voxels.dropped": count, low, "Pieces smaller than `min_component_l`, left out, over all sets";
     "hull_l": litre, neither, "Median volume of the voxels, over sets with any";

@@ -245,7 +245,8 @@ impl Hull {
     fn component(&self, part: &Part, grid: &VoxelGrid, offset: [u32; 3]) -> VoxelComponent {
         let whole = |index: [u32; 3]| -> [u16; 3] { std::array::from_fn(|axis| (index[axis] + offset[axis]) as u16) };
         let (min, max) = (whole(part.min), whole(part.max));
-        let reaches = |axis: usize| min[axis] == 0 || u32::from(max[axis]) + 1 == self.grid.cells[axis];
+        // Who stands reaches the floor, where a volume ends.
+        let reaches = |axis: usize| (axis < 2 && min[axis] == 0) || u32::from(max[axis]) + 1 == self.grid.cells[axis];
         VoxelComponent {
             n_voxels: part.n_voxels,
             centroid: grid.origin + (part.centroid + Vector3::repeat(0.5)) * grid.size,

@@ -9,6 +9,9 @@ use super::Posed;
 use crate::nearest::Nearest;
 use crate::world::World;
 
+/// Triangles, by the numbers of their corners.
+pub type Corners = Vec<[u32; 3]>;
+
 /// A point of skin or cloth: it stays the same over time, wherever it goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfacePoint {
@@ -80,7 +83,7 @@ impl TrueSurfaces {
     }
 
     /// Vertices of a thing [m] and its triangles, by their corners; `None` where it is not there.
-    pub fn mesh(&self, thing: usize) -> Option<(&[Point3<f64>], Vec<[u32; 3]>)> {
+    pub fn mesh(&self, thing: usize) -> Option<(&[Point3<f64>], Corners)> {
         let (_, posed) = self.things.iter().find(|it| it.0 == thing)?;
         let triangles = &self.world.studio()?.thing(thing).triangles;
         Some((&posed.vertices, triangles.iter().map(|it| it.corners).collect()))

@@ -10,6 +10,9 @@ use crate::sight::{Facet, FirstHits, Lines};
 use crate::studio::{Lighting, Studio, place};
 use crate::truth::TrueCamera;
 
+/// By channel, then by pixel [steps].
+type Planes = Vec<Vec<i16>>;
+
 /// What stands still, as a camera sees it.
 pub(super) struct Still {
     pub camera: TrueCamera,
@@ -22,7 +25,7 @@ pub(super) struct Still {
     /// By tile: opposite corners of the box around its points [m].
     tiles: Vec<[[f32; 3]; 2]>,
     /// The sum for these levels of the lamps, sharp and as the lens blurs it.
-    sums: Option<(Vec<f32>, [Vec<Vec<i16>>; 2])>,
+    sums: Option<(Vec<f32>, [Planes; 2])>,
 }
 
 impl Still {
