@@ -59,7 +59,7 @@ fn corners(from: &SplineImage, places: &[[f64; 2]], options: &MatchOptions) -> V
 
 fn starts(places: &[[f64; 2]]) -> Vec<Warp> {
     let mut chance = Chance::of([1, 2, 3, 4]);
-    places.iter().map(|it| Warp::shift(truth(it[0], it[1]).map(|at| at + 1.4 * (chance.next() - 0.5)))).collect()
+    places.iter().map(|it| Warp::shift(truth(it[0], it[1]).map(|at| at + 1.4 * (chance.uniform() - 0.5)))).collect()
 }
 
 /// All matches of one pair: each with its place in the list.

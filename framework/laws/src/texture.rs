@@ -22,11 +22,11 @@ impl Texture {
             for j in row - 1..=row + 1 {
                 for i in column - 1..=column + 1 {
                     let mut chance = Chance::of([self.0, layer as u64, i as u64, j as u64]);
-                    let (cx, cy) = ((i as f64 + chance.next()) * cell, (j as f64 + chance.next()) * cell);
-                    let radius = cell * size * (0.3 + 0.7 * chance.next());
-                    let height = step * (2.0 * chance.next() - 1.0);
+                    let (cx, cy) = ((i as f64 + chance.uniform()) * cell, (j as f64 + chance.uniform()) * cell);
+                    let radius = cell * size * (0.3 + 0.7 * chance.uniform());
+                    let height = step * (2.0 * chance.uniform() - 1.0);
                     // An ellipse, so that no two corners are alike.
-                    let (flat, turn) = (0.6 + 0.4 * chance.next(), 3.2 * chance.next());
+                    let (flat, turn) = (0.6 + 0.4 * chance.uniform(), 3.2 * chance.uniform());
                     let (sin, cos) = turn.sin_cos();
                     let (u, v) = (cos * (x - cx) + sin * (y - cy), (cos * (y - cy) - sin * (x - cx)) / flat);
                     level += height / (1.0 + (LOGISTIC * (u.hypot(v) - radius) / EDGE_PX).exp());
@@ -61,13 +61,13 @@ impl Chance {
         let mut chance = Self(0x2545_f491_4f6c_dd1d);
         for it in start {
             chance.0 ^= it.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-            chance.next();
+            chance.uniform();
         }
         chance
     }
 
     /// 0 to less than 1.
-    pub fn next(&mut self) -> f64 {
+    pub fn uniform(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -77,7 +77,7 @@ impl Chance {
 
     /// Of mean 0 and standard deviation 1 (Box and Muller).
     pub fn normal(&mut self) -> f64 {
-        let (a, b) = (1.0 - self.next(), self.next());
+        let (a, b) = (1.0 - self.uniform(), self.uniform());
         (-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos()
     }
 }

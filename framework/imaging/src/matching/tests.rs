@@ -38,7 +38,7 @@ fn tried(seed: u64, noise: f64, reach: usize, options: &MatchOptions) -> Tried {
     for y in (30..=170).step_by(7) {
         for x in (30..=170).step_by(7) {
             let expected = truth(x as f64, y as f64);
-            let start = Warp::shift(expected.map(|it| it + 1.4 * (chance.next() - 0.5)));
+            let start = Warp::shift(expected.map(|it| it + 1.4 * (chance.uniform() - 0.5)));
             let found = template
                 .take(&from, [x as f64, y as f64], reach, options)
                 .and_then(|()| match_template(&template, &search, &start, options, &mut buffers));
