@@ -135,7 +135,7 @@ impl SurfaceSettings {
     /// The setting, what was found, and what is expected.
     pub fn prepare(&self, setup: &Setup) -> Result<Prepared, ConfigError> {
         ConfigError::unless_in("patch_px", self.patch_px, 7..=2 * MAX_REACH + 1)?;
-        if self.patch_px % 2 == 0 {
+        if self.patch_px.is_multiple_of(2) {
             return Err(ConfigError::at("patch_px", format_args!("found {}, expected an odd number", self.patch_px)));
         }
         ConfigError::unless_in("spacing_px", self.spacing_px, 1..=200)?;

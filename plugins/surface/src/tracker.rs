@@ -157,7 +157,7 @@ impl Node for Tracker {
 
     fn new(settings: TrackerSettings, setup: &Setup) -> Result<Self, ConfigError> {
         ConfigError::unless_in("patch_px", settings.patch_px, 7..=2 * MAX_REACH + 1)?;
-        if settings.patch_px % 2 == 0 {
+        if settings.patch_px.is_multiple_of(2) {
             return Err(ConfigError::at(
                 "patch_px",
                 format_args!("found {}, expected an odd number", settings.patch_px),
