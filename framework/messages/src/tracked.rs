@@ -50,6 +50,8 @@ pub enum TrajectoryEnd {
     NotUniform,
     /// Another point came to lie on it.
     Merged,
+    /// Its neighbours lie on another surface, or another point took its place on the grid.
+    Alone,
 }
 
 /// All points of a surface at one time, and what became of those that were there before.

@@ -7,7 +7,6 @@ use foveate::prelude::*;
 use nalgebra::Matrix2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 
 ports! {
     pub(crate) fn declared_ports;
@@ -32,13 +31,24 @@ pub struct TargetSettings {
     /// Columns all around, numbered from 1 and from left to right as seen from outside [–]
     #[schemars(range(min = 3, max = 200))]
     pub columns: usize,
-    /// Number of the leftmost column that a camera sees, for cameras where it cannot be read: `{ "201" = 1 }` [–]
-    pub leftmost: BTreeMap<String, usize>,
+    /// Number of the leftmost column that a camera sees, for cameras where it cannot be read: `[{ camera = "201", column = 1 }]` [–]
+    pub leftmost: Vec<LeftmostColumn>,
+}
+
+/// What a camera sees first from the left.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LeftmostColumn {
+    /// The camera's name [–]
+    pub camera: String,
+    /// The column's number, from 1 [–]
+    #[schemars(range(min = 1, max = 200))]
+    pub column: usize,
 }
 
 impl Default for TargetSettings {
     fn default() -> Self {
-        Self { rows: 20, columns: 14, leftmost: BTreeMap::new() }
+        Self { rows: 20, columns: 14, leftmost: Vec::new() }
     }
 }
 
@@ -73,7 +83,7 @@ impl Node for TargetDetector {
     fn new(settings: TargetSettings, setup: &Setup) -> Result<Self, ConfigError> {
         ConfigError::unless_in("rows", settings.rows, 4..=100)?;
         ConfigError::unless_in("columns", settings.columns, 3..=200)?;
-        for (name, first) in &settings.leftmost {
+        for LeftmostColumn { camera: name, column: first } in &settings.leftmost {
             let known =
                 setup.calibration.cameras.is_empty() || setup.calibration.cameras.iter().any(|it| it.name == *name);
             if !known || !(1..=settings.columns).contains(first) {
@@ -141,7 +151,8 @@ impl TargetDetector {
         let view = ImageView::new(pixels, image.width as usize, image.height as usize).map_err(|it| it.to_string())?;
         let TargetSettings { rows, columns, leftmost } = &self.settings;
         let pattern = TargetPattern { rows: *rows, columns: *columns };
-        let found = find_target(&view, pattern, leftmost.get(&self.name).copied()).map_err(|it| it.to_string())?;
+        let found = find_target(&view, pattern, leftmost.iter().find(|it| it.camera == self.name).map(|it| it.column))
+            .map_err(|it| it.to_string())?;
         self.rectangles += found.labelled.len() as u64;
         self.others += found.others.len() as u64;
         let feature = |patch: &DarkPatch, label: Option<u32>| Feature {

@@ -267,6 +267,7 @@ fn name_of(end: TrajectoryEnd) -> &'static str {
         TrajectoryEnd::TooAbrupt => "too_abrupt",
         TrajectoryEnd::NotUniform => "not_uniform",
         TrajectoryEnd::Merged => "merged",
+        TrajectoryEnd::Alone => "alone",
     }
 }
 
@@ -314,7 +315,10 @@ impl Tracker {
             now.extend(again);
         }
         self.tracks = now;
-        self.cover(is_first);
+        for id in self.cover(is_first) {
+            *self.counts.ended.entry(TrajectoryEnd::Alone).or_default() += 1;
+            ended.push((id, TrajectoryEnd::Alone));
+        }
         ended.sort_unstable();
         self.tracks.sort_by_key(|it| it.id);
         let views = &self.engine.prepared.views;
@@ -322,8 +326,9 @@ impl Tracker {
         TrackedSurface { time, list, ended }
     }
 
-    /// Grows new points from those that are followed, or begins where there are none; what lies on another surface than its neighbours goes.
-    fn cover(&mut self, is_first: bool) {
+    /// Grows new points from those that are followed, or begins where there are none; what lies on another surface than its neighbours goes: the identities
+    /// of those.
+    fn cover(&mut self, is_first: bool) -> Vec<u32> {
         let moment = &self.moments[0];
         let n_before = self.tracks.len();
         let seeds: Vec<Sample> = match n_before {
@@ -331,7 +336,7 @@ impl Tracker {
             _ => self.tracks.iter().map(|it| it.sample.clone()).collect(),
         };
         if !self.renew && n_before > 0 {
-            return;
+            return Vec::new();
         }
         let surface = self.engine.grow(moment, &seeds);
         let mut tracks = Vec::with_capacity(surface.len());
@@ -349,7 +354,8 @@ impl Tracker {
                 }
             }
         }
-        self.tracks = tracks;
+        let before = std::mem::replace(&mut self.tracks, tracks);
+        before.iter().zip(kept).filter(|it| !it.1).map(|it| it.0.id).collect()
     }
 
     fn cloud(&self) -> PointCloud {
