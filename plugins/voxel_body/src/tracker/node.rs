@@ -21,8 +21,8 @@ ports! {
     SMOOTHED: Out<Skeletons> = "smoothed";
     JOINTS: Out<Targets> = "joints";
     HEAD: Out<Targets> = "head";
-    HAND_LEFT: Out<Targets> = "hand-left";
-    HAND_RIGHT: Out<Targets> = "hand-right";
+    HAND_LEFT: Out<Targets> = "hand_left";
+    HAND_RIGHT: Out<Targets> = "hand_right";
 }
 
 figures! {
