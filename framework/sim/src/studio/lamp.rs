@@ -66,7 +66,7 @@ impl Default for LampSettings {
     fn default() -> Self {
         Self {
             position_m: [-1.5, -1.8, 2.85],
-            light: 150.0,
+            light: 320.0,
             colour: [1.0, 0.96, 0.88],
             radius_m: 0.12,
             from_s: 0.0,
