@@ -1,6 +1,6 @@
 //! The truth about a picture of the studio: whom each pixel's middle sees, and where people hold up light.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use foveate_messages::Time;
 use nalgebra::{Isometry3, Point3, Rotation3, Vector3};
@@ -20,7 +20,11 @@ pub(crate) struct PeopleView {
     lines: Option<Lines>,
     /// Row by row: 0 nobody, otherwise the number of the person plus 1.
     pub seen: Vec<u8>,
-    lighting: Option<Arc<Lighting>>,
+    /// Who is there, and when.
+    things: Vec<(usize, Arc<Posed>)>,
+    time: Time,
+    /// Worked out when it is asked for.
+    lighting: OnceLock<Arc<Lighting>>,
     width: usize,
     eye: Point3<f64>,
     turn: Rotation3<f64>,
@@ -32,7 +36,9 @@ impl PeopleView {
         let [width, height] = camera.image_size.map(|it| it as usize);
         self.seen.clear();
         self.seen.resize(width * height, 0);
-        self.width = width;
+        (self.width, self.time) = (width, time);
+        self.lighting = OnceLock::new();
+        self.things.clear();
         self.eye = camera.centre();
         self.turn = camera.camera_from_world.rotation.inverse().to_rotation_matrix();
         let Some(studio) = world.studio() else { return };
@@ -63,12 +69,13 @@ impl PeopleView {
                 self.seen[row * width + column] = things[hit].0 as u8 + 1;
             }
         }
-        self.lighting = Some(studio.lighting(time, 0.0, &things));
+        self.things = things;
     }
 
     /// Whether people hold up some of the light on the part of the room that a pixel sees behind them.
     pub fn is_shaded(&self, studio: &Studio, column: usize, row: usize) -> bool {
-        let (Some(lines), Some(lighting)) = (&self.lines, &self.lighting) else { return false };
+        let Some(lines) = &self.lines else { return false };
+        let lighting = self.lighting.get_or_init(|| studio.lighting(self.time, 0.0, &self.things));
         let [x, y] = lines.at_shifted(column, row, self.width, [0.0; 2]);
         let room = place(&self.eye, &(self.turn * Vector3::new(x, y, 1.0)), 1.0);
         let (mut all, mut left) = (studio.ambient(&room.normal), studio.ambient(&room.normal));

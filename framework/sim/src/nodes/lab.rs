@@ -297,6 +297,8 @@ mod tests {
         check_node::<Lab>("people = 0\nwaved_light = true");
         check_node::<Lab>("people = 0\nswing = { amplitude_m = 0.3 }");
         check_node::<Lab>("people = 0\nbust = { speed_m_s = 0.05 }");
+        check_node::<Lab>("people = 2\nstudio = { chairs = [[0.5, 0.5, 90]], lamps = [{ from_s = 2 }] }");
+        check_node::<Lab>("people = 0\narm = { cloth = \"bare\", speed = 2 }");
         check_node::<Lab>("walk = \"stage\"\nstand_s = 3");
         check_node::<Lab>("face = { marks = 40, source = \"built_in\" }");
         check_node::<Lab>("walk = \"stage\"\nface = { part = \"knee\" }");

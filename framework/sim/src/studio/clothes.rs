@@ -248,13 +248,12 @@ impl Look {
     }
 }
 
-/// How a surface shines: how much of a lamp it mirrors, and how sharply.
-pub(crate) fn gloss(limb: Limb, look: &Look) -> [f32; 2] {
+/// How a surface shines: how much of a lamp it mirrors, and how sharply, as a whole power of a cosine. Cloth does not.
+pub(crate) fn gloss(limb: Limb) -> [f32; 2] {
     match limb {
         Limb::Head => [0.05, 18.0],
         Limb::Hand | Limb::Thumb => [0.04, 18.0],
         Limb::Foot => [0.10, 30.0],
-        // Bare arms and legs shine below sleeves too little to tell.
-        Limb::Arm | Limb::Leg | Limb::Trunk => [if look.shirt.pattern == Pattern::Knitted { 0.0 } else { 0.012 }, 10.0],
+        Limb::Arm | Limb::Leg | Limb::Trunk => [0.0, 1.0],
     }
 }

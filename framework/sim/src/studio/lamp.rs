@@ -66,7 +66,7 @@ impl Default for LampSettings {
     fn default() -> Self {
         Self {
             position_m: [-1.5, -1.8, 2.85],
-            light: 150.0,
+            light: 320.0,
             colour: [1.0, 0.96, 0.88],
             radius_m: 0.12,
             from_s: 0.0,
@@ -276,8 +276,9 @@ impl ShadowMap {
                 n += 1;
             }
         }
-        if n == 0 {
-            return 1.0;
+        // They lie as far aside as anything in the way can make a difference.
+        if n == 0 || n == N_SEARCH {
+            return f32::from(u8::from(n == 0));
         }
         let wide = self.cone(depth, n as f32 / sum).max(0.8);
         let free = TAPS.iter().map(|place| self.lets_through(x + place[0] * wide, y + place[1] * wide, limit));
@@ -295,11 +296,17 @@ impl ShadowMap {
     /// Between the four places around.
     #[inline]
     fn lets_through(&self, column: f32, row: f32, limit: f32) -> f32 {
-        let (left, top) = (column.floor(), row.floor());
-        let (right, down) = (column - left, row - top);
-        let free = |dx: f32, dy: f32| f32::from(u8::from(self.depth(left + dx, top + dy).is_none_or(|it| it >= limit)));
-        let above = free(0.0, 0.0) * (1.0 - right) + free(1.0, 0.0) * right;
-        let below = free(0.0, 1.0) * (1.0 - right) + free(1.0, 1.0) * right;
+        // Left of the map and above it nothing is; whole numbers are cut off without a call.
+        if column < 0.0 || row < 0.0 {
+            return 1.0;
+        }
+        let (left, top) = (column as usize, row as usize);
+        let (right, down) = (column - left as f32, row - top as f32);
+        let free = |dx: usize, dy: usize| {
+            f32::from(u8::from(self.hits.depth(left + dx, top + dy).is_none_or(|it| it >= limit)))
+        };
+        let above = free(0, 0) * (1.0 - right) + free(1, 0) * right;
+        let below = free(0, 1) * (1.0 - right) + free(1, 1) * right;
         above * (1.0 - down) + below * down
     }
 }

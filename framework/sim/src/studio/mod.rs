@@ -73,13 +73,13 @@ impl Default for StudioSettings {
     fn default() -> Self {
         let fill = LampSettings {
             position_m: [1.8, 1.6, 2.85],
-            light: 110.0,
+            light: 230.0,
             colour: [0.92, 0.97, 1.05],
             ..LampSettings::default()
         };
         Self {
             lamps: vec![LampSettings::default(), fill],
-            ambient: 55.0,
+            ambient: 120.0,
             chairs: Vec::new(),
             stature_spread: 0.05,
             sweaters: false,
@@ -330,7 +330,7 @@ fn actor(settings: &StudioSettings, random: &Random) -> (Body, Thing) {
     let (triangles, starts) = body.triangles();
     let texel_m = settings.texel_mm * 1e-3;
     let patch = |(piece, first): (&body::Piece, usize)| {
-        let gloss = gloss(piece.limb, &look);
+        let gloss = gloss(piece.limb);
         let around_m = piece.limb.extent_m()[0];
         let piece = piece.clone();
         let paint = move || look.paint(&build, &piece, texel_m);

@@ -71,7 +71,7 @@ fn poster(axis: usize, p: &Point3<f64>) -> Option<Colour> {
         return Some([0.62, 0.62, 0.60]);
     }
     let at = Point3::new(p.x, p.y, p.z);
-    let seed = 351 + number as i32 as u32 + if p.x > 0.0 { 40 } else { 0 };
+    let seed = 351 + number.rem_euclid(16.0) as u32 + if p.x > 0.0 { 40 } else { 0 };
     let blot = noise(&at, [0.09; 3], seed) + 0.4 * noise(&at, [0.03; 3], seed ^ 7);
     let colours = [[0.45, 0.12, 0.08], [0.10, 0.22, 0.40], [0.50, 0.42, 0.12], [0.08, 0.30, 0.16]];
     let [first, second] = [0, 1].map(|it| colours[(seed as usize + it) % 4]);

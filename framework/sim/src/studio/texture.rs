@@ -65,17 +65,19 @@ impl Pyramid {
         Self { levels }
     }
 
-    /// The colour at a place, given in shares of both sides; columns go around. `sharpness` is the length that is resolved [texel of the first level].
+    /// The colour at a place, given in shares of both sides; columns go around. `resolved` is the length that is [texel of the first level].
     #[inline]
     pub fn at(&self, [u, v]: [f32; 2], resolved: f32) -> Colour {
-        let level = if resolved > 1.0 { resolved.log2().min((LEVELS - 1) as f32) } else { 0.0 };
+        let level = octaves(resolved).clamp(0.0, (LEVELS - 1) as f32);
         let (first, between) = (level as usize, level.fract());
-        let fine = self.levels[first].at(u, v);
-        if between < 1e-3 {
-            return fine;
+        let [mut r, mut g, mut b, _] = self.levels[first].at(u, v);
+        if between >= 1e-3 {
+            let coarse = self.levels[(first + 1).min(LEVELS - 1)].at(u, v);
+            r += (coarse[0] - r) * between;
+            g += (coarse[1] - g) * between;
+            b += (coarse[2] - b) * between;
         }
-        let coarse = self.levels[(first + 1).min(LEVELS - 1)].at(u, v);
-        [0, 1, 2].map(|it| fine[it] + (coarse[it] - fine[it]) * between)
+        [r, g, b]
     }
 
     /// Columns and rows of the first level [texel].
@@ -99,7 +101,7 @@ impl Level {
 
     /// Between the four texels around.
     #[inline]
-    fn at(&self, u: f32, v: f32) -> Colour {
+    fn at(&self, u: f32, v: f32) -> [f32; 4] {
         let [width, height] = self.size;
         let (x, y) = (u * width as f32 - 0.5, (v * height as f32 - 0.5).clamp(0.0, (height - 1) as f32));
         let left = if x < 0.0 { x as i32 - 1 } else { x as i32 };
@@ -118,13 +120,20 @@ impl Level {
         let below = (row + 1).min(height - 1);
         let [a, b, c, d] = [row * width + column, row * width + next, below * width + column, below * width + next]
             .map(|it| self.texels[it]);
-        let mixed = |channel: usize| {
-            let [a, b, c, d] = [a, b, c, d].map(|it| f32::from(it[channel]));
-            let (above, below) = (a + (b - a) * right, c + (d - c) * right);
-            (above + (below - above) * down) * (1.0 / 255.0)
-        };
-        [mixed(0), mixed(1), mixed(2)]
+        let weights = [(1.0 - right) * (1.0 - down), right * (1.0 - down), (1.0 - right) * down, right * down];
+        let [wa, wb, wc, wd] = weights.map(|it| it * (1.0 / 255.0));
+        std::array::from_fn(|it| {
+            f32::from(a[it]) * wa + f32::from(b[it]) * wb + f32::from(c[it]) * wc + f32::from(d[it]) * wd
+        })
     }
+}
+
+/// About the logarithm of a number to the base of 2, exact at whole powers and linear between them.
+#[inline]
+fn octaves(x: f32) -> f32 {
+    let bits = x.to_bits();
+    let whole = (bits >> 23) as i32 - 127;
+    whole as f32 + f32::from_bits(bits & 0x007F_FFFF | 0x3F80_0000) - 1.0
 }
 
 #[cfg(test)]
@@ -149,6 +158,15 @@ mod tests {
             all.fold(from, if from > 0.5 { f32::min } else { f32::max })
         });
         assert!((low - high).abs() < 0.02, "{low} {high}");
+    }
+
+    #[test]
+    fn octaves_are_those_of_the_logarithm() {
+        for step in 1..400 {
+            let x = step as f32 * 0.13;
+            assert!((octaves(x) - x.log2()).abs() < 0.087, "{x}");
+        }
+        assert_eq!([0.25, 1.0, 32.0].map(octaves), [-2.0, 0.0, 5.0]);
     }
 
     #[test]

@@ -30,7 +30,7 @@ use crate::world::World;
 
 /// Shadows are looked for in squares of so many pixels.
 const TILE: usize = 8;
-/// Samples along each side of a pixel of what stands still, for a camera that stands still, and for one that moves.
+/// Samples along each side of a pixel of what stands still, for a camera that stands still, and for one that moves: odd, so that one is in its middle.
 const SAMPLES: [usize; 2] = [3, 1];
 /// Shares of red, green and blue in gray (Rec. ITU-R BT.601).
 const GRAY: Colour = [0.299, 0.587, 0.114];
@@ -240,7 +240,7 @@ impl Sight<'_> {
             let cosine = normal.dot(&half_way) / normal.norm().max(1e-6);
             if cosine > 0.0 {
                 let square = 4.0 / to_lamp.norm_squared().max(1e-4);
-                let shine = mirrors * main * square * cosine.powf(sharpness);
+                let shine = mirrors * main * square * cosine.powi(sharpness as i32);
                 let of_lamp = lamp.colour();
                 [0, 1, 2].into_iter().for_each(|it| colour[it] += shine * of_lamp[it]);
             }

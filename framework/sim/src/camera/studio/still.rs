@@ -47,10 +47,8 @@ impl Still {
         let projector = Projector::new(camera);
         let imaged: Vec<[f32; 3]> =
             studio.props.vertices.iter().map(|it| projector.image(it).unwrap_or([0.0; 3])).collect();
-        // The last one is for where a pixel's middle looks.
         let hits: Vec<FirstHits> = shifts
             .iter()
-            .chain([&[0.0; 2]])
             .map(|shift| {
                 let mut hits = FirstHits::default();
                 hits.draw(&imaged, &studio.props.triangles, *shift, camera.image_size);
@@ -86,8 +84,11 @@ impl Still {
             let mut lights = vec![[0.0_f32; 3]; n_lights];
             for (column, (seen, lit)) in seen.iter_mut().zip(lit.chunks_exact_mut(n_values)).enumerate() {
                 lights.iter_mut().for_each(|it| *it = [0.0; 3]);
-                for (shift, hits) in shifts.iter().zip(&hits) {
+                for (number, (shift, hits)) in shifts.iter().zip(&hits).enumerate() {
                     let place = look(column, row, *shift, hits);
+                    if number == shifts.len() / 2 {
+                        *seen = (place.point.cast::<f32>().coords.into(), place.depth as f32);
+                    }
                     for (number, light) in lights.iter_mut().enumerate() {
                         let by = match studio.lamps.get(number) {
                             None => [studio.ambient(&place.normal); 3],
@@ -100,8 +101,6 @@ impl Still {
                         [0, 1, 2].into_iter().for_each(|it| light[it] += place.colour[it] * by[it]);
                     }
                 }
-                let middle = look(column, row, [0.0; 2], &hits[shifts.len()]);
-                *seen = (middle.point.cast::<f32>().coords.into(), middle.depth as f32);
                 for (light, lit) in lights.iter().zip(lit.chunks_exact_mut(n_channels)) {
                     let of = light.map(|it| it * scale / shifts.len() as f32);
                     let gray = GRAY[0] * of[0] + GRAY[1] * of[1] + GRAY[2] * of[2];

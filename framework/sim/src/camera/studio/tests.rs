@@ -3,7 +3,7 @@
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Image, PixelFormat, Time};
-use nalgebra::{Point2, Point3};
+use nalgebra::{Point2, Point3, Vector3};
 
 use crate::camera::{CameraSettings, PeopleView, Renderer, SensorSettings};
 use crate::studio::{LampSettings, StudioSettings};
@@ -121,42 +121,29 @@ fn floor_is_as_bright_as_lamp_distance_and_angle_say() {
 
 #[test]
 fn shadow_of_a_person_falls_away_from_the_lamp() {
-    let lamp = LampSettings { position_m: [0.0, -3.0, 2.6], light: 400.0, radius_m: 0.05, ..LampSettings::default() };
-    let world = world(1, |it| (it.lamps, it.ambient) = (vec![lamp.clone()], 30.0));
     let time_s = 1.0;
-    let feet = nalgebra::center(
-        &world.joints(Time::from_s(time_s))[0].1.ankles[0],
-        &world.joints(Time::from_s(time_s))[0].1.ankles[1],
-    );
-    let pelvis = world.joints(Time::from_s(time_s))[0].1.centres()[2];
-    let camera = Camera::look_at([2.6, 0.0, 2.6].into(), [feet.x, feet.y, 0.0].into(), SIZE, 110.0);
+    // Where people are does not depend on lamps.
+    let pelvis = world(1, |_| ()).joints(Time::from_s(time_s))[0].1.centres()[2];
+    let from = pelvis + Vector3::new(-0.7, -0.5, 2.8 - pelvis.z);
+    let lamp = LampSettings { position_m: from.into(), light: 400.0, radius_m: 0.05, ..LampSettings::default() };
+    let [empty, full] = [0, 1].map(|people| world(people, |it| (it.lamps, it.ambient) = (vec![lamp.clone()], 30.0)));
+    // From the side of the shadow, so that nobody stands before it.
+    let camera = Camera::look_at(pelvis + Vector3::new(1.1, -1.4, 1.4), [pelvis.x, pelvis.y, 0.0].into(), SIZE, 110.0);
     let mut view = PeopleView::default();
-    view.look(&world, &TrueCamera::from(&camera), Time::from_s(time_s));
-    let studio = world.studio().unwrap();
+    view.look(&full, &TrueCamera::from(&camera), Time::from_s(time_s));
+    let studio = full.studio().unwrap();
     // Where the line from the lamp through the pelvis meets the floor, and the same to the other side.
-    let from = Point3::new(0.0, -3.0, 2.6);
     let shade = from + (pelvis - from) * (from.z / (from.z - pelvis.z));
     let opposite = Point3::new(2.0 * pelvis.x - shade.x, 2.0 * pelvis.y - shade.y, 0.0);
-    let is_shaded = |point: &Point3<f64>| {
-        let pixel = camera.sees(point).unwrap();
-        view.is_shaded(studio, pixel.x.round() as usize, pixel.y.round() as usize)
-    };
+    let pixel = |point: &Point3<f64>| camera.sees(point).unwrap().map(|it| it.round() as usize);
+    let is_shaded = |point: &Point3<f64>| view.is_shaded(studio, pixel(point).x, pixel(point).y);
     assert!(is_shaded(&shade) && !is_shaded(&opposite));
-    let settings = plain();
-    let lit = picture(&world, &camera, &settings, time_s, 0);
+    let [without, with] = [&empty, &full].map(|it| picture(it, &camera, &plain(), time_s, 0));
     let gray = |image: &Image, point: &Point3<f64>| {
-        let pixel = camera.sees(point).unwrap();
-        f64::from(image.pixels[pixel.y.round() as usize * SIZE[0] as usize + pixel.x.round() as usize])
+        f64::from(image.pixels[pixel(point).y * SIZE[0] as usize + pixel(point).x])
     };
-    let empty = picture(
-        &self::world(0, |it| (it.lamps, it.ambient) = (vec![lamp.clone()], 30.0)),
-        &camera,
-        &settings,
-        time_s,
-        0,
-    );
-    assert!(gray(&lit, &shade) < 0.6 * gray(&empty, &shade), "{} {}", gray(&lit, &shade), gray(&empty, &shade));
-    assert_eq!(gray(&lit, &opposite), gray(&empty, &opposite));
+    assert!(gray(&with, &shade) < 0.6 * gray(&without, &shade), "{} {}", gray(&with, &shade), gray(&without, &shade));
+    assert_eq!(gray(&with, &opposite), gray(&without, &opposite));
 }
 
 #[test]
@@ -200,7 +187,7 @@ fn a_lamp_that_is_switched_on_lights_the_room_and_people() {
 
 #[test]
 fn rows_of_a_rolling_shutter_see_people_at_their_own_times() {
-    let world = world(1, |_| ());
+    let world = world(1, |it| it.lamps.clear());
     let time_s = 1.3;
     let camera = camera_at(&world, [2.4, 2.0, 1.2], time_s, 130.0);
     let settings = |readout_ms: f64| CameraSettings {
@@ -245,16 +232,19 @@ fn points_of_an_arm_are_found_and_go_where_their_texture_goes() {
     let (before, after) = (world.surfaces(Time::from_s(1.0)), world.surfaces(Time::from_s(1.2)));
     let finder = before.finder(0.01);
     let (vertices, _) = before.mesh(0).unwrap();
-    let mut moved = 0.0_f64;
+    let (mut moved, mut n, mut n_outside) = (0.0_f64, 0, 0);
     for vertex in vertices.iter().skip(60).step_by(37) {
         let (point, off) = finder.nearest(vertex).unwrap();
         assert!(off.abs() < 1e-9);
         assert!((before.place(&point).unwrap() - vertex).norm() < 1e-9);
         let normal = before.normal(&point).unwrap();
         let (_, outside) = finder.nearest(&(vertex + normal * 3e-3)).unwrap();
-        assert!((1.5e-3..3.1e-3).contains(&outside), "{outside}");
+        n += 1;
+        n_outside += i32::from((1.5e-3..3.1e-3).contains(&outside));
         moved = moved.max((after.place(&point).unwrap() - vertex).norm());
     }
+    // Inside the bend of the elbow surfaces meet.
+    assert!(n > 40 && n_outside * 10 >= n * 9, "{n_outside} of {n}");
     assert!((0.01..0.4).contains(&moved), "{moved}");
     assert!(finder.nearest(&Point3::new(0.0, 0.0, 5.0)).is_none());
     let joints = world.arm_joints(Time::from_s(1.0)).unwrap();
