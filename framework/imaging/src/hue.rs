@@ -195,7 +195,7 @@ mod tests {
 
     #[test]
     fn surroundings_that_are_lit_striped_or_coloured_do_not_change_the_hue() {
-        let stripes = |_: usize, row: usize| if row / 3 % 2 == 0 { [20.0; 3] } else { [110.0; 3] };
+        let stripes = |_: usize, row: usize| if (row / 3).is_multiple_of(2) { [20.0; 3] } else { [110.0; 3] };
         let blue = |_: usize, _: usize| [20.0, 40.0, 120.0];
         for (colour, expected) in LASERS {
             for seed in 0..20 {
