@@ -62,7 +62,9 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("pan-tilt", &["foveate"]),
     ("select", &["foveate"]),
     ("structured-light", &["foveate"]),
+    ("surface", &["foveate"]),
     ("laser-pointer", &["foveate"]),
+    ("voxel-body", &["foveate"]),
     (
         "cli",
         &[
@@ -90,6 +92,8 @@ const ARROWS: &[(&str, &[&str])] = &[
             "select",
             "sim",
             "structured-light",
+            "surface",
+            "voxel-body",
             "web",
         ],
     ),

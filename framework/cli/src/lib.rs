@@ -39,7 +39,9 @@ pub fn registry() -> Registry {
     foveate_laser_pointer::register(&mut registry);
     foveate_display::register(&mut registry);
     foveate_structured_light::register(&mut registry);
+    foveate_surface::register(&mut registry);
     foveate_painted_mark::register(&mut registry);
+    foveate_voxel_body::register(&mut registry);
     foveate_export::register(&mut registry);
     registry
 }

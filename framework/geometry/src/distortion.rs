@@ -94,6 +94,17 @@ impl Distortion {
         None
     }
 
+    /// The squared radius at which the domain ends: the least that has no image.
+    pub(crate) fn domain(&self) -> f64 {
+        let (mut inside, mut outside) = (0.0, FARTHEST);
+        // 100 halvings of 10¹² leave less than the rounding of any radius that matters.
+        for _ in 0..100 {
+            let middle = 0.5 * (inside + outside);
+            if self.has_in_domain(middle) { inside = middle } else { outside = middle }
+        }
+        outside
+    }
+
     /// Whether points at the squared radius `s` are in the domain; not, if a number is not finite.
     #[inline]
     fn has_in_domain(&self, s: f64) -> bool {

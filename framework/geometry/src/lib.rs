@@ -5,11 +5,13 @@
 //! | [`agreement`] | the point on which most of several observations agree |
 //! | [`alignment`] | the similarity that best maps one set of points onto another, and what is left |
 //! | [`alternating`] | cameras and the path of one light in turn, as the paper does it |
+//! | [`body`] | articulated bodies in voxels: found, fitted, followed |
 //! | [`bundle`] | all cameras and points together, clocks of cameras if wanted, adjusted to all pixels, with covariances |
 //! | [`camera`] | [`Camera`]: pinhole with Brown–Conrady distortion; point to pixel, pixel to [`Ray`] |
 //! | [`epipolar`] | how two cameras stand to one another, from pixels of the same points |
 //! | [`joint`] | points, and the errors of the poses that they are seen from, together |
 //! | [`resection`] | the pose of a camera from points of known place and their pixels, robustly, with its covariance |
+//! | [`known_points`] | optics and pose of a camera from one picture of a three-dimensional target |
 //! | [`off_axis`] | what an eye sees through a screen: frustums for each eye and tile |
 //! | [`pan_tilt`] | cameras on pan-tilt heads: model, calibration, aiming, zoom |
 //! | [`plane_map`] | how a camera images a plane: homography and lens, with covariance |
@@ -17,6 +19,7 @@
 //! | [`self_calibration`] | a room of cameras from one waved light, without a start |
 //! | [`shape_model`] | shapes that deform, a face or a knee: learnt from frames, fitted with the pose, hidden marks filled |
 //! | [`surface`] | clouds registered to a surface, fused into a distance field, and its triangles |
+//! | [`voxels`] | what silhouettes leave over of a volume: carved by octree, its surface, its parts, its colours |
 //! | [`triangulate`] | a point from two or more rays, and its refinement on pixels with a covariance |
 //!
 //! Rigid transforms are `nalgebra::Isometry3<f64>`, named `b_from_a`. The world is right-handed with Z up; a
@@ -25,12 +28,14 @@
 pub mod agreement;
 pub mod alignment;
 pub mod alternating;
+pub mod body;
 pub mod bundle;
 pub mod camera;
 mod distortion;
 pub mod epipolar;
 mod from_matrix;
 pub mod joint;
+pub mod known_points;
 mod look_at;
 pub mod off_axis;
 pub mod pan_tilt;
@@ -41,6 +46,7 @@ pub mod self_calibration;
 pub mod shape_model;
 pub mod surface;
 pub mod triangulate;
+pub mod voxels;
 
 pub use agreement::{Agreement, agreeing_point};
 pub use alignment::{Alignment, AlignmentError, AlignmentOptions, CameraErrors, align, camera_errors};
@@ -53,6 +59,7 @@ pub use camera::{Camera, CameraError, Distortion, Intrinsics};
 pub use epipolar::{EpipolarError, EpipolarOptions, TwoViews, relative_pose};
 pub use from_matrix::ProjectionError;
 pub use joint::{Joint, JointError, JointObservation, JointOptions, JointPoint, Viewpoint, triangulate_jointly};
+pub use known_points::{CameraFit, KnownPoint, KnownPointsError, camera_from_points, direct_linear_transformation};
 pub use off_axis::{OffAxis, Screen, ScreenError};
 pub use plane_map::{Placed, PlaneMap, PlaneMapError, PlanePoint};
 pub use ray::{Approach, Ray, closest_approach};

@@ -9,6 +9,8 @@
 //! That is how well the centroid of *what is foreground* is known (tests/blobs.rs holds it against truth). That a body seen
 //! from different sides has no one centre is for the caller to add; [`Blob::moment`] gives the scale.
 
+use std::ops::Range;
+
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use crate::spots::component::{Component, Frame, Run};
@@ -70,6 +72,18 @@ const SPECK: u64 = 16;
 /// The end of a blob is this part of its length.
 const END_SHARE: f64 = 0.05;
 
+/// What hides beyond the picture's edge moves an end of the blob only if that end lies there.
+fn cut_off(blob: &Blob, point: &Point2<f64>) -> Matrix2<f64> {
+    let [x0, y0, x1, y1] = blob.bounds.map(f64::from);
+    let is_end = (point - blob.centroid).norm_squared() > 0.0;
+    let extent = Vector2::new(x1 - x0 + 1.0, y1 - y0 + 1.0);
+    if is_end && blob.touches_border {
+        Matrix2::from_diagonal(&(extent.component_mul(&extent) / 4.0))
+    } else {
+        Matrix2::zeros()
+    }
+}
+
 /// Connected foreground.
 #[derive(Debug, Clone, Copy)]
 struct Piece {
@@ -96,10 +110,7 @@ pub struct BlobFinder {
 }
 
 impl BlobFinder {
-    /// Fills `blobs` with the blobs of the foreground's last picture, from the top down.
-    ///
-    /// A blob holds a pixel that is surely foreground, unless one of the `expected` points lies in its box, widened by
-    /// `merge_px`.
+    /// Fills `blobs` with the blobs of the foreground's last picture, from the top down: see [`Self::find_in`].
     pub fn find(
         &mut self,
         foreground: &Foreground,
@@ -107,10 +118,29 @@ impl BlobFinder {
         expected: &[Point2<f64>],
         blobs: &mut Vec<Blob>,
     ) -> Result<(), ImagingError> {
+        self.find_in(foreground.mask(), foreground.size(), limits, expected, blobs)
+    }
+
+    /// Fills `blobs` with the blobs of a mask of `size` (columns, rows), from the top down: 0 background, 1 foreground, 2 surely.
+    ///
+    /// A blob holds a pixel that is surely foreground, unless one of the `expected` points lies in its box, widened by
+    /// `merge_px`.
+    pub fn find_in(
+        &mut self,
+        mask: &[u8],
+        size: (usize, usize),
+        limits: &BlobLimits,
+        expected: &[Point2<f64>],
+        blobs: &mut Vec<Blob>,
+    ) -> Result<(), ImagingError> {
         blobs.clear();
         limits.check()?;
-        (self.width, self.height) = foreground.size();
-        self.take_pieces(foreground.mask(), limits.min_area.div_ceil(SPECK));
+        let expected_len = size.0 * size.1;
+        if mask.len() != expected_len {
+            return Err(ImagingError::WrongLength { what: "mask", expected: expected_len, found: mask.len() });
+        }
+        (self.width, self.height) = size;
+        self.take_pieces(mask, limits.min_area.div_ceil(SPECK));
         self.merge(limits.merge_px as usize);
         let mut start = 0;
         while start < self.pieces.len() {
@@ -159,6 +189,18 @@ impl BlobFinder {
         let rim = 4.0 * (n_runs + n / n_runs);
         let covariance = moment * (2.0 * RIM * rim / (n * n)) + direction * direction.transpose() + square;
         Some((blob.centroid + mean, covariance))
+    }
+
+    /// The pixels of a blob of the last search: row, columns.
+    pub fn pixels(&self, blob: &Blob) -> impl Iterator<Item = (usize, Range<usize>)> {
+        self.runs(blob).map(|it| (it.y, it.x0..it.x1))
+    }
+
+    /// The point that stands for a blob of the last search, and its covariance: its end in `direction`, its centroid where that has no length. `shape_error`:
+    /// how far that is from what others see of the same body, one standard deviation, in standard deviations of the blob's pixels.
+    pub fn point(&self, blob: &Blob, direction: Vector2<f64>, shape_error: f64) -> (Point2<f64>, Matrix2<f64>) {
+        let (point, covariance) = self.end(blob, direction).unwrap_or((blob.centroid, blob.covariance));
+        (point, covariance + cut_off(blob, &point) + blob.moment * (shape_error * shape_error))
     }
 
     fn runs<'a>(&'a self, blob: &Blob) -> impl Iterator<Item = &'a Run> {

@@ -18,10 +18,12 @@
 //!   passes leaves no trace, or a picture of the empty room.
 //! - *Specks.* A pixel changes sides when the majority of its 3 × 3 neighbourhood is on the other one.
 
-mod learning;
-mod majority;
+pub(crate) mod learning;
+pub(crate) mod light;
+pub(crate) mod majority;
 
 use learning::Learning;
+use light::Light;
 
 use crate::{ImageView, ImagingError, Verdict};
 
@@ -103,7 +105,7 @@ pub struct Foreground {
     stay: Vec<Stay>,
     n_pictures: u32,
     n_flooded: u32,
-    ratios: Vec<u32>,
+    light: Light,
 }
 
 #[derive(Debug, Clone, Copy, Default)]
@@ -115,12 +117,6 @@ struct Stay {
 
 /// Pixels that the gain is taken from, about.
 const GAIN_SAMPLES: usize = 4096;
-/// Ratios are counted in steps of 1/64, up to 4.
-const RATIO_STEPS: usize = 64;
-/// Pixels darker than this say nothing about the gain [gray level].
-const GAIN_FLOOR: f32 = 16.0;
-/// Part of the samples that must agree on a gain.
-const GAIN_CONSENSUS: f32 = 0.3;
 
 impl Foreground {
     /// The scene of pictures of this size [px], about to be learnt; nothing is masked.
@@ -143,7 +139,7 @@ impl Foreground {
             stay: vec![Stay::default(); n],
             n_pictures: 0,
             n_flooded: 0,
-            ratios: vec![0; 4 * RATIO_STEPS],
+            light: Light::default(),
         })
     }
 
@@ -171,6 +167,22 @@ impl Foreground {
         }
         self.learning = None;
         Ok(())
+    }
+
+    /// There will be no more pictures of the empty scene: those that came have to do. `false`: there was none, and learning goes on.
+    pub fn end_learning(&mut self) -> bool {
+        if self.learning.as_mut().is_some_and(Learning::end)
+            && let Some(learning) = self.learning.take()
+        {
+            learning.finish(self.config.noise_floor, &mut self.mean, &mut self.variance);
+            self.gain = 1.0;
+        }
+        self.learning.is_none()
+    }
+
+    /// Whether the background is known.
+    pub fn has_learnt(&self) -> bool {
+        self.learning.is_none()
     }
 
     /// The foreground of the last picture, row by row: 0 background, 1 foreground, 2 surely.
@@ -230,39 +242,15 @@ impl Foreground {
         if expected == found { Ok(()) } else { Err(ImagingError::WrongSize { what: "picture", expected, found }) }
     }
 
-    /// The gain on which most of the picture agrees: the median of the ratios, sharpened by least squares around it.
+    /// The gain on which most of the picture agrees; stays where it agrees on none.
     fn find_gain(&mut self, pixels: &[u8]) {
         // Odd, so that it does not fall on few columns of the usual widths.
         let step = (pixels.len() / GAIN_SAMPLES) | 1;
-        let samples = || {
-            let at = (0..pixels.len()).step_by(step);
-            at.map(|i| (f32::from(pixels[i]), self.mean[i], self.open[i]))
-                .filter(|&(pixel, mean, open)| open != 0 && mean > GAIN_FLOOR && pixel < 255.0)
-        };
-        self.ratios.fill(0);
-        let mut n = 0;
-        for (pixel, mean, _) in samples() {
-            let bin = (pixel / mean * RATIO_STEPS as f32) as usize;
-            self.ratios[bin.min(4 * RATIO_STEPS - 1)] += 1;
-            n += 1;
-        }
-        let mut below = 0;
-        let median = self.ratios.iter().position(|&it| {
-            below += it;
-            2 * below > n
-        });
-        let Some(median) = median else { return };
-        let middle = (median as f32 + 0.5) / RATIO_STEPS as f32;
-        let (mut n_near, mut product, mut square) = (0u32, 0.0, 0.0);
-        for (pixel, mean, _) in samples() {
-            if (pixel / mean - middle).abs() < 0.1 * middle {
-                n_near += 1;
-                product += pixel * mean;
-                square += mean * mean;
-            }
-        }
-        if n_near as f32 >= GAIN_CONSENSUS * n as f32 && product > 0.0 {
-            self.gain = product / square;
+        let (mean, open) = (&self.mean, &self.open);
+        let samples =
+            (0..pixels.len()).step_by(step).filter(|&i| open[i] != 0).map(|i| (f32::from(pixels[i]), mean[i]));
+        if let Some(gain) = self.light.ratio(samples) {
+            self.gain = gain;
         }
     }
 

@@ -7,10 +7,13 @@
 //! 3. [`Background::update`] is told how much was lit, learns, and says whether the spots are to be trusted.
 //!
 //! A natural scene has no bright spots: [`Foreground`] splits a picture by the statistics of its background, and [`BlobFinder`]
-//! joins the foreground to blobs. [`find_chessboard`] finds the corners of a calibration board.
+//! joins the foreground to blobs. In colour, [`Segmenter`] tells bodies from their shadows. [`find_chessboard`] finds the corners of a calibration board.
 //!
 //! A surface with painted marks [Davis 2002 §5.1]: [`DotFinder`] finds them, [`Stabiliser`] the motion of the whole between two pictures,
 //! and [`LucasKanade`] follows any small patch, from coarse to fine on a [`Pyramid`].
+//!
+//! A surface that is to be measured: [`matching`] finds patches of one picture in others by least squares, to hundredths of a pixel
+//! [D'Apuzzo 1999 §2.3].
 //!
 //! Pixel (0, 0) is the centre of the top-left pixel. Nothing here reads a clock, a file or a random number.
 //!
@@ -19,6 +22,7 @@
 pub mod background;
 pub mod blobs;
 pub mod chessboard;
+pub mod column_target;
 pub mod dots;
 mod error;
 pub mod foreground;
@@ -26,9 +30,11 @@ pub mod hue;
 pub mod jpeg;
 pub mod lucas_kanade;
 pub mod mask;
+pub mod matching;
 pub mod plane;
 pub mod pyramid;
 pub mod shrink;
+pub mod silhouettes;
 pub mod spots;
 pub mod stabilise;
 pub mod stripes;
@@ -47,6 +53,7 @@ pub use mask::fill_polygon;
 pub use plane::Channel;
 pub use pyramid::Pyramid;
 pub use shrink::shrink;
+pub use silhouettes::{HoleFiller, Segmenter, SegmenterConfig};
 pub use spots::{Centroid, Found, Measure, Sampling, Spot, SpotFinder, SpotLimits, Window};
 pub use stabilise::{Shift, Stabiliser, StabiliserSettings};
 pub use thresholds::ThresholdMap;

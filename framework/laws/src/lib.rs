@@ -1,4 +1,7 @@
-//! Checks of derivatives and camera models, for the tests of any room: they know no type of ours, so that the lowest rooms can use them.
+//! Checks of derivatives and camera models, and a texture that is known at every place, for the tests of any room: they know no type of ours, so that the lowest
+//! rooms can use them.
+
+pub mod texture;
 
 use nalgebra::{DMatrix, DVector, Point2, Point3, Vector3};
 

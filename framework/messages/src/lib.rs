@@ -23,6 +23,10 @@
 //! | [`ScaleCloud`] | the same where it lies still, on a target that moves | metres in that scale's space |
 //! | [`Views`] | what a display shows to somebody who moves, for each eye and tile | metres in that scale's space |
 //! | [`Mesh`] | a surface joined from clouds, as triangles | metres in that scale's space |
+//! | [`TrackedSurface`] | points of a surface, each followed over time | metres in the outermost scale |
+//! | [`Silhouette`] | which pixels of a picture show a body, and how surely | pixels of that camera |
+//! | [`Voxels`] | the cubes that silhouettes leave over | metres in that scale's space |
+//! | [`Skeletons`] | bodies as parts and joints | metres in that scale's space |
 
 mod camera_set;
 mod cloud;
@@ -34,11 +38,15 @@ mod mesh;
 mod pointers;
 mod schema;
 mod shown;
+mod silhouette;
+mod skeletons;
 mod stripes;
 mod sub_region;
 mod targets;
+mod tracked;
 mod users;
 mod views;
+mod voxels;
 mod wire;
 
 use std::any::Any;
@@ -53,11 +61,17 @@ pub use marks::{GuidedMark, Mark, MarkGuide, Marks, ShapeFit};
 pub use mesh::{Mesh, MeshVertex};
 pub use pointers::{Pointer, PointerChange, PointerEvent, Pointers, StrokePoint};
 pub use shown::PatternShown;
+pub use silhouette::{Silhouette, SilhouetteStatus};
+pub use skeletons::{
+    BODY_JOINTS, BODY_LIMBS, BODY_PARTS, LimbDetail, Skeleton, SkeletonJoint, SkeletonPart, Skeletons, Unmodelled,
+};
 pub use stripes::{PatternPictures, ProjectorMap, ProjectorSample};
 pub use sub_region::{Assignment, ScaleId, ScaleSpace, SubRegion};
 pub use targets::{Provenance, Target, TargetId, Targets};
+pub use tracked::{TrackedPoint, TrackedSurface, TrajectoryEnd};
 pub use users::{Exchange, TargetUser, Users};
 pub use views::{EyeView, TileView, Views};
+pub use voxels::{ViewStatus, Voxel, VoxelComponent, VoxelView, Voxels};
 pub use wire::{Codec, Wire};
 
 /// A type that may travel on an edge: a contract of name, version, space and layout.

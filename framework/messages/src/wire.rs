@@ -271,6 +271,50 @@ mod tests {
             colour: [1, 2, 3],
         };
         there_and_back(&Mesh { world_from_mesh: pose, ..Mesh::new([vertex; 3], &[[0, 1, 2]]) });
+        let status = SilhouetteStatus::Full;
+        let confidence = vec![0, 127, 128, 255];
+        there_and_back(&Silhouette { width: 2, height: 2, status, confidence, ..Silhouette::default() });
+        let view =
+            VoxelView { camera: CameraId(3), status: ViewStatus::Contradicts, body_px: 9, covered: 0.5, outside: 0.25 };
+        let component = VoxelComponent {
+            n_voxels: 2,
+            centroid: Point3::new(1.0, 2.0, 3.0),
+            min: [1, 2, 3],
+            max: [4, 5, 6],
+            is_cut_off: true,
+            target: Some(TargetId(7)),
+        };
+        let (views, components) = (vec![view], vec![component]);
+        let voxels = vec![7; 2 * Voxel::BYTES];
+        there_and_back(&Voxels { world_from_scale: pose, views, components, voxels, ..Voxels::default() });
+        let joint = SkeletonJoint {
+            joint: 5,
+            position: Point3::new(1.0, 2.0, 3.0),
+            velocity: Vector3::x(),
+            covariance: Matrix6::identity(),
+            provenance: Provenance::Filled,
+        };
+        let part = SkeletonPart {
+            part: 2,
+            scale_from_part: pose,
+            sizes: Vector3::y(),
+            size_sigmas: Vector3::z(),
+            provenance: Provenance::Predicted,
+        };
+        let limbs = [LimbDetail::Absent, LimbDetail::Straight, LimbDetail::Bent, LimbDetail::Absent];
+        let list = vec![Skeleton {
+            id: 7,
+            joints: vec![joint],
+            parts: vec![part],
+            limbs,
+            facing: 0.5,
+            unexplained: 0.25,
+            cameras: CameraSet::default(),
+        }];
+        let reason = "no head".to_owned();
+        let unmodelled =
+            vec![Unmodelled { centroid: Point3::origin(), volume: 0.03, target: Some(TargetId(2)), reason }];
+        there_and_back(&Skeletons { list, unmodelled, ..Skeletons::default() });
         there_and_back(&PatternShown {
             set: 3,
             index: 1,

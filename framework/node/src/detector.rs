@@ -3,7 +3,7 @@
 use std::fmt::Display;
 
 use foveate_geometry::Camera;
-use foveate_messages::{CameraId, Features, Image, Targets};
+use foveate_messages::{CameraId, Features, Image, Stamp, Targets};
 use nalgebra::Point2;
 
 use crate::io::Io;
@@ -61,7 +61,7 @@ impl DetectorShell {
 
     /// Takes a picture, has `find` look for features in it, and gives them out. `find` gets the picture, the pixels at which targets are
     /// expected, the camera's model and an empty list. A picture that `find` refuses, and one that is flooded, is a gap;
-    /// `flooded` says why.
+    /// `flooded` says why. Gives the picture's stamp, if there was one.
     pub fn process<E: Display>(
         &mut self,
         io: &mut Io<'_>,
@@ -73,8 +73,8 @@ impl DetectorShell {
             Option<&Camera>,
             &mut Features,
         ) -> Result<Outcome, E>,
-    ) {
-        let Some(image) = io.take(ports.image) else { return };
+    ) -> Option<Stamp> {
+        let image = io.take(ports.image)?;
         let mut features = self.pool.take(Features::default);
         features.camera = self.camera.unwrap_or(image.value.camera);
         let expected = io.latest(ports.predicted);
@@ -99,6 +99,7 @@ impl DetectorShell {
                 io.gap(ports.features, image.time(), refusal);
             }
         }
+        Some(image.stamp)
     }
 
     /// Reports what became of the pictures, and how many features were found.

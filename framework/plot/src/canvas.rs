@@ -70,6 +70,37 @@ impl Canvas {
         }
     }
 
+    /// The pixel of the camera's picture in column `x` of row `y`, of which the part `cover` becomes `colour`. Nothing outside.
+    pub fn tint(&mut self, x: u32, y: u32, colour: [u8; 3], cover: f64) {
+        for row in y * self.zoom..((y + 1) * self.zoom).min(self.height) {
+            for column in x * self.zoom..((x + 1) * self.zoom).min(self.width) {
+                self.blend(column, row, colour, cover);
+            }
+        }
+    }
+
+    /// Those pixels of the camera's picture that are in `region` (by column and row) and have a neighbour across a side that is not, or is outside.
+    pub fn outline(&mut self, region: impl Fn(u32, u32) -> bool, colour: [u8; 3]) {
+        let [width, height] = [self.width, self.height].map(|it| it / self.zoom.max(1));
+        let inside = |x: Option<u32>, y: Option<u32>| match (x, y) {
+            (Some(x), Some(y)) => x < width && y < height && region(x, y),
+            _ => false,
+        };
+        for y in 0..height {
+            for x in 0..width {
+                let around = [
+                    (x.checked_sub(1), Some(y)),
+                    (Some(x + 1), Some(y)),
+                    (Some(x), y.checked_sub(1)),
+                    (Some(x), Some(y + 1)),
+                ];
+                if region(x, y) && !around.into_iter().all(|(x, y)| inside(x, y)) {
+                    self.tint(x, y, colour, 1.0);
+                }
+            }
+        }
+    }
+
     fn blend(&mut self, column: u32, row: u32, colour: [u8; 3], cover: f64) {
         let start = (row as usize * self.width as usize + column as usize) * 3;
         for (pixel, colour) in self.pixels[start..start + 3].iter_mut().zip(colour) {

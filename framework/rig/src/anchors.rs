@@ -54,10 +54,12 @@ pub(super) fn implied<'t>(
     drafts: &[NodeDraft<'_>],
 ) -> Option<NodeText<'t>> {
     let (Some(anchor), Parent::Of(parent)) = (&scale.anchor, scale.parent) else { return None };
-    let (name, _) = anchor.get_ref().split_once('.')?;
+    let (name, target) = anchor.get_ref().split_once('.')?;
     let before = drafts.partition_point(|it| it.scale < parent);
     let node = drafts[before..].iter().take_while(|it| it.scale == parent).find(|it| it.name() == name)?;
-    let output = outputs(node).find(|it| it.message.id == MessageType::of::<Targets>().id)?;
+    // An output of the target's own name holds such targets only; else all targets of the node are looked at.
+    let of_targets = || outputs(node).filter(|it| it.message.id == MessageType::of::<Targets>().id);
+    let output = of_targets().find(|it| it.name == target).or_else(|| of_targets().next())?;
     if own.iter().any(|it| it.name.get_ref() == NODE) || node.cameras.as_ref().is_none_or(|it| it.len() != 1) {
         return None;
     }

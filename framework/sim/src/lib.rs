@@ -10,17 +10,19 @@
 //! | [`camera`] | from the world to the pixels of one field |
 //! | [`projector`] | a projector: what it shows when, and where its light falls |
 //! | [`observer`] | from the world to features, without a picture |
+//! | [`studio`] | people in clothes, furniture and lamps: textured surfaces in colour |
 //! | [`timing`] | a camera's clock, the way of its data, its failures |
 //! | [`head`] | a pan-tilt head with mechanics and a line, byte by byte |
 //! | [`score`] | recovered targets against the truth |
 //! | [`wall`] | a wall of displays, what it shows, and people with laser pointers |
-//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.rider`, `sim.head`, `sim.score`, `sim.head_score`, `sim.mark_observer`, `sim.mark_score`, `sim.projector`, `sim.cloud_score`, `sim.surface_score`, `sim.wall`, `sim.wall_camera`, `sim.wall_observer`, `sim.wall_score`, `sim.display_score` |
+//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.rider`, `sim.head`, `sim.score`, `sim.head_score`, `sim.mark_observer`, `sim.mark_score`, `sim.projector`, `sim.cloud_score`, `sim.surface_score`, `sim.silhouettes`, `sim.silhouette_score`, `sim.body_score`, `sim.wall`, `sim.wall_camera`, `sim.wall_observer`, `sim.wall_score`, `sim.display_score` |
 
 pub mod bump;
 pub mod camera;
 mod chance;
 pub mod head;
 pub mod lab;
+mod nearest;
 pub mod nodes;
 pub mod observer;
 pub mod painted;
@@ -29,6 +31,7 @@ pub mod projector;
 mod rounding;
 pub mod score;
 mod sight;
+pub mod studio;
 pub mod timing;
 pub mod truth;
 pub mod wall;
@@ -50,6 +53,9 @@ pub fn register(registry: &mut Registry) {
     registry.add::<nodes::projector::SimProjector>();
     registry.add::<nodes::cloud_score::CloudScore>();
     registry.add::<nodes::surface_score::SurfaceScore>();
+    registry.add::<nodes::silhouettes::SimSilhouettes>();
+    registry.add::<nodes::silhouette_score::SilhouetteScore>();
+    registry.add::<nodes::body_score::BodyScore>();
     registry.add::<nodes::wall::SimWall>();
     registry.add::<nodes::wall_camera::SimWallCamera>();
     registry.add::<nodes::wall_observer::SimWallObserver>();

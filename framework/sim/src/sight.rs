@@ -1,7 +1,7 @@
 //! Where lines of sight first meet a surface of triangles, exactly: which triangle by drawing all of them with a depth, then the point by the line and the
 //! triangle's plane. Cameras, projectors (what they do not see is in shadow) and scores use it.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point2, Point3, Vector3};
 
 use crate::painted::{Skin, Triangle};
 use crate::truth::TrueCamera;
@@ -25,14 +25,17 @@ pub(crate) struct Facet {
 impl Facet {
     /// Of all triangles of a surface.
     pub fn all(triangles: &[Triangle], vertices: &[Point3<f64>]) -> Vec<Facet> {
-        let facet = |triangle: &Triangle| {
-            let [a, b, c] = triangle.corners.map(|it| vertices[it as usize]);
-            let (ab, ac) = (b - a, c - a);
-            let normal = ab.cross(&ac);
-            let square = normal.norm_squared().max(1e-30);
-            Facet { corner: a, normal, to_second: ac.cross(&normal) / square, to_third: normal.cross(&ab) / square }
-        };
-        triangles.iter().map(facet).collect()
+        triangles.iter().map(|it| Facet::of(it, vertices)).collect()
+    }
+
+    /// Of one triangle.
+    #[inline]
+    pub fn of(triangle: &Triangle, vertices: &[Point3<f64>]) -> Facet {
+        let [a, b, c] = triangle.corners.map(|it| vertices[it as usize]);
+        let (ab, ac) = (b - a, c - a);
+        let normal = ab.cross(&ac);
+        let square = normal.norm_squared().max(1e-30);
+        Facet { corner: a, normal, to_second: ac.cross(&normal) / square, to_third: normal.cross(&ab) / square }
     }
 
     /// How far along a line it meets the plane [lengths of `along`].
@@ -60,6 +63,52 @@ pub(crate) fn imaged(camera: &TrueCamera, skin: &Skin) -> Option<Vec<[f32; 3]>> 
     skin.vertices.iter().map(one).collect()
 }
 
+/// Lines of sight of a camera's pixels, in its own space, at a depth of 1.
+pub(crate) struct Lines {
+    optics: TrueCamera,
+    at: Vec<[f32; 2]>,
+}
+
+impl Lines {
+    /// Those of a camera: `known` ones where it has the same optics.
+    pub fn know<'l>(known: &'l mut Option<Lines>, camera: &TrueCamera) -> &'l Lines {
+        let optics = camera.standing(Isometry3::identity());
+        match known.take().filter(|it| it.optics == optics) {
+            Some(lines) => known.insert(lines),
+            None => known.insert(Lines::new(optics)),
+        }
+    }
+
+    fn new(optics: TrueCamera) -> Lines {
+        let [width, height] = optics.image_size;
+        let places = (0..height).flat_map(|row| (0..width).map(move |column| [column, row].map(f64::from)));
+        let at = places.map(|[column, row]| {
+            let ray = optics.ray(&Point2::new(column, row));
+            // Where a lens has no inverse nothing is seen: a line to the side meets nothing.
+            ray.map_or([f32::NAN; 2], |it| {
+                [(it.direction.x / it.direction.z) as f32, (it.direction.y / it.direction.z) as f32]
+            })
+        });
+        Lines { at: at.collect(), optics }
+    }
+
+    /// Of a place that lies `shift` beside the pixel's middle, against the way in which the surface was moved.
+    #[inline]
+    pub fn at_shifted(&self, column: usize, row: usize, width: usize, shift: [f64; 2]) -> [f64; 2] {
+        let height = self.at.len() / width;
+        let at = |column: usize, row: usize| self.at[row * width + column].map(f64::from);
+        let here = at(column, row);
+        let slope = |[ahead, behind]: [[f64; 2]; 2], steps: usize| {
+            [0, 1].map(|it| (ahead[it] - behind[it]) / steps.max(1) as f64)
+        };
+        let (left, right) = (column.saturating_sub(1), (column + 1).min(width - 1));
+        let (up, down) = (row.saturating_sub(1), (row + 1).min(height - 1));
+        let across = slope([at(right, row), at(left, row)], right - left);
+        let along = slope([at(column, down), at(column, up)], down - up);
+        [0, 1].map(|it| here[it] - across[it] * shift[0] - along[it] * shift[1])
+    }
+}
+
 /// The first triangle along each pixel's line of sight, over the part of the picture that the surface takes up.
 #[derive(Debug, Default)]
 pub(crate) struct FirstHits {
@@ -72,9 +121,15 @@ pub(crate) struct FirstHits {
 impl FirstHits {
     /// Draws the surface, whose vertices lie at `imaged`, moved by `shift` [px], into a picture of `image_size`.
     pub fn draw(&mut self, imaged: &[[f32; 3]], triangles: &[Triangle], shift: [f64; 2], image_size: [u32; 2]) {
+        self.begin(imaged.iter(), shift, image_size);
+        self.add(imaged, triangles, 0, shift);
+    }
+
+    /// Makes room for what [`Self::add`] draws, which lies where `imaged` does: vertices with a depth of 0 do not count.
+    pub fn begin<'v>(&mut self, imaged: impl Iterator<Item = &'v [f32; 3]>, shift: [f64; 2], image_size: [u32; 2]) {
         let shift = shift.map(|it| it as f32);
         let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
-        for vertex in imaged {
+        for vertex in imaged.filter(|it| it[2] > 0.0) {
             for axis in 0..2 {
                 low[axis] = low[axis].min(vertex[axis] + shift[axis]);
                 high[axis] = high[axis].max(vertex[axis] + shift[axis]);
@@ -86,16 +141,22 @@ impl FirstHits {
         self.size = [0, 1].map(|axis| to[axis].saturating_sub(from[axis]));
         self.nearest.clear();
         self.nearest.resize(self.size[0] * self.size[1], (0.0, NONE));
+    }
+
+    /// Draws triangles that are counted from `first` on; those with a corner whose depth is 0 are left out.
+    pub fn add(&mut self, imaged: &[[f32; 3]], triangles: &[Triangle], first: u32, shift: [f64; 2]) {
         if self.nearest.is_empty() {
             return;
         }
-        let off = [0, 1].map(|axis| shift[axis] - from[axis] as f32);
-        for (number, triangle) in (0..).zip(triangles) {
+        let off = [0, 1].map(|axis| shift[axis] as f32 - self.from[axis] as f32);
+        for (number, triangle) in (first..).zip(triangles) {
             let corners = triangle.corners.map(|it| {
                 let [x, y, inverse] = imaged[it as usize];
                 [x + off[0], y + off[1], inverse]
             });
-            self.draw_one(number, corners);
+            if corners.iter().all(|it| it[2] > 0.0) {
+                self.draw_one(number, corners);
+            }
         }
     }
 
@@ -167,7 +228,7 @@ mod tests {
     fn each_pixel_sees_the_triangle_that_its_line_of_sight_meets_first() {
         let settings = SceneSettings { people: 0, bust: Some(BustSettings::default()), ..SceneSettings::default() };
         let world = World::new(settings, &Random::new(3));
-        let (part, skin) = world.shape(foveate_messages::Time::ZERO).unwrap();
+        let (part, skin) = world.part(foveate_messages::Time::ZERO).unwrap();
         let camera = Camera::look_at([-1.2, 1.9, 1.8].into(), [0.0, 0.0, 1.5].into(), [160, 120], 700.0);
         let camera = TrueCamera::from(&camera);
         let facets = Facet::all(&part.surface.triangles, &skin.vertices);

@@ -6,7 +6,7 @@ use foveate::imaging::{
 };
 use foveate::messages::{Feature, Features, Image, PixelFormat, Window};
 use foveate::node::detector::{Outcome, PictureSize};
-use nalgebra::{Matrix2, Point2, Vector2};
+use nalgebra::{Point2, Vector2};
 
 use crate::settings::{BlobSettings, ReportedPoint};
 
@@ -165,9 +165,7 @@ impl BlobDetector {
                 ReportedPoint::Top => up(&centroid),
                 ReportedPoint::Bottom => -up(&centroid),
             };
-            let (point, covariance) = finder.end(blob, direction).unwrap_or((blob.centroid, blob.covariance));
-            let shape = self.settings.shape_error * self.settings.shape_error;
-            let covariance: Matrix2<f64> = covariance + cut_off(blob, &point) + blob.moment * shape;
+            let (point, covariance) = finder.point(blob, direction, self.settings.shape_error);
             features.list.push(Feature {
                 centre: whole(&point),
                 covariance: covariance * f64::from(cells).powi(2),
@@ -232,18 +230,6 @@ impl BlobDetector {
             foreground.set_background(&smaller(&view, factor, &mut Vec::new())?)?;
         }
         Ok(OfSize { size, part, foreground })
-    }
-}
-
-/// What hides beyond the picture's edge moves an end of the blob only if that end lies there.
-fn cut_off(blob: &Blob, point: &Point2<f64>) -> Matrix2<f64> {
-    let [x0, y0, x1, y1] = blob.bounds.map(f64::from);
-    let is_end = (point - blob.centroid).norm_squared() > 0.0;
-    let extent = Vector2::new(x1 - x0 + 1.0, y1 - y0 + 1.0);
-    if is_end && blob.touches_border {
-        Matrix2::from_diagonal(&(extent.component_mul(&extent) / 4.0))
-    } else {
-        Matrix2::zeros()
     }
 }
 

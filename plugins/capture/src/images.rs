@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::decode::Decoder;
 use crate::listing::Listing;
 pub use crate::listing::Numbering;
-use crate::settings::{Format, Reasons, camera_of, frame_time};
+use crate::settings::{Field, Format, Reasons, camera_of, frame_time};
 
 ports! {
     IMAGE: Out<Image> = "image";
@@ -46,6 +46,9 @@ pub struct ImagesSettings {
     /// camera whose first picture is missing stays in step. Files below it are left out [–]
     #[serde(default)]
     pub first_number: Option<u64>,
+    /// Lines of interlaced frames that are kept, `odd` or `even`: pictures, and what the calibration says of the camera, then have half the height [–]
+    #[serde(default)]
+    pub field: Field,
 }
 
 /// The smallest number over the folders of all cameras, where `path` names the camera.
@@ -87,6 +90,7 @@ enum Next {
 struct Sequence {
     camera: CameraId,
     format: Format,
+    field: Field,
     listing: Listing,
     /// Place in the listing of the next file.
     next_file: usize,
@@ -114,7 +118,19 @@ impl Sequence {
             return Next::Gap("no file for this frame: its number is missing".to_owned());
         };
         self.next_file += 1;
-        match self.decoder.read(&frame.path, self.format, self.size, image) {
+        // The size of a whole frame is known by that of its field only after it was parted.
+        let expected = self.size.filter(|_| self.field == Field::Whole);
+        let read = self.decoder.read(&frame.path, self.format, expected, image).and_then(|()| {
+            self.field.keep(image);
+            let found = [image.width, image.height];
+            match self.size.filter(|it| *it != found) {
+                Some([columns, rows]) => {
+                    Err(format!("has fields of {} x {} px, expected {columns} x {rows} px", found[0], found[1]))
+                }
+                None => Ok(()),
+            }
+        });
+        match read {
             Ok(()) => {
                 self.size = Some([image.width, image.height]);
                 image.camera = self.camera;
@@ -149,6 +165,7 @@ impl Node for Images {
         let sequence = Sequence {
             camera,
             format: settings.format,
+            field: settings.field,
             listing,
             next_file: 0,
             next_index: 0,
@@ -226,6 +243,7 @@ mod tests {
             latency_ms: 30.0,
             numbering: Numbering::Name,
             first_number: None,
+            field: Field::Whole,
         }
     }
 
@@ -275,6 +293,25 @@ mod tests {
             report.remarks
         );
         assert!(report.remarks[1].contains("1 of 7 frames, numbers: 9"), "{:?}", report.remarks);
+    }
+
+    #[test]
+    fn of_interlaced_frames_every_second_line_is_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        // Seven lines, each as bright as its number.
+        let lines: Vec<u8> = (0..7 * 16).map(|it| it / 16 + 1).collect();
+        image::save_buffer(folder.path().join("1.png"), &lines, 16, 7, image::ExtendedColorType::L8).unwrap();
+        for (field, expected) in [(Field::Odd, vec![1, 3, 5, 7]), (Field::Even, vec![2, 4, 6])] {
+            let settings = ImagesSettings { field, ..settings(folder.path().to_str().unwrap()) };
+            let mut node = Images::new(settings.clone(), &setup_with_camera([16, expected.len() as u32])).unwrap();
+            let mut image = Image::default();
+            assert!(matches!(node.sequence.read_next(&mut image), Next::Picture));
+            assert_eq!((image.width, image.height as usize), (16, expected.len()));
+            assert_eq!(image.pixels.chunks(16).map(|it| it[3]).collect::<Vec<_>>(), expected);
+            let mut node = Images::new(settings, &setup_with_camera([16, 7])).unwrap();
+            let Next::Gap(reason) = node.sequence.read_next(&mut image) else { panic!("a field as high as a frame") };
+            assert!(reason.contains("has fields of 16 x") && reason.contains("expected 16 x 7"), "{reason}");
+        }
     }
 
     #[test]

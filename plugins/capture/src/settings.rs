@@ -25,6 +25,47 @@ impl Format {
     }
 }
 
+/// Which lines of an interlaced frame are kept: the two fields were taken one after the other, so that what moves has a comb's edge in the whole frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Field {
+    /// All lines: the camera is not interlaced.
+    #[default]
+    Whole,
+    /// The first, third, fifth line …: the upper field.
+    Odd,
+    /// The second, fourth, sixth line …: the lower field.
+    Even,
+}
+
+impl Field {
+    /// Leaves the lines of this field of a frame.
+    pub(crate) fn keep(self, image: &mut Image) {
+        let first = match self {
+            Field::Whole => return,
+            Field::Odd => 0,
+            Field::Even => 1,
+        };
+        let line = image.width as usize * image.format.channels();
+        let n_lines = (image.height as usize + 1 - first) / 2;
+        for kept in 0..n_lines {
+            let from = (2 * kept + first) * line;
+            image.pixels.copy_within(from..from + line, kept * line);
+        }
+        image.pixels.truncate(n_lines * line);
+        image.height = n_lines as u32;
+    }
+
+    /// The same as a filter of ffmpeg; empty for whole frames.
+    pub(crate) fn filter(self) -> &'static str {
+        match self {
+            Field::Whole => "",
+            Field::Odd => "field=type=top",
+            Field::Even => "field=type=bottom",
+        }
+    }
+}
+
 /// When frame `index` of a regular sequence was seen; each time is rounded on its own, so nothing adds up.
 pub(crate) fn frame_time(start_s: f64, rate_hz: f64, index: u64) -> Time {
     Time::from_s(start_s) + Interval::from_s(index as f64 / rate_hz)

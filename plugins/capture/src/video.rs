@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use crate::decode::SIDE_LIMIT;
 use crate::ffmpeg::{Decoder, Dialect, Ending, Header, Programs};
 use crate::ffmpeg_words::Announced;
-use crate::settings::{Format, Reasons, camera_of, frame_time};
+use crate::settings::{Field, Format, Reasons, camera_of, frame_time};
 
 ports! {
     IMAGE: Out<Image> = "image";
@@ -51,10 +51,21 @@ pub struct VideoSettings {
     /// calibration states; empty: none [–]
     #[serde(default)]
     pub filter: String,
+    /// Lines of interlaced frames that are kept, `odd` or `even`, before any filter: pictures, and what the calibration says of the camera, then have half the height [–]
+    #[serde(default)]
+    pub field: Field,
     /// Threads to decode on; 0: as `ffmpeg` thinks best. With many cameras 1 is best [–]
     #[serde(default = "default_threads")]
     #[schemars(range(min = 0, max = 64))]
     pub threads: u32,
+}
+
+impl VideoSettings {
+    /// The whole chain of filters.
+    fn filters(&self) -> String {
+        let parts = [self.field.filter(), &self.filter];
+        parts.into_iter().filter(|it| !it.is_empty()).collect::<Vec<_>>().join(",")
+    }
 }
 
 fn default_threads() -> u32 {
@@ -167,8 +178,8 @@ impl Film {
     }
 
     fn open(&mut self, dialect: Dialect) -> Result<(), String> {
-        let VideoSettings { format, threads, ref filter, .. } = self.settings;
-        let decoder = self.programs.decode(&self.path, format, filter, threads, dialect);
+        let VideoSettings { format, threads, .. } = self.settings;
+        let decoder = self.programs.decode(&self.path, format, &self.settings.filters(), threads, dialect);
         self.state = State::Open(Box::new(decoder.map_err(|fault| format!("cannot be read: {fault}"))?));
         Ok(())
     }
@@ -180,7 +191,7 @@ impl Film {
 
     /// For messages about what leaves the filter; empty without one.
     fn filtered(&self) -> String {
-        let filter = &self.settings.filter;
+        let filter = self.settings.filters();
         if filter.is_empty() { String::new() } else { format!(" after filter = \"{filter}\"") }
     }
 
@@ -374,6 +385,7 @@ mod tests {
             rate_hz: 0.0,
             latency_ms: 0.0,
             filter: String::new(),
+            field: Field::Whole,
             threads: 1,
         }
     }

@@ -19,13 +19,13 @@ use serde_json::{Value, json};
 
 /// A file that grows: what the JSON lists, and the bytes that it points at.
 #[derive(Debug, Default)]
-struct Glb {
+pub(crate) struct Glb {
     bytes: Vec<u8>,
     views: Vec<Value>,
     accessors: Vec<Value>,
     nodes: Vec<Value>,
-    meshes: Vec<Value>,
-    skins: Vec<Value>,
+    pub(crate) meshes: Vec<Value>,
+    pub(crate) skins: Vec<Value>,
     cameras: Vec<Value>,
     materials: Vec<Value>,
     channels: Vec<Value>,
@@ -33,11 +33,11 @@ struct Glb {
 }
 
 /// (x, y, z) of ours is (x, z, −y) of glTF: a quarter turn about −x.
-const Y_UP: [f64; 4] = [-std::f64::consts::FRAC_1_SQRT_2, 0.0, 0.0, std::f64::consts::FRAC_1_SQRT_2];
+pub(crate) const Y_UP: [f64; 4] = [-std::f64::consts::FRAC_1_SQRT_2, 0.0, 0.0, std::f64::consts::FRAC_1_SQRT_2];
 
 /// What a view is for.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Use {
+pub(crate) enum Use {
     Vertices = 34962,
     Indices = 34963,
     Other = 0,
@@ -58,7 +58,7 @@ impl Glb {
     }
 
     /// Floats, `N` an element, with their bounds.
-    fn floats<const N: usize>(&mut self, values: &[[f32; N]], of: Use) -> usize {
+    pub(crate) fn floats<const N: usize>(&mut self, values: &[[f32; N]], of: Use) -> usize {
         let kind = match N {
             1 => "SCALAR",
             3 => "VEC3",
@@ -78,7 +78,7 @@ impl Glb {
     }
 
     /// Words, `N` an element.
-    fn words<const N: usize>(&mut self, values: &[[u16; N]], of: Use) -> usize {
+    pub(crate) fn words<const N: usize>(&mut self, values: &[[u16; N]], of: Use) -> usize {
         let view = self.view(values.iter().flatten().flat_map(|it| it.to_le_bytes()), of);
         let kind = if N == 1 { "SCALAR" } else { "VEC4" };
         self.accessors.push(json!({
@@ -88,20 +88,20 @@ impl Glb {
     }
 
     /// Corners of triangles.
-    fn indices(&mut self, triangles: &[[u32; 3]]) -> usize {
+    pub(crate) fn indices(&mut self, triangles: &[[u32; 3]]) -> usize {
         let view = self.view(triangles.iter().flatten().flat_map(|it| it.to_le_bytes()), Use::Indices);
         let count = 3 * triangles.len();
         self.accessors.push(json!({ "bufferView": view, "componentType": 5125, "count": count, "type": "SCALAR" }));
         self.accessors.len() - 1
     }
 
-    fn node(&mut self, node: Value) -> usize {
+    pub(crate) fn node(&mut self, node: Value) -> usize {
         self.nodes.push(node);
         self.nodes.len() - 1
     }
 
     /// Moves `path` of a node through the values at the times of an accessor.
-    fn animate(&mut self, node: usize, path: &str, times: usize, values: usize, interpolation: &str) {
+    pub(crate) fn animate(&mut self, node: usize, path: &str, times: usize, values: usize, interpolation: &str) {
         let sampler = json!({ "input": times, "output": values, "interpolation": interpolation });
         self.samplers.push(sampler);
         let target = json!({ "node": node, "path": path });
@@ -112,7 +112,7 @@ impl Glb {
     ///
     /// # Errors
     /// How many bytes it would have, where that is more than its 32 bits can count.
-    fn finish(self, roots: &[usize], start_s: f64) -> Result<Vec<u8>, usize> {
+    pub(crate) fn finish(self, roots: &[usize], start_s: f64) -> Result<Vec<u8>, usize> {
         let mut document = json!({
             "asset": { "version": "2.0", "generator": "Foveate" },
             "scene": 0,

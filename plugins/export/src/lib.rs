@@ -12,13 +12,17 @@
 //! | [`export.mark_pictures`](mark_pictures::ExportMarkPictures) | the way of a painted surface, distances between its marks, what was filled in, as SVG |
 //! | [`export.gltf`](gltf::ExportGltf) | `motion.glb`: targets, a mesh over the marks and cameras as an animated scene |
 //! | [`export.bvh`](bvh::ExportBvh) | `motion.bvh`: the body that eight targets sit on, as a skeleton that moves |
+//! | [`export.bodies`](bodies::ExportBodies) | skeletons: `bodies.csv`, one BVH a body, skinned shapes as `bodies.glb` |
 //! | [`export.cloud`](cloud::ExportCloud) | point clouds as PLY and GLB, and as range, normal and shaded pictures of their camera |
 //! | [`export.surface`](surface::ExportSurface) | a surface as PLY and GLB, and as a range and a shaded picture |
+//! | [`export.voxels`](voxels::ExportVoxels) | voxels as PLY and GLB |
+//! | [`export.voxel_overlay`](voxel_overlay::ExportVoxelOverlay) | pictures of a camera with silhouettes and voxels drawn over them, as PNG |
 //! | [`export.overlay`](overlay::ExportOverlay) | some pictures of a camera with the points ringed that were found in them, as PNG |
 //!
 //! Tables, C3D and TRC reach the disk while the run goes on, and are whole at any time. A disk that is full or a folder that cannot be written to loses nothing: rows
 //! wait in memory, and lie in the system's folder for temporary files at the end, with an error that says where.
 
+pub mod bodies;
 pub mod bvh;
 pub mod c3d;
 pub mod cloud;
@@ -42,6 +46,8 @@ pub mod targets;
 mod time_base;
 mod track_history;
 pub mod trc;
+pub mod voxel_overlay;
+pub mod voxels;
 mod whole_file;
 
 use foveate::prelude::Registry;
@@ -52,6 +58,8 @@ pub fn register(registry: &mut Registry) {
     registry.add::<features::ExportFeatures>();
     registry.add::<pictures::ExportPictures>();
     registry.add::<overlay::ExportOverlay>();
+    registry.add::<voxels::ExportVoxels>();
+    registry.add::<voxel_overlay::ExportVoxelOverlay>();
     registry.add::<mark_pictures::ExportMarkPictures>();
     registry.add::<marks::ExportMarks>();
     registry.add::<c3d::ExportC3d>();
@@ -59,6 +67,7 @@ pub fn register(registry: &mut Registry) {
     registry.add::<npz::ExportNpy>();
     registry.add::<gltf::ExportGltf>();
     registry.add::<bvh::ExportBvh>();
+    registry.add::<bodies::ExportBodies>();
     registry.add::<cloud::ExportCloud>();
     registry.add::<surface::ExportSurface>();
 }

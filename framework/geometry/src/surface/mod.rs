@@ -11,8 +11,11 @@
 //! | [`ply`] | points and triangles of files of any program |
 //! | [`shape`] | triangles or points to measure distances to |
 //! | [`placing`] | how one shape lies on another, from anywhere |
+//! | [`cylinder`] | the circular cylinder that fits points best |
+//! | [`roughness`] | what points deviate from a quadric around them |
 //! | [`distances`] | how far two shapes are apart, both ways |
 
+pub mod cylinder;
 pub mod distances;
 pub mod field;
 mod key;
@@ -23,12 +26,14 @@ pub mod placing;
 pub mod ply;
 pub mod range_image;
 pub mod registration;
+pub mod roughness;
 pub mod shape;
 #[cfg(test)]
 mod tests;
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
+pub use cylinder::Cylinder;
 pub use distances::{DistanceOptions, Distances, ShapeDistances, distances};
 pub use field::{DistanceField, FieldOptions, Fused};
 pub use mesh::{MeshOptions, SurfaceVertex, TriangleMesh};
@@ -37,6 +42,7 @@ pub use patches::Patches;
 pub use placing::{Placing, PlacingError, PlacingOptions, place};
 pub use range_image::RangeImage;
 pub use registration::{Registration, RegistrationError, RegistrationOptions, register};
+pub use roughness::roughness;
 pub use shape::{Nearest, Shape};
 
 /// One point of a surface.

@@ -9,7 +9,7 @@ const SAMPLES: u32 = 15;
 const PRIOR: f32 = 5.0;
 
 #[derive(Debug, Clone)]
-pub(super) struct Learning {
+pub(crate) struct Learning {
     n_frames: u32,
     seen: u32,
     samples: Vec<Vec<u8>>,
@@ -33,6 +33,17 @@ impl Learning {
         }
         self.seen += 1;
         self.seen >= self.n_frames
+    }
+
+    /// There will be no more pictures; `false`: there was none.
+    pub fn end(&mut self) -> bool {
+        self.samples.retain(|it| !it.is_empty());
+        !self.samples.is_empty()
+    }
+
+    /// The pictures that it is learnt from.
+    pub fn samples(&self) -> &[Vec<u8>] {
+        &self.samples
     }
 
     /// Fills in what has been learnt.

@@ -2,7 +2,7 @@
 
 /// Keeps its buffer from picture to picture.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Majority {
+pub(crate) struct Majority {
     /// How many of three rows are foreground in a column, with one column more at each side.
     columns: Vec<u8>,
 }

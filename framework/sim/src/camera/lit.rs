@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Point3, Rotation3, Vector3};
+use nalgebra::{Point3, Rotation3, Vector3};
 use wide::i32x4;
 
 use super::STEPS;
@@ -13,7 +13,7 @@ use super::surface::View;
 use super::triangles::LANES;
 use crate::painted::{Part, Skin};
 use crate::projector::Beam;
-use crate::sight::{Facet, FirstHits, imaged};
+use crate::sight::{Facet, FirstHits, Lines, imaged};
 use crate::truth::TrueCamera;
 
 /// What a pixel sees at the moments of an exposure.
@@ -27,12 +27,6 @@ struct Seen {
     room: [f32; LANES],
     /// How many moments see the surface.
     n_seen: u8,
-}
-
-/// Lines of sight of a camera's pixels, in its own space, at a depth of 1.
-struct Lines {
-    optics: TrueCamera,
-    at: Vec<[f32; 2]>,
 }
 
 /// Draws a surface in a projector's light; keeps what it needs from field to field.
@@ -60,7 +54,7 @@ impl LitSurface {
         let Some(middle) = views.get(views.len() / 2) else { return };
         let (mut beam, shown) = beam.map_or((None, &[][..]), |(beam, shown)| (Some(beam), shown));
         if let Some(beam) = &mut beam {
-            beam.light(part, &middle.skin);
+            beam.light(&part.surface.triangles, &middle.skin);
         }
         let is_known = self.views.len() == views.len()
             && self.views.iter().zip(views).all(|(old, new)| Arc::ptr_eq(&old.1, &new.skin) && old.0 == new.camera);
@@ -102,7 +96,7 @@ impl LitSurface {
     fn look(&mut self, part: &Part, views: &[View], beam: Option<&Beam>) {
         let image_size = views[0].camera.image_size;
         let width = image_size[0] as usize;
-        self.know_lines(&views[0].camera);
+        Lines::know(&mut self.lines, &views[0].camera);
         let places: Vec<Option<Vec<[f32; 3]>>> = self.places(views);
         // All moments, with a pixel around for their shifts.
         let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
@@ -169,23 +163,6 @@ impl LitSurface {
         }
         places
     }
-
-    fn know_lines(&mut self, camera: &TrueCamera) {
-        let optics = camera.standing(Isometry3::identity());
-        if self.lines.as_ref().is_some_and(|it| it.optics == optics) {
-            return;
-        }
-        let [width, height] = optics.image_size;
-        let places = (0..height).flat_map(|row| (0..width).map(move |column| [column, row].map(f64::from)));
-        let at = places.map(|[column, row]| {
-            let ray = optics.ray(&nalgebra::Point2::new(column, row));
-            // Where a lens has no inverse nothing is seen: a line to the side meets nothing.
-            ray.map_or([f32::NAN; 2], |it| {
-                [(it.direction.x / it.direction.z) as f32, (it.direction.y / it.direction.z) as f32]
-            })
-        });
-        self.lines = Some(Lines { at: at.collect(), optics });
-    }
 }
 
 /// What one moment is worked out from.
@@ -225,23 +202,6 @@ impl Sight<'_> {
             let lane = self.lane;
             (seen.at[lane], seen.level[lane], seen.direct[lane]) = (lit.at, lit.level, albedo * lit.white);
         }
-    }
-}
-
-impl Lines {
-    /// Of a place that lies `shift` beside the pixel's middle, against the way in which the surface was moved.
-    fn at_shifted(&self, column: usize, row: usize, width: usize, shift: [f64; 2]) -> [f64; 2] {
-        let height = self.at.len() / width;
-        let at = |column: usize, row: usize| self.at[row * width + column].map(f64::from);
-        let here = at(column, row);
-        let slope = |[ahead, behind]: [[f64; 2]; 2], steps: usize| {
-            [0, 1].map(|it| (ahead[it] - behind[it]) / steps.max(1) as f64)
-        };
-        let (left, right) = (column.saturating_sub(1), (column + 1).min(width - 1));
-        let (up, down) = (row.saturating_sub(1), (row + 1).min(height - 1));
-        let across = slope([at(right, row), at(left, row)], right - left);
-        let along = slope([at(column, down), at(column, up)], down - up);
-        [0, 1].map(|it| here[it] - across[it] * shift[0] - along[it] * shift[1])
     }
 }
 
@@ -346,7 +306,7 @@ mod tests {
         let pictures: Vec<Image> =
             (0..projection.pictures().len()).map(|it| picture(&mut renderer, &world, &projection, it)).collect();
         let at = |shown: Shown| &pictures[projection.pictures().iter().position(|it| *it == shown).unwrap()];
-        let (part, skin) = world.shape(Time::ZERO).unwrap();
+        let (part, skin) = world.part(Time::ZERO).unwrap();
         let (camera, projector) = (camera(), projector(place));
         let (mut n_bits_seen, mut n_bits_wrong, mut n_shadows, mut n_shadows_wrong) = (0, 0, 0, 0);
         for (column, row) in (0..SIZE[1]).step_by(4).flat_map(|row| (0..SIZE[0]).step_by(4).map(move |it| (it, row))) {

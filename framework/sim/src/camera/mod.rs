@@ -11,9 +11,11 @@ mod backdrop;
 mod lights;
 mod lit;
 mod noise;
+mod people;
 mod sensor;
 mod silhouette;
 mod spot;
+mod studio;
 mod surface;
 mod triangles;
 mod wall;
@@ -34,10 +36,12 @@ use crate::world::{Moment, World};
 use backdrop::{Backdrop, MovingBackdrop};
 use lit::LitSurface;
 use noise::Noise;
+pub(crate) use people::PeopleView;
 use sensor::Sensor;
 pub use sensor::{SensorSettings, field_of};
 use silhouette::{Instead, Silhouettes};
 use spot::Spot;
+use studio::{StudioView, Take};
 use surface::{Surfaces, View};
 pub use wall::{WallCameraSettings, WallFormat, WallRenderer};
 
@@ -88,6 +92,11 @@ pub struct CameraSettings {
     /// Resolution of the digitiser: 8 gives 256 gray levels [bit].
     #[schemars(range(min = 1, max = 8))]
     pub bits: u32,
+    /// Whether pictures are in colour, of a `studio`: red, green, blue. Without a studio all is gray [–].
+    pub colour: bool,
+    /// Standard deviation of the blur of the lens, in pictures of a `studio` [px].
+    #[schemars(range(min = 0.0, max = 10.0))]
+    pub blur_px: f64,
     /// Faults of a real lens, a real sensor and real lamps, `{}` for those of an industrial camera. Left out: none [–].
     pub sensor: Option<SensorSettings>,
     /// A camera that is knocked at some time and stays turned. Left out: none is [–].
@@ -107,6 +116,8 @@ impl Default for CameraSettings {
             bloom: 0.0,
             noise_sigma: 2.0,
             bits: 8,
+            colour: false,
+            blur_px: 0.5,
             sensor: None,
             bump: None,
         }
@@ -130,6 +141,11 @@ pub struct Renderer {
     noise: Noise,
     sensor: Option<Sensor>,
     canvas: Vec<i16>,
+    /// Of a studio: gray levels, or those of each colour [steps].
+    planes: Vec<Vec<i16>>,
+    studio: StudioView,
+    /// One colour of a picture.
+    bytes: Vec<u8>,
     /// What each 8-bit value becomes, where the digitiser has fewer bits.
     coarse: Option<[u8; 256]>,
     moment: Moment,
@@ -145,7 +161,7 @@ impl Renderer {
         random: &Random,
     ) -> Self {
         let camera = camera.into();
-        let backdrop = Some(Backdrop::new(&camera, world, settings));
+        let backdrop = world.studio().is_none().then(|| Backdrop::new(&camera, world, settings));
         Self { backdrop, ..Self::on_head(camera, id, settings, random) }
     }
 
@@ -171,6 +187,9 @@ impl Renderer {
                 Sensor::new(sensor, camera_size, [black_level, noise_sigma], &random.fork("sensor"))
             }),
             canvas: vec![0; width * height],
+            planes: Vec::new(),
+            studio: StudioView::default(),
+            bytes: Vec::new(),
             coarse: coarse_levels(settings.bits),
             moment: Moment::default(),
         }
@@ -189,9 +208,13 @@ impl Renderer {
     /// Renders field number `frame`, exposed around `capture`, into `image`, whose memory is used again. The same numbers
     /// give the same field of the same world, whatever was rendered before.
     pub fn render(&mut self, world: &World, capture: Time, frame: u64, image: &mut Image) {
+        let camera = self.camera.clone();
+        if world.studio().is_some() {
+            self.render_studio(world, capture, frame, &|_| camera.clone(), None, image);
+            return;
+        }
         let backdrop = self.backdrop.get_or_insert_with(|| Backdrop::new(&self.camera, world, &self.settings));
         backdrop.draw(world, capture, &mut self.canvas);
-        let camera = self.camera.clone();
         self.draw_people(world, capture, &|_| camera.clone());
         self.draw_lights(world, capture, None);
         self.finish(world, capture, frame, image);
@@ -209,10 +232,46 @@ impl Renderer {
         image: &mut Image,
     ) {
         self.stand(motion.camera_at(at_rest, capture));
+        if world.studio().is_some() {
+            let camera_at = |moment: Time| motion.camera_at(at_rest, moment);
+            self.render_studio(world, capture, frame, &camera_at, Some((motion, at_rest)), image);
+            return;
+        }
         self.moving_backdrop.draw(&self.camera, world, &self.settings, capture, &mut self.canvas);
         self.draw_people(world, capture, &|moment| motion.camera_at(at_rest, moment));
         self.draw_lights(world, capture, Some((motion, at_rest)));
         self.finish(world, capture, frame, image);
+    }
+
+    /// The studio, and lights in it.
+    fn render_studio(
+        &mut self,
+        world: &World,
+        capture: Time,
+        frame: u64,
+        camera_at: &dyn Fn(Time) -> TrueCamera,
+        on_head: Option<(&HeadMotion, &TrueCamera)>,
+        image: &mut Image,
+    ) {
+        let Some(studio) = world.studio() else { return };
+        let n_pixels = self.canvas.len();
+        self.planes.resize(if self.settings.colour { 3 } else { 1 }, Vec::new());
+        self.planes.iter_mut().for_each(|it| it.resize(n_pixels, 0));
+        let readout_ms = self.sensor.as_ref().and_then(Sensor::readout_ms).unwrap_or(0.0);
+        if let (Some(beam), Some((triangles, skin))) = (&mut self.beam, world.shape(capture)) {
+            beam.light(triangles, &skin);
+        }
+        let beam = self.beam.as_ref();
+        let take = Take { world, capture, camera_at, is_on_head: on_head.is_some(), readout_ms, beam };
+        self.studio.draw(studio, &take, &self.settings, &mut self.planes);
+        for plane in 0..self.planes.len() {
+            std::mem::swap(&mut self.canvas, &mut self.planes[plane]);
+            self.draw_lights(world, capture, on_head);
+            std::mem::swap(&mut self.canvas, &mut self.planes[plane]);
+        }
+        let mut planes = std::mem::take(&mut self.planes);
+        self.finish_planes(world, capture, frame, &mut planes, image);
+        self.planes = planes;
     }
 
     fn stand(&mut self, camera: TrueCamera) {
@@ -280,7 +339,7 @@ impl Renderer {
         let CameraSettings { room_light, gain, black_level, .. } = self.settings;
         let moments: Vec<Time> = self.moments(capture, LIT_MOMENTS).map(|it| it.1).collect();
         let shape = |(number, moment): (u32, &Time)| {
-            let (part, skin) = world.shape(*moment)?;
+            let (part, skin) = world.part(*moment)?;
             Some((part, View { camera: camera_at(*moment), skin, shift: surface::shift(number, LIT_MOMENTS) }))
         };
         let Some(shapes) = (0..).zip(&moments).map(shape).collect::<Option<Vec<_>>>() else { return };
@@ -305,24 +364,45 @@ impl Renderer {
 
     /// Glints, noise, rounding.
     fn finish(&mut self, world: &World, capture: Time, frame: u64, image: &mut Image) {
+        let mut planes = [std::mem::take(&mut self.canvas)];
+        self.finish_planes(world, capture, frame, &mut planes, image);
+        [self.canvas] = planes;
+    }
+
+    /// As [`Self::finish`], of gray levels or of red, green and blue.
+    fn finish_planes(&mut self, world: &World, capture: Time, frame: u64, planes: &mut [Vec<i16>], image: &mut Image) {
         let [width, height] = self.camera.image_size;
         for glint in world.glints(self.id, capture) {
             let sigma = self.sigmas().map(|it| it * glint.width);
             let centre = [glint.place[0] * f64::from(width) - 0.5, glint.place[1] * f64::from(height) - 0.5];
-            Spot { centre, sigma, peak: glint.peak * self.settings.gain }.add_to(&mut self.canvas, [width, height]);
+            let spot = Spot { centre, sigma, peak: glint.peak * self.settings.gain };
+            planes.iter_mut().for_each(|it| spot.add_to(it, [width, height]));
         }
         image.camera = self.id;
-        (image.width, image.height, image.format) = (width, height, PixelFormat::Gray8);
-        image.pixels.resize(width as usize * height as usize, 0);
-        match &self.sensor {
-            Some(sensor) => sensor.digitise(&self.canvas, frame, &mut image.pixels),
-            None => self.noise.digitise(&self.canvas, width as usize, frame, &mut image.pixels),
+        image.format = if planes.len() == 1 { PixelFormat::Gray8 } else { PixelFormat::Rgb8 };
+        (image.width, image.height) = (width, height);
+        let n_pixels = width as usize * height as usize;
+        image.pixels.resize(n_pixels * planes.len(), 0);
+        let digitise = |channel: usize, plane: &[i16], bytes: &mut [u8]| match &self.sensor {
+            Some(sensor) => sensor.digitise(plane, frame, channel as u64, bytes),
+            None => self.noise.digitise(plane, width as usize, frame, channel as u64, bytes),
+        };
+        if let [plane] = planes {
+            digitise(0, plane, &mut image.pixels);
+        } else {
+            let (n, mut bytes) = (planes.len(), std::mem::take(&mut self.bytes));
+            bytes.resize(n_pixels, 0);
+            for (channel, plane) in planes.iter().enumerate() {
+                digitise(channel, plane, &mut bytes);
+                image.pixels.chunks_exact_mut(n).zip(&bytes).for_each(|(pixel, byte)| pixel[channel] = *byte);
+            }
+            self.bytes = bytes;
         }
         if let Some(levels) = &self.coarse {
             image.pixels.iter_mut().for_each(|it| *it = levels[usize::from(*it)]);
         }
         if let Some(sensor) = &self.sensor {
-            sensor.pack(&mut image.pixels);
+            sensor.pack(&mut image.pixels, image.format);
         }
     }
 

@@ -31,8 +31,8 @@ impl Noise {
         Self { seed: random.fork("rows").next_u64(), tables }
     }
 
-    /// Adds the noise of field `frame`, rounds, saturates.
-    pub fn digitise(&self, canvas: &[i16], width: usize, frame: u64, pixels: &mut [u8]) {
+    /// Adds the noise of this channel of field `frame`, rounds, saturates.
+    pub fn digitise(&self, canvas: &[i16], width: usize, frame: u64, channel: u64, pixels: &mut [u8]) {
         let rows = canvas.chunks_exact(width).zip(pixels.chunks_exact_mut(width));
         if self.tables[0].is_empty() {
             for (lights, bytes) in rows {
@@ -40,7 +40,7 @@ impl Noise {
             }
             return;
         }
-        let mut random = stream(self.seed, 0, frame as i64);
+        let mut random = stream(self.seed, channel, frame as i64);
         for (lights, bytes) in rows {
             let bits = random.next_u64() as usize;
             let places = [bits % TABLE_SIZE, (bits >> 32) % TABLE_SIZE];
@@ -72,7 +72,7 @@ mod tests {
         (0..count)
             .map(|frame| {
                 let mut pixels = vec![0; WIDTH * HEIGHT];
-                noise.digitise(&canvas, WIDTH, frame, &mut pixels);
+                noise.digitise(&canvas, WIDTH, frame, 0, &mut pixels);
                 pixels.into_iter().map(|it| f64::from(it) - f64::from(level)).collect()
             })
             .collect()
@@ -131,7 +131,7 @@ mod tests {
     fn without_noise_light_is_rounded() {
         let noise = Noise::new(3, 0.0, &Random::new(1));
         let mut pixels = [0; 6];
-        noise.digitise(&[31, 32, 64 * 255, i16::MAX, -50, i16::MIN], 3, 0, &mut pixels);
+        noise.digitise(&[31, 32, 64 * 255, i16::MAX, -50, i16::MIN], 3, 0, 0, &mut pixels);
         assert_eq!(pixels, [0, 1, 255, 255, 0, 0]);
     }
 }

@@ -15,7 +15,7 @@
 //! Source of the model of a pixel: EMVA Standard 1288, release 4.0, sections 2 and 3 (linear model, temporal noise, spatial nonuniformity).
 
 use foveate_estimation::random::Random;
-use foveate_messages::Time;
+use foveate_messages::{PixelFormat, Time};
 use foveate_node::ConfigError;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageFormat};
@@ -207,10 +207,10 @@ impl Sensor {
         if shift > 0.0 { [Some(head), Some(tail)] } else { [Some(spot), None] }
     }
 
-    /// From light to bytes: field `frame`.
-    pub fn digitise(&self, canvas: &[i16], frame: u64, bytes: &mut [u8]) {
+    /// From light to bytes: this channel of field `frame`.
+    pub fn digitise(&self, canvas: &[i16], frame: u64, channel: u64, bytes: &mut [u8]) {
         let width = self.size[0];
-        let mut random = stream(self.seed, 0, frame as i64);
+        let mut random = stream(self.seed, channel, frame as i64);
         let per_step = if self.settings.electrons > 0.0 { (STEPS / self.settings.electrons) as f32 } else { 0.0 };
         let patterns = self.gains.chunks_exact(width).zip(self.darks.chunks_exact(width));
         for ((lights, bytes), (gains, darks)) in
@@ -238,9 +238,9 @@ impl Sensor {
     }
 
     /// What is left of a picture when it was packed for the way to the host.
-    pub fn pack(&self, bytes: &mut [u8]) {
+    pub fn pack(&self, bytes: &mut [u8], format: PixelFormat) {
         if self.settings.jpeg_quality > 0 {
-            packed(bytes, self.size, self.settings.jpeg_quality);
+            packed(bytes, self.size, format, self.settings.jpeg_quality);
         }
     }
 
@@ -255,19 +255,21 @@ pub fn field_of(camera: &TrueCamera, frame: u64) -> TrueCamera {
     camera.shifted_down(if frame.is_multiple_of(2) { 0.25 } else { -0.25 })
 }
 
-/// Gray levels of a picture of `size` as they come out of a JPEG of this quality.
-fn packed(bytes: &mut [u8], [width, height]: [usize; 2], quality: u8) {
+/// Levels of a picture of `size` as they come out of a JPEG of this quality.
+fn packed(bytes: &mut [u8], [width, height]: [usize; 2], format: PixelFormat, quality: u8) {
     let mut file = Vec::with_capacity(bytes.len() / 4);
-    let encoded = JpegEncoder::new_with_quality(&mut file, quality).encode(
-        bytes,
-        width as u32,
-        height as u32,
-        ExtendedColorType::L8,
-    );
+    let colours = match format {
+        PixelFormat::Gray8 => ExtendedColorType::L8,
+        PixelFormat::Rgb8 => ExtendedColorType::Rgb8,
+    };
+    let encoded = JpegEncoder::new_with_quality(&mut file, quality).encode(bytes, width as u32, height as u32, colours);
     encoded.expect("a picture with as many bytes as pixels can be packed in memory, up to 65535 pixels a side");
     let picture =
         image::load_from_memory_with_format(&file, ImageFormat::Jpeg).expect("what was packed just now can be read");
-    bytes.copy_from_slice(&picture.into_luma8());
+    match format {
+        PixelFormat::Gray8 => bytes.copy_from_slice(&picture.into_luma8()),
+        PixelFormat::Rgb8 => bytes.copy_from_slice(&picture.into_rgb8()),
+    }
 }
 
 /// Eight values, or as many as are left and zeros.
@@ -339,7 +341,7 @@ mod tests {
         let mut bytes = vec![0; 64 * 48];
         (0..count)
             .map(|frame| {
-                sensor.digitise(&canvas, frame, &mut bytes);
+                sensor.digitise(&canvas, frame, 0, &mut bytes);
                 bytes.iter().map(|it| f64::from(*it)).collect()
             })
             .collect()
@@ -445,7 +447,7 @@ mod tests {
         let clean: Vec<u8> = (0..height).flat_map(|y| (0..width).map(move |x| spot(x, y))).collect();
         let off = |quality: u8| {
             let mut bytes = clean.clone();
-            packed(&mut bytes, [width, height], quality);
+            packed(&mut bytes, [width, height], PixelFormat::Gray8, quality);
             let differences: f64 = clean.iter().zip(&bytes).map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2)).sum();
             let light = |it: usize| (f64::from(bytes[it]) - 40.0).max(0.0);
             let sum: f64 = (0..bytes.len()).map(light).sum();

@@ -167,7 +167,7 @@ impl WallRenderer {
                 self.draw(capture, &|_| 1.0, &mut canvas);
                 image.format = PixelFormat::Gray8;
                 image.pixels.resize(n, 0);
-                self.noise.digitise(&canvas, width as usize, frame, &mut image.pixels);
+                self.noise.digitise(&canvas, width as usize, frame, 0, &mut image.pixels);
             }
             WallFormat::Rgb => {
                 image.format = PixelFormat::Rgb8;
@@ -177,7 +177,7 @@ impl WallRenderer {
                 for plane in 0..3 {
                     let balance = self.balance[plane];
                     self.draw(capture, &|colour| colour[plane] * balance, &mut canvas);
-                    self.noise.digitise(&canvas, width as usize, 3 * frame + plane as u64, &mut bytes);
+                    self.noise.digitise(&canvas, width as usize, frame, plane as u64, &mut bytes);
                     image.pixels.iter_mut().skip(plane).step_by(3).zip(&bytes).for_each(|(to, from)| *to = *from);
                 }
                 self.plane = bytes;

@@ -4,6 +4,7 @@ mod arrangement;
 mod coverage;
 mod hall;
 
+use foveate_geometry::{Camera, Distortion};
 use foveate_scene::calibration::{Calibration, LengthUnit, NamedCamera};
 
 pub use arrangement::{FIELD_SIZE, N_CAMERAS, ROOM_M, VOLUME_M, wide_cameras};
@@ -16,6 +17,20 @@ pub fn lab_calibration() -> Calibration {
     match Calibration::new(cameras, LengthUnit::Metre, "the simulated lab".to_owned()) {
         Ok(calibration) => calibration,
         Err(error) => unreachable!("the lab's cameras are constants, and a test checks them: {error}"),
+    }
+}
+
+/// Three cameras in a line before the arm of a studio, `left`, `centre` and `right` [D'Apuzzo 1999, Fig. 2], 40 cm apart, half a millimetre a pixel at the arm.
+pub fn arm_calibration() -> Calibration {
+    let camera = |(name, x): (&str, f64)| {
+        let mut camera = Camera::look_at([x, -1.5, 1.25].into(), [0.0, 0.0, 1.20].into(), [1280, 960], 3000.0);
+        camera.distortion = Distortion { k1: -0.08, k2: 0.05, ..Distortion::default() };
+        NamedCamera { name: name.to_owned(), camera }
+    };
+    let cameras = [("left", -0.4), ("centre", 0.0), ("right", 0.4)].map(camera).into();
+    match Calibration::new(cameras, LengthUnit::Metre, "three simulated cameras before an arm".to_owned()) {
+        Ok(calibration) => calibration,
+        Err(error) => unreachable!("these cameras are constants, and a test checks them: {error}"),
     }
 }
 
@@ -61,6 +76,11 @@ mod tests {
     #[test]
     fn committed_calibration_is_the_lab() {
         golden::check("graphs/room.calibration.toml", &lab_calibration().to_toml());
+    }
+
+    #[test]
+    fn committed_calibration_of_the_arms_cameras_is_theirs() {
+        golden::check("graphs/arm.calibration.toml", &arm_calibration().to_toml());
     }
 
     /// The lab's cameras, named by what the rig makes of them.

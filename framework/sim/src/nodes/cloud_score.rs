@@ -116,10 +116,10 @@ impl Node for CloudScore {
                 self.beam = io.latest(&LIGHT).map(|it| Beam::new(it.value, &world));
             }
             if time.as_s() >= self.settings.start_s
-                && let (Some(beam), Some((part, skin))) = (&mut self.beam, world.shape(time))
+                && let (Some(beam), Some((triangles, skin))) = (&mut self.beam, world.shape(time))
             {
                 let before = self.track.counts();
-                self.track.add(&cloud.value, &camera, (part, &skin), beam, self.settings.near_px);
+                self.track.add(&cloud.value, &camera, (triangles, &skin), beam, self.settings.near_px);
                 let speed = speed(&world, &skin, time);
                 self.speeds.push(speed);
                 self.rows.push(self.row(&cloud.value, before, speed));

@@ -9,6 +9,7 @@ use foveate_scene::skeleton::SkeletonMotion;
 
 use crate::painted::{FaceSettings, FaceSource, PartKind, RecordedHead};
 use crate::person::{RecordedBody, WholeBody};
+use crate::studio::{ArmSettings, StudioSettings};
 use crate::truth::Truth;
 use crate::world::{
     Body, BodyMotion, BodySource, BustSettings, LightPath, MAX_MONITORS, Recordings, SceneSettings, SwingSettings,
@@ -76,6 +77,8 @@ impl Node for Lab {
             ref swing,
             ref light_path,
             ref bust,
+            ref studio,
+            ref arm,
             ref truth,
         } = settings;
         ConfigError::unless_in("people", people, 0..=32)?;
@@ -117,6 +120,7 @@ impl Node for Lab {
             ("swing", swing.is_some()),
             ("light_path", light_path.is_some()),
             ("bust", bust.is_some()),
+            ("arm", arm.is_some()),
         ];
         let mut singles = singles.into_iter().filter(|it| it.1).map(|it| it.0);
         if let Some(first) = singles.next() {
@@ -127,12 +131,14 @@ impl Node for Lab {
             if let Some(second) = singles.next() {
                 return Err(ConfigError::at(
                     second,
-                    format!("found beside `{first}`, expected one light by itself, or one bust, at most"),
+                    format!("found beside `{first}`, expected one light by itself, one bust or one arm, at most"),
                 ));
             }
         }
         swing.as_ref().map_or(Ok(()), SwingSettings::check)?;
         bust.as_ref().map_or(Ok(()), BustSettings::check)?;
+        studio.as_ref().map_or(Ok(()), StudioSettings::check)?;
+        arm.as_ref().map_or(Ok(()), ArmSettings::check)?;
         if let Some(body) = body {
             ConfigError::unless_in("body.unit_m", body.unit_m, 0.0..=1000.0)?;
             if body.motion == BodyMotion::Whole && walk != WalkKind::Round {
@@ -291,6 +297,8 @@ mod tests {
         check_node::<Lab>("people = 0\nwaved_light = true");
         check_node::<Lab>("people = 0\nswing = { amplitude_m = 0.3 }");
         check_node::<Lab>("people = 0\nbust = { speed_m_s = 0.05 }");
+        check_node::<Lab>("people = 2\nstudio = { chairs = [[0.5, 0.5, 90]], lamps = [{ from_s = 2 }] }");
+        check_node::<Lab>("people = 0\narm = { cloth = \"bare\", speed = 2 }");
         check_node::<Lab>("walk = \"stage\"\nstand_s = 3");
         check_node::<Lab>("face = { marks = 40, source = \"built_in\" }");
         check_node::<Lab>("walk = \"stage\"\nface = { part = \"knee\" }");

@@ -1,5 +1,6 @@
 //! The nodes of this room, one file each.
 
+pub mod body_score;
 pub mod camera;
 pub mod cloud_score;
 pub mod display_score;
@@ -13,6 +14,8 @@ pub mod observer;
 pub mod projector;
 pub mod rider;
 pub mod score;
+pub mod silhouette_score;
+pub mod silhouettes;
 pub mod surface_score;
 mod table;
 pub mod wall;

@@ -93,8 +93,8 @@ impl Node for SurfaceScore {
             if self.beam.is_none() {
                 self.beam = io.latest(&LIGHT).map(|it| Beam::new(it.value, &world));
             }
-            if let (Some(beam), Some((part, skin))) = (&mut self.beam, world.shape(time)) {
-                self.track.add(&cloud.value, &camera, (part, &skin), beam);
+            if let (Some(beam), Some((triangles, skin))) = (&mut self.beam, world.shape(time)) {
+                self.track.add(&cloud.value, &camera, (triangles, &skin), beam);
             }
         }
         while let Some(mesh) = io.take(&SURFACE) {
@@ -116,9 +116,9 @@ impl Node for SurfaceScore {
             report.remark("No surface was joined: none was scored.");
             return Ok(());
         };
-        let Some((part, skin)) = world.shape(mesh.time) else { return Ok(()) };
+        let Some((triangles, skin)) = world.shape(mesh.time) else { return Ok(()) };
         let SurfaceScoreSettings { wrong_mm, near_mm } = self.settings;
-        let found = self.track.compare(&mesh, (part, &skin), 1e-3 * wrong_mm, 1e-3 * near_mm);
+        let found = self.track.compare(&mesh, (triangles, &skin), 1e-3 * wrong_mm, 1e-3 * near_mm);
         let off_mm: Vec<f64> = found.errors.iter().map(|it| it.abs() * 1e3).collect();
         let signed_mm: Vec<f64> = found.errors.iter().map(|it| it * 1e3).collect();
         let normalised: Vec<f64> = found.normalised.iter().map(|it| it.abs() / 0.6745).collect();

@@ -32,7 +32,7 @@ use drive::Drive;
 pub(crate) use places::MOST as MOST_MARKS;
 use surface::Spot;
 pub(crate) use surface::{Material, Surface, Triangle};
-pub(crate) use texture::Texture;
+pub(crate) use texture::{Texture, noise};
 
 /// Skins that are kept, so that cameras that look at the same moments share them.
 const KEPT: usize = 32;

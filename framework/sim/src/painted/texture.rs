@@ -229,7 +229,7 @@ fn fraction(bits: u32) -> f32 {
 }
 
 /// Smooth noise in space with details of `size` [m], from −1 to 1.
-pub(super) fn noise(p: &Point3<f64>, size: [f64; 3], seed: u32) -> f32 {
+pub(crate) fn noise(p: &Point3<f64>, size: [f64; 3], seed: u32) -> f32 {
     let at = Vector3::from_fn(|i, _| p[i] / size[i]);
     let cell = at.map(floored);
     let t = (at - cell.map(|it| it as f64)).map(|it| (it * it * (3.0 - 2.0 * it)) as f32);

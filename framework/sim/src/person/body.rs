@@ -31,6 +31,8 @@ const UPPER_ARM: f64 = 0.29;
 const FOREARM: f64 = 0.25;
 pub(super) const THIGH: f64 = 0.42;
 pub(super) const SHANK: f64 = 0.42;
+/// A forearm reaches so far beyond the wrist, into the hand [m].
+pub(super) const HAND: f64 = 0.1;
 /// Of the ankle over the floor [m].
 pub(super) const FOOT: f64 = 0.06;
 
@@ -101,6 +103,22 @@ impl Pose {
         let up = (hip - knee).normalize();
         let ahead = self.forward - up * self.forward.dot(&up);
         led_on(knee + up * KNEE_LED, self.parts[12].radius, ahead)
+    }
+
+    /// The same person `by` times as tall, standing where it does.
+    pub(super) fn grown(mut self, by: f64) -> Pose {
+        let foot = Point3::new(self.middle.x, self.middle.y, 0.0);
+        let place = |it: Point3<f64>| foot + (it - foot) * by;
+        for led in &mut self.leds {
+            led.position = place(led.position);
+        }
+        for part in &mut self.parts {
+            part.ends = part.ends.map(place);
+            part.radius *= by;
+        }
+        self.head.translation.vector = place(self.head.translation.vector.into()).coords;
+        self.reach *= by;
+        self
     }
 
     /// Whether a body part lies between `eye` and `point` [m].
@@ -190,7 +208,7 @@ pub(super) fn pose(place: &Place, posture: &Posture) -> Pose {
         let [thigh, shank] = posture.legs[side].map(|it| body.direction(it.x, it.y, it.z));
         let knee = hips[side] + thigh * THIGH;
         parts[7 + side] = part(shoulders[side], elbow, UPPER_ARM_RADIUS, 0.45);
-        parts[9 + side] = part(elbow, wrist + fore * 0.1, FOREARM_RADIUS, 0.65);
+        parts[9 + side] = part(elbow, wrist + fore * HAND, FOREARM_RADIUS, 0.65);
         parts[11 + side] = part(hips[side], knee, 0.075, 0.2);
         parts[13 + side] = part(knee, knee + shank * SHANK, 0.05, 0.2);
 

@@ -5,8 +5,8 @@
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::body::{
-    BodyPart, FOREARM_RADIUS, HEAD_JOINT, HEAD_RADIUS, N_PARTS, Pose, SHOULDER_RADIUS, TORSO_RADIUS, UPPER_ARM_RADIUS,
-    led_on, reach_of,
+    BodyPart, FOREARM_RADIUS, HAND, HEAD_JOINT, HEAD_RADIUS, N_PARTS, Pose, SHOULDER_RADIUS, TORSO_RADIUS,
+    UPPER_ARM_RADIUS, led_on, reach_of,
 };
 
 /// How tall the built-in body is [m].
@@ -84,7 +84,7 @@ impl Figure {
             let fore = (wrist - elbow).try_normalize(1e-9).unwrap_or(-Vector3::z());
             let upper = (elbow - shoulder).try_normalize(1e-9).unwrap_or(-Vector3::z());
             parts[7 + side] = part(shoulder, elbow, UPPER_ARM_RADIUS, 0.45);
-            parts[9 + side] = part(elbow, wrist + fore * (0.1 * size), FOREARM_RADIUS, 0.65);
+            parts[9 + side] = part(elbow, wrist + fore * (HAND * size), FOREARM_RADIUS, 0.65);
             parts[11 + side] = part(self.hips[side], self.knees[side], 0.075, 0.2);
             parts[13 + side] = part(self.knees[side], self.ankles[side], 0.05, 0.2);
 

@@ -12,6 +12,7 @@ mod headband;
 mod joints;
 mod posture;
 mod recorded;
+mod skeleton;
 mod stage;
 #[cfg(test)]
 mod sticks;
@@ -30,6 +31,7 @@ use gait::Gait;
 pub use headband::{Headband, N_ON_HEADBAND};
 use posture::Posture;
 pub use recorded::RecordedBody;
+pub use skeleton::{JOINT_NAMES, Joints, N_JOINT_CENTRES};
 pub use stage::COME_S;
 use stage::Stage;
 use walk::Walk;
@@ -53,6 +55,8 @@ pub struct Person {
     gait: Gait,
     /// In place of the gait: a recording, and how much of it this person is ahead.
     recorded: Option<(Arc<RecordedBody>, f64)>,
+    /// How tall, relative to the built-in body or to the recorded one [–].
+    size: f64,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -82,6 +86,7 @@ impl Person {
             way: Way::Walk(Box::new(walk)),
             gait: Gait::new(speed, &mut random.fork(&format!("gait {index}"))),
             recorded: None,
+            size: 1.0,
         }
     }
 
@@ -100,6 +105,7 @@ impl Person {
             way: Way::Walk(Box::new(walk)),
             gait: Gait::new(speed, &mut random.fork(&format!("gait {index}"))),
             recorded: None,
+            size: 1.0,
         }
     }
 
@@ -107,14 +113,19 @@ impl Person {
     /// at `speed` on average [m/s], the face towards +Y nearly always. Who `shows_knee` bends the right one while standing.
     pub fn on_stage(enter_s: f64, stand_s: f64, width_m: f64, speed: f64, shows_knee: bool, random: &Random) -> Self {
         let stage = Stage::new(enter_s, stand_s, width_m, speed, shows_knee, &mut random.fork("stage"));
-        Self { way: Way::Stage(stage), gait: Gait::without_gestures(speed, &mut random.fork("gait 0")), recorded: None }
+        Self {
+            way: Way::Stage(stage),
+            gait: Gait::without_gestures(speed, &mut random.fork("gait 0")),
+            recorded: None,
+            size: 1.0,
+        }
     }
 
     /// Somebody who does what a recording did, about `centre` [m]; `random` decides when to begin and which way to face.
     pub fn whole(body: Arc<WholeBody>, centre: Vector2<f64>, random: &mut Random) -> Self {
         let ahead = WholeBody::ahead(random);
         let way = Way::Recorded(Recorded { body, ahead, centre });
-        Self { way, gait: Gait::without_gestures(1.0, random), recorded: None }
+        Self { way, gait: Gait::without_gestures(1.0, random), recorded: None, size: 1.0 }
     }
 
     /// The same person with the body of a recording.
@@ -131,8 +142,20 @@ impl Person {
         }
     }
 
+    /// Makes the person so many times as tall; who goes where a recording goes stays as recorded.
+    pub(crate) fn grow(&mut self, by: f64) {
+        if !matches!(self.way, Way::Recorded(_)) {
+            self.size *= by;
+        }
+    }
+
     /// The person at `time_s` on the session clock [s].
     pub fn pose(&self, time_s: f64) -> Pose {
+        let pose = self.average_pose(time_s);
+        if self.size == 1.0 { pose } else { pose.grown(self.size) }
+    }
+
+    fn average_pose(&self, time_s: f64) -> Pose {
         let recorded = |way: f64| self.recorded.as_ref().map(|(body, ahead)| body.posture(way, time_s, *ahead));
         let (place, posture) = match &self.way {
             Way::Walk(walk) => {

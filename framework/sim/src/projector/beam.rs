@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Point3, Vector3};
 
 use super::{Projection, profile};
-use crate::painted::{Part, Skin};
+use crate::painted::{Skin, Triangle};
 use crate::sight::{FirstHits, imaged};
 use crate::truth::TrueCamera;
 use crate::world::World;
@@ -62,7 +62,7 @@ impl Beam {
     }
 
     /// Takes a surface as what is lit, and what throws shadows.
-    pub fn light(&mut self, part: &Part, skin: &Arc<Skin>) {
+    pub fn light(&mut self, triangles: &[Triangle], skin: &Arc<Skin>) {
         if self.skin.as_ref().is_some_and(|it| Arc::ptr_eq(it, skin)) {
             return;
         }
@@ -77,7 +77,7 @@ impl Beam {
             [place[0] - x, place[1] - y]
         };
         self.bent = places.iter().zip(&skin.vertices).map(bent).collect();
-        self.seen.draw(&places, &part.surface.triangles, [0.0; 2], self.optics.image_size);
+        self.seen.draw(&places, triangles, [0.0; 2], self.optics.image_size);
     }
 
     fn pinhole(&self, point: &Point3<f64>) -> [f32; 2] {

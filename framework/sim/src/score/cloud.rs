@@ -3,8 +3,7 @@
 use foveate_messages::PointCloud;
 use nalgebra::{Point2, Point3, Vector3};
 
-use crate::painted::Part;
-use crate::painted::Skin;
+use crate::painted::{Skin, Triangle};
 use crate::projector::Beam;
 use crate::sight::{Facet, FirstHits, imaged};
 use crate::truth::TrueCamera;
@@ -80,13 +79,12 @@ impl CloudTrack {
         &mut self,
         cloud: &PointCloud,
         camera: &TrueCamera,
-        (part, skin): (&Part, &std::sync::Arc<Skin>),
+        (triangles, skin): (&[Triangle], &std::sync::Arc<Skin>),
         beam: &mut Beam,
         near_px: f64,
     ) {
         self.n_clouds += 1;
-        beam.light(part, skin);
-        let triangles = &part.surface.triangles;
+        beam.light(triangles, skin);
         let facets = Facet::all(triangles, &skin.vertices);
         let mut hits = FirstHits::default();
         if let Some(places) = imaged(camera, skin) {
@@ -165,11 +163,11 @@ mod tests {
         let projection =
             Projection::new("projector", CameraId(1), &projector, &ProjectorSettings::default(), &Random::new(4))
                 .unwrap();
-        let (part, skin) = world.shape(Time::ZERO).unwrap();
+        let (triangles, skin) = world.shape(Time::ZERO).unwrap();
         let camera = TrueCamera::from(&camera());
         let mut hits = FirstHits::default();
-        hits.draw(&imaged(&camera, &skin).unwrap(), &part.surface.triangles, [0.0; 2], camera.image_size);
-        let facets = Facet::all(&part.surface.triangles, &skin.vertices);
+        hits.draw(&imaged(&camera, &skin).unwrap(), triangles, [0.0; 2], camera.image_size);
+        let facets = Facet::all(triangles, &skin.vertices);
         let mut cloud = PointCloud::default();
         let mut push = |column: usize, row: usize, depth: f64| {
             let ray = camera.ray(&Point2::new(column as f64, row as f64)).unwrap();
@@ -190,7 +188,7 @@ mod tests {
         }
         (0..n_beside).for_each(|it| push(it, 0, 3.0));
         let mut found = CloudTrack::default();
-        found.add(&cloud, &camera, (part, &skin), &mut Beam::new(&projection, &world), 2.0);
+        found.add(&cloud, &camera, (triangles, &skin), &mut Beam::new(&projection, &world), 2.0);
         found
     }
 

@@ -8,12 +8,14 @@
 //! Where the scale has a volume, nobody has to find what is outside: true targets there are neither missed nor counted, and what
 //! is recovered of them is not false.
 
+pub mod body;
 pub(crate) mod cloud;
 mod distances;
 pub(crate) mod follow_picture;
 mod higher_order;
 pub mod marks;
 mod pairs;
+pub(crate) mod silhouette;
 pub(crate) mod surface;
 mod together;
 mod truth;

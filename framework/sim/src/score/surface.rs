@@ -1,12 +1,13 @@
 //! A joined surface against the true one, and the poses of its clouds against those of the thing that moved.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use foveate_messages::{Mesh, ScaleCloud};
 use nalgebra::{Isometry3, Point2, Point3, Vector3, Vector6};
 
-use crate::painted::{Part, Skin, Triangle};
+use crate::nearest::{Nearest, cell};
+use crate::painted::{Skin, Triangle};
 use crate::projector::Beam;
 use crate::sight::{Facet, FirstHits, imaged};
 use crate::truth::TrueCamera;
@@ -44,13 +45,15 @@ pub(crate) struct SurfaceErrors {
     pub n_complete: usize,
 }
 
-fn cell(point: &Point3<f64>, size: f64) -> [i64; 3] {
-    [point.x, point.y, point.z].map(|it| (it / size).floor() as i64)
-}
-
 impl SurfaceTrack {
     /// Takes in a cloud that was registered: what could be seen when it was taken, and where it was said to lie.
-    pub fn add(&mut self, cloud: &ScaleCloud, camera: &TrueCamera, (part, skin): (&Part, &Arc<Skin>), beam: &mut Beam) {
+    pub fn add(
+        &mut self,
+        cloud: &ScaleCloud,
+        camera: &TrueCamera,
+        (triangles, skin): (&[Triangle], &Arc<Skin>),
+        beam: &mut Beam,
+    ) {
         let thing_from_world = skin.world_from_part.inverse();
         let sum: Vector3<f64> = cloud.cloud.iter().map(|it| it.position.cast::<f64>().coords).sum();
         self.poses.push(Placed {
@@ -58,8 +61,7 @@ impl SurfaceTrack {
             middle: Point3::from(sum / cloud.cloud.len().max(1) as f64),
             covariance: cloud.covariance,
         });
-        beam.light(part, skin);
-        let triangles = &part.surface.triangles;
+        beam.light(triangles, skin);
         let facets = Facet::all(triangles, &skin.vertices);
         let mut hits = FirstHits::default();
         if let Some(places) = imaged(camera, skin) {
@@ -97,14 +99,22 @@ impl SurfaceTrack {
     }
 
     /// Compares a surface with the true one as it lay at the surface's time. Vertices farther from it than `wrong_m` are wrong; a place counts as complete with a vertex nearer than `near_m`.
-    pub fn compare(&self, mesh: &Mesh, (part, skin): (&Part, &Arc<Skin>), wrong_m: f64, near_m: f64) -> SurfaceErrors {
+    pub fn compare(
+        &self,
+        mesh: &Mesh,
+        (triangles, skin): (&[Triangle], &Arc<Skin>),
+        wrong_m: f64,
+        near_m: f64,
+    ) -> SurfaceErrors {
         let thing_from_mesh = skin.world_from_part.inverse() * mesh.world_from_mesh;
-        let truth = Nearest::new(&part.surface.triangles, skin, wrong_m);
+        let thing_from_world = skin.world_from_part.inverse();
+        let vertices: Vec<Point3<f64>> = skin.vertices.iter().map(|it| thing_from_world * it).collect();
+        let truth = Nearest::new(triangles, &vertices, wrong_m);
         let mut found = SurfaceErrors { n_seen: self.seen.len(), ..SurfaceErrors::default() };
         let mut cells: BTreeMap<[i64; 3], Vec<Point3<f64>>> = BTreeMap::new();
         for vertex in mesh.vertices() {
             let place = thing_from_mesh * vertex.position.cast::<f64>();
-            match truth.distance(&place) {
+            match truth.find(&place).map(|it| it.distance) {
                 Some(error) => {
                     found.errors.push(error);
                     found.normalised.push(error / f64::from(vertex.sigma));
@@ -125,83 +135,6 @@ impl SurfaceTrack {
     }
 }
 
-/// The true surface, to be found near a point.
-struct Nearest<'a> {
-    triangles: &'a [Triangle],
-    /// In the space of the thing [m].
-    vertices: Vec<Point3<f64>>,
-    cells: BTreeMap<[i64; 3], Vec<u32>>,
-    reach_m: f64,
-}
-
-impl<'a> Nearest<'a> {
-    fn new(triangles: &'a [Triangle], skin: &Skin, reach_m: f64) -> Nearest<'a> {
-        let thing_from_world = skin.world_from_part.inverse();
-        let vertices: Vec<Point3<f64>> = skin.vertices.iter().map(|it| thing_from_world * it).collect();
-        let mut cells: BTreeMap<[i64; 3], Vec<u32>> = BTreeMap::new();
-        for (number, triangle) in (0..).zip(triangles) {
-            let corners = triangle.corners.map(|it| vertices[it as usize].coords);
-            let low = corners.iter().fold(corners[0], |sum, it| sum.inf(it)).add_scalar(-reach_m);
-            let high = corners.iter().fold(corners[0], |sum, it| sum.sup(it)).add_scalar(reach_m);
-            let [low, high] = [low, high].map(|it| cell(&Point3::from(it), reach_m));
-            for x in low[0]..=high[0] {
-                for (y, z) in (low[1]..=high[1]).flat_map(|y| (low[2]..=high[2]).map(move |z| (y, z))) {
-                    cells.entry([x, y, z]).or_default().push(number);
-                }
-            }
-        }
-        Nearest { triangles, vertices, cells, reach_m }
-    }
-
-    /// Distance from the nearest triangle within reach, positive outside [m].
-    fn distance(&self, point: &Point3<f64>) -> Option<f64> {
-        let mut best: Option<(f64, f64)> = None;
-        let mut known = HashSet::new();
-        for &number in self.cells.get(&cell(point, self.reach_m))? {
-            if !known.insert(number) {
-                continue;
-            }
-            let corners = self.triangles[number as usize].corners.map(|it| self.vertices[it as usize]);
-            let nearest = nearest_on(corners, point);
-            let off = point - nearest;
-            let distance = off.norm();
-            let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
-            if distance <= self.reach_m && best.is_none_or(|it| distance < it.0) {
-                best = Some((distance, if off.dot(&normal) < 0.0 { -distance } else { distance }));
-            }
-        }
-        best.map(|it| it.1)
-    }
-}
-
-/// The point of a triangle that is nearest to `point`. Source: C. Ericson, *Real-Time Collision Detection*, 2005, section 5.1.5.
-fn nearest_on([a, b, c]: [Point3<f64>; 3], point: &Point3<f64>) -> Point3<f64> {
-    let (ab, ac) = (b - a, c - a);
-    let along = |from: &Point3<f64>| (ab.dot(&(point - from)), ac.dot(&(point - from)));
-    let ((d1, d2), (d3, d4), (d5, d6)) = (along(&a), along(&b), along(&c));
-    if d1 <= 0.0 && d2 <= 0.0 {
-        return a;
-    }
-    if d3 >= 0.0 && d4 <= d3 {
-        return b;
-    }
-    if d6 >= 0.0 && d5 <= d6 {
-        return c;
-    }
-    let (va, vb, vc) = (d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2);
-    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
-        return a + ab * (d1 / (d1 - d3));
-    }
-    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
-        return a + ac * (d2 / (d2 - d6));
-    }
-    if va <= 0.0 && d4 >= d3 && d5 >= d6 {
-        return b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)));
-    }
-    let sum = va + vb + vc;
-    if sum > 0.0 { a + ab * (vb / sum) + ac * (vc / sum) } else { a }
-}
-
 #[cfg(test)]
 mod tests {
     use foveate_estimation::random::Random;
@@ -217,26 +150,9 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_point_of_a_triangle_is_the_nearest_of_many() {
-        let mut random = Random::new(2);
-        for _ in 0..200 {
-            let mut any = || Point3::new(random.normal(), random.normal(), random.normal());
-            let (corners, point) = ([any(), any(), any()], any());
-            let found = (nearest_on(corners, &point) - point).norm();
-            let many = (0..=40).flat_map(|u| (0..=40 - u).map(move |v| (f64::from(u) / 40.0, f64::from(v) / 40.0)));
-            let least = many
-                .map(|(u, v)| {
-                    (corners[0] + (corners[1] - corners[0]) * u + (corners[2] - corners[0]) * v - point).norm()
-                })
-                .fold(f64::INFINITY, f64::min);
-            assert!(found <= least + 1e-12 && least < found + 0.12, "{found} {least}");
-        }
-    }
-
-    #[test]
     fn a_surface_that_stands_off_is_off_by_that_and_what_is_missing_is_missing() {
         let world = world();
-        let (part, skin) = world.shape(Time::ZERO).unwrap();
+        let (triangles, skin) = world.shape(Time::ZERO).unwrap();
         let mut track = SurfaceTrack::default();
         let back = skin.world_from_part.inverse();
         for (vertex, normal) in skin.vertices.iter().zip(&skin.normals) {
@@ -255,7 +171,7 @@ mod tests {
                 colour: [0; 3],
             });
             let mesh = Mesh { world_from_mesh: skin.world_from_part, ..Mesh::new(vertices, &[]) };
-            let found = track.compare(&mesh, (part, &skin), 5e-3, 2e-3);
+            let found = track.compare(&mesh, (triangles, &skin), 5e-3, 2e-3);
             let mut errors = found.errors.clone();
             errors.sort_by(f64::total_cmp);
             let complete = found.n_complete as f64 / found.n_seen as f64;

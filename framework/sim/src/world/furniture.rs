@@ -54,9 +54,8 @@ pub enum Surface {
     Lamp,
 }
 
-/// How bright the room is along a ray that starts inside it [gray level], what it ends on, and how far that is [lengths of
-/// `direction`].
-pub fn room_light(origin: &Point3<f64>, direction: &Vector3<f64>) -> (f64, Surface, f64) {
+/// What a ray that starts inside the room ends on, along which axis that is turned, and how far it is [lengths of `direction`].
+pub(crate) fn room_hit(origin: &Point3<f64>, direction: &Vector3<f64>) -> (Surface, usize, f64) {
     let (depth, axis) = exit(origin, direction);
     let mut nearest = depth;
     let mut normal_axis = axis;
@@ -78,6 +77,14 @@ pub fn room_light(origin: &Point3<f64>, direction: &Vector3<f64>) -> (f64, Surfa
         (_, 1) if direction.y > 0.0 && within(DISPLAY, point.x, point.z) => Surface::Display,
         _ => Surface::Wall,
     };
+    (surface, normal_axis, nearest)
+}
+
+/// How bright the room is along a ray that starts inside it [gray level], what it ends on, and how far that is [lengths of
+/// `direction`].
+pub fn room_light(origin: &Point3<f64>, direction: &Vector3<f64>) -> (f64, Surface, f64) {
+    let (surface, normal_axis, nearest) = room_hit(origin, direction);
+    let point = origin + direction * nearest;
     let base = match surface {
         Surface::Floor => floor(&point),
         Surface::Wall => 46.0 + 4.0 * point.z + if point.z < 0.1 { -18.0 } else { 0.0 },

@@ -26,13 +26,15 @@ pub use bodies::{Body, BodyMotion, BodySettings, BodySource};
 use bust::Bust;
 pub use bust::BustSettings;
 pub use clutter::{BrightSpot, Glint, MAX_MONITORS, Monitor, PANES};
+pub(crate) use furniture::room_hit;
 pub use furniture::{Surface, room_light};
 pub use mirror::Mirror;
 use single::Single;
 pub use single::{LightPath, SwingSettings};
 
-use crate::painted::{FaceSettings, Painted, Part, PartKind, RecordedHead, Skin};
-use crate::person::{Braid, COME_S, Headband, Led, N_LEDS, N_ON_HEADBAND, Person, Pose};
+use crate::painted::{FaceSettings, Painted, Part, PartKind, RecordedHead, Skin, Triangle};
+use crate::person::{Braid, COME_S, Headband, Joints, Led, N_LEDS, N_ON_HEADBAND, Person, Pose};
+use crate::studio::{ArmJoints, ArmSettings, Posed, Studio, StudioSettings};
 use crate::truth::{TrueCamera, Truth, TruthSettings};
 
 /// At this distance [m] a LED seen along its normal has the brightness [`SceneSettings::led_peak`].
@@ -124,6 +126,10 @@ pub struct SceneSettings {
     pub light_path: Option<String>,
     /// In place of people, a bust on a stand, or moved to and fro by hand, with a light above it. Left out: there is none [–]
     pub bust: Option<BustSettings>,
+    /// People in clothes, furniture and lamps as textured surfaces in the lab's room, with shadows, in place of dark shapes. Left out: dark shapes [–]
+    pub studio: Option<StudioSettings>,
+    /// In place of people, an arm that bends and turns, bare or in a sweater, in a `studio`, which need not be named. Left out: there is none [–]
+    pub arm: Option<ArmSettings>,
     /// The true cameras and heads, apart from what the rig's calibration says of them. Left out: the calibration is the truth [–]
     pub truth: Option<TruthSettings>,
 }
@@ -155,6 +161,8 @@ impl Default for SceneSettings {
             swing: None,
             light_path: None,
             bust: None,
+            studio: None,
+            arm: None,
             truth: None,
         }
     }
@@ -189,6 +197,7 @@ struct Scene {
     face: Option<Arc<Part>>,
     headband: Option<Headband>,
     bust: Option<Bust>,
+    studio: Option<Studio>,
     truth: Option<Truth>,
     seed: u64,
 }
@@ -303,6 +312,16 @@ impl World {
         if !bodies.is_empty() {
             people = people.into_iter().zip(bodies.iter().cycle()).enumerate().map(as_recorded).collect();
         }
+        let around_arm = settings.arm.as_ref().map(|_| StudioSettings::default());
+        let studio = settings.studio.as_ref().or(around_arm.as_ref()).map(|it| {
+            let random = random.fork("studio");
+            let mut statures = random.fork("statures");
+            for person in &mut people {
+                let stature = 1.0 + it.stature_spread * statures.normal().clamp(-2.0, 2.0);
+                person.grow(stature);
+            }
+            Studio::new(it, people.len(), settings.arm.as_ref(), &random)
+        });
         let monitors = clutter::monitors(settings.monitors, &mut random.fork("monitors"));
         let scene = Scene {
             single,
@@ -313,6 +332,7 @@ impl World {
             spots: clutter::bright_spots(settings.bright_spots, &mut random.fork("spots")),
             monitor_normals: monitors.iter().map(Monitor::normal).collect(),
             monitors,
+            studio,
             truth,
             seed: random.fork("events").next_u64(),
             settings,
@@ -452,14 +472,50 @@ impl World {
         self.people_at(time).next().filter(|it| self.is_actor(it.1)).map(|_| &**face)
     }
 
-    /// The surfaces of which a projector's light shows the shape, as they are at `time`: a bust, or the painted part of the actor.
-    pub(crate) fn shape(&self, time: Time) -> Option<(&Part, Arc<Skin>)> {
+    /// The surfaces of which a projector's light shows the shape, as they are at `time`: a bust, the painted part of the actor, or the arm of a studio.
+    pub(crate) fn shape(&self, time: Time) -> Option<(&[Triangle], Arc<Skin>)> {
+        if let Some(arm) = self.studio().and_then(|it| it.arm_surface(time)) {
+            return Some(arm);
+        }
+        self.part(time).map(|(part, skin)| (part.surface.triangles.as_slice(), skin))
+    }
+
+    /// A bust, or the painted part of the actor, as it is at `time`.
+    pub(crate) fn part(&self, time: Time) -> Option<(&Part, Arc<Skin>)> {
         if let Some(bust) = &self.0.bust {
             return Some((bust.part(), bust.skin(time.as_s())));
         }
         let face = self.0.face.as_deref()?;
         let (_, actor) = self.people_at(time).next().filter(|it| self.is_actor(it.1))?;
         Some((face, face.skin(time, &actor.pose(time.as_s()))))
+    }
+
+    /// The studio, where there is one.
+    pub(crate) fn studio(&self) -> Option<&Studio> {
+        self.0.studio.as_ref()
+    }
+
+    /// The numbers of those who are there at `time`, and of the arm of the studio.
+    pub(crate) fn present(&self, time: Time) -> Vec<usize> {
+        let people = self.people_at(time).map(|it| it.1);
+        let numbers = people.filter_map(|person| self.0.people.iter().position(|it| std::ptr::eq(it, person)));
+        numbers.chain(self.studio().and_then(Studio::arm)).collect()
+    }
+
+    /// A thing of the studio as it is at `time`, its person being there or not.
+    pub(crate) fn posed(&self, studio: &Studio, number: usize, time: Time) -> Arc<Posed> {
+        studio.posed(number, time, || self.0.people[number].pose(time.as_s()))
+    }
+
+    /// Where the joints of those who are there at `time` truly are, with their numbers: [`Joints::centres`] and [`crate::person::JOINT_NAMES`] name them.
+    pub fn joints(&self, time: Time) -> Vec<(usize, Joints)> {
+        let of = |number: usize| (number, self.0.people[number].pose(time.as_s()).joints());
+        self.present(time).into_iter().filter(|it| *it < self.0.people.len()).map(of).collect()
+    }
+
+    /// The joints of the arm as they truly are at `time`.
+    pub fn arm_joints(&self, time: Time) -> Option<ArmJoints> {
+        self.studio()?.arm_joints(time)
     }
 
     /// Whether there is a bust.

@@ -1,0 +1,212 @@
+//! A body of ten parts: where its parts and joints are, and how that changes with its state.
+//!
+//! [Mikić 2001 §4]: the state is the place of the torso, and of each part its turn and its sizes; all else follows along the kinematic chain (3).
+//!
+//! | here | paper | meaning | unit |
+//! |---|---|---|---|
+//! | [`Body::torso`] | μ₀ | middle of the torso | m |
+//! | [`Body::turns`] | qᵢ, Rᵢ | takes the part's axes to the world's | – |
+//! | [`Body::sizes`] | lᵢ | half of what a part measures along its axes | m |
+//! | `Part::hangs_at`, `Part::held_at` | J₀₂, J₂₀ … | joints in a part's axes: diag(·) lᵢ, linear in the sizes | – |
+//!
+//! With these, (3) is a sum over the parts from the torso on: μᵢ = μ₀ + Σₐ Rₐ diag(kₐ) lₐ. So for R ⊕ δ = R exp(δ): ∂μᵢ/∂δₐ = −Rₐ [diag(kₐ) lₐ]×,
+//! ∂μᵢ/∂lₐ = Rₐ diag(kₐ), and all other columns are zero: at most three parts of ten enter.
+
+use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
+
+use super::parts::{Joint, N_PARTS, Part};
+
+/// A body at one moment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Body {
+    /// Middle of the torso [m].
+    pub torso: Point3<f64>,
+    /// `world_from_part`.
+    pub turns: [UnitQuaternion<f64>; N_PARTS],
+    /// Half lengths along x, y, z of each part [m].
+    pub sizes: [Vector3<f64>; N_PARTS],
+}
+
+/// From the torso to a part: whose sizes enter its middle, and by which factors; at most three.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Chain {
+    links: [(Part, Vector3<f64>); 3],
+    count: usize,
+}
+
+impl Chain {
+    /// Up to the middle of `part`.
+    pub fn to(part: Part) -> Self {
+        let none = (Part::Torso, Vector3::zeros());
+        match part.parent() {
+            None => Chain { links: [none; 3], count: 1 },
+            Some(parent) => {
+                let mut chain = Chain::to(parent);
+                chain.links[chain.count - 1].1 += part.hangs_at();
+                chain.links[chain.count] = (part, -part.held_at());
+                chain.count += 1;
+                chain
+            }
+        }
+    }
+
+    /// The parts and their factors.
+    pub fn links(&self) -> &[(Part, Vector3<f64>)] {
+        &self.links[..self.count]
+    }
+}
+
+/// [v]×: cross(a) b = a × b.
+pub fn cross(v: &Vector3<f64>) -> Matrix3<f64> {
+    Matrix3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
+}
+
+impl Body {
+    /// Turn of a part.
+    pub fn turn(&self, part: Part) -> &UnitQuaternion<f64> {
+        &self.turns[part.index()]
+    }
+
+    /// Sizes of a part [m].
+    pub fn size(&self, part: Part) -> &Vector3<f64> {
+        &self.sizes[part.index()]
+    }
+
+    /// Equation (3): the middle of a part [m].
+    pub fn centre(&self, part: Part) -> Point3<f64> {
+        let reach = |(part, factors): &(Part, Vector3<f64>)| {
+            self.turns[part.index()] * factors.component_mul(&self.sizes[part.index()])
+        };
+        self.torso + Chain::to(part).links().iter().map(reach).sum::<Vector3<f64>>()
+    }
+
+    /// All middles at once.
+    pub fn centres(&self) -> [Point3<f64>; N_PARTS] {
+        let mut centres = [self.torso; N_PARTS];
+        for part in Part::ALL {
+            if let Some(parent) = part.parent() {
+                let [p, i] = [parent.index(), part.index()];
+                let hangs = self.turns[p] * part.hangs_at().component_mul(&self.sizes[p]);
+                let held = self.turns[i] * part.held_at().component_mul(&self.sizes[i]);
+                centres[i] = centres[p] + hangs - held;
+            }
+        }
+        centres
+    }
+
+    /// A place on a part, given as factors of its sizes [m].
+    pub fn place(&self, part: Part, factors: &Vector3<f64>) -> Point3<f64> {
+        self.centre(part) + self.turn(part) * factors.component_mul(self.size(part))
+    }
+
+    /// Where a joint is [m].
+    pub fn joint(&self, joint: Joint) -> Point3<f64> {
+        let (part, factors) = joint.place();
+        self.place(part, &factors)
+    }
+
+    /// Where a part's joint to its parent is [m].
+    pub fn held(&self, part: Part) -> Point3<f64> {
+        self.place(part, &part.held_at())
+    }
+
+    /// The same body with left and right exchanged, looking the other way: as the voxels see it, nothing has changed but the names.
+    pub fn faced_about(&self) -> Body {
+        let about = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
+        let mut body = self.clone();
+        for part in Part::ALL {
+            let [to, from] = [part.index(), part.mirrored().index()];
+            body.turns[to] = self.turns[from] * about;
+            body.sizes[to] = self.sizes[from];
+        }
+        body
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_estimation::random::Random;
+    use foveate_laws::check_jacobian;
+    use nalgebra::DMatrix;
+
+    use super::*;
+
+    fn some_body(seed: u64) -> Body {
+        let mut random = Random::new(seed);
+        let mut vector = |scale: f64| Vector3::from_fn(|_, _| scale * random.normal());
+        let turns = std::array::from_fn(|_| UnitQuaternion::from_scaled_axis(vector(1.5)));
+        let sizes = std::array::from_fn(|_| vector(0.1).abs() + Vector3::repeat(0.03));
+        Body { torso: Point3::from(vector(1.0)), turns, sizes }
+    }
+
+    #[test]
+    fn lower_arm_lies_where_equation_3_says() {
+        let body = some_body(1);
+        let [torso, upper, lower] = [Part::Torso, Part::RightUpperArm, Part::RightLowerArm];
+        let [l0, l2, l4] = [torso, upper, lower].map(|it| *body.size(it));
+        let [r0, r2, r4] = [torso, upper, lower].map(|it| *body.turn(it));
+        let j02 = Vector3::new(0.0, -l0.y, super::super::parts::SHOULDER_UP * l0.z);
+        let (j20, j24, j42) =
+            (Vector3::new(0.0, 0.0, l2.z), Vector3::new(0.0, 0.0, -l2.z), Vector3::new(0.0, 0.0, l4.z));
+        let expected = body.torso + r0 * j02 - r2 * j20 + r2 * j24 - r4 * j42;
+        assert!((body.centre(lower) - expected).norm() < 1e-12);
+    }
+
+    #[test]
+    fn parts_meet_at_their_joints() {
+        for seed in 0..20 {
+            let body = some_body(seed);
+            let centres = body.centres();
+            for part in Part::ALL {
+                assert!((centres[part.index()] - body.centre(part)).norm() < 1e-12);
+                let Some(parent) = part.parent() else { continue };
+                let gap = body.place(parent, &part.hangs_at()) - body.held(part);
+                assert!(gap.norm() < 1e-12, "{} is {} m off its joint", part.name(), gap.norm());
+            }
+        }
+    }
+
+    #[test]
+    fn derivatives_of_the_chain_are_those_of_its_middles() {
+        for (seed, part) in (0..3).flat_map(|seed| Part::ALL.map(|part| (seed, part))) {
+            let body = some_body(seed);
+            // Columns: torso, then turn and sizes of each part.
+            let mut stated = DMatrix::zeros(3, 3 + 6 * N_PARTS);
+            stated.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
+            for (link, factors) in Chain::to(part).links() {
+                let r = body.turn(*link).to_rotation_matrix();
+                let at = 3 + 6 * link.index();
+                let reach = factors.component_mul(body.size(*link));
+                stated.fixed_view_mut::<3, 3>(0, at).copy_from(&(-(r.matrix() * cross(&reach))));
+                let by_sizes = r.matrix() * Matrix3::from_diagonal(factors);
+                stated.fixed_view_mut::<3, 3>(0, at + 3).copy_from(&by_sizes);
+            }
+            let moved = |x: &[f64]| {
+                let vector = |at: usize| Vector3::new(x[at], x[at + 1], x[at + 2]);
+                let mut other = body.clone();
+                other.torso += vector(0);
+                for i in 0..N_PARTS {
+                    other.turns[i] *= UnitQuaternion::from_scaled_axis(vector(3 + 6 * i));
+                    other.sizes[i] += vector(6 + 6 * i);
+                }
+                other.centre(part).coords.as_slice().to_vec()
+            };
+            check_jacobian(moved, &stated, &vec![0.0; 3 + 6 * N_PARTS], 1e-7);
+        }
+    }
+
+    #[test]
+    fn facing_about_changes_names_only() {
+        let mut body = some_body(4);
+        // Hips and shoulders of one body are alike on both sides.
+        for part in [Part::LeftUpperArm, Part::LeftThigh, Part::LeftLowerArm, Part::LeftCalf] {
+            body.sizes[part.mirrored().index()] = body.sizes[part.index()];
+        }
+        let other = body.faced_about();
+        for part in Part::ALL {
+            assert!((other.centre(part) - body.centre(part.mirrored())).norm() < 1e-12, "{}", part.name());
+        }
+        let again = other.faced_about();
+        assert!(Joint::ALL.iter().all(|&it| (again.joint(it) - body.joint(it)).norm() < 1e-12));
+    }
+}

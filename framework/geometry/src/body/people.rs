@@ -1,0 +1,238 @@
+//! Several bodies in one volume: a tracker each, and who has which voxels.
+//!
+//! A component of voxels that one body alone is near is that body's, however its limbs have moved in between; where two are near (they touch), each voxel goes to the nearer skin.
+//! What is near no body may be a new one, and is tried in each frame until it is found or named: nothing is made of voxels in which no head and no torso are found. Where a component holds much that its
+//! body does not explain, the rest is tried too: somebody who came in close to somebody else.
+
+use nalgebra::{Point3, Vector3};
+
+use super::acquire::AcquisitionFailure;
+use super::field::VoxelField;
+use super::fit::{Labelled, Skins};
+use super::tracker::{BodyTracker, TrackerOptions};
+
+/// How bodies are told apart.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PeopleOptions {
+    /// Each body's tracker.
+    pub tracker: TrackerOptions,
+    /// Voxels farther from a body's skin are not its own, unless they hang together with it alone [m].
+    pub near: f64,
+    /// No more bodies are followed [–].
+    pub most: usize,
+    /// Heads nearer to each other than this are one head [m].
+    pub heads_apart: f64,
+}
+
+impl Default for PeopleOptions {
+    /// A hand at 6 m/s goes 0.2 m in a thirtieth of a second. Two heads that touch are 0.18 m apart.
+    fn default() -> Self {
+        Self { tracker: TrackerOptions::default(), near: 0.20, most: 8, heads_apart: 0.16 }
+    }
+}
+
+/// Voxels of one moment.
+#[derive(Debug, Clone, Copy)]
+pub struct Cubes<'a> {
+    /// Edge [m].
+    pub size: f64,
+    /// The corner of cube (0, 0, 0) that is least in x, y, z [m].
+    pub origin: Point3<f64>,
+    /// Places in the grid.
+    pub indices: &'a [[u16; 3]],
+    /// Which of the components each belongs to.
+    pub components: &'a [u16],
+}
+
+impl Cubes<'_> {
+    fn centre(&self, voxel: usize) -> Point3<f64> {
+        self.origin + Vector3::from(self.indices[voxel].map(|it| f64::from(it) + 0.5)) * self.size
+    }
+}
+
+/// Voxels that could be a body by their size and are none.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unmodelled {
+    /// Mean of their centres [m].
+    pub centroid: Point3<f64>,
+    /// [m³]
+    pub volume: f64,
+    /// What failed.
+    pub reason: AcquisitionFailure,
+}
+
+/// One of the bodies.
+#[derive(Debug, Clone)]
+pub struct Followed {
+    /// Who: counts up, and is not given out again.
+    pub id: u32,
+    /// Its tracker.
+    pub tracker: BodyTracker,
+    /// How long it is followed [s].
+    pub age_s: f64,
+    /// Whether voxels were its own in this frame.
+    pub is_seen: bool,
+}
+
+/// What happened since the start.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Times that somebody was found.
+    pub found: u64,
+    /// Times that somebody was lost.
+    pub lost: u64,
+    /// Times that voxels as large as a body were tried in vain.
+    pub failed: u64,
+}
+
+/// All bodies of a volume.
+#[derive(Debug, Clone, Default)]
+pub struct People {
+    options: PeopleOptions,
+    followed: Vec<Followed>,
+    next_id: u32,
+    counts: Counts,
+}
+
+impl People {
+    /// Nobody yet.
+    pub fn new(options: PeopleOptions) -> Self {
+        Self { options, ..Self::default() }
+    }
+
+    /// The bodies, ascending by identity.
+    pub fn list(&self) -> &[Followed] {
+        &self.followed
+    }
+
+    /// What it was told.
+    pub fn options(&self) -> &PeopleOptions {
+        &self.options
+    }
+
+    /// What happened so far.
+    pub fn counts(&self) -> &Counts {
+        &self.counts
+    }
+
+    /// Goes on to the voxels of `dt_s` later [s]; `labelled` gives the points that are known of a body beside its voxels. What could be a body and is none comes back.
+    pub fn step(
+        &mut self,
+        cubes: &Cubes,
+        dt_s: f64,
+        labelled: impl Fn(u32, &BodyTracker) -> Vec<Labelled>,
+    ) -> Vec<Unmodelled> {
+        let (owners, mut left) = self.share_out(cubes);
+        for (place, followed) in self.followed.iter_mut().enumerate() {
+            followed.age_s += dt_s;
+            followed.is_seen = !owners[place].is_empty();
+            let own: Vec<[u16; 3]> = owners[place].iter().map(|&it| cubes.indices[it]).collect();
+            match VoxelField::new(cubes.size, &cubes.origin, &own) {
+                Some(field) => {
+                    let points = labelled(followed.id, &followed.tracker);
+                    followed.tracker.step(&field, dt_s, &points);
+                }
+                None => followed.tracker.coast(dt_s),
+            }
+        }
+        // Somebody new beside somebody: voxels that hang together with a body and are not near it.
+        for (place, followed) in self.followed.iter().enumerate() {
+            if followed.tracker.support().unexplained > 0.3 {
+                let skins = followed.tracker.skins();
+                let far = |it: &usize| skins.distance(&cubes.centre(*it)) > self.options.near / 2.0;
+                left.push(owners[place].iter().copied().filter(far).collect());
+            }
+        }
+        let before = self.followed.len();
+        self.followed.retain(|it| !it.tracker.is_lost());
+        self.counts.lost += (before - self.followed.len()) as u64;
+        let mut unmodelled = Vec::new();
+        for voxels in left {
+            self.acquire(cubes, voxels, &mut unmodelled);
+        }
+        unmodelled
+    }
+
+    /// Voxels of each body, and components of which nobody has any.
+    fn share_out(&self, cubes: &Cubes) -> (Vec<Vec<usize>>, Vec<Vec<usize>>) {
+        let n_components = cubes.components.iter().map(|&it| usize::from(it) + 1).max().unwrap_or(0);
+        let mut members: Vec<Vec<usize>> = vec![Vec::new(); n_components];
+        for (voxel, component) in cubes.components.iter().enumerate() {
+            members[usize::from(*component)].push(voxel);
+        }
+        let skins: Vec<Skins> = self.followed.iter().map(|it| it.tracker.skins()).collect();
+        let mut owners: Vec<Vec<usize>> = vec![Vec::new(); self.followed.len()];
+        let mut left = Vec::new();
+        for voxels in members {
+            // One voxel in eight tells who is near, all if they are few.
+            let stride = if voxels.len() > 400 { 8 } else { 1 };
+            let mut near = vec![0_usize; self.followed.len()];
+            for &voxel in voxels.iter().step_by(stride) {
+                let centre = cubes.centre(voxel);
+                for (place, skins) in skins.iter().enumerate() {
+                    near[place] += usize::from(skins.distance(&centre) < self.options.near / 2.0);
+                }
+            }
+            let close: Vec<usize> = (0..near.len()).filter(|&it| near[it] > 0).collect();
+            match close[..] {
+                [] => {
+                    // A hand that a hole has cut off is still somebody's.
+                    let nearest = |voxel: usize| {
+                        let centre = cubes.centre(voxel);
+                        let away = skins.iter().map(|it| it.distance(&centre)).enumerate();
+                        away.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|it| it.1 < self.options.near)
+                    };
+                    match voxels.first().and_then(|&it| nearest(it)) {
+                        Some((place, _)) => owners[place].extend(voxels),
+                        None => left.push(voxels),
+                    }
+                }
+                [one] => owners[one].extend(voxels),
+                _ => {
+                    for voxel in voxels {
+                        let centre = cubes.centre(voxel);
+                        let away = close.iter().map(|&it| (skins[it].distance(&centre), it));
+                        if let Some((_, place)) = away.min_by(|a, b| a.0.total_cmp(&b.0)) {
+                            owners[place].push(voxel);
+                        }
+                    }
+                }
+            }
+        }
+        (owners, left)
+    }
+
+    fn acquire(&mut self, cubes: &Cubes, mut voxels: Vec<usize>, unmodelled: &mut Vec<Unmodelled>) {
+        let cube = cubes.size.powi(3);
+        while voxels.len() as f64 * cube >= self.options.tracker.acquisition.least_volume {
+            let own: Vec<[u16; 3]> = voxels.iter().map(|&it| cubes.indices[it]).collect();
+            let Some(field) = VoxelField::new(cubes.size, &cubes.origin, &own) else { return };
+            let failure = match BodyTracker::acquire(&field, &self.options.tracker) {
+                Ok(tracker) if self.followed.len() < self.options.most && !self.is_known(&tracker) => {
+                    let skins = tracker.skins();
+                    voxels.retain(|&it| skins.distance(&cubes.centre(it)) > self.options.near / 2.0);
+                    self.followed.push(Followed { id: self.next_id, tracker, age_s: 0.0, is_seen: true });
+                    self.next_id += 1;
+                    self.counts.found += 1;
+                    continue;
+                }
+                Ok(_) => AcquisitionFailure::Known { most: self.options.most },
+                Err(failure) => failure,
+            };
+            self.counts.failed += 1;
+            let sum: Vector3<f64> = voxels.iter().map(|&it| cubes.centre(it).coords).sum();
+            unmodelled.push(Unmodelled {
+                centroid: Point3::from(sum / voxels.len() as f64),
+                volume: voxels.len() as f64 * cube,
+                reason: failure,
+            });
+            return;
+        }
+    }
+
+    fn is_known(&self, tracker: &BodyTracker) -> bool {
+        let head = |it: &BodyTracker| it.filter().body.centre(super::parts::Part::Head);
+        let found = head(tracker);
+        self.followed.iter().any(|it| (head(&it.tracker) - found).norm() < self.options.heads_apart)
+    }
+}

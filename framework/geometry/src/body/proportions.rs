@@ -1,0 +1,133 @@
+//! What is known of a body before it is seen: proportions, how far people differ, and how far joints bend.
+//!
+//! Lengths as shares of the stature by D. A. Winter, *Biomechanics and Motor Control of Human Movement*, 2009, figure 4.1; radii from circumferences there and in
+//! common size tables. Sizes go together: who is tall has long arms, and both arms are alike. The covariance says so.
+
+use nalgebra::{DMatrix, Vector3};
+
+use super::parts::{N_PARTS, Part};
+
+/// How far people differ.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Proportions {
+    /// Stature that is expected [m].
+    pub stature: f64,
+    /// Its standard deviation, as a share [–].
+    pub stature_spread: f64,
+    /// Of one length beside the rest, both sides together, as a share [–].
+    pub length_spread: f64,
+    /// Of one radius beside the rest, as a share [–]: clothes and hulls of few views count here.
+    pub radius_spread: f64,
+    /// Of one side beside the other, as a share [–].
+    pub side_spread: f64,
+}
+
+impl Default for Proportions {
+    /// Adults: 1.70 m ± 8 % are men and women together; lengths differ by 6 % from what the stature says (Winter), sides by 2 %.
+    fn default() -> Self {
+        Self { stature: 1.70, stature_spread: 0.08, length_spread: 0.06, radius_spread: 0.15, side_spread: 0.02 }
+    }
+}
+
+/// Half sizes over the stature [–].
+pub fn share(part: Part) -> Vector3<f64> {
+    match part {
+        Part::Torso => Vector3::new(0.065, 0.105, 0.170),
+        Part::Head => Vector3::new(0.055, 0.050, 0.065),
+        Part::LeftUpperArm | Part::RightUpperArm => Vector3::new(0.028, 0.028, 0.093),
+        Part::LeftLowerArm | Part::RightLowerArm => Vector3::new(0.022, 0.022, 0.110),
+        Part::LeftThigh | Part::RightThigh => Vector3::new(0.045, 0.045, 0.1225),
+        Part::LeftCalf | Part::RightCalf => Vector3::new(0.031, 0.031, 0.1425),
+    }
+}
+
+impl Proportions {
+    /// Expected half sizes [m].
+    pub fn sizes(&self) -> [Vector3<f64>; N_PARTS] {
+        Part::ALL.map(|it| share(it) * self.stature)
+    }
+
+    /// Covariance of all sizes, part by part x, y, z [m²].
+    pub fn covariance(&self) -> DMatrix<f64> {
+        let sizes = self.sizes();
+        let n = 3 * N_PARTS;
+        let at = |i: usize| (Part::ALL[i / 3], i % 3, sizes[i / 3][i % 3]);
+        // Whether number `i` is a length; else it is a radius. The torso's width is one of the skeleton, and the head is all radii.
+        let is_length = |part: Part, axis: usize| (axis == 2 || part == Part::Torso && axis == 1) && part != Part::Head;
+        DMatrix::from_fn(n, n, |i, j| {
+            let ((part, axis, a), (other, other_axis, b)) = (at(i), at(j));
+            let mut shared = self.stature_spread.powi(2);
+            let alike = part == other || part == other.mirrored();
+            let spread = if is_length(part, axis) { self.length_spread } else { self.radius_spread };
+            // Limbs and heads are round: their radii are nearly one number.
+            let round = part == Part::Head || part.is_limb() && axis < 2 && other_axis < 2;
+            if alike && (axis == other_axis || round) {
+                shared += spread.powi(2);
+            }
+            if i == j {
+                shared += self.side_spread.powi(2);
+            }
+            shared * a * b
+        })
+    }
+}
+
+/// How far a limb's part may lie from the direction of what it hangs on: one row of the filter when it is passed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// The head from the torso's axis [rad].
+    pub head_tilt: f64,
+    /// An upper arm backwards from the plane of shoulders and hips [rad].
+    pub arm_back: f64,
+    /// A thigh backwards from it [rad].
+    pub thigh_back: f64,
+    /// A thigh to the other side, from the plane through the middle of the body [rad].
+    pub thigh_across: f64,
+    /// Elbow and knee [rad].
+    pub bend: f64,
+    /// A knee the wrong way [rad].
+    pub knee_forward: f64,
+    /// Softness of all of these [rad].
+    pub sigma: f64,
+}
+
+impl Default for Limits {
+    /// Ranges of motion by the American Academy of Orthopaedic Surgeons, *Joint Motion*, 1965: extension of the shoulder 60°, of the hip 30°, adduction of the hip 30°, flexion of elbow
+    /// 150°, of the knee 135° (150° crouching), extension of the knee 10°; the head 45°, to which the upper spine adds.
+    fn default() -> Self {
+        let degrees = |it: f64| it.to_radians();
+        Self {
+            head_tilt: degrees(60.0),
+            arm_back: degrees(60.0),
+            thigh_back: degrees(30.0),
+            thigh_across: degrees(35.0),
+            bend: degrees(150.0),
+            knee_forward: degrees(10.0),
+            sigma: degrees(8.0),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn covariance_is_one_and_ties_what_goes_together() {
+        let proportions = Proportions::default();
+        let covariance = proportions.covariance();
+        assert!(covariance.clone().cholesky().is_some());
+        let at = |part: Part, axis: usize| 3 * part.index() + axis;
+        let correlation = |i: usize, j: usize| covariance[(i, j)] / (covariance[(i, i)] * covariance[(j, j)]).sqrt();
+        let (left, right) = (at(Part::LeftThigh, 2), at(Part::RightThigh, 2));
+        assert!(correlation(left, right) > 0.9 && correlation(left, at(Part::LeftCalf, 2)) < 0.7);
+        assert!(correlation(at(Part::LeftCalf, 0), at(Part::LeftCalf, 1)) > 0.95);
+    }
+
+    #[test]
+    fn standing_upright_the_shares_add_up_to_the_stature() {
+        let [torso, head, thigh, calf] =
+            [Part::Torso, Part::Head, Part::LeftThigh, Part::LeftCalf].map(|it| 2.0 * share(it).z);
+        assert!((torso + head + thigh + calf - 1.0).abs() < 0.01, "{}", torso + head + thigh + calf);
+    }
+}

@@ -1,0 +1,591 @@
+//! One body, from acquisition through all frames: which of its parts the data show, and what becomes of those that they do not show any more.
+//!
+//! The model has levels [Mikić 2001 §6]: head and trunk at least; each limb as nothing, as one straight piece, or as two parts. A limb comes in when its template is found in voxels that are
+//! not yet taken; it is split when its bend is larger than its uncertainty, and joined again when it has been straight for a while; it goes when voxels do not support it.
+//! Rows and columns of the filter come and go with it.
+
+use nalgebra::{Matrix6, Point3, Vector3};
+
+use super::acquire::{AcquisitionFailure, AcquisitionOptions, TrunkFound, body_of, find_heads, find_torso, turn_of};
+use super::facing::facing_evidence;
+use super::field::VoxelField;
+use super::filter::{Beginning, BodyFilter, Layout, MotionOptions, Presence, Step};
+use super::fit::{Fit, FitOptions, Labelled, Skins, Support, add_labelled, add_limits};
+use super::limbs::{LimbFound, Taken, find_limb};
+use super::model::Body;
+use super::parts::{Joint, Limb, N_PARTS, Part};
+use super::proportions::{Limits, Proportions};
+
+/// All that a tracker is told.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct TrackerOptions {
+    /// How it begins.
+    pub acquisition: AcquisitionOptions,
+    /// How voxels are compared.
+    pub fit: FitOptions,
+    /// How bodies move.
+    pub motion: MotionOptions,
+    /// How uncertain what begins is.
+    pub beginning: Beginning,
+    /// How far joints bend.
+    pub limits: Limits,
+    /// What people look like.
+    pub proportions: Proportions,
+    /// When parts come and go.
+    pub levels: LevelOptions,
+}
+
+/// When parts come and go.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LevelOptions {
+    /// A part of whose axis less lies inside the voxels is not supported [–].
+    pub least_inside: f64,
+    /// A part of whose skin less is there is not supported [–].
+    pub least_covered: f64,
+    /// A limb that was not supported for so long leaves the model; a trunk, the body [s].
+    pub lost_s: f64,
+    /// A limb is split where it bends by so many standard deviations [–].
+    pub split_sigmas: f64,
+    /// A limb that was straight for so long is joined again [s].
+    pub join_s: f64,
+}
+
+impl Default for LevelOptions {
+    /// Half a second is the longest that a limb of a walking person is hidden behind the body, and what counts as lost in the figures.
+    fn default() -> Self {
+        Self { least_inside: 0.5, least_covered: 0.15, lost_s: 0.5, split_sigmas: 3.0, join_s: 3.0 }
+    }
+}
+
+/// How much of a limb is in the model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum LimbLevel {
+    /// Nothing.
+    Absent,
+    /// One straight piece: its middle joint is where proportions put it.
+    Straight,
+    /// Two parts.
+    Bent,
+}
+
+/// How a joint came to be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum JointSource {
+    /// Its part is there in the voxels.
+    Measured,
+    /// Its part goes on as it moved.
+    Predicted,
+    /// Proportions put it there.
+    Filled,
+}
+
+/// A joint of a body.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointEstimate {
+    /// Which.
+    pub joint: Joint,
+    /// [m]
+    pub position: Point3<f64>,
+    /// [m/s]
+    pub velocity: Vector3<f64>,
+    /// Of (position, velocity) [m², m²/s, m²/s²].
+    pub covariance: Matrix6<f64>,
+    /// How it came to be.
+    pub source: JointSource,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct LimbTrack {
+    level: LimbLevel,
+    weak_s: f64,
+    straight_s: f64,
+}
+
+/// A body that is followed.
+#[derive(Debug, Clone)]
+pub struct BodyTracker {
+    options: TrackerOptions,
+    filter: BodyFilter,
+    limbs: [LimbTrack; 4],
+    support: Support,
+    /// Above 0: the front is where the model has it.
+    facing: f64,
+    trunk_weak_s: f64,
+    is_lost: bool,
+    frame: u64,
+    last: Option<Step>,
+}
+
+/// Frames between two looks whether straight limbs bend, and between two searches for absent ones: each takes as long as a frame.
+const LOOK_EVERY: u64 = 3;
+
+/// Radius of a head with hair in a hull, and how far it varies [m]: heads of 0.155 m × 0.19 m × 0.23 m (Winter, figure 4.1) are balls of 0.095 m.
+const HEAD_RADIUS: f64 = 0.095;
+const HEAD_SPREAD: f64 = 0.02;
+
+/// Knees that have passed each other by so much are crossed [m]: as much as a knee is thick.
+const CROSSED: f64 = 0.06;
+
+/// A facing that is this sure is not doubted any more by limits of joints [–].
+const SURE_FACING: f64 = 4.0;
+
+impl BodyTracker {
+    /// A body in voxels of which nothing is known.
+    ///
+    /// # Errors
+    /// The step that failed: to be tried again in another frame.
+    pub fn acquire(field: &VoxelField, options: &TrackerOptions) -> Result<Self, AcquisitionFailure> {
+        let wanted = &options.acquisition;
+        let volume = field.len() as f64 * field.size().powi(3);
+        if volume < wanted.least_volume {
+            return Err(AcquisitionFailure::Small { found: volume, expected: wanted.least_volume });
+        }
+        let (heads, best) = find_heads(field, wanted);
+        if heads.is_empty() {
+            return Err(AcquisitionFailure::Head { found: best, expected: wanted.crust_share });
+        }
+        let mut trunks: Vec<TrunkFound> =
+            heads.iter().filter_map(|it| find_torso(field, it, &options.proportions)).collect();
+        let heights = field.voxels().iter().map(|&it| field.centre(it).z);
+        let [lowest, highest] = heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], it| [a.min(it), b.max(it)]);
+        let filled = trunks.iter().map(|it| it.filled).fold(0.0, f64::max);
+        trunks.retain(|it| it.filled >= wanted.torso_filled && it.up.z >= wanted.least_up);
+        let mut failure = AcquisitionFailure::Torso { found: filled, expected: wanted.torso_filled };
+        let mut found: Option<(f64, BodyTracker)> = None;
+        for trunk in &trunks {
+            match Self::begin(field, options, trunk) {
+                Ok(tracker) => {
+                    // The one that explains most of the voxels, with a head of common size, high up on an upright torso.
+                    let size = (trunk.head.radius - HEAD_RADIUS) / HEAD_SPREAD;
+                    let score = trunk.head.crust_share + trunk.filled
+                        - 2.0 * tracker.support.unexplained
+                        - 0.4 * (1.0 - trunk.up.z)
+                        + (trunk.head.centre.z - lowest) / (highest - lowest)
+                        - 0.1 * size * size;
+                    if found.as_ref().is_none_or(|it| score > it.0) {
+                        found = Some((score, tracker));
+                    }
+                }
+                Err(why) => failure = why,
+            }
+        }
+        found.map(|it| it.1).ok_or(failure)
+    }
+
+    fn begin(
+        field: &VoxelField,
+        options: &TrackerOptions,
+        trunk: &TrunkFound,
+    ) -> Result<BodyTracker, AcquisitionFailure> {
+        let proportions = standing(field, trunk, &options.proportions);
+        let body = body_of(trunk, &proportions);
+        let layout = Layout::new(|it| !it.is_limb());
+        let filter = BodyFilter::new(body, layout, &proportions.covariance(), &options.beginning);
+        let mut tracker = Self {
+            options: options.clone(),
+            filter,
+            limbs: std::array::from_fn(|_| LimbTrack { level: LimbLevel::Absent, weak_s: 0.0, straight_s: 0.0 }),
+            support: Support::default(),
+            facing: 0.0,
+            trunk_weak_s: 0.0,
+            is_lost: false,
+            frame: 0,
+            last: None,
+        };
+        let begin = tracker.filter.clone();
+        tracker.update(field, &[], 8);
+        tracker.search_absent(field);
+        // All of it again from the start, so that nothing counts twice.
+        let (layout, body) = (*tracker.filter.layout(), tracker.filter.body.clone());
+        tracker.filter = begin;
+        tracker.filter.set_parts(layout, &body, &options.beginning);
+        tracker.filter.body.turns = body.turns;
+        tracker.filter.body.torso = body.torso;
+        tracker.update(field, &[], 10);
+        for part in [Part::Head, Part::Torso] {
+            let (inside, covered) = (tracker.support.inside[part.index()], tracker.support.covered[part.index()]);
+            if inside < 0.75 || covered < 0.3 {
+                return Err(AcquisitionFailure::Fit { part: part.name(), inside, covered });
+            }
+        }
+        if tracker.support.unexplained > options.acquisition.most_unexplained {
+            return Err(AcquisitionFailure::Rest {
+                found: tracker.support.unexplained,
+                expected: options.acquisition.most_unexplained,
+            });
+        }
+        tracker.facing = facing_evidence(&tracker.filter, field, 1.0);
+        if tracker.facing < 0.0 {
+            tracker.turn_about();
+        }
+        tracker.judge_limbs(0.0);
+        Ok(tracker)
+    }
+
+    /// Goes on to the next frame, `dt_s` later [s].
+    pub fn step(&mut self, field: &VoxelField, dt_s: f64, labelled: &[Labelled]) {
+        self.frame += 1;
+        let transition = self.filter.predict(dt_s, &self.options.motion);
+        let predicted = self.filter.clone();
+        self.update(field, labelled, self.options.fit.iterations);
+        self.uncross(field, labelled);
+        self.judge_limbs(dt_s);
+        self.search_weak(field, labelled);
+        if self.frame.is_multiple_of(LOOK_EVERY) {
+            self.split(field, labelled);
+            if self.limbs.iter().any(|it| it.level == LimbLevel::Absent) && self.search_absent(field) {
+                self.update(field, labelled, self.options.fit.iterations);
+            }
+        }
+        self.judge_trunk(field, dt_s);
+        self.judge_facing(field, dt_s);
+        let same = predicted.layout() == self.filter.layout();
+        self.last = Some(Step { predicted, transition: transition.filter(|_| same), filtered: self.filter.clone() });
+    }
+
+    /// A frame without voxels: everything goes on as it moved.
+    pub fn coast(&mut self, dt_s: f64) {
+        let transition = self.filter.predict(dt_s, &self.options.motion);
+        self.support = Support::default();
+        self.judge_limbs(dt_s);
+        self.trunk_weak_s += dt_s;
+        self.is_lost |= self.trunk_weak_s > self.options.levels.lost_s;
+        let filtered = self.filter.clone();
+        self.last = Some(Step { predicted: filtered.clone(), transition, filtered });
+    }
+
+    fn update(&mut self, field: &VoxelField, labelled: &[Labelled], iterations: usize) {
+        let options = &self.options;
+        let mut fit = Fit::new(field, &options.fit, Some(&self.filter));
+        let layout = *self.filter.layout();
+        let known = (self.facing.abs() / SURE_FACING).min(1.0);
+        self.filter.update(iterations, |body, normal| {
+            fit.measure(body, normal, &layout);
+            add_limits(body, normal, &layout, &options.limits, known);
+            add_labelled(body, normal, &layout, labelled);
+        });
+        self.support = fit.support;
+    }
+
+    fn is_supported(&self, part: Part) -> bool {
+        let levels = &self.options.levels;
+        self.support.inside[part.index()] >= levels.least_inside
+            && self.support.covered[part.index()] >= levels.least_covered
+    }
+
+    fn presence_with(&self, changed: Limb, level: LimbLevel) -> Layout {
+        let before = *self.filter.layout();
+        let [upper, lower] = changed.parts();
+        Layout::of(|part| match level {
+            LimbLevel::Absent if part == upper || part == lower => Presence::Absent,
+            LimbLevel::Straight if part == lower => Presence::Tied,
+            _ if part == upper || part == lower => Presence::Own,
+            _ => before.presence(part),
+        })
+    }
+
+    fn set_level(&mut self, limb: Limb, level: LimbLevel, body: &Body) {
+        let layout = self.presence_with(limb, level);
+        self.filter.set_parts(layout, body, &self.options.beginning);
+        self.limbs[limb.index()] = LimbTrack { level, weak_s: 0.0, straight_s: 0.0 };
+    }
+
+    /// How long limbs were without support, or straight.
+    fn judge_limbs(&mut self, dt_s: f64) {
+        for limb in Limb::ALL {
+            let [upper, lower] = limb.parts();
+            let track = &self.limbs[limb.index()];
+            if track.level == LimbLevel::Absent {
+                continue;
+            }
+            let is_weak = !(self.is_supported(upper) && self.is_supported(lower));
+            let bend = self.bend(limb);
+            let mut track = track.clone();
+            track.weak_s = if is_weak { track.weak_s + dt_s } else { 0.0 };
+            track.straight_s =
+                if bend < self.options.acquisition.limbs.straight / 2.0 { track.straight_s + dt_s } else { 0.0 };
+            let is_gone = track.weak_s > self.options.levels.lost_s;
+            let joins = track.level == LimbLevel::Bent && track.straight_s > self.options.levels.join_s;
+            self.limbs[limb.index()] = track;
+            let body = self.filter.body.clone();
+            if is_gone {
+                self.set_level(limb, LimbLevel::Absent, &body);
+            } else if joins {
+                self.set_level(limb, LimbLevel::Straight, &body);
+            }
+        }
+    }
+
+    fn bend(&self, limb: Limb) -> f64 {
+        let [upper, lower] = limb.parts().map(|it| self.filter.body.turn(it) * Vector3::z());
+        upper.angle(&lower)
+    }
+
+    /// Everybody but this limb has taken their voxels.
+    fn taken_without(&self, field: &VoxelField, limbs: &[Limb]) -> Taken {
+        let layout = self.filter.layout();
+        let is_taken = |part: Part| layout.has(part) && !limbs.iter().any(|limb| limb.parts().contains(&part));
+        Taken::by(field, &self.filter.body, is_taken, 0.25 * field.size())
+    }
+
+    fn put(&mut self, found: &LimbFound) {
+        let mut body = self.filter.body.clone();
+        for (part, turn) in found.limb.parts().into_iter().zip(found.turns) {
+            body.turns[part.index()] = turn;
+        }
+        let is_straight = found.bend < self.options.acquisition.limbs.straight;
+        let level = if is_straight { LimbLevel::Straight } else { LimbLevel::Bent };
+        self.set_level(found.limb, LimbLevel::Absent, &body);
+        self.set_level(found.limb, level, &body);
+    }
+
+    /// Looks for limbs that are not in the model, the surest first; whether any was found.
+    fn search_absent(&mut self, field: &VoxelField) -> bool {
+        let mut any = false;
+        let mut tried: Vec<Limb> = Vec::new();
+        loop {
+            let absent: Vec<Limb> =
+                Limb::ALL.into_iter().filter(|it| self.limbs[it.index()].level == LimbLevel::Absent).collect();
+            let taken = self.taken_without(field, &absent);
+            // A limb that is there takes up a litre or more.
+            if (taken.n_free(field) as f64) * field.size().powi(3) < 5e-4 {
+                return any;
+            }
+            let options = &self.options.acquisition.limbs;
+            // Legs first: a hand that hangs reaches down to a thigh, and would take it for a forearm.
+            let legs_first = absent.iter().any(|it| it.is_leg() && !tried.contains(it));
+            let found = absent
+                .iter()
+                .filter(|it| it.is_leg() == legs_first && !tried.contains(it))
+                .filter_map(|limb| find_limb(field, &self.filter.body, *limb, &taken, options, None))
+                .max_by(|a, b| a.score.total_cmp(&b.score));
+            match found {
+                Some(found) => {
+                    self.put(&found);
+                    any = true;
+                }
+                None => tried.extend(absent.iter().filter(|it| it.is_leg() == legs_first)),
+            }
+            if absent.iter().all(|it| tried.contains(it)) {
+                return any;
+            }
+        }
+    }
+
+    /// Legs whose knees have passed each other sideways were taken for each other, as a rule: they are exchanged where that explains the voxels as well.
+    fn uncross(&mut self, field: &VoxelField, labelled: &[Labelled]) {
+        let has = |part: Part| self.filter.layout().has(part);
+        if !(has(Part::LeftCalf) && has(Part::RightCalf)) {
+            return;
+        }
+        let left = self.filter.body.turn(Part::Torso) * Vector3::y();
+        let apart = |it: &BodyFilter| (it.body.joint(Joint::LeftKnee) - it.body.joint(Joint::RightKnee)).dot(&left);
+        if apart(&self.filter) > -CROSSED {
+            return;
+        }
+        let mut trial = self.clone();
+        let mut body = self.filter.body.clone();
+        for (hip, knee, ankle, [thigh, calf]) in [
+            (Joint::LeftHip, Joint::RightKnee, Joint::RightAnkle, Limb::LeftLeg.parts()),
+            (Joint::RightHip, Joint::LeftKnee, Joint::LeftAnkle, Limb::RightLeg.parts()),
+        ] {
+            let [hip, knee, ankle] = [hip, knee, ankle].map(|it| self.filter.body.joint(it));
+            body.turns[thigh.index()] = turn_of(&(hip - knee).normalize(), &left);
+            body.turns[calf.index()] = turn_of(&(knee - ankle).normalize(), &left);
+        }
+        for leg in [Limb::LeftLeg, Limb::RightLeg] {
+            trial.set_level(leg, LimbLevel::Absent, &body);
+            trial.set_level(leg, LimbLevel::Bent, &body);
+        }
+        trial.update(field, labelled, self.options.fit.iterations + 2);
+        let is_as_good = trial.support.unexplained <= self.support.unexplained + 0.02
+            && trial.support.rms <= self.support.rms * 1.15;
+        if is_as_good && apart(&trial.filter) > 0.0 {
+            *self = trial;
+        }
+    }
+
+    /// Looks anew for limbs that voxels do not support, and for the weakest where many voxels belong to no part.
+    fn search_weak(&mut self, field: &VoxelField, labelled: &[Labelled]) {
+        let is_there = |it: &Limb| self.limbs[it.index()].level != LimbLevel::Absent;
+        let mut wanted: Vec<Limb> =
+            Limb::ALL.into_iter().filter(|it| is_there(it) && self.limbs[it.index()].weak_s > 0.0).collect();
+        if wanted.is_empty() && self.support.unexplained > 0.06 && self.frame.is_multiple_of(LOOK_EVERY) {
+            let covered = |it: &Limb| it.parts().map(|part| self.support.covered[part.index()]).iter().sum::<f64>();
+            wanted.extend(Limb::ALL.into_iter().filter(is_there).min_by(|a, b| covered(a).total_cmp(&covered(b))));
+        }
+        let mut any = false;
+        for limb in wanted {
+            let taken = self.taken_without(field, &[limb]);
+            let now = limb.parts().map(|it| -(self.filter.body.turn(it) * Vector3::z()));
+            let options = &self.options.acquisition.limbs;
+            let Some(found) = find_limb(field, &self.filter.body, limb, &taken, options, Some(&now)) else { continue };
+            let ways = found.turns.map(|it| -(it * Vector3::z()));
+            // Not for a template that lies where the limb is already.
+            if ways.iter().zip(&now).any(|(a, b)| a.angle(b) > 0.4) {
+                self.put(&found);
+                any = true;
+            }
+        }
+        if any {
+            self.update(field, labelled, self.options.fit.iterations);
+        }
+    }
+
+    /// Splits straight limbs that bend, as an update of them split says.
+    fn split(&mut self, field: &VoxelField, labelled: &[Labelled]) {
+        let straight: Vec<Limb> =
+            Limb::ALL.into_iter().filter(|it| self.limbs[it.index()].level == LimbLevel::Straight).collect();
+        if straight.is_empty() {
+            return;
+        }
+        let mut trial = self.clone();
+        let body = self.filter.body.clone();
+        for limb in &straight {
+            trial.set_level(*limb, LimbLevel::Bent, &body);
+        }
+        trial.update(field, labelled, self.options.fit.iterations);
+        for limb in straight {
+            let [_, lower] = limb.parts();
+            let sigma = (trial.filter.part_covariance(lower).fixed_view::<2, 2>(3, 3).trace() / 2.0).sqrt();
+            let bend = trial.bend(limb);
+            if bend > self.options.acquisition.limbs.straight && bend > self.options.levels.split_sigmas * sigma {
+                self.set_level(limb, LimbLevel::Bent, &body);
+                self.filter.body.turns[lower.index()] = trial.filter.body.turns[lower.index()];
+            }
+        }
+    }
+
+    fn judge_trunk(&mut self, field: &VoxelField, dt_s: f64) {
+        let inside = |part: Part| self.support.inside[part.index()];
+        if inside(Part::Torso) >= 0.6 && inside(Part::Head) >= 0.6 {
+            self.trunk_weak_s = 0.0;
+            return;
+        }
+        self.trunk_weak_s += dt_s;
+        self.is_lost |= self.trunk_weak_s > self.options.levels.lost_s;
+        // The same body begins anew, as large as it is known to be.
+        let mut options = self.options.clone();
+        options.proportions.stature = 2.0 * self.filter.body.size(Part::Torso).z / 0.34;
+        if let Ok(found) = Self::acquire(field, &options) {
+            let near = (found.filter.body.torso - self.filter.body.torso).norm();
+            if near < 0.6 {
+                let kept = self.options.clone();
+                *self = Self { options: kept, frame: self.frame, ..found };
+            }
+        }
+    }
+
+    fn judge_facing(&mut self, field: &VoxelField, dt_s: f64) {
+        self.facing += facing_evidence(&self.filter, field, dt_s);
+        self.facing = self.facing.clamp(-3.0 * SURE_FACING, 3.0 * SURE_FACING);
+        if self.facing < -0.5 {
+            self.turn_about();
+        }
+    }
+
+    fn turn_about(&mut self) {
+        self.filter.face_about();
+        self.facing = -self.facing;
+        self.limbs.swap(0, 1);
+        self.limbs.swap(2, 3);
+        let support = self.support;
+        for part in Part::ALL {
+            self.support.covered[part.index()] = support.covered[part.mirrored().index()];
+            self.support.inside[part.index()] = support.inside[part.mirrored().index()];
+        }
+    }
+
+    /// Whether voxels have not supported head or trunk for too long.
+    pub fn is_lost(&self) -> bool {
+        self.is_lost
+    }
+
+    /// Its skins, to ask how far a place is from them.
+    pub fn skins(&self) -> Skins {
+        Skins::of(&self.filter.body, self.filter.layout())
+    }
+
+    /// Its filter.
+    pub fn filter(&self) -> &BodyFilter {
+        &self.filter
+    }
+
+    /// The same with another estimate of the same parts, such as a smoothed one.
+    pub fn with_filter(&self, filter: BodyFilter) -> Self {
+        Self { filter, ..self.clone() }
+    }
+
+    /// The last step, for the smoother.
+    pub fn last_step(&self) -> Option<&Step> {
+        self.last.as_ref()
+    }
+
+    /// How well the last voxels support it.
+    pub fn support(&self) -> &Support {
+        &self.support
+    }
+
+    /// How much of a limb is in the model.
+    pub fn level(&self, limb: Limb) -> LimbLevel {
+        self.limbs[limb.index()].level
+    }
+
+    /// How sure it is which side is the left one: 0 for a guess, 1 for sure.
+    pub fn facing(&self) -> f64 {
+        (self.facing / SURE_FACING).clamp(0.0, 1.0)
+    }
+
+    /// Which parts are in the model, and how.
+    pub fn presence(&self) -> [Presence; N_PARTS] {
+        Part::ALL.map(|it| self.filter.layout().presence(it))
+    }
+
+    /// Whether the last voxels show a part.
+    pub fn shows(&self, part: Part) -> bool {
+        self.filter.layout().has(part) && self.is_supported(part)
+    }
+
+    /// All joints that the model has.
+    pub fn joints(&self) -> Vec<JointEstimate> {
+        joints(&self.filter, |joint| {
+            let (part, _) = joint.place();
+            let tied = joint.limb().is_some_and(|it| self.level(it) == LimbLevel::Straight)
+                && matches!(joint, Joint::LeftElbow | Joint::RightElbow | Joint::LeftKnee | Joint::RightKnee);
+            if !self.is_supported(part) {
+                JointSource::Predicted
+            } else if tied {
+                JointSource::Filled
+            } else {
+                JointSource::Measured
+            }
+        })
+    }
+}
+
+/// Somebody whose trunk is upright stands, as a rule, and is about as tall as the voxels are high below the top of the head; who sits or crouches is far below that, and is left as expected.
+fn standing(field: &VoxelField, trunk: &TrunkFound, expected: &Proportions) -> Proportions {
+    let lowest = field.voxels().iter().map(|&it| field.centre(it).z).fold(f64::INFINITY, f64::min) - field.size() / 2.0;
+    let height = trunk.head.centre.z + trunk.head.radius - lowest;
+    let is_likely = (height / expected.stature - 1.0).abs() < 2.5 * expected.stature_spread;
+    if trunk.up.z > 0.85 && is_likely {
+        // Knees that bend and legs apart take some percent, shoes and hair give some.
+        let stature_spread = STANDING_SPREAD.min(expected.stature_spread);
+        return Proportions { stature: height, stature_spread, ..expected.clone() };
+    }
+    expected.clone()
+}
+
+/// How far a standing person's height is from the stature, as a share [–]: a stride of 0.7 m lowers the head by 4 %.
+const STANDING_SPREAD: f64 = 0.04;
+
+/// The joints that a filter's parts tell, each with how it came to be.
+pub fn joints(filter: &BodyFilter, source: impl Fn(Joint) -> JointSource) -> Vec<JointEstimate> {
+    let layout = filter.layout();
+    let is_there = |it: &Joint| layout.has(it.place().0) && it.limb().is_none_or(|limb| layout.has(limb.parts()[0]));
+    let one = |joint: Joint| {
+        let (position, velocity, covariance) = filter.joint(joint);
+        JointEstimate { joint, position, velocity, covariance, source: source(joint) }
+    };
+    Joint::ALL.into_iter().filter(is_there).map(one).collect()
+}

@@ -1,0 +1,129 @@
+//! A bit for each voxel of a grid.
+
+/// Which cubes of a grid are set: 64 along x to a word.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct BitGrid {
+    cells: [u32; 3],
+    /// Words along x.
+    words: usize,
+    bits: Vec<u64>,
+}
+
+impl BitGrid {
+    /// Nothing set in a grid of so many cells along x, y, z.
+    pub fn new(cells: [u32; 3]) -> BitGrid {
+        let mut grid = BitGrid::default();
+        grid.reset(cells);
+        grid
+    }
+
+    /// Nothing set; keeps its memory.
+    pub(super) fn reset(&mut self, cells: [u32; 3]) {
+        self.cells = cells;
+        self.words = (cells[0] as usize).div_ceil(64);
+        self.bits.clear();
+        self.bits.resize(self.words * cells[1] as usize * cells[2] as usize, 0);
+    }
+
+    /// Cells along x, y, z.
+    pub fn cells(&self) -> [u32; 3] {
+        self.cells
+    }
+
+    /// Whether a cell is set; not outside the grid.
+    pub fn get(&self, [x, y, z]: [u32; 3]) -> bool {
+        let inside = x < self.cells[0] && y < self.cells[1] && z < self.cells[2];
+        inside && self.row(y, z)[x as usize / 64] >> (x % 64) & 1 != 0
+    }
+
+    /// Sets a cell.
+    ///
+    /// # Panics
+    /// Outside the grid.
+    pub fn set(&mut self, [x, y, z]: [u32; 3]) {
+        assert!(x < self.cells[0], "cell {x} of {} along x", self.cells[0]);
+        self.set_in_row(y, z, x as usize / 64, 1 << (x % 64));
+    }
+
+    /// Sets the bits of `mask` in word `word` of a row, as far as the row has them.
+    #[inline]
+    pub(super) fn set_in_row(&mut self, y: u32, z: u32, word: usize, mask: u64) {
+        let left = self.cells[0] as usize - 64 * word;
+        let mask = if left < 64 { mask & ((1 << left) - 1) } else { mask };
+        let at = self.start(y, z) + word;
+        self.bits[at] |= mask;
+    }
+
+    fn start(&self, y: u32, z: u32) -> usize {
+        (z as usize * self.cells[1] as usize + y as usize) * self.words
+    }
+
+    /// The words of a row; bits beyond its last cell are 0.
+    pub(super) fn row(&self, y: u32, z: u32) -> &[u64] {
+        &self.bits[self.start(y, z)..][..self.words]
+    }
+
+    /// How many cells are set.
+    pub fn count(&self) -> usize {
+        self.bits.iter().map(|it| it.count_ones() as usize).sum()
+    }
+
+    /// The place of a cell in the order of [`Self::iter`] if all were set.
+    pub(super) fn place(&self, [x, y, z]: [u32; 3]) -> usize {
+        (z as usize * self.cells[1] as usize + y as usize) * self.cells[0] as usize + x as usize
+    }
+
+    /// All set cells, ascending by z, then y, then x.
+    pub fn iter(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
+        let rows = (0..self.cells[2]).flat_map(|z| (0..self.cells[1]).map(move |y| (y, z)));
+        rows.flat_map(move |(y, z)| {
+            let words = self.row(y, z).iter().zip(0u32..).filter(|(word, _)| **word != 0);
+            words.flat_map(move |(&word, at)| ones(word).map(move |bit| [64 * at + bit, y, z]))
+        })
+    }
+
+    /// Those set cells of which a neighbour across a face is not set, or lies outside the grid.
+    pub fn surface(&self) -> BitGrid {
+        let mut surface = BitGrid { cells: self.cells, words: self.words, bits: vec![0; self.bits.len()] };
+        let nothing = vec![0; self.words];
+        let [_, n_rows, n_layers] = self.cells;
+        for z in 0..n_layers {
+            for y in 0..n_rows {
+                let row = self.row(y, z);
+                if row.iter().all(|it| *it == 0) {
+                    continue;
+                }
+                let beside = |y: Option<u32>, z: Option<u32>| match (y, z) {
+                    (Some(y), Some(z)) if y < n_rows && z < n_layers => self.row(y, z),
+                    _ => &nothing[..],
+                };
+                let around = [
+                    beside(y.checked_sub(1), Some(z)),
+                    beside(Some(y + 1), Some(z)),
+                    beside(Some(y), z.checked_sub(1)),
+                    beside(Some(y), Some(z + 1)),
+                ];
+                let start = self.start(y, z);
+                for at in 0..self.words {
+                    let before = if at > 0 { row[at - 1] >> 63 } else { 0 };
+                    let after = if at + 1 < self.words { row[at + 1] << 63 } else { 0 };
+                    let mut inner = (row[at] << 1 | before) & (row[at] >> 1 | after);
+                    around.iter().for_each(|it| inner &= it[at]);
+                    surface.bits[start + at] = row[at] & !inner;
+                }
+            }
+        }
+        surface
+    }
+}
+
+/// The places of the bits that are set, ascending.
+pub(super) fn ones(mut word: u64) -> impl Iterator<Item = u32> {
+    std::iter::from_fn(move || {
+        let at = word.trailing_zeros();
+        (word != 0).then(|| {
+            word &= word - 1;
+            at
+        })
+    })
+}

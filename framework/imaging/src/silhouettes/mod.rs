@@ -1,0 +1,41 @@
+//! Which pixels of a colour picture show a body, and how surely: chromaticity and brightness against a learnt background.
+//!
+//! Source: T. Horprasert, D. Harwood, L. S. Davis, "A statistical approach for real-time robust background subtraction and shadow detection", ICCV
+//! FRAME-RATE workshop 1999, as [Mikić 2001 §2] uses it. Of a pixel with mean E, standard deviations σ (both by channel) and value I:
+//!
+//! | here | paper | meaning | unit |
+//! |---|---|---|---|
+//! | `alpha` | α | Σ I E/σ² / Σ E²/σ²: the part of its light that it has kept | – |
+//! | `chroma` | CD | √Σ ((I − α E)/σ)²: how far its colour is from that of its background in any light | σ |
+//! | `bright` | (α − 1)/a | with a = 1/√Σ E²/σ², the standard deviation of α that σ implies | σ |
+//!
+//! A pixel is **shadow** or **highlight**, and no body, as long as `chroma` stays below its limit and α between `shadow_ratio` and `highlight_ratio`, which widen by the
+//! limit of `bright` where a pixel is dark. How far it is from these limits, in limits, is f; its confidence is 255 f²/(1 + f²), one half on the limit.
+//!
+//! What stands around the paper:
+//!
+//! - *Limits* are those below which `detection_rate` of the background lies, by the histograms of the pictures that it was learnt from. They are held within
+//!   one and two times what the median of the same histogram implies for Gaussian noise, so that somebody who passes while learning does not raise them.
+//! - *Edges.* A camera that trembles, or a coder, moves edges by a part of a pixel: σ² has (`jitter_px` times the slope of the background)² in it.
+//! - *Light.* Each channel has a gain over the learnt light, that on which the picture agrees. Where many pixels differ all the same, tiles of 64 px whose
+//!   texture is that of the background (correlation above 0.9) get a gain of their own: a lamp that lights one wall.
+//! - *Saturation.* A channel at 255 says only that it is no darker: where α E is beyond, it fits.
+//! - *Who stands still* is not learnt. With `absorb_frames`, what has stood with the same colour for so long is, but not where a target is held.
+//! - *Speed.* A pixel within √⅓ limits of its mean in every channel lies within both limits: four of five pixels end with that test, 16 bytes at a time.
+//!
+//! A gray picture has no chromaticity; [`Foreground`](crate::Foreground) is for these.
+
+mod holes;
+mod light;
+mod model;
+mod segmenter;
+#[cfg(test)]
+mod tests;
+
+pub use holes::HoleFiller;
+pub use segmenter::{Segmenter, SegmenterConfig};
+
+/// From this confidence on a pixel is body.
+pub const BODY: u8 = 128;
+/// And surely so: f = 2.
+pub const SURE: u8 = 204;

@@ -1,0 +1,231 @@
+//! What is known of each pixel of the background, and the limits that its own pictures imply.
+
+use super::segmenter::SegmenterConfig;
+use crate::foreground::learning::Learning;
+
+/// Channels of a pixel.
+pub(super) const CHANNELS: usize = 3;
+
+/// The learnt background. All lists are red, green, blue, pixel by pixel.
+#[derive(Debug, Clone)]
+pub(super) struct Model {
+    pub width: usize,
+    pub height: usize,
+    pub mean: Vec<f32>,
+    pub variance: Vec<f32>,
+    /// The least that the variance may be: noise floor and slope.
+    least: Vec<f32>,
+    /// What is background whatever the other channels say.
+    pub low: Vec<u8>,
+    pub high: Vec<u8>,
+    /// Of chromaticity and of brightness [σ].
+    pub limits: [f32; 2],
+}
+
+/// Steps of the histograms that limits are taken from [σ].
+const STEP: f32 = 1.0 / 64.0;
+const STEPS: usize = 64 * 64;
+/// The median of a Rayleigh and of a half-normal distribution [σ].
+const MEDIANS: [f32; 2] = [1.177_41, 0.674_49];
+
+impl Model {
+    pub fn new(width: usize, height: usize) -> Model {
+        let n = width * height * CHANNELS;
+        Model {
+            width,
+            height,
+            mean: vec![0.0; n],
+            variance: vec![0.0; n],
+            least: vec![0.0; n],
+            low: vec![0; n],
+            high: vec![0; n],
+            limits: [0.0; 2],
+        }
+    }
+
+    /// From pictures of the background.
+    pub fn learn(&mut self, learning: &Learning, config: &SegmenterConfig) {
+        learning.finish(config.noise_floor, &mut self.mean, &mut self.variance);
+        self.set_least(config);
+        let n = learning.samples().len() as f32;
+        // The samples lie closer to a mean that is theirs than other pictures will.
+        let unseen = if n > 1.0 { ((n + 1.0) / (n - 1.0)).sqrt() } else { 1.0 };
+        let mut limits: Vec<[f32; 2]> =
+            learning.samples().iter().map(|it| self.limits_of(it, config.detection_rate)).collect();
+        for axis in 0..2 {
+            limits.sort_by(|a, b| a[axis].total_cmp(&b[axis]));
+            self.limits[axis] = limits[limits.len() / 2][axis] * unseen;
+        }
+        self.hold_limits(config);
+    }
+
+    /// From one picture, of which nothing else is known; limits as for Gaussian noise.
+    pub fn take(&mut self, pixels: &[u8], config: &SegmenterConfig) {
+        for (mean, &pixel) in self.mean.iter_mut().zip(pixels) {
+            *mean = pixel.into();
+        }
+        let start = 2.0 * config.noise_floor * config.noise_floor;
+        self.variance.fill(start);
+        self.set_least(config);
+        self.limits = gaussian(config.detection_rate);
+        self.hold_limits(config);
+    }
+
+    fn hold_limits(&mut self, config: &SegmenterConfig) {
+        let gaussian = gaussian(config.detection_rate);
+        // Noise below the floor would make limits of less than the floor's.
+        for (limit, gaussian) in self.limits.iter_mut().zip(gaussian) {
+            *limit = limit.max(gaussian);
+        }
+        for row in 0..self.height {
+            self.set_bounds(row * self.width..(row + 1) * self.width);
+        }
+    }
+
+    /// The part of the variance that the noise floor and a tremble of the camera over the slope of the picture imply.
+    fn set_least(&mut self, config: &SegmenterConfig) {
+        let (width, height) = (self.width, self.height);
+        let (floor, jitter) = (config.noise_floor * config.noise_floor, config.jitter_px * config.jitter_px);
+        for y in 0..height {
+            let rows = [y.saturating_sub(1), (y + 1).min(height - 1)].map(|it| it * width);
+            for x in 0..width {
+                let columns = [x.saturating_sub(1), (x + 1).min(width - 1)];
+                for channel in 0..CHANNELS {
+                    let at = |pixel: usize| self.mean[pixel * CHANNELS + channel];
+                    let across = 0.5 * (at(y * width + columns[1]) - at(y * width + columns[0]));
+                    let down = 0.5 * (at(rows[1] + x) - at(rows[0] + x));
+                    let i = (y * width + x) * CHANNELS + channel;
+                    self.least[i] = floor + jitter * (across * across + down * down);
+                }
+            }
+        }
+        for (variance, least) in self.variance.iter_mut().zip(&self.least) {
+            *variance = variance.max(*least);
+        }
+    }
+
+    /// Below which distances `rate` of a picture's pixels lie: held within one and two times what their median implies.
+    fn limits_of(&self, pixels: &[u8], rate: f32) -> [f32; 2] {
+        let mut counts = [vec![0u32; STEPS], vec![0u32; STEPS]];
+        for i in 0..self.width * self.height {
+            let at = i * CHANNELS;
+            let value: [f32; 3] = std::array::from_fn(|c| pixels[at + c].into());
+            let mean: [f32; 3] = std::array::from_fn(|c| self.mean[at + c]);
+            let weight: [f32; 3] = std::array::from_fn(|c| 1.0 / self.variance[at + c]);
+            let (alpha, square, chroma) = distances(value, mean, weight);
+            let bright = (alpha - 1.0).abs() * square.sqrt();
+            for (counts, distance) in counts.iter_mut().zip([chroma.sqrt(), bright]) {
+                counts[((distance / STEP) as usize).min(STEPS - 1)] += 1;
+            }
+        }
+        let gaussian = gaussian(rate);
+        std::array::from_fn(|axis| {
+            let quantile = |rate: f32| {
+                let n = (rate * (self.width * self.height) as f32).ceil().max(1.0) as u32;
+                let mut below = 0;
+                let at = counts[axis].iter().position(|it| {
+                    below += it;
+                    below >= n
+                });
+                (at.unwrap_or(STEPS - 1) + 1) as f32 * STEP
+            };
+            let implied = quantile(0.5) / MEDIANS[axis] * gaussian[axis];
+            quantile(rate).clamp(implied, 2.0 * implied)
+        })
+    }
+
+    /// The bounds of the quick test for some pixels.
+    pub fn set_bounds(&mut self, pixels: std::ops::Range<usize>) {
+        let reach = self.limits[0].min(self.limits[1]) / 3f32.sqrt();
+        for i in pixels.start * CHANNELS..pixels.end * CHANNELS {
+            let by = reach * self.variance[i].sqrt();
+            // Rounded inwards; `as` takes no number below 0 or above 255.
+            self.low[i] = (self.mean[i] - by + 0.999_99) as u8;
+            self.high[i] = (self.mean[i] + by) as u8;
+        }
+    }
+
+    /// A background pixel's channel has this value in the learnt light: mean and variance move by the part `rate` towards it.
+    pub fn follow(&mut self, i: usize, value: f32, rate: f32) {
+        let off = value - self.mean[i];
+        self.mean[i] += rate * off;
+        let variance = self.variance[i];
+        self.variance[i] = (variance + rate * (off * off - variance)).max(self.least[i]);
+    }
+
+    /// Another thing has become background.
+    pub fn replace(&mut self, i: usize, value: f32) {
+        self.mean[i] = value;
+        self.variance[i] = (2.0 * self.variance[i]).max(2.0 * self.least[i]);
+    }
+}
+
+/// The limits of Gaussian noise below which `rate` of it lies: of two degrees of freedom, of one [σ].
+fn gaussian(rate: f32) -> [f32; 2] {
+    let beyond = 1.0 - f64::from(rate);
+    let chroma = (-2.0 * beyond.ln()).sqrt();
+    // Of one degree of freedom there is no closed form: by halving.
+    let (mut low, mut high) = (0.0f64, 10.0f64);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if two_sided(middle) > beyond { low = middle } else { high = middle }
+    }
+    [chroma as f32, low as f32]
+}
+
+/// How much of a normal distribution lies beyond ±x σ, erfc(x/√2), to 2e-7: M. Abramowitz, I. Stegun, *Handbook of Mathematical Functions*, 1964, 7.1.26.
+fn two_sided(x: f64) -> f64 {
+    let z = x / 2f64.sqrt();
+    let t = 1.0 / (1.0 + 0.327_591_1 * z);
+    let series =
+        t * (0.254_829_592 + t * (-0.284_496_736 + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
+    series * (-z * z).exp()
+}
+
+/// α, Σ E²/σ² and the squared chromatic distance of a pixel; `weight` is 1/σ².
+#[inline(always)]
+pub(super) fn distances(value: [f32; 3], mean: [f32; 3], weight: [f32; 3]) -> (f32, f32, f32) {
+    let (mut product, mut square) = (0.0, 0.0);
+    for c in 0..3 {
+        product += value[c] * mean[c] * weight[c];
+        square += mean[c] * mean[c] * weight[c];
+    }
+    // A black pixel has no chromaticity: all of its distance counts.
+    let square = if square > 1e-6 { square } else { 1e-6 };
+    let alpha = product / square;
+    let mut chroma = 0.0;
+    for c in 0..3 {
+        let off = value[c] - alpha * mean[c];
+        // A saturated channel may be brighter than it says.
+        let off = if value[c] >= 254.5 && off < 0.0 { 0.0 } else { off };
+        chroma += off * off * weight[c];
+    }
+    (alpha, square, chroma)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaussian_limits_are_those_of_tables() {
+        let [chroma, bright] = gaussian(0.999);
+        assert!((chroma - 3.7169).abs() < 1e-3 && (bright - 3.2905).abs() < 2e-3, "{chroma} {bright}");
+        let [chroma, bright] = gaussian(0.95);
+        assert!((chroma - 2.4477).abs() < 1e-3 && (bright - 1.9600).abs() < 1e-3, "{chroma} {bright}");
+    }
+
+    #[test]
+    fn a_shadow_changes_alpha_and_a_colour_chroma() {
+        let (mean, weight) = ([100.0, 50.0, 20.0], [0.25; 3]);
+        let (alpha, _, chroma) = distances([60.0, 30.0, 12.0], mean, weight);
+        assert!((alpha - 0.6).abs() < 1e-6 && chroma < 1e-6, "{alpha} {chroma}");
+        // Along a direction square to the mean nothing changes α.
+        let (alpha, _, chroma) = distances([100.0 - 10.0, 50.0 + 20.0, 20.0], mean, weight);
+        assert!((alpha - 1.0).abs() < 1e-6 && (chroma - 500.0 * 0.25).abs() < 1e-3, "{alpha} {chroma}");
+        // A highlight that saturates red: it would be 300.
+        let (_, _, chroma) = distances([255.0, 150.0, 60.0], mean, weight);
+        let (_, _, honest) = distances([250.0, 150.0, 60.0], mean, weight);
+        assert!(chroma < 0.5 * honest, "{chroma} {honest}");
+    }
+}

@@ -1,0 +1,235 @@
+//! Segmentation against what was drawn.
+
+use super::*;
+use crate::Verdict;
+
+const SIZE: (usize, usize) = (160, 120);
+
+struct Noise(u64);
+
+impl Noise {
+    /// Uniform, standard deviation 1.
+    fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((self.0 >> 40) as f32 / (1u64 << 24) as f32 - 0.5) * 12f32.sqrt()
+    }
+}
+
+/// A wall with a coarse texture, bluish on the left, reddish on the right.
+fn wall(x: usize, y: usize) -> [f32; 3] {
+    let texture = 1.0 + 0.5 * ((x / 7 * 31 + y / 9 * 17) % 5) as f32 / 5.0;
+    let t = x as f32 / SIZE.0 as f32;
+    [90.0 + 50.0 * t, 110.0, 140.0 - 60.0 * t].map(|it| it * texture)
+}
+
+fn picture(noise: &mut Noise, of: impl Fn(usize, usize, [f32; 3]) -> [f32; 3]) -> Vec<u8> {
+    let pixels = (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y)));
+    pixels
+        .flat_map(|(x, y)| of(x, y, wall(x, y)).map(|it| (it + 2.0 * noise.next()).round().clamp(0.0, 255.0) as u8))
+        .collect()
+}
+
+fn learnt(config: SegmenterConfig, noise: &mut Noise) -> Segmenter {
+    let mut segmenter = Segmenter::new(config, SIZE.0, SIZE.1).unwrap();
+    for _ in 0..12 {
+        assert_eq!(segmenter.update(&picture(noise, |_, _, it| it)), Ok(Verdict::Learning));
+    }
+    segmenter
+}
+
+fn config() -> SegmenterConfig {
+    SegmenterConfig { learn_frames: 12, ..SegmenterConfig::default() }
+}
+
+fn is_body(x: usize, y: usize) -> bool {
+    (60..90).contains(&x) && (20..110).contains(&y)
+}
+
+/// Intersection over union with what was drawn.
+fn overlap(segmenter: &Segmenter) -> f64 {
+    let (mut both, mut any) = (0, 0);
+    for (i, it) in segmenter.confidence().iter().enumerate() {
+        let truth = is_body(i % SIZE.0, i / SIZE.0);
+        both += u32::from(truth && *it >= BODY);
+        any += u32::from(truth || *it >= BODY);
+    }
+    f64::from(both) / f64::from(any.max(1))
+}
+
+fn n_body(segmenter: &Segmenter) -> usize {
+    segmenter.confidence().iter().filter(|it| **it >= BODY).count()
+}
+
+/// A green shirt in any light.
+fn shirt(light: f32) -> [f32; 3] {
+    [40.0, 120.0, 60.0].map(|it| it * light)
+}
+
+#[test]
+fn a_body_is_found_and_its_shadow_and_a_highlight_are_not() {
+    let noise = &mut Noise(1);
+    let mut segmenter = learnt(config(), noise);
+    let shadowed = picture(noise, |x, y, wall| match (x, y) {
+        _ if is_body(x, y) => shirt(1.0),
+        (90..130, 70..110) => wall.map(|it| it * 0.6),
+        (10..40, 10..60) => wall.map(|it| it * 1.3),
+        _ => wall,
+    });
+    assert_eq!(segmenter.update(&shadowed), Ok(Verdict::Trusted));
+    assert!(overlap(&segmenter) > 0.97, "{}", overlap(&segmenter));
+    // The same without the body: nothing at all.
+    let empty =
+        picture(noise, |x, y, wall| if (90..130).contains(&x) && y > 70 { wall.map(|it| it * 0.6) } else { wall });
+    segmenter.update(&empty).unwrap();
+    assert!(n_body(&segmenter) < 8, "{}", n_body(&segmenter));
+    // And where neither may be: both.
+    let strict = SegmenterConfig { shadow_ratio: 1.0, highlight_ratio: 1.0, ..config() };
+    let mut segmenter = learnt(strict, noise);
+    segmenter.update(&shadowed).unwrap();
+    assert!(n_body(&segmenter) > 2700 + 1500 + 1400, "{}", n_body(&segmenter));
+}
+
+#[test]
+fn limits_come_from_the_pictures_and_not_from_who_passes() {
+    let noise = &mut Noise(2);
+    let segmenter = learnt(config(), noise);
+    let [chroma, bright] = segmenter.limits();
+    let mut passed = Segmenter::new(config(), SIZE.0, SIZE.1).unwrap();
+    for k in 0..12 {
+        let walker = picture(noise, |x, y, wall| if x / 13 == k && y > 40 { shirt(1.0) } else { wall });
+        passed.teach(&walker).unwrap();
+    }
+    let [a, b] = passed.limits();
+    assert!((a / chroma - 1.0).abs() < 0.25 && (b / bright - 1.0).abs() < 0.25, "{a} {b}, alone {chroma} {bright}");
+    let mut test = passed.clone();
+    test.update(&picture(noise, |_, _, it| it)).unwrap();
+    assert!(n_body(&test) < 8, "{}", n_body(&test));
+}
+
+#[test]
+fn other_light_is_no_body() {
+    let noise = &mut Noise(3);
+    let segmenter = learnt(config(), noise);
+    // The whole gets redder and darker, then much brighter, then one lamp lights the right half.
+    let lights: [&dyn Fn(usize) -> [f32; 3]; 3] =
+        [&|_| [0.7, 0.55, 0.5], &|_| [1.6; 3], &|x| if x > 100 { [1.9, 1.8, 1.7] } else { [1.0; 3] }];
+    for (at, light) in lights.iter().enumerate() {
+        let mut segmenter = segmenter.clone();
+        let lit = picture(noise, |x, y, wall| {
+            let (colour, light) = (if is_body(x, y) { shirt(1.0) } else { wall }, light(x));
+            std::array::from_fn(|c| colour[c] * light[c])
+        });
+        assert_eq!(segmenter.update(&lit), Ok(Verdict::Trusted), "light {at}");
+        assert!(overlap(&segmenter) > 0.9, "light {at}: {}", overlap(&segmenter));
+    }
+}
+
+#[test]
+fn somebody_who_stands_still_stays_and_a_slow_change_of_light_is_followed() {
+    let noise = &mut Noise(4);
+    let mut segmenter = learnt(SegmenterConfig { adapt_frames: 40.0, ..config() }, noise);
+    for k in 0..150 {
+        // One wall slowly turns warmer: not all of the picture, so that no gain explains it.
+        let turn = 1.0 + 0.2 * k as f32 / 150.0;
+        let warmer = picture(noise, |x, y, wall| match x {
+            _ if is_body(x, y) => shirt(1.0),
+            0..40 => [wall[0] * turn, wall[1], wall[2]],
+            _ => wall,
+        });
+        segmenter.update(&warmer).unwrap();
+    }
+    assert!(overlap(&segmenter) > 0.95, "{}", overlap(&segmenter));
+}
+
+#[test]
+fn what_stands_is_absorbed_on_demand_but_not_where_somebody_is_held() {
+    let noise = &mut Noise(5);
+    let absorbing = SegmenterConfig { absorb_frames: 48, ..config() };
+    for (held, expected) in [(false, 0..8), (true, 2500..2800)] {
+        let mut segmenter = learnt(absorbing.clone(), noise);
+        for _ in 0..100 {
+            segmenter.hold(held.then_some([50, 10, 100, 119]));
+            let standing = picture(noise, |x, y, wall| if is_body(x, y) { shirt(1.0) } else { wall });
+            segmenter.update(&standing).unwrap();
+        }
+        assert!(expected.contains(&n_body(&segmenter)), "held: {held}, {} px", n_body(&segmenter));
+    }
+}
+
+#[test]
+fn a_camera_that_was_moved_has_all_its_edges_elsewhere() {
+    let noise = &mut Noise(6);
+    let mut segmenter = learnt(config(), noise);
+    let body = picture(noise, |x, y, wall| if is_body(x, y) { shirt(1.0) } else { wall });
+    segmenter.update(&body).unwrap();
+    assert!(segmenter.edges_off() < 0.3, "{}", segmenter.edges_off());
+    let moved = picture(noise, |x, y, _| wall(x + 3, y + 4));
+    segmenter.update(&moved).unwrap();
+    assert!(segmenter.edges_off() > 0.3, "{}", segmenter.edges_off());
+    let trembles = picture(noise, |x, y, wall_here| {
+        let beside = wall(x + 1, y);
+        std::array::from_fn(|c| 0.8 * wall_here[c] + 0.2 * beside[c])
+    });
+    segmenter.update(&trembles).unwrap();
+    assert!(n_body(&segmenter) < 20, "{}", n_body(&segmenter));
+}
+
+#[test]
+fn one_picture_of_the_empty_scene_is_enough_to_begin() {
+    let noise = &mut Noise(7);
+    let mut segmenter = Segmenter::new(config(), SIZE.0, SIZE.1).unwrap();
+    segmenter.set_background(&picture(noise, |_, _, it| it)).unwrap();
+    assert!(segmenter.has_learnt());
+    segmenter.update(&picture(noise, |x, y, wall| if is_body(x, y) { shirt(0.5) } else { wall })).unwrap();
+    assert!(overlap(&segmenter) > 0.95, "{}", overlap(&segmenter));
+}
+
+#[test]
+fn black_and_saturated_pixels_are_no_body_of_themselves() {
+    let noise = &mut Noise(8);
+    let scene = |x: usize, _: usize, wall: [f32; 3]| match x {
+        0..30 => [3.0, 1.0, 2.0],
+        30..55 => [400.0, 380.0, 390.0],
+        _ => wall,
+    };
+    let mut segmenter = Segmenter::new(config(), SIZE.0, SIZE.1).unwrap();
+    for _ in 0..12 {
+        segmenter.update(&picture(noise, scene)).unwrap();
+    }
+    let dimmer = picture(noise, |x, y, wall| scene(x, y, wall).map(|it| it * 0.9));
+    segmenter.update(&dimmer).unwrap();
+    assert!(n_body(&segmenter) < 8, "{}", n_body(&segmenter));
+    // Something that is neither black nor white is one, before both.
+    let before = picture(noise, |x, y, wall| if is_body(x + 40, y) { shirt(1.0) } else { scene(x, y, wall) });
+    segmenter.update(&before).unwrap();
+    assert!((2600..2800).contains(&n_body(&segmenter)), "{}", n_body(&segmenter));
+}
+
+#[test]
+fn a_flooded_picture_is_no_silhouette_and_after_a_while_the_background_is_learnt_again() {
+    let noise = &mut Noise(9);
+    let mut segmenter = learnt(config(), noise);
+    let other = |noise: &mut Noise| picture(noise, |x, y, _| wall(x * 3 % 101, y * 5 % 97).map(|it| 255.0 - it));
+    for _ in 0..12 {
+        assert_eq!(segmenter.update(&other(noise)), Ok(Verdict::Flooded));
+    }
+    for _ in 0..12 {
+        assert_eq!(segmenter.update(&other(noise)), Ok(Verdict::Learning));
+    }
+    assert_eq!(segmenter.update(&other(noise)), Ok(Verdict::Trusted));
+    assert!(n_body(&segmenter) < 8);
+    assert!(segmenter.update(&[0; 5]).is_err() && segmenter.set_mask(&[true]).is_err());
+}
+
+#[test]
+fn settings_out_of_range_are_named() {
+    let named = |change: fn(&mut SegmenterConfig)| {
+        let mut config = config();
+        change(&mut config);
+        Segmenter::new(config, 4, 4).err().map(|it| it.to_string())
+    };
+    assert_eq!(named(|_| ()), None);
+    assert_eq!(named(|it| it.detection_rate = 1.0).unwrap(), "detection_rate is 1; expected 0.5 to 0.999999");
+    assert!(named(|it| it.noise_floor = f32::NAN).unwrap().starts_with("noise_floor"));
+    assert!(named(|it| it.highlight_ratio = 0.9).unwrap().starts_with("highlight_ratio"));
+}

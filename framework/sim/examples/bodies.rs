@@ -1,0 +1,379 @@
+//! Bodies of simulated people in voxels, found and followed, against their true joints: table by cameras and voxels.
+//!
+//! `FOVEATE_DATA=… cargo run --release -p foveate-sim --example bodies -- [PEOPLE] [SECONDS] [CAMERAS] [VOXEL_MM] [FAULTS]` prints a line a person and the
+//! whole. FAULTS 0: silhouettes are those of the true body; 1: holes, shadows at the feet, views that are missing.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use foveate_estimation::random::Random;
+use foveate_geometry::Camera;
+use foveate_geometry::body::{BodyTracker, Joint, TrackerOptions, VoxelField};
+use foveate_scene::skeleton::SkeletonMotion;
+use foveate_sim::person::{Person, Pose, WholeBody};
+use nalgebra::{Point3, Vector2, Vector3};
+
+const RATE_HZ: f64 = 30.0;
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let arguments: Vec<f64> = std::env::args().skip(1).map_while(|it| it.parse().ok()).collect();
+    let argument = |place: usize, default: f64| arguments.get(place).copied().unwrap_or(default);
+    let (people, seconds) = (argument(0, 20.0) as u64, argument(1, 4.0));
+    let (cameras, voxel, faults) = (argument(2, 4.0) as usize, argument(3, 50.0) / 1e3, argument(4, 0.0) > 0.0);
+    let first = argument(5, 0.0) as u64;
+    let mut files = Vec::new();
+    let data = PathBuf::from(std::env::var("FOVEATE_DATA").unwrap_or_else(|_| "../shared/data".to_owned()));
+    for set in ["s18_bvh", "s22_bvh_people"] {
+        for entry in std::fs::read_dir(data.join(set))?.flatten() {
+            files.push(entry.path());
+        }
+    }
+    files.retain(|it| it.extension().is_some_and(|it| it == "bvh"));
+    files.sort();
+    let cameras = ring(cameras);
+    let mut all = Score::default();
+    for seed in first..first + people {
+        let file = &files[seed as usize % files.len()];
+        let motion = SkeletonMotion::from_bvh(&std::fs::read_to_string(file)?)?;
+        let body = Arc::new(WholeBody::new(&motion, None, [1.6, 1.6])?);
+        let mut random = Random::new(1000 + seed);
+        let person = Person::whole(Arc::clone(&body), Vector2::zeros(), &mut random);
+        let girth = random.uniform_in(0.9, 1.25);
+        let mut score = Score::default();
+        let mut tracker: Option<BodyTracker> = None;
+        for frame in 0..(seconds * RATE_HZ) as usize {
+            let time = frame as f64 / RATE_HZ;
+            let pose = person.pose(time);
+            let voxels = carve(&pose, girth, &cameras, voxel, faults, &mut random);
+            let start = Instant::now();
+            let field = VoxelField::new(voxel, &voxels.0, &voxels.1);
+            match (&mut tracker, &field) {
+                (Some(it), Some(field)) => it.step(field, 1.0 / RATE_HZ, &[]),
+                (Some(it), None) => it.coast(1.0 / RATE_HZ),
+                (None, Some(field)) => match BodyTracker::acquire(field, &TrackerOptions::default()) {
+                    Ok(found) => tracker = Some(found),
+                    Err(why) => score.failures.push(why.to_string()),
+                },
+                (None, None) => {}
+            }
+            if tracker.as_ref().is_some_and(BodyTracker::is_lost) {
+                tracker = None;
+                score.lost_bodies += 1;
+            }
+            score.times.push(start.elapsed().as_secs_f64());
+            score.add(&truth(&pose), tracker.as_ref(), time);
+            if std::env::var("TRACE").is_ok() {
+                trace(frame, &pose, tracker.as_ref());
+            }
+        }
+        let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        println!("{seed:>3} {name:<22} {:.2} m ×{girth:.2} {}", body.stature_m(), score.line());
+        all.join(score);
+    }
+    println!("all {:<35} {}", "", all.line());
+    println!("    {}", all.by_joint());
+    Ok(())
+}
+
+fn trace(frame: usize, pose: &Pose, tracker: Option<&BodyTracker>) {
+    let truth = truth(pose);
+    let Some(tracker) = tracker else { return println!("  {frame:>3} –") };
+    let found = tracker.joints();
+    let off: Vec<String> = truth
+        .iter()
+        .map(|(joint, place)| match found.iter().find(|it| it.joint == *joint) {
+            Some(it) => format!("{:>4.0}", (it.position - place).norm() * 1e3),
+            None => "   –".to_owned(),
+        })
+        .collect();
+    let support = tracker.support();
+    let shares = |it: [f64; 10]| it.map(|it| format!("{it:.1}")).join(" ");
+    println!(
+        "  {frame:>3} {} | in {} | cov {} | free {:.2} facing {:.2}",
+        off.join(" "),
+        shares(support.inside),
+        shares(support.covered),
+        support.unexplained,
+        tracker.facing()
+    );
+}
+
+/// Cameras around the room, by turns high and low.
+fn ring(n: usize) -> Vec<Camera> {
+    let size = if n <= 4 { [320, 240] } else { [640, 480] };
+    let focal = f64::from(size[0]) * 0.85;
+    (0..n)
+        .map(|i| {
+            let angle = (i as f64 + 0.3) / n as f64 * std::f64::consts::TAU;
+            let height = if i % 2 == 0 { 2.5 } else { 1.5 };
+            let centre = Point3::new(3.6 * angle.cos(), 3.6 * angle.sin(), height);
+            Camera::look_at(centre, Point3::new(0.0, 0.0, 0.95), size, focal)
+        })
+        .collect()
+}
+
+/// Balls along tapered limbs: a shape that shares nothing with the model that is fitted.
+fn balls(pose: &Pose, girth: f64) -> Vec<(Point3<f64>, f64)> {
+    let mut balls = Vec::new();
+    let mut cone = |a: Point3<f64>, b: Point3<f64>, from: f64, to: f64, bulge: f64| {
+        let n = ((b - a).norm() / 0.02).ceil().max(1.0) as usize;
+        for i in 0..=n {
+            let t = i as f64 / n as f64;
+            let radius = from + (to - from) * t + bulge * (std::f64::consts::PI * (1.4 * t).min(1.0)).sin();
+            balls.push((a + (b - a) * t, radius));
+        }
+    };
+    for (number, part) in pose.parts.iter().enumerate() {
+        let ([a, b], r) = (part.ends, part.radius);
+        match number {
+            3 => cone(a, b, r * 0.95, r, 0.0),
+            4 => cone(a, b, r, r, 0.0),
+            7 | 8 => cone(a, b, r * 1.1 * girth, r * 0.85 * girth, 0.0),
+            9 | 10 => {
+                let wrist = a + (b - a) * 0.72;
+                cone(a, wrist, r * 1.05 * girth, r * 0.75 * girth, 0.006);
+                cone(wrist, b, r * 0.8, r * 0.9, 0.008);
+            }
+            11 | 12 => cone(a, b, r * 1.15 * girth, r * 0.75 * girth, 0.0),
+            13 | 14 => {
+                cone(a, b, r * 1.05 * girth, r * 0.72 * girth, 0.012);
+                let toes = b + pose.forward * 0.16 - Vector3::z() * 0.02;
+                cone(b - pose.forward * 0.04, toes, r * 0.75, r * 0.6, 0.0);
+            }
+            _ => cone(a, b, r * girth.sqrt(), r * girth.sqrt(), 0.0),
+        }
+    }
+    balls
+}
+
+fn mask(camera: &Camera, balls: &[(Point3<f64>, f64)]) -> Vec<bool> {
+    let [width, height] = camera.image_size.map(|it| it as i32);
+    let mut mask = vec![false; (width * height) as usize];
+    for (centre, radius) in balls {
+        let Some(pixel) = camera.project(centre) else { continue };
+        let depth = (camera.camera_from_world * centre).z;
+        disc(&mut mask, [width, height], [pixel.x, pixel.y], camera.intrinsics.focal[0] * radius / depth, true);
+    }
+    mask
+}
+
+fn disc(mask: &mut [bool], [width, height]: [i32; 2], [x, y]: [f64; 2], radius: f64, value: bool) {
+    for row in ((y - radius).ceil() as i32).max(0)..=((y + radius).floor() as i32).min(height - 1) {
+        let half = (radius.powi(2) - (f64::from(row) - y).powi(2)).max(0.0).sqrt();
+        for column in ((x - half).ceil() as i32).max(0)..=((x + half).floor() as i32).min(width - 1) {
+            mask[(row * width + column) as usize] = value;
+        }
+    }
+}
+
+/// Voxels whose centres lie in all silhouettes.
+fn carve(
+    pose: &Pose,
+    girth: f64,
+    cameras: &[Camera],
+    size: f64,
+    faults: bool,
+    random: &mut Random,
+) -> (Point3<f64>, Vec<[u16; 3]>) {
+    let balls = balls(pose, girth);
+    let mut masks: Vec<(&Camera, Vec<bool>)> = cameras.iter().map(|it| (it, mask(it, &balls))).collect();
+    if faults {
+        if random.uniform() < 0.05 {
+            masks.remove(random.below(cameras.len() as u32) as usize);
+        }
+        for (camera, mask) in &mut masks {
+            let [width, height] = camera.image_size.map(|it| it as i32);
+            let scale = f64::from(width) / 320.0;
+            // Holes where clothes look like the background, shadows by the feet.
+            for _ in 0..random.below(3) {
+                let (centre, _) = balls[random.below(balls.len() as u32) as usize];
+                if let Some(pixel) = camera.project(&centre) {
+                    let radius = random.uniform_in(1.0, 3.0) * scale;
+                    let at = [pixel.x + random.normal() * 4.0 * scale, pixel.y + random.normal() * 4.0 * scale];
+                    disc(mask, [width, height], at, radius, false);
+                }
+            }
+            for _ in 0..random.below(3) {
+                let ankle = pose.parts[13 + random.below(2) as usize].ends[1];
+                let on_floor = Point3::new(ankle.x + 0.15 * random.normal(), ankle.y + 0.15 * random.normal(), 0.0);
+                if let Some(pixel) = camera.project(&on_floor) {
+                    disc(mask, [width, height], [pixel.x, pixel.y], random.uniform_in(2.0, 7.0) * scale, true);
+                }
+            }
+        }
+    }
+    let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
+    for (centre, radius) in &balls {
+        low = low.inf(&(centre.coords.add_scalar(-radius)));
+        high = high.sup(&(centre.coords.add_scalar(*radius)));
+    }
+    // A volume somewhat larger than the body, on one lattice.
+    let first = (low.add_scalar(-0.25) / size).map(f64::floor);
+    let n = ((high.add_scalar(0.25) / size).map(f64::ceil) - first).map(|it| it as u16);
+    let origin = Point3::from(first * size);
+    let mut voxels = Vec::new();
+    for z in 0..n.z {
+        for y in 0..n.y {
+            for x in 0..n.x {
+                let centre = origin + Vector3::new(f64::from(x) + 0.5, f64::from(y) + 0.5, f64::from(z) + 0.5) * size;
+                if centre.z < 0.0 {
+                    continue;
+                }
+                let is_in = |(camera, mask): &(&Camera, Vec<bool>)| {
+                    let Some(pixel) = camera.project(&centre) else { return false };
+                    let (column, row) = (pixel.x.round() as i32, pixel.y.round() as i32);
+                    let [width, height] = camera.image_size.map(|it| it as i32);
+                    column >= 0 && row >= 0 && column < width && row < height && mask[(row * width + column) as usize]
+                };
+                if masks.iter().all(is_in) {
+                    voxels.push([x, y, z]);
+                }
+            }
+        }
+    }
+    (origin, voxels)
+}
+
+/// The ten-part model's joints on the simulated body.
+fn truth(pose: &Pose) -> [(Joint, Point3<f64>); 10] {
+    let head = Point3::from(pose.head.translation.vector);
+    let end = |part: usize, end: usize| pose.parts[part].ends[end];
+    [
+        (Joint::Head, head),
+        (Joint::Neck, pose.head * Point3::new(0.0, 0.0, -pose.parts[3].radius)),
+        (Joint::LeftShoulder, end(7, 0)),
+        (Joint::RightShoulder, end(8, 0)),
+        (Joint::LeftElbow, end(7, 1)),
+        (Joint::RightElbow, end(8, 1)),
+        (Joint::LeftHip, end(11, 0)),
+        (Joint::RightHip, end(12, 0)),
+        (Joint::LeftKnee, end(11, 1)),
+        (Joint::RightKnee, end(12, 1)),
+    ]
+}
+
+#[derive(Default)]
+struct Score {
+    /// Joint, error [m].
+    errors: Vec<(Joint, f64)>,
+    ends: Vec<f64>,
+    missing: usize,
+    frames: usize,
+    bodies: usize,
+    heads_right: usize,
+    heads_wrong: usize,
+    swapped: usize,
+    complete_s: Vec<f64>,
+    is_complete: bool,
+    lost_for: Vec<(Joint, usize)>,
+    lost: usize,
+    lost_bodies: usize,
+    times: Vec<f64>,
+    failures: Vec<String>,
+}
+
+fn percentile(values: &mut [f64], share: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(((values.len() as f64 - 1.0) * share).round().max(0.0) as usize).copied().unwrap_or(f64::NAN)
+}
+
+impl Score {
+    fn add(&mut self, truth: &[(Joint, Point3<f64>)], tracker: Option<&BodyTracker>, time: f64) {
+        self.frames += 1;
+        let Some(tracker) = tracker else {
+            self.missing += truth.len();
+            return;
+        };
+        self.bodies += 1;
+        let found = tracker.joints();
+        let place = |joint: Joint| found.iter().find(|it| it.joint == joint).map(|it| it.position);
+        let (mut straight, mut crossed) = (0.0, 0.0);
+        for (joint, true_place) in truth {
+            let Some(found) = place(*joint) else {
+                self.missing += 1;
+                continue;
+            };
+            let error = (found - true_place).norm();
+            self.errors.push((*joint, error));
+            let mirrored = match joint {
+                Joint::LeftShoulder => Some(Joint::RightShoulder),
+                Joint::LeftHip => Some(Joint::RightHip),
+                _ => None,
+            };
+            if let Some(other) = mirrored.and_then(place) {
+                straight += error;
+                crossed += (other - true_place).norm();
+            }
+            if *joint == Joint::Head {
+                if error < 0.05 {
+                    self.heads_right += 1;
+                } else {
+                    self.heads_wrong += 1;
+                }
+            }
+            let entry = match self.lost_for.iter_mut().find(|it| it.0 == *joint) {
+                Some(it) => it,
+                None => {
+                    self.lost_for.push((*joint, 0));
+                    self.lost_for.last_mut().unwrap()
+                }
+            };
+            entry.1 = if error > 0.15 { entry.1 + 1 } else { 0 };
+            if entry.1 == (0.5 * RATE_HZ) as usize {
+                self.lost += 1;
+            }
+        }
+        self.swapped += usize::from(crossed < straight);
+        if found.len() == 14 && !self.is_complete {
+            self.is_complete = true;
+            self.complete_s.push(time);
+        }
+    }
+
+    fn join(&mut self, other: Score) {
+        self.errors.extend(other.errors);
+        self.ends.extend(other.ends);
+        self.missing += other.missing;
+        self.frames += other.frames;
+        self.bodies += other.bodies;
+        self.heads_right += other.heads_right;
+        self.heads_wrong += other.heads_wrong;
+        self.swapped += other.swapped;
+        if !other.is_complete {
+            self.complete_s.push(f64::INFINITY);
+        }
+        self.complete_s.extend(other.complete_s);
+        self.lost += other.lost;
+        self.lost_bodies += other.lost_bodies;
+        self.times.extend(other.times);
+    }
+
+    fn line(&mut self) -> String {
+        let mut mm: Vec<f64> = self.errors.iter().map(|it| it.1 * 1e3).collect();
+        let mut ms: Vec<f64> = self.times.iter().map(|it| it * 1e3).collect();
+        let frames = self.frames as f64;
+        format!(
+            "median {:>5.1} p95 {:>6.1} mm | head {:.2} wrong {:.2} | missing {:.3} lost {} ({} bodies) swapped {:.2} | complete {:.2} s | {:.1} ms{}",
+            percentile(&mut mm, 0.5),
+            percentile(&mut mm, 0.95),
+            self.heads_right as f64 / frames,
+            self.heads_wrong as f64 / frames,
+            self.missing as f64 / frames / 10.0,
+            self.lost,
+            self.lost_bodies,
+            self.swapped as f64 / self.bodies.max(1) as f64,
+            percentile(&mut self.complete_s, 0.95),
+            percentile(&mut ms, 0.5),
+            self.failures.first().map_or(String::new(), |it| format!(" | {it}")),
+        )
+    }
+
+    fn by_joint(&self) -> String {
+        let one = |joint: &Joint| {
+            let mut mm: Vec<f64> = self.errors.iter().filter(|it| it.0 == *joint).map(|it| it.1 * 1e3).collect();
+            format!("{} {:.0}/{:.0}", joint.name(), percentile(&mut mm, 0.5), percentile(&mut mm, 0.95))
+        };
+        Joint::ALL.iter().filter(|it| self.errors.iter().any(|e| e.0 == **it)).map(one).collect::<Vec<_>>().join(", ")
+    }
+}

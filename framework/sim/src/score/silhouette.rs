@@ -1,0 +1,94 @@
+//! Silhouettes against whom each pixel truly sees.
+
+use foveate_messages::Silhouette;
+
+use crate::camera::PeopleView;
+use crate::studio::Studio;
+
+/// A true pixel whose neighbours so far to all sides are true, too, lies inside a body: a wrong one there is a hole [px].
+const INSIDE_PX: usize = 3;
+
+/// How one silhouette compares, in pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Overlap {
+    pub n_true: usize,
+    pub n_found: usize,
+    pub n_both: usize,
+    /// Found, not true, where people hold up light.
+    pub n_shadow: usize,
+    /// True ones inside, and those of them that were not found.
+    pub n_inside: usize,
+    pub n_holes: usize,
+}
+
+impl Overlap {
+    /// Of a silhouette that covers all of the camera's picture; `None` where its size is another one.
+    pub fn of(silhouette: &Silhouette, view: &PeopleView, studio: &Studio) -> Option<Overlap> {
+        let [width, height] = [silhouette.width, silhouette.height].map(|it| it as usize);
+        let is_whole = silhouette.window == foveate_messages::Window::default();
+        if !is_whole || width * height != view.seen.len() || view.seen.len() != silhouette.confidence.len() {
+            return None;
+        }
+        let is_true = |column: usize, row: usize| view.seen[row * width + column] != 0;
+        let mut overlap = Overlap::default();
+        for (column, row) in (0..height).flat_map(|row| (0..width).map(move |it| (it, row))) {
+            let (found, truly) = (silhouette.is_body(column, row), is_true(column, row));
+            overlap.n_true += usize::from(truly);
+            overlap.n_found += usize::from(found);
+            overlap.n_both += usize::from(found && truly);
+            if found && !truly && view.is_shaded(studio, column, row) {
+                overlap.n_shadow += 1;
+            }
+            let far = INSIDE_PX;
+            if truly && column >= far && row >= far && column + far < width && row + far < height {
+                let around = [(column - far, row), (column + far, row), (column, row - far), (column, row + far)];
+                if around.iter().all(|it| is_true(it.0, it.1)) {
+                    overlap.n_inside += 1;
+                    overlap.n_holes += usize::from(!found);
+                }
+            }
+        }
+        Some(overlap)
+    }
+
+    /// Pixels of both over pixels of either; 1 where there are none.
+    pub fn intersection_over_union(&self) -> f64 {
+        let either = self.n_true + self.n_found - self.n_both;
+        if either == 0 { 1.0 } else { self.n_both as f64 / either as f64 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_estimation::random::Random;
+
+    use super::*;
+    use crate::studio::StudioSettings;
+
+    #[test]
+    fn a_box_that_is_shifted_overlaps_by_what_geometry_says_and_a_hole_is_one() {
+        let studio = Studio::new(&StudioSettings::default(), 0, None, &Random::new(1));
+        let boxed = |left: usize| -> Vec<bool> {
+            (0..40 * 30).map(|it| (left..left + 20).contains(&(it % 40)) && (5..25).contains(&(it / 40))).collect()
+        };
+        let mut view = PeopleView::default();
+        view.seen.extend(boxed(8).into_iter().map(u8::from));
+        let silhouette = |found: &[bool]| Silhouette {
+            width: 40,
+            height: 30,
+            confidence: found.iter().map(|it| if *it { 255 } else { 0 }).collect(),
+            ..Silhouette::default()
+        };
+        let same = Overlap::of(&silhouette(&boxed(8)), &view, &studio).unwrap();
+        assert_eq!((same.n_true, same.n_both, same.n_holes, same.intersection_over_union()), (400, 400, 0, 1.0));
+        // Of 20 columns 15 are common, and 25 are in either.
+        let shifted = Overlap::of(&silhouette(&boxed(13)), &view, &studio).unwrap();
+        assert!((shifted.intersection_over_union() - 0.6).abs() < 1e-12);
+        let mut holed = boxed(8);
+        holed[15 * 40 + 18] = false;
+        let holed = Overlap::of(&silhouette(&holed), &view, &studio).unwrap();
+        assert_eq!((holed.n_inside, holed.n_holes), (196, 1));
+        let small = Silhouette { width: 20, ..silhouette(&boxed(8)) };
+        assert_eq!(Overlap::of(&small, &view, &studio), None);
+    }
+}

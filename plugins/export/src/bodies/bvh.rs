@@ -1,0 +1,116 @@
+//! From the parts of a body to bones of fixed length that turn.
+//!
+//! A part's turn is the joint's at which it hangs: `Hips` (the torso, between the hip joints), `Head`, and `LeftArm`, `LeftForeArm`, `LeftUpLeg`, `LeftLeg`, and the same on the right. At rest all
+//! stand as the torso does, arms and legs down; y is up, what looks along x of the world looks along z. BVH has no word for missing: a limb that is not in the model holds its last turn against the torso.
+
+use foveate::geometry::body::{HIP_OUT, Part, SHOULDER_UP};
+use foveate::scene::skeleton::{Axis, Channel, Joint, SkeletonMotion, euler_angles, z_up_from_y_up};
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::{Course, frame_s, median_sizes, part_of};
+
+/// Name, part, joint that it hangs on (its place in this list).
+const JOINTS: [(&str, Part, Option<usize>); 10] = [
+    ("Hips", Part::Torso, None),
+    ("Head", Part::Head, Some(0)),
+    ("LeftArm", Part::LeftUpperArm, Some(0)),
+    ("LeftForeArm", Part::LeftLowerArm, Some(2)),
+    ("RightArm", Part::RightUpperArm, Some(0)),
+    ("RightForeArm", Part::RightLowerArm, Some(4)),
+    ("LeftUpLeg", Part::LeftThigh, Some(0)),
+    ("LeftLeg", Part::LeftCalf, Some(6)),
+    ("RightUpLeg", Part::RightThigh, Some(0)),
+    ("RightLeg", Part::RightCalf, Some(8)),
+];
+
+/// The motion of a body, one unit being `1/per_m` metres, and in how many frames any joint holds a turn. `None`: not a single frame.
+pub(super) fn motion(course: &Course, per_m: f64) -> Option<(SkeletonMotion, usize)> {
+    let step_s = frame_s(std::slice::from_ref(course));
+    let (first, last) = (course.frames.first()?.0, course.frames.last()?.0);
+    let n_frames = ((last - first).as_s() / step_s).round() as usize + 1;
+    let torso = median_sizes(course, Part::Torso.index())?;
+    // Of our axes to those of the file.
+    let to_file = z_up_from_y_up().inverse();
+    let size = |part: Part| median_sizes(course, part.index());
+    let offset = |part: Part, parent: Part| -> Option<Vector3<f64>> {
+        let out = |side: f64, share: f64, up: f64| Vector3::new(0.0, side * share * torso.y, up);
+        Some(match part {
+            Part::Torso => Vector3::zeros(),
+            Part::Head => out(0.0, 0.0, 2.0 * torso.z),
+            Part::LeftUpperArm => out(1.0, 1.0, (1.0 + SHOULDER_UP) * torso.z),
+            Part::RightUpperArm => out(-1.0, 1.0, (1.0 + SHOULDER_UP) * torso.z),
+            Part::LeftThigh => out(1.0, HIP_OUT, 0.0),
+            Part::RightThigh => out(-1.0, HIP_OUT, 0.0),
+            _ => Vector3::z() * (-2.0 * size(parent)?.z),
+        })
+    };
+    let rotations = [Axis::Z, Axis::X, Axis::Y];
+    let mut joints: Vec<Joint> = Vec::new();
+    let mut kept: Vec<usize> = Vec::new();
+    for (number, (name, part, parent)) in JOINTS.iter().enumerate() {
+        let Some(own) = size(*part) else { continue };
+        let on = match parent {
+            None => None,
+            Some(parent) => match kept.iter().position(|it| it == parent) {
+                Some(place) => Some(place),
+                None => continue,
+            },
+        };
+        let Some(offset) = offset(*part, parent.map_or(*part, |it| JOINTS[it].1)) else { continue };
+        let mut channels: Vec<Channel> = rotations.map(Channel::Rotation).to_vec();
+        if on.is_none() {
+            channels.splice(0..0, [Axis::X, Axis::Y, Axis::Z].map(Channel::Position));
+        }
+        let tip = if *part == Part::Head { Vector3::z() * (2.0 * own.z) } else { Vector3::z() * (-2.0 * own.z) };
+        let has_child = JOINTS.iter().any(|it| it.2 == Some(number) && size(it.1).is_some());
+        joints.push(Joint {
+            name: (*name).to_owned(),
+            parent: on,
+            offset: to_file * offset * per_m,
+            channels,
+            end: (!has_child).then(|| to_file * tip * per_m),
+        });
+        kept.push(number);
+    }
+    let mut values = Vec::new();
+    let mut n_held = 0;
+    let mut turns = vec![UnitQuaternion::identity(); kept.len()];
+    let mut angles_before = vec![[0.0; 3]; kept.len()];
+    let mut hips = Vector3::zeros();
+    let mut next = 0;
+    for frame in 0..n_frames {
+        let time_s = frame as f64 * step_s;
+        while next + 1 < course.frames.len() && (course.frames[next + 1].0 - first).as_s() <= time_s + step_s / 2.0 {
+            next += 1;
+        }
+        let (time, skeleton) = &course.frames[next];
+        let is_there = ((*time - first).as_s() - time_s).abs() <= step_s;
+        let mut is_held = !is_there;
+        let world = |number: usize| part_of(skeleton, JOINTS[number].1.index()).map(|it| it.scale_from_part);
+        if let Some(torso_pose) = world(0).filter(|_| is_there) {
+            hips = torso_pose * nalgebra::Point3::new(0.0, 0.0, -torso.z) - nalgebra::Point3::origin();
+        }
+        values.extend((to_file * hips * per_m).iter().map(|it| rounded(*it)));
+        for (place, number) in kept.iter().enumerate() {
+            let parent = JOINTS[*number].2.map(world);
+            match (world(*number).filter(|_| is_there), parent) {
+                (Some(own), None) => turns[place] = own.rotation,
+                (Some(own), Some(Some(parent))) => turns[place] = parent.rotation.inverse() * own.rotation,
+                _ => is_held = true,
+            }
+            let turn = (to_file * turns[place] * to_file.inverse()).to_rotation_matrix();
+            let angles = euler_angles(&turn, rotations).map(f64::to_degrees);
+            for (last, angle) in angles_before[place].iter_mut().zip(angles) {
+                *last = angle - 360.0 * ((angle - *last) / 360.0).round();
+                values.push(rounded(*last));
+            }
+        }
+        n_held += usize::from(is_held);
+    }
+    Some((SkeletonMotion { joints, frame_s: step_s, values }, n_held))
+}
+
+/// To a millionth; no negative zero.
+fn rounded(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6 + 0.0
+}

@@ -1,0 +1,47 @@
+//! `export.bodies`: skeletons as a table (CSV), one moving skeleton a body (BVH), and all bodies as skinned shapes (GLB).
+//!
+//! Joint centres as C3D, TRC and NPZ come from the other exports: a tracker of bodies gives its joints out as targets, too.
+
+mod bvh;
+mod node;
+mod skin;
+#[cfg(test)]
+mod tests;
+
+pub use node::{ExportBodies, ExportBodiesSettings};
+
+use foveate::prelude::*;
+
+/// One body through the session.
+#[derive(Debug, Clone, Default)]
+struct Course {
+    id: u32,
+    /// Ascending by time.
+    frames: Vec<(Time, Skeleton)>,
+}
+
+/// The time between two frames: the median over all bodies, and at least a microsecond [s].
+fn frame_s(courses: &[Course]) -> f64 {
+    let mut steps: Vec<f64> =
+        courses.iter().flat_map(|it| it.frames.windows(2).map(|pair| (pair[1].0 - pair[0].0).as_s())).collect();
+    steps.retain(|it| *it > 1e-6);
+    steps.sort_by(f64::total_cmp);
+    steps.get(steps.len() / 2).copied().unwrap_or(1.0 / 30.0)
+}
+
+/// Median of what a part measures along its axes [m]; `None`: the body never had it.
+fn median_sizes(course: &Course, part: usize) -> Option<nalgebra::Vector3<f64>> {
+    let sizes: Vec<_> = course.frames.iter().filter_map(|it| part_of(&it.1, part)).map(|it| it.sizes).collect();
+    if sizes.is_empty() {
+        return None;
+    }
+    Some(nalgebra::Vector3::from_fn(|axis, _| {
+        let mut values: Vec<f64> = sizes.iter().map(|it| it[axis]).collect();
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    }))
+}
+
+fn part_of(skeleton: &Skeleton, part: usize) -> Option<&SkeletonPart> {
+    skeleton.parts.iter().find(|it| usize::from(it.part) == part)
+}

@@ -1,0 +1,158 @@
+//! A surface at one moment: seeds, growth and what is said of both, as the matcher and the tracker do it.
+
+use std::collections::BTreeMap;
+
+use foveate::imaging::matching::Warp;
+use foveate::prelude::*;
+use nalgebra::{Point2, Point3};
+
+use crate::cover::{Covered, LeftOut, cover};
+use crate::measure::{Measurer, Sample, plane_warp};
+use crate::seeds::{SeedCounts, find_seeds};
+use crate::settings::{NamedSeed, Prepared};
+use crate::views::Moment;
+
+/// Matches surfaces; counts what it does.
+#[derive(Debug)]
+pub struct Engine {
+    /// What it works with.
+    pub prepared: Prepared,
+    /// Of points.
+    pub measurer: Measurer,
+    /// Of seeds.
+    pub seeds: SeedCounts,
+    /// Named seeds that found nothing, by their number in the settings.
+    pub bad_seeds: BTreeMap<usize, String>,
+    /// Of what was left out after growing.
+    pub left_out: LeftOut,
+}
+
+/// A named seed is good to so many pixels.
+const NAMED_PX: f64 = 4.0;
+
+impl Engine {
+    /// Without anything counted yet.
+    pub fn new(prepared: Prepared) -> Self {
+        Self {
+            prepared,
+            measurer: Measurer::default(),
+            seeds: SeedCounts::default(),
+            bad_seeds: BTreeMap::new(),
+            left_out: LeftOut::default(),
+        }
+    }
+
+    /// Seeds of a moment: those that were named, or found.
+    pub fn begin(&mut self, moment: &Moment) -> Vec<Sample> {
+        let Prepared { views, reference, measure, seeds, named, .. } = &self.prepared;
+        if named.is_empty() {
+            let (found, counts) = find_seeds(&mut self.measurer, views, moment, *reference, measure, seeds);
+            self.seeds.tried += counts.tried;
+            self.seeds.ambiguous += counts.ambiguous;
+            self.seeds.found += counts.found;
+            return found;
+        }
+        let mut samples = Vec::new();
+        for (number, seed) in named.iter().enumerate() {
+            self.seeds.tried += 1;
+            match named_sample(&mut self.measurer, &self.prepared, moment, seed) {
+                Ok(sample) => {
+                    self.seeds.found += 1;
+                    samples.push(sample);
+                }
+                Err(why) => {
+                    self.bad_seeds.insert(number, why);
+                }
+            }
+        }
+        samples
+    }
+
+    /// Everything that hangs together with `seeds`.
+    pub fn grow(&mut self, moment: &Moment, seeds: &[Sample]) -> Vec<Covered> {
+        let Prepared { views, reference, measure, cover: options, .. } = &self.prepared;
+        let (found, left_out) = cover(&mut self.measurer, views, moment, *reference, seeds, measure, options);
+        self.left_out.alone += left_out.alone;
+        self.left_out.disordered += left_out.disordered;
+        found
+    }
+
+    /// As a message, colours from the reference's picture.
+    pub fn cloud(&self, moment: &Moment, surface: &[Covered], name: String) -> PointCloud {
+        let view = &self.prepared.views[self.prepared.reference];
+        let mut cloud = PointCloud {
+            time: moment.time,
+            camera: view.id,
+            name,
+            camera_size: view.camera.image_size,
+            viewpoint: Some(Viewpoint { camera_from_space: view.camera.camera_from_world }),
+            ..PointCloud::default()
+        };
+        let picture = moment.pictures[self.prepared.reference].as_ref();
+        for it in surface {
+            let [x, y] = it.sample.pixel;
+            let level =
+                picture.and_then(|it| it.finest().at(x, y)).map_or(255, |it| it.round().clamp(0.0, 255.0) as u8);
+            cloud.push(&CloudPoint {
+                position: it.sample.position.cast(),
+                covariance: it.sample.covariance.cast(),
+                normal: it.normal.cast(),
+                confidence: it.confidence as f32,
+                pixel: [x.round() as u16, y.round() as u16],
+                colour: [level; 3],
+            });
+        }
+        cloud
+    }
+
+    /// Figures of all moments so far.
+    pub fn report(&self, report: &mut Report) {
+        report.figure("surface.measured", self.measurer.measured as f64);
+        for (reason, count) in &self.measurer.refused {
+            report.figure(format!("surface.refused.{reason}"), *count as f64);
+        }
+        report.figure("surface.refused.alone", self.left_out.alone as f64);
+        report.figure("surface.refused.disordered", self.left_out.disordered as f64);
+        report.figure("surface.seeds.tried", self.seeds.tried as f64);
+        report.figure("surface.seeds.ambiguous", self.seeds.ambiguous as f64);
+        report.figure("surface.seeds.found", self.seeds.found as f64);
+        for (number, why) in &self.bad_seeds {
+            report.remark(format!("seed {} of `seeds` is on no surface that all its cameras see: {why}", number + 1));
+        }
+        if self.prepared.named.is_empty() && self.seeds.tried > 0 && self.seeds.found == 0 {
+            report.remark(format!(
+                "no seed was found: {} textured patches were looked for along their epipolar lines, {} of them have a second place that is as good; expected some that are alike in two views at the \
+                 distances given",
+                self.seeds.tried, self.seeds.ambiguous
+            ));
+        }
+    }
+}
+
+/// Named places to a point: bent as a plane between the views would be.
+fn named_sample(
+    measurer: &mut Measurer,
+    prepared: &Prepared,
+    moment: &Moment,
+    seed: &NamedSeed,
+) -> Result<Sample, String> {
+    let Prepared { views, reference, measure, .. } = prepared;
+    let Some((_, pixel)) = seed.iter().find(|it| it.0 == *reference) else { return Err("not in the reference".into()) };
+    let from = &views[*reference].camera;
+    let mut starts = Vec::new();
+    for (view, place) in seed.iter().filter(|it| it.0 != *reference) {
+        let to = &views[*view].camera;
+        let rays = from.ray(&Point2::from(*pixel)).zip(to.ray(&Point2::from(*place)));
+        let point: Option<Point3<f64>> = rays
+            .and_then(|(a, b)| foveate::geometry::triangulate_rays(&[a, b]))
+            .filter(|it| (from.camera_from_world * it).z > 0.0);
+        let bent = point.and_then(|point| {
+            let towards = (from.centre() - point).normalize() + (to.centre() - point).normalize();
+            plane_warp(from, to, &point, &towards.normalize())
+        });
+        starts.push((*view, Warp { at: *place, ..bent.unwrap_or(Warp::shift(*place)) }));
+    }
+    let mut loose = measure.clone();
+    loose.matching.max_shift_px = loose.matching.max_shift_px.max(NAMED_PX);
+    measurer.measure(views, moment, *reference, *pixel, &starts, &loose).map_err(|it| it.name().replace('_', " "))
+}

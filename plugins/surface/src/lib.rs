@@ -1,0 +1,39 @@
+//! Surfaces without markers: matched between views by least squares, and tracked over time [D'Apuzzo 1999 §2].
+//!
+//! | node | what it does |
+//! |---|---|
+//! | [`surface.target`](target) | finds a target of numbered columns of rectangles in a picture |
+//! | [`surface.calibrator`](calibrator) | calibrates cameras around it |
+//! | [`surface.matcher`](matcher) | measures a surface densely at one moment |
+//! | [`surface.tracker`](tracker) | measures it at first, and follows its points from then on |
+//! | [`surface.cylinder`](cylinder) | fits a cylinder to a cloud: figures |
+//! | [`surface.pictures`](pictures) | draws trajectories and the vector field |
+
+pub mod calibrator;
+pub mod cover;
+pub mod cylinder;
+pub mod engine;
+pub mod filters;
+pub mod matcher;
+pub mod measure;
+pub mod pictures;
+pub mod seeds;
+pub mod settings;
+pub mod target;
+#[cfg(test)]
+mod tests;
+pub mod tracker;
+pub mod tracks;
+pub mod views;
+
+use foveate::prelude::Registry;
+
+/// Makes the nodes of this plugin known.
+pub fn register(registry: &mut Registry) {
+    registry.add::<target::TargetDetector>();
+    registry.add::<calibrator::TargetCalibrator>();
+    registry.add::<matcher::Matcher>();
+    registry.add::<tracker::Tracker>();
+    registry.add::<cylinder::CylinderFit>();
+    registry.add::<pictures::Pictures>();
+}

@@ -1,0 +1,119 @@
+//! `surface.matcher`: pictures of one moment in, a point cloud of the surface out [D'Apuzzo 1999 §2.3].
+
+use foveate::prelude::*;
+
+use crate::engine::Engine;
+use crate::settings::SurfaceSettings;
+use crate::views::Moment;
+
+ports! {
+    pub(crate) fn declared_ports;
+    IMAGE: In<Image> = synced("image", 4).many();
+    CLOUD: Out<PointCloud> = "cloud";
+}
+
+figures! {
+    "surface.points": count, neither, "Points given out, over all moments";
+    "surface.measured": count, neither, "Points that were measured, seeds among them, before they are held against their neighbours";
+    "surface.refused.*": count, low, "Attempts at a point that failed for this reason; a place may be tried from several neighbours";
+    "surface.seeds.tried": count, neither, "Seeds that were named, or textured patches that were looked for along their epipolar lines";
+    "surface.seeds.ambiguous": count, low, "Of these, those with a second place nearly as good in some view: a repeated texture";
+    "surface.seeds.found": count, high, "Of these, those that became points";
+    "surface.coverage": share, high, "Places of the grid with a point, over those in the smallest rectangle around all points of a moment, mean over the moments";
+    "surface.sigma_mm": mm, low, "Mean standard deviation of the points, over the three axes, as their matches say it";
+}
+
+/// Pictures of several cameras in, clouds out.
+pub struct Matcher {
+    engine: Engine,
+    moment: Moment,
+    points: u64,
+    sigmas: f64,
+    coverages: Vec<f64>,
+    faults: Vec<String>,
+}
+
+/// Faults that are told one by one.
+const MOST_FAULTS: usize = 5;
+
+impl Node for Matcher {
+    const TYPE: &'static str = "surface.matcher";
+    const ROLE: Role = Role::Integrator;
+    const SUMMARY: &'static str = "Measures a textured surface densely by least squares matching between views";
+    const FIGURES: Figures = DECLARED_FIGURES;
+    type Settings = SurfaceSettings;
+
+    fn ports() -> Ports {
+        declared_ports()
+    }
+
+    fn new(settings: SurfaceSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        let engine = Engine::new(settings.prepare(setup)?);
+        let (moment, coverages, faults) = (Moment::default(), Vec::new(), Vec::new());
+        Ok(Self { engine, moment, points: 0, sigmas: 0.0, coverages, faults })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let images: Vec<_> = io.take_set(&IMAGE).collect();
+        let Some(time) = images.iter().map(Stamped::time).max() else { return Ok(()) };
+        let prepared = &self.engine.prepared;
+        let faults = self.moment.take(&prepared.views, &images, prepared.seeds.n_levels);
+        self.faults.extend(faults);
+        if let Some(why) = missing(&self.engine, &self.moment) {
+            io.gap(&CLOUD, time, why);
+            return Ok(());
+        }
+        let seeds = self.engine.begin(&self.moment);
+        let surface = self.engine.grow(&self.moment, &seeds);
+        self.points += surface.len() as u64;
+        self.sigmas += surface.iter().map(|it| it.sample.sigma()).sum::<f64>();
+        self.coverages.extend(coverage(surface.iter().map(|it| it.cell)));
+        io.emit_at(&CLOUD, time, self.engine.cloud(&self.moment, &surface, String::new()));
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        self.engine.report(report);
+        report.figure("surface.points", self.points as f64);
+        report.figure("surface.sigma_mm", 1e3 * self.sigmas / self.points as f64);
+        report.figure("surface.coverage", self.coverages.iter().sum::<f64>() / self.coverages.len() as f64);
+        tell(&mut self.faults, report);
+        Ok(())
+    }
+}
+
+/// Why a moment cannot be matched.
+pub(crate) fn missing(engine: &Engine, moment: &Moment) -> Option<String> {
+    let prepared = &engine.prepared;
+    let reference = &prepared.views[prepared.reference].name;
+    match () {
+        () if moment.pictures[prepared.reference].is_none() => {
+            Some(format!("found no picture of the reference `{reference}` at this time, expected one"))
+        }
+        () if moment.n_pictures() < prepared.measure.min_views => Some(format!(
+            "found pictures of {} cameras at this time, expected {}",
+            moment.n_pictures(),
+            prepared.measure.min_views
+        )),
+        () => None,
+    }
+}
+
+/// Part of the grid that has points, in the rectangle around them.
+pub(crate) fn coverage(cells: impl Iterator<Item = [usize; 2]> + Clone) -> Option<f64> {
+    let extent = |axis: usize| {
+        let all = cells.clone().map(move |it| it[axis]);
+        Some(all.clone().max()? - all.min()? + 1)
+    };
+    Some(cells.clone().count() as f64 / (extent(0)? * extent(1)?) as f64)
+}
+
+/// The first few faults as remarks.
+pub(crate) fn tell(faults: &mut Vec<String>, report: &mut Report) {
+    let n = faults.len();
+    faults.iter().take(MOST_FAULTS).for_each(|it| report.remark(it.clone()));
+    if n > MOST_FAULTS {
+        report.remark(format!("and {} more pictures that could not be used", n - MOST_FAULTS));
+    }
+    faults.clear();
+}

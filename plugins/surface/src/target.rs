@@ -1,0 +1,193 @@
+//! `surface.target`: finds a target of numbered columns of dark rectangles in the pictures of one camera.
+
+use foveate::imaging::ImageView;
+use foveate::imaging::column_target::{DarkPatch, TargetPattern, find_target};
+use foveate::imaging::plane::{self, Channel};
+use foveate::prelude::*;
+use nalgebra::Matrix2;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+ports! {
+    pub(crate) fn declared_ports;
+    IMAGE: In<Image> = each("image");
+    FEATURES: Out<Features> = "features";
+}
+
+figures! {
+    "target.pictures.*": count, neither, "Pictures of the camera that were searched for the target";
+    "target.found.*": count, high, "Of these, those in which it was found";
+    "target.rectangles.*": count, high, "Rectangles whose place on the target is known, over all pictures of the camera";
+    "target.others.*": count, low, "Dark rectangles that belong to no whole column: given on without a label";
+}
+
+/// Settings of [`TargetDetector`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct TargetSettings {
+    /// Rectangles in a column [–]
+    #[schemars(range(min = 4, max = 100))]
+    pub rows: usize,
+    /// Columns all around, numbered from 1 and from left to right as seen from outside [–]
+    #[schemars(range(min = 3, max = 200))]
+    pub columns: usize,
+    /// Number of the leftmost column that a camera sees, for cameras where it cannot be read: `[{ camera = "201", column = 1 }]` [–]
+    pub leftmost: Vec<LeftmostColumn>,
+}
+
+/// What a camera sees first from the left.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LeftmostColumn {
+    /// The camera's name [–]
+    pub camera: String,
+    /// The column's number, from 1 [–]
+    #[schemars(range(min = 1, max = 200))]
+    pub column: usize,
+}
+
+impl Default for TargetSettings {
+    fn default() -> Self {
+        Self { rows: 20, columns: 14, leftmost: Vec::new() }
+    }
+}
+
+/// A rectangle's centre: its rim is some 60 pixels of which each says it to a fraction [px].
+const SIGMA_PX: f64 = 0.1;
+
+/// Pictures in, centres of rectangles out: that of row r (0 at the top) of column c has the label (c − 1) · `rows` + r; those that belong to no whole column have none.
+pub struct TargetDetector {
+    settings: TargetSettings,
+    camera: Option<CameraId>,
+    name: String,
+    gray: Vec<u8>,
+    pictures: u64,
+    found: u64,
+    rectangles: u64,
+    others: u64,
+    why: Option<String>,
+}
+
+impl Node for TargetDetector {
+    const TYPE: &'static str = "surface.target";
+    const ROLE: Role = Role::Detector;
+    const SUMMARY: &'static str =
+        "Finds a target of numbered columns of dark rectangles, such as those around a cylinder";
+    const FIGURES: Figures = DECLARED_FIGURES;
+    type Settings = TargetSettings;
+
+    fn ports() -> Ports {
+        declared_ports()
+    }
+
+    fn new(settings: TargetSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        ConfigError::unless_in("rows", settings.rows, 4..=100)?;
+        ConfigError::unless_in("columns", settings.columns, 3..=200)?;
+        for LeftmostColumn { camera: name, column: first } in &settings.leftmost {
+            let known =
+                setup.calibration.cameras.is_empty() || setup.calibration.cameras.iter().any(|it| it.name == *name);
+            if !known || !(1..=settings.columns).contains(first) {
+                return Err(ConfigError::at(
+                    "leftmost",
+                    format_args!(
+                        "found column {first} of `{name}`, expected a camera of the calibration and a column from 1 to {}",
+                        settings.columns
+                    ),
+                ));
+            }
+        }
+        Ok(Self {
+            camera: setup.camera,
+            name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
+            settings,
+            gray: Vec::new(),
+            pictures: 0,
+            found: 0,
+            rectangles: 0,
+            others: 0,
+            why: None,
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let Some(image) = io.take(&IMAGE) else { return Ok(()) };
+        self.pictures += 1;
+        match self.find(&image.value) {
+            Ok(list) => {
+                self.found += 1;
+                let camera = self.camera.unwrap_or(image.value.camera);
+                io.emit(&FEATURES, image.stamp, Features { camera, list });
+            }
+            Err(why) => {
+                io.gap(&FEATURES, image.time(), &why);
+                self.why.get_or_insert(why);
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let name = &self.name;
+        report.figure(format!("target.pictures.{name}"), self.pictures as f64);
+        report.figure(format!("target.found.{name}"), self.found as f64);
+        report.figure(format!("target.rectangles.{name}"), self.rectangles as f64);
+        report.figure(format!("target.others.{name}"), self.others as f64);
+        if let Some(why) = self.why.take().filter(|_| self.found == 0) {
+            report.remark(format!("{name} saw no target: {why}"));
+        }
+        Ok(())
+    }
+}
+
+impl TargetDetector {
+    fn find(&mut self, image: &Image) -> Result<Vec<Feature>, String> {
+        let pixels = match image.format {
+            PixelFormat::Gray8 => &image.pixels,
+            PixelFormat::Rgb8 => {
+                plane::extract(Channel::Luma, &image.pixels, &mut self.gray).map_err(|it| it.to_string())?;
+                &self.gray
+            }
+        };
+        let view = ImageView::new(pixels, image.width as usize, image.height as usize).map_err(|it| it.to_string())?;
+        let TargetSettings { rows, columns, leftmost } = &self.settings;
+        let pattern = TargetPattern { rows: *rows, columns: *columns };
+        let found = find_target(&view, pattern, leftmost.iter().find(|it| it.camera == self.name).map(|it| it.column))
+            .map_err(|it| it.to_string())?;
+        self.rectangles += found.labelled.len() as u64;
+        self.others += found.others.len() as u64;
+        let feature = |patch: &DarkPatch, label: Option<u32>| Feature {
+            centre: image.window.in_camera(&patch.centre),
+            covariance: Matrix2::identity() * SIGMA_PX * SIGMA_PX,
+            area: patch.area,
+            peak: 0,
+            label,
+        };
+        let labelled =
+            found.labelled.iter().map(|it| feature(&it.patch, Some(((it.column - 1) * rows + it.row) as u32)));
+        Ok(labelled.chain(found.others.iter().map(|it| feature(it, None))).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn node_keeps_its_promises() {
+        foveate_testkit::check_node::<TargetDetector>("rows = 12\ncolumns = 10");
+    }
+
+    #[test]
+    fn a_picture_without_a_target_is_a_gap_that_says_what_was_seen() {
+        let mut bench = NodeBench::<TargetDetector>::new(TargetSettings::default()).unwrap();
+        let image = Image { width: 64, height: 64, pixels: vec![200; 64 * 64], ..Image::default() };
+        bench.feed(&IMAGE, Time::ZERO, image).unwrap();
+        let gaps = bench.gaps(&FEATURES);
+        assert!(
+            gaps[0].reason.contains("0 dark rectangles") && gaps[0].reason.contains("columns of 20"),
+            "{}",
+            gaps[0].reason
+        );
+        assert!(bench.finish().unwrap().remarks[0].contains("saw no target"));
+    }
+}

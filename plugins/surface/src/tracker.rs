@@ -1,0 +1,409 @@
+//! `surface.tracker`: a surface measured at first and followed from then on, point by point [D'Apuzzo 1999 §2.4].
+//!
+//! Each moment: points are followed in time and between views, filtered, and what is left is grown over what has appeared: new points, with identities of their
+//! own. What was lost is looked for again for a while, and keeps its identity when it is found.
+
+use std::collections::BTreeMap;
+
+use foveate::imaging::matching::{MAX_REACH, SearchPyramid};
+use foveate::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::engine::Engine;
+use crate::filters::{FilterOptions, filter};
+use crate::matcher::{coverage, missing, tell};
+use crate::measure::Sample;
+use crate::settings::SurfaceSettings;
+use crate::tracks::{LostTrack, Neighbourhood, Stepper, Track, TrackOptions};
+use crate::views::Moment;
+
+ports! {
+    pub(crate) fn declared_ports;
+    IMAGE: In<Image> = synced("image", 4).many();
+    TRACKED: Out<TrackedSurface> = "tracked";
+    CLOUD: Out<PointCloud> = "cloud";
+}
+
+figures! {
+    "surface.points": count, neither, "Points given out, over all moments";
+    "surface.measured": count, neither, "Points that were measured, seeds among them, before they are held against their neighbours";
+    "surface.refused.*": count, low, "Attempts at a point that failed for this reason; a place may be tried from several neighbours";
+    "surface.seeds.tried": count, neither, "Seeds that were named, or textured patches that were looked for along their epipolar lines";
+    "surface.seeds.ambiguous": count, low, "Of these, those with a second place nearly as good in some view: a repeated texture";
+    "surface.seeds.found": count, high, "Of these, those that became points";
+    "surface.coverage": share, high, "Places of the grid with a point, over those in the smallest rectangle around all points of a moment, mean over the moments";
+    "surface.sigma_mm": mm, low, "Mean standard deviation of the points, over the three axes, as their matches say it";
+    "trajectories.count": count, neither, "Trajectories, of any length";
+    "trajectories.mean_samples": count, high, "Mean number of samples of a trajectory";
+    "trajectories.ended.*": count, low, "Trajectories that ended for this reason";
+    "trajectories.lost_share": share, low, "Points that were not found in the next moment, over all points of all moments but the last";
+    "trajectories.regenerated": count, high, "Lost points that were found again and kept their identity";
+    "trajectories.appeared": count, neither, "Points that are new after the first moment";
+    "trajectories.ambiguous": count, low, "Searches in time whose second best place is as good as the best: a repeated texture";
+    "step_mm.{x,y,z}": mm, neither, "Median step of all points from one moment to the next, mean over the moments";
+    "step_mm.spread": mm, low, "Root mean square distance of the points' steps from the median step of their moment, mean over the moments: of a rigid surface without rotation this is noise";
+}
+
+/// Settings of [`Tracker`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrackerSettings {
+    /// How the surface is matched between views [–]
+    pub surface: SurfaceSettings,
+    /// Side of a patch that is matched in time, odd [px]
+    #[schemars(range(min = 7, max = 63))]
+    pub patch_px: usize,
+    /// How far a point may move in its first step, from picture to picture, either way [px]
+    #[schemars(range(min = 1.0, max = 500.0))]
+    pub first_search_px: f64,
+    /// How far a point may be from where its own motion leads to expect it [px]
+    #[schemars(range(min = 1.0, max = 500.0))]
+    pub search_px: f64,
+    /// Correlation of a patch with itself a moment before, at least [–]
+    #[schemars(range(min = 0.0, max = 0.999))]
+    pub min_correlation: f64,
+    /// Where a point is found in time and where it is found between views are at most this far apart [px]
+    #[schemars(range(min = 0.01, max = 10.0))]
+    pub agree_px: f64,
+    /// Faster points are false: a hand reaches 10 m/s [m/s]
+    #[schemars(range(min = 0.0001, max = 1000.0))]
+    pub max_speed: f64,
+    /// Points that are accelerated more are false: a hand that hits something 1,000 m/s² [m/s²]
+    #[schemars(range(min = 0.0001, max = 100000.0))]
+    pub max_acceleration: f64,
+    /// Within this the motion is to be uniform: less than the width of a limb [mm]
+    #[schemars(range(min = 0.01, max = 1000.0))]
+    pub uniform_radius_mm: f64,
+    /// A velocity may differ from its neighbours' median by this part of it: a limb that turns [–]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub uniform_part: f64,
+    /// and by so many median differences of the neighbours' own [–]
+    #[schemars(range(min = 0.0, max = 100.0))]
+    pub uniform_scatters: f64,
+    /// and by what this error of a step makes [mm]
+    #[schemars(range(min = 0.0, max = 100.0))]
+    pub uniform_mm: f64,
+    /// Moments for which a lost point is looked for; 0: it is not [–]
+    #[schemars(range(min = 0, max = 1000))]
+    pub remember: u32,
+    /// Whether new points are measured where the surface appears [–]
+    pub renew: bool,
+}
+
+impl Default for TrackerSettings {
+    fn default() -> Self {
+        Self {
+            surface: SurfaceSettings::default(),
+            patch_px: 13,
+            first_search_px: 24.0,
+            search_px: 6.0,
+            min_correlation: 0.85,
+            agree_px: 0.5,
+            max_speed: 10.0,
+            max_acceleration: 1000.0,
+            uniform_radius_mm: 15.0,
+            uniform_part: 0.25,
+            uniform_scatters: 5.0,
+            uniform_mm: 0.1,
+            remember: 5,
+            renew: true,
+        }
+    }
+}
+
+/// Pictures in, points with identities out.
+pub struct Tracker {
+    engine: Engine,
+    options: TrackOptions,
+    filters: FilterOptions,
+    renew: bool,
+    /// Now, and a moment before.
+    moments: [Moment; 2],
+    n_levels: usize,
+    tracks: Vec<Track>,
+    lost: Vec<LostTrack>,
+    stepper: Stepper,
+    next_id: u32,
+    counts: Counts,
+    faults: Vec<String>,
+}
+
+#[derive(Debug, Default)]
+struct Counts {
+    points: u64,
+    sigmas: f64,
+    coverages: Vec<f64>,
+    ended: BTreeMap<TrajectoryEnd, u64>,
+    /// Points that had a next moment, and those that were not in it.
+    followed: u64,
+    not_found: u64,
+    regenerated: u64,
+    appeared: u64,
+    /// Median step and what is beside it, by moment [m].
+    steps: Vec<(nalgebra::Vector3<f64>, f64)>,
+}
+
+impl Node for Tracker {
+    const TYPE: &'static str = "surface.tracker";
+    const ROLE: Role = Role::Integrator;
+    const SUMMARY: &'static str = "Follows the points of a textured surface in time and between views, without markers";
+    const FIGURES: Figures = DECLARED_FIGURES;
+    type Settings = TrackerSettings;
+
+    fn ports() -> Ports {
+        declared_ports()
+    }
+
+    fn new(settings: TrackerSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        ConfigError::unless_in("patch_px", settings.patch_px, 7..=2 * MAX_REACH + 1)?;
+        if settings.patch_px.is_multiple_of(2) {
+            return Err(ConfigError::at(
+                "patch_px",
+                format_args!("found {}, expected an odd number", settings.patch_px),
+            ));
+        }
+        ConfigError::unless_in("first_search_px", settings.first_search_px, 1.0..=500.0)?;
+        ConfigError::unless_in("search_px", settings.search_px, 1.0..=500.0)?;
+        ConfigError::unless_in("min_correlation", settings.min_correlation, 0.0..=0.999)?;
+        ConfigError::unless_in("agree_px", settings.agree_px, 0.01..=10.0)?;
+        ConfigError::unless_in("max_speed", settings.max_speed, 1e-4..=1e3)?;
+        ConfigError::unless_in("max_acceleration", settings.max_acceleration, 1e-4..=1e5)?;
+        ConfigError::unless_in("uniform_radius_mm", settings.uniform_radius_mm, 0.01..=1e3)?;
+        ConfigError::unless_in("uniform_part", settings.uniform_part, 0.0..=1.0)?;
+        ConfigError::unless_in("uniform_scatters", settings.uniform_scatters, 0.0..=100.0)?;
+        ConfigError::unless_in("uniform_mm", settings.uniform_mm, 0.0..=100.0)?;
+        ConfigError::unless_in("remember", settings.remember, 0..=1000)?;
+        let prepared = settings.surface.prepare(setup)?;
+        let mut matching = prepared.measure.matching;
+        matching.min_correlation = settings.min_correlation;
+        let boxes_px = [settings.first_search_px.max(settings.search_px), settings.search_px];
+        let n_levels = prepared.seeds.n_levels.max(SearchPyramid::levels_for(boxes_px[0]));
+        Ok(Self {
+            engine: Engine::new(prepared),
+            options: TrackOptions {
+                reach: settings.patch_px / 2,
+                matching,
+                boxes_px,
+                agree_px: settings.agree_px,
+                remember: settings.remember,
+            },
+            filters: FilterOptions {
+                max_speed: settings.max_speed,
+                max_acceleration: settings.max_acceleration,
+                radius_m: settings.uniform_radius_mm * 1e-3,
+                uniform_part: settings.uniform_part,
+                uniform_scatters: settings.uniform_scatters,
+                uniform_m: settings.uniform_mm * 1e-3,
+            },
+            renew: settings.renew,
+            moments: [Moment::default(), Moment::default()],
+            n_levels,
+            tracks: Vec::new(),
+            lost: Vec::new(),
+            stepper: Stepper::default(),
+            next_id: 0,
+            counts: Counts::default(),
+            faults: Vec::new(),
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let images: Vec<_> = io.take_set(&IMAGE).collect();
+        let Some(time) = images.iter().map(Stamped::time).max() else { return Ok(()) };
+        self.moments.swap(0, 1);
+        let faults = self.moments[0].take(&self.engine.prepared.views, &images, self.n_levels);
+        self.moments[0].time = time;
+        self.faults.extend(faults);
+        if let Some(why) = missing(&self.engine, &self.moments[0]) {
+            // The moment before stays what points are followed from.
+            self.moments.swap(0, 1);
+            io.gap(&TRACKED, time, why.clone());
+            io.gap(&CLOUD, time, why);
+            return Ok(());
+        }
+        let tracked = self.follow(time);
+        let cells =
+            self.tracks.iter().map(|it| crate::cover::cell_of(it.sample.pixel, self.engine.prepared.cover.spacing_px));
+        self.counts.coverages.extend(coverage(cells));
+        self.counts.points += tracked.list.len() as u64;
+        self.counts.sigmas += self.tracks.iter().map(|it| it.sample.sigma()).sum::<f64>();
+        io.emit_at(&TRACKED, time, tracked);
+        io.emit_at(&CLOUD, time, self.cloud());
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let counts = &self.counts;
+        self.engine.report(report);
+        report.figure("surface.points", counts.points as f64);
+        report.figure("surface.sigma_mm", 1e3 * counts.sigmas / counts.points as f64);
+        report.figure("surface.coverage", counts.coverages.iter().sum::<f64>() / counts.coverages.len() as f64);
+        report.figure("trajectories.count", f64::from(self.next_id));
+        report.figure("trajectories.mean_samples", counts.points as f64 / f64::from(self.next_id));
+        for (end, count) in &counts.ended {
+            report.figure(format!("trajectories.ended.{}", name_of(*end)), *count as f64);
+        }
+        report.figure("trajectories.lost_share", counts.not_found as f64 / counts.followed as f64);
+        report.figure("trajectories.regenerated", counts.regenerated as f64);
+        report.figure("trajectories.appeared", counts.appeared as f64);
+        report.figure("trajectories.ambiguous", self.stepper.ambiguous as f64);
+        let n = counts.steps.len() as f64;
+        let mean = counts.steps.iter().map(|it| it.0).sum::<nalgebra::Vector3<f64>>() / n;
+        for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+            report.figure(format!("step_mm.{name}"), 1e3 * mean[axis]);
+        }
+        report.figure("step_mm.spread", 1e3 * counts.steps.iter().map(|it| it.1).sum::<f64>() / n);
+        tell(&mut self.faults, report);
+        Ok(())
+    }
+}
+
+fn name_of(end: TrajectoryEnd) -> &'static str {
+    match end {
+        TrajectoryEnd::Lost => "lost",
+        TrajectoryEnd::Disagreed => "disagreed",
+        TrajectoryEnd::TooFast => "too_fast",
+        TrajectoryEnd::TooAbrupt => "too_abrupt",
+        TrajectoryEnd::NotUniform => "not_uniform",
+        TrajectoryEnd::Merged => "merged",
+        TrajectoryEnd::Alone => "alone",
+    }
+}
+
+impl Tracker {
+    /// Takes the points from the moment before to now.
+    fn follow(&mut self, time: Time) -> TrackedSurface {
+        let before = std::mem::take(&mut self.tracks);
+        let is_first = before.is_empty() && self.next_id == 0;
+        let dt_s = (time - self.moments[1].time).as_s();
+        let mut ended = Vec::new();
+        let mut now = Vec::new();
+        if !before.is_empty() && dt_s > 0.0 {
+            let [present, past] = &self.moments;
+            let Engine { measurer, prepared, .. } = &mut self.engine;
+            let (views, measure) = (&prepared.views, &prepared.measure);
+            let stepped =
+                self.stepper.step(measurer, views, [past, present], dt_s, before.clone(), measure, &self.options);
+            let (held, false_ones) = filter(stepped.found, &before, dt_s, &self.filters);
+            let (held, merged) = unmerged(held, prepared.cover.spacing_px);
+            self.counts.followed += before.len() as u64;
+            self.counts.not_found += (before.len() - held.len()) as u64;
+            self.counts.steps.extend(median_step(&held, dt_s));
+            let around = Neighbourhood::new(&held, self.filters.radius_m);
+            let again = self.stepper.regenerate(
+                measurer,
+                views,
+                present,
+                dt_s,
+                &mut self.lost,
+                &around,
+                measure,
+                &self.options,
+            );
+            self.counts.regenerated += again.len() as u64;
+            if self.options.remember > 0 {
+                let missed = stepped.ended.iter().map(|it| it.0.clone());
+                let reach = self.options.reach;
+                self.lost.extend(missed.filter_map(|it| LostTrack::of(it, past, reach, &self.options.matching)));
+            }
+            for (track, end) in stepped.ended.into_iter().chain(false_ones).chain(merged) {
+                *self.counts.ended.entry(end).or_default() += 1;
+                ended.push((track.id, end));
+            }
+            now = held;
+            now.extend(again);
+        }
+        self.tracks = now;
+        for id in self.cover(is_first) {
+            *self.counts.ended.entry(TrajectoryEnd::Alone).or_default() += 1;
+            ended.push((id, TrajectoryEnd::Alone));
+        }
+        ended.sort_unstable();
+        self.tracks.sort_by_key(|it| it.id);
+        let views = &self.engine.prepared.views;
+        let list = self.tracks.iter().map(|it| it.point(views)).collect();
+        TrackedSurface { time, list, ended }
+    }
+
+    /// Grows new points from those that are followed, or begins where there are none; what lies on another surface than its neighbours goes: the identities
+    /// of those.
+    fn cover(&mut self, is_first: bool) -> Vec<u32> {
+        let moment = &self.moments[0];
+        let n_before = self.tracks.len();
+        let seeds: Vec<Sample> = match n_before {
+            0 => self.engine.begin(moment),
+            _ => self.tracks.iter().map(|it| it.sample.clone()).collect(),
+        };
+        if !self.renew && n_before > 0 {
+            return Vec::new();
+        }
+        let surface = self.engine.grow(moment, &seeds);
+        let mut tracks = Vec::with_capacity(surface.len());
+        let mut kept = vec![false; n_before];
+        for it in surface {
+            match it.seed.filter(|_| n_before > 0) {
+                Some(seed) => {
+                    kept[seed] = true;
+                    tracks.push(Track { normal: it.normal, ..self.tracks[seed].clone() });
+                }
+                None => {
+                    self.counts.appeared += u64::from(!is_first);
+                    tracks.push(Track::new(self.next_id, it.sample, it.normal));
+                    self.next_id += 1;
+                }
+            }
+        }
+        let before = std::mem::replace(&mut self.tracks, tracks);
+        before.iter().zip(kept).filter(|it| !it.1).map(|it| it.0.id).collect()
+    }
+
+    fn cloud(&self) -> PointCloud {
+        let spacing = self.engine.prepared.cover.spacing_px;
+        let mut surface: Vec<crate::cover::Covered> = self
+            .tracks
+            .iter()
+            .map(|it| crate::cover::Covered {
+                cell: crate::cover::cell_of(it.sample.pixel, spacing),
+                sample: it.sample.clone(),
+                normal: it.normal,
+                confidence: 1.0,
+                seed: None,
+            })
+            .collect();
+        let place = |it: &crate::cover::Covered| it.sample.pixel.map(|it| it.round() as i64);
+        surface.sort_by_key(|it| (place(it)[1], place(it)[0]));
+        self.engine.cloud(&self.moments[0], &surface, String::new())
+    }
+}
+
+/// Of points that came closer than half of what the grid has between them, the older one stays.
+fn unmerged(mut tracks: Vec<Track>, spacing_px: usize) -> (Vec<Track>, Vec<(Track, TrajectoryEnd)>) {
+    let cell_px = spacing_px as f64 / 2.0;
+    let mut taken = std::collections::HashSet::new();
+    let (mut held, mut merged) = (Vec::with_capacity(tracks.len()), Vec::new());
+    tracks.sort_by_key(|it| it.id);
+    for track in tracks {
+        let cell = track.sample.pixel.map(|it| (it / cell_px) as i64);
+        if taken.insert(cell) {
+            held.push(track);
+        } else {
+            merged.push((track, TrajectoryEnd::Merged));
+        }
+    }
+    (held, merged)
+}
+
+/// Median step of all points, and the root mean square of what is beside it [m].
+fn median_step(tracks: &[Track], dt_s: f64) -> Option<(nalgebra::Vector3<f64>, f64)> {
+    if tracks.is_empty() {
+        return None;
+    }
+    let middle = |axis: usize| {
+        let list: Vec<f64> = tracks.iter().map(|it| it.velocity[axis] * dt_s).collect();
+        foveate::estimation::statistics::median(&list).unwrap_or(0.0)
+    };
+    let step = nalgebra::Vector3::new(middle(0), middle(1), middle(2));
+    let squares: f64 = tracks.iter().map(|it| (it.velocity * dt_s - step).norm_squared()).sum();
+    Some((step, (squares / tracks.len() as f64).sqrt()))
+}

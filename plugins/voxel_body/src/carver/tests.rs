@@ -1,0 +1,165 @@
+//! The carver on a cylinder between six cameras, and on what can go wrong.
+
+use foveate::geometry::{Camera, Distortion};
+use foveate::scene::Calibration;
+use foveate_testkit::check_node;
+use foveate_testkit::scene::ring_calibration;
+use nalgebra::{Matrix6, Point2, Point3, Vector3};
+
+use super::*;
+
+const N: usize = 6;
+
+fn setup() -> Setup {
+    let mut calibration = ring_calibration(N);
+    for it in &mut calibration.cameras {
+        it.camera = Camera {
+            image_size: [160, 120],
+            intrinsics: foveate::geometry::Intrinsics { focal: [98.0; 2], principal: [79.5, 59.5], skew: 0.0 },
+            distortion: Distortion { k1: -0.1, ..Distortion::default() },
+            ..it.camera.clone()
+        };
+    }
+    let volume_m = Some([[-1.0, -1.0, 0.0], [1.0, 1.0, 2.0]]);
+    Setup { calibration: Arc::new(calibration), volume_m, ..Setup::for_tests() }
+}
+
+/// Upright cylinders of 0.2 m radius, from 0.4 m to 1.6 m high.
+fn silhouette(calibration: &Calibration, camera: usize, people: &[[f64; 2]]) -> Silhouette {
+    let model = &calibration.cameras[camera].camera;
+    let [width, height] = model.image_size;
+    let is_body = |pixel: Point2<f64>| {
+        let Some(ray) = model.ray(&pixel) else { return false };
+        people.iter().any(|[x, y]| {
+            let hits = |step: u32| {
+                let point = ray.at(0.02 * f64::from(step));
+                (point.x - x).hypot(point.y - y) < 0.2 && (0.4..1.6).contains(&point.z)
+            };
+            (0..300).any(hits)
+        })
+    };
+    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| Point2::new(f64::from(x), f64::from(y))));
+    let confidence: Vec<u8> = pixels.map(|it| if is_body(it) { 255 } else { 0 }).collect();
+    let n_body = confidence.iter().filter(|it| **it > 0).count() as u32;
+    let status = if n_body == 0 { SilhouetteStatus::Empty } else { SilhouetteStatus::Seen };
+    Silhouette { camera: CameraId(camera as u16), width, height, status, n_body, confidence, ..Silhouette::default() }
+}
+
+fn set(setup: &Setup, people: &[[f64; 2]]) -> Vec<Silhouette> {
+    (0..N).map(|it| silhouette(&setup.calibration, it, people)).collect()
+}
+
+fn settings() -> CarverSettings {
+    CarverSettings { voxel_mm: 40.0, ..CarverSettings::default() }
+}
+
+#[track_caller]
+fn carve(setup: &Setup, settings: CarverSettings, set: Vec<Silhouette>) -> Arc<Voxels> {
+    let mut bench = NodeBench::<Carver>::with_setup(settings, setup).unwrap();
+    bench.feed_set(&SILHOUETTES, Time::from_s(1.0), set).unwrap();
+    bench.outputs(&VOXELS).remove(0).value
+}
+
+fn litres() -> f64 {
+    std::f64::consts::PI * 0.04 * 1.2 * 1e3
+}
+
+#[test]
+fn node_keeps_its_promises() {
+    check_node::<Carver>("volume_m = { min = [0, 0, 0], max = [1, 1, 1] }");
+    check_node::<Carver>("volume_m = { min = [0, 0, 0], max = [1, 1, 1] }\nmay_err = 1\nmin_views = 3");
+    let refused = NodeBench::<Carver>::new(settings()).err().unwrap();
+    assert!(refused.message.contains("found no volume"), "{refused:?}");
+}
+
+#[test]
+fn somebody_is_as_large_as_he_is_and_two_people_are_two() {
+    let setup = setup();
+    let one = carve(&setup, settings(), set(&setup, &[[0.1, 0.0]]));
+    let ratio = one.volume() * 1e3 / litres();
+    assert!((0.95..1.35).contains(&ratio), "{ratio}");
+    assert!((one.components[0].centroid - Point3::new(0.1, 0.0, 1.0)).norm() < 0.08, "{:?}", one.components[0]);
+    assert!(one.views.iter().all(|it| it.status == ViewStatus::Used && it.covered > 0.95), "{:?}", one.views);
+    assert!(!one.components[0].is_cut_off && one.iter().any(|it| it.is_surface) && one.iter().any(|it| !it.is_surface));
+    let two = carve(&setup, settings(), set(&setup, &[[0.5, 0.3], [-0.5, -0.2]]));
+    assert_eq!(two.components.len(), 2);
+    assert!(two.iter().all(|it| (it.component as usize) < 2 && it.seen == 6 && it.dissent == 0));
+}
+
+#[test]
+fn a_target_names_the_body_that_it_is_in() {
+    let setup = setup();
+    let mut bench = NodeBench::<Carver>::with_setup(settings(), &setup).unwrap();
+    let target = |id: u32, x: f64| Target {
+        id: TargetId(id),
+        position: Point3::new(x, 0.1, 1.5),
+        velocity: Vector3::zeros(),
+        covariance: Matrix6::identity(),
+        cameras: CameraSet::default(),
+        provenance: Provenance::Predicted,
+    };
+    let list = vec![target(7, -0.6), target(8, 0.55), target(9, 0.0)];
+    bench.feed(&TARGETS, Time::from_s(1.0), Targets { time: Time::from_s(1.0), list }).unwrap();
+    bench.feed_set(&SILHOUETTES, Time::from_s(1.0), set(&setup, &[[0.5, 0.1], [-0.5, 0.1]])).unwrap();
+    let voxels = bench.outputs(&VOXELS).remove(0).value;
+    for component in &voxels.components {
+        let expected = if component.centroid.x > 0.0 { TargetId(8) } else { TargetId(7) };
+        assert_eq!(component.target, Some(expected), "{component:?}");
+    }
+}
+
+#[test]
+fn views_that_are_worth_nothing_are_named_and_the_others_carve() {
+    let setup = setup();
+    let people = [[0.1, 0.0]];
+    let with = |change: &dyn Fn(&mut Silhouette)| {
+        let mut set = set(&setup, &people);
+        change(&mut set[2]);
+        set
+    };
+    let wrong_place = silhouette(&setup.calibration, 2, &[[-0.7, 0.6]]);
+    let cases: [(ViewStatus, Vec<Silhouette>); 5] = [
+        (ViewStatus::Empty, with(&|it| (*it).clone_from(&silhouette(&setup.calibration, 2, &[])))),
+        (ViewStatus::Full, with(&|it| it.status = SilhouetteStatus::Full)),
+        (ViewStatus::Moved, with(&|it| it.status = SilhouetteStatus::Moved)),
+        (ViewStatus::Learning, with(&|it| it.status = SilhouetteStatus::Learning)),
+        (ViewStatus::Contradicts, with(&|it| it.clone_from(&wrong_place))),
+    ];
+    for (status, set) in cases {
+        let voxels = carve(&setup, settings(), set);
+        let found: Vec<ViewStatus> = voxels.views.iter().map(|it| it.status).collect();
+        let expected: Vec<ViewStatus> = (0..N).map(|it| if it == 2 { status } else { ViewStatus::Used }).collect();
+        assert_eq!(found, expected);
+        let ratio = voxels.volume() * 1e3 / litres();
+        assert!((0.95..1.6).contains(&ratio), "{status:?}: {ratio}");
+    }
+}
+
+#[test]
+fn a_camera_that_falls_silent_is_missing_and_one_without_worth_at_all_is_a_gap() {
+    let setup = setup();
+    let mut bench = NodeBench::<Carver>::with_setup(settings(), &setup).unwrap();
+    bench.feed_set(&SILHOUETTES, Time::from_s(1.0), set(&setup, &[[0.0, 0.0]])).unwrap();
+    let mut fewer = set(&setup, &[[0.0, 0.0]]);
+    fewer.remove(4);
+    bench.feed_set(&SILHOUETTES, Time::from_s(1.1), fewer).unwrap();
+    let mut full = set(&setup, &[[0.0, 0.0]]);
+    full.iter_mut().for_each(|it| it.status = SilhouetteStatus::Full);
+    bench.feed_set(&SILHOUETTES, Time::from_s(1.2), full).unwrap();
+    bench.feed_set(&SILHOUETTES, Time::from_s(1.3), set(&setup, &[])).unwrap();
+    let voxels = bench.outputs(&VOXELS);
+    assert_eq!(voxels[1].value.views[4].status, ViewStatus::Missing);
+    assert!(voxels[1].value.len() >= voxels[0].value.len());
+    assert!(voxels[2].value.is_empty(), "nobody there");
+    assert_eq!(bench.gaps(&VOXELS)[0].reason, "no camera has a silhouette that is worth anything");
+    let figures = bench.finish().unwrap().figures;
+    assert_eq!((figures["voxels.frames"], figures["voxels.gaps"], figures["voxels.nobody"]), (3.0, 1.0, 1.0));
+}
+
+#[test]
+fn who_leaves_the_volume_is_cut_off() {
+    let setup = setup();
+    let voxels = carve(&setup, settings(), set(&setup, &[[0.95, 0.0]]));
+    assert!(voxels.components[0].is_cut_off);
+    assert!(voxels.iter().all(|it| u32::from(it.index[0]) < voxels.cells[0]));
+}

@@ -1,0 +1,178 @@
+//! `voxel_body.masks`: silhouettes that another program made, read as pictures.
+
+use foveate::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+ports! {
+    IMAGE: In<Image> = each("image");
+    SILHOUETTE: Out<Silhouette> = "silhouette";
+}
+
+figures! {
+    "silhouette.seen.*": count, high, "Silhouettes of the camera with a body";
+    "silhouette.empty.*": count, neither, "Silhouettes without one";
+    "silhouette.full.*": count, low, "Silhouettes that fill the picture";
+    "silhouette.body_share.*": share, neither, "Mean part of the camera's picture that is body, over silhouettes with one";
+    "silhouette.refused.*": count, low, "Pictures whose bytes are not what their size promises";
+}
+
+/// Settings of [`Masks`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct MasksSettings {
+    /// A pixel is body when its brightest channel is at least this; between 0 and 255 lies how surely it is, from pictures that say so [gray level]
+    #[schemars(range(min = 1, max = 255))]
+    pub threshold: u8,
+    /// Whether the body is dark on bright ground [–]
+    pub inverted: bool,
+    /// A silhouette with a larger part body is `full` [–]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub full_fraction: f64,
+}
+
+impl Default for MasksSettings {
+    /// Half-way, bright on dark, full from 95 % on.
+    fn default() -> Self {
+        Self { threshold: 128, inverted: false, full_fraction: 0.95 }
+    }
+}
+
+/// Pictures of masks in, such as those that `capture.images` or `capture.video` reads; silhouettes out.
+pub struct Masks {
+    settings: MasksSettings,
+    camera_name: String,
+    camera: Option<CameraId>,
+    /// By gray level: the confidence.
+    table: [u8; 256],
+    pool: Pool<Silhouette>,
+    counts: [u64; 3],
+    body_share: f64,
+    refused: u64,
+}
+
+impl Node for Masks {
+    const TYPE: &'static str = "voxel_body.masks";
+    const ROLE: Role = Role::Detector;
+    const SUMMARY: &'static str = "Takes pictures of masks, which another program made, for silhouettes";
+    const FIGURES: Figures = DECLARED_FIGURES;
+    type Settings = MasksSettings;
+
+    fn ports() -> Ports {
+        declared_ports()
+    }
+
+    fn new(settings: MasksSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        ConfigError::unless_in("threshold", settings.threshold, 1..=255)?;
+        ConfigError::unless_in("full_fraction", settings.full_fraction, 0.0..=1.0)?;
+        let threshold = u32::from(settings.threshold);
+        // Linear below and above, so that the threshold becomes the least level of a body.
+        let confidence = |level: u32| match level.checked_sub(threshold) {
+            None => level * 127 / (threshold - 1).max(1),
+            Some(_) if threshold == 255 => 255,
+            Some(above) => 128 + above * 127 / (255 - threshold),
+        };
+        let table = std::array::from_fn(|it| {
+            let level = if settings.inverted { 255 - it } else { it };
+            confidence(level as u32) as u8
+        });
+        Ok(Self {
+            settings,
+            camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
+            camera: setup.camera,
+            table,
+            pool: Pool::default(),
+            counts: [0; 3],
+            body_share: 0.0,
+            refused: 0,
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let Some(image) = io.take(&IMAGE) else { return Ok(()) };
+        let mask = &image.value;
+        let (channels, n) = (mask.format.channels(), mask.width as usize * mask.height as usize);
+        if mask.pixels.len() != n * channels {
+            self.refused += 1;
+            let (found, expected) = (mask.pixels.len(), n * channels);
+            io.gap(&SILHOUETTE, image.time(), format_args!("the mask has {found} bytes, expected {expected}"));
+            return Ok(());
+        }
+        let mut silhouette = self.pool.take(Silhouette::default);
+        silhouette.camera = self.camera.unwrap_or(mask.camera);
+        (silhouette.width, silhouette.height, silhouette.window) = (mask.width, mask.height, mask.window);
+        silhouette.confidence.clear();
+        let level = |pixel: &[u8]| self.table[usize::from(pixel.iter().copied().max().unwrap_or(0))];
+        silhouette.confidence.extend(mask.pixels.chunks_exact(channels).map(level));
+        silhouette.n_body = silhouette.confidence.iter().filter(|it| **it >= Silhouette::BODY).count() as u32;
+        let share = f64::from(silhouette.n_body) / n.max(1) as f64;
+        silhouette.status = match silhouette.n_body {
+            0 => SilhouetteStatus::Empty,
+            _ if share > self.settings.full_fraction => SilhouetteStatus::Full,
+            _ => SilhouetteStatus::Seen,
+        };
+        self.counts[silhouette.status as usize] += 1;
+        if silhouette.status == SilhouetteStatus::Seen {
+            self.body_share += share;
+        }
+        io.emit(&SILHOUETTE, image.stamp, self.pool.share(silhouette));
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let (name, [seen, empty, full]) = (&self.camera_name, self.counts);
+        report.figure(format!("silhouette.seen.{name}"), seen as f64);
+        if seen > 0 {
+            report.figure(format!("silhouette.body_share.{name}"), self.body_share / seen as f64);
+        }
+        for (what, n) in [("empty", empty), ("full", full), ("refused", self.refused)] {
+            if n > 0 {
+                report.figure(format!("silhouette.{what}.{name}"), n as f64);
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_testkit::check_node;
+
+    use super::*;
+
+    fn one(settings: MasksSettings, pixels: &[u8], format: PixelFormat) -> Silhouette {
+        let mut bench = NodeBench::<Masks>::new(settings).unwrap();
+        let width = (pixels.len() / format.channels()) as u32;
+        let image = Image { width, height: 1, format, pixels: pixels.to_vec(), ..Image::default() };
+        bench.feed(&IMAGE, Time::ZERO, image).unwrap();
+        Silhouette::clone(&bench.outputs(&SILHOUETTE)[0].value)
+    }
+
+    #[test]
+    fn node_keeps_its_promises() {
+        check_node::<Masks>("");
+        check_node::<Masks>("threshold = 10\ninverted = true");
+    }
+
+    #[test]
+    fn bright_is_body_or_dark_where_told_so() {
+        let it = one(MasksSettings::default(), &[0, 127, 128, 255], PixelFormat::Gray8);
+        assert_eq!((it.confidence, it.n_body, it.status), (vec![0, 127, 128, 255], 2, SilhouetteStatus::Seen));
+        let low = MasksSettings { threshold: 1, ..MasksSettings::default() };
+        assert_eq!(one(low, &[0, 1, 255, 0], PixelFormat::Gray8).confidence, [0, 128, 255, 0]);
+        let inverted = MasksSettings { inverted: true, ..MasksSettings::default() };
+        assert_eq!(one(inverted, &[0, 255], PixelFormat::Gray8).n_body, 1);
+        assert_eq!(one(MasksSettings::default(), &[0, 0, 0, 0, 200, 0], PixelFormat::Rgb8).n_body, 1);
+    }
+
+    #[test]
+    fn empty_full_and_broken_masks_are_told_apart() {
+        assert_eq!(one(MasksSettings::default(), &[0; 4], PixelFormat::Gray8).status, SilhouetteStatus::Empty);
+        assert_eq!(one(MasksSettings::default(), &[255; 4], PixelFormat::Gray8).status, SilhouetteStatus::Full);
+        let mut bench = NodeBench::<Masks>::new(MasksSettings::default()).unwrap();
+        let broken = Image { width: 2, height: 2, pixels: vec![0; 3], ..Image::default() };
+        bench.feed(&IMAGE, Time::ZERO, broken).unwrap();
+        assert_eq!(bench.gaps(&SILHOUETTE)[0].reason, "the mask has 3 bytes, expected 4");
+        assert_eq!(bench.finish().unwrap().figures["silhouette.refused.test.node"], 1.0);
+    }
+}

@@ -1,0 +1,283 @@
+//! `voxel_body.silhouette`: which pixels of one camera's pictures show a body, without its shadow.
+
+use foveate::node::detector::{DetectorPorts, DetectorShell};
+use foveate::prelude::*;
+
+use crate::finder::SilhouetteFinder;
+use crate::settings::SilhouetteSettings;
+
+ports! {
+    IMAGE: In<Image> = each("image");
+    BACKGROUND: In<Image> = each("background").optional();
+    PREDICTED: In<Targets> = latest("predicted").optional();
+    FEATURES: Out<Features> = "features";
+    SILHOUETTE: Out<Silhouette> = "silhouette";
+}
+
+const PORTS: DetectorPorts = DetectorPorts { image: &IMAGE, predicted: &PREDICTED, features: &FEATURES };
+
+figures! {
+    "detector.features.*": count, neither, "Blobs found, over all pictures of the camera";
+    "detector.pictures_searched.*": count, neither, "Pictures that were searched; those below are left out";
+    "detector.pictures_learning.*": count, neither, "Pictures that only served to learn the background";
+    "detector.pictures_flooded.*": count, low, "Pictures that differed too much from the background to be searched";
+    "detector.pictures_refused.*": count, low, "Pictures that could not be read: wrong size, part, colour or pixels";
+    "silhouette.seen.*": count, high, "Silhouettes of the camera with a body";
+    "silhouette.empty.*": count, neither, "Silhouettes without one";
+    "silhouette.full.*": count, low, "Silhouettes that fill the picture: the background was not right, such as when a lamp went on";
+    "silhouette.moved.*": count, low, "Silhouettes of a camera that was moved since the background was learnt";
+    "silhouette.body_share.*": share, neither, "Mean part of the camera's picture that is body, over silhouettes with one";
+    "silhouette.relit.*": count, neither, "Pictures of the camera whose light differs from the learnt one by more than a tenth";
+    "silhouette.background_refused.*": count, low, "Pictures of the empty scene that could not be learnt from";
+}
+
+/// Pictures in; out a silhouette of each, and the blobs in it with the ports of `blob.detector`.
+///
+/// The background is learnt from the pictures at `background` (a film of the empty scene, which ends before the person's begins), from a picture that the settings name, or from the camera's own first
+/// pictures. A silhouette comes for every picture that can be read; what it is worth stands in its status.
+pub struct SilhouetteNode {
+    finder: SilhouetteFinder,
+    shell: DetectorShell,
+    pool: Pool<Silhouette>,
+    camera: Option<CameraId>,
+    camera_name: String,
+    /// Whether pictures of the empty scene come.
+    is_taught: bool,
+    tally: Tally,
+}
+
+#[derive(Default)]
+struct Tally {
+    by_status: [u64; 5],
+    body_share: f64,
+    relit: u64,
+    background_refused: u64,
+    first_refusal: Option<String>,
+}
+
+impl Node for SilhouetteNode {
+    const TYPE: &'static str = "voxel_body.silhouette";
+    const ROLE: Role = Role::Detector;
+    const SUMMARY: &'static str =
+        "Tells the pixels of a body from background, shadow and highlight in the pictures of one camera";
+    const FIGURES: Figures = DECLARED_FIGURES;
+    type Settings = SilhouetteSettings;
+
+    fn ports() -> Ports {
+        declared_ports()
+    }
+
+    fn new(settings: SilhouetteSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        settings.check()?;
+        let size = setup.camera_model().map(|it| it.image_size);
+        let is_taught = setup.is_connected(&BACKGROUND);
+        let background = match settings.background.as_str() {
+            "" => None,
+            _ if is_taught => None,
+            text => Some(read_background(&setup.path("background", text)?, size)?),
+        };
+        Ok(Self {
+            finder: SilhouetteFinder::new(settings, size, background),
+            shell: DetectorShell::new(setup),
+            pool: Pool::default(),
+            camera: setup.camera,
+            camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
+            is_taught,
+            tally: Tally::default(),
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        if let Some(empty) = io.take(&BACKGROUND) {
+            if let Err(refusal) = self.finder.teach(&empty.value) {
+                self.tally.background_refused += 1;
+                self.tally.first_refusal.get_or_insert_with(|| refusal.to_string());
+            }
+            return Ok(());
+        }
+        let Self { finder, shell, pool, tally, .. } = self;
+        if self.is_taught {
+            finder.end_teaching();
+        }
+        let mut silhouette = pool.take(Silhouette::default);
+        let mut refused = None;
+        let unusable = "too much of the picture differs from the learnt background, or the camera was moved";
+        let stamp = shell.process(io, &PORTS, unusable, |image, predicted, _, features| {
+            let found = finder.find(image, predicted, &mut silhouette, features);
+            refused = found.as_ref().err().map(ToString::to_string);
+            found
+        });
+        let Some(stamp) = stamp else { return Ok(()) };
+        if let Some(refusal) = refused {
+            io.gap(&SILHOUETTE, stamp.time, refusal);
+            return Ok(());
+        }
+        silhouette.camera = self.camera.unwrap_or(silhouette.camera);
+        let status = silhouette.status;
+        tally.by_status[status as usize] += 1;
+        let n_pixels = silhouette.confidence.len().max(1) as f64;
+        if status == SilhouetteStatus::Seen {
+            tally.body_share += f64::from(silhouette.n_body) / n_pixels;
+        }
+        let is_other = |gain: &f32| (gain - 1.0).abs() > 0.1;
+        tally.relit += u64::from(finder.gains().is_some_and(|it| it.iter().any(is_other)));
+        io.emit(&SILHOUETTE, stamp, pool.share(silhouette));
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        self.shell.report(report);
+        let (name, tally) = (&self.camera_name, &self.tally);
+        let count = |status: SilhouetteStatus| tally.by_status[status as usize];
+        let seen = count(SilhouetteStatus::Seen);
+        report.figure(format!("silhouette.seen.{name}"), seen as f64);
+        if seen > 0 {
+            report.figure(format!("silhouette.body_share.{name}"), tally.body_share / seen as f64);
+        }
+        for (what, n) in [
+            ("empty", count(SilhouetteStatus::Empty)),
+            ("full", count(SilhouetteStatus::Full)),
+            ("moved", count(SilhouetteStatus::Moved)),
+            ("relit", tally.relit),
+            ("background_refused", tally.background_refused),
+        ] {
+            if n > 0 {
+                report.figure(format!("silhouette.{what}.{name}"), n as f64);
+            }
+        }
+        if let Some(refusal) = &tally.first_refusal {
+            report.remark(format!("{name}: a picture of the empty scene was not learnt from: {refusal}"));
+        }
+        if count(SilhouetteStatus::Moved) > 0 {
+            let n = count(SilhouetteStatus::Moved);
+            report.remark(format!(
+                "{name}: in {n} pictures the edges of the background are not where they were: was the camera moved?"
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// Reads a picture in colour. Where it is larger than the camera's pictures, their part of it, from the top left.
+fn read_background(path: &std::path::Path, size: Option<[u32; 2]>) -> Result<Image, ConfigError> {
+    let refuse = |text: String| ConfigError::at("background", text);
+    let picture = image::open(path).map_err(|error| refuse(format!("`{}` cannot be read: {error}", path.display())))?;
+    let rgb = picture.into_rgb8();
+    let [w, h] = size.unwrap_or([rgb.width(), rgb.height()]);
+    if rgb.width() < w || rgb.height() < h {
+        let (a, b) = rgb.dimensions();
+        return Err(refuse(format!("`{}` is {a} x {b} px, expected at least {w} x {h} px", path.display())));
+    }
+    let pixels = image::imageops::crop_imm(&rgb, 0, 0, w, h).to_image().into_raw();
+    Ok(Image { width: w, height: h, format: PixelFormat::Rgb8, pixels, ..Image::default() })
+}
+
+#[cfg(test)]
+mod tests {
+    use foveate_testkit::check_node;
+
+    use super::*;
+
+    const SIZE: [u32; 2] = [96, 72];
+
+    fn setup(connected: &[&str]) -> Setup {
+        let connected = connected.iter().map(|it| (*it).to_owned()).collect();
+        Setup { connected, ..Setup::for_tests() }
+    }
+
+    fn picture(x: Option<u32>, light: f32, format: PixelFormat) -> Image {
+        let [width, height] = SIZE;
+        let level = |at: u32| {
+            let (column, row) = (at % width, at / width);
+            let body = x.is_some_and(|x| (x..x + 20).contains(&column) && (20..60).contains(&row));
+            let hole = x.is_some_and(|x| (x + 8..x + 11).contains(&column) && (40..43).contains(&row));
+            let stripe = if column / 6 % 2 == 0 { 1.0 } else { 0.8 };
+            if body && !hole { [200.0, 40.0, 40.0] } else { [80.0, 120.0, 100.0].map(|it| it * stripe) }
+        };
+        let rgb = (0..width * height).flat_map(|at| level(at).map(|it| (it * light) as u8));
+        let pixels = match format {
+            PixelFormat::Rgb8 => rgb.collect(),
+            PixelFormat::Gray8 => rgb.skip(1).step_by(3).collect(),
+        };
+        Image { camera: CameraId(0), width, height, format, pixels, ..Image::default() }
+    }
+
+    fn settings() -> SilhouetteSettings {
+        SilhouetteSettings { learn_frames: 4, min_area_px: 50, ..SilhouetteSettings::default() }
+    }
+
+    fn statuses(bench: &mut NodeBench<SilhouetteNode>) -> Vec<(SilhouetteStatus, u32)> {
+        bench.outputs(&SILHOUETTE).iter().map(|it| (it.value.status, it.value.n_body)).collect()
+    }
+
+    #[test]
+    fn node_keeps_its_promises() {
+        check_node::<SilhouetteNode>("");
+        check_node::<SilhouetteNode>("shadow_ratio = 0.6\nmasks = [[[0, 0], [10, 0], [0, 10.5]]]");
+    }
+
+    #[test]
+    fn a_body_is_seen_in_colour_and_in_gray_whole_and_named_empty_full_or_learning_otherwise() {
+        for format in [PixelFormat::Rgb8, PixelFormat::Gray8] {
+            let mut bench = NodeBench::<SilhouetteNode>::new(settings()).unwrap();
+            let mut time = 0_u32;
+            let mut feed = |image: Image| {
+                time += 20;
+                bench.feed(&IMAGE, Time::from_s(f64::from(time) / 1e3), image).unwrap();
+            };
+            (0..4).for_each(|_| feed(picture(None, 1.0, format)));
+            feed(picture(Some(30), 1.0, format));
+            feed(picture(None, 1.0, format));
+            let strange = Image {
+                pixels: picture(None, 1.0, format).pixels.iter().map(|it| 255 - it).collect(),
+                ..picture(None, 1.0, format)
+            };
+            feed(strange);
+            let found = statuses(&mut bench);
+            assert_eq!(found[0].0, SilhouetteStatus::Learning);
+            assert_eq!(found[4].0, SilhouetteStatus::Seen);
+            // With the hole of 3 × 3; corners may be rounded.
+            assert!((790..=800).contains(&found[4].1), "{format:?}: {}", found[4].1);
+            assert_eq!(found[5], (SilhouetteStatus::Empty, 0));
+            assert!(matches!(found[6].0, SilhouetteStatus::Full | SilhouetteStatus::Moved), "{:?}", found[6].0);
+            assert_eq!(
+                bench.outputs(&FEATURES).iter().map(|it| it.value.list.len()).collect::<Vec<_>>(),
+                [0, 0, 0, 0, 1, 0]
+            );
+            let figures = bench.finish().unwrap().figures;
+            assert_eq!(figures["silhouette.seen.test.node"], 1.0);
+        }
+    }
+
+    #[test]
+    fn a_film_of_the_empty_scene_teaches_and_who_is_there_from_the_start_is_seen() {
+        let mut bench = NodeBench::<SilhouetteNode>::with_setup(settings(), &setup(&["background"])).unwrap();
+        // Fewer pictures than asked for: they have to do. One is broken.
+        for k in 0..3 {
+            bench.feed(&BACKGROUND, Time::from_s(f64::from(k) / 1e3), picture(None, 1.0, PixelFormat::Rgb8)).unwrap();
+        }
+        let broken = Image { pixels: vec![0; 7], ..picture(None, 1.0, PixelFormat::Rgb8) };
+        bench.feed(&BACKGROUND, Time::from_s(0.004), broken).unwrap();
+        bench.feed(&IMAGE, Time::from_s(0.02), picture(Some(40), 1.0, PixelFormat::Rgb8)).unwrap();
+        bench.feed(&IMAGE, Time::from_s(0.04), picture(Some(40), 0.7, PixelFormat::Rgb8)).unwrap();
+        let found = statuses(&mut bench);
+        assert!(found.iter().all(|it| it.0 == SilhouetteStatus::Seen && (780..=810).contains(&it.1)), "{found:?}");
+        let figures = bench.finish().unwrap().figures;
+        assert_eq!(
+            (figures["silhouette.background_refused.test.node"], figures["silhouette.relit.test.node"]),
+            (1.0, 1.0)
+        );
+    }
+
+    #[test]
+    fn what_is_no_picture_of_the_camera_is_a_gap_and_the_next_is_searched() {
+        let mut bench = NodeBench::<SilhouetteNode>::new(settings()).unwrap();
+        for k in 0..4 {
+            bench.feed(&IMAGE, Time::from_s(f64::from(k) / 1e3), picture(None, 1.0, PixelFormat::Rgb8)).unwrap();
+        }
+        bench.feed(&IMAGE, Time::from_s(0.005), picture(None, 1.0, PixelFormat::Gray8)).unwrap();
+        bench.feed(&IMAGE, Time::from_s(0.006), picture(Some(10), 1.0, PixelFormat::Rgb8)).unwrap();
+        assert_eq!(bench.outputs(&SILHOUETTE).len(), 5);
+        assert!(bench.gaps(&SILHOUETTE)[0].reason.contains("the picture is gray, the background in colour"));
+    }
+}

@@ -1,0 +1,9 @@
+//! Bodies in voxels: the node, and its message.
+
+mod message;
+mod node;
+mod smoother;
+#[cfg(test)]
+mod tests;
+
+pub use node::{BodyTrackerNode, BodyTrackerSettings, MarkOn};
