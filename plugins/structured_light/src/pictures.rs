@@ -32,7 +32,7 @@ figures! {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PicturesSettings {
-    /// A folder of pictures (PNG, JPEG) in the order of their names, numbers in them counting as numbers; or a folder of such folders, or several by `*` and `?` in its last part, as in
+    /// A folder of pictures (PNG, JPEG, BMP, PGM, PPM) in the order of their names, numbers in them counting as numbers; or a folder of such folders, or several by `*` and `?` in its last part, as in
     /// `scans/pose_*`; `{camera}` is the camera's name, `${NAME}` an environment variable [–]
     pub path: String,
     /// Which files of a folder are pictures of the set, by `*` and `?` [–]
@@ -53,7 +53,7 @@ fn default_rate() -> f64 {
 }
 
 /// Endings of files that are pictures.
-const ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
+const ENDINGS: [&str; 6] = ["png", "jpg", "jpeg", "bmp", "pgm", "ppm"];
 /// Pictures in a set, at most: a folder of something else is told before it fills the memory.
 const MAX_PICTURES: usize = 400;
 /// Most memory that a decoder may take [bytes].
@@ -162,7 +162,10 @@ pub(crate) fn sets(path: &Path, files: &str) -> Result<Vec<Vec<PathBuf>>, String
 fn check_count(path: &Path, sets: Vec<Vec<PathBuf>>) -> Result<Vec<Vec<PathBuf>>, String> {
     let shown = path.display();
     if sets.is_empty() {
-        return Err(format!("found no pictures in `{shown}`, expected PNG or JPEG files, or folders of them"));
+        return Err(format!(
+            "found no pictures in `{shown}`{}, expected PNG, JPEG, BMP, PGM or PPM files, or folders of them",
+            others(path)
+        ));
     }
     match sets.iter().map(Vec::len).find(|it| *it > MAX_PICTURES) {
         Some(n) => {
@@ -170,6 +173,17 @@ fn check_count(path: &Path, sets: Vec<Vec<PathBuf>>) -> Result<Vec<Vec<PathBuf>>
         }
         None => Ok(sets),
     }
+}
+
+/// What else is in a folder without pictures: pictures of other kinds, which other programs convert.
+fn others(path: &Path) -> String {
+    let mut kinds: BTreeMap<String, usize> = BTreeMap::new();
+    for it in entries(path).unwrap_or_default().iter().filter(|it| it.is_file()) {
+        let ending = it.extension().map(|it| harmless(&it.to_string_lossy().to_lowercase()));
+        *kinds.entry(ending.unwrap_or_default()).or_default() += 1;
+    }
+    let most = kinds.iter().filter(|it| !it.0.is_empty()).max_by_key(|it| *it.1);
+    most.map(|(ending, count)| format!(" but {count} files `*.{ending}`")).unwrap_or_default()
 }
 
 fn entries(folder: &Path) -> Result<Vec<PathBuf>, String> {
@@ -186,7 +200,9 @@ fn folders_in(folder: &Path) -> Result<Vec<PathBuf>, String> {
 fn pictures_in(folder: &Path, files: &str) -> Result<Vec<PathBuf>, String> {
     let is_picture = |it: &PathBuf| {
         let ending = it.extension().map(|it| it.to_string_lossy().to_lowercase()).unwrap_or_default();
-        ENDINGS.contains(&ending.as_str()) && matches(files, &name_of(it)) && it.is_file()
+        // Hidden files are leavings of file systems and programs, `._0001.jpg` among them.
+        let is_hidden = name_of(it).starts_with('.');
+        ENDINGS.contains(&ending.as_str()) && !is_hidden && matches(files, &name_of(it)) && it.is_file()
     };
     let mut files: Vec<PathBuf> = entries(folder)?.into_iter().filter(is_picture).collect();
     let first = counter::first_taken(&files);
@@ -379,8 +395,8 @@ fn decode(path: &Path) -> Result<Gray, String> {
         return Err("cannot be decoded: it is empty (0 bytes)".to_owned());
     }
     let kind = match image::guess_format(&bytes) {
-        Ok(kind @ (ImageFormat::Jpeg | ImageFormat::Png)) => kind,
-        _ => return Err("cannot be decoded: it is neither JPEG nor PNG".to_owned()),
+        Ok(kind @ (ImageFormat::Jpeg | ImageFormat::Png | ImageFormat::Bmp | ImageFormat::Pnm)) => kind,
+        _ => return Err("cannot be decoded: it is neither PNG, JPEG, BMP nor PGM or PPM".to_owned()),
     };
     if kind == ImageFormat::Jpeg {
         jpeg::check_whole(&bytes)?;
@@ -497,9 +513,23 @@ mod tests {
     }
 
     #[test]
+    fn bitmaps_are_read_and_hidden_files_are_not() {
+        let folder = tempfile::tempdir().unwrap();
+        for (at, ending) in ["bmp", "pgm", "png"].iter().enumerate() {
+            write(&folder.path().join(format!("{at}.{ending}")), 3, 7 + at as u8);
+        }
+        fs::write(folder.path().join("._0.png"), "left by a file system").unwrap();
+        let Read { set, faults, .. } = read(&sets(folder.path(), "*").unwrap()[0]).unwrap();
+        assert_eq!((faults, set.names.len()), (Vec::new(), 3));
+        assert_eq!([0, 1, 2].map(|it| set.picture(it).unwrap()[0]), [7, 8, 9]);
+    }
+
+    #[test]
     fn folders_without_pictures_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         assert!(sets(folder.path(), "*").unwrap_err().contains("found no pictures"));
+        fs::write(folder.path().join("0.tif"), "another kind").unwrap();
+        assert!(sets(folder.path(), "*").unwrap_err().contains("but 1 files `*.tif`, expected PNG"));
         assert!(sets(&folder.path().join("gone"), "*").unwrap_err().contains("cannot read"));
     }
 }

@@ -223,6 +223,16 @@ impl StripeCode {
         self
     }
 
+    /// The same with its middle in the projector's middle where its beginning is the first column (row), and the other way round; `None` where that is the same.
+    pub fn with_other_centre(&self) -> Option<StripeCode> {
+        let other = |axis: usize| match self.offset[axis] {
+            0 => ((self.stripe[axis] << self.bits[axis]).saturating_sub(self.projector[axis])) / 2,
+            _ => 0,
+        };
+        let offset = [other(0), other(1)];
+        (offset != self.offset && self.steps == 0).then(|| StripeCode { offset, ..self.clone() })
+    }
+
     /// The same without so many of the finest bits of columns and rows: stripes are twice as wide for each.
     pub fn without_finest(&self, dropped: [u32; 2]) -> StripeCode {
         let mut code = self.clone();

@@ -153,6 +153,10 @@ const SATURATED: u8 = 254;
 const NOISE: u8 = 8;
 /// Part of the picture that the projector has to light at least [–].
 const MIN_LIT: f64 = 0.001;
+/// Pictures that can be held against each other.
+const FEWEST: usize = 3;
+/// A set whose brightest pictures are below this nearly all over is dark [gray levels].
+const DARK: u8 = 40;
 /// Pictures that may be brighter or darker than they should be without changing what is taken for bright and dark.
 const WILD: usize = 2;
 /// What noise makes of bright − dark where nothing is lit, over its standard deviation: third highest of some forty values less third lowest, and as much again.
@@ -231,15 +235,7 @@ fn look(
     found.lit = lit.len() as f64 / samples.len() as f64;
     let needed = least.round().min(255.0) as u8;
     if found.lit < MIN_LIT {
-        let mut contrasts: Vec<u8> = ranges.iter().map(|(low, high)| high - low).collect();
-        contrasts.sort_unstable();
-        let contrast = contrasts[contrasts.len() * 95 / 100];
-        let saturated = ranges.iter().filter(|it| it.0 >= SATURATED - NOISE).count() as f64 / ranges.len() as f64;
-        if saturated > 0.5 {
-            found.faults.push(SetFault::TooBright { saturated });
-        }
-        // Nothing can be decoded, whichever it is.
-        found.faults.push(SetFault::TooDark { lit: found.lit, contrast, needed });
+        found.faults = unlit(code, &found, pictures.len(), present.len(), &ranges, needed);
         return (found, lit);
     }
     let reached = (NOISE_RANGE * found.noise).max(REACHED);
@@ -342,6 +338,13 @@ fn look(
         return (found, lit);
     }
     let is_beyond = |it: &SetFault| matches!(it, SetFault::OutOfRange { .. });
+    if faults.iter().all(is_beyond)
+        && let Some(other) = code.with_other_centre()
+        && (Set { code: &other, ..set(&lit) }).broken_rules().is_empty()
+    {
+        found.faults.push(SetFault::OtherOrder { code: Box::new(other) });
+        return (found, lit);
+    }
     if faults.iter().any(is_beyond)
         && let Some(other) = explain::with_axes_exchanged(code, &all.signs())
     {
@@ -377,6 +380,41 @@ fn look(
         }
     }
     (found, lit)
+}
+
+/// Why nothing is lit in a set of `found` pictures, of which `n_read` could be read, with the darkest and brightest of some pixels.
+fn unlit(
+    code: &StripeCode,
+    found: &Examination,
+    n_pictures: usize,
+    n_read: usize,
+    ranges: &[(u8, u8)],
+    needed: u8,
+) -> Vec<SetFault> {
+    let expected = code.pictures().len();
+    let mut faults = Vec::new();
+    if n_pictures != expected || n_read < FEWEST {
+        faults.push(SetFault::Count { found: n_read, expected, unpaired: None, is_explained: false });
+    }
+    // Pictures alone or two of them say nothing about light.
+    if n_read < FEWEST {
+        return faults;
+    }
+    let percentile = |mut list: Vec<u8>| {
+        list.sort_unstable();
+        list[list.len() * 95 / 100]
+    };
+    let contrast = percentile(ranges.iter().map(|(low, high)| high - low).collect());
+    let level = percentile(ranges.iter().map(|it| it.1).collect());
+    let saturated = ranges.iter().filter(|it| it.0 >= SATURATED - NOISE).count() as f64 / ranges.len() as f64;
+    faults.push(if saturated > 0.5 {
+        SetFault::Alike { level, contrast, noise: found.noise, saturated }
+    } else if level < DARK {
+        SetFault::TooDark { lit: found.lit, contrast, needed }
+    } else {
+        SetFault::Alike { level, contrast, noise: found.noise, saturated: 0.0 }
+    });
+    faults
 }
 
 impl Examination {

@@ -199,6 +199,17 @@ pub enum SetFault {
         /// What is needed [gray levels].
         needed: u8,
     },
+    /// No picture shows more light anywhere than the others, although they are not dark.
+    Alike {
+        /// The 95th percentile of the brightest level of a pixel [gray levels].
+        level: u8,
+        /// That of brightest − darkest [gray levels].
+        contrast: u8,
+        /// Noise of a pixel, standard deviation [gray levels].
+        noise: f64,
+        /// Part of the pixels that are saturated in all pictures [–].
+        saturated: f64,
+    },
     /// Most of what the projector lights is saturated.
     TooBright {
         /// Part of the lit pixels that are [–].
@@ -256,7 +267,8 @@ impl SetFault {
             SetFault::Size { .. }
             | SetFault::OtherOrder { .. }
             | SetFault::OtherSize { .. }
-            | SetFault::TooDark { .. } => true,
+            | SetFault::TooDark { .. }
+            | SetFault::Alike { .. } => true,
         }
     }
 
@@ -273,7 +285,8 @@ impl SetFault {
         match self {
             SetFault::Count { found, expected, unpaired, .. } => {
                 let [columns, rows] = code.projector;
-                let start = format!("found {found} pictures, expected {expected} of this code for {columns} x {rows}");
+                let noun = if *found == 1 { "picture" } else { "pictures" };
+                let start = format!("found {found} {noun}, expected {expected} of this code for {columns} x {rows}");
                 match unpaired {
                     Some(at) => format!(
                         "{start}; {} is the first that is not the inverse of its neighbour: a picture is missing or doubled there",
@@ -316,6 +329,12 @@ impl SetFault {
             }
             SetFault::Exchanged { pictures: [a, b], expected: [of_a, of_b] } => {
                 format!("{} and {} stand in each other's places, expected {of_a} and {of_b}", name(*a), name(*b))
+            }
+            SetFault::OtherOrder { code: other } if other.offset != code.offset && other.order == code.order => {
+                let [now, there] = [code, other.as_ref()].map(|it| it.offset != [0, 0]);
+                format!(
+                    "columns or rows lie beyond the projector's with `centred = {now}`; all fit `centred = {there}`"
+                )
             }
             SetFault::OtherOrder { code } => {
                 format!(
@@ -420,6 +439,15 @@ impl SetFault {
             SetFault::TooDark { lit, contrast, needed } => format!(
                 "the projector lights {:.1} % of the pixels, white - black being {contrast} gray levels at most, expected {needed} at least: too dark",
                 100.0 * lit
+            ),
+            SetFault::Alike { saturated, .. } if *saturated > 0.0 => format!(
+                "{:.0} % of the pixels are saturated in all pictures: too bright: a shorter exposure, a smaller aperture or less gain would help",
+                100.0 * saturated
+            ),
+            SetFault::Alike { level, contrast, noise, .. } => format!(
+                "no picture shows stripes: pixels are up to {level} gray levels bright, and from picture to picture they differ by {contrast} at most, where noise of {noise:.1} makes up to {:.0}. Is the projector on, does \
+                 its light reach what the camera sees, and does nothing outshine it?",
+                (6.0 * noise).min(255.0)
             ),
             SetFault::TooBright { saturated } => {
                 format!(

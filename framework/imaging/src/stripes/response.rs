@@ -2,19 +2,25 @@
 //!
 //! Whatever a bit shows, its picture and the inverse together send back as much light as white and black together, what comes by way of other surfaces included. Gray levels say so only where they are
 //! proportional to light. A level g stands for light g^γ: of all exponents the one under which pairs agree best with white and black is the camera's, where it is much better than none. No picture of
-//! known brightness is needed for that.
+//! known brightness is needed for that. Where a pixel is as bright as white in one picture of a pair and as dark as black in the other, every exponent agrees: what tells it are pixels in between, on boundaries of stripes
+//! and where other surfaces send light.
 
 use super::code::{Axis, Inverse, Shown, StripeCode};
 use crate::ImageView;
 
-/// Pixels that take part.
-const SAMPLES: usize = 1500;
+/// Pixels that are looked at.
+const SAMPLES: usize = 10_000;
 /// At least so many must.
 const LEAST_SAMPLES: usize = 200;
 /// A pixel takes part where white is so much brighter than black [gray levels].
 const LEAST_CONTRAST: u8 = 30;
 /// … and not cut off [gray levels].
 const SATURATED: u8 = 250;
+/// Both pictures of a pair are so much brighter than black where they tell it, as a part of white − black [–].
+const BETWEEN: f64 = 0.15;
+/// Pairs at pixels that tell it: at most so many, at least so many.
+const PAIRS: usize = 20_000;
+const LEAST_PAIRS: usize = 300;
 /// Exponents that are tried: from 1 by such steps, so many of them.
 const STEP: f64 = 0.05;
 const STEPS: usize = 40;
@@ -42,17 +48,27 @@ pub fn exponent(code: &StripeCode, pictures: &[ImageView<'_>]) -> Option<f64> {
     let is_lit = |it: &usize| white[*it] < SATURATED && white[*it] >= black[*it].saturating_add(LEAST_CONTRAST);
     let lit: Vec<usize> = (0..white.len()).filter(is_lit).collect();
     let some: Vec<usize> = lit.iter().copied().step_by(lit.len().div_ceil(SAMPLES).max(1)).collect();
-    if some.len() < LEAST_SAMPLES || pairs.is_empty() {
+    if some.len() < LEAST_SAMPLES {
         return None;
     }
-    let mut off: Vec<f32> = Vec::with_capacity(some.len() * pairs.len());
+    let is_between = |at: usize, pair: &[&[u8]; 2]| {
+        let least = BETWEEN * f64::from(white[at] - black[at]);
+        f64::from(pair[0][at].min(pair[1][at])) > f64::from(black[at]) + least
+    };
+    let all = some.iter().flat_map(|at| pairs.iter().map(move |pair| (*at, pair)));
+    let between: Vec<(usize, &[&[u8]; 2])> = all.filter(|it| is_between(it.0, it.1)).collect();
+    let between: Vec<_> = between.iter().step_by(between.len().div_ceil(PAIRS).max(1)).collect();
+    if between.len() < LEAST_PAIRS {
+        return None;
+    }
+    let mut off: Vec<f32> = Vec::with_capacity(between.len());
     let mut median_off = |exponent: f64| -> f32 {
         let light: Vec<f32> = (0..256).map(|it| (f64::from(it) / 255.0).powf(exponent) as f32).collect();
         let of = |pixels: &[u8], at: usize| light[usize::from(pixels[at])];
         off.clear();
-        for at in &some {
+        for (at, [bit, inverse]) in between.iter().copied() {
             let both = of(white, *at) + of(black, *at);
-            off.extend(pairs.iter().map(|[bit, inverse]| ((of(bit, *at) + of(inverse, *at)) / both - 1.0).abs()));
+            off.push(((of(bit, *at) + of(inverse, *at)) / both - 1.0).abs());
         }
         let middle = off.len() / 2;
         *off.select_nth_unstable_by(middle, f32::total_cmp).1
@@ -95,6 +111,18 @@ mod tests {
                 let (code, curved) = pictures(truth, seed);
                 let found = found(&code, &curved).unwrap();
                 assert!((found - truth).abs() < 0.2, "seed {seed}: {found} for {truth}");
+            }
+        }
+    }
+
+    #[test]
+    fn boundaries_alone_tell_it_where_no_surface_sends_light() {
+        let code = StripeCode::gray([160, 120]);
+        for seed in 1..=2 {
+            for (truth, noise) in [(1.0, 1.0), (1.0, 5.0), (2.2, 1.0), (2.2, 3.0)] {
+                let scene = Scene { gamma: truth, noise, global: |_, _| 0.0, ..wall(seed) };
+                let found = found(&code, &scene.pictures(&code)).unwrap_or(1.0);
+                assert!((found - truth).abs() < 0.25, "seed {seed}, noise {noise}: {found} for {truth}");
             }
         }
     }

@@ -421,6 +421,42 @@ fn dark_and_bright_scenes_are_told() {
 }
 
 #[test]
+fn pictures_without_stripes_are_not_called_dark() {
+    let faults = |pictures: &[Vec<u8>]| {
+        let found = examined(&wall_code(), pictures);
+        assert_eq!(found.usable(&wall_code()), [], "{:?}", found.faults);
+        found.faults.iter().map(|it| it.describe(&wall_code(), &|at| at.to_string())).collect::<Vec<String>>()
+    };
+    let mut chance = foveate_estimation::Random::new(3);
+    for sigma in [2.0, 8.0, 60.0] {
+        let mut level = |_| (90.0 + sigma * chance.normal()).round().clamp(0.0, 255.0) as u8;
+        let noise: Vec<Vec<u8>> = (0..32).map(|_| (0..160 * 120).map(&mut level).collect()).collect();
+        let words = faults(&noise);
+        assert!(words.len() == 1 && words[0].contains("no picture shows stripes"), "{sigma}: {words:?}");
+    }
+    let white = wall_set(1)[30].clone();
+    assert!(faults(&vec![white.clone(); 32])[0].contains("no picture shows stripes"));
+    let alone = faults(&[white]);
+    assert!(alone.len() == 1 && alone[0].starts_with("found 1 picture, expected 32"), "{alone:?}");
+}
+
+#[test]
+fn a_code_that_is_centred_is_told_where_nothing_says_so() {
+    // 160 columns of 256, from 48 on: at the right of the picture they are beyond 160.
+    let code = wall_code();
+    let centred = code.with_other_centre().unwrap();
+    assert_eq!((centred.offset, centred.with_other_centre().as_ref()), ([48, 4], Some(&code)));
+    for seed in 1..=2 {
+        let far = Scene { projector: |x, y| [60.0 + 0.6 * x, 12.0 + 0.58 * y], ..wall(seed) };
+        let found = examined(&code, &far.pictures(&centred));
+        let [fault] = &found.faults[..] else { panic!("{:?}", found.faults) };
+        let words = fault.describe(&code, &|at| at.to_string());
+        assert!(words.ends_with("all fit `centred = true`"), "{words}");
+        assert!(examined(&centred, &far.pictures(&centred)).faults.is_empty());
+    }
+}
+
+#[test]
 fn rows_taken_for_columns_are_told() {
     // 160 columns need eight bits and 120 rows seven; with eight bits each, 160 columns do not fit 120 rows.
     let right = wall_code().with_bits([Some(8), Some(8)], false);
