@@ -316,7 +316,8 @@ impl Score {
                 Some(it) => it,
                 None => {
                     self.lost_for.push((*joint, 0));
-                    self.lost_for.last_mut().unwrap()
+                    let last = self.lost_for.len() - 1;
+                    &mut self.lost_for[last]
                 }
             };
             entry.1 = if error > 0.15 { entry.1 + 1 } else { 0 };
