@@ -263,7 +263,7 @@ mod tests {
             connected,
             ..Setup::for_tests()
         };
-        let settings = ExportVoxelOverlaySettings { tint: 1.0, ..ExportVoxelOverlaySettings::default() };
+        let settings = ExportVoxelOverlaySettings { tint: 1.0, every_n: 1, ..ExportVoxelOverlaySettings::default() };
         let mut bench = NodeBench::<ExportVoxelOverlay>::with_setup(settings, &setup).unwrap();
         let time = Time::from_s(1.0);
         let image = Image { width: 640, height: 480, pixels: vec![20; 640 * 480], ..Image::default() };

@@ -228,10 +228,8 @@ mod tests {
             (0..4).for_each(|_| feed(picture(None, 1.0, format)));
             feed(picture(Some(30), 1.0, format));
             feed(picture(None, 1.0, format));
-            let strange = Image {
-                pixels: picture(None, 1.0, format).pixels.iter().map(|it| 255 - it).collect(),
-                ..picture(None, 1.0, format)
-            };
+            let mut strange = picture(None, 1.0, format);
+            strange.pixels.iter_mut().zip(0_u32..).for_each(|(it, at)| *it = (at * 7919 % 251) as u8);
             feed(strange);
             let found = statuses(&mut bench);
             assert_eq!(found[0].0, SilhouetteStatus::Learning);

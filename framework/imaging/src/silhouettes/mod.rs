@@ -15,11 +15,12 @@
 //! What stands around the paper:
 //!
 //! - *Limits* are those below which `detection_rate` of the background lies, by the histograms of the pictures that it was learnt from. They are held within
-//!   one and two times what the median of the same histogram implies for Gaussian noise, so that somebody who passes while learning does not raise them.
+//!   one and one and a quarter times what the median of the same histogram implies for Gaussian noise, so that somebody who passes while learning does not raise them.
 //! - *Edges.* A camera that trembles, or a coder, moves edges by a part of a pixel: σ² has (`jitter_px` times the slope of the background)² in it.
 //! - *Light.* Each channel has a gain over the learnt light, that on which the picture agrees. Where many pixels differ all the same, tiles of 64 px whose
-//!   texture is that of the background (correlation above 0.9) get a gain of their own: a lamp that lights one wall.
-//! - *Saturation.* A channel at 255 says only that it is no darker: where α E is beyond, it fits.
+//!   texture is that of the background (correlation above 0.9) get a gain of their own: a lamp that lights one wall. A pixel is background
+//!   there when either light explains it.
+//! - *Saturation.* A channel at 255 says only that it is no darker: α is that of the others, where in that light it would be saturated.
 //! - *Who stands still* is not learnt. With `absorb_frames`, what has stood with the same colour for so long is, but not where a target is held.
 //! - *Speed.* A pixel within √⅓ limits of its mean in every channel lies within both limits: four of five pixels end with that test, 16 bytes at a time.
 //!

@@ -25,6 +25,10 @@ pub(super) struct Model {
 /// Steps of the histograms that limits are taken from [σ].
 const STEP: f32 = 1.0 / 64.0;
 const STEPS: usize = 64 * 64;
+/// From here on a channel is saturated [gray level].
+const SATURATED: f32 = 254.5;
+/// How much more than what its median implies a limit may be: noise of coders has longer tails than a normal distribution.
+const MOST: f32 = 1.25;
 /// The median of a Rayleigh and of a half-normal distribution [σ].
 const MEDIANS: [f32; 2] = [1.177_41, 0.674_49];
 
@@ -104,7 +108,7 @@ impl Model {
         }
     }
 
-    /// Below which distances `rate` of a picture's pixels lie: held within one and two times what their median implies.
+    /// Below which distances `rate` of a picture's pixels lie: held within one and [`MOST`] times what their median implies.
     fn limits_of(&self, pixels: &[u8], rate: f32) -> [f32; 2] {
         let mut counts = [vec![0u32; STEPS], vec![0u32; STEPS]];
         for i in 0..self.width * self.height {
@@ -130,7 +134,7 @@ impl Model {
                 (at.unwrap_or(STEPS - 1) + 1) as f32 * STEP
             };
             let implied = quantile(0.5) / MEDIANS[axis] * gaussian[axis];
-            quantile(rate).clamp(implied, 2.0 * implied)
+            quantile(rate).clamp(implied, MOST * implied)
         })
     }
 
@@ -185,19 +189,30 @@ fn two_sided(x: f64) -> f64 {
 /// α, Σ E²/σ² and the squared chromatic distance of a pixel; `weight` is 1/σ².
 #[inline(always)]
 pub(super) fn distances(value: [f32; 3], mean: [f32; 3], weight: [f32; 3]) -> (f32, f32, f32) {
-    let (mut product, mut square) = (0.0, 0.0);
+    // Of all channels, and of those that are not saturated.
+    let (mut product, mut square, mut honest_product, mut honest_square) = (0.0, 0.0, 0.0, 0.0);
     for c in 0..3 {
-        product += value[c] * mean[c] * weight[c];
-        square += mean[c] * mean[c] * weight[c];
+        let (p, s) = (value[c] * mean[c] * weight[c], mean[c] * mean[c] * weight[c]);
+        let is_honest = if value[c] < SATURATED { 1.0 } else { 0.0 };
+        product += p;
+        square += s;
+        honest_product += is_honest * p;
+        honest_square += is_honest * s;
     }
     // A black pixel has no chromaticity: all of its distance counts.
     let square = if square > 1e-6 { square } else { 1e-6 };
-    let alpha = product / square;
+    let by_honest = honest_product / if honest_square > 1e-6 { honest_square } else { 1e-6 };
+    // Those that are not tell the light, if in it the others would be saturated.
+    let mut fits = if honest_square > 1e-6 { 1.0 } else { 0.0 };
+    for c in 0..3 {
+        fits *= if value[c] < SATURATED || by_honest * mean[c] >= SATURATED { 1.0 } else { 0.0 };
+    }
+    let alpha = if fits > 0.5 { by_honest } else { product / square };
     let mut chroma = 0.0;
     for c in 0..3 {
         let off = value[c] - alpha * mean[c];
         // A saturated channel may be brighter than it says.
-        let off = if value[c] >= 254.5 && off < 0.0 { 0.0 } else { off };
+        let off = if value[c] >= SATURATED && off < 0.0 { 0.0 } else { off };
         chroma += off * off * weight[c];
     }
     (alpha, square, chroma)
@@ -226,6 +241,6 @@ mod tests {
         // A highlight that saturates red: it would be 300.
         let (_, _, chroma) = distances([255.0, 150.0, 60.0], mean, weight);
         let (_, _, honest) = distances([250.0, 150.0, 60.0], mean, weight);
-        assert!(chroma < 0.5 * honest, "{chroma} {honest}");
+        assert!(chroma < 0.1 * honest, "{chroma} {honest}");
     }
 }

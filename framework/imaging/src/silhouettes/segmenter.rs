@@ -259,11 +259,11 @@ impl Segmenter {
         self.model.limits
     }
 
-    /// The part of the background's edges that is not where it was, in the last picture: of the quarter of the picture where it is least, of those that have edges enough
+    /// The part of the background's edges that is not where it was, in the last picture, be it as dark as a shadow or not: of the quarter of the picture where it is least, of those that have edges enough
     /// to tell. Near 1 when the camera was moved.
     pub fn edges_off(&self) -> f64 {
         let of = |places: &Vec<u32>| {
-            let n_off = places.iter().filter(|at| self.mask[**at as usize] != 0).count();
+            let n_off = places.iter().filter(|at| self.confidence[**at as usize] > 0).count();
             (places.len() >= 16).then_some(n_off as f64 / places.len() as f64)
         };
         let quarters: Vec<f64> = self.edges.iter().filter_map(of).collect();
@@ -324,16 +324,24 @@ impl Segmenter {
             for (((outside, it), low), high) in self.outside.iter_mut().zip(seen).zip(low).zip(high) {
                 *outside = it.saturating_sub(*high) | low.saturating_sub(*it);
             }
+            self.confidence[y * width..(y + 1) * width].fill(0);
+            self.raw[y * width..(y + 1) * width].fill(0);
             for first in (0..width).step_by(BLOCK) {
                 let n = BLOCK.min(width - first);
-                let pixels = y * width + first..y * width + first + n;
                 let outside = &self.outside[first * CHANNELS..(first + n) * CHANNELS];
-                if outside.iter().fold(0, |any, it| any | it) == 0 {
-                    self.confidence[pixels.clone()].fill(0);
-                    self.raw[pixels].fill(0);
-                } else {
+                // A whole block has a length that is known when this is compiled.
+                let any = match <&[u8; BLOCK * CHANNELS]>::try_from(outside) {
+                    Ok(block) => block.iter().fold(0, |any, it| any | it),
+                    Err(_) => outside.iter().fold(0, |any, it| any | it),
+                };
+                if any != 0 {
                     let gains = if is_learnt { [1.0; CHANNELS] } else { self.lights.at(first + n / 2, y) };
-                    self.decide(rgb, pixels, gains);
+                    let pixels = y * width + first..y * width + first + n;
+                    self.decide(rgb, pixels.clone(), gains, u8::MAX);
+                    // Where a light of one region ends is not known to the pixel: what that of the whole explains is background, too.
+                    if self.lights.n_regional() > 0 {
+                        self.decide(rgb, pixels, self.lights.whole(), 0);
+                    }
                 }
             }
         }
@@ -355,8 +363,8 @@ impl Segmenter {
         }
     }
 
-    /// The confidence of up to [`BLOCK`] pixels.
-    fn decide(&mut self, rgb: &[u8], pixels: Range<usize>, gains: Gains) {
+    /// The confidence of up to [`BLOCK`] pixels; at most what it is, or `at_most` where that is more.
+    fn decide(&mut self, rgb: &[u8], pixels: Range<usize>, gains: Gains, at_most: u8) {
         let n = pixels.len();
         let bytes = pixels.start * CHANNELS..pixels.end * CHANNELS;
         let (mut value, mut mean, mut variance) =
@@ -391,7 +399,7 @@ impl Segmenter {
         }
         let open = &self.open[pixels.clone()];
         for (at, pixel) in pixels.enumerate() {
-            let it = confidence[at] & open[at];
+            let it = (confidence[at] & open[at]).min(self.confidence[pixel].max(at_most));
             self.confidence[pixel] = it;
             self.raw[pixel] = u8::from(it >= BODY) + u8::from(it >= SURE);
         }
