@@ -25,7 +25,7 @@ figures! {
     "joints_lost_fast": count, low, "The same while a wrist of the person was faster than fast_m_s";
     "sides_swapped": share, low, "Skeletons whose left side is nearer to the person's right one, over all with a person";
     "bodies_false": count, low, "Skeletons without a person within half a metre, over all messages";
-    "wrist_m_s.max": "m/s", neither, "Speed of the fastest true wrist between two messages";
+    "wrist_speed.max": "m/s", neither, "Speed of the fastest true wrist between two messages";
     "joint_normalised": ratio, neither, "Mean squared error of joints over the covariance that they state, a degree of freedom: 1 for honest ones";
 }
 

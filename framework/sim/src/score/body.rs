@@ -261,7 +261,7 @@ impl BodyScorer {
         report.figure("joints_lost_fast", self.n_lost_fast as f64);
         report.figure("sides_swapped", share(self.n_swapped, self.n_pairs));
         report.figure("bodies_false", self.n_false as f64);
-        report.figure("wrist_m_s.max", self.fastest);
+        report.figure("wrist_speed.max", self.fastest);
         report.figure("joint_normalised", self.normalised / self.n_normalised as f64);
     }
 }
