@@ -28,7 +28,7 @@ const STEPS: usize = 64 * 64;
 /// From here on a channel is saturated [gray level].
 const SATURATED: f32 = 254.5;
 /// How much more than what its median implies a limit may be: noise of coders has longer tails than a normal distribution.
-const MOST: f32 = 1.25;
+const MOST: f32 = 2.0;
 /// The median of a Rayleigh and of a half-normal distribution [σ].
 const MEDIANS: [f32; 2] = [1.177_41, 0.674_49];
 
