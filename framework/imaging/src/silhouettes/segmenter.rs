@@ -259,11 +259,11 @@ impl Segmenter {
         self.model.limits
     }
 
-    /// The part of the background's edges that is not where it was, in the last picture, be it as dark as a shadow or not: of the quarter of the picture where it is least, of those that have edges enough
+    /// The part of the background's edges that is not where it was, in the last picture, although a shadow could be as dark, but more than a coder moves it: of the quarter of the picture where it is least, of those that have edges enough
     /// to tell. Near 1 when the camera was moved.
     pub fn edges_off(&self) -> f64 {
         let of = |places: &Vec<u32>| {
-            let n_off = places.iter().filter(|at| self.confidence[**at as usize] > 0).count();
+            let n_off = places.iter().filter(|at| self.confidence[**at as usize] >= BODY / 8).count();
             (places.len() >= 16).then_some(n_off as f64 / places.len() as f64)
         };
         let quarters: Vec<f64> = self.edges.iter().filter_map(of).collect();
