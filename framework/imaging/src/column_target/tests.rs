@@ -1,3 +1,5 @@
+//! Targets of numbered columns, found in pictures that were rendered.
+
 use super::*;
 
 /// As printed for cameras around a cylinder [mm].
