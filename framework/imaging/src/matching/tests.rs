@@ -1,3 +1,5 @@
+//! Least squares matching against surfaces that were rendered at the places of each picture.
+
 use foveate_laws::texture::{Chance, Texture};
 
 use super::*;
