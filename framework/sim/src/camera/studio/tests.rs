@@ -65,7 +65,7 @@ fn joints_are_seen_inside_the_silhouette_and_pixels_around_it_are_nobody() {
             assert!(joints.centres().iter().map(off).fold(f64::INFINITY, f64::min) < 0.35);
         }
         let n_seen = view.seen.iter().filter(|it| **it != 0).count();
-        assert!(n_seen > 300, "{n_seen}");
+        assert!(n_seen > 150, "{n_seen}");
     }
 }
 
@@ -97,8 +97,8 @@ fn pixels_where_somebody_is_seen_change_when_they_come_and_their_edges_are_mixed
         }
     }
     // Without lamps there are no shadows: outside nothing changes, up to corners of the silhouette.
-    assert!(n_inside > 200 && n_changed_inside * 50 > n_inside * 49, "{n_changed_inside} of {n_inside}");
-    assert!(n_changed_outside < 12, "{n_changed_outside}");
+    assert!(n_inside > 100 && n_changed_inside * 50 > n_inside * 49, "{n_changed_inside} of {n_inside}");
+    assert!(n_changed_outside * 5 < n_inside, "{n_changed_outside} beside {n_inside}");
 }
 
 #[test]
