@@ -39,9 +39,11 @@ pub fn cover(grid: &VoxelGrid, surface: &BitGrid, view: &SilhouetteView, drawn: 
         let centre = grid.centre(index);
         let Some(pixel) = view.camera.project(&centre) else { continue };
         let depth = (view.camera.camera_from_world * centre).z;
+        // The pixels whose centres lie in the square, and the one in which the voxel's centre lies: no voxel is lost between pixels.
         let range = |at: f64, focal: f64, n: u32| {
             let half = 0.5 * focal * grid.size / depth;
-            let [first, last] = [at - half, at + half].map(|it| (it + 0.5).floor());
+            let nearest = at.round();
+            let [first, last] = [(at - half).ceil().min(nearest), (at + half).floor().max(nearest)];
             first.max(0.0) as usize..((last + 1.0).max(0.0) as usize).min(n as usize)
         };
         let columns = range(place(pixel.x, view.left), focal[0], view.width);

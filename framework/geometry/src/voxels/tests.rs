@@ -203,8 +203,8 @@ fn a_hull_covers_the_silhouettes_that_made_it_and_stands_out_of_one_that_did_not
     let mut drawn = Vec::new();
     for view in &views {
         let cover = cover(&grid, &surface, view, &mut drawn);
-        // Only half voxels at the rim, of one pixel each, are missing or too much.
-        assert!(cover.completeness() > 0.97 && cover.outside() < 0.06, "{cover:?}");
+        // Half a voxel at the rim, 0.4 pixels, is missing or too much: of the 120 pixels of the outline, at most half.
+        assert!(cover.completeness() > 0.97 && cover.outside() < 0.12, "{cover:?}");
     }
     let half: Vec<u8> = masks[0].iter().zip(0..).map(|(it, at)| if at % 160 < 80 { *it } else { 0 }).collect();
     let cover = cover(&grid, &surface, &view(&cameras[0], &half), &mut drawn);

@@ -15,7 +15,7 @@ use crate::wall::{Press, Wall, in_wall_space};
 
 /// A press that lasts no longer need not be found: three fields of a camera at 60 Hz [s].
 const LEAST_PRESS_S: f64 = 0.05;
-/// A spot that was off the wall for longer is another stroke when it returns [s].
+/// A spot that was off the wall for longer may be another stroke when it returns [s]: its light never went out, so both its old identity and a new one are right.
 const AWAY_S: f64 = 0.05;
 /// This near to the edge of a picture a spot is passed on from camera to camera [px].
 const BORDER_PX: f64 = 12.0;
@@ -156,7 +156,7 @@ impl WallScorer {
         self.messages += 1;
         let mut presses: Vec<Press> = wall.presses(time).collect();
         for press in &mut presses {
-            press.number = self.visit(press.number, time);
+            press.number = self.visit(press.number, time, targets);
         }
         self.count_crossings(&presses);
         let truth: Vec<_> = presses.iter().map(|it| (it.number, in_wall_space(&it.point))).collect();
@@ -200,11 +200,15 @@ impl WallScorer {
         }
     }
 
-    fn visit(&mut self, press: u32, time: Time) -> u32 {
-        let (last, key) = self.visits.entry(press).or_insert((Time(i64::MIN / 2), 0));
+    /// The key of a press; another one after a return to the wall, unless the identity that it had is still carried on.
+    fn visit(&mut self, press: u32, time: Time, targets: &Targets) -> u32 {
+        let (last, key) = self.visits.entry(press).or_insert((Time(i64::MIN / 2), u32::MAX));
         if (time.0 - last.0) as f64 * 1e-9 > AWAY_S {
-            *key = self.next_visit;
-            self.next_visit += 1;
+            let had = self.presses.get(key).and_then(|it| it.identities).map(|it| it[1]);
+            if !targets.list.iter().any(|it| Some(it.id.0) == had) {
+                *key = self.next_visit;
+                self.next_visit += 1;
+            }
         }
         *last = time.max(*last);
         *key
@@ -402,6 +406,8 @@ mod tests {
         assert_eq!([far["false_strokes"], far["missed_presses"]], [1.0, 0.0]);
         let one = figures(|it| it.list.iter_mut().for_each(|it| it.id = TargetId(it.id.0 % 4)));
         assert!(one["id_switches"] >= 8.0, "an identity that goes on to the next press: {one:?}");
+        let kept = figures(|it| it.list.iter_mut().for_each(|it| it.id.0 %= 1000));
+        assert_eq!([kept["id_switches"], kept["broken_strokes"]], [0.0; 2], "a light that left the wall and came back");
         let broken = figures(|it| {
             let half = it.time.as_s() >= 5.0;
             it.list.iter_mut().for_each(|it| it.id.0 += if half { 100_000 } else { 0 });
