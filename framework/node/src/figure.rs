@@ -214,8 +214,9 @@ macro_rules! figures {
             line: $line,
         }),*];
     };
-    ($($figures:tt)*) => {
-        $crate::figures!(const DECLARED_FIGURES; $($figures)*);
+    // With the first name, so that a mistake is reported where it is and does not come here again.
+    ($first:literal: $($figures:tt)*) => {
+        $crate::figures!(const DECLARED_FIGURES; $first: $($figures)*);
     };
 }
 

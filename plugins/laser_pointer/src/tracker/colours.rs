@@ -33,6 +33,20 @@ pub(super) struct Belief {
     last: Time,
     /// By label, and at the end that of none of them.
     weights: Vec<f64>,
+    /// The last spots that had a label all had this one, so many of them since it may last have become another light.
+    run: (Option<u32>, u32),
+}
+
+impl Belief {
+    /// Spots in a row that had the same label: errors of neighbouring frames have one cause, so that a few frames say less than their number.
+    pub fn run(&self) -> u32 {
+        self.run.1
+    }
+
+    /// It may be another light from now on.
+    pub fn doubt(&mut self) {
+        self.run.1 = 0;
+    }
 }
 
 impl Colours {
@@ -53,7 +67,7 @@ impl Colours {
 
     /// A light of which nothing is known, from `time` on.
     pub fn belief(&self, time: Time) -> Belief {
-        Belief { last: time, weights: self.prior().collect() }
+        Belief { last: time, weights: self.prior().collect(), run: (None, 0) }
     }
 
     /// Probability of `label` for light of kind `kind`.
@@ -73,6 +87,9 @@ impl Colours {
     pub fn observe(&self, belief: &mut Belief, time: Time, label: Option<u32>) {
         let kept = (-CHANGE_PER_S * (time - belief.last).as_s().max(0.0)).exp();
         belief.last = time;
+        if label.is_some() {
+            belief.run = (label, if label == belief.run.0 { belief.run.1 + 1 } else { 1 });
+        }
         for ((kind, weight), prior) in belief.weights.iter_mut().enumerate().zip(self.prior()) {
             *weight = (*weight * kept + (1.0 - kept) * prior) * self.likelihood(kind, label);
         }

@@ -38,6 +38,7 @@ figures! {
     "pointers.users_decided": count, high, "Pointers of which it was decided whose they are; this and those below are missing where users have neither codes nor colours";
     "pointers.switches_mended": count, neither, "Times that codes or colours said that two pointers had been taken for each other, and their identities were exchanged";
     "pointers.hands_changed": count, low, "Times that its code or colour said that a pointer had become another user's, and a new identity began";
+    "pointers.users_corrected": count, low, "Times that a pointer which was seen all the time was another user's than its colour had said: it kept its identity";
     "pointers.codes_unknown": count, low, "Pointers that went dark in a period that is no user's";
     "pointers.codes_shared": count, low, "Pointers that had the code or colour of a user who had another pointer at the same time: they got no user";
 }
@@ -166,6 +167,7 @@ impl Node for Tracker {
             report.figure("pointers.users_decided", found.decided as f64);
             report.figure("pointers.switches_mended", found.mended as f64);
             report.figure("pointers.hands_changed", found.changed as f64);
+            report.figure("pointers.users_corrected", found.corrected as f64);
             report.figure("pointers.codes_unknown", found.unknown.values().sum::<u64>() as f64);
             report.figure("pointers.codes_shared", found.shared.values().sum::<u64>() as f64);
             for (period_ms, count) in &found.unknown {

@@ -49,6 +49,8 @@ const MIRRORED: f64 = 6.0;
 const LARGER: f64 = 1.3;
 /// Spots may lie so far beside the wall: on its frame, or by the error of a map [m].
 const BESIDE_M: f64 = 0.01;
+/// What was not seen for longer than this may be another light when it is seen again: more than the time between two frames of one camera at 60 Hz [s].
+const DARK_S: f64 = 0.025;
 /// A camera that has been silent for so long counts as gone [s].
 const SILENT_S: f64 = 0.1;
 /// A spot this near to the edge of a picture may be cut off [px]: its centre may be off by [`CUT_PX`] then.
@@ -139,6 +141,8 @@ pub(super) struct Track {
     pub(super) user: Option<u32>,
     /// Since when it may be another pointer, as their spots were one: until it is decided again whose it is.
     pub(super) mixed: Option<Time>,
+    /// It was dark for longer than a frame since that was decided last: it may be another pointer, too.
+    pub(super) dark: bool,
     /// What is wrong with its code has been counted.
     pub(super) is_counted: bool,
 }
@@ -147,6 +151,13 @@ pub(super) struct Track {
 pub(super) struct Seen {
     frames: u32,
     missed: u32,
+}
+
+impl Track {
+    /// Labels in a row that say the same of its colour; as many as one likes where its colour is not looked at.
+    pub(super) fn run(&self) -> u32 {
+        self.belief.as_ref().map_or(u32::MAX, Belief::run)
+    }
 }
 
 /// The pointers on one wall.
@@ -436,6 +447,10 @@ impl Pointers {
             }
             let track = &mut self.tracks[row];
             let off = point - track.filter.position().xy();
+            if (time - track.seen).as_s() > DARK_S {
+                track.dark = true;
+                track.belief.iter_mut().for_each(Belief::doubt);
+            }
             track.filter.update_pixel(off, &ON_WALL, &covariance);
             (track.seen, track.is_measured) = (time, true);
             track.clear = if is_mirrored { 0 } else { track.clear + 1 };
@@ -469,6 +484,7 @@ impl Pointers {
                     *decoder = codes.decoder(time);
                 }
                 track.mixed = track.mixed.or(Some(time));
+                track.belief.iter_mut().for_each(Belief::doubt);
                 continue;
             }
             // The flanks of a spot have light of another one that is somewhat farther away.
@@ -538,6 +554,7 @@ impl Pointers {
                 }),
                 user: None,
                 mixed: None,
+                dark: false,
                 is_counted: false,
             });
         }

@@ -524,13 +524,35 @@ fn two_that_rest_on_one_another_and_part_either_way_keep_their_identities_by_col
 }
 
 #[test]
-fn a_press_of_another_colour_where_one_ended_is_another_pointer() {
-    let run = run_labelled(of_colours(&[10, 20]), 1.0, |_, time_s| {
-        vec![(([1.2, 0.5], 20, 255), Some(if time_s < 0.5 { 10 } else { 20 }))]
-    });
-    let last = run.users.last().unwrap();
-    assert_eq!(run.ids().len(), 2);
-    assert_eq!(last.list.iter().map(|it| it.user).collect::<Vec<_>>(), [2]);
+fn a_press_of_another_colour_where_one_ended_is_another_pointer_and_a_light_that_stays_is_the_same() {
+    let with_gap = |gap_s: f64| {
+        let run = run_labelled(of_colours(&[10, 20]), 1.0, |_, time_s| match time_s - 0.5 {
+            since if since < 0.0 => vec![(([1.2, 0.5], 20, 255), Some(10))],
+            since if since < gap_s => Vec::new(),
+            _ => vec![(([1.2, 0.5], 20, 255), Some(20))],
+        });
+        let users: Vec<u32> = run.users.last().unwrap().list.iter().map(|it| it.user).collect();
+        (run.ids().len(), users)
+    };
+    assert_eq!(with_gap(0.04), (2, vec![2]), "dark in between: another light");
+    assert_eq!(with_gap(0.0), (1, vec![2]), "seen all the time: its colour was wrong before");
+}
+
+#[test]
+fn pointers_far_from_each_other_are_never_exchanged_whatever_their_labels_say() {
+    // Contents behind both give each the other's label for a tenth of a second, and then for good.
+    for until_s in [0.6, 2.0] {
+        let run = run_labelled(of_colours(&[10, 20]), 1.2, |_, time_s| {
+            let wrong = (0.5..until_s).contains(&time_s);
+            let labels = if wrong { [20, 10] } else { [10, 20] };
+            vec![(([0.6, 0.5], 20, 255), Some(labels[0])), (([1.8, 0.5], 20, 255), Some(labels[1]))]
+        });
+        assert_eq!(run.ids().len(), 2, "until {until_s} s");
+        assert!(run.users.iter().all(|it| it.exchanged.is_empty()));
+        let sides = run.targets.iter().flat_map(|(_, _, list)| list.iter().map(|it| (it.id, it.position.x > 1.2)));
+        let right: Vec<bool> = sides.filter(|it| it.0 == TargetId(1)).map(|it| it.1).collect();
+        assert!(right.windows(2).all(|it| it[0] == it[1]), "each stays on its side");
+    }
 }
 
 #[test]

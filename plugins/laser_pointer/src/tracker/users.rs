@@ -1,8 +1,9 @@
 //! Whose each pointer is, as its colour and its blink code say; what these say of pointers that were taken for each other.
 //!
 //! A pointer has a user once its colour or its decoder is sure, and keeps it until it ends or they are sure of another. Decoders begin anew when spots part that were one. What is decided
-//! then may show that two tracks have taken each other's light: their identities are exchanged, so that each is again with its light. A pointer whose light becomes another user's,
-//! with nothing to exchange, gets a new identity.
+//! then may show that two tracks have taken each other's light: their identities are exchanged, so that each is again with its light. A pointer that may have become another light, since it
+//! was dark or its spot was one with another's, and is another user's now, with nothing to exchange, gets a new identity. One that was seen all the time is the same light: what was
+//! decided before was wrong, and it keeps its identity with the other user.
 //!
 //! One user has one pointer. A second pointer with the same code, or of the same colour, gets no user, and is counted.
 
@@ -15,6 +16,9 @@ use super::colours::Colours;
 use super::pointers::Track;
 use super::settings::TrackerSettings;
 
+/// Spots in a row that must have the same label before a pointer that has a user is decided anew: where it may have become another light, and where it was seen all the time.
+const RUN_AFTER_DOUBT: u32 = 4;
+const RUN_IN_SIGHT: u32 = 12;
 /// Periods of unknown codes are told in steps of this width [ms].
 const PERIOD_STEP_MS: f64 = 10.0;
 
@@ -27,6 +31,8 @@ pub struct UserTally {
     pub mended: u64,
     /// Times that a pointer became another user's and got a new identity.
     pub changed: u64,
+    /// Times that a pointer which was seen all the time was another user's than had been decided.
+    pub corrected: u64,
     /// Pointers that were dark in a period of no user, by that period to 10 ms [ms].
     pub unknown: BTreeMap<u32, u64>,
     /// By user: pointers that had the user's code or colour while another one had it.
@@ -102,11 +108,15 @@ impl UsersOfTracks {
     fn exchange(&mut self, tracks: &mut [Track], verdicts: &[Verdict], time: Time) {
         for one in 0..tracks.len() {
             let (Verdict::User(found), Some(user)) = (verdicts[one], tracks[one].user) else { continue };
-            // Another track has this one's user by its light, and had the other's, or none.
+            // Another track has this one's user by its light, and had the other's, or none; either may have become another light.
+            let may_be = |it: usize| tracks[it].mixed.is_some() && tracks[it].run() >= RUN_AFTER_DOUBT;
             let is_partner = |it: &usize| {
                 let before = tracks[*it].user;
-                verdicts[*it] == Verdict::User(user) && (before == Some(found) || before.is_none())
+                verdicts[*it] == Verdict::User(user) && (before == Some(found) || before.is_none()) && may_be(*it)
             };
+            if !may_be(one) {
+                continue;
+            }
             let Some(other) = (0..tracks.len()).filter(|it| *it != one && found != user).find(is_partner) else {
                 continue;
             };
@@ -124,7 +134,9 @@ impl UsersOfTracks {
     /// The decoder of track `row` is sure of `user`.
     fn give(&mut self, tracks: &mut [Track], verdicts: &[Verdict], row: usize, user: u32, next: &mut u32) {
         if tracks[row].user == Some(user) {
-            tracks[row].mixed = None;
+            if tracks[row].run() >= RUN_AFTER_DOUBT {
+                (tracks[row].mixed, tracks[row].dark) = (None, false);
+            }
             return;
         }
         let others = || (0..tracks.len()).filter(|it| *it != row);
@@ -137,16 +149,24 @@ impl UsersOfTracks {
             return;
         }
         if tracks[row].user.is_some() {
+            let may_be_another = tracks[row].mixed.is_some() || tracks[row].dark;
+            if tracks[row].run() < if may_be_another { RUN_AFTER_DOUBT } else { RUN_IN_SIGHT } {
+                return;
+            }
             // The other one of the two that were mixed has yet to say whose it is.
             if tracks[row].mixed.is_some() && others().any(|it| tracks[it].id.is_some() && tracks[it].mixed.is_some()) {
                 return;
             }
-            tracks[row].id = Some(TargetId(*next));
-            *next += 1;
-            self.tally.changed += 1;
+            if may_be_another {
+                tracks[row].id = Some(TargetId(*next));
+                *next += 1;
+                self.tally.changed += 1;
+            } else {
+                self.tally.corrected += 1;
+            }
         }
         self.tally.decided += 1;
-        (tracks[row].user, tracks[row].mixed) = (Some(user), None);
+        (tracks[row].user, tracks[row].mixed, tracks[row].dark) = (Some(user), None, false);
     }
 
     /// What is known after the frame at `time`; exchanges are told once.
