@@ -80,8 +80,11 @@ fn ellipsoid(point: &Vector3<f64>, sizes: &Vector3<f64>) -> Skin {
 
 fn trunk(point: &Vector3<f64>, sizes: &Vector3<f64>) -> Skin {
     let flat = ellipsoid(&Vector3::new(point.x, point.y, 0.0), &Vector3::new(sizes.x, sizes.y, 1.0));
-    let (up, by_z) =
-        if point.z > 0.0 { (point.z - TRUNK_TOP * sizes.z, -TRUNK_TOP) } else { (-point.z - TRUNK_BOTTOM * sizes.z, -TRUNK_BOTTOM) };
+    let (up, by_z) = if point.z > 0.0 {
+        (point.z - TRUNK_TOP * sizes.z, -TRUNK_TOP)
+    } else {
+        (-point.z - TRUNK_BOTTOM * sizes.z, -TRUNK_BOTTOM)
+    };
     let lid = Skin { distance: up, normal: Vector3::z() * point.z.signum(), by_sizes: Vector3::z() * by_z };
     if flat.distance > 0.0 && up > 0.0 {
         // Beyond the rim.
