@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use foveate_estimation::random::Random;
 use foveate_geometry::Camera;
-use foveate_geometry::body::{BodyTracker, Joint, TrackerOptions, VoxelField};
+use foveate_geometry::body::{BodyTracker, Joint, Part, TrackerOptions, VoxelField};
 use foveate_scene::skeleton::SkeletonMotion;
 use foveate_sim::person::{Person, Pose, WholeBody};
 use nalgebra::{Point3, Vector2, Vector3};
@@ -63,16 +63,20 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             }
             score.times.push(start.elapsed().as_secs_f64());
             score.add(&truth(&pose), tracker.as_ref(), time);
+            score.add_bias(&pose, tracker.as_ref());
             if std::env::var("TRACE").is_ok() {
                 trace(frame, &pose, tracker.as_ref());
             }
         }
         let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         println!("{seed:>3} {name:<22} {:.2} m ×{girth:.2} {}", body.stature_m(), score.line());
+        println!("    {}", score.by_facing());
         all.join(score);
     }
     println!("all {:<35} {}", "", all.line());
     println!("    {}", all.by_joint());
+    println!("    {}", all.by_bias());
+    println!("    {}", all.by_facing());
     Ok(())
 }
 
@@ -253,10 +257,24 @@ fn truth(pose: &Pose) -> [(Joint, Point3<f64>); 10] {
     ]
 }
 
+fn other_side(name: &str) -> String {
+    match name.split_once('-') {
+        Some(("left", rest)) => format!("right-{rest}"),
+        Some(("right", rest)) => format!("left-{rest}"),
+        _ => name.to_owned(),
+    }
+}
+
 #[derive(Default)]
 struct Score {
     /// Joint, error [m].
     errors: Vec<(Joint, f64)>,
+    /// Joint, from the true place to the one found: to the front, to the side that the joint is on, up [m].
+    biases: Vec<(Joint, [f64; 3])>,
+    /// Of the torso's front from the true one [rad].
+    yaws: Vec<f64>,
+    /// How sure the sides are, and whether they are right.
+    facings: Vec<(f64, bool)>,
     ends: Vec<f64>,
     missing: usize,
     frames: usize,
@@ -332,7 +350,34 @@ impl Score {
         }
     }
 
+    /// Where joints lie beside their true places, in the axes of the true trunk, whichever side they were taken for.
+    fn add_bias(&mut self, pose: &Pose, tracker: Option<&BodyTracker>) {
+        let Some(tracker) = tracker else { return };
+        let truth = truth(pose);
+        let of = |joint: Joint| truth.iter().find(|it| it.0 == joint).map_or(Point3::origin(), |it| it.1);
+        let [shoulders, hips] = [[Joint::LeftShoulder, Joint::RightShoulder], [Joint::LeftHip, Joint::RightHip]]
+            .map(|it| (of(it[0]), of(it[1])));
+        let up = (nalgebra::center(&shoulders.0, &shoulders.1) - nalgebra::center(&hips.0, &hips.1)).normalize();
+        let front = (shoulders.0 - shoulders.1).cross(&up).normalize();
+        let left = up.cross(&front);
+        let found_front = tracker.filter().body.turn(Part::Torso) * Vector3::x();
+        let is_right = found_front.dot(&front) > 0.0;
+        self.yaws.push(found_front.dot(&left).atan2(found_front.dot(&front)));
+        self.facings.push((tracker.facing(), is_right));
+        let mirrored = |joint: Joint| Joint::ALL.into_iter().find(|it| it.name() == other_side(joint.name()));
+        for it in tracker.joints() {
+            let Some(named) = (if is_right { Some(it.joint) } else { mirrored(it.joint) }) else { continue };
+            let Some((_, place)) = truth.iter().find(|it| it.0 == named) else { continue };
+            let away = it.position - place;
+            let out = if named.name().starts_with("right") { -1.0 } else { 1.0 };
+            self.biases.push((named, [away.dot(&front), away.dot(&left) * out, away.dot(&up)]));
+        }
+    }
+
     fn join(&mut self, other: Score) {
+        self.biases.extend(other.biases);
+        self.yaws.extend(other.yaws);
+        self.facings.extend(other.facings);
         self.errors.extend(other.errors);
         self.ends.extend(other.ends);
         self.missing += other.missing;
@@ -367,6 +412,34 @@ impl Score {
             percentile(&mut self.complete_s, 0.95),
             percentile(&mut ms, 0.5),
             self.failures.first().map_or(String::new(), |it| format!(" | {it}")),
+        )
+    }
+
+    /// Medians of where joints lie beside their true places, and of how sure sides are.
+    fn by_bias(&self) -> String {
+        let one = |joint: &Joint| {
+            let median = |axis: usize| {
+                let mut mm: Vec<f64> =
+                    self.biases.iter().filter(|it| it.0 == *joint).map(|it| it.1[axis] * 1e3).collect();
+                percentile(&mut mm, 0.5)
+            };
+            format!("{} {:+.0} {:+.0} {:+.0}", joint.name(), median(0), median(1), median(2))
+        };
+        let named = Joint::ALL.iter().filter(|it| self.biases.iter().any(|e| e.0 == **it));
+        named.map(one).collect::<Vec<_>>().join(", ")
+    }
+
+    /// How many frames state their sides (surer than a half), and how many of these are wrong.
+    fn by_facing(&self) -> String {
+        let stated: Vec<bool> = self.facings.iter().filter(|it| it.0 > 0.5).map(|it| it.1).collect();
+        let wrong = stated.iter().filter(|it| !**it).count();
+        let mut yaws: Vec<f64> = self.yaws.iter().map(|it| it.sin().asin().abs().to_degrees()).collect();
+        format!(
+            "sides stated {:.2}, of these wrong {:.3}; front off by {:.0}°, p95 {:.0}°",
+            stated.len() as f64 / self.facings.len().max(1) as f64,
+            wrong as f64 / stated.len().max(1) as f64,
+            percentile(&mut yaws, 0.5),
+            percentile(&mut yaws, 0.95),
         )
     }
 

@@ -15,6 +15,7 @@ use super::field::VoxelField;
 use super::model::Body;
 use super::parts::{N_PARTS, Part};
 use super::proportions::{Proportions, share};
+use super::solid::TRUNK_BOTTOM;
 
 /// How heads and torsos are told.
 #[derive(Debug, Clone, PartialEq)]
@@ -297,9 +298,11 @@ pub fn find_torso(field: &VoxelField, head: &HeadFound, proportions: &Proportion
     }
     // Shrunk to a third, then grown along its axis while that lies inside: the place where the legs part ends it.
     let mut grown = length / 3.0;
-    while grown < length * 1.2 && field.depth(&(neck + down * (grown + 0.01))).0 > 0.3 * size.x {
+    while grown < length * 1.4 && field.depth(&(neck + down * (grown + 0.01))).0 > 0.3 * size.x {
         grown += 0.01;
     }
+    // From there up to the hips.
+    grown /= 0.5 * (1.0 + TRUNK_BOTTOM);
     let filled = filled(field, &neck, &down, &size);
     let aside = aside(field, &neck, &down, &size, grown.max(0.7 * length));
     Some(TrunkFound {

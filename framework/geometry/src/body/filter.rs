@@ -541,8 +541,13 @@ impl BodyFilter {
 
     /// The same of a joint.
     pub fn joint(&self, joint: Joint) -> (Point3<f64>, Vector3<f64>, Matrix6<f64>) {
-        let (part, factors) = joint.place();
-        self.place(part, &factors)
+        let (part, factors) = self.body.place_of(joint);
+        let (position, velocity, mut covariance) = self.place(part, &factors);
+        if joint == Joint::Neck {
+            let sigma = HEAD_LEVEL * self.body.size(Part::Head).z;
+            (0..3).for_each(|it| covariance[(it, it)] += sigma.powi(2));
+        }
+        (position, velocity, covariance)
     }
 
     /// Left becomes right, and front back: covariance and velocities go along.
@@ -575,6 +580,9 @@ impl BodyFilter {
         self.layout = layout;
     }
 }
+
+/// How far heads are from level, one standard deviation [rad]: 15°.
+const HEAD_LEVEL: f64 = 0.26;
 
 /// `body` ⊖ `from`.
 fn difference(body: &Body, from: &Body, layout: &Layout) -> DVector<f64> {

@@ -308,7 +308,7 @@ fn skin_area(part: Part, sizes: &Vector3<f64>) -> f64 {
     match part {
         Part::Head => 4.0 * pi * (sizes.x * sizes.y * sizes.z).powf(2.0 / 3.0) * 0.85,
         // Side of an elliptic cylinder, of which arms and legs hide a fifth.
-        Part::Torso => 2.0 * pi * ((sizes.x.powi(2) + sizes.y.powi(2)) / 2.0).sqrt() * 2.0 * sizes.z * 0.7,
+        Part::Torso => 2.0 * pi * ((sizes.x.powi(2) + sizes.y.powi(2)) / 2.0).sqrt() * 2.16 * sizes.z * 0.7,
         _ => 2.0 * pi * (sizes.x + sizes.y) / 2.0 * 2.0 * sizes.z * 0.85,
     }
 }

@@ -101,8 +101,24 @@ impl Body {
 
     /// Where a joint is [m].
     pub fn joint(&self, joint: Joint) -> Point3<f64> {
-        let (part, factors) = joint.place();
+        let (part, factors) = self.place_of(joint);
         self.place(part, &factors)
+    }
+
+    /// The part that a joint is told by and its place there, as factors of that part's sizes. [`Joint::place`], but for the neck: where the head hangs on the chain lies on the torso's axis, and
+    /// heads are held before it by more or less, which turns the head's part without turning the head. People hold their heads level, whatever the trunk does (T. Pozzo, A. Berthoz, L. Lefort,
+    /// "Head stabilization during various locomotor tasks in humans", Experimental Brain Research 82, 1990), so the neck is the pole of the head below its middle; the more a trunk lies, the
+    /// more it is the pole along the trunk.
+    pub fn place_of(&self, joint: Joint) -> (Part, Vector3<f64>) {
+        if joint != Joint::Neck {
+            return joint.place();
+        }
+        let trunk = self.turn(Part::Torso) * Vector3::z();
+        let upright = trunk.z.max(0.0).powi(2);
+        let up = trunk * (1.0 - upright) + Vector3::z() * upright;
+        let down = up.try_normalize(1e-6).map_or(-trunk, |it| -it);
+        let size = self.size(Part::Head);
+        (Part::Head, (self.turn(Part::Head).inverse() * (down * size.z)).component_div(size))
     }
 
     /// Where a part's joint to its parent is [m].
@@ -193,6 +209,21 @@ mod tests {
             };
             check_jacobian(moved, &stated, &vec![0.0; 3 + 6 * N_PARTS], 1e-7);
         }
+    }
+
+    #[test]
+    fn neck_is_below_the_head_wherever_the_head_is_held() {
+        let mut body = some_body(7);
+        for tilt in [0.0, 0.3, -0.5] {
+            body.turns[0] = UnitQuaternion::identity();
+            body.turns[1] = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), tilt);
+            let below = body.centre(Part::Head) - Vector3::z() * body.size(Part::Head).z;
+            assert!((body.joint(Joint::Neck) - below).norm() < 1e-12, "{tilt}");
+        }
+        // Who lies has it along the trunk.
+        body.turns[0] = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::FRAC_PI_2);
+        let below = body.centre(Part::Head) - Vector3::x() * body.size(Part::Head).z;
+        assert!((body.joint(Joint::Neck) - below).norm() < 1e-9);
     }
 
     #[test]

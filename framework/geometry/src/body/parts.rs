@@ -200,7 +200,7 @@ impl Limb {
 pub enum Joint {
     /// The middle of the head.
     Head,
-    /// Where head and torso meet.
+    /// Where head and torso meet: below the head.
     Neck,
     /// –
     LeftShoulder,
@@ -267,7 +267,7 @@ impl Joint {
         }
     }
 
-    /// The part that it is told by and its place there, number by number times that part's sizes. Where two parts meet the one nearer to the torso tells.
+    /// The part that it is told by and its place there, number by number times that part's sizes; of the neck where it is on the chain, see [`super::Body::place_of`]. Where two parts meet the one nearer to the torso tells.
     pub fn place(self) -> (Part, Vector3<f64>) {
         let on = |part: Part| (Part::parent(part).unwrap_or(part), part.hangs_at());
         let down = |part: Part, share: f64| (part, Vector3::new(0.0, 0.0, 1.0 - 2.0 * share));

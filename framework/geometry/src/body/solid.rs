@@ -1,8 +1,8 @@
 //! How far a point is from the skin of a part: distances with a sign, and how they change.
 //!
 //! Limbs are cylinders with round ends, of one radius (the mean of x and y): at the joint to the body and at a joint to another part the middle of the round end is the joint itself,
-//! so that two parts meet as a ball joint does; a limb's free end lies at −l_z. The head is an ellipsoid. The torso is an elliptic cylinder up to a little above
-//! the shoulders, with a neck from there to the head. Distances to ellipses are of first order, exact on the skin: (f − 1)/|∇f| of f² = x²/a² + y²/b².
+//! so that two parts meet as a ball joint does; a limb's free end lies at −l_z. The head is an ellipsoid. The torso is an elliptic cylinder from where
+//! the legs part, which is below the joints of the hips, up to a little above the shoulders, with a neck from there to the head. Distances to ellipses are of first order, exact on the skin: (f − 1)/|∇f| of f² = x²/a² + y²/b².
 
 use nalgebra::Vector3;
 
@@ -11,6 +11,9 @@ use super::parts::Part;
 /// The flat top of the trunk between the middle of the torso and the neck [–]: the shoulders (0.694) and what the muscle stands above the joint, 0.025 of the stature
 /// (Winter, figure 4.1: shoulder joint 0.818, top of the shoulder 0.843).
 const TRUNK_TOP: f64 = 0.84;
+/// The flat lower end of the trunk between the middle of the torso and its hips [–]: hip joints at 0.530 of the stature (Winter, figure 4.1), where legs part at 0.475 (C. C. Gordon et al.,
+/// *1988 Anthropometric Survey of U.S. Army Personnel*, 1989: crotch height 0.837 m of 1.756 m, women 0.771 m of 1.629 m): (0.700 − 0.475)/0.170.
+pub(super) const TRUNK_BOTTOM: f64 = 1.32;
 /// Radius of the neck as a share of the half width of the shoulders [–]: 0.055 m beside 0.18 m (circumference of a neck 0.35 m).
 const NECK: f64 = 0.3;
 
@@ -77,8 +80,11 @@ fn ellipsoid(point: &Vector3<f64>, sizes: &Vector3<f64>) -> Skin {
 
 fn trunk(point: &Vector3<f64>, sizes: &Vector3<f64>) -> Skin {
     let flat = ellipsoid(&Vector3::new(point.x, point.y, 0.0), &Vector3::new(sizes.x, sizes.y, 1.0));
-    let (up, by_z) =
-        if point.z > 0.0 { (point.z - TRUNK_TOP * sizes.z, -TRUNK_TOP) } else { (-point.z - sizes.z, -1.0) };
+    let (up, by_z) = if point.z > 0.0 {
+        (point.z - TRUNK_TOP * sizes.z, -TRUNK_TOP)
+    } else {
+        (-point.z - TRUNK_BOTTOM * sizes.z, -TRUNK_BOTTOM)
+    };
     let lid = Skin { distance: up, normal: Vector3::z() * point.z.signum(), by_sizes: Vector3::z() * by_z };
     if flat.distance > 0.0 && up > 0.0 {
         // Beyond the rim.

@@ -7,7 +7,7 @@
 use nalgebra::{Matrix6, Point3, Vector3};
 
 use super::acquire::{AcquisitionFailure, AcquisitionOptions, TrunkFound, body_of, find_heads, find_torso, turn_of};
-use super::facing::facing_evidence;
+use super::facing::{Facing, SURE};
 use super::field::VoxelField;
 use super::filter::{Beginning, BodyFilter, Layout, MotionOptions, Presence, Step};
 use super::fit::{Fit, FitOptions, Labelled, Skins, Support, add_labelled, add_limits};
@@ -108,8 +108,7 @@ pub struct BodyTracker {
     filter: BodyFilter,
     limbs: [LimbTrack; 4],
     support: Support,
-    /// Above 0: the front is where the model has it.
-    facing: f64,
+    facing: Facing,
     trunk_weak_s: f64,
     is_lost: bool,
     frame: u64,
@@ -125,9 +124,6 @@ const HEAD_SPREAD: f64 = 0.02;
 
 /// Knees that have passed each other by so much are crossed [m]: as much as a knee is thick.
 const CROSSED: f64 = 0.06;
-
-/// A facing that is this sure is not doubted any more by limits of joints [–].
-const SURE_FACING: f64 = 4.0;
 
 impl BodyTracker {
     /// A body in voxels of which nothing is known.
@@ -186,7 +182,7 @@ impl BodyTracker {
             filter,
             limbs: std::array::from_fn(|_| LimbTrack { level: LimbLevel::Absent, weak_s: 0.0, straight_s: 0.0 }),
             support: Support::default(),
-            facing: 0.0,
+            facing: Facing::default(),
             trunk_weak_s: 0.0,
             is_lost: false,
             frame: 0,
@@ -214,8 +210,9 @@ impl BodyTracker {
                 expected: options.acquisition.most_unexplained,
             });
         }
-        tracker.facing = facing_evidence(&tracker.filter, field, 1.0);
-        if tracker.facing < 0.0 {
+        // What one frame says counts as much as a quarter of a second does.
+        tracker.facing.hear(&tracker.filter, field, 0.25);
+        if tracker.facing.is_behind(true) {
             tracker.turn_about();
         }
         tracker.judge_limbs(0.0);
@@ -258,7 +255,7 @@ impl BodyTracker {
         let options = &self.options;
         let mut fit = Fit::new(field, &options.fit, Some(&self.filter));
         let layout = *self.filter.layout();
-        let known = (self.facing.abs() / SURE_FACING).min(1.0);
+        let known = self.facing();
         self.filter.update(iterations, |body, normal| {
             fit.measure(body, normal, &layout);
             add_limits(body, normal, &layout, &options.limits, known);
@@ -477,16 +474,15 @@ impl BodyTracker {
     }
 
     fn judge_facing(&mut self, field: &VoxelField, dt_s: f64) {
-        self.facing += facing_evidence(&self.filter, field, dt_s);
-        self.facing = self.facing.clamp(-3.0 * SURE_FACING, 3.0 * SURE_FACING);
-        if self.facing < -0.5 {
+        self.facing.hear(&self.filter, field, dt_s);
+        if self.facing.is_behind(false) {
             self.turn_about();
         }
     }
 
     fn turn_about(&mut self) {
         self.filter.face_about();
-        self.facing = -self.facing;
+        self.facing.turn_about();
         self.limbs.swap(0, 1);
         self.limbs.swap(2, 3);
         let support = self.support;
@@ -533,7 +529,7 @@ impl BodyTracker {
 
     /// How sure it is which side is the left one: 0 for a guess, 1 for sure.
     pub fn facing(&self) -> f64 {
-        (self.facing / SURE_FACING).clamp(0.0, 1.0)
+        (self.facing.log_odds() / SURE).clamp(0.0, 1.0)
     }
 
     /// Which parts are in the model, and how.
