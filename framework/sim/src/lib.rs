@@ -15,7 +15,7 @@
 //! | [`head`] | a pan-tilt head with mechanics and a line, byte by byte |
 //! | [`score`] | recovered targets against the truth |
 //! | [`wall`] | a wall of displays, what it shows, and people with laser pointers |
-//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.rider`, `sim.head`, `sim.score`, `sim.head_score`, `sim.mark_observer`, `sim.mark_score`, `sim.projector`, `sim.cloud_score`, `sim.surface_score`, `sim.silhouettes`, `sim.silhouette_score`, `sim.body_score`, `sim.wall`, `sim.wall_camera`, `sim.wall_observer`, `sim.wall_score`, `sim.display_score` |
+//! | [`nodes`] | `sim.lab`, `sim.camera`, `sim.observer`, `sim.rider`, `sim.head`, `sim.score`, `sim.head_score`, `sim.mark_observer`, `sim.mark_score`, `sim.projector`, `sim.cloud_score`, `sim.surface_score`, `sim.tracked_score`, `sim.silhouettes`, `sim.silhouette_score`, `sim.body_score`, `sim.wall`, `sim.wall_camera`, `sim.wall_observer`, `sim.wall_score`, `sim.display_score` |
 
 pub mod bump;
 pub mod camera;
@@ -53,6 +53,7 @@ pub fn register(registry: &mut Registry) {
     registry.add::<nodes::projector::SimProjector>();
     registry.add::<nodes::cloud_score::CloudScore>();
     registry.add::<nodes::surface_score::SurfaceScore>();
+    registry.add::<nodes::tracked_score::TrackedScore>();
     registry.add::<nodes::silhouettes::SimSilhouettes>();
     registry.add::<nodes::silhouette_score::SilhouetteScore>();
     registry.add::<nodes::body_score::BodyScore>();

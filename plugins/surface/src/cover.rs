@@ -4,6 +4,8 @@
 //! neighbours: seen along the reference's lines of sight a plane has an inverse depth that is linear in pixels, and steps over the grid come in the same order in
 //! all views. What few neighbours agree with is left out, and so is what has few of them.
 
+use std::collections::{HashMap, HashSet};
+
 use foveate::geometry::Camera;
 use foveate::imaging::matching::{Grown, Growth, Warp, grow};
 use nalgebra::{Matrix3, Point2, Point3, Vector3};
@@ -24,6 +26,8 @@ pub struct CoverOptions {
     pub min_agreeing: f64,
     /// What a neighbourhood may deviate from its plane beside its distance, beyond noise [–].
     pub step: f64,
+    /// Points of a piece of surface that no other hangs together with, at least.
+    pub min_piece: usize,
 }
 
 /// A point of the surface.
@@ -48,6 +52,8 @@ pub struct LeftOut {
     pub alone: u64,
     /// Neighbours come in another order in some view.
     pub disordered: u64,
+    /// In a piece of surface of too few points.
+    pub piece: u64,
 }
 
 /// A sample on its way through the growth.
@@ -100,6 +106,27 @@ pub fn cover(
     judge(camera, grown, growth, options)
 }
 
+/// Seeds that share a node of the grid with a better one among `kept`, and hang together with it: points that are followed are not bound to the grid.
+pub fn crowded(seeds: &[Sample], kept: &[Covered], camera: &Camera, options: &CoverOptions) -> Vec<Covered> {
+    let by_cell: HashMap<[usize; 2], &Covered> = kept.iter().map(|it| (it.cell, it)).collect();
+    let is_kept: HashSet<usize> = kept.iter().filter_map(|it| it.seed).collect();
+    let centre = camera.centre();
+    let inverse = |it: &Sample| 1.0 / (it.position - centre).norm();
+    let per_px = 1.0 / camera.intrinsics.focal[0];
+    let others = seeds.iter().enumerate().filter(|it| !is_kept.contains(&it.0));
+    let on_its_surface = others.filter_map(|(seed, sample)| {
+        let beside = by_cell.get(&cell_of(sample.pixel, options.spacing_px))?;
+        let [a, b] = [sample.pixel, beside.sample.pixel];
+        let reach = (a[0] - b[0]).hypot(a[1] - b[1]);
+        let here = inverse(sample);
+        let tolerance = 4.0 * 3f64.sqrt() * sample.sigma() * here * here;
+        let limit = tolerance + (options.step + SLANTED * reach * per_px) * here;
+        let hangs = (here - inverse(&beside.sample)).abs() < limit;
+        hangs.then(|| Covered { sample: sample.clone(), seed: Some(seed), ..(*beside).clone() })
+    });
+    on_its_surface.collect()
+}
+
 /// Holds every point against its neighbours.
 fn judge(camera: &Camera, grown: Vec<Grown<Node>>, growth: Growth, options: &CoverOptions) -> (Vec<Covered>, LeftOut) {
     let Growth { columns, rows, .. } = growth;
@@ -148,7 +175,52 @@ fn judge(camera: &Camera, grown: Vec<Grown<Node>>, growth: Growth, options: &Cov
         let normal = normal_of(camera, sample, &plane).unwrap_or_else(Vector3::zeros);
         kept.push(Covered { cell: it.cell, sample: sample.clone(), normal, confidence, seed: it.found.seed });
     }
+    let before = kept.len();
+    let is_small = small_pieces(&kept, camera, columns, rows, options);
+    let mut small = is_small.iter();
+    kept.retain(|_| !small.next().unwrap_or(&false));
+    left_out.piece = (before - kept.len()) as u64;
     (kept, left_out)
+}
+
+/// Which points hang together with fewer others than a piece of surface has. Neighbours in the grid hang together where their depths do.
+fn small_pieces(kept: &[Covered], camera: &Camera, columns: usize, rows: usize, options: &CoverOptions) -> Vec<bool> {
+    let centre = camera.centre();
+    let inverse: Vec<f64> = kept.iter().map(|it| 1.0 / (it.sample.position - centre).norm()).collect();
+    let mut at = vec![usize::MAX; columns * rows];
+    for (index, it) in kept.iter().enumerate() {
+        at[it.cell[1] * columns + it.cell[0]] = index;
+    }
+    let per_px = 1.0 / camera.intrinsics.focal[0];
+    let mut is_small = vec![false; kept.len()];
+    let mut is_reached = vec![false; kept.len()];
+    for start in 0..kept.len() {
+        if std::mem::replace(&mut is_reached[start], true) {
+            continue;
+        }
+        let mut piece = vec![start];
+        let mut next = 0;
+        while let Some(&here) = piece.get(next) {
+            next += 1;
+            let [column, row] = kept[here].cell;
+            for y in row.saturating_sub(1)..(row + 2).min(rows) {
+                for x in column.saturating_sub(1)..(column + 2).min(columns) {
+                    let Some(there) = kept.get(at[y * columns + x]).map(|_| at[y * columns + x]) else { continue };
+                    let [a, b] = [kept[here].sample.pixel, kept[there].sample.pixel];
+                    let reach = (a[0] - b[0]).hypot(a[1] - b[1]);
+                    let step = (inverse[here] - inverse[there]).abs();
+                    let hangs = step < (options.step + SLANTED * reach * per_px) * inverse[here];
+                    if hangs && !std::mem::replace(&mut is_reached[there], true) {
+                        piece.push(there);
+                    }
+                }
+            }
+        }
+        if piece.len() < options.min_piece {
+            piece.iter().for_each(|it| is_small[*it] = true);
+        }
+    }
+    is_small
 }
 
 /// The plane through the neighbours that agree with one another, as inverse depth over pixels from the point, and how many of them agree with both; `None` where

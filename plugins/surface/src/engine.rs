@@ -74,6 +74,7 @@ impl Engine {
         let (found, left_out) = cover(&mut self.measurer, views, moment, *reference, seeds, measure, options);
         self.left_out.alone += left_out.alone;
         self.left_out.disordered += left_out.disordered;
+        self.left_out.piece += left_out.piece;
         found
     }
 
@@ -113,6 +114,7 @@ impl Engine {
         }
         report.figure("surface.refused.alone", self.left_out.alone as f64);
         report.figure("surface.refused.disordered", self.left_out.disordered as f64);
+        report.figure("surface.refused.piece", self.left_out.piece as f64);
         report.figure("surface.seeds.tried", self.seeds.tried as f64);
         report.figure("surface.seeds.ambiguous", self.seeds.ambiguous as f64);
         report.figure("surface.seeds.found", self.seeds.found as f64);

@@ -62,6 +62,9 @@ pub struct SurfaceSettings {
     /// How much of its distance a neighbourhood may bend away from a plane, beyond noise [–]
     #[schemars(range(min = 0.00001, max = 0.1))]
     pub step: f64,
+    /// Points of a piece of surface that hangs together with no other, at least: a patch that was mistaken for another one has few to agree with [–]
+    #[schemars(range(min = 1, max = 10000))]
+    pub min_piece: usize,
     /// Nearest and farthest distance from the reference at which seeds are looked for; left out: where its lines of sight pass the scale's `volume_m` [m]
     pub distance_m: Option<[f64; 2]>,
     /// Tiles along the picture's longer side, a seed in each [–]
@@ -96,6 +99,7 @@ impl Default for SurfaceSettings {
             around: 2,
             min_agreeing: 0.25,
             step: 5e-4,
+            min_piece: 12,
             distance_m: None,
             seed_tiles: 16,
             levels: 3,
@@ -150,6 +154,7 @@ impl SurfaceSettings {
         ConfigError::unless_in("around", self.around, 1..=5)?;
         ConfigError::unless_in("min_agreeing", self.min_agreeing, 0.0..=1.0)?;
         ConfigError::unless_in("step", self.step, 1e-5..=0.1)?;
+        ConfigError::unless_in("min_piece", self.min_piece, 1..=10_000)?;
         ConfigError::unless_in("seed_tiles", self.seed_tiles, 1..=200)?;
         ConfigError::unless_in("levels", self.levels, 1..=6)?;
         ConfigError::unless_in("max_second", self.max_second, 0.1..=1.0)?;
@@ -247,6 +252,7 @@ impl SurfaceSettings {
                 around: self.around,
                 min_agreeing: self.min_agreeing,
                 step: self.step,
+                min_piece: self.min_piece,
             },
             seeds: SeedOptions {
                 tiles: self.seed_tiles,

@@ -3,7 +3,7 @@
 //! Each moment: points are followed in time and between views, filtered, and what is left is grown over what has appeared: new points, with identities of their
 //! own. What was lost is looked for again for a while, and keeps its identity when it is found.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use foveate::imaging::matching::{MAX_REACH, SearchPyramid};
 use foveate::prelude::*;
@@ -13,8 +13,8 @@ use serde::{Deserialize, Serialize};
 use crate::engine::Engine;
 use crate::filters::{FilterOptions, filter};
 use crate::matcher::{coverage, missing, tell};
-use crate::measure::Sample;
-use crate::settings::SurfaceSettings;
+use crate::measure::{MeasureOptions, Sample};
+use crate::settings::{Prepared, SurfaceSettings};
 use crate::tracks::{LostTrack, Neighbourhood, Stepper, Track, TrackOptions};
 use crate::views::Moment;
 
@@ -60,7 +60,7 @@ pub struct TrackerSettings {
     /// How far a point may be from where its own motion leads to expect it [px]
     #[schemars(range(min = 1.0, max = 500.0))]
     pub search_px: f64,
-    /// Correlation of a patch with itself a moment before, at least [–]
+    /// Correlation of a patch with itself a moment before, and with other views of a point that is followed, at least [–]
     #[schemars(range(min = 0.0, max = 0.999))]
     pub min_correlation: f64,
     /// Where a point is found in time and where it is found between views are at most this far apart [px]
@@ -112,9 +112,14 @@ impl Default for TrackerSettings {
     }
 }
 
+/// What was found once may be known by so much less: with gates as for new points, those that only just passed are lost and found by turns.
+const HELD: f64 = 1.5;
+
 /// Pictures in, points with identities out.
 pub struct Tracker {
     engine: Engine,
+    /// Gates between views for points that are followed.
+    held: MeasureOptions,
     options: TrackOptions,
     filters: FilterOptions,
     renew: bool,
@@ -177,10 +182,15 @@ impl Node for Tracker {
         let prepared = settings.surface.prepare(setup)?;
         let mut matching = prepared.measure.matching;
         matching.min_correlation = settings.min_correlation;
+        let mut held = prepared.measure.clone();
+        held.matching.min_correlation = held.matching.min_correlation.min(settings.min_correlation);
+        held.matching.max_sigma_px *= HELD;
+        held.max_back_px *= HELD;
         let boxes_px = [settings.first_search_px.max(settings.search_px), settings.search_px];
         let n_levels = prepared.seeds.n_levels.max(SearchPyramid::levels_for(boxes_px[0]));
         Ok(Self {
             engine: Engine::new(prepared),
+            held,
             options: TrackOptions {
                 reach: settings.patch_px / 2,
                 matching,
@@ -223,9 +233,10 @@ impl Node for Tracker {
             return Ok(());
         }
         let tracked = self.follow(time);
-        let cells =
-            self.tracks.iter().map(|it| crate::cover::cell_of(it.sample.pixel, self.engine.prepared.cover.spacing_px));
-        self.counts.coverages.extend(coverage(cells));
+        let spacing = self.engine.prepared.cover.spacing_px;
+        let cells: BTreeSet<[usize; 2]> =
+            self.tracks.iter().map(|it| crate::cover::cell_of(it.sample.pixel, spacing)).collect();
+        self.counts.coverages.extend(coverage(cells.iter().copied()));
         self.counts.points += tracked.list.len() as u64;
         self.counts.sigmas += self.tracks.iter().map(|it| it.sample.sigma()).sum::<f64>();
         io.emit_at(&TRACKED, time, tracked);
@@ -282,7 +293,7 @@ impl Tracker {
         if !before.is_empty() && dt_s > 0.0 {
             let [present, past] = &self.moments;
             let Engine { measurer, prepared, .. } = &mut self.engine;
-            let (views, measure) = (&prepared.views, &prepared.measure);
+            let (views, measure) = (&prepared.views, &self.held);
             let stepped =
                 self.stepper.step(measurer, views, [past, present], dt_s, before.clone(), measure, &self.options);
             let (held, false_ones) = filter(stepped.found, &before, dt_s, &self.filters);
@@ -338,7 +349,12 @@ impl Tracker {
         if !self.renew && n_before > 0 {
             return Vec::new();
         }
-        let surface = self.engine.grow(moment, &seeds);
+        let mut surface = self.engine.grow(moment, &seeds);
+        if n_before > 0 {
+            let Prepared { views, reference, cover, .. } = &self.engine.prepared;
+            let beside = crate::cover::crowded(&seeds, &surface, &views[*reference].camera, cover);
+            surface.extend(beside);
+        }
         let mut tracks = Vec::with_capacity(surface.len());
         let mut kept = vec![false; n_before];
         for it in surface {

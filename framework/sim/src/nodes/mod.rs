@@ -18,6 +18,7 @@ pub mod silhouette_score;
 pub mod silhouettes;
 pub mod surface_score;
 mod table;
+pub mod tracked_score;
 pub mod wall;
 pub mod wall_camera;
 pub mod wall_observer;
