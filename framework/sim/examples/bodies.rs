@@ -1,6 +1,6 @@
 //! Bodies of simulated people in voxels, found and followed, against their true joints: table by cameras and voxels.
 //!
-//! `FOVEATE_DATA=… cargo run --release -p foveate-sim --example bodies -- [PEOPLE] [SECONDS] [CAMERAS] [VOXEL_MM] [FAULTS]` prints a line a person and the
+//! `FOVEATE_DATA=… cargo run --release -p foveate-sim --example bodies -- [PEOPLE] [SECONDS] [CAMERAS] [VOXEL_MM] [FAULTS] [FIRST]` prints a line a person and the
 //! whole. FAULTS 0: silhouettes are those of the true body; 1: holes, shadows at the feet, views that are missing.
 
 use std::path::PathBuf;
@@ -15,6 +15,8 @@ use foveate_sim::person::{Person, Pose, WholeBody};
 use nalgebra::{Point3, Vector2, Vector3};
 
 const RATE_HZ: f64 = 30.0;
+/// Hands above this are fast [m/s].
+const FAST: f64 = 3.0;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<f64> = std::env::args().skip(1).map_while(|it| it.parse().ok()).collect();
@@ -62,6 +64,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 score.lost_bodies += 1;
             }
             score.times.push(start.elapsed().as_secs_f64());
+            let before = [9, 10].map(|it| person.pose(time - 1.0 / RATE_HZ).parts[it].ends[1]);
+            let speed = |it: usize| (pose.parts[9 + it].ends[1] - before[it]).norm() * RATE_HZ;
+            score.wrist_speed = speed(0).max(speed(1));
             score.add(&truth(&pose), tracker.as_ref(), time);
             score.add_bias(&pose, tracker.as_ref());
             if std::env::var("TRACE").is_ok() {
@@ -77,6 +82,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("    {}", all.by_joint());
     println!("    {}", all.by_bias());
     println!("    {}", all.by_facing());
+    println!("    {}", all.by_person());
     Ok(())
 }
 
@@ -286,6 +292,12 @@ struct Score {
     is_complete: bool,
     lost_for: Vec<(Joint, usize)>,
     lost: usize,
+    /// Of these, while a hand was faster than 3 m/s; how fast the faster one is, and how many frames have it so fast.
+    lost_fast: usize,
+    wrist_speed: f64,
+    frames_fast: usize,
+    /// Median and 95 % of each person [m].
+    people: Vec<[f64; 2]>,
     lost_bodies: usize,
     times: Vec<f64>,
     failures: Vec<String>,
@@ -299,6 +311,7 @@ fn percentile(values: &mut [f64], share: f64) -> f64 {
 impl Score {
     fn add(&mut self, truth: &[(Joint, Point3<f64>)], tracker: Option<&BodyTracker>, time: f64) {
         self.frames += 1;
+        self.frames_fast += usize::from(self.wrist_speed > FAST);
         let Some(tracker) = tracker else {
             self.missing += truth.len();
             return;
@@ -341,6 +354,7 @@ impl Score {
             entry.1 = if error > 0.15 { entry.1 + 1 } else { 0 };
             if entry.1 == (0.5 * RATE_HZ) as usize {
                 self.lost += 1;
+                self.lost_fast += usize::from(self.wrist_speed > FAST);
             }
         }
         self.swapped += usize::from(crossed < straight);
@@ -378,6 +392,7 @@ impl Score {
         self.biases.extend(other.biases);
         self.yaws.extend(other.yaws);
         self.facings.extend(other.facings);
+        let n_errors = other.errors.len();
         self.errors.extend(other.errors);
         self.ends.extend(other.ends);
         self.missing += other.missing;
@@ -391,6 +406,10 @@ impl Score {
         }
         self.complete_s.extend(other.complete_s);
         self.lost += other.lost;
+        self.lost_fast += other.lost_fast;
+        self.frames_fast += other.frames_fast;
+        let mut mm: Vec<f64> = self.errors[self.errors.len() - n_errors..].iter().map(|it| it.1).collect();
+        self.people.push([percentile(&mut mm, 0.5), percentile(&mut mm, 0.95)]);
         self.lost_bodies += other.lost_bodies;
         self.times.extend(other.times);
     }
@@ -427,6 +446,22 @@ impl Score {
         };
         let named = Joint::ALL.iter().filter(|it| self.biases.iter().any(|e| e.0 == **it));
         named.map(one).collect::<Vec<_>>().join(", ")
+    }
+
+    /// Medians over people, and the worst of them; what was lost while hands were fast.
+    fn by_person(&self) -> String {
+        let of = |axis: usize, share: f64| {
+            percentile(&mut self.people.iter().map(|it| it[axis] * 1e3).collect::<Vec<_>>(), share)
+        };
+        format!(
+            "people: median {:.0}, worst {:.0} mm; p95 {:.0}, worst {:.0} mm; frames with a hand above {FAST} m/s {:.2}, joints lost then {}",
+            of(0, 0.5),
+            of(0, 1.0),
+            of(1, 0.5),
+            of(1, 1.0),
+            self.frames_fast as f64 / self.frames.max(1) as f64,
+            self.lost_fast,
+        )
     }
 
     /// How many frames state their sides (surer than a half), and how many of these are wrong.
