@@ -109,6 +109,16 @@ impl Body {
         Body { skeleton, balls, near }
     }
 
+    /// The thickest ball's least radius: inside a body, where balls overlap, the field is taken to be no flatter than it is at the surface of that one [m].
+    pub(super) fn thickness_m(&self, state: &State) -> f64 {
+        state.radii.iter().map(|it| it.min()).fold(0.0, f64::max).max(1e-6)
+    }
+
+    /// The balls that make a segment's field, by number.
+    pub(super) fn near(&self, segment: usize) -> &[usize] {
+        &self.near[segment]
+    }
+
     /// The field that one segment and its neighbours make at a point of the world; `None` where no ball is near it.
     pub fn field_of(&self, posed: &Posed, state: &State, segment: usize, point: &Point3<f64>) -> Option<FieldAt> {
         self.blend(posed, state, &self.near[segment], point)
@@ -118,6 +128,21 @@ impl Body {
     pub fn field(&self, posed: &Posed, state: &State, point: &Point3<f64>) -> Option<FieldAt> {
         let all: Vec<usize> = (0..self.balls.len()).collect();
         self.blend(posed, state, &all, point)
+    }
+
+    /// The segment whose bone a point is nearest to, bones being as thick as the balls on them, among those that carry balls: for a rough posture, where the field is far away.
+    pub fn nearest_bone(&self, posed: &Posed, state: &State, point: &Point3<f64>) -> Option<usize> {
+        let away = |segment: usize| {
+            let local = posed.world_from_segment[segment].inverse_transform_point(point).coords;
+            let bone = &self.skeleton.segments()[segment];
+            let length = bone.length * state.scales[bone.scale];
+            let own = self.balls.iter().zip(&state.radii).filter(|it| it.0.segment == segment);
+            let (n, sum) = own.fold((0, 0.0), |(n, sum), it| (n + 1, sum + 0.5 * VISIBLE * (it.1.x + it.1.y)));
+            let beside = local - Vector3::z() * local.z.clamp(0.0, length);
+            (n > 0).then(|| (beside.norm() - sum / f64::from(n), segment))
+        };
+        let nearest = (0..self.near.len()).filter_map(away).min_by(|a, b| a.0.total_cmp(&b.0));
+        nearest.map(|it| it.1)
     }
 
     /// The segment in whose field a point lies deepest, among those that carry balls.
@@ -137,7 +162,7 @@ impl Body {
         ball.at(&local, scale, &state.radii[number])
     }
 
-    fn blend(&self, posed: &Posed, state: &State, balls: &[usize], point: &Point3<f64>) -> Option<FieldAt> {
+    pub(super) fn blend(&self, posed: &Posed, state: &State, balls: &[usize], point: &Point3<f64>) -> Option<FieldAt> {
         let mut sum = Blend::default();
         for &number in balls {
             let ball = &self.balls[number];
@@ -168,8 +193,13 @@ impl Body {
         if !least.is_finite() {
             return None;
         }
-        // wᵢ = exp(−2 dᵢ) / F, computed from the nearest ball on so that nothing underflows.
+        // wᵢ = exp(−2 dᵢ) / F, computed from the nearest ball on so that nothing underflows. Balls of a segment move together: their gradients are summed before the chain is walked.
         let mut sum = 0.0;
+        let mut run: Option<(usize, Vector3<f64>)> = None;
+        let walk = |(segment, gradient): (usize, Vector3<f64>), row: &mut Vec<(usize, f64)>| {
+            self.skeleton
+                .derivatives(posed, &columns, segment, point, |column, by| row.push((column, gradient.dot(&by))));
+        };
         for &number in balls {
             let ball = &self.balls[number];
             let term = self.term(posed, state, ball, number, point);
@@ -179,13 +209,22 @@ impl Body {
             if weight < 1e-14 {
                 continue;
             }
-            self.skeleton.derivatives(posed, &columns, ball.segment, point, |column, by| {
-                row.push((column, weight * term.gradient.dot(&by)));
-            });
+            let gradient = weight * term.gradient;
+            match &mut run {
+                Some((segment, total)) if *segment == ball.segment => *total += gradient,
+                _ => {
+                    if let Some(done) = run.replace((ball.segment, gradient)) {
+                        walk(done, row);
+                    }
+                }
+            }
             row.push((columns.scale(self.skeleton.segments()[ball.segment].scale), weight * term.by_scale));
             for axis in 0..3 {
                 row.push((columns.radius(number, axis), weight * term.by_radii[axis]));
             }
+        }
+        if let Some(done) = run {
+            walk(done, row);
         }
         row.iter_mut().for_each(|it| it.1 /= sum);
         Some(least - 0.5 * sum.ln())

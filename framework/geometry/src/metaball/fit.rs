@@ -5,26 +5,39 @@
 //! | [`ResidualKind`] | residual | |
 //! |---|---|---|
 //! | `Field` | F − w_t, over what F changes in one σ at the surface | the paper's (15) |
-//! | `Distance` | (√D − √D₀) / |∇√D| over σ | distance to first order (module [`super::field`]); grows far away, so that rough starts come in |
+//! | `Distance` | (√D − √D₀) / |∇√D| over σ | distance to first order (module [`super::field`]); grows far away, so that rough starts come in: stages 2 and 3 use it always |
 //!
-//! The search goes in rounds. A round decides which segment each point belongs to, where each silhouette ray comes closest to the surface, and |∇√D|; then angles, lengths and radii are found by
-//! Levenberg and Marquardt with those held. Shape and posture are found together, or in turn as the paper prefers (§4.2), which takes more rounds.
+//! The search has four stages, each from the end of the one before:
+//!
+//! 1. joints that were clicked and points that are known on a segment say roughly how the body stands (§3.3);
+//! 2. the posture from all points with the shape held, each point being one of the nearest bone;
+//! 3. lengths, and how thick each limb is, along with it;
+//! 4. all: angles, lengths and radii together, or in turn as the paper prefers (§4.2), each point being one of the limb in whose field it lies deepest.
+//!
+//! Stages go in rounds. A round decides which segment each point belongs to, where each silhouette ray comes closest to the surface, |∇√D|, and how far residuals spread; then Levenberg and
+//! Marquardt search with those held. Residuals that spread wider than their standard deviations are divided by the spread: from a rough start all points are far off, and none is wrong.
+//!
+//! No body is made of metaballs. What the model cannot show is an error that neighbouring points have in common ([`BodyFitOptions::model_sigma_m`]): within a cell of
+//! [`BodyFitOptions::independent_m`] points count together as one, so that neither the density of a cloud decides nor covariances promise too much.
 
-use foveate_estimation::least_squares::{Equations, Loss, Options, Problem, SolveError, Unobservable, solve};
-use foveate_estimation::statistics::median;
-use nalgebra::{DMatrix, DVector, Point3, Unit, Vector3};
+mod judge;
+mod round;
 
-use super::field::{Body, THRESHOLD, VISIBLE};
-use super::skeleton::{Columns, Posed, State};
+use foveate_estimation::least_squares::{Loss, Options, SolveError, Unobservable, solve};
+use nalgebra::{DMatrix, Point3, Unit, UnitQuaternion, Vector3};
 
-/// A posture that moves less from round to round is near enough for the shape to be found too [m].
+pub use self::judge::Doubt;
+use self::round::{Belongs, Round};
+use super::field::Body;
+use super::skeleton::{Columns, State};
+use crate::Pose;
+
+/// A stage that moves the surface by less from round to round is near enough for the next one [m].
 const COARSELY_SETTLED_M: f64 = 1e-3;
-
+/// Rounds of a stage before the last one at most: what has not settled by then will not.
+const COARSE_ROUNDS: u32 = 8;
 /// Fewer observations say nothing.
 const LEAST_OBSERVATIONS: usize = 3;
-
-/// Median of the size of a standard normal number.
-const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
 
 /// What was seen of a body.
 #[derive(Debug, Clone, PartialEq)]
@@ -64,9 +77,9 @@ pub enum BodyObservation {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ResidualKind {
     /// The value of the field, the paper's (15).
+    #[default]
     Field,
     /// Distance from the surface, to first order.
-    #[default]
     Distance,
 }
 
@@ -102,17 +115,43 @@ impl Free {
     pub const POSTURE: Free = Free { root: FreedomOfRoot::Free, angles: true, scales: false, radii: false };
 }
 
+/// Where the root is known to be beforehand.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RootPrior {
+    /// There.
+    pub world_from_root: Pose,
+    /// Standard deviation of its turn about each axis [rad].
+    pub turn_sigma: f64,
+    /// Standard deviation of its place along each axis [m].
+    pub shift_sigma: f64,
+}
+
 /// What is known beforehand. Empty lists: nothing.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Priors {
+    /// Where the body is.
+    pub root: Option<RootPrior>,
     /// By angle: its mean and standard deviation [rad]; infinite: nothing is known of it.
     pub angles: Vec<(f64, f64)>,
     /// By scale: its mean [–] and the standard deviation of its logarithm [–].
     pub scales: Vec<(f64, f64)>,
-    /// By ball: its radii [m].
-    pub radii: Vec<Vector3<f64>>,
-    /// Standard deviation of the logarithm of each radius about [`Self::radii`] [–].
-    pub radii_sigma: f64,
+    /// What is known of the balls' radii.
+    pub radii: Option<RadiiPrior>,
+}
+
+/// What is known of radii: how thick a limb is varies more from person to person than how round it is, and how its thickness varies along it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RadiiPrior {
+    /// By ball [m].
+    pub means: Vec<Vector3<f64>>,
+    /// Standard deviation of the logarithm of a ball's thickness, the geometric mean of its radii along x and y [–].
+    pub thickness: f64,
+    /// Standard deviation of the logarithm of the ratio of the thicknesses of neighbouring balls of a segment [–].
+    pub evenness: f64,
+    /// Standard deviation of the logarithm of the ratio of a ball's radii along x and y [–].
+    pub roundness: f64,
+    /// Standard deviation of the logarithm of its radius along the bone [–].
+    pub reach: f64,
 }
 
 /// How a fit is done.
@@ -134,6 +173,10 @@ pub struct BodyFitOptions {
     pub settled_m: f64,
     /// How firmly the limits of joints hold: standard deviation of what an angle may be beyond them [rad].
     pub limit_sigma: f64,
+    /// Standard deviation of the surface of a person from the best body of metaballs, added to that of points and rays [m].
+    pub model_sigma_m: f64,
+    /// Points that lie closer together have that error in common [m].
+    pub independent_m: f64,
     /// Points farther from the surface than so many σ belong to no segment, when the fit is judged [σ].
     pub outlier_sigmas: f64,
 }
@@ -142,13 +185,15 @@ impl Default for BodyFitOptions {
     fn default() -> Self {
         Self {
             free: Free::ALL,
-            residual: ResidualKind::Distance,
+            residual: ResidualKind::Field,
             in_turn: false,
             loss: Loss::CAUCHY,
             max_rounds: 30,
             max_iterations: 6,
-            settled_m: 2e-5,
+            settled_m: 1e-4,
             limit_sigma: 1_f64.to_radians(),
+            model_sigma_m: 0.003,
+            independent_m: 0.03,
             outlier_sigmas: 5.0,
         }
     }
@@ -169,10 +214,12 @@ pub struct BodyFit {
     pub rms_m: f64,
     /// Observations farther off than [`BodyFitOptions::outlier_sigmas`].
     pub outliers: usize,
-    /// Angles beyond their limits, by number.
-    pub beyond_limits: Vec<usize>,
-    /// How many observations each segment has, outliers left out.
-    pub support: Vec<usize>,
+    /// Observations before the joint of a segment that is cut there: of what the model does not have.
+    pub beyond: usize,
+    /// By segment: how many observations it has that are independent of each other, outliers left out [–].
+    pub support: Vec<f64>,
+    /// Why not to believe it.
+    pub doubts: Vec<Doubt>,
     /// Rounds that were made.
     pub rounds: u32,
     /// Steps that were tried, over all rounds.
@@ -217,10 +264,35 @@ pub enum BodyFitError {
     Solve(#[from] SolveError),
 }
 
+/// What a stage seeks.
+struct Stage {
+    free: Free,
+    /// Each segment's balls are thicker or thinner by one factor.
+    limbs_only: bool,
+    belongs: Belongs,
+    loss: Loss,
+    settled_m: f64,
+    rounds: u32,
+}
+
+/// Where the search is.
+struct Search<'a> {
+    body: &'a Body,
+    observations: &'a [BodyObservation],
+    /// What each counts, 1 for one that no other one is near to.
+    worth: Vec<f64>,
+    priors: &'a Priors,
+    options: &'a BodyFitOptions,
+    state: State,
+    covariance: Option<Result<DMatrix<f64>, Unobservable>>,
+    rounds: u32,
+    iterations: u32,
+}
+
 /// Fits `body` to observations, from `start`.
 ///
 /// # Errors
-/// See [`BodyFitError`].
+/// See [`BodyFitError`]. A body that was found and is not to be believed is no error: see [`BodyFit::doubts`].
 pub fn fit_body(
     body: &Body,
     observations: &[BodyObservation],
@@ -229,44 +301,207 @@ pub fn fit_body(
     options: &BodyFitOptions,
 ) -> Result<BodyFit, BodyFitError> {
     check(body, observations, start, priors)?;
-    let columns = Columns::of(start);
-    let stages: &[[bool; 2]] = if options.in_turn { &[[true, false], [false, true]] } else { &[[true, true]] };
-    let mut state = start.clone();
-    let (mut rounds, mut iterations, mut settled, mut coarse) = (0, 0, false, options.free.angles);
-    let mut covariance = None;
-    // Joints that were clicked, and points that are known on the body, say roughly how it stands, before a point of the surface is asked (§3.3).
-    let anchors: Vec<BodyObservation> =
-        observations.iter().filter(|it| matches!(it, BodyObservation::Anchored { .. })).cloned().collect();
-    if coarse && anchors.len() >= LEAST_OBSERVATIONS {
-        let problem = Round::new(body, &anchors, &state, priors, options);
-        let held = held(&columns, &Free { radii: false, ..options.free }, true, true);
-        let search = Options { loss: Loss::HUBER, held, max_iterations: 50, relative_gain: 1e-6 };
-        let solution = solve(&problem, state, &search)?;
-        (state, iterations) = (solution.parameters, solution.iterations);
+    let worth = round::worth(observations, options.independent_m, options.model_sigma_m);
+    let (state, covariance) = (start.clone(), None);
+    let mut search = Search { body, observations, worth, priors, options, state, covariance, rounds: 0, iterations: 0 };
+    let free = options.free;
+    let posture = Free { scales: false, radii: false, ..free };
+    let coarse = Stage {
+        free: posture,
+        limbs_only: false,
+        belongs: Belongs::Bone,
+        loss: Loss::HUBER,
+        settled_m: COARSELY_SETTLED_M,
+        rounds: COARSE_ROUNDS,
+    };
+    if free.angles || free.root != FreedomOfRoot::Held {
+        search.anchors_alone(&coarse)?;
+        search.go(&coarse)?;
+        search.twists(&coarse)?;
     }
-    while rounds < options.max_rounds && !settled {
-        let mut moved = 0.0_f64;
-        for [posture, shape] in stages {
-            let problem = Round::new(body, observations, &state, priors, options);
-            // The posture comes first: a shape that may change would grow towards points that belong elsewhere.
-            let held = held(&columns, &options.free, *posture, *shape && !coarse);
-            if held.len() == columns.len() {
-                continue;
-            }
-            let loss = if coarse { Loss::HUBER } else { options.loss };
-            let search = Options { loss, held, max_iterations: options.max_iterations, relative_gain: 1e-6 };
-            let solution = solve(&problem, state.clone(), &search)?;
-            moved = moved.max(body.moved_m(&state, &solution.parameters));
-            iterations += solution.iterations;
-            state = solution.parameters;
-            covariance = Some(solution.covariance);
+    if free.scales || free.radii {
+        search.go(&Stage { free, limbs_only: true, ..coarse })?;
+    }
+    let last = Stage {
+        free,
+        limbs_only: false,
+        belongs: Belongs::Field,
+        loss: options.loss,
+        settled_m: options.settled_m,
+        rounds: options.max_rounds,
+    };
+    let settled = search.go(&last)?;
+    let covariance = search.covariance.take();
+    let covariance = covariance.ok_or(SolveError::NothingFree { dimension: Columns::of(start).len() })?;
+    Ok(search.judged(covariance, settled))
+}
+
+impl Search<'_> {
+    /// The first stage: clicked joints and the like, with the shape held. A posture that is far off leads to wrong minima: the root is tried in all 24 turns that take axes to axes, and each joint with
+    /// several angles in several postures of its own, the best being kept.
+    fn anchors_alone(&mut self, coarse: &Stage) -> Result<(), BodyFitError> {
+        let is_anchor = |it: &&BodyObservation| matches!(it, BodyObservation::Anchored { .. });
+        let anchors: Vec<BodyObservation> = self.observations.iter().filter(is_anchor).cloned().collect();
+        if anchors.len() < LEAST_OBSERVATIONS {
+            return Ok(());
         }
-        rounds += 1;
-        settled = !coarse && moved < options.settled_m;
-        coarse &= moved > COARSELY_SETTLED_M && rounds < options.max_rounds / 3;
+        let Search { body, priors, options, .. } = *self;
+        let (worth, skeleton) = (vec![1.0; anchors.len()], &body.skeleton);
+        let held = held(&Columns::of(&self.state), &coarse.free);
+        let tried = |state: &State| {
+            let problem = Round::new(body, &anchors, &worth, state, priors, options, coarse.belongs);
+            let search = Options { loss: Loss::HUBER, held: held.clone(), max_iterations: 20, relative_gain: 1e-3 };
+            let found = solve(&problem, state.clone(), &search)?;
+            let cost = found.costs.last().copied().unwrap_or(f64::INFINITY);
+            Ok::<_, SolveError>((cost, found.parameters, found.iterations))
+        };
+        let mut best = tried(&self.state)?;
+        let mut iterations = best.2;
+        let mut keep = |best: &mut (f64, State, u32), state: &State| {
+            let found = tried(state)?;
+            iterations += found.2;
+            // Strictly better by more than rounding: the first of equals stays.
+            if found.0 < 0.999 * best.0 {
+                *best = found;
+            }
+            Ok::<_, SolveError>(())
+        };
+        if coarse.free.root == FreedomOfRoot::Free {
+            for turn in turns_of_axes() {
+                let mut state = self.state.clone();
+                state.world_from_root.rotation *= turn;
+                for (angle, dof) in state.angles.iter_mut().zip(skeleton.dofs()) {
+                    *angle = 0.5 * (*angle + 0.5 * (dof.lowest + dof.highest));
+                }
+                keep(&mut best, &state)?;
+            }
+        }
+        if coarse.free.angles {
+            for segment in 0..skeleton.segments().len() {
+                let angles = skeleton.angles_of(segment);
+                let dofs = &skeleton.segments()[segment].dofs;
+                let from = best.1.clone();
+                for number in 1..if angles.len() > 1 { 3_usize.pow(dofs.len() as u32) } else { 0 } {
+                    let mut state = from.clone();
+                    for (place, dof) in dofs.iter().enumerate() {
+                        let part = [0.5, 0.2, 0.8][number / 3_usize.pow(place as u32) % 3];
+                        state.angles[angles.start + place] = dof.lowest + part * (dof.highest - dof.lowest);
+                    }
+                    keep(&mut best, &state)?;
+                }
+            }
+        }
+        self.iterations += iterations;
+        self.state = best.1;
+        Ok(())
     }
-    let covariance = covariance.ok_or(SolveError::NothingFree { dimension: columns.len() })?;
-    Ok(judged(body, observations, state, covariance, options, (rounds, iterations, settled)))
+
+    /// A forearm is round and a hand is flat: a turn about a bone that is off by a right angle is a minimum of its own. Each such angle is tried in the middle and towards both of its limits.
+    fn twists(&mut self, stage: &Stage) -> Result<(), BodyFitError> {
+        if !stage.free.angles {
+            return Ok(());
+        }
+        let skeleton = &self.body.skeleton;
+        let about_bone: Vec<(usize, [f64; 3])> = (skeleton.dofs().enumerate())
+            .filter(|(_, dof)| dof.axis.z.abs() > 0.9)
+            .map(|(angle, dof)| (angle, [0.5, 0.15, 0.85].map(|it| dof.lowest + it * (dof.highest - dof.lowest))))
+            .collect();
+        let held = held(&Columns::of(&self.state), &stage.free);
+        for (angle, values) in about_bone {
+            let from = self.state.clone();
+            let mut best: Option<(f64, State)> = None;
+            // The one that it has comes first, and stays unless another is better.
+            for value in [from.angles[angle]].into_iter().chain(values) {
+                let mut state = from.clone();
+                state.angles[angle] = value;
+                let problem = Round::new(
+                    self.body,
+                    self.observations,
+                    &self.worth,
+                    &from,
+                    self.priors,
+                    self.options,
+                    stage.belongs,
+                );
+                let search = Options { loss: stage.loss, held: held.clone(), max_iterations: 6, relative_gain: 1e-3 };
+                let found = solve(&problem, state, &search)?;
+                self.iterations += found.iterations;
+                let cost = found.costs.last().copied().unwrap_or(f64::INFINITY);
+                if best.as_ref().is_none_or(|it| cost < 0.999 * it.0) {
+                    best = Some((cost, found.parameters));
+                }
+            }
+            if let Some((_, state)) = best {
+                self.state = state;
+            }
+        }
+        Ok(())
+    }
+
+    /// One stage, to its end; whether it settled.
+    fn go(&mut self, stage: &Stage) -> Result<bool, BodyFitError> {
+        let columns = Columns::of(&self.state);
+        // From far away distances lead in; near the surface either form does.
+        let residual = if stage.belongs == Belongs::Bone { ResidualKind::Distance } else { self.options.residual };
+        let Free { root, angles, scales, radii } = stage.free;
+        let shape = Free { root: FreedomOfRoot::Held, angles: false, scales, radii };
+        let posture = Free { root, angles, scales: false, radii: false };
+        let turns: &[Free] = if self.options.in_turn { &[posture, shape] } else { &[stage.free] };
+        let options = BodyFitOptions { residual, ..self.options.clone() };
+        for _ in 0..stage.rounds {
+            let mut moved = 0.0_f64;
+            for free in turns {
+                let problem = Round::new(
+                    self.body,
+                    self.observations,
+                    &self.worth,
+                    &self.state,
+                    self.priors,
+                    &options,
+                    stage.belongs,
+                )
+                .with_limbs_only(stage.limbs_only);
+                let held = held(&columns, free);
+                if held.len() == columns.len() {
+                    continue;
+                }
+                let max_iterations = self.options.max_iterations;
+                let search = Options { loss: stage.loss, held, max_iterations, relative_gain: 1e-5 };
+                let solution = solve(&problem, self.state.clone(), &search)?;
+                moved = moved.max(self.body.moved_m(&self.state, &solution.parameters));
+                self.iterations += solution.iterations;
+                self.state = solution.parameters;
+                self.covariance = Some(solution.covariance);
+            }
+            self.rounds += 1;
+            if moved < stage.settled_m {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+}
+
+/// The turns of a cube.
+fn turns_of_axes() -> impl Iterator<Item = UnitQuaternion<f64>> {
+    let about = |axis: Unit<Vector3<f64>>, quarters: i32| {
+        UnitQuaternion::from_axis_angle(&axis, f64::from(quarters) * std::f64::consts::FRAC_PI_2)
+    };
+    let (x, y, z) = (Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis());
+    let faces = [about(x, 0), about(x, 1), about(x, 2), about(x, 3), about(y, 1), about(y, 3)];
+    faces.into_iter().flat_map(move |face| (0..4).map(move |it| face * about(z, it)))
+}
+
+/// The parameters that stay.
+fn held(columns: &Columns, free: &Free) -> Vec<usize> {
+    let spans = [
+        (0, 3, free.root == FreedomOfRoot::Free),
+        (3, 6, free.root != FreedomOfRoot::Held),
+        (6, columns.scale(0), free.angles),
+        (columns.scale(0), columns.radius(0, 0), free.scales),
+        (columns.radius(0, 0), columns.len(), free.radii),
+    ];
+    spans.iter().filter(|it| !it.2).flat_map(|&(from, to, _)| from..to).collect()
 }
 
 fn check(body: &Body, observations: &[BodyObservation], start: &State, priors: &Priors) -> Result<(), BodyFitError> {
@@ -277,7 +512,7 @@ fn check(body: &Body, observations: &[BodyObservation], start: &State, priors: &
         ("radii of the start", start.radii.len(), body.balls.len(), false),
         ("angles known beforehand", priors.angles.len(), skeleton.n_angles(), true),
         ("scales known beforehand", priors.scales.len(), skeleton.n_scales(), true),
-        ("radii known beforehand", priors.radii.len(), body.balls.len(), true),
+        ("radii known beforehand", priors.radii.as_ref().map_or(0, |it| it.means.len()), body.balls.len(), true),
     ];
     for (what, found, expected, may_be_empty) in lists {
         if found != expected && !(may_be_empty && found == 0) {
@@ -304,350 +539,4 @@ fn check(body: &Body, observations: &[BodyObservation], start: &State, priors: &
         }
     }
     Ok(())
-}
-
-/// Parameters that stay as they are.
-fn held(columns: &Columns, free: &Free, posture: bool, shape: bool) -> Vec<usize> {
-    let turn = posture && free.root == FreedomOfRoot::Free;
-    let shift = posture && free.root != FreedomOfRoot::Held;
-    let spans = [
-        (0, 3, turn),
-        (3, 6, shift),
-        (6, columns.scale(0), posture && free.angles),
-        (columns.scale(0), columns.radius(0, 0), shape && free.scales),
-        (columns.radius(0, 0), columns.len(), shape && free.radii),
-    ];
-    spans.iter().filter(|it| !it.2).flat_map(|&(from, to, _)| from..to).collect()
-}
-
-/// An observation with what a round decided about it.
-enum Decided<'a> {
-    /// A point in the field of a segment; the residual is (√D − √D₀) or (F − w_t), times `weight`.
-    Surface {
-        at: Point3<f64>,
-        segment: usize,
-        weight: f64,
-    },
-    Anchored {
-        segment: usize,
-        place: &'a Vector3<f64>,
-        at: &'a Point3<f64>,
-        weight: f64,
-    },
-}
-
-struct Round<'a> {
-    body: &'a Body,
-    decided: Vec<Decided<'a>>,
-    priors: &'a Priors,
-    options: &'a BodyFitOptions,
-    columns: Columns,
-}
-
-impl<'a> Round<'a> {
-    fn new(
-        body: &'a Body,
-        observations: &'a [BodyObservation],
-        state: &State,
-        priors: &'a Priors,
-        options: &'a BodyFitOptions,
-    ) -> Round<'a> {
-        let posed = body.skeleton.pose(state);
-        let most_m = body.thickness_m(state);
-        let surface = |at: &Point3<f64>, segment: Option<usize>, sigma_m: f64| {
-            let segment = segment.or_else(|| body.nearest_segment(&posed, state, at))?;
-            let field = body.field_of(&posed, state, segment, at)?;
-            let (_, by_d) = field.root();
-            let steepness = (by_d * field.gradient.norm()).max(1.0 / most_m);
-            let weight = match options.residual {
-                ResidualKind::Distance => 1.0 / (steepness * sigma_m),
-                // dF = −2 F dD = −4 F √D d√D; at the surface F = w_t and √D = √D₀.
-                ResidualKind::Field => 1.0 / (4.0 * THRESHOLD * VISIBLE * (VISIBLE / most_m).max(steepness) * sigma_m),
-            };
-            Some(Decided::Surface { at: *at, segment, weight })
-        };
-        let decide = |observation: &'a BodyObservation| match observation {
-            BodyObservation::Point { at, sigma_m, segment } => surface(at, *segment, *sigma_m),
-            BodyObservation::Anchored { segment, place, at, sigma_m } => {
-                Some(Decided::Anchored { segment: *segment, place, at, weight: 1.0 / sigma_m })
-            }
-            BodyObservation::Ray { origin, direction, sigma_m } => {
-                let at = body.closest_on_ray(&posed, state, origin, direction)?;
-                surface(&at, None, *sigma_m)
-            }
-        };
-        let decided: Vec<Decided> = observations.iter().filter_map(decide).collect();
-        Round { body, decided, priors, options, columns: Columns::of(state) }.widened(&posed, state)
-    }
-
-    /// The round with residuals divided by their own spread where that is larger than the stated one: from a rough start all points are far off, and none is wrong (the scale of an M-estimate, P. Huber,
-    /// *Robust Statistics*, 1981, §7).
-    fn widened(mut self, posed: &Posed, state: &State) -> Round<'a> {
-        let residual = |decided: &Decided| match decided {
-            Decided::Surface { at, segment, weight } => {
-                let field = self.body.field_of(posed, state, *segment, at)?;
-                let value = match self.options.residual {
-                    ResidualKind::Distance => field.root().0 - VISIBLE,
-                    ResidualKind::Field => THRESHOLD - (-2.0 * field.d).exp(),
-                };
-                Some((weight * value).abs())
-            }
-            Decided::Anchored { .. } => None,
-        };
-        let residuals: Vec<f64> = self.decided.iter().filter_map(residual).collect();
-        let spread = median(&residuals).map_or(1.0, |it| (it / MEDIAN_OF_NORMAL).max(1.0));
-        for decided in &mut self.decided {
-            if let Decided::Surface { weight, .. } = decided {
-                *weight /= spread;
-            }
-        }
-        self
-    }
-
-    fn add_priors(&self, at: &State, equations: &mut Equations) {
-        for (angle, (mean, sigma)) in self.priors.angles.iter().enumerate().filter(|(_, it)| it.1.is_finite()) {
-            equations.add_known((at.angles[angle] - mean) / sigma, &[(self.columns.angle(angle), 1.0 / sigma)]);
-        }
-        for (scale, (mean, sigma)) in self.priors.scales.iter().enumerate() {
-            let residual = (at.scales[scale] / mean).ln() / sigma;
-            equations.add_known(residual, &[(self.columns.scale(scale), 1.0 / sigma)]);
-        }
-        for (ball, mean) in self.priors.radii.iter().enumerate() {
-            for axis in 0..3 {
-                let residual = (at.radii[ball][axis] / mean[axis]).ln() / self.priors.radii_sigma;
-                equations.add_known(residual, &[(self.columns.radius(ball, axis), 1.0 / self.priors.radii_sigma)]);
-            }
-        }
-        let firm = 1.0 / self.options.limit_sigma;
-        for (angle, dof) in self.body.skeleton.dofs().enumerate() {
-            let beyond = at.angles[angle] - at.angles[angle].clamp(dof.lowest, dof.highest);
-            if beyond != 0.0 {
-                equations.add_known(beyond * firm, &[(self.columns.angle(angle), firm)]);
-            }
-        }
-    }
-}
-
-impl Problem for Round<'_> {
-    type Parameters = State;
-
-    fn dimension(&self) -> usize {
-        self.columns.len()
-    }
-
-    fn moved(&self, from: &State, step: &DVector<f64>) -> State {
-        from.moved(step.as_slice())
-    }
-
-    fn linearise(&self, at: &State, equations: &mut Equations) -> Option<()> {
-        let sound = |value: f64| value.is_finite() && value > 0.0;
-        if !at.scales.iter().copied().chain(at.radii.iter().flat_map(|it| it.iter().copied())).all(sound) {
-            return None;
-        }
-        let posed = self.body.skeleton.pose(at);
-        let (mut row, mut sum) = (Vec::new(), Row::new(self.columns.len()));
-        for decided in &self.decided {
-            match decided {
-                Decided::Surface { at: point, segment, weight } => {
-                    let d = self.body.linearised(&posed, at, *segment, point, &mut row)?;
-                    let (value, by_d) = match self.options.residual {
-                        ResidualKind::Distance => {
-                            let (root, by_d) = super::field::FieldAt { d, gradient: Vector3::zeros() }.root();
-                            (root - VISIBLE, by_d)
-                        }
-                        ResidualKind::Field => {
-                            let field = (-2.0 * d).exp();
-                            // Outside F falls: the sign is turned so that outside is positive.
-                            (THRESHOLD - field, 2.0 * field)
-                        }
-                    };
-                    row.iter().for_each(|&(column, by)| sum.add(column, weight * by_d * by));
-                    sum.finish(weight * value, equations);
-                }
-                Decided::Anchored { segment, place, at: seen, weight } => {
-                    self.add_anchor(&posed, at, (*segment, place, seen, *weight), &mut sum, equations);
-                }
-            }
-        }
-        self.add_priors(at, equations);
-        Some(())
-    }
-}
-
-impl Round<'_> {
-    /// Three residuals: where the observed point lies in the segment's space, less where it should.
-    fn add_anchor(
-        &self,
-        posed: &Posed,
-        state: &State,
-        (segment, place, seen, weight): (usize, &Vector3<f64>, &Point3<f64>, f64),
-        sum: &mut Row,
-        equations: &mut Equations,
-    ) {
-        let scale = self.body.skeleton.segments()[segment].scale;
-        let expected = place * state.scales[scale];
-        let residual = posed.world_from_segment[segment].inverse_transform_point(seen).coords - expected;
-        for axis in 0..3 {
-            self.body.skeleton.derivatives(posed, &self.columns, segment, seen, |column, by| {
-                sum.add(column, weight * by[axis]);
-            });
-            sum.add(self.columns.scale(scale), -weight * expected[axis]);
-            sum.finish(weight * residual[axis], equations);
-        }
-    }
-}
-
-/// A row of derivatives that is summed up, of which few are not 0.
-struct Row {
-    dense: Vec<f64>,
-    touched: Vec<usize>,
-    sparse: Vec<(usize, f64)>,
-}
-
-impl Row {
-    fn new(columns: usize) -> Row {
-        Row { dense: vec![0.0; columns], touched: Vec::new(), sparse: Vec::new() }
-    }
-
-    fn add(&mut self, column: usize, by: f64) {
-        if by != 0.0 {
-            if self.dense[column] == 0.0 {
-                self.touched.push(column);
-            }
-            self.dense[column] += by;
-        }
-    }
-
-    /// Gives the row to `equations`, and is empty again.
-    fn finish(&mut self, residual: f64, equations: &mut Equations) {
-        self.sparse.clear();
-        for column in self.touched.drain(..) {
-            // One whose parts cancelled to 0 on the way may stand twice: the second is then 0.
-            self.sparse.push((column, std::mem::take(&mut self.dense[column])));
-        }
-        equations.add_sparse(residual, &self.sparse);
-    }
-}
-
-impl Body {
-    /// The thickest ball's least radius: inside a body, where balls overlap, the field is taken to be no flatter than it is at the surface of that one [m].
-    pub(super) fn thickness_m(&self, state: &State) -> f64 {
-        state.radii.iter().map(|it| it.min()).fold(0.0, f64::max).max(1e-6)
-    }
-
-    /// How far the ends of balls moved between two states, root mean square [m].
-    fn moved_m(&self, before: &State, after: &State) -> f64 {
-        let [posed_before, posed_after] = [before, after].map(|it| self.skeleton.pose(it));
-        let place = |posed: &Posed, state: &State, number: usize, side: f64, axis: usize| {
-            let ball = &self.balls[number];
-            let scale = state.scales[self.skeleton.segments()[ball.segment].scale];
-            let reach = ball.segment_from_ball * Vector3::ith(axis, side * VISIBLE * state.radii[number][axis]);
-            posed.world_from_segment[ball.segment] * Point3::from(ball.centre * scale + reach)
-        };
-        let (mut sum, mut n) = (0.0, 0.0);
-        for number in 0..self.balls.len() {
-            for (side, axis) in [-1.0, 1.0].into_iter().flat_map(|side| (0..3).map(move |axis| (side, axis))) {
-                let shift =
-                    place(&posed_after, after, number, side, axis) - place(&posed_before, before, number, side, axis);
-                sum += shift.norm_squared();
-                n += 1.0;
-            }
-        }
-        (sum / f64::max(n, 1.0)).sqrt()
-    }
-
-    /// Where a ray comes closest to the surface or deepest into the body: the least D along it. `None` where the body lies behind its origin.
-    pub(super) fn closest_on_ray(
-        &self,
-        posed: &Posed,
-        state: &State,
-        origin: &Point3<f64>,
-        direction: &Unit<Vector3<f64>>,
-    ) -> Option<Point3<f64>> {
-        let d_at = |along: f64| self.field(posed, state, &(origin + direction.into_inner() * along)).map(|it| it.d);
-        let abreast = |(number, ball): (usize, &super::Ball)| {
-            let scale = state.scales[self.skeleton.segments()[ball.segment].scale];
-            let centre = posed.world_from_segment[ball.segment] * Point3::from(ball.centre * scale);
-            let along = (centre - origin).dot(direction);
-            (along > 0.0).then_some((along, state.radii[number].max()))
-        };
-        let candidates = self.balls.iter().enumerate().filter_map(abreast);
-        let scored = candidates.filter_map(|(along, reach)| d_at(along).map(|d| (d, along, reach)));
-        let (_, mut middle, reach) = scored.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        // Golden section about the best ball.
-        const RATIO: f64 = 0.618_033_988_749_894_8;
-        let (mut low, mut high) = ((middle - reach).max(0.0), middle + reach);
-        for _ in 0..30 {
-            let (first, second) = (high - RATIO * (high - low), low + RATIO * (high - low));
-            if d_at(first)? < d_at(second)? {
-                high = second
-            } else {
-                low = first
-            }
-            middle = 0.5 * (low + high);
-        }
-        Some(origin + direction.into_inner() * middle)
-    }
-}
-
-fn judged(
-    body: &Body,
-    observations: &[BodyObservation],
-    state: State,
-    covariance: Result<DMatrix<f64>, Unobservable>,
-    options: &BodyFitOptions,
-    (rounds, iterations, settled): (u32, u32, bool),
-) -> BodyFit {
-    let posed = body.skeleton.pose(&state);
-    let most_m = body.thickness_m(&state);
-    let surface = |at: &Point3<f64>, segment: Option<usize>| {
-        let segment = segment.or_else(|| body.nearest_segment(&posed, &state, at))?;
-        Some((segment, body.field_of(&posed, &state, segment, at)?.distance(most_m)))
-    };
-    let n = observations.len();
-    let (mut distances_m, mut segments) = (vec![f64::NAN; n], vec![None; n]);
-    let mut support = vec![0; body.skeleton.segments().len()];
-    let (mut sum, mut inliers, mut outliers) = (0.0, 0, 0);
-    for (index, observation) in observations.iter().enumerate() {
-        let (found, sigma_m) = match observation {
-            BodyObservation::Point { at, sigma_m, segment } => (surface(at, *segment), *sigma_m),
-            BodyObservation::Ray { origin, direction, sigma_m } => {
-                let at = body.closest_on_ray(&posed, &state, origin, direction);
-                (at.and_then(|it| surface(&it, None)), *sigma_m)
-            }
-            BodyObservation::Anchored { segment, place, at, sigma_m } => {
-                let scale = state.scales[body.skeleton.segments()[*segment].scale];
-                let expected = posed.world_from_segment[*segment] * Point3::from(place * scale);
-                (Some((*segment, (at - expected).norm())), *sigma_m)
-            }
-        };
-        let Some((segment, distance)) = found else { continue };
-        (distances_m[index], segments[index]) = (distance, Some(segment));
-        if distance.abs() > options.outlier_sigmas * sigma_m {
-            outliers += 1;
-        } else {
-            sum += distance * distance;
-            inliers += 1;
-            support[segment] += 1;
-        }
-    }
-    let beyond = |(angle, dof): (usize, &super::Dof)| {
-        let excess = state.angles[angle] - state.angles[angle].clamp(dof.lowest, dof.highest);
-        (excess.abs() > options.limit_sigma).then_some(angle)
-    };
-    let beyond_limits = body.skeleton.dofs().enumerate().filter_map(beyond).collect();
-    let rms_m = if inliers > 0 { (sum / inliers as f64).sqrt() } else { f64::NAN };
-    BodyFit {
-        state,
-        covariance,
-        distances_m,
-        segments,
-        rms_m,
-        outliers,
-        beyond_limits,
-        support,
-        rounds,
-        iterations,
-        settled,
-    }
 }

@@ -29,8 +29,9 @@ mod tests;
 
 pub use field::{Ball, Body, THRESHOLD};
 pub use fit::{
-    BodyFit, BodyFitError, BodyFitOptions, BodyObservation, Free, FreedomOfRoot, Priors, ResidualKind, fit_body,
+    BodyFit, BodyFitError, BodyFitOptions, BodyObservation, Doubt, Free, FreedomOfRoot, Priors, RadiiPrior,
+    ResidualKind, RootPrior, fit_body,
 };
-pub use people::{arm, person};
-pub use skeleton::{Dof, Posed, Segment, Skeleton, SkeletonError, State};
+pub use people::{Side, anthropometric, arm, person};
+pub use skeleton::{Columns, Dof, Posed, Segment, Skeleton, SkeletonError, State};
 pub use skin::{BodySkin, skin_patches, surface};

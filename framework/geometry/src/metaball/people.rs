@@ -10,6 +10,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
 
 use super::field::{Ball, Body, VISIBLE};
+use super::fit::{Priors, RadiiPrior, RootPrior};
 use super::skeleton::{Dof, Posed, Segment, Skeleton, State};
 
 /// Parts of the standing height.
@@ -24,6 +25,10 @@ const HALF_HIPS: f64 = 0.0955;
 const HIP_HEIGHT: f64 = 0.530;
 const SHOULDER_HEIGHT: f64 = 0.818;
 const CHIN_HEIGHT: f64 = 0.870;
+
+/// Half the length of a ball along a bone, over its share of the bone: so that three of a kind make a limb whose thickness changes by less than a hundredth along it. Balls that overlap more can
+/// stand in for each other, and a fit makes some large and some vanish.
+const REACH: f64 = 0.64;
 
 /// A side of the body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -80,15 +85,25 @@ impl Build {
         let parent = joint.and_then(|(name, _)| self.find(name));
         let joint_in_parent = joint.map_or_else(Vector3::zeros, |it| it.1);
         let name = name.to_owned();
-        self.segments.push(Segment { name, parent, joint_in_parent, parent_from_rest: rest, dofs, length, scale });
+        self.segments.push(Segment {
+            name,
+            parent,
+            joint_in_parent,
+            parent_from_rest: rest,
+            dofs,
+            length,
+            scale,
+            cut: false,
+        });
     }
 
     /// Three balls along the bone of the last segment, of visible half axes `across` (x, y) at its start, middle and end [m].
     fn limb(&mut self, across: [[f64; 2]; 3]) {
         let segment = self.segments.len() - 1;
         let length = self.segments[segment].length;
-        for (part, [x, y]) in [0.15, 0.5, 0.85].into_iter().zip(across) {
-            self.ball(segment, Vector3::new(0.0, 0.0, part * length), Vector3::new(x, y, 0.32 * length));
+        for (number, [x, y]) in across.into_iter().enumerate() {
+            let part = (number as f64 + 0.5) / 3.0;
+            self.ball(segment, Vector3::new(0.0, 0.0, part * length), Vector3::new(x, y, REACH * length / 3.0));
         }
     }
 
@@ -102,18 +117,22 @@ impl Build {
         let (it, sign) = (side.name(), side.sign());
         let rest = if parent.is_some() { down() } else { UnitQuaternion::identity() };
         let name = |what: &str| format!("{what}_{it}");
+        // An arm by itself turns with its root, in every direction alike: three angles one after the other have a posture in which one of them is lost.
+        let shoulder = vec![
+            dof(name("shoulder_flexion"), Vector3::y(), -60.0, 180.0),
+            dof(name("shoulder_abduction"), Vector3::x() * sign, -75.0, 180.0),
+            dof(name("shoulder_rotation"), Vector3::z() * sign, -90.0, 90.0),
+        ];
         self.segment(
             &name("upper_arm"),
             parent,
             rest,
             UPPER_ARM * height,
             scales[0],
-            vec![
-                dof(name("shoulder_flexion"), Vector3::y(), -60.0, 180.0),
-                dof(name("shoulder_abduction"), Vector3::x() * sign, -75.0, 180.0),
-                dof(name("shoulder_rotation"), Vector3::z() * sign, -90.0, 90.0),
-            ],
+            if parent.is_some() { shoulder } else { Vec::new() },
         );
+        let upper = self.segments.len() - 1;
+        self.segments[upper].cut = parent.is_none();
         let h = height;
         self.limb([[0.032 * h, 0.032 * h], [0.028 * h, 0.028 * h], [0.025 * h, 0.025 * h]]);
         let elbow = Vector3::new(0.0, 0.0, UPPER_ARM * height);
@@ -196,7 +215,13 @@ impl Build {
             Skeleton::new(self.segments).unwrap_or_else(|error| unreachable!("the built-in skeleton: {error}"));
         let (angles, scales) = (vec![0.0; skeleton.n_angles()], vec![1.0; skeleton.n_scales()]);
         let state = State { world_from_root, angles, scales, radii: self.radii };
-        (Body::new(skeleton, self.balls), state)
+        let body = Body::new(skeleton, self.balls);
+        let wanted: Vec<_> = (0..body.balls.len())
+            .filter(|it| body.balls[*it].centre.xy().norm() == 0.0)
+            .map(|it| (it, (state.radii[it] * VISIBLE).xy().into()))
+            .collect();
+        let state = body.as_thick(state, &wanted);
+        (body, state)
     }
 }
 
@@ -205,7 +230,7 @@ fn down() -> UnitQuaternion<f64> {
     UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI)
 }
 
-/// An arm by itself, hanging straight down from the world's origin, of a person of `height` [m]. Its root is at the shoulder and has the axes of an arm's segments: x forward, y right, z down.
+/// An arm by itself, hanging straight down from the world's origin, of a person of `height` [m]. Its root is at the shoulder and turns with the upper arm: x forward, y right, z down the arm.
 pub fn arm(side: Side, height: f64) -> (Body, State) {
     let mut build = Build::default();
     build.arm(side, None, height, [0, 1, 2]);
@@ -264,6 +289,26 @@ pub fn person(height: f64) -> (Body, State) {
     build.finish(Isometry3::translation(0.0, 0.0, HIP_HEIGHT * h))
 }
 
+/// What is known of people of whom `start` is a rough example, before anybody looks: `start`'s posture to a radian and 0.1 m.
+///
+/// Lengths of limbs vary by some 6 % about parts of a height that is itself known roughly, girths by 10 to 15 % (C. Gordon et al., *2012 Anthropometric Survey of U.S. Army Personnel*, 2014:
+/// coefficients of variation of acromion–radiale length 6 %, of forearm and biceps circumference 9 to 12 %), to which clothing adds.
+pub fn anthropometric(start: &State) -> Priors {
+    let root = RootPrior { world_from_root: start.world_from_root, turn_sigma: 1.0, shift_sigma: 0.1 };
+    Priors {
+        root: Some(root),
+        angles: start.angles.iter().map(|it| (*it, 1.0)).collect(),
+        scales: start.scales.iter().map(|it| (*it, 0.06)).collect(),
+        radii: Some(RadiiPrior {
+            means: start.radii.clone(),
+            thickness: 0.12,
+            evenness: 0.06,
+            roundness: 0.04,
+            reach: 0.06,
+        }),
+    }
+}
+
 impl Body {
     /// The same body with `n` balls along the bone of a segment in place of those that it has, each as thick as the surface is there: more primitives, for a finer shape once the rough one is known
     /// (the refinement that the paper's §5 plans).
@@ -282,55 +327,63 @@ impl Body {
             balls.push(ball.clone());
             radii.push(state.radii[number]);
         }
-        let kept = balls.len();
-        let mut thickness = Vec::new();
+        let mut wanted = Vec::new();
         for number in 0..n {
             let along = (number as f64 + 0.5) / n as f64 * length;
-            balls.push(Ball {
-                segment,
-                centre: Vector3::new(0.0, 0.0, along),
-                segment_from_ball: UnitQuaternion::identity(),
-            });
-            let across =
+            let centre = Vector3::new(0.0, 0.0, along);
+            let across: [f64; 2] =
                 [Vector3::x(), Vector3::y()].map(|axis| self.thickness_at(state, segment, along * scale, axis));
-            radii.push(Vector3::new(across[0], across[1], 1.2 * length * scale / n as f64) / VISIBLE);
-            thickness.push(across);
+            wanted.push((balls.len(), across));
+            balls.push(Ball { segment, centre, segment_from_ball: UnitQuaternion::identity() });
+            let reach = REACH * length * scale / n as f64;
+            radii.push(Vector3::new(across[0], across[1], reach) / VISIBLE);
         }
         let body = Body::new(self.skeleton.clone(), balls);
-        let mut refined = State { radii, ..state.clone() };
-        // Balls that overlap swell: each is made thinner until the surface is where it was.
-        for _ in 0..10 {
-            let before = refined.clone();
-            for number in 0..n {
-                let along = body.balls[kept + number].centre.z * scale;
-                for (axis, direction) in [Vector3::x(), Vector3::y()].into_iter().enumerate() {
-                    let now = body.thickness_at(&before, segment, along, direction);
-                    refined.radii[kept + number][axis] *= thickness[number][axis] / now.max(1e-6);
-                }
-            }
-        }
+        let refined = body.as_thick(State { radii, ..state.clone() }, &wanted);
         (body, refined)
     }
 
-    /// Half the thickness of a limb across its bone, `along` it and along `axis` of the segment's space [m].
-    fn thickness_at(&self, state: &State, segment: usize, along: f64, axis: Vector3<f64>) -> f64 {
+    /// The state with the radii of some balls such that the surface is half so thick at their centres, along x and y of their segments: balls that overlap swell.
+    fn as_thick(&self, mut state: State, wanted: &[(usize, [f64; 2])]) -> State {
+        for _ in 0..12 {
+            let before = state.clone();
+            for &(ball, across) in wanted {
+                let Ball { segment, centre, .. } = self.balls[ball];
+                let along = centre.z * state.scales[self.skeleton.segments()[segment].scale];
+                for (axis, direction) in [Vector3::x(), Vector3::y()].into_iter().enumerate() {
+                    let now = self.thickness_at(&before, segment, along, direction);
+                    state.radii[ball][axis] *= (across[axis] / now.max(1e-6)).clamp(0.5, 2.0);
+                }
+            }
+        }
+        state
+    }
+
+    /// Half the thickness of a limb across its bone, `along` it and along `axis` of the segment's space [m]: what the trunk adds where a limb comes out of it is left out.
+    pub fn thickness_at(&self, state: &State, segment: usize, along: f64, axis: Vector3<f64>) -> f64 {
         let posed = self.skeleton.pose(state);
-        let half = |axis: Vector3<f64>| self.leaves(&posed, state, segment, Vector3::new(0.0, 0.0, along), axis);
+        let is_on_bone =
+            |of: usize| self.balls.iter().filter(|it| it.segment == of).all(|it| it.centre.xy().norm() == 0.0);
+        let is_limb = |ball: &usize| self.balls[*ball].segment == segment || is_on_bone(self.balls[*ball].segment);
+        let balls: Vec<usize> = self.near(segment).iter().copied().filter(is_limb).collect();
+        let half =
+            |axis: Vector3<f64>| self.leaves(&posed, state, segment, &balls, Vector3::new(0.0, 0.0, along), axis);
         0.5 * (half(axis) + half(-axis))
     }
 
-    /// How far from `start` along `direction`, both in a segment's space, the limb's surface is [m].
+    /// How far from `start` along `direction`, both in a segment's space, the surface of some balls is [m].
     pub(super) fn leaves(
         &self,
         posed: &Posed,
         state: &State,
         segment: usize,
+        balls: &[usize],
         start: Vector3<f64>,
         direction: Vector3<f64>,
     ) -> f64 {
         let inside = |out: f64| {
             let point = posed.world_from_segment[segment] * Point3::from(start + direction * out);
-            self.field_of(posed, state, segment, &point).is_some_and(|it| it.d < VISIBLE * VISIBLE)
+            self.blend(posed, state, balls, &point).is_some_and(|it| it.d < VISIBLE * VISIBLE)
         };
         let widest = state.radii.iter().map(|it| it.max()).fold(0.0, f64::max);
         let (mut low, mut high) = (0.0, 2.0 * widest);

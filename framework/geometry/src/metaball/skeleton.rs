@@ -43,6 +43,8 @@ pub struct Segment {
     pub length: f64,
     /// Which of [`State::scales`] stretches it: segments of left and right may share one.
     pub scale: usize,
+    /// The body goes on before its joint, and the model does not: what lies there is no surface of it.
+    pub cut: bool,
 }
 
 /// Segments that hang together.

@@ -57,7 +57,7 @@ pub fn skin_patches(body: &Body, state: &State, sections: usize, around: usize, 
             let leaves = |ray: usize| {
                 let angle = std::f64::consts::TAU * ray as f64 / around as f64;
                 let out = Vector3::new(angle.cos(), angle.sin(), 0.0);
-                let far = body.leaves(&posed, state, segment, along, out);
+                let far = body.leaves(&posed, state, segment, body.near(segment), along, out);
                 posed.world_from_segment[segment] * Point3::from(along + out * far)
             };
             (0..around).map(leaves).collect()
