@@ -7,7 +7,7 @@
 //! | `Field` | F − w_t, over what F changes in one σ at the surface | the paper's (15) |
 //! | `Distance` | (√D − √D₀) / |∇√D| over σ | distance to first order (module [`super::field`]); grows far away, so that rough starts come in: stages 2 and 3 use it always |
 //!
-//! The search has four stages, each from the end of the one before:
+//! The search has four stages, each from the end of the one before; from a near start ([`BodyFitOptions::rough`]) only the last:
 //!
 //! 1. joints that were clicked and points that are known on a segment say roughly how the body stands (§3.3);
 //! 2. the posture from all points with the shape held, each point being one of the nearest bone;
@@ -163,6 +163,8 @@ pub struct BodyFitOptions {
     pub residual: ResidualKind,
     /// Shape and posture in turn, as the paper does it.
     pub in_turn: bool,
+    /// The start may be far off: stages 1 to 3 go first.
+    pub rough: bool,
     /// What residuals cost: wrong points should hardly pull.
     pub loss: Loss,
     /// Rounds at most [–].
@@ -187,6 +189,7 @@ impl Default for BodyFitOptions {
             free: Free::ALL,
             residual: ResidualKind::Field,
             in_turn: false,
+            rough: true,
             loss: Loss::CAUCHY,
             max_rounds: 30,
             max_iterations: 6,
@@ -314,12 +317,12 @@ pub fn fit_body(
         settled_m: COARSELY_SETTLED_M,
         rounds: COARSE_ROUNDS,
     };
-    if free.angles || free.root != FreedomOfRoot::Held {
+    if options.rough && (free.angles || free.root != FreedomOfRoot::Held) {
         search.anchors_alone(&coarse)?;
         search.go(&coarse)?;
         search.twists(&coarse)?;
     }
-    if free.scales || free.radii {
+    if options.rough && (free.scales || free.radii) {
         search.go(&Stage { free, limbs_only: true, ..coarse })?;
     }
     let last = Stage {

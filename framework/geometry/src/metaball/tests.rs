@@ -171,7 +171,7 @@ fn one_ellipsoid_a_limb_fits_worse_than_three() {
         }
     }
     let [three, one] = errors.map(sorted);
-    assert!(one[0] + one[3] > 1.5 * (three[0] + three[3]), "rms of three {three:?}, of one {one:?} m");
+    assert!(one.iter().sum::<f64>() > 1.2 * three.iter().sum::<f64>(), "rms of three {three:?}, of one {one:?} m");
 }
 
 #[test]

@@ -28,6 +28,7 @@ enum Decided<'a> {
         place: &'a Vector3<f64>,
         at: &'a Point3<f64>,
         weight: f64,
+        worth: f64,
     },
 }
 
@@ -74,7 +75,24 @@ pub(super) fn worth(observations: &[BodyObservation], cell_m: f64, model_sigma_m
             worth[*index] = (own + model) / (own + n * model);
         }
     }
+    for ((_, index), n) in tracked_together(observations, cell_m) {
+        worth[index] = 1.0 / n;
+    }
     worth
+}
+
+/// Anchors with how many there are in their cell: skin that slides carries all of them along.
+fn tracked_together(observations: &[BodyObservation], cell_m: f64) -> Vec<((usize, usize), f64)> {
+    let key = |(index, it): (usize, &BodyObservation)| match it {
+        BodyObservation::Anchored { segment, at, .. } => {
+            Some((*segment, [at.x, at.y, at.z].map(|it| (it / cell_m).floor() as i64), index))
+        }
+        _ => None,
+    };
+    let mut keys: Vec<_> = observations.iter().enumerate().filter_map(key).collect();
+    keys.sort();
+    let cells = keys.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1));
+    cells.flat_map(|it| it.iter().map(|key| ((key.0, key.2), it.len() as f64))).collect()
 }
 
 /// The segment that a point of the surface belongs to; `None` where no segment has balls.
@@ -145,7 +163,7 @@ impl<'a> Round<'a> {
         let decide = |(observation, worth): (&'a BodyObservation, &f64)| match observation {
             BodyObservation::Point { at, sigma_m, segment } => surface(at, *segment, *sigma_m, *worth),
             BodyObservation::Anchored { segment, place, at, sigma_m } => {
-                Some(Decided::Anchored { segment: *segment, place, at, weight: 1.0 / sigma_m })
+                Some(Decided::Anchored { segment: *segment, place, at, weight: 1.0 / sigma_m, worth: *worth })
             }
             BodyObservation::Ray { origin, direction, sigma_m } => {
                 let at = body.closest_on_ray(&posed, state, origin, direction)?;
@@ -287,8 +305,8 @@ impl Problem for Round<'_> {
                     row.iter().for_each(|&(column, by)| sum.add(column, weight * by_d * by));
                     sum.finish(weight * value, *worth, equations);
                 }
-                Decided::Anchored { segment, place, at: seen, weight } => {
-                    self.add_anchor(&posed, at, (*segment, place, seen, *weight), &mut sum, equations);
+                Decided::Anchored { segment, place, at: seen, weight, worth } => {
+                    self.add_anchor(&posed, at, (*segment, place, seen, *weight, *worth), &mut sum, equations);
                 }
             }
         }
@@ -303,7 +321,7 @@ impl Round<'_> {
         &self,
         posed: &Posed,
         state: &State,
-        (segment, place, seen, weight): (usize, &Vector3<f64>, &Point3<f64>, f64),
+        (segment, place, seen, weight, worth): (usize, &Vector3<f64>, &Point3<f64>, f64, f64),
         sum: &mut Row,
         equations: &mut Equations,
     ) {
@@ -315,7 +333,7 @@ impl Round<'_> {
                 sum.add(column, weight * by[axis]);
             });
             sum.add(self.columns.scale(scale), -weight * expected[axis]);
-            sum.finish(weight * residual[axis], 1.0, equations);
+            sum.finish(weight * residual[axis], worth, equations);
         }
     }
 }
