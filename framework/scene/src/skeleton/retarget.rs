@@ -268,7 +268,10 @@ mod tests {
         let mut text: Vec<(&str, Option<usize>, Vector3<f64>, Option<Vector3<f64>>)> =
             vec![("Hips", None, Vector3::new(0.0, 0.9, 0.0), None)];
         text.push(("Head", Some(0), Vector3::new(0.0, 0.6, 0.0), Some(Vector3::new(0.0, 0.2, 0.0))));
-        for (side, names) in [(1.0, ["LeftArm", "LeftForeArm", "LeftUpLeg", "LeftLeg"]), (-1.0, ["RightArm", "RightForeArm", "RightUpLeg", "RightLeg"])] {
+        for (side, names) in [
+            (1.0, ["LeftArm", "LeftForeArm", "LeftUpLeg", "LeftLeg"]),
+            (-1.0, ["RightArm", "RightForeArm", "RightUpLeg", "RightLeg"]),
+        ] {
             let out = Vector3::new(side * out.x, out.y, out.z);
             let first = text.len();
             text.push((names[0], Some(0), Vector3::new(0.2 * side, 0.5, 0.0), None));
@@ -366,7 +369,10 @@ mod tests {
         let floor = of_source.iter().copied().fold(f64::INFINITY, f64::min);
         let scale = 1.75 / 0.9;
         for (frame, (height, was)) in heights.iter().zip(&of_source).enumerate() {
-            assert!((height - scale * (was - floor)).abs() < 0.03 * scale, "frame {frame}: {heights:?} from {of_source:?}");
+            assert!(
+                (height - scale * (was - floor)).abs() < 0.03 * scale,
+                "frame {frame}: {heights:?} from {of_source:?}"
+            );
         }
         assert!(heights[4] > 0.4 && heights[..4].iter().all(|it| *it < 0.1), "{heights:?}");
         // It walks as much farther as its legs are longer.

@@ -39,7 +39,9 @@ impl Rigged {
         let text = file.get(20..20 + length).ok_or_else(cut)?;
         let document: Value = serde_json::from_slice(text).map_err(|it| format!("its JSON cannot be read: {it}"))?;
         let bytes = match word(20 + length) {
-            Some(binary) => file.get(28 + length..28 + length + binary).ok_or("the file ends within its second chunk")?,
+            Some(binary) => {
+                file.get(28 + length..28 + length + binary).ok_or("the file ends within its second chunk")?
+            }
             None => &[],
         };
         let bytes = bytes.to_vec();
@@ -49,12 +51,16 @@ impl Rigged {
         let mut parents = vec![None; nodes.len()];
         for (parent, node) in nodes.iter().enumerate() {
             for child in node["children"].as_array().into_iter().flatten().filter_map(number) {
-                *parents.get_mut(child).ok_or_else(|| format!("node {parent} has a child {child} that is not there"))? =
-                    Some(parent);
+                *parents
+                    .get_mut(child)
+                    .ok_or_else(|| format!("node {parent} has a child {child} that is not there"))? = Some(parent);
             }
         }
         // The first joint of the skin whose parent is none of it, and all that hangs on it.
-        let root = of_skin.iter().copied().find(|it| parents.get(*it).is_some_and(|it: &Option<usize>| it.is_none_or(|it| !of_skin.contains(&it))));
+        let root = of_skin
+            .iter()
+            .copied()
+            .find(|it| parents.get(*it).is_some_and(|it: &Option<usize>| it.is_none_or(|it| !of_skin.contains(&it))));
         let root = root.ok_or("found no joint of its skin that hangs on none, expected one")?;
         let (mut joints, mut chosen): (Vec<RigJoint>, Vec<usize>) = (Vec::new(), Vec::new());
         let mut waiting = vec![root];
@@ -89,7 +95,9 @@ impl Rigged {
             let scaled = numbers::<3>(&it["scale"]).is_some_and(|it| it.iter().any(|it| (it - 1.0).abs() > 1e-3));
             n_above += 1;
             if turned || scaled || it.get("matrix").is_some() || n_above > nodes.len() {
-                return Err(format!("node {node}, above the skin's joints, is turned or scaled, expected y up and metres"));
+                return Err(format!(
+                    "node {node}, above the skin's joints, is turned or scaled, expected y up and metres"
+                ));
             }
             above = parents[node];
         }

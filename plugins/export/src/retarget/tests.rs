@@ -147,7 +147,8 @@ fn a_glb_rig_gets_the_same_motion_and_keeps_what_it_had() {
 #[test]
 fn rigs_that_cannot_be_are_refused() {
     assert!(Rigged::read(b"solid cube".to_vec()).err().unwrap().contains("GLB"));
-    let text = String::from_utf8_lossy(&puppet_glb()).replace("\"translation\":[-0.25,0.0,0.0]", "\"scale\":[2.00,2.0,2.0],\"na\":0");
+    let text = String::from_utf8_lossy(&puppet_glb())
+        .replace("\"translation\":[-0.25,0.0,0.0]", "\"scale\":[2.00,2.0,2.0],\"na\":0");
     assert!(Rigged::read(text.into_bytes()).is_err());
     let settings = ExportRetargetSettings { rig: "no-such.bvh".to_owned(), ..ExportRetargetSettings::default() };
     let error = ExportRetarget::new(settings, &Setup::for_tests()).err().unwrap();
