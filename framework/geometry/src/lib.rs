@@ -10,6 +10,7 @@
 //! | [`camera`] | [`Camera`]: pinhole with Brown–Conrady distortion; point to pixel, pixel to [`Ray`] |
 //! | [`epipolar`] | how two cameras stand to one another, from pixels of the same points |
 //! | [`joint`] | points, and the errors of the poses that they are seen from, together |
+//! | [`metaball`] | bodies of metaballs on a skeleton, fitted to points, trajectories and silhouettes |
 //! | [`resection`] | the pose of a camera from points of known place and their pixels, robustly, with its covariance |
 //! | [`known_points`] | optics and pose of a camera from one picture of a three-dimensional target |
 //! | [`off_axis`] | what an eye sees through a screen: frustums for each eye and tile |
@@ -37,6 +38,7 @@ mod from_matrix;
 pub mod joint;
 pub mod known_points;
 mod look_at;
+pub mod metaball;
 pub mod off_axis;
 pub mod pan_tilt;
 pub mod plane_map;

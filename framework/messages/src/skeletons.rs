@@ -118,7 +118,7 @@ pub struct Skeleton {
     pub id: u32,
     /// Ascending by joint; those that the model has.
     pub joints: Vec<SkeletonJoint>,
-    /// Ascending by part; those that the model has, torso and head at least.
+    /// Ascending by part; those that the model has: of a whole body torso and head at least, of an arm by itself its two.
     pub parts: Vec<SkeletonPart>,
     /// The level of the model, limb by limb, in the order of [`BODY_LIMBS`].
     pub limbs: [LimbDetail; 4],

@@ -10,6 +10,7 @@
 //! many metres one is ([`CMU_UNIT_M`] for the recordings of Carnegie Mellon University).
 
 mod read;
+pub mod retarget;
 #[cfg(test)]
 mod tests;
 mod write;

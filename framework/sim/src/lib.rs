@@ -57,6 +57,8 @@ pub fn register(registry: &mut Registry) {
     registry.add::<nodes::silhouettes::SimSilhouettes>();
     registry.add::<nodes::silhouette_score::SilhouetteScore>();
     registry.add::<nodes::body_score::BodyScore>();
+    registry.add::<nodes::posture_score::PostureScore>();
+    registry.add::<nodes::true_surface::TrueSurface>();
     registry.add::<nodes::wall::SimWall>();
     registry.add::<nodes::wall_camera::SimWallCamera>();
     registry.add::<nodes::wall_observer::SimWallObserver>();

@@ -12,6 +12,7 @@
 //! | [`export.mark_pictures`](mark_pictures::ExportMarkPictures) | the way of a painted surface, distances between its marks, what was filled in, as SVG |
 //! | [`export.gltf`](gltf::ExportGltf) | `motion.glb`: targets, a mesh over the marks and cameras as an animated scene |
 //! | [`export.bvh`](bvh::ExportBvh) | `motion.bvh`: the body that eight targets sit on, as a skeleton that moves |
+//! | [`export.retarget`](retarget::ExportRetarget) | the motion of a body on another skeleton: a BVH or a GLB rig |
 //! | [`export.bodies`](bodies::ExportBodies) | skeletons: `bodies.csv`, one BVH a body, skinned shapes as `bodies.glb` |
 //! | [`export.cloud`](cloud::ExportCloud) | point clouds as PLY and GLB, and as range, normal and shaded pictures of their camera |
 //! | [`export.surface`](surface::ExportSurface) | a surface as PLY and GLB, and as a range and a shaded picture |
@@ -39,6 +40,7 @@ pub mod marks;
 pub mod npz;
 pub mod overlay;
 pub mod pictures;
+pub mod retarget;
 mod row_file;
 pub mod surface;
 mod target_rows;
@@ -68,6 +70,7 @@ pub fn register(registry: &mut Registry) {
     registry.add::<gltf::ExportGltf>();
     registry.add::<bvh::ExportBvh>();
     registry.add::<bodies::ExportBodies>();
+    registry.add::<retarget::ExportRetarget>();
     registry.add::<cloud::ExportCloud>();
     registry.add::<surface::ExportSurface>();
 }

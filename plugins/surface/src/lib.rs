@@ -7,8 +7,10 @@
 //! | [`surface.matcher`](matcher) | measures a surface densely at one moment |
 //! | [`surface.tracker`](tracker) | measures it at first, and follows its points from then on |
 //! | [`surface.cylinder`](cylinder) | fits a cylinder to a cloud: figures |
+//! | [`surface.body`](body) | fits a body of metaballs on a skeleton to tracked points |
 //! | [`surface.pictures`](pictures) | draws trajectories and the vector field |
 
+pub mod body;
 pub mod calibrator;
 pub mod cover;
 pub mod cylinder;
@@ -35,5 +37,6 @@ pub fn register(registry: &mut Registry) {
     registry.add::<matcher::Matcher>();
     registry.add::<tracker::Tracker>();
     registry.add::<cylinder::CylinderFit>();
+    registry.add::<body::BodyFitter>();
     registry.add::<pictures::Pictures>();
 }

@@ -85,6 +85,29 @@ impl Equations {
             }
         }
     }
+
+    /// Adds a residual of one number that depends on few of many parameters: `jacobian` names each of them once, with the derivative. It counts `worth` times, whatever the loss makes of it: less than
+    /// once where several residuals have one error in common.
+    pub fn add_sparse(&mut self, residual: f64, worth: f64, jacobian: &[(usize, f64)]) {
+        let (cost, weight) = self.loss.at(residual * residual);
+        self.add_with((worth * cost, worth * weight), residual, jacobian);
+    }
+
+    /// Adds a residual of what is known beforehand and cannot be wrong: it costs its square whatever the loss is.
+    pub fn add_known(&mut self, residual: f64, jacobian: &[(usize, f64)]) {
+        self.add_with(Loss::Squared.at(residual * residual), residual, jacobian);
+    }
+
+    fn add_with(&mut self, (cost, weight): (f64, f64), residual: f64, jacobian: &[(usize, f64)]) {
+        self.cost += 0.5 * cost;
+        self.residuals += 1;
+        for &(row, by_row) in jacobian {
+            self.gradient[row] += weight * by_row * residual;
+            for &(column, by_column) in jacobian {
+                self.information[(row, column)] += weight * by_row * by_column;
+            }
+        }
+    }
 }
 
 /// How to go about it.

@@ -24,7 +24,7 @@ const JOINTS: [(&str, Part, Option<usize>); 10] = [
 ];
 
 /// The motion of a body, one unit being `1/per_m` metres, and in how many frames any joint holds a turn. `None`: not a single frame.
-pub(super) fn motion(course: &Course, per_m: f64) -> Option<(SkeletonMotion, usize)> {
+pub(crate) fn motion(course: &Course, per_m: f64) -> Option<(SkeletonMotion, usize)> {
     let step_s = frame_s(std::slice::from_ref(course));
     let (first, last) = (course.frames.first()?.0, course.frames.last()?.0);
     let n_frames = ((last - first).as_s() / step_s).round() as usize + 1;

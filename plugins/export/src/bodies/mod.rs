@@ -2,7 +2,7 @@
 //!
 //! Joint centres as C3D, TRC and NPZ come from the other exports: a tracker of bodies gives its joints out as targets, too.
 
-mod bvh;
+pub(crate) mod bvh;
 mod node;
 mod skin;
 #[cfg(test)]
@@ -14,10 +14,10 @@ use foveate::prelude::*;
 
 /// One body through the session.
 #[derive(Debug, Clone, Default)]
-struct Course {
-    id: u32,
+pub(crate) struct Course {
+    pub(crate) id: u32,
     /// Ascending by time.
-    frames: Vec<(Time, Skeleton)>,
+    pub(crate) frames: Vec<(Time, Skeleton)>,
 }
 
 /// The time between two frames: the median over all bodies, and at least a microsecond [s].

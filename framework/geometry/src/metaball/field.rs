@@ -1,0 +1,264 @@
+//! Balls on segments, the field that they make, and its derivatives.
+//!
+//! The field is (8) with w₀ = 1: F = Σ exp(−2 dᵢ), and the surface is where F = w_t = 0.5 (15). We work with D = −½ ln F, which is dᵢ itself where one ball is alone and blends as F
+//! does, and with its root u = √D: for a sphere of effective radius L, u = |x| / L, so that (u − u₀) / |∇u| is the distance from the surface exactly, and for other shapes to first order (G. Taubin,
+//! "Estimation of planar curves, surfaces, and nonplanar space curves defined by implicit equations", TPAMI 13(11), 1991). F itself is flat far away, which slows the fit; u is not.
+//!
+//! The field of a point is summed over the balls of one segment and of those that are joined to it, as the paper segments a body into limbs; the whole body's over all.
+
+use nalgebra::{Point3, UnitQuaternion, Vector3};
+
+use super::skeleton::{Columns, Posed, Skeleton, State};
+
+/// Value of the field on the surface, w_t (15).
+pub const THRESHOLD: f64 = 0.5;
+/// √(−½ ln w_t): effective radii times this are the visible ones of a ball by itself, r_t of Figure 12.
+pub const VISIBLE: f64 = 0.588_705_011_257_737_3;
+/// Below this D the root goes on as a straight line: inside a body, where many balls overlap, D falls below 0.
+const ROOT_FROM: f64 = 0.02;
+
+/// An ellipsoidal metaball, fixed to a segment: only its radii ([`State::radii`]) change.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ball {
+    /// The segment that carries it.
+    pub segment: usize,
+    /// Its centre in the segment's space, where that has the template's length [m].
+    pub centre: Vector3<f64>,
+    /// Its principal axes in the segment's space.
+    pub segment_from_ball: UnitQuaternion<f64>,
+}
+
+/// A skeleton with balls.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Body {
+    /// What moves.
+    pub skeleton: Skeleton,
+    /// What fills it.
+    pub balls: Vec<Ball>,
+    /// By segment: the balls that make its field, its own and those of segments joined to it.
+    near: Vec<Vec<usize>>,
+}
+
+/// The field about one point, as D.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FieldAt {
+    /// −½ ln F [–].
+    pub d: f64,
+    /// Of D by the point, in the world [1/m].
+    pub gradient: Vector3<f64>,
+}
+
+impl FieldAt {
+    /// √D, and its derivative by D [–].
+    pub fn root(&self) -> (f64, f64) {
+        if self.d >= ROOT_FROM {
+            let root = self.d.sqrt();
+            return (root, 0.5 / root);
+        }
+        let root = ROOT_FROM.sqrt();
+        (root + 0.5 * (self.d - ROOT_FROM) / root, 0.5 / root)
+    }
+
+    /// Distance from the surface to first order, positive outside [m]; at a place without a gradient, such as the middle of a ball, what 1 / `most_per_m` allows.
+    pub fn distance(&self, most_m: f64) -> f64 {
+        let (root, by_d) = self.root();
+        (root - VISIBLE) / (by_d * self.gradient.norm()).max(1.0 / most_m)
+    }
+}
+
+/// One ball about one point.
+struct Term {
+    squared_distance: f64,
+    /// By the point in the segment's space [1/m].
+    gradient: Vector3<f64>,
+    /// By the logarithm of each radius [–].
+    by_radii: Vector3<f64>,
+    /// By the logarithm of the segment's scale, the ball's centre moving along [–].
+    by_scale: f64,
+}
+
+impl Ball {
+    /// d of (7) and its derivatives, at a point in the segment's space.
+    fn at(&self, point: &Point3<f64>, scale: f64, radii: &Vector3<f64>) -> Term {
+        let centre = self.centre * scale;
+        let along = self.segment_from_ball.inverse() * (point.coords - centre);
+        let in_radii = along.component_div(radii);
+        let gradient = self.segment_from_ball * (2.0 * in_radii.component_div(radii));
+        Term {
+            squared_distance: in_radii.norm_squared(), // (7)
+            gradient,
+            by_radii: -2.0 * in_radii.component_mul(&in_radii),
+            by_scale: -gradient.dot(&centre),
+        }
+    }
+}
+
+impl Body {
+    /// A body of balls on a skeleton.
+    ///
+    /// # Panics
+    /// When a ball names a segment that does not exist.
+    pub fn new(skeleton: Skeleton, balls: Vec<Ball>) -> Body {
+        let n = skeleton.segments().len();
+        assert!(balls.iter().all(|it| it.segment < n), "a ball on a segment that does not exist");
+        let joined = |a: usize, b: usize| {
+            let parent = |it: usize| skeleton.segments()[it].parent;
+            a == b || parent(a) == Some(b) || parent(b) == Some(a)
+        };
+        let near = (0..n).map(|a| (0..balls.len()).filter(|b| joined(a, balls[*b].segment)).collect()).collect();
+        Body { skeleton, balls, near }
+    }
+
+    /// The thickest ball's least radius: inside a body, where balls overlap, the field is taken to be no flatter than it is at the surface of that one [m].
+    pub(super) fn thickness_m(&self, state: &State) -> f64 {
+        state.radii.iter().map(|it| it.min()).fold(0.0, f64::max).max(1e-6)
+    }
+
+    /// The balls that make a segment's field, by number.
+    pub(super) fn near(&self, segment: usize) -> &[usize] {
+        &self.near[segment]
+    }
+
+    /// The field that one segment and its neighbours make at a point of the world; `None` where no ball is near it.
+    pub fn field_of(&self, posed: &Posed, state: &State, segment: usize, point: &Point3<f64>) -> Option<FieldAt> {
+        self.blend(posed, state, &self.near[segment], point)
+    }
+
+    /// The field of all balls at a point of the world; `None` for a body without balls.
+    pub fn field(&self, posed: &Posed, state: &State, point: &Point3<f64>) -> Option<FieldAt> {
+        let all: Vec<usize> = (0..self.balls.len()).collect();
+        self.blend(posed, state, &all, point)
+    }
+
+    /// The segment whose bone a point is nearest to, bones being as thick as the balls on them, among those that carry balls: for a rough posture, where the field is far away.
+    pub fn nearest_bone(&self, posed: &Posed, state: &State, point: &Point3<f64>) -> Option<usize> {
+        let away = |segment: usize| {
+            let local = posed.world_from_segment[segment].inverse_transform_point(point).coords;
+            let bone = &self.skeleton.segments()[segment];
+            let length = bone.length * state.scales[bone.scale];
+            let own = self.balls.iter().zip(&state.radii).filter(|it| it.0.segment == segment);
+            let (n, sum) = own.fold((0, 0.0), |(n, sum), it| (n + 1, sum + 0.5 * VISIBLE * (it.1.x + it.1.y)));
+            let beside = local - Vector3::z() * local.z.clamp(0.0, length);
+            (n > 0).then(|| (beside.norm() - sum / f64::from(n), segment))
+        };
+        let nearest = (0..self.near.len()).filter_map(away).min_by(|a, b| a.0.total_cmp(&b.0));
+        nearest.map(|it| it.1)
+    }
+
+    /// The segment in whose field a point lies deepest, among those that carry balls.
+    pub fn nearest_segment(&self, posed: &Posed, state: &State, point: &Point3<f64>) -> Option<usize> {
+        let least = |segment: usize| {
+            let d = |(number, ball): (usize, &Ball)| self.term(posed, state, ball, number, point).squared_distance;
+            let own = self.balls.iter().enumerate().filter(|(_, it)| it.segment == segment).map(d);
+            own.min_by(f64::total_cmp).map(|it| (it, segment))
+        };
+        let nearest = (0..self.near.len()).filter_map(least).min_by(|a, b| a.0.total_cmp(&b.0));
+        nearest.map(|it| it.1)
+    }
+
+    fn term(&self, posed: &Posed, state: &State, ball: &Ball, number: usize, point: &Point3<f64>) -> Term {
+        let local = posed.world_from_segment[ball.segment].inverse_transform_point(point);
+        let scale = state.scales[self.skeleton.segments()[ball.segment].scale];
+        ball.at(&local, scale, &state.radii[number])
+    }
+
+    pub(super) fn blend(&self, posed: &Posed, state: &State, balls: &[usize], point: &Point3<f64>) -> Option<FieldAt> {
+        let mut sum = Blend::default();
+        for &number in balls {
+            let ball = &self.balls[number];
+            let term = self.term(posed, state, ball, number, point);
+            let gradient = posed.world_from_segment[ball.segment].rotation * term.gradient;
+            sum.add(term.squared_distance, &gradient);
+        }
+        sum.finish().map(|(d, gradient, weight)| FieldAt { d, gradient: gradient / weight })
+    }
+
+    /// D of the field of `segment` at a point that rests in the world, and its derivatives by all parameters that it depends on, as (number of the parameter, derivative). `row` is
+    /// emptied first; it may name a parameter more than once.
+    pub(super) fn linearised(
+        &self,
+        posed: &Posed,
+        state: &State,
+        segment: usize,
+        point: &Point3<f64>,
+        row: &mut Vec<(usize, f64)>,
+    ) -> Option<f64> {
+        row.clear();
+        let columns = Columns::of(state);
+        let mut least = f64::INFINITY;
+        let balls = &self.near[segment];
+        for &number in balls {
+            least = least.min(self.term(posed, state, &self.balls[number], number, point).squared_distance);
+        }
+        if !least.is_finite() {
+            return None;
+        }
+        // wᵢ = exp(−2 dᵢ) / F, computed from the nearest ball on so that nothing underflows. Balls of a segment move together: their gradients are summed before the chain is walked.
+        let mut sum = 0.0;
+        let mut run: Option<(usize, Vector3<f64>)> = None;
+        let walk = |(segment, gradient): (usize, Vector3<f64>), row: &mut Vec<(usize, f64)>| {
+            self.skeleton
+                .derivatives(posed, &columns, segment, point, |column, by| row.push((column, gradient.dot(&by))));
+        };
+        for &number in balls {
+            let ball = &self.balls[number];
+            let term = self.term(posed, state, ball, number, point);
+            let weight = (-2.0 * (term.squared_distance - least)).exp();
+            sum += weight;
+            // Far balls of the same limb are felt, if little (§3.4.4); below this a number of the row would not change.
+            if weight < 1e-14 {
+                continue;
+            }
+            let gradient = weight * term.gradient;
+            match &mut run {
+                Some((segment, total)) if *segment == ball.segment => *total += gradient,
+                _ => {
+                    if let Some(done) = run.replace((ball.segment, gradient)) {
+                        walk(done, row);
+                    }
+                }
+            }
+            row.push((columns.scale(self.skeleton.segments()[ball.segment].scale), weight * term.by_scale));
+            for axis in 0..3 {
+                row.push((columns.radius(number, axis), weight * term.by_radii[axis]));
+            }
+        }
+        if let Some(done) = run {
+            walk(done, row);
+        }
+        row.iter_mut().for_each(|it| it.1 /= sum);
+        Some(least - 0.5 * sum.ln())
+    }
+}
+
+/// Σ exp(−2 dᵢ) and a sum weighted with it, without underflow.
+struct Blend {
+    least: f64,
+    weight: f64,
+    total: Vector3<f64>,
+}
+
+impl Default for Blend {
+    fn default() -> Self {
+        Self { least: f64::INFINITY, weight: 0.0, total: Vector3::zeros() }
+    }
+}
+
+impl Blend {
+    fn add(&mut self, d: f64, gradient: &Vector3<f64>) {
+        if d < self.least {
+            let shrink = if self.least.is_finite() { (-2.0 * (self.least - d)).exp() } else { 0.0 };
+            self.weight *= shrink;
+            self.total *= shrink;
+            self.least = d;
+        }
+        let weight = (-2.0 * (d - self.least)).exp();
+        self.weight += weight;
+        self.total += weight * gradient;
+    }
+
+    /// D, the weighted sum and the weights' sum.
+    fn finish(self) -> Option<(f64, Vector3<f64>, f64)> {
+        self.least.is_finite().then(|| (self.least - 0.5 * self.weight.ln(), self.total, self.weight))
+    }
+}

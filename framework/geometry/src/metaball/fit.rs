@@ -1,0 +1,545 @@
+//! Angles, lengths and radii of a body from observations of several kinds, by least squares (9)–(15).
+//!
+//! Observations of a kind have standard deviations in metres, which makes kinds commensurate (12). Two forms of the equation of a point on the surface:
+//!
+//! | [`ResidualKind`] | residual | |
+//! |---|---|---|
+//! | `Field` | F − w_t, over what F changes in one σ at the surface | the paper's (15) |
+//! | `Distance` | (√D − √D₀) / |∇√D| over σ | distance to first order (module [`super::field`]); grows far away, so that rough starts come in: stages 2 and 3 use it always |
+//!
+//! The search has four stages, each from the end of the one before; from a near start ([`BodyFitOptions::rough`]) only the last:
+//!
+//! 1. joints that were clicked and points that are known on a segment say roughly how the body stands (§3.3);
+//! 2. the posture from all points with the shape held, each point being one of the nearest bone;
+//! 3. lengths, and how thick each limb is, along with it;
+//! 4. all: angles, lengths and radii together, or in turn as the paper prefers (§4.2), each point being one of the limb in whose field it lies deepest.
+//!
+//! Stages go in rounds. A round decides which segment each point belongs to, where each silhouette ray comes closest to the surface, |∇√D|, and how far residuals spread; then Levenberg and
+//! Marquardt search with those held. Residuals that spread wider than their standard deviations are divided by the spread: from a rough start all points are far off, and none is wrong.
+//!
+//! No body is made of metaballs. What the model cannot show is an error that neighbouring points have in common ([`BodyFitOptions::model_sigma_m`]): within a cell of
+//! [`BodyFitOptions::independent_m`] points count together as one, so that neither the density of a cloud decides nor covariances promise too much.
+
+mod judge;
+mod round;
+
+use foveate_estimation::least_squares::{Loss, Options, SolveError, Unobservable, solve};
+use nalgebra::{DMatrix, Point3, Unit, UnitQuaternion, Vector3};
+
+pub use self::judge::Doubt;
+use self::round::{Belongs, Round};
+use super::field::Body;
+use super::skeleton::{Columns, State};
+use crate::Pose;
+
+/// A stage that moves the surface by less from round to round is near enough for the next one [m].
+const COARSELY_SETTLED_M: f64 = 1e-3;
+/// Rounds of a stage before the last one at most: what has not settled by then will not.
+const COARSE_ROUNDS: u32 = 8;
+/// Fewer observations say nothing.
+const LEAST_OBSERVATIONS: usize = 3;
+
+/// What was seen of a body.
+#[derive(Debug, Clone, PartialEq)]
+pub enum BodyObservation {
+    /// A point of the surface.
+    Point {
+        /// Where, in the world [m].
+        at: Point3<f64>,
+        /// Standard deviation across the surface [m].
+        sigma_m: f64,
+        /// The segment that it is known to belong to; `None`: found out.
+        segment: Option<usize>,
+    },
+    /// A point that is fixed to a segment: a tracked point of the skin, a mark, a joint (`place` 0) that was clicked or comes from another body.
+    Anchored {
+        /// Which segment.
+        segment: usize,
+        /// Where in the segment's space, where that has the template's length [m].
+        place: Vector3<f64>,
+        /// Where it was seen in the world [m].
+        at: Point3<f64>,
+        /// Standard deviation of each axis [m].
+        sigma_m: f64,
+    },
+    /// A line of sight that touches the surface: a pixel of a silhouette's border.
+    Ray {
+        /// The camera's centre [m].
+        origin: Point3<f64>,
+        /// Into the scene.
+        direction: Unit<Vector3<f64>>,
+        /// Standard deviation across the ray, at the body [m].
+        sigma_m: f64,
+    },
+}
+
+/// What form the equation of a point has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ResidualKind {
+    /// The value of the field, the paper's (15).
+    #[default]
+    Field,
+    /// Distance from the surface, to first order.
+    Distance,
+}
+
+/// How the root may move.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum FreedomOfRoot {
+    /// It turns and shifts.
+    #[default]
+    Free,
+    /// It shifts: for an arm by itself, whose shoulder's angles turn it.
+    Shifts,
+    /// It stays.
+    Held,
+}
+
+/// What is sought.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Free {
+    /// Where the body is.
+    pub root: FreedomOfRoot,
+    /// How it is bent.
+    pub angles: bool,
+    /// How long its segments are.
+    pub scales: bool,
+    /// How thick they are.
+    pub radii: bool,
+}
+
+impl Free {
+    /// Posture and shape.
+    pub const ALL: Free = Free { root: FreedomOfRoot::Free, angles: true, scales: true, radii: true };
+    /// Posture alone: a body whose shape is known.
+    pub const POSTURE: Free = Free { root: FreedomOfRoot::Free, angles: true, scales: false, radii: false };
+}
+
+/// Where the root is known to be beforehand.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RootPrior {
+    /// There.
+    pub world_from_root: Pose,
+    /// Standard deviation of its turn about each axis [rad].
+    pub turn_sigma: f64,
+    /// Standard deviation of its place along each axis [m].
+    pub shift_sigma: f64,
+}
+
+/// What is known beforehand. Empty lists: nothing.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Priors {
+    /// Where the body is.
+    pub root: Option<RootPrior>,
+    /// By angle: its mean and standard deviation [rad]; infinite: nothing is known of it.
+    pub angles: Vec<(f64, f64)>,
+    /// By scale: its mean [–] and the standard deviation of its logarithm [–].
+    pub scales: Vec<(f64, f64)>,
+    /// What is known of the balls' radii.
+    pub radii: Option<RadiiPrior>,
+}
+
+/// What is known of radii: how thick a limb is varies more from person to person than how round it is, and how its thickness varies along it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RadiiPrior {
+    /// By ball [m].
+    pub means: Vec<Vector3<f64>>,
+    /// Standard deviation of the logarithm of a ball's thickness, the geometric mean of its radii along x and y [–].
+    pub thickness: f64,
+    /// Standard deviation of the logarithm of the ratio of the thicknesses of neighbouring balls of a segment [–].
+    pub evenness: f64,
+    /// Standard deviation of the logarithm of the ratio of a ball's radii along x and y [–].
+    pub roundness: f64,
+    /// Standard deviation of the logarithm of its radius along the bone [–].
+    pub reach: f64,
+}
+
+/// How a fit is done.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BodyFitOptions {
+    /// What is sought.
+    pub free: Free,
+    /// The equation of points.
+    pub residual: ResidualKind,
+    /// Shape and posture in turn, as the paper does it.
+    pub in_turn: bool,
+    /// The start may be far off: stages 1 to 3 go first.
+    pub rough: bool,
+    /// What residuals cost: wrong points should hardly pull.
+    pub loss: Loss,
+    /// Rounds at most [–].
+    pub max_rounds: u32,
+    /// Steps of the search at most, in each round [–].
+    pub max_iterations: u32,
+    /// Done when a round moves no point of the surface by more, root mean square [m].
+    pub settled_m: f64,
+    /// How firmly the limits of joints hold: standard deviation of what an angle may be beyond them [rad].
+    pub limit_sigma: f64,
+    /// Standard deviation of the surface of a person from the best body of metaballs, added to that of points and rays [m].
+    pub model_sigma_m: f64,
+    /// Points that lie closer together have that error in common [m].
+    pub independent_m: f64,
+    /// Points farther from the surface than so many σ belong to no segment, when the fit is judged [σ].
+    pub outlier_sigmas: f64,
+}
+
+impl Default for BodyFitOptions {
+    fn default() -> Self {
+        Self {
+            free: Free::ALL,
+            residual: ResidualKind::Field,
+            in_turn: false,
+            rough: true,
+            loss: Loss::CAUCHY,
+            max_rounds: 30,
+            max_iterations: 6,
+            settled_m: 1e-4,
+            limit_sigma: 1_f64.to_radians(),
+            model_sigma_m: 0.003,
+            independent_m: 0.03,
+            outlier_sigmas: 5.0,
+        }
+    }
+}
+
+/// A fitted body.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BodyFit {
+    /// Posture and shape.
+    pub state: State,
+    /// Of a step in the order of [`Columns`], wrong points weighted down; or which parameters the observations leave open.
+    pub covariance: Result<DMatrix<f64>, Unobservable>,
+    /// By observation: distance from the surface, positive outside, or from the anchor; NaN where no segment is near [m].
+    pub distances_m: Vec<f64>,
+    /// By observation: the segment that it belongs to.
+    pub segments: Vec<Option<usize>>,
+    /// Root mean square of the distances that are not outliers [m].
+    pub rms_m: f64,
+    /// Observations farther off than [`BodyFitOptions::outlier_sigmas`].
+    pub outliers: usize,
+    /// Observations before the joint of a segment that is cut there: of what the model does not have.
+    pub beyond: usize,
+    /// By segment: how many observations it has that are independent of each other, outliers left out [–].
+    pub support: Vec<f64>,
+    /// Why not to believe it.
+    pub doubts: Vec<Doubt>,
+    /// Rounds that were made.
+    pub rounds: u32,
+    /// Steps that were tried, over all rounds.
+    pub iterations: u32,
+    /// Whether the last round moved next to nothing.
+    pub settled: bool,
+}
+
+/// Why there is no fit.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum BodyFitError {
+    /// Not enough to go by.
+    #[error("{found} observations of a body, expected {expected} at least")]
+    TooFew {
+        /// How many there are.
+        found: usize,
+        /// How many it takes.
+        expected: usize,
+    },
+    /// One that cannot be used.
+    #[error(
+        "observation {index} is of {what}, expected finite numbers, a standard deviation above 0 and a segment of the body"
+    )]
+    Unfit {
+        /// Which, counted from 0.
+        index: usize,
+        /// What is wrong.
+        what: String,
+    },
+    /// Lists of another body.
+    #[error("{what}: {found}, expected {expected} as the body has")]
+    OtherBody {
+        /// Which list.
+        what: &'static str,
+        /// Its length.
+        found: usize,
+        /// What it should be.
+        expected: usize,
+    },
+    /// The search itself.
+    #[error(transparent)]
+    Solve(#[from] SolveError),
+}
+
+/// What a stage seeks.
+struct Stage {
+    free: Free,
+    /// Each segment's balls are thicker or thinner by one factor.
+    limbs_only: bool,
+    belongs: Belongs,
+    loss: Loss,
+    settled_m: f64,
+    rounds: u32,
+}
+
+/// Where the search is.
+struct Search<'a> {
+    body: &'a Body,
+    observations: &'a [BodyObservation],
+    /// What each counts, 1 for one that no other one is near to.
+    worth: Vec<f64>,
+    priors: &'a Priors,
+    options: &'a BodyFitOptions,
+    state: State,
+    covariance: Option<Result<DMatrix<f64>, Unobservable>>,
+    rounds: u32,
+    iterations: u32,
+}
+
+/// Fits `body` to observations, from `start`.
+///
+/// # Errors
+/// See [`BodyFitError`]. A body that was found and is not to be believed is no error: see [`BodyFit::doubts`].
+pub fn fit_body(
+    body: &Body,
+    observations: &[BodyObservation],
+    start: &State,
+    priors: &Priors,
+    options: &BodyFitOptions,
+) -> Result<BodyFit, BodyFitError> {
+    check(body, observations, start, priors)?;
+    let worth = round::worth(observations, options.independent_m, options.model_sigma_m);
+    let (state, covariance) = (start.clone(), None);
+    let mut search = Search { body, observations, worth, priors, options, state, covariance, rounds: 0, iterations: 0 };
+    let free = options.free;
+    let posture = Free { scales: false, radii: false, ..free };
+    let coarse = Stage {
+        free: posture,
+        limbs_only: false,
+        belongs: Belongs::Bone,
+        loss: Loss::HUBER,
+        settled_m: COARSELY_SETTLED_M,
+        rounds: COARSE_ROUNDS,
+    };
+    if options.rough && (free.angles || free.root != FreedomOfRoot::Held) {
+        search.anchors_alone(&coarse)?;
+        search.go(&coarse)?;
+        search.twists(&coarse)?;
+    }
+    if options.rough && (free.scales || free.radii) {
+        search.go(&Stage { free, limbs_only: true, ..coarse })?;
+    }
+    let last = Stage {
+        free,
+        limbs_only: false,
+        belongs: Belongs::Field,
+        loss: options.loss,
+        settled_m: options.settled_m,
+        rounds: options.max_rounds,
+    };
+    let settled = search.go(&last)?;
+    let covariance = search.covariance.take();
+    let covariance = covariance.ok_or(SolveError::NothingFree { dimension: Columns::of(start).len() })?;
+    Ok(search.judged(covariance, settled))
+}
+
+impl Search<'_> {
+    /// The first stage: clicked joints and the like, with the shape held. A posture that is far off leads to wrong minima: the root is tried in all 24 turns that take axes to axes, and each joint with
+    /// several angles in several postures of its own, the best being kept.
+    fn anchors_alone(&mut self, coarse: &Stage) -> Result<(), BodyFitError> {
+        let is_anchor = |it: &&BodyObservation| matches!(it, BodyObservation::Anchored { .. });
+        let anchors: Vec<BodyObservation> = self.observations.iter().filter(is_anchor).cloned().collect();
+        if anchors.len() < LEAST_OBSERVATIONS {
+            return Ok(());
+        }
+        let Search { body, priors, options, .. } = *self;
+        let (worth, skeleton) = (vec![1.0; anchors.len()], &body.skeleton);
+        let held = held(&Columns::of(&self.state), &coarse.free);
+        let tried = |state: &State| {
+            let problem = Round::new(body, &anchors, &worth, state, priors, options, coarse.belongs);
+            let search = Options { loss: Loss::HUBER, held: held.clone(), max_iterations: 20, relative_gain: 1e-3 };
+            let found = solve(&problem, state.clone(), &search)?;
+            let cost = found.costs.last().copied().unwrap_or(f64::INFINITY);
+            Ok::<_, SolveError>((cost, found.parameters, found.iterations))
+        };
+        let mut best = tried(&self.state)?;
+        let mut iterations = best.2;
+        let mut keep = |best: &mut (f64, State, u32), state: &State| {
+            let found = tried(state)?;
+            iterations += found.2;
+            // Strictly better by more than rounding: the first of equals stays.
+            if found.0 < 0.999 * best.0 {
+                *best = found;
+            }
+            Ok::<_, SolveError>(())
+        };
+        if coarse.free.root == FreedomOfRoot::Free {
+            for turn in turns_of_axes() {
+                let mut state = self.state.clone();
+                state.world_from_root.rotation *= turn;
+                for (angle, dof) in state.angles.iter_mut().zip(skeleton.dofs()) {
+                    *angle = 0.5 * (*angle + 0.5 * (dof.lowest + dof.highest));
+                }
+                keep(&mut best, &state)?;
+            }
+        }
+        if coarse.free.angles {
+            for segment in 0..skeleton.segments().len() {
+                let angles = skeleton.angles_of(segment);
+                let dofs = &skeleton.segments()[segment].dofs;
+                let from = best.1.clone();
+                for number in 1..if angles.len() > 1 { 3_usize.pow(dofs.len() as u32) } else { 0 } {
+                    let mut state = from.clone();
+                    for (place, dof) in dofs.iter().enumerate() {
+                        let part = [0.5, 0.2, 0.8][number / 3_usize.pow(place as u32) % 3];
+                        state.angles[angles.start + place] = dof.lowest + part * (dof.highest - dof.lowest);
+                    }
+                    keep(&mut best, &state)?;
+                }
+            }
+        }
+        self.iterations += iterations;
+        self.state = best.1;
+        Ok(())
+    }
+
+    /// A forearm is round and a hand is flat: a turn about a bone that is off by a right angle is a minimum of its own. Each such angle is tried in the middle and towards both of its limits.
+    fn twists(&mut self, stage: &Stage) -> Result<(), BodyFitError> {
+        if !stage.free.angles {
+            return Ok(());
+        }
+        let skeleton = &self.body.skeleton;
+        let about_bone: Vec<(usize, [f64; 3])> = (skeleton.dofs().enumerate())
+            .filter(|(_, dof)| dof.axis.z.abs() > 0.9)
+            .map(|(angle, dof)| (angle, [0.5, 0.15, 0.85].map(|it| dof.lowest + it * (dof.highest - dof.lowest))))
+            .collect();
+        let held = held(&Columns::of(&self.state), &stage.free);
+        for (angle, values) in about_bone {
+            let from = self.state.clone();
+            let mut best: Option<(f64, State)> = None;
+            // The one that it has comes first, and stays unless another is better.
+            for value in [from.angles[angle]].into_iter().chain(values) {
+                let mut state = from.clone();
+                state.angles[angle] = value;
+                let problem = Round::new(
+                    self.body,
+                    self.observations,
+                    &self.worth,
+                    &from,
+                    self.priors,
+                    self.options,
+                    stage.belongs,
+                );
+                let search = Options { loss: stage.loss, held: held.clone(), max_iterations: 6, relative_gain: 1e-3 };
+                let found = solve(&problem, state, &search)?;
+                self.iterations += found.iterations;
+                let cost = found.costs.last().copied().unwrap_or(f64::INFINITY);
+                if best.as_ref().is_none_or(|it| cost < 0.999 * it.0) {
+                    best = Some((cost, found.parameters));
+                }
+            }
+            if let Some((_, state)) = best {
+                self.state = state;
+            }
+        }
+        Ok(())
+    }
+
+    /// One stage, to its end; whether it settled.
+    fn go(&mut self, stage: &Stage) -> Result<bool, BodyFitError> {
+        let columns = Columns::of(&self.state);
+        // From far away distances lead in; near the surface either form does.
+        let residual = if stage.belongs == Belongs::Bone { ResidualKind::Distance } else { self.options.residual };
+        let Free { root, angles, scales, radii } = stage.free;
+        let shape = Free { root: FreedomOfRoot::Held, angles: false, scales, radii };
+        let posture = Free { root, angles, scales: false, radii: false };
+        let turns: &[Free] = if self.options.in_turn { &[posture, shape] } else { &[stage.free] };
+        let options = BodyFitOptions { residual, ..self.options.clone() };
+        for _ in 0..stage.rounds {
+            let mut moved = 0.0_f64;
+            for free in turns {
+                let problem = Round::new(
+                    self.body,
+                    self.observations,
+                    &self.worth,
+                    &self.state,
+                    self.priors,
+                    &options,
+                    stage.belongs,
+                )
+                .with_limbs_only(stage.limbs_only);
+                let held = held(&columns, free);
+                if held.len() == columns.len() {
+                    continue;
+                }
+                let max_iterations = self.options.max_iterations;
+                let search = Options { loss: stage.loss, held, max_iterations, relative_gain: 1e-5 };
+                let solution = solve(&problem, self.state.clone(), &search)?;
+                moved = moved.max(self.body.moved_m(&self.state, &solution.parameters));
+                self.iterations += solution.iterations;
+                self.state = solution.parameters;
+                self.covariance = Some(solution.covariance);
+            }
+            self.rounds += 1;
+            if moved < stage.settled_m {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+}
+
+/// The turns of a cube.
+fn turns_of_axes() -> impl Iterator<Item = UnitQuaternion<f64>> {
+    let about = |axis: Unit<Vector3<f64>>, quarters: i32| {
+        UnitQuaternion::from_axis_angle(&axis, f64::from(quarters) * std::f64::consts::FRAC_PI_2)
+    };
+    let (x, y, z) = (Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis());
+    let faces = [about(x, 0), about(x, 1), about(x, 2), about(x, 3), about(y, 1), about(y, 3)];
+    faces.into_iter().flat_map(move |face| (0..4).map(move |it| face * about(z, it)))
+}
+
+/// The parameters that stay.
+fn held(columns: &Columns, free: &Free) -> Vec<usize> {
+    let spans = [
+        (0, 3, free.root == FreedomOfRoot::Free),
+        (3, 6, free.root != FreedomOfRoot::Held),
+        (6, columns.scale(0), free.angles),
+        (columns.scale(0), columns.radius(0, 0), free.scales),
+        (columns.radius(0, 0), columns.len(), free.radii),
+    ];
+    spans.iter().filter(|it| !it.2).flat_map(|&(from, to, _)| from..to).collect()
+}
+
+fn check(body: &Body, observations: &[BodyObservation], start: &State, priors: &Priors) -> Result<(), BodyFitError> {
+    let skeleton = &body.skeleton;
+    let lists = [
+        ("angles of the start", start.angles.len(), skeleton.n_angles(), false),
+        ("scales of the start", start.scales.len(), skeleton.n_scales(), false),
+        ("radii of the start", start.radii.len(), body.balls.len(), false),
+        ("angles known beforehand", priors.angles.len(), skeleton.n_angles(), true),
+        ("scales known beforehand", priors.scales.len(), skeleton.n_scales(), true),
+        ("radii known beforehand", priors.radii.as_ref().map_or(0, |it| it.means.len()), body.balls.len(), true),
+    ];
+    for (what, found, expected, may_be_empty) in lists {
+        if found != expected && !(may_be_empty && found == 0) {
+            return Err(BodyFitError::OtherBody { what, found, expected });
+        }
+    }
+    if observations.len() < LEAST_OBSERVATIONS {
+        return Err(BodyFitError::TooFew { found: observations.len(), expected: LEAST_OBSERVATIONS });
+    }
+    let n = skeleton.segments().len();
+    for (index, observation) in observations.iter().enumerate() {
+        let (place, sigma_m, segment) = match observation {
+            BodyObservation::Point { at, sigma_m, segment } => (at.coords.norm(), *sigma_m, *segment),
+            BodyObservation::Anchored { segment, place, at, sigma_m } => {
+                (at.coords.norm() + place.norm(), *sigma_m, Some(*segment))
+            }
+            BodyObservation::Ray { origin, direction, sigma_m } => {
+                (origin.coords.norm() + direction.norm(), *sigma_m, None)
+            }
+        };
+        if !place.is_finite() || !(sigma_m.is_finite() && sigma_m > 0.0) || segment.is_some_and(|it| it >= n) {
+            let what = format!("place {place:.3} m from the origin, sigma {sigma_m} m, segment {segment:?} of {n}");
+            return Err(BodyFitError::Unfit { index, what });
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,397 @@
+//! The motion of one skeleton on another: joint angles carry over, lengths stay those of the other, feet stay on the floor [D'Apuzzo 1999 §4.3].
+//!
+//! Skeletons differ in their rest postures: arms hang down in one, and stretch out in another. What carries over is therefore where bones point: each joint of the rig that is named in the map turns in
+//! the world as its counterpart does, after the turn that lays its bone, at rest, along the counterpart's. Joints that are not named stay as they rest against their parents.
+//!
+//! | here | meaning | unit |
+//! |---|---|---|
+//! | [`RigJoint::rest`], [`RigJoint::offset`] | the joint at rest in its parent's space; a BVH joint rests unturned | –, the rig's |
+//! | `laid` | source_from_rig of a joint: its bone at rest laid along the counterpart's | – |
+//! | `scale` | heights of the hips over the lowest joint at rest, the rig's over the source's | rig's per source's |
+
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+use super::{Axis, Channel, SkeletonMotion, euler_angles};
+
+/// A joint of a rig at rest.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RigJoint {
+    /// Its name.
+    pub name: String,
+    /// The joint that it hangs on, which stands before it; `None` for a root.
+    pub parent: Option<usize>,
+    /// From the parent's origin, along the parent's axes.
+    pub offset: Vector3<f64>,
+    /// How it is turned in its parent's space.
+    pub rest: UnitQuaternion<f64>,
+    /// Where a limb without a further joint ends, along the joint's axes.
+    pub end: Option<Vector3<f64>>,
+}
+
+/// The rig in one frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RigPose {
+    /// Of the first joint, in the rig's space, in place of its offset.
+    pub root: Vector3<f64>,
+    /// By joint: how it is turned in its parent's space.
+    pub turns: Vec<UnitQuaternion<f64>>,
+}
+
+/// Why a motion does not go onto a rig.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum RetargetError {
+    /// A name of the map that a skeleton does not have.
+    #[error("the {whose} has no joint `{name}`, expected one of {expected}")]
+    NoJoint {
+        /// Rig or motion.
+        whose: &'static str,
+        /// The name.
+        name: String,
+        /// Those that it has.
+        expected: String,
+    },
+    /// A skeleton that cannot stand: without height.
+    #[error("the {whose} has no height at rest between its first joint and its lowest one")]
+    Flat {
+        /// Rig or motion.
+        whose: &'static str,
+    },
+    /// Channels that cannot hold a turn.
+    #[error("joint `{name}` of the rig has {found} channels of rotation, expected 3 about different axes")]
+    Channels {
+        /// Of the joint.
+        name: String,
+        /// How many it has.
+        found: usize,
+    },
+    /// Nothing to carry over.
+    #[error("the motion has no frame, or the map no joint")]
+    Empty,
+}
+
+/// The joints of a BVH skeleton at rest.
+pub fn rig_of(skeleton: &SkeletonMotion) -> Vec<RigJoint> {
+    let joint = |it: &super::Joint| RigJoint {
+        name: it.name.clone(),
+        parent: it.parent,
+        offset: it.offset,
+        rest: UnitQuaternion::identity(),
+        end: it.end,
+    };
+    skeleton.joints.iter().map(joint).collect()
+}
+
+/// Where joints stand at rest, and with `pose` in a frame.
+pub fn stand(rig: &[RigJoint], pose: Option<&RigPose>) -> Vec<Isometry3<f64>> {
+    let mut stands: Vec<Isometry3<f64>> = Vec::with_capacity(rig.len());
+    for (number, joint) in rig.iter().enumerate() {
+        let turn = pose.map_or(joint.rest, |it| it.turns[number]);
+        let offset = pose.filter(|_| number == 0).map_or(joint.offset, |it| it.root);
+        let own = Isometry3::from_parts(Translation3::from(offset), turn);
+        stands.push(joint.parent.map_or(own, |it| stands[it] * own));
+    }
+    stands
+}
+
+/// The lowest place of joints and ends.
+fn lowest(rig: &[RigJoint], stands: &[Isometry3<f64>], up: Axis) -> f64 {
+    let end = |(joint, stand): (&RigJoint, &Isometry3<f64>)| {
+        let tip = joint.end.map_or(f64::INFINITY, |it| (stand * nalgebra::Point3::from(it))[up.index()]);
+        stand.translation.vector[up.index()].min(tip)
+    };
+    rig.iter().zip(stands).map(end).fold(f64::INFINITY, f64::min)
+}
+
+fn find(joints: &[RigJoint], whose: &'static str, name: &str) -> Result<usize, RetargetError> {
+    let plain = |it: &RigJoint| it.name.rsplit(':').next() == Some(name) || it.name == name;
+    joints.iter().position(plain).ok_or_else(|| RetargetError::NoJoint {
+        whose,
+        name: name.to_owned(),
+        expected: joints.iter().map(|it| it.name.as_str()).collect::<Vec<_>>().join(", "),
+    })
+}
+
+/// Directions of the bones that leave a joint at rest, each with the number of what it leads to; those of `to` only, or where it ends.
+fn bones(rig: &[RigJoint], stands: &[Isometry3<f64>], joint: usize, to: &[usize]) -> Vec<Vector3<f64>> {
+    let from = stands[joint].translation.vector;
+    let direction = |at: Vector3<f64>| (at - from).try_normalize(1e-9);
+    let mut found: Vec<Vector3<f64>> = to.iter().filter_map(|it| direction(stands[*it].translation.vector)).collect();
+    if to.is_empty()
+        && let Some(end) = rig[joint].end
+    {
+        found.extend(direction((stands[joint] * nalgebra::Point3::from(end)).coords));
+    }
+    found
+}
+
+/// The turn that lays `from` along `to`, nearest to `near` where they leave it open.
+fn laid_along(from: &[Vector3<f64>], to: &[Vector3<f64>], near: UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+    match (from, to) {
+        ([one], [other]) => {
+            let turned = near * one;
+            UnitQuaternion::rotation_between(&turned, other).map_or(near, |it| it * near)
+        }
+        ([_, _, ..], _) if from.len() == to.len() => {
+            // W. Kabsch, "A solution for the best rotation to relate two sets of vectors", 1976; bones that lie in a plane, as hips and spine do, fix it too.
+            let mut sum = Matrix3::zeros();
+            from.iter().zip(to).for_each(|(from, to)| sum += to * from.transpose());
+            let svd = sum.svd(true, true);
+            let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else { return near };
+            if svd.singular_values[1] < 1e-3 {
+                return near;
+            }
+            let sign = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * v_t).determinant().signum()));
+            UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(u * sign * v_t))
+        }
+        _ => near,
+    }
+}
+
+/// The frames of `motion` on `rig`. `map` names joints of the rig with those of the motion that they follow; `up` is the axis that points up in both.
+///
+/// # Errors
+/// See [`RetargetError`].
+pub fn retarget(
+    motion: &SkeletonMotion,
+    rig: &[RigJoint],
+    map: &[(String, String)],
+    up: Axis,
+) -> Result<Vec<RigPose>, RetargetError> {
+    let source = rig_of(motion);
+    if map.is_empty() || motion.n_frames() == 0 || rig.is_empty() {
+        return Err(RetargetError::Empty);
+    }
+    let mut follows: Vec<Option<usize>> = vec![None; rig.len()];
+    for (of_rig, of_motion) in map {
+        follows[find(rig, "rig", of_rig)?] = Some(find(&source, "motion", of_motion)?);
+    }
+    let (rig_rest, source_rest) = (stand(rig, None), stand(&source, None));
+    let height = |joints: &[RigJoint], stands: &[Isometry3<f64>], whose| {
+        let height = stands[0].translation.vector[up.index()] - lowest(joints, stands, up);
+        if height > 1e-9 { Ok(height) } else { Err(RetargetError::Flat { whose }) }
+    };
+    let scale = height(rig, &rig_rest, "rig")? / height(&source, &source_rest, "motion")?;
+    // The nearest joints below one that are in the map.
+    let below = |joint: usize| -> Vec<usize> {
+        let is_next = |it: &usize| {
+            let mut above = std::iter::successors(rig[*it].parent, |it| rig[*it].parent);
+            above.find(|it| follows[*it].is_some()) == Some(joint)
+        };
+        (joint + 1..rig.len()).filter(|it| follows[*it].is_some()).filter(is_next).collect()
+    };
+    let mut laid: Vec<UnitQuaternion<f64>> = Vec::with_capacity(rig.len());
+    for joint in 0..rig.len() {
+        let near = rig[joint].parent.map_or_else(UnitQuaternion::identity, |it| laid[it]);
+        laid.push(match follows[joint] {
+            None => near,
+            Some(of_source) => {
+                let children = below(joint);
+                let theirs: Vec<usize> = children.iter().filter_map(|it| follows[*it]).collect();
+                let from = bones(rig, &rig_rest, joint, &children);
+                let to = bones(&source, &source_rest, of_source, &theirs);
+                laid_along(&from, &to, near)
+            }
+        });
+    }
+    let frames: Vec<Vec<Isometry3<f64>>> = (0..motion.n_frames()).filter_map(|it| motion.poses(it, 1.0)).collect();
+    let floor = frames.iter().map(|it| lowest(&source, it, up)).fold(f64::INFINITY, f64::min);
+    let mut poses = Vec::with_capacity(frames.len());
+    for stands in &frames {
+        let mut turns: Vec<UnitQuaternion<f64>> = Vec::with_capacity(rig.len());
+        let mut in_world: Vec<UnitQuaternion<f64>> = Vec::with_capacity(rig.len());
+        for (joint, it) in rig.iter().enumerate() {
+            let parent = it.parent.map_or_else(UnitQuaternion::identity, |it| in_world[it]);
+            let world = match follows[joint] {
+                Some(of_source) => stands[of_source].rotation * laid[joint] * rig_rest[joint].rotation,
+                None => parent * it.rest,
+            };
+            turns.push(parent.inverse() * world);
+            in_world.push(world);
+        }
+        let mut pose = RigPose { root: stands[0].translation.vector * scale, turns };
+        // What is lowest is as far above the floor as it was, for the rig's size.
+        let wanted = scale * (lowest(&source, stands, up) - floor);
+        pose.root[up.index()] += wanted - lowest(rig, &stand(rig, Some(&pose)), up);
+        poses.push(pose);
+    }
+    Ok(poses)
+}
+
+/// Poses of a BVH rig as its motion, with its own channels.
+///
+/// # Errors
+/// A joint whose channels cannot hold a turn.
+pub fn as_motion(rig: &SkeletonMotion, poses: &[RigPose], frame_s: f64) -> Result<SkeletonMotion, RetargetError> {
+    let mut values = Vec::with_capacity(poses.len() * rig.n_channels());
+    let mut before = vec![[0.0_f64; 3]; rig.joints.len()];
+    for pose in poses {
+        for (number, joint) in rig.joints.iter().enumerate() {
+            let axes: Vec<Axis> = (joint.channels.iter())
+                .filter_map(|it| match it {
+                    Channel::Rotation(axis) => Some(*axis),
+                    Channel::Position(_) => None,
+                })
+                .collect();
+            let found = axes.len();
+            let wrong = || RetargetError::Channels { name: joint.name.clone(), found };
+            let axes: [Axis; 3] = axes.try_into().map_err(|_| wrong())?;
+            if axes[0] == axes[1] || axes[1] == axes[2] || axes[0] == axes[2] {
+                return Err(wrong());
+            }
+            let angles = euler_angles(&pose.turns[number].to_rotation_matrix(), axes).map(f64::to_degrees);
+            let mut next = 0;
+            for channel in &joint.channels {
+                values.push(match channel {
+                    // Channels of place are added to the offset.
+                    Channel::Position(axis) if number == 0 => pose.root[axis.index()] - joint.offset[axis.index()],
+                    Channel::Position(_) => 0.0,
+                    Channel::Rotation(_) => {
+                        let angle = &mut before[number][next];
+                        *angle = angles[next] - 360.0 * ((angles[next] - *angle) / 360.0).round();
+                        next += 1;
+                        *angle
+                    }
+                });
+            }
+        }
+    }
+    Ok(SkeletonMotion { joints: rig.joints.clone(), frame_s, values })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Hips, spine to head, two arms that hang (or stretch out), two legs; `size` scales all, arms by `arms` more.
+    fn figure(size: f64, arms: f64, stretched: bool) -> SkeletonMotion {
+        let out = if stretched { Vector3::x() } else { -Vector3::y() };
+        let mut text: Vec<(&str, Option<usize>, Vector3<f64>, Option<Vector3<f64>>)> =
+            vec![("Hips", None, Vector3::new(0.0, 0.9, 0.0), None)];
+        text.push(("Head", Some(0), Vector3::new(0.0, 0.6, 0.0), Some(Vector3::new(0.0, 0.2, 0.0))));
+        for (side, names) in [
+            (1.0, ["LeftArm", "LeftForeArm", "LeftUpLeg", "LeftLeg"]),
+            (-1.0, ["RightArm", "RightForeArm", "RightUpLeg", "RightLeg"]),
+        ] {
+            let out = Vector3::new(side * out.x, out.y, out.z);
+            let first = text.len();
+            text.push((names[0], Some(0), Vector3::new(0.2 * side, 0.5, 0.0), None));
+            text.push((names[1], Some(first), out * 0.3 * arms, Some(out * 0.25 * arms)));
+            text.push((names[2], Some(0), Vector3::new(0.1 * side, -0.05, 0.0), None));
+            text.push((names[3], Some(first + 2), Vector3::new(0.0, -0.42, 0.0), Some(Vector3::new(0.0, -0.43, 0.0))));
+        }
+        let joint = |(name, parent, offset, end): &(&str, Option<usize>, Vector3<f64>, Option<Vector3<f64>>)| {
+            let mut channels = [Axis::Z, Axis::X, Axis::Y].map(Channel::Rotation).to_vec();
+            if parent.is_none() {
+                channels.splice(0..0, [Axis::X, Axis::Y, Axis::Z].map(Channel::Position));
+            }
+            super::super::Joint {
+                name: (*name).to_owned(),
+                parent: *parent,
+                offset: offset * size,
+                channels,
+                end: end.map(|it| it * size),
+            }
+        };
+        SkeletonMotion { joints: text.iter().map(joint).collect(), frame_s: 0.04, values: Vec::new() }
+    }
+
+    /// Arms hang in the source; it walks on, bends a knee, lifts an arm, jumps in the last frame.
+    fn moving() -> SkeletonMotion {
+        let mut motion = figure(1.0, 1.0, false);
+        for frame in 0..5 {
+            let part = f64::from(frame);
+            for (number, joint) in motion.joints.clone().iter().enumerate() {
+                if number == 0 {
+                    motion.values.extend([0.1 * part, if frame == 4 { 0.3 } else { 0.0 }, 0.2 * part]);
+                }
+                motion.values.extend(match joint.name.as_str() {
+                    "Hips" => [0.0, 3.0 * part, 10.0 * part],
+                    "LeftArm" => [20.0 * part, 0.0, 15.0],
+                    "LeftForeArm" => [0.0, -25.0 * part, 0.0],
+                    "RightUpLeg" => [0.0, -12.0 * part, 0.0],
+                    "RightLeg" => [0.0, 15.0 * part, 0.0],
+                    _ => [0.0; 3],
+                });
+            }
+        }
+        motion
+    }
+
+    fn by_name(rig: &SkeletonMotion) -> Vec<(String, String)> {
+        rig.joints.iter().map(|it| (it.name.clone(), it.name.clone())).collect()
+    }
+
+    fn directions(motion: &SkeletonMotion, frame: usize) -> Vec<(String, Vector3<f64>)> {
+        let poses = motion.poses(frame, 1.0).unwrap();
+        let direction = |number: usize| {
+            let joint = &motion.joints[number];
+            let child = motion.joints.iter().position(|it| it.parent == Some(number));
+            let tip = match joint.end {
+                Some(end) => (poses[number] * nalgebra::Point3::from(end)).coords,
+                None => poses[child.unwrap()].translation.vector,
+            };
+            (joint.name.clone(), (tip - poses[number].translation.vector).normalize())
+        };
+        (1..motion.joints.len()).map(direction).collect()
+    }
+
+    #[test]
+    fn bones_point_as_they_did_whatever_the_rest_posture_and_the_lengths() {
+        let motion = moving();
+        let rig = figure(60.0, 1.4, true);
+        let poses = retarget(&motion, &rig_of(&rig), &by_name(&rig), Axis::Y).unwrap();
+        let found = as_motion(&rig, &poses, motion.frame_s).unwrap();
+        assert_eq!((found.n_frames(), &found.joints), (5, &rig.joints));
+        for frame in 0..5 {
+            for ((name, was), (_, is)) in directions(&motion, frame).iter().zip(directions(&found, frame)) {
+                assert!(was.angle(&is) < 1e-6, "{name} in frame {frame}: {was:?} became {is:?}");
+            }
+        }
+        let again = SkeletonMotion::from_bvh(&found.to_bvh()).unwrap();
+        assert_eq!(again.n_frames(), 5);
+    }
+
+    #[test]
+    fn feet_stay_on_the_floor_and_leave_it_in_a_jump() {
+        let motion = moving();
+        // Legs twice as long, the rest as it was.
+        let mut rig = figure(1.0, 1.0, true);
+        for joint in rig.joints.iter_mut().filter(|it| it.name.ends_with("Leg")) {
+            joint.offset *= if joint.name.ends_with("UpLeg") { 1.0 } else { 2.0 };
+            joint.end = joint.end.map(|it| it * 2.0);
+        }
+        rig.joints[0].offset.y = 1.75;
+        let joints = rig_of(&rig);
+        let poses = retarget(&motion, &joints, &by_name(&rig), Axis::Y).unwrap();
+        let heights: Vec<f64> = poses.iter().map(|it| lowest(&joints, &stand(&joints, Some(it)), Axis::Y)).collect();
+        let of_source: Vec<f64> =
+            (0..5).map(|it| lowest(&rig_of(&motion), &motion.poses(it, 1.0).unwrap(), Axis::Y)).collect();
+        let floor = of_source.iter().copied().fold(f64::INFINITY, f64::min);
+        let scale = 1.75 / 0.9;
+        for (frame, (height, was)) in heights.iter().zip(&of_source).enumerate() {
+            assert!(
+                (height - scale * (was - floor)).abs() < 0.03 * scale,
+                "frame {frame}: {heights:?} from {of_source:?}"
+            );
+        }
+        assert!(heights[4] > 0.4 && heights[..4].iter().all(|it| *it < 0.1), "{heights:?}");
+        // It walks as much farther as its legs are longer.
+        let gone = poses[3].root.z - poses[0].root.z;
+        assert!((gone / 0.6 - scale).abs() < 0.1, "{gone} m");
+    }
+
+    #[test]
+    fn names_that_are_not_there_are_refused_with_those_that_are() {
+        let rig = figure(1.0, 1.0, true);
+        let map = vec![("Tail".to_owned(), "Hips".to_owned())];
+        let error = retarget(&moving(), &rig_of(&rig), &map, Axis::Y).unwrap_err().to_string();
+        assert!(error.contains("`Tail`") && error.contains("LeftForeArm"), "{error}");
+        assert_eq!(retarget(&moving(), &rig_of(&rig), &[], Axis::Y), Err(RetargetError::Empty));
+        let still = SkeletonMotion { values: Vec::new(), ..moving() };
+        assert_eq!(retarget(&still, &rig_of(&rig), &by_name(&rig), Axis::Y), Err(RetargetError::Empty));
+        let mut one = rig.clone();
+        one.joints[2].channels.pop();
+        let poses = retarget(&moving(), &rig_of(&rig), &by_name(&rig), Axis::Y).unwrap();
+        assert!(matches!(as_motion(&one, &poses, 0.04), Err(RetargetError::Channels { found: 2, .. })));
+    }
+}

@@ -1,0 +1,206 @@
+//! `export.retarget`: the motion of a body, or of a BVH recording, on another skeleton: a BVH rig or the skin of a GLB file [D'Apuzzo 1999 §4.3].
+//!
+//! ```toml
+//! [scale.room.node.puppet]
+//! type = "export.retarget"
+//! in = { skeletons = "body.skeletons" }          # or motion = "walk.bvh"
+//! rig = "puppet.glb"
+//! map = { hips = "Hips", upper_arm_r = "RightArm", fore_arm_r = "RightForeArm" }
+//! ```
+//!
+//! Names to the left are the rig's; those to the right are the motion's: of bodies those of `export.bodies` (`Hips`, `Head`, `LeftArm`, `LeftForeArm`, `LeftUpLeg`, `LeftLeg`, and the same on the right).
+//! Without a map joints of one name follow each other. A body without a torso, as an arm by itself is, gets one that stands still, upright, and looks along x of its scale.
+
+mod glb;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+
+use foveate::geometry::body::{Part, SHOULDER_UP, proportions::Proportions};
+use foveate::prelude::*;
+use foveate::scene::skeleton::retarget::{RetargetError, as_motion, retarget, rig_of};
+use foveate::scene::skeleton::{Axis, SkeletonMotion};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use self::glb::Rigged;
+use crate::bodies::{Course, bvh};
+use crate::csv::check_file_name;
+use crate::whole_file::WholeFile;
+
+ports! {
+    SKELETONS: In<Skeletons> = each("skeletons").optional();
+}
+
+figures! {
+    "retarget.frames": count, neither, "Frames of the motion that were written for the rig";
+    "retarget.joints": count, high, "Joints of the rig that follow one of the motion; the others stay as they rest";
+    "retarget.frames_held": count, low, "Frames in which a joint of the body was not there, and holds its last turn";
+}
+
+/// Settings of [`ExportRetarget`].
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ExportRetargetSettings {
+    /// The skeleton that is to move: a BVH file, whose own motion is not read, or a GLB file with a skin [–]
+    pub rig: String,
+    /// A BVH file whose motion it takes; empty: that of the first body at the port `skeletons` [–]
+    pub motion: String,
+    /// Joints of the rig, and for each the joint of the motion that it follows; empty: those of one name [–]
+    pub map: BTreeMap<String, String>,
+    /// Name of the file in the results folder, before its ending, which is that of the rig; empty: `retargeted` [–]
+    pub name: String,
+}
+
+/// The skeleton that moves.
+enum Rig {
+    Bvh(SkeletonMotion),
+    Glb(Box<Rigged>),
+}
+
+/// Gathers a body, and writes its motion for another skeleton.
+pub struct ExportRetarget {
+    settings: ExportRetargetSettings,
+    rig: Option<Rig>,
+    motion: Option<SkeletonMotion>,
+    file: WholeFile,
+    course: Course,
+}
+
+fn read(setup: &Setup, setting: &str, path: &str) -> Result<(std::path::PathBuf, Vec<u8>), ConfigError> {
+    let path = setup.path(setting, path)?;
+    let bytes = std::fs::read(&path);
+    let bytes = bytes.map_err(|it| ConfigError::at(setting, format!("{}: {it}, expected a file", path.display())))?;
+    Ok((path, bytes))
+}
+
+fn read_bvh(setup: &Setup, setting: &str, path: &str) -> Result<SkeletonMotion, ConfigError> {
+    let (path, bytes) = read(setup, setting, path)?;
+    SkeletonMotion::from_bvh(&String::from_utf8_lossy(&bytes))
+        .map_err(|it| ConfigError::at(setting, format!("{}: {it}", path.display())))
+}
+
+impl Node for ExportRetarget {
+    const TYPE: &'static str = "export.retarget";
+    const ROLE: Role = Role::Sink;
+    const SUMMARY: &'static str = "Writes the motion of a body for another skeleton, a BVH or a GLB rig";
+    const FIGURES: Figures = DECLARED_FIGURES;
+    type Settings = ExportRetargetSettings;
+
+    fn ports() -> Ports {
+        declared_ports()
+    }
+
+    fn new(mut settings: ExportRetargetSettings, setup: &Setup) -> Result<Self, ConfigError> {
+        if settings.name.is_empty() {
+            settings.name = "retargeted".to_owned();
+        }
+        let is_glb = settings.rig.to_ascii_lowercase().ends_with(".glb");
+        let name = format!("{}.{}", settings.name, if is_glb { "glb" } else { "bvh" });
+        check_file_name("name", &name)?;
+        setup.claim_file(Some("name"), &name)?;
+        let rig = match settings.rig.as_str() {
+            "" => None,
+            path if is_glb => {
+                let (path, bytes) = read(setup, "rig", path)?;
+                let rigged = Rigged::read(bytes);
+                let rigged = rigged.map_err(|it| ConfigError::at("rig", format!("{}: {it}", path.display())))?;
+                Some(Rig::Glb(Box::new(rigged)))
+            }
+            path => Some(Rig::Bvh(read_bvh(setup, "rig", path)?)),
+        };
+        let motion = match settings.motion.as_str() {
+            "" => None,
+            path => Some(read_bvh(setup, "motion", path)?),
+        };
+        Ok(Self { rig, motion, file: WholeFile::new(setup, &name), settings, course: Course::default() })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let Some(message) = io.take(&SKELETONS) else { return Ok(()) };
+        let wanted = self.course.frames.first().map(|it| it.1.id);
+        let body = message.value.list.iter().find(|it| wanted.is_none_or(|id| id == it.id));
+        if let Some(body) = body.filter(|_| self.motion.is_none())
+            && self.course.frames.last().is_none_or(|it| it.0 < message.value.time)
+        {
+            let mut body = body.clone();
+            add_torso(&mut body, self.course.frames.first().map(|it| &it.1));
+            self.course.frames.push((message.value.time, body));
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let Some(rig) = &self.rig else {
+            report.remark("No rig is named: nothing was written.");
+            return Ok(());
+        };
+        let (motion, n_held) = match self.motion.take() {
+            Some(motion) => (motion, 0),
+            None => match bvh::motion(&self.course, 1.0) {
+                Some(found) => found,
+                None => {
+                    report.remark("No body came: nothing was written.");
+                    return Ok(());
+                }
+            },
+        };
+        report.figure("retarget.frames_held", n_held as f64);
+        let joints = match rig {
+            Rig::Bvh(rig) => rig_of(rig),
+            Rig::Glb(rig) => rig.joints.clone(),
+        };
+        let map: Vec<(String, String)> = if self.settings.map.is_empty() {
+            let plain = |name: &str| name.rsplit(':').next().unwrap_or(name).to_owned();
+            let names = joints.iter().map(|it| plain(&it.name));
+            names.filter(|it| motion.joint(it).is_some()).map(|it| (it.clone(), it)).collect()
+        } else {
+            // What the body does not have, as an arm by itself has no legs, is left out, and said.
+            let is_there = |it: &(&String, &String)| motion.joint(it.1).is_some() || !self.settings.motion.is_empty();
+            let (there, missing): (Vec<_>, Vec<_>) = self.settings.map.iter().partition(is_there);
+            for (of_rig, of_motion) in missing {
+                report.remark(format!("`{of_rig}` rests: the body has no {of_motion}."));
+            }
+            there.into_iter().map(|it| (it.0.clone(), it.1.clone())).collect()
+        };
+        let wrong = |it: RetargetError| NodeError::input(it.to_string());
+        let poses = retarget(&motion, &joints, &map, Axis::Y).map_err(wrong)?;
+        report.figure("retarget.frames", poses.len() as f64);
+        report.figure("retarget.joints", map.len() as f64);
+        let bytes = match rig {
+            Rig::Bvh(rig) => as_motion(rig, &poses, motion.frame_s).map_err(wrong)?.to_bvh().into_bytes(),
+            Rig::Glb(rig) => rig.moved(&poses, motion.frame_s).map_err(NodeError::input)?,
+        };
+        self.file.write(&bytes, report)
+    }
+}
+
+/// Gives a body without a torso one that stands still, where its first shoulder was at `first`.
+fn add_torso(body: &mut Skeleton, first: Option<&Skeleton>) {
+    let number = Part::Torso.index() as u8;
+    if body.parts.iter().any(|it| it.part == number) {
+        return;
+    }
+    if let Some(torso) = first.and_then(|it| it.parts.iter().find(|it| it.part == number)) {
+        body.parts.insert(0, torso.clone());
+        return;
+    }
+    let sizes = Proportions::default().sizes()[Part::Torso.index()];
+    let shoulder = [("left-shoulder", 1.0), ("right-shoulder", -1.0)]
+        .into_iter()
+        .find_map(|(name, side)| Some((body.joint(name)?.position, side)));
+    let Some((shoulder, side)) = shoulder else { return };
+    let middle = shoulder.coords - Vector3::new(0.0, side * sizes.y, SHOULDER_UP * sizes.z);
+    body.parts.insert(
+        0,
+        SkeletonPart {
+            part: number,
+            scale_from_part: Isometry3::from_parts(Translation3::from(middle), UnitQuaternion::identity()),
+            sizes,
+            size_sigmas: Vector3::repeat(0.1),
+            provenance: Provenance::Filled,
+        },
+    );
+}

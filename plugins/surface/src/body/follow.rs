@@ -1,0 +1,299 @@
+//! A body from message to message: starts, priors from the posture before, the shape that is learnt and kept.
+
+use std::collections::BTreeMap;
+
+use foveate::geometry::metaball::{
+    Body, BodyFit, BodyFitOptions, BodyObservation, Doubt, Free, Priors, RootPrior, State, anthropometric, fit_body,
+};
+use foveate::prelude::*;
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+
+use super::message::{Before, joint_place, skeleton_of};
+
+/// A lever with which turns become shifts of the root [m].
+const LEVER_M: f64 = 0.3;
+/// Fewer points are no body [–].
+const LEAST_POINTS: usize = 20;
+/// How many clicked joints start a body.
+const LEAST_CLICKS: usize = 3;
+
+/// How a body is followed.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Rules {
+    pub clicked_m: f64,
+    pub points: usize,
+    pub slide_m: f64,
+    pub turn_rad_s: f64,
+    pub shape_frames: u32,
+    pub options: BodyFitOptions,
+}
+
+/// What became of a message.
+pub(super) enum Outcome {
+    Followed(Box<Frame>),
+    Refused { kind: &'static str, reason: String },
+}
+
+/// A body at one time.
+pub(super) struct Frame {
+    pub fit: BodyFit,
+    pub skeleton: Skeleton,
+    /// Segments that points say nothing of.
+    pub unsupported: Vec<usize>,
+    pub n_points: usize,
+    /// Lengths and radii were sought, too.
+    pub is_shaping: bool,
+}
+
+/// The body so far.
+pub(super) struct Follower {
+    body: Body,
+    template: State,
+    rules: Rules,
+    /// Logarithms of scales and radii, summed, and over how many messages.
+    shape: (Vec<f64>, u32),
+    last: Option<(Time, State, Before)>,
+    /// Places of tracked points on their segments, of the template's length [m].
+    places: BTreeMap<u32, (usize, Vector3<f64>)>,
+}
+
+impl Follower {
+    pub fn new(body: Body, template: State, rules: Rules) -> Self {
+        Self { body, template, rules, shape: (Vec::new(), 0), last: None, places: BTreeMap::new() }
+    }
+
+    pub fn body(&self) -> &Body {
+        &self.body
+    }
+
+    /// Thickness over that of the template, once it is known [–].
+    pub fn girth(&self) -> Option<f64> {
+        let state = self.shaped(&self.template)?;
+        let ratio = |(now, before): (&Vector3<f64>, &Vector3<f64>)| now.component_div(before).xy().map(f64::ln).mean();
+        let sum: f64 = state.radii.iter().zip(&self.template.radii).map(ratio).sum();
+        Some((sum / state.radii.len() as f64).exp())
+    }
+
+    /// A state with the mean shape so far.
+    fn shaped(&self, posture: &State) -> Option<State> {
+        let (sums, n) = (&self.shape.0, self.shape.1);
+        if n == 0 {
+            return None;
+        }
+        let mean = |place: usize| (sums[place] / f64::from(n)).exp();
+        let n_scales = posture.scales.len();
+        Some(State {
+            scales: (0..n_scales).map(mean).collect(),
+            radii: (0..posture.radii.len())
+                .map(|ball| Vector3::from_fn(|axis, _| mean(n_scales + 3 * ball + axis)))
+                .collect(),
+            ..posture.clone()
+        })
+    }
+
+    fn learn(&mut self, state: &State) {
+        let values: Vec<f64> =
+            state.scales.iter().copied().chain(state.radii.iter().flat_map(|it| it.iter().copied())).collect();
+        self.shape.0.resize(values.len(), 0.0);
+        self.shape.0.iter_mut().zip(values).for_each(|(sum, value)| *sum += value.ln());
+        self.shape.1 += 1;
+    }
+
+    /// The body in a message; `clicks` by their places in [`BODY_JOINTS`], for a start.
+    pub fn follow(&mut self, surface: &TrackedSurface, clicks: &BTreeMap<usize, Point3<f64>>) -> Outcome {
+        let points: Vec<&TrackedPoint> =
+            surface.list.iter().filter(|it| it.position.iter().all(|it| it.is_finite())).collect();
+        if points.len() < LEAST_POINTS {
+            self.forget();
+            let reason = format!("{} points, expected {LEAST_POINTS} at least", points.len());
+            return Outcome::Refused { kind: "few_points", reason };
+        }
+        let stride = points.len().div_ceil(self.rules.points);
+        // By identity, not by place in the message: the same points from message to message.
+        let chosen: Vec<&TrackedPoint> =
+            points.iter().copied().filter(|it| stride == 1 || (it.id as usize).is_multiple_of(stride)).collect();
+        let chosen = if chosen.len() < LEAST_POINTS { points } else { chosen };
+        let found = match &self.last {
+            Some((time, state, _)) if surface.time > *time => {
+                let since_s = (surface.time - *time).as_s();
+                let near = self.near(&chosen, &state.clone(), since_s);
+                match near {
+                    Ok(fit) if blame(&fit).is_none() => Ok(fit),
+                    _ => self.anew(&chosen, clicks),
+                }
+            }
+            _ => self.anew(&chosen, clicks),
+        };
+        let fit = match found {
+            Ok(fit) => fit,
+            Err((kind, reason)) => {
+                self.forget();
+                return Outcome::Refused { kind, reason };
+            }
+        };
+        if let Some((kind, reason)) = blame(&fit) {
+            self.forget();
+            return Outcome::Refused { kind, reason };
+        }
+        Outcome::Followed(Box::new(self.accept(surface.time, &chosen, fit)))
+    }
+
+    /// After a message without a body nothing of its posture is known any more; its shape is.
+    fn forget(&mut self) {
+        self.last = None;
+        self.places.clear();
+    }
+
+    fn accept(&mut self, time: Time, chosen: &[&TrackedPoint], fit: BodyFit) -> Frame {
+        let is_shaping = self.shape.1 < self.rules.shape_frames;
+        if is_shaping {
+            self.learn(&fit.state);
+        }
+        let posed = self.body.skeleton.pose(&fit.state);
+        for (index, point) in chosen.iter().enumerate() {
+            // Points come first among the observations.
+            let is_on_it =
+                fit.distances_m[index].abs() < self.rules.options.outlier_sigmas * self.rules.options.model_sigma_m;
+            if let Some(segment) = fit.segments[index].filter(|_| is_on_it) {
+                let local = posed.world_from_segment[segment].inverse_transform_point(&point.position).coords;
+                let scale = fit.state.scales[self.body.skeleton.segments()[segment].scale];
+                self.places.entry(point.id).or_insert((segment, local / scale));
+            }
+        }
+        let cameras = chosen.iter().flat_map(|it| it.cameras.iter()).collect();
+        let unsupported: Vec<usize> = (0..self.body.skeleton.segments().len())
+            .filter(|it| {
+                let name = &self.body.skeleton.segments()[*it].name;
+                fit.doubts.iter().any(|doubt| matches!(doubt, Doubt::Unsupported { segment, .. } if segment == name))
+            })
+            .collect();
+        let before = self.last.take();
+        let before = before.as_ref().map(|it| ((time - it.0).as_s(), &it.2));
+        let (skeleton, now) = skeleton_of(&self.body, &fit, &unsupported, before, cameras);
+        self.last = Some((time, fit.state.clone(), now));
+        Frame { fit, skeleton, unsupported, n_points: chosen.len(), is_shaping }
+    }
+
+    /// Observations of the surface, points first.
+    fn observed(&self, chosen: &[&TrackedPoint]) -> Vec<BodyObservation> {
+        let sigma = |it: &TrackedPoint| (it.covariance.trace() / 3.0).max(0.0).sqrt().clamp(1e-5, 0.1);
+        chosen.iter().map(|it| BodyObservation::Point { at: it.position, sigma_m: sigma(it), segment: None }).collect()
+    }
+
+    /// From the posture before.
+    fn near(&self, chosen: &[&TrackedPoint], state: &State, since_s: f64) -> Result<BodyFit, (&'static str, String)> {
+        let mut all = self.observed(chosen);
+        if self.rules.slide_m > 0.0 {
+            all.extend(chosen.iter().filter_map(|it| {
+                let (segment, place) = *self.places.get(&it.id)?;
+                Some(BodyObservation::Anchored { segment, place, at: it.position, sigma_m: self.rules.slide_m })
+            }));
+        }
+        let turn = (self.rules.turn_rad_s * since_s).max(1e-3);
+        let start = self.known(state);
+        let root = RootPrior { world_from_root: start.world_from_root, turn_sigma: turn, shift_sigma: turn * LEVER_M };
+        let angles = start.angles.iter().map(|it| (*it, turn)).collect();
+        let priors = Priors { root: Some(root), angles, ..anthropometric(&self.template) };
+        let options = BodyFitOptions { free: self.free(), rough: false, ..self.rules.options.clone() };
+        fit_body(&self.body, &all, &start, &priors, &options).map_err(|it| ("no_start", it.to_string()))
+    }
+
+    /// With the shape that is kept, once there is one.
+    fn known(&self, state: &State) -> State {
+        if self.shape.1 < self.rules.shape_frames {
+            state.clone()
+        } else {
+            self.shaped(state).unwrap_or_else(|| state.clone())
+        }
+    }
+
+    fn free(&self) -> Free {
+        if self.shape.1 < self.rules.shape_frames { Free::ALL } else { Free::POSTURE }
+    }
+
+    /// From clicked joints, or from the points alone.
+    fn anew(
+        &self,
+        chosen: &[&TrackedPoint],
+        clicks: &BTreeMap<usize, Point3<f64>>,
+    ) -> Result<BodyFit, (&'static str, String)> {
+        let mut start = self.known(&self.template);
+        let points = self.observed(chosen);
+        let anchored = |(joint, at): (&usize, &Point3<f64>)| {
+            let (segment, place) = joint_place(&self.body, *joint)?;
+            Some(BodyObservation::Anchored { segment, place, at: *at, sigma_m: self.rules.clicked_m })
+        };
+        let anchors: Vec<BodyObservation> = clicks.iter().filter_map(anchored).collect();
+        let options = BodyFitOptions { free: self.free(), ..self.rules.options.clone() };
+        let n = chosen.len() as f64;
+        let centroid = chosen.iter().fold(Vector3::zeros(), |sum, it| sum + it.position.coords) / n;
+        let fit = |start: &State, observations: &[BodyObservation]| {
+            let mut priors = anthropometric(start);
+            priors.radii = anthropometric(&self.template).radii;
+            priors.scales = anthropometric(&self.template).scales;
+            // Nothing says which way it faces, nor more than roughly where it is.
+            priors.root = Some(RootPrior { world_from_root: start.world_from_root, turn_sigma: 2.0, shift_sigma: 0.3 });
+            fit_body(&self.body, observations, start, &priors, &options).map_err(|it| ("no_start", it.to_string()))
+        };
+        if anchors.len() >= LEAST_CLICKS {
+            start.world_from_root.translation.vector = centroid;
+            return fit(&start, &[points, anchors].concat());
+        }
+        if self.body.skeleton.n_scales() > 3 {
+            let reason = format!("{} clicked joints of the model, expected {LEAST_CLICKS} at least", anchors.len());
+            return Err(("no_start", reason));
+        }
+        // An arm by itself: tried along the points' longest axis, either way, in four turns about it.
+        let longest = longest_axis(chosen, &centroid);
+        let mut best: Option<(f64, BodyFit)> = None;
+        for way in [longest, -longest] {
+            let along = UnitQuaternion::rotation_between(&Vector3::z(), &way)
+                .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
+            for quarter in 0..4 {
+                let about = std::f64::consts::FRAC_PI_2 * f64::from(quarter);
+                let rotation = along * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), about);
+                let reach: f64 = self.body.skeleton.segments().iter().map(|it| it.length).sum();
+                let shoulder = centroid - way * (0.5 * reach);
+                let mut state = start.clone();
+                state.world_from_root = Isometry3::from_parts(shoulder.into(), rotation);
+                state.angles[0] = 0.5;
+                let found = fit(&state, &points)?;
+                let cost = found.rms_m * (1.0 + found.outliers as f64 / n) + found.doubts.len() as f64;
+                if best.as_ref().is_none_or(|it| cost < it.0) {
+                    best = Some((cost, found));
+                }
+            }
+        }
+        best.map(|it| it.1).ok_or(("no_start", "no way to lie in the points".to_owned()))
+    }
+}
+
+/// The direction in which points spread most, of length 1.
+fn longest_axis(points: &[&TrackedPoint], centroid: &Vector3<f64>) -> Vector3<f64> {
+    let spread = points.iter().fold(nalgebra::Matrix3::zeros(), |sum, it| {
+        let off = it.position.coords - centroid;
+        sum + off * off.transpose()
+    });
+    let eigen = spread.symmetric_eigen();
+    eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned()
+}
+
+/// Why a fit is not believed: in short, and in words. One without points on a limb or two is, if the others have some.
+fn blame(fit: &BodyFit) -> Option<(&'static str, String)> {
+    let supported = fit.support.iter().filter(|it| **it > 0.0).count();
+    let unsupported = fit.doubts.iter().filter(|it| matches!(it, Doubt::Unsupported { .. })).count();
+    for doubt in &fit.doubts {
+        match doubt {
+            Doubt::Elsewhere { .. } => return Some(("elsewhere", doubt.to_string())),
+            Doubt::Misshapen { segment, .. } if !segment.starts_with("hand") && !segment.starts_with("foot") => {
+                return Some(("misshapen", doubt.to_string()));
+            }
+            Doubt::Unsupported { .. } if unsupported > supported => {
+                return Some(("few_limbs", doubt.to_string()));
+            }
+            _ => (),
+        }
+    }
+    // Nothing but hands, feet or a single limb.
+    (supported < 2).then(|| ("few_limbs", format!("points on {supported} of its segments, expected 2 at least")))
+}

@@ -1,0 +1,357 @@
+//! `surface.body`: a layered body of metaballs on a skeleton that follows tracked points [D'Apuzzo 1999 §3–4].
+//!
+//! The first message starts it: joints that were clicked (`clicked`), or that another node found (`joints`), say roughly how the body stands; without any, each way that an arm may lie in the
+//! points is tried. For `shape_frames` messages lengths and radii are sought, too; from then on they stay. Each message starts from the posture before, which is known as well as joints can have
+//! turned since. Points that were on a limb before hold on to their places there as firmly as skin and cloth do (`slide_mm`): that tells how limbs turn about themselves.
+//!
+//! A fit that is not to be believed is given out as no body, with the reason in `unmodelled`, and counted; the next message starts anew.
+
+mod follow;
+mod message;
+mod picture;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use foveate::geometry::metaball::{self, Side, skin_patches};
+use foveate::geometry::surface::TriangleMesh;
+use foveate::prelude::*;
+use nalgebra::{Point3, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use self::follow::{Follower, Outcome, Rules};
+use self::picture::Picture;
+
+ports! {
+    TRACKED: In<TrackedSurface> = each("tracked");
+    JOINTS: In<Targets> = latest("joints").optional();
+    SKELETONS: Out<Skeletons> = "skeletons";
+    SKIN: Out<Mesh> = "skin";
+}
+
+figures! {
+    "body.frames": count, neither, "Messages that a body was fitted to and believed";
+    "body.refused": count, low, "Messages whose points do not support a body";
+    "body.refused.*": count, low, "The same by the first reason: points on too few limbs, lying elsewhere than the body, a size that no limb has, too few to begin with, or no start";
+    "body.rms_mm.median": mm, low, "Root mean square distance of a message's points from the body's surface, outliers left out, median over messages";
+    "body.outliers": share, low, "Points farther than outlier_sigmas from the surface, over all of believed messages";
+    "body.limbs_unsupported": count, low, "Limbs without enough points to say where they are, over all believed messages: given out as filled";
+    "body.iterations": count, low, "Steps of the search in a message, mean over believed messages after the shape is known";
+    "body.girth": ratio, neither, "Thickness of the fitted body over that of the template, geometric mean over its balls";
+}
+
+/// What is fitted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Model {
+    /// Upper arm, forearm and hand of the right side.
+    #[default]
+    RightArm,
+    /// The same of the left side.
+    LeftArm,
+    /// A whole person.
+    Person,
+}
+
+/// The form of the equation of a point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Equation {
+    /// The value of the field: (15) of the paper.
+    #[default]
+    Field,
+    /// Distance from the surface, to first order.
+    Distance,
+}
+
+/// What is given out as the skin.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Skin {
+    /// Nothing.
+    #[default]
+    None,
+    /// The surface where the field has its threshold, in triangles of `skin_mm`.
+    Isosurface,
+    /// A B-spline patch over the cross-sections of each segment (§3.1).
+    Patches,
+}
+
+/// A joint that somebody clicked.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Clicked {
+    /// Which: `right-elbow` and the like, as joints are called in tables of bodies [–]
+    pub joint: String,
+    /// Where, in the scale's space [m]
+    pub at: [f64; 3],
+}
+
+/// Settings of [`BodyFitter`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct BodySettings {
+    /// `right_arm`, `left_arm` or `person` [–]
+    pub model: Model,
+    /// About how tall the person is: lengths and thicknesses of the template are parts of it [m]
+    #[schemars(range(min = 0.5, max = 2.5))]
+    pub height_m: f64,
+    /// Metaballs on each limb: three suffice for posture, more show the shape better [–]
+    #[schemars(range(min = 1, max = 12))]
+    pub balls: usize,
+    /// Joints at the first message, three at least for an arm; more than the port `joints` gives are not needed [m]
+    pub clicked: Vec<Clicked>,
+    /// How far off clicked joints are: standard deviation of their distance [mm]
+    #[schemars(range(min = 1.0, max = 500.0))]
+    pub clicked_mm: f64,
+    /// Points that are fitted to at most, spread evenly over their identities: more cost time, and what neighbours say is nearly the same [–]
+    #[schemars(range(min = 20, max = 100000))]
+    pub points: usize,
+    /// Standard deviation of a person's surface, clothes and all, from the best body of metaballs; added to that of points [mm]
+    #[schemars(range(min = 0.1, max = 50.0))]
+    pub model_mm: f64,
+    /// Points nearer to each other have that error in common, and count as one [mm]
+    #[schemars(range(min = 1.0, max = 500.0))]
+    pub independent_mm: f64,
+    /// How far skin and cloth slide over a limb: standard deviation of the place of a tracked point on its limb. 0: points are of the surface, and where on it is not asked [mm]
+    #[schemars(range(min = 0.0, max = 200.0))]
+    pub slide_mm: f64,
+    /// How fast joints turn: the standard deviation of a change of an angle, and of the root's place with a lever of 0.3 m [rad/s]
+    #[schemars(range(min = 0.1, max = 100.0))]
+    pub turn_rad_s: f64,
+    /// Messages in which lengths and radii are sought; their means are kept from then on [–]
+    #[schemars(range(min = 1, max = 10000))]
+    pub shape_frames: u32,
+    /// `field` or `distance` [–]
+    pub equation: Equation,
+    /// Shape and posture are sought in turn, as the paper does it, and not all together [–]
+    pub in_turn: bool,
+    /// Points farther from the surface belong to no limb: in standard deviations of point and model together [σ]
+    #[schemars(range(min = 2.0, max = 50.0))]
+    pub outlier_sigmas: f64,
+    /// `none`, `isosurface` or `patches`: what the port `skin` gives [–]
+    pub skin: Skin,
+    /// How fine the isosurface is [mm]
+    #[schemars(range(min = 1.0, max = 100.0))]
+    pub skin_mm: f64,
+    /// Whether `body.svg` shows the body over the points, at the first, the middle and the last message [–]
+    pub picture: bool,
+}
+
+impl Default for BodySettings {
+    fn default() -> Self {
+        Self {
+            model: Model::RightArm,
+            height_m: 1.75,
+            balls: 3,
+            clicked: Vec::new(),
+            clicked_mm: 40.0,
+            points: 500,
+            model_mm: 3.0,
+            independent_mm: 30.0,
+            slide_mm: 15.0,
+            turn_rad_s: 6.0,
+            shape_frames: 8,
+            equation: Equation::Field,
+            in_turn: false,
+            outlier_sigmas: 5.0,
+            skin: Skin::None,
+            skin_mm: 8.0,
+            picture: true,
+        }
+    }
+}
+
+/// Tracked points in, a body out.
+pub struct BodyFitter {
+    settings: BodySettings,
+    follower: Follower,
+    clicked: BTreeMap<usize, Point3<f64>>,
+    picture: Option<Picture>,
+    out_dir: Option<std::path::PathBuf>,
+    rms: Vec<f64>,
+    refused: BTreeMap<&'static str, u64>,
+    n_points: u64,
+    n_outliers: u64,
+    n_unsupported: u64,
+    iterations: (u64, u64),
+}
+
+impl Node for BodyFitter {
+    const TYPE: &'static str = "surface.body";
+    const ROLE: Role = Role::ModelFilter;
+    const SUMMARY: &'static str = "Fits a body of metaballs on a skeleton to tracked points";
+    const FIGURES: Figures = DECLARED_FIGURES;
+    type Settings = BodySettings;
+
+    fn ports() -> Ports {
+        declared_ports()
+    }
+
+    fn new(settings: BodySettings, setup: &Setup) -> Result<Self, ConfigError> {
+        ConfigError::unless_in("height_m", settings.height_m, 0.5..=2.5)?;
+        ConfigError::unless_in("balls", settings.balls, 1..=12)?;
+        ConfigError::unless_in("clicked_mm", settings.clicked_mm, 1.0..=500.0)?;
+        ConfigError::unless_in("points", settings.points, 20..=100_000)?;
+        ConfigError::unless_in("model_mm", settings.model_mm, 0.1..=50.0)?;
+        ConfigError::unless_in("independent_mm", settings.independent_mm, 1.0..=500.0)?;
+        ConfigError::unless_in("slide_mm", settings.slide_mm, 0.0..=200.0)?;
+        ConfigError::unless_in("turn_rad_s", settings.turn_rad_s, 0.1..=100.0)?;
+        ConfigError::unless_in("shape_frames", settings.shape_frames, 1..=10_000)?;
+        ConfigError::unless_in("outlier_sigmas", settings.outlier_sigmas, 2.0..=50.0)?;
+        ConfigError::unless_in("skin_mm", settings.skin_mm, 1.0..=100.0)?;
+        let mut clicked = BTreeMap::new();
+        for it in &settings.clicked {
+            let Some(number) = BODY_JOINTS.iter().position(|name| **name == it.joint) else {
+                let expected = BODY_JOINTS.join(", ");
+                return Err(ConfigError::at(
+                    "clicked",
+                    format!("found the joint `{}`, expected one of {expected}", it.joint),
+                ));
+            };
+            if !it.at.iter().all(|it| it.is_finite()) {
+                return Err(ConfigError::at(
+                    "clicked",
+                    format!("found {:?} for {}, expected numbers", it.at, it.joint),
+                ));
+            }
+            clicked.insert(number, Point3::from(it.at));
+        }
+        if settings.picture {
+            setup.claim_file(Some("picture"), "body.svg")?;
+        }
+        let (mut body, mut template) = match settings.model {
+            Model::RightArm => metaball::arm(Side::Right, settings.height_m),
+            Model::LeftArm => metaball::arm(Side::Left, settings.height_m),
+            Model::Person => metaball::person(settings.height_m),
+        };
+        if settings.balls != 3 {
+            let all = 0..body.skeleton.segments().len();
+            for segment in all.filter(|it| message::is_limb(&body.skeleton, *it)).collect::<Vec<_>>() {
+                (body, template) = body.refined(&template, segment, settings.balls);
+            }
+        }
+        let rules = Rules {
+            clicked_m: settings.clicked_mm * 1e-3,
+            points: settings.points,
+            slide_m: settings.slide_mm * 1e-3,
+            turn_rad_s: settings.turn_rad_s,
+            shape_frames: settings.shape_frames,
+            options: metaball::BodyFitOptions {
+                residual: match settings.equation {
+                    Equation::Field => metaball::ResidualKind::Field,
+                    Equation::Distance => metaball::ResidualKind::Distance,
+                },
+                in_turn: settings.in_turn,
+                model_sigma_m: settings.model_mm * 1e-3,
+                independent_m: settings.independent_mm * 1e-3,
+                outlier_sigmas: settings.outlier_sigmas,
+                ..metaball::BodyFitOptions::default()
+            },
+        };
+        Ok(Self {
+            picture: settings.picture.then(Picture::default),
+            follower: Follower::new(body, template, rules),
+            settings,
+            clicked,
+            out_dir: setup.out_dir.clone(),
+            rms: Vec::new(),
+            refused: BTreeMap::new(),
+            n_points: 0,
+            n_outliers: 0,
+            n_unsupported: 0,
+            iterations: (0, 0),
+        })
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        let Some(tracked) = io.take(&TRACKED) else { return Ok(()) };
+        let mut clicks = self.clicked.clone();
+        if let Some(joints) = io.latest(&JOINTS) {
+            // Targets of several bodies have hundreds in front.
+            let lowest = joints.value.list.iter().map(|it| it.id.0 / 100).min();
+            for target in joints.value.list.iter().filter(|it| Some(it.id.0 / 100) == lowest) {
+                clicks.insert((target.id.0 % 100) as usize, target.position);
+            }
+        }
+        let surface = &tracked.value;
+        let mut message = Skeletons { time: surface.time, list: Vec::new(), unmodelled: Vec::new() };
+        match self.follower.follow(surface, &clicks) {
+            Outcome::Followed(frame) => {
+                self.rms.push(frame.fit.rms_m);
+                self.n_points += frame.n_points as u64;
+                self.n_outliers += frame.fit.outliers as u64;
+                self.n_unsupported += frame.unsupported.len() as u64;
+                if !frame.is_shaping {
+                    self.iterations = (self.iterations.0 + u64::from(frame.fit.iterations), self.iterations.1 + 1);
+                }
+                message.list.push(frame.skeleton);
+                let state = &frame.fit.state;
+                if let Some(picture) = &mut self.picture {
+                    picture.add(surface, self.follower.body(), state);
+                }
+                if let Some(mesh) = self.skin(state, surface.time) {
+                    io.emit(&SKIN, tracked.stamp, mesh);
+                }
+            }
+            Outcome::Refused { kind, reason } => {
+                *self.refused.entry(kind).or_default() += 1;
+                let n = surface.list.len().max(1) as f64;
+                let sum = surface.list.iter().fold(Vector3::zeros(), |sum, it| sum + it.position.coords);
+                let centroid = Point3::from(sum / n);
+                message.unmodelled.push(Unmodelled { centroid, volume: 0.0, target: None, reason });
+            }
+        }
+        io.emit(&SKELETONS, tracked.stamp, message);
+        Ok(())
+    }
+
+    fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        report.figure("body.frames", self.rms.len() as f64);
+        report.figure("body.refused", self.refused.values().sum::<u64>() as f64);
+        for (kind, n) in &self.refused {
+            report.figure(&format!("body.refused.{kind}"), *n as f64);
+        }
+        let rms = foveate::estimation::statistics::median(&self.rms).unwrap_or(f64::NAN);
+        report.figure("body.rms_mm.median", 1e3 * rms);
+        report.figure("body.outliers", self.n_outliers as f64 / self.n_points as f64);
+        report.figure("body.limbs_unsupported", self.n_unsupported as f64);
+        report.figure("body.iterations", self.iterations.0 as f64 / self.iterations.1 as f64);
+        report.figure("body.girth", self.follower.girth().unwrap_or(f64::NAN));
+        let Some((picture, folder)) = self.picture.as_ref().zip(self.out_dir.as_ref()) else { return Ok(()) };
+        let saved = report.save(folder, "body.svg", picture.svg(self.follower.body()));
+        saved.map_err(|it| NodeError::input(it.to_string()))
+    }
+}
+
+impl BodyFitter {
+    fn skin(&self, state: &metaball::State, time: Time) -> Option<Arc<Mesh>> {
+        let body = self.follower.body();
+        let mesh = match self.settings.skin {
+            Skin::None => return None,
+            Skin::Isosurface => metaball::surface(body, state, self.settings.skin_mm * 1e-3),
+            Skin::Patches => joined(skin_patches(body, state, 8, 16, 4).into_iter().map(|it| it.mesh)),
+        };
+        let vertices = mesh.vertices.iter().map(|it| MeshVertex {
+            position: it.position.cast(),
+            normal: it.normal.cast(),
+            weight: 1.0,
+            sigma: (self.settings.model_mm * 1e-3) as f32,
+            colour: [200; 3],
+        });
+        Some(Arc::new(Mesh { time, ..Mesh::new(vertices, &mesh.triangles) }))
+    }
+}
+
+fn joined(meshes: impl Iterator<Item = TriangleMesh>) -> TriangleMesh {
+    let mut all = TriangleMesh::default();
+    for mesh in meshes {
+        let first = all.vertices.len() as u32;
+        all.vertices.extend(mesh.vertices);
+        all.triangles.extend(mesh.triangles.iter().map(|it| it.map(|corner| corner + first)));
+    }
+    all
+}
