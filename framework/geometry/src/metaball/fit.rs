@@ -536,7 +536,7 @@ fn check(body: &Body, observations: &[BodyObservation], start: &State, priors: &
                 (origin.coords.norm() + direction.norm(), *sigma_m, None)
             }
         };
-        if !place.is_finite() || !(sigma_m.is_finite() && sigma_m > 0.0) || segment.is_some_and(|it| it >= n) {
+        if !(place.is_finite() && sigma_m.is_finite() && sigma_m > 0.0) || segment.is_some_and(|it| it >= n) {
             let what = format!("place {place:.3} m from the origin, sigma {sigma_m} m, segment {segment:?} of {n}");
             return Err(BodyFitError::Unfit { index, what });
         }

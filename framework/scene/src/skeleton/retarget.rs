@@ -1,4 +1,4 @@
-//! The motion of one skeleton on another: joint angles carry over, lengths stay those of the other, feet stay on the floor [D'Apuzzo 1999 §4.3].
+//! The motion of one skeleton on another: joint angles carry over, lengths stay those of the other, feet stay on the floor [D'Apuzzo 1999 §4.3]; a rig of which no leg follows one stands as it rests, on a floor at 0.
 //!
 //! Skeletons differ in their rest postures: arms hang down in one, and stretch out in another. What carries over is therefore where bones point: each joint of the rig that is named in the map turns in
 //! the world as its counterpart does, after the turn that lays its bone, at rest, along the counterpart's. Joints that are not named stay as they rest against their parents.
@@ -12,6 +12,12 @@
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::{Axis, Channel, SkeletonMotion, euler_angles};
+
+/// Legs that end this near to one another, over the height of the hips, are both stood on [–].
+const LEGS_ALIKE: f64 = 0.1;
+
+/// The first joint of a skeleton that has legs is at least this high, over the height of all; people's hips are halfway up [–].
+const LEAST_HIPS: f64 = 0.25;
 
 /// A joint of a rig at rest.
 #[derive(Debug, Clone, PartialEq)]
@@ -93,13 +99,25 @@ pub fn stand(rig: &[RigJoint], pose: Option<&RigPose>) -> Vec<Isometry3<f64>> {
     stands
 }
 
+/// A joint and those that it hangs on, upwards.
+fn above(joints: &[RigJoint], joint: usize) -> impl Iterator<Item = usize> {
+    std::iter::successors(Some(joint), |it| joints[*it].parent)
+}
+
+/// The lower one of a joint's place and of its end.
+fn foot_of(joint: &RigJoint, stand: &Isometry3<f64>, up: Axis) -> f64 {
+    let tip = joint.end.map_or(f64::INFINITY, |it| (stand * nalgebra::Point3::from(it))[up.index()]);
+    stand.translation.vector[up.index()].min(tip)
+}
+
+/// The joint that is lowest, or whose end is.
+fn lowest_joint(rig: &[RigJoint], stands: &[Isometry3<f64>], up: Axis) -> Option<usize> {
+    (0..rig.len()).min_by(|a, b| foot_of(&rig[*a], &stands[*a], up).total_cmp(&foot_of(&rig[*b], &stands[*b], up)))
+}
+
 /// The lowest place of joints and ends.
 fn lowest(rig: &[RigJoint], stands: &[Isometry3<f64>], up: Axis) -> f64 {
-    let end = |(joint, stand): (&RigJoint, &Isometry3<f64>)| {
-        let tip = joint.end.map_or(f64::INFINITY, |it| (stand * nalgebra::Point3::from(it))[up.index()]);
-        stand.translation.vector[up.index()].min(tip)
-    };
-    rig.iter().zip(stands).map(end).fold(f64::INFINITY, f64::min)
+    lowest_joint(rig, stands, up).map_or(f64::INFINITY, |it| foot_of(&rig[it], &stands[it], up))
 }
 
 fn find(joints: &[RigJoint], whose: &'static str, name: &str) -> Result<usize, RetargetError> {
@@ -170,7 +188,19 @@ pub fn retarget(
         let height = stands[0].translation.vector[up.index()] - lowest(joints, stands, up);
         if height > 1e-9 { Ok(height) } else { Err(RetargetError::Flat { whose }) }
     };
-    let scale = height(rig, &rig_rest, "rig")? / height(&source, &source_rest, "motion")?;
+    // Without a leg that follows one on which the source stands, as of an arm by itself, the rig stands as it rests.
+    let foot = lowest_joint(rig, &rig_rest, up);
+    let led_by = foot.and_then(|foot| above(rig, foot).find_map(|it| follows[it]));
+    let source_lowest = lowest(&source, &source_rest, up);
+    let source_height = source_rest[0].translation.vector[up.index()] - source_lowest;
+    let leads = |joint: usize| above(&source, joint).find(|it| follows.contains(&Some(*it)));
+    let is_low = |it: &usize| foot_of(&source[*it], &source_rest[*it], up) - source_lowest < LEGS_ALIKE * source_height;
+    let highest = source_rest.iter().map(|it| it.translation.vector[up.index()]).fold(f64::NEG_INFINITY, f64::max);
+    let has_legs = source_height > LEAST_HIPS * (highest - source_lowest);
+    let stands_on_floor =
+        has_legs && led_by.is_some() && (0..source.len()).filter(is_low).any(|it| leads(it) == led_by);
+    let scale =
+        if stands_on_floor { height(rig, &rig_rest, "rig")? / height(&source, &source_rest, "motion")? } else { 1.0 };
     // The nearest joints below one that are in the map.
     let below = |joint: usize| -> Vec<usize> {
         let is_next = |it: &usize| {
@@ -186,6 +216,11 @@ pub fn retarget(
             None => near,
             Some(of_source) => {
                 let children = below(joint);
+                // One bone would tilt the whole rig: hips that carry an arm alone stand upright.
+                if rig[joint].parent.is_none() && children.len() < 2 {
+                    laid.push(near);
+                    continue;
+                }
                 let theirs: Vec<usize> = children.iter().filter_map(|it| follows[*it]).collect();
                 let from = bones(rig, &rig_rest, joint, &children);
                 let to = bones(&source, &source_rest, of_source, &theirs);
@@ -207,6 +242,12 @@ pub fn retarget(
             };
             turns.push(parent.inverse() * world);
             in_world.push(world);
+        }
+        if !stands_on_floor {
+            let mut root = rig[0].offset;
+            root[up.index()] -= lowest(rig, &rig_rest, up);
+            poses.push(RigPose { root, turns });
+            continue;
         }
         let mut pose = RigPose { root: stands[0].translation.vector * scale, turns };
         // What is lowest is as far above the floor as it was, for the rig's size.
