@@ -144,6 +144,16 @@ impl ViewerSettings {
             );
             return Err(ConfigError::at("eyes_mm", message));
         }
+        let apart = (Point3::from(left) - Point3::from(right)).norm();
+        // One place for both eyes is one view for both.
+        if apart > 0.0 && !EYES_APART_MM.contains(&apart) {
+            let message = format!(
+                "found eyes {apart:.2} mm apart, expected {} to {} mm (or both at one place, for one view)",
+                EYES_APART_MM.start(),
+                EYES_APART_MM.end()
+            );
+            return Err(ConfigError::at("eyes_mm", message));
+        }
         if !(1..=64).contains(&self.tiles.len()) {
             return Err(ConfigError::at("tiles", format!("found {} tiles, expected 1 to 64", self.tiles.len())));
         }
@@ -151,6 +161,8 @@ impl ViewerSettings {
     }
 }
 
+/// Pupils of people from small children on are this far apart [mm].
+const EYES_APART_MM: std::ops::RangeInclusive<f64> = 40.0..=90.0;
 /// Eyes are no farther from the origin of the head's space than this along each axis [mm].
 const FARTHEST_EYE_MM: f64 = 500.0;
 

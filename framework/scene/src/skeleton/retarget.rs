@@ -303,11 +303,13 @@ pub fn as_motion(rig: &SkeletonMotion, poses: &[RigPose], frame_s: f64) -> Resul
 mod tests {
     use super::*;
 
+    /// Name, parent, offset and end of a joint.
+    type Row<'n> = (&'n str, Option<usize>, Vector3<f64>, Option<Vector3<f64>>);
+
     /// Hips, spine to head, two arms that hang (or stretch out), two legs; `size` scales all, arms by `arms` more.
     fn figure(size: f64, arms: f64, stretched: bool) -> SkeletonMotion {
         let out = if stretched { Vector3::x() } else { -Vector3::y() };
-        let mut text: Vec<(&str, Option<usize>, Vector3<f64>, Option<Vector3<f64>>)> =
-            vec![("Hips", None, Vector3::new(0.0, 0.9, 0.0), None)];
+        let mut text: Vec<Row> = vec![("Hips", None, Vector3::new(0.0, 0.9, 0.0), None)];
         text.push(("Head", Some(0), Vector3::new(0.0, 0.6, 0.0), Some(Vector3::new(0.0, 0.2, 0.0))));
         for (side, names) in [
             (1.0, ["LeftArm", "LeftForeArm", "LeftUpLeg", "LeftLeg"]),
@@ -320,7 +322,7 @@ mod tests {
             text.push((names[2], Some(0), Vector3::new(0.1 * side, -0.05, 0.0), None));
             text.push((names[3], Some(first + 2), Vector3::new(0.0, -0.42, 0.0), Some(Vector3::new(0.0, -0.43, 0.0))));
         }
-        let joint = |(name, parent, offset, end): &(&str, Option<usize>, Vector3<f64>, Option<Vector3<f64>>)| {
+        let joint = |(name, parent, offset, end): &Row| {
             let mut channels = [Axis::Z, Axis::X, Axis::Y].map(Channel::Rotation).to_vec();
             if parent.is_none() {
                 channels.splice(0..0, [Axis::X, Axis::Y, Axis::Z].map(Channel::Position));

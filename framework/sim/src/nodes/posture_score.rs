@@ -91,8 +91,8 @@ impl Node for PostureScore {
             ("bone_deg", &self.bones, 1_f64.to_degrees()),
             ("joint_off_mm", &self.distances, 1e3),
         ] {
-            report.figure(&format!("{name}.median"), unit * at(list, 50.0));
-            report.figure(&format!("{name}.p95"), unit * at(list, 95.0));
+            report.figure(format!("{name}.median"), unit * at(list, 50.0));
+            report.figure(format!("{name}.p95"), unit * at(list, 95.0));
         }
         report.figure("postures.missing", self.n_missing as f64 / self.n as f64);
         Ok(())

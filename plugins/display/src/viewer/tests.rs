@@ -160,6 +160,8 @@ fn what_cannot_be_is_refused_with_its_place() {
     assert!(refused(&|it| it.lights_mm.clear()).message.contains("found 0 lights, expected 2 to 8"));
     assert!(refused(&|it| it.tiles.clear()).message.contains("found 0 tiles"));
     assert!(refused(&|it| it.eyes_mm.swap(0, 1)).message.contains("expected the left eye first"));
+    let in_metres = refused(&|it| it.eyes_mm = it.eyes_mm.map(|eye| eye.map(|it| it * 1e-3)));
+    assert!(in_metres.message.contains("0.06 mm apart, expected 40 to 90 mm"), "{}", in_metres.message);
     assert_eq!(refused(&|it| it.eyes_mm[0][2] = f64::NAN).setting.as_deref(), Some("eyes_mm"));
     assert!(refused(&|it| it.far_m = 0.01).setting.as_deref() == Some("far_m"));
 }

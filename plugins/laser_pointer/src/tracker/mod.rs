@@ -2,6 +2,7 @@
 
 mod codes;
 mod colours;
+mod health;
 mod mirrors;
 mod pointers;
 mod settings;
@@ -111,7 +112,7 @@ impl Node for Tracker {
             of_volume.filter(|it| (0..2).any(|axis| (it[axis] / map.size_m[axis] - 1.0).abs() > OTHER_SIZE))
         {
             remarks.push(format!(
-                "{}: the wall is {} m by {} m, and `volume_m` of the scale says {} m by {} m: what is sent as parts of the wall (TUIO) is stretched, expected the same size",
+                "{}: the wall is {:.3} m by {:.3} m, and `volume_m` of the scale says {:.3} m by {:.3} m: what is sent as parts of the wall (TUIO) is stretched, expected the same size",
                 path.display(),
                 map.size_m[0],
                 map.size_m[1],
@@ -149,6 +150,7 @@ impl Node for Tracker {
             ));
         }
         self.remarks.iter().for_each(|it| report.remark(it.clone()));
+        self.pointers.remarks(&self.names).into_iter().for_each(|it| report.remark(it));
         let disputed: u64 = self.pointers.disputes().map(|it| it.2).sum();
         for (name, count) in [
             ("begun", begun),

@@ -27,6 +27,7 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3, Point2, Point3, Vector3};
 
 use super::codes::Decoder;
 use super::colours::Belief;
+use super::health;
 use super::mirrors::{Mirrors, Seen as Spot};
 use super::settings::TrackerSettings;
 use super::users::{UserTally, UsersOfTracks};
@@ -172,6 +173,8 @@ pub struct Pointers {
     next: u32,
     latest: Option<Time>,
     tally: Tally,
+    /// By the camera's number.
+    health: Vec<health::Camera>,
     /// Pairs of cameras that disagreed, with how often: the one that saw a spot, the one that did not.
     disputes: BTreeMap<(CameraId, CameraId), u64>,
     costs: Vec<f64>,
@@ -198,6 +201,7 @@ impl Pointers {
             next: 1,
             latest: None,
             tally: Tally::default(),
+            health: vec![health::Camera::default(); names.len()],
             disputes: BTreeMap::new(),
             costs: Vec::new(),
             shifted: Vec::new(),
@@ -219,6 +223,12 @@ impl Pointers {
         self.disputes.iter().map(|((saw, not), count)| (*saw, *not, *count))
     }
 
+    /// What is wrong with cameras or settings, in words, for cameras of these names.
+    pub fn remarks(&self, names: &[String]) -> Vec<String> {
+        let decided = self.users_tally().map(|it| it.decided);
+        health::remarks(&self.health, names, &self.settings, self.tally.begun, decided)
+    }
+
     /// Whose the pointers are, after the frame at `time`; `None` where no user has a code or a colour.
     pub fn users(&mut self, time: Time) -> Option<Users> {
         Some(self.users.as_mut()?.report(time, &self.tracks))
@@ -238,6 +248,7 @@ impl Pointers {
         if self.cameras.get(number).is_none_or(Option::is_none) {
             return false;
         }
+        self.health[number].frame(time, self.latest);
         if self.latest.is_some_and(|it| time < it) {
             self.tally.late += 1;
             return false;
@@ -280,6 +291,9 @@ impl Pointers {
                 self.tally.dim += 1;
                 continue;
             }
+            let health = &mut self.health[number];
+            health.bright += 1;
+            health.labelled += u64::from(it.label.is_some());
             let inside =
                 |point: &Point2<f64>| (0..2).all(|axis| (-BESIDE_M..self.size[axis] + BESIDE_M).contains(&point[axis]));
             let [width, height] = camera.map.image_size.map(f64::from);
@@ -289,11 +303,13 @@ impl Pointers {
             let covariance = it.covariance + Matrix2::identity() * cut;
             let Some(placed) = camera.map.place(&it.centre, &covariance).filter(|it| inside(&it.point)) else {
                 self.tally.beside += 1;
+                health.beside += 1;
                 continue;
             };
             let area = f64::from(it.area) * placed.plane_by_pixel.determinant().abs();
             if area.sqrt() > self.settings.largest_mm * 1e-3 {
                 self.tally.large += 1;
+                health.large += 1;
                 continue;
             }
             let covariance = placed.covariance + Matrix2::identity() * map_variance;

@@ -313,7 +313,7 @@ impl Node for BodyFitter {
         report.figure("body.frames", self.rms.len() as f64);
         report.figure("body.refused", self.refused.values().sum::<u64>() as f64);
         for (kind, n) in &self.refused {
-            report.figure(&format!("body.refused.{kind}"), *n as f64);
+            report.figure(format!("body.refused.{kind}"), *n as f64);
         }
         let rms = foveate::estimation::statistics::median(&self.rms).unwrap_or(f64::NAN);
         report.figure("body.rms_mm.median", 1e3 * rms);
