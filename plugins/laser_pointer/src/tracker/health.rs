@@ -107,7 +107,7 @@ pub(super) fn remarks(
             "of {begun} pointers none was decided to be a user's: do the colours and periods of `users` fit the pointers?"
         ));
     }
-    if begun == 0 && sum(|it| it.frames) > 0 {
+    if begun == 0 && sum(|it| it.frames) >= LEAST_COUNT {
         said.push(if bright == 0 {
             "no pointer began: no spot was bright enough; is one on, and are `min_threshold` and `min_peak` of `led.detector` and `brighter` below its peak?".to_owned()
         } else {

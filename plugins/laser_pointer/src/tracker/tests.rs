@@ -117,7 +117,10 @@ fn a_camera_without_a_map_and_a_wall_of_another_size_than_the_volume_are_told() 
     left.cameras.remove("right");
     let said = told(left, 4.0);
     assert!(said.contains("camera `right` is not in the map: its 3 spots are left out"), "{said}");
-    assert!(said.contains("the wall is 2.4 m by 1.2 m, and `volume_m` of the scale says 4 m by 1.2 m"), "{said}");
+    assert!(
+        said.contains("the wall is 2.400 m by 1.200 m, and `volume_m` of the scale says 4.000 m by 1.200 m"),
+        "{said}"
+    );
 }
 
 #[test]
