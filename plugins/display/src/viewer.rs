@@ -58,6 +58,31 @@ pub struct TileSettings {
     pub size_px: [u32; 2],
 }
 
+impl TileSettings {
+    /// Whether a tile can be as large, and as far away, as its corners say.
+    fn check_size(&self, corners: &[Point3<f64>; 3], volume_m: Option<[[f64; 3]; 2]>) -> Result<(), String> {
+        let pixel = |side: usize| (corners[side + 1] - corners[0]).norm() / f64::from(self.size_px[side]);
+        let ratio = pixel(0) / pixel(1);
+        if !PIXEL_SIDES.contains(&ratio) {
+            return Err(format!(
+                "found pixels {ratio:.2} times as wide as high, expected {} to {}: do the corners go with `size_px`?",
+                PIXEL_SIDES.start(),
+                PIXEL_SIDES.end()
+            ));
+        }
+        let Some([low, high]) = volume_m.map(|it| it.map(Point3::from)) else { return Ok(()) };
+        let (middle, across) = (nalgebra::center(&low, &high), (high - low).norm());
+        let far = (corners[0] - middle).norm();
+        if far > FARTHEST_TILE * across {
+            return Err(format!(
+                "found a corner {far:.1} m from the middle of `volume_m`, which is {across:.1} m across, expected at most {:.1} m: are all in metres?",
+                FARTHEST_TILE * across
+            ));
+        }
+        Ok(())
+    }
+}
+
 /// Settings of [`Viewer`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
@@ -161,6 +186,10 @@ impl ViewerSettings {
     }
 }
 
+/// Pixels of displays are about as wide as high [–].
+const PIXEL_SIDES: std::ops::RangeInclusive<f64> = 0.5..=2.0;
+/// Nobody looks at a tile from a room that is this many times smaller than the tile is far [–].
+const FARTHEST_TILE: f64 = 10.0;
 /// Pupils of people from small children on are this far apart [mm].
 const EYES_APART_MM: std::ops::RangeInclusive<f64> = 40.0..=90.0;
 /// Eyes are no farther from the origin of the head's space than this along each axis [mm].
@@ -223,6 +252,11 @@ impl Node for Viewer {
             let screen = screen.map_err(|fault| ConfigError::at(&at("lower_left_m"), fault))?;
             if setup.volume_m.is_some_and(|it| !is_before(&screen, &corners[0], it)) {
                 let message = "found the whole `volume_m` of the scale behind this tile, expected its corners as who looks at it sees them: are lower left and lower right exchanged?";
+                return Err(ConfigError::at(&at("lower_left_m"), message));
+            }
+            it.check_size(&corners, setup.volume_m).map_err(|fault| ConfigError::at(&at("lower_left_m"), fault))?;
+            if let Some(other) = tiles.iter().find(|tile| tile.corners == corners) {
+                let message = format!("found the place of tile `{}` again, expected each tile at its own", other.name);
                 return Err(ConfigError::at(&at("lower_left_m"), message));
             }
             setup.offer("tile", &it.name);

@@ -155,6 +155,23 @@ fn what_cannot_be_is_refused_with_its_place() {
     assert!(fault.message.contains("found edges of 0 m and 0.8"), "{fault}");
     let fault = refused(&|it| it.tiles[1].name = "left".to_owned());
     assert!(fault.message.contains("expected a name that no other tile has"), "{fault}");
+    let fault = refused(&|it| {
+        let TileSettings { lower_left_m, lower_right_m, upper_left_m, .. } = it.tiles[0].clone();
+        (it.tiles[1].lower_left_m, it.tiles[1].lower_right_m) = (lower_left_m, lower_right_m);
+        it.tiles[1].upper_left_m = upper_left_m;
+    });
+    assert!(fault.message.contains("found the place of tile `left` again"), "{fault}");
+    let fault = refused(&|it| it.tiles[0].size_px = [4 * it.tiles[0].size_px[0], it.tiles[0].size_px[1]]);
+    assert!(fault.message.contains("times as wide as high, expected 0.5 to 2"), "{fault}");
+    let mut settings = settings();
+    for it in &mut settings.tiles {
+        for corner in [&mut it.lower_left_m, &mut it.lower_right_m, &mut it.upper_left_m] {
+            *corner = corner.map(|it| 100.0 * it);
+        }
+    }
+    let setup = Setup { volume_m: Some([[-2.0, 0.0, 0.0], [2.0, 3.0, 2.5]]), ..Setup::for_tests() };
+    let fault = NodeBench::<Viewer>::with_setup(settings, &setup).map(|_| ()).unwrap_err();
+    assert!(fault.message.contains("are all in metres?"), "{fault}");
     let fault = refused(&|it| it.lights_mm[3] = [24.0, 5.0, 118.0]);
     assert_eq!(fault.setting.as_deref(), Some("lights_mm[3]"));
     assert!(refused(&|it| it.lights_mm.clear()).message.contains("found 0 lights, expected 2 to 8"));
