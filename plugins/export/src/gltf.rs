@@ -7,6 +7,31 @@ mod node;
 mod of_motion;
 mod scene;
 mod still;
+/// A GLB file of a document and of its binary chunk, whose length is a multiple of four; without bytes there is none.
+///
+/// # Errors
+/// The length that it would have, where that is more than the 4 GiB that such a file can have.
+pub(crate) fn glb_file(document: &Value, bytes: &[u8]) -> Result<Vec<u8>, usize> {
+    let mut text = document.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let length = 12 + 8 + text.len() + if bytes.is_empty() { 0 } else { 8 + bytes.len() };
+    let Ok(whole) = u32::try_from(length) else { return Err(length) };
+    let mut file = Vec::with_capacity(length);
+    file.extend_from_slice(b"glTF");
+    file.extend(2_u32.to_le_bytes());
+    file.extend(whole.to_le_bytes());
+    // Both chunks are shorter than the whole.
+    file.extend((text.len() as u32).to_le_bytes());
+    file.extend_from_slice(b"JSON");
+    file.extend(text);
+    if !bytes.is_empty() {
+        file.extend((bytes.len() as u32).to_le_bytes());
+        file.extend_from_slice(b"BIN\0");
+        file.extend_from_slice(bytes);
+    }
+    Ok(file)
+}
+
 #[cfg(test)]
 mod tests;
 mod triangles;
@@ -144,24 +169,6 @@ impl Glb {
                 document[name] = Value::Array(list);
             }
         }
-        let mut text = document.to_string().into_bytes();
-        text.resize(text.len().next_multiple_of(4), b' ');
-        let has_bytes = !self.bytes.is_empty();
-        let length = 12 + 8 + text.len() + if has_bytes { 8 + self.bytes.len() } else { 0 };
-        let Ok(whole) = u32::try_from(length) else { return Err(length) };
-        let mut file = Vec::with_capacity(length);
-        file.extend_from_slice(b"glTF");
-        file.extend(2_u32.to_le_bytes());
-        file.extend(whole.to_le_bytes());
-        // Both chunks are shorter than the whole.
-        file.extend((text.len() as u32).to_le_bytes());
-        file.extend_from_slice(b"JSON");
-        file.extend(text);
-        if has_bytes {
-            file.extend((self.bytes.len() as u32).to_le_bytes());
-            file.extend_from_slice(b"BIN\0");
-            file.extend(self.bytes);
-        }
-        Ok(file)
+        glb_file(&document, &self.bytes)
     }
 }

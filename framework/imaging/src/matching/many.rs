@@ -94,13 +94,13 @@ pub fn match_in_space(
     let reduced = Reduced::of(template).ok_or(Refused::NoTexture)?;
     let (mut depth, first) = (depth, depth);
     let mut matrices = starts.to_vec();
-    let mut fates: Vec<Result<(Warp, f64), Refused>> =
+    let mut outcomes: Vec<Result<(Warp, f64), Refused>> =
         vec![Ok((Warp::shift([0.0; 2]), 0.0)); pictures.len().min(starts.len())];
     for steps in 1..=options.max_steps {
-        let mut views: Vec<Option<View>> = Vec::with_capacity(fates.len());
+        let mut views: Vec<Option<View>> = Vec::with_capacity(outcomes.len());
         let (mut information, mut right) = (0.0, 0.0);
-        for (k, fate) in fates.iter_mut().enumerate() {
-            let view = if fate.is_ok() {
+        for (k, outcome) in outcomes.iter_mut().enumerate() {
+            let view = if outcome.is_ok() {
                 let seen = place(k, depth).ok_or(Refused::Outside);
                 seen.and_then(|it| compare_at(template, pictures[k], it, matrices[k], options, buffers))
             } else {
@@ -116,13 +116,13 @@ pub fn match_in_space(
                     views.push(Some(view));
                 }
                 Err(reason) => {
-                    *fate = fate.and(Err(reason));
+                    *outcome = outcome.and(Err(reason));
                     views.push(None);
                 }
             }
         }
         if views.iter().all(Option::is_none) {
-            return Err(fates.iter().find_map(|it| it.err()).unwrap_or(Refused::Outside));
+            return Err(outcomes.iter().find_map(|it| it.err()).unwrap_or(Refused::Outside));
         }
         if !(information > 0.0 && information.is_finite()) {
             return Err(Refused::Vague);
@@ -136,7 +136,7 @@ pub fn match_in_space(
             let unknowns = reduced.step(&view.compared, shift);
             match compose(&view.warp, &unknowns, template.reach) {
                 Some(next) => matrices[k] = next.matrix,
-                None => fates[k] = Err(Refused::Bent),
+                None => outcomes[k] = Err(Refused::Bent),
             }
             moved = moved.max((view.warp.as_matrix() * shift).norm());
             if let (Some(now), Some(then)) = (place(k, depth), place(k, first))
@@ -146,7 +146,7 @@ pub fn match_in_space(
             }
         }
         if moved < 2.0 * options.done_px && steps > 1 {
-            return finish(template, depth, information, &views, &matrices, fates, steps, options, &mut place);
+            return finish(template, depth, information, &views, &matrices, outcomes, steps, options, &mut place);
         }
     }
     Err(Refused::NoConvergence)
@@ -182,7 +182,7 @@ fn finish(
     information: f64,
     views: &[Option<View>],
     matrices: &[[[f64; 2]; 2]],
-    mut fates: Vec<Result<(Warp, f64), Refused>>,
+    mut outcomes: Vec<Result<(Warp, f64), Refused>>,
     steps: u32,
     options: &MatchOptions,
     place: &mut impl FnMut(usize, f64) -> Option<Place>,
@@ -190,7 +190,7 @@ fn finish(
     for (k, view) in views.iter().enumerate() {
         let Some(view) = view else { continue };
         let Some(seen) = place(k, depth) else {
-            fates[k] = Err(Refused::Outside);
+            outcomes[k] = Err(Refused::Outside);
             continue;
         };
         let warp = Warp { at: seen.at, matrix: matrices[k] };
@@ -199,21 +199,21 @@ fn finish(
         let bent = largest > options.max_stretch
             || smallest * options.max_stretch < 1.0
             || largest > options.max_shear * smallest;
-        fates[k] = match () {
+        outcomes[k] = match () {
             () if bent => Err(Refused::Bent),
             () if view.compared.gain > options.max_gain => Err(Refused::Radiometry),
             () if correlation < options.min_correlation => Err(Refused::Dissimilar),
             () => Ok((warp, correlation)),
         };
     }
-    let Some(reason) = fates.iter().find_map(|it| it.err()).filter(|_| fates.iter().all(Result::is_err)) else {
+    let Some(reason) = outcomes.iter().find_map(|it| it.err()).filter(|_| outcomes.iter().all(Result::is_err)) else {
         let variance = 1.0 / information;
         // Along the fastest of the pictures, as that of a single match.
         let fastest = views.iter().flatten().map(|it| (it.warp.as_matrix() * it.by_depth).norm()).fold(0.0, f64::max);
         if variance.sqrt() * fastest > options.max_sigma_px {
             return Err(Refused::Vague);
         }
-        return Ok(SpaceMatch { depth, variance, pictures: fates, steps });
+        return Ok(SpaceMatch { depth, variance, pictures: outcomes, steps });
     };
     Err(reason)
 }

@@ -4,6 +4,8 @@ use foveate::scene::skeleton::retarget::{RigJoint, RigPose};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
 
+use crate::gltf::glb_file;
+
 /// A GLB file and the joints of its first skin.
 pub(super) struct Rigged {
     document: Value,
@@ -158,22 +160,8 @@ impl Rigged {
             list(&mut document, "buffers").push(json!({}));
         }
         document["buffers"][0]["byteLength"] = json!(bytes.len());
-        let mut text = document.to_string().into_bytes();
-        text.resize(text.len().next_multiple_of(4), b' ');
-        let length = 12 + 8 + text.len() + 8 + bytes.len();
-        let whole = u32::try_from(length)
-            .map_err(|_| format!("{length} bytes are more than the 4 GiB that a GLB file can have"))?;
-        let mut file = Vec::with_capacity(length);
-        file.extend_from_slice(b"glTF");
-        file.extend(2_u32.to_le_bytes());
-        file.extend(whole.to_le_bytes());
-        file.extend((text.len() as u32).to_le_bytes());
-        file.extend_from_slice(b"JSON");
-        file.extend(text);
-        file.extend((bytes.len() as u32).to_le_bytes());
-        file.extend_from_slice(b"BIN\0");
-        file.extend(bytes);
-        Ok(file)
+        glb_file(&document, &bytes)
+            .map_err(|length| format!("{length} bytes are more than the 4 GiB that a GLB file can have"))
     }
 }
 

@@ -6,11 +6,11 @@
 //!
 //! A fit that is not to be believed is given out as no body, with the reason in `unmodelled`, and counted; the next message starts anew.
 
-mod follow;
 mod message;
 mod picture;
 #[cfg(test)]
 mod tests;
+mod track;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -22,8 +22,8 @@ use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use self::follow::{Follower, Outcome, Rules};
 use self::picture::Picture;
+use self::track::{BodyTracker, Outcome, Rules};
 
 ports! {
     TRACKED: In<TrackedSurface> = each("tracked");
@@ -168,7 +168,7 @@ impl Default for BodySettings {
 /// Tracked points in, a body out.
 pub struct BodyFitter {
     settings: BodySettings,
-    follower: Follower,
+    tracker: BodyTracker,
     clicked: BTreeMap<usize, Point3<f64>>,
     picture: Option<Picture>,
     out_dir: Option<std::path::PathBuf>,
@@ -254,7 +254,7 @@ impl Node for BodyFitter {
         };
         Ok(Self {
             picture: settings.picture.then(Picture::default),
-            follower: Follower::new(body, template, rules),
+            tracker: BodyTracker::new(body, template, rules),
             settings,
             clicked,
             out_dir: setup.out_dir.clone(),
@@ -279,7 +279,7 @@ impl Node for BodyFitter {
         }
         let surface = &tracked.value;
         let mut message = Skeletons { time: surface.time, list: Vec::new(), unmodelled: Vec::new() };
-        match self.follower.follow(surface, &clicks) {
+        match self.tracker.track(surface, &clicks) {
             Outcome::Followed(frame) => {
                 self.rms.push(frame.fit.rms_m);
                 self.n_points += frame.n_points as u64;
@@ -291,7 +291,7 @@ impl Node for BodyFitter {
                 message.list.push(frame.skeleton);
                 let state = &frame.fit.state;
                 if let Some(picture) = &mut self.picture {
-                    picture.add(surface, self.follower.body(), state);
+                    picture.add(surface, self.tracker.body(), state);
                 }
                 if let Some(mesh) = self.skin(state, surface.time) {
                     io.emit(&SKIN, tracked.stamp, mesh);
@@ -320,16 +320,16 @@ impl Node for BodyFitter {
         report.figure("body.outliers", self.n_outliers as f64 / self.n_points as f64);
         report.figure("body.limbs_unsupported", self.n_unsupported as f64);
         report.figure("body.iterations", self.iterations.0 as f64 / self.iterations.1 as f64);
-        report.figure("body.girth", self.follower.girth().unwrap_or(f64::NAN));
+        report.figure("body.girth", self.tracker.girth().unwrap_or(f64::NAN));
         let Some((picture, folder)) = self.picture.as_ref().zip(self.out_dir.as_ref()) else { return Ok(()) };
-        let saved = report.save(folder, "body.svg", picture.svg(self.follower.body()));
+        let saved = report.save(folder, "body.svg", picture.svg(self.tracker.body()));
         saved.map_err(|it| NodeError::input(it.to_string()))
     }
 }
 
 impl BodyFitter {
     fn skin(&self, state: &metaball::State, time: Time) -> Option<Arc<Mesh>> {
-        let body = self.follower.body();
+        let body = self.tracker.body();
         let mesh = match self.settings.skin {
             Skin::None => return None,
             Skin::Isosurface => metaball::surface(body, state, self.settings.skin_mm * 1e-3),

@@ -17,7 +17,7 @@ const LEAST_POINTS: usize = 20;
 /// How many clicked joints start a body.
 const LEAST_CLICKS: usize = 3;
 
-/// How a body is followed.
+/// How a body is tracked.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Rules {
     pub clicked_m: f64,
@@ -46,7 +46,7 @@ pub(super) struct Frame {
 }
 
 /// The body so far.
-pub(super) struct Follower {
+pub(super) struct BodyTracker {
     body: Body,
     template: State,
     rules: Rules,
@@ -57,7 +57,7 @@ pub(super) struct Follower {
     places: BTreeMap<u32, (usize, Vector3<f64>)>,
 }
 
-impl Follower {
+impl BodyTracker {
     pub fn new(body: Body, template: State, rules: Rules) -> Self {
         Self { body, template, rules, shape: (Vec::new(), 0), last: None, places: BTreeMap::new() }
     }
@@ -100,7 +100,7 @@ impl Follower {
     }
 
     /// The body in a message; `clicks` by their places in [`BODY_JOINTS`], for a start.
-    pub fn follow(&mut self, surface: &TrackedSurface, clicks: &BTreeMap<usize, Point3<f64>>) -> Outcome {
+    pub fn track(&mut self, surface: &TrackedSurface, clicks: &BTreeMap<usize, Point3<f64>>) -> Outcome {
         let points: Vec<&TrackedPoint> =
             surface.list.iter().filter(|it| it.position.iter().all(|it| it.is_finite())).collect();
         if points.len() < LEAST_POINTS {
