@@ -17,6 +17,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Point3, SMatrix, SVector, UnitQuaternion, Vector3};
 
+use super::layout::{Layout, N_SIZES, Presence};
 use super::model::{Body, Chain, cross};
 use super::parts::{Joint, N_PARTS, Part};
 
@@ -24,108 +25,6 @@ use super::parts::{Joint, N_PARTS, Part};
 pub type Matrix9 = SMatrix<f64, 9, 9>;
 /// A row of (μᵢ, δᵢ, lᵢ).
 pub type Vector9 = SVector<f64, 9>;
-
-const N_SIZES: usize = 3 * N_PARTS;
-
-/// How a part takes part.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Presence {
-    /// It is not in the model.
-    Absent,
-    /// It goes on as its parent does: the lower part of a limb that was never seen bent.
-    Tied,
-    /// It turns by itself.
-    Own,
-}
-
-/// Where the blocks of the state begin.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Layout {
-    slots: [Option<u8>; N_PARTS],
-    tied: [bool; N_PARTS],
-    n_parts: usize,
-}
-
-impl Layout {
-    /// With all parts for which `has`, each turning by itself.
-    pub fn new(has: impl Fn(Part) -> bool) -> Self {
-        Self::of(|it| if has(it) { Presence::Own } else { Presence::Absent })
-    }
-
-    /// With parts as `presence` says. A part whose parent is not there cannot be tied to it, and is absent.
-    pub fn of(presence: impl Fn(Part) -> Presence) -> Self {
-        let mut layout = Layout { slots: [None; N_PARTS], tied: [false; N_PARTS], n_parts: 0 };
-        for part in Part::ALL {
-            match (presence(part), part.parent()) {
-                (Presence::Own, _) => {
-                    layout.slots[part.index()] = Some(layout.n_parts as u8);
-                    layout.n_parts += 1;
-                }
-                (Presence::Tied, Some(parent)) => {
-                    layout.slots[part.index()] = layout.slots[parent.index()];
-                    layout.tied[part.index()] = true;
-                }
-                _ => {}
-            }
-        }
-        layout
-    }
-
-    /// How a part takes part.
-    pub fn presence(&self, part: Part) -> Presence {
-        match (self.has(part), self.tied[part.index()]) {
-            (false, _) => Presence::Absent,
-            (true, true) => Presence::Tied,
-            (true, false) => Presence::Own,
-        }
-    }
-
-    fn is_own(&self, part: Part) -> bool {
-        self.presence(part) == Presence::Own
-    }
-
-    /// Whether a part is in the model.
-    pub fn has(&self, part: Part) -> bool {
-        self.slots[part.index()].is_some()
-    }
-
-    /// The parts in the model.
-    pub fn parts(&self) -> impl Iterator<Item = Part> + '_ {
-        Part::ALL.into_iter().filter(|it| self.has(*it))
-    }
-
-    fn slot(&self, part: Part) -> Option<usize> {
-        self.slots[part.index()].map(usize::from)
-    }
-
-    /// Where a part's turn begins.
-    pub fn turn(&self, part: Part) -> Option<usize> {
-        self.slot(part).map(|it| 3 + 3 * it)
-    }
-
-    /// Where its sizes begin.
-    pub fn size(&self, part: Part) -> usize {
-        3 + 3 * self.n_parts + 3 * part.index()
-    }
-
-    /// Place, turns and sizes.
-    pub fn n_static(&self) -> usize {
-        3 + 3 * self.n_parts + N_SIZES
-    }
-
-    fn velocity(&self) -> usize {
-        self.n_static()
-    }
-
-    fn rate(&self, part: Part) -> Option<usize> {
-        self.slot(part).map(|it| self.n_static() + 3 + 3 * it)
-    }
-
-    /// All numbers.
-    pub fn n(&self) -> usize {
-        self.n_static() + 3 + 3 * self.n_parts
-    }
-}
 
 /// How bodies move between two moments.
 #[derive(Debug, Clone, PartialEq)]
@@ -168,8 +67,8 @@ pub struct BodyFilter {
     pub velocity: Vector3<f64>,
     /// Angular velocities, each in its part's axes [rad/s].
     pub rates: [Vector3<f64>; N_PARTS],
-    layout: Layout,
-    covariance: DMatrix<f64>,
+    pub(super) layout: Layout,
+    pub(super) covariance: DMatrix<f64>,
 }
 
 /// Standard deviations of what begins.
@@ -308,6 +207,17 @@ impl BodyFilter {
         }
     }
 
+    /// Forgets what was learnt of a part's sizes: they are `sizes` again, and uncertain by `sigmas` [m].
+    pub fn forget_sizes(&mut self, part: Part, sizes: &Vector3<f64>, sigmas: &Vector3<f64>) {
+        self.body.sizes[part.index()] = *sizes;
+        for axis in 0..3 {
+            let at = self.layout.size(part) + axis;
+            self.covariance.row_mut(at).fill(0.0);
+            self.covariance.column_mut(at).fill(0.0);
+            self.covariance[(at, at)] = sigmas[axis].powi(2);
+        }
+    }
+
     /// Where the blocks of the state are.
     pub fn layout(&self) -> &Layout {
         &self.layout
@@ -421,7 +331,7 @@ impl BodyFilter {
         Some(transition)
     }
 
-    fn make_symmetric(&mut self) {
+    pub(super) fn make_symmetric(&mut self) {
         let n = self.covariance.nrows();
         for row in 0..n {
             for column in 0..row {
@@ -434,7 +344,10 @@ impl BodyFilter {
 
     /// Takes in what is measured: `measure` gives the normal equations at a body (first the predicted one, then each better one). `false`, and nothing
     /// has changed, when the numbers do not allow a solution.
-    pub fn update(&mut self, iterations: usize, mut measure: impl FnMut(&Body, &mut Normal)) -> bool {
+    ///
+    /// Sizes take only a `share` of what the measurement says of them, from 0 to 1 (K. Brink, "Partial-update Schmidt–Kalman filter", Journal of Guidance, Control, and Dynamics 40(9), 2017, with
+    /// γ² = 1 − share): hulls err for as long as a pose lasts, so that what many frames say of a size is no more than what a few poses say.
+    pub fn update(&mut self, iterations: usize, share: f64, mut measure: impl FnMut(&Body, &mut Normal)) -> bool {
         let layout = self.layout;
         let n = layout.n_static();
         let prior: DMatrix<f64> = self.covariance.view((0, 0), (n, n)).into_owned();
@@ -464,7 +377,7 @@ impl BodyFilter {
             }
         }
         let Some(factor) = posterior else { return false };
-        let after = factor.inverse();
+        let mut after = factor.inverse();
         let change = difference(&body, &self.body, &layout);
         let n_rest = layout.n() - n;
         let gain = self.covariance.view((n, 0), (n_rest, n)) * &information;
@@ -477,6 +390,21 @@ impl BodyFilter {
         }
         let lower = &gain * (&after - &prior) * gain.transpose();
         let cross_term = &gain * &after;
+        // γ of a limb's sizes is the root of what is kept of their covariance; of all else it is 0.
+        let kept = (1.0 - share).max(0.0).sqrt();
+        let slow: Vec<(Part, usize)> =
+            Part::ALL.into_iter().filter(|it| it.is_limb()).flat_map(|it| (0..3).map(move |axis| (it, axis))).collect();
+        let at = |(part, axis): (Part, usize)| layout.size(part) + axis;
+        for &(part, axis) in &slow {
+            let size = &mut body.sizes[part.index()][axis];
+            *size += (self.body.size(part)[axis] - *size) * kept;
+        }
+        for &one in &slow {
+            for &other in &slow {
+                let place = (at(one), at(other));
+                after[place] += (prior[place] - after[place]) * kept * kept;
+            }
+        }
         self.covariance.view_mut((0, 0), (n, n)).copy_from(&after);
         self.covariance.view_mut((n, 0), (n_rest, n)).copy_from(&cross_term);
         self.covariance.view_mut((0, n), (n, n_rest)).copy_from(&cross_term.transpose());
@@ -585,7 +513,7 @@ impl BodyFilter {
 const HEAD_LEVEL: f64 = 0.26;
 
 /// `body` ⊖ `from`.
-fn difference(body: &Body, from: &Body, layout: &Layout) -> DVector<f64> {
+pub(super) fn difference(body: &Body, from: &Body, layout: &Layout) -> DVector<f64> {
     let mut difference = DVector::zeros(layout.n_static());
     difference.fixed_rows_mut::<3>(0).copy_from(&(body.torso - from.torso));
     for part in Part::ALL {
@@ -603,7 +531,7 @@ fn difference(body: &Body, from: &Body, layout: &Layout) -> DVector<f64> {
 const LEAST_SIZE: f64 = 0.01;
 
 /// `body` ⊕ `step`.
-fn moved(body: &Body, step: &DVector<f64>, layout: &Layout) -> Body {
+pub(super) fn moved(body: &Body, step: &DVector<f64>, layout: &Layout) -> Body {
     let vector = |at: usize| Vector3::new(step[at], step[at + 1], step[at + 2]);
     let mut other = body.clone();
     other.torso += vector(0);
@@ -616,50 +544,4 @@ fn moved(body: &Body, step: &DVector<f64>, layout: &Layout) -> Body {
         other.sizes[i] = (other.sizes[i] + vector(layout.size(part))).map(|it| it.max(LEAST_SIZE));
     }
     other
-}
-
-/// Rauch–Tung–Striebel: each step with what came after it (H. E. Rauch, F. Tung and C. T. Striebel, AIAA Journal 3(8), 1965). Where a step has no transition,
-/// what came later does not reach what came before.
-pub fn smooth(steps: &[Step]) -> Vec<BodyFilter> {
-    let mut smoothed: Vec<BodyFilter> = steps.iter().map(|it| it.filtered.clone()).collect();
-    for k in (0..steps.len().saturating_sub(1)).rev() {
-        let next = &steps[k + 1];
-        let Some(transition) = &next.transition else { continue };
-        let filtered = &steps[k].filtered;
-        if filtered.layout != next.predicted.layout || smoothed[k + 1].layout != next.predicted.layout {
-            continue;
-        }
-        let layout = filtered.layout;
-        let Some(factor) = next.predicted.covariance.clone().cholesky() else { continue };
-        // C = P Fᵀ P⁻¹, from P⁻¹ F P.
-        let gain = factor.solve(&(transition * &filtered.covariance)).transpose();
-        let change = whole_difference(&smoothed[k + 1], &next.predicted, &layout);
-        let step = &gain * change;
-        let mut better = filtered.clone();
-        better.body = moved(&filtered.body, &step.rows(0, layout.n_static()).into_owned(), &layout);
-        better.velocity += step.fixed_rows::<3>(layout.velocity());
-        for part in layout.parts() {
-            if let Some(at) = layout.rate(part) {
-                better.rates[part.index()] += step.fixed_rows::<3>(at);
-            }
-        }
-        let shrunk = &gain * (&smoothed[k + 1].covariance - &next.predicted.covariance) * gain.transpose();
-        better.covariance = &filtered.covariance + shrunk;
-        better.make_symmetric();
-        smoothed[k] = better;
-    }
-    smoothed
-}
-
-fn whole_difference(a: &BodyFilter, b: &BodyFilter, layout: &Layout) -> DVector<f64> {
-    let mut whole = DVector::zeros(layout.n());
-    whole.rows_mut(0, layout.n_static()).copy_from(&difference(&a.body, &b.body, layout));
-    whole.fixed_rows_mut::<3>(layout.velocity()).copy_from(&(a.velocity - b.velocity));
-    for part in layout.parts() {
-        if let Some(at) = layout.rate(part) {
-            let i = part.index();
-            whole.fixed_rows_mut::<3>(at).copy_from(&(a.rates[i] - b.rates[i]));
-        }
-    }
-    whole
 }

@@ -12,11 +12,12 @@
 use nalgebra::{Point3, SMatrix, UnitQuaternion, Vector3};
 
 use super::field::VoxelField;
-use super::filter::{BodyFilter, Layout, Matrix9, Normal, Vector9};
+use super::filter::{BodyFilter, Matrix9, Normal, Vector9};
+use super::layout::Layout;
 use super::model::Body;
 use super::parts::{N_PARTS, Part};
 use super::proportions::Limits;
-use super::solid::skin;
+use super::solid::{skin, taper};
 
 /// How voxels are compared with a body.
 #[derive(Debug, Clone, PartialEq)]
@@ -69,11 +70,13 @@ pub struct Support {
     pub unexplained: f64,
     /// Root mean square distance of faces from the skin that they belong to [m].
     pub rms: f64,
+    /// How badly body and voxels fit: the negative logarithm of a likelihood, up to a constant of the voxels [–].
+    pub cost: f64,
 }
 
 impl Default for Support {
     fn default() -> Self {
-        Self { covered: [0.0; N_PARTS], inside: [0.0; N_PARTS], unexplained: 0.0, rms: 0.0 }
+        Self { covered: [0.0; N_PARTS], inside: [0.0; N_PARTS], unexplained: 0.0, rms: 0.0, cost: 0.0 }
     }
 }
 
@@ -174,7 +177,7 @@ impl<'a> Fit<'a> {
         let weight = self.area / options.patch.powi(2) / variance;
         let mut information = [(Matrix9::zeros(), Vector9::zeros()); N_PARTS];
         let mut areas = [0.0; N_PARTS];
-        let (mut n_used, mut n_free, mut squares) = (0_usize, 0_usize, 0.0);
+        let (mut n_used, mut n_free, mut squares, mut cost) = (0_usize, 0_usize, 0.0, 0.0);
         self.owners.clear();
         for face in self.field.faces().iter().step_by(self.step) {
             let mut best: Option<(f64, usize, super::solid::Skin, Vector3<f64>)> = None;
@@ -197,13 +200,16 @@ impl<'a> Fit<'a> {
             }
             let Some((_, number, found, point)) = best else {
                 n_free += 1;
+                cost += weight * options.soft_outside.powi(2) / 2.0;
                 self.owners.push(None);
                 continue;
             };
             let at = &parts[number];
             self.owners.push(Some(at.part));
             let soft = if found.distance > 0.0 { options.soft_outside } else { options.soft_inside };
-            let robust = (1.0 + (found.distance / soft).powi(2)).powi(-2);
+            let relative = (found.distance / soft).powi(2);
+            let robust = (1.0 + relative).powi(-2);
+            cost += weight * soft.powi(2) / 2.0 * relative / (1.0 + relative);
             n_used += 1;
             squares += found.distance.powi(2);
             areas[at.part.index()] += self.area * robust;
@@ -218,6 +224,7 @@ impl<'a> Fit<'a> {
         self.scales = [1.0; N_PARTS];
         self.support.unexplained = n_free as f64 / (n_free + n_used).max(1) as f64;
         self.support.rms = (squares / n_used.max(1) as f64).sqrt();
+        self.support.cost = cost;
         for at in &parts {
             let i = at.part.index();
             self.support.covered[i] = areas[i] / skin_area(at.part, &at.sizes);
@@ -228,7 +235,7 @@ impl<'a> Fit<'a> {
     }
 
     /// The axis of a part should lie deep enough; gives the share of it that lies inside at all.
-    fn contain(&self, at: &Placed, (matrix, vector): &mut (Matrix9, Vector9)) -> f64 {
+    fn contain(&mut self, at: &Placed, (matrix, vector): &mut (Matrix9, Vector9)) -> f64 {
         const PLACES: usize = 6;
         let options = self.options;
         let thick = at.sizes.x.min(at.sizes.y);
@@ -248,7 +255,7 @@ impl<'a> Fit<'a> {
             let (depth, slope) = self.field.depth(&(at.centre + forward * reach));
             n_inside += usize::from(depth > -0.25 * self.field.size());
             // Depths of thin limbs in coarse voxels are too small by half a voxel now and then.
-            let wanted = 0.75 * thick - 0.3 * self.field.size();
+            let wanted = 0.75 * thick * (1.0 + taper(at.part) * t) - 0.3 * self.field.size();
             let missing = wanted.max(0.0) - depth;
             if missing <= 0.0 {
                 continue;
@@ -260,6 +267,7 @@ impl<'a> Fit<'a> {
             row.fixed_rows_mut::<3>(3).copy_from(&local.cross(&reach));
             row[8] = -local.z * t;
             let missing = missing.min(0.25);
+            self.support.cost += weight * 0.08_f64.powi(2) / 2.0 * (missing / 0.08).powi(2).ln_1p();
             let robust = (1.0 + (missing / 0.08).powi(2)).recip();
             matrix.ger(weight * robust, &row, &row, 1.0);
             *vector += row * (weight * robust * missing);

@@ -225,7 +225,8 @@ impl Search<'_> {
         let lowers = ways::<N_LOWER>();
         for upper in ways::<N_UPPER>().into_iter().filter(is_possible) {
             let first = self.along(&self.joint, &upper, self.lengths[0], self.radii[0], 0.35);
-            if first < 0.2 {
+            // Directions are 15° apart: what is wanted may lie half in between, and is turned uphill below.
+            if first < 0.0 {
                 continue;
             }
             let elbow = self.joint + upper * self.lengths[0];
@@ -235,7 +236,7 @@ impl Search<'_> {
                     continue;
                 }
                 let second = self.along(&elbow, &lower, self.lengths[1] - self.radii[1], self.radii[1], 0.0);
-                if second > 0.2 {
+                if second > -0.2 {
                     close.push((first + second, [upper, lower]));
                 }
             }

@@ -12,7 +12,8 @@
 //! | [`acquire`] | head, neck and torso in voxels of which nothing is known (§3) |
 //! | [`limbs`] | arms and legs there |
 //! | [`fit`] | what voxels say of a body |
-//! | [`filter`] | [`BodyFilter`]: the extended Kalman filter (§4), and a smoother |
+//! | [`filter`] | [`BodyFilter`]: the extended Kalman filter (§4) |
+//! | `layout`, `smooth` | where its blocks begin; a smoother |
 //! | `facing` | which way a body looks |
 //! | [`people`] | [`People`]: several of them, and who has which voxels |
 //! | [`tracker`] | [`BodyTracker`]: one body through all frames, with the levels of §6 |
@@ -22,19 +23,23 @@ mod facing;
 pub mod field;
 pub mod filter;
 pub mod fit;
+mod layout;
 pub mod limbs;
 pub mod model;
 mod parts;
 pub mod people;
 pub mod proportions;
+mod smooth;
 mod solid;
 pub mod tracker;
 
 pub use acquire::{AcquisitionFailure, AcquisitionOptions};
 pub use field::VoxelField;
-pub use filter::{BodyFilter, Layout, Presence, Step, smooth};
+pub use filter::{BodyFilter, Step};
 pub use fit::{Labelled, Support};
+pub use layout::{Layout, Presence};
 pub use model::Body;
 pub use parts::{ANKLE_DOWN, HIP_OUT, Joint, Limb, N_JOINTS, N_PARTS, Part, SHOULDER_UP, WRIST_DOWN};
 pub use people::{Cubes, Followed, People, PeopleOptions};
+pub use smooth::smooth;
 pub use tracker::{BodyTracker, JointEstimate, JointSource, LimbLevel, TrackerOptions};

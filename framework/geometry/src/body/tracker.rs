@@ -6,15 +6,16 @@
 
 use nalgebra::{Matrix6, Point3, Vector3};
 
-use super::acquire::{AcquisitionFailure, AcquisitionOptions, TrunkFound, body_of, find_heads, find_torso, turn_of};
+use super::acquire::{AcquisitionFailure, AcquisitionOptions, TrunkFound, body_of, find_heads, find_torso};
 use super::facing::{Facing, SURE};
 use super::field::VoxelField;
-use super::filter::{Beginning, BodyFilter, Layout, MotionOptions, Presence, Step};
+use super::filter::{Beginning, BodyFilter, MotionOptions, Step};
 use super::fit::{Fit, FitOptions, Labelled, Skins, Support, add_labelled, add_limits};
-use super::limbs::{LimbFound, Taken, find_limb};
-use super::model::Body;
+use super::layout::{Layout, Presence};
 use super::parts::{Joint, Limb, N_PARTS, Part};
 use super::proportions::{Limits, Proportions};
+
+mod levels;
 
 /// All that a tracker is told.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -112,18 +113,20 @@ pub struct BodyTracker {
     trunk_weak_s: f64,
     is_lost: bool,
     frame: u64,
+    /// Of what a frame says of sizes, what is taken [–].
+    share: f64,
     last: Option<Step>,
 }
 
 /// Frames between two looks whether straight limbs bend, and between two searches for absent ones: each takes as long as a frame.
 const LOOK_EVERY: u64 = 3;
 
+/// Errors of hulls last so long [s]: half a stride.
+const POSE_S: f64 = 0.3;
+
 /// Radius of a head with hair in a hull, and how far it varies [m]: heads of 0.155 m × 0.19 m × 0.23 m (Winter, figure 4.1) are balls of 0.095 m.
 const HEAD_RADIUS: f64 = 0.095;
 const HEAD_SPREAD: f64 = 0.02;
-
-/// Knees that have passed each other by so much are crossed [m]: as much as a knee is thick.
-const CROSSED: f64 = 0.06;
 
 impl BodyTracker {
     /// A body in voxels of which nothing is known.
@@ -186,6 +189,7 @@ impl BodyTracker {
             trunk_weak_s: 0.0,
             is_lost: false,
             frame: 0,
+            share: 1.0,
             last: None,
         };
         let begin = tracker.filter.clone();
@@ -222,6 +226,7 @@ impl BodyTracker {
     /// Goes on to the next frame, `dt_s` later [s].
     pub fn step(&mut self, field: &VoxelField, dt_s: f64, labelled: &[Labelled]) {
         self.frame += 1;
+        self.share = (dt_s / POSE_S).min(1.0);
         let transition = self.filter.predict(dt_s, &self.options.motion);
         let predicted = self.filter.clone();
         self.update(field, labelled, self.options.fit.iterations);
@@ -230,6 +235,7 @@ impl BodyTracker {
         self.search_weak(field, labelled);
         if self.frame.is_multiple_of(LOOK_EVERY) {
             self.split(field, labelled);
+            self.reconsider(field, labelled);
             if self.limbs.iter().any(|it| it.level == LimbLevel::Absent) && self.search_absent(field) {
                 self.update(field, labelled, self.options.fit.iterations);
             }
@@ -256,7 +262,7 @@ impl BodyTracker {
         let mut fit = Fit::new(field, &options.fit, Some(&self.filter));
         let layout = *self.filter.layout();
         let known = self.facing();
-        self.filter.update(iterations, |body, normal| {
+        self.filter.update(iterations, self.share, |body, normal| {
             fit.measure(body, normal, &layout);
             add_limits(body, normal, &layout, &options.limits, known);
             add_labelled(body, normal, &layout, labelled);
@@ -268,189 +274,6 @@ impl BodyTracker {
         let levels = &self.options.levels;
         self.support.inside[part.index()] >= levels.least_inside
             && self.support.covered[part.index()] >= levels.least_covered
-    }
-
-    fn presence_with(&self, changed: Limb, level: LimbLevel) -> Layout {
-        let before = *self.filter.layout();
-        let [upper, lower] = changed.parts();
-        Layout::of(|part| match level {
-            LimbLevel::Absent if part == upper || part == lower => Presence::Absent,
-            LimbLevel::Straight if part == lower => Presence::Tied,
-            _ if part == upper || part == lower => Presence::Own,
-            _ => before.presence(part),
-        })
-    }
-
-    fn set_level(&mut self, limb: Limb, level: LimbLevel, body: &Body) {
-        let layout = self.presence_with(limb, level);
-        self.filter.set_parts(layout, body, &self.options.beginning);
-        self.limbs[limb.index()] = LimbTrack { level, weak_s: 0.0, straight_s: 0.0 };
-    }
-
-    /// How long limbs were without support, or straight.
-    fn judge_limbs(&mut self, dt_s: f64) {
-        for limb in Limb::ALL {
-            let [upper, lower] = limb.parts();
-            let track = &self.limbs[limb.index()];
-            if track.level == LimbLevel::Absent {
-                continue;
-            }
-            let is_weak = !(self.is_supported(upper) && self.is_supported(lower));
-            let bend = self.bend(limb);
-            let mut track = track.clone();
-            track.weak_s = if is_weak { track.weak_s + dt_s } else { 0.0 };
-            track.straight_s =
-                if bend < self.options.acquisition.limbs.straight / 2.0 { track.straight_s + dt_s } else { 0.0 };
-            let is_gone = track.weak_s > self.options.levels.lost_s;
-            let joins = track.level == LimbLevel::Bent && track.straight_s > self.options.levels.join_s;
-            self.limbs[limb.index()] = track;
-            let body = self.filter.body.clone();
-            if is_gone {
-                self.set_level(limb, LimbLevel::Absent, &body);
-            } else if joins {
-                self.set_level(limb, LimbLevel::Straight, &body);
-            }
-        }
-    }
-
-    fn bend(&self, limb: Limb) -> f64 {
-        let [upper, lower] = limb.parts().map(|it| self.filter.body.turn(it) * Vector3::z());
-        upper.angle(&lower)
-    }
-
-    /// Everybody but this limb has taken their voxels.
-    fn taken_without(&self, field: &VoxelField, limbs: &[Limb]) -> Taken {
-        let layout = self.filter.layout();
-        let is_taken = |part: Part| layout.has(part) && !limbs.iter().any(|limb| limb.parts().contains(&part));
-        Taken::by(field, &self.filter.body, is_taken, 0.25 * field.size())
-    }
-
-    fn put(&mut self, found: &LimbFound) {
-        let mut body = self.filter.body.clone();
-        for (part, turn) in found.limb.parts().into_iter().zip(found.turns) {
-            body.turns[part.index()] = turn;
-        }
-        let is_straight = found.bend < self.options.acquisition.limbs.straight;
-        let level = if is_straight { LimbLevel::Straight } else { LimbLevel::Bent };
-        self.set_level(found.limb, LimbLevel::Absent, &body);
-        self.set_level(found.limb, level, &body);
-    }
-
-    /// Looks for limbs that are not in the model, the surest first; whether any was found.
-    fn search_absent(&mut self, field: &VoxelField) -> bool {
-        let mut any = false;
-        let mut tried: Vec<Limb> = Vec::new();
-        loop {
-            let absent: Vec<Limb> =
-                Limb::ALL.into_iter().filter(|it| self.limbs[it.index()].level == LimbLevel::Absent).collect();
-            let taken = self.taken_without(field, &absent);
-            // A limb that is there takes up a litre or more.
-            if (taken.n_free(field) as f64) * field.size().powi(3) < 5e-4 {
-                return any;
-            }
-            let options = &self.options.acquisition.limbs;
-            // Legs first: a hand that hangs reaches down to a thigh, and would take it for a forearm.
-            let legs_first = absent.iter().any(|it| it.is_leg() && !tried.contains(it));
-            let found = absent
-                .iter()
-                .filter(|it| it.is_leg() == legs_first && !tried.contains(it))
-                .filter_map(|limb| find_limb(field, &self.filter.body, *limb, &taken, options, None))
-                .max_by(|a, b| a.score.total_cmp(&b.score));
-            match found {
-                Some(found) => {
-                    self.put(&found);
-                    any = true;
-                }
-                None => tried.extend(absent.iter().filter(|it| it.is_leg() == legs_first)),
-            }
-            if absent.iter().all(|it| tried.contains(it)) {
-                return any;
-            }
-        }
-    }
-
-    /// Legs whose knees have passed each other sideways were taken for each other, as a rule: they are exchanged where that explains the voxels as well.
-    fn uncross(&mut self, field: &VoxelField, labelled: &[Labelled]) {
-        let has = |part: Part| self.filter.layout().has(part);
-        if !(has(Part::LeftCalf) && has(Part::RightCalf)) {
-            return;
-        }
-        let left = self.filter.body.turn(Part::Torso) * Vector3::y();
-        let apart = |it: &BodyFilter| (it.body.joint(Joint::LeftKnee) - it.body.joint(Joint::RightKnee)).dot(&left);
-        if apart(&self.filter) > -CROSSED {
-            return;
-        }
-        let mut trial = self.clone();
-        let mut body = self.filter.body.clone();
-        for (hip, knee, ankle, [thigh, calf]) in [
-            (Joint::LeftHip, Joint::RightKnee, Joint::RightAnkle, Limb::LeftLeg.parts()),
-            (Joint::RightHip, Joint::LeftKnee, Joint::LeftAnkle, Limb::RightLeg.parts()),
-        ] {
-            let [hip, knee, ankle] = [hip, knee, ankle].map(|it| self.filter.body.joint(it));
-            body.turns[thigh.index()] = turn_of(&(hip - knee).normalize(), &left);
-            body.turns[calf.index()] = turn_of(&(knee - ankle).normalize(), &left);
-        }
-        for leg in [Limb::LeftLeg, Limb::RightLeg] {
-            trial.set_level(leg, LimbLevel::Absent, &body);
-            trial.set_level(leg, LimbLevel::Bent, &body);
-        }
-        trial.update(field, labelled, self.options.fit.iterations + 2);
-        let is_as_good = trial.support.unexplained <= self.support.unexplained + 0.02
-            && trial.support.rms <= self.support.rms * 1.15;
-        if is_as_good && apart(&trial.filter) > 0.0 {
-            *self = trial;
-        }
-    }
-
-    /// Looks anew for limbs that voxels do not support, and for the weakest where many voxels belong to no part.
-    fn search_weak(&mut self, field: &VoxelField, labelled: &[Labelled]) {
-        let is_there = |it: &Limb| self.limbs[it.index()].level != LimbLevel::Absent;
-        let mut wanted: Vec<Limb> =
-            Limb::ALL.into_iter().filter(|it| is_there(it) && self.limbs[it.index()].weak_s > 0.0).collect();
-        if wanted.is_empty() && self.support.unexplained > 0.06 && self.frame.is_multiple_of(LOOK_EVERY) {
-            let covered = |it: &Limb| it.parts().map(|part| self.support.covered[part.index()]).iter().sum::<f64>();
-            wanted.extend(Limb::ALL.into_iter().filter(is_there).min_by(|a, b| covered(a).total_cmp(&covered(b))));
-        }
-        let mut any = false;
-        for limb in wanted {
-            let taken = self.taken_without(field, &[limb]);
-            let now = limb.parts().map(|it| -(self.filter.body.turn(it) * Vector3::z()));
-            let options = &self.options.acquisition.limbs;
-            let Some(found) = find_limb(field, &self.filter.body, limb, &taken, options, Some(&now)) else { continue };
-            let ways = found.turns.map(|it| -(it * Vector3::z()));
-            // Not for a template that lies where the limb is already.
-            if ways.iter().zip(&now).any(|(a, b)| a.angle(b) > 0.4) {
-                self.put(&found);
-                any = true;
-            }
-        }
-        if any {
-            self.update(field, labelled, self.options.fit.iterations);
-        }
-    }
-
-    /// Splits straight limbs that bend, as an update of them split says.
-    fn split(&mut self, field: &VoxelField, labelled: &[Labelled]) {
-        let straight: Vec<Limb> =
-            Limb::ALL.into_iter().filter(|it| self.limbs[it.index()].level == LimbLevel::Straight).collect();
-        if straight.is_empty() {
-            return;
-        }
-        let mut trial = self.clone();
-        let body = self.filter.body.clone();
-        for limb in &straight {
-            trial.set_level(*limb, LimbLevel::Bent, &body);
-        }
-        trial.update(field, labelled, self.options.fit.iterations);
-        for limb in straight {
-            let [_, lower] = limb.parts();
-            let sigma = (trial.filter.part_covariance(lower).fixed_view::<2, 2>(3, 3).trace() / 2.0).sqrt();
-            let bend = trial.bend(limb);
-            if bend > self.options.acquisition.limbs.straight && bend > self.options.levels.split_sigmas * sigma {
-                self.set_level(limb, LimbLevel::Bent, &body);
-                self.filter.body.turns[lower.index()] = trial.filter.body.turns[lower.index()];
-            }
-        }
     }
 
     fn judge_trunk(&mut self, field: &VoxelField, dt_s: f64) {
