@@ -70,6 +70,28 @@ impl Canvas {
         }
     }
 
+    /// A line between two points (x, y) of the camera's picture, `width` of its pixels wide, with soft edges and round ends.
+    pub fn line(&mut self, from: [f64; 2], to: [f64; 2], width: f64, colour: [u8; 3]) {
+        let ([ax, ay], [bx, by]) =
+            (<[f64; 2]>::from(self.place(from[0], from[1])), <[f64; 2]>::from(self.place(to[0], to[1])));
+        let half = width * f64::from(self.zoom) / 2.0;
+        let bounds = |a: f64, b: f64, size: u32| {
+            let most = f64::from(size);
+            (a.min(b) - half - 1.0).floor().clamp(0.0, most) as u32
+                ..((a.max(b) + half + 1.0).ceil() + 1.0).clamp(0.0, most) as u32
+        };
+        let (dx, dy) = (bx - ax, by - ay);
+        let long = (dx * dx + dy * dy).max(1e-12);
+        for row in bounds(ay, by, self.height) {
+            for column in bounds(ax, bx, self.width) {
+                let (x, y) = (f64::from(column) - ax, f64::from(row) - ay);
+                let share = ((x * dx + y * dy) / long).clamp(0.0, 1.0);
+                let distance = (x - share * dx).hypot(y - share * dy);
+                self.blend(column, row, colour, (half + 0.5 - distance).clamp(0.0, 1.0));
+            }
+        }
+    }
+
     /// The pixel of the camera's picture in column `x` of row `y`, of which the part `cover` becomes `colour`. Nothing outside.
     pub fn tint(&mut self, x: u32, y: u32, colour: [u8; 3], cover: f64) {
         for row in y * self.zoom..((y + 1) * self.zoom).min(self.height) {
@@ -112,6 +134,17 @@ impl Canvas {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_line_covers_what_lies_between_its_ends_and_nothing_outside() {
+        let mut canvas = Canvas::of(&[0; 20 * 10], 20, 1, 1, 1.0);
+        canvas.line([3.0, 5.0], [12.0, 5.0], 2.0, [0, 200, 0]);
+        let green = |x: usize, y: usize| canvas.pixels[(y * 20 + x) * 3 + 1];
+        assert_eq!([green(3, 5), green(8, 5), green(12, 5)], [200; 3]);
+        assert_eq!([green(8, 8), green(8, 2), green(16, 5), green(0, 5)], [0; 4]);
+        canvas.line([f64::NAN, 5.0], [4.0, 5.0], 2.0, [200; 3]);
+        canvas.line([-1e7, -4.0], [-50.0, 1e7], 2.0, [200; 3]);
+    }
 
     #[test]
     fn enlarged_pixels_keep_their_places_and_are_lifted() {

@@ -1,7 +1,7 @@
-//! `export.voxel_overlay`: silhouettes and voxels over the pictures of one camera, as a series of PNG files.
+//! `export.voxel_overlay`: silhouettes, voxels and skeletons over the pictures of one camera, as a series of PNG files.
 //!
 //! The outline of the silhouette is magenta, voxels are tinted by their component and shaded by their depth, so that the hull's shape can be seen; where the silhouette sticks out of the
-//! voxels nothing is tinted. A series of `voxels/CAMERA_NUMBER.png` becomes a film with `ffmpeg -i voxels/CAMERA_%06d.png film.mp4`.
+//! voxels nothing is tinted. Bones lie over them: white where their lower joint was measured, orange where it goes on as it moved, gray where proportions put it. A series of `voxels/CAMERA_NUMBER.png` becomes a film with `ffmpeg -i voxels/CAMERA_%06d.png film.mp4`.
 
 use std::collections::VecDeque;
 use std::fs;
@@ -22,12 +22,32 @@ ports! {
     SILHOUETTE: In<Silhouette> = each("silhouette").optional();
     POSE: In<HeadPose> = each("pose").optional();
     VOXELS: In<Voxels> = each("voxels");
+    SKELETONS: In<Skeletons> = each("skeletons").optional();
 }
 
 /// Messages of each kind that wait for the others.
 const HELD: usize = 8;
 /// The folder within the results.
 const FOLDER: &str = "voxels";
+/// Joints, upper and lower, of each bone; their numbers are those of `BODY_JOINTS`.
+const BONES: [[u8; 2]; 15] = [
+    [0, 1],
+    [1, 2],
+    [1, 3],
+    [2, 4],
+    [3, 5],
+    [4, 6],
+    [5, 7],
+    [2, 8],
+    [3, 9],
+    [8, 9],
+    [8, 10],
+    [9, 11],
+    [10, 12],
+    [11, 13],
+    [2, 3],
+];
+const BONE_PX: f64 = 2.0;
 const OUTLINE: [u8; 3] = [255, 0, 255];
 /// Of components, in turn.
 const TINTS: [[u8; 3]; 6] =
@@ -63,7 +83,9 @@ pub struct ExportVoxelOverlay {
     images: VecDeque<(Time, Arc<Image>)>,
     silhouettes: VecDeque<(Time, Arc<Silhouette>)>,
     poses: VecDeque<(Time, Arc<HeadPose>)>,
+    skeletons: VecDeque<(Time, Arc<Skeletons>)>,
     has_silhouettes: bool,
+    has_skeletons: bool,
     has_poses: bool,
     /// Sets that wait for their picture, by number.
     waiting: VecDeque<(u64, Arc<Voxels>)>,
@@ -103,6 +125,8 @@ impl Node for ExportVoxelOverlay {
             images: VecDeque::new(),
             silhouettes: VecDeque::new(),
             poses: VecDeque::new(),
+            skeletons: VecDeque::new(),
+            has_skeletons: setup.is_connected(&SKELETONS),
             has_silhouettes: setup.is_connected(&SILHOUETTE),
             has_poses: setup.is_connected(&POSE),
             waiting: VecDeque::new(),
@@ -123,6 +147,9 @@ impl Node for ExportVoxelOverlay {
         }
         if let Some(it) = io.take(&POSE) {
             hold(&mut self.poses, it);
+        }
+        if let Some(it) = io.take(&SKELETONS) {
+            hold(&mut self.skeletons, it);
         }
         if let Some(voxels) = io.take(&VOXELS) {
             let number = self.n_come;
@@ -149,7 +176,7 @@ impl Node for ExportVoxelOverlay {
         if self.n_without > 0 {
             let n = self.n_without;
             report.remark(format!(
-                "{}: {n} sets of voxels were not drawn: no picture (or pose) of their time came",
+                "{}: {n} sets of voxels were not drawn: no picture (or pose, or skeletons) of their time came",
                 self.name
             ));
         }
@@ -177,7 +204,10 @@ impl ExportVoxelOverlay {
         let image = nearest(&self.images, voxels.time);
         let silhouette = nearest(&self.silhouettes, voxels.time);
         let pose = nearest(&self.poses, voxels.time);
-        let is_whole = (silhouette.is_some() || !self.has_silhouettes) && (pose.is_some() || !self.has_poses);
+        let skeletons = nearest(&self.skeletons, voxels.time);
+        let is_whole = (silhouette.is_some() || !self.has_silhouettes)
+            && (pose.is_some() || !self.has_poses)
+            && (skeletons.is_some() || !self.has_skeletons);
         let (Some(image), true) = (image, is_whole) else { return false };
         self.n_drawn += 1;
         let Some(out_dir) = &self.out_dir else { return true };
@@ -190,6 +220,9 @@ impl ExportVoxelOverlay {
         tint(&mut canvas, image, &camera, voxels, self.settings.tint);
         if let Some(silhouette) = silhouette.filter(|it| [it.width, it.height] == [image.width, image.height]) {
             canvas.outline(|x, y| silhouette.is_body(x as usize, y as usize), OUTLINE);
+        }
+        for skeleton in skeletons.iter().flat_map(|it| &it.list) {
+            draw_bones(&mut canvas, image, &camera, skeleton);
         }
         let name = format!("{FOLDER}/{}_{number:06}.png", self.name);
         let written = canvas
@@ -245,17 +278,37 @@ fn tint(canvas: &mut Canvas, image: &Image, camera: &Camera, voxels: &Voxels, st
     }
 }
 
+/// Bones that the model has, over everything else.
+fn draw_bones(canvas: &mut Canvas, image: &Image, camera: &Camera, skeleton: &Skeleton) {
+    let joint = |number: u8| skeleton.joints.iter().find(|it| it.joint == number);
+    let place = |it: &SkeletonJoint| {
+        let pixel = image.window.in_image(&camera.project(&it.position)?);
+        Some([pixel.x, pixel.y])
+    };
+    for [upper, lower] in BONES {
+        let (Some(upper), Some(lower)) = (joint(upper), joint(lower)) else { continue };
+        let (Some(from), Some(to)) = (place(upper), place(lower)) else { continue };
+        let colour = match lower.provenance {
+            Provenance::Measured => [255; 3],
+            Provenance::Predicted => [255, 150, 0],
+            _ => [150; 3],
+        };
+        canvas.line(from, to, BONE_PX, colour);
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use foveate::messages::LimbDetail;
     use foveate_testkit::scene::ring_calibration;
-    use nalgebra::Point3;
+    use nalgebra::{Matrix6, Point3, Vector3};
 
     use super::*;
 
     #[test]
     fn voxels_and_silhouettes_lie_where_the_camera_sees_them() {
         let folder = tempfile::tempdir().unwrap();
-        let connected = ["image", "silhouette", "voxels"].map(str::to_owned).to_vec();
+        let connected = ["image", "silhouette", "voxels", "skeletons"].map(str::to_owned).to_vec();
         let setup = Setup {
             out_dir: Some(folder.path().to_owned()),
             calibration: Arc::new(ring_calibration(3)),
@@ -277,11 +330,32 @@ mod tests {
         bench.feed(&IMAGE, time, image).unwrap();
         bench.feed(&VOXELS, time, voxels.clone()).unwrap();
         bench.feed(&SILHOUETTE, time, silhouette).unwrap();
+        // An upper arm that stands on the voxel.
+        let joint = |joint: u8, z: f64, provenance: Provenance| SkeletonJoint {
+            joint,
+            position: Point3::new(0.0, 0.0, z),
+            velocity: Vector3::zeros(),
+            covariance: Matrix6::identity() * 1e-4,
+            provenance,
+        };
+        let joints = vec![joint(2, 1.0, Provenance::Measured), joint(4, 1.3, Provenance::Predicted)];
+        let skeleton = Skeleton {
+            id: 0,
+            joints,
+            parts: Vec::new(),
+            limbs: [LimbDetail::Absent; 4],
+            facing: 1.0,
+            unexplained: 0.0,
+            cameras: CameraSet::default(),
+        };
+        bench.feed(&SKELETONS, time, Skeletons { time, list: vec![skeleton], ..Skeletons::default() }).unwrap();
         bench.feed(&VOXELS, Time::from_s(2.0), Voxels { time: Time::from_s(2.0), ..voxels }).unwrap();
         let report = bench.finish().unwrap();
         assert!(report.remarks[0].contains("1 sets of voxels were not drawn"), "{:?}", report.remarks);
         let picture = image::open(folder.path().join("voxels/ring-1_000000.png")).unwrap().into_rgb8();
-        assert_eq!(picture.get_pixel(320, 240).0, TINTS[0]);
+        assert_eq!(picture.get_pixel(320, 245).0, TINTS[0]);
+        assert_eq!(picture.get_pixel(320, 220).0, [255, 150, 0]);
+        assert_eq!(picture.get_pixel(325, 220).0, [20; 3]);
         assert_eq!(picture.get_pixel(290, 240).0, [20; 3]);
         let outline = picture.pixels().filter(|it| it.0 == OUTLINE).count();
         assert_eq!(outline, 4 * 9);
