@@ -52,6 +52,8 @@ pub enum TrajectoryEnd {
     Merged,
     /// Its neighbours lie on another surface, or another point took its place on the grid.
     Alone,
+    /// Step by step it moved as its neighbours did, and over its whole path otherwise: dragged by a shadow's edge, or held up by a mirrored lamp.
+    Crept,
 }
 
 /// All points of a surface at one time, and what became of those that were there before.

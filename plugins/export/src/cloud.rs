@@ -8,6 +8,8 @@
 //! | `CAMERA_SET_shaded.png` | 8 bits a pixel: the surface lit from the upper left of the camera; 0 where there is no point |
 //! | `CAMERA_SET_normals.png` | 8 bits a channel: x, y, z of the normals in the cloud's space, −1 to 1 as 1 to 255; 0 where there is none |
 //!
+//! SET is the cloud's name; where it has none, as of what is measured moment by moment, its number from 1 on.
+//!
 //! Clouds at `cloud` are in the world. Those at `joined` are in the space of the scale that registered them, where a thing that is moved lies still: their files end in `_target`.
 //!
 //! Source: G. Turk, "The PLY polygon file format", 1994.
@@ -115,6 +117,23 @@ impl Node for ExportCloud {
 }
 
 impl ExportCloud {
+    /// What files of a cloud begin with, unlike those of all before. Clouds without a name are counted from 1; of those with one the second is told apart by its number.
+    fn free_stem(&mut self, camera: &str, name: &str, ending: &str) -> String {
+        let stem = match name {
+            "" => file_part(&format!("{camera}{ending}")),
+            name => file_part(&format!("{camera}_{name}{ending}")),
+        };
+        loop {
+            let again = self.names.entry(stem.clone()).or_default();
+            *again += 1;
+            let numbered = if *again == 1 && !name.is_empty() { stem.clone() } else { format!("{stem}_{again}") };
+            if numbered == stem || self.names.get(&numbered).is_none_or(|it| *it == 0) {
+                self.names.entry(numbered.clone()).or_insert(1);
+                return numbered;
+            }
+        }
+    }
+
     fn take(&mut self, cloud: &PointCloud, ending: &str) -> Result<(), NodeError> {
         if self.written >= self.settings.max_clouds || !self.file.is_wanted() {
             self.left_out += 1;
@@ -125,12 +144,10 @@ impl ExportCloud {
     }
 
     fn write(&mut self, cloud: &PointCloud, ending: &str) -> Result<(), NodeError> {
-        let camera = self.calibration.cameras.get(usize::from(cloud.camera.0));
+        let calibration = self.calibration.clone();
+        let camera = calibration.cameras.get(usize::from(cloud.camera.0));
         let camera_name = camera.map_or_else(|| cloud.camera.0.to_string(), |it| it.name.clone());
-        let stem = file_part(&format!("{camera_name}_{}{ending}", cloud.name));
-        let again = self.names.entry(stem.clone()).or_default();
-        *again += 1;
-        let stem = if *again == 1 { stem } else { format!("{stem}_{again}") };
+        let stem = self.free_stem(&camera_name, &cloud.name, ending);
         let mut put = |name: String, bytes: &[u8]| self.file.named(name).write(bytes, &mut self.report);
         if self.settings.ply {
             put(format!("{stem}.ply"), &ply(cloud))?;
@@ -256,6 +273,14 @@ mod tests {
         assert_eq!(records[2][..4], 2.0_f32.to_le_bytes());
         assert_eq!(records[2][24..27], [10, 20, 30]);
         assert_eq!(records[2][31..], 1e-3_f32.to_le_bytes());
+    }
+
+    #[test]
+    fn files_are_called_by_camera_and_set_or_number_and_none_twice() {
+        let mut export = ExportCloud::new(ExportCloudSettings::default(), &Setup::for_tests()).unwrap();
+        let names = ["", "pose", "pose", "", "pose_2", "1", ""].map(|name| export.free_stem("left", name, ""));
+        assert_eq!(names, ["left_1", "left_pose", "left_pose_2", "left_2", "left_pose_2_2", "left_1_2", "left_3"]);
+        assert_eq!(export.free_stem("left", "", "_target"), "left_target_1");
     }
 
     #[test]

@@ -21,6 +21,8 @@ pub struct Engine {
     pub measurer: Measurer,
     /// Of seeds.
     pub seeds: SeedCounts,
+    /// Moments at which seeds were looked for.
+    begun: u64,
     /// Named seeds that found nothing, by their number in the settings.
     pub bad_seeds: BTreeMap<usize, String>,
     /// Of what was left out after growing.
@@ -37,6 +39,7 @@ impl Engine {
             prepared,
             measurer: Measurer::default(),
             seeds: SeedCounts::default(),
+            begun: 0,
             bad_seeds: BTreeMap::new(),
             left_out: LeftOut::default(),
         }
@@ -44,6 +47,7 @@ impl Engine {
 
     /// Seeds of a moment: those that were named, or found.
     pub fn begin(&mut self, moment: &Moment) -> Vec<Sample> {
+        self.begun += 1;
         let Prepared { views, reference, measure, seeds, named, .. } = &self.prepared;
         if named.is_empty() {
             let (found, counts) = find_seeds(&mut self.measurer, views, moment, *reference, measure, seeds);
@@ -121,12 +125,22 @@ impl Engine {
         for (number, why) in &self.bad_seeds {
             report.remark(format!("seed {} of `seeds` is on no surface that all its cameras see: {why}", number + 1));
         }
-        if self.prepared.named.is_empty() && self.seeds.tried > 0 && self.seeds.found == 0 {
-            report.remark(format!(
-                "no seed was found: {} textured patches were looked for along their epipolar lines, {} of them have a second place that is as good; expected some that are alike in two views at the \
-                 distances given",
-                self.seeds.tried, self.seeds.ambiguous
-            ));
+        if self.prepared.named.is_empty() && self.begun > 0 && self.seeds.found == 0 {
+            let SeedCounts { tried, ambiguous, .. } = self.seeds;
+            let looked = format!(
+                "no seed was found: {tried} textured patches were looked for along their epipolar lines, {ambiguous} of them have a second place that is as good;"
+            );
+            report.remark(if tried == 0 {
+                let name = &self.prepared.views[self.prepared.reference].name;
+                format!("no seed was found: no patch of the pictures of `{name}`, the reference, has texture")
+            } else if 2 * ambiguous > tried {
+                format!("{looked} the texture repeats: expected one that does not, or `seeds` that somebody saw")
+            } else {
+                format!(
+                    "{looked} expected patches that are alike in two views: pictures of the calibrated cameras (not exchanged, mirrored, turned or cropped), taken at the same time, with the surface at the \
+                     distances given"
+                )
+            });
         }
     }
 }

@@ -18,6 +18,7 @@ pub mod engine;
 pub mod filters;
 pub mod matcher;
 pub mod measure;
+pub mod path;
 pub mod pictures;
 pub mod seeds;
 pub mod settings;

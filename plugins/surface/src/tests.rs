@@ -227,8 +227,13 @@ fn three_views_are_better_than_two_and_one_match_in_space_as_good() {
 fn what_has_no_texture_or_repeats_gives_no_points_and_says_so() {
     let cameras = cameras(2);
     let bare = Scene { bare: true, ..Scene::of(Shape::Plane, 31) };
-    let (points, _) = matched(bare.pictures(&cameras), &cameras, settings());
+    let (points, report) = matched(bare.pictures(&cameras), &cameras, settings());
     assert!(points.is_empty(), "{}", points.len());
+    assert!(report.remarks.iter().any(|it| it.contains("no seed was found")), "{:?}", report.remarks);
+    let black = [0, 1].map(|id| Image { camera: CameraId(id), width: SIZE[0], height: SIZE[1], ..Image::default() });
+    let black = black.map(|it| Image { pixels: vec![0; (SIZE[0] * SIZE[1]) as usize], ..it });
+    let (_, report) = matched(black.to_vec(), &cameras, settings());
+    assert!(report.remarks.iter().any(|it| it.contains("`cam-0`, the reference, has texture")), "{:?}", report.remarks);
     // Every 16 px the same: many depths fit.
     let repeated = Scene { period: 13.0, ..Scene::of(Shape::Plane, 32) };
     let (points, report) = matched(repeated.pictures(&cameras), &cameras, settings());
@@ -239,6 +244,34 @@ fn what_has_no_texture_or_repeats_gives_no_points_and_says_so() {
         "{:?}",
         report.figures
     );
+    assert!(
+        points.is_empty() == report.remarks.iter().any(|it| it.contains("the texture repeats")),
+        "{:?}",
+        report.remarks
+    );
+    // One camera turned upside down: alike nowhere on the epipolar lines.
+    let scene = Scene::of(Shape::Plane, 33);
+    let mut turned = scene.pictures(&cameras);
+    turned[1].pixels.reverse();
+    let (points, report) = matched(turned, &cameras, settings());
+    assert!(points.is_empty(), "{}", points.len());
+    assert!(report.remarks.iter().any(|it| it.contains("not exchanged")), "{:?}", report.remarks);
+}
+
+#[test]
+fn a_piece_of_few_points_is_left_out_and_counted() {
+    let cameras = cameras(2);
+    // 34 mm wide: some ten points.
+    let scene = Scene { half_m: 0.017, ..Scene::of(Shape::Plane, 35) };
+    let matched_with = |min_piece: usize| {
+        let (points, report) =
+            matched(scene.pictures(&cameras), &cameras, SurfaceSettings { min_piece, seed_tiles: 30, ..settings() });
+        (points.len(), report.figures["surface.refused.piece"])
+    };
+    let (all, none_refused) = matched_with(1);
+    assert!((4..40).contains(&all) && none_refused == 0.0, "{all} points, {none_refused} refused");
+    assert_eq!(matched_with(all), (all, 0.0));
+    assert_eq!(matched_with(all + 1), (0, all as f64));
 }
 
 #[test]

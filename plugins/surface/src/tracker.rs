@@ -14,6 +14,7 @@ use crate::engine::Engine;
 use crate::filters::{FilterOptions, filter};
 use crate::matcher::{coverage, missing, tell};
 use crate::measure::{MeasureOptions, Sample};
+use crate::path::{CreepOptions, Moments, crept};
 use crate::settings::{Prepared, SurfaceSettings};
 use crate::tracks::{LostTrack, Neighbourhood, Stepper, Track, TrackOptions};
 use crate::views::Moment;
@@ -37,6 +38,8 @@ figures! {
     "trajectories.count": count, neither, "Trajectories, of any length";
     "trajectories.mean_samples": count, high, "Mean number of samples of a trajectory";
     "trajectories.ended.*": count, low, "Trajectories that ended for this reason";
+    "trajectories.failed.*": count, low, "Points that were not found in the next moment, by what failed last: the search for the patch (search_), the match with the picture before (time_), or the one between views";
+    "trajectories.second_look": count, neither, "Points that were found where their neighbours went, and not where their own motion led";
     "trajectories.lost_share": share, low, "Points that were not found in the next moment, over all points of all moments but the last";
     "trajectories.regenerated": count, high, "Lost points that were found again and kept their identity";
     "trajectories.appeared": count, neither, "Points that are new after the first moment";
@@ -115,6 +118,12 @@ impl Default for TrackerSettings {
 /// What was found once may be known by so much less: with gates as for new points, those that only just passed are lost and found by turns.
 const HELD: f64 = 1.5;
 
+/// A path is held against neighbours within so many radii of uniform motion: more than what creeps in company.
+const CREEP_RADII: f64 = 2.0;
+
+/// Both ends of a path have their errors, and what is no rigid motion moves otherwise here and there: so many times what a step may be off [–].
+const CREEP_ERRORS: f64 = 2.0;
+
 /// Pictures in, points with identities out.
 pub struct Tracker {
     engine: Engine,
@@ -122,6 +131,8 @@ pub struct Tracker {
     held: MeasureOptions,
     options: TrackOptions,
     filters: FilterOptions,
+    creep: CreepOptions,
+    numbers: Moments,
     renew: bool,
     /// Now, and a moment before.
     moments: [Moment; 2],
@@ -197,6 +208,7 @@ impl Node for Tracker {
                 boxes_px,
                 agree_px: settings.agree_px,
                 remember: settings.remember,
+                radius_m: settings.uniform_radius_mm * 1e-3,
             },
             filters: FilterOptions {
                 max_speed: settings.max_speed,
@@ -206,6 +218,12 @@ impl Node for Tracker {
                 uniform_scatters: settings.uniform_scatters,
                 uniform_m: settings.uniform_mm * 1e-3,
             },
+            creep: CreepOptions {
+                radius_m: CREEP_RADII * settings.uniform_radius_mm * 1e-3,
+                scatters: settings.uniform_scatters,
+                error_m: CREEP_ERRORS * settings.uniform_mm * 1e-3,
+            },
+            numbers: Moments::default(),
             renew: settings.renew,
             moments: [Moment::default(), Moment::default()],
             n_levels,
@@ -255,6 +273,10 @@ impl Node for Tracker {
         for (end, count) in &counts.ended {
             report.figure(format!("trajectories.ended.{}", name_of(*end)), *count as f64);
         }
+        for (what, count) in &self.stepper.failed {
+            report.figure(format!("trajectories.failed.{what}"), *count as f64);
+        }
+        report.figure("trajectories.second_look", self.stepper.second as f64);
         report.figure("trajectories.lost_share", counts.not_found as f64 / counts.followed as f64);
         report.figure("trajectories.regenerated", counts.regenerated as f64);
         report.figure("trajectories.appeared", counts.appeared as f64);
@@ -279,6 +301,7 @@ fn name_of(end: TrajectoryEnd) -> &'static str {
         TrajectoryEnd::NotUniform => "not_uniform",
         TrajectoryEnd::Merged => "merged",
         TrajectoryEnd::Alone => "alone",
+        TrajectoryEnd::Crept => "crept",
     }
 }
 
@@ -301,7 +324,7 @@ impl Tracker {
             self.counts.followed += before.len() as u64;
             self.counts.not_found += (before.len() - held.len()) as u64;
             self.counts.steps.extend(median_step(&held, dt_s));
-            let around = Neighbourhood::new(&held, self.filters.radius_m);
+            let around = Neighbourhood::of_a_step(&held, self.filters.radius_m, dt_s);
             let again = self.stepper.regenerate(
                 measurer,
                 views,
@@ -325,12 +348,24 @@ impl Tracker {
             now = held;
             now.extend(again);
         }
+        let number = self.numbers.next();
+        let is_crept = crept(&now, number, &self.creep);
+        let mut flags = is_crept.iter();
+        now.retain(|it| {
+            let is_crept = flags.next() == Some(&true);
+            if is_crept {
+                *self.counts.ended.entry(TrajectoryEnd::Crept).or_default() += 1;
+                ended.push((it.id, TrajectoryEnd::Crept));
+            }
+            !is_crept
+        });
         self.tracks = now;
         for id in self.cover(is_first) {
             *self.counts.ended.entry(TrajectoryEnd::Alone).or_default() += 1;
             ended.push((id, TrajectoryEnd::Alone));
         }
         ended.sort_unstable();
+        self.numbers.note(&mut self.tracks);
         self.tracks.sort_by_key(|it| it.id);
         let views = &self.engine.prepared.views;
         let list = self.tracks.iter().map(|it| it.point(views)).collect();

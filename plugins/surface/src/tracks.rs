@@ -4,7 +4,11 @@
 //! the picture before (temporal). At the place where the reference finds it, a match between the views (spatial); where both say the same place, the point is
 //! tracked. What is lost is looked for again for a while by the patch it was last seen with, where its neighbours went: then it keeps its identity.
 
-use foveate::imaging::matching::{MatchBuffers, MatchOptions, SearchBuffers, Template, Warp, match_template, search};
+use std::collections::{BTreeMap, HashMap};
+
+use foveate::imaging::matching::{
+    Correlated, MatchBuffers, MatchOptions, Refused, SearchBuffers, Template, Warp, match_template, search,
+};
 use foveate::prelude::*;
 use nalgebra::{Point3, Vector3};
 
@@ -24,6 +28,8 @@ pub struct TrackOptions {
     pub agree_px: f64,
     /// Moments for which a lost point is looked for.
     pub remember: u32,
+    /// Within this the motion is uniform [m].
+    pub radius_m: f64,
 }
 
 /// A point that is followed.
@@ -41,11 +47,16 @@ pub struct Track {
     pub n_samples: u32,
     /// As its neighbours say it [–].
     pub normal: Vector3<f64>,
+    /// Where it was at moments that all points keep, by their numbers, ascending.
+    pub path: Vec<(u32, Point3<f64>)>,
+    /// How its patch was bent in the last step, in the reference's picture [–].
+    pub bend: [[f64; 2]; 2],
 }
 
 /// A point that was lost.
 #[derive(Debug, Clone)]
 pub struct LostTrack {
+    /// Where it would be now; its bending is that of its patch since it was seen last.
     track: Track,
     /// The reference's patch when it was seen last.
     template: Template,
@@ -70,12 +81,20 @@ pub struct Stepper {
     matches: MatchBuffers,
     /// Places of the best correlation with another one as good.
     pub ambiguous: u64,
+    /// Points that were not found, by what failed.
+    pub failed: BTreeMap<&'static str, u64>,
+    /// Points that were found where their neighbours went, and not where their own motion led.
+    pub second: u64,
 }
 
 /// A second place this good makes the best one ambiguous.
 const AS_GOOD: f64 = 0.97;
-/// Correlation of an unbent patch at whole pixels, at least: the match that follows decides.
+/// Correlation of a patch bent as in the step before, at whole pixels, at least: the match that follows decides.
 const MIN_CORRELATION: f64 = 0.5;
+/// Half the search box of a point beside one that was found: so small that no second place is in it [px].
+const BESIDE_PX: f64 = 2.0;
+/// The bending of a patch that moves without turning.
+const UNBENT: [[f64; 2]; 2] = [[1.0, 0.0], [0.0, 1.0]];
 
 impl Stepper {
     /// Follows `tracks` from one moment to the next, `dt_s` later.
@@ -91,15 +110,61 @@ impl Stepper {
         options: &TrackOptions,
     ) -> Stepped {
         let mut stepped = Stepped::default();
-        for track in tracks {
-            match self.follow(measurer, views, [before, now], dt_s, &track, measure, options) {
-                Ok(sample) => stepped.found.push(track.moved_to(sample, dt_s)),
-                Err(end) => stepped.ended.push((track, end)),
+        let moments = [before, now];
+        let earlier = Neighbourhood::new(&tracks, options.radius_m);
+        for track in &tracks {
+            // A new one goes where its neighbours went before; where nothing has moved yet, it may be anywhere.
+            let motion = match track.n_samples {
+                1 => earlier.motion_without(&track.sample.position, Some(track.id)),
+                _ => None,
+            };
+            let found = match (motion, track.n_samples) {
+                (Some(motion), _) => {
+                    let with = track.going_with(&motion);
+                    self.follow(measurer, views, moments, dt_s, &with, options.boxes_px[1], measure, options)
+                }
+                (None, 1) => self.follow(measurer, views, moments, dt_s, track, options.boxes_px[0], measure, options),
+                _ => self.follow(measurer, views, moments, dt_s, track, options.boxes_px[1], measure, options),
+            };
+            match found {
+                Ok((sample, bend)) => stepped.found.push(track.moved_to(sample, bend, dt_s)),
+                Err(_) => stepped.ended.push((track.clone(), TrajectoryEnd::Lost)),
             }
         }
+        // What was not found where its own motion led may be where the neighbours have gone in this step.
+        let around = Neighbourhood::of_a_step(&stepped.found, options.radius_m, dt_s);
+        let mut again = Vec::new();
+        stepped.ended.retain_mut(|(track, end)| {
+            let motion = around.motion_without(&track.sample.position, Some(track.id));
+            let found = match motion {
+                Some(motion) => {
+                    // Beside the nearest of them, or about where all went.
+                    let beside = Track { velocity: motion.nearest.velocity, ..track.going_with(&motion) };
+                    self.follow(measurer, views, moments, dt_s, &beside, BESIDE_PX, measure, options).or_else(|_| {
+                        let with = track.going_with(&motion);
+                        self.follow(measurer, views, moments, dt_s, &with, options.boxes_px[1], measure, options)
+                    })
+                }
+                None => Err(("no_neighbours", TrajectoryEnd::Lost)),
+            };
+            match found {
+                Ok((sample, bend)) => {
+                    again.push(track.moved_to(sample, bend, dt_s));
+                    false
+                }
+                Err((what, why)) => {
+                    *self.failed.entry(what).or_default() += 1;
+                    *end = why;
+                    true
+                }
+            }
+        });
+        self.second += again.len() as u64;
+        stepped.found.extend(again);
         stepped
     }
 
+    /// Follows one point with a search box, and says what failed.
     #[expect(clippy::too_many_arguments, reason = "one turn of the loop above")]
     fn follow(
         &mut self,
@@ -108,61 +173,66 @@ impl Stepper {
         moments: [&Moment; 2],
         dt_s: f64,
         track: &Track,
+        box_px: f64,
         measure: &MeasureOptions,
         options: &TrackOptions,
-    ) -> Result<Sample, TrajectoryEnd> {
+    ) -> Result<(Sample, [[f64; 2]; 2]), (&'static str, TrajectoryEnd)> {
         let sample = &track.sample;
         let expected = sample.position + track.velocity * dt_s;
-        let box_px = options.boxes_px[usize::from(track.n_samples > 1)];
         let mut temporal = |view: usize, at: [f64; 2]| {
             let camera = &views[view].camera;
             let moved = camera.project(&expected).zip(camera.project(&sample.position));
             let step = moved.map_or_else(nalgebra::Vector2::zeros, |(to, from)| to - from);
-            self.temporal(moments, view, at, [at[0] + step.x, at[1] + step.y], box_px, options)
+            let start = Warp { at: [at[0] + step.x, at[1] + step.y], matrix: track.bend };
+            self.temporal(moments, view, at, start, box_px, options)
         };
-        let place = temporal(sample.reference, sample.pixel).ok_or(TrajectoryEnd::Lost)?;
+        let place = temporal(sample.reference, sample.pixel).map_err(|it| (it, TrajectoryEnd::Lost))?;
         let mut starts = Vec::with_capacity(sample.seen.len());
+        let mut why = "few_views";
         for seen in &sample.seen {
-            if let Some(found) = temporal(seen.view, seen.warp.at) {
-                starts.push((seen.view, Warp { at: found.at, ..seen.warp }));
+            match temporal(seen.view, seen.warp.at) {
+                Ok(found) => starts.push((seen.view, Warp { at: found.at, ..seen.warp })),
+                Err(it) => why = it,
             }
         }
         if starts.is_empty() {
-            return Err(TrajectoryEnd::Lost);
+            return Err((why, TrajectoryEnd::Lost));
         }
         let spatial = measurer.measure(views, moments[1], sample.reference, place.at, &starts, measure);
-        let spatial = spatial.map_err(|_| TrajectoryEnd::Lost)?;
+        let spatial = spatial.map_err(|it| (it.name(), TrajectoryEnd::Lost))?;
         let agrees = spatial.seen.iter().all(|seen| {
             let temporal = starts.iter().find(|it| it.0 == seen.view);
             temporal.is_none_or(|(_, warp)| {
                 (warp.at[0] - seen.warp.at[0]).hypot(warp.at[1] - seen.warp.at[1]) <= options.agree_px
             })
         });
-        if agrees { Ok(spatial) } else { Err(TrajectoryEnd::Disagreed) }
+        if agrees { Ok((spatial, place.matrix)) } else { Err(("disagreed", TrajectoryEnd::Disagreed)) }
     }
 
-    /// Where one view sees what it saw at `at` a moment before.
+    /// Where one view sees what it saw at `at` a moment before; else what failed.
     fn temporal(
         &mut self,
         [before, now]: [&Moment; 2],
         view: usize,
         at: [f64; 2],
-        expected: [f64; 2],
+        start: Warp,
         box_px: f64,
         options: &TrackOptions,
-    ) -> Option<Warp> {
-        let (from, to) = (before.pictures[view].as_ref()?, now.pictures[view].as_ref()?);
-        let found = to.search_from(from, at, options.reach, &Warp::shift(expected), box_px, &mut self.templates)?;
+    ) -> Result<Warp, &'static str> {
+        let pictures = before.pictures[view].as_ref().zip(now.pictures[view].as_ref());
+        let (from, to) = pictures.ok_or("time_no_picture")?;
+        let found = to.search_from(from, at, options.reach, &start, box_px, &mut self.templates);
+        let found = found.ok_or("search_outside")?;
         if found.correlation < MIN_CORRELATION {
-            return None;
+            return Err("search_unlike");
         }
         if found.second > AS_GOOD * found.correlation {
             self.ambiguous += 1;
-            return None;
+            return Err("search_ambiguous");
         }
-        self.template.take(from.finest(), at, options.reach, &options.matching).ok()?;
+        self.template.take(from.finest(), at, options.reach, &options.matching).map_err(in_time)?;
         let matched = match_template(&self.template, to.finest(), &found.warp, &options.matching, &mut self.matches);
-        Some(matched.ok()?.warp)
+        Ok(matched.map_err(in_time)?.warp)
     }
 
     /// Looks for points that were lost where their neighbours among `found` have gone.
@@ -182,8 +252,9 @@ impl Stepper {
         lost.retain_mut(|it| {
             it.age += 1;
             let Some(motion) = found.motion_at(&it.track.sample.position) else { return it.age < options.remember };
-            // It went with its neighbours meanwhile.
+            // It went and turned with its neighbours meanwhile.
             it.track.sample.position += motion.velocity * dt_s;
+            it.track.bend = product(&motion.nearest.bend, &it.track.bend);
             let sample = it.look(self, measurer, views, now, motion.nearest, measure, options);
             if let Some(sample) = sample {
                 let track = Track {
@@ -191,6 +262,7 @@ impl Stepper {
                     velocity: motion.velocity,
                     acceleration: Vector3::zeros(),
                     n_samples: it.track.n_samples + 1,
+                    bend: motion.nearest.bend,
                     ..it.track.clone()
                 };
                 again.push(track);
@@ -202,13 +274,32 @@ impl Stepper {
     }
 }
 
+/// What a match with the picture before failed by, apart from what one between views does.
+fn in_time(refused: Refused) -> &'static str {
+    match refused {
+        Refused::Outside => "time_outside",
+        Refused::NoTexture => "time_no_texture",
+        Refused::NoConvergence => "time_no_convergence",
+        Refused::Wandered => "time_wandered",
+        Refused::Bent => "time_bent",
+        Refused::Radiometry => "time_radiometry",
+        Refused::Dissimilar => "time_dissimilar",
+        Refused::Vague => "time_vague",
+    }
+}
+
+/// First `b`, then `a`.
+fn product(a: &[[f64; 2]; 2], b: &[[f64; 2]; 2]) -> [[f64; 2]; 2] {
+    [0, 1].map(|row| [0, 1].map(|column| a[row][0] * b[0][column] + a[row][1] * b[1][column]))
+}
+
 impl LostTrack {
     /// A point that was seen at `before` and is not now; `None` where its patch cannot be kept.
     pub fn of(track: Track, before: &Moment, reach: usize, matching: &MatchOptions) -> Option<Self> {
         let mut template = Template::default();
         let picture = before.pictures[track.sample.reference].as_ref()?;
         template.take(picture.finest(), track.sample.pixel, reach, matching).ok()?;
-        Some(Self { track, template, age: 0 })
+        Some(Self { track: Track { bend: UNBENT, ..track }, template, age: 0 })
     }
 
     #[expect(clippy::too_many_arguments, reason = "one turn of the loop that calls it")]
@@ -225,14 +316,19 @@ impl LostTrack {
         let reference = self.track.sample.reference;
         let picture = now.pictures[reference].as_ref()?.finest();
         let expected = views[reference].camera.sees(&self.track.sample.position)?;
-        let half = options.boxes_px[1].ceil() as usize;
-        let start = Warp::shift([expected.x, expected.y]);
-        let found = search(&self.template, picture, &start, half, &mut stepper.templates.1)?;
-        if found.correlation < MIN_CORRELATION || found.second > AS_GOOD * found.correlation {
-            return None;
+        let start = Warp { at: [expected.x, expected.y], matrix: self.track.bend };
+        let mut place = None;
+        for box_px in [BESIDE_PX, options.boxes_px[1].ceil()] {
+            let found = search(&self.template, picture, &start, box_px as usize, &mut stepper.templates.1);
+            let is_clear = |it: &Correlated| it.correlation >= MIN_CORRELATION && it.second <= AS_GOOD * it.correlation;
+            let Some(found) = found.filter(is_clear) else { continue };
+            let matched = match_template(&self.template, picture, &found.warp, &options.matching, &mut stepper.matches);
+            place = matched.ok();
+            if place.is_some() {
+                break;
+            }
         }
-        let place =
-            match_template(&self.template, picture, &found.warp, &options.matching, &mut stepper.matches).ok()?;
+        let place = place?;
         let starts = beside.sample.starts_at(views, place.warp.at);
         measurer.measure(views, now, reference, place.warp.at, &starts, measure).ok()
     }
@@ -241,14 +337,20 @@ impl LostTrack {
 impl Track {
     /// A new point.
     pub fn new(id: u32, sample: Sample, normal: Vector3<f64>) -> Self {
-        Self { id, sample, velocity: Vector3::zeros(), acceleration: Vector3::zeros(), n_samples: 1, normal }
+        let (velocity, acceleration) = (Vector3::zeros(), Vector3::zeros());
+        Self { id, sample, velocity, acceleration, n_samples: 1, normal, path: Vec::new(), bend: UNBENT }
     }
 
-    fn moved_to(&self, sample: Sample, dt_s: f64) -> Self {
+    /// The same moving and bending as its neighbours do.
+    fn going_with(&self, motion: &LocalMotion<'_>) -> Self {
+        Self { velocity: motion.velocity, bend: motion.nearest.bend, ..self.clone() }
+    }
+
+    fn moved_to(&self, sample: Sample, bend: [[f64; 2]; 2], dt_s: f64) -> Self {
         let velocity = (sample.position - self.sample.position) / dt_s;
         let known = self.n_samples > 1;
         let acceleration = if known { (velocity - self.velocity) / dt_s } else { Vector3::zeros() };
-        Self { id: self.id, sample, velocity, acceleration, n_samples: self.n_samples + 1, normal: self.normal }
+        Self { sample, velocity, acceleration, n_samples: self.n_samples + 1, bend, ..self.clone() }
     }
 
     /// As a message has it.
@@ -282,7 +384,7 @@ pub struct LocalMotion<'a> {
 
 /// Points in cells of space, for their neighbours.
 pub struct Neighbourhood<'a> {
-    cells: std::collections::HashMap<[i32; 3], Vec<&'a Track>>,
+    cells: HashMap<[i32; 3], Vec<(Point3<f64>, &'a Track)>>,
     radius_m: f64,
 }
 
@@ -292,9 +394,15 @@ const MIN_NEIGHBOURS: usize = 4;
 impl<'a> Neighbourhood<'a> {
     /// Those of `tracks` that have a velocity.
     pub fn new(tracks: &'a [Track], radius_m: f64) -> Self {
-        let mut cells: std::collections::HashMap<[i32; 3], Vec<&Track>> = std::collections::HashMap::new();
+        Self::of_a_step(tracks, radius_m, 0.0)
+    }
+
+    /// Those of `tracks` that have a velocity, where they were before a step.
+    pub fn of_a_step(tracks: &'a [Track], radius_m: f64, dt_s: f64) -> Self {
+        let mut cells: HashMap<[i32; 3], Vec<(Point3<f64>, &Track)>> = HashMap::new();
         for track in tracks.iter().filter(|it| it.n_samples > 1) {
-            cells.entry(Self::cell(&track.sample.position, radius_m)).or_default().push(track);
+            let place = track.sample.position - track.velocity * dt_s;
+            cells.entry(Self::cell(&place, radius_m)).or_default().push((place, track));
         }
         Self { cells, radius_m }
     }
@@ -311,8 +419,8 @@ impl<'a> Neighbourhood<'a> {
             for dy in -1..=1 {
                 for dz in -1..=1 {
                     let Some(cell) = self.cells.get(&[x + dx, y + dy, z + dz]) else { continue };
-                    for track in cell {
-                        let distance = (track.sample.position - position).norm();
+                    for (place, track) in cell {
+                        let distance = (place - position).norm();
                         if distance <= self.radius_m && Some(track.id) != id {
                             near.push((distance, track));
                         }

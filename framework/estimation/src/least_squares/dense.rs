@@ -26,16 +26,27 @@ pub trait Problem {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Equations {
     loss: Loss,
+    /// While residuals are added, what sparse ones gave lies below the diagonal only: see [`Self::mirror`].
     information: DMatrix<f64>,
     gradient: DVector<f64>,
     cost: f64,
     residuals: usize,
+    /// By parameter: whether it stays; sparse residuals leave it out.
+    held: Vec<bool>,
+    /// Of a sparse residual, what is free.
+    sparse: Vec<(usize, f64)>,
 }
 
 impl Equations {
-    fn new(loss: Loss, dimension: usize) -> Equations {
+    fn new(loss: Loss, held: Vec<bool>) -> Equations {
+        let dimension = held.len();
         let (information, gradient) = (DMatrix::zeros(dimension, dimension), DVector::zeros(dimension));
-        Equations { loss, information, gradient, cost: 0.0, residuals: 0 }
+        Equations { loss, information, gradient, cost: 0.0, residuals: 0, held, sparse: Vec::new() }
+    }
+
+    /// Copies what lies below the diagonal to above it, once all residuals are there.
+    fn mirror(&mut self) {
+        self.information.fill_upper_triangle_with_lower_triangle();
     }
 
     fn clear(&mut self) {
@@ -101,10 +112,19 @@ impl Equations {
     fn add_with(&mut self, (cost, weight): (f64, f64), residual: f64, jacobian: &[(usize, f64)]) {
         self.cost += 0.5 * cost;
         self.residuals += 1;
-        for &(row, by_row) in jacobian {
-            self.gradient[row] += weight * by_row * residual;
-            for &(column, by_column) in jacobian {
-                self.information[(row, column)] += weight * by_row * by_column;
+        let Self { information, gradient, held, sparse, .. } = self;
+        sparse.clear();
+        sparse.extend(jacobian.iter().filter(|it| !held[it.0]));
+        // Columns are stored one after the other: in the order of the parameters each is walked downwards.
+        sparse.sort_unstable_by_key(|it| it.0);
+        let n = held.len();
+        let information = information.as_mut_slice();
+        for (place, &(column, by_column)) in sparse.iter().enumerate() {
+            let by = weight * by_column;
+            gradient[column] += by * residual;
+            let down = &mut information[column * n..(column + 1) * n];
+            for &(row, by_row) in &sparse[place..] {
+                down[row] += by * by_row;
             }
         }
     }
@@ -174,7 +194,9 @@ impl Normal {
         if free.is_empty() {
             return Err(SolveError::NothingFree { dimension });
         }
-        let [here, there] = [(); 2].map(|()| Equations::new(options.loss, dimension));
+        let mut held = vec![true; dimension];
+        free.iter().for_each(|it| held[*it] = false);
+        let [here, there] = [(); 2].map(|()| Equations::new(options.loss, held.clone()));
         Ok(Normal { free, here, there, step: DVector::zeros(dimension) })
     }
 
@@ -211,6 +233,7 @@ struct Dense<'a, P: Problem> {
 impl<P: Problem> System for Dense<'_, P> {
     fn begin(&mut self) -> Option<f64> {
         self.problem.linearise(&self.parameters, &mut self.normal.here)?;
+        self.normal.here.mirror();
         Some(self.normal.here.cost)
     }
 
@@ -222,6 +245,7 @@ impl<P: Problem> System for Dense<'_, P> {
         let candidate = self.candidate.insert(self.problem.moved(&self.parameters, &self.normal.step));
         self.normal.there.clear();
         self.problem.linearise(candidate, &mut self.normal.there)?;
+        self.normal.there.mirror();
         Some(self.normal.there.cost)
     }
 

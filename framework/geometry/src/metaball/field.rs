@@ -14,6 +14,8 @@ use super::skeleton::{Columns, Posed, Skeleton, State};
 pub const THRESHOLD: f64 = 0.5;
 /// √(−½ ln w_t): effective radii times this are the visible ones of a ball by itself, r_t of Figure 12.
 pub const VISIBLE: f64 = 0.588_705_011_257_737_3;
+/// What a ball adds to the field at D farther than the nearest one's by this is less than a part in 10¹⁴ [–].
+const UNFELT: f64 = 16.2;
 /// Below this D the root goes on as a straight line: inside a body, where many balls overlap, D falls below 0.
 const ROOT_FROM: f64 = 0.02;
 
@@ -185,11 +187,21 @@ impl Body {
     ) -> Option<f64> {
         row.clear();
         let columns = Columns::of(state);
-        let mut least = f64::INFINITY;
         let balls = &self.near[segment];
+        let mut terms: Vec<Term> = Vec::with_capacity(balls.len());
+        // Balls of a segment follow each other: the point in its space is that of the ball before.
+        let mut local: Option<(usize, Point3<f64>)> = None;
         for &number in balls {
-            least = least.min(self.term(posed, state, &self.balls[number], number, point).squared_distance);
+            let ball = &self.balls[number];
+            let here = match local {
+                Some((segment, here)) if segment == ball.segment => here,
+                _ => posed.world_from_segment[ball.segment].inverse_transform_point(point),
+            };
+            local = Some((ball.segment, here));
+            let scale = state.scales[self.skeleton.segments()[ball.segment].scale];
+            terms.push(ball.at(&here, scale, &state.radii[number]));
         }
+        let least = terms.iter().map(|it| it.squared_distance).fold(f64::INFINITY, f64::min);
         if !least.is_finite() {
             return None;
         }
@@ -200,15 +212,14 @@ impl Body {
             self.skeleton
                 .derivatives(posed, &columns, segment, point, |column, by| row.push((column, gradient.dot(&by))));
         };
-        for &number in balls {
+        for (&number, term) in balls.iter().zip(&terms) {
             let ball = &self.balls[number];
-            let term = self.term(posed, state, ball, number, point);
-            let weight = (-2.0 * (term.squared_distance - least)).exp();
-            sum += weight;
-            // Far balls of the same limb are felt, if little (§3.4.4); below this a number of the row would not change.
-            if weight < 1e-14 {
+            // Far balls of the same limb are felt, if little (§3.4.4); beyond this a number of the row would not change.
+            if term.squared_distance - least > UNFELT {
                 continue;
             }
+            let weight = (-2.0 * (term.squared_distance - least)).exp();
+            sum += weight;
             let gradient = weight * term.gradient;
             match &mut run {
                 Some((segment, total)) if *segment == ball.segment => *total += gradient,

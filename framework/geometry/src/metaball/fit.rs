@@ -177,6 +177,10 @@ pub struct BodyFitOptions {
     pub limit_sigma: f64,
     /// Standard deviation of the surface of a person from the best body of metaballs, added to that of points and rays [m].
     pub model_sigma_m: f64,
+    /// The same added at a joint between two segments, where skin bulges and cloth wrinkles as no blend of balls does; it fades over [`Self::joint_reach_m`] [m].
+    pub joint_sigma_m: f64,
+    /// At this distance from a joint, along the bone, that is e⁻¹ of what it is at the joint [m].
+    pub joint_reach_m: f64,
     /// Points that lie closer together have that error in common [m].
     pub independent_m: f64,
     /// Points farther from the surface than so many σ belong to no segment, when the fit is judged [σ].
@@ -196,6 +200,8 @@ impl Default for BodyFitOptions {
             settled_m: 1e-4,
             limit_sigma: 1_f64.to_radians(),
             model_sigma_m: 0.003,
+            joint_sigma_m: 0.0,
+            joint_reach_m: 0.05,
             independent_m: 0.03,
             outlier_sigmas: 5.0,
         }

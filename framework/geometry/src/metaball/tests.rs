@@ -285,8 +285,21 @@ fn twist_of_the_forearm_comes_from_tracked_points() {
 
 #[test]
 fn silhouettes_of_three_cameras_find_the_elbow() {
+    let (mut uppers, mut fores) = (Vec::new(), Vec::new());
+    for seed in 61..66 {
+        let [upper, fore] = bones_from_silhouettes(seed);
+        uppers.push(upper);
+        fores.push(fore);
+    }
+    let (uppers, fores) = (sorted(uppers), sorted(fores));
+    let said = format!("upper arms {uppers:.1?}, forearms {fores:.1?} degrees");
+    assert!(uppers[2] < 2.0 && fores[2] < 3.0 && uppers[4] < 5.0 && fores[4] < 5.0, "{said}");
+}
+
+/// How far upper arm and forearm are off that only borders of silhouettes and clicked joints tell of [°].
+fn bones_from_silhouettes(seed: u64) -> [f64; 2] {
     // A tapered capsule each for upper arm and forearm, clicked like the others.
-    let truth = LoftArm::draw(61);
+    let truth = LoftArm::draw(seed);
     let [shoulder, elbow, wrist] = truth.joints;
     let mut rays = Vec::new();
     for eye in [Point3::new(2.5, -1.0, 1.3), Point3::new(0.3, -2.6, 1.1), Point3::new(-0.5, 0.3, 3.6)] {
@@ -304,9 +317,9 @@ fn silhouettes_of_three_cameras_find_the_elbow() {
             }
         }
     }
-    let (body, fit) = fitted(&truth, &rays, 61, &BodyFitOptions::default());
+    let (body, fit) = fitted(&truth, &rays, seed, &BodyFitOptions::default());
     let ([upper, fore, _], _) = truth.errors(&body, &fit.state);
-    assert!(upper < 3.0 && fore < 3.0, "{upper}, {fore} degrees, rms {}", fit.rms_m);
+    [upper, fore]
 }
 
 #[test]

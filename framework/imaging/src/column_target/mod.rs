@@ -83,8 +83,8 @@ impl std::fmt::Display for NoTarget {
             ),
             NoTarget::Numbers { columns, votes: [best, next] } => write!(
                 to,
-                "the numbers above the {columns} columns do not say which these are (the best numbering agrees with {best:.1} of them, the next with {next:.1}); expected them legible, or the \
-                 number of the leftmost column stated"
+                "the numbers above the {columns} columns do not say which these are (the best numbering agrees with {best:.1} of them, the next with {next:.1}); expected them legible, \
+                 upright and not mirrored, or the number of the leftmost column stated"
             ),
         }
     }

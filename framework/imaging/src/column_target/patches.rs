@@ -60,8 +60,11 @@ const BLOCKS: usize = 80;
 const BRIGHT_PART: f64 = 0.8;
 /// Dark is less than this part of it: half way for print that reflects some 15 %.
 const DARK_PART: f32 = 0.58;
-/// Nothing is printed on what is darker [gray level].
-const LEAST_GROUND: f32 = 50.0;
+/// Nothing is printed on ground that is darker than this part of the bright one, [–]
+const LEAST_GROUND_PART: f32 = 0.25;
+/// that being the level which this part of the blocks do not reach; but what is brighter than the second is ground in any case, and what is darker than the first is not [–, gray level, gray level].
+const BRIGHT_BLOCKS: f64 = 0.95;
+const LEAST_GROUND: [f32; 2] = [8.0, 50.0];
 /// Pixels of a rectangle, at least; its area against its moments, at most so far from a parallelogram's.
 const LEAST_AREA: u32 = 60;
 const SPREADS: std::ops::Range<f64> = 0.9..1.1;
@@ -78,13 +81,17 @@ impl<'a> Dark<'a> {
         let block = (width.max(height) / BLOCKS).max(8);
         let n_blocks = [width.div_ceil(block).max(1), height.div_ceil(block).max(1)];
         let ground = ground(image, block, n_blocks);
+        let mut sorted = ground.clone();
+        sorted.sort_by(f32::total_cmp);
+        let bright = sorted.get((BRIGHT_BLOCKS * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
+        let least_ground = (LEAST_GROUND_PART * bright).clamp(LEAST_GROUND[0], LEAST_GROUND[1]);
         let mut this =
             Self { image: *image, mask: vec![false; width * height], ground, n_blocks, block, groups: Vec::new() };
         for y in 0..height {
             let row = image.row(y);
             for (x, level) in row.iter().enumerate() {
                 let ground = this.ground_at(x, y);
-                this.mask[y * width + x] = ground >= LEAST_GROUND && f32::from(*level) < DARK_PART * ground;
+                this.mask[y * width + x] = ground >= least_ground && f32::from(*level) < DARK_PART * ground;
             }
         }
         this.groups = groups(&this.mask, width, height);

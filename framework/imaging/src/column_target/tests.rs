@@ -190,6 +190,15 @@ fn without_numbers_the_leftmost_column_has_to_be_stated() {
 }
 
 #[test]
+fn a_picture_that_is_five_times_darker_shows_the_same() {
+    let scene = Scene::of(1.05);
+    let pixels: Vec<u8> = scene.picture().iter().map(|it| it / 5).collect();
+    let view = ImageView::new(&pixels, SIZE[0], SIZE[1]).unwrap();
+    let (found, bright) = (find_target(&view, PATTERN, None).unwrap(), scene.find(None).unwrap());
+    assert_eq!(found.columns, bright.columns);
+}
+
+#[test]
 fn pictures_without_a_target_are_refused() {
     let view = |pixels: &[u8]| find_target(&ImageView::new(pixels, 64, 48).unwrap(), PATTERN, None);
     assert!(matches!(view(&[128; 64 * 48]), Err(NoTarget::Columns { patches: 0, .. })));

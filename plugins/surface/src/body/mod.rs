@@ -7,6 +7,7 @@
 //! A fit that is not to be believed is given out as no body, with the reason in `unmodelled`, and counted; the next message starts anew.
 
 mod message;
+mod outline;
 mod picture;
 #[cfg(test)]
 mod tests;
@@ -18,16 +19,19 @@ use std::sync::Arc;
 use foveate::geometry::metaball::{self, Side, skin_patches};
 use foveate::geometry::surface::TriangleMesh;
 use foveate::prelude::*;
+use foveate::scene::Calibration;
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use self::outline::Outline;
 use self::picture::Picture;
 use self::track::{BodyTracker, Outcome, Rules};
 
 ports! {
     TRACKED: In<TrackedSurface> = each("tracked");
     JOINTS: In<Targets> = latest("joints").optional();
+    SILHOUETTES: In<Silhouette> = each("silhouettes").many().optional();
     SKELETONS: Out<Skeletons> = "skeletons";
     SKIN: Out<Mesh> = "skin";
 }
@@ -40,6 +44,7 @@ figures! {
     "body.outliers": share, low, "Points farther than outlier_sigmas from the surface, over all of believed messages";
     "body.limbs_unsupported": count, low, "Limbs without enough points to say where they are, over all believed messages: given out as filled";
     "body.iterations": count, low, "Steps of the search in a message, mean over believed messages after the shape is known";
+    "body.silhouette_rays": count, neither, "Lines of sight through the borders of silhouettes that a message was fitted to, mean over all messages";
     "body.girth": ratio, neither, "Thickness of the fitted body over that of the template, geometric mean over its balls";
 }
 
@@ -113,6 +118,9 @@ pub struct BodySettings {
     /// Standard deviation of a person's surface, clothes and all, from the best body of metaballs; added to that of points [mm]
     #[schemars(range(min = 0.1, max = 50.0))]
     pub model_mm: f64,
+    /// The same at a joint between two limbs, where skin bulges and cloth wrinkles; it fades over 50 mm. Points there say less of how limbs lie [mm]
+    #[schemars(range(min = 0.0, max = 200.0))]
+    pub joint_mm: f64,
     /// Points nearer to each other have that error in common, and count as one [mm]
     #[schemars(range(min = 1.0, max = 500.0))]
     pub independent_mm: f64,
@@ -125,6 +133,12 @@ pub struct BodySettings {
     /// Messages in which lengths and radii are sought; their means are kept from then on [–]
     #[schemars(range(min = 1, max = 10000))]
     pub shape_frames: u32,
+    /// Lines of sight through the border of each silhouette at `silhouettes`, at most [–]
+    #[schemars(range(min = 3, max = 100000))]
+    pub silhouette_rays: usize,
+    /// How well the border of a silhouette is known, standard deviation [px]
+    #[schemars(range(min = 0.05, max = 50.0))]
+    pub silhouette_px: f64,
     /// `field` or `distance` [–]
     pub equation: Equation,
     /// Shape and posture are sought in turn, as the paper does it, and not all together [–]
@@ -151,10 +165,13 @@ impl Default for BodySettings {
             clicked_mm: 40.0,
             points: 500,
             model_mm: 3.0,
+            joint_mm: 12.0,
             independent_mm: 30.0,
             slide_mm: 15.0,
             turn_rad_s: 6.0,
             shape_frames: 8,
+            silhouette_rays: 80,
+            silhouette_px: 1.0,
             equation: Equation::Field,
             in_turn: false,
             outlier_sigmas: 5.0,
@@ -173,11 +190,20 @@ pub struct BodyFitter {
     picture: Option<Picture>,
     out_dir: Option<std::path::PathBuf>,
     rms: Vec<f64>,
-    refused: BTreeMap<&'static str, u64>,
+    /// By the kind of the reason: how many messages, and the first one's time and reason in words.
+    refused: BTreeMap<&'static str, (u64, Time, String)>,
     n_points: u64,
     n_outliers: u64,
     n_unsupported: u64,
     iterations: (u64, u64),
+    calibration: Arc<Calibration>,
+    /// The last one of each camera.
+    outlines: BTreeMap<CameraId, Outline>,
+    /// Lines of sight that messages were fitted to, and messages.
+    rays: (u64, u64),
+    /// Silhouettes that came too late for the message of their moment.
+    late: u64,
+    last_time: Option<Time>,
 }
 
 impl Node for BodyFitter {
@@ -197,10 +223,13 @@ impl Node for BodyFitter {
         ConfigError::unless_in("clicked_mm", settings.clicked_mm, 1.0..=500.0)?;
         ConfigError::unless_in("points", settings.points, 20..=100_000)?;
         ConfigError::unless_in("model_mm", settings.model_mm, 0.1..=50.0)?;
+        ConfigError::unless_in("joint_mm", settings.joint_mm, 0.0..=200.0)?;
         ConfigError::unless_in("independent_mm", settings.independent_mm, 1.0..=500.0)?;
         ConfigError::unless_in("slide_mm", settings.slide_mm, 0.0..=200.0)?;
         ConfigError::unless_in("turn_rad_s", settings.turn_rad_s, 0.1..=100.0)?;
         ConfigError::unless_in("shape_frames", settings.shape_frames, 1..=10_000)?;
+        ConfigError::unless_in("silhouette_rays", settings.silhouette_rays, 3..=100_000)?;
+        ConfigError::unless_in("silhouette_px", settings.silhouette_px, 0.05..=50.0)?;
         ConfigError::unless_in("outlier_sigmas", settings.outlier_sigmas, 2.0..=50.0)?;
         ConfigError::unless_in("skin_mm", settings.skin_mm, 1.0..=100.0)?;
         let mut clicked = BTreeMap::new();
@@ -239,6 +268,7 @@ impl Node for BodyFitter {
             points: settings.points,
             slide_m: settings.slide_mm * 1e-3,
             turn_rad_s: settings.turn_rad_s,
+            silhouette_px: settings.silhouette_px,
             shape_frames: settings.shape_frames,
             options: metaball::BodyFitOptions {
                 residual: match settings.equation {
@@ -247,6 +277,7 @@ impl Node for BodyFitter {
                 },
                 in_turn: settings.in_turn,
                 model_sigma_m: settings.model_mm * 1e-3,
+                joint_sigma_m: settings.joint_mm * 1e-3,
                 independent_m: settings.independent_mm * 1e-3,
                 outlier_sigmas: settings.outlier_sigmas,
                 ..metaball::BodyFitOptions::default()
@@ -264,11 +295,26 @@ impl Node for BodyFitter {
             n_outliers: 0,
             n_unsupported: 0,
             iterations: (0, 0),
+            calibration: setup.calibration.clone(),
+            outlines: BTreeMap::new(),
+            rays: (0, 0),
+            late: 0,
+            last_time: None,
         })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        while let Some(silhouette) = io.take(&SILHOUETTES) {
+            let (id, time) = (silhouette.value.camera, silhouette.time());
+            let Some(named) = self.calibration.cameras.get(usize::from(id.0)) else { continue };
+            self.late += u64::from(self.last_time.is_some_and(|it| it >= time));
+            let outline = Outline::of(&silhouette.value, time, &named.camera, self.settings.silhouette_rays);
+            self.outlines.insert(id, outline);
+        }
         let Some(tracked) = io.take(&TRACKED) else { return Ok(()) };
+        self.last_time = Some(tracked.value.time);
+        let outlines: Vec<&Outline> = self.outlines.values().filter(|it| it.is_of(tracked.value.time)).collect();
+        self.rays = (self.rays.0 + outlines.iter().map(|it| it.len() as u64).sum::<u64>(), self.rays.1 + 1);
         let mut clicks = self.clicked.clone();
         if let Some(joints) = io.latest(&JOINTS) {
             // Targets of several bodies have hundreds in front.
@@ -279,7 +325,7 @@ impl Node for BodyFitter {
         }
         let surface = &tracked.value;
         let mut message = Skeletons { time: surface.time, list: Vec::new(), unmodelled: Vec::new() };
-        match self.tracker.track(surface, &clicks) {
+        match self.tracker.track(surface, &clicks, &outlines) {
             Outcome::Followed(frame) => {
                 self.rms.push(frame.fit.rms_m);
                 self.n_points += frame.n_points as u64;
@@ -298,7 +344,7 @@ impl Node for BodyFitter {
                 }
             }
             Outcome::Refused { kind, reason } => {
-                *self.refused.entry(kind).or_default() += 1;
+                self.refused.entry(kind).or_insert_with(|| (0, surface.time, reason.clone())).0 += 1;
                 let n = surface.list.len().max(1) as f64;
                 let sum = surface.list.iter().fold(Vector3::zeros(), |sum, it| sum + it.position.coords);
                 let centroid = Point3::from(sum / n);
@@ -311,15 +357,25 @@ impl Node for BodyFitter {
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         report.figure("body.frames", self.rms.len() as f64);
-        report.figure("body.refused", self.refused.values().sum::<u64>() as f64);
-        for (kind, n) in &self.refused {
+        report.figure("body.refused", self.refused.values().map(|it| it.0).sum::<u64>() as f64);
+        for (kind, (n, time, reason)) in &self.refused {
             report.figure(format!("body.refused.{kind}"), *n as f64);
+            report.remark(format!("no body in {n} messages for reasons like that at {:.2} s: {reason}", time.as_s()));
         }
         let rms = foveate::estimation::statistics::median(&self.rms).unwrap_or(f64::NAN);
         report.figure("body.rms_mm.median", 1e3 * rms);
         report.figure("body.outliers", self.n_outliers as f64 / self.n_points as f64);
         report.figure("body.limbs_unsupported", self.n_unsupported as f64);
         report.figure("body.iterations", self.iterations.0 as f64 / self.iterations.1 as f64);
+        if self.rays.0 + self.late > 0 {
+            report.figure("body.silhouette_rays", self.rays.0 as f64 / self.rays.1 as f64);
+        }
+        if self.late > 0 {
+            report.remark(format!(
+                "{} silhouettes came after the points of their moment and were not used: expected their node before that of the points in the rig",
+                self.late
+            ));
+        }
         report.figure("body.girth", self.tracker.girth().unwrap_or(f64::NAN));
         let Some((picture, folder)) = self.picture.as_ref().zip(self.out_dir.as_ref()) else { return Ok(()) };
         let saved = report.save(folder, "body.svg", picture.svg(self.tracker.body()));

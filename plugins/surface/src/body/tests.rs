@@ -1,11 +1,15 @@
 //! The node on arms that are not made of metaballs.
 
 use foveate::estimation::random::Random;
+use foveate::geometry::Camera;
+use foveate::geometry::metaball::{self, Side};
 use foveate::prelude::*;
+use foveate::scene::{Calibration, LengthUnit, NamedCamera};
 use foveate_testkit::check_node;
-use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Point2, Point3, UnitQuaternion, Vector3};
 
-use super::{BodyFitter, BodySettings, Clicked, SKELETONS, SKIN, Skin};
+use super::track::{BodyTracker, Outcome, Rules};
+use super::{BodyFitter, BodySettings, Clicked, SILHOUETTES, SKELETONS, SKIN, Skin};
 
 const TRACKED: In<TrackedSurface> = In::each(0, "tracked");
 
@@ -128,6 +132,94 @@ fn without_clicks_an_arm_is_found_along_its_points() {
     let skeleton = outputs[0].value.list.first().unwrap_or_else(|| panic!("{:?}", outputs[0].value.unmodelled));
     let off = errors_deg(skeleton, joints(0.5));
     assert!(off.iter().all(|it| *it < 6.0), "{off:?} degrees");
+}
+
+#[test]
+fn a_hand_without_points_goes_with_the_forearm() {
+    let (body, template) = metaball::arm(Side::Right, 1.75);
+    let rules = Rules {
+        clicked_m: 0.04,
+        points: 500,
+        slide_m: 0.015,
+        turn_rad_s: 6.0,
+        silhouette_px: 1.0,
+        shape_frames: 3,
+        options: metaball::BodyFitOptions::default(),
+    };
+    let mut tracker = BodyTracker::new(body, template, rules);
+    for frame in 0..4 {
+        let time_s = f64::from(frame) / 25.0;
+        let [shoulder, elbow, wrist] = joints(time_s);
+        let mut surface = points(time_s, 1500);
+        // The sleeve ends a little before the wrist.
+        surface.list.retain(|it| (it.position - wrist).dot(&(wrist - elbow).normalize()) < -0.02);
+        let off = Vector3::new(0.02, -0.02, 0.02);
+        let clicks = [(3, shoulder + off), (5, elbow - off), (7, wrist + off)].into_iter().collect();
+        let Outcome::Followed(frame) = tracker.track(&surface, &clicks, &[]) else { panic!("no body at {time_s} s") };
+        let bones = &tracker.body().skeleton;
+        let hand = bones.find("hand_right").unwrap();
+        assert!(frame.unsupported.contains(&hand));
+        let bent: Vec<f64> = bones.angles_of(hand).map(|it| frame.fit.state.angles[it].abs()).collect();
+        assert!(bent.iter().all(|it| *it < 0.3), "{bent:?} rad at {time_s} s");
+    }
+}
+
+/// Which pixels of a camera show the tapered tubes of the arm at one time.
+fn silhouette(camera: &Camera, id: u16, time_s: f64) -> Silhouette {
+    let [shoulder, elbow, wrist] = joints(time_s);
+    let tubes = [(shoulder, elbow, [0.056, 0.044]), (elbow, wrist, [0.044, 0.028])];
+    let [width, height] = camera.image_size;
+    let is_body = |x: u32, y: u32| {
+        let Some(ray) = camera.ray(&Point2::new(f64::from(x), f64::from(y))) else { return false };
+        let direction = ray.direction.into_inner();
+        tubes.iter().any(|(from, to, [first, last])| {
+            (0..=40).any(|it| {
+                let part = f64::from(it) / 40.0;
+                let off = from + (to - from) * part - ray.origin;
+                off.cross(&direction).norm() < first + (last - first) * part
+            })
+        })
+    };
+    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+    let confidence: Vec<u8> = pixels.map(|(x, y)| if is_body(x, y) { 255 } else { 0 }).collect();
+    let n_body = confidence.iter().filter(|it| **it > 0).count() as u32;
+    Silhouette { camera: CameraId(id), width, height, n_body, confidence, ..Silhouette::default() }
+}
+
+#[test]
+fn silhouettes_tell_where_a_forearm_without_points_is() {
+    let eyes = [Point3::new(1.6, -1.2, 1.4), Point3::new(0.1, -2.0, 1.2), Point3::new(-0.4, -0.8, 2.9)];
+    let cameras = eyes.map(|it| Camera::look_at(it, Point3::new(-0.05, 0.0, 1.2), [240, 180], 420.0));
+    let named = |(id, camera): (usize, &Camera)| NamedCamera { name: format!("cam-{id}"), camera: camera.clone() };
+    let list = cameras.iter().enumerate().map(named).collect();
+    let calibration = Calibration::new(list, LengthUnit::Metre, String::new()).unwrap();
+    let setup = Setup { calibration: calibration.into(), ..Setup::for_tests() };
+    let forearm_off = |with_silhouettes: bool| {
+        let mut bench = NodeBench::<BodyFitter>::with_setup(settings(), &setup).unwrap();
+        let mut off = 0.0_f64;
+        for frame in 0..3 {
+            let time = Time::from_s(f64::from(frame) / 25.0);
+            let [_, elbow, _] = joints(time.as_s());
+            let mut surface = points(time.as_s(), 1500);
+            // Up to the elbow, and a little beyond.
+            surface.list.retain(|it| it.position.x < elbow.x + 0.01);
+            if with_silhouettes {
+                for (id, camera) in cameras.iter().enumerate() {
+                    bench.feed(&SILHOUETTES, time, silhouette(camera, id as u16, time.as_s())).unwrap();
+                }
+            }
+            bench.feed(&TRACKED, time, surface).unwrap();
+            let messages = bench.outputs(&SKELETONS);
+            let last = &messages.last().unwrap().value;
+            off = last.list.first().map_or(90.0, |it| errors_deg(it, joints(time.as_s()))[1]);
+        }
+        let report = bench.finish().unwrap();
+        let rays = report.figures.get("body.silhouette_rays").copied();
+        assert_eq!(rays.is_some_and(|it| it > 60.0), with_silhouettes, "{rays:?}");
+        off
+    };
+    let (with, without) = (forearm_off(true), forearm_off(false));
+    assert!(with < 4.0 && with < 0.5 * without, "{with} degrees with silhouettes, {without} without");
 }
 
 #[test]

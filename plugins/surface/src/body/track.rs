@@ -9,6 +9,7 @@ use foveate::prelude::*;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use super::message::{Before, joint_place, skeleton_of};
+use super::outline::Outline;
 
 /// A lever with which turns become shifts of the root [m].
 const LEVER_M: f64 = 0.3;
@@ -16,6 +17,12 @@ const LEVER_M: f64 = 0.3;
 const LEAST_POINTS: usize = 20;
 /// How many clicked joints start a body.
 const LEAST_CLICKS: usize = 3;
+/// A body of more lengths is no arm.
+const ARM_SCALES: usize = 3;
+/// Lines of sight that pass farther from all points of an arm are of the rest of the person [m].
+const OUTLINE_REACH_M: f64 = 0.25;
+/// How far hands and feet of people who do something else with their limbs are bent from where they rest: standard deviation of each angle [rad].
+const EXTREMITY_SIGMA: f64 = 0.35;
 
 /// How a body is tracked.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,6 +31,7 @@ pub(super) struct Rules {
     pub points: usize,
     pub slide_m: f64,
     pub turn_rad_s: f64,
+    pub silhouette_px: f64,
     pub shape_frames: u32,
     pub options: BodyFitOptions,
 }
@@ -45,6 +53,15 @@ pub(super) struct Frame {
     pub is_shaping: bool,
 }
 
+/// The message before.
+struct Last {
+    time: Time,
+    state: State,
+    joints: Before,
+    /// Segments that points said nothing of.
+    unsupported: Vec<usize>,
+}
+
 /// The body so far.
 pub(super) struct BodyTracker {
     body: Body,
@@ -52,7 +69,7 @@ pub(super) struct BodyTracker {
     rules: Rules,
     /// Logarithms of scales and radii, summed, and over how many messages.
     shape: (Vec<f64>, u32),
-    last: Option<(Time, State, Before)>,
+    last: Option<Last>,
     /// Places of tracked points on their segments, of the template's length [m].
     places: BTreeMap<u32, (usize, Vector3<f64>)>,
 }
@@ -99,8 +116,13 @@ impl BodyTracker {
         self.shape.1 += 1;
     }
 
-    /// The body in a message; `clicks` by their places in [`BODY_JOINTS`], for a start.
-    pub fn track(&mut self, surface: &TrackedSurface, clicks: &BTreeMap<usize, Point3<f64>>) -> Outcome {
+    /// The body in a message, with the borders of silhouettes of its moment; `clicks` by their places in [`BODY_JOINTS`], for a start.
+    pub fn track(
+        &mut self,
+        surface: &TrackedSurface,
+        clicks: &BTreeMap<usize, Point3<f64>>,
+        outlines: &[&Outline],
+    ) -> Outcome {
         let points: Vec<&TrackedPoint> =
             surface.list.iter().filter(|it| it.position.iter().all(|it| it.is_finite())).collect();
         if points.len() < LEAST_POINTS {
@@ -113,16 +135,16 @@ impl BodyTracker {
         let chosen: Vec<&TrackedPoint> =
             points.iter().copied().filter(|it| stride == 1 || (it.id as usize).is_multiple_of(stride)).collect();
         let chosen = if chosen.len() < LEAST_POINTS { points } else { chosen };
+        let rays = self.rays(&chosen, outlines);
         let found = match &self.last {
-            Some((time, state, _)) if surface.time > *time => {
-                let since_s = (surface.time - *time).as_s();
-                let near = self.near(&chosen, &state.clone(), since_s);
-                match near {
+            Some(last) if surface.time > last.time => {
+                let since_s = (surface.time - last.time).as_s();
+                match self.near(&chosen, &rays, last, since_s) {
                     Ok(fit) if blame(&fit).is_none() => Ok(fit),
-                    _ => self.anew(&chosen, clicks),
+                    _ => self.anew(&chosen, &rays, clicks),
                 }
             }
-            _ => self.anew(&chosen, clicks),
+            _ => self.anew(&chosen, &rays, clicks),
         };
         let fit = match found {
             Ok(fit) => fit,
@@ -168,9 +190,9 @@ impl BodyTracker {
             })
             .collect();
         let before = self.last.take();
-        let before = before.as_ref().map(|it| ((time - it.0).as_s(), &it.2));
+        let before = before.as_ref().map(|it| ((time - it.time).as_s(), &it.joints));
         let (skeleton, now) = skeleton_of(&self.body, &fit, &unsupported, before, cameras);
-        self.last = Some((time, fit.state.clone(), now));
+        self.last = Some(Last { time, state: fit.state.clone(), joints: now, unsupported: unsupported.clone() });
         Frame { fit, skeleton, unsupported, n_points: chosen.len(), is_shaping }
     }
 
@@ -180,9 +202,24 @@ impl BodyTracker {
         chosen.iter().map(|it| BodyObservation::Point { at: it.position, sigma_m: sigma(it), segment: None }).collect()
     }
 
+    /// Lines of sight that touch the body. Of a person all do; those of an arm are told from the rest of the person by the points that they pass.
+    fn rays(&self, chosen: &[&TrackedPoint], outlines: &[&Outline]) -> Vec<BodyObservation> {
+        let n = chosen.len().max(1) as f64;
+        let centroid = chosen.iter().fold(Vector3::zeros(), |sum, it| sum + it.position.coords) / n;
+        let near = (self.body.skeleton.n_scales() <= ARM_SCALES).then_some((chosen, OUTLINE_REACH_M));
+        outlines.iter().flat_map(|it| it.observed(&centroid, self.rules.silhouette_px, near)).collect()
+    }
+
     /// From the posture before.
-    fn near(&self, chosen: &[&TrackedPoint], state: &State, since_s: f64) -> Result<BodyFit, (&'static str, String)> {
+    fn near(
+        &self,
+        chosen: &[&TrackedPoint],
+        rays: &[BodyObservation],
+        last: &Last,
+        since_s: f64,
+    ) -> Result<BodyFit, (&'static str, String)> {
         let mut all = self.observed(chosen);
+        all.extend_from_slice(rays);
         if self.rules.slide_m > 0.0 {
             all.extend(chosen.iter().filter_map(|it| {
                 let (segment, place) = *self.places.get(&it.id)?;
@@ -190,12 +227,23 @@ impl BodyTracker {
             }));
         }
         let turn = (self.rules.turn_rad_s * since_s).max(1e-3);
-        let start = self.known(state);
+        let start = self.known(&last.state);
         let root = RootPrior { world_from_root: start.world_from_root, turn_sigma: turn, shift_sigma: turn * LEVER_M };
-        let angles = start.angles.iter().map(|it| (*it, turn)).collect();
+        let mut angles: Vec<(f64, f64)> = start.angles.iter().map(|it| (*it, turn)).collect();
+        self.rest(&mut angles, |segment| last.unsupported.contains(&segment));
         let priors = Priors { root: Some(root), angles, ..anthropometric(&self.template) };
         let options = BodyFitOptions { free: self.free(), rough: false, ..self.rules.options.clone() };
         fit_body(&self.body, &all, &start, &priors, &options).map_err(|it| ("no_start", it.to_string()))
+    }
+
+    /// Hands and feet, of those that `are_meant`, are known to go with forearm and shank: without points they would hang as they happened to be.
+    fn rest(&self, angles: &mut [(f64, f64)], are_meant: impl Fn(usize) -> bool) {
+        let bones = &self.body.skeleton;
+        for (segment, it) in bones.segments().iter().enumerate() {
+            if is_extremity(&it.name) && are_meant(segment) {
+                bones.angles_of(segment).for_each(|it| angles[it] = (self.template.angles[it], EXTREMITY_SIGMA));
+            }
+        }
     }
 
     /// With the shape that is kept, once there is one.
@@ -215,10 +263,11 @@ impl BodyTracker {
     fn anew(
         &self,
         chosen: &[&TrackedPoint],
+        rays: &[BodyObservation],
         clicks: &BTreeMap<usize, Point3<f64>>,
     ) -> Result<BodyFit, (&'static str, String)> {
         let mut start = self.known(&self.template);
-        let points = self.observed(chosen);
+        let points = [&self.observed(chosen)[..], rays].concat();
         let anchored = |(joint, at): (&usize, &Point3<f64>)| {
             let (segment, place) = joint_place(&self.body, *joint)?;
             Some(BodyObservation::Anchored { segment, place, at: *at, sigma_m: self.rules.clicked_m })
@@ -227,25 +276,31 @@ impl BodyTracker {
         let options = BodyFitOptions { free: self.free(), ..self.rules.options.clone() };
         let n = chosen.len() as f64;
         let centroid = chosen.iter().fold(Vector3::zeros(), |sum, it| sum + it.position.coords) / n;
-        let fit = |start: &State, observations: &[BodyObservation]| {
+        let is_clicked = anchors.len() >= LEAST_CLICKS;
+        let fit = |start: &State, observations: &[BodyObservation], options: &BodyFitOptions| {
             let mut priors = anthropometric(start);
             priors.radii = anthropometric(&self.template).radii;
             priors.scales = anthropometric(&self.template).scales;
+            if is_clicked {
+                self.rest(&mut priors.angles, |_| true);
+            }
             // Nothing says which way it faces, nor more than roughly where it is.
             priors.root = Some(RootPrior { world_from_root: start.world_from_root, turn_sigma: 2.0, shift_sigma: 0.3 });
-            fit_body(&self.body, observations, start, &priors, &options).map_err(|it| ("no_start", it.to_string()))
+            fit_body(&self.body, observations, start, &priors, options).map_err(|it| ("no_start", it.to_string()))
         };
-        if anchors.len() >= LEAST_CLICKS {
+        if is_clicked {
             start.world_from_root.translation.vector = centroid;
-            return fit(&start, &[points, anchors].concat());
+            return fit(&start, &[points, anchors].concat(), &options);
         }
-        if self.body.skeleton.n_scales() > 3 {
+        if self.body.skeleton.n_scales() > ARM_SCALES {
             let reason = format!("{} clicked joints of the model, expected {LEAST_CLICKS} at least", anchors.len());
             return Err(("no_start", reason));
         }
         // An arm by itself: tried along the points' longest axis, either way, in four turns about it.
         let longest = longest_axis(chosen, &centroid);
         let mut best: Option<(f64, BodyFit)> = None;
+        // Which way it lies is told by its joints more than by anything: they count in full.
+        let options = BodyFitOptions { joint_sigma_m: 0.0, ..options };
         for way in [longest, -longest] {
             let along = UnitQuaternion::rotation_between(&Vector3::z(), &way)
                 .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
@@ -257,7 +312,7 @@ impl BodyTracker {
                 let mut state = start.clone();
                 state.world_from_root = Isometry3::from_parts(shoulder.into(), rotation);
                 state.angles[0] = 0.5;
-                let found = fit(&state, &points)?;
+                let found = fit(&state, &points, &options)?;
                 let cost = found.rms_m * (1.0 + found.outliers as f64 / n) + found.doubts.len() as f64;
                 if best.as_ref().is_none_or(|it| cost < it.0) {
                     best = Some((cost, found));
@@ -278,6 +333,10 @@ fn longest_axis(points: &[&TrackedPoint], centroid: &Vector3<f64>) -> Vector3<f6
     eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned()
 }
 
+fn is_extremity(segment: &str) -> bool {
+    segment.starts_with("hand") || segment.starts_with("foot")
+}
+
 /// Why a fit is not believed: in short, and in words. One without points on a limb or two is, if the others have some.
 fn blame(fit: &BodyFit) -> Option<(&'static str, String)> {
     let supported = fit.support.iter().filter(|it| **it > 0.0).count();
@@ -285,7 +344,9 @@ fn blame(fit: &BodyFit) -> Option<(&'static str, String)> {
     for doubt in &fit.doubts {
         match doubt {
             Doubt::Elsewhere { .. } => return Some(("elsewhere", doubt.to_string())),
-            Doubt::Misshapen { segment, .. } if !segment.starts_with("hand") && !segment.starts_with("foot") => {
+            // Where the trunk ends and the pelvis begins no surface shows: one is long where the other is short.
+            Doubt::Misshapen { segment, what: "length", .. } if segment == "pelvis" => (),
+            Doubt::Misshapen { segment, .. } if !is_extremity(segment) => {
                 return Some(("misshapen", doubt.to_string()));
             }
             Doubt::Unsupported { .. } if unsupported > supported => {

@@ -130,6 +130,27 @@ pub(super) fn before_cut(
     ((-along).max(0.0), at + world_from_here.rotation * Vector3::z() * forward)
 }
 
+/// What the model's error has more near the joints of a segment [m].
+fn at_joints(
+    body: &Body,
+    posed: &Posed,
+    state: &State,
+    segment: usize,
+    at: &Point3<f64>,
+    options: &BodyFitOptions,
+) -> f64 {
+    if options.joint_sigma_m <= 0.0 {
+        return 0.0;
+    }
+    let bones = body.skeleton.segments();
+    let along = posed.world_from_segment[segment].inverse_transform_point(at).z;
+    let length = bones[segment].length * state.scales[bones[segment].scale];
+    let from_start = if bones[segment].parent.is_some() { along.abs() } else { f64::INFINITY };
+    let has_child = bones.iter().any(|it| it.parent == Some(segment));
+    let from_end = if has_child { (length - along).abs() } else { f64::INFINITY };
+    options.joint_sigma_m * (-(from_start.min(from_end) / options.joint_reach_m).powi(2)).exp()
+}
+
 impl<'a> Round<'a> {
     pub(super) fn new(
         body: &'a Body,
@@ -152,7 +173,8 @@ impl<'a> Round<'a> {
             }
             let (_, by_d) = field.root();
             let steepness = (by_d * field.gradient.norm()).max(1.0 / most_m);
-            let sigma_m = sigma_m.hypot(options.model_sigma_m);
+            let sigma_m =
+                sigma_m.hypot(options.model_sigma_m).hypot(at_joints(body, &posed, state, segment, &at, options));
             let weight = match options.residual {
                 ResidualKind::Distance => 1.0 / (steepness * sigma_m),
                 // dF = −2 F dD = −4 F √D d√D; at the surface F = w_t and √D = √D₀.
