@@ -33,7 +33,9 @@ fn rig(folder: &Path, setting: &str) {
         lab.replace("in = { targets = \"targets.targets\", truth", "in = { targets = \"credible.targets\", truth");
     let node = "\n[scale.room.node.credible]\ntype = \"example.speed_limit\"\nin = { targets = \"targets.targets\" }\n";
     fs::write(folder.join("room.toml"), format!("{lab}{node}{setting}\n")).unwrap();
-    fs::copy(graphs.join("room.calibration.toml"), folder.join("room.calibration.toml")).unwrap();
+    for file in ["face_body.calibration.toml", "lab.plan.toml"] {
+        fs::copy(graphs.join(file), folder.join(file)).unwrap();
+    }
 }
 
 #[test]

@@ -14,8 +14,9 @@ const SECONDS: u32 = 20;
 fn main() {
     let graphs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs");
     let folder = tempfile::tempdir().expect("a folder for the rig");
-    let calibration = "pan_tilt_follow.calibration.toml";
-    std::fs::copy(graphs.join(calibration), folder.path().join(calibration)).expect("the calibration is copied");
+    for file in ["pan_tilt_follow.calibration.toml", "pan_tilt_follow.plan.toml"] {
+        std::fs::copy(graphs.join(file), folder.path().join(file)).expect("calibration and plan are copied");
+    }
     let rig = std::fs::read_to_string(graphs.join("pan_tilt_follow.toml")).expect("the rig can be read");
     let kept = rig.split("[scale.close.node.aim_paper]").next().unwrap_or_default();
     let kept = kept.replace("duration_s = 35", &format!("duration_s = {SECONDS}"));

@@ -81,12 +81,14 @@ fn write_rig(folder: &Path, places: &[Point3<f64>], focal_px: f64) {
     std::fs::write(folder.join("broadcast.toml"), rig()).unwrap();
 }
 
-/// The rig of `graphs/pan_tilt_follow.toml` after the light of `path.csv`.
+/// The rig of `graphs/pan_tilt_follow.toml` after the light of `path.csv`, in a world that is as its calibration says.
 fn after_a_path() -> String {
     let rig = std::fs::read_to_string(the_program::root().join("graphs/pan_tilt_follow.toml")).unwrap();
     let swing = rig.lines().find(|it| it.starts_with("swing =")).unwrap();
     let start = rig.lines().find(|it| it.starts_with("start_s =")).unwrap();
-    rig.replace(swing, &format!("light_path = \"path.csv\"\npeople_enter_s = {ENTERS_S:?}"))
+    let truth = rig.lines().find(|it| it.starts_with("truth = {")).unwrap();
+    rig.replace(truth, "")
+        .replace(swing, &format!("light_path = \"path.csv\"\npeople_enter_s = {ENTERS_S:?}"))
         .replace(start, &format!("start_s = {SCORED_S:?}"))
 }
 
@@ -193,8 +195,8 @@ fn follow(places: Vec<Point3<f64>>, seed: u64) -> [[f64; 2]; 2] {
     let folder = folder.path();
     let duration_s = ENTERS_S + places.len() as f64 / 60.0;
     write_path(folder, &into_the_room(places), 60.0);
-    let calibration = "pan_tilt_follow.calibration.toml";
-    std::fs::copy(the_program::root().join("graphs").join(calibration), folder.join(calibration)).unwrap();
+    let plan = the_program::root().join("graphs/pan_tilt_follow.plan.toml");
+    std::fs::copy(plan, folder.join("pan_tilt_follow.calibration.toml")).unwrap();
     let rig = after_a_path()
         .replace("duration_s = 35", &format!("duration_s = {duration_s}"))
         .replace("seed = 1", &format!("seed = {seed}"));

@@ -21,15 +21,31 @@ const CHI_SQUARED_99: f64 = 11.34;
 /// The truth is told at 60 Hz; a hand may leave the straight line between two samples by this much [m].
 const TRUTH_SIGMA_M: f64 = 0.0005;
 
-fn run_in(rig: &str, duration_s: f64, folder: &Path) -> (Arc<Graph>, Outcome) {
+/// Runs a rig of `graphs`, its text changed.
+fn run_in(rig: &str, change: fn(String) -> String, duration_s: f64, folder: &Path) -> (Arc<Graph>, Outcome) {
     let path = foveate_testkit::data::workspace_root().join("graphs").join(rig);
     let overrides = Overrides { duration_s: Some(duration_s), ..Overrides::default() };
-    let graph = rig::load_file(&path, &foveate_cli::registry(), &overrides).unwrap_or_else(|faults| panic!("{faults}"));
+    let text = change(fs::read_to_string(&path).unwrap());
+    let graph =
+        rig::load(&text, &path, &foveate_cli::registry(), &overrides).unwrap_or_else(|faults| panic!("{faults}"));
     let graph = Arc::new(graph);
     let options = Options { out_dir: Some(folder.to_owned()), ..Options::default() };
     let outcome = engine::deterministic(Arc::clone(&graph), &options, &mut |_| ()).unwrap();
     assert_eq!(outcome.faults, []);
     (graph, outcome)
+}
+
+/// In a world that is as its calibration says: the plan is both.
+fn as_planned(rig: String) -> String {
+    let (planned, lines) = (rig.replace("nested.calibration.toml", "nested.plan.toml"), "truth = {");
+    assert!(planned != rig && planned.contains(lines));
+    planned.lines().filter(|it| !it.starts_with(lines)).map(|it| it.to_owned() + "\n").collect()
+}
+
+/// Median and 99th percentile [m].
+fn median_and_p99(mut errors: Vec<(f64, f64)>) -> [f64; 2] {
+    errors.sort_by(|a, b| a.0.total_cmp(&b.0));
+    [0.5, 0.99].map(|it: f64| errors[(it * errors.len() as f64) as usize].0)
 }
 
 /// True paths by light: time [s] and place [m].
@@ -75,17 +91,16 @@ fn errors(folder: &Path, table: &str) -> Vec<(f64, f64)> {
 #[test]
 fn innermost_scale_lies_in_the_world_where_the_truth_does_within_what_is_stated() {
     let folders = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
-    let (graph, outcome) = run_in("nested.toml", DURATION_S, folders[0].path());
+    let (graph, outcome) = run_in("nested.toml", as_planned, DURATION_S, folders[0].path());
     for (table, least_rows) in [("body.csv", 20_000), ("hands.csv", 15_000)] {
-        let mut errors = errors(folders[0].path(), table);
+        let errors = errors(folders[0].path(), table);
         assert!(errors.len() > least_rows, "{table}: {} rows", errors.len());
         let within = errors.iter().filter(|it| it.1 < CHI_SQUARED_99).count() as f64 / errors.len() as f64;
         assert!(within >= 0.99, "{table}: {within} of the rows are within what is stated");
-        errors.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let [median_m, p99_m] = [0.5, 0.99].map(|it: f64| errors[(it * errors.len() as f64) as usize].0);
+        let n_rows = errors.len();
+        let [median_m, p99_m] = median_and_p99(errors);
         println!(
-            "{table}: {} rows, error median {:.2} mm, 99 % {:.2} mm, {:.2} % within what is stated",
-            errors.len(),
+            "{table}: {n_rows} rows, error median {:.2} mm, 99 % {:.2} mm, {:.2} % within what is stated",
             median_m * 1e3,
             p99_m * 1e3,
             within * 1e2
@@ -112,7 +127,7 @@ fn innermost_scale_lies_in_the_world_where_the_truth_does_within_what_is_stated(
     }
     assert_eq!(n_held_up, 8);
 
-    run_in("nested.toml", DURATION_S, folders[1].path());
+    run_in("nested.toml", as_planned, DURATION_S, folders[1].path());
     for file in ["body.csv", "hands.csv", "truth.csv"] {
         let [first, second] = folders.each_ref().map(|it| fs::read(it.path().join(file)).unwrap());
         assert!(first == second, "{file} differs between two runs");
@@ -120,16 +135,30 @@ fn innermost_scale_lies_in_the_world_where_the_truth_does_within_what_is_stated(
 }
 
 #[test]
+fn innermost_scale_lies_near_the_truth_with_cameras_that_were_calibrated_in_three_places() {
+    let folder = tempfile::tempdir().unwrap();
+    run_in("nested.toml", |it| it, 12.0, folder.path());
+    for table in ["body.csv", "hands.csv"] {
+        let errors = errors(folder.path(), table);
+        assert!(errors.len() > 8_000, "{table}: {} rows", errors.len());
+        let [median_m, p99_m] = median_and_p99(errors);
+        println!("{table}, estimated: error median {:.2} mm, 99 % {:.2} mm", median_m * 1e3, p99_m * 1e3);
+        // A framework that stands elsewhere than it says, by a hand's width, or is turned by two degrees, does not keep this.
+        assert!(median_m < 0.008 && p99_m < 0.03, "{table}: median {median_m} m, 99 % {p99_m} m");
+    }
+}
+
+#[test]
 fn player_and_face_are_recovered_in_spaces_that_move_over_a_field() {
     let folder = tempfile::tempdir().unwrap();
-    let (_, outcome) = run_in("stadium.toml", 11.0, folder.path());
+    let (_, outcome) = run_in("stadium.toml", |it| it, 11.0, folder.path());
     let figure = |name: &str| outcome.report.figures[name];
-    let mut errors = errors(folder.path(), "player.csv");
-    errors.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let [median_m, p99_m] = [0.5, 0.99].map(|it: f64| errors[(it * errors.len() as f64) as usize].0);
-    println!("player.csv: {} rows, error median {:.2} mm, 99 % {:.2} mm", errors.len(), median_m * 1e3, p99_m * 1e3);
+    let errors = errors(folder.path(), "player.csv");
+    let n_rows = errors.len();
+    let [median_m, p99_m] = median_and_p99(errors);
+    println!("player.csv: {n_rows} rows, error median {:.2} mm, 99 % {:.2} mm", median_m * 1e3, p99_m * 1e3);
     // The wide cameras alone: 4 mm.
-    assert!(errors.len() > 7_000 && median_m < 0.002 && p99_m < 0.02, "median {median_m} m, 99 % {p99_m} m");
+    assert!(n_rows > 7_000 && median_m < 0.002 && p99_m < 0.02, "median {median_m} m, 99 % {p99_m} m");
     // Some of the 69 marks lie where no three cameras see them yet.
     assert!(figure("marks.known") > 62.0, "{}", figure("marks.known"));
     assert_eq!((figure("mark_identity_errors"), figure("marks_extra")), (0.0, 0.0));

@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 
 use serde_json::Value;
 
-use self::the_program::{foveate, program, root};
+use self::the_program::{foveate, new_room, program, root};
 
 /// Runs the program in `folder`, which has to be content.
 #[track_caller]
@@ -99,14 +99,13 @@ fn libraries_on_the_search_path_are_found_and_bad_ones_are_named() {
 /// The lab's rig with the libraries and the node of a bad plugin; gives what `check` or `run` say.
 fn with_node(library: &Path, node: &str, command: &[&str]) -> (i32, String) {
     let folder = tempfile::tempdir().unwrap();
-    let lab = read(root().join("graphs/room.toml"))
+    let lab = new_room(folder.path())
         .replace("in = { targets = \"targets.targets\" }\nrate_hz", "in = { targets = \"odd.targets\" }\nrate_hz");
     let head = format!("[plugins]\nlibraries = [\"{}\"]\n\n[scale.room]\n", library.display());
     let lab = lab.replacen("[scale.room]\n", &head, 1);
     let node =
         format!("\n[scale.room.node.odd]\ntype = \"bad.node\"\nin = {{ targets = \"targets.targets\" }}\n{node}\n");
     fs::write(folder.path().join("room.toml"), lab + &node).unwrap();
-    fs::copy(root().join("graphs/room.calibration.toml"), folder.path().join("room.calibration.toml")).unwrap();
     let (code, said, complaint) = foveate(folder.path(), command);
     let events = fs::read_to_string(folder.path().join("out/events.csv")).unwrap_or_default();
     let rows = fs::read_to_string(folder.path().join("out/truth.csv")).unwrap_or_default().lines().count();

@@ -8,14 +8,13 @@ use std::process::Command;
 
 use serde_json::Value;
 
-use self::the_program::{foveate, program, root};
+use self::the_program::{foveate, new_room, program, root};
 
 /// A folder with the simulated lab's rig in it, changed by `edit`.
 fn lab(edit: impl FnOnce(String) -> String) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let rig = fs::read_to_string(root().join("graphs/room.toml")).unwrap();
+    let rig = new_room(folder.path());
     fs::write(folder.path().join("room.toml"), edit(rig)).unwrap();
-    fs::copy(root().join("graphs/room.calibration.toml"), folder.path().join("room.calibration.toml")).unwrap();
     folder
 }
 

@@ -30,7 +30,8 @@ fn lab(change: impl Fn(String) -> String) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let text = fs::read_to_string(root().join("graphs/bumped.toml")).unwrap();
     fs::write(folder.path().join("room.toml"), change(text)).unwrap();
-    fs::copy(root().join("graphs/room.calibration.toml"), folder.path().join("room.calibration.toml")).unwrap();
+    let calibration = "ideal_lab.calibration.toml";
+    fs::copy(root().join("graphs").join(calibration), folder.path().join(calibration)).unwrap();
     folder
 }
 
@@ -190,8 +191,7 @@ fn a_short_run_says_that_scoring_had_not_begun() {
 #[test]
 fn absurd_sizes_are_refused_before_memory_is_asked_for() {
     let folder = lab(|it| it);
-    fs::copy(root().join("graphs/room.toml"), folder.path().join("room.toml")).unwrap();
-    let path = folder.path().join("room.calibration.toml");
+    let path = folder.path().join("ideal_lab.calibration.toml");
     let calibration = fs::read_to_string(&path).unwrap();
     let size = calibration.lines().find(|it| it.starts_with("image_size_px")).unwrap().to_owned();
     let cases = [
@@ -218,7 +218,7 @@ fn a_rig_with_videos_is_checked_for_ffmpeg() {
     let rig = r#"
         [rig]
         name = "film"
-        calibration = "room.calibration.toml"
+        calibration = "ideal_lab.calibration.toml"
 
         [scale.room.node.video]
         type = "capture.video"

@@ -49,12 +49,12 @@ fn a_head_on_udp_answers_a_stranger_and_a_rig_and_ends_with_ctrl_c() {
     assert_eq!(buffer[..length], expected);
 
     let folder = tempfile::tempdir().unwrap();
-    fs::copy(root().join("graphs/room.calibration.toml"), folder.path().join("room.calibration.toml")).unwrap();
+    fs::copy(root().join("graphs/ideal_lab.calibration.toml"), folder.path().join("room.calibration.toml")).unwrap();
     let rig = format!(
         r#"
         [rig]
         name = "head"
-        calibration = "room.calibration.toml"
+        calibration = "ideal_lab.calibration.toml"
         duration_s = 2
 
         [scale.room.node.head]

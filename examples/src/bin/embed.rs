@@ -11,7 +11,7 @@ use foveate::rig::{self, Overrides};
 const RIG: &str = r#"
 [rig]
 name = "embedded"
-calibration = "room.calibration.toml"
+calibration = "ideal_lab.calibration.toml"
 duration_s = 3
 
 [scale.room]

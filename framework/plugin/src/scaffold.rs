@@ -30,7 +30,7 @@ struct Template {
 const LIB: &str = include_str!("../templates/lib.rs");
 const MANIFEST: &str = include_str!("../templates/Cargo.toml.txt");
 const RIG: &str = include_str!("../templates/rig.toml");
-const CALIBRATION: &str = include_str!("../../../graphs/room.calibration.toml");
+const CALIBRATION: &str = include_str!("../../../graphs/ideal_lab.calibration.toml");
 const IGNORED: &str = "/target\n/results\n*.so\n*.dylib\n";
 
 /// From pictures to targets by what is built in.

@@ -66,7 +66,7 @@ fn run_rig(seed: u64, camera_settings: &str, out_dir: Option<&Path>) -> Outcome 
         r#"
         [rig]
         name = "sim-test"
-        calibration = "room.calibration.toml"
+        calibration = "ideal_lab.calibration.toml"
         seed = {seed}
         duration_s = 0.5
 

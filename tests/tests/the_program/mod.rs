@@ -27,6 +27,14 @@ pub fn program() -> PathBuf {
         .clone()
 }
 
+/// The rig of the simulated lab, `room.toml`, and its calibration in `folder`, as `foveate new rig` writes them: a lab that is as its calibration says. Gives the rig's text.
+#[allow(dead_code, reason = "some tests have rigs of their own")]
+pub fn new_room(folder: &Path) -> String {
+    let (code, _, complaint) = foveate(folder, &["new", "rig", "room"]);
+    assert_eq!(code, 0, "{complaint}");
+    std::fs::read_to_string(folder.join("room.toml")).unwrap()
+}
+
 /// Runs the program in `folder`; gives exit code, standard output, standard error.
 pub fn foveate(folder: &Path, arguments: &[&str]) -> (i32, String, String) {
     let Output { status, stdout, stderr } =

@@ -8,7 +8,8 @@
 
 use foveate_estimation::{Random, statistics};
 use foveate_geometry::pan_tilt::{
-    AxesRule, HeadCalibration, HeadCalibrationError, HeadObservation, HeadOptions, PanTiltHead, Setting, calibrate_head,
+    AxesRule, AxisUnits, HeadCalibration, HeadCalibrationError, HeadObservation, HeadOptions, PanTiltHead, Setting,
+    calibrate_head, refine_head,
 };
 use foveate_geometry::{Camera, ResectionOptions, resect};
 use nalgebra::{Point2, Point3, Vector2};
@@ -54,16 +55,22 @@ impl Comparison {
     }
 }
 
-/// Fits the three models. `rules` are those of the last; the others follow them but for the axes.
+/// Fits the three models. `options` are those of the last; the others follow them but for the axes. Where the observations alone give no start, the search begins at the
+/// head that is `stated` (a plan, an older calibration) with its units, and counts if it explains most of what was seen.
 ///
 /// # Errors
 /// When the last cannot be fitted, or is not held.
 pub fn compare(
     optics: &Camera,
+    stated: Option<(&PanTiltHead, [AxisUnits; 2])>,
     observations: &[HeadObservation],
     options: &HeadOptions,
 ) -> Result<Comparison, HeadCalibrationError> {
-    let calibration = calibrate_head(optics, observations, options)?;
+    let calibration = calibrate_head(optics, observations, options).or_else(|fault| {
+        let refined = stated.and_then(|(head, units)| refine_head(head, units, observations, options).ok());
+        let explains = |it: &HeadCalibration| 2 * it.right.iter().filter(|it| **it).count() > observations.len();
+        refined.filter(explains).ok_or(fault)
+    })?;
     // It misses by more than its noise, which is no reason to refuse it here.
     let loose = HeadOptions {
         axes: AxesRule::Aligned,
@@ -84,12 +91,7 @@ pub fn compare(
     })
 }
 
-fn model_fit(
-    head: PanTiltHead,
-    units: [foveate_geometry::pan_tilt::AxisUnits; 2],
-    observations: &[HeadObservation],
-    right: &[bool],
-) -> ModelFit {
+fn model_fit(head: PanTiltHead, units: [AxisUnits; 2], observations: &[HeadObservation], right: &[bool]) -> ModelFit {
     let error = |it: &HeadObservation| {
         let setting = Setting::new(units[0].angle(it.pan), units[1].angle(it.tilt));
         Some(head.camera_at(&setting).project(&it.point_in_world)? - it.pixel)

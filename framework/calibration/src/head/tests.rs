@@ -105,7 +105,7 @@ fn a_swept_head_is_found_from_what_is_heard_of_it() {
     assert_eq!(gathered.settings, 22);
     assert!(gathered.observations.len() == 22 * 15, "{}", gathered.observations.len());
     assert!(gathered.moving > 22 * 60 && gathered.without_light < gathered.camera_frames / 10, "{gathered:?}");
-    let found = compare(&optics(&truth), &gathered.observations, &HeadOptions::default()).unwrap();
+    let found = compare(&optics(&truth), None, &gathered.observations, &HeadOptions::default()).unwrap();
     for (found, truth) in [(found.free.head.pan, truth.pan), (found.free.head.tilt, truth.tilt)] {
         let [degrees, mm] = apart(&found, &truth);
         assert!(degrees < 0.1 && mm < 3.0, "{degrees}° {mm} mm");
@@ -122,7 +122,7 @@ fn units_that_are_a_little_wrong_are_put_right_in_the_file() {
     let truth = crooked();
     let gathered = recorded(&truth, [1.04, 0.97], 2).gather(&OPTIONS);
     let options = HeadOptions { units: [UnitsRule::Near(AxisUnits::RADIANS); 2], ..HeadOptions::default() };
-    let found = compare(&optics(&truth), &gathered.observations, &options).unwrap();
+    let found = compare(&optics(&truth), None, &gathered.observations, &options).unwrap();
     let named = |name: &str| NamedCamera { name: name.into(), camera: optics(&truth) };
     let cameras = vec![named("ptz-1"), named("wide-1")];
     let mut calibration = Calibration::new(cameras, LengthUnit::Metre, "a test".into()).unwrap();
@@ -145,13 +145,46 @@ fn units_that_are_a_little_wrong_are_put_right_in_the_file() {
 }
 
 #[test]
+fn where_too_little_was_seen_to_start_the_head_that_is_stated_is_where_the_search_begins() {
+    let truth = crooked();
+    let mut gathered = recorded(&truth, [1.0; 2], 1).gather(&OPTIONS);
+    // Five targets at a setting give no pose of the camera there.
+    let mut at = (0, [f64::NAN; 2]);
+    gathered.observations.retain(|it| {
+        at = if [it.pan, it.tilt] == at.1 { (at.0 + 1, at.1) } else { (0, [it.pan, it.tilt]) };
+        at.0 < 5
+    });
+    let options = HeadOptions { units: [UnitsRule::Unknown { at_rest: 0.0 }; 2], ..HeadOptions::default() };
+    let found = |stated: Option<&PanTiltHead>| {
+        let stated = stated.map(|it| (it, [AxisUnits::RADIANS; 2]));
+        compare(&optics(&truth), stated, &gathered.observations, &options)
+    };
+    assert!(matches!(found(None), Err(HeadCalibrationError::NoStart { .. })));
+    let off = |metres: f64, radians: f64| {
+        let mut head = truth.clone();
+        let moved = Isometry3::new(Vector3::new(metres, -metres, 0.0), Vector3::new(0.0, radians, radians));
+        head.at_rest.camera_from_world = moved * head.at_rest.camera_from_world;
+        head
+    };
+    let head = found(Some(&off(0.02, 0.01))).unwrap().free.head;
+    let [degrees, mm] = apart(&head.tilt, &truth.tilt);
+    assert!(degrees < 0.2 && mm < 8.0, "{degrees}° {mm} mm");
+    assert!((head.at_rest.centre() - truth.at_rest.centre()).norm() < 5e-3);
+    // One that looks elsewhere may be no place to begin, but leads nowhere wrong.
+    if let Ok(found) = found(Some(&off(0.5, 1.0))) {
+        let [degrees, mm] = apart(&found.free.head.tilt, &truth.tilt);
+        assert!(degrees < 0.2 && mm < 8.0, "{degrees}° {mm} mm");
+    }
+}
+
+#[test]
 fn a_head_that_hardly_moved_is_refused() {
     let truth = crooked();
     let mut recording = recorded(&truth, [1.0; 2], 1);
     let until_s = 3.0 * (AT_EACH_S + WAY_S) - WAY_S;
     recording.camera_frames.retain(|it| it.time_s < until_s);
     let gathered = recording.gather(&OPTIONS);
-    let refused = compare(&optics(&truth), &gathered.observations, &HeadOptions::default()).unwrap_err();
+    let refused = compare(&optics(&truth), None, &gathered.observations, &HeadOptions::default()).unwrap_err();
     assert_eq!(
         refused,
         HeadCalibrationError::RangeTooSmall {
@@ -207,7 +240,7 @@ fn a_head_stands_between_two_reports_of_one_place() {
 fn the_picture_shows_three_models_and_is_the_same_each_time() {
     let truth = crooked();
     let gathered = recorded(&truth, [1.0; 2], 1).gather(&OPTIONS);
-    let found = compare(&optics(&truth), &gathered.observations, &HeadOptions::default()).unwrap();
+    let found = compare(&optics(&truth), None, &gathered.observations, &HeadOptions::default()).unwrap();
     let drawn = picture(&found, "ptz-1 <at the wall>");
     assert_eq!(drawn, picture(&found, "ptz-1 <at the wall>"));
     assert!(drawn.contains("ptz-1 &lt;at the wall&gt;") && drawn.matches("observations").count() >= 6);

@@ -10,7 +10,9 @@ use crate::exit;
 use crate::output::say;
 
 const RIG: &str = include_str!("../../../../graphs/room.toml");
-const CALIBRATION: &str = include_str!("../../../../graphs/room.calibration.toml");
+const CALIBRATION: &str = include_str!("../../../../graphs/ideal_lab.calibration.toml");
+/// Lines of the lab's rig that give it a world apart from its calibration: a new rig's world is as its calibration says.
+const OF_ITS_WORLD: [&str; 2] = ["# The true cameras", "truth = "];
 const HALL_RIG: &str = include_str!("../../../../graphs/crowd.toml");
 
 /// From the walls of a hall to the volume, and to where people walk [m].
@@ -31,7 +33,7 @@ pub(super) fn rig(name: &str, hall: Option<(u16, [f64; 3])>) -> u8 {
             .replacen(&format!("foveate run graphs/{of}.toml"), &format!("foveate run {rig_file}"), 1)
     };
     let (rig, calibration) = match hall {
-        None => (named(RIG, "room"), CALIBRATION.to_owned()),
+        None => (lab_rig(&named(RIG, "room"), &calibration_file), CALIBRATION.to_owned()),
         Some((cameras, size)) => match hall_calibration(usize::from(cameras), size) {
             Ok(calibration) => (hall_rig(&named(HALL_RIG, "crowd"), cameras, size), calibration.to_toml()),
             Err(error) => return complain(&error.to_string()),
@@ -51,6 +53,16 @@ pub(super) fn rig(name: &str, hall: Option<(u16, [f64; 3])>) -> u8 {
          For completion in an editor: foveate schema > rig.schema.json, and `#:schema ./rig.schema.json` as the first line of the rig.\n"
     ));
     exit::DONE
+}
+
+/// The rig of the lab with another calibration, which is its world, too.
+fn lab_rig(template: &str, calibration_file: &str) -> String {
+    let lines = template.lines().filter(|line| !OF_ITS_WORLD.iter().any(|it| line.starts_with(it)));
+    let lines = lines.map(|line| match line.split_once(" = ") {
+        Some(("calibration", _)) => format!("calibration = \"{calibration_file}\"\n"),
+        _ => format!("{line}\n"),
+    });
+    lines.collect()
 }
 
 /// The rig of the crowd with another hall's measures in it.

@@ -99,6 +99,9 @@ pub struct CameraSettings {
     pub blur_px: f64,
     /// Faults of a real lens, a real sensor and real lamps, `{}` for those of an industrial camera. Left out: none [–].
     pub sensor: Option<SensorSettings>,
+    /// The camera belongs to a framework that is carried about, and has its place in that framework's own space. Where the origin of that space is while the
+    /// framework stands still, to be calibrated, with its axes along the world's. Left out: the camera's place is one in the world [m].
+    pub stand_m: Option<[f64; 3]>,
     /// A camera that is knocked at some time and stays turned. Left out: none is [–].
     pub bump: Option<BumpSettings>,
 }
@@ -119,6 +122,7 @@ impl Default for CameraSettings {
             colour: false,
             blur_px: 0.5,
             sensor: None,
+            stand_m: None,
             bump: None,
         }
     }

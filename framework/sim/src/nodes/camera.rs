@@ -81,6 +81,7 @@ impl Node for SimCamera {
             && let Some(world) = io.latest(&WORLD).map(|it| it.value.clone())
         {
             let camera = world.camera(self.name.as_deref(), &self.calibrated);
+            let camera = self.settings.stand_m.map_or(camera.clone(), |it| camera.on_stand(it.into()));
             self.scene = Some(self.scene(world, camera, io.latest(&HEAD).is_some()));
         }
         let Some(Arrival { frame, capture, stamp, .. }) = self.fields.next(io, &IMAGE) else {
@@ -157,6 +158,9 @@ fn check(settings: &CameraSettings) -> Result<(), ConfigError> {
     ConfigError::unless_in("noise_sigma", settings.noise_sigma, 0.0..=20.0)?;
     ConfigError::unless_in("bits", settings.bits, 1..=8)?;
     settings.sensor.as_ref().map_or(Ok(()), SensorSettings::check)?;
+    for place in settings.stand_m.iter().flatten() {
+        ConfigError::unless_in("stand_m", *place, -1e4..=1e4)?;
+    }
     let readout_ms = settings.sensor.as_ref().map_or(0.0, |it| it.readout_ms);
     settings.timing.check_light(settings.exposure_ms, readout_ms)
 }
@@ -216,6 +220,7 @@ mod tests {
             let camera = camera.to_owned();
             Some(BumpSettings { camera, at_s, yaw_mrad: 5.0, pitch_mrad: 0.0, roll_mrad: 0.0 })
         }
+        assert_eq!(refusal(|it| it.stand_m = Some([0.0, f64::INFINITY, 0.0])), "stand_m");
         assert_eq!(refusal(|it| it.bump = bump("wide-99", 1.0)), "bump.camera");
         assert_eq!(refusal(|it| it.bump = bump("wide-1", -1.0)), "bump.at_s");
         assert_eq!(refusal(|it| it.timing.failure_every_s = 0.5), "failure_lasts_s");

@@ -74,6 +74,7 @@ impl Node for Lab {
             headband,
             ref body,
             waved_light,
+            ref wave,
             ref swing,
             ref light_path,
             ref bust,
@@ -135,6 +136,7 @@ impl Node for Lab {
                 ));
             }
         }
+        wave.check()?;
         swing.as_ref().map_or(Ok(()), SwingSettings::check)?;
         bust.as_ref().map_or(Ok(()), BustSettings::check)?;
         studio.as_ref().map_or(Ok(()), StudioSettings::check)?;
@@ -295,6 +297,7 @@ mod tests {
         check_node::<Lab>("");
         check_node::<Lab>("people = 3\nglints_hz = 1.5");
         check_node::<Lab>("people = 0\nwaved_light = true");
+        check_node::<Lab>("people = 0\nwaved_light = true\nwave = { min_m = [-1, -1, 0], max_m = [1, 1, 2] }");
         check_node::<Lab>("people = 0\nswing = { amplitude_m = 0.3 }");
         check_node::<Lab>("people = 0\nbust = { speed_m_s = 0.05 }");
         check_node::<Lab>("people = 2\nstudio = { chairs = [[0.5, 0.5, 90]], lamps = [{ from_s = 2 }] }");
@@ -404,6 +407,7 @@ mod tests {
         assert_eq!(refused(|it| it.monitors = 9), "monitors");
         assert_eq!(refused(|it| it.truth_hz = 0.0), "truth_hz");
         assert_eq!(refused(|it| it.swing = Some(SwingSettings::default())), "swing");
+        assert_eq!(refused(|it| it.wave.turns_hz = [9.0; 3]), "wave.turns_hz");
         let swung = |period_s: f64| Some(SwingSettings { period_s, ..SwingSettings::default() });
         assert_eq!(
             refused(|it| (it.people, it.waved_light, it.swing) = (0, true, Some(SwingSettings::default()))),

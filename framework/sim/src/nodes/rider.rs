@@ -1,5 +1,6 @@
 //! An ideal detector on a rig that rides with somebody: the cameras of a scale whose space moves.
 
+use foveate_geometry::Camera;
 use foveate_messages::{Features, TargetId, Targets};
 use foveate_node::{
     ConfigError, Due, Figures, Io, Node, NodeError, Plan, Pool, Ports, Report, Role, Setup, Time, ports,
@@ -85,6 +86,9 @@ pub struct SimRider {
     person: u32,
     light: u32,
     world: Option<World>,
+    /// Its camera in the calibration, by name and as that has it.
+    name: Option<String>,
+    calibrated: Camera,
     truth: Targets,
     lights: Vec<(TargetId, Point3<f64>)>,
     pool: Pool<Features>,
@@ -127,6 +131,8 @@ impl Node for SimRider {
             person,
             light: light as u32,
             world: None,
+            name: setup.camera_name().map(str::to_owned),
+            calibrated: camera.clone(),
             truth: Targets::default(),
             lights: Vec::new(),
             pool: Pool::default(),
@@ -134,8 +140,11 @@ impl Node for SimRider {
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
-        if self.world.is_none() {
-            self.world = io.latest(&WORLD).map(|it| it.value.clone());
+        if self.world.is_none()
+            && let Some(world) = io.latest(&WORLD).map(|it| it.value.clone())
+        {
+            self.observer.stand(&world.camera(self.name.as_deref(), &self.calibrated));
+            self.world = Some(world);
         }
         let Some(Arrival { frame, capture, stamp, .. }) = self.fields.next(io, &FEATURES) else {
             return Ok(());

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use foveate_geometry::pan_tilt::{PanTiltHead, Setting};
 use foveate_geometry::{Camera, Ray};
-use nalgebra::{Point2, Point3};
+use nalgebra::{Point2, Point3, Translation3};
 
 use super::lens::Lens;
 
@@ -96,6 +96,11 @@ impl TrueCamera {
     /// The same optics elsewhere.
     pub(crate) fn standing(&self, camera_from_world: nalgebra::Isometry3<f64>) -> TrueCamera {
         TrueCamera { plain: Camera { camera_from_world, ..self.plain.clone() }, ..self.clone() }
+    }
+
+    /// As it stands in the world while the space that its place is stated in has its origin at `origin`, and its axes along the world's.
+    pub(crate) fn on_stand(&self, origin: Point3<f64>) -> TrueCamera {
+        self.standing(self.plain.camera_from_world * Translation3::from(-origin.coords))
     }
 
     /// As it stands when its head is turned and zoomed: by its own head's axes, or by those of `stated` where nothing else is known.

@@ -31,6 +31,8 @@ pub use furniture::{Surface, room_light};
 pub use mirror::Mirror;
 use single::Single;
 pub use single::{LightPath, SwingSettings};
+use waved::Wave;
+pub use waved::WaveSettings;
 
 use crate::painted::{FaceSettings, Painted, Part, PartKind, RecordedHead, Skin, Triangle};
 use crate::person::{Braid, COME_S, Headband, Joints, Led, N_LEDS, N_ON_HEADBAND, Person, Pose};
@@ -117,8 +119,10 @@ pub struct SceneSettings {
     /// Movements of the people's bodies from a recording, such as `{ file = "${FOVEATE_DATA}/s18_bvh/131_03.bvh" }`. Left out: a walk that is built in [–]
     pub body: Option<BodySettings>,
     /// In place of people, somebody unseen waves one light that shines to all sides, to calibrate with: from `people_enter_s` on it
-    /// is held on the floor at the origin, 1 m along X and 1 m along Y, then it goes all about `walk_area_m` [–]
+    /// is held on the floor at the origin, 1 m along X and 1 m along Y, then it goes all about `walk_area_m`, unless `wave` says otherwise [–]
     pub waved_light: bool,
+    /// Where a `waved_light` is held and waved, and how fast [–].
+    pub wave: WaveSettings,
     /// In place of people, one light that shines to all sides is swung from side to side, from `people_enter_s` on [–]
     pub swing: Option<SwingSettings>,
     /// In place of people, one light that shines to all sides goes along the path of a file, from `people_enter_s` on: `time_s,x_m,y_m,z_m`,
@@ -158,6 +162,7 @@ impl Default for SceneSettings {
             headband: false,
             body: None,
             waved_light: false,
+            wave: WaveSettings::default(),
             swing: None,
             light_path: None,
             bust: None,
@@ -294,7 +299,7 @@ impl World {
             (None, Some(swing)) => Some(Single::Swung(swing.clone())),
             (None, None) => match &settings.bust {
                 Some(bust) => bust.has_light().then(|| Single::OnBust(bust.clone(), settings.people_enter_s)),
-                None => settings.waved_light.then_some(Single::Waved(settings.walk_area_m)),
+                None => settings.waved_light.then(|| Single::Waved(Wave::new(&settings.wave, settings.walk_area_m))),
             },
         };
         // The face shows its range while the actor stands; elsewhere from the first moment on, for as long.

@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::bust::BustSettings;
-use super::waved;
+use super::waved::Wave;
 
 /// Step of derivatives [s].
 const STEP_S: f64 = 1e-4;
@@ -135,8 +135,8 @@ impl LightPath {
 /// What one light does.
 #[derive(Debug, Clone)]
 pub(super) enum Single {
-    /// As somebody waves it to calibrate, in an area of these extents [m].
-    Waved([f64; 2]),
+    /// As somebody waves it to calibrate.
+    Waved(Wave),
     Swung(SwingSettings),
     Path(LightPath),
     /// On a bust that is there from the session's start on, taken up so much later [s].
@@ -147,7 +147,7 @@ impl Single {
     /// Where it is, `time_s` after it was taken up [m].
     pub fn position(&self, time_s: f64) -> Point3<f64> {
         match self {
-            Single::Waved(area_m) => waved::position(time_s, *area_m),
+            Single::Waved(wave) => wave.position(time_s),
             Single::Swung(swing) => swing.position(time_s),
             Single::Path(path) => path.position(time_s),
             Single::OnBust(bust, since_s) => bust.light(since_s + time_s),

@@ -239,7 +239,11 @@ impl Calibrator {
             ));
         }
         let angles_in = self.angles_in(name)?;
-        let found = compare(optics, &gathered.observations, &self.settings.solving()).map_err(|it| it.to_string())?;
+        // What reports say are angles by the calibration's units.
+        let stated = self.calibration.head(name).map(|it| it.model);
+        let stated = stated.as_ref().map(|it| (it, [AxisUnits::RADIANS; 2]));
+        let found = compare(optics, stated, &gathered.observations, &self.settings.solving());
+        let found = found.map_err(|it| it.to_string())?;
         calibrated_head(calibration, name, &found.calibration, angles_in).ok_or("it is not in the calibration")?;
         Ok(found)
     }

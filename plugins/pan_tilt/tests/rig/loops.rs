@@ -166,7 +166,7 @@ fn a_camera_on_a_head_sees_as_it_is_turned() {
     );
     let (outcome, heard) = run_rig(&rig_text(3.0, "go = [[0.2, 15, -8, 80]]", WIRED, &rest));
     assert!(outcome.faults.is_empty(), "{:?}", outcome.faults);
-    let path = foveate_testkit::data::workspace_root().join("graphs/room.calibration.toml");
+    let path = foveate_testkit::data::workspace_root().join("graphs/ideal_lab.calibration.toml");
     let calibration = Calibration::load(&path).unwrap();
     let at_rest = &calibration.cameras[calibration.index_of("wide-3").unwrap()].camera;
     let world = foveate_sim::world::World::new(

@@ -132,7 +132,7 @@ pub fn rig_text(duration_s: f64, orders: &str, head: &str, rest: &str) -> String
         r#"
         [rig]
         name = "head-test"
-        calibration = "room.calibration.toml"
+        calibration = "ideal_lab.calibration.toml"
         seed = 7
         duration_s = {duration_s}
 
