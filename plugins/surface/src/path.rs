@@ -35,7 +35,7 @@ impl Default for Moments {
 
 impl Moments {
     /// Begins the next moment: its number.
-    pub fn next(&mut self) -> u32 {
+    pub fn begin(&mut self) -> u32 {
         self.now += 1;
         if self.now / self.stride > MOST_MOMENTS as u32 {
             self.stride *= 2;

@@ -348,7 +348,7 @@ impl Tracker {
             now = held;
             now.extend(again);
         }
-        let number = self.numbers.next();
+        let number = self.numbers.begin();
         let is_crept = crept(&now, number, &self.creep);
         let mut flags = is_crept.iter();
         now.retain(|it| {

@@ -50,7 +50,7 @@ pub struct Track {
     /// Where it was at moments that all points keep, by their numbers, ascending.
     pub path: Vec<(u32, Point3<f64>)>,
     /// How its patch was bent in the last step, in the reference's picture [–].
-    pub bend: [[f64; 2]; 2],
+    pub bend: Matrix,
 }
 
 /// A point that was lost.
@@ -94,7 +94,10 @@ const MIN_CORRELATION: f64 = 0.5;
 /// Half the search box of a point beside one that was found: so small that no second place is in it [px].
 const BESIDE_PX: f64 = 2.0;
 /// The bending of a patch that moves without turning.
-const UNBENT: [[f64; 2]; 2] = [[1.0, 0.0], [0.0, 1.0]];
+/// How a patch is bent from one picture to the next: rows.
+type Matrix = [[f64; 2]; 2];
+
+const UNBENT: Matrix = [[1.0, 0.0], [0.0, 1.0]];
 
 impl Stepper {
     /// Follows `tracks` from one moment to the next, `dt_s` later.
@@ -176,7 +179,7 @@ impl Stepper {
         box_px: f64,
         measure: &MeasureOptions,
         options: &TrackOptions,
-    ) -> Result<(Sample, [[f64; 2]; 2]), (&'static str, TrajectoryEnd)> {
+    ) -> Result<(Sample, Matrix), (&'static str, TrajectoryEnd)> {
         let sample = &track.sample;
         let expected = sample.position + track.velocity * dt_s;
         let mut temporal = |view: usize, at: [f64; 2]| {
@@ -289,7 +292,7 @@ fn in_time(refused: Refused) -> &'static str {
 }
 
 /// First `b`, then `a`.
-fn product(a: &[[f64; 2]; 2], b: &[[f64; 2]; 2]) -> [[f64; 2]; 2] {
+fn product(a: &Matrix, b: &Matrix) -> Matrix {
     [0, 1].map(|row| [0, 1].map(|column| a[row][0] * b[0][column] + a[row][1] * b[1][column]))
 }
 
@@ -346,7 +349,7 @@ impl Track {
         Self { velocity: motion.velocity, bend: motion.nearest.bend, ..self.clone() }
     }
 
-    fn moved_to(&self, sample: Sample, bend: [[f64; 2]; 2], dt_s: f64) -> Self {
+    fn moved_to(&self, sample: Sample, bend: Matrix, dt_s: f64) -> Self {
         let velocity = (sample.position - self.sample.position) / dt_s;
         let known = self.n_samples > 1;
         let acceleration = if known { (velocity - self.velocity) / dt_s } else { Vector3::zeros() };

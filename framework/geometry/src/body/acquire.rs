@@ -93,6 +93,20 @@ pub enum AcquisitionFailure {
         /// The most that are followed.
         most: usize,
     },
+    /// What sticks out of another body's voxels looks like somebody who lies or stoops there: thighs and chairs do.
+    #[error(
+        "beside another body, and its head is {found:.2} m above its lowest voxel with the torso {upright:.2} upright: somebody new there has {expected:.2} m and {least_upright:.2} or more"
+    )]
+    Beside {
+        /// [m]
+        found: f64,
+        /// [m]
+        expected: f64,
+        /// Cosine of the torso's angle to the vertical [–].
+        upright: f64,
+        /// [–]
+        least_upright: f64,
+    },
     /// The model does not fit the voxels after all.
     #[error(
         "the fitted {part} does not agree with the voxels: {inside:.2} of its axis lies inside, {covered:.2} of its skin is there"

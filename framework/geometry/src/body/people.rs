@@ -9,6 +9,7 @@ use nalgebra::{Point3, Vector3};
 use super::acquire::AcquisitionFailure;
 use super::field::VoxelField;
 use super::fit::{Labelled, Skins};
+use super::parts::Part;
 use super::tracker::{BodyTracker, TrackerOptions};
 
 /// How bodies are told apart.
@@ -23,6 +24,10 @@ pub struct PeopleOptions {
     /// Heads nearer to each other than this are one head [m].
     pub heads_apart: f64,
 }
+
+/// Somebody new beside somebody else has the head so far above the lowest voxel, as a share of the expected stature, and the torso so upright (a cosine): crouching and stooping by up to 50° are allowed.
+const BESIDE_HEAD: f64 = 0.5;
+const BESIDE_UPRIGHT: f64 = 0.64;
 
 impl Default for PeopleOptions {
     /// A hand at 6 m/s goes 0.2 m in a thirtieth of a second. Two heads that touch are 0.18 m apart.
@@ -122,7 +127,7 @@ impl People {
         dt_s: f64,
         labelled: impl Fn(u32, &BodyTracker) -> Vec<Labelled>,
     ) -> Vec<Unmodelled> {
-        let (owners, mut left) = self.share_out(cubes);
+        let (owners, left) = self.share_out(cubes);
         for (place, followed) in self.followed.iter_mut().enumerate() {
             followed.age_s += dt_s;
             followed.is_seen = !owners[place].is_empty();
@@ -136,11 +141,12 @@ impl People {
             }
         }
         // Somebody new beside somebody: voxels that hang together with a body and are not near it.
+        let mut beside = Vec::new();
         for (place, followed) in self.followed.iter().enumerate() {
             if followed.tracker.support().unexplained > 0.3 {
                 let skins = followed.tracker.skins();
                 let far = |it: &usize| skins.distance(&cubes.centre(*it)) > self.options.near / 2.0;
-                left.push(owners[place].iter().copied().filter(far).collect());
+                beside.push(owners[place].iter().copied().filter(far).collect());
             }
         }
         let before = self.followed.len();
@@ -148,7 +154,10 @@ impl People {
         self.counts.lost += (before - self.followed.len()) as u64;
         let mut unmodelled = Vec::new();
         for voxels in left {
-            self.acquire(cubes, voxels, &mut unmodelled);
+            self.acquire(cubes, voxels, false, &mut unmodelled);
+        }
+        for voxels in beside {
+            self.acquire(cubes, voxels, true, &mut unmodelled);
         }
         unmodelled
     }
@@ -202,12 +211,15 @@ impl People {
         (owners, left)
     }
 
-    fn acquire(&mut self, cubes: &Cubes, mut voxels: Vec<usize>, unmodelled: &mut Vec<Unmodelled>) {
+    /// Makes a body of voxels, or says why not. `beside`: they hang together with another body.
+    fn acquire(&mut self, cubes: &Cubes, mut voxels: Vec<usize>, beside: bool, unmodelled: &mut Vec<Unmodelled>) {
         let cube = cubes.size.powi(3);
         while voxels.len() as f64 * cube >= self.options.tracker.acquisition.least_volume {
             let own: Vec<[u16; 3]> = voxels.iter().map(|&it| cubes.indices[it]).collect();
             let Some(field) = VoxelField::new(cubes.size, &cubes.origin, &own) else { return };
-            let failure = match BodyTracker::acquire(&field, &self.options.tracker) {
+            let found = BodyTracker::acquire(&field, &self.options.tracker);
+            let found = found.and_then(|it| if beside { self.upright(it, &field) } else { Ok(it) });
+            let failure = match found {
                 Ok(tracker) if self.followed.len() < self.options.most && !self.is_known(&tracker) => {
                     let skins = tracker.skins();
                     voxels.retain(|&it| skins.distance(&cubes.centre(it)) > self.options.near / 2.0);
@@ -230,8 +242,21 @@ impl People {
         }
     }
 
+    /// Who comes in close to somebody else walks in; who lies there is found once apart.
+    fn upright(&self, tracker: BodyTracker, field: &VoxelField) -> Result<BodyTracker, AcquisitionFailure> {
+        let body = &tracker.filter().body;
+        let upright = (body.turn(Part::Torso) * Vector3::z()).z;
+        let lowest = field.voxels().iter().map(|&it| field.centre(it).z).fold(f64::INFINITY, f64::min);
+        let found = body.centre(Part::Head).z - lowest;
+        let expected = BESIDE_HEAD * self.options.tracker.proportions.stature;
+        if upright >= BESIDE_UPRIGHT && found >= expected {
+            return Ok(tracker);
+        }
+        Err(AcquisitionFailure::Beside { found, expected, upright, least_upright: BESIDE_UPRIGHT })
+    }
+
     fn is_known(&self, tracker: &BodyTracker) -> bool {
-        let head = |it: &BodyTracker| it.filter().body.centre(super::parts::Part::Head);
+        let head = |it: &BodyTracker| it.filter().body.centre(Part::Head);
         let found = head(tracker);
         self.followed.iter().any(|it| (head(&it.tracker) - found).norm() < self.options.heads_apart)
     }
