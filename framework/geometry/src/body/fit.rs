@@ -16,7 +16,7 @@ use super::filter::{BodyFilter, Matrix9, Normal, Vector9};
 use super::layout::Layout;
 use super::model::Body;
 use super::parts::{N_PARTS, Part};
-use super::proportions::Limits;
+use super::proportions::{Limits, Proportions};
 use super::solid::{skin, taper};
 
 /// How voxels are compared with a body.
@@ -379,6 +379,23 @@ pub fn add_limits(body: &Body, normal: &mut Normal, layout: &Layout, limits: &Li
     }
 }
 
+/// Adds a row for each length that is farther from what the stature lets expect than nearly all people's are: hulls in which parts lie together (somebody who sits) would let bodies shrink without end.
+pub fn add_size_limits(body: &Body, normal: &mut Normal, layout: &Layout, proportions: &Proportions) {
+    let spread = SIZE_SIGMAS * proportions.stature_spread.hypot(proportions.length_spread);
+    for (part, expected) in Part::ALL.into_iter().zip(proportions.sizes()) {
+        let (length, most) = (body.size(part).z, spread * expected.z);
+        let passed = length - expected.z - (length - expected.z).clamp(-most, most);
+        if passed != 0.0 {
+            normal.add_row(&[(layout.size(part), Vector3::z())], passed, SIZE_SIGMA.powi(-2));
+        }
+    }
+}
+
+/// Of 20 people one is farther off in one length [–].
+const SIZE_SIGMAS: f64 = 2.0;
+/// How soft that is [m].
+const SIZE_SIGMA: f64 = 0.003;
+
 #[cfg(test)]
 mod tests {
     use foveate_estimation::random::Random;
@@ -459,6 +476,26 @@ mod tests {
         assert!(push > 0.0, "{push}");
         body.turns[Part::LeftCalf.index()] = bent(0.6);
         assert_eq!(normal_of(&body).vector.amax(), 0.0);
+    }
+
+    #[test]
+    fn lengths_that_nearly_nobody_has_are_drawn_back_and_others_are_left_alone() {
+        let layout = Layout::new(|_| true);
+        let proportions = Proportions::default();
+        let mut body = some_body(4);
+        body.sizes[Part::LeftThigh.index()].z *= 0.85;
+        let normal_of = |body: &Body| {
+            let mut normal = Normal::new(layout);
+            add_size_limits(body, &mut normal, &layout, &proportions);
+            normal
+        };
+        assert_eq!(normal_of(&body).vector.amax(), 0.0);
+        for (factor, sign) in [(0.6, 1.0), (1.4, -1.0)] {
+            body.sizes[Part::LeftThigh.index()].z = proportions.sizes()[Part::LeftThigh.index()].z * factor;
+            let normal = normal_of(&body);
+            let at = layout.size(Part::LeftThigh) + 2;
+            assert!(-normal.vector[at] * sign > 0.0 && normal.vector.iter().filter(|it| **it != 0.0).count() == 1);
+        }
     }
 
     #[test]

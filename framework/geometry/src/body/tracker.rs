@@ -10,7 +10,7 @@ use super::acquire::{AcquisitionFailure, AcquisitionOptions, TrunkFound, body_of
 use super::facing::{Facing, SURE};
 use super::field::VoxelField;
 use super::filter::{Beginning, BodyFilter, MotionOptions, Step};
-use super::fit::{Fit, FitOptions, Labelled, Skins, Support, add_labelled, add_limits};
+use super::fit::{Fit, FitOptions, Labelled, Skins, Support, add_labelled, add_limits, add_size_limits};
 use super::layout::{Layout, Presence};
 use super::parts::{Joint, Limb, N_PARTS, Part};
 use super::proportions::{Limits, Proportions};
@@ -265,6 +265,7 @@ impl BodyTracker {
         self.filter.update(iterations, self.share, |body, normal| {
             fit.measure(body, normal, &layout);
             add_limits(body, normal, &layout, &options.limits, known);
+            add_size_limits(body, normal, &layout, &options.proportions);
             add_labelled(body, normal, &layout, labelled);
         });
         self.support = fit.support;
