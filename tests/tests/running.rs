@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use self::the_program::{foveate, program, root};
+use self::the_program::{foveate, new_room, program, root};
 
 /// Ends the process also when a test fails.
 struct Running(Child);
@@ -190,8 +190,9 @@ fn a_short_run_says_that_scoring_had_not_begun() {
 
 #[test]
 fn absurd_sizes_are_refused_before_memory_is_asked_for() {
-    let folder = lab(|it| it);
-    let path = folder.path().join("ideal_lab.calibration.toml");
+    let folder = tempfile::tempdir().unwrap();
+    new_room(folder.path());
+    let path = folder.path().join("room.calibration.toml");
     let calibration = fs::read_to_string(&path).unwrap();
     let size = calibration.lines().find(|it| it.starts_with("image_size_px")).unwrap().to_owned();
     let cases = [

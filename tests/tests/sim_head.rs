@@ -49,7 +49,8 @@ fn a_head_on_udp_answers_a_stranger_and_a_rig_and_ends_with_ctrl_c() {
     assert_eq!(buffer[..length], expected);
 
     let folder = tempfile::tempdir().unwrap();
-    fs::copy(root().join("graphs/ideal_lab.calibration.toml"), folder.path().join("room.calibration.toml")).unwrap();
+    fs::copy(root().join("graphs/ideal_lab.calibration.toml"), folder.path().join("ideal_lab.calibration.toml"))
+        .unwrap();
     let rig = format!(
         r#"
         [rig]
