@@ -267,14 +267,18 @@ impl<'a> Fit<'a> {
             row.fixed_rows_mut::<3>(3).copy_from(&local.cross(&reach));
             row[8] = -local.z * t;
             let missing = missing.min(0.25);
-            self.support.cost += weight * 0.08_f64.powi(2) / 2.0 * (missing / 0.08).powi(2).ln_1p();
-            let robust = (1.0 + (missing / 0.08).powi(2)).recip();
+            let relative = (missing / SOFT_DEPTH).powi(2);
+            self.support.cost += weight * SOFT_DEPTH.powi(2) / 2.0 * relative.ln_1p();
+            let robust = (1.0 + relative).recip();
             matrix.ger(weight * robust, &row, &row, 1.0);
             *vector += row * (weight * robust * missing);
         }
         n_inside as f64 / PLACES as f64
     }
 }
+
+/// An axis that lacks so much of its depth counts half [m].
+const SOFT_DEPTH: f64 = 0.08;
 
 /// Derivative of a face's distance by (μ, δ, l).
 fn row(at: &Placed, found: &super::solid::Skin, point: &Vector3<f64>) -> Vector9 {
