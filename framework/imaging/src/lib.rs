@@ -53,7 +53,7 @@ pub use mask::fill_polygon;
 pub use plane::Channel;
 pub use pyramid::Pyramid;
 pub use shrink::shrink;
-pub use silhouettes::{HoleFiller, Segmenter, SegmenterConfig};
+pub use silhouettes::{Closing, HoleFiller, Segmenter, SegmenterConfig};
 pub use spots::{Centroid, Found, Measure, Sampling, Spot, SpotFinder, SpotLimits, Window};
 pub use stabilise::{Shift, Stabiliser, StabiliserSettings};
 pub use thresholds::ThresholdMap;

@@ -1,7 +1,7 @@
 //! Silhouettes in the pictures of one camera: background, light, body, pieces, holes.
 
 use foveate::imaging::{
-    Blob, BlobFinder, Foreground, HoleFiller, ImageView, ImagingError, Segmenter, Verdict, fill_polygon,
+    Blob, BlobFinder, Closing, Foreground, HoleFiller, ImageView, ImagingError, Segmenter, Verdict, fill_polygon,
 };
 use foveate::messages::{Feature, Features, Image, PixelFormat, Silhouette, SilhouetteStatus, Window};
 use foveate::node::detector::{Outcome, PictureSize};
@@ -18,6 +18,9 @@ pub struct SilhouetteFinder {
     learnt: Option<Learnt>,
     finder: BlobFinder,
     filler: HoleFiller,
+    closing: Closing,
+    /// The mask, with its gaps closed.
+    closed: Vec<u8>,
     blobs: Vec<Blob>,
 }
 
@@ -81,6 +84,8 @@ impl SilhouetteFinder {
             learnt: None,
             finder: BlobFinder::default(),
             filler: HoleFiller::default(),
+            closing: Closing::default(),
+            closed: Vec::new(),
             blobs: Vec::new(),
         }
     }
@@ -123,7 +128,7 @@ impl SilhouetteFinder {
     ) -> Result<Outcome, Refusal> {
         features.list.clear();
         self.fit(image)?;
-        let Self { settings, learnt: Some(learnt), finder, filler, blobs, .. } = self else {
+        let Self { settings, learnt: Some(learnt), finder, filler, closing, closed, blobs, .. } = self else {
             unreachable!("the picture was fitted")
         };
         let part = image.window;
@@ -143,7 +148,10 @@ impl SilhouetteFinder {
                 silhouette.confidence.extend(foreground.mask().iter().map(|it| [0, 160, 230][usize::from(*it).min(2)]));
             }
         }
-        let mask = learnt.splitter.mask();
+        closed.clear();
+        closed.extend_from_slice(learnt.splitter.mask());
+        closing.close(closed, learnt.size[0] as usize, settings.close_px as usize);
+        let mask = &closed[..];
         let size = (learnt.size[0] as usize, learnt.size[1] as usize);
         let fault = match verdict {
             Verdict::Learning => Some(SilhouetteStatus::Learning),

@@ -1,8 +1,11 @@
 //! Several bodies in one volume: a tracker each, and who has which voxels.
 //!
 //! A component of voxels that one body alone is near is that body's, however its limbs have moved in between; where two are near (they touch), each voxel goes to the nearer skin.
+//! Silhouettes that lose a strip across a knee cut a body into several components: a component too small for a body goes with what lies beside it ([`PeopleOptions::gap`]).
 //! What is near no body may be a new one, and is tried in each frame until it is found or named: nothing is made of voxels in which no head and no torso are found. Where a component holds much that its
 //! body does not explain, the rest is tried too: somebody who came in close to somebody else.
+
+use std::collections::BTreeSet;
 
 use nalgebra::{Point3, Vector3};
 
@@ -23,6 +26,8 @@ pub struct PeopleOptions {
     pub most: usize,
     /// Heads nearer to each other than this are one head [m].
     pub heads_apart: f64,
+    /// Components across a gap of about this belong together unless both are as large as a body [m].
+    pub gap: f64,
 }
 
 /// Somebody new beside somebody else has the head so far above the lowest voxel, as a share of the expected stature, and the torso so upright (a cosine): crouching and stooping by up to 50° are allowed.
@@ -30,9 +35,9 @@ const BESIDE_HEAD: f64 = 0.5;
 const BESIDE_UPRIGHT: f64 = 0.64;
 
 impl Default for PeopleOptions {
-    /// A hand at 6 m/s goes 0.2 m in a thirtieth of a second. Two heads that touch are 0.18 m apart.
+    /// A hand at 6 m/s goes 0.2 m in a thirtieth of a second. Two heads that touch are 0.18 m apart. A seam or a shadow's edge that silhouettes lose is a few centimetres wide.
     fn default() -> Self {
-        Self { tracker: TrackerOptions::default(), near: 0.20, most: 8, heads_apart: 0.16 }
+        Self { tracker: TrackerOptions::default(), near: 0.20, most: 8, heads_apart: 0.16, gap: 0.06 }
     }
 }
 
@@ -164,11 +169,12 @@ impl People {
 
     /// Voxels of each body, and components of which nobody has any.
     fn share_out(&self, cubes: &Cubes) -> (Vec<Vec<usize>>, Vec<Vec<usize>>) {
-        let n_components = cubes.components.iter().map(|&it| usize::from(it) + 1).max().unwrap_or(0);
-        let mut members: Vec<Vec<usize>> = vec![Vec::new(); n_components];
+        let groups = groups(cubes, self.options.gap, self.options.tracker.acquisition.least_volume);
+        let mut members: Vec<Vec<usize>> = vec![Vec::new(); groups.len()];
         for (voxel, component) in cubes.components.iter().enumerate() {
-            members[usize::from(*component)].push(voxel);
+            members[groups[usize::from(*component)]].push(voxel);
         }
+        members.retain(|it| !it.is_empty());
         let skins: Vec<Skins> = self.followed.iter().map(|it| it.tracker.skins()).collect();
         let mut owners: Vec<Vec<usize>> = vec![Vec::new(); self.followed.len()];
         let mut left = Vec::new();
@@ -186,12 +192,12 @@ impl People {
             match close[..] {
                 [] => {
                     // A hand that a hole has cut off is still somebody's.
-                    let nearest = |voxel: usize| {
-                        let centre = cubes.centre(voxel);
-                        let away = skins.iter().map(|it| it.distance(&centre)).enumerate();
-                        away.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|it| it.1 < self.options.near)
-                    };
-                    match voxels.first().and_then(|&it| nearest(it)) {
+                    let places = voxels.iter().step_by(stride).map(|&it| cubes.centre(it));
+                    let nearest = places
+                        .flat_map(|place| skins.iter().map(move |it| it.distance(&place)).enumerate())
+                        .min_by(|a, b| a.1.total_cmp(&b.1))
+                        .filter(|it| it.1 < self.options.near);
+                    match nearest {
                         Some((place, _)) => owners[place].extend(voxels),
                         None => left.push(voxels),
                     }
@@ -259,5 +265,85 @@ impl People {
         let head = |it: &BodyTracker| it.filter().body.centre(Part::Head);
         let found = head(tracker);
         self.followed.iter().any(|it| (head(&it.tracker) - found).norm() < self.options.heads_apart)
+    }
+}
+
+/// Of each component, the number of one that it goes with: small ones go with what lies across a gap, as far as cubes of its size that touch tell.
+fn groups(cubes: &Cubes, gap: f64, least_volume: f64) -> Vec<usize> {
+    let n_components = cubes.components.iter().map(|&it| usize::from(it) + 1).max().unwrap_or(0);
+    let mut group: Vec<usize> = (0..n_components).collect();
+    if n_components < 2 {
+        return group;
+    }
+    let mut counts = vec![0_usize; n_components];
+    cubes.components.iter().for_each(|it| counts[usize::from(*it)] += 1);
+    let is_large = |it: u16| counts[usize::from(it)] as f64 * cubes.size.powi(3) >= least_volume;
+    let step = (gap / cubes.size).round().max(1.0) as u16;
+    // Which components each cell of the size of the gap holds, in order.
+    let cell = |voxel: usize| cubes.indices[voxel].map(|it| i32::from(it / step));
+    let mut cells: Vec<([i32; 3], u16)> = (0..cubes.indices.len()).map(|it| (cell(it), cubes.components[it])).collect();
+    // Neighbours in the list are so in space, mostly: few are left to be sorted.
+    cells.dedup();
+    let cells: BTreeSet<([i32; 3], u16)> = cells.into_iter().collect();
+    for (at, one) in &cells {
+        for shift in 0..27 {
+            let beside = [at[0] + shift % 3 - 1, at[1] + shift / 3 % 3 - 1, at[2] + shift / 9 - 1];
+            for (_, other) in cells.range((beside, 0)..=(beside, u16::MAX)) {
+                if one < other && !(is_large(*one) && is_large(*other)) {
+                    let [a, b] = [one, other].map(|it| root(&group, usize::from(*it)));
+                    let [large, small] = if is_large(b as u16) { [b, a] } else { [a, b] };
+                    // Two bodies stay two, though something small lies between them.
+                    if a != b && !is_large(small as u16) {
+                        group[small] = large;
+                    }
+                }
+            }
+        }
+    }
+    (0..n_components).map(|it| root(&group, it)).collect()
+}
+
+fn root(group: &[usize], of: usize) -> usize {
+    let mut at = of;
+    while group[at] != at {
+        at = group[at];
+    }
+    at
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Boxes of cubes of 20 mm, each a component of its own: first and last index along x; 10 × 40 cubes (8 l a 10 along x).
+    fn boxes(along: &[[u16; 2]]) -> (Vec<[u16; 3]>, Vec<u16>) {
+        let (mut indices, mut components) = (Vec::new(), Vec::new());
+        for (number, [first, last]) in along.iter().enumerate() {
+            for (x, y) in (*first..=*last).flat_map(|x| (0..10).map(move |y| (x, y))) {
+                for z in 0..40 {
+                    indices.push([x, y, z]);
+                    components.push(number as u16);
+                }
+            }
+        }
+        (indices, components)
+    }
+
+    fn groups_of(along: &[[u16; 2]]) -> Vec<usize> {
+        let (indices, components) = boxes(along);
+        let cubes = Cubes { size: 0.02, origin: Point3::origin(), indices: &indices, components: &components };
+        groups(&cubes, 0.06, 0.02)
+    }
+
+    #[test]
+    fn what_a_gap_cuts_off_goes_with_its_body_and_two_bodies_stay_two() {
+        // Of 32, 6.4 and 32 l: the piece is 60 mm from the first, 0.8 m from the second.
+        assert_eq!(groups_of(&[[0, 9], [13, 14], [54, 63]]), [0, 0, 2]);
+        // Two bodies side by side, and with a piece between them that goes with one of them.
+        assert_eq!(groups_of(&[[0, 9], [12, 21]]), [0, 1]);
+        let between = groups_of(&[[0, 9], [11, 12], [14, 23]]);
+        assert!(between[0] != between[2] && (between[1] == between[0] || between[1] == between[2]), "{between:?}");
+        // A chain of pieces hangs on its body; one that lies apart is nobody's.
+        assert_eq!(groups_of(&[[40, 41], [20, 21], [24, 25], [28, 29], [0, 17]]), [0, 4, 4, 4, 4]);
     }
 }

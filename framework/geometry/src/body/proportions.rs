@@ -5,7 +5,7 @@
 
 use nalgebra::{DMatrix, Vector3};
 
-use super::parts::{N_PARTS, Part};
+use super::parts::{Joint, N_PARTS, Part};
 
 /// How far people differ.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,6 +38,18 @@ pub fn share(part: Part) -> Vector3<f64> {
         Part::LeftLowerArm | Part::RightLowerArm => Vector3::new(0.022, 0.022, 0.110),
         Part::LeftThigh | Part::RightThigh => Vector3::new(0.045, 0.045, 0.1225),
         Part::LeftCalf | Part::RightCalf => Vector3::new(0.031, 0.031, 0.1425),
+    }
+}
+
+/// How far a joint lies from where the model has it in a body that fits, one standard deviation along an axis [m]: people's joints beside those of ten parts of common proportions in a hull. Of simulated
+/// people that are not in the figures.
+pub fn joint_sigma(joint: Joint) -> f64 {
+    match joint {
+        Joint::Head => 0.010,
+        Joint::Neck => 0.022,
+        Joint::LeftHip | Joint::RightHip => 0.024,
+        Joint::LeftShoulder | Joint::RightShoulder => 0.018,
+        _ => 0.020,
     }
 }
 

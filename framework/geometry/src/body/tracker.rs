@@ -13,7 +13,7 @@ use super::filter::{Beginning, BodyFilter, MotionOptions, Step};
 use super::fit::{Fit, FitOptions, Labelled, Skins, Support, add_labelled, add_limits, add_size_limits};
 use super::layout::{Layout, Presence};
 use super::parts::{Joint, Limb, N_PARTS, Part};
-use super::proportions::{Limits, Proportions};
+use super::proportions::{Limits, Proportions, joint_sigma};
 
 mod levels;
 
@@ -43,6 +43,8 @@ pub struct LevelOptions {
     pub least_inside: f64,
     /// A part of whose skin less is there is not supported [–].
     pub least_covered: f64,
+    /// A part of whose skin less is there is not measured: it lies in one volume with others, and may be anywhere in it [–].
+    pub measured_covered: f64,
     /// A limb that was not supported for so long leaves the model; a trunk, the body [s].
     pub lost_s: f64,
     /// A limb is split where it bends by so many standard deviations [–].
@@ -52,9 +54,17 @@ pub struct LevelOptions {
 }
 
 impl Default for LevelOptions {
-    /// Half a second is the longest that a limb of a walking person is hidden behind the body, and what counts as lost in the figures.
+    /// Half a second is the longest that a limb of a walking person is hidden behind the body, and what counts as lost in the figures. Of parts that lie where they should, seven tenths of the skin
+    /// and more are there, arms that hang beside the trunk in four views included.
     fn default() -> Self {
-        Self { least_inside: 0.5, least_covered: 0.15, lost_s: 0.5, split_sigmas: 3.0, join_s: 3.0 }
+        Self {
+            least_inside: 0.5,
+            least_covered: 0.35,
+            measured_covered: 0.5,
+            lost_s: 0.5,
+            split_sigmas: 3.0,
+            join_s: 3.0,
+        }
     }
 }
 
@@ -115,6 +125,8 @@ pub struct BodyTracker {
     frame: u64,
     /// Of what a frame says of sizes, what is taken [–].
     share: f64,
+    /// Edge of the last voxels [m].
+    voxel: f64,
     last: Option<Step>,
 }
 
@@ -123,6 +135,9 @@ const LOOK_EVERY: u64 = 3;
 
 /// Errors of hulls last so long [s]: chosen on people that are not in the figures, among 0.1 to 0.5.
 const POSE_S: f64 = 0.3;
+
+/// Joints are off by this part of a voxel's edge besides [–]: of people that are not in the figures.
+const VOXEL_SHARE: f64 = 0.3;
 
 /// Radius of a head with hair in a hull, and how far it varies [m]: heads of 0.155 m × 0.19 m × 0.23 m (Winter, figure 4.1) are balls of 0.095 m.
 const HEAD_RADIUS: f64 = 0.095;
@@ -190,6 +205,7 @@ impl BodyTracker {
             is_lost: false,
             frame: 0,
             share: 1.0,
+            voxel: field.size(),
             last: None,
         };
         let begin = tracker.filter.clone();
@@ -269,6 +285,7 @@ impl BodyTracker {
             add_labelled(body, normal, &layout, labelled);
         });
         self.support = fit.support;
+        self.voxel = field.size();
     }
 
     fn is_supported(&self, part: Part) -> bool {
@@ -363,23 +380,30 @@ impl BodyTracker {
 
     /// Whether the last voxels show a part.
     pub fn shows(&self, part: Part) -> bool {
-        self.filter.layout().has(part) && self.is_supported(part)
+        self.filter.layout().has(part)
+            && self.is_supported(part)
+            && self.support.covered[part.index()] >= self.options.levels.measured_covered
     }
 
-    /// All joints that the model has.
+    /// All joints that the model has. Their covariances hold that of the model too ([`joint_sigma`]): what the filter knows is where its own parts are.
     pub fn joints(&self) -> Vec<JointEstimate> {
-        joints(&self.filter, |joint| {
+        let mut list = joints(&self.filter, |joint| {
             let (part, _) = joint.place();
             let tied = joint.limb().is_some_and(|it| self.level(it) == LimbLevel::Straight)
                 && matches!(joint, Joint::LeftElbow | Joint::RightElbow | Joint::LeftKnee | Joint::RightKnee);
-            if !self.is_supported(part) {
+            if !self.shows(part) {
                 JointSource::Predicted
             } else if tied {
                 JointSource::Filled
             } else {
                 JointSource::Measured
             }
-        })
+        });
+        for it in &mut list {
+            let variance = joint_sigma(it.joint).powi(2) + (VOXEL_SHARE * self.voxel).powi(2);
+            (0..3).for_each(|axis| it.covariance[(axis, axis)] += variance);
+        }
+        list
     }
 }
 

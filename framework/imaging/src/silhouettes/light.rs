@@ -18,6 +18,12 @@ const MAY_DIFFER: f32 = 0.12;
 const TEXTURE: f32 = 4.0;
 /// Correlation from which on it is.
 const CORRELATION: f32 = 0.9;
+/// A sample so near to what a light makes of the background is explained by it: a part of that, and no less than that of this gray level.
+const EXPLAINED: f32 = 0.12;
+const DARK: f32 = 32.0;
+/// The share of a tile's samples that its own light explains, at least, and that of the whole picture does not.
+const OWN: f32 = 0.75;
+const NEEDED: f32 = 0.4;
 
 /// The light of the last picture.
 #[derive(Debug, Clone)]
@@ -27,7 +33,8 @@ pub(super) struct Lights {
     whole: Gains,
     /// By tile.
     tiles: Vec<Gains>,
-    found: Vec<bool>,
+    /// Whether its light is known, and whether it is its own.
+    known: Vec<bool>,
     n_found: usize,
     finder: Light,
 }
@@ -40,7 +47,7 @@ impl Lights {
             rows,
             whole: [1.0; CHANNELS],
             tiles: vec![[1.0; CHANNELS]; columns * rows],
-            found: vec![false; columns * rows],
+            known: vec![false; columns * rows],
             n_found: 0,
             finder: Light::default(),
         }
@@ -60,7 +67,7 @@ impl Lights {
     pub fn reset(&mut self) {
         self.whole = [1.0; CHANNELS];
         self.tiles.fill([1.0; CHANNELS]);
-        self.found.fill(false);
+        self.known.fill(false);
         self.n_found = 0;
     }
 
@@ -84,34 +91,38 @@ impl Lights {
             n_seen += 1;
             n_off += u32::from((pixel - mean).abs() > 0.25 * mean.max(16.0));
         }
-        self.found.fill(false);
+        self.known.fill(false);
+        self.n_found = 0;
         if n_off as f32 > MAY_DIFFER * n_seen as f32 {
             for row in 0..self.rows {
                 for column in 0..self.columns {
                     let tile = row * self.columns + column;
-                    let gains = tile_gains(column, row, pixels, open, model);
-                    self.found[tile] = gains.is_some();
-                    self.tiles[tile] = gains.unwrap_or(self.whole);
+                    let light = tile_light(column, row, pixels, open, model, &self.whole);
+                    self.known[tile] = light != TileLight::Unknown;
+                    self.tiles[tile] = self.whole;
+                    if let TileLight::Own(gains) = light {
+                        self.tiles[tile] = gains;
+                        self.n_found += 1;
+                    }
                 }
             }
             self.spread();
         } else {
             self.tiles.fill(self.whole);
         }
-        self.n_found = self.found.iter().filter(|it| **it).count();
     }
 
-    /// Tiles that could not be recognised take the mean of those next to them that were.
+    /// Tiles whose light is not known take the mean of those next to them whose light is.
     fn spread(&mut self) {
         for row in 0..self.rows {
             for column in 0..self.columns {
-                if self.found[row * self.columns + column] {
+                if self.known[row * self.columns + column] {
                     continue;
                 }
                 let (mut n, mut sum) = (0.0, [0.0; CHANNELS]);
                 for y in row.saturating_sub(1)..(row + 2).min(self.rows) {
                     for x in column.saturating_sub(1)..(column + 2).min(self.columns) {
-                        if self.found[y * self.columns + x] {
+                        if self.known[y * self.columns + x] {
                             n += 1.0;
                             sum.iter_mut().zip(self.tiles[y * self.columns + x]).for_each(|(sum, it)| *sum += it);
                         }
@@ -149,27 +160,58 @@ impl Lights {
     }
 }
 
+/// What is known of the light on a tile.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum TileLight {
+    Unknown,
+    Whole,
+    Own(Gains),
+}
+
+/// A tile has a light of its own if its texture is that of the background, if the whole's does not explain it and its own does: a limb before a floor brightens its tile, too.
+fn tile_light(column: usize, row: usize, pixels: &[u8], open: &[u8], model: &Model, whole: &Gains) -> TileLight {
+    let places = || {
+        let rows = (row * TILE..((row + 1) * TILE).min(model.height)).step_by(TILE_STEP);
+        let columns = (column * TILE..((column + 1) * TILE).min(model.width)).step_by(TILE_STEP);
+        let all = rows.flat_map(move |y| columns.clone().map(move |x| y * model.width + x));
+        all.filter(|&i| open[i] != 0 && !pixels[i * CHANNELS..(i + 1) * CHANNELS].contains(&255))
+    };
+    let share = |gains: &Gains| {
+        let (mut n, mut n_near) = (0.0f32, 0.0);
+        for i in places() {
+            let is_near = (0..CHANNELS).all(|c| {
+                let lit = gains[c] * model.mean[i * CHANNELS + c];
+                (f32::from(pixels[i * CHANNELS + c]) - lit).abs() < EXPLAINED * lit.max(DARK)
+            });
+            n += 1.0;
+            n_near += f32::from(u8::from(is_near));
+        }
+        if n > 0.0 { n_near / n } else { 0.0 }
+    };
+    if share(whole) > 1.0 - NEEDED {
+        return TileLight::Whole;
+    }
+    match tile_gains(places(), pixels, model) {
+        Some(gains) if share(&gains) > OWN => TileLight::Own(gains),
+        _ => TileLight::Unknown,
+    }
+}
+
 /// The gains of a tile, if its texture is that of the background.
-fn tile_gains(column: usize, row: usize, pixels: &[u8], open: &[u8], model: &Model) -> Option<Gains> {
+fn tile_gains(places: impl Iterator<Item = usize>, pixels: &[u8], model: &Model) -> Option<Gains> {
     let (mut n, mut sums) = (0.0f32, [0.0f32; 5]);
     let mut by_channel = [[0.0f32; 2]; CHANNELS];
-    for y in (row * TILE..((row + 1) * TILE).min(model.height)).step_by(TILE_STEP) {
-        for x in (column * TILE..((column + 1) * TILE).min(model.width)).step_by(TILE_STEP) {
-            let i = y * model.width + x;
-            let at = i * CHANNELS;
-            if open[i] == 0 || pixels[at..at + CHANNELS].contains(&255) {
-                continue;
-            }
-            let pixel: f32 = pixels[at..at + CHANNELS].iter().map(|it| f32::from(*it)).sum();
-            let mean: f32 = model.mean[at..at + CHANNELS].iter().sum();
-            n += 1.0;
-            for (sum, it) in sums.iter_mut().zip([pixel, mean, pixel * pixel, pixel * mean, mean * mean]) {
-                *sum += it;
-            }
-            for (channel, sum) in by_channel.iter_mut().enumerate() {
-                sum[0] += f32::from(pixels[at + channel]) * model.mean[at + channel];
-                sum[1] += model.mean[at + channel] * model.mean[at + channel];
-            }
+    for i in places {
+        let at = i * CHANNELS;
+        let pixel: f32 = pixels[at..at + CHANNELS].iter().map(|it| f32::from(*it)).sum();
+        let mean: f32 = model.mean[at..at + CHANNELS].iter().sum();
+        n += 1.0;
+        for (sum, it) in sums.iter_mut().zip([pixel, mean, pixel * pixel, pixel * mean, mean * mean]) {
+            *sum += it;
+        }
+        for (channel, sum) in by_channel.iter_mut().enumerate() {
+            sum[0] += f32::from(pixels[at + channel]) * model.mean[at + channel];
+            sum[1] += model.mean[at + channel] * model.mean[at + channel];
         }
     }
     if n < 30.0 {

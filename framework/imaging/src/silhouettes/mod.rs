@@ -22,10 +22,11 @@
 //!   there when either light explains it.
 //! - *Saturation.* A channel at 255 says only that it is no darker: α is that of the others, where in that light it would be saturated.
 //! - *Who stands still* is not learnt. With `absorb_frames`, what has stood with the same colour for so long is, but not where a target is held.
-//! - *Speed.* A pixel within √⅓ limits of its mean in every channel lies within both limits: four of five pixels end with that test, 16 bytes at a time.
+//! - *Speed.* Where (value − mean)/σ, over all channels, is shorter than both limits, a pixel lies within them: all but one in some hundred pixels of the background end with that test, in whole numbers, eight at a time.
 //!
 //! A gray picture has no chromaticity; [`Foreground`](crate::Foreground) is for these.
 
+mod closing;
 mod holes;
 mod light;
 mod model;
@@ -33,6 +34,7 @@ mod segmenter;
 #[cfg(test)]
 mod tests;
 
+pub use closing::Closing;
 pub use holes::HoleFiller;
 pub use segmenter::{Segmenter, SegmenterConfig};
 

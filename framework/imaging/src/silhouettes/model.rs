@@ -1,5 +1,7 @@
 //! What is known of each pixel of the background, and the limits that its own pictures imply.
 
+use std::ops::Range;
+
 use super::segmenter::SegmenterConfig;
 use crate::foreground::learning::Learning;
 
@@ -15,11 +17,40 @@ pub(super) struct Model {
     pub variance: Vec<f32>,
     /// The least that the variance may be: noise floor and slope.
     least: Vec<f32>,
-    /// What is background whatever the other channels say.
-    pub low: Vec<u8>,
-    pub high: Vec<u8>,
+    /// Of the quick test: the mean, rounded, and by how much a gray level off it counts: `unit` / σ.
+    centre: Vec<u8>,
+    scale: Vec<u8>,
+    unit: f32,
+    /// The most that the sum of a pixel's squares may be there.
+    most: u16,
     /// Of chromaticity and of brightness [σ].
     pub limits: [f32; 2],
+}
+
+/// Pixels that are decided together.
+pub(super) const BLOCK: usize = 8;
+
+/// Sixteenths in which the quick test counts standard deviations; fewer where the noise floor is below two gray levels.
+const UNIT: f32 = 480.0;
+
+/// Where a pixel begins among the bytes of a block.
+const FIRST_CHANNEL: [u16; BLOCK * CHANNELS] = {
+    let mut is_first = [0; BLOCK * CHANNELS];
+    let mut at = 0;
+    while at < BLOCK * CHANNELS {
+        is_first[at] = u16::MAX;
+        at += CHANNELS;
+    }
+    is_first
+};
+
+/// What the quick test says of one row, kept for its memory.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Quick {
+    /// Of each byte, how far it is off its mean, and two more.
+    squares: Vec<u16>,
+    /// By block.
+    pub doubtful: Vec<bool>,
 }
 
 /// Steps of the histograms that limits are taken from [σ].
@@ -41,8 +72,10 @@ impl Model {
             mean: vec![0.0; n],
             variance: vec![0.0; n],
             least: vec![0.0; n],
-            low: vec![0; n],
-            high: vec![0; n],
+            centre: vec![0; n],
+            scale: vec![0; n],
+            unit: UNIT,
+            most: 0,
             limits: [0.0; 2],
         }
     }
@@ -81,9 +114,15 @@ impl Model {
         for (limit, gaussian) in self.limits.iter_mut().zip(gaussian) {
             *limit = limit.max(gaussian);
         }
-        for row in 0..self.height {
-            self.set_bounds(row * self.width..(row + 1) * self.width);
-        }
+        // σ is no lower than the floor.
+        self.unit = UNIT.min(255.0 * config.noise_floor);
+        let reach = self.limits[0].min(self.limits[1]);
+        // What rounding of means may hide (half a level in each channel), and that of the products.
+        let rounding = 3f32.sqrt();
+        let most = (reach - 0.5 * rounding / config.noise_floor) * self.unit / 16.0 - rounding;
+        // One square that is as large as they become is too much.
+        self.most = most.max(0.0).powi(2).min(65_024.0) as u16;
+        self.set_quick(0..self.width * self.height);
     }
 
     /// The part of the variance that the noise floor and a tremble of the camera over the slope of the picture imply.
@@ -138,14 +177,36 @@ impl Model {
         })
     }
 
-    /// The bounds of the quick test for some pixels.
-    pub fn set_bounds(&mut self, pixels: std::ops::Range<usize>) {
-        let reach = self.limits[0].min(self.limits[1]) / 3f32.sqrt();
-        for i in pixels.start * CHANNELS..pixels.end * CHANNELS {
-            let by = reach * self.variance[i].sqrt();
-            // Rounded inwards; `as` takes no number below 0 or above 255.
-            self.low[i] = (self.mean[i] - by + 0.999_99) as u8;
-            self.high[i] = (self.mean[i] + by) as u8;
+    /// What the quick test knows of some pixels.
+    pub fn set_quick(&mut self, pixels: Range<usize>) {
+        let bytes = pixels.start * CHANNELS..pixels.end * CHANNELS;
+        let known = self.mean[bytes.clone()].iter().zip(&self.variance[bytes.clone()]);
+        let quick = self.centre[bytes.clone()].iter_mut().zip(&mut self.scale[bytes]);
+        for ((mean, variance), (centre, scale)) in known.zip(quick) {
+            *centre = (mean + 0.5) as u8;
+            // Rounded up; `as` takes no number above 255.
+            *scale = (self.unit / variance.sqrt() + 0.999) as u8;
+        }
+    }
+
+    /// The quick test of one row in the learnt light: of each block of [`BLOCK`] pixels, whether one of them may be no background. What it lets pass lies within a ball that both limits hold.
+    pub fn examine(&self, row: &[u8], y: usize, quick: &mut Quick) {
+        let bytes = y * self.width * CHANNELS..(y + 1) * self.width * CHANNELS;
+        quick.squares.resize(self.width.next_multiple_of(BLOCK) * CHANNELS + 2, 0);
+        let known = self.centre[bytes.clone()].iter().zip(&self.scale[bytes]);
+        for ((square, value), (centre, scale)) in quick.squares.iter_mut().zip(row).zip(known) {
+            let off = ((u16::from(value.abs_diff(*centre)) * u16::from(*scale)) >> 4).min(255);
+            *square = off * off;
+        }
+        quick.doubtful.clear();
+        for first in (0..self.width * CHANNELS).step_by(BLOCK * CHANNELS) {
+            let Some(block) = quick.squares[first..].first_chunk::<{ BLOCK * CHANNELS + 2 }>() else { break };
+            let mut above = 0;
+            for (i, is_first) in FIRST_CHANNEL.iter().enumerate() {
+                let sum = block[i].saturating_add(block[i + 1]).saturating_add(block[i + 2]);
+                above |= sum.saturating_sub(self.most) & is_first;
+            }
+            quick.doubtful.push(above != 0);
         }
     }
 
@@ -228,6 +289,51 @@ mod tests {
         assert!((chroma - 3.7169).abs() < 1e-3 && (bright - 3.2905).abs() < 2e-3, "{chroma} {bright}");
         let [chroma, bright] = gaussian(0.95);
         assert!((chroma - 2.4477).abs() < 1e-3 && (bright - 1.9600).abs() < 1e-3, "{chroma} {bright}");
+    }
+
+    #[test]
+    fn quick_test_lets_nothing_pass_that_is_beyond_a_limit_and_nearly_all_noise() {
+        use foveate_estimation::random::Random;
+        for (seed, noise_floor) in [(1, 0.4), (2, 2.0), (3, 6.0)] {
+            let mut random = Random::new(seed);
+            let config = SegmenterConfig { noise_floor, jitter_px: 0.0, ..SegmenterConfig::default() };
+            let (width, height) = (BLOCK, 4000);
+            let picture: Vec<u8> =
+                (0..width * height * CHANNELS).map(|_| random.uniform_in(20.0, 235.0) as u8).collect();
+            let mut model = Model::new(width, height);
+            model.take(&picture, &config);
+            let n = width * height * CHANNELS;
+            for i in 0..n {
+                model.mean[i] += random.uniform_in(-0.5, 0.5) as f32;
+                model.variance[i] *= random.uniform_in(0.5, 4.0) as f32;
+            }
+            model.set_quick(0..width * height);
+            let (mut quick, mut n_passed) = (Quick::default(), 0);
+            for y in 0..height {
+                let at = y * width * CHANNELS;
+                let scale = if y % 2 == 0 { 0.7 } else { random.uniform_in(0.7, 4.0) };
+                let value = |i: usize, noise: f64| (f64::from(model.mean[i]) + noise).round().clamp(0.0, 254.0) as u8;
+                let row: Vec<u8> = (at..at + width * CHANNELS)
+                    .map(|i| value(i, scale * f64::from(model.variance[i].sqrt()) * random.normal()))
+                    .collect();
+                model.examine(&row, y, &mut quick);
+                assert_eq!(quick.doubtful.len(), 1);
+                if quick.doubtful[0] {
+                    continue;
+                }
+                n_passed += usize::from(y % 2 == 0);
+                for x in 0..width {
+                    let of = |list: &[f32]| -> [f32; 3] { std::array::from_fn(|c| list[at + x * CHANNELS + c]) };
+                    let value = std::array::from_fn(|c| f32::from(row[x * CHANNELS + c]));
+                    let (alpha, square, chroma) =
+                        distances(value, of(&model.mean), of(&model.variance).map(f32::recip));
+                    assert!(chroma.sqrt() <= model.limits[0], "{chroma}");
+                    assert!((alpha - 1.0).abs() * square.sqrt() <= model.limits[1], "{alpha}");
+                }
+            }
+            // Of noise as it is expected, where gray levels are fine beside it.
+            assert!(noise_floor < 1.0 || n_passed > height / 2 * 9 / 10, "{noise_floor}: {n_passed}");
+        }
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::light::{Gains, Lights};
-use super::model::{CHANNELS, Model, distances};
+use super::model::{BLOCK, CHANNELS, Model, Quick, distances};
 use super::{BODY, SURE};
 use crate::foreground::learning::Learning;
 use crate::foreground::majority::Majority;
@@ -90,9 +90,9 @@ pub struct Segmenter {
     /// By pixel: the colour that it keeps while it is body, and for how many pictures.
     stays: Vec<Stay>,
     held: Vec<[u32; 4]>,
-    /// One row of a picture in the learnt light, and how far each of its bytes is out of bounds.
+    /// One row of a picture in the learnt light, and what the quick test says of it.
     row: Vec<u8>,
-    outside: Vec<u8>,
+    quick: Quick,
     n_pictures: u32,
     n_flooded: u32,
     /// Pixels on edges of the background, by quarter of the picture.
@@ -105,8 +105,6 @@ struct Stay {
     n: u32,
 }
 
-/// Pixels that are decided together.
-const BLOCK: usize = 8;
 /// One row in so many follows the background at a picture.
 const BANDS: usize = 16;
 /// Below this confidence (f = 0.58) a pixel is no shadow either, and the background follows it.
@@ -137,7 +135,7 @@ impl Segmenter {
             stays: if config.absorb_frames > 0 { vec![Stay::default(); n] } else { Vec::new() },
             held: Vec::new(),
             row: vec![0; width * CHANNELS],
-            outside: vec![0; width * CHANNELS],
+            quick: Quick::default(),
             n_pictures: 0,
             n_flooded: 0,
             edges: Default::default(),
@@ -320,21 +318,13 @@ impl Segmenter {
                 self.relight(row, y);
             }
             let seen = if is_learnt { row } else { &self.row[..] };
-            let (low, high) = (&self.model.low[bytes.clone()], &self.model.high[bytes]);
-            for (((outside, it), low), high) in self.outside.iter_mut().zip(seen).zip(low).zip(high) {
-                *outside = it.saturating_sub(*high) | low.saturating_sub(*it);
-            }
+            self.model.examine(seen, y, &mut self.quick);
             self.confidence[y * width..(y + 1) * width].fill(0);
             self.raw[y * width..(y + 1) * width].fill(0);
-            for first in (0..width).step_by(BLOCK) {
-                let n = BLOCK.min(width - first);
-                let outside = &self.outside[first * CHANNELS..(first + n) * CHANNELS];
-                // A whole block has a length that is known when this is compiled.
-                let any = match <&[u8; BLOCK * CHANNELS]>::try_from(outside) {
-                    Ok(block) => block.iter().fold(0, |any, it| any | it),
-                    Err(_) => outside.iter().fold(0, |any, it| any | it),
-                };
-                if any != 0 {
+            for block in 0..self.quick.doubtful.len() {
+                if self.quick.doubtful[block] {
+                    let first = block * BLOCK;
+                    let n = BLOCK.min(width - first);
                     let gains = if is_learnt { [1.0; CHANNELS] } else { self.lights.at(first + n / 2, y) };
                     let pixels = y * width + first..y * width + first + n;
                     self.decide(rgb, pixels.clone(), gains, u8::MAX);
@@ -425,7 +415,7 @@ impl Segmenter {
                     }
                 }
             }
-            self.model.set_bounds(row);
+            self.model.set_quick(row);
         }
     }
 

@@ -126,6 +126,22 @@ fn other_light_is_no_body() {
 }
 
 #[test]
+fn what_brightens_a_part_of_a_tile_is_no_lamp() {
+    let noise = &mut Noise(9);
+    // A floor of dark and light squares, and before it a limb that is lighter than both by as much: its tile looks as the floor does.
+    let floor = |x: usize, y: usize| if (x / 8 + y / 8).is_multiple_of(2) { 0.4 } else { 1.4 };
+    let mut segmenter = Segmenter::new(SegmenterConfig { highlight_ratio: 1.1, ..config() }, SIZE.0, SIZE.1).unwrap();
+    for _ in 0..12 {
+        segmenter.update(&picture(noise, |x, y, wall| wall.map(|it| 0.7 * it * floor(x, y)))).unwrap();
+    }
+    let limb =
+        picture(noise, |x, y, wall| wall.map(|it| 0.7 * it * floor(x, y) * if is_body(x, y) { 1.35 } else { 1.0 }));
+    assert_eq!(segmenter.update(&limb), Ok(Verdict::Trusted));
+    assert_eq!(segmenter.n_regional(), 0);
+    assert!(overlap(&segmenter) > 0.9, "{}", overlap(&segmenter));
+}
+
+#[test]
 fn somebody_who_stands_still_stays_and_a_slow_change_of_light_is_followed() {
     let noise = &mut Noise(4);
     let mut segmenter = learnt(SegmenterConfig { adapt_frames: 40.0, ..config() }, noise);

@@ -1,39 +1,38 @@
 //! Bodies of simulated people in voxels, found and followed, against their true joints: table by cameras and voxels.
 //!
 //! `FOVEATE_DATA=… cargo run --release -p foveate-sim --example bodies -- [PEOPLE] [SECONDS] [CAMERAS] [VOXEL_MM] [FAULTS] [FIRST]` prints a line a person and the
-//! whole. FAULTS 0: silhouettes are those of the true body; 1: holes, shadows at the feet, views that are missing.
+//! whole; `… --example bodies -- growth [FILE.svg]` how time and error grow with views, voxels and people. FAULTS 0: silhouettes are those of the true body; 1: holes, shadows at the feet, views that are missing.
 
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
 use foveate_estimation::random::Random;
-use foveate_geometry::Camera;
 use foveate_geometry::body::{BodyTracker, Joint, Part, TrackerOptions, VoxelField};
 use foveate_scene::skeleton::SkeletonMotion;
 use foveate_sim::person::{Person, Pose, WholeBody};
 use nalgebra::{Point3, Vector2, Vector3};
+
+mod growth;
+mod scene;
+
+use scene::{carve, ring};
 
 const RATE_HZ: f64 = 30.0;
 /// Hands above this are fast [m/s].
 const FAST: f64 = 3.0;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
+    if std::env::args().nth(1).as_deref() == Some("growth") {
+        return growth::growth(&motions()?, std::env::args().nth(2).map(PathBuf::from).as_deref());
+    }
     let arguments: Vec<f64> = std::env::args().skip(1).map_while(|it| it.parse().ok()).collect();
     let argument = |place: usize, default: f64| arguments.get(place).copied().unwrap_or(default);
     let (people, seconds) = (argument(0, 20.0) as u64, argument(1, 4.0));
     let (cameras, voxel, faults) = (argument(2, 4.0) as usize, argument(3, 50.0) / 1e3, argument(4, 0.0) > 0.0);
     let first = argument(5, 0.0) as u64;
-    let mut files = Vec::new();
-    let data = PathBuf::from(std::env::var("FOVEATE_DATA").unwrap_or_else(|_| "../shared/data".to_owned()));
-    for set in ["s18_bvh", "s22_bvh_people"] {
-        for entry in std::fs::read_dir(data.join(set))?.flatten() {
-            files.push(entry.path());
-        }
-    }
-    files.retain(|it| it.extension().is_some_and(|it| it == "bvh"));
-    files.sort();
-    let cameras = ring(cameras);
+    let files = motions()?;
+    let cameras = ring(cameras, if cameras <= 4 { [320, 240] } else { [640, 480] });
     let mut all = Score::default();
     for seed in first..first + people {
         let file = &files[seed as usize % files.len()];
@@ -81,9 +80,24 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("all {:<35} {}", "", all.line());
     println!("    {}", all.by_joint());
     println!("    {}", all.by_bias());
+    println!("    {}", all.by_sigma());
     println!("    {}", all.by_facing());
     println!("    {}", all.by_person());
     Ok(())
+}
+
+/// Recorded motions of people.
+fn motions() -> Result<Vec<PathBuf>, Box<dyn std::error::Error>> {
+    let mut files = Vec::new();
+    let data = PathBuf::from(std::env::var("FOVEATE_DATA").unwrap_or_else(|_| "../shared/data".to_owned()));
+    for set in ["s18_bvh", "s22_bvh_people"] {
+        for entry in std::fs::read_dir(data.join(set))?.flatten() {
+            files.push(entry.path());
+        }
+    }
+    files.retain(|it| it.extension().is_some_and(|it| it == "bvh"));
+    files.sort();
+    Ok(files)
 }
 
 fn trace(frame: usize, pose: &Pose, tracker: Option<&BodyTracker>) {
@@ -107,142 +121,6 @@ fn trace(frame: usize, pose: &Pose, tracker: Option<&BodyTracker>) {
         support.unexplained,
         tracker.facing()
     );
-}
-
-/// Cameras around the room, by turns high and low.
-fn ring(n: usize) -> Vec<Camera> {
-    let size = if n <= 4 { [320, 240] } else { [640, 480] };
-    let focal = f64::from(size[0]) * 0.85;
-    (0..n)
-        .map(|i| {
-            let angle = (i as f64 + 0.3) / n as f64 * std::f64::consts::TAU;
-            let height = if i % 2 == 0 { 2.5 } else { 1.5 };
-            let centre = Point3::new(3.6 * angle.cos(), 3.6 * angle.sin(), height);
-            Camera::look_at(centre, Point3::new(0.0, 0.0, 0.95), size, focal)
-        })
-        .collect()
-}
-
-/// Balls along tapered limbs: a shape that shares nothing with the model that is fitted.
-fn balls(pose: &Pose, girth: f64) -> Vec<(Point3<f64>, f64)> {
-    let mut balls = Vec::new();
-    let mut cone = |a: Point3<f64>, b: Point3<f64>, from: f64, to: f64, bulge: f64| {
-        let n = ((b - a).norm() / 0.02).ceil().max(1.0) as usize;
-        for i in 0..=n {
-            let t = i as f64 / n as f64;
-            let radius = from + (to - from) * t + bulge * (std::f64::consts::PI * (1.4 * t).min(1.0)).sin();
-            balls.push((a + (b - a) * t, radius));
-        }
-    };
-    for (number, part) in pose.parts.iter().enumerate() {
-        let ([a, b], r) = (part.ends, part.radius);
-        match number {
-            3 => cone(a, b, r * 0.95, r, 0.0),
-            4 => cone(a, b, r, r, 0.0),
-            7 | 8 => cone(a, b, r * 1.1 * girth, r * 0.85 * girth, 0.0),
-            9 | 10 => {
-                let wrist = a + (b - a) * 0.72;
-                cone(a, wrist, r * 1.05 * girth, r * 0.75 * girth, 0.006);
-                cone(wrist, b, r * 0.8, r * 0.9, 0.008);
-            }
-            11 | 12 => cone(a, b, r * 1.15 * girth, r * 0.75 * girth, 0.0),
-            13 | 14 => {
-                cone(a, b, r * 1.05 * girth, r * 0.72 * girth, 0.012);
-                let toes = b + pose.forward * 0.16 - Vector3::z() * 0.02;
-                cone(b - pose.forward * 0.04, toes, r * 0.75, r * 0.6, 0.0);
-            }
-            _ => cone(a, b, r * girth.sqrt(), r * girth.sqrt(), 0.0),
-        }
-    }
-    balls
-}
-
-fn mask(camera: &Camera, balls: &[(Point3<f64>, f64)]) -> Vec<bool> {
-    let [width, height] = camera.image_size.map(|it| it as i32);
-    let mut mask = vec![false; (width * height) as usize];
-    for (centre, radius) in balls {
-        let Some(pixel) = camera.project(centre) else { continue };
-        let depth = (camera.camera_from_world * centre).z;
-        disc(&mut mask, [width, height], [pixel.x, pixel.y], camera.intrinsics.focal[0] * radius / depth, true);
-    }
-    mask
-}
-
-fn disc(mask: &mut [bool], [width, height]: [i32; 2], [x, y]: [f64; 2], radius: f64, value: bool) {
-    for row in ((y - radius).ceil() as i32).max(0)..=((y + radius).floor() as i32).min(height - 1) {
-        let half = (radius.powi(2) - (f64::from(row) - y).powi(2)).max(0.0).sqrt();
-        for column in ((x - half).ceil() as i32).max(0)..=((x + half).floor() as i32).min(width - 1) {
-            mask[(row * width + column) as usize] = value;
-        }
-    }
-}
-
-/// Voxels whose centres lie in all silhouettes.
-fn carve(
-    pose: &Pose,
-    girth: f64,
-    cameras: &[Camera],
-    size: f64,
-    faults: bool,
-    random: &mut Random,
-) -> (Point3<f64>, Vec<[u16; 3]>) {
-    let balls = balls(pose, girth);
-    let mut masks: Vec<(&Camera, Vec<bool>)> = cameras.iter().map(|it| (it, mask(it, &balls))).collect();
-    if faults {
-        if random.uniform() < 0.05 {
-            masks.remove(random.below(cameras.len() as u32) as usize);
-        }
-        for (camera, mask) in &mut masks {
-            let [width, height] = camera.image_size.map(|it| it as i32);
-            let scale = f64::from(width) / 320.0;
-            // Holes where clothes look like the background, shadows by the feet.
-            for _ in 0..random.below(3) {
-                let (centre, _) = balls[random.below(balls.len() as u32) as usize];
-                if let Some(pixel) = camera.project(&centre) {
-                    let radius = random.uniform_in(1.0, 3.0) * scale;
-                    let at = [pixel.x + random.normal() * 4.0 * scale, pixel.y + random.normal() * 4.0 * scale];
-                    disc(mask, [width, height], at, radius, false);
-                }
-            }
-            for _ in 0..random.below(3) {
-                let ankle = pose.parts[13 + random.below(2) as usize].ends[1];
-                let on_floor = Point3::new(ankle.x + 0.15 * random.normal(), ankle.y + 0.15 * random.normal(), 0.0);
-                if let Some(pixel) = camera.project(&on_floor) {
-                    disc(mask, [width, height], [pixel.x, pixel.y], random.uniform_in(2.0, 7.0) * scale, true);
-                }
-            }
-        }
-    }
-    let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
-    for (centre, radius) in &balls {
-        low = low.inf(&(centre.coords.add_scalar(-radius)));
-        high = high.sup(&(centre.coords.add_scalar(*radius)));
-    }
-    // A volume somewhat larger than the body, on one lattice.
-    let first = (low.add_scalar(-0.25) / size).map(f64::floor);
-    let n = ((high.add_scalar(0.25) / size).map(f64::ceil) - first).map(|it| it as u16);
-    let origin = Point3::from(first * size);
-    let mut voxels = Vec::new();
-    for z in 0..n.z {
-        for y in 0..n.y {
-            for x in 0..n.x {
-                let centre = origin + Vector3::new(f64::from(x) + 0.5, f64::from(y) + 0.5, f64::from(z) + 0.5) * size;
-                if centre.z < 0.0 {
-                    continue;
-                }
-                let is_in = |(camera, mask): &(&Camera, Vec<bool>)| {
-                    let Some(pixel) = camera.project(&centre) else { return false };
-                    let (column, row) = (pixel.x.round() as i32, pixel.y.round() as i32);
-                    let [width, height] = camera.image_size.map(|it| it as i32);
-                    column >= 0 && row >= 0 && column < width && row < height && mask[(row * width + column) as usize]
-                };
-                if masks.iter().all(is_in) {
-                    voxels.push([x, y, z]);
-                }
-            }
-        }
-    }
-    (origin, voxels)
 }
 
 /// The ten-part model's joints on the simulated body.
@@ -277,6 +155,8 @@ struct Score {
     errors: Vec<(Joint, f64)>,
     /// Joint, from the true place to the one found: to the front, to the side that the joint is on, up [m].
     biases: Vec<(Joint, [f64; 3])>,
+    /// Joint, squared error over what is stated, a third of it: 1 where sigmas are right.
+    normalised: Vec<(Joint, f64)>,
     /// Of the torso's front from the true one [rad].
     yaws: Vec<f64>,
     /// How sure the sides are, and whether they are right.
@@ -384,12 +264,16 @@ impl Score {
             let Some((_, place)) = truth.iter().find(|it| it.0 == named) else { continue };
             let away = it.position - place;
             let out = if named.name().starts_with("right") { -1.0 } else { 1.0 };
+            if let Some(inverse) = it.covariance.fixed_view::<3, 3>(0, 0).into_owned().try_inverse() {
+                self.normalised.push((named, away.dot(&(inverse * away)) / 3.0));
+            }
             self.biases.push((named, [away.dot(&front), away.dot(&left) * out, away.dot(&up)]));
         }
     }
 
     fn join(&mut self, other: Score) {
         self.biases.extend(other.biases);
+        self.normalised.extend(other.normalised);
         self.yaws.extend(other.yaws);
         self.facings.extend(other.facings);
         let n_errors = other.errors.len();
@@ -446,6 +330,18 @@ impl Score {
         };
         let named = Joint::ALL.iter().filter(|it| self.biases.iter().any(|e| e.0 == **it));
         named.map(one).collect::<Vec<_>>().join(", ")
+    }
+
+    /// Squared errors over what is stated: median (0.79 of a Gaussian) and 95 % (2.6).
+    fn by_sigma(&self) -> String {
+        let one = |joint: Option<Joint>| {
+            let of = |it: &&(Joint, f64)| joint.is_none_or(|joint| it.0 == joint);
+            let mut all: Vec<f64> = self.normalised.iter().filter(of).map(|it| it.1).collect();
+            let name = joint.map_or("normalised squared errors: all", Joint::name);
+            format!("{name} {:.2}/{:.1}", percentile(&mut all, 0.5), percentile(&mut all, 0.95))
+        };
+        let named = Joint::ALL.into_iter().filter(|it| self.normalised.iter().any(|e| e.0 == *it));
+        std::iter::once(None).chain(named.map(Some)).map(one).collect::<Vec<_>>().join(", ")
     }
 
     /// Medians over people, and the worst of them; what was lost while hands were fast.
