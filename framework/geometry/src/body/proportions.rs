@@ -45,11 +45,10 @@ pub fn share(part: Part) -> Vector3<f64> {
 /// people that are not in the figures.
 pub fn joint_sigma(joint: Joint) -> f64 {
     match joint {
-        Joint::Head => 0.010,
-        Joint::Neck => 0.022,
-        Joint::LeftHip | Joint::RightHip => 0.024,
-        Joint::LeftShoulder | Joint::RightShoulder => 0.018,
-        _ => 0.020,
+        Joint::Head => 0.008,
+        Joint::Neck => 0.017,
+        Joint::LeftHip | Joint::RightHip => 0.019,
+        _ => 0.014,
     }
 }
 

@@ -137,7 +137,7 @@ const LOOK_EVERY: u64 = 3;
 const POSE_S: f64 = 0.3;
 
 /// Joints are off by this part of a voxel's edge besides [–]: of people that are not in the figures.
-const VOXEL_SHARE: f64 = 0.3;
+const VOXEL_SHARE: f64 = 0.25;
 
 /// Radius of a head with hair in a hull, and how far it varies [m]: heads of 0.155 m × 0.19 m × 0.23 m (Winter, figure 4.1) are balls of 0.095 m.
 const HEAD_RADIUS: f64 = 0.095;

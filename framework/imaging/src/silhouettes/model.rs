@@ -210,12 +210,16 @@ impl Model {
         }
     }
 
-    /// A background pixel's channel has this value in the learnt light: mean and variance move by the part `rate` towards it.
-    pub fn follow(&mut self, i: usize, value: f32, rate: f32) {
-        let off = value - self.mean[i];
-        self.mean[i] += rate * off;
-        let variance = self.variance[i];
-        self.variance[i] = (variance + rate * (off * off - variance)).max(self.least[i]);
+    /// Mean and variance of `pixels` move by `shares` (0 to 1) towards `values`, which are in the learnt light; both byte by byte. A saturated channel teaches that it is so.
+    pub fn follow(&mut self, pixels: Range<usize>, values: &[f32], shares: &[f32]) {
+        let bytes = pixels.start * CHANNELS..pixels.end * CHANNELS;
+        let known = self.mean[bytes.clone()].iter_mut().zip(&mut self.variance[bytes.clone()]);
+        let seen = values.iter().zip(shares).zip(&self.least[bytes]);
+        for ((mean, variance), ((value, share), least)) in known.zip(seen) {
+            let off = value - *mean;
+            *mean += share * off;
+            *variance = (*variance + share * (off * off - *variance)).max(*least);
+        }
     }
 
     /// Another thing has become background.

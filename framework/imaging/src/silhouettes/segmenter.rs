@@ -93,6 +93,9 @@ pub struct Segmenter {
     /// One row of a picture in the learnt light, and what the quick test says of it.
     row: Vec<u8>,
     quick: Quick,
+    /// One row in the learnt light, and by how much the background follows each of its bytes.
+    relit: Vec<f32>,
+    shares: Vec<f32>,
     n_pictures: u32,
     n_flooded: u32,
     /// Pixels on edges of the background, by quarter of the picture.
@@ -136,6 +139,8 @@ impl Segmenter {
             held: Vec::new(),
             row: vec![0; width * CHANNELS],
             quick: Quick::default(),
+            relit: Vec::new(),
+            shares: Vec::new(),
             n_pictures: 0,
             n_flooded: 0,
             edges: Default::default(),
@@ -339,16 +344,18 @@ impl Segmenter {
 
     /// A row in the learnt light, rounded.
     fn relight(&mut self, row: &[u8], y: usize) {
-        for first in (0..self.model.width).step_by(BLOCK) {
-            let end = (first + BLOCK).min(self.model.width);
-            let gains = self.lights.at((first + end) / 2, y);
-            // 8 bits after the point; a picture less than 1/128 as bright is black.
-            let factors = gains.map(|it| (256.0 / it.max(0.008) + 0.5) as u32);
-            for x in first..end {
-                for (channel, factor) in factors.iter().enumerate() {
-                    let at = x * CHANNELS + channel;
-                    self.row[at] = ((u32::from(row[at]) * factor + 128) >> 8).min(255) as u8;
-                }
+        const BYTES: usize = BLOCK * CHANNELS;
+        let n_bytes = self.row.len();
+        for first in (0..n_bytes).step_by(BYTES) {
+            let end = (first + BYTES).min(n_bytes);
+            let gains = self.lights.at((first + end) / (2 * CHANNELS), y);
+            // 12 bits after the point; a picture less than 1/15 as bright is black.
+            let factors = gains.map(|it| (4096.0 / it.max(0.067) + 0.5) as u16);
+            let factors: [u16; BYTES] = std::array::from_fn(|i| factors[i % CHANNELS]);
+            for ((lit, value), factor) in self.row[first..end].iter_mut().zip(&row[first..end]).zip(&factors) {
+                // The upper half of the product has 4 bits after the point.
+                let product = ((u32::from(u16::from(*value) << 8) * u32::from(*factor)) >> 16) as u16;
+                *lit = ((product + 8) >> 4).min(255) as u8;
             }
         }
     }
@@ -401,17 +408,27 @@ impl Segmenter {
         let rate = (BANDS as f32 / self.config.adapt_frames).min(1.0);
         for y in (self.n_pictures as usize % BANDS..height).step_by(BANDS) {
             let row = y * width..(y + 1) * width;
-            for first in row.clone().step_by(BLOCK) {
-                let per_gain = self.lights.at(first - row.start, y).map(|it| 1.0 / it);
-                for i in first..(first + BLOCK).min(row.end) {
-                    let bytes = i * CHANNELS..(i + 1) * CHANNELS;
-                    if self.mask[i] == 0 && self.confidence[i] < PLAIN {
-                        for at in bytes {
-                            // A saturated channel teaches that it is so.
-                            self.model.follow(at, f32::from(rgb[at]) * per_gain[at % CHANNELS], rate);
-                        }
-                    } else if self.config.absorb_frames > 0 && self.mask[i] != 0 {
-                        self.stay(i, [rgb[bytes.start], rgb[bytes.start + 1], rgb[bytes.start + 2]], per_gain);
+            self.shares.clear();
+            for (mask, confidence) in self.mask[row.clone()].iter().zip(&self.confidence[row.clone()]) {
+                let share = if *mask == 0 && *confidence < PLAIN { rate } else { 0.0 };
+                self.shares.extend([share; CHANNELS]);
+            }
+            self.relit.clear();
+            let bytes = row.start * CHANNELS..row.end * CHANNELS;
+            self.relit.extend(rgb[bytes].iter().map(|it| f32::from(*it)));
+            if !self.lights.is_learnt() {
+                for (block, values) in self.relit.chunks_mut(BLOCK * CHANNELS).enumerate() {
+                    let per_gain = self.lights.at(block * BLOCK, y).map(|it| 1.0 / it);
+                    values.iter_mut().enumerate().for_each(|(at, it)| *it *= per_gain[at % CHANNELS]);
+                }
+            }
+            self.model.follow(row.clone(), &self.relit, &self.shares);
+            if self.config.absorb_frames > 0 {
+                for i in row.clone() {
+                    if self.mask[i] != 0 {
+                        let per_gain = self.lights.at((i - row.start) / BLOCK * BLOCK, y).map(|it| 1.0 / it);
+                        let at = i * CHANNELS;
+                        self.stay(i, [rgb[at], rgb[at + 1], rgb[at + 2]], per_gain);
                     }
                 }
             }
