@@ -92,7 +92,7 @@ const STRIPES: f64 = 0.03;
 /// Two pictures are alike where they differ in less than this part of the rarer value of either [–].
 const ALIKE: f64 = 0.3;
 /// Changes of a bit that say something.
-const MIN_CHANGES: usize = 30;
+pub(super) const MIN_CHANGES: usize = 30;
 /// Of the rarer value so many are expected by chance where its absence says something.
 const MIN_RARER: f64 = 8.0;
 /// A bit has one value where the other is rarer than this part of what chance makes it [–].
