@@ -27,6 +27,7 @@ mod moved;
 mod orientation;
 pub mod pair;
 pub mod pattern;
+mod picture_file;
 pub mod pictures;
 #[cfg(test)]
 mod procam_tests;
