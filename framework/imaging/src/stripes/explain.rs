@@ -299,7 +299,10 @@ fn explained(code: &StripeCode, n_pictures: usize, skipped: &[usize], samples: &
 fn reordered(code: &StripeCode, n_pictures: usize, skipped: &[usize], samples: &Samples) -> Option<StripeCode> {
     let roles = code.pictures();
     let from_the_end: Vec<Shown> = roles.iter().rev().copied().collect();
-    [&roles, &from_the_end].into_iter().find_map(|order| {
+    // Inverses that come last stand where bits of the other axis do.
+    let inverses_last = StripeCode { inverse: Inverse::Last, ..code.clone() }.pictures();
+    let orders = [&roles, &from_the_end, &inverses_last];
+    orders.into_iter().filter(|it| it.len() == roles.len()).find_map(|order| {
         let (seen, known, n_known) = taken_for(code, order, n_pictures, skipped, samples);
         let set = Seens { roles: &roles, seen: &seen, known: &known, samples };
         if n_known as f64 >= KNOWN * n_bits(&roles) as f64 { set.other_order(code) } else { None }
@@ -412,7 +415,7 @@ impl Seens<'_> {
     fn other_order(&self, code: &StripeCode) -> Option<StripeCode> {
         let inverses: &[Inverse] = match code.inverse {
             Inverse::None => &[Inverse::None],
-            _ => &[Inverse::After, Inverse::Before, Inverse::Apart],
+            _ => &[Inverse::After, Inverse::Before, Inverse::Apart, Inverse::Last],
         };
         let orders = permutations(&code.order);
         let all = orders.iter().flat_map(|order| {

@@ -267,6 +267,24 @@ fn another_order_is_recognised() {
 }
 
 #[test]
+fn inverses_after_the_bits_of_both_axes_are_recognised_and_decoded() {
+    let last = StripeCode { inverse: Inverse::Last, ..wall_code() };
+    let as_others: Vec<Vec<u8>> = {
+        let (pictures, shown) = (wall_set(1), wall_code().pictures());
+        let of = |it: &Shown| pictures[shown.iter().position(|other| other == it).unwrap()].clone();
+        last.pictures().iter().map(of).collect()
+    };
+    let found = examined(&wall_code(), &as_others);
+    let said: Vec<String> = found.faults.iter().map(|it| it.describe(&wall_code(), &|at| at.to_string())).collect();
+    assert!(
+        said.len() == 1 && said[0].contains("order = \"columns rows white black\", inverse = \"last\""),
+        "{said:?}"
+    );
+    assert_eq!(examined(&last, &as_others).faults, []);
+    assert_eq!(examined(&last, &as_others).usable(&last), Axis::BOTH);
+}
+
+#[test]
 fn bits_in_each_others_places_are_named_and_no_third() {
     let exchange = |a: usize, b: usize| {
         move |it: &mut Vec<Vec<u8>>| {
