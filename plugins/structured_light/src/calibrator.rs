@@ -283,7 +283,7 @@ impl Calibrator {
         self.remarks.extend(one_angle(&normals));
         if self.sets.len() < 3 {
             self.remarks.push(format!(
-                "{} sets hold focal length and principal point at best, no lens, and none can be held out: expected at least 3",
+                "{} sets hold focal length, principal point and the first term of a lens at best, and none can be held out: expected at least 3",
                 self.sets.len()
             ));
         } else {
