@@ -17,7 +17,7 @@
 use std::collections::BTreeMap;
 
 use foveate::prelude::*;
-use foveate::scene::Calibration;
+use foveate::scene::{Calibration, LengthUnit};
 use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -67,6 +67,8 @@ pub struct ExportCloud {
     names: BTreeMap<String, u64>,
     written: u64,
     left_out: u64,
+    /// Points that are farther away than range pictures can say.
+    far: u64,
     report: Report,
 }
 
@@ -92,6 +94,7 @@ impl Node for ExportCloud {
             names: BTreeMap::new(),
             written: 0,
             left_out: 0,
+            far: 0,
             report: Report::default(),
         })
     }
@@ -111,6 +114,18 @@ impl Node for ExportCloud {
         report.figure("export.clouds", self.written as f64);
         if self.left_out > 0 && self.file.is_wanted() {
             report.remark(format!("{} point clouds beyond `max_clouds` were not written", self.left_out));
+        }
+        if self.far > 0 {
+            let (n, unit) = (self.far, self.settings.range_unit_mm);
+            report.remark(format!(
+                "{n} points are farther away than the {:.1} m that a range picture of 65535 steps of {unit} mm holds, and are 0 there: `range_unit_mm` says larger steps",
+                65.535 * unit
+            ));
+        }
+        if self.calibration.length_unit != LengthUnit::Metre && self.written > 0 {
+            report.remark(
+                "lengths in the files of point clouds are in the calibration's own unit, which was never measured in metres: `foveate convert --metres-per-unit` says it",
+            );
         }
         Ok(())
     }
@@ -150,7 +165,8 @@ impl ExportCloud {
         let stem = self.free_stem(&camera_name, &cloud.name, ending);
         let mut put = |name: String, bytes: &[u8]| self.file.named(name).write(bytes, &mut self.report);
         if self.settings.ply {
-            put(format!("{stem}.ply"), &ply(cloud))?;
+            let unit = if calibration.length_unit == LengthUnit::Metre { "metres" } else { "unit unknown" };
+            put(format!("{stem}.ply"), &ply(cloud, unit))?;
         }
         if self.settings.glb {
             let bytes = cloud_glb(cloud, &stem).map_err(|it| {
@@ -169,7 +185,12 @@ impl ExportCloud {
                 let at = usize::from(point.pixel[1]) * columns as usize + usize::from(point.pixel[0]);
                 let (Some(range), Some(shaded)) = (range.get_mut(at), shaded.get_mut(at)) else { continue };
                 let depth_mm = 1e3 * (camera_from_space * point.position.cast::<f64>()).z;
-                *range = (depth_mm / self.settings.range_unit_mm).round().clamp(0.0, 65_535.0) as u16;
+                let steps = (depth_mm / self.settings.range_unit_mm).round();
+                if steps > 65_535.0 {
+                    self.far += 1;
+                } else {
+                    *range = steps.max(0.0) as u16;
+                }
                 *shaded = shade(&(camera_from_space.rotation * point.normal.cast::<f64>()));
                 if point.normal != Vector3::zeros() {
                     normals[3 * at..3 * at + 3]
@@ -211,10 +232,10 @@ pub(crate) fn encoded(
     Ok(bytes)
 }
 
-/// A cloud as a binary PLY file.
-pub fn ply(cloud: &PointCloud) -> Vec<u8> {
+/// A cloud as a binary PLY file, whose header says that lengths are in `unit`.
+pub fn ply(cloud: &PointCloud, unit: &str) -> Vec<u8> {
     let mut header = format!(
-        "ply\nformat binary_little_endian 1.0\ncomment metres, {}\nelement vertex {}\n",
+        "ply\nformat binary_little_endian 1.0\ncomment {unit}, {}\nelement vertex {}\n",
         cloud.name.replace(['\n', '\r'], " "),
         cloud.len()
     );
@@ -263,7 +284,7 @@ mod tests {
 
     #[test]
     fn a_ply_file_has_a_record_of_35_bytes_for_each_point() {
-        let bytes = ply(&cloud());
+        let bytes = ply(&cloud(), "metres");
         let end = b"end_header\n";
         let start = bytes.windows(end.len()).position(|it| it == end).unwrap() + end.len();
         let header = String::from_utf8(bytes[..start].to_vec()).unwrap();
@@ -297,5 +318,25 @@ mod tests {
         let range = report.files.iter().find(|it| it.to_string_lossy().contains("range")).unwrap();
         let picture = image::open(folder.path().join(range)).unwrap();
         assert_eq!((picture.width(), picture.height(), picture.color()), (4, 3, image::ColorType::L16));
+    }
+
+    #[test]
+    fn lengths_of_no_known_unit_and_points_beyond_range_pictures_are_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut calibration = foveate_testkit::scene::ring_calibration(4);
+        calibration.length_unit = LengthUnit::Unknown;
+        let out_dir = Some(folder.path().to_owned());
+        let setup = Setup { calibration: std::sync::Arc::new(calibration), out_dir, ..Setup::for_tests() };
+        let mut bench = NodeBench::<ExportCloud>::with_setup(ExportCloudSettings::default(), &setup).unwrap();
+        // As a calibration in millimetres has it.
+        let viewpoint = Some(Viewpoint { camera_from_space: nalgebra::Isometry3::translation(0.0, 0.0, 1998.0) });
+        bench.feed(&CLOUD, Time::ZERO, PointCloud { viewpoint, ..cloud() }).unwrap();
+        let report = bench.finish().unwrap();
+        let said = report.remarks.join("; ");
+        assert!(said.contains("3 points are farther away than the 6.6 m"), "{said}");
+        assert!(said.contains("own unit, which was never measured in metres"), "{said}");
+        let file = report.files.iter().find(|it| it.to_string_lossy().ends_with(".ply")).unwrap();
+        let header = String::from_utf8_lossy(&std::fs::read(folder.path().join(file)).unwrap()[..80]).into_owned();
+        assert!(header.contains("comment unit unknown") && !header.contains("metres"), "{header}");
     }
 }

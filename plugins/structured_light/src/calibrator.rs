@@ -202,7 +202,8 @@ struct Foretold {
 }
 
 impl Calibrator {
-    fn guess(&self, which: usize, n_sets: usize) -> CameraGuess {
+    /// With `has_lens`, what bends straight rows is to be found.
+    fn guess(&self, which: usize, n_sets: usize, has_lens: bool) -> CameraGuess {
         let image_size = self.sizes[which];
         let intrinsics = Intrinsics { focal: guessed_focal(image_size, 1.0), principal: middle(image_size), skew: 0.0 };
         let camera = Camera {
@@ -211,16 +212,17 @@ impl Calibrator {
             distortion: Distortion::default(),
             camera_from_world: Isometry3::identity(),
         };
-        // Two views of a plane hold four numbers of a camera: its focal length and principal point, and no lens.
+        // How two views of a plane are foreshortened holds four numbers of a camera: focal length and principal point, and no shape of pixels. Its lens bends straight rows of
+        // corners in each view, and the views themselves tell whether they hold its first term.
         let few = Freedom { focal: true, principal: true, ..Freedom::POSE };
         let free = match n_sets < 3 {
-            true => few,
+            true => Freedom { k1: has_lens, ..few },
             false => Freedom { aspect: true, k1: true, k2: true, decentering: true, ..few },
         };
         CameraGuess { name: self.names[which].clone(), camera, free }
     }
 
-    fn recording(&self, without: Option<Time>) -> Recording {
+    fn recording(&self, without: Option<Time>, has_lens: bool) -> Recording {
         let n_sets = self.sets.len() - usize::from(without.is_some());
         let spot = |it: &Feature| Spot {
             pixel: it.centre,
@@ -234,20 +236,26 @@ impl Calibrator {
             [0, 1].map(|camera| CameraFrame { camera, time_s, spots: set.features[camera].iter().map(spot).collect() })
         });
         Recording {
-            cameras: vec![self.guess(0, n_sets), self.guess(1, n_sets)],
+            cameras: [0, 1].map(|it| self.guess(it, n_sets, has_lens)).into(),
             camera_frames: camera_frames.collect(),
         }
     }
 
+    /// Where views do not hold a lens beside what else is found, without one.
     fn solve(&self, without: Option<Time>) -> Result<BoardSolution, String> {
+        self.solve_with(without, true).or_else(|_| self.solve_with(without, false))
+    }
+
+    fn solve_with(&self, without: Option<Time>, has_lens: bool) -> Result<BoardSolution, String> {
         let n_sets = self.sets.len() - usize::from(without.is_some());
         let options = BoardOptions { hold_out_every: 0, min_views: n_sets.clamp(2, 3), ..BoardOptions::default() };
-        let solution = calibrate(&self.recording(without), &self.board, &options).map_err(|fault| {
-            match self.guessed_angles() {
-                Some(cause) => cause,
-                None => fault.to_string(),
-            }
-        })?;
+        let solution =
+            calibrate(&self.recording(without, has_lens), &self.board, &options).map_err(|fault| {
+                match self.guessed_angles() {
+                    Some(cause) => cause,
+                    None => fault.to_string(),
+                }
+            })?;
         let bad = solution.solved.cameras.iter().zip(&solution.optics);
         match bad.into_iter().find(|(camera, _)| camera.status != CameraStatus::Calibrated) {
             Some((camera, optics)) => {
@@ -275,7 +283,7 @@ impl Calibrator {
         self.remarks.extend(one_angle(&normals));
         if self.sets.len() < 3 {
             self.remarks.push(format!(
-                "{} sets hold focal length and principal point at best, no lens, and none can be held out: expected at least 3",
+                "{} sets hold focal length, principal point and the first term of a lens at best, and none can be held out: expected at least 3",
                 self.sets.len()
             ));
         } else {
@@ -367,7 +375,7 @@ impl Calibrator {
 
     /// What is to be said where the boards, placed by the guessed camera, have nearly one direction.
     fn guessed_angles(&self) -> Option<String> {
-        let camera = self.guess(0, self.sets.len()).camera;
+        let camera = self.guess(0, self.sets.len(), true).camera;
         let normal = |set: &Set| {
             let marks = set.features[0].iter().filter_map(|it| Some((self.board.place(it.label?)?, it.centre)));
             let (places, pixels): Marks = marks.unzip();

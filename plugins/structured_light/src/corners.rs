@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use foveate::imaging::ImageView;
 use foveate::imaging::chessboard::{Corner, find_chessboard, largest_grid};
 use foveate::prelude::*;
-use nalgebra::{Matrix2, Point2, SMatrix, SVector};
+use nalgebra::{Matrix2, Point2, SMatrix, SVector, Vector2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -26,6 +26,7 @@ ports! {
 figures! {
     "corners.boards.*": count, high, "Sets of pictures in whose white one the camera saw the board";
     "corners.sets_searched.*": count, neither, "Sets of pictures that were searched for the board";
+    "corners.mirrored.*": count, low, "Boards of the camera whose corners run the other way round in the projector; none of these is used";
     "corners.without_projector.*": count, low, "Corners of boards that the camera saw and around which too little was decoded to place them in the projector";
 }
 
@@ -64,6 +65,7 @@ pub struct Corners {
     searched: u64,
     found: u64,
     without: u64,
+    mirrored: u64,
     /// By corners of the largest grid where the board was not found: in how many pictures.
     others: BTreeMap<[usize; 2], u64>,
 }
@@ -93,6 +95,7 @@ impl Node for Corners {
             searched: 0,
             found: 0,
             without: 0,
+            mirrored: 0,
             others: BTreeMap::new(),
         })
     }
@@ -115,7 +118,11 @@ impl Node for Corners {
         }
         if let Some(map) = io.take(&MAP) {
             let Some((_, corners)) = self.white.take().filter(|it| it.0 == map.time()) else { return Ok(()) };
-            let list = self.in_projector(&map.value, &corners);
+            let mut list = self.in_projector(&map.value, &corners);
+            if is_mirrored(&corners, &list) {
+                self.mirrored += 1;
+                list.clear();
+            }
             io.emit(&FEATURES, map.stamp, Features { camera: self.projector, list });
         }
         Ok(())
@@ -126,6 +133,13 @@ impl Node for Corners {
         report.figure(format!("corners.sets_searched.{name}"), self.searched as f64);
         report.figure(format!("corners.boards.{name}"), self.found as f64);
         report.figure(format!("corners.without_projector.{name}"), self.without as f64);
+        report.figure(format!("corners.mirrored.{name}"), self.mirrored as f64);
+        if self.mirrored > 0 {
+            report.remark(format!(
+                "the board's corners run the other way round in the projector than in {name} in {} of {} sets, which are not used: the pictures of one of both are mirrored, or columns and rows are exchanged (`pattern.order`)",
+                self.mirrored, self.found
+            ));
+        }
         let CornersSettings { columns, rows, .. } = self.settings;
         if self.searched > 0 && self.found < self.searched {
             let missing = self.searched - self.found;
@@ -169,6 +183,17 @@ impl Corners {
         }
         list
     }
+}
+
+/// Whether corners turn the other way round in the projector: both look at one side of the board.
+fn is_mirrored(corners: &[Corner], in_projector: &[Feature]) -> bool {
+    let pairs = in_projector.iter().filter_map(|it| Some((corners.get(it.label? as usize)?.centre, it.centre)));
+    let (seen, lit): (Vec<Point2<f64>>, Vec<Point2<f64>>) = pairs.unzip();
+    let middle = |list: &[Point2<f64>]| list.iter().map(|it| it.coords).sum::<Vector2<f64>>() / list.len() as f64;
+    let (of_seen, of_lit) = (middle(&seen), middle(&lit));
+    let shape: Matrix2<f64> =
+        seen.iter().zip(&lit).map(|(a, b)| (b.coords - of_lit) * (a.coords - of_seen).transpose()).sum();
+    shape.determinant() < 0.0
 }
 
 /// Pixels that place a corner, at least.
@@ -279,5 +304,32 @@ mod tests {
         let said = remarks(8, 6).concat();
         assert!(said.contains("no chessboard of 8 x 6 inner corners in 1 of 1 white pictures"), "{said}");
         assert!(said.contains("the largest chessboard there has 7 x 4 inner corners"), "{said}");
+    }
+
+    /// The places in the projector of the corners of that board, under a projector whose picture is as wide as the camera's, and mirrored or not.
+    fn in_projector(is_mirrored: bool) -> (usize, Vec<String>) {
+        let calibration = foveate_testkit::scene::ring_calibration(2);
+        let projector = calibration.cameras[1].name.clone();
+        let settings = CornersSettings { columns: 7, rows: 4, square_mm: 30.0, projector, reach: default_reach() };
+        let setup = Setup { calibration: std::sync::Arc::new(calibration), ..Setup::for_tests() };
+        let mut bench = NodeBench::<Corners>::with_setup(settings, &setup).unwrap();
+        let mut map = ProjectorMap { projector_size: [240, 180], width: 240, height: 180, ..ProjectorMap::default() };
+        for at in 0..240 * 180 {
+            let (x, y) = ((at % 240) as f32, (at / 240) as f32);
+            let coordinate = [if is_mirrored { 239.0 - x } else { x }, 0.9 * y + 5.0];
+            map.push(ProjectorSample { coordinate, sigma: [0.05; 2] });
+        }
+        bench.feed(&WHITE, Time::ZERO, white()).unwrap();
+        bench.feed(&MAP, Time::ZERO, map).unwrap();
+        let n = bench.outputs(&FEATURES).last().unwrap().value.list.len();
+        (n, bench.finish().unwrap().remarks)
+    }
+
+    #[test]
+    fn a_board_that_is_mirrored_in_the_projector_is_told_and_not_used() {
+        assert_eq!(in_projector(false), (28, Vec::new()));
+        let (n, said) = in_projector(true);
+        assert_eq!(n, 0);
+        assert!(said.concat().contains("run the other way round in the projector than in"), "{said:?}");
     }
 }

@@ -8,6 +8,7 @@
 //! | [`structured_light.decoder`](decoder::Decoder) | finds where in the projector each camera pixel is lit from |
 //! | [`structured_light.boundaries`](boundaries::Boundaries) | tracks boundaries of stripes on what moves, picture by picture |
 //! | [`structured_light.corners`](corners::Corners) | finds the corners of a chessboard in camera and projector |
+//! | [`structured_light.points`](points::Points) | numbers points of whatever stands in the light, in cameras and projector, to calibrate them without a board |
 //! | [`structured_light.calibrator`](calibrator::Calibrator) | calibrates camera and projector together from these, and tests each set by the others |
 //! | [`structured_light.triangulator`](triangulator::Triangulator) | makes a point cloud with covariances and normals |
 //! | [`structured_light.surface`](surface::JoinedSurface) | registers clouds of a thing that may move, and fuses them into one surface |
@@ -27,7 +28,9 @@ mod moved;
 mod orientation;
 pub mod pair;
 pub mod pattern;
+mod picture_file;
 pub mod pictures;
+pub mod points;
 #[cfg(test)]
 mod procam_tests;
 pub mod projector;
@@ -46,6 +49,7 @@ pub fn register(registry: &mut Registry) {
     registry.add::<decoder::Decoder>();
     registry.add::<boundaries::Boundaries>();
     registry.add::<corners::Corners>();
+    registry.add::<points::Points>();
     registry.add::<calibrator::Calibrator>();
     registry.add::<triangulator::Triangulator>();
     registry.add::<surface::JoinedSurface>();

@@ -33,6 +33,8 @@ pub enum InversePictures {
     Before,
     /// After all bits of its axis.
     Apart,
+    /// After all bits of both axes.
+    Last,
     /// There are none: the mean of white and black is the threshold.
     None,
 }
@@ -47,7 +49,7 @@ pub struct PatternSettings {
     pub code: Code,
     /// What follows what, each at most once: `columns` (the bits that tell the column), `rows`, `white`, `black`; of a boundary code, the first of `columns` and `rows` alone [–]
     pub order: String,
-    /// Where the inverse of a bit stands: `after` it, `before` it, `apart` (after all bits of its axis), `none` [–]
+    /// Where the inverse of a bit stands: `after` it, `before` it, `apart` (after all bits of its axis), `last` (after all bits of both axes), `none` [–]
     pub inverse: InversePictures,
     /// Whether the finest stripes of an axis come first [–]
     pub fine_first: bool,
@@ -121,6 +123,7 @@ impl PatternSettings {
             InversePictures::After => Inverse::After,
             InversePictures::Before => Inverse::Before,
             InversePictures::Apart => Inverse::Apart,
+            InversePictures::Last => Inverse::Last,
             InversePictures::None => Inverse::None,
         };
         let code = match self.code {

@@ -2,22 +2,19 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use foveate::imaging::jpeg;
 use foveate::prelude::*;
 use foveate::scene::natural_order;
 use foveate::scene::selection::matches;
-use image::metadata::Orientation;
-use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::counter;
 use crate::pattern::{MANIFEST, PatternSettings};
+use crate::picture_file::{Gray, Levels, Note, decode};
 
 ports! {
     PICTURES: Out<PatternPictures> = "pictures";
@@ -32,7 +29,7 @@ figures! {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PicturesSettings {
-    /// A folder of pictures (PNG, JPEG, BMP, PGM, PPM) in the order of their names, numbers in them counting as numbers; or a folder of such folders, or several by `*` and `?` in its last part, as in
+    /// A folder of pictures (PNG, JPEG, TIFF, BMP, PGM, PPM) in the order of their names, numbers in them counting as numbers; or a folder of such folders, or several by `*` and `?` in its last part, as in
     /// `scans/pose_*`; `{camera}` is the camera's name, `${NAME}` an environment variable [–]
     pub path: String,
     /// Which files of a folder are pictures of the set, by `*` and `?` [–]
@@ -53,11 +50,9 @@ fn default_rate() -> f64 {
 }
 
 /// Endings of files that are pictures.
-const ENDINGS: [&str; 6] = ["png", "jpg", "jpeg", "bmp", "pgm", "ppm"];
+const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "pgm", "ppm"];
 /// Pictures in a set, at most: a folder of something else is told before it fills the memory.
 const MAX_PICTURES: usize = 400;
-/// Most memory that a decoder may take [bytes].
-const MEMORY_LIMIT: u64 = 1 << 30;
 
 /// Sets of pictures out, one for each folder.
 pub struct Pictures {
@@ -163,7 +158,7 @@ fn check_count(path: &Path, sets: Vec<Vec<PathBuf>>) -> Result<Vec<Vec<PathBuf>>
     let shown = path.display();
     if sets.is_empty() {
         return Err(format!(
-            "found no pictures in `{shown}`{}, expected PNG, JPEG, BMP, PGM or PPM files, or folders of them",
+            "found no pictures in `{shown}`{}, expected PNG, JPEG, TIFF, BMP, PGM or PPM files, or folders of them",
             others(path)
         ));
     }
@@ -205,9 +200,29 @@ fn pictures_in(folder: &Path, files: &str) -> Result<Vec<PathBuf>, String> {
         ENDINGS.contains(&ending.as_str()) && !is_hidden && matches(files, &name_of(it)) && it.is_file()
     };
     let mut files: Vec<PathBuf> = entries(folder)?.into_iter().filter(is_picture).collect();
+    kept_twice(folder, &files)?;
     let first = counter::first_taken(&files);
     files.rotate_left(first);
     Ok(files)
+}
+
+/// Refuses a folder in which pictures lie in two formats, as cameras keep them: they would count as two each.
+fn kept_twice(folder: &Path, files: &[PathBuf]) -> Result<(), String> {
+    let mut endings: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for it in files {
+        let of = |part: Option<&std::ffi::OsStr>| part.map(|it| harmless(&it.to_string_lossy())).unwrap_or_default();
+        endings.entry(of(it.file_stem())).or_default().push(of(it.extension()));
+    }
+    let mut twice = endings.values().filter(|it| it.len() > 1);
+    match twice.next() {
+        Some(kinds) if 2 * (twice.count() + 1) > endings.len() => Err(format!(
+            "found pictures of the same names as {} in `{}`, expected each once: `files = \"*.{}\"` takes one kind",
+            kinds.iter().map(|it| format!("`*.{it}`")).collect::<Vec<_>>().join(" and "),
+            shown(folder),
+            kinds[0]
+        )),
+        _ => Ok(()),
+    }
 }
 
 fn name_of(path: &Path) -> String {
@@ -369,58 +384,6 @@ fn harmless(words: &str) -> String {
     words.chars().map(|it| if it.is_control() { '\u{fffd}' } else { it }).collect()
 }
 
-struct Gray {
-    size: [u32; 2],
-    levels: Levels,
-    notes: Vec<Note>,
-}
-
-enum Levels {
-    Eight(Vec<u8>),
-    Sixteen(Vec<u16>),
-}
-
-/// What is to be known of a picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Note {
-    Wide,
-    Alpha,
-    Turned,
-}
-
-/// A picture as one number a pixel; colours as their luma.
-fn decode(path: &Path) -> Result<Gray, String> {
-    let bytes = fs::read(path).map_err(|error| format!("cannot be read: {error}"))?;
-    if bytes.is_empty() {
-        return Err("cannot be decoded: it is empty (0 bytes)".to_owned());
-    }
-    let kind = match image::guess_format(&bytes) {
-        Ok(kind @ (ImageFormat::Jpeg | ImageFormat::Png | ImageFormat::Bmp | ImageFormat::Pnm)) => kind,
-        _ => return Err("cannot be decoded: it is neither PNG, JPEG, BMP nor PGM or PPM".to_owned()),
-    };
-    if kind == ImageFormat::Jpeg {
-        jpeg::check_whole(&bytes)?;
-    }
-    let mut limits = Limits::default();
-    limits.max_alloc = Some(MEMORY_LIMIT);
-    let mut reader = ImageReader::with_format(Cursor::new(&bytes), kind);
-    reader.limits(limits);
-    let broken = |error: image::ImageError| format!("cannot be decoded: {error}");
-    let mut decoder = reader.into_decoder().map_err(broken)?;
-    let is_turned = decoder.orientation().is_ok_and(|it| it != Orientation::NoTransforms);
-    let picture = DynamicImage::from_decoder(decoder).map_err(broken)?;
-    let color = picture.color();
-    let has_alpha = color.has_alpha() && picture.to_rgba8().pixels().any(|it| it[3] != u8::MAX);
-    let is_wide = color.bytes_per_pixel() / color.channel_count() > 1;
-    let notes = [(is_wide, Note::Wide), (has_alpha, Note::Alpha), (is_turned, Note::Turned)];
-    let size = [picture.width(), picture.height()];
-    let levels = match is_wide {
-        true => Levels::Sixteen(picture.into_luma16().into_raw()),
-        false => Levels::Eight(picture.into_luma8().into_raw()),
-    };
-    Ok(Gray { size, levels, notes: notes.into_iter().filter(|it| it.0).map(|it| it.1).collect() })
-}
-
 #[cfg(test)]
 mod tests {
     use image::{GrayImage, Luma};
@@ -525,11 +488,22 @@ mod tests {
     }
 
     #[test]
+    fn pictures_that_lie_there_in_two_formats_are_told() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["1.png", "1.bmp", "2.png", "2.bmp", "notes.png"] {
+            write(&folder.path().join(name), 3, 7);
+        }
+        let fault = sets(folder.path(), "*").unwrap_err();
+        assert!(fault.contains("as `*.bmp` and `*.png`") && fault.contains("`files = \"*.bmp\"`"), "{fault}");
+        assert_eq!(sets(folder.path(), "*.png").unwrap()[0].len(), 3);
+    }
+
+    #[test]
     fn folders_without_pictures_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         assert!(sets(folder.path(), "*").unwrap_err().contains("found no pictures"));
-        fs::write(folder.path().join("0.tif"), "another kind").unwrap();
-        assert!(sets(folder.path(), "*").unwrap_err().contains("but 1 files `*.tif`, expected PNG"));
+        fs::write(folder.path().join("0.webp"), "another kind").unwrap();
+        assert!(sets(folder.path(), "*").unwrap_err().contains("but 1 files `*.webp`, expected PNG"));
         assert!(sets(&folder.path().join("gone"), "*").unwrap_err().contains("cannot read"));
     }
 }

@@ -66,6 +66,7 @@ fn a_real_projector_is_calibrated_from_three_poses_of_a_board() {
     assert!(figure("both.used_px.rms") < 0.2, "{}", figure("both.used_px.rms"));
     assert!(figure("both.rms_px") < 0.45, "{}", figure("both.rms_px"));
     assert!(figure("projector.held_out_px.rms") < 0.45, "{}", figure("projector.held_out_px.rms"));
+    assert!(figure("projector.held_out_px.worst") < 0.47, "{}", figure("projector.held_out_px.worst"));
     assert!(figure("flatness_mm.worst") < 0.65, "{}", figure("flatness_mm.worst"));
     // Its black squares send back fewer gray levels than the camera's noise needs.
     assert!(figure("coverage") > 0.5, "{}", figure("coverage"));
@@ -137,13 +138,17 @@ fn faults_of_a_real_set_are_named_and_accuse_no_other() {
     check(&drop(38), &["found 41 pictures", "no picture shows bit 9 of the rows, expected after"], true, true);
     check(&drop(40), &["found 41 pictures", "no picture shows white"], true, true);
     let swap = |a: usize, b: usize| move |it: &mut Vec<Vec<u8>>, _: &mut Vec<String>| it.swap(a, b);
-    check(
-        &swap(5, 12),
-        &["graycode_05.jpg` and `capture_0/graycode_12.jpg` stand in each other's places"],
-        false,
-        true,
-    );
-    check(&swap(22, 23), &["of the rows: picture and inverse are exchanged"], true, false);
+    check(&swap(5, 12), &["graycode_05.jpg` and `capture_0/graycode_12.jpg` stand in each other's places"], true, true);
+    check(&swap(22, 23), &["of the rows: picture and inverse are exchanged, and taken for each other"], true, true);
+    let lose = |at: usize| {
+        move |it: &mut Vec<Vec<u8>>, names: &mut Vec<String>| {
+            it.drain(at..at + 2);
+            names.drain(at..at + 2);
+        }
+    };
+    let both =
+        ["found 40 pictures", "no picture shows bit 3 of the columns, expected", "shows bit 3 of the columns, inverse"];
+    check(&lose(6), &both, false, true);
     let double = |it: &mut Vec<Vec<u8>>, _: &mut Vec<String>| it[15] = it[14].clone();
     check(
         &double,
@@ -174,6 +179,17 @@ fn faults_of_a_real_set_are_named_and_accuse_no_other() {
         false,
     );
     check(&put(12, 13), &["graycode_12.jpg` shows bit 6 of the columns on another scene"], true, true);
+}
+
+#[test]
+fn a_real_set_that_is_too_dark_is_told_for_that_alone() {
+    let Some(folder) = foveate_testkit::data_dir_or_skip("a dark real set", "s11_procam_graycode") else { return };
+    let mut set = real_set(&folder);
+    set.pixels.iter_mut().for_each(|it| *it = (0.08 * f64::from(*it)) as u8);
+    let (said, known) = decoded(set);
+    assert!(said.contains("too dark: a longer exposure"), "{said}");
+    assert!(!said.contains("graycode_"), "accuses pictures: {said}");
+    assert_eq!(known, [0.0; 2], "{said}");
 }
 
 #[test]

@@ -368,7 +368,8 @@ fn calibrate(args: &CalibrateArgs, registry: &Registry) -> Result<u8, String> {
 }
 
 /// Nodes whose features may have labels: what is said of a light may be of any of them.
-const LABELLED: [&str; 3] = ["capture.detections", "board.detector", "structured_light.corners"];
+const LABELLED: [&str; 4] =
+    ["capture.detections", "board.detector", "structured_light.corners", "structured_light.points"];
 
 /// Refuses what is said of scale and axes where no capture can make it right.
 fn check_places(

@@ -134,6 +134,8 @@ pub enum Inverse {
     Before,
     /// All bits of an axis, then all their inverses.
     Apart,
+    /// All bits of both axes, then all their inverses in the same order.
+    Last,
     /// There are none: a pixel is lit where it is brighter than the mean of white and black.
     None,
 }
@@ -296,7 +298,19 @@ impl StripeCode {
 
     /// What each picture of a set shows, in order.
     pub fn pictures(&self) -> Vec<Shown> {
-        self.order.iter().flat_map(|group| self.group(*group)).collect()
+        let is_stripes = |it: &Group| matches!(it, Group::Stripes(_));
+        let last = self.order.iter().rposition(is_stripes).filter(|_| self.inverse == Inverse::Last);
+        let group = |(at, group): (usize, &Group)| {
+            let inverses = self.order.iter().filter(|it| last == Some(at) && is_stripes(it)).flat_map(|it| {
+                let inverse = |it: Shown| match it {
+                    Shown::Bit { axis, plane, .. } => Some(Shown::Bit { axis, plane, inverse: true }),
+                    _ => None,
+                };
+                self.group(*it).into_iter().filter_map(inverse)
+            });
+            self.group(*group).into_iter().chain(inverses.collect::<Vec<Shown>>())
+        };
+        self.order.iter().enumerate().flat_map(group).collect()
     }
 
     fn group(&self, group: Group) -> Vec<Shown> {
@@ -318,7 +332,7 @@ impl StripeCode {
             Inverse::After => pair(false).collect(),
             Inverse::Before => pair(true).collect(),
             Inverse::Apart => planes.iter().map(bit(false)).chain(planes.iter().map(bit(true))).collect(),
-            Inverse::None => planes.iter().map(bit(false)).collect(),
+            Inverse::Last | Inverse::None => planes.iter().map(bit(false)).collect(),
         };
         list.extend((0..self.steps).map(|step| Shown::Phase { axis, step }));
         list
@@ -336,6 +350,7 @@ impl StripeCode {
             Inverse::After => "after",
             Inverse::Before => "before",
             Inverse::Apart => "apart",
+            Inverse::Last => "last",
             Inverse::None => "none",
         };
         format!("order = \"{}\", inverse = \"{inverse}\", fine_first = {}", order.join(" "), self.fine_first)

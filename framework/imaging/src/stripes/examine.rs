@@ -170,6 +170,8 @@ const ALIKE: f64 = 0.35;
 /// Part of the pixels that the projector reaches, of which it has to light so many well enough; reached is what is brighter under its light by so many gray levels [–].
 const DIM: f64 = 0.5;
 const REACHED: f64 = 4.0;
+/// Of the pictures of a dim set, that part may be wrong for it to be believed: a sound one of 8 % of the light seemed to have 30 % out of place [–].
+const DIM_WRONG: f64 = 0.1;
 /// Where exposures are evened out, pictures are named that are off by more than this [–].
 const TOLD: f64 = 0.05;
 /// Of a pair that does not belong together, the picture of another scene is beyond the range of the others in this part of the pixels at least, and so many times as many as the other one.
@@ -240,7 +242,8 @@ fn look(
     }
     let reached = (NOISE_RANGE * found.noise).max(REACHED);
     let reached = lit_of(&samples, &ranges, reached).len() as f64 / samples.len() as f64;
-    if found.lit < DIM * reached {
+    let is_dim = found.lit < DIM * reached;
+    if is_dim {
         found.faults.push(SetFault::Dim { lit: found.lit, reached, needed });
     }
     let saturated = lit.iter().filter(|it| it.2 >= SATURATED).count() as f64 / lit.len() as f64;
@@ -265,6 +268,7 @@ fn look(
             |unpaired, is_explained| SetFault::Count { found: n, expected: shown.len(), unpaired, is_explained };
         let one_axis = || explain::one_axis(code, n, &all.skipped, &signs);
         let explained = explain::explain(code, n, &all.skipped, &signs).or_else(one_axis);
+        let explained = explained.filter(|it| !is_dim || is_plain(&it.faults, n));
         match explained {
             Some(explained) => {
                 found.faults.push(count(None, true));
@@ -351,8 +355,28 @@ fn look(
         found.faults.push(SetFault::OtherOrder { code: Box::new(other) });
         return (found, lit);
     }
-    match explain::explain(code, pictures.len(), &all.skipped, &all.signs()) {
-        Some(explained) => found.take(explained, &all.skipped),
+    let explained = explain::explain(code, n, &all.skipped, &all.signs());
+    if is_dim && explained.as_ref().is_none_or(|it| !is_plain(&it.faults, n)) {
+        // Too little is lit to tell what is wrong beside.
+        found.places.fill(None);
+        return (found, lit);
+    }
+    match explained {
+        Some(mut explained) => {
+            // Pictures in each other's places are taken for each other where the set is sound so.
+            let put_right: Option<Vec<ImageView<'_>>> =
+                explained.places.iter().map(|it| Some(pictures[(*it)?])).collect();
+            let is_sound = put_right.is_some_and(|it| (Set { pictures: &it, ..set(&lit) }).broken_rules().is_empty());
+            for it in &mut explained.faults {
+                match it {
+                    SetFault::Exchanged { mended, .. } | SetFault::Inverted { mended, all: false, .. } => {
+                        *mended = is_sound;
+                    }
+                    _ => {}
+                }
+            }
+            found.take(explained, &all.skipped);
+        }
         None => {
             for it in &faults {
                 match it {
@@ -424,6 +448,11 @@ impl Examination {
         self.places = explained.places.into_iter().map(|it| it.filter(|it| !skipped.contains(it))).collect();
         self.unsure = explained.unsure;
     }
+}
+
+/// Whether what is said to be wrong concerns few of `n` pictures: where little is lit, more of it is noise.
+fn is_plain(faults: &[SetFault], n: usize) -> bool {
+    faults.len() as f64 <= DIM_WRONG * n as f64
 }
 
 /// Some of the pixels, two rows at a time, so that neighbours are there.

@@ -2,7 +2,7 @@
 
 use super::code::{Axis, Group, Inverse, Shown, StripeCode};
 use super::faults::{Found, SetFault};
-use super::identify::{Fit, Samples, Seen, Step, align, are_alike, bit_of, identify};
+use super::identify::{Fit, MIN_CHANGES, Samples, Seen, Step, align, are_alike, bit_of, identify};
 
 /// Of the pictures of bits so many must be known, and so many of these at most be wrong, for a set to be explained [–].
 const KNOWN: f64 = 0.5;
@@ -109,6 +109,7 @@ pub(super) fn other_bits(
         };
         n_known as f64 >= OTHER_KNOWN * n_bits(&roles) as f64
             && (0..n_pictures).all(|it| set.fit(it, it) != Fit::No && !is_not_of_it(&it))
+            && !set.lacks_a_bit()
     };
     others.into_iter().find(fits).map(|it| it.bits)
 }
@@ -298,7 +299,10 @@ fn explained(code: &StripeCode, n_pictures: usize, skipped: &[usize], samples: &
 fn reordered(code: &StripeCode, n_pictures: usize, skipped: &[usize], samples: &Samples) -> Option<StripeCode> {
     let roles = code.pictures();
     let from_the_end: Vec<Shown> = roles.iter().rev().copied().collect();
-    [&roles, &from_the_end].into_iter().find_map(|order| {
+    // Inverses that come last stand where bits of the other axis do.
+    let inverses_last = StripeCode { inverse: Inverse::Last, ..code.clone() }.pictures();
+    let orders = [&roles, &from_the_end, &inverses_last];
+    orders.into_iter().filter(|it| it.len() == roles.len()).find_map(|order| {
         let (seen, known, n_known) = taken_for(code, order, n_pictures, skipped, samples);
         let set = Seens { roles: &roles, seen: &seen, known: &known, samples };
         if n_known as f64 >= KNOWN * n_bits(&roles) as f64 { set.other_order(code) } else { None }
@@ -316,6 +320,30 @@ struct Seens<'a> {
 impl Seens<'_> {
     fn fit(&self, picture: usize, place: usize) -> Fit {
         self.seen[picture].fits(self.roles[place], self.known)
+    }
+
+    /// Whether a bit lacks between two that are taken for neighbours: where the coarser one changes, the next finer one is 1, and the one after that is 0.
+    fn lacks_a_bit(&self) -> bool {
+        let picture = |bit: (Axis, u32)| {
+            self.seen.iter().enumerate().find_map(|(picture, it)| match it {
+                Seen::Bit(shown) if bit_of(shown) == Some(bit) => Some((picture, Some(*shown))),
+                Seen::Plane(axis, plane) if (*axis, *plane) == bit => Some((picture, None)),
+                _ => None,
+            })
+        };
+        self.known.iter().any(|&(axis, plane)| {
+            let Some((coarser, _)) = picture((axis, plane)) else { return false };
+            let Some((finer, Some(Shown::Bit { inverse, .. }))) = picture((axis, plane + 1)) else { return false };
+            let [coarser, finer] = [coarser, finer].map(|it| &self.samples.signs[it]);
+            let (mut ones, mut n) = (0, 0);
+            for [a, b] in self.samples.neighbours.iter().map(|it| it.map(|it| it as usize)) {
+                if coarser[a] * coarser[b] < 0 && finer[a] * finer[b] > 0 {
+                    n += 1;
+                    ones += usize::from((finer[a] > 0) != inverse);
+                }
+            }
+            n >= MIN_CHANGES && 2 * ones < n
+        })
     }
 
     /// Pictures in each other's places: the set with these put right, and what is said of it.
@@ -340,13 +368,17 @@ impl Seens<'_> {
                 _ if (self.roles[a], self.roles[b]) == (Shown::Black, Shown::White) => {
                     faults.push(SetFault::WhiteIsBlack { white: b, black: a });
                 }
-                _ => faults.push(SetFault::Exchanged { pictures: [a, b], expected: [self.roles[a], self.roles[b]] }),
+                _ => faults.push(SetFault::Exchanged {
+                    pictures: [a, b],
+                    expected: [self.roles[a], self.roles[b]],
+                    mended: false,
+                }),
             }
         }
         for axis in Axis::BOTH {
             let planes: Vec<u32> = inverted.iter().filter(|it| it.0 == axis).map(|it| it.1).collect();
             let all = planes.len() > 1 && planes.len() + 1 >= self.known.iter().filter(|it| it.0 == axis).count();
-            faults.extend((!planes.is_empty()).then_some(SetFault::Inverted { axis, planes, all }));
+            faults.extend((!planes.is_empty()).then_some(SetFault::Inverted { axis, planes, all, mended: false }));
         }
         (order, faults)
     }
@@ -383,7 +415,7 @@ impl Seens<'_> {
     fn other_order(&self, code: &StripeCode) -> Option<StripeCode> {
         let inverses: &[Inverse] = match code.inverse {
             Inverse::None => &[Inverse::None],
-            _ => &[Inverse::After, Inverse::Before, Inverse::Apart],
+            _ => &[Inverse::After, Inverse::Before, Inverse::Apart, Inverse::Last],
         };
         let orders = permutations(&code.order);
         let all = orders.iter().flat_map(|order| {

@@ -63,6 +63,8 @@ pub enum SetFault {
         pictures: [usize; 2],
         /// What they should show.
         expected: [Shown; 2],
+        /// Whether the set is sound with both in their places, and is decoded so.
+        mended: bool,
     },
     /// The set has another order.
     OtherOrder {
@@ -173,6 +175,8 @@ pub enum SetFault {
         planes: Vec<u32>,
         /// Whether that is all that can be told.
         all: bool,
+        /// Whether the set is sound with these in their places, and is decoded so.
+        mended: bool,
     },
     /// Bits that do not fit those before them.
     OutOfPlace {
@@ -256,6 +260,7 @@ impl SetFault {
             }
             SetFault::NotWhite { .. } => needs_white,
             SetFault::Exposed { shown, .. } => is_of(shown) || matches!(shown, Shown::White | Shown::Black),
+            SetFault::Exchanged { mended: true, .. } | SetFault::Inverted { mended: true, .. } => false,
             SetFault::Exchanged { expected, .. } => {
                 expected.iter().any(is_of) || !expected.iter().all(|it| matches!(it, Shown::Bit { .. }))
             }
@@ -327,8 +332,9 @@ impl SetFault {
             SetFault::Shows { picture, found, expected } => {
                 format!("{} shows {found}, expected {expected}", name(*picture))
             }
-            SetFault::Exchanged { pictures: [a, b], expected: [of_a, of_b] } => {
-                format!("{} and {} stand in each other's places, expected {of_a} and {of_b}", name(*a), name(*b))
+            SetFault::Exchanged { pictures: [a, b], expected: [of_a, of_b], mended } => {
+                let taken = if *mended { ": taken for each other" } else { "" };
+                format!("{} and {} stand in each other's places, expected {of_a} and {of_b}{taken}", name(*a), name(*b))
             }
             SetFault::OtherOrder { code: other } if other.offset != code.offset && other.order == code.order => {
                 let [now, there] = [code, other.as_ref()].map(|it| it.offset != [0, 0]);
@@ -419,9 +425,13 @@ impl SetFault {
                 name(*b),
                 100.0 * share
             ),
-            SetFault::Inverted { axis, planes, all } => {
+            SetFault::Inverted { axis, planes, all, mended } => {
                 let which = bits(axis, planes);
-                let help = if *all { ": do inverse pictures come first?" } else { "" };
+                let help = match (all, mended) {
+                    (true, _) => ": do inverse pictures come first?",
+                    (false, true) => ", and taken for each other",
+                    (false, false) => "",
+                };
                 format!("{} of the {}: picture and inverse are exchanged{help}", which, axis.in_words())
             }
             SetFault::OutOfPlace { axis, planes } => {

@@ -92,7 +92,7 @@ const STRIPES: f64 = 0.03;
 /// Two pictures are alike where they differ in less than this part of the rarer value of either [–].
 const ALIKE: f64 = 0.3;
 /// Changes of a bit that say something.
-const MIN_CHANGES: usize = 30;
+pub(super) const MIN_CHANGES: usize = 30;
 /// Of the rarer value so many are expected by chance where its absence says something.
 const MIN_RARER: f64 = 8.0;
 /// A bit has one value where the other is rarer than this part of what chance makes it [–].
@@ -334,14 +334,31 @@ impl Relations {
         if list.len() > n_planes {
             return Vec::new();
         }
-        in_order(list.len(), n_planes, |at, plane| {
-            let stands_there = classes[list[at]].homes.contains(&(axis, plane as u32));
-            4 * i32::from(stands_there) + i32::from(plane == at + n_planes - list.len())
+        // A bit that lacks between two others takes its place, too.
+        let mut row: Vec<Option<usize>> = Vec::new();
+        for at in 0..list.len() {
+            row.extend(self.lacks_one_before(&list, at).then_some(None));
+            row.push(Some(list[at]));
+        }
+        if row.len() > n_planes {
+            row.retain(Option::is_some);
+        }
+        in_order(row.len(), n_planes, |at, plane| {
+            let Some(class) = row[at] else { return 0 };
+            let stands_there = classes[class].homes.contains(&(axis, plane as u32));
+            4 * i32::from(stands_there) + i32::from(plane == at + n_planes - row.len())
         })
         .into_iter()
-        .zip(list)
-        .map(|(plane, class)| (class, plane as u32))
+        .zip(&row)
+        .filter_map(|(plane, class)| Some(((*class)?, plane as u32)))
         .collect()
+    }
+
+    /// Whether a bit lacks before number `at` of a row from coarse to fine: where its neighbour changes it would have the other value than where those before that one do.
+    fn lacks_one_before(&self, row: &[usize], at: usize) -> bool {
+        let Some(here) = at.checked_sub(1).and_then(|it| self.value[row[it]][row[at]]) else { return false };
+        let mut before = row[..at - 1].iter().filter_map(|it| self.value[*it][row[at]]).peekable();
+        before.peek().is_some() && before.all(|it| it == here)
     }
 }
 

@@ -12,7 +12,7 @@
 //!
 //! A camera and a projector are a pair, too: `cam_K`, `cam_kc`, `proj_K`, `proj_kc`, `R`, `T` of Brown University's scanner (Moreno and Taubin) and what is
 //! written after it, `cam_int`, `cam_dist`, `proj_int`, `proj_dist`, `rotation`, `translation` of others; any of the names above with `cam_` and `proj_` before them.
-//! They become `camera` and `projector`. Sizes are seldom there: [`ImportOptions::image_size`] and [`ImportOptions::projector_size`] say them.
+//! They become `camera` and `projector`. `img_shape` (rows, columns) is the camera's picture. Other sizes are seldom there: [`ImportOptions::image_size`] and [`ImportOptions::projector_size`] say them.
 //!
 //! Where a pair's `R` and `T` are missing, as in the sample's `intrinsics.yml`, they are looked for in `extrinsics` beside it.
 //! Our own exports add `camera_name` and `length_unit`, which other readers pass over.
@@ -47,9 +47,12 @@ const LENS: [&str; 11] = [
 ];
 /// What stands before the names of a camera and a projector.
 const CAMERA_AND_PROJECTOR: [&str; 2] = ["cam", "proj"];
-const TURN: [&str; 6] = ["R", "Rotation", "rotation", "rotation_matrix", "rvec", "rotationMatrix"];
+// `roration` is what `kamino410/procam-calibration` writes.
+const TURN: [&str; 7] = ["R", "Rotation", "rotation", "rotation_matrix", "rvec", "rotationMatrix", "roration"];
 const SHIFT: [&str; 6] = ["T", "Translation", "translation", "translation_vector", "tvec", "translationVector"];
 const SIZE: [&str; 4] = ["image_size", "imageSize", "ImageSize", "size"];
+/// The camera's picture as NumPy has it: rows, columns.
+const SHAPE: &str = "img_shape";
 const ENDINGS: [&str; 4] = ["yml", "yaml", "xml", "json"];
 
 /// Files of the folder that may be OpenCV's, in the order of their names.
@@ -278,13 +281,17 @@ impl<'a> Reader<'a> {
         let both =
             self.storage.get(&["image_width"]).zip(self.storage.get(&["image_height"])).filter(|_| !is_projector);
         let listed = self.entry(&SIZE, suffix).or_else(|| self.entry(&SIZE, "").filter(|_| !is_projector));
+        let shape = self.storage.get(&[SHAPE]).filter(|_| !is_projector && listed.is_none());
+        let is_shape = shape.is_some();
+        let listed = listed.or(shape);
         let (entry, texts) = match (both, listed.map(|it| (it, &it.value))) {
             (Some((width, height)), _) => match (&width.value, &height.value) {
                 (Value::Scalar(width_px), Value::Scalar(height_px)) => (width, vec![width_px, height_px]),
                 _ => return self.report(Some(width), "image_width or image_height is no number".into(), expected),
             },
             (None, Some((entry, Value::List(list) | Value::Matrix { numbers: list, .. }))) => {
-                (entry, list.iter().collect())
+                let forward = list.iter();
+                (entry, if is_shape { forward.rev().collect() } else { forward.collect() })
             }
             (None, Some((entry, _))) => return self.report(Some(entry), "a size that is no list".into(), expected),
             (None, None) => {

@@ -271,7 +271,7 @@ impl Set<'_> {
         }
         if !inverted.is_empty() {
             let all = inverted.len() == rates.iter().flatten().count();
-            faults.push(SetFault::Inverted { axis, planes: inverted, all });
+            faults.push(SetFault::Inverted { axis, planes: inverted, all, mended: false });
         }
         if faults.is_empty() {
             faults.extend(self.range(axis, bits, &pixels));

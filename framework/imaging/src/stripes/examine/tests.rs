@@ -212,8 +212,46 @@ fn pictures_for_a_projector_of_another_size_are_told() {
 }
 
 #[test]
-fn an_exchanged_pair_is_named_and_the_other_axis_kept() {
-    check(|it| it.swap(6, 7), &["bit 3 (`6.png`, `7.png`) of the columns: picture and inverse"], &[Axis::Rows]);
+fn pictures_in_each_others_places_are_named_and_taken_for_each_other() {
+    check(|it| it.swap(6, 7), &["of the columns: picture and inverse are exchanged, and taken for each"], &Axis::BOTH);
+    let exchanges = [vec![(6, 7)], vec![(3, 12)], vec![(20, 30)], vec![(4, 10), (5, 11)], vec![(6, 7), (24, 25)]];
+    for exchanged in exchanges {
+        let mut pictures = wall_set(1);
+        exchanged.iter().for_each(|(a, b)| pictures.swap(*a, *b));
+        let found = examined(&wall_code(), &pictures);
+        let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+        let prepared = found.prepared(&wall_code(), &views);
+        assert_eq!(prepared.worked_out, [], "{exchanged:?}");
+        assert!(prepared.pictures.iter().zip(wall_set(1)).all(|(a, b)| a[..] == b[..]), "{exchanged:?}");
+    }
+}
+
+#[test]
+fn both_pictures_of_a_bit_that_are_missing_are_named_rather_than_another_projector() {
+    // Bit 0 is one value all over the wall: of bits 1 and 2 the pictures do not tell which one lacks.
+    for plane in 3..6 {
+        let found = examined(&wall_code(), &{
+            let mut pictures = wall_set(1);
+            pictures.drain(2 * plane..2 * plane + 2);
+            pictures
+        });
+        let name = |it: usize| format!("`{it}.png`");
+        let said: Vec<String> = found.faults.iter().map(|it| it.describe(&wall_code(), &name)).collect();
+        let said = said.join("; ");
+        assert!(said.contains(&format!("no picture shows bit {plane} of the columns")), "{plane}: {said}");
+        assert_eq!(found.usable(&wall_code()), [Axis::Rows], "{plane}: {said}");
+    }
+}
+
+#[test]
+fn what_is_not_sound_with_pictures_exchanged_leaves_its_axis_out() {
+    // A bit and its inverse exchanged, and another bit of its axis shifted by some pixels.
+    let spoil = |it: &mut Vec<Vec<u8>>| {
+        it.swap(6, 7);
+        it[8].rotate_left(9);
+        it[9].rotate_left(9);
+    };
+    check(spoil, &["exchanged"], &[Axis::Rows]);
 }
 
 #[test]
@@ -229,6 +267,24 @@ fn another_order_is_recognised() {
 }
 
 #[test]
+fn inverses_after_the_bits_of_both_axes_are_recognised_and_decoded() {
+    let last = StripeCode { inverse: Inverse::Last, ..wall_code() };
+    let as_others: Vec<Vec<u8>> = {
+        let (pictures, shown) = (wall_set(1), wall_code().pictures());
+        let of = |it: &Shown| pictures[shown.iter().position(|other| other == it).unwrap()].clone();
+        last.pictures().iter().map(of).collect()
+    };
+    let found = examined(&wall_code(), &as_others);
+    let said: Vec<String> = found.faults.iter().map(|it| it.describe(&wall_code(), &|at| at.to_string())).collect();
+    assert!(
+        said.len() == 1 && said[0].contains("order = \"columns rows white black\", inverse = \"last\""),
+        "{said:?}"
+    );
+    assert_eq!(examined(&last, &as_others).faults, []);
+    assert_eq!(examined(&last, &as_others).usable(&last), Axis::BOTH);
+}
+
+#[test]
 fn bits_in_each_others_places_are_named_and_no_third() {
     let exchange = |a: usize, b: usize| {
         move |it: &mut Vec<Vec<u8>>| {
@@ -237,11 +293,11 @@ fn bits_in_each_others_places_are_named_and_no_third() {
         }
     };
     let expected = ["`4.png` and `10.png` stand in each other's places", "`5.png` and `11.png`"];
-    check(exchange(4, 10), &expected, &[Axis::Rows]);
-    check(exchange(6, 8), &["`6.png` and `8.png`", "`7.png` and `9.png`"], &[Axis::Rows]);
-    check(exchange(6, 22), &["`6.png` and `22.png`", "`7.png` and `23.png`"], &[]);
-    check(|it| it.swap(3, 12), &["`3.png` and `12.png` stand in each other's places"], &[Axis::Rows]);
-    check(|it| it.swap(20, 30), &["`20.png` and `30.png` stand in each other's places"], &[]);
+    check(exchange(4, 10), &expected, &Axis::BOTH);
+    check(exchange(6, 8), &["`6.png` and `8.png`", "`7.png` and `9.png`"], &Axis::BOTH);
+    check(exchange(6, 22), &["`6.png` and `22.png`", "`7.png` and `23.png`"], &Axis::BOTH);
+    check(|it| it.swap(3, 12), &["`3.png` and `12.png` stand in each other's places"], &Axis::BOTH);
+    check(|it| it.swap(20, 30), &["`20.png` and `30.png` stand in each other's places"], &Axis::BOTH);
 }
 
 #[test]

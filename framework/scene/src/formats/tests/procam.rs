@@ -60,3 +60,32 @@ fn what_is_not_said_of_a_projector_is_asked_for() {
     let fault = load(&BROWN.replace("\nT:", "\nQ:"), &sizes()).unwrap_err();
     assert!(fault.contains("without R and T"), "{fault}");
 }
+
+/// `calibration_result.xml` of `kamino410/procam-calibration`: a size as NumPy has it, and a word that is misspelt.
+#[test]
+fn the_file_of_a_calibration_by_kamino410_is_read_as_it_is() {
+    let matrix = |name: &str, rows: usize, numbers: &str| {
+        let columns = numbers.split_whitespace().count() / rows;
+        format!(
+            "<{name} type_id=\"opencv-matrix\">\n  <rows>{rows}</rows>\n  <cols>{columns}</cols>\n  <dt>d</dt>\n  <data>\n    {numbers}</data></{name}>\n"
+        )
+    };
+    let text = [
+        "<?xml version=\"1.0\"?>\n<opencv_storage>\n".to_owned(),
+        matrix("img_shape", 2, "1024. 1280."),
+        "<rms>4.25e-01</rms>\n".to_owned(),
+        matrix("cam_int", 3, "3450. 0. 590. 0. 3440. 520. 0. 0. 1."),
+        matrix("cam_dist", 1, "-0.2 -0.8 -7e-4 -1.6e-3 3.1"),
+        matrix("proj_int", 3, "1940. 0. 450. 0. 1930. 720. 0. 0. 1."),
+        matrix("proj_dist", 1, "-0.09 1.1 -2e-3 -9e-3 -7.8"),
+        matrix("roration", 3, "1. 0. 0. 0. 0.8 -0.6 0. 0.6 0.8"),
+        matrix("translation", 3, "39. -278. -62."),
+        "</opencv_storage>\n".to_owned(),
+    ];
+    let read = load(&text.concat(), &ImportOptions { image_size: None, ..sizes() }).unwrap();
+    let (camera, projector) = (read.camera("camera").unwrap(), read.camera("projector").unwrap());
+    assert_eq!((camera.image_size, projector.image_size), ([1280, 1024], [1024, 768]));
+    assert_eq!((camera.distortion.k3, projector.distortion.k3), (3.1, -7.8));
+    let shift = projector.camera_from_world.translation.vector;
+    assert!((shift - Vector3::new(0.039, -0.278, -0.062)).norm() < 1e-12, "{shift}");
+}
