@@ -1,7 +1,8 @@
 //! A gray surface that is known at every place, not at pixels only: what rendered tests and benches match on.
 //!
 //! Disks of all sizes with edges as sharp as a good lens and a pixel make them (σ 0.8 px), and fine grain on them: corners and edges as in a photograph.
-//! Both pictures of a pair evaluate the same function at their own places, so that no interpolation stands between them and the truth.
+//! Both pictures of a pair evaluate the same function at their own places, so that no interpolation stands between them and the truth. [`Knitted`] is wool, as a camera sees it at half a
+//! millimetre a pixel.
 
 /// A surface of its own for each number.
 #[derive(Debug, Clone, Copy)]
@@ -39,15 +40,69 @@ impl Texture {
 
     /// A picture of it: pixel (x, y) shows the place `of(x, y)`. Rounded to whole levels, with noise of so many levels.
     pub fn picture(&self, size: usize, noise: f64, seed: u64, of: impl Fn(f64, f64) -> [f64; 2]) -> Vec<u8> {
-        let mut chance = Chance::of([seed, 77, 5, 3]);
-        let mut pixels = Vec::with_capacity(size * size);
-        for y in 0..size {
-            for x in 0..size {
-                let [u, v] = of(x as f64, y as f64);
-                pixels.push((self.at(u, v) + noise * chance.normal()).round().clamp(0.0, 255.0) as u8);
-            }
+        picture(size, noise, seed, |x, y| {
+            let [u, v] = of(x, y);
+            self.at(u, v)
+        })
+    }
+}
+
+/// A picture whose pixel (x, y) has the level `at(x, y)`, rounded to whole levels, with noise of so many levels.
+pub fn picture(size: usize, noise: f64, seed: u64, at: impl Fn(f64, f64) -> f64) -> Vec<u8> {
+    let mut chance = Chance::of([seed, 77, 5, 3]);
+    let mut pixels = Vec::with_capacity(size * size);
+    for y in 0..size {
+        for x in 0..size {
+            let level = at(x as f64, y as f64);
+            pixels.push((level + noise * chance.normal()).round().clamp(0.0, 255.0) as u8);
         }
-        pixels
+    }
+    pixels
+}
+
+/// Knitted wool: rows of V-shaped stitches that repeat, figures of two tones and flecks of the yarn that do not. One of its own for each number.
+#[derive(Debug, Clone, Copy)]
+pub struct Knitted(pub u64);
+
+/// Width and height of a stitch [px].
+const STITCH_PX: [f64; 2] = [8.4, 6.4];
+/// Sizes of figures and flecks [px], and how much they change the level [gray level].
+const BLOTS: [(f64, f64); 4] = [(32.0, 30.0), (12.0, 20.0), (4.4, 14.0), (2.2, 8.0)];
+/// A pixel is the mean of so many places along either side.
+const PER_PIXEL: usize = 3;
+
+impl Knitted {
+    /// Gray level at a place, 0 to 255, not rounded.
+    pub fn at(&self, x: f64, y: f64) -> f64 {
+        let column = x / STITCH_PX[0];
+        let slanted = y / STITCH_PX[1] + 1.2 * (column.rem_euclid(1.0) - 0.5).abs();
+        let turn = std::f64::consts::TAU;
+        let stitch = 18.0 * (turn * slanted).cos() * (0.75 + 0.25 * (turn * column).cos());
+        let blots =
+            BLOTS.iter().enumerate().map(|(layer, (size, by))| by * self.blot(layer as u64, x / size, y / size));
+        127.5 + 127.5 * ((stitch + blots.sum::<f64>()) / 127.5).tanh()
+    }
+
+    /// The level that a pixel sees whose sides lie along `right` and `down` around a place.
+    pub fn seen(&self, [x, y]: [f64; 2], right: [f64; 2], down: [f64; 2]) -> f64 {
+        let part = |it: usize| (it as f64 + 0.5) / PER_PIXEL as f64 - 0.5;
+        let of = |i: usize| {
+            let (a, b) = (part(i % PER_PIXEL), part(i / PER_PIXEL));
+            self.at(x + a * right[0] + b * down[0], y + a * right[1] + b * down[1])
+        };
+        (0..PER_PIXEL * PER_PIXEL).map(of).sum::<f64>() / (PER_PIXEL * PER_PIXEL) as f64
+    }
+
+    /// Random values at whole numbers, smooth between them: of mean 0 and standard deviation about 1.
+    fn blot(&self, layer: u64, x: f64, y: f64) -> f64 {
+        let (column, row) = (x.floor(), y.floor());
+        let smooth = |it: f64| it * it * it * (it * (it * 6.0 - 15.0) + 10.0);
+        let (a, b) = (smooth(x - column), smooth(y - row));
+        let of = |i: i64, j: i64| {
+            let mut chance = Chance::of([self.0, 100 + layer, (column as i64 + i) as u64, (row as i64 + j) as u64]);
+            1.7 * (2.0 * chance.uniform() - 1.0)
+        };
+        (of(0, 0) * (1.0 - a) + of(1, 0) * a) * (1.0 - b) + (of(0, 1) * (1.0 - a) + of(1, 1) * a) * b
     }
 }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use foveate::imaging::matching::Warp;
 use foveate::prelude::*;
-use nalgebra::{Point2, Point3};
+use nalgebra::{Point2, Point3, Vector3};
 
 use crate::cover::{Covered, LeftOut, cover};
 use crate::measure::{Measurer, Sample, plane_warp};
@@ -27,7 +27,14 @@ pub struct Engine {
     pub bad_seeds: BTreeMap<usize, String>,
     /// Of what was left out after growing.
     pub left_out: LeftOut,
+    /// Points given out, and those of them that a view before which they lie does not see.
+    given: (u64, u64),
 }
+
+/// A view sees a surface well whose normal is within 60° of its direction, [–]
+const FACING: f64 = 0.5;
+/// and of points that lie so a larger part than this is seen unless something is wrong [–].
+const UNSEEN: f64 = 0.5;
 
 /// A named seed is good to so many pixels.
 const NAMED_PX: f64 = 4.0;
@@ -42,7 +49,18 @@ impl Engine {
             begun: 0,
             bad_seeds: BTreeMap::new(),
             left_out: LeftOut::default(),
+            given: (0, 0),
         }
+    }
+
+    /// Counts a point that is given out: whether all views see it before which it lies.
+    pub fn give(&mut self, sample: &Sample, normal: &Vector3<f64>) {
+        let is_seen = |view: usize| view == sample.reference || sample.seen.iter().any(|it| it.view == view);
+        let is_unseen = self.prepared.views.iter().enumerate().any(|(view, it)| {
+            let towards = (it.camera.centre() - sample.position).normalize();
+            !is_seen(view) && normal.dot(&towards) > FACING && it.camera.sees(&sample.position).is_some()
+        });
+        self.given = (self.given.0 + 1, self.given.1 + u64::from(is_unseen));
     }
 
     /// Seeds of a moment: those that were named, or found.
@@ -119,6 +137,15 @@ impl Engine {
         report.figure("surface.refused.alone", self.left_out.alone as f64);
         report.figure("surface.refused.disordered", self.left_out.disordered as f64);
         report.figure("surface.refused.piece", self.left_out.piece as f64);
+        let unseen = self.given.1 as f64 / self.given.0 as f64;
+        report.figure("surface.unseen", unseen);
+        if unseen > UNSEEN {
+            report.remark(format!(
+                "{:.0} % of the points are not seen by some camera that they face, and none but two may confirm them: cameras are out of step (by a field, or a frame), one has moved since it was \
+                 calibrated, or something stands before them; `surface.min_views = 3` leaves out what a third camera does not confirm",
+                100.0 * unseen
+            ));
+        }
         report.figure("surface.seeds.tried", self.seeds.tried as f64);
         report.figure("surface.seeds.ambiguous", self.seeds.ambiguous as f64);
         report.figure("surface.seeds.found", self.seeds.found as f64);

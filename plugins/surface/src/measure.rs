@@ -103,6 +103,8 @@ pub struct Measurer {
     buffers: MatchBuffers,
 }
 
+/// Views beside the reference of which one may be wrong: fewer do not tell which [–].
+const LEAST_TO_DOUBT: usize = 3;
 /// Half the step of derivatives in pictures [px].
 const STEP_PX: f64 = 2.0;
 
@@ -177,13 +179,14 @@ impl Measurer {
             let (position, covariance, misfit_px) =
                 meet(views, reference, pixel, &seen, options.camera_sigma_px).ok_or(NoPoint::Misfit)?;
             if misfit_px > options.max_misfit_px {
-                // Of three or more views one may be wrong: the one without which the rest meets best.
+                // Of four or more views one may be wrong: the one without which the rest meets best. Of three it is not known which, for any two may meet: cameras in a line, of which one is
+                // out of step.
                 reason = NoPoint::Misfit;
                 let without = |at: usize| {
                     let rest: Vec<Seen> = seen.iter().enumerate().filter(|it| it.0 != at).map(|it| *it.1).collect();
                     meet(views, reference, pixel, &rest, options.camera_sigma_px).map_or(f64::INFINITY, |it| it.2)
                 };
-                if seen.len() < 2 {
+                if seen.len() < LEAST_TO_DOUBT {
                     return Err(reason);
                 }
                 let worst = (0..seen.len()).min_by(|a, b| without(*a).total_cmp(&without(*b))).unwrap_or(0);

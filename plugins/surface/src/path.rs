@@ -203,3 +203,56 @@ fn tangents(normal: &Vector3<f64>, beside: &[(Vector3<f64>, Vector3<f64>)]) -> (
     });
     (u, across.cross(&u))
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+    use crate::measure::Sample;
+
+    /// A grid of 11 × 11 points 4 mm apart that turns and stretches from moment to moment; those that `creeps` names go 0.15 mm astray in each.
+    fn found(creeps: impl Fn(usize) -> bool, n_moments: u32) -> Vec<usize> {
+        let place = |index: usize, k: f64| {
+            let (x, y) = (4e-3 * (index % 11) as f64, 4e-3 * (index / 11) as f64);
+            let (sine, cosine) = (0.02 * k).sin_cos();
+            let astray = if creeps(index) { 1.5e-4 * k } else { 0.0 };
+            let stretch = 1.0 + 0.002 * k;
+            Point3::new(stretch * (cosine * x - sine * y) + 1e-3 * k + astray, stretch * (sine * x + cosine * y), 0.0)
+        };
+        let sample = |position: Point3<f64>| Sample {
+            reference: 0,
+            pixel: [0.0; 2],
+            seen: Vec::new(),
+            position,
+            covariance: Matrix3::zeros(),
+            correlation: 1.0,
+            misfit_px: 0.0,
+        };
+        let mut moments = Moments::default();
+        let mut tracks: Vec<Track> =
+            (0..121).map(|it| Track::new(it as u32, sample(place(it, 0.0)), Vector3::z())).collect();
+        let options = CreepOptions { radius_m: 0.015, scatters: 5.0, error_m: 4e-4 };
+        let mut all = Vec::new();
+        for k in 1..=n_moments {
+            let number = moments.begin();
+            for (index, track) in tracks.iter_mut().enumerate() {
+                track.sample.position = place(index, f64::from(k));
+            }
+            all = crept(&tracks, number, &options);
+            moments.note(&mut tracks);
+        }
+        (0..all.len()).filter(|it| all[*it]).collect()
+    }
+
+    #[test]
+    fn what_creeps_beside_neighbours_that_turn_and_stretch_is_found_and_nothing_else() {
+        assert_eq!(found(|_| false, 8), Vec::<usize>::new());
+        // One inside, one at the border, and two together.
+        for creeping in [vec![60], vec![5], vec![48, 49]] {
+            assert_eq!(found(|it| creeping.contains(&it), 8), creeping);
+        }
+        // After one step it is within what a place may be off.
+        assert_eq!(found(|it| it == 60, 2), Vec::<usize>::new());
+    }
+}

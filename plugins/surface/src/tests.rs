@@ -11,6 +11,8 @@ use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector3};
 use crate::settings::SurfaceSettings;
 use crate::{matcher, tracker};
 
+mod bad_input;
+
 const SIZE: [u32; 2] = [200, 160];
 const FOCAL: f64 = 420.0;
 /// A pixel of the texture; the cameras see 1.2 mm a pixel.

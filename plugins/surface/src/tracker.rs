@@ -33,6 +33,7 @@ figures! {
     "surface.seeds.tried": count, neither, "Seeds that were named, or textured patches that were looked for along their epipolar lines";
     "surface.seeds.ambiguous": count, low, "Of these, those with a second place nearly as good in some view: a repeated texture";
     "surface.seeds.found": count, high, "Of these, those that became points";
+    "surface.unseen": share, low, "Points that some camera does not see though they face it within 60° and lie in its picture, over all points of all moments: occluded, or cameras out of step or moved";
     "surface.coverage": share, high, "Places of the grid with a point, over those in the smallest rectangle around all points of a moment, mean over the moments";
     "surface.sigma_mm": mm, low, "Mean standard deviation of the points, over the three axes, as their matches say it";
     "trajectories.count": count, neither, "Trajectories, of any length";
@@ -117,6 +118,9 @@ impl Default for TrackerSettings {
 
 /// What was found once may be known by so much less: with gates as for new points, those that only just passed are lost and found by turns.
 const HELD: f64 = 1.5;
+
+/// Of searches that are ambiguous so many are no chance [–]: of wool that does not repeat it is one in a hundred.
+const REPEATING: f64 = 0.2;
 
 /// A path is held against neighbours within so many radii of uniform motion: more than what creeps in company.
 const CREEP_RADII: f64 = 2.0;
@@ -255,6 +259,7 @@ impl Node for Tracker {
         let cells: BTreeSet<[usize; 2]> =
             self.tracks.iter().map(|it| crate::cover::cell_of(it.sample.pixel, spacing)).collect();
         self.counts.coverages.extend(coverage(cells.iter().copied()));
+        self.tracks.iter().for_each(|it| self.engine.give(&it.sample, &it.normal));
         self.counts.points += tracked.list.len() as u64;
         self.counts.sigmas += self.tracks.iter().map(|it| it.sample.sigma()).sum::<f64>();
         io.emit_at(&TRACKED, time, tracked);
@@ -281,6 +286,13 @@ impl Node for Tracker {
         report.figure("trajectories.regenerated", counts.regenerated as f64);
         report.figure("trajectories.appeared", counts.appeared as f64);
         report.figure("trajectories.ambiguous", self.stepper.ambiguous as f64);
+        let Stepper { searched, ambiguous, .. } = self.stepper;
+        if ambiguous as f64 > REPEATING * searched as f64 {
+            report.remark(format!(
+                "{ambiguous} of {searched} searches for a patch in the next picture found another place as good, and took neither: the texture repeats, expected one that does not, or a `search_px` and \
+                 a `first_search_px` of less than half of what it repeats after, for motion that is slower than that from picture to picture"
+            ));
+        }
         let n = counts.steps.len() as f64;
         let mean = counts.steps.iter().map(|it| it.0).sum::<nalgebra::Vector3<f64>>() / n;
         for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {

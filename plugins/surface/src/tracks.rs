@@ -79,7 +79,9 @@ pub struct Stepper {
     templates: (Template, SearchBuffers),
     template: Template,
     matches: MatchBuffers,
-    /// Places of the best correlation with another one as good.
+    /// Searches in time that came to a place, of one view each,
+    pub searched: u64,
+    /// and those of them with another place as good.
     pub ambiguous: u64,
     /// Points that were not found, by what failed.
     pub failed: BTreeMap<&'static str, u64>,
@@ -201,15 +203,29 @@ impl Stepper {
         if starts.is_empty() {
             return Err((why, TrajectoryEnd::Lost));
         }
-        let spatial = measurer.measure(views, moments[1], sample.reference, place.at, &starts, measure);
-        let spatial = spatial.map_err(|it| (it.name(), TrajectoryEnd::Lost))?;
-        let agrees = spatial.seen.iter().all(|seen| {
-            let temporal = starts.iter().find(|it| it.0 == seen.view);
-            temporal.is_none_or(|(_, warp)| {
-                (warp.at[0] - seen.warp.at[0]).hypot(warp.at[1] - seen.warp.at[1]) <= options.agree_px
-            })
-        });
-        if agrees { Ok((spatial, place.matrix)) } else { Err(("disagreed", TrajectoryEnd::Disagreed)) }
+        loop {
+            let spatial = measurer.measure(views, moments[1], sample.reference, place.at, &starts, measure);
+            let spatial = spatial.map_err(|it| (it.name(), TrajectoryEnd::Lost))?;
+            let n_starts = starts.len();
+            starts.retain(|(view, warp)| {
+                let there = spatial.seen.iter().find(|it| it.view == *view);
+                there
+                    .is_none_or(|it| (warp.at[0] - it.warp.at[0]).hypot(warp.at[1] - it.warp.at[1]) <= options.agree_px)
+            });
+            match starts.len() {
+                n if n == n_starts => {
+                    // A view that lost it may see it again, as its plane lies there: three views are held against one another, two are not.
+                    let wider = spatial.starts_at(views, place.at);
+                    let again = (wider.len() > spatial.seen.len())
+                        .then(|| measurer.measure(views, moments[1], sample.reference, place.at, &wider, measure).ok());
+                    let again = again.flatten().filter(|it| it.seen.len() > spatial.seen.len());
+                    return Ok((again.unwrap_or(spatial), place.matrix));
+                }
+                // Of several views those are left out that say two places; what is left agrees in time and in space.
+                0 => return Err(("disagreed", TrajectoryEnd::Disagreed)),
+                _ => (),
+            }
+        }
     }
 
     /// Where one view sees what it saw at `at` a moment before; else what failed.
@@ -226,6 +242,7 @@ impl Stepper {
         let (from, to) = pictures.ok_or("time_no_picture")?;
         let found = to.search_from(from, at, options.reach, &start, box_px, &mut self.templates);
         let found = found.ok_or("search_outside")?;
+        self.searched += 1;
         if found.correlation < MIN_CORRELATION {
             return Err("search_unlike");
         }

@@ -12,8 +12,12 @@ use crate::{ImageView, Pyramid};
 pub const WIDEST: usize = 12;
 /// Peaks nearer than this are one [px].
 const ONE_PEAK: usize = 2;
+/// Places that hang together with the best one and correlate at least so well beside it are its own peak: flanks, and a ridge along an edge [–].
+const SAME_PEAK: f32 = 0.97;
 /// Half a box at the finer levels of a pyramid [px].
 const REFINED: usize = 2;
+/// Around the place that a pyramid led to, another one as good is looked for so far in the picture itself [px]: what repeats in a few pixels is even at a coarse level.
+const REPEATS: usize = 16;
 /// A patch at a coarser level is at least this large, for it has to be told from others [px].
 const LEAST_REACH: usize = 4;
 
@@ -24,8 +28,17 @@ pub struct Correlated {
     pub warp: Warp,
     /// Correlation there, −1 to 1 [–].
     pub correlation: f64,
-    /// The best correlation more than two pixels off, −1 without any [–]: as good means that the place is ambiguous.
+    /// The best correlation of another peak, −1 without any [–]: as good means that the place is ambiguous. Another peak is a local maximum, more than two
+    /// pixels off, that no ridge nearly as high as the best place leads to.
     pub second: f64,
+}
+
+impl Correlated {
+    /// The best correlation at another place than this one.
+    fn beside(&self, place: &Warp) -> f64 {
+        let off = [0, 1].map(|it| (self.warp.at[it] - place.at[it]).abs());
+        if off[0].max(off[1]) > ONE_PEAK as f64 { self.correlation } else { self.second }
+    }
 }
 
 /// Memory of a search, used again.
@@ -35,6 +48,8 @@ pub struct SearchBuffers {
     sums: Vec<f32>,
     energies: Vec<f32>,
     scores: Vec<f32>,
+    is_same: Vec<bool>,
+    reached: Vec<usize>,
 }
 
 /// Finds the best place of `template` within `box_px` of `start`, both directions, in steps of a pixel of the template. `None` where the whole box
@@ -49,7 +64,7 @@ pub fn search(
     let reach = template.reach;
     let (side, places) = (2 * reach + 1, 2 * box_px + 1);
     let wide = side + 2 * box_px;
-    let SearchBuffers { region, sums, energies, scores } = buffers;
+    let SearchBuffers { region, sums, energies, scores, is_same, reached } = buffers;
     region.resize(wide * wide, 0.0);
     if !picture.sample(start, reach + box_px, template.mean, region) {
         return None;
@@ -88,11 +103,36 @@ pub fn search(
         }
     }
     let best = (0..scores.len()).fold(0, |best, it| if scores[it] > scores[best] { it } else { best });
-    let (x, y) = (best % places, best / places);
-    let far = |it: &usize| (it % places).abs_diff(x) > ONE_PEAK || (it / places).abs_diff(y) > ONE_PEAK;
-    let second = (0..scores.len()).filter(far).fold(-1.0f32, |second, it| second.max(scores[it]));
-    let offset = [x, y].map(|it| it as f64 - box_px as f64);
+    let second = second_peak(scores, places, best, is_same, reached);
+    let offset = [best % places, best / places].map(|it| it as f64 - box_px as f64);
     Some(Correlated { warp: start.beside(offset), correlation: f64::from(scores[best]), second: f64::from(second) })
+}
+
+/// The highest score of a peak other than that of `best`, −1 without any; rows are `side` long.
+fn second_peak(scores: &[f32], side: usize, best: usize, is_same: &mut Vec<bool>, reached: &mut Vec<usize>) -> f32 {
+    let around = |at: usize| {
+        let (x, y) = (at % side, at / side);
+        let rows = y.saturating_sub(1)..(y + 2).min(side);
+        rows.flat_map(move |row| (x.saturating_sub(1)..(x + 2).min(side)).map(move |column| row * side + column))
+    };
+    is_same.clear();
+    is_same.resize(scores.len(), false);
+    reached.clear();
+    reached.push(best);
+    is_same[best] = true;
+    let least = SAME_PEAK * scores[best];
+    while let Some(here) = reached.pop() {
+        for there in around(here).filter(|it| scores[*it] >= least) {
+            if !std::mem::replace(&mut is_same[there], true) {
+                reached.push(there);
+            }
+        }
+    }
+    let (x, y) = (best % side, best / side);
+    let far = |it: usize| (it % side).abs_diff(x) > ONE_PEAK || (it / side).abs_diff(y) > ONE_PEAK;
+    let is_peak = |it: usize| around(it).all(|beside| scores[beside] <= scores[it]);
+    let others = (0..scores.len()).filter(|it| !is_same[*it] && far(*it) && is_peak(*it));
+    others.fold(-1.0f32, |second, it| second.max(scores[it]))
 }
 
 /// Splines of the levels of a pyramid.
@@ -140,7 +180,7 @@ impl SearchPyramid {
     }
 
     /// Finds the patch of `from` around `centre`, reaching `reach`, within `box_px` of `start`: at the coarsest level the whole box, at each finer one
-    /// ±2 px. The best place, and the second best of the coarsest level, where an ambiguity shows. `None`: outside, or without texture.
+    /// ±2 px. The best place, and the second best of the coarsest level, or, where that is better, of the picture itself around the place that was found. `None`: outside, or without texture.
     pub fn search_from(
         &self,
         from: &SearchPyramid,
@@ -154,6 +194,7 @@ impl SearchPyramid {
         let options = MatchOptions { min_contrast: 1.0, ..MatchOptions::default() };
         let (template, buffers) = buffers;
         let mut warp = *start;
+        let box_px_of_all = box_px;
         let mut found: Option<Correlated> = None;
         for level in (0..n_levels).rev() {
             let factor = f64::from(1u32 << level);
@@ -168,7 +209,12 @@ impl SearchPyramid {
             match here {
                 Some(here) => {
                     warp.at = here.warp.at.map(|it| it * factor);
-                    let second = found.map_or(here.second, |it| it.second);
+                    let mut second = found.map_or(here.second, |it| it.second);
+                    if level == 0 && found.is_some() {
+                        let wide = (box_px_of_all.ceil() as usize).min(REPEATS);
+                        let around = search(template, &self.levels[0], &here.warp, wide, buffers);
+                        second = second.max(around.map_or(-1.0, |it| it.beside(&here.warp)));
+                    }
                     found = Some(Correlated { warp, second, ..here });
                 }
                 // A patch at a coarse level may leave the picture where the fine one does not.
@@ -177,5 +223,35 @@ impl SearchPyramid {
             }
         }
         found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flanks_and_ridges_are_no_second_peaks_and_peaks_are() {
+        const SIDE: usize = 17;
+        let peak = |at: [f32; 2], widths: [f32; 2]| {
+            move |x: f32, y: f32| (-((x - at[0]) / widths[0]).powi(2) - ((y - at[1]) / widths[1]).powi(2)).exp()
+        };
+        let second = |of: &dyn Fn(f32, f32) -> f32| {
+            let scores: Vec<f32> = (0..SIDE * SIDE).map(|it| of((it % SIDE) as f32, (it / SIDE) as f32)).collect();
+            let best = (0..scores.len()).fold(0, |best, it| if scores[it] > scores[best] { it } else { best });
+            second_peak(&scores, SIDE, best, &mut Vec::new(), &mut Vec::new())
+        };
+        // So broad that three pixels off it is still 0.99 of its height, in the middle and at the border.
+        let broad = peak([8.0, 8.0], [30.0, 30.0]);
+        assert_eq!(second(&broad), -1.0);
+        assert_eq!(second(&peak([0.0, 5.0], [30.0, 30.0])), -1.0);
+        // A ridge that waves a little: an edge and noise.
+        let ridge = peak([8.0, 8.0], [40.0, 2.0]);
+        assert_eq!(second(&|x, y| ridge(x, y) * (1.0 + 0.005 * (1.5 * x).cos())), -1.0);
+        let (near, far) = (peak([4.0, 8.0], [2.0, 2.0]), peak([13.0, 7.0], [2.0, 2.0]));
+        assert!((second(&|x, y| near(x, y) + 0.98 * far(x, y)) - 0.98).abs() < 1e-3);
+        // One whose top lies beyond the border counts for what is seen of it.
+        let beyond = peak([18.0, 8.0], [3.0, 3.0]);
+        assert!((second(&|x, y| near(x, y) + beyond(x, y)) - beyond(16.0, 8.0)).abs() < 1e-3);
     }
 }

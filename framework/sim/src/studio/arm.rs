@@ -14,7 +14,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::body::Chain;
-use super::clothes::{Cloth, Look};
+use super::clothes::{Cloth, Look, Pattern};
 use super::loft::{Grid, along_table};
 use super::texture::{Pyramid, size_for};
 use super::{Patch, Posed, Thing};
@@ -34,6 +34,9 @@ const WRINKLE_M: f64 = 0.024;
 const FOLD_M: [f64; 2] = [0.0022, 0.045];
 /// By how much the upper arm swells at the elbow's full bend [m].
 const BULGE_M: f64 = 0.010;
+/// Widths of a check and of a stripe; they repeat after two [m].
+const CHECK_M: f64 = 5e-3;
+const STRIPE_M: f64 = 4e-3;
 /// A sleeve ends here, in bones from the shoulder.
 const SLEEVE: f64 = 1.93;
 
@@ -64,6 +67,10 @@ pub enum ArmCloth {
     /// A sweater of flecked wool, down to the wrist.
     #[default]
     Sweater,
+    /// Cloth with checks that repeat every 10 mm, and a weave that hardly shows.
+    Checked,
+    /// Cloth with stripes along the arm that repeat every 8 mm.
+    Striped,
     /// Nothing: skin has little to match, and slides and folds little.
     Bare,
 }
@@ -77,8 +84,10 @@ pub struct ArmSettings {
     /// Where the cameras are that it is shown to, from X towards Y; it reaches out at a right angle to that, to the right as they see it [°].
     #[schemars(range(min = -360.0, max = 360.0))]
     pub facing_deg: f64,
-    /// `sweater` or `bare` [–].
+    /// `sweater`, `checked`, `striped` or `bare` [–].
     pub cloth: ArmCloth,
+    /// Whether the hand is covered as the arm is: else it is bare [–].
+    pub glove: bool,
     /// How far apart vertices are [mm].
     #[schemars(range(min = 1.0, max = 50.0))]
     pub mesh_mm: f64,
@@ -105,6 +114,7 @@ impl Default for ArmSettings {
             position_m: [-0.30, 0.0, 1.20],
             facing_deg: -90.0,
             cloth: ArmCloth::Sweater,
+            glove: false,
             mesh_mm: 3.0,
             texel_mm: 0.3,
             wrinkle_mm: 3.0,
@@ -172,6 +182,11 @@ impl Arm {
         self.grid.triangles(&mut triangles);
         let look = Look::draw(true, random);
         let cloth = Cloth::sweater(random);
+        let cloth = match self.settings.cloth {
+            ArmCloth::Checked => Cloth { pattern: Pattern::Checks(CHECK_M), ..cloth },
+            ArmCloth::Striped => Cloth { pattern: Pattern::Stripes(STRIPE_M), ..cloth },
+            ArmCloth::Sweater | ArmCloth::Bare => cloth,
+        };
         let (along, settings) = (self.along.clone(), self.settings.clone());
         let paint = move || {
             let last = along.len() - 1;
@@ -181,7 +196,7 @@ impl Arm {
                 let at = along[0] + (along[last] - along[0]) * v;
                 let (angle, radius) = (u * TAU, AROUND_M / TAU);
                 let p = Point3::new(radius * angle.cos(), radius * angle.sin(), at * UNIT_M);
-                if settings.cloth == ArmCloth::Sweater && at < SLEEVE {
+                if settings.cloth != ArmCloth::Bare && (settings.glove || at < SLEEVE) {
                     cloth.colour(&p, u * AROUND_M, at * UNIT_M)
                 } else {
                     look.skin(&p)

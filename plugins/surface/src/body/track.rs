@@ -17,6 +17,10 @@ const LEVER_M: f64 = 0.3;
 const LEAST_POINTS: usize = 20;
 /// How many clicked joints start a body.
 const LEAST_CLICKS: usize = 3;
+/// Lengths farther from what people have are no person's, in standard deviations [–].
+const MOST_SIGMAS: f64 = 3.0;
+/// How well a person's height is known that was said "about", beside people's spread of 4 % about their mean [–].
+const STATURE_SIGMA: f64 = 0.08;
 /// A body of more lengths is no arm.
 const ARM_SCALES: usize = 3;
 /// Lines of sight that pass farther from all points of an arm are of the rest of the person [m].
@@ -140,7 +144,7 @@ impl BodyTracker {
             Some(last) if surface.time > last.time => {
                 let since_s = (surface.time - last.time).as_s();
                 match self.near(&chosen, &rays, last, since_s) {
-                    Ok(fit) if blame(&fit).is_none() => Ok(fit),
+                    Ok(fit) if blame(&fit, &self.body, &self.template).is_none() => Ok(fit),
                     _ => self.anew(&chosen, &rays, clicks),
                 }
             }
@@ -153,7 +157,7 @@ impl BodyTracker {
                 return Outcome::Refused { kind, reason };
             }
         };
-        if let Some((kind, reason)) = blame(&fit) {
+        if let Some((kind, reason)) = blame(&fit, &self.body, &self.template) {
             self.forget();
             return Outcome::Refused { kind, reason };
         }
@@ -337,15 +341,30 @@ fn is_extremity(segment: &str) -> bool {
     segment.starts_with("hand") || segment.starts_with("foot")
 }
 
+/// Whether the lengths of a whole person are those of somebody who is taller or smaller than was said: all of them together, and each beside the others, within what people have.
+fn is_of_somebody(fit: &BodyFit, body: &Body, template: &State) -> bool {
+    let bones = &body.skeleton;
+    let pelvis = bones.find("pelvis").map(|it| bones.segments()[it].scale);
+    let others = (0..template.scales.len()).filter(|it| Some(*it) != pelvis);
+    let off: Vec<f64> = others.map(|it| (fit.state.scales[it] / template.scales[it]).ln()).collect();
+    let Some((_, sigma)) = anthropometric(template).scales.first().copied() else { return false };
+    let stature = STATURE_SIGMA * STATURE_SIGMA;
+    // The mean of what all have in common, from all, each of which has its own.
+    let common = off.iter().sum::<f64>() * stature / (sigma * sigma + off.len() as f64 * stature);
+    let is_usual = |it: f64, sigma: f64| it.abs() < MOST_SIGMAS * sigma;
+    off.len() > ARM_SCALES && is_usual(common, STATURE_SIGMA) && off.iter().all(|it| is_usual(it - common, sigma))
+}
+
 /// Why a fit is not believed: in short, and in words. One without points on a limb or two is, if the others have some.
-fn blame(fit: &BodyFit) -> Option<(&'static str, String)> {
+fn blame(fit: &BodyFit, body: &Body, template: &State) -> Option<(&'static str, String)> {
     let supported = fit.support.iter().filter(|it| **it > 0.0).count();
     let unsupported = fit.doubts.iter().filter(|it| matches!(it, Doubt::Unsupported { .. })).count();
     for doubt in &fit.doubts {
         match doubt {
             Doubt::Elsewhere { .. } => return Some(("elsewhere", doubt.to_string())),
-            // Where the trunk ends and the pelvis begins no surface shows: one is long where the other is short.
-            Doubt::Misshapen { segment, what: "length", .. } if segment == "pelvis" => (),
+            // Where the trunk ends and the pelvis begins no surface shows: one is long, or thick, where the other is not.
+            Doubt::Misshapen { segment, .. } if segment == "pelvis" => (),
+            Doubt::Misshapen { what: "length", .. } if is_of_somebody(fit, body, template) => (),
             Doubt::Misshapen { segment, .. } if !is_extremity(segment) => {
                 return Some(("misshapen", doubt.to_string()));
             }
