@@ -53,6 +53,8 @@ pub struct Hull {
     options: HullOptions,
     grid: VoxelGrid,
     carver: Carver,
+    /// Tries views.
+    trials: Carver,
     drawn: Vec<u8>,
 }
 
@@ -68,7 +70,7 @@ impl Hull {
     /// A volume that is none, or too many voxels.
     pub fn new(options: HullOptions, volume: Volume) -> Result<Hull, CarveError> {
         let grid = VoxelGrid::covering(Point3::from(volume.min), Point3::from(volume.max), options.size)?;
-        Ok(Hull { options, grid, carver: Carver::default(), drawn: Vec::new() })
+        Ok(Hull { options, grid, carver: Carver::default(), trials: Carver::default(), drawn: Vec::new() })
     }
 
     /// Fills `voxels` (all but its time and place) with what `views` leave over; `cameras` are all that should have one, `targets` who may be there. Gives how many small parts
@@ -110,7 +112,11 @@ impl Hull {
             return Err("no camera has a silhouette that is worth anything".to_owned());
         }
         let mut found = self.hull_of(views, statuses, self.grid)?;
-        if let Some(at) = self.contradicting(views, statuses, found.as_ref())? {
+        // What views say of each voxel is asked of the carver later: trials have one of their own.
+        std::mem::swap(&mut self.carver, &mut self.trials);
+        let contradicting = self.contradicting(views, statuses, found.as_ref());
+        std::mem::swap(&mut self.carver, &mut self.trials);
+        if let Some(at) = contradicting? {
             statuses[at] = ViewStatus::Contradicts;
             found = self.hull_of(views, statuses, self.grid)?;
         }

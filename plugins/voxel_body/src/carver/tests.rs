@@ -136,6 +136,41 @@ fn views_that_are_worth_nothing_are_named_and_the_others_carve() {
 }
 
 #[test]
+fn where_several_views_contradict_what_is_said_of_a_voxel_is_what_its_views_say() {
+    use foveate::geometry::voxels::{CarveOptions, SilhouetteView, keeps};
+    let setup = setup();
+    let mut set = set(&setup, &[[0.1, 0.0]]);
+    // Each of three cameras sees somebody beside, whom no other sees: none of them alone is to blame.
+    for camera in [0, 2, 4] {
+        let centre = setup.calibration.cameras[camera].camera.centre();
+        let aside = Vector3::new(-centre.y, centre.x, 0.0).normalize() * 0.7;
+        set[camera] = silhouette(&setup.calibration, camera, &[[0.1, 0.0], [aside.x, aside.y]]);
+    }
+    let settings = CarverSettings { may_err: 1, min_views: 3, ..settings() };
+    let voxels = carve(&setup, settings, set.clone());
+    assert!(voxels.views.iter().all(|it| it.status == ViewStatus::Used), "{:?}", voxels.views);
+    let views: Vec<SilhouetteView> = set
+        .iter()
+        .map(|it| SilhouetteView {
+            camera: &setup.calibration.cameras[it.camera.0 as usize].camera,
+            left: 0,
+            top: 0,
+            shrink: 1,
+            width: it.width,
+            height: it.height,
+            confidence: &it.confidence,
+        })
+        .collect();
+    let options = CarveOptions { may_err: 1, min_views: 3 };
+    assert!(!voxels.is_empty());
+    for voxel in voxels.iter() {
+        let centre = voxels.origin + Vector3::from(voxel.index.map(|it| f64::from(it) + 0.5)) * voxels.size;
+        let said = (usize::from(voxel.seen), usize::from(voxel.dissent));
+        assert_eq!(keeps(&centre, &views, &options), Some(said), "{centre}");
+    }
+}
+
+#[test]
 fn a_camera_that_falls_silent_is_missing_and_one_without_worth_at_all_is_a_gap() {
     let setup = setup();
     let mut bench = NodeBench::<Carver>::with_setup(settings(), &setup).unwrap();
