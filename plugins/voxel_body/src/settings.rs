@@ -67,14 +67,14 @@ pub struct SilhouetteSettings {
 }
 
 impl Default for SilhouetteSettings {
-    /// As [`SegmenterConfig`]; pieces from 150 px² on (a person's head at 6 m and 640 × 480 px), holes to 150 px².
+    /// As [`SegmenterConfig`], but for shadows: what one view loses is lost, what one view has too much the others cut away. Pieces from 150 px² on (a person's head at 6 m and 640 × 480 px), holes to 150 px².
     fn default() -> Self {
         let it = SegmenterConfig::default();
         Self {
             background: String::new(),
             learn_frames: it.learn_frames,
             detection_rate: it.detection_rate,
-            shadow_ratio: it.shadow_ratio,
+            shadow_ratio: 0.6,
             highlight_ratio: it.highlight_ratio,
             noise_floor: it.noise_floor,
             jitter_px: it.jitter_px,
