@@ -130,6 +130,17 @@ impl Node for Carver {
         ConfigError::unless_in("voxel_mm", settings.voxel_mm, 0.1..=1000.0)?;
         ConfigError::unless_in("may_err", settings.may_err, 0..=250)?;
         ConfigError::unless_in("min_views", settings.min_views, 0..=255)?;
+        let n_cameras = setup.calibration.cameras.len();
+        for (name, found, most) in
+            [("may_err", settings.may_err + 1, "fewer than"), ("min_views", settings.min_views, "no more than")]
+        {
+            // With a single camera nothing is carved, whatever may err.
+            if n_cameras > 1 && found > n_cameras {
+                let found = if name == "may_err" { settings.may_err } else { found };
+                let message = format!("found {found}, expected {most} the {n_cameras} cameras of the calibration");
+                return Err(ConfigError::at(name, message));
+            }
+        }
         ConfigError::unless_in("min_component_l", settings.min_component_l, 0.0..=1e6)?;
         ConfigError::unless_in("min_completeness", settings.min_completeness, 0.0..=1.0)?;
         ConfigError::unless_in("target_reach_mm", settings.target_reach_mm, 0.0..=1e5)?;

@@ -49,6 +49,8 @@ pub struct Masks {
     counts: [u64; 3],
     body_share: f64,
     refused: u64,
+    /// Gray level of the pixel that was most like body, of masks without one.
+    nearest: Option<u8>,
 }
 
 impl Node for Masks {
@@ -85,6 +87,7 @@ impl Node for Masks {
             counts: [0; 3],
             body_share: 0.0,
             refused: 0,
+            nearest: None,
         })
     }
 
@@ -112,6 +115,13 @@ impl Node for Masks {
             _ => SilhouetteStatus::Seen,
         };
         self.counts[silhouette.status as usize] += 1;
+        if silhouette.n_body == 0 {
+            let inverted = self.settings.inverted;
+            let levels = mask.pixels.chunks_exact(channels).filter_map(|it| it.iter().copied().max());
+            let nearest = if inverted { levels.min() } else { levels.max() };
+            let nearer = |a: u8, b: u8| if inverted { a.min(b) } else { a.max(b) };
+            self.nearest = [self.nearest, nearest].into_iter().flatten().reduce(nearer);
+        }
         if silhouette.status == SilhouetteStatus::Seen {
             self.body_share += share;
         }
@@ -130,6 +140,16 @@ impl Node for Masks {
                 report.figure(format!("silhouette.{what}.{name}"), n as f64);
             }
         }
+        if let Some(level) = self.nearest.filter(|_| seen + full == 0) {
+            let (nearest, expected) = if self.settings.inverted {
+                ("darkest", format!("{} or less", 255 - self.settings.threshold))
+            } else {
+                ("brightest", format!("{} or more", self.settings.threshold))
+            };
+            report.remark(format!(
+                "{name}: none of {empty} masks has a body: their {nearest} pixel is {level}, expected {expected} (`threshold`, `inverted`)"
+            ));
+        }
         Ok(())
     }
 }
@@ -139,6 +159,20 @@ mod tests {
     use foveate_testkit::check_node;
 
     use super::*;
+
+    #[test]
+    fn masks_of_zeros_and_ones_are_told() {
+        for (inverted, pixels, expected) in [
+            (false, [0, 1, 0, 1], "brightest pixel is 1, expected 128 or more"),
+            (true, [255, 254, 255, 254], "darkest pixel is 254, expected 127 or less"),
+        ] {
+            let mut bench = NodeBench::<Masks>::new(MasksSettings { inverted, ..MasksSettings::default() }).unwrap();
+            let image = Image { width: 4, height: 1, pixels: pixels.to_vec(), ..Image::default() };
+            bench.feed(&IMAGE, Time::ZERO, image).unwrap();
+            let remarks = bench.finish().unwrap().remarks;
+            assert!(remarks.iter().any(|it| it.contains(expected)), "{remarks:?}");
+        }
+    }
 
     fn one(settings: MasksSettings, pixels: &[u8], format: PixelFormat) -> Silhouette {
         let mut bench = NodeBench::<Masks>::new(settings).unwrap();

@@ -73,6 +73,17 @@ fn node_keeps_its_promises() {
 }
 
 #[test]
+fn more_views_than_there_are_cameras_are_refused() {
+    for (settings, expected) in [
+        (CarverSettings { may_err: 6, ..settings() }, "found 6, expected fewer than the 6 cameras"),
+        (CarverSettings { min_views: 7, ..settings() }, "found 7, expected no more than the 6 cameras"),
+    ] {
+        let refused = NodeBench::<Carver>::with_setup(settings, &setup()).err().unwrap();
+        assert!(refused.message.contains(expected), "{refused:?}");
+    }
+}
+
+#[test]
 fn somebody_is_as_large_as_he_is_and_two_people_are_two() {
     let setup = setup();
     let one = carve(&setup, settings(), set(&setup, &[[0.1, 0.0]]));
