@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
+use foveate::geometry::voxels::DoubtOptions;
 use foveate::node::scale::Spaces;
 use foveate::prelude::*;
 use nalgebra::Isometry3;
@@ -59,10 +60,17 @@ pub struct CarverSettings {
     /// How far a target may be from a body that it names [mm]
     #[schemars(range(min = 0.0, max = 100000.0))]
     pub target_reach_mm: f64,
+    /// From this confidence on a pixel may be body: a shadow, or clothes as dark as what is behind them. Voxels that may be body in all views are kept if most views are sure of them, or
+    /// where they stand higher than shadows lie. 0.5: no pixel is in doubt [–]
+    #[schemars(range(min = 0.02, max = 0.5))]
+    pub may_be: f64,
+    /// Voxels in doubt that are less than this high are a shadow's [mm]
+    #[schemars(range(min = 0.0, max = 100000.0))]
+    pub shadow_height_mm: f64,
 }
 
 impl Default for CarverSettings {
-    /// 20 mm, no view errs, seen by all, pieces from a litre on (a head has four).
+    /// 20 mm, no view errs, seen by all, pieces from a litre on (a head has four), no pixel in doubt; a shadow's rims are blurred by less than 150 mm.
     fn default() -> Self {
         Self {
             voxel_mm: 20.0,
@@ -72,6 +80,8 @@ impl Default for CarverSettings {
             min_component_l: 1.0,
             min_completeness: 0.6,
             target_reach_mm: 200.0,
+            may_be: 0.5,
+            shadow_height_mm: 150.0,
         }
     }
 }
@@ -143,6 +153,8 @@ impl Node for Carver {
         }
         ConfigError::unless_in("min_component_l", settings.min_component_l, 0.0..=1e6)?;
         ConfigError::unless_in("min_completeness", settings.min_completeness, 0.0..=1.0)?;
+        ConfigError::unless_in("may_be", settings.may_be, 0.02..=0.5)?;
+        ConfigError::unless_in("shadow_height_mm", settings.shadow_height_mm, 0.0..=1e5)?;
         ConfigError::unless_in("target_reach_mm", settings.target_reach_mm, 0.0..=1e5)?;
         let around = setup.radius_m.map(|it| Volume { min: [-it; 3], max: [it; 3] });
         let of_scale = setup.volume_m.map(|[min, max]| Volume { min, max });
@@ -159,6 +171,10 @@ impl Node for Carver {
             min_component: settings.min_component_l / 1e3,
             min_completeness: settings.min_completeness,
             target_reach: settings.target_reach_mm / 1e3,
+            doubt: DoubtOptions {
+                from: (settings.may_be * 255.0).round() as u8,
+                height: settings.shadow_height_mm / 1e3,
+            },
         };
         let hull = Hull::new(options, volume).map_err(|error| ConfigError::at("voxel_mm", error))?;
         Ok(Self {

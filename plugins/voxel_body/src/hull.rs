@@ -2,7 +2,8 @@
 
 use foveate::geometry::Camera;
 use foveate::geometry::voxels::{
-    BitGrid, CarveError, CarveOptions, Carver, Cover, Part, Parts, Picture, SilhouetteView, VoxelGrid, colours, cover,
+    BitGrid, CarveError, CarveOptions, Carver, Cover, Doubt, DoubtOptions, Part, Parts, Picture, SilhouetteView,
+    VoxelGrid, colours, cover, opinions,
 };
 use foveate::prelude::*;
 use nalgebra::{Point3, Vector3};
@@ -34,6 +35,8 @@ pub struct HullOptions {
     pub min_completeness: f64,
     /// How far a target may be from the part that it names [m].
     pub target_reach: f64,
+    /// When voxels are kept that are body in no view's opinion, and background in none's.
+    pub doubt: DoubtOptions,
 }
 
 /// One camera's part.
@@ -55,6 +58,7 @@ pub struct Hull {
     carver: Carver,
     /// Tries views.
     trials: Carver,
+    doubt: Doubt,
     drawn: Vec<u8>,
 }
 
@@ -70,7 +74,14 @@ impl Hull {
     /// A volume that is none, or too many voxels.
     pub fn new(options: HullOptions, volume: Volume) -> Result<Hull, CarveError> {
         let grid = VoxelGrid::covering(Point3::from(volume.min), Point3::from(volume.max), options.size)?;
-        Ok(Hull { options, grid, carver: Carver::default(), trials: Carver::default(), drawn: Vec::new() })
+        Ok(Hull {
+            options,
+            grid,
+            carver: Carver::default(),
+            trials: Carver::default(),
+            doubt: Doubt::default(),
+            drawn: Vec::new(),
+        })
     }
 
     /// Fills `voxels` (all but its time and place) with what `views` leave over; `cameras` are all that should have one, `targets` who may be there. Gives how many small parts
@@ -121,7 +132,7 @@ impl Hull {
             found = self.hull_of(views, statuses, self.grid)?;
         }
         (voxels.size, voxels.origin, voxels.cells) = (self.grid.size, self.grid.origin, self.grid.cells);
-        let Some(Found { grid, offset, hull, surface }) = found else { return Ok(0) };
+        let Some(Found { grid, offset, hull, sure, surface }) = found else { return Ok(0) };
         for (view, status) in views.iter().zip(&*statuses) {
             let cover = cover(&grid, &surface, &silhouette_view(view), &mut self.drawn);
             voxels.views.push(statement(view.silhouette.camera, *status, cover));
@@ -141,12 +152,16 @@ impl Hull {
             true => Vec::new(),
             false => colours(&grid, &hull, &surface, &pictures),
         };
+        let used = used_views(views, statuses);
         let mut of_surface = colours.into_iter();
         for index in hull.iter() {
             let is_surface = surface.get(index);
             let colour = if is_surface { of_surface.next().unwrap_or_default() } else { [0; 3] };
             let Some(component) = parts.part(index).filter(|it| (*it as usize) < n_kept) else { continue };
-            let [seen, dissent] = self.carver.counts(index);
+            let [seen, dissent] = match sure.get(index) {
+                true => self.carver.counts(index),
+                false => said(&grid, index, &used),
+            };
             voxels.push(&Voxel {
                 index: std::array::from_fn(|axis| (index[axis] + offset[axis]) as u16),
                 colour,
@@ -186,13 +201,18 @@ impl Hull {
 
     /// The hull of the views that are used; `None` without a voxel.
     fn hull_of(&mut self, views: &[View], statuses: &[ViewStatus], grid: VoxelGrid) -> Result<Option<Found>, String> {
-        let used: Vec<SilhouetteView> =
-            views.iter().zip(statuses).filter(|it| *it.1 == ViewStatus::Used).map(|it| silhouette_view(it.0)).collect();
+        let used = used_views(views, statuses);
         // With fewer views than planned for, fewer may err.
         let may_err = self.options.may_err.min(used.len().saturating_sub(1));
         let options = CarveOptions { may_err, min_views: self.options.min_views };
         let words = |error: CarveError| error.to_string();
-        let Some([low, high]) = self.carver.bounds(&grid, &used, &options).map_err(words)? else { return Ok(None) };
+        let doubt = self.options.doubt;
+        let any_doubt = self.doubt.look(&used, &doubt);
+        let bounds = match any_doubt {
+            true => self.doubt.bounds(&grid, &used, &options),
+            false => self.carver.bounds(&grid, &used, &options),
+        };
+        let Some([low, high]) = bounds.map_err(words)? else { return Ok(None) };
         // An empty layer around it, where there is one, so that its surface is known.
         let low = low.map(|it| it.saturating_sub(1));
         let high: [u32; 3] = std::array::from_fn(|axis| (high[axis] + 2).min(grid.cells[axis]));
@@ -201,9 +221,13 @@ impl Hull {
             cells: std::array::from_fn(|axis| high[axis] - low[axis]),
             ..grid
         };
-        let hull = self.carver.carve(&inner, &used, &options).map_err(words)?.clone();
+        let sure = self.carver.carve(&inner, &used, &options).map_err(words)?.clone();
+        let mut hull = sure.clone();
+        if any_doubt {
+            self.doubt.add(&mut hull, &inner, &used, &options, &doubt).map_err(words)?;
+        }
         let surface = hull.surface();
-        Ok((surface.count() > 0).then_some(Found { grid: inner, offset: low, hull, surface }))
+        Ok((surface.count() > 0).then_some(Found { grid: inner, offset: low, hull, sure, surface }))
     }
 
     /// The view that contradicts the others, if one does: with it the hull leaves much of a silhouette uncovered, without it hardly any of the others'.
@@ -269,7 +293,19 @@ struct Found {
     grid: VoxelGrid,
     offset: [u32; 3],
     hull: BitGrid,
+    /// Without what is in doubt.
+    sure: BitGrid,
     surface: BitGrid,
+}
+
+fn used_views<'a>(views: &'a [View], statuses: &[ViewStatus]) -> Vec<SilhouetteView<'a>> {
+    views.iter().zip(statuses).filter(|it| *it.1 == ViewStatus::Used).map(|it| silhouette_view(it.0)).collect()
+}
+
+/// In how many pictures a voxel lies, and how many of them do not call it body.
+fn said(grid: &VoxelGrid, index: [u32; 3], views: &[SilhouetteView]) -> [u8; 2] {
+    let (seen, dissent) = opinions(&grid.centre(index), views);
+    [seen as u8, dissent as u8]
 }
 
 fn statement(camera: CameraId, status: ViewStatus, cover: Cover) -> VoxelView {

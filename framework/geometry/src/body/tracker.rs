@@ -133,6 +133,11 @@ pub struct BodyTracker {
 /// Frames between two looks whether straight limbs bend, and between two searches for absent ones: each takes as long as a frame.
 const LOOK_EVERY: u64 = 3;
 
+/// A body that leaves this share of the skin to no part is looked for anew, once in so many frames; what is found takes its place if it leaves so much less.
+const ANEW_FROM: f64 = 0.12;
+const ANEW_EVERY: u64 = 10;
+const ANEW_GAIN: f64 = 0.06;
+
 /// Errors of hulls last so long [s]: chosen on people that are not in the figures, among 0.1 to 0.5.
 const POSE_S: f64 = 0.3;
 
@@ -258,8 +263,26 @@ impl BodyTracker {
         }
         self.judge_trunk(field, dt_s);
         self.judge_facing(field, dt_s);
+        if self.frame.is_multiple_of(ANEW_EVERY) && self.look_anew(field) {
+            return;
+        }
         let same = predicted.layout() == self.filter.layout();
         self.last = Some(Step { predicted, transition: transition.filter(|_| same), filtered: self.filter.clone() });
+    }
+
+    /// A fit that began wrong explains little and hardly finds out by itself: a body found in these voxels alone, without what went before, takes its place if it explains more.
+    fn look_anew(&mut self, field: &VoxelField) -> bool {
+        let left = self.support.unexplained;
+        if left < ANEW_FROM {
+            return false;
+        }
+        match Self::acquire(field, &self.options) {
+            Ok(anew) if anew.support.unexplained < left - ANEW_GAIN => {
+                *self = Self { frame: self.frame, ..anew };
+                true
+            }
+            _ => false,
+        }
     }
 
     /// A frame without voxels: everything goes on as it moved.

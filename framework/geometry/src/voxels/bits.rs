@@ -82,6 +82,26 @@ impl BitGrid {
         })
     }
 
+    /// Those set cells that hang together along z with at least `least` set cells, themselves counted.
+    pub(super) fn upright(&self, least: u32) -> BitGrid {
+        let [_, n_rows, n_layers] = self.cells;
+        let layer = self.words * n_rows as usize;
+        let mut upright = BitGrid { cells: self.cells, words: self.words, bits: vec![0; self.bits.len()] };
+        let least = (least as usize).max(1);
+        let mut all = vec![0; layer];
+        for first in 0..(n_layers as usize + 1).saturating_sub(least) {
+            all.fill(u64::MAX);
+            let layers = first * layer..(first + least) * layer;
+            for bits in self.bits[layers.clone()].chunks_exact(layer) {
+                all.iter_mut().zip(bits).for_each(|(all, bits)| *all &= bits);
+            }
+            for bits in upright.bits[layers].chunks_exact_mut(layer) {
+                bits.iter_mut().zip(&all).for_each(|(bits, all)| *bits |= all);
+            }
+        }
+        upright
+    }
+
     /// Those set cells of which a neighbour across a face is not set, or lies outside the grid.
     pub fn surface(&self) -> BitGrid {
         let mut surface = BitGrid { cells: self.cells, words: self.words, bits: vec![0; self.bits.len()] };

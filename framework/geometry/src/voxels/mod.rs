@@ -15,6 +15,7 @@
 mod bits;
 mod colour;
 mod cover;
+mod doubt;
 mod mask;
 mod octree;
 mod parts;
@@ -27,6 +28,7 @@ use nalgebra::{Point3, Vector3};
 pub use bits::BitGrid;
 pub use colour::{Picture, colours};
 pub use cover::{Cover, cover};
+pub use doubt::{Doubt, DoubtOptions};
 pub use mask::BODY;
 pub use octree::Carver;
 pub use parts::{Part, Parts};
@@ -173,6 +175,12 @@ pub enum CarveError {
 /// Whether a voxel centre is kept, by the definition, in double precision, without any table or octree: slow, and what [`Carver`] is held against.
 /// The views in whose picture it lies, and those of them that call it background, or nothing.
 pub fn keeps(centre: &Point3<f64>, views: &[SilhouetteView], options: &CarveOptions) -> Option<(usize, usize)> {
+    let (seen, dissent) = opinions(centre, views);
+    (seen >= options.least(views.len()) && dissent <= options.may_err && dissent < seen).then_some((seen, dissent))
+}
+
+/// The views in whose picture a voxel centre lies, and those of them that do not call it body.
+pub fn opinions(centre: &Point3<f64>, views: &[SilhouetteView]) -> (usize, usize) {
     let (mut seen, mut dissent) = (0, 0);
     for view in views {
         let Some(pixel) = view.camera.project(centre) else { continue };
@@ -183,5 +191,5 @@ pub fn keeps(centre: &Point3<f64>, views: &[SilhouetteView], options: &CarveOpti
             dissent += usize::from(view.confidence[y as usize * view.width as usize + x as usize] < BODY);
         }
     }
-    (seen >= options.least(views.len()) && dissent <= options.may_err && dissent < seen).then_some((seen, dissent))
+    (seen, dissent)
 }

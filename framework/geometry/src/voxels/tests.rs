@@ -344,3 +344,97 @@ fn what_lies_behind_a_camera_is_not_seen_by_it() {
     let n = check(&grid, &[view(&camera, &full)], &CarveOptions::default());
     assert!(n > 0 && n <= 10 * 10 * 20, "{n}");
 }
+
+/// What may be body is a leg that stands, and a shadow beside it: `stands` and `lies` [m] high.
+fn possible(doubt: u8, options: &DoubtOptions) -> (f64, f64) {
+    let size = [160, 120];
+    let cameras = ring(6, size, 120.0, Distortion::default());
+    let leg = [Point3::new(-0.2, 0.0, 0.1), Point3::new(-0.2, 0.0, 0.9)];
+    let shadow = [Point3::new(0.1, 0.0, 0.03), Point3::new(0.5, 0.0, 0.03)];
+    let seen: Vec<Vec<u8>> = cameras
+        .iter()
+        .map(|it| {
+            let [leg, shadow] = [silhouette(it, size, leg, 0.08), silhouette(it, size, shadow, 0.03)];
+            leg.iter().zip(&shadow).map(|(leg, shadow)| (*leg).max(*shadow).min(doubt)).collect()
+        })
+        .collect();
+    let views: Vec<SilhouetteView> = cameras.iter().zip(&seen).map(|(camera, it)| view(camera, it)).collect();
+    let grid = VoxelGrid::covering(Point3::new(-0.6, -0.4, 0.0), Point3::new(0.8, 0.4, 1.2), 0.02).unwrap();
+    let carve = CarveOptions::default();
+    let mut hull = Carver::default().carve(&grid, &views, &carve).unwrap().clone();
+    let mut it = Doubt::default();
+    assert_eq!(it.look(&views, options), (options.from..BODY).contains(&doubt));
+    it.add(&mut hull, &grid, &views, &carve, options).unwrap();
+    for index in hull.iter() {
+        let [low, high] = it.bounds(&grid, &views, &carve).unwrap().unwrap();
+        assert!((0..3).all(|axis| (low[axis]..=high[axis]).contains(&index[axis])));
+    }
+    let litres = |is_left: bool| {
+        let n = hull.iter().filter(|it| (grid.centre(*it).x < -0.05) == is_left).count();
+        n as f64 * grid.size.powi(3) * 1e3
+    };
+    (litres(true), litres(false))
+}
+
+#[test]
+fn a_leg_in_doubt_stands_and_a_shadow_in_doubt_lies() {
+    let options = DoubtOptions { from: 64, height: 0.15 };
+    let (leg, shadow) = possible(100, &options);
+    let true_leg = std::f64::consts::PI * 6.4 * 0.8 + 4.0 / 3.0 * std::f64::consts::PI * 0.512;
+    assert!((0.85..1.4).contains(&(leg / true_leg)) && shadow == 0.0, "{leg} of {true_leg} l, {shadow} l");
+    // A shadow that lies higher than shadows do is body; what nobody doubts is as before; what is surely background stays it.
+    let flat = DoubtOptions { height: 0.0, ..options };
+    assert!(possible(100, &flat).1 > 0.3, "{:?}", possible(100, &flat));
+    let certain = possible(200, &options);
+    assert!((certain.0 - leg).abs() < 0.05 * leg && certain.1 > 0.3, "{certain:?}");
+    assert_eq!(possible(63, &options), (0.0, 0.0));
+}
+
+#[test]
+fn where_most_views_are_sure_one_in_doubt_changes_nothing() {
+    let size = [160, 120];
+    let cameras = ring(6, size, 120.0, Distortion::default());
+    // An arm that lies level: lower than a shadow may be.
+    let arm = [Point3::new(-0.3, 0.0, 0.5), Point3::new(0.3, 0.0, 0.5)];
+    let seen: Vec<Vec<u8>> = cameras.iter().map(|it| silhouette(it, size, arm, 0.05)).collect();
+    let litres = |n_in_doubt: usize| {
+        let seen: Vec<Vec<u8>> = seen
+            .iter()
+            .enumerate()
+            .map(|(at, it)| it.iter().map(|it| if at < n_in_doubt { *it / 3 } else { *it }).collect())
+            .collect();
+        let views: Vec<SilhouetteView> = cameras.iter().zip(&seen).map(|(camera, it)| view(camera, it)).collect();
+        let grid = VoxelGrid::covering(Point3::new(-0.6, -0.4, 0.0), Point3::new(0.6, 0.4, 1.0), 0.02).unwrap();
+        let mut hull = Carver::default().carve(&grid, &views, &CarveOptions::default()).unwrap().clone();
+        let (mut it, options) = (Doubt::default(), DoubtOptions { from: 64, height: 0.15 });
+        it.look(&views, &options);
+        it.add(&mut hull, &grid, &views, &CarveOptions::default(), &options).unwrap();
+        hull.count()
+    };
+    let sure = litres(0);
+    assert!(sure > 100);
+    assert_eq!((litres(1), litres(3), litres(4)), (sure, sure, 0));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+
+    #[test]
+    fn upright_is_what_hangs_together_along_z(
+        cells in [1u32..80, 1u32..5, 1u32..14], least in 0u32..16, seed in 0..u64::MAX,
+    ) {
+        let [nx, ny, nz] = cells;
+        let mut grid = BitGrid::new(cells);
+        let all: Vec<[u32; 3]> =
+            (0..nz).flat_map(|z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z]))).collect();
+        let set = blots([nx, ny * nz], seed);
+        all.iter().zip(&set).filter(|(_, it)| **it >= BODY).for_each(|(index, _)| grid.set(*index));
+        let upright = grid.upright(least);
+        for [x, y, z] in all {
+            let below = (0..z).rev().take_while(|z| grid.get([x, y, *z])).count() as u32;
+            let above = (z + 1..nz).take_while(|z| grid.get([x, y, *z])).count() as u32;
+            let expected = grid.get([x, y, z]) && below + 1 + above >= least;
+            prop_assert_eq!(upright.get([x, y, z]), expected);
+        }
+    }
+}

@@ -209,3 +209,34 @@ fn who_leaves_the_volume_is_cut_off() {
     assert!(voxels.components[0].is_cut_off);
     assert!(voxels.iter().all(|it| u32::from(it.index[0]) < voxels.cells[0]));
 }
+
+#[test]
+fn somebody_as_dark_as_the_floor_is_carved_where_no_view_is_sure_of_background() {
+    let setup = setup();
+    let doubtful = |at: usize| {
+        let mut it = silhouette(&setup.calibration, at, &[[0.1, 0.0]]);
+        // Below the middle of the picture his clothes are as dark as the floor, and so is what lies around him far and wide in one view.
+        let half = it.confidence.len() / 2;
+        it.confidence[half..].iter_mut().for_each(|it| *it = (*it).min(100));
+        if at == 0 {
+            it.confidence[half..].iter_mut().for_each(|it| *it = (*it).max(90));
+        }
+        it.n_body = it.confidence.iter().filter(|it| **it >= Silhouette::BODY).count() as u32;
+        it
+    };
+    let carve = |may_be: f64| {
+        let settings = CarverSettings { may_be, min_completeness: 0.0, ..settings() };
+        carve(&setup, settings, (0..N).map(doubtful).collect())
+    };
+    let (without, with) = (carve(0.5), carve(0.25));
+    let whole = litres();
+    assert!(without.volume() * 1e3 < 0.75 * whole, "{}", without.volume() * 1e3);
+    let ratio = with.volume() * 1e3 / whole;
+    assert!((0.95..1.35).contains(&ratio) && with.components.len() == 1, "{ratio}");
+    // What views say of a voxel in doubt is what they say: that it is no body.
+    assert!(without.iter().all(|it| it.dissent == 0) && with.iter().any(|it| it.seen == 6 && it.dissent == 6));
+    for bad in [0.0, 0.6] {
+        let refused = NodeBench::<Carver>::with_setup(CarverSettings { may_be: bad, ..settings() }, &setup).err();
+        assert_eq!(refused.and_then(|it| it.setting).as_deref(), Some("may_be"));
+    }
+}
