@@ -61,7 +61,7 @@ fn without_checks_hidden_marks_are_reported_and_errors_add_up() {
 }
 
 fn mark_tracker(corrections: Vec<Correction>) -> MarkTracker {
-    MarkTracker::new(TrackerSettings::default(), corrections).unwrap()
+    MarkTracker::new(TrackerSettings::default(), corrections, None).unwrap()
 }
 
 fn label_at(features: &Features, place: Point2<f64>) -> Option<u32> {
@@ -172,7 +172,7 @@ fn marks_of_a_colour_are_found_where_the_surface_is_as_bright() {
         Image { width: 80, height: 60, format: PixelFormat::Rgb8, pixels: pixels.collect(), ..Image::default() };
     let found = |colour| {
         let settings = TrackerSettings { colour, ..TrackerSettings::default() };
-        let (mut mark_tracker, mut features) = (MarkTracker::new(settings, vec![]).unwrap(), Features::default());
+        let (mut mark_tracker, mut features) = (MarkTracker::new(settings, vec![], None).unwrap(), Features::default());
         mark_tracker.see(&image, Sequence::stamp(0), None, &mut features).unwrap();
         features.list.iter().map(|it| it.centre).collect::<Vec<_>>()
     };
@@ -219,7 +219,7 @@ fn a_mark_without_a_dot_is_followed_by_its_patch() {
     let rows = (0..).zip(&pairs);
     let corrections = rows.map(|(mark, it)| Correction { frame: 0, mark, pixel: Some(middle(&truth, *it)) }).collect();
     let settings = TrackerSettings { find: false, ..TrackerSettings::default() };
-    let mut mark_tracker = MarkTracker::new(settings, corrections).unwrap();
+    let mut mark_tracker = MarkTracker::new(settings, corrections, None).unwrap();
     let mut features = Features::default();
     let mut n = 0;
     for t in 0..30 {

@@ -161,11 +161,8 @@ impl Surfaces {
         let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
         let vertices = skin.vertices.iter().zip(&skin.normals).zip(&skin.light);
         for (number, (corner, ((vertex, normal), light))) in self.corners.iter_mut().zip(vertices).enumerate() {
-            let place = if rows.is_empty() {
-                eye.image(vertex)
-            } else {
-                rolled(&of_rows, rows, number, camera.image_size[1])
-            };
+            let place =
+                if rows.is_empty() { eye.image(vertex) } else { rolled(&of_rows, rows, number, camera.image_size[1]) };
             let [column, row, depth] = place?;
             let (x, y) = ((column + shift[0]) as f32, (row + shift[1]) as f32);
             let mirrored = normal.dot(&half_way).max(0.0);
@@ -372,7 +369,8 @@ mod tests {
             let down: f64 = face().map(|(x, y)| (at(x, y + 1) - at(x, y)).abs()).sum();
             [across, down]
         };
-        let [sharp, smeared] = [0.02, 20.0].map(|exposure_ms| changes(&picture(&world, &camera, [exposure_ms, 0.0], time)));
+        let [sharp, smeared] =
+            [0.02, 20.0].map(|exposure_ms| changes(&picture(&world, &camera, [exposure_ms, 0.0], time)));
         let left = [0, 1].map(|axis| smeared[axis] / sharp[axis]);
         assert!(left[0] < 0.5 && left[1] > 1.4 * left[0], "{left:?}");
     }

@@ -96,11 +96,7 @@ pub(super) struct Soft {
 
 impl Soft {
     /// Of a head's surface; `as_built_in` takes its points to those of the built-in head [mm].
-    pub fn head(
-        settings: &SoftSettings,
-        surface: &Surface,
-        as_built_in: impl Fn(&Point3<f64>) -> Point3<f64>,
-    ) -> Self {
+    pub fn head(settings: &SoftSettings, surface: &Surface, as_built_in: impl Fn(&Point3<f64>) -> Point3<f64>) -> Self {
         let mut soft = Self::of(settings, surface, |p| {
             let p = as_built_in(p);
             let side = p.y.abs();
@@ -299,7 +295,8 @@ mod tests {
         let moved = moved(PartKind::Knee, SoftSettings::default());
         let most: Vec<f64> = (0..45).map(|mark| moved.iter().map(|it| it[mark]).fold(0.0, f64::max)).collect();
         println!("{most:.2?}");
-        let [soft, hard] = [most.iter().copied().fold(0.0, f64::max), most.iter().copied().fold(f64::INFINITY, f64::min)];
+        let [soft, hard] =
+            [most.iter().copied().fold(0.0, f64::max), most.iter().copied().fold(f64::INFINITY, f64::min)];
         assert!((2.0..9.0).contains(&soft) && hard < 1.5, "{hard} to {soft} mm");
     }
 
