@@ -2,7 +2,7 @@
 
 mod support;
 
-use foveate::messages::{Features, GuidedMark, Image, PixelFormat, Time, Window};
+use foveate::messages::{Features, GuidedMark, Image, Interval, PixelFormat, Time, Window};
 use foveate_painted_mark::tracker::{Correction, MarkTracker, TrackerSettings};
 use nalgebra::{Matrix2, Point2, Vector2};
 use support::{HEIGHT, Names, Play, Score, Sequence, WIDTH, run};
@@ -125,6 +125,22 @@ fn a_disputed_mark_is_dropped_at_once_and_an_ambiguous_place_gives_no_name() {
         .see(&sequence.picture(5), Sequence::stamp(5), Some((Time::from_s(99.0), &guide)), &mut features)
         .unwrap();
     assert!(!features.list.iter().any(|it| it.label == Some(4)));
+}
+
+#[test]
+fn a_guide_of_the_first_of_several_cameras_is_for_the_picture_next_to_its_time() {
+    for (early_ms, is_heeded) in [(0.0, true), (5.0, true), (-5.0, false)] {
+        let mut sequence = Sequence::new(Play { speed_px: 20.0, ..Play::default() }, 12, 7);
+        let (mut mark_tracker, mut features) = (mark_tracker(vec![]), Features::default());
+        mark_tracker.see(&sequence.picture(0), Sequence::stamp(0), None, &mut features).unwrap();
+        mark_tracker.see(&sequence.picture(1), Sequence::stamp(1), None, &mut features).unwrap();
+        let guide: Vec<_> = (0..).zip(sequence.truth(1)).map(|(label, it)| guided(label, it.0)).collect();
+        let time = Sequence::stamp(1).time - Interval::from_ms(early_ms);
+        mark_tracker.see(&sequence.picture(2), Sequence::stamp(2), Some((time, &guide)), &mut features).unwrap();
+        let truth = sequence.truth(2);
+        let right = (0..12).filter(|it| label_at(&features, truth[*it].0) == Some(*it as u32)).count();
+        assert_eq!(right > 8, is_heeded, "{early_ms} ms early: {right}");
+    }
 }
 
 #[test]

@@ -235,7 +235,10 @@ impl MarkTracker {
                 }
                 continue;
             };
-            track.step = track.is_seen().then(|| found.pixel - track.pixel);
+            let step = track.is_seen().then(|| found.pixel - track.pixel);
+            // A difference is the velocity of half a period ago.
+            track.pace = step.map(|step| step + (step - track.step.unwrap_or(step)) * 0.5);
+            track.step = step;
             if track.is_seen() {
                 track.velocity = found.pixel - track.pixel - shift;
             } else if track.label.is_some() {
@@ -356,12 +359,12 @@ impl MarkTracker {
 
     fn write(&mut self, features: &mut Features, rows: Option<Rows>) {
         let scale = f64::from(self.window.shrink).powi(2);
-        let steps: Vec<Vector2<f64>> = self.tracks.iter().filter(|it| it.is_seen()).filter_map(|it| it.step).collect();
+        let steps: Vec<Vector2<f64>> = self.tracks.iter().filter(|it| it.is_seen()).filter_map(|it| it.pace).collect();
         // What was not seen before goes with the others.
         let usual = steps.iter().sum::<Vector2<f64>>() / steps.len().max(1) as f64;
         let place = |it: &Track| {
             let pixel = self.window.in_camera(&it.pixel);
-            let step = self.window_moved + it.step.unwrap_or(usual) * f64::from(self.window.shrink);
+            let step = self.window_moved + it.pace.unwrap_or(usual) * f64::from(self.window.shrink);
             rows.map_or(pixel, |rows| rows.at_middle(&pixel, &step))
         };
         features.list.extend(self.tracks.iter().filter(|it| it.is_seen()).map(|it| Feature {

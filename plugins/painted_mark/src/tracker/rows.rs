@@ -1,7 +1,7 @@
 //! Rolling shutter: where the middle row's moment would have had what other rows saw.
 //!
 //! Row y of H is exposed (y / (H − 1) − 1/2) T after the middle one, T being the readout; who moves by v in a second, seen from a head that turns, too, was v times that
-//! farther back. v is the step from the picture before, over the time between the two: it belongs to half a period ago, which a turn that begins changes by little over T.
+//! farther back. v is the step from the picture before, over the time between the two, and half of what that changed since the step before: a difference belongs to half a period ago.
 
 use foveate::prelude::Time;
 use nalgebra::{Point2, Vector2};
@@ -27,7 +27,7 @@ impl Rows {
         is_known.then_some(Rows { readout_s: readout_ms * 1e-3, height: f64::from(height), step_s })
     }
 
-    /// Where the middle row's moment has what is seen at `pixel` and came by `step` since the picture before, both in pixels of the camera.
+    /// Where the middle row's moment has what is seen at `pixel` and moves by `step` from picture to picture, both in pixels of the camera.
     pub fn at_middle(&self, pixel: &Point2<f64>, step: &Vector2<f64>) -> Point2<f64> {
         let late_s = (pixel.y / (self.height - 1.0) - 0.5) * self.readout_s;
         pixel - step * (late_s / self.step_s)
