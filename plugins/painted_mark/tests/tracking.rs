@@ -2,7 +2,7 @@
 
 mod support;
 
-use foveate::messages::{Features, GuidedMark, Image, PixelFormat, Time, Window};
+use foveate::messages::{Features, GuidedMark, Image, Interval, PixelFormat, Time, Window};
 use foveate_painted_mark::tracker::{Correction, MarkTracker, TrackerSettings};
 use nalgebra::{Matrix2, Point2, Vector2};
 use support::{HEIGHT, Names, Play, Score, Sequence, WIDTH, run};
@@ -61,7 +61,7 @@ fn without_checks_hidden_marks_are_reported_and_errors_add_up() {
 }
 
 fn mark_tracker(corrections: Vec<Correction>) -> MarkTracker {
-    MarkTracker::new(TrackerSettings::default(), corrections).unwrap()
+    MarkTracker::new(TrackerSettings::default(), corrections, None).unwrap()
 }
 
 fn label_at(features: &Features, place: Point2<f64>) -> Option<u32> {
@@ -128,6 +128,22 @@ fn a_disputed_mark_is_dropped_at_once_and_an_ambiguous_place_gives_no_name() {
 }
 
 #[test]
+fn a_guide_of_the_first_of_several_cameras_is_for_the_picture_next_to_its_time() {
+    for (early_ms, is_heeded) in [(0.0, true), (5.0, true), (-5.0, false)] {
+        let mut sequence = Sequence::new(Play { speed_px: 20.0, ..Play::default() }, 12, 7);
+        let (mut mark_tracker, mut features) = (mark_tracker(vec![]), Features::default());
+        mark_tracker.see(&sequence.picture(0), Sequence::stamp(0), None, &mut features).unwrap();
+        mark_tracker.see(&sequence.picture(1), Sequence::stamp(1), None, &mut features).unwrap();
+        let guide: Vec<_> = (0..).zip(sequence.truth(1)).map(|(label, it)| guided(label, it.0)).collect();
+        let time = Sequence::stamp(1).time - Interval::from_ms(early_ms);
+        mark_tracker.see(&sequence.picture(2), Sequence::stamp(2), Some((time, &guide)), &mut features).unwrap();
+        let truth = sequence.truth(2);
+        let right = (0..12).filter(|it| label_at(&features, truth[*it].0) == Some(*it as u32)).count();
+        assert_eq!(right > 8, is_heeded, "{early_ms} ms early: {right}");
+    }
+}
+
+#[test]
 fn parts_of_pictures_and_colour_give_the_same_marks() {
     let mut sequence = Sequence::new(Play::default(), 6, 7);
     let corrections = sequence.by_hand();
@@ -172,7 +188,7 @@ fn marks_of_a_colour_are_found_where_the_surface_is_as_bright() {
         Image { width: 80, height: 60, format: PixelFormat::Rgb8, pixels: pixels.collect(), ..Image::default() };
     let found = |colour| {
         let settings = TrackerSettings { colour, ..TrackerSettings::default() };
-        let (mut mark_tracker, mut features) = (MarkTracker::new(settings, vec![]).unwrap(), Features::default());
+        let (mut mark_tracker, mut features) = (MarkTracker::new(settings, vec![], None).unwrap(), Features::default());
         mark_tracker.see(&image, Sequence::stamp(0), None, &mut features).unwrap();
         features.list.iter().map(|it| it.centre).collect::<Vec<_>>()
     };
@@ -219,7 +235,7 @@ fn a_mark_without_a_dot_is_followed_by_its_patch() {
     let rows = (0..).zip(&pairs);
     let corrections = rows.map(|(mark, it)| Correction { frame: 0, mark, pixel: Some(middle(&truth, *it)) }).collect();
     let settings = TrackerSettings { find: false, ..TrackerSettings::default() };
-    let mut mark_tracker = MarkTracker::new(settings, corrections).unwrap();
+    let mut mark_tracker = MarkTracker::new(settings, corrections, None).unwrap();
     let mut features = Features::default();
     let mut n = 0;
     for t in 0..30 {

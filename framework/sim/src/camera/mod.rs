@@ -55,6 +55,8 @@ const HALO_WIDTH: f64 = 6.0;
 const SEEN_FROM_PX_M: f64 = 250.0;
 /// A painted face is drawn at least this often in each exposure: that makes its edges smooth.
 const LEAST_FACE_MOMENTS: u32 = 4;
+/// Between such steps of a rolling shutter skin and camera go straight ahead [ms].
+const ROWS_MS: f64 = 4.0;
 /// A surface in a projector's light is drawn at so many moments of each exposure.
 const LIT_MOMENTS: u32 = 4;
 
@@ -297,6 +299,7 @@ impl Renderer {
         let cloth_light = 60.0 * room_light * gain;
         let n_moments = self.settings.blur_samples.max(LEAST_FACE_MOMENTS);
         let moments = self.moments(capture, n_moments);
+        let readout_ms = self.sensor.as_ref().and_then(Sensor::readout_ms);
         let painted = world.painted_part(capture).zip(self.moment.poses.first());
         let face = painted.and_then(|(part, pose)| {
             let distance = (part.middle(pose) - self.centre).norm();
@@ -322,15 +325,16 @@ impl Renderer {
             return;
         };
         let mut draw = |canvas: &mut [i16]| {
-            let (mut views, mut then) = (Vec::new(), Moment::default());
-            for (number, (_, moment)) in (0..).zip(moments.clone()) {
-                world.at(moment, &mut then);
-                // Who is there in the middle of the exposure may not have come in at its start.
-                if let (Some(part), Some(pose)) = (world.painted_part(moment), then.poses.first()) {
-                    let (camera, skin) = (camera_at(moment), part.skin(moment, pose));
-                    views.push(View { camera, skin, shift: surface::shift(number, n_moments) });
-                }
-            }
+            // Who is there in the middle of the exposure may not have come in at its start.
+            let sight = |moment: Time| world.part(moment).map(|(_, skin)| (camera_at(moment), skin));
+            let views: Vec<View> = (0..)
+                .zip(moments.clone())
+                .filter_map(|(number, (_, moment))| {
+                    let (camera, skin) = sight(moment)?;
+                    let rows = steps_of_rows(readout_ms).map(|it| sight(moment + it)).collect::<Option<_>>()?;
+                    Some(View { camera, skin, shift: surface::shift(number, n_moments), rows })
+                })
+                .collect();
             surfaces.draw(canvas.len(), part, part.light * room_light * gain, &views);
             surfaces.finish(image_size[0] as usize, n_moments, black_level, canvas);
         };
@@ -344,7 +348,8 @@ impl Renderer {
         let moments: Vec<Time> = self.moments(capture, LIT_MOMENTS).map(|it| it.1).collect();
         let shape = |(number, moment): (u32, &Time)| {
             let (part, skin) = world.part(*moment)?;
-            Some((part, View { camera: camera_at(*moment), skin, shift: surface::shift(number, LIT_MOMENTS) }))
+            let shift = surface::shift(number, LIT_MOMENTS);
+            Some((part, View { camera: camera_at(*moment), skin, shift, rows: Vec::new() }))
         };
         let Some(shapes) = (0..).zip(&moments).map(shape).collect::<Option<Vec<_>>>() else { return };
         let (parts, views): (Vec<_>, Vec<View>) = shapes.into_iter().unzip();
@@ -429,6 +434,12 @@ pub fn render(
     let mut image = Image::default();
     Renderer::new(camera, id, world, settings, random).render(world, capture, 0, &mut image);
     image
+}
+
+/// From a moment of the middle row to those at which skin is looked at for a rolling shutter, from the first row to the last one; none where all rows are exposed at once.
+fn steps_of_rows(readout_ms: Option<f64>) -> impl Iterator<Item = Interval> {
+    let n = readout_ms.map_or(0, |it| (it / ROWS_MS).ceil() as usize + 1);
+    (0..n).map(move |it| Interval::from_ms((it as f64 / (n - 1) as f64 - 0.5) * readout_ms.unwrap_or_default()))
 }
 
 /// Rounds 8-bit values to 2^`bits` levels, from 0 to 255; `None` when that changes nothing.

@@ -66,8 +66,9 @@ pub struct SensorSettings {
     /// By how much, as a part of their light [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub flicker: f64,
-    /// Rolling shutter: from the exposure of the first row to that of the last one; the stamp is that of the middle row. Lights are drawn with it; people
-    /// and painted skin are drawn as they are at the middle row's time. 0: all rows at once [ms].
+    /// Rolling shutter: from the exposure of the first row to that of the last one; the stamp is that of the middle row. Lights and painted skin are drawn
+    /// with it, from heads that turn, too, and people of a `studio`; people as dark shapes and the room are drawn as they are at the middle row's time.
+    /// 0: all rows at once [ms].
     #[schemars(range(min = 0.0, max = 100.0))]
     pub readout_ms: f64,
     /// Whether the lines of every other field lie between those of the one before, as with television's cameras. A rig is not told: its camera has the

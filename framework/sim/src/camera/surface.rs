@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use foveate_geometry::Intrinsics;
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Matrix3, Point3, Vector2, Vector3};
 
 use super::STEPS;
 use super::triangles::{Area, Canvas, Corner, LANES, Pixel};
@@ -24,6 +24,55 @@ pub(super) struct View {
     pub skin: Arc<Skin>,
     /// By how much it is drawn aside: see [`shift`] [px].
     pub shift: [f64; 2],
+    /// Rolling shutter: the same at even steps from the time of the first row to that of the last one. Empty: all rows at once.
+    pub rows: Vec<(TrueCamera, Arc<Skin>)>,
+}
+
+/// A camera where it stands.
+struct Eye<'c> {
+    camera: &'c TrueCamera,
+    rotation: Matrix3<f64>,
+    is_ideal: bool,
+}
+
+impl<'c> Eye<'c> {
+    fn new(camera: &'c TrueCamera) -> Self {
+        let rotation = camera.camera_from_world.rotation.to_rotation_matrix().into_inner();
+        Self { rotation, is_ideal: camera.is_ideal(), camera }
+    }
+
+    /// Column, row [px] and depth [m]; `None` of what is too near, or where the lens has no answer.
+    fn image(&self, point: &Point3<f64>) -> Option<[f64; 3]> {
+        let seen = self.rotation * point.coords + self.camera.camera_from_world.translation.vector;
+        if seen.z < NEAREST_M {
+            return None;
+        }
+        let Intrinsics { focal, principal, skew } = self.camera.intrinsics;
+        let ideal = Vector2::new(seen.x, seen.y) / seen.z;
+        let place = if self.is_ideal { ideal } else { self.camera.distort(&ideal)? };
+        Some([focal[0] * place.x + skew * place.y + principal[0], focal[1] * place.y + principal[1], seen.z])
+    }
+}
+
+/// Where vertex number `number` is seen by rows that are exposed one after the other, from the `eyes` and skins at even steps from the time of the first row to that of
+/// the last one; the row of a picture of `height` rows that images it is the one that is exposed just then.
+fn rolled(eyes: &[Eye<'_>], skins: &[(TrueCamera, Arc<Skin>)], number: usize, height: u32) -> Option<[f64; 3]> {
+    let last = (eyes.len() - 1) as f64;
+    let at = |step: usize| {
+        let place = eyes[step].image(&skins[step].1.vertices[number])?;
+        // How far ahead of the row being exposed it lies, in heights of the picture.
+        Some((place, place[1] / f64::from(height - 1) - step as f64 / last))
+    };
+    let mut from = at(0)?;
+    for step in 1..eyes.len() {
+        let to = at(step)?;
+        if to.1 <= 0.0 || step + 1 == eyes.len() {
+            let share = (from.1 / (from.1 - to.1)).clamp(-last, last);
+            return Some([0, 1, 2].map(|it| from.0[it] + (to.0[it] - from.0[it]) * share));
+        }
+        from = to;
+    }
+    None
 }
 
 /// Draws a surface; keeps its memory from field to field.
@@ -103,30 +152,23 @@ impl Surfaces {
 
     /// Fills in where the corners are at a moment; the pixels that they take up, or `None` where nothing is seen.
     fn project(&mut self, view: &View, white: f32, lane: usize) -> Option<Area> {
-        let View { camera, skin, shift } = view;
-        let rotation = camera.camera_from_world.rotation.to_rotation_matrix();
-        let translation = camera.camera_from_world.translation.vector;
-        let eye = camera.centre();
-        let to_eye = (eye - skin.vertices[0]).normalize().cast::<f32>();
+        let View { camera, skin, shift, rows } = view;
+        let eye = Eye::new(camera);
+        let of_rows: Vec<Eye<'_>> = rows.iter().map(|it| Eye::new(&it.0)).collect();
+        let to_eye = (camera.centre() - skin.vertices[0]).normalize().cast::<f32>();
         // Everything is far away against its own size: one direction to the camera for all.
         let half_way: Vector3<f32> = (to_eye + key_light()).normalize();
-        let Intrinsics { focal, principal, skew } = camera.intrinsics;
-        let is_ideal = camera.is_ideal();
         let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
         let vertices = skin.vertices.iter().zip(&skin.normals).zip(&skin.light);
-        for (corner, ((vertex, normal), light)) in self.corners.iter_mut().zip(vertices) {
-            let seen = rotation * vertex.coords + translation;
-            if seen.z < NEAREST_M {
-                return None;
-            }
-            let ideal = Vector2::new(seen.x, seen.y) / seen.z;
-            let place = if is_ideal { ideal } else { camera.distort(&ideal)? };
-            let x = (focal[0] * place.x + skew * place.y + principal[0] + shift[0]) as f32;
-            let y = (focal[1] * place.y + principal[1] + shift[1]) as f32;
+        for (number, (corner, ((vertex, normal), light))) in self.corners.iter_mut().zip(vertices).enumerate() {
+            let place =
+                if rows.is_empty() { eye.image(vertex) } else { rolled(&of_rows, rows, number, camera.image_size[1]) };
+            let [column, row, depth] = place?;
+            let (x, y) = ((column + shift[0]) as f32, (row + shift[1]) as f32);
             let mirrored = normal.dot(&half_way).max(0.0);
             let (square, fourth) = (mirrored * mirrored, mirrored.powi(4));
             let shine = SHINE * fourth * fourth * fourth * square * light.min(1.0);
-            (corner.x[lane], corner.y[lane], corner.depth[lane]) = (x, y, seen.z as f32);
+            (corner.x[lane], corner.y[lane], corner.depth[lane]) = (x, y, depth as f32);
             (corner.light[lane], corner.shine[lane]) = (light * white, shine * white);
             low = [low[0].min(x), low[1].min(y)];
             high = [high[0].max(x), high[1].max(y)];
@@ -150,13 +192,13 @@ pub(super) fn shift(moment: u32, n_moments: u32) -> [f64; 2] {
 mod tests {
     use foveate_estimation::random::Random;
     use foveate_geometry::Camera;
-    use foveate_messages::{CameraId, Image, Time};
+    use foveate_messages::{CameraId, Image, Interval, Time};
     use nalgebra::Point3;
 
     use super::*;
-    use crate::camera::{CameraSettings, Renderer};
+    use crate::camera::{CameraSettings, Renderer, SensorSettings};
     use crate::painted::{FaceSettings, FaceSource};
-    use crate::world::{Moment, SceneSettings, WalkKind, World};
+    use crate::world::{SceneSettings, WalkKind, World};
 
     fn world(marks: usize) -> World {
         let settings = SceneSettings {
@@ -176,8 +218,21 @@ mod tests {
         Camera::look_at(Point3::from(from), Point3::from(head), [640, 480], 2600.0)
     }
 
-    fn picture(world: &World, camera: &Camera, exposure_ms: f64, time: Time) -> Image {
-        let settings = CameraSettings { noise_sigma: 0.0, exposure_ms, blur_samples: 12, ..CameraSettings::default() };
+    fn picture(world: &World, camera: &Camera, [exposure_ms, readout_ms]: [f64; 2], time: Time) -> Image {
+        let sensor = SensorSettings {
+            readout_ms,
+            electrons: 0.0,
+            gain_spread: 0.0,
+            gain_pattern: 0.0,
+            dark_pattern: 0.0,
+            dark_columns: 0.0,
+            vignetting: 0.0,
+            flicker: 0.0,
+            ..SensorSettings::default()
+        };
+        let sensor = (readout_ms > 0.0).then_some(sensor);
+        let settings =
+            CameraSettings { noise_sigma: 0.0, exposure_ms, blur_samples: 12, sensor, ..CameraSettings::default() };
         let mut image = Image::default();
         Renderer::on_head(camera, CameraId(0), &settings, &Random::new(2)).render(world, time, 0, &mut image);
         image
@@ -188,20 +243,30 @@ mod tests {
     /// Marks on the ridge and the wings of the nose are bent: their middle seems to lie up to half a pixel beside their centre.
     const BENT: std::ops::RangeInclusive<usize> = 13..=18;
 
-    #[test]
-    fn marks_are_dark_where_they_truly_are() {
+    /// When the row is exposed that shows a mark, of a picture whose middle row is exposed at `time`.
+    fn shown_at(world: &World, camera: &Camera, mark: usize, time: Time, readout_ms: f64) -> Option<Time> {
+        (0..5).try_fold(time, |at, _| {
+            let row = camera.sees(&world.painted(at)?.marks[mark])?.y;
+            Some(time + Interval::from_ms((row / 479.0 - 0.5) * readout_ms))
+        })
+    }
+
+    /// How far the middle of what is dark lies from where marks truly are, ascending [px].
+    fn off_the_truth(times_s: [f64; 3], readout_ms: f64) -> Vec<f64> {
         let [world, bare] = [69, 1].map(world);
         let mut errors = Vec::new();
-        for (step, place) in (0..3).flat_map(|step| PLACES.map(|place| (step, place))) {
-            let time = Time::from_s(2.6 + 1.13 * f64::from(step));
-            let (camera, painted) = (camera(&world, time, place), world.painted(time).unwrap());
-            let [image, bare] = [&world, &bare].map(|it| picture(it, &camera, 0.02, time));
-            for (mark, (position, normal)) in painted.marks.iter().zip(&painted.normals).enumerate().skip(1) {
+        for (time, place) in times_s.into_iter().flat_map(|it| PLACES.map(|place| (Time::from_s(it), place))) {
+            let camera = camera(&world, time, place);
+            let [image, bare] = [&world, &bare].map(|it| picture(it, &camera, [0.02, readout_ms], time));
+            for mark in (1..69).filter(|it| !BENT.contains(it)) {
+                let Some(at) = shown_at(&world, &camera, mark, time, readout_ms) else { continue };
+                let painted = world.painted(at).unwrap();
+                let (position, normal) = (painted.marks[mark], painted.normals[mark]);
                 let to_eye = (camera.centre() - position).normalize();
-                if to_eye.dot(normal) < 0.6 || BENT.contains(&mark) || !painted.sees(&camera.centre(), mark) {
+                if to_eye.dot(&normal) < 0.6 || !painted.sees(&camera.centre(), mark) {
                     continue;
                 }
-                let pixel = camera.sees(position).unwrap();
+                let pixel = camera.sees(&position).unwrap();
                 let others =
                     painted.marks.iter().filter_map(|it| camera.sees(it)).filter(|it| (it - pixel).norm() < 8.5);
                 if others.count() > 1 {
@@ -223,6 +288,12 @@ mod tests {
             }
         }
         errors.sort_by(f64::total_cmp);
+        errors
+    }
+
+    #[test]
+    fn marks_are_dark_where_they_truly_are() {
+        let errors = off_the_truth([2.6, 3.73, 4.86], 0.0);
         let share = |share: f64| errors[(errors.len() as f64 * share) as usize];
         let most = errors[errors.len() - 1];
         println!("{} marks: median {:.3}, 90 % {:.3}, most {most:.3} px", errors.len(), share(0.5), share(0.9));
@@ -230,19 +301,26 @@ mod tests {
     }
 
     #[test]
+    fn rows_that_are_exposed_later_show_marks_where_they_are_then() {
+        // While the actor walks.
+        let errors = off_the_truth([8.6, 9.3, 10.1], 14.0);
+        let share = |share: f64| errors[(errors.len() as f64 * share) as usize];
+        println!("{} marks: median {:.3}, 90 % {:.3} px", errors.len(), share(0.5), share(0.9));
+        assert!(errors.len() > 300 && share(0.5) < 0.06 && share(0.9) < 0.15, "{} marks", errors.len());
+    }
+
+    #[test]
     fn depths_of_the_picture_and_lines_of_sight_agree_on_what_is_hidden() {
         let world = world(69);
-        let (mut surfaces, mut moment, mut counts) = (Surfaces::default(), Moment::default(), [0; 3]);
+        let (mut surfaces, mut counts) = (Surfaces::default(), [0; 3]);
         for (step, angle) in (0..4).flat_map(|step| (0..12).map(move |it| (step, f64::from(it) * 0.52))) {
             let time = Time::from_s(3.0 + 0.61 * f64::from(step));
             let head = world.painted(time).unwrap().world_from_part.translation.vector;
             let from = [head.x + 3.0 * angle.sin(), head.y + 3.0 * angle.cos(), head.z + angle.sin() * 0.4];
             let (camera, painted) = (camera(&world, time, from), world.painted(time).unwrap());
-            world.at(time, &mut moment);
-            let part = world.painted_part(time).unwrap();
-            let skin = part.skin(time, &moment.poses[0]);
+            let (part, skin) = world.part(time).unwrap();
             surfaces.pixels.fill(Pixel::EMPTY);
-            let view = View { camera: TrueCamera::from(&camera), skin, shift: shift(0, 1) };
+            let view = View { camera: TrueCamera::from(&camera), skin, shift: shift(0, 1), rows: Vec::new() };
             let area = surfaces.draw_together(part, 200.0, &[view]).unwrap();
             for (mark, (position, normal)) in painted.marks.iter().zip(&painted.normals).enumerate() {
                 let to_eye = (camera.centre() - position).normalize();
@@ -278,7 +356,7 @@ mod tests {
         let crossing = (0..200).map(|it| Time::from_s(7.5 + 0.01 * f64::from(it))).max_by(|a, b| {
             let speed = |time: Time| {
                 let head = |time| world.painted(time).unwrap().world_from_part.translation.vector.x;
-                (head(time + foveate_messages::Interval::from_ms(1.0)) - head(time)).abs()
+                (head(time + Interval::from_ms(1.0)) - head(time)).abs()
             };
             speed(*a).total_cmp(&speed(*b))
         });
@@ -291,7 +369,8 @@ mod tests {
             let down: f64 = face().map(|(x, y)| (at(x, y + 1) - at(x, y)).abs()).sum();
             [across, down]
         };
-        let [sharp, smeared] = [0.02, 20.0].map(|exposure_ms| changes(&picture(&world, &camera, exposure_ms, time)));
+        let [sharp, smeared] =
+            [0.02, 20.0].map(|exposure_ms| changes(&picture(&world, &camera, [exposure_ms, 0.0], time)));
         let left = [0, 1].map(|axis| smeared[axis] / sharp[axis]);
         assert!(left[0] < 0.5 && left[1] > 1.4 * left[0], "{left:?}");
     }
@@ -301,7 +380,7 @@ mod tests {
         let pictures = |order: &[i32]| -> Vec<(i32, Image)> {
             let world = world(69);
             let times = order.iter().map(|it| (*it, Time::from_s(2.5 + 0.033 * f64::from(*it))));
-            times.map(|(it, time)| (it, picture(&world, &camera(&world, time, PLACES[1]), 4.0, time))).collect()
+            times.map(|(it, time)| (it, picture(&world, &camera(&world, time, PLACES[1]), [4.0, 0.0], time))).collect()
         };
         let (forth, mut back) = (pictures(&[0, 1, 2, 200]), pictures(&[200, 1, 2, 0]));
         back.sort_by_key(|it| it.0);

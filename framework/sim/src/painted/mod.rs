@@ -1,7 +1,7 @@
 //! A part of an actor's body that is painted with marks, moves and deforms: a face [Davis 2002, Figs. 54, 55 and 58] or a knee (§6.1).
 //!
 //! It is a surface of triangles with a texture. Of the modules, `surface` tells how it deforms, `head`, `expressions`, `ict` and `knee` what it is made
-//! of, `drive` what a face does over time, `places`, `skin` and `texture` how it looks. Where the marks truly are at some time, and from where they
+//! of, `drive` what a face does over time, `soft` how its skin swings, slides and bulges, `places`, `skin` and `texture` how it looks. Where the marks truly are at some time, and from where they
 //! are seen, is [`Painted`]. All is a pure function of time and of the seed.
 
 mod coarser;
@@ -12,6 +12,7 @@ mod ict;
 mod knee;
 mod places;
 mod skin;
+mod soft;
 mod surface;
 mod texture;
 
@@ -30,6 +31,8 @@ use serde::{Deserialize, Serialize};
 use crate::person::{BodyPart, Pose};
 use drive::Drive;
 pub(crate) use places::MOST as MOST_MARKS;
+pub use soft::SoftSettings;
+use soft::{Carried, Soft};
 use surface::Spot;
 pub(crate) use surface::{Material, Surface, Triangle};
 pub(crate) use texture::{Texture, noise};
@@ -107,6 +110,9 @@ pub struct FaceSettings {
     pub light: f64,
     /// Where the face and its motion come from: `auto` takes recordings where they are there, and tells if not [–].
     pub source: FaceSource,
+    /// Skin that swings after what carries it, slides over what lies below and bulges where it is pushed together; `{}` for that of a person. Left out: it
+    /// deforms as its modes say [–].
+    pub soft: Option<SoftSettings>,
     /// The folder of recordings. `${NAME}` is an environment variable; a relative path starts at the rig's folder [–].
     pub data: String,
 }
@@ -119,6 +125,7 @@ impl Default for FaceSettings {
             radius_mm: 1.8,
             light: 260.0,
             source: FaceSource::Auto,
+            soft: None,
             data: "${FOVEATE_DATA}".to_owned(),
         }
     }
@@ -129,7 +136,8 @@ impl FaceSettings {
     pub(crate) fn check(&self) -> Result<(), ConfigError> {
         ConfigError::unless_in("face.marks", self.marks, 1..=MOST_MARKS)?;
         ConfigError::unless_in("face.radius_mm", self.radius_mm, 0.5..=5.0)?;
-        ConfigError::unless_in("face.light", self.light, 0.0..=500.0)
+        ConfigError::unless_in("face.light", self.light, 0.0..=500.0)?;
+        self.soft.as_ref().map_or(Ok(()), SoftSettings::check)
     }
 }
 
@@ -144,6 +152,7 @@ pub(crate) struct Part {
     spots: Vec<Spot>,
     /// What a face does; a knee does what the leg does.
     drive: Option<Drive>,
+    soft: Option<Soft>,
     recent: Mutex<VecDeque<(Time, Arc<Skin>)>>,
 }
 
@@ -213,7 +222,8 @@ impl Part {
             let spots = knee::spots(&surface, settings.marks);
             let marks = texture::Paint::new(&surface, &spots, settings.radius_mm, seed);
             let painter = Painter { size, marks, albedo: Albedo::Knee(seed) };
-            return Self::of(settings, surface, painter, spots, None);
+            let soft = settings.soft.as_ref().map(|it| Soft::knee(it, &surface));
+            return Self { soft, ..Self::of(settings, surface, painter, spots, None) };
         }
         let features = skin::Features { seed, is_built_in: recorded.is_none() };
         let is_built_in = recorded.is_none();
@@ -231,7 +241,9 @@ impl Part {
         let albedo = if is_built_in { Albedo::BuiltIn(features) } else { Albedo::Recorded(features) };
         let painter = Painter { size, marks, albedo };
         let drive = Drive::new(start_s, shown_s, curves, &mut random.fork("expressions"));
-        Self::of(settings, surface, painter, spots, Some(drive))
+        let as_built_in = if is_built_in { |p: &Point3<f64>| p * 1e3 } else { ict::as_built_in };
+        let soft = settings.soft.as_ref().map(|it| Soft::head(it, &surface, as_built_in));
+        Self { soft, ..Self::of(settings, surface, painter, spots, Some(drive)) }
     }
 
     fn of(settings: &FaceSettings, surface: Surface, painter: Painter, spots: Vec<Spot>, drive: Option<Drive>) -> Self {
@@ -244,6 +256,7 @@ impl Part {
             texture: OnceLock::new(),
             spots,
             drive,
+            soft: None,
         }
     }
 
@@ -274,41 +287,50 @@ impl Part {
         }
     }
 
-    /// The surface at `time` on the body `pose` of that time.
-    pub fn skin(&self, time: Time, pose: &Pose) -> Arc<Skin> {
+    /// The surface at `time` on a body whose poses over time [s] are `pose_at`.
+    pub fn skin(&self, time: Time, pose_at: &dyn Fn(f64) -> Pose) -> Arc<Skin> {
         let recent = || self.recent.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, known)) = recent().iter().find(|it| it.0 == time) {
             return Arc::clone(known);
         }
-        let skin = Arc::new(self.skin_at(time.as_s(), pose));
+        let skin = Arc::new(self.skin_at(time.as_s(), pose_at));
         let mut recent = recent();
         recent.truncate(KEPT - 1);
         recent.push_front((time, Arc::clone(&skin)));
         skin
     }
 
-    fn skin_at(&self, time_s: f64, pose: &Pose) -> Skin {
-        let mut weights = Vec::new();
+    fn skin_at(&self, time_s: f64, pose_at: &dyn Fn(f64) -> Pose) -> Skin {
+        let now = self.carried(time_s, pose_at);
+        let vertices = self.surface.deform(&now.weights, &now.world_from_part, &now.world_from_next);
+        let vertices = match &self.soft {
+            Some(soft) => soft.settle(&self.surface, &now, &vertices, time_s, |it| self.carried(it, pose_at)),
+            None => vertices,
+        };
+        self.skin_of(vertices, now.world_from_part)
+    }
+
+    fn carried(&self, time_s: f64, pose_at: &dyn Fn(f64) -> Pose) -> Carried {
+        let (pose, mut weights) = (pose_at(time_s), Vec::new());
         let [world_from_part, world_from_next] = match &self.drive {
             Some(drive) => {
                 drive.weights(&self.names, time_s, &mut weights);
-                [pose.head, world_from_trunk(pose)]
+                [pose.head, world_from_trunk(&pose)]
             }
             None => {
-                knee::weights(pose, &mut weights);
-                knee::frames(pose)
+                knee::weights(&pose, &mut weights);
+                knee::frames(&pose)
             }
         };
-        self.skin_of(&weights, world_from_part, &world_from_next)
+        Carried { weights, world_from_part, world_from_next }
     }
 
     /// The surface as it is at rest, carried as a whole.
     pub fn skin_at_rest(&self, world_from_part: Isometry3<f64>) -> Skin {
-        self.skin_of(&[], world_from_part, &world_from_part)
+        self.skin_of(self.surface.deform(&[], &world_from_part, &world_from_part), world_from_part)
     }
 
-    fn skin_of(&self, weights: &[f64], world_from_part: Isometry3<f64>, world_from_next: &Isometry3<f64>) -> Skin {
-        let vertices = self.surface.deform(weights, &world_from_part, world_from_next);
+    fn skin_of(&self, vertices: Vec<Point3<f64>>, world_from_part: Isometry3<f64>) -> Skin {
         let normals = self.surface.normals(&vertices);
         let key = key_light();
         let fill = Vector3::new(0.75, 0.6, 0.1).normalize();
@@ -342,9 +364,9 @@ impl Part {
         }
     }
 
-    /// [`Self::painted`] of the body `pose` at `time`.
-    pub fn painted_at(self: &Arc<Self>, time: Time, pose: &Pose) -> Painted {
-        self.painted(self.skin(time, pose), pose)
+    /// [`Self::painted`] at `time` of a body whose poses over time [s] are `pose_at`.
+    pub fn painted_at(self: &Arc<Self>, time: Time, pose_at: &dyn Fn(f64) -> Pose) -> Painted {
+        self.painted(self.skin(time, pose_at), &pose_at(time.as_s()))
     }
 }
 

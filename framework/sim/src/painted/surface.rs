@@ -60,6 +60,18 @@ impl Surface {
         world_from_part: &Isometry3<f64>,
         world_from_trunk: &Isometry3<f64>,
     ) -> Vec<Point3<f64>> {
+        let mut vertices = self.shaped(weights);
+        let turn = world_from_part.rotation.to_rotation_matrix();
+        for (vertex, &follow) in vertices.iter_mut().zip(&self.follow) {
+            let with_part = turn * *vertex + world_from_part.translation.vector;
+            *vertex =
+                if follow == 0.0 { with_part } else { with_part + (world_from_trunk * *vertex - with_part) * follow };
+        }
+        vertices
+    }
+
+    /// The vertices deformed by `weights`, in the space of the part.
+    pub fn shaped(&self, weights: &[f64]) -> Vec<Point3<f64>> {
         let mut vertices = self.rest.clone();
         for (mode, &weight) in self.modes.iter().zip(weights) {
             if weight != 0.0 {
@@ -67,12 +79,6 @@ impl Surface {
                     vertices[*vertex as usize] += by * weight;
                 }
             }
-        }
-        let turn = world_from_part.rotation.to_rotation_matrix();
-        for (vertex, &follow) in vertices.iter_mut().zip(&self.follow) {
-            let with_part = turn * *vertex + world_from_part.translation.vector;
-            *vertex =
-                if follow == 0.0 { with_part } else { with_part + (world_from_trunk * *vertex - with_part) * follow };
         }
         vertices
     }

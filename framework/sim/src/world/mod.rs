@@ -468,7 +468,7 @@ impl World {
     pub fn painted(&self, time: Time) -> Option<Painted> {
         let face = self.0.face.as_ref()?;
         let (_, actor) = self.people_at(time).next().filter(|it| self.is_actor(it.1))?;
-        Some(face.painted_at(time, &actor.pose(time.as_s())))
+        Some(face.painted_at(time, &|time_s| actor.pose(time_s)))
     }
 
     /// The painted part of the actor, where there is one and the actor is there at `time`: then the first of [`Moment::poses`].
@@ -492,7 +492,7 @@ impl World {
         }
         let face = self.0.face.as_deref()?;
         let (_, actor) = self.people_at(time).next().filter(|it| self.is_actor(it.1))?;
-        Some((face, face.skin(time, &actor.pose(time.as_s()))))
+        Some((face, face.skin(time, &|time_s| actor.pose(time_s))))
     }
 
     /// The studio, where there is one.

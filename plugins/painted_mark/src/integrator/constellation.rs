@@ -14,6 +14,9 @@ const NEAR: f64 = 0.003;
 /// Sides of the triples: longer than the gaps between marks [m].
 const SHORTEST_SIDE: f64 = 0.03;
 const DRAWS: usize = 120;
+/// Points by which most ways to put marks on points are told to be none, and how many of them must be on marks.
+const PROBES: usize = 12;
+const LIKELY: usize = 3;
 /// Share of the points that must be marks, and their least number.
 const SHARE: f64 = 0.6;
 const LEAST: usize = 8;
@@ -49,6 +52,9 @@ pub(super) fn recognise(points: &[Point3<f64>], marks: &[Point3<f64>]) -> Option
                     let Ok(motion) = align(&from, &triple.map(|it| points[it]), AlignmentOptions::default()) else {
                         continue;
                     };
+                    if !is_likely(points, marks, &motion.b_from_a.isometry) {
+                        continue;
+                    }
                     let pairs = on_points(points, marks, &motion.b_from_a.isometry);
                     let in_common = pairs.iter().filter(|it| best.contains(it)).count();
                     let is_another = 2 * in_common < pairs.len();
@@ -70,6 +76,14 @@ pub(super) fn recognise(points: &[Point3<f64>], marks: &[Point3<f64>]) -> Option
     let enough = pairs.len() >= LEAST && pairs.len() as f64 >= SHARE * points.len().min(marks.len()) as f64;
     let is_alone = (rival as f64) <= RIVAL * best.len() as f64;
     (enough && is_alone).then_some(pairs)
+}
+
+/// Whether enough of a few points have a mark near them for a closer look.
+fn is_likely(points: &[Point3<f64>], marks: &[Point3<f64>], motion: &Isometry3<f64>) -> bool {
+    let back = motion.inverse();
+    let probes = (0..PROBES).map(|it| back * points[it * points.len() / PROBES]);
+    let near = |probe: &Point3<f64>| marks.iter().any(|it| (it - probe).norm_squared() < NEAR * NEAR);
+    probes.filter(near).count() >= LIKELY
 }
 
 /// Mark and point, for marks that the motion brings closer to one point than to any other, and no other mark as close.

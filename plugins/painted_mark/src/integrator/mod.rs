@@ -6,6 +6,7 @@ mod matching;
 mod pair;
 mod registration;
 mod settings;
+mod shapes;
 #[cfg(test)]
 pub(crate) mod tests;
 mod track_store;
@@ -17,12 +18,12 @@ use foveate::messages::GuidedMark;
 use foveate::prelude::*;
 use nalgebra::{Isometry3, Matrix2, Matrix3, Point2, Point3};
 
-use constellation::recognise;
 use gather::{Frame, Gather, View};
 use matching::{DotView, MatchOptions, match_dots, where_all_look};
 use pair::{Blend, Choice, Offer, middle};
 use registration::register;
 pub use settings::{IntegratorSettings, Views};
+use shapes::Shapes;
 use track_store::TrackStore;
 
 ports! {
@@ -78,6 +79,7 @@ pub struct Integrator {
     cameras: Vec<String>,
     gather: Gather,
     track_store: TrackStore,
+    shapes: Shapes,
     choice: Choice,
     blend: Blend,
     last: Option<Time>,
@@ -133,6 +135,7 @@ impl Node for Integrator {
             cameras: setup.calibration.cameras.iter().map(|it| it.name.clone()).collect(),
             gather: Gather::new(setup),
             track_store: TrackStore::default(),
+            shapes: Shapes::default(),
             choice: Choice::default(),
             blend: Blend::new(settings.blend_ms * 1e-3),
             last: None,
@@ -226,6 +229,7 @@ impl Integrator {
         }
         let weak = self.weak(&observations, self.initiation_views(frame));
         self.track_store.update(&measured, &weak, filled, self.settings.initiation_frames);
+        self.shapes.remember(&self.track_store);
         let mut doubted = BTreeSet::new();
         let cameras = if measured.len() < LEAST_TO_GO_ON {
             self.look_for_surface(frame).unwrap_or(cameras)
@@ -363,10 +367,10 @@ impl Integrator {
         let share = |of: f64| ((of * full as f64) as usize).max(LEAST_TO_GO_ON);
         let (agreeing, matched) = (share(AGREEING), share(MATCHED));
         let ball = (centre, self.radius);
-        if self.settings.pose_errors && !register(&mut views, ball, self.settings.start_px, agreeing) {
+        let n_views = self.initiation_views(frame);
+        if self.settings.pose_errors && !register(&mut views, ball, self.settings.start_px, agreeing, n_views) {
             return None;
         }
-        let n_views = self.initiation_views(frame);
         let mut found = Vec::new();
         for tolerance in NARROWING_PX {
             let options = MatchOptions { ball, tolerance, views: n_views };
@@ -396,19 +400,14 @@ impl Integrator {
             return None;
         }
         self.tally.starts += 1;
-        let (labels, believed): (Vec<u32>, Vec<Point3<f64>>) = self
-            .track_store
-            .marks
-            .iter()
-            .filter(|it| it.1.is_believed)
-            .map(|(label, it)| (*label, it.position))
-            .unzip();
-        if labels.len() < LEAST_TO_GO_ON {
+        let believed = self.track_store.marks.iter().filter(|it| it.1.is_believed);
+        let believed: BTreeMap<u32, Point3<f64>> = believed.map(|(label, it)| (*label, it.position)).collect();
+        if believed.len() < LEAST_TO_GO_ON {
             self.track_store.marks.retain(|_, it| it.is_believed);
             points.into_iter().for_each(|it| self.initiate(it));
         } else {
-            let pairs = recognise(&points, &believed)?;
-            let measured = pairs.iter().map(|(mark, point)| (labels[*mark], points[*point])).collect();
+            let (measured, shape) = self.shapes.recognise(&points, believed)?;
+            self.track_store.take_shape(&shape);
             self.track_store.update(&measured, &BTreeSet::new(), None, self.settings.initiation_frames);
         }
         Some(views.into_iter().map(|it| it.camera).collect())

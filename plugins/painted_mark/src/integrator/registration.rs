@@ -14,8 +14,17 @@ const BIN: f64 = 2.0;
 /// Pairs of the first two cameras whose lines of sight pass each other within this make a place [px].
 const PASS: f64 = 2.5;
 
-/// Turns the cameras by up to `reach` px until their dots fit together; all marks lie in the ball `ball`. Whether there were enough votes: at least `least`.
-pub(super) fn register(views: &mut [DotView], ball: (Point3<f64>, f64), reach: f64, least: usize) -> bool {
+/// Turns the cameras by up to `reach` px until their dots fit together; all marks lie in the ball `ball`. A camera for which there are fewer than `least` votes does not
+/// see the surface: its dots are taken away. Whether `n_views` cameras do.
+pub(super) fn register(
+    views: &mut [DotView],
+    ball: (Point3<f64>, f64),
+    reach: f64,
+    least: usize,
+    n_views: usize,
+) -> bool {
+    // Nor does one with fewer dots than that.
+    views.iter_mut().filter(|it| it.dots.len() < least).for_each(|it| it.dots.clear());
     let Some([a, b]) = closest_pair(views) else { return false };
     let across = votes_across(&views[a], &views[b], ball, reach);
     let Some(shift) = peak(&across.iter().map(|it| it.0).collect::<Vec<_>>(), reach, least) else { return false };
@@ -33,7 +42,10 @@ pub(super) fn register(views: &mut [DotView], ball: (Point3<f64>, f64), reach: f
         let view = &mut views[index];
         let offsets = offsets(view, &places, reach);
         let all: Vec<Vector2<f64>> = offsets.iter().map(|it| it.1).collect();
-        let Some(shift) = peak_2d(&all, reach, least) else { return false };
+        let Some(shift) = peak_2d(&all, reach, least) else {
+            view.dots.clear();
+            continue;
+        };
         view.camera = shifted(&view.camera, &shift, &ball.0);
         // From here on only places that this camera sees too.
         let mut agreeing: Vec<usize> =
@@ -41,7 +53,7 @@ pub(super) fn register(views: &mut [DotView], ball: (Point3<f64>, f64), reach: f
         agreeing.dedup();
         places = agreeing.iter().map(|it| places[*it]).collect();
     }
-    true
+    views.iter().filter(|it| !it.dots.is_empty()).count() >= n_views
 }
 
 /// The two cameras with dots between whose directions to each other's dots there is least angle.
@@ -172,7 +184,7 @@ mod tests {
         let off = [[9.0, -14.0], [-12.0, 6.0], [3.0, 15.0], [-8.0, -10.0]];
         let mut views = views(off);
         let ball = (Point3::new(0.0, 0.05, 1.6), 0.25);
-        assert!(register(&mut views, ball, 30.0, 15));
+        assert!(register(&mut views, ball, 30.0, 15, 3));
         let marks = marks_on_a_face();
         let dots_near = |views: &[DotView]| {
             let options = super::super::matching::MatchOptions { ball, tolerance: 3.0, views: 3 };
@@ -186,6 +198,20 @@ mod tests {
     }
 
     #[test]
+    fn a_camera_that_does_not_see_the_surface_does_not_keep_the_others_from_it() {
+        let ball = (Point3::new(0.0, 0.05, 1.6), 0.25);
+        for blind in 0..4 {
+            let mut views = views([[9.0, -14.0], [-12.0, 6.0], [3.0, 15.0], [-8.0, -10.0]]);
+            views[blind].dots.truncate(if blind < 2 { 0 } else { 16 });
+            assert!(register(&mut views, ball, 30.0, 15, 3), "without camera {blind}");
+            assert!(views[blind].dots.is_empty());
+            let options = super::super::matching::MatchOptions { ball, tolerance: 3.0, views: 3 };
+            let found = super::super::matching::match_dots(&views, &options).len();
+            assert!(found > 25, "without camera {blind}: {found}");
+        }
+    }
+
+    #[test]
     fn pictures_of_other_things_are_not_brought_together() {
         let mut random = Random::new(3);
         let scene = Scene::new(0.0);
@@ -194,7 +220,7 @@ mod tests {
         };
         let mut views: Vec<DotView> =
             scene.cameras.iter().map(|camera| DotView { camera: camera.clone(), dots: dots() }).collect();
-        assert!(!register(&mut views, (Point3::new(0.0, 0.05, 1.6), 0.25), 30.0, 35));
-        assert!(!register(&mut [], (Point3::origin(), 1.0), 30.0, 15));
+        assert!(!register(&mut views, (Point3::new(0.0, 0.05, 1.6), 0.25), 30.0, 35, 3));
+        assert!(!register(&mut [], (Point3::origin(), 1.0), 30.0, 15, 3));
     }
 }

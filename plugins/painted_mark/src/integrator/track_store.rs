@@ -126,6 +126,13 @@ impl TrackStore {
         });
     }
 
+    /// The marks were as in `shape` when the surface was last shaped as now, wherever it was then [m].
+    pub fn take_shape(&mut self, shape: &BTreeMap<u32, Point3<f64>>) {
+        for (label, position) in shape {
+            self.marks.entry(*label).and_modify(|it| it.position = *position);
+        }
+    }
+
     /// Whether the label was given here, not from outside.
     pub fn is_own(&self, label: u32) -> bool {
         self.marks.get(&label).is_some_and(|it| !it.is_given)

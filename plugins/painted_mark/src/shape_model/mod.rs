@@ -1,6 +1,7 @@
 //! `painted_mark.shape_model`: the pose of a head or knee, its shape, and the marks that are hidden [Davis 2002 §5.4].
 
 mod capture;
+mod leftover;
 mod settings;
 #[cfg(test)]
 mod tests;
@@ -17,6 +18,7 @@ use foveate::scene::{UncertainPose, load_shape_model, shape_model_to_toml};
 use nalgebra::{Matrix3, Matrix6, Point3, Vector3};
 
 use capture::{Capture, Rigid};
+use leftover::Leftover;
 pub use settings::{Kind, ShapeSettings};
 
 ports! {
@@ -44,7 +46,7 @@ figures! {
 const UNKNOWN_VELOCITY: f64 = 1e6;
 
 /// Marks as they were measured come in; all marks of the model go out, in a space that moves with the head (the knee): the measured ones where they were
-/// measured, the hidden ones where the model has them, `filled`, with a covariance. That of a filled mark holds what is uncertain of the head's pose, too: it is about the
+/// measured, the hidden ones where the model has them, and what it leaves of their neighbours has them move, `filled`, with a covariance. That of a filled mark holds what is uncertain of the head's pose, too: it is about the
 /// mark's place among the measured ones. Measured marks that contradict all others are filled as well.
 ///
 /// The model is read from a file, or acquired from this very session. Until it is there, and without any, the surface is taken for rigid: marks go out as measured, with
@@ -317,6 +319,15 @@ impl Shape {
     }
 }
 
+/// Where the model has the marks of `seen`, and by how much they are elsewhere, in its space [m].
+fn left_of(seen: &[Mark], fitted: &FittedShape, fitter: &ShapeFitter) -> Vec<(Point3<f64>, Vector3<f64>)> {
+    let left = |it: &Mark| {
+        let place = fitted.marks[fitter.model().index_of(it.label)?].position;
+        Some((place, it.position - place))
+    };
+    seen.iter().filter_map(left).collect()
+}
+
 /// The measured marks in the space of the shape, and those of the model beside them that were not measured, or wrong.
 fn place(measured: &Marks, fitted: &FittedShape, model: Option<&ShapeFitter>) -> Marks {
     let turn = fitted.measured_from_shape.rotation.to_rotation_matrix();
@@ -334,11 +345,12 @@ fn place(measured: &Marks, fitted: &FittedShape, model: Option<&ShapeFitter>) ->
         })
         .collect();
     let n_kept = list.len();
+    let leftover = model.and_then(|it| Leftover::of(&left_of(&list, fitted, it)));
     for (label, mark) in model.iter().flat_map(|it| it.model().labels.iter().zip(&fitted.marks)) {
         if list[..n_kept].binary_search_by_key(label, |it| it.label).is_err() {
             list.push(Mark {
                 label: *label,
-                position: mark.position,
+                position: mark.position + leftover.as_ref().map_or(Vector3::zeros(), |it| it.at(&mark.position)),
                 covariance: mark.covariance,
                 cameras: CameraSet::default(),
                 provenance: Provenance::Filled,

@@ -13,6 +13,7 @@ use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::corrections::Correction;
 use super::eye::Eye;
+use super::rows::Rows;
 use super::settings::TrackerSettings;
 use super::track::{Tally, Track};
 
@@ -32,6 +33,7 @@ pub struct MarkTracker {
     pub(super) settings: TrackerSettings,
     pub(super) eye: Eye,
     corrections: Vec<Correction>,
+    camera_rows: Option<u32>,
     /// One byte a pixel, of a colour picture.
     plane: Vec<u8>,
     pub(super) tracks: Vec<Track>,
@@ -40,6 +42,8 @@ pub struct MarkTracker {
     /// Size and window of the picture before; `None`: there was none.
     last: Option<([u32; 2], Window)>,
     pub(super) window: Window,
+    /// How far the window moved since the picture before, in pixels of the camera.
+    window_moved: Vector2<f64>,
     /// Each picture's time and how the whole moved from it to the next, in pixels of the camera.
     pub(super) past: VecDeque<(Time, Vector2<f64>)>,
     since_search: u32,
@@ -50,11 +54,18 @@ pub struct MarkTracker {
 }
 
 impl MarkTracker {
+    /// `camera_rows`: rows of the camera's whole picture; left out, those of each picture as it comes.
+    ///
     /// # Errors
     /// Names the setting that is out of its range.
-    pub fn new(settings: TrackerSettings, corrections: Vec<Correction>) -> Result<Self, ConfigError> {
+    pub fn new(
+        settings: TrackerSettings,
+        corrections: Vec<Correction>,
+        camera_rows: Option<u32>,
+    ) -> Result<Self, ConfigError> {
         settings.check()?;
         Ok(Self {
+            camera_rows,
             eye: Eye::new(&settings).map_err(ConfigError::node)?,
             settings,
             corrections,
@@ -64,6 +75,7 @@ impl MarkTracker {
             dots: Vec::new(),
             last: None,
             window: Window::default(),
+            window_moved: Vector2::zeros(),
             past: VecDeque::new(),
             since_search: 0,
             has_guide: false,
@@ -101,6 +113,7 @@ impl MarkTracker {
             let before = self.last.map_or(now.1, |it| it.1);
             let moved = |now: u32, before: u32| f64::from(now) - f64::from(before);
             let window = Vector2::new(moved(now.1.left, before.left), moved(now.1.top, before.top));
+            self.window_moved = window;
             if let Some(last) = self.past.back_mut() {
                 last.1 = window + shift * f64::from(now.1.shrink);
             }
@@ -110,6 +123,8 @@ impl MarkTracker {
         if self.past.len() == PAST {
             self.past.pop_front();
         }
+        let before = self.past.back().map(|it| it.0).filter(|_| is_next);
+        let rows = Rows::of(self.settings.readout_ms, self.camera_rows.unwrap_or(image.height), before, stamp.time);
         self.past.push_back((stamp.time, Vector2::zeros()));
         self.correct(stamp);
         self.since_search += 1;
@@ -121,7 +136,7 @@ impl MarkTracker {
             self.has_guide = true;
             self.heed(time, marks, stamp.time, [image.width, image.height]);
         }
-        self.write(features);
+        self.write(features, rows);
         Ok(())
     }
 
@@ -220,6 +235,10 @@ impl MarkTracker {
                 }
                 continue;
             };
+            let step = track.is_seen().then(|| found.pixel - track.pixel);
+            // A difference is the velocity of half a period ago.
+            track.pace = step.map(|step| step + (step - track.step.unwrap_or(step)) * 0.5);
+            track.step = step;
             if track.is_seen() {
                 track.velocity = found.pixel - track.pixel - shift;
             } else if track.label.is_some() {
@@ -338,10 +357,18 @@ impl MarkTracker {
         self.free.push(track);
     }
 
-    fn write(&mut self, features: &mut Features) {
+    fn write(&mut self, features: &mut Features, rows: Option<Rows>) {
         let scale = f64::from(self.window.shrink).powi(2);
+        let steps: Vec<Vector2<f64>> = self.tracks.iter().filter(|it| it.is_seen()).filter_map(|it| it.pace).collect();
+        // What was not seen before goes with the others.
+        let usual = steps.iter().sum::<Vector2<f64>>() / steps.len().max(1) as f64;
+        let place = |it: &Track| {
+            let pixel = self.window.in_camera(&it.pixel);
+            let step = self.window_moved + it.pace.unwrap_or(usual) * f64::from(self.window.shrink);
+            rows.map_or(pixel, |rows| rows.at_middle(&pixel, &step))
+        };
         features.list.extend(self.tracks.iter().filter(|it| it.is_seen()).map(|it| Feature {
-            centre: self.window.in_camera(&it.pixel),
+            centre: place(it),
             covariance: it.covariance * scale,
             area: it.area,
             peak: 0,

@@ -6,6 +6,7 @@ mod eye;
 mod mark_tracker;
 mod naming;
 mod neighbours;
+mod rows;
 mod settings;
 mod track;
 
@@ -65,8 +66,9 @@ impl Node for TrackerNode {
             "" => Vec::new(),
             text => read_marks(&setup.path("marks", text)?, setup)?,
         };
+        let camera = setup.camera.and_then(|it| setup.calibration.cameras.get(usize::from(it.0)));
         Ok(Self {
-            mark_tracker: MarkTracker::new(settings, corrections)?,
+            mark_tracker: MarkTracker::new(settings, corrections, camera.map(|it| it.camera.image_size[1]))?,
             camera: setup.camera,
             camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
             pool: Pool::default(),
@@ -131,6 +133,7 @@ mod tests {
         assert_eq!(setting(|it| it.levels = 0).as_deref(), Some("levels"));
         assert_eq!(setting(|it| it.reach_px = 1001).as_deref(), Some("reach_px"));
         assert_eq!(setting(|it| it.patience_frames = 5000).as_deref(), Some("patience_frames"));
+        assert_eq!(setting(|it| it.readout_ms = -1.0).as_deref(), Some("readout_ms"));
         assert_eq!(setting(|it| it.min_correlation = 1.5).as_deref(), Some("min_correlation"));
         assert_eq!(setting(|it| it.back_px = 0.0).as_deref(), Some("back_px"));
         assert_eq!(setting(|it| it.jump_px = -1.0).as_deref(), Some("jump_px"));

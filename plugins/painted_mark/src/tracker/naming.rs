@@ -134,9 +134,13 @@ impl MarkTracker {
         })
     }
 
-    /// How the whole has moved since the picture of `time` [px of the camera]; `None` where that is not remembered.
+    /// How the whole has moved since the picture of `time`, or the next one after it [px of the camera]: pictures of one moment are as far apart as their cameras' clocks, and that
+    /// moment is the time of the first of them. `None` where that is not remembered.
     fn motion_since(&self, time: Time) -> Option<Vector2<f64>> {
-        let start = self.past.iter().position(|it| it.0 == time)?;
+        let start = self.past.iter().position(|it| it.0 >= time)?;
+        if start == 0 && self.past[0].0 > time {
+            return None;
+        }
         Some(self.past.iter().skip(start).map(|it| it.1).sum())
     }
 }

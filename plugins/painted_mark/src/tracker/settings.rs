@@ -36,6 +36,10 @@ pub struct TrackerSettings {
     pub patience_frames: u32,
     /// Leave out what does not come back to where it was, does not look like before, moves unlike its neighbours or sits on another's dot [–].
     pub checks: bool,
+    /// Rolling shutter: from the exposure of the camera's first row to that of its last one; pictures are stamped by the middle row. Places go out as that row would have had
+    /// them, by how each mark moves from picture to picture. 0: all rows at once [ms].
+    #[schemars(range(min = 0.0, max = 100.0))]
+    pub readout_ms: f64,
     /// Put each mark on the middle of its dot again, or on the place of its reference patch; otherwise small errors add up to drift [–].
     pub reanchor: bool,
     /// A patch that correlates less with what it was is not it [–].
@@ -72,6 +76,7 @@ impl Default for TrackerSettings {
             reach_px: 80,
             patience_frames: 5,
             checks: true,
+            readout_ms: 0.0,
             reanchor: true,
             min_correlation: 0.75,
             back_px: 0.7,
@@ -99,6 +104,7 @@ impl TrackerSettings {
         ConfigError::unless_in("levels", self.levels, 1..=8)?;
         ConfigError::unless_in("reach_px", self.reach_px, 0..=1000)?;
         ConfigError::unless_in("patience_frames", self.patience_frames, 0..=1000)?;
+        ConfigError::unless_in("readout_ms", self.readout_ms, 0.0..=100.0)?;
         ConfigError::unless_in("min_correlation", self.min_correlation, 0.0..=1.0)?;
         ConfigError::unless_in("back_px", self.back_px, 0.01..=100.0)?;
         ConfigError::unless_in("jump_px", self.jump_px, 0.1..=100.0)?;

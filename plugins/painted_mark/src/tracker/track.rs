@@ -17,6 +17,9 @@ pub(super) struct Track {
     pub covariance: Matrix2<f64>,
     /// What it did in the last step beyond what the picture did as a whole.
     pub velocity: Vector2<f64>,
+    /// The whole of that step, where it was seen before, and what it comes to by the end of it, by the step before that.
+    pub step: Option<Vector2<f64>>,
+    pub pace: Option<Vector2<f64>>,
     /// Pictures since it was seen; 0: it is seen.
     pub lost: u32,
     /// Pictures in which it was followed without help.
@@ -53,7 +56,7 @@ impl Track {
     /// Makes a track that was used for another begin at `dot`.
     pub fn begin(&mut self, pixel: Point2<f64>, covariance: Matrix2<f64>, dot: Option<&Dot>) {
         (self.label, self.pixel, self.covariance) = (None, pixel, covariance);
-        (self.velocity, self.lost, self.length) = (Vector2::zeros(), 0, 1);
+        (self.velocity, self.step, self.pace, self.lost, self.length) = (Vector2::zeros(), None, None, 0, 1);
         (self.has_reference, self.reference_age) = (false, 0);
         self.look = dot.map(|it| [it.contrast, f64::from(it.area)]);
         self.area = dot.map_or(0, |it| it.area);

@@ -294,7 +294,7 @@ impl Score {
 
 pub fn run(sequence: &mut Sequence, settings: TrackerSettings, names: Names) -> Score {
     let corrections = if names == Names::ByHand { sequence.by_hand() } else { Vec::new() };
-    let mut mark_tracker = MarkTracker::new(settings, corrections).expect("settings in range");
+    let mut mark_tracker = MarkTracker::new(settings, corrections, None).expect("settings in range");
     let mut random = Random::new(99);
     let (mut features, mut score) = (Features::default(), Score::default());
     let n = sequence.n_marks();
