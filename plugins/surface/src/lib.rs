@@ -16,6 +16,8 @@ pub mod cover;
 pub mod cylinder;
 pub mod engine;
 pub mod filters;
+pub mod guide;
+pub mod lost;
 pub mod matcher;
 pub mod measure;
 pub mod path;

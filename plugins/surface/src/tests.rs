@@ -12,6 +12,7 @@ use crate::settings::SurfaceSettings;
 use crate::{matcher, tracker};
 
 mod bad_input;
+mod hidden;
 
 const SIZE: [u32; 2] = [200, 160];
 const FOCAL: f64 = 420.0;

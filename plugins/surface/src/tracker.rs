@@ -12,16 +12,19 @@ use serde::{Deserialize, Serialize};
 
 use crate::engine::Engine;
 use crate::filters::{FilterOptions, filter};
+use crate::guide::Guide;
+use crate::lost::{LostTrack, Search};
 use crate::matcher::{coverage, missing, tell};
 use crate::measure::{MeasureOptions, Sample};
 use crate::path::{CreepOptions, Moments, crept};
 use crate::settings::{Prepared, SurfaceSettings};
-use crate::tracks::{LostTrack, Neighbourhood, Stepper, Track, TrackOptions};
+use crate::tracks::{Neighbourhood, Stepper, Track, TrackOptions};
 use crate::views::Moment;
 
 ports! {
     pub(crate) fn declared_ports;
     IMAGE: In<Image> = synced("image", 4).many();
+    SKELETONS: In<Skeletons> = latest("skeletons").optional();
     TRACKED: Out<TrackedSurface> = "tracked";
     CLOUD: Out<PointCloud> = "cloud";
 }
@@ -43,6 +46,7 @@ figures! {
     "trajectories.second_look": count, neither, "Points that were found where their neighbours went, and not where their own motion led";
     "trajectories.lost_share": share, low, "Points that were not found in the next moment, over all points of all moments but the last";
     "trajectories.regenerated": count, high, "Lost points that were found again and kept their identity";
+    "trajectories.guided": count, high, "Of these, those that were found where the body at `skeletons` said, their neighbours being lost, too";
     "trajectories.appeared": count, neither, "Points that are new after the first moment";
     "trajectories.ambiguous": count, low, "Searches in time whose second best place is as good as the best: a repeated texture";
     "step_mm.{x,y,z}": mm, neither, "Median step of all points from one moment to the next, mean over the moments";
@@ -143,6 +147,7 @@ pub struct Tracker {
     n_levels: usize,
     tracks: Vec<Track>,
     lost: Vec<LostTrack>,
+    guide: Guide,
     stepper: Stepper,
     next_id: u32,
     counts: Counts,
@@ -233,6 +238,7 @@ impl Node for Tracker {
             n_levels,
             tracks: Vec::new(),
             lost: Vec::new(),
+            guide: Guide::default(),
             stepper: Stepper::default(),
             next_id: 0,
             counts: Counts::default(),
@@ -241,6 +247,9 @@ impl Node for Tracker {
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        if let Some(bodies) = io.latest(&SKELETONS) {
+            self.guide.take(bodies.value);
+        }
         let images: Vec<_> = io.take_set(&IMAGE).collect();
         let Some(time) = images.iter().map(Stamped::time).max() else { return Ok(()) };
         self.moments.swap(0, 1);
@@ -284,6 +293,7 @@ impl Node for Tracker {
         report.figure("trajectories.second_look", self.stepper.second as f64);
         report.figure("trajectories.lost_share", counts.not_found as f64 / counts.followed as f64);
         report.figure("trajectories.regenerated", counts.regenerated as f64);
+        report.figure("trajectories.guided", self.stepper.guided as f64);
         report.figure("trajectories.appeared", counts.appeared as f64);
         report.figure("trajectories.ambiguous", self.stepper.ambiguous as f64);
         let Stepper { searched, ambiguous, .. } = self.stepper;
@@ -325,7 +335,7 @@ impl Tracker {
         let dt_s = (time - self.moments[1].time).as_s();
         let mut ended = Vec::new();
         let mut now = Vec::new();
-        if !before.is_empty() && dt_s > 0.0 {
+        if (!before.is_empty() || !self.lost.is_empty()) && dt_s > 0.0 {
             let [present, past] = &self.moments;
             let Engine { measurer, prepared, .. } = &mut self.engine;
             let (views, measure) = (&prepared.views, &self.held);
@@ -337,21 +347,19 @@ impl Tracker {
             self.counts.not_found += (before.len() - held.len()) as u64;
             self.counts.steps.extend(median_step(&held, dt_s));
             let around = Neighbourhood::of_a_step(&held, self.filters.radius_m, dt_s);
-            let again = self.stepper.regenerate(
-                measurer,
+            let search = Search {
                 views,
-                present,
-                dt_s,
-                &mut self.lost,
-                &around,
+                moments: [past, present],
+                found: &around,
+                guide: &self.guide,
                 measure,
-                &self.options,
-            );
+                options: &self.options,
+            };
+            let again = self.stepper.regenerate(measurer, &mut self.lost, &search);
             self.counts.regenerated += again.len() as u64;
             if self.options.remember > 0 {
                 let missed = stepped.ended.iter().map(|it| it.0.clone());
-                let reach = self.options.reach;
-                self.lost.extend(missed.filter_map(|it| LostTrack::of(it, past, reach, &self.options.matching)));
+                self.lost.extend(missed.filter_map(|it| LostTrack::of(it, &mut self.stepper, &search)));
             }
             for (track, end) in stepped.ended.into_iter().chain(false_ones).chain(merged) {
                 *self.counts.ended.entry(end).or_default() += 1;

@@ -2,12 +2,12 @@
 //!
 //! Each view for itself: from where the point's own motion leads to expect it, the best place by cross-correlation in a search box, then a least squares match with
 //! the picture before (temporal). At the place where the reference finds it, a match between the views (spatial); where both say the same place, the point is
-//! tracked. What is lost is looked for again for a while by the patch it was last seen with, where its neighbours went: then it keeps its identity.
+//! tracked.
 
 use std::collections::{BTreeMap, HashMap};
 
 use foveate::imaging::matching::{
-    Correlated, MatchBuffers, MatchOptions, Refused, SearchBuffers, Template, Warp, match_template, search,
+    MatchBuffers, MatchOptions, Refused, SearchBuffers, SplineImage, Template, Warp, match_template, repeats,
 };
 use foveate::prelude::*;
 use nalgebra::{Point3, Vector3};
@@ -53,17 +53,6 @@ pub struct Track {
     pub bend: Matrix,
 }
 
-/// A point that was lost.
-#[derive(Debug, Clone)]
-pub struct LostTrack {
-    /// Where it would be now; its bending is that of its patch since it was seen last.
-    track: Track,
-    /// The reference's patch when it was seen last.
-    template: Template,
-    /// Moments since then.
-    age: u32,
-}
-
 /// What a step made of the points.
 #[derive(Debug, Default)]
 pub struct Stepped {
@@ -76,9 +65,12 @@ pub struct Stepped {
 /// Follows points; holds the memory for that.
 #[derive(Debug, Default)]
 pub struct Stepper {
-    templates: (Template, SearchBuffers),
-    template: Template,
-    matches: MatchBuffers,
+    /// Of searches.
+    pub templates: (Template, SearchBuffers),
+    /// Of one match.
+    pub template: Template,
+    /// Of one match.
+    pub matches: MatchBuffers,
     /// Searches in time that came to a place, of one view each,
     pub searched: u64,
     /// and those of them with another place as good.
@@ -87,19 +79,26 @@ pub struct Stepper {
     pub failed: BTreeMap<&'static str, u64>,
     /// Points that were found where their neighbours went, and not where their own motion led.
     pub second: u64,
+    /// Points that were found again where a body said that they are.
+    pub guided: u64,
 }
 
 /// A second place this good makes the best one ambiguous.
-const AS_GOOD: f64 = 0.97;
+pub const AS_GOOD: f64 = 0.97;
 /// Correlation of a patch bent as in the step before, at whole pixels, at least: the match that follows decides.
-const MIN_CORRELATION: f64 = 0.5;
+pub const MIN_CORRELATION: f64 = 0.5;
 /// Half the search box of a point beside one that was found: so small that no second place is in it [px].
-const BESIDE_PX: f64 = 2.0;
-/// The bending of a patch that moves without turning.
+pub const BESIDE_PX: f64 = 2.0;
+/// Places of one picture that correlate so well look the same [–]: a match of either with what follows may pass.
+const LOOKS_THE_SAME: f64 = 0.9;
+/// What repeats after more is not looked for [px].
+const MOST_REPEATS_PX: f64 = 32.0;
+
 /// How a patch is bent from one picture to the next: rows.
 type Matrix = [[f64; 2]; 2];
 
-const UNBENT: Matrix = [[1.0, 0.0], [0.0, 1.0]];
+/// The bending of a patch that moves without turning.
+pub const UNBENT: Matrix = [[1.0, 0.0], [0.0, 1.0]];
 
 impl Stepper {
     /// Follows `tracks` from one moment to the next, `dt_s` later.
@@ -189,7 +188,7 @@ impl Stepper {
             let moved = camera.project(&expected).zip(camera.project(&sample.position));
             let step = moved.map_or_else(nalgebra::Vector2::zeros, |(to, from)| to - from);
             let start = Warp { at: [at[0] + step.x, at[1] + step.y], matrix: track.bend };
-            self.temporal(moments, view, at, start, box_px, options)
+            self.temporal(moments, view, at, start, box_px, view == sample.reference, options)
         };
         let place = temporal(sample.reference, sample.pixel).map_err(|it| (it, TrajectoryEnd::Lost))?;
         let mut starts = Vec::with_capacity(sample.seen.len());
@@ -228,7 +227,8 @@ impl Stepper {
         }
     }
 
-    /// Where one view sees what it saw at `at` a moment before; else what failed.
+    /// Where one view sees what it saw at `at` a moment before; else what failed. Of a patch that repeats one view is enough to tell that.
+    #[expect(clippy::too_many_arguments, reason = "half of one function, apart for its length")]
     fn temporal(
         &mut self,
         [before, now]: [&Moment; 2],
@@ -236,6 +236,7 @@ impl Stepper {
         at: [f64; 2],
         start: Warp,
         box_px: f64,
+        may_repeat: bool,
         options: &TrackOptions,
     ) -> Result<Warp, &'static str> {
         let pictures = before.pictures[view].as_ref().zip(now.pictures[view].as_ref());
@@ -250,47 +251,26 @@ impl Stepper {
             self.ambiguous += 1;
             return Err("search_ambiguous");
         }
-        self.template.take(from.finest(), at, options.reach, &options.matching).map_err(in_time)?;
+        let mut template = std::mem::take(&mut self.template);
+        let taken = template.take(from.finest(), at, options.reach, &options.matching);
+        let repeats = match taken {
+            Ok(()) if may_repeat => self.repeats(&template, from.finest(), box_px),
+            _ => Vec::new(),
+        };
+        self.template = template;
+        taken.map_err(in_time)?;
+        if may_be_elsewhere(&repeats, &start, &found.warp, box_px) {
+            self.ambiguous += 1;
+            return Err("search_ambiguous");
+        }
         let matched = match_template(&self.template, to.finest(), &found.warp, &options.matching, &mut self.matches);
         Ok(matched.map_err(in_time)?.warp)
     }
 
-    /// Looks for points that were lost where their neighbours among `found` have gone.
-    #[expect(clippy::too_many_arguments, reason = "as for a step, and what is lost")]
-    pub fn regenerate(
-        &mut self,
-        measurer: &mut Measurer,
-        views: &[View],
-        now: &Moment,
-        dt_s: f64,
-        lost: &mut Vec<LostTrack>,
-        found: &Neighbourhood<'_>,
-        measure: &MeasureOptions,
-        options: &TrackOptions,
-    ) -> Vec<Track> {
-        let mut again = Vec::new();
-        lost.retain_mut(|it| {
-            it.age += 1;
-            let Some(motion) = found.motion_at(&it.track.sample.position) else { return it.age < options.remember };
-            // It went and turned with its neighbours meanwhile.
-            it.track.sample.position += motion.velocity * dt_s;
-            it.track.bend = product(&motion.nearest.bend, &it.track.bend);
-            let sample = it.look(self, measurer, views, now, motion.nearest, measure, options);
-            if let Some(sample) = sample {
-                let track = Track {
-                    sample,
-                    velocity: motion.velocity,
-                    acceleration: Vector3::zeros(),
-                    n_samples: it.track.n_samples + 1,
-                    bend: motion.nearest.bend,
-                    ..it.track.clone()
-                };
-                again.push(track);
-                return false;
-            }
-            it.age < options.remember
-        });
-        again
+    /// Where else `picture`, which a patch was taken from, looks like it, as far off as two places of a search box can be [px].
+    pub fn repeats(&mut self, template: &Template, picture: &SplineImage, box_px: f64) -> Vec<[f64; 2]> {
+        let reach = (2.0 * box_px).min(MOST_REPEATS_PX).ceil() as usize;
+        repeats(template, picture, reach, LOOKS_THE_SAME, &mut self.templates.1)
     }
 }
 
@@ -308,50 +288,17 @@ fn in_time(refused: Refused) -> &'static str {
     }
 }
 
-/// First `b`, then `a`.
-fn product(a: &Matrix, b: &Matrix) -> Matrix {
-    [0, 1].map(|row| [0, 1].map(|column| a[row][0] * b[0][column] + a[row][1] * b[1][column]))
+/// Whether a place that looked the same as what was found lies in the box of the search, too: of both one does not know which it is.
+pub fn may_be_elsewhere(repeats: &[[f64; 2]], start: &Warp, found: &Warp, box_px: f64) -> bool {
+    repeats.iter().any(|it| {
+        let there = found.apply(*it);
+        (0..2).all(|axis| (there[axis] - start.at[axis]).abs() <= box_px + 1.0)
+    })
 }
 
-impl LostTrack {
-    /// A point that was seen at `before` and is not now; `None` where its patch cannot be kept.
-    pub fn of(track: Track, before: &Moment, reach: usize, matching: &MatchOptions) -> Option<Self> {
-        let mut template = Template::default();
-        let picture = before.pictures[track.sample.reference].as_ref()?;
-        template.take(picture.finest(), track.sample.pixel, reach, matching).ok()?;
-        Some(Self { track: Track { bend: UNBENT, ..track }, template, age: 0 })
-    }
-
-    #[expect(clippy::too_many_arguments, reason = "one turn of the loop that calls it")]
-    fn look(
-        &self,
-        stepper: &mut Stepper,
-        measurer: &mut Measurer,
-        views: &[View],
-        now: &Moment,
-        beside: &Track,
-        measure: &MeasureOptions,
-        options: &TrackOptions,
-    ) -> Option<Sample> {
-        let reference = self.track.sample.reference;
-        let picture = now.pictures[reference].as_ref()?.finest();
-        let expected = views[reference].camera.sees(&self.track.sample.position)?;
-        let start = Warp { at: [expected.x, expected.y], matrix: self.track.bend };
-        let mut place = None;
-        for box_px in [BESIDE_PX, options.boxes_px[1].ceil()] {
-            let found = search(&self.template, picture, &start, box_px as usize, &mut stepper.templates.1);
-            let is_clear = |it: &Correlated| it.correlation >= MIN_CORRELATION && it.second <= AS_GOOD * it.correlation;
-            let Some(found) = found.filter(is_clear) else { continue };
-            let matched = match_template(&self.template, picture, &found.warp, &options.matching, &mut stepper.matches);
-            place = matched.ok();
-            if place.is_some() {
-                break;
-            }
-        }
-        let place = place?;
-        let starts = beside.sample.starts_at(views, place.warp.at);
-        measurer.measure(views, now, reference, place.warp.at, &starts, measure).ok()
-    }
+/// First `b`, then `a`.
+pub fn product(a: &Matrix, b: &Matrix) -> Matrix {
+    [0, 1].map(|row| [0, 1].map(|column| a[row][0] * b[0][column] + a[row][1] * b[1][column]))
 }
 
 impl Track {
@@ -409,7 +356,7 @@ pub struct Neighbourhood<'a> {
 }
 
 /// Neighbours that tell how a place moves, at least.
-const MIN_NEIGHBOURS: usize = 4;
+pub const MIN_NEIGHBOURS: usize = 4;
 
 impl<'a> Neighbourhood<'a> {
     /// Those of `tracks` that have a velocity.
@@ -461,7 +408,37 @@ impl<'a> Neighbourhood<'a> {
         Some(LocalMotion { velocity, scatter, nearest })
     }
 
-    fn motion_at(&self, position: &Point3<f64>) -> Option<LocalMotion<'a>> {
+    /// The same of all of them.
+    pub fn motion_at(&self, position: &Point3<f64>) -> Option<LocalMotion<'a>> {
         self.motion_without(position, None)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_two_places_in_a_box_that_look_the_same_neither_is_taken() {
+        let start = Warp::shift([100.0, 50.0]);
+        let repeats = [[20.0, 0.0], [-20.0, 0.0], [0.0, 20.0], [0.0, -20.0]];
+        let told = |found: [f64; 2], box_px: f64| may_be_elsewhere(&repeats, &start, &Warp::shift(found), box_px);
+        // The nearest place that looks the same lies 17 px off where it was expected, either way.
+        for found in [[103.0, 50.0], [97.0, 50.0], [100.0, 53.0], [100.0, 47.0]] {
+            assert!(told(found, 17.0) && !told(found, 15.0), "{found:?}");
+        }
+        assert!(!may_be_elsewhere(&[], &start, &start, 30.0));
+        // Half as far off in a picture in which the patch is half as wide.
+        let narrow = Warp { at: [103.0, 50.0], matrix: [[0.5, 0.0], [0.0, 0.5]] };
+        assert!(may_be_elsewhere(&repeats, &start, &narrow, 7.0));
+    }
+
+    #[test]
+    fn bends_follow_one_another() {
+        let (turn, stretch) = ([[0.0, -1.0], [1.0, 0.0]], [[2.0, 0.0], [0.0, 1.0]]);
+        // What pointed right is stretched first and then points down; the other way around it is not stretched.
+        let right = |it: Matrix| [it[0][0], it[1][0]];
+        assert_eq!(right(product(&turn, &stretch)), [0.0, 2.0]);
+        assert_eq!(right(product(&stretch, &turn)), [0.0, 1.0]);
     }
 }

@@ -35,7 +35,7 @@ use nalgebra::Matrix2;
 
 pub use growth::{Grown, Growth, grow};
 pub use many::{Place, SpaceMatch, match_in_space};
-pub use search::{Correlated, SearchBuffers, SearchPyramid, search};
+pub use search::{Correlated, SearchBuffers, SearchPyramid, repeats, search};
 pub use spline::SplineImage;
 pub use template::Template;
 pub use two::{Match, MatchBuffers, match_template};

@@ -16,8 +16,6 @@ const ONE_PEAK: usize = 2;
 const SAME_PEAK: f32 = 0.97;
 /// Half a box at the finer levels of a pyramid [px].
 const REFINED: usize = 2;
-/// Around the place that a pyramid led to, another one as good is looked for so far in the picture itself [px]: what repeats in a few pixels is even at a coarse level.
-const REPEATS: usize = 16;
 /// A patch at a coarser level is at least this large, for it has to be told from others [px].
 const LEAST_REACH: usize = 4;
 
@@ -31,14 +29,6 @@ pub struct Correlated {
     /// The best correlation of another peak, −1 without any [–]: as good means that the place is ambiguous. Another peak is a local maximum, more than two
     /// pixels off, that no ridge nearly as high as the best place leads to.
     pub second: f64,
-}
-
-impl Correlated {
-    /// The best correlation at another place than this one.
-    fn beside(&self, place: &Warp) -> f64 {
-        let off = [0, 1].map(|it| (self.warp.at[it] - place.at[it]).abs());
-        if off[0].max(off[1]) > ONE_PEAK as f64 { self.correlation } else { self.second }
-    }
 }
 
 /// Memory of a search, used again.
@@ -61,10 +51,52 @@ pub fn search(
     box_px: usize,
     buffers: &mut SearchBuffers,
 ) -> Option<Correlated> {
+    let best = correlate(template, picture, start, box_px, buffers)?;
+    let places = 2 * box_px + 1;
+    let second = other_peaks(places, best, buffers).fold(-1.0f32, |second, it| second.max(it.1));
+    let correlation = f64::from(buffers.scores[best]);
+    Some(Correlated { warp: start.beside(offset(best, box_px)), correlation, second: f64::from(second) })
+}
+
+/// Where else within `box_px` of its own centre `picture`, which `template` was taken from, looks like it: offsets of peaks of correlation of at least
+/// `least`, [px]. Of a box that does not lie on the picture as much is searched as does, by halves.
+pub fn repeats(
+    template: &Template,
+    picture: &SplineImage,
+    box_px: usize,
+    least: f64,
+    buffers: &mut SearchBuffers,
+) -> Vec<[f64; 2]> {
+    let start = Warp::shift(template.centre());
+    let mut box_px = box_px;
+    while box_px > ONE_PEAK {
+        if let Some(best) = correlate(template, picture, &start, box_px, buffers) {
+            let peaks = other_peaks(2 * box_px + 1, best, buffers).filter(|it| f64::from(it.1) >= least);
+            return peaks.map(|it| offset(it.0, box_px)).collect();
+        }
+        box_px /= 2;
+    }
+    Vec::new()
+}
+
+/// Of a place in a box, from its middle [px].
+fn offset(place: usize, box_px: usize) -> [f64; 2] {
+    let side = 2 * box_px + 1;
+    [place % side, place / side].map(|it| it as f64 - box_px as f64)
+}
+
+/// Correlation at all places of a box, in rows, and the best of them.
+fn correlate(
+    template: &Template,
+    picture: &SplineImage,
+    start: &Warp,
+    box_px: usize,
+    buffers: &mut SearchBuffers,
+) -> Option<usize> {
     let reach = template.reach;
     let (side, places) = (2 * reach + 1, 2 * box_px + 1);
     let wide = side + 2 * box_px;
-    let SearchBuffers { region, sums, energies, scores, is_same, reached } = buffers;
+    let SearchBuffers { region, sums, energies, scores, .. } = buffers;
     region.resize(wide * wide, 0.0);
     if !picture.sample(start, reach + box_px, template.mean, region) {
         return None;
@@ -102,15 +134,13 @@ pub fn search(
             scores[dx] = if energy > 0.0 { scores[dx] / energy.sqrt() } else { 0.0 };
         }
     }
-    let best = (0..scores.len()).fold(0, |best, it| if scores[it] > scores[best] { it } else { best });
-    let second = second_peak(scores, places, best, is_same, reached);
-    let offset = [best % places, best / places].map(|it| it as f64 - box_px as f64);
-    Some(Correlated { warp: start.beside(offset), correlation: f64::from(scores[best]), second: f64::from(second) })
+    Some((0..scores.len()).fold(0, |best, it| if scores[it] > scores[best] { it } else { best }))
 }
 
-/// The highest score of a peak other than that of `best`, −1 without any; rows are `side` long.
-fn second_peak(scores: &[f32], side: usize, best: usize, is_same: &mut Vec<bool>, reached: &mut Vec<usize>) -> f32 {
-    let around = |at: usize| {
+/// Peaks other than that of `best`, with their scores; rows of these are `side` long.
+fn other_peaks(side: usize, best: usize, buffers: &mut SearchBuffers) -> impl Iterator<Item = (usize, f32)> {
+    let SearchBuffers { scores, is_same, reached, .. } = buffers;
+    let around = move |at: usize| {
         let (x, y) = (at % side, at / side);
         let rows = y.saturating_sub(1)..(y + 2).min(side);
         rows.flat_map(move |row| (x.saturating_sub(1)..(x + 2).min(side)).map(move |column| row * side + column))
@@ -128,11 +158,11 @@ fn second_peak(scores: &[f32], side: usize, best: usize, is_same: &mut Vec<bool>
             }
         }
     }
+    let (scores, is_same) = (&*scores, &*is_same);
     let (x, y) = (best % side, best / side);
-    let far = |it: usize| (it % side).abs_diff(x) > ONE_PEAK || (it / side).abs_diff(y) > ONE_PEAK;
-    let is_peak = |it: usize| around(it).all(|beside| scores[beside] <= scores[it]);
-    let others = (0..scores.len()).filter(|it| !is_same[*it] && far(*it) && is_peak(*it));
-    others.fold(-1.0f32, |second, it| second.max(scores[it]))
+    let far = move |it: usize| (it % side).abs_diff(x) > ONE_PEAK || (it / side).abs_diff(y) > ONE_PEAK;
+    let is_peak = move |it: usize| around(it).all(|beside| scores[beside] <= scores[it]);
+    (0..scores.len()).filter(move |it| !is_same[*it] && far(*it) && is_peak(*it)).map(|it| (it, scores[it]))
 }
 
 /// Splines of the levels of a pyramid.
@@ -180,7 +210,7 @@ impl SearchPyramid {
     }
 
     /// Finds the patch of `from` around `centre`, reaching `reach`, within `box_px` of `start`: at the coarsest level the whole box, at each finer one
-    /// ±2 px. The best place, and the second best of the coarsest level, or, where that is better, of the picture itself around the place that was found. `None`: outside, or without texture.
+    /// ±2 px. The best place, and the second best of the coarsest level. `None`: outside, or without texture. What repeats in a few pixels is even at a coarse level: see [`repeats`].
     pub fn search_from(
         &self,
         from: &SearchPyramid,
@@ -194,7 +224,6 @@ impl SearchPyramid {
         let options = MatchOptions { min_contrast: 1.0, ..MatchOptions::default() };
         let (template, buffers) = buffers;
         let mut warp = *start;
-        let box_px_of_all = box_px;
         let mut found: Option<Correlated> = None;
         for level in (0..n_levels).rev() {
             let factor = f64::from(1u32 << level);
@@ -209,12 +238,7 @@ impl SearchPyramid {
             match here {
                 Some(here) => {
                     warp.at = here.warp.at.map(|it| it * factor);
-                    let mut second = found.map_or(here.second, |it| it.second);
-                    if level == 0 && found.is_some() {
-                        let wide = (box_px_of_all.ceil() as usize).min(REPEATS);
-                        let around = search(template, &self.levels[0], &here.warp, wide, buffers);
-                        second = second.max(around.map_or(-1.0, |it| it.beside(&here.warp)));
-                    }
+                    let second = found.map_or(here.second, |it| it.second);
                     found = Some(Correlated { warp, second, ..here });
                 }
                 // A patch at a coarse level may leave the picture where the fine one does not.
@@ -239,7 +263,8 @@ mod tests {
         let second = |of: &dyn Fn(f32, f32) -> f32| {
             let scores: Vec<f32> = (0..SIDE * SIDE).map(|it| of((it % SIDE) as f32, (it / SIDE) as f32)).collect();
             let best = (0..scores.len()).fold(0, |best, it| if scores[it] > scores[best] { it } else { best });
-            second_peak(&scores, SIDE, best, &mut Vec::new(), &mut Vec::new())
+            let mut buffers = SearchBuffers { scores, ..SearchBuffers::default() };
+            other_peaks(SIDE, best, &mut buffers).fold(-1.0f32, |second, it| second.max(it.1))
         };
         // So broad that three pixels off it is still 0.99 of its height, in the middle and at the border.
         let broad = peak([8.0, 8.0], [30.0, 30.0]);

@@ -225,6 +225,19 @@ fn a_box_is_searched_for_the_right_place_and_a_repeated_one_is_told() {
     let told = repeated.search_from(&repeated, [80.0, 100.0], REACH, &start, 24.0, &mut buffers).unwrap();
     assert!(told.second > 0.95 * told.correlation, "{told:?}");
     assert!(found.second < 0.9 * found.correlation, "{found:?}");
+    // Which places look the same, at the border of a picture those that its half shows.
+    let mut template = Template::default();
+    let mut repeated_around = |of: &SearchPyramid, at: [f64; 2], box_px: usize| {
+        template.take(of.finest(), at, REACH, &MatchOptions::default()).unwrap();
+        repeats(&template, of.finest(), box_px, 0.8, &mut buffers.1)
+    };
+    let around = repeated_around(&repeated, [80.0, 100.0], 24);
+    let is_period = |it: &[f64; 2]| it.iter().all(|it| it.rem_euclid(20.0).min(20.0 - it.rem_euclid(20.0)) <= 1.0);
+    assert!(around.len() == 8 && around.iter().all(is_period), "{around:?}");
+    assert_eq!(repeated_around(&repeated, [80.0, 100.0], 16), Vec::<[f64; 2]>::new());
+    assert_eq!(repeated_around(&from, [80.0, 100.0], 24), Vec::<[f64; 2]>::new());
+    let beside = repeated_around(&repeated, [36.0, 100.0], 40);
+    assert!(beside.len() == 8 && beside.iter().all(is_period), "{beside:?}");
     // Patch and box together wider than the largest patch.
     let wide = to.search_from(&from, [100.0, 100.0], 30, &Warp::shift([125.0, 85.0]), 12.0, &mut buffers).unwrap();
     assert!((wide.warp.at[0] - 131.3).abs() < 1.0 && (wide.warp.at[1] - 82.4).abs() < 1.0, "{wide:?}");

@@ -8,6 +8,7 @@
 //! arithmetic; 512 gray levels is as bright as it gets before saturation at 255 anyway.
 
 mod backdrop;
+mod board;
 mod lights;
 mod lit;
 mod noise;
@@ -34,6 +35,7 @@ use crate::timing::TimingSettings;
 use crate::truth::TrueCamera;
 use crate::world::{Moment, World};
 use backdrop::{Backdrop, MovingBackdrop};
+pub use board::BoardSettings;
 use lit::LitSurface;
 use noise::Noise;
 pub(crate) use people::PeopleView;
@@ -104,6 +106,8 @@ pub struct CameraSettings {
     /// The camera belongs to a framework that is carried about, and has its place in that framework's own space. Where the origin of that space is while the
     /// framework stands still, to be calibrated, with its axes along the world's. Left out: the camera's place is one in the world [m].
     pub stand_m: Option<[f64; 3]>,
+    /// A dark board before the cameras for a while, in a `studio`. Left out: none [–].
+    pub board: Option<BoardSettings>,
     /// A camera that is knocked at some time and stays turned. Left out: none is [–].
     pub bump: Option<BumpSettings>,
 }
@@ -125,6 +129,7 @@ impl Default for CameraSettings {
             blur_px: 0.5,
             sensor: None,
             stand_m: None,
+            board: None,
             bump: None,
         }
     }
@@ -270,6 +275,10 @@ impl Renderer {
         let beam = self.beam.as_ref();
         let take = Take { world, capture, camera_at, is_on_head: on_head.is_some(), readout_ms, beam };
         self.studio.draw(studio, &take, &self.settings, &mut self.planes);
+        if let Some(board) = &self.settings.board {
+            let dark = (self.settings.black_level * STEPS) as i16;
+            self.planes.iter_mut().for_each(|it| board.hide(&self.camera, capture, dark, it));
+        }
         for plane in 0..self.planes.len() {
             std::mem::swap(&mut self.canvas, &mut self.planes[plane]);
             self.draw_lights(world, capture, on_head);

@@ -158,6 +158,7 @@ fn check(settings: &CameraSettings) -> Result<(), ConfigError> {
     ConfigError::unless_in("noise_sigma", settings.noise_sigma, 0.0..=20.0)?;
     ConfigError::unless_in("bits", settings.bits, 1..=8)?;
     settings.sensor.as_ref().map_or(Ok(()), SensorSettings::check)?;
+    settings.board.as_ref().map_or(Ok(()), crate::camera::BoardSettings::check)?;
     for place in settings.stand_m.iter().flatten() {
         ConfigError::unless_in("stand_m", *place, -1e4..=1e4)?;
     }

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::*;
 
 /// Samples of trajectories farther than `most_m` from where their first place has gone, and all of them; `world_from_shape(k)` is where the surface is at moment k.
-fn strayed(
+pub(super) fn strayed(
     surfaces: &[Arc<TrackedSurface>],
     most_m: f64,
     world_from_shape: impl Fn(usize) -> Isometry3<f64>,
