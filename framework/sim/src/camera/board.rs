@@ -54,7 +54,7 @@ impl BoardSettings {
 
 #[cfg(test)]
 mod tests {
-    use foveate_geometry::{Camera, Intrinsics};
+    use foveate_geometry::{Camera, Distortion, Intrinsics};
     use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
     use super::*;
@@ -65,9 +65,9 @@ mod tests {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::FRAC_PI_2);
         let camera = Camera {
             image_size: [80, 60],
-            intrinsics: Intrinsics { focal: [200.0, 200.0], principal: [40.0, 30.0], ..Default::default() },
+            intrinsics: Intrinsics { focal: [200.0, 200.0], principal: [40.0, 30.0], skew: 0.0 },
+            distortion: Distortion::default(),
             camera_from_world: Isometry3::from_parts(Vector3::zeros().into(), turn),
-            ..Default::default()
         };
         let board = BoardSettings { at_m: [0.05, 2.0, 0.1], half_m: [0.2, 0.1], between_s: [1.0, 2.0] };
         let hidden = |at_s: f64| {
