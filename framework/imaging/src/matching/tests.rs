@@ -229,7 +229,7 @@ fn a_box_is_searched_for_the_right_place_and_a_repeated_one_is_told() {
     let mut template = Template::default();
     let mut repeated_around = |of: &SearchPyramid, at: [f64; 2], box_px: usize| {
         template.take(of.finest(), at, REACH, &MatchOptions::default()).unwrap();
-        repeats(&template, of.finest(), box_px, 0.8, &mut buffers.1)
+        repeats(&template, of.finest(), box_px, 0.9, &mut buffers.1)
     };
     let around = repeated_around(&repeated, [80.0, 100.0], 24);
     let is_period = |it: &[f64; 2]| it.iter().all(|it| it.rem_euclid(20.0).min(20.0 - it.rem_euclid(20.0)) <= 1.0);

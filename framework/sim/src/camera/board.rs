@@ -61,7 +61,7 @@ mod tests {
 
     #[test]
     fn a_board_hides_what_lies_behind_it_while_it_is_there() {
-        // Two metres before the board, which is 0.4 m wide and 0.2 m high: 100 px a metre there.
+        // Two metres before the board, which is 0.41 m wide and 0.21 m high: 100 px a metre there.
         let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::FRAC_PI_2);
         let camera = Camera {
             image_size: [80, 60],
@@ -69,7 +69,7 @@ mod tests {
             distortion: Distortion::default(),
             camera_from_world: Isometry3::from_parts(Vector3::zeros().into(), turn),
         };
-        let board = BoardSettings { at_m: [0.05, 2.0, 0.1], half_m: [0.2, 0.1], between_s: [1.0, 2.0] };
+        let board = BoardSettings { at_m: [0.05, 2.0, 0.1], half_m: [0.203, 0.103], between_s: [1.0, 2.0] };
         let hidden = |at_s: f64| {
             let mut canvas = vec![100; 80 * 60];
             board.hide(&camera, Time::from_s(at_s), 7, &mut canvas);
