@@ -35,7 +35,7 @@ pub struct HullOptions {
     pub min_completeness: f64,
     /// How far a target may be from the part that it names [m].
     pub target_reach: f64,
-    /// When voxels are kept that are body in no view's opinion, and background in none's.
+    /// When voxels are kept that some views only call perhaps body.
     pub doubt: DoubtOptions,
 }
 

@@ -345,7 +345,7 @@ fn what_lies_behind_a_camera_is_not_seen_by_it() {
     assert!(n > 0 && n <= 10 * 10 * 20, "{n}");
 }
 
-/// What may be body is a leg that stands, and a shadow beside it: `stands` and `lies` [m] high.
+/// Of a leg that stands and a shadow that lies beside it, both seen with the confidence `doubt` by all views: what is kept of each [l].
 fn possible(doubt: u8, options: &DoubtOptions) -> (f64, f64) {
     let size = [160, 120];
     let cameras = ring(6, size, 120.0, Distortion::default());

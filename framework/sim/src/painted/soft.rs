@@ -284,7 +284,6 @@ mod tests {
             [by[by.len() / 2], by[by.len() * 95 / 100]]
         };
         let all: Vec<[f64; 2]> = (0..moved[0].len()).map(of).collect();
-        println!("{all:.2?}");
         let most = all.iter().map(|it| it[1]).fold(0.0, f64::max);
         let least = all.iter().map(|it| it[1]).fold(f64::INFINITY, f64::min);
         assert!((1.0..5.0).contains(&most) && least < 0.4, "{least} to {most} mm");
@@ -294,7 +293,6 @@ mod tests {
     fn flesh_about_a_knee_moves_and_the_kneecap_hardly() {
         let moved = moved(PartKind::Knee, SoftSettings::default());
         let most: Vec<f64> = (0..45).map(|mark| moved.iter().map(|it| it[mark]).fold(0.0, f64::max)).collect();
-        println!("{most:.2?}");
         let [soft, hard] =
             [most.iter().copied().fold(0.0, f64::max), most.iter().copied().fold(f64::INFINITY, f64::min)];
         assert!((2.0..9.0).contains(&soft) && hard < 1.5, "{hard} to {soft} mm");
