@@ -79,6 +79,7 @@ fn lit(origin: &Point3<f64>, along: &Vector3<f64>, balls: &[(Point3<f64>, f64)])
 
 struct Found {
     residual_px: f64,
+    /// NaN where nothing was held out.
     held_out_px: f64,
     centre_mm: f64,
     focal_percent: f64,
@@ -149,7 +150,7 @@ fn trial(seed: u64, n_cameras: usize, n_sets: usize, has_optics: bool) -> Option
     let rms = |role: ObservationRole| {
         let of_role = solved.observations.iter().filter(|it| it.role == role);
         let squares: Vec<f64> = of_role.filter_map(|it| Some(it.residual?.norm_squared())).collect();
-        (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
+        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
     };
     let pairs = solved.points.iter().filter_map(|it| {
         let set = places.get(it.time_s.round() as usize)?;
@@ -176,19 +177,19 @@ fn main() {
         [(1, 1, true), (1, 3, true), (2, 3, true), (1, 3, false), (2, 3, false), (2, 8, false)]
     {
         let all: Vec<Found> = (1..=SEEDS).filter_map(|seed| trial(seed, n_cameras, n_sets, has_optics)).collect();
-        let shown = |of: &dyn Fn(&Found) -> f64| {
-            let list: Vec<f64> = all.iter().map(of).collect();
+        let shown = |of: &dyn Fn(&Found) -> f64, unit: &str| {
+            let list: Vec<f64> = all.iter().map(of).filter(|it| it.is_finite()).collect();
             let worst = list.iter().copied().fold(f64::NAN, f64::max);
-            format!("{:.3} / {worst:.3}", median(&list).unwrap_or(f64::NAN))
+            median(&list).map_or("–".to_owned(), |middle| format!("{middle:.3} / {worst:.3} {unit}"))
         };
         println!(
-            "| {n_cameras} | {n_sets} | {} | {} of {SEEDS} | {} px | {} px | {} mm | {} % |",
+            "| {n_cameras} | {n_sets} | {} | {} of {SEEDS} | {} | {} | {} | {} |",
             if has_optics { "known" } else { "found" },
             SEEDS as usize - all.len(),
-            shown(&|it| it.residual_px),
-            shown(&|it| it.held_out_px),
-            shown(&|it| it.centre_mm),
-            shown(&|it| it.focal_percent)
+            shown(&|it| it.residual_px, "px"),
+            shown(&|it| it.held_out_px, "px"),
+            shown(&|it| it.centre_mm, "mm"),
+            shown(&|it| it.focal_percent, "%")
         );
     }
 }
