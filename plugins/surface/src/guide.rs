@@ -1,7 +1,7 @@
 //! Where a body says that points of its surface are which no picture shows: each goes with the part of the body that it lies on.
 
 use foveate::prelude::*;
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 /// Points farther from the surface of all parts lie on none [m].
 const REACH_M: f64 = 0.03;
@@ -62,11 +62,17 @@ impl Guide {
         let rotation = nalgebra::UnitQuaternion::from_scaled_axis(turned) * now.rotation;
         Some(Isometry3::from_parts((now.translation.vector + went).into(), rotation))
     }
+
+    /// How fast a point goes from one time to another, on average [m/s]; `None` as of [`Guide::pose`].
+    pub fn velocity(&self, anchor: &Anchor, [from, to]: [Time; 2]) -> Option<Vector3<f64>> {
+        let place = |time: Time| Some(self.pose(anchor, time)? * anchor.place);
+        Some((place(to)? - place(from)?) / (to - from).as_s())
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{UnitQuaternion, Vector3};
+    use nalgebra::UnitQuaternion;
 
     use super::*;
 
@@ -109,6 +115,8 @@ mod tests {
         guide.take(&bodies(2.0));
         let ahead = guide.pose(&anchor, Time::from_s(0.35)).unwrap();
         assert!((ahead * place - pose(3.5) * place).norm() < 1e-9);
+        let velocity = guide.velocity(&anchor, [Time::from_s(0.2), Time::from_s(0.3)]).unwrap();
+        assert!((velocity - (pose(3.0) * place - pose(2.0) * place) / 0.1).norm() < 1e-9, "{velocity}");
         guide.take(&Skeletons { time: Time::from_s(0.4), ..Skeletons::default() });
         assert_eq!(guide.pose(&anchor, Time::from_s(0.5)), None);
     }

@@ -97,8 +97,8 @@ impl LostTrack {
             return Some(Expected::Beside(motion));
         }
         let (anchor, seen) = self.anchor.as_ref().filter(|_| self.repeats.is_empty())?;
-        let [was, pose] = [before.time, now.time].map(|it| search.guide.pose(anchor, it));
-        let (was, pose) = was.zip(pose)?;
+        let velocity = search.guide.velocity(anchor, [before.time, now.time])?;
+        let pose = search.guide.pose(anchor, now.time)?;
         self.track.sample.position = pose * anchor.place;
         // As a camera that goes with the part of the body sees the tangent plane, then and now.
         let camera = &search.views[self.track.sample.reference].camera;
@@ -108,7 +108,7 @@ impl LostTrack {
         };
         let normal = seen.inverse_transform_vector(&self.track.normal);
         self.track.bend = plane_warp(&within(seen), &within(&pose), &anchor.place, &normal)?.matrix;
-        Some(Expected::OnBody { velocity: (pose * anchor.place - was * anchor.place) / dt_s, normal: pose * normal })
+        Some(Expected::OnBody { velocity, normal: pose * normal })
     }
 
     fn look(
