@@ -36,6 +36,9 @@ pub struct MarkObserverSettings {
     /// When it looks, what its clock says, when its features arrive.
     #[serde(flatten)]
     pub timing: TimingSettings,
+    /// Marks are seen in the middle of an exposure that lasts so long, as in pictures of a `sim.camera` that has it too [ms].
+    #[schemars(range(min = 0.0, max = 100.0))]
+    pub exposure_ms: f64,
     /// Standard deviation of a mark's place, stated as it is [px].
     #[schemars(range(min = 0.001, max = 20.0))]
     pub noise_px: f64,
@@ -51,7 +54,14 @@ pub struct MarkObserverSettings {
 
 impl Default for MarkObserverSettings {
     fn default() -> Self {
-        Self { timing: TimingSettings::default(), noise_px: 0.1, missed: 0.01, most_oblique_deg: 72.0, named: false }
+        Self {
+            timing: TimingSettings::default(),
+            exposure_ms: 0.0,
+            noise_px: 0.1,
+            missed: 0.01,
+            most_oblique_deg: 72.0,
+            named: false,
+        }
     }
 }
 
@@ -88,6 +98,8 @@ impl Node for SimMarkObserver {
 
     fn new(settings: MarkObserverSettings, setup: &Setup) -> Result<Self, ConfigError> {
         settings.timing.check()?;
+        ConfigError::unless_in("exposure_ms", settings.exposure_ms, 0.0..=100.0)?;
+        settings.timing.check_light(settings.exposure_ms, 0.0)?;
         ConfigError::unless_in("noise_px", settings.noise_px, 0.001..=20.0)?;
         ConfigError::unless_in("missed", settings.missed, 0.0..=1.0)?;
         ConfigError::unless_in("most_oblique_deg", settings.most_oblique_deg, 0.0..=90.0)?;
@@ -96,7 +108,10 @@ impl Node for SimMarkObserver {
             name: setup.camera_name().map(str::to_owned),
             camera: TrueCamera::from(camera),
             id,
-            fields: Fields::new(Timing::new(&settings.timing, 0.0, &setup.random), setup.camera_name()),
+            fields: Fields::new(
+                Timing::new(&settings.timing, settings.exposure_ms, &setup.random),
+                setup.camera_name(),
+            ),
             seed: setup.random.fork("marks").next_u64(),
             world: None,
             names: BTreeMap::new(),

@@ -167,7 +167,8 @@ impl Node for MarkScore {
         }
         self.marks.report_distances(&names, "", report);
         if self.compared != MarkTrack::default() {
-            self.compared.report_distances(&names, "[compared]", report);
+            // Their names need not be the same.
+            self.compared.report_distances(&self.compared.names(), "[compared]", report);
         }
         if self.shape != MarkTrack::default() {
             self.shape.report_shape(&names, self.n_true, report);

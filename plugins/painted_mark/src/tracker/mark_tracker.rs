@@ -260,6 +260,21 @@ impl MarkTracker {
         }
     }
 
+    /// Takes marks chosen by hand, by name and place [px of the camera], in the picture with this number, which is the next one: all that are visible there. `None`: that picture is past.
+    pub fn choose(&mut self, marks: &[(u32, Point2<f64>)], frame: Option<u64>) {
+        let Some(frame) = frame else {
+            self.tally.corrections_missed += marks.len() as u64;
+            return;
+        };
+        let place = self.corrections.partition_point(|it| it.frame <= frame);
+        let labels = self.tracks.iter().filter_map(|it| it.label);
+        let hidden = labels.filter(|label| marks.iter().all(|it| it.0 != *label)).map(|mark| (mark, None));
+        let visible = marks.iter().map(|(mark, pixel)| (*mark, Some(*pixel)));
+        let corrections: Vec<Correction> =
+            hidden.chain(visible).map(|(mark, pixel)| Correction { frame, mark, pixel }).collect();
+        self.corrections.splice(place..place, corrections);
+    }
+
     /// Carries out what was put right by hand for this picture.
     fn correct(&mut self, stamp: Stamp) {
         let n_before = self.corrections.partition_point(|it| it.frame < stamp.sequence);

@@ -11,6 +11,7 @@ mod settings;
 mod track;
 
 use foveate::prelude::*;
+use nalgebra::Point2;
 
 pub use corrections::{Correction, read as read_corrections};
 pub use mark_tracker::MarkTracker;
@@ -19,6 +20,7 @@ pub use settings::TrackerSettings;
 ports! {
     IMAGE: In<Image> = each("image");
     GUIDE: In<MarkGuide> = latest("guide").optional();
+    CHOSEN: In<Features> = each("chosen").optional();
     FEATURES: Out<Features> = "features";
 }
 
@@ -33,7 +35,7 @@ figures! {
     "tracker.disputed.*": count, low, "Names taken back since other cameras contradicted them";
     "tracker.searches.*": count, neither, "Searches of a whole picture for new dots";
     "tracker.corrected.*": count, neither, "Corrections by hand that were carried out";
-    "tracker.corrections_missed.*": count, low, "Corrections by hand for pictures that never came";
+    "tracker.corrections_missed.*": count, low, "Corrections by hand for pictures that never came, or had come before";
     "tracker.restarts.*": count, low, "Times that all tracks ended since the size of the picture changed";
     "tracker.pictures_blurred.*": count, low, "Pictures in which most marks were not found at once, as in motion blur; not used";
     "tracker.pictures_refused.*": count, low, "Pictures that could not be read";
@@ -45,8 +47,13 @@ pub struct TrackerNode {
     mark_tracker: MarkTracker,
     camera: Option<CameraId>,
     camera_name: String,
+    /// What was chosen by hand in pictures that are still to come.
+    chosen: Vec<(Time, Vec<(u32, Point2<f64>)>)>,
     pool: Pool<Features>,
 }
+
+/// Marks chosen by hand belong to a picture of which they are no farther in time than this.
+const SAME_PICTURE: Interval = Interval(1_000_000);
 
 impl Node for TrackerNode {
     const TYPE: &'static str = "painted_mark.tracker";
@@ -71,12 +78,22 @@ impl Node for TrackerNode {
             mark_tracker: MarkTracker::new(settings, corrections, camera.map(|it| it.camera.image_size[1]))?,
             camera: setup.camera,
             camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
+            chosen: Vec::new(),
             pool: Pool::default(),
         })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        while let Some(chosen) = io.take(&CHOSEN) {
+            let named = chosen.value.list.iter().filter_map(|it| Some((it.label?, it.centre)));
+            self.chosen.push((chosen.time(), named.collect()));
+        }
         let Some(image) = io.take(&IMAGE) else { return Ok(()) };
+        let time = image.time();
+        for (chosen, marks) in self.chosen.extract_if(.., |it| it.0 <= time + SAME_PICTURE) {
+            let is_of_this = chosen + SAME_PICTURE >= time;
+            self.mark_tracker.choose(&marks, is_of_this.then_some(image.stamp.sequence));
+        }
         let mut features = self.pool.take(Features::default);
         features.camera = self.camera.unwrap_or(image.value.camera);
         let camera = features.camera;
@@ -162,5 +179,38 @@ mod tests {
             message.contains("marks.csv") && message.contains("line 2") && message.contains("`nobody`"),
             "{message}"
         );
+    }
+
+    #[test]
+    fn marks_chosen_by_hand_have_their_names_from_the_picture_of_that_moment_on() {
+        let picture = || {
+            let dot = |at: usize| ((at % 64) as f64 - 30.0).hypot((at / 64) as f64 - 40.0) < 3.2;
+            let pixels = (0..64 * 64).map(|at| if dot(at) { 40 } else { 190 }).collect();
+            Image { width: 64, height: 64, pixels, ..Image::default() }
+        };
+        let chosen = |label: u32| {
+            let place = Point2::new(30.9, 39.2);
+            let feature =
+                Feature { centre: place, covariance: Default::default(), area: 0, peak: 0, label: Some(label) };
+            Features { list: vec![feature], ..Features::default() }
+        };
+        let mut bench = NodeBench::<TrackerNode>::new(TrackerSettings::default()).unwrap();
+        let mut names = Vec::new();
+        let of = [None, Some((1, Some(7))), None, Some((4, Some(8))), None, Some((3, Some(9))), Some((6, None))];
+        for (number, of) in (0..).zip(of) {
+            if let Some((moment, label)) = of {
+                let features = label.map_or_else(Features::default, chosen);
+                bench.feed(&CHOSEN, Time::from_s(0.1 * f64::from(moment)), features).unwrap();
+            }
+            bench.feed(&IMAGE, Time::from_s(0.1 * f64::from(number)), picture()).unwrap();
+            let seen = bench.outputs(&FEATURES);
+            let dot = seen[0].value.list.iter().find(|it| (it.centre - Point2::new(30.0, 40.0)).norm() < 0.1);
+            names.push(dot.and_then(|it| it.label));
+        }
+        // The second choice is for a picture that is still to come, the third for one that is past, the last one says that nothing is visible.
+        assert_eq!(names, [None, Some(7), Some(7), Some(7), Some(8), Some(8), None]);
+        let report = bench.finish().unwrap();
+        let figure = |name: &str| report.figures.iter().find(|it| it.0.contains(name)).map(|it| *it.1);
+        assert_eq!((figure("corrected."), figure("corrections_missed")), (Some(4.0), Some(1.0)));
     }
 }
