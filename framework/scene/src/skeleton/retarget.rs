@@ -71,8 +71,17 @@ pub enum RetargetError {
         found: usize,
     },
     /// Nothing to carry over.
-    #[error("the motion has no frame, or the map no joint")]
-    Empty,
+    #[error(
+        "found {joints} joints in the map, {of_rig} in the rig and {frames} frames of motion, expected one of each at least"
+    )]
+    Empty {
+        /// Of the map.
+        joints: usize,
+        /// Of the rig.
+        of_rig: usize,
+        /// Of the motion.
+        frames: usize,
+    },
 }
 
 /// The joints of a BVH skeleton at rest.
@@ -129,15 +138,19 @@ fn find(joints: &[RigJoint], whose: &'static str, name: &str) -> Result<usize, R
     })
 }
 
-/// Directions of the bones that leave a joint at rest, each with the number of what it leads to; those of `to` only, or where it ends.
+/// Directions of the bones that leave a joint at rest to those of `to`, or, where there is none, to where it ends: the middle of what hangs on it.
 fn bones(rig: &[RigJoint], stands: &[Isometry3<f64>], joint: usize, to: &[usize]) -> Vec<Vector3<f64>> {
     let from = stands[joint].translation.vector;
     let direction = |at: Vector3<f64>| (at - from).try_normalize(1e-9);
     let mut found: Vec<Vector3<f64>> = to.iter().filter_map(|it| direction(stands[*it].translation.vector)).collect();
-    if to.is_empty()
-        && let Some(end) = rig[joint].end
-    {
-        found.extend(direction((stands[joint] * nalgebra::Point3::from(end)).coords));
+    if to.is_empty() {
+        let hang: Vec<Vector3<f64>> = (0..rig.len())
+            .filter(|it| rig[*it].parent == Some(joint))
+            .map(|it| stands[it].translation.vector)
+            .collect();
+        let middle = hang.iter().sum::<Vector3<f64>>() / hang.len() as f64;
+        let end = rig[joint].end.map(|it| (stands[joint] * nalgebra::Point3::from(it)).coords);
+        found.extend(end.or((!hang.is_empty()).then_some(middle)).and_then(direction));
     }
     found
 }
@@ -177,7 +190,7 @@ pub fn retarget(
 ) -> Result<Vec<RigPose>, RetargetError> {
     let source = rig_of(motion);
     if map.is_empty() || motion.n_frames() == 0 || rig.is_empty() {
-        return Err(RetargetError::Empty);
+        return Err(RetargetError::Empty { joints: map.len(), of_rig: rig.len(), frames: motion.n_frames() });
     }
     let mut follows: Vec<Option<usize>> = vec![None; rig.len()];
     for (of_rig, of_motion) in map {
@@ -258,7 +271,8 @@ pub fn retarget(
     Ok(poses)
 }
 
-/// Poses of a BVH rig as its motion, with its own channels.
+/// Poses of a BVH rig as its motion, with its own channels. Along axes of which the root has a channel its offset becomes nought: some readers add the two, others take the channel
+/// in place of the offset, and so all have the root at the same place.
 ///
 /// # Errors
 /// A joint whose channels cannot hold a turn.
@@ -283,8 +297,7 @@ pub fn as_motion(rig: &SkeletonMotion, poses: &[RigPose], frame_s: f64) -> Resul
             let mut next = 0;
             for channel in &joint.channels {
                 values.push(match channel {
-                    // Channels of place are added to the offset.
-                    Channel::Position(axis) if number == 0 => pose.root[axis.index()] - joint.offset[axis.index()],
+                    Channel::Position(axis) if number == 0 => pose.root[axis.index()],
                     Channel::Position(_) => 0.0,
                     Channel::Rotation(_) => {
                         let angle = &mut before[number][next];
@@ -296,7 +309,15 @@ pub fn as_motion(rig: &SkeletonMotion, poses: &[RigPose], frame_s: f64) -> Resul
             }
         }
     }
-    Ok(SkeletonMotion { joints: rig.joints.clone(), frame_s, values })
+    let mut joints = rig.joints.clone();
+    if let Some(root) = joints.first_mut() {
+        for channel in &root.channels {
+            if let Channel::Position(axis) = channel {
+                root.offset[axis.index()] = 0.0;
+            }
+        }
+    }
+    Ok(SkeletonMotion { joints, frame_s, values })
 }
 
 #[cfg(test)]
@@ -384,7 +405,13 @@ mod tests {
         let rig = figure(60.0, 1.4, true);
         let poses = retarget(&motion, &rig_of(&rig), &by_name(&rig), Axis::Y).unwrap();
         let found = as_motion(&rig, &poses, motion.frame_s).unwrap();
-        assert_eq!((found.n_frames(), &found.joints), (5, &rig.joints));
+        assert_eq!((found.n_frames(), &found.joints[1..]), (5, &rig.joints[1..]));
+        // Added to the offset or in place of it, the channels put the root at the same place.
+        for (frame, pose) in poses.iter().enumerate() {
+            let at = found.poses(frame, 1.0).unwrap()[0].translation.vector;
+            let channels = &found.values[frame * found.n_channels()..][..3];
+            assert!((at - pose.root).norm() < 1e-9 && (at - Vector3::from_column_slice(channels)).norm() < 1e-9);
+        }
         for frame in 0..5 {
             for ((name, was), (_, is)) in directions(&motion, frame).iter().zip(directions(&found, frame)) {
                 assert!(was.angle(&is) < 1e-6, "{name} in frame {frame}: {was:?} became {is:?}");
@@ -392,6 +419,35 @@ mod tests {
         }
         let again = SkeletonMotion::from_bvh(&found.to_bvh()).unwrap();
         assert_eq!(again.n_frames(), 5);
+    }
+
+    #[test]
+    fn a_bone_whose_tip_no_joint_of_the_map_follows_points_as_it_did() {
+        let motion = moving();
+        // Feet hang on the legs, off their line, and nothing says what they follow.
+        let mut rig = figure(1.0, 1.0, true);
+        for leg in ["LeftLeg", "RightLeg"] {
+            let number = rig.joints.iter().position(|it| it.name == leg).unwrap();
+            let end = rig.joints[number].end.take().unwrap() + Vector3::new(0.0, 0.0, 0.15);
+            let foot = super::super::Joint {
+                name: format!("{leg}Foot"),
+                parent: Some(number),
+                offset: end,
+                end: Some(Vector3::new(0.0, 0.0, 0.1)),
+                ..rig.joints[number].clone()
+            };
+            rig.joints.push(foot);
+        }
+        let map: Vec<(String, String)> = by_name(&motion);
+        let poses = retarget(&motion, &rig_of(&rig), &map, Axis::Y).unwrap();
+        let found = as_motion(&rig, &poses, motion.frame_s).unwrap();
+        for frame in 0..5 {
+            let of = directions(&found, frame);
+            for (name, was) in directions(&motion, frame) {
+                let is = of.iter().find(|it| it.0 == name).unwrap().1;
+                assert!(was.angle(&is) < 1e-6, "{name} in frame {frame}: {was:?} became {is:?}");
+            }
+        }
     }
 
     #[test]
@@ -429,9 +485,11 @@ mod tests {
         let map = vec![("Tail".to_owned(), "Hips".to_owned())];
         let error = retarget(&moving(), &rig_of(&rig), &map, Axis::Y).unwrap_err().to_string();
         assert!(error.contains("`Tail`") && error.contains("LeftForeArm"), "{error}");
-        assert_eq!(retarget(&moving(), &rig_of(&rig), &[], Axis::Y), Err(RetargetError::Empty));
+        let of_rig = rig.joints.len();
+        let empty = |joints: usize, frames: usize| Err(RetargetError::Empty { joints, of_rig, frames });
+        assert_eq!(retarget(&moving(), &rig_of(&rig), &[], Axis::Y), empty(0, 5));
         let still = SkeletonMotion { values: Vec::new(), ..moving() };
-        assert_eq!(retarget(&still, &rig_of(&rig), &by_name(&rig), Axis::Y), Err(RetargetError::Empty));
+        assert_eq!(retarget(&still, &rig_of(&rig), &by_name(&rig), Axis::Y), empty(of_rig, 0));
         let mut one = rig.clone();
         one.joints[2].channels.pop();
         let poses = retarget(&moving(), &rig_of(&rig), &by_name(&rig), Axis::Y).unwrap();

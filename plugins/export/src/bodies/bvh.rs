@@ -3,11 +3,11 @@
 //! A part's turn is the joint's at which it hangs: `Hips` (the torso, between the hip joints), `Head`, and `LeftArm`, `LeftForeArm`, `LeftUpLeg`, `LeftLeg`, and the same on the right. At rest all
 //! stand as the torso does, arms and legs down; y is up, what looks along x of the world looks along z. BVH has no word for missing: a limb that is not in the model holds its last turn against the torso.
 
-use foveate::geometry::body::{HIP_OUT, Part, SHOULDER_UP};
+use foveate::geometry::body::Part;
 use foveate::scene::skeleton::{Axis, Channel, Joint, SkeletonMotion, euler_angles, z_up_from_y_up};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::{Course, frame_s, median_sizes, part_of};
+use super::{Course, frame_s, median_of, median_sizes, part_of};
 
 /// Name, part, joint that it hangs on (its place in this list).
 const JOINTS: [(&str, Part, Option<usize>); 10] = [
@@ -32,17 +32,23 @@ pub(crate) fn motion(course: &Course, per_m: f64) -> Option<(SkeletonMotion, usi
     // Of our axes to those of the file.
     let to_file = z_up_from_y_up().inverse();
     let size = |part: Part| median_sizes(course, part.index());
-    let offset = |part: Part, parent: Part| -> Option<Vector3<f64>> {
-        let out = |side: f64, share: f64, up: f64| Vector3::new(0.0, side * share * torso.y, up);
-        Some(match part {
-            Part::Torso => Vector3::zeros(),
-            Part::Head => out(0.0, 0.0, 2.0 * torso.z),
-            Part::LeftUpperArm => out(1.0, 1.0, (1.0 + SHOULDER_UP) * torso.z),
-            Part::RightUpperArm => out(-1.0, 1.0, (1.0 + SHOULDER_UP) * torso.z),
-            Part::LeftThigh => out(1.0, HIP_OUT, 0.0),
-            Part::RightThigh => out(-1.0, HIP_OUT, 0.0),
-            _ => Vector3::z() * (-2.0 * size(parent)?.z),
-        })
+    // Where a part hangs on the torso, the median over the frames: bodies of other models have their shoulders elsewhere.
+    let hung = |part: Part| -> Option<Vector3<f64>> {
+        let end = Vector3::z() * if part == Part::Head { -1.0 } else { 1.0 };
+        let places = course.frames.iter().filter_map(|(_, skeleton)| {
+            let [torso, own] = [Part::Torso, part].map(|it| part_of(skeleton, it.index()));
+            let (torso, own) = torso.zip(own)?;
+            let place = own.scale_from_part * nalgebra::Point3::from(end * own.sizes.z);
+            Some(torso.scale_from_part.inverse_transform_point(&place).coords)
+        });
+        Some(median_of(&places.collect::<Vec<_>>())? + Vector3::z() * torso.z)
+    };
+    let offset = |part: Part, parent: Option<Part>| -> Option<Vector3<f64>> {
+        match parent {
+            None => Some(Vector3::zeros()),
+            Some(Part::Torso) => hung(part),
+            Some(parent) => Some(Vector3::z() * (-2.0 * size(parent)?.z)),
+        }
     };
     let rotations = [Axis::Z, Axis::X, Axis::Y];
     let mut joints: Vec<Joint> = Vec::new();
@@ -56,7 +62,7 @@ pub(crate) fn motion(course: &Course, per_m: f64) -> Option<(SkeletonMotion, usi
                 None => continue,
             },
         };
-        let Some(offset) = offset(*part, parent.map_or(*part, |it| JOINTS[it].1)) else { continue };
+        let Some(offset) = offset(*part, parent.map(|it| JOINTS[it].1)) else { continue };
         let mut channels: Vec<Channel> = rotations.map(Channel::Rotation).to_vec();
         if on.is_none() {
             channels.splice(0..0, [Axis::X, Axis::Y, Axis::Z].map(Channel::Position));

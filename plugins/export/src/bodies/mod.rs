@@ -11,6 +11,7 @@ mod tests;
 pub use node::{ExportBodies, ExportBodiesSettings};
 
 use foveate::prelude::*;
+use nalgebra::Vector3;
 
 /// One body through the session.
 #[derive(Debug, Clone, Default)]
@@ -30,13 +31,18 @@ fn frame_s(courses: &[Course]) -> f64 {
 }
 
 /// Median of what a part measures along its axes [m]; `None`: the body never had it.
-fn median_sizes(course: &Course, part: usize) -> Option<nalgebra::Vector3<f64>> {
+fn median_sizes(course: &Course, part: usize) -> Option<Vector3<f64>> {
     let sizes: Vec<_> = course.frames.iter().filter_map(|it| part_of(&it.1, part)).map(|it| it.sizes).collect();
-    if sizes.is_empty() {
+    median_of(&sizes)
+}
+
+/// Median along each axis; `None` of nothing.
+fn median_of(list: &[Vector3<f64>]) -> Option<Vector3<f64>> {
+    if list.is_empty() {
         return None;
     }
-    Some(nalgebra::Vector3::from_fn(|axis, _| {
-        let mut values: Vec<f64> = sizes.iter().map(|it| it[axis]).collect();
+    Some(Vector3::from_fn(|axis, _| {
+        let mut values: Vec<f64> = list.iter().map(|it| it[axis]).collect();
         values.sort_by(f64::total_cmp);
         values[values.len() / 2]
     }))

@@ -95,3 +95,24 @@ fn joints_of_the_files_are_where_the_body_had_them() {
     assert_eq!(json["skins"][0]["joints"].as_array().unwrap().len(), 10);
     assert_eq!(json["animations"][0]["channels"].as_array().unwrap().len(), 30);
 }
+
+#[test]
+fn arms_hang_where_the_body_had_them_whatever_its_proportions() {
+    let mut arms_up = skeleton(&body(0.4), false);
+    let up = Vector3::new(0.0, 0.0, 0.07);
+    for part in &mut arms_up.parts {
+        let arms = [Part::LeftUpperArm, Part::LeftLowerArm, Part::RightUpperArm, Part::RightLowerArm];
+        if arms.iter().any(|it| it.index() == usize::from(part.part)) {
+            part.scale_from_part.translation.vector += up;
+        }
+    }
+    let frames = (0..3).map(|it| (Time::from_s(0.1 * f64::from(it)), arms_up.clone())).collect();
+    let (motion, n_held) = super::bvh::motion(&super::Course { id: 1, frames }, 1.0).unwrap();
+    let poses = motion.poses(1, 1.0).unwrap();
+    let place = |name: &str| z_up_from_y_up() * Point3::from(poses[motion.joint(name).unwrap()].translation.vector);
+    let truth = body(0.4);
+    for (name, joint) in [("LeftArm", Joint::LeftShoulder), ("RightForeArm", Joint::RightElbow)] {
+        assert!((place(name) - truth.joint(joint) - up).norm() < 1e-4, "{name}: {}", place(name));
+    }
+    assert!((place("LeftUpLeg") - truth.joint(Joint::LeftHip)).norm() < 1e-4 && n_held == 0);
+}
