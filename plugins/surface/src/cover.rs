@@ -54,6 +54,8 @@ pub struct LeftOut {
     pub disordered: u64,
     /// In a piece of surface of too few points.
     pub piece: u64,
+    /// In a piece of surface whose patches look the same at another depth.
+    pub repeats: u64,
 }
 
 /// A sample on its way through the growth.
@@ -175,16 +177,24 @@ fn judge(camera: &Camera, grown: Vec<Grown<Node>>, growth: Growth, options: &Cov
         let normal = normal_of(camera, sample, &plane).unwrap_or_else(Vector3::zeros);
         kept.push(Covered { cell: it.cell, sample: sample.clone(), normal, confidence, seed: it.found.seed });
     }
-    let before = kept.len();
-    let is_small = small_pieces(&kept, camera, columns, rows, options);
-    let mut small = is_small.iter();
-    kept.retain(|_| !small.next().unwrap_or(&false));
-    left_out.piece = (before - kept.len()) as u64;
+    let small: Vec<usize> =
+        pieces(&kept, camera, options).into_iter().filter(|it| it.len() < options.min_piece).flatten().collect();
+    left_out.piece = small.len() as u64;
+    remove(&mut kept, &small);
     (kept, left_out)
 }
 
-/// Which points hang together with fewer others than a piece of surface has. Neighbours in the grid hang together where their depths do.
-fn small_pieces(kept: &[Covered], camera: &Camera, columns: usize, rows: usize, options: &CoverOptions) -> Vec<bool> {
+/// Takes the points with these numbers out of a list.
+pub fn remove(list: &mut Vec<Covered>, numbers: &[usize]) {
+    let mut is_out = vec![false; list.len()];
+    numbers.iter().for_each(|it| is_out[*it] = true);
+    let mut out = is_out.iter();
+    list.retain(|_| out.next() == Some(&false));
+}
+
+/// Pieces of surface, each as the numbers of its points. Neighbours in the grid hang together where their depths do.
+pub fn pieces(kept: &[Covered], camera: &Camera, options: &CoverOptions) -> Vec<Vec<usize>> {
+    let [columns, rows] = grid(camera, options.spacing_px);
     let centre = camera.centre();
     let inverse: Vec<f64> = kept.iter().map(|it| 1.0 / (it.sample.position - centre).norm()).collect();
     let mut at = vec![usize::MAX; columns * rows];
@@ -192,7 +202,7 @@ fn small_pieces(kept: &[Covered], camera: &Camera, columns: usize, rows: usize, 
         at[it.cell[1] * columns + it.cell[0]] = index;
     }
     let per_px = 1.0 / camera.intrinsics.focal[0];
-    let mut is_small = vec![false; kept.len()];
+    let mut pieces = Vec::new();
     let mut is_reached = vec![false; kept.len()];
     for start in 0..kept.len() {
         if std::mem::replace(&mut is_reached[start], true) {
@@ -216,11 +226,9 @@ fn small_pieces(kept: &[Covered], camera: &Camera, columns: usize, rows: usize, 
                 }
             }
         }
-        if piece.len() < options.min_piece {
-            piece.iter().for_each(|it| is_small[*it] = true);
-        }
+        pieces.push(piece);
     }
-    is_small
+    pieces
 }
 
 /// The plane through the neighbours that agree with one another, as inverse depth over pixels from the point, and how many of them agree with both; `None` where

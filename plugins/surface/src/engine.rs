@@ -6,8 +6,9 @@ use foveate::imaging::matching::Warp;
 use foveate::prelude::*;
 use nalgebra::{Point2, Point3, Vector3};
 
-use crate::cover::{Covered, LeftOut, cover};
+use crate::cover::{Covered, LeftOut, cover, pieces, remove};
 use crate::measure::{Measurer, Sample, plane_warp};
+use crate::repeats::Repeats;
 use crate::seeds::{SeedCounts, find_seeds};
 use crate::settings::{NamedSeed, Prepared};
 use crate::views::Moment;
@@ -29,12 +30,20 @@ pub struct Engine {
     pub left_out: LeftOut,
     /// Points given out, and those of them that a view before which they lie does not see.
     given: (u64, u64),
+    repeats: Repeats,
+    /// By piece of surface that looks as good elsewhere: how far off [m].
+    elsewhere_m: Vec<f64>,
 }
 
 /// A view sees a surface well whose normal is within 60° of its direction, [–]
 const FACING: f64 = 0.5;
 /// and of points that lie so a larger part than this is seen unless something is wrong [–].
 const UNSEEN: f64 = 0.5;
+
+/// Of patches that are recognised so many lie off their epipolar lines where the calibration is wrong, [–]
+const MISFITS: f64 = 0.1;
+/// and so many of them are no chance [–].
+const LEAST_MISFITS: f64 = 20.0;
 
 /// A named seed is good to so many pixels.
 const NAMED_PX: f64 = 4.0;
@@ -50,6 +59,8 @@ impl Engine {
             bad_seeds: BTreeMap::new(),
             left_out: LeftOut::default(),
             given: (0, 0),
+            repeats: Repeats::default(),
+            elsewhere_m: Vec::new(),
         }
     }
 
@@ -71,6 +82,8 @@ impl Engine {
             let (found, counts) = find_seeds(&mut self.measurer, views, moment, *reference, measure, seeds);
             self.seeds.tried += counts.tried;
             self.seeds.ambiguous += counts.ambiguous;
+            self.seeds.even += counts.even;
+            self.seeds.unlike += counts.unlike;
             self.seeds.found += counts.found;
             return found;
         }
@@ -90,13 +103,27 @@ impl Engine {
         samples
     }
 
-    /// Everything that hangs together with `seeds`.
-    pub fn grow(&mut self, moment: &Moment, seeds: &[Sample]) -> Vec<Covered> {
+    /// Everything that hangs together with `seeds`. What hangs together with none that somebody named, or that is followed (`are_known`), is left out where its texture repeats, so that it may as well
+    /// lie at another depth.
+    pub fn grow(&mut self, moment: &Moment, seeds: &[Sample], are_known: bool) -> Vec<Covered> {
         let Prepared { views, reference, measure, cover: options, .. } = &self.prepared;
-        let (found, left_out) = cover(&mut self.measurer, views, moment, *reference, seeds, measure, options);
+        let (mut found, left_out) = cover(&mut self.measurer, views, moment, *reference, seeds, measure, options);
         self.left_out.alone += left_out.alone;
         self.left_out.disordered += left_out.disordered;
         self.left_out.piece += left_out.piece;
+        let mut out = Vec::new();
+        for piece in pieces(&found, &views[*reference].camera, options) {
+            if are_known && piece.iter().any(|it| found[*it].seed.is_some()) {
+                continue;
+            }
+            let distance_m = self.prepared.seeds.distance_m;
+            if let Some(off) = self.repeats.doubt(views, moment, &found, &piece, measure, distance_m) {
+                self.elsewhere_m.push(off);
+                out.extend(piece);
+            }
+        }
+        self.left_out.repeats += out.len() as u64;
+        remove(&mut found, &out);
         found
     }
 
@@ -137,6 +164,26 @@ impl Engine {
         report.figure("surface.refused.alone", self.left_out.alone as f64);
         report.figure("surface.refused.disordered", self.left_out.disordered as f64);
         report.figure("surface.refused.piece", self.left_out.piece as f64);
+        report.figure("surface.refused.repeats", self.left_out.repeats as f64);
+        let off = foveate::estimation::statistics::median(&self.elsewhere_m).unwrap_or(0.0);
+        if !self.elsewhere_m.is_empty() {
+            report.remark(format!(
+                "{} points of {} pieces of surface were left out: most of their patches look as good at another depth, {:.0} mm off: the texture repeats; expected one that does not, `seeds` that \
+                 somebody saw, `volume_m` or `distance_m` so narrow that one depth is left, or a camera more",
+                self.left_out.repeats,
+                self.elsewhere_m.len(),
+                1e3 * off
+            ));
+        }
+        let misfits = self.measurer.refused.get("misfit").copied().unwrap_or(0) as f64;
+        let attempts = self.measurer.measured as f64 + misfits;
+        if misfits > LEAST_MISFITS && misfits > MISFITS * attempts {
+            report.remark(format!(
+                "{:.0} % of the patches that were recognised in another view lie off their epipolar lines there: the calibration is not that of these pictures (cameras exchanged, pictures mirrored, \
+                 turned or cropped, a camera moved since), or cameras are out of step; what is given out happens to lie on them and is not to be believed before that is found",
+                100.0 * misfits / attempts
+            ));
+        }
         let unseen = self.given.1 as f64 / self.given.0 as f64;
         report.figure("surface.unseen", unseen);
         if unseen > UNSEEN {
@@ -152,22 +199,37 @@ impl Engine {
         for (number, why) in &self.bad_seeds {
             report.remark(format!("seed {} of `seeds` is on no surface that all its cameras see: {why}", number + 1));
         }
-        if self.prepared.named.is_empty() && self.begun > 0 && self.seeds.found == 0 {
-            let SeedCounts { tried, ambiguous, .. } = self.seeds;
-            let looked = format!(
-                "no seed was found: {tried} textured patches were looked for along their epipolar lines, {ambiguous} of them have a second place that is as good;"
-            );
-            report.remark(if tried == 0 {
-                let name = &self.prepared.views[self.prepared.reference].name;
-                format!("no seed was found: no patch of the pictures of `{name}`, the reference, has texture")
-            } else if 2 * ambiguous > tried {
-                format!("{looked} the texture repeats: expected one that does not, or `seeds` that somebody saw")
-            } else {
-                format!(
-                    "{looked} expected patches that are alike in two views: pictures of the calibrated cameras (not exchanged, mirrored, turned or cropped), taken at the same time, with the surface at the \
-                     distances given"
-                )
-            });
+        if self.prepared.named.is_empty() && self.begun > 0 && self.given.0 == 0 && self.elsewhere_m.is_empty() {
+            report.remark(self.why_nothing());
+        }
+    }
+
+    /// Why no point was given out, as what became of the seeds says it.
+    fn why_nothing(&self) -> String {
+        let SeedCounts { tried, ambiguous, even, unlike, found } = self.seeds;
+        let nothing = match found {
+            0 => "no seed was found".to_owned(),
+            _ => format!("no surface grew from {found} seeds"),
+        };
+        if tried == 0 {
+            let name = &self.prepared.views[self.prepared.reference].name;
+            return format!("{nothing}: no patch of the pictures of `{name}`, the reference, has texture");
+        }
+        let looked = format!(
+            "{nothing}: of {tried} textured patches that were looked for along their epipolar lines {ambiguous} have a second place that is as good, {even} look alike all along them, and {unlike} like \
+             nothing there;"
+        );
+        if 2 * ambiguous > tried {
+            format!("{looked} the texture repeats: expected one that does not, or `seeds` that somebody saw")
+        } else if even > ambiguous.max(unlike) {
+            format!(
+                "{looked} expected more texture, three or four blobs to a patch of `patch_px`: finer pictures, larger patches, or a pattern that is projected"
+            )
+        } else {
+            format!(
+                "{looked} expected patches that are alike in two views: pictures of the calibrated cameras (not exchanged, mirrored, turned or cropped), taken at the same time, with the surface at the \
+                 distances given, and texture on it: three or four blobs to a patch"
+            )
         }
     }
 }

@@ -22,6 +22,7 @@ pub mod matcher;
 pub mod measure;
 pub mod path;
 pub mod pictures;
+pub mod repeats;
 pub mod seeds;
 pub mod settings;
 pub mod target;

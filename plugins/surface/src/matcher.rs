@@ -65,7 +65,7 @@ impl Node for Matcher {
             return Ok(());
         }
         let seeds = self.engine.begin(&self.moment);
-        let surface = self.engine.grow(&self.moment, &seeds);
+        let surface = self.engine.grow(&self.moment, &seeds, !self.engine.prepared.named.is_empty());
         surface.iter().for_each(|it| self.engine.give(&it.sample, &it.normal));
         self.points += surface.len() as u64;
         self.sigmas += surface.iter().map(|it| it.sample.sigma()).sum::<f64>();

@@ -31,8 +31,12 @@ pub struct SeedOptions {
 pub struct SeedCounts {
     /// Patches with texture.
     pub tried: u64,
-    /// With a place that is nearly as good.
+    /// With a place that is nearly as good, and others between that are not.
     pub ambiguous: u64,
+    /// That look alike all along the line.
+    pub even: u64,
+    /// That look like nothing on it.
+    pub unlike: u64,
     /// Points in the end.
     pub found: u64,
 }
@@ -43,6 +47,8 @@ const REACHES: std::ops::RangeInclusive<usize> = 6..=12;
 const MOST_PLACES: usize = 3000;
 /// Places this near are one [px at the coarse level].
 const ONE_PLACE: f64 = 5.0;
+/// Between two places that look alike for a texture that repeats, correlation falls below this part of theirs [–].
+const VALLEY: f64 = 0.8;
 /// Around each place, for lines that are off by the calibration's error [px at the coarse level].
 const AROUND: usize = 1;
 
@@ -82,7 +88,14 @@ pub fn find_seeds(
             let Some((_, at)) = best else { continue };
             counts.tried += 1;
             let pixel = at.map(|it| it * factor);
-            let found = finder.starts(views, moment, reference, at, reach, &matching, options, &mut counts);
+            let Looked { found, kinds } = finder.starts(views, moment, reference, at, reach, &matching, options);
+            // Each patch once, whatever several views say of it.
+            match () {
+                () if kinds.contains(&Kind::Ambiguous) => counts.ambiguous += 1,
+                () if kinds.contains(&Kind::Even) => counts.even += 1,
+                () if found.is_empty() => counts.unlike += 1,
+                () => (),
+            }
             if found.is_empty() {
                 continue;
             }
@@ -97,6 +110,20 @@ pub fn find_seeds(
         }
     }
     (seeds, counts)
+}
+
+/// Why a patch has no place in a view.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Ambiguous,
+    Even,
+}
+
+/// Places of a patch in other views, and what is wrong in those without one.
+#[derive(Debug, Default)]
+struct Looked {
+    found: Vec<(usize, Warp)>,
+    kinds: Vec<Kind>,
 }
 
 struct Finder {
@@ -117,20 +144,20 @@ impl Finder {
         reach: usize,
         matching: &MatchOptions,
         options: &SeedOptions,
-        counts: &mut SeedCounts,
-    ) -> Vec<(usize, Warp)> {
+    ) -> Looked {
         let level = options.n_levels - 1;
         let factor = f64::from(1u32 << level);
         let from = &views[reference].camera;
         let pixel = Point2::from(at.map(|it| it * factor));
-        let mut starts = Vec::new();
-        let Some(pictures) = moment.pictures[reference].as_ref() else { return starts };
-        let (Some(ray), Some(coarse)) = (from.ray(&pixel), pictures.level(level)) else { return starts };
+        let mut looked = Looked::default();
+        let Some(pictures) = moment.pictures[reference].as_ref() else { return looked };
+        let (Some(ray), Some(coarse)) = (from.ray(&pixel), pictures.level(level)) else { return looked };
         for (view, to) in views.iter().enumerate().filter(|it| it.0 != reference) {
             let Some(other) = moment.pictures[view].as_ref().and_then(|it| it.level(level)) else { continue };
             if self.template.take(coarse, at, reach, matching).is_err() {
                 continue;
             }
+            // The best of the directions at each place along the line.
             let mut scored: Vec<(f64, Warp)> = Vec::new();
             for point in places(&ray, &to.camera, options.distance_m, factor) {
                 let (here, there) = ((from.centre() - point).normalize(), (to.camera.centre() - point).normalize());
@@ -139,36 +166,52 @@ impl Finder {
                 let side = here.cross(&there).try_normalize(1e-9).unwrap_or_else(Vector3::zeros);
                 let directions =
                     [middle, here, there, (middle + 0.6 * side).normalize(), (middle - 0.6 * side).normalize()];
-                for normal in directions {
-                    let Some(warp) = plane_warp(from, &to.camera, &point, &normal) else { continue };
+                let found = directions.iter().filter_map(|normal| {
+                    let warp = plane_warp(from, &to.camera, &point, normal)?;
                     let warp = Warp { at: warp.at.map(|it| it / factor), ..warp };
-                    if let Some(found) = search(&self.template, other, &warp, AROUND, &mut self.buffers) {
-                        scored.push((found.correlation, found.warp));
-                    }
-                }
+                    let found = search(&self.template, other, &warp, AROUND, &mut self.buffers)?;
+                    Some((found.correlation, found.warp))
+                });
+                scored.extend(found.max_by(|a, b| a.0.total_cmp(&b.0)));
             }
-            let Some(&(best, warp)) = scored.iter().max_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
-            let far = |it: &&(f64, Warp)| (it.1.at[0] - warp.at[0]).hypot(it.1.at[1] - warp.at[1]) > ONE_PLACE;
-            let second = scored.iter().filter(far).map(|it| it.0).fold(-1.0, f64::max);
+            let place = |a: &usize, b: &usize| scored[*a].0.total_cmp(&scored[*b].0);
+            let Some(first) = (0..scored.len()).max_by(place) else { continue };
+            let (best, warp) = scored[first];
+            let far = |it: &usize| {
+                let at = scored[*it].1.at;
+                (at[0] - warp.at[0]).hypot(at[1] - warp.at[1]) > ONE_PLACE
+            };
+            let second = (0..scored.len()).filter(far).max_by(place);
             if best < options.min_correlation - 0.3 {
                 continue;
             }
-            if second > options.max_second * best {
-                counts.ambiguous += 1;
+            if let Some(second) = second.filter(|it| scored[*it].0 > options.max_second * best) {
+                let between = &scored[first.min(second)..=first.max(second)];
+                let valley = between.iter().map(|it| it.0).fold(1.0, f64::min);
+                if valley > VALLEY * scored[second].0 {
+                    looked.kinds.push(Kind::Even);
+                } else if best >= options.min_correlation {
+                    looked.kinds.push(Kind::Ambiguous);
+                }
                 continue;
             }
             // Bent as it is, which the few directions only guessed.
             let loose = MatchOptions { max_shift_px: 3.0, max_sigma_px: 1.0, ..*matching };
             if let Ok(found) = match_template(&self.template, other, &warp, &loose, &mut self.matches) {
-                starts.push((view, Warp { at: found.warp.at.map(|it| it * factor), ..found.warp }));
+                looked.found.push((view, Warp { at: found.warp.at.map(|it| it * factor), ..found.warp }));
             }
         }
-        starts
+        looked
     }
 }
 
-/// Points along a line of sight that a camera sees a pixel of the coarse level apart.
-fn places(ray: &Ray, to: &foveate::geometry::Camera, [near, far]: [f64; 2], factor: f64) -> Vec<Point3<f64>> {
+/// Points along a line of sight that a camera sees a pixel of the coarse level apart, `factor` pixels of the picture.
+pub(crate) fn places(
+    ray: &Ray,
+    to: &foveate::geometry::Camera,
+    [near, far]: [f64; 2],
+    factor: f64,
+) -> Vec<Point3<f64>> {
     let at = |part: f64| ray.at(1.0 / (1.0 / near + part * (1.0 / far - 1.0 / near)));
     // The line may leave the picture or pass behind the camera: its length from a few pieces that are seen.
     const PIECES: usize = 32;

@@ -1,7 +1,7 @@
 //! `surface.target`: finds a target of numbered columns of dark rectangles in the pictures of one camera.
 
 use foveate::imaging::ImageView;
-use foveate::imaging::column_target::{DarkPatch, TargetPattern, find_target};
+use foveate::imaging::column_target::{DarkPatch, TargetFound, TargetPattern, find_target};
 use foveate::imaging::plane::{self, Channel};
 use foveate::prelude::*;
 use nalgebra::Matrix2;
@@ -66,6 +66,8 @@ pub struct TargetDetector {
     rectangles: u64,
     others: u64,
     why: Option<String>,
+    /// The leftmost column that was said, and the one that its number says.
+    otherwise: Option<[usize; 2]>,
 }
 
 impl Node for TargetDetector {
@@ -106,6 +108,7 @@ impl Node for TargetDetector {
             rectangles: 0,
             others: 0,
             why: None,
+            otherwise: None,
         })
     }
 
@@ -135,6 +138,12 @@ impl Node for TargetDetector {
         if let Some(why) = self.why.take().filter(|_| self.found == 0) {
             report.remark(format!("{name} saw no target: {why}"));
         }
+        if let Some([said, read]) = self.otherwise {
+            report.remark(format!(
+                "the numbers above the columns that {name} sees are legible and say that the leftmost is column {read}, `leftmost` says column {said}, and that is what was used: expected both to say the same, \
+                 or no `leftmost` for this camera"
+            ));
+        }
         Ok(())
     }
 }
@@ -151,8 +160,15 @@ impl TargetDetector {
         let view = ImageView::new(pixels, image.width as usize, image.height as usize).map_err(|it| it.to_string())?;
         let TargetSettings { rows, columns, leftmost } = &self.settings;
         let pattern = TargetPattern { rows: *rows, columns: *columns };
-        let found = find_target(&view, pattern, leftmost.iter().find(|it| it.camera == self.name).map(|it| it.column))
-            .map_err(|it| it.to_string())?;
+        let said = leftmost.iter().find(|it| it.camera == self.name).map(|it| it.column);
+        let found = find_target(&view, pattern, said).map_err(|it| it.to_string())?;
+        if let Some(said) = said
+            && let Ok(read) = find_target(&view, pattern, None)
+            && let [Some(named), Some(read)] = [&found, &read].map(column_of_first)
+            && named != read
+        {
+            self.otherwise = Some([said, (said + columns + read - named - 1) % columns + 1]);
+        }
         self.rectangles += found.labelled.len() as u64;
         self.others += found.others.len() as u64;
         let feature = |patch: &DarkPatch, label: Option<u32>| Feature {
@@ -166,6 +182,12 @@ impl TargetDetector {
             found.labelled.iter().map(|it| feature(&it.patch, Some(((it.column - 1) * rows + it.row) as u32)));
         Ok(labelled.chain(found.others.iter().map(|it| feature(it, None))).collect())
     }
+}
+
+/// The column of the rectangle farthest left.
+fn column_of_first(found: &TargetFound) -> Option<usize> {
+    let first = found.labelled.iter().min_by(|a, b| a.patch.centre.x.total_cmp(&b.patch.centre.x));
+    first.map(|it| it.column)
 }
 
 #[cfg(test)]
@@ -189,5 +211,31 @@ mod tests {
             gaps[0].reason
         );
         assert!(bench.finish().unwrap().remarks[0].contains("saw no target"));
+    }
+
+    #[test]
+    fn a_leftmost_column_that_legible_numbers_contradict_is_told() {
+        let test = "surface.target on a real target";
+        let Some(folder) = foveate_testkit::data_dir_or_skip(test, "s12_multidic_speckle") else { return };
+        let picture = image::open(folder.join("calibration_object_201.jpg")).unwrap().into_luma8();
+        let (width, height) = picture.dimensions();
+        let image = Image { width, height, pixels: picture.into_raw(), ..Image::default() };
+        let name = Setup::for_tests().instance;
+        let remarks = |leftmost: &[usize]| {
+            let leftmost = leftmost.iter().map(|it| LeftmostColumn { camera: name.clone(), column: *it }).collect();
+            let mut bench =
+                NodeBench::<TargetDetector>::new(TargetSettings { leftmost, ..TargetSettings::default() }).unwrap();
+            bench.feed(&IMAGE, Time::ZERO, image.clone()).unwrap();
+            let labels = bench.outputs(&FEATURES).remove(0).value.list.iter().filter_map(|it| it.label).min();
+            (labels.unwrap() as usize / 20 + 1, bench.finish().unwrap().remarks)
+        };
+        let (least, none) = remarks(&[]);
+        assert!(none.is_empty(), "{none:?}");
+        // The number that is read is no contradiction; whatever it is, one of these two is another one.
+        let told: Vec<String> = [5, 6].iter().flat_map(|it| remarks(&[*it]).1).collect();
+        assert!(!told.is_empty() && told.iter().all(|it| it.contains("are legible")), "{least}: {told:?}");
+        let read: usize =
+            told[0].split("leftmost is column ").nth(1).unwrap().split(',').next().unwrap().parse().unwrap();
+        assert!(remarks(&[read]).1.is_empty() && remarks(&[read]).0 == least, "{read}");
     }
 }

@@ -13,6 +13,7 @@ use crate::{matcher, tracker};
 
 mod bad_input;
 mod hidden;
+mod told;
 
 const SIZE: [u32; 2] = [200, 160];
 const FOCAL: f64 = 420.0;
@@ -37,6 +38,8 @@ struct Scene {
     noise: f64,
     /// The texture repeats after so many of its pixels; 0: never.
     period: f64,
+    /// What a texture that repeats has beside that which does not [–].
+    own: f64,
     /// Gray instead of texture.
     bare: bool,
     /// A mirror's spot: at the same place of each picture, whatever lies there.
@@ -55,6 +58,7 @@ impl Scene {
             world_from_shape: Isometry3::identity(),
             noise: 1.5,
             period: 0.0,
+            own: 0.0,
             bare: false,
             glint: None,
             shadow_m: None,
@@ -92,8 +96,13 @@ impl Scene {
             Shape::Sphere(r) => [r * point.x.atan2(-point.y), r * (point.z / r).asin()],
         }
         .map(|it| it / TEXEL_M);
-        let [u, v] = if self.period > 0.0 { [u, v].map(|it| it.rem_euclid(self.period)) } else { [u, v] };
-        self.texture.at(u + 500.0, v + 500.0)
+        let own = self.texture.at(u + 500.0, v + 500.0);
+        if self.period == 0.0 {
+            return own;
+        }
+        let [u, v] = [u, v].map(|it| it.rem_euclid(self.period));
+        let repeated = self.texture.at(u + 500.0, v + 500.0);
+        repeated + self.own * (own - repeated)
     }
 
     fn picture(&self, camera: &Camera, id: u16) -> Image {

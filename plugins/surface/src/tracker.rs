@@ -126,6 +126,9 @@ const HELD: f64 = 1.5;
 /// Of searches that are ambiguous so many are no chance [–]: of wool that does not repeat it is one in a hundred.
 const REPEATING: f64 = 0.2;
 
+/// Of points more than this part is not lost from picture to picture unless something is wrong [–].
+const LOST: f64 = 0.5;
+
 /// A path is held against neighbours within so many radii of uniform motion: more than what creeps in company.
 const CREEP_RADII: f64 = 2.0;
 
@@ -199,7 +202,10 @@ impl Node for Tracker {
         ConfigError::unless_in("uniform_scatters", settings.uniform_scatters, 0.0..=100.0)?;
         ConfigError::unless_in("uniform_mm", settings.uniform_mm, 0.0..=100.0)?;
         ConfigError::unless_in("remember", settings.remember, 0..=1000)?;
-        let prepared = settings.surface.prepare(setup)?;
+        let prepared = settings.surface.prepare(setup).map_err(|it| match it.setting {
+            Some(name) => ConfigError::at(&format!("surface.{name}"), it.message),
+            None => it,
+        })?;
         let mut matching = prepared.measure.matching;
         matching.min_correlation = settings.min_correlation;
         let mut held = prepared.measure.clone();
@@ -297,10 +303,20 @@ impl Node for Tracker {
         report.figure("trajectories.appeared", counts.appeared as f64);
         report.figure("trajectories.ambiguous", self.stepper.ambiguous as f64);
         let Stepper { searched, ambiguous, .. } = self.stepper;
-        if ambiguous as f64 > REPEATING * searched as f64 {
+        let is_repeating = ambiguous as f64 > REPEATING * searched as f64;
+        if is_repeating {
             report.remark(format!(
                 "{ambiguous} of {searched} searches for a patch in the next picture found another place as good, and took neither: the texture repeats, expected one that does not, or a `search_px` and \
                  a `first_search_px` of less than half of what it repeats after, for motion that is slower than that from picture to picture"
+            ));
+        }
+        let lost = counts.not_found as f64 / counts.followed as f64;
+        if lost > LOST && !is_repeating {
+            let [first, later] = self.options.boxes_px;
+            report.remark(format!(
+                "{:.0} % of the points were not found in the next picture: they move farther from picture to picture than they are looked for (`first_search_px` = {first}, `search_px` = {later}), pictures \
+                 are missing between, or the light changes; expected a larger search, or more pictures a second",
+                100.0 * lost
             ));
         }
         let n = counts.steps.len() as f64;
@@ -404,7 +420,8 @@ impl Tracker {
         if !self.renew && n_before > 0 {
             return Vec::new();
         }
-        let mut surface = self.engine.grow(moment, &seeds);
+        let are_known = n_before > 0 || !self.engine.prepared.named.is_empty();
+        let mut surface = self.engine.grow(moment, &seeds, are_known);
         if n_before > 0 {
             let Prepared { views, reference, cover, .. } = &self.engine.prepared;
             let beside = crate::cover::crowded(&seeds, &surface, &views[*reference].camera, cover);

@@ -1,0 +1,85 @@
+//! What a run must say of itself: textures that repeat, calibrations of other pictures, motions that are too fast, settings that are wrong.
+
+use super::*;
+
+/// Places farther than 3 mm from the surface, and all of them.
+fn off(scene: &Scene, points: &[CloudPoint]) -> (usize, usize) {
+    let wrong = points.iter().filter(|it| scene.distance(&it.position.cast()) > 3e-3).count();
+    (wrong, points.len())
+}
+
+#[test]
+fn a_texture_that_repeats_is_left_out_and_told_and_one_with_a_little_of_its_own_is_not() {
+    // So that what repeats is too fine to be noticed at the level at which seeds are looked for.
+    let settings = SurfaceSettings { levels: 3, ..settings() };
+    let mut n_refused = 0.0;
+    for (period, texture) in [(13.0, 32), (16.0, 36), (19.0, 37), (10.0, 38)] {
+        for n_cameras in [2, 3] {
+            let cameras = cameras(n_cameras);
+            let scene = Scene { period, ..Scene::of(Shape::Plane, texture) };
+            let (points, report) = matched(scene.pictures(&cameras), &cameras, settings.clone());
+            let (wrong, all) = off(&scene, &points);
+            assert!(20 * wrong <= all, "{period}, {n_cameras} cameras: {wrong} of {all}: {:?}", report.figures);
+            let refused = report.figures["surface.refused.repeats"];
+            let is_told = report.remarks.iter().any(|it| it.contains("look as good at another depth"));
+            assert_eq!(refused > 0.0, is_told, "{:?}", report.remarks);
+            n_refused += refused;
+        }
+    }
+    assert!(n_refused > 300.0, "{n_refused}");
+    // A texture of its own, a fourth as strong, says which depth it is.
+    let cameras = cameras(2);
+    let scene = Scene { period: 16.0, own: 0.25, ..Scene::of(Shape::Plane, 36) };
+    let (points, report) = matched(scene.pictures(&cameras), &cameras, settings);
+    let (wrong, all) = off(&scene, &points);
+    assert!(all > 200 && 20 * wrong <= all, "{wrong} of {all}: {:?}", report.figures);
+}
+
+#[test]
+fn a_calibration_of_other_pictures_is_told() {
+    let cameras = cameras(2);
+    let scene = Scene::of(Shape::Plane, 33);
+    let told = |turned_deg: f64| {
+        let mut list = cameras.clone();
+        let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turned_deg.to_radians());
+        list[1].camera_from_world = Isometry3::from_parts(Vector3::zeros().into(), roll) * list[1].camera_from_world;
+        let (points, report) = matched(scene.pictures(&list), &cameras, settings());
+        let is_told = report.remarks.iter().any(|it| it.contains("off their epipolar lines"));
+        (points.len(), is_told, report)
+    };
+    let (n, is_told, report) = told(0.0);
+    assert!(n > 330 && !is_told, "{n}: {:?}", report.remarks);
+    let (n, is_told, report) = told(3.0);
+    assert!(n > 30 && is_told, "{n}: {:?} {:?}", report.remarks, report.figures);
+}
+
+#[test]
+fn motion_that_is_too_fast_for_the_search_is_told() {
+    let cameras = cameras(2);
+    let scene = Scene::of(Shape::Plane, 71);
+    let told = |step_m: f64| {
+        let moments: Vec<Vec<Image>> = (0..3)
+            .map(|k| scene.moved(Isometry3::translation(step_m * k as f64, 0.0, 0.0)).pictures(&cameras))
+            .collect();
+        tracked(&moments, &cameras, tracking()).1.remarks.iter().any(|it| it.contains("`first_search_px` = 8"))
+    };
+    assert!(!told(0.006));
+    assert!(told(0.03));
+}
+
+#[test]
+fn a_setting_of_the_surface_that_is_wrong_is_pointed_at_where_the_tracker_has_it() {
+    let setup = setup(&cameras(2));
+    let out = [[f64::from(SIZE[0]) + 3.0, 5.0], [5.0, 5.0]];
+    let seed = ["cam-0", "cam-1"].into_iter().zip(out).map(|(name, at)| (name.to_owned(), at)).collect();
+    let faults = [
+        ("patch_px", SurfaceSettings { patch_px: 14, ..settings() }),
+        ("reference", SurfaceSettings { reference: "cam-7".into(), ..settings() }),
+        ("seeds", SurfaceSettings { seeds: vec![seed], ..settings() }),
+    ];
+    for (name, surface) in faults {
+        let refused = tracker::Tracker::new(tracker::TrackerSettings { surface, ..tracking() }, &setup);
+        let refused = refused.map(|_| ()).unwrap_err();
+        assert_eq!(refused.setting, Some(format!("surface.{name}")), "{refused}");
+    }
+}
